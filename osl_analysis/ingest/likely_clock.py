@@ -72,19 +72,16 @@ def unwrapped(readings: NDArray[Any]) -> tuple[NDArray[Any], int, int]:
     turns
         How often it overflowed.
     """
-    if not (readings[1:] < readings[:-1]).any():
-        return readings, 0, 0
     steps = np.diff(readings.astype(np.float64))
     goes_back = steps < 0
     are_counts = bool((readings == np.rint(readings)).all())
-    if not goes_back.any() or not are_counts or not (steps > 0).any():
-        return readings, 0, 0
-    usual = float(np.median(steps[steps > 0]))
-    for bits in OVERFLOWS:
-        across = steps[goes_back] + 2.0**bits
-        if (across >= 0).all() and (across <= 10 * usual).all():
-            turns = np.concatenate([[0], np.cumsum(goes_back)])
-            return np.asarray(readings.astype(np.int64) + turns * 2**bits), bits, int(turns[-1])
+    if goes_back.any() and are_counts and (steps > 0).any():
+        usual = float(np.median(steps[steps > 0]))
+        turns = np.append(0, np.cumsum(goes_back))
+        for bits in OVERFLOWS:
+            across = steps[goes_back] + 2.0**bits
+            if (across >= 0).all() and (across <= 10 * usual).all():
+                return readings.astype(np.int64) + turns * 2**bits, bits, int(turns[-1])
     return readings, 0, 0
 
 

@@ -23,7 +23,6 @@ SECOND_NS = 1_000_000_000
 WRONG_RATE = 0.05  # share by which a stated rate may be off a clock before it is refused
 OTHER_RATE = 0.01  # share by which a stated rate may be off one that the file states
 CLOCK_APART = 0.005  # share by which two clocks may differ: I is then 1 % wrong
-COUNTS_ROWS = 0.9  # share of the steps of a counter that are 1
 MOST_TRIED = 1000  # first rows of a column that decide whether it may be a clock
 LONGEST_STEP = 0.02  # of a clock, as a share of its span; less than three mean steps is usual
 
@@ -59,19 +58,20 @@ def check_other_clocks(
     Raises
     ------
     InputError
-        A clock contradicts a stated rate, counts rows that are missing, or tells the time of what
-        stands beside it.
+        A clock contradicts a stated rate, or tells the time of what stands beside it.
     """
+    key, rate = source.time.ADDRESS, source.time.rate
     apart: dict[str, float] = {}
     remarks: list[str] = []
-    key, rate = source.time.ADDRESS, source.time.rate
-    confirmed = dict(rates_in_file(recording, asked)) if rate is not None else {}
-    for name, other in confirmed.items():
-        if rate is not None and abs(rate / other - 1) > OTHER_RATE:
-            raise InputError(
-                f"`rate: {rate:g}` of time, but the file says {other:.6g} Hz ({name}); correct the"
-                " rate"
-            )
+    is_compared = False
+    if rate is not None:
+        for name, other in rates_in_file(recording, asked):
+            is_compared = True
+            if abs(rate / other - 1) > OTHER_RATE:
+                raise InputError(
+                    f"`rate: {rate:g}` of time, but the file says {other:.6g} Hz ({name}); correct"
+                    " the rate"
+                )
     for channel, readings in clocks_beside(recording, source, clock, rows, asked):
         known = np.isfinite(readings)
         if known.sum() < 3 or known.size != time.size:
@@ -81,6 +81,7 @@ def check_other_clocks(
         largest = max(3 * steps.mean(), LONGEST_STEP * steps.sum())
         if steps.min() < 0 or not 0 < steps.max() <= largest or not span:
             continue
+        is_compared = True
         if clock is not None and channel.name == clock.name and channel.kind != Kind.CLOCK:
             late = np.nanmedian(np.abs(readings - numbers_of(clock)[: readings.size]))
             if late > 0.5 * np.median(steps):
@@ -95,14 +96,13 @@ def check_other_clocks(
                 f" {steps.mean():.4g} a row; write `time: {{{key}: {channel.key}}}` with its unit,"
                 " or correct the rate"
             )
-        confirmed[channel.key] = 0.0
         if abs(ratio - 1) > CLOCK_APART + steps.max() / steps.sum():
             apart[channel.key] = abs(ratio - 1) * span / 12**0.5
             remarks.append(
                 f"{key} '{channel.key}' goes on {ratio:.4g} times as fast as time"
                 f" ({source.time.title}): B and I depend on which of them is right"
             )
-    if rate is not None and not confirmed:
+    if rate is not None and not is_compared:
         remarks.append(
             f"`rate: {rate:g}` of time is compared with nothing: no clock and no rate stand in the"
             " file; by one that is 10 % wrong B is 10 % and I 21 % wrong"
@@ -127,25 +127,11 @@ def clocks_beside(
         is_named = channel.kind == Kind.CLOCK or is_like_clock(name)
         if not is_named and any(channel is signal for signal in asked.values()):
             continue
+        if source.time.rate is None and not tells_time(name, channel.unit):
+            continue
         readings = numbers_of(channel) / (SECOND_NS if channel.kind == Kind.CLOCK else 1)
         if is_named or ticks(readings[:MOST_TRIED], channel.unit):
-            if source.time.rate is not None or tells_time(name, channel.unit):
-                yield channel, readings
-        elif source.time.rate is not None and not source.time.name:
-            check_counts_rows(channel, readings, source)
-
-
-def check_counts_rows(channel: Channel, values: Array, source: TableSource) -> None:
-    """Refuse a stated rate if a channel (n,) counts the rows and shows that some are missing."""
-    steps = np.diff(unwrapped(values)[0])
-    counts = np.mean(steps[:MOST_TRIED] == 1) > COUNTS_ROWS and (steps > 0).all()
-    if counts and steps.sum() > steps.size:
-        key = source.time.ADDRESS
-        raise InputError(
-            f"{key} '{channel.key}' counts {steps.sum() - steps.size:g} rows that are missing, and"
-            f" those behind would be early; write `time: {{{key}: {channel.key}, rate:"
-            f" {source.time.rate:g}}}`"
-        )
+            yield channel, readings
 
 
 def rates_in_file(

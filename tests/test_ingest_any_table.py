@@ -74,8 +74,7 @@ TEXTS = {
     "LabVIEW": text(
         "\t", ["X_Value", *HEAD[1:], "Comment"], LVM + "***End_of_Header***\t\n"),
     "Windows": text(";", ["Zeit [s]", "Winkel [°]", "Moment [N·m]"]).encode("cp1252"),
-    "UTF-16 without mark": text("\t").encode("utf-16-le"),
-    "UTF-16 of the other order without mark": text("\t").encode("utf-16-be"),
+    "UTF-16": text("\t").encode("utf-16"),
     "clock": text(";", ["Uhrzeit", *HEAD[1:]], t=since("%H:%M:%S.%f"), decimal=","),
     "Excel's days": text(head=["Time", *HEAD[1:]], t=[f"{45413.5 + x / 86400:.12f}" for x in TIME]),
     "counter of 32 bits": text(head=["t_us", *HEAD[1:]],
@@ -105,7 +104,6 @@ TEXTS = {
         f"{1e3 * x:.6f}" for x in TORQUE]),
     "an angle within one turn": text(a=[f"{x % 360:.9f}" for x in ANGLE]),
     "names and units in comments": text(";", [], "# time;angle;torque\n# s;deg;Nm\n"),
-    "Shift-JIS": text(head=["時間[s]", "角度[deg]", "Torque トルク[N・m]"]).encode("cp932"),
     "units behind commas": text(",", ['"time,s"', '"angle,deg"', '"Ankle torque,Nm"']),
 }  # fmt: skip
 

@@ -172,7 +172,7 @@ def test_a_stamp_of_seconds_and_nanoseconds_is_time_and_exact(
 
 def test_a_last_line_that_breaks_off_is_left_out_with_a_warning(tmp_path: Path) -> None:
     lines = [json.dumps(one) for one in rust_lines()]
-    for encoding in ("utf-8-sig", "utf-16", "utf-16-le", "utf-16-be"):
+    for encoding in ("utf-8-sig", "utf-16"):
         (tmp_path / "a").write_text("\n".join(lines), encoding=encoding)
         assert len(read(tmp_path / "a").samples) == ROWS
     for end in ("", "\n"):  # with a line end it is a line that cannot be used

@@ -17,7 +17,6 @@ from rosbags.typesys import get_types_from_msg
 from rosbags.typesys.base import TypesysError
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats._objects import MOST_ELEMENTS, are_names
 
 # types in NumPy's spelling; rosidl maps `char` to uint8
 # (design.ros2.org/articles/legacy_interface_definition.html)
@@ -28,6 +27,7 @@ NUMBERS = {
 }  # fmt: skip
 STAMP = [("sec", (Nodetype.BASE, ("int32", 0))), ("nanosec", (Nodetype.BASE, ("uint32", 0)))]
 BUILT_IN = {"builtin_interfaces/msg/Time": STAMP, "builtin_interfaces/msg/Duration": STAMP}
+MOST_ELEMENTS = 64  # of an array that are read: longer ones are images, and no signals
 ENCAPSULATION = 4  # bytes before a CDR message; the second one tells the byte order
 MOST_PADDING = 3  # bytes behind a message, which DDS fills up to 4 (RTPS 2.5, 9.4.1)
 OTHER_ELEMENT = re.compile(r"\[[1-9]\d*\]")  # of an array; its first one is listed alone
@@ -63,6 +63,12 @@ def definition_of(name: str, data: bytes) -> Mapping[str, Fields]:
         reason = " ".join(str(error).split())[:100]
         raise InputError(f"schema {name} cannot be read ({reason}); {NEW_RECORDING}") from error
     return {**BUILT_IN, **{owner: fields for owner, (_, fields) in types.items()}}
+
+
+def are_names(texts: Sequence[Any]) -> bool:
+    """Whether an array tells the names of the elements of those beside it."""
+    are_texts = all(isinstance(text, str) and text and "]" not in text for text in texts)
+    return are_texts and len(set(texts)) == len(texts) > 0
 
 
 def rows_at(content: bytes, starts: NDArray[np.int64], length: int) -> NDArray[np.void]:

@@ -2,13 +2,18 @@
 
 A container gives its messages part by part. The wanted fields are decoded at once and the bytes
 dropped: an hour of messages at 1 kHz is a gigabyte, its numbers are a tenth.
+
+A path is dotted: `position[0]`; in messages of ROS also `position[name=ankle]`, the element at the
+place of `ankle` in the array `name` beside it. A name with a dot or a bracket stands in brackets,
+written as JSON writes a text: `functions["loadcell.mz"]`.
 """
 
 import json
+import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from itertools import pairwise
 from typing import Any
 
@@ -19,8 +24,8 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing, nearest, not_installed
 from osl_analysis.formats import is_of_file
-from osl_analysis.formats._cdr import Layout, definition_of, rows_at
-from osl_analysis.formats._objects import last_name, values_in
+from osl_analysis.formats._cdr import MOST_ELEMENTS, Layout, definition_of, rows_at
+from osl_analysis.formats._cells import is_number_cell
 from osl_analysis.recording import Channel, End, Kind, Loss, Recording, Rows
 
 ROS_UNITS = {
@@ -30,6 +35,11 @@ ROS_UNITS = {
 }
 """Units of standard messages (REP 103) by the beginning of the field. They are likely and no more:
 a laboratory's effort may be a current, and a joint that slides has other ones."""
+PLAIN_NAME = re.compile(r"[^.\[\]]+")
+CHOICES = re.compile(r"(\[[^\]\"]*\])+$")  # an index, or the name of an element
+QUOTED_NAME = re.compile(r"\[(\"(?:[^\"\\]|\\.)*\")\]$")
+NUMBER = int | float  # built once: a log has a million of them
+DIGITS = frozenset("0123456789.")
 SECOND_NS = 1_000_000_000
 # seconds and nanoseconds of a stamp: ROS, protobuf, Foxglove's JSON, ROS 1 in JSON
 STAMP_PARTS = (("sec", "nanosec"), ("seconds", "nanos"), ("sec", "nsec"), ("secs", "nsecs"))
@@ -86,7 +96,7 @@ class Topic:
         self.types: defaultdict[str, set[type]] = defaultdict(set)
         self.texts: dict[str, str] = {}
         self.spans: defaultdict[str, dict[str, tuple[int, int]]] = defaultdict(dict)
-        self.layouts: defaultdict[int, list[Layout]] = defaultdict(list)  # by length
+        self.layouts: dict[int, Layout] = {}  # the last one, by length of the messages
         self.parts = [pl.DataFrame(schema={PLACE: pl.Int64, LOG_TIME: pl.Int64})]
         self.decode: Callable[[Bytes], Iterator[Decoded]] | None = None
         try:
@@ -138,25 +148,22 @@ class Topic:
         for length in np.flatnonzero(np.bincount(lengths)).tolist():
             places = np.flatnonzero(lengths == length)
             rows = rows_at(content, starts[places], length)
-            layouts = self.layouts[length]
-            tried = 0
             while places.size:
-                if tried == len(layouts):  # the first of the messages that are left is another one
+                layout = self.layouts.get(length)
+                if layout is None or not layout.fits(rows[:1])[0]:
                     try:
-                        layouts.append(self._layout_of(rows[0].tobytes()))
+                        layout = self._layout_of(rows[0].tobytes())
                     except Exception as error:
                         self._note(error)
                         places = places[1:]
                         rows = rows[1:]
                         continue
-                layout = layouts[tried]
+                self.layouts[length] = layout
                 fits = layout.fits(rows)
                 fitting = rows if fits.all() else rows[fits]  # nearly always all, and no copy
-                if fitting.size:
-                    yield places[fits], layout.names, layout.columns(fitting, self.wanted)
+                yield places[fits], layout.names, layout.columns(fitting, self.wanted)
                 places = places[~fits]
                 rows = rows[~fits]
-                tried += 1
 
     def _layout_of(self, data: bytes) -> Layout:
         layout = Layout(self.schema.name, self.schema.data, self.encoding == "ros1", data)
@@ -445,3 +452,53 @@ def _wanted_fields(source: Any) -> dict[str, list[str]]:
         if source.time.source == "header":
             fields += [path for parts in stamp_fields(source.time.field) for path in parts]
     return {topic: [*dict.fromkeys(fields)] for topic, fields in wanted.items()}
+
+
+def values_in(value: Any) -> dict[str, Any]:
+    """The numbers and texts of an object, by path; of a long array the first `MOST_ELEMENTS`."""
+    values: dict[str, Any] = {}
+    _take_values(value, "", values)
+    return values
+
+
+def _take_values(value: Any, path: str, values: dict[str, Any]) -> None:
+    if isinstance(value, NUMBER):
+        values[path] = value
+    elif isinstance(value, dict):
+        for name, member in value.items():
+            _take_values(member, joined_path(path, name), values)
+    elif isinstance(value, list):
+        for index, member in enumerate(value[:MOST_ELEMENTS]):
+            _take_values(member, f"{path}[{index}]", values)
+    elif isinstance(value, str):
+        values[path] = value
+        if value[-1:] in DIGITS and is_number_cell(value):
+            values[path] = int(value) if value.isdecimal() else float(value)
+    elif hasattr(value, "DESCRIPTOR"):
+        _take_values(_members_of(value), path, values)
+
+
+def _members_of(message: Any) -> dict[str, Any]:
+    """The fields of a message of protobuf that are set, or always have a value."""
+    members: dict[str, Any] = {}
+    for field in message.DESCRIPTOR.fields:
+        if not field.has_presence or message.HasField(field.name):
+            value = getattr(message, field.name)
+            is_array = isinstance(value, Sequence) and not isinstance(value, str | bytes)
+            members[field.name] = list(value) if is_array else value
+    return members
+
+
+@cache
+def joined_path(path: str, name: str) -> str:
+    """The path of a field of an object."""
+    if not PLAIN_NAME.fullmatch(name):
+        return f"{path}[{json.dumps(name, ensure_ascii=False)}]"
+    return f"{path}.{name}" if path else name
+
+
+def last_name(path: str) -> str:
+    """The name at the end of a path, also where an index or a choice follows it."""
+    plain = CHOICES.sub("", path)
+    quoted = QUOTED_NAME.search(plain)
+    return str(json.loads(quoted[1])) if quoted else plain.rpartition(".")[2]

@@ -165,15 +165,12 @@ def table_of_rows(
     if skipped:
         remarks.append(_remark_on_widths(data, width, layout))
     cells_of_rows = [row.cells for row in fitting]
-    columns = {
-        str(place): pl.Series([cells[place] for cells in cells_of_rows], dtype=pl.String)
-        for place in range(width)
-    }
+    columns = {str(place): pl.String for place in range(width)}
     return Table(
         names=[name or str(place) for place, name in enumerate(names, start=1)],
         units=units,
         lines=np.array([row.number for row in fitting], np.int64),
-        body=pl.DataFrame(columns),
+        body=pl.DataFrame(cells_of_rows, columns, orient="row"),
         notes=[*notes, *comment_texts, *(" ".join(row.cells) for row in footer)],
         remarks=remarks,
         skipped=skipped,
@@ -263,12 +260,9 @@ def _first_row_of_data(rows: Sequence[Row], shape: Shape) -> int:
 
 
 def _counts(cells: Sequence[str]) -> bool:
-    """Tell whether a row states the number of rows, has no value at all, or numbers the columns
-    without a name, as pandas does: `,0,1,2`."""
+    """Tell whether a row states the number of rows, or has no value at all."""
     filled = [cell for cell in cells if cell]
-    is_numbering = not cells[0] and filled[:2] in (["0", "1"], ["1", "2"])
-    has_values = any(map(is_value, filled))
-    return is_numbering or not has_values or STATED_ROWS.match(" ".join(filled)) is not None
+    return not any(map(is_value, filled)) or STATED_ROWS.match(" ".join(filled)) is not None
 
 
 def _head_of(

@@ -3,7 +3,6 @@
 import csv
 import re
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,10 +20,7 @@ from osl_analysis.formats._cells import (
 
 # bytes that no text has; byte 26 is allowed, it ends files of DOS
 CONTROL = re.compile(rb"[\x00-\x08\x0e-\x19]")
-# its mark, or ASCII in either order
-UTF_16 = re.compile(rb"\xff\xfe|\xfe\xff|([\t\r\n -~]\0){8}|(\0[\t\r\n -~]){8}")
-# two in a row: cp1252 `é` may look like one
-JAPANESE = re.compile("[\u3041-\u30fa\u30fc]{2}|[\u4e00-\u9fff]{2}")
+UTF_16 = (b"\xff\xfe", b"\xfe\xff")  # its marks
 MINUS = "\u2212"  # a minus sign that is no hyphen
 LONGEST_CELL = 131_072  # characters
 SAMPLE_LINES = 300  # lines by which the sign between cells is found
@@ -56,27 +52,23 @@ class Text(NamedTuple):
 def is_text(begin: bytes) -> bool:
     """Tell whether a file that begins so is text, by its first line: later zero bytes may come
     from a loss of power."""
-    if UTF_16.match(begin):
+    if begin.startswith(UTF_16):
         return True
     return CONTROL.search(begin.partition(b"\n")[0]) is None
 
 
 def decoded(data: bytes) -> str:
-    """Decode text in UTF-8, UTF-16, the Japanese code page, or else the western one of Windows."""
-    with suppress(UnicodeDecodeError):
+    """Decode text in UTF-8, UTF-16 with its mark, or else the western code page of Windows."""
+    try:
         return in_utf8(data).decode()
-    with suppress(UnicodeDecodeError):
-        text = data.decode("cp932")
-        if JAPANESE.search(text):
-            return text
-    return data.decode("cp1252", errors="replace")
+    except UnicodeDecodeError:
+        return data.decode("cp1252", errors="replace")
 
 
 def in_utf8(data: bytes) -> bytes:
     """Give text without a byte order mark; UTF-16 becomes UTF-8."""
-    if UTF_16.match(data):
-        encoding = "utf-16-be" if data[:1] == b"\0" else "utf-16"
-        data = data.decode(encoding, errors="replace").encode()
+    if data.startswith(UTF_16):
+        data = data.decode("utf-16", errors="replace").encode()
     return data.removeprefix(b"\xef\xbb\xbf")
 
 
@@ -89,7 +81,7 @@ def read_text(path: Path) -> Text:
         It holds zero bytes.
     """
     data = path.read_bytes()
-    if not data.isascii() or UTF_16.match(data):
+    if not data.isascii():
         data = decoded(data).encode().replace(MINUS.encode(), b"-")
     if b"\r" in data:
         data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")

@@ -433,9 +433,8 @@ def plates_of(
             plates.append(plate_of(header, labels, number, geometries.get(number)))
         except InputError as error:
             if source is not None:
-                others = [other for other in numbers if other != number]
                 raise InputError(
-                    f"{error} (or leave this plate out: `plates: {others}`)"
+                    f"{error} (or name the plates to read, as `plates: []`)"
                 ) from error
             questions.append(str(error))
     return plates, questions

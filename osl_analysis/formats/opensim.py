@@ -4,7 +4,6 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import product
 from pathlib import Path
 from typing import Literal
 
@@ -113,10 +112,10 @@ def read(path: Path, source: OpenSimSource | None) -> Recording:
     if stated_rows and table.end == End.UNKNOWN:
         table = replace(table, end=End.WHOLE)
     angle = ANGLES.get(header.get("indegrees", "").casefold(), "")
-    likely = dict.fromkeys(table.names, angle)
-    for name, (pattern, unit) in product(table.names, reversed(LIKELY_UNITS.items())):
-        if re.search(pattern, name, re.IGNORECASE):
-            likely[name] = unit
+    likely: dict[str, str] = {}
+    for name in table.names:
+        units = [unit for form, unit in LIKELY_UNITS.items() if re.search(form, name, re.I)]
+        likely[name] = [*units, angle][0]
     word = "moment" if any("moment" in name for name in table.names) else "torque"
     like_plates: list[str] = []
     for name in table.names:

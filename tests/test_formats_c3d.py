@@ -125,7 +125,7 @@ def test_what_fills_the_last_block_is_not_looked_at_and_a_cut_file_is_refused(
     assert formats.read(path).loss.lost == 0
 
     path.write_bytes(content[:-1024])
-    assert "truncated: it declares 50 frames and holds" in refused(path)
+    assert "truncated or damaged: it declares 50 frames" in refused(path)
 
 
 def test_a_capture_of_more_frames_than_its_header_counts_is_whole(tmp_path: Path) -> None:

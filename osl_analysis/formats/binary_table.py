@@ -109,10 +109,9 @@ def _recording_of_frame(frame: pl.DataFrame) -> Recording:
     others = [name for name in frame.columns if name not in readable.columns]
     if others:
         remarks.append(f"columns of no numbers, times or text are not read: {listing(others, 8)}")
-    names = [name or str(place) for place, name in enumerate(readable.columns, start=1)]
     table = Table(
-        names=names,
-        units=[name_and_unit(name)[1] for name in names],
+        names=readable.columns,
+        units=[name_and_unit(name)[1] for name in readable.columns],
         lines=np.arange(1, frame.height + 1),
         body=readable,
         remarks=remarks,
@@ -178,26 +177,23 @@ def _recording_of_arrays(arrays: Mapping[str, NDArray[Any]], units: Mapping[str,
             others.append(name)
         elif array.size == 1:
             notes.append(f"{name}={array.item()}")
-        elif max(array.shape) == array.size:
-            columns[name or "1"] = array.ravel()
         else:
-            lines = array if array.shape[0] < array.shape[1] else array.T
+            lines = np.atleast_2d(array)
+            if lines.shape[0] >= lines.shape[1]:
+                lines = lines.T
             for number, line in enumerate(lines, start=1):
-                columns[f"{name} {number}".strip()] = line
+                title = name if len(lines) == 1 else f"{name} {number}"
+                columns[title.strip() or "1"] = line
     if not columns:
         raise InputError("holds no column of numbers; name a recording")
     remarks: list[str] = []
     if others:
         remarks.append(f"not read, as they are no columns of numbers: {listing(others, 8)}")
-    channels = channels_of(
-        "column",
-        [
-            Column(title.rpartition("/")[0], lasting, title, values, units.get(title, ""))
-            for lasting, (title, values) in zip(
-                lasting_names([*columns]), columns.items(), strict=True
-            )
-        ],
-    )
+    parts = [
+        Column(title.rpartition("/")[0], lasting, title, columns[title], units.get(title, ""))
+        for title, lasting in zip(columns, lasting_names([*columns]), strict=True)
+    ]
+    channels = channels_of("column", parts)
     most = max(values.size for values in columns.values())
     loss = Loss(most, most, remarks=remarks)
     return Recording("table", channels, loss, notes=notes, facts={"rows": str(most)})

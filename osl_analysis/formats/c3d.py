@@ -138,8 +138,7 @@ class Header:
 
     def number(self, name: str) -> float:
         """The first number of a parameter; 0 where the file has none that is finite."""
-        finite = [value for value in self.numbers(name)[:1].tolist() if math.isfinite(value)]
-        return finite[0] if finite else 0.0
+        return float(np.nan_to_num(self.numbers(name)[:1], posinf=0.0, neginf=0.0).sum())
 
     def texts(self, name: str) -> list[str]:
         """A text parameter with its continuations; empty where the file has none."""
@@ -258,11 +257,12 @@ def check_size(data: bytes, header: Header) -> None:
             f" {header.rate_hz:g} Hz and no marker: rotations are not read; export positions of"
             " joints or virtual markers too"
         )
-    frames = header.frames
-    if frames < 1 or header.frame_bytes == 0 or not 0 < header.rate_hz < math.inf:
+    frames, size = header.frames, header.frame_bytes
+    whole = max(len(data) - header.data_start, 0) // max(size, 1)
+    if size == 0 or not 1 <= frames <= whole or not 0 < header.rate_hz < math.inf:
         raise InputError(
-            f"declares {frames} frames of {header.frame_bytes} bytes at {header.rate_hz} Hz:"
-            " nothing to read; export the trial again"
+            f"truncated or damaged: it declares {frames} frames of {size} bytes at"
+            f" {header.rate_hz} Hz, and holds {whole}; copy or export it again"
         )
     for group, count in (("POINT", header.points), ("ANALOG", header.channels)):
         used = header.numbers(f"{group}:USED")[:1] % 65536
@@ -270,11 +270,6 @@ def check_size(data: bytes, header: Header) -> None:
             raise InputError(
                 f"the header counts {count}, {group}:USED is {used[0]:g}; export the trial again"
             )
-    whole = max(len(data) - header.data_start, 0) // header.frame_bytes
-    if whole < frames:
-        raise InputError(
-            f"truncated: it declares {frames} frames and holds {whole}; copy or export it again"
-        )
 
 
 def frames_of(data: bytes, header: Header) -> tuple[Array, Array]:
@@ -448,8 +443,7 @@ def _whole_frames(header: Header, analogs: Array, plates: Sequence[Plate]) -> in
     if len(analogs) > 1 and not analogs[-1].any() and analogs[-2].any():
         lacks[-1] = True
     by_frame = np.asarray(lacks.reshape(header.frames, -1).any(axis=1))
-    frames = int(np.argmax(by_frame)) if by_frame.any() else header.frames
-    return frames if frames and by_frame[frames:].all() else header.frames
+    return header.frames - int(np.argmin(by_frame[::-1]))
 
 
 def _names_of(labels: Sequence[str]) -> list[str]:
@@ -488,9 +482,8 @@ def read(path: Path, source: C3dSource | None) -> Recording:
             " recorded, are left out"
         )
     length_unit = "".join(header.texts("POINT:UNITS")[:1])
-    outputs: set[str] = set()
-    for group in header.texts("POINT:TYPE_GROUPS")[::2]:
-        outputs.update(header.texts(f"POINT:{group.upper()}"))
+    groups = header.texts("POINT:TYPE_GROUPS")[::2]
+    outputs = {label for group in groups for label in header.texts(f"POINT:{group.upper()}")}
     slow = Rows(frames, "points", header.rate_hz, noun="frame")
     fast = Rows(frames * header.samples_per_frame, "analogs", fast_rate_hz, noun="sample")
     point_channels: list[Channel] = []

@@ -197,9 +197,8 @@ def _find(
     for channel in everywhere:
         if channel.key == address:
             return channel
-    variable = variables.get(COLUMN.sub("", address))
-    if variable is not None:
-        raise InputError(_reason(variable))
+    if COLUMN.sub("", address) in variables:
+        raise InputError(_reason(variables[COLUMN.sub("", address)]))
     others = [other for other in variables if other.startswith(address)] or [*variables]
     raise InputError(
         f"nothing stands at '{address}'; the file has {listing(others, 12)}"

@@ -6,7 +6,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
@@ -398,22 +398,20 @@ def recording_of_table(
     for place, lasting in enumerate(lasting_names(table.names)):
         title, unit, cells = table.names[place], table.units[place], table.body.to_series(place)
         name = name_and_unit(title)[0]
-        is_clock = are_times(cells)
-        read = partial(_values_of, cells, title, rows, layout, table.decimal)
-        count_words = partial(_count_words, cells, layout, table.decimal)
-        channels.append(
-            Channel(
-                address={"column": lasting},
-                rows=rows,
-                read=partial(cell_stamps, cells) if is_clock else read,
-                name=name,
-                title=title,
-                unit="ns" if is_clock else unit,
-                likely_unit=likely_units.get(name, ""),
-                kind=Kind.CLOCK if is_clock else Kind.SIGNAL,
-                count_words=None if is_clock else count_words,
-            )
+        channel = Channel(
+            address={"column": lasting},
+            rows=rows,
+            read=partial(_values_of, cells, title, rows, layout, table.decimal),
+            name=name,
+            title=title,
+            unit=unit,
+            likely_unit=likely_units.get(name, ""),
+            count_words=partial(_count_words, cells, layout, table.decimal),
         )
+        if are_times(cells):
+            read = partial(cell_stamps, cells)
+            channel = replace(channel, read=read, unit="ns", kind=Kind.CLOCK, count_words=None)
+        channels.append(channel)
     loss = Loss(rows.count, rows.count + table.skipped, table.end, remarks=table.remarks)
     delimiter = {"delimiter": table.delimiter} if table.delimiter else {}
     return Recording(format_name, channels, loss, notes=table.notes, facts={**facts, **delimiter})

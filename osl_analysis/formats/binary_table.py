@@ -71,11 +71,7 @@ def read(path: Path, source: SheetSource | None) -> Recording:
             return _recording_of_arrays(_numpy_arrays(path), {})
         case "parquet":
             return _recording_of_frame(pl.read_parquet(path))
-        case "arrow":
-            return _recording_of_frame(pl.read_ipc(path))
-    raise InputError(
-        "no sheet, Parquet, Arrow, numpy or HDF5 file; check the path and the source's format"
-    )
+    return _recording_of_frame(pl.read_ipc(path))
 
 
 def _read_workbook(path: Path, source: SheetSource | None) -> Recording:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, PositiveInt, model_validator
 
-from osl_analysis.errors import InputError, listing, quoted
+from osl_analysis.errors import InputError, listing
 from osl_analysis.formats._text import decoded
 from osl_analysis.recording import Channel, Format, Kind, Loss, Plate, Recording, Rows
 from osl_analysis.source_file import (
@@ -154,13 +154,8 @@ def parse_header(data: bytes) -> Header:
     Raises
     ------
     InputError
-        It is no C3D file, or its parameters are damaged.
+        Its numbers are of another processor, or header or parameters are damaged.
     """
-    if len(data) < 2 * BLOCK or data[1:2] != b"P":
-        raise InputError(
-            f"not a C3D file (it begins with {quoted(data[:4])}); check the path and the source's"
-            " format"
-        )
     start = (data[0] - 1) * BLOCK
     if start < BLOCK or data[start + 3 : start + 4] != INTEL:
         raise InputError(

@@ -19,7 +19,7 @@ from mcap.records import Channel, Chunk, Schema
 from mcap.stream_reader import get_chunk_data_stream
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError, quoted
+from osl_analysis.errors import InputError
 from osl_analysis.formats import _messages
 from osl_analysis.formats._cdr import rows_at
 from osl_analysis.recording import End, Format, Recording
@@ -53,11 +53,6 @@ class Log(_messages.Log):
     def take_file(self, path: Path) -> None:
         """Read the records of a file from the front, as far as they go."""
         data = path.read_bytes()
-        if not data.startswith(MAGIC):
-            raise InputError(
-                f"not an MCAP file (it begins with {quoted(data[:8])}); check the path and the"
-                " source's format"
-            )
         summary = None
         with suppress(Exception):  # whatever the library meets in a file that is cut off
             summary = SeekingReader(BytesIO(data)).get_summary()

@@ -101,8 +101,6 @@ def read(path: Path, source: OpenSimSource | None) -> Recording:
     layout = source or LISTING
     table = table_of_text(read_text(path), layout)
     header = header_of(table.notes)
-    if "endheader" not in header:
-        raise InputError("no line `endheader`: no table of OpenSim; check the source's format")
     stated_rows = header.get("nrows") or header.get("datarows") or ""
     if stated_rows not in ("", str(len(table.lines))):
         raise InputError(

@@ -26,11 +26,6 @@ class TrcSource(MarkerSource):
 def read(path: Path, source: TrcSource | None) -> Recording:
     """Read the markers; refused if the header is not that of TRC, or contradicts the rows."""
     text = read_text(path)
-    if not begins_with_key(text.data, FIRST_KEY):
-        raise InputError(
-            "no TRC file: its first line does not begin with PathFileType; check the source's"
-            " format"
-        )
     rows = rows_of(text)
     if len(rows) <= HEADER_LINES:
         raise InputError(f"holds no frames, only {len(rows)} lines of a header; export it again")

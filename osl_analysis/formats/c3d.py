@@ -159,8 +159,8 @@ def parse_header(data: bytes) -> Header:
     start = (data[0] - 1) * BLOCK
     if start < BLOCK or data[start + 3 : start + 4] != INTEL:
         raise InputError(
-            "its numbers are not in the format of Intel processors, which alone is read; open it in"
-            " a program of today, such as Mokka, and save it again"
+            "is no C3D file, or not in the format of Intel processors, which alone is read; open it"
+            " in a program of today, such as Mokka, and save it again"
         )
     _, points, analogs, first_frame, last_frame, _, scale, data_block, samples, rate_hz = (
         struct.unpack_from("<HHHHHHfHHf", data)

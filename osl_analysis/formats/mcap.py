@@ -53,6 +53,8 @@ class Log(_messages.Log):
     def take_file(self, path: Path) -> None:
         """Read the records of a file from the front, as far as they go."""
         data = path.read_bytes()
+        if not data.startswith(MAGIC):
+            raise InputError("is no MCAP file, as its name says; name the recording itself")
         summary = None
         with suppress(Exception):  # whatever the library meets in a file that is cut off
             summary = SeekingReader(BytesIO(data)).get_summary()

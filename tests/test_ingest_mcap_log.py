@@ -116,9 +116,6 @@ def test_a_topic_that_gives_no_samples_is_refused(tmp_path: Path) -> None:
     ):
         counted = source(theta={**RADIANS["theta"], "counter": counter})
         assert f"field '{counter}': {told}" in refused(write_log(path, samples()), counted)
-    assert "logged at no time; write source: header" in refused(
-        write_log(path, [(2**63, samples()[0][1])]), source("log")
-    )
     leg = {"topic": "/leg", "field": "angle", "unit": "deg"}
     assert "no messages of '/leg' (the file has /lab)" in refused(path, source(theta=leg))
 

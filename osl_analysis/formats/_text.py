@@ -22,7 +22,6 @@ from osl_analysis.formats._cells import (
 CONTROL = re.compile(rb"[\x00-\x08\x0e-\x19]")
 UTF_16 = (b"\xff\xfe", b"\xfe\xff")  # its marks
 MINUS = "\u2212"  # a minus sign that is no hyphen
-LONGEST_CELL = 131_072  # characters
 SAMPLE_LINES = 300  # lines by which the sign between cells is found
 FEWEST_ROWS = 8  # lines of numbers that make a text without an ending a table
 LEAST_SCORE = 0.8  # share of them that are rows of numbers
@@ -151,7 +150,6 @@ def split_rows(lines: Sequence[Line], delimiter: str) -> list[Row]:
     InputError
         A quote is not closed on its line, or a cell is too long.
     """
-    csv.field_size_limit(LONGEST_CELL)  # other packages change it
     rows: list[Row] = []
     for number, text in lines:
         if delimiter == " ":

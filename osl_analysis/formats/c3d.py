@@ -140,6 +140,11 @@ class Header:
         """The first number of a parameter; 0 where the file has none that is finite."""
         return float(np.nan_to_num(self.numbers(name)[:1], posinf=0.0, neginf=0.0).sum())
 
+    @property
+    def length_unit(self) -> str:
+        """Unit of positions; empty where the file has none."""
+        return "".join(self.texts("POINT:UNITS")[:1])
+
     def texts(self, name: str) -> list[str]:
         """A text parameter with its continuations; empty where the file has none."""
         values = [self.parameters.get(name + suffix, []) for suffix in CONTINUATIONS]
@@ -331,9 +336,9 @@ def _plate_parameter(header: Header, name: str, number: int, shape: tuple[int, .
 
 
 def plate_of(
-    header: Header, labels: Sequence[str], number: int, geometry: PlateGeometry | None
+    header: Header, channels: Sequence[Channel], number: int, geometry: PlateGeometry | None
 ) -> Plate:
-    """Describe one plate by the source file or else FORCE_PLATFORM, still without its channels.
+    """Describe one plate by the source file or else FORCE_PLATFORM.
 
     Raises
     ------
@@ -344,7 +349,7 @@ def plate_of(
     if geometry is not None:
         kind = int(geometry.type)
         corners, origin = np.array(geometry.corners), np.array(geometry.origin)
-        analogs = [_number_of(label, labels, number) for label in geometry.channels]
+        analogs = [_number_of(label, channels, number) for label in geometry.channels]
     else:
         kind = int(_plate_parameter(header, "TYPE", number))
         if kind not in CHANNELS_OF_PLATE:
@@ -372,12 +377,21 @@ def plate_of(
             f"plate {number} of type {kind} has {needed} channels, and what describes it gives"
             f" {analogs} of the file's {header.channels}; correct it"
         )
-    facts = {"analogs": analogs}
-    return Plate(number, kind, corners, origin, [], calibration=calibration, facts=facts)
+    return Plate(
+        number=number,
+        type=kind,
+        corners=corners,
+        origin=origin,
+        channels=[channels[analog - 1] for analog in analogs],
+        length_unit=header.length_unit,
+        calibration=calibration,
+        facts={"analogs": analogs},
+    )
 
 
-def _number_of(label: str, labels: Sequence[str], plate: int) -> int:
+def _number_of(label: str, channels: Sequence[Channel], plate: int) -> int:
     """Number of the analog channel of this label, or number."""
+    labels = [channel.name for channel in channels]
     alike = [place for place, name in enumerate(labels, 1) if label in (name, str(place))]
     if len(alike) != 1:
         raise InputError(
@@ -388,9 +402,9 @@ def _number_of(label: str, labels: Sequence[str], plate: int) -> int:
 
 
 def plates_of(
-    header: Header, labels: Sequence[str], source: C3dSource | None
+    header: Header, channels: Sequence[Channel], source: C3dSource | None
 ) -> tuple[list[Plate], list[str]]:
-    """Describe the plates that a source file asks for, or all, still without their channels.
+    """Describe the plates that a source file asks for, or all, of the analog channels.
 
     Returns
     -------
@@ -407,7 +421,7 @@ def plates_of(
     wanted = numbers if source is None or source.plates == "all" else source.plates
     plates: list[Plate] = []
     questions: list[str] = []
-    alike = [label for label in labels if PLATE_LABEL.search(label)]
+    alike = [channel.name for channel in channels if PLATE_LABEL.search(channel.name)]
     if not count and len(alike) >= CHANNELS_OF_PLATE[2]:
         questions.append(
             f"channels such as {listing(alike[:6])} look like those of a force plate, but the file"
@@ -420,7 +434,7 @@ def plates_of(
                 f" {STATE_PLATE}"
             )
         try:
-            plates.append(plate_of(header, labels, number, geometries.get(number)))
+            plates.append(plate_of(header, channels, number, geometries.get(number)))
         except InputError as error:
             if source is not None:
                 raise InputError(
@@ -430,11 +444,10 @@ def plates_of(
     return plates, questions
 
 
-def _whole_frames(header: Header, analogs: Array, plates: Sequence[Plate]) -> int:
-    """Frames before the last ones in which the plates' samples are no numbers, as where forces
-    stopped before cameras, or the last of which no sample was recorded; all if there are none."""
-    columns = [number - 1 for plate in plates for number in plate.facts["analogs"]]
-    lacks = np.asarray(~np.isfinite(analogs[:, columns]).all(axis=1))
+def _whole_frames(header: Header, analogs: Array) -> int:
+    """Frames before the last ones in which samples are no numbers, as where forces stopped before
+    cameras, or the last of which no sample was recorded; all if there are none."""
+    lacks = np.asarray(~np.isfinite(analogs).all(axis=1))
     if len(analogs) > 1 and not analogs[-1].any() and analogs[-2].any():
         lacks[-1] = True
     by_frame = np.asarray(lacks.reshape(header.frames, -1).any(axis=1))
@@ -461,7 +474,6 @@ def read(path: Path, source: C3dSource | None) -> Recording:
     labels = header.texts("POINT:LABELS")[: header.points]
     analog_labels = _filled(header.texts("ANALOG:LABELS"), header.channels, "")
     analog_labels = [label or f"analog {place}" for place, label in enumerate(analog_labels, 1)]
-    plates, questions = plates_of(header, analog_labels, source)
     remarks: list[str] = []
     fast_rate_hz = header.rate_hz * header.samples_per_frame
     stated_hz = header.number("ANALOG:RATE")
@@ -470,13 +482,12 @@ def read(path: Path, source: C3dSource | None) -> Recording:
             f"ANALOG:RATE is {stated_hz:g} Hz, and {header.samples_per_frame} samples in each frame"
             f" at {header.rate_hz:g} Hz are {fast_rate_hz:g} Hz: they are read at the latter"
         )
-    frames = _whole_frames(header, analogs, plates)
+    frames = _whole_frames(header, analogs)
     if frames < header.frames:
         remarks.append(
             f"the last {header.frames - frames} frames, in which samples are no numbers or were not"
             " recorded, are left out"
         )
-    length_unit = "".join(header.texts("POINT:UNITS")[:1])
     groups = header.texts("POINT:TYPE_GROUPS")[::2]
     outputs = {label for group in groups for label in header.texts(f"POINT:{group.upper()}")}
     slow = Rows(frames, "points", header.rate_hz, noun="frame")
@@ -490,7 +501,7 @@ def read(path: Path, source: C3dSource | None) -> Recording:
                 slow,
                 partial(np.asanyarray, points[:frames, place]),
                 name,
-                unit="" if is_output else length_unit,
+                unit="" if is_output else header.length_unit,
                 kind=Kind.MODEL_OUTPUT if is_output else Kind.MARKER,
             )
         )
@@ -499,14 +510,7 @@ def read(path: Path, source: C3dSource | None) -> Recording:
     for label, unit, samples in zip(analog_labels, units, analogs[: fast.count].T, strict=True):
         read_samples = partial(np.asanyarray, samples)
         analog_channels.append(Channel({"channel": label}, fast, read_samples, label, unit=unit))
-    plates = [
-        replace(
-            plate,
-            channels=[analog_channels[number - 1] for number in plate.facts["analogs"]],
-            length_unit=length_unit,
-        )
-        for plate in plates
-    ]
+    plates, questions = plates_of(header, analog_channels, source)
     return Recording(
         format="c3d",
         channels=[*point_channels, *analog_channels],
@@ -518,7 +522,7 @@ def read(path: Path, source: C3dSource | None) -> Recording:
             "first_frame": header.first_frame,
             "frame_rate_hz": header.rate_hz,
             "samples_per_frame": header.samples_per_frame,
-            "length_unit": length_unit,
+            "length_unit": header.length_unit,
             "vertical_on_screen": "".join(header.texts("POINT:Y_SCREEN")[:1]),
             "software": " ".join(header.texts("MANUFACTURER:SOFTWARE")),
             "plates": int(header.number("FORCE_PLATFORM:USED")),

@@ -115,14 +115,12 @@ def read(path: Path, source: OpenSimSource | None) -> Recording:
         units = [unit for form, unit in LIKELY_UNITS.items() if re.search(form, name, re.I)]
         likely[name] = [*units, angle][0]
     word = "moment" if any("moment" in name for name in table.names) else "torque"
-    like_plates: list[str] = []
-    for name in table.names:
-        if re.search("force.*_vx$", name):
-            stem = name[:-2]
-            like_plates.append(
-                f"{len(like_plates) + 1}: {{force: {stem}v, point: {stem}p, moment:"
-                f" {stem.replace('force', word)}, corners: UNKNOWN}}"
-            )
+    stems = [name[:-2] for name in table.names if re.search("force.*_vx$", name)]
+    like_plates = [
+        f"{number}: {{force: {stem}v, point: {stem}p, moment: {stem.replace('force', word)},"
+        " corners: UNKNOWN}"
+        for number, stem in enumerate(stems, start=1)
+    ]
     question = "these columns are force plates, if you state their corners: plates:"
     recording = replace(
         recording_of_table("opensim", table, layout, facts=header, likely_units=likely),

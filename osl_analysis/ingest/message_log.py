@@ -164,8 +164,6 @@ def stamps_of(recording: Recording, source: MessageSource, rows: Rows) -> NDArra
         raise InputError("no message can be used; check that its sensor was running")
     if source.time.source == "log":
         assert rows.stamps_ns is not None
-        if rows.stamps_ns.min() < 0:
-            raise InputError("a message was logged at no time; write source: header")
         return rows.stamps_ns
     with naming("time", ", or write source: log"):
         stamp = recording.find({"topic": rows.name, "field": source.time.field})

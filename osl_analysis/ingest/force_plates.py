@@ -3,12 +3,14 @@
 There is no centre of pressure, so that they are valid for an unloaded plate (C3D manual, Kistler).
 """
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from osl_analysis.errors import InputError, naming, printable
+from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.repeats import repeats, run_at_extreme
 from osl_analysis.plates import own_axes
 from osl_analysis.recording import EXPORTED, Plate
@@ -25,8 +27,6 @@ MEASURED_BY_TYPE = {
 }
 """By type of plate, what its channels measure in SI units; those of type 4 in the units of its
 calibration."""
-USED_N = 50.0  # a force that changes by less is of no foot
-USED_SHARE = 0.2  # of its range: where a force changes by this, every channel should
 
 
 @dataclass(frozen=True)
@@ -64,15 +64,13 @@ def convert_plate(
     InputError
         A parameter or a unit of the plate is wrong, or a sample is not finite.
     """
-    if plate.type not in MEASURED_BY_TYPE:
-        raise InputError(f"plate {plate.number} is of type {plate.type}; types 1 to 4 are read")
     length = getattr(source, "point_unit", None) or plate.length_unit
     units: PlateUnits | None = getattr(source, "plate_units", None)
     metre = metres_per(length, source)
     corners = plate.corners * metre
     if not np.isfinite(own_axes(corners)).all():
         raise InputError(f"plate {plate.number}: its corners span no plane; correct them")
-    raw = np.column_stack([np.asarray(one.values, np.float64) for one in plate.channels])
+    raw = np.column_stack([np.asarray(channel.values, np.float64) for channel in plate.channels])
     if not np.isfinite(raw).all():
         row, column = np.argwhere(~np.isfinite(raw))[0]
         raise InputError(
@@ -86,14 +84,14 @@ def convert_plate(
         if plate.type == 1:
             baseline[3:5] = 0.0  # an unloaded plate has no centre of pressure
         readings = raw - baseline
-    if plate.type == 4:
-        assert plate.calibration is not None
-        moment_unit = units.moment if units else f"N*{length}"
-        force_unit = units.force if units else "N"
-        factors = [si_factor(force_unit, "N")] * 3 + [si_factor(moment_unit, "N*m")] * 3
-        readings = readings @ np.asarray(plate.calibration * np.array(factors)[:, None]).T
+    if plate.calibration is None:
+        readings = readings * channel_factors(plate, units)
     else:
-        readings = readings * channel_factors(plate, source, units)
+        force_unit, moment_unit = ("N", f"N*{length}")
+        if units is not None:
+            force_unit, moment_unit = units.force, units.moment
+        factors = np.repeat([si_factor(force_unit, "N"), si_factor(moment_unit, "N*m")], 3)
+        readings = readings @ np.asarray(plate.calibration * factors[:, None]).T
     on_foot = wrench(plate.type, corners, plate.origin * metre, readings)
 
     origin: dict[str, Any] = {"plate": plate.number, **plate.facts}
@@ -116,23 +114,18 @@ def convert_plate(
     return PlateLoad(columns, origins, facts)
 
 
-def channel_factors(plate: Plate, source: Source, units: PlateUnits | None) -> Array:
+def channel_factors(plate: Plate, units: PlateUnits | None) -> Array:
     """Factors to SI units of the channels of a plate, (channels,)."""
+    stated = {"N": units.force, "N*m": units.moment, "m": units.length} if units else {}
+    length = ", length: mm" if plate.type == 1 else ""
+    remedy = (
+        "; or state the units that hold for all plates, as in"
+        f" `plate_units: {{force: N, moment: N*mm{length}}}`, in the source file"
+    )
     factors: list[float] = []
     for channel, quantity in zip(plate.channels, MEASURED_BY_TYPE[plate.type], strict=False):
-        unit = channel.unit
-        if units is not None:
-            stated = {"N": units.force, "N*m": units.moment, "m": units.length}
-            unit = stated[quantity] or unit
-        try:
-            factors.append(si_factor(unit, quantity))
-        except InputError as error:
-            length = ", length: mm" if plate.type == 1 else ""
-            where = source.place("plate_units").partition(" in ")[2]
-            raise InputError(
-                f"analog channel '{channel.key}': {error}; or state the units that hold for all"
-                f" plates, as in `plate_units: {{force: N, moment: N*mm{length}}}`, in {where}"
-            ) from error
+        with naming(f"analog channel '{channel.key}'", remedy):
+            factors.append(si_factor(stated.get(quantity) or channel.unit, quantity))
     return np.array(factors)
 
 
@@ -170,17 +163,16 @@ def wrench(kind: int, corners: Array, origin: Array, channels: Array) -> tuple[A
         # Kistler's four sensors, at distances a and b, in a depth that files write with either sign
         a = origin[0]
         b = origin[1]
-        depth = abs(origin[2])
         x12, x34, y14, y23, z1, z2, z3, z4 = channels.T
         force = np.column_stack([x12 + x34, y14 + y23, z1 + z2 + z3 + z4])
         about_z = b * (-x12 + x34) + a * (y14 - y23)
         moment = np.column_stack([b * (z1 + z2 - z3 - z4), a * (-z1 + z2 + z3 - z4), about_z])
-        centre = np.array([0.0, 0.0, -depth])
+        centre = np.array([0.0, 0.0, -abs(origin[2])])
     elif kind == 1:
         # centre of pressure x and y, free moment: M = p x F + (0, 0, T)
-        level = np.zeros((len(channels), 2))
-        moment = np.cross(np.column_stack([channels[:, 3:5], level[:, 0]]), force)
-        moment += np.column_stack([level, channels[:, 5]])
+        x, y, free = channels[:, 3:6].T
+        moment = np.cross(np.column_stack([x, y, np.zeros_like(x)]), force)
+        moment[:, 2] += free
     else:  # moments about the plate's origin
         moment = channels[:, 3:6]
     return force @ axes.T, (moment - np.cross(centre, force)) @ axes.T
@@ -201,29 +193,35 @@ def channel_facts(
         Size of the force (samples,) [N].
     """
     rate = rate_hz or plate.channels[0].rows.rate_hz or 1.0
-    least = max(USED_SHARE * np.ptp(load), USED_N) if load.size else USED_N
+    least = max(LIMITS.used_share * np.ptp(load), LIMITS.used_N) if load.size else math.inf
     is_about_point = raw.shape[1] == 9
     facts: list[dict[str, Any]] = []
     for number, channel in enumerate(plate.channels[: 6 if is_about_point else None]):
         values = raw[:, number]
         if is_about_point and number >= 3 and not values.any():
             continue
-        clipped = run_at_extreme(values)
-        standing = [run for run in repeats(values).tolist() if np.ptp(load[slice(*run)]) > least]
-        longest = max(standing, key=lambda run: run[1] - run[0], default=(0, 0))
-        shown: dict[str, Any] = {
-            "label": printable(channel.name or channel.key),
-            "clipped_at": float(values[clipped.start]) if clipped.stop else None,
-        }
-        for what, (first, stop) in {
-            "clipped": (clipped.start, clipped.stop),
-            "stands": longest,
-        }.items():
-            shown[f"{what}_samples"] = stop - first
-            shown[f"{what}_from_s"] = first / rate if stop else None
-            shown[f"{what}_to_s"] = (stop - 1) / rate if stop else None
-        facts.append(shown)
+        rail = run_at_extreme(values)
+        runs = [slice(first, stop) for first, stop in repeats(values).tolist()]
+        standing = [run for run in runs if np.ptp(load[run]) > least]
+        longest = max(standing, key=lambda run: run.stop - run.start, default=slice(0, 0))
+        facts.append(
+            {
+                "label": printable(channel.name or channel.key),
+                "clipped_at": float(values[rail.start]) if rail.stop else None,
+                **facts_of_run("clipped", rail, rate),
+                **facts_of_run("stands", longest, rate),
+            }
+        )
     return facts
+
+
+def facts_of_run(what: str, run: slice, rate_hz: float) -> dict[str, Any]:
+    """Length [samples], begin and end [s] of a run of rows; null times of an empty one."""
+    return {
+        f"{what}_samples": run.stop - run.start,
+        f"{what}_from_s": run.start / rate_hz if run.stop else None,
+        f"{what}_to_s": (run.stop - 1) / rate_hz if run.stop else None,
+    }
 
 
 def metres_per(unit: str, source: Source) -> float:

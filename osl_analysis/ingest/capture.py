@@ -11,6 +11,7 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.errors import InputError, naming, printable
+from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.conversion import (
     Converted,
     check_finite_values,
@@ -18,18 +19,11 @@ from osl_analysis.ingest.conversion import (
     origin_of,
     to_si,
 )
-from osl_analysis.ingest.force_plates import (
-    PlateLoad,
-    convert_plate,
-    metres_per,
-)
+from osl_analysis.ingest.force_plates import PlateLoad, convert_plate, metres_per
 from osl_analysis.plates import own_axes
 from osl_analysis.recording import Channel, Kind, Plate, Recording, Rows
 from osl_analysis.source_file import LaboratorySource, MarkerSource
 from osl_analysis.trial import AXES, Array, marker_columns, unit_of
-
-LEAST_LEVEL = 0.9  # of a plate's normal along the vertical axis
-LEAST_MOVED = 0.1  # of what lies between markers, by which those of a walker move
 
 
 def convert_capture(recording: Recording, source: MarkerSource) -> Converted:
@@ -47,46 +41,45 @@ def convert_capture(recording: Recording, source: MarkerSource) -> Converted:
         A channel is missing or occurs twice, a unit or a plate is wrong, or there is nothing to
         read.
     """
-    origins: dict[str, dict[str, Any]] = {}
     markers = asked_markers(recording, source)
-    of_frames = positions_of(recording, markers, source, origins)
+    used = [*markers]
+    of_frames: dict[str, Array] = {}
     of_samples: dict[str, Array] = {}
-    used_rows = [marker.rows for marker in markers]
+    origins: dict[str, dict[str, Any]] = {}
     loads: list[PlateLoad] = []
-    baseline = None
+    add_positions(recording, markers, source, of_frames, origins)
+    baseline = baseline_frames(recording, source)
     if isinstance(source, LaboratorySource):
-        baseline = baseline_frames(recording, source)
-        loads = plate_loads(recording, source, baseline)
-        for load in loads:
+        for plate in recording.plates:
+            load = plate_load(recording, source, plate, baseline)
+            loads.append(load)
             of_samples.update(load.columns)
             origins.update(load.origins)
-        used_rows += [channel.rows for plate in recording.plates for channel in plate.channels]
+            used += plate.channels
         for column, output in source.outputs.items():
             channel = recording.find({"label": output.label}, "model output")
             # in the unit of the source file and never in that of the file, which may misstate it
             values = channel.values[:, AXES.index(output.component)]
             of_frames[column] = to_si(output, values, unit_of(column))
             origins[column] = origin_of(output, column)
-            used_rows.append(channel.rows)
+            used.append(channel)
         for column, setting in source.analogs.items():
             channel = recording.find(setting.address, f"analog {setting.ADDRESS}")
             with naming(column, f", as {source.place('analogs', column, 'unit')}"):
-                values = to_si(setting, channel.values, unit_of(column), channel.unit)
-            of_samples[column] = values
+                of_samples[column] = to_si(setting, channel.values, unit_of(column), channel.unit)
             origins[column] = origin_of(setting, column, channel.unit)
-            used_rows.append(channel.rows)
-    if not used_rows:
+            used.append(channel)
+    if not used:
         raise InputError(
             "the source file names nothing that the file has: no marker, plate, analog channel or"
             " model output; name what to read in the source file, or export the trial again with it"
         )
-    samples = joined(of_frames, of_samples, used_rows)
-    time = samples["time"].to_numpy()
+    samples = joined(of_frames, of_samples, [channel.rows for channel in used])
     for column, values in of_samples.items():
-        check_finite_values(column, values, time)
+        check_finite_values(column, values, samples["time"].to_numpy())
     facts = {
         **recording.facts,
-        "time": {"start": min(rows.start_s for rows in used_rows)},
+        "time": {"start": min(channel.rows.start_s for channel in used)},
         "axes": source.axes,
         "plates": [load.facts for load in loads],
     }
@@ -107,19 +100,21 @@ def asked_markers(recording: Recording, source: MarkerSource) -> list[Channel]:
     """The markers that the source file asks for; of `all`, those with a label."""
     if source.markers != "all":
         return [recording.find({"label": label}, "marker") for label in source.markers]
-    markers = [one for one in recording.channels if one.kind == Kind.MARKER]
-    return [one for one in markers if is_labelled(one.key)]
+    return [
+        channel
+        for channel in recording.channels
+        if channel.kind == Kind.MARKER and is_labelled(channel.key)
+    ]
 
 
-def positions_of(
+def add_positions(
     recording: Recording,
     markers: Sequence[Channel],
     source: MarkerSource,
+    positions: dict[str, Array],
     origins: dict[str, dict[str, Any]],
-) -> dict[str, Array]:
-    """The positions of markers [m] in our axes, by column; where they come from is added to
-    `origins`."""
-    positions: dict[str, Array] = {}
+) -> None:
+    """Add the positions of markers [m] in our axes, by column, and where they come from."""
     for marker in markers:
         name = marker.name or marker.key
         unit = getattr(source, "point_unit", None) or marker.unit
@@ -139,60 +134,54 @@ def positions_of(
                 "factor": factor,
                 "si_unit": unit_of(column),
             }
-    return positions
 
 
-def plate_loads(
-    recording: Recording, source: LaboratorySource, baseline: tuple[int, int] | None
-) -> list[PlateLoad]:
-    """What the plates recorded, less the mean of the `baseline` (`baseline_frames`). A recording
-    has those that the source file asks for."""
+def plate_load(
+    recording: Recording,
+    source: LaboratorySource,
+    plate: Plate,
+    baseline: tuple[int, int] | None,
+) -> PlateLoad:
+    """What a plate recorded, less the mean of the `baseline` (`baseline_frames`)."""
     unloaded = None
     if baseline is not None:
-        first, last = baseline
-        frames = int(recording.facts.get("frames", 0))
-        if not 1 <= first <= last <= frames:
-            raise InputError(
-                f"the baseline of the plates is frames {first} to {last} of {frames}; state two"
-                " frames in which the plates are unloaded as `plate_zero`, or none"
-            )
         per_frame = int(recording.facts.get("samples_per_frame", 1))
-        unloaded = slice((first - 1) * per_frame, last * per_frame)
-    loads: list[PlateLoad] = []
-    for plate in recording.plates:
-        try:
-            loads.append(convert_plate(plate, source, source.rotation, unloaded))
-        except InputError as error:
-            others = [one.number for one in recording.plates if one is not plate]
-            raise InputError(f"{error} (or leave this plate out: `plates: {others}`)") from error
-    return loads
+        unloaded = slice((baseline[0] - 1) * per_frame, baseline[1] * per_frame)
+    others = [each.number for each in recording.plates if each is not plate]
+    try:
+        return convert_plate(plate, source, source.rotation, unloaded)
+    except InputError as error:
+        raise InputError(f"{error} (or leave this plate out: `plates: {others}`)") from error
 
 
-def baseline_frames(recording: Recording, source: LaboratorySource) -> tuple[int, int] | None:
+def baseline_frames(recording: Recording, source: MarkerSource) -> tuple[int, int] | None:
     """First and last frame, counted from 1, in which the plates are stated to be unloaded; None
     without a baseline."""
     zero: Any = getattr(source, "plate_zero", "none")
     if zero == "none" or not recording.plates:
         return None
     stated = [*recording.facts.get("plate_zero_frames", ()), 0, 0] if zero == "file" else zero
-    first, last = np.nan_to_num(np.asarray(stated[:2], np.float64))
-    return int(first), int(last)
+    first, last = np.nan_to_num(np.asarray(stated[:2], np.float64)).astype(int).tolist()
+    frames = recording.facts.get("frames", 0)
+    if not 1 <= first <= last <= frames:
+        raise InputError(
+            f"the baseline of the plates is frames {first} to {last} of {frames}; state two frames"
+            " in which the plates are unloaded as `plate_zero`, or none"
+        )
+    return first, last
 
 
 def joined(
     of_frames: dict[str, Array], of_samples: dict[str, Array], used_rows: Sequence[Rows]
 ) -> pl.DataFrame:
     """One table of frames and samples: frame 0 and sample 0 are at 0 s."""
-    fastest = max(used_rows, key=lambda rows: rows.rate_hz or 0.0)
-    slowest_hz = min(rows.rate_hz or 0.0 for rows in used_rows)
-    if not fastest.rate_hz or not slowest_hz:
+    rates = [rows.rate_hz or 0.0 for rows in used_rows]
+    if not min(rates):
         raise InputError("the file states no frame rate; export the trial again")
-    ratio = round(fastest.rate_hz / slowest_hz) if of_samples else 1
-    number = pl.Series("number", np.arange(fastest.count))
-    rows = pl.DataFrame([number, pl.Series("time", number.to_numpy() / fastest.rate_hz)])
-    rows = rows.with_columns(pl.Series(name, values) for name, values in of_samples.items())
-    frames = pl.DataFrame([number.gather_every(ratio)])
-    frames = frames.with_columns(pl.Series(name, values) for name, values in of_frames.items())
+    ratio = round(max(rates) / min(rates)) if of_samples else 1
+    number = np.arange(used_rows[int(np.argmax(rates))].count)
+    rows = pl.DataFrame({"number": number, "time": number / max(rates), **of_samples})
+    frames = pl.DataFrame({"number": number[::ratio], **of_frames})
     return rows.join(frames, on="number", how="left", maintain_order="left").drop("number")
 
 
@@ -200,18 +189,14 @@ def remarks_on(
     recording: Recording, source: MarkerSource, markers: Sequence[Channel]
 ) -> Iterator[str]:
     """Say where the axes seem to be others, and where no marker was seen."""
-    if source.axes == ("x", "y", "z"):
-        up = str(recording.facts.get("vertical_on_screen", ""))
-        if not up and vertical_axis(markers, recording.plates) == "y":
-            up = "y"
-        if up.upper().lstrip("+-") not in ("", "Z"):
-            axes = "`axes: [x, -z, y]`" if up.upper().lstrip("+") == "Y" else "`axes`"
-            yield f"its vertical axis seems to be {printable(up)}; state {axes} in the source file"
-    if markers and not any(np.isfinite(one.values).any() for one in markers):
-        yield (
-            f"none of the {len(markers)} markers was seen in any of the"
-            f" {markers[0].rows.count} frames"
-        )
+    up = str(recording.facts.get("vertical_on_screen", "")).upper()
+    if not up and vertical_axis(markers, recording.plates) == "y":
+        up = "Y"
+    if source.axes == ("x", "y", "z") and up.lstrip("+-") not in ("", "Z"):
+        axes = "`axes: [x, -z, y]`" if up in ("Y", "+Y") else "`axes`"
+        yield f"its vertical axis seems to be {printable(up)}; state {axes} in the source file"
+    if markers and not any(np.isfinite(marker.values).any() for marker in markers):
+        yield "no marker was seen in any frame"
 
 
 def vertical_axis(markers: Sequence[Channel], plates: Sequence[Plate] = ()) -> str:
@@ -223,8 +208,8 @@ def vertical_axis(markers: Sequence[Channel], plates: Sequence[Plate] = ()) -> s
     normals = np.abs([own_axes(plate.corners)[:, 2] for plate in plates])
     if normals.size and np.isfinite(normals).all():
         normal = normals.mean(axis=0)
-        return "xyz"[int(np.argmax(normal))] if normal.max() > LEAST_LEVEL else ""
-    whole = [one.values for one in markers if not np.isnan(one.values).any()]
+        return "xyz"[int(np.argmax(normal))] if normal.max() > LIMITS.least_level else ""
+    whole = [marker.values for marker in markers if not np.isnan(marker.values).any()]
     if len(whole) < 4:
         return ""
     positions = np.stack(whole, axis=1)
@@ -232,6 +217,6 @@ def vertical_axis(markers: Sequence[Channel], plates: Sequence[Plate] = ()) -> s
     moved = np.median(positions.std(axis=0), axis=0)
     # along a vertical axis the markers move by less than half of what lies between them
     vertical = int(np.argmax(apart))
-    walks = moved.max() > LEAST_MOVED * apart[vertical]
+    walks = moved.max() > LIMITS.least_moved * apart[vertical]
     is_level = moved[vertical] < min(0.5 * apart[vertical], moved.max())
     return "xyz"[vertical] if walks and is_level else ""

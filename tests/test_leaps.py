@@ -7,7 +7,8 @@ import pytest
 from conftest import ROOT
 from recognised_files import read_recognised
 
-from osl_analysis.ingest.leaps import LARGEST_BEND, find_leaps
+from osl_analysis.ingest import LIMITS
+from osl_analysis.ingest.leaps import find_leaps
 from osl_analysis.ingest.raw_files import read_source
 from osl_analysis.trial import Array
 
@@ -21,6 +22,7 @@ OMEGA = 2 * np.pi * 5.0  # rad/s; second differences of this motion are large, t
 THETA = 0.1 * np.sin(OMEGA * TIME) + 1e-5 * NOISE[0]  # rad
 TORQUE = 30.0 * np.cos(OMEGA * TIME) + 0.01 * NOISE[1]  # N*m
 USUAL_BEND = float(np.quantile(np.abs(np.diff(TORQUE, 3)), 0.99))  # N*m
+SMALL_LEAP = 0.25 * LIMITS.largest_bend * USUAL_BEND  # N*m
 BESIDE_GAP = np.delete(np.arange(ROWS), np.arange(700, 730))
 SCATTERED = TIME + 0.4 / RATE_HZ * np.random.default_rng(4).uniform(-1, 1, ROWS)
 
@@ -35,7 +37,7 @@ SOUND = {
     "sine": TORQUE,
     "failed reading": changed(TORQUE, 700, np.nan),
     # the largest third difference is three times the leap
-    "leap below the limit": changed(TORQUE, 700, TORQUE[700] + 0.25 * LARGEST_BEND * USUAL_BEND),
+    "leap below the limit": changed(TORQUE, 700, TORQUE[700] + SMALL_LEAP),
     "flickering at rest": np.where(NOISE[0] > 2.0, 0.1, 0.0),
     "constant": np.full(ROWS, 3.0),
     "resting, with one step": np.where(TIME < 5.0, 0.0, 1.0),
@@ -62,7 +64,7 @@ def test_a_steady_a_noisy_and_a_coarse_channel_are_not_accused(values: Array) ->
 
 
 def test_rows_that_are_missing_are_a_gap_and_no_leap() -> None:
-    assert np.abs(np.diff(TORQUE[BESIDE_GAP], 3)).max() > LARGEST_BEND * USUAL_BEND
+    assert np.abs(np.diff(TORQUE[BESIDE_GAP], 3)).max() > LIMITS.largest_bend * USUAL_BEND
     assert find_leaps(TIME[BESIDE_GAP], TORQUE[BESIDE_GAP]).size == 0
 
 

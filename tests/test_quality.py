@@ -351,7 +351,7 @@ def test_edges_in_the_steps_of_a_slow_log_do_not_doubt_its_clock(residual_ms, ra
     late_s = np.ceil(edges_s / step_s) * step_s - edges_s
     residual_s = np.std(late_s) if residual_ms is None else residual_ms / 1e3
     clock = dict.fromkeys(("drift", "drift_error", "edges", "excluded_edges"), 0)
-    clock |= {"residual": residual_s, "method": "edges", "rows_before": 0, "rows_after": 0}
+    clock |= {"residual": residual_s, "method": "edges"}
 
     checks = results(bench(), clock=clock, log={"rates_hz": dict(enumerate(rates_hz))})
 
@@ -360,7 +360,7 @@ def test_edges_in_the_steps_of_a_slow_log_do_not_doubt_its_clock(residual_ms, ra
 
 BAD_FIT = {
     "drift": 5e-5, "drift_error": 1e-6, "residual": 2.5e-3, "edges": 20, "excluded_edges": 1,
-    "method": "edges", "rows_before": 3, "rows_after": 0,
+    "method": "edges",
 }  # fmt: skip
 DAMAGED_LOG = {
     "complete": False, "end_missing": True, "lost": 130, "share_lost": 0.04, "remarks": ["chunk 3"],
@@ -372,7 +372,7 @@ OTHER_UNIT = {"torque": {"unit": "lbf*in", "unit_of_file": "N*m"}, "theta": {"un
 
 @pytest.mark.parametrize(("provenance", "beyond", "check", "value", "remark"), [
     ({"clock": BAD_FIT}, {"clock_residual"}, "clock_residual", 2.5e-3,
-     "drift 50.0 ppm by edges, 20 matched and 1 excluded edges"),
+     "20 edges by edges"),
     ({"columns": OTHER_UNIT}, {"unit"}, "unit", 1.0, "torque is read in lbf*in, not N*m"),
     ({"damage": {"log": DAMAGED_LOG}}, {"damage", "truncated"}, "damage", 4.0, OF_LOG),
     ({"damage": {"log": DAMAGED_LOG, "mocap": DAMAGED_CAPTURE}}, {"damage", "truncated"}, "damage",
@@ -702,10 +702,6 @@ def test_a_clipped_raw_channel_is_named_with_its_time(tmp_path: Path) -> None:
     channels[:, 4] = np.clip(channels[:, 4], -60.0, 60.0)
     trial = plate_trial(tmp_path / "a.c3d", channels)
 
-    saturation = checked(trial)["saturation"]
-
-    assert saturation.remark == "plate1 channel A5"
-    assert saturation.value > 20
     facts = trial.provenance["plates"][0]["channels"][4]
     assert abs(facts["clipped_at"]) == 60.0
     assert 0.2 < facts["clipped_from_s"] < facts["clipped_to_s"] < 0.8
@@ -717,10 +713,9 @@ def test_a_raw_channel_that_stands_while_the_plate_is_loaded_is_stuck(tmp_path: 
     channels = np.hstack(force_and_moment())
     channels[:, 4] = 37.5
 
-    stuck = checked(plate_trial(tmp_path / "a.c3d", channels))["stuck"]
+    facts = plate_trial(tmp_path / "a.c3d", channels).provenance["plates"][0]["channels"][4]
 
-    assert stuck.value == pytest.approx(TIME[-1], abs=1e-9)
-    assert stuck.remark == "plate1 channel A5"
+    assert facts["stands_samples"] == TIME.size
 
 
 @pytest.mark.parametrize(

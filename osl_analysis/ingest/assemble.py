@@ -66,13 +66,7 @@ def assemble(
             " file"
         )
     fit, warnings = aligned_clock(log, mocap, shared, is_common)
-    on_master = fit.to_master(log.samples["time"].to_numpy())
-    end = float(mocap.samples["time"][-1])
-    provenance["clock"] = {
-        **asdict(fit),
-        "rows_before": int((on_master < 0.0).sum()),
-        "rows_after": int((on_master > end).sum()),
-    }
+    provenance["clock"] = asdict(fit)
     provenance["warnings"] += warnings
     return Trial(name, merged(log, mocap, fit), provenance)
 

@@ -5,7 +5,6 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import polars as pl
@@ -120,8 +119,7 @@ def measure_clock(examined: Examined) -> dict[str, float]:
         return dict(log.get("clocks_apart", {}))
     step_s = 1 / min(log.get("rates_hz", {}).values(), default=math.inf)
     residual = math.sqrt(max(clock["residual"] ** 2 - step_s**2 / 12, 0.0))
-    edges = f"{clock['edges']} matched and {clock['excluded_edges']} excluded edges"
-    return {f"drift {1e6 * clock['drift']:.1f} ppm by {clock['method']}, {edges}": residual}
+    return {f"{clock['edges']} edges by {clock['method']}": residual}
 
 
 def measure_damage(examined: Examined) -> dict[str, float]:
@@ -206,17 +204,7 @@ def differences(runs: Sequence[Run], protocol: SteppedSineProtocol) -> list[str]
 
 def noisy_channels(trial: Trial) -> list[str]:
     """The torques and the current of a trial, which noise keeps changing."""
-    noisy = {"current"} | {facts.torque for facts in EXPERIMENTS.values()}
-    return [name for name in trial.columns if name in noisy and recorded(trial, name)[1].size]
-
-
-def raw_channels(trial: Trial) -> dict[str, Mapping[str, Any]]:
-    """Facts on every raw channel of the trial's plates, by name, as ingest recorded them."""
-    return {
-        f"plate{plate['plate']} channel {facts['label']}": facts
-        for plate in trial.provenance.get("plates", [])
-        for facts in plate.get("channels", [])
-    }
+    return [name for name in ("torque", "torque_m", "current") if recorded(trial, name)[1].size]
 
 
 def samples_at_rail(trial: Trial, column: str, torque: str, angle: str = "theta") -> int:
@@ -254,14 +242,12 @@ def length_of(run: slice) -> int:
 def measure_saturation(examined: Examined) -> dict[str, float]:
     trial = examined.trial
     # an angle that is not driven may stand by friction
-    moved = examined.experiment.motion
-    names = {name for name in trial.columns if name == moved or stated_range(trial, name)}
-    lengths: dict[str, float] = {
-        name: facts["clipped_samples"] for name, facts in raw_channels(trial).items()
+    motion = examined.experiment.motion
+    names = {name for name in trial.columns if name == motion or stated_range(trial, name)}
+    return {
+        name: samples_at_rail(trial, name, examined.torque, examined.moved)
+        for name in sorted(names.union(noisy_channels(trial)))
     }
-    for name in names.union(noisy_channels(trial)):
-        lengths[name] = samples_at_rail(trial, name, examined.torque, examined.moved)
-    return lengths
 
 
 def saturated(trial: Trial, torque: str = "torque", other: str = "theta") -> pl.Expr:
@@ -279,10 +265,7 @@ def measure_stuck(examined: Examined) -> dict[str, float]:
     command, which has levels."""
     trial = examined.trial
     experiment = examined.experiment
-    seconds = {
-        name: (facts["stands_to_s"] or 0.0) - (facts["stands_from_s"] or 0.0)
-        for name, facts in raw_channels(trial).items()
-    }
+    seconds: dict[str, float] = {}
     at, angle = recorded(trial, examined.moved)
     turns = bool((angle != angle[:1]).any())
     for name in noisy_channels(trial):

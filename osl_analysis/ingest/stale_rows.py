@@ -8,12 +8,8 @@ import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.errors import listing
+from osl_analysis.ingest import LIMITS
 from osl_analysis.recording import Rows
-
-LARGEST_STALE_SHARE = 0.001  # of the rows; of more of them, the clock itself goes back
-FAR_STEPS = 50.0  # usual steps from the running median of the stamps; late messages are nearer
-MEDIAN_ROWS = 11  # of the running median, which few rows of another time do not move
-MOST_NAMED = 5  # rows that the remark names
 
 
 def find_stale_rows(stamps: NDArray[Any], least: float = 0.0) -> NDArray[np.int64]:
@@ -30,19 +26,19 @@ def find_stale_rows(stamps: NDArray[Any], least: float = 0.0) -> NDArray[np.int6
     Returns
     -------
     Array
-        Their places, from 0; empty if no row is, or more than `LARGEST_STALE_SHARE` of them.
+        Their places, from 0; empty if no row is, or more than `largest_stale_share` of them.
     """
     none = np.zeros(0, np.int64)
-    if LARGEST_STALE_SHARE * stamps.size < 1:
+    if LIMITS.largest_stale_share * stamps.size < 1:
         return none
     since_first = (stamps - stamps[0]).astype(np.float64)
     steps = np.abs(np.diff(since_first))
-    far = max(least, FAR_STEPS * float(np.median(steps)))
+    far = max(least, LIMITS.far_steps * float(np.median(steps)))
     if not (steps > far).any():
         return none
-    usual = scipy.ndimage.median_filter(since_first, MEDIAN_ROWS, mode="mirror")
+    usual = scipy.ndimage.median_filter(since_first, LIMITS.median_rows, mode="mirror")
     places = np.flatnonzero(np.abs(since_first - usual) > far)
-    return places if places.size <= LARGEST_STALE_SHARE * stamps.size else none
+    return places if places.size <= LIMITS.largest_stale_share * stamps.size else none
 
 
 def remarks_on_stale_rows(
@@ -55,7 +51,7 @@ def remarks_on_stale_rows(
     if not stale.size:
         return []
     off = np.abs(stamps[stale] - stamps[np.abs(stale - 1)]).max() * to_seconds
-    named = listing([rows.place(row) for row in stale.tolist()], MOST_NAMED)
+    named = listing([rows.place(row) for row in stale.tolist()], LIMITS.most_named)
     return [
         f"left out: {named}, whose stamp is up to {off:.4g} s off those beside it, as of a packet"
         " that waited in a buffer"

@@ -174,15 +174,22 @@ def test_windows_that_are_none_are_refused(text, why):
         stated_windows(text, 30.0)
 
 
-@pytest.mark.parametrize(("motion", "joint", "words"), [
-    ({"band": (0.5, 1.5)}, {}, r"cannot tell K from I.*band from 1\.[56] to about 2\.\d Hz"),
-    ({"rms_deg": 0.04},
-     {"bits": 14}, "hardly moves: theta turns by 1[0-9] steps of its encoder, 20 are needed"),
-    ({"band": (8.0, 14.0)}, LIGHT, r"changes K by .*band below 8(\.\d)? Hz is missing"),
+@pytest.mark.usefixtures("without_inference")
+@pytest.mark.parametrize(("motion", "joint", "name", "least"), [
+    ({"band": (0.5, 1.5)}, {}, "I", 0.02), ({"band": (1.8, 2.2)}, {}, "I", 0.02),
+    ({"band": (8.0, 14.0)}, LIGHT, "K", 1.0),
 ])  # fmt: skip
-def test_a_motion_of_too_little_band_or_size_is_refused_with_what_lacks(motion, joint, words):
-    with pytest.raises((IdentifiabilityError, InputError), match=words):
-        row_of(moved(noise, 3, motion, **joint))
+def test_what_a_narrow_band_hardly_tells_has_a_wide_interval(motion, joint, name, least):
+    row = row_of(moved(noise, 3, motion, **joint))
+
+    assert half_width(row, name) > least
+    assert abs(row[name] - {**TRUE, **joint}[name]) < half_width(row, name)
+
+
+def test_a_motion_of_a_few_steps_of_the_encoder_is_refused():
+    words = "hardly moves: theta turns by 1[0-9] steps of its encoder, 20 are needed"
+    with pytest.raises(InputError, match=words):
+        row_of(moved(noise, 3, {"rms_deg": 0.04}, bits=14))
 
 
 def ramps(rng):
@@ -205,11 +212,6 @@ def test_ramps_between_levels_tell_K():
     error_of_I = 1e-3 * np.std(X @ [*TRUE.values()]) / own.std()
     assert half_width(row, "I") == pytest.approx(1.96 * error_of_I, rel=0.2)
     assert abs(row["K"] - 300) < 1.5 * half_width(row, "K") < 0.3
-
-
-def test_a_torque_of_a_thousand_times_the_size_is_asked_for_its_unit():
-    with pytest.raises(IdentifiabilityError, match="check the units of theta and torque"):
-        row_of(moved(ramps, 3, torque_noise=0.01, K=3e5, B=5e3, I=20.0))
 
 
 P = read_parameters(ROOT / "config/parameters/default.yaml")

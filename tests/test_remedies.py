@@ -5,11 +5,9 @@ import polars as pl
 import pytest
 
 from osl_analysis.bench.fit_tables import FitTables
-from osl_analysis.bench.impedance import rendered_impedance
-from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.commands.fit import fit_settings, run_fit
 from osl_analysis.commands.remedies import fit_or_advise
-from osl_analysis.errors import Change, IdentifiabilityError, InputError
+from osl_analysis.errors import Change, InputError
 from osl_analysis.files import default_config
 from osl_analysis.trial import Trial
 
@@ -153,18 +151,3 @@ def test_a_change_that_gives_an_impossible_estimate_is_not_advised(value, K_d):
         fit_or_advise(mean_as_stiffness, constant_angle(value), K_d=K_d)
 
     assert refused.value.remedy == "do something"
-
-
-@pytest.mark.parametrize(("K", "tried"), [(200.0, []), (11_000.0, ["theta", "torque"])])
-def test_of_a_narrow_band_units_are_tried_where_no_joint_is_so_stiff(K, tried):
-    time = np.arange(0, 20, 1 / RATE)
-    theta = 0.02 * (np.sin(4 * np.pi * time) + np.sin(4.4 * np.pi * time))
-    torque = K * theta + 0.01 * np.random.default_rng(1).standard_normal(len(time))
-    trial = Trial("made", pl.DataFrame({"time": time, "theta": theta, "torque": torque}))
-    settings, _ = fit_settings("impedance", default_config())
-    settings = settings["settings"].model_copy(update={"excitation": "any"})
-
-    with pytest.raises(IdentifiabilityError) as refused:
-        rendered_impedance(record_of_trial(trial, settings))
-
-    assert [change.other_unit_of for change in refused.value.changes] == tried

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from osl_analysis.bench.bench_settings import NOT_STATED, Calibration
 from osl_analysis.bench.effects import Model, plain_sums
 from osl_analysis.bench.fit_tables import Series, timebase_table
-from osl_analysis.bench.identifiability import error_of_inertia
+from osl_analysis.bench.identifiability import STIFFNESS_ALONE, usual_errors
 from osl_analysis.bench.plausibility import check_stiffer
 from osl_analysis.bench.record import Label, Record
 from osl_analysis.bench.regression import GroupFit, Sums, fit_groups
@@ -213,10 +213,8 @@ def fitted_motion(record: Record, sums: Sums, model: Model) -> Analysis:
     except IdentifiabilityError as error:
         raise IdentifiabilityError(f"trial {record.name}: {error}") from error
     if not record.is_stepped_sine:
-        fit = analysis.whole
-        error_of_I = error_of_inertia(record, sums, fit)
-        wider = widened(fit, error_of_I * np.array([name == "I" for name in fit.names]))
-        analysis = replace(analysis, fits={None: wider})
+        errors = usual_errors(record, sums, analysis.whole)
+        analysis = replace(analysis, fits={None: widened(analysis.whole, errors)})
     check_stiffer(record.name, "K", analysis.whole["K"], record.bench)
     return analysis
 
@@ -242,8 +240,7 @@ def fits_by_label(sums: Sums, model: Model) -> dict[Label, GroupFit]:
                 raise IdentifiabilityError(
                     f"K and I cannot be told apart: the sines are of {hz[0]:.3g} Hz alone, and at"
                     " one frequency K - I w^2 is one number; excite it below"
-                    f" {hz[0] / 2:.2g} Hz or from {2 * hz[0]:.2g} Hz as well, or take experiment"
-                    " 'torque_angle' in the sheet, for the stiffness alone"
+                    f" {hz[0] / 2:.2g} Hz or from {2 * hz[0]:.2g} Hz as well, {STIFFNESS_ALONE}"
                 )
             fits[label] = fit_groups(sums, model, label)
         except IdentifiabilityError:  # a drive may reach fewer frequencies at one amplitude

@@ -102,9 +102,7 @@ class Analysis:
         motion, stated = record.motion, record.calibration
         sign = record.low_pass(np.tanh(motion.omega / SIGN_WIDTH), record.rate_hz)
         column_of = {**self.model, "T_C": "T_C"}
-        names = list(fit.names)
-        if "offset" not in names:
-            names = list(dict.fromkeys((*self.model, *fit.names)))
+        names = list(dict.fromkeys((*fit.names, *self.model)))
         columns = {**self.sums.columns, "T_C": sign}
         X = np.column_stack([columns[column_of[name]] for name in names])
         estimates = np.array([fit[name] if name in fit.names else 0.0 for name in names])
@@ -130,7 +128,7 @@ class Analysis:
             ]
             torques.append(np.sum(by_frame, axis=0))
         changes = np.linalg.lstsq(X[rows], np.column_stack(torques)[rows])[0]
-        for change in changes[[names.index(name) for name in fit.names]].T:
+        for change in changes[: len(fit.names)].T:
             fit = widened(fit, change, of_bench=True)
         return fit
 
@@ -214,7 +212,7 @@ def fitted_motion(record: Record, sums: Sums, model: Model) -> Analysis:
         raise IdentifiabilityError(f"trial {record.name}: {error}") from error
     if not record.is_stepped_sine:
         errors = usual_errors(record, sums, analysis.whole)
-        analysis = replace(analysis, fits={None: widened(analysis.whole, errors)})
+        analysis = replace(analysis, fits={None: widened(analysis.whole, errors, of_bench=True)})
     check_stiffer(record.name, "K", analysis.whole["K"], record.bench)
     return analysis
 

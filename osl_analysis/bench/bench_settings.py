@@ -1,9 +1,9 @@
 """Choices of the analysis on the benches, each with its unit, as `config.yaml` has them."""
 
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field
 
 from osl_analysis.signals import LowPass
 from osl_analysis.signals.grid import GapLimits
@@ -16,7 +16,6 @@ from osl_analysis.yaml_settings import (
     Seconds,
     Settings,
     check_rising,
-    misplaced,
     refuse_if,
     require_below,
 )
@@ -196,23 +195,18 @@ class SteppedSineAnalysis(BenchAnalysis):
         "time_base.highest_hz", "cutoff_hz", "and the filter takes out so fast a motion", True
     )
 
-    @model_validator(mode="after")
-    def _some_cycles_are_settled(self) -> Self:
-        frequencies = self.frequencies_hz or ()
-        if isinstance(self.cycles, tuple) and len(self.cycles) != len(frequencies):
-            raise ValueError(
-                f"cycles has {len(self.cycles)} numbers for {len(frequencies)} frequencies; give"
-                " one number for all, or one for each"
-            )
-        fewest = min(self.protocol.cycles_at, default=np.inf)
-        if self.settle_cycles + 1 >= max(fewest, 2):  # the last is fitted where it is the only one
-            said = (
-                f"settle_cycles = {self.settle_cycles} and the last leave none of {fewest:g}"
-                " cycles; lower it, at "
-            )
-            said += f"most to {max(int(np.ceil(fewest)) - 2, 0)}, or raise cycles"
-            raise misplaced(said, "settle_cycles")
-        return self
+    _has_a_number_for_each = refuse_if(
+        lambda s: isinstance(s.cycles, tuple) and len(s.cycles) != len(s.frequencies_hz or ()),
+        "cycles has another length than frequencies_hz; give one number for all, or one for each",
+        "cycles",
+    )
+    # the last cycle is fitted where it is the only one
+    _some_cycles_are_settled = refuse_if(
+        lambda s: s.settle_cycles + 1 >= max(min(s.protocol.cycles_at, default=np.inf), 2),
+        "settle_cycles = {s.settle_cycles} and the last leave none of cycles = {s.cycles}; lower"
+        " it, or raise cycles",
+        "settle_cycles",
+    )
 
     @property
     def protocol(self) -> SteppedSineProtocol:

@@ -93,9 +93,8 @@ def linear_torque(record: Record, expected: Admittance) -> Array:
     mirrored = np.fft.rfft(np.concatenate([theta, theta[::-1]]))
     s = np.asarray(2j * np.pi * np.fft.rfftfreq(2 * n, 1 / record.rate_hz), dtype=np.complex128)
     kept = (np.abs(s) < 2 * np.pi * 3.0 * record.low_pass.cutoff_hz) & (s != 0)
-    response = np.zeros(len(s), dtype=np.complex128)
-    response[kept] = 1 / expected(s[kept])
-    return np.asarray(np.fft.irfft(response * mirrored, 2 * n)[:n])
+    mirrored[kept] /= expected(s[kept])
+    return np.asarray(np.fft.irfft(np.where(kept, mirrored, 0.0), 2 * n)[:n])
 
 
 def with_effects(s: Sums, model: Model, effects: Sequence[str], label: Label = None) -> GroupFit:

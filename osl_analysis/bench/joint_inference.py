@@ -14,7 +14,6 @@ import numpy as np
 from osl_analysis.bench.analysis import QUANTITIES, Analysis
 from osl_analysis.bench.coulomb import CoulombFit
 from osl_analysis.bench.record import Label, Record
-from osl_analysis.bench.regression import fit_groups
 from osl_analysis.errors import NotWeighedError
 from osl_analysis.inference import (
     BenchSignals,
@@ -131,12 +130,10 @@ def friction_columns(
 
 
 def known_errors(analysis: Analysis) -> dict[str, float]:
-    """Standard errors of K, B and I that all samples share, and no scatter shows: what is stated of
-    the bench, and a band that hardly tells I."""
-    told = analysis.calibrated(analysis.whole)
-    bare = fit_groups(analysis.sums, analysis.model)
-    variances = {name: told.se(name) ** 2 - bare.se(name) ** 2 for name in QUANTITIES}
-    return {name: float(np.sqrt(max(variance, 0.0))) for name, variance in variances.items()}
+    """Standard errors of K, B and I that no scatter shows: what is stated of the bench, and a band
+    that hardly tells them."""
+    whole = analysis.calibrated(analysis.whole)
+    return {name: whole.se_bench(name) for name in QUANTITIES}
 
 
 def suspected_fault_of_losses(record: Record) -> ImpedanceInference | None:

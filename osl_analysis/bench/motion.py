@@ -29,7 +29,6 @@ from osl_analysis.spectral.stepped_sine import (
     find_sines,
     labels_deg,
     moving_bins,
-    noise_of,
 )
 from osl_analysis.stats.power_density import power_density
 from osl_analysis.trial import LATE_END_S, Array, Trial, stretches
@@ -39,8 +38,6 @@ EDGE_PERIODS = 2.0  # of the cut-off at each end, where the filter depends on pa
 SPECTRUM_S = 8.0  # s; longest piece of a spectrum
 OUTSIDE_BAND = 0.01  # share of the power that lies below, or above, a band
 LARGE_DEG = 1.0  # deg, beyond the noise of any encoder
-SMALLEST_SIZE_DEG = 0.5  # deg RMS, of noise that hides a motion
-LARGEST_JUMP = 0.1  # of the RMS of the angle from row to row; a motion jumps by less
 SMALLER_UNITS_OF_TIME = (
     Change("take a 1000 times smaller `unit` of `time` (ms for s)", {"time": 1e-3}),
     Change("take a million times smaller `unit` of `time` (us for s)", {"time": 1e-6}),
@@ -121,24 +118,17 @@ def record_of_trial(
 
 
 def why_not_fitted(signals: UniformSignals) -> InputError | None:
-    """Why a joint has no motion to fit: its angle stands, moves too slowly, or is noise."""
+    """Why a joint has no motion to fit: its angle stands, or moves too slowly."""
     theta = signals["theta"]
-    moving = moving_bins(signals.time, theta)
-    range_deg, size_deg, noise_deg = np.rad2deg([np.ptp(theta), theta.std(), noise_of(theta)])
-    # motion up to 6 Hz at 50 rows per second jumps by a tenth, and counts for half of the time
-    if size_deg > SMALLEST_SIZE_DEG and noise_deg > LARGEST_JUMP * size_deg and moving.mean() < 0.5:
-        return InputError(
-            f"theta jumps from row to row by {noise_deg:.2g} deg of its {size_deg:.2g} deg RMS: it"
-            f" is noise, or {signals.rate_hz:.3g} rows per second are too few for its motion;"
-            " record 100 per second or more, or correct the channel of theta in the source file"
-        )
-    if moving.any():
+    if moving_bins(signals.time, theta).any():
         return None
+    range_deg = np.rad2deg(np.ptp(theta))
     if range_deg > LARGE_DEG:
         return InputError(
-            f"the joint moves too slowly: of {range_deg:.3g} deg, theta changes by no more than"
-            f" {100 * MOVING_SHARE:g} % within {BIN_S:g} s, at {signals.rate_hz:.3g} rows per"
-            f" second; move it by 0.5 to 6 Hz, {STIFFNESS_ALONE}",
+            f"of {range_deg:.3g} deg, theta changes within {BIN_S:g} s by no more than"
+            f" {100 * MOVING_SHARE:g} % or its jumps from row to row: the joint moves too slowly,"
+            f" theta is noise, or {signals.rate_hz:.3g} rows per second are too few; move it by 0.5"
+            f" to 6 Hz and record 100 per second or more, {STIFFNESS_ALONE}",
             SMALLER_UNITS_OF_TIME,
         )
     return InputError(
@@ -198,7 +188,7 @@ def fitted_pieces(
         raise InputError(
             f"nothing is left to fit: the joint moves for {seconds:.3g} s, of"
             f" which {edge:.2g} s at each end and rows near gaps do not count, and stretches need"
-            f" {SHORTEST_S:g} s; record for longer"
+            f" {SHORTEST_S:g} s; record for longer, and 100 rows per second or more"
         )
     return found
 

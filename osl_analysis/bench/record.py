@@ -222,11 +222,11 @@ class Record:
     def largest_amplitude(self) -> Label:
         """The label of the largest amplitude; None for a motion that has none."""
         amplitudes = {
-            stratum.label: stratum.commanded_deg or stratum.label
+            stratum.commanded_deg or stratum.label: stratum.label
             for stratum in self.groups.strata
             if isinstance(stratum.label, float)
         }
-        return max(amplitudes, key=lambda label: amplitudes[label]) if amplitudes else None
+        return amplitudes[max(amplitudes)] if amplitudes else None
 
 
 def joint_angle(theta: Array, torque: Array, compliance: float) -> Array:

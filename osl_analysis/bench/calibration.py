@@ -1,5 +1,5 @@
-"""Calibration of a bench: a known spring or inertia, which gives its lag and gain; its fixture
-alone; and the frame between two angles."""
+"""Calibration of a bench: a known spring or inertia, which gives its lag and gain; its fixture,
+measured alone and taken off the torque of every other trial; and the frame between two angles."""
 
 from dataclasses import dataclass, replace
 from functools import partial
@@ -17,7 +17,7 @@ from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import GroupFit, fit_groups, gram_sums
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError
-from osl_analysis.signals.grid import uniform_signals
+from osl_analysis.signals.grid import origin, uniform_signals
 from osl_analysis.stats.linear_fit import NORMAL_HALF_WIDTH
 from osl_analysis.stats.table_rows import Row, estimates_row
 from osl_analysis.trial import Trial
@@ -148,7 +148,6 @@ def known_row(analysis: Analysis, known: Known, frame: GroupFit | None) -> Row:
         **of_frame,
         "known_K": known.stiffness,
         "known_I": known.inertia,
-        "known_share": known.share,
         **estimates_row(fit, *fit.names),
         "lag_s_se_bench": fit.se_bench("lag_s"),
         **(estimates_row(damped, "B") if damped else {}),
@@ -266,7 +265,34 @@ def fixture_row(analysis: Analysis, stated: Fixture | None) -> Row:
         for name in fit.names:
             off = getattr(stated, name) - fit[name]
             half_widths = (fit.interval(name)[1] - fit[name], 2 * getattr(stated, f"{name}_error"))
-            row[f"{name}_off"] = off
             multiples.append(abs(off) / max(np.hypot(*half_widths), SAME_FIXTURE * abs(fit[name])))
         row["fixture_error"] = max(multiples)
     return row
+
+
+def with_fixture(trial: Trial, fixture: Fixture | None) -> Trial:
+    """Let the time base take the fixture of the settings off the torque; one that the sheet states
+    for this trial comes first."""
+    if fixture is None or "torque" not in trial.columns or fixture_of(trial):
+        return trial
+    columns = dict(trial.provenance.get("columns", {}))
+    columns["torque"] = {**columns.get("torque", {}), "fixture": fixture.arguments}
+    return replace(trial, provenance={**trial.provenance, "columns": columns})
+
+
+def fixture_of(trial: Trial) -> dict[str, float]:
+    """Arguments of `signals.grid.fixture_torque` by which a trial's torque is corrected; empty
+    without a fixture."""
+    return dict(origin(trial, "torque").get("fixture") or {})
+
+
+def fixture_column(trial: Trial) -> pl.Expr:
+    """The column `fixture`: what is taken off the torque, in words; null if nothing is."""
+    parts = [f"{name} {value:g}" for name, value in fixture_of(trial).items() if value]
+    return pl.lit(", ".join(parts) or None, pl.String).alias("fixture")
+
+
+def fixture_weight_column(trial: Trial) -> pl.Expr:
+    """The column `fixture_weight` [N*m]: what is taken off the torque with the fixture level."""
+    weight = fixture_of(trial).get("weight")
+    return pl.lit(weight or None, pl.Float64).alias("fixture_weight")

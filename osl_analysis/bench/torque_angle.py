@@ -125,7 +125,6 @@ def torque_angle_trial(
         **estimates,
         "interval_method": "cycles" if len(cycles) > 1 else None,
         "VAF": variance_accounted_for(torque[fitted], torque[fitted] - model[fitted]),
-        "speed_deg_s": np.rad2deg(speed_of(theta[of_cycles], rate_hz)),
         "closure_torque": np.ptp(torque[ends], axis=1).max() / np.ptp(torque),
         "bridged_share": np.mean(~signals.usable[of_cycles]),
         "desired": desired,

@@ -53,7 +53,6 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
                 "T_C": certain["T_C"] if certain else None,
                 "coulomb_share": coulomb.share if coulomb else None,
                 **estimate_columns("B_j_viscous", viscous),
-                "J_j_weightless": weight["J_j"],
                 "weight_share": share_of_weight,
                 "VAF_held_out": VAF_held_out,
                 "load_cell_drift": 60 * analysis.whole["drift"],

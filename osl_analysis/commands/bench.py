@@ -16,10 +16,10 @@ from osl_analysis.bench import calibration, condition_tables, impedance
 from osl_analysis.bench.actuator_alone import actuator_table, actuator_trial
 from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.belt import belt_curve, belt_table, belt_trial
+from osl_analysis.bench.calibration import fixture_column, fixture_weight_column, with_fixture
 from osl_analysis.bench.component_summary import delay_table, part_summary
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.fit_tables import FitTables, tables_of_fit, timebase_table
-from osl_analysis.bench.fixture import fixture_column, fixture_weight_column, with_fixture
 from osl_analysis.bench.frequency_response import response_table
 from osl_analysis.bench.motion import record_of_trial, sine_record
 from osl_analysis.bench.plausibility import plausible

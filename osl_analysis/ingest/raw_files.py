@@ -21,11 +21,11 @@ from osl_analysis.ingest.computed_torque import name_computed_torques
 from osl_analysis.ingest.conversion import Converted
 from osl_analysis.ingest.guard import check_sizes
 from osl_analysis.ingest.message_log import convert_messages
-from osl_analysis.ingest.placeholders import UNKNOWN, open_places
+from osl_analysis.ingest.placeholders import open_places
 from osl_analysis.ingest.table_log import convert_table
 from osl_analysis.recording import Format
 from osl_analysis.source_file import LogSource, MarkerSource, MessageSource, Source, TableSource
-from osl_analysis.trial import COLUMNS, Trial
+from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import dotted, field_line, read_mapping, read_yaml
 
 ENDINGS_OF_ANY = ("", ".log", ".json")  # of recordings, and of much else
@@ -103,9 +103,7 @@ def read_source(path: Path) -> Source:
     if places:
         raise InputError(
             f"{path}: a draft of `osl-analysis inspect` with places to be edited:"
-            f" {listing(places, 6)}; give each signal that you need its canonical name"
-            f" ({', '.join(COLUMNS)}), state each {UNKNOWN}, and delete the other lines of"
-            " `channels`"
+            f" {listing(places, 6)}; its comments say how"
         )
     source: Source = read_yaml(path, known[name].source)
     source.written_in(path)

@@ -27,7 +27,7 @@ from osl_analysis.campaign.figure_examples import response_example, time_series_
 from osl_analysis.campaign.origin import about, sentence, settings_of
 from osl_analysis.campaign.result_files import COMPONENTS, DERIVED, ResultFiles, name_pattern
 from osl_analysis.campaign.setting_states import states_of
-from osl_analysis.commands.campaign_start import start_campaign, unnamed_recordings
+from osl_analysis.commands.campaign_start import left_out_recordings, start_campaign
 from osl_analysis.commands.run import end_run, made_by
 from osl_analysis.config.experiments import DOUBTS_OF, EXPERIMENTS, judged_tables
 from osl_analysis.config.impedance_trajectory import STANCE_SHARE
@@ -73,8 +73,8 @@ PARAMETERS = CONFIG.parameters or []
 TRAJECTORY = [CONFIG.impedance_trajectory] if CONFIG.impedance_trajectory else []
 TIME_SERIES = time_series_example(CAMPAIGN)
 """The trial of Fig. 4; None without one."""
-UNNAMED = unnamed_recordings(CAMPAIGN)
-"""What is to be said of recordings that no row of the sheet names."""
+LEFT_OUT = left_out_recordings(CAMPAIGN)
+"""What is to be said of recordings that are not analysed."""
 QUALITY = "<results>/tables/quality.csv"
 JUDGE = Judge(CONFIG.quality, {trial: CAMPAIGN.accepted(trial) for trial in TRIALS})
 

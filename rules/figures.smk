@@ -170,7 +170,7 @@ rule report_page:
     params:
         about=ABOUT,
         sheet={**CAMPAIGN.rows, **CAMPAIGN.unused},
-        unnamed=UNNAMED,
+        left_out=LEFT_OUT,
         made_by=MADE_BY,
     run:
         job("osl_analysis.commands.report.write_report", input, output, params, log)
@@ -212,7 +212,7 @@ rule brief:
     params:
         by_sheet=CAMPAIGN.excluded,
         recordings={trial: [str(log) for log in CAMPAIGN.logs(trial)] for trial in TRIALS},
-        unnamed=UNNAMED,
+        left_out=LEFT_OUT,
         failed_trials=CONFIG.failed_trials,
         made_by=MADE_BY,
     run:

@@ -16,7 +16,7 @@ from osl_analysis.campaign import configuration
 from osl_analysis.campaign.campaign_trials import Campaign
 from osl_analysis.campaign.configuration import FACTS_OF_DEFAULT, overriding, read_config
 from osl_analysis.campaign.setting_states import EXPERIMENTS_BY_SETTING, states_of
-from osl_analysis.commands.campaign_start import unnamed_recordings
+from osl_analysis.commands.campaign_start import left_out_recordings
 from osl_analysis.commands.fit import fit_settings, fit_trial
 from osl_analysis.commands.walking_files import write_crossing
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
@@ -170,7 +170,7 @@ def test_facts_that_nobody_stated_are_measured_none_or_assumed(tmp_path):
     assert known >= {*FACTS_OF_DEFAULT} & {*EXPERIMENTS_BY_SETTING}
 
 
-def test_a_recording_that_no_row_names_is_told_once(tmp_path):
+def test_recordings_that_are_not_analysed_are_named(tmp_path):
     places = {"raw_data": tmp_path, "sheet": tmp_path / "trials.csv", "results": tmp_path / "r"}
     config = read_config(ROOT / "config/config.yaml").model_copy(
         update={"simulation": None, **places}
@@ -178,10 +178,12 @@ def test_a_recording_that_no_row_names_is_told_once(tmp_path):
     for name in ("a.csv", "b.csv", "trials.csv", "r/tables/belt.csv"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("x")
-    row = {"log": "a.csv", "mocap": None}
-    told = unnamed_recordings(Campaign(config, {"a": row}, {}))
+    row = {"log": "a.csv", "mocap": None, "experiment": "belt"}
+    told = left_out_recordings(Campaign(config, {"a": row}, {}))
     assert f"left out: b.csv in {tmp_path};" in told
-    assert unnamed_recordings(Campaign(config, {"a": row}, {"b": row | {"log": "b.csv"}})) == ""
+    assert left_out_recordings(Campaign(config, {"a": row}, {"b": row | {"log": "b.csv"}})) == ""
+    both = {"a": row, "b": {"log": "b.csv", "mocap": None, "experiment": "ingest_only"}}
+    assert left_out_recordings(Campaign(config, both, {})).endswith("experiment ingest_only: b")
 
 
 def sines(*amplitudes_deg, hz=(0.5, 1, 2, 4), cycles=8, rate=500.0):

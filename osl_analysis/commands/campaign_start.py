@@ -143,27 +143,38 @@ def problem_of_sources(campaign: Campaign, trial: str) -> str:
     return ""
 
 
-def unnamed_recordings(campaign: Campaign) -> str:
-    """A sentence on the recordings in the campaign's folder that no row of the sheet names; empty
-    without one. `init --from` gives a recording that cannot be read no row."""
+def left_out_recordings(campaign: Campaign) -> str:
+    """Sentences on the recordings that are not analysed: those whose row says so, and those in the
+    campaign's folder that no row names; empty without any. `init --from` gives a recording that
+    cannot be read no row."""
     config = campaign.config
-    if config.simulation is not None:
-        return ""
+    trials = campaign.trials()
+    ingested = [name for name in trials if campaign.row(name)["experiment"] == "ingest_only"]
+    texts: list[str] = []
+    if ingested:
+        names = listing(ingested, MOST_LISTED)
+        texts.append(f"not analysed, as {config.sheet} has experiment ingest_only: {names}")
+    unnamed = [] if config.simulation is not None else unnamed_files(campaign)
+    if unnamed:
+        texts.append(
+            f"named by no row of {config.sheet}, and left out: {listing(unnamed, MOST_LISTED)} in"
+            f" {config.raw_data}; add a row for each, or see by `osl-analysis inspect` why it"
+            " cannot be read"
+        )
+    return "\n".join(texts)
+
+
+def unnamed_files(campaign: Campaign) -> list[str]:
+    """The recordings in the campaign's folder that no row of the sheet names."""
+    config = campaign.config
     named = {config.sheet.resolve()}
     for row in [*campaign.rows.values(), *campaign.unused.values()]:
         for file in filter(None, (row["log"], row["mocap"])):
             path = config.raw_data / file
             named.update(part.resolve() for part in (path, *recorded_files(path)))
     results = config.results.resolve()
-    unnamed = [
+    return [
         str(path.relative_to(config.raw_data))
         for path in recordings_in(config.raw_data)
         if path.resolve() not in named and not path.resolve().is_relative_to(results)
     ]
-    if not unnamed:
-        return ""
-    return (
-        f"named by no row of {config.sheet}, and left out: {listing(unnamed, MOST_LISTED)} in"
-        f" {config.raw_data}; add a row for each, or see by `osl-analysis inspect` why it cannot be"
-        " read"
-    )

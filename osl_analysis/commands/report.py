@@ -50,7 +50,7 @@ class ReportFiles:
     summary: Path
     output: Path
     refused: Sequence[NotAnalysed] = ()
-    unnamed: str = ""  # tells recordings without a row
+    left_out: str = ""  # tells recordings that are not analysed
 
 
 def write_report(files: ReportFiles) -> None:
@@ -76,7 +76,7 @@ def write_report(files: ReportFiles) -> None:
         )
     numbers = numbers_in_summary(summary)
     verdicts = verdicts_sentence(summary["verdicts"], summary["results_of_clear"])
-    notes = [summary["intervals"], files.unnamed, assumed_text(read_table(files.states))]
+    notes = [summary["intervals"], files.left_out, assumed_text(read_table(files.states))]
     drawn, absent = drawn_figures(files.figures)
     page = Page(
         about=files.about,

@@ -28,7 +28,7 @@ def write_brief(
     page: Path,
     by_sheet: Mapping[str, str],
     recordings: Mapping[str, Sequence[str]],
-    unnamed: str,
+    left_out: str,
     failed_trials: str,
     output: Path,
 ) -> None:
@@ -42,8 +42,8 @@ def write_brief(
         Trials that the sheet excludes, and why.
     recordings
         The raw files of every trial of the campaign.
-    unnamed
-        On recordings that no row of the sheet names.
+    left_out
+        On recordings that are not analysed.
     failed_trials
         `refuse` or `accept` trials that could not be analysed.
     output
@@ -56,7 +56,7 @@ def write_brief(
     lines = [
         *brief_lines(content),
         exclusion_report(read_table(verdicts), by_sheet),
-        unnamed,
+        left_out,
         left_behind(stored, [*recordings, *by_sheet]),
         *failures,
     ]

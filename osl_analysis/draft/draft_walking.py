@@ -51,8 +51,8 @@ def draft_walking(overviews: Sequence[Overview]) -> tuple[str, list[str]]:
     """The section `walking` in YAML by the captures of one laboratory; a comment where something is
     unknown, since other trials can be analysed without it. And what the user has to decide."""
     channels = [channel for overview in overviews for channel in overview.channels]
-    markers = {channel.name: channel for channel in channels if channel.kind == "marker"}
-    segments = {label: segment_of(label) for label in markers}
+    labels = [channel.name for channel in channels if channel.kind == "marker"]
+    segments = {label: segment_of(label) for label in labels}
     platform = [label for label, (_, segment) in segments.items() if segment == "platform"]
     plate, why_plate = stepped_plate(channels, platform)
     sides = {side for side, segment in segments.values() if segment in ("foot", "shank")} - {""}

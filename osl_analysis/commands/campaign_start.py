@@ -20,7 +20,6 @@ from osl_analysis.files import CAMPAIGN, check_working_folder, default_config
 from osl_analysis.ingest.raw_files import (
     check_clocks,
     read_source,
-    recorded_files,
     recordings_in,
 )
 
@@ -170,8 +169,7 @@ def unnamed_files(campaign: Campaign) -> list[str]:
     named = {config.sheet.resolve()}
     for row in [*campaign.rows.values(), *campaign.unused.values()]:
         for file in filter(None, (row["log"], row["mocap"])):
-            path = config.raw_data / file
-            named.update(part.resolve() for part in (path, *recorded_files(path)))
+            named.add((config.raw_data / file).resolve())
     results = config.results.resolve()
     return [
         str(path.relative_to(config.raw_data))

@@ -1,7 +1,7 @@
 """A draft of a sample sheet: the trials that recordings are, by the words of their names."""
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -61,13 +61,11 @@ def trial_name(path: Path) -> str:
     """A name for the trial of a file: that of the file without its ending, with `_` for what a name
     may not have."""
     name = re.sub(r"[^A-Za-z0-9_.-]+", "_", stem_of(path)).lstrip("_.-")
-    if "*" in path.name:  # of several files
-        name = name.rstrip("_.-")
     return name[:LONGEST_NAME] or "trial"
 
 
 def draft_trials(
-    recordings: Iterable[tuple[Path, str, bool]],
+    recordings: Sequence[tuple[Path, str, bool]],
     moved: Mapping[Path, str] | None = None,
 ) -> list[DraftedTrial]:
     """Draft the trials that recordings are, by what the words of their names tell.
@@ -79,19 +77,13 @@ def draft_trials(
     ----------
     recordings
         File or folder of each, relative to the folder of all, the name of its source file, and
-        whether it comes from motion capture.
+        whether it comes from motion capture; in the order of the sheet.
     moved
         The experiment of a log by what moves in it, where its name tells none.
-
-    Returns
-    -------
-    list
-        Sorted by name.
     """
     by_name: dict[str, dict[str, tuple[Path, str]]] = {}
-    in_order = sorted(recordings, key=lambda recording: recording[0].as_posix())
-    captures = {trial_name(path) for path, _, from_capture in in_order if from_capture}
-    for path, source, from_capture in in_order:
+    captures = {trial_name(path) for path, _, from_capture in recordings if from_capture}
+    for path, source, from_capture in recordings:
         role = "mocap" if from_capture else "log"
         name = trial_name(path)
         of_markers = OF_FORCES.sub("", name)
@@ -110,7 +102,7 @@ def draft_trial(name: str, files: Recordings, moved: Mapping[Path, str]) -> Draf
     """Draft one trial."""
     path = next(iter(files.values()))[0]
     stem = stem_of(path)
-    words = words_of_name(stem)
+    words = parted_name(stem)
     stated = stated_impedance(stem)
     cells = {"trial": name, "experiment": UNNAMED}
     for role, (file, source) in files.items():
@@ -130,30 +122,27 @@ def draft_trial(name: str, files: Recordings, moved: Mapping[Path, str]) -> Draf
         "calibration": {"fixture": "alone" if is_fixture_alone(path) else ""},
         "impedance": stated,
     }
+    experiment = telling[0] if telling else ""
+    told = of_experiment.get(experiment, {})
     problem = ""
     if not telling:
         possible = ", ".join(possible_experiments(files)[::-1])
         problem = f"experiment: the name tells none, write one of {possible}"
     elif len(telling) > 1:
         problem = f"experiment: the name may tell {' or '.join(telling)}, write which"
-    elif not all(of_experiment.get(telling[0], {}).values()):
-        lacking = NOT_TOLD[telling[0]]
-        problem = f"the name does not tell {lacking}: write it, and experiment {telling[0]}"
+    elif not all(told.values()):
+        lacking = NOT_TOLD[experiment]
+        problem = f"the name does not tell {lacking}: write it, and experiment {experiment}"
     if problem:
         question = f"{problem}; it stands as {UNNAMED}, which is not analysed"
         return DraftedTrial(cells, question)
-    experiment = {"experiment": telling[0]}
-    return DraftedTrial({**cells, **experiment, **of_experiment.get(telling[0], {})})
-
-
-def words_of_name(stem: str) -> str:
-    """The words of the name of a file, without its ending."""
-    return parted_name(stem.replace("_", " "))
+    cells["experiment"] = experiment
+    return DraftedTrial({**cells, **told})
 
 
 def is_fixture_alone(path: Path) -> bool:
     """Whether a file's name tells a recording of the fixture without a joint."""
-    return bool(re.search(FIXTURE_ALONE, words_of_name(stem_of(path))))
+    return bool(re.search(FIXTURE_ALONE, parted_name(stem_of(path))))
 
 
 def stated_perturbation(words: str) -> str:
@@ -189,7 +178,7 @@ def experiments_in(words: str, files: Recordings, states_K: bool) -> list[str]:
     """The experiments that a name tells by its words or a stiffness."""
     possible = possible_experiments(files)
     telling = [name for name in possible if re.search(WORDS_OF_EXPERIMENTS[name], words)]
-    is_other = bool({"walking", "impedance"} & set(telling))
+    is_other = "walking" in telling or "impedance" in telling
     if states_K and "impedance" in possible and not is_other:
         telling.append("impedance")
     if not telling and "mocap" in files and stated_perturbation(words):

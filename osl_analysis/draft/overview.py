@@ -229,8 +229,7 @@ def of_one_trial(
     them within a part."""
     names_in: dict[str, list[str]] = {}
     for channel in channels:
-        if channel.numbers.size >= FEWEST_READINGS:
-            names_in.setdefault(channel.group, []).append(channel.name)
+        names_in.setdefault(channel.group, []).append(channel.name)
     layouts = [*names_in.values()]
     most = max(layouts, key=lambda names: len(names) * layouts.count(names), default=[])
     parts = [part for part, names in names_in.items() if names == most]

@@ -10,7 +10,7 @@ from conftest import ROOT
 from scipy.io import savemat
 
 from osl_analysis.draft.draft_campaign import draft_campaign
-from osl_analysis.draft.draft_source import draft_source, guesses_of
+from osl_analysis.draft.draft_source import draft_source, entries_of, guesses_of
 from osl_analysis.draft.guesses import guessed_columns
 from osl_analysis.draft.likelihood import likelihoods
 from osl_analysis.draft.overview import inspect_recording
@@ -90,7 +90,11 @@ def test_an_angle_that_stands_and_a_torque_of_noise_are_no_signals():
     still = RecordedChannel("column", {"column": "angle"}, "rad", numbers=np.full(500, 0.1))
     torque = RecordedChannel("column", {"column": "torque"}, "N*m", numbers=noise)
 
-    assert all(guess.why_not for guess in guessed_columns([still, torque]))
+    guesses = guessed_columns([still, torque])
+
+    assert all(guess.why_not for guess in guesses)
+    # a draft names them all where nothing else is there
+    assert [entry.is_comment for entry in entries_of(guesses)] == [False, False]
 
 
 @pytest.mark.parametrize(("torque", "sign"), [

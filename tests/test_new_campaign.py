@@ -16,6 +16,7 @@ from test_ingest_opensim import write_trc
 
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.cli import main
+from osl_analysis.commands.campaign_start import first_look
 from osl_analysis.commands.new_campaign import left_to_decide, new_campaign
 from osl_analysis.commands.reference import schemas
 from osl_analysis.commands.run import check_submission, snakemake_arguments
@@ -508,6 +509,20 @@ def test_five_files_of_five_kinds_are_told_in_fifteen_lines_questions_first(tmp_
     assert lines[0] == "to be decided:"
     assert len(lines) <= 15
     assert lines[-1].startswith("then: ")
+
+
+def test_a_dry_run_names_the_one_source_file_of_two_that_is_to_be_edited(tmp_path, monkeypatch):
+    (tmp_path / "rec").mkdir()
+    write_bench(tmp_path / "rec/impedance_K150.csv")
+    text = (tmp_path / "rec/impedance_K150.csv").read_text()
+    (tmp_path / "rec/b.csv").write_text(text.replace("torque_Nm", "torque"))
+    new_campaign(tmp_path / "mine", recordings=tmp_path / "rec")
+    monkeypatch.chdir(tmp_path / "mine")
+
+    (problem,) = first_look()
+
+    assert "sources/csv.yaml: a draft of" in problem
+    assert "`channels.torque.unit` in line" in problem
 
 
 def test_a_log_and_a_capture_whose_clocks_are_not_aligned_are_a_question(tmp_path):

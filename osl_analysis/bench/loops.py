@@ -13,7 +13,7 @@ from osl_analysis.trial import Array
 
 TURNING_SHARE = 0.1  # of the range of motion: a smaller return is no turning point
 AT_AN_END = 0.1  # of the range of motion: a start this near an end counts as this end
-CLOSED = 0.05  # of the range of motion: largest distance between the ends of a cycle
+CLOSED = 0.02  # of the range of motion: largest distance between the ends of a cycle
 WHOLE = 0.9  # of the range of motion: a cycle that covers less is a smaller one
 
 

@@ -304,11 +304,8 @@ def wrench_of(path: Path, row: int = 3, **fields: Any) -> list[float]:
         ({"FORCE_PLATFORM__CORNERS": np.zeros((3, 3, 1))}, {}, "CORNERS has dimensions (3, 3, 1)"),
         ({"FORCE_PLATFORM__ORIGIN": np.array([[0], [np.nan], [0]])}, {},
          "FORCE_PLATFORM:ORIGIN has dimensions (3, 1), or values that are not"),
-        (
-            {"FORCE_PLATFORM__CHANNEL": np.arange(3, 9)[:, None]},
-            {},
-            "name the plates to read, as `plates: []`",
-        ),
+        ({"FORCE_PLATFORM__CHANNEL": np.arange(3, 9)[:, None]}, {},
+         "name the plates to read, as `plates: []`"),
         ({"POINT__USED": [9]}, {}, "the header counts 3, POINT:USED is 9"),
         ({"ANALOG__USED": [9]}, {}, "the header counts 6, ANALOG:USED is 9"),
         ({}, {"plate_zero": [3, 7]}, "of the plates is frames 3 to 7 of 6"),

@@ -1,7 +1,6 @@
 """Tables in formats of programs, and TDMS."""
 
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -9,7 +8,6 @@ import polars as pl
 import pytest
 import xlsxwriter
 from c3d_builder import REAL_DATA
-from nptdms import ChannelObject, TdmsWriter
 
 from osl_analysis import formats
 from osl_analysis.errors import InputError
@@ -115,42 +113,6 @@ def test_a_file_that_is_cut_is_refused_in_one_sentence(tmp_path: Path, suffix: s
 
 
 # --- TDMS ---------------------------------------------------------------------------------------
-
-BEGAN = np.datetime64("2026-03-14T10:12:13.5", "ns")
-
-
-def timed(name: str, values: Any, rate_hz: float = 500.0, **more: Any) -> ChannelObject:
-    """A channel with LabVIEW's timing."""
-    timing = {"wf_increment": 1 / rate_hz, "wf_start_time": BEGAN, "unit_string": "Nm"}
-    return ChannelObject("Data", name, values, properties={**timing, **more})
-
-
-def write_tdms(path: Path, *segments: list[ChannelObject]) -> Path:
-    with TdmsWriter(path) as writer:
-        for segment in segments:
-            writer.write_segment(segment)
-    return path
-
-
-def test_channels_have_their_own_timing_and_share_rows_where_it_is_one(tmp_path: Path) -> None:
-    late = BEGAN + np.timedelta64(250, "ms")
-    path = write_tdms(
-        tmp_path / "a.tdms",
-        [timed("Torque", TORQUE[:25]), timed("Angle", ANGLE[:25]),
-         timed("EMG", np.arange(40.0), 2000.0, wf_start_time=late)],
-        [timed("Torque", TORQUE[25:]), timed("Angle", ANGLE[25:])],
-    )  # fmt: skip
-
-    recording = formats.read(path)
-    torque, angle, emg = (
-        recording.find({"channel": name}) for name in ("Data/Torque", "Angle", "EMG")
-    )
-
-    assert torque.rows is angle.rows
-    assert (torque.rows.rate_hz, torque.rows.start_s, torque.unit) == (500.0, 0.0, "Nm")
-    assert (emg.rows.rate_hz, emg.rows.start_s) == (2000.0, 0.25)
-    np.testing.assert_array_equal(torque.read(), TORQUE)
-    np.testing.assert_array_equal(angle.read(), ANGLE)
 
 
 @pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")

@@ -2,9 +2,6 @@
 overview makes."""
 
 import datetime as dt
-import errno
-import re
-import zlib
 from pathlib import Path
 
 import h5py
@@ -19,7 +16,6 @@ from osl_analysis.commands.trials import inspect_file
 from osl_analysis.draft.draft_source import draft_source
 from osl_analysis.draft.overview import inspect_recording
 from osl_analysis.errors import InputError
-from osl_analysis.formats import in_one_sentence
 from osl_analysis.ingest.likely_clock import ticks
 from osl_analysis.ingest.quality import Commanded, measure_quality
 from osl_analysis.ingest.raw_files import trial_from_files
@@ -458,24 +454,6 @@ def test_a_table_with_more_columns_than_a_recording_has_is_refused(tmp_path):
     (tmp_path / "a.csv").write_text("\n".join(",".join(["0.5"] * 10_001) for _ in range(3)))
     with pytest.raises(InputError, match="has 10001 columns, at most 10000 are read"):
         inspect_file(tmp_path / "a.csv")
-
-
-@pytest.mark.parametrize(
-    ("error", "reason"),
-    [
-        (zlib.error("Error -3 while decompressing data"), "Error -3 while decompressing data"),
-        (OSError(errno.ENOENT, "No such file or directory"), "[Errno 2] No such file or directory"),
-        (
-            OSError(errno.EINVAL, "Invalid argument"),
-            "[Errno 22] Invalid argument",
-        ),
-    ],
-)
-def test_any_error_of_a_decoder_is_a_refusal_that_tells_its_meaning(error, reason):
-    told = re.escape(f"cannot be read ({reason}); copy the file")
-
-    with pytest.raises(InputError, match=told), in_one_sentence():
-        raise error
 
 
 def test_a_damaged_parquet_file_is_one_refusal_and_no_trace_of_rust(tmp_path, capfd):

@@ -123,12 +123,17 @@ def record_with_actuator(
 ) -> Record:
     """The record of a trial with its actuator's signals. The clocks of the devices, which take
     0.4 GB of an hour, are found for it alone."""
-    trial = replace(trial, clocks={})
+    trial, windows = without_broken_ends(replace(trial, clocks={}), windows)
+    return with_actuator(record_of_trial(trial, settings, windows), trial)
+
+
+def without_broken_ends(trial: Trial, windows: str | None) -> tuple[Trial, str | None]:
+    """The trial and its windows [s]; cut to them where what lies outside of them is broken."""
     if windows:
         cut, shifted_windows = trial.cut_to(windows)
         if is_broken_outside(trial, cut):
-            trial, windows = cut, shifted_windows
-    return with_actuator(record_of_trial(trial, settings, windows), trial)
+            return cut, shifted_windows
+    return trial, windows
 
 
 def is_broken_outside(trial: Trial, cut: Trial) -> bool:

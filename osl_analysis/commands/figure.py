@@ -18,6 +18,7 @@ from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.campaign.configuration import FrequencyResponseFigure
+from osl_analysis.commands.bench import without_broken_ends
 from osl_analysis.commands.walking_files import read_unperturbed_gaits, selected_crossings
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import InputError, listing
@@ -235,7 +236,8 @@ def fig4(
     data
         What the data are.
     """
-    record = record_of_trial(read_trial(trial), settings, windows)
+    recorded, fitted_windows = without_broken_ends(read_trial(trial), windows)
+    record = record_of_trial(recorded, settings, fitted_windows)
     label = record.largest_amplitude
     analysis = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE)
     series = analysis.last_seconds(label, SHOWN_S)

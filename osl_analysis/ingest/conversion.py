@@ -2,7 +2,7 @@
 them."""
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -245,6 +245,19 @@ def remark_on_gaps(setting: LogChannel, raw: NDArray[Any], rows: Rows) -> list[s
     return [
         f"{setting.title} has no value in {lacking.size} of {rows.count} {rows.noun}s, first"
         f" {rows.noun} {lacking[0] + 1}"
+    ]
+
+
+def count_missing(
+    samples: pl.DataFrame, columns: Iterable[str], noun: str
+) -> tuple[dict[str, int], list[str]]:
+    """Count the failed readings of columns, and give a sentence for each that has some. `noun` is
+    what a row is called."""
+    missing = {column: int(samples[column].is_nan().sum()) for column in columns}
+    return missing, [
+        f"{column} is missing in {count} of {len(samples)} {noun}s"
+        for column, count in missing.items()
+        if count
     ]
 
 

@@ -14,6 +14,7 @@ from osl_analysis.errors import InputError, naming
 from osl_analysis.ingest.conversion import (
     Converted,
     canonical_columns,
+    count_missing,
     losses_of,
     origin_of,
     share_lost,
@@ -85,11 +86,8 @@ def convert_messages(recording: Recording, source: MessageSource) -> Converted:
         warnings.append(f"not verifiable: no checksum covers {which} of its {loss.read} messages")
     for name, topic in topics.items():
         warnings += [f"topic '{name}': {text}" for text in topic.remarks]
-    missing: dict[str, int] = {}
-    for column, setting in source.channels.items():
-        missing[column] = int(topics[setting.topic].table[column].is_nan().sum())
-        if missing[column]:
-            warnings.append(f"{column} is missing in {missing[column]} of {len(joined)} rows")
+    missing, remarks = count_missing(joined, source.channels, "row")
+    warnings += remarks
     facts: dict[str, Any] = {
         **recording.facts,
         "time": {

@@ -15,6 +15,7 @@ from osl_analysis.ingest.conversion import (
     Converted,
     canonical_columns,
     check_finite_values,
+    count_missing,
     losses_of,
     origin_of,
     share_above,
@@ -103,15 +104,12 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
     check_common_rows(table, [*channels])
 
     columns, gaps = canonical_columns(source, channels, table.values, rows, time)
-    warnings = [*recording.loss.remarks, *table.remarks, *remarks, *gaps]
     frame = pl.DataFrame([pl.Series("time", time), *columns])
+    missing, failed = count_missing(frame, channels, rows.noun)
+    warnings = [*recording.loss.remarks, *table.remarks, *remarks, *gaps, *failed]
     origins: dict[str, dict[str, Any]] = {}
-    missing: dict[str, int] = {}
     for column, channel in channels.items():
         setting = source.channels[column]
-        missing[column] = int(frame[column].is_nan().sum())
-        if missing[column]:
-            warnings.append(f"{column} is missing in {missing[column]} of {time.size} {rows.noun}s")
         origin = origin_of(setting, column, channel.unit)
         if setting.name not in (channel.key, channel.title) or "*" in setting.name:
             origin["found"] = channel.title or channel.key

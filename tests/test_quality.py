@@ -171,10 +171,10 @@ BARE, STOOD_ON = (
     ("saturation", bench(torque=with_piece(TORQUE, 1000, 1009, 40.0)), "impedance", 9, "torque"),
     ("dropout", bench(torque=with_piece(TORQUE, 1000, 1001, 2e6)), "impedance", 1, None),
     ("dropout", bench(torque=with_piece(TORQUE, BEYOND.start, BEYOND.start + 20, 0.0)), "impedance",
-     2, f"torque leaps 2 times, first at {BEYOND.start / RATE:.3f} s: {FAILED}; state `windows`"
+     2, f"torque leaps, first at {BEYOND.start / RATE:.3f} s: {FAILED}; state `windows`"
      f" 0.2-{BEYOND.start / RATE - 0.2:.1f} in the sheet"),
     ("dropout", bench(ANGLE + 0.02 * AWAY), "impedance", 2,
-     f"theta leaps 2 times, first at 2.001 s: {FAILED}; state `windows`"
+     f"theta leaps, first at 2.001 s: {FAILED}; state `windows`"
      f" 2.7-{ANGLE.size / RATE - 0.2:.1f} in the sheet"),
     ("dropout", actuator_bench(), "actuator", 0.0, ""),
     ("stuck", bench(torque=with_piece(TORQUE, 2000, 3000)), "impedance", 0.999, "torque"),

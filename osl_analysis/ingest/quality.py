@@ -19,7 +19,6 @@ from osl_analysis.ingest.repeats import has_levels, repeats, run_at_extreme, sta
 from osl_analysis.plates import beside, plate_axes
 from osl_analysis.signals import longest_run
 from osl_analysis.signals.grid import GapLimits, devices_of, uniform_signals
-from osl_analysis.signals.plateaus import STANDS, is_clamped, plateaus_of
 from osl_analysis.spectral.stepped_sine import (
     Run,
     SteppedSineProtocol,
@@ -296,27 +295,27 @@ def longest_s(time: Array, edges: NDArray[np.intp]) -> float:
 def measure_leaps(examined: Examined) -> dict[str, float]:
     """Number of leaps of the angle or the torque off its curve (`leaps.find_leaps`)."""
     trial = examined.fitted
-    leaps: dict[str, float] = {}
-    for column in (examined.moved, examined.torque):
-        if column in trial.columns:
-            times = find_leaps(*trial.arrays(column))
-            leaps[f"{column} leaps {times.size} times{where_leaps(examined, times)}"] = times.size
-    return leaps
+    columns = [name for name in (examined.moved, examined.torque) if name in trial.columns]
+    leaps = {column: find_leaps(*trial.arrays(column)) for column in columns}
+    remedy = remedy_of_leaps(examined, np.concatenate([*leaps.values(), []]))
+    return {f"{column} leaps{remedy}": float(times.size) for column, times in leaps.items()}
 
 
-def where_leaps(examined: Examined, leaps: Array) -> str:
+def remedy_of_leaps(examined: Examined, leaps: Array) -> str:
     """Say where leaps at times (n,) [s] are, and what leaves them out: the longest window without
     any."""
+    if not leaps.size:
+        return ""
     time = examined.fitted.samples["time"]
-    stretches = itertools.pairwise([time[0], *leaps.tolist(), time[-1]])
-    first, last = max(stretches, key=lambda stretch: stretch[1] - stretch[0])
+    edges = np.sort([time[0], *leaps, time[-1]])
+    longest = int(np.argmax(np.diff(edges)))
+    first = edges[longest] + LIMITS.beside_leap_s
+    last = edges[longest + 1] - LIMITS.beside_leap_s
     remedy = "exclude the trial"
     if examined.experiment.place == "bench" and last - first > LIMITS.shortest_window_s:
-        beside_leap = LIMITS.beside_leap_s
-        remedy = f"state `windows` {first + beside_leap:.1f}-{last - beside_leap:.1f} in the sheet"
+        remedy = f"state `windows` {first:.1f}-{last:.1f} in the sheet"
     return (
-        f", first at {leaps.min(initial=last):.3f} s: rows were lost or doubled, or a sensor"
-        f" failed; {remedy}"
+        f", first at {leaps.min():.3f} s: rows were lost or doubled, or a sensor failed; {remedy}"
     )
 
 
@@ -425,7 +424,6 @@ of which the worst counts. A new check also needs its entry and its finding in
 `judge/findings.yaml`, its rule under `quality` in config/config.yaml, and a test."""
 LOWEST = ("rate", "pressure_travel")  # checks of which the lowest value is the worst
 UNITS = {name: unit for name, (unit, _) in MEASURES.items()}
-OF_SAMPLING = ("rate", "gap")
 
 
 def measure_quality(
@@ -438,10 +436,10 @@ def measure_quality(
     fitted = trial.within(windows) if is_cut else trial
     examined = Examined(trial, facts, commanded, fitted)
     results = {name: checked(name, examined) for name in MEASURES}
-    # what lies between plateaus, and when exactly samples were taken, does not matter
-    if facts.may_stand and stands(trial, facts):
-        reason = "the actuator stands, and its plateaus of current are analysed alone"
-        results |= dict.fromkeys(OF_SAMPLING, not_applicable(reason))
+    # of an actuator that stands, only plateaus of its current count, and not what lies between
+    if facts.may_stand and facts.motion not in trial.columns:
+        results["rate"] = not_applicable("the actuator stands")
+        results["gap"] = not_applicable("the actuator stands")
     return results
 
 
@@ -456,17 +454,6 @@ def checked(name: str, examined: Examined) -> CheckResult:
     channel = worst(measured, key=lambda key: measured[key])
     value = float(measured[channel])
     return CheckResult(value, channel if value or name in LOWEST else "")
-
-
-def stands(trial: Trial, experiment: Experiment) -> bool:
-    """Whether the recording is of an actuator that stands while its current is stepped."""
-    time, current = recorded(trial, "current")
-    if not np.isfinite(current).all():
-        return False
-    angle = experiment.motion in trial.columns
-    at, motion = recorded(trial, experiment.motion if angle else "omega_m")
-    on_rows = np.interp(time, at, motion) if at.size else None
-    return is_clamped(time, current, plateaus_of(time, current), on_rows, angle, STANDS)
 
 
 def measured_table(trial: str, results: Mapping[str, CheckResult]) -> pl.DataFrame:

@@ -802,14 +802,18 @@ def test_stamps_of_which_most_are_repeated_are_examined_by_their_mean_step():
     assert {"stuck", "rate"} <= checks.keys()
 
 
-def test_leaps_outside_of_the_windows_that_are_fitted_do_not_count():
+@pytest.mark.parametrize("experiment", ["impedance", "torque_angle"])
+def test_the_window_that_the_remark_on_a_leap_names_leaves_it_out(experiment):
     trial = Trial("a", bench(torque=with_piece(TORQUE, 1000, 1001, 2e6)))
-    leap_s = 1000 / RATE
+    windows = EXPERIMENTS[experiment].fit.windows
 
-    whole = measure_quality(trial, "impedance", COMMANDED, f"0-{leap_s + 1}")
-    cut = measure_quality(trial, "impedance", COMMANDED, f"{leap_s + 1}-{leap_s + 3}")
+    whole = measure_quality(trial, experiment, COMMANDED)["dropout"]
+    window = re.search(r"`windows` (\S+) in the sheet", whole.remark)[1]
+    cut = trial if windows else trial.within(window)
+    rest = measure_quality(cut, experiment, COMMANDED, window)
 
-    assert (whole["dropout"].value, cut["dropout"].value) == (1, 0)
+    assert (whole.value, rest["dropout"].value) == (1, 0)
+    assert rest["gap"].value == 0
 
 
 @pytest.mark.parametrize(

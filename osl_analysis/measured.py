@@ -136,6 +136,7 @@ def computed_from(torque: Array, signals: Sequence[Signal]) -> str:
     return ""
 
 
+@np.errstate(all="ignore")  # values of damaged files may be of any size
 def unexplained_share(torque: Array, signals: Sequence[Signal]) -> float:
     """What powers of signals, changes of angles from row to row, and friction that is constant or
     grows with the current, leave of a torque (n,) in most rows, as a share of its SD; 1 of a log

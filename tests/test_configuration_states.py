@@ -1,6 +1,5 @@
 """What nobody stated neither labels nor judges a recording (campaign/configuration.py)."""
 
-from dataclasses import replace
 from functools import reduce
 
 import numpy as np
@@ -214,9 +213,8 @@ def test_without_a_stated_protocol_the_recording_is_its_own_label():
     assert {one.commanded_deg for one in asked} == {5}
     unstated, stated = Commanded(**none), Commanded((5,), (1, 2), None)
     assert measure_quality(trial, "impedance", unstated)["protocol"].value is None
-    # what was not asked for; cycles are not stated
+    # what was not asked for
     assert measure_quality(trial, "impedance", stated)["protocol"].value == 6
-    assert measure_quality(trial, "impedance", replace(stated, cycles=30))["protocol"].value == 8
 
 
 def test_what_was_measured_is_said_with_its_spread():
@@ -235,16 +233,3 @@ def test_sizes_of_one_label_are_within_the_ratio_of_each_other():
     spans = ends.agg(low=pl.col("size").min(), high=pl.col("size").max())
     assert (spans["high"] / spans["low"]).max() <= 1.15
     assert labels[-1] is None
-
-
-def test_cycles_of_a_soft_start_were_commanded_too():
-    """8 cycles between two of a rise and two of a fall."""
-    time, rest = np.arange(0, 12, 0.002), np.zeros(500)
-    envelope = np.interp(time, [0, 2, 10, 12], [0, 1, 1, 0])
-    theta = np.concatenate([rest, np.deg2rad(4) * envelope * np.sin(2 * np.pi * time), rest])
-    samples = {"time": np.arange(len(theta)) / 500, "theta": theta, "torque": 100 * theta}
-    found = [
-        measure_quality(Trial("t", pl.DataFrame(samples)), "impedance", Commanded((4,), (1,), n))
-        for n in (8, 12, 15, 5)
-    ]
-    assert [one["protocol"].value for one in found] == [0, 0, 1, 1]

@@ -709,15 +709,6 @@ def test_a_clipped_raw_channel_is_named_with_its_time(tmp_path: Path) -> None:
     assert clipped_s == pytest.approx((facts["clipped_samples"] - 1) / PLATE_RATE)
 
 
-def test_a_raw_channel_that_stands_while_the_plate_is_loaded_is_stuck(tmp_path: Path) -> None:
-    channels = np.hstack(force_and_moment())
-    channels[:, 4] = 37.5
-
-    facts = plate_trial(tmp_path / "a.c3d", channels).provenance["plates"][0]["channels"][4]
-
-    assert facts["stands_samples"] == TIME.size
-
-
 @pytest.mark.parametrize(
     ("highest", "change", "samples"),
     [(1000, 150, 0), (1000, 250, 250), (100, 40, 0), (100, 60, 600)],

@@ -11,8 +11,8 @@ from osl_analysis.bench.belt import branches_of
 from osl_analysis.bench.bench_settings import DynamometerAnalysis
 from osl_analysis.bench.impedance import impedance_table, rendered_impedance
 from osl_analysis.bench.motion import cycles_of
-from osl_analysis.bench.record import Record, record_of
-from osl_analysis.signals import LowPass, Motion
+from osl_analysis.bench.record import Record
+from osl_analysis.signals import LowPass, Motion, filtered_motion
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol, find_segments, find_sines
 
 RATE, LOW_PASS, PROTOCOL = 500.0, LowPass(15), SteppedSineProtocol((0.05, 0.1), (1.0, 3.0, 5.0), 9)
@@ -69,17 +69,18 @@ def stepped_sine(torque_of, noise=0.0, protocol=PROTOCOL, seed=1):
     return record_of_sines(time, theta, torque, protocol, segments)
 
 
+def record_of(time, theta, torque, groups):
+    """The record of raw signals."""
+    motion, filtered = filtered_motion(time, theta, torque, LOW_PASS)
+    usable = np.ones(len(time), dtype=bool)
+    return Record("made", time, theta, torque, motion, filtered, LOW_PASS, usable, groups)
+
+
 def record_of_sines(time, theta, torque, protocol=PROTOCOL, segments=None):
     """The record of raw signals that follow a protocol."""
     segments = segments or segments_of(time, theta, protocol)
-    made = record_of(
-        "made",
-        time,
-        theta,
-        torque,
-        LOW_PASS,
-        cycles_of(segments, 2, np.ones(len(time), dtype=bool)),
-    )
+    cycles = cycles_of(segments, 2, np.ones(len(time), dtype=bool))
+    made = record_of(time, theta, torque, cycles)
     return replace(made, band_hz=(min(protocol.frequencies_hz), max(protocol.frequencies_hz)))
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from any_motion import chirp
-from bench_synthetic import second_order, sine_settings, stepped_sine
+from bench_synthetic import record_of, second_order, sine_settings, stepped_sine
 
 from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.bench_settings import BenchStiffness, Calibration
@@ -17,13 +17,10 @@ from osl_analysis.bench.frequency_response import (
     response_table,
 )
 from osl_analysis.bench.motion import periods_of, stretches_of
-from osl_analysis.bench.record import record_of
 from osl_analysis.errors import InputError
-from osl_analysis.signals import LowPass
 from osl_analysis.spectral.periods import periodic_motion
 
 RATE = 250.0
-LOW_PASS = LowPass(15)
 K = 200.0
 B = 4.0
 I = 0.05
@@ -187,7 +184,7 @@ def recorded(rng, motion, friction=0.0, noise=0.05):
         is_fitted = np.zeros(n, dtype=bool)
         is_fitted[inside] = True
         groups = periods_of(periodic, RATE, is_fitted)
-    record = record_of("made", np.arange(n) / RATE, theta, torque, LOW_PASS, groups)
+    record = record_of(np.arange(n) / RATE, theta, torque, groups)
     return replace(record, periodic=periodic, band_hz=(0.5, 6.0))
 
 

@@ -227,10 +227,9 @@ def test_intervals_reach_to_the_fit_with_other_stamps(undecided):
 
     assert 0 < row["time_base_shift"] < 3
     for name in "KBI":
-        lows = [fit[f"{name}_low"] for fit in (one_reading, other)]
-        highs = [fit[f"{name}_high"] for fit in (one_reading, other)]
-        assert row[f"{name}_low"] == pytest.approx(min(lows))
-        assert row[f"{name}_high"] == pytest.approx(max(highs))
+        moved = other[name] - one_reading[name]
+        assert row[f"{name}_low"] == pytest.approx(one_reading[f"{name}_low"] + min(moved, 0))
+        assert row[f"{name}_high"] == pytest.approx(one_reading[f"{name}_high"] + max(moved, 0))
 
 
 @pytest.mark.usefixtures("without_inference")

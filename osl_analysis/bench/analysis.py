@@ -139,10 +139,9 @@ class Analysis:
         other = self.fits_with_other_stamps.get(label)
         if other is None:
             return {"time_base_shift": None}
-        shifts = []
-        for name in names:
-            half_width = fit.interval(name)[1] - fit[name]
-            shifts.append(abs(other[name] - fit[name]) / half_width)
+        shifts = [
+            abs(other[name] - fit[name]) / (fit.interval(name)[1] - fit[name]) for name in names
+        ]
         return {"time_base_shift": max(shifts)}
 
     def time_base(self) -> pl.DataFrame:

@@ -34,24 +34,26 @@ class Series:
         is lost.
         """
         k = max(-(-len(self.time) // most), 1)
-        shown = slice(None, None, k)
-        residual = np.where(self.fitted, self.torque - self.torque_model, np.nan)
-        filled = np.concatenate([residual, np.full(-len(residual) % k, np.nan)])
-        of_shown = filled.reshape(-1, k)
-        columns = {"time": self.time[shown] - self.time[0]}
+        modelled = np.where(self.fitted, self.torque_model, np.nan)
+        motion = {"theta_deg": np.rad2deg(self.motion)}
         if self.is_velocity:
-            columns["omega"] = self.motion[shown]
-        else:
-            columns["theta_deg"] = np.rad2deg(self.motion[shown])
-        columns["torque"] = self.torque[shown]
-        columns["torque_model"] = np.where(self.fitted[shown], self.torque_model[shown], np.nan)
-        columns["residual_low"] = np.fmin.reduce(of_shown, axis=1)
-        columns["residual_high"] = np.fmax.reduce(of_shown, axis=1)
-        rounded = {
-            name: pl.Series(values, dtype=pl.Float64).round_sig_figs(7)
-            for name, values in columns.items()
-        }
-        return pl.DataFrame(rounded).fill_nan(None)
+            motion = {"omega": self.motion}
+        samples = pl.DataFrame(
+            {
+                "part": np.arange(len(self.time)) // k,
+                "time": self.time - self.time[0],
+                **motion,
+                "torque": self.torque,
+                "torque_model": modelled,
+                "residual": self.torque - modelled,
+            }
+        ).fill_nan(None)
+        parts = samples.group_by("part", maintain_order=True).agg(
+            pl.exclude("residual").first(),
+            residual_low=pl.col("residual").min(),
+            residual_high=pl.col("residual").max(),
+        )
+        return parts.select(pl.exclude("part").round_sig_figs(7))
 
 
 @dataclass(frozen=True)

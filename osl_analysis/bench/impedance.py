@@ -17,7 +17,7 @@ from osl_analysis.bench.joint_inference import (
     fault_columns,
     friction_columns,
     inferred_from,
-    known_errors,
+    with_other_stamps,
 )
 from osl_analysis.bench.leg_belt import Lag, belt_of_leg, is_leg, without_lag
 from osl_analysis.bench.plausibility import check_resists
@@ -179,12 +179,14 @@ def impedance_table(
         "VAF_held_out": held_out_vaf(analysis.sums, analysis.model),
     }
     over_amplitudes = amplitudes_row(analysis)
+    wide = with_other_stamps(analysis, Impedance.of_fit(analysis.calibrated(whole)))
+    of_whole = {**wide.K.columns("K"), **wide.B.columns("B"), **wide.I.columns("I")}
     rows: list[Row] = []
     for label, fit in analysis.fits.items():
         rows.append(
             {
                 **analysis.row(label, *QUANTITIES),
-                **(other_reading(analysis) if label is None else {}),
+                **(of_whole if label is None else {}),
                 **{f"{name}_se": analysis.calibrated(fit, label).se(name) for name in QUANTITIES},
                 **friction_columns(analysis, inferred, coulomb, label, of_leg),
                 "offset": fit["offset"] - fit["K"] * analysis.sums.centre,
@@ -200,17 +202,6 @@ def impedance_table(
     half_width_s = (pl.col("lag_s_high") - pl.col("lag_s_low")) / 2
     certain_lag_s = pl.when(is_late).then("lag_s")
     return table_of(rows, "impedance").with_columns(without_lag(certain_lag_s, half_width_s))
-
-
-def other_reading(analysis: Analysis) -> Row:
-    """K, B and I of all of a trial with intervals that hold what the other reading of undecided
-    stamps gives; empty where they are decided."""
-    if None not in analysis.fits_with_other_stamps:
-        return {}
-    other = Impedance.of_fit(analysis.fits_with_other_stamps[None])
-    other = other.widened_by(known_errors(analysis))
-    wide = Impedance.of_fit(analysis.calibrated(analysis.whole)).widened_to_include(other)
-    return {**wide.K.columns("K"), **wide.B.columns("B"), **wide.I.columns("I")}
 
 
 def motion_row(record: Record) -> Row:

@@ -115,11 +115,8 @@ def friction_columns(
             share = max(1 - without.B.value / analysis.whole["B"], 0.0)
         else:
             size = None
-    if without is not None and label in analysis.fits_with_other_stamps:
-        # the other reading of the stamps moves the estimates without friction as those of Eq. 15
-        other = Impedance.of_fit(analysis.fits_with_other_stamps[label])
-        moved = without.moved_by(Impedance.of_fit(analysis.fits[label]), other)
-        without = without.widened_to_include(moved)
+    if label is None and without is not None:
+        without = with_other_stamps(analysis, without)
     return {
         "coulomb_share": share,
         **estimate_columns("f_C", size),
@@ -127,6 +124,16 @@ def friction_columns(
         **estimate_columns("K_without_friction", without.K if without else None),
         **estimate_columns("I_without_friction", without.I if without else None),
     }
+
+
+def with_other_stamps(analysis: Analysis, impedance: Impedance) -> Impedance:
+    """K, B and I of all of a trial, with intervals that also hold them moved as the other reading
+    of undecided stamps moves Eq. 15."""
+    other = analysis.fits_with_other_stamps.get(None)
+    if other is None:
+        return impedance
+    moved = impedance.moved_by(Impedance.of_fit(analysis.whole), Impedance.of_fit(other))
+    return impedance.widened_to_include(moved)
 
 
 def known_errors(analysis: Analysis) -> dict[str, float]:

@@ -14,7 +14,7 @@ from osl_analysis.bench.record import (
     Label,
     Record,
     Stratum,
-    conditioned,
+    record_of,
 )
 from osl_analysis.errors import Change, IdentifiabilityError, InputError
 from osl_analysis.measured import visible_step
@@ -98,7 +98,7 @@ def record_of_trial(
                     segments, settings.settle_cycles, regular.usable, bool(protocol.amplitudes)
                 )
                 hz = [stratum.frequency_hz for stratum in groups.strata]
-                return conditioned(regular, settings, groups, (min(hz), max(hz)))
+                return record_of(regular, settings, groups, (min(hz), max(hz)))
         assert isinstance(settings, ImpedanceAnalysis)
         return record_of_motion(regular, settings, windows or settings.windows)
 
@@ -153,7 +153,7 @@ def record_of_motion(
         is_inside = within(time, inside)
     pieces = fitted_pieces(time, signals.usable, inside, EDGE_PERIODS / settings.cutoff_hz)
     groups = stretches_of(pieces, rate)
-    record = conditioned(signals, settings, groups, (np.nan, np.nan))
+    record = record_of(signals, settings, groups)
     periodic = periodic_motion(record.theta, rate, signals.usable & is_inside)
     if periodic is not None:
         groups = periods_of(periodic, rate, record.is_fitted()) or groups

@@ -241,23 +241,19 @@ def with_actuator(record: Record, trial: Trial) -> Record:
     assert record.settings is not None
     same = record.low_pass
     wide_band = replace(same, cutoff_hz=min(QUICK * same.cutoff_hz, 0.2 * record.rate_hz))
-    wanted = {
-        "theta_m": ("theta_m", same),
-        "wide_band_theta_m": ("theta_m", wide_band),
-        "current": ("current", same),
-    }
+    low_passes = {"theta_m": same, "current": same, "wide_band_theta_m": wide_band}
     columns = [name for name in ("theta_m", "current") if name in trial.columns]
     signals = dict[str, Array]()
     for device in devices_of(trial, ["theta", *columns, "torque"]) if columns else ():
-        of_device = {name: each for name, each in wanted.items() if each[0] in device}
-        if not of_device:
+        if not {*device} & {*columns}:
             continue
         with suppress(InputError):
             uniform = uniform_signals(trial, device, record.settings.gap_limits, wanted=columns)
-            filtered = {
-                name: low_pass(uniform[column], uniform.rate_hz)
-                for name, (column, low_pass) in of_device.items()
-            }
+            filtered = dict[str, Array]()
+            for name, low_pass in low_passes.items():
+                column = name.removeprefix("wide_band_")
+                if column in device:
+                    filtered[name] = low_pass(uniform[column], uniform.rate_hz)
             signals.update(resampled(uniform.time, filtered, record.time, 1 / uniform.rate_hz))
     if "theta_m" not in signals:
         return record
@@ -265,36 +261,27 @@ def with_actuator(record: Record, trial: Trial) -> Record:
 
 
 def record_of(
-    name: str,
-    time: Array,
-    theta: Array,
-    torque: Array,
-    low_pass: LowPass,
-    groups: Groups,
-    compliance: float = 0.0,
-) -> Record:
-    """The record of uniform raw signals (n,): angle of the bench [rad] and torque [N*m]."""
-    joint = joint_angle(theta, torque, compliance)
-    motion, filtered = filtered_motion(time, joint, torque, low_pass)
-    everywhere = np.ones(len(time), dtype=np.bool_)
-    return Record(name, time, joint, torque, motion, filtered, low_pass, everywhere, groups)
-
-
-def conditioned(
     signals: UniformSignals,
     settings: SteppedSineAnalysis,
     groups: Groups,
-    band: tuple[float, float],
+    band: tuple[float, float] = (np.nan, np.nan),
 ) -> Record:
-    """The record of these groups."""
-    bench = settings.bench_stiffness
-    record = record_of(
-        signals.trial,
-        signals.time,
-        signals["theta"],
-        signals["torque"],
-        settings.low_pass,
-        groups,
-        bench.compliance if bench else 0.0,
+    """The record of signals and groups of their rows, whose motion has a band [Hz]."""
+    torque = signals["torque"]
+    compliance = settings.bench_stiffness.compliance if settings.bench_stiffness else 0.0
+    theta = joint_angle(signals["theta"], torque, compliance)
+    motion, filtered = filtered_motion(signals.time, theta, torque, settings.low_pass)
+    return Record(
+        name=signals.trial,
+        time=signals.time,
+        theta=theta,
+        torque=torque,
+        motion=motion,
+        filtered_torque=filtered,
+        low_pass=settings.low_pass,
+        usable=signals.usable,
+        groups=groups,
+        band_hz=band,
+        uniform=signals,
+        settings=settings,
     )
-    return replace(record, usable=signals.usable, band_hz=band, settings=settings, uniform=signals)

@@ -138,7 +138,7 @@ class DeviceClock:
         one-sided or in batches, the line is its lower edge instead, because a host's stamp is late
         by the message's wait. A device whose rate changes has a line for each rate.
         """
-        base = self._line_of_each_rate()
+        base = self.slow.stamps if self.slow.kinks else self.stamps - self.residual
         late = self.stamps - base
         low, middle, high = np.quantile(late, (0.05, 0.5, 0.95))
         spread = (high - low) / NORMAL_90
@@ -153,29 +153,18 @@ class DeviceClock:
             line = line_through(place, late)
         return np.asarray(base + line.step * self.count + line.start, dtype=np.float64)
 
-    def _line_of_each_rate(self) -> Array:
-        """The line (n,) [s], or that of each rate where the rate changes for good."""
-        line = self.stamps - self.residual
-        if np.ptp(self.residual) <= self.step or not self.slow.kinks:
-            return line
-        bend = np.abs(self.slow.stamps - line).max()
-        return self.slow.stamps if bend > max(self.step, 2 * self.scatter) else line
-
     def aged(self, age: float) -> Array:
         """When values `age` loops older than their stamps were taken, (n,) [s].
 
         The times are interpolated between earlier stamps. Behind a gap or a very long loop these do
         not tell; there, `age` usual steps are taken off.
         """
-        if not age:
-            return self.stamps
         rows = np.arange(len(self.stamps))
-        times = np.interp(rows - age, rows, self.stamps)
+        older = self.stamps - np.interp(rows - age, rows, self.stamps)
         is_behind_gap = np.diff(self.count, prepend=self.count[0]) > 1
-        is_long = np.abs(times - self.stamps) > 3 * age * self.step
-        tells_nothing = is_behind_gap | is_long | (rows < age)
-        times = np.where(tells_nothing, self.stamps - age * self.step, times)
-        return np.maximum.accumulate(times)
+        tells_nothing = is_behind_gap | (older > 3 * age * self.step) | (rows < age)
+        older = np.where(tells_nothing, age * self.step, older)
+        return np.maximum.accumulate(self.stamps - older)
 
 
 def is_multiple(times: Array, decimal: float) -> bool:

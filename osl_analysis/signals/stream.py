@@ -118,12 +118,10 @@ class Stream:
     def without_repeats(self) -> "Stream":
         """Leave out rows that were written twice: equal to their predecessor in stamp and every
         value, NaN too."""
-        is_new = np.ones(len(self.stamps), dtype=bool)
-        is_new[1:] = self.stamps[1:] != self.stamps[:-1]
+        is_new = np.diff(self.stamps, prepend=-np.inf) > 0
         for values in self.signals.values():
-            differs = values[1:] != values[:-1]
-            both_missing = np.isnan(values[1:]) & np.isnan(values[:-1])
-            is_new[1:] = is_new[1:] | (differs & ~both_missing)
+            filled = np.nan_to_num(values, nan=np.inf)  # no value is infinite
+            is_new[1:] |= filled[1:] != filled[:-1]
         if is_new.all():
             return self
         return replace(

@@ -96,19 +96,14 @@ def rows_per_value(signal: Array, first_rows: NDArray[np.intp], step: float) -> 
 
 
 def values_at_pace(signal: Array, first_rows: NDArray[np.intp], period: float) -> HeldValues:
-    """One value per period of the source, of a signal (n,) that changes at these rows.
+    """One value per period of the source, of a signal (n,) that changes at these rows, from the
+    first to the last change.
 
     A value that equals the one before shows no change: its row is interpolated.
     """
-    before = int(first_rows[0] / period)
-    after = int((len(signal) - 1 - first_rows[-1]) / period)
-    periods = np.maximum(np.rint(np.diff(first_rows) / period), 1)
-    count = before + np.concatenate([[0], np.cumsum(periods)])
-    last = count[-1] + after
-    place = np.arange(last + 1)
-
-    first_row = first_rows[0] - before * period
-    last_row = first_rows[-1] + after * period
-    rows = np.interp(place, np.r_[0.0, count, last], np.r_[first_row, first_rows, last_row])
-    shown_at = np.r_[0, first_rows][np.searchsorted(count, place, "right")]
+    periods = np.maximum(np.rint(np.diff(first_rows) / period), 1).astype(np.intp)
+    count = np.append(0, np.cumsum(periods))
+    place = np.arange(count[-1] + 1)
+    rows = np.interp(place, count, first_rows)
+    shown_at = first_rows[np.searchsorted(count, place, "right") - 1]
     return HeldValues(rows, signal[shown_at], period)

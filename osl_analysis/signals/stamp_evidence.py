@@ -51,7 +51,6 @@ FASTEST_RATE = 3.0
 PAUSE_STEPS = 1.6  # a longer step is a pause, unless the next one is shorter than `CATCHING_UP`
 CATCHING_UP = 0.6
 MOST_PAUSES = 0.03  # share of the rows; a device that pauses more often pauses by its nature
-FAR_OFF_STAMP = 20  # RMS of the fast part; a stamp that lies further off moves its block too far
 STANDING = 0.01  # mean square of a slope, as a share of the usual one, that does not tell
 CORNER = 8  # medians of what is left of a block; more is a corner of the motion itself
 MOST_NOISE = 0.2  # share of the mean square of x' that may be noise: it pulls a response towards 0
@@ -97,7 +96,7 @@ class StampsOfValues:
     count: SampleCount  # (m,)
     fast: Array  # (m,) [s] fast part of the stamps
     local_step: Array  # (m,) [s] of the stamps without their fast part
-    # (k,) of blocks of `size` rows without missing samples, pauses or far-off stamps
+    # (k,) of blocks of `size` rows without missing samples or pauses
     numbers: NDArray[np.intp]
     size: int
 
@@ -226,11 +225,8 @@ def stamps_of_values(clock: DeviceClock, rows: NDArray[np.bool_]) -> StampsOfVal
         pauses = np.cumsum(is_pause)
         is_whole = is_whole & (pauses[ends] == pauses[begins])
 
-    numbers = np.arange(len(first_rows))
-    largest = np.abs(blocks_of(fast, numbers, size)).max(axis=1)
-    is_near = largest < FAR_OFF_STAMP * np.sqrt(np.mean(fast**2)) + ABOVE_ZERO
     local_step = np.maximum(rate, SLOWEST_RATE) * clock.step
-    return StampsOfValues(count, fast, local_step, numbers[is_whole & is_near], size)
+    return StampsOfValues(count, fast, local_step, np.flatnonzero(is_whole), size)
 
 
 def blocks_of(values: Array, numbers: NDArray[np.intp], size: int, lag: int = 0) -> Array:

@@ -34,8 +34,8 @@ def level(changes: np.ndarray, time: np.ndarray) -> np.ndarray:
 def slave_edges(changes: np.ndarray, duration: float, offset: float = OFFSET) -> Edges:
     """As a logger on its own clock sees them: a logic level, sampled."""
     time = np.arange(0, duration - OFFSET + 1, 1 / SLAVE_RATE) + OFFSET
-    at, rising, step = find_edges(time, level(changes, (1 + DRIFT) * time))
-    return at - offset, rising, step
+    edges = find_edges(time, level(changes, (1 + DRIFT) * time))
+    return edges._replace(time=edges.time - offset)
 
 
 def master_edges(changes: np.ndarray, duration: float) -> Edges:
@@ -50,12 +50,12 @@ def master_edges(changes: np.ndarray, duration: float) -> Edges:
 def spoilt(edges: Edges, rng: np.random.Generator) -> Edges:
     """Edges of which 2 % are missing and 1.5 % are late by up to 50 ms, with 1.5 % false edges
     added."""
-    (time, rising, step), draw = edges, rng.random(edges[0].size)
+    (time, rising, step), draw = edges, rng.random(edges.time.size)
     late = time + np.where(draw > 0.985, rng.uniform(0.005, 0.05, draw.size), 0)
     extra = rng.uniform(time[0], time[-1], round(0.015 * draw.size))
     every = np.concatenate([late[draw > 0.02], extra])
     order = np.argsort(every)
-    return (
+    return Edges(
         every[order],
         np.concatenate([rising[draw > 0.02], rng.random(extra.size) > 0.5])[order],
         step,
@@ -94,7 +94,9 @@ def test_offset_and_drift_come_back_although_a_twentieth_of_edges_are_bad(
         True,
     )
     assert (
-        fit_clock((slave[0] + rng.normal(0, 1e-3, slave[0].size), *slave[1:]), master).residual
+        fit_clock(
+            slave._replace(time=slave.time + rng.normal(0, 1e-3, slave.time.size)), master
+        ).residual
         < 1 / SLAVE_RATE
     )
 
@@ -103,9 +105,10 @@ def test_edges_that_are_a_few_standard_deviations_late_take_no_part_in_the_clock
     """One edge in ten by two samples, seven standard deviations: with them the offset is wrong by
     0.4 ms."""
     changes = irregular(30.0)
-    (time, *levels), master = slave_edges(changes, 30.0), master_edges(changes, 30.0)
+    slave, master = slave_edges(changes, 30.0), master_edges(changes, 30.0)
+    time = slave.time
     late = time + np.where(np.arange(time.size) % 10 == 5, 2.1 / SLAVE_RATE, 0.0)
-    fit, sound = fit_clock((late, *levels), master), fit_clock((time, *levels), master)
+    fit, sound = fit_clock(slave._replace(time=late), master), fit_clock(slave, master)
     assert fit.excluded_edges == pytest.approx(time.size / 10, abs=2)  # but those at its ends
     assert fit.to_master(15.0) == pytest.approx(sound.to_master(15.0), abs=2e-4)
 
@@ -128,9 +131,11 @@ def test_edges_are_found_between_samples_and_noise_at_the_mid_level_makes_none()
 PERIODIC = np.arange(0.5, 10, 0.25)
 SHORT = irregular(3.0)
 LONG = irregular(30.0)
-TIMES, *LEVELS = slave_edges(LONG, 30.0)
+SOUND = slave_edges(LONG, 30.0)
 # by more than a sample
-SCATTERED = TIMES + np.random.default_rng(3).normal(0, 0.004, TIMES.size), *LEVELS
+SCATTERED = SOUND._replace(
+    time=SOUND.time + np.random.default_rng(3).normal(0, 0.004, SOUND.time.size)
+)
 
 
 @pytest.mark.parametrize(("in_log", "in_capture", "message"), [

@@ -5,6 +5,7 @@ may differ."""
 
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -45,9 +46,14 @@ class ClockFit:
         return self.offset + (1.0 + self.drift) * time
 
 
-# edges of a pulse train: times (n,) [s], whether the level rises (n,), and the recorder's sampling
-# interval [s]
-Edges = tuple[Array, NDArray[np.bool_], float]
+class Edges(NamedTuple):
+    """Edges of a pulse train."""
+
+    time: Array  # (n,) [s]
+    is_rising: NDArray[np.bool_]  # (n,)
+    step: float  # sampling interval [s] of the recorder
+
+
 Signal = tuple[Array, Array]  # rising times [s] and values, (n,) each
 
 
@@ -71,7 +77,7 @@ def find_edges(time: Array, level: Array) -> Edges:
     after = certain[turns + 1]
     fraction = (middle - level[before]) / (level[after] - level[before])
     edges = time[before] + fraction * (time[after] - time[before])
-    return edges, level[after] > level[before], usual_step(time)
+    return Edges(edges, level[after] > level[before], usual_step(time))
 
 
 def usual_step(time: Array) -> float:
@@ -82,8 +88,8 @@ def usual_step(time: Array) -> float:
 def fit_clock(slave: Edges, master: Edges) -> ClockFit:
     """Match the edges by the pattern of their intervals, and fit offset and drift without outliers.
     An edge has the error of sampling, uniform within one interval."""
-    noise = float(np.hypot(slave[2], master[2])) / np.sqrt(12)
-    limit = max(slave[2], master[2])
+    noise = float(np.hypot(slave.step, master.step)) / np.sqrt(12)
+    limit = max(slave.step, master.step)
     rough = robust_line(*pairs_alike(slave, master), noise)
     line = robust_line(*pairs_near(rough, slave, master), noise)
     if line.residual > limit:
@@ -92,8 +98,8 @@ def fit_clock(slave: Edges, master: Edges) -> ClockFit:
             f" {line.edges} edges, within {1e3 * limit:.2f} ms is needed; check the sync cable and"
             " both sync channels"
         )
-    expected = line.to_master(slave[0])
-    common = (expected >= master[0][0] - limit) & (expected <= master[0][-1] + limit)
+    expected = line.to_master(slave.time)
+    common = (expected >= master.time[0] - limit) & (expected <= master.time[-1] + limit)
     return replace(line, excluded_edges=max(int(common.sum()) - line.edges, 0))
 
 
@@ -107,17 +113,17 @@ def pairs_alike(slave: Edges, master: Edges) -> tuple[Array, Array]:
         Too few agree, or half as many on another offset.
     """
     best = rival = 0
-    if min(slave[0].size, master[0].size) >= MINIMUM_EDGES:
-        sampling = 2.0 * (slave[2] + master[2])
+    if min(slave.time.size, master.time.size) >= MINIMUM_EDGES:
+        sampling = 2.0 * (slave.step + master.step)
         of_master = scipy.spatial.KDTree(intervals_behind(master))
         apart, row = of_master.query(
             intervals_behind(slave), p=np.inf, distance_upper_bound=sampling
         )
         is_alike = np.isfinite(apart)
-        ours = slave[0][:-2][is_alike]
-        theirs = master[0][np.asarray(row)[is_alike]]
+        ours = slave.time[:-2][is_alike]
+        theirs = master.time[np.asarray(row)[is_alike]]
         offsets = theirs - ours
-        width = sampling + LARGEST_DRIFT * min(np.ptp(slave[0]), np.ptp(master[0]))
+        width = sampling + LARGEST_DRIFT * min(np.ptp(slave.time), np.ptp(master.time))
         votes = np.sort(offsets)
         count = np.searchsorted(votes, votes + width, side="right") - np.arange(votes.size)
         best = int(count.max(initial=0))
@@ -136,22 +142,21 @@ def pairs_alike(slave: Edges, master: Edges) -> tuple[Array, Array]:
 
 def intervals_behind(edges: Edges) -> Array:
     """The two intervals [s] behind each edge, and whether it rises, (n - 2, 3)."""
-    time, is_rising, _ = edges
-    intervals = np.diff(time)
-    return np.column_stack([intervals[:-1], intervals[1:], is_rising[:-2]])
+    intervals = np.diff(edges.time)
+    return np.column_stack([intervals[:-1], intervals[1:], edges.is_rising[:-2]])
 
 
 def pairs_near(line: ClockFit, slave: Edges, master: Edges) -> tuple[Array, Array]:
     """Times of edges on both clocks, (n,) each, that rise or fall alike within twice the sampling
     intervals of a line."""
-    theirs = master[0]
-    expected = line.to_master(slave[0])
+    theirs = master.time
+    expected = line.to_master(slave.time)
     nearest = np.searchsorted((theirs[1:] + theirs[:-1]) / 2, expected)
-    is_close = abs(theirs[nearest] - expected) <= 2.0 * (slave[2] + master[2])
-    rows = np.flatnonzero(is_close & (slave[1] == master[1][nearest]))
+    is_close = abs(theirs[nearest] - expected) <= 2.0 * (slave.step + master.step)
+    rows = np.flatnonzero(is_close & (slave.is_rising == master.is_rising[nearest]))
     # the rising ones first: the last bits of the line depend on the order of its sums
-    rows = rows[np.argsort(~slave[1][rows], kind="stable")]
-    return slave[0][rows], theirs[nearest[rows]]
+    rows = rows[np.argsort(~slave.is_rising[rows], kind="stable")]
+    return slave.time[rows], theirs[nearest[rows]]
 
 
 def robust_line(first: Array, second: Array, noise: float) -> ClockFit:
@@ -335,7 +340,7 @@ def aligned_clock(
         pulses = find_edges(*values_of(log, "sync", f"log: {missing}"))
         time, level = values_of(mocap, "sync", f"motion capture: {missing}")
         edges = find_edges(time, level)
-        return fit_clock(pulses, edges) if edges[0].size else gate_fit(pulses, time), []
+        return fit_clock(pulses, edges) if edges.time.size else gate_fit(pulses, time), []
     except InputError as error:
         if shared is None:
             raise

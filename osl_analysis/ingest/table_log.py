@@ -21,8 +21,7 @@ from osl_analysis.ingest.conversion import (
     share_above,
 )
 from osl_analysis.ingest.force_plates import convert_plate
-from osl_analysis.ingest.likely_clock import rate_of, unwrapped
-from osl_analysis.ingest.other_clocks import check_other_clocks
+from osl_analysis.ingest.likely_clock import check_other_clocks, rate_of, unwrapped
 from osl_analysis.ingest.stale_rows import find_stale_rows, remarks_on_stale_rows
 from osl_analysis.recording import Channel, End, Kind, Recording, Rows
 from osl_analysis.source_file import InAxes, TableSource

@@ -17,7 +17,6 @@ from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import compensated_gains, uncompensated_gains
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.model.rendered_impedance import predicted_impedance
-from osl_analysis.signals import Motion
 from osl_analysis.simulator import joint_motion
 from osl_analysis.simulator import simulation_settings as settings
 from osl_analysis.simulator.bench_trial import (
@@ -26,6 +25,7 @@ from osl_analysis.simulator.bench_trial import (
     true_signals,
     write_bench_log,
 )
+from osl_analysis.simulator.joint_motion import JointMotion
 from osl_analysis.simulator.simulation_settings import SimulationSettings
 from osl_analysis.yaml_settings import read_yaml
 
@@ -116,7 +116,7 @@ THERE_AND_BACK = [
     ("motion", "largest"),
     [
         (ONE_SINE, 2e-4),
-        (Motion(*THERE_AND_BACK), 1e-12),
+        (JointMotion(*THERE_AND_BACK), 1e-12),
         (joint_motion.actuator_command(ACTUATOR, RATE)[0], 1e-5),
         *((excited(kind), 1e-5) for kind in SMOOTH),
         # a sweep so fast that its own part of the acceleration shows

@@ -14,9 +14,9 @@ In its place a trial may have a joint of Eq. 15.
 
 import math
 from collections import namedtuple
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict
-from typing import Any, ParamSpec, TypeVar
+from typing import Any
 
 import numba
 import numpy as np
@@ -112,11 +112,7 @@ def simulate_drivetrain(
     return dict(zip(("theta_m", "omega_m", "current", "belt_torque"), columns, strict=True))
 
 
-P = ParamSpec("P")
-R = TypeVar("R")
-
-
-def compiled(function: Callable[P, R]) -> Callable[P, R]:
+def compiled(function: Any) -> Any:
     """Compile a function, and keep the result on disk where a folder can be written.
 
     A product and a sum are one operation, rounded once, on processors that have it: a long chain
@@ -124,10 +120,9 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
     """
     options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}}
     try:
-        made: Callable[P, R] = numba.njit(function, cache=True, **options)
+        return numba.njit(function, cache=True, **options)
     except (RuntimeError, OSError):
-        made = numba.njit(function, **options)
-    return made
+        return numba.njit(function, **options)
 
 
 @compiled

@@ -207,13 +207,10 @@ def recorded_corners(trial: Trial, plate: int) -> Array:
             f"trial {trial.name}: force plate {plate} is {size:.3g} m from corner to corner,"
             " expected 0.1 to 5 m; correct the unit of its corners"
         )
-    normal = np.abs(plate_axes(corners)[:, 2])
-    if normal[2] < LEAST_UPRIGHT:
-        axis = AXES[int(np.argmax(normal))]
-        remedy = "`axes: [x, -z, y]`" if axis == "y" else "`axes`"
+    if abs(plate_axes(corners)[2, 2]) < LEAST_UPRIGHT:
         raise InputError(
-            f"trial {trial.name}: the corners of force plate {plate} stand on edge, across the"
-            f" {axis} axis: z does not point up; state {remedy} in the source file"
+            f"trial {trial.name}: the corners of force plate {plate} stand on edge: z does not"
+            " point up; state `axes` in the source file, as [x, -z, y] where y points up"
         )
     return corners
 

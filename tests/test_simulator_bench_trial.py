@@ -370,7 +370,7 @@ SHORT_ACTUATOR = {"duration_s": 3, "fade_s": 1, "velocity": TONES, "current": TO
     ("section", "value", "message"),
     [
         ("recorder", {"node": {"jitter": on(20, "us")}}, "unit must be 's'"),
-        ("protocol", {"cycles": [2, 3, 4]}, "3 numbers of cycles for 2 frequencies"),
+        ("protocol", {"cycles": [2, 3, 4]}, "are not as many as the frequencies"),
         ("excitations", [FALLING_BAND], "2.0 stands behind 6.0; write"),
         ("actuator", SHORT_ACTUATOR, "at least four times fade_s"),
         ("experiments", {"actuator": 2},

@@ -333,7 +333,7 @@ def walking_settings(folder, right, wrong):
          r"gait.*stance_s = .* is not below recording_s = 1.5"),
         ("analogs_hz: 1500", "analogs_hz: 1000",
          r"analogs_hz must be a multiple of points_hz \(300\)"),
-        ("[0.38, 0.40]", "[0.41, 0.40]", "stance_phase falls; write the lower first"),
+        ("[0.38, 0.40]", "[0.41, 0.40]", "0.4 stands behind 0.41; write each once"),
     ],
 )  # fmt: skip
 def test_a_wrong_duration_rate_or_phase_is_refused(tmp_path, right, wrong, message):

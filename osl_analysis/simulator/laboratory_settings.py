@@ -7,7 +7,7 @@ Effects of the leg's controller are the campaign's.
 import math
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from osl_analysis.model.compensator import PAPER_WEIGHT, Weight
 from osl_analysis.simulator.simulation_settings import (
@@ -23,6 +23,7 @@ from osl_analysis.yaml_settings import (
     Seconds,
     Settings,
     ShippedPath,
+    check_rising,
     refuse_if,
     require_below,
 )
@@ -133,6 +134,9 @@ class Gait(Settings):
     )
 
 
+Share = Annotated[float, Field(ge=0, le=1)]
+
+
 class Perturbation(Settings):
     """Ramp of the platform about a mediolateral axis; toes up, if the conditions of the campaign do
     not say more."""
@@ -140,16 +144,11 @@ class Perturbation(Settings):
     angle_deg: Annotated[float, Field(gt=0, le=60)]
     rise_s: Seconds
     latency_s: NotNegative  # from the command to the start of the ramp
-    stance_phase: tuple[Annotated[float, Field(ge=0, le=1)], Annotated[float, Field(ge=0, le=1)]]
+    stance_phase: Annotated[tuple[Share, Share], AfterValidator(check_rising)]
     """First and last share of stance at which the ramp is commanded, drawn evenly."""
     # after toe-off, when the platform starts to return
     hold_s: Annotated[float, Field(ge=0, le=10)]
     return_s: Seconds
-    _in_order = refuse_if(
-        lambda s: s.stance_phase[0] > s.stance_phase[1],
-        "stance_phase falls; write the lower first",
-        "stance_phase",
-    )
 
 
 class Body(Settings):

@@ -137,14 +137,11 @@ class SteppedSineSchedule(Settings):
     rest_s: NotNegative  # after each amplitude
     lead_s: NotNegative  # rest before the first amplitude
 
-    @model_validator(mode="after")
-    def _every_frequency_has_its_cycles(self) -> Self:
-        n = len(self.frequencies_hz)
-        if isinstance(self.cycles, tuple) and len(self.cycles) != n:
-            raise ValueError(
-                f"{len(self.cycles)} numbers of cycles for {n} frequencies; give one for each"
-            )
-        return self
+    _every_frequency_has_its_cycles = refuse_if(
+        lambda s: isinstance(s.cycles, tuple) and len(s.cycles) != len(s.frequencies_hz),
+        "cycles {s.cycles} are not as many as the frequencies; give one number for each",
+        "cycles",
+    )
 
     @property
     def durations(self) -> list[float]:

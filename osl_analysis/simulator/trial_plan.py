@@ -11,9 +11,16 @@ from osl_analysis.errors import InputError
 from osl_analysis.simulator.random_numbers import generator_of
 from osl_analysis.simulator.simulation_settings import SimulationSettings
 
-# experiments with the number of digits in the names of their trials
-ON_THE_BENCH = {"belt": 2, "transmission": 1, "actuator": 1}
-IN_THE_LABORATORY = {"static": 1, "plate": 2, "walking": 2}
+# experiments in the order of the sheet, with the number of digits in the names of their trials
+DIGITS = {
+    "belt": 2,
+    "transmission": 1,
+    "actuator": 1,
+    "impedance": 0,
+    "static": 1,
+    "plate": 2,
+    "walking": 2,
+}
 
 
 def direction_of(row: Mapping[str, Any], settings: SimulationSettings) -> str:
@@ -42,33 +49,24 @@ def plan_trials(settings: SimulationSettings) -> SheetRows:
         No trial is planned, or two have the same name.
     """
     rows: dict[str, dict[str, Any]] = {}
-    planned = planned_trials(settings)
-    if not planned:
-        raise InputError("no trials are planned; ask in `experiments` for at least one")
-    for trial, experiment, condition in planned:
+    for trial, experiment, condition in planned_trials(settings):
         if trial in rows:
             raise InputError(
                 f"the plan has two trials '{trial}': K_d and B_d of experiments are too close for"
                 " names of their own; remove one of them"
             )
         rows[trial] = row_of(trial, experiment, condition, settings)
+    if not rows:
+        raise InputError("no trials are planned; ask in `experiments` for at least one")
     return rows
 
 
-def planned_trials(settings: SimulationSettings) -> list[tuple[str, str, Mapping[str, Any]]]:
+def planned_trials(settings: SimulationSettings) -> Iterator[tuple[str, str, Mapping[str, Any]]]:
     """All trials in the order of the sheet: name, experiment, and cells of the condition."""
-    return [
-        *numbered(settings, ON_THE_BENCH),
-        *impedance_trials(settings),
-        *numbered(settings, IN_THE_LABORATORY),
-    ]
-
-
-def numbered(
-    settings: SimulationSettings, digits_of: Mapping[str, int]
-) -> Iterator[tuple[str, str, Mapping[str, Any]]]:
-    """The trials of experiments without conditions, by their numbers from 1."""
-    for experiment, digits in digits_of.items():
+    for experiment, digits in DIGITS.items():
+        if experiment == "impedance":
+            yield from impedance_trials(settings)
+            continue
         for number in range(1, getattr(settings.experiments, experiment) + 1):
             yield f"{experiment}_{number:0{digits}d}", experiment, {}
 

@@ -13,6 +13,7 @@ from typing import Annotated, Any, TypeVar
 from pydantic import (
     AfterValidator,
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     Field,
     ValidationError,
@@ -37,6 +38,15 @@ Stiffness = Annotated[float, Field(gt=0, le=10_000)]  # a larger number has anot
 ShippedPath = Annotated[Path, AfterValidator(shipped)]
 """A path in the campaign's folder or, if that has none, of a shipped file such as
 `config/config.yaml`."""
+
+
+def by_stem(files: Any) -> Any:
+    """Files by the stems of their names; a mapping as it is."""
+    return {Path(file).stem: file for file in files} if isinstance(files, list) else files
+
+
+FilesByName = Annotated[Mapping[str, Path], BeforeValidator(by_stem)]
+"""Files that a rule lists, and their command takes by name."""
 # Keys and numbers of list entries that lead to a field, from the outermost.
 Place = tuple[int | str, ...]
 FILE_NAME = r"^[A-Za-z0-9_-]+$"

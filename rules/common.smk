@@ -6,7 +6,8 @@ params are those of its arguments, but for these (`osl_analysis/jobs/perform.py`
 
 * `recordings`, `sources`, `made_of`, `evidence`, `numbers`, `quality`: inputs that only say when a
   job is due. The function finds the files by its other arguments.
-* `fitted`: an input of which the function gets the reasons of what was not analysed, as `refused`.
+* `fitted`: an input of which the function only gets the reasons of what was not analysed. Which
+  argument gets the reasons of all inputs stands behind `log`: `refused`, or `not_analysed`.
 * `log`, `mocap`: outputs that the function places itself.
 * `sizes`, `made_by`, `excluded`: params. Snakemake compares the first, every rule has the second,
   and the trials of the third are taken out of the inputs.

@@ -10,10 +10,9 @@ rule plot_numbers:
     input:
         table=lambda wildcards: f"<results>/tables/{FIGURES[wildcards.figure].table}.csv",
         evidence=lambda wildcards: FILES.evidence_of(FIGURES[wildcards.figure].table),
-        second=lambda wildcards: FILES.tables_beside(wildcards.figure)[:1],
-        third=lambda wildcards: FILES.tables_beside(wildcards.figure)[1:2],
+        others=lambda wildcards: FILES.tables_beside(wildcards.figure),
     output:
-        "<results>/figures/{figure}.csv",
+        output="<results>/figures/{figure}.csv",
     log:
         "<logs>/figures/{figure}_numbers.log",
     wildcard_constraints:
@@ -22,6 +21,7 @@ rule plot_numbers:
     params:
         name="{figure}",
         option=figure_setting,
+        data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
         job("osl_analysis.commands.figure.plot_numbers", input, output, params, log)
@@ -35,12 +35,13 @@ rule fig3_numbers:
         summary="<results>/tables/belt_summary.csv",
         quality=FILES.checks(CAMPAIGN.trials("belt")),
     output:
-        "<results>/figures/fig3.csv",
+        output="<results>/figures/fig3.csv",
     log:
         "<logs>/figures/fig3_numbers.log",
     localrule: True
     params:
         excluded=excluded(CAMPAIGN.trials("belt")),
+        data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
         job("osl_analysis.commands.figure.fig3", input, output, params, log)
@@ -52,10 +53,10 @@ if TIME_SERIES:
         """The last seconds of one impedance trial, measured and modelled."""
         input:
             trial=f"<results>/trials/{TIME_SERIES['trial']}.parquet",
-            fit=FILES.rows("impedance", [TIME_SERIES["trial"]]),
+            fit=f"<results>/fits/impedance/{TIME_SERIES['trial']}.csv",
             quality=FILES.checks([TIME_SERIES["trial"]]),
         output:
-            "<results>/figures/fig4.csv",
+            output="<results>/figures/fig4.csv",
         log:
             "<logs>/figures/fig4_numbers.log",
         localrule: True
@@ -65,6 +66,7 @@ if TIME_SERIES:
             limits=limits("impedance"),
             windows=CAMPAIGN.row(TIME_SERIES["trial"])["windows"],
             excluded=excluded([TIME_SERIES["trial"]]),
+            data=CAMPAIGN.data,
             made_by=MADE_BY,
         run:
             job("osl_analysis.commands.figure.fig4", input, output, params, log)
@@ -76,13 +78,14 @@ rule fig7_numbers:
         table=f"<results>/tables/{FIGURES['fig7'].table}.csv",
         parameters=PARAMETERS,
     output:
-        "<results>/figures/fig7.csv",
+        output="<results>/figures/fig7.csv",
     log:
         "<logs>/figures/fig7_numbers.log",
     localrule: True
     params:
         weight=as_json(CONFIG.gain_weight),
         choice=as_json(response_example(CAMPAIGN)),
+        data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
         job("osl_analysis.commands.figure.fig7", input, output, params, log)
@@ -98,13 +101,14 @@ rule walking_page_numbers:
         crossings=FILES.crossings(PERTURBED),
         quality=FILES.checks(PERTURBED),
     output:
-        "<results>/figures/walking_page.csv",
+        output="<results>/figures/walking_page.csv",
     log:
         "<logs>/figures/walking_page_numbers.log",
     localrule: True
     params:
         settings=CONFIG.walking.part("TimingSettings"),
         excluded=excluded(PERTURBED),
+        data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
         job("osl_analysis.commands.figure.plot_walking_page", input, output, params, log)
@@ -116,9 +120,11 @@ rule draw_figure:
         table_csv="<results>/figures/{figure}.csv",
         fitted=lambda wildcards: FILES.results_in_figure(wildcards.figure),
     output:
-        "<results>/figures/{figure}.pdf",
-        report("<results>/figures/{figure}.svg", category="Figures"),
-        "<results>/figures/{figure}.png",
+        outputs=[
+            "<results>/figures/{figure}.pdf",
+            report("<results>/figures/{figure}.svg", category="Figures"),
+            "<results>/figures/{figure}.png",
+        ],
     log:
         "<logs>/figures/{figure}.log",
     localrule: True
@@ -128,7 +134,7 @@ rule draw_figure:
         footer=CONFIG.figures.footer,
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.figure.draw_figure", input, output, params, log)
+        job("osl_analysis.commands.figure.draw_figure", input, output, params, log, "refused")
 
 
 rule captions:
@@ -136,7 +142,7 @@ rule captions:
     input:
         numbers=NUMBERS_OF_FIGURES.values(),
     output:
-        "<results>/figures/captions.md",
+        output="<results>/figures/captions.md",
     log:
         "<logs>/figures/captions.log",
     localrule: True
@@ -173,7 +179,7 @@ rule report_page:
         left_out=LEFT_OUT,
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.report.write_report", input, output, params, log)
+        job("osl_analysis.commands.report.write_report", input, output, params, log, "refused")
 
 
 rule methods:
@@ -205,7 +211,7 @@ rule brief:
         verdicts=QUALITY,
         page="<results>/report.html",
     output:
-        "<results>/brief.txt",
+        output="<results>/brief.txt",
     log:
         "<logs>/brief.log",
     localrule: True
@@ -224,7 +230,7 @@ rule verdict:
     input:
         brief="<results>/brief.txt",
     output:
-        "<results>/verdict.txt",
+        output="<results>/verdict.txt",
     log:
         "<logs>/verdict.log",
     localrule: True

@@ -8,7 +8,7 @@ rule table:
         fits=lambda wildcards: FILES.rows(DOUBTS_OF.get(wildcards.table, "")),
         quality=lambda wildcards: FILES.checks(FILES.places_in(wildcards.table)),
     output:
-        "<results>/tables/{table}.csv",
+        output="<results>/tables/{table}.csv",
     log:
         "<logs>/tables/{table}.log",
     wildcard_constraints:
@@ -20,9 +20,10 @@ rule table:
         places=lambda wildcards: FILES.places_in(wildcards.table),
         excluded=excluded(lambda wildcards: FILES.places_in(wildcards.table)),
         faults=faults(lambda wildcards: FILES.places_in(wildcards.table)),
+        data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.tables.gather", input, output, params, log)
+        job("osl_analysis.commands.tables.gather", input, output, params, log, "not_analysed")
 
 
 rule impedance_tables:
@@ -43,9 +44,10 @@ rule impedance_tables:
         evidence_columns=list(described_tables_by_name()["impedance_evidence"].columns),
         excluded=excluded(CAMPAIGN.trials("impedance")),
         faults=faults(CAMPAIGN.trials("impedance")),
+        data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.tables.gather", input, output, params, log)
+        job("osl_analysis.commands.tables.gather", input, output, params, log, "not_analysed")
 
 
 rule summary_table:
@@ -54,13 +56,14 @@ rule summary_table:
         table=lambda wildcards: f"<results>/tables/{DERIVED[wildcards.table].source}.csv",
         evidence=lambda wildcards: FILES.evidence_of(DERIVED[wildcards.table].source),
     output:
-        "<results>/tables/{table}.csv",
+        output="<results>/tables/{table}.csv",
     log:
         "<logs>/tables/{table}.log",
     wildcard_constraints:
         table=name_pattern(DERIVED),
     localrule: True
     params:
+        data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
         job(DERIVED[wildcards.table].command, input, output, params, log)
@@ -69,15 +72,16 @@ rule summary_table:
 rule gains_table:
     """Gains for the impedance over the gait cycle (Fig. 8)."""
     input:
-        trajectory=TRAJECTORY,
+        trajectory=CONFIG.impedance_trajectory or [],
         parameters=PARAMETERS,
     output:
-        "<results>/tables/gains.csv",
+        output="<results>/tables/gains.csv",
     log:
         "<logs>/tables/gains.log",
     localrule: True
     params:
         weight=as_json(CONFIG.gain_weight),
+        data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
         job("osl_analysis.commands.gains.select_trajectory", input, output, params, log)
@@ -89,7 +93,7 @@ rule check_claims:
         tables=FILES.tables(*CLAIMED),
         parameters=PARAMETERS,
     output:
-        "<results>/tables/claims.csv",
+        output="<results>/tables/claims.csv",
     log:
         "<logs>/tables/claims.log",
     localrule: True
@@ -97,6 +101,7 @@ rule check_claims:
         settings=as_json(CONFIG.claims),
         frequencies_hz=CONFIG.dynamometer.frequencies_hz or (),
         midstance=CONFIG.figures.midstance_stiffness,
+        data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
         job("osl_analysis.commands.tables.check_claims", input, output, params, log)
@@ -107,15 +112,16 @@ rule settings_table:
     input:
         response=FILES.tables("response"),
     output:
-        "<results>/tables/settings.csv",
+        output="<results>/tables/settings.csv",
     log:
         "<logs>/tables/settings.log",
     localrule: True
     params:
         states=states_of(CONFIG, config, [name for name in EXPERIMENTS if CAMPAIGN.trials(name)]),
+        data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.tables.write_settings", input, output, params, log)
+        job("osl_analysis.commands.tables.write_settings", input, output, params, log, "refused")
 
 
 rule excluded_trials:
@@ -124,16 +130,17 @@ rule excluded_trials:
         fitted=FILES.of_single_trials,
         verdicts=QUALITY,
     output:
-        "<results>/tables/excluded.csv",
+        output="<results>/tables/excluded.csv",
     log:
         "<logs>/tables/excluded.log",
     localrule: True
     params:
         by_sheet=CAMPAIGN.excluded,
         places=PLACES,
+        data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.tables.list_excluded", input, output, params, log)
+        job("osl_analysis.commands.tables.list_excluded", input, output, params, log, "refused")
 
 
 rule findings:
@@ -153,9 +160,10 @@ rule findings:
         limits=as_json(CONFIG.doubtful),
         places=PLACES,
         excluded=excluded(FILES.trials_for_findings),
+        data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.tables.write_findings", input, output, params, log)
+        job("osl_analysis.commands.tables.write_findings", input, output, params, log, "refused")
 
 
 rule headline_numbers:
@@ -178,7 +186,7 @@ rule headline_numbers:
         settings=settings_of(CAMPAIGN),
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.tables.write_summary", input, output, params, log)
+        job("osl_analysis.commands.tables.write_summary", input, output, params, log, "refused")
 
 
 if "impedance" in FILES.table_names:

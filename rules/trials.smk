@@ -19,6 +19,7 @@ rule ingest:
         needed_columns=lambda wildcards: CAMPAIGN.needed_columns(wildcards.trial),
         commanded=lambda wildcards: CAMPAIGN.commanded(wildcards.trial),
         sizes=lambda wildcards: CAMPAIGN.log_sizes(wildcards.trial),
+        data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
         job("osl_analysis.commands.trials.ingest_and_check", input, output, params, log)
@@ -29,7 +30,7 @@ rule judge:
     input:
         rows=FILES.checks(TRIALS),
     output:
-        QUALITY,
+        output=QUALITY,
     log:
         "<logs>/tables/quality.log",
     localrule: True
@@ -37,6 +38,7 @@ rule judge:
         rules=as_json(CONFIG.quality),
         accept={trial: CAMPAIGN.accepted(trial) for trial in TRIALS},
         places=PLACES,
+        data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.tables.judge", input, output, params, log)
+        job("osl_analysis.commands.tables.judge", input, output, params, log, "refused")

@@ -13,7 +13,7 @@ rule calibrate_markers:
         trial=of_trials(CAMPAIGN.trials("static")),
         quality=lambda wildcards: FILES.checks([wildcards.trial]),
     output:
-        "<results>/fits/calibration/{trial}.json",
+        output="<results>/fits/calibration/{trial}.json",
     log:
         "<logs>/calibration/{trial}.log",
     localrule: True
@@ -41,6 +41,7 @@ rule identify_plate:
         statics=CAMPAIGN.static_trials(PLATE_TRIALS),
         settings=CONFIG.walking.part("PlateModelSettings"),
         excluded=excluded(PLATE_TRIALS),
+        data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
         job("osl_analysis.commands.walking.identify_plate", input, output, params, log)
@@ -53,7 +54,7 @@ rule find_onsets:
         calibrations=FILES.calibrations(PERTURBED),
         quality=FILES.checks(PERTURBED),
     output:
-        "<results>/fits/onsets.json",
+        output="<results>/fits/onsets.json",
     log:
         "<logs>/walking/onsets.log",
     localrule: True
@@ -74,7 +75,7 @@ rule analyse_crossing:
         plate="<results>/fits/plate.json",
         onsets="<results>/fits/onsets.json",
     output:
-        "<results>/crossings/{trial}.parquet",
+        output="<results>/crossings/{trial}.parquet",
     log:
         "<logs>/crossings/{trial}.log",
     params:
@@ -93,7 +94,7 @@ rule select_crossings:
         crossings=FILES.crossings(WALKED),
         quality=FILES.checks(WALKED),
     output:
-        "<results>/tables/walking_crossings.csv",
+        output="<results>/tables/walking_crossings.csv",
     log:
         "<logs>/walking/selection.log",
     localrule: True
@@ -102,6 +103,7 @@ rule select_crossings:
         sheet=CAMPAIGN.conditions(),
         places=WALKED,
         excluded=excluded(WALKED),
+        data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
         job("osl_analysis.commands.walking.select_crossings", input, output, params, log)
@@ -114,7 +116,7 @@ rule average_unperturbed:
         selection="<results>/tables/walking_crossings.csv",
         quality=FILES.checks(UNPERTURBED),
     output:
-        "<results>/fits/unperturbed.json",
+        output="<results>/fits/unperturbed.json",
     log:
         "<logs>/walking/unperturbed.log",
     localrule: True
@@ -133,11 +135,12 @@ rule fit_perturbation:
         selection="<results>/tables/walking_crossings.csv",
         unperturbed="<results>/fits/unperturbed.json",
     output:
-        "<results>/fits/walking/{trial}.csv",
+        output="<results>/fits/walking/{trial}.csv",
     log:
         "<logs>/walking/{trial}.log",
     params:
         settings=CONFIG.walking.part("TimingSettings"),
+            data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
         job("osl_analysis.commands.walking.fit_perturbation", input, output, params, log)
@@ -166,6 +169,7 @@ rule summarise_walking:
         sheet=CAMPAIGN.conditions(),
         places=WALKED,
         excluded=excluded(PERTURBED),
+        data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
         job("osl_analysis.commands.walking_summary.summarise_perturbations", input, output, params, log)

@@ -195,7 +195,6 @@ def test_numbers_that_a_failed_run_left_behind_are_said_to_be_old(tmp_path):
                 "outcome": outcome,
                 "error": "b_1.mcap: no such file",
             },
-            {},
         )
         os.utime(log, (summary.stat().st_mtime + later,) * 2)
         said = "1 jobs were refused or failed, first ingest.after: b_1.mcap: no such file"

@@ -77,16 +77,15 @@ def plot_numbers(
     table: Path,
     output: Path,
     option: Any = None,
-    second: Path | None = None,
-    third: Path | None = None,
+    others: Sequence[Path] = (),
     data: str = "",
 ) -> None:
-    """Write what figure `name` plots, from the one result table that it shows, or up to three.
+    """Write what figure `name` plots, from the result table that it shows, and others beside it.
     `option` is the value of the setting that the list of figures names; None: not set."""
-    others: list[Any] = [read_table(path) for path in (second, third) if path]
+    shown: list[Any] = [read_table(path) for path in others]
     if option is not None:
-        others.append(option)
-    write_table(plotted_numbers(name, with_evidence(table, needed(name)), *others), output, data)
+        shown.append(option)
+    write_table(plotted_numbers(name, with_evidence(table, needed(name)), *shown), output, data)
 
 
 def needed(name: str) -> list[str]:

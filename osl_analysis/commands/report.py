@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import polars as pl
+from pydantic import TypeAdapter
 
 from osl_analysis.campaign.origin import sentence
 from osl_analysis.commands.figure import reasons_not_drawn
@@ -30,6 +31,7 @@ from osl_analysis.report.signals import (
 from osl_analysis.report.verdicts import findings_by_trial, verdicts_sentence
 from osl_analysis.status import NotAnalysed
 from osl_analysis.table import read_table, with_evidence
+from osl_analysis.yaml_settings import FilesByName
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,11 +40,11 @@ class ReportFiles:
 
     about: Mapping[str, str]
     sheet: Mapping[str, Mapping[str, Any]]  # rows of the sample sheet, also of excluded trials
-    trials: Mapping[str, Path]  # recordings, by trial
-    series: Mapping[str, Path]  # archives with signals and model of bench trials
-    crossings: Mapping[str, Path]
-    tables: Mapping[str, Path]  # result tables, by name
-    figures: Mapping[str, Path]  # SVG files, by name
+    trials: FilesByName  # recordings, by trial
+    series: FilesByName  # archives with signals and model of bench trials
+    crossings: FilesByName
+    tables: FilesByName  # result tables, by name
+    figures: FilesByName  # SVG files, by name
     verdicts: Path  # `quality.csv`
     excluded: Path
     findings: Path
@@ -53,8 +55,9 @@ class ReportFiles:
     left_out: str = ""  # tells recordings that are not analysed
 
 
-def write_report(files: ReportFiles) -> None:
-    """Write the page of a run."""
+def write_report(**given: Any) -> None:
+    """Write the page of a run from the fields of `ReportFiles`."""
+    files = TypeAdapter(ReportFiles).validate_python(given)
     tables = {name: with_evidence(path) for name, path in files.tables.items()}
     summary = read_summary(files.summary)
     left_out = left_out_trials(files.sheet, read_table(files.excluded), tables)
@@ -99,7 +102,7 @@ def write_methods(
     about: Mapping[str, str],
     settings: Mapping[str, Any],
     sheet: Mapping[str, Mapping[str, Any]],
-    tables: Mapping[str, Path],
+    tables: FilesByName,
     summary: Path,
     markdown: Path,
     tex: Path,

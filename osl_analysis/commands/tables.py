@@ -55,6 +55,7 @@ from osl_analysis.table import (
     with_places,
     write_table,
 )
+from osl_analysis.yaml_settings import FilesByName
 
 
 def gather(
@@ -134,7 +135,7 @@ def unpublished(table: pl.DataFrame, name: str) -> list[str]:
 def write_settings(
     states: Sequence[Mapping[str, Any]],
     output: Path,
-    response: Path | None = None,
+    response: Sequence[Path] = (),
     refused: Sequence[NotAnalysed] = (),
     data: str = "",
 ) -> None:
@@ -142,7 +143,7 @@ def write_settings(
     the sines in `response.csv`, or none, also where that is `refused`."""
     sines = pl.DataFrame(schema=dict.fromkeys(MEASURED_COLUMNS.values(), pl.Float64))
     if response:
-        sines = read_table(response, ("amplitude_deg",)).drop_nulls("amplitude_deg")
+        sines = read_table(response[0], ("amplitude_deg",)).drop_nulls("amplitude_deg")
     rows = []
     for row in states:
         value, state = row["value"], row["state"]
@@ -157,7 +158,7 @@ def write_settings(
 
 
 def check_claims(
-    tables: Mapping[str, Path],
+    tables: FilesByName,
     settings: Claims,
     frequencies_hz: Sequence[float],
     midstance: float | None,
@@ -191,7 +192,7 @@ def judge(
 
 
 def write_findings(
-    tables: Mapping[str, Path],
+    tables: FilesByName,
     verdicts: Path,
     limits: DoubtfulFits,
     output: Path,
@@ -278,7 +279,7 @@ def list_excluded(
 def write_summary(
     *,
     about: Mapping[str, str],
-    table_paths: Mapping[str, Path],
+    table_paths: FilesByName,
     summary_json: Path,
     numbers_tex: Path,
     sheet: Mapping[str, Mapping[str, Any]] | None = None,
@@ -357,7 +358,7 @@ def write_walking(table: Path, about: Mapping[str, str], tex: Path, markdown: Pa
 
 
 def write_components(
-    summaries: Mapping[str, Path],
+    summaries: FilesByName,
     about: Mapping[str, str],
     beside_draft: bool,
     tex: Path,

@@ -1,20 +1,19 @@
 """Do a job of the workflow in this process: call its command with what its rule names, and write
 the reason into its outputs where the input is at fault."""
 
-import inspect
 import json
 import time
 import traceback
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Any, get_origin
+from typing import Any
 
 import polars as pl
-from pydantic import ConfigDict, TypeAdapter, validate_call
+from pydantic import ConfigDict, validate_call
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables
@@ -33,16 +32,15 @@ from osl_analysis.status import KEY, NOT_ANALYSED, NotAnalysed
 from osl_analysis.table import write_table, write_tables
 from osl_analysis.trial import read_trial
 
-ONLY_WAITED_FOR = ("recordings", "sources", "made_of", "evidence", "numbers", "quality")
+ONLY_WAITED_FOR = {"recordings", "sources", "made_of", "evidence", "numbers", "quality"}
 """Inputs that are no arguments of a command: it finds these files itself, or by others."""
-ONLY_CHECKED = ("fitted",)
+ONLY_CHECKED = {"fitted"}
 """Inputs that no command reads: it gets the refusals among them, as `refused`."""
-ONLY_MADE = ("log", "mocap")
+ONLY_MADE = {"log", "mocap"}
 """Outputs that are no arguments of a command: it finds their places itself."""
-ONLY_COMPARED = ("sizes",)
-"""Params that are no arguments of a command: Snakemake compares them with those of the last run."""
-OF_EVERY_JOB = ("made_by", "excluded")
-"""Params that are read here: what made the data, and the trials that quality control excludes."""
+OF_EVERY_JOB = {"made_by", "excluded", "sizes"}
+"""Params that are no arguments of a command: what made the data, the trials that quality control
+excludes, and what Snakemake only compares with the last run."""
 
 REMEDY_OF_TRIAL = (
     "correct or replace the file, or its source file, or give a reason under `exclude` in the"
@@ -55,6 +53,8 @@ REMEDY_OF_SEVERAL = (
 COMMENTS = {".tex": "% {}", ".md": "{}"}
 """How text files say why there is no result."""
 HOLDING_A_REASON = {".csv", ".zip", ".parquet", ".json", *COMMENTS}
+SIMULATING = "osl_analysis.commands.simulate."
+"""Commands whose outputs are recordings and their sheet, and no results."""
 
 TABLES_OF_FIT = {
     facts.fit.job: [table.name for table in facts.tables]
@@ -64,6 +64,7 @@ TABLES_OF_FIT = {
 """The tables of the fit of an experiment, by its command, in the order in which it writes them."""
 
 CONVERTING: Any = cache(validate_call(config=ConfigDict(arbitrary_types_allowed=True)))
+"""A command that converts what it is given to the types that it declares."""
 
 
 @dataclass(frozen=True)
@@ -72,41 +73,41 @@ class Job:
 
     command: str  # full name of a function
     inputs: Mapping[str, Files]
-    outputs: Mapping[str, Any]  # a file, or a list of files, by name
+    outputs: Mapping[str, Files]
     params: Mapping[str, Any]
     log: Path
+    tell: str = ""  # `refused` or `not_analysed`: the argument that gets the refusals among inputs
 
     @property
     def files(self) -> list[Path]:
         """All outputs."""
-        listed = [[files] if isinstance(files, str) else files for files in self.outputs.values()]
-        return [Path(file) for files in listed for file in files]
+        files: list[Path] = []
+        for output in self.outputs.values():
+            files += map(Path, [output] if isinstance(output, str) else output)
+        return files
+
+    @property
+    def row(self) -> Mapping[str, Any]:
+        """The row of the trial that the job ingests."""
+        row: Mapping[str, Any] = self.params.get("row", {})
+        return row
+
+    @property
+    def read_trials(self) -> list[str]:
+        """The file of the trial that the job reads."""
+        return [str(self.inputs[name]) for name in ("trial", "crossing") if name in self.inputs]
 
     @property
     def recordings(self) -> list[str]:
         """The recordings of a trial that the job ingests, and the trial that it reads."""
-        row = self.params.get("row") or {}
-        raw = [
-            str(Path(self.params["raw_folder"], row[role]))
-            for role in ("log", "mocap")
-            if row.get(role)
-        ]
-        read = [self.inputs.get(name) for name in ("trial", "crossing")]
-        return [*raw, *(file for file in read if isinstance(file, str))]
-
-    @property
-    def makes_recordings(self) -> bool:
-        """Whether the job simulates: what it makes is no result of a trial."""
-        return self.command.startswith("osl_analysis.commands.simulate.")
+        named = [self.row[role] for role in ("log", "mocap") if self.row.get(role)]
+        return [str(Path(self.params["raw_folder"], name)) for name in named] + self.read_trials
 
     @property
     def trial(self) -> str:
-        """The trial that the job is of; empty for one over several trials, and for a drawing."""
-        if any(file.parent.name == "figures" for file in self.files):
-            return ""
-        stated = self.params.get("trial") or (self.params.get("row") or {}).get("trial")
-        read = self.inputs.get("trial") or self.inputs.get("crossing") or ""
-        return str(stated or (Path(read).stem if isinstance(read, str) else ""))
+        """The trial that the job is of; empty for one over several trials."""
+        stems = [Path(file).stem for file in self.read_trials]
+        return str(self.params.get("trial") or self.row.get("trial") or "".join(stems))
 
 
 def perform(job: Job) -> None:
@@ -118,37 +119,40 @@ def perform(job: Job) -> None:
         There is no result and no reason of the input: the program or the system is at fault.
     """
     start = time.perf_counter()
-    fault = ""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("default")
         try:
             ending = called(job)
         except Exception as error:
-            fault, remedy = words_of(job, error)
-            ending = {"outcome": "failed", "error": fault, "remedy": remedy}
+            reason, remedy = words_of(job, error)
+            ending = {"outcome": "failed", "error": reason, "remedy": remedy}
             if not isinstance(error, OslAnalysisError | OSError):
                 ending["traceback"] = traceback.format_exc()
-    seconds = round(time.perf_counter() - start, 3)
     texts = dict.fromkeys(printable(str(warning.message)) for warning in caught)
-    log_end(job, ending, seconds=seconds, warnings=list(texts))
-    if fault:
-        raise RuntimeError(fault)
+    seconds = round(time.perf_counter() - start, 3)
+    write_log(job.log, {"job": job.command, **ending, "seconds": seconds, "warnings": [*texts]})
+    if ending["outcome"] == "failed":
+        raise RuntimeError(ending["error"])
 
 
-def called(job: Job) -> dict[str, str]:
+def called(job: Job) -> dict[str, Any]:
     """Call the command of a job, or write why it has no result; how it ended, for its log."""
     try:
         causes = call(job)
     except (OslAnalysisError, OSError) as error:
         if not is_of_input(job, error):
             raise
-        reason, remedy = words_of(job, error)
-        write_reasons(job, [cause_of(job, reason, remedy)])
-        return {"outcome": "refused", "error": reason, "remedy": remedy}
+        return refuse(job, *words_of(job, error))
     if causes:
         write_reasons(job, causes)
         return {"outcome": "skipped", "error": "; ".join(cause.text for cause in causes)}
     return {"outcome": "done"}
+
+
+def refuse(job: Job, reason: str, remedy: str) -> dict[str, Any]:
+    """Write into the outputs of a job why it has no result; how it ended, for its log."""
+    write_reasons(job, [NotAnalysed(job.trial, f"{reason}; {remedy}")])
+    return {"outcome": "refused", "error": reason, "remedy": remedy}
 
 
 def words_of(job: Job, error: Exception) -> tuple[str, str]:
@@ -164,141 +168,69 @@ def words_of(job: Job, error: Exception) -> tuple[str, str]:
 
 def is_of_input(job: Job, error: Exception) -> bool:
     """Whether an error is of what the job was given, so that its outputs are to hold the reason."""
-    if not all(file.suffix in HOLDING_A_REASON for file in job.files) or job.makes_recordings:
+    suffixes = {file.suffix for file in job.files}
+    if not suffixes <= HOLDING_A_REASON or job.command.startswith(SIMULATING):
         return False
-    if isinstance(error, MemoryLimitError):
-        return bool(job.recordings)
     if isinstance(error, OSError):
         return str(error.filename) in job.recordings
-    return isinstance(error, OslAnalysisError) and not isinstance(error, WriteError)
-
-
-def cause_of(job: Job, reason: str, remedy: str) -> NotAnalysed:
-    """What the outputs of a job say. Of several trials the reason begins with a file."""
-    files = [*job.recordings, *map(str, job.files)]
-    if not any(file in reason for file in files) and not job.trial:
-        reason = f"{files[0]}: {reason}"
-    return NotAnalysed(job.trial, f"{reason}; {remedy}")
-
-
-def log_end(job: Job, ending: Mapping[str, Any], **further: Any) -> None:
-    """Write the log of a job, with further entries."""
-    entries = {"job": job.command, **ending, **further}
-    write_log(job.log, entries, {"input": job.inputs, "output": job.outputs, "params": job.params})
+    if isinstance(error, MemoryLimitError):
+        return bool(job.recordings)
+    return not isinstance(error, WriteError)
 
 
 def call(job: Job) -> Sequence[NotAnalysed]:
-    """Call the command of a job.
+    """Call the command of a job, or return the causes for which something that it needs is missing.
 
-    Its arguments, or the fields of the one dataclass that it takes, are the inputs, outputs and
-    params of the rule by their names, each converted to the declared type. A mapping of files gets
-    them by their stems. A command with an argument `refused` is told the causes of what is missing.
-    Any other is not called if it needs something that is missing: these causes are returned. The
-    fit of an experiment takes a trial and returns tables, which are written here. A command that
-    writes tables has an argument `data`, which their last column says.
+    Its arguments are the inputs, outputs and params of the rule by their names, converted to the
+    declared types. A command that is told what is `refused` is called whatever is missing.
     """
-    function = resolve_name(job.command)
-    arguments = arguments_of(function)
-    takes_refusals = "refused" in arguments
-    inputs = {
-        name: files
-        for name, files in job.inputs.items()
-        if name not in ONLY_WAITED_FOR and (takes_refusals or name not in ONLY_CHECKED)
-    }
-    for name, files in inputs.items():
-        if name in arguments and arguments[name].annotation == Mapping[str, Path]:
-            inputs[name] = {Path(file).stem: file for file in files}
-
+    inputs = {name: job.inputs[name] for name in job.inputs if name not in ONLY_WAITED_FOR}
     usable = without_missing(inputs)
-    params = {
-        name: value
-        for name, value in job.params.items()
-        if name not in ONLY_COMPARED and name not in OF_EVERY_JOB
-    }
-    if takes_refusals:
-        params["refused"] = usable.refused
-    elif usable.missing:
+    if usable.missing and job.tell != "refused":
         return usable.missing
-    if "not_analysed" in arguments:
-        params["not_analysed"] = usable.refused
-    used = without_excluded(usable.inputs, job.params.get("excluded", ()))
-    given: dict[str, Any] = {
-        name: files for name, files in used.items() if name not in ONLY_CHECKED
-    }
-    for name, files in given.items():
-        takes_many = name in arguments and get_origin(arguments[name].annotation) in (
-            Sequence,
-            Mapping,
-        )
-        if isinstance(files, list) and not takes_many:  # one file, or None
-            given[name] = files[0] if files else None
 
-    data = job.params["made_by"]["data"]
-    if "data" in arguments:
-        params["data"] = data
+    arguments: dict[str, Any] = {job.tell: usable.refused} if job.tell else {}
+    inputs = without_excluded(usable.inputs, job.params.get("excluded", ()))
+    for given, left_out in ((inputs, ONLY_CHECKED), (job.params, OF_EVERY_JOB)):
+        arguments.update((name, given[name]) for name in given if name not in left_out)
+
+    command = CONVERTING(resolve_name(job.command))
     with limited_memory(job.recordings):
         if job.command in TABLES_OF_FIT:
-            trial = read_trial(Path(str(given.pop("trial"))))
-            advise = resolve_name("osl_analysis.commands.remedies.fit_or_advise")
-            tables_of_trial = advise(CONVERTING(function), trial, **given, **params)
-            fitted = tables_of_trial.everything()
-            tables = TABLES_OF_FIT[job.command]
-            write_tables({place_of(table, job): fitted[table] for table in tables}, data)
+            write_fit(job, command, arguments)
         else:
-            outputs = {name: at for name, at in job.outputs.items() if name not in ONLY_MADE}
-            values = {**given, **outputs, **params}
-            made_of = dataclass_of(function)
-            if made_of is None:
-                CONVERTING(function)(**values)
-            else:
-                function(TypeAdapter(made_of).validate_python(values))
+            outputs = {name: job.outputs[name] for name in job.outputs if name not in ONLY_MADE}
+            command(**arguments, **outputs)
     return ()
 
 
-def dataclass_of(function: Callable[..., Any]) -> Any:
-    """The dataclass that a command takes as its only argument, `files`; None for other commands."""
-    arguments = inspect.signature(function).parameters
-    return arguments["files"].annotation if list(arguments) == ["files"] else None
-
-
-def arguments_of(function: Callable[..., Any]) -> Mapping[str, inspect.Parameter]:
-    """What a rule gives to a command by name: its arguments, or the fields of its dataclass."""
-    return inspect.signature(dataclass_of(function) or function).parameters
-
-
-def place_of(table: str, job: Job) -> Path:
-    """The file of a table of a fit: the output with its name, or one of the archive `others`."""
-    if table in job.outputs:
-        return Path(job.outputs[table])
-    return Path(job.outputs["others"], f"{table}.csv")
+def write_fit(job: Job, fit: Any, arguments: dict[str, Any]) -> None:
+    """Fit a trial, and write the tables: each to the output with its name, or into the archive
+    `others`."""
+    trial = read_trial(Path(arguments.pop("trial")))
+    advise = resolve_name("osl_analysis.commands.remedies.fit_or_advise")
+    tables = advise(fit, trial, **arguments).everything()
+    by_place = {}
+    for name in TABLES_OF_FIT[job.command]:
+        in_archive = f"{job.outputs['others']}/{name}.csv"
+        by_place[Path(str(job.outputs.get(name, in_archive)))] = tables[name]
+    write_tables(by_place, job.params["made_by"]["data"])
 
 
 def write_reasons(job: Job, causes: Sequence[NotAnalysed]) -> None:
     """Write each output with its columns and why there is nothing in it."""
-    described = {table.place: table for table in described_tables()}
     data = job.params["made_by"]["data"]
-    rows = pl.DataFrame(causes, ("trial", "reason"), orient="row")
-    rows = rows.with_columns(pl.col("trial").replace("", None), status=pl.lit(NOT_ANALYSED))
-
-    def with_columns_of(places: Sequence[str]) -> pl.DataFrame:
-        place = next((place for place in places if place in described), "")
-        columns = described[place].columns if place else ("trial", "status", "reason")
-        missing = [pl.lit(None).alias(name) for name in columns if name not in rows.columns]
-        return rows.with_columns(missing).select(list(columns))
-
     for file in job.files:
-        stem, folder = file.stem, file.parent.name
+        folder = file.parent.name
         if file.suffix == ".csv":
-            places = (f"tables/{folder}", f"{folder}/{stem}", f"{folder}/*")
-            write_table(with_columns_of(places), file, data)
+            places = (f"tables/{folder}", f"{folder}/{file.stem}", f"{folder}/*")
+            write_table(rows_of(causes, *places), file, data)
         elif file.suffix == ".zip":
-            tables = TABLES_OF_FIT[job.command]
-            parts = {}
-            for table in tables:
-                parts[file / f"{table}.csv"] = with_columns_of([f"tables/{table}"])
+            names = TABLES_OF_FIT[job.command]
+            parts = {file / f"{name}.csv": rows_of(causes, f"tables/{name}") for name in names}
             write_tables(parts, data)
         elif file.suffix == ".parquet":
-            names = dict.fromkeys(("time", *job.params.get("needed_columns", ("theta", "torque"))))
+            names = ["time", *job.params.get("needed_columns", ("theta", "torque"))]
             empty = pl.DataFrame(schema=dict.fromkeys(names, pl.Float64))
             with atomic_path(file) as temporary:
                 empty.write_parquet(temporary, metadata={KEY: json.dumps(causes)})
@@ -307,6 +239,17 @@ def write_reasons(job: Job, causes: Sequence[NotAnalysed]) -> None:
         else:
             text = "; ".join(cause.reason for cause in causes)
             write_text(file, COMMENTS[file.suffix].format(f"not made: {text}\n"))
+
+
+def rows_of(causes: Sequence[NotAnalysed], *places: str) -> pl.DataFrame:
+    """A row for each cause, with the columns of the first of these tables that is described."""
+    described = {table.place: table.columns for table in described_tables()}
+    columns = next((described[place] for place in places if place in described), {"trial": ""})
+    rows = []
+    for cause in causes:
+        stated = {"trial": cause.trial or None, "status": NOT_ANALYSED, "reason": cause.reason}
+        rows.append({**dict.fromkeys(columns), **stated})
+    return pl.DataFrame(rows)
 
 
 def end_killed(job: Job, signal_name: str, is_crash: bool) -> None:
@@ -318,13 +261,13 @@ def end_killed(job: Job, signal_name: str, is_crash: bool) -> None:
     RuntimeError
         It is no crash on a recording, so that the next run is to try the job again.
     """
-    if is_crash and job.recordings and not job.makes_recordings:
+    if is_crash and job.recordings and not job.command.startswith(SIMULATING):
         reason = f"{' or '.join(job.recordings)}: a library that reads it crashed ({signal_name})"
         remedy = "the file may be damaged: copy, export or record it again"
-        log_end(job, {"outcome": "refused", "error": reason, "remedy": remedy})
-        write_reasons(job, [cause_of(job, reason, remedy)])
+        write_log(job.log, {"job": job.command, **refuse(job, reason, remedy)})
         return
     reason = f"the process of this job was killed ({signal_name})"
     remedy = "run again; if memory was short, with fewer jobs at once (`--cores 1`)"
-    log_end(job, {"outcome": "killed", "error": reason, "remedy": remedy})
+    ending = {"outcome": "killed", "error": reason, "remedy": remedy}
+    write_log(job.log, {"job": job.command, **ending})
     raise RuntimeError(reason)

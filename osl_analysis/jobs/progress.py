@@ -5,6 +5,7 @@ This is a logger of Snakemake (`snakemake_logger_plugin_osl`). Snakemake's own f
 need `--verbose`.
 """
 
+import re
 import sys
 import time
 from collections import Counter
@@ -20,50 +21,24 @@ from osl_analysis.errors import printable, without_particulars
 from osl_analysis.jobs.job_log import read_log
 
 STAGES = {
-    "simulate": ("simulate_", "trial_sheet"),
-    "read and check recordings": ("ingest",),
-    "fit": (
-        "fit_",
-        "compare_",
-        "calibrate_",
-        "find_",
-        "identify_",
-        "measure_",
-        "analyse_",
-        "select_",
-        "average_",
-        "summarise_",
-        "tabulate_",
-    ),
-    "figures": (
-        "plot_numbers",
-        "fig3_numbers",
-        "fig4_numbers",
-        "fig7_numbers",
-        "walking_page_numbers",
-        "draw_figure",
-        "captions",
-    ),
+    r"simulate_|trial_sheet": "simulate",
+    r"ingest": "read and check recordings",
+    r"(fit|compare|calibrate|find|identify|analyse|select|average|summarise)_": "fit",
+    r"\w+_numbers|draw_figure|captions": "figures",
+    r"": "tables and page",
 }
-"""How the names of rules begin, by stage. All other rules make tables and the page."""
-TABLES_AND_PAGE = "tables and page"
-MESSAGE_BY_EXCEPTION = {
-    "LockException": (
-        "error: another run is at work in this folder: wait for it; or one that was killed left its"
-        " lock: the same command with `--unlock` removes it"
-    ),
-}
-"""What is printed in place of the exception with which Snakemake ends, by its name."""
+"""The stage of a rule, by how its name begins. Behind `osl_` stand those of a module."""
+LOCKED = (
+    "error: another run is at work in this folder: wait for it; or one that was killed left its"
+    " lock: the same command with `--unlock` removes it"
+)
+OUTCOMES_OF_LINES = ("refused", "failed", "killed")
 SHORTEST_WAIT_S = 10.0  # between two lines on the same stage
 
 
 def stage_of(rule: str) -> str:
-    """The stage of a rule; in another workflow that has this one as a module, `osl_` stands before
-    its name."""
-    for stage, begins in STAGES.items():
-        if any(rule.startswith(begin) or f"_{begin}" in rule for begin in begins):
-            return stage
-    return TABLES_AND_PAGE
+    """The stage of a rule."""
+    return next(stage for begin, stage in STAGES.items() if re.match(f"(osl_)?({begin})", rule))
 
 
 class RunningJob(NamedTuple):
@@ -121,8 +96,8 @@ class LogHandler(LogHandlerBase):
             self.print_outcome(list(fields["log"] or ()))
         elif event == LogEvent.ERROR and fields.get("exception") == "RuleException" and self.jobs:
             pass  # a job has told its error
-        elif event == LogEvent.ERROR and fields.get("exception") in MESSAGE_BY_EXCEPTION:
-            self.print_line(MESSAGE_BY_EXCEPTION[fields["exception"]])
+        elif event == LogEvent.ERROR and fields.get("exception") == "LockException":
+            self.print_line(LOCKED)
         elif record.levelno >= WARNING:
             self.print_line(self.format(record))
 
@@ -146,21 +121,17 @@ class LogHandler(LogHandlerBase):
         """A line on each warning of a job, and on one that was refused, has failed or was killed,
         once for each cause: the list at the end of the run names the others."""
         for log in map(Path, logs):
-            job_log = read_log(log)
-            if job_log is None:
-                continue
-            for warning in job_log.get("warnings", ()):
-                self.print_once("warning", warning, log.stem)
-            if job_log["outcome"] not in ("refused", "failed", "killed"):
-                continue
-            text = "; ".join(filter(None, (job_log["error"], job_log.get("remedy"))))
-            self.print_once(job_log["outcome"], text, log.stem)
-
-    def print_once(self, outcome: str, text: str, job: str) -> None:
-        cause = (outcome, without_particulars(text, job))
-        if cause not in self.printed_causes:
-            self.printed_causes.add(cause)
-            self.print_line(f"{outcome}: {job}: {printable(text)}")
+            job_log = read_log(log) or {}
+            lines = [("warning", warning) for warning in job_log.get("warnings", ())]
+            outcome = job_log.get("outcome", "")
+            if outcome in OUTCOMES_OF_LINES:
+                remedy = job_log.get("remedy", "run again")
+                lines.append((outcome, f"{job_log['error']}; {remedy}"))
+            for kind, text in lines:
+                cause = (kind, without_particulars(text, log.stem))
+                if cause not in self.printed_causes:
+                    self.printed_causes.add(cause)
+                    self.print_line(f"{kind}: {log.stem}: {printable(text)}")
 
     def print_line(self, text: str) -> None:
         print(text, file=sys.stderr, flush=True)

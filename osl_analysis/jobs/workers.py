@@ -107,14 +107,14 @@ def serve(connection: Connection) -> None:
         connection.send((result, failure))
 
 
-def do(command: str, *given: Any) -> None:
+def do(*given: Any) -> None:
     """Do a job in this process."""
     from osl_analysis.jobs.perform import Job, perform
 
-    perform(Job(command, *given))
+    perform(Job(*given))
 
 
-def job(command: str, input: Any, output: Any, params: Any, log: Any) -> None:
+def job(command: str, input: Any, output: Any, params: Any, log: Any, tell: str = "") -> None:
     """Have a job of a rule done by a worker.
 
     Parameters
@@ -123,14 +123,18 @@ def job(command: str, input: Any, output: Any, params: Any, log: Any) -> None:
         Full name of a function.
     input, output, params, log
         As Snakemake has them in a `run:` block. Inputs, outputs and params are the arguments of the
-        function by their names. A single output without a name is `output`, several are `outputs`.
+        function by their names.
+    tell
+        The name of an argument that gets the causes of what was not analysed of the inputs:
+        `refused` of a function that is called whatever is missing, `not_analysed` of another one.
 
     Raises
     ------
     RuntimeError
         There is no result, and the input is not at fault.
     """
-    given = (command, plain_files(input), outputs_of(output), dict(params.items()), Path(log[0]))
+    files = (plain_files(input), plain_files(output))
+    given = (command, *files, dict(params.items()), Path(log[0]), tell)
     killed_by = do_in_worker(given)
     if killed_by:
         from osl_analysis.jobs.perform import Job, end_killed
@@ -146,9 +150,7 @@ def do_in_worker(given: tuple[Any, ...]) -> str:
     try:
         worker.call(do, *given)
     except (EOFError, ConnectionError):
-        for files in outputs.values():
-            for file in [files] if isinstance(files, str) else files:
-                temporary_path(Path(file), worker.process.pid).unlink(missing_ok=True)
+        remove_temporary(outputs, worker.process.pid)
         names = {-number.value: number.name for number in signal.Signals}
         return names.get(worker.end() or 0, "from outside")
     except BaseException:
@@ -158,17 +160,16 @@ def do_in_worker(given: tuple[Any, ...]) -> str:
     return ""
 
 
-def plain_files(input: Any) -> dict[str, str | list[str]]:
-    """The inputs by name, as a worker can be sent them."""
+def remove_temporary(outputs: Any, pid: int) -> None:
+    """Remove what a killed process has begun to write."""
+    for files in outputs.values():
+        for file in [files] if isinstance(files, str) else files:
+            temporary_path(Path(file), pid).unlink(missing_ok=True)
+
+
+def plain_files(files: Any) -> dict[str, str | list[str]]:
+    """Files by name, as a worker can be sent them."""
     return {
-        name: str(files) if isinstance(files, str) else list(map(str, files))
-        for name, files in input.items()
+        name: str(file) if isinstance(file, str) else list(map(str, file))
+        for name, file in files.items()
     }
-
-
-def outputs_of(output: Any) -> dict[str, str | list[str]]:
-    by_name = plain_files(output)
-    if by_name:
-        return by_name
-    files = list(map(str, output))
-    return {"output": files[0]} if len(files) == 1 else {"outputs": files}

@@ -134,9 +134,8 @@ class WriteError(InputError):
     again."""
 
 
-class MemoryLimitError(WriteError):
-    """A file needs more memory than the job may have. As with a full disk, the next run tries
-    again."""
+class MemoryLimitError(InputError):
+    """A file needs more memory than the job may have."""
 
 
 EXTRAS = {

@@ -50,9 +50,9 @@ LOST = NotAnalysed("b_1", "raw/b_1.mcap: no such file; copy it there")
 def job(tmp_path, command, inputs, output=None, **params):
     output = output or {"output": str(tmp_path / "tables/belt.csv")}
     given = {"made_by": {"data": "measured"}, **params}
-    return Job(
-        f"osl_analysis.commands.{command}", inputs, output, given, tmp_path / "logs/belt.log"
-    )
+    files = [Path(file) for file in output.values()]
+    log = tmp_path / "logs/belt.log"
+    return Job(f"osl_analysis.commands.{command}", inputs, output, given, files, log)
 
 
 def lost(path, *causes):
@@ -127,13 +127,13 @@ def test_a_trial_refused_in_one_list_is_missing_from_every_list(tmp_path):
     bad = [result(tmp_path / "trials/b_1.csv"), lost(tmp_path / "fits/b_1.csv", LOST)]
     inputs = {"trials": [bad[0], good[0]], "fitted": [bad[1], good[1]], "quality": [good[2]]}
     used = {"trials": [good[0]], "fitted": [good[1]], "quality": [good[2]]}
-    assert without_missing(inputs) == (used, (LOST,), ())
+    assert without_missing(inputs) == (used, [LOST], [])
     for given, kept, missing in (
-        ({"rows": bad[1:]}, {"rows": []}, (LOST,)), ({"rows": bad[1:], "trial": good[0]},
-         {"rows": []}, ()),
-        ({"f": bad[1:], "trial": bad[0]}, {"f": []}, (LOST,))
+        ({"rows": bad[1:]}, {"rows": []}, [LOST]), ({"rows": bad[1:], "trial": good[0]},
+         {"rows": []}, []),
+        ({"f": bad[1:], "trial": bad[0]}, {"f": []}, [LOST])
     ):  # fmt: skip
-        assert without_missing(given) == ({**given, **kept}, (LOST,), missing)
+        assert without_missing(given) == ({**given, **kept}, [LOST], missing)
     assert Judge(QualityRules(), {}).verdicts([Path(bad[1])]).is_empty()  # that is no verdict
 
 
@@ -451,7 +451,7 @@ def test_a_run_has_a_line_now_and_then_one_per_stage_and_what_is_refused_at_once
         clock.now += 0.5
         tell(lines, LogEvent.JOB_FINISHED, job_id=job)
     said = capsys.readouterr().err.splitlines()
-    assert said[0] == "read and check recordings 21/40, 2/s, 10 s left"
+    assert said[0] == "read and check recordings 21/40, 10 s left"
     assert [line.partition(":")[0] for line in said[1:4]] == [*outcomes[:3]]
     assert said[4:] == ["read and check recordings 40/40 in 20 s"]
     assert r"no such file\x1b[31m" in said[1]

@@ -18,7 +18,6 @@ from pydantic import ConfigDict, validate_call
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables
 from osl_analysis.errors import (
-    MemoryLimitError,
     OslAnalysisError,
     WriteError,
     printable,
@@ -56,6 +55,9 @@ HOLDING_A_REASON = {".csv", ".zip", ".parquet", ".json", *COMMENTS}
 SIMULATING = "osl_analysis.commands.simulate."
 """Commands whose outputs are recordings and their sheet, and no results."""
 
+CRASHES = ("SIGSEGV", "SIGBUS", "SIGABRT", "SIGILL", "SIGFPE")
+"""Signals of a library that crashes on a damaged file. It would crash on it again."""
+
 TABLES_OF_FIT = {
     facts.fit.job: [table.name for table in facts.tables]
     for facts in EXPERIMENTS.values()
@@ -75,16 +77,9 @@ class Job:
     inputs: Mapping[str, Files]
     outputs: Mapping[str, Files]
     params: Mapping[str, Any]
+    files: Sequence[Path]  # all outputs
     log: Path
     tell: str = ""  # `refused` or `not_analysed`: the argument that gets the refusals among inputs
-
-    @property
-    def files(self) -> list[Path]:
-        """All outputs."""
-        files: list[Path] = []
-        for output in self.outputs.values():
-            files += map(Path, [output] if isinstance(output, str) else output)
-        return files
 
     @property
     def row(self) -> Mapping[str, Any]:
@@ -107,7 +102,7 @@ class Job:
     def trial(self) -> str:
         """The trial that the job is of; empty for one over several trials."""
         stems = [Path(file).stem for file in self.read_trials]
-        return str(self.params.get("trial") or self.row.get("trial") or "".join(stems))
+        return self.row.get("trial") or "".join(stems)
 
 
 def perform(job: Job) -> None:
@@ -126,8 +121,7 @@ def perform(job: Job) -> None:
         except Exception as error:
             reason, remedy = words_of(job, error)
             ending = {"outcome": "failed", "error": reason, "remedy": remedy}
-            if not isinstance(error, OslAnalysisError | OSError):
-                ending["traceback"] = traceback.format_exc()
+            ending["traceback"] = traceback.format_exc()
     texts = dict.fromkeys(printable(str(warning.message)) for warning in caught)
     seconds = round(time.perf_counter() - start, 3)
     write_log(job.log, {"job": job.command, **ending, "seconds": seconds, "warnings": [*texts]})
@@ -160,8 +154,7 @@ def words_of(job: Job, error: Exception) -> tuple[str, str]:
     if isinstance(error, OslAnalysisError):
         return error.reason, error.remedy or (REMEDY_OF_TRIAL if job.trial else REMEDY_OF_SEVERAL)
     if isinstance(error, OSError):
-        reason = f"{error.filename or 'a file'}: {error.strerror or error}"
-        return printable(reason), "make the file or its folder accessible"
+        return printable(str(error)), "make the file or its folder accessible"
     remedy = f"a fault of this program: report it with the traceback in {job.log}"
     return unexpected(error), remedy
 
@@ -173,8 +166,6 @@ def is_of_input(job: Job, error: Exception) -> bool:
         return False
     if isinstance(error, OSError):
         return str(error.filename) in job.recordings
-    if isinstance(error, MemoryLimitError):
-        return bool(job.recordings)
     return not isinstance(error, WriteError)
 
 
@@ -185,12 +176,12 @@ def call(job: Job) -> Sequence[NotAnalysed]:
     declared types. A command that is told what is `refused` is called whatever is missing.
     """
     inputs = {name: job.inputs[name] for name in job.inputs if name not in ONLY_WAITED_FOR}
-    usable = without_missing(inputs)
-    if usable.missing and job.tell != "refused":
-        return usable.missing
+    inputs, refused, missing = without_missing(inputs)
+    if missing and job.tell != "refused":
+        return missing
 
-    arguments: dict[str, Any] = {job.tell: usable.refused} if job.tell else {}
-    inputs = without_excluded(usable.inputs, job.params.get("excluded", ()))
+    arguments: dict[str, Any] = {job.tell: refused} if job.tell else {}
+    inputs = without_excluded(inputs, job.params.get("excluded", ()))
     for given, left_out in ((inputs, ONLY_CHECKED), (job.params, OF_EVERY_JOB)):
         arguments.update((name, given[name]) for name in given if name not in left_out)
 
@@ -205,16 +196,14 @@ def call(job: Job) -> Sequence[NotAnalysed]:
 
 
 def write_fit(job: Job, fit: Any, arguments: dict[str, Any]) -> None:
-    """Fit a trial, and write the tables: each to the output with its name, or into the archive
-    `others`."""
+    """Fit a trial, and write the first of its tables to a file, the others into an archive."""
     trial = read_trial(Path(arguments.pop("trial")))
     advise = resolve_name("osl_analysis.commands.remedies.fit_or_advise")
     tables = advise(fit, trial, **arguments).everything()
-    by_place = {}
-    for name in TABLES_OF_FIT[job.command]:
-        in_archive = f"{job.outputs['others']}/{name}.csv"
-        by_place[Path(str(job.outputs.get(name, in_archive)))] = tables[name]
-    write_tables(by_place, job.params["made_by"]["data"])
+    first, *others = TABLES_OF_FIT[job.command]
+    file, archive = job.files
+    by_place = {archive / f"{name}.csv": tables[name] for name in others}
+    write_tables({file: tables[first], **by_place}, job.params["made_by"]["data"])
 
 
 def write_reasons(job: Job, causes: Sequence[NotAnalysed]) -> None:
@@ -252,7 +241,7 @@ def rows_of(causes: Sequence[NotAnalysed], *places: str) -> pl.DataFrame:
     return pl.DataFrame(rows)
 
 
-def end_killed(job: Job, signal_name: str, is_crash: bool) -> None:
+def end_killed(job: Job, signal_name: str) -> None:
     """Write the log of a job whose process was killed, or crashed. A library that crashed on the
     recording would crash again: the outputs hold this reason.
 
@@ -261,7 +250,8 @@ def end_killed(job: Job, signal_name: str, is_crash: bool) -> None:
     RuntimeError
         It is no crash on a recording, so that the next run is to try the job again.
     """
-    if is_crash and job.recordings and not job.command.startswith(SIMULATING):
+    is_of_trial = job.recordings and not job.command.startswith(SIMULATING)
+    if signal_name in CRASHES and is_of_trial:
         reason = f"{' or '.join(job.recordings)}: a library that reads it crashed ({signal_name})"
         remedy = "the file may be damaged: copy, export or record it again"
         write_log(job.log, {"job": job.command, **refuse(job, reason, remedy)})

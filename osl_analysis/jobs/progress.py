@@ -12,7 +12,6 @@ from collections import Counter
 from collections.abc import Sequence
 from logging import WARNING, LogRecord
 from pathlib import Path
-from typing import NamedTuple
 
 from snakemake_interface_logger_plugins.base import LogHandlerBase
 from snakemake_interface_logger_plugins.common import LogEvent
@@ -28,22 +27,17 @@ STAGES = {
     r"": "tables and page",
 }
 """The stage of a rule, by how its name begins. Behind `osl_` stand those of a module."""
+Logs = Sequence[str] | None
 LOCKED = (
     "error: another run is at work in this folder: wait for it; or one that was killed left its"
     " lock: the same command with `--unlock` removes it"
 )
-OUTCOMES_OF_LINES = ("refused", "failed", "killed")
 SHORTEST_WAIT_S = 10.0  # between two lines on the same stage
 
 
 def stage_of(rule: str) -> str:
     """The stage of a rule."""
     return next(stage for begin, stage in STAGES.items() if re.match(f"(osl_)?({begin})", rule))
-
-
-class RunningJob(NamedTuple):
-    stage: str
-    logs: Sequence[str]
 
 
 class LogHandler(LogHandlerBase):
@@ -60,7 +54,7 @@ class LogHandler(LogHandlerBase):
         self.total = Counter[str]()  # jobs by stage
         self.done = Counter[str]()
         self.started_s: dict[str, float] = {}  # when the first job of a stage began
-        self.jobs: dict[int, RunningJob] = {}  # by their numbers
+        self.jobs: dict[int, tuple[str, Logs]] = {}  # stage and logs, by their numbers
         self.printed_causes = set[tuple[str, str]]()  # outcome and text
         self.last_line_s = time.monotonic()  # when something was printed last
 
@@ -88,43 +82,42 @@ class LogHandler(LogHandlerBase):
                     self.total[stage_of(rule)] += count
         elif event == LogEvent.JOB_INFO:
             stage = stage_of(fields["rule_name"])
-            self.jobs[fields["jobid"]] = RunningJob(stage, list(fields["log"] or ()))
+            self.jobs[fields["jobid"]] = (stage, fields["log"])
             self.started_s.setdefault(stage, time.monotonic())
         elif event == LogEvent.JOB_FINISHED and fields["job_id"] in self.jobs:
-            self.finish(self.jobs.pop(fields["job_id"]))
+            self.finish(*self.jobs.pop(fields["job_id"]))
         elif event == LogEvent.JOB_ERROR:
-            self.print_outcome(list(fields["log"] or ()))
-        elif event == LogEvent.ERROR and fields.get("exception") == "RuleException" and self.jobs:
-            pass  # a job has told its error
-        elif event == LogEvent.ERROR and fields.get("exception") == "LockException":
+            self.print_outcome(fields["log"])
+        elif fields.get("exception") == "LockException":
             self.print_line(LOCKED)
+        elif fields.get("exception") == "RuleException" and self.jobs:
+            pass  # a job has told its error
         elif record.levelno >= WARNING:
             self.print_line(self.format(record))
 
-    def finish(self, job: RunningJob) -> None:
+    def finish(self, stage: str, logs: Logs) -> None:
         """Report an ended job: at once what it refused; from time to time, and at its end, the
         state of its stage."""
-        self.print_outcome(job.logs)
-        stage = job.stage
+        self.print_outcome(logs)
         self.done[stage] += 1
         done = self.done[stage]
         total = self.total[stage]
         now = time.monotonic()
-        spent_s = max(now - self.started_s[stage], 1e-3)
+        spent_s = now - self.started_s[stage]
         if done == total:
             self.print_line(f"{stage} {done}/{total} in {spent_s:.0f} s")
         elif now - self.last_line_s > SHORTEST_WAIT_S and done < total:
             left_s = (total - done) * spent_s / done
-            self.print_line(f"{stage} {done}/{total}, {done / spent_s:.3g}/s, {left_s:.0f} s left")
+            self.print_line(f"{stage} {done}/{total}, {left_s:.0f} s left")
 
-    def print_outcome(self, logs: Sequence[str]) -> None:
+    def print_outcome(self, logs: Logs) -> None:
         """A line on each warning of a job, and on one that was refused, has failed or was killed,
         once for each cause: the list at the end of the run names the others."""
-        for log in map(Path, logs):
+        for log in map(Path, logs or ()):
             job_log = read_log(log) or {}
             lines = [("warning", warning) for warning in job_log.get("warnings", ())]
             outcome = job_log.get("outcome", "")
-            if outcome in OUTCOMES_OF_LINES:
+            if outcome not in ("", "done", "skipped"):
                 remedy = job_log.get("remedy", "run again")
                 lines.append((outcome, f"{job_log['error']}; {remedy}"))
             for kind, text in lines:

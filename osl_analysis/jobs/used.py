@@ -3,7 +3,6 @@
 from collections.abc import Collection, Iterable, Mapping
 from itertools import chain
 from pathlib import Path
-from typing import NamedTuple
 
 from osl_analysis.errors import InputError
 from osl_analysis.judge.exclusions import HOW_TO_USE
@@ -13,20 +12,15 @@ Files = str | list[str]
 """An input of a job: a file, or a list of files."""
 
 
-class Usable(NamedTuple):
-    """What is left of the inputs of a job."""
-
-    inputs: dict[str, Files]  # without what was not analysed
-    refused: tuple[NotAnalysed, ...]  # causes of all that was removed
-    missing: tuple[NotAnalysed, ...]  # those of them that keep the job from running
-
-
-def without_missing(inputs: Mapping[str, Files]) -> Usable:
+def without_missing(
+    inputs: Mapping[str, Files],
+) -> tuple[dict[str, Files], list[NotAnalysed], list[NotAnalysed]]:
     """Take the refusals out of the inputs of a job.
 
-    A trial with a refusal in one list is taken out of every list. The job cannot run if a refusal
-    stands for a single input, if its input `trial` is such a trial, or if a list loses everything;
-    beside an input `trial` lists may become empty.
+    Returns the inputs that are left, the causes of all that was removed, and those of them that
+    keep the job from running. A trial with a refusal in one list is taken out of every list. The
+    job cannot run if a refusal stands for a single input, if its input `trial` is such a trial, or
+    if a list loses everything; beside an input `trial` lists may become empty.
     """
     causes_of = {}
     for file in chain(*lists_of(inputs).values()):
@@ -39,7 +33,7 @@ def without_missing(inputs: Mapping[str, Files]) -> Usable:
     for trial in needed_trials(inputs, causes_of):
         missing += causes_of[trial]
     refused = [*chain(*causes_of.values()), *missing]
-    return Usable(usable, tuple(dict.fromkeys(refused)), tuple(dict.fromkeys(missing)))
+    return usable, list(dict.fromkeys(refused)), list(dict.fromkeys(missing))
 
 
 def without_excluded(inputs: Mapping[str, Files], excluded: Collection[str]) -> dict[str, Files]:

@@ -11,7 +11,7 @@ import signal
 import sys
 import threading
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -35,10 +35,6 @@ PRELOADED = [
     ),
 ]
 """What workers share: the process from which they are forked imports it once."""
-CRASHES = ("SIGSEGV", "SIGBUS", "SIGABRT", "SIGILL", "SIGFPE")
-"""Signals of a library that crashes on a damaged file. It would crash on it again."""
-
-
 ASKING = threading.Lock()
 """Held by the one thread that may ask how processes ended. Each tells it only once, and to start
 another process asks it of all."""
@@ -133,24 +129,25 @@ def job(command: str, input: Any, output: Any, params: Any, log: Any, tell: str 
     RuntimeError
         There is no result, and the input is not at fault.
     """
-    files = (plain_files(input), plain_files(output))
-    given = (command, *files, dict(params.items()), Path(log[0]), tell)
-    killed_by = do_in_worker(given)
+    files = [Path(file) for file in output]
+    by_name = (plain_files(input), plain_files(output))
+    given = (command, *by_name, dict(params.items()), files, Path(log[0]), tell)
+    killed_by = do_in_worker(command, files, given)
     if killed_by:
         from osl_analysis.jobs.perform import Job, end_killed
 
-        end_killed(Job(*given), killed_by, is_crash=killed_by in CRASHES)
+        end_killed(Job(*given), killed_by)
 
 
-def do_in_worker(given: tuple[Any, ...]) -> str:
+def do_in_worker(command: str, files: Sequence[Path], given: Sequence[Any]) -> str:
     """Do a job in a worker; returns what killed the worker, if it was killed before the end."""
-    command, _, outputs, *_ = given
     idle = IDLE[command.startswith("osl_analysis.commands.simulate.")]
     worker = idle.pop() if idle else Worker()
     try:
         worker.call(do, *given)
     except (EOFError, ConnectionError):
-        remove_temporary(outputs, worker.process.pid)
+        for file in files:
+            temporary_path(file, worker.process.pid).unlink(missing_ok=True)
         names = {-number.value: number.name for number in signal.Signals}
         return names.get(worker.end() or 0, "from outside")
     except BaseException:
@@ -158,13 +155,6 @@ def do_in_worker(given: tuple[Any, ...]) -> str:
         raise
     idle.append(worker)
     return ""
-
-
-def remove_temporary(outputs: Any, pid: int) -> None:
-    """Remove what a killed process has begun to write."""
-    for files in outputs.values():
-        for file in [files] if isinstance(files, str) else files:
-            temporary_path(Path(file), pid).unlink(missing_ok=True)
 
 
 def plain_files(files: Any) -> dict[str, str | list[str]]:

@@ -137,6 +137,19 @@ def test_a_run_after_a_job_was_killed_does_it(two_runs):
     assert excluded.select("trial", "check").rows() == [("sine", "refused")]
 
 
+def test_with_retries_a_job_that_was_killed_is_done_in_the_same_run(tmp_path):
+    write_campaign(tmp_path, {"spring": "torque_angle"})
+    (tmp_path / "unlucky").mkdir()
+    (tmp_path / "unlucky/spring.csv.SIGKILL").touch()
+
+    ended = run_forked(["osl-analysis", "run", TABLE, "--retries", "1"], tmp_path)
+
+    assert ended.returncode == 0, ended.stdout
+    assert "killed: spring" in ended.stdout
+    fitted = pl.read_csv(tmp_path / TABLE)
+    assert fitted["K_secant"].item() == pytest.approx(K, rel=0.01)
+
+
 def test_a_page_is_made_where_every_trial_of_the_campaign_is_refused(tmp_path):
     write_campaign(tmp_path, {"spring": "torque_angle"})
     (tmp_path / "spring.csv").write_text("time,angle,torque\n")

@@ -34,6 +34,16 @@ from osl_analysis.status import not_analysed
 TRIAL = "impedance_K300_B5.0_compensated"
 DYNAMOMETER = OVERRIDES["dynamometer"]
 EVERY_TRIAL = (ROOT / "tests/planned_trials.csv").read_text().splitlines(keepends=True)
+MODULE = f"""
+configfile: "config/small.yaml"
+
+module osl:
+    snakefile: {str(ROOT / "Snakefile")!r}
+    config: config
+
+use rule * from osl as osl_*
+"""
+"""A workflow that has this one as a module."""
 FILES = ["--snakefile", str(ROOT / "Snakefile"), "--configfile", "config/small.yaml"]
 
 
@@ -150,6 +160,27 @@ def test_a_run_ends_with_its_headline_numbers_and_the_page(workspace):
 
 def test_after_a_run_nothing_is_left_to_do(workspace):
     assert workspace.planned("reproduce-all") == {}
+
+
+def test_options_of_snakemake_and_a_module_do_what_they_do_elsewhere(workspace, tmp_path):
+    """`--retries` and `--keep-going` stand in test_small_campaigns.py."""
+    (tmp_path / "module.smk").write_text(MODULE)
+
+    until = workspace.planned("--forcerun", "ingest", "--until", "ingest")
+    accepted = workspace.planned("--config", "failed_trials=accept")
+    files = [workspace.run(option) for option in ("--summary", "--rulegraph")]
+    page = workspace.run("--report", str(tmp_path / "report.html"))
+    asked = ["snakemake", "-n", "--snakefile", str(tmp_path / "module.smk"), "osl_reproduce-all"]
+    module = run_forked(asked, workspace.folder)
+
+    assert until == {"ingest": 22}
+    assert accepted.keys() == {"brief", "methods", "verdict"}
+    assert files[0].stdout.count("no update") > 200
+    assert "update pending" not in files[0].stdout
+    assert "digraph" in files[1].stdout
+    assert page.returncode == 0, page.stdout
+    assert (tmp_path / "report.html").stat().st_size > 10_000
+    assert (module.returncode, "osl_ingest" in module.stdout) == (0, False), module.stdout
 
 
 def test_no_number_of_a_campaign_changes_unnoticed(workspace):
@@ -492,6 +523,7 @@ def test_tables_and_numbers_are_made_of_the_trials_that_are_left(laboratory):
     results, table = laboratory.folder / "results", laboratory.table
     assert not list(results.rglob(".*"))
     assert set(table("impedance").drop_nulls("K")["controller"]) == {"uncompensated"}
+    assert table("impedance").filter(trial=TRIAL)["status"].to_list() == ["not analysed"]
     assert len(table("walking_crossings")) == 7
     (left_out,) = table("walking_crossings").drop_nulls("reason").to_dicts()
     assert left_out["trial"] == laboratory.mistaken

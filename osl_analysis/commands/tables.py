@@ -119,8 +119,8 @@ def gather(
         in_evidence = [name for name in table.columns if name in evidence_columns]
         write_table(table.select(in_evidence), evidence, data)
         # both files tell of which row they are
-        further = [name for name in in_evidence if name not in ROW_KEYS]
-        table = table.drop(further)
+        in_both = {*ROW_KEYS, "status", "reason"}
+        table = table.drop([name for name in in_evidence if name not in in_both])
     write_table(table, output, data)
 
 

@@ -32,6 +32,8 @@ LOCKED = (
     "error: another run is at work in this folder: wait for it; or one that was killed left its"
     " lock: the same command with `--unlock` removes it"
 )
+INTERRUPTED = ("Terminating processes", "Will exit after finishing")
+"""How Snakemake's answers to Ctrl-C and SIGTERM begin."""
 SHORTEST_WAIT_S = 10.0  # between two lines on the same stage
 
 
@@ -92,7 +94,7 @@ class LogHandler(LogHandlerBase):
             self.print_line(LOCKED)
         elif fields.get("exception") == "RuleException" and self.jobs:
             pass  # a job has told its error
-        elif record.levelno >= WARNING:
+        elif record.levelno >= WARNING or record.getMessage().startswith(INTERRUPTED):
             self.print_line(self.format(record))
 
     def finish(self, stage: str, logs: Logs) -> None:

@@ -12,6 +12,7 @@ import sys
 import threading
 from collections import defaultdict
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -90,17 +91,15 @@ def serve(connection: Connection) -> None:
     Snakemake, which lets begun jobs end."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     gc.freeze()  # to look for garbage in all that is imported takes a twentieth of a fit
-    while True:
-        try:
+    with suppress(EOFError, ConnectionError):  # Snakemake has ended
+        while True:
             function, given = connection.recv()
-        except EOFError:
-            return
-        result, failure = None, None
-        try:
-            result = function(*given)
-        except Exception as error:
-            failure = error
-        connection.send((result, failure))
+            result, failure = None, None
+            try:
+                result = function(*given)
+            except Exception as error:
+                failure = error
+            connection.send((result, failure))
 
 
 def do(*given: Any) -> None:

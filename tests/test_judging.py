@@ -5,7 +5,7 @@ import pytest
 from conftest import findings_of
 
 from osl_analysis.judge.effects import shares_moved
-from osl_analysis.judge.finding import Beyond, Correction, Grade
+from osl_analysis.judge.finding import Beyond, Grade
 from osl_analysis.judge.judging import judged, limits_in, numbers_beyond
 from osl_analysis.judge.known_findings import CHECKS
 from osl_analysis.judge.limits import Accuracy, DoubtfulFits, Limits
@@ -138,13 +138,6 @@ def test_friction_is_doubted_from_the_accuracy_of_the_damping_on():
     assert "coulomb_share" in beyond("impedance", {"coulomb_share": 0.051}, Limits())
     wide = Limits(accuracy=Accuracy(B=0.2))
     assert not beyond("impedance", {"coulomb_share": 0.19}, wide)
-
-
-@pytest.mark.parametrize(("low", "high", "is_better"), [(99, 103, False), (101, 103, True)])
-def test_a_correction_is_offered_only_where_the_recorded_number_lies_outside_it(
-    low, high, is_better
-):
-    assert Correction("K", "K", 102, low, high).is_better_than({"K": 100}) is is_better
 
 
 def test_a_number_beyond_a_limit_of_zero_exceeds_it_without_bound():

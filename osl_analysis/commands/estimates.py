@@ -54,7 +54,6 @@ def finding_json(finding: Finding, row: Mapping[str, Any]) -> dict[str, Any]:
         "grade": finding.grade.value,
         "name": finding.name,
         "cause": finding.cause,
-        "without": [asdict(estimate) for estimate in finding.without],
         **words_of(finding, row)._asdict(),
         "evidence": [asdict(number) for number in finding.evidence],
     }

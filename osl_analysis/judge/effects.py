@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from osl_analysis.judge.finding import ESTIMATES, AnyRow, Beyond, Correction, cell_number
-from osl_analysis.judge.known_findings import KnownFinding, rule_of
+from osl_analysis.judge.finding import ESTIMATES, AnyRow, Beyond, cell_number
+from osl_analysis.judge.known_findings import rule_of
 from osl_analysis.judge.limits import Accuracy
 
 NAMES_IN_TABLE = {("belt", "K"): "K_s", ("transmission", "B"): "B_j", ("transmission", "I"): "J_j"}
@@ -19,17 +19,6 @@ def interval(row: AnyRow, column: str) -> tuple[float | None, float | None, floa
     """An estimate and the ends of its interval; None where one is not known."""
     value, low, high = (cell_number(row, f"{column}{end}") for end in ("", "_low", "_high"))
     return value, low, high
-
-
-def corrections(table: str, cause: KnownFinding, row: AnyRow) -> list[Correction]:
-    """The estimates beside a cause, as far as the row has their columns."""
-    without_cause: list[Correction] = []
-    for symbol, column_of_impedance in cause.estimates_without.items():
-        recorded = estimate_column(table, symbol)
-        column = f"{recorded}{column_of_impedance.removeprefix(symbol)}"
-        if column in row:
-            without_cause.append(Correction(symbol, recorded, *interval(row, column)))
-    return without_cause
 
 
 def size_and_half_width(row: AnyRow, column: str) -> tuple[float, float]:

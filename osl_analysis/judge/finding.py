@@ -50,30 +50,6 @@ class Beyond:
 
 
 @dataclass(frozen=True)
-class Correction:
-    """An estimate with a cause as a column of the regression, in the unit of the estimate."""
-
-    symbol: str  # K, B or I
-    recorded: str  # column of the estimate that it is to be compared with
-    value: float | None  # None: rivals that cannot be told apart give a range alone
-    low: float | None  # lower end of its 95 % interval or range; None: nothing is told
-    high: float | None  # upper end
-
-    @property
-    def is_told(self) -> bool:
-        """Whether anything is known of the estimate beside the cause."""
-        return self.value is not None or None not in (self.low, self.high)
-
-    def is_better_than(self, row: AnyRow) -> bool:
-        """Whether the estimate of a row lies outside of this interval. Of one that lies in it
-        nothing better is known."""
-        recorded = cell_number(row, self.recorded)
-        if recorded is None or self.low is None or self.high is None:
-            return self.is_told
-        return not self.low <= recorded <= self.high
-
-
-@dataclass(frozen=True)
 class Finding:
     """One thing that was found in a row of a table: a cause of doubt, something that could not be
     checked, or a remark.
@@ -92,9 +68,6 @@ class Finding:
         Numbers beyond their limits; none for what could not be checked.
     amplitude_deg, frequency_hz
         Those of the row; None: all.
-    without
-        The estimates with this cause as a column of the regression, where they are better than the
-        recorded ones, or not told beside it while others are.
     rule
         That of a condition, which may have words of its own; None: its evidence decides.
 
@@ -112,7 +85,6 @@ class Finding:
     evidence: tuple[Beyond, ...] = ()
     amplitude_deg: float | None = None
     frequency_hz: float | None = None
-    without: tuple[Correction, ...] = ()
     rule: Rule | None = None
 
     @property

@@ -10,7 +10,7 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.judge.effects import corrections, is_within_accuracy
+from osl_analysis.judge.effects import is_within_accuracy
 from osl_analysis.judge.finding import AnyRow, Beyond, Finding, Grade, cell_number, subject_of
 from osl_analysis.judge.known_findings import (
     BY_COLUMN,
@@ -306,12 +306,7 @@ def findings_of_row(
 def finding_of_cause(
     table: str, row: AnyRow, cause: KnownFinding, numbers: tuple[Beyond, ...]
 ) -> Finding:
-    """A cause of doubt about a row, or a remark on the device. Estimates without it are offered
-    where they are better than the recorded ones."""
-    without = corrections(table, cause, row)
-    better = [each for each in without if not each.is_told or each.is_better_than(row)]
-    if not any(each.is_told for each in without):  # the cause was no column of any regression
-        better = []
+    """A cause of doubt about a row, or a remark on the device."""
     return Finding(
         name=cause.name,
         table=table,
@@ -320,7 +315,6 @@ def finding_of_cause(
         evidence=numbers,
         amplitude_deg=cell_number(row, "amplitude_deg"),
         frequency_hz=cell_number(row, "frequency_hz"),
-        without=tuple(better),
     )
 
 

@@ -1,7 +1,7 @@
 """The findings that a trial can have, and the rules that find them (`findings.yaml`)."""
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
@@ -43,9 +43,6 @@ class KnownFinding:
         Whether no estimate can be told beside it: other causes of a misfit may be its effect.
     is_misfit
         Whether it is a misfit without a known cause.
-    estimates_without
-        Columns of the estimates by K, B and I, from the same fit with this cause as a column of the
-        regression.
     """
 
     name: str
@@ -60,7 +57,6 @@ class KnownFinding:
     concerns: Sequence[str] = ()
     spoils_estimates: bool = False
     is_misfit: bool = False
-    estimates_without: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -36,15 +36,13 @@ def words_of(finding: Finding, row: AnyRow) -> Words:
 
 
 def size_text(finding: Finding, row: AnyRow) -> str:
-    """How large a cause is in this row: its numbers, and the estimates without it."""
+    """How large a cause is in this row, by its numbers."""
     details: list[str] = []
     for number in finding.evidence:
         rule = rule_of(number.column, number.side)
         # a misfit that another cause explains is told by that cause
         if rule is not None and number.finding == finding.name:
             details.append(filled(rule.says, cells_of(row, number)))
-    if finding.name != "friction":  # whose numbers these are
-        details.append(estimates_without_cause(finding))
     first, *others = [*dict.fromkeys(filter(None, details)), ""]
     return ". ".join(filter(None, [first, *map(capital, others)]))
 
@@ -75,20 +73,6 @@ def beyond_text(number: Beyond) -> str:
     if number.side == "near":
         return f"{number.column} {number.value:.3g} is close to it"
     return f"{number.column} {number.value:.3g} is {number.side} {number.limit:g}"
-
-
-def estimates_without_cause(finding: Finding) -> str:
-    """The estimates of the same fit with this cause as a column of the regression, where they are
-    better than the recorded ones."""
-    texts: list[str] = []
-    for estimate in finding.without:
-        name, value = estimate.recorded, estimate.value
-        if not estimate.is_told:
-            texts.append(f"{name} not identifiable")
-        elif estimate.low is not None and estimate.high is not None:
-            low, high = significant(estimate.low, 3), significant(estimate.high, 3)
-            texts.append(f"{name} {value:.4g} (95 %: {low} to {high})")
-    return f"with it in the model {', '.join(texts)}" if texts else ""
 
 
 def leaves_torque(row: AnyRow) -> bool:

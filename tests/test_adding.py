@@ -93,10 +93,10 @@ from pathlib import Path
 import polars as pl
 import snakemake.cli
 from click.testing import CliRunner
-from osl_analysis.jobs import workers
+from osl_analysis.jobs import perform, workers
 
-def do_here(given):  # without a process of workers, whose imports take 2 s
-    workers.do(*given)
+def do_here(command, files, given):  # without a process of workers, whose imports take 2 s
+    perform.perform(perform.Job(*given))
     return ""
 
 workers.do_in_worker = do_here

@@ -28,7 +28,7 @@ from osl_analysis.jobs.job_log import write_log
 from osl_analysis.jobs.used import Files, without_excluded, without_missing
 from osl_analysis.memory import limited_memory
 from osl_analysis.status import KEY, NOT_ANALYSED, NotAnalysed
-from osl_analysis.table import write_table, write_tables
+from osl_analysis.table import write_tables
 from osl_analysis.trial import read_trial
 
 ONLY_WAITED_FOR = {"recordings", "sources", "made_of", "evidence", "numbers", "quality"}
@@ -41,17 +41,12 @@ OF_EVERY_JOB = {"made_by", "excluded", "sizes"}
 """Params that are no arguments of a command: what made the data, the trials that quality control
 excludes, and what Snakemake only compares with the last run."""
 
-REMEDY_OF_TRIAL = (
+REMEDY = (
     "correct or replace the file, or its source file, or give a reason under `exclude` in the"
-    " sample sheet"
+    " sample sheet, or change the settings of this analysis in the configuration"
 )
-REMEDY_OF_SEVERAL = (
-    "correct or exclude the trials behind it, or change the settings of this analysis in the"
-    " configuration"
-)
-COMMENTS = {".tex": "% {}", ".md": "{}"}
-"""How text files say why there is no result."""
-HOLDING_A_REASON = {".csv", ".zip", ".parquet", ".json", *COMMENTS}
+HOLDING_A_REASON = {".csv", ".zip", ".parquet", ".json", ".tex", ".md"}
+"""Suffixes of files that can say why there is no result."""
 SIMULATING = "osl_analysis.commands.simulate."
 """Commands whose outputs are recordings and their sheet, and no results."""
 
@@ -152,7 +147,7 @@ def refuse(job: Job, reason: str, remedy: str) -> dict[str, Any]:
 def words_of(job: Job, error: Exception) -> tuple[str, str]:
     """Reason and remedy of an error, each on one line."""
     if isinstance(error, OslAnalysisError):
-        return error.reason, error.remedy or (REMEDY_OF_TRIAL if job.trial else REMEDY_OF_SEVERAL)
+        return error.reason, error.remedy or REMEDY
     if isinstance(error, OSError):
         return printable(str(error)), "make the file or its folder accessible"
     remedy = f"a fault of this program: report it with the traceback in {job.log}"
@@ -208,16 +203,15 @@ def write_fit(job: Job, fit: Any, arguments: dict[str, Any]) -> None:
 
 def write_reasons(job: Job, causes: Sequence[NotAnalysed]) -> None:
     """Write each output with its columns and why there is nothing in it."""
-    data = job.params["made_by"]["data"]
+    tables = {}
     for file in job.files:
         folder = file.parent.name
         if file.suffix == ".csv":
             places = (f"tables/{folder}", f"{folder}/{file.stem}", f"{folder}/*")
-            write_table(rows_of(causes, *places), file, data)
+            tables[file] = rows_of(causes, *places)
         elif file.suffix == ".zip":
-            names = TABLES_OF_FIT[job.command]
-            parts = {file / f"{name}.csv": rows_of(causes, f"tables/{name}") for name in names}
-            write_tables(parts, data)
+            for name in TABLES_OF_FIT[job.command]:
+                tables[file / f"{name}.csv"] = rows_of(causes, f"tables/{name}")
         elif file.suffix == ".parquet":
             names = ["time", *job.params.get("needed_columns", ("theta", "torque"))]
             empty = pl.DataFrame(schema=dict.fromkeys(names, pl.Float64))
@@ -225,9 +219,9 @@ def write_reasons(job: Job, causes: Sequence[NotAnalysed]) -> None:
                 empty.write_parquet(temporary, metadata={KEY: json.dumps(causes)})
         elif file.suffix == ".json":
             write_text(file, json.dumps({"status": NOT_ANALYSED, "reasons": causes}))
-        else:
-            text = "; ".join(cause.reason for cause in causes)
-            write_text(file, COMMENTS[file.suffix].format(f"not made: {text}\n"))
+        else:  # a comment of LaTeX
+            write_text(file, f"% not made: {'; '.join(cause.reason for cause in causes)}\n")
+    write_tables(tables, job.params["made_by"]["data"])
 
 
 def rows_of(causes: Sequence[NotAnalysed], *places: str) -> pl.DataFrame:
@@ -250,14 +244,13 @@ def end_killed(job: Job, signal_name: str) -> None:
     RuntimeError
         It is no crash on a recording, so that the next run is to try the job again.
     """
-    is_of_trial = job.recordings and not job.command.startswith(SIMULATING)
-    if signal_name in CRASHES and is_of_trial:
+    if signal_name in CRASHES and job.recordings:
         reason = f"{' or '.join(job.recordings)}: a library that reads it crashed ({signal_name})"
-        remedy = "the file may be damaged: copy, export or record it again"
-        write_log(job.log, {"job": job.command, **refuse(job, reason, remedy)})
-        return
-    reason = f"the process of this job was killed ({signal_name})"
-    remedy = "run again; if memory was short, with fewer jobs at once (`--cores 1`)"
-    ending = {"outcome": "killed", "error": reason, "remedy": remedy}
+        ending = refuse(job, reason, "the file may be damaged: copy, export or record it again")
+    else:
+        reason = f"the process of this job was killed ({signal_name})"
+        remedy = "run again; if memory was short, with fewer jobs at once (`--cores 1`)"
+        ending = {"outcome": "killed", "error": reason, "remedy": remedy}
     write_log(job.log, {"job": job.command, **ending})
-    raise RuntimeError(reason)
+    if ending["outcome"] == "killed":
+        raise RuntimeError(reason)

@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Sequence
 from logging import WARNING, LogRecord
 from pathlib import Path
+from typing import Any
 
 from snakemake_interface_logger_plugins.base import LogHandlerBase
 from snakemake_interface_logger_plugins.common import LogEvent
@@ -27,7 +28,6 @@ STAGES = {
     r"": "tables and page",
 }
 """The stage of a rule, by how its name begins. Behind `osl_` stand those of a module."""
-Logs = Sequence[str] | None
 LOCKED = (
     "error: another run is at work in this folder: wait for it; or one that was killed left its"
     " lock: the same command with `--unlock` removes it"
@@ -56,7 +56,7 @@ class LogHandler(LogHandlerBase):
         self.total = Counter[str]()  # jobs by stage
         self.done = Counter[str]()
         self.started_s: dict[str, float] = {}  # when the first job of a stage began
-        self.jobs: dict[int, tuple[str, Logs]] = {}  # stage and logs, by their numbers
+        self.jobs: dict[int, Any] = {}  # stage and logs, by their numbers
         self.printed_causes = set[tuple[str, str]]()  # outcome and text
         self.last_line_s = time.monotonic()  # when something was printed last
 
@@ -97,7 +97,7 @@ class LogHandler(LogHandlerBase):
         elif record.levelno >= WARNING or record.getMessage().startswith(INTERRUPTED):
             self.print_line(self.format(record))
 
-    def finish(self, stage: str, logs: Logs) -> None:
+    def finish(self, stage: str, logs: Sequence[str] | None) -> None:
         """Report an ended job: at once what it refused; from time to time, and at its end, the
         state of its stage."""
         self.print_outcome(logs)
@@ -112,7 +112,7 @@ class LogHandler(LogHandlerBase):
             left_s = (total - done) * spent_s / done
             self.print_line(f"{stage} {done}/{total}, {left_s:.0f} s left")
 
-    def print_outcome(self, logs: Logs) -> None:
+    def print_outcome(self, logs: Sequence[str] | None) -> None:
         """A line on each warning of a job, and on one that was refused, has failed or was killed,
         once for each cause: the list at the end of the run names the others."""
         for log in map(Path, logs or ()):

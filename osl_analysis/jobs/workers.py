@@ -11,13 +11,13 @@ import signal
 import sys
 import threading
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from osl_analysis.files import PACKAGE, temporary_path
+from osl_analysis.files import temporary_path
 from osl_analysis.memory import SET_TO_ONE
 
 ENVIRONMENT = dict.fromkeys((*SET_TO_ONE, "POLARS_MAX_THREADS", "NUMBA_NUM_THREADS"), "1") | {
@@ -29,11 +29,10 @@ ENVIRONMENT = dict.fromkeys((*SET_TO_ONE, "POLARS_MAX_THREADS", "NUMBA_NUM_THREA
 PRELOADED = [
     "osl_analysis.jobs.perform",
     "scipy.signal",
-    *(f"osl_analysis.commands.{module}" for module in ("trials", "bench", "tables", "figure")),
-    *(
-        f"osl_analysis.formats.{module.stem}"
-        for module in sorted(PACKAGE.glob("formats/[a-z]*.py"))
-    ),
+    "osl_analysis.commands.trials",
+    "osl_analysis.commands.bench",
+    "osl_analysis.commands.tables",
+    "osl_analysis.commands.figure",
 ]
 """What workers share: the process from which they are forked imports it once."""
 ASKING = threading.Lock()
@@ -57,28 +56,29 @@ class Worker:
             self.process.start()
         far_end.close()  # so that the end of the process ends the connection
 
-    def call(self, function: Callable[..., Any], *given: Any) -> Any:
-        """What a function gives, called in the process.
+    def do(self, given: Sequence[Any]) -> None:
+        """Do a job, of which the fields of `perform.Job` are given.
 
         Raises
         ------
         EOFError, ConnectionError
             The process has ended.
+        RuntimeError
+            There is no result.
         """
-        self.connection.send((function, given))
-        result, error = self.connection.recv()
+        self.connection.send(given)
+        error = self.connection.recv()
         if error is not None:
             raise error
-        return result
 
-    def end(self) -> int | None:
+    def end(self) -> int:
         """End the process when it has done its job; its exit code: if it was killed, the negative
         number of the signal."""
         self.connection.close()
         with ASKING:
             self.process.join()
-            exit_code: int | None = self.process.exitcode
-        return exit_code
+            exit_code = self.process.exitcode
+        return exit_code or 0
 
 
 IDLE: defaultdict[bool, list[Worker]] = defaultdict(list)
@@ -87,26 +87,21 @@ others do without. Threads of Snakemake take one, and put it back."""
 
 
 def serve(connection: Connection) -> None:
-    """Answer calls in a worker until the connection ends, as Snakemake does. Ctrl-C is for
-    Snakemake, which lets begun jobs end."""
+    """Do jobs in a worker until the connection ends, as Snakemake does. Ctrl-C is for Snakemake,
+    which lets begun jobs end."""
+    from osl_analysis.jobs.perform import Job, perform
+
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     gc.freeze()  # to look for garbage in all that is imported takes a twentieth of a fit
     with suppress(EOFError, ConnectionError):  # Snakemake has ended
         while True:
-            function, given = connection.recv()
-            result, failure = None, None
+            given = connection.recv()
+            failure = None
             try:
-                result = function(*given)
+                perform(Job(*given))
             except Exception as error:
                 failure = error
-            connection.send((result, failure))
-
-
-def do(*given: Any) -> None:
-    """Do a job in this process."""
-    from osl_analysis.jobs.perform import Job, perform
-
-    perform(Job(*given))
+            connection.send(failure)
 
 
 def job(command: str, input: Any, output: Any, params: Any, log: Any, tell: str = "") -> None:
@@ -143,12 +138,12 @@ def do_in_worker(command: str, files: Sequence[Path], given: Sequence[Any]) -> s
     idle = IDLE[command.startswith("osl_analysis.commands.simulate.")]
     worker = idle.pop() if idle else Worker()
     try:
-        worker.call(do, *given)
+        worker.do(given)
     except (EOFError, ConnectionError):
         for file in files:
             temporary_path(file, worker.process.pid).unlink(missing_ok=True)
-        names = {-number.value: number.name for number in signal.Signals}
-        return names.get(worker.end() or 0, "from outside")
+        exit_code = worker.end()
+        return signal.Signals(-exit_code).name if exit_code < 0 else "from outside"
     except BaseException:
         idle.append(worker)
         raise

@@ -94,8 +94,10 @@ class LogHandler(LogHandlerBase):
             self.print_line(LOCKED)
         elif fields.get("exception") == "RuleException" and self.jobs:
             pass  # a job has told its error
-        elif record.levelno >= WARNING or record.getMessage().startswith(INTERRUPTED):
+        elif record.levelno >= WARNING:
             self.print_line(self.format(record))
+        elif record.getMessage().startswith(INTERRUPTED):
+            self.print_once(INTERRUPTED, self.format(record))
 
     def finish(self, stage: str, logs: Sequence[str] | None) -> None:
         """Report an ended job: at once what it refused; from time to time, and at its end, the
@@ -124,10 +126,13 @@ class LogHandler(LogHandlerBase):
                 lines.append((outcome, f"{job_log['error']}; {remedy}"))
             for kind, text in lines:
                 cause = (kind, without_particulars(text, log.stem))
-                if cause not in self.printed_causes:
-                    self.printed_causes.add(cause)
-                    self.print_line(f"{kind}: {log.stem}: {printable(text)}")
+                self.print_once(cause, f"{kind}: {log.stem}: {printable(text)}")
+
+    def print_once(self, cause: tuple[str, str], text: str) -> None:
+        if cause not in self.printed_causes:
+            self.printed_causes.add(cause)
+            self.print_line(text)
 
     def print_line(self, text: str) -> None:
-        print(text, file=sys.stderr, flush=True)
+        sys.stderr.write(f"{text}\n")  # in one piece, beside what Snakemake's thread prints
         self.last_line_s = time.monotonic()

@@ -57,7 +57,7 @@ class LogHandler(LogHandlerBase):
         self.done = Counter[str]()
         self.started_s: dict[str, float] = {}  # when the first job of a stage began
         self.jobs: dict[int, Any] = {}  # stage and logs, by their numbers
-        self.printed_causes = set[tuple[str, str]]()  # outcome and text
+        self.printed_causes = set[str]()
         self.last_line_s = time.monotonic()  # when something was printed last
 
     @property
@@ -94,10 +94,9 @@ class LogHandler(LogHandlerBase):
             self.print_line(LOCKED)
         elif fields.get("exception") == "RuleException" and self.jobs:
             pass  # a job has told its error
-        elif record.levelno >= WARNING:
-            self.print_line(self.format(record))
-        elif record.getMessage().startswith(INTERRUPTED):
-            self.print_once(INTERRUPTED, self.format(record))
+        elif record.levelno >= WARNING or record.getMessage().startswith(INTERRUPTED):
+            text = self.format(record)
+            self.print_once(text, text)
 
     def finish(self, stage: str, logs: Sequence[str] | None) -> None:
         """Report an ended job: at once what it refused; from time to time, and at its end, the
@@ -125,10 +124,10 @@ class LogHandler(LogHandlerBase):
                 remedy = job_log.get("remedy", "run again")
                 lines.append((outcome, f"{job_log['error']}; {remedy}"))
             for kind, text in lines:
-                cause = (kind, without_particulars(text, log.stem))
-                self.print_once(cause, f"{kind}: {log.stem}: {printable(text)}")
+                cause = without_particulars(text, log.stem)
+                self.print_once(f"{kind} {cause}", f"{kind}: {log.stem}: {printable(text)}")
 
-    def print_once(self, cause: tuple[str, str], text: str) -> None:
+    def print_once(self, cause: str, text: str) -> None:
         if cause not in self.printed_causes:
             self.printed_causes.add(cause)
             self.print_line(text)

@@ -436,7 +436,11 @@ def test_a_run_has_a_line_now_and_then_one_per_stage_and_what_is_refused_at_once
 ):
     clock, ended = (
         SimpleNamespace(now=100.0),
-        {"job": "ingest.ingest_trial", "error": "b.mcap: no such file\x1b[31m"},
+        {
+            "job": "ingest.ingest_trial",
+            "error": "b.mcap: no such file\x1b[31m",
+            "remedy": "copy it",
+        },
     )
     monkeypatch.setattr(progress.time, "monotonic", lambda: clock.now)
     for outcome in (outcomes := ("refused", "failed", "killed", "skipped")):

@@ -175,7 +175,7 @@ def test_options_of_snakemake_and_a_module_do_what_they_do_elsewhere(workspace, 
 
     assert until == {"ingest": 22}
     assert accepted.keys() == {"brief", "methods", "verdict"}
-    assert files[0].stdout.count("no update") > 200
+    assert files[0].stdout.count("no update") > 100
     assert "update pending" not in files[0].stdout
     assert "digraph" in files[1].stdout
     assert page.returncode == 0, page.stdout

@@ -121,8 +121,7 @@ class LogHandler(LogHandlerBase):
             lines = [("warning", warning) for warning in job_log.get("warnings", ())]
             outcome = job_log.get("outcome", "")
             if outcome not in ("", "done", "skipped"):
-                remedy = job_log.get("remedy", "run again")
-                lines.append((outcome, f"{job_log['error']}; {remedy}"))
+                lines.append((outcome, f"{job_log['error']}; {job_log['remedy']}"))
             for kind, text in lines:
                 cause = without_particulars(text, log.stem)
                 self.print_once(f"{kind} {cause}", f"{kind}: {log.stem}: {printable(text)}")

@@ -155,10 +155,10 @@ def unexplained_share(torque: Array, signals: Sequence[Signal]) -> float:
             columns += [direction * np.abs(x) for direction in directions]
     known = np.stack([torque[rows], *columns], axis=1)
     known = known[np.isfinite(known).all(axis=1)]
-    y, X = known[:, 0], known[:, 1:]
-    if len(y) < FEWEST_COMPARED or not varies(y):
+    if len(known) < FEWEST_COMPARED or not varies(known[:, 0]):
         return 1.0
-    X = X / (np.abs(X).max(axis=0) + SMALLEST_SIGNAL)
+    known = known / (np.abs(known).max(axis=0) + SMALLEST_SIGNAL)
+    y, X = known[:, 0], known[:, 1:]
     rest = y - X @ np.linalg.lstsq(X, y)[0]
     return float(np.quantile(np.abs(rest), MOST_ROWS) / np.std(y))
 

@@ -82,7 +82,7 @@ def test_the_model_of_fig4_is_the_fit_to_the_settled_cycles_alone():
 
 def test_the_modelled_torque_has_the_drift_where_the_fit_has_it():
     """The amplitudes follow each other, so that their mean times differ from the recording's."""
-    few_cycles = SteppedSineProtocol((0.05, 0.1), (1.0, 3.0, 5.0), 4)
+    few_cycles = SteppedSineProtocol((0.05, 0.1), (1.0, 3.0, 5.0), 5)
     drift = 0.01  # N*m/s, which is 0.6 N*m over a minute
 
     def torque_of(motion):

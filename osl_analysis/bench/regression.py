@@ -267,6 +267,11 @@ def fit_groups(
 
     stratum = np.unique(s.groups.stratum[groups], return_inverse=True)[1]
     has_strata = int(stratum.max()) + 1 >= FEWEST_UNITS
+    if not has_strata and len(groups) < FEWEST_UNITS:
+        raise IdentifiabilityError(
+            f"{len(groups)} cycles, or stretches of the motion, cannot tell how far the estimates"
+            f" scatter; record {FEWEST_UNITS} or more cycles, or a longer motion"
+        )
     has_repeats = s.groups.repeat and int(np.bincount(stratum).min()) > 1
     if has_repeats:
         # before the filter noise is independent from row to row

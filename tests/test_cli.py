@@ -60,7 +60,7 @@ def folder(tmp_path_factory):
     config["dynamometer"] |= {
         "amplitudes_deg": [3],
         "frequencies_hz": [2, 5],
-        "cycles": 4,
+        "cycles": 3,
         "settle_cycles": 1,
     }
     (folder / "config.yaml").write_text(yaml.safe_dump(config))

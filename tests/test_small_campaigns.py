@@ -147,7 +147,7 @@ def test_with_retries_a_job_that_was_killed_is_done_in_the_same_run(tmp_path):
     assert ended.returncode == 0, ended.stdout
     assert "killed: spring" in ended.stdout
     fitted = pl.read_csv(tmp_path / TABLE)
-    assert fitted["K_secant"].item() == pytest.approx(K, rel=0.01)
+    assert fitted["K"].item() == pytest.approx(K, rel=0.01)
 
 
 def test_a_page_is_made_where_every_trial_of_the_campaign_is_refused(tmp_path):

@@ -267,11 +267,6 @@ def fit_groups(
 
     stratum = np.unique(s.groups.stratum[groups], return_inverse=True)[1]
     has_strata = int(stratum.max()) + 1 >= FEWEST_UNITS
-    if not has_strata and len(groups) < FEWEST_UNITS:
-        raise IdentifiabilityError(
-            f"{len(groups)} cycles, or stretches of the motion, cannot tell how far the estimates"
-            f" scatter; record {FEWEST_UNITS} or more cycles, or a longer motion"
-        )
     has_repeats = s.groups.repeat and int(np.bincount(stratum).min()) > 1
     if has_repeats:
         # before the filter noise is independent from row to row
@@ -289,7 +284,10 @@ def fit_groups(
         noise, freedom = noise_of_scores((target - modelled) @ inverse, len(rich))
     unit = stratum if has_strata else np.arange(len(groups))
     left_out = without_units(products[:, :p, :p], products[:, :p, p], unit)
-    covariance, freedom = combined(noise, freedom, scatter_of(left_out), len(left_out))
+    misfit = scatter_of(left_out)
+    if len(left_out) < FEWEST_UNITS:  # without one of them the rest may tell nothing
+        misfit = np.zeros_like(noise)
+    covariance, freedom = combined(noise, freedom, misfit, len(left_out))
     return GroupFit(
         names=tuple(model),
         estimates=estimates,

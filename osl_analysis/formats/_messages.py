@@ -426,10 +426,12 @@ class Log:
     def _find_unlisted(self, address: Mapping[str, str]) -> Channel | None:
         """Say why a topic has no numbers for a field."""
         name, path = address.values()
-        if not self.read and self.end is End.MISSING:
-            raise InputError("no message was read: its end is lost; copy or record it again")
         topic = self.topics.get(name)
         if topic is None or not topic.count:
+            if self.end is End.MISSING:
+                raise InputError(
+                    f"no message of '{name}' was read: its end is lost; copy or record it again"
+                )
             names = sorted(+self.read)
             advice = nearest(name, names) or "; correct `topic`, or check that its sensor was on"
             raise InputError(f"no messages of '{name}' (the file has {listing(names)}){advice}")

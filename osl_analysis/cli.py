@@ -51,6 +51,7 @@ GONE = {
     "export": "the script in docs/notebook.md writes the fitted leg for MuJoCo",
     "watch": "`osl-analysis run` again makes only what is new",
     "--checksums": "`osl-analysis bundle` writes the checksums of all files",
+    "--plot": "draw the columns of its --output; a campaign draws a trajectory as Fig. 8",
     "--license": "state the licence where you deposit the bundle",
     "--raw": "a bundle has the recordings",
 }
@@ -533,13 +534,11 @@ def ingest(sources: Path, output: Path, **given: Any) -> None:
 )
 @AS_JSON
 @file_option("--output", help="Write the table to this CSV file.")
-@file_option("--plot", help="Draw response, gains or trajectory to this file (.pdf, .svg or .png).")
 def select_gains(
     trajectory: Path | None,
     parameters: Path,
     as_json: bool,
     output: Path | None,
-    plot: Path | None,
     stiffness: list[float] | None,
     damping: list[float] | None,
     weight_hz: float,
@@ -566,8 +565,6 @@ def select_gains(
     table = command.requested_gains(stiffness or (), damping or (), trajectory, weight, parameters)
     if output is not None:
         write_table(table, output)
-    if plot is not None:
-        command.plot_gains(table, parameters, plot)
     say(rows_json(table) if as_json else command.gains_text(table))
 
 

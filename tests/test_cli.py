@@ -207,7 +207,7 @@ UNFIT = {
     "--mocap and --mocap-source go": ("ingest", "--mocap-source", "vicon", "--output", "x.parquet"),
     "give --log, --mocap or both": ("ingest", "--output", "x.parquet"),
     "Missing option '--output'": ("ingest", "--log", "x.csv"),
-    "both.csv would be overwritten": (*GAINS, "--output", "both.csv", "--plot", "both.csv"),
+    "`--plot` went with 2.0: draw the columns": (*GAINS, "--plot", "a.pdf"),
     "a.csv would be overwritten": (*GAINS, "--output", "a.csv", "--parameters", "a.csv"),
     "`ingest` writes .parquet files": ("ingest", "--log", "a.csv", "--log-source", "s", "--output",
     "s.yaml"),
@@ -286,14 +286,14 @@ def full_disk(room=1000):
         sys.dont_write_bytecode = writes_bytecode
 
 
-PAIRS = {"K_d": [float(k // 30) for k in range(900)], "B_d": [k % 30 / 2 for k in range(900)]}
-TABLE = pl.DataFrame(PAIRS).with_columns(B_1_joint=pl.col("K_d") * 1.1 + pl.col("B_d"))
+TIMES = [float(k) for k in range(900)]
+TABLE = pl.DataFrame({"time": TIMES, "torque": TIMES, "torque_model": TIMES})
 WRITERS = {
     "csv": write_table,
     "parquet": lambda table, path: write_trial(
         Trial("made", pl.DataFrame({"time": range(9000)}).cast(float)), path
     ),
-    "pdf": lambda table, path: write_figure(drawn("gain_grid", table), [path]),
+    "pdf": lambda table, path: write_figure(drawn("torque", table), [path]),
 }
 
 

@@ -81,7 +81,6 @@ PLOTTED = {
     "fig4": time_series, "torque": time_series, "fig7": response_table,
     "torque_angle": torque_angle_table,
     "fig9": lambda: fig9_numbers(340.0),
-    "gain_grid": lambda: stored("impedance").select("K_d", "B_d", B_1_joint=pl.col("K") / 9),
 }  # fmt: skip
 
 
@@ -153,13 +152,21 @@ def left_out():
 
 
 OBSERVED = ("{}", "{}_low", "{}_high", "{}_amplitudes_low", "{}_amplitudes_high")
-OF_GROUP = ("estimate", "ensemble", "ensemble_low", "ensemble_high", "mean", "commanded",
-            "predicted", "predicted_low", "predicted_high")
+OF_GROUP = (
+    "estimate",
+    "ensemble",
+    "ensemble_low",
+    "ensemble_high",
+    "mean",
+    "commanded",
+    "predicted",
+    "predicted_low",
+    "predicted_high",
+)
 SHOWN = [
     # figure, table (None: as stored), panel, its rows, horizontal axis (None: no numbers of the
     # table), vertical axis
-    ("gain_grid", None, 0, True, "K_d", ("B_1_joint",)), ("torque", None, 0, True, "time",
-     ("torque", "torque_model")),
+    ("torque", None, 0, True, "time", ("torque", "torque_model")),
     ("torque", None, 1, True, "time", (pl.col("torque") - pl.col("torque_model"),)),
     ("fig3", both_branches, 0, True, "theta_s_deg", ("torque",)),
     ("fig3", both_branches, 1, pl.col("trial") != MEAN_SLOPE, "theta_s_deg", ("deviation",)),

@@ -6,7 +6,6 @@ import re
 import zlib
 from base64 import b64decode
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import polars as pl
@@ -162,13 +161,9 @@ def test_a_crossing_that_was_excluded_shows_its_recording(tmp_path):
     recording = pl.DataFrame({"time": [1.0, 2.0], "theta": [0.0, np.pi]})
     recording.write_parquet(tmp_path / "trial.parquet")
     recording.clear().write_parquet(tmp_path / "crossing.parquet")
-    files = SimpleNamespace(
-        series={},
-        crossings={"w": tmp_path / "crossing.parquet"},
-        trials={"w": tmp_path / "trial.parquet"},
-    )
+    recordings = [tmp_path / "crossing.parquet", tmp_path / "trial.parquet"]
 
-    shown = signals_of({"trial": "w", "experiment": "walking"}, {}, files)
+    shown = signals_of({"trial": "w", "experiment": "walking"}, {}, None, recordings)
 
     assert len(shown.table) == 2
 

@@ -10,8 +10,8 @@ import polars as pl
 from numpy.typing import ArrayLike
 
 from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
+from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import naming
-from osl_analysis.figures import DESIRED, LINEAR_MODEL, drawn, plotted_numbers
 from osl_analysis.model import compensator, drivetrain
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.rendered_impedance import predicted_impedance, rendering
@@ -20,12 +20,16 @@ from osl_analysis.table import write_table
 
 # frequencies of Section III-B, at which the fit of Eq. 15 is predicted
 TESTED_HZ = (1.0, 2.0, 3.0, 4.0, 5.0)
-DRAWN_HZ = (0.1, 10.0)  # ends of the response that is drawn of one pair
-DRAWN_POINTS = 201
-FAR = 0.25  # relative difference of the predicted K from K_d that is warned of
-PRINTED = (  # columns of the text about several pairs
-    "phase", "K_d", "B_d", "K_1", "B_1", "error", "K_predicted", "B_predicted", "faithful_to_hz",
+PRINTED = (  # columns of the text
+    "phase", "K_d", "B_d", "K_1", "B_1", "error", "minima", "K_predicted", "B_predicted",
+    "I_predicted", "faithful_to_hz", "decay_rate", "delay_margin",
 )  # fmt: skip
+WARNINGS = {  # by a condition on a row of the table
+    "at_lower_bound": "the joint alone damps more than desired; B_1 is the smallest stable gain",
+    "unbounded": "no finite B_1 minimises Eq. 14, a locked motor would be best; lower --weight-hz",
+    "ABS(K_predicted / K_d - 1) > 0.25": "the predicted K is far from K_d, which is rendered at"
+    " rest; ask for more damping, or lower --weight-hz",
+}
 
 
 def gain_table(
@@ -122,76 +126,23 @@ def select_trajectory(
 
 
 def gains_text(table: pl.DataFrame) -> str:
-    """The table as text: one pair in words, several pairs in columns."""
-    if len(table) > 1:
-        return columns_text(table)
-    row = table.row(0, named=True)
-    minima = "exactly one local minimum" if row["minima"] == 1 else f"{row['minima']} local minima"
-    lines = [
-        f"K_1 = {row['K_1']:.6g} N·m/rad ({row['K_1_joint']:.6g} at the joint)",
-        f"B_1 = {row['B_1']:.6g} N·m·s/rad ({row['B_1_joint']:.6g} at the joint)",
-        f"||W (Y - Y_d)||_2 = {row['error']:.4g} rad/(N·m)·s^-1/2; {minima} among the stable gains",
-    ]
-    if row["at_lower_bound"]:
-        lines.append(
-            "warning: the joint alone damps more than desired; B_1 is the smallest stable gain"
-        )
-    if row["unbounded"]:
-        lines.append(
-            "warning: no finite B_1 minimises Eq. 14, a locked motor would be best; lower"
-            " --weight-hz"
-        )
-        return "\n".join(lines)
-
-    lines.append(
-        f"predicted fit over 1 to 5 Hz: K {row['K_predicted']:.4g} N·m/rad, B"
-        f" {row['B_predicted']:.4g} N·m·s/rad, I {row['I_predicted']:.3g} kg·m² (friction"
-        " cancelled)"
-    )
-    if abs(row["K_predicted"] / row["K_d"] - 1) > FAR:
-        lines.append(
-            f"warning: this K is far from {row['K_d']:g}: the leg renders K_d at rest; ask for more"
-            " damping, or lower --weight-hz"
-        )
-    lines += [
-        f"within 10 % of the desired impedance up to {row['faithful_to_hz']:.3g} Hz; passive",
-        f"the slowest mode decays with {row['decay_rate']:.3g} 1/s; with the joint held, "
-        f"{1e3 * row['delay_margin']:.3g} ms of delay in the loop make it unstable",
-    ]
-    return "\n".join(lines)
-
-
-def columns_text(table: pl.DataFrame) -> str:
-    """Several pairs as text: a line for each, behind one with the names of the columns."""
+    """The table as text: the columns of one pair below each other with their units, several pairs
+    in lines; then warnings, each with the number of pairs that it is about."""
     columns = [name for name in PRINTED if name in table.columns]
-    numbers = [[f"{number:.5g}" for number in row] for row in table.select(columns).iter_rows()]
-    return aligned([columns, *numbers])
-
-
-def plot_gains(table: pl.DataFrame, parameters: Path, output: Path) -> None:
-    """Draw the response of one pair over 0.1 to 10 Hz (as Fig. 7), a grid of gains, or a trajectory
-    (as Fig. 8)."""
-    from osl_analysis.commands.figure import write_figure  # matplotlib takes half a second
-
     if len(table) == 1:
-        p = drivetrain.read_parameters(parameters)
-        figure = drawn("fig7", response_of_pair(table.row(0, named=True), p))
-    elif "phase" in table.columns:
-        figure = drawn("fig8", plotted_numbers("fig8", table))
+        units = described_tables_by_name()["gains"].columns
+        row = table.row(0, named=True)
+        rows = [[name, number_text(row[name]), units[name].unit] for name in columns]
     else:
-        figure = drawn("gain_grid", table)
-    write_figure(figure, [output])
+        pairs = table.select(columns).iter_rows()
+        rows = [columns, *([number_text(number) for number in pair] for pair in pairs)]
+    text = aligned(rows)
+    for condition, warning in WARNINGS.items():
+        number = len(table.filter(pl.sql_expr(condition)))
+        if number:
+            text += f"warning, {number} of {len(table)}: {warning}\n"
+    return text
 
 
-def response_of_pair(row: dict[str, Any], p: drivetrain.DrivetrainParameters) -> pl.DataFrame:
-    """The rows of Fig. 7 for one pair: the desired response, and that of the linear model."""
-    from osl_analysis.commands.figure import response_curve
-
-    frequency_hz = np.geomspace(*DRAWN_HZ, DRAWN_POINTS)
-    desired = drivetrain.desired_admittance(row["K_d"], row["B_d"])
-    rendered = drivetrain.joint_admittance(row["K_1"], row["B_1"], p, p.J_j)
-    curves = [
-        response_curve(DESIRED, None, frequency_hz, desired),
-        response_curve(LINEAR_MODEL, "compensated", frequency_hz, rendered),
-    ]
-    return plotted_numbers("fig7", pl.concat(curves))
+def number_text(number: float | None) -> str:
+    return "none" if number is None else f"{number:.5g}"

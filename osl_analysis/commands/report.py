@@ -2,12 +2,11 @@
 page."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import polars as pl
-from pydantic import TypeAdapter
 
 from osl_analysis.campaign.origin import sentence
 from osl_analysis.commands.figure import reasons_not_drawn
@@ -34,68 +33,83 @@ from osl_analysis.table import read_table, with_evidence
 from osl_analysis.yaml_settings import FilesByName
 
 
-@dataclass(frozen=True, kw_only=True)
-class ReportFiles:
-    """What the page of a run is made of, and where it is written."""
+def write_report(
+    *,
+    about: Mapping[str, str],
+    sheet: Mapping[str, Mapping[str, Any]],
+    trials: FilesByName,
+    series: FilesByName,
+    crossings: FilesByName,
+    tables: FilesByName,
+    figures: FilesByName,
+    verdicts: Path,
+    excluded: Path,
+    findings: Path,
+    states: Path,
+    summary: Path,
+    output: Path,
+    refused: Sequence[NotAnalysed] = (),
+    left_out: str = "",
+) -> None:
+    """Write the page of a run.
 
-    about: Mapping[str, str]
-    sheet: Mapping[str, Mapping[str, Any]]  # rows of the sample sheet, also of excluded trials
-    trials: FilesByName  # recordings, by trial
-    series: FilesByName  # archives with signals and model of bench trials
-    crossings: FilesByName
-    tables: FilesByName  # result tables, by name
-    figures: FilesByName  # SVG files, by name
-    verdicts: Path  # `quality.csv`
-    excluded: Path
-    findings: Path
-    states: Path  # `settings.csv`
-    summary: Path
-    output: Path
-    refused: Sequence[NotAnalysed] = ()
-    left_out: str = ""  # tells recordings that are not analysed
-
-
-def write_report(**given: Any) -> None:
-    """Write the page of a run from the fields of `ReportFiles`."""
-    files = TypeAdapter(ReportFiles).validate_python(given)
-    tables = {name: with_evidence(path) for name, path in files.tables.items()}
-    summary = read_summary(files.summary)
-    left_out = left_out_trials(files.sheet, read_table(files.excluded), tables)
-    findings = findings_by_trial(read_findings(files.findings))
-    rows_of = {name: rows_by_trial(table) for name, table in tables.items()}
-    checks = rows_by_trial(read_table(files.verdicts))
+    Parameters
+    ----------
+    about : Mapping of str to str
+        What the results are made of.
+    sheet : Mapping of str to Mapping
+        Rows of the sample sheet, also of excluded trials.
+    trials, series, crossings : Mapping of str to Path
+        By trial: recordings, archives with signals and model of bench trials, crossings.
+    tables, figures : Mapping of str to Path
+        Result tables and SVG files, by name.
+    verdicts, excluded, findings, states, summary : Path
+        `quality.csv`, `excluded.csv`, `findings.csv`, `settings.csv` and `summary.json`.
+    output : Path
+    refused : Sequence of NotAnalysed
+        What is missing, which these files tell.
+    left_out : str
+        Tells recordings that are not analysed.
+    """
+    results = {name: with_evidence(path) for name, path in tables.items()}
+    content = read_summary(summary)
+    missing = left_out_trials(sheet, read_table(excluded), results)
+    findings_of = findings_by_trial(read_findings(findings))
+    rows_of = {name: rows_by_trial(table) for name, table in results.items()}
+    checks = rows_by_trial(read_table(verdicts))
     views = []
-    for trial, row in files.sheet.items():
+    for trial, row in sheet.items():
         of_trial = {name: rows[trial] for name, rows in rows_of.items() if trial in rows}
+        recordings = [files[trial] for files in (crossings, trials) if trial in files]
         views.append(
             trial_view(
                 row,
                 of_trial,
-                findings.get(trial, ()),
-                left_out.get(trial),
+                findings_of.get(trial, ()),
+                missing.get(trial),
                 checks.get(trial, pl.DataFrame()),
-                signals_of(row, of_trial, files),
+                signals_of(row, of_trial, series.get(trial), recordings),
             )
         )
-    numbers = numbers_in_summary(summary)
-    verdicts = verdicts_sentence(summary["verdicts"], summary["results_of_clear"])
-    notes = [summary["intervals"], files.left_out, assumed_text(read_table(files.states))]
-    drawn, absent = drawn_figures(files.figures)
+    numbers = numbers_in_summary(content)
+    verdict = verdicts_sentence(content["verdicts"], content["results_of_clear"])
+    notes = [content["intervals"], left_out, assumed_text(read_table(states))]
+    drawn, absent = drawn_figures(figures)
     page = Page(
-        about=files.about,
-        made_of=sentence(files.about),
-        verdict=[verdicts, *headline_sentences(numbers)],
+        about=about,
+        made_of=sentence(about),
+        verdict=[verdict, *headline_sentences(numbers)],
         notes=[note for note in notes if note],
-        conditions=conditions(tables["impedance"]) if "impedance" in tables else (),
-        groups=list(groups(tables["walking_summary"])) if "walking_summary" in tables else (),
+        conditions=conditions(results["impedance"]) if "impedance" in results else (),
+        groups=list(groups(results["walking_summary"])) if "walking_summary" in results else (),
         numbers=numbers,
-        findings=findings_in_summary(summary),
+        findings=findings_in_summary(content),
         trials=views,
         figures=drawn,
         absent_figures=absent,
-        missing_results=summary["missing_results"],
+        missing_results=content["missing_results"],
     )
-    write_text(files.output, written_page(page))
+    write_text(output, written_page(page))
 
 
 def write_methods(
@@ -153,13 +167,14 @@ SHOWN = {"time", "torque", "theta"}  # of a recording without a fit
 
 
 def signals_of(
-    row: Mapping[str, Any], tables: Mapping[str, pl.DataFrame], files: ReportFiles
+    row: Mapping[str, Any],
+    tables: Mapping[str, pl.DataFrame],
+    series: Path | None,
+    recordings: Sequence[Path],
 ) -> Signals | None:
-    """What the page plots of a trial: its fit, its response to a perturbation, its crossing, or
-    else its recording; None without torque and angle."""
-    trial, experiment = row["trial"], row["experiment"]
-    motion = MOVING.get(experiment, "Joint angle")
-    series = files.series.get(trial)
+    """What the page plots of a trial: its fit, its response to a perturbation, or else the first
+    of its `recordings` with rows; None without torque and angle."""
+    motion = MOVING.get(row["experiment"], "Joint angle")
     if series is not None:
         signals = of_fit(read_table(series, name="series"), motion)
         if "response" in tables and "impedance" in tables:
@@ -168,9 +183,7 @@ def signals_of(
         return signals
     if "walking_responses" in tables:
         return of_fit(tables["walking_responses"], motion, ISOLATED)
-    for recording in (files.crossings.get(trial), files.trials.get(trial)):
-        if recording is None:
-            continue
+    for recording in recordings:
         shown = sorted(SHOWN & pl.read_parquet_schema(recording).keys())
         samples = pl.read_parquet(recording, columns=shown)  # none of a crossing that is excluded
         if len(samples) and len(shown) > 1:

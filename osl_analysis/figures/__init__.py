@@ -43,7 +43,6 @@ FIGURES = {
 }
 OTHER_FIGURES = {  # of no campaign, with their columns
     "torque": ("time", "torque", "torque_model"),
-    "gain_grid": ("K_d", "B_d", "B_1_joint"),
 }
 # kinds of `curve` in Fig. 7
 OBSERVED = "observed"

@@ -14,7 +14,6 @@ from osl_analysis.commands.figure import (
     beside_theory,
     draw_figure,
     plot_numbers,
-    response_curve,
     write_captions,
     write_figure,
 )
@@ -62,12 +61,12 @@ def response_table():
     """Measured responses beside the desired one, and linear models of 3.5 - 2j mrad/(N·m)."""
     looks = look_numbers(stored("response")["controller"])
     placed = stored("response").with_columns(looks, joint=NO_TEXT, side=NO_TEXT)
-    frequency_hz = np.arange(1.0, 6.0)
-    admittance = np.full(5, 3.5e-3 - 2e-3j)
-    models = [
-        response_curve(LINEAR_MODEL, controller, frequency_hz, lambda _: admittance)
-        for controller in LOOKS
-    ]
+    Y = 3.5e-3 - 2e-3j
+    model = {
+        "curve": LINEAR_MODEL, "frequency_hz": np.arange(1.0, 6.0), "magnitude": abs(Y),
+        "phase_deg": np.rad2deg(np.angle(Y)),
+    }  # fmt: skip
+    models = [pl.DataFrame({"controller": controller, **model}) for controller in LOOKS]
     measured = beside_theory(placed, None, PAPER_WEIGHT)
     return plotted_numbers("fig7", pl.concat([measured, *models], how="diagonal_relaxed"))
 

@@ -85,7 +85,7 @@ def estimates_text(estimates: pl.DataFrame, findings: Sequence[Sequence[Finding]
 def fitted_motion(row: Mapping[str, Any]) -> str:
     """What of a trial is fitted: cycles, an amplitude, or a motion with its band."""
     if "cycles" in row:
-        return cycles_text(row)
+        return f"mean of cycles: {row['cycles']}"
     if row.get("amplitude_deg") is not None:
         return f"{row['amplitude_deg']:g} deg"
     if "amplitude_deg" not in row:
@@ -97,20 +97,6 @@ def fitted_motion(row: Mapping[str, Any]) -> str:
         f"{row['fitted_s']:.1f} s of {kind} motion, {row['band_low_hz']:.3g} to"
         f" {row['band_high_hz']:.3g} Hz, {row['theta_rms_deg']:.2g} deg RMS"
     )
-
-
-LEFT_OUT_CYCLES = {"settled": "first", "smaller": "below 90 % of the range", "partial": "not whole"}
-"""Why cycles are left out, by the begin of the column with their number."""
-
-
-def cycles_text(row: Mapping[str, Any]) -> str:
-    left_out = []
-    for kind, reason in LEFT_OUT_CYCLES.items():
-        number = row.get(f"{kind}_cycles")
-        if number:
-            left_out.append(f"{number} {reason}")
-    text = f"mean of cycles: {row['cycles']}"
-    return f"{text} (left out: {', '.join(left_out)})" if left_out else text
 
 
 def estimate_line(row: Mapping[str, Any], name: str) -> str:

@@ -2,7 +2,7 @@
 captions."""
 
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -47,7 +47,7 @@ from osl_analysis.model.drivetrain import (
 from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.status import NotAnalysed, by_trial, not_analysed
 from osl_analysis.table import read_table, read_tables, with_evidence, write_table
-from osl_analysis.trial import Array, read_trial
+from osl_analysis.trial import read_trial
 from osl_analysis.walking.tables import walking_page_points
 from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 from osl_analysis.walking.walking_settings import TimingSettings
@@ -272,18 +272,13 @@ def fig7(
     the gains are known and the parameter file is of this joint."""
     responses = read_table(table, [*needed("fig7"), "scope"])
     responses = responses.with_columns(look_numbers(responses["controller"]))
-    impedance = ["K_d", "B_d"]
-    counts = responses.group_by(impedance, maintain_order=True).agg(n=pl.col("trial").n_unique())
-    shown = counts.sort("n", descending=True, maintain_order=True).head(1).select(impedance)
+    counts = responses.group_by("K_d", "B_d", maintain_order=True).agg(n=pl.col("trial").n_unique())
+    K_d, B_d, _ = counts.sort("n", descending=True, maintain_order=True).row(0)
     why: str | None = "the desired impedance with the most trials"
     if choice is not None:
-        stated = [[choice.K_d], [choice.B_d]]
-        shown = pl.DataFrame(stated, schema=dict.fromkeys(impedance, pl.Float64), strict=False)
-        why = None
-    responses = responses.join(
-        shown, on=impedance, how="semi", nulls_equal=True, maintain_order="left"
-    )
-    points = beside_theory(responses, parameters, weight)
+        K_d, B_d, why = choice.K_d, choice.B_d, None
+    is_shown = pl.col("K_d").eq_missing(K_d) & pl.col("B_d").eq_missing(B_d)
+    points = beside_theory(responses.filter(is_shown), parameters, weight)
     write_table(points.with_columns(chosen=pl.lit(why, pl.String)), output, data)
 
 
@@ -304,10 +299,18 @@ def beside_theory(responses: pl.DataFrame, parameters: Path | None, weight: Weig
             for controller in measured["controller"].unique(maintain_order=True):
                 gains = DesiredImpedance(controller, K_d, B_d).gains(p, weight)
                 if gains is not None:
-                    Y = joint_admittance(gains.K_1, gains.B_1, p, p.J_j)
-                    models.append((LINEAR_MODEL, controller, Y))
+                    rendered = joint_admittance(gains.K_1, gains.B_1, p, p.J_j)
+                    models.append((LINEAR_MODEL, controller, rendered))
         for curve, controller, admittance in models:
-            curves.append(response_curve(curve, controller, frequency_hz, admittance, joint, side))
+            Y = admittance(2j * np.pi * frequency_hz)
+            texts = {"curve": curve, "controller": controller, "joint": joint, "side": side}
+            response = {
+                "frequency_hz": frequency_hz,
+                "magnitude": np.abs(Y),
+                "phase_deg": np.rad2deg(np.angle(Y)),
+                **{name: pl.lit(text, pl.String) for name, text in texts.items()},
+            }
+            curves.append(pl.select(**response))
     looks = shown.select("controller", "look").unique()
     points = pl.concat(curves, how="diagonal_relaxed").drop("look")
     points = points.join(looks, on="controller", how="left", maintain_order="left")
@@ -332,36 +335,6 @@ def over_amplitudes(response: pl.DataFrame) -> pl.DataFrame:
     )
     joined = whole.join(ranges, on=keys, how="left", maintain_order="left")
     return joined.with_columns(doubtful=pl.coalesce("doubts", "doubtful")).drop("doubts")
-
-
-def response_curve(
-    curve: str,
-    controller: str | None,
-    frequency_hz: Array,
-    admittance: Callable[[Any], Any],
-    joint: str | None = None,
-    side: str | None = None,
-) -> pl.DataFrame:
-    """Rows of Fig. 7 of a response that is computed.
-
-    Parameters
-    ----------
-    curve : str
-        `DESIRED` or `LINEAR_MODEL`.
-    controller : str or None
-        Of a linear model.
-    frequency_hz : (n,)
-    admittance : callable
-        Integral admittance [rad/(N·m)] at complex frequencies s [rad/s].
-    joint, side : str or None
-    """
-    Y = admittance(2j * np.pi * frequency_hz)
-    numbers = {
-        "frequency_hz": frequency_hz, "magnitude": np.abs(Y), "phase_deg": np.rad2deg(np.angle(Y)),
-    }  # fmt: skip
-    texts = {"curve": curve, "controller": controller, "joint": joint, "side": side}
-    labels = {name: pl.lit(text, pl.String) for name, text in texts.items()}
-    return pl.DataFrame(numbers).with_columns(**labels)
 
 
 def plot_walking_page(

@@ -103,11 +103,8 @@ def overview_text(overview: Overview) -> str:
     the remarks."""
     facts = [f"{name}: {shortened(fact)}" for name, fact in overview.facts.items()]
     parts = [f"format: {overview.format}", *facts, "", *channel_lines(overview), ""]
-    return "\n".join([*parts, *remark_lines(overview)]).rstrip()
-
-
-def remark_lines(overview: Overview) -> list[str]:
-    return [f"! {printable(remark)}" for remark in (*overview.remarks, *overview.open)]
+    remarks = [f"! {printable(remark)}" for remark in (*overview.remarks, *overview.open)]
+    return "\n".join([*parts, *remarks]).rstrip()
 
 
 def overview_facts(overview: Overview) -> dict[str, Any]:
@@ -173,50 +170,39 @@ def is_folder_of_recordings(path: Path) -> bool:
     return path.is_dir() and not formats_of(path)
 
 
-def overviews_below(folder: Path) -> dict[str, Overview | str]:
-    """What each recording below a folder holds, or why it is refused. Raises InputError: there is
-    none."""
+def folder_facts(folder: Path) -> dict[str, Any]:
+    """The facts on each recording below a folder, by file, or why it is `refused`. Raises
+    InputError: there is none."""
     paths = raw_files.recordings_in(folder)
     if not paths:
         endings = ", ".join(raw_files.suffixes())
         raise InputError(f"{folder}: no recordings below it ({endings}); name another folder")
-    overviews: dict[str, Overview | str] = {}
+    facts: dict[str, Any] = {}
     for path in paths:
         name = str(path.relative_to(folder))
         try:
-            overviews[name] = inspect_file(path)
+            facts[name] = overview_facts(inspect_file(path))
         except InputError as error:
-            overviews[name] = str(error).replace(f"{path}: ", "")
-    return overviews
+            facts[name] = {"refused": str(error).replace(f"{path}: ", "")}
+    return facts
 
 
 def folder_text(folder: Path) -> str:
     """For each recording below a folder, a line with its channels, counted by kind and rate, and
-    one per remark; errors as `overviews_below`."""
+    one per remark; errors as `folder_facts`."""
     lines = []
-    for name, overview in overviews_below(folder).items():
-        if isinstance(overview, str):
-            lines.append(f"{printable(name)}: refused: {overview}")
+    for name, facts in folder_facts(folder).items():
+        if "refused" in facts:
+            lines.append(f"{printable(name)}: refused: {facts['refused']}")
             continue
         counts = Counter(
-            (shortened(channel.address.get("topic", channel.kind)), channel.rate)
-            for channel in overview.channels
+            (shortened(channel.get("topic", channel["kind"])), channel["rate_hz"])
+            for channel in facts["channels"]
         )
-        holds = [overview.format]
+        holds = [facts["format"]]
         for (kind, rate), count in counts.items():
             at_rate = f" at {rate:.4g} Hz" if rate else ""
             holds.append(f"{count} x {kind}{at_rate}")
         lines.append(f"{printable(name)}: {', '.join(holds)}")
-        lines += [f"    {line}" for line in remark_lines(overview)]
+        lines += [f"    ! {printable(remark)}" for remark in facts["remarks"]]
     return "\n".join(lines)
-
-
-def folder_facts(folder: Path) -> dict[str, Any]:
-    """The same for other programs: by file, the facts on it, or why it is `refused`."""
-    facts: dict[str, Any] = {}
-    for name, overview in overviews_below(folder).items():
-        if isinstance(overview, str):
-            facts[name] = {"refused": overview}
-        else:
-            facts[name] = overview_facts(overview)
-    return facts

@@ -13,12 +13,12 @@ import polars as pl
 
 from osl_analysis.commands.walking_files import (
     NO_GAIT,
+    Onsets,
     Paths,
     SheetCells,
     read_crossing,
     read_crossing_file,
     read_model,
-    read_onsets,
     read_unperturbed_gaits,
     selected_crossings,
     write_crossing,
@@ -140,7 +140,7 @@ def analyse(
     walked = read_trial(trial)
     static = read_model(calibration, StaticCalibration)
     model = read_model(plate, PlateModel)
-    onset = read_onsets(onsets).get(walked.name)
+    onset = read_model(onsets, Onsets).get(walked.name)
     try:
         crossing = analyse_crossing(walked, static, model, perturbed, settings, onset)
         if direction is not None:

@@ -30,14 +30,10 @@ from osl_analysis.walking.plate_inertia import PlateModel
 from osl_analysis.walking.poses import StaticCalibration
 from osl_analysis.walking.unperturbed_gait import UnperturbedGait
 
-# The step that writes each model
-WRITTEN_BY: dict[Any, str] = {
-    StaticCalibration: "calibrate",
-    PlateModel: "identify-plate",
-    dict[str, UnperturbedGait]: "average-unperturbed",
-}
+Gaits = dict[str, UnperturbedGait]
+Onsets = dict[str, float]  # [s], by trial
 ADAPTERS: dict[Any, TypeAdapter[Any]] = {
-    kind: TypeAdapter(kind) for kind in (*WRITTEN_BY, Crossing)
+    kind: TypeAdapter(kind) for kind in (StaticCalibration, PlateModel, Gaits, Onsets, Crossing)
 }
 """What reads and writes each kind of result: to make one takes as long as to use it."""
 NO_GAIT = (
@@ -52,31 +48,21 @@ SheetCells = Mapping[str, Mapping[str, Any]]  # Cells of the sheet of each cross
 def write_model(model: Any, path: Path) -> None:
     """Write a calibration, the plate's model, or gaits by name as JSON; arrays are lists, NaN is
     null."""
-    kind = dict[str, UnperturbedGait] if isinstance(model, dict) else type(model)
+    kind = Gaits if isinstance(model, dict) else type(model)
     write_text(path, ADAPTERS[kind].dump_json(model, indent=1).decode() + "\n")
 
 
 def read_model(path: Path, kind: Any) -> Any:
-    """Read what `write_model` wrote. Raises InputError where it is missing or is of another
-    kind."""
+    """Read a model, or the onsets [s] of crossings by trial. Raises InputError where the file is
+    missing or is of another kind."""
     check_analysed(path)
-    step = f"run the step '{WRITTEN_BY[kind]}'"
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; {step} first")
     try:
         return ADAPTERS[kind].validate_json(path.read_bytes())
-    except ValueError as error:
+    except (OSError, ValueError) as error:
         why = " ".join(str(error).split())
         raise InputError(
-            f"{path}: not what this step writes ({why}); delete it and {step}"
+            f"{path}: not what a run writes ({why}); delete it and run again"
         ) from error
-
-
-def read_onsets(path: Path) -> dict[str, float]:
-    """Onsets [s] of perturbed crossings, by trial."""
-    check_analysed(path)
-    onsets: dict[str, float] = json.loads(path.read_bytes())
-    return onsets
 
 
 def write_crossing(crossing: Crossing, path: Path) -> None:
@@ -98,9 +84,9 @@ def write_crossing(crossing: Crossing, path: Path) -> None:
 def write_refusal(refused: RefusedCrossing, path: Path) -> None:
     """Write a crossing's file without rows, with the reason in its provenance, so that other
     crossings are analysed."""
+    empty = pl.DataFrame(schema=dict.fromkeys(("time", "phase", "theta", "torque"), pl.Float64))
     reason = json.dumps({"refused": refused.reason, "perturbed": refused.perturbed})
     metadata = {NAME_KEY: refused.name, PROVENANCE_KEY: reason, SCHEMA_KEY: str(SCHEMA)}
-    empty = pl.DataFrame(schema=dict.fromkeys(("time", "phase", "theta", "torque"), pl.Float64))
     with atomic_path(path) as temporary:
         empty.write_parquet(temporary, metadata=metadata)
 
@@ -120,9 +106,7 @@ def read_crossing_file(path: Path) -> Crossing | RefusedCrossing:
         return RefusedCrossing(name, facts["perturbed"], facts["refused"])
     trial = read_trial(path)
     if "stance" not in trial.provenance:
-        raise InputError(
-            f"{path}: a trial without events; run the step 'analyse' and use its crossing"
-        )
+        raise InputError(f"{path}: a trial without events; name its crossing, which a run writes")
     fields: dict[str, Any] = dict(trial.provenance)
     for column in trial.samples.columns:
         if column != "phase":
@@ -140,7 +124,7 @@ def selected_crossings(crossings: Paths, selection: Path) -> list[Crossing]:
 def read_unperturbed_gaits(path: Path) -> dict[str, UnperturbedGait]:
     """Read what `average_unperturbed` wrote: gaits with fewer crossings than the least are not
     among them."""
-    gaits: dict[str, UnperturbedGait] = read_model(path, dict[str, UnperturbedGait])
+    gaits: Gaits = read_model(path, Gaits)
     for name, gait in gaits.items():
         # without errors the list is empty and has no shape
         errors = gait.plate_errors.reshape(-1, *gait.theta.shape)

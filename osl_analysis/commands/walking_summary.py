@@ -2,7 +2,6 @@
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +30,7 @@ from osl_analysis.table import MEASURED, Places, read_table, with_places, write_
 from osl_analysis.walking import tables as result_tables
 from osl_analysis.walking import walking_settings as choices
 from osl_analysis.walking.ensemble import GroupHeadline, group_headline
-from osl_analysis.walking.groups import ALL, SEPARATOR
+from osl_analysis.walking.groups import SEPARATOR
 from osl_analysis.walking.plate_inertia import PlateModel
 from osl_analysis.walking.tables import (
     GroupConditions,
@@ -47,15 +46,6 @@ Commanded = Callable[[str, float], float | None]
 
 FEWEST_FITS = 2  # of perturbations, for a scatter
 TOO_FEW = "perturbations can be used, expected 2 or more for a scatter; see the reasons in"
-
-
-@dataclass(frozen=True)
-class GroupResult:
-    """The result of a group of crossings; without one, its outcome says why."""
-
-    outcome: GroupOutcome
-    fits: pl.DataFrame  # its rows of `walking.csv` that have a fit
-    headline: GroupHeadline | None = None
 
 
 def summarise_perturbations(
@@ -125,39 +115,47 @@ def summarise_perturbations(
     commanded = commanded_over_stance(trajectory, data)
     files = {path.stem: path for path in crossings}
 
-    results: list[GroupResult] = []
+    outcomes: list[GroupOutcome] = []
     rows: list[dict[str, Any]] = []
+    of_responses: list[pl.DataFrame] = []
     places_of: dict[str, dict[str, str | None]] = {}
     for group in dict.fromkeys(SEPARATOR.join(perturbed["group"].drop_nulls()).split(SEPARATOR)):
         trials = perturbed.filter(pl.col("reason").is_null(), group=group)["trial"].to_list()
         gait = gaits.get(group)
         conditions = conditions_of(group, selected, gait, model)
-        result = group_result(
-            conditions, fitted.filter(pl.col("trial").is_in(trials)), gait, files, settings
-        )
-        results.append(result)
-        places_of[group] = common_place(trials, places or {})
+        of_group = fitted.filter(pl.col("trial").is_in(trials))
+        try:
+            headline = headline_of(of_group, gait, files, settings)
+        except OslAnalysisError as error:
+            warnings.warn(f"no result of {group}: {error}", stacklevel=2)
+            outcome = GroupOutcome(conditions, reason=str(error))
+            summary = rows_without_result(len(of_group))
+        else:
+            outcome = outcome_of(conditions, headline)
+            summary = result_tables.headline_rows(headline, of_group, doubtful_row(of_group))
+            of_responses.append(result_tables.response_table(group, headline))
+        outcomes.append(outcome)
+        sides = {(places or {}).get(trial, {}).get("side") for trial in trials}
+        side = sides.pop() if len(sides) == 1 else None
+        places_of[group] = {"joint": JOINT, "side": side}
         cells = next((sheet[trial] for trial in trials), {})
-        phase = result.outcome.fitted_phase
-        for row in summary_rows(result):
+        phase = outcome.fitted_phase
+        for row in summary:
             desired = cells.get(f"{row['quantity']}_d")  # K_d, B_d; no I is commanded
             if desired is None and commanded is not None and phase is not None:
-                desired = commanded(row["quantity"], phase)
-            rows.append({"group": group, **row, "commanded": desired})
-    responses_of = [
-        result_tables.response_table(result.outcome.conditions.group, result.headline)
-        for result in results
-        if result.headline is not None
-    ]
-    if not responses_of:
-        reasons = "; ".join(reason_text(result.outcome) for result in results)
+                desired = commanded(str(row["quantity"]), phase)
+            rows.append({"group": group, **row, "reason": outcome.reason, "commanded": desired})
+    if not of_responses:
+        reasons = "; ".join(f"{o.conditions.group}: {o.reason}" for o in outcomes)
         raise InputError(f"{table}: no result of any group: {reasons}")
 
-    group_table = judged_groups(results, limits or Limits())
+    group_table = pl.DataFrame([outcome.row() for outcome in outcomes], infer_schema_length=None)
+    doubts = judged(group_table, limits or Limits(), "walking_groups")
+    group_table = marked(group_table, doubts, "walking_groups")
     tables = {
         output: with_doubts_of_groups(rows, group_table),
         groups: group_table,
-        responses: pl.concat(responses_of),
+        responses: pl.concat(of_responses),
     }
     for path, of_groups in tables.items():
         write_table(with_places(of_groups, places_of, "group"), path, data)
@@ -170,25 +168,12 @@ def with_reasons(selection: pl.DataFrame, fits: pl.DataFrame) -> pl.DataFrame:
     return selection.with_columns(reason=pl.coalesce("reason", EXCLUDED))
 
 
-def group_result(
-    conditions: GroupConditions,
-    fits: pl.DataFrame,
-    gait: UnperturbedGait | None,
-    files: Mapping[str, Path],
-    settings: choices.EnsembleSettings,
-) -> GroupResult:
-    """Compute the result of a group from its rows of `walking.csv`. Without one there is a
-    warning."""
-    try:
-        headline = headline_of(fits, gait, files, settings)
-    except OslAnalysisError as error:
-        warnings.warn(f"no result of {conditions.group}: {error}", stacklevel=2)
-        return GroupResult(GroupOutcome(conditions, reason=str(error)), fits)
+def outcome_of(conditions: GroupConditions, headline: GroupHeadline) -> GroupOutcome:
+    """The phase of stance that the fit of a group reads, and its checks."""
     phase = None
     if conditions.onset_phase is not None and conditions.stance_s is not None:
         phase = conditions.onset_phase + fitted_time(headline) / conditions.stance_s
-    outcome = GroupOutcome(conditions, fitted_phase=phase, checks=check_fit(headline))
-    return GroupResult(outcome, fits, headline)
+    return GroupOutcome(conditions, fitted_phase=phase, checks=check_fit(headline))
 
 
 def headline_of(
@@ -206,22 +191,10 @@ def headline_of(
     return group_headline(crossings, gait, settings)
 
 
-def summary_rows(result: GroupResult) -> list[dict[str, Any]]:
-    """The rows of `walking_summary.csv` of a group; without a result they have the reason."""
-    fits = result.fits
-    reason = result.outcome.reason
-    if result.headline is None:
-        row = {"estimator": result_tables.ENSEMBLE, "n": len(fits), "mean": None, "reason": reason}
-        return [{"quantity": quantity, **row} for quantity in result_tables.GROUP_QUANTITIES]
-    rows = result_tables.headline_rows(result.headline, fits, doubtful_row(fits))
-    return [{**row, "reason": reason} for row in rows]
-
-
-def judged_groups(results: Sequence[GroupResult], limits: Limits) -> pl.DataFrame:
-    """The rows of `walking_groups.csv`, with the doubts beyond these limits."""
-    rows = [result.outcome.row() for result in results]
-    table = pl.DataFrame(rows, infer_schema_length=None)
-    return marked(table, judged(table, limits, "walking_groups"), "walking_groups")
+def rows_without_result(n: int) -> list[dict[str, Any]]:
+    """The rows of `walking_summary.csv` of a group of n crossings without a result."""
+    row = {"estimator": result_tables.ENSEMBLE, "n": n, "mean": None}
+    return [{"quantity": quantity, **row} for quantity in result_tables.GROUP_QUANTITIES]
 
 
 def with_doubts_of_groups(
@@ -234,18 +207,6 @@ def with_doubts_of_groups(
     summary = summary.join(doubts, on="group", how="left", maintain_order="left")
     of_ensemble = pl.when(estimator=result_tables.ENSEMBLE).then("doubt")
     return summary.with_columns(doubt=of_ensemble)
-
-
-def common_place(trials: Sequence[str], places: Places) -> dict[str, str | None]:
-    """Joint of the walkway, and the side of these crossings if they have the same."""
-    sides = {places.get(trial, {}).get("side") for trial in trials}
-    return {"joint": JOINT, "side": sides.pop() if len(sides) == 1 else None}
-
-
-def reason_text(outcome: GroupOutcome) -> str:
-    """Why a group has no result, with its name if there are several."""
-    group = outcome.conditions.group
-    return str(outcome.reason) if group == ALL else f"{group}: {outcome.reason}"
 
 
 def commanded_over_stance(trajectory: Paths, data: str) -> Commanded | None:

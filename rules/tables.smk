@@ -194,7 +194,7 @@ if "impedance" in FILES.table_names:
     rule conditions_for_paper:
         """K, B and I of each condition, as a table for a paper."""
         input:
-            table="<results>/tables/impedance.csv",
+            tables=["<results>/tables/impedance.csv"],
             evidence="<results>/tables/impedance_evidence.csv",
         output:
             tex="<results>/tables/latex/conditions.tex",
@@ -204,9 +204,10 @@ if "impedance" in FILES.table_names:
         localrule: True
         params:
             about=ABOUT,
+            beside_draft=CAMPAIGN.beside_draft,
             made_by=MADE_BY,
         run:
-            job("osl_analysis.commands.tables.write_conditions", input, output, params, log)
+            job("osl_analysis.commands.tables.write_paper_table", input, output, params, log)
 
 
 if "walking_summary" in FILES.table_names:
@@ -214,7 +215,7 @@ if "walking_summary" in FILES.table_names:
     rule walking_for_paper:
         """K, B and I of each group of crossings, as a table for a paper."""
         input:
-            table="<results>/tables/walking_summary.csv",
+            tables=["<results>/tables/walking_summary.csv"],
         output:
             tex="<results>/tables/latex/walking.tex",
             markdown="<results>/tables/markdown/walking.md",
@@ -223,9 +224,10 @@ if "walking_summary" in FILES.table_names:
         localrule: True
         params:
             about=ABOUT,
+            beside_draft=CAMPAIGN.beside_draft,
             made_by=MADE_BY,
         run:
-            job("osl_analysis.commands.tables.write_walking", input, output, params, log)
+            job("osl_analysis.commands.tables.write_paper_table", input, output, params, log)
 
 
 if FILES.component_summaries:
@@ -233,7 +235,7 @@ if FILES.component_summaries:
     rule components_for_paper:
         """The measured components, as a table for a paper."""
         input:
-            summaries=FILES.component_summaries,
+            tables=FILES.component_summaries,
         output:
             tex="<results>/tables/latex/components.tex",
             markdown="<results>/tables/markdown/components.md",
@@ -245,4 +247,4 @@ if FILES.component_summaries:
             beside_draft=CAMPAIGN.beside_draft,
             made_by=MADE_BY,
         run:
-            job("osl_analysis.commands.tables.write_components", input, output, params, log)
+            job("osl_analysis.commands.tables.write_paper_table", input, output, params, log)

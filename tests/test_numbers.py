@@ -186,7 +186,7 @@ def test_conditions_are_rows_with_their_sound_trial_or_the_mean_of_several():
     sound = IMPEDANCE.with_columns(doubtful=pl.lit(""))
 
     one_of_two, mean_of_two = (condition_rows(conditions(t))[-1] for t in (IMPEDANCE, sound))
-    assert one_of_two[:3] == ["200", "5", "202.0 (200.0 to 204.0)"]
+    assert one_of_two[:4] == ["200", "5", "1", "202.0 (200.0 to 204.0)"]
     assert mean_of_two[:3] == ["200", "5", "2"]
     assert mean_of_two[3].startswith("204 (")
 
@@ -195,12 +195,8 @@ def test_a_condition_with_a_doubtful_fit_alone_is_marked_and_of_several_there_is
     alone = IMPEDANCE.filter(trial="c")
     several = pl.concat([alone, alone.with_columns(trial=pl.lit("d"))])
 
-    assert condition_rows(conditions(alone))[1][:4] == [
-        "PD 1",
-        "200",
-        "5†",
-        "206.0 (205.0 to 207.0)",
-    ]
+    of_alone = ["PD 1", "200", "5†", "1", "206.0 (205.0 to 207.0)"]
+    assert condition_rows(conditions(alone))[1][:5] == of_alone
     assert condition_rows(conditions(several))[1][:5] == ["PD 1", "200", "5†", "0", "–"]
 
 

@@ -9,7 +9,7 @@ import polars as pl
 
 from osl_analysis.campaign.origin import sentence
 from osl_analysis.campaign.setting_states import MEASURED_COLUMNS
-from osl_analysis.config.experiments import EXPERIMENTS, judged_tables
+from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path, write_text
@@ -23,16 +23,14 @@ from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.judge.recording_checks import QualityRules
 from osl_analysis.judge.summary_findings import causes_in_campaign
 from osl_analysis.model.drivetrain import FileOrNone, joint_of, read_parameters
-from osl_analysis.report.left_out import TABLES_OF_TRIALS, LeftOut, left_out_trials
+from osl_analysis.report.left_out import left_out_trials
 from osl_analysis.report.numbers import (
-    ENTRIES,
     headline_numbers,
     macros_tex,
     numbers_in_summary,
     to_json,
 )
 from osl_analysis.report.paper_tables import (
-    Rows,
     component_rows,
     condition_rows,
     conditions,
@@ -186,7 +184,8 @@ def judge(
     """Write `quality.csv`: the verdict on every trial from what was measured, with a row for each
     that could not be measured, and why."""
     verdicts = Judge(rules, accept).verdicts(rows)
-    not_measured = refused_rows(refused).with_columns(verdict=pl.lit("refused"))
+    not_measured = rows_of_reasons(by_trial(refused), "refused")
+    not_measured = not_measured.with_columns(verdict=pl.lit("refused"))
     table = pl.concat([verdicts, not_measured], how="diagonal_relaxed")
     write_table(with_places(table, places or {}), output, data)
 
@@ -246,14 +245,11 @@ def with_columns_of_fits(table: pl.DataFrame, name: str, fits: Sequence[Path]) -
     return table.join(beside, on=keys, how="left", nulls_equal=True, maintain_order="left")
 
 
-def refused_rows(refused: Sequence[NotAnalysed]) -> pl.DataFrame:
-    """A row per refused trial, with its reason and remedy as remark."""
-    rows = []
-    for trial, reason in by_trial(refused).items():
-        rows.append({"trial": trial, "check": "refused", "remark": reason})
-    table = pl.DataFrame(rows, schema=dict.fromkeys(("trial", "check", "remark"), pl.String))
-    nothing = [pl.lit(None).alias(name) for name in ("value", "unit", "threshold")]
-    return table.select("trial", "check", *nothing, "remark")
+def rows_of_reasons(reasons: Mapping[str, str], check: str) -> pl.DataFrame:
+    """A row per trial, with the reason why it is not used as remark."""
+    rows = [(trial, check, reason) for trial, reason in reasons.items()]
+    columns = dict.fromkeys(("trial", "check", "remark"), pl.String)
+    return pl.DataFrame(rows, schema=columns, orient="row")
 
 
 def list_excluded(
@@ -268,11 +264,13 @@ def list_excluded(
     exclude it, or what the sheet says."""
     failed = read_table(verdicts).filter(pl.col("verdict") == "exclude")
     failed = failed.drop("verdict", "joint", "side", strict=False)
-    rows = []
-    for trial, reason in by_sheet.items():
-        rows.append({"trial": trial, "check": "sample sheet", "remark": reason})
-    stated = pl.DataFrame(rows, schema=dict.fromkeys(("trial", "check", "remark"), pl.String))
-    table = pl.concat([refused_rows(refused), failed, stated], how="diagonal_relaxed")
+    parts = [
+        failed.clear(),  # with the columns in their order
+        rows_of_reasons(by_trial(refused), "refused"),
+        failed,
+        rows_of_reasons(by_sheet, "sample sheet"),
+    ]
+    table = pl.concat(parts, how="diagonal_relaxed")
     write_table(with_places(table, places or {}), output, data)
 
 
@@ -282,13 +280,13 @@ def write_summary(
     table_paths: FilesByName,
     summary_json: Path,
     numbers_tex: Path,
-    sheet: Mapping[str, Mapping[str, Any]] | None = None,
-    excluded: Path | None = None,
-    verdicts: Path | None = None,
-    findings: Path | None = None,
+    sheet: Mapping[str, Mapping[str, Any]],
+    excluded: Path,
+    verdicts: Path,
+    findings: Path,
+    beside_draft: bool,
+    settings: Mapping[str, str],
     refused: Sequence[NotAnalysed] = (),
-    beside_draft: bool = True,
-    settings: Mapping[str, str] | None = None,
 ) -> None:
     """Write headline numbers of a campaign, and what a reader must know of them.
 
@@ -300,77 +298,59 @@ def write_summary(
         The result tables that the campaign has, by name.
     summary_json, numbers_tex : Path
         The files to write, both or none.
-    sheet : Mapping of str to Mapping or None
+    sheet : Mapping of str to Mapping
         The row of every trial of the sample sheet, also of those that it excludes.
-    excluded, verdicts, findings : Path or None
+    excluded, verdicts, findings : Path
         `excluded.csv`, `quality.csv` and `findings.csv`.
-    refused : Sequence of NotAnalysed
-        The causes of missing tables.
     beside_draft : bool
         Whether the numbers of the paper's draft stand beside them.
-    settings : Mapping of str to str or None
+    settings : Mapping of str to str
         The settings that results depend on, by dotted name, for a comparison of two campaigns.
+    refused : Sequence of NotAnalysed
+        The causes of missing tables.
     """
-    needed = {
-        *(entry.table for entry in ENTRIES),
-        *judged_tables(),
-        *TABLES_OF_TRIALS,
-    }
-    tables = {name: with_evidence(path) for name, path in table_paths.items() if name in needed}
+    tables = {name: with_evidence(path) for name, path in table_paths.items()}
     numbers = list(headline_numbers(tables, beside_draft))
-    all_findings = read_findings(findings) if findings else []
-    left_out: Mapping[str, LeftOut] = {}
-    if excluded:
-        columns = ("trial", "check", "value", "unit", "threshold", "remark")
-        left_out = left_out_trials(sheet or {}, read_table(excluded, columns), tables)
+    all_findings = read_findings(findings)
+    left_out = left_out_trials(sheet, read_table(excluded), tables)
     missing_results: dict[str, str] = {}
     for cause in refused:
         if not cause.trial:
             file, _, reason = cause.reason.partition(": ")
             missing_results[file] = reason
-    checks = read_table(verdicts) if verdicts else pl.DataFrame(schema=["check", "verdict"])
-    verdict_count, results_of_clear = verdict_counts(sheet or {}, all_findings, left_out)
+    verdict_count, results_of_clear = verdict_counts(sheet, all_findings, left_out)
+    findings_told = causes_in_campaign(all_findings, tables, read_table(verdicts))
     content = {
-        "trials": used_and_missing(sheet or {}, left_out),
+        "trials": used_and_missing(sheet, left_out),
         "verdicts": verdict_count,
         "results_of_clear": results_of_clear,
         "missing_results": missing_results,
         "intervals": intervals_text(tables),
-        "findings": [
-            finding.to_json() for finding in causes_in_campaign(all_findings, tables, checks)
-        ],
-        "settings": settings or {},
+        "findings": [finding.to_json() for finding in findings_told],
+        "settings": settings,
     }
-    remarks = missing_lines(content, reasons=False)
     with atomic_path(summary_json) as json_path, atomic_path(numbers_tex) as tex_path:
         json_path.write_text(to_json(about, numbers, content), encoding="utf-8")
-        tex_path.write_text(macros_tex(about, numbers, remarks), encoding="utf-8")
+        tex_path.write_text(macros_tex(about, numbers, missing_lines(content)), encoding="utf-8")
 
 
-def write_conditions(table: Path, about: Mapping[str, str], tex: Path, markdown: Path) -> None:
-    """Write K, B and I of each condition in `impedance.csv` as a table for a paper."""
-    write_paper_table(condition_rows(conditions(with_evidence(table))), about, tex, markdown)
-
-
-def write_walking(table: Path, about: Mapping[str, str], tex: Path, markdown: Path) -> None:
-    """Write K, B and I of each group in `walking_summary.csv` as a table for a paper."""
-    write_paper_table(condition_rows(list(groups(read_table(table)))), about, tex, markdown)
-
-
-def write_components(
-    summaries: FilesByName,
+def write_paper_table(
+    tables: FilesByName,
     about: Mapping[str, str],
     beside_draft: bool,
     tex: Path,
     markdown: Path,
 ) -> None:
-    """Write the measured components as a table for a paper, with the draft's values if
-    `beside_draft`."""
-    tables = {name: read_table(path) for name, path in summaries.items()}
-    write_paper_table(component_rows(tables, beside_draft), about, tex, markdown)
-
-
-def write_paper_table(rows: Rows, about: Mapping[str, str], tex: Path, markdown: Path) -> None:
+    """Write a table for a paper: K, B and I of each condition in `impedance.csv`, of each group in
+    `walking_summary.csv`, or else the components in summaries of the bench, with the draft's values
+    if `beside_draft`."""
+    read = {name: with_evidence(path) for name, path in tables.items()}
+    if "impedance" in read:
+        rows = condition_rows(conditions(read["impedance"]))
+    elif "walking_summary" in read:
+        rows = condition_rows(list(groups(read["walking_summary"])))
+    else:
+        rows = component_rows(read, beside_draft)
     write_text(tex, to_tex(rows, sentence(about)))
     write_text(markdown, to_markdown(rows, sentence(about)))
 
@@ -420,7 +400,7 @@ def format_results_table(summary: Mapping[str, Any], markdown: bool = True) -> s
         rows.append((number.meaning, value, number.kind, str(number.n), draft))
     table = markdown_table(rows) if markdown else aligned(rows)
     lines = [summary["intervals"], *(finding["line"] for finding in summary["findings"])]
-    lines += missing_lines(summary, reasons=True)
+    lines += missing_lines(summary)
     return "\n\n".join([sentence(summary), table, *filter(None, lines)])
 
 

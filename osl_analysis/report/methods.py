@@ -30,25 +30,16 @@ class MethodsFacts:
     sheet: Sequence[Mapping[str, Any]]  # rows of the trials
     summary: Mapping[str, Any]
 
-    def values(self, table: str, column: str) -> list[Any]:
-        """The values of a column, each once, upwards; none where there is no such column."""
-        rows = self.tables.get(table, pl.DataFrame())
-        if column not in rows.columns:
-            return []
-        return rows[column].drop_nulls().unique().sort().to_list()
-
     def each(self, table: str, column: str) -> str:
         """The values of a column as `1, 2 and 3`; empty where there are none."""
-        values = self.values(table, column)
+        rows = self.tables.get(table, pl.DataFrame())
+        if column not in rows.columns:
+            return ""
+        values = rows[column].drop_nulls().unique().sort().to_list()
         texts = list(dict.fromkeys(map(value_text, values)))
         if len(texts) > MOST_LISTED:
             return f"{texts[0]} to {texts[-1]}"
         return " and ".join(filter(None, [", ".join(texts[:-1]), *texts[-1:]]))
-
-    def span(self, table: str, column: str) -> str:
-        """The lowest and the highest value of a column, as `1 to 5`; empty where there are none."""
-        values = self.values(table, column)
-        return " to ".join(dict.fromkeys(map(value_text, (*values[:1], *values[-1:]))))
 
     def number(self, *experiments: str, **stated: Any) -> int:
         """How many trials of these experiments the sheet has that state this."""
@@ -86,7 +77,6 @@ class MethodsFacts:
         return {
             "about": self.about,
             "each": self.each,
-            "span": self.span,
             "number": self.number,
             "setting": self.setting,
             "counts": ", ".join(counts),

@@ -228,14 +228,10 @@ def estimate_rows(fits: pl.DataFrame, table: str) -> list[list[str]]:
         has_interval = {f"{name}_low", f"{name}_high"} <= set(fits.columns)
         if (has_interval or name in WITHOUT_INTERVAL) and fits[name].count():
             names.append(name)
-    rows = [[f"{name} [{described[name].unit}]" for name in names]]
-    if "amplitude_deg" in fits.columns:
-        rows[0].insert(0, "amplitude [deg]")
+    rows = [["amplitude [deg]", *(f"{name} [{described[name].unit}]" for name in names)]]
     for fit in fits.iter_rows(named=True):
-        cells = []
-        if "amplitude_deg" in fit:
-            amplitude = fit["amplitude_deg"]
-            cells.append("all" if amplitude is None else f"{amplitude:.3g}")
+        amplitude = fit.get("amplitude_deg")
+        cells = ["all" if amplitude is None else f"{amplitude:.3g}"]
         for name in names:
             ends = fit.get(f"{name}_low"), fit.get(f"{name}_high")
             value = fit[name]

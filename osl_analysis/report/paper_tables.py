@@ -125,19 +125,13 @@ Rows = list[list[str]]
 
 
 def condition_rows(of_conditions: Sequence[Condition]) -> Rows:
-    """The table of conditions or of groups. † marks a doubtful one; the number of trials stands
-    where a row has several."""
+    """The table of conditions or of groups, with the number of trials. † marks a doubtful one."""
     first = of_conditions[0]
-    are_several = any(condition.n != 1 for condition in of_conditions)
-    heads = [*first.stated, *(["n"] if are_several else []), *first.estimates]
-    rows = [heads]
+    rows = [[*(first.stated or ["condition"]), "n", *first.estimates]]
     for condition in of_conditions:
         *labels, last = condition.stated.values() or [NOTHING]
         marked = [*labels, f"{last}†" if condition.is_doubtful else last]
-        number = [str(condition.n)] if are_several else []
-        rows.append([*marked, *number, *map(condition.text, condition.estimates)])
-    if not first.stated:
-        heads.insert(0, "condition")
+        rows.append([*marked, str(condition.n), *map(condition.text, condition.estimates)])
     return rows
 
 

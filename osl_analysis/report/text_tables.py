@@ -8,20 +8,21 @@ from osl_analysis.report.typography import in_latex
 Rows = Sequence[Sequence[str]]
 
 
-def aligned(rows: Rows, begin: str = "", between: str = "  ", end: str = "") -> str:
-    """Rows as lines with aligned columns, each with what stands before, between and after them."""
+def aligned(rows: Rows) -> str:
+    """Rows as lines with aligned columns."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = []
     for row in rows:
         cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=True)]
-        lines.append(f"{begin}{between.join(cells)}{end}".rstrip())
+        lines.append("  ".join(cells).rstrip())
     return "\n".join(lines) + "\n"
 
 
 def markdown_table(rows: Rows) -> str:
     """Rows as a table in Markdown."""
-    rule = ["-" * max(map(len, column)) for column in zip(*rows, strict=True)]
-    return aligned([rows[0], rule, *rows[1:]], "| ", " | ", " |")
+    rule = ["---"] * len(rows[0])
+    lines = [f"| {' | '.join(row)} |\n" for row in (rows[0], rule, *rows[1:])]
+    return "".join(lines)
 
 
 def latex_table(rows: Rows, heads: Mapping[str, str]) -> str:

@@ -22,18 +22,14 @@ def used_and_missing(
     return by_experiment
 
 
-def missing_lines(content: Mapping[str, Any], reasons: bool) -> list[str]:
-    """A line per experiment with missing trials, with their `reasons` or without, and per missing
-    result."""
+def missing_lines(content: Mapping[str, Any]) -> list[str]:
+    """A line per experiment with missing trials and their reasons, and per missing result."""
     lines = []
-    for experiment, counts in content.get("trials", {}).items():
-        if not counts["missing"]:
-            continue
-        trials = list(counts["missing"])
-        if reasons:
-            trials = [f"{trial} ({reason})" for trial, reason in counts["missing"].items()]
-        used = f"{counts['used']} of {counts['of']} {experiment} trials"
-        lines.append(f"{used}; without {', '.join(trials)}")
-    for file, reason in content.get("missing_results", {}).items():
+    for experiment, counts in content["trials"].items():
+        trials = [f"{trial} ({reason})" for trial, reason in counts["missing"].items()]
+        if trials:
+            used = f"{counts['used']} of {counts['of']} {experiment} trials"
+            lines.append(f"{used}; without {', '.join(trials)}")
+    for file, reason in content["missing_results"].items():
         lines.append(f"no {file}: {reason}")
     return lines

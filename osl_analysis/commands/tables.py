@@ -404,24 +404,16 @@ def format_results_table(summary: Mapping[str, Any], markdown: bool = True) -> s
     return "\n\n".join([sentence(summary), table, *filter(None, lines)])
 
 
-SHOWING = ("osl_analysis.commands.figure.", "osl_analysis.commands.report.")
-"""Jobs that show numbers and make none, which run after the summary's own."""
-
-
 def later_failures(summary_json: Path) -> str:
     """Whether jobs of a later run than that of a summary were refused, failed or killed; a line,
     empty if none were."""
     written = summary_json.stat().st_mtime
-    failures = []
-    for path in sorted((summary_json.parent / "logs").rglob("*.log")):
-        if path.stat().st_mtime <= written:
-            continue
-        log = read_log(path)
-        if log and log["outcome"] != "done" and not log["job"].startswith(SHOWING):
-            failures.append(f"{path.stem}: {log['error']}; correct it and run again")
+    paths = sorted((summary_json.parent / "logs").rglob("*.log"))
+    logs = [read_log(path) for path in paths if path.stat().st_mtime > written]
+    failures = [log["error"] for log in logs if log and log["outcome"] != "done"]
     if not failures:
         return ""
     return (
-        f"OLDER THAN A FAILED RUN: after these numbers were written, {len(failures)} jobs were"
-        f" refused or failed, first {failures[0]}"
+        f"A LATER JOB FAILED: after these numbers were written, {len(failures)} jobs were refused"
+        f" or failed, first: {failures[0]}; correct it and run again: what they make is older"
     )

@@ -193,24 +193,21 @@ def average_unperturbed(crossings: Paths, selection: Path, fewest: int, output: 
     """Write the unperturbed crossings that the table `selection` does not exclude, on a common grid
     of stance phase, by group, to a Parquet file. A group with fewer than the `fewest` is left out
     with a warning."""
-    selected = selected_crossings(crossings, selection)
-    unperturbed = [crossing for crossing in selected if crossing.onset is None]
     rows = read_table(selection, ["trial", "group", "reason"])
     rows = rows.filter(pl.col("trial").is_in([path.stem for path in crossings]))
     is_split = rows["group"].is_in([ALL]).not_().any()
     # a refused crossing has no group; it may have been of the only one
     rows = rows.drop_nulls("group") if is_split else rows.with_columns(group=pl.lit(ALL))
-    reasons_of: dict[str, dict[str, str | None]] = {}  # by group and trial
-    for trial, cell, reason in rows.select("trial", "group", "reason").iter_rows():
-        for name in cell.split(SEPARATOR):
-            reasons_of.setdefault(name, {})[trial] = reason
+    selected = selected_crossings(crossings, selection)
     gaits: dict[str, UnperturbedGait] = {}
     problems: list[str] = []
-    for name, reasons in reasons_of.items():
-        of_group = [crossing for crossing in unperturbed if crossing.name in reasons]
-        unused = {trial: reason for trial, reason in reasons.items() if reason}
+    for name in dict.fromkeys(SEPARATOR.join(rows["group"]).split(SEPARATOR)):
+        of_group = rows.filter(pl.col("group").str.split(SEPARATOR).list.contains(name))
+        trials = of_group["trial"].to_list()
+        unperturbed = [c for c in selected if c.onset is None and c.name in trials]
+        unused = of_group.drop_nulls("reason").select("trial", "reason")
         try:
-            gaits[name] = unperturbed_gait(of_group, fewest, unused)
+            gaits[name] = unperturbed_gait(unperturbed, fewest, dict(unused.iter_rows()))
         except InputError as error:
             problems.append(str(error) if name == ALL else f"{name}: {error}")
     if not gaits:

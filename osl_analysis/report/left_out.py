@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 import polars as pl
 
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.errors import listing
 from osl_analysis.judge.exclusions import exclusion_text
 from osl_analysis.judge.known_findings import CHECKS, FINDINGS
 
@@ -71,7 +70,7 @@ def left_out_trials(
             if reason:
                 cause = UNLIKE_OTHERS if trial in outliers else NOT_ANALYSED
                 add(trial, False, cause, reason)
-    lacking = f"it has no result{because_of(left_out)}"
+    lacking = "it has no result, since a trial that its fit needs was refused or excluded"
     for trial in trials_without_result(sheet, tables):
         if trial not in left_out:
             add(trial, True, LACKS_ANOTHER, lacking)
@@ -95,14 +94,6 @@ def trials_without_result(
         if any(trial not in trials_of.get(name, ()) for name in filled):
             without.append(trial)
     return without
-
-
-def because_of(left_out: Mapping[str, LeftOut]) -> str:
-    """Which other trials are missing, that a result may need; empty if none are."""
-    if not left_out:
-        return ""
-    verb = "was" if len(left_out) == 1 else "were"
-    return f", because {listing(list(left_out), 3)} {verb} refused or excluded"
 
 
 def exclusion_cause(row: Mapping[str, Any]) -> str:

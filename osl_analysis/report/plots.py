@@ -11,12 +11,33 @@ from bokeh.models import ColumnDataSource, HoverTool
 from bokeh.models.annotations import Whisker
 from bokeh.plotting import figure
 from bokeh.resources import Resources
+from bokeh.themes import Theme
 
 from osl_analysis.report.signals import RESPONSE, SIGNALS
 
 MEASURED, MODEL, RESIDUAL = "#3f7fbf", "#e06000", "#1a9070"  # seen on light and on dark ground
 GREY = "#7a7a7a"
 TOOLS = "xpan,xbox_zoom,xwheel_zoom,reset"
+# panels without ground of their own, so that light and dark pages show through
+NO_GROUND = dict.fromkeys(("background_fill_color", "border_fill_color", "outline_line_color"))
+OF_AXES = ("axis_label_text", "major_label_text", "axis_line", "major_tick_line")
+STYLES: dict[str, dict[str, Any]] = {
+    "Plot": NO_GROUND,
+    "Toolbar": {"logo": None},
+    "Axis": {
+        **{f"{part}_color": GREY for part in OF_AXES},
+        "minor_tick_line_color": None,
+        "axis_label_text_font_style": "normal",
+    },
+    "Grid": {"grid_line_alpha": 0.3},
+    "Legend": {
+        "background_fill_alpha": 0.0,
+        "border_line_color": None,
+        "label_text_color": GREY,
+        "orientation": "horizontal",
+    },
+}
+THEME = Theme(json={"attrs": STYLES})
 TALL, FLAT = 260, 170  # heights of panels [px]
 
 
@@ -36,10 +57,6 @@ def plots(target: str) -> Mapping[str, Any]:
     torque = panel("torque", "Time (s)", "Torque (N·m)", TALL)
     torque.line("time", "torque", source=signals, color=MEASURED, legend_label="measured")
     torque.line("time", "model", source=signals, color=MODEL, legend_label="model")
-    torque.legend.background_fill_alpha = 0.0
-    torque.legend.border_line_color = None
-    torque.legend.label_text_color = GREY
-    torque.legend.orientation = "horizontal"
     residual = panel("residual", "Time (s)", "Residual (N·m)", FLAT, x_range=torque.x_range)
     residual.line("time", "residual", source=signals, color=RESIDUAL)
     motion = panel("motion", "Time (s)", "Joint angle (deg)", FLAT, x_range=torque.x_range)
@@ -72,13 +89,14 @@ def plots(target: str) -> Mapping[str, Any]:
     item: Mapping[str, Any] = json_item(
         column(*panels, sizing_mode="stretch_width"),
         ID(target),
+        theme=THEME,
     )
     return item
 
 
 def panel(tag: str, x_label: str, y_label: str, height: int, **choices: Any) -> figure:
-    """An empty panel without ground of its own, so that light and dark pages show through."""
-    made = figure(
+    """An empty panel."""
+    return figure(
         height=height,
         sizing_mode="stretch_width",
         tools=TOOLS,
@@ -87,17 +105,5 @@ def panel(tag: str, x_label: str, y_label: str, height: int, **choices: Any) -> 
         x_axis_label=x_label,
         y_axis_label=y_label,
         tags=[tag],
-        background_fill_color=None,
-        border_fill_color=None,
-        outline_line_color=None,
         **choices,
     )
-    made.toolbar.logo = None
-    made.axis.axis_label_text_color = GREY
-    made.axis.major_label_text_color = GREY
-    made.axis.axis_line_color = GREY
-    made.axis.major_tick_line_color = GREY
-    made.axis.minor_tick_line_color = None
-    made.axis.axis_label_text_font_style = "normal"
-    made.grid.grid_line_alpha = 0.3
-    return made

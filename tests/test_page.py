@@ -61,7 +61,7 @@ def test_a_trial_is_doubtful_by_the_findings_on_its_whole_fit(findings, verdict)
 
 
 def test_a_trial_that_is_left_out_says_why():
-    refused = view(WHOLE, left_out=LeftOut(True, "x", ["no torque"]))
+    refused = view(WHOLE, left_out=LeftOut(True, ["no torque"]))
 
     assert (refused.verdict, refused.left_out) == ("refused", ["no torque"])
 

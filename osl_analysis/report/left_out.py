@@ -7,25 +7,15 @@ import polars as pl
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.judge.exclusions import exclusion_text
-from osl_analysis.judge.known_findings import CHECKS, FINDINGS
 
-NOT_ANALYSED = "recording that could not be analysed"
-UNLIKE_OTHERS = "crossing unlike the others under its conditions"
-LACKS_ANOTHER = "missing trial that its fit needs"
 REASONS_OF_CROSSINGS = {"walking_crossings": "reason", "walking": "excluded"}
 """Columns of result tables that tell why a crossing is not used."""
-TABLES_OF_TRIALS = {
-    *REASONS_OF_CROSSINGS,
-    *(table.name for experiment in EXPERIMENTS.values() for table in experiment.tables),
-}
-"""The tables by which `left_out_trials` knows of which trials there are results."""
 
 
 class LeftOut(NamedTuple):
     """Why a trial has no result."""
 
     by_job: bool  # whether a job refused or failed; else it was excluded
-    cause: str  # of the first reason, in a few words, as trials are counted by
     reasons: list[str]
 
 
@@ -43,7 +33,7 @@ def left_out_trials(
     excluded : polars.DataFrame
         `excluded.csv`, with every trial that was refused.
     tables : Mapping of str to polars.DataFrame
-        Result tables by name, with those of `TABLES_OF_TRIALS` that the campaign has.
+        Result tables by name, all that the campaign has.
 
     Returns
     -------
@@ -52,28 +42,24 @@ def left_out_trials(
     """
     left_out: dict[str, LeftOut] = {}
 
-    def add(trial: str, by_job: bool, cause: str, reason: str) -> None:
-        reasons = left_out.setdefault(trial, LeftOut(by_job, cause, [])).reasons
+    def add(trial: str, by_job: bool, reason: str) -> None:
+        reasons = left_out.setdefault(trial, LeftOut(by_job, [])).reasons
         if reason not in reasons:
             reasons.append(reason)
 
     for row in excluded.iter_rows(named=True):
-        # outcomes of a job, which are no checks
-        by_job = row["check"] in ("refused", "failed")
+        by_job = row["check"] == "refused"  # which is no check
         reason = row["remark"] if by_job else exclusion_text(row)
-        add(row["trial"], by_job, exclusion_cause(row), reason)
-    crossings = tables.get("walking_crossings", pl.DataFrame(schema=["trial", "status"]))
-    outliers = crossings.filter(pl.col("status") == "outlier")["trial"].to_list()
+        add(row["trial"], by_job, reason)
     for table, column in REASONS_OF_CROSSINGS.items():
         not_used = tables.get(table, pl.DataFrame(schema=["trial", column]))
         for trial, reason in not_used.select("trial", column).rows():
             if reason:
-                cause = UNLIKE_OTHERS if trial in outliers else NOT_ANALYSED
-                add(trial, False, cause, reason)
+                add(trial, False, reason)
     lacking = "it has no result, since a trial that its fit needs was refused or excluded"
     for trial in trials_without_result(sheet, tables):
         if trial not in left_out:
-            add(trial, True, LACKS_ANOTHER, lacking)
+            add(trial, True, lacking)
     return left_out
 
 
@@ -81,8 +67,7 @@ def trials_without_result(
     sheet: Mapping[str, Mapping[str, Any]], tables: Mapping[str, pl.DataFrame]
 ) -> list[str]:
     """The trials that lack a row of a table that their fit fills."""
-    names = tables.keys() & TABLES_OF_TRIALS
-    trials_of = {name: {*tables[name]["trial"]} for name in names}
+    trials_of = {name: {*table["trial"]} for name, table in tables.items() if "trial" in table}
     without = []
     for trial, row in sheet.items():
         experiment = EXPERIMENTS[row["experiment"]]
@@ -94,12 +79,3 @@ def trials_without_result(
         if any(trial not in trials_of.get(name, ()) for name in filled):
             without.append(trial)
     return without
-
-
-def exclusion_cause(row: Mapping[str, Any]) -> str:
-    """Why a trial is not used, in a few words, by a row of `excluded.csv`: what the sheet says, or
-    the cause that its check tells."""
-    if row["check"] == "sample sheet":
-        return str(row["remark"])
-    check = CHECKS.get(row["check"])
-    return FINDINGS[check.finding].title if check else NOT_ANALYSED

@@ -61,15 +61,10 @@ def finding_json(finding: Finding, row: Mapping[str, Any]) -> dict[str, Any]:
 
 def estimates_text(estimates: pl.DataFrame, findings: Sequence[Sequence[Finding]] = ()) -> str:
     """The estimates as text: a line per fit and quantity, with 95 % interval and VAF, and the
-    doubts about each row. Of a single amplitude there is only the fit to the whole trial."""
-    rows = estimates.to_dicts()
-    amplitudes = [row for row in rows if row.get("amplitude_deg") is not None]
-    has_one_amplitude = len(amplitudes) == 1 and len(rows) > 1
+    doubts about each row."""
     lines: list[str] = []
-    for row, of_row in zip_longest(rows, findings, fillvalue=()):
+    for row, of_row in zip_longest(estimates.to_dicts(), findings, fillvalue=()):
         assert isinstance(row, dict)
-        if has_one_amplitude and row.get("amplitude_deg") is not None:
-            continue
         quality = f"VAF {written(row['VAF'], unit='%')} %" if "VAF" in row else "no VAF"
         if "condition_number" in row:
             quality += f", condition {row['condition_number']:.1f}"

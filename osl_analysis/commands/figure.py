@@ -85,13 +85,9 @@ def plot_numbers(
     shown: list[Any] = [read_table(path) for path in others]
     if option is not None:
         shown.append(option)
-    write_table(plotted_numbers(name, with_evidence(table, needed(name)), *shown), output, data)
-
-
-def needed(name: str) -> list[str]:
-    """The columns of a figure that its result table has."""
     described = described_tables_by_name()[FIGURES[name].table].columns
-    return [column for column in columns_of(name) if column in described]
+    needed = [column for column in columns_of(name) if column in described]
+    write_table(plotted_numbers(name, with_evidence(table, needed), *shown), output, data)
 
 
 def draw_figure(
@@ -270,7 +266,7 @@ def fig7(
     """The numbers of Fig. 7: measured responses of one K_d, B_d, without a `choice` of those that
     most trials have; the desired one (Eq. 11), if both are known; and the linear model (Eq. 9), if
     the gains are known and the parameter file is of this joint."""
-    responses = read_table(table, [*needed("fig7"), "scope"])
+    responses = read_table(table)
     responses = responses.with_columns(look_numbers(responses["controller"]))
     counts = responses.group_by("K_d", "B_d", maintain_order=True).agg(n=pl.col("trial").n_unique())
     K_d, B_d, _ = counts.sort("n", descending=True, maintain_order=True).row(0)

@@ -17,7 +17,7 @@ from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.simulator.laboratory_settings import WalkingSettings
 from osl_analysis.simulator.simulation_settings import SimulationSettings
 from osl_analysis.simulator.trial_plan import plan_trials
-from osl_analysis.yaml_settings import located, read_yaml, validated
+from osl_analysis.yaml_settings import read_yaml, validated
 
 TRUTH = "truth"
 UNFOLLOWED = SharedChoices()  # no configuration to follow: the settings alone decide
@@ -74,11 +74,8 @@ def settings_files(settings_path: Path, followed: SharedChoices = UNFOLLOWED) ->
         check_request(wanted.K_d if is_rendered else (), wanted.B_d, p)
     if laboratory is None or settings.walking is None:
         return [settings_path, settings.parameters]
-    try:
+    with naming(f"{settings.walking}: impedance"):
         read_impedance_trajectory(laboratory.impedance)
-    except InputError as error:
-        place = located([settings.walking], ("impedance",))
-        raise InputError(f"{settings.walking}: {place}impedance: {error}") from error
     return [settings_path, settings.parameters, settings.walking, laboratory.impedance]
 
 

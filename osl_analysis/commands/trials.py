@@ -3,12 +3,12 @@ examined while they are in memory; and what files of any laboratory hold. Texts 
 untrusted: they are escaped when they are printed."""
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.draft.overview import MOST_COLUMNS, inspect_recording
+from osl_analysis.draft.overview import inspect_recording
 from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
 from osl_analysis.errors import InputError, printable
 from osl_analysis.formats import formats_of
@@ -17,6 +17,7 @@ from osl_analysis.ingest.quality import Commanded, measure_quality, measured_tab
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial
 
+MOST_CHANNELS = 200  # that are printed of a file
 LONGEST_TEXT = 60  # signs of a file's text that a line of the terminal can hold
 
 
@@ -99,12 +100,15 @@ def inspect_file(path: Path) -> Overview:
 
 
 def overview_text(overview: Overview) -> str:
-    """The facts on a file, a line per channel (kind, name, unit, samples, rate, note, type), and
-    the remarks."""
+    """The facts on a file, a line per channel (kind, name, unit, samples, rate, note, type) of the
+    first `MOST_CHANNELS`, and the remarks."""
     facts = [f"{name}: {shortened(fact)}" for name, fact in overview.facts.items()]
-    parts = [f"format: {overview.format}", *facts, "", *channel_lines(overview), ""]
+    lines = [channel_line(channel) for channel in overview.channels[:MOST_CHANNELS]]
+    if len(overview.channels) > MOST_CHANNELS:
+        lines.append(f"and {len(overview.channels) - MOST_CHANNELS} more, which --json lists")
     remarks = [f"! {printable(remark)}" for remark in (*overview.remarks, *overview.open)]
-    return "\n".join([*parts, *remarks]).rstrip()
+    parts = [f"format: {overview.format}", *facts, "", *lines, "", *remarks]
+    return "\n".join(parts).rstrip()
 
 
 def overview_facts(overview: Overview) -> dict[str, Any]:
@@ -126,22 +130,6 @@ def overview_facts(overview: Overview) -> dict[str, Any]:
         "channels": channels,
         "remarks": [*overview.remarks, *overview.open],
     }
-
-
-def channel_lines(overview: Overview) -> Iterator[str]:
-    """A line per channel; one for all columns of a matrix that has many."""
-    matrices = Counter(channel.matrix for channel in overview.channels)
-    listed: set[str] = set()
-    for channel in overview.channels:
-        matrix = channel.matrix
-        if not matrix or matrices[matrix] <= MOST_COLUMNS:
-            yield channel_line(channel)
-        elif matrix not in listed:
-            listed.add(matrix)
-            yield (
-                f"{shortened(channel.kind):<14} {shortened(matrix)}  {matrices[matrix]} columns of"
-                f" {channel.count} samples"
-            )
 
 
 def channel_line(channel: RecordedChannel) -> str:

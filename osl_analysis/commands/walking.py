@@ -176,14 +176,9 @@ def select_crossings(
 ) -> None:
     """Write one row per crossing, in the order of the files: quality, group and, if it is excluded,
     the reason."""
-    analysed: list[Crossing] = []
-    refused: list[RefusedCrossing] = []
-    for path in crossings:
-        crossing = read_crossing_file(path)
-        if isinstance(crossing, RefusedCrossing):
-            refused.append(crossing)
-        else:
-            analysed.append(crossing)
+    results = [read_crossing_file(path) for path in crossings]
+    analysed = [crossing for crossing in results if isinstance(crossing, Crossing)]
+    refused = [crossing for crossing in results if isinstance(crossing, RefusedCrossing)]
     rows = selection_rows(analysed, refused, settings, sheet)
     table = pl.DataFrame([rows[path.stem] for path in crossings], infer_schema_length=None)
     write_table(with_places(table, places or {}), output, data)

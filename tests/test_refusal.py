@@ -22,7 +22,7 @@ from snakemake_interface_logger_plugins.common import LogEvent
 from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.commands import trials
 from osl_analysis.commands.tables import gather, judge, list_excluded, read_summary
-from osl_analysis.commands.verdict import failure_lines, left_behind
+from osl_analysis.commands.verdict import failure_lines
 from osl_analysis.commands.walking_files import (
     read_crossing_file,
     read_model,
@@ -262,18 +262,6 @@ def test_the_same_cause_in_many_trials_is_one_line_and_another_its_own():
         "  trial walk, file raw/walk.c3d: no plate; zero it",
         "  result tables/plate.csv: no trials",
     ]
-
-
-def test_what_a_renaming_leaves_among_the_results_is_named_at_the_end_of_a_run():
-    stored = [
-        Path(f"results/trials/{trial}.parquet")
-        for trial in ("b_1", "old_2", "b_3", "old_1", "b_2", "old_0")
-    ]
-    said = (
-        "not in the sample sheet, and in no table or figure: old_0, old_1, old_2; files of theirs"
-    )
-    assert left_behind(stored, ["b_1", "b_2", "b_3"]).startswith(said)
-    assert left_behind(stored[::2], ["b_1", "b_2", "b_3"]) == ""
 
 
 def test_a_trial_that_is_used_without_its_end_is_named_at_the_end_of_a_run():

@@ -10,7 +10,7 @@ from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
 from osl_analysis.config.shared_choices import SharedChoices
 from osl_analysis.config.sheet import SHEET_COLUMNS, SheetRows
-from osl_analysis.errors import InputError, naming, optional_module
+from osl_analysis.errors import InputError, naming, nearest, optional_module
 from osl_analysis.files import atomic_path, check_output
 from osl_analysis.model.compensator import check_request
 from osl_analysis.model.drivetrain import read_parameters
@@ -134,10 +134,7 @@ def row_of_trial(
     """The row of the sheet of one trial of the plan. Raises InputError: it is not planned."""
     rows = plan_trials(settings)
     if trial not in rows:
-        raise InputError(
-            f"{settings_path}: plans no trial '{trial}'; it has {len(rows)}, from"
-            f" '{next(iter(rows))}' to '{next(reversed(rows))}': see trials.csv"
-        )
+        raise InputError(f"{settings_path}: plans no trial '{trial}'{nearest(trial, rows, 0.0)}")
     return rows[trial]
 
 

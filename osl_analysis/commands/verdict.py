@@ -1,6 +1,6 @@
 """What a user must know at the end of a run."""
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -51,13 +51,11 @@ def write_brief(
     content = read_summary(summary)
     refused = read_table(excluded).filter(check="refused")
     reasons = dict(refused.select("trial", "remark").iter_rows())
-    stored = (summary.parent / "trials").glob("*.parquet")
     failures = failure_lines(reasons, content["missing_results"], recordings)
     lines = [
         *brief_lines(content),
         exclusion_report(read_table(verdicts), by_sheet),
         left_out,
-        left_behind(stored, [*recordings, *by_sheet]),
         *failures,
     ]
     if failures:
@@ -91,15 +89,3 @@ def failure_lines(
         lines.append(of_cause[first] + also)
     lines += [f"  result {file}: {reason}" for file, reason in missing_results.items()]
     return lines
-
-
-def left_behind(stored: Iterable[Path], trials: Collection[str]) -> str:
-    """A line on trials with `stored` files that are not in the sheet, as after a renaming; empty if
-    there are none."""
-    unknown = sorted({path.stem for path in stored} - set(trials))
-    if not unknown:
-        return ""
-    return (
-        f"not in the sample sheet, and in no table or figure: {listing(unknown, MOST_TOLD)};"
-        " files of theirs are left below the results; delete them, or enter the trials again"
-    )

@@ -21,7 +21,6 @@ from osl_analysis.recording import Channel, Kind, Recording
 from osl_analysis.source_file import MarkerSource, Source
 
 SECOND_NS = 1_000_000_000
-MOST_COLUMNS = 6  # of a matrix that are listed one by one
 MOST_NOTES = 20  # lines of a file's own text that are shown
 MOST_WORDS = 5  # words in place of numbers that are shown of a channel
 FEWEST_READINGS = 10  # a variable with fewer numbers is no signal

@@ -1,6 +1,5 @@
 """A channel of a recording as a user is shown it, and what else a recording holds."""
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Self
@@ -76,13 +75,6 @@ class RecordedChannel:
     def base(self) -> tuple[float, str]:
         """Factor of the stated or likely unit to base units, and these; 0 and empty if unknown."""
         return base_units(normalised(self.unit or self.likely_unit)) or (0.0, "")
-
-    @property
-    def matrix(self) -> str:
-        """The matrix of which it may be a column or a row, as of `data(:,3)` and `data 3`; empty if
-        it is none."""
-        match = re.fullmatch(r"(.+?)(?:\((?::,\d+|\d+,:)\)| \d+)", self.key)
-        return match[1] if match else ""
 
 
 @dataclass(frozen=True)

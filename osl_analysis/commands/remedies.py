@@ -23,8 +23,6 @@ FITS_WORSE = 2.0  # times what the best change leaves of the torque, from which 
 LEAST_UNEXPLAINED = 1e-6  # percent of the torque's variance; less is rounding
 USUAL_OF_K_D = (0.5, 1.5)  # K over the stated K_d, beyond which a change is no remedy
 
-FitOfTrial = Callable[..., FitTables]
-
 
 @dataclass(frozen=True)
 class Outcome:
@@ -47,7 +45,7 @@ class Outcome:
         return f"{self.change.words}: {name} {estimate} {printed_units()[name]}"
 
 
-def fit_or_advise(fit: FitOfTrial, trial: Trial, **arguments: Any) -> FitTables:
+def fit_or_advise(fit: Callable[..., FitTables], trial: Trial, **arguments: Any) -> FitTables:
     """Fit a trial; where it is refused, try the changes that the error names.
 
     Parameters
@@ -76,7 +74,7 @@ def fit_or_advise(fit: FitOfTrial, trial: Trial, **arguments: Any) -> FitTables:
 
 
 def check_not_swapped(
-    fit: FitOfTrial, trial: Trial, arguments: Mapping[str, Any], tables: FitTables
+    fit: Callable[..., FitTables], trial: Trial, arguments: Mapping[str, Any], tables: FitTables
 ) -> None:
     """Refuse estimates that no joint has, with InputError, if angle and torque explain each other
     much better in exchanged channels. A late torque makes B negative, too, but no such
@@ -100,7 +98,10 @@ def check_not_swapped(
 
 
 def helpful_changes(
-    fit: FitOfTrial, trial: Trial, arguments: Mapping[str, Any], changes: Sequence[Change]
+    fit: Callable[..., FitTables],
+    trial: Trial,
+    arguments: Mapping[str, Any],
+    changes: Sequence[Change],
 ) -> list[Outcome]:
     """The changes of the lowest rank with which the trial can be fitted to possible estimates, and
     about as well as with the best of them."""
@@ -119,7 +120,7 @@ def helpful_changes(
 
 
 def outcome_of(
-    fit: FitOfTrial, trial: Trial, arguments: Mapping[str, Any], change: Change
+    fit: Callable[..., FitTables], trial: Trial, arguments: Mapping[str, Any], change: Change
 ) -> Outcome | None:
     """What the fit gives with a change; None where it is refused."""
     try:

@@ -2,7 +2,7 @@
 
 import json
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -14,8 +14,6 @@ import polars as pl
 from osl_analysis.commands.walking_files import (
     NO_GAIT,
     Onsets,
-    Paths,
-    SheetCells,
     read_crossing,
     read_crossing_file,
     read_model,
@@ -45,9 +43,6 @@ from osl_analysis.walking.platform import ramp_of, ramp_onsets
 from osl_analysis.walking.poses import StaticCalibration, segment_poses, static_calibration
 from osl_analysis.walking.unperturbed_gait import UnperturbedGait, unperturbed_gait
 
-# The static trial of each trial, which names the file of its calibration
-Statics = Mapping[str, str]
-
 
 def calibrate(trial: Path, settings: choices.CalibrationSettings, output: Path) -> None:
     """Marker clusters, ankle centre and axis of the static trial, to a JSON file."""
@@ -55,9 +50,10 @@ def calibrate(trial: Path, settings: choices.CalibrationSettings, output: Path) 
 
 
 def calibrated_trials(
-    trials: Paths, calibrations: Paths, statics: Statics
+    trials: Sequence[Path], calibrations: Sequence[Path], statics: Mapping[str, str]
 ) -> list[tuple[Trial, StaticCalibration]]:
-    """The trials with the calibration of their static trial, as far as it was calibrated."""
+    """The trials with the calibration of their static trial, which `statics` names, as far as it
+    was calibrated."""
     of_static = {path.stem: read_model(path, StaticCalibration) for path in calibrations}
     calibrated = []
     for path in trials:
@@ -68,9 +64,9 @@ def calibrated_trials(
 
 
 def identify_plate(
-    trials: Paths,
-    calibrations: Paths,
-    statics: Statics,
+    trials: Sequence[Path],
+    calibrations: Sequence[Path],
+    statics: Mapping[str, str],
     settings: choices.PlateModelSettings,
     output: Path,
     comparison: Path,
@@ -91,9 +87,9 @@ def identify_plate(
 
 
 def find_onsets(
-    trials: Paths,
-    calibrations: Paths,
-    statics: Statics,
+    trials: Sequence[Path],
+    calibrations: Sequence[Path],
+    statics: Mapping[str, str],
     settings: choices.CrossingSettings,
     output: Path,
 ) -> None:
@@ -167,10 +163,10 @@ def check_direction(crossing: Crossing, direction: str) -> None:
 
 
 def select_crossings(
-    crossings: Paths,
+    crossings: Sequence[Path],
     settings: choices.SelectionSettings,
     output: Path,
-    sheet: SheetCells,
+    sheet: Mapping[str, Mapping[str, Any]],
     places: Places | None = None,
     data: str = "",
 ) -> None:
@@ -184,7 +180,9 @@ def select_crossings(
     write_table(with_places(table, places or {}), output, data)
 
 
-def average_unperturbed(crossings: Paths, selection: Path, fewest: int, output: Path) -> None:
+def average_unperturbed(
+    crossings: Sequence[Path], selection: Path, fewest: int, output: Path
+) -> None:
     """Write the unperturbed crossings that the table `selection` does not exclude, on a common grid
     of stance phase, by group, to a Parquet file. A group with fewer than the `fewest` is left out
     with a warning."""

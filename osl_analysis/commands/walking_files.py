@@ -1,7 +1,7 @@
 """The files of the walkway between its jobs: calibrations, models, crossings and mean gaits."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -41,8 +41,6 @@ NO_GAIT = (
     " fewest_unperturbed are used; record more, or leave the condition empty in the sheet where"
     " unperturbed crossings serve every value"
 )
-Paths = Sequence[Path]
-SheetCells = Mapping[str, Mapping[str, Any]]  # Cells of the sheet of each crossing
 
 
 def write_model(model: Any, path: Path) -> None:
@@ -115,7 +113,7 @@ def read_crossing_file(path: Path) -> Crossing | RefusedCrossing:
     return crossing
 
 
-def selected_crossings(crossings: Paths, selection: Path) -> list[Crossing]:
+def selected_crossings(crossings: Sequence[Path], selection: Path) -> list[Crossing]:
     """The crossings that the table `selection` does not exclude."""
     excluded = read_table(selection, ["trial", "reason"]).drop_nulls("reason")["trial"].to_list()
     return [read_crossing(path) for path in crossings if path.stem not in excluded]

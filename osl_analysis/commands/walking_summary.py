@@ -10,8 +10,6 @@ import polars as pl
 
 from osl_analysis.commands.walking_files import (
     NO_GAIT,
-    Paths,
-    SheetCells,
     read_crossing,
     read_model,
     read_unperturbed_gaits,
@@ -41,9 +39,6 @@ from osl_analysis.walking.tables import (
 )
 from osl_analysis.walking.unperturbed_gait import UnperturbedGait
 
-Commanded = Callable[[str, float], float | None]
-"""Impedance that a leg was commanded, by quantity (K, B) and phase of stance."""
-
 FEWEST_FITS = 2  # of perturbations, for a scatter
 TOO_FEW = "perturbations can be used, expected 2 or more for a scatter; see the reasons in"
 
@@ -51,16 +46,16 @@ TOO_FEW = "perturbations can be used, expected 2 or more for a scatter; see the 
 def summarise_perturbations(
     *,
     table: Path,
-    crossings: Paths,
+    crossings: Sequence[Path],
     selection: Path,
     unperturbed: Path,
     settings: choices.EnsembleSettings,
     output: Path,
     responses: Path,
     groups: Path,
-    sheet: SheetCells,
+    sheet: Mapping[str, Mapping[str, Any]],
     plate: Path,
-    trajectory: Paths = (),
+    trajectory: Sequence[Path] = (),
     limits: Limits | None = None,
     places: Places | None = None,
     data: str = "",
@@ -209,8 +204,10 @@ def with_doubts_of_groups(
     return summary.with_columns(doubt=of_ensemble)
 
 
-def commanded_over_stance(trajectory: Paths, data: str) -> Commanded | None:
-    """What the `trajectory` commands at a phase of stance; None without one, and for a measured leg
+def commanded_over_stance(
+    trajectory: Sequence[Path], data: str
+) -> Callable[[str, float], float | None] | None:
+    """What the `trajectory` commands, by quantity (K, B) and phase of stance; None without one, and for a measured leg
     (`data`), which was not commanded a synthetic one."""
     if not trajectory:
         return None

@@ -13,8 +13,6 @@ from typing import Any
 
 from osl_analysis.errors import InputError, WriteError
 
-SMALLEST_DISK = 10e6  # bytes free on the disk of the results, with which a run may begin
-
 
 @contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
@@ -88,16 +86,13 @@ def seen_from(folder: Path, path: Path) -> Path:
 def check_working_folder(results: Path = Path(".snakemake")) -> None:
     """Refuse a folder in which the run or Snakemake cannot write: the run would end with a
     traceback."""
-    folders = [Path()]
-    for top in {Path(".snakemake"), results}:
-        folders.extend((top, *top.glob("*/")))
-    for folder in folders:
+    for folder in (Path(), Path(".snakemake"), results):
         if folder.is_dir() and not os.access(folder, os.W_OK):
             raise InputError(
                 f"{folder.absolute()}: cannot be written to; make it writable, or copy the campaign"
             )
     disk = shutil.disk_usage(results if results.is_dir() else Path())
-    if disk.total and disk.free < SMALLEST_DISK:
+    if disk.total and disk.free < 10e6:
         raise InputError(
             f"{results.absolute()}: less than 10 MB free on its disk; make room, or work on"
             " another one"

@@ -2,16 +2,15 @@
 OOM killer."""
 
 import os
+import re
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from osl_analysis.errors import InputError, MemoryLimitError
+from osl_analysis.errors import InputError, MemoryLimitError, listing
 
 VARIABLE = "OSL_MEMORY_MB"  # memory that one job, or one call of the command line, may have [MB]
-SHARE_OF_MACHINE = 0.8  # of its memory, that a process may have if nothing is stated
-NAMED_FILES = 3  # in the message
 # Matrix libraries get one thread: products are small, two threads take three times as long on a
 # busy machine, and Snakemake counts one core per job. A search for plugins would take 15 ms per
 # process.
@@ -40,48 +39,44 @@ def limited_memory(files: Sequence[Path | str]) -> Iterator[None]:
     InputError
         The variable is no number of megabytes.
     """
-    if sys.platform == "linux":
-        import resource
-
-        soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
-        limits = [int(allowed_memory()), sys.maxsize]
-        limits.extend(known for known in (soft, hard) if known != resource.RLIM_INFINITY)
-        limit = min(limits)
-        resource.setrlimit(resource.RLIMIT_DATA, (limit, hard))
-        try:
-            yield
-        except MemoryError as error:
-            resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))  # the message needs some, too
-            names = ", ".join(map(str, files[:NAMED_FILES])) or "this command"
-            raise MemoryLimitError(
-                f"{names}: not enough memory, a job may have {limit / 1e6:.0f} MB here;"
-                f" cut the recording, or ask for fewer samples, or allow more by {VARIABLE} or on a"
-                " larger machine"
-            ) from error
-        finally:
-            resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
-    else:
+    if sys.platform != "linux":
         yield
+        return
+    import resource
+
+    soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    limit = allowed_memory()
+    if soft != resource.RLIM_INFINITY:
+        limit = min(limit, soft)
+    resource.setrlimit(resource.RLIMIT_DATA, (limit, hard))
+    try:
+        yield
+    except MemoryError as error:
+        resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))  # the message needs some, too
+        raise MemoryLimitError(
+            f"{listing([*map(str, files)], 3)}: not enough memory, a job may have"
+            f" {limit / 1e6:.0f} MB here; cut the recording, or ask for fewer samples, or allow"
+            f" more by {VARIABLE} or on a larger machine"
+        ) from error
+    finally:
+        resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
 
 
-def allowed_memory() -> float:
-    """Memory [bytes] that a process may have."""
+def allowed_memory() -> int:
+    """Memory [bytes] that a process may have: what is stated, else a share of the machine's."""
     text = os.environ.get(VARIABLE, "")
     if not text:
-        return SHARE_OF_MACHINE * min(memory_limits())
-    allowed = 0.0
-    with suppress(ValueError):
-        allowed = 1e6 * float(text)
-    if not 0 < allowed < sys.maxsize:
-        raise InputError(f"{VARIABLE}={text}: write a number of megabytes above 0, or unset it")
-    return allowed
+        return int(0.8 * min(memory_limits()))
+    if not re.fullmatch(r"0*[1-9]\d{0,11}", text):
+        raise InputError(
+            f"{VARIABLE}={text}: write a whole number of megabytes above 0, or unset it"
+        )
+    return 10**6 * int(text)
 
 
 def memory_limits() -> list[int]:
     """Memory [bytes] of the machine, and of the control groups of a container or batch job."""
-    limits = [sys.maxsize]
-    if sys.platform == "linux":
-        limits.append(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+    limits = [os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")]
     with suppress(OSError):
         own_group = Path("/proc/self/cgroup").read_text(encoding="utf-8").rpartition(":")[2]
         group = Path("/sys/fs/cgroup", own_group.strip().lstrip("/"))

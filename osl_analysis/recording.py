@@ -279,18 +279,15 @@ NUMBERED = ("column", "label", "channel")  # keys whose channel may be given by 
 def _named(wanted: str, channels: Sequence[Channel], key: str) -> list[Channel]:
     """List the channels with a name: in full, without place or unit, by pattern, or by number."""
     pattern = re.compile(re.escape(wanted).replace(r"\*", ".*"), re.DOTALL)
-    full = [channel for channel in channels if channel.address[key] == wanted]
-    titled = [channel for channel in channels if channel.title == wanted]
-    plain = [channel for channel in channels if channel.name == wanted]
-    fitting = [
-        channel
-        for channel in channels
-        if any(map(pattern.fullmatch, (channel.address[key], channel.title, channel.name)))
-    ]
-    matches = full or titled or plain or fitting
+    spelled = {channel: (channel.address[key], channel.title, channel.name) for channel in channels}
+    for position in range(3):
+        matches = [channel for channel, names in spelled.items() if names[position] == wanted]
+        if matches:
+            return matches
+    matches = [channel for channel, names in spelled.items() if any(map(pattern.fullmatch, names))]
     is_number = key in NUMBERED and re.fullmatch(r"[1-9]\d{0,4}", wanted, re.ASCII)
     if not matches and is_number:
-        matches = list(channels[int(wanted) - 1 : int(wanted)])
+        return list(channels[int(wanted) - 1 : int(wanted)])
     return matches
 
 
@@ -298,12 +295,10 @@ def _ambiguous(
     noun: str, wanted: str, matches: Sequence[Channel], channels: Sequence[Channel]
 ) -> InputError:
     names = [channel.key for channel in matches]
-    remedy = "rename them, or name others"
-    if len(set(names)) == len(names):
-        remedy = f"write one of {listing(names)}"
-    elif list(channels[0].address)[-1] in NUMBERED:
+    remedy = f"write one of {listing(names)}"
+    if len(set(names)) < len(names):
         numbers = [str(n) for n, channel in enumerate(channels, start=1) if channel in matches]
-        remedy = f"write a number in place of the name, one of {listing(numbers)},"
+        remedy = f"rename them, or write the number of a column, one of {listing(numbers)},"
     return InputError(
         f"{noun} '{wanted[:80]}' occurs {len(matches)} times; {remedy} in the source file"
     )

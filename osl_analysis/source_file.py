@@ -8,13 +8,12 @@ settings and their checks alone: `ingest` reads recordings by them.
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import (
     AfterValidator,
-    BeforeValidator,
     Field,
     PositiveFloat,
     PrivateAttr,
@@ -32,30 +31,17 @@ from osl_analysis.units import (
     quantity,
     si_factor,
 )
-from osl_analysis.yaml_settings import Settings, check_distinct, check_known, field_line, misplaced
+from osl_analysis.yaml_settings import Settings, check_distinct, field_line, misplaced
 
 SampleShare = Annotated[float, Field(ge=0, le=1)]
-LONGEST_DELAY_S = 0.2  # beyond it, K, B and I would be fitted to another motion
-LOWEST_CUTOFF_HZ = 0.5  # below it, a sensor's low-pass would hide the motion
-HIGHEST_CUTOFF_HZ = 1e6
 LEVEL_UNIT = "V"  # of the columns that may be read from truth values: `sync` and `trigger`
 # a scale or an offset; a larger number is a typing error
 NoSlip = Annotated[float, Field(ge=-1e12, le=1e12)]
 Name = Annotated[str, Field(min_length=1)]
 
 
-def column_name(given: Any) -> Any:
-    """Give a column's name, or its number (counted from 1) as text."""
-    if type(given) is not int:
-        return given
-    if given < 1:
-        raise ValueError(
-            "columns are counted from 1; write its number, or a name of digits in quotes"
-        )
-    return str(given)
-
-
-ColumnName = Annotated[Name, BeforeValidator(column_name)]
+ColumnName = Annotated[Name, Field(coerce_numbers_to_str=True)]
+"""A column's name, or its number counted from 1."""
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 Axes = tuple[Axis, Axis, Axis]
 Corner = tuple[float, float, float]
@@ -76,8 +62,8 @@ class SensorFilter(Settings):
     """The low-pass of a sensor or its amplifier, an analogue Butterworth that ran once while
     recording."""
 
-    # Cut-off with its unit, as `100 Hz`.
-    cutoff: Annotated[str, stated_between(LOWEST_CUTOFF_HZ, HIGHEST_CUTOFF_HZ, "Hz")]
+    # Cut-off with its unit, as `100 Hz`. A lower one would hide the motion.
+    cutoff: Annotated[str, stated_between(0.5, 1e6, "Hz")]
     order: int = Field(default=1, ge=1, le=8)  # Order.
 
 
@@ -85,8 +71,9 @@ class Conversion(Settings):
     """Conversion of recorded numbers to SI units, sign * scale * factor * (raw + offset), and facts
     on the sensor."""
 
-    # Age of a sample at its stamp, as `2 ms`; it is subtracted from the channel's stamps.
-    delay: Annotated[str, stated_between(0, LONGEST_DELAY_S, "s")] | None = None
+    # Age of a sample at its stamp, as `2 ms`; it is subtracted from the channel's stamps. With a
+    # longer one, K, B and I would be fitted to another motion.
+    delay: Annotated[str, stated_between(0, 0.2, "s")] | None = None
     # The sensor's own low-pass, through which analyses put all other signals.
     low_pass: SensorFilter | None = None
     # Smallest step of the recorded values with its unit, as `0.02 deg`.
@@ -266,10 +253,8 @@ class SharedAngle(Settings):
     """An angle recorded by both log and motion capture. It aligns their clocks if there are no sync
     edges."""
 
-    column: Annotated[
-        str, AfterValidator(partial(check_known, COLUMNS, "canonical column of a log"))
-    ]
-    """Column of the log with the angle. Its scale, sign and offset do not matter."""
+    column: str
+    """Canonical column of the log with the angle. Its scale, sign and offset do not matter."""
     markers: Annotated[tuple[str, str, str], AfterValidator(check_distinct)]
     """Three markers of motion capture. The angle is at the second marker."""
 
@@ -406,16 +391,6 @@ class LogSource(Source):
 
     @model_validator(mode="after")
     def _aligned(self) -> Self:
-        if self.clock == "shared" and "sync" in self.channels:
-            raise misplaced(
-                "a log with the mapped column sync is aligned by its edges; write clock: sync, or"
-                " remove sync",
-                "clock",
-            )
-        if self.clock == "sync" and "sync" not in self.channels:
-            raise misplaced(
-                "sync needs the column sync under channels; map it, or write clock: master", "clock"
-            )
         taken: dict[tuple[str, ...], str] = {}
         if self.time.name:
             taken[(self.time.name,)] = "time"

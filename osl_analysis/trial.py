@@ -103,19 +103,16 @@ def stretches(text: str) -> list[tuple[float, float]]:
     Raises
     ------
     InputError
-        The text has another form, or the parts overlap or are not in time order.
+        The text has another form, or the parts overlap, touch or are not in time order.
     """
-    pairs = re.findall(r"(\d+\.?\d*)-(\d+\.?\d*)", text)
-    windows = [(float(start), float(stop)) for start, stop in pairs]
     has_form = re.fullmatch(r"(\s*\d+\.?\d*-\d+\.?\d*(?=\s|$))+\s*", text)
-    edges = [edge for window in windows for edge in window]
-    is_empty = any(start >= stop for start, stop in windows)
-    if not has_form or is_empty or edges != sorted(edges):
+    edges = [float(edge) for edge in re.findall(r"\d+\.?\d*", text)]
+    if not has_form or edges != sorted(set(edges)):
         raise InputError(
-            f"windows '{text}' are not from-to in s, in the order of time and without overlap;"
+            f"windows '{text}' are not from-to in s, in the order of time and apart;"
             " write them as 2-30 40-62"
         )
-    return windows
+    return list(zip(edges[::2], edges[1::2], strict=True))
 
 
 LATE_END_S = 1.0  # s by which a stated window may end after the recording
@@ -128,8 +125,7 @@ SCHEMA_KEY = "osl_analysis.schema"
 def as_polars(name: str, samples: Any) -> pl.DataFrame:
     """A pandas frame, or columns by name, as a polars frame; `pl.from_pandas` needs pyarrow."""
     try:
-        columns = {str(column): np.asarray(samples[column]) for column in samples}
-        return pl.DataFrame(columns)
+        return pl.DataFrame({str(column): np.asarray(samples[column]) for column in samples})
     except (TypeError, KeyError, IndexError, pl.exceptions.PolarsError) as error:
         raise InputError(
             f"trial {name}: the samples are no data frame ({type(samples).__name__}); give one of"
@@ -258,10 +254,6 @@ class Trial:
                 )
 
 
-LATEST_TIME_S = 1e20  # later than nanoseconds since 1970 that are taken for seconds
-SHORTEST_LOG_S = 1e-9  # no log is shorter
-
-
 def check_time(name: str, time: Array) -> None:
     """Refuse stamps that no log can have.
 
@@ -285,13 +277,13 @@ def check_time(name: str, time: Array) -> None:
         raise InputError(
             f"{name}: time is not finite at row {int(np.argmin(np.isfinite(time)))}; repair the log"
         )
-    if not len(time):
-        return
-    latest = float(np.max(np.abs(time)))
-    span = float(np.ptp(time))
-    if latest > LATEST_TIME_S or 0 < span < SHORTEST_LOG_S:
+    latest_s = 1e20  # later than nanoseconds since 1970 that are taken for seconds
+    shortest_s = 1e-9  # no log is shorter
+    reach = np.abs(time).max(initial=0)
+    span = time.max(initial=-np.inf) - time.min(initial=np.inf)
+    if reach > latest_s or 0 < span < shortest_s:
         raise InputError(
-            f"{name}: time reaches {latest:.3g} s and spans {span:.3g} s; correct its `unit` in"
+            f"{name}: time reaches {reach:.3g} s and spans {span:.3g} s; correct its `unit` in"
             " the source file, take another time source, or, if bytes are damaged or in another"
             " order, copy the file or ingest it again"
         )

@@ -37,11 +37,6 @@ ANY_CASE = re.compile(
 )
 
 
-SMALLEST_FACTOR = 1e-9  # to the SI unit, of ns
-LARGEST_FACTOR = 1e5  # of N*m/mdeg; others are misspellings such as `Mm` and `MN`
-MOST_PARTS = 15  # names and signs of a unit; a longer text is none
-
-
 def si_factor(unit: str, expected: str) -> float:
     """Find the factor from a unit to an SI unit.
 
@@ -79,7 +74,8 @@ def si_factor(unit: str, expected: str) -> float:
     factor, base = in_base_units
     if base != dimension(expected):
         raise InputError(f"{quoted} measures [{quantity_of(base)}], expected one of {examples}")
-    if not SMALLEST_FACTOR <= factor <= LARGEST_FACTOR:
+    # from that of ns to that of N*m/mdeg; others are misspellings such as `Mm` and `MN`
+    if not 1e-9 <= factor <= 1e5:
         raise InputError(
             f"{quoted} is {factor:g} {expected}, an implausible size; write one of {examples}"
         )
@@ -136,23 +132,11 @@ def torque_spelled(match: re.Match[str]) -> str:
 SPELLED = [*ALIASES, *(spelling for units in EXAMPLES.values() for spelling in units)]
 AT_END = {spelling: spelling for spelling in SPELLED if spelling.isalpha() and spelling != "m"}
 AT_END.update(DATA["endings"])
-# in any case, as `SEC` and `mSec`: only a letter alone has a meaning by its case
-ENDINGS = {
-    variant: unit
-    for spelling, unit in AT_END.items()
-    for variant in (
-        spelling.lower(), spelling.upper(), spelling.title(), spelling[0] + spelling[1:].title()
-    )
-    if len(spelling) > 1
-} | AT_END  # fmt: skip
-# a unit, and what it may be divided by
-ENDING = re.compile(
-    rf"(?P<unit>[A-Za-z]+\*[A-Za-z]+|{TICKS.pattern}|{'|'.join(ENDINGS)})"
-    rf"(?:[\s_./-]+(?:per[\s_]+)?(?P<divisor>{'|'.join(ENDINGS)}))?"
-)
+# as `SEC` and `mSec`: only a letter alone has a meaning by its case
+IN_ANY_CASE = {spelling.lower(): unit for spelling, unit in AT_END.items() if len(spelling) > 1}
 DIVISORS = ("s", "rad", "deg")  # that a name may spell behind its unit
 # where a unit may begin: behind a sign, or at a capital in camel case
-UNIT_BEGINS = re.compile(r"[\s_.,:-]|(?<=[a-z0-9])(?=[A-Z])")
+UNIT_BEGINS = re.compile(r"[\s_.,:/-]|(?<=[a-z0-9])(?=[A-Z])")
 
 
 def name_and_ending(name: str) -> tuple[str, str]:
@@ -169,9 +153,8 @@ def name_and_ending(name: str) -> tuple[str, str]:
         The unit is empty if the end spells none. A prefix is never apart from its unit:
         `torque_m_Nm` is the motor's.
     """
-    pair = re.fullmatch(r"([^\W\d_]\w*)/(\S+)", name)  # `M/Nm`, but not `deg/s`
-    if pair and ending_spelled(pair[2]) and not ending_spelled(pair[1]):
-        return pair[1], ending_spelled(pair[2])
+    if ending_spelled(name):  # `deg/s` is no name
+        return name, ""
     for match in UNIT_BEGINS.finditer(name):
         start = match.end()
         unit = ending_spelled(name[start:])
@@ -189,14 +172,19 @@ def ending_spelled(text: str) -> str:
     `/s`."""
     if text in AT_END:
         return AT_END[text]
-    match = ENDING.fullmatch(TORQUE.sub(torque_spelled, text))
-    if match is None:
-        return ""
-    unit = ENDINGS.get(match["unit"], match["unit"])
-    divisor = ENDINGS.get(match["divisor"] or "", "")
-    if not divisor:
+    unit, *divisors = re.split(r"[\s_./-]+(?:per[\s_]+)?", TORQUE.sub(torque_spelled, text))
+    if not re.fullmatch(rf"[A-Za-z]+\*[A-Za-z]+|{TICKS.pattern}", unit):
+        unit = one_unit_spelled(unit)
+    if not unit or not divisors:
         return unit
+    divisor = one_unit_spelled(" ".join(divisors))
     return f"{unit}/{divisor}" if divisor in DIVISORS else ""
+
+
+def one_unit_spelled(text: str) -> str:
+    """A text as a unit without a divisor; empty if it is none that a name may end with."""
+    is_letter = len(text) == 1
+    return AT_END.get(text, "") if is_letter else IN_ANY_CASE.get(text.lower(), "")
 
 
 # ---- Dimensions
@@ -214,7 +202,7 @@ def base_units(spelling: str) -> tuple[float, str] | None:
     parts = re.split(r"([*/])", spelling)
     names = parts[::2]
     are_names = all(re.fullmatch(r"[^\W\d_]\w{0,30}|°|%|1", name) for name in names)
-    if len(parts) > MOST_PARTS or not are_names:
+    if len(parts) > 15 or not are_names:
         return None
     from pint import PintError, application_registry
 
@@ -278,15 +266,15 @@ def known_factor(
     factor : float
         1 if no factor is near.
     """
-    if not signals or not ratio:
+    factors: dict[str, float] = {}
+    for signal in signals:
+        factors.update(UNIT_FACTORS[signal])
+    if not factors or not ratio:
         return "", 1.0
     size = max(abs(ratio), 1 / abs(ratio))
-    factors = {name: factor for signal in signals for name, factor in UNIT_FACTORS[signal].items()}
-    near_factors = [name for name in factors if abs(size / factors[name] - 1) < near]
-    if not near_factors:
-        return "", 1.0
-    nearest = min(near_factors, key=lambda name: abs(math.log(size / factors[name])))
-    return nearest, factors[nearest]
+    name = min(factors, key=lambda name: abs(math.log(size / factors[name])))
+    is_near = abs(size / factors[name] - 1) < near
+    return (name, factors[name]) if is_near else ("", 1.0)
 
 
 CLOCK_NAMES = (

@@ -444,7 +444,7 @@ def test_a_memory_limit_that_is_no_number_is_refused(monkeypatch):
     monkeypatch.setenv("OSL_MEMORY_MB", "4 GB")
 
     with (
-        pytest.raises(InputError, match="OSL_MEMORY_MB=4 GB: write a number of megabytes"),
+        pytest.raises(InputError, match="OSL_MEMORY_MB=4 GB: write a whole number of megabytes"),
         limited_memory([]),
     ):
         pass

@@ -134,7 +134,7 @@ def test_the_memory_that_is_stated_is_in_megabytes(monkeypatch):
 def test_memory_that_is_no_number_of_megabytes_is_refused(monkeypatch, text):
     monkeypatch.setenv(VARIABLE, text)
 
-    with pytest.raises(InputError, match="write a number of megabytes above 0"):
+    with pytest.raises(InputError, match="write a whole number of megabytes"):
         allowed_memory()
 
 

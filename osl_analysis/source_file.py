@@ -270,7 +270,9 @@ class ModelOutput(Conversion):
 
 
 def check_canonical(channels: Mapping[str, Conversion]) -> None:
-    """Refuse columns that are not in the nomenclature, and units that cannot become theirs."""
+    """Refuse columns that are not in the nomenclature, units that cannot become theirs, and a
+    channel of two columns, unless they are levels."""
+    column_of: dict[tuple[str, ...], str] = {}
     names = [name for name in COLUMNS if name != "time"]
     for column, channel in channels.items():
         try:
@@ -293,23 +295,12 @@ def check_canonical(channels: Mapping[str, Conversion]) -> None:
                 check(si_unit)
             except ValueError as error:
                 raise misplaced(f"{value!r} is not allowed: {error}", column, key) from None
-
-
-def check_each_once(
-    key: str, channels: Mapping[str, Channel], taken: dict[tuple[str, ...], str]
-) -> None:
-    """Refuse a channel that is mapped to two columns, unless they are levels.
-
-    `taken` has the column of each channel so far.
-    """
-    for column, channel in channels.items():
-        if unit_of(column) == LEVEL_UNIT:
-            continue
-        other = taken.setdefault(tuple(channel.address.values()), column)
-        if other != column:
-            raise misplaced(
-                f"{channel.title} is {other} already; correct one", key, column, channel.ADDRESS
-            )
+        if isinstance(channel, Channel) and si_unit != LEVEL_UNIT:
+            other = column_of.setdefault(tuple(channel.address.values()), column)
+            if other != column:
+                raise misplaced(
+                    f"{channel.title} is {other} already; correct one", column, channel.ADDRESS
+                )
 
 
 class Source(Settings):
@@ -389,14 +380,6 @@ class LogSource(Source):
     # Largest share of a channel's numbers, and of the rows, that may be missing.
     most_missing: SampleShare = 0.01
 
-    @model_validator(mode="after")
-    def _aligned(self) -> Self:
-        taken: dict[tuple[str, ...], str] = {}
-        if self.time.name:
-            taken[(self.time.name,)] = "time"
-        check_each_once("channels", self.channels, taken)
-        return self
-
 
 class MessageSource(LogSource):
     """The source file of messages by topic."""
@@ -429,8 +412,3 @@ class LaboratorySource(MarkerSource):
     analogs: Mapping[str, Channel] = Field(default={})
     # The model output of each canonical column.
     outputs: Mapping[str, ModelOutput] = Field(default={})
-
-    @model_validator(mode="after")
-    def _each_once(self) -> Self:
-        check_each_once("analogs", self.analogs, {})
-        return self

@@ -447,7 +447,6 @@ def load(**stated: object) -> dict[str, object]:
     ({"channels": {"plate": {"column": "a", "unit": "N"}}}, "'plate' is not a canonical column"),
     ({"channels": dict.fromkeys(("theta", "theta_m"), TWICE["theta"])},
      "theta_m.column: column 'angle' is theta al"),
-    (load(column="t"), "column 't' is time already"),
     (load(scale=0), "write a number greater than 0"),
     (load(delay="soon"), "'soon' is not a number with a unit; write it as in `2 s`"),
     *((load(delay=text), "write 0 to 0.2 s, and check sign and unit") for text in ("-2 ms",

@@ -30,7 +30,7 @@ from multiprocessing import forkserver
 import snakemake.cli, snakemake.api, snakemake.workflow, snakemake.dag, snakemake.storage
 # what Snakemake imports while it reads a Snakefile and compares params
 import pandas, smart_open
-import osl_analysis.judge.campaign, osl_analysis.status, osl_analysis.commands.run
+import osl_analysis.judge.campaign, osl_analysis.table, osl_analysis.commands.run
 import osl_analysis.commands.campaign_start
 import osl_analysis.commands.simulate, osl_analysis.campaign.campaign_trials, osl_analysis.figures
 import osl_analysis.campaign.figure_examples, osl_analysis.campaign.origin

@@ -31,8 +31,7 @@ from osl_analysis.figures.fig3 import MEAN_SLOPE
 from osl_analysis.figures.names import LOOKS
 from osl_analysis.figures.style import SINGLE_COLUMN, paper_style
 from osl_analysis.model.compensator import PAPER_WEIGHT
-from osl_analysis.status import NOT_ANALYSED, NotAnalysed
-from osl_analysis.table import read_table, write_table
+from osl_analysis.table import NOT_ANALYSED, NotAnalysed, read_table, write_table
 
 BELTS = [f"belt_{number:02d}" for number in range(1, 11)]
 CAMS = [f"both_cams_{5 * number:02d}mm" for number in range(11)]

@@ -40,8 +40,7 @@ from osl_analysis.judge.exclusions import Judge, exclusions
 from osl_analysis.judge.finding import findings_frame
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.judge.recording_checks import QualityRules
-from osl_analysis.status import NotAnalysed, not_analysed
-from osl_analysis.table import read_table, write_table, write_tables
+from osl_analysis.table import NotAnalysed, not_analysed, read_table, write_table, write_tables
 from osl_analysis.trial import Trial, read_trial
 from osl_analysis.walking.poses import StaticCalibration
 

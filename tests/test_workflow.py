@@ -28,7 +28,7 @@ from osl_analysis.jobs.perform import (
 )
 from osl_analysis.judge.known_findings import FINDINGS
 from osl_analysis.report.brief import brief_lines
-from osl_analysis.status import not_analysed
+from osl_analysis.table import not_analysed
 
 TRIAL = "impedance_K300_B5.0_compensated"
 DYNAMOMETER = OVERRIDES["dynamometer"]

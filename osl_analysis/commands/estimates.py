@@ -13,7 +13,7 @@ from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.judge.finding import Finding, Grade
 from osl_analysis.judge.words import finding_text, words_of
-from osl_analysis.rounding import decimal_places, with_places, written
+from osl_analysis.measured import decimal_places, with_places, written
 
 # estimates in the order in which they are printed
 PRINTED = (

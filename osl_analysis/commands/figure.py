@@ -45,8 +45,15 @@ from osl_analysis.model.drivetrain import (
     read_parameters,
 )
 from osl_analysis.stats.repeats import DOUBTFUL
-from osl_analysis.status import NotAnalysed, by_trial, not_analysed
-from osl_analysis.table import read_table, read_tables, with_evidence, write_table
+from osl_analysis.table import (
+    NotAnalysed,
+    by_trial,
+    not_analysed,
+    read_table,
+    read_tables,
+    with_evidence,
+    write_table,
+)
 from osl_analysis.trial import read_trial
 from osl_analysis.walking.tables import walking_page_points
 from osl_analysis.walking.unperturbed_gait import unperturbed_gait

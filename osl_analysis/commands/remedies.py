@@ -16,7 +16,7 @@ from osl_analysis.bench.fit_tables import FitTables
 from osl_analysis.commands.estimates import estimated, printed_units
 from osl_analysis.errors import Change, InputError, OslAnalysisError
 from osl_analysis.ingest.guard import in_other_units, swapped_channels
-from osl_analysis.rounding import written
+from osl_analysis.measured import written
 from osl_analysis.trial import Trial
 
 FITS_WORSE = 2.0  # times what the best change leaves of the torque, from which one is no remedy

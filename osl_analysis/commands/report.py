@@ -28,8 +28,7 @@ from osl_analysis.report.signals import (
     of_recording,
 )
 from osl_analysis.report.verdicts import findings_by_trial, verdicts_sentence
-from osl_analysis.status import NotAnalysed
-from osl_analysis.table import read_table, with_evidence
+from osl_analysis.table import NotAnalysed, read_table, with_evidence
 from osl_analysis.yaml_settings import FilesByName
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from osl_analysis.campaign.campaign_trials import Campaign
 from osl_analysis.errors import InputError, nearest, not_installed
 from osl_analysis.files import CAMPAIGN, check_working_folder, shipped, write_text
-from osl_analysis.status import NOT_ANALYSED
+from osl_analysis.table import NOT_ANALYSED
 from osl_analysis.yaml_settings import read_mapping
 
 CONFIGURED_BY = ("--configfile", "--configfiles")

@@ -43,10 +43,13 @@ from osl_analysis.report.used_trials import missing_lines, used_and_missing
 from osl_analysis.report.verdicts import verdict_counts
 from osl_analysis.schema import SCHEMA_FIELD, check_schema
 from osl_analysis.stats.repeats import size_texts
-from osl_analysis.status import NOT_ANALYSED, NotAnalysed, by_trial, check_analysed
 from osl_analysis.table import (
+    NOT_ANALYSED,
     ROW_KEYS,
+    NotAnalysed,
     Places,
+    by_trial,
+    check_analysed,
     read_table,
     read_tables,
     with_evidence,

@@ -13,8 +13,7 @@ from pydantic import TypeAdapter
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path, write_text
 from osl_analysis.schema import SCHEMA
-from osl_analysis.status import check_analysed
-from osl_analysis.table import read_table
+from osl_analysis.table import check_analysed, read_table
 from osl_analysis.trial import (
     NAME_KEY,
     PROVENANCE_KEY,

@@ -7,7 +7,7 @@ import polars as pl
 from matplotlib.axes import Axes
 
 from osl_analysis.figures import marks, names, style
-from osl_analysis.rounding import written
+from osl_analysis.measured import written
 
 # name that takes the place of the trial in the two rows that carry the mean slope
 MEAN_SLOPE = "mean slope"

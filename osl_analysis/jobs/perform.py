@@ -27,8 +27,7 @@ from osl_analysis.files import atomic_path, write_text
 from osl_analysis.jobs.job_log import write_log
 from osl_analysis.jobs.used import Files, without_excluded, without_missing
 from osl_analysis.memory import limited_memory
-from osl_analysis.status import KEY, NOT_ANALYSED, NotAnalysed
-from osl_analysis.table import write_tables
+from osl_analysis.table import NOT_ANALYSED, NOT_ANALYSED_KEY, NotAnalysed, write_tables
 from osl_analysis.trial import read_trial
 
 ONLY_WAITED_FOR = {"recordings", "sources", "made_of", "evidence", "numbers", "quality"}
@@ -216,7 +215,7 @@ def write_reasons(job: Job, causes: Sequence[NotAnalysed]) -> None:
             names = ["time", *job.params.get("needed_columns", ("theta", "torque"))]
             empty = pl.DataFrame(schema=dict.fromkeys(names, pl.Float64))
             with atomic_path(file) as temporary:
-                empty.write_parquet(temporary, metadata={KEY: json.dumps(causes)})
+                empty.write_parquet(temporary, metadata={NOT_ANALYSED_KEY: json.dumps(causes)})
         elif file.suffix == ".json":
             write_text(file, json.dumps({"status": NOT_ANALYSED, "reasons": causes}))
         else:  # a comment of LaTeX

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from osl_analysis.errors import InputError
 from osl_analysis.judge.exclusions import HOW_TO_USE
-from osl_analysis.status import NotAnalysed, not_analysed
+from osl_analysis.table import NotAnalysed, not_analysed
 
 Files = str | list[str]
 """An input of a job: a file, or a list of files."""

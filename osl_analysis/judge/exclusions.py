@@ -10,7 +10,7 @@ import polars as pl
 
 from osl_analysis.files import file_state
 from osl_analysis.judge.recording_checks import QualityRules, judged_table, spoiled_trials
-from osl_analysis.status import not_analysed
+from osl_analysis.table import not_analysed
 
 HOW_TO_USE = (
     "record again, give a reason under `exclude` in the sample sheet, or name the check under"

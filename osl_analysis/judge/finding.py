@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 import polars as pl
 
 from osl_analysis.judge.known_findings import Rule, known_finding
-from osl_analysis.status import not_analysed
-from osl_analysis.table import read_table
+from osl_analysis.table import not_analysed, read_table
 
 AnyRow = Mapping[str, object]  # a row of a result table
 

@@ -12,8 +12,7 @@ from typing import Any
 
 from osl_analysis.judge.finding import AnyRow, Beyond, Finding, Words, cell_number
 from osl_analysis.judge.known_findings import FINDINGS, Texts, known_finding, rule_of
-from osl_analysis.measured import significant
-from osl_analysis.rounding import decimal_places, with_places
+from osl_analysis.measured import decimal_places, significant, with_places
 
 
 def words_of(finding: Finding, row: AnyRow) -> Words:

@@ -12,8 +12,8 @@ import polars as pl
 
 from osl_analysis.campaign.origin import ABOUT_MEANING, sentence
 from osl_analysis.files import own_yaml
+from osl_analysis.measured import decimal_places, with_places
 from osl_analysis.report.typography import in_latex
-from osl_analysis.rounding import decimal_places, with_places
 from osl_analysis.schema import SCHEMA, SCHEMA_FIELD
 from osl_analysis.stats.repeats import (
     RANGE,

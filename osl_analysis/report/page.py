@@ -16,6 +16,7 @@ from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.judge.finding import Grade, WordedFinding
 from osl_analysis.judge.recording_checks import NOT_APPLICABLE
 from osl_analysis.judge.summary_findings import CampaignFinding, is_of_whole
+from osl_analysis.measured import written
 from osl_analysis.report import plots
 from osl_analysis.report.brief import causes_not_checked
 from osl_analysis.report.left_out import LeftOut
@@ -24,7 +25,6 @@ from osl_analysis.report.paper_tables import Condition
 from osl_analysis.report.signals import Signals
 from osl_analysis.report.typography import printed
 from osl_analysis.report.verdicts import results_on, verdict_on
-from osl_analysis.rounding import written
 
 TEMPLATES = Path(__file__).with_name("templates")
 NO_CONDITIONS = ("trial", "experiment", "log", "log_source", "mocap", "mocap_source", "exclude")

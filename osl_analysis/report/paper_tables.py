@@ -9,9 +9,9 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.judge.judging import results_in
+from osl_analysis.measured import written
 from osl_analysis.report.numbers import ENTRIES
 from osl_analysis.report.text_tables import latex_table, markdown_table
-from osl_analysis.rounding import written
 from osl_analysis.stats.repeats import counted, own_condition, summary_row
 
 CONDITION = ("joint", "side", "excitation", "controller", "K_d", "B_d", "own_condition")

@@ -16,7 +16,7 @@ import yaml
 from conftest import ROOT
 from snakemake_runs import OVERRIDES, write_small
 
-from osl_analysis.status import not_analysed
+from osl_analysis.table import not_analysed
 
 CONFIG, BROKEN, TABLE = "config/small.yaml", "belt_02", "results/tables/belt.csv"
 LOG = f"raw_data/small/dynamometer/{BROKEN}.mcap"

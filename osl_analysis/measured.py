@@ -94,11 +94,6 @@ def significant(value: float, digits: int = 2) -> str:
 
 
 Quantity = Literal["angle", "command", "speed", "current"]
-LEAST_OF_SENSOR = 6e-4  # of a torque's SD; load cells leave more, rounding of both signals less
-MOST_COMPARED = 2000  # rows
-FEWEST_COMPARED = 200
-MOST_ROWS = 0.95  # share of them in which a torque is followed
-HIGHEST_POWER = 5  # of a signal that a program takes
 
 
 @dataclass(frozen=True)
@@ -114,7 +109,7 @@ def computed_from(torque: Array, signals: Sequence[Signal]) -> str:
     """Tell from which signals of its log a torque was computed.
 
     A load cell has noise of its own. So a torque is computed if they leave less of it than a sensor
-    does, `LEAST_OF_SENSOR`. Two encoders measure a torque by the deflection of a spring: one of
+    does. Two encoders measure a torque by the deflection of a spring: one of
     them is taken at once.
 
     Parameters
@@ -129,10 +124,11 @@ def computed_from(torque: Array, signals: Sequence[Signal]) -> str:
     str
         Their names; empty of a torque that is measured.
     """
+    least_of_sensor = 6e-4  # of a torque's SD; load cells leave more, rounding of both signals less
     others = [signal for signal in signals if signal.quantity != "angle"]
     encoders = [signal for signal in signals if signal.quantity == "angle"]
     for used in [[encoder, *others] for encoder in encoders] or [others]:
-        if unexplained_share(torque, used) < LEAST_OF_SENSOR:
+        if unexplained_share(torque, used) < least_of_sensor:
             return " and ".join(repr(signal.name) for signal in used)
     return ""
 
@@ -142,32 +138,29 @@ def unexplained_share(torque: Array, signals: Sequence[Signal]) -> float:
     """What powers of signals, changes of angles from row to row, and friction that is constant or
     grows with the current, leave of a torque (n,) in most rows, as a share of its SD; 1 of a log
     that is too short to tell. In the other rows rounding may turn the sign of a speed."""
-    if len(torque) < FEWEST_COMPARED:
+    fewest_rows, most_rows = 200, 2000
+    highest_power = 5  # of a signal that a program takes
+    followed = 0.95  # share of the rows in which a torque is followed
+    if len(torque) < fewest_rows:
         return 1.0
-    rows = slice(None, None, max(len(torque) // MOST_COMPARED, 1))
+    rows = slice(None, None, max(len(torque) // most_rows, 1))
     directions = [np.sign(s.values[rows]) for s in signals if s.quantity == "speed"]
     columns = [np.ones_like(torque[rows]), *directions]
     for signal in signals:
         x = signal.values[rows]
-        columns += [x**power for power in range(1, HIGHEST_POWER + 1)]
+        columns += [x**power for power in range(1, highest_power + 1)]
         if signal.quantity == "angle":
             columns.append(np.gradient(signal.values)[rows])
         if signal.quantity == "current":
             columns += [direction * np.abs(x) for direction in directions]
     known = np.stack([torque[rows], *columns], axis=1)
     known = known[np.isfinite(known).all(axis=1)]
-    if len(known) < FEWEST_COMPARED or not varies(known[:, 0]):
+    if len(known) < fewest_rows or not varies(known[:, 0]):
         return 1.0
     known = known / (np.abs(known).max(axis=0) + SMALLEST_SIGNAL)
     y, X = known[:, 0], known[:, 1:]
     rest = y - X @ np.linalg.lstsq(X, y)[0]
-    return float(np.quantile(np.abs(rest), MOST_ROWS) / np.std(y))
-
-
-ROUNDING_SHARE = 0.02  # of the usual difference of distinct values: closer ones are one value, with
-# other errors of rounding, as of a mean that is written with a few decimals
-WHOLE_STEP = 0.02  # distance from a whole number of steps
-WHOLE_STEPS_SHARE = 0.99  # of the differences that must be whole numbers of steps
+    return float(np.quantile(np.abs(rest), followed) / np.std(y))
 
 
 def true_differences(distinct: Array) -> Array:
@@ -176,7 +169,9 @@ def true_differences(distinct: Array) -> Array:
     low, high = np.quantile(distinct, (0.05, 0.95))
     differences = np.diff(distinct)
     usual = max(high - low, np.finfo(float).eps * np.abs(distinct).max()) / len(distinct)
-    return np.asarray(differences[differences > ROUNDING_SHARE * usual])
+    # closer values are one value with other errors of rounding, as of a mean of a few decimals
+    rounding_share = 0.02
+    return np.asarray(differences[differences > rounding_share * usual])
 
 
 def visible_step(values: Array) -> float | None:
@@ -204,19 +199,12 @@ def visible_step(values: Array) -> float | None:
         return None
     step = float(np.median(differences[differences < 1.5 * np.min(differences)]))
     steps = differences / step
-    is_whole = np.abs(steps - np.rint(steps)) < WHOLE_STEP
-    if float(np.mean(is_whole)) < WHOLE_STEPS_SHARE:
-        return None
-    return step
+    from_whole, whole_share = 0.02, 0.99
+    is_whole = np.abs(steps - np.rint(steps)) < from_whole
+    return step if np.mean(is_whole) >= whole_share else None
 
 
 # ---- How a number is rounded, everywhere alike: as its interval allows
-
-DIGITS = 3  # of a number without an interval
-DIGITS_OF_HALF = 2  # of half of the interval
-DIGITS_OF_REST = 2  # of what a percentage without an interval leaves to 100
-LARGEST_REST = 1.0  # percent, below which these digits are more than those of the number
-LEAST_REST = 1e-6  # percent; less is rounding
 
 
 def decimal_places(
@@ -227,13 +215,13 @@ def decimal_places(
     number none."""
     half = 0.0 if low is None or high is None else abs(high - low) / 2
     if half > 1e-9 * abs(value):
-        return places_of(half, DIGITS_OF_HALF)
+        return places_of(half, 2)
     if value == round(value):
         return 0
     rest = 100 - value
-    if unit == "%" and LEAST_REST < rest < LARGEST_REST:
-        return places_of(rest, DIGITS_OF_REST)
-    return places_of(abs(value), DIGITS)
+    if unit == "%" and 1e-6 < rest < 1:  # less is rounding, of more three digits show two
+        return places_of(rest, 2)
+    return places_of(abs(value), 3)
 
 
 def places_of(size: float, digits: int) -> int:

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     import pandas
 
 ARCHIVE_SUFFIX = ".zip"  # of several tables in one file
-DATE_IN_ARCHIVE = (1980, 1, 1, 0, 0, 0)  # fixed, so that equal tables are an equal archive
 # columns that are text even if every entry looks like a number, such as a trial named `01`
 TEXT_COLUMNS = (
     "trial", "controller", "branch", "quantity", "estimator", "check", "unit", "verdict", "remark",
@@ -57,10 +56,9 @@ def marked_data(frame: pl.DataFrame, data: str = "") -> pl.DataFrame:
         frame = frame.drop("side")
     if not data:
         return frame
-    if "status" not in frame.columns:
-        frame = frame.with_columns(status=pl.lit(None, pl.String))
-    if "reason" not in frame.columns:
-        frame = frame.with_columns(reason=pl.lit(None, pl.String))
+    for name in ("status", "reason"):
+        if name not in frame.columns:
+            frame = frame.with_columns(pl.lit(None, pl.String).alias(name))
     frame = frame.with_columns(pl.col("status").fill_null(ANALYSED))
     return frame.drop("data", strict=False).with_columns(data=pl.lit(data, pl.String))
 
@@ -85,10 +83,10 @@ def write_tables(tables: Mapping[Path, pl.DataFrame], data: str = "") -> None:
         else:
             write_table(frame, path, data)
     for path, parts in archives.items():
-        # without compression
+        # without compression, and of no date, so that equal tables are an equal archive
         with atomic_path(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
             for name, content in parts.items():
-                archive.writestr(zipfile.ZipInfo(name, DATE_IN_ARCHIVE), content)
+                archive.writestr(zipfile.ZipInfo(name), content)
 
 
 def with_places(table: pl.DataFrame, places: Places, by: str = "trial") -> pl.DataFrame:

@@ -171,7 +171,7 @@ class IdentifiabilityError(OslAnalysisError):
 
     Examples
     --------
-    >>> osl.fit(slow_trial)
+    >>> osl.fit(trial_of_one_frequency)
     Traceback (most recent call last):
     osl_analysis.errors.IdentifiabilityError: ...
     """

@@ -51,7 +51,8 @@ def names_of_examples():
     time = np.arange(0, 22, 0.01)
     theta = np.deg2rad(10) * np.sin(2 * np.pi * np.clip(time - 2, 0, 18) / 6)
     torque = 200 * theta + 2 * np.tanh(50 * np.gradient(theta, time))
-    slow = 300 * theta + 0.05 * rng.standard_normal(len(time))
+    sine = np.deg2rad(5) * np.sin(4 * np.pi * np.clip(time - 2, 0, 18))
+    of_one_frequency = {"time": time, "theta": sine, "torque": 300 * sine}
     made = {name: osl.Trial(name, pl.DataFrame(RECORDINGS[name])) for name in RECORDINGS}
     foot = pl.DataFrame({"time": time, "theta": theta, "torque": torque})
     return {
@@ -61,7 +62,7 @@ def names_of_examples():
         "motorless_trial": made["transmission"],
         "actuator_trial": made["actuator"],
         "foot": osl.Trial("foot", foot),
-        "slow_trial": osl.Trial("slow", foot.with_columns(torque=slow)),
+        "trial_of_one_frequency": osl.Trial("sine", pl.DataFrame(of_one_frequency)),
     }
 
 

@@ -4,15 +4,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-import scipy
 
 from osl_analysis.inference import BenchSignals, LegInference, infer_leg
-from osl_analysis.inference.actuator import (
-    equation_of_sliding,
-    frictionless_actuator,
-    sliding_fits,
-)
-from osl_analysis.inference.spectra import Spectra
 
 RATE = 500.0
 K_S, B_J, J_J, N_T = 700.0, 0.5, 0.005, 4.6  # belt, joint, ratio
@@ -99,37 +92,5 @@ def test_damping_of_a_leg_is_that_without_the_friction_of_its_actuator():
     assert found.B.high - found.B.low < 2 * 0.05 * B
 
 
-def test_the_error_of_the_actuator_s_motion_is_in_the_interval():
-    of_actuator = frictionless_actuator(Spectra(signals())).covariance
-    stiffness = K_S / N_T  # of the belt, torque per angle of the actuator
-
-    assert inferred().without_friction.B.standard_error > stiffness * np.sqrt(of_actuator[1, 1])
-
-
 def test_the_friction_of_the_actuator_is_found():
     assert inferred().friction_probability > 0.99
-
-
-def test_sliding_tells_friction_and_gains_of_the_controller():
-    spectra = Spectra(signals())
-
-    found, without_a_block = sliding_fits(spectra, equation_of_sliding(spectra), 0.2)
-
-    of_belt = K_S / N_T
-    stiffness = (K_1 + K_S / N_T**2) / of_belt
-    assert found[0] == pytest.approx(stiffness, rel=0.01)
-    assert found[1] == pytest.approx((B_M + B_1) / of_belt, rel=0.05)
-    assert found[2] == pytest.approx(J_M / of_belt, rel=0.05)
-    assert found[3] == pytest.approx(CONSTANT / of_belt, rel=0.15)
-    assert found[4] == pytest.approx(OF_LOAD / of_belt, rel=0.15)
-    assert scipy.stats.zscore(without_a_block[:, 1]).max() < 5
-
-
-def test_belt_deflection_follows_the_ratio_of_the_transmission():
-    spectra = Spectra(signals())
-    expected = spectra.signals.theta - spectra.signals.sliding_angle / N_T
-
-    read = np.interp(np.arange(len(expected)) / RATE, spectra.time, spectra.sliding)
-
-    rows = slice(500, -500)
-    assert np.corrcoef(read[rows], expected[rows])[0, 1] > 0.999

@@ -1,6 +1,5 @@
 """The parts of the one inference, against mathematics and other libraries."""
 
-
 import numpy as np
 import pytest
 import scipy
@@ -10,15 +9,9 @@ from osl_analysis.errors import InputError
 from osl_analysis.inference import BenchSignals
 from osl_analysis.inference.cross_validation import (
     Predictor,
-    all_columns,
-    block_edges,
-    normal_matrices,
 )
 from osl_analysis.inference.friction_shapes import slipping_springs
 from osl_analysis.inference.hypotheses import Nothing
-from osl_analysis.inference.least_squares import BesideShared, solve_scaled
-from osl_analysis.inference.path_hypotheses import Delay
-from osl_analysis.inference.shape_hypotheses import slope_beyond_ends
 from osl_analysis.inference.spectra import Spectra
 from osl_analysis.inference.whitening import Whitened
 
@@ -54,18 +47,6 @@ def coloured(seed: int = 2) -> np.ndarray:
     return np.asarray(0.5 * x / x.std())
 
 
-def test_whitened_residual_is_white_with_variance_one():
-    data = whitened(coloured())
-
-    estimates = solve_scaled(np.vstack([data.motion, data.slow]), data.torque)
-    residual = data.torque - estimates @ np.vstack([data.motion, data.slow])
-
-    assert np.mean(residual**2) == pytest.approx(np.mean(data.spectra.roll_off**2), rel=0.1)
-    hz, power = scipy.signal.welch(residual, data.spectra.working_rate_hz, nperseg=64)
-    inside = (hz > 1.0) & (hz < 0.6 * data.spectra.band_hz)
-    assert power[inside].max() / power[inside].min() < 3.0
-
-
 def test_whitened_fit_is_that_of_statsmodels_gls():
     data = whitened(coloured())
     motion = random_motion()
@@ -82,63 +63,6 @@ def test_whitened_fit_is_that_of_statsmodels_gls():
     assert np.all(np.abs(fit.impedances[0] - gls.params[:3]) < gls.bse[:3])
 
 
-def test_delay_in_the_spectrum_is_the_motion_at_an_earlier_time():
-    data = whitened(white(1e-3))
-    late = data.column(data.spectra.derivatives[0] * Delay(data).response(0.01))
-
-    grid = (
-        np.arange(data.spectra.working_rows)
-        * data.spectra.padded_seconds
-        / data.spectra.working_rows
-    )
-    theta = scipy.fft.irfft(data.spectra.derivatives[0], data.spectra.working_rows)
-    spline = scipy.interpolate.make_interp_spline(grid, theta, 7)
-    shifted = scipy.fft.rfft(spline(np.clip(grid - 0.01, 0, grid[-1])))
-    by_time = data.column(shifted)
-
-    assert np.abs(late - by_time).max() < 1e-3 * np.abs(late).max()
-
-
-def test_columns_beside_shared_ones_are_those_of_one_regression():
-    rng = np.random.default_rng(3)
-    shared, own, y = rng.normal(size=(4, 200)), rng.normal(size=(3, 200)), rng.normal(size=200)
-
-    left, estimates = BesideShared(shared).fit(own, y)
-
-    whole = np.linalg.lstsq(np.vstack([own, shared]).T, y)
-    assert estimates == pytest.approx(whole[0][:3], rel=1e-8)
-    assert left == pytest.approx(whole[1][0], rel=1e-8)
-
-
-def test_each_block_is_predicted_by_a_fit_that_has_not_seen_it():
-    data = whitened(white())
-    candidate = Nothing(data).candidates(None)[0]
-
-    fit = Predictor(data, False, np.empty((0, len(data.torque)))).predict(candidate)
-
-    columns = all_columns(data, candidate, False)
-    first, stop = block_edges(columns.shape[1])[[5, 6]]
-    seen = np.ones(columns.shape[1], dtype=bool)
-    seen[first:stop] = False
-    scale = np.linalg.norm(columns, axis=1, keepdims=True)
-    by_others = np.linalg.lstsq((columns / scale)[:, seen].T, data.torque[seen])[0]
-    miss = data.torque[~seen] - by_others @ (columns / scale)[:, ~seen]
-    assert fit.squares[5] == pytest.approx(miss @ miss, rel=1e-6)
-    assert fit.squares.sum() > fit.left
-
-
-def test_blocks_hold_every_row_once():
-    edges = block_edges(1001)
-    columns = np.ones((1, 1001))
-
-    blocks = normal_matrices(columns, columns)
-
-    assert edges[0] == 0
-    assert edges[-1] == 1001
-    assert blocks[:, 0, 0].sum() == 1001
-    assert np.ptp(blocks[:, 0, 0]) <= 1
-
-
 def test_slipping_spring_follows_prandtl_step_by_step():
     angle = np.cumsum(np.random.default_rng(4).normal(size=300))
     torque = [0.0]
@@ -146,15 +70,6 @@ def test_slipping_spring_follows_prandtl_step_by_step():
         torque.append(float(np.clip(torque[-1] + step / 2.0, -1, 1)))
 
     assert slipping_springs(angle, [2.0])[0] == pytest.approx(np.array(torque), abs=1e-12)
-
-
-def test_torque_that_follows_the_model_beyond_an_end_is_not_cut():
-    modelled = np.linspace(-1.0, 1.0, 201)
-    beyond = [modelled > 0.5, modelled < -0.5]
-    cut = np.clip(modelled, -0.5, 0.5)
-
-    assert slope_beyond_ends(cut, modelled, beyond) == pytest.approx(0.0, abs=1e-12)
-    assert slope_beyond_ends(3.0 + modelled, modelled, beyond) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize(

@@ -83,10 +83,6 @@ def test_a_misfit_that_a_cause_explains_is_no_doubt_of_its_own():
     assert [one.cause for one in both] == ["friction"] * 2
 
 
-FAR, NEAR = 1.3, 1.1
-"""A number beyond its limit by these factors: a cause of others precedes them from 1.15 on."""
-
-
 def test_beside_a_clipped_signal_nothing_that_makes_a_fit_worse_is_named():
     row = {"saturated_samples": 9, "coulomb_share": 0.6, "onset_phase_sd": 5.0}
     limits = Limits(above={"saturated_samples": 5, "coulomb_share": 0.5, "onset_phase_sd": 1})
@@ -106,10 +102,12 @@ def test_a_misfit_belongs_to_the_cause_that_was_measured():
     assert {one.column for one in finding.evidence} == row.keys()
 
 
-def test_a_number_is_as_far_beyond_its_limit_below_it_as_above_it():
-    assert Beyond("VAF", 30.0, 90.0, "below").excess == pytest.approx(3)
-    assert Beyond("lag", -1.5, -0.5, "below").excess == pytest.approx(3)
-    assert Beyond("lag", 1.5, 0.5, "above").excess == pytest.approx(3)
+@pytest.mark.parametrize(("value", "limit", "side", "excess"), [
+    (30.0, 90.0, "below", 3.0), (-1.5, -0.5, "below", 3.0), (1.5, 0.5, "above", 3.0),
+    (-5.0, 0.0, "below", float("inf")),
+])  # fmt: skip
+def test_a_number_is_as_far_beyond_its_limit_below_it_as_above_it(value, limit, side, excess):
+    assert Beyond("VAF", value, limit, side).excess == pytest.approx(excess)
 
 
 def test_a_fault_of_the_recording_that_one_amplitude_alone_shows_accuses_nobody():

@@ -3,15 +3,20 @@
 import pytest
 from conftest import noted_in
 
-from osl_analysis.judge.words import finding_text
-
 FIXTURE = {"fixture": "inertia 0.01"}
 NO_FIXTURE = {"fixture": None}
 HANGING = {"K": 60.6, "offset": 4.503, "fixture_weight": 5.2}
 """By hand: 5.2 N*m about an angle 60 deg off leave 4.503 N*m, and add 2.6 N*m/rad to K."""
 OWN_DEVICE = {"gain_error": None, "K_over_K_d": 0.9}
 LEG = {"controller": "compensated", "K_predicted": None, "K_over_K_s": 0.4}
-JOINT = {"K": 300.0, "B": 5.0, "I": 0.02, "fault_probability": 0.0, "lag_s": None}
+JOINT = {
+    "K": 300.0,
+    "B": 5.0,
+    "I": 0.02,
+    "fault_probability": 0.0,
+    "lag_s": None,
+    "delay_told_s": None,
+}
 SHAFT = {"fault_probability": 0.0, "B_j": 1.0, "J_j": 0.1, "delay_told_s": 1e-3}
 
 
@@ -44,6 +49,10 @@ SHAFT = {"fault_probability": 0.0, "B_j": 1.0, "J_j": 0.1, "delay_told_s": 1e-3}
     ("transmission", SHAFT, "late_torque_unseen", False),
     ("transmission", SHAFT | {"delay_told_s": 0.01}, "late_torque_unseen", True),
     ("transmission", SHAFT | {"fault_probability": None}, "late_torque_unseen", True),
+    ("impedance", JOINT, "late_torque_unseen", False),
+    ("impedance", JOINT | {"delay_told_s": 1e-4}, "late_torque_unseen", True),
+    ("impedance", JOINT | {"fault_probability": None}, "late_torque_unseen", True),
+    ("impedance", JOINT | {"fault_probability": None, "lag_s": 0.0}, "late_torque_unseen", False),
     ("impedance", LEG, "K_of_gains", True),
     ("impedance", LEG | {"K_over_K_s": None}, "K_of_gains", False),
     ("impedance", {"band_high_hz": 20.0, "cutoff_hz": 15.0}, "motion_above_cutoff", True),
@@ -60,20 +69,3 @@ SHAFT = {"fault_probability": 0.0, "B_j": 1.0, "J_j": 0.1, "delay_told_s": 1e-3}
 ])  # fmt: skip
 def test_what_a_row_does_not_show_is_told(table, row, name, is_told):
     assert (name in [finding.name for finding in noted_in(table, row)]) is is_told
-
-
-@pytest.mark.parametrize(("table", "row", "words"), [
-    ("belt", {"K_s_ratio": None}, "so a wrong gain would not show. It scales K_s"),
-    ("impedance", OWN_DEVICE, "Assumed that 0.66 to 1.06 of it are rendered"),
-    ("impedance", OWN_DEVICE | {"K_over_K_d": None}, "a wrong gain would not show"),
-    ("impedance", FIXTURE, "cross-talk of the load cell"),
-    ("impedance", HANGING, "the fit leaves 4.5 N*m beside a weight of 5.2 N*m"),
-    ("impedance", LEG | {"controller": None}, "no controller is stated"),
-    ("impedance", LEG | {"controller": "own"}, "the gains of 'own'"),
-    ("impedance", JOINT | {"delay_told_s": 1e-4},
-     "lower B = 5 by 0.3 N*m*s/rad and I = 0.02 by 0.005 kg*m^2. From the recording it is known"),
-])  # fmt: skip
-def test_it_is_said_with_the_numbers_of_its_row(table, row, words):
-    (finding,) = noted_in(table, row)
-
-    assert words in finding_text(finding, row)

@@ -103,3 +103,36 @@ def table_of(record):
 def second_order(motion: Motion):
     """Eq. 15."""
     return 200 * motion.theta + 4 * motion.omega + 0.05 * motion.alpha
+
+
+ACTUATOR = {"k_tau_n_m": 0.1133 * 9, "f_C": 0.377, "f_G": 0.0896, "B_m": 5.6e-3, "J_m": 9.211e-3}
+
+
+def by_hand(omega, alpha, current):
+    """Eqs. 1-2 retyped, for a motion (n,) and I_q [A]."""
+    friction = np.sign(omega) * (ACTUATOR["f_C"] + ACTUATOR["f_G"] * np.abs(current))
+    return (
+        ACTUATOR["k_tau_n_m"] * current
+        - friction
+        - ACTUATOR["B_m"] * omega
+        - ACTUATOR["J_m"] * alpha
+    )
+
+
+def schedule(velocity_offset=0.0):
+    """Time, angle, velocity, acceleration, current of sums of sines over 20 s; derivatives by
+    hand."""
+    t = np.arange(20_000) / 1000
+    w, a = 2 * np.pi * np.array([[0.3], [1.1]]), np.array([[8.0], [5.0]])
+    theta = (-a / w * np.cos(w * t)).sum(axis=0) + velocity_offset * t
+    omega, alpha = (
+        (a * np.sin(w * t)).sum(axis=0) + velocity_offset,
+        (a * w * np.cos(w * t)).sum(axis=0),
+    )
+    return (
+        t,
+        theta,
+        omega,
+        alpha,
+        4 * np.sin(2 * np.pi * 0.17 * t) + 3 * np.sin(2 * np.pi * 0.73 * t),
+    )

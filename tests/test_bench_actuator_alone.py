@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
+from bench_synthetic import ACTUATOR as TRUE
+from bench_synthetic import by_hand, schedule
 from click.testing import CliRunner
 from conftest import ROOT, noted_in
 from scipy.signal import lfilter
@@ -29,7 +31,6 @@ from osl_analysis.yaml_settings import read_yaml
 
 DEFAULT, DEVICE = ROOT / "config/simulation/default.yaml", ROOT / "config/parameters/default.yaml"
 P, RATE = read_parameters(DEVICE), 1000.0
-TRUE = {"k_tau_n_m": 0.1133 * 9, "f_C": 0.377, "f_G": 0.0896, "B_m": 5.6e-3, "J_m": 9.211e-3}
 ANALYSIS = ActuatorAnalysis(cutoff_hz=15, order=4, sign_width=0.01)
 
 
@@ -61,31 +62,6 @@ def simulated(number=1, duration_s=20.0):
     )
     return log, fit_log(
         log["time"], log["actuator_angle"], log["motor_current"], log["output_torque"]
-    )
-
-
-def by_hand(omega, alpha, current):
-    """Eqs. 1-2 retyped, for a motion (n,) and I_q [A]."""
-    friction = np.sign(omega) * (TRUE["f_C"] + TRUE["f_G"] * np.abs(current))
-    return TRUE["k_tau_n_m"] * current - friction - TRUE["B_m"] * omega - TRUE["J_m"] * alpha
-
-
-def schedule(velocity_offset=0.0):
-    """Time, angle, velocity, acceleration, current of sums of sines over 20 s; derivatives by
-    hand."""
-    t = np.arange(round(20 * RATE)) / RATE
-    w, a = 2 * np.pi * np.array([[0.3], [1.1]]), np.array([[8.0], [5.0]])
-    theta = (-a / w * np.cos(w * t)).sum(axis=0) + velocity_offset * t
-    omega, alpha = (
-        (a * np.sin(w * t)).sum(axis=0) + velocity_offset,
-        (a * w * np.cos(w * t)).sum(axis=0),
-    )
-    return (
-        t,
-        theta,
-        omega,
-        alpha,
-        4 * np.sin(2 * np.pi * 0.17 * t) + 3 * np.sin(2 * np.pi * 0.73 * t),
     )
 
 

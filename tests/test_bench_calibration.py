@@ -7,6 +7,7 @@ import numpy as np
 import polars as pl
 import pytest
 import yaml
+from any_motion import made_trial, sines
 from bench_synthetic import (
     FIVE,
     belt_record,
@@ -29,11 +30,9 @@ from osl_analysis.bench.bench_settings import (
     Calibration,
     Fixture,
 )
-from osl_analysis.bench.calibration import Known, bench_estimates, fixture_of, with_fixture
+from osl_analysis.bench.calibration import fixture_of, with_fixture
 from osl_analysis.bench.coulomb import coulomb_fits
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, sums_of
-from osl_analysis.bench.motion import record_of_trial
-from osl_analysis.bench.regression import GroupFit
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.fit import run_fit
 from osl_analysis.dictionary import ADDED_WHERE_WRITTEN
@@ -52,6 +51,8 @@ def fit_of(record=SOUND, **stated):
     """Eq. 15 with the stated errors of the bench in its intervals."""
     if "standard_error" in stated:
         changes = {"bench_stiffness": BenchStiffness(**stated)}
+    elif "inertia_error" in stated:
+        changes = {"fixture": Fixture(**stated)}
     else:
         changes = {"calibration": Calibration(**stated)}
     settings = sine_settings([2], [1]).model_copy(update=changes)
@@ -94,6 +95,18 @@ def looped(share):
             {"theta": SOUND.theta - 400 / 20000**2 * SOUND.torque},
             1.0,
             1e-3,
+        ),
+        (
+            {"inertia_error": 5e-3, "weight_error": 0.0},
+            {"torque": SOUND.torque + 5e-3 * SOUND.motion.alpha},
+            1.0,
+            0.02,
+        ),
+        (
+            {"inertia_error": 0.0, "weight_error": 5.0},
+            {"torque": SOUND.torque + 5.0 * np.sin(SOUND.theta)},
+            1.0,
+            0.01,
         ),
         # a rectangular distribution
         ({"hysteresis": 0.01}, {"torque": looped(0.01)}, np.sqrt(3), 0.03),
@@ -211,36 +224,15 @@ def test_what_takes_part_in_a_loop_is_in_the_energy_that_it_loses(stated, lost):
 CONFIG = read_config(ROOT / "config/config.yaml")
 
 
+SPRING_HZ = np.linspace(0.5, 6, 12)
+
+
 def spring(late_s=0.0, gain=1.0, K=300.0, damping=0.0, weight=0.0, I=0.004, seed=1):
-    """A recording of 14 bits with torque that is late: own motion, a sum of sines that begins and
-    ends smoothly."""
-    rng, time = np.random.default_rng(seed), np.arange(0, 30, 1 / 500)
-    hz, phase = (
-        np.linspace(0.5, 6, 12)[:, None],
-        np.random.default_rng(7).uniform(0, 2 * np.pi, (12, 1)),
-    )
-
-    def theta(t):
-        rise = np.clip(np.minimum(t - 1, 29 - t) / 2, 0, 1)
-        return (
-            np.deg2rad(1.2)
-            * np.sin(2 * np.pi * hz * t + phase).sum(axis=0)
-            * rise**3
-            * (10 - 15 * rise + 6 * rise**2)
-        )
-
-    def moved(t, h=1e-4):
-        before, now, after = theta(t - h), theta(t), theta(t + h)
-        return (
-            (K + weight) * now
-            + damping * (after - before) / (2 * h)
-            + I * (after - 2 * now + before) / h**2
-        )
-
-    taken, step = time + 5e-5 * rng.standard_normal(len(time)), 2 * np.pi / 2**14
-    torque = gain * moved(taken - late_s) + 0.05 * rng.standard_normal(len(time))
-    angle = step * np.round((theta(taken) + rng.uniform(0, step)) / step)
-    return Trial("spring", pl.DataFrame({"time": time, "theta": angle, "torque": torque}))
+    """A recording of 14 bits whose torque is late."""
+    rng = np.random.default_rng(seed)
+    motion = sines(rng, SPRING_HZ, rms_deg=3.0, duration=27.0, rate=500.0)
+    joint = {"K": gain * (K + weight), "B": gain * damping, "I": gain * I}
+    return replace(made_trial(rng, motion, bits=14, late=late_s, **joint), name="spring")
 
 
 def calibrated(trial, bench=CONFIG.dynamometer, **known):
@@ -393,50 +385,8 @@ def test_of_a_rigid_frame_nothing_is_said_to_yield():
     assert "bench_stiffness" not in row["to_state"]
 
 
-def test_a_stated_fixture_is_taken_off_and_its_errors_are_in_the_intervals():
-    """By hand: its inertia's error is one of I, that of its weight, hanging, one of K."""
-    stated = {"inertia": 0.012, "weight": 0.8, "inertia_error": 5e-3, "weight_error": 5.0}
-    bench = CONFIG.dynamometer.model_copy(update={"fixture": Fixture(**stated)})
-    joint = spring(K=100.0, weight=0.8, I=0.042)
-
-    def row_beside(settings):
-        trial = with_fixture(joint, settings.fixture)
-        record = record_of_trial(trial, settings)
-        analysis = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE)
-        return analysis.row(None, *TRUE)
-
-    row, plain = row_beside(bench), row_beside(CONFIG.dynamometer)
-
-    assert row["I"] == pytest.approx(0.030, abs=1e-3)
-    assert plain["K"] - row["K"] == pytest.approx(0.8, rel=0.01)
-    assert plain["I"] - row["I"] == pytest.approx(0.012, rel=0.01)
-    assert row["I_se_bench"] == pytest.approx(5e-3, rel=0.01)
-    assert row["K_se_bench"] == pytest.approx(5.0, rel=0.01)
-
-
 def test_a_fixture_of_the_sheet_comes_before_that_of_the_settings():
     provenance = {"columns": {"torque": {"fixture": {"inertia": 0.02}}}}
     trial = Trial("a", spring().samples, provenance)
 
     assert fixture_of(with_fixture(trial, Fixture(inertia=0.012))) == {"inertia": 0.02}
-
-
-def test_the_error_of_a_fixture_s_inertia_has_that_of_the_gain():
-    """By the derivatives of I K_known/K."""
-    K, inertia = 290.0, 0.02
-    correlation = np.array([[1.0, 0.6, 0.0], [0.6, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    deviations = np.array([2.0, 4e-4, 1e-5])
-    covariance = correlation * np.outer(deviations, deviations)
-    fit = GroupFit(
-        names=("K", "I", "lag_s"), estimates=np.array([K, inertia, 1e-3]), covariance=covariance,
-        vaf=99.0, condition_number=1.0,
-        interval_method="units", degrees_of_freedom=np.full(3, 20.0),
-        largest_correlation=0.6,
-    )  # fmt: skip
-
-    found = bench_estimates(fit, Known(300.0, None))
-
-    assert found["inertia"] == pytest.approx(inertia * 300.0 / K)
-    slope = np.array([-inertia * 300.0 / K**2, 300.0 / K])
-    expected = np.sqrt(slope @ covariance[:2, :2] @ slope)
-    assert found.se("inertia") == pytest.approx(expected, rel=1e-4)

@@ -6,15 +6,13 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 import pytest
-from any_motion import multisine, noise
+from any_motion import multisine
 from bench_synthetic import FIVE, second_order, stepped_sine, table_of
 from conftest import ROOT, findings_of, marked
 from scipy.interpolate import CubicSpline
 
-from osl_analysis.bench import leg_belt
 from osl_analysis.bench.analysis import fitted_motion
 from osl_analysis.bench.component_summary import delay_table
-from osl_analysis.bench.coulomb import coulomb_fits, with_friction, without_friction
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.impedance import (
     DesiredImpedance,
@@ -22,12 +20,10 @@ from osl_analysis.bench.impedance import (
     impedance_with_evidence,
     rendered_impedance,
 )
-from osl_analysis.bench.joint_inference import signals_of
-from osl_analysis.bench.leg_belt import belt_of_leg, is_leg
+from osl_analysis.bench.leg_belt import belt_of_leg
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.record import with_actuator
 from osl_analysis.campaign.configuration import config_for_trials
-from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.ingest.quality import saturated
 from osl_analysis.judge.limits import Limits
 from osl_analysis.model.drivetrain import read_parameters
@@ -79,23 +75,6 @@ def test_coulomb_friction_is_named_and_has_its_size():
     assert finding.cause == "friction"
 
 
-@pytest.mark.usefixtures("without_inference")
-def test_how_quickly_friction_turns_its_sign_is_in_the_errors_of_friction_and_damping():
-    """As a rectangular distribution between a smooth sign and a sharp one."""
-    analysis, s = rendered_impedance(stepped_sine(rubbing, 0.03, FIVE))
-    smooth, sharp = (
-        without_friction(s, IMPEDANCE, analysis.whole, None, column)
-        for column in ("T_C", "T_C_sharp")
-    )
-
-    certain = coulomb_fits(s, analysis)[None].certain
-
-    assert smooth.se("T_C") == pytest.approx(with_friction(s, IMPEDANCE, None).se("T_C"))
-    for name in ("B", "T_C"):
-        width = (sharp[name] - smooth[name]) / np.sqrt(3)
-        assert certain.se(name) == pytest.approx(np.hypot(smooth.se(name), width), rel=1e-3)
-
-
 def test_a_spring_that_softens_is_named_and_not_called_friction():
     cubic = -4e3
     *_, whole = rows(lambda m: second_order(m) + cubic * m.theta**3)
@@ -144,30 +123,6 @@ def leg(torque_late=0.0, theta_m_late=0.0, theta_late=0.0, B_j=P.B_j, move=multi
     return Trial("leg", pl.DataFrame({"time": time, **columns}))
 
 
-def cannot_tell(*_):
-    raise IdentifiabilityError("nothing")
-
-
-def test_a_leg_whose_belt_no_fit_tells_is_still_fitted_by_least_squares(monkeypatch):
-    trial = leg(move=noise)
-    record = with_actuator(record_of_trial(trial, SETTINGS), trial)
-    monkeypatch.setattr(leg_belt, "belt_from", cannot_tell)
-
-    row = impedance_table(*rendered_impedance(record), P).row(-1, named=True)
-
-    assert row["K_s_ratio"] is None
-    assert row["fault_probability"] is None  # of a leg no fault is weighed
-
-
-def test_the_friction_of_a_leg_without_a_logged_current_opposes_its_actuator():
-    trial = leg(move=noise)
-    no_current = replace(trial, samples=trial.samples.drop("current", strict=False))
-
-    record = with_actuator(record_of_trial(no_current, SETTINGS), no_current)
-
-    assert signals_of(record, is_leg=True).sliding_angle is not None
-
-
 def test_another_b_j_than_that_of_the_file_makes_no_lag_certain():
     """It looks like an angle that is late by the difference over K_s: 0.36 ms."""
     trial = leg(B_j=1.6 * P.B_j)
@@ -206,17 +161,6 @@ def test_the_belt_shows_the_lag_of_a_leg_s_torque_whatever_theta_m_s_is(fault, l
     for name in "BI":
         told = [row[f"{name}_without_lag{end}"] for end in ENDS]
         assert (told == [None] * 3) if not lag else (told[1] < sound[name] < told[2]), name
-
-
-def test_a_leg_is_one_whose_actuator_turns_with_it():
-    trial = leg()
-    idle = replace(trial, samples=trial.samples.with_columns(theta_m=1e-3 * pl.col("theta_m")))
-
-    record, at_rest = record_of_leg(trial), record_of_leg(idle)
-
-    assert [is_leg(record, P), is_leg(record, None), is_leg(at_rest, P)] == [True, True, False]
-    assert belt_of_leg(record, None) is None
-    assert belt_of_leg(at_rest, P) is None
 
 
 def test_a_belt_of_an_actuator_s_angle_with_the_wrong_sign_tells_no_lag():

@@ -53,15 +53,6 @@ def test_misfit_is_told_by_strata_or_groups_and_noise_by_what_repeats(
     assert by_noise == (strata in ([5, 5], [4, 4]))
 
 
-def test_variance_is_the_larger_of_noise_and_misfit():
-    noise = np.diag([4.0, 1.0])
-    misfit = np.diag([1.0, 9.0])
-
-    covariance, _ = combined(noise, np.full(2, 20.0), misfit, 6)
-
-    np.testing.assert_allclose(np.diag(covariance), [4.0, 9.0])
-
-
 def test_degrees_of_freedom_are_those_of_what_makes_the_variance():
     variance = np.diag([1.0])
 

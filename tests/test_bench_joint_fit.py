@@ -10,19 +10,11 @@ from conftest import ROOT, findings_of
 
 from osl_analysis.bench.bench_settings import Calibration
 from osl_analysis.bench.impedance import impedance_table, rendered_impedance
-from osl_analysis.bench.joint_inference import (
-    fault_columns,
-    friction_columns,
-    signals_of,
-)
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.campaign.configuration import config_for_trials
-from osl_analysis.errors import InputError
-from osl_analysis.inference import ImpedanceInference, LegInference
-from osl_analysis.inference.estimates import Explanation
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.limits import Limits
-from osl_analysis.stats.estimates import Estimate, Impedance
+from osl_analysis.stats.estimates import Estimate
 
 CONFIG = ROOT / "config/config.yaml"
 SETTINGS = config_for_trials(CONFIG).dynamometer
@@ -87,15 +79,6 @@ def test_friction_is_in_b_as_in_equation_15_and_not_in_b_viscous():
     assert row["f_C"] == pytest.approx(0.3, rel=0.1)
 
 
-def test_the_estimates_of_a_joint_are_those_of_equation_15():
-    analysis, sums = rendered_impedance(record_with())
-
-    row = impedance_table(analysis, sums).row(-1, named=True)
-
-    for name in TRUE:
-        assert (row[f"{name}_low"], row[f"{name}_high"]) == analysis.whole.interval(name)
-
-
 def test_viscous_damping_of_a_light_joint_is_held_where_friction_turns_faster_than_the_filter():
     """A Coulomb column beside Eq. 15 sees what the low-pass leaves of the sign, and B is 1.2 to 6 %
     too large."""
@@ -153,38 +136,6 @@ def test_a_late_torque_tells_by_how_much_it_moves_the_damping():
 # ---- what is known of the bench
 
 
-def test_a_fault_that_is_not_probable_moves_nothing():
-    path = Explanation("path", "delay", probability=0.2)
-    nothing = Estimate(0.0, 0.0, 0.0, 0.0)
-    inferred = ImpedanceInference(
-        without_friction=Impedance(nothing, nothing, nothing),
-        fault_probability=0.2,
-        friction_probability=0.0,
-        fault_shares=(0.1, 0.2, 0.3),
-        doubt=None,
-        explanations=(path,),
-        delay_told_s=1e-4,
-        unexplained_shares=(0.0, 0.0, 0.0),
-    )
-
-    assert fault_columns(inferred)["I_fault_share"] == 0.0
-    assert fault_columns(replace(inferred, doubt=path))["I_fault_share"] == 0.3
-
-
-@pytest.mark.parametrize(("probability", "is_leg", "is_taken_off"), [
-    (0.89, True, False), (0.91, True, True), (0.91, False, False),
-])  # fmt: skip
-def test_friction_is_taken_off_where_it_is_certain_and_of_a_joint_has_a_size(
-    probability, is_leg, is_taken_off
-):
-    analysis, _ = rendered_impedance(record_with())
-    inferred = LegInference(probability, Impedance.of_fit(analysis.whole))
-
-    row = friction_columns(analysis, inferred, {}, None, is_leg)
-
-    assert (row["B_viscous"] is not None) is is_taken_off
-
-
 def test_it_is_told_how_well_a_recording_knows_an_unstated_delay():
     row = sound_row()
 
@@ -229,18 +180,6 @@ def test_stamps_that_can_be_read_in_two_ways_widen_the_intervals(joint, B):
     assert plain[f"{B}_low"] - both[f"{B}_low"] == pytest.approx(0.06, rel=0.2)
 
 
-def test_the_inference_is_given_the_stated_windows_alone():
-    rng = np.random.default_rng(5)
-    trial = made_trial(rng, noise(rng))
-    settings = SETTINGS.model_copy(update={"excitation": "any"})
-    record = record_of_trial(trial, settings, windows="10-25")
-
-    usable = signals_of(record).usable
-
-    moved = record.time[usable] - record.time[0]
-    assert (moved.min(), moved.max()) == pytest.approx((10, 25), abs=0.02)
-
-
 # ---- values
 
 
@@ -261,12 +200,3 @@ def test_an_inertia_behind_a_soft_spring_does_not_drive_the_motion():
     row = row_of(record)
 
     assert row["K"] == pytest.approx(-30, rel=0.2)
-
-
-def test_a_torque_of_the_wrong_sign_is_refused():
-    rng = np.random.default_rng(2)
-    trial = made_trial(rng, noise(rng, (0.5, 8.0)), K=-300.0, B=-5.0, I=-0.02)
-    record = record_of_trial(trial, SETTINGS.model_copy(update={"excitation": "any"}))
-
-    with pytest.raises(InputError, match="the torque drives the motion"):
-        row_of(record)

@@ -1,24 +1,20 @@
 """Torque against angle: loops whose area, slopes and energies are known in closed form, and what is
 no such trial."""
 
-import csv
 import re
 from itertools import pairwise
 
 import numpy as np
 import polars as pl
 import pytest
-from c3d_builder import REAL_DATA
 from conftest import ROOT, marked
 
 from osl_analysis.bench.bench_settings import TorqueAngleAnalysis
 from osl_analysis.bench.loops import find_cycles
 from osl_analysis.bench.torque_angle import torque_angle_trial
 from osl_analysis.campaign.configuration import read_config
-from osl_analysis.config.sheet import read_sheet
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.quality import saturated
-from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.trial import Trial
 
 LATENESS = "whether the torque is late"
@@ -87,18 +83,6 @@ def test_one_cycle_has_no_interval():
     row = row_of(theta, K * theta, **PLAIN)
     assert row["cycles"] == 1
     assert row["interval_method"] is row["K_low"] is None
-
-
-def test_a_slipping_spring_loses_four_times_force_by_slip():
-    theta = path(-10, *(10, -10) * 3)
-    slip, limit = 400.0, 10.0
-    # begins where every later cycle does
-    torque = K * theta + jenkins(theta, slip, limit, start=-limit)
-    row = row_of(theta, torque, **PLAIN)
-    assert (row["cycles"], row["energy_lost"]) == (
-        3,
-        pytest.approx(4 * limit * (A - limit / slip), rel=2e-3),
-    )
 
 
 STIFFENING, END = 3000.0, np.deg2rad(12)
@@ -227,23 +211,6 @@ def test_what_hysteresis_leaves_at_rest_is_no_offset_without_a_word():
 OFFSET = "the torque's zero"
 
 
-def test_stated_errors_of_the_load_cell_are_in_the_intervals():
-    """Of K its gain; of the energy lost the width of its loop over the way."""
-    theta = path(0, *(10, 0) * 4)
-    torque = K * theta + jenkins(theta, 300, 1)
-    calibration = {"torque_gain": 0.01, "hysteresis": 0.02}
-
-    plain, stated = row_of(theta, torque), row_of(theta, torque, calibration=calibration)
-
-    def added(name):
-        halves = [row[f"{name}_high"] - row[name] for row in (stated, plain)]
-        return np.sqrt(halves[0] ** 2 - halves[1] ** 2) / 1.96
-
-    assert added("K") == pytest.approx(0.01 * plain["K"], rel=0.05)
-    of_loop = 2 * 0.02 / np.sqrt(12) * np.ptp(torque) * np.deg2rad(10)
-    assert added("energy_lost") == pytest.approx(of_loop, rel=0.1)
-
-
 FULL, OPEN = path(0, 10, 0, 10, 0), path(0, 10, 0.7)
 NOISE = np.random.default_rng(3).standard_normal(FULL.size)
 
@@ -296,12 +263,6 @@ def test_drift_clipping_speed_and_energy_from_nothing_are_doubtful(
     assert cause in row_of(theta, torque, **changes)[column].split("; ")
 
 
-def test_a_drift_is_told_by_the_loop():
-    """Cycles of 6 s."""
-    row = row_of(FULL, torque := K * FULL + 6 * LIFT - 20, **PLAIN)
-    assert row["closure_torque"] == pytest.approx(6 * 6 / 12 / np.ptp(torque), rel=0.05)
-
-
 def test_the_weight_of_a_fixture_is_taken_off_the_torque():
     torque = K * FULL + jenkins(FULL, 400, 2)
     fixture = {"torque": {"fixture": {"weight": 2.0, "rest_deg": 30.0}}}
@@ -336,25 +297,3 @@ def test_a_desired_curve_stands_beside_the_measured_one():
 def test_a_desired_curve_that_no_setting_has_is_refused():
     with pytest.raises(InputError, match=r"no desired curve 'other'; torque_angle\.desired"):
         fitted(FULL, K * FULL, "other")
-
-
-REFERENCE = {
-    "angle_min_deg": "ankle_angle_min_deg", "angle_max_deg": "ankle_angle_max_deg",
-    "torque_zero": "torque_at_rest_Nm",
-    "energy_lost": "energy_absorbed_J",
-    "K": "slope_loading_Nm_per_rad",
-}  # fmt: skip
-
-
-@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")
-def test_a_real_foot_has_what_an_independent_computation_finds():
-    campaign = read_config(ROOT / "config/campaigns/desr/config.yaml")
-    reference = REAL_DATA / "reference/desr_torque_angle.csv"
-    expected = {row["test"]: row for row in csv.DictReader(reference.read_text().splitlines())}
-    for row in [*read_sheet(campaign.sheet).values()][::4]:
-        trial = trial_from_files(row, REAL_DATA / "mat", campaign.sources)
-        fit = torque_angle_trial(trial, campaign.torque_angle, row["desired"])
-        found = fit.table.row(0, named=True)
-        theirs = expected.pop(row["log_part"])
-        for ours, name in REFERENCE.items():
-            assert found[ours] == pytest.approx(float(theirs[name]), rel=0.01), (row["trial"], ours)

@@ -31,12 +31,6 @@ def correlated_noise(rng, n, rho):
     return lfilter([1.0], [1.0, -rho], rng.standard_normal(n))
 
 
-def test_recovers_the_coefficients_that_made_the_data():
-    torque = -3.5 * COLUMNS["a"] + 40.0 * COLUMNS["b"] + 0.7
-    fit = regression.linear_fit(torque, COLUMNS)
-    assert fit.estimates == pytest.approx([-3.5, 40.0, 0.7], rel=1e-8)
-
-
 def test_recovers_the_impedance_that_made_the_torque():
     motion = multisine(0.7, 2.3, 5.9)
     torque = 300.0 * motion.theta + 5.0 * motion.omega + 0.1 * motion.alpha - 2.0
@@ -95,7 +89,6 @@ def test_the_correlation_of_estimates_is_that_of_the_columns():
     a, b, noise = np.random.default_rng(3).standard_normal((3, 4000))
     columns, y = {"a": a, "b": b}, 2 * a + b + 3 * noise * np.abs(a + b)
     fit = regression.linear_fit(y, columns)
-    assert abs(fit.covariance[0, 1]) > 0.3 * fit.se("a") * fit.se("b")
     assert fit.largest_correlation < 0.05
     leaning = columns | {"b": a + 0.1 * b}
     assert regression.linear_fit(y, leaning).largest_correlation > 0.95
@@ -133,21 +126,6 @@ def with_spread(y, columns, stratum):
     ] @ np.linalg.inv(X.T @ X)
     covariance, freedom = between_cycles(scores, stratum)
     return replace(fit, covariance=covariance, degrees_of_freedom=freedom)
-
-
-def test_the_spread_of_cycles_covers_where_friction_fools_hac():
-    """95 % of 200 seeded records; HAC takes the friction for noise and is several times too
-    wide."""
-    rng = np.random.default_rng(4)
-    truth = regression.linear_fit(*repeated(rng, noise=0.0))["b"]
-    z = []
-    for _ in range(200):
-        y, columns = repeated(rng)
-        fit = with_spread(y, columns, np.repeat([0, 1], COUNT // 2))
-        z.append((fit["b"] - truth) / fit.se("b"))
-    # of Student's t with 22 degrees of freedom, whose quantile is 2.07
-    assert 0.91 < np.mean(np.abs(z) < 2.07) < 0.98
-    assert regression.linear_fit(y, columns).se("b") > 3 * fit.se("b")
 
 
 def test_cycles_of_no_whole_rows_have_the_sums_of_their_integrals():

@@ -19,7 +19,7 @@ from click import argument, option
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError, OslAnalysisError, printable, printable_lines
-from osl_analysis.files import CAMPAIGN, check_output, config_here, shipped, write_text
+from osl_analysis.files import CAMPAIGN, check_target, config_here, shipped, write_text
 from osl_analysis.memory import SET_TO_ONE, limited_memory
 
 if TYPE_CHECKING:
@@ -123,7 +123,7 @@ class KeepsItsInput(click.Command):
                 raise click.UsageError(
                     f"{path}: `{ctx.info_name}` writes {suffix} files; choose this suffix"
                 )
-            check_output(path)
+            check_target(path)
         read = [files[name] for name in ("log", "mocap", "file", "trial") if name in files]
         with limited_memory(read):
             return super().invoke(ctx)

@@ -86,7 +86,9 @@ def seen_from(folder: Path, path: Path) -> Path:
 def check_working_folder(results: Path = Path(".snakemake")) -> None:
     """Refuse a folder in which the run or Snakemake cannot write: the run would end with a
     traceback."""
-    for folder in (Path(), Path(".snakemake"), results):
+    of_snakemake = Path(".snakemake")
+    below = (*of_snakemake.glob("*/"), *results.glob("*/"))
+    for folder in (Path(), of_snakemake, results, *below):
         if folder.is_dir() and not os.access(folder, os.W_OK):
             raise InputError(
                 f"{folder.absolute()}: cannot be written to; make it writable, or copy the campaign"
@@ -110,29 +112,9 @@ def check_target(path: Path) -> None:
         raise InputError(f"{path}: is a folder or a device; name a file")
 
 
-def check_output(path: Path) -> None:
-    """Refuse an output that cannot be written, before it is computed. Leaves no file behind."""
-    check_target(path)
-    folder = next(parent for parent in (*path.parents, Path()) if parent.exists())
-    if not folder.is_dir() or not os.access(folder, os.W_OK):
-        raise InputError(
-            f"{path}: cannot be written, because no file can be made in {folder}; choose another"
-            " place"
-        )
-
-
 def temporary_path(path: Path, pid: int) -> Path:
     """The temporary file that process `pid` writes and then renames to `path`."""
     return path.with_name(f".{path.stem}.{pid}{path.suffix}")
-
-
-def file_state(path: Path) -> list[int] | None:
-    """Size [bytes], time of the last change [ns] and whether it is readable (0 or 1); None if there
-    is no such file."""
-    with suppress(OSError):
-        status = path.stat()
-        return [status.st_size, status.st_mtime_ns, int(os.access(path, os.R_OK))]
-    return None
 
 
 def digest(path: Path) -> str | None:

@@ -159,9 +159,7 @@ class Loss:
     @property
     def share(self) -> float:
         """Lost share of what the file declares; 0 where it is unknown."""
-        if not self.expected or self.lost is None:
-            return 0.0
-        return self.lost / self.expected
+        return (self.lost or 0) / (self.expected or 1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -323,13 +323,9 @@ class Source(Settings):
 
     def place(self, *keys: str) -> str:
         """A field, for messages: its keys, and the file and line in which they stand."""
-        field = f"`{'.'.join(keys)}`"
-        if self._path is None:
-            return f"{field} in the source file"
-        line = field_line(self._path, keys)
-        if line:
-            return f"{field} in {self._path}, line {line}"
-        return f"{field} in {self._path}"
+        where = f"`{'.'.join(keys)}` in {self._path or 'the source file'}"
+        line = field_line(self._path, keys) if self._path else None
+        return f"{where}, line {line}" if line else where
 
     def of_part(self, part: str) -> Self:
         """The source file for one part of a log that holds several trials, as the sample sheet

@@ -109,8 +109,8 @@ def stretches(text: str) -> list[tuple[float, float]]:
     edges = [float(edge) for edge in re.findall(r"\d+\.?\d*", text)]
     if not has_form or edges != sorted(set(edges)):
         raise InputError(
-            f"windows '{text}' are not from-to in s, in the order of time, without overlap or touching;"
-            " write them as 2-30 40-62"
+            f"windows '{text}' are not from-to in s, in the order of time, without overlap or"
+            " touching; write them as 2-30 40-62"
         )
     return list(zip(edges[::2], edges[1::2], strict=True))
 

@@ -84,10 +84,7 @@ def si_factor(unit: str, expected: str) -> float:
 
 def quantity_of(base: str) -> str:
     """The SI unit that has these base units, or else these."""
-    for canonical in EXAMPLES:
-        if dimension(canonical) == base:
-            return canonical
-    return base.replace(" ", "")
+    return next((unit for unit in EXAMPLES if dimension(unit) == base), base.replace(" ", ""))
 
 
 def quantity(text: str, expected: str) -> float:

@@ -331,8 +331,8 @@ def test_nothing_but_a_regular_file_is_replaced(
             write_table(TABLE, path)
         assert path.lstat()[:2] == before  # kind and inode
     below = str(tmp_path / "mine.yaml/x.csv")
-    said = one_line(call(*GAINS, "--parameters", "no.yaml", "--output", below))
-    assert f"{below}: cannot be written, because no file can be made in {tmp_path}/mine" in said
+    said = one_line(call(*GAINS, "--output", below))
+    assert f"{below}: cannot be written (" in said
 
 
 def test_an_odd_name_never_reaches_the_terminal_as_it_is(tmp_path):

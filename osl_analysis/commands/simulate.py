@@ -11,7 +11,7 @@ from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
 from osl_analysis.config.shared_choices import SharedChoices
 from osl_analysis.config.sheet import SHEET_COLUMNS, SheetRows
 from osl_analysis.errors import InputError, naming, nearest, optional_module
-from osl_analysis.files import atomic_path, check_output
+from osl_analysis.files import atomic_path, check_target
 from osl_analysis.model.compensator import check_request
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.simulator.laboratory_settings import WalkingSettings
@@ -51,7 +51,7 @@ def planned_sheet(settings_path: Path, sheet: Path) -> SheetRows | None:
 def write_sheet(settings_path: Path, sheet: Path) -> None:
     """Write the plan of a simulated campaign as its sample sheet."""
     check_folder(sheet.parent)
-    check_output(sheet)
+    check_target(sheet)
     rows = plan_trials(read_yaml(settings_path, SimulationSettings))
     (sheet.parent / TRUTH).mkdir(parents=True, exist_ok=True)
     with atomic_path(sheet) as path, path.open("w", encoding="utf-8", newline="") as file:

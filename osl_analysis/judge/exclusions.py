@@ -8,7 +8,6 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.files import file_state
 from osl_analysis.judge.recording_checks import QualityRules, judged_table, spoiled_trials
 from osl_analysis.table import not_analysed
 
@@ -36,13 +35,13 @@ class Judge:
     accept
         The checks that the sheet accepts, by trial.
     verdicts_by_states
-        Verdicts by the states of the files that tell them: a run asks again for each of its rules,
-        mostly of files that have not changed.
+        Verdicts by the last changes [ns] of the files that tell them: a run asks again for each of
+        its rules, mostly of files that have not changed.
     """
 
     rules: QualityRules
     accept: Mapping[str, Collection[str]]
-    verdicts_by_states: dict[tuple[tuple[Path, str], ...], pl.DataFrame] = field(
+    verdicts_by_states: dict[tuple[tuple[Path, int], ...], pl.DataFrame] = field(
         default_factory=dict
     )
 
@@ -50,7 +49,7 @@ class Judge:
         """The rows of `quality.csv` for trials whose checks were `measured`; a missing file, or
         a trial that was not analysed, has none."""
         files = list(measured)
-        states = tuple((path, repr(file_state(path))) for path in files)
+        states = tuple((path, path.stat().st_mtime_ns if path.is_file() else 0) for path in files)
         if states not in self.verdicts_by_states:
             rows: list[dict[str, Any]] = []
             for path in files:

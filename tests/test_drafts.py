@@ -152,14 +152,3 @@ def test_times_of_day_tell_how_often_an_angle_turns(tmp_path):
     (trial,) = draft_campaign(tmp_path).trials
 
     assert trial.cells["experiment"] == "impedance"
-
-
-def test_no_room_but_the_commands_imports_the_drafts():
-    package = ROOT / "osl_analysis"
-    who = {
-        path.relative_to(package).parts[0]
-        for path in package.rglob("*.py")
-        if "from osl_analysis.draft" in path.read_text(encoding="utf-8")
-    }
-
-    assert who == {"cli.py", "commands", "draft"}

@@ -8,7 +8,6 @@ import numpy as np
 import polars as pl
 import pytest
 from conftest import ROOT
-from matplotlib.figure import Figure
 
 from osl_analysis.commands.figure import (
     beside_theory,
@@ -23,7 +22,6 @@ from osl_analysis.figures import (
     LINEAR_MODEL,
     drawn,
     look_numbers,
-    marks,
     names,
     plotted_numbers,
 )
@@ -33,7 +31,6 @@ from osl_analysis.figures.style import SINGLE_COLUMN, paper_style
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.table import NOT_ANALYSED, NotAnalysed, read_table, write_table
 
-BELTS = [f"belt_{number:02d}" for number in range(1, 11)]
 CAMS = [f"both_cams_{5 * number:02d}mm" for number in range(11)]
 NULL = pl.lit(None, pl.Float64)
 NO_TEXT = pl.lit(None, pl.String)
@@ -315,14 +312,26 @@ def test_a_marker_leads_to_its_trial_and_is_open_where_its_fit_is_doubtful(name,
         assert is_open.tolist() == [bool(text) for text in rows["doubtful"]]
 
 
-def test_doubtful_belts_are_dashed():
-    belts, loops = drawn("fig3", both_branches().with_columns(doubtful=DOUBT)).axes
+@pytest.mark.parametrize(("name", "table", "trials"), [
+    ("torque_angle", torque_angle_table, [CAMS[3]]),
+    ("walking_page", lambda: stored("walking_page"), ["w2"]),
+])  # fmt: skip
+def test_a_curve_leads_to_its_trial_and_differs_where_its_fit_is_doubtful(name, table, trials):
+    is_doubtful = pl.col("trial").is_in(trials)
+    sound = table().with_columns(doubtful=NO_TEXT)
 
-    is_doubtful = [name in ("belt_02", "belt_07") for name in BELTS]
-    branches = [line for line in loops.lines if len(line.get_xdata())][1::2]
-    assert [line.is_dashed() for line in branches] == is_doubtful
-    assert [line.get_url() for line in branches] == links_to(BELTS)
-    assert sum(line.is_dashed() for line in belts.lines[:-1]) == 2
+    styles = linked_styles(drawn(name, sound))
+    marked = linked_styles(
+        drawn(name, sound.with_columns(doubtful=pl.when(is_doubtful).then(pl.lit("VAF 80"))))
+    )
+
+    assert {url for url in styles if marked[url] != styles[url]} == {*links_to(trials)}
+
+
+def linked_styles(figure):
+    """The style of each curve, by the trial to which it leads."""
+    lines = [line for ax in figure.axes for line in ax.lines]
+    return {line.get_url(): line.get_linestyle() for line in lines if line.get_url()}
 
 
 def test_no_line_of_fig3_goes_from_the_end_of_a_cycle_to_the_next_one():
@@ -335,56 +344,7 @@ def test_no_line_of_fig3_goes_from_the_end_of_a_cycle_to_the_next_one():
     assert np.count_nonzero(np.diff(is_drawn.astype(int)) == 1) + is_drawn[0] == 2
 
 
-def test_a_doubtful_trial_of_torque_over_angle_is_dashed_and_each_leads_to_its_trial():
-    left, right = drawn("torque_angle", torque_angle_table()).axes
-
-    assert [line.is_dashed() for line in right.lines[:11]] == [name == CAMS[3] for name in CAMS]
-    assert [line.get_url() for line in left.lines[:22:2]] == links_to(CAMS)
-
-
-def test_a_line_of_a_crossing_leads_to_it_and_is_dashed_where_it_is_doubtful():
-    page = drawn("walking_page", stored("walking_page").with_columns(doubtful=DOUBT)).axes[2]
-
-    linked = [line for line in page.lines if line.get_url()]
-    assert [line.get_url() for line in linked] == links_to(["w1", "w2"])
-    assert [line.is_dashed() for line in linked] == [False, True]
-
-
 # Places
-
-
-@pytest.mark.parametrize(("panel", "symbol", "other"), [(0, "K", "B"), (1, "B", "K")])
-def test_fig5_shows_each_trial_above_its_desired_value_and_beside_all_others(panel, symbol, other):
-    table, figure = drawn_once("fig5", in_amplitudes)
-    ax = figure.axes[panel]
-
-    bars = [part for part in ax.collections if hasattr(part, "get_segments")]
-    lines = [segment for part in bars for segment in part.get_segments()]
-    level = [line for line in lines if line[0][1] == line[1][1]]
-    places = []
-    for controller, look in LOOKS.items():
-        points, *_ = scattered(ax, look.label)
-        beside = [line[0][1] for x, _ in points for line in level if line[0][0] < x < line[1][0]]
-        rows = table.filter(controller=controller).sort(f"{symbol}_d", f"{other}_d")
-        assert beside == rows[f"{symbol}_d"].to_list()
-        np.testing.assert_allclose(points[:, 1], rows[symbol])
-        places += list(points[:, 0])
-    assert {*np.diff(sorted(places)).round(9)} == {1, 1.8, 3.2}
-    labels = [label.get_text() for label in ax.get_xticklabels()]
-    assert labels == [f"{value:g}" for value in sorted(set(table[f"{symbol}_d"]))]
-
-
-def test_fig6_has_points_that_touch_no_other():
-    numbers = plotted_numbers("fig6", stored("impedance").reverse())
-    figure = drawn("fig6", numbers)
-
-    with paper_style():
-        figure.draw_without_rendering()
-    ax = figure.axes[0]
-    for look in LOOKS.values():
-        printed = ax.transData.transform(scattered(ax, look.label)[0]) / figure.dpi * 72
-        distance = np.hypot(*(printed[:, None, :] - printed[None, :, :]).transpose(2, 0, 1))
-        assert 4.6 < distance[np.triu_indices(48, 1)].min() < 6, "the largest and a small gap"
 
 
 def test_fig6_has_a_perfect_fit_at_the_end_of_its_axis():
@@ -404,29 +364,6 @@ def test_fig6_shows_fits_over_all_amplitudes_where_there_are_no_others():
     whole = stored("impedance").filter(pl.col("amplitude_deg").is_null())
 
     assert len(plotted_numbers("fig6", whole)) == 32
-
-
-def test_an_admittance_is_drawn_by_its_size_and_phase_over_logarithmic_axes():
-    numbers, figure = drawn_once("fig7", response_table)
-
-    polar = np.hypot(3.5e-3, 2e-3), np.rad2deg(np.arctan2(-2, 3.5))
-    assert numbers.select("magnitude", "phase_deg").row(-1) == pytest.approx(polar)
-    magnitude, phase = figure.axes
-    assert magnitude.get_yscale() == phase.get_xscale() == "log"
-    in_thousandths = {float(tick.get_text()) for tick in magnitude.get_yticklabels()}
-    assert in_thousandths == {round(1e3 * tick, 9) for tick in magnitude.get_yticks()}
-    assert phase.get_ylim()[0] < 0 <= phase.get_ylim()[1]
-
-
-def test_inertia_whose_sign_tells_is_drawn_from_zero():
-    _, figure = drawn_once("fig9")
-
-    stiffness, damping, inertia = figure.axes
-    assert stiffness.get_ylim()[0] > 250
-    assert damping.get_ylim()[0] > 2
-    assert inertia.get_ylim()[0] <= 0
-    assert "10$^{-3}$ kg·m$^2$" in inertia.get_ylabel()
-    assert inertia.yaxis.get_major_formatter()(0.025) == "25"
 
 
 def test_what_was_not_fitted_is_shaded_and_no_line_crosses_a_gap():
@@ -485,37 +422,6 @@ def test_fig8_shows_stance_alone():
     assert len(plotted_numbers("fig8", swing.with_columns(phase=0.62))) == 1
 
 
-def test_groups_have_four_panels_each():
-    page = stored("walking_page")
-    slow = page.with_columns(group=pl.lit("slow"), mean=2 * pl.col("mean"))
-
-    axes = drawn("walking_page", pl.concat([page, slow])).axes
-
-    (of_first,), (of_second,) = (
-        [line.get_ydata() for line in ax.lines if line.get_label() == "Mean response"]
-        for ax in (axes[2], axes[6])
-    )
-    np.testing.assert_allclose(of_second, 2 * of_first)
-    windows = [(p.get_x(), p.get_x() + p.get_width()) for p in axes[2].patches]
-    assert windows == [(-100, -40), (0, 100)]
-
-
-@pytest.mark.parametrize(("low", "high", "most", "expected"), [
-    (1, 5, 6, [1, 2, 5]), (0.5, 6, 8, [0.5, 1, 2, 5]), (0.01, 100, 5, [0.01, 0.1, 1, 10, 100]),
-    (0.1, 15, 8, [0.1, 0.2, 0.5, 1, 2, 5, 10]), (1e-4, 1e5, 5, [1e-4, 1e-2, 1, 1e2, 1e4]),
-    (2.9, 3.11, 5, [2.9, 3.0, 3.1]), (0.012, 0.8, 4, [0.03, 0.1, 0.3]),
-    (0.029, 3.1, 4, [0.1, 1]),
-])  # fmt: skip
-def test_ticks_of_a_logarithmic_axis_are_round(low, high, most, expected):
-    ax = Figure().subplots()
-    ax.set_xscale("log")
-    ax.set_xlim(low, high)
-
-    marks.label_log_axis(ax.xaxis, most)
-
-    assert ax.xaxis.get_ticklocs() == pytest.approx(expected)
-
-
 def test_no_two_controllers_look_alike():
     controllers = ["compensated", "uncompensated", *(f"c{number}" for number in range(12)), None]
     table = pl.DataFrame({"controller": controllers})
@@ -526,12 +432,6 @@ def test_no_two_controllers_look_alike():
     assert len({(look.colour, look.marker) for look in looks.values()}) == 15
     alone = table.filter(controller="c1")
     assert names.by_controller(alone)[0][0] == looks["c1"], "the same in every figure"
-
-
-def test_looks_are_numbered_by_the_names_of_further_controllers():
-    numbers = look_numbers(pl.Series(["pd", "compensated", "a", None]))
-
-    assert numbers.to_list() == [1, None, 0, None]
 
 
 # Files
@@ -546,33 +446,6 @@ def test_a_figure_is_the_same_whatever_the_users_matplotlib_settings(tmp_path):
 
     assert [path.read_bytes() for path in other] == [path.read_bytes() for path in plain]
     assert b"/Type3" not in plain[0].read_bytes()
-
-
-def test_a_footer_stands_below_all_else_and_every_file_says_what_its_data_are(tmp_path):
-    figure = drawn("fig8", plotted("fig8"))
-    height = figure.get_figheight()
-    files = [tmp_path / f"f.{suffix}" for suffix in ("pdf", "svg", "png")]
-
-    write_figure(figure, files, 8 * "Simulated data. ")
-
-    (footer,) = [text for text in figure.texts if "Simulated" in text.get_text()]
-    with paper_style():
-        figure.draw_without_rendering()
-        box = footer.get_window_extent()
-        others = [ax.get_tightbbox() for ax in figure.axes]
-    assert 0 <= box.y0 < box.y1 < min(other.y0 for other in others)
-    assert box.x0 >= 0
-    assert figure.get_figheight() > height
-    assert all(b"Simulated data" in path.read_bytes() for path in files)
-
-
-def test_the_words_of_an_svg_need_no_font(tmp_path):
-    write_figure(drawn("fig5", plotted("fig5")), [tmp_path / "f.svg"])
-
-    drawing = (tmp_path / "f.svg").read_text()
-
-    assert "<text" not in drawing
-    assert "<!-- Uncompensated -->" in drawing
 
 
 LOST = NotAnalysed("i_1", "raw/i_1.mcap: $no$ such_file^; copy it there")
@@ -591,14 +464,6 @@ def test_a_figure_without_numbers_says_so_with_trial_and_reason(tmp_path):
     drawing = (tmp_path / "fig4.svg").read_text()
     assert "Fig. 4 is not drawn" in drawing
     assert "i_1: raw/i_1.mcap: $no$ such_file^" in drawing
-
-
-def test_a_figure_names_the_trials_that_it_lacks(tmp_path):
-    write_table(plotted("fig5"), tmp_path / "fig5.csv")
-
-    draw_figure("fig5", tmp_path / "fig5.csv", [tmp_path / "fig5.svg"], [LOST])
-
-    assert "Without 1 refused: i_1" in (tmp_path / "fig5.svg").read_text()
 
 
 def test_each_figure_has_its_caption_and_a_missing_one_its_reason(tmp_path):

@@ -431,14 +431,6 @@ def test_a_column_beside_a_rate_counts_samples_so_that_lost_ones_are_a_gap(tmp_p
     np.testing.assert_allclose(trial.samples["time"], TIME[kept])
 
 
-def test_what_is_left_out_beside_a_table_is_said_and_kept(tmp_path):
-    (tmp_path / "a.dat").write_text(TEXTS["preamble"] + "Mean,0.1,0.2\n")
-    trial = read_by_draft(tmp_path / "a.dat")
-    assert {"Subject 7", "Rate [Hz] 500", "Mean 0.1 0.2"} <= {*trial.provenance["log"]["comments"]}
-    (said,) = trial.provenance["warnings"]
-    assert "1 lines below the table, from 485 on, are no rows: 'Mean 0.1 0.2'" in said
-
-
 @pytest.mark.parametrize("row", [5, 299, 300, 400, 418, 419, 420])
 def test_the_line_of_every_row_is_told_however_far_below(tmp_path, row):
     """Lines between the first 300 and the last 60 are split as a whole."""
@@ -448,12 +440,6 @@ def test_the_line_of_every_row_is_told_however_far_below(tmp_path, row):
     told = rf"line {row + 2}, column 'Time \[s\]': '\?' is not a number"
     with pytest.raises(InputError, match=told):
         read_by(path, "format: csv\ntime: {column: Time, unit: s}\n" + ANGLE_ALONE)
-
-
-def test_a_table_with_more_columns_than_a_recording_has_is_refused(tmp_path):
-    (tmp_path / "a.csv").write_text("\n".join(",".join(["0.5"] * 10_001) for _ in range(3)))
-    with pytest.raises(InputError, match="has 10001 columns, at most 10000 are read"):
-        inspect_file(tmp_path / "a.csv")
 
 
 def test_a_damaged_parquet_file_is_one_refusal_and_no_trace_of_rust(tmp_path, capfd):

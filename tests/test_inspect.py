@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from c3d_builder import REAL_DATA, write_c3d
+from c3d_builder import write_c3d
 from click.testing import CliRunner
 from mcap_builder import HEADER, stamped, write_log
 from test_ingest_assemble import WRITERS
@@ -25,9 +25,6 @@ from osl_analysis.units import is_clock
 
 NASTY = 'a\x1b[2J": {x\n# y\u202eb'
 LATIN = NASTY.replace("\u202e", "\x9b")
-REAL_FILES = sorted(
-    p for p in REAL_DATA.glob("*/*") if p.parent.name in ("c3d", "mcap", "nexus_csv")
-)
 JOINTS = (
     "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] effort\nfloat32[3]"
     " bias\nstring note\n"
@@ -145,21 +142,6 @@ def test_the_draft_is_written_where_it_is_asked_for_and_never_over_a_file(tmp_pa
     assert "exists; name a new file" in CliRunner().invoke(main, arguments).output
 
 
-@pytest.mark.parametrize("path", REAL_FILES, ids=lambda path: path.stem)
-def test_every_real_file_is_listed_or_refused_in_a_sentence(path: Path) -> None:
-    if path.name in {
-        "Empty.c3d",
-        "Optotrak_truncated_29_of_1149.c3d",
-        "s18_bad_parameter_section.c3d",
-    } or re.match(r"Eb015[sv]|c3dorg_s10|mac_s11", path.name):  # of DEC or MIPS
-        with pytest.raises(InputError, match=path.name):
-            module.inspect_file(path)
-        return
-    overview = module.inspect_file(path)
-    assert overview.channels
-    assert isinstance(yaml.safe_load(draft_source(overview, path.name)), dict)
-
-
 TIME = np.arange(50) * 0.004
 SIGNALS = {"ankle_angle_deg": np.sin(TIME), "torque_Nm": np.cos(TIME)}
 
@@ -247,12 +229,6 @@ def test_a_folder_lists_what_each_recording_holds_or_why_it_is_refused(tmp_path:
     assert as_json["broken.mcap"]["refused"].endswith(lines[1].partition("refused: ")[2])
     with pytest.raises(InputError, match=r"no recordings below it \(\.\w+, "):
         module.folder_text(tmp_path / "none")
-
-
-def test_the_folder_of_a_ros_2_bag_is_one_recording(tmp_path: Path) -> None:
-    assert module.is_folder_of_recordings(tmp_path)
-    (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information: {}")
-    assert not module.is_folder_of_recordings(tmp_path)
 
 
 pytestmark = pytest.mark.usefixtures("in_root", "schemas_made_once")

@@ -19,7 +19,7 @@ from osl_analysis.cli import main
 from osl_analysis.commands.campaign_start import first_look
 from osl_analysis.commands.new_campaign import left_to_decide, new_campaign
 from osl_analysis.commands.reference import schemas
-from osl_analysis.commands.run import check_submission, snakemake_arguments
+from osl_analysis.commands.run import snakemake_arguments
 from osl_analysis.commands.simulate import planned_sheet, settings_files
 from osl_analysis.draft.draft_campaign import draft_campaign
 from osl_analysis.draft.draft_sheet import draft_trials
@@ -145,18 +145,6 @@ def test_an_empty_folder_becomes_a_campaign_where_one_stands(tmp_path, monkeypat
     made = {path.name for path in Path().iterdir()}
     assert made == {"config.yaml", "trials.csv", "sources", "schemas", "recordings"}
     assert yaml.safe_load(Path("config.yaml").read_text())["campaign"] == "mine"
-
-
-def test_nothing_is_submitted_where_there_is_no_slurm(monkeypatch):
-    arguments = ["-n", f"--workflow-profile={ROOT}/profiles/slurm"]
-    monkeypatch.setenv("PATH", "")
-    monkeypatch.setattr("osl_analysis.commands.run.find_spec", lambda name: None)
-    with pytest.raises(InputError, match=r"pip install 'osl-analysis\[cluster\]'"):
-        check_submission(arguments)
-
-    monkeypatch.setattr("osl_analysis.commands.run.find_spec", lambda name: name)
-    with pytest.raises(InputError, match="no `sbatch` here; start the run where you submit jobs"):
-        check_submission(arguments)
 
 
 def test_snakemake_is_given_the_campaign_of_the_folder(tmp_path, monkeypatch):
@@ -447,14 +435,6 @@ def test_a_recording_without_an_ending_is_found_by_its_first_bytes(tmp_path):
     assert {path.name for path in recordings_in(tmp_path)} == {*read}
 
 
-@pytest.mark.parametrize("name", ["k150_b2.5", "k150_b2.5.mcap", "k150_b2.5.csv"])
-def test_a_dot_in_the_name_of_a_folder_is_no_ending(name):
-    ((cells, _),) = draft_trials([(Path(name), "mcap", False)])
-
-    assert cells["trial"] == "k150_b2.5"
-    assert (cells["K_d"], cells["B_d"]) == ("150", "2.5")
-
-
 # The end of `init`.
 
 
@@ -489,20 +469,6 @@ def test_init_ends_with_run_where_the_first_trial_can_be_fitted(tmp_path):
     lines = said_by_init(tmp_path)
 
     assert lines[-1] == f"then: cd {tmp_path}/mine && osl-analysis run"
-
-
-@pytest.mark.usefixtures("without_inference")
-def test_five_files_of_five_kinds_are_told_in_fifteen_lines_questions_first(tmp_path):
-    (tmp_path / "rec").mkdir()
-    for number in range(5):
-        path = tmp_path / f"rec/file_{number}.csv"
-        write_bench(path, frequencies_hz=(2.0, 4.0), torque=f"load{number} moment")
-
-    lines = said_by_init(tmp_path)
-
-    assert lines[0] == "to be decided:"
-    assert len(lines) <= 15
-    assert lines[-1].startswith("then: ")
 
 
 def test_a_dry_run_names_the_one_source_file_of_two_that_is_to_be_edited(tmp_path, monkeypatch):
@@ -610,16 +576,6 @@ def test_a_file_without_a_signal_is_left_out_with_a_sentence(tmp_path):
     assert draft.refused == [
         f"{tmp_path}/rec/clock.csv: no signal in it can be read; `osl-analysis inspect` lists it"
     ]
-
-
-def test_a_trc_that_does_not_tell_which_axis_points_up_is_asked_for_it(tmp_path):
-    (tmp_path / "rec").mkdir()
-    write_trc(tmp_path / "rec/static_1.trc", standing_with_y_up())
-
-    questions, is_ready = drafted_of(tmp_path)
-
-    assert "places to be edited: `axes` in line" in questions[0]
-    assert not is_ready
 
 
 def test_a_trc_that_tells_which_axis_points_up_drafts_the_axes_of_all(tmp_path):

@@ -6,15 +6,12 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
-import polars as pl
 import pytest
 from stamp_recorders import (
     DURATION,
-    JOINT,
     RATE,
     angle_at,
     assert_recovers_the_joint,
-    binary_steps,
     cell,
     clock,
     held_log,
@@ -33,15 +30,12 @@ from stamp_recorders import (
 )  # fmt: skip
 
 from osl_analysis.errors import InputError
-from osl_analysis.signals.device_clock import DeviceClock, savitzky_golay
-from osl_analysis.signals.grid import GapLimits, on_one_grid, streams
+from osl_analysis.signals.grid import GapLimits, on_one_grid
 from osl_analysis.signals.held_values import held_values
-from osl_analysis.signals.sample_count import count_from_stamps, missing_by_rhythm
+from osl_analysis.signals.sample_count import count_from_stamps
 from osl_analysis.signals.samples import take
-from osl_analysis.signals.stamp_evidence import StampEvidence
-from osl_analysis.signals.stamp_reading import reading_of
 from osl_analysis.signals.stream import Stream
-from osl_analysis.trial import Trial, check_time, counter_column
+from osl_analysis.trial import check_time
 
 
 @pytest.mark.parametrize(("rate", "largest"), [(100.0, 2.6e-5), (300.0, 3.2e-7), (1000.0, 2.6e-9)])
@@ -184,31 +178,6 @@ def test_stamps_that_fit_no_hypothesis_are_kept_and_not_firm():
     assert part.why.startswith("undecided, true: neither")
 
 
-def test_an_encoder_that_stands_is_no_evidence_of_an_even_device():
-    random = np.random.default_rng(1)
-    stamps = jittered(clock(1000.0), 5e-5, random)
-    motion = binary_steps(stamps, seed=1)
-    signals = {"theta": rounded_to_bits(motion[0], 18), "torque": noisy(JOINT @ motion, random)}
-
-    (part,) = take([Stream("log", stamps, signals)])
-
-    assert (part.even, part.age, part.firm) == (False, 0.0, True), part.why
-    # steps of 30 ms are no polynomials
-    assert part.evidence["theta"].g == pytest.approx(1.0, abs=0.25)
-
-
-@pytest.mark.parametrize(
-    ("response", "se"), [((0.3, 0.7, 0.0, 0.0), 0.01), ((0.05, 0.95, -0.3, -0.45), 0.14)]
-)
-def test_evidence_that_allows_an_even_device_too_is_not_firm(response, se):
-    """Rows of LAGS from -1 on: 0.3 loops after the stamp, and g = 0.25 +- 0.28, which is 0 of an
-    even device, too."""
-    evidence = StampEvidence(np.array(response), se**2 * np.eye(4))
-    stamps = jittered(clock(1000.0), 5e-5, np.random.default_rng(1))
-    reading = reading_of(DeviceClock(stamps, np.arange(len(stamps))), {"torque": evidence})
-    assert (reading.even, reading.age, reading.firm) == (False, 0.0, False), reading.why
-
-
 def test_a_host_of_long_waits_is_counted_in_seconds():
     """Most of its stamps are those of a cluster; the time taken is the claim."""
     t = clock(RATE)
@@ -282,21 +251,6 @@ def test_a_held_value_of_an_uneven_source_is_half_a_row_older():
     assert not row["firm"]
     assert row["delay_s"] == pytest.approx(5e-4, abs=2e-6)
     assert_recovers_the_joint(grid)
-
-
-def test_held_values_are_those_of_the_source_at_their_first_rows():
-    """A source at a quarter of the rate. The log begins within its first value, which does not
-    count; two of its values equal the ones before."""
-    own = np.random.default_rng(1).standard_normal(200)
-    own[2] = own[1]
-    own[50] = own[49]
-    log_of_source = np.repeat(own, 4)[2:]
-
-    held = held_values(log_of_source, 1e-3)
-
-    assert held.period == pytest.approx(4)
-    np.testing.assert_array_equal(held.values, own[1:])
-    np.testing.assert_allclose(held.rows, np.arange(2, 798, 4), atol=1e-9)
 
 
 SLOW_SIGNALS = {
@@ -469,30 +423,6 @@ def test_regular_losses_behind_a_late_host_are_refused(wait, one_in):
     )
 
 
-@pytest.mark.parametrize(("duration", "lost", "missing"), [
-    (20.0, [], 0), (20.0, [9], 1), (20.0, [9, 700], 2), (9.0, [9], None),
-])  # fmt: skip
-def test_missing_samples_are_counted_by_their_rhythm_where_it_is_long_enough(
-    duration, lost, missing
-):
-    assert missing_by_rhythm(np.delete(clock(100.0, duration, 7.0), lost)) == missing
-
-
-def test_samples_behind_a_long_gap_are_counted_at_the_rate_of_the_device():
-    """A host that is late by a third of a step, whose gap is no change of its rate."""
-    t = clock(RATE)
-    kept = np.delete(np.arange(len(t)), np.arange(15_000, 15_300))
-    late = waits(t, 3e-4, np.random.default_rng(2))
-
-    assert count_from_stamps(late[kept])[-1] == len(t) - 1
-
-
-def test_a_slope_is_exact_across_missing_samples():
-    count = np.delete(np.arange(40), [9, 17, 18])
-    slopes = savitzky_golay(2.0 * count + 1, count, 9, 1)
-    assert slopes == pytest.approx(np.full(37, 2.0))
-
-
 @pytest.mark.parametrize(("wait", "rates"), [
     ((0.0, 2e-3), (RATE, RATE)), ((5e-4, 1e-3), (333.0, 1000.0)),
     ((5e-4, 1e-3), (1024.0, 1000.0)),
@@ -523,12 +453,6 @@ def test_of_a_batch_the_last_sample_waited_least_which_its_size_confirms(smalles
     assert_recovers_the_joint(grid)
 
 
-def test_a_clock_that_ticks_slower_than_the_samples_stamps_no_batches():
-    """Its stamps are early, and not late."""
-    stamps = np.floor(clock(RATE) * 300) / 300
-    assert DeviceClock(stamps, np.arange(len(stamps))).has_prompt_batches is None
-
-
 @pytest.mark.parametrize("jitter", [0.0, 2e-5])
 def test_values_that_are_missing_cost_nothing_and_split_no_device(jitter):
     """One percent of each signal."""
@@ -544,33 +468,4 @@ def test_values_that_are_missing_cost_nothing_and_split_no_device(jitter):
     assert_recovers_the_joint(grid)
 
 
-def test_a_signal_of_a_third_of_the_rate_costs_nothing():
-    random, t = np.random.default_rng(7), clock(RATE)
-    recorded = log(t, t, random)
-    recorded.signals["torque"][np.arange(len(t)) % 3 > 0] = np.nan
-
-    grid = one_time_base([recorded])
-
-    assert_recovers_the_joint(grid)
-
-
 # ---- The cache of a trial
-
-
-def test_each_device_keeps_its_own_clock_and_a_counter_counts():
-    t = clock(100, 10)
-    later = clock(70, 10, first=0.0031)
-    counter = 2 * np.arange(t.size)
-    counted = pl.DataFrame(
-        {"time": t, "theta": np.sin(t), counter_column("theta"): counter, "torque": t}
-    )
-    current = pl.DataFrame({"time": later, "current": later})
-    trial = Trial("two devices", pl.concat([counted, current], how="diagonal").sort("time"))
-    steps = {"theta": 0.005, "torque": 0.01, "current": 1 / 70}
-
-    computed = {name: take(streams(trial, [name]))[0].clock.step for name in steps}
-    cached = {name: take(streams(trial, [name]))[0].clock.step for name in steps}
-
-    assert computed == pytest.approx(steps)
-    assert cached == pytest.approx(steps)
-    assert len(trial.clocks) == 3

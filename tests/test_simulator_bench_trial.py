@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 import yaml
 from conftest import ROOT
-from mcap.reader import make_reader
-from mcap_ros2.decoder import DecoderFactory
 from scipy.interpolate import CubicSpline
 
 from osl_analysis.commands.simulate import row_of_trial, simulate_campaign, simulate_trial
@@ -23,7 +21,6 @@ from osl_analysis.simulator.bench_trial import (
     drivetrain_effects,
     simulate_bench_trial,
     true_signals,
-    write_bench_log,
 )
 from osl_analysis.simulator.joint_motion import JointMotion
 from osl_analysis.simulator.simulation_settings import SimulationSettings
@@ -178,17 +175,6 @@ def test_a_random_binary_sequence_changes_at_its_clock():
     apart = np.diff(sign_changes(theta)) + 1  # of a smoothed sequence within a sample
 
     assert (apart % 125 <= 2).all()
-
-
-def test_a_smoothed_binary_sequence_has_the_velocity_of_its_angle():
-    motion = excited("prbs", smoothing_hz=4.0)
-
-    velocity = np.gradient(motion.theta) * RATE
-    acceleration = np.gradient(motion.omega) * RATE
-
-    # differences of samples that are 1 ms apart are off by less than 1 % of the largest
-    assert motion.omega == pytest.approx(velocity, abs=0.01 * np.abs(velocity).max())
-    assert motion.alpha == pytest.approx(acceleration, abs=0.01 * np.abs(acceleration).max())
 
 
 def test_a_multisine_has_odd_lines_and_repeats_its_period():
@@ -410,35 +396,3 @@ def test_a_trial_simulated_alone_is_the_campaign_s(tmp_path, in_root):
         assert (alone / path).read_bytes() == (campaign / path).read_bytes()
     assert len(list((campaign / "dynamometer").iterdir())) == 5
     assert (campaign / "trials.csv").is_file()
-
-
-def messages_of(path):
-    """Messages by topic, with their arrival [ns], by an independent reader."""
-    messages = {}
-    with path.open("rb") as file:
-        reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
-        for _, channel, record, message in reader.iter_decoded_messages():
-            messages.setdefault(channel.topic, []).append((record.log_time, message))
-    return messages
-
-
-def test_two_nodes_write_standard_messages_of_their_stamps_and_values(tmp_path):
-    """Which arrive 0.15 ms after their stamps."""
-    torque_node = {"phase": on(3e-4, "s"), "rate": on(333, "Hz")}
-    log = log_of({"joint": None, "recorder": {"torque_node": torque_node}})
-
-    write_bench_log(tmp_path / "log.mcap", log, two_nodes=True)
-
-    messages = messages_of(tmp_path / "log.mcap")
-    for topic, time in (("/joint_states", "time"), ("/wrench", "torque_time")):
-        stamps = np.rint(log[time] * 1e9).astype(int)
-        headers = [message.header.stamp for _, message in messages[topic]]
-        assert [stamp.sec * 10**9 + stamp.nanosec for stamp in headers] == stamps.tolist()
-        assert [arrival for arrival, _ in messages[topic]] == (stamps + 150_000).tolist()
-    joints = [message for _, message in messages["/joint_states"]]
-    angles = np.column_stack([log[name] for name in (ANGLE, "actuator_angle", "commanded_angle")])
-    torques = [message.wrench.torque.z for _, message in messages["/wrench"]]
-    assert torques == log[TORQUE].tolist()
-    assert {tuple(message.name) for message in joints} == {("joint", "actuator", "command")}
-    assert [list(message.position) for message in joints] == angles.tolist()
-    assert [message.effort[1] for message in joints] == log["motor_current"].tolist()

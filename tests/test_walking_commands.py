@@ -25,10 +25,7 @@ from osl_analysis.judge.limits import Limits
 from osl_analysis.table import read_table
 from osl_analysis.trial import read_trial, write_trial
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing, body_mass
-from osl_analysis.walking.impedance_fit import fit_response
-from osl_analysis.walking.isolated_response import isolate_response
 from osl_analysis.walking.plate_inertia import PlateModel
-from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 from osl_analysis.walking.walking_settings import WalkingAnalysis
 
 FOOT = {"mass_kg": 1.0, "centre_of_mass_m": [0.045, 0.0, -0.045], "inertia_kg_m2": 0.085**2}
@@ -214,23 +211,6 @@ def test_without_imperfections_angle_and_torque_are_the_true_ones(ideal: Session
         assert np.abs(torque_error).max() < 0.2
 
 
-def test_without_imperfections_the_impedance_is_that_of_the_true_curves(ideal: Session) -> None:
-    """The leg is of third order, so that K, B and I depend on the filter: the exact curves pass it
-    too."""
-    perturbed = ideal.read(ideal.perturbed)
-    unperturbed = ideal.read(ideal.unperturbed)
-    gait = unperturbed_gait(unperturbed, 3)
-    true_gait = unperturbed_gait([exact(ideal, crossing) for crossing in unperturbed], 3)
-
-    for crossing in perturbed:
-        measured = fit_response(isolate_response(crossing, gait, ideal.chosen))
-        true = fit_response(isolate_response(exact(ideal, crossing), true_gait, ideal.chosen))
-
-        assert measured["K"] == pytest.approx(true["K"], abs=0.06)
-        assert measured["B"] == pytest.approx(true["B"], abs=0.005)
-        assert measured["I"] == pytest.approx(true["I"], abs=1e-4)
-
-
 def page_of(session: Session, tables: Path) -> pl.DataFrame:
     """Points of the walking page, with the tables in a folder."""
     names = {
@@ -317,26 +297,6 @@ class Hiding:
         return walking_files.read_crossing(self.output)
 
 
-def test_a_cluster_that_is_hidden_for_30_ms_is_bridged(ideal: Session, tmp_path: Path) -> None:
-    name = ideal.unperturbed[0]
-    (whole,) = ideal.read([name])
-
-    bridged = Hiding(ideal, tmp_path).analyse(name, ("SHANK1", "SHANK4"), 1.2, 1.23)
-
-    assert bridged.bridged == pytest.approx(0.03 / bridged.stance.duration, rel=0.12)
-    np.testing.assert_allclose(bridged.theta, whole.theta, atol=np.deg2rad(0.1))
-
-
-def test_a_cluster_that_is_hidden_for_200_ms_is_refused(ideal: Session, tmp_path: Path) -> None:
-    name = ideal.unperturbed[0]
-    hiding = Hiding(ideal, tmp_path)
-
-    with refused(
-        hiding.output, rf"trial {name}: the shank markers cannot be followed at 1\.2\d+ s"
-    ):
-        hiding.analyse(name, ("SHANK1", "SHANK4"), 1.2, 1.4)
-
-
 def test_while_the_perturbation_is_fitted_7_ms_are_bridged_and_30_ms_refused(
     ideal: Session, tmp_path: Path
 ) -> None:
@@ -377,14 +337,6 @@ def test_a_crossing_knows_what_each_trial_of_the_plate_does_to_its_torque(
     np.testing.assert_allclose(crossing.plate_errors[1], change, atol=1e-9)
     assert without.plate_errors.shape == (0, len(without.time))
     assert crossing.body_mass == 77.0
-
-
-def test_the_stored_gait_has_the_errors_of_the_plate(real: Session) -> None:
-    expected = unperturbed_gait(real.read(real.unperturbed), 3)
-
-    (gait,) = walking_files.read_unperturbed_gaits(real.folder / "gait.json").values()
-
-    np.testing.assert_array_equal(gait.plate_errors, expected.plate_errors)
 
 
 def without_reference_marker(calibration: Path, marker: str, output: Path) -> Path:
@@ -440,38 +392,12 @@ def test_each_trial_has_the_static_calibration_that_it_names(
     assert has_marker == {second: True, first: False}
 
 
-def test_a_single_perturbation_is_too_few(ideal: Session, tmp_path: Path) -> None:
-    single = replace(ideal.copied(tmp_path), perturbed=ideal.perturbed[:1])
-
-    with pytest.raises(InputError, match="1 of 1 perturbations can be used, expected 2 or more"):
-        single.summarised()
-
-
-def test_a_missing_file_between_the_steps_names_the_step(ideal: Session, tmp_path: Path) -> None:
-    selection = ideal.folder / "selection.csv"
-    crossing = ideal.crossing(ideal.perturbed[0])
-
-    with pytest.raises(
-        InputError, match=r"plate\.json: not what .*No such file.*; delete it and run again"
-    ):
-        walking_files.read_model(tmp_path / "plate.json", PlateModel)
-    with pytest.raises(InputError, match=r"n\.parquet: not what a run writes"):
-        walking.fit_perturbation(
-            crossing, selection, tmp_path / "n.parquet", ideal.chosen, tmp_path / "fit.csv"
-        )
-
-
 @pytest.mark.parametrize("content", ["{", "{}", "[]"])
 def test_a_damaged_model_names_the_step(tmp_path: Path, content: str) -> None:
     (tmp_path / "plate.json").write_text(content)
 
     with pytest.raises(InputError, match=r"plate\.json: not what .* and run again"):
         walking_files.read_model(tmp_path / "plate.json", PlateModel)
-
-
-def test_a_trial_in_place_of_a_crossing_is_refused(ideal: Session) -> None:
-    with pytest.raises(InputError, match="a trial without events"):
-        walking_files.read_crossing(ideal.trial(ideal.unperturbed[0]))
 
 
 def test_a_window_of_fewer_samples_than_parameters_is_listed(

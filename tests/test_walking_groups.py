@@ -24,8 +24,7 @@ from osl_analysis.commands.walking_summary import commanded_over_stance
 from osl_analysis.errors import InputError
 from osl_analysis.walking.crossing import Crossing, CrossingQuality, platform_turn, pressure_outside
 from osl_analysis.walking.ensemble import group_headline
-from osl_analysis.walking.groups import crossing_features, places, selection_rows, split_keys
-from osl_analysis.walking.impedance_fit import fit_response
+from osl_analysis.walking.groups import crossing_features, places, split_keys
 from osl_analysis.walking.plate import Stance
 from osl_analysis.walking.tables import fitted_time, headline_rows, set_up_difference
 from osl_analysis.walking.unperturbed_gait import unperturbed_gait
@@ -56,18 +55,6 @@ def test_few_crossings_that_agree_by_luck_have_the_scatter_of_unperturbed_ones()
 
     assert sum(covers) >= 3
     assert min(half_intervals) > 0.5 * np.median(half_intervals)
-
-
-def test_the_bootstrap_s_error_is_that_of_a_mean():
-    """Of nine crossings whose gait does not scatter; 400 draws leave it a few per cent."""
-    gait = unperturbed_gait(crossings(several("u", 4, Walk(noise=0.0))), 3)
-
-    result = group_headline(
-        crossings(several("a", 9, MIDSTANCE)), gait, settings(bootstrap_samples=400)
-    )
-
-    K = [fit_response(response)["K"] for response in result.responses]
-    assert result.resampled.se("K") == pytest.approx(np.std(K, ddof=1) / 3, rel=0.15)
 
 
 @pytest.mark.parametrize("is_stated", [True, False])
@@ -143,35 +130,6 @@ def test_a_group_has_the_timing_of_its_crossings(three_legs):
     assert group["onset_phase_sd"] == phases.std()
     # the fit reads K 50 to 100 ms after the onset
     assert 0.05 < (group["fitted_phase"] - group["onset_phase"]) * group["stance_s"] < 0.1
-
-
-FAST_PERSON = several("a", 7, MIDSTANCE) | several("au", 7, Walk())
-SLOW_PERSON = several("b", 3, MIDSTANCE, stance=0.9) | several("bu", 3, Walk(stance=0.9))
-
-
-def rows_of_two(subjects):
-    """What becomes of the crossings of two persons, whom the sheet may name."""
-    walks = FAST_PERSON | SLOW_PERSON
-    sheet = {name: {"perturbed": walk.phase is not None} for name, walk in walks.items()}
-    for name, row in sheet.items():
-        row["subject"] = subjects[name in SLOW_PERSON]
-    return selection_rows(crossings(walks), [], settings(), sheet)
-
-
-def test_a_slow_person_is_an_outlier_among_crossings_of_one():
-    rows = rows_of_two((None, None))
-
-    assert {name for name, row in rows.items() if row["status"] == "outlier"} == set(SLOW_PERSON)
-
-
-def test_a_slow_person_of_whom_the_sheet_speaks_is_no_outlier():
-    rows = rows_of_two(("a", "b"))
-
-    assert {row["status"] for row in rows.values()} == {"used"}
-    assert {rows[name]["group"] for name in SLOW_PERSON} == {"subject b"}
-    stances = [walked(name, SLOW_PERSON[name]).stance.duration for name in ("bu0", "bu1", "bu2")]
-    since_heel_strike = walked("b0", SLOW_PERSON["b0"]).onset - 0.3
-    assert rows["b0"]["onset_phase"] == pytest.approx(since_heel_strike / np.mean(stances))
 
 
 def test_an_unstated_condition_serves_every_value():
@@ -371,16 +329,6 @@ def test_crossings_beside_their_place_do_not_tell_a_usual_stance(place_of) -> No
         crossings.append(placed)
 
     assert set(reasons(crossings)) == set(place_of)
-
-
-def test_crossings_that_are_excluded_do_not_widen_the_scatter() -> None:
-    """One nearer to the others then stands out."""
-    forward = [-0.05, -0.03, -0.01, 0.01, 0.03, 0.05, 0.38, 1, 1, 1, 1]
-    crossings = [
-        replace(c, quality=standing_at(x, 0.0)) for c, x in zip(session(), forward, strict=True)
-    ]
-
-    assert set(reasons(crossings)) == {f"w{k}" for k in range(6, 11)}
 
 
 @pytest.mark.parametrize(("changed", "message"), [

@@ -7,7 +7,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import polars as pl
 import pytest
 from scipy.stats import norm, t
 from walking_crossings import LEAD, RISE, TURN, crossing
@@ -30,15 +29,10 @@ from osl_analysis.walking.isolated_response import BEHAVIOUR, PerturbationRespon
 from osl_analysis.walking.plate import Stance, find_stances
 from osl_analysis.walking.tables import (
     check_fit,
-    headline_rows,
-    response_table,
-    walking_page_points,
 )
 from osl_analysis.walking.unperturbed_gait import (
-    PHASES,
     UnperturbedGait,
     aligned_gait,
-    matched_scales,
     unperturbed_gait,
 )
 from osl_analysis.walking.walking_settings import TimingSettings
@@ -49,7 +43,6 @@ I = 0.03
 TIMING = TimingSettings(window_s=0.1, baseline_s=0.06, guard_s=0.04)
 ONSET = 0.6
 response_of = partial(isolate_response, timing=TIMING)
-EARLY = PHASES[PHASES <= 0.36]
 TIME = np.arange(900) / 300
 
 
@@ -92,19 +85,6 @@ def test_a_response_is_zero_on_average_over_the_baseline() -> None:
     baseline = (response.time >= -0.1 - 1e-9) & (response.time < -0.04 - 1e-9)
     assert np.mean(response.motion.theta[baseline]) == pytest.approx(0, abs=1e-9)
     assert np.mean(response.torque[baseline]) == pytest.approx(0, abs=1e-9)
-
-
-def test_the_walking_page_shows_gait_baseline_and_window() -> None:
-    gait = usual(2e-3)
-    nothing = dict.fromkeys(("theta_deg", "torque", "torque_model", "time"), 0.0)
-    no_responses = pl.DataFrame([{**nothing, "trial": "p", "doubtful": ""}])
-
-    points = walking_page_points({"all": gait}, no_responses, TIMING)
-
-    sd = np.std(np.rad2deg(gait.theta[:, ::4]), axis=0, ddof=1)
-    np.testing.assert_allclose(points.filter(panel="angle", curve="all")["sd"], sd)
-    assert points.filter(curve="baseline")["x"].to_list() == pytest.approx([-100, -40])
-    assert points.filter(curve="window")["x"].to_list() == pytest.approx([0, 100])
 
 
 @pytest.mark.parametrize("onset", [0.6, 0.6017])
@@ -155,11 +135,6 @@ def test_an_offset_of_the_fit_lowers_K_by_its_share() -> None:
     assert share == pytest.approx(0.5, rel=2e-3)
 
 
-def test_too_few_unperturbed_crossings_are_refused() -> None:
-    with pytest.raises(InputError, match=r"2 unperturbed .* \(u0, u1\) can be used, expected 3"):
-        unperturbed_gait([crossing("u0"), crossing("u1")], 3)
-
-
 def test_a_crossing_without_an_onset_has_no_response() -> None:
     with pytest.raises(InputError, match="trial u7: no onset"):
         response_of(crossing("u7"), mean_gait())
@@ -168,19 +143,6 @@ def test_a_crossing_without_an_onset_has_no_response() -> None:
 def test_a_response_that_leaves_stance_is_refused() -> None:
     with pytest.raises(InputError, match=r"trial p: baseline and window span .* expected 0-1"):
         response_of(crossing("p", onset=0.96), mean_gait())
-
-
-def test_one_response_is_no_ensemble() -> None:
-    with pytest.raises(InputError, match="perturbations in the ensemble: 1, expected 2"):
-        Ensemble([response_of(crossing("p0", ONSET), mean_gait())])
-
-
-def test_responses_against_other_gaits_are_no_ensemble() -> None:
-    three = response_of(crossing("p0", ONSET), mean_gait(3))
-    four = response_of(crossing("p1", ONSET), mean_gait(4))
-
-    with pytest.raises(InputError, match="trial p1 is sampled otherwise than trial p0"):
-        Ensemble([three, four])
 
 
 def test_a_response_whose_columns_are_one_is_refused_by_name() -> None:
@@ -334,29 +296,6 @@ def test_predictors_cost_degrees_of_freedom() -> None:
     assert ensemble.resampled(100, choice).degrees_of_freedom == 9 - len(choice.of_all)
 
 
-def test_each_draw_of_the_bootstrap_chooses_its_predictors_anew() -> None:
-    isolated = isolated_all()
-    choice = predictor_choice(isolated, Ensemble(isolated).fitted().fit)
-    draws = resampling_weights(np.random.default_rng(2), 200, len(choice.curves))
-
-    chosen = {choice.best(draw) for draw in draws}
-
-    assert len(chosen) > 1
-    for predictors in chosen:
-        assert left_out(isolated, choice.of_all) <= left_out(isolated, predictors)
-
-
-def test_two_unperturbed_crossings_predict_nothing() -> None:
-    ensemble = Ensemble(isolated_all())
-    two = np.eye(10)[0] / 2 + np.eye(10)[1] / 2
-    weights = np.full(6, 1 / 6)
-
-    _, mean = ensemble.joined(weights, two)
-    _, predicted = ensemble.joined(weights, two, BEHAVIOUR)
-
-    np.testing.assert_allclose(mean, predicted, atol=1e-12)
-
-
 def test_six_unperturbed_crossings_predict_nothing() -> None:
     isolated = isolated_all(usual=6)
 
@@ -394,35 +333,6 @@ def test_sound_crossings_are_far_from_every_limit(sound: dict[str, Any]) -> None
     assert sound["coherence"] > 0.95
     assert sound["VAF"] > 99
     assert sound["B_high"] > 2
-
-
-def test_the_difference_of_estimators_is_in_halves_of_their_intervals(
-    headline: GroupHeadline, sound: dict[str, Any]
-) -> None:
-    singles = [fit_response(response) for response in headline.responses]
-    fits = pl.DataFrame([{q: fit[q] for q in "KBI"} | {"VAF": 0.0} for fit in singles])
-
-    rows = headline_rows(headline, fits, {})
-
-    distances = []
-    for mean, ensemble in zip(rows[:3], rows[4:7], strict=True):
-        halves = (mean["high"] - mean["low"] + ensemble["high"] - ensemble["low"]) / 2
-        distances.append(abs(mean["mean"] - ensemble["mean"]) / halves)
-    assert sound["estimator_difference"] == pytest.approx(max(distances))
-    assert sound["K_se_share"] == rows[4]["se"] / rows[4]["mean"]
-    assert sound["B_high"] == rows[5]["high"]
-    assert sound["I_high"] == rows[6]["high"]
-
-
-def test_the_table_of_responses_has_the_fit_from_the_onset_on(headline: GroupHeadline) -> None:
-    window = headline.responses[0].window
-
-    table = response_table("all", headline).filter(trial="ensemble")
-
-    assert len(table) == window.stop
-    assert table["torque_model"].null_count() == window.start
-    theta_deg = np.rad2deg(headline.ensemble.motion.theta[: window.stop])
-    np.testing.assert_allclose(table["theta_deg"], theta_deg)
 
 
 def trapezoid(start: float, end: float) -> np.ndarray:
@@ -512,24 +422,6 @@ def test_the_guard_before_the_onset_is_not_used(instant: float, is_used: bool) -
 
     assert (abs(stance_of(late) / stance_of(plain) - 1) > 1e-4) == is_used
     assert (np.abs(other.behaviour - response.behaviour)[0].max() > 1e-5) == is_used
-
-
-def test_a_pace_far_from_the_mean_has_no_scale() -> None:
-    assert np.isnan(matched_scales(EARLY, angle(1.6 * EARLY)[None], angle(PHASES))).all()
-
-
-@pytest.mark.parametrize(
-    "mean",
-    [
-        pytest.param(0 * PHASES, id="nothing"),
-        pytest.param(0 * PHASES + 0.2, id="it stands still"),
-        pytest.param(0.3 - 0.1 * PHASES, id="it drifts"),
-    ],
-)
-def test_a_gait_that_tells_no_pace_has_no_scale(mean: Array) -> None:
-    curves = np.array([mean[: len(EARLY)]] * 3)
-
-    assert np.isnan(matched_scales(EARLY, curves, mean)).all()
 
 
 def test_a_crossing_without_a_pace_is_refused() -> None:

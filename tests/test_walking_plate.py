@@ -219,23 +219,6 @@ def test_a_direction_that_is_mostly_noise_is_not_identified() -> None:
         identify_plate_inertia(recordings, noise=0.9 * squares)
 
 
-def test_noise_that_is_known_makes_no_plate_lighter() -> None:
-    """A fifth of the acceleration: without a correction the mass is a seventh too small."""
-    random = np.random.default_rng(3)
-    quiet = [plate_motion(about, 0.15, 0.04) for about in range(3)]
-    noisy = []
-    for motion, wrench in quiet:
-        noise = random.normal(0, 0.2 * motion.acceleration.std(), (RATE, 3))
-        noisy.append((replace(motion, acceleration=motion.acceleration + noise), wrench))
-    noise_squares = gram(columns_of(noisy) - columns_of(quiet))
-
-    biased = identify_plate_inertia(noisy)
-    corrected = identify_plate_inertia(noisy, noise=noise_squares)
-
-    assert biased.parameters[0] < 0.9 * MASS
-    np.testing.assert_allclose(corrected.parameters[:4], TRUE[:4], rtol=0.02, atol=0.01)
-
-
 @pytest.mark.parametrize(
     ("frequency", "lag", "gain", "error"),
     [
@@ -291,20 +274,6 @@ def test_the_models_without_a_trial_know_nothing_of_it() -> None:
     assert np.abs(inertial_columns(motion) @ difference).max() < 0.02 * np.abs(wrench).max()
 
 
-def test_noise_at_the_ends_of_a_recording_does_not_change_the_lag() -> None:
-    """A low-pass passes more of it there."""
-    sound = unloaded("plate_0", lag=0.002)
-    time = sound.samples["time"]
-    at_ends = (time < time[0] + 0.003) | (time > time[-1] - 0.003)
-    noisy = changed(sound, pl.col("plate1_force_z") + 30.0 * at_ends)
-
-    assert model_of(noisy).lag == pytest.approx(model_of(sound).lag, abs=1e-6)
-
-
-def test_one_trial_has_no_jackknife() -> None:
-    assert model_of(unloaded("plate_0")).leave_one_out == ()
-
-
 def test_a_lag_that_is_not_found_is_not_corrected() -> None:
     model = model_of(unloaded("plate_1", lag=0.002, mass=0.0))
 
@@ -328,16 +297,6 @@ def test_a_recording_that_cannot_show_the_unloaded_plate_is_refused(
         model_of(unloaded("plate_1", **changes))
 
 
-def test_an_unknown_plate_is_refused() -> None:
-    with pytest.raises(InputError, match="trial plate_1: no column 'plate2_force_x'"):
-        model_of(unloaded("plate_1"), plate=2)
-
-
-def test_no_trial_of_the_plate_is_refused() -> None:
-    with pytest.raises(InputError, match="experiment 'plate'"):
-        model_of()
-
-
 CUT = "the platform turns by 0[.].. deg from rest to rest"
 
 
@@ -350,16 +309,6 @@ def test_a_motion_that_the_recording_cuts_has_no_part_in_the_model() -> None:
 
     assert model.lag == pytest.approx(0.0015, abs=1e-4)
     assert model.parameters[0] == pytest.approx(MASS, rel=0.02)
-
-
-def test_a_recording_of_half_a_motion_is_excluded() -> None:
-    whole = unloaded("plate_1", lag=0.0015)
-    late = between(unloaded("plate_2", lag=0.0015), 2.0, 3.0)
-
-    with pytest.warns(UserWarning, match=f"excluded .*: trial plate_2: {CUT}"):
-        model = model_of(whole, late)
-
-    assert len(model.lags) == 1
 
 
 def test_recordings_without_a_whole_motion_are_refused() -> None:
@@ -423,13 +372,6 @@ def askew() -> tuple[Array, Array]:
     in_plate = stepped(0.0)[:, :3] @ np.diag([4.0, 1.0, 1.0])
     in_plate[:, 0] = np.minimum(in_plate[:, 0], 250.0)
     return in_plate @ turn.T, plate_axes(np.array(synthetic.CORNERS) @ turn.T)
-
-
-def test_a_plate_at_its_limit_is_refused() -> None:
-    axes = plate_axes(np.array(synthetic.CORNERS))
-
-    with pytest.raises(InputError, match=r"Fz stays at 600 N for \d+ ms .* reached its limit"):
-        check_range(TIME, stepped(0.0, limit=600)[:, :3], axes, 30)
 
 
 def test_a_plate_at_its_limit_is_refused_also_where_it_stands_askew() -> None:

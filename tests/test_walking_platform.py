@@ -12,10 +12,10 @@ import pytest
 import walking_synthetic as synthetic
 from walking_synthetic import Ramp, Rig, changed, plate_trials, settings, static_trial, walked_over
 
-from osl_analysis.commands.walking import average_unperturbed, identify_plate
-from osl_analysis.commands.walking_files import read_model, write_refusal
+from osl_analysis.commands.walking import average_unperturbed
+from osl_analysis.commands.walking_files import write_refusal
 from osl_analysis.errors import InputError
-from osl_analysis.table import read_table, write_table
+from osl_analysis.table import write_table
 from osl_analysis.trial import Trial
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing, analyse_crossing, check_onset
 from osl_analysis.walking.groups import static_of
@@ -23,11 +23,8 @@ from osl_analysis.walking.plate import Stance
 from osl_analysis.walking.plate_inertia import (
     NO_CORRECTION,
     PlateModel,
-    identify_plate_inertia,
     identify_plate_model,
-    unloaded_recording,
 )
-from osl_analysis.walking.platform import shared_directions
 from osl_analysis.walking.poses import StaticCalibration, static_calibration
 
 CALIBRATION = static_calibration(static_trial(), settings())
@@ -108,23 +105,6 @@ def test_noise_that_the_low_pass_spread_into_rest_is_not_subtracted() -> None:
     assert inertia == pytest.approx(I_yy, abs=0.0018)
 
 
-def test_a_slow_return_that_noise_hides_is_not_taken_for_rest() -> None:
-    """The gate of 0.3 mm on a motion without noise. One that falls after one spread reads 24.93 kg
-    for 25."""
-    quiet = replace(RIG, marker=1e-7, force=1e-3, moment=1e-3)
-    pairs = []
-    for trial in plate_trials(quiet, Ramp(), 5, 2):
-        unloaded = unloaded_recording(trial, CALIBRATION, settings())
-        noisy = replace(unloaded, track=replace(unloaded.track, noise=3e-4))
-        motion, _ = noisy.along(shared_directions([noisy.track])[0])
-        pairs.append((motion, unloaded.wrench_at(0.0)))
-
-    model = identify_plate_inertia(pairs, unloaded.smooth)
-
-    assert model.parameters[0] == pytest.approx(RIG.mass, abs=0.01)
-    assert model.parameters[3] == pytest.approx(RIG.mass * RIG.com[2], abs=0.002)
-
-
 def test_a_cluster_that_was_put_on_again_asks_for_a_static_trial() -> None:
     moved = changed(WALK, *(pl.col(f"marker_SHANK1_{axis}") + 0.04 for axis in "xyz"))
 
@@ -180,18 +160,6 @@ def test_each_unloaded_trial_is_read_with_the_cluster_of_its_session() -> None:
     np.testing.assert_allclose(model.parameters, alike.parameters, atol=0.05)  # 0.01 mm of noise
     with pytest.raises(InputError, match="in the column static"):
         identify_plate_model(calibrated([later]), settings())
-
-
-def test_a_plate_that_is_not_corrected_is_said_and_stored(tmp_path: Path) -> None:
-    outputs = (tmp_path / "plate.json", tmp_path / "plate.csv")
-
-    with pytest.warns(
-        UserWarning, match="own inertia and lag stay in the torque: walking.plate_inertia is none"
-    ):
-        identify_plate([], [], {}, settings(plate_inertia="none"), *outputs)
-
-    assert read_table(outputs[1])["rms_before"].is_null().all()
-    assert not read_model(outputs[0], PlateModel).parameters.any()
 
 
 def raised(trial: Trial, by: list[float]) -> Trial:

@@ -20,7 +20,6 @@ from walking_synthetic import (
 )
 
 from osl_analysis.errors import InputError
-from osl_analysis.signals import LowPass
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import ankle_angle, moment_of_foot
 from osl_analysis.walking.poses import (
@@ -35,9 +34,6 @@ from osl_analysis.walking.poses import (
 TIME = np.arange(240) / RATE
 ANKLE = np.array([0.02, -0.1, 0.09])
 GRAVITY = 9.80665  # [m/s^2]
-LOW_PASS = LowPass(20.0)
-MARKER_TIME = 0.5 + np.arange(240) / 300
-ENCODER_TIME = np.arange(1000) / 500
 
 
 @dataclass(frozen=True)
@@ -177,15 +173,6 @@ def test_the_calibrated_axis_points_to_the_left_for_either_leg(side: str) -> Non
 def test_a_static_marker_that_is_never_seen_is_refused() -> None:
     with pytest.raises(InputError, match=r"trial static: marker SHANK2 is never seen"):
         static_calibration(hidden(static_trial(ANKLE), ["SHANK2"], 0, 2), settings())
-
-
-def test_a_static_cluster_without_frames_is_refused() -> None:
-    without = changed(static_trial(), marker_FOOT1_x=pl.lit(None, pl.Float64))
-
-    with pytest.raises(
-        InputError, match="trial static: markers FOOT1, FOOT2, FOOT3, FOOT4 have no frames; record"
-    ):
-        static_calibration(without, settings())
 
 
 def test_a_static_cluster_on_a_line_is_refused() -> None:

@@ -90,20 +90,6 @@ def hidden(trial: Trial, markers: Sequence[str], start: float, end: float) -> Tr
     return changed(trial, *unseen)
 
 
-def headed(trial: Trial, heading: float) -> Trial:
-    """The trial in a laboratory whose axes stand turned by a heading [rad] about the vertical."""
-    c = np.cos(heading)
-    s = np.sin(heading)
-    columns = []
-    for name in (name.removesuffix("_x") for name in trial.samples.columns if name.endswith("_x")):
-        x = pl.col(f"{name}_x")
-        y = pl.col(f"{name}_y")
-        columns += [(c * x - s * y).alias(f"{name}_x"), (s * x + c * y).alias(f"{name}_y")]
-    corners = np.array(CORNERS) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
-    plates = [{**plate, "corners": corners.tolist()} for plate in trial.provenance["plates"]]
-    return replace(changed(trial, *columns), provenance={**trial.provenance, "plates": plates})
-
-
 def static_trial(ankle: Array = ANKLE) -> Trial:
     """One second of standing; the malleoli 4 cm either side of the ankle (3,), the medial one to
     the left."""

@@ -18,7 +18,6 @@ from walking_setup import Setup, load_setup
 from walking_synthetic import changed, hidden, settings, static_trial
 
 from osl_analysis.commands import walking, walking_files
-from osl_analysis.commands.figure import plot_walking_page
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.errors import InputError
 from osl_analysis.judge.limits import Limits
@@ -211,23 +210,6 @@ def test_without_imperfections_angle_and_torque_are_the_true_ones(ideal: Session
         assert np.abs(torque_error).max() < 0.2
 
 
-def page_of(session: Session, tables: Path) -> pl.DataFrame:
-    """Points of the walking page, with the tables in a folder."""
-    names = {
-        "selection": "selection.csv",
-        "unperturbed": "gait.json",
-        "responses": "responses.csv",
-        "table": "walking.csv",
-    }
-    plot_walking_page(
-        crossings=[session.crossing(name) for name in session.perturbed],
-        settings=session.chosen,
-        output=session.folder / "page.csv",
-        **{name: tables / file for name, file in names.items()},
-    )
-    return session.table("page")
-
-
 def test_what_cannot_be_used_is_listed_and_the_rest_goes_on(real: Session, tmp_path: Path) -> None:
     """A hidden cluster, a platform that did not move, a plate at its limit, a foot put down
     elsewhere."""
@@ -258,13 +240,9 @@ def test_what_cannot_be_used_is_listed_and_the_rest_goes_on(real: Session, tmp_p
     assert "Fz stays at 60" in listed[cut]
     assert set(tables["summary"]["n"]) == {2}
     assert tables.estimate("all")["mean"] == pytest.approx(real.rendered("K"), rel=0.05)
-    gaits = page_of(session, tmp_path).filter(panel="angle").drop_nulls("n")
-    assert set(gaits.select("curve", "n").iter_rows()) == {("perturbed", 2), ("unperturbed", 3)}
 
 
-def test_doubtful_crossings_are_counted_and_named_on_the_page(
-    real: Session, tmp_path: Path
-) -> None:
+def test_doubtful_crossings_are_counted(real: Session, tmp_path: Path) -> None:
     session = real.copied(tmp_path)
 
     limit = float(np.median(Tables(real.folder)["walking"]["K"]))
@@ -272,9 +250,7 @@ def test_doubtful_crossings_are_counted_and_named_on_the_page(
     tables = session.summarised(limits=Limits(above={"K": limit}))
 
     doubtful = set(tables["walking"].filter(pl.col("K") > limit)["trial"])
-    page = page_of(session, tmp_path).filter(pl.col("curve") == "each", pl.col("doubtful") != "")
     assert len(doubtful) == 2
-    assert set(page["trial"]) == doubtful
     assert tables["summary"]["n_doubtful"].drop_nulls().unique().to_list() == [len(doubtful)]
 
 

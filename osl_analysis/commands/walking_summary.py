@@ -207,8 +207,8 @@ def with_doubts_of_groups(
 def commanded_over_stance(
     trajectory: Sequence[Path], data: str
 ) -> Callable[[str, float], float | None] | None:
-    """What the `trajectory` commands, by quantity (K, B) and phase of stance; None without one, and for a measured leg
-    (`data`), which was not commanded a synthetic one."""
+    """What the `trajectory` commands, by quantity (K, B) and phase of stance; None without one, and
+    for a measured leg (`data`), which was not commanded a synthetic one."""
     if not trajectory:
         return None
     desired = read_impedance_trajectory(trajectory[0])

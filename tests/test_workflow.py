@@ -549,10 +549,8 @@ def test_tables_and_numbers_are_made_of_the_trials_that_are_left(laboratory):
     assert (counts["belt"], counts["walking"]) == ((1, 2), (6, 8))
     mistaken = laboratory.mistaken
     assert set(trials["walking"]["missing"]) == {"walking_04", mistaken}
-    assert (
-        f"% 6 of 8 walking trials; without walking_04, {mistaken}\n"
-        in (results / "numbers.tex").read_text()
-    )
+    missing = rf"(?m)^% 6 of 8 walking trials; without walking_04 .*{mistaken} "
+    assert re.search(missing, (results / "numbers.tex").read_text())
 
 
 def test_what_is_accepted_or_excluded_by_the_sheet_makes_the_run_a_success(laboratory):

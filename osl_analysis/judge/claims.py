@@ -1,35 +1,41 @@
-"""The claims of the paper's text, each compared with a number of the campaign: a row with number
-and verdict for each.
+"""The claims of the paper's text (`claims.yaml`), each compared with a number of the campaign: a
+row with number and verdict for each.
 
 `equivalent`, `different` and `undecided` compare a number with its target (`stats.repeats`). That a
 number is beyond a limit `holds` if its whole interval is, `fails` if none of it is, and is
-`undecided` otherwise. Without an interval there is no verdict. What is claimed over conditions is
-judged by the interval of each (`verdict_over_pairs`).
+`undecided` otherwise. Without an interval there is no verdict. What is claimed over conditions
+rests on the interval of each: it `holds` where every pair is better and the intervals of most lie
+wholly on that side, and `fails` where none is better and those of most lie on the other side.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from math import pi
-from typing import Any, Literal
+from pathlib import Path
+from string import Formatter
+from typing import Any
 
 import numpy as np
 import polars as pl
 import scipy
 
+from osl_analysis.files import own_yaml
 from osl_analysis.judge.known_findings import known_finding
 from osl_analysis.model.compensator import CONTROLLERS
-from osl_analysis.stats.repeats import RANGE, equivalence
+from osl_analysis.stats.repeats import equivalence
 from osl_analysis.yaml_settings import Positive, Settings
 
-WORDS_OF_CLAIM = ("joint", "side", "name", "subject", "claim", "quantity")
+NUMBERS = ("value", "low", "high", "target", "margin", "n")
 CLAIM_COLUMNS = {
-    **dict.fromkeys(WORDS_OF_CLAIM, pl.String),
+    **dict.fromkeys(("joint", "side", "name", "subject", "claim", "quantity"), pl.String),
     **dict.fromkeys(("value", "low", "high"), pl.Float64),
     **dict.fromkeys(("unit", "interval", "wanted"), pl.String),
     **dict.fromkeys(("target", "margin", "n"), pl.Float64),
     "verdict": pl.String,
 }
 Claim = dict[str, Any]  # a row of `claims.csv`, by `CLAIM_COLUMNS`; what it has not is null
+Entry = Mapping[str, Any]
+ENTRIES: Mapping[str, Sequence[Entry]] = own_yaml(Path(__file__).with_name("claims.yaml"))
+"""The claims, by the rows on which they are made."""
 CLAIMED = (
     "belt_summary",
     "transmission_summary",
@@ -42,7 +48,6 @@ CLAIMED = (
 )
 """The result tables with whose numbers claims are compared."""
 STEP = 1e-4  # of a standard error, over which a derivative by a mean is taken
-NEGLIGIBLE_PERCENT = 10.0  # a part of a whole below this share is negligible
 BETTER = {
     "torque_error": "the torque is nearer to K_d theta + B_d omega",
     "K_error": "K is nearer to K_d",
@@ -51,44 +56,6 @@ BETTER = {
     "VAF": "K, B and I explain more of the torque",
 }
 """What compensation improves, by the quantity of `compensation.csv`."""
-UNITS = {"K": "N*m/rad", "B": "N*m*s/rad", "B_viscous": "N*m*s/rad"}
-Direction = Literal["above", "below"]
-
-
-@dataclass(frozen=True)
-class Share:
-    """A claim on a share of a whole."""
-
-    name: str
-    claim: str
-    quantity: str
-    formula: str  # in SQL, of means over trials and of what is known without error
-    wanted: Direction  # of `NEGLIGIBLE_PERCENT`
-
-
-SHARES = (
-    Share(
-        "inertia_at_{hz:g}_Hz",
-        "the joint's inertia is negligible at {hz:g} Hz",
-        "J_j omega/B_j",
-        "J_j * omega / B_j",
-        "below",
-    ),
-    Share(
-        "belt_at_K_d_{K_d:g}",
-        "the belt matters at K_d = {K_d:g}",
-        "K_d/K_s, its share of the gain K_1 n_T^2",
-        "K_d / K_s",
-        "above",
-    ),
-    Share(
-        "load_friction_at_K_d_{K_d:g}",
-        "friction that grows with the load, f_G |I|, matters at K_d = {K_d:g}",
-        "its share of the friction at K_d times the RMS angle",
-        "f_G * K_d * turn / (f_G * K_d * turn + f_C * n_T * k_tau_n_m)",
-        "above",
-    ),
-)
 
 
 class Claims(Settings):
@@ -101,66 +68,84 @@ class Claims(Settings):
     """Margin [N*m*s/rad] within which a damping is the desired one; null: no verdict."""
 
 
-def limit_verdict(low: float | None, high: float | None, limit: float, wanted: str) -> str | None:
-    """Whether a number with this 95 % interval is on the `wanted` side of a limit (`above`,
-    `below`), as a verdict."""
+def text_of(parts: str | Sequence[str], row: Mapping[str, Any]) -> str:
+    """The parts of a text of which the row knows all numbers."""
+    text = ""
+    for part in [parts] if isinstance(parts, str) else parts:
+        names = [name for _, name, _, _ in Formatter().parse(part) if name]
+        if all(row.get(name) is not None for name in names):
+            text += part.format(**row)
+    return text
+
+
+def claims_on(rows: pl.DataFrame, entry: Entry) -> list[Claim]:
+    """The claim of an entry on each row that has its columns and meets its condition."""
+    expressions = {
+        name: pl.sql_expr(entry[name])
+        for name in (*NUMBERS, "subject", "joint", "side", "verdict", "where")
+        if name in entry
+    }
+    needed = {name for each in expressions.values() for name in each.meta.root_names()}
+    if not needed <= {*rows.columns}:
+        return []
+    rows = rows.filter(expressions.pop("where", pl.lit(value=True)))
+    cells = rows.select(**expressions)
+    claims: list[Claim] = []
+    for row, claim in zip(rows.to_dicts(), cells.to_dicts(), strict=True):
+        for name in ("name", "claim", "quantity", "unit", "interval", "wanted"):
+            if name in entry:
+                claim[name] = text_of(entry[name], row) or None
+        if claim["low"] is None:
+            claim["interval"] = None
+        claims.append({"verdict": verdict_of(claim), **claim})
+    return claims
+
+
+def claims_of(kind: str, rows: pl.DataFrame) -> list[Claim]:
+    """The claims on one kind of rows."""
+    return [claim for entry in ENTRIES[kind] for claim in claims_on(rows, entry)]
+
+
+def verdict_of(claim: Claim) -> str | None:
+    """The verdict on a number by its 95 % interval: on the wanted side of the target or, where no
+    side is wanted, within its margin."""
+    low, high, target = claim["low"], claim["high"], claim["target"]
+    if "wanted" not in claim:
+        return equivalence(low, high, target, claim["margin"])
     if low is None or high is None:
         return None
-    if low > limit or high < limit:
-        return "holds" if (low > limit) == (wanted == "above") else "fails"
+    if low > target or high < target:
+        return "holds" if (low > target) == (claim["wanted"] == "above") else "fails"
     return "undecided"
 
 
-Means = Mapping[str, Mapping[str, Any]]
-"""Rows of the components' summaries by quantity: their means over trials."""
-
-
-def share_claims(means: Means, known: Mapping[str, float]) -> Iterator[Claim]:
-    """The claims on `SHARES` that follow from means over trials and what is `known` without error.
-    Their intervals are Student's, of the means' standard errors."""
-    for share in SHARES:
-        formula = pl.sql_expr(share.formula)
+def share_claims(
+    means: Mapping[str, Mapping[str, Any]], known: Mapping[str, float]
+) -> Iterator[Claim]:
+    """The claims on shares that follow from the rows of the components' summaries by quantity, and
+    from what is `known` without error. Their intervals are Student's, of the standard errors of the
+    means."""
+    for entry in ENTRIES["shares"]:
+        formula = pl.sql_expr(entry["value"])
         names = set(formula.meta.root_names())
         if not names <= means.keys() | known.keys():
             continue
         parts = sorted(names & means.keys())
         at_means = {**known, **{part: means[part]["mean"] for part in parts}}
-        errors = {part: means[part]["se"] for part in parts if means[part]["se"] is not None}
         moved = [
-            at_means | {part: at_means[part] + step * error}
-            for part, error in errors.items()
+            at_means | {part: at_means[part] + step * (means[part]["se"] or 0.0)}
+            for part in parts
             for step in (STEP, -STEP)
         ]
-        percents = 100 * pl.DataFrame([at_means, *moved]).select(formula).to_series().to_numpy()
-        freedom = min(means[part]["n"] for part in parts) - 1
-        low = high = None
-        if freedom > 0 and len(errors) == len(parts):
-            error = float(np.linalg.norm((percents[1::2] - percents[2::2]) / 2 / STEP))
-            half_width = error * float(scipy.special.stdtrit(freedom, 0.975))
-            low, high = percents[0] - half_width, percents[0] + half_width
-        yield {
-            "name": share.name.format(**known),
-            "claim": share.claim.format(**known),
-            "quantity": share.quantity,
-            "unit": "%",
-            "value": percents[0],
-            "low": low,
-            "high": high,
-            "interval": None if low is None else "95 % of the mean (Student)",
-            "wanted": share.wanted,
-            "target": NEGLIGIBLE_PERCENT,
-            "n": freedom + 1,
-            "verdict": limit_verdict(low, high, NEGLIGIBLE_PERCENT, share.wanted),
-        }
-
-
-def verdict_over_pairs(n: int, n_better: int, n_certain: int, n_certainly_worse: int) -> str:
-    """Whether compensation is better over n conditions: it `holds` where every pair is better and
-    the intervals of most lie wholly on that side, `fails` where none is better and those of most
-    lie on the other side, and is `undecided` otherwise."""
-    if n_better == n and 2 * n_certain > n:
-        return "holds"
-    return "fails" if not n_better and 2 * n_certainly_worse > n else "undecided"
+        percents = pl.DataFrame([at_means, *moved]).select(formula).to_series().to_numpy()
+        error = float(np.linalg.norm((percents[1::2] - percents[2::2]) / 2 / STEP))
+        trials = min(means[part]["n"] for part in parts)
+        # not a number for one trial, whose scatter is not known
+        half_width = error * scipy.special.stdtrit(trials - 1, 0.975)
+        rows = pl.DataFrame([at_means]).with_columns(
+            trials=trials, half_width=pl.lit(half_width).fill_nan(None)
+        )
+        yield from claims_on(rows, entry)
 
 
 def compensation_claims(compensation: pl.DataFrame) -> Iterator[Claim]:
@@ -168,57 +153,55 @@ def compensation_claims(compensation: pl.DataFrame) -> Iterator[Claim]:
     by its sign."""
     if compensation.is_empty():  # which has no texts
         return
-    for row in compensation.filter(of="trials").to_dicts():
-        name = row["quantity"]
-        wanted = "above" if name == "VAF" else "below"
-        of_quantity = compensation.filter(quantity=name)
-        ends = of_quantity.filter(of="trial").select(
-            low=pl.coalesce("difference_low", "difference"),
-            high=pl.coalesce("difference_high", "difference"),
+    is_vaf = pl.col("quantity") == "VAF"
+    low = pl.coalesce("difference_low", "difference")
+    high = pl.coalesce("difference_high", "difference")
+    n_above = (low > 0).sum()
+    n_below = (high < 0).sum()
+    of_trials = (
+        compensation.filter(of="trial")
+        .group_by("quantity")
+        .agg(
+            certain=pl.when(is_vaf.first()).then(n_above).otherwise(n_below),
+            worse=pl.when(is_vaf.first()).then(n_below).otherwise(n_above),
+            has_intervals=(low < high).any(),
         )
-        verdicts = [limit_verdict(low, high, 0.0, wanted) for low, high in ends.iter_rows()]
-        n, n_better = row["pairs"], row["better"]
-        n_certain, n_worse = verdicts.count("holds"), verdicts.count("fails")
-        counts = f"better in {n_better} of {n} pairs of trials"
-        if (ends["low"] < ends["high"]).any():
-            counts += f" (certainly in {n_certain}, certainly worse in {n_worse})"
-        for of_amplitudes in of_quantity.filter(of="amplitudes").to_dicts():
-            counts += f" and {of_amplitudes['better']} of {of_amplitudes['pairs']} of amplitudes"
-        yield {
-            "name": f"compensation_{name}",
-            "claim": f"with compensation {BETTER[name]}",
-            "quantity": f"mean difference; {counts}",
-            "unit": row["unit"],
-            "value": row["difference"],
-            "low": row["difference_low"],
-            "high": row["difference_high"],
-            "interval": RANGE,
-            "wanted": wanted,
-            "target": 0.0,
-            "n": n,
-            "verdict": verdict_over_pairs(n, n_better, n_certain, n_worse),
-        }
+    )
+    of_amplitudes = compensation.filter(of="amplitudes")
+    rows = (
+        compensation.filter(of="trials")
+        .join(of_trials, on="quantity", maintain_order="left")
+        .join(of_amplitudes, on="quantity", how="left", suffix="_amplitudes", maintain_order="left")
+        .with_columns(
+            wanted=pl.when(is_vaf).then(pl.lit("above")).otherwise(pl.lit("below")),
+            better_if=pl.col("quantity").replace_strict(BETTER),
+            told_certain=pl.when("has_intervals").then("certain"),
+        )
+    )
+    yield from claims_of("pairs", rows)
+
+
+def with_margins(rows: pl.DataFrame, settings: Claims) -> pl.DataFrame:
+    """The rows with the margins of the settings as columns."""
+    return rows.with_columns(
+        K_percent=pl.lit(settings.K_percent, pl.Float64), B_margin=pl.lit(settings.B, pl.Float64)
+    )
 
 
 def rendered_claims(fits: pl.DataFrame, settings: Claims) -> Iterator[Claim]:
     """Whether each compensated trial renders K_d and B_d, and how many do; `fits` are the rows over
     all amplitudes. B_viscous is compared with B_d, too."""
-    trials = fits.filter(pl.col("controller") == CONTROLLERS[0])
-    for symbol, unit in UNITS.items():
-        desired = f"{symbol[0]}_d"
-        margin = settings.B
-        if symbol == "K":
-            margin, unit = settings.K_percent, "%"
-        rows = trials.drop_nulls([desired, symbol]) if symbol in trials.columns else trials.clear()
-        if margin is None or rows.is_empty():
+    trials = with_margins(fits.filter(pl.col("controller") == CONTROLLERS[0]), settings)
+    for entry in ENTRIES["trials"]:
+        of_trials = claims_on(trials, entry)
+        if not of_trials:
             continue
-        of_trials = [claim_of_trial(row, symbol, margin) for row in rows.to_dicts()]
         verdicts = [claim["verdict"] for claim in of_trials]
         equivalent = verdicts.count("equivalent")
         verdict = "fails" if "different" in verdicts else "undecided"
         yield {
-            "name": f"{symbol}_equivalent",
-            "claim": f"compensated trials have {symbol} within {margin:g} {unit} of {desired}",
+            "name": f"{entry['name']}_equivalent",
+            "claim": text_of(entry["all"], trials.row(0, named=True)),
             "quantity": "trials whose whole interval lies within",
             "unit": "trials",
             "value": equivalent,
@@ -230,100 +213,40 @@ def rendered_claims(fits: pl.DataFrame, settings: Claims) -> Iterator[Claim]:
         yield from of_trials
 
 
-def claim_of_trial(row: Mapping[str, Any], symbol: str, margin: float) -> Claim:
-    """Whether a trial has the desired K, to a margin in percent, or the desired damping."""
-    target = row[f"{symbol[0]}_d"]
-    if symbol == "K":
-        margin = target * margin / 100
-    interval = "95 % for this motion"
-    lowest, highest = (row.get(f"{symbol}_amplitudes_{end}") for end in ("low", "high"))
-    if lowest is not None:
-        interval = f"{interval}; single amplitudes {lowest:.4g} to {highest:.4g}"
-    low, high = row[f"{symbol}_low"], row[f"{symbol}_high"]
-    return {
-        "name": symbol,
-        "claim": f"{symbol} is {symbol[0]}_d",
-        "quantity": symbol,
-        "unit": UNITS[symbol],
-        "value": row[symbol],
-        "low": low,
-        "high": high,
-        "interval": interval,
-        "target": target,
-        "margin": margin,
-        "n": 1,
-        "verdict": equivalence(low, high, target, margin),
-        "subject": row["trial"],
-    }
-
-
 def passivity_claims(response: pl.DataFrame) -> Iterator[Claim]:
-    """Whether the joint takes in energy at every frequency: Re of torque over velocity, `damping`
-    with its interval."""
-    for controller in CONTROLLERS:
-        rows = response.filter(pl.col("controller") == controller).drop_nulls("damping")
-        if rows.is_empty():
-            continue
-        least = rows.sort("damping").row(0, named=True)
-        where = f"{least['trial']} at {least['frequency_hz']:.3g} Hz"
-        lowest, highest = rows.select(pl.col("damping_low", "damping_high").min()).row(0)
-        yield {
-            "name": f"passive_{controller}",
-            "claim": f"the {controller} joint is passive at all measured frequencies",
-            "quantity": f"least real part of Z ({where})",
-            "unit": "N*m*s/rad",
-            "value": least["damping"],
-            "low": least["damping_low"],
-            "high": least["damping_high"],
-            "interval": "95 % of measurement noise",
-            "wanted": "above",
-            "target": 0.0,
-            "n": len(rows),
-            "verdict": limit_verdict(lowest, highest, 0.0, "above"),
-        }
+    """Whether the joint takes in energy at every frequency, by the least damping of each controller
+    and the lowest ends of all intervals."""
+    least = (
+        response.drop_nulls("damping")
+        .sort("damping")
+        .with_columns(
+            lowest_low=pl.col("damping_low").min().over("controller"),
+            lowest_high=pl.col("damping_high").min().over("controller"),
+            frequencies=pl.len().over("controller"),
+        )
+        .unique("controller", keep="first")
+        .sort("controller")
+    )
+    yield from claims_of("response", least)
 
 
 def walking_claims(
     summary: pl.DataFrame, groups: pl.DataFrame, midstance: float | None, settings: Claims
 ) -> Iterator[Claim]:
     """Whether the stiffness while walking is the commanded one, by group, if nothing is at work
-    that the walkway does not show. The interval holds what an offset of the fit would change.
-    `midstance` is the commanded one [N*m/rad] of a campaign with one group whose sheet states
-    none."""
+    that the walkway does not show. `midstance` is the commanded one [N*m/rad] of a campaign with
+    one group whose sheet states none."""
     rows = summary.join(groups.select("group", "offset_share"), on="group", how="left")
     rows = rows.filter(pl.col("mean").is_not_null(), quantity="K", estimator="ensemble")
     has_one_group = len(rows) == 1
-    percent = settings.K_percent
-    for row in rows.to_dicts():
-        target = row["commanded"]
-        if target is None and has_one_group:
-            target = midstance
-        if target is None or percent is None:
-            continue
-        margin = target * percent / 100
-        by_offset = -row["mean"] * (row["offset_share"] or 0.0)
-        low = row["low"] + min(by_offset, 0.0)
-        high = row["high"] + max(by_offset, 0.0)
-        yield {
-            "name": "walking_K_equivalent",
-            "claim": (
-                f"the ankle's stiffness while walking is {target:g} N*m/rad, within {percent:g} %,"
-                f" if none of these is at work: {known_finding('walking_unseen').says}"
-            ),
-            "quantity": "K",
-            "unit": "N*m/rad",
-            "value": row["mean"],
-            "low": low,
-            "high": high,
-            "interval": f"{row['interval_method']}, and an offset of the fit",
-            "target": target,
-            "margin": margin,
-            "n": row["n"],
-            "verdict": equivalence(low, high, target, margin),
-            "subject": None if has_one_group else row["group"],
-            "joint": row["joint"],
-            "side": row["side"],
-        }
+    midstance = midstance if has_one_group else None
+    rows = with_margins(rows, settings).with_columns(
+        pl.col("offset_share").fill_null(0.0),
+        commanded=pl.coalesce("commanded", pl.lit(midstance, pl.Float64)),
+        unseen=pl.lit(known_finding("walking_unseen").says),
+        subject=pl.lit(None, pl.String) if has_one_group else pl.col("group"),
+    )
+    yield from claims_of("walking", rows)
 
 
 def claims_table(

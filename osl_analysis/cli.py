@@ -302,7 +302,7 @@ def results(folder: Path, everything: bool, markdown: bool, as_json: bool, colum
     with intervals, and each doubt with what to do; with --all every number, and the draft's."""
     from osl_analysis.campaign.origin import sentence
     from osl_analysis.commands.tables import format_results_table, later_failures, read_summary
-    from osl_analysis.report.brief import brief_lines
+    from osl_analysis.report.verdicts import brief_lines
 
     if columns:
         from osl_analysis.commands.reference import columns_text

@@ -14,7 +14,6 @@ from osl_analysis.judge.finding import Words
 from osl_analysis.judge.summary_findings import CampaignFinding, findings_in_summary
 from osl_analysis.measured import written
 from osl_analysis.report import paper_tables
-from osl_analysis.report.brief import brief_lines
 from osl_analysis.report.numbers import (
     ENTRIES,
     headline_numbers,
@@ -23,6 +22,7 @@ from osl_analysis.report.numbers import (
     to_json,
 )
 from osl_analysis.report.paper_tables import component_rows, condition_rows, conditions
+from osl_analysis.report.verdicts import brief_lines
 
 ABOUT = dict.fromkeys(("campaign", "data", "version", "configuration", "recorded"), "x")
 IMPEDANCE = pl.DataFrame(

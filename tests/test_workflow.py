@@ -27,7 +27,7 @@ from osl_analysis.jobs.perform import (
     TABLES_OF_FIT,
 )
 from osl_analysis.judge.known_findings import FINDINGS
-from osl_analysis.report.brief import brief_lines
+from osl_analysis.report.verdicts import brief_lines
 from osl_analysis.table import not_analysed
 
 TRIAL = "impedance_K300_B5.0_compensated"

@@ -23,7 +23,7 @@ from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.judge.recording_checks import QualityRules
 from osl_analysis.judge.summary_findings import causes_in_campaign
 from osl_analysis.model.drivetrain import FileOrNone, joint_of, read_parameters
-from osl_analysis.report.left_out import left_out_trials
+from osl_analysis.report.left_out import left_out_trials, missing_lines, used_and_missing
 from osl_analysis.report.numbers import (
     headline_numbers,
     macros_tex,
@@ -39,7 +39,6 @@ from osl_analysis.report.paper_tables import (
     to_tex,
 )
 from osl_analysis.report.text_tables import aligned, markdown_table
-from osl_analysis.report.used_trials import missing_lines, used_and_missing
 from osl_analysis.report.verdicts import verdict_counts
 from osl_analysis.schema import SCHEMA_FIELD, check_schema
 from osl_analysis.stats.repeats import size_texts

@@ -8,7 +8,7 @@ from osl_analysis.commands.tables import read_summary
 from osl_analysis.errors import listing, without_particulars
 from osl_analysis.files import write_text
 from osl_analysis.judge.campaign import exclusion_report
-from osl_analysis.report.brief import brief_lines
+from osl_analysis.report.verdicts import brief_lines
 from osl_analysis.table import read_table
 
 MOST_TOLD = 12

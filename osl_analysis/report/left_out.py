@@ -79,3 +79,31 @@ def trials_without_result(
         if any(trial not in trials_of.get(name, ()) for name in filled):
             without.append(trial)
     return without
+
+
+def used_and_missing(
+    sheet: Mapping[str, Mapping[str, Any]], left_out: Mapping[str, LeftOut]
+) -> dict[str, dict[str, Any]]:
+    """By experiment: number `of` trials in the sheet, number `used`, and why others are
+    `missing`."""
+    by_experiment: dict[str, dict[str, Any]] = {}
+    for experiment in EXPERIMENTS:
+        trials = [trial for trial, row in sheet.items() if row["experiment"] == experiment]
+        missing = {trial: left_out[trial].reasons[0] for trial in trials if trial in left_out}
+        used = len(trials) - len(missing)
+        if trials:
+            by_experiment[experiment] = {"used": used, "of": len(trials), "missing": missing}
+    return by_experiment
+
+
+def missing_lines(content: Mapping[str, Any]) -> list[str]:
+    """A line per experiment with missing trials and their reasons, and per missing result."""
+    lines = []
+    for experiment, counts in content["trials"].items():
+        trials = [f"{trial} ({reason})" for trial, reason in counts["missing"].items()]
+        if trials:
+            used = f"{counts['used']} of {counts['of']} {experiment} trials"
+            lines.append(f"{used}; without {', '.join(trials)}")
+    for file, reason in content["missing_results"].items():
+        lines.append(f"no {file}: {reason}")
+    return lines

@@ -11,8 +11,8 @@ import polars as pl
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from osl_analysis.judge.summary_findings import findings_in_summary
-from osl_analysis.report.brief import causes_not_checked
 from osl_analysis.report.typography import in_latex, printed
+from osl_analysis.report.verdicts import causes_not_checked
 
 HERE = Path(__file__).parent
 BIBTEX = (HERE / "sources.bib").read_text(encoding="utf-8")

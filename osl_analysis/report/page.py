@@ -18,18 +18,16 @@ from osl_analysis.judge.recording_checks import NOT_APPLICABLE
 from osl_analysis.judge.summary_findings import CampaignFinding, is_of_whole
 from osl_analysis.measured import written
 from osl_analysis.report import plots
-from osl_analysis.report.brief import causes_not_checked
 from osl_analysis.report.left_out import LeftOut
 from osl_analysis.report.numbers import Number
 from osl_analysis.report.paper_tables import Condition
 from osl_analysis.report.signals import Signals
 from osl_analysis.report.typography import printed
-from osl_analysis.report.verdicts import results_on, verdict_on
+from osl_analysis.report.verdicts import causes_not_checked, results_on, verdict_on
 
 TEMPLATES = Path(__file__).with_name("templates")
 NO_CONDITIONS = ("trial", "experiment", "log", "log_source", "mocap", "mocap_source", "exclude")
 RECORDINGS = ("log", "mocap")
-WITHOUT_INTERVAL = ("VAF",)
 MAIN_FIGURES = ("fig5", "fig9", "fig3")  # in this order: bench, walking, belt
 ELEMENT_OF_PLOTS = "plots"
 
@@ -226,7 +224,7 @@ def estimate_rows(fits: pl.DataFrame, table: str) -> list[list[str]]:
     names = []
     for name in fits.columns:
         has_interval = {f"{name}_low", f"{name}_high"} <= set(fits.columns)
-        if (has_interval or name in WITHOUT_INTERVAL) and fits[name].count():
+        if (has_interval or name == "VAF") and fits[name].count():
             names.append(name)
     rows = [["amplitude [deg]", *(f"{name} [{described[name].unit}]" for name in names)]]
     for fit in fits.iter_rows(named=True):

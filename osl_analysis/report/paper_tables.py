@@ -120,11 +120,7 @@ def groups(summary: pl.DataFrame) -> Iterator[Condition]:
         )
 
 
-Rows = list[list[str]]
-"""A table as texts; the first row has the heads."""
-
-
-def condition_rows(of_conditions: Sequence[Condition]) -> Rows:
+def condition_rows(of_conditions: Sequence[Condition]) -> list[list[str]]:
     """The table of conditions or of groups, with the number of trials. † marks a doubtful one."""
     first = of_conditions[0]
     rows = [[*(first.stated or ["condition"]), "n", *first.estimates]]
@@ -135,26 +131,25 @@ def condition_rows(of_conditions: Sequence[Condition]) -> Rows:
     return rows
 
 
-def component_rows(summaries: Mapping[str, pl.DataFrame], beside_draft: bool) -> Rows:
+def component_rows(summaries: Mapping[str, pl.DataFrame], beside_draft: bool) -> list[list[str]]:
     """The measured components of the drivetrain (Eqs. 1 to 4), as means over trials, beside the
     draft's values if `beside_draft`."""
     drafts = {entry.name: entry.draft for entry in ENTRIES if entry.draft is not None}
-    rows = [["quantity", "mean", "n", *(["draft"] if beside_draft else [])]]
+    rows = [["quantity", "mean", "n", "draft"]]
     for summary in summaries.values():
         for row in summary.drop_nulls("mean").iter_rows(named=True):
             name = row["quantity"]
             if name in drafts:
-                draft = [f"{drafts[name]:g}"] if beside_draft else []
                 text = written(row["mean"], row["low"], row["high"])
-                rows.append([name, text, str(row["n"]), *draft])
-    return rows
+                rows.append([name, text, str(row["n"]), f"{drafts[name]:g}"])
+    return rows if beside_draft else [row[:-1] for row in rows]
 
 
-def to_tex(rows: Rows, origin: str) -> str:
+def to_tex(rows: list[list[str]], origin: str) -> str:
     r"""A `tabular` with rules of booktabs and units of siunitx, to be `\input`."""
     return f"% {origin}\n% {DAGGER}\n{latex_table(rows, HEADS)}"
 
 
-def to_markdown(rows: Rows, origin: str) -> str:
+def to_markdown(rows: list[list[str]], origin: str) -> str:
     """The table in Markdown, and what it is made of."""
     return f"{markdown_table(rows)}\n{origin}. {DAGGER}\n"

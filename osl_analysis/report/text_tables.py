@@ -5,10 +5,8 @@ from collections.abc import Mapping, Sequence
 
 from osl_analysis.report.typography import in_latex
 
-Rows = Sequence[Sequence[str]]
 
-
-def aligned(rows: Rows) -> str:
+def aligned(rows: Sequence[Sequence[str]]) -> str:
     """Rows as lines with aligned columns."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = []
@@ -18,14 +16,14 @@ def aligned(rows: Rows) -> str:
     return "\n".join(lines) + "\n"
 
 
-def markdown_table(rows: Rows) -> str:
+def markdown_table(rows: Sequence[Sequence[str]]) -> str:
     """Rows as a table in Markdown."""
     rule = ["---"] * len(rows[0])
     lines = [f"| {' | '.join(row)} |\n" for row in (rows[0], rule, *rows[1:])]
     return "".join(lines)
 
 
-def latex_table(rows: Rows, heads: Mapping[str, str]) -> str:
+def latex_table(rows: Sequence[Sequence[str]], heads: Mapping[str, str]) -> str:
     """Rows as a `tabular` with rules of booktabs. `heads` has those of the heads that are LaTeX."""
     lines = [[heads.get(head, in_latex(head)) for head in rows[0]]]
     lines += [[in_latex(cell) for cell in row] for row in rows[1:]]

@@ -253,13 +253,10 @@ def test_two_clocks_that_disagree_are_a_question_and_a_doubt(tmp_path, first, se
     trial = read_by(path, answered)
 
     (question,) = overview.open
-    assert "contradict each other" in question
-    assert first[0] in question
-    assert second[0] in question
-    assert_recording(trial)
     (warning,) = trial.provenance["warnings"]
-    faster = f"column '{second[0]}' goes on 1.1 times as fast as time (column '{first[0]}')"
-    assert faster in warning
+    assert_recording(trial)
+    assert all(head[0] in text and head[1] in text for text in (question, warning))
+    assert "1.1 times" in warning
     checks = measure_quality(trial, "impedance", Commanded(None, None, None))
     difference = pytest.approx(0.1 * TIME[-1] / 12**0.5, rel=1e-3)
     assert checks["clock_residual"].value == difference

@@ -315,49 +315,30 @@ def test_a_crossing_knows_what_each_trial_of_the_plate_does_to_its_torque(
     assert crossing.body_mass == 77.0
 
 
-def without_reference_marker(calibration: Path, marker: str, output: Path) -> Path:
-    """A static calibration that lacks a marker."""
-    content = json.loads(calibration.read_text())
-    content["markers"].pop(marker, None)
-    output.write_text(json.dumps(content))
-    return output
-
-
-@pytest.mark.parametrize(
-    ("turns", "perturbed", "lost_column", "lost_marker", "reason"),
-    [
-        (True, False, "", "", "the platform .* sheet says perturbed = false"),
-        (False, False, "marker_FOOT3_x", "",
-         "no marker 'FOOT3'; correct `walking.markers` .*; did you mean 'FOOT[124]'"),
-        (False, False, "", "FOOT2", "marker FOOT2 is not in the static calibration"),
-    ],
-)  # fmt: skip
-def test_what_contradicts_sheet_markers_or_calibration_is_refused_by_name(
-    ideal: Session, tmp_path: Path, turns: bool, perturbed: bool, lost_column: str,
-    lost_marker: str, reason: str,
-) -> None:  # fmt: skip
-    name = ideal.perturbed[0] if turns else ideal.unperturbed[0]
-    trial = read_trial(ideal.trial(name))
-    samples = trial.samples.drop(lost_column, strict=False)
-    write_trial(replace(trial, samples=samples), tmp_path / "t.parquet")
-    calibration = without_reference_marker(
-        ideal.folder / "calibration.json", lost_marker, tmp_path / "calibration.json"
-    )
+def test_what_contradicts_the_sheet_or_the_markers_is_refused_by_name(
+    ideal: Session, tmp_path: Path
+) -> None:
+    turning = ideal.perturbed[0]
+    still = ideal.unperturbed[0]
+    trial = read_trial(ideal.trial(still))
+    unlabelled = replace(trial, samples=trial.samples.drop("marker_FOOT3_x"))
+    write_trial(unlabelled, tmp_path / "unlabelled.parquet")
     output = tmp_path / "crossing.parquet"
-    files = (tmp_path / "t.parquet", calibration, ideal.folder / "plate.json")
-    onsets = ideal.folder / "onsets.json"
 
-    with refused(output, f"trial {name}: {reason}"):
-        walking.analyse(*files, onsets, perturbed, ideal.chosen, output)
-
-    assert walking_files.read_crossing_file(output).perturbed == perturbed
+    with refused(output, f"trial {turning}: the platform .* sheet says perturbed = false"):
+        ideal.analyse(ideal.trial(turning), False, output)
+    with refused(output, f"trial {still}: no marker 'FOOT3'; .* did you mean 'FOOT[124]'"):
+        ideal.analyse(tmp_path / "unlabelled.parquet", False, output)
 
 
 def test_each_trial_has_the_static_calibration_that_it_names(
     ideal: Session, tmp_path: Path
 ) -> None:
     calibration = ideal.folder / "calibration.json"
-    other = without_reference_marker(calibration, "FOOT2", tmp_path / "other.json")
+    content = json.loads(calibration.read_text())
+    del content["markers"]["FOOT2"]
+    other = tmp_path / "other.json"
+    other.write_text(json.dumps(content))
     first, second = ideal.perturbed
     named = {first: "other", second: "calibration", "absent": "unread"}
     trials = [ideal.trial(second), ideal.trial(first)]

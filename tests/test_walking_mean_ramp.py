@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from walking_synthetic import RATE, step
+from walking_synthetic import RATE, about_y, pose, step
 
 from osl_analysis.errors import InputError
 from osl_analysis.trial import Array
@@ -80,15 +80,7 @@ def test_a_ramp_unlike_the_others_leaves_their_onsets_as_they_are() -> None:
 
 def turned(angle: Array) -> Poses:
     """A platform that turns about an axis to the left."""
-    c = np.cos(angle)
-    s = np.sin(angle)
-    rotation = np.zeros((len(angle), 3, 3))
-    rotation[:, 0, 0] = rotation[:, 2, 2] = c
-    rotation[:, 0, 2] = s
-    rotation[:, 2, 0] = -s
-    rotation[:, 1, 1] = 1.0
-    n = len(angle)
-    return Poses(rotation, np.zeros((n, 3)), np.zeros(3), np.zeros(n), np.zeros(n, dtype=bool))
+    return pose(about_y(angle), np.zeros((len(angle), 3)))
 
 
 @pytest.mark.parametrize("sign", [1, -1])

@@ -18,7 +18,7 @@ import click
 from click import argument, option
 
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.errors import InputError, OslAnalysisError, printable, printable_lines
+from osl_analysis.errors import OslAnalysisError, printable, printable_lines
 from osl_analysis.files import CAMPAIGN, check_target, config_here, shipped, write_text
 from osl_analysis.memory import SET_TO_ONE, limited_memory
 
@@ -43,27 +43,7 @@ WRITTEN_SUFFIXES = {
     "bundle": ".zip",
 }
 """Suffix of what a command writes, where it writes one kind of file."""
-SIMULATE_PROTOCOL = "simulate your protocol with `osl-analysis simulate`, and read the intervals"
-GONE = {
-    "design": SIMULATE_PROTOCOL,
-    "design-walking": SIMULATE_PROTOCOL,
-    "doctor": "`osl-analysis run -n` checks the campaign",
-    "export": "the script in docs/notebook.md writes the fitted leg for MuJoCo",
-    "watch": "`osl-analysis run` again makes only what is new",
-    "--checksums": "`osl-analysis bundle` writes the checksums of all files",
-    "--plot": "draw the columns of its --output; a campaign draws a trajectory as Fig. 8",
-    "--license": "state the licence where you deposit the bundle",
-    "--raw": "a bundle has the recordings",
-}
-"""What to use in place of a command or option that went with release 2.0."""
 file_option = partial(option, type=FILE)
-CONFIG = file_option(
-    "--config",
-    "config_path",
-    default=config_here,
-    show_default="config.yaml here, else the shipped one",
-    help="Configuration with the filter [Hz] and the stepped-sine protocol [deg, Hz].",
-)
 AS_JSON = option(
     "--json", "as_json", is_flag=True, help="Print JSON in SI units instead of a table."
 )
@@ -79,29 +59,10 @@ def json_text(facts: Any) -> str:
     return json.dumps(facts, indent=2, ensure_ascii=False)
 
 
-def went(name: str) -> str:
-    return f"`{name}` went with 2.0: {GONE[name]}"
-
-
-def check_there(path: Path, kind: str = "file") -> None:
-    """Refuse a file or folder that is missing, before what reads it is imported, which takes a
-    second."""
-    if not path.exists():
-        raise InputError(f"{path}: no such {kind}; correct its name, or copy the {kind} there")
-
-
 def tell_warnings(trial: "Trial") -> None:
     """Print what was remarkable while a recording was read."""
     for warning in trial.provenance.get("warnings", []):
         say(f"warning: {warning}", err=True)
-
-
-def print_or_write(text: str, output: Path | None) -> None:
-    if output is not None:
-        if not output.parent.is_dir():
-            raise InputError(f"{output.parent}: no such folder; make it, or name another")
-        write_text(output, text)
-    say(text if output is None else f"wrote {output}")
 
 
 class KeepsItsInput(click.Command):
@@ -111,15 +72,14 @@ class KeepsItsInput(click.Command):
     def invoke(self, ctx: click.Context) -> Any:
         files = {name: path for name, path in ctx.params.items() if isinstance(path, Path)}
         for name in files.keys() & {"output", "plot", "draft_path"}:
-            path = files[name]
-            in_use = [realpath(files[other]) for other in files if other != name]
-            if realpath(path) in in_use:
+            path = files.pop(name)
+            if realpath(path) in map(realpath, files.values()):
                 raise click.UsageError(
                     f"{path} would be overwritten while it is used; name another file"
                 )
             suffix = WRITTEN_SUFFIXES.get(str(ctx.info_name), path.suffix)
             # it may be a source file, a log or a configuration
-            if name != "plot" and path.suffix != suffix:
+            if path.suffix != suffix:
                 raise click.UsageError(
                     f"{path}: `{ctx.info_name}` writes {suffix} files; choose this suffix"
                 )
@@ -147,13 +107,6 @@ class OneLineErrors(click.Group):
         """The commands in the order in which they are used."""
         return list(self.commands)
 
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        if args and args[0] in GONE:
-            raise click.UsageError(went(args[0]))
-        return super().resolve_command(ctx, args)
-
     def invoke(self, ctx: click.Context) -> Any:
         warnings.showwarning = lambda message, *_, **__: click.echo(
             f"warning: {printable(str(message))}", err=True
@@ -171,9 +124,6 @@ class OneLineErrors(click.Group):
         except click.UsageError as error:
             # click lists the choices of an option on lines of their own
             message = error.format_message().replace("\n\t", " ")
-            option_name = getattr(error, "option_name", "")
-            if option_name in GONE:
-                message = went(option_name)
             raise click.UsageError(printable(message), error.ctx) from error
         except OslAnalysisError as error:
             click.echo(f"error: {error}", err=True)
@@ -206,13 +156,6 @@ def main() -> None:
     epilog="Example: osl-analysis init my_campaign --from /data/2026-03-14",
 )
 @argument("folder", type=FILE)
-@option(
-    "--recorder",
-    "recorders",
-    multiple=True,
-    metavar="NAME",
-    help="Begin with this shipped source file; may be repeated.",
-)
 @file_option(
     "--from",
     "recordings",
@@ -234,7 +177,6 @@ def main() -> None:
 )
 def init(
     folder: Path,
-    recorders: tuple[str, ...],
     recordings: Path | None,
     example: Literal["bench", "walking"] | None,
 ) -> None:
@@ -242,20 +184,19 @@ def init(
     schemas."""
     from osl_analysis.commands import new_campaign as command
 
-    if example and (recorders or recordings):
-        raise click.UsageError("an example has recordings of its own; leave --recorder and --from")
-    draft = command.new_campaign(folder, recorders, recordings, example)
+    if example and recordings:
+        raise click.UsageError("an example has recordings of its own; leave --from")
+    draft = command.new_campaign(folder, recordings, example)
     if recordings is not None:
         say(command.campaign_text(folder, draft))
         return
-    place = shlex.quote(str(folder))
-    kind = "simulation.yaml" if example else "trials.csv"
-    say(f"made {folder} with config.yaml, {kind}, sources/ and schemas/")
-    if example:
-        say(f"then: cd {place} && osl-analysis run")
-        return
-    say("put recordings into recordings/, and a row for each into trials.csv")
-    say(f"then: cd {place} && osl-analysis inspect recordings/FILE --draft sources/NAME.yaml")
+    rows = "simulation.yaml" if example else "trials.csv"
+    say(f"made {folder} with config.yaml, {rows}, sources/ and schemas/")
+    next_step = "run"
+    if not example:
+        say("put recordings into recordings/, and a row for each into trials.csv")
+        next_step = "inspect recordings/FILE --draft sources/NAME.yaml"
+    say(f"then: cd {shlex.quote(str(folder))} && osl-analysis {next_step}")
 
 
 @main.command(
@@ -278,7 +219,7 @@ def run_campaign(arguments: tuple[str, ...]) -> None:
 
     given = snakemake_arguments(arguments)
     check_submission(given)
-    if CAMPAIGN.is_file() and not {"-n", "--dry-run"}.isdisjoint(given):
+    if CAMPAIGN.is_file() and {"-n", "--dry-run"} & {*given}:
         for problem in first_look():
             say(f"to be mended: {problem}", err=True)
     snakemake(given)
@@ -291,13 +232,12 @@ def run_campaign(arguments: tuple[str, ...]) -> None:
 @argument("folder", type=FILE, default=Path("results"))
 @option("--all", "everything", is_flag=True, help="Every headline number, and findings in full.")
 @option("--markdown", is_flag=True, help="The same as a Markdown table.")
-@option("--json", "as_json", is_flag=True, help="summary.json, for other programs.")
 @option(
     "--columns",
     is_flag=True,
     help="Unit and meaning of every column of every table in place of the numbers.",
 )
-def results(folder: Path, everything: bool, markdown: bool, as_json: bool, columns: bool) -> None:
+def results(folder: Path, everything: bool, markdown: bool, columns: bool) -> None:
     """Print what the results in FOLDER are: trials that are clear, doubtful and left out, K and B
     with intervals, and each doubt with what to do; with --all every number, and the draft's."""
     from osl_analysis.campaign.origin import sentence
@@ -310,14 +250,11 @@ def results(folder: Path, everything: bool, markdown: bool, as_json: bool, colum
         say(columns_text())
         return
     summary = read_summary(folder / "summary.json")
-    if as_json:
-        say(json_text(summary))
-    elif everything or markdown:
+    if everything or markdown:
         say(format_results_table(summary, markdown))
     else:
-        say(f"{sentence(summary)}\n")
-        say("\n".join(brief_lines(summary)))
-        say("\nevery number, and findings in full: osl-analysis results --all")
+        rest = "every number, and findings in full: osl-analysis results --all"
+        say("\n".join([sentence(summary), "", *brief_lines(summary), "", rest]))
     failures = later_failures(folder / "summary.json")
     if failures:
         say(failures, err=True)
@@ -337,7 +274,6 @@ def inspect(file: Path, draft_path: Path | None, as_json: bool) -> None:
     damage. Draft a source file for it.
 
     Of a folder of recordings, list in short what each holds, or why it is refused."""
-    check_there(file, "file or folder")
     from osl_analysis.commands import trials as command
     from osl_analysis.draft.draft_source import draft_source
 
@@ -352,12 +288,13 @@ def inspect(file: Path, draft_path: Path | None, as_json: bool) -> None:
     overview = command.inspect_file(file)
     facts = command.overview_facts(overview)
     say(json_text(facts) if as_json else command.overview_text(overview))
-    if as_json and draft_path is None:
-        return
-    text = draft_source(overview, file.name)
-    if draft_path is not None and draft_path.exists():
-        raise click.UsageError(f"{draft_path} exists; name a new file")
-    print_or_write(text if draft_path else f"\nA source file to start from:\n\n{text}", draft_path)
+    if draft_path is not None:
+        if draft_path.exists():
+            raise click.UsageError(f"{draft_path} exists; name a new file")
+        write_text(draft_path, draft_source(overview, file.name))
+        say(f"wrote {draft_path}")
+    elif not as_json:
+        say(f"\nA source file to start from:\n\n{draft_source(overview, file.name)}")
 
 
 @main.command(
@@ -399,7 +336,13 @@ def inspect(file: Path, draft_path: Path | None, as_json: bool) -> None:
     help="Parameter file of the device, or `none`. Default: that of the configuration.",
 )
 @option("--windows", help="Parts of the trial that are fitted [s], as `2-30 40-62`.")
-@CONFIG
+@file_option(
+    "--config",
+    "config_path",
+    default=config_here,
+    show_default="config.yaml here, else the shipped one",
+    help="Configuration with the filter [Hz] and the stepped-sine protocol [deg, Hz].",
+)
 @AS_JSON
 @file_option("--plot", help="Draw measured and modelled torque [N·m] to this file.")
 def fit(
@@ -430,40 +373,23 @@ def fit(
     from osl_analysis.trial import read_trial
 
     desired = None
-    if any(value is not None for value in (K_d, B_d, controller)):
-        if model != "impedance":
-            raise click.UsageError(
-                "--stiffness, --damping and --controller are those of an impedance trial: give"
-                " --model impedance"
-            )
+    if (K_d, B_d, controller) != (None, None, None):
         desired = DesiredImpedance(controller or "compensated", K_d, B_d)
     if source is None:
         recorded = read_trial(trial)
     else:
-        check_there(trial)
         recorded = raw_trial(trial, source, model)
         tell_warnings(recorded)
     device = None if parameters == "none" else parameters or notebook.OF_CONFIG
     fitted = notebook.fit(recorded, model, desired, windows, config_path, device)
     if plot is not None:
         from osl_analysis.commands.figure import write_figure
-        from osl_analysis.figures import drawn
 
-        if fitted.series.is_empty():
-            raise click.UsageError(
-                f"a fit of {model} has no modelled torque to draw; leave out --plot"
-            )
-        write_figure(drawn("torque", fitted.series), [plot])
+        write_figure(notebook.plot_torque(fitted), [plot])
     if as_json:
         say(rows_json(fitted.table, fitted.findings))
     else:
         say(estimates_text(fitted.table, fitted.findings))
-    if model == "impedance" and desired is None:
-        say(
-            "not checked without --stiffness and --damping: whether the torque is late or the"
-            " bench's frame yields, and whether K is what the gains should give",
-            err=True,
-        )
     if fitted.remarks:
         say(fitted.remarks, err=True)
 
@@ -496,10 +422,8 @@ def ingest(sources: Path, output: Path, **given: Any) -> None:
     for role in ("log", "mocap"):
         if (given[role] is None) != (given[f"{role}_source"] is None):
             raise click.UsageError(f"--{role} and --{role}-source go together")
-    if given["log"] is None and given["mocap"] is None:
+    if not (given["log"] or given["mocap"]):
         raise click.UsageError("give --log, --mocap or both")
-    for path in filter(None, (given["log"], given["mocap"])):
-        check_there(path)
     cells = {name: None if value is None else str(value) for name, value in given.items()}
     row = {"trial": output.stem, "experiment": "ingest_only", **cells}
     trial = ingest_trial(row=row, raw_folder=Path(), sources_folder=sources, output=output)
@@ -554,12 +478,9 @@ def select_gains(
     from osl_analysis.table import write_table
     from osl_analysis.yaml_settings import validated
 
-    if trajectory and (stiffness or damping):
-        raise click.UsageError(
-            "--trajectory has K_d and B_d of its own: leave out --stiffness and --damping, or it"
-        )
-    if not trajectory and not (stiffness and damping):
-        raise click.UsageError("give --stiffness and --damping, or --trajectory")
+    is_half = bool(stiffness) != bool(damping)
+    if is_half or bool(trajectory) == bool(stiffness):
+        raise click.UsageError("give --stiffness and --damping, or --trajectory, which has both")
     stated_weight = {"cutoff_hz": weight_hz, "order": weight_order}
     weight = validated(stated_weight, Weight, "--weight")
     table = command.requested_gains(stiffness or (), damping or (), trajectory, weight, parameters)
@@ -634,6 +555,5 @@ def bundle(folder: Path, output: Path) -> None:
     its files."""
     from osl_analysis.commands.bundle import write_bundle
 
-    check_there(folder, "folder")
     write_bundle(folder, output)
     say(f"wrote {output}")

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from osl_analysis.figures.style import PaperFigure as Figure
 
 File = str | Path
+UNSTATED = DesiredImpedance(None, None, None)
 OF_CONFIG = "of the configuration"  # stands for the parameter file that the configuration names
 
 
@@ -61,15 +62,6 @@ def choices(
     file = Path(config or config_here())
     device = config_for_trials(file).parameters if parameters == OF_CONFIG else parameters
     return *fit_settings(experiment, file), None if device is None else shipped(device)
-
-
-def checked_desired(desired: DesiredImpedance | None) -> DesiredImpedance:
-    if not isinstance(desired, DesiredImpedance | None):
-        raise InputError(
-            f"desired is of type {type(desired).__name__}, not a DesiredImpedance; write"
-            " DesiredImpedance(controller, K_d, B_d)"
-        )
-    return desired or DesiredImpedance(None, None, None)
 
 
 def fit(
@@ -139,7 +131,9 @@ def fit(
     condition: Any = None
     check_known(EXPERIMENTS, "experiment", experiment)
     if experiment == "impedance":
-        condition = checked_desired(desired)
+        condition = desired or UNSTATED
+    elif desired is not None:
+        raise InputError(f"a fit of {experiment} has no desired impedance; leave it out")
     elif experiment == "torque_angle":
         condition = {"desired": curve}
     settings, limits, device = choices(experiment, config, parameters)
@@ -211,8 +205,9 @@ def frequency_response(
 
     recorded = as_trial(trial)
     settings, limits, device = choices("impedance", config, parameters)
-    desired = checked_desired(desired)
-    tables = run_fit("impedance", recorded, device, settings, desired, windows).everything()
+    tables = run_fit(
+        "impedance", recorded, device, settings, desired or UNSTATED, windows
+    ).everything()
     fits, response = (tables[name] for name in ("impedance", "response"))
 
     of_fits = judged(fits, limits.of("impedance"), "impedance")
@@ -268,10 +263,6 @@ def read_recording(
     role = "mocap" if isinstance(read_source(described), MarkerSource) else "log"
     if part is not None and role == "mocap":
         raise InputError(f"{file}: a capture has no part '{part}'; leave out `part`")
-    if not file.exists():
-        raise InputError(
-            f"{file}: no such file; name the recording as seen from the folder {Path.cwd()}"
-        )
     row = {
         "trial": file.stem if name is None else name,
         role: file.name,
@@ -413,6 +404,8 @@ def plot_torque(fit: Fit) -> "Figure":
     --------
     >>> osl.plot_torque(osl.fit(belt_trial, "belt")).savefig("torque.pdf")
     """
+    if fit.series.is_empty():
+        raise InputError(f"a fit of {fit.experiment} has no modelled torque to draw")
     return drawn("torque", fit.series)
 
 
@@ -468,8 +461,7 @@ def plot_torque_angle(*fits: Fit) -> "Figure":
     >>> figure = osl.plot_torque_angle(osl.fit(foot, "torque_angle"))
     """
     if {fit.experiment for fit in fits} != {"torque_angle"}:
-        given = ", ".join(fit.experiment for fit in fits) or "no fit"
-        raise InputError(f"torque over angle needs fits of `torque_angle`, not {given}")
+        raise InputError("torque over angle needs fits of `torque_angle`, and no others")
     names = [fit.trial for fit in fits]
     if len(set(names)) < len(names):
         raise InputError(

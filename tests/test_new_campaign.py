@@ -123,7 +123,6 @@ def test_nothing_is_overwritten_and_nothing_stays_behind(tmp_path):
         ((tmp_path / "new", "--from", tmp_path / "empty"), "no recording"),
         ((tmp_path / "new", "--from", tmp_path / "prose"), "no table of numbers"),
         ((tmp_path / "new", "--from", tmp_path / "none"), "no such folder"),
-        ((tmp_path / "new", "--recorder", "opensourcelegg"), "did you mean 'opensourceleg'"),
         ((tmp_path / "mine/notes.txt/new",), "choose another place"),
     ):  # fmt: skip
         result = call("init", *arguments)

@@ -292,7 +292,7 @@ def test_a_figure_is_in_the_paper_s_style_and_a_result_cannot_be_changed(short):
 
 REFUSED = {
     "a trial is needed, not int": lambda t: osl.fit(3),
-    "not no fit": lambda t: osl.plot_torque_angle(),
+    "and no others": lambda t: osl.plot_torque_angle(),
     "none.parquet: no such trial": lambda t: osl.fit("none.parquet", "belt"),
     "column 'theta' holds String": lambda t: osl.check(osl.Trial("a",
     t.samples.cast({"theta": pl.String}))),
@@ -300,13 +300,13 @@ REFUSED = {
     t.samples.drop("time")),
     "did you mean 'impedance'": lambda t: osl.check(t, "impedence"),
     "did you mean 'belt'": lambda t: osl.fit(t, "belts"),
-    "desired is of type str, not a DesiredImpedance": lambda t: osl.fit(t, desired="compensated"),
+    "a fit of belt has no desired impedance": lambda t: osl.fit(t, "belt", desired=DESIRED),
     "did you mean 'opensourceleg'": lambda t: osl.read_recording("README.md", "opensourcelegs"),
     "has no part '2'": lambda t: osl.read_recording("README.md", "vicon", part="2"),
-    r"no\.csv: no such file; name the recording": lambda t: osl.read_recording("no.csv",
+    r"no\.csv: no such file; correct its name": lambda t: osl.read_recording("no.csv",
     "opensourceleg"),
     "place/summary.json: no such summary": lambda t: osl.read_summary("place"),
-    "not belt": lambda t: osl.plot_torque_angle(osl.fit(bench_trial("belt"), "belt")),
+    "needs fits of `torque_angle`": lambda t: osl.plot_torque_angle(osl.fit(t)),
     "is of the walkway": lambda t: osl.simulate_trial("x", "walking_01"),
     "plans no trial 'impedance_1'": lambda t: osl.simulate_trial("x", "impedance_1"),
 }  # fmt: skip

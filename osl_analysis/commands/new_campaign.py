@@ -17,7 +17,7 @@ import polars as pl
 from osl_analysis.commands.campaign_start import first_look
 from osl_analysis.draft.draft_campaign import Draft, draft_campaign
 from osl_analysis.draft.draft_sheet import UNNAMED
-from osl_analysis.errors import InputError, listing, nearest, printable
+from osl_analysis.errors import InputError, listing, printable
 from osl_analysis.files import CAMPAIGN, seen_from, shipped
 
 COLUMNS = (
@@ -41,7 +41,6 @@ RECORDERS: Mapping[Example, Sequence[str]] = {
 
 def new_campaign(
     folder: Path,
-    recorders: Sequence[str] = (),
     recordings: Path | None = None,
     example: Example | None = None,
 ) -> Draft:
@@ -51,8 +50,6 @@ def new_campaign(
     ----------
     folder
         New or empty. It is whole or not there.
-    recorders
-        Names of shipped source files to begin from.
     recordings
         A folder of recordings, for which sheet and source files are drafted. They stay there.
     example
@@ -61,7 +58,7 @@ def new_campaign(
     if os.path.lexists(folder) and not (folder.is_dir() and not any(folder.iterdir())):
         raise InputError(f"{folder}: is no empty folder; name a new one, nothing is overwritten")
     draft = Draft() if recordings is None else draft_campaign(recordings)
-    sources = {**draft.sources, **shipped_sources(RECORDERS[example] if example else recorders)}
+    sources = {**draft.sources, **shipped_sources(RECORDERS[example] if example else ())}
     raw_data = Path("recordings") if recordings is None else seen_from(folder, recordings)
     files = {
         f"sources/{name}.yaml": "# yaml-language-server: $schema=../schemas/source.schema.json\n"
@@ -93,14 +90,8 @@ def new_campaign(
 
 def shipped_sources(recorders: Sequence[str]) -> dict[str, str]:
     """Texts of the shipped source files of recorders, by name."""
-    paths = {path.stem: path for path in sorted(shipped("config/sources").glob("*.yaml"))}
-    for name in recorders:
-        if name not in paths:
-            raise InputError(
-                f"no source file for a recorder '{name}'; there are"
-                f" {', '.join(paths)}{nearest(name, [*paths])}"
-            )
-    return {name: paths[name].read_text(encoding="utf-8") for name in recorders}
+    paths = {name: shipped(f"config/sources/{name}.yaml") for name in recorders}
+    return {name: path.read_text(encoding="utf-8") for name, path in paths.items()}
 
 
 def configuration(name: str, raw_data: Path, draft: Draft, example: Example | None) -> str:

@@ -276,7 +276,7 @@ def check_file(path: Path) -> None:
         readers[0].files_in(path)
         return
     if not path.is_file():
-        raise InputError(f"{path}: no such file; correct the sample sheet, or copy it there")
+        raise InputError(f"{path}: no such file; correct its name, or copy it there")
     if path.stat().st_size == 0:
         raise InputError(
             f"{path}: the file is empty; copy or record it again, or exclude the trial in the sheet"

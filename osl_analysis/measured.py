@@ -4,9 +4,6 @@ A fit refuses a number that no sensor can give, before it overflows, underflows 
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 import polars as pl
@@ -91,76 +88,6 @@ def significant(value: float, digits: int = 2) -> str:
     """Write a number with `digits` significant digits for a sentence: -720 and 0.00012, never
     -7.2e+02."""
     return np.format_float_positional(value, digits, unique=False, fractional=False, trim="-")
-
-
-Quantity = Literal["angle", "command", "speed", "current"]
-
-
-@dataclass(frozen=True)
-class Signal:
-    """A signal from which a torque may have been computed."""
-
-    name: str
-    quantity: Quantity  # `command`: of an angle
-    values: Array  # (n,) in any unit
-
-
-def computed_from(torque: Array, signals: Sequence[Signal]) -> str:
-    """Tell from which signals of its log a torque was computed.
-
-    A load cell has noise of its own. So a torque is computed if they leave less of it than a sensor
-    does. Two encoders measure a torque by the deflection of a spring: one of
-    them is taken at once.
-
-    Parameters
-    ----------
-    torque : Array
-        (n,) in any unit.
-    signals : sequence of Signal
-        In the same rows.
-
-    Returns
-    -------
-    str
-        Their names; empty of a torque that is measured.
-    """
-    least_of_sensor = 6e-4  # of a torque's SD; load cells leave more, rounding of both signals less
-    others = [signal for signal in signals if signal.quantity != "angle"]
-    encoders = [signal for signal in signals if signal.quantity == "angle"]
-    for used in [[encoder, *others] for encoder in encoders] or [others]:
-        if unexplained_share(torque, used) < least_of_sensor:
-            return " and ".join(repr(signal.name) for signal in used)
-    return ""
-
-
-@np.errstate(all="ignore")  # values of damaged files may be of any size
-def unexplained_share(torque: Array, signals: Sequence[Signal]) -> float:
-    """What powers of signals, changes of angles from row to row, and friction that is constant or
-    grows with the current, leave of a torque (n,) in most rows, as a share of its SD; 1 of a log
-    that is too short to tell. In the other rows rounding may turn the sign of a speed."""
-    fewest_rows, most_rows = 200, 2000
-    highest_power = 5  # of a signal that a program takes
-    followed = 0.95  # share of the rows in which a torque is followed
-    if len(torque) < fewest_rows:
-        return 1.0
-    rows = slice(None, None, max(len(torque) // most_rows, 1))
-    directions = [np.sign(s.values[rows]) for s in signals if s.quantity == "speed"]
-    columns = [np.ones_like(torque[rows]), *directions]
-    for signal in signals:
-        x = signal.values[rows]
-        columns += [x**power for power in range(1, highest_power + 1)]
-        if signal.quantity == "angle":
-            columns.append(np.gradient(signal.values)[rows])
-        if signal.quantity == "current":
-            columns += [direction * np.abs(x) for direction in directions]
-    known = np.stack([torque[rows], *columns], axis=1)
-    known = known[np.isfinite(known).all(axis=1)]
-    if len(known) < fewest_rows or not varies(known[:, 0]):
-        return 1.0
-    known = known / (np.abs(known).max(axis=0) + SMALLEST_SIGNAL)
-    y, X = known[:, 0], known[:, 1:]
-    rest = y - X @ np.linalg.lstsq(X, y)[0]
-    return float(np.quantile(np.abs(rest), followed) / np.std(y))
 
 
 def true_differences(distinct: Array) -> Array:

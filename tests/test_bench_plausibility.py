@@ -382,7 +382,7 @@ FOLLOWING = CIRCULAR + 0.03 * np.std(CIRCULAR) * WHITE[1]  # VAF 99.9 %, as of a
     (-8.65 * np.round(CURRENT, 1), np.round(CURRENT, 1)),
 ], ids=["offset", "float32", "decimals", "coarse current"])  # fmt: skip
 def test_a_torque_that_is_current_times_a_constant_is_refused(torque, current, channel):
-    words = rf"{channel} follows exactly from 'current'.*name the channel of a load cell"
+    words = rf"{channel} follows exactly from current.*name the channel of a load cell"
     with pytest.raises(InputError, match=words):
         check_torque_beside_current(torque, current, channel)
 

@@ -16,10 +16,9 @@ from osl_analysis.draft.likelihood import (
     with_context,
 )
 from osl_analysis.draft.recorded_channel import RecordedChannel
-from osl_analysis.ingest.computed_torque import TORQUES
 from osl_analysis.measured import varies
 
-HELD_COLUMNS = ("current", *TORQUES)  # which stand while an actuator is clamped
+HELD_COLUMNS = ("current", "torque", "torque_m")  # which stand while an actuator is clamped
 HELD_LEVEL = 5.0  # standard deviations of the noise
 SURE = 0.8  # probability from which a channel is taken for a column
 DOUBTFUL = 0.2  # probability from which a channel may be a column

@@ -10,7 +10,7 @@ import polars as pl
 
 from osl_analysis.errors import Change, InputError
 from osl_analysis.ingest import LIMITS
-from osl_analysis.measured import Signal, computed_from
+from osl_analysis.measured import SMALLEST_SIGNAL, varies
 from osl_analysis.signals.grid import origin
 from osl_analysis.trial import Array, Trial, unit_of
 from osl_analysis.units import si_factor
@@ -60,26 +60,50 @@ CONFUSED_UNITS = {"rad": ("rad", "deg", "mrad"), "N*m": ("N*m", "N*mm", "N*cm")}
 """By SI unit, the most usual ones first."""
 
 
-def check_own_torque(trial: Trial, torque: str = "torque") -> None:
-    """Refuse a torque that is a function of the motor's current, or of what else the log has: a fit
-    to it would be circular."""
-    others = origin(trial, torque).get("computed_from", "")
-    if not others and {torque, "current"} <= set(trial.columns):
-        _, measured, current = trial.arrays(torque, "current")
-        others = computed_from(measured, [Signal("current", "current", current)])
-    if others:
-        raise InputError(
-            f"trial {trial.name}: {torque} follows exactly from {others}: it is computed, not"
-            f" measured, and a fit gives the formula back; name the channel of a load cell as"
-            f" {torque} in the source file, or write experiment ingest_only"
-        )
+def check_own_torque(trial: Trial, torque: str = "torque", angle: str | None = "theta") -> None:
+    """Refuse a torque that is a function of angle and current: a fit to it would be circular."""
+    names = [name for name in (angle, "current") if name is not None and name in trial.columns]
+    if torque not in trial.columns:
+        return
+    for others in (names[:1], names[1:], names):  # may be sampled at different times
+        time, measured, *values = trial.arrays(torque, *others)
+        signals = dict(zip(others, values, strict=True))
+        if unexplained_share(time, measured, signals) < LIMITS.least_of_sensor:
+            raise InputError(
+                f"trial {trial.name}: {torque} follows exactly from {' and '.join(others)}: it is"
+                " computed, not measured, and a fit gives the formula back; name the channel of a"
+                f" load cell as {torque} in the source file, or write experiment ingest_only"
+            )
+
+
+@np.errstate(all="ignore")  # values of damaged files may be of any size
+def unexplained_share(time: Array, torque: Array, signals: Mapping[str, Array]) -> float:
+    """What powers of signals (n,), and speed and acceleration of an angle, leave of a torque (n,)
+    in most rows, as a share of its SD; 1 if too short to tell."""
+    if time.size < LIMITS.fewest_compared:
+        return 1.0
+    columns = [np.ones(time.size)]
+    for name, values in signals.items():
+        columns += [values**power for power in range(1, LIMITS.highest_power + 1)]
+        if name != "current":
+            speed = np.gradient(values, time)
+            columns += [speed, np.gradient(speed, time)]
+    rows = slice(None, None, max(time.size // LIMITS.most_compared, 1))
+    known = np.stack([torque, *columns], axis=1)[rows]
+    known = known[np.isfinite(known).all(axis=1)]
+    y, X = known[:, 0], known[:, 1:]
+    if len(y) < LIMITS.fewest_compared or not varies(y):
+        return 1.0
+    X = X / (np.abs(X).max(axis=0) + SMALLEST_SIGNAL)
+    rest = y - X @ np.linalg.lstsq(X, y)[0]
+    return float(np.quantile(np.abs(rest), LIMITS.most_rows) / np.std(y))
 
 
 def check_recording(
     trial: Trial, limits: Any, torque: str = "torque", angle: str | None = "theta"
 ) -> None:
     """Refuse an angle beyond `limits.largest_angle` [rad]; a torque beyond `limits.load_cell_range`
-    [N*m], constant while the joint turns, or computed from the current (`check_own_torque`); and
+    [N*m], constant while the joint turns, or computed (`check_own_torque`); and
     samples less than 10 us apart."""
     who = f"trial {trial.name}:"
     time = trial.arrays()[0]
@@ -93,7 +117,6 @@ def check_recording(
             " file",
             [larger],
         )
-    check_own_torque(trial, torque)
     turn = half_range(trial, angle)
     measured = recorded(trial, torque)[1]
     if turn and measured.size > 1 and not half_range(trial, torque):
@@ -117,6 +140,7 @@ def check_recording(
             " source file, or the range",
             in_other_units(trial, [torque]),
         )
+    check_own_torque(trial, torque, angle)
 
 
 def changes_of_angle(

@@ -17,7 +17,6 @@ from osl_analysis.formats import known_formats
 from osl_analysis.formats._text import begins_with_rows
 from osl_analysis.ingest.assemble import assemble
 from osl_analysis.ingest.capture import convert_capture
-from osl_analysis.ingest.computed_torque import name_computed_torques
 from osl_analysis.ingest.conversion import Converted
 from osl_analysis.ingest.guard import check_sizes
 from osl_analysis.ingest.message_log import convert_messages
@@ -152,8 +151,6 @@ def read_converted(path: Path, source: Source) -> Converted:
             assert isinstance(source, MarkerSource)
             converted = convert_capture(recording, source)
         check_sizes(converted.samples, converted.origins)
-        if isinstance(source, MessageSource | TableSource):
-            name_computed_torques(recording, source.channels, converted.origins)
     warnings = [f"{printable(path.name)}: {text}" for text in converted.warnings]
     return replace(converted, warnings=warnings)
 

@@ -8,7 +8,7 @@ from conftest import ROOT
 from recognised_files import read_recognised
 
 from osl_analysis.ingest import LIMITS
-from osl_analysis.ingest.leaps import find_leaps
+from osl_analysis.ingest.guard import find_leaps
 from osl_analysis.ingest.raw_files import read_source
 from osl_analysis.trial import Array
 

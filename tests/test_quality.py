@@ -390,9 +390,9 @@ def test_what_ingest_found_out_is_judged(provenance, beyond, check, value, remar
     (Commanded((2.0, 4.0), (2.0,), 6), 2, "missing 2 deg at 5 Hz, missing 4 deg at 5 Hz"),
     (Commanded((2.0, 6.0),
      (2.0, 5.0), 6), 4, "besides 6 deg at 2 Hz (6.0 cycles), besides 6 deg"),
-    (Commanded((1.65, 3.3), (2.0, 5.0), 6), 2, "0.825 times 4 deg at 2 Hz (if the joint"),
+    (Commanded((1.65, 3.3), (2.0, 5.0), 6), 2, "0.825 times the command (if the joint"),
     (Commanded((1.2 * 2, 1.2 * 4),
-     (2.0, 5.0), 6), 2, "1.2 times 2 deg at 2 Hz"),
+     (2.0, 5.0), 6), 2, "2.4 deg at 2 Hz (6.0 cycles) is 1.2 times the command"),
     (Commanded((1.02 * 2, 1.02 * 4),
      (2.0, 5.0), 6), 0, ""),
 ])  # fmt: skip

@@ -26,8 +26,7 @@ from osl_analysis.bench.plausibility import plausible
 from osl_analysis.bench.record import Record, with_actuator
 from osl_analysis.bench.torque_angle import torque_angle_trial
 from osl_analysis.bench.transmission import transmission_of, transmission_table
-from osl_analysis.ingest.guard import check_recording
-from osl_analysis.ingest.leaps import find_leaps
+from osl_analysis.ingest.guard import check_recording, find_leaps
 from osl_analysis.ingest.quality import saturated
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import FileOrNone, known_parameters

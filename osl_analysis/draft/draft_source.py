@@ -11,7 +11,7 @@ from osl_analysis.draft.guesses import Guess, guessed_columns
 from osl_analysis.draft.likelihood import COUNTS, LEVELS, likely_level, with_documented_unit
 from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
 from osl_analysis.ingest.clock import MINIMUM_EDGES, find_edges
-from osl_analysis.ingest.placeholders import UNKNOWN
+from osl_analysis.ingest.raw_files import UNKNOWN
 from osl_analysis.trial import COLUMNS
 from osl_analysis.units import GON, dimension, is_unit
 

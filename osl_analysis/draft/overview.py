@@ -16,7 +16,7 @@ from osl_analysis.errors import InputError, listing, naming, printable
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest.capture import is_labelled, vertical_axis
 from osl_analysis.ingest.likely_clock import likely_unit, rate_of, stated_rate, time_unit
-from osl_analysis.ingest.placeholders import NAME_OF_TIME, UNKNOWN
+from osl_analysis.ingest.raw_files import NAME_OF_TIME, UNKNOWN
 from osl_analysis.recording import Channel, Kind, Recording
 from osl_analysis.source_file import MarkerSource, Source
 

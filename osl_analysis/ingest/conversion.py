@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, naming, printable
+from osl_analysis.ingest import LIMITS
 from osl_analysis.recording import Channel, End, Loss, Rows
 from osl_analysis.source_file import LEVEL_UNIT, Conversion, LogChannel, LogSource
 from osl_analysis.trial import Array, counter_column, unit_of
@@ -297,3 +299,34 @@ def share_lost(loss: Loss, topic: str) -> float:
     """Lost share of the messages of a topic; 0 where it is not known."""
     read, expected = loss.by_topic.get(topic, (0, None))
     return max(0, expected - read) / expected if expected else 0.0
+
+
+def find_stale_rows(stamps: NDArray[Any], least: float = 0.0) -> NDArray[np.int64]:
+    """Find few rows whose stamp (n,) is far from the running median, as of a packet that waited in
+    a buffer, and by `least` in its unit. A gap moves the median, too: the rows beside it are near
+    to it.
+
+    Returns
+    -------
+    Array
+        Their places, from 0; none of a clock that goes back in more than `largest_stale_share`.
+    """
+    since_first = (stamps - stamps[0]).astype(np.float64)
+    steps = np.abs(np.diff(since_first))
+    far = max(least, LIMITS.far_steps * float(np.median(steps))) if steps.size else math.inf
+    if not (steps > far).any():
+        return np.zeros(0, np.int64)
+    usual = scipy.ndimage.median_filter(since_first, LIMITS.median_rows, mode="mirror")
+    places = np.flatnonzero(np.abs(since_first - usual) > far)
+    is_few = places.size <= LIMITS.largest_stale_share * stamps.size
+    return places if is_few else np.zeros(0, np.int64)
+
+
+def remarks_on_stale_rows(rows: Rows, stale: NDArray[np.int64]) -> list[str]:
+    """Say that rows are left out."""
+    if not stale.size:
+        return []
+    return [
+        f"{stale.size} of {rows.count} {rows.noun}s have a stamp of another time, as of a packet"
+        f" that waited in a buffer, and were left out, first {rows.place(int(stale[0]))}"
+    ]

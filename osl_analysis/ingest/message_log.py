@@ -15,12 +15,13 @@ from osl_analysis.ingest.conversion import (
     Converted,
     canonical_columns,
     count_missing,
+    find_stale_rows,
     losses_of,
     origin_of,
+    remarks_on_stale_rows,
     share_lost,
 )
 from osl_analysis.ingest.likely_clock import rate_of
-from osl_analysis.ingest.stale_rows import find_stale_rows, remarks_on_stale_rows
 from osl_analysis.recording import Recording, Rows
 from osl_analysis.signals import longest_run
 from osl_analysis.source_file import MessageChannel, MessageSource
@@ -128,9 +129,8 @@ def convert_topic(
     columns, remarks = canonical_columns(source, channels, values, rows, time)
     table = pl.DataFrame([pl.Series("stamp", stamps), *columns])
     stale = find_stale_rows(stamps, least=SET_BACK_NS)
-    if stale.size:
-        remarks += remarks_on_stale_rows(rows, stamps, stale, 1 / SECOND_NS)
-        table = table.filter(~pl.Series(np.isin(np.arange(rows.count), stale)))
+    remarks += remarks_on_stale_rows(rows, stale)
+    table = table[np.delete(np.arange(rows.count), stale)]
     late = repeated = contradicted = 0
     if not (table["stamp"].diff() > 0).all():
         late = count_late(table.unique(maintain_order=True)["stamp"].to_numpy())

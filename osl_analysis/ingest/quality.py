@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from osl_analysis.config.experiments import EXPERIMENTS, Experiment
 from osl_analysis.errors import InputError, listing
 from osl_analysis.ingest import LIMITS
-from osl_analysis.ingest.guard import ANGLES, recorded, stated_range
-from osl_analysis.ingest.leaps import find_leaps
+from osl_analysis.ingest.guard import ANGLES, find_leaps, recorded, stated_range
 from osl_analysis.ingest.repeats import has_levels, repeats, run_at_extreme, standing_runs
 from osl_analysis.plates import beside, plate_axes
 from osl_analysis.signals import longest_run
@@ -167,8 +166,7 @@ def measure_protocol(examined: Examined) -> CheckResult:
     if excitation == "auto" and sines.moving.any() and not sines.is_stepped:
         return CheckResult(0.0, "no stepped sine but another motion, which is fitted as such")
     if not (protocol.amplitudes and protocol.frequencies_hz):
-        runs = listing([str(run) for run in sines.runs], LIMITS.most_remarks)
-        return not_applicable(f"amplitudes_deg and frequencies_hz are not stated; recorded: {runs}")
+        return not_applicable("amplitudes_deg and frequencies_hz are not stated")
     remarks = differences(sines.runs, protocol)
     return CheckResult(float(len(remarks)), listing(remarks, LIMITS.most_remarks))
 
@@ -176,25 +174,23 @@ def measure_protocol(examined: Examined) -> CheckResult:
 def differences(runs: Sequence[Run], protocol: SteppedSineProtocol) -> list[str]:
     """What a recorded stepped sine has otherwise than it was commanded, in words. Sizes are
     compared at the slowest frequency, where a bench loses least."""
+    slowest = min(protocol.frequencies_hz)
+    missing = set(itertools.product(protocol.amplitudes, protocol.frequencies_hz))
     remarks: list[str] = []
-    sizes: dict[tuple[float, float], float] = {}  # recorded amplitude [rad] of each commanded pair
     for run in runs:
         amplitude = protocol.amplitude_near(run.amplitude)
         frequency = protocol.frequency_near(run.frequency_hz)
         if amplitude is None or frequency is None:
             remarks.append(f"besides {run}")
-        else:
-            sizes[amplitude, frequency] = run.amplitude
-    for amplitude, frequency in itertools.product(protocol.amplitudes, protocol.frequencies_hz):
-        ratio = sizes.get((amplitude, frequency), math.nan) / amplitude
-        command = f"{np.rad2deg(amplitude):g} deg at {frequency:g} Hz"
-        if math.isnan(ratio):
-            remarks.append(f"missing {command}")
-        elif frequency == min(protocol.frequencies_hz) and abs(ratio - 1) > LIMITS.other_size:
+            continue
+        missing.discard((amplitude, frequency))
+        ratio = run.amplitude / amplitude
+        if frequency == slowest and abs(ratio - 1) > LIMITS.other_size:
             remarks.append(
-                f"{ratio:.3g} times {command} (if the joint did as commanded, divide theta's"
-                " `scale` by this)"
+                f"{run} is {ratio:.3g} times the command (if the joint did as commanded, divide"
+                " theta's `scale` by this)"
             )
+    remarks += [f"missing {np.rad2deg(size):g} deg at {f:g} Hz" for size, f in sorted(missing)]
     return remarks
 
 
@@ -293,7 +289,7 @@ def longest_s(time: Array, edges: NDArray[np.intp]) -> float:
 
 
 def measure_leaps(examined: Examined) -> dict[str, float]:
-    """Number of leaps of the angle or the torque off its curve (`leaps.find_leaps`)."""
+    """Number of leaps of the angle or the torque off its curve (`guard.find_leaps`)."""
     trial = examined.fitted
     columns = [name for name in (examined.moved, examined.torque) if name in trial.columns]
     leaps = {column: find_leaps(*trial.arrays(column)) for column in columns}

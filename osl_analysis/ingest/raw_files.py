@@ -3,7 +3,8 @@ samples."""
 
 import hashlib
 import os
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -20,12 +21,15 @@ from osl_analysis.ingest.capture import convert_capture
 from osl_analysis.ingest.conversion import Converted
 from osl_analysis.ingest.guard import check_sizes
 from osl_analysis.ingest.message_log import convert_messages
-from osl_analysis.ingest.placeholders import open_places
 from osl_analysis.ingest.table_log import convert_table
 from osl_analysis.recording import Format
 from osl_analysis.source_file import LogSource, MarkerSource, MessageSource, Source, TableSource
 from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import dotted, field_line, read_mapping, read_yaml
+
+# what a draft of a source file leaves to the user
+UNKNOWN = "UNKNOWN"  # a value that the file does not tell
+NAME_OF_TIME = "NAME_OF_TIME"  # the column of time, if no column is named like a clock
 
 ENDINGS_OF_ANY = ("", ".log", ".json")  # of recordings, and of much else
 
@@ -107,6 +111,18 @@ def read_source(path: Path) -> Source:
     source: Source = read_yaml(path, known[name].source)
     source.written_in(path)
     return source
+
+
+def open_places(content: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    """The places of a draft that the user must still edit: placeholder names and unknown values."""
+    if not isinstance(content, dict):
+        return
+    for key, value in content.items():
+        place = (*above, str(key))
+        if re.fullmatch(r"NAME_\d+", str(key)) or value in (UNKNOWN, NAME_OF_TIME):
+            yield place
+        else:
+            yield from open_places(value, place)
 
 
 def check_clocks(log: Source, mocap: Source) -> None:

@@ -16,13 +16,14 @@ from osl_analysis.ingest.conversion import (
     canonical_columns,
     check_finite_values,
     count_missing,
+    find_stale_rows,
     losses_of,
     origin_of,
+    remarks_on_stale_rows,
     share_above,
 )
 from osl_analysis.ingest.force_plates import convert_plate
 from osl_analysis.ingest.likely_clock import check_other_clocks, rate_of, unwrapped
-from osl_analysis.ingest.stale_rows import find_stale_rows, remarks_on_stale_rows
 from osl_analysis.recording import Channel, End, Kind, Recording, Rows
 from osl_analysis.source_file import InAxes, TableSource
 from osl_analysis.trial import Array, check_time, counter_column
@@ -354,7 +355,7 @@ def at_clock(
             f"{what} counts to 2**{bits} and began anew {turns} times; it is taken to go on"
         )
     stale = find_stale_rows(numbers)
-    remarks += remarks_on_stale_rows(rows, numbers, stale, factor)
+    remarks += remarks_on_stale_rows(rows, stale)
     fresh = np.delete(np.arange(rows.count), stale)
     rows, numbers = rows_at(rows, fresh), numbers[fresh]
     start_s = float(numbers[0]) * factor

@@ -17,7 +17,6 @@ from osl_analysis.formats import known_formats
 from osl_analysis.ingest.conversion import Converted
 from osl_analysis.ingest.force_plates import convert_plate, wrench
 from osl_analysis.ingest.raw_files import read_converted
-from osl_analysis.recording import Kind
 from osl_analysis.source_file import Source
 
 # Whole numbers, all different, none zero: 6 frames of 3 points of residual 0, 4 samples a frame.
@@ -573,10 +572,3 @@ def test_points_and_analogs_of_real_files_equal_ezc3ds(name: str) -> None:
         np.testing.assert_allclose(channel.values, other["analogs"][0, place], rtol=1e-6, atol=1e-6)
 
 
-@of_others
-def test_one_trial_in_integers_and_in_reals_is_one_trial() -> None:
-    integers, reals = (formats.read(REAL_DATA / f"c3d/Eb015{kind}.c3d") for kind in ("pi", "pr"))
-
-    for channel, other in zip(integers.channels, reals.channels, strict=True):
-        step = 0.1 if channel.kind == Kind.MARKER else 2.0  # of the integers
-        np.testing.assert_allclose(channel.values, other.values, atol=step)

@@ -30,7 +30,7 @@ from osl_analysis import formats
 from osl_analysis.errors import InputError
 from osl_analysis.formats import mcap
 from osl_analysis.formats._cdr import Layout, rows_at
-from osl_analysis.recording import End, Kind, Recording
+from osl_analysis.recording import End, Recording
 from osl_analysis.source_file import MessageSource
 
 MAGIC = mcap.MAGIC
@@ -225,13 +225,6 @@ def test_an_unreadable_record_ends_the_log_and_the_summary_counts_the_rest(
 
         assert column(recording, "a") == list(range(10))
         assert recording.loss.by_topic == {"/lab": (10, 20)}
-
-
-def test_messages_that_the_summary_has_and_the_file_lacks_are_lost(tmp_path: Path) -> None:
-    recording = read(tmp_path, log(DECLARED, chunk(TEN), summary=statistics({1: 20})))
-
-    assert recording.loss.by_topic == {"/lab": (10, 20)}
-    assert "it declares 20 messages and holds 10" in recording.loss.remarks
 
 
 @pytest.mark.parametrize("content", [bytes(300), MAGIC[:5] + bytes(100), b"\xff" * 99])
@@ -439,18 +432,6 @@ def test_numbers_of_every_type_and_byte_order_are_exact(
     assert numbers_of(text, payload, "a", "b", "c", "d") == expected
 
 
-def test_the_stamp_of_the_header_is_whole_nanoseconds(tmp_path: Path) -> None:
-    instants = [1_700_000_000_123_456_789 + k for k in range(3)]
-    text = "std_msgs/Header header\nfloat64 a\n" + HEADER
-    path = write_log(tmp_path / "log.mcap", [stamped(one, a=1.0) for one in instants], text)
-
-    recording = formats.read(path, source("a", time="header"))
-    clock = recording.find({"topic": "/lab", "field": "header.stamp"})
-
-    assert clock.kind == Kind.CLOCK
-    assert clock.values.tolist() == instants
-
-
 JOINTS = "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\n" + HEADER
 JOINT_STATE = "sensor_msgs/msg/JointState"
 
@@ -569,33 +550,6 @@ def write_json(folder: Path, texts: Sequence[str], chunk_size: int = 1 << 20) ->
     return write_payloads(folder / "log.mcap", payloads, "json", chunk_size=chunk_size)
 
 
-SHAPES: list[tuple[Any, dict[str, float]]] = [
-    (
-        {"a": 1.5, "b": {"c": 2}, "d": [1, 2.5], "e": True},
-        {"a": 1.5, "b.c": 2, "d[1]": 2.5, "e": True},
-    ),
-    ({"a": None, "b": {}, "d": [3]}, {}),
-    ({"b": {"c": -(2**50), "a": 9}, "d": []}, {"b.c": -(2**50)}),
-    ({"a": -7, "b": None, "d": [None, 4], "e": False}, {"a": -7, "d[1]": 4, "e": False}),
-]
-
-
-def test_messages_whose_lengths_alternate_stay_in_order_over_many_parts(tmp_path: Path) -> None:
-    labels = (struct.pack("<I4s", 4, b"abc"), struct.pack("<I12s", 12, b"abcdefgh"))
-    payloads = [b"\0\1\0\0" + labels[i % 2] + struct.pack("<d", i) for i in range(40)]
-    definition = ("l/S", "ros2msg", b"string label\nfloat64 a")
-    path = write_payloads(tmp_path / "log.mcap", payloads, "cdr", *definition, chunk_size=200)
-
-    assert column(formats.read(path, source("a")), "a") == list(range(40))
-
-
-def test_objects_of_different_shapes_stay_in_order_with_what_each_has(tmp_path: Path) -> None:
-    order = [0, 0, 1, 3, 2, 1, 0, 3, 3, 2]
-    path = write_json(tmp_path, [json.dumps(SHAPES[k][0], indent=1) for k in order], chunk_size=200)
-
-    assert_decoded(path, "/lab", [SHAPES[k][1] for k in order])
-
-
 @pytest.mark.parametrize("base", [2**53, -(2**53)])
 def test_a_whole_number_beyond_a_floats_reach_is_exact(tmp_path: Path, base: int) -> None:
     contents = [{"a": base + 1 + 2 * i if i % 7 else i} for i in range(60)]
@@ -663,21 +617,6 @@ def test_a_topic_that_cannot_be_decoded_is_refused_with_the_reason(
 
     with pytest.raises(InputError, match=f"topic '/lab'.*{said}"):
         column(formats.read(path, source("y")), "y")
-
-
-def test_a_topic_or_field_that_is_not_there_is_refused_with_those_that_are(tmp_path: Path) -> None:
-    said = refusal_of_field(read(tmp_path, WHOLE), "/leg", "a")
-    assert "no messages of '/leg' (the file has /lab)" in said
-    said = refusal_of_field(read(tmp_path, WHOLE, "b"), "/lab", "b")
-    assert "topic '/lab' has no number 'b' (it has a)" in said
-    said = refusal_of_field(read(tmp_path, log(DECLARED)), "/lab", "b")
-    assert "no messages of '/lab' (the file has none); correct `topic`, or check" in said
-
-
-def refusal_of_field(recording: Recording, topic: str, field: str) -> str:
-    with pytest.raises(InputError) as caught:
-        recording.find({"topic": topic, "field": field})
-    return str(caught.value)
 
 
 def write_protobuf(folder: Path, contents: Sequence[Protobuf], cut_bytes: int = 0) -> Path:

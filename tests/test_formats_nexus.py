@@ -9,7 +9,6 @@ from c3d_builder import REAL_DATA
 from recognised_files import refusal_by
 
 from osl_analysis import formats
-from osl_analysis.draft.overview import inspect_recording
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest.raw_files import read_converted, read_source
 from osl_analysis.source_file import Source
@@ -140,30 +139,6 @@ def test_what_does_not_fit_is_refused_with_the_reason(tmp_path, text, fields, pr
     path = tmp_path / "trial.csv"
     path.write_text(text)
     assert problem in refusal_by(read_converted, path, nexus_source(**fields))
-
-
-def test_an_export_is_listed_by_sections_with_what_is_missing(
-    tmp_path: Path,
-) -> None:
-    (path := tmp_path / "trial.csv").write_text(EXPORT)
-    facts, overview = (
-        read_converted(path, nexus_source()).facts,
-        inspect_recording(path),
-    )
-    assert [facts[name] for name in ("frame_rate_hz", "first_frame", "samples_per_frame")] == [
-        100,
-        5,
-        2,
-    ]
-    kinds = [one.kind for one in overview.channels]
-    assert [kinds.count(kind) for kind in ("analog", "marker", "model output")] == [10, 3, 1]
-    heel = next(one for one in overview.channels if one.address == {"label": "Anna:HEEL"})
-    assert (heel.count, heel.rate, heel.unit, heel.note) == (
-        1,
-        100,
-        "mm",
-        "no number in 1 of 2 rows",
-    )
 
 
 @pytest.mark.parametrize("path", NEXUS_FILES, ids=lambda path: path.stem)

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from c3d_builder import REAL_DATA
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
@@ -20,7 +19,6 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from osl_analysis import formats
 from osl_analysis.errors import InputError
 from osl_analysis.formats import known_formats, recognise
-from osl_analysis.formats._cdr import Layout, rows_at
 from osl_analysis.recording import End, Recording
 from osl_analysis.source_file import MessageSource
 
@@ -402,44 +400,3 @@ def test_messages_stand_in_the_order_of_the_file_though_the_clock_was_set_back(
     assert np.flatnonzero(np.diff(stamps) < 0).tolist() == [99]
 
 
-@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")
-def test_a_real_ros_2_database_is_read_as_the_library_reads_it(tmp_path: Path) -> None:
-    shutil.copy(REAL_DATA / "bag/rosbag2_test_0.db3", tmp_path)
-    shutil.copy(REAL_DATA / "bag/rosbag2_test_metadata.yaml", tmp_path / DESCRIBED)
-
-    recording = read(tmp_path, "angular_velocity.x", topic="/imu")
-
-    assert recording.loss.by_topic["/imu"] == (1565, 1565)
-    store = get_typestore(Stores.ROS2_FOXY)
-    query = (
-        "SELECT data FROM messages WHERE topic_id = (SELECT id FROM topics WHERE name = '/imu')"
-        " ORDER BY id"
-    )
-    with closing(sqlite3.connect(tmp_path / "rosbag2_test_0.db3")) as connection:
-        messages: list[Any] = [
-            store.deserialize_cdr(data, "sensor_msgs/msg/Imu")
-            for (data,) in connection.execute(query)
-        ]
-    np.testing.assert_array_equal(
-        column(recording, "angular_velocity.x", "/imu"),
-        [message.angular_velocity.x for message in messages],
-    )
-
-
-def test_a_ros_1_message_has_the_length_of_its_definition() -> None:
-    text = (
-        "Header header\nbyte level\nchar letter\ntime at\nduration[2] took\n"
-        + "=" * 80
-        + "\nMSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
-    )
-    payload = (7).to_bytes(4, "little") + bytes(8) + bytes(4) + b"\xfe\xfe" + b"\xff" * 24
-
-    layout = Layout("lab/Odd", text.encode(), True, payload)
-    rows = rows_at(payload, np.zeros(1, np.int64), len(payload))
-    paths = ("header.seq", "level", "letter", "at.nanosec", "took[1].sec")
-
-    columns = layout.columns(rows, paths)
-    assert [columns[path][0] for path in paths] == [7, 254, 254, 2**32 - 1, -1]
-    for wrong in (payload + b"\0", payload[:-1]):
-        with pytest.raises(InputError):
-            Layout("lab/Odd", text.encode(), True, wrong)

@@ -7,7 +7,6 @@ import numpy as np
 import polars as pl
 import pytest
 import xlsxwriter
-from c3d_builder import REAL_DATA
 
 from osl_analysis import formats
 from osl_analysis.errors import InputError
@@ -21,11 +20,6 @@ FRAME = pl.DataFrame({"time_s": TIME, "ankle_angle_deg": ANGLE, "torque_Nm": TOR
 
 def numbers(recording: Recording, name: str, key: str = "column") -> np.ndarray:
     return np.asarray(recording.find({key: name}).read())
-
-
-def assert_signals(recording: Recording, angle: str, torque: str) -> None:
-    np.testing.assert_array_equal(numbers(recording, angle), ANGLE)
-    np.testing.assert_array_equal(numbers(recording, torque), TORQUE)
 
 
 # --- tables -------------------------------------------------------------------------------------
@@ -78,21 +72,6 @@ def write_hdf5(path: Path) -> Path:
     return path
 
 
-def test_data_sets_of_one_group_and_length_share_rows_and_single_numbers_are_notes(
-    tmp_path: Path,
-) -> None:
-    recording = formats.read(write_hdf5(tmp_path / "a.h5"))
-    angle, torque, emg = (
-        recording.find({"column": name}) for name in ("run/angle", "torque", "emg/raw")
-    )
-
-    assert angle.rows is torque.rows
-    assert (angle.rows.name, emg.rows.name, emg.rows.count) == ("run", "emg", 500)
-    assert (angle.unit, torque.unit) == ("deg", "Nm")
-    assert recording.notes == ["fs=500"]
-    assert_signals(recording, "run/angle", "run/torque [Nm]")
-
-
 def test_a_part_of_an_archive_that_does_not_match_its_checksum_is_refused(tmp_path: Path) -> None:
     path = write_frame(tmp_path / "a.npz")
     content = bytearray(path.read_bytes())
@@ -115,12 +94,3 @@ def test_a_file_that_is_cut_is_refused_in_one_sentence(tmp_path: Path, suffix: s
 # --- TDMS ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")
-def test_a_real_file_in_the_other_byte_order_is_read() -> None:
-    recording = formats.read(REAL_DATA / "tdms/big_endian.tdms")
-
-    values = numbers(recording, "Measured Data/Phase sweep", "channel")
-    # a sine of LabVIEW's example: the angle between two samples rises
-    assert values.size == 3500
-    assert np.abs(values).max() == pytest.approx(1.0, abs=0.01)
-    assert recording.channels[0].rows.rate_hz == 1000.0

@@ -98,15 +98,6 @@ def test_rows_that_do_not_fit_are_refused_by_line_or_skipped_and_counted(tmp_pat
     np.testing.assert_allclose(column(skipped, "Torque"), TORQUE, atol=1e-9)
 
 
-def test_a_short_line_is_not_made_up_for_by_a_long_one(tmp_path: Path) -> None:
-    lines = table().splitlines(keepends=True)
-    odd = "".join([*lines[:400], "0.5,1\n", *lines[400:500], "0.5,1,2,3\n", *lines[500:]])
-
-    said = refusal(tmp_path, odd, **csv_source())
-
-    assert "line 401 has 2 cells under 3 names, and 2 of 902 rows do not fit" in said
-
-
 @pytest.mark.parametrize(("sign", "decimal"), [(",", "."), (";", ","), ("  ", "."), (", ", ".")])
 @pytest.mark.parametrize("missing", [["", "nan"], ["-999"]])
 @pytest.mark.parametrize(
@@ -173,16 +164,6 @@ def test_a_labview_file_of_several_segments_is_refused_with_the_setting_of_labvi
     said = refusal(tmp_path, LVM + 3 * segment, "a.lvm")
 
     assert "a header for each of its 3 segments; choose `Segment Headers: One header only`" in said
-
-
-def test_a_word_for_the_unit_of_time_is_its_unit(tmp_path: Path) -> None:
-    """As oscilloscopes write it."""
-    rows = "".join(f"{k / 500:+.3E},{k % 5}.5,{k % 3}.5\n" for k in range(30))
-
-    recording = read(tmp_path, "x-axis,1,2\nsecond,Volt,Volt\n" + rows)
-
-    shown = [(one.key, one.unit) for one in recording.channels]
-    assert shown == [("x-axis", "second"), ("1", "Volt"), ("2", "Volt")]
 
 
 # --- Qualisys ---------------------------------------------------------------------------

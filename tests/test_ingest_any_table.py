@@ -212,22 +212,6 @@ def test_units_of_which_one_is_missing_tell_none_and_what_is_no_log_yet_is_asked
         read_by_draft(path)
 
 
-@pytest.mark.parametrize("head", ["Time", "Zeit / s", "unix", "x"])
-def test_a_stated_rate_that_a_clock_of_the_file_contradicts_is_refused(tmp_path, head):
-    """Read at 1000 Hz, the rows of 500 Hz gave B = 2.5 for 5."""
-    path = tmp_path / "a.csv"
-    stamps = since("%H:%M:%S.%f") if head == "Time" else T
-    path.write_text(text(head=[head, *HEAD[1:]], t=stamps))
-
-    trial = read_by(path, "format: csv\ntime: {rate: 500}\n" + ANGLE_ALONE)
-
-    assert trial.samples["time"][-1] == pytest.approx(TIME[-1])
-    assert trial.provenance["warnings"] == []
-    contradiction = r"`rate: 1000` of time, but column '.*' rises by 0.002 a row"
-    with pytest.raises(InputError, match=contradiction):
-        read_by(path, "format: csv\ntime: {rate: 1000}\n" + ANGLE_ALONE)
-
-
 FAST = [f"{1.1 * x:.9f}" for x in TIME]
 ISO = since("%Y-%m-%dT%H:%M:%S.%fZ")
 
@@ -441,6 +425,12 @@ def test_a_damaged_parquet_file_is_one_refusal_and_no_trace_of_rust(tmp_path, ca
     with pytest.raises(InputError, match=r"cannot be read \([^;]*\); copy the file again"):
         inspect_file(path)
     assert capfd.readouterr().err == ""
+
+
+def test_a_table_with_more_columns_than_a_recording_has_is_refused(tmp_path):
+    (tmp_path / "a.csv").write_text("\n".join(",".join(["0.5"] * 10_001) for _ in range(3)))
+    with pytest.raises(InputError, match="has 10001 columns, at most 10000 are read"):
+        inspect_file(tmp_path / "a.csv")
 
 
 def test_tdms_channels_of_one_clock_and_unequal_counts_are_refused(tmp_path):

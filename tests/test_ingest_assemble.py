@@ -505,10 +505,6 @@ def test_what_cannot_be_a_log_is_refused_in_every_format(tmp_path, what, changes
     assert told in refusal_by(read_converted, path, described(what, **counted))
 
 
-def refused_mat(path, **fields):
-    return refusal_by(read_converted, path, described("mat", **fields))
-
-
 MATLAB = pytest.mark.parametrize("write", [write_mat, write_mat73])
 
 
@@ -523,19 +519,10 @@ def test_a_part_of_a_matlab_file_is_a_trial_of_its_own(write, tmp_path):
     shared = described("mat", time={"variable": "/clock", "unit": "ms"}).of_part("Fast")
     samples = read_converted(path, shared).samples
     np.testing.assert_allclose(samples["torque"], 2 * TORQUE, atol=1e-12)
-    said = refused_mat(path)
+    said = refusal_by(read_converted, path, described("mat"))
     assert "variable 't' occurs 2 times" in said
     assert "Slow.t" in said
     assert "Fast.t" in said
-
-
-@MATLAB
-def test_what_cannot_be_a_log_is_refused_by_its_variable(write, tmp_path):
-    for torque, message in (
-        (TORQUE[1:], "save channels of one length, as"),
-        ("broken", "torque is text, which is not read"), (TORQUE + 1j, "torque is complex"),
-    ):  # fmt: skip
-        assert message in refused_mat(write(tmp_path / "a.mat", **{**LOG, "torque": torque}))
 
 
 @MATLAB

@@ -11,12 +11,10 @@ import numpy as np
 import pint
 import pytest
 import yaml
-from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from recognised_files import refusal_by
 
-from osl_analysis.cli import main
 from osl_analysis.commands.trials import inspect_file
 from osl_analysis.draft.draft_source import draft_source
 from osl_analysis.errors import InputError
@@ -26,9 +24,7 @@ from osl_analysis.trial import Trial
 from osl_analysis.units import (
     EXAMPLES,
     base_units,
-    dimension,
     name_for_pint,
-    normalised,
     si_factor,
 )
 
@@ -463,43 +459,6 @@ def test_a_mistake_in_a_source_file_is_answered_with_what_to_write(tmp_path, fie
     assert told in refused(tmp_path, TABLE, **fields)
 
 
-BENCH = "loop_time,ankle_deg,load_Nm,motor_mA,phase\n0,1,5,7,0\n10,2,6,7,0\n20,3,7,7,0\n"
-
-
-def test_a_draft_is_refused_until_its_open_places_are_edited(
-    tmp_path: Path,
-) -> None:
-    (tmp_path / "log.csv").write_text(
-        re.sub("ankle_deg|load_Nm|motor_mA", "p", BENCH).replace("p,p,p", "p,v,w")
-    )
-    path, row = tmp_path / "source.yaml", {"trial": "a", "log": "log.csv", "log_source": "source"}
-    assert (
-        CliRunner()
-        .invoke(main, ["inspect", str(tmp_path / "log.csv"), "--draft", str(path)])
-        .exit_code
-        == 0
-    )
-    with pytest.raises(
-        InputError, match="a draft of `osl-analysis inspect` with places to be ed"
-    ) as caught:
-        trial_from_files(row, tmp_path, tmp_path)
-    places, lines = (
-        re.findall(r"`([\w.]+)` in line (\d+)", str(caught.value)),
-        path.read_text().splitlines(),
-    )
-    assert [name for name, _ in places] == [
-        "time.unit",
-        *(f"channels.NAME_{n}" for n in range(1, 5)),
-    ]
-    assert all(name.rpartition(".")[2] in lines[int(number) - 1] for name, number in places)
-    edited = "\n".join(line for line in lines if not re.search("NAME_[234]", line))
-    edited = re.sub('NAME_1(.*)"UNKNOWN"', r'theta\1"rad"', edited).replace("UNKNOWN", "ms")
-    path.write_text(edited)
-    np.testing.assert_allclose(
-        trial_from_files(row, tmp_path, tmp_path).samples["time"], [0, 0.01, 0.02]
-    )
-
-
 def test_nanoseconds_since_1970_keep_their_last_digit(tmp_path: Path) -> None:
     stamps = [1_700_000_000_000_000_001 + 1_000_003 * n for n in range(4)]
     rows = "".join(f"{stamp},{n},{n}\n" for n, stamp in enumerate(stamps))
@@ -517,13 +476,6 @@ def test_nanoseconds_since_1970_keep_their_last_digit(tmp_path: Path) -> None:
 ])  # fmt: skip
 def test_a_laboratorys_spelling_has_its_factor(unit: str, expected: str, factor: float) -> None:
     assert si_factor(unit, expected) == pytest.approx(factor, rel=1e-15)
-
-
-def test_every_canonical_unit_is_its_own_si_unit() -> None:
-    assert all(units[unit] == 1.0 for unit, units in EXAMPLES.items())
-    for expected, units in EXAMPLES.items():
-        found = {unit: base_units(normalised(unit)) for unit in units}
-        assert found == {unit: (factor, dimension(expected)) for unit, factor in units.items()}
 
 
 def test_the_listed_units_are_those_of_pint() -> None:

@@ -15,7 +15,7 @@ from c3d_builder import REAL_DATA
 from nptdms import ChannelObject, RootObject, TdmsWriter
 from recognised_files import read_recognised, refusal_of
 
-from osl_analysis.commands.trials import inspect_file, overview_text
+from osl_analysis.commands.trials import inspect_file
 from osl_analysis.draft.draft_source import draft_source
 from osl_analysis.ingest.raw_files import read_converted, read_source
 
@@ -73,37 +73,6 @@ def test_a_name_with_a_dot_is_quoted_and_never_taken_for_a_level(tmp_path: Path)
     for one in lines:
         del one["f"]["cell"]  # type: ignore[index]
     assert "did you mean 'cell.mz_Nm'?" in refused(write(tmp_path / "b", lines), **asked)
-
-
-def test_a_name_that_two_elements_have_chooses_none(tmp_path: Path) -> None:
-    path = write(tmp_path / "a", [{"t": k, "name": ["a", "a"], "q": [k, 2 * k]} for k in range(9)])
-    asked = {
-        "time": {"field": "t", "unit": "s"},
-        "channels": {"theta": {"field": "q[name=a]", "unit": "rad"}},
-    }
-    assert "no field 'q[name=a]'; the file has t, q[0], q[1]" in refused(path, **asked)
-
-
-def test_every_element_of_a_list_is_listed_up_to_a_limit(tmp_path: Path) -> None:
-    joints, twice = {"name": ["hip", "ankle"], "p": [1, None]}, {"name": ["a", "a"], "q": [1, 2]}
-    lines: list[Any] = [
-        {"f": [], "j": [{"q": 1}], "k": twice, "m": [[1, 2], [3, 4]], "long": [0.5] * 70, **joints},
-        {"f": [1, None, 3], "j": [{"q": 1}, {"q": 2}]},
-    ]
-    overview = inspect_file(write(tmp_path / "a", lines * 5))
-    matrix, long = ["m[0][0]", "m[0][1]", "m[1][0]", "m[1][1]"], [f"long[{i}]" for i in range(64)]
-    listed = [channel.address["field"] for channel in overview.channels]
-    assert listed == [
-        "j[0].q",
-        "k.q[0]",
-        "k.q[1]",
-        *matrix,
-        *long,
-        "p[0]",
-        "f[0]",
-        "f[2]",
-        "j[1].q",
-    ]
 
 
 def test_the_unit_of_a_clock_is_guessed_from_its_rate_and_never_for_a_count(tmp_path: Path) -> None:
@@ -238,17 +207,6 @@ def test_null_is_no_value_and_what_is_no_number_or_missing_is_refused(tmp_path: 
     counted = {"theta": {**CHANNELS["theta"], "counter": "variables.time"}}
     said = refused(tmp_path / "b", time={"rate": 500}, channels=counted)
     assert "in line 5, at 0.008 s, is no count of samples" in said
-
-
-def test_the_draft_names_the_clock_and_all_numbers_also_late_ones(tmp_path: Path) -> None:
-    lines = rust_lines()
-    lines[150]["variables"]["late_deg"] = 3.0
-    overview = inspect_file(write(tmp_path / "a", lines))
-    draft = yaml.safe_load(draft_source(overview, "a"))
-    assert draft["time"] == {"field": "variables.time", "unit": "ms"}
-    fields = [one["field"] for one in draft["channels"].values()]
-    assert {"variables.ankle_angle", "functions.torque"} <= {*fields}
-    assert "variables.late_deg" in draft_source(overview, "a")
 
 
 def test_the_shipped_source_file_for_the_recorder_in_rust_fits_its_lines(tmp_path: Path) -> None:
@@ -441,14 +399,6 @@ def test_a_file_that_is_cut_off_is_read_up_to_there_with_a_warning_or_refused(
     ):
         path.write_bytes(content)
         assert reason in refused_tdms(path)
-
-
-def test_the_draft_has_units_and_no_clock_where_channels_have_timing(tmp_path: Path) -> None:
-    overview = inspect_file(bench(tmp_path / "a.tdms"))
-    assert "100 samples at 1000 Hz; from -10 to 10" in overview_text(overview)
-    draft = yaml.safe_load(draft_source(overview, "a.tdms"))
-    assert "time" not in draft
-    assert draft["channels"]["theta"] == {"channel": "Bench/Angle", "unit": "Degrees"}
 
 
 @pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")

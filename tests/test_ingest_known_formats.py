@@ -5,7 +5,6 @@ it is and what to do."""
 import gzip
 import json
 import re
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,15 +14,11 @@ import yaml
 from c3d_builder import write_c3d
 from recognised_files import refusal_by
 
-from osl_analysis.commands.trials import ingest_trial, inspect_file
-from osl_analysis.draft.draft_source import draft_source
 from osl_analysis.errors import InputError
 from osl_analysis.formats import known_formats, recognise
 from osl_analysis.formats.mcap import MAGIC
 from osl_analysis.ingest.raw_files import is_capture, read_source, trial_from_files
-from osl_analysis.recording import Channel, Format, Recording, Rows
-from osl_analysis.source_file import LogChannel, RowTime, TableSource
-from osl_analysis.trial import Trial, read_trial
+from osl_analysis.trial import Trial
 
 ROOT, LOG = (
     Path(__file__).parents[1],
@@ -87,60 +82,6 @@ def test_a_mistake_in_a_source_is_refused_by_its_field(
     known_formats()["nexus_csv"].source.model_validate({"format": "nexus_csv", "analogs": load})
     (tmp_path / "source.yaml").write_text(yaml.safe_dump(content))
     assert told in refusal_by(read_source, tmp_path / "source.yaml")
-
-
-class ToyChannel(LogChannel):
-    ADDRESS = "key"
-    key: str
-
-
-class ToyTime(RowTime):
-    ADDRESS = "key"
-    IN_FILE = True
-    key: str | None = None
-
-
-class ToySource(TableSource):
-    channels: Mapping[str, ToyChannel]
-    time: ToyTime = ToyTime()
-
-
-def read_toy(path: Path, source: ToySource | None) -> Recording:
-    content = json.loads(path.read_bytes().removeprefix(b"TOY1"))
-    rows = Rows(3, rate_hz=100.0)
-    channels = [
-        Channel({"key": key}, rows, lambda values=values: np.array(values), key)
-        for key, values in content.items()
-    ]
-    return Recording("toy", channels)
-
-
-def test_one_value_makes_a_format_known_to_inspect_draft_and_ingest(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    toy = Format("toy", (".toy",), lambda begin: begin.startswith(b"TOY1"), ToySource, read_toy)
-    monkeypatch.setitem(dict_of_formats(), "toy", toy)
-    (tmp_path / "a.dat").write_bytes(b'TOY1{"angle": [0, 90, 180]}')
-
-    drafted = draft_source(inspect_file(tmp_path / "a.dat"), "a.dat")
-    (tmp_path / "toy.yaml").write_text(drafted.replace('UNKNOWN"', 'deg"'))
-    ingest_trial(
-        {"trial": "a", "log": "a.dat", "log_source": "toy"},
-        tmp_path,
-        tmp_path,
-        tmp_path / "a.parquet",
-    )
-
-    samples = read_trial(tmp_path / "a.parquet").samples
-    np.testing.assert_allclose(samples["theta"], [0, np.pi / 2, np.pi])
-    np.testing.assert_allclose(samples["time"], [0, 0.01, 0.02])
-
-
-def dict_of_formats() -> dict[str, Format]:
-    """The table of formats, whose text comes last; what a test adds goes before the others."""
-    known = known_formats()
-    assert isinstance(known, dict)
-    return known
 
 
 def test_a_file_is_recognised_by_its_content_else_by_its_name(

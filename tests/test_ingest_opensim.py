@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from c3d_builder import REAL_DATA
 from recognised_files import read_recognised as read
 from recognised_files import refusal_of as refused
 
@@ -17,9 +16,7 @@ from osl_analysis.draft.draft_source import draft_source
 from osl_analysis.errors import InputError
 from osl_analysis.formats import known_formats
 from osl_analysis.formats import read as formats_read
-from osl_analysis.ingest.capture import vertical_axis
 from osl_analysis.ingest.raw_files import check_clocks, trial_from_files
-from osl_analysis.recording import Channel, Plate, Rows
 from osl_analysis.trial import Array
 
 FRAMES, LABELS = 40, ["HEAD", "HIP", "KNEE", "TOE"]
@@ -143,35 +140,6 @@ def test_rows_that_contradict_the_header_or_one_another_are_refused(
     assert reason in refused(path)
 
 
-@pytest.mark.parametrize("rate", [60, 120, 300, 1000])
-@pytest.mark.parametrize("start", [0, 9.4937])
-@pytest.mark.parametrize("decimals", [2, 3, 6])
-def test_times_may_be_rounded(tmp_path: Path, rate: float, start: float, decimals: int) -> None:
-    path = write_trc(tmp_path / "walk.trc", start=start, decimals=decimals, DataRate=rate)
-
-    assert len(read(path).samples) == FRAMES
-
-
-def test_plates_tell_the_axis_that_points_up_or_else_four_markers_of_a_walker() -> None:
-    corners = np.array([[1.0, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]])
-    level = Plate(1, 2, corners, np.zeros(3), [], "mm")
-    stands = WALK[:1] + 0.2 * np.random.default_rng(0).standard_normal(WALK.shape)
-
-    assert vertical_axis(as_markers(WALK / 1000)) == "y"
-    assert vertical_axis(as_markers(WALK[:, :3])) == ""
-    assert vertical_axis(as_markers(stands)) == ""
-    assert vertical_axis(as_markers(WALK), [level]) == "z"
-
-
-def as_markers(positions: Array) -> list[Channel]:
-    """Markers of positions (frames, markers, 3)."""
-    rows = Rows(len(positions))
-    return [
-        Channel({"label": str(place)}, rows, lambda place=place: positions[:, place])
-        for place in range(positions.shape[1])
-    ]
-
-
 # --- tables -------------------------------------------------------------------------------------
 
 
@@ -228,21 +196,6 @@ def test_a_draft_has_the_units_of_names_and_header(tmp_path: Path) -> None:
 
     assert (draft["format"], draft["time"]) == ("opensim", {"column": "time", "unit": "s"})
     assert [channel["unit"] for channel in draft["channels"].values()] == ["deg", "N*m"]
-
-
-@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")
-def test_real_files_of_opensim_are_read_as_numpy_reads_their_cells() -> None:
-    path = REAL_DATA / "opensim" / "walk.trc"
-    recording = read(path, **UPRIGHT)
-    cells = [line.split("\t") for line in path.read_text().splitlines()[6:] if line]
-    heel = [float(row[2 + 3 * 11 + 1]) / 1000 for row in cells]  # the twelfth of its 28 markers
-    np.testing.assert_allclose(recording.samples["marker_R.Heel_z"], heel, rtol=1e-12)
-    assert not recording.warnings
-
-    path = REAL_DATA / "opensim" / "grf_run.mot"
-    described = {"channels": {"plate1_force_z": {"column": "R_ground_force_vy", "unit": "N"}}}
-    force = np.loadtxt(path, skiprows=7)[:, 2]
-    np.testing.assert_array_equal(read(path, **described).samples["plate1_force_z"], force)
 
 
 # --- ground reactions ---------------------------------------------------------------------------

@@ -17,10 +17,8 @@ from bench_synthetic import (
     stepped_sine,
 )
 from conftest import ROOT, findings_of, marked
-from scipy.special import stdtrit
 from test_bench_belt import belt_cycle
 from test_bench_torque_angle import PERIOD, A, W, clock, fitted
-from test_dictionary import described
 
 from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.belt import belt_table, fit_branches
@@ -35,16 +33,14 @@ from osl_analysis.bench.coulomb import coulomb_fits
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, sums_of
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.fit import run_fit
-from osl_analysis.dictionary import ADDED_WHERE_WRITTEN
 from osl_analysis.errors import InputError
 from osl_analysis.judge.words import finding_text
 from osl_analysis.signals import LowPass, differentiate
-from osl_analysis.stats.repeats import over_repeats, summary_row
+from osl_analysis.stats.repeats import summary_row
 from osl_analysis.trial import Trial
 
 TRUE = {"K": 200.0, "B": 4.0, "I": 0.05}
 SOUND = stepped_sine(second_order, 0.01, FIVE)
-OF_GATHERED = {"joint", "side", *ADDED_WHERE_WRITTEN}  # columns that no row of a fit has
 
 
 def fit_of(record=SOUND, **stated):
@@ -146,25 +142,22 @@ def test_friction_has_it_too_and_a_loop_of_the_load_cell_is_friction():
     assert more[2] < 0.1 * fit_of(record, hysteresis=0.02).se_bench("B")
 
 
-def test_no_mean_over_trials_lowers_it():
-    values, shared = [684.0, 686.0, 687.0], 3.0
-    row = summary_row(pl.DataFrame({"K_s": values, "K_s_se_bench": [shared] * 3}), "K_s")
-    alone = over_repeats(values)
-    assert (row["mean"], row["sd"]) == (alone.mean, alone.sd)
-    assert row["se"] ** 2 == pytest.approx(alone.se**2 + shared**2)
-    assert row["high"] - row["mean"] > 1.96 * shared
-
-
 @pytest.mark.parametrize("n", [2, 4])
 def test_it_counts_once_in_a_mean_of_trials_whose_intervals_are_all_of_it(n):
-    se, trials = 3.0, pl.DataFrame({"K_s": [684.0] * n})
+    se = 3.0
     half_width = 1.959964 * se
     stated = {"K_s_low": 684 - half_width, "K_s_high": 684 + half_width, "K_s_se_bench": se}
 
-    row = summary_row(trials.with_columns(**{k: pl.lit(v) for k, v in stated.items()}), "K_s")
+    row = summary_row(pl.DataFrame({"K_s": [684.0] * n}).with_columns(**stated), "K_s")
 
     assert row["high"] - row["mean"] == pytest.approx(half_width)
     assert row["se"] == pytest.approx(se)
+
+
+def test_no_mean_over_trials_lowers_it():
+    values, shared = [684.0, 686.0, 687.0], 3.0
+    row = summary_row(pl.DataFrame({"K_s": values, "K_s_se_bench": [shared] * 3}), "K_s")
+    assert row["se"] ** 2 == pytest.approx(np.var(values, ddof=1) / 3 + shared**2)
 
 
 def of_belt(theta_s, torque, **stated):
@@ -248,7 +241,6 @@ def standard_error(row, name):
 
 def test_a_known_spring_tells_lateness_gain_fixture_and_what_to_write():
     row = calibrated(spring(1e-3, 1.02), known_K=300.0)
-    assert {"trial", *row} == set(described("tables/calibration")) - OF_GATHERED
     for name, true, within in (
         ("lag_s", 1e-3, 5e-5),
         ("gain", 1.02, 1e-3),
@@ -264,8 +256,6 @@ def test_a_known_spring_tells_lateness_gain_fixture_and_what_to_write():
     loose = calibrated(spring(1e-3, 1.02), known_K=300.0, known_I=0.003, known_percent=1.0)
     assert loose["inertia"] == pytest.approx(row["inertia"] - 0.003)
     assert standard_error(loose, "gain") == pytest.approx(0.01 * 1.02, rel=1e-3)
-    for end in ("", "_low", "_high"):
-        assert loose[f"lag_s{end}"] == row[f"lag_s{end}"]
 
 
 def test_a_gain_that_a_fixture_s_weight_explains_asks_for_the_fixture_first():
@@ -284,16 +274,33 @@ def test_a_gain_that_a_fixture_s_weight_explains_asks_for_the_fixture_first():
     assert (stated["doubtful"], stated["gain"]) == ("", pytest.approx(1.0, abs=2e-3))
 
 
-def test_a_sound_bench_is_not_accused():
-    row = calibrated(spring(), known_K=300.0)
-    assert (row["doubtful"], row["explanations"]) == ("", None)
+KNOWN_SPRING = {"known_K": 300.0}
+PENDULUM = {"K": 0.0, "damping": 0.05, "weight": 2.0, "I": 0.2}
 
 
-def test_a_bench_that_is_late_by_8_ms_has_its_lag():
-    """It was the longest that is sought, with a damping of 7."""
-    row = calibrated(spring(8e-3), known_K=300.0)
-    assert row["explanations"] is not None
-    assert abs(row["lag_s"] - 8e-3) < 4 * standard_error(row, "lag_s") < 4e-4
+@pytest.mark.parametrize(("made", "known", "true", "lag_se", "doubtful"), [
+    ({}, KNOWN_SPRING, {"gain": 1.0, "lag_s": 0.0, "inertia": 0.004}, 1e-4, ""),
+    ({"late_s": 8e-3}, KNOWN_SPRING, {"lag_s": 8e-3}, 1e-4, "late torque"),
+    ({"damping": 3.0}, KNOWN_SPRING, {"B": 3.0, "lag_s": 0.0}, 8e-4, ""),
+    ({"late_s": -5e-4, "gain": 0.97, **PENDULUM}, {"known_I": 0.2},
+     {"lag_s": -5e-4, "gain": 0.97, "weight": 2.0, "B": 0.97 * 0.05}, 1e-4,
+     "late torque; wrong gain"),
+])  # fmt: skip
+def test_a_known_spring_or_inertia_tells_what_is_true_of_the_bench(
+    made, known, true, lag_se, doubtful
+):
+    row = calibrated(spring(**made), **known)
+
+    for name, value in true.items():
+        assert abs(row[name] - value) < 4 * standard_error(row, name), name
+    assert row["doubtful"] == doubtful
+    assert standard_error(row, "gain") < 1e-3
+    assert standard_error(row, "lag_s") < lag_se
+
+
+def test_a_calibration_needs_what_is_known():
+    with pytest.raises(InputError, match=r"spring: .* needs what is known; fill in known_K"):
+        calibrated(spring())
 
 
 def test_a_spring_without_inertia_tells_its_gain_and_no_damping():
@@ -318,26 +325,6 @@ def test_a_stated_fixture_is_compared_with_the_recorded_one(stated, doubt):
     assert row["doubtful"] == doubt
 
 
-def test_a_damping_of_the_spring_is_no_lag():
-    row = calibrated(spring(damping=3.0), known_K=300.0)
-    student = stdtrit(7, 0.975) / 1.96  # of eight units
-    assert abs(row["B"] - 3) < 4 * standard_error(row, "B") < 0.6 * student
-    assert abs(row["lag_s"]) < 4 * standard_error(row, "lag_s") < 2e-3 * student
-
-
-def test_a_known_inertia_tells_them_too_with_its_bearing_and_weight():
-    trial = spring(-5e-4, 0.97, K=0.0, damping=0.05, weight=2.0, I=0.2)
-    row = calibrated(trial, known_I=0.2)
-    for name, true in (("lag_s", -5e-4), ("gain", 0.97), ("weight", 2.0), ("B", 0.97 * 0.05)):
-        assert abs(row[name] - true) < 4 * standard_error(row, name), name
-    assert standard_error(row, "gain") < 1e-3
-    assert row["inertia"] is None
-    with pytest.raises(
-        InputError, match=r"spring: a calibration needs what is known; fill in known_K"
-    ):
-        calibrated(trial)
-
-
 @pytest.mark.parametrize(("weight", "rest_deg"), [(0.8, 0.0), (-0.8, 180.0)])
 def test_a_fixture_alone_gives_its_inertia_and_weight_and_what_to_write(weight, rest_deg):
     """Upright, its weight drives the motion, and it hangs on the other side."""
@@ -353,7 +340,6 @@ def test_a_fixture_alone_gives_its_inertia_and_weight_and_what_to_write(weight, 
     stated = yaml.safe_load(row["to_state"])["fixture"]
     assert stated["inertia"] == pytest.approx(row["inertia"], rel=1e-3)
     assert stated["weight_error"] == pytest.approx(standard_error(row, "weight"), rel=0.05)
-    assert {"trial", *row} == set(described("tables/calibration")) - OF_GATHERED
 
 
 def on_frame(trial, stiffness, noise_rad=2e-5):
@@ -379,10 +365,7 @@ def test_angles_on_both_sides_of_a_frame_give_its_stiffness_and_the_gain_behind_
 
 def test_of_a_rigid_frame_nothing_is_said_to_yield():
     """A smallest stiffness of 1e9 N*m/rad, beside noise of both angles."""
-    row = calibrated(on_frame(spring(), 1e9), known_K=300.0)
-
-    assert row["frame_stiffness"] is None
-    assert "bench_stiffness" not in row["to_state"]
+    assert calibrated(on_frame(spring(), 1e9), known_K=300.0)["frame_stiffness"] is None
 
 
 def test_a_fixture_of_the_sheet_comes_before_that_of_the_settings():

@@ -176,19 +176,14 @@ def test_a_belt_of_an_actuator_s_angle_with_the_wrong_sign_tells_no_lag():
 def test_the_delay_of_a_bench_is_pooled_over_trials_with_what_all_of_them_share():
     """Three trials that are 2 ms late to 50 us, and share 80 us; with amplitudes, which do not
     count."""
-    lags = [1.95e-3, 2.0e-3, 2.05e-3]
-    rows = pl.DataFrame(
-        {
-            "trial": [*"aabc"], "amplitude_deg": [None, 2.0, None, None],
-            "lag_s": [lags[0], 9.0, *lags[1:]],
-            "K": 300.0, "B": 4.4, "B_low": 4.3, "B_high": 4.5,
-            "I": 0.01, "I_low": 0.0, "I_high": 0.02,
-        }
-    )  # fmt: skip
-    half = pl.lit(1.96 * 85e-6)
-    rows = rows.with_columns(lag_s_low=pl.col("lag_s") - half, lag_s_high=pl.col("lag_s") + half)
+    lags = pl.Series([1.95e-3, 9.0, 2.0e-3, 2.05e-3])
+    amplitudes = [None, 2.0, None, None]
+    fit = {"K": 300.0, "B": 4.4, "B_low": 4.3, "B_high": 4.5, "I": 0.01, "I_low": 0.0}
+    half = 1.96 * 85e-6
+    ends = {"lag_s": lags, "lag_s_low": lags - half, "lag_s_high": lags + half}
+    rows = pl.DataFrame({"trial": [*"aabc"], "amplitude_deg": amplitudes, **ends})
 
-    table = delay_table(rows)
+    table = delay_table(rows.with_columns(I_high=0.02, **{k: pl.lit(v) for k, v in fit.items()}))
 
     row = table.row(0, named=True)
     assert (table.height, row["trials"], row["to_state"]) == (4, 3, "torque: {delay: 2 ms}")

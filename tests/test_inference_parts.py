@@ -12,6 +12,7 @@ from osl_analysis.inference.cross_validation import (
 )
 from osl_analysis.inference.friction_shapes import slipping_springs
 from osl_analysis.inference.hypotheses import Nothing
+from osl_analysis.inference.path_hypotheses import Delay
 from osl_analysis.inference.spectra import Spectra
 from osl_analysis.inference.whitening import Whitened
 
@@ -61,6 +62,23 @@ def test_whitened_fit_is_that_of_statsmodels_gls():
 
     # two estimators of one noise: they agree within a part of their common error
     assert np.all(np.abs(fit.impedances[0] - gls.params[:3]) < gls.bse[:3])
+
+
+def test_delay_in_the_spectrum_is_the_motion_at_an_earlier_time():
+    data = whitened(white(1e-3))
+    late = data.column(data.spectra.derivatives[0] * Delay(data).response(0.01))
+
+    grid = (
+        np.arange(data.spectra.working_rows)
+        * data.spectra.padded_seconds
+        / data.spectra.working_rows
+    )
+    theta = scipy.fft.irfft(data.spectra.derivatives[0], data.spectra.working_rows)
+    spline = scipy.interpolate.make_interp_spline(grid, theta, 7)
+    shifted = scipy.fft.rfft(spline(np.clip(grid - 0.01, 0, grid[-1])))
+    by_time = data.column(shifted)
+
+    assert np.abs(late - by_time).max() < 1e-3 * np.abs(late).max()
 
 
 def test_slipping_spring_follows_prandtl_step_by_step():

@@ -83,6 +83,10 @@ def with_slow_noise(torque):
     return torque + 0.5 * noise / noise.std()
 
 
+def stiffer_forwards(torque):
+    return torque + 20 * driven()[2] * np.tanh(velocity() / 1e-2)
+
+
 def rubbing(torque, size):
     return torque + size * np.tanh(velocity() / 2e-3)
 
@@ -95,7 +99,7 @@ def rubbing(torque, size):
     (lambda torque: torque + 3000 * driven()[2] ** 3, "size"),
     (lambda torque: torque - 30 * driven()[2] * (driven()[0] > 10), "time"),
     (lambda torque: np.minimum(torque, np.quantile(torque, 0.97)), "clipping"),
-    (lambda torque: torque + 20 * driven()[2] * np.tanh(velocity() / 1e-2), "direction"),
+    (stiffer_forwards, "direction"),
 ])  # fmt: skip
 def test_a_fault_is_named_by_its_family_and_a_sound_joint_has_none(change, family):
     found = changed(change)
@@ -156,6 +160,6 @@ def test_rest_at_a_level_is_no_end_of_the_torque():
 
 
 def test_stiffness_that_differs_by_direction_is_harm_of_its_half_difference():
-    found = changed(lambda torque: torque + 20 * driven()[2] * np.tanh(velocity() / 1e-2))
+    found = changed(stiffer_forwards)
 
     assert found.fault_shares[0] == pytest.approx(20 / K, rel=0.25)

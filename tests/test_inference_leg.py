@@ -15,12 +15,19 @@ TORQUE_CONSTANT = 1.0  # N*m/A
 HYSTERESIS = 0.25  # N*m
 
 
-def joint_motion(time: np.ndarray) -> np.ndarray:
-    """Angle, velocity and acceleration (3, n) of sines up to 5 Hz."""
+LINES = 2j * np.pi * np.linspace(0.5, 5.0, 12)  # [rad/s]
+
+
+def waves(time: np.ndarray) -> np.ndarray:
+    """The sines (12, n) up to 5 Hz, whose imaginary parts make the joint's angle."""
     phases = np.random.default_rng(1).uniform(0, 6, 12)
-    s = 2j * np.pi * np.linspace(0.5, 5.0, 12)
-    waves = 0.02 * np.exp(np.outer(s, time) + 1j * phases[:, None])
-    return np.array([(s**k @ waves).imag for k in range(3)])
+    return 0.02 * np.exp(np.outer(LINES, time) + 1j * phases[:, None])
+
+
+def joint_motion(time: np.ndarray) -> np.ndarray:
+    """Angle, velocity and acceleration (3, n)."""
+    sines = waves(time)
+    return np.array([(LINES**k @ sines).imag for k in range(3)])
 
 
 @cache
@@ -52,12 +59,10 @@ def leg(seconds: float = 40.0) -> dict[str, np.ndarray]:
 def true_impedance() -> np.ndarray:
     """K, B, I (3,) of Eq. 15 fitted to the torque of the leg without any friction."""
     time = np.arange(0, 40.0, 1 / RATE)
-    phases = np.random.default_rng(1).uniform(0, 6, 12)
-    s = 2j * np.pi * np.linspace(0.5, 5.0, 12)
+    s = LINES
     of_actuator = J_M * s**2 + (B_M + B_1) * s + K_1 + K_S / N_T**2
     Z = K_S + B_J * s + J_J * s**2 - (K_S / N_T) ** 2 / of_actuator
-    waves = 0.02 * np.exp(np.outer(s, time) + 1j * phases[:, None])
-    return np.linalg.lstsq(joint_motion(time).T, (Z @ waves).imag)[0]
+    return np.linalg.lstsq(joint_motion(time).T, (Z @ waves(time)).imag)[0]
 
 
 def signals(**changes: object) -> BenchSignals:

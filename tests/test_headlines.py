@@ -70,17 +70,10 @@ def test_a_misfit_that_a_cause_explains_is_no_doubt_of_its_own():
     assert [one.cause for one in doubts({"VAF": 80.0}, {}, {"VAF": 90})] == [
         "torque that nothing explains"
     ]
-    rows = pl.DataFrame(
-        {
-            "trial": "a",
-            "amplitude_deg": [2.0, None],
-            "coulomb_share": [0.1, 0.6],
-            "VAF": [80.0, 95.0],
-        }
-    )
+    amplitudes = {"trial": "a", "amplitude_deg": [2.0, None]}
+    rows = pl.DataFrame({**amplitudes, "coulomb_share": [0.1, 0.6], "VAF": [80.0, 95.0]})
     limits = Limits(above={"coulomb_share": 0.5}, below={"VAF": 90})
-    both = [one for row in judged(rows, limits, "response") for one in row]
-    assert [one.cause for one in both] == ["friction"] * 2
+    assert causes_of(rows, limits) == [["friction"]] * 2
 
 
 def test_beside_a_clipped_signal_nothing_that_makes_a_fit_worse_is_named():

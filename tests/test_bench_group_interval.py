@@ -53,16 +53,6 @@ def test_misfit_is_told_by_strata_or_groups_and_noise_by_what_repeats(
     assert by_noise == (strata in ([5, 5], [4, 4]))
 
 
-def test_degrees_of_freedom_are_those_of_what_makes_the_variance():
-    variance = np.diag([1.0])
-
-    _, of_noise = combined(variance, np.array([20.0]), np.zeros((1, 1)), 6)
-    _, of_misfit = combined(np.zeros((1, 1)), np.array([20.0]), variance, 6)
-
-    assert of_noise[0] == pytest.approx(20)
-    assert of_misfit[0] == pytest.approx(5)  # one fewer than units
-
-
 @pytest.mark.parametrize("units", [4, 5, 15])
 @pytest.mark.parametrize("misfit_sd", [0.0, 0.5, 1.0, 1.5, 3.0])
 def test_intervals_hold_the_truth_of_few_units_whose_misfit_is_small_or_large(units, misfit_sd):

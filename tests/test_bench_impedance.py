@@ -83,34 +83,40 @@ def test_the_modelled_torque_has_the_drift_where_the_fit_has_it():
         np.testing.assert_allclose(residual, 0, atol=2e-4)
 
 
-def record_of_steps(steps):
-    """The record of sines of an amplitude [rad] and a frequency [Hz] each, by an encoder of 16
-    bits."""
-    rest, step = np.zeros(round(2 * RATE)), 2 * np.pi / 2**16
-    sines = [part for a, f in steps for part in (a * unit_sines([(f, 9)], RATE), rest)]
-    theta = np.concatenate([rest, *sines])
+def trial_of_steps(steps):
+    """Sines between rests, of an amplitude [rad], a frequency [Hz] and a share of Eq. 15's torque
+    each."""
+    rest = np.zeros(round(2 * RATE))
+    angles, shares = [rest], [rest]
+    for amplitude, frequency, share in steps:
+        sine = np.append(amplitude * unit_sines([(frequency, 9)], RATE), rest)
+        angles.append(sine)
+        shares.append(np.full(len(sine), share))
+    theta = np.concatenate(angles)
     time = np.arange(len(theta)) / RATE
-    torque = second_order(bench_synthetic.true_motion(time, theta))
-    torque += 0.02 * np.random.default_rng(1).standard_normal(len(theta))
-    read = step * np.round(theta / step)
-    trial = Trial("made", pl.DataFrame({"time": time, "theta": read, "torque": torque}))
-    return record_of_trial(trial, sine_settings(None, None))
+    torque = second_order(bench_synthetic.true_motion(time, theta)) * np.concatenate(shares)
+    torque += 1e-3 * np.random.default_rng(1).standard_normal(len(theta))
+    return Trial("made", pl.DataFrame({"time": time, "theta": theta, "torque": torque}))
+
+
+def table_of_steps(*steps):
+    trial = trial_of_steps([(*step, 1.0) for step in steps])
+    record = record_of_trial(trial, sine_settings(None, None))
+    return impedance_with_evidence(record, UNSATURATED, None, None)[1]
 
 
 @pytest.mark.usefixtures("without_inference")
 def test_an_amplitude_of_one_frequency_has_no_row_and_refuses_no_trial():
     """A drive with a limit of speed reaches less at high frequencies."""
-    record = record_of_steps(((0.14, 0.5), (0.14, 1), (0.09, 2), (0.035, 4)))
-    table = impedance_with_evidence(record, UNSATURATED, None, None)[1]
+    table = table_of_steps((0.14, 0.5), (0.14, 1), (0.09, 2), (0.035, 4))
     assert table["amplitude_deg"].to_list() == [8.02, None]
     assert table.row(-1, named=True)["K"] == pytest.approx(200, rel=1e-3)
 
 
 def test_amplitudes_of_one_frequency_are_refused_with_what_is_missing():
-    record = record_of_steps(((0.14, 2), (0.09, 2)))
     missing = r"sines are of 2 Hz alone.*below 1 Hz or"
     with pytest.raises(IdentifiabilityError, match=missing):
-        impedance_with_evidence(record, UNSATURATED, None, None)
+        table_of_steps((0.14, 2), (0.09, 2))
 
 
 def vaf(shown):
@@ -122,18 +128,11 @@ def vaf(shown):
 def test_where_amplitudes_nest_in_frequencies_fig4_uses_the_largest_alone(tmp_path):
     """A fit to both amplitudes leaves several percent: the small one has half of the stiffness of
     the large one."""
-    rest = np.zeros(round(2 * RATE))
-    angles, are_large = [rest], [rest]
-    for frequency in PROTOCOL.frequencies_hz:
-        for amplitude in PROTOCOL.amplitudes:
-            sine = np.append(amplitude * unit_sines([(frequency, 9)], RATE), rest)
-            angles.append(sine)
-            are_large.append(np.full(len(sine), amplitude > 0.08))
-    theta, is_large = np.concatenate(angles), np.concatenate(are_large).astype(bool)
-    time = np.arange(len(theta)) / RATE
-    torque = second_order(bench_synthetic.true_motion(time, theta)) * np.where(is_large, 1, 0.5)
-    torque += 1e-3 * np.random.default_rng(1).standard_normal(len(theta))
-    trial = Trial("made", pl.DataFrame({"time": time, "theta": theta, "torque": torque}))
+    small, large = PROTOCOL.amplitudes
+    steps = [
+        (a, f, 1 if a == large else 0.5) for f in PROTOCOL.frequencies_hz for a in (small, large)
+    ]
+    trial = trial_of_steps(steps)
     degrees = [round(float(np.rad2deg(a)), 9) for a in PROTOCOL.amplitudes]
     settings = sine_settings(degrees, (1, 3, 5), 9)
     record = record_of_trial(trial, settings)

@@ -14,7 +14,6 @@ from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.limits import Limits
-from osl_analysis.stats.estimates import Estimate
 
 CONFIG = ROOT / "config/config.yaml"
 SETTINGS = config_for_trials(CONFIG).dynamometer
@@ -136,24 +135,6 @@ def test_a_late_torque_tells_by_how_much_it_moves_the_damping():
 # ---- what is known of the bench
 
 
-def test_it_is_told_how_well_a_recording_knows_an_unstated_delay():
-    row = sound_row()
-
-    assert 0 < row["delay_told_s"] < 1e-3
-    causes = [finding.cause for finding in findings_of(row, OF_FAULTS, "impedance")]
-    assert "whether the torque is late" in causes
-
-
-def test_a_stated_delay_is_no_unstated_one():
-    record = record_with()
-    calibration = Calibration(delay=1e-4)
-    settings = record.settings.model_copy(update={"calibration": calibration})
-
-    row = row_of(replace(record, settings=settings))
-
-    assert row["delay_told_s"] is None
-
-
 def test_an_error_of_the_bench_is_in_the_intervals():
     record = record_with()
     calibration = Calibration(torque_gain=0.01)
@@ -178,16 +159,6 @@ def test_stamps_that_can_be_read_in_two_ways_widen_the_intervals(joint, B):
     assert both[B] == plain[B]
     # 300 N*m/rad late by 0.2 ms
     assert plain[f"{B}_low"] - both[f"{B}_low"] == pytest.approx(0.06, rel=0.2)
-
-
-# ---- values
-
-
-def test_an_independent_error_adds_in_quadrature():
-    widened = Estimate(10.0, 3.0, 4.0, 16.0).widened_by(4.0 / 1.959964)
-
-    assert widened.high - widened.value == pytest.approx(np.hypot(6, 4))
-    assert widened.value - widened.low == pytest.approx(np.hypot(6, 4))
 
 
 def test_an_inertia_behind_a_soft_spring_does_not_drive_the_motion():

@@ -141,15 +141,12 @@ def test_an_error_of_the_bench_s_stiffness_widens_the_interval_of_k():
     theta = path(0, *(10, 0) * 3)
     torque = K * theta + 0.2 * np.random.default_rng(1).standard_normal(theta.size)
     known = {"value": "4000 N*m/rad"}
-    narrow, wide = (
-        row_of(theta, torque, bench_stiffness=known | error)
-        for error in ({}, {"standard_error": "200 N*m/rad"})
-    )
+    narrow = row_of(theta, torque, bench_stiffness=known)
+    wide = row_of(theta, torque, bench_stiffness=known | {"standard_error": "200 N*m/rad"})
     change = wide["K"] ** 2 * (1 / 3800 - 1 / 4000)
     of_cycles = (narrow["K_high"] - narrow["K"]) / 4.3027  # Student's quantile of three cycles
     with_bench = (wide["K_high"] - wide["K"]) / 1.96
     assert with_bench == pytest.approx(np.hypot(of_cycles, change), rel=0.1)
-    assert with_bench > 3 * of_cycles
 
 
 SMALLER = (*(x for a in (6, 8, 10, 6, 8, 10) for x in (0, a, -a)), 0)
@@ -196,16 +193,6 @@ def test_a_zero_changes_energies_and_no_slope_and_is_as_recorded_where_nobody_st
     assert (unstated["remarks"], stated["remarks"], at_end["remarks"]) == (OFFSET, "", "")
     assert at_end["K"] == pytest.approx(stated["K"], rel=1e-9), "a slope has no zero"
     assert unstated["energy_stored"] == stated["energy_stored"] > at_end["energy_stored"]
-
-
-def test_what_hysteresis_leaves_at_rest_is_no_offset_without_a_word():
-    """A spring that slips keeps its limit at the end, half the width of the loop; before the motion
-    it has none."""
-    theta = path(0, *(10, -10) * 3, 0)
-    torque = K * theta + jenkins(theta, 400, 4.0)
-
-    assert row_of(theta, torque, settle_cycles=1)["remarks"] == OFFSET
-    assert row_of(theta, torque, zero="start", settle_cycles=1)["remarks"] == ""
 
 
 OFFSET = "the torque's zero"
@@ -279,10 +266,8 @@ def test_a_gap_at_the_tip_of_a_cycle_is_doubtful():
     samples = trial_of(FULL, K * FULL + 0.01 * NOISE).samples
     tip = int(np.argmax(FULL))
     cut = Trial("foot", pl.concat([samples[: tip - 40], samples[tip + 40 :]]))
-    table = torque_angle_trial(cut, CONFIG.torque_angle).table
-    judged = marked(
-        table.with_columns(saturated_samples=0), CONFIG.doubtful.of("torque_angle"), "torque_angle"
-    )
+    table = torque_angle_trial(cut, CONFIG.torque_angle).table.with_columns(saturated_samples=0)
+    judged = marked(table, CONFIG.doubtful.of("torque_angle"), "torque_angle")
     assert "gap in the recording" in judged["doubtful"][0]
 
 

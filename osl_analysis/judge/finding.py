@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import polars as pl
 
@@ -137,34 +137,23 @@ def findings_frame(findings: Iterable[WordedFinding] = ()) -> pl.DataFrame:
     """`findings.csv` from findings with their words."""
     rows: list[dict[str, object]] = []
     for number, worded in enumerate(findings, start=1):
-        shared = {"finding": number, **finding_row(worded)}
-        if not worded.finding.evidence:
-            rows.append(shared)
-        for beyond in worded.finding.evidence:
-            evidence = {
-                "evidence": beyond.column,
-                "value": beyond.value,
-                "limit": beyond.limit,
-                "limit_side": beyond.side,
-            }
-            rows.append({**shared, **evidence})
-    return pl.DataFrame(rows, schema=FINDING_COLUMNS)
-
-
-def finding_row(worded: WordedFinding) -> dict[str, object]:
-    """The columns of `findings.csv` that all rows of a finding share, without its number."""
-    finding = worded.finding
-    row: dict[str, object] = {
-        "table": finding.table,
-        "trial": finding.subject,
-        "amplitude_deg": finding.amplitude_deg,
-        "frequency_hz": finding.frequency_hz,
-        "grade": finding.grade.value,
-        "name": finding.name,
-        "cause": finding.cause,
-    }
-    words = {part: text or None for part, text in worded.words._asdict().items()}
-    return {**row, **words}
+        finding = worded.finding
+        shared = {
+            **vars(finding),
+            **worded.words._asdict(),
+            "trial": finding.subject,
+            "cause": finding.cause,
+            "evidence": None,
+        }
+        numbers = [
+            {**vars(beyond), "evidence": beyond.column, "limit_side": beyond.side}
+            for beyond in finding.evidence
+        ]
+        for of_number in numbers or [{}]:
+            row = {**shared, **of_number, "finding": number}
+            rows.append({name: row.get(name) for name in FINDING_COLUMNS})
+    table = pl.DataFrame(rows, schema=FINDING_COLUMNS)
+    return table.with_columns(pl.col("says", "size", "remedy").replace("", None))
 
 
 def read_findings(path: Path) -> list[WordedFinding]:
@@ -177,27 +166,20 @@ def read_findings(path: Path) -> list[WordedFinding]:
 
 def findings_of_frame(frame: pl.DataFrame) -> list[WordedFinding]:
     """The findings of a table as `findings_frame` makes it."""
-    rows_of_finding: dict[object, list[dict[str, Any]]] = {}
-    for row in frame.iter_rows(named=True):
-        rows_of_finding.setdefault(row["finding"], []).append(row)
     findings = []
-    for rows in rows_of_finding.values():
-        evidence = []
-        for row in rows:
-            if row["evidence"] is not None:
-                numbers = (row["value"], row["limit"], row["limit_side"])
-                evidence.append(Beyond(row["evidence"], *numbers))
-        row = rows[0]
+    for rows in frame.partition_by("finding", maintain_order=True):
+        numbers = rows.drop_nulls("evidence").select("evidence", "value", "limit", "limit_side")
+        row = rows.row(0, named=True)
         finding = Finding(
             name=row["name"],
             table=row["table"],
             subject=row["trial"],
             grade=Grade(row["grade"]),
-            evidence=tuple(evidence),
+            evidence=tuple(Beyond(*cells) for cells in numbers.rows()),
             amplitude_deg=row["amplitude_deg"],
             frequency_hz=row["frequency_hz"],
         )
-        words = Words(row["says"] or "", row["size"] or "", row["remedy"] or "")
+        words = Words(*(row[part] or "" for part in Words._fields))
         findings.append(WordedFinding(finding, words))
     return findings
 

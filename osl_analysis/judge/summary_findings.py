@@ -26,6 +26,9 @@ from osl_analysis.judge.known_findings import CHECKS, known_finding, rule_of
 from osl_analysis.judge.words import sentence_of
 from osl_analysis.stats.repeats import DOUBTFUL
 
+RANKS = {"doubtful": 0, "doubtful in part": 0, "flagged": 1, "remark": 2, "not checked": 3}
+"""The order in which verdicts are told."""
+
 
 @dataclass(frozen=True)
 class CampaignFinding:
@@ -119,12 +122,10 @@ def judged_tables_of(tables: Mapping[str, pl.DataFrame]) -> Iterator[JudgedTable
                 continue
             of_judged = rows.filter(pl.col(DOUBTFUL).is_not_null()).to_dicts()
             last_rows = {subject_of(row): row for row in of_judged}
-            title = name.replace("_", " ")
-            if name in of_groups:
-                yield JudgedTable(name, title, title, last_rows, origin)
-            else:
-                of_experiment = f"{experiment.replace('_', ' ')} trials"
-                yield JudgedTable(name, of_experiment, f"{title} trials", last_rows, origin)
+            kind = "" if name in of_groups else " trials"
+            of_doubts = name if name in of_groups else experiment
+            subject, noted = (f"{of.replace('_', ' ')}{kind}" for of in (of_doubts, name))
+            yield JudgedTable(name, subject, noted, last_rows, origin)
 
 
 def causes_in_campaign(
@@ -164,23 +165,16 @@ def causes_in_campaign(
     def about(grade: Grade, table: str) -> list[WordedFinding]:
         return [w for w in whole if (w.finding.grade, w.finding.table) == (grade, table)]
 
-    doubts: list[CampaignFinding] = []
-    remarks: list[CampaignFinding] = []
-    unchecked: list[CampaignFinding] = []
+    causes: list[CampaignFinding] = []
     for table in judged_tables_of(tables):
         name, rows, noted = table.name, table.rows, table.subject_of_unchecked
         if name not in DOUBTS_OF:
-            doubts += by_cause(about(Grade.DOUBTS, name), "doubtful", table.subject, rows)
-        doubts += doubts_in_part(table, of_part)
-        remarks += by_cause(about(Grade.NOTES, name), "remark", noted, rows)
-        unchecked += by_cause(about(Grade.UNCHECKED, name), "not checked", noted, rows)
-    flags = list(flags_by_check(about(Grade.DOUBTS, QUALITY), verdicts))
-    return [
-        *most_frequent_first(doubts),
-        *most_frequent_first(flags),
-        *most_frequent_first(remarks),
-        *most_frequent_first(unchecked),
-    ]
+            causes += by_cause(about(Grade.DOUBTS, name), "doubtful", table.subject, rows)
+        causes += doubts_in_part(table, of_part)
+        causes += by_cause(about(Grade.NOTES, name), "remark", noted, rows)
+        causes += by_cause(about(Grade.UNCHECKED, name), "not checked", noted, rows)
+    causes += flags_by_check(about(Grade.DOUBTS, QUALITY), verdicts)
+    return sorted(causes, key=lambda cause: (RANKS[cause.verdict], -len(cause.trials)))
 
 
 def is_of_whole(finding: Finding) -> bool:
@@ -221,11 +215,6 @@ def flags_by_check(
         failed = [worded for worded in failed_checks if first_column(worded.finding) == check]
         checked = dict.fromkeys(subjects(verdicts.filter(check=check)), NO_ROW)
         yield from by_cause(failed, "flagged", "trials", checked)
-
-
-def most_frequent_first(causes: Sequence[CampaignFinding]) -> list[CampaignFinding]:
-    """Causes by how many trials have them; in their order where these are as many."""
-    return sorted(causes, key=lambda cause: -len(cause.trials))
 
 
 def subjects(rows: pl.DataFrame) -> list[str]:

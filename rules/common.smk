@@ -38,7 +38,7 @@ from osl_analysis.figures import FIGURES
 from osl_analysis.files import seen_from
 from osl_analysis.jobs.workers import job
 from osl_analysis.judge.claims import CLAIMED
-from osl_analysis.judge.exclusions import Judge
+from osl_analysis.judge.recording_checks import Judge
 from osl_analysis.yaml_settings import as_json
 
 CONFIG_FILES = [seen_from(Path(), Path(file)) for file in reversed(workflow.configfiles)]

@@ -36,10 +36,9 @@ from osl_analysis.jobs.perform import Job, perform, write_reasons
 from osl_analysis.jobs.progress import LogHandler
 from osl_analysis.jobs.used import without_excluded, without_missing
 from osl_analysis.judge.campaign import campaign_findings, exclusion_report
-from osl_analysis.judge.exclusions import Judge, exclusions
 from osl_analysis.judge.finding import findings_frame
 from osl_analysis.judge.limits import DoubtfulFits
-from osl_analysis.judge.recording_checks import QualityRules
+from osl_analysis.judge.recording_checks import Judge, QualityRules, exclusions
 from osl_analysis.table import NotAnalysed, not_analysed, read_table, write_table, write_tables
 from osl_analysis.trial import Trial, read_trial
 from osl_analysis.walking.poses import StaticCalibration

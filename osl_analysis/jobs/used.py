@@ -5,7 +5,7 @@ from itertools import chain
 from pathlib import Path
 
 from osl_analysis.errors import InputError
-from osl_analysis.judge.exclusions import HOW_TO_USE
+from osl_analysis.judge.recording_checks import HOW_TO_USE
 from osl_analysis.table import NotAnalysed, not_analysed
 
 Files = str | list[str]

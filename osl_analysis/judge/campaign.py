@@ -6,12 +6,11 @@ import polars as pl
 
 from osl_analysis.config.experiments import judged_tables
 from osl_analysis.errors import listing
-from osl_analysis.judge.exclusions import HOW_TO_USE, exclusions
 from osl_analysis.judge.finding import Beyond, Finding, Grade, WordedFinding
 from osl_analysis.judge.judging import judged
 from osl_analysis.judge.known_findings import CHECKS, FINDINGS
 from osl_analysis.judge.limits import DoubtfulFits
-from osl_analysis.judge.recording_checks import spoiled_trials
+from osl_analysis.judge.recording_checks import HOW_TO_USE, exclusions, spoiled_trials
 from osl_analysis.judge.words import words_of
 from osl_analysis.measured import significant
 

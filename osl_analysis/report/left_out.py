@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import polars as pl
 
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.judge.exclusions import exclusion_text
+from osl_analysis.judge.recording_checks import exclusion_text
 
 REASONS_OF_CROSSINGS = {"walking_crossings": "reason", "walking": "excluded"}
 """Columns of result tables that tell why a crossing is not used."""

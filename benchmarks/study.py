@@ -50,9 +50,9 @@ from osl_analysis.simulator.simulation_settings import (
 )
 from osl_analysis.simulator.step import GaitTrial, draw_step
 from osl_analysis.simulator.walking_trial import simulate_walking_trial
+from osl_analysis.stats.estimates import INTERVAL_ENDS
 from osl_analysis.stats.linear_fit import LinearFit
 from osl_analysis.stats.repeats import over_repeats
-from osl_analysis.stats.table_rows import INTERVAL_ENDS
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.crossing import Crossing, analyse_crossing
 from osl_analysis.walking.ensemble import Ensemble, shared_errors

@@ -20,8 +20,8 @@ from osl_analysis.errors import InputError, naming
 from osl_analysis.signals import Motion, differentiate, runs
 from osl_analysis.signals.grid import UniformSignals, uniform_signals
 from osl_analysis.signals.plateaus import FEWEST_PLATEAUS, is_clamped, plateaus_of
+from osl_analysis.stats.estimates import Row, estimates_row
 from osl_analysis.stats.linear_fit import without
-from osl_analysis.stats.table_rows import Row, estimates_row
 from osl_analysis.trial import Array, Trial
 
 ACTUATOR_PARAMETERS = ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m")

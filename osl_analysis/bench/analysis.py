@@ -17,8 +17,8 @@ from osl_analysis.bench.record import Label, Record
 from osl_analysis.bench.regression import GroupFit, Sums, fit_groups
 from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.signals import seven_point_motion
+from osl_analysis.stats.estimates import Row, diagnostics_row, estimates_row
 from osl_analysis.stats.linear_fit import LinearFit, with_shared_error
-from osl_analysis.stats.table_rows import Row, diagnostics_row, estimates_row
 from osl_analysis.trial import Array
 
 QUANTITIES = ("K", "B", "I")  # parameters of Eq. 15

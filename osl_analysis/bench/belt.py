@@ -21,7 +21,7 @@ from osl_analysis.errors import InputError, naming
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
 from osl_analysis.signals import filtered_motion, runs
 from osl_analysis.signals.grid import BRIDGE_MORE, uniform_signals
-from osl_analysis.stats.table_rows import Row, estimates_row
+from osl_analysis.stats.estimates import Row, estimates_row
 from osl_analysis.trial import Array, Trial
 
 BRANCHES = {"loading": 1, "unloading": -1}  # and how the deflection's size changes

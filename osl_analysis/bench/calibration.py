@@ -18,8 +18,8 @@ from osl_analysis.bench.regression import GroupFit, fit_groups, gram_sums
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError
 from osl_analysis.signals.grid import origin, uniform_signals
+from osl_analysis.stats.estimates import Row, estimates_row
 from osl_analysis.stats.linear_fit import NORMAL_HALF_WIDTH
-from osl_analysis.stats.table_rows import Row, estimates_row
 from osl_analysis.trial import Trial
 
 JOINT_SIDE = "theta_joint"  # column of the angle between frame and joint

@@ -35,8 +35,7 @@ from osl_analysis.dictionary import table_of
 from osl_analysis.inference import ImpedanceInference
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
 from osl_analysis.model.drivetrain import DrivetrainParameters, joint_admittance
-from osl_analysis.stats.estimates import Impedance
-from osl_analysis.stats.table_rows import Row
+from osl_analysis.stats.estimates import Impedance, Row
 
 LITTLE = {"K": 0.0, "B": 2.0, "I": 5e-3}
 """Sizes of K, B [N*m*s/rad] and I [kg*m^2], added in quadrature to the divisor of a relative

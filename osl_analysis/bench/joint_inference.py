@@ -24,8 +24,7 @@ from osl_analysis.inference import (
 )
 from osl_analysis.inference.constants import HARM_SHARE, LIKELY
 from osl_analysis.inference.estimates import Explanation
-from osl_analysis.stats.estimates import Estimate, Impedance
-from osl_analysis.stats.table_rows import INTERVAL_ENDS, Row
+from osl_analysis.stats.estimates import INTERVAL_ENDS, Estimate, Impedance, Row
 
 CERTAIN_FRICTION = 0.9  # probability from which friction is taken off B: nine in ten are right
 NAMED_SHARE = 0.05  # of all faults' probability, below which an explanation is not named

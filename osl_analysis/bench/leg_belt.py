@@ -11,7 +11,7 @@ from osl_analysis.bench.record import Record
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.inference.friction_shapes import slipping_springs
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
-from osl_analysis.stats.table_rows import INTERVAL_ENDS
+from osl_analysis.stats.estimates import INTERVAL_ENDS
 from osl_analysis.trial import Array
 
 # half-widths [rad] of the slipping springs that model a belt's hysteresis

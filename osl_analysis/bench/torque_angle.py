@@ -21,9 +21,9 @@ from osl_analysis.bench.record import joint_angle
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import Change, InputError, naming
 from osl_analysis.signals.grid import UniformSignals, uniform_signals
+from osl_analysis.stats.estimates import Row
 from osl_analysis.stats.linear_fit import variance_accounted_for
 from osl_analysis.stats.repeats import over_repeats
-from osl_analysis.stats.table_rows import Row
 from osl_analysis.trial import Array, Trial
 
 MEASURED = ("K", "K_unloading", "energy_stored", "energy_returned", "energy_lost")

@@ -15,8 +15,7 @@ from osl_analysis.bench.joint_inference import (
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import EFFECTS_LIMIT, fit_groups, held_out_vaf
 from osl_analysis.dictionary import table_of
-from osl_analysis.stats.estimates import Estimate
-from osl_analysis.stats.table_rows import Row
+from osl_analysis.stats.estimates import Estimate, Row
 
 LOSSES = ("B_j", "J_j")
 

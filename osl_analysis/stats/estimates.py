@@ -1,12 +1,17 @@
-"""An estimate with its interval, and the impedance of a joint: what every fit gives."""
+"""An estimate with its interval, the impedance of a joint, and both as columns of tables."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from osl_analysis.stats.linear_fit import NORMAL_HALF_WIDTH, LinearFit
-from osl_analysis.stats.table_rows import INTERVAL_ENDS, Row
+
+# one row of a result table, by column. None becomes an empty field.
+Row = dict[str, float | str | None]
+
+INTERVAL_ENDS = ("", "_low", "_high")
+"""Endings of the columns of an estimate: its value and the ends of its 95 % interval."""
 
 
 @dataclass(frozen=True)
@@ -65,24 +70,40 @@ class Impedance:
 
     def widened_by(self, known_errors: Mapping[str, float]) -> "Impedance":
         """K, B and I with further standard errors, by symbol, in their intervals."""
-        return Impedance(
-            K=self.K.widened_by(known_errors["K"]),
-            B=self.B.widened_by(known_errors["B"]),
-            I=self.I.widened_by(known_errors["I"]),
-        )
+        return self.of_each(lambda name, each: each.widened_by(known_errors[name]))
 
     def widened_to_include(self, other: "Impedance") -> "Impedance":
         """K, B and I with intervals that hold those of another impedance, too."""
-        return Impedance(
-            K=self.K.widened_to_include(other.K),
-            B=self.B.widened_to_include(other.B),
-            I=self.I.widened_to_include(other.I),
-        )
+        return self.of_each(lambda name, each: each.widened_to_include(getattr(other, name)))
 
     def moved_by(self, before: "Impedance", after: "Impedance") -> "Impedance":
         """K, B and I and their intervals, moved as those of another impedance were."""
-        return Impedance(
-            K=self.K.moved_by(before.K, after.K),
-            B=self.B.moved_by(before.B, after.B),
-            I=self.I.moved_by(before.I, after.I),
+        return self.of_each(
+            lambda name, each: each.moved_by(getattr(before, name), getattr(after, name))
         )
+
+    def of_each(self, change: Callable[[str, Estimate], Estimate]) -> "Impedance":
+        """What becomes of K, B and I, each with its name."""
+        return Impedance(**{name: change(name, each) for name, each in vars(self).items()})
+
+
+def estimates_row(fit: LinearFit, *names: str) -> dict[str, float]:
+    """`name`, and the bounds `name_low` and `name_high` of its 95 % interval, for each name, in SI
+    units."""
+    row: dict[str, float] = {}
+    for name in names:
+        low, high = fit.interval(name)
+        row[name] = fit[name]
+        row[f"{name}_low"] = low
+        row[f"{name}_high"] = high
+    return row
+
+
+def diagnostics_row(fit: LinearFit, interval_method: str) -> Row:
+    """The diagnostics of a fit and its interval in all tables, VAF in percent."""
+    return {
+        "interval_method": interval_method,
+        "VAF": fit.vaf,
+        "condition_number": fit.condition_number,
+        "largest_correlation": fit.largest_correlation,
+    }

@@ -17,9 +17,9 @@ import scipy
 
 from osl_analysis.measured import rms
 from osl_analysis.signals import Motion
+from osl_analysis.stats.estimates import estimates_row
 from osl_analysis.stats.linear_fit import LinearFit
 from osl_analysis.stats.repeats import over_repeats
-from osl_analysis.stats.table_rows import estimates_row
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.ensemble import ESTIMATED, Bootstrap, GroupHeadline

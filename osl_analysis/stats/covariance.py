@@ -6,7 +6,6 @@ from the autocorrelation of the residual, with a correction for the degrees of f
 uses up."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -55,16 +54,7 @@ FEWEST_CYCLES = 5  # smallest number of cycles at one frequency whose spread giv
 LARGEST_AR1 = 0.9999  # autocorrelation of a residual after one sample, beyond which none is fitted
 
 
-class Covariance(NamedTuple):
-    """The covariance of p estimates, and where it comes from."""
-
-    matrix: Array  # (p, p)
-    degrees_of_freedom: Array  # of its variances (p,)
-    source: str  # as tables name it
-    correlation_samples: int  # over which the residual may be correlated
-
-
-def hac(X: Array, inverse: Array, residual: Array) -> Covariance:
+def hac(X: Array, inverse: Array, residual: Array) -> tuple[Array, Array, int]:
     """Find the covariance from the autocorrelation of the residual (Newey and West, Econometrica
     55, 1987).
 
@@ -81,6 +71,15 @@ def hac(X: Array, inverse: Array, residual: Array) -> Covariance:
     residual : Array (n,)
         What the fit leaves.
 
+    Returns
+    -------
+    covariance : Array (p, p)
+        Of the estimates.
+    degrees_of_freedom : Array (p,)
+        Of its variances.
+    window : int
+        Samples over which the residual may be correlated.
+
     Raises
     ------
     InputError
@@ -94,7 +93,7 @@ def hac(X: Array, inverse: Array, residual: Array) -> Covariance:
     alpha = 4 * rho**2 / (1 - rho**2) ** 2
     window = int(np.clip(np.ceil(1.1447 * (alpha * n) ** (1 / 3)), 1, max(n // 8, 1)))
     scores = X @ inverse * residual[:, None]
-    return Covariance(*moving_sums(scores, window), "HAC", window)
+    return *moving_sums(scores, window), window
 
 
 def moving_sums(scores: Array, window: int) -> tuple[Array, Array]:

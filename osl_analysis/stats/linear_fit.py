@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.measured import EXACT_FIT_SHARE, check_finite, check_measured
-from osl_analysis.stats.covariance import Covariance, hac
+from osl_analysis.stats.covariance import hac
 from osl_analysis.trial import Array
 
 CONDITION_LIMIT = 1e3
@@ -62,11 +62,7 @@ class LinearFit:
         return self[name] - half_width, self[name] + half_width
 
 
-def linear_fit(
-    y: Array,
-    columns: Mapping[str, Array],
-    covariance_of: Callable[[Array, Array, Array], Covariance] = hac,
-) -> LinearFit:
+def linear_fit(y: Array, columns: Mapping[str, Array]) -> LinearFit:
     """Fit columns to y by least squares, with standard errors for correlated residuals.
 
     Parameters
@@ -75,8 +71,6 @@ def linear_fit(
         What is explained.
     columns : Mapping of Array (n,)
         By name.
-    covariance_of
-        Where the standard errors come from; it takes the arguments of `hac`.
 
     Returns
     -------
@@ -124,16 +118,16 @@ def linear_fit(
     check_measured("column 'y'", y)
     estimates = (y @ U) / singular @ Vt / scale
     residual = y - X @ estimates
-    covariance = covariance_of(X, inverse, residual)
+    covariance, freedom, window = hac(X, inverse, residual)
     return LinearFit(
         names=names,
         estimates=estimates,
-        covariance=covariance.matrix,
+        covariance=covariance,
         vaf=variance_accounted_for(y, residual),
         condition_number=condition,
-        correlation_samples=covariance.correlation_samples,
-        interval_method=covariance.source,
-        degrees_of_freedom=covariance.degrees_of_freedom,
+        correlation_samples=window,
+        interval_method="HAC",
+        degrees_of_freedom=freedom,
         residual=residual,
         largest_correlation=largest_correlation(about_means),
     )

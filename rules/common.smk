@@ -31,7 +31,7 @@ from osl_analysis.campaign.setting_states import states_of
 from osl_analysis.commands.campaign_start import left_out_recordings, start_campaign
 from osl_analysis.commands.run import end_run, made_by
 from osl_analysis.config.experiments import DOUBTS_OF, EXPERIMENTS, judged_tables
-from osl_analysis.config.impedance_trajectory import STANCE_SHARE
+from osl_analysis.config.sheet import ON_DYNAMOMETER
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import InputError, OslAnalysisError, listing
 from osl_analysis.figures import FIGURES
@@ -97,6 +97,11 @@ def of_trials(trials, file="<results>/trials/{trial}.parquet"):
         return file.format(trial=wildcards.trial)
 
     return file_of_trial
+
+
+def experiment(wildcards):
+    """What is known of the kind of a trial."""
+    return EXPERIMENTS[CAMPAIGN.row(wildcards.trial)["experiment"]]
 
 
 def device(wildcards):

@@ -28,12 +28,12 @@ if CONFIG.simulation:
         log:
             "<logs>/simulate/{trial}.log",
         wildcard_constraints:
-            trial=name_pattern(CAMPAIGN.logged_in("dynamometer")),
+            trial=name_pattern(CAMPAIGN.trials(*ON_DYNAMOMETER)),
         priority: 1
         params:
             campaign_folder=lambda wildcards: str(CONFIG.raw_data),
             trial="{trial}",
-            followed=lambda wildcards: as_json(CAMPAIGN.choices_to_simulate(wildcards.trial)),
+            followed=lambda wildcards: as_json(CONFIG.shared(experiment(wildcards).follows)),
             made_by=MADE_BY,
         run:
             job("osl_analysis.commands.simulate.simulate_trial", input, output, params, log)
@@ -42,7 +42,7 @@ if CONFIG.simulation:
         output:
             log="<raw>/actuator/{trial}.mcap",
         wildcard_constraints:
-            trial=name_pattern(CAMPAIGN.logged_in("actuator")),
+            trial=name_pattern(CAMPAIGN.trials("actuator")),
 
     use rule simulate_dynamometer as simulate_capture with:
         output:

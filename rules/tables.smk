@@ -108,9 +108,7 @@ rule check_claims:
 
 
 rule settings_table:
-    """The settings that judge or label results: which are stated, assumed or measured."""
-    input:
-        response=FILES.tables("response"),
+    """The settings that judge or label results: which are stated, and which assumed."""
     output:
         output="<results>/tables/settings.csv",
     log:
@@ -121,7 +119,7 @@ rule settings_table:
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.tables.write_settings", input, output, params, log, "refused")
+        job("osl_analysis.commands.tables.write_settings", input, output, params, log)
 
 
 rule excluded_trials:

@@ -16,7 +16,7 @@ rule ingest:
         row=lambda wildcards: CAMPAIGN.recording(wildcards.trial),
         raw_folder=str(CONFIG.raw_data),
         sources_folder=str(CONFIG.sources),
-        needed_columns=lambda wildcards: CAMPAIGN.needed_columns(wildcards.trial),
+        needed_columns=lambda wildcards: experiment(wildcards).needed_columns,
         commanded=lambda wildcards: CAMPAIGN.commanded(wildcards.trial),
         sizes=lambda wildcards: CAMPAIGN.log_sizes(wildcards.trial),
         data=CAMPAIGN.data,

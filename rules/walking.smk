@@ -38,7 +38,7 @@ rule identify_plate:
         "<logs>/walking/plate.log",
     localrule: True
     params:
-        statics=CAMPAIGN.static_trials(PLATE_TRIALS),
+        statics={trial: CAMPAIGN.static_of[trial] for trial in PLATE_TRIALS},
         settings=CONFIG.walking.part("PlateModelSettings"),
         excluded=excluded(PLATE_TRIALS),
         data=CAMPAIGN.data,
@@ -59,7 +59,7 @@ rule find_onsets:
         "<logs>/walking/onsets.log",
     localrule: True
     params:
-        statics=CAMPAIGN.static_trials(PERTURBED),
+        statics={trial: CAMPAIGN.static_of[trial] for trial in PERTURBED},
         settings=CONFIG.walking.part("CrossingSettings"),
         excluded=excluded(PERTURBED),
         made_by=MADE_BY,
@@ -71,7 +71,7 @@ rule analyse_crossing:
     """Ankle angle and torque over the stance of one crossing."""
     input:
         trial=of_trials(WALKED),
-        calibration=lambda wildcards: FILES.calibration_of_crossing(wildcards.trial),
+        calibration=lambda wildcards: FILES.calibrations([wildcards.trial])[0],
         plate="<results>/fits/plate.json",
         onsets="<results>/fits/onsets.json",
     output:

@@ -430,7 +430,10 @@ def test_the_simulated_leg_has_the_gains_that_the_configuration_says(tmp_path, i
         "dynamometer": protocol,
     }
     simulate_trial(
-        TINY, tmp_path / "raw", TRIAL, configured(tmp_path, **changes).shared("impedance")
+        TINY,
+        tmp_path / "raw",
+        TRIAL,
+        configured(tmp_path, **changes).shared(EXPERIMENTS["impedance"].follows),
     )
     truth = json.loads((tmp_path / f"raw/truth/{TRIAL}.json").read_text())["gains"]
     expected = select_gains(
@@ -479,5 +482,7 @@ def test_each_experiment_follows_what_it_uses_and_no_more(tmp_path, in_root):
     ):  # fmt: skip
         other = configured(tmp_path, **change)
         assert [
-            name for name in EXPERIMENTS if own.shared(name) != other.shared(name)
+            name
+            for name, facts in EXPERIMENTS.items()
+            if own.shared(facts.follows) != other.shared(facts.follows)
         ] == following.split()

@@ -23,9 +23,9 @@ from osl_analysis.files import default_config
 from osl_analysis.ingest.quality import Commanded, measure_quality, measured_table
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.recording_checks import judged_table
-from osl_analysis.stats.repeats import alike_sizes, size_texts
+from osl_analysis.stats.repeats import alike_sizes
 from osl_analysis.trial import Trial
-from osl_analysis.yaml_settings import read_mapping
+from osl_analysis.yaml_settings import flat, read_mapping
 
 OTHERS = {
     "parameters": "config/parameters/osl-v2-published.yaml", "impedance_trajectory": "other.csv",
@@ -55,7 +55,7 @@ def with_default(tmp_path, monkeypatch):
     return made
 
 
-@pytest.mark.parametrize("name", FACTS_OF_DEFAULT)
+@pytest.mark.parametrize("name", flat(FACTS_OF_DEFAULT))
 def test_what_the_default_campaign_states_is_no_fact_of_others(name, tmp_path, with_default):
     (tmp_path / "plain.yaml").write_text("{campaign: own, simulation: null}")
     alike, stated = read_config(tmp_path / "plain.yaml"), tmp_path / "stated.yaml"
@@ -166,7 +166,7 @@ def test_facts_that_nobody_stated_are_measured_none_or_assumed(tmp_path):
     stated = [name for name, state in states.items() if state == "stated"]
     assert stated == ["dynamometer.amplitudes_deg"]
     known = {name for name, state in states.items() if state != "assumed"}
-    assert known >= {*FACTS_OF_DEFAULT} & {*EXPERIMENTS_BY_SETTING}
+    assert known >= {*flat(FACTS_OF_DEFAULT)} & {*EXPERIMENTS_BY_SETTING}
 
 
 def test_recordings_that_are_not_analysed_are_named(tmp_path):
@@ -215,13 +215,6 @@ def test_without_a_stated_protocol_the_recording_is_its_own_label():
     assert measure_quality(trial, "impedance", unstated)["protocol"].value is None
     # what was not asked for
     assert measure_quality(trial, "impedance", stated)["protocol"].value == 6
-
-
-def test_what_was_measured_is_said_with_its_spread():
-    """Amplitudes that fall with the frequency are no single one; those that differ by rounding
-    are."""
-    assert size_texts(pl.Series([2.0, 6.0, None, 5.89, 5.59, 1.995])) == ["2", "5.59 to 6"]
-    assert size_texts(pl.Series([], dtype=pl.Float64)) == []
 
 
 def test_sizes_of_one_label_are_within_the_ratio_of_each_other():

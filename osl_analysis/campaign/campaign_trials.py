@@ -1,15 +1,14 @@
 """A campaign: the trials of its sample sheet, and what the rules ask about each of them."""
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from osl_analysis.campaign.configuration import Config
-from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL, ResultTable
-from osl_analysis.config.shared_choices import SharedChoices
+from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.config.sheet import FIXTURE, SheetRows, read_sheet
 from osl_analysis.errors import InputError, naming, nearest
 from osl_analysis.files import shipped
@@ -77,17 +76,11 @@ class Campaign:
                 for trial in (*self.trials("walking"), *self.plate_trials())
             }
 
-    def static_trials(self, trials: Iterable[str]) -> dict[str, str]:
-        """The static trial that calibrates each of these trials; none if the leg's log has angle
-        and torque."""
-        return {trial: self.static_of[trial] for trial in trials if self.statics}
-
     def plate_trials(self) -> list[str]:
         """Names of the plate trials from which the plate's inertia is identified; none if it is
-        not."""
-        if self.config.walking.plate_inertia != "identified":
-            return []
-        return self.trials("plate")
+        not, or nobody walks."""
+        is_identified = self.config.walking.plate_inertia == "identified"
+        return self.trials("plate") if is_identified and self.trials("walking") else []
 
     @cached_property
     def statics(self) -> dict[str, list[str]]:
@@ -114,21 +107,14 @@ class Campaign:
     def places(self) -> dict[str, dict[str, Any]]:
         """Joint and side of every trial in the sheet, by trial. On the walkway, the side that is
         analysed."""
-        analysed_sides = self._analysed_sides() if self.trials("walking") else {}
+        sides = {static: self.calibration_settings(static)["side"] for static in self.statics}
         return {
-            trial: {"joint": row["joint"], "side": analysed_sides.get(trial) or row["side"]}
+            trial: {
+                "joint": row["joint"],
+                "side": sides.get(self.static_of.get(trial, trial), row["side"]),
+            }
             for trial, row in self.rows.items()
         }
-
-    def _analysed_sides(self) -> dict[str, str]:
-        """The side of every static trial in use, its crossings and its plate trials."""
-        sides: dict[str, str] = {}
-        for static, crossings in self.statics.items():
-            side = self.calibration_settings(static)["side"]
-            sides.update(dict.fromkeys((static, *crossings), side))
-        for trial in self.plate_trials():
-            sides[trial] = sides[self.static_of[trial]]
-        return sides
 
     def device(self, trial: str) -> Path | None:
         """The parameter file of a trial's device; None if there is none for its joint."""
@@ -137,21 +123,11 @@ class Campaign:
             return None
         return parameters
 
-    def needed_columns(self, trial: str) -> tuple[str, ...]:
-        """The columns that a trial must have."""
-        experiment = self.row(trial)["experiment"]
-        return EXPERIMENTS[experiment].needed_columns
-
     def commanded(self, trial: str) -> dict[str, Any]:
         """The stepped sine that was asked for, with which quality control compares the motion."""
-        dynamometer = self.config.dynamometer
-        if EXPERIMENTS[self.row(trial)["experiment"]].stepped_sine:
-            return {name: getattr(dynamometer, name) for name in PROTOCOL}
-        return {"amplitudes_deg": [], "frequencies_hz": [], "cycles": 1}
-
-    def choices_to_simulate(self, trial: str) -> SharedChoices:
-        """What the configuration decides for the simulator of a trial."""
-        return self.config.shared(self.row(trial)["experiment"])
+        if not EXPERIMENTS[self.row(trial)["experiment"]].stepped_sine:
+            return {}
+        return self.config.dynamometer.model_dump(mode="json", include={*PROTOCOL})
 
     def recording(self, trial: str) -> Mapping[str, Any]:
         """The cells of a trial's row that ingest uses."""
@@ -168,11 +144,6 @@ class Campaign:
         row = self.row(trial)
         named = [row[column] for column in ("log", "mocap") if row[column]]
         return [file for name in named for file in recorded_files(self.config.raw_data / name)]
-
-    def logged_in(self, folder: str) -> list[str]:
-        """Names of the trials whose log stands in a folder of the raw data."""
-        logs = {trial: row["log"] for trial, row in self.rows.items()}
-        return [trial for trial, log in logs.items() if log and Path(log).parent.name == folder]
 
     def readable_logs(self, trial: str) -> list[Path]:
         """The recorded files of a trial, but those that cannot be read: its ingest refuses them.
@@ -191,22 +162,6 @@ class Campaign:
         row = self.row(trial)
         named = [row[column] for column in ("log_source", "mocap_source") if row[column]]
         return [self.config.sources / f"{name}.yaml" for name in named]
-
-    # ---- Tables and figures
-
-    def rows_of(self, experiment: str, table: ResultTable) -> list[str]:
-        """Names of the trials of an experiment that have rows in one of its tables."""
-        if table.perturbed_only:
-            return self.crossings(perturbed=True)
-        return self.trials(experiment)
-
-    def further_tables(self) -> list[str]:
-        """The result tables that rules compute from all trials of an experiment together."""
-        tables = list[str]()
-        for experiment, facts in EXPERIMENTS.items():
-            if self.trials(experiment):
-                tables.extend(facts.further_tables)
-        return tables
 
     @property
     def data(self) -> str:

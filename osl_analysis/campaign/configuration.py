@@ -1,6 +1,6 @@
 """The configuration of a campaign: choices with units, validated when they are read."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -13,7 +13,6 @@ from osl_analysis.bench.bench_settings import (
     DynamometerAnalysis,
     TorqueAngleAnalysis,
 )
-from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.shared_choices import SharedChoices
 from osl_analysis.errors import InputError
 from osl_analysis.files import default_config
@@ -112,25 +111,14 @@ class Config(Settings):
         "walking.plate",
     )
 
-    def shared(self, experiment: str | None = None) -> SharedChoices:
-        """The choices that the simulator follows in the trials of one experiment, or in all
-        (None)."""
-        dynamometer = self.dynamometer
-        protocol = None
-        if dynamometer.amplitudes_deg and dynamometer.frequencies_hz:
-            protocol = {
-                "amplitudes_deg": dynamometer.amplitudes_deg,
-                "frequencies_hz": dynamometer.frequencies_hz,
-                "cycles": dynamometer.cycles,
-            }
-        choices = {
-            "parameters": self.parameters,
-            "gain_weight": self.gain_weight,
-            "protocol": protocol,
-            "impedance_trajectory": self.impedance_trajectory,
-        }
-        used = choices if experiment is None else EXPERIMENTS[experiment].follows
-        return SharedChoices.model_validate({name: choices[name] for name in used})
+    def shared(self, names: Collection[str] = tuple(SharedChoices.model_fields)) -> SharedChoices:
+        """The choices that the simulator follows, or those of them that are named."""
+        stated = self.model_dump(include={*names})
+        sine = {"amplitudes_deg", "frequencies_hz", "cycles"}
+        protocol = self.dynamometer.model_dump(include=sine)
+        if "protocol" in names and all(protocol.values()):
+            stated["protocol"] = protocol
+        return SharedChoices.model_validate(stated)
 
 
 def overriding(base: Any, override: Any) -> Any:
@@ -142,13 +130,17 @@ def overriding(base: Any, override: Any) -> Any:
     return {**base, **replaced}
 
 
-# Settings in which the default configuration states facts on its own bench, device and text, and on
-# no other.
-FACTS_OF_DEFAULT = (
-    "parameters", "impedance_trajectory", "dynamometer.amplitudes_deg",
-    "dynamometer.frequencies_hz", "dynamometer.cycles",
-    "figures.midstance_stiffness", "claims.K_percent", "torque_angle.zero",
-)  # fmt: skip
+# the facts that the default configuration states on its own bench, device and text, and on no other
+FACTS_OF_DEFAULT = {
+    "parameters": None,
+    "impedance_trajectory": None,
+    "dynamometer": {"amplitudes_deg": None, "frequencies_hz": None, "cycles": None},
+    "figures": {"midstance_stiffness": None},
+    "claims": {"K_percent": None},
+    "torque_angle": {"zero": None},
+}
+# the damping that gains should give depends on a weight that only its device has
+LIMIT_BY_WEIGHT = {"doubtful": {"impedance": {"above": {"B_gap_s": None}}}}
 
 
 def over_default(stated: Mapping[str, Any]) -> Any:
@@ -161,18 +153,10 @@ def over_default(stated: Mapping[str, Any]) -> Any:
     is_simulated = stated.get("simulation", default["simulation"]) is not None
     if default["simulation"] is None or is_simulated:
         return overriding(default, stated)
-    for name in FACTS_OF_DEFAULT:
-        default = overriding(default, nested(name, None))
-    if stated.get("gain_weight") is None:  # the damping that gains should give depends on it
-        default = overriding(default, nested("doubtful.impedance.above.B_gap_s", None))
+    default = overriding(default, FACTS_OF_DEFAULT)
+    if stated.get("gain_weight") is None:
+        default = overriding(default, LIMIT_BY_WEIGHT)
     return overriding(default, stated)
-
-
-def nested(name: str, value: Any) -> Any:
-    """A setting by its dotted name, as nested mappings."""
-    for key in reversed(name.split(".")):
-        value = {key: value}
-    return value
 
 
 def read_campaign_file(path: Path) -> dict[str, Any]:

@@ -74,14 +74,8 @@ class ResultFiles:
 
     def calibrations(self, trials: Iterable[str]) -> list[str]:
         """The calibrations of the markers that these trials use."""
-        statics = dict.fromkeys(self.campaign.static_trials(trials).values())
+        statics = dict.fromkeys(self.campaign.static_of[trial] for trial in trials)
         return [f"{self.results}/fits/calibration/{static}.json" for static in statics]
-
-    def calibration_of_crossing(self, trial: str) -> str | list[str]:
-        """The calibration of the markers of a crossing; an empty list where the leg's log has angle
-        and torque."""
-        calibrations = self.calibrations([trial])
-        return calibrations[0] if calibrations else []
 
     def rows(self, table: str, trials: Collection[str] | None = None) -> list[str]:
         """The files with the rows of single trials behind a table; of these trials, or of all."""
@@ -91,7 +85,10 @@ class ResultFiles:
                 continue
             first = EXPERIMENTS[experiment].tables[0].name
             suffix = "csv" if table == first else ARCHIVE_SUFFIX
-            for trial in self.campaign.rows_of(experiment, other):
+            of_experiment = self.campaign.trials(experiment)
+            if table == "walking":  # of the perturbed crossings alone
+                of_experiment = self.campaign.crossings(perturbed=True)
+            for trial in of_experiment:
                 if trials is None or trial in trials:
                     files.append(f"{self.results}/fits/{first}/{trial}.{suffix}")
         return files
@@ -123,7 +120,9 @@ class ResultFiles:
         published = dict.fromkeys(table.name for _, table in experiment_tables() if table.published)
         names = [name for name in published if self.rows(name)]
         names += [name for name, derived in DERIVED.items() if derived.source in names]
-        names += self.campaign.further_tables()
+        for experiment, facts in EXPERIMENTS.items():
+            if self.campaign.trials(experiment):
+                names += facts.further_tables
         if "impedance" in names:
             names.append("impedance_evidence")
         if self.campaign.config.impedance_trajectory:

@@ -1,4 +1,4 @@
-"""The state of each setting that judges or labels results: stated, measured, assumed or none.
+"""The state of each setting that judges or labels results: stated, assumed or none.
 
 What nobody stated neither judges nor labels a recording in silence: the page tells what is assumed.
 """
@@ -11,12 +11,6 @@ from typing import Any
 from osl_analysis.campaign.configuration import Config
 from osl_analysis.files import own_yaml, root
 
-# Settings of the stepped sine, and the columns of `response.csv` with the recorded values, used if
-# none is stated.
-MEASURED_COLUMNS = {
-    "dynamometer.amplitudes_deg": "amplitude_deg",
-    "dynamometer.frequencies_hz": "frequency_hz",
-}
 # experiments that a setting judges, labels or enters
 EXPERIMENTS_BY_SETTING: dict[str, list[str]] = own_yaml(Path(__file__).with_suffix(".yaml"))
 
@@ -45,7 +39,7 @@ def states_of(
     -------
     list of dict
         `setting`, `value` as JSON, and `state`: stated (by the configuration or its simulation),
-        measured (each recording has its stated), assumed (the default), or none.
+        assumed (the default), or none: where one is needed, each recording has its own.
     """
     settings = config.model_dump(mode="json")
     rows = []
@@ -70,8 +64,6 @@ def state_of(name: str, value: Any, config: Config, stated: Mapping[str, Any]) -
     is_unused = name == "gain_weight" and config.parameters is None
     if not is_empty(value) and not is_unused:
         return "assumed"
-    if name in MEASURED_COLUMNS:
-        return "measured"
     return "none"
 
 

@@ -8,7 +8,6 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.campaign.origin import sentence
-from osl_analysis.campaign.setting_states import MEASURED_COLUMNS
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import InputError
@@ -40,7 +39,6 @@ from osl_analysis.report.paper_tables import (
 from osl_analysis.report.text_tables import aligned, markdown_table
 from osl_analysis.report.verdicts import verdict_counts
 from osl_analysis.schema import SCHEMA_FIELD, check_schema
-from osl_analysis.stats.repeats import size_texts
 from osl_analysis.table import (
     NOT_ANALYSED,
     ROW_KEYS,
@@ -131,29 +129,10 @@ def unpublished(table: pl.DataFrame, name: str) -> list[str]:
     return [*described_tables_by_name()[name].of_fits, *unstated]
 
 
-def write_settings(
-    states: Sequence[Mapping[str, Any]],
-    output: Path,
-    response: Sequence[Path] = (),
-    refused: Sequence[NotAnalysed] = (),
-    data: str = "",
-) -> None:
-    """Write the settings that judge or label with their states. What was measured is that of
-    the sines in `response.csv`, or none, also where that is `refused`."""
-    sines = pl.DataFrame(schema=dict.fromkeys(MEASURED_COLUMNS.values(), pl.Float64))
-    if response:
-        sines = read_table(response[0], ("amplitude_deg",)).drop_nulls("amplitude_deg")
-    rows = []
-    for row in states:
-        value, state = row["value"], row["state"]
-        if state == "measured":
-            sizes = size_texts(sines[MEASURED_COLUMNS[row["setting"]]].cast(pl.Float64))
-            value = f"[{', '.join(sizes)}]" if sizes else None
-        rows.append((row["setting"], value, "none" if value is None else state))
-    table = pl.DataFrame(
-        rows, schema=dict.fromkeys(("setting", "value", "state"), pl.String), orient="row"
-    )
-    write_table(table, output, data)
+def write_settings(states: Sequence[Mapping[str, Any]], output: Path, data: str = "") -> None:
+    """Write the settings that judge or label with their states."""
+    columns = dict.fromkeys(("setting", "value", "state"), pl.String)
+    write_table(pl.DataFrame(states, schema=columns), output, data)
 
 
 def check_claims(

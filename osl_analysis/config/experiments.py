@@ -22,7 +22,6 @@ class ResultTable:
     # computed from it alone: the job of each
     derived: Mapping[str, str] = field(default_factory=dict)
     doubts_of: str = ""  # the table of the same trials whose doubts its rows share; empty for none
-    perturbed_only: bool = False  # only the perturbed crossings have rows
     # False if only the files of the single trials are used and no common table is written
     published: bool = True
 

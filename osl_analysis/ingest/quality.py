@@ -31,9 +31,9 @@ from osl_analysis.trial import Array, Trial, plate_columns
 class Commanded:
     """The stepped sine that the configuration commands: each amplitude at every frequency."""
 
-    amplitudes_deg: Sequence[float] | None  # None, in any field: not stated
-    frequencies_hz: Sequence[float] | None
-    cycles: int | Sequence[int] | None  # one number for all frequencies, or one for each
+    amplitudes_deg: Sequence[float] | None = None  # None, in any field: not stated
+    frequencies_hz: Sequence[float] | None = None
+    cycles: int | Sequence[int] | None = None  # one number for all frequencies, or one for each
     excitation: str = "auto"
     """What moves the joint in impedance trials: `stepped_sine`, `any` other motion, or `auto`: the
     recording tells."""

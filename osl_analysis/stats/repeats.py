@@ -55,17 +55,6 @@ def alike_sizes(sizes: pl.Series, ratio: float = 1.15) -> pl.Series:
     return sizes.replace_strict(labels, default=None, return_dtype=pl.Float64)
 
 
-def size_texts(sizes: pl.Series) -> list[str]:
-    """The measured amplitudes [deg] or frequencies [Hz] (n,) of each of `alike_sizes`, upwards: to
-    three digits, and from the lowest to the highest where these are more than a hundredth apart."""
-    labelled = pl.DataFrame({"size": sizes, "label": alike_sizes(sizes)}).drop_nulls()
-    ends = labelled.group_by("label").agg(low=pl.col("size").min(), high=pl.col("size").max())
-    texts = []
-    for label, low, high in ends.sort("label").iter_rows():
-        texts.append(f"{low:.3g} to {high:.3g}" if high > 1.01 * low else f"{label:.3g}")
-    return texts
-
-
 NONE_COUNTS = "none: all trials are doubtful"
 RANGE = "lowest to highest"  # the range over conditions, which are chosen and no sample
 

@@ -1,7 +1,7 @@
 """What a campaign must fulfil before anything runs: its files, its sheet, its walking trials."""
 
 import filecmp
-from contextlib import suppress
+import os
 from pathlib import Path
 from typing import Any, NamedTuple
 from warnings import catch_warnings
@@ -20,7 +20,6 @@ from osl_analysis.walking.groups import split_keys
 # cells of a row that name a recording
 RECORDING = ("experiment", "log", "log_source", "log_part", "mocap")
 WHOLE_RECORDING = "0-1000000"  # [s] as windows
-COMPARED_BYTES = 4096  # in the middle of two files; they differ for most files of equal size
 FEWEST_PERTURBED = 2
 ROUNDING_S = 1e-6  # of differences of times that are written with milliseconds
 
@@ -92,25 +91,24 @@ def check_desired_curve(campaign: Campaign, trial: str) -> None:
 def check_no_copies(campaign: Campaign) -> None:
     """Refuse a recording that another trial of the experiment has under another name: it would
     count twice."""
-    first_alike: dict[tuple[object, ...], tuple[str, Path]] = {}
+    files_alike: dict[tuple[object, ...], list[Path]] = {}
     for trial, row in campaign.rows.items():
         for file in campaign.logs(trial):
-            # two bags may have equal descriptions
-            if not file.is_file() or file.suffix == ".yaml" or not file.stat().st_size:
+            # two bags may have equal descriptions; the job of its trial refuses what is not there
+            is_readable = os.access(file, os.R_OK) and file.suffix != ".yaml"
+            size = file.stat().st_size if is_readable else 0
+            if not size:
                 continue
-            with suppress(OSError):  # the job of its trial says why a file cannot be read
-                size = file.stat().st_size
-                with file.open("rb") as content:
-                    content.seek(size // 2)
-                    middle = content.read(COMPARED_BYTES)
-                key = (row["experiment"], row["log_part"], row["windows"], size, middle)
-                other_trial, other = first_alike.setdefault(key, (trial, file))
-                if other != file and filecmp.cmp(other, file, shallow=False):
+            alike = (row["experiment"], row["log_part"], row["windows"], size)
+            earlier = files_alike.setdefault(alike, [])
+            for other in {*earlier} - {file}:
+                if filecmp.cmp(other, file, shallow=False):
                     raise InputError(
                         f"{campaign.config.sheet}: trial '{trial}': {file} is a copy of {other},"
-                        f" the recording of trial '{other_trial}', and would count twice; exclude"
-                        " one, or name its own"
+                        " the recording of another trial, and would count twice; exclude one, or"
+                        " name its own"
                     )
+            earlier.append(file)
 
 
 def check_files(config: Config) -> None:
@@ -134,16 +132,17 @@ def check_files(config: Config) -> None:
 def check_folders(config: Config) -> None:
     """Refuse folders that are files, and a results' folder that holds what is analysed."""
     results = config.results.resolve()
-    for field in ("raw_data", "sources", "sheet", "results"):
+    if any(
+        path.resolve().is_relative_to(results)
+        for path in (config.raw_data, config.sources, config.sheet, Path())
+    ):
+        raise InputError(
+            f"configuration: results = {config.results} holds the recordings, source files, sheet"
+            " or campaign; name another folder"
+        )
+    for field in ("raw_data", "sources", "results"):
         path: Path = getattr(config, field)
-        is_analysed = field != "results" and path.resolve().is_relative_to(results)
-        if is_analysed or results == Path().resolve():
-            raise InputError(
-                f"configuration: results = {config.results} is or holds {field} = {path}; name"
-                " another folder"
-            )
-        folders = path.parents if field == "sheet" else (path, *path.parents)
-        for folder in folders:
+        for folder in (path, *path.parents):
             if folder.is_file():
                 raise InputError(
                     f"{folder}: is a file; name a folder under `{field}` in the configuration"
@@ -151,39 +150,35 @@ def check_folders(config: Config) -> None:
 
 
 def check_walking(campaign: Campaign) -> None:
-    """Refuse walking trials whose analysis lacks files, or static, plate or other trials."""
+    """Refuse walking trials without a capture, or without static, plate or other trials."""
+    sheet = campaign.config.sheet
+    walking = campaign.config.walking
     for trial in campaign.trials("walking"):
         if campaign.row(trial)["mocap"] is None:
             raise InputError(
-                f"{campaign.config.sheet}: trial '{trial}': mocap is empty; a trial of experiment"
-                " 'walking' needs it"
+                f"{sheet}: trial '{trial}': mocap is empty; a trial of experiment 'walking' needs"
+                " it"
             )
-    check_trials_for_walking(campaign)
+    fewest_plates = int(walking.plate_inertia == "identified")
+    needs = {
+        "trial of experiment 'static'": (campaign.trials("static"), 1),
+        "unperturbed crossings (walking.fewest_unperturbed)": (
+            campaign.crossings(perturbed=False),
+            walking.fewest_unperturbed,
+        ),
+        "perturbed crossings": (campaign.crossings(perturbed=True), FEWEST_PERTURBED),
+        "trial of experiment 'plate', unless walking.plate_inertia is none": (
+            campaign.trials("plate"),
+            fewest_plates,
+        ),
+    }
+    for what, (trials, fewest) in needs.items():
+        if len(trials) < fewest:
+            raise InputError(
+                f"{sheet}: walking needs {fewest} or more {what}, and there are {len(trials)}; add"
+                " them, or exclude the walking trials"
+            )
     for static in campaign.statics:
         campaign.calibration_settings(static)
-    with naming(campaign.config.sheet):
+    with naming(sheet):
         split_keys(campaign.conditions())
-
-
-def check_trials_for_walking(campaign: Campaign) -> None:
-    """Refuse a sheet with fewer trials than the analysis of walking needs."""
-    walking = campaign.config.walking
-    # how many there are, how many are needed, what they are
-    needs = [
-        (len(campaign.trials("static")), 1, "trial of experiment 'static'"),
-        (
-            len(campaign.crossings(perturbed=False)),
-            walking.fewest_unperturbed,
-            "unperturbed crossings (walking.fewest_unperturbed)",
-        ),
-        (len(campaign.crossings(perturbed=True)), FEWEST_PERTURBED, "perturbed crossings"),
-    ]
-    if walking.plate_inertia == "identified":
-        what = "trial of experiment 'plate', unless walking.plate_inertia is none"
-        needs.append((len(campaign.trials("plate")), 1, what))
-    for count, fewest, what in needs:
-        if count < fewest:
-            raise InputError(
-                f"{campaign.config.sheet}: walking needs {fewest} or more {what}, and there are"
-                f" {count}; add them, or exclude the walking trials"
-            )

@@ -77,21 +77,21 @@ def date_of_data(campaign: Campaign) -> str:
         return f"recorded {config.recorded}"
     if config.simulation is not None:
         return f"made with seed {read_mapping(config.simulation).get('seed')}"
-    logs = {path for trial in campaign.trials() for path in campaign.logs(trial) if path.is_file()}
-    times = [datetime.fromtimestamp(path.stat().st_mtime, UTC) for path in logs]
-    days = sorted({time.date().isoformat() for time in times})
-    return (
-        f"files of {' to '.join(dict.fromkeys((days[0], days[-1])))}" if days else "date not known"
-    )
+    logs = [path for trial in campaign.trials() for path in campaign.logs(trial) if path.is_file()]
+    times = [path.stat().st_mtime for path in logs]
+    if not times:
+        return "date not known"
+    first, last = (datetime.fromtimestamp(end(times), UTC).date() for end in (min, max))
+    return f"files of {first}" if first == last else f"files of {first} to {last}"
 
 
 def sentence(about: Mapping[str, str], below_figure: bool = False) -> str:
     """Say the origin of results (`about`) in a sentence. Below a figure, without the hash of
     settings that it may not even use."""
-    facts = {name: about.get(name, "") for name in ABOUT_MEANING}
-    configuration = "" if below_figure else f", configuration {facts['configuration']}"
-    made_by = f"osl-analysis {facts['version']}{configuration}"
+    made_by = f"osl-analysis {about['version']}"
+    if not below_figure:
+        made_by += f", configuration {about['configuration']}"
     return (
-        f"{facts['data'].capitalize()} data: campaign {facts['campaign']}, {made_by},"
-        f" {facts['recorded']}"
+        f"{about['data'].capitalize()} data: campaign {about['campaign']}, {made_by},"
+        f" {about['recorded']}"
     )

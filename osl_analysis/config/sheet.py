@@ -86,7 +86,10 @@ def check_windows(text: str) -> str:
 
 # it becomes a file name
 TrialName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,99}$")]
-GroupName = Annotated[str, Field(pattern=r"^[\w .%+/-]{1,40}$")]
+# cells that may be empty
+Text = str | None
+Number = NotNegative | None
+Name = Annotated[str, Field(pattern=r"^[\w .%+/-]{1,40}$")] | None
 
 
 class Row(Settings):
@@ -101,30 +104,30 @@ class Row(Settings):
     K_d: Stiffness | None = None  # [N*m/rad]
     B_d: Annotated[float, Field(ge=0, le=1000)] | None = None  # [N*m*s/rad]
     perturbed: bool | None = None
-    log: str | None = None
-    log_source: str | None = None
-    mocap: str | None = None
-    mocap_source: str | None = None
-    log_part: str | None = None
-    desired: str | None = None
+    log: Text = None
+    log_source: Text = None
+    mocap: Text = None
+    mocap_source: Text = None
+    log_part: Text = None
+    desired: Text = None
     windows: Annotated[str, AfterValidator(check_windows)] | None = None
     exclude: Annotated[str, AfterValidator(check_reason)] | None = None
-    accept: str | None = None
+    accept: Text = None
     joint: (
         Annotated[str, AfterValidator(partial(check_not_misspelt, USUAL_JOINTS, SIMILAR_JOINT))]
         | None
     ) = None
-    group: GroupName | None = None
-    subject: GroupName | None = None
-    session: GroupName | None = None
-    speed: GroupName | None = None
+    group: Name = None
+    subject: Name = None
+    session: Name = None
+    speed: Name = None
     side: Literal["left", "right"] | None = None
     direction: Literal["up", "down"] | None = None
     body_mass_kg: Annotated[float, Field(gt=0, lt=500)] | None = None
-    static: str | None = None
-    fixture_inertia: NotNegative | None = None  # [kg*m^2]
+    static: Text = None
+    fixture_inertia: Number = None  # [kg*m^2]
     # [N*m]; of a centre above the axis it is positive, too, with a fixture_rest_deg of 180
-    fixture_weight: NotNegative | None = None
+    fixture_weight: Number = None
     fixture_rest_deg: float | None = None
     fixture: Literal["alone"] | None = None  # a calibration with nothing but the fixture
     known_K: Positive | None = None  # spring of a calibration [N*m/rad]
@@ -205,9 +208,7 @@ def read_sheet(path: Path) -> SheetRows:
         raise InputError(
             f"{path}: no such sample sheet; write one (README, 'Your own data') or set `sheet`"
         )
-    lines = [
-        (number, [BLANKS.sub("", cell) for cell in row]) for number, row in numbered_rows(path)
-    ]
+    lines = [*numbered_rows(path)]
     if len(lines) < 2 or len(lines[0][1]) < 2:
         raise InputError(
             f"{path}: not a CSV table of trials; write a header and a row per trial, and save it"
@@ -222,8 +223,6 @@ def read_sheet(path: Path) -> SheetRows:
         where = f"{path}: line {number}"
         if any(cells[len(columns) :]):
             raise InputError(f"{where}: more cells than columns; quote a cell that has a comma")
-        if not any(cells):
-            continue
         filled = {column: cell for column, cell in zip(columns, cells, strict=False) if cell}
         row = validated(filled, Row, where, files=()).model_dump()
         if row["trial"] in rows:
@@ -236,12 +235,10 @@ def read_sheet(path: Path) -> SheetRows:
 def with_joints(rows: SheetRows) -> SheetRows:
     """Put the ankle for each joint that is not named, where others are, or the walkway measures
     it."""
-    is_known = any(
-        row["joint"] or EXPERIMENTS[row["experiment"]].place == "walkway" for row in rows.values()
-    )
-    if not is_known:
-        return rows
-    return {trial: {**row, "joint": row["joint"] or JOINT} for trial, row in rows.items()}
+    for row in rows.values():
+        if row["joint"] or EXPERIMENTS[row["experiment"]].place == "walkway":
+            return {name: {**row, "joint": row["joint"] or JOINT} for name, row in rows.items()}
+    return rows
 
 
 def check_spellings(where: str, row: dict[str, Any], spellings: dict[tuple[str, str], str]) -> None:
@@ -259,26 +256,25 @@ def check_spellings(where: str, row: dict[str, Any], spellings: dict[tuple[str, 
 
 
 def numbered_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Read the rows of a CSV file with the number of their line, without empty lines and comments.
+    """Read the rows of a CSV file with the number of their line, without those that are empty and
+    comments, and cells without blanks around them.
 
     Raises
     ------
     InputError
-        The file is no CSV in UTF-8, or cannot be read.
+        The file is no CSV in UTF-8, or may not be read.
     """
     number = 1
     try:
         text = path.read_text(encoding="utf-8-sig")
         reader = csv.reader(text.splitlines(keepends=True), strict=True)
         for row in reader:
-            if row and not row[0].lstrip().startswith("#"):
-                yield number, row
+            cells = [BLANKS.sub("", cell) for cell in row]
+            if any(cells) and not cells[0].startswith("#"):
+                yield number, cells
             number = reader.line_num + 1
-    except OSError as error:
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(
-            f"{path}: cannot be read ({error.strerror}); check the path and its permissions"
+            f"{path}: line {number}: cannot be read ({error}); save it as 'CSV UTF-8', and check"
+            " its quotes and permissions"
         ) from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not UTF-8 ({error}); save it as 'CSV UTF-8'") from error
-    except csv.Error as error:
-        raise InputError(f"{path}: line {number}: not CSV ({error}); check the quotes") from error

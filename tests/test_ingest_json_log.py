@@ -199,7 +199,6 @@ def test_null_is_no_value_and_what_is_no_number_or_missing_is_refused(tmp_path: 
     assert "b: field 'functions.torque' holds truth values and numbers; name another one" in said
     lines[7]["functions"]["torque"], lines[9]["functions"]["torque"] = math.nan, None
     recording = read(write(tmp_path / "b", lines))
-    assert recording.facts["missing"] == {"theta": 0, "torque": 1}
     assert recording.samples["torque"].is_nan()[7]
     assert recording.samples["torque"][9] is None
     del lines[4]["variables"]["time"]

@@ -2,7 +2,7 @@
 them."""
 
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -203,14 +203,15 @@ def canonical_columns(
     -------
     columns
     remarks
-        A sentence for each channel that has no value in some rows.
+        A sentence for each channel that has no value, or a failed one, in some rows.
     """
     columns: list[pl.Series] = []
     remarks: list[str] = []
     for column, channel in channels.items():
         setting = source.channels[column]
-        columns.append(canonical_column(column, channel, values[column], rows, time, source))
-        remarks += remark_on_gaps(setting, values[column], rows)
+        converted = canonical_column(column, channel, values[column], rows, time, source)
+        columns.append(converted)
+        remarks += remark_on_gaps(setting.title, converted, rows)
         counter = counter_column(column)
         if counter in values:
             columns.append(pl.Series(counter, checked_counts(setting, values[counter], rows, time)))
@@ -239,28 +240,19 @@ def checked_counts(
     return counts.astype(np.int64)
 
 
-def remark_on_gaps(setting: LogChannel, raw: NDArray[Any], rows: Rows) -> list[str]:
-    """Say where a channel has no values among rows that it should have."""
-    lacking = np.flatnonzero(np.ma.getmaskarray(raw))
-    if not lacking.size:
-        return []
-    return [
-        f"{setting.title} has no value in {lacking.size} of {rows.count} {rows.noun}s, first"
-        f" {rows.noun} {lacking[0] + 1}"
-    ]
-
-
-def count_missing(
-    samples: pl.DataFrame, columns: Iterable[str], noun: str
-) -> tuple[dict[str, int], list[str]]:
-    """Count the failed readings of columns, and give a sentence for each that has some. `noun` is
-    what a row is called."""
-    missing = {column: int(samples[column].is_nan().sum()) for column in columns}
-    return missing, [
-        f"{column} is missing in {count} of {len(samples)} {noun}s"
-        for column, count in missing.items()
-        if count
-    ]
+def remark_on_gaps(title: str, values: pl.Series, rows: Rows) -> list[str]:
+    """Say where a channel has no value (null), or one that failed (NaN)."""
+    remarks: list[str] = []
+    for what, lacks in (
+        ("has no value", values.is_null()),
+        ("is missing", values.is_nan().fill_null(value=False)),
+    ):
+        if lacks.any():
+            remarks.append(
+                f"{title} {what} in {lacks.sum()} of {rows.count} {rows.noun}s, first"
+                f" {rows.place(lacks.arg_max() or 0)}"
+            )
+    return remarks
 
 
 def losses_of(loss: Loss, topics: Collection[str] = (), contradicted: int = 0) -> dict[str, Any]:

@@ -14,7 +14,6 @@ from osl_analysis.errors import InputError, naming
 from osl_analysis.ingest.conversion import (
     Converted,
     canonical_columns,
-    count_missing,
     find_stale_rows,
     losses_of,
     origin_of,
@@ -87,8 +86,6 @@ def convert_messages(recording: Recording, source: MessageSource) -> Converted:
         warnings.append(f"not verifiable: no checksum covers {which} of its {loss.read} messages")
     for name, topic in topics.items():
         warnings += [f"topic '{name}': {text}" for text in topic.remarks]
-    missing, remarks = count_missing(joined, source.channels, "row")
-    warnings += remarks
     facts: dict[str, Any] = {
         **recording.facts,
         "time": {
@@ -101,7 +98,6 @@ def convert_messages(recording: Recording, source: MessageSource) -> Converted:
             for name, topic in topics.items()
         },
         "stamps": {name: topic.ordering for name, topic in topics.items()},
-        "missing": missing,
     }
     contradicted = sum(topic.ordering["contradicted"] for topic in topics.values())
     return Converted(

@@ -15,7 +15,6 @@ from osl_analysis.ingest.conversion import (
     Converted,
     canonical_columns,
     check_finite_values,
-    count_missing,
     find_stale_rows,
     losses_of,
     origin_of,
@@ -105,8 +104,7 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
 
     columns, gaps = canonical_columns(source, channels, table.values, rows, time)
     frame = pl.DataFrame([pl.Series("time", time), *columns])
-    missing, failed = count_missing(frame, channels, rows.noun)
-    warnings = [*recording.loss.remarks, *table.remarks, *remarks, *gaps, *failed]
+    warnings = [*recording.loss.remarks, *table.remarks, *remarks, *gaps]
     origins: dict[str, dict[str, Any]] = {}
     for column, channel in channels.items():
         setting = source.channels[column]
@@ -126,8 +124,6 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
     facts: dict[str, Any] = {
         "time": {**source.time.model_dump(exclude_none=True), "start": table.start},
         "rates_hz": {file_name: rate_of(time[kept])},
-        "repeated_stamps": int((~is_fresh).sum()),
-        "missing": missing,
     }
     if apart:
         facts["clocks_apart"] = apart

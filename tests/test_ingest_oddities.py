@@ -57,16 +57,6 @@ def test_a_clock_that_stays_back_is_refused(tmp_path: Path) -> None:
     assert "clock was set back" in message
 
 
-def test_early_and_late_rows_of_one_recording_are_stale_each() -> None:
-    clock = np.arange(20_000) * 0.002
-    clock[4000] = 0.2  # waited since the beginning
-    clock[9000:9002] = 15.2
-    clock[15_000] = 32.0  # of a later time
-
-    assert find_stale_rows(clock).tolist() == [4000, 9000, 9001, 15_000]
-    assert find_stale_rows(clock, least=6.0).tolist() == [4000]
-
-
 def test_a_gap_in_a_recording_makes_no_row_stale() -> None:
     clock = np.arange(2000) * 0.002
     clock[10:] += 5

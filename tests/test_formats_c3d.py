@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import polars as pl
 import pytest
 import yaml
 from c3d_builder import REAL_DATA, write_c3d
@@ -15,7 +14,7 @@ from osl_analysis import formats
 from osl_analysis.draft.overview import inspect_recording
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest.conversion import Converted
-from osl_analysis.ingest.force_plates import convert_plate, wrench
+from osl_analysis.ingest.force_plates import wrench
 from osl_analysis.ingest.raw_files import read_converted
 from osl_analysis.source_file import Source
 
@@ -246,13 +245,6 @@ def test_positions_are_in_metres_and_in_the_stated_axes(
     recording = read(capture(tmp_path, **parameters), **stated)
 
     np.testing.assert_allclose(marker(recording, "M2"), expected, rtol=1e-12)
-
-
-@pytest.mark.parametrize(("up", "is_told"), [("+Y", True), ("+Z", False), ("-Z", False), ("z", 0)])
-def test_a_vertical_axis_that_is_not_z_is_told(tmp_path: Path, up: str, is_told: bool) -> None:
-    warnings = read(write_c3d(tmp_path / "a.c3d", POINTS, POINT__Y_SCREEN=[up])).warnings
-
-    assert any("seems to be +Y; state `axes: [x, -z, y]`" in one for one in warnings) == is_told
 
 
 # --- plates -------------------------------------------------------------------------------------
@@ -496,28 +488,7 @@ def test_type_1_gives_force_pressure_point_and_free_moment_back() -> None:
 
 # --- real files ---------------------------------------------------------------------------------
 
-REFERENCE = REAL_DATA / "reference" / "force_plate.csv"
-ROWS = pl.read_csv(REFERENCE) if REFERENCE.exists() else pl.DataFrame({"file": [], "plate": []})
-PLATES = sorted(
-    (file, plate)
-    for file, plate in set(zip(ROWS["file"], ROWS["plate"], strict=True))
-    if not file.startswith("c3dorg_s10")
-)
 of_others = pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")
-
-
-@of_others
-@pytest.mark.parametrize(("file", "plate"), PLATES, ids=lambda value: str(value).split(".")[0])
-def test_real_plates_give_the_reference_wrench(file: str, plate: int) -> None:
-    described = source(plates=[plate + 1])
-    (of_file,) = formats.read(REAL_DATA / "c3d" / file, described).plates
-    columns = np.column_stack([*convert_plate(of_file, described, np.eye(3)).columns.values()])
-
-    rows = ROWS.filter((pl.col("file") == file) & (pl.col("plate") == plate))
-
-    moments = rows.select(pl.col("^M_centre_.$") / 1000)  # N*mm
-    expected = np.hstack([rows.select("Fx", "Fy", "Fz").to_numpy(), moments.to_numpy()])
-    np.testing.assert_allclose(columns[rows["analog_sample"].to_list(), :6], expected, rtol=1e-5)
 
 
 @of_others
@@ -545,5 +516,3 @@ def test_points_and_analogs_of_real_files_equal_ezc3ds(name: str) -> None:
         np.testing.assert_allclose(channel.values[seen], theirs[seen], rtol=1e-6, atol=1e-6)
     for place, channel in enumerate(analogs):
         np.testing.assert_allclose(channel.values, other["analogs"][0, place], rtol=1e-6, atol=1e-6)
-
-

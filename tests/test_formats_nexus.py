@@ -8,7 +8,6 @@ import pytest
 from c3d_builder import REAL_DATA
 from recognised_files import refusal_by
 
-from osl_analysis import formats
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest.raw_files import read_converted, read_source
 from osl_analysis.source_file import Source
@@ -134,18 +133,3 @@ def test_real_exports_are_read_as_they_are_written(path: Path) -> None:
     samples = read_converted(path, read_source(SOURCES / "nexus_csv.yaml")).samples
     np.testing.assert_allclose(samples["marker_HV_x"], [0.209331, 0.209475])
     assert samples["marker_CL_E_z"].to_list() == pytest.approx([0.496721, 0.496729])
-
-
-def test_a_decimal_comma_is_found_far_from_both_ends(tmp_path: Path) -> None:
-    force = ["0"] * 500
-    force[400] = "2,5e-13"
-    lines = ["Devices", "200", ";;Plate - Force", "Frame;Sub Frame;Fz", ";;N"]
-    lines += [f"{1 + k // 2};{k % 2};{cell}" for k, cell in enumerate(force)]
-    lines += ["", "Trajectories", "100", ";;LTOE;;", "Frame;Sub Frame;X;Y;Z", ";;mm;mm;mm"]
-    lines += [f"{1 + k};0;1,5;2,5;3,5" for k in range(250)]
-
-    (path := tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
-
-    recording = formats.read(path)
-
-    assert recording.find({"device": "Plate - Force", "component": "Fz"}).values[400] == 2.5e-13

@@ -56,9 +56,7 @@ def test_a_name_with_a_dot_is_quoted_and_never_taken_for_a_level(tmp_path: Path)
         for n in range(20)
     ]
     fields = {"torque": 'f["cell.mz"]', "torque_m": "f.cell.mz", "load": 'f["a\\"[b]"][1]'}
-    channels = {
-        f"signal_{name}": {"field": field, "unit": "1"} for name, field in fields.items()
-    }
+    channels = {f"signal_{name}": {"field": field, "unit": "1"} for name, field in fields.items()}
 
     samples = read(
         write(tmp_path / "a", lines), time={"field": "t", "unit": "s"}, channels=channels

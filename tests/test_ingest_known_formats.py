@@ -70,16 +70,6 @@ MISTAKES: list[tuple[dict[str, object], str]] = [
 def test_a_mistake_in_a_source_is_refused_by_its_field(
     tmp_path: Path, content: dict[str, object], told: str
 ) -> None:
-    load = {
-        name: {"device": "Amplifier", "component": name, "unit": "V"}
-        for name in ("sync", "trigger")
-    }
-    load |= {
-        name: {"device": "Amplifier", "component": name, "unit": "N*m"}
-        for name in ("torque", "torque_m")
-    }
-    # two outputs of one device
-    known_formats()["nexus_csv"].source.model_validate({"format": "nexus_csv", "analogs": load})
     (tmp_path / "source.yaml").write_text(yaml.safe_dump(content))
     assert told in refusal_by(read_source, tmp_path / "source.yaml")
 

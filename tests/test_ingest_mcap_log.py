@@ -210,11 +210,7 @@ def test_stamps_rounded_to_more_than_a_sampling_step_are_kept_for_the_time_base(
     tmp_path: Path,
 ) -> None:
     stamps = [round(1000 * i / 1024) for i in range(COUNT)]
-    logs = [messages(some, count=True) for some in (stamps, stamps[:-1], sorted({*stamps}))]
-    found = read(write_log(tmp_path / "log.mcap", logs[0]), source(loss=0.0, **RADIANS))
+    log = messages(stamps, count=True)
+    found = read(write_log(tmp_path / "log.mcap", log), source(loss=0.0, **RADIANS))
     assert found.samples["theta"].to_list() == list(range(COUNT))
     assert (found.samples["time"].diff() == 0).sum() == 5  # 200 messages on 195 ticks
-    for other in logs[1:]:
-        both = of_topics(tmp_path, {"/lab": logs[0], "/other": other}, **RADIANS, theta_m=OTHER)
-        assert both["theta"].drop_nulls().to_list() == list(range(COUNT))
-        assert both["theta_m"].drop_nulls().to_list() == list(range(len(other)))

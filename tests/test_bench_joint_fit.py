@@ -4,9 +4,11 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import polars as pl
 import pytest
 from any_motion import TRUE, made_trial, noise
 from conftest import ROOT, findings_of
+from test_inference_joint import binary_steps
 
 from osl_analysis.bench.bench_settings import Calibration
 from osl_analysis.bench.impedance import impedance_table, rendered_impedance
@@ -14,6 +16,7 @@ from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.limits import Limits
+from osl_analysis.trial import Trial
 
 CONFIG = ROOT / "config/config.yaml"
 SETTINGS = config_for_trials(CONFIG).dynamometer
@@ -171,3 +174,13 @@ def test_an_inertia_behind_a_soft_spring_does_not_drive_the_motion():
     row = row_of(record)
 
     assert row["K"] == pytest.approx(-30, rel=0.2)
+
+
+def test_where_the_acceleration_jumps_a_joint_is_fitted_and_no_fault_weighed():
+    time, theta = binary_steps()
+    trial = Trial("made", pl.DataFrame({"time": time, "theta": theta, "torque": 300 * theta}))
+
+    row = row_of(record_of_trial(trial, SETTINGS))
+
+    assert row["K"] == pytest.approx(300, rel=3e-4)
+    assert row["fault_probability"] is None

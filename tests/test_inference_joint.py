@@ -123,13 +123,17 @@ def test_what_no_rival_explains_is_bounded_by_what_it_could_move():
     assert max(changed(with_slow_noise).unexplained_shares) == 0.0
 
 
-def test_rivals_are_not_weighed_where_the_acceleration_jumps():
-    """A servo of second order follows a binary command."""
+def binary_steps():
+    """Time and angle of a servo of second order that follows a binary command, by lsim."""
     w = 2 * np.pi * 30
     levels = np.repeat(np.random.default_rng(9).choice([-0.035, 0.035], 60), 100)
     command = np.pad(levels, 1500)
     time = np.arange(len(command)) / 1000
-    _, theta, _ = scipy.signal.lsim(([w**2], [1, 1.8 * w, w**2]), command, time)
+    return time, scipy.signal.lsim(([w**2], [1, 1.8 * w, w**2]), command, time)[1]
+
+
+def test_rivals_are_not_weighed_where_the_acceleration_jumps():
+    _, theta = binary_steps()
 
     with pytest.raises(NotWeighedError, match="acceleration jumps"):
         infer_impedance(BenchSignals(theta, K * theta, 1000.0))

@@ -48,14 +48,6 @@ def rows(torque_of, noise=0.03, protocol=FIVE, seed=1):
     return marked(table, LIMITS.model_copy(update=limits), "response").to_dicts()
 
 
-def test_a_sound_joint_is_not_doubtful_and_shows_no_cause():
-    *_, whole = both = rows(second_order)
-    assert [row["doubtful"] for row in both] == [""] * 3
-    assert whole["K_change"] == whole["B_change"] == 0  # noise is no change
-    assert whole["f_C"] is None
-    assert whole["fault_family"] is None
-
-
 def rubbing(motion):
     return second_order(motion) + 0.8 * np.sign(motion.omega)
 

@@ -16,6 +16,7 @@ from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.limits import Limits
+from osl_analysis.stats.estimates import Estimate
 from osl_analysis.trial import Trial
 
 CONFIG = ROOT / "config/config.yaml"
@@ -184,3 +185,9 @@ def test_where_the_acceleration_jumps_a_joint_is_fitted_and_no_fault_weighed():
 
     assert row["K"] == pytest.approx(300, rel=3e-4)
     assert row["fault_probability"] is None
+
+
+def test_an_independent_error_adds_in_quadrature():
+    widened = Estimate(10.0, 3.0, 4.0, 16.0).widened_by(4.0 / 1.959964)
+
+    assert (widened.low, widened.high) == pytest.approx((10 - np.hypot(6, 4), 10 + np.hypot(6, 4)))

@@ -289,6 +289,29 @@ def test_torque_and_angles_of_a_leg_are_compared_with_its_belt(changes, ratio, c
     assert [one.cause for one in row["findings"] if "K_s_ratio" in beyond_in([one])] == causes
 
 
+OWN_LEG = DesiredImpedance("own", None, None)
+NOTHING_STATED = DesiredImpedance(None, None, None)
+
+
+@pytest.mark.parametrize(("amplitudes_deg", "K", "desired", "predicted", "column", "expected"), [
+    # the largest amplitude is compared with the predicted stiffness
+    ([4.0, 2.0, None], [200.0, 100.0, 150.0], KNOWN, 400.0, "K_ratio", [0.5] * 3),
+    # an unstated joint is compared with the belt where no leg is as stiff
+    ([2.0, None], [0.9 * LEG.K_s, 1.9 * LEG.K_s], OWN_LEG, None, "K_over_K_s", [0.9, 1.9]),
+    ([2.0, None], [0.9 * LEG.K_s, 1.9 * LEG.K_s], NOTHING_STATED, None, "K_over_K_s", [None, 1.9]),
+])  # fmt: skip
+def test_a_stiffness_is_compared_with_what_is_known(
+    amplitudes_deg, K, desired, predicted, column, expected
+):
+    rows = pl.DataFrame({"trial": "a", "amplitude_deg": amplitudes_deg, "K": K})
+    unknown = rows.with_columns(K_without_friction=None, K_s_ratio=None)
+
+    found = beside_known(unknown, LEG, desired, predicted)[column]
+
+    assert found.is_null().to_list() == [value is None for value in expected]
+    assert found.drop_nulls().to_list() == pytest.approx([x for x in expected if x is not None])
+
+
 @pytest.mark.parametrize(("experiment", "stiffness"), [("impedance", 300), ("belt", 1000)])
 def test_a_bench_that_is_softer_than_what_it_measures_is_refused(experiment, stiffness):
     frame = BenchStiffness(value=f"{stiffness} N*m/rad")

@@ -85,16 +85,6 @@ def test_beside_a_clipped_signal_nothing_that_makes_a_fit_worse_is_named():
     assert names == ["clipped signal", "group of several conditions"]
 
 
-def test_a_misfit_belongs_to_the_cause_that_was_measured():
-    row = {"torque_distortion": 0.3, "lag_share": 0.3, "VAF": 80.0}
-    limits = Limits(above={"torque_distortion": 0.25, "lag_share": 0.05}, below={"VAF": 90})
-
-    (finding,) = findings_of(row, limits, "response")
-
-    assert finding.cause == "late torque"
-    assert {one.column for one in finding.evidence} == row.keys()
-
-
 @pytest.mark.parametrize(("value", "limit", "side", "excess"), [
     (30.0, 90.0, "below", 3.0), (-1.5, -0.5, "below", 3.0), (1.5, 0.5, "above", 3.0),
     (-5.0, 0.0, "below", float("inf")),

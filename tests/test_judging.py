@@ -31,10 +31,6 @@ def grades(row, **accuracy):
     ]
 
 
-def test_of_a_path_that_moves_k_by_a_thousandth_nothing_is_said():
-    assert grades(KNEE) == []
-
-
 @pytest.mark.parametrize(
     ("symbol", "beyond", "just_below"), [("K", 0.021, 0.019), ("B", 0.06, 0.04), ("I", 0.21, 0.19)]
 )

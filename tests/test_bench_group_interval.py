@@ -53,6 +53,14 @@ def test_misfit_is_told_by_strata_or_groups_and_noise_by_what_repeats(
     assert by_noise == (strata in ([5, 5], [4, 4]))
 
 
+@pytest.mark.parametrize(("noise", "misfit", "freedom"), [(1.0, 0.0, 20), (0.0, 1.0, 5)])
+def test_degrees_of_freedom_are_those_of_what_makes_the_variance(noise, misfit, freedom):
+    """Noise has its own, and the misfit of six units one fewer than these."""
+    _, found = combined(np.diag([noise]), np.array([20.0]), np.diag([misfit]), 6)
+
+    assert found[0] == pytest.approx(freedom)
+
+
 @pytest.mark.parametrize("units", [4, 5, 15])
 @pytest.mark.parametrize("misfit_sd", [0.0, 0.5, 1.0, 1.5, 3.0])
 def test_intervals_hold_the_truth_of_few_units_whose_misfit_is_small_or_large(units, misfit_sd):

@@ -39,19 +39,6 @@ def stepped_sine(t):
     return amplitude * np.sin(w * (t - 6 * step))
 
 
-def binary_steps(t, seed):
-    """theta, omega, alpha (3, n) of steps of minimum jerk between two angles, 30 ms long, 0.1 to
-    0.5 s apart."""
-    starts = np.cumsum(np.random.default_rng(seed).uniform(0.1, 0.5, int(t[-1] / 0.3) - 5))
-    last = np.maximum(np.searchsorted(starts, t) - 1, 0)
-    x = np.clip((t - starts[last]) / 0.03, 0, 1)
-    way = np.where(last % 2, -SIZE, SIZE)
-    theta = 10 * x**3 - 15 * x**4 + 6 * x**5 - 0.5
-    omega = 30 * (x * (1 - x)) ** 2 / 0.03
-    alpha = 60 * x * (1 - x) * (1 - 2 * x) / 0.03**2
-    return way * np.array([theta, omega, alpha])
-
-
 # ---- Sensors
 
 

@@ -384,16 +384,6 @@ def test_fig9_shows_every_group_with_a_result_and_what_it_was_commanded():
     assert groups == ["K_d 200 (31)", "K_d 400 (31)"]
 
 
-def test_the_sheet_s_command_goes_before_the_campaign_s():
-    sheet = stored("walking_summary").with_columns(commanded=pl.lit(200.0))
-
-    def commanded(table):
-        return table.filter(pl.col("commanded").is_not_null(), quantity="K")["commanded"].unique()
-
-    assert commanded(fig9_numbers(340.0)).to_list() == [340.0]
-    assert commanded(fig9_numbers(340.0, sheet)).to_list() == [200.0]
-
-
 def test_fig8_shows_stance_alone():
     gains = stored("gains")
     swing = gains.tail(1).with_columns(phase=pl.lit(0.63), K_d=pl.lit(1e6))

@@ -212,7 +212,7 @@ MISTAKES: dict[str, tuple[Callable[[Path], object] | None, dict[str, object], st
     "two trials": (lambda folder: write_log(folder / "leg.mcap", PERIODIC), {},
     "trial walk_1 (leg.mcap, vicon.c3d): "),
     "no such log": (None, {"log": "elsewhere/none.bin"},
-    "elsewhere/none.bin: no such file; correct the sample sheet"),
+    "elsewhere/none.bin: no such file; correct its name"),
     "c3d as log": (None, {"log": "vicon.c3d", "mocap": ""},
     "is c3d, its source file says mcap; write `format: c3d`"),
     "no such source file": (None, {"log_source": "none"}, "none.yaml: no such file"),

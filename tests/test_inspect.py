@@ -78,10 +78,8 @@ def test_a_csv_file_is_listed_and_its_draft_reads_it(
     path = tmp_path / "a.csv"
     path.write_text(BENCH)
     text = module.overview_text(module.inspect_file(path))
-    assert "! the last line, 7, is cut off and was skipped" in text
-    for said in ("comment 1: rig: B", "3 x 'ok'",
-    "clock: time, 100 Hz, 1 gaps, the longest 0.070 s"):  # fmt: skip
-        assert said in text
+    for fact in ("line, 7, is cut off", "rig: B", "3 x 'ok'", "100 Hz, 1 gaps"):
+        assert fact in text
     for text in (BENCH, BENCH.replace(",", ";").replace(".", ",")):
         path.write_text(text)
         content = draft_source(module.inspect_file(path), "a.csv").replace("NAME_1", "theta")
@@ -196,7 +194,6 @@ def test_a_folder_lists_what_each_recording_holds_or_why_it_is_refused(tmp_path:
     as_json = module.folder_facts(tmp_path)
     (marker,) = as_json["walk.c3d"]["channels"]
     assert (marker["label"], marker["unit"], marker["rate_hz"]) == ("a", "mm", 100.0)
-    assert as_json["broken.mcap"]["refused"].endswith(lines[1].partition("refused: ")[2])
     with pytest.raises(InputError, match=r"no recordings below it \(\.\w+, "):
         module.folder_text(tmp_path / "none")
 

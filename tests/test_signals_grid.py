@@ -80,23 +80,6 @@ def test_no_case_is_decided_wrongly_over_bits_jitter_and_lateness(motion):
     assert firm >= 5
 
 
-def test_stamps_of_a_python_loop_that_is_late_and_never_early_are_true():
-    """Late by 0.1 ms or so, sometimes by 4 ms; then it catches up."""
-    random = np.random.default_rng(4)
-    t = clock(500.0)
-    late = 1.5e-4 * np.abs(random.standard_normal(len(t)))
-    late[random.integers(100, len(t), 15)] += random.uniform(1e-3, 4e-3, 15)
-    stamps = np.maximum.accumulate(t + late) + 1e-9 * np.arange(len(t))
-
-    grid = one_time_base([log(stamps, stamps, random)])
-
-    (row,) = grid.streams
-    assert row["stamps"] == "exact"
-    assert row["firm"]
-    assert row["g"] == pytest.approx(1.0, abs=0.02)
-    assert_recovers_the_joint(grid)
-
-
 def test_channels_firmly_true_and_firmly_even_fit_no_one_decision():
     random = np.random.default_rng(6)
     t = clock(1000.0)

@@ -357,20 +357,6 @@ def test_a_damaged_model_names_the_step(tmp_path: Path, content: str) -> None:
         walking_files.read_model(tmp_path / "plate.json", PlateModel)
 
 
-def test_a_window_of_fewer_samples_than_parameters_is_listed(
-    ideal: Session, tmp_path: Path
-) -> None:
-    crossing = ideal.crossing(ideal.perturbed[0])
-    tables = (ideal.folder / "selection.csv", ideal.folder / "gait.json")
-
-    with pytest.warns(UserWarning, match="excluded: trial walking_01: 3 samples cannot determine"):
-        walking.fit_perturbation(crossing, *tables, settings(window_s=0.009), tmp_path / "fit.csv")
-
-    (row,) = read_table(tmp_path / "fit.csv").to_dicts()
-    assert row["K"] is None
-    assert "samples cannot determine 3 parameters" in row["excluded"]
-
-
 def mass_of(sheet: float | None, recorded: float | None) -> float | None:
     trial = replace(static_trial(), provenance={"mocap": {"body_mass_kg": recorded}})
     return body_mass(trial, sheet)

@@ -43,7 +43,7 @@ class Walk:
 
 def crossing(
     name: str, onset: float | None = None, stance: float = 0.72,
-    impedance: tuple[float, float, float] = (340.0, 5.0, 0.03), rise: float = RISE,
+    impedance: tuple[float, float, float] = (340.0, 5.0, 0.03),
     turn: float = TURN,
     gait: float = 1.0,
 ) -> Crossing:  # fmt: skip
@@ -53,7 +53,7 @@ def crossing(
     theta = gait * (0.2 * np.sin(5 * phase) - 0.1 * phase**2)
     torque = gait * 90 * np.sin(np.pi * phase) ** 2 * (1 + phase)
     if onset is not None:
-        d, v, a = (turn * part for part in bump(time, onset + LEAD, rise))
+        d, v, a = (turn * part for part in bump(time, onset + LEAD, RISE))
         theta = theta + d
         torque = torque + impedance[0] * d + impedance[1] * v + impedance[2] * a
     span = Stance(0.3, 0.3 + stance)
@@ -117,7 +117,6 @@ class Tables:
 def run_jobs(
     folder: Path, perturbed: Sequence[str], unperturbed: Sequence[str], chosen: WalkingAnalysis,
     sheet: Mapping[str, Mapping[str, object]] | None = None, limits: Limits | None = None,
-    of_groups: Limits | None = None,
 ) -> Tables:  # fmt: skip
     """Every job from the crossings in a folder to the summary. `sheet` has their conditions, in its
     order."""
@@ -143,7 +142,7 @@ def run_jobs(
         settings=chosen,
         sheet=sheet,
         places={name: {"joint": "ankle", "side": row.get("side")} for name, row in sheet.items()},
-        limits=of_groups,
+        limits=None,
         table=table,
         selection=selection,
         unperturbed=gait,

@@ -25,7 +25,7 @@ from osl_analysis.walking.ensemble import (
     shared_errors,
 )
 from osl_analysis.walking.impedance_fit import fit_response, offset_share
-from osl_analysis.walking.isolated_response import PerturbationResponse, isolate_response
+from osl_analysis.walking.isolated_response import BEHAVIOUR, PerturbationResponse, isolate_response
 from osl_analysis.walking.plate import Stance, find_stances
 from osl_analysis.walking.tables import (
     check_fit,
@@ -143,6 +143,11 @@ def test_a_crossing_without_an_onset_has_no_response() -> None:
 def test_a_response_that_leaves_stance_is_refused() -> None:
     with pytest.raises(InputError, match=r"trial p: baseline and window span .* expected 0-1"):
         response_of(crossing("p", onset=0.96), mean_gait())
+
+
+def test_one_response_is_no_ensemble() -> None:
+    with pytest.raises(InputError, match="perturbations in the ensemble: 1, expected 2"):
+        Ensemble([response_of(crossing("p0", ONSET), mean_gait())])
 
 
 def test_a_response_whose_columns_are_one_is_refused_by_name() -> None:
@@ -277,6 +282,17 @@ def test_predictors_cost_degrees_of_freedom() -> None:
 
     assert choice.of_all
     assert ensemble.resampled(100, choice).degrees_of_freedom == 9 - len(choice.of_all)
+
+
+def test_two_unperturbed_crossings_predict_nothing() -> None:
+    ensemble = Ensemble(isolated_all())
+    two = np.eye(10)[:2].mean(axis=0)
+    weights = np.full(6, 1 / 6)
+
+    _, mean = ensemble.joined(weights, two)
+    _, predicted = ensemble.joined(weights, two, BEHAVIOUR)
+
+    np.testing.assert_allclose(mean, predicted, atol=1e-12)
 
 
 def test_six_unperturbed_crossings_predict_nothing() -> None:

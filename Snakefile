@@ -27,8 +27,7 @@ rule complete:
     default_target: True
     input:
         recordings=SIMULATED_FILES,
-        trials=expand("<results>/trials/{trial}.parquet", trial=TRIALS),
-        fits=FILES.fits,
+        trials=FILES.of_single_trials,
         tables=FILES.all_tables,
         tables_for_paper=FILES.tables_for_paper,
         figures=FILES.figures,

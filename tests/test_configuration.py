@@ -142,7 +142,7 @@ def test_truth_values_are_kept_where_they_are_allowed(
     ("results", "README.md/below", "README.md: is a file; name a folder"),
     ("results", "", "results = . holds the recordings"),
     ("impedance_trajectory", "no.csv",
-     "no.csv: no such file; correct impedance_trajectory in .*, or write null"),
+     "impedance_trajectory: no.csv: no such table; .*check the path"),
     ("campaign", "a b", r"campaign: 'a b' is not allowed: String should match pattern"),
     ("figures", {}, "figures.midstance_stiffness: is missing; add it"),
     

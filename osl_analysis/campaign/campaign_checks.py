@@ -114,13 +114,6 @@ def check_no_copies(campaign: Campaign) -> None:
 def check_files(config: Config) -> None:
     """Refuse a missing file, and a results' folder that is a file. Ingest checks raw files."""
     check_folders(config)
-    named = {"parameters": config.parameters, "impedance_trajectory": config.impedance_trajectory}
-    for field, path in named.items():
-        if path is not None and not path.is_file():
-            raise InputError(
-                f"{path}: no such file; correct {field} in the configuration, or write null for"
-                " none"
-            )
     # the jobs that use the parameters give their warnings
     with naming("parameters"), catch_warnings(action="ignore"):
         known_parameters(config.parameters)

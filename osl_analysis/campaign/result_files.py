@@ -18,7 +18,8 @@ from osl_analysis.judge.claims import CLAIMED
 
 # Experiments that measure the components of the drivetrain
 COMPONENTS = ("actuator", "belt", "transmission")
-# Tables of a campaign with components, also with some of them only
+ON_PAPER = {"impedance": "conditions", "walking_summary": "walking"}
+"""Tables for a paper, by the table of results that each is made of."""
 FIGURE_SUFFIXES = ("csv", "pdf", "svg", "png")  # plotted numbers, and the figure
 # Suffix of files with the rows of one trial; those of an experiment's first table are CSV, and
 # those of all others of its tables stand in one archive
@@ -94,17 +95,14 @@ class ResultFiles:
         return files
 
     @cached_property
-    def fits(self) -> list[str]:
-        """The files with the rows of single trials behind all tables."""
-        files = [file for table in self.gathered_tables for file in self.rows(table)]
-        return list(dict.fromkeys(files))
-
-    @cached_property
     def of_single_trials(self) -> list[str]:
         """All results of single trials."""
         walked = self.campaign.trials("walking")
-        trials = [f"{self.results}/trials/{trial}.parquet" for trial in self.campaign.trials()]
-        return [*trials, *self.crossings(walked), *self.calibrations(walked), *self.fits]
+        files = [f"{self.results}/trials/{trial}.parquet" for trial in self.campaign.trials()]
+        files += [*self.crossings(walked), *self.calibrations(walked)]
+        for table in self.gathered_tables:
+            files += self.rows(table)
+        return list(dict.fromkeys(files))
 
     # ---- Tables
 
@@ -144,19 +142,11 @@ class ResultFiles:
     @cached_property
     def tables_for_paper(self) -> list[str]:
         """The tables for a paper, in LaTeX and in Markdown."""
-        names = []
-        if "impedance" in self.table_names:
-            names.append("conditions")
-        if "walking_summary" in self.table_names:
-            names.append("walking")
+        names = [name for table, name in ON_PAPER.items() if table in self.table_names]
         if self.component_summaries:
             names.append("components")
-        folders = {"latex": "tex", "markdown": "md"}
-        return [
-            f"{self.results}/tables/{folder}/{name}.{suffix}"
-            for name in names
-            for folder, suffix in folders.items()
-        ]
+        of_latex = [f"{self.results}/tables/latex/{name}.tex" for name in names]
+        return of_latex + [f"{self.results}/tables/markdown/{name}.md" for name in names]
 
     @cached_property
     def component_summaries(self) -> list[str]:

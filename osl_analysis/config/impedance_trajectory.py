@@ -13,7 +13,6 @@ from osl_analysis.trial import Array
 
 SYNTHETIC = "synthetic"  # kind of a trajectory that was made for a simulated leg
 REQUIRED = ("phase", "K_d", "B_d")
-THETA_EQ = "theta_eq_rad"
 STANCE_SHARE = 0.62  # of the gait cycle (Section IV)
 
 
@@ -24,8 +23,6 @@ class ImpedanceTrajectory:
     phase: Array  # (n,) of the gait cycle, from 0 to 1
     K_d: Array  # (n,) desired stiffness [N*m/rad]
     B_d: Array  # (n,) desired damping [N*m*s/rad]
-    # (n,) equilibrium angle [rad]; None: it is computed from the nominal ankle moment
-    theta_eq: Array | None
     # what the file says of itself in a comment `# kind: synthetic`; None: it says nothing
     kind: str | None = None
 
@@ -40,9 +37,8 @@ def read_impedance_trajectory(path: Path) -> ImpedanceTrajectory:
     Parameters
     ----------
     path : Path
-        CSV table with columns phase, K_d [N*m/rad], B_d [N*m*s/rad] and, optionally, theta_eq_rad
-        [rad]. Lines that begin with `#` are comments. One of them, `# kind: synthetic`, may say
-        what the trajectory is.
+        CSV table with columns phase, K_d [N*m/rad] and B_d [N*m*s/rad]. Lines that begin with `#`
+        are comments. One of them, `# kind: synthetic`, may say what the trajectory is.
 
     Returns
     -------
@@ -55,11 +51,7 @@ def read_impedance_trajectory(path: Path) -> ImpedanceTrajectory:
         rise from 0 to 1.
     """
     table = read_table(path, REQUIRED)
-    columns = {
-        name: table[name].cast(pl.Float64, strict=False).to_numpy()
-        for name in (*REQUIRED, THETA_EQ)
-        if name in table.columns
-    }
+    columns = {name: table[name].cast(pl.Float64).to_numpy() for name in REQUIRED}
     for name, column in columns.items():
         if not np.isfinite(column).all():
             raise InputError(f"{path}: column {name}: write a number in every row")
@@ -70,10 +62,4 @@ def read_impedance_trajectory(path: Path) -> ImpedanceTrajectory:
             " to 1"
         )
     kind = re.search(r"^#\s*kind:\s*(\S.*?)\s*$", path.read_text(encoding="utf-8"), re.MULTILINE)
-    return ImpedanceTrajectory(
-        phase=phase,
-        K_d=columns["K_d"],
-        B_d=columns["B_d"],
-        theta_eq=columns.get(THETA_EQ),
-        kind=kind[1] if kind else None,
-    )
+    return ImpedanceTrajectory(**columns, kind=kind[1] if kind else None)

@@ -66,9 +66,8 @@ def walking_commands(step: gait.Step, p: DrivetrainParameters) -> Array:
     Returns
     -------
     Array
-        (3, n) as `simulate_drivetrain` takes them, at the rate of the controller. Where the file of
-        the desired impedance has no equilibrium angle, K_d and B_d give the nominal ankle moment at
-        the nominal angle.
+        (3, n) as `simulate_drivetrain` takes them, at the rate of the controller. K_d and B_d give
+        the nominal ankle moment at the nominal angle.
     """
     walking = step.trial.walking
     stride = walking.rates.motion_hz // walking.rates.controller_hz
@@ -79,14 +78,11 @@ def walking_commands(step: gait.Step, p: DrivetrainParameters) -> Array:
     grid, damping = compensated_damping(walking.impedance, p, walking.gain_weight)
     K_1 = stiffness_gain(K_d, p)
     B_1 = np.interp(np.mod(c, 1.0), grid, damping)
-    if desired.theta_eq is not None:
-        theta_eq = desired.at(desired.theta_eq, c)
-    else:
-        window = gait.stance_window(np.mod(c, 1.0) / gait.STANCE_FRACTION)
-        moment = walking.gait.body_mass_kg * (gait.periodic_bumps(c, ANKLE_MOMENT) * window)
-        angle = gait.nominal_ankle_angle(c)
-        velocity = time_derivative(angle, walking.rates.controller_hz)
-        theta_eq = angle - (moment - B_d * velocity) / K_d
+    window = gait.stance_window(np.mod(c, 1.0) / gait.STANCE_FRACTION)
+    moment = walking.gait.body_mass_kg * (gait.periodic_bumps(c, ANKLE_MOMENT) * window)
+    angle = gait.nominal_ankle_angle(c)
+    velocity = time_derivative(angle, walking.rates.controller_hz)
+    theta_eq = angle - (moment - B_d * velocity) / K_d
     return np.array([K_1, B_1, theta_eq * p.n_T])
 
 

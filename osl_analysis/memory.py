@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from osl_analysis.errors import InputError, MemoryLimitError, listing
+from osl_analysis.errors import InputError, MemoryLimitError
 
 VARIABLE = "OSL_MEMORY_MB"  # memory that one job, or one call of the command line, may have [MB]
 # Matrix libraries get one thread: products are small, two threads take three times as long on a
@@ -20,6 +20,9 @@ SET_TO_ONE = (
     "MKL_NUM_THREADS",
     "PYDANTIC_DISABLE_PLUGINS",
 )
+
+
+NAMED_FILES = 3  # in the message
 
 
 @contextmanager
@@ -54,7 +57,7 @@ def limited_memory(files: Sequence[Path | str]) -> Iterator[None]:
     except MemoryError as error:
         resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))  # the message needs some, too
         raise MemoryLimitError(
-            f"{listing([*map(str, files)], 3)}: not enough memory, a job may have"
+            f"{', '.join(map(str, files[:NAMED_FILES]))}: not enough memory, a job may have"
             f" {limit / 1e6:.0f} MB here; cut the recording, or ask for fewer samples, or allow"
             f" more by {VARIABLE} or on a larger machine"
         ) from error

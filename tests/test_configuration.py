@@ -165,7 +165,7 @@ def test_a_configuration_that_cannot_be_run_is_one_line_before_any_job(
     ("walking.markers.foot", ["A", "B", "PLAT1"], "markers: 'PLAT1' stands twice"),
     ("dynamometer.cutoff_hz", 5, "cutoff_hz = 5 takes out some of frequencies_hz"),
     ("dynamometer.amplitudes_deg", [70], "amplitudes_deg goes beyond largest_angle = 1.2 rad"),
-    ("dynamometer.windows", "2-30 20-40", "windows: .* in the order of time and without overlap"),
+    ("dynamometer.windows", "2-30 20-40", "windows: .* in the order of time, without overlap"),
     ("doubtful.belt.above",
      {"condition_nunber": 1}, "no number of this name; .*mean 'condition_number'"),
     ("doubtful.belts",

@@ -59,8 +59,6 @@ MISTAKES: list[tuple[dict[str, object], str]] = [
     ({"format": "c3d", "markers": ["A", "A"]}, "line 2: markers: 'A' stands twice"),
     ({"format": "c3d", "plate_zero": [3, 2]},
      "line 2: plate_zero: [3, 2] ends before it begins; write the first"),
-    ({"format": "trc", "shared": {"column": "thta", "markers": ["A", "B", "C"]}},
-     "; did you mean 'theta'?"),
     ({"format": "c3d", "outputs": {"reference_ankle_moment_left": OUTPUT}},
      "unit 'N*mm' measures [N*m]"),
 ]  # fmt: skip

@@ -52,7 +52,8 @@ def names_of_examples():
     theta = np.deg2rad(10) * np.sin(2 * np.pi * np.clip(time - 2, 0, 18) / 6)
     torque = 200 * theta + 2 * np.tanh(50 * np.gradient(theta, time))
     sine = np.deg2rad(5) * np.sin(4 * np.pi * np.clip(time - 2, 0, 18))
-    of_one_frequency = {"time": time, "theta": sine, "torque": 300 * sine}
+    noise = 0.05 * np.random.default_rng(4).standard_normal(len(time))  # of a load cell
+    of_one_frequency = {"time": time, "theta": sine, "torque": 300 * sine + noise}
     made = {name: osl.Trial(name, pl.DataFrame(RECORDINGS[name])) for name in RECORDINGS}
     foot = pl.DataFrame({"time": time, "theta": theta, "torque": torque})
     return {

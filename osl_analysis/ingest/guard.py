@@ -79,16 +79,16 @@ def check_own_torque(trial: Trial, torque: str = "torque", angle: str | None = "
 
 @np.errstate(all="ignore")  # values of damaged files may be of any size
 def unexplained_share(time: Array, torque: Array, signals: Mapping[str, Array]) -> float:
-    """What powers of signals (n,), and speed and acceleration of an angle, leave of a torque (n,)
-    in most rows, as a share of its SD; 1 if too short to tell."""
+    """What powers of signals (n,), and the speed of an angle, leave of a torque (n,) in most rows,
+    as a share of its SD; 1 if too short to tell. An inertia is left: a simulated joint without
+    noise is no circle."""
     if time.size < LIMITS.fewest_compared:
         return 1.0
     columns = [np.ones(time.size)]
     for name, values in signals.items():
         columns += [values**power for power in range(1, LIMITS.highest_power + 1)]
         if name != "current":
-            speed = np.gradient(values, time)
-            columns += [speed, np.gradient(speed, time)]
+            columns.append(np.gradient(values, time))
     rows = slice(None, None, max(time.size // LIMITS.most_compared, 1))
     known = np.stack([torque, *columns], axis=1)[rows]
     known = known[np.isfinite(known).all(axis=1)]

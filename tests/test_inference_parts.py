@@ -9,6 +9,9 @@ from osl_analysis.errors import InputError
 from osl_analysis.inference import BenchSignals
 from osl_analysis.inference.cross_validation import (
     Predictor,
+    block_edges,
+    fit_blocks,
+    normal_matrices,
 )
 from osl_analysis.inference.friction_shapes import slipping_springs
 from osl_analysis.inference.hypotheses import Nothing
@@ -79,6 +82,18 @@ def test_delay_in_the_spectrum_is_the_motion_at_an_earlier_time():
     by_time = data.column(shifted)
 
     assert np.abs(late - by_time).max() < 1e-3 * np.abs(late).max()
+
+
+def test_each_block_is_predicted_by_a_fit_that_has_not_seen_it():
+    rows = np.random.default_rng(3).normal(size=(4, 1001))  # three columns and the torque
+
+    fit, _ = fit_blocks(normal_matrices(rows, rows))
+
+    unseen = np.arange(*block_edges(1001)[[5, 6]])
+    *columns, torque = np.delete(rows, unseen, axis=1)
+    by_others = np.linalg.lstsq(np.transpose(columns), torque)[0]
+    miss = rows[3, unseen] - by_others @ rows[:3, unseen]
+    assert fit.squares_of_unseen()[5] == pytest.approx(miss @ miss, rel=1e-6)
 
 
 def test_slipping_spring_follows_prandtl_step_by_step():

@@ -30,10 +30,13 @@ from stamp_recorders import (
 )  # fmt: skip
 
 from osl_analysis.errors import InputError
+from osl_analysis.signals.device_clock import DeviceClock
 from osl_analysis.signals.grid import GapLimits, on_one_grid
 from osl_analysis.signals.held_values import held_values
 from osl_analysis.signals.sample_count import count_from_stamps
 from osl_analysis.signals.samples import take
+from osl_analysis.signals.stamp_evidence import StampEvidence
+from osl_analysis.signals.stamp_reading import reading_of
 from osl_analysis.signals.stream import Stream
 from osl_analysis.trial import check_time
 
@@ -155,6 +158,34 @@ def test_stamps_that_fit_no_hypothesis_are_kept_and_not_firm():
 
     assert not part.firm
     assert not part.even
+
+
+@pytest.mark.parametrize(
+    ("response", "se"), [((0.3, 0.7, 0.0, 0.0), 0.01), ((0.05, 0.95, -0.3, -0.45), 0.14)]
+)
+def test_evidence_that_allows_an_even_device_too_is_not_firm(response, se):
+    """Rows of LAGS from -1 on: 0.3 loops after the stamp, and g = 0.25 +- 0.28, which is 0 of an
+    even device, too."""
+    evidence = StampEvidence(np.array(response), se**2 * np.eye(4))
+    stamps = jittered(clock(1000.0), 5e-5, np.random.default_rng(1))
+    reading = reading_of(DeviceClock(stamps, np.arange(len(stamps))), {"torque": evidence})
+    assert (reading.even, reading.age, reading.firm) == (False, 0.0, False), reading.why
+
+
+def test_a_held_value_of_an_uneven_source_is_half_a_row_older():
+    random = np.random.default_rng(2)
+    recording = held_log(97.0)
+    taken = clock(97.0, DURATION + 0.1)
+    taken += np.clip(np.cumsum(random.normal(0, 3e-4, taken.size)), -4e-3, 4e-3)
+    newest = np.maximum(np.searchsorted(taken, clock(RATE), "right") - 1, 0)
+    recording.signals["torque"][:] = torque_at(taken, random)[newest]
+
+    grid = one_time_base([recording])
+
+    (row,) = [row for row in grid.streams if row["signals"] == "torque"]
+    assert not row["firm"]
+    assert row["delay_s"] == pytest.approx(5e-4, abs=2e-6)
+    assert_recovers_the_joint(grid)
 
 
 def test_a_host_of_long_waits_is_counted_in_seconds():

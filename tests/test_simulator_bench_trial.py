@@ -256,19 +256,21 @@ def test_each_effect_of_the_load_cell_adds_what_the_truth_says():
         "load_cell_noise": on(0.05, "N*m"),
     }
     clean = simulated({}, "belt_01")[0]
-
     log, truth = simulated({"effects": sizes}, "belt_01")
-
-    elapsed_min = (log["time"] - log["time"][0]) / 60
     drawn = truth["drawn"]
-    drift = drawn["load_cell_drift"] * elapsed_min
-    noise = log[TORQUE] - clean[TORQUE] - drawn["load_cell_offset"] - drift
-    standard_error = 0.05 / np.sqrt(len(noise))
-    assert np.mean(noise) == pytest.approx(0, abs=4 * standard_error)
-    assert np.polyfit(elapsed_min, noise, 1)[0] == pytest.approx(
-        0, abs=4 * standard_error / np.std(elapsed_min)
+    elapsed = log["time"] - log["time"][0]
+
+    offset, drift, noise = (
+        simulated({"effects": {name: size}}, "belt_01")[0][TORQUE] - clean[TORQUE]
+        for name, size in sizes.items()
     )
-    assert np.std(noise) == pytest.approx(0.05, rel=4 / np.sqrt(2 * len(noise)))
+
+    assert offset == pytest.approx(drawn["load_cell_offset"], abs=1e-10)
+    assert drift == pytest.approx(drawn["load_cell_drift"] * elapsed / 60, abs=1e-10)
+    assert np.std(noise) == pytest.approx(0.05, rel=4 / np.sqrt(2 * 3000))
+    assert log[TORQUE] - clean[TORQUE] == pytest.approx(offset + drift + noise, abs=1e-10)
+    same_draw = pytest.approx(drawn["load_cell_drift"] / 0.05)
+    assert drawn["load_cell_offset"] / 0.5 != same_draw, "streams of their own"
 
 
 def test_true_jitter_leaves_each_sample_true(clean):

@@ -31,8 +31,10 @@ from osl_analysis.walking.tables import (
     check_fit,
 )
 from osl_analysis.walking.unperturbed_gait import (
+    PHASES,
     UnperturbedGait,
     aligned_gait,
+    matched_scales,
     unperturbed_gait,
 )
 from osl_analysis.walking.walking_settings import TimingSettings
@@ -43,6 +45,7 @@ I = 0.03
 TIMING = TimingSettings(window_s=0.1, baseline_s=0.06, guard_s=0.04)
 ONSET = 0.6
 response_of = partial(isolate_response, timing=TIMING)
+EARLY = PHASES[PHASES <= 0.36]
 TIME = np.arange(900) / 300
 
 
@@ -421,6 +424,20 @@ def test_the_guard_before_the_onset_is_not_used(instant: float, is_used: bool) -
 
     assert (abs(stance_of(late) / stance_of(plain) - 1) > 1e-4) == is_used
     assert (np.abs(other.behaviour - response.behaviour)[0].max() > 1e-5) == is_used
+
+
+@pytest.mark.parametrize(
+    "mean",
+    [
+        pytest.param(0 * PHASES, id="nothing"),
+        pytest.param(0 * PHASES + 0.2, id="it stands still"),
+        pytest.param(0.3 - 0.1 * PHASES, id="it drifts"),
+    ],
+)
+def test_a_gait_that_tells_no_pace_has_no_scale(mean: Array) -> None:
+    curves = np.array([mean[: len(EARLY)]] * 3)
+
+    assert np.isnan(matched_scales(EARLY, curves, mean)).all()
 
 
 def test_a_crossing_without_a_pace_is_refused() -> None:

@@ -95,8 +95,6 @@ def main() -> None:
             python.parent / "osl-analysis",
             "init",
             "aus sdist",
-            "--recorder",
-            "opensourceleg",
             folder=folder,
         )
     print(

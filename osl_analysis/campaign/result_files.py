@@ -160,9 +160,11 @@ class ResultFiles:
     @cached_property
     def fits_for_findings(self) -> list[str]:
         """The fits of single trials that have columns for findings alone."""
-        described = described_tables_by_name()
-        names = [name for name in self.gathered_tables if name in described]
-        return [file for name in names if described[name].of_fits for file in self.rows(name)]
+        files = []
+        for name, described in described_tables_by_name().items():
+            if described.of_fits:
+                files += self.rows(name)
+        return files
 
     @property
     def trials_for_findings(self) -> list[str]:

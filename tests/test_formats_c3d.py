@@ -150,7 +150,6 @@ HEADER = [
     (12, b"\0\0\0\0", "the scale of the points is 0.0, and"),
     (8, b"\0\0", "declares 0 frames"),
     (0, b"\0", "not in the format of Intel processors"),
-    (0, b"\x89MCAP0\r\n", "is mcap, its source file says c3d"),
 ]
 # behind its name stand the pointer of a parameter, its type, dimensions and sizes
 POINTER = [

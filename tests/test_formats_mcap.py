@@ -226,11 +226,6 @@ def test_an_unreadable_record_ends_the_log_and_the_summary_counts_the_rest(
         assert recording.loss.by_topic == {"/lab": (10, 20)}
 
 
-@pytest.mark.parametrize("content", [bytes(300), MAGIC[:5] + bytes(100), b"\xff" * 99])
-def test_what_is_no_log_is_refused_in_one_line(tmp_path: Path, content: bytes) -> None:
-    assert "\n" not in refusal(tmp_path, content)
-
-
 # --- legal, rare files --------------------------------------------------------------------------
 
 LEGAL = {

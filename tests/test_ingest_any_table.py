@@ -57,7 +57,6 @@ TEXTS = {
     below="Mean,0.7,0.1,0.2\n"),
     "dates before times": text(head=["Date", *HEAD],
     t=[f"01.05.2024,{x}" for x in since("%H:%M:%S.%f")]),
-    "groups above": text(above="Motion,,Load\n"),
     "preamble": text(above="Subject,7\nRate [Hz],500\nAll good, really\n"),
     "Ctrl-Z": text() + "\x1a",
     "LabVIEW with units": text("\t", ["X_Value", "Angle", "Torque", "Comment"], LVM

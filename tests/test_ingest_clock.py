@@ -87,16 +87,22 @@ def test_offset_and_drift_come_back_although_a_twentieth_of_edges_are_bad(
     slave, master = slave_edges(changes, 300.0, offset), master_edges(changes, 300.0)
     fit, time = fit_clock(spoilt(slave, rng), spoilt(master, rng)), np.array([0.0, 150.0, 300.0])
     assert abs(fit.to_master(time - offset) - (1 + DRIFT) * time).max() < 0.1 / SLAVE_RATE
-    assert (fit.drift, 0.02 < fit.excluded_edges / fit.edges < 0.15) == (
-        pytest.approx(DRIFT, abs=1e-6),
-        True,
-    )
-    assert (
-        fit_clock(
-            slave._replace(time=slave.time + rng.normal(0, 1e-3, slave.time.size)), master
-        ).residual
-        < 1 / SLAVE_RATE
-    )
+    assert fit.drift == pytest.approx(DRIFT, abs=1e-6)
+    assert 0.02 < fit.excluded_edges / fit.edges < 0.15
+
+
+def test_edges_that_are_two_samples_late_take_no_part_in_the_clock() -> None:
+    """One in ten: with them the offset is wrong by 0.4 ms."""
+    changes = irregular(30.0)
+    edges = slave_edges(changes, 30.0)
+    is_late = np.arange(edges.time.size) % 10 == 5
+    late = edges._replace(time=edges.time + is_late * 2.1 / SLAVE_RATE)
+    master = master_edges(changes, 30.0)
+
+    fit = fit_clock(late, master)
+
+    assert fit.excluded_edges == pytest.approx(is_late.sum(), abs=2)  # but those at its ends
+    assert fit.to_master(15.0) == pytest.approx(fit_clock(edges, master).to_master(15.0), abs=2e-4)
 
 
 def test_edges_are_found_between_samples_and_noise_at_the_mid_level_makes_none() -> None:

@@ -55,8 +55,6 @@ MISTAKES: list[tuple[dict[str, object], str]] = [
     ({"format": "c3d", "plates": "first"},
      "plates: 'first' is not allowed: write 'all', or write a list"),
     ({"format": "c3d", "plate_units": {"force": "N", "moment": "mm"}}, "unit 'mm' measures [m]"),
-    ({"format": "c3d", "plates": [1, 1]}, "line 2: plates: '1' stands twice; name each once"),
-    ({"format": "c3d", "markers": ["A", "A"]}, "line 2: markers: 'A' stands twice"),
     ({"format": "c3d", "plate_zero": [3, 2]},
      "line 2: plate_zero: [3, 2] ends before it begins; write the first"),
     ({"format": "c3d", "outputs": {"reference_ankle_moment_left": OUTPUT}},

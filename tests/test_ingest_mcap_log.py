@@ -110,12 +110,6 @@ def test_a_topic_that_gives_no_samples_is_refused(tmp_path: Path) -> None:
         (infinite, SAMPLE, "inf in sample 18 of 50, at 0.017 s"),
     ):
         assert told in refused(write_log(path, log, schema, "lab_msgs/msg/Other"), source())
-    for counter, told in (
-        ("torque", "0.125 in message 2 of 50, at 0.001 s"),
-        ("sync", "1 in message 1 of 50"),
-    ):
-        counted = source(theta={**RADIANS["theta"], "counter": counter})
-        assert f"field '{counter}': {told}" in refused(write_log(path, samples()), counted)
     leg = {"topic": "/leg", "field": "angle", "unit": "deg"}
     assert "no messages of '/leg' (the file has /lab)" in refused(path, source(theta=leg))
 

@@ -11,7 +11,7 @@ import yaml
 from c3d_builder import write_c3d
 from click.testing import CliRunner
 from mcap_builder import HEADER, stamped, write_log
-from test_ingest_assemble import WRITERS
+from test_formats_contract import write_text
 
 from osl_analysis.cli import main
 from osl_analysis.commands import trials as module
@@ -130,7 +130,8 @@ SIGNALS = {"ankle_angle_deg": np.sin(TIME), "torque_Nm": np.cos(TIME)}
 
 
 def test_of_two_clocks_that_agree_the_first_is_taken_and_the_user_is_asked(tmp_path):
-    path = WRITERS["csv"][2](tmp_path / "a.csv", {"loop_time": TIME, "sys_time": TIME, **SIGNALS})
+    path = tmp_path / "a.csv"
+    write_text(path, {"loop_time": TIME, "sys_time": TIME, **SIGNALS})
     overview = module.inspect_file(path)
     time = yaml.safe_load(draft_source(overview, path.name))["time"]
     assert time["column"] == "loop_time"

@@ -117,6 +117,7 @@ class Tables:
 def run_jobs(
     folder: Path, perturbed: Sequence[str], unperturbed: Sequence[str], chosen: WalkingAnalysis,
     sheet: Mapping[str, Mapping[str, object]] | None = None, limits: Limits | None = None,
+    limits_of_groups: Limits | None = None,
 ) -> Tables:  # fmt: skip
     """Every job from the crossings in a folder to the summary. `sheet` has their conditions, in its
     order."""
@@ -142,7 +143,7 @@ def run_jobs(
         settings=chosen,
         sheet=sheet,
         places={name: {"joint": "ankle", "side": row.get("side")} for name, row in sheet.items()},
-        limits=None,
+        limits=limits_of_groups,
         table=table,
         selection=selection,
         unperturbed=gait,

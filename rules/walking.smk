@@ -140,7 +140,7 @@ rule fit_perturbation:
         "<logs>/walking/{trial}.log",
     params:
         settings=CONFIG.walking.part("TimingSettings"),
-            data=CAMPAIGN.data,
+        data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
         job("osl_analysis.commands.walking.fit_perturbation", input, output, params, log)
@@ -172,4 +172,10 @@ rule summarise_walking:
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.walking_summary.summarise_perturbations", input, output, params, log)
+        job(
+            "osl_analysis.commands.walking_summary.summarise_perturbations",
+            input,
+            output,
+            params,
+            log,
+        )

@@ -42,27 +42,27 @@ def limited_memory(files: Sequence[Path | str]) -> Iterator[None]:
     InputError
         The variable is no number of megabytes.
     """
-    if sys.platform != "linux":
-        yield
-        return
-    import resource
+    if sys.platform == "linux":
+        import resource
 
-    soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
-    limit = allowed_memory()
-    if soft != resource.RLIM_INFINITY:
-        limit = min(limit, soft)
-    resource.setrlimit(resource.RLIMIT_DATA, (limit, hard))
-    try:
+        soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
+        limit = allowed_memory()
+        if soft != resource.RLIM_INFINITY:
+            limit = min(limit, soft)
+        resource.setrlimit(resource.RLIMIT_DATA, (limit, hard))
+        try:
+            yield
+        except MemoryError as error:
+            resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))  # the message needs some, too
+            raise MemoryLimitError(
+                f"{', '.join(map(str, files[:NAMED_FILES]))}: not enough memory, a job may have"
+                f" {limit / 1e6:.0f} MB here; cut the recording, or ask for fewer samples, or allow"
+                f" more by {VARIABLE} or on a larger machine"
+            ) from error
+        finally:
+            resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
+    else:
         yield
-    except MemoryError as error:
-        resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))  # the message needs some, too
-        raise MemoryLimitError(
-            f"{', '.join(map(str, files[:NAMED_FILES]))}: not enough memory, a job may have"
-            f" {limit / 1e6:.0f} MB here; cut the recording, or ask for fewer samples, or allow"
-            f" more by {VARIABLE} or on a larger machine"
-        ) from error
-    finally:
-        resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
 
 
 def allowed_memory() -> int:
@@ -79,7 +79,9 @@ def allowed_memory() -> int:
 
 def memory_limits() -> list[int]:
     """Memory [bytes] of the machine, and of the control groups of a container or batch job."""
-    limits = [os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")]
+    limits = [sys.maxsize]
+    if sys.platform == "linux":
+        limits.append(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
     with suppress(OSError):
         own_group = Path("/proc/self/cgroup").read_text(encoding="utf-8").rpartition(":")[2]
         group = Path("/sys/fs/cgroup", own_group.strip().lstrip("/"))

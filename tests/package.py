@@ -59,7 +59,9 @@ def check_campaigns(commands: Path, folder: Path) -> None:
     for file in ("report.html", "summary.json", "figures/fig5.pdf", "tables/impedance.csv"):
         assert (made / "results" / file).stat().st_size > 100, file
     assert "stiffness" in call(osl, "results", "--all", folder=made)
-    assert "Nothing to be done" in call(osl, "run", folder=made)
+    told_again = call(osl, "run", folder=made)
+    assert "open results/report.html" in told_again
+    assert "figures 1" not in told_again, "nothing is to be done"
     code = "from osl_analysis.files import shipped; print(shipped('Snakefile'))"
     snakefile = call(commands / "python", "-c", code, folder=folder)
     (made / "Snakefile").write_text(MODULE.format(snakefile=snakefile.strip()), encoding="utf-8")

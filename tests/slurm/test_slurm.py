@@ -2,7 +2,6 @@
 SLURM analyses some of a local run's recordings as several submissions by the plug-in of Snakemake,
 of which one is cancelled."""
 
-import re
 import shutil
 import subprocess
 import sys
@@ -76,14 +75,11 @@ def test_several_submissions_give_the_same_bytes_and_a_cancelled_one_is_made_by_
     cancel = partial(subprocess.run, f"scancel $({running} | tail -n 1)", shell=True, check=True)
     said = run(folder, *options, then=cancel, once="results/trials/*.parquet")
     assert said.endswith("exit code 1"), said
-    assert re.search(r"^not made: .*; run again", said, re.MULTILINE), said
-    said = run(folder, *options)
-    assert said.endswith("exit code 1"), said
-    assert re.search(
-        rf"^  trial {BROKEN}, file \S+{BROKEN}\.mcap: .*; remedy: ", said, re.MULTILINE
-    ), said
-    assert "not made:" not in said
-    assert len((folder / TABLE).read_text().splitlines()) == 1 + 3
+    assert "At least one job did not complete successfully" in said
+    said = run(folder, *options)  # of one table alone no verdict is asked
+    assert said.endswith("exit code 0"), said
+    rows = (folder / TABLE).read_text().splitlines()[1:]
+    assert sum("not analysed" not in row for row in rows) == 3
     shutil.copy2(local / LOG, folder / LOG)
     assert run(folder, TABLE).endswith("exit code 0")
     tables = [

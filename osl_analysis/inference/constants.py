@@ -70,12 +70,6 @@ COLOUR_SEGMENT = 4.0
 # Draws of the encoder's zero; they give a standard error to 20 %; as random effects in the model
 # they would be fitted away
 ROUNDING_DRAWS = 12
-# Time after which an encoder that shows one step stands at a level [periods of the band's end];
-# prototype; not varied
-DWELL_PERIODS = 1.0
-# Range of drawn sizes for a joint that never stands; 1 if it always does [steps]; levels and sines
-# may lie anywhere within a step
-SMALLEST_SIZE = 0.1
 # Least play, dead zone or motion that is not rounding [encoder steps]; at 1.5 steps a joint at
 # rest explains its own rounding as a dead zone, with 143 nats
 FEWEST_STEPS = 3.0

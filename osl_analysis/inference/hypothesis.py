@@ -96,8 +96,8 @@ class Search:
 
     def rest(self, columns: Array, torque: Array) -> Array:
         """What columns (k, m) and the shared ones leave of a torque (m,)."""
-        rest = self._beside.rest(torque - self.fit(columns, torque)[1] @ columns)
-        return np.asarray(rest)
+        _, estimates = self.fit(columns, torque)
+        return self._beside.rest(torque - estimates @ columns)
 
     @cached_property
     def may_be_path(self) -> bool:

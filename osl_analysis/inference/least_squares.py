@@ -43,7 +43,8 @@ class BesideShared:
 
     def fit(self, columns: Array, torque: Array) -> tuple[float, Array]:
         """Residual sum of squares and coefficients (k,) of columns (k, m) for a torque (m,)."""
-        rest = self.rest(torque)
-        own = self.rest(columns)
-        estimates = solve_scaled(own, rest)
-        return float(np.sum((rest - estimates @ own) ** 2)), estimates
+        rest_of_torque = self.rest(torque)
+        rest_of_columns = self.rest(columns)
+        estimates = solve_scaled(rest_of_columns, rest_of_torque)
+        residual = rest_of_torque - estimates @ rest_of_columns
+        return float(residual @ residual), estimates

@@ -84,18 +84,18 @@ class BenchSignals:
         A joint at rest shows one error of the encoder for seconds, and nothing else.
         """
         least = max(FEWEST_STEPS * self.encoder_step, REST * float(self.theta.std()))
-        moved = np.abs(self.theta - self.theta[0]) > least
-        moves = np.abs(self.theta - self.theta[-1]) > least
+        away_from_start = np.abs(self.theta - self.theta[0]) > least
+        away_from_end = np.abs(self.theta - self.theta[-1]) > least
         edge = round(EDGE * self.rate_hz)
-        first = max(int(np.argmax(moved)) - edge, 0)
-        stop = len(self.theta) - int(np.argmax(moves[::-1])) + edge
+        first = max(int(np.argmax(away_from_start)) - edge, 0)
+        stop = len(self.theta) - int(np.argmax(away_from_end[::-1])) + edge
         rows = slice(first, stop)
         if len(self.theta[rows]) < SHORTEST * self.rate_hz:
             return self
-        parts: dict[str, Any] = {
-            name: x[rows] for name, x in vars(self).items() if isinstance(x, np.ndarray)
+        signals_in_part: dict[str, Any] = {
+            name: signal[rows] for name, signal in vars(self).items() if np.ndim(signal) == 1
         }
-        return replace(self, **parts)
+        return replace(self, **signals_in_part)
 
 
 class Spectra:

@@ -106,7 +106,8 @@ def weigh(
     # what friction takes up of rounding alone is no gain
     plain = {fit.has_friction: fit for fit in fits if fit.candidate.hypothesis.name == PLAIN}
     of_friction = max(plain[False].rounding_left - plain[True].rounding_left, 0.0)
-    squares = np.array([fit.squares + fit.has_friction * of_friction / BLOCKS for fit in possible])
+    squares = np.array([fit.squares for fit in possible])
+    squares[[fit.has_friction for fit in possible]] += of_friction / BLOCKS
     totals = squares.sum(axis=1)
     is_sound = np.array([fit.candidate.hypothesis.family == "" for fit in possible])
     best = int(np.argmin(totals))
@@ -130,6 +131,6 @@ def weigh(
     log_weights = prior + gains / temper[:, None]
     weights = np.exp(log_weights - log_weights.max(axis=1, keepdims=True))
     weights /= weights.sum(axis=1, keepdims=True)
-    of_all = weights.mean(axis=0).tolist()
-    weighed = [Weighed(fit, weight) for fit, weight in zip(possible, of_all, strict=True)]
+    probabilities = weights.mean(axis=0).tolist()
+    weighed = [Weighed(fit, weight) for fit, weight in zip(possible, probabilities, strict=True)]
     return weighed, best_sound

@@ -98,9 +98,8 @@ class Finding:
 
     @property
     def is_of_part(self) -> bool:
-        """Whether it concerns a single amplitude, frequency or result."""
-        is_of_row = self.amplitude_deg is not None or self.frequency_hz is not None
-        return is_of_row or bool(known_finding(self.name).concerns)
+        """Whether it concerns a single amplitude or frequency."""
+        return self.amplitude_deg is not None or self.frequency_hz is not None
 
 
 class Words(NamedTuple):

@@ -339,14 +339,6 @@ def marked(table: pl.DataFrame, findings: RowFindings, name: str) -> pl.DataFram
     return table.with_columns(remarks=other_causes.replace("", None))
 
 
-def doubts_of_result(titles: str, result: str) -> str:
-    """Those findings in a cell of the column `DOUBTFUL` that concern one result of the fit."""
-    others = {
-        kind.title for kind in FINDINGS.values() if kind.concerns and result not in kind.concerns
-    }
-    return BETWEEN.join(title for title in titles.split(BETWEEN) if title not in others)
-
-
 def results_in(remarks: str | None) -> list[str]:
     """Those findings in a cell of the column `remarks` that are properties of the device."""
     titles = (remarks or "").split(BETWEEN)

@@ -37,8 +37,6 @@ class KnownFinding:
     is_result
         Whether it is a property of the device, which is then not of second order: the fit is what
         it says, and not doubtful.
-    concerns
-        Results that it is about; empty: all.
     spoils_estimates
         Whether no estimate can be told beside it: other causes of a misfit may be its effect.
     is_misfit
@@ -54,7 +52,6 @@ class KnownFinding:
     of_recording: bool = False
     causes_others: bool = False
     is_result: bool = False
-    concerns: Sequence[str] = ()
     spoils_estimates: bool = False
     is_misfit: bool = False
 

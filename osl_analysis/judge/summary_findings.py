@@ -186,7 +186,7 @@ def is_of_whole(finding: Finding) -> bool:
 def doubts_in_part(
     table: JudgedTable, findings: Sequence[WordedFinding]
 ) -> Iterator[CampaignFinding]:
-    """The causes of doubt about single amplitudes, frequencies or results of trials that are not
+    """The causes of doubt about single amplitudes or frequencies of trials that are not
     doubtful as a whole. Those that a table shares with that of the fits to the same trials are left
     out."""
     in_origin = {

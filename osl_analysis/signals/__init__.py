@@ -33,17 +33,6 @@ class LowPass:
     cutoff_hz: float
     order: int = 4  # of one run
 
-    @property
-    def noise_bandwidth_hz(self) -> float:
-        """Width [Hz] of the ideal low-pass that passes the same power of white noise, after both
-        runs: 0.90 of the cut-off for order 4.
-
-        For order m it is the cut-off times the integral of (1 + x^2m)^-2 over x =
-        frequency/cut-off.
-        """
-        angle = np.pi / (2 * self.order)
-        return float(self.cutoff_hz * angle / np.sin(angle) * (1 - 1 / (2 * self.order)))
-
     def gain(self, frequency_hz: Array) -> Array:
         """Gain (n,) of both runs together, at frequencies (n,) [Hz] well below half the sampling
         rate."""

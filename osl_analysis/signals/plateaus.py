@@ -24,7 +24,6 @@ SPEED_BINS = 3  # over which a speed is averaged: 0.15 s, which hum and noise do
 FEWEST_PLATEAUS = 8  # whose scatter, one left out at a time, gives an interval
 MOST_FAST = 0.5  # share of the time at plateaus in which noise may seem to move a shaft that stands
 LEAST_SPAN = 0.5  # of the current's range between plateaus; less are rests between two motions
-STANDS = 0.5  # rad/s; an actuator's shaft that is slower stands, where nobody stated `slowest`
 
 
 def plateaus_of(time: Array, current: Array) -> list[slice]:

@@ -50,7 +50,6 @@ def products_between(X: Array, Y: Array, first: Array, stop: Array) -> Array:
     return np.asarray(of_whole_rows + of_parts[1::2] - of_parts[::2])
 
 
-FEWEST_CYCLES = 5  # smallest number of cycles at one frequency whose spread gives an interval
 LARGEST_AR1 = 0.9999  # autocorrelation of a residual after one sample, beyond which none is fitted
 
 

@@ -38,13 +38,13 @@ sys.dont_write_bytecode = False
 gc.disable()  # until all is imported
 ROOT = Path(__file__).parents[1]
 RUNNING = (
-    "test_workflow", "test_small_campaigns", "test_bundle", "test_report",
+    "test_workflow", "test_small_campaigns", "test_bundle",
 )  # fmt: skip
 """Modules that run campaigns: in one worker, for which `snakemake_runs.py` imports once."""
 LONGEST = (
-    *RUNNING, "test_figures", "test_walking_commands", "test_bench_motion",
-    "test_walking_platform", "test_walking_groups", "test_signals_grid", "test_notebook",
-    "test_bench_joint_fit", "test_degenerate", "test_bench_plausibility", "test_cli",
+    *RUNNING, "test_figures", "test_commands", "test_motion",
+    "test_platform", "test_groups", "test_grid", "test_notebook",
+    "test_joint_fit", "test_degenerate", "test_plausibility", "test_cli",
     "test_adding",
 )  # fmt: skip
 """Modules that take more than 5 s of a core, the longest first."""

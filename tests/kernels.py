@@ -20,13 +20,13 @@ USES_A_FIT = re.compile(
 """An import from a package that computes, other than of its settings."""
 LEFT_OUT = {
     "test_configuration": "of a model it reads the settings",
-    "test_ingest_csv_log": "of the signals it asks for devices",
+    "test_csv_log": "of the signals it asks for devices",
     "test_journeys": "campaigns from file to page, whose fits other modules test",
     "test_quality": "counts and extremes, which no kernel computes",
     "test_refusal": "messages",
     "test_sheet": "of a model it reads names",
-    "test_simulator_bench_trial": "a simulator, which fits nothing",
-    "test_simulator_laboratory": "a simulator, which fits nothing",
+    "test_bench_trial": "a simulator, which fits nothing",
+    "test_laboratory": "a simulator, which fits nothing",
 }
 """Modules that import from such a package and compare no estimate; each with its reason."""
 NAMES = ("scipy_openblas_get_corename64_", "scipy_openblas_get_corename", "openblas_get_corename")

@@ -112,7 +112,7 @@ def changed(results: Path) -> list[str]:
 
 
 if __name__ == "__main__":
-    sys.path.insert(0, str(HERE.parent))
+    sys.path += [str(HERE.parent), str(HERE / "builders"), str(HERE / "workflow")]
     from test_workflow import Workspace
 
     with TemporaryDirectory() as folder:

@@ -11,7 +11,7 @@ import yaml
 from c3d_builder import write_c3d
 from click.testing import CliRunner
 from mcap_builder import HEADER, stamped, write_log
-from test_formats_contract import write_text
+from test_every_format import write_text
 
 from osl_analysis.cli import main
 from osl_analysis.commands import trials as module

@@ -12,8 +12,8 @@ import polars as pl
 import pytest
 import xlsxwriter
 from recognised_files import refusal_by
-from test_formats_mat import write_mat, write_mat73
-from test_ingest_json_log import write_tdms
+from test_json_log import write_tdms
+from test_mat import write_mat, write_mat73
 
 from osl_analysis import formats
 from osl_analysis.commands.trials import inspect_file, overview_text

@@ -15,7 +15,7 @@ from bench_synthetic import PROTOCOL as SINES
 from conftest import ROOT
 from matplotlib.figure import Figure
 from polars.testing import assert_frame_equal
-from test_bench_plausibility import RATE, RECORDINGS
+from test_plausibility import RATE, RECORDINGS
 
 import osl_analysis as osl
 from osl_analysis.campaign.configuration import FrequencyResponseFigure, read_config

@@ -13,7 +13,7 @@ import polars as pl
 import pytest
 from any_motion import made_trial, multisine
 from conftest import ROOT
-from test_bench_plausibility import RECORDINGS
+from test_plausibility import RECORDINGS
 
 import osl_analysis as osl
 from osl_analysis.schema import SCHEMA

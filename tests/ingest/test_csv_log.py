@@ -180,7 +180,7 @@ def test_the_shipped_source_file_reads_what_the_logger_of_opensourceleg_wrote(
         logger.update()
     logger.close()
     logger.reset()
-    shipped = read_source(Path(__file__).parents[1] / "config/sources/opensourceleg.yaml")
+    shipped = read_source(Path(__file__).parents[2] / "config/sources/opensourceleg.yaml")
 
     samples = read_converted(tmp_path / "trial.csv", shipped).samples
 

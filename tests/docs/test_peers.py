@@ -12,7 +12,7 @@ import pytest
 from osl_analysis.errors import InputError
 from osl_analysis.table import read_table
 
-PEERS = Path(__file__).parents[1] / "benchmarks/peers"
+PEERS = Path(__file__).parents[2] / "benchmarks/peers"
 TOY = """
 import numpy as np
 

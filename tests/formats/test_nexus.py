@@ -13,7 +13,7 @@ from osl_analysis.ingest.raw_files import read_converted, read_source
 from osl_analysis.source_file import Source
 
 SOURCES, NEXUS_FILES = (
-    Path(__file__).parents[1] / "config" / "sources",
+    Path(__file__).parents[2] / "config" / "sources",
     sorted((REAL_DATA / "nexus_csv").glob("*.csv")),
 )
 DEVICES = """Devices

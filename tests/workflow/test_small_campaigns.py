@@ -31,7 +31,7 @@ SOURCE = {
 }
 TABLE = "results/tables/torque_angle.csv"
 OTHER_SYSTEM = {
-    "PYTHONPATH": os.pathsep.join([str(ROOT / "tests/other_system"), str(ROOT)]),
+    "PYTHONPATH": os.pathsep.join([str(ROOT / "tests/builders/other_system"), str(ROOT)]),
     "PYTHONIOENCODING": "cp1252", "PYTHONWARNDEFAULTENCODING": "1",
     "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0",  # no text but ASCII
 }  # fmt: skip

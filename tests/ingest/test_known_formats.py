@@ -21,7 +21,7 @@ from osl_analysis.ingest.raw_files import is_capture, read_source, trial_from_fi
 from osl_analysis.trial import Trial
 
 ROOT, LOG = (
-    Path(__file__).parents[1],
+    Path(__file__).parents[2],
     {"format": "mcap", "time": {"source": "header"}, "channels": {}},
 )
 

@@ -17,8 +17,8 @@ from bench_synthetic import (
     stepped_sine,
 )
 from conftest import ROOT, findings_of, marked
-from test_bench_belt import belt_cycle
-from test_bench_torque_angle import PERIOD, A, W, clock, fitted
+from test_belt import belt_cycle
+from test_torque_angle import PERIOD, A, W, clock, fitted
 
 from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.belt import belt_table, fit_branches

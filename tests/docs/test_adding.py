@@ -54,7 +54,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
             shutil.copy(ROOT / part, folder)
     for change in CHANGES:
         for name in re.findall(r"^--- a/((?:docs|tests)/.+)", change.read_text(), re.MULTILINE):
-            (folder / name).parent.mkdir(exist_ok=True)
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(ROOT / name, folder / name)
         applied = subprocess.run(
             ["git", "apply", str(change)], cwd=folder, text=True, capture_output=True

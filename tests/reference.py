@@ -21,7 +21,9 @@ TEXTS = ("report.html", "numbers.tex")
 NUMBER = re.compile(r"(?<![\d.])-?\d+\.\d+(?![\d.])")
 NOT_COMPARED = re.compile(r"<(script|style|svg)\b.*?</\1>|base64,[^\"']*", re.DOTALL)
 """What comes from other packages, and drawings, whose numbers stand in `figures/*.csv`."""
-UNDETERMINED = re.compile("lag|delay_s|noise_share|B_viscous_se")
+UNDETERMINED = re.compile(
+    "lag|delay_s|noise_share|B_viscous_se|unexplained_share|fault_probability|told_s"
+)
 """Columns of what a recording does not determine, where other matrix kernels give other numbers: in
 the fifth digit for an inertia beside friction, which is known to the first."""
 HEADLINE, SUMS = ("value", "low", "high", "n"), ("size", "mean", "trend")

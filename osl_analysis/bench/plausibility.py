@@ -70,7 +70,7 @@ def plausible(
     -------
     polars.DataFrame
         The table with `saturated_samples`, and the ratio of each estimate to the file's, such as
-        `K_s_ratio`; null without a file, or if that is 0.
+        `K_s_ratio`; null where that is not known, or 0.
 
     Raises
     ------
@@ -86,7 +86,7 @@ def plausible(
     for name in names:
         known = None if p is None else parameter(p, name)
         ratio = pl.col(name) / pl.lit(known or None, pl.Float64)
-        ratios.append(ratio.alias(f"{name}_ratio"))
+        ratios.append(ratio.fill_nan(None).alias(f"{name}_ratio"))
     return table.with_columns(rails, *ratios)
 
 

@@ -40,7 +40,7 @@ def fit_belt_trial(
 ) -> FitTables:
     """The belt's row, and torque against deflection. `parameters` is the device's file, None for
     one without."""
-    p = known_parameters(parameters)
+    p = known_parameters(parameters, ["n_T"])
     trial, rails = checked(trial, settings)
     belt = belt_trial(trial, p, settings)
     return tables_of_fit(
@@ -63,7 +63,7 @@ def fit_transmission_trial(
     trial: Trial, parameters: FileOrNone, settings: choices.SteppedSineAnalysis
 ) -> FitTables:
     """The transmission's rows, and the series of the fit to all amplitudes."""
-    p = known_parameters(parameters)
+    p = known_parameters(parameters, ["B_j", "J_j"])
     trial, rails = checked(trial, settings)
     analysis = transmission_of(sine_record(trial, settings))
     table = plausible(transmission_table(analysis), rails, p, "B_j", "J_j")
@@ -99,11 +99,11 @@ def fit_impedance_trial(
         Those of the sheet [s], which are fitted where the motion is no stepped sine.
 
     """
-    p = known_parameters(parameters)
+    p = known_parameters(parameters, ["n_T", "K_s", "B_j", "J_j"])
     trial, rails = checked(trial, settings)
     record = record_with_actuator(trial, settings, windows)
     stated = condition or impedance.DesiredImpedance(None, None, None)
-    gains = stated.gains(p, weight)
+    gains = stated.gains(known_parameters(parameters), weight)
     analysis, table = impedance.impedance_with_evidence(record, rails, p, condition, gains)
     table = table.with_columns(fixture_column(trial), fixture_weight_column(trial))
 
@@ -158,7 +158,7 @@ def fit_actuator_trial(
     trial: Trial, parameters: FileOrNone, settings: choices.ActuatorAnalysis
 ) -> FitTables:
     """The row of an actuator alone, and the series of its fit."""
-    p = known_parameters(parameters)
+    p = known_parameters(parameters, ["k_tau", "n_m", "f_C", "J_m"])
     check_recording(trial, settings, "torque_m", angle=None)
     rails = saturated(trial, "torque_m", "current")
     actuator = actuator_trial(trial, settings)

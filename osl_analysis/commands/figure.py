@@ -42,7 +42,7 @@ from osl_analysis.model.drivetrain import (
     desired_admittance,
     joint_admittance,
     joint_of,
-    read_parameters,
+    known_parameters,
 )
 from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.table import (
@@ -297,8 +297,8 @@ def beside_theory(responses: pl.DataFrame, parameters: Path | None, weight: Weig
         models: list[tuple[str, str | None, Any]] = []
         if K_d is not None and B_d is not None:
             models.append((DESIRED, None, desired_admittance(K_d, B_d)))
-        if parameters is not None and joint_of(parameters) == joint:
-            p = read_parameters(parameters)
+        p = known_parameters(parameters)
+        if parameters is not None and p is not None and joint_of(parameters) == joint:
             for controller in measured["controller"].unique(maintain_order=True):
                 gains = DesiredImpedance(controller, K_d, B_d).gains(p, weight)
                 if gains is not None:

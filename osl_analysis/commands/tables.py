@@ -20,7 +20,7 @@ from osl_analysis.judge.judging import judged, marked, with_inherited
 from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.judge.recording_checks import Judge, QualityRules
 from osl_analysis.judge.summary_findings import causes_in_campaign
-from osl_analysis.model.drivetrain import FileOrNone, joint_of, read_parameters
+from osl_analysis.model.drivetrain import FileOrNone, joint_of, known_parameters
 from osl_analysis.report.left_out import left_out_trials, missing_lines, used_and_missing
 from osl_analysis.report.numbers import (
     headline_numbers,
@@ -147,7 +147,8 @@ def check_claims(
     """Write `claims.csv`: the paper's claims beside the result `tables`. `midstance` is the
     commanded stiffness [N*m/rad]."""
     tables_by_name = {name: read_table(path) for name, path in tables.items()}
-    ratios = {joint_of(parameters): read_parameters(parameters).n_T} if parameters else {}
+    p = known_parameters(parameters, ["n_T"])
+    ratios = {joint_of(parameters): p.n_T} if parameters and p else {}
     claims = claims_table(tables_by_name, settings, frequencies_hz, midstance, ratios)
     write_table(claims, output, data)
 

@@ -3,6 +3,7 @@
 8-11), in the paper's signs."""
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -21,7 +22,7 @@ PARAMETER_UNITS = {
     "n_T": "1", "K_s": "N*m/rad", "K_s2": "N*m/rad^2", "B_j": "N*m*s/rad", "J_j": "kg*m^2",
 }  # fmt: skip
 NEVER_ZERO = ("k_tau", "n_m", "J_m", "n_T", "K_s")  # each divides or drives
-OPTIONAL = ("K_s2",)
+REQUIRED = tuple(name for name in PARAMETER_UNITS if name != "K_s2")  # of the drivetrain's model
 # a parameter outside, in SI units, has a wrong exponent
 SMALLEST_PARAMETER = 1e-9
 LARGEST_PARAMETER = 1e9
@@ -39,7 +40,8 @@ class ParameterError(InputError):
 
 @dataclass(frozen=True)
 class DrivetrainParameters:
-    """Actuator and transmission (Table I); J_m and B_m are at the actuator's output."""
+    """Actuator and transmission (Table I); J_m and B_m are at the actuator's output. NaN is a
+    parameter that is not known."""
 
     k_tau: float  # torque constant of the motor [N*m/A]
     n_m: float  # gear ratio of the actuator
@@ -63,10 +65,11 @@ class DrivetrainParameters:
             )
         for name, unit in PARAMETER_UNITS.items():
             value = getattr(self, name)
-            if value == 0 and name not in NEVER_ZERO:
+            may_be_zero = name not in NEVER_ZERO
+            if np.isnan(value) or (value == 0 and may_be_zero):
                 continue
             if not SMALLEST_PARAMETER <= value <= LARGEST_PARAMETER:
-                zero = "" if name in NEVER_ZERO else "zero or "
+                zero = "zero or " if may_be_zero else ""
                 raise ParameterError(
                     name,
                     f"parameter {name} = {value} {unit} must be {zero}positive, 1e-09 to 1e+09;"
@@ -92,7 +95,7 @@ class Quantity(Settings):
 
 class ParameterFile(Settings):
     """A parameter file: the device's name, its joint, a warning that is shown at every use, and the
-    quantities."""
+    quantities that are known."""
 
     name: str
     description: str
@@ -104,12 +107,9 @@ class ParameterFile(Settings):
 
     @field_validator("parameters")
     @classmethod
-    def _complete(cls, quantities: dict[str, Quantity]) -> dict[str, Quantity]:
+    def _known(cls, quantities: dict[str, Quantity]) -> dict[str, Quantity]:
         for name, quantity in quantities.items():
             check_quantity(name, quantity, not_given=set(PARAMETER_UNITS) - set(quantities))
-        for name, unit in PARAMETER_UNITS.items():
-            if name not in quantities and name not in OPTIONAL:
-                raise ValueError(f"{name} [{unit}] is missing; add it, with value, unit and source")
         return quantities
 
 
@@ -136,14 +136,20 @@ def joint_of(path: Path) -> str:
     return read_yaml(path, ParameterFile).joint
 
 
-def known_parameters(path: Path | None) -> DrivetrainParameters | None:
-    """Parameters of a device; None for one without a parameter file. Raises as
-    `read_parameters`."""
-    return None if path is None else read_parameters(path)
+def known_parameters(
+    path: Path | None, needed: Sequence[str] = REQUIRED
+) -> DrivetrainParameters | None:
+    """Parameters of a device; None without a parameter file, or where it lacks one that is
+    `needed`. Raises as `read_parameters`, but that none is missing."""
+    if path is None:
+        return None
+    known = parameters_of(path, read_yaml(path, ParameterFile))
+    lacks = any(np.isnan(getattr(known, name)) for name in needed)
+    return None if lacks else known
 
 
 def read_parameters(path: Path) -> DrivetrainParameters:
-    """Read the parameters of one device, and give the file's warning.
+    """Read all parameters of one device, and give the file's warning.
 
     Parameters
     ----------
@@ -161,9 +167,22 @@ def read_parameters(path: Path) -> DrivetrainParameters:
         range.
     """
     file = read_yaml(path, ParameterFile)
+    for name in REQUIRED:
+        if name not in file.parameters:
+            raise InputError(
+                f"{path}: the model of the drivetrain needs {name} [{PARAMETER_UNITS[name]}], which"
+                " is missing; add it, with value, unit and source"
+            )
+    return parameters_of(path, file)
+
+
+def parameters_of(path: Path, file: ParameterFile) -> DrivetrainParameters:
+    """The parameters of a file, whose warning is given. Raises InputError: one is out of range."""
     if file.warning:
-        warnings.warn(f"{path}: {' '.join(file.warning.split())}", stacklevel=2)
-    values = {name: quantity.value for name, quantity in file.parameters.items()}
+        warnings.warn(f"{path}: {' '.join(file.warning.split())}", stacklevel=3)
+    values = dict.fromkeys(REQUIRED, np.nan)
+    for name, quantity in file.parameters.items():
+        values[name] = quantity.value
     try:
         return DrivetrainParameters(**values)
     except ParameterError as error:

@@ -15,7 +15,7 @@ from osl_analysis.commands.gains import gain_table
 from osl_analysis.errors import InputError, UnreachableImpedanceError
 from osl_analysis.model import compensator, drivetrain
 from osl_analysis.model.compensator import PAPER_WEIGHT
-from osl_analysis.model.drivetrain import joint_admittance, read_parameters
+from osl_analysis.model.drivetrain import joint_admittance, known_parameters, read_parameters
 from osl_analysis.model.rendered_impedance import rendering
 
 P = read_parameters(ROOT / "config/parameters/default.yaml")
@@ -234,6 +234,19 @@ def test_an_impossible_request_is_refused_with_the_reason(K_d, B_d, message):
 def test_uncompensated_gains_of_no_impedance_are_refused(K_d, B_d):
     with pytest.raises(UnreachableImpedanceError, match="cannot be asked for"):
         compensator.uncompensated_gains(K_d, B_d, P)
+
+
+def test_a_device_of_which_the_belt_s_ratio_alone_is_known_has_no_gains(tmp_path):
+    """What needs the ratio has it, and what needs more says which parameter lacks."""
+    file = tmp_path / "ours.yaml"
+    ratio = 'n_T: {value: 83/18, unit: "1", source: "counted teeth"}'
+    file.write_text(f"name: ours\ndescription: our ankle\nparameters:\n  {ratio}\n")
+
+    assert known_parameters(file, ["n_T"]).n_T == 83 / 18
+    assert known_parameters(file, ["n_T", "K_s"]) is None
+    assert known_parameters(file) is None
+    with pytest.raises(InputError, match=r"ours\.yaml: .* k_tau \[N\*m/A\]"):
+        read_parameters(file)
 
 
 def test_the_gains_of_another_controller_are_not_known():

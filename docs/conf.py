@@ -10,7 +10,7 @@ from docutils import nodes
 from docutils.utils.math import latex2mathml
 
 from osl_analysis.commands.reference import described_checks
-from osl_analysis.dictionary import described_tables, file_at
+from osl_analysis.dictionary import described_tables
 from osl_analysis.report.text_tables import markdown_table
 
 project = "osl-analysis"
@@ -46,10 +46,10 @@ def columns_of_tables(app, page, source):
         return
     parts = source
     for table in described_tables():
-        also = f" `{file_at(table.also)}` holds the rows of one trial." if table.also else ""
-        parts.append(f"## `{file_at(table.place)}`\n\nRows: {table.rows}.{also}")
-        rows = [(f"`{each.name}`", each.unit, each.meaning) for each in table.columns.values()]
-        parts.append(markdown_table([("column", "unit", "meaning"), *rows]))
+        for file, rows, columns in table.sections:
+            parts.append(f"## `{file}`\n\nRows: {rows}.")
+            lines = [(f"`{each.name}`", each.unit, each.meaning) for each in columns]
+            parts.append(markdown_table([("column", "unit", "meaning"), *lines]))
     checks = [(f"`{name}`", unit, meaning) for name, unit, meaning in described_checks()]
     parts.append("## Checks of quality control")
     parts.append(markdown_table([("check", "unit", "meaning of its value"), *checks]))

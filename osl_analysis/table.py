@@ -1,9 +1,9 @@
 """Tidy result tables as CSV, with full precision. A table is written completely or not at all.
 
-A trial that cannot be analysed has a row in each of its tables, without estimates: `status` is
-`not analysed`, and `reason` says why. Its samples are a Parquet file with the same columns and no
-rows. Tables over trials have these rows below the others; jobs that need its results pass the
-reason on.
+A trial that cannot be analysed has its row in the table of its fits, without estimates: `status` is
+`not analysed`, and `reason` says why. The table over trials has these rows below the others. Any
+other file that cannot be made without it holds the reason in such a row, or, of samples, beside its
+columns; jobs that need it pass the reason on.
 """
 
 import csv
@@ -27,14 +27,12 @@ ARCHIVE_SUFFIX = ".zip"  # of several tables in one file
 # columns that are text even if every entry looks like a number, such as a trial named `01`
 TEXT_COLUMNS = (
     "trial", "controller", "branch", "quantity", "estimator", "check", "unit", "verdict", "remark",
-    "status", "reason", "excluded", "panel", "curve", "interval_method", "doubtful", "model",
+    "status", "reason", "panel", "curve", "interval_method", "doubtful", "model",
     "motion", "group", "direction", "subject", "side", "different", "doubt",
     "remarks", "excitation", "desired", "loading", "method", "joint", "scope",
     "data", "chosen", "trajectory", "table", "grade",
     "name", "cause", "evidence", "says", "size", "remedy", "fault_family", "explanations",
 )  # fmt: skip
-# columns that identify a row of a table and of its evidence
-ROW_KEYS = ("trial", "joint", "side", "amplitude_deg")
 
 # `joint` and `side` by the name of a trial or group
 Places = Mapping[str, Mapping[str, str | None]]
@@ -49,17 +47,13 @@ JSON_BEGIN = f'{{"status": "{NOT_ANALYSED}"'
 
 
 def marked_data(frame: pl.DataFrame, data: str = "") -> pl.DataFrame:
-    """A table as it is written: without a `side` that is all null, and with `status`, `reason` and
-    `data` as last columns (`SIMULATED` or `MEASURED`; none of them if empty)."""
+    """A table as it is written: without a `side` that is all null, and with `data` as last column
+    (`SIMULATED` or `MEASURED`; none if empty)."""
     has_place = "joint" in frame.columns and "side" in frame.columns
     if has_place and frame["side"].null_count() == len(frame):
         frame = frame.drop("side")
     if not data:
         return frame
-    for name in ("status", "reason"):
-        if name not in frame.columns:
-            frame = frame.with_columns(pl.lit(None, pl.String).alias(name))
-    frame = frame.with_columns(pl.col("status").fill_null(ANALYSED))
     return frame.drop("data", strict=False).with_columns(data=pl.lit(data, pl.String))
 
 
@@ -181,9 +175,6 @@ def rows_of(path: Path, content: bytes) -> pl.DataFrame:
     table = table.filter(~pl.all_horizontal(pl.all().is_null()))  # without an editor's blank lines
     if "status" in table.columns:
         table = table.filter(pl.col("status").ne_missing(NOT_ANALYSED))
-        if table["status"].is_in([ANALYSED]).all():  # of crossings it says more
-            has_own_reason = table.columns[-3:-1] != ["status", "reason"]
-            table = table.drop("status" if has_own_reason else ["status", "reason"])
     is_empty = [column.null_count() == len(table) for column in table]
     return table.with_columns(pl.col(list(compress(table.columns, is_empty))).cast(pl.Null))
 
@@ -198,19 +189,6 @@ def with_usual_types(table: pl.DataFrame) -> pl.DataFrame:
         side = pl.lit(None, pl.String).alias("side")
         table.insert_column(table.columns.index("joint") + 1, side)
     return table
-
-
-def with_evidence(path: Path, required: Sequence[str] = ()) -> pl.DataFrame:
-    """Read a table as `read_table`, joined with its evidence, `NAME_evidence.csv`, which the same
-    step writes."""
-    table = read_table(path, required)
-    evidence_path = path.with_stem(f"{path.stem}_evidence")
-    if not evidence_path.is_file():
-        return table
-    keys = [name for name in ROW_KEYS if name in table.columns]
-    evidence = read_table(evidence_path).drop("data", strict=False)
-    evidence = evidence.with_columns(pl.col(name).cast(table.schema[name]) for name in keys)
-    return table.join(evidence, on=keys, how="left", nulls_equal=True, maintain_order="left")
 
 
 def to_pandas(table: pl.DataFrame) -> "pandas.DataFrame":

@@ -4,7 +4,7 @@ Rules have one line of code, `job("FULL.NAME.OF.A.FUNCTION", input, output, para
 that function in a warm process (`osl_analysis/jobs/workers.py`). The names of inputs, outputs and
 params are those of its arguments, but for these (`osl_analysis/jobs/perform.py`):
 
-* `recordings`, `sources`, `made_of`, `evidence`, `numbers`, `quality`: inputs that only say when a
+* `recordings`, `sources`, `made_of`, `numbers`, `quality`: inputs that only say when a
   job is due. The function finds the files by its other arguments.
 * `fitted`: an input of which the function only gets the reasons of what was not analysed. Which
   argument gets the reasons of all inputs stands behind `log`: `refused`, or `not_analysed`.
@@ -32,7 +32,6 @@ from osl_analysis.commands.campaign_start import left_out_recordings, start_camp
 from osl_analysis.commands.run import end_run, made_by
 from osl_analysis.config.experiments import DOUBTS_OF, EXPERIMENTS, judged_tables
 from osl_analysis.config.sheet import ON_DYNAMOMETER
-from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import InputError, OslAnalysisError, listing
 from osl_analysis.figures import FIGURES
 from osl_analysis.files import seen_from

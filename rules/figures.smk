@@ -9,7 +9,6 @@ rule plot_numbers:
     """What a figure plots that shows one table, or up to three."""
     input:
         table=lambda wildcards: f"<results>/tables/{FIGURES[wildcards.figure].table}.csv",
-        evidence=lambda wildcards: FILES.evidence_of(FIGURES[wildcards.figure].table),
         others=lambda wildcards: FILES.tables_beside(wildcards.figure),
     output:
         output="<results>/figures/{figure}.csv",

@@ -12,7 +12,7 @@ rule table:
     log:
         "<logs>/tables/{table}.log",
     wildcard_constraints:
-        table=name_pattern(name for name in FILES.gathered_tables if name != "impedance"),
+        table=name_pattern(FILES.gathered_tables),
     localrule: True
     params:
         limits=lambda wildcards: limits(wildcards.table),
@@ -26,35 +26,10 @@ rule table:
         job("osl_analysis.commands.tables.gather", input, output, params, log, "not_analysed")
 
 
-rule impedance_tables:
-    """K, B, I of the impedance trials; their evidence stands in a table of its own."""
-    input:
-        rows=FILES.rows("impedance"),
-        quality=FILES.checks(CAMPAIGN.trials("impedance")),
-    output:
-        output="<results>/tables/impedance.csv",
-        evidence="<results>/tables/impedance_evidence.csv",
-    log:
-        "<logs>/tables/impedance.log",
-    priority: 3
-    localrule: True
-    params:
-        limits=limits("impedance"),
-        places=FILES.places_in("impedance"),
-        evidence_columns=list(described_tables_by_name()["impedance_evidence"].columns),
-        excluded=excluded(CAMPAIGN.trials("impedance")),
-        faults=faults(CAMPAIGN.trials("impedance")),
-        data=CAMPAIGN.data,
-        made_by=MADE_BY,
-    run:
-        job("osl_analysis.commands.tables.gather", input, output, params, log, "not_analysed")
-
-
 rule summary_table:
     """A table that is computed from another one alone."""
     input:
         table=lambda wildcards: f"<results>/tables/{DERIVED[wildcards.table].source}.csv",
-        evidence=lambda wildcards: FILES.evidence_of(DERIVED[wildcards.table].source),
     output:
         output="<results>/tables/{table}.csv",
     log:
@@ -145,7 +120,6 @@ rule findings:
     """What was found on all trials, as values and in words."""
     input:
         tables=FILES.tables(*judged_tables()),
-        evidence=FILES.evidence_of("impedance"),
         fits=FILES.fits_for_findings,
         quality=FILES.checks(FILES.trials_for_findings),
         verdicts=QUALITY,
@@ -193,7 +167,6 @@ if "impedance" in FILES.table_names:
         """K, B and I of each condition, as a table for a paper."""
         input:
             tables=["<results>/tables/impedance.csv"],
-            evidence="<results>/tables/impedance_evidence.csv",
         output:
             tex="<results>/tables/latex/conditions.tex",
             markdown="<results>/tables/markdown/conditions.md",

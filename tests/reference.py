@@ -67,9 +67,6 @@ def numbers_of(results: Path) -> dict[str, dict[str, float]]:
     for path in sorted(path for pattern in TABLES for path in results.glob(pattern)):
         is_table = path.suffix == ".csv"
         table = pl.read_csv(path, infer_schema_length=None) if is_table else pl.read_parquet(path)
-        if "status" in table.columns and table["status"].is_in(["analysed"]).all():
-            stated = ["status", "reason"]
-            table = table.drop(stated if table.columns[-3:-1] == stated else "status")
         place = f"{path.parent.name}/{path.name if is_table else re.match('[a-z]+', path.name)[0]}"
         for column in (
             column.drop_nulls() for column in table if not UNDETERMINED.search(column.name)

@@ -40,7 +40,7 @@ def delay_table(rows: pl.DataFrame, name: str = "delay") -> pl.DataFrame:
     Parameters
     ----------
     rows : DataFrame
-        `impedance.csv` with its evidence, of which belts of legs tell `lag_s`, or
+        `impedance.csv`, of which belts of legs tell `lag_s`, or
         `calibration.csv`. Doubtful rows count: a late torque is a cause of doubt.
     name : str
         Of the table: `delay`, or `calibration_delay`, which has no B and I.

@@ -121,8 +121,6 @@ class ResultFiles:
         for experiment, facts in EXPERIMENTS.items():
             if self.campaign.trials(experiment):
                 names += facts.further_tables
-        if "impedance" in names:
-            names.append("impedance_evidence")
         if self.campaign.config.impedance_trajectory:
             names.append("gains")
         if any(name in names for name in CLAIMED):
@@ -152,10 +150,6 @@ class ResultFiles:
     def component_summaries(self) -> list[str]:
         """The tables of the measured components, over trials."""
         return self.tables(*(f"{component}_summary" for component in COMPONENTS))
-
-    def evidence_of(self, table: str) -> list[str]:
-        """The evidence that is read beside the table `impedance`; none beside another one."""
-        return self.tables("impedance_evidence") if table == "impedance" else []
 
     @cached_property
     def fits_for_findings(self) -> list[str]:

@@ -31,7 +31,7 @@ from osl_analysis.ingest.quality import saturated
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import FileOrNone, known_parameters
 from osl_analysis.signals.grid import GapLimits
-from osl_analysis.table import read_table, with_evidence, write_table
+from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial
 
 
@@ -220,7 +220,7 @@ def summarise(table: Path, output: Path, data: str = "") -> None:
 
 def pool_delay(table: Path, output: Path, data: str = "") -> None:
     """The delay of the bench over all trials that tell it."""
-    write_table(delay_table(with_evidence(table), output.stem), output, data)
+    write_table(delay_table(read_table(table), output.stem), output, data)
 
 
 def compare_controllers(table: Path, output: Path, data: str = "") -> None:

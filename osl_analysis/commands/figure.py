@@ -51,7 +51,6 @@ from osl_analysis.table import (
     not_analysed,
     read_table,
     read_tables,
-    with_evidence,
     write_table,
 )
 from osl_analysis.trial import read_trial
@@ -94,7 +93,7 @@ def plot_numbers(
         shown.append(option)
     described = described_tables_by_name()[FIGURES[name].table].columns
     needed = [column for column in columns_of(name) if column in described]
-    write_table(plotted_numbers(name, with_evidence(table, needed), *shown), output, data)
+    write_table(plotted_numbers(name, read_table(table, needed), *shown), output, data)
 
 
 def draw_figure(

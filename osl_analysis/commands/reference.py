@@ -8,7 +8,7 @@ from typing import Any
 from pydantic.json_schema import models_json_schema
 
 from osl_analysis.campaign.configuration import Config
-from osl_analysis.dictionary import described_tables, file_at
+from osl_analysis.dictionary import described_tables
 from osl_analysis.files import write_text
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest.quality import UNITS
@@ -27,8 +27,9 @@ def columns_text() -> str:
     number."""
     sections = []
     for table in described_tables():
-        columns = [(column.name, column.unit, column.meaning) for column in table.columns.values()]
-        sections.append(f"{file_at(table.place)}: {table.rows}\n\n{aligned(columns)}")
+        for file, rows, columns in table.sections:
+            lines = [(column.name, column.unit, column.meaning) for column in columns]
+            sections.append(f"{file}: {rows}\n\n{aligned(lines)}")
     numbers = [(entry.name, entry.unit, entry.meaning) for entry in ENTRIES]
     return "\n".join(
         [

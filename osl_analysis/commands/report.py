@@ -28,7 +28,7 @@ from osl_analysis.report.signals import (
     of_recording,
 )
 from osl_analysis.report.verdicts import findings_by_trial, verdicts_sentence
-from osl_analysis.table import NotAnalysed, read_table, with_evidence
+from osl_analysis.table import NotAnalysed, read_table
 from osl_analysis.yaml_settings import FilesByName
 
 
@@ -70,7 +70,7 @@ def write_report(
     left_out : str
         Tells recordings that are not analysed.
     """
-    results = {name: with_evidence(path) for name, path in tables.items()}
+    results = {name: read_table(path) for name, path in tables.items()}
     content = read_summary(summary)
     missing = left_out_trials(sheet, read_table(excluded), results)
     findings_of = findings_by_trial(read_findings(findings))
@@ -141,7 +141,7 @@ def write_methods(
     facts = methods.MethodsFacts(
         about=about,
         settings=settings,
-        tables={name: with_evidence(path) for name, path in tables.items()},
+        tables={name: read_table(path) for name, path in tables.items()},
         sheet=list(sheet.values()),
         summary=read_summary(summary),
     )

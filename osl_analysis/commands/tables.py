@@ -41,14 +41,12 @@ from osl_analysis.report.verdicts import verdict_counts
 from osl_analysis.schema import SCHEMA_FIELD, check_schema
 from osl_analysis.table import (
     NOT_ANALYSED,
-    ROW_KEYS,
     NotAnalysed,
     Places,
     by_trial,
     check_analysed,
     read_table,
     read_tables,
-    with_evidence,
     with_places,
     write_table,
 )
@@ -62,8 +60,6 @@ def gather(
     fits: Sequence[Path] = (),
     limits_of_fits: Limits | None = None,
     places: Places | None = None,
-    evidence: Path | None = None,
-    evidence_columns: Collection[str] = (),
     faults: Mapping[str, str] | None = None,
     not_analysed: Sequence[NotAnalysed] = (),
     data: str = "",
@@ -81,12 +77,10 @@ def gather(
         The trials' fits of the table whose doubts the rows share, with the limits of that table.
     places : Places or None
         Joint and side of each trial.
-    evidence, evidence_columns
-        A file for these columns; the table has all others.
     faults : Mapping of str to str or None
         By trial, the finding of a fault of its recording that spoils the estimates.
     not_analysed : Sequence of NotAnalysed
-        Trials that have a row each without estimates.
+        Trials that have a row each without estimates, in the table of their fits.
     data : str
         Whether the recordings are simulated or measured.
 
@@ -106,19 +100,12 @@ def gather(
             findings = with_inherited(table, findings, origin, findings_of_fits)
         table = marked(table, findings, output.stem)
     table = table.drop(unpublished(table, output.stem), strict=False)
-    reasons = by_trial(not_analysed)
-    if reasons:
-        rows_without = {"trial": list(reasons), "reason": list(reasons.values())}
-        without = pl.DataFrame(rows_without).with_columns(status=pl.lit(NOT_ANALYSED))
+    if "status" in table.columns:
+        reasons = by_trial(not_analysed).items()
+        without = pl.DataFrame(list(reasons), schema=["trial", "reason"], orient="row")
+        without = without.with_columns(status=pl.lit(NOT_ANALYSED))
         table = pl.concat([table, without], how="diagonal_relaxed")
-    table = with_places(table, places or {})
-    if evidence is not None:
-        in_evidence = [name for name in table.columns if name in evidence_columns]
-        write_table(table.select(in_evidence), evidence, data)
-        # both files tell of which row they are
-        in_both = {*ROW_KEYS, "status", "reason"}
-        table = table.drop([name for name in in_evidence if name not in in_both])
-    write_table(table, output, data)
+    write_table(with_places(table, places or {}), output, data)
 
 
 def unpublished(table: pl.DataFrame, name: str) -> list[str]:
@@ -209,7 +196,7 @@ def write_findings(
     tables_by_name = {}
     for name, path in tables.items():
         of_fits = fits_by_table.get(name, ())
-        tables_by_name[name] = with_columns_of_fits(with_evidence(path), name, of_fits)
+        tables_by_name[name] = with_columns_of_fits(read_table(path), name, of_fits)
     of_refused = pl.col("trial").is_in(list(by_trial(refused)))
     used = read_table(verdicts).filter(~of_refused | (pl.col("verdict") == "exclude"))
     findings = campaign_findings(tables_by_name, used, limits)
@@ -290,7 +277,7 @@ def write_summary(
     refused : Sequence of NotAnalysed
         The causes of missing tables.
     """
-    tables = {name: with_evidence(path) for name, path in table_paths.items()}
+    tables = {name: read_table(path) for name, path in table_paths.items()}
     numbers = list(headline_numbers(tables, beside_draft))
     all_findings = read_findings(findings)
     left_out = left_out_trials(sheet, read_table(excluded), tables)
@@ -325,7 +312,7 @@ def write_paper_table(
     """Write a table for a paper: K, B and I of each condition in `impedance.csv`, of each group in
     `walking_summary.csv`, or else the components in summaries of the bench, with the draft's values
     if `beside_draft`."""
-    read = {name: with_evidence(path) for name, path in tables.items()}
+    read = {name: read_table(path) for name, path in tables.items()}
     if "impedance" in read:
         rows = condition_rows(conditions(read["impedance"]))
     elif "walking_summary" in read:

@@ -26,7 +26,7 @@ from osl_analysis.commands.walking_files import (
 from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.files import write_text
 from osl_analysis.judge.judging import EXCLUDED
-from osl_analysis.table import Places, read_table, with_places, write_table
+from osl_analysis.table import ANALYSED, Places, read_table, with_places, write_table
 from osl_analysis.trial import Trial, read_trial
 from osl_analysis.walking import tables as result_tables
 from osl_analysis.walking import walking_settings as choices
@@ -237,4 +237,5 @@ def fit_perturbation(
             reason = str(error)
             warnings.warn(f"excluded: {reason}", stacklevel=2)
     place = {"trial": crossing.stem, "group": selected["group"]}
-    write_table(pl.DataFrame([{**place, **row, EXCLUDED: reason}]), output, data)
+    status = ANALYSED if reason is None else "excluded"
+    write_table(pl.DataFrame([{**place, **row, "status": status, EXCLUDED: reason}]), output, data)

@@ -139,7 +139,7 @@ def summarise_perturbations(
             desired = cells.get(f"{row['quantity']}_d")  # K_d, B_d; no I is commanded
             if desired is None and commanded is not None and phase is not None:
                 desired = commanded(str(row["quantity"]), phase)
-            rows.append({"group": group, **row, "reason": outcome.reason, "commanded": desired})
+            rows.append({"group": group, **row, "commanded": desired})
     if not of_responses:
         reasons = "; ".join(f"{o.conditions.group}: {o.reason}" for o in outcomes)
         raise InputError(f"{table}: no result of any group: {reasons}")
@@ -158,9 +158,9 @@ def summarise_perturbations(
 
 def with_reasons(selection: pl.DataFrame, fits: pl.DataFrame) -> pl.DataFrame:
     """The selection of crossings, with the reason of those without a fit, too."""
-    reasons = fits.select("trial", EXCLUDED)
+    reasons = fits.select("trial", of_fit=EXCLUDED)
     selection = selection.join(reasons, on="trial", how="left", maintain_order="left")
-    return selection.with_columns(reason=pl.coalesce("reason", EXCLUDED))
+    return selection.with_columns(reason=pl.coalesce("reason", "of_fit"))
 
 
 def outcome_of(conditions: GroupConditions, headline: GroupHeadline) -> GroupOutcome:

@@ -7,12 +7,12 @@ columns, and a name without a description a column, from `shared.yaml`. Under `o
 columns that the tables of single trials have beside, which only findings read.
 
 Two things stand in no section: a result table with the column `trial` has `joint` and `side` behind
-it, and the last columns of every table are `status`, `reason` and `data`. A new column is its line
-of code and its line here; a test fails where one is missing.
+it, and the last column of every table is `data`. A new column is its line of code and its line
+here; a test fails where one is missing.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from itertools import chain
 from pathlib import Path
@@ -50,6 +50,16 @@ class DescribedTable:
     # further columns of the tables of single trials, which findings read
     of_fits: Mapping[str, DescribedColumn]
 
+    @property
+    def sections(self) -> list[tuple[str, str, list[DescribedColumn]]]:
+        """A file, what its rows are, and its columns; then those that the files of single trials
+        have beside."""
+        sections = [(file_at(self.place), self.rows, list(self.columns.values()))]
+        if self.of_fits:
+            rows = "the same of one trial, with further columns"
+            sections.append((file_at(self.also), rows, list(self.of_fits.values())))
+        return sections
+
 
 def file_at(place: str) -> str:
     """The file at the `place` of a table, with words for the names of trial and experiment."""
@@ -66,18 +76,12 @@ def described_tables() -> tuple[DescribedTable, ...]:
 
 @cache
 def described_tables_by_name() -> dict[str, DescribedTable]:
-    """The result tables of campaigns by name, each with the columns of its evidence."""
-    tables = {
+    """The result tables of campaigns by name."""
+    return {
         Path(table.place).name: table
         for table in described_tables()
         if table.place.startswith("tables/")
     }
-    with_evidence = {}
-    for name, table in tables.items():
-        evidence = tables.get(f"{name}_evidence")
-        columns = {} if evidence is None else evidence.columns
-        with_evidence[name] = replace(table, columns={**table.columns, **columns})
-    return with_evidence
 
 
 @cache
@@ -91,8 +95,7 @@ def described_in(path: Path) -> tuple[DescribedTable, ...]:
             lines.append((key, text))
             if key == "trial" and place.startswith("tables/"):
                 lines.append(("include place", None))
-        added = [name for name in ("status", "reason") if name not in table["columns"]]
-        lines += [(name, None) for name in (*added, "data")]
+        lines.append(("data", None))
 
         columns = described_lines(lines, shared)
         of_fits = described_lines(list(table.get("of_fits", {}).items()), shared)
@@ -135,8 +138,7 @@ TYPES: Mapping[str, type[pl.DataType]] = {
     "count": pl.Int64,
 }
 """By unit; any other column holds numbers."""
-ADDED_WHERE_WRITTEN = {"status", "reason", "data"}
-ADDED_TO_ALL = {"joint", "side", "doubtful", "remarks", *ADDED_WHERE_WRITTEN}
+ADDED_TO_ALL = {"joint", "side", "doubtful", "remarks", "status", "reason", "data"}
 """Columns that rows of single trials get where a table is gathered from them."""
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
-from osl_analysis.dictionary import ADDED_WHERE_WRITTEN, TYPES, described_in
+from osl_analysis.dictionary import TYPES, described_in
 from osl_analysis.errors import InputError
 from osl_analysis.files import own_yaml
 
@@ -71,9 +71,9 @@ def columns_of(name: str) -> dict[str, type[pl.DataType]]:
     if name not in FIGURES:
         raise InputError(f"no figure '{name}'; there are {', '.join([*FIGURES, *OTHER_FIGURES])}")
     (table,) = [table for table in described_in(DESCRIBED) if table.place == f"figures/{name}"]
-    columns = {column.name: column.unit for column in table.columns.values()}
-    plotted = {name: unit for name, unit in columns.items() if name not in ADDED_WHERE_WRITTEN}
-    return {name: TYPES.get(unit, pl.Float64) for name, unit in plotted.items()}
+    units = {column.name: column.unit for column in table.columns.values()}
+    del units["data"]  # which the writer adds
+    return {name: TYPES.get(unit, pl.Float64) for name, unit in units.items()}
 
 
 def module_of(name: str) -> ModuleType:

@@ -27,10 +27,10 @@ from osl_analysis.files import atomic_path, write_text
 from osl_analysis.jobs.job_log import write_log
 from osl_analysis.jobs.used import Files, without_excluded, without_missing
 from osl_analysis.memory import limited_memory
-from osl_analysis.table import NOT_ANALYSED, NOT_ANALYSED_KEY, NotAnalysed, write_tables
+from osl_analysis.table import ANALYSED, NOT_ANALYSED, NOT_ANALYSED_KEY, NotAnalysed, write_tables
 from osl_analysis.trial import read_trial
 
-ONLY_WAITED_FOR = {"recordings", "sources", "made_of", "evidence", "numbers", "quality"}
+ONLY_WAITED_FOR = {"recordings", "sources", "made_of", "numbers", "quality"}
 """Inputs that are no arguments of a command: it finds these files itself, or by others."""
 ONLY_CHECKED = {"fitted"}
 """Inputs that no command reads: it gets the refusals among them, as `refused`."""
@@ -197,7 +197,9 @@ def write_fit(job: Job, fit: Any, arguments: dict[str, Any]) -> None:
     first, *others = TABLES_OF_FIT[job.command]
     file, archive = job.files
     by_place = {archive / f"{name}.csv": tables[name] for name in others}
-    write_tables({file: tables[first], **by_place}, job.params["made_by"]["data"])
+    nothing = pl.lit(None, pl.String)
+    by_place[file] = tables[first].with_columns(status=pl.lit(ANALYSED), reason=nothing)
+    write_tables(by_place, job.params["made_by"]["data"])
 
 
 def write_reasons(job: Job, causes: Sequence[NotAnalysed]) -> None:

@@ -2,7 +2,7 @@
 
 The way of one number, the share of Coulomb friction in the damping of a trial, to the page:
 
-1. `bench` measures it: the column `coulomb_share` of `impedance_evidence.csv`, here 0.31.
+1. `bench` measures it: the column `coulomb_share` of `fits/impedance/TRIAL.csv`, here 0.31.
 2. `findings.yaml` says under `rules` that it is evidence of the finding `friction`, a share of B
    that the accuracy decides. `judging.limits_in` gives its limit, 0.05 (`doubtful.accuracy.B`).
 3. `judging.numbers_beyond` compares: `Beyond("coulomb_share", 0.31, 0.05, "above", "friction")`.

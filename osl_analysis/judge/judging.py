@@ -36,7 +36,7 @@ HAVE_REMARKS = (
     "walking_groups",
 )
 """Judged tables of which something may be remarked, or could not be checked."""
-EXCLUDED = "excluded"  # column with the reason why a row has no fit; null in rows with a fit
+EXCLUDED = "reason"  # column: why a row has no fit; null in rows with a fit
 BETWEEN = "; "  # titles of findings in a cell
 LEAST_EFFECT = 1.0  # limit of what is decided by its effect, a multiple of what is worth telling
 # relative differences between components and their file have a standard deviation of 2 %
@@ -61,7 +61,7 @@ def judged(
     Parameters
     ----------
     table : polars.DataFrame
-        A result table with its evidence.
+        A result table with all columns of its fits.
     limits : Limits
         Accuracy and limits of the configuration.
     name : str

@@ -130,8 +130,9 @@ class DoubtfulFits(Settings):
 
 def numeric_columns(table: str) -> list[str]:
     """The columns of a table that hold numbers."""
-    described = described_tables_by_name()[table].columns.values()
-    return [column.name for column in described if column.unit != "text"]
+    described = described_tables_by_name()[table]
+    columns = [*described.columns.values(), *described.of_fits.values()]
+    return [column.name for column in columns if column.unit != "text"]
 
 
 def check_columns(limits: ColumnLimits, table: str) -> None:

@@ -8,8 +8,8 @@ import polars as pl
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.judge.recording_checks import exclusion_text
 
-REASONS_OF_CROSSINGS = {"walking_crossings": "reason", "walking": "excluded"}
-"""Columns of result tables that tell why a crossing is not used."""
+OF_CROSSINGS = ("walking_crossings", "walking")
+"""Tables whose column `reason` tells why a crossing is not used."""
 
 
 class LeftOut(NamedTuple):
@@ -51,9 +51,9 @@ def left_out_trials(
         by_job = row["check"] == "refused"  # which is no check
         reason = row["remark"] if by_job else exclusion_text(row)
         add(row["trial"], by_job, reason)
-    for table, column in REASONS_OF_CROSSINGS.items():
-        not_used = tables.get(table, pl.DataFrame(schema=["trial", column]))
-        for trial, reason in not_used.select("trial", column).rows():
+    for table in OF_CROSSINGS:
+        not_used = tables.get(table, pl.DataFrame(schema=["trial", "reason"]))
+        for trial, reason in not_used.select("trial", "reason").rows():
             if reason:
                 add(trial, False, reason)
     lacking = "it has no result, since a trial that its fit needs was refused or excluded"

@@ -118,7 +118,7 @@ def headline_numbers(
     Parameters
     ----------
     tables : Mapping of str to polars.DataFrame
-        Result tables by name, `impedance` with its evidence.
+        Result tables by name.
     beside_draft : bool
         Whether the values of the paper's draft stand beside them.
     """

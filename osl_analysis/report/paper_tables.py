@@ -57,7 +57,7 @@ def conditions(impedance: pl.DataFrame) -> list[Condition]:
     Parameters
     ----------
     impedance : polars.DataFrame
-        `impedance.csv` with its evidence.
+        `impedance.csv`.
     """
     whole = impedance.filter(pl.col("amplitude_deg").is_null())
     whole = whole.with_columns(own_condition=own_condition(whole))

@@ -351,7 +351,6 @@ def stream_row(part: Taken, gaps: Gaps, grid_hz: float) -> dict[str, Any]:
         "delay_s": part.delay,
         "stamps": "even" if part.even else "exact",
         "g": None if best is None else best.g,
-        "held": part.held,
         "age": part.age if part.firm and part.evidence and not part.even else None,
     }
 

@@ -433,8 +433,6 @@ def crossing_row(crossing: Crossing, reason: str | None) -> dict[str, object]:
         "status": "used" if reason is None else "outlier",
         "reason": reason,
         "stance_s": crossing.stance.duration,
-        "onset_s": crossing.onset,
-        "load_of_weight": load_of_weight(crossing),
         "pressure_outside_m": quality.pressure_outside_m,
         "different": quality.different,
         "different_mm": quality.different_mm,

@@ -112,7 +112,7 @@ def test_a_factor_between_units_is_named_within_eight_percent():
 
 def test_a_crossing_without_a_fit_is_neither_doubtful_nor_not():
     table = marked(
-        fits(vaf=[None, 80.0], excluded=["no markers", None]), Limits(below={"vaf": 90}), "walking"
+        fits(vaf=[None, 80.0], reason=["no markers", None]), Limits(below={"vaf": 90}), "walking"
     )
     assert (table["doubtful"].to_list(), doubtful_row(table)) == ([None, "vaf"], {"n_doubtful": 1})
 

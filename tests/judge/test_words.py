@@ -64,7 +64,8 @@ def test_a_finding_without_evidence_is_not_taken_for_a_limit_on_a_column_of_its_
 def test_rules_name_findings_and_columns_of_result_tables():
     columns = set()
     for table in judged_tables():
-        columns |= described_tables_by_name()[table].columns.keys()
+        described = described_tables_by_name()[table]
+        columns |= {*described.columns, *described.of_fits}
     for rule in RULES:
         assert rule.finding in FINDINGS, "describe it under `findings` of findings.yaml"
         named = rule.condition.meta.root_names() if rule.when else [rule.column]

@@ -11,20 +11,13 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, naming
+from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.conversion import Converted
 from osl_analysis.source_file import SharedAngle
 from osl_analysis.trial import Array, marker_columns
 
-MINIMUM_EDGES = 6
-LARGEST_DRIFT = 500e-6  # between two crystal clocks
-USUAL_DRIFT = 100e-6  # standard deviation between two; keeps a short recording plausible
-LEAST_CERTAIN = 0.5  # share of samples of a pulse near its two levels; of noise it is a twentieth
-LEAST_SWING = 0.05  # of a line's largest level; less is the last bit of one level
-MOST_EDGES = 0.2  # per sample; of the last bit of a level near 0 every second sample is one
-FEWEST_ALIKE = 4  # runs of three edges, which have six edges together
-OUTLIER = 3.5  # standard deviations from the line
-GATE_STEPS = 3.0  # sampling intervals by which a gate may be longer or shorter than its capture
+MINIMUM_EDGES = 6  # of pulses that align clocks
 
 
 @dataclass(frozen=True)
@@ -61,15 +54,15 @@ def find_edges(time: Array, level: Array) -> Edges:
     """Edges of a two-level signal: times at which it crosses its mid-level, interpolated between
     samples that pass three quarters of its range and one quarter, so that noise at the mid-level
     makes no edges. A level that has no two values has none, nor one whose last bit changes."""
-    swing = float(np.ptp(level))
-    middle = float(level.min()) + 0.5 * swing
+    swing = np.ptp(level)
+    middle = level.min() + 0.5 * swing
     certain = np.flatnonzero(abs(level - middle) > 0.25 * swing)
     is_high = level[certain] > middle
-    turns = np.flatnonzero(is_high[1:] != is_high[:-1])
+    turns = np.flatnonzero(np.diff(is_high))
     is_pulses = (
-        swing >= LEAST_SWING * float(np.abs(level).max(initial=0.0))
-        and certain.size >= LEAST_CERTAIN * level.size
-        and turns.size <= max(MOST_EDGES * level.size, MINIMUM_EDGES)
+        swing >= LIMITS.least_swing * np.abs(level).max(initial=0.0)
+        and certain.size >= LIMITS.least_certain * level.size
+        and turns.size <= max(LIMITS.most_edges * level.size, MINIMUM_EDGES)
     )
     if not is_pulses:
         turns = turns[:0]
@@ -77,7 +70,7 @@ def find_edges(time: Array, level: Array) -> Edges:
     after = certain[turns + 1]
     fraction = (middle - level[before]) / (level[after] - level[before])
     edges = time[before] + fraction * (time[after] - time[before])
-    return Edges(edges, level[after] > level[before], usual_step(time))
+    return Edges(edges, is_high[turns + 1], usual_step(time))
 
 
 def usual_step(time: Array) -> float:
@@ -112,32 +105,29 @@ def pairs_alike(slave: Edges, master: Edges) -> tuple[Array, Array]:
     InputError
         Too few agree, or half as many on another offset.
     """
-    best = rival = 0
-    if min(slave.time.size, master.time.size) >= MINIMUM_EDGES:
-        sampling = 2.0 * (slave.step + master.step)
-        of_master = scipy.spatial.KDTree(intervals_behind(master))
-        apart, row = of_master.query(
-            intervals_behind(slave), p=np.inf, distance_upper_bound=sampling
+    sampling = 2.0 * (slave.step + master.step)
+    of_master = scipy.spatial.KDTree(intervals_behind(master))
+    apart, row = of_master.query(intervals_behind(slave), p=np.inf, distance_upper_bound=sampling)
+    is_alike = np.isfinite(apart)
+    ours = slave.time[:-2][is_alike]
+    theirs = master.time[np.asarray(row)[is_alike]]
+    offsets = theirs - ours
+    durations = [edges.time[-1] - edges.time[0] for edges in (slave, master) if edges.time.size]
+    width = sampling + LIMITS.largest_drift * min(durations, default=0.0)
+    votes = np.sort(offsets)
+    count = np.searchsorted(votes, votes + width, side="right") - np.arange(votes.size)
+    best = count.max(initial=0)
+    peak = votes[count == best].min(initial=np.inf)
+    rival = count[abs(votes - peak) > width].max(initial=0)
+    if best < LIMITS.fewest_alike or rival > best // 2:
+        raise InputError(
+            f"{best} runs of three sync edges of the log agree with motion capture's on one offset"
+            f" and {rival} on another, {LIMITS.fewest_alike} and twice as many are needed; check"
+            " the sync cable and whether the log is this capture's, let the pulses vary in length,"
+            " or record longer"
         )
-        is_alike = np.isfinite(apart)
-        ours = slave.time[:-2][is_alike]
-        theirs = master.time[np.asarray(row)[is_alike]]
-        offsets = theirs - ours
-        width = sampling + LARGEST_DRIFT * min(np.ptp(slave.time), np.ptp(master.time))
-        votes = np.sort(offsets)
-        count = np.searchsorted(votes, votes + width, side="right") - np.arange(votes.size)
-        best = int(count.max(initial=0))
-        if best >= FEWEST_ALIKE:
-            peak = votes[np.argmax(count)]
-            rival = int(count[abs(votes - peak) > width].max(initial=0))
-            if rival <= best // 2:
-                agrees = (offsets >= peak) & (offsets <= peak + width)
-                return ours[agrees], theirs[agrees]
-    raise InputError(
-        f"{best} runs of three sync edges of the log agree with motion capture's on one offset and"
-        f" {rival} on another, {FEWEST_ALIKE} and twice as many are needed; check the sync cable"
-        " and whether the log is this capture's, let the pulses vary in length, or record longer"
-    )
+    agrees = (offsets >= peak) & (offsets <= peak + width)
+    return ours[agrees], theirs[agrees]
 
 
 def intervals_behind(edges: Edges) -> Array:
@@ -161,22 +151,24 @@ def pairs_near(line: ClockFit, slave: Edges, master: Edges) -> tuple[Array, Arra
 
 def robust_line(first: Array, second: Array, noise: float) -> ClockFit:
     """Line through pairs of times (n,), of which one has the standard deviation `noise` [s]. The
-    prior of `USUAL_DRIFT` keeps the drift plausible in a short recording. In a long one the pairs
+    prior of the usual drift keeps that of a short recording plausible. In a long one the pairs
     outweigh it. The differences of the times are fitted, so that large times lose no digits."""
     difference = second - first
     used = np.ones(first.size, dtype=bool)
     for _ in range(10):
         centre, level = first[used].mean(), difference[used].mean()
-        information = ((first[used] - centre) ** 2).sum() + (noise / USUAL_DRIFT) ** 2
+        information = ((first[used] - centre) ** 2).sum() + (noise / LIMITS.usual_drift) ** 2
         drift = ((first[used] - centre) * (difference[used] - level)).sum() / information
         residuals = difference - (level + drift * (first - centre))
         spread = 1.4826 * np.median(abs(residuals[used]))
-        used = abs(residuals) <= OUTLIER * max(spread, noise)
-    line = ClockFit(
-        float(level - drift * centre), float(drift), float(noise / np.sqrt(information))
+        used = abs(residuals) <= LIMITS.outlier * max(spread, noise)
+    return ClockFit(
+        level - drift * centre,
+        drift,
+        drift_error=noise / np.sqrt(information),
+        residual=np.sqrt((residuals[used] ** 2).mean()),
+        edges=int(used.sum()),
     )
-    residual = float(np.sqrt(((second[used] - line.to_master(first[used])) ** 2).mean()))
-    return replace(line, residual=residual, edges=int(used.sum()))
 
 
 def gate_fit(pulses: Edges, time: Array) -> ClockFit:
@@ -198,7 +190,7 @@ def gate_fit(pulses: Edges, time: Array) -> ClockFit:
     edges, is_rising, step = pulses
     capture_step = usual_step(time)
     length = float(np.ptp(time)) + capture_step
-    slack = GATE_STEPS * max(step, capture_step) + LARGEST_DRIFT * length
+    slack = LIMITS.gate_steps * max(step, capture_step) + LIMITS.largest_drift * length
     starts = edges[:-1][is_rising[:-1] & (np.abs(np.diff(edges) - length) <= slack)]
     if starts.size != 1:
         raise InputError(
@@ -211,99 +203,74 @@ def gate_fit(pulses: Edges, time: Array) -> ClockFit:
     return ClockFit(-float(starts[0]), 0.0, residual / length, residual, edges=2, method="gate")
 
 
-FEWEST_SAMPLES = 48  # of a shared signal
-QUIET_SHARE = 0.05  # of a recording's variance, at least, where it hardly moves: noise would fit
-LEAST_OVERLAP = 0.5  # share of the shorter recording
-MOST_PEAKS = 3  # of the correlation, the highest ones, are compared
-LEAST_MISFIT = 1e-3  # of the angle's SD: no two sensors of it agree better
-MOST_ALIKE = 0.85  # misfit at the best lag over that at any other, or over 1, that of no signal
-MEAN_S = 0.05  # a sine of 5 Hz keeps nine tenths of its amplitude
-
-
 def correlate_clocks(slave: Signal, master: Signal) -> ClockFit:
     """Fit one lag by a signal that both recorded, whose scale, offset and sign may differ.
 
-    The highest peaks of the correlation are compared by their misfit: the share of the signal's SD
-    that a straight line through the other signal's values leaves. A drift is not fitted: it counts
-    in the standard error of the times.
+    It is where a straight line through one signal's values leaves least of the other's SD, its
+    misfit. A drift is not fitted: it counts in the standard error of the times.
 
     Raises
     ------
     InputError
         A signal is too short or constant, or another lag fits about as well.
     """
-    fewest = min(slave[0].size, master[0].size)
-    if fewest < FEWEST_SAMPLES or not min(np.ptp(slave[1]), np.ptp(master[1])) > 0:
-        raise InputError(
-            f"the shared signal of one recorder is constant or has fewer than {FEWEST_SAMPLES}"
-            " samples; check the channel and its sensor, or record longer"
-        )
-    step = min(usual_step(time) for time, _ in (slave, master))
-    even = []
-    for time, values in (slave, master):  # every `step` from the first sample on, without the mean
+    for time, values in (slave, master):
+        if time.size < LIMITS.fewest_shared or np.ptp(values) == 0:
+            raise InputError(
+                "the shared signal of one recorder is constant or has fewer than"
+                f" {LIMITS.fewest_shared} samples; check the channel and its sensor, or record"
+                " longer"
+            )
+    step = min(usual_step(slave[0]), usual_step(master[0]))
+    width = max(round(LIMITS.mean_s / step), 1)
+    means = []  # of both, every `step` from the first sample on
+    for time, values in (slave, master):
         on_grid = np.interp(np.arange(time[0], time[-1] + 1e-6 * step, step), time, values)
-        even.append(on_grid - on_grid.mean())
-    score = correlation(*even)
-    peaks, _ = scipy.signal.find_peaks(np.pad(score, 1), prominence=0.5 * score.max())
-    highest = peaks[np.argsort(score[peaks - 1])[-MOST_PEAKS:]]
+        means.append(np.convolve(on_grid - on_grid.mean(), np.full(width, 1 / width), "valid"))
+    shared = shared_variance(*means)
+    peaks = scipy.signal.find_peaks(np.pad(shared, 1), prominence=0.5 * shared.max())[0] - 1
+    best, *others = peaks[np.argsort(-shared[peaks])].tolist()
 
-    # both are means, or else noise would be motion where the joint rests
-    misfit_at = partial(misfit_of_lag, slave=means_of(*slave), master=means_of(*master))
-    lags: list[tuple[float, float]] = [(1.0, np.nan)]  # misfit, and lag [s]; the first is nowhere
-    for lag in (master[0][0] - slave[0][0] + step * (highest - even[0].size)).tolist():
-        near = scipy.optimize.minimize_scalar(
-            misfit_at, bounds=(lag - MEAN_S, lag + MEAN_S), options={"xatol": 1e-3 * step}
-        )
-        lags.append((max(float(near.fun), LEAST_MISFIT), float(near.x)))
-    (misfit, offset), (misfit_elsewhere, elsewhere), *_ = sorted(lags)
-    if misfit > MOST_ALIKE * misfit_elsewhere:
+    around = shared[best - 1 : best + 2]
+    shift = (around[0] - around[2]) / (2 * np.diff(around, 2)[0])  # to the top of a parabola
+    offset = master[0][0] - slave[0][0] + step * (best + 1 - means[0].size + shift)
+    misfit = np.sqrt(max(1 - shared[best], LIMITS.least_misfit**2))
+    elsewhere = np.sqrt(1 - shared[others].max(initial=0.0))
+    if misfit > LIMITS.most_alike * elsewhere:
         raise InputError(
             f"the shared angle fits at a lag of {offset:.2f} s, where {misfit:.2g} of its SD is"
-            f" left, hardly better than at {elsewhere:.2f} s (nan: nowhere),"
-            f" {misfit_elsewhere:.2g}; check that both channels show the same movement, and record"
-            " longer, with one that does not repeat"
+            f" left, hardly better than elsewhere, {elsewhere:.2g}; check that both channels show"
+            " the same movement, and record longer, with one that does not repeat"
         )
     # the square of the misfit grows by that of the lag over the time in which the signal changes
-    beside = 0.5 * (misfit_at(offset - MEAN_S) ** 2 + misfit_at(offset + MEAN_S) ** 2)
-    duration = min(np.ptp(slave[0]), np.ptp(master[0]))
-    independent = duration / MEAN_S
-    error = MEAN_S * misfit / np.sqrt(independent * (beside - misfit**2))
-    of_drift = USUAL_DRIFT * duration / np.sqrt(12)
+    growth = shared[best] - shared.take([best - width, best + width], mode="clip").mean()
+    duration = step * min(each.size for each in means)
+    error = LIMITS.mean_s * misfit / np.sqrt(growth * duration / LIMITS.mean_s)
+    of_drift = LIMITS.usual_drift * duration / np.sqrt(12)
     return ClockFit(
         offset,
-        drift_error=USUAL_DRIFT,
-        residual=float(np.hypot(error, of_drift)),
+        drift_error=LIMITS.usual_drift,
+        residual=np.hypot(error, of_drift),
         method="correlation",
     )
 
 
-def correlation(ours: Array, theirs: Array) -> Array:
-    """Size of the correlation of two signals at every lag of `theirs` (m,) behind `ours` (n,), from
-    1 - n on, over what overlaps; 0 where that is too little."""
+def shared_variance(ours: Array, theirs: Array) -> Array:
+    """Squared correlation of two signals at every lag of `theirs` (m,) behind `ours` (n,), from
+    1 - n on, over what overlaps; 0 where that is too little. Where one hardly moves, noise would
+    fit: its variance counts as a share of that of the whole, at least."""
     sums = partial(scipy.signal.correlate, method="fft")
     our_rows = np.ones_like(ours)
     their_rows = np.ones_like(theirs)
-    power = np.maximum(sums(their_rows, ours**2), QUIET_SHARE * ours @ ours)
-    power *= np.maximum(sums(theirs**2, our_rows), QUIET_SHARE * theirs @ theirs)
-    overlaps = np.rint(sums(their_rows, our_rows)) >= LEAST_OVERLAP * min(ours.size, theirs.size)
-    return np.where(overlaps, np.abs(sums(theirs, ours)) / np.sqrt(power), 0.0)
-
-
-def misfit_of_lag(lag: float, slave: Signal, master: Signal) -> float:
-    """Share of the slave's SD that a straight line through the master's values, `lag` [s] later,
-    leaves."""
-    at = slave[0] + lag
-    inside = (at >= master[0][0]) & (at <= master[0][-1])
-    seen = np.interp(at[inside], *master)
-    shared = np.corrcoef(seen, slave[1][inside])[0, 1]
-    return float(np.sqrt(1 - shared**2))
-
-
-def means_of(time: Array, values: Array) -> Signal:
-    """A signal averaged over `MEAN_S`."""
-    width = max(round(MEAN_S * time.size / np.ptp(time)), 1)
-    weights = np.full(width, 1 / width)
-    return np.convolve(time, weights, "valid"), np.convolve(values, weights, "valid")
+    count = np.rint(sums(their_rows, our_rows))
+    our_sum = sums(their_rows, ours)
+    their_sum = sums(theirs, our_rows)
+    quiet = LIMITS.quiet_share * count**2
+    our_power = np.maximum(count * sums(their_rows, ours**2) - our_sum**2, quiet * ours.var())
+    their_power = np.maximum(count * sums(theirs**2, our_rows) - their_sum**2, quiet * theirs.var())
+    covariance = count * sums(theirs, ours) - our_sum * their_sum
+    overlaps = count >= LIMITS.least_overlap * min(ours.size, theirs.size)
+    return np.where(overlaps, covariance**2 / (our_power * their_power), 0.0)
 
 
 def aligned_clock(
@@ -346,12 +313,8 @@ def aligned_clock(
             raise
         refused = error
     what = f"'{shared.column}' and the angle at marker {shared.markers[1]}"
-    try:
+    with naming(f"{refused}; cross-correlation of {what} does not align them either"):
         fit = correlate_clocks(*shared_angles(log, mocap, shared))
-    except InputError as error:
-        raise InputError(
-            f"{refused}; cross-correlation of {what} does not align them either: {error}"
-        ) from error
     return fit, [
         f"clocks aligned by cross-correlation of {what}, because of the sync edges: {refused}"
     ]

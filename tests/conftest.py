@@ -37,6 +37,8 @@ from osl_analysis.trial import Array
 sys.dont_write_bytecode = False
 gc.disable()  # until all is imported
 ROOT = Path(__file__).parents[1]
+RECORDINGS = os.environ.get("OSL_RECORDINGS")
+"""The folder of recordings that others published, if it is here: tests/recordings.md."""
 RUNNING = (
     "test_workflow", "test_small_campaigns", "test_bundle",
 )  # fmt: skip
@@ -77,6 +79,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             LONGEST.index(item.path.stem) if item.path.stem in LONGEST else len(LONGEST)
         )
     )
+    for item in items:
+        if RECORDINGS is None and item.get_closest_marker("recordings"):
+            item.add_marker(pytest.mark.skip("OSL_RECORDINGS names no folder"))
     numerical = {path for path in {item.path for item in items} if is_numerical(path)}
     for item in items:
         if item.path in numerical:
@@ -85,6 +90,22 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     gc.freeze()
     gc.set_threshold(20_000)
     gc.enable()
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say that tests of real recordings did not run."""
+    skipped = terminalreporter.stats.get("skipped", [])
+    absent = sum("recordings" in report.keywords for report in skipped)
+    if absent:
+        terminalreporter.write_line(
+            f"{absent} tests of real recordings did not run: tests/recordings.md says which and how"
+        )
+
+
+@pytest.fixture(scope="session")
+def recordings() -> Path:
+    """The folder of recordings that others published."""
+    return Path(str(RECORDINGS))
 
 
 @pytest.fixture

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 INTEL = 84  # its code
-REAL_DATA = Path(__file__).parents[3] / "shared" / "real_data"
 
 
 def write_c3d(

@@ -3,10 +3,11 @@
 from pathlib import Path
 from typing import Any
 
+import ezc3d
 import numpy as np
 import pytest
 import yaml
-from c3d_builder import REAL_DATA, write_c3d
+from c3d_builder import write_c3d
 from recognised_files import refusal_by
 from scipy.spatial.transform import Rotation
 
@@ -487,10 +488,8 @@ def test_type_1_gives_force_pressure_point_and_free_moment_back() -> None:
 
 # --- real files ---------------------------------------------------------------------------------
 
-of_others = pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")
 
-
-@of_others
+@pytest.mark.recordings
 @pytest.mark.parametrize(
     "name",
     [
@@ -500,9 +499,8 @@ of_others = pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings mad
         "Eb015pr.c3d",
     ],
 )
-def test_points_and_analogs_of_real_files_equal_ezc3ds(name: str) -> None:
-    ezc3d = pytest.importorskip("ezc3d")
-    path = REAL_DATA / "c3d" / name
+def test_points_and_analogs_of_real_files_equal_ezc3ds(recordings: Path, name: str) -> None:
+    path = recordings / "c3d" / name
 
     recording = formats.read(path)
     other = ezc3d.c3d(str(path))["data"]

@@ -14,7 +14,6 @@ import lz4.frame
 import numpy as np
 import pytest
 import zstandard
-from c3d_builder import REAL_DATA
 from google.protobuf.descriptor_pb2 import FileDescriptorSet, UninterpretedOption
 from google.protobuf.message import Message as Protobuf
 from google.protobuf.timestamp_pb2 import Timestamp
@@ -360,7 +359,7 @@ def assert_equal_to_reference(path: Path) -> int:
     return compared
 
 
-@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="real data are not here")
+@pytest.mark.recordings
 @pytest.mark.parametrize(
     "name",
     [
@@ -369,8 +368,10 @@ def assert_equal_to_reference(path: Path) -> int:
         "pj_test_empty_channel",
     ],
 )
-def test_every_number_of_a_real_log_equals_the_reference_decoders(name: str) -> None:
-    assert assert_equal_to_reference(REAL_DATA / f"mcap/{name}.mcap") > 50
+def test_every_number_of_a_real_log_equals_the_reference_decoders(
+    recordings: Path, name: str
+) -> None:
+    assert assert_equal_to_reference(recordings / f"mcap/{name}.mcap") > 50
 
 
 @settings(

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from c3d_builder import REAL_DATA
 from nptdms import ChannelObject, RootObject, TdmsWriter
 from recognised_files import read_recognised, refusal_of
 
@@ -340,11 +339,11 @@ def test_a_file_that_is_cut_off_is_read_up_to_there_with_a_warning_or_refused(
         assert reason in refused_tdms(path)
 
 
-@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")
-def test_a_real_file_of_daqmx_is_scaled_as_its_properties_say() -> None:
+@pytest.mark.recordings
+def test_a_real_file_of_daqmx_is_scaled_as_its_properties_say(recordings: Path) -> None:
     """Rows of seven 16-bit integers stand before its last segment; they are decoded here by
     hand."""
-    path = REAL_DATA / "tdms" / "raw1.tdms"
+    path = recordings / "tdms" / "raw1.tdms"
     recording, content = (
         read_tdms(path, channels={"sync": {"channel": "Third Chan", "unit": "V"}}),
         path.read_bytes(),

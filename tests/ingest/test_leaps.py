@@ -1,6 +1,8 @@
 """The guard of angle and torque: it tells a number that leaves its curve, and accuses no sound
 recording."""
 
+from pathlib import Path
+
 import numpy as np
 import polars as pl
 import pytest
@@ -11,9 +13,6 @@ from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.guard import find_leaps
 from osl_analysis.ingest.raw_files import read_source
 from osl_analysis.trial import Array
-
-REAL_DATA = ROOT.parent / "shared/real_data"
-needs_real_data = pytest.mark.skipif(not REAL_DATA.is_dir(), reason="real data are not here")
 
 ROWS, RATE_HZ = 2000, 200.0
 TIME = np.arange(ROWS) / RATE_HZ
@@ -101,23 +100,23 @@ def test_readings_that_are_zero_now_and_then_are_told_however_many_they_are(shar
     assert times.size <= is_zero.sum()
 
 
-@needs_real_data
-def test_no_human_ankle_is_accused() -> None:
+@pytest.mark.recordings
+def test_no_human_ankle_is_accused(recordings: Path) -> None:
     """Moved by binary steps, which no smooth curve describes."""
-    with np.load(REAL_DATA / "human/human_ankles.npz") as records:
-        recordings = {name: records[name].astype(float) for name in records if name != "sv"}
-    assert len(recordings) == 6
+    with np.load(recordings / "human/human_ankles.npz") as records:
+        ankles = {name: records[name].astype(float) for name in records if name != "sv"}
+    assert len(ankles) == 6
 
-    for name, recording in recordings.items():
+    for name, recording in ankles.items():
         time = np.arange(len(recording)) / 1e3
         assert [find_leaps(time, values).size for values in recording.T] == [0, 0], name
 
 
-@needs_real_data
-def test_no_test_of_the_desr_foot_is_accused() -> None:
+@pytest.mark.recordings
+def test_no_test_of_the_desr_foot_is_accused(recordings: Path) -> None:
     source = read_source(ROOT / "config/sources/desr.yaml")
     sheet = pl.read_csv(ROOT / "config/campaigns/desr/trials.csv")
-    path = REAL_DATA / "mat/DESR_Characterization_Data.mat"
+    path = recordings / "mat/DESR_Characterization_Data.mat"
 
     for part in sheet["log_part"].unique():
         described = source.of_part(part).model_dump(exclude_unset=True)

@@ -13,7 +13,7 @@ import pytest
 import yaml
 from bench_synthetic import second_order
 from bench_synthetic import stepped_sine as sines
-from c3d_builder import REAL_DATA, write_c3d
+from c3d_builder import write_c3d
 from conftest import ROOT
 from scipy import signal
 
@@ -769,17 +769,6 @@ def test_a_plate_on_which_nobody_stands_is_not_judged(tmp_path: Path) -> None:
     trial = plate_trial(tmp_path / "a.c3d", 0.05 * np.hstack((force, moment)))
     assert checked(trial)["pressure_centre"] == CheckResult(None, NOT_JUDGED)
     assert checked(trial, "plate")["pressure_centre"] == CheckResult(None, NOT_JUDGED)
-
-
-@pytest.mark.skipif(not (REAL_DATA / "c3d").is_dir(), reason="real data are not here")
-def test_real_plates_pass() -> None:
-    for name in ("btk_PiG_Motion3_FF.c3d", "opensim_jogging_300_1500.c3d"):
-        recording = read_converted(
-            REAL_DATA / "c3d" / name, known_formats()["c3d"].source(format="c3d", markers=())
-        )
-        checks = checked(Trial(name, recording.samples, recording.facts), "walking")
-        assert checks["pressure_centre"].value == pytest.approx(0, abs=0.01), name
-        assert (checks["saturation"].value or 0) < 5, name
 
 
 def test_stamps_of_which_most_are_repeated_are_examined_by_their_mean_step():

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-from c3d_builder import REAL_DATA
 
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.trial import Array, Trial, read_trial
@@ -31,13 +30,11 @@ LOADED_N = 50.0
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> Trial:
-    if not REAL_DATA.is_dir():
-        pytest.skip("the recordings of others are not here")
+def recorded(recordings: Path, tmp_path_factory: pytest.TempPathFactory) -> Trial:
     folder = tmp_path_factory.mktemp("published")
     (folder / "plug_in_gait.yaml").write_text(SOURCE)
     row = {"trial": "pig", "mocap": "btk_PiG_Motion3_FF.c3d", "mocap_source": "plug_in_gait"}
-    ingest_trial(row, REAL_DATA / "c3d", folder, folder / "pig.parquet")
+    ingest_trial(row, recordings / "c3d", folder, folder / "pig.parquet")
     return read_trial(folder / "pig.parquet")
 
 
@@ -61,12 +58,13 @@ def moments_over_stance(trial: Trial, side: str, plate: int) -> tuple[Array, Arr
     return moment[used], reference[used]
 
 
+@pytest.mark.recordings
 @pytest.mark.parametrize(("side", "plate"), [("left", 1), ("left", 3), ("right", 2)])
 def test_agrees_with_plug_in_gait_as_the_published_reference_does(
-    recorded: Trial, side: str, plate: int
+    recordings: Path, recorded: Trial, side: str, plate: int
 ) -> None:
     """The reference is half a frame late: without delay slope and peak move by below 1 %."""
-    table = pl.read_csv(Path(REAL_DATA) / "reference/ankle_moment.csv")
+    table = pl.read_csv(recordings / "reference/ankle_moment.csv")
     (published,) = table.filter(side=side[0].upper(), plate=plate - 1).to_dicts()
 
     moment, reference = moments_over_stance(recorded, side, plate)

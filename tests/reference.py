@@ -111,8 +111,8 @@ def changed(results: Path) -> list[str]:
 
 
 if __name__ == "__main__":
-    sys.path += [str(HERE.parent), str(HERE / "builders"), str(HERE / "workflow")]
-    from test_workflow import Workspace
+    sys.path += [str(HERE.parent), str(HERE / "builders")]
+    from snakemake_runs import Workspace
 
     with TemporaryDirectory() as folder:
         space = Workspace(Path(folder))

@@ -3,7 +3,7 @@
 import numpy as np
 import polars as pl
 import pytest
-from bench_synthetic import LOW_PASS, RATE, belt_record, stepped_sine
+from bench_synthetic import LOW_PASS, RATE, belt_cycle, belt_record, stepped_sine
 from conftest import filtered_noise
 
 from osl_analysis.bench import belt as belt_fits
@@ -11,13 +11,6 @@ from osl_analysis.bench import transmission
 from osl_analysis.bench.bench_settings import BeltAnalysis
 from osl_analysis.errors import InputError
 from osl_analysis.trial import Trial
-
-
-def belt_cycle(K_s=685.6, K_s2=0.0, coulomb=0.0, peak=0.0873):
-    rest, way = np.zeros(200), peak * (1 - np.cos(np.linspace(0, np.pi, 1500))) / 2
-    theta_s = np.concatenate([rest, way, way[::-1], rest])
-    direction = np.concatenate([0 * rest, 0 * way + 1, 0 * way - 1, 0 * rest])
-    return theta_s, K_s * theta_s + K_s2 * theta_s * np.abs(theta_s) + coulomb * direction + 2.0
 
 
 def fitted(theta_s, torque, rate=RATE):

@@ -10,6 +10,7 @@ import yaml
 from any_motion import made_trial, sines
 from bench_synthetic import (
     FIVE,
+    belt_cycle,
     belt_record,
     record_of_sines,
     second_order,
@@ -17,8 +18,6 @@ from bench_synthetic import (
     stepped_sine,
 )
 from conftest import ROOT, findings_of, marked
-from test_belt import belt_cycle
-from test_torque_angle import PERIOD, A, W, clock, fitted
 
 from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.belt import belt_table, fit_branches
@@ -167,11 +166,6 @@ def of_belt(theta_s, torque, **stated):
     )
 
 
-def of_cycles(theta, torque, **stated):
-    settings = {"zero": "none", "calibration": stated}
-    return fitted(theta, torque, **settings).table.row(0, named=True)
-
-
 def test_an_error_of_the_gain_is_in_the_estimates_of_a_belt():
     theta_s, torque = belt_cycle()
     rise = 1.01 * (torque - torque[0]) + torque[0]
@@ -189,29 +183,6 @@ def test_a_loop_of_the_load_cell_is_in_the_area_of_a_belt():
     theta_s, torque = belt_cycle()
     area = of_belt(theta_s, torque, hysteresis=0.01)["hysteresis_area_se_bench"]
     assert area == pytest.approx(0.01 / np.sqrt(12) * np.ptp(torque) * 2 * theta_s.max(), rel=0.1)
-
-
-TURNS = W * clock(3 * PERIOD)
-CYCLED = A * np.sin(TURNS)
-OF_CYCLES = 200 * CYCLED + 30 * A * W * np.cos(TURNS)
-
-
-def test_an_error_of_the_gain_is_in_the_estimates_of_quasi_static_cycles():
-    plain = of_cycles(CYCLED, OF_CYCLES)
-    stated = of_cycles(CYCLED, OF_CYCLES, torque_gain=0.01)
-    for name in ("K", "K_unloading", "energy_stored", "energy_lost"):
-        half, before = (row[f"{name}_high"] - row[name] for row in (stated, plain))
-        assert half == pytest.approx(np.hypot(before, 1.96 * 0.01 * plain[name]), rel=0.01)
-
-
-@pytest.mark.parametrize(("stated", "lost"), [
-    ({"hysteresis": 0.02}, 0.02 / np.sqrt(12) * np.ptp(OF_CYCLES) * 4 * A),
-    ({"delay": 1e-3}, 1e-3 * 200 * np.pi * A**2 * W),  # K times the delay is a damping
-])  # fmt: skip
-def test_what_takes_part_in_a_loop_is_in_the_energy_that_it_loses(stated, lost):
-    row, plain = of_cycles(CYCLED, OF_CYCLES, **stated), of_cycles(CYCLED, OF_CYCLES)
-    half, before = (each["energy_lost_high"] - each["energy_lost"] for each in (row, plain))
-    assert half == pytest.approx(np.hypot(before, 1.96 * lost), rel=0.05)
 
 
 CONFIG = read_config(ROOT / "config/config.yaml")

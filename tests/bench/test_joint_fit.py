@@ -6,9 +6,8 @@ from functools import cache
 import numpy as np
 import polars as pl
 import pytest
-from any_motion import TRUE, made_trial, noise
+from any_motion import TRUE, binary_steps, made_trial, noise
 from conftest import ROOT, findings_of
-from test_joint import binary_steps
 
 from osl_analysis.bench.bench_settings import Calibration
 from osl_analysis.bench.impedance import impedance_table, rendered_impedance

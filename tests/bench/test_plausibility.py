@@ -6,7 +6,8 @@ from contextlib import nullcontext
 import numpy as np
 import polars as pl
 import pytest
-from bench_synthetic import PROTOCOL, by_hand, schedule, second_order, stepped_sine, true_motion
+from bench_recordings import RECORDINGS
+from bench_synthetic import PROTOCOL, second_order, true_motion
 from conftest import ROOT, beyond_in
 
 from osl_analysis.bench.bench_settings import (
@@ -29,47 +30,7 @@ SINES = {
     "frequencies_hz": PROTOCOL.frequencies_hz,
 }
 BENCH = config_for_trials(CONFIG).dynamometer.model_copy(update=SINES | {"cycles": PROTOCOL.cycles})
-ACTUATOR, RATE, NOISE = (
-    config_for_trials(CONFIG).actuator,
-    500.0,
-    np.random.default_rng(4),
-)
-
-
-def driven(torque_of=second_order):
-    record = stepped_sine(torque_of, noise=0.05)
-    return {"time": record.time, "theta": record.theta, "torque": record.torque}
-
-
-def losses(motion):
-    return 0.452 * motion.omega + 0.005 * motion.alpha
-
-
-def loaded_belt():
-    time = np.arange(round(10 * RATE)) / RATE
-    theta = np.deg2rad(5) / 2 * (1 - np.cos(2 * np.pi * np.clip((time - 1.5) / 7, 0, 1)))
-    noise = 0.05 * NOISE.standard_normal(time.size)
-    return {
-        "time": time,
-        "theta": theta,
-        "theta_m": np.full(time.size, 0.1),
-        "torque": 685.6 * theta + noise,
-    }
-
-
-def free_actuator():
-    time, theta, omega, alpha, current = schedule()
-    torque = by_hand(omega, alpha, current) + 0.05 * NOISE.standard_normal(time.size)
-    samples = {"time": time, "theta_m": theta, "current": current, "torque_m": torque}
-    return {name: signal[::2] for name, signal in samples.items()}
-
-
-RECORDINGS = {
-    "impedance": driven(),
-    "transmission": driven(losses),
-    "belt": loaded_belt(),
-    "actuator": free_actuator(),
-}
+ACTUATOR = config_for_trials(CONFIG).actuator
 
 
 def clipped(signal):

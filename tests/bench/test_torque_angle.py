@@ -282,3 +282,35 @@ def test_a_desired_curve_stands_beside_the_measured_one():
 def test_a_desired_curve_that_no_setting_has_is_refused():
     with pytest.raises(InputError, match=r"no desired curve 'other'; torque_angle\.desired"):
         fitted(FULL, K * FULL, "other")
+
+
+def of_cycles(theta, torque, **stated):
+    settings = {"zero": "none", "calibration": stated}
+    return fitted(theta, torque, **settings).table.row(0, named=True)
+
+
+TURNS = W * clock(3 * PERIOD)
+
+
+CYCLED = A * np.sin(TURNS)
+
+
+OF_CYCLES = 200 * CYCLED + 30 * A * W * np.cos(TURNS)
+
+
+def test_an_error_of_the_gain_is_in_the_estimates_of_quasi_static_cycles():
+    plain = of_cycles(CYCLED, OF_CYCLES)
+    stated = of_cycles(CYCLED, OF_CYCLES, torque_gain=0.01)
+    for name in ("K", "K_unloading", "energy_stored", "energy_lost"):
+        half, before = (row[f"{name}_high"] - row[name] for row in (stated, plain))
+        assert half == pytest.approx(np.hypot(before, 1.96 * 0.01 * plain[name]), rel=0.01)
+
+
+@pytest.mark.parametrize(("stated", "lost"), [
+    ({"hysteresis": 0.02}, 0.02 / np.sqrt(12) * np.ptp(OF_CYCLES) * 4 * A),
+    ({"delay": 1e-3}, 1e-3 * 200 * np.pi * A**2 * W),  # K times the delay is a damping
+])  # fmt: skip
+def test_what_takes_part_in_a_loop_is_in_the_energy_that_it_loses(stated, lost):
+    row, plain = of_cycles(CYCLED, OF_CYCLES, **stated), of_cycles(CYCLED, OF_CYCLES)
+    half, before = (each["energy_lost_high"] - each["energy_lost"] for each in (row, plain))
+    assert half == pytest.approx(np.hypot(before, 1.96 * lost), rel=0.05)

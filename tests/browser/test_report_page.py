@@ -6,11 +6,11 @@ import shutil
 import numpy as np
 import polars as pl
 import pytest
+from page_builder import ROW, page, view
 from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import WebDriverWait
-from test_page import ROW, page, view
 
 from osl_analysis.report.page import trial_view, written_page
 from osl_analysis.report.paper_tables import Condition

@@ -4,6 +4,7 @@ them."""
 import numpy as np
 import polars as pl
 from scipy.interpolate import CubicSpline
+from scipy.signal import lsim
 
 from osl_analysis.trial import Trial
 
@@ -96,3 +97,12 @@ def made_trial(
         "torque": torque,
     }
     return Trial("made", pl.DataFrame(samples))
+
+
+def binary_steps():
+    """Time and angle of a servo of second order that follows a binary command, by lsim."""
+    w = 2 * np.pi * 30
+    levels = np.repeat(np.random.default_rng(9).choice([-0.035, 0.035], 60), 100)
+    command = np.pad(levels, 1500)
+    time = np.arange(len(command)) / 1000
+    return time, lsim(([w**2], [1, 1.8 * w, w**2]), command, time)[1]

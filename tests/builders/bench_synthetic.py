@@ -136,3 +136,10 @@ def schedule(velocity_offset=0.0):
         alpha,
         4 * np.sin(2 * np.pi * 0.17 * t) + 3 * np.sin(2 * np.pi * 0.73 * t),
     )
+
+
+def belt_cycle(K_s=685.6, K_s2=0.0, coulomb=0.0, peak=0.0873):
+    rest, way = np.zeros(200), peak * (1 - np.cos(np.linspace(0, np.pi, 1500))) / 2
+    theta_s = np.concatenate([rest, way, way[::-1], rest])
+    direction = np.concatenate([0 * rest, 0 * way + 1, 0 * way - 1, 0 * rest])
+    return theta_s, K_s * theta_s + K_s2 * theta_s * np.abs(theta_s) + coulomb * direction + 2.0

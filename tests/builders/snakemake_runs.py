@@ -3,6 +3,7 @@
 import atexit
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -10,6 +11,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import polars as pl
 import yaml
 from conftest import ROOT
 
@@ -121,3 +123,50 @@ def run_forked(arguments: list[str], folder: Path) -> subprocess.CompletedProces
     return subprocess.CompletedProcess(
         arguments, int(server.stdout.readline()), said.read_text(), ""
     )
+
+
+FILES = ["--snakefile", str(ROOT / "Snakefile"), "--configfile", "config/small.yaml"]
+
+
+class Workspace:
+    """A folder with a copy of config/ in which the repository's Snakefile runs."""
+
+    def __init__(
+        self,
+        folder: Path,
+        of: "Workspace | None" = None,
+        without: tuple[str, ...] = (),
+    ):
+        """A new campaign, or a copy of one, dates included, without files of these names."""
+        self.folder = folder
+        if of is None:
+            write_small(folder)
+            self.configure({})
+        else:
+            shutil.copytree(
+                of.folder, folder, ignore=shutil.ignore_patterns(*without), dirs_exist_ok=True
+            )
+
+    def configure(self, changes):
+        (self.folder / "config/small.yaml").write_text(yaml.safe_dump(OVERRIDES | changes))
+
+    def run(self, *arguments):
+        """Snakemake in this folder."""
+        return run_forked(["snakemake", *arguments, *FILES], self.folder)
+
+    def planned(self, *arguments):
+        """Jobs per rule of a dry run."""
+        result = self.run("-n", *arguments)
+        assert result.returncode == 0, result.stdout
+        stats = re.findall(r"^([\w-]+) +(\d+)$", result.stdout, re.MULTILINE)
+        return {rule: int(count) for rule, count in stats if rule not in ("total", "reproduce-all")}
+
+    def jobs(self, *targets):
+        """The jobs that make these targets, with their params."""
+        asked = ["planned", str(ROOT / "Snakefile"), "config/small.yaml", *targets]
+        result = run_forked(asked, self.folder)
+        assert result.returncode == 0, result.stdout
+        return json.loads((self.folder / "planned.json").read_text())
+
+    def table(self, name):
+        return pl.read_csv(self.folder / f"results/tables/{name}.csv")

@@ -11,11 +11,11 @@ import numpy as np
 import polars as pl
 import pytest
 from any_motion import made_trial, multisine
+from bench_recordings import RATE, RECORDINGS
 from bench_synthetic import PROTOCOL as SINES
 from conftest import ROOT
 from matplotlib.figure import Figure
 from polars.testing import assert_frame_equal
-from test_plausibility import RATE, RECORDINGS
 
 import osl_analysis as osl
 from osl_analysis.campaign.configuration import FrequencyResponseFigure, read_config

@@ -11,9 +11,8 @@ import numpy as np
 import polars as pl
 import pytest
 import xlsxwriter
+from log_builders import write_mat, write_mat73, write_tdms, write_text
 from recognised_files import refusal_by
-from test_json_log import write_tdms
-from test_mat import write_mat, write_mat73
 
 from osl_analysis import formats
 from osl_analysis.commands.trials import inspect_file, overview_text
@@ -27,11 +26,6 @@ TIME = np.arange(40) / 500
 ANGLE = np.sin(40 * TIME)
 TORQUE = 30 * np.sin(40 * TIME)
 LOG = {"t": 1e3 * TIME + 7, "angle": np.rad2deg(ANGLE), "torque": -1e3 * TORQUE}
-
-
-def write_text(path: Path, columns: dict[str, Any], sign: str = ",", head: str = "") -> None:
-    rows = [columns, *zip(*columns.values(), strict=True)]
-    path.write_text(head + "".join(sign.join(map(str, row)) + "\n" for row in rows))
 
 
 def write_opensim(path: Path, columns: dict[str, Any]) -> None:

@@ -12,8 +12,8 @@ import numpy as np
 import polars as pl
 import pytest
 from any_motion import made_trial, multisine
+from bench_recordings import RECORDINGS
 from conftest import ROOT
-from test_plausibility import RECORDINGS
 
 import osl_analysis as osl
 from osl_analysis.schema import SCHEMA

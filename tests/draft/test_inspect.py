@@ -10,8 +10,8 @@ import pytest
 import yaml
 from c3d_builder import write_c3d
 from click.testing import CliRunner
+from log_builders import write_text
 from mcap_builder import HEADER, stamped, write_log
-from test_every_format import write_text
 
 from osl_analysis.cli import main
 from osl_analysis.commands import trials as module

@@ -12,7 +12,7 @@ from c3d_builder import write_c3d
 from click.testing import CliRunner
 from conftest import ROOT
 from jsonschema import Draft202012Validator
-from test_opensim import write_trc
+from log_builders import write_trc
 
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.cli import main

@@ -11,8 +11,8 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
-import scipy.io
 import scipy.sparse
+from log_builders import write_mat, write_mat73
 
 from osl_analysis import formats
 from osl_analysis.errors import InputError
@@ -22,18 +22,6 @@ with warnings.catch_warnings(action="ignore"):  # of the library's import
     from matio import save_to_mat
     from matio.utils.matclass import MatlabOpaque, MatlabOpaqueArray
     from matio.utils.matconvert import convert_py_to_mat
-
-
-def write_mat(path: Path, **variables: object) -> Path:
-    """A file of version 5."""
-    scipy.io.savemat(path, variables, do_compression=True)
-    return path
-
-
-def write_mat73(path: Path, **variables: object) -> Path:
-    """A file of version 7.3."""
-    save_to_mat(path, variables, version="v7.3")
-    return path
 
 
 RISING = np.arange(12.0)

@@ -5,6 +5,7 @@ from functools import cache, partial
 import numpy as np
 import pytest
 import scipy
+from any_motion import binary_steps
 
 from osl_analysis.errors import NotWeighedError
 from osl_analysis.inference import BenchSignals, ImpedanceInference, infer_impedance
@@ -121,15 +122,6 @@ def test_friction_opposes_the_motion(size, least, most):
 def test_what_no_rival_explains_is_bounded_by_what_it_could_move():
     assert changed(standing).unexplained_shares[0] > 0.02
     assert max(changed(with_slow_noise).unexplained_shares) == 0.0
-
-
-def binary_steps():
-    """Time and angle of a servo of second order that follows a binary command, by lsim."""
-    w = 2 * np.pi * 30
-    levels = np.repeat(np.random.default_rng(9).choice([-0.035, 0.035], 60), 100)
-    command = np.pad(levels, 1500)
-    time = np.arange(len(command)) / 1000
-    return time, scipy.signal.lsim(([w**2], [1, 1.8 * w, w**2]), command, time)[1]
 
 
 def test_rivals_are_not_weighed_where_the_acceleration_jumps():

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from nptdms import ChannelObject, RootObject, TdmsWriter
+from log_builders import write_tdms
 from recognised_files import read_recognised, refusal_of
 
 from osl_analysis.commands.trials import inspect_file
@@ -208,22 +208,6 @@ def timing(step: float = 1e-3, offset: float = 0.0, **more: Any) -> dict[str, An
         "wf_samples": 1,
         **more,
     }
-
-
-def write_tdms(
-    path: Path, channels: list[tuple[str, Any, dict[str, Any]]], segments: int = 1
-) -> Path:
-    """Channels of the group Bench, in as many segments."""
-    with TdmsWriter(path) as writer:
-        for part in range(segments):
-            cut = [np.array_split(np.asarray(values), segments)[part] for _, values, _ in channels]
-            named = zip(channels, cut, strict=True)
-            objects = [
-                ChannelObject(*f"Bench/{one[0]}".rsplit("/", 1), values, one[2])
-                for one, values in named
-            ]
-            writer.write_segment([RootObject({"author": "lab"}), *objects])
-    return path
 
 
 def bench(path: Path, segments: int = 1, **options: Any) -> Path:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from log_builders import FRAMES, WALK, write_trc
 from recognised_files import read_recognised as read
 from recognised_files import refusal_of as refused
 
@@ -17,38 +18,8 @@ from osl_analysis.errors import InputError
 from osl_analysis.formats import known_formats
 from osl_analysis.formats import read as formats_read
 from osl_analysis.ingest.raw_files import check_clocks, trial_from_files
-from osl_analysis.trial import Array
 
-FRAMES, LABELS = 40, ["HEAD", "HIP", "KNEE", "TOE"]
-STEP = np.arange(FRAMES)[:, None]
-HEIGHTS = np.array([1700.0, 900.0, 500.0, 50.0]) + 5 * np.sin(STEP / 5)
-# (frames, markers, 3) [mm] in OpenSim's axes: x forward, y up, z to the right
-WALK = np.stack([8.0 * STEP + np.arange(4), HEIGHTS, np.arange(-100.0, -96) + 0 * STEP], axis=2)
 UPRIGHT = {"axes": ("x", "-z", "y")}
-
-
-def write_trc(
-    path: Path,
-    positions: Array = WALK,
-    start: float = 0,
-    first: int = 1,
-    decimals: int = 3,
-    **header: Any,
-) -> Path:
-    """A file as Cortex writes it; `header` replaces what its second line names."""
-    frames = len(positions)
-    keys = {"DataRate": 100, "CameraRate": 100, "NumFrames": frames, "NumMarkers": 4, "Units": "mm"}
-    keys.update(header)
-    lines = ["PathFileType\t4\t(X/Y/Z)\twalk.trc", "\t".join(keys)]
-    lines.append("\t".join(map(str, keys.values())))
-    lines.append("\t".join(["Frame#", "Time", *(f"{label}\t\t" for label in LABELS)]))
-    lines += ["\t\tX1\tY1\tZ1", ""]
-    for k, frame in enumerate(positions):
-        cells = ["" if np.isnan(value) else f"{value:.5f}" for value in frame.ravel()]
-        time = f"{start + k / keys['DataRate']:.{decimals}f}"
-        lines.append("\t".join([str(k + first), time, *cells, ""]))
-    path.write_text("\n".join(lines) + "\n")
-    return path
 
 
 def write_table(path: Path, columns: dict[str, Any], header: str = "inDegrees=yes") -> Path:

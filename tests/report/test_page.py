@@ -5,51 +5,18 @@ import json
 import re
 import zlib
 from base64 import b64decode
-from dataclasses import replace
 
 import numpy as np
 import polars as pl
 import pytest
+from page_builder import ABOUT, PART, REMARK, ROW, WHOLE, page, view, worded
 
 from osl_analysis.commands.report import signals_of
-from osl_analysis.judge.finding import Finding, Grade, WordedFinding, Words
 from osl_analysis.report import methods
 from osl_analysis.report.left_out import LeftOut
-from osl_analysis.report.page import Page, ShownFigure, trial_view, with_symbols, written_page
+from osl_analysis.report.page import ShownFigure, trial_view, with_symbols, written_page
 from osl_analysis.report.signals import measured_response, of_fit, of_recording
 from osl_analysis.report.verdicts import verdict_counts, verdicts_sentence
-
-ABOUT = {"campaign": "<b>", "data": "measured", "version": "2.0", "configuration": "c"}
-ABOUT["recorded"] = "recorded 2026-03-14"
-IMPEDANCE = pl.DataFrame(
-    {
-        "trial": ["a", "a"], "amplitude_deg": [2.0, None], "K": [90.0, 101.0],
-        "K_low": [80.0, 99.0], "K_high": [100.0, 103.0], "VAF": [97.0, 98.0],
-    }
-)  # fmt: skip
-ROW = {"trial": "a", "experiment": "impedance", "K_d": 100.0, "log": "a.csv"}
-WHOLE = Finding("friction", "impedance", "a")
-PART = Finding("friction", "impedance", "a", amplitude_deg=2.0)
-REMARK = replace(WHOLE, grade=Grade.NOTES)
-
-
-def worded(*findings):
-    return [WordedFinding(finding, Words("says", "size", "remedy")) for finding in findings]
-
-
-def view(*findings, left_out=None, **changed):
-    checks = pl.DataFrame()
-    row = {**ROW, **changed}
-    return trial_view(row, {"impedance": IMPEDANCE}, worded(*findings), left_out, checks, None)
-
-
-def page(*trials, **changed):
-    facts = {
-        "about": ABOUT, "made_of": "made of <i>", "verdict": ["1 trial."], "notes": [],
-        "conditions": (), "groups": (), "numbers": (), "findings": (), "trials": trials,
-        "figures": (), "absent_figures": {}, "missing_results": {},
-    }  # fmt: skip
-    return Page(**{**facts, **changed})
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,84 @@
+"""Recordings in formats of several rooms, written by other libraries or letter by letter."""
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.io
+from nptdms import ChannelObject, RootObject, TdmsWriter
+
+with warnings.catch_warnings(action="ignore"):  # of the library's import
+    from matio import save_to_mat
+
+
+def write_text(path: Path, columns: dict[str, Any], sign: str = ",", head: str = "") -> None:
+    rows = [columns, *zip(*columns.values(), strict=True)]
+    path.write_text(head + "".join(sign.join(map(str, row)) + "\n" for row in rows))
+
+
+def write_mat(path: Path, **variables: object) -> Path:
+    """A file of version 5."""
+    scipy.io.savemat(path, variables, do_compression=True)
+    return path
+
+
+def write_mat73(path: Path, **variables: object) -> Path:
+    """A file of version 7.3."""
+    save_to_mat(path, variables, version="v7.3")
+    return path
+
+
+def write_tdms(
+    path: Path, channels: list[tuple[str, Any, dict[str, Any]]], segments: int = 1
+) -> Path:
+    """Channels of the group Bench, in as many segments."""
+    with TdmsWriter(path) as writer:
+        for part in range(segments):
+            cut = [np.array_split(np.asarray(values), segments)[part] for _, values, _ in channels]
+            named = zip(channels, cut, strict=True)
+            objects = [
+                ChannelObject(*f"Bench/{one[0]}".rsplit("/", 1), values, one[2])
+                for one, values in named
+            ]
+            writer.write_segment([RootObject({"author": "lab"}), *objects])
+    return path
+
+
+FRAMES = 40
+
+LABELS = ["HEAD", "HIP", "KNEE", "TOE"]
+
+
+STEP = np.arange(FRAMES)[:, None]
+
+
+HEIGHTS = np.array([1700.0, 900.0, 500.0, 50.0]) + 5 * np.sin(STEP / 5)
+
+
+# (frames, markers, 3) [mm] in OpenSim's axes: x forward, y up, z to the right
+WALK = np.stack([8.0 * STEP + np.arange(4), HEIGHTS, np.arange(-100.0, -96) + 0 * STEP], axis=2)
+
+
+def write_trc(
+    path: Path,
+    positions: np.ndarray = WALK,
+    start: float = 0,
+    first: int = 1,
+    decimals: int = 3,
+    **header: Any,
+) -> Path:
+    """A file as Cortex writes it; `header` replaces what its second line names."""
+    frames = len(positions)
+    keys = {"DataRate": 100, "CameraRate": 100, "NumFrames": frames, "NumMarkers": 4, "Units": "mm"}
+    keys.update(header)
+    lines = ["PathFileType\t4\t(X/Y/Z)\twalk.trc", "\t".join(keys)]
+    lines.append("\t".join(map(str, keys.values())))
+    lines.append("\t".join(["Frame#", "Time", *(f"{label}\t\t" for label in LABELS)]))
+    lines += ["\t\tX1\tY1\tZ1", ""]
+    for k, frame in enumerate(positions):
+        cells = ["" if np.isnan(value) else f"{value:.5f}" for value in frame.ravel()]
+        time = f"{start + k / keys['DataRate']:.{decimals}f}"
+        lines.append("\t".join([str(k + first), time, *cells, ""]))
+    path.write_text("\n".join(lines) + "\n")
+    return path

@@ -11,7 +11,7 @@ import numpy as np
 
 from osl_analysis.errors import InputError, naming, printable
 from osl_analysis.ingest import LIMITS
-from osl_analysis.ingest.repeats import repeats, run_at_extreme
+from osl_analysis.ingest.guard import longest_of, repeats, run_at_extreme
 from osl_analysis.plates import own_axes
 from osl_analysis.recording import EXPORTED, Plate
 from osl_analysis.source_file import PlateUnits, Source
@@ -201,9 +201,9 @@ def channel_facts(
         if is_about_point and number >= 3 and not values.any():
             continue
         rail = run_at_extreme(values)
-        runs = [slice(first, stop) for first, stop in repeats(values).tolist()]
-        standing = [run for run in runs if np.ptp(load[run]) > least]
-        longest = max(standing, key=lambda run: run.stop - run.start, default=slice(0, 0))
+        runs = repeats(values)
+        changes = [np.ptp(load[first:stop]) > least for first, stop in runs.tolist()]
+        longest = longest_of(runs[changes])
         facts.append(
             {
                 "label": printable(channel.name or channel.key),

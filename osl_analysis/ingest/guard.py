@@ -1,5 +1,6 @@
-"""The guard of a trial's numbers: sizes that nothing can reach, values beyond a stated range, and
-recordings of a bench that no fit can use are refused."""
+"""The guard of a trial's numbers. Sizes that nothing can reach, values beyond a stated range, and
+recordings of a bench that no fit can use are refused; samples that leap, and runs of one value, are
+found."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -12,7 +13,9 @@ from numpy.typing import NDArray
 from osl_analysis.errors import Change, InputError
 from osl_analysis.ingest import LIMITS
 from osl_analysis.measured import SMALLEST_SIGNAL, varies
+from osl_analysis.signals import run_edges
 from osl_analysis.signals.grid import origin
+from osl_analysis.signals.plateaus import noise_of
 from osl_analysis.trial import Array, Trial, unit_of
 from osl_analysis.units import si_factor
 
@@ -45,13 +48,6 @@ def recorded(trial: Trial, column: str | None) -> tuple[Array, Array]:
     time, values = trial.arrays(column)
     is_seen = ~np.isnan(values)
     return time[is_seen], values[is_seen]
-
-
-def stated_range(trial: Trial, column: str) -> tuple[float, float] | None:
-    """Lowest and highest value of a channel that its source file states, in the column's unit; None
-    if not stated."""
-    ends = origin(trial, column).get("range")
-    return (ends[0], ends[1]) if ends else None
 
 
 # Recordings of a bench that are refused before a fit.
@@ -264,3 +260,109 @@ def spans_a_gap(time: Array) -> NDArray[np.bool_]:
     if np.mean(is_gap) > LIMITS.most_gaps:
         is_gap[:] = False
     return is_gap[:-2] | is_gap[1:-1] | is_gap[2:]
+
+
+# Channels that repeat one value: a sensor at an end of its range, and one that stands still.
+
+
+def repeats(values: Array) -> NDArray[np.intp]:
+    """First row and row after the last, (k, 2), of each run of two or more equal values (n,)."""
+    edges = run_edges(np.diff(values) == 0)
+    edges[:, 1] += 1
+    return edges
+
+
+def has_levels(values: Array) -> bool:
+    """Whether a channel (n,) has levels without noise, apart from its longest run."""
+    lengths = np.diff(repeats(values)) - 1
+    return bool(lengths.sum() - lengths.max(initial=0) > LIMITS.most_repeated * values.size)
+
+
+def run_at_extreme(values: Array, standing: NDArray[np.intp] | None = None) -> slice:
+    """Find the longest run of a channel at its lowest or highest value.
+
+    It is one sample, or many if the channel is clipped. Values near zero (an unloaded sensor) or
+    near the median do not count, nor the peak of a slow signal, which repeats a value, too.
+
+    Parameters
+    ----------
+    values : Array
+        (n,).
+    standing : Array, optional
+        (k, 2), the only runs that count (`standing_runs`), of a channel without noise.
+
+    Returns
+    -------
+    slice
+        Rows of the run; empty if there is none, or if a value is not finite.
+    """
+    longest = slice(0, 0)
+    span = np.ptp(values) if values.size else np.nan
+    for end in (values.min(initial=np.inf), values.max(initial=-np.inf)):
+        if (
+            abs(end) > LIMITS.no_extreme * span
+            and abs(end - np.median(values)) > LIMITS.middle * span
+        ):
+            runs = run_edges(values == end)
+            if standing is not None:
+                runs = standing[values[standing[:, 0]] == end]
+            run = longest_of(runs)
+            if run.stop - run.start > longest.stop - longest.start and has_corners(values, run):
+                longest = run
+    return longest
+
+
+def longest_of(runs: NDArray[np.intp]) -> slice:
+    """The longest of runs (k, 2) of rows, or the first of equally long ones; empty if there is
+    none."""
+    if not len(runs):
+        return slice(0, 0)
+    return slice(*runs[np.argmax(np.diff(runs))].tolist())
+
+
+def has_corners(values: Array, run: slice) -> bool:
+    """Whether a channel (n,) is far from where it stands, half as long before and after a run of
+    equal values; a single one has no duration."""
+    half = (run.stop - run.start) // 2
+    sides = [row for row in (run.start - half, run.stop - 1 + half) if 0 <= row < values.size]
+    steps = np.abs(np.diff(values))
+    far = LIMITS.corner_steps * steps[steps > 0].min(initial=np.inf)
+    return half == 0 or bool(np.abs(values[sides] - values[run.start]).min(initial=np.inf) > far)
+
+
+def standing_runs(
+    time: Array, values: Array, reference: tuple[Array, Array], least: float = LIMITS.least_change
+) -> NDArray[np.intp]:
+    """Find where a channel repeats one value although a reference changes.
+
+    Parameters
+    ----------
+    time : Array
+        (n,) [s].
+    values : Array
+        (n,).
+    reference : (Array, Array)
+        Times [s] and values of another channel.
+    least : float
+        By which share of its range the reference changes.
+
+    Returns
+    -------
+    Array
+        First row and row after the last of each run, (k, 2). The reference changes in the third
+        quarter of it: at rest it settles, and it may be earlier or later at both ends.
+    """
+    every = repeats(values)
+    edges: NDArray[np.intp] = every[np.diff(every)[:, 0] > LIMITS.least_standing]
+    if not len(edges):
+        return edges
+    followed = np.interp(time, *reference)
+    sums = np.append(0.0, np.cumsum(followed - followed.mean()))
+    rows = np.arange(sums.size)
+    length = np.diff(edges)
+    width = np.minimum(length / LIMITS.means, LIMITS.mean_s * time.size / np.ptp(time))
+    begins = edges[:, :1] + length / 2 + (length / 4 - width) * np.linspace(0, 1, LIMITS.means)
+    means = (np.interp(begins + width, rows, sums) - np.interp(begins, rows, sums)) / width
+    noise = noise_of(followed) / np.sqrt(np.maximum(width[:, 0], 1.0))
+    changes = np.maximum(least * np.ptp(followed), LIMITS.noise_sds * noise)
+    return np.asarray(edges[np.ptp(means, axis=1) > changes])

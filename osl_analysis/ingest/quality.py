@@ -13,11 +13,19 @@ from numpy.typing import NDArray
 from osl_analysis.config.experiments import EXPERIMENTS, Experiment
 from osl_analysis.errors import InputError, listing
 from osl_analysis.ingest import LIMITS
-from osl_analysis.ingest.guard import ANGLES, find_leaps, recorded, stated_range
-from osl_analysis.ingest.repeats import has_levels, repeats, run_at_extreme, standing_runs
+from osl_analysis.ingest.guard import (
+    ANGLES,
+    find_leaps,
+    has_levels,
+    longest_of,
+    recorded,
+    repeats,
+    run_at_extreme,
+    standing_runs,
+)
 from osl_analysis.plates import beside, plate_axes
-from osl_analysis.signals import longest_run
-from osl_analysis.signals.grid import GapLimits, devices_of, uniform_signals
+from osl_analysis.signals import run_edges
+from osl_analysis.signals.grid import GapLimits, devices_of, origin, uniform_signals
 from osl_analysis.spectral.stepped_sine import (
     Run,
     SteppedSineProtocol,
@@ -91,21 +99,23 @@ def longest_gap(steps: Array) -> float:
     return longest - usual if longest > 1.5 * usual else 0.0
 
 
-def steps_of(trial: Trial) -> dict[str, Array]:
-    """Sampling steps [s] of each device, by the name of its first channel."""
-    devices = devices_of(trial, [column for column in trial.columns if column != "time"])
-    steps = {channels[0]: np.diff(trial.arrays(channels[0])[0]) for channels in devices}
-    return {channel: of_device for channel, of_device in steps.items() if of_device.size > 1}
+def steps_of(examined: Examined) -> Iterator[tuple[str, Array]]:
+    """The first channel of each device, and sampling steps [s]. Of an actuator that stands, only
+    plateaus of its current count, and not what lies between: it has none."""
+    trial = examined.trial
+    stands = examined.experiment.may_stand and examined.moved not in trial.columns
+    for channel, *_ in devices_of(trial, [name for name in trial.columns if name != "time"]):
+        steps = np.diff(trial.arrays(channel)[0])
+        if steps.size > 1 and not stands:
+            yield channel, steps
 
 
 def measure_rates(examined: Examined) -> dict[str, float]:
-    steps = steps_of(examined.trial)
-    return {channel: 1 / usual_step(of_device) for channel, of_device in steps.items()}
+    return {channel: 1 / usual_step(steps) for channel, steps in steps_of(examined)}
 
 
 def measure_gaps(examined: Examined) -> dict[str, float]:
-    steps = steps_of(examined.trial)
-    return {channel: longest_gap(of_device) for channel, of_device in steps.items()}
+    return {channel: longest_gap(steps) for channel, steps in steps_of(examined)}
 
 
 def measure_clock(examined: Examined) -> dict[str, float]:
@@ -133,7 +143,7 @@ def measure_truncation(examined: Examined) -> dict[str, float]:
     return {role: float(damage["end_missing"]) for role, damage in reports.items()}
 
 
-def measure_units(examined: Examined) -> CheckResult:
+def measure_units(examined: Examined) -> dict[str, float]:
     """Number of channels that the source file converts from another unit than their file states."""
     columns = examined.trial.provenance.get("columns", {})
     remarks = [
@@ -141,7 +151,7 @@ def measure_units(examined: Examined) -> CheckResult:
         for column, facts in columns.items()
         if "unit_of_file" in facts
     ]
-    return CheckResult(float(len(remarks)), "; ".join(remarks))
+    return {"; ".join(remarks): len(remarks)}
 
 
 # The motion that was commanded.
@@ -210,19 +220,16 @@ def samples_at_rail(trial: Trial, column: str, torque: str, angle: str = "theta"
     time, values = recorded(trial, column)
     if values.size < 2 or not np.isfinite(values).all():  # the fit refuses it
         return 0
-    at_end = 0
-    ends = stated_range(trial, column)
-    if ends is not None:
-        half = (ends[1] - ends[0]) / 2
-        distance = np.abs(values - ends[0] - half)  # from the middle of the range
-        at_end = length_of(longest_run(distance >= (1 - LIMITS.near_end) * half))
+    low, high = origin(trial, column).get("range", (-math.inf, math.inf))
+    near = LIMITS.near_end * (high - low) / 2
+    at_end = length_of(longest_of(run_edges((values <= low + near) | (values >= high - near))))
     is_angle = column.startswith("theta")
     if not is_angle and not has_levels(values):
         return max(at_end, length_of(run_at_extreme(values)))
     reference = recorded(trial, torque if is_angle else angle)
     if column == "current" or not reference[0].size:
         return at_end
-    standing = standing_runs(time, values, np.interp(time, *reference))
+    standing = standing_runs(time, values, reference)
     rail = run_at_extreme(values, standing)
     length = length_of(rail)
     levels = values[standing[2 * np.diff(standing)[:, 0] > length, 0]]
@@ -238,7 +245,7 @@ def measure_saturation(examined: Examined) -> dict[str, float]:
     trial = examined.trial
     # an angle that is not driven may stand by friction
     motion = examined.experiment.motion
-    names = {name for name in trial.columns if name == motion or stated_range(trial, name)}
+    names = {name for name in trial.columns if name == motion or "range" in origin(trial, name)}
     return {
         name: samples_at_rail(trial, name, examined.torque, examined.moved)
         for name in sorted(names.union(noisy_channels(trial)))
@@ -261,23 +268,21 @@ def measure_stuck(examined: Examined) -> dict[str, float]:
     trial = examined.trial
     experiment = examined.experiment
     seconds: dict[str, float] = {}
-    at, angle = recorded(trial, examined.moved)
+    motion = recorded(trial, examined.moved)
+    at, angle = motion
     turns = bool((angle != angle[:1]).any())
     for name in noisy_channels(trial):
         time, values = recorded(trial, name)
-        edges = repeats(values)
-        if np.ptp(values) > 0:
-            if name == "current" and has_levels(values):
-                continue
-            if turns:
-                edges = standing_runs(time, values, np.interp(time, at, angle))
-        if experiment.uses(name):
-            seconds[name] = longest_s(time, edges)
+        is_command = name == "current" and has_levels(values)
+        if is_command or not experiment.uses(name):
+            continue
+        runs = standing_runs(time, values, motion) if turns and np.ptp(values) else repeats(values)
+        seconds[name] = longest_s(time, runs)
     by = "theta_command" if "theta_command" in trial.columns else "torque"
     reference = recorded(trial, by)
     if turns and reference[0].size:
-        edges = standing_runs(at, angle, np.interp(at, *reference), LIMITS.clear_change)
-        seconds[examined.moved] = longest_s(at, edges[edges[:, 1] == angle.size])
+        runs = standing_runs(at, angle, reference, LIMITS.clear_change)
+        seconds[examined.moved] = longest_s(at, runs[runs[:, 1] == angle.size])
     elif angle.size and (experiment.motion or experiment.tables):
         seconds[examined.moved] = 0.0 if turns else float(np.ptp(at))
     return seconds
@@ -431,12 +436,7 @@ def measure_quality(
     is_cut = windows and facts.fit is not None and facts.fit.windows
     fitted = trial.within(windows) if is_cut else trial
     examined = Examined(trial, facts, commanded, fitted)
-    results = {name: checked(name, examined) for name in MEASURES}
-    # of an actuator that stands, only plateaus of its current count, and not what lies between
-    if facts.may_stand and facts.motion not in trial.columns:
-        results["rate"] = not_applicable("the actuator stands")
-        results["gap"] = not_applicable("the actuator stands")
-    return results
+    return {name: checked(name, examined) for name in MEASURES}
 
 
 def checked(name: str, examined: Examined) -> CheckResult:

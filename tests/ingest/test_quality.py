@@ -26,7 +26,7 @@ from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest.conversion import origin_of
-from osl_analysis.ingest.guard import check_sizes
+from osl_analysis.ingest.guard import check_sizes, run_at_extreme
 from osl_analysis.ingest.quality import (
     UNITS,
     CheckResult,
@@ -36,7 +36,6 @@ from osl_analysis.ingest.quality import (
     samples_at_rail,
 )
 from osl_analysis.ingest.raw_files import read_converted
-from osl_analysis.ingest.repeats import run_at_extreme
 from osl_analysis.judge.known_findings import CHECKS
 from osl_analysis.judge.recording_checks import QualityRules, judged_table, validate_rules
 from osl_analysis.signals import longest_run

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, naming, printable
 from osl_analysis.ingest import LIMITS
-from osl_analysis.recording import Channel, End, Loss, Rows
+from osl_analysis.recording import Channel, End, Loss, Recording, Rows
 from osl_analysis.source_file import LEVEL_UNIT, Conversion, LogChannel, LogSource
 from osl_analysis.trial import Array, counter_column, unit_of
 from osl_analysis.units import quantity, si_factor
@@ -293,32 +293,47 @@ def share_lost(loss: Loss, topic: str) -> float:
     return max(0, expected - read) / expected if expected else 0.0
 
 
-def find_stale_rows(stamps: NDArray[Any], least: float = 0.0) -> NDArray[np.int64]:
-    """Find few rows whose stamp (n,) is far from the running median, as of a packet that waited in
-    a buffer, and by `least` in its unit. A gap moves the median, too: the rows beside it are near
-    to it.
+def asked_channels(
+    recording: Recording, settings: Mapping[str, LogChannel]
+) -> tuple[dict[str, Channel], dict[str, Channel]]:
+    """The channels of a log that settings name, by canonical column; and the same with the counters
+    beside them."""
+    channels = {column: recording.find(setting.address) for column, setting in settings.items()}
+    asked = dict(channels)
+    for column, setting in settings.items():
+        if setting.counter is not None:
+            address = {**setting.address, setting.ADDRESS: setting.counter}
+            asked[counter_column(column)] = recording.find(address)
+    return channels, asked
+
+
+def fresh_rows(
+    rows: Rows, stamps: NDArray[Any], least: float = 0.0
+) -> tuple[NDArray[np.int64], list[str]]:
+    """Leave out few rows whose stamp (n,) is far from the running median, as of a packet that
+    waited in a buffer, and by `least` in its unit. A gap moves the median, too: the rows beside it
+    are near to it.
 
     Returns
     -------
-    Array
-        Their places, from 0; none of a clock that goes back in more than `largest_stale_share`.
+    places
+        Of the rows that are kept, from 0: all of a clock that goes back in more than
+        `largest_stale_share`.
+    remarks
+        A sentence if some are left out.
     """
+    every = np.arange(stamps.size)
     since_first = (stamps - stamps[0]).astype(np.float64)
-    steps = np.abs(np.diff(since_first))
-    far = max(least, LIMITS.far_steps * float(np.median(steps))) if steps.size else math.inf
-    if not (steps > far).any():
-        return np.zeros(0, np.int64)
+    steps = np.abs(np.diff(since_first, prepend=0.0))
+    far = max(least, LIMITS.far_steps * float(np.median(steps)))
+    if steps.max() <= far:
+        return every, []
     usual = scipy.ndimage.median_filter(since_first, LIMITS.median_rows, mode="mirror")
-    places = np.flatnonzero(np.abs(since_first - usual) > far)
-    is_few = places.size <= LIMITS.largest_stale_share * stamps.size
-    return places if is_few else np.zeros(0, np.int64)
-
-
-def remarks_on_stale_rows(rows: Rows, stale: NDArray[np.int64]) -> list[str]:
-    """Say that rows are left out."""
-    if not stale.size:
-        return []
-    return [
+    stale = np.flatnonzero(np.abs(since_first - usual) > far)
+    if not 0 < stale.size <= LIMITS.largest_stale_share * stamps.size:
+        return every, []
+    remark = (
         f"{stale.size} of {rows.count} {rows.noun}s have a stamp of another time, as of a packet"
         f" that waited in a buffer, and were left out, first {rows.place(int(stale[0]))}"
-    ]
+    )
+    return np.delete(every, stale), [remark]

@@ -13,18 +13,17 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError, naming
 from osl_analysis.ingest.conversion import (
     Converted,
+    asked_channels,
     canonical_columns,
-    find_stale_rows,
+    fresh_rows,
     losses_of,
     origin_of,
-    remarks_on_stale_rows,
     share_lost,
 )
 from osl_analysis.ingest.likely_clock import rate_of
 from osl_analysis.recording import Recording, Rows
 from osl_analysis.signals import longest_run
 from osl_analysis.source_file import MessageChannel, MessageSource
-from osl_analysis.trial import counter_column
 
 SECOND_NS = 1_000_000_000
 SET_BACK_NS = SECOND_NS  # a message that is later than others by more was not only late
@@ -113,20 +112,15 @@ def convert_topic(
     recording: Recording, source: MessageSource, settings: Mapping[str, MessageChannel]
 ) -> Topic:
     """Convert the asked fields of one topic, by canonical column."""
-    channels = {column: recording.find(setting.address) for column, setting in settings.items()}
-    values = {column: channel.values for column, channel in channels.items()}
-    for column, setting in settings.items():
-        if setting.counter is not None:
-            counter = recording.find({**setting.address, setting.ADDRESS: setting.counter})
-            values[counter_column(column)] = counter.values
+    channels, asked = asked_channels(recording, settings)
+    values = {column: channel.values for column, channel in asked.items()}
     rows = next(iter(channels.values())).rows
     stamps = stamps_of(recording, source, rows)
     time = (stamps - stamps[0]) / SECOND_NS
     columns, remarks = canonical_columns(source, channels, values, rows, time)
-    table = pl.DataFrame([pl.Series("stamp", stamps), *columns])
-    stale = find_stale_rows(stamps, least=SET_BACK_NS)
-    remarks += remarks_on_stale_rows(rows, stale)
-    table = table[np.delete(np.arange(rows.count), stale)]
+    fresh, stale = fresh_rows(rows, stamps, least=SET_BACK_NS)
+    remarks += stale
+    table = pl.DataFrame([pl.Series("stamp", stamps), *columns])[fresh]
     late = repeated = contradicted = 0
     if not (table["stamp"].diff() > 0).all():
         late = count_late(table.unique(maintain_order=True)["stamp"].to_numpy())

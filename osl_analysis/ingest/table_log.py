@@ -11,31 +11,25 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, naming
+from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.conversion import (
     Converted,
+    asked_channels,
     canonical_columns,
     check_finite_values,
-    find_stale_rows,
+    fresh_rows,
     losses_of,
     origin_of,
-    remarks_on_stale_rows,
     share_above,
 )
 from osl_analysis.ingest.force_plates import convert_plate
 from osl_analysis.ingest.likely_clock import check_other_clocks, rate_of, unwrapped
 from osl_analysis.recording import Channel, End, Kind, Recording, Rows
 from osl_analysis.source_file import InAxes, TableSource
-from osl_analysis.trial import Array, check_time, counter_column
+from osl_analysis.trial import Array, check_time
 from osl_analysis.units import si_factor
 
-MOST_NOTES = 100  # lines of a file's own text that the provenance keeps
-MOST_COPIED_SHARE = 0.1  # of rows that repeat the row before; more were read twice
-LARGEST_CALIBRATION = 0.1  # by which a `scale` corrects a channel that is in the file's unit
-FEWEST_COPIED = 20  # such rows that are refused
 STATE_RATE = "state the rate of the rows in Hz, as `time: {rate: HZ}`"
-COARSE_STEP_S = 0.4  # stamps this far apart tell seconds, not samples
-COARSE_ROWS = 20  # rows with one stamp: beyond it the stamps are coarse, or the clock stopped
-COARSE_SHARE = 0.1  # of the rows with one stamp, as above
 
 
 @dataclass(frozen=True)
@@ -84,14 +78,7 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
     """
     check_loss(recording, source)
     clock = recording.find(source.time.address) if source.time.name else None
-    channels = {
-        column: recording.find(setting.address) for column, setting in source.channels.items()
-    }
-    asked = dict(channels)
-    for column, setting in source.channels.items():
-        if setting.counter is not None:
-            address = {**setting.address, setting.ADDRESS: setting.counter}
-            asked[counter_column(column)] = recording.find(address)
+    channels, asked = asked_channels(recording, source.channels)
     table = read_table(recording, source, asked, clock)
     rows, time = table.rows, table.time
     if rows.count < 2:
@@ -114,28 +101,25 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
         ratio = unit_ratio(origin, channel.unit)
         if channel.unit and ratio != 1:
             warnings.append(f"{column} is read in {origin['unit']}; the file says {channel.unit}")
-        if abs(ratio * origin["scale"] - 1) > LARGEST_CALIBRATION:
+        if abs(ratio * origin["scale"] - 1) > LIMITS.largest_calibration:
             origin["unit_of_file"] = channel.unit
         origins[column] = origin
 
-    is_fresh = np.concatenate([[True], np.diff(time) != 0])
-    kept, remark = rows_to_keep(frame, is_fresh, source, rows.noun)
-    warnings += remark
+    frame, remarks = with_stamps_once(frame, source, rows.noun)
     facts: dict[str, Any] = {
         "time": {**source.time.model_dump(exclude_none=True), "start": table.start},
-        "rates_hz": {file_name: rate_of(time[kept])},
+        "rates_hz": {file_name: rate_of(frame["time"].to_numpy())},
+        **recording.facts,
     }
     if apart:
         facts["clocks_apart"] = apart
-    facts.update(recording.facts)
     if recording.notes:
-        facts["comments"] = list(recording.notes[:MOST_NOTES])
-    frame = frame.filter(kept)
+        facts["comments"] = list(recording.notes[: LIMITS.most_notes])
     if recording.plates:
         frame, plate_origins, facts["plates"] = with_plates(recording, source, frame, time)
         origins.update(plate_origins)
     losses = losses_of(recording.loss)
-    return Converted(frame, origins, facts, warnings, losses)
+    return Converted(frame, origins, facts, [*warnings, *remarks], losses)
 
 
 def check_loss(recording: Recording, source: TableSource) -> None:
@@ -156,40 +140,36 @@ def check_loss(recording: Recording, source: TableSource) -> None:
     )
 
 
-def rows_to_keep(
-    frame: pl.DataFrame, is_fresh: NDArray[np.bool_], source: TableSource, noun: str
-) -> tuple[NDArray[np.bool_], list[str]]:
-    """Choose among rows with the stamp of the row before, and say what was done with them.
-
-    Parameters
-    ----------
-    is_fresh
-        Rows (n,) with a stamp of their own.
+def with_stamps_once(
+    frame: pl.DataFrame, source: TableSource, noun: str
+) -> tuple[pl.DataFrame, list[str]]:
+    """Leave out rows with the stamp of the row before, if the source file says so, and say what was
+    done with them.
 
     Raises
     ------
     InputError
         Many rows repeat stamp and values of the row before: they were read twice.
     """
-    repeated = int((~is_fresh).sum())
+    repeated = (frame["time"].diff() == 0).sum()
+    begin = f"{repeated} of {len(frame)} {noun}s repeat the stamp of the {noun} before and"
     if not repeated:
-        return is_fresh, []
-    begin = f"{repeated} of {is_fresh.size} {noun}s repeat the stamp of the {noun} before and"
+        return frame, []
     if source.time.repeated == "drop":
-        return is_fresh, [f"{begin} were left out"]
+        once = frame.unique(subset="time", keep="first", maintain_order=True)
+        return once, [f"{begin} were left out"]
     advice = f"write `repeated: drop` under {source.place('time')}"
-    is_copy = frame.select(pl.all_horizontal(pl.all().eq_missing(pl.all().shift()))).to_series()
-    copied = int(is_copy[1:].sum())
-    if copied > max(FEWEST_COPIED, MOST_COPIED_SHARE * is_fresh.size):
+    copied = frame.select(pl.all_horizontal(pl.all().eq_missing(pl.all().shift())).sum()).item()
+    if copied > max(LIMITS.fewest_copied, LIMITS.most_copied_share * len(frame)):
         raise InputError(
-            f"{copied} of {is_fresh.size} {noun}s have time and values of the {noun} before;"
+            f"{copied} of {len(frame)} {noun}s have time and values of the {noun} before;"
             f" {advice}, to read each once"
         )
     remark = (
         f"{begin} are taken for samples whose stamps were rounded; if the device was read faster"
         f" than it sampled, {advice}"
     )
-    return np.ones_like(is_fresh), [remark]
+    return frame, [remark]
 
 
 def with_plates(
@@ -243,53 +223,44 @@ def read_table(
         channels.append(clock)
     if not channels:
         raise InputError("nothing is read at its rate; name the column of time")
-    rows, rate_hz = channels[0].rows, source.time.rate
-    start_s = 0.0
-    if clock is None and rate_hz is None:
-        check_own_timing(channels, source)
-        rate_hz, start_s = rows.rate_hz, rows.start_s
-    if recording.loss.end != End.MISSING:  # else the file ends within the channels
-        check_equal_counts(channels)
-    rows = replace(rows, count=min(channel.rows.count for channel in channels))
+    is_own = clock is None and source.time.rate is None
+    check_one_timing(channels, source, is_own, is_whole=recording.loss.end != End.MISSING)
+    rows = replace(channels[0].rows, count=min(channel.rows.count for channel in channels))
     values = {column: channel.values[: rows.count] for column, channel in asked.items()}
     if clock is not None:
         return at_clock(rows, values, clock, source)
+    rate_hz, start_s = (rows.rate_hz, rows.start_s) if is_own else (source.time.rate, 0.0)
     return Table(rows, np.arange(rows.count) / (rate_hz or 1.0), start_s, values)
 
 
-def check_own_timing(channels: Sequence[Channel], source: TableSource) -> None:
-    """Refuse channels whose timing the file does not tell, or that have several timings."""
+def check_one_timing(
+    channels: Sequence[Channel], source: TableSource, is_own: bool, is_whole: bool
+) -> None:
+    """Refuse channels whose own timing the file does not tell, or that have several timings; and of
+    a whole file unequal counts. Some have then lost values, nothing tells where, and all later ones
+    would be early against the other channels."""
+    key = source.time.ADDRESS
+    first = channels[0]
     for channel in channels:
-        rows, first = channel.rows, channels[0].rows
-        if rows.rate_hz is None:
-            key = source.time.ADDRESS
+        rows = channel.rows
+        if is_own and rows.rate_hz is None:
             raise InputError(
                 f"{key} '{channel.key}' has no timing of its own; name the {key} of"
                 f" time, as `time: {{{key}: NAME, unit: s}}`, or {STATE_RATE}"
             )
-        if (rows.rate_hz, rows.start_s) != (first.rate_hz, first.start_s):
+        if is_own and (rows.rate_hz, rows.start_s) != (first.rows.rate_hz, first.rows.start_s):
             raise InputError(
                 f"'{channel.key}' is at {rows.rate_hz:g} Hz from {rows.start_s:g} s on, and"
-                f" '{channels[0].key}' at {first.rate_hz:g} Hz from {first.start_s:g} s on: save"
-                " channels at common times, as `interp1` gives"
+                f" '{first.key}' at {first.rows.rate_hz:g} Hz from {first.rows.start_s:g} s on:"
+                " save channels at common times, as `interp1` gives"
             )
-
-
-def check_equal_counts(channels: Sequence[Channel]) -> None:
-    """Refuse channels of one timing with unequal counts.
-
-    Some have lost values, nothing tells where, and all later ones would be early against the other
-    channels.
-    """
-    shortest = min(channels, key=lambda channel: channel.rows.count)
-    longest = max(channels, key=lambda channel: channel.rows.count)
-    if shortest.rows.count < longest.rows.count:
-        raise InputError(
-            f"channel '{longest.key}' has {longest.rows.count} values and '{shortest.key}' has"
-            f" {shortest.rows.count} for one time, and nothing tells which are lost: save channels"
-            " of one length, as `torque = interp1(t_torque, torque, t_angle)`, and never cut to one"
-            " length"
-        )
+        if is_whole and rows.count != first.rows.count:
+            raise InputError(
+                f"channel '{first.key}' has {first.rows.count} values and '{channel.key}' has"
+                f" {rows.count} for one time, and nothing tells which are lost: save channels of"
+                " one length, as `torque = interp1(t_torque, torque, t_angle)`, and never cut to"
+                " one length"
+            )
 
 
 def check_common_rows(table: Table, columns: Sequence[str]) -> None:
@@ -316,25 +287,27 @@ def at_clock(
     other = f"take another {source.time.ADDRESS}, or {STATE_RATE}"
     remarks: list[str] = []
     raw = np.ma.asarray(clock.values[: rows.count])
-    lacks = lacks_all([raw, *values.values()])
-    places = np.flatnonzero(~lacks)
-    if 0 < places.size < rows.count:
-        left_out = int(lacks[: places[-1]].sum())
-        if left_out:
-            remarks.append(
-                f"{left_out} of {places[-1] + 1} {rows.noun}s have none of the asked values and"
-                f" were left out, first {rows.place(int(np.argmax(lacks)))}"
-            )
+    # those of a longer channel that is not asked, or lines of another device
+    is_empty = np.all([is_missing(readings) for readings in (raw, *values.values())], axis=0)
+    places = np.flatnonzero(~is_empty | is_empty.all())
+    left_out = int(is_empty[: places[-1]].sum())
+    if left_out:
+        remarks.append(
+            f"{left_out} of {places[-1] + 1} {rows.noun}s have none of the asked values and were"
+            f" left out, first {rows.place(int(np.argmax(is_empty)))}"
+        )
+    if places.size < rows.count:
         rows = rows_at(rows, places)
-        raw = raw[places]
-    lacks = lacks_all([raw])
+    lacks = is_missing(raw[places])
     if raw.dtype == bool or lacks.any():
         place = rows.place(int(np.argmax(lacks)))
         raise InputError(f"{what}: no time in {place}; remove it there, {other}")
-    numbers = np.ma.getdata(raw)
+    numbers = np.ma.getdata(raw)[places]
     if numbers.dtype.kind == "f":  # single precision would round the differences
         numbers = numbers.astype(np.float64)
-    if source.time.rate is not None:
+    if source.time.rate is None:
+        factor = clock_factor(clock, source)
+    else:
         factor = 1 / source.time.rate
         is_broken = numbers != np.rint(numbers)
         if is_broken.any():
@@ -343,34 +316,24 @@ def at_clock(
                 f"{what}: {numbers[row]} in {rows.place(row)} is no count of samples, which a"
                 " column beside `rate` is; state its unit in place of the rate"
             )
-    else:
-        factor = clock_factor(clock, source)
     numbers, bits, turns = unwrapped(numbers)
     if turns:
         remarks.append(
             f"{what} counts to 2**{bits} and began anew {turns} times; it is taken to go on"
         )
-    stale = find_stale_rows(numbers)
-    remarks += remarks_on_stale_rows(rows, stale)
-    fresh = np.delete(np.arange(rows.count), stale)
+    fresh, stale = fresh_rows(rows, numbers)
     rows, numbers = rows_at(rows, fresh), numbers[fresh]
-    start_s = float(numbers[0]) * factor
     time = np.asarray((numbers - numbers[0]) * factor, dtype=np.float64)
     check_time(what, time)
-    check_clock_runs(rows, source, time, start_s)
+    check_clock_runs(rows, source, time, float(numbers[0]) * factor)
     kept = {column: readings[places[fresh]] for column, readings in values.items()}
-    return Table(rows, time, float(numbers[0]), kept, remarks)
+    return Table(rows, time, float(numbers[0]), kept, [*remarks, *stale])
 
 
-def lacks_all(channels: Sequence[NDArray[Any]]) -> NDArray[np.bool_]:
-    """Rows (n,) in which none of the channels has a value: those of a longer channel that is not
-    asked, or lines of another device."""
-    lacks = np.ones(channels[0].size, bool)
-    for values in channels:
-        lacks &= np.isnan(np.ma.filled(np.ma.asarray(values).astype(np.float64), np.nan))
-        if not lacks.any():
-            break
-    return lacks
+def is_missing(readings: NDArray[Any]) -> NDArray[np.bool_]:
+    """Whether readings (n,) are masked or NaN."""
+    known = np.ma.filled(np.ma.asarray(readings).astype(np.float64), np.nan)
+    return np.asarray(np.isnan(known))
 
 
 def rows_at(rows: Rows, places: NDArray[np.int64]) -> Rows:
@@ -394,15 +357,15 @@ def check_clock_runs(rows: Rows, source: TableSource, time: Array, start_s: floa
     first = np.flatnonzero(np.diff(time, prepend=-1.0))  # rows with a stamp of their own
     counts = np.diff(first, append=time.size)
     steps = np.diff(time[first])
-    most = int(counts.max())
-    stands_still = first.size == 1 < time.size
-    if most > COARSE_ROWS and source.time.repeated != "drop":
-        tells_seconds = first.size > 3 and np.median(steps) > COARSE_STEP_S
-        stands_still |= bool(most > COARSE_SHARE * time.size or tells_seconds)
-    if not stands_still:
+    most = counts.max()
+    has_changes = first.size > 3
+    tells_seconds = has_changes and np.median(steps) > LIMITS.coarse_step_s
+    is_coarse = tells_seconds or most > LIMITS.coarse_share * time.size
+    may_repeat = most <= LIMITS.coarse_rows or source.time.repeated == "drop"
+    if (may_repeat or not is_coarse) and most < max(time.size, 2):
         return
     other = f"take another {source.time.ADDRESS}, or {STATE_RATE}"
-    if first.size > 3:  # whole seconds still tell the rate, from the first change to the last
+    if has_changes:  # whole seconds still tell the rate, from the first change to the last
         other += f": its stamps tell {(first[-1] - first[1]) / steps[1:].sum():.4g}"
     row = int(first[counts.argmax()])
     raise InputError(

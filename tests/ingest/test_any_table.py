@@ -396,7 +396,7 @@ def test_tdms_channels_of_one_clock_and_unequal_counts_are_refused(tmp_path):
     with TdmsWriter(tmp_path / "a.tdms") as writer:
         writer.write_segment([angle, torque])
 
-    counts = "channel 'Run/Torque' has 480 values and 'Run/Angle' has 430 for one time"
+    counts = "channel 'Run/Angle' has 430 values and 'Run/Torque' has 480 for one time"
     with pytest.raises(InputError, match=counts):
         read_by_draft(tmp_path / "a.tdms")
 

@@ -11,7 +11,8 @@ from recognised_files import read_recognised, refusal_of
 
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.clock import aligned_clock
-from osl_analysis.ingest.conversion import Converted, find_stale_rows
+from osl_analysis.ingest.conversion import Converted, fresh_rows
+from osl_analysis.recording import Rows
 
 TIME = np.arange(4000) / 500
 ANGLE = 5 * np.sin(9 * TIME)
@@ -62,7 +63,7 @@ def test_a_gap_in_a_recording_makes_no_row_stale() -> None:
     clock = np.arange(2000) * 0.002
     clock[10:] += 5
 
-    assert find_stale_rows(clock).size == 0
+    assert fresh_rows(Rows(2000), clock)[0].size == 2000
 
 
 def test_a_stale_message_is_left_out_and_named(tmp_path: Path) -> None:

@@ -11,21 +11,25 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import constants
 
 from osl_analysis.errors import InputError
+from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.conversion import numbers_of
 from osl_analysis.recording import Channel, Kind, Recording, Rows
 from osl_analysis.source_file import TableSource
 from osl_analysis.trial import Array
-from osl_analysis.units import base_units, dimension, is_clock, name_and_ending, normalised
+from osl_analysis.units import (
+    EXAMPLES,
+    base_units,
+    dimension,
+    is_clock,
+    name_and_ending,
+    normalised,
+)
 
-TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # [s], of clocks
-LONG_UNITS = (60.0, 3600.0, 86_400.0)  # [s], of clocks of programs of tables
-OVERFLOWS = (8, 16, 24, 32)  # bits of the counters of microcontrollers
-RECORDED_HZ = (50.0, 5000.0)  # rates of recorders of joints: less than a factor of 1000
-FEWEST_TICKS = 20  # readings that show whether a column rises like a clock
-EVEN_STEP = 0.2  # a step differs from the median by less than this share of it
-EVEN_SHARE = 0.8  # of the steps of a clock are even
+TIME_UNITS = EXAMPLES["s"]  # [s], of clocks
+LONG_UNITS = (constants.minute, constants.hour, constants.day)  # of clocks of programs of tables
 
 
 def is_like_clock(name: str) -> bool:
@@ -44,10 +48,8 @@ def tells_time(name: str, unit: str) -> bool:
 
 def is_of_time(unit: str) -> bool:
     """Whether a unit is a unit of time, or a multiple of one, such as `second` and `10 us`."""
-    spelled = re.sub(r"^\d+\*?", "", normalised(unit))
-    if spelled in TIME_UNITS:
-        return True
-    known = base_units(spelled) if spelled else None
+    spelled = normalised(unit)
+    known = base_units(spelled) if spelled not in TIME_UNITS else (1.0, dimension("s"))
     return known is not None and known[1] == dimension("s")
 
 
@@ -83,7 +85,7 @@ def unwrapped(readings: NDArray[Any]) -> tuple[NDArray[Any], int, int]:
     if goes_back.any() and are_counts and (steps > 0).any():
         usual = float(np.median(steps[steps > 0]))
         turns = np.append(0, np.cumsum(goes_back))
-        for bits in OVERFLOWS:
+        for bits in LIMITS.overflow_bits:
             across = steps[goes_back] + 2.0**bits
             if (across >= 0).all() and (across <= 10 * usual).all():
                 return readings.astype(np.int64) + turns * 2**bits, bits, int(turns[-1])
@@ -95,10 +97,13 @@ def ticks(values: NDArray[Any], unit: str) -> bool:
     `time_unit` must find one that fits."""
     known = values[np.isfinite(values)]
     steps = np.diff(unwrapped(known)[0])
-    if steps.size < FEWEST_TICKS or not (steps >= 0).all():
+    if steps.size < LIMITS.fewest_ticks or not (steps >= 0).all():
         return False
     usual = float(np.median(steps))
-    if not usual > 0 or float(np.mean(np.abs(steps / usual - 1) < EVEN_STEP)) <= EVEN_SHARE:
+    if (
+        not usual > 0
+        or float(np.mean(np.abs(steps / usual - 1) < LIMITS.even_step)) <= LIMITS.even_share
+    ):
         return False
     return bool(is_of_time(unit) if unit else time_unit(values))
 
@@ -114,21 +119,17 @@ def rate_of(time: NDArray[Any], second: float = 1.0) -> float | None:
 def time_unit(clock: Array) -> str:
     """The likely unit of the readings (n,) of a clock; else empty.
 
-    Recorders of joints run at `RECORDED_HZ`: only one unit gives such a rate. Readings that rise
-    by one are left out: they may count rows, or be the whole seconds of a stamp in two parts.
+    Recorders of joints run at `recorded_hz`: only one unit gives such a rate. Readings that rise by
+    one are left out: they may count rows, or be the whole seconds of a stamp in two parts.
     """
     rate = rate_of(clock)
     steps = np.diff(clock)
-    counts_rows = bool(np.isin(steps, (0, 1)).all())
-    counts_seconds = rate == 1 and bool((steps == np.rint(steps)).all())
-    if rate is None or clock.size < FEWEST_TICKS or counts_rows or counts_seconds:
+    counts = rate == 1 and bool((steps == np.rint(steps)).all())
+    if rate is None or clock.size < LIMITS.fewest_ticks or counts:
         return ""
-    lowest, highest = RECORDED_HZ
-    per_second = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9, "d": 1 / 86_400}
-    for unit, factor in per_second.items():
-        if lowest <= rate * factor <= highest:
-            return unit
-    return ""
+    lowest, highest = LIMITS.recorded_hz
+    units = {**TIME_UNITS, "d": constants.day}
+    return next((unit for unit, s in units.items() if lowest <= rate / s <= highest), "")
 
 
 NUMBER = r"(\d+(?:[.,]\d+)*(?:e[+-]?\d+)?)"
@@ -154,16 +155,14 @@ def stated_rate(texts: Sequence[str]) -> float | None:
     not be that of the rows."""
     rates: set[float] = set()
     for text in texts:
+        interval = re.search(INTERVAL, text)
+        words = re.search(RATE_IN_WORDS, text)
         if re.search(NOT_OF_ROWS, text):
             return None
-        interval = re.search(INTERVAL, text)
-        step = number_in(interval[1]) if interval else 0.0
-        if interval and step > 0:
-            seconds = step * TIME_UNITS[(interval[2] or "") + "s"]
+        if interval and number_in(interval[1]) > 0:
+            seconds = number_in(interval[1]) * TIME_UNITS[(interval[2] or "") + "s"]
             rates.add(float(f"{1 / seconds:.9g}"))
-            continue
-        words = re.search(RATE_IN_WORDS, text)
-        if words:
+        elif words:
             kilo = 1000 if words[2] else 1
             rates.add(number_in(words[1] or words[3]) * kilo)
     if len(rates) == 1 and 1 < min(rates) < 1e6:
@@ -190,11 +189,6 @@ def span_ratio(span: float, other: float, more_units: Sequence[float] = LONG_UNI
 
 
 SECOND_NS = 1_000_000_000
-WRONG_RATE = 0.05  # share by which a stated rate may be off a clock before it is refused
-OTHER_RATE = 0.01  # share by which a stated rate may be off one that the file states
-CLOCK_APART = 0.005  # share by which two clocks may differ: I is then 1 % wrong
-MOST_TRIED = 1000  # first rows of a column that decide whether it may be a clock
-LONGEST_STEP = 0.02  # of a clock, as a share of its span; less than three mean steps is usual
 
 
 def check_other_clocks(
@@ -221,7 +215,7 @@ def check_other_clocks(
     Returns
     -------
     apart
-        RMS [s] of the difference of each clock whose rate differs by `CLOCK_APART` or more.
+        RMS [s] of the difference of each clock whose rate differs by `clock_apart` or more.
     remarks
         A sentence each.
 
@@ -233,25 +227,15 @@ def check_other_clocks(
     key, rate = source.time.ADDRESS, source.time.rate
     apart: dict[str, float] = {}
     remarks: list[str] = []
-    is_compared = False
-    if rate is not None:
-        for name, other in rates_in_file(recording, asked):
-            is_compared = True
-            if abs(rate / other - 1) > OTHER_RATE:
-                raise InputError(
-                    f"`rate: {rate:g}` of time, but the file says {other:.6g} Hz ({name}); correct"
-                    " the rate"
-                )
-    for channel, readings in clocks_beside(recording, source, clock, rows, asked):
-        known = np.isfinite(readings)
-        if known.sum() < 3 or known.size != time.size:
-            continue
-        steps = np.diff(unwrapped(readings[known])[0])
-        span = float(np.ptp(time[known]))
-        largest = max(3 * steps.mean(), LONGEST_STEP * steps.sum())
-        if steps.min() < 0 or not 0 < steps.max() <= largest or not span:
-            continue
-        is_compared = True
+    rates = [*rates_in_file(recording, asked)]
+    clocks = [*clocks_beside(recording, source, clock, rows, asked)]
+    for name, other in rates:
+        if rate is not None and abs(rate / other - 1) > LIMITS.other_rate:
+            raise InputError(
+                f"`rate: {rate:g}` of time, but the file says {other:.6g} Hz ({name}); correct the"
+                " rate"
+            )
+    for channel, readings, steps in clocks:
         if clock is not None and channel.name == clock.name and channel.kind != Kind.CLOCK:
             late = np.nanmedian(np.abs(readings - numbers_of(clock)[: readings.size]))
             if late > 0.5 * np.median(steps):
@@ -259,20 +243,21 @@ def check_other_clocks(
                     f"{key} '{channel.key}' tells another time for what stands beside it; export"
                     " the channels of each rate on their own, or each with the time of all"
                 )
+        span = float(np.ptp(time[np.isfinite(readings)]))
         ratio = span_ratio(float(steps.sum()), span)
-        if rate is not None and abs(ratio - 1) > WRONG_RATE:
+        if rate is not None and abs(ratio - 1) > LIMITS.wrong_rate:
             raise InputError(
                 f"`rate: {rate:g}` of time, but {key} '{channel.key}' rises by"
                 f" {steps.mean():.4g} a row; write `time: {{{key}: {channel.key}}}` with its unit,"
                 " or correct the rate"
             )
-        if abs(ratio - 1) > CLOCK_APART + steps.max() / steps.sum():
+        if abs(ratio - 1) > LIMITS.clock_apart + steps.max() / steps.sum():
             apart[channel.key] = abs(ratio - 1) * span / 12**0.5
             remarks.append(
                 f"{key} '{channel.key}' goes on {ratio:.4g} times as fast as time"
                 f" ({source.time.title}): B and I depend on which of them is right"
             )
-    if rate is not None and not is_compared:
+    if rate is not None and not (rates or clocks):
         remarks.append(
             f"`rate: {rate:g}` of time is compared with nothing: no clock and no rate stand in the"
             " file; by one that is 10 % wrong B is 10 % and I 21 % wrong"
@@ -286,22 +271,25 @@ def clocks_beside(
     clock: Channel | None,
     rows: Rows,
     asked: Mapping[str, Channel],
-) -> Iterator[tuple[Channel, Array]]:
-    """The channels that may be clocks, as long as the table, with their readings (n,). An asked
-    signal may be one only by its name, and beside a clock only what tells time: a signal may rise
-    as evenly."""
+) -> Iterator[tuple[Channel, Array, Array]]:
+    """The channels that may be clocks, as long as the table, with their readings (n,) and steps. An
+    asked signal may be one only by its name, and beside a clock only what tells time: a signal may
+    rise as evenly."""
+    signals = [*asked.values()]
     for channel in recording.channels:
-        if channel is clock or channel.rows.count != rows.count:
-            continue
         name = channel.name or channel.key
         is_named = channel.kind == Kind.CLOCK or is_like_clock(name)
-        if not is_named and any(channel is signal for signal in asked.values()):
-            continue
-        if source.time.rate is None and not tells_time(name, channel.unit):
+        may_be = is_named or channel not in signals
+        tells = source.time.rate is not None or tells_time(name, channel.unit)
+        if channel is clock or channel.rows.count != rows.count or not (may_be and tells):
             continue
         readings = numbers_of(channel) / (SECOND_NS if channel.kind == Kind.CLOCK else 1)
-        if is_named or ticks(readings[:MOST_TRIED], channel.unit):
-            yield channel, readings
+        steps = np.diff(unwrapped(readings[np.isfinite(readings)])[0])
+        if steps.size < 2 or not 0 <= steps.min() <= steps.max() > 0:
+            continue
+        goes_on = steps.max() <= max(3 * steps.mean(), LIMITS.longest_clock_step * steps.sum())
+        if goes_on and (is_named or ticks(readings[: LIMITS.most_tried], channel.unit)):
+            yield channel, readings, steps
 
 
 def rates_in_file(

@@ -3,7 +3,8 @@ of a pulse train that both recorded; by a gate that is high while the other one 
 one lag, at which a joint's encoder follows an angle between markers, whose scale, offset and sign
 may differ."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
@@ -29,8 +30,6 @@ class ClockFit:
     drift_error: float = 0.0  # standard error of the drift [1]
     residual: float = 0.0  # RMS of the residuals [s]; by correlation, standard error of the times
     edges: int = 0  # pairs of edges that were used
-    # Edges of the slave, during the time that both recorded, that match no edge of the master.
-    excluded_edges: int = 0
     # `edges`, `gate`, `correlation` of a signal, or `common`: the files share one time
     method: str = "edges"
 
@@ -91,9 +90,7 @@ def fit_clock(slave: Edges, master: Edges) -> ClockFit:
             f" {line.edges} edges, within {1e3 * limit:.2f} ms is needed; check the sync cable and"
             " both sync channels"
         )
-    expected = line.to_master(slave.time)
-    common = (expected >= master.time[0] - limit) & (expected <= master.time[-1] + limit)
-    return replace(line, excluded_edges=max(int(common.sum()) - line.edges, 0))
+    return line
 
 
 def pairs_alike(slave: Edges, master: Edges) -> tuple[Array, Array]:
@@ -304,8 +301,8 @@ def aligned_clock(
         return ClockFit(start, method="common"), []
     missing = "the clocks cannot be aligned; map the channel in its source file"
     try:
-        pulses = find_edges(*values_of(log, "sync", f"log: {missing}"))
-        time, level = values_of(mocap, "sync", f"motion capture: {missing}")
+        pulses = find_edges(*values_of(log, f"log: {missing}", "sync"))
+        time, level = values_of(mocap, f"motion capture: {missing}", "sync")
         edges = find_edges(time, level)
         return fit_clock(pulses, edges) if edges.time.size else gate_fit(pulses, time), []
     except InputError as error:
@@ -314,35 +311,29 @@ def aligned_clock(
         refused = error
     what = f"'{shared.column}' and the angle at marker {shared.markers[1]}"
     with naming(f"{refused}; cross-correlation of {what} does not align them either"):
-        fit = correlate_clocks(*shared_angles(log, mocap, shared))
+        in_log = values_of(log, "log; map the channel in its source file", shared.column)
+        fit = correlate_clocks(in_log, angle_between(mocap, shared.markers))
     return fit, [
         f"clocks aligned by cross-correlation of {what}, because of the sync edges: {refused}"
     ]
 
 
-def shared_angles(log: Converted, mocap: Converted, shared: SharedAngle) -> tuple[Signal, Signal]:
-    """Times [s] and values of an angle that both recorded: a column of the log, and that at the
-    second of three markers, where all are seen."""
-    in_log = values_of(log, shared.column, "log; map the channel in its source file")
-    columns: list[str] = []
-    for label in shared.markers:
-        columns += marker_columns(label)
-        if columns[-1] not in mocap.samples.columns:
-            raise InputError(
-                f"no marker '{label}', which `shared` names; correct the source file of motion"
-                " capture"
-            )
-    seen = mocap.samples.select("time", *columns).fill_nan(None).drop_nulls()
-    first, vertex, last = seen.select(columns).to_numpy().reshape(-1, 3, 3).swapaxes(0, 1)
+def angle_between(mocap: Converted, markers: Sequence[str]) -> Signal:
+    """Times [s] and angle at the second of three markers, where all are seen."""
+    columns = [column for label in markers for column in marker_columns(label)]
+    advice = "motion capture; correct `shared` in its source file"
+    time, positions = values_of(mocap, advice, *columns)
+    first, vertex, last = positions.reshape(-1, 3, 3).swapaxes(0, 1)
     sine = np.linalg.norm(np.cross(first - vertex, last - vertex), axis=1)
     cosine = ((first - vertex) * (last - vertex)).sum(axis=1)
-    return in_log, (seen["time"].to_numpy(), np.arctan2(sine, cosine))
+    return time, np.arctan2(sine, cosine)
 
 
-def values_of(recording: Converted, column: str, advice: str) -> Signal:
-    """Times [s] and values of a column where it was sampled. Raises InputError, with `advice`:
-    there is no column."""
-    if column not in recording.samples.columns:
-        raise InputError(f"no column '{column}' from {advice}")
-    rows = recording.samples.select("time", column).drop_nulls()
-    return rows["time"].to_numpy(), rows[column].to_numpy()
+def values_of(recording: Converted, advice: str, *columns: str) -> Signal:
+    """Times [s] and values of columns where all were sampled, (n,) of one and else (n, columns).
+    Raises InputError, with `advice`: there is no such column."""
+    for column in columns:
+        if column not in recording.samples.columns:
+            raise InputError(f"no column '{column}' from {advice}")
+    rows = recording.samples.select("time", *columns).fill_nan(None).drop_nulls()
+    return rows["time"].to_numpy(), rows.drop("time").to_numpy().squeeze()

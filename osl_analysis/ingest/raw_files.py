@@ -6,18 +6,20 @@ import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import asdict, replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 
 from osl_analysis import formats
 from osl_analysis.errors import InputError, listing, naming, nearest, printable
 from osl_analysis.formats import known_formats
 from osl_analysis.formats._text import begins_with_rows
-from osl_analysis.ingest.assemble import assemble
 from osl_analysis.ingest.capture import convert_capture
+from osl_analysis.ingest.clock import ClockFit, aligned_clock
 from osl_analysis.ingest.conversion import Converted
 from osl_analysis.ingest.guard import check_sizes
 from osl_analysis.ingest.message_log import convert_messages
@@ -207,21 +209,37 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
         sources[role] = read_source(sources_folder / f"{described}.yaml")
     if len(sources) == 2:
         check_clocks(sources["log"], sources["mocap"])
+
+    provenance: dict[str, Any] = {
+        "software": {"name": "osl-analysis", "version": version("osl-analysis")},
+        "files": {},
+        "columns": {},
+        "plates": [],
+        "warnings": [],
+    }
     recordings: dict[str, Converted] = {}
-    identities: dict[str, dict[str, Any]] = {}
     for role, source in sources.items():
-        part = cells.get("log_part", "")
-        used = source.of_part(part) if isinstance(source, LogSource) else source
-        recordings[role], identity = read_raw_file(raw_folder / files[role], used)
-        identities[role] = {**identity, "path": files[role], "source": cells[f"{role}_source"]}
+        part = cells.get("log_part", "") if role == "log" else ""
+        recording, identity = read_raw_file(raw_folder / files[role], source.of_part(part))
+        recordings[role] = recording
+        of_file = {"path": files[role], "source": cells[f"{role}_source"]}
+        provenance["files"][role] = {**identity, **of_file}
+        facts = dict(recording.facts)
+        provenance["plates"] += facts.pop("plates", [])
+        provenance["warnings"] += [printable(text) for text in recording.warnings]
+        provenance[role] = facts
+        for column, origin in recording.origins.items():
+            provenance["columns"][column] = {"file": role, **origin}
+        if recording.losses:
+            provenance.setdefault("damage", {})[role] = recording.losses
+    samples = recording.samples
     with naming(f"trial {name} ({', '.join(files.values())})"):
-        trial = assemble(
-            name,
-            recordings,
-            identities,
-            shared=getattr(sources.get("mocap"), "shared", None),
-            is_common=getattr(sources.get("log"), "clock", "") == "common",
-        )
+        if len(recordings) == 2:
+            fit, warnings = fit_of_clocks(recordings, sources)
+            provenance["clock"] = asdict(fit)
+            provenance["warnings"] += warnings
+            samples = merged(recordings["log"], recordings["mocap"], fit)
+        trial = Trial(name, samples, provenance)
     fixture = {
         column.removeprefix("fixture_"): value
         for column, value in row.items()
@@ -230,6 +248,46 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
     if any(fixture.values()) and "torque" in trial.columns:  # the time base takes its torque off
         trial.provenance["columns"]["torque"]["fixture"] = fixture
     return trial
+
+
+def fit_of_clocks(
+    recordings: Mapping[str, Converted], sources: Mapping[str, Source]
+) -> tuple[ClockFit, list[str]]:
+    """The log's clock fitted to motion capture's, and remarks. Raises InputError: both have a
+    column."""
+    log, mocap = recordings["log"], recordings["mocap"]
+    twice = sorted((log.origins.keys() & mocap.origins.keys()) - {"sync"})
+    if twice:
+        raise InputError(
+            f"column '{twice[0]}' is mapped in log and motion capture; remove it from one source"
+            " file"
+        )
+    shared = getattr(sources["mocap"], "shared", None)
+    is_common = getattr(sources["log"], "clock", "") == "common"
+    return aligned_clock(log, mocap, shared, is_common)
+
+
+def merged(log: Converted, mocap: Converted, fit: ClockFit) -> pl.DataFrame:
+    """The rows of both in the order of motion capture's time [s]; rows of the same nanosecond
+    become one row. The log's rows before and after motion capture are not used. The column `sync`
+    is motion capture's."""
+    log_time = pl.Series("log_time", fit.to_master(log.samples["time"].to_numpy()))
+    own = log.samples.drop("time", "sync", strict=False).insert_column(0, log_time)
+    rows = own.filter(log_time.is_between(0.0, float(mocap.samples["time"][-1])))
+    if rows.is_empty():
+        raise InputError(
+            "log and motion capture do not overlap in time; check that they are of the same trial"
+        )
+    # by whole nanoseconds, on which tables can be joined; floats would not match
+    of_mocap = with_key(mocap.samples, "time")
+    of_log = with_key(rows, "log_time")
+    joined = of_mocap.join(of_log, on="key", how="full", coalesce=True)
+    in_order = joined.sort("key").with_columns(time=pl.coalesce("time", "log_time"))
+    return in_order.drop("key", "log_time")
+
+
+def with_key(table: pl.DataFrame, column: str) -> pl.DataFrame:
+    return table.with_columns(key=(pl.col(column) / 1e-9).round().cast(pl.Int64))
 
 
 def read_raw_file(path: Path, source: Source) -> tuple[Converted, dict[str, Any]]:

@@ -20,9 +20,9 @@ from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
 from osl_analysis.formats import known_formats
-from osl_analysis.ingest.assemble import merged
 from osl_analysis.ingest.clock import ClockFit
 from osl_analysis.ingest.conversion import Converted
+from osl_analysis.ingest.raw_files import merged
 from osl_analysis.recording import Recording
 from osl_analysis.trial import (
     Trial,

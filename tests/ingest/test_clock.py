@@ -76,7 +76,7 @@ def test_recovers_offset_and_drift_within_what_sampling_allows(duration: float) 
     assert fit.drift_error == pytest.approx(
         1 / np.hypot(duration * np.sqrt(fit.edges / 12) / sampling, 1e4), rel=0.15
     )
-    assert (fit.residual, fit.excluded_edges) == (pytest.approx(sampling, rel=0.4), 0)
+    assert fit.residual == pytest.approx(sampling, rel=0.4)
 
 
 @pytest.mark.parametrize("offset", [-812.3456, 0.00071])
@@ -88,7 +88,6 @@ def test_offset_and_drift_come_back_although_a_twentieth_of_edges_are_bad(
     fit, time = fit_clock(spoilt(slave, rng), spoilt(master, rng)), np.array([0.0, 150.0, 300.0])
     assert abs(fit.to_master(time - offset) - (1 + DRIFT) * time).max() < 0.1 / SLAVE_RATE
     assert fit.drift == pytest.approx(DRIFT, abs=1e-6)
-    assert 0.02 < fit.excluded_edges / fit.edges < 0.15
 
 
 def test_edges_that_are_two_samples_late_take_no_part_in_the_clock() -> None:
@@ -101,7 +100,7 @@ def test_edges_that_are_two_samples_late_take_no_part_in_the_clock() -> None:
 
     fit = fit_clock(late, master)
 
-    assert fit.excluded_edges == pytest.approx(is_late.sum(), abs=2)  # but those at its ends
+    assert fit.edges <= (~is_late).sum()
     assert fit.to_master(15.0) == pytest.approx(fit_clock(edges, master).to_master(15.0), abs=2e-4)
 
 

@@ -21,7 +21,6 @@ from osl_analysis.signals import Motion, differentiate, runs
 from osl_analysis.signals.grid import UniformSignals, uniform_signals
 from osl_analysis.signals.plateaus import FEWEST_PLATEAUS, is_clamped, plateaus_of
 from osl_analysis.stats.estimates import Row, estimates_row
-from osl_analysis.stats.linear_fit import without
 from osl_analysis.trial import Array, Trial
 
 ACTUATOR_PARAMETERS = ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m")
@@ -145,13 +144,13 @@ def check_prompt(
     like a wrong sign."""
     rows = moving[:: max(len(moving) // MOST_TRIED, 1)]
     others = [columns[name] for name in ("f_C", "B_m", "J_m", "one", "ramp")]
-    beside = without(np.stack(others, axis=1)[rows])
+    fixed = np.stack(others, axis=1)[rows]
     current = columns["k_tau_n_m"]
-    shifted = [np.roll(current, -round(lag * rate_hz))[rows] for lag in SOUGHT_LAGS_S]
-    tried = beside(np.stack(shifted, axis=1))
-    left = beside(torque[rows])
+    shifted = [np.roll(current, -round(lag * rate_hz)) for lag in SOUGHT_LAGS_S]
+    signals = np.column_stack([torque, *shifted])[rows]
+    left, *tried = (signals - fixed @ np.linalg.lstsq(fixed, signals)[0]).T
 
-    unexplained = left @ left - (left @ tried) ** 2 / np.sum(tried**2, axis=0)
+    unexplained = left @ left - (tried @ left) ** 2 / np.sum(np.square(tried), axis=1)
     lag_s = float(SOUGHT_LAGS_S[np.argmin(unexplained)])
     if unexplained.min() < FAR_BETTER * unexplained[SOUGHT_LAGS_S == 0]:
         way, late = ("earlier", "current") if lag_s > 0 else ("later", "torque_m")

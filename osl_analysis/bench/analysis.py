@@ -17,8 +17,8 @@ from osl_analysis.bench.record import Label, Record
 from osl_analysis.bench.regression import GroupFit, Sums, fit_groups
 from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.signals import seven_point_motion
-from osl_analysis.stats.estimates import Row, diagnostics_row, estimates_row
-from osl_analysis.stats.linear_fit import LinearFit, with_shared_error
+from osl_analysis.stats.estimates import Row, estimates_row
+from osl_analysis.stats.linear_fit import LinearFit
 from osl_analysis.trial import Array
 
 QUANTITIES = ("K", "B", "I")  # parameters of Eq. 15
@@ -78,7 +78,10 @@ class Analysis:
         fit = self.calibrated(self.fits[label], label)
         return {
             **{f"{name}_se_bench": fit.se_bench(name) for name in names},
-            **diagnostics_row(fit, fit.interval_method),
+            "interval_method": fit.interval_method,
+            "VAF": fit.vaf,
+            "condition_number": fit.condition_number,
+            "largest_correlation": fit.largest_correlation,
         }
 
     def calibrated(self, fit: GroupFit, label: Label = None) -> GroupFit:
@@ -239,7 +242,7 @@ def fits_by_label(sums: Sums, model: Model) -> dict[Label, GroupFit]:
                     " one frequency K - I w^2 is one number; excite it below"
                     f" {hz[0] / 2:.2g} Hz or from {2 * hz[0]:.2g} Hz as well, {STIFFNESS_ALONE}"
                 )
-            fits[label] = fit_groups(sums, model, label)
+            fits[label] = fit_groups(sums, model, sums.groups.of(label))
         except IdentifiabilityError:  # a drive may reach fewer frequencies at one amplitude
             if label is None:
                 raise
@@ -249,14 +252,8 @@ def fits_by_label(sums: Sums, model: Model) -> dict[Label, GroupFit]:
 def widened(fit: GroupFit, change: Array, of_bench: bool = False) -> GroupFit:
     """The fit with an error of type B in its intervals, which changes the estimates by `change`
     (p,) per standard deviation; `of_bench`: all trials on the bench have the same error."""
-    with_error = with_shared_error(fit, change)
     bench_variance = fit.bench_variance + change**2 if of_bench else fit.bench_variance
-    return replace(
-        fit,
-        covariance=with_error.covariance,
-        degrees_of_freedom=with_error.degrees_of_freedom,
-        bench_variance=bench_variance,
-    )
+    return replace(fit.with_shared_error(change), bench_variance=bench_variance)
 
 
 def torque_errors(

@@ -125,7 +125,7 @@ def fit_branches(record: Record, drift: float = 0.0) -> Analysis:
     fits: dict[Label, GroupFit] = {}
     for name, (branch, model) in models.items():
         of_ramp = estimates_of(s.over(branch), s.index(list(model.values())), s.names.index("ramp"))
-        fit = widened(fit_groups(s, model, branch), drift * of_ramp)
+        fit = widened(fit_groups(s, model, s.groups.of(branch)), drift * of_ramp)
         if drift:
             fit = replace(fit, interval_method=f"{fit.interval_method} + drift")
         fits[name] = fit

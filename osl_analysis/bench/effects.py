@@ -99,7 +99,8 @@ def linear_torque(record: Record, expected: Admittance) -> Array:
 
 def with_effects(s: Sums, model: Model, effects: Sequence[str], label: Label = None) -> GroupFit:
     """Fit of a model with the columns of effects to a label. Raises as `fit_groups`."""
-    return fit_groups(s, {**model, **{name: name for name in effects}}, label, EFFECTS_LIMIT)
+    with_columns = {**model, **{name: name for name in effects}}
+    return fit_groups(s, with_columns, s.groups.of(label), EFFECTS_LIMIT)
 
 
 @dataclass(frozen=True)

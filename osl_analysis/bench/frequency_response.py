@@ -19,9 +19,8 @@ from osl_analysis.bench.analysis import Analysis
 from osl_analysis.bench.record import Record
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError
-from osl_analysis.stats.covariance import products_between, welch_satterthwaite
 from osl_analysis.stats.estimates import Row
-from osl_analysis.stats.linear_fit import NORMAL_HALF_WIDTH
+from osl_analysis.stats.linear_fit import NORMAL_HALF_WIDTH, products_between, welch_satterthwaite
 from osl_analysis.trial import Array
 
 Spectrum = NDArray[np.complex128]

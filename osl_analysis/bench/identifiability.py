@@ -1,11 +1,11 @@
 """Whether a motion that is no stepped sine tells K, B and I, and how well at most."""
 
 import numpy as np
+import scipy
 
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import GroupFit, Sums
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.stats.power_density import power_density
 from osl_analysis.trial import Array
 
 STIFFNESS_ALONE = "or take experiment 'torque_angle' in the sheet, for the stiffness alone"
@@ -76,7 +76,8 @@ def acceleration_noise(record: Record) -> float:
     """
     rate_hz, cutoff_hz = record.rate_hz, record.low_pass.cutoff_hz
     removed = record.part(record.theta - record.motion.theta)
-    frequency, density = power_density(removed, rate_hz, min(round(rate_hz), len(removed)))
+    rows = min(round(rate_hz), len(removed))
+    frequency, density = scipy.signal.welch(removed, rate_hz, nperseg=rows)
     level = float(np.median(density[frequency > 0.35 * rate_hz]))
     beyond = (frequency > 2 * cutoff_hz) & (frequency < min(4 * cutoff_hz, 0.45 * rate_hz))
     if beyond.any():

@@ -35,7 +35,7 @@ from osl_analysis.dictionary import table_of
 from osl_analysis.inference import ImpedanceInference
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
 from osl_analysis.model.drivetrain import DrivetrainParameters, joint_admittance
-from osl_analysis.stats.estimates import Impedance, Row
+from osl_analysis.stats.estimates import Estimate, Row
 
 LITTLE = {"K": 0.0, "B": 2.0, "I": 5e-3}
 """Sizes of K, B [N*m*s/rad] and I [kg*m^2], added in quadrature to the divisor of a relative
@@ -178,8 +178,11 @@ def impedance_table(
         "VAF_held_out": held_out_vaf(analysis.sums, analysis.model),
     }
     over_amplitudes = amplitudes_row(analysis)
-    wide = with_other_stamps(analysis, Impedance.of_fit(analysis.calibrated(whole)))
-    of_whole = {**wide.K.columns("K"), **wide.B.columns("B"), **wide.I.columns("I")}
+    calibrated = analysis.calibrated(whole)
+    estimates = {name: Estimate.of_fit(calibrated, name) for name in QUANTITIES}
+    of_whole: Row = {}
+    for name, estimate in with_other_stamps(analysis, estimates).items():
+        of_whole |= estimate.columns(name)
     rows: list[Row] = []
     for label, fit in analysis.fits.items():
         rows.append(

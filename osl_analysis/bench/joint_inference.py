@@ -8,6 +8,7 @@ sign fast: its B is up to 6 % too large.
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 
@@ -106,12 +107,19 @@ def friction_columns(
     certain = of_column.certain if of_column else None
     share = of_column.share if of_column else None
     size = Estimate.of_fit(certain, "T_C") if certain else None
-    without = Impedance.of_fit(certain) if certain else None
+    without: Impedance | None = None
+    if certain:
+        without = {name: Estimate.of_fit(certain, name) for name in QUANTITIES}
     if label is None and inferred is not None:
         share, without = 0.0, None
         if inferred.friction_probability > CERTAIN_FRICTION and (is_leg or size):
-            without = inferred.without_friction.widened_by(known_errors(analysis))
-            share = max(1 - without.B.value / analysis.whole["B"], 0.0)
+            # what is stated of the bench, and a band that hardly tells them, no scatter shows
+            whole = analysis.calibrated(analysis.whole)
+            without = {
+                name: estimate.widened_by(whole.se_bench(name))
+                for name, estimate in inferred.without_friction.items()
+            }
+            share = max(1 - without["B"].value / analysis.whole["B"], 0.0)
         else:
             size = None
     if label is None and without is not None:
@@ -119,9 +127,9 @@ def friction_columns(
     return {
         "coulomb_share": share,
         **estimate_columns("f_C", size),
-        **estimate_columns("B_viscous", without.B if without else None),
-        **estimate_columns("K_without_friction", without.K if without else None),
-        **estimate_columns("I_without_friction", without.I if without else None),
+        **estimate_columns("B_viscous", without["B"] if without else None),
+        **estimate_columns("K_without_friction", without["K"] if without else None),
+        **estimate_columns("I_without_friction", without["I"] if without else None),
     }
 
 
@@ -131,15 +139,11 @@ def with_other_stamps(analysis: Analysis, impedance: Impedance) -> Impedance:
     other = analysis.fits_with_other_stamps.get(None)
     if other is None:
         return impedance
-    moved = impedance.moved_by(Impedance.of_fit(analysis.whole), Impedance.of_fit(other))
-    return impedance.widened_to_include(moved)
-
-
-def known_errors(analysis: Analysis) -> dict[str, float]:
-    """Standard errors of K, B and I that no scatter shows: what is stated of the bench, and a band
-    that hardly tells them."""
-    whole = analysis.calibrated(analysis.whole)
-    return {name: whole.se_bench(name) for name in QUANTITIES}
+    by = {name: other[name] - analysis.whole[name] for name in QUANTITIES}
+    return {
+        name: replace(each, low=each.low + min(by[name], 0), high=each.high + max(by[name], 0))
+        for name, each in impedance.items()
+    }
 
 
 def suspected_fault_of_losses(record: Record) -> ImpedanceInference | None:

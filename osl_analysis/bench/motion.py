@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.bench.bench_settings import ImpedanceAnalysis, SteppedSineAnalysis
@@ -30,7 +31,6 @@ from osl_analysis.spectral.stepped_sine import (
     labels_deg,
     moving_bins,
 )
-from osl_analysis.stats.power_density import power_density
 from osl_analysis.trial import LATE_END_S, Array, Trial, stretches
 
 SHORTEST_S = 1.0  # s; the shortest stretch that is fitted
@@ -214,8 +214,9 @@ def band_of(record: Record) -> tuple[float, float]:
     first, 1 % of the acceleration's above the second. Spectra are of parts of up to 8 s."""
     theta, alpha = record.part(record.motion.theta), record.part(record.motion.alpha)
     length = min(round(SPECTRUM_S * record.rate_hz), len(theta))
-    frequency, of_angle = power_density(theta, record.rate_hz, length)
-    _, of_acceleration = power_density(alpha, record.rate_hz, length)
+    frequency, (of_angle, of_acceleration) = scipy.signal.welch(
+        np.array([theta, alpha]), record.rate_hz, nperseg=length
+    )
     below, up_to = np.cumsum(of_angle[1:]), np.cumsum(of_acceleration[1:])
     lowest = np.argmax(below > OUTSIDE_BAND * below[-1])
     highest = np.argmax(up_to > (1 - OUTSIDE_BAND) * up_to[-1])

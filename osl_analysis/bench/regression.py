@@ -33,15 +33,18 @@ from numpy.typing import NDArray
 from osl_analysis.bench.record import Groups, Label, Record
 from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.measured import check_measured
-from osl_analysis.stats import linear_fit as rules
-from osl_analysis.stats.covariance import between_cycles, products_between
-from osl_analysis.stats.linear_fit import CONDITION_LIMIT, LinearFit
+from osl_analysis.stats.linear_fit import (
+    CONDITION_LIMIT,
+    SMALLEST_DIRECTION,
+    LinearFit,
+    between_cycles,
+    condition_of,
+    products_between,
+    solved,
+    vaf_by_moments,
+)
 from osl_analysis.trial import Array
 
-SMALLEST_DIRECTION = 1e-13  # eigenvalue over the largest one, below which it is rounding
-# of the largest one: rounding can make the smallest 0 or negative; its condition number is then
-# 1e15, above every limit
-LEAST_EIGENVALUE = 1e-30
 # largest scaled condition number with effects, whose columns may be nearly collinear
 EFFECTS_LIMIT = 1e5
 FEWEST_UNITS = 4  # with fewer strata the groups are left out instead
@@ -126,47 +129,9 @@ def gram_sums(
     return Sums(tuple(columns), gram, groups, tuple(rich), centre, columns)
 
 
-def solved(A: Array, b: Array) -> tuple[Array, Array]:
-    """Solve normal equations A x = b, (p, p) and (p,), for the estimates (p,); also the inverse of
-    A. Directions of A that rounding alone fills are left out."""
-    scale = np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(A / np.outer(scale, scale))
-    parts = vectors / scale[:, None]
-    is_known = values > SMALLEST_DIRECTION * values[-1]
-    weights = np.divide(1, values, out=np.zeros_like(values), where=is_known)
-    inverse = parts * weights @ parts.T
-    estimates = inverse @ b
-    # one step of refinement takes off what rounding of the inverse has added
-    return estimates + inverse @ (b - A @ estimates), inverse
-
-
 def estimates_of(total: Array, at: Sequence[int], q: int) -> Array:
     """Estimates (p,) of the columns `at` for the torque, column q, alone."""
     return solved(total[np.ix_(at, at)], total[at, q])[0]
-
-
-def condition_of(
-    model: Mapping[str, str], A: Array, inverse: Array, limit: float
-) -> tuple[float, float]:
-    """Scaled condition number of columns about their means, by their normal equations A (p, p), and
-    the largest correlation of two estimates, by its inverse.
-
-    Raises
-    ------
-    IdentifiabilityError
-        The condition number is above the limit, or a column is 0.
-    """
-    columns = list(model.values())
-    scale = np.sqrt(rules.check_not_zero(tuple(model), np.diag(A)))
-    values, vectors = np.linalg.eigh(A / np.outer(scale, scale))
-    condition = float(np.sqrt(values[-1] / max(values[0], LEAST_EIGENVALUE * values[-1])))
-    varies = [k for k, column in enumerate(columns) if column != "one"]
-    of_varying = inverse[np.ix_(varies, varies)]
-    if len(varies) > 1 and condition < rules.ROUNDED:
-        condition = rules.scaled_condition(of_varying)
-    if condition > limit:
-        rules.refuse_unidentifiable(tuple(model), vectors[:, 0], condition)
-    return condition, rules.largest_correlation(of_varying)
 
 
 @dataclass(frozen=True)
@@ -233,7 +198,7 @@ class GroupFit(LinearFit):
 def fit_groups(
     s: Sums,
     model: Mapping[str, str],
-    label: Label = None,
+    chosen: NDArray[np.bool_] | None = None,
     limit: float = CONDITION_LIMIT,
 ) -> GroupFit:
     """Fit the torque by least squares (Eq. 15), with an interval that covers this motion.
@@ -244,8 +209,8 @@ def fit_groups(
         Sums of the recording.
     model
         Column of each of p estimates, by the estimate's name, as `K: theta`.
-    label
-        Whose groups are fitted; None: all.
+    chosen
+        Which groups (m,) are fitted; None: all.
     limit
         Largest scaled condition number.
 
@@ -256,14 +221,15 @@ def fit_groups(
     """
     columns = list(model.values())
     p = len(columns)
-    groups = np.flatnonzero(s.groups.of(label))
+    groups = np.arange(len(s.gram)) if chosen is None else np.flatnonzero(chosen)
     used = np.array([*s.index(columns), s.torque, s.torque + 1])
     offset = columns.index("one")
     products = s.gram[:, used[:, None], used][groups]
     total = products.sum(axis=0)
     A = total[:p, :p]
     estimates, inverse = solved(A, total[:p, p])
-    condition, correlation = condition_of(model, A, inverse, limit)
+    varies = [k for k, column in enumerate(columns) if column != "one"]
+    condition, correlation = condition_of(tuple(model), varies, A, inverse, limit)
 
     stratum = np.unique(s.groups.stratum[groups], return_inverse=True)[1]
     has_strata = int(stratum.max()) + 1 >= FEWEST_UNITS
@@ -387,7 +353,7 @@ def accounted_for(total: Array, at: Sequence[int], one: int, estimates: Array) -
     weights = np.append(-estimates, 1.0)
     left = max(float(weights @ covariance @ weights), 0.0)
     mean_square = total[at[-1], at[-1]] / n
-    return float(rules.vaf_by_moments(left, covariance[-1, -1], mean_square))
+    return float(vaf_by_moments(left, covariance[-1, -1], mean_square))
 
 
 def held_out_vaf(s: Sums, model: Mapping[str, str]) -> float | None:
@@ -397,10 +363,8 @@ def held_out_vaf(s: Sums, model: Mapping[str, str]) -> float | None:
     place = np.argsort(np.argsort(s.groups.first, kind="stable"), kind="stable") % 3
     vafs = []
     for third in np.unique(place):
-        total = s.gram[place != third].sum(axis=0)[np.ix_(at, at)]
-        estimates, inverse = solved(total[:-1, :-1], total[:-1, -1])
         try:
-            condition_of(model, total[:-1, :-1], inverse, CONDITION_LIMIT)
+            estimates = fit_groups(s, model, place != third).estimates
         except IdentifiabilityError:
             return None
         held_out = s.gram[place == third].sum(axis=0)

@@ -39,7 +39,8 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
     rows: list[Row] = []
     for label, fit in analysis.fits.items():
         # a weight acts as a spring: its torque grows with the angle
-        weight = fit_groups(s, {**TRANSMISSION, "weight": "theta"}, label, EFFECTS_LIMIT)
+        with_weight = {**TRANSMISSION, "weight": "theta"}
+        weight = fit_groups(s, with_weight, s.groups.of(label), EFFECTS_LIMIT)
         share_of_weight = 0.0
         if weight.certain("weight", effects.FALSE_ALARM):
             share_of_weight = 1 - fit["J_j"] / weight["J_j"]

@@ -87,7 +87,7 @@ def infer_impedance(
     sound = impedance_of(best_sound.fit)
     moved_shares = [
         float(move / max(abs(estimate.value), estimate.high - estimate.value))
-        for move, estimate in zip(moved, (sound.K, sound.B, sound.I), strict=True)
+        for move, estimate in zip(moved, sound.values(), strict=True)
     ]
     return ImpedanceInference(
         without_friction=sound,
@@ -161,8 +161,8 @@ def impedance_of(fit: Predicted) -> Impedance:
     standard_errors = np.sqrt(np.diag(fit.covariance))
     half_widths = scipy.special.stdtrit(BLOCKS - 1, 0.975) * standard_errors
     values = fit.impedances[0]
-    columns = np.column_stack([values, standard_errors, values - half_widths, values + half_widths])
-    return Impedance(*(Estimate(*row) for row in columns.tolist()))
+    columns = np.column_stack([values, values - half_widths, values + half_widths]).tolist()
+    return {name: Estimate(*row) for name, row in zip(("K", "B", "I"), columns, strict=True)}
 
 
 def explained(each: Weighed) -> Explanation:

@@ -25,7 +25,6 @@ from osl_analysis.inference.constants import (
     VISIBLE_ABOVE_NOISE,
 )
 from osl_analysis.measured import check_finite
-from osl_analysis.stats.power_density import power_density
 from osl_analysis.trial import Array
 
 Spectrum = NDArray[np.complex128]
@@ -327,7 +326,7 @@ def noise_and_band(theta: Array, rate_hz: float) -> tuple[float, float, float]:
     `VISIBLE_ABOVE_NOISE` times the noise.
     """
     length = min(round(2 * rate_hz), len(theta))
-    frequency, power = power_density(scipy.signal.detrend(theta), rate_hz, length)
+    frequency, power = scipy.signal.welch(scipy.signal.detrend(theta), rate_hz, nperseg=length)
     if rate_hz < 300.0:
         highest = frequency > 0.35 * rate_hz
     else:

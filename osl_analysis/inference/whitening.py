@@ -10,6 +10,7 @@ high-pass has to be chosen.
 from functools import cached_property
 
 import numpy as np
+import scipy
 
 from osl_analysis.inference.actuator import frictionless_actuator
 from osl_analysis.inference.constants import (
@@ -24,7 +25,6 @@ from osl_analysis.inference.friction_shapes import (
 )
 from osl_analysis.inference.least_squares import solve_scaled
 from osl_analysis.inference.spectra import Spectra, Spectrum
-from osl_analysis.stats.power_density import power_density
 from osl_analysis.trial import Array
 
 ROUNDS = 2  # the second one weighs the rich model by the spectrum that the first one found
@@ -169,8 +169,8 @@ def whitening_gain(spectra: Spectra, rich: Spectrum) -> Array:
         torque = spectra.filtered_rows(plain_torque, gain)
         estimates = solve_scaled(columns, torque)
         residual = plain_torque - estimates @ plain_columns
-        frequency, power = power_density(
-            residual, spectra.working_rate_hz, segment, takes_off_mean=False
+        frequency, power = scipy.signal.welch(
+            residual, spectra.working_rate_hz, nperseg=segment, detrend=False
         )
         passed = np.interp(frequency, spectra.frequency, spectra.roll_off) ** 2
         power = power / np.maximum(passed, LEAST_GAIN)

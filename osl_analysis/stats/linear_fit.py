@@ -1,26 +1,35 @@
-"""Linear regression on rows: rank check, estimates with covariance, VAF.
+"""Least squares: estimates with a covariance, what the columns cannot tell apart, and VAF.
 
-The bench fits groups of rows by the same rules (bench/regression.py)."""
+The covariance comes from scores; a score is the part of the estimates' error due to one sample. It
+is computed from the spread between repeated cycles, whose edges may lie between two samples, or
+from the autocorrelation of the residual, with a correction for the degrees of freedom that the fit
+uses up. The bench fits groups of rows by the same rules (bench/regression.py).
+"""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.measured import EXACT_FIT_SHARE, check_finite, check_measured
-from osl_analysis.stats.covariance import hac
+from osl_analysis.measured import EXACT_FIT_SHARE, LARGEST_VARIANCE, check_finite, check_measured
 from osl_analysis.trial import Array
 
 CONDITION_LIMIT = 1e3
 """Largest scaled condition number that is accepted. At this limit an error of 0.1 % in a column can
 cause an error of 100 % in an estimate."""
-
 NORMAL_HALF_WIDTH = 1.959964  # standard errors of a 95 % interval where their size is known
-
 ROUNDED = 1e6  # condition number above which rounding destroys the inverse of the normal equations
+SMALLEST_DIRECTION = 1e-13  # eigenvalue over the largest one, below which it is rounding
+# of the largest one: rounding can make the smallest 0 or negative; its condition number is then
+# 1e15, above every limit
+LEAST_EIGENVALUE = 1e-30
+LARGEST_AR1 = 0.9999  # autocorrelation of a residual after one sample, beyond which none is fitted
+SAME_ROW = 1e-9  # of a row, within which an edge lies on it
+MOST_FREEDOM = 1e12  # degrees of freedom
 
 
 @dataclass(frozen=True)
@@ -42,11 +51,6 @@ class LinearFit:
     computed from the columns: a few noisy cycles do not change it. 0 if there is only one; near 1
     only a combination is known."""
 
-    # number of samples over which the residuals were allowed to be correlated; 0 of sums
-    correlation_samples: int = 0
-    # y minus the fit (n,) [unit of y]; empty of sums
-    residual: Array = field(default_factory=lambda: np.empty(0))
-
     def __getitem__(self, name: str) -> float:
         return float(self.estimates[self.names.index(name)])
 
@@ -60,6 +64,23 @@ class LinearFit:
         freedom = self.degrees_of_freedom[self.names.index(name)]
         half_width = float(scipy.special.stdtrit(freedom, 0.975)) * self.se(name)
         return self[name] - half_width, self[name] + half_width
+
+    def with_shared_error(self, change: Array) -> Self:
+        """The fit with an error that all of its data share.
+
+        Parameters
+        ----------
+        change : Array (p,)
+            Effect on the estimates of one standard error of a known quantity, such as a
+            calibration, with infinite degrees of freedom (type B).
+        """
+        random = np.diag(self.covariance)
+        covariance = self.covariance + np.outer(change, change)
+        total = np.diag(covariance)
+        share = np.divide(random, total, out=np.ones_like(random), where=total > 0)
+        infinite = np.full_like(share, np.inf)
+        freedom = np.divide(self.degrees_of_freedom, share**2, out=infinite, where=share > 0)
+        return replace(self, covariance=covariance, degrees_of_freedom=freedom)
 
 
 def linear_fit(y: Array, columns: Mapping[str, Array]) -> LinearFit:
@@ -80,118 +101,257 @@ def linear_fit(y: Array, columns: Mapping[str, Array]) -> LinearFit:
     Raises
     ------
     InputError
-        Lengths differ, a value cannot be measured (`check_measured`), or there are not more samples
-        than columns.
+        A value cannot be measured (`check_measured`), or there are not more samples than columns.
     IdentifiabilityError
         The scaled condition number exceeds `CONDITION_LIMIT`; the message names the two columns
         that look alike.
     """
     names = tuple(columns)
-    for name, column in columns.items():
-        if np.shape(column) != np.shape(y):
-            raise InputError(
-                f"column '{name}' has shape {np.shape(column)}, expected {np.shape(y)} like y"
-            )
-    X = np.array([np.asarray(column, dtype=float) for column in columns.values()]).T
-    for name, column in zip(names, X.T, strict=True):
+    for name, column in {**columns, "y": y}.items():
         check_measured(f"column '{name}'", column)
     if len(y) <= len(names):
         raise InputError(
             f"{len(y)} samples cannot determine {len(names)} parameters; use a longer window"
         )
-
-    scale = check_not_zero(names, np.linalg.norm(X, axis=0))
-    U, singular, Vt = np.linalg.svd(X / scale, full_matrices=False)
-    condition = float(singular[0] / max(singular[-1], np.finfo(float).tiny))
-    about_means = np.empty((0, 0))
-    if condition < ROUNDED:
-        inverse = (Vt.T / singular**2) @ Vt / np.outer(scale, scale)
-        # beside an offset, of the columns about their means, so that the zero of the angle does not
-        # matter
-        varying = [k for k, column in enumerate(X.T) if column[0] != column[-1] or np.ptp(column)]
-        about_means = inverse[np.ix_(varying, varying)]
-        if len(varying) > 1:
-            condition = scaled_condition(about_means)
-    if condition > CONDITION_LIMIT:
-        refuse_unidentifiable(names, Vt[-1], condition)
-
-    check_measured("column 'y'", y)
-    estimates = (y @ U) / singular @ Vt / scale
+    X = np.column_stack([*columns.values()])
+    A = X.T @ X
+    estimates, inverse = solved(A, X.T @ y)
+    varies = [k for k, column in enumerate(X.T) if np.ptp(column)]
+    condition, correlation = condition_of(names, varies, A, inverse, CONDITION_LIMIT)
     residual = y - X @ estimates
-    covariance, freedom, window = hac(X, inverse, residual)
+    covariance, freedom = hac(X @ inverse * residual[:, None], residual)
     return LinearFit(
         names=names,
         estimates=estimates,
         covariance=covariance,
         vaf=variance_accounted_for(y, residual),
         condition_number=condition,
-        correlation_samples=window,
         interval_method="HAC",
         degrees_of_freedom=freedom,
-        residual=residual,
-        largest_correlation=largest_correlation(about_means),
+        largest_correlation=correlation,
     )
 
 
-def check_not_zero(names: Sequence[str], lengths: Array) -> Array:
-    """Lengths (p,) of columns; one that is zero throughout is refused."""
-    if not (lengths > 0).all():
-        raise IdentifiabilityError(
-            f"'{names[int(np.argmin(lengths))]}' cannot be estimated: its column is zero throughout"
-        )
-    return lengths
+def solved(A: Array, b: Array) -> tuple[Array, Array]:
+    """Solve normal equations A x = b, (p, p) and (p,), for the estimates (p,); also the inverse of
+    A. Directions of A that rounding alone fills are left out."""
+    scale = np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(A / np.outer(scale, scale))
+    parts = vectors / scale[:, None]
+    is_known = values > SMALLEST_DIRECTION * values[-1]
+    weights = np.divide(1, values, out=np.zeros_like(values), where=is_known)
+    inverse = parts * weights @ parts.T
+    estimates = inverse @ b
+    # one step of refinement takes off what rounding of the inverse has added
+    return estimates + inverse @ (b - A @ estimates), inverse
 
 
-def refuse_unidentifiable(names: tuple[str, ...], direction: Array, condition: float) -> None:
-    """Raise an error that names the two columns with the largest weights in `direction`, which
-    cannot be estimated."""
-    worst = sorted(np.argsort(np.abs(direction))[-2:])
-    first, second = (names[i] for i in worst)
-    raise IdentifiabilityError(
-        f"{first} and {second} cannot be told apart in these data (scaled condition number"
-        f" {condition:.3g}); excite more frequencies, lengthen the window or fix one of them"
-    )
-
-
-def scaled_condition(inverse: Array) -> float:
-    """Condition number of columns scaled to unit length, from the inverse (p, p) of their normal
-    equations."""
-    gram = np.linalg.inv(inverse)
-    squares = np.linalg.eigvalsh(gram / np.sqrt(np.outer(np.diag(gram), np.diag(gram))))
-    return float(np.sqrt(squares[-1] / max(squares[0], np.finfo(float).eps ** 2 * squares[-1])))
-
-
-def largest_correlation(covariance: Array) -> float:
-    """Largest absolute correlation in a covariance (p, p); 0 for a single estimate."""
-    scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
-    return float(np.max(np.abs(np.triu(covariance / np.outer(scale, scale), 1)), initial=0.0))
-
-
-def without(fixed: Array) -> Callable[[Array], Array]:
-    """A function: the residual of columns (n, ...) on fixed ones (n, p). Beside these, a fit is
-    then small algebra."""
-    Q = np.linalg.qr(fixed)[0]
-    return lambda columns: np.asarray(columns - Q @ (Q.T @ columns))
-
-
-def with_shared_error(fit: LinearFit, change: Array) -> LinearFit:
-    """Add an error that all data of a fit share.
+def condition_of(
+    names: Sequence[str], varies: Sequence[int], A: Array, inverse: Array, limit: float
+) -> tuple[float, float]:
+    """What p columns cannot tell apart, by their normal equations A (p, p) and its inverse.
 
     Parameters
     ----------
-    fit
-        Without it.
-    change : Array (p,)
-        Effect on the estimates of one standard error of a known quantity, such as a calibration,
-        with infinite degrees of freedom.
+    names
+        Of the estimates.
+    varies
+        Columns that are no offset. Beside one, columns count about their means, so that the zero of
+        an angle does not matter.
+    limit
+        Largest scaled condition number.
+
+    Returns
+    -------
+    condition : float
+        Condition number of the columns, each scaled to unit length.
+    correlation : float
+        The largest absolute correlation of two estimates.
+
+    Raises
+    ------
+    IdentifiabilityError
+        The condition number is above the limit, or a column is 0.
     """
-    random = np.diag(fit.covariance)
-    covariance = fit.covariance + np.outer(change, change)
-    total = np.diag(covariance)
-    share = np.divide(random, total, out=np.ones_like(random), where=total > 0)
-    infinite = np.full_like(share, np.inf)
-    freedom = np.divide(fit.degrees_of_freedom, share**2, out=infinite, where=share > 0)
-    return replace(fit, covariance=covariance, degrees_of_freedom=freedom)
+    if not np.diag(A).all():
+        raise IdentifiabilityError(
+            f"'{names[int(np.argmin(np.diag(A)))]}' cannot be estimated: its column is zero"
+            " throughout"
+        )
+    values, vectors = np.linalg.eigh(scaled_to_one(A))
+    of_varying = inverse[np.ix_(varies, varies)]
+    squares = values
+    if len(varies) > 1 and values[0] * ROUNDED**2 > values[-1]:
+        squares = np.linalg.eigvalsh(scaled_to_one(np.asarray(np.linalg.inv(of_varying))))
+    condition = float(np.sqrt(squares[-1] / max(squares[0], LEAST_EIGENVALUE * squares[-1])))
+    if condition > limit:
+        worst = sorted(np.argsort(np.abs(vectors[:, 0]))[-2:])
+        first, second = (names[k] for k in worst)
+        raise IdentifiabilityError(
+            f"{first} and {second} cannot be told apart in these data (scaled condition number"
+            f" {condition:.3g}); excite more frequencies, lengthen the window or fix one of them"
+        )
+    correlations = np.triu(scaled_to_one(of_varying), 1)
+    return condition, float(np.max(np.abs(correlations), initial=0.0))
+
+
+def scaled_to_one(A: Array) -> Array:
+    """A symmetric matrix (p, p) with ones on its diagonal."""
+    scale = np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
+    return np.asarray(A / np.outer(scale, scale))
+
+
+def hac(scores: Array, residual: Array) -> tuple[Array, Array]:
+    """Find the covariance from the autocorrelation of the residual (Newey and West, Econometrica
+    55, 1987).
+
+    The window is Andrews' plug-in bandwidth for the Bartlett kernel from an AR(1) fit (Econometrica
+    59, 1991), at most an eighth of the samples. Low-pass filtered noise is no AR(1) at the sampling
+    rate: 30 ms of correlation give a window of 2.5 s.
+
+    Parameters
+    ----------
+    scores : Array (n, p)
+        What each sample's residual changes the estimates by.
+    residual : Array (n,)
+        What the fit leaves.
+
+    Returns
+    -------
+    covariance : Array (p, p)
+        Of the estimates.
+    degrees_of_freedom : Array (p,)
+        Of its variances.
+
+    Raises
+    ------
+    InputError
+        A residual is not finite or cannot be measured.
+    """
+    check_measured("the residual", residual)
+    n = len(residual)
+    power = float(residual[:-1] @ residual[:-1])
+    rho = float(residual[1:] @ residual[:-1]) / power if power > 0 else 0.0
+    rho = min(max(rho, 0.0), LARGEST_AR1)
+    alpha = 4 * rho**2 / (1 - rho**2) ** 2
+    window = int(np.clip(np.ceil(1.1447 * (alpha * n) ** (1 / 3)), 1, max(n // 8, 1)))
+    return moving_sums(scores, window)
+
+
+def moving_sums(scores: Array, window: int) -> tuple[Array, Array]:
+    """Long-run covariance (p, p) of the scores (n, p), and the degrees of freedom (p,) of its
+    variances, after Newey and West: Bartlett weights 1 - lag/window. The sum over all lags equals
+    the sum of squares of moving sums over `window` samples (zeros beyond the ends) divided by
+    `window`, and is therefore positive semi-definite. It has 1.5 n/window degrees of freedom
+    (Priestley, Spectral Analysis and Time Series, 1981, table 6.2, at frequency zero). The fit uses
+    up p of the n samples."""
+    n, p = scores.shape
+    cumulative = np.concatenate([np.zeros((window, p)), np.cumsum(scores, axis=0)])
+    cumulative = np.concatenate([cumulative, np.repeat(cumulative[-1:], window - 1, axis=0)])
+    sums = cumulative[window:] - cumulative[:-window]
+    return sums.T @ sums / window * n / (n - p), np.full(p, max(1.5 * n / window - p, 1.0))
+
+
+def between_cycles(sums: Array, stratum: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Find the covariance from the spread of repeated cycles.
+
+    A bootstrap that draws cycles within each stratum converges to it, apart from the factor m/(m -
+    1) for the mean that was estimated from the m cycles of the stratum, two or more.
+
+    Parameters
+    ----------
+    sums : Array (m, p)
+        Sums of scores of each cycle.
+    stratum : Array (m,)
+        Which cycles repeat one another; rising.
+
+    Returns
+    -------
+    covariance : Array (p, p)
+        From the spread about the mean of each stratum.
+    degrees_of_freedom : Array (p,)
+        Of its variances.
+    """
+    members = np.bincount(stratum).astype(float)
+    begins = np.flatnonzero(np.diff(stratum, prepend=-1))
+    mean = np.add.reduceat(sums, begins) / members[:, None]
+    for_mean = np.sqrt(members / (members - 1))
+    spread = (sums - mean[stratum]) * for_mean[stratum][:, None]
+    variances = np.add.reduceat(spread**2, begins)
+    return spread.T @ spread, welch_satterthwaite(variances, members - 1)
+
+
+def products_between(X: Array, Y: Array, first: Array, stop: Array) -> Array:
+    """Sum the products of columns over stretches that may begin and end between two rows.
+
+    A fraction of a row is read from the cubic through the four cumulative sums around it, so that
+    all cycles of a fractional period have equal sums. Beyond the ends there is nothing to sum.
+
+    Parameters
+    ----------
+    X : Array (n, p)
+        Columns.
+    Y : Array (n, q)
+        Further columns.
+    first, stop : Array (m,)
+        Rows at which the m stretches begin and end.
+
+    Returns
+    -------
+    Array (m, p, q)
+        X'Y of each.
+    """
+    edges = np.stack([first, stop], axis=1).ravel()
+    row = np.clip(np.floor(edges + SAME_ROW).astype(np.intp), 0, len(Y))
+    of_whole_rows = np.array([X[a:b].T @ Y[a:b] for a, b in row.reshape(-1, 2)])
+
+    share = np.maximum(edges - row, 0.0)
+    x = np.where(share < SAME_ROW, 0.0, share)
+    around = row + np.array([[-1], [0], [1]])
+    inside = np.clip(around, 0, len(Y) - 1)
+    lagrange = np.array([x * (x - 1) * (x - 2), x * (x + 1) * (5 - 2 * x), x * (x + 1) * (x - 1)])
+    weights = lagrange / 6 * (around == inside)
+    of_parts = (weights[:, :, None] * X[inside]).transpose(1, 2, 0) @ Y[inside].transpose(1, 0, 2)
+    return np.asarray(of_whole_rows + of_parts[1::2] - of_parts[::2])
+
+
+LARGEST_AR1 = 0.9999  # autocorrelation of a residual after one sample, beyond which none is fitted
+
+
+def welch_satterthwaite(
+    variances: Sequence[ArrayLike] | Array, degrees_of_freedom: ArrayLike
+) -> Array:
+    """Find the degrees of freedom of a sum of k independent variances (Satterthwaite, Biometrics
+    Bulletin 2, 1946; Welch, Biometrika 34, 1947).
+
+    Parameters
+    ----------
+    variances : (k, ...)
+        The summands.
+    degrees_of_freedom : (k,) or (k, ...)
+        Of each.
+
+    Returns
+    -------
+    Array (...)
+        Infinite where all variances are zero, or the uncertain ones vanish beside the others: the
+        rounding of a sum would decide on more than `MOST_FREEDOM`.
+
+    Raises
+    ------
+    InputError
+        A variance is not finite or beyond `LARGEST_VARIANCE`.
+    """
+    summands = np.asarray(variances, dtype=float)
+    check_finite("the variance", summands, LARGEST_VARIANCE)
+    certainty = 1 / np.asarray(degrees_of_freedom, dtype=float)
+    if certainty.ndim < summands.ndim:
+        certainty = certainty.reshape(-1, *[1] * (summands.ndim - 1))
+    uncertainty = np.sum(certainty * summands**2, axis=0)
+    square_of_sum = np.sum(summands, axis=0) ** 2
+    is_finite = uncertainty > square_of_sum / MOST_FREEDOM
+    infinite = np.full_like(square_of_sum, np.inf)
+    return np.asarray(np.divide(square_of_sum, uncertainty, out=infinite, where=is_finite))
 
 
 def variance_accounted_for(y: Array, residual: Array) -> float:

@@ -21,7 +21,6 @@ from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.signals import LowPass, Motion, differentiate, filtered_motion, sampling_rate
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
-from osl_analysis.stats import linear_fit as regression
 from osl_analysis.stats import repeats
 from osl_analysis.stats.linear_fit import linear_fit
 from osl_analysis.trial import Trial
@@ -114,7 +113,7 @@ def signals():
 def asked(y, x):
     """A fit with everything that is computed from it."""
     fit, one = linear_fit(y, {"a": x, "offset": np.ones_like(x)}), linear_fit(y, {"a": x})
-    shared = regression.with_shared_error(one, np.array([0.1]))
+    shared = one.with_shared_error(np.array([0.1]))
     return fit, fit.se("a"), fit.interval("a"), one, shared
 
 

@@ -90,11 +90,11 @@ def test_damping_of_a_leg_is_that_without_the_friction_of_its_actuator():
     found = inferred().without_friction
 
     K, B, I = true_impedance()
-    assert found.B.low <= B <= found.B.high
-    assert found.B.value == pytest.approx(B, rel=0.02)
-    assert found.K.value == pytest.approx(K, rel=0.01)
-    assert found.I.value == pytest.approx(I, abs=0.005)
-    assert found.B.high - found.B.low < 2 * 0.05 * B
+    assert found["B"].low <= B <= found["B"].high
+    assert found["B"].value == pytest.approx(B, rel=0.02)
+    assert found["K"].value == pytest.approx(K, rel=0.01)
+    assert found["I"].value == pytest.approx(I, abs=0.005)
+    assert found["B"].high - found["B"].low < 2 * 0.05 * B
 
 
 def test_the_friction_of_the_actuator_is_found():

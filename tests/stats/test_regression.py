@@ -13,7 +13,7 @@ from osl_analysis.bench.regression import noise_of_scores
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.stats import linear_fit as regression
 from osl_analysis.stats import repeats
-from osl_analysis.stats.covariance import (
+from osl_analysis.stats.linear_fit import (
     between_cycles,
     moving_sums,
     products_between,
@@ -59,17 +59,17 @@ def fit_of_statsmodels(y, columns, **covariance):
 def test_covariance_is_statsmodels_hac_at_the_same_bandwidth():
     y = COLUMNS["a"] + correlated_noise(np.random.default_rng(20), len(T), 0.9)
     fit = regression.linear_fit(y, COLUMNS)
-    lags = {"maxlags": fit.correlation_samples - 1, "use_correction": True}
+    freedom = fit.degrees_of_freedom[0] + len(COLUMNS)
+    samples = round(1.5 * len(T) / freedom)
+    lags = {"maxlags": samples - 1, "use_correction": True}
     other = fit_of_statsmodels(y, COLUMNS, cov_type="HAC", cov_kwds=lags)
-    assert fit.correlation_samples == pytest.approx(
-        1.1447 * (4 * 0.9**2 / 0.19**2 * len(T)) ** (1 / 3), rel=0.1
-    )
-    assert regression.linear_fit(y + T**3, COLUMNS).correlation_samples == len(T) // 8
+    assert samples == pytest.approx(1.1447 * (4 * 0.9**2 / 0.19**2 * len(T)) ** (1 / 3), rel=0.1)
+    drifting = regression.linear_fit(y + T**3, COLUMNS)
+    assert drifting.degrees_of_freedom[0] == pytest.approx(1.5 * 8 - len(COLUMNS))
     assert fit.covariance == pytest.approx(other.cov_params(), rel=1e-8)
 
 
 @pytest.mark.parametrize(("y", "columns", "message"), [
-    (np.ones(5), {"a": np.ones(4)}, "column 'a' has shape"),
     (np.array([1, np.nan, 3]), {"a": np.ones(3)}, "column 'y' is not finite at sample 1"),
     (np.ones(2), {"a": np.ones(2), "b": np.arange(2.0)}, "2 samples cannot determine 2 parameters"),
     (np.sin(T),
@@ -119,7 +119,7 @@ def test_one_stratum_is_statsmodels_cluster_covariance():
     y, columns = repeated(np.random.default_rng(5))
     groups = {"groups": np.repeat(np.arange(COUNT), CYCLE), "use_correction": False}
     X = np.column_stack(list(columns.values()))
-    residual = regression.linear_fit(y, columns).residual
+    residual = y - X @ regression.linear_fit(y, columns).estimates
     of_cycles = (X * residual[:, None]).reshape(COUNT, CYCLE, 3).sum(axis=1)
 
     covariance, _ = between_cycles(of_cycles @ np.linalg.inv(X.T @ X), np.zeros(COUNT, dtype=int))
@@ -166,7 +166,7 @@ def test_freedom_of_a_sum_is_that_of_welch_and_satterthwaite(variances, freedom,
 def test_a_known_error_as_large_as_that_by_chance_doubles_the_variance():
     x = np.arange(12.0)
     fit = regression.linear_fit(x + np.cos(x), {"a": x})
-    shared = regression.with_shared_error(fit, np.array([fit.se("a")]))
+    shared = fit.with_shared_error(np.array([fit.se("a")]))
     assert shared.se("a") == pytest.approx(np.sqrt(2) * fit.se("a"))
     assert shared.degrees_of_freedom[0] == pytest.approx(4 * fit.degrees_of_freedom[0])
 

@@ -127,7 +127,6 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis, moved: str)
         torque=measured,
         motion=Motion(smooth.theta, omega, alpha),
         filtered_torque=low_pass(measured, rate),
-        low_pass=low_pass,
         usable=usable,
         groups=stretches_of(runs(moving), rate),
         uniform=signals,
@@ -221,7 +220,6 @@ def clamped_of(trial: Trial, settings: ActuatorAnalysis, levels: list[slice]) ->
         torque=of_plateaus,
         motion=Motion(still, still, still),
         filtered_torque=of_plateaus,
-        low_pass=replace(settings.low_pass, cutoff_hz=cutoff_hz),
         usable=np.ones(len(time), dtype=np.bool_),
         groups=Groups(
             "stretches",
@@ -230,7 +228,7 @@ def clamped_of(trial: Trial, settings: ActuatorAnalysis, levels: list[slice]) ->
             np.zeros(len(levels), dtype=np.intp),
             (Stratum(slice(0, len(time))),),
         ),
-        settings=settings,
+        settings=settings.model_copy(update={"cutoff_hz": cutoff_hz}),
     )
     return analysed(record, gram_sums(record, columns, list(model.values())), model)
 

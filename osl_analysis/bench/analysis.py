@@ -98,12 +98,13 @@ class Analysis:
             Whose rows were fitted.
         """
         record = self.record
-        fixture = record.settings.fixture if record.settings else None
-        if record.calibration == NOT_STATED and fixture is None and record.bench is None:
+        stated, fixture = record.settings.calibration, record.settings.fixture
+        bench = record.settings.bench_stiffness
+        if stated == NOT_STATED and fixture is None and bench is None:
             return fit
         rows = record.rows(label)
-        motion, stated = record.motion, record.calibration
-        sign = record.low_pass(np.tanh(motion.omega / SIGN_WIDTH), record.rate_hz)
+        motion = record.motion
+        sign = record.settings.low_pass(np.tanh(motion.omega / SIGN_WIDTH), record.rate_hz)
         column_of = {**self.model, "T_C": "T_C"}
         names = list(dict.fromkeys((*fit.names, *self.model)))
         columns = {**self.sums.columns, "T_C": sign}
@@ -119,9 +120,9 @@ class Analysis:
         if fixture is not None:
             sine = np.sin(motion.theta - np.deg2rad(fixture.rest_deg))
             torques += [fixture.inertia_error * motion.alpha, fixture.weight_error * sine]
-        if record.bench is not None:
+        if bench is not None:
             # a frame that yields more turns the joint by so much less
-            yielded = record.bench.compliance_error * record.filtered_torque
+            yielded = bench.compliance_error * record.filtered_torque
             of_frame = seven_point_motion(yielded, record.rate_hz)
             by_column = {"theta": of_frame.theta, "omega": of_frame.omega, "alpha": of_frame.alpha}
             by_frame = [
@@ -215,7 +216,7 @@ def fitted_motion(record: Record, sums: Sums, model: Model) -> Analysis:
     if not record.is_stepped_sine:
         errors = usual_errors(record, sums, analysis.whole)
         analysis = replace(analysis, fits={None: widened(analysis.whole, errors, of_bench=True)})
-    check_stiffer(record.name, "K", analysis.whole["K"], record.bench)
+    check_stiffer(record.name, "K", analysis.whole["K"], record.settings.bench_stiffness)
     return analysis
 
 
@@ -232,7 +233,7 @@ def fits_by_label(sums: Sums, model: Model) -> dict[Label, GroupFit]:
     """Fits to each label that determines the model, and to all (None). Raises as `fit_groups`."""
     tells_K_from_I = {"theta", "alpha"} <= set(model.values())
     fits: dict[Label, GroupFit] = {}
-    for label in dict.fromkeys((*sums.groups.labels, None)):
+    for label in dict.fromkeys((*(stratum.label for stratum in sums.groups.strata), None)):
         strata = [stratum for stratum in sums.groups.strata if label in (None, stratum.label)]
         hz = [stratum.frequency_hz for stratum in strata]
         try:

@@ -14,12 +14,12 @@ from osl_analysis.bench.effects import Model
 from osl_analysis.bench.loops import branch_rows, find_cycles
 from osl_analysis.bench.motion import stretches_of
 from osl_analysis.bench.plausibility import check_changes, check_stiffer
-from osl_analysis.bench.record import Groups, Label, Record, joint_angle
+from osl_analysis.bench.record import Groups, Label, Record, record_of
 from osl_analysis.bench.regression import GroupFit, estimates_of, fit_groups, gram_sums
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError, naming
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
-from osl_analysis.signals import filtered_motion, runs
+from osl_analysis.signals import runs
 from osl_analysis.signals.grid import BRIDGE_MORE, uniform_signals
 from osl_analysis.stats.estimates import Row, estimates_row
 from osl_analysis.trial import Array, Trial
@@ -60,39 +60,26 @@ def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnaly
     """
     signals = uniform_signals(trial, ("theta", "theta_m", "torque"), settings.gap_limits)
     low_pass, rate_hz = settings.low_pass, signals.rate_hz
-    bench = settings.bench_stiffness
-    torque = signals["torque"]
     with naming(f"trial {trial.name}"):
-        check_changes("torque", torque)
-        deflection = joint_angle(signals["theta"], torque, bench.compliance if bench else 0.0)
+        check_changes("torque", signals["torque"])
+        deflection = settings.joint_angle(signals["theta"], signals["torque"])
         if p is None:
             check_locked(low_pass(deflection, rate_hz), low_pass(signals["theta_m"], rate_hz))
         else:
             deflection = belt_deflection(deflection, signals["theta_m"], p)
-        motion, filtered_torque = filtered_motion(signals.time, deflection, torque, low_pass)
+        record = record_of(signals, settings, deflection)
         analyses = []
         for share in (LOADED, LOADED / 2, 2 * LOADED):
-            groups = branches_of(motion.theta, rate_hz, signals.usable, low_pass.cutoff_hz, share)
-            record = Record(
-                name=signals.trial,
-                time=signals.time,
-                theta=deflection,
-                torque=torque,
-                motion=motion,
-                filtered_torque=filtered_torque,
-                low_pass=low_pass,
-                usable=signals.usable,
-                groups=groups,
-                uniform=signals,
-                settings=settings,
-            )
-            analyses.append(fit_branches(record, settings.load_cell_drift / 60))
+            theta_s, cutoff_hz = record.motion.theta, settings.cutoff_hz
+            groups = branches_of(theta_s, rate_hz, signals.usable, cutoff_hz, share)
+            in_groups = replace(record, groups=groups)
+            analyses.append(fit_branches(in_groups, settings.load_cell_drift / 60))
     belt, early, late = analyses
     fits = {}
     for label, fit in belt.fits.items():
         change = (late.fits[label].estimates - early.fits[label].estimates) / 2
         fits[label] = widened(fit, change)
-    check_stiffer(signals.trial, "K_s", belt.whole["K_s"], bench)
+    check_stiffer(signals.trial, "K_s", belt.whole["K_s"], settings.bench_stiffness)
     return replace(belt, fits=fits)
 
 
@@ -230,9 +217,9 @@ def belt_table(belt: Analysis) -> pl.DataFrame:
     peak = float(np.max(np.abs(belt.sums.columns["theta"])))
 
     area = float(mean_loop(theta, torque))
-    errors = torque_errors(torque, record.rate_hz, record.rows(), record.calibration)
+    errors = torque_errors(torque, record.rate_hz, record.rows(), record.settings.calibration)
     by_torque = np.linalg.norm(mean_loop(theta, errors))
-    by_gain = area * record.calibration.polar(0.0)[0]
+    by_gain = area * record.settings.calibration.polar(0.0)[0]
 
     row: Row = {
         "trial": record.name,

@@ -167,6 +167,12 @@ class BenchAnalysis(FilterSettings):
     # largest torque [N*m] that the load cell measures; null: not stated
     load_cell_range: Positive | None = None
 
+    def joint_angle(self, theta: Array, torque: Array) -> Array:
+        """Angle of the joint (n,) [rad] from the bench's: the bench turns the joint through its
+        frame, which the resisting torque [N*m] deflects: theta_bench = theta + torque/k."""
+        bench = self.bench_stiffness
+        return theta - bench.compliance * torque if bench else theta
+
 
 class BeltAnalysis(BenchAnalysis):
     """Choices for a belt trial."""

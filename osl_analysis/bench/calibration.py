@@ -56,12 +56,13 @@ def measured_frame(trial: Trial, record: Record) -> GroupFit | None:
     InputError
         The angle has no time base.
     """
-    if JOINT_SIDE not in trial.columns or record.settings is None:
+    if JOINT_SIDE not in trial.columns:
         return None
     signals = uniform_signals(trial, ("theta", JOINT_SIDE, "torque"), record.settings.gap_limits)
     wound = signals["theta"] - signals[JOINT_SIDE]
-    torque = record.low_pass(signals["torque"], signals.rate_hz)
-    filtered = record.low_pass(wound, signals.rate_hz)
+    torque, filtered = record.settings.low_pass(
+        np.column_stack([signals["torque"], wound]), signals.rate_hz
+    ).T
     columns = {"torque": torque, "one": np.ones_like(torque)}
     sums = gram_sums(replace(record, torque=wound, filtered_torque=filtered), columns, [*columns])
     fit = fit_groups(sums, {"compliance": "torque", "offset": "one"})

@@ -29,6 +29,7 @@ FALSE_ALARM = 1e-3  # probability of a false alarm for one effect
 SIGN_WIDTHS = {"T_C_sharp": 1e-3, "T_C": 1e-2}
 """Columns of Coulomb friction, by the velocity [rad/s] over which it changes sign; the larger is
 ten times the velocity noise of 14 bits."""
+BEYOND = 1.1  # cut-offs above which the band's end is motion, not the tail of a faster step
 NEXT = {"theta": "omega", "omega": "alpha", "alpha": "jerk"}  # derivative of each column
 LONGEST_LAG = 0.02  # s; the largest lag that is sought
 LAG_FOUND = 1e-6  # s; last step of a search that has come to its end
@@ -48,13 +49,14 @@ def columns_of(record: Record) -> tuple[dict[str, Array], float]:
     """The columns (n,) of the models by name, and the angle [rad] about which `theta` is
     centred."""
     motion = record.motion
-    centre = float(record.part(motion.theta).mean())
+    fitted = record.rows()
+    centre = float(motion.theta[fitted].mean())
     columns = {
         "theta": motion.theta - centre,
         "omega": motion.omega,
         "alpha": motion.alpha,
         "one": np.broadcast_to(1.0, motion.theta.shape),
-        "ramp": record.time - record.part(record.time).mean(),
+        "ramp": record.time - record.time[fitted].mean(),
     }
     return columns, centre
 
@@ -78,9 +80,15 @@ def effect_columns(
     higher = seven_point_motion(columns["alpha"], few.rate_hz)
     columns["jerk"] = higher.omega
     columns["snap"] = higher.alpha
+    low_pass, highest_hz = record.settings.low_pass, record.band_hz[1]
+    omega = few.motion.omega
+    if highest_hz > BEYOND * low_pass.cutoff_hz:
+        # the sign of a slower signal changes at other times
+        swift = replace(low_pass, cutoff_hz=min(2 * highest_hz, 0.2 * record.rate_hz))
+        theta = swift(record.theta, record.rate_hz)[:: round(record.rate_hz / few.rate_hz)]
+        omega = np.gradient(theta, 1 / few.rate_hz)
     for name, width in SIGN_WIDTHS.items():
-        sign = np.tanh(record.swift_omega / width)
-        columns[name] = few.low_pass(sign, few.rate_hz)
+        columns[name] = low_pass(np.tanh(omega / width), few.rate_hz)
     if expected is not None:
         columns["linear"] = linear_torque(few, expected)
     return columns, centre
@@ -92,7 +100,7 @@ def linear_torque(record: Record, expected: Admittance) -> Array:
     n, theta = len(record.time), record.motion.theta - record.motion.theta.mean()
     mirrored = np.fft.rfft(np.concatenate([theta, theta[::-1]]))
     s = np.asarray(2j * np.pi * np.fft.rfftfreq(2 * n, 1 / record.rate_hz), dtype=np.complex128)
-    kept = (np.abs(s) < 2 * np.pi * 3.0 * record.low_pass.cutoff_hz) & (s != 0)
+    kept = (np.abs(s) < 2 * np.pi * 3.0 * record.settings.cutoff_hz) & (s != 0)
     mirrored[kept] /= expected(s[kept])
     return np.asarray(np.fft.irfft(np.where(kept, mirrored, 0.0), 2 * n)[:n])
 

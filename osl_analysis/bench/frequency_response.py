@@ -19,6 +19,7 @@ from osl_analysis.bench.analysis import Analysis
 from osl_analysis.bench.record import Record
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError
+from osl_analysis.signals import runs
 from osl_analysis.stats.estimates import Row
 from osl_analysis.stats.linear_fit import NORMAL_HALF_WIDTH, products_between, welch_satterthwaite
 from osl_analysis.trial import Array
@@ -59,8 +60,9 @@ class Response:
         The intervals include what is stated of the bench, which all amplitudes share. The damping
         is the real part of the impedance torque/velocity, Im(1/Y)/w.
         """
-        gain, phase = record.calibration.polar(self.frequency_hz)
-        compliance = record.bench.compliance_error if record.bench else 0.0
+        gain, phase = record.settings.calibration.polar(self.frequency_hz)
+        bench = record.settings.bench_stiffness
+        compliance = bench.compliance_error if bench else 0.0
         of_bench = np.array([compliance, gain * self.Y, 1j * phase * self.Y])
         quantile = scipy.special.stdtrit(self.freedom, 0.975)
         errors = np.append(quantile * self.deviations, NORMAL_HALF_WIDTH * of_bench) / self.Y
@@ -195,7 +197,7 @@ def responses_of_windows(analysis: Analysis) -> list[Response]:
     s = 2j * np.pi * frequency_hz
     torque = (fit["K"] + fit["B"] * s + fit["I"] * s**2) * theta + left
     power = np.mean(np.abs(theta) ** 2, axis=0)
-    highest_hz = min(record.band_hz[1], record.low_pass.cutoff_hz)
+    highest_hz = min(record.band_hz[1], record.settings.cutoff_hz)
     step = 1 if record.periodic else DISTINCT_LINES
     moves = (frequency_hz <= highest_hz) & (power > LEAST_POWER * power.max())
     return [
@@ -215,7 +217,9 @@ def windows_of(record: Record) -> tuple[NDArray[np.intp], NDArray[np.intp], Arra
     periodic, rate_hz = record.periodic, record.rate_hz
     if periodic is None:
         n = round(WINDOW_S * rate_hz)
-        pieces = [np.arange(rows.start, rows.stop - n + 1, n // 2) for rows in record.pieces]
+        pieces = [
+            np.arange(rows.start, rows.stop - n + 1, n // 2) for rows in runs(record.is_fitted())
+        ]
         starts = np.concatenate(pieces)
         return starts, np.arange(len(starts)), scipy.signal.windows.hann(n, sym=False)
 

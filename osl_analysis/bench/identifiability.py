@@ -37,7 +37,7 @@ def usual_errors(record: Record, sums: Sums, fit: GroupFit) -> Array:
     IdentifiabilityError
         The acceleration is mostly noise of the encoder.
     """
-    moved = np.ptp(record.part(record.theta))
+    moved = np.ptp(record.theta[record.rows()])
     if moved < FEWEST_STEPS * record.encoder_step:
         raise InputError(
             f"trial {record.name}: the joint hardly moves: theta turns by"
@@ -74,8 +74,8 @@ def acceleration_noise(record: Record) -> float:
     The density of the noise is the median of what the filter removes from two to four cut-offs or,
     if the motion itself reaches these frequencies, its level at the highest ones.
     """
-    rate_hz, cutoff_hz = record.rate_hz, record.low_pass.cutoff_hz
-    removed = record.part(record.theta - record.motion.theta)
+    rate_hz, cutoff_hz = record.rate_hz, record.settings.cutoff_hz
+    removed = (record.theta - record.motion.theta)[record.rows()]
     rows = min(round(rate_hz), len(removed))
     frequency, density = scipy.signal.welch(removed, rate_hz, nperseg=rows)
     level = float(np.median(density[frequency > 0.35 * rate_hz]))
@@ -83,5 +83,5 @@ def acceleration_noise(record: Record) -> float:
     if beyond.any():
         level = min(level, float(np.median(density[beyond])))
     f = np.linspace(0, min(8 * cutoff_hz, rate_hz / 2), 2000)
-    passed = level * record.low_pass.gain(f) ** 2
+    passed = level * record.settings.low_pass.gain(f) ** 2
     return float(np.trapezoid((2 * np.pi * f) ** 4 * passed, f))

@@ -218,7 +218,7 @@ def motion_row(record: Record) -> Row:
         "excitation": "periodic" if record.periodic else kinds[record.groups.kind],
         "band_low_hz": low_hz,
         "band_high_hz": high_hz,
-        "cutoff_hz": float(record.low_pass.cutoff_hz),
+        "cutoff_hz": record.settings.cutoff_hz,
         "clock_ppm": between_clocks or None,  # channels of one clock have the same rate
     }
 
@@ -349,7 +349,7 @@ def impedance_with_evidence(
     table = table.with_columns(B_gap_s=B_gap)
     stated = desired or DesiredImpedance(None, None, None)
     table = beside_known(table, p, stated, K)
-    if K is None and record.calibration.torque_gain:
+    if K is None and record.settings.calibration.torque_gain:
         table = table.with_columns(gain_error=pl.lit(0.0))  # a known spring holds it
     if desired is not None:
         errors = [torque_error(analysis.sums, label, desired) for label in analysis.fits]

@@ -25,6 +25,7 @@ from osl_analysis.inference import (
 )
 from osl_analysis.inference.constants import HARM_SHARE, LIKELY
 from osl_analysis.inference.estimates import Explanation
+from osl_analysis.signals import runs
 from osl_analysis.stats.estimates import INTERVAL_ENDS, Estimate, Impedance, Row
 
 CERTAIN_FRICTION = 0.9  # probability from which friction is taken off B: nine in ten are right
@@ -55,9 +56,9 @@ def inferred_from(record: Record, is_leg: bool) -> Inferred:
 def signals_of(record: Record, is_leg: bool = False) -> BenchSignals:
     """What the inference is given of a record."""
     # the ends of fitted stretches are left out for the sake of the fit's own filter
-    edge = round(2 * record.rate_hz / record.low_pass.cutoff_hz)
+    edge = round(2 * record.rate_hz / record.settings.cutoff_hz)
     inside = np.zeros(len(record.time), dtype=np.bool_)
-    for rows in record.pieces:
+    for rows in runs(record.is_fitted()):
         inside[max(rows.start - edge, 0) : rows.stop + edge] = True
     return BenchSignals(
         theta=record.theta,
@@ -201,7 +202,9 @@ def delay_told_s(inferred: ImpedanceInference | None, record: Record) -> float |
     states and that is not found; None of a leg."""
     fault = probable_fault(inferred)
     streams = record.uniform.streams if record.uniform else ()
-    is_stated = record.calibration.delay > 0 or any(stream["delay_s"] for stream in streams)
+    is_stated = record.settings.calibration.delay > 0 or any(
+        stream["delay_s"] for stream in streams
+    )
     if inferred is None or is_stated or (fault is not None and fault.family == "path"):
         return None
     return inferred.delay_told_s

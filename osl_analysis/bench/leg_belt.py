@@ -82,10 +82,9 @@ def is_leg(record: Record, p: DrivetrainParameters | None) -> bool:
         return turn > LEAST_DEFLECTION * float(np.std(few.motion.theta))
     theta_m = few.actuator["theta_m"]
     deflection = belt_deflection(few.motion.theta, theta_m, p)
-    least = LEAST_DEFLECTION * float(np.std(few.part(few.motion.theta)))
-    motor_turns = float(np.std(few.part(theta_m / p.n_T))) >= least
-    belt_is_wound = float(np.std(few.part(deflection))) >= least
-    return motor_turns and belt_is_wound
+    angles = np.column_stack([few.motion.theta, theta_m / p.n_T, deflection])
+    whole, of_motor, of_belt = np.std(angles[few.rows()], axis=0)
+    return bool(min(of_motor, of_belt) >= LEAST_DEFLECTION * whole)
 
 
 def belt_of_leg(record: Record, p: DrivetrainParameters | None) -> Belt | None:
@@ -119,7 +118,7 @@ def belt_columns(few: Record, wound: Array) -> dict[str, Array]:
     del columns["theta"], columns["alpha"]
     columns["wound"] = wound - wound.mean()
     slips = slipping_springs(wound, WOUND_UP)
-    for k, column in enumerate(few.low_pass(slips.T, few.rate_hz).T):
+    for k, column in enumerate(few.settings.low_pass(slips.T, few.rate_hz).T):
         columns[f"slips_{k}"] = column
     return columns
 

@@ -48,11 +48,6 @@ FEWEST_STRETCHES = 8  # of a recording, whose scores give an interval
 ALIKE_S = 0.25  # s; time over which a model's misfit is correlated
 
 
-def sine_record(trial: Trial, settings: SteppedSineAnalysis) -> Record:
-    """The record of a trial that follows a stepped sine; raises as `record_of_trial`."""
-    return record_of_trial(trial, settings, excitation="stepped_sine")
-
-
 def record_of_trial(
     trial: Trial,
     settings: SteppedSineAnalysis,
@@ -98,7 +93,8 @@ def record_of_trial(
                     segments, settings.settle_cycles, regular.usable, bool(protocol.amplitudes)
                 )
                 hz = [stratum.frequency_hz for stratum in groups.strata]
-                return record_of(regular, settings, groups, (min(hz), max(hz)))
+                band_hz = (min(hz), max(hz))
+                return replace(record_of(regular, settings), groups=groups, band_hz=band_hz)
         assert isinstance(settings, ImpedanceAnalysis)
         return record_of_motion(regular, settings, windows or settings.windows)
 
@@ -152,12 +148,24 @@ def record_of_motion(
         inside = stated_windows(windows, float(time[-1]))
         is_inside = within(time, inside)
     pieces = fitted_pieces(time, signals.usable, inside, EDGE_PERIODS / settings.cutoff_hz)
-    groups = stretches_of(pieces, rate)
-    record = record_of(signals, settings, groups)
+    record = replace(record_of(signals, settings), groups=stretches_of(pieces, rate))
+    fitted = record.is_fitted()
     periodic = periodic_motion(record.theta, rate, signals.usable & is_inside)
-    if periodic is not None:
-        groups = periods_of(periodic, rate, record.is_fitted()) or groups
-    return replace(record, band_hz=band_of(record), periodic=periodic, groups=groups)
+    groups = periods_of(periodic, rate, fitted) if periodic else None
+
+    # 1 % of the angle's power is below the band, 1 % of the acceleration's above it
+    derivatives = np.array([record.motion.theta, record.motion.alpha])[:, fitted]
+    length = min(round(SPECTRUM_S * record.rate_hz), derivatives.shape[1])
+    frequency_hz, power = scipy.signal.welch(derivatives, record.rate_hz, nperseg=length)
+    below, up_to = np.cumsum(power[:, 1:], axis=1)
+    lowest = np.argmax(below > OUTSIDE_BAND * below[-1])
+    highest = np.argmax(up_to > (1 - OUTSIDE_BAND) * up_to[-1])
+    return replace(
+        record,
+        band_hz=(float(frequency_hz[1:][lowest]), float(frequency_hz[1:][highest])),
+        periodic=periodic,
+        groups=groups or record.groups,
+    )
 
 
 def within(
@@ -209,20 +217,6 @@ def stated_windows(text: str, duration: float) -> list[tuple[float, float]]:
     return windows
 
 
-def band_of(record: Record) -> tuple[float, float]:
-    """Lowest and highest frequency [Hz] of the fitted motion: 1 % of the angle's power is below the
-    first, 1 % of the acceleration's above the second. Spectra are of parts of up to 8 s."""
-    theta, alpha = record.part(record.motion.theta), record.part(record.motion.alpha)
-    length = min(round(SPECTRUM_S * record.rate_hz), len(theta))
-    frequency, (of_angle, of_acceleration) = scipy.signal.welch(
-        np.array([theta, alpha]), record.rate_hz, nperseg=length
-    )
-    below, up_to = np.cumsum(of_angle[1:]), np.cumsum(of_acceleration[1:])
-    lowest = np.argmax(below > OUTSIDE_BAND * below[-1])
-    highest = np.argmax(up_to > (1 - OUTSIDE_BAND) * up_to[-1])
-    return float(frequency[1:][lowest]), float(frequency[1:][highest])
-
-
 def cycles_of(
     segments: Sequence[Segment],
     settle_cycles: int,
@@ -230,6 +224,11 @@ def cycles_of(
     stated: bool = True,
 ) -> Groups:
     """The settled cycles of segments; a stratum is a segment.
+
+    The last cycle is left out, too: into it the zero-phase filter smears the next frequency. One
+    cycle is kept in any case. The first edge is a whole row; the others are not rounded: a cycle
+    with an extra fraction of a row has another mean than the rest (at 250 and 3 Hz the error of B
+    was 5.8 times too large).
 
     Parameters
     ----------
@@ -241,40 +240,33 @@ def cycles_of(
         Rows (n,) that are not near a gap.
     stated
         Whether commanded amplitudes count.
+
+    Raises
+    ------
+    InputError
+        No cycle of a segment is free of gaps.
     """
-    cycles = [settled_cycles(segment, settle_cycles, usable) for segment in segments]
-    strata = []
+    cycles, strata = [], []
     for segment, label in zip(segments, labels_deg(segments), strict=True):
+        before = min(settle_cycles, segment.cycles - 1)
+        after = min(1, segment.cycles - before - 1)
+        period = (segment.stop - segment.start) / segment.cycles
+        number = np.arange(segment.cycles - before - after)
+        first = np.rint(segment.start + before * period) + period * number
+        first = first[are_usable(first, first + period, usable)]
+        if not len(first):
+            raise InputError(
+                f"no cycle of {np.rad2deg(segment.amplitude):.3g} deg at {segment.frequency_hz:g}"
+                " Hz is free of rows near a gap that is too long to be bridged; " + BRIDGE_MORE
+            )
+        cycles.append(np.stack([first, first + period]))
         commanded_deg = None
         if segment.commanded is not None and stated:
             commanded_deg = round(float(np.rad2deg(segment.commanded)), 9)
         strata.append(Stratum(segment.rows, label, segment.frequency_hz, commanded_deg))
-    first, stop = np.concatenate(cycles).T
-    number = np.repeat(np.arange(len(cycles)), [len(each) for each in cycles])
+    first, stop = np.concatenate(cycles, axis=1)
+    number = np.repeat(np.arange(len(cycles)), [each.shape[1] for each in cycles])
     return Groups("cycles", first, np.minimum(stop, len(usable)), number, tuple(strata))
-
-
-def settled_cycles(segment: Segment, settle_cycles: int, usable: NDArray[np.bool_]) -> Array:
-    """Rows (k, 2) at which the fitted cycles of a segment begin and end; raises InputError if none
-    is free of gaps.
-
-    The last cycle is left out, too: into it the zero-phase filter smears the next frequency. One
-    cycle is kept in any case. The first edge is a whole row; the others are not rounded: a cycle
-    with an extra fraction of a row has another mean than the rest (at 250 and 3 Hz the error of B
-    was 5.8 times too large).
-    """
-    before = min(settle_cycles, segment.cycles - 1)
-    after = min(1, segment.cycles - before - 1)
-    period = (segment.stop - segment.start) / segment.cycles
-    number = np.arange(segment.cycles - before - after)
-    first = np.rint(segment.start + before * period) + period * number
-    is_usable = are_usable(first, first + period, usable)
-    if not is_usable.any():
-        raise InputError(
-            f"no cycle of {np.rad2deg(segment.amplitude):.3g} deg at {segment.frequency_hz:g} Hz is"
-            f" free of rows near a gap that is too long to be bridged; {BRIDGE_MORE}"
-        )
-    return np.stack([first, first + period], axis=1)[is_usable]
 
 
 def are_usable(first: Array, stop: Array, usable: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -10,22 +10,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.bench.bench_settings import (
-    NOT_STATED,
-    BenchAnalysis,
-    BenchStiffness,
-    Calibration,
-    SteppedSineAnalysis,
-)
+from osl_analysis.bench.bench_settings import BenchAnalysis
 from osl_analysis.errors import InputError
-from osl_analysis.signals import LowPass, Motion, filtered_motion, runs
+from osl_analysis.signals import Motion, filtered_motion
 from osl_analysis.signals.grid import UniformSignals, devices_of, resampled, uniform_signals
 from osl_analysis.spectral.periods import PeriodicMotion
 from osl_analysis.trial import Array, Trial
 
-# cut-offs of the low-pass for the velocity's sign, and for draws of the rounding of steps
-QUICK = 4.0
-BEYOND = 1.1  # cut-offs above which the band's end is motion, not the tail of a faster step
+QUICK = 4.0  # cut-offs of the low-pass for the velocity's sign
 # rate of a coarse record: what the filter passes contains nothing faster than eight cut-offs
 COARSE_HZ = 250.0
 COARSE_CUTOFFS = 8.0
@@ -67,15 +59,6 @@ class Groups:
     stratum: NDArray[np.intp]
     strata: tuple[Stratum, ...]
 
-    @property
-    def repeat(self) -> bool:
-        """Whether the groups of a stratum repeat one another."""
-        return self.kind != "stretches"
-
-    @cached_property
-    def labels(self) -> tuple[Label, ...]:
-        return tuple(dict.fromkeys(stratum.label for stratum in self.strata))
-
     def of(self, label: Label) -> NDArray[np.bool_]:
         """Which groups (m,) have a label; all for None."""
         has_label = np.array([label in (None, stratum.label) for stratum in self.strata])
@@ -100,8 +83,8 @@ class Record:
         Filtered joint angle with its derivatives.
     filtered_torque : Array (n,)
         The torque through the same filter [N*m].
-    low_pass : LowPass
-        Filter of angle and torque.
+    settings : BenchAnalysis
+        The bench, the filter of angle and torque, and limits on the motion.
     usable : Array (n,) of bool
         Rows that are not near a gap in the recording.
     groups : Groups
@@ -117,8 +100,6 @@ class Record:
         holds.
     with_other_stamps : Record or None
         The same with the other reading of undecided stamps; None: all are decided.
-    settings : BenchAnalysis or None
-        The bench, and limits on the motion.
     actuator : Mapping of Array (n,)
         If requested, the actuator's filtered angle `theta_m` [rad] and `current` [A];
         `wide_band_theta_m` is the angle for the velocity's sign.
@@ -130,7 +111,7 @@ class Record:
     torque: Array
     motion: Motion
     filtered_torque: Array
-    low_pass: LowPass
+    settings: BenchAnalysis
     usable: NDArray[np.bool_]
     groups: Groups
     band_hz: tuple[float, float] = (np.nan, np.nan)
@@ -138,18 +119,7 @@ class Record:
     periodic: PeriodicMotion | None = None
     uniform: UniformSignals | None = None
     with_other_stamps: "Record | None" = None
-    settings: BenchAnalysis | None = None
     actuator: Mapping[str, Array] = field(default_factory=dict)
-
-    @property
-    def bench(self) -> BenchStiffness | None:
-        """Stiffness of the bench; None: it is rigid."""
-        return self.settings.bench_stiffness if self.settings else None
-
-    @property
-    def calibration(self) -> Calibration:
-        """Uncertainties of angle and torque."""
-        return self.settings.calibration if self.settings else NOT_STATED
 
     @property
     def rate_hz(self) -> float:
@@ -174,19 +144,10 @@ class Record:
         return np.flatnonzero(self.is_fitted(label))
 
     @cached_property
-    def pieces(self) -> tuple[slice, ...]:
-        """The fitted rows."""
-        return tuple(runs(self.is_fitted()))
-
-    def part(self, signal: Array) -> Array:
-        """A signal (n,) in the fitted rows (m,)."""
-        return np.concatenate([signal[piece] for piece in self.pieces])
-
-    @cached_property
     def coarse(self) -> "Record":
         """The filtered signals at 250 Hz, or eight cut-offs if more, with the same groups: they
         contain nothing faster. The torque is the filtered one."""
-        at_least = max(COARSE_HZ, COARSE_CUTOFFS * self.low_pass.cutoff_hz)
+        at_least = max(COARSE_HZ, COARSE_CUTOFFS * self.settings.cutoff_hz)
         # rates are known to within rounding
         step = max(int(self.rate_hz / at_least + 1e-6), 1)
         if step == 1:
@@ -206,19 +167,6 @@ class Record:
         )
 
     @property
-    def swift_omega(self) -> Array:
-        """Velocity [rad/s] in the rows of `coarse`, for the sign of friction. If the motion exceeds
-        the fit's cut-off, the filter is one that passes it: the sign of a slower signal changes at
-        other times."""
-        few = self.coarse
-        highest = self.band_hz[1]
-        if not highest > BEYOND * self.low_pass.cutoff_hz:
-            return few.motion.omega
-        swift = replace(self.low_pass, cutoff_hz=min(2 * highest, 0.2 * self.rate_hz))
-        theta = swift(self.theta, self.rate_hz)[:: round(self.rate_hz / few.rate_hz)]
-        return np.asarray(np.gradient(theta, 1 / few.rate_hz))
-
-    @property
     def largest_amplitude(self) -> Label:
         """The label of the largest amplitude; None for a motion that has none."""
         amplitudes = {
@@ -229,17 +177,9 @@ class Record:
         return amplitudes[max(amplitudes)] if amplitudes else None
 
 
-def joint_angle(theta: Array, torque: Array, compliance: float) -> Array:
-    """Angle of the joint (n,) [rad] from the bench's: the bench turns the joint through its frame
-    of some `compliance` [rad/(N*m)], which the resisting torque [N*m] deflects: theta_bench = theta
-    + torque/k."""
-    return theta - compliance * torque if compliance else theta
-
-
 def with_actuator(record: Record, trial: Trial) -> Record:
     """The record with the trial's actuator signals, of devices whose stamps come to a time base."""
-    assert record.settings is not None
-    same = record.low_pass
+    same = record.settings.low_pass
     wide_band = replace(same, cutoff_hz=min(QUICK * same.cutoff_hz, 0.2 * record.rate_hz))
     low_passes = {"theta_m": same, "current": same, "wide_band_theta_m": wide_band}
     columns = [name for name in ("theta_m", "current") if name in trial.columns]
@@ -261,15 +201,22 @@ def with_actuator(record: Record, trial: Trial) -> Record:
 
 
 def record_of(
-    signals: UniformSignals,
-    settings: SteppedSineAnalysis,
-    groups: Groups,
-    band: tuple[float, float] = (np.nan, np.nan),
+    signals: UniformSignals, settings: BenchAnalysis, theta: Array | None = None
 ) -> Record:
-    """The record of signals and groups of their rows, whose motion has a band [Hz]."""
+    """The record of signals, in which no row is in a group yet.
+
+    Parameters
+    ----------
+    signals
+        With `theta` and `torque`.
+    settings
+        The bench, and the filter.
+    theta
+        The angle (n,) [rad] that is filtered, by default the joint's.
+    """
     torque = signals["torque"]
-    compliance = settings.bench_stiffness.compliance if settings.bench_stiffness else 0.0
-    theta = joint_angle(signals["theta"], torque, compliance)
+    if theta is None:
+        theta = settings.joint_angle(signals["theta"], torque)
     motion, filtered = filtered_motion(signals.time, theta, torque, settings.low_pass)
     return Record(
         name=signals.trial,
@@ -278,10 +225,8 @@ def record_of(
         torque=torque,
         motion=motion,
         filtered_torque=filtered,
-        low_pass=settings.low_pass,
-        usable=signals.usable,
-        groups=groups,
-        band_hz=band,
-        uniform=signals,
         settings=settings,
+        usable=signals.usable,
+        groups=Groups("stretches", np.empty(0), np.empty(0), np.empty(0, dtype=np.intp), ()),
+        uniform=signals,
     )

@@ -233,7 +233,7 @@ def fit_groups(
 
     stratum = np.unique(s.groups.stratum[groups], return_inverse=True)[1]
     has_strata = int(stratum.max()) + 1 >= FEWEST_UNITS
-    has_repeats = s.groups.repeat and int(np.bincount(stratum).min()) > 1
+    has_repeats = s.groups.kind != "stretches" and int(np.bincount(stratum).min()) > 1
     if has_repeats:
         # before the filter noise is independent from row to row
         scores = (products[:, :p, p + 1] - products[:, :p, :p] @ estimates) @ inverse
@@ -246,7 +246,7 @@ def fit_groups(
         modelled = np.einsum("mrp,r->mp", across[:, :, :p], of_rich)
         # of the filtered torque, since else the part of the signal that the filter removes would
         # count as noise
-        target = products[:, :p, p + 1 if s.groups.repeat else p]
+        target = products[:, :p, p if s.groups.kind == "stretches" else p + 1]
         noise, freedom = noise_of_scores((target - modelled) @ inverse, len(rich))
     unit = stratum if has_strata else np.arange(len(groups))
     left_out = without_units(products[:, :p, :p], products[:, :p, p], unit)

@@ -17,7 +17,6 @@ from osl_analysis.bench.bench_settings import TorqueAngleAnalysis
 from osl_analysis.bench.fit_tables import Series
 from osl_analysis.bench.loops import Cycle, branch_rows, energies, find_cycles
 from osl_analysis.bench.plausibility import check_changes, check_resists, check_stiffer
-from osl_analysis.bench.record import joint_angle
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import Change, InputError, naming
 from osl_analysis.signals.grid import UniformSignals, uniform_signals
@@ -78,7 +77,7 @@ def torque_angle_trial(
         recorded = settings.low_pass(signals["torque"], rate_hz)
         zero = torque_at_rest(bench_theta, recorded, rate_hz, settings)
         torque = recorded - (zero or 0.0)
-        theta = joint_angle(bench_theta, torque, bench.compliance if bench else 0.0)
+        theta = settings.joint_angle(bench_theta, torque)
         angle_deg = angles_of_curves_deg(theta, settings.angle_step_deg)
         found, others = find_cycles(theta)
         cycles = found[settings.settle_cycles :]

@@ -21,7 +21,7 @@ from osl_analysis.bench.component_summary import delay_table, part_summary
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.fit_tables import FitTables, tables_of_fit, timebase_table
 from osl_analysis.bench.frequency_response import response_table
-from osl_analysis.bench.motion import record_of_trial, sine_record
+from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.plausibility import plausible
 from osl_analysis.bench.record import Record, with_actuator
 from osl_analysis.bench.torque_angle import torque_angle_trial
@@ -65,7 +65,7 @@ def fit_transmission_trial(
     """The transmission's rows, and the series of the fit to all amplitudes."""
     p = known_parameters(parameters, ["B_j", "J_j"])
     trial, rails = checked(trial, settings)
-    analysis = transmission_of(sine_record(trial, settings))
+    analysis = transmission_of(record_of_trial(trial, settings, excitation="stepped_sine"))
     table = plausible(transmission_table(analysis), rails, p, "B_j", "J_j")
     table = table.with_columns(fixture_column(trial))
     return tables_of_fit(

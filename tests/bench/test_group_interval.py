@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from scipy.special import stdtrit
 
+from osl_analysis.bench.bench_settings import BenchAnalysis
 from osl_analysis.bench.record import Groups, Record, Stratum
 from osl_analysis.bench.regression import combined, fit_groups, gram_sums
-from osl_analysis.signals import LowPass, Motion
+from osl_analysis.signals import Motion
 
 
 def groups_of(strata: list[int], repeat: bool) -> tuple[Groups, np.ndarray]:
@@ -39,8 +40,8 @@ def test_misfit_is_told_by_strata_or_groups_and_noise_by_what_repeats(
     x = rng.standard_normal(rows)
     torque = 3 * x + np.repeat(10 * rng.standard_normal(units)[unit], 10) * x
     record = Record(
-        "made", np.arange(rows) / 100, x, torque, Motion(x, x, x), torque, LowPass(15),
-        np.ones(rows, dtype=bool), groups,
+        "made", np.arange(rows) / 100, x, torque, Motion(x, x, x), torque,
+        BenchAnalysis(cutoff_hz=15, order=4), np.ones(rows, dtype=bool), groups,
     )  # fmt: skip
     s = gram_sums(record, {"theta": x, "one": np.ones(rows)}, ["theta", "one"])
 

@@ -8,7 +8,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
 from osl_analysis.bench.belt import branches_of
-from osl_analysis.bench.bench_settings import DynamometerAnalysis
+from osl_analysis.bench.bench_settings import BeltAnalysis, DynamometerAnalysis
 from osl_analysis.bench.impedance import impedance_table, rendered_impedance
 from osl_analysis.bench.motion import cycles_of
 from osl_analysis.bench.record import Record
@@ -16,6 +16,7 @@ from osl_analysis.signals import LowPass, Motion, filtered_motion
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol, find_segments, find_sines
 
 RATE, LOW_PASS, PROTOCOL = 500.0, LowPass(15), SteppedSineProtocol((0.05, 0.1), (1.0, 3.0, 5.0), 9)
+SETTINGS = BeltAnalysis(cutoff_hz=15, order=4)
 FIVE = SteppedSineProtocol((0.05, 0.1), (1.0, 2.0, 3.0, 4.0, 5.0), 9)
 
 
@@ -73,7 +74,7 @@ def record_of(time, theta, torque, groups):
     """The record of raw signals."""
     motion, filtered = filtered_motion(time, theta, torque, LOW_PASS)
     usable = np.ones(len(time), dtype=bool)
-    return Record("made", time, theta, torque, motion, filtered, LOW_PASS, usable, groups)
+    return Record("made", time, theta, torque, motion, filtered, SETTINGS, usable, groups)
 
 
 def record_of_sines(time, theta, torque, protocol=PROTOCOL, segments=None):
@@ -92,7 +93,7 @@ def belt_record(theta_s, torque, rate=RATE, unusable=()):
         Motion(theta_s, omega, np.gradient(omega) * rate),
         branches_of(theta_s, rate, usable, 15.0),
     )
-    return Record("b", time, theta_s, torque, motion, torque, LOW_PASS, usable, groups)
+    return Record("b", time, theta_s, torque, motion, torque, SETTINGS, usable, groups)
 
 
 def table_of(record):

@@ -13,7 +13,7 @@ from scipy.signal import lsim, lti
 from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.bench_settings import DynamometerAnalysis
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
-from osl_analysis.bench.motion import sine_record
+from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.errors import InputError
 from osl_analysis.signals import grid
 from osl_analysis.signals.grid import GapLimits, uniform_signals
@@ -87,7 +87,7 @@ def trial_of(theta, measured, torque_stamps=TIMES, torque_facts=None, stamps="au
 
 def fitted(trial, **fields):
     """The row of the trial's fit over all amplitudes."""
-    record = sine_record(trial, DynamometerAnalysis(**SETTINGS, **fields))
+    record = record_of_trial(trial, DynamometerAnalysis(**SETTINGS, **fields))
     return table_of(record).row(-1, named=True)
 
 
@@ -208,7 +208,7 @@ def undecided():
     theta = angle(scattered) + random.normal(0, 6e-3, len(TIMES))
     load = torque(scattered) + random.normal(0, 3, len(TIMES))
     samples = pl.DataFrame({"time": scattered, "theta": theta, "torque": load})
-    return sine_record(Trial("made", samples), DynamometerAnalysis(**SETTINGS))
+    return record_of_trial(Trial("made", samples), DynamometerAnalysis(**SETTINGS))
 
 
 def test_stamps_that_cannot_be_decided_are_told_with_the_change_of_estimates(undecided):

@@ -133,7 +133,7 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis, moved: str)
         settings=settings,
     )
     check_prompt(columns, record.filtered_torque, fitted, rate)
-    return analysed(record, gram_sums(record, columns, list(columns)), ACTUATOR_ALONE)
+    return analysed(record, ACTUATOR_ALONE, gram_sums(record, columns, list(columns)))
 
 
 def check_prompt(
@@ -230,7 +230,7 @@ def clamped_of(trial: Trial, settings: ActuatorAnalysis, levels: list[slice]) ->
         ),
         settings=settings.model_copy(update={"cutoff_hz": cutoff_hz}),
     )
-    return analysed(record, gram_sums(record, columns, list(model.values())), model)
+    return analysed(record, model, gram_sums(record, columns, list(model.values())))
 
 
 def actuator_table(actuator: Analysis) -> pl.DataFrame:

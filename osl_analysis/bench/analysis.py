@@ -1,7 +1,7 @@
-"""A model fitted to a trial on the dynamometer: to each label and to all of it, with table rows,
-modelled torque, the time base, and the stated errors of the bench."""
+"""A model fitted to a trial on the bench: to each label and to all of it, with table rows, modelled
+torque, the stated errors of the bench, and how a user gets at the tables."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from osl_analysis.bench.bench_settings import NOT_STATED, Calibration
 from osl_analysis.bench.effects import Model, plain_sums
-from osl_analysis.bench.fit_tables import Series, timebase_table
-from osl_analysis.bench.identifiability import STIFFNESS_ALONE, usual_errors
-from osl_analysis.bench.plausibility import check_stiffer
+from osl_analysis.bench.plausibility import STIFFNESS_ALONE
 from osl_analysis.bench.record import Label, Record
 from osl_analysis.bench.regression import GroupFit, Sums, fit_groups
+from osl_analysis.dictionary import table_of
 from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.signals import seven_point_motion
+from osl_analysis.signals.grid import UniformSignals
 from osl_analysis.stats.estimates import Row, estimates_row
 from osl_analysis.stats.linear_fit import LinearFit
 from osl_analysis.trial import Array
@@ -24,7 +24,87 @@ from osl_analysis.trial import Array
 QUANTITIES = ("K", "B", "I")  # parameters of Eq. 15
 OF_ANGLE = ("theta", "omega", "alpha", "B_m", "J_m")  # columns in proportion to the angle
 SIGN_WIDTH = 0.01  # rad/s; over which the sign of the velocity changes in the error of friction
+MOST_SHOWN = 10_000  # rows of a series; two minutes of a stepped sine have 15 per fastest period
 SAME_FREQUENCY = 1.02  # ratio of frequencies below which noise alone would tell K from I
+
+
+@dataclass(frozen=True)
+class Series:
+    """Measured and modelled signals of one trial, shape (n,) each."""
+
+    time: Array  # time [s]
+    torque: Array  # measured torque, as it was fitted [N*m]
+    torque_model: Array  # torque of the fitted model [N*m]; NaN where it does not apply
+    motion: Array  # angle [rad], or velocity [rad/s] where the bench has no angle
+    fitted: NDArray[np.bool_]  # rows that are fitted
+    uniform: UniformSignals | None  # how the signals came on their time base
+    is_velocity: bool = False  # whether `motion` is a velocity
+
+    def table(self) -> pl.DataFrame:
+        """Every k-th sample, at most `MOST_SHOWN` rows.
+
+        `torque_model` is null where the fit does not use the sample. `residual_low` and
+        `residual_high` [N*m] are the range over the next k samples that it uses, so that no outlier
+        is lost.
+        """
+        k = max(-(-len(self.time) // MOST_SHOWN), 1)
+        modelled = np.where(self.fitted, self.torque_model, np.nan)
+        motion = {"omega": self.motion}
+        if not self.is_velocity:
+            motion = {"theta_deg": np.rad2deg(self.motion)}
+        samples = pl.DataFrame(
+            {
+                "part": np.arange(len(self.time)) // k,
+                "time": self.time - self.time[0],
+                **motion,
+                "torque": self.torque,
+                "torque_model": modelled,
+                "residual": self.torque - modelled,
+            }
+        ).fill_nan(None)
+        parts = samples.group_by("part", maintain_order=True).agg(
+            pl.exclude("residual").first(),
+            residual_low=pl.col("residual").min(),
+            residual_high=pl.col("residual").max(),
+        )
+        return parts.select(pl.exclude("part").round_sig_figs(7))
+
+
+@dataclass(frozen=True)
+class FitTables:
+    """The tables of one fit by name. A user who asks for the estimates alone does not wait for the
+    others."""
+
+    estimates: Mapping[str, pl.DataFrame]
+    """Estimates and curves; and `torque`, the fitted samples: time [s] from the first, measured and
+    modelled torque [N*m]."""
+    series: Series | None = None  # of a fit that is drawn over time
+    compute_others: Callable[[], Mapping[str, pl.DataFrame]] = dict
+
+    def everything(self) -> dict[str, pl.DataFrame]:
+        """All tables: `estimates`, the thinned `series`, `timebase`, which has a row per stream and
+        none where no grid was needed, and the others, which are computed now."""
+        tables = {**self.estimates, **self.compute_others()}
+        if self.series is not None:
+            rows = []
+            if uniform := self.series.uniform:
+                rows = [{"trial": uniform.trial, **stream} for stream in uniform.streams]
+            tables["series"] = self.series.table()
+            tables["timebase"] = table_of(rows, "timebase")
+        return tables
+
+
+def tables_of_fit(
+    series: Series,
+    compute_others: Callable[[], Mapping[str, pl.DataFrame]] = dict,
+    **estimates: pl.DataFrame,
+) -> FitTables:
+    """`FitTables` of the series of a fit, its other tables, and its estimates by name."""
+    modelled = series.torque_model
+    samples = pl.DataFrame({"time": series.time, "torque": series.torque, "torque_model": modelled})
+    fitted = samples.filter(np.isfinite(modelled))
+    fitted = fitted.with_columns(pl.col("time") - pl.col("time").first())
+    return FitTables({**estimates, "torque": fitted}, series, compute_others)
 
 
 @dataclass(frozen=True)
@@ -123,14 +203,17 @@ class Analysis:
         if bench is not None:
             # a frame that yields more turns the joint by so much less
             yielded = bench.compliance_error * record.filtered_torque
-            of_frame = seven_point_motion(yielded, record.rate_hz)
-            by_column = {"theta": of_frame.theta, "omega": of_frame.omega, "alpha": of_frame.alpha}
-            by_frame = [
-                estimate * by_column[column_of[name]]
-                for name, estimate in zip(names, estimates, strict=True)
-                if column_of[name] in by_column
+            of_frame = vars(seven_point_motion(yielded, record.rate_hz))
+            torques += [
+                np.sum(
+                    [
+                        estimate * of_frame[column_of[name]]
+                        for name, estimate in zip(names, estimates, strict=True)
+                        if column_of[name] in of_frame
+                    ],
+                    axis=0,
+                )
             ]
-            torques.append(np.sum(by_frame, axis=0))
         changes = np.linalg.lstsq(X[rows], np.column_stack(torques)[rows])[0]
         for change in changes[: len(fit.names)].T:
             fit = widened(fit, change, of_bench=True)
@@ -147,10 +230,6 @@ class Analysis:
             abs(other[name] - fit[name]) / (fit.interval(name)[1] - fit[name]) for name in names
         ]
         return {"time_base_shift": max(shifts)}
-
-    def time_base(self) -> pl.DataFrame:
-        """The trial's rows of `timebase.csv`."""
-        return timebase_table(self.record.uniform)
 
     def modelled(self, label: Label = None) -> Array:
         """Torque (n,) [N*m] of the fit to a label; a label without a fit has that of the fit to
@@ -170,6 +249,7 @@ class Analysis:
             self.modelled(self.label),
             record.motion.theta,
             record.is_fitted(self.label),
+            record.uniform,
         )
 
     def last_seconds(self, label: Label, duration_s: float) -> pl.DataFrame:
@@ -194,38 +274,28 @@ class Analysis:
         )
 
 
-def fitted_motion(record: Record, sums: Sums, model: Model) -> Analysis:
-    """Fit Eq. 15, with the other terms of a model, to any motion.
+def analysed(record: Record, model: Model, sums: Sums | None = None) -> Analysis:
+    """Fit a model to all of a record and to each label that determines it.
 
     Parameters
     ----------
-    record, sums, model
-        As `analysed` takes them.
+    record
+        Signals and groups.
+    model
+        The column of each estimate.
+    sums
+        Those of the record, by default of the columns of Eq. 15.
 
     Raises
     ------
-    InputError
-        The joint hardly moves.
     IdentifiabilityError
-        The motion cannot tell K, B and I.
+        As `fit_groups`.
     """
-    try:
-        analysis = analysed(record, sums, model)
-    except IdentifiabilityError as error:
-        raise IdentifiabilityError(f"trial {record.name}: {error}") from error
-    if not record.is_stepped_sine:
-        errors = usual_errors(record, sums, analysis.whole)
-        analysis = replace(analysis, fits={None: widened(analysis.whole, errors, of_bench=True)})
-    check_stiffer(record.name, "K", analysis.whole["K"], record.settings.bench_stiffness)
-    return analysis
-
-
-def analysed(record: Record, sums: Sums, model: Model) -> Analysis:
-    """Fit a model, the column of each estimate, to all of a record and to each label that
-    determines it. Raises as `fit_groups`."""
     others: Mapping[Label, GroupFit] = {}
     if record.with_other_stamps is not None:
         others = fits_by_label(plain_sums(record.with_other_stamps, model), model)
+    if sums is None:
+        sums = plain_sums(record, model)
     return Analysis(record, sums, model, fits_by_label(sums, model), others)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench import effects
-from osl_analysis.bench.analysis import QUANTITIES, Analysis, fitted_motion
+from osl_analysis.bench.analysis import QUANTITIES, Analysis, analysed, widened
 from osl_analysis.bench.coulomb import coulomb_fits
 from osl_analysis.bench.effects import IMPEDANCE
 from osl_analysis.bench.joint_inference import (
@@ -20,7 +20,7 @@ from osl_analysis.bench.joint_inference import (
     with_other_stamps,
 )
 from osl_analysis.bench.leg_belt import Lag, belt_of_leg, is_leg, without_lag
-from osl_analysis.bench.plausibility import check_resists
+from osl_analysis.bench.plausibility import check_resists, check_stiffer, usual_errors
 from osl_analysis.bench.record import Label, Record
 from osl_analysis.bench.regression import (
     FEWEST_UNITS,
@@ -32,6 +32,7 @@ from osl_analysis.bench.regression import (
     scatter_of,
 )
 from osl_analysis.dictionary import table_of
+from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.inference import ImpedanceInference
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
 from osl_analysis.model.drivetrain import DrivetrainParameters, joint_admittance
@@ -122,10 +123,19 @@ def rendered_impedance(
 
     Raises
     ------
-    InputError, IdentifiabilityError
-        As `fitted_motion`.
+    InputError
+        The joint hardly moves.
+    IdentifiabilityError
+        The motion cannot tell K, B and I.
     """
-    analysis = fitted_motion(record, effects.plain_sums(record, IMPEDANCE), IMPEDANCE)
+    try:
+        analysis = analysed(record, IMPEDANCE)
+    except IdentifiabilityError as error:
+        raise IdentifiabilityError(f"trial {record.name}: {error}") from error
+    if not record.is_stepped_sine:
+        errors = usual_errors(record, analysis.sums, analysis.whole)
+        analysis = replace(analysis, fits={None: widened(analysis.whole, errors, of_bench=True)})
+    check_stiffer(record.name, "K", analysis.whole["K"], record.settings.bench_stiffness)
     return analysis, effects.sums_of(record, IMPEDANCE, expected)
 
 

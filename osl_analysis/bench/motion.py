@@ -8,7 +8,7 @@ import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.bench.bench_settings import ImpedanceAnalysis, SteppedSineAnalysis
-from osl_analysis.bench.identifiability import STIFFNESS_ALONE
+from osl_analysis.bench.plausibility import STIFFNESS_ALONE
 from osl_analysis.bench.record import (
     EDGE_ROUNDING,
     Groups,

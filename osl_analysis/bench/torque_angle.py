@@ -12,14 +12,13 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from osl_analysis.bench.analysis import torque_errors
+from osl_analysis.bench.analysis import Series, torque_errors
 from osl_analysis.bench.bench_settings import TorqueAngleAnalysis
-from osl_analysis.bench.fit_tables import Series
 from osl_analysis.bench.loops import Cycle, branch_rows, energies, find_cycles
 from osl_analysis.bench.plausibility import check_changes, check_resists, check_stiffer
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import Change, InputError, naming
-from osl_analysis.signals.grid import UniformSignals, uniform_signals
+from osl_analysis.signals.grid import uniform_signals
 from osl_analysis.stats.estimates import Row
 from osl_analysis.stats.linear_fit import variance_accounted_for
 from osl_analysis.stats.repeats import over_repeats
@@ -35,7 +34,6 @@ RESTS = 0.01  # of the range of motion: the joint is at rest within it
 class TorqueAngle:
     """What one trial tells."""
 
-    signals: UniformSignals  # as recorded, on their time base
     series: Series  # torque, and its curve over angle in the rows of all cycles
     table: pl.DataFrame  # the trial's row of `torque_angle.csv`
     curves: pl.DataFrame  # its rows of `torque_angle_curves.csv`
@@ -129,8 +127,7 @@ def torque_angle_trial(
         "desired": desired,
     }
     return TorqueAngle(
-        signals,
-        Series(signals.time, torque, model, theta, fitted),
+        Series(signals.time, torque, model, theta, fitted, signals),
         table_of([row], "torque_angle"),
         pl.concat(curves).fill_nan(None),
     )

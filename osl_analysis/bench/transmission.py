@@ -23,7 +23,7 @@ LOSSES = ("B_j", "J_j")
 def transmission_of(record: Record) -> Analysis:
     """Losses with the motor detached, Eq. 4 with theta_s = 0, fitted to a stepped sine; raises as
     `analysed`."""
-    return analysed(record, effects.plain_sums(record, TRANSMISSION), TRANSMISSION)
+    return analysed(record, TRANSMISSION)
 
 
 def transmission_table(analysis: Analysis) -> pl.DataFrame:

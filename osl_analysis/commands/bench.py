@@ -14,12 +14,11 @@ import polars as pl
 from osl_analysis.bench import bench_settings as choices
 from osl_analysis.bench import calibration, condition_tables, impedance
 from osl_analysis.bench.actuator_alone import actuator_table, actuator_trial
-from osl_analysis.bench.analysis import analysed
+from osl_analysis.bench.analysis import FitTables, analysed, tables_of_fit
 from osl_analysis.bench.belt import belt_curve, belt_table, belt_trial
 from osl_analysis.bench.calibration import fixture_column, fixture_weight_column, with_fixture
 from osl_analysis.bench.component_summary import delay_table, part_summary
-from osl_analysis.bench.effects import IMPEDANCE, plain_sums
-from osl_analysis.bench.fit_tables import FitTables, tables_of_fit, timebase_table
+from osl_analysis.bench.effects import IMPEDANCE
 from osl_analysis.bench.frequency_response import response_table
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.plausibility import plausible
@@ -45,7 +44,6 @@ def fit_belt_trial(
     belt = belt_trial(trial, p, settings)
     return tables_of_fit(
         replace(belt.series(), motion=belt.sums.columns["theta"]),  # against the deflection
-        lambda: {"timebase": belt.time_base()},
         belt=plausible(belt_table(belt), rails, p, "K_s"),
         belt_curves=belt_curve(belt),
     )
@@ -70,7 +68,6 @@ def fit_transmission_trial(
     table = table.with_columns(fixture_column(trial))
     return tables_of_fit(
         analysis.series(),
-        lambda: {"timebase": analysis.time_base()},
         transmission=table,
     )
 
@@ -109,10 +106,7 @@ def fit_impedance_trial(
 
     def others() -> dict[str, pl.DataFrame]:
         columns = stated.columns() if condition else {}
-        return {
-            "response": response_table(analysis).with_columns(**columns),
-            "timebase": analysis.time_base(),
-        }
+        return {"response": response_table(analysis).with_columns(**columns)}
 
     return tables_of_fit(analysis.series(), others, impedance=table)
 
@@ -165,7 +159,7 @@ def fit_actuator_trial(
     table = plausible(actuator_table(actuator), rails, p, "k_tau_n_m", "f_C", "J_m")
     is_velocity = table["motion"][0] == "omega_m"
     series = replace(actuator.series(), motion=actuator.record.theta, is_velocity=is_velocity)
-    return tables_of_fit(series, lambda: {"timebase": actuator.time_base()}, actuator=table)
+    return tables_of_fit(series, actuator=table)
 
 
 def fit_torque_angle_trial(
@@ -178,7 +172,6 @@ def fit_torque_angle_trial(
     fit = torque_angle_trial(trial, settings, desired)
     return tables_of_fit(
         fit.series,
-        lambda: {"timebase": timebase_table(fit.signals)},
         torque_angle=fit.table.with_columns(rails, fixture_column(trial)),
         torque_angle_curves=fit.curves,
     )
@@ -205,12 +198,10 @@ def fit_calibration_trial(
         stiffness = calibration.stiffness_to_state(frame)
         settings = settings.model_copy(update={"bench_stiffness": stiffness})
         record = record_of_trial(trial, settings)
-    analysis = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE)
+    analysis = analysed(record, IMPEDANCE)
     table = calibration.calibration_table(analysis, known, frame, stated_fixture)
     table = table.with_columns(rails, fixture_column(trial))
-    return tables_of_fit(
-        analysis.series(), lambda: {"timebase": analysis.time_base()}, calibration=table
-    )
+    return tables_of_fit(analysis.series(), calibration=table)
 
 
 def summarise(table: Path, output: Path, data: str = "") -> None:

@@ -14,7 +14,7 @@ from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.belt import belt_figure_points
 from osl_analysis.bench.bench_settings import ImpedanceAnalysis
 from osl_analysis.bench.component_summary import PLACE
-from osl_analysis.bench.effects import IMPEDANCE, plain_sums
+from osl_analysis.bench.effects import IMPEDANCE
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.campaign.configuration import FrequencyResponseFigure
@@ -240,7 +240,7 @@ def fig4(
     recorded, fitted_windows = without_broken_ends(read_trial(trial), windows)
     record = record_of_trial(recorded, settings, fitted_windows)
     label = record.largest_amplitude
-    analysis = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE)
+    analysis = analysed(record, IMPEDANCE)
     series = analysis.last_seconds(label, SHOWN_S)
 
     fits = read_table(fit)

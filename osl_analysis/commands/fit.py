@@ -8,7 +8,7 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.bench.fit_tables import FitTables
+from osl_analysis.bench.analysis import FitTables
 from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.commands.fit_results import Fit
 from osl_analysis.commands.remedies import fit_or_advise

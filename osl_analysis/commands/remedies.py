@@ -12,7 +12,7 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.bench.fit_tables import FitTables
+from osl_analysis.bench.analysis import FitTables
 from osl_analysis.commands.estimates import estimated, printed_units
 from osl_analysis.errors import Change, InputError, OslAnalysisError
 from osl_analysis.ingest.guard import in_other_units, swapped_channels

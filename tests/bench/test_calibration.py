@@ -29,7 +29,7 @@ from osl_analysis.bench.bench_settings import (
 )
 from osl_analysis.bench.calibration import fixture_of, with_fixture
 from osl_analysis.bench.coulomb import coulomb_fits
-from osl_analysis.bench.effects import IMPEDANCE, plain_sums, sums_of
+from osl_analysis.bench.effects import IMPEDANCE, sums_of
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.fit import run_fit
 from osl_analysis.errors import InputError
@@ -52,7 +52,7 @@ def fit_of(record=SOUND, **stated):
         changes = {"calibration": Calibration(**stated)}
     settings = sine_settings([2], [1]).model_copy(update=changes)
     record = replace(record, settings=settings)
-    analysis = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE)
+    analysis = analysed(record, IMPEDANCE)
     return analysis.calibrated(analysis.whole)
 
 
@@ -126,7 +126,7 @@ def test_friction_has_it_too_and_a_loop_of_the_load_cell_is_friction():
     for stated in ({}, {"torque_gain": 0.02}, {"hysteresis": 0.02}):
         settings = sine_settings([2], [1]).model_copy(update={"calibration": Calibration(**stated)})
         own = replace(record, settings=settings)
-        analysis = analysed(own, plain_sums(own, IMPEDANCE), IMPEDANCE)
+        analysis = analysed(own, IMPEDANCE)
         fits.append(coulomb_fits(sums_of(own, IMPEDANCE), analysis)[None].certain)
     plain, gain, loop = fits
     more = [

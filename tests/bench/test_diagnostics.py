@@ -11,9 +11,7 @@ from bench_synthetic import FIVE, second_order, stepped_sine, table_of
 from conftest import ROOT, findings_of, marked
 from scipy.interpolate import CubicSpline
 
-from osl_analysis.bench.analysis import fitted_motion
 from osl_analysis.bench.component_summary import delay_table
-from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.impedance import (
     DesiredImpedance,
     impedance_table,
@@ -149,7 +147,7 @@ def test_the_belt_shows_the_lag_of_a_leg_s_torque_whatever_theta_m_s_is(fault, l
     in_time = record_of_trial(
         leg(**fault | dict.fromkeys(("torque_late", "theta_late"), 0.0)), SETTINGS
     )
-    sound = fitted_motion(in_time, plain_sums(in_time, IMPEDANCE), IMPEDANCE).whole
+    sound = rendered_impedance(in_time)[0].whole
     for name in "BI":
         told = [row[f"{name}_without_lag{end}"] for end in ENDS]
         assert (told == [None] * 3) if not lag else (told[1] < sound[name] < told[2]), name

@@ -9,7 +9,7 @@ from bench_synthetic import record_of, second_order, sine_settings, stepped_sine
 
 from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.bench_settings import BenchStiffness, Calibration
-from osl_analysis.bench.effects import IMPEDANCE, plain_sums
+from osl_analysis.bench.effects import IMPEDANCE
 from osl_analysis.bench.frequency_response import (
     Response,
     mean_response,
@@ -33,7 +33,7 @@ def eq15(frequency_hz):
 
 
 def table_of_record(record):
-    return response_table(analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE))
+    return response_table(analysed(record, IMPEDANCE))
 
 
 def holds(table, name, truth):
@@ -146,7 +146,7 @@ def test_a_sine_without_torque_is_refused():
     record = stepped_sine(second_order)
     nothing = np.zeros_like(record.torque)
     silent = replace(record, torque=nothing, filtered_torque=nothing)
-    analysis = analysed(silent, plain_sums(silent, IMPEDANCE), IMPEDANCE)
+    analysis = analysed(silent, IMPEDANCE)
 
     with pytest.raises(InputError, match="theta or torque has no sine of 1 Hz"):
         response_table(replace(analysis, record=silent))

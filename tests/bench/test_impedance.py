@@ -19,7 +19,7 @@ from conftest import ROOT, marked
 
 from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.bench_settings import Calibration
-from osl_analysis.bench.effects import IMPEDANCE, plain_sums
+from osl_analysis.bench.effects import IMPEDANCE
 from osl_analysis.bench.impedance import DesiredImpedance, impedance_with_evidence
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.campaign.configuration import config_for_trials
@@ -74,7 +74,7 @@ def test_the_modelled_torque_has_the_drift_where_the_fit_has_it():
         return rendered + drift * np.arange(len(rendered)) / RATE
 
     record = stepped_sine(torque_of, protocol=few_cycles)
-    analysis = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE)
+    analysis = analysed(record, IMPEDANCE)
 
     assert len(analysis.fits) == 3  # two amplitudes and all
     for label in analysis.fits:

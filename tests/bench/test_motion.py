@@ -11,7 +11,7 @@ from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.bench_settings import (
     TimeBase,
 )
-from osl_analysis.bench.effects import IMPEDANCE, plain_sums
+from osl_analysis.bench.effects import IMPEDANCE
 from osl_analysis.bench.impedance import (
     DesiredImpedance,
     impedance_table,
@@ -224,7 +224,7 @@ def standardised_errors(move, seeds, motion, **made):
     for seed in range(seeds):
         rng = np.random.default_rng(seed)
         record = moving_record(made_trial(rng, move(rng, **motion), **made))
-        fit = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE).whole
+        fit = analysed(record, IMPEDANCE).whole
         errors.extend((fit[name] - true) / fit.se(name) for name, true in TRUE.items())
     return np.array(errors)
 

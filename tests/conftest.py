@@ -122,9 +122,7 @@ def parameters() -> DrivetrainParameters:
 def without_inference(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a test of least squares alone: the inference takes nine tenths of a fit."""
     monkeypatch.setattr("osl_analysis.bench.impedance.inferred_from", lambda *_: None)
-    monkeypatch.setattr(
-        "osl_analysis.bench.transmission.suspected_fault_of_losses", lambda *_: None
-    )
+    monkeypatch.setattr("osl_analysis.bench.parts_alone.suspected_fault_of_losses", lambda *_: None)
 
 
 @pytest.fixture(scope="session")

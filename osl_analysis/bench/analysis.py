@@ -9,10 +9,9 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.bench.bench_settings import NOT_STATED, Calibration
-from osl_analysis.bench.effects import Model, plain_sums
 from osl_analysis.bench.plausibility import STIFFNESS_ALONE
 from osl_analysis.bench.record import Label, Record
-from osl_analysis.bench.regression import GroupFit, Sums, fit_groups
+from osl_analysis.bench.regression import GroupFit, Model, Sums, fit_groups, plain_sums
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.signals import seven_point_motion

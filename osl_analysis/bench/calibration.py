@@ -7,14 +7,20 @@ from functools import partial
 import numpy as np
 import polars as pl
 
-from osl_analysis.bench import effects
 from osl_analysis.bench.analysis import QUANTITIES, Analysis, widened
 from osl_analysis.bench.bench_settings import BenchStiffness, Fixture
-from osl_analysis.bench.effects import IMPEDANCE, late_fit
-from osl_analysis.bench.joint_inference import explanations_of, suspected_fault_of_losses
+from osl_analysis.bench.friction import explanations_of, suspected_fault_of_losses
+from osl_analysis.bench.lags import late_fit
 from osl_analysis.bench.plausibility import check_resists
 from osl_analysis.bench.record import Record
-from osl_analysis.bench.regression import GroupFit, fit_groups, gram_sums
+from osl_analysis.bench.regression import (
+    FALSE_ALARM,
+    IMPEDANCE,
+    GroupFit,
+    effect_columns,
+    fit_groups,
+    gram_sums,
+)
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError
 from osl_analysis.signals.grid import origin, uniform_signals
@@ -170,8 +176,7 @@ def late_fits(record: Record, is_spring: bool) -> tuple[GroupFit, GroupFit | Non
     damped : GroupFit or None
         The fit that allows damping; None for a spring with too little inertia to tell it.
     """
-    columns, centre = effects.effect_columns(record)
-    fit_late = partial(late_fit, record.coarse, columns, centre=centre)
+    fit_late = partial(late_fit, record.coarse, effect_columns(record))
     model = {**IMPEDANCE, "T_C": "T_C"}
     if not is_spring:
         fit = fit_late(model=model).fit
@@ -188,7 +193,7 @@ def late_fits(record: Record, is_spring: bool) -> tuple[GroupFit, GroupFit | Non
         is_likely = late.has_ended and late.fit.interval("B")[1] >= 0
         if is_likely or damped is undamped:
             damped = late.fit
-    is_damped = damped["B"] > 0 and damped.certain("B", effects.FALSE_ALARM)
+    is_damped = damped["B"] > 0 and damped.certain("B", FALSE_ALARM)
     return (damped if is_damped else undamped), damped
 
 

@@ -7,33 +7,33 @@ from dataclasses import dataclass, replace
 import numpy as np
 import polars as pl
 
-from osl_analysis.bench import effects
 from osl_analysis.bench.analysis import QUANTITIES, Analysis, analysed, widened
-from osl_analysis.bench.coulomb import coulomb_fits
-from osl_analysis.bench.effects import IMPEDANCE
-from osl_analysis.bench.joint_inference import (
+from osl_analysis.bench.friction import (
     CERTAIN_FRICTION,
+    coulomb_fits,
     delay_told_s,
     fault_columns,
     friction_columns,
     inferred_from,
     with_other_stamps,
 )
-from osl_analysis.bench.leg_belt import Lag, belt_of_leg, is_leg, without_lag
+from osl_analysis.bench.lags import Lag, belt_of_leg, is_leg, without_lag
 from osl_analysis.bench.plausibility import check_resists, check_stiffer, usual_errors
 from osl_analysis.bench.record import Label, Record
 from osl_analysis.bench.regression import (
     FEWEST_UNITS,
+    IMPEDANCE,
+    Admittance,
     GroupFit,
     Sums,
     combined,
     estimates_of,
     held_out_vaf,
     scatter_of,
+    sums_of,
 )
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import IdentifiabilityError
-from osl_analysis.inference import ImpedanceInference
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
 from osl_analysis.model.drivetrain import DrivetrainParameters, joint_admittance
 from osl_analysis.stats.estimates import Estimate, Row
@@ -102,9 +102,7 @@ class DesiredImpedance:
         return {"controller": pl.lit(self.controller, pl.String), **numbers}
 
 
-def rendered_impedance(
-    record: Record, expected: effects.Admittance | None = None
-) -> tuple[Analysis, Sums]:
+def rendered_impedance(record: Record, expected: Admittance | None = None) -> tuple[Analysis, Sums]:
     """Fit Eq. 15 to a record by least squares, for each amplitude and for all.
 
     Parameters
@@ -136,7 +134,7 @@ def rendered_impedance(
         errors = usual_errors(record, analysis.sums, analysis.whole)
         analysis = replace(analysis, fits={None: widened(analysis.whole, errors, of_bench=True)})
     check_stiffer(record.name, "K", analysis.whole["K"], record.settings.bench_stiffness)
-    return analysis, effects.sums_of(record, IMPEDANCE, expected)
+    return analysis, sums_of(record, IMPEDANCE, expected)
 
 
 def impedance_table(
@@ -156,7 +154,7 @@ def impedance_table(
     p
         The device. With theta_m it gives the belt, which shows a lag that Eq. 15 hides where it
         does not fit the drivetrain. Without it a joint whose actuator turns is taken for a leg,
-        since its drivetrain is no fault of the recording (`leg_belt.is_leg`).
+        since its drivetrain is no fault of the recording (`lags.is_leg`).
 
     Returns
     -------
@@ -179,10 +177,9 @@ def impedance_table(
     inferred = inferred_from(record, of_leg)
     is_certain = inferred.friction_probability > CERTAIN_FRICTION if inferred else None
     coulomb = coulomb_fits(s, analysis, is_certain)
-    of_joint = inferred if isinstance(inferred, ImpedanceInference) else None
     of_trial: Row = {
-        **fault_columns(of_joint),
-        "delay_told_s": delay_told_s(of_joint, record),
+        **fault_columns(inferred),
+        "delay_told_s": delay_told_s(inferred, record),
         **motion_row(record),
         "K_s_ratio": belt.K_s / p.K_s if belt and p else None,
         "VAF_held_out": held_out_vaf(analysis.sums, analysis.model),
@@ -193,6 +190,7 @@ def impedance_table(
     of_whole: Row = {}
     for name, estimate in with_other_stamps(analysis, estimates).items():
         of_whole |= estimate.columns(name)
+    centre = record.motion.theta[record.rows()].mean()
     rows: list[Row] = []
     for label, fit in analysis.fits.items():
         rows.append(
@@ -200,8 +198,8 @@ def impedance_table(
                 **analysis.row(label, *QUANTITIES),
                 **(of_whole if label is None else {}),
                 **{f"{name}_se": analysis.calibrated(fit, label).se(name) for name in QUANTITIES},
-                **friction_columns(analysis, inferred, coulomb, label, of_leg),
-                "offset": fit["offset"] - fit["K"] * analysis.sums.centre,
+                **friction_columns(analysis, inferred, coulomb.get(label), label, of_leg),
+                "offset": fit["offset"] - fit["K"] * centre,
                 **lag_row(belt.lag if belt else None, fit),
                 **analysis.time_base_row(label, QUANTITIES),
                 "theta_rms_deg": float(np.rad2deg(np.sqrt(s.covariance(label, ["theta"])[0, 0]))),

@@ -1,8 +1,9 @@
 """One regression for every motion on the bench, from sums over groups of rows.
 
-One pass over the samples sums the products of all columns, of the model and of every effect, in
-each group. All else is small algebra on these sums: the fit to a label or to all, its interval, how
-well it predicts what it has not seen, and each effect (effects.py).
+One pass over the samples sums the products of all columns in each group: of the model, and of what
+else the torque may hold, such as friction, a weight, or higher derivatives. All else is small
+algebra on these sums: the fit to a label or to all, its interval, how well it predicts what it has
+not seen, and each effect, which is one more column beside the model's.
 
 * A *group* is a few consecutive rows, such as the third cycle of 2 Hz at 5 deg.
 * A *stratum* is a set of groups that repeat one another: all cycles of 2 Hz at 5 deg.
@@ -23,7 +24,7 @@ The *score* of a group is by how much it moves the estimates: the products of it
 columns, times the inverse of the normal equations.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -33,6 +34,7 @@ from numpy.typing import NDArray
 from osl_analysis.bench.record import Groups, Label, Record
 from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.measured import check_measured
+from osl_analysis.signals import seven_point_motion
 from osl_analysis.stats.linear_fit import (
     CONDITION_LIMIT,
     SMALLEST_DIRECTION,
@@ -45,6 +47,18 @@ from osl_analysis.stats.linear_fit import (
 )
 from osl_analysis.trial import Array
 
+Admittance = Callable[[NDArray[np.complex128]], NDArray[np.complex128]]
+"""theta/torque [rad/(N*m)] of a model, for complex s [rad/s]."""
+Model = Mapping[str, str]  # estimate -> column of `sums_of`
+# Eq. 15
+IMPEDANCE: Model = {"K": "theta", "B": "omega", "I": "alpha", "offset": "one", "drift": "ramp"}
+# Eq. 4 without a belt
+TRANSMISSION: Model = {"B_j": "omega", "J_j": "alpha", "offset": "one", "drift": "ramp"}
+FALSE_ALARM = 1e-3  # probability of a false alarm for one effect
+SIGN_WIDTHS = {"T_C_sharp": 1e-3, "T_C": 1e-2}
+"""Columns of Coulomb friction, by the velocity [rad/s] over which it changes sign; the larger is
+ten times the velocity noise of 14 bits."""
+BEYOND = 1.1  # cut-offs above which the band's end is motion, not the tail of a faster step
 # largest scaled condition number with effects, whose columns may be nearly collinear
 EFFECTS_LIMIT = 1e5
 FEWEST_UNITS = 4  # with fewer strata the groups are left out instead
@@ -65,8 +79,6 @@ class Sums:
         Rows, labels and strata of the groups.
     rich : tuple of str
         Columns of the richest model, whose residual is noise if nothing repeats.
-    centre : float
-        Angle [rad] at which the column `theta` is 0: verdicts do not depend on the encoder's zero.
     columns : Mapping of Array (n,)
         The columns themselves.
     """
@@ -75,7 +87,6 @@ class Sums:
     gram: Array
     groups: Groups
     rich: tuple[str, ...]
-    centre: float
     columns: Mapping[str, Array]
 
     def index(self, names: Sequence[str]) -> list[int]:
@@ -108,7 +119,6 @@ def gram_sums(
     record: Record,
     columns: Mapping[str, Array],
     rich: Sequence[str],
-    centre: float = 0.0,
 ) -> Sums:
     """Sum the products of columns (n,) and of the record's torque, in each group.
 
@@ -126,7 +136,66 @@ def gram_sums(
     groups = record.groups
     products = np.array([row for _, row in rows]).T
     gram = products_between(products, products, groups.first, groups.stop)
-    return Sums(tuple(columns), gram, groups, tuple(rich), centre, columns)
+    return Sums(tuple(columns), gram, groups, tuple(rich), columns)
+
+
+def plain_sums(record: Record, model: Model) -> Sums:
+    """The sums of a record without effects."""
+    return gram_sums(record, columns_of(record), list(model.values()))
+
+
+def sums_of(record: Record, model: Model, expected: Admittance | None = None) -> Sums:
+    """The sums of a coarse record with all effects; the arguments are those of `effect_columns`."""
+    rich = [*model.values(), "jerk", "snap", "T_C"]
+    sums = gram_sums(record.coarse, effect_columns(record, expected), rich)
+    return replace(sums, columns={})  # unused, and large
+
+
+def columns_of(record: Record) -> dict[str, Array]:
+    """The columns (n,) of the models by name; `theta` is 0 in the middle of the fitted rows:
+    verdicts do not depend on the encoder's zero."""
+    motion = record.motion
+    fitted = record.rows()
+    return {
+        "theta": motion.theta - motion.theta[fitted].mean(),
+        "omega": motion.omega,
+        "alpha": motion.alpha,
+        "one": np.broadcast_to(1.0, motion.theta.shape),
+        "ramp": record.time - record.time[fitted].mean(),
+    }
+
+
+def effect_columns(record: Record, expected: Admittance | None = None) -> dict[str, Array]:
+    """The columns (n,) of models and effects of a coarse record. `expected` is the linear model's
+    admittance, if the gains are known."""
+    few = record.coarse
+    columns = columns_of(few)
+    higher = seven_point_motion(columns["alpha"], few.rate_hz)
+    columns["jerk"] = higher.omega
+    columns["snap"] = higher.alpha
+    low_pass, highest_hz = record.settings.low_pass, record.band_hz[1]
+    omega = few.motion.omega
+    if highest_hz > BEYOND * low_pass.cutoff_hz:
+        # the sign of a slower signal changes at other times
+        swift = replace(low_pass, cutoff_hz=min(2 * highest_hz, 0.2 * record.rate_hz))
+        theta = swift(record.theta, record.rate_hz)[:: round(record.rate_hz / few.rate_hz)]
+        omega = np.gradient(theta, 1 / few.rate_hz)
+    for name, width in SIGN_WIDTHS.items():
+        columns[name] = low_pass(np.tanh(omega / width), few.rate_hz)
+    if expected is not None:
+        columns["linear"] = linear_torque(few, expected)
+    return columns
+
+
+def linear_torque(record: Record, expected: Admittance) -> Array:
+    """Torque (n,) [N*m] of the linear model with admittance `expected` for the filtered motion, up
+    to three cut-offs. The record is extended by its mirror image to make it periodic."""
+    n, theta = len(record.time), record.motion.theta - record.motion.theta.mean()
+    mirrored = np.fft.rfft(np.concatenate([theta, theta[::-1]]))
+    s = np.asarray(2j * np.pi * np.fft.rfftfreq(2 * n, 1 / record.rate_hz), dtype=np.complex128)
+    kept = (np.abs(s) < 2 * np.pi * 3.0 * record.settings.cutoff_hz) & (s != 0)
+    mirrored[kept] /= expected(s[kept])
+    return np.asarray(np.fft.irfft(np.where(kept, mirrored, 0.0), 2 * n)[:n])
 
 
 def estimates_of(total: Array, at: Sequence[int], q: int) -> Array:
@@ -197,7 +266,7 @@ class GroupFit(LinearFit):
 
 def fit_groups(
     s: Sums,
-    model: Mapping[str, str],
+    model: Model,
     chosen: NDArray[np.bool_] | None = None,
     limit: float = CONDITION_LIMIT,
 ) -> GroupFit:
@@ -266,6 +335,12 @@ def fit_groups(
         repeat=noise if has_repeats else None,
         left_out=left_out,
     )
+
+
+def with_effects(s: Sums, model: Model, effects: Sequence[str], label: Label = None) -> GroupFit:
+    """Fit of a model with the columns of effects to a label. Raises as `fit_groups`."""
+    with_columns = {**model, **{name: name for name in effects}}
+    return fit_groups(s, with_columns, s.groups.of(label), EFFECTS_LIMIT)
 
 
 def without_units(A_g: Array, b_g: Array, unit: NDArray[np.intp]) -> Array:
@@ -356,7 +431,7 @@ def accounted_for(total: Array, at: Sequence[int], one: int, estimates: Array) -
     return float(vaf_by_moments(left, covariance[-1, -1], mean_square))
 
 
-def held_out_vaf(s: Sums, model: Mapping[str, str]) -> float | None:
+def held_out_vaf(s: Sums, model: Model) -> float | None:
     """Lowest VAF [percent] of a third of the groups, as of every third cycle, by the fit to the
     others, with its own offset. None where two thirds do not tell the estimates."""
     at = [*s.index(list(model.values())), s.torque]

@@ -12,19 +12,18 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench import bench_settings as choices
-from osl_analysis.bench import calibration, condition_tables, impedance
-from osl_analysis.bench.actuator_alone import actuator_table, actuator_trial
+from osl_analysis.bench import calibration, impedance
 from osl_analysis.bench.analysis import FitTables, analysed, tables_of_fit
 from osl_analysis.bench.belt import belt_curve, belt_table, belt_trial
 from osl_analysis.bench.calibration import fixture_column, fixture_weight_column, with_fixture
-from osl_analysis.bench.component_summary import delay_table, part_summary
-from osl_analysis.bench.effects import IMPEDANCE
 from osl_analysis.bench.frequency_response import response_table
 from osl_analysis.bench.motion import record_of_trial
+from osl_analysis.bench.parts_alone import actuator_table, actuator_trial, transmission_table
 from osl_analysis.bench.plausibility import plausible
 from osl_analysis.bench.record import Record, with_actuator
+from osl_analysis.bench.regression import IMPEDANCE, TRANSMISSION
+from osl_analysis.bench.summaries import compensation_table, delay_table, part_summary
 from osl_analysis.bench.torque_angle import torque_angle_trial
-from osl_analysis.bench.transmission import transmission_of, transmission_table
 from osl_analysis.ingest.guard import check_recording, find_leaps
 from osl_analysis.ingest.quality import saturated
 from osl_analysis.model.compensator import Weight
@@ -63,7 +62,8 @@ def fit_transmission_trial(
     """The transmission's rows, and the series of the fit to all amplitudes."""
     p = known_parameters(parameters, ["B_j", "J_j"])
     trial, rails = checked(trial, settings)
-    analysis = transmission_of(record_of_trial(trial, settings, excitation="stepped_sine"))
+    record = record_of_trial(trial, settings, excitation="stepped_sine")
+    analysis = analysed(record, TRANSMISSION)
     table = plausible(transmission_table(analysis), rails, p, "B_j", "J_j")
     table = table.with_columns(fixture_column(trial))
     return tables_of_fit(
@@ -217,4 +217,4 @@ def pool_delay(table: Path, output: Path, data: str = "") -> None:
 def compare_controllers(table: Path, output: Path, data: str = "") -> None:
     """Compensated beside uncompensated trials of the same desired impedance."""
     rows = read_table(table, ("commanded_deg", "amplitude_deg", "B_viscous", "torque_error"))
-    write_table(condition_tables.compensation_table(rows), output, data)
+    write_table(compensation_table(rows), output, data)

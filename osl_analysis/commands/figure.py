@@ -13,10 +13,10 @@ import polars as pl
 from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.belt import belt_figure_points
 from osl_analysis.bench.bench_settings import ImpedanceAnalysis
-from osl_analysis.bench.component_summary import PLACE
-from osl_analysis.bench.effects import IMPEDANCE
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.motion import record_of_trial
+from osl_analysis.bench.regression import IMPEDANCE
+from osl_analysis.bench.summaries import PLACE
 from osl_analysis.campaign.configuration import FrequencyResponseFigure
 from osl_analysis.commands.bench import without_broken_ends
 from osl_analysis.commands.walking_files import read_unperturbed_gaits, selected_crossings

@@ -14,9 +14,9 @@ from click.testing import CliRunner
 from conftest import ROOT, noted_in
 from scipy.signal import lfilter
 
-from osl_analysis.bench.actuator_alone import ACTUATOR_PARAMETERS as NAMES
-from osl_analysis.bench.actuator_alone import actuator_table, actuator_trial
 from osl_analysis.bench.bench_settings import ActuatorAnalysis, Calibration
+from osl_analysis.bench.parts_alone import ACTUATOR_PARAMETERS as NAMES
+from osl_analysis.bench.parts_alone import actuator_table, actuator_trial
 from osl_analysis.cli import main
 from osl_analysis.commands.bench import fit_actuator_trial
 from osl_analysis.commands.fit import fit_settings, fit_trial

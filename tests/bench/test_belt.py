@@ -7,8 +7,10 @@ from bench_synthetic import LOW_PASS, RATE, belt_cycle, belt_record, stepped_sin
 from conftest import filtered_noise
 
 from osl_analysis.bench import belt as belt_fits
-from osl_analysis.bench import transmission
+from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.bench_settings import BeltAnalysis
+from osl_analysis.bench.parts_alone import transmission_table
+from osl_analysis.bench.regression import TRANSMISSION
 from osl_analysis.errors import InputError
 from osl_analysis.trial import Trial
 
@@ -183,9 +185,7 @@ def test_the_figure_of_belts_has_what_torque_differs_by_from_the_mean_slope():
 
 def losses(torque_of):
     """The rows of the transmission table of a torque."""
-    return transmission.transmission_table(
-        transmission.transmission_of(stepped_sine(torque_of))
-    ).to_dicts()
+    return transmission_table(analysed(stepped_sine(torque_of), TRANSMISSION)).to_dicts()
 
 
 @pytest.mark.usefixtures("without_inference")
@@ -202,9 +202,9 @@ def row_of_late(delay_s, noise):
         jerk = np.gradient(m.alpha, 1 / RATE)
         return 0.45 * (m.omega - delay_s * m.alpha) + 0.005 * (m.alpha - delay_s * jerk)
 
-    return transmission.transmission_table(
-        transmission.transmission_of(stepped_sine(torque, noise))
-    ).row(-1, named=True)
+    return transmission_table(analysed(stepped_sine(torque, noise), TRANSMISSION)).row(
+        -1, named=True
+    )
 
 
 def test_a_late_torque_of_a_transmission_is_found_with_the_inertia_that_it_hides():

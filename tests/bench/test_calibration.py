@@ -28,8 +28,8 @@ from osl_analysis.bench.bench_settings import (
     Fixture,
 )
 from osl_analysis.bench.calibration import fixture_of, with_fixture
-from osl_analysis.bench.coulomb import coulomb_fits
-from osl_analysis.bench.effects import IMPEDANCE, sums_of
+from osl_analysis.bench.friction import coulomb_fits
+from osl_analysis.bench.regression import IMPEDANCE, sums_of
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.fit import run_fit
 from osl_analysis.errors import InputError

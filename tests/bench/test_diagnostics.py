@@ -11,16 +11,16 @@ from bench_synthetic import FIVE, second_order, stepped_sine, table_of
 from conftest import ROOT, findings_of, marked
 from scipy.interpolate import CubicSpline
 
-from osl_analysis.bench.component_summary import delay_table
 from osl_analysis.bench.impedance import (
     DesiredImpedance,
     impedance_table,
     impedance_with_evidence,
     rendered_impedance,
 )
-from osl_analysis.bench.leg_belt import belt_of_leg
+from osl_analysis.bench.lags import belt_of_leg
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.record import with_actuator
+from osl_analysis.bench.summaries import delay_table
 from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.ingest.quality import saturated
 from osl_analysis.judge.limits import Limits

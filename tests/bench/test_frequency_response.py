@@ -9,7 +9,6 @@ from bench_synthetic import record_of, second_order, sine_settings, stepped_sine
 
 from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.bench_settings import BenchStiffness, Calibration
-from osl_analysis.bench.effects import IMPEDANCE
 from osl_analysis.bench.frequency_response import (
     Response,
     mean_response,
@@ -17,6 +16,7 @@ from osl_analysis.bench.frequency_response import (
     response_table,
 )
 from osl_analysis.bench.motion import periods_of, stretches_of
+from osl_analysis.bench.regression import IMPEDANCE
 from osl_analysis.errors import InputError
 from osl_analysis.spectral.periods import periodic_motion
 

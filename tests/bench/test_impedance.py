@@ -19,9 +19,9 @@ from conftest import ROOT, marked
 
 from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.bench_settings import Calibration
-from osl_analysis.bench.effects import IMPEDANCE
 from osl_analysis.bench.impedance import DesiredImpedance, impedance_with_evidence
 from osl_analysis.bench.motion import record_of_trial
+from osl_analysis.bench.regression import IMPEDANCE
 from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.commands.figure import fig4
 from osl_analysis.errors import IdentifiabilityError

@@ -11,7 +11,6 @@ from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.bench_settings import (
     TimeBase,
 )
-from osl_analysis.bench.effects import IMPEDANCE
 from osl_analysis.bench.impedance import (
     DesiredImpedance,
     impedance_table,
@@ -19,6 +18,7 @@ from osl_analysis.bench.impedance import (
     rendered_impedance,
 )
 from osl_analysis.bench.motion import record_of_trial, stated_windows
+from osl_analysis.bench.regression import IMPEDANCE
 from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.ingest import quality

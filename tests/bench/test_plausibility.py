@@ -166,7 +166,7 @@ def test_a_sound_recording_is_not_doubtful(experiment, changes):
 def test_what_is_not_likely_is_doubtful_with_its_cause(
     experiment, changes, cause, column, side, monkeypatch
 ):
-    monkeypatch.setattr("osl_analysis.bench.actuator_alone.FEWEST_MOVING_S", 0.1)
+    monkeypatch.setattr("osl_analysis.bench.parts_alone.FEWEST_MOVING_S", 0.1)
     row = judged(
         experiment,
         changed(experiment, **changes),

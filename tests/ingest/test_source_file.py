@@ -12,8 +12,8 @@ from scipy.signal import lsim, lti
 
 from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.bench_settings import DynamometerAnalysis
-from osl_analysis.bench.effects import IMPEDANCE
 from osl_analysis.bench.motion import record_of_trial
+from osl_analysis.bench.regression import IMPEDANCE
 from osl_analysis.errors import InputError
 from osl_analysis.signals import grid
 from osl_analysis.signals.grid import GapLimits, uniform_signals

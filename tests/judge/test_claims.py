@@ -5,7 +5,7 @@ import polars as pl
 import pytest
 from scipy import stats
 
-from osl_analysis.bench.condition_tables import compensation_table
+from osl_analysis.bench.summaries import compensation_table
 from osl_analysis.judge.claims import (
     Claims,
     compensation_claims,

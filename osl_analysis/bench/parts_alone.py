@@ -1,4 +1,5 @@
-"""The actuator alone on its bench (Eqs. 1-2), turning or clamped."""
+"""Parts of the drivetrain alone on their benches: the actuator (Eqs. 1-2), turning or clamped, and
+the transmission, with the motor detached (Eq. 4)."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -10,19 +11,35 @@ from numpy.typing import NDArray
 
 from osl_analysis.bench.analysis import Analysis, analysed
 from osl_analysis.bench.bench_settings import ActuatorAnalysis
-from osl_analysis.bench.effects import Model
+from osl_analysis.bench.friction import (
+    COLUMNS_OF_LOSSES,
+    coulomb_fits,
+    estimate_columns,
+    fault_columns,
+    suspected_fault_of_losses,
+)
 from osl_analysis.bench.motion import stretches_of
 from osl_analysis.bench.plausibility import check_changes
 from osl_analysis.bench.record import Groups, Record, Stratum
-from osl_analysis.bench.regression import gram_sums
+from osl_analysis.bench.regression import (
+    EFFECTS_LIMIT,
+    FALSE_ALARM,
+    TRANSMISSION,
+    Model,
+    fit_groups,
+    gram_sums,
+    held_out_vaf,
+    sums_of,
+)
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError, naming
 from osl_analysis.signals import Motion, differentiate, runs
 from osl_analysis.signals.grid import UniformSignals, uniform_signals
 from osl_analysis.signals.plateaus import FEWEST_PLATEAUS, is_clamped, plateaus_of
-from osl_analysis.stats.estimates import Row, estimates_row
+from osl_analysis.stats.estimates import Estimate, Row, estimates_row
 from osl_analysis.trial import Array, Trial
 
+LOSSES = ("B_j", "J_j")  # of a transmission
 ACTUATOR_PARAMETERS = ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m")
 """Torque per current k_tau n_m [N*m/A], Coulomb friction [N*m], gear friction [N*m/A], damping,
 inertia."""
@@ -248,3 +265,41 @@ def actuator_table(actuator: Analysis) -> pl.DataFrame:
         **actuator.time_base_row(None, told),
     }
     return table_of([row], "actuator", complete=True)
+
+
+def transmission_table(analysis: Analysis) -> pl.DataFrame:
+    """The trial's rows of `transmission.csv`: one per amplitude [deg], and one for all of them
+    (amplitude null).
+
+    A late torque reduces J_j by B_j times the lag, and leaves a third derivative of the angle,
+    which shows it."""
+    record, s = analysis.record, sums_of(analysis.record, TRANSMISSION)
+    friction = coulomb_fits(s, analysis)
+    fault = suspected_fault_of_losses(record)
+    VAF_held_out = held_out_vaf(analysis.sums, analysis.model)
+    rows: list[Row] = []
+    for label, fit in analysis.fits.items():
+        # a weight acts as a spring: its torque grows with the angle
+        with_weight = {**TRANSMISSION, "weight": "theta"}
+        weight = fit_groups(s, with_weight, s.groups.of(label), EFFECTS_LIMIT)
+        share_of_weight = 0.0
+        if weight.certain("weight", FALSE_ALARM):
+            share_of_weight = 1 - fit["J_j"] / weight["J_j"]
+        coulomb = friction.get(label)
+        certain = coulomb.certain if coulomb else None
+        viscous = Estimate.of_fit(certain, "B_j") if certain else None
+        rows.append(
+            {
+                **analysis.row(label, *LOSSES),
+                "T_C": certain["T_C"] if certain else None,
+                "coulomb_share": coulomb.share if coulomb else None,
+                **estimate_columns("B_j_viscous", viscous),
+                "weight_share": share_of_weight,
+                "VAF_held_out": VAF_held_out,
+                "load_cell_drift": 60 * analysis.whole["drift"],
+                **analysis.time_base_row(label, LOSSES),
+                **fault_columns(fault, COLUMNS_OF_LOSSES),
+                "delay_told_s": fault.delay_told_s if fault else None,
+            }
+        )
+    return table_of(rows, "transmission")

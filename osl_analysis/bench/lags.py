@@ -1,19 +1,36 @@
-"""The belt of a leg, and what it tells of lags of the torque and of theta_m."""
+"""A lag of the torque behind the angle beside any model, and what the belt of a leg tells of lags
+of the torque and of theta_m."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 import polars as pl
 import scipy
 
-from osl_analysis.bench.effects import FALSE_ALARM, columns_of, late_fit
 from osl_analysis.bench.record import Record
+from osl_analysis.bench.regression import (
+    EFFECTS_LIMIT,
+    FALSE_ALARM,
+    GroupFit,
+    Model,
+    columns_of,
+    fit_groups,
+    gram_sums,
+)
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.inference.friction_shapes import slipping_springs
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
 from osl_analysis.stats.estimates import INTERVAL_ENDS
 from osl_analysis.trial import Array
 
+NEXT = {"theta": "omega", "omega": "alpha", "alpha": "jerk"}  # derivative of each column
+LONGEST_LAG = 0.02  # s; the largest lag that is sought
+LAG_FOUND = 1e-6  # s; last step of a search that has come to its end
+LAG_CONVERGED = 1e-9  # s; the step after it would be a thousand times smaller
+# of a search for a lag: four shrink from 20 ms below `LAG_CONVERGED`, as each is about a thousandth
+# of the one before; one is to spare
+MOST_STEPS = 5
 # half-widths [rad] of the slipping springs that model a belt's hysteresis
 WOUND_UP = (0.5e-3, 1.5e-3, 4e-3)
 # SD [s] of a lag due to hysteresis that these do not model; simulated legs: 10 to 150
@@ -26,6 +43,75 @@ LARGEST_K_S = 1.4
 OTHER_B_J = 3.0  # factor by which losses vary from joint to joint about the parameter file's
 # the motion cannot tell effects apart
 CANNOT_TELL = (IdentifiabilityError, InputError, np.linalg.LinAlgError)
+
+
+@dataclass(frozen=True)
+class LateFit:
+    """A model with a lag of the torque."""
+
+    fit: GroupFit  # its last estimate is the lag, `lag_s` [s]
+    has_ended: bool  # whether the search has come to its end
+
+
+def late_fit(
+    few: Record,
+    columns: Mapping[str, Array],
+    model: Model,
+    prompt_torque: Array | float = 0.0,
+    lag_s: float = 0.0,
+) -> LateFit:
+    """Fit a model to a torque that is late (Gauss-Newton).
+
+    In each step the torque is advanced by the lag that is known so far. The slope of the torque is
+    a column, which gives the lag that remains. The slope is the model's, as far as its derivatives
+    are columns: that of a noisy torque would pull the lag to 0. It needs estimates, so that the
+    first step is a fit without a lag. A model without derivatives uses the torque's own slope.
+
+    Parameters
+    ----------
+    few : Record
+        A coarse record of n rows.
+    columns : Mapping of Array (n,)
+        Columns by name.
+    model : Mapping
+        Column of each estimate.
+    prompt_torque : Array (n,) or float
+        Part of the torque that is not late, and is subtracted [N*m].
+    lag_s : float
+        Where the search starts [s].
+
+    Raises
+    ------
+    InputError, IdentifiabilityError
+        As `fit_groups`.
+    """
+    torque_at = scipy.interpolate.make_interp_spline(few.time, few.filtered_torque, 5)
+    derivatives = {
+        name: columns[NEXT[column]] for name, column in model.items() if NEXT.get(column) in columns
+    }
+
+    def fit_at(times: Array, slope: Mapping[str, Array]) -> GroupFit:
+        """The model, with the torque's slope if it is given, for the torque at other times."""
+        torque = torque_at(times) - prompt_torque
+        advanced = replace(few, filtered_torque=torque, torque=torque)
+        sums = gram_sums(advanced, {**columns, **slope}, list(columns))
+        with_lag = {**model, "lag_s": "late"} if slope else model
+        return fit_groups(sums, with_lag, limit=EFFECTS_LIMIT)
+
+    times = np.clip(few.time + lag_s, few.time[0], few.time[-1])
+    fit = fit_at(times, {})
+    for _ in range(MOST_STEPS):
+        slope = torque_at(times, 1)
+        if derivatives:
+            slope = np.sum([fit[name] * column for name, column in derivatives.items()], axis=0)
+        fit = fit_at(times, {"late": -slope})
+        step_s = fit["lag_s"]
+        lag_s = float(np.clip(lag_s + step_s, -LONGEST_LAG, LONGEST_LAG))
+        times = np.clip(few.time + lag_s, few.time[0], few.time[-1])
+        if abs(step_s) < LAG_CONVERGED:
+            break
+    with_lag = np.append(fit.estimates[:-1], lag_s)
+    return LateFit(replace(fit, estimates=with_lag), abs(step_s) <= LAG_FOUND)
 
 
 @dataclass(frozen=True)
@@ -114,7 +200,7 @@ def belt_of_leg(record: Record, p: DrivetrainParameters | None) -> Belt | None:
 
 def belt_columns(few: Record, wound: Array) -> dict[str, Array]:
     """Columns (n,) of the belt's torque for its deflection (n,) [rad]."""
-    columns, _ = columns_of(few)
+    columns = columns_of(few)
     del columns["theta"], columns["alpha"]
     columns["wound"] = wound - wound.mean()
     slips = slipping_springs(wound, WOUND_UP)

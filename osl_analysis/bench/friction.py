@@ -1,0 +1,297 @@
+"""Friction beside K, B and I of Eq. 15, and what else the torque of a recording may hold.
+
+The inference (`osl_analysis/inference`) says whether dry friction is certain and what may be wrong.
+Where friction is certain, K, B and I without it are those of the inference. A Coulomb column beside
+Eq. 15, a torque that has the velocity's sign, serves what the inference does not weigh: single
+amplitudes, a leg, and losses without K. It sees what the low-pass leaves of a friction that changes
+its sign fast: its B is up to 6 % too large. A leg's friction acts behind a spring, so that the sign
+is its only column.
+"""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from osl_analysis.bench.analysis import QUANTITIES, Analysis, widened
+from osl_analysis.bench.record import Label, Record
+from osl_analysis.bench.regression import FALSE_ALARM, GroupFit, Model, Sums, with_effects
+from osl_analysis.errors import IdentifiabilityError, NotWeighedError
+from osl_analysis.inference import (
+    BenchSignals,
+    ImpedanceInference,
+    LegInference,
+    infer_impedance,
+    infer_leg,
+)
+from osl_analysis.inference.constants import HARM_SHARE, LIKELY
+from osl_analysis.inference.estimates import Explanation
+from osl_analysis.signals import runs
+from osl_analysis.stats.estimates import INTERVAL_ENDS, Estimate, Impedance, Row
+
+CERTAIN_FRICTION = 0.9  # probability from which friction is taken off B: nine in ten are right
+NAMED_SHARE = 0.05  # of all faults' probability, below which an explanation is not named
+COLUMNS_OF_LOSSES = (None, "B_j", "J_j")  # of K, B and I in `transmission.csv`
+
+Inferred = ImpedanceInference | LegInference | None
+"""What the inference says; None where it cannot weigh rivals."""
+
+
+@dataclass(frozen=True)
+class CoulombFit:
+    """Coulomb friction in the rows of a label."""
+
+    # part of the damping that it makes, the smaller of those beside higher derivatives and without;
+    # 0 where none is certain over all of the trial
+    share: float
+    # the model's estimates for the torque less its friction, and the friction `T_C` [N*m]; None
+    # where it is not certain in these rows
+    certain: GroupFit | None
+
+
+def coulomb_fits(
+    s: Sums, analysis: Analysis, whole_is_certain: bool | None = None
+) -> dict[Label, CoulombFit]:
+    """Coulomb friction by label; labels whose motion does not tell it from damping are absent.
+
+    No recording shows over which velocity the sign changes: what a tenth of the width changes is
+    the half-width of a rectangular distribution (JCGM 100:2008, 4.3.7).
+
+    Parameters
+    ----------
+    s : Sums
+        The sums of the record with all effects.
+    analysis : Analysis
+        The model's fits, one of whose columns is the velocity.
+    whole_is_certain : bool, optional
+        Whether the whole trial has friction, where that is known; by default this fit decides.
+    """
+    model = analysis.model
+    damping = next(name for name, column in model.items() if column == "omega")
+    fits: dict[Label, CoulombFit] = {}
+    for label in sorted(analysis.fits, key=lambda each: each is not None):  # the whole trial first
+        fit = analysis.fits[label]
+        try:
+            smooth = without_friction(s, model, fit, label, "T_C")
+            is_certain = smooth["T_C"] > 0 and smooth.certain("T_C", FALSE_ALARM)
+            if whole_is_certain is None:
+                whole_is_certain = is_certain
+            # a controller may compensate friction that is not Coulomb's: the smaller of two answers
+            # counts
+            alone = with_effects(s, model, ("T_C",), label)
+            viscous = max(smooth[damping], alone[damping])
+            share = max(1 - viscous / fit[damping], 0.0) if whole_is_certain else 0.0
+            certain = None
+            if is_certain and whole_is_certain:
+                sharp = without_friction(s, model, fit, label, "T_C_sharp")
+                half_width = sharp.estimates - smooth.estimates
+                certain = analysis.calibrated(widened(smooth, half_width / np.sqrt(3)), label)
+        except IdentifiabilityError:
+            continue
+        fits[label] = CoulombFit(share, certain)
+    return fits
+
+
+def without_friction(s: Sums, model: Model, fit: GroupFit, label: Label, column: str) -> GroupFit:
+    """The estimates of a fit to a label for the torque less its friction, and this friction `T_C`
+    [N*m], whose sign changes as in a column.
+
+    Two fits share the work. The one `beside` the higher derivatives of the angle that the motion
+    determines gives the friction T_C and its error: without these a linear drivetrain's deviation
+    from Eq. 15 passes for friction of 0.4 N*m. The one `alone`, without these, gives by how much
+    friction of 1 N*m moves each estimate, and the error of the estimates if T_C were known (their
+    covariance, given T_C):
+
+        x = x_without_column - (dx/dT_C) T_C
+    """
+    alone = beside = with_effects(s, model, (column,), label)
+    for higher in (("jerk",), ("jerk", "snap")):
+        with suppress(IdentifiabilityError):
+            beside = with_effects(s, model, (column, *higher), label)
+    at = [k for k, name in enumerate(model.values()) if name in ("theta", "omega", "alpha")]
+    at_friction = alone.names.index(column)
+    change_per_torque = (fit.estimates[at] - alone.estimates[at]) / alone[column]
+    T_C = beside[column]
+
+    with_T_C = alone.covariance[at, at_friction]
+    variance_of_T_C = alone.covariance[at_friction, at_friction]
+    changes = np.append(-change_per_torque, 1.0)
+    covariance = beside.se(column) ** 2 * np.outer(changes, changes)
+    covariance[:-1, :-1] += alone.covariance[np.ix_(at, at)]
+    covariance[:-1, :-1] -= np.outer(with_T_C, with_T_C) / variance_of_T_C
+    return replace(
+        beside,
+        names=(*(fit.names[k] for k in at), "T_C"),
+        estimates=np.append(fit.estimates[at] - change_per_torque * T_C, T_C),
+        covariance=covariance,
+        degrees_of_freedom=np.full(len(changes), beside.freedom(column)),
+    )
+
+
+def inferred_from(
+    record: Record, is_leg: bool = False, accuracy: tuple[float, float, float] = HARM_SHARE
+) -> Inferred:
+    """The inference from the raw signals of a record, since it finds their band itself.
+
+    Parameters
+    ----------
+    record : Record
+        Angle and torque of a trial.
+    is_leg : bool
+        Whether a belt and an actuator render the joint. Its friction then opposes the actuator's
+        velocity and grows with the current.
+    accuracy : tuple of float
+        Shares of K, B and I from which a fault matters.
+    """
+    # the ends of fitted stretches are left out for the sake of the fit's own filter
+    edge = round(2 * record.rate_hz / record.settings.cutoff_hz)
+    usable = np.zeros(len(record.time), dtype=np.bool_)
+    for rows in runs(record.is_fitted()):
+        usable[max(rows.start - edge, 0) : rows.stop + edge] = True
+    signals = BenchSignals(
+        theta=record.theta,
+        torque=record.torque,
+        rate_hz=record.rate_hz,
+        encoder_step=record.encoder_step,
+        usable=record.usable & usable,
+        sliding_angle=record.actuator.get("wide_band_theta_m") if is_leg else None,
+        load=record.actuator.get("current") if is_leg else None,
+    )
+    with suppress(NotWeighedError):
+        return infer_leg(signals) if is_leg else infer_impedance(signals, accuracy)
+    return None
+
+
+def estimate_columns(name: str, estimate: Estimate | None) -> Row:
+    """The columns of an estimate, null where there is none."""
+    if estimate is None:
+        return dict.fromkeys(f"{name}{end}" for end in INTERVAL_ENDS)
+    return estimate.columns(name)
+
+
+def friction_columns(
+    analysis: Analysis,
+    inferred: Inferred,
+    coulomb: CoulombFit | None,
+    label: Label,
+    is_leg: bool,
+) -> Row:
+    """The columns of friction, null where the motion does not tell it from damping.
+
+    Of a whole trial the inference tells the effect of friction, and least squares its size. Of a
+    joint whose friction has no certain size none is taken off. That of a leg acts behind its belt,
+    where its size need not show.
+
+    Parameters
+    ----------
+    analysis : Analysis
+        Eq. 15.
+    inferred : Inferred
+        What the inference says of the recording.
+    coulomb : CoulombFit or None
+        Of the label, as of `coulomb_fits`.
+    label : Label
+        The row's.
+    is_leg : bool
+        Whether a belt and an actuator render the joint.
+    """
+    share, size = (coulomb.share if coulomb else None), None
+    without: Impedance = {}
+    if coulomb and coulomb.certain:
+        size = Estimate.of_fit(coulomb.certain, "T_C")
+        without = {name: Estimate.of_fit(coulomb.certain, name) for name in QUANTITIES}
+    if label is None and inferred is not None:
+        share, without = 0.0, {}
+        if inferred.friction_probability > CERTAIN_FRICTION and (is_leg or size):
+            # what is stated of the bench, and a band that hardly tells them, no scatter shows
+            whole = analysis.calibrated(analysis.whole)
+            without = {
+                name: estimate.widened_by(whole.se_bench(name))
+                for name, estimate in inferred.without_friction.items()
+            }
+            share = max(1 - without["B"].value / analysis.whole["B"], 0.0)
+        else:
+            size = None
+    if label is None:
+        without = with_other_stamps(analysis, without)
+    return {
+        "coulomb_share": share,
+        **estimate_columns("f_C", size),
+        **estimate_columns("B_viscous", without.get("B")),
+        **estimate_columns("K_without_friction", without.get("K")),
+        **estimate_columns("I_without_friction", without.get("I")),
+    }
+
+
+def with_other_stamps(analysis: Analysis, impedance: Impedance) -> Impedance:
+    """K, B and I of all of a trial, with intervals that also hold them moved as the other reading
+    of undecided stamps moves Eq. 15."""
+    other = analysis.fits_with_other_stamps.get(None)
+    if other is None:
+        return impedance
+    by = {name: other[name] - analysis.whole[name] for name in QUANTITIES}
+    return {
+        name: replace(each, low=each.low + min(by[name], 0), high=each.high + max(by[name], 0))
+        for name, each in impedance.items()
+    }
+
+
+def suspected_fault_of_losses(record: Record) -> ImpedanceInference | None:
+    """What may be wrong with a recording of losses, whose stiffness nobody asks for; None where it
+    is too short to tell."""
+    fault = inferred_from(record, accuracy=(np.inf, *HARM_SHARE[1:]))
+    return fault if isinstance(fault, ImpedanceInference) else None
+
+
+def probable_fault(inferred: Inferred) -> Explanation | None:
+    """The most probable fault; None of a leg, and where the recording is probably sound."""
+    if not isinstance(inferred, ImpedanceInference):
+        return None
+    if inferred.doubt is None and inferred.fault_probability > LIKELY:
+        return next(iter(inferred.explanations), None)
+    return inferred.doubt
+
+
+def explanations_of(inferred: Inferred) -> str | None:
+    """All faults that are not improbable beside each other, the most probable first; None where no
+    fault is probable."""
+    if not isinstance(inferred, ImpedanceInference) or probable_fault(inferred) is None:
+        return None
+    least = NAMED_SHARE * inferred.fault_probability
+    names = [each.name for each in inferred.explanations if each.probability > least]
+    return ", ".join(dict.fromkeys(names))
+
+
+def fault_columns(inferred: Inferred, names: Sequence[str | None] = QUANTITIES) -> Row:
+    """The columns of a fault, null of a leg and where no hypotheses were weighed. `names` are those
+    of K, B and I in the table; None: it has no such column."""
+    fault = probable_fault(inferred)
+    row: Row = {
+        "fault_probability": None,
+        "fault_family": fault.family if fault else None,
+        "explanations": explanations_of(inferred),
+    }
+    moved: Sequence[float | None] = (None, None, None)
+    unexplained = moved
+    if isinstance(inferred, ImpedanceInference):
+        # sums over no hypotheses are whole numbers
+        row["fault_probability"] = float(inferred.fault_probability)
+        moved = inferred.fault_shares if inferred.doubt else (0.0, 0.0, 0.0)
+        unexplained = inferred.unexplained_shares
+    for name, by_fault, left in zip(names, moved, unexplained, strict=True):
+        if name is not None:
+            row[f"{name}_fault_share"] = by_fault
+            row[f"{name}_unexplained_share"] = left
+    return row
+
+
+def delay_told_s(inferred: Inferred, record: Record) -> float | None:
+    """Standard error to which a recording tells a delay [s] between angle and torque that nobody
+    states and that is not found; None of a leg."""
+    fault = probable_fault(inferred)
+    streams = record.uniform.streams if record.uniform else ()
+    is_stated = record.settings.calibration.delay > 0 or any(each["delay_s"] for each in streams)
+    if is_stated or (fault is not None and fault.family == "path"):
+        return None
+    return inferred.delay_told_s if isinstance(inferred, ImpedanceInference) else None

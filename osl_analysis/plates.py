@@ -1,4 +1,4 @@
-"""The surface of a force plate: its axes, and whether a point lies on it.
+"""A force plate: what its channels measure, its axes, and whether a point lies on it.
 
 Corners (4, 3) [m] go round the edge. The first lies in the quadrant +x, +y of the plate's own axes,
 as in C3D files.
@@ -6,7 +6,18 @@ as in C3D files.
 
 import numpy as np
 
+from osl_analysis.recording import EXPORTED
 from osl_analysis.trial import Array
+
+MEASURED_BY_TYPE = {
+    EXPORTED: ("N", "N", "N", "N*m", "N*m", "N*m", "m", "m", "m"),
+    1: ("N", "N", "N", "m", "m", "N*m"),
+    2: ("N", "N", "N", "N*m", "N*m", "N*m"),
+    3: ("N", "N", "N", "N", "N", "N", "N", "N"),
+    4: ("", "", "", "", "", ""),
+}
+"""By type of plate, what its channels measure in SI units; those of type 4 in the units of its
+calibration."""
 
 
 def own_axes(corners: Array) -> Array:

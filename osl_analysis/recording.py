@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing, nearest
 
+SECOND_NS = 1_000_000_000
 EXPORTED = 0  # type of a plate whose force and moment were exported in the laboratory's axes
 
 
@@ -330,8 +331,8 @@ class Format:
         Model of its source files (pydantic, `osl_analysis.source_file`).
     read
         Reads a file; the source file, where there is one, gives the options of the format.
-    priority
-        Formats with a lower number are asked first whether a file is theirs; text is asked last.
+    is_any_text
+        Whether any text may be of it; then others are asked first.
     is_folder
         Whether a folder is one recording of this format.
     files_in
@@ -343,6 +344,6 @@ class Format:
     begins: Callable[[bytes], bool]
     source: type[Any]
     read: Callable[[Path, Any], Recording]
-    priority: int = 0
+    is_any_text: bool = False
     is_folder: Callable[[Path], bool] = lambda path: False
     files_in: Callable[[Path], Sequence[Path]] = lambda path: [path]

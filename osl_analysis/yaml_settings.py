@@ -136,16 +136,16 @@ def read_mapping(path: Path) -> dict[str, Any]:
 
 
 @lru_cache(maxsize=64)
-def parsed_yaml(text: str) -> Any:
-    """The content of a YAML text."""
-    return YAML(typ="safe", pure=True).load(text)  # the parser in C reads YAML 1.1
+def parsed_yaml(text: str, kind: str = "safe") -> Any:
+    """The content of a YAML text; of kind `rt` it knows the lines of its fields."""
+    return YAML(typ=kind, pure=True).load(text)  # the parser in C reads YAML 1.1
 
 
 def field_line(path: Path, place: Place) -> int | None:
     """Line, counted from 1, of a field, or of the innermost field above it in the file; None if
     there is none."""
     try:
-        content = YAML(typ="rt").load(path.read_text(encoding="utf-8-sig"))
+        content = parsed_yaml(path.read_text(encoding="utf-8-sig"), "rt")
     except (OSError, YAMLError, ValueError, RecursionError):
         return None
     line = None

@@ -17,10 +17,9 @@ from osl_analysis.formats import known_formats
 from osl_analysis.ingest.capture import is_labelled, vertical_axis
 from osl_analysis.ingest.likely_clock import likely_unit, rate_of, stated_rate, time_unit
 from osl_analysis.ingest.raw_files import NAME_OF_TIME, UNKNOWN
-from osl_analysis.recording import Channel, Kind, Recording
+from osl_analysis.recording import SECOND_NS, Channel, Kind, Recording
 from osl_analysis.source_file import MarkerSource, Source
 
-SECOND_NS = 1_000_000_000
 MOST_NOTES = 20  # lines of a file's own text that are shown
 MOST_WORDS = 5  # words in place of numbers that are shown of a channel
 FEWEST_READINGS = 10  # a variable with fewer numbers is no signal

@@ -11,8 +11,9 @@ To add a format, add one module with
         read=read,                # (path, source file or None) -> Recording
     )
 
-and a line in docs/files.md; `qualisys.py` is an example. A package elsewhere offers one by the
-entry point group `osl_analysis.formats`. Modules whose names begin with `_` are shared by several.
+and a line in docs/files.md; `json_lines.py` is an example. A module may have several, under any
+names. A package elsewhere offers one by the entry point group `osl_analysis.formats`. Modules whose
+names begin with `_` are shared by several.
 """
 
 import pkgutil
@@ -36,9 +37,8 @@ import numpy as np
 from osl_analysis.errors import InputError, naming, quoted
 from osl_analysis.recording import Format, Recording
 
-FIRST_BYTES = 1 << 16  # of a file, by which its format is recognised
+FIRST_BYTES = 65_536  # of a file, by which its format is recognised
 GROUP = "osl_analysis.formats"  # entry points of other packages
-TEXT_PRIORITY = 9  # of tables of text: any text may be one
 COPY_AGAIN = "copy the file again, or export it anew"
 PACKAGE = Path(__file__).parents[1]
 DECODING_ERRORS = (
@@ -55,13 +55,14 @@ DECODING_ERRORS = (
 
 @cache
 def known_formats() -> Mapping[str, Format]:
-    """The formats by name; those that are more special come first, text comes last."""
+    """The formats by name; tables of any text come last."""
     formats: list[Format] = []
     for module in pkgutil.iter_modules(__path__):
         if not module.name.startswith("_"):
-            formats.append(import_module(f"{__name__}.{module.name}").FORMAT)
+            members = vars(import_module(f"{__name__}.{module.name}")).values()
+            formats += [member for member in members if isinstance(member, Format)]
     formats += [point.load() for point in entry_points(group=GROUP)]
-    formats.sort(key=lambda known: known.priority)
+    formats.sort(key=lambda known: known.is_any_text)
     return {known.name: known for known in formats}
 
 
@@ -101,10 +102,8 @@ def recognise(path: Path, stated: str = "") -> Format:
             f"{path}: of no known format (it begins with {quoted(beginning(path)[:8])}); export it"
             f" as one of {', '.join(known_formats())}, or name the recording itself"
         )
-    likely = min(formats, key=lambda known: known.priority)
-    for known in formats:
-        if known.name == stated and known.priority < TEXT_PRIORITY:
-            likely = known
+    of_name = [one for one in formats if one.name == stated and not one.is_any_text]
+    likely = [*of_name, *formats][0]
     if stated not in ("", likely.name):
         raise InputError(
             f"{path}: is {likely.name}, its source file says {stated}; write"
@@ -210,7 +209,7 @@ def refuse_others(path: Path, formats: Sequence[Format]) -> None:
 
     `formats` are those that the file may be of.
     """
-    if path.is_dir() or any(candidate.priority < TEXT_PRIORITY for candidate in formats):
+    if path.is_dir() or any(not candidate.is_any_text for candidate in formats):
         return
     begin = beginning(path)
     if not begin:

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError, listing, nearest, not_installed
 from osl_analysis.formats import is_of_file
 from osl_analysis.formats._cdr import MOST_ELEMENTS, Layout, definition_of, rows_at
-from osl_analysis.formats._cells import is_number_cell
-from osl_analysis.recording import Channel, End, Kind, Loss, Recording, Rows
+from osl_analysis.formats._text import is_number_cell
+from osl_analysis.recording import SECOND_NS, Channel, End, Kind, Loss, Recording, Rows
 
 ROS_UNITS = {
     "JointState": {"position": "rad", "velocity": "rad/s", "effort": "N*m"},
@@ -40,10 +40,9 @@ CHOICES = re.compile(r"(\[[^\]\"]*\])+$")  # an index, or the name of an element
 QUOTED_NAME = re.compile(r"\[(\"(?:[^\"\\]|\\.)*\")\]$")
 NUMBER = int | float  # built once: a log has a million of them
 DIGITS = frozenset("0123456789.")
-SECOND_NS = 1_000_000_000
 # seconds and nanoseconds of a stamp: ROS, protobuf, Foxglove's JSON, ROS 1 in JSON
 STAMP_PARTS = (("sec", "nanosec"), ("seconds", "nanos"), ("sec", "nsec"), ("secs", "nsecs"))
-LARGEST_STAMP_S = 2**63 // SECOND_NS - 1  # whose nanoseconds 64 bits hold
+LARGEST_STAMP_S = np.iinfo(np.uint32).max  # stamps of ROS have 32 bits for them
 # of a message, as columns beside those of its numbers, whose paths never begin so
 PLACE, LOG_TIME = ".place", ".log_time"
 
@@ -51,6 +50,7 @@ Decoded = tuple[NDArray[np.int64], str, Mapping[str, Any]]
 """Which of the messages these are, the names in them as text, and their columns by path."""
 
 
+UNDECLARED = ""  # stands for the topic of messages of no known channel
 NO_SCHEMA = Schema(0, b"", "", "")
 Bytes = tuple[bytes, NDArray[np.int64], NDArray[np.int64]]
 """Messages that stand in some bytes: these, where each message begins, and its length."""
@@ -104,16 +104,17 @@ class Topic:
         except Exception as error:  # whatever a library meets in a damaged definition
             self._note(error)
 
-    def add(self, messages: Bytes, log_times_ns: NDArray[np.int64], channel: int = 0) -> None:
+    def add(self, messages: Bytes, log_times_ns: NDArray[np.int64], channel: int) -> None:
         """Decode the wanted fields of more messages, of a channel of the recorder."""
         if self.decode is not None:
             for places, names, columns in self.decode(messages):
                 times_ns = log_times_ns[places]
                 publisher = f"channel {channel} of the recorder{names}"
                 for path in columns:
-                    ends = self.spans[path].get(publisher, times_ns[:1])
-                    span_ns = np.append(times_ns, ends)
-                    self.spans[path][publisher] = (int(span_ns.min()), int(span_ns.max()))
+                    own = (int(times_ns.min()), int(times_ns.max()))
+                    first_ns, last_ns = self.spans[path].get(publisher, own)
+                    span_ns = (min(first_ns, own[0]), max(last_ns, own[1]))
+                    self.spans[path][publisher] = span_ns
                 part = {PLACE: self.count + places, LOG_TIME: times_ns, **columns}
                 self.parts.append(pl.DataFrame(part))
         self.count += log_times_ns.size
@@ -340,7 +341,6 @@ class Log:
         self.name_of: dict[int, str] = {}  # of the topic of each channel
         self.read: Counter[str] = Counter()  # messages by topic
         self.expected: Counter[str] = Counter()  # those that the file declares; empty: unknown
-        self.undeclared = 0  # messages of no known channel
         self.chunks = 0
         self.chunks_lost = 0
         self.end = End.WHOLE
@@ -360,14 +360,17 @@ class Log:
             topic.has_two_types |= (topic.encoding, topic.schema) != (encoding, schema)
             self.topic_of[channel] = topic
 
-    def add(self, channel: int, messages: Bytes, log_times_ns: NDArray[np.int64]) -> None:
-        """Give messages of a channel to its topic."""
-        if channel in self.name_of:
-            self.read[self.name_of[channel]] += log_times_ns.size
-        else:
-            self.undeclared += log_times_ns.size
-        if channel in self.topic_of:
-            self.topic_of[channel].add(messages, log_times_ns, channel)
+    def add(
+        self, channels: NDArray[np.int64], messages: Bytes, log_times_ns: NDArray[np.int64]
+    ) -> None:
+        """Give messages, each of a channel, to their topics."""
+        content, starts, lengths = messages
+        for channel in np.unique(channels).tolist():
+            own = np.flatnonzero(channels == channel)
+            self.read[self.name_of.get(channel, UNDECLARED)] += own.size
+            if channel in self.topic_of:
+                messages = (content, starts[own], lengths[own])
+                self.topic_of[channel].add(messages, log_times_ns[own], channel)
 
     def recording(self, format_name: str, size: int) -> Recording:
         """Put together what was read of a file of a size [bytes].
@@ -377,10 +380,11 @@ class Log:
         InputError
             Two publishers wrote into a topic that the source file names.
         """
+        undeclared = self.read.pop(UNDECLARED, 0)
         read = self.read.total()
         expected = self.expected.total() or None
-        if self.undeclared:
-            self.remarks.append(f"{self.undeclared} messages belong to no channel that is declared")
+        if undeclared:
+            self.remarks.append(f"{undeclared} messages belong to no channel that is declared")
         if expected not in (None, read):
             self.remarks.append(f"it declares {expected} messages and holds {read}")
         by_topic: dict[str, tuple[int, int | None]] = {
@@ -418,7 +422,7 @@ class Log:
                 "bytes": size,
                 "chunks": self.chunks,
                 "chunks_lost": self.chunks_lost,
-                "messages": read + self.undeclared,
+                "messages": read + undeclared,
             },
             find_unlisted=self._find_unlisted,
         )

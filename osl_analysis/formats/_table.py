@@ -17,8 +17,12 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats._cells import (
+from osl_analysis.formats._text import (
+    FIRST_LINES,
+    LAST_LINES,
     MISSING,
+    Line,
+    Row,
     are_times,
     cell_stamps,
     cell_values,
@@ -28,16 +32,14 @@ from osl_analysis.formats._cells import (
     is_value,
     most_common_width,
     name_and_unit,
+    unpadded,
     without_brackets,
 )
-from osl_analysis.formats._text import Line, Row, unpadded
 from osl_analysis.recording import Channel, End, Kind, Loss, Recording, Rows
 from osl_analysis.source_file import ColumnChannel, ColumnTime, TableSource
 from osl_analysis.units import is_unit
 
 MOST_COLUMNS = 10_000  # a table with more columns is transposed, or no recording
-SAMPLE_ROWS = 600  # rows by which the width of a table and its first numbers are found
-LONGEST_FOOTER = 60  # rows
 MOST_HEADERS = 3  # rows of names and units above the numbers
 LEAST_VALUES = 0.5  # share of the cells of a column of numbers that are numbers
 FAR_BEYOND = 5.0  # times the next largest value: a number of nines is none that was measured
@@ -137,7 +139,7 @@ def table_of_rows(
     shape = _shape_of(rows)
     first = _first_row_of_data(rows, shape)
     last = len(rows) - 1  # it may be text, as of a footer
-    while last > max(first, len(rows) - LONGEST_FOOTER) and not shape.begins(rows[last].cells):
+    while last > max(first, len(rows) - LAST_LINES) and not shape.begins(rows[last].cells):
         last -= 1
     above, footer = rows[:first], rows[last + 1 :]
     comment_texts = [line.text.strip(" \t#%/") for line in comments]
@@ -225,7 +227,7 @@ def _shape_of(rows: Sequence[Row]) -> Shape:
     if not rows:
         raise InputError("holds no rows; record it again, or exclude the trial")
     middle = rows[len(rows) // 2]
-    sample = [row.cells for row in rows[:SAMPLE_ROWS]]
+    sample = [row.cells for row in rows[:FIRST_LINES]]
     width = most_common_width(sample)
     typical = [cells for cells in sample if len(cells) == width]
     typical = typical[len(typical) // 2 :]  # the first rows may be a header

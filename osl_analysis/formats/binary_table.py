@@ -20,7 +20,6 @@ from polars import selectors
 
 from osl_analysis.errors import InputError, listing, optional_module
 from osl_analysis.formats import beginning
-from osl_analysis.formats._cells import name_and_unit
 from osl_analysis.formats._table import (
     LISTING,
     SheetSource,
@@ -28,7 +27,7 @@ from osl_analysis.formats._table import (
     lasting_names,
     recording_of_table,
 )
-from osl_analysis.formats._text import Text
+from osl_analysis.formats._text import Text, name_and_unit
 from osl_analysis.formats.csv_table import table_of_text
 from osl_analysis.recording import Channel, End, Format, Loss, Recording, Rows
 
@@ -229,5 +228,4 @@ FORMAT = Format(
     begins=_begins,
     source=SheetSource,
     read=read,
-    priority=3,
 )  # fmt: skip

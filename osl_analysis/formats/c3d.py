@@ -20,7 +20,8 @@ from pydantic import AfterValidator, Field, PositiveInt, model_validator
 
 from osl_analysis.errors import InputError, listing
 from osl_analysis.formats._text import decoded
-from osl_analysis.recording import Channel, Format, Kind, Loss, Plate, Recording, Rows
+from osl_analysis.plates import MEASURED_BY_TYPE
+from osl_analysis.recording import EXPORTED, Channel, Format, Kind, Loss, Plate, Recording, Rows
 from osl_analysis.source_file import (
     Channel as ChannelSettings,
 )
@@ -41,8 +42,7 @@ INTEL = b"\x54"  # code of the number format that is read
 TEXT = -1
 TYPES = {1: "u1", 2: "<i2", 4: "<f4"}  # of numbers in parameters
 # a parameter holds 255 values; more follow in NAME2, NAME3, ...
-CONTINUATIONS = ("", *map(str, range(2, 10)))
-CHANNELS_OF_PLATE = {1: 6, 2: 6, 3: 8, 4: 6}  # by type, C3D manual, FORCE_PLATFORM:TYPE
+CONTINUATIONS = ("", *"23456789")
 MOST_PLATES = 99
 MOST_DIMENSIONS = 7  # of a parameter
 STATE_PLATE = (
@@ -130,11 +130,14 @@ class Header:
         numbers = 4 * self.points + self.channels * self.samples_per_frame
         return numbers * (2 if self.are_integers else 4)
 
-    def numbers(self, name: str) -> Array:
-        """A numeric parameter, flat, with its continuations; empty where the file has none."""
+    def texts(self, name: str) -> list[str]:
+        """The values of a parameter with its continuations, as text; empty where there is none."""
         parts = [self.parameters.get(name + suffix, []) for suffix in CONTINUATIONS]
-        flat = [part.ravel(order="F") for part in parts if isinstance(part, np.ndarray)]
-        return np.concatenate([np.zeros(0), *flat])
+        return [str(value) for part in parts for value in np.ravel(part, order="F")]
+
+    def numbers(self, name: str) -> Array:
+        """The values of a numeric parameter."""
+        return np.array(self.texts(name), np.float64)
 
     def number(self, name: str) -> float:
         """The first number of a parameter; 0 where the file has none that is finite."""
@@ -144,11 +147,6 @@ class Header:
     def length_unit(self) -> str:
         """Unit of positions; empty where the file has none."""
         return "".join(self.texts("POINT:UNITS")[:1])
-
-    def texts(self, name: str) -> list[str]:
-        """A text parameter with its continuations; empty where the file has none."""
-        values = [self.parameters.get(name + suffix, []) for suffix in CONTINUATIONS]
-        return [text for value in values if isinstance(value, list) for text in value]
 
 
 def parse_header(data: bytes) -> Header:
@@ -352,7 +350,7 @@ def plate_of(
         analogs = [_number_of(label, channels, number) for label in geometry.channels]
     else:
         kind = int(_plate_parameter(header, "TYPE", number))
-        if kind not in CHANNELS_OF_PLATE:
+        if kind == EXPORTED or kind not in MEASURED_BY_TYPE:
             raise InputError(
                 f"plate {number} is of type {kind}, and types 1 to 4 are read; if the file has its"
                 " forces and moments as six channels, state it as type 2 under `plate_geometry` in"
@@ -365,13 +363,13 @@ def plate_of(
             if header.texts("FORCE_PLATFORM:MATRIX_STORE") == ["BYROW"]:
                 calibration = calibration.T
         analogs = _plate_parameter(header, "CHANNEL", number, (0,)).astype(int).tolist()
-        analogs = analogs[: CHANNELS_OF_PLATE[kind]]
+        analogs = analogs[: len(MEASURED_BY_TYPE[kind])]
     if kind == 3 and not origin[:2].all():
         raise InputError(
             f"plate {number} of type 3 has ORIGIN {origin.tolist()}; without its sensors' distances"
             " there is no moment: correct it"
         )
-    needed = CHANNELS_OF_PLATE[kind]
+    needed = len(MEASURED_BY_TYPE[kind])
     if len(analogs) != needed or not {*analogs} <= {*range(1, header.channels + 1)}:
         raise InputError(
             f"plate {number} of type {kind} has {needed} channels, and what describes it gives"
@@ -422,7 +420,7 @@ def plates_of(
     plates: list[Plate] = []
     questions: list[str] = []
     alike = [channel.name for channel in channels if PLATE_LABEL.search(channel.name)]
-    if not count and len(alike) >= CHANNELS_OF_PLATE[2]:
+    if not count and len(alike) >= len(MEASURED_BY_TYPE[2]):
         questions.append(
             f"channels such as {listing(alike[:6])} look like those of a force plate, but the file"
             f" has no FORCE_PLATFORM and where it lies is not known; {STATE_PLATE}"

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
+from polars import selectors
 from polars.exceptions import PolarsError
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats import TEXT_PRIORITY
 from osl_analysis.formats._table import (
     COMMENT_SIGNS,
     LISTING,
@@ -26,6 +26,9 @@ from osl_analysis.formats._table import (
     table_of_rows,
 )
 from osl_analysis.formats._text import (
+    FIRST_LINES,
+    LAST_LINES,
+    WHOLE,
     Line,
     Text,
     delimiter_of,
@@ -36,31 +39,29 @@ from osl_analysis.formats._text import (
 )
 from osl_analysis.recording import Format, Recording
 
-FIRST_LINES = 300  # of a long text, from which its header is found
-FIRST_TYPED = 1000  # lines by which columns of numbers are told from text
-LAST_LINES = 60  # of a long text, among which its footer is
+LAST_BYTES = 1_000_000  # in which the last lines are
 PADDING = ' \t\v\f"'  # of cells
 LABVIEW = b"LabVIEW Measurement"
 END_OF_HEADER = b"***End_of_Header***"
 
 
 def table_of_text(text: Text, layout: SheetSource) -> Table:
-    """Find the table in a text."""
-    *first, rest = text.data.split(b"\n", FIRST_LINES)
-    between, *last = rest.rsplit(b"\n", LAST_LINES)
-    count = between.count(b"\n") + 1
-    if len(first) == FIRST_LINES and count > FIRST_LINES:
-        lines = numbered(b"\n".join(first))
-        lines += numbered(b"\n".join(last), FIRST_LINES + count + 1)
-        with suppress(InputError, PolarsError):  # the whole text then tells what is wrong
-            ends = _table_of_lines(lines, layout, text.is_ended)
-            has_dropped = layout.ragged == "dropped_variable" and ends.remarks
-            table = None
-            if not ends.skipped and not has_dropped:
-                table = _with_rows_between(ends, between, count)
-            if table is not None:
-                return table
-    return _table_of_lines(numbered(text.data), layout, text.is_ended)
+    """Find the table in a text: in a long one by its first and last lines."""
+    data = text.data
+    first = re.match(rb"(?:.*\n){%d}" % FIRST_LINES, data)
+    _, *last = data[-LAST_BYTES:].rsplit(b"\n", LAST_LINES)
+    if first and last:
+        end = b"\n".join(last)
+        between = data[first.end() : len(data) - len(end) - 1]
+        count = between.count(b"\n") + 1
+        if count > FIRST_LINES:
+            lines = numbered(first[0]) + numbered(end, FIRST_LINES + count + 1)
+            with suppress(InputError, PolarsError):  # the whole text then tells what is wrong
+                ends = _table_of_lines(lines, layout, text.is_ended)
+                has_dropped = layout.ragged == "dropped_variable" and ends.remarks
+                if not ends.skipped and not has_dropped:
+                    return _with_rows_between(ends, between, count)
+    return _table_of_lines(numbered(data), layout, text.is_ended)
 
 
 def _table_of_lines(lines: Sequence[Line], layout: SheetSource, is_ended: bool) -> Table:
@@ -74,52 +75,54 @@ def _table_of_lines(lines: Sequence[Line], layout: SheetSource, is_ended: bool) 
     return table_of_rows(rows, comments, layout, delimiter, is_ended)
 
 
-def _with_rows_between(ends: Table, text: bytes, count: int) -> Table | None:
-    """Add the rows between the first and the last ones, as numbers where all columns are whole, or
-    else as text; None if some have not a cell for each name, or are comments."""
+def _with_rows_between(ends: Table, text: bytes, count: int) -> Table:
+    """Add the lines between the first and the last ones. Columns of which all cells are numbers are
+    read as such, others as text.
+
+    Raises
+    ------
+    InputError, PolarsError
+        One is a comment or blank, or has not a cell for each name.
+    """
     delimiter = ends.delimiter
     if delimiter == " ":
         text = re.sub(rb"(?m)^[ \t]+|[ \t]+$", b"", text)
         text = re.sub(rb"[ \t]+", b"\t", text)
         delimiter = "\t"
-    read_csv = partial(
-        pl.read_csv,
-        text,
-        has_header=False,
-        separator=delimiter,
-        quote_char='"' if b'"' in text else None,
-        new_columns=ends.body.columns,
-        decimal_comma=ends.decimal == ",",
-    )
-    outer = ends.body
-    between = numbers = pl.DataFrame()
-    if ends.decimal == "." or b"." not in text:  # else polars would take points for decimals, too
-        with suppress(PolarsError):  # a cell is unlike the first ones of its column
-            between = read_csv(infer_schema_length=FIRST_TYPED)
-            numbers = between.select(pl.exclude(pl.String))
-            points = pl.col(numbers.columns).str.replace(ends.decimal, ".", literal=True)
-            outer = ends.body.with_columns(points).cast(between.schema)
-    are_finite = all(column.is_finite().all(ignore_nulls=False) for column in numbers)
-    if outer is ends.body or not are_finite:
-        outer = ends.body
-        between = read_csv(infer_schema=False)
-    if pl.String in between.schema.values():
+    read_csv = partial(pl.read_csv, text, has_header=False, separator=delimiter, quote_char=None)
+    kinds = {cells.name: _kind_of(cells, ends.decimal) for cells in ends.body}
+    between = read_csv(schema=kinds, ignore_errors=True)
+    for cells in between.select(selectors.numeric()):
+        if not cells.is_finite().all(ignore_nulls=False):
+            kinds[cells.name] = pl.String
+    if kinds != between.schema:
+        between = read_csv(schema=kinds)
+    if pl.String in kinds.values():
+        between = between.with_columns(pl.col(pl.String).fill_null("").str.strip_chars(PADDING))
         # polars refuses a line with more cells than names, so that as many cells in all as names
         # times lines say that no line has fewer
         are_whole = text.count(delimiter.encode()) == count * (between.width - 1)
-        if not are_whole or any(sign.encode() in text for sign in COMMENT_SIGNS):
-            return None
-        between = between.with_columns(pl.col(pl.String).fill_null("").str.strip_chars(PADDING))
-    is_empty = pl.all_horizontal(pl.col(pl.String) == "").any()
-    if len(between) != count or (outer is ends.body and between.select(is_empty).item()):
-        return None
+        has_comment = any(sign.encode() in text for sign in COMMENT_SIGNS)
+        is_blank = pl.all_horizontal(pl.col(pl.String) == "").any()
+        has_blank = {*kinds.values()} == {pl.String} and between.select(is_blank).item()
+        if not are_whole or has_comment or has_blank:
+            raise InputError("lines are not alike")
     above = int((ends.lines <= FIRST_LINES).sum())
-    lines_between = FIRST_LINES + 1 + np.arange(count)
+    lines = FIRST_LINES + 1 + np.arange(count)
+    outer = ends.body.cast(between.schema)
     return replace(
         ends,
-        lines=np.concatenate([ends.lines[:above], lines_between, ends.lines[above:]]),
-        body=pl.concat([outer[:above], between, outer[above:]], rechunk=True),
+        lines=np.concatenate([ends.lines[:above], lines, ends.lines[above:]]),
+        body=pl.concat([outer[:above], between, outer[above:]]),
     )
+
+
+def _kind_of(cells: pl.Series, decimal: str) -> type[pl.DataType]:
+    """The type of a column of text: floats would round nanoseconds since 1970."""
+    numbers = cells.cast(pl.Float64, strict=False)
+    if decimal == "," or not numbers.is_finite().all(ignore_nulls=False):
+        return pl.String
+    return pl.Int64 if cells.str.contains(WHOLE).all() else pl.Float64
 
 
 def read(path: Path, source: SheetSource | None) -> Recording:
@@ -144,5 +147,5 @@ FORMAT = Format(
     begins=is_text,
     source=SheetSource,
     read=read,
-    priority=TEXT_PRIORITY,
+    is_any_text=True,
 )

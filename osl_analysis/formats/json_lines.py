@@ -13,7 +13,7 @@ from osl_analysis.formats._text import in_utf8
 from osl_analysis.recording import End, Format, Loss, Recording, Rows
 from osl_analysis.source_file import FieldChannel, RowTime, TableSource
 
-LINES_AT_ONCE = 1 << 14  # whose objects are held in memory
+LINES_AT_ONCE = 16_384  # whose objects are held in memory
 
 
 class FieldTime(RowTime):
@@ -47,7 +47,7 @@ def read(path: Path, source: JsonSource | None) -> Recording:
     topic = Topic("", "json")
     for first in range(0, lines.size, LINES_AT_ONCE):
         part = lines[first : first + LINES_AT_ONCE]
-        topic.add((content, starts[part], lengths[part]), np.zeros_like(part))
+        topic.add((content, starts[part], lengths[part]), np.zeros_like(part), 0)
     places = topic.table[PLACE].to_numpy()
     if not places.size:
         reason = topic.reason or "holds no whole line"
@@ -88,5 +88,4 @@ FORMAT = Format(
     begins=_begins,
     source=JsonSource,
     read=read,
-    priority=2,
 )

@@ -21,7 +21,6 @@ from osl_analysis.formats.binary_table import Column, channels_of
 from osl_analysis.recording import Channel, Format, Loss, Recording
 from osl_analysis.source_file import LogChannel, Name, RowTime, TableSource
 
-HEADER = 128  # bytes; of version 7.3 HDF5 begins behind 512
 FEWEST_SAMPLES = 10  # of a signal
 COLUMN = re.compile(r"\((\d+,:|:,\d+)\)$")  # or a row, of a matrix
 
@@ -234,7 +233,7 @@ def _plain(address: str) -> str:
 
 
 def _begins(begin: bytes) -> bool:
-    return begin.startswith((b"MATLAB 5.0 MAT", b"MATLAB 7.")) and b"\0" in begin[:HEADER]
+    return begin.startswith((b"MATLAB 5.0 MAT", b"MATLAB 7.")) and b"\0" in begin
 
 
 FORMAT = Format(name="mat", suffixes=(".mat",), begins=_begins, source=MatSource, read=read)

@@ -9,6 +9,7 @@ import struct
 from collections import Counter
 from contextlib import suppress
 from io import BytesIO
+from operator import methodcaller
 from pathlib import Path
 
 import numpy as np
@@ -77,7 +78,7 @@ class Log(_messages.Log):
                 self.end = End.MISSING
         if summary is not None and summary.statistics is not None:
             for number, count in summary.statistics.channel_message_counts.items():
-                self.counts[self.name_of.get(number, "")] += count
+                self.counts[self.name_of.get(number, _messages.UNDECLARED)] += count
         if self.checked:
             self.checksums = "checked" if self.checked == self.read.total() else "mixed"
 
@@ -125,12 +126,9 @@ class Log(_messages.Log):
     def _take_messages(self, content: bytes, places: NDArray[np.int64]) -> None:
         """Give messages at places in some bytes to their topics."""
         heads = rows_at(content, places, MESSAGE.itemsize).view(MESSAGE)
-        for channel in np.flatnonzero(np.bincount(heads["channel"])).tolist():
-            is_of_channel = heads["channel"] == channel
-            starts = places[is_of_channel] + MESSAGE.itemsize
-            lengths = heads["length"][is_of_channel].astype(np.int64) - MESSAGE_HEAD
-            log_times_ns = heads["log_time"][is_of_channel].astype(np.int64)
-            self.add(channel, (content, starts, lengths), log_times_ns)
+        lengths = heads["length"].astype(np.int64) - MESSAGE_HEAD
+        messages = (content, places + MESSAGE.itemsize, lengths)
+        self.add(heads["channel"].astype(np.int64), messages, heads["log_time"].astype(np.int64))
 
     def _declare_channel(self, channel: Channel) -> None:
         schema = self.schemas.get(channel.schema_id, _messages.NO_SCHEMA)
@@ -150,8 +148,10 @@ def read(path: Path, source: MessageSource | None) -> Recording:
     return log.recording("mcap", path.stat().st_size)
 
 
-def _begins(begin: bytes) -> bool:
-    return begin.startswith(MAGIC)
-
-
-FORMAT = Format(name="mcap", suffixes=(".mcap",), begins=_begins, source=MessageSource, read=read)
+FORMAT = Format(
+    name="mcap",
+    suffixes=(".mcap",),
+    begins=methodcaller("startswith", MAGIC),
+    source=MessageSource,
+    read=read,
+)

@@ -4,6 +4,7 @@ Sections stand in any order. Each has a title, a rate, a row of names, each abov
 columns only, a header, a row of units, and samples.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,24 +13,26 @@ import numpy as np
 from pydantic import Field, PositiveInt
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats._captured_text import KINDS, Section, exported_plate
-from osl_analysis.formats._cells import decimal_of, is_number_cell
 from osl_analysis.formats._text import (
     Row,
     check_last_line,
+    decimal_of,
     decoded,
     delimiter_of,
+    is_number_cell,
     is_text,
     numbered,
     read_text,
     split_rows,
     unpadded,
 )
+from osl_analysis.formats.marker_text import KINDS, Section, exported_plate
 from osl_analysis.recording import End, Format, Loss, Plate, Recording
 from osl_analysis.source_file import Channel as ChannelSettings
 from osl_analysis.source_file import Corner, ExportedPlate, LaboratorySource, Name
 
 HEAD_ROWS = 5  # title, rate, names, header, units
+HEADER = re.compile(r'(?i)(?:^|[\r\n])"*frame[^\r\n]*sub frame')
 
 
 class DeviceChannel(ChannelSettings):
@@ -60,7 +63,7 @@ def read_sections(path: Path) -> list[Section]:
     """Read the sections; refused if there is none, or one has no samples."""
     text = read_text(path)
     lines = numbered(text.data)
-    headers = [line for line in lines if _is_header(line.text)]
+    headers = [line for line in lines if HEADER.search(line.text)]
     rows = split_rows(lines, delimiter_of(headers[:1]))
     starts = [
         place - 3
@@ -77,11 +80,6 @@ def read_sections(path: Path) -> list[Section]:
     signs = [decimal_of([row.cells for row in part[HEAD_ROWS:]]) for part in parts]
     decimal = "," if "," in signs else "."
     return [_section_of(part, decimal) for part in parts]
-
-
-def _is_header(line: str) -> bool:
-    begin = line.replace('"', "").casefold()
-    return begin.startswith("frame") and "sub frame" in begin
 
 
 def _section_of(rows: Sequence[Row], decimal: str) -> Section:
@@ -159,9 +157,7 @@ def _timing_of(sections: Sequence[Section]) -> dict[str, object]:
 
 def _begins(begin: bytes) -> bool:
     """Tell whether the header of a section stands in the beginning."""
-    return is_text(begin) and any(map(_is_header, decoded(begin).splitlines()))
+    return is_text(begin) and HEADER.search(decoded(begin)) is not None
 
 
-FORMAT = Format(
-    name="nexus_csv", suffixes=(), begins=_begins, source=NexusSource, read=read, priority=1
-)
+FORMAT = Format(name="nexus_csv", suffixes=(), begins=_begins, source=NexusSource, read=read)

@@ -10,10 +10,10 @@ from typing import Literal
 from pydantic import Field, PositiveInt, model_validator
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats._captured_text import exported_plate
 from osl_analysis.formats._table import LISTING, SheetSource, recording_of_table
 from osl_analysis.formats._text import decoded, is_text, read_text
 from osl_analysis.formats.csv_table import table_of_text
+from osl_analysis.formats.marker_text import exported_plate
 from osl_analysis.recording import End, Format, Plate, Recording
 from osl_analysis.source_file import (
     Axes,
@@ -167,5 +167,4 @@ FORMAT = Format(
     begins=_begins,
     source=OpenSimSource,
     read=read,
-    priority=1,
 )

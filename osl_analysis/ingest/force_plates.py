@@ -12,21 +12,11 @@ import numpy as np
 from osl_analysis.errors import InputError, naming, printable
 from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.guard import longest_of, repeats, run_at_extreme
-from osl_analysis.plates import own_axes
+from osl_analysis.plates import MEASURED_BY_TYPE, own_axes
 from osl_analysis.recording import EXPORTED, Plate
 from osl_analysis.source_file import PlateUnits, Source
 from osl_analysis.trial import Array, plate_columns, unit_of
 from osl_analysis.units import si_factor
-
-MEASURED_BY_TYPE = {
-    EXPORTED: ("N",) * 3 + ("N*m",) * 3 + ("m",) * 3,
-    1: ("N",) * 3 + ("m",) * 2 + ("N*m",),
-    2: ("N",) * 3 + ("N*m",) * 3,
-    3: ("N",) * 8,
-    4: ("",) * 6,
-}
-"""By type of plate, what its channels measure in SI units; those of type 4 in the units of its
-calibration."""
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from scipy import constants
 from osl_analysis.errors import InputError
 from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.conversion import numbers_of
-from osl_analysis.recording import Channel, Kind, Recording, Rows
+from osl_analysis.recording import SECOND_NS, Channel, Kind, Recording, Rows
 from osl_analysis.source_file import TableSource
 from osl_analysis.trial import Array
 from osl_analysis.units import (
@@ -186,9 +186,6 @@ def span_ratio(span: float, other: float, more_units: Sequence[float] = LONG_UNI
     units = np.array([*TIME_UNITS.values(), *more_units])
     ratios = np.divide.outer(units, units).ravel() * span / other
     return float(ratios[np.argmin(np.abs(np.log(ratios)))])
-
-
-SECOND_NS = 1_000_000_000
 
 
 def check_other_clocks(

@@ -21,11 +21,10 @@ from osl_analysis.ingest.conversion import (
     share_lost,
 )
 from osl_analysis.ingest.likely_clock import rate_of
-from osl_analysis.recording import Recording, Rows
+from osl_analysis.recording import SECOND_NS, Recording, Rows
 from osl_analysis.signals import longest_run
 from osl_analysis.source_file import MessageChannel, MessageSource
 
-SECOND_NS = 1_000_000_000
 SET_BACK_NS = SECOND_NS  # a message that is later than others by more was not only late
 MOST_LATE = 10  # messages in a row that are late; of more, the clock was set back
 

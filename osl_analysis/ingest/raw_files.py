@@ -78,11 +78,7 @@ def may_be_recording(path: Path) -> bool:
         begin = formats.beginning(path)
     except OSError:
         return False
-    of_format = any(
-        one.begins(begin)
-        for one in known_formats().values()
-        if one.priority < formats.TEXT_PRIORITY
-    )
+    of_format = any(one.begins(begin) for one in known_formats().values() if not one.is_any_text)
     return of_format or begins_with_rows(begin)
 
 

@@ -51,7 +51,7 @@ MISTAKES: list[tuple[dict[str, object], str]] = [
      unit in TWO}}, "is theta al"),
     (channel("time", unit="s"), "time is not a channel"),
     (channel("theta", unit="deg", sign=0), "sign"),
-    ({"format": "xlsx"}, "format 'xlsx' is not known: write one of c3d"), (LOG, "channels: "),
+    ({"format": "xlsx"}, "format 'xlsx' is not known: write one of table"), (LOG, "channels: "),
     ({"format": "c3d", "plates": "first"},
      "plates: 'first' is not allowed: write 'all', or write a list"),
     ({"format": "c3d", "plate_units": {"force": "N", "moment": "mm"}}, "unit 'mm' measures [m]"),

@@ -1,27 +1,42 @@
-"""Text of motion capture: a header of keys, names of columns, and a row of numbers a frame."""
+"""Text of motion capture: a header of keys, names of columns, and a row of numbers a frame.
+
+Here are the markers that Qualisys Track Manager exports as TSV, and those in TRC; `nexus.py` has
+the exports of Vicon.
+
+Qualisys: lines of keys stand above the frames: NO_OF_FRAMES, FREQUENCY, MARKER_NAMES. Then a header
+may name the columns, and each line holds one frame: maybe its number and time, then x, y, z of each
+marker [mm] (QTM user manual, "TSV file formats").
+
+TRC, as Motion Analysis defined it: a header of five lines, then a row per frame. No maintained
+library reads it alone.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats._cells import is_number_cell
 from osl_analysis.formats._text import (
     Row,
     Text,
+    check_last_line,
     column_of,
     decoded,
+    is_number_cell,
     is_text,
     numbered,
+    read_text,
     split_rows,
     unpadded,
 )
-from osl_analysis.recording import EXPORTED, Channel, Kind, Loss, Plate, Recording, Rows
-from osl_analysis.source_file import Corner, ExportedPlate
+from osl_analysis.recording import EXPORTED, Channel, Format, Kind, Loss, Plate, Recording, Rows
+from osl_analysis.source_file import Corner, ExportedPlate, MarkerSource
 from osl_analysis.trial import AXES
+from osl_analysis.units import LengthUnit
 
 UNSEEN = ("", "nan", "NaN", "NAN", "null")  # cells of a marker that was not seen
 ROUNDINGS = 1.2  # of the last decimal, by which two times together are off, and some
@@ -31,6 +46,9 @@ CORRECT = "export it again, or correct the header"
 TRAJECTORIES = "Trajectories"
 MODEL_OUTPUTS = "Model Outputs"
 KINDS = {TRAJECTORIES: Kind.MARKER, MODEL_OUTPUTS: Kind.MODEL_OUTPUT}  # of points, by title
+QUALISYS = "NO_OF_FRAMES"
+TRC = "PathFileType"
+HEADER_LINES = 5
 
 
 @dataclass(frozen=True)
@@ -213,3 +231,81 @@ def exported_plate(
         foot=foot,
         facts=settings.model_dump(include={"device", "force", "point", "moment", "sign"}),
     )
+
+
+class QualisysSource(MarkerSource):
+    """The source file of markers in Qualisys' TSV."""
+
+
+def read_qualisys(path: Path, source: QualisysSource | None) -> Recording:
+    """Read the markers; refused if the keys contradict the frames."""
+    text = read_text(path)
+    rows = rows_of(text)
+    keys = {row.cells[0].casefold(): row.cells[1:] for row in rows}
+    header = {key: "".join(values[:1]) for key, values in keys.items()}
+    frames = [row for row in rows if is_number_cell(row.cells[0])]
+    labels = unpadded(keys.get("marker_names", []))
+    if not labels or not frames:
+        raise InputError(
+            f"it has {len(labels)} names under MARKER_NAMES and {len(frames)} frames; export the"
+            " trial again"
+        )
+    check_last_line(text.is_ended, frames)
+    return recording_of_markers(
+        "qualisys",
+        labels,
+        frames,
+        # a frame may begin with its number, or number and time
+        first=max(len(unpadded(row.cells)) for row in frames) - 3 * len(labels),
+        header=header,
+        keys=(QUALISYS, "FREQUENCY"),
+        unit="mm",  # the export has no other one
+    )
+
+
+QUALISYS_FORMAT = Format(
+    name="qualisys",
+    suffixes=(),
+    begins=partial(begins_with_key, key=QUALISYS),
+    source=QualisysSource,
+    read=read_qualisys,
+)
+
+
+class TrcSource(MarkerSource):
+    """The source file of markers in TRC."""
+
+    point_unit: LengthUnit | None = None  # Unit of length, where the file's own is absent or wrong.
+
+
+def read_trc(path: Path, source: TrcSource | None) -> Recording:
+    """Read the markers; refused if the header is not that of TRC, or contradicts the rows."""
+    text = read_text(path)
+    rows = rows_of(text)
+    if len(rows) <= HEADER_LINES:
+        raise InputError(f"holds no frames, only {len(rows)} lines of a header; export it again")
+    keys, values, names = ([cell for cell in row.cells if cell] for row in rows[1:4])
+    header = dict(zip([key.casefold() for key in keys], values, strict=False))
+    body = rows[HEADER_LINES:]
+    check_last_line(text.is_ended, body)
+    markers = header.get("nummarkers", "")
+    # Cortex names its virtual markers behind the others, and leaves them out
+    labels = names[2:][: int(markers) if markers.isdecimal() else None]
+    return recording_of_markers(
+        "trc",
+        labels,
+        body,
+        first=2,
+        header=header,
+        keys=("NumFrames", "DataRate"),
+        unit=header.get("units", ""),
+    )
+
+
+TRC_FORMAT = Format(
+    name="trc",
+    suffixes=(".trc",),
+    begins=partial(begins_with_key, key=TRC),
+    source=TrcSource,
+    read=read_trc,
+)

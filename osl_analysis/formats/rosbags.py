@@ -1,28 +1,36 @@
-"""Bags of ROS 2: a database of sqlite3, or the folder of a recording in sqlite3 or MCAP.
+"""Bags of ROS 1, by the library `rosbags`, and of ROS 2: a database of sqlite3, or the folder of a
+recording in sqlite3 or MCAP.
 
-`rosbags` gives messages in the order of their times, which would hide a clock that was set back:
-the database is read in the order of its rows. The library knows the definitions of standard
+`rosbags` gives messages in the order of their times, which would hide a clock that was set back.
+Here they are read in the order in which they were recorded: of ROS 1 by the index, which tells
+their places, of ROS 2 by the rows of the database. The library knows the definitions of standard
 messages.
 """
 
 import sqlite3
 from collections import Counter
 from contextlib import closing, suppress
+from operator import methodcaller
 from pathlib import Path
 
 import numpy as np
 import yaml
 from mcap.records import Schema
+from numpy.typing import NDArray
+from rosbags.rosbag1 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 from osl_analysis.errors import InputError, listing, naming
-from osl_analysis.formats import _messages, beginning, mcap
+from osl_analysis.formats import beginning, is_of_file, mcap
+from osl_analysis.formats._cdr import rows_at
+from osl_analysis.formats._messages import Log
 from osl_analysis.recording import Format, Recording
 from osl_analysis.source_file import MessageSource
 
+ROS1 = b"#ROSBAG V"
 DESCRIPTION = "metadata.yaml"
 SQLITE = b"SQLite format 3\0"
-ROWS_AT_ONCE = 1 << 14
+ROWS_AT_ONCE = 16_384
 REINDEX = "write it again with `ros2 bag reindex`, or name one file of the recording"
 RECOVER = (
     "if it is packed, unpack it with `zstd -d`; save what it holds with `sqlite3 BAG .recover |"
@@ -37,7 +45,71 @@ MESSAGES = (
 DEFINITIONS = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
 
 
-class Database(_messages.Log):
+def read_bag(path: Path, source: MessageSource | None) -> Recording:
+    """Read a bag; refused if it has no index."""
+    log = Log(source)
+    data = path.read_bytes()
+    if data.find(ROS1, 1) > 0:
+        raise InputError("holds two bags; cut it in two (`head -c`, `tail -c`), a trial each")
+    try:
+        with Reader(path) as reader:
+            _take_bag(log, reader, data)
+    except Exception as error:  # whatever the library meets in a damaged bag
+        if not is_of_file(error):
+            raise
+        reason = " ".join(str(error).split())
+        raise InputError(
+            f"no bag with a whole index ({reason}): the recorder did not finish, or the bag is"
+            " damaged; run `rosbag reindex` on a copy (`rosbag fix` if it is older than version"
+            " 2.0, `rosbag decrypt` if it is encrypted), or record again"
+        ) from error
+    return log.recording("rosbag1", len(data))
+
+
+def _take_bag(log: Log, reader: Reader, data: bytes) -> None:
+    """Read the messages of every chunk in the order of the file."""
+    for connection in reader.connections:
+        schema = Schema(0, connection.msgdef.data.encode(), "ros1msg", connection.msgtype)
+        log.declare(connection.id, connection.topic, "ros1", schema)
+    for info in reader.chunk_infos:
+        for channel, count in info.connection_counts.items():
+            log.expected[log.name_of[channel]] += count
+    index: dict[int, list[tuple[int, int, int]]] = {place: [] for place in reader.chunks}
+    for channel, entries in reader.indexes.items():
+        for entry in entries:
+            index[entry.chunk_pos].append((entry.offset, channel, entry.time))
+    for place, chunk in sorted(reader.chunks.items()):
+        places, channels, log_times_ns = np.array(sorted(index[place])).reshape(-1, 3).T
+        try:
+            content = chunk.decompressor(data[chunk.datapos : chunk.datapos + chunk.datasize])
+            # each message stands behind a head of its own
+            starts = places + 4 + _lengths_at(content, places) + 4
+            lengths = _lengths_at(content, starts - 4)
+            if (starts + lengths > len(content)).any():
+                raise ValueError("a message reaches beyond it")
+        except Exception as error:  # whatever the library meets in a damaged chunk
+            log.chunks_lost += 1
+            log.remarks.append(f"the chunk at byte {place} is damaged: {error}")
+            continue
+        log.chunks += 1
+        log.add(channels, (content, starts, lengths), log_times_ns)
+
+
+def _lengths_at(content: bytes, places: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The lengths that stand at some places [bytes]."""
+    return rows_at(content, places, 4).view("<u4").astype(np.int64)
+
+
+ROSBAG1 = Format(
+    name="rosbag1",
+    suffixes=(".bag",),
+    begins=methodcaller("startswith", ROS1),
+    source=MessageSource,
+    read=read_bag,
+)
+
+
+class Database(Log):
     """The databases of a recording."""
 
     def take_file(self, path: Path) -> None:
@@ -68,7 +140,7 @@ class Database(_messages.Log):
                 times_ns, payloads = zip(*rows, strict=True)
                 lengths = np.array([len(payload) for payload in payloads])
                 messages = (b"".join(payloads), np.cumsum(lengths) - lengths, lengths)
-                self.add(number, messages, np.array(times_ns))
+                self.add(np.full_like(lengths, number), messages, np.array(times_ns))
 
 
 def _standard_definition(kind: str) -> tuple[str, str]:
@@ -80,7 +152,7 @@ def _standard_definition(kind: str) -> tuple[str, str]:
     return "ros2msg", str(store.generate_msgdef(kind, ros_version=2)[0])
 
 
-def read(path: Path, source: MessageSource | None) -> Recording:
+def read_database(path: Path, source: MessageSource | None) -> Recording:
     """Read a database, or the parts of a folder one after the other."""
     parts = [path]
     counts: Counter[str] = Counter()
@@ -137,10 +209,6 @@ def _check_finished(path: Path) -> None:
             )
 
 
-def _begins(begin: bytes) -> bool:
-    return begin.startswith(SQLITE)
-
-
 def _is_folder(path: Path) -> bool:
     return (path / DESCRIPTION).is_file()
 
@@ -150,12 +218,12 @@ def _files_in(path: Path) -> list[Path]:
     return [path / DESCRIPTION, *_described(path)[0]] if path.is_dir() else [path]
 
 
-FORMAT = Format(
+ROSBAG2 = Format(
     name="rosbag2",
     suffixes=(".db3",),
-    begins=_begins,
+    begins=methodcaller("startswith", SQLITE),
     source=MessageSource,
-    read=read,
+    read=read_database,
     is_folder=_is_folder,
     files_in=_files_in,
 )

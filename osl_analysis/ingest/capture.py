@@ -122,10 +122,7 @@ def add_positions(
         values = factor * marker.values
         for axis, column in enumerate(marker_columns(printable(name))):
             if column in positions:
-                recording.find({"label": name}, "marker")  # says how each of them is asked for
-                raise InputError(
-                    f"marker '{name}' occurs twice; list those to read under `markers`"
-                )
+                recording.find({"label": name}, "marker")  # it says how each of them is asked for
             positions[column] = values @ source.rotation[axis]
             origins[column] = {
                 "label": marker.key,
@@ -148,10 +145,8 @@ def plate_load(
         per_frame = int(recording.facts.get("samples_per_frame", 1))
         unloaded = slice((baseline[0] - 1) * per_frame, baseline[1] * per_frame)
     others = [each.number for each in recording.plates if each is not plate]
-    try:
+    with naming(f"plate {plate.number}", f" (or leave this plate out: `plates: {others}`)"):
         return convert_plate(plate, source, source.rotation, unloaded)
-    except InputError as error:
-        raise InputError(f"{error} (or leave this plate out: `plates: {others}`)") from error
 
 
 def baseline_frames(recording: Recording, source: MarkerSource) -> tuple[int, int] | None:

@@ -59,12 +59,12 @@ def convert_plate(
     metre = metres_per(length, source)
     corners = plate.corners * metre
     if not np.isfinite(own_axes(corners)).all():
-        raise InputError(f"plate {plate.number}: its corners span no plane; correct them")
+        raise InputError("its corners span no plane; correct them")
     raw = np.column_stack([np.asarray(channel.values, np.float64) for channel in plate.channels])
     if not np.isfinite(raw).all():
         row, column = np.argwhere(~np.isfinite(raw))[0]
         raise InputError(
-            f"plate {plate.number}: {raw[row, column]} in sample {row + 1} of analog channel"
+            f"{raw[row, column]} in sample {row + 1} of analog channel"
             f" '{plate.channels[column].key}'; correct ANALOG:SCALE and GEN_SCALE, or export the"
             " trial again"
         )
@@ -77,30 +77,27 @@ def convert_plate(
     if plate.calibration is None:
         readings = readings * channel_factors(plate, units)
     else:
-        force_unit, moment_unit = ("N", f"N*{length}")
-        if units is not None:
-            force_unit, moment_unit = units.force, units.moment
+        force_unit, moment_unit = (units.force, units.moment) if units else ("N", f"N*{length}")
         factors = np.repeat([si_factor(force_unit, "N"), si_factor(moment_unit, "N*m")], 3)
         readings = readings @ np.asarray(plate.calibration * factors[:, None]).T
-    on_foot = wrench(plate.type, corners, plate.origin * metre, readings)
+    force, moment = wrench(plate.type, corners, plate.origin * metre, readings)
 
     origin: dict[str, Any] = {"plate": plate.number, **plate.facts}
-    if plate.type != EXPORTED:
-        stated = [channel.unit for channel in plate.channels]
-        origin |= {"type": plate.type, "units": stated if any(stated) else []}
-    columns: dict[str, Array] = {}
-    for quantity, values in zip(("force", "moment"), on_foot, strict=True):
-        turned = plate.sign * values @ rotation.T
-        columns.update(zip(plate_columns(plate.number, quantity), turned.T, strict=True))
     facts: dict[str, Any] = {
         "plate": plate.number,
-        "type": 2 if plate.type == EXPORTED else plate.type,
+        "type": plate.type,
         "corners": (corners @ rotation.T).tolist(),
-        "channels": channel_facts(plate, raw, np.linalg.norm(on_foot[0], axis=1), rate_hz),
+        "channels": channel_facts(plate, raw, np.linalg.norm(force, axis=1), rate_hz),
     }
     if plate.type == EXPORTED:
-        facts["foot"] = plate.foot
-    origins = {column: {**origin, "si_unit": unit_of(column)} for column in columns}
+        facts |= {"type": 2, "foot": plate.foot}
+    else:
+        stated = [channel.unit for channel in plate.channels]
+        origin |= {"type": plate.type, "units": stated if any(stated) else []}
+    names = [*plate_columns(plate.number, "force"), *plate_columns(plate.number, "moment")]
+    turned = np.vstack([rotation @ (plate.sign * force).T, rotation @ (plate.sign * moment).T])
+    columns = dict(zip(names, turned, strict=True))
+    origins = {column: {**origin, "si_unit": unit_of(column)} for column in names}
     return PlateLoad(columns, origins, facts)
 
 

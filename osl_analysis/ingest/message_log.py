@@ -3,7 +3,6 @@ different stamps have rows of their own, null in the columns of the others. Noth
 or held."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -29,23 +28,6 @@ SET_BACK_NS = SECOND_NS  # a message that is later than others by more was not o
 MOST_LATE = 10  # messages in a row that are late; of more, the clock was set back
 
 
-@dataclass(frozen=True)
-class Topic:
-    """One topic, sorted by stamp.
-
-    Attributes
-    ----------
-    table
-        `stamp` [ns] and canonical columns.
-    ordering
-        How many messages came late, repeat a stamp, or contradict an earlier one of the same stamp.
-    """
-
-    table: pl.DataFrame
-    ordering: Mapping[str, int]
-    remarks: Sequence[str]
-
-
 def convert_messages(recording: Recording, source: MessageSource) -> Converted:
     """Convert the fields that a source file asks for.
 
@@ -64,7 +46,12 @@ def convert_messages(recording: Recording, source: MessageSource) -> Converted:
     by_topic: dict[str, dict[str, MessageChannel]] = {}
     for column, setting in source.channels.items():
         by_topic.setdefault(setting.topic, {})[column] = setting
-    topics: dict[str, Topic] = {}
+    warnings = [*loss.remarks]
+    if loss.checksums != "checked" and loss.read:
+        which = "some" if loss.checksums == "mixed" else "any"
+        warnings.append(f"not verifiable: no checksum covers {which} of its {loss.read} messages")
+    tables: dict[str, pl.DataFrame] = {}
+    contradicted = 0
     for name, settings in by_topic.items():
         share = share_lost(loss, name)
         if share > source.largest_loss:
@@ -74,16 +61,12 @@ def convert_messages(recording: Recording, source: MessageSource) -> Converted:
                 f" {'; '.join(loss.remarks)}; record again"
             )
         with naming(f"topic '{name}'"):
-            topics[name] = convert_topic(recording, source, settings)
-    joined = join_on_stamp([topic.table for topic in topics.values()])
+            tables[name], left_out, remarks = convert_topic(recording, source, settings)
+        contradicted += left_out
+        warnings += [f"topic '{name}': {text}" for text in remarks]
+    joined = join_on_stamp([*tables.values()])
     start = int(joined["stamp"][0])
     time = ((joined["stamp"] - start) / SECOND_NS).alias("time")
-    warnings = [*loss.remarks]
-    if loss.checksums != "checked" and loss.read:
-        which = "some" if loss.checksums == "mixed" else "any"
-        warnings.append(f"not verifiable: no checksum covers {which} of its {loss.read} messages")
-    for name, topic in topics.items():
-        warnings += [f"topic '{name}': {text}" for text in topic.remarks]
     facts: dict[str, Any] = {
         **recording.facts,
         "time": {
@@ -92,12 +75,9 @@ def convert_messages(recording: Recording, source: MessageSource) -> Converted:
             "start_ns": start,
         },
         "rates_hz": {
-            name: rate_of(topic.table["stamp"].to_numpy(), SECOND_NS)
-            for name, topic in topics.items()
+            name: rate_of(table["stamp"].to_numpy(), SECOND_NS) for name, table in tables.items()
         },
-        "stamps": {name: topic.ordering for name, topic in topics.items()},
     }
-    contradicted = sum(topic.ordering["contradicted"] for topic in topics.values())
     return Converted(
         samples=pl.DataFrame([time, *joined.drop("stamp")]),
         origins={column: origin_of(one, column) for column, one in source.channels.items()},
@@ -109,8 +89,17 @@ def convert_messages(recording: Recording, source: MessageSource) -> Converted:
 
 def convert_topic(
     recording: Recording, source: MessageSource, settings: Mapping[str, MessageChannel]
-) -> Topic:
-    """Convert the asked fields of one topic, by canonical column."""
+) -> tuple[pl.DataFrame, int, list[str]]:
+    """Convert the asked fields of one topic, by canonical column.
+
+    Returns
+    -------
+    table
+        `stamp` [ns], sorted, and canonical columns.
+    contradicted
+        How many messages contradict an earlier one of the same stamp, and are left out.
+    remarks
+    """
     channels, asked = asked_channels(recording, settings)
     values = {column: channel.values for column, channel in asked.items()}
     rows = next(iter(channels.values())).rows
@@ -118,7 +107,6 @@ def convert_topic(
     time = (stamps - stamps[0]) / SECOND_NS
     columns, remarks = canonical_columns(source, channels, values, rows, time)
     fresh, stale = fresh_rows(rows, stamps, least=SET_BACK_NS)
-    remarks += stale
     table = pl.DataFrame([pl.Series("stamp", stamps), *columns])[fresh]
     late = repeated = contradicted = 0
     if not (table["stamp"].diff() > 0).all():
@@ -135,14 +123,13 @@ def convert_topic(
                     " source file"
                 )
             table = once
-    ordering = {"late": late, "repeated": repeated, "contradicted": contradicted}
     counts_of = {
         "came late and were put in the order of their stamps": late,
         "repeat a stamp and were joined to its first": repeated - contradicted,
         "contradict an earlier one of the same stamp and are lost": contradicted,
     }
-    remarks += [f"{count} messages {what}" for what, count in counts_of.items() if count]
-    return Topic(table, ordering, remarks)
+    told = [f"{count} messages {what}" for what, count in counts_of.items() if count]
+    return table, contradicted, [*remarks, *stale, *told]
 
 
 def stamps_of(recording: Recording, source: MessageSource, rows: Rows) -> NDArray[np.int64]:
@@ -188,14 +175,9 @@ def are_rounded(table: pl.DataFrame) -> bool:
     distinct, messages = np.unique(table["stamp"].to_numpy(), return_counts=True)
     if distinct.size < 3 or table.is_duplicated().any():
         return False
-    ticks = (distinct[-1] - distinct[0]) // np.diff(distinct).min() + 1
+    ticks = np.ptp(distinct) // np.diff(distinct).min() + 1
     is_even = messages[1:-1].max() - np.median(messages[1:-1]) <= 1
     return bool(is_even and ticks - distinct.size <= 0.5 * (len(table) - distinct.size))
-
-
-def has_equal(stamps: pl.Series) -> bool:
-    """Whether sorted stamps repeat."""
-    return bool((stamps.diff() == 0).any())
 
 
 def join_on_stamp(tables: Sequence[pl.DataFrame]) -> pl.DataFrame:
@@ -206,6 +188,7 @@ def join_on_stamp(tables: Sequence[pl.DataFrame]) -> pl.DataFrame:
     stacked = pl.concat(tables, how="diagonal")
     order = np.argsort(stacked["stamp"].to_numpy(), kind="stable")  # of runs: three times as fast
     stacked = stacked[order]
-    if any(has_equal(table["stamp"]) for table in tables) or not has_equal(stacked["stamp"]):
-        return stacked
-    return pl.concat(tables, how="align_full")
+    repeats = [bool((table["stamp"].diff() == 0).any()) for table in (stacked, *tables)]
+    if repeats[0] and not any(repeats[1:]):
+        return pl.concat(tables, how="align_full")
+    return stacked

@@ -24,7 +24,6 @@ from osl_analysis.ingest.conversion import Converted
 from osl_analysis.ingest.guard import check_sizes
 from osl_analysis.ingest.message_log import convert_messages
 from osl_analysis.ingest.table_log import convert_table
-from osl_analysis.recording import Format
 from osl_analysis.source_file import LogSource, MarkerSource, MessageSource, Source, TableSource
 from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import dotted, field_line, read_mapping, read_yaml
@@ -34,11 +33,6 @@ UNKNOWN = "UNKNOWN"  # a value that the file does not tell
 NAME_OF_TIME = "NAME_OF_TIME"  # the column of time, if no column is named like a clock
 
 ENDINGS_OF_ANY = ("", ".log", ".json")  # of recordings, and of much else
-
-
-def is_capture(format_: Format) -> bool:
-    """Whether files of a format come from a motion-capture laboratory."""
-    return issubclass(format_.source, MarkerSource)
 
 
 def suffixes() -> tuple[str, ...]:

@@ -188,7 +188,8 @@ def with_plates(
     for plate in recording.plates:
         for channel in plate.channels:
             check_finite_values(f"column '{channel.key}'", channel.values, time)
-        load = convert_plate(plate, source, source.rotation, rate_hz=rate_of(time))
+        with naming(f"plate {plate.number}"):
+            load = convert_plate(plate, source, source.rotation, rate_hz=rate_of(time))
         frame = frame.with_columns(**load.columns)
         origins |= load.origins
         facts.append(load.facts)

@@ -73,8 +73,9 @@ def find_edges(time: Array, level: Array) -> Edges:
 
 
 def usual_step(time: Array) -> float:
-    """Median step [s] of times (n,)."""
-    return float(np.median(np.diff(time))) if time.size > 1 else 0.0
+    """Median step [s] of times (n,), or their mean if most stamps are repeated; 0 of one."""
+    steps = np.diff(time)
+    return float(np.median(steps) or steps.mean()) if steps.size else 0.0
 
 
 def fit_clock(slave: Edges, master: Edges) -> ClockFit:

@@ -191,7 +191,7 @@ def canonical_columns(
     values: Mapping[str, NDArray[Any]],
     rows: Rows,
     time: Array,
-) -> tuple[list[pl.Series], list[str]]:
+) -> tuple[list[pl.Series], dict[str, dict[str, Any]], list[str]]:
     """Convert the channels of some rows at times (n,) [s], and the counters beside them.
 
     Parameters
@@ -202,20 +202,30 @@ def canonical_columns(
     Returns
     -------
     columns
+    origins
+        Where each column comes from.
     remarks
         A sentence for each channel that has no value, or a failed one, in some rows.
     """
     columns: list[pl.Series] = []
+    origins: dict[str, dict[str, Any]] = {}
     remarks: list[str] = []
     for column, channel in channels.items():
         setting = source.channels[column]
-        converted = canonical_column(column, channel, values[column], rows, time, source)
-        columns.append(converted)
-        remarks += remark_on_gaps(setting.title, converted, rows)
+        series = canonical_column(column, channel, values[column], rows, time, source)
+        columns.append(series)
+        origins[column] = origin_of(setting, column, channel.unit)
+        failed = series.is_nan().fill_null(value=False)
+        for what, lacks in (("has no value", series.is_null()), ("is missing", failed)):
+            if lacks.any():
+                remarks.append(
+                    f"{setting.title} {what} in {lacks.sum()} of {rows.count} {rows.noun}s, first"
+                    f" {rows.place(lacks.arg_max() or 0)}"
+                )
         counter = counter_column(column)
         if counter in values:
             columns.append(pl.Series(counter, checked_counts(setting, values[counter], rows, time)))
-    return columns, remarks
+    return columns, origins, remarks
 
 
 def checked_counts(
@@ -238,21 +248,6 @@ def checked_counts(
             f" `counter` in the source file or leave it out, or remove the {rows.noun} from the log"
         )
     return counts.astype(np.int64)
-
-
-def remark_on_gaps(title: str, values: pl.Series, rows: Rows) -> list[str]:
-    """Say where a channel has no value (null), or one that failed (NaN)."""
-    remarks: list[str] = []
-    for what, lacks in (
-        ("has no value", values.is_null()),
-        ("is missing", values.is_nan().fill_null(value=False)),
-    ):
-        if lacks.any():
-            remarks.append(
-                f"{title} {what} in {lacks.sum()} of {rows.count} {rows.noun}s, first"
-                f" {rows.place(lacks.arg_max() or 0)}"
-            )
-    return remarks
 
 
 def losses_of(loss: Loss, topics: Collection[str] = (), contradicted: int = 0) -> dict[str, Any]:

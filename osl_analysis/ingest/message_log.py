@@ -105,7 +105,7 @@ def convert_topic(
     rows = next(iter(channels.values())).rows
     stamps = stamps_of(recording, source, rows)
     time = (stamps - stamps[0]) / SECOND_NS
-    columns, remarks = canonical_columns(source, channels, values, rows, time)
+    columns, _, remarks = canonical_columns(source, channels, values, rows, time)
     fresh, stale = fresh_rows(rows, stamps, least=SET_BACK_NS)
     table = pl.DataFrame([pl.Series("stamp", stamps), *columns])[fresh]
     late = repeated = contradicted = 0

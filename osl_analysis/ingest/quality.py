@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from osl_analysis.config.experiments import EXPERIMENTS, Experiment
 from osl_analysis.errors import InputError, listing
 from osl_analysis.ingest import LIMITS
+from osl_analysis.ingest.clock import usual_step
 from osl_analysis.ingest.guard import (
     ANGLES,
     find_leaps,
@@ -87,35 +88,31 @@ def not_applicable(reason: str) -> CheckResult:
 # Sampling, clocks and damage. `judge/findings.yaml` says what each check measures.
 
 
-def usual_step(steps: Array) -> float:
-    """Median of steps (n,) [s], or their mean if most stamps are repeated; 0 of none."""
-    return float(np.median(steps)) or float(steps.mean()) if steps.size else 0.0
-
-
-def longest_gap(steps: Array) -> float:
-    """The longest of sampling steps (n,) [s] beyond the usual one; 0 if none is longer than 1.5."""
-    usual = float(np.median(steps)) if steps.size else 0.0
-    longest = float(steps.max(initial=0.0))
+def longest_gap(time: Array) -> float:
+    """The longest of the steps of stamps (n,) [s] beyond the usual one; 0 if none is longer than
+    1.5."""
+    longest = float(np.diff(time).max(initial=0.0))
+    usual = usual_step(time)
     return longest - usual if longest > 1.5 * usual else 0.0
 
 
-def steps_of(examined: Examined) -> Iterator[tuple[str, Array]]:
-    """The first channel of each device, and sampling steps [s]. Of an actuator that stands, only
+def stamps_of(examined: Examined) -> dict[str, Array]:
+    """Times [s] of each device that samples, by its first channel. Of an actuator that stands, only
     plateaus of its current count, and not what lies between: it has none."""
     trial = examined.trial
-    stands = examined.experiment.may_stand and examined.moved not in trial.columns
-    for channel, *_ in devices_of(trial, [name for name in trial.columns if name != "time"]):
-        steps = np.diff(trial.arrays(channel)[0])
-        if steps.size > 1 and not stands:
-            yield channel, steps
+    if examined.experiment.may_stand and examined.moved not in trial.columns:
+        return {}
+    devices = devices_of(trial, [name for name in trial.columns if name != "time"])
+    stamps = {channel: trial.arrays(channel)[0] for channel, *_ in devices}
+    return {channel: time for channel, time in stamps.items() if time.size > 2}
 
 
 def measure_rates(examined: Examined) -> dict[str, float]:
-    return {channel: 1 / usual_step(steps) for channel, steps in steps_of(examined)}
+    return {channel: 1 / usual_step(time) for channel, time in stamps_of(examined).items()}
 
 
 def measure_gaps(examined: Examined) -> dict[str, float]:
-    return {channel: longest_gap(steps) for channel, steps in steps_of(examined)}
+    return {channel: longest_gap(time) for channel, time in stamps_of(examined).items()}
 
 
 def measure_clock(examined: Examined) -> dict[str, float]:
@@ -178,13 +175,12 @@ def measure_protocol(examined: Examined) -> CheckResult:
     if not (protocol.amplitudes and protocol.frequencies_hz):
         return not_applicable("amplitudes_deg and frequencies_hz are not stated")
     remarks = differences(sines.runs, protocol)
-    return CheckResult(float(len(remarks)), listing(remarks, LIMITS.most_remarks))
+    return CheckResult(len(remarks), listing(remarks, LIMITS.most_remarks))
 
 
 def differences(runs: Sequence[Run], protocol: SteppedSineProtocol) -> list[str]:
     """What a recorded stepped sine has otherwise than it was commanded, in words. Sizes are
     compared at the slowest frequency, where a bench loses least."""
-    slowest = min(protocol.frequencies_hz)
     missing = set(itertools.product(protocol.amplitudes, protocol.frequencies_hz))
     remarks: list[str] = []
     for run in runs:
@@ -195,7 +191,7 @@ def differences(runs: Sequence[Run], protocol: SteppedSineProtocol) -> list[str]
             continue
         missing.discard((amplitude, frequency))
         ratio = run.amplitude / amplitude
-        if frequency == slowest and abs(ratio - 1) > LIMITS.other_size:
+        if frequency == min(protocol.frequencies_hz) and abs(ratio - 1) > LIMITS.other_size:
             remarks.append(
                 f"{run} is {ratio:.3g} times the command (if the joint did as commanded, divide"
                 " theta's `scale` by this)"
@@ -290,7 +286,7 @@ def measure_stuck(examined: Examined) -> dict[str, float]:
 
 def longest_s(time: Array, edges: NDArray[np.intp]) -> float:
     """Time [s] from the first to the last sample of the longest of runs (k, 2) of rows."""
-    return (int(np.diff(edges).max(initial=1)) - 1) * usual_step(np.diff(time))
+    return (int(np.diff(edges).max(initial=1)) - 1) * usual_step(time)
 
 
 def measure_leaps(examined: Examined) -> dict[str, float]:
@@ -298,26 +294,23 @@ def measure_leaps(examined: Examined) -> dict[str, float]:
     trial = examined.fitted
     columns = [name for name in (examined.moved, examined.torque) if name in trial.columns]
     leaps = {column: find_leaps(*trial.arrays(column)) for column in columns}
-    remedy = remedy_of_leaps(examined, np.concatenate([*leaps.values(), []]))
+    every = np.sort(np.concatenate([*leaps.values(), []]))
+    remedy = remedy_of_leaps(examined, every) if every.size else ""
     return {f"{column} leaps{remedy}": float(times.size) for column, times in leaps.items()}
 
 
 def remedy_of_leaps(examined: Examined, leaps: Array) -> str:
-    """Say where leaps at times (n,) [s] are, and what leaves them out: the longest window without
-    any."""
-    if not leaps.size:
-        return ""
+    """Say where leaps at rising times (n,) [s] are, and what leaves them out: the longest window
+    without any."""
     time = examined.fitted.samples["time"]
-    edges = np.sort([time[0], *leaps, time[-1]])
+    edges = np.array([time[0], *leaps, time[-1]])
     longest = int(np.argmax(np.diff(edges)))
     first = edges[longest] + LIMITS.beside_leap_s
     last = edges[longest + 1] - LIMITS.beside_leap_s
     remedy = "exclude the trial"
     if examined.experiment.place == "bench" and last - first > LIMITS.shortest_window_s:
         remedy = f"state `windows` {first:.1f}-{last:.1f} in the sheet"
-    return (
-        f", first at {leaps.min():.3f} s: rows were lost or doubled, or a sensor failed; {remedy}"
-    )
+    return f", first at {leaps[0]:.3f} s: rows were lost or doubled, or a sensor failed; {remedy}"
 
 
 def measure_turns(examined: Examined) -> dict[str, float]:
@@ -334,13 +327,13 @@ def measure_turns(examined: Examined) -> dict[str, float]:
 def measure_marker_gaps(examined: Examined) -> dict[str, float]:
     """Longest time [s] that a marker was hidden between two sightings, minus one step; the whole
     time if it was never seen."""
+    time = examined.trial.samples["time"]
     gaps: dict[str, float] = {}
     for column in examined.trial.columns:
         if column.startswith("marker_") and column.endswith("_x"):
             seen = recorded(examined.trial, column)[0]
-            whole = float(examined.trial.samples["time"][-1])
             name = column.removeprefix("marker_").removesuffix("_x")
-            gaps[name] = longest_gap(np.diff(seen)) if seen.size else whole
+            gaps[name] = longest_gap(seen) if seen.size else float(time[-1])
     return gaps
 
 
@@ -354,7 +347,7 @@ def measure_unzeroed_plates(examined: Examined) -> dict[str, float]:
     for column in examined.trial.columns:
         if column.startswith("plate") and column.endswith("_force_z"):
             time, force = recorded(examined.trial, column)
-            length = max(round(LIMITS.part_s / (usual_step(np.diff(time)) or math.inf)), 1)
+            length = max(round(LIMITS.part_s / (usual_step(time) or math.inf)), 1)
             parts = force[: force.size // length * length].reshape(-1, length)
             quiet = parts[parts.std(axis=1) < LIMITS.at_rest_N].mean(axis=1)
             level = min(quiet.tolist(), key=abs, default=math.inf)

@@ -19,7 +19,6 @@ from osl_analysis.ingest.conversion import (
     check_finite_values,
     fresh_rows,
     losses_of,
-    origin_of,
     share_above,
 )
 from osl_analysis.ingest.force_plates import convert_plate
@@ -89,21 +88,19 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
     apart, remarks = check_other_clocks(recording, source, clock, rows, time, channels)
     check_common_rows(table, [*channels])
 
-    columns, gaps = canonical_columns(source, channels, table.values, rows, time)
+    columns, origins, gaps = canonical_columns(source, channels, table.values, rows, time)
     frame = pl.DataFrame([pl.Series("time", time), *columns])
     warnings = [*recording.loss.remarks, *table.remarks, *remarks, *gaps]
-    origins: dict[str, dict[str, Any]] = {}
-    for column, channel in channels.items():
-        setting = source.channels[column]
-        origin = origin_of(setting, column, channel.unit)
-        if setting.name not in (channel.key, channel.title) or "*" in setting.name:
+    for column, origin in origins.items():
+        channel = channels[column]
+        name = source.channels[column].name
+        if name not in (channel.key, channel.title) or "*" in name:
             origin["found"] = channel.title or channel.key
         ratio = unit_ratio(origin, channel.unit)
         if channel.unit and ratio != 1:
             warnings.append(f"{column} is read in {origin['unit']}; the file says {channel.unit}")
         if abs(ratio * origin["scale"] - 1) > LIMITS.largest_calibration:
             origin["unit_of_file"] = channel.unit
-        origins[column] = origin
 
     frame, remarks = with_stamps_once(frame, source, rows.noun)
     facts: dict[str, Any] = {

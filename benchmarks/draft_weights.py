@@ -19,7 +19,7 @@ from scipy.optimize import minimize
 
 from osl_analysis.draft import likelihood
 from osl_analysis.draft.draft_source import guesses_of
-from osl_analysis.draft.guesses import Guess, decide
+from osl_analysis.draft.likelihood import Guess, decide
 from osl_analysis.draft.overview import inspect_recording
 from osl_analysis.trial import Array
 

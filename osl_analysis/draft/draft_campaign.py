@@ -13,7 +13,7 @@ from osl_analysis.draft.draft_source import (
     pulse_channels,
 )
 from osl_analysis.draft.draft_walking import draft_walking
-from osl_analysis.draft.guesses import Guess, joints_named, turns_slowly
+from osl_analysis.draft.likelihood import Guess, joints_named, turns_slowly
 from osl_analysis.draft.overview import FEWEST_READINGS, inspect_recording
 from osl_analysis.draft.recorded_channel import Overview
 from osl_analysis.errors import InputError

@@ -7,8 +7,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from osl_analysis.draft.guesses import Guess, guessed_columns
-from osl_analysis.draft.likelihood import COUNTS, LEVELS, likely_level, with_documented_unit
+from osl_analysis.draft.likelihood import (
+    COUNTS,
+    LEVELS,
+    Guess,
+    guessed_columns,
+    likely_level,
+    with_documented_unit,
+)
 from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
 from osl_analysis.ingest.clock import MINIMUM_EDGES, find_edges
 from osl_analysis.ingest.raw_files import UNKNOWN
@@ -16,8 +22,7 @@ from osl_analysis.trial import COLUMNS
 from osl_analysis.units import GON, dimension, is_unit
 
 NAMED_ALWAYS = ("theta", "torque", *LEVELS)  # columns that a draft names without a unit
-BETWEEN_LEVELS = 0.25  # share of its swing beside the middle, in which a pulse seldom is
-MOST_BETWEEN = 0.02  # share of the samples that may be there
+MOST_BETWEEN = 0.02  # share of the samples of a pulse in the middle quarters of its range
 
 
 @dataclass
@@ -147,12 +152,10 @@ def is_pulse_train(channel: RecordedChannel) -> bool:
     """Whether a channel of volts stands at two levels, and changes between them often enough to
     align clocks."""
     level = channel.readings
-    swing = float(np.ptp(level)) if level.size else 0.0
-    if not swing or channel.base[1] != dimension("V"):
+    if not level.size or channel.base[1] != dimension("V"):
         return False
-    middle = float(level.min()) + 0.5 * swing
-    is_between = np.abs(level - middle) < BETWEEN_LEVELS * swing
-    if np.mean(is_between) > MOST_BETWEEN:
+    quarters, _ = np.histogram(level, 4)  # of its range
+    if quarters[1:3].sum() > MOST_BETWEEN * level.size:
         return False
     edges, _, _ = find_edges(np.arange(level.size, dtype=np.float64), level)
     return edges.size >= MINIMUM_EDGES

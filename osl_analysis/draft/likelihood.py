@@ -1,15 +1,18 @@
-"""How likely a channel is each canonical column, by one table, `likelihoods.yaml`: the words of its
-name in several languages, its unit, what its readings do, and what else its log holds.
+"""What each channel of a log is taken for. A guess is shown as one, and what leaves a doubt is
+asked.
 
+One table, `likelihoods.yaml`, tells how likely a channel is each canonical column: by the words of
+its name in several languages, its unit, what its readings do, and what else its log holds.
 `benchmarks/draft_weights.py` fits the weights of the table on one half of labelled recordings, and
 judges them by the other half.
 """
 
+import json
 import math
 import re
 import unicodedata
-from collections.abc import Mapping, Sequence, Set
-from dataclasses import replace
+from collections.abc import Iterable, Mapping, Sequence, Set
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -18,6 +21,7 @@ import numpy as np
 import yaml
 
 from osl_analysis.draft.recorded_channel import RecordedChannel
+from osl_analysis.measured import varies
 from osl_analysis.trial import COLUMNS
 from osl_analysis.units import dimension, name_and_ending
 
@@ -29,6 +33,15 @@ SI_UNITS = ("rad", "rad/s", "N*m", "A", "V")  # that speak for a column
 NO_ANGLE = {"speed", "torque", "current", "derived", "other", "in rad/s", "in N*m", "in A"}
 ONE_TURN = 2 * np.pi  # rad; a joint turns less, a motor may turn more
 LEAST_TURN = 0.02  # rad; a clamped actuator turns less, a joint that is moved seldom
+HELD_COLUMNS = ("current", "torque", "torque_m")  # which stand while an actuator is clamped
+HELD_LEVEL = 5.0  # standard deviations of the noise
+SURE = 0.8  # probability from which a channel is taken for a column
+DOUBTFUL = 0.2  # probability from which a channel may be a column
+JOINTS = ("ankle", "knee", "hip")
+FEWEST_READINGS = 100  # that show how a channel moves
+SPRING = 0.9  # correlation with an angle: a fifth of the torque's power may be damping or friction
+FALLING = -0.5  # correlation below which a torque falls as the angle rises
+TURN_UNITS = (ONE_TURN, 360.0, *2.0 ** np.arange(10, 25))  # ranges at which encoders wrap
 
 # of opensourceleg's logger: `knee[DephyActpack]:output_position`; or `knee.output_position`
 ATTRIBUTE = re.compile(
@@ -179,3 +192,159 @@ def allowed_columns(channel: RecordedChannel) -> list[str]:
         for column in likelihoods()["columns"]
         if column in LEVELS or channel.base[1] in (*COUNTS, dimension(COLUMNS[column]))
     ]
+
+
+@dataclass
+class Guess:
+    """A guess at what a channel is, and why.
+
+    Attributes
+    ----------
+    channel
+        Unwrapped.
+    evidence
+        What speaks for and against columns.
+    wraps_at
+        Range after which the channel wraps; 0 if it does not.
+    likely
+        The probability of each column that may be it.
+    why_not
+        Why it is no signal: it stands still, or is noise.
+    is_sure
+        Whether no other channel is like its column, and the evidence leaves no doubt.
+    why
+        The evidence for its column, in words.
+    sign
+        Of the channel in the source file.
+    """
+
+    channel: RecordedChannel
+    evidence: set[str]
+    wraps_at: float = 0.0
+    why_not: str = ""
+    is_sure: bool = False
+    why: str = "guessed from its name"
+    sign: int = 1
+
+    def __post_init__(self) -> None:
+        self.likely = probabilities(self.channel, self.evidence)
+
+    @property
+    def column(self) -> str:
+        """The likeliest column; empty if none is likely."""
+        column = max(self.likely, key=lambda name: self.likely[name], default="")
+        return column if self.may_be(column) else ""
+
+    def may_be(self, column: str, at_least: float = DOUBTFUL) -> bool:
+        """Whether the channel is a signal that may be the column."""
+        return not self.why_not and self.likely.get(column, 0.0) >= at_least
+
+
+def guessed_columns(channels: Sequence[RecordedChannel]) -> list[Guess]:
+    """Guess what each channel of a log is, the same for every recorder."""
+    wraps = [wrapping_range(channel) for channel in channels]
+    channels = [
+        replace(channel, numbers=np.unwrap(channel.readings, period=at)) if at else channel
+        for channel, at in zip(channels, wraps, strict=True)
+    ]
+    evidence = with_context([evidence_of(channel) for channel in channels])
+    guesses = [Guess(*each) for each in zip(channels, evidence, wraps, strict=True)]
+    for guess in guesses:
+        guess.why_not = why_no_signal(guess)
+    decide(guesses)
+    return guesses
+
+
+def decide(guesses: Sequence[Guess]) -> None:
+    """Make those guesses sure that leave no doubt: no other channel may be the same column, or an
+    angle and a torque alone follow each other like a spring."""
+    pairs = [
+        (angle, torque, correlation(angle.channel, torque.channel))
+        for angle in candidates(guesses, "theta")
+        for torque in candidates(guesses, "torque")
+    ]
+    springs = [pair for pair in pairs if abs(pair[2]) > SPRING]
+    confirmed = springs[0][:2] if len(springs) == 1 else ()
+    for guess in confirmed:
+        guess.likely = probabilities(guess.channel, {*guess.evidence, "spring"})
+    for guess in guesses:
+        others = [other for other in guesses if other is not guess and other.may_be(guess.column)]
+        guess.is_sure = guess.may_be(guess.column, SURE) and (guess in confirmed or not others)
+
+    sure = [pair for pair in pairs if pair[0].is_sure and pair[1].is_sure]
+    for angle, torque, r in sure[:1]:
+        if confirmed:
+            for guess, other in ((angle, torque), (torque, angle)):
+                name = json.dumps(name_of(other.channel))
+                guess.why = f"a guess: as a spring with {name}, r = {abs(r):.3f}"
+        elif len(joints_named([angle.channel, torque.channel])) > 1:
+            angle.is_sure = torque.is_sure = False
+        if "turns round" in angle.evidence:
+            angle.why += ": more than a turn, are unit and names right?"
+        if r < FALLING:
+            torque.sign = -1  # because a joint resists
+            torque.why += ": it falls as the angle rises"
+
+
+def candidates(guesses: Sequence[Guess], column: str) -> list[Guess]:
+    """The guesses that may be a column; if the evidence for one alone leaves no doubt, that one."""
+    clear = [guess for guess in guesses if guess.may_be(column, SURE)]
+    return clear if len(clear) == 1 else [guess for guess in guesses if guess.may_be(column)]
+
+
+def why_no_signal(guess: Guess) -> str:
+    """Why a channel is no signal, in words; empty if it may be one. Of few readings nothing is
+    said. A held current or torque may be noise, and so may the speed of an actuator that stands."""
+    known = guess.channel.readings
+    if known.size < FEWEST_READINGS:
+        return ""
+    if not varies(known):
+        return "it does not move"
+    about = (known - known.mean()) / np.ptp(known)
+    tells_next = about[1:] @ about[:-1] > 0.2 * (about @ about)
+    is_held = guess.column in HELD_COLUMNS and abs(known.mean()) > HELD_LEVEL * known.std()
+    if not tells_next and not is_held and guess.column != "omega_m" and np.unique(known).size > 2:
+        return "nothing but noise"
+    return ""
+
+
+def correlation(theta: RecordedChannel, torque: RecordedChannel) -> float:
+    """Correlation of the readings of two channels, by their times if they have any; 0 if they
+    cannot be compared."""
+    x = np.nan_to_num(theta.numbers, posinf=0.0, neginf=0.0)
+    y = np.nan_to_num(torque.numbers, posinf=0.0, neginf=0.0)
+    if theta.times is not None and torque.times is not None:
+        x = np.interp(torque.times, theta.times, x)
+    if len(x) != len(y) or len(x) <= FEWEST_READINGS or not (varies(x) and varies(y)):
+        return 0.0
+    return float(np.corrcoef(x, y)[0, 1])
+
+
+def wrapping_range(channel: RecordedChannel) -> float:
+    """The range, a turn or a power of two, at which a channel wraps; 0 if it does not."""
+    steps = np.abs(np.diff(channel.readings))
+    span = np.ptp(channel.readings) if steps.size else 0.0
+    leaps = steps[steps > 0.5 * span]
+    if 0 < leaps.size < 0.2 * steps.size:
+        for turn in TURN_UNITS:
+            if span <= turn and (np.abs(leaps / turn - 1) < 0.2).all():
+                return float(turn)
+    return 0.0
+
+
+def joints_named(channels: Iterable[RecordedChannel]) -> list[str]:
+    """The joints in the names of channels."""
+    words = " ".join(parted_name(name_of(channel)) for channel in channels)
+    return [joint for joint in JOINTS if re.search(rf"\b{joint}\b", words)]
+
+
+def turns_slowly(guesses: Sequence[Guess], clock: RecordedChannel | None) -> bool:
+    """Whether the angle goes to and fro, and turns less often than every two seconds: it tells K
+    alone. A log whose clock or angle is not known does not tell."""
+    angles = [guess.channel for guess in guesses if guess.is_sure and guess.column == "theta"]
+    if clock is None or not angles or angles[0].readings.size < FEWEST_READINGS:
+        return False
+    known = angles[0].readings
+    coarse = known[np.linspace(0, known.size - 1, 150).astype(int)]  # noise crosses the mean too
+    turns = np.count_nonzero(np.diff(coarse > coarse.mean()))
+    return bool(2 <= turns < clock.base[0] * np.ptp(clock.numbers) / 2)

@@ -11,8 +11,7 @@ from scipy.io import savemat
 
 from osl_analysis.draft.draft_campaign import draft_campaign
 from osl_analysis.draft.draft_source import draft_source, entries_of, guesses_of
-from osl_analysis.draft.guesses import guessed_columns
-from osl_analysis.draft.likelihood import likelihoods
+from osl_analysis.draft.likelihood import guessed_columns, likelihoods
 from osl_analysis.draft.overview import inspect_recording
 from osl_analysis.draft.recorded_channel import RecordedChannel
 from osl_analysis.ingest.raw_files import read_converted, read_source

@@ -15,8 +15,8 @@ from mcap_builder import HEADER, stamped, write_log
 
 from osl_analysis.cli import main
 from osl_analysis.commands import trials as module
-from osl_analysis.draft.clock_choice import choose_clock
 from osl_analysis.draft.draft_source import draft_source
+from osl_analysis.draft.overview import choose_clock
 from osl_analysis.draft.recorded_channel import RecordedChannel
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.raw_files import read_converted, read_source

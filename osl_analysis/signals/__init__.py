@@ -15,16 +15,6 @@ from osl_analysis.errors import InputError
 from osl_analysis.measured import check_finite
 from osl_analysis.trial import Array
 
-# Samples, and degree of the polynomial through them, whose derivatives are those of their middle.
-# For a sine of w rad per sample, the first is too small by w^6/140, the second by w^6/560.
-STENCIL = 7
-DEGREE = 6
-SLOPE_ERROR = 1 / 140  # of the first, as a share, per w^6
-LARGEST_SLOPE_ERROR = 1e-8  # share of a velocity at the cut-off that seven samples may lose
-FILTER_EDGE = 3  # periods of the cut-off that a recording must outlast: the reach of the filter
-UNIFORM_STEP = 0.2  # a step may deviate from the mean by this share of it
-FEWEST_FOR_SPLINE = 6  # samples: a quintic has six coefficients
-
 
 @dataclass(frozen=True)
 class LowPass:
@@ -59,13 +49,14 @@ class LowPass:
             A sample is not finite, the cut-off is not below half the rate, or the signal is shorter
             than three periods of the cut-off.
         """
+        periods = 3  # of the cut-off that a recording must outlast: the reach of the filter
         check_finite("the signal", signal)
         if not 0 < self.cutoff_hz < rate_hz / 2:
             raise InputError(
                 f"filter cut-off {self.cutoff_hz:g} Hz must lie between 0 and half the sampling"
                 f" rate of {rate_hz:g} Hz; lower it in the configuration (`cutoff_hz`)"
             )
-        edge = int(np.ceil(FILTER_EDGE * rate_hz / self.cutoff_hz))
+        edge = int(np.ceil(periods * rate_hz / self.cutoff_hz))
         if len(signal) <= edge:
             raise InputError(
                 f"{len(signal)} samples cannot be filtered at {self.cutoff_hz:g} Hz; record over"
@@ -123,41 +114,30 @@ def filtered_motion(
     torque : Array
         Filtered (n,) [N*m].
 
-    """
-    return filtered_angle(time, theta, low_pass), low_pass(torque, sampling_rate(time))
-
-
-def filtered_angle(time: Array, theta: Array, low_pass: LowPass) -> Motion:
-    """Filter an angle, and differentiate it.
-
-    Parameters
-    ----------
-    time, theta : Array
-        Uniform times (n,) [s] and angles (n,) [rad].
-    low_pass : LowPass
-
-    Returns
-    -------
-    Motion
-
     Notes
     -----
     Below some 60 samples per period of the cut-off, seven samples would lose more than 1e-8 of a
     velocity at the cut-off. There a spline is used, which takes fifty times as long.
     """
+    # For a sine of w rad per sample, seven samples lose w^6/140 of its velocity.
+    largest_loss = 1e-8  # share of a velocity at the cut-off
     rate = sampling_rate(time)
     smooth_theta = low_pass(theta, rate)
     radians_per_sample = 2 * np.pi * low_pass.cutoff_hz / rate
-    is_coarse = radians_per_sample**6 * SLOPE_ERROR > LARGEST_SLOPE_ERROR
-    if is_coarse or len(time) < STENCIL:
-        return differentiate(time, smooth_theta)
-    return seven_point_motion(smooth_theta, rate)
+    if radians_per_sample**6 / 140 > largest_loss or len(time) < SAMPLES:
+        motion = differentiate(time, smooth_theta)
+    else:
+        motion = seven_point_motion(smooth_theta, rate)
+    return motion, low_pass(torque, rate)
+
+
+SAMPLES = 7  # through which a polynomial passes, whose derivatives are those of their middle
 
 
 def seven_point_motion(theta: Array, rate_hz: float) -> Motion:
     """Differentiate an angle (n,) [rad] that is sampled evenly, and slow compared to the rate."""
     omega, alpha = (
-        scipy.signal.savgol_filter(theta, STENCIL, DEGREE, derivative, 1 / rate_hz)
+        scipy.signal.savgol_filter(theta, SAMPLES, SAMPLES - 1, derivative, 1 / rate_hz)
         for derivative in (1, 2)
     )
     return Motion(theta, omega, alpha)
@@ -187,9 +167,10 @@ def differentiate(time: Array, theta: Array) -> Motion:
     """
     check_finite("time", time)
     check_finite("the angle", theta)
-    if len(time) < FEWEST_FOR_SPLINE or not (np.diff(time) > 0).all():
+    fewest = 6  # samples: a quintic has six coefficients
+    if len(time) < fewest or not (np.diff(time) > 0).all():
         raise InputError(
-            f"{len(time)} samples cannot be differentiated: {FEWEST_FOR_SPLINE} or more are needed,"
+            f"{len(time)} samples cannot be differentiated: {fewest} or more are needed,"
             " each later than the one before; take a longer window, or check the time's channel"
         )
     spline = scipy.interpolate.make_interp_spline(time, theta, k=5)
@@ -222,7 +203,8 @@ def sampling_rate(time: Array) -> float:
         raise InputError(
             f"{len(time)} stamps that do not go forward have no rate; check the time's channel"
         )
-    if max(np.max(steps) - mean, mean - np.min(steps)) > UNIFORM_STEP * mean:
+    deviation = 0.2  # share of the mean by which a step may deviate from it
+    if max(np.max(steps) - mean, mean - np.min(steps)) > deviation * mean:
         worst = int(np.argmax(np.abs(steps - mean)))
         raise InputError(
             f"the step at {time[worst]:.4f} s is {steps[worst] * 1e3:.3f} ms, the mean step"

@@ -1,39 +1,25 @@
-"""The clock of a device: its stamps against the straight line on which even samples would lie."""
+"""The clock of a device: its stamps against the straight line on which even samples would lie, and
+the rows in which a log shows the values of a slower source."""
 
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from osl_analysis.signals.sample_count import (
-    Line,
+    FEWEST_STAMPS,
+    SampleCount,
     SlowPart,
     in_blocks,
     line_through,
     slow_part,
 )
-from osl_analysis.signals.stream import SampleCount
 from osl_analysis.trial import Array
 
-NORMAL_90 = (
-    3.29  # standard deviations between the 5 % and the 95 % quantile of a normal distribution
-)
-WANDER_SAMPLES = 50  # over which jitter averages out
-SETTLING_S = 2.0  # [s] within which latency comes back to its usual value
-DECIMALS = range(2, 9)  # of a second, to which stamps may be printed: 10 ms to 10 ns
-
-# Batches
-IN_BATCH_STEP = 0.4  # steps within which a sample follows another of its batch
-LEAST_FOLLOWING = 0.4  # share of the rows that follow another of their batch
-
-# Blocks in which the signals tell how the stamps scatter
-EVIDENCE_BLOCK_S = 0.08
-FEWEST_IN_BLOCK = 9
-MOST_IN_BLOCK = 24
-
-ONE_SIDED_SKEW = 0.5  # skewness of latency: late, never early
-FAR_OFF = 5  # standard deviations beyond which a stamp does not count for the line
+# standard deviations between the 5 % and the 95 % quantile of a normal distribution
+NORMAL_90 = 3.29
 
 
 @dataclass(frozen=True)
@@ -45,35 +31,27 @@ class DeviceClock:
     counted: bool = False  # whether the device itself counted them
 
     @cached_property
-    def line(self) -> Line:
-        """Least-squares line through the stamps."""
-        return line_through(self.count, self.stamps)
-
-    @property
     def step(self) -> float:
-        """Slope [s] of the line."""
-        return self.line.step
+        """Slope [s] of the least-squares line through the stamps."""
+        return line_through(self.count, self.stamps)[0]
 
     @cached_property
     def residual(self) -> Array:
         """Stamp minus line (n,) [s]."""
-        return np.asarray(self.stamps - self.step * self.count - self.line.start)
+        step, start = line_through(self.count, self.stamps)
+        return np.asarray(self.stamps - step * self.count - start)
 
-    @cached_property
-    def sd(self) -> float:
-        """Standard deviation [s] of the residual."""
-        return float(np.std(self.residual))
-
-    @cached_property
+    @property
     def wander(self) -> float:
         """Standard deviation [s] of the residual averaged over 50 samples. Jitter averages out."""
-        blocks = in_blocks(self.residual, WANDER_SAMPLES)
-        return float(np.std(blocks.mean(axis=1))) if len(blocks) > 1 else self.sd
+        samples = 50  # over which jitter averages out
+        blocks = in_blocks(self.residual, samples)
+        return float(np.std(blocks.mean(axis=1) if len(blocks) > 1 else self.residual))
 
     @cached_property
     def slow(self) -> SlowPart:
         """The slow part of the stamps."""
-        return slow_part(self.stamps, self.count, self.step)
+        return slow_part(self.stamps, self.count)
 
     @cached_property
     def scatter(self) -> float:
@@ -86,7 +64,8 @@ class DeviceClock:
     def decimal(self) -> float:
         """Decimal [s] to which the stamps were printed, 10 ms to 10 ns; 0 if none is seen."""
         since_first = self.stamps - self.stamps[0]
-        for decimal in 10.0 ** -np.array(DECIMALS):
+        decimals = range(2, 9)
+        for decimal in 10.0 ** -np.array(decimals):
             # most stamps are refused by their first hundred
             if is_multiple(since_first[:99], decimal) and is_multiple(since_first, decimal):
                 return float(decimal)
@@ -101,8 +80,10 @@ class DeviceClock:
         Stamps rounded to decimals, or to ticks of a slow clock, are no batches: these waits are
         alike, whatever their numbers of samples.
         """
-        follows = np.diff(self.stamps) <= IN_BATCH_STEP * self.step
-        if np.mean(follows) < LEAST_FOLLOWING or self.decimal > 0.5 * self.step:
+        in_batch_step = 0.4  # steps within which a sample follows another of its batch
+        least_following = 0.4  # share of the rows that follow another of their batch
+        follows = np.diff(self.stamps) <= in_batch_step * self.step
+        if np.mean(follows) < least_following or self.decimal > 0.5 * self.step:
             return None
         begins = np.flatnonzero(~np.append(False, follows))
         waits = np.diff(self.stamps[begins]) / self.step
@@ -115,16 +96,12 @@ class DeviceClock:
     def settles(self) -> bool:
         """Whether the stamps come back to their line, or to the line of each rate, within 2 s, as
         with latency."""
-        length = int(np.clip(SETTLING_S / self.step, 51, max(len(self.stamps) // 4, 1)))
+        settling_s = 2.0  # within which latency comes back to its usual value
+        length = int(np.clip(settling_s / self.step, 51, max(len(self.stamps) // 4, 1)))
         above = self.stamps - self.slow.stamps if self.slow.kinks else self.residual
         sums = np.cumsum(np.append(0.0, above))
         creep = np.abs(sums[length:] - sums[:-length]).max() / length
         return bool(creep <= max(self.step, 2 * self.scatter))
-
-    @property
-    def block(self) -> int:
-        """Samples per block in `evidence_of`: those of 80 ms, but 9 to 24."""
-        return int(np.clip(round(EVIDENCE_BLOCK_S / self.step), FEWEST_IN_BLOCK, MOST_IN_BLOCK))
 
     @property
     def missing(self) -> int:
@@ -138,20 +115,20 @@ class DeviceClock:
         one-sided or in batches, the line is its lower edge instead, because a host's stamp is late
         by the message's wait. A device whose rate changes has a line for each rate.
         """
+        far_off = 5  # standard deviations beyond which a stamp does not count for the line
+        one_sided_skew = 0.5  # skewness of latency: late, never early
         base = self.slow.stamps if self.slow.kinks else self.stamps - self.residual
         late = self.stamps - base
         low, middle, high = np.quantile(late, (0.05, 0.5, 0.95))
         spread = (high - low) / NORMAL_90
         no_scatter = 1e-6 * self.step
-        is_near = np.abs(late - middle) <= FAR_OFF * spread + no_scatter
+        is_near = np.abs(late - middle) <= far_off * spread + no_scatter
         place = self.count[is_near]
         late = late[is_near]
-        is_one_sided = spread > no_scatter and scipy.stats.skew(late) > ONE_SIDED_SKEW
-        if self.has_prompt_batches is not None or is_one_sided:
-            line = lower_edge(place, late)
-        else:
-            line = line_through(place, late)
-        return np.asarray(base + line.step * self.count + line.start, dtype=np.float64)
+        is_one_sided = spread > no_scatter and scipy.stats.skew(late) > one_sided_skew
+        takes_edge = self.has_prompt_batches is not None or is_one_sided
+        step, start = (lower_edge if takes_edge else line_through)(place, late)
+        return np.asarray(base + step * self.count + start, dtype=np.float64)
 
     def aged(self, age: float) -> Array:
         """When values `age` loops older than their stamps were taken, (n,) [s].
@@ -173,8 +150,8 @@ def is_multiple(times: Array, decimal: float) -> bool:
     return bool(np.max(np.abs(multiples - np.rint(multiples))) < 1e-3)
 
 
-def lower_edge(place: SampleCount, late: Array) -> Line:
-    """Find the highest line below all points (n,).
+def lower_edge(place: SampleCount, late: Array) -> tuple[float, float]:
+    """Find slope and start of the highest line below all points (n,).
 
     The line goes through one point on each side of the mean count. The lowest point below the line
     replaces the point on its side, until none lies below.
@@ -192,38 +169,92 @@ def lower_edge(place: SampleCount, late: Array) -> Line:
             left = lowest
         else:
             right = lowest
-    return Line(step, float(late[left] - step * place[left]))
+    return step, float(late[left] - step * place[left])
 
 
-def savitzky_golay(
-    values: Array, count: SampleCount, window: int, order: int, degree: int = 3
-) -> Array:
-    """Smooth or differentiate samples by polynomials through their neighbours.
+# ---- Values that a log repeats, because their source is slower than the log
+
+
+@dataclass(frozen=True)
+class HeldValues:
+    """The values of a source that is slower than the log, which repeats each of them.
+
+    A value was taken at its first row, or up to one step of the log before.
+    """
+
+    rows: Array  # (k,) first row of each value; interpolated if it equals the value before
+    values: Array  # (k,)
+    period: float  # usual rows per value
+
+
+def held_values(signal: Array, step: float) -> HeldValues | None:
+    """Find the values that a signal repeats at a pace of its own.
 
     Parameters
     ----------
-    values : Array
-        (n,).
-    count : SampleCount
-        (n,) places of the samples. Missing samples are bridged linearly. A gap is shortened to two
-        windows: a clock may jump by years.
-    window : int
-        Samples of a polynomial, odd.
-    order : int
-        0 for the value, 1 for the slope per step.
-    degree : int
-        Of the polynomials.
+    signal : Array
+        (n,) without NaN.
+    step : float
+        Of the log [s].
 
     Returns
     -------
-    Array
-        (n,).
+    HeldValues or None
+        None if the signal does not repeat its values, or for more than 0.1 s.
+
+    Notes
+    -----
+    A slow signal of coarse resolution also repeats values, but hardly right after a change by three
+    of its smallest steps. So the repetitions after such changes decide.
     """
-    place: SampleCount | slice = slice(None)
-    if count[-1] - count[0] != len(values) - 1:
-        steps = np.minimum(np.diff(count), 2 * window)
-        place = np.concatenate([[0], np.cumsum(steps)])
-        values = np.interp(np.arange(place[-1] + 1), place, values)
-    window = min(window, (len(values) - 1) // 2 * 2 + 1)
-    smooth = scipy.signal.savgol_filter(values, window, min(degree, window - 1), order)
-    return np.asarray(smooth[place])
+    first_rows = np.flatnonzero(signal[1:] != signal[:-1]) + 1
+    repetitions = len(signal) - len(first_rows)
+    if FEWEST_STAMPS < repetitions < 0.5 * len(signal):
+        return hardly_slower_source(signal, first_rows)
+    if not FEWEST_STAMPS < len(first_rows) < 0.6 * len(signal):
+        return None
+    period = rows_per_value(signal, first_rows, step)
+    if period is None:
+        return None
+    # a value that equals the one before shows no change: its row is interpolated
+    periods = np.maximum(np.rint(np.diff(first_rows) / period), 1).astype(np.intp)
+    count = np.append(0, np.cumsum(periods))
+    place = np.arange(count[-1] + 1)
+    shown_at = first_rows[np.searchsorted(count, place, "right") - 1]
+    return HeldValues(np.interp(place, count, first_rows), signal[shown_at], period)
+
+
+def hardly_slower_source(signal: Array, first_rows: NDArray[np.intp]) -> HeldValues | None:
+    """The values of a source that is hardly slower than the log: all are evenly spaced to within a
+    row, which is no chance. None if they are not."""
+    number = np.arange(len(first_rows))
+    rows = first_rows.astype(np.float64)
+    period, _ = line_through(number, rows)
+    within_a_row = 1.2  # range of rows about even places
+    is_even = np.ptp(rows - period * number) < within_a_row
+    is_seldom = len(rows) * period <= len(signal) - 3
+    return HeldValues(rows, signal[first_rows], period) if is_even and not is_seldom else None
+
+
+def rows_per_value(signal: Array, first_rows: NDArray[np.intp], step: float) -> float | None:
+    """Usual rows per value of a signal (n,) that changes at these rows; None if it has no pace."""
+    # smallest changes; a slow signal of coarse resolution hardly changes by more from one value
+    decisive_change = 2.5
+    longest_hold_s = 0.1  # a source slower than 10 Hz is taken for a coarse signal
+    least_in_pace = 0.95  # share of the repetitions that must fit the source's pace
+    pause = 50  # periods; a longer repetition is a standing signal, which does not tell the pace
+    changes = np.abs(signal[first_rows] - signal[first_rows - 1])
+    repeated = np.diff(first_rows)
+    decisive = repeated[changes[:-1] > decisive_change * changes.min()]
+    if len(decisive) <= FEWEST_STAMPS:
+        return None
+    usual = float(np.median(decisive))
+    periods = decisive / usual
+    from_whole = np.abs(periods - np.maximum(np.rint(periods), 1)) * usual
+    keeps_pace = from_whole <= 1 + 0.1 * usual
+    if not 2 <= usual <= longest_hold_s / step or np.mean(keeps_pace) < least_in_pace:
+        return None
+
+    period = float(np.mean(decisive[(periods > 0.5) & (periods < 1.75)]))
+    short = repeated[repeated < pause * period]
+    return float(short.sum() / np.maximum(np.rint(short / period), 1).sum())

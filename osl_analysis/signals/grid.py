@@ -5,7 +5,7 @@ Filter, differentiate and fit only signals on the grid. Short gaps are bridged. 
 marked, and fits leave their rows out. Too long gaps are refused.
 """
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, naming
 from osl_analysis.signals import LowPass, differentiate
-from osl_analysis.signals.sample_count import LONG_STEP
-from osl_analysis.signals.samples import Taken, take
-from osl_analysis.signals.stream import FEWEST_STAMPS, SampleCount, SensorLowPass, Stream
+from osl_analysis.signals.sample_count import FEWEST_STAMPS, LONG_STEP
+from osl_analysis.signals.samples import SensorLowPass, Stream, Taken, take
 from osl_analysis.trial import Array, Trial, counter_column
 
 BRIDGE_MORE = (  # remedy if gaps leave nothing to fit
@@ -26,13 +25,8 @@ BRIDGE_MORE = (  # remedy if gaps leave nothing to fit
 )
 
 ON_GRID = 1e-6  # distance, in steps, up to which a sample lies on the grid
-ROWS_OF_ROUNDING = 1e6  # the rounding of a step, 1e-13 of it, adds up to `ON_GRID` over more rows
-JITTER = 1.1  # steps between samples that are no gap: a tenth of a step is jitter
 # Grid rows per spline, which fit into a processor's cache: one spline for an hour takes 0.7 GB
 SPLINED = 1 << 14
-REACH = 64  # samples beyond a spline's ends, whose effect falls by 0.27 per sample
-# Relative difference of two rates that may be one of the clocks; a larger one is intended
-LARGEST_CLOCK_DIFFERENCE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -54,14 +48,6 @@ class GapLimits:
     def margin_s(self) -> float:
         """Time [s] to either side of a marked gap into which the filter spreads its values."""
         return 3 / self.cutoff_hz
-
-
-@dataclass(frozen=True)
-class Gaps:
-    """Gaps of a stream, as begin and end of each (gaps, 2) [s]."""
-
-    bridged: Array
-    marked: Array
 
 
 @dataclass(frozen=True)
@@ -154,7 +140,8 @@ def uniform_signals(
         A column is missing, or its stamps cannot be brought on a grid; the message names the trial.
     """
     with naming(f"trial {trial.name}"):
-        taken = take(streams(trial, columns, computed))
+        devices = devices_of(trial, columns, computed)
+        taken = take([stream_of(trial, names, computed) for names in devices])
         for number, part in enumerate(taken):
             names = tuple(name for name in part.signals if wanted is None or name in wanted)
             # all stay if none is wanted, for the clock is needed
@@ -188,8 +175,18 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
     step = min(part.step for part in taken)
     rate = 1 / step
     time = shared_time(taken, step)
-    gaps = [gaps_of(part, time, limits) for part in taken]
-    usable = usable_rows(time, [stream_gaps.marked for stream_gaps in gaps], limits)
+    usable = np.ones(len(time), dtype=bool)
+    signals = dict[str, Array]()
+    report = []
+    for part in taken:
+        bridged, marked = gaps_of(part, time, limits)
+        for begin, end in marked:
+            first = np.searchsorted(time, begin - limits.margin_s)
+            stop = np.searchsorted(time, end + limits.margin_s, "right")
+            usable[first:stop] = False
+        times, values, _ = part.samples
+        signals.update(resampled(times, values, time, step))
+        report.append(stream_row(part, len(bridged), len(marked), rate))
     if not usable.any():
         raise InputError(
             f"{taken[0].stream.name}: every row from {time[0]:.4f} s to {time[-1]:.4f} s lies"
@@ -197,11 +194,6 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
             f" {BRIDGE_MORE}; if stamps are rounded so that many rows share one, state"
             " `time: {rate: HZ}`"
         )
-
-    signals = dict[str, Array]()
-    for part in taken:
-        times, values, _ = part.samples
-        signals.update(resampled(times, values, time, step))
     signals = with_equal_sensor_filters(signals, taken, rate)
 
     fixture = next((part.stream.fixture for part in taken if part.stream.fixture), None)
@@ -214,10 +206,7 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
         rate_hz=rate,
         signals=signals,
         usable=usable,
-        streams=[
-            stream_row(part, stream_gaps, rate)
-            for part, stream_gaps in zip(taken, gaps, strict=True)
-        ],
+        streams=report,
         # copies without cached properties: these take 0.4 GB for an hour
         taken=tuple(replace(part, clock=replace(part.clock)) for part in taken),
         limits=limits,
@@ -238,17 +227,6 @@ def shared_time(taken: Sequence[Taken], step: float) -> Array:
             " clocks count from the same time"
         )
     return np.asarray(step * np.arange(rows) + first)
-
-
-def usable_rows(time: Array, marked: Iterable[Array], limits: GapLimits) -> NDArray[np.bool_]:
-    """Rows (m,) that are not in or near a marked gap."""
-    usable = np.ones(len(time), dtype=bool)
-    for gaps in marked:
-        for begin, end in gaps:
-            first = np.searchsorted(time, begin - limits.margin_s)
-            stop = np.searchsorted(time, end + limits.margin_s, "right")
-            usable[first:stop] = False
-    return usable
 
 
 def with_equal_sensor_filters(
@@ -309,13 +287,15 @@ def fixture_torque(
     return np.asarray(inertial + weight * np.sin(theta - np.deg2rad(rest_deg)))
 
 
-def gaps_of(part: Taken, time: Array, limits: GapLimits) -> Gaps:
-    """Find the gaps of a stream within times (m,) [s]. Raises InputError: a gap is too long."""
+def gaps_of(part: Taken, time: Array, limits: GapLimits) -> tuple[Array, Array]:
+    """Find the gaps of a stream within times (m,) [s] that are bridged, and those that are marked,
+    as begin and end (gaps, 2) [s]. Raises InputError: a gap is too long."""
     times = part.samples[0]
     rows = np.flatnonzero(np.diff(times) > LONG_STEP * part.step)
     ends = np.stack([times[rows], times[rows + 1]], axis=1)
     ends = ends[(ends[:, 1] > time[0]) & (ends[:, 0] < time[-1])]
-    length = ends[:, 1] - ends[:, 0] - JITTER * part.step
+    jitter = 1.1  # steps between samples that are no gap: a tenth of a step is jitter
+    length = ends[:, 1] - ends[:, 0] - jitter * part.step
     if (length > limits.longest_s).any():
         begin, end = ends[np.argmax(length)]
         raise InputError(
@@ -325,29 +305,30 @@ def gaps_of(part: Taken, time: Array, limits: GapLimits) -> Gaps:
             " sheet, or see whether the recorder's clock jumped"
         )
     is_bridged = length <= limits.bridged_s
-    return Gaps(bridged=ends[is_bridged], marked=ends[~is_bridged])
+    return ends[is_bridged], ends[~is_bridged]
 
 
-def stream_row(part: Taken, gaps: Gaps, grid_hz: float) -> dict[str, Any]:
-    """Report on one stream resampled to a rate [Hz]: its row of `timebase.csv`.
+def stream_row(part: Taken, bridged: int, marked: int, grid_hz: float) -> dict[str, Any]:
+    """Report on one stream resampled to a rate [Hz], with so many gaps: its row of `timebase.csv`.
 
     g is from the signal with the smallest standard error.
     """
     clock = part.clock
     rate = 1 / clock.step
     difference = rate / grid_hz - 1
+    of_clocks = 1e-3  # a larger relative difference of two rates is intended
     best = part.clearest_evidence
     return {
         "signals": ", ".join(part.signals),
         "rate_hz": rate,
         # against the fastest stream
-        "ppm": 1e6 * difference if abs(difference) < LARGEST_CLOCK_DIFFERENCE else None,
+        "ppm": 1e6 * difference if abs(difference) < of_clocks else None,
         "firm": part.firm,
         "why": part.why,
         "missing": clock.missing,
         "repeated": part.repeated,
-        "bridged": len(gaps.bridged),
-        "marked": len(gaps.marked),
+        "bridged": bridged,
+        "marked": marked,
         "delay_s": part.delay,
         "stamps": "even" if part.even else "exact",
         "g": None if best is None else best.g,
@@ -377,17 +358,19 @@ def resampled(
         (m,) by signal: the samples if they lie on the grid, else a cubic spline. Nothing is
         extrapolated: a last row that lies behind the last sample by rounding has its value.
     """
+    rows_of_rounding = 1e6  # over more, the rounding of a step, 1e-13 of it, adds up to `ON_GRID`
     row = int(np.searchsorted(times, grid[0] - ON_GRID * step))
     nearby = times[row : row + len(grid)]
-    tolerance = ON_GRID * step * max(len(grid) / ROWS_OF_ROUNDING, 1.0)
+    tolerance = ON_GRID * step * max(len(grid) / rows_of_rounding, 1.0)
     if len(nearby) == len(grid) and np.max(np.abs(nearby - grid)) < tolerance:
         return {name: signal[row : row + len(grid)] for name, signal in values.items()}
 
+    reach = 64  # samples beyond a spline's ends, whose effect falls by 0.27 per sample
     on_grid = np.empty((len(values), len(grid)))
     for begin in range(0, len(grid), SPLINED):
         inside = np.clip(grid[begin : begin + SPLINED], times[0], times[-1])
         first, last = np.searchsorted(times, (inside[0], inside[-1]))
-        rows = slice(max(first - REACH, 0), last + REACH)
+        rows = slice(max(first - reach, 0), last + reach)
         samples = np.array([signal[rows] for signal in values.values()])
         spline = scipy.interpolate.CubicSpline(times[rows], samples, axis=1)
         on_grid[:, begin : begin + SPLINED] = spline(inside)
@@ -409,24 +392,19 @@ def devices_of(
     return list(devices.values())
 
 
-def streams(trial: Trial, columns: Sequence[str], computed: Sequence[str] = ()) -> list[Stream]:
-    """Make a stream of each device's columns (`devices_of`); `computed` ones decide nothing."""
-    devices = devices_of(trial, columns, computed)
-    return [stream_of(trial, names, frozenset(computed)) for names in devices]
-
-
-def stream_of(trial: Trial, names: Sequence[str], silent: frozenset[str]) -> Stream:
+def stream_of(trial: Trial, names: Sequence[str], silent: Sequence[str]) -> Stream:
     """Make a stream of columns that one device recorded, with what the source file states."""
     stamps, *values = trial.arrays(*names)
     origins = {name: origin(trial, name) for name in names}
     file = origins[names[0]].get("file", "")
     time_source = trial.provenance.get(file, {}).get("time", {})
+    counters = [name for name in map(counter_column, names) if name in trial.columns]
     return Stream(
         name=", ".join(names),
         stamps=stamps,
         signals=dict(zip(names, values, strict=True)),
         choice=time_source.get("stamps", "auto"),
-        counter=counter_of(trial, names),
+        counter=trial.arrays(counters[0])[1].astype(np.int64) if counters else None,
         silent=silent,
         delays={
             name: facts["delay"]
@@ -441,14 +419,6 @@ def stream_of(trial: Trial, names: Sequence[str], silent: frozenset[str]) -> Str
         fixture=origins.get("torque", {}).get("fixture"),
         clocks=trial.clocks,
     )
-
-
-def counter_of(trial: Trial, names: Iterable[str]) -> SampleCount | None:
-    """The device's own count (n,) of its samples, if one of its columns has a counter."""
-    for counter in map(counter_column, names):
-        if counter in trial.columns:
-            return np.asarray(trial.arrays(counter)[1], dtype=np.int64)
-    return None
 
 
 def origin(trial: Trial, column: str) -> dict[str, Any]:

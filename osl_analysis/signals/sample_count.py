@@ -12,28 +12,19 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.signals.stream import SampleCount, Stream
 from osl_analysis.trial import Array
 
 LONG_STEP = 1.5  # a longer step, in usual steps, is a gap
 # a step this long may hide a missing sample: the sample before it may have been late, hence not 2
 SUSPECT_STEP = 1.3
-CLOCK_JUMP_S = 5e-3  # [s] a host's scatter is less
 # samples on either side of a long step whose levels are compared, or three times the step if longer
 BESIDE = 100
-TIDY_STEPS = 0.2  # spread of the steps, in mean steps, below which no sample can be missing
-WHOLE_STEPS = 0.3  # distance from whole numbers of steps, in steps, up to which steps are counted
-WORTH_MISSING = 0.7  # share of the squared residual that missing samples leave if there are any
-SAME_RATE = 0.01  # relative change of a rate that does not matter for the count
-
-
-class Line(NamedTuple):
-    """Line through stamps over their count."""
-
-    step: float  # slope [s]
-    start: float  # value [s] at count 0
+# fewest samples for a meaningful line through the stamps, or a spline through the values
+FEWEST_STAMPS = 20
+SampleCount = NDArray[np.int64]
 
 
 class SlowPart(NamedTuple):
@@ -43,11 +34,11 @@ class SlowPart(NamedTuple):
     kinks: int
 
 
-def line_through(count: SampleCount, stamps: Array) -> Line:
-    """Fit the least-squares line through stamps (n,) [s] over their count."""
+def line_through(count: SampleCount, stamps: Array) -> tuple[float, float]:
+    """Slope [s] and value [s] at count 0 of the least-squares line through stamps (n,) [s]."""
     x = count - count.mean()
     step = float(x @ (stamps - stamps.mean())) / float(x @ x)
-    return Line(step, float(stamps.mean() - step * count.mean()))
+    return step, float(stamps.mean() - step * count.mean())
 
 
 def in_blocks(values: Array | SampleCount, size: int) -> Array:
@@ -55,13 +46,17 @@ def in_blocks(values: Array | SampleCount, size: int) -> Array:
     return np.asarray(values[: len(values) // size * size].reshape(-1, size))
 
 
-def places_of_samples(stream: Stream) -> SampleCount:
+def places_of_samples(stamps: Array, counter: SampleCount | None, name: str) -> SampleCount:
     """Find the place of every sample in the device's count.
 
     Parameters
     ----------
-    stream : Stream
-        Its counter is taken if there is one, else its stamps.
+    stamps : Array
+        (n,) [s].
+    counter : SampleCount or None
+        (n,) the device's own count, which is taken if there is one, else the stamps.
+    name : str
+        Of the device, for messages.
 
     Returns
     -------
@@ -73,34 +68,29 @@ def places_of_samples(stream: Stream) -> SampleCount:
     InputError
         The counter does not rise, or the clock jumps while it runs on.
     """
-    counter = stream.counter
-    stamps = stream.stamps
     if counter is None:
         return count_from_stamps(stamps)
     goes_back = np.diff(counter) <= 0
     if goes_back.any():
         row = int(np.argmax(goes_back))
         raise InputError(
-            f"{stream.name}: the sample counter goes from {counter[row]} to {counter[row + 1]} at"
+            f"{name}: the sample counter goes from {counter[row]} to {counter[row + 1]} at"
             f" {stamps[row + 1]:.6f} s; it must rise: cut the log there, or do not map the counter"
         )
     count = np.asarray(counter - counter[0], dtype=np.int64)
-    check_clock_runs_with(count, stream)
-    return count
 
-
-def check_clock_runs_with(count: SampleCount, stream: Stream) -> None:
-    """Refuse a stream whose clock jumps while its counter, as count (n,), runs on."""
-    step = line_through(count, stream.stamps).step
-    level = stream.stamps - step * count
+    step, _ = line_through(count, stamps)
+    level = stamps - step * count
     row = int(np.argmax(np.abs(np.diff(level)))) + 1
     jump = np.median(level[row : row + BESIDE]) - np.median(level[max(row - BESIDE, 0) : row])
-    if abs(jump) > max(CLOCK_JUMP_S, LONG_STEP * step):
+    largest_scatter_s = 5e-3  # of a host
+    if abs(jump) > max(largest_scatter_s, LONG_STEP * step):
         raise InputError(
-            f"{stream.name}: the clock jumps by {jump:.2g} s at {stream.stamps[row]:.6f} s, row"
-            f" {row}, while the sample counter runs on; cut the log there, or take the device's own"
-            " clock as time source"
+            f"{name}: the clock jumps by {jump:.2g} s at {stamps[row]:.6f} s, row {row}, while the"
+            " sample counter runs on; cut the log there, or take the device's own clock as time"
+            " source"
         )
+    return count
 
 
 def count_from_stamps(stamps: Array) -> SampleCount:
@@ -125,16 +115,18 @@ def count_from_stamps(stamps: Array) -> SampleCount:
     """
     rows = np.arange(len(stamps))
     steps = np.diff(stamps)
-    if np.ptp(steps) < TIDY_STEPS * float(np.mean(steps)):  # a missing one makes one step of two
+    tidy_steps = 0.2  # spread in mean steps; a missing sample makes one step of two
+    if np.ptp(steps) < tidy_steps * float(np.mean(steps)):
         return rows
 
-    by_whole_steps = count_whole_steps(steps)
-    if by_whole_steps is not None:
-        return by_whole_steps
+    usual = usual_length(steps)
+    whole = np.maximum(np.rint(steps / usual), 1)
+    near_whole = 0.3  # distance in steps up to which steps are counted
+    if np.all(np.abs(steps - whole * usual) < near_whole * usual):
+        return np.append(0, np.cumsum(whole.astype(np.int64)))
 
     def squares(count: SampleCount) -> float:
-        slow = slow_part(stamps, count, line_through(count, stamps).step)
-        return float(np.sum((stamps - slow.stamps) ** 2))
+        return float(np.sum((stamps - slow_part(stamps, count).stamps) ** 2))
 
     counts = [rows, rows + np.cumsum(missing_before_samples(stamps))]
     even_stamps = without_rate_changes(stamps, rows)
@@ -143,7 +135,8 @@ def count_from_stamps(stamps: Array) -> SampleCount:
         even_stamps = without_rate_changes(stamps, min(rows, rough, key=squares))
         counts.append(rows + np.cumsum(missing_before_samples(even_stamps)))
     best = min(counts, key=squares)
-    return best if squares(best) < WORTH_MISSING * squares(rows) else rows
+    left = 0.7  # share of the squared residual that missing samples leave if there are any
+    return best if squares(best) < left * squares(rows) else rows
 
 
 def lasting_jumps(stamps: Array) -> SampleCount:
@@ -159,34 +152,20 @@ def lasting_jumps(stamps: Array) -> SampleCount:
 
 def without_rate_changes(stamps: Array, count: SampleCount) -> Array:
     """Stamps (n,) [s] as if their rate did not change for good."""
-    slow = slow_part(stamps, count, line_through(count, stamps).step)
+    slow = slow_part(stamps, count)
     slow_step = np.diff(slow.stamps) / np.diff(count)
     mean_step = float(np.mean(slow_step))
-    if not slow.kinks or np.ptp(slow_step) < SAME_RATE * mean_step:
+    same_rate = 0.01  # relative change of a rate that does not matter for the count
+    if not slow.kinks or np.ptp(slow_step) < same_rate * mean_step:
         return stamps
     local_step = np.maximum(slow_step, 0.1 * mean_step)
     steps = np.diff(stamps) / local_step * float(np.min(slow_step))
-    return np.concatenate([[0.0], np.cumsum(steps)])
-
-
-def count_whole_steps(steps: Array) -> SampleCount | None:
-    """The count from steps (n - 1,) [s] that are all near whole numbers of the usual step; None if
-    one is not."""
-    usual = usual_length(steps)
-    whole = np.maximum(np.rint(steps / usual), 1)
-    if not np.all(np.abs(steps - whole * usual) < WHOLE_STEPS * usual):
-        return None
-    return np.concatenate([[0], np.cumsum(whole.astype(np.int64))])
+    return np.append(0.0, np.cumsum(steps))
 
 
 def usual_length(steps: Array) -> float:
     """Median step [s]; above 0 where most rows share a stamp with the one before."""
     return max(float(np.median(steps)), 1e-9)
-
-
-FEW = 20  # samples; fewer at an end of the record give no level
-LEVEL_ROUNDS = 4  # a sample that is found moves the levels of its neighbours
-LEVELS_DIFFER = 0.3  # steps between two rough levels that call for a closer look
 
 
 def missing_before_samples(stamps: Array) -> SampleCount:
@@ -197,11 +176,14 @@ def missing_before_samples(stamps: Array) -> SampleCount:
     length = np.diff(stamps, prepend=stamps[0]) / step
     # the sample before may have been late
     most = np.maximum(np.rint(length + 0.2).astype(np.int64) - 1, 1)
-    for _ in range(LEVEL_ROUNDS):
+    fewest = 20  # samples; fewer at an end of the record give no level
+    levels_differ = 0.3  # steps between two rough levels that call for a closer look
+    rounds = 4  # a sample that is found moves the levels of its neighbours
+    for _ in range(rounds):
         # where the level of the promptest few samples changes nearby
         prompt = scipy.ndimage.minimum_filter1d(level, BESIDE, mode="nearest")
         padded = np.pad(prompt, BESIDE // 2, mode="edge")
-        rises = np.abs(padded[BESIDE:] - padded[:-BESIDE]) > LEVELS_DIFFER
+        rises = np.abs(padded[BESIDE:] - padded[:-BESIDE]) > levels_differ
         rows = np.flatnonzero(
             (length > SUSPECT_STEP) & (rises[: len(length)] | (most > BESIDE / 3))
         )
@@ -213,7 +195,7 @@ def missing_before_samples(stamps: Array) -> SampleCount:
             window = max(BESIDE, 3 * int(most[row]))
             before = level[max(row - window, 0) : row]
             behind = level[row : row + window]
-            if min(len(before), len(behind)) < FEW:
+            if min(len(before), len(behind)) < fewest:
                 continue
             rise = of_the_promptest(behind) - of_the_promptest(before)
             total = min(max(int(missing[row]) + round(rise), 0), int(most[row]))
@@ -229,15 +211,7 @@ def of_the_promptest(level: Array) -> float:
     return float(np.partition(level, rank)[rank])
 
 
-SHORTEST_BETWEEN_KINKS_S = 2.0
-MOST_KINKS = 6
-BLOCKS = 400  # whose medians show the slow part
-HUBER_ROUNDS = 5
-HUBER_LIMIT = 2.96  # median residuals: 2 standard deviations of a normal distribution
-WORTH_A_KINK = 0.7  # share of the residual that is left by a kink that is set
-
-
-def slow_part(stamps: Array, count: SampleCount, step: float) -> SlowPart:
+def slow_part(stamps: Array, count: SampleCount) -> SlowPart:
     """Find the slow part of stamps: a straight line, or lines of several rates that meet at kinks.
 
     Parameters
@@ -246,8 +220,6 @@ def slow_part(stamps: Array, count: SampleCount, step: float) -> SlowPart:
         (n,) [s].
     count : SampleCount
         (n,) their places.
-    step : float
-        Of the line through the stamps [s].
 
     Returns
     -------
@@ -255,7 +227,12 @@ def slow_part(stamps: Array, count: SampleCount, step: float) -> SlowPart:
         With up to six kinks. A kink is set only if the stamps do not come back to the line, by the
         medians of 400 blocks.
     """
-    size = max(len(stamps) // BLOCKS, 1)
+    blocks = 400  # whose medians show the slow part
+    most_kinks = 6
+    shortest_between_kinks_s = 2.0
+    worth_a_kink = 0.7  # share of the residual that is left by a kink that is set
+    step, _ = line_through(count, stamps)
+    size = max(len(stamps) // blocks, 1)
     place = in_blocks(count, size).mean(axis=1)
     level = np.median(in_blocks(stamps - step * count, size), axis=1)
     changes = np.diff(level)
@@ -266,22 +243,24 @@ def slow_part(stamps: Array, count: SampleCount, step: float) -> SlowPart:
         return float(robust_polyline(place, level, sorted([*knots, knot]))[1].sum())
 
     knots = [float(count[0]), float(count[-1])]
-    levels, residual = robust_polyline(place, level, knots)
-    while len(knots) < MOST_KINKS + 2 and np.percentile(residual, 95) > max(0.3 * step, 4 * noise):
+    while True:
+        levels, residual = robust_polyline(place, level, knots)
+        is_straight = np.percentile(residual, 95) <= max(0.3 * step, 4 * noise)
+        if is_straight or len(knots) == most_kinks + 2:
+            break
         candidates = [
             candidate
             for candidate in place[4:-4:4].tolist()
-            if min(abs(candidate - knot) for knot in knots) * step >= SHORTEST_BETWEEN_KINKS_S
+            if min(abs(candidate - knot) for knot in knots) * step >= shortest_between_kinks_s
         ]
         best = min(candidates, key=residual_with, default=None)
-        if best is None or residual_with(best) > WORTH_A_KINK * residual.sum():
+        if best is None or residual_with(best) > worth_a_kink * residual.sum():
             break
         bounds = (max(best - 16 * size, place[0] + size), min(best + 16 * size, place[-1] - size))
         refined = scipy.optimize.minimize_scalar(
             residual_with, bounds=bounds, method="bounded", options={"xatol": size / 20}
         )
         knots = sorted([*knots, float(refined.x)])
-        levels, residual = robust_polyline(place, level, knots)
 
     slow = step * count + np.interp(count, knots, levels)
     return SlowPart(np.asarray(slow), len(knots) - 2)
@@ -292,16 +271,14 @@ def robust_polyline(place: Array, level: Array, knots: Sequence[float]) -> tuple
     size of its residual (n,)."""
     columns = np.stack([np.interp(place, knots, unit) for unit in np.eye(len(knots))], axis=1)
     weights = np.ones(len(place))
-    for _ in range(HUBER_ROUNDS):
+    median_residuals = 2.96  # Huber's limit: 2 standard deviations of a normal distribution
+    rounds = 5
+    for _ in range(rounds):
         levels = np.linalg.lstsq(columns * weights[:, None], level * weights, rcond=None)[0]
         residual = np.abs(level - columns @ levels)
-        limit = HUBER_LIMIT * float(np.median(residual)) + 1e-12
+        limit = median_residuals * float(np.median(residual)) + 1e-12
         weights = np.sqrt(1 / np.maximum(1, residual / limit))
     return np.asarray(levels, dtype=np.float64), residual
-
-
-# lengths of blocks for `usual_step`: the first are so short that most miss no sample
-BLOCK_LENGTHS = (25, 25, 25, 100, 100)
 
 
 def usual_step(stamps: Array) -> float:
@@ -315,7 +292,8 @@ def usual_step(stamps: Array) -> float:
     median = float(np.median(np.diff(stamps)))
     # the shorter of the two: steps are found too long
     step = min(mean, median) if median > 0.8 * mean else mean
-    for number, length in enumerate(BLOCK_LENGTHS):
+    block_lengths = (25, 25, 25, 100, 100)  # the first are so short that most miss no sample
+    for number, length in enumerate(block_lengths):
         block = min(length, n // 4)
         late = in_blocks(stamps - step * np.arange(n), block)
         changes = np.diff(late.min(axis=1))
@@ -328,16 +306,6 @@ def usual_step(stamps: Array) -> float:
     far = max(n // 10, 1)
     usual = float(np.median(stamps[far:] - stamps[:-far])) / far
     return step if step > 0.5 * usual else usual
-
-
-PROMPTEST_OF = 16  # rows, of which only the promptest sample shows the rhythm
-FEWEST_PROMPT_SAMPLES = 60
-BINS_PER_STEP = 4  # of the histogram of stamps, whose spectrum is taken
-LEAST_LINE = 6.0  # medians of the spectrum; noise reaches 4 at the highest of 100 000 frequencies
-LARGEST_RATE = 1.1  # of the rate of the samples left: up to one sample in ten is lost
-SMALLEST_RATE = 0.998
-CYCLES_APART = 0.1  # between frequencies, over the record: a sample missing is one cycle
-END_SAMPLES = 200  # at either end, of which the promptest counts
 
 
 def missing_by_rhythm(stamps: Array) -> int | None:
@@ -354,25 +322,32 @@ def missing_by_rhythm(stamps: Array) -> int | None:
         The device's steps between the promptest samples at both ends, minus the samples between
         them. None if no line stands out of the spectrum.
     """
+    promptest_of = 16  # rows, of which only the promptest sample shows the rhythm
+    fewest_prompt_samples = 60
+    bins_per_step = 4  # of the histogram of stamps, whose spectrum is taken
+    least_line = 6.0  # medians of the spectrum; noise reaches 4 at the highest of 100 000
     n = len(stamps)
     duration = float(stamps[-1] - stamps[0])
     mean_hz = (n - 1) / duration
-    late = in_blocks(stamps - np.arange(n) / mean_hz, PROMPTEST_OF)
-    if len(late) < FEWEST_PROMPT_SAMPLES:
+    late = in_blocks(stamps - np.arange(n) / mean_hz, promptest_of)
+    if len(late) < fewest_prompt_samples:
         return None
-    prompt = stamps[np.arange(len(late)) * PROMPTEST_OF + late.argmin(axis=1)]
+    prompt = stamps[np.arange(len(late)) * promptest_of + late.argmin(axis=1)]
 
-    bins_hz = BINS_PER_STEP * mean_hz
+    bins_hz = bins_per_step * mean_hz
     histogram = np.bincount(((prompt - stamps[0]) * bins_hz).astype(np.intp))
-    lowest_hz = SMALLEST_RATE * mean_hz
-    highest_hz = LARGEST_RATE * mean_hz
-    apart_hz = CYCLES_APART / duration
+    smallest_rate, largest_rate = 0.998, 1.1  # of the samples left: up to one in ten is lost
+    lowest_hz = smallest_rate * mean_hz
+    highest_hz = largest_rate * mean_hz
+    cycles_apart = 0.1  # between frequencies, over the record: a sample missing is one cycle
+    apart_hz = cycles_apart / duration
     lines = int((highest_hz - lowest_hz) / apart_hz)
     band = (lowest_hz, lowest_hz + lines * apart_hz)
     height = np.abs(scipy.signal.zoom_fft(histogram, band, lines, fs=bins_hz))
     line = int(np.argmax(height))
-    if height[line] < LEAST_LINE * float(np.median(height)):
+    if height[line] < least_line * float(np.median(height)):
         return None
     late = stamps * (lowest_hz + line * apart_hz) - np.arange(n)
-    ends = min(END_SAMPLES, n // 4)
+    most_at_ends = 200  # samples at either end, of which the promptest counts
+    ends = min(most_at_ends, n // 4)
     return max(round(float(late[-ends:].min() - late[:ends].min())), 0)

@@ -1,28 +1,144 @@
-"""When the samples of a stream were taken: at true stamps, on the even clock of the device, or on
-the clock of a slower source whose values the log repeats."""
+"""The signals that one device recorded at the same stamps, and when their samples were taken: at
+true stamps, on the even clock of the device, or on the clock of a slower source whose values the
+log repeats."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any, Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.signals.device_clock import DeviceClock
-from osl_analysis.signals.held_values import HeldValues, held_values
-from osl_analysis.signals.sample_count import missing_by_rhythm, places_of_samples
-from osl_analysis.signals.stamp_evidence import StampEvidence, evidence_by_signal
-from osl_analysis.signals.stamp_reading import Reading, reading_by_stamps, reading_of
-from osl_analysis.signals.stream import Stream
+from osl_analysis.signals.device_clock import DeviceClock, HeldValues, held_values
+from osl_analysis.signals.sample_count import (
+    FEWEST_STAMPS,
+    SampleCount,
+    missing_by_rhythm,
+    places_of_samples,
+)
+from osl_analysis.signals.stamp_evidence import (
+    Reading,
+    StampEvidence,
+    evidence_by_signal,
+    reading_by_stamps,
+    reading_of,
+)
 from osl_analysis.trial import Array
 
-CLOSE_STAMPS = 0.5  # steps; closer samples are merged: close knots of a spline amplify noise
-SAME_BEAT = 0.05  # steps of the log; a beat that leaves less leaves no doubt about held values
-COUNTABLE = 0.1  # steps of scatter, beyond which a missing sample may be taken for a late one
-NEVER_PROMPT = 3  # steps of scatter (SD), beyond which hardly a sample is prompt
-# Differences between the rates of two devices that are too large for clocks, too small for intent
-RATE_DIFFERENCE = (2e-4, 0.1)
+
+@dataclass(frozen=True)
+class SensorLowPass:
+    """Analogue Butterworth low-pass of a sensor or its amplifier: causal, run once, with its
+    phase."""
+
+    cutoff_hz: float
+    order: int
+
+    def __call__(self, values: Array, rate_hz: float) -> Array:
+        """Filter samples (n,) taken at `rate_hz` [Hz]; the filter starts in steady state.
+
+        The bilinear transform is not prewarped, since the cut-off may lie above half the rate: 5 Hz
+        at 1 kHz are taken for 8e-5 more.
+        """
+        unwarped = rate_hz / np.pi * np.arctan(np.pi * self.cutoff_hz / rate_hz)
+        sections = scipy.signal.butter(self.order, unwarped, fs=rate_hz, output="sos")
+        steady_state = scipy.signal.sosfilt_zi(sections) * values[0]
+        filtered, _ = scipy.signal.sosfilt(sections, values, zi=steady_state)
+        return np.asarray(filtered)
+
+
+@dataclass(frozen=True)
+class Stream:
+    """Signals sampled at shared stamps, as recorded.
+
+    Attributes
+    ----------
+    name : str
+        Device, topic or column, for messages.
+    stamps : Array
+        (n,) [s], on the clock that all streams of the trial share.
+    signals : Mapping
+        (n,) samples each; NaN where the device sampled but the log lacks the value.
+    choice : str
+        `exact`, the stamps are true; `even`, the device samples evenly; `auto`, the stamps and
+        signals decide.
+    counter : Array or None
+        (n,) the device's own count of its samples, where it writes one.
+    silent : Collection
+        Signals that do not help to decide on the stamps, such as a command.
+    delays : Mapping
+        Stated delays [s] by signal: its samples are older than their stamps by that. 0 for a signal
+        without one.
+    low_passes : Mapping
+        Stated low-pass filters of the sensors, by signal.
+    fixture : Mapping or None
+        Arguments of `fixture_torque`, as the sheet states them.
+    clocks : dict
+        `Trial.clocks`.
+
+    Raises
+    ------
+    InputError
+        Too few samples or values, an infinite value, or stamps that do not advance.
+    """
+
+    name: str
+    stamps: Array
+    signals: Mapping[str, Array]
+    choice: Literal["auto", "even", "exact"] = "auto"
+    counter: SampleCount | None = None
+    silent: Collection[str] = ()
+    delays: Mapping[str, float] = field(default_factory=dict)
+    low_passes: Mapping[str, SensorLowPass] = field(default_factory=dict)
+    fixture: Mapping[str, float] | None = None
+    clocks: dict[bytes, Any] = field(default_factory=dict, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        stamps = self.stamps
+        if len(stamps) < FEWEST_STAMPS:
+            raise InputError(
+                f"{self.name}: {len(stamps)} samples are too few for a time base; "
+                f"record at least {FEWEST_STAMPS}, or exclude the trial in the sheet"
+            )
+        if not stamps[-1] > stamps[0]:
+            raise InputError(
+                f"{self.name}: time stands still at {stamps[0]:.6f} s for {len(stamps)} samples; "
+                "take another time source"
+            )
+        for name, values in self.signals.items():
+            is_infinite = np.isinf(values)
+            if is_infinite.any():
+                row = int(np.argmax(is_infinite))
+                raise InputError(
+                    f"{self.name}: {name} is {values[row]} at row {row}, after"
+                    f" {stamps[max(row - 1, 0)]:.6f} s; {is_infinite.sum()} of {len(values)}"
+                    " values are not finite: repair the log or exclude the trial"
+                )
+            number = np.count_nonzero(~np.isnan(values))
+            if number < FEWEST_STAMPS:
+                raise InputError(
+                    f"{self.name}: {name} has {number} values in {len(values)} rows; at least"
+                    f" {FEWEST_STAMPS} are needed: repair the log or exclude the trial"
+                )
+
+    def without_repeats(self) -> "Stream":
+        """Leave out rows that were written twice: equal to their predecessor in stamp and every
+        value, NaN too."""
+        is_new = np.diff(self.stamps, prepend=-np.inf) > 0
+        for values in self.signals.values():
+            filled = np.nan_to_num(values, nan=np.inf)  # no value is infinite
+            is_new[1:] |= filled[1:] != filled[:-1]
+        if is_new.all():
+            return self
+        return replace(
+            self,
+            stamps=self.stamps[is_new],
+            signals={name: values[is_new] for name, values in self.signals.items()},
+            counter=None if self.counter is None else self.counter[is_new],
+        )
 
 
 @dataclass(frozen=True)
@@ -64,15 +180,10 @@ class Taken:
         return np.asarray(~np.isnan(self.stream.signals[self.signals[0]]))
 
     @cached_property
-    def stride(self) -> int:
-        """Rows from one value to the next: more than 1 if signals of a lower rate share the rows of
-        a faster one."""
-        return int(np.median(np.diff(self.clock.count[self.present])))
-
-    @property
     def step(self) -> float:
-        """Usual step [s] from one value to the next."""
-        return self.clock.step * self.stride
+        """Usual step [s] from one value to the next: several rows if signals of a lower rate share
+        the rows of a faster one."""
+        return self.clock.step * int(np.median(np.diff(self.clock.count[self.present])))
 
     @property
     def clearest_evidence(self) -> StampEvidence | None:
@@ -87,12 +198,13 @@ class Taken:
         values = {
             name: self.stream.signals[name][self.present]
             for name in self.signals
-            if name in self.stream.signals and name not in self.stream.silent
+            if name not in self.stream.silent
         }
         times = self.times[self.present]
         merged = 0
         if not self.even:
-            begins = begins_of_groups(times, CLOSE_STAMPS * self.step)
+            close = 0.5  # steps; close knots of a spline amplify noise
+            begins = begins_of_groups(times, close * self.step)
             merged = len(times) - len(begins)
             if merged:
                 sizes = np.diff(np.append(begins, len(times)))
@@ -106,7 +218,7 @@ class Taken:
 def begins_of_groups(times: Array, closest: float) -> NDArray[np.intp]:
     """First rows (k,) of groups of times (n,) [s]: a group is what lies within `closest` [s] of its
     first sample."""
-    begins = np.concatenate([[True], np.diff(times) >= closest])
+    begins = np.append(True, np.diff(times) >= closest)
     start = 0.0
     for row in np.flatnonzero(~begins):
         if begins[row - 1]:
@@ -146,23 +258,37 @@ def take_stream(recorded: Stream) -> list[Taken]:
     stream = recorded.without_repeats()
     repeated = len(recorded.stamps) - len(stream.stamps)
     clock = clock_of(stream)
-    held = signals_of_slower_sources(stream, clock.step)
-    own_rows = {name: values for name, values in stream.signals.items() if name not in held}
+    held: dict[str, HeldValues] = {}  # of signals whose sources are slower than the rows
+    groups: dict[tuple[float, bytes], dict[str, Array]] = {}  # by delay and missing rows
+    for name, signal in stream.signals.items():
+        is_missing = np.isnan(signal)
+        values = None
+        if name not in stream.silent and not is_missing.any():
+            values = held_values(signal, clock.step)
+        if values is None:
+            samples = (stream.delays.get(name, 0.0), is_missing.tobytes())
+            groups.setdefault(samples, {})[name] = signal
+        else:
+            held[name] = values
 
     row_times = stream.stamps
     of_rows = list[Taken]()
-    if own_rows:
+    if groups:
+        own_rows = {name: values for name, values in stream.signals.items() if name not in held}
         decided = decide(replace(stream, signals=own_rows), clock)
         row_times = decided.times
-        of_rows = [
-            replace(decided, signals=names, repeated=repeated, delay=stream.delays.get(names[0], 0))
-            for names in names_with_equal_samples(stream, own_rows)
-        ]
+        for (delay, _), signals in groups.items():
+            is_all = len(groups) + len(held) == 1
+            name = stream.name if is_all else f"{stream.name} [{', '.join(signals)}]"
+            named = replace(stream, name=name, signals=signals)
+            of_rows.append(
+                replace(
+                    decided, stream=named, signals=tuple(signals), repeated=repeated, delay=delay
+                )
+            )
     of_held = [
         held_taken(stream, name, values, row_times, clock.step) for name, values in held.items()
     ]
-    if len(of_rows) + len(held) > 1:
-        of_rows = [with_name_of_signals(part, stream) for part in of_rows]
     return [*of_held, *of_rows]
 
 
@@ -173,41 +299,10 @@ def clock_of(stream: Stream) -> DeviceClock:
         key += stream.counter.tobytes()
     clock: DeviceClock | None = stream.clocks.get(key)
     if clock is None:
-        is_counted = stream.counter is not None
-        clock = DeviceClock(stream.stamps, places_of_samples(stream), is_counted)
+        count = places_of_samples(stream.stamps, stream.counter, stream.name)
+        clock = DeviceClock(stream.stamps, count, stream.counter is not None)
         stream.clocks[key] = clock
     return clock
-
-
-def signals_of_slower_sources(stream: Stream, step: float) -> dict[str, HeldValues]:
-    """The values of signals that the log repeats, because their sources are slower than its rows.
-
-    Silent signals and those with missing values are left out.
-    """
-    held = {}
-    for name, signal in stream.signals.items():
-        if name in stream.silent or np.isnan(signal).any():
-            continue
-        values = held_values(signal, step)
-        if values is not None:
-            held[name] = values
-    return held
-
-
-def names_with_equal_samples(stream: Stream, names: Iterable[str]) -> list[tuple[str, ...]]:
-    """Groups of signals with the same delay and the same missing rows, in their order."""
-    groups: dict[tuple[float, bytes], list[str]] = {}
-    for name in names:
-        key = (stream.delays.get(name, 0.0), np.isnan(stream.signals[name]).tobytes())
-        groups.setdefault(key, []).append(name)
-    return [tuple(group) for group in groups.values()]
-
-
-def with_name_of_signals(part: Taken, stream: Stream) -> Taken:
-    """Say in the stream's name which of its signals these are."""
-    signals = {name: stream.signals[name] for name in part.signals}
-    name = f"{stream.name} [{', '.join(signals)}]"
-    return replace(part, stream=replace(stream, name=name, signals=signals))
 
 
 def held_taken(stream: Stream, name: str, held: HeldValues, row_times: Array, step: float) -> Taken:
@@ -231,9 +326,10 @@ def held_taken(stream: Stream, name: str, held: HeldValues, row_times: Array, st
     low, high = (float(value) for value in np.quantile(late, (0.005, 0.995)))
     is_even = high - low < 2 * step
 
-    # time within a step of the log that the beat leaves open
+    # time within a step of the log that the beat leaves open; less of it leaves no doubt
     open_s = step - (high - low)
-    is_open = open_s > SAME_BEAT * step and name not in stream.delays
+    same_beat = 0.05  # steps of the log
+    is_open = open_s > same_beat * step and name not in stream.delays
     unsure = open_s if is_open else 0.0
     if unsure:
         when = f"the first of them, or up to {unsure * 1e3:.3g} ms before"
@@ -293,19 +389,23 @@ def check_countable(taken: Taken, fastest_hz: float) -> None:
     even stamps are late by more than three steps (SD), it is always refused: hardly a sample is
     prompt, and all times are late by an unknown wait.
     """
+    countable = 0.1  # steps of scatter, beyond which a missing sample may be taken for a late one
+    never_prompt = 3  # steps of scatter (SD), beyond which hardly a sample is prompt
+    # of the rates of two devices: too large for clocks, too small for intent
+    smallest_difference, largest_difference = 2e-4, 0.1
     clock = taken.clock
     best = taken.clearest_evidence
     is_even = taken.even if best is None else best.g <= 0.5
-    is_late = clock.scatter > COUNTABLE * clock.step
+    is_late = clock.scatter > countable * clock.step
     if not (is_even and is_late) or taken.held or clock.counted:
         return
 
     missing = missing_by_rhythm(clock.stamps)
     slower = 1 - 1 / clock.step / fastest_hz
-    seems_to_miss = clock.missing or RATE_DIFFERENCE[0] < slower < RATE_DIFFERENCE[1]
+    seems_to_miss = clock.missing or smallest_difference < slower < largest_difference
     if missing or (missing is not None and clock.missing):
         loss = f"about {missing or clock.missing} samples are missing"
-    elif clock.scatter > NEVER_PROMPT * clock.step or (missing is None and seems_to_miss):
+    elif clock.scatter > never_prompt * clock.step or (missing is None and seems_to_miss):
         loss = "it cannot be seen whether samples are missing"
     else:
         return

@@ -6,8 +6,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
 from osl_analysis.signals.grid import GapLimits, UniformSignals, on_one_grid
-from osl_analysis.signals.samples import take
-from osl_analysis.signals.stream import Stream
+from osl_analysis.signals.samples import Stream, take
 
 JOINT = np.array([300.0, 5.0, 0.02])  # K, B, I
 SIZE = np.deg2rad(4.0)

@@ -17,7 +17,7 @@ from osl_analysis.bench.regression import IMPEDANCE
 from osl_analysis.errors import InputError
 from osl_analysis.signals import grid
 from osl_analysis.signals.grid import GapLimits, uniform_signals
-from osl_analysis.signals.stream import SensorLowPass
+from osl_analysis.signals.samples import SensorLowPass
 from osl_analysis.trial import Trial
 
 K = 300.0

@@ -30,14 +30,11 @@ from stamp_recorders import (
 )  # fmt: skip
 
 from osl_analysis.errors import InputError
-from osl_analysis.signals.device_clock import DeviceClock
+from osl_analysis.signals.device_clock import DeviceClock, held_values
 from osl_analysis.signals.grid import GapLimits, on_one_grid
-from osl_analysis.signals.held_values import held_values
 from osl_analysis.signals.sample_count import count_from_stamps
-from osl_analysis.signals.samples import take
-from osl_analysis.signals.stamp_evidence import StampEvidence
-from osl_analysis.signals.stamp_reading import reading_of
-from osl_analysis.signals.stream import Stream
+from osl_analysis.signals.samples import Stream, take
+from osl_analysis.signals.stamp_evidence import evidence_from, reading_of
 from osl_analysis.trial import check_time
 
 
@@ -166,7 +163,7 @@ def test_stamps_that_fit_no_hypothesis_are_kept_and_not_firm():
 def test_evidence_that_allows_an_even_device_too_is_not_firm(response, se):
     """Rows of LAGS from -1 on: 0.3 loops after the stamp, and g = 0.25 +- 0.28, which is 0 of an
     even device, too."""
-    evidence = StampEvidence(np.array(response), se**2 * np.eye(4))
+    evidence = evidence_from(np.array(response), se**2 * np.eye(4))
     stamps = jittered(clock(1000.0), 5e-5, np.random.default_rng(1))
     reading = reading_of(DeviceClock(stamps, np.arange(len(stamps))), {"torque": evidence})
     assert (reading.even, reading.age, reading.firm) == (False, 0.0, False), reading.why

@@ -4,7 +4,6 @@ rename it."""
 import hashlib
 import os
 import re
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
@@ -72,33 +71,6 @@ def write_text(path: Path, text: str) -> None:
     `atomic_path`."""
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")
-
-
-def seen_from(folder: Path, path: Path) -> Path:
-    """A path relative to a folder; on another drive of Windows, where there is none, from the
-    root."""
-    try:
-        return Path(os.path.relpath(path.resolve(), folder.resolve()))
-    except ValueError:
-        return path.resolve()
-
-
-def check_working_folder(results: Path = Path(".snakemake")) -> None:
-    """Refuse a folder in which the run or Snakemake cannot write: the run would end with a
-    traceback."""
-    of_snakemake = Path(".snakemake")
-    below = (*of_snakemake.glob("*/"), *results.glob("*/"))
-    for folder in (Path(), of_snakemake, results, *below):
-        if folder.is_dir() and not os.access(folder, os.W_OK):
-            raise InputError(
-                f"{folder.absolute()}: cannot be written to; make it writable, or copy the campaign"
-            )
-    disk = shutil.disk_usage(results if results.is_dir() else Path())
-    if disk.total and disk.free < 10e6:
-        raise InputError(
-            f"{results.absolute()}: less than 10 MB free on its disk; make room, or work on"
-            " another one"
-        )
 
 
 def check_target(path: Path) -> None:

@@ -1,5 +1,7 @@
 """What is refused, or said, of a campaign before its first job."""
 
+import os
+import shutil
 from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
@@ -16,7 +18,7 @@ from osl_analysis.errors import (
     naming,
     not_installed,
 )
-from osl_analysis.files import CAMPAIGN, check_working_folder, default_config
+from osl_analysis.files import CAMPAIGN, default_config
 from osl_analysis.ingest.raw_files import (
     check_clocks,
     read_source,
@@ -59,6 +61,24 @@ def start_campaign(stated: Mapping[str, Any], files: Sequence[Path]) -> tuple[Ca
     check_working_folder(config.results)
     check_start(campaign)
     return campaign, simulation_files
+
+
+def check_working_folder(results: Path = Path(".snakemake")) -> None:
+    """Refuse a folder in which the run or Snakemake cannot write: the run would end with a
+    traceback."""
+    of_snakemake = Path(".snakemake")
+    below = (*of_snakemake.glob("*/"), *results.glob("*/"))
+    for folder in (Path(), of_snakemake, results, *below):
+        if folder.is_dir() and not os.access(folder, os.W_OK):
+            raise InputError(
+                f"{folder.absolute()}: cannot be written to; make it writable, or copy the campaign"
+            )
+    disk = shutil.disk_usage(results if results.is_dir() else Path())
+    if disk.total and disk.free < 10e6:
+        raise InputError(
+            f"{results.absolute()}: less than 10 MB free on its disk; make room, or work on"
+            " another one"
+        )
 
 
 def first_look() -> list[str]:

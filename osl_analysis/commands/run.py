@@ -9,8 +9,9 @@ from itertools import pairwise
 from pathlib import Path
 
 from osl_analysis.campaign.campaign_trials import Campaign
+from osl_analysis.commands.campaign_start import check_working_folder
 from osl_analysis.errors import InputError, nearest, not_installed
-from osl_analysis.files import CAMPAIGN, check_working_folder, shipped, write_text
+from osl_analysis.files import CAMPAIGN, shipped, write_text
 from osl_analysis.table import NOT_ANALYSED
 from osl_analysis.yaml_settings import read_mapping
 

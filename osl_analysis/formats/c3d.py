@@ -20,8 +20,17 @@ from pydantic import AfterValidator, Field, PositiveInt, model_validator
 
 from osl_analysis.errors import InputError, listing
 from osl_analysis.formats._text import decoded
-from osl_analysis.plates import MEASURED_BY_TYPE
-from osl_analysis.recording import EXPORTED, Channel, Format, Kind, Loss, Plate, Recording, Rows
+from osl_analysis.recording import (
+    EXPORTED,
+    MEASURED_BY_TYPE,
+    Channel,
+    Format,
+    Kind,
+    Loss,
+    Plate,
+    Recording,
+    Rows,
+)
 from osl_analysis.source_file import (
     Channel as ChannelSettings,
 )

@@ -20,8 +20,7 @@ from osl_analysis.ingest.conversion import (
     to_si,
 )
 from osl_analysis.ingest.force_plates import PlateLoad, convert_plate, metres_per
-from osl_analysis.plates import own_axes
-from osl_analysis.recording import Channel, Kind, Plate, Recording, Rows
+from osl_analysis.recording import Channel, Kind, Plate, Recording, Rows, own_axes
 from osl_analysis.source_file import LaboratorySource, MarkerSource
 from osl_analysis.trial import AXES, Array, marker_columns, unit_of
 

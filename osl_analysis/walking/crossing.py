@@ -17,7 +17,6 @@ import scipy
 
 from osl_analysis.errors import InputError
 from osl_analysis.measured import check_measured
-from osl_analysis.plates import furthest_outside
 from osl_analysis.signals import longest_run, runs, sampling_rate
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking import platform
@@ -28,6 +27,7 @@ from osl_analysis.walking.plate import (
     check_plate,
     check_type_on_platform,
     check_vertical,
+    furthest_outside,
     only_stance,
     recorded_corners,
     zeroed_wrench,

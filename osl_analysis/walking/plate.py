@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 
 from osl_analysis.errors import InputError
-from osl_analysis.plates import plate_axes
+from osl_analysis.recording import beside, plate_axes
 from osl_analysis.signals import LowPass, longest_run, runs, sampling_rate
 from osl_analysis.trial import AXES, Array, Trial, plate_columns
 from osl_analysis.walking.walking_settings import CrossingSettings
@@ -278,3 +278,13 @@ def check_vertical(force: Array) -> None:
         " correct `sign` or the plate's corners in the source file, or state `axes`, as"
         " [x, -z, y] where y points up"
     )
+
+
+def furthest_outside(points: Array, corners: Array) -> float:
+    """Find the largest distance [m] of points (k, 3) [m] outside the plate; 0 if all are on it.
+
+    Points are in laboratory axes and are projected on the surface.
+    """
+    centre = corners.mean(axis=0)
+    on_surface = (points - centre) @ plate_axes(corners)[:, :2]
+    return float(beside(on_surface, corners).max(initial=0.0))

@@ -11,9 +11,10 @@ from osl_analysis.measured import (
     varies,
     visible_step,
 )
-from osl_analysis.plates import beside, furthest_outside, own_axes, plate_axes
+from osl_analysis.recording import beside, own_axes, plate_axes
 from osl_analysis.trial import stretches, unit_of
 from osl_analysis.units import known_factor, name_and_ending, si_factor
+from osl_analysis.walking.plate import furthest_outside
 
 
 @pytest.fixture

@@ -11,9 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from polars.testing import assert_frame_equal
 
+from osl_analysis.commands.campaign_start import check_working_folder
 from osl_analysis.dictionary import HERE, described_tables
 from osl_analysis.errors import InputError
-from osl_analysis.files import check_working_folder, own_yaml
+from osl_analysis.files import own_yaml
 from osl_analysis.table import (
     read_table,
     with_places,

@@ -24,7 +24,7 @@ from walking_synthetic import (
 )
 
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.plates import furthest_outside, plate_axes
+from osl_analysis.recording import plate_axes
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.crossing import Ankle, check_roll, check_side, load_on_foot
 from osl_analysis.walking.plate import (
@@ -33,6 +33,7 @@ from osl_analysis.walking.plate import (
     check_range,
     check_type_on_platform,
     check_vertical,
+    furthest_outside,
     recorded_corners,
     wrench_reader,
     zeroed_wrench,

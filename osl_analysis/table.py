@@ -10,8 +10,8 @@ import csv
 import io
 import json
 import zipfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import compress
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import compress, takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -125,7 +125,7 @@ def read_table(path: Path | str, required: Sequence[str] = (), name: str = "") -
         The table is missing, is no CSV, or was refused.
     """
     path = Path(path)
-    table = with_usual_types(rows_of(path, content_of(path, name)))
+    table = with_usual_types(rows_of(path, name))
     for column in required:
         if column not in table.columns:
             raise InputError(
@@ -141,27 +141,24 @@ def read_table(path: Path | str, required: Sequence[str] = (), name: str = "") -
 
 def read_tables(paths: Sequence[Path], name: str = "") -> pl.DataFrame:
     """Read tables below one another; arguments and errors as in `read_table`."""
-    tables = [rows_of(path, content_of(path, name)) for path in paths]
+    tables = [rows_of(path, name) for path in paths]
     return with_usual_types(pl.concat(tables, how="diagonal_relaxed"))
 
 
-def content_of(path: Path, name: str = "") -> bytes:
-    """The CSV text of a table; arguments and errors as in `read_table`."""
+def rows_of(path: Path, name: str) -> pl.DataFrame:
+    """The rows of a table, whose columns without entries are of type Null; arguments and errors as
+    in `read_table`."""
     check_analysed(path)
     try:
-        if path.suffix != ARCHIVE_SUFFIX:
-            return path.read_bytes()
-        with zipfile.ZipFile(path) as archive:
-            return archive.read(f"{name}.csv")
+        if path.suffix == ARCHIVE_SUFFIX:
+            with zipfile.ZipFile(path) as archive:
+                content = archive.read(f"{name}.csv")
+        else:
+            content = path.read_bytes()
     except (OSError, KeyError, zipfile.BadZipFile) as error:
         raise InputError(
             f"{path}: no such table; run the step that writes it, or check the path"
         ) from error
-
-
-def rows_of(path: Path, content: bytes) -> pl.DataFrame:
-    """The rows of a CSV text; columns without entries are of type Null. `path` is named in
-    errors."""
     types = dict.fromkeys(TEXT_COLUMNS, pl.String)
     try:
         table = pl.read_csv(
@@ -235,33 +232,28 @@ class NotAnalysed(NamedTuple):
 def not_analysed(path: Path | str) -> tuple[NotAnalysed, ...]:
     """Why a file holds no results; empty if it holds some, is not there or is unreadable."""
     path = Path(path)
+    causes: Sequence[Sequence[str]] = ()
     try:
         if path.suffix == ".parquet":
-            stated = pl.read_parquet_metadata(path).get(NOT_ANALYSED_KEY, "[]")
-            return tuple(NotAnalysed(*row) for row in json.loads(stated))
-        if path.suffix == ".json":
+            causes = json.loads(pl.read_parquet_metadata(path).get(NOT_ANALYSED_KEY, "[]"))
+        elif path.suffix == ".json":
             text = path.read_text(encoding="utf-8")
-            is_result = not text.startswith(JSON_BEGIN)
-            rows = [] if is_result else json.loads(text)["reasons"]
-            return tuple(NotAnalysed(*row) for row in rows)
-        if path.suffix == ".csv":
+            causes = json.loads(text)["reasons"] if text.startswith(JSON_BEGIN) else ()
+        elif path.suffix == ".csv":
             with path.open(encoding="utf-8", newline="") as file:
-                return tuple(reasons_in(file))
-        if path.suffix == ".zip":
+                causes = reasons_in(file)
+        elif path.suffix == ARCHIVE_SUFFIX:
             with zipfile.ZipFile(path) as archive:
-                content = archive.read(archive.namelist()[0]).decode()
-            return tuple(reasons_in(io.StringIO(content)))
+                causes = reasons_in(io.StringIO(archive.read(archive.namelist()[0]).decode()))
     except (OSError, ValueError, csv.Error, zipfile.BadZipFile, pl.exceptions.PolarsError):
-        pass
-    return ()
+        return ()
+    return tuple(NotAnalysed(*cause) for cause in causes)
 
 
-def reasons_in(table: Iterable[str]) -> Iterator[NotAnalysed]:
-    """The reasons of a CSV table whose first row, and so each, is of what was not analysed."""
-    for row in csv.DictReader(table):
-        if row.get("status") != NOT_ANALYSED:
-            return
-        yield NotAnalysed(row.get("trial") or "", row.get("reason") or "")
+def reasons_in(table: Iterable[str]) -> list[tuple[str, str]]:
+    """Trial and reason of the first rows of a CSV table, up to one that is a result."""
+    rows = takewhile(lambda row: row.get("status") == NOT_ANALYSED, csv.DictReader(table))
+    return [(row.get("trial") or "", row.get("reason") or "") for row in rows]
 
 
 def check_analysed(path: Path) -> None:

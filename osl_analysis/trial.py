@@ -9,7 +9,6 @@ import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -187,7 +186,7 @@ class Trial:
     def present(self, column: str) -> NDArray[np.bool_]:
         """Mask (n,) of the rows in which a column was sampled. NaN counts as sampled."""
         self.check_columns(column)
-        return self._sampled_rows[column].to_numpy()
+        return self.samples[column].is_not_null().to_numpy()
 
     def within(self, windows: str) -> "Trial":
         """The samples within windows [s] after the first one, stated as `2-30 40-62`."""
@@ -215,19 +214,7 @@ class Trial:
         """Select the rows in which every named column has a sample (NaN counts as one), with `time`
         [s] first."""
         self.check_columns(*columns)
-        rows = self.samples[["time", *columns]]
-        if not any(column.has_nulls() for column in rows):
-            return rows
-        in_all = self._sampled_rows[columns[0]]
-        for column in columns[1:]:
-            in_all = in_all & self._sampled_rows[column]
-        # faster than a polars query for fifty columns
-        return pl.DataFrame([column.filter(in_all) for column in rows])
-
-    @cached_property
-    def _sampled_rows(self) -> pl.DataFrame:
-        """Masks (n,) of the rows in which each column was sampled."""
-        return self.samples.select(pl.all().is_not_null())
+        return self.samples[["time", *columns]].drop_nulls()
 
     def arrays(self, *columns: str) -> list[Array]:
         """Arrays (n,) of `time` [s] and the columns, over the rows in which all were sampled."""
@@ -350,8 +337,9 @@ def read_trial(path: Path | str) -> Trial:
     name, provenance = metadata_of(path)
     with told_as_parquet(path):
         samples = pl.read_parquet(path)
-        checksum = checksum_of(samples, name, json.dumps(provenance, sort_keys=True))
-        if pl.read_parquet_metadata(path).get(CHECKSUM_KEY, checksum) != checksum:
+        metadata = pl.read_parquet_metadata(path)
+        checksum = checksum_of(samples, name, metadata[PROVENANCE_KEY])
+        if metadata.get(CHECKSUM_KEY, checksum) != checksum:
             raise ValueError("its content is not what was written")
     return Trial(name, samples, provenance)
 

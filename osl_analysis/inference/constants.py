@@ -67,7 +67,7 @@ COLOUR_SEGMENT = 4.0
 
 # Rounding by the encoder
 
-# Draws of the encoder's zero; they give a standard error to 20 %; as random effects in the model
+# Draws of the encoder's zero and the motion's size; they give a standard error to 20 %; as random effects in the model
 # they would be fitted away
 ROUNDING_DRAWS = 12
 # Least play, dead zone or motion that is not rounding [encoder steps]; at 1.5 steps a joint at

@@ -131,6 +131,24 @@ def test_rivals_are_not_weighed_where_the_acceleration_jumps():
         infer_impedance(BenchSignals(theta, K * theta, 1000.0))
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_rounding_that_every_cycle_repeats_is_neither_fault_nor_friction(seed):
+    """An encoder of 12 bits reads a slow sine, which turns at the same place in each cycle."""
+    rng = np.random.default_rng(seed)
+    w = 2 * np.pi * 0.1
+    phase = w * np.arange(40_000) / 1000
+    theta = np.deg2rad(10) * np.sin(phase)
+    omega = np.deg2rad(10) * w * np.cos(phase)
+    torque = (100 - 0.02 * w**2) * theta + 2 * omega + 0.1 * rng.normal(size=len(phase))
+    step = 2 * np.pi / 2**12
+    read = np.round(theta / step + rng.uniform()) * step
+
+    found = infer_impedance(BenchSignals(read, torque, 1000.0, step))
+
+    assert found.friction_probability < 0.5
+    assert found.fault_probability < 0.5
+
+
 def test_gap_is_left_out():
     time, torque, _ = driven()
     usable = (time < 7.0) | (time > 8.0)

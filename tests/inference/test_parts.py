@@ -17,6 +17,7 @@ from osl_analysis.inference.friction_shapes import slipping_springs
 from osl_analysis.inference.hypotheses import Nothing
 from osl_analysis.inference.path_hypotheses import Delay
 from osl_analysis.inference.spectra import Spectra
+from osl_analysis.inference.unexplained import largest_shifts
 from osl_analysis.inference.whitening import Whitened
 
 RATE = 500.0
@@ -103,6 +104,18 @@ def test_slipping_spring_follows_prandtl_step_by_step():
         torque.append(float(np.clip(torque[-1] + step / 2.0, -1, 1)))
 
     assert slipping_springs(angle, [2.0])[0] == pytest.approx(np.array(torque), abs=1e-12)
+
+
+def test_rounding_is_no_unexplained_torque_even_where_the_motion_takes_it_up():
+    data = whitened(white() * (1 + 3 * (np.abs(random_motion()[1]) > 0.6)))
+    rounding = 200 * data.motion / np.linalg.norm(data.motion, axis=1)[:, None]
+
+    def shifts(rounding):
+        best = Predictor(data, False, rounding).predict(Nothing(data).candidates(None)[0])
+        return largest_shifts(data, best, best.left, TRUE, rounding)
+
+    assert np.all(shifts(rounding[:0]) > 0)
+    assert np.all(shifts(rounding) == 0)
 
 
 @pytest.mark.parametrize(

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from pydantic import Field
-from scipy.sparse import issparse
 
 from osl_analysis.errors import InputError, listing, nearest, not_installed
 from osl_analysis.formats.binary_table import Column, channels_of
@@ -141,7 +141,7 @@ def _variables_in(value: Any, group: str, name: str, unit: str = "") -> Iterator
         for field, stored in value.properties.items():
             yield from _variables_in(stored, address, field)
         return
-    if issparse(value):
+    if scipy.sparse.issparse(value):
         yield Variable(group, address, "sparse")
         return
     array: NDArray[Any] = np.atleast_1d(np.asarray(value))

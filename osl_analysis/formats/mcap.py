@@ -15,9 +15,7 @@ from pathlib import Path
 import numpy as np
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, Schema
-from mcap.stream_reader import get_chunk_data_stream
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
@@ -53,6 +51,8 @@ class Log(_messages.Log):
 
     def take_file(self, path: Path) -> None:
         """Read the records of a file from the front, as far as they go."""
+        from mcap.reader import SeekingReader  # takes 0.1 s, which no plan of a run needs
+
         data = path.read_bytes()
         if not data.startswith(MAGIC):
             raise InputError("is no MCAP file, as its name says; name the recording itself")
@@ -107,6 +107,8 @@ class Log(_messages.Log):
 
     def _take_chunk(self, chunk: Chunk) -> None:
         """Read the records of a chunk; one that is damaged is lost."""
+        from mcap.stream_reader import get_chunk_data_stream  # as above
+
         before = self.read.total()
         try:
             stream, _ = get_chunk_data_stream(chunk, validate_crc=True)

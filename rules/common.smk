@@ -24,10 +24,8 @@ from functools import partial
 from operator import attrgetter
 from pathlib import Path
 
-from osl_analysis.campaign.figure_examples import response_example, time_series_example
-from osl_analysis.campaign.origin import about, sentence, settings_of
-from osl_analysis.campaign.result_files import COMPONENTS, DERIVED, ResultFiles, name_pattern
-from osl_analysis.campaign.setting_states import states_of
+from osl_analysis.campaign.result_files import COMPONENTS, DERIVED, ResultFiles, name_pattern, response_example, time_series_example
+from osl_analysis.campaign.origin import about, sentence, settings_of, states_of
 from osl_analysis.commands.campaign_start import left_out_recordings, start_campaign
 from osl_analysis.commands.run import end_run, made_by
 from osl_analysis.config.experiments import DOUBTS_OF, EXPERIMENTS, judged_tables
@@ -40,7 +38,9 @@ from osl_analysis.judge.claims import CLAIMED
 from osl_analysis.judge.recording_checks import Judge
 from osl_analysis.yaml_settings import as_json
 
-CONFIG_FILES = [seen_from(Path(), Path(file)) for file in reversed(workflow.configfiles)]
+# those that a workflow names come first, as Snakemake merges them
+BY_PRECEDENCE = sorted(workflow.configfiles, key=workflow.overwrite_configfiles.__contains__)
+CONFIG_FILES = [seen_from(Path(), file) for file in map(Path, BY_PRECEDENCE)]
 try:  # what is wrong in a file of the campaign is one line, without a traceback
     CAMPAIGN, SIMULATION_FILES = start_campaign(config, CONFIG_FILES)
 except OslAnalysisError as error:

@@ -29,7 +29,7 @@ rule table:
 rule summary_table:
     """A table that is computed from another one alone."""
     input:
-        table=lambda wildcards: f"<results>/tables/{DERIVED[wildcards.table].source}.csv",
+        table=lambda wildcards: f"<results>/tables/{DERIVED[wildcards.table][0]}.csv",
     output:
         output="<results>/tables/{table}.csv",
     log:
@@ -41,7 +41,7 @@ rule summary_table:
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
-        job(DERIVED[wildcards.table].command, input, output, params, log)
+        job(DERIVED[wildcards.table][1], input, output, params, log)
 
 
 rule gains_table:
@@ -161,61 +161,21 @@ rule headline_numbers:
         job("osl_analysis.commands.tables.write_summary", input, output, params, log, "refused")
 
 
-if "impedance" in FILES.table_names:
-
-    rule conditions_for_paper:
-        """K, B and I of each condition, as a table for a paper."""
-        input:
-            tables=["<results>/tables/impedance.csv"],
-        output:
-            tex="<results>/tables/latex/conditions.tex",
-            markdown="<results>/tables/markdown/conditions.md",
-        log:
-            "<logs>/tables/conditions.log",
-        localrule: True
-        params:
-            about=ABOUT,
-            beside_draft=CAMPAIGN.beside_draft,
-            made_by=MADE_BY,
-        run:
-            job("osl_analysis.commands.tables.write_paper_table", input, output, params, log)
-
-
-if "walking_summary" in FILES.table_names:
-
-    rule walking_for_paper:
-        """K, B and I of each group of crossings, as a table for a paper."""
-        input:
-            tables=["<results>/tables/walking_summary.csv"],
-        output:
-            tex="<results>/tables/latex/walking.tex",
-            markdown="<results>/tables/markdown/walking.md",
-        log:
-            "<logs>/tables/walking_for_paper.log",
-        localrule: True
-        params:
-            about=ABOUT,
-            beside_draft=CAMPAIGN.beside_draft,
-            made_by=MADE_BY,
-        run:
-            job("osl_analysis.commands.tables.write_paper_table", input, output, params, log)
-
-
-if FILES.component_summaries:
-
-    rule components_for_paper:
-        """The measured components, as a table for a paper."""
-        input:
-            tables=FILES.component_summaries,
-        output:
-            tex="<results>/tables/latex/components.tex",
-            markdown="<results>/tables/markdown/components.md",
-        log:
-            "<logs>/tables/components.log",
-        localrule: True
-        params:
-            about=ABOUT,
-            beside_draft=CAMPAIGN.beside_draft,
-            made_by=MADE_BY,
-        run:
-            job("osl_analysis.commands.tables.write_paper_table", input, output, params, log)
+rule table_for_paper:
+    """K, B and I of each condition or group of crossings, or the measured components."""
+    input:
+        tables=lambda wildcards: FILES.for_paper[wildcards.name],
+    output:
+        tex="<results>/tables/latex/{name}.tex",
+        markdown="<results>/tables/markdown/{name}.md",
+    log:
+        "<logs>/tables/{name}_for_paper.log",
+    wildcard_constraints:
+        name=name_pattern(FILES.for_paper),
+    localrule: True
+    params:
+        about=ABOUT,
+        beside_draft=CAMPAIGN.beside_draft,
+        made_by=MADE_BY,
+    run:
+        job("osl_analysis.commands.tables.write_paper_table", input, output, params, log)

@@ -13,7 +13,6 @@ from osl_analysis.bench.bench_settings import (
     DynamometerAnalysis,
     TorqueAngleAnalysis,
 )
-from osl_analysis.config.shared_choices import SharedChoices
 from osl_analysis.errors import InputError
 from osl_analysis.files import default_config
 from osl_analysis.judge.claims import Claims
@@ -61,6 +60,17 @@ class FigureChoices(Settings):
     the sheet states no K_d and the campaign has one group; null: no mark."""
     footer: bool = True
     """Whether a small line below each figure says what its data are, as its metadata always do."""
+
+
+class SharedChoices(Settings):
+    """The choices of a configuration that replace those of its simulation. Null: the simulation's
+    own."""
+
+    parameters: Path | None = None  # Parameter file of the device.
+    gain_weight: Weight | None = None  # W with which the simulated leg's gains are selected.
+    protocol: dict[str, Any] | None = None  # The stepped sine, as fields of a simulated schedule.
+    # The impedance that the leg is asked to render over the gait cycle.
+    impedance_trajectory: Path | None = None
 
 
 class Config(Settings):

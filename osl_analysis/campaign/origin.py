@@ -1,14 +1,20 @@
-"""The origin of a campaign's results: what figures, tables and summary say of it."""
+"""The origin of a campaign's results: what figures, tables and summary say of it, and the state of
+each setting that judges or labels results: stated, assumed or none.
+
+What nobody stated neither judges nor labels a recording in silence: the page tells what is assumed.
+"""
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 from osl_analysis.campaign.campaign_trials import Campaign
-from osl_analysis.files import digest
+from osl_analysis.campaign.configuration import Config
+from osl_analysis.files import digest, own_yaml, root
 from osl_analysis.yaml_settings import flat, read_mapping
 
 # facts on the origin of results
@@ -24,6 +30,10 @@ ABOUT_MEANING = {
 # settings that do not change results, or stand beside the hash
 NOT_HASHED = {"raw_data", "sheet", "results", "sources", "failed_trials", "data", "recorded"}
 HASH_DIGITS = 8
+# experiments that a setting judges, labels or enters
+EXPERIMENTS_BY_SETTING: dict[str, list[str]] = own_yaml(
+    Path(__file__).with_name("setting_states.yaml")
+)
 
 
 def about(campaign: Campaign, simulation: Sequence[Path]) -> dict[str, str]:
@@ -77,12 +87,11 @@ def date_of_data(campaign: Campaign) -> str:
         return f"recorded {config.recorded}"
     if config.simulation is not None:
         return f"made with seed {read_mapping(config.simulation).get('seed')}"
-    logs = [path for trial in campaign.trials() for path in campaign.logs(trial) if path.is_file()]
-    times = [path.stat().st_mtime for path in logs]
-    if not times:
+    logs = [log for trial in campaign.trials() for log in campaign.logs(trial) if log.is_file()]
+    days = sorted({datetime.fromtimestamp(log.stat().st_mtime, UTC).date() for log in logs})
+    if not days:
         return "date not known"
-    first, last = (datetime.fromtimestamp(end(times), UTC).date() for end in (min, max))
-    return f"files of {first}" if first == last else f"files of {first} to {last}"
+    return f"files of {days[0]}" if len(days) == 1 else f"files of {days[0]} to {days[-1]}"
 
 
 def sentence(about: Mapping[str, str], below_figure: bool = False) -> str:
@@ -95,3 +104,51 @@ def sentence(about: Mapping[str, str], below_figure: bool = False) -> str:
         f"{about['data'].capitalize()} data: campaign {about['campaign']}, {made_by},"
         f" {about['recorded']}"
     )
+
+
+# ---- Which settings are stated
+
+
+def named_in(settings: Any, name: str) -> Any:
+    """A setting of nested mappings by its dotted name; None if there is none."""
+    value = settings
+    for key in name.split("."):
+        value = (value or {}).get(key)
+    return value
+
+
+def states_of(
+    config: Config, stated: Mapping[str, Any], experiments: Collection[str]
+) -> list[dict[str, Any]]:
+    """Find value and state of every setting that judges or labels some experiments.
+
+    Parameters
+    ----------
+    config : Config
+    stated : Mapping
+        The fields that the campaign's file states.
+    experiments : Collection of str
+
+    Returns
+    -------
+    list of dict
+        `setting`, `value` as JSON, and `state`: stated (by the configuration or its simulation),
+        assumed (the default), or none: where one is needed, each recording has its own.
+    """
+    settings = config.model_dump(mode="json")
+    rows = []
+    for name, judged in EXPERIMENTS_BY_SETTING.items():
+        if not set(judged) & set(experiments):
+            continue
+        value = named_in(settings, name)
+        is_unused = name == "gain_weight" and config.parameters is None
+        if isinstance(value, dict) and not any(value.values()):
+            value = None
+        state = "none" if value is None or is_unused else "assumed"
+        if config.simulation is not None or named_in(stated, name) is not None:
+            state = "stated"
+        is_shown = value is not None and state != "none"
+        # a shipped file is shown without its folder
+        shown = json.dumps(value).strip('"').removeprefix(f"{root()}/") if is_shown else None
+        rows.append({"setting": name, "value": shown, "state": state})
+    return rows

@@ -1,16 +1,18 @@
-"""The files of a campaign's results: which it has, and which of them each is made from.
+"""The files of a campaign's results: which it has, which of them each is made from, and the trials
+that figures show as examples.
 
 The rules ask for them, as `FILES.rows("belt")`. Paths are relative to the folder of the campaign.
 """
 
 import re
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 from osl_analysis.campaign.campaign_trials import Campaign
-from osl_analysis.campaign.figure_examples import matching, response_example
+from osl_analysis.campaign.configuration import FrequencyResponseFigure
 from osl_analysis.config.experiments import EXPERIMENTS, ResultTable
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.figures import FIGURES
@@ -18,17 +20,16 @@ from osl_analysis.judge.claims import CLAIMED
 
 # Experiments that measure the components of the drivetrain
 COMPONENTS = ("actuator", "belt", "transmission")
-ON_PAPER = {"impedance": "conditions", "walking_summary": "walking"}
-"""Tables for a paper, by the table of results that each is made of."""
+ON_PAPER = {
+    "conditions": ["impedance"],
+    "walking": ["walking_summary"],
+    "components": [f"{component}_summary" for component in COMPONENTS],
+}
+"""Tables for a paper, and the tables of results that each is made of."""
 FIGURE_SUFFIXES = ("csv", "pdf", "svg", "png")  # plotted numbers, and the figure
 # Suffix of files with the rows of one trial; those of an experiment's first table are CSV, and
 # those of all others of its tables stand in one archive
 ARCHIVE_SUFFIX = "zip"
-
-
-def experiment_tables() -> list[tuple[str, ResultTable]]:
-    """The tables with rows of single trials, with their experiments."""
-    return [(name, table) for name, facts in EXPERIMENTS.items() for table in facts.tables]
 
 
 def name_pattern(names: Iterable[str]) -> str:
@@ -37,19 +38,16 @@ def name_pattern(names: Iterable[str]) -> str:
     return "|".join(map(re.escape, names)) or "(?!)"
 
 
-@dataclass(frozen=True)
-class DerivedTable:
-    """A table that is computed from another one alone."""
-
-    source: str  # name of the other one
-    command: str  # `module.function` of `commands` that computes it
-
-
+TABLES_OF_TRIALS: dict[str, ResultTable] = {
+    table.name: table for facts in EXPERIMENTS.values() for table in facts.tables
+}
+"""The tables with rows of single trials, by name."""
 DERIVED = {
-    derived: DerivedTable(table.name, command)
-    for _, table in experiment_tables()
+    derived: (table.name, command)
+    for table in TABLES_OF_TRIALS.values()
     for derived, command in table.derived.items()
 }
+"""By table that is computed from another one alone, that other one, and the job."""
 
 
 @dataclass(frozen=True)
@@ -81,17 +79,17 @@ class ResultFiles:
     def rows(self, table: str, trials: Collection[str] | None = None) -> list[str]:
         """The files with the rows of single trials behind a table; of these trials, or of all."""
         files = []
-        for experiment, other in experiment_tables():
-            if other.name != table:
+        for experiment, facts in EXPERIMENTS.items():
+            names = [other.name for other in facts.tables]
+            if table not in names:
                 continue
-            first = EXPERIMENTS[experiment].tables[0].name
-            suffix = "csv" if table == first else ARCHIVE_SUFFIX
+            suffix = "csv" if table == names[0] else ARCHIVE_SUFFIX
             of_experiment = self.campaign.trials(experiment)
             if table == "walking":  # of the perturbed crossings alone
                 of_experiment = self.campaign.crossings(perturbed=True)
             for trial in of_experiment:
                 if trials is None or trial in trials:
-                    files.append(f"{self.results}/fits/{first}/{trial}.{suffix}")
+                    files.append(f"{self.results}/fits/{names[0]}/{trial}.{suffix}")
         return files
 
     @cached_property
@@ -109,15 +107,13 @@ class ResultFiles:
     @cached_property
     def gathered_tables(self) -> list[str]:
         """The names of the tables that are gathered from the rows of single trials."""
-        names = dict.fromkeys(table.name for _, table in experiment_tables())
-        return [name for name in names if self.rows(name)]
+        return [name for name in TABLES_OF_TRIALS if self.rows(name)]
 
     @cached_property
     def table_names(self) -> list[str]:
         """The names of the tables of results that the campaign has."""
-        published = dict.fromkeys(table.name for _, table in experiment_tables() if table.published)
-        names = [name for name in published if self.rows(name)]
-        names += [name for name, derived in DERIVED.items() if derived.source in names]
+        names = [name for name in self.gathered_tables if TABLES_OF_TRIALS[name].published]
+        names += [name for name, (source, _) in DERIVED.items() if source in names]
         for experiment, facts in EXPERIMENTS.items():
             if self.campaign.trials(experiment):
                 names += facts.further_tables
@@ -138,18 +134,10 @@ class ResultFiles:
         return [f"{self.results}/tables/{name}.csv" for name in present]
 
     @cached_property
-    def tables_for_paper(self) -> list[str]:
-        """The tables for a paper, in LaTeX and in Markdown."""
-        names = [name for table, name in ON_PAPER.items() if table in self.table_names]
-        if self.component_summaries:
-            names.append("components")
-        of_latex = [f"{self.results}/tables/latex/{name}.tex" for name in names]
-        return of_latex + [f"{self.results}/tables/markdown/{name}.md" for name in names]
-
-    @cached_property
-    def component_summaries(self) -> list[str]:
-        """The tables of the measured components, over trials."""
-        return self.tables(*(f"{component}_summary" for component in COMPONENTS))
+    def for_paper(self) -> dict[str, list[str]]:
+        """By the name of a table for a paper, the tables of results that it is made of."""
+        made_of = {name: self.tables(*tables) for name, tables in ON_PAPER.items()}
+        return {name: tables for name, tables in made_of.items() if tables}
 
     @cached_property
     def fits_for_findings(self) -> list[str]:
@@ -203,5 +191,50 @@ class ResultFiles:
         if table in EXPERIMENTS["walking"].further_tables:
             return self.crossings(self.campaign.trials("walking")) + self.rows("walking")
         if table in DERIVED:
-            return self.rows(DERIVED[table].source)
+            return self.rows(DERIVED[table][0])
         return self.rows(table)
+
+
+# ---- The trials that figures show as examples
+
+CONDITION = ("controller", "K_d", "B_d")
+
+
+def time_series_example(campaign: Campaign) -> dict[str, Any] | None:
+    """Choose the trial that Fig. 4 shows.
+
+    Returns
+    -------
+    dict or None
+        `trial`; its `joint` and `side`; its condition, `controller`, `K_d` and `B_d`; and `chosen`,
+        why this trial, if the configuration does not name it. None without impedance trials.
+    """
+    trials = campaign.trials("impedance")
+    if not trials:
+        return None
+    chosen = "the first impedance trial of the sheet"
+    stated = campaign.config.figures.time_series
+    if stated is not None:
+        named = matching(campaign, stated.model_dump())
+        chosen = "" if named else f"{chosen}; the example of the configuration is not in it"
+        trials = named or trials
+    row = campaign.row(trials[0])
+    condition = {name: row[name] for name in CONDITION}
+    return {"trial": trials[0], **campaign.places[trials[0]], **condition, "chosen": chosen}
+
+
+def response_example(campaign: Campaign) -> FrequencyResponseFigure | None:
+    """The desired impedance of Fig. 7, if the campaign has it; None: the one with the most
+    trials."""
+    stated = campaign.config.figures.frequency_response
+    return stated if stated is not None and matching(campaign, stated.model_dump()) else None
+
+
+def matching(campaign: Campaign, cells: Mapping[str, Any]) -> list[str]:
+    """Find the impedance trials with these cells of the sheet by column; None matches an empty
+    cell."""
+    return [
+        trial
+        for trial in campaign.trials("impedance")
+        if all(campaign.row(trial)[column] == value for column, value in cells.items())
+    ]

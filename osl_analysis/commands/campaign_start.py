@@ -7,8 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from osl_analysis.campaign.campaign_checks import check_campaign
-from osl_analysis.campaign.campaign_trials import Campaign, open_campaign
+from osl_analysis.campaign.campaign_trials import Campaign, check_campaign, open_campaign
 from osl_analysis.campaign.configuration import campaign_config, over_default, read_config
 from osl_analysis.errors import (
     EXTRAS,

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 from warnings import catch_warnings
 
+from osl_analysis.campaign.configuration import SharedChoices
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
-from osl_analysis.config.shared_choices import SharedChoices
 from osl_analysis.config.sheet import SHEET_COLUMNS, SheetRows
 from osl_analysis.errors import InputError, naming, nearest, optional_module
 from osl_analysis.files import atomic_path, check_target

@@ -26,14 +26,6 @@ class ResultTable:
     published: bool = True
 
 
-# of every bench experiment: what the time base did to a trial; its measured and modelled signals,
-# for the report
-OF_ALL = (
-    ResultTable("timebase", judged=False),
-    ResultTable("series", judged=False, published=False),
-)
-
-
 @dataclass(frozen=True)
 class FitJob:
     """The fit of one trial, the same for rules, command line and notebook.
@@ -111,37 +103,30 @@ class Experiment:
 
     def simulated_files(self, trial: str) -> dict[str, str]:
         """Files that the simulator records for a trial, by column of the sheet (`log`, `mocap`)."""
-        files = {}
-        if self.log is not None:
-            files["log"] = f"{self.log}/{trial}.mcap"
-        if self.mocap is not None:
-            files["mocap"] = f"{self.mocap}/{trial}.c3d"
-        return files
+        recorded = (("log", self.log, "mcap"), ("mocap", self.mocap, "c3d"))
+        return {
+            column: f"{folder}/{trial}.{suffix}" for column, folder, suffix in recorded if folder
+        }
 
 
 def experiment_of(facts: dict[str, Any]) -> Experiment:
     """An entry of `experiments.yaml`."""
     tables = [ResultTable(**table) for table in facts.get("tables", ())]
-    if facts["place"] == "bench":
-        tables.extend(OF_ALL)
     fit = FitJob(**facts["fit"]) if "fit" in facts else None
     return Experiment(**{**facts, "tables": tables, "fit": fit})
 
 
 EXPERIMENTS: dict[str, Experiment] = {
     name: experiment_of(facts)
-    for name, facts in own_yaml(Path(__file__).with_name("experiments.yaml")).items()
+    for name, facts in own_yaml(Path(__file__).with_suffix(".yaml")).items()
 }
 
 
 def judged_tables() -> tuple[str, ...]:
     """The tables whose fits have limits under `doubtful` in the configuration."""
-    tables: list[str] = []
-    for experiment in EXPERIMENTS.values():
-        tables.extend(table.name for table in experiment.tables if table.judged)
-    for experiment in EXPERIMENTS.values():
-        tables.extend(experiment.judged_further)
-    return tuple(dict.fromkeys(tables))  # each once
+    experiments = EXPERIMENTS.values()
+    of_trials = [table.name for facts in experiments for table in facts.tables if table.judged]
+    return (*of_trials, *(name for facts in experiments for name in facts.judged_further))
 
 
 DOUBTS_OF = {

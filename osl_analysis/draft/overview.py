@@ -16,7 +16,6 @@ from osl_analysis.formats import known_formats
 from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.capture import is_labelled, vertical_axis
 from osl_analysis.ingest.likely_clock import (
-    SECOND_NS,
     is_like_clock,
     likely_unit,
     rate_of,

@@ -28,7 +28,6 @@ from osl_analysis.units import (
     normalised,
 )
 
-SECOND_NS = 1_000_000_000
 TIME_UNITS = EXAMPLES["s"]  # [s], of clocks
 LONG_UNITS = (constants.minute, constants.hour, constants.day)  # of clocks of programs of tables
 

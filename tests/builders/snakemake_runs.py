@@ -35,7 +35,7 @@ import pandas, smart_open
 import osl_analysis.judge.campaign, osl_analysis.table, osl_analysis.commands.run
 import osl_analysis.commands.campaign_start
 import osl_analysis.commands.simulate, osl_analysis.campaign.campaign_trials, osl_analysis.figures
-import osl_analysis.campaign.figure_examples, osl_analysis.campaign.origin
+import osl_analysis.campaign.result_files, osl_analysis.campaign.origin
 import osl_analysis.report.verdicts, osl_analysis.report.numbers
 import osl_analysis.cli
 from osl_analysis.formats import known_formats

@@ -15,8 +15,7 @@ from c3d_builder import write_c3d
 from conftest import ROOT
 from pydantic import Field
 
-from osl_analysis.campaign.campaign_checks import check_files
-from osl_analysis.campaign.campaign_trials import open_campaign
+from osl_analysis.campaign.campaign_trials import check_files, open_campaign
 from osl_analysis.campaign.configuration import (
     campaign_config,
     config_for_trials,

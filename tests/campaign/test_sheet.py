@@ -10,8 +10,7 @@ import pytest
 import yaml
 from conftest import ROOT
 
-from osl_analysis.campaign.campaign_checks import check_campaign
-from osl_analysis.campaign.campaign_trials import Campaign, open_campaign
+from osl_analysis.campaign.campaign_trials import Campaign, check_campaign, open_campaign
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.simulate import (
     planned_sheet,

@@ -13,8 +13,8 @@ from test_figures import stored, texts
 from osl_analysis.bench.belt import check_locked
 from osl_analysis.campaign.campaign_trials import open_campaign
 from osl_analysis.campaign.configuration import read_config
-from osl_analysis.campaign.figure_examples import response_example, time_series_example
 from osl_analysis.campaign.origin import about, sentence
+from osl_analysis.campaign.result_files import response_example, time_series_example
 from osl_analysis.commands.figure import fig7
 from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
 from osl_analysis.errors import InputError

@@ -17,8 +17,7 @@ from c3d_builder import write_c3d
 from conftest import ROOT
 from scipy import signal
 
-from osl_analysis.campaign.campaign_checks import check_campaign
-from osl_analysis.campaign.campaign_trials import open_campaign
+from osl_analysis.campaign.campaign_trials import check_campaign, open_campaign
 from osl_analysis.campaign.configuration import campaign_config, config_for_trials
 from osl_analysis.commands.bench import is_broken_outside
 from osl_analysis.commands.trials import ingest_trial

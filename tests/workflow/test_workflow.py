@@ -304,8 +304,7 @@ def test_a_threshold_that_excludes_nobody_makes_only_the_judgement_again(workspa
     space.configure({"quality": {"gap": "0.06 s", "exclude": ["gap"]}})
     judgement = {"judge", "excluded_trials", "findings", "headline_numbers", "report_page"}
     judgement |= {"brief", "verdict"}
-    for_paper = {"conditions_for_paper", "components_for_paper", "walking_for_paper"}
-    named = {"captions", "methods", *for_paper}  # the configuration
+    named = {"captions", "methods", "table_for_paper"}  # the configuration
     assert space.planned().keys() <= judgement | named
 
 
@@ -391,8 +390,10 @@ def test_every_setting_is_a_param_of_a_job(tmp_path):
 
 
 def test_a_campaign_that_cannot_be_run_is_one_line_before_any_job(workspace):
+    first = workspace.folder / "config/first.yaml"
+    first.write_text("dynamometer: {cut_off: 10}\n")
     workspace.configure({"dynamometer": DYNAMOMETER | {"cut_off": 20}})
-    result = workspace.run("-n")
+    result = run_forked(["snakemake", "-n", *FILES[:3], str(first), FILES[3]], workspace.folder)
     workspace.configure({})
     assert result.returncode == 1
     said = (

@@ -11,7 +11,7 @@ from docutils.utils.math import latex2mathml
 
 from osl_analysis.commands.reference import described_checks
 from osl_analysis.dictionary import described_tables
-from osl_analysis.report.text_tables import markdown_table
+from osl_analysis.report.typography import markdown_table
 
 project = "osl-analysis"
 author = copyright = "the osl-analysis developers"

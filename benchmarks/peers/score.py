@@ -16,7 +16,7 @@ import polars as pl
 from polars import col
 
 from osl_analysis.errors import InputError, nearest
-from osl_analysis.report.text_tables import aligned
+from osl_analysis.report.typography import aligned
 from osl_analysis.table import read_table
 
 LARGEST_ERRORS = {"K": 1.0, "B": 2.0, "I": 10.0}

@@ -14,7 +14,7 @@ from osl_analysis.commands.tables import read_summary
 from osl_analysis.errors import InputError
 from osl_analysis.measured import written
 from osl_analysis.report.numbers import Number, numbers_in_summary
-from osl_analysis.report.text_tables import aligned
+from osl_analysis.report.typography import aligned
 from osl_analysis.stats.repeats import RANGE
 from osl_analysis.table import not_analysed, write_table
 from osl_analysis.trial import metadata_of

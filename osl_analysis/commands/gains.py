@@ -15,7 +15,7 @@ from osl_analysis.errors import naming
 from osl_analysis.model import compensator, drivetrain
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.rendered_impedance import predicted_impedance, rendering
-from osl_analysis.report.text_tables import aligned
+from osl_analysis.report.typography import aligned
 from osl_analysis.table import write_table
 
 # frequencies of Section III-B, at which the fit of Eq. 15 is predicted

@@ -15,7 +15,7 @@ from osl_analysis.ingest.quality import UNITS
 from osl_analysis.judge.known_findings import CHECKS
 from osl_analysis.model.drivetrain import ParameterFile
 from osl_analysis.report.numbers import ENTRIES
-from osl_analysis.report.text_tables import aligned
+from osl_analysis.report.typography import aligned
 from osl_analysis.simulator.laboratory_settings import WalkingSettings
 from osl_analysis.simulator.simulation_settings import SimulationSettings
 

@@ -16,7 +16,6 @@ from osl_analysis.files import write_text
 from osl_analysis.judge.finding import read_findings
 from osl_analysis.judge.summary_findings import findings_in_summary
 from osl_analysis.report import methods
-from osl_analysis.report.left_out import left_out_trials
 from osl_analysis.report.numbers import headline_sentences, numbers_in_summary
 from osl_analysis.report.page import Page, ShownFigure, trial_view, written_page
 from osl_analysis.report.paper_tables import conditions, groups
@@ -27,7 +26,7 @@ from osl_analysis.report.signals import (
     of_fit,
     of_recording,
 )
-from osl_analysis.report.verdicts import findings_by_trial, verdicts_sentence
+from osl_analysis.report.verdicts import findings_by_trial, left_out_trials, verdicts_sentence
 from osl_analysis.table import NotAnalysed, read_table
 from osl_analysis.yaml_settings import FilesByName
 

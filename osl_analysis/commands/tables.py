@@ -21,7 +21,6 @@ from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.judge.recording_checks import Judge, QualityRules
 from osl_analysis.judge.summary_findings import causes_in_campaign
 from osl_analysis.model.drivetrain import FileOrNone, joint_of, known_parameters
-from osl_analysis.report.left_out import left_out_trials, missing_lines, used_and_missing
 from osl_analysis.report.numbers import (
     headline_numbers,
     macros_tex,
@@ -36,8 +35,13 @@ from osl_analysis.report.paper_tables import (
     to_markdown,
     to_tex,
 )
-from osl_analysis.report.text_tables import aligned, markdown_table
-from osl_analysis.report.verdicts import verdict_counts
+from osl_analysis.report.typography import aligned, markdown_table
+from osl_analysis.report.verdicts import (
+    left_out_trials,
+    missing_lines,
+    used_and_missing,
+    verdict_counts,
+)
 from osl_analysis.schema import SCHEMA_FIELD, check_schema
 from osl_analysis.table import (
     NOT_ANALYSED,

@@ -100,8 +100,7 @@ def paragraphs(facts: MethodsFacts) -> list[str]:
         loader=FileSystemLoader(HERE / "templates"), undefined=StrictUndefined, trim_blocks=False
     )
     text = environment.get_template("methods.j2").render(facts.content)
-    parts = re.split(r"¶", text)
-    return [" ".join(part.split()) for part in parts if part.strip()]
+    return [" ".join(part.split()) for part in text.split("¶") if part.strip()]
 
 
 def to_markdown(marked: Sequence[str]) -> str:

@@ -16,14 +16,12 @@ from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.judge.finding import Grade, WordedFinding
 from osl_analysis.judge.recording_checks import NOT_APPLICABLE
 from osl_analysis.judge.summary_findings import CampaignFinding, is_of_whole
-from osl_analysis.measured import written
 from osl_analysis.report import plots
-from osl_analysis.report.left_out import LeftOut
 from osl_analysis.report.numbers import Number
-from osl_analysis.report.paper_tables import Condition
+from osl_analysis.report.paper_tables import Condition, estimate_text
 from osl_analysis.report.signals import Signals
 from osl_analysis.report.typography import printed
-from osl_analysis.report.verdicts import causes_not_checked, results_on, verdict_on
+from osl_analysis.report.verdicts import LeftOut, causes_not_checked, results_on, verdict_on
 
 TEMPLATES = Path(__file__).with_name("templates")
 NO_CONDITIONS = ("trial", "experiment", "log", "log_source", "mocap", "mocap_source", "exclude")
@@ -182,13 +180,9 @@ def trial_view(
     doubts = [worded for worded in findings if worded.finding.grade is Grade.DOUBTS]
     results = results_on(findings)
     remarks = [w for w in findings if w.finding.grade in (Grade.UNCHECKED, Grade.NOTES)]
-    impedance = {}
-    if len(fits):
-        last = fits.row(-1, named=True)
-        for symbol, column in zip(("K", "B", "I"), facts.impedance, strict=True):
-            if last.get(column) is not None:
-                low, high = last.get(f"{column}_low"), last.get(f"{column}_high")
-                impedance[symbol] = written(last[column], low, high)
+    last = fits.row(-1, named=True) if len(fits) else {}
+    names = zip(("K", "B", "I"), facts.impedance, strict=True)
+    symbols = [(symbol, name) for symbol, name in names if last.get(name) is not None]
     return TrialView(
         name=row["trial"],
         experiment=experiment,
@@ -200,7 +194,7 @@ def trial_view(
         doubts_of_parts=[worded for worded in doubts if not is_of_whole(worded.finding)],
         results=results,
         remarks=[w for w in remarks if is_of_whole(w.finding) and w not in results],
-        impedance=impedance,
+        impedance={symbol: estimate_text(last, name) for symbol, name in symbols},
         estimates=estimate_rows(fits, main) if len(fits) else (),
         checks=check_rows(checks),
         signals=signals,
@@ -230,11 +224,7 @@ def estimate_rows(fits: pl.DataFrame, table: str) -> list[list[str]]:
     for fit in fits.iter_rows(named=True):
         amplitude = fit.get("amplitude_deg")
         cells = ["all" if amplitude is None else f"{amplitude:.3g}"]
-        for name in names:
-            ends = fit.get(f"{name}_low"), fit.get(f"{name}_high")
-            value = fit[name]
-            cells.append("–" if value is None else written(value, *ends, described[name].unit))
-        rows.append(cells)
+        rows.append([*cells, *(estimate_text(fit, name, described[name].unit) for name in names)])
     return rows
 
 

@@ -11,7 +11,7 @@ import polars as pl
 from osl_analysis.judge.judging import results_in
 from osl_analysis.measured import written
 from osl_analysis.report.numbers import ENTRIES
-from osl_analysis.report.text_tables import latex_table, markdown_table
+from osl_analysis.report.typography import latex_table, markdown_table
 from osl_analysis.stats.repeats import counted, own_condition, summary_row
 
 CONDITION = ("joint", "side", "excitation", "controller", "K_d", "B_d", "own_condition")
@@ -25,11 +25,9 @@ HEADS = {  # of columns, in LaTeX
     "VAF": r"VAF (\unit{\percent})",
 }
 ESTIMATED = ("K", "B", "B_viscous", "I", "VAF")
+UNITS = {"VAF": "%"}  # of what is rounded as a share
 NOTHING = "–"
 DAGGER = "†: doubtful. A mean is over trials that are not doubtful; where all are, there is none."
-
-Estimate = tuple[float | None, float | None, float | None]
-"""An estimate and the ends of its 95 % interval; None where there is none."""
 
 
 @dataclass(frozen=True)
@@ -41,13 +39,7 @@ class Condition:
     n: int  # trials or perturbations that count
     is_doubtful: bool  # the only trial, or all of them, so that there is no mean
     results: Sequence[str]  # why the device is not of second order, as friction
-    estimates: Mapping[str, Estimate]  # by symbol
-
-    def text(self, symbol: str) -> str:
-        """One estimate with its interval."""
-        value, low, high = self.estimates.get(symbol, (None, None, None))
-        unit = "%" if symbol == "VAF" else ""
-        return NOTHING if value is None else written(value, low, high, unit)
+    estimates: Mapping[str, str]  # with their intervals, by symbol
 
 
 def conditions(impedance: pl.DataFrame) -> list[Condition]:
@@ -92,16 +84,21 @@ def stated_text(cell: object) -> str:
     return NOTHING if cell in (None, "") else f"{cell:g}" if isinstance(cell, float) else str(cell)
 
 
-def estimate_of(used: pl.DataFrame, name: str) -> Estimate:
+def estimate_of(used: pl.DataFrame, name: str) -> str:
     """An estimate with its 95 % interval, of one trial or as the mean of several; of none there is
     nothing."""
-    if used.is_empty():
-        return None, None, None
-    row: Mapping[str, Any] = used.row(0, named=True)
+    row: Mapping[str, Any] = used.row(0, named=True) if len(used) else {}
     if len(used) > 1:
         mean = summary_row(used, name)
         row = {name: mean["mean"], f"{name}_low": mean["low"], f"{name}_high": mean["high"]}
-    return row[name], row.get(f"{name}_low"), row.get(f"{name}_high")
+    return estimate_text(row, name, UNITS.get(name, ""))
+
+
+def estimate_text(row: Mapping[str, Any], name: str, unit: str = "") -> str:
+    """An estimate of a row with its 95 % interval, as far as it has them."""
+    if row.get(name) is None:
+        return NOTHING
+    return written(row[name], row.get(f"{name}_low"), row.get(f"{name}_high"), unit)
 
 
 def groups(summary: pl.DataFrame) -> Iterator[Condition]:
@@ -109,14 +106,17 @@ def groups(summary: pl.DataFrame) -> Iterator[Condition]:
     `walking_summary.csv`."""
     of_ensemble = summary.filter(estimator="ensemble")
     for (group,), quantities in of_ensemble.group_by("group", maintain_order=True):
-        rows = quantities.to_dicts()
+        rows = quantities.rename({"low": "mean_low", "high": "mean_high"}).to_dicts()
         yield Condition(
             stated={"group": "walking" if group == "all" else f"walking, {group}"},
             trials=(),
             n=rows[0]["n"],
             is_doubtful=any(row["doubt"] for row in rows),
             results=(),
-            estimates={row["quantity"]: (row["mean"], row["low"], row["high"]) for row in rows},
+            estimates={
+                row["quantity"]: estimate_text(row, "mean", UNITS.get(row["quantity"], ""))
+                for row in rows
+            },
         )
 
 
@@ -127,21 +127,20 @@ def condition_rows(of_conditions: Sequence[Condition]) -> list[list[str]]:
     for condition in of_conditions:
         *labels, last = condition.stated.values() or [NOTHING]
         marked = [*labels, f"{last}†" if condition.is_doubtful else last]
-        rows.append([*marked, str(condition.n), *map(condition.text, condition.estimates)])
+        rows.append([*marked, str(condition.n), *condition.estimates.values()])
     return rows
 
 
 def component_rows(summaries: Mapping[str, pl.DataFrame], beside_draft: bool) -> list[list[str]]:
     """The measured components of the drivetrain (Eqs. 1 to 4), as means over trials, beside the
     draft's values if `beside_draft`."""
-    drafts = {entry.name: entry.draft for entry in ENTRIES if entry.draft is not None}
+    drafts = {entry.name: f"{entry.draft:g}" for entry in ENTRIES if entry.draft is not None}
     rows = [["quantity", "mean", "n", "draft"]]
     for summary in summaries.values():
-        for row in summary.drop_nulls("mean").iter_rows(named=True):
-            name = row["quantity"]
-            if name in drafts:
-                text = written(row["mean"], row["low"], row["high"])
-                rows.append([name, text, str(row["n"]), f"{drafts[name]:g}"])
+        of_components = summary.drop_nulls("mean").filter(pl.col("quantity").is_in([*drafts]))
+        for row in of_components.iter_rows(named=True):
+            text = written(row["mean"], row["low"], row["high"])
+            rows.append([row["quantity"], text, str(row["n"]), drafts[row["quantity"]]])
     return rows if beside_draft else [row[:-1] for row in rows]
 
 

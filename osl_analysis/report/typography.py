@@ -1,6 +1,8 @@
-"""How a text is set on the page: units, symbols, powers, minus signs."""
+"""How a text is set: units, symbols, powers and minus signs on the page, and signs of LaTeX; rows
+of texts as a table in Markdown, in LaTeX or in aligned columns, of which the first is the head."""
 
 import re
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
@@ -34,3 +36,30 @@ LATEX_SIGNS = str.maketrans(
 def in_latex(text: str) -> str:
     """A text with the signs escaped that LaTeX reads as commands."""
     return text.translate(LATEX_SIGNS)
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> str:
+    """Rows as lines with aligned columns."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = []
+    for row in rows:
+        cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=True)]
+        lines.append("  ".join(cells).rstrip())
+    return "\n".join(lines) + "\n"
+
+
+def markdown_table(rows: Sequence[Sequence[str]]) -> str:
+    """Rows as a table in Markdown."""
+    rule = ["---"] * len(rows[0])
+    lines = [f"| {' | '.join(row)} |\n" for row in (rows[0], rule, *rows[1:])]
+    return "".join(lines)
+
+
+def latex_table(rows: Sequence[Sequence[str]], heads: Mapping[str, str]) -> str:
+    """Rows as a `tabular` with rules of booktabs. `heads` has those of the heads that are LaTeX."""
+    lines = [[heads.get(head, in_latex(head)) for head in rows[0]]]
+    lines += [[in_latex(cell) for cell in row] for row in rows[1:]]
+    head, *body = [" & ".join(line) + r" \\" for line in lines]
+    begin = rf"\begin{{tabular}}{{{'l' * len(rows[0])}}}"
+    parts = [begin, r"\toprule", head, r"\midrule", *body, r"\bottomrule", r"\end{tabular}"]
+    return "\n".join(parts) + "\n"

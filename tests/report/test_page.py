@@ -13,10 +13,9 @@ from page_builder import ABOUT, PART, REMARK, ROW, WHOLE, page, view, worded
 
 from osl_analysis.commands.report import signals_of
 from osl_analysis.report import methods
-from osl_analysis.report.left_out import LeftOut
 from osl_analysis.report.page import ShownFigure, trial_view, with_symbols, written_page
 from osl_analysis.report.signals import measured_response, of_fit, of_recording
-from osl_analysis.report.verdicts import verdict_counts, verdicts_sentence
+from osl_analysis.report.verdicts import LeftOut, verdict_counts, verdicts_sentence
 
 
 @pytest.mark.parametrize(

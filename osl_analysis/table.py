@@ -42,8 +42,7 @@ SIMULATED = "simulated"
 MEASURED = "measured"
 ANALYSED = "analysed"
 NOT_ANALYSED = "not analysed"
-NOT_ANALYSED_KEY = "not_analysed"  # of the metadata of a Parquet file
-JSON_BEGIN = f'{{"status": "{NOT_ANALYSED}"'
+NOT_ANALYSED_KEY = "not_analysed"  # of JSON, and of the metadata of a Parquet file
 
 
 def marked_data(frame: pl.DataFrame, data: str = "") -> pl.DataFrame:
@@ -237,8 +236,7 @@ def not_analysed(path: Path | str) -> tuple[NotAnalysed, ...]:
         if path.suffix == ".parquet":
             causes = json.loads(pl.read_parquet_metadata(path).get(NOT_ANALYSED_KEY, "[]"))
         elif path.suffix == ".json":
-            text = path.read_text(encoding="utf-8")
-            causes = json.loads(text)["reasons"] if text.startswith(JSON_BEGIN) else ()
+            causes = json.loads(path.read_text(encoding="utf-8")).get(NOT_ANALYSED_KEY, ())
         elif path.suffix == ".csv":
             with path.open(encoding="utf-8", newline="") as file:
                 causes = reasons_in(file)

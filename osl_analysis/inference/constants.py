@@ -67,8 +67,8 @@ COLOUR_SEGMENT = 4.0
 
 # Rounding by the encoder
 
-# Draws of the encoder's zero and the motion's size; they give a standard error to 20 %; as random effects in the model
-# they would be fitted away
+# Draws of the encoder's zero and the motion's size; they give a standard error to 20 %; as random
+# effects in the model they would be fitted away
 ROUNDING_DRAWS = 12
 # Least play, dead zone or motion that is not rounding [encoder steps]; at 1.5 steps a joint at
 # rest explains its own rounding as a dead zone, with 143 nats

@@ -1,13 +1,15 @@
-"""Do a job of the workflow in this process: call its command with what its rule names, and write
-the reason into its outputs where the input is at fault."""
+"""Do a job of the workflow in this process: call its command with what its rule names, but without
+the inputs that were refused or excluded, and write the reason into its outputs where the input is
+at fault."""
 
 import json
 import time
 import traceback
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import chain
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
@@ -18,6 +20,7 @@ from pydantic import ConfigDict, validate_call
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables
 from osl_analysis.errors import (
+    InputError,
     OslAnalysisError,
     WriteError,
     printable,
@@ -25,11 +28,20 @@ from osl_analysis.errors import (
 )
 from osl_analysis.files import atomic_path, write_text
 from osl_analysis.jobs.job_log import write_log
-from osl_analysis.jobs.used import Files, without_excluded, without_missing
+from osl_analysis.judge.recording_checks import HOW_TO_USE
 from osl_analysis.memory import limited_memory
-from osl_analysis.table import ANALYSED, NOT_ANALYSED, NOT_ANALYSED_KEY, NotAnalysed, write_tables
+from osl_analysis.table import (
+    ANALYSED,
+    NOT_ANALYSED,
+    NOT_ANALYSED_KEY,
+    NotAnalysed,
+    not_analysed,
+    write_tables,
+)
 from osl_analysis.trial import read_trial
 
+Files = str | list[str]
+"""An input of a job: a file, or a list of files."""
 ONLY_WAITED_FOR = {"recordings", "sources", "made_of", "numbers", "quality"}
 """Inputs that are no arguments of a command: it finds these files itself, or by others."""
 ONLY_CHECKED = {"fitted"}
@@ -189,6 +201,66 @@ def call(job: Job) -> Sequence[NotAnalysed]:
     return ()
 
 
+def without_missing(
+    inputs: Mapping[str, Files],
+) -> tuple[dict[str, Files], list[NotAnalysed], list[NotAnalysed]]:
+    """Take the refusals out of the inputs of a job.
+
+    Returns the inputs that are left, the causes of all that was removed, and those of them that
+    keep the job from running: a refusal that stands for a single input, and those of trials without
+    which it cannot run (`without_trials`).
+    """
+    of_singles: list[NotAnalysed] = []
+    causes_of: dict[str, Sequence[NotAnalysed]] = {}
+    for files in inputs.values():
+        if isinstance(files, str):
+            of_singles += not_analysed(files)
+            continue
+        for file in files:
+            if causes := not_analysed(file):
+                causes_of[Path(file).stem] = causes
+    usable, needed = without_trials(inputs, causes_of)
+    missing = [*of_singles, *chain.from_iterable(causes_of[trial] for trial in needed)]
+    refused = [*chain.from_iterable(causes_of.values()), *missing]
+    return usable, list(dict.fromkeys(refused)), list(dict.fromkeys(missing))
+
+
+def without_excluded(inputs: Mapping[str, Files], excluded: Collection[str]) -> dict[str, Files]:
+    """Take the files of excluded trials out of the lists of a job.
+
+    Raises
+    ------
+    InputError
+        The input `trial` is excluded, or a list loses everything.
+    """
+    left, needed = without_trials(inputs, excluded)
+    if needed:
+        raise InputError(
+            f"quality control excludes every trial that is needed here: {', '.join(needed)};"
+            f" {HOW_TO_USE}; the reasons stand in tables/excluded.csv"
+        )
+    return left
+
+
+def without_trials(
+    inputs: Mapping[str, Files], removed: Collection[str]
+) -> tuple[dict[str, Files], list[str]]:
+    """Take the files of some trials out of the lists of a job, each of them out of every list.
+
+    Returns the inputs that are left, and those of the trials without which the job cannot run: its
+    input `trial`, or, of a job without this input, all of a list.
+    """
+    left = dict(inputs)
+    needed = {Path(str(inputs.get("trial", ""))).stem}.intersection(removed)
+    for name, files in inputs.items():
+        if isinstance(files, list):
+            kept = [file for file in files if Path(file).stem not in removed]
+            left[name] = kept
+            if not kept and "trial" not in inputs:
+                needed |= {Path(file).stem for file in files}
+    return left, sorted(needed)
+
+
 def write_fit(job: Job, fit: Any, arguments: dict[str, Any]) -> None:
     """Fit a trial, and write the first of its tables to a file, the others into an archive."""
     trial = read_trial(Path(arguments.pop("trial")))
@@ -208,8 +280,7 @@ def write_reasons(job: Job, causes: Sequence[NotAnalysed]) -> None:
     for file in job.files:
         folder = file.parent.name
         if file.suffix == ".csv":
-            places = (f"tables/{folder}", f"{folder}/{file.stem}", f"{folder}/*")
-            tables[file] = rows_of(causes, *places)
+            tables[file] = rows_of(causes, f"tables/{folder}", f"{folder}/{file.stem}")
         elif file.suffix == ".zip":
             for name in TABLES_OF_FIT[job.command]:
                 tables[file / f"{name}.csv"] = rows_of(causes, f"tables/{name}")
@@ -219,7 +290,7 @@ def write_reasons(job: Job, causes: Sequence[NotAnalysed]) -> None:
             with atomic_path(file) as temporary:
                 empty.write_parquet(temporary, metadata={NOT_ANALYSED_KEY: json.dumps(causes)})
         elif file.suffix == ".json":
-            write_text(file, json.dumps({"status": NOT_ANALYSED, "reasons": causes}))
+            write_text(file, json.dumps({NOT_ANALYSED_KEY: causes}))
         else:  # a comment of LaTeX
             write_text(file, f"% not made: {'; '.join(cause.reason for cause in causes)}\n")
     write_tables(tables, job.params["made_by"]["data"])

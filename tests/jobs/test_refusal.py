@@ -32,9 +32,14 @@ from osl_analysis.errors import InputError, MemoryLimitError, WriteError
 from osl_analysis.ingest.quality import Commanded, measure_quality, measured_table
 from osl_analysis.jobs import progress
 from osl_analysis.jobs.job_log import read_log, write_log
-from osl_analysis.jobs.perform import Job, perform, write_reasons
+from osl_analysis.jobs.perform import (
+    Job,
+    perform,
+    without_excluded,
+    without_missing,
+    write_reasons,
+)
 from osl_analysis.jobs.progress import LogHandler
-from osl_analysis.jobs.used import without_excluded, without_missing
 from osl_analysis.judge.campaign import campaign_findings, exclusion_report
 from osl_analysis.judge.finding import findings_frame
 from osl_analysis.judge.limits import DoubtfulFits

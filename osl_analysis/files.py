@@ -73,6 +73,15 @@ def write_text(path: Path, text: str) -> None:
         temporary.write_text(text, encoding="utf-8", newline="\n")
 
 
+def seen_from(folder: Path, path: Path) -> Path:
+    """A path relative to a folder; on another drive of Windows, where there is none, from the
+    root."""
+    try:
+        return Path(os.path.relpath(path.resolve(), folder.resolve()))
+    except ValueError:
+        return path.resolve()
+
+
 def check_target(path: Path) -> None:
     """Refuse to replace anything but a regular file. Renaming onto `/dev/null` would delete it for
     everybody."""

@@ -18,7 +18,7 @@ from osl_analysis.commands.campaign_start import first_look
 from osl_analysis.draft.draft_campaign import Draft, draft_campaign
 from osl_analysis.draft.draft_sheet import UNNAMED
 from osl_analysis.errors import InputError, listing, printable
-from osl_analysis.files import CAMPAIGN, shipped
+from osl_analysis.files import CAMPAIGN, seen_from, shipped
 
 COLUMNS = (
     *("trial", "experiment", "controller", "K_d", "B_d", "perturbed"),
@@ -181,12 +181,3 @@ def source_lines(draft: Draft) -> list[str]:
         guesses = [entry.guess for entry in source.named.values()] or ["all markers"]
         lines.append(f"sources/{name}.yaml, {uses[name]} x: {listing(guesses, MOST_LISTED)}")
     return lines
-
-
-def seen_from(folder: Path, path: Path) -> Path:
-    """A path relative to a folder; on another drive of Windows, where there is none, from the
-    root."""
-    try:
-        return Path(os.path.relpath(path.resolve(), folder.resolve()))
-    except ValueError:
-        return path.resolve()

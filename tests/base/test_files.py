@@ -9,9 +9,8 @@ import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
-from osl_analysis.commands.new_campaign import seen_from
 from osl_analysis.errors import InputError, WriteError
-from osl_analysis.files import atomic_path
+from osl_analysis.files import atomic_path, seen_from
 from osl_analysis.memory import VARIABLE, allowed_memory
 from osl_analysis.table import read_table, read_tables
 

@@ -18,6 +18,7 @@ from osl_analysis.files import own_yaml
 
 DATA = own_yaml(Path(__file__).with_name("units.yaml"))
 EXAMPLES: dict[str, dict[str, float]] = DATA["examples"]
+LONG_TIMES: dict[str, float] = DATA["long_times"]
 ALIASES: dict[str, str] = DATA["aliases"]
 # By signal: factors between units, or between ways to state a current, that are often confused.
 UNIT_FACTORS: dict[str, dict[str, float]] = DATA["confused"]

@@ -5,13 +5,12 @@ them is ever taken for the time of a recording unasked. Where one contradicts th
 I depend on which of them is right."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import constants
 
 from osl_analysis.errors import InputError
 from osl_analysis.ingest import LIMITS
@@ -21,6 +20,7 @@ from osl_analysis.source_file import TableSource
 from osl_analysis.trial import Array
 from osl_analysis.units import (
     EXAMPLES,
+    LONG_TIMES,
     base_units,
     dimension,
     is_clock,
@@ -29,7 +29,6 @@ from osl_analysis.units import (
 )
 
 TIME_UNITS = EXAMPLES["s"]  # [s], of clocks
-LONG_UNITS = (constants.minute, constants.hour, constants.day)  # of clocks of programs of tables
 
 
 def is_like_clock(name: str) -> bool:
@@ -128,7 +127,7 @@ def time_unit(clock: Array) -> str:
     if rate is None or clock.size < LIMITS.fewest_ticks or counts:
         return ""
     lowest, highest = LIMITS.recorded_hz
-    units = {**TIME_UNITS, "d": constants.day}
+    units = {**TIME_UNITS, "d": LONG_TIMES["d"]}
     return next((unit for unit, s in units.items() if lowest <= rate / s <= highest), "")
 
 
@@ -180,7 +179,9 @@ def number_in(text: str) -> float:
     return 0.0
 
 
-def span_ratio(span: float, other: float, more_units: Sequence[float] = LONG_UNITS) -> float:
+def span_ratio(
+    span: float, other: float, more_units: Collection[float] = LONG_TIMES.values()
+) -> float:
     """Ratio of two spans of time in unknown units: the one nearest to 1 over all units of time and
     those of `more_units` [s]."""
     units = np.array([*TIME_UNITS.values(), *more_units])

@@ -16,6 +16,8 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
+    NonNegativeFloat,
+    PositiveFloat,
     ValidationError,
     field_validator,
     model_validator,
@@ -27,14 +29,14 @@ from ruamel.yaml.error import YAMLError
 from osl_analysis.errors import InputError, listing, nearest, shortened
 from osl_analysis.files import shipped
 
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
-Degrees = Annotated[float, Field(gt=0, le=180)]
-JointDegrees = Annotated[float, Field(gt=0, le=60)]  # by which an ankle can be turned
-Seconds = Annotated[float, Field(gt=0, le=10)]  # within a crossing; a larger number is in ms
-Metres = Annotated[float, Field(gt=0, le=10)]  # in a laboratory; a larger number is in mm
-Newtons = Annotated[float, Field(gt=0, le=1000)]  # vertical force that begins or ends a contact
-Stiffness = Annotated[float, Field(gt=0, le=10_000)]  # a larger number has another unit
+Positive = PositiveFloat
+NotNegative = NonNegativeFloat
+Degrees = Annotated[Positive, Field(le=180)]
+JointDegrees = Annotated[Positive, Field(le=60)]  # by which an ankle can be turned
+Seconds = Annotated[Positive, Field(le=10)]  # within a crossing; a larger number is in ms
+Metres = Annotated[Positive, Field(le=10)]  # in a laboratory; a larger number is in mm
+Newtons = Annotated[Positive, Field(le=1000)]  # vertical force that begins or ends a contact
+Stiffness = Annotated[Positive, Field(le=10_000)]  # a larger number has another unit
 ShippedPath = Annotated[Path, AfterValidator(shipped)]
 """A path in the campaign's folder or, if that has none, of a shipped file such as
 `config/config.yaml`."""
@@ -51,7 +53,6 @@ FilesByName = Annotated[Mapping[str, Path], BeforeValidator(by_stem)]
 Place = tuple[int | str, ...]
 FILE_NAME = r"^[A-Za-z0-9_-]+$"
 IDENTIFIER = r"^[A-Za-z][A-Za-z0-9]{0,30}$"
-ROUNDING = 1e-9  # of sums of settings
 MISPLACED = "misplaced"  # type of a problem that a check of ours finds
 OF_EARLIER_RELEASE = "the changelog says what replaces settings of 1.0.0"
 
@@ -90,10 +91,8 @@ class Settings(BaseModel):
     def part(self, base: str) -> dict[str, Any]:
         """The fields of the base class of this name, as JSON, for a job that uses only these: a
         rule of Snakemake imports no settings model."""
-        bases = {
-            model.__name__: model for model in type(self).__mro__ if issubclass(model, Settings)
-        }
-        return self.model_dump(mode="json", include=set(bases[base].model_fields))
+        model: Any = next(model for model in type(self).__mro__ if model.__name__ == base)
+        return self.model_dump(mode="json", include=set(model.model_fields))
 
 
 AnySettings = TypeVar("AnySettings", bound=Settings)
@@ -278,24 +277,19 @@ def require_below(low: str, high: str, why: str, or_equal: bool = False) -> Any:
     for the message."""
 
     def check(settings: Any) -> Any:
-        low_value = sum_of_fields(settings, low)
-        high_value = sum_of_fields(settings, high)
-        if low_value - high_value > (ROUNDING if or_equal else -ROUNDING):
+        fields = low.split(" + ")
+        low_value = sum(attrgetter(field)(settings) for field in fields)
+        high_value = attrgetter(high)(settings)
+        rounding = 1e-9  # of sums
+        if low_value - high_value > (rounding if or_equal else -rounding):
             reason = (
                 f"{low} = {low_value:g} is not below {high} = {high_value:g}, {why}; lower {low},"
                 f" or raise {high}"
             )
-            first_field = low.split(" + ")[0]
-            raise misplaced(reason, *first_field.split("."))
+            raise misplaced(reason, *fields[0].split("."))
         return settings
 
     return model_validator(mode="after")(check)
-
-
-def sum_of_fields(settings: Any, names: str) -> float:
-    """The sum of fields by their dotted names, as of `guard_s + window_s`."""
-    total: float = sum(attrgetter(name)(settings) for name in names.split(" + "))
-    return total
 
 
 def check_rising(values: tuple[Any, ...]) -> tuple[Any, ...]:

@@ -265,20 +265,26 @@ class Recording:
             No channel, or several channels have this address.
         """
         similar = [channel for channel in self.channels if channel.address.keys() == address.keys()]
-        *places, key = address
-        candidates = [
-            channel
-            for channel in similar
-            if all(channel.address[place] == address[place] for place in places)
-        ]
-        matches = _named(address[key], candidates, key)
-        if len(matches) > 1:
-            raise _ambiguous(noun or key, address[key], matches, candidates)
-        if matches:
+        *_, key = address
+        wanted = address[key]
+        place = {**address, key: ""}
+        candidates = [channel for channel in similar if {**channel.address, key: ""} == place]
+        matches = _named(wanted, candidates, key)
+        if len(matches) == 1:
             return matches[0]
+        if matches:
+            names = [channel.key for channel in matches]
+            remedy = f"write one of {listing(names)}"
+            if len(set(names)) < len(names):
+                numbers = [str(candidates.index(channel) + 1) for channel in matches]
+                remedy = f"rename them, or write the number of a column, one of {listing(numbers)},"
+            raise InputError(
+                f"{noun or key} '{wanted[:80]}' occurs {len(matches)} times; {remedy} in the source"
+                " file"
+            )
         unlisted = self.find_unlisted(address) if self.find_unlisted else None
         if unlisted is None:
-            raise _missing(similar, address, noun or " ".join(address))
+            raise _missing(similar, " ".join(address.values()), noun or " ".join(address))
         return unlisted
 
 
@@ -289,40 +295,24 @@ def _named(wanted: str, channels: Sequence[Channel], key: str) -> list[Channel]:
     """List the channels with a name: in full, without place or unit, by pattern, or by number."""
     pattern = re.compile(re.escape(wanted).replace(r"\*", ".*"), re.DOTALL)
     spelled = {channel: (channel.address[key], channel.title, channel.name) for channel in channels}
-    for position in range(3):
-        matches = [channel for channel, names in spelled.items() if names[position] == wanted]
+    for names in zip(*spelled.values(), strict=True):
+        matches = [channel for channel, name in zip(channels, names, strict=True) if name == wanted]
         if matches:
             return matches
     matches = [channel for channel, names in spelled.items() if any(map(pattern.fullmatch, names))]
-    is_number = key in NUMBERED and re.fullmatch(r"[1-9]\d{0,4}", wanted, re.ASCII)
-    if not matches and is_number:
+    if not matches and key in NUMBERED and re.fullmatch(r"[1-9]\d{0,4}", wanted, re.ASCII):
         return list(channels[int(wanted) - 1 : int(wanted)])
     return matches
 
 
-def _ambiguous(
-    noun: str, wanted: str, matches: Sequence[Channel], channels: Sequence[Channel]
-) -> InputError:
-    names = [channel.key for channel in matches]
-    remedy = f"write one of {listing(names)}"
-    if len(set(names)) < len(names):
-        numbers = [str(n) for n, channel in enumerate(channels, start=1) if channel in matches]
-        remedy = f"rename them, or write the number of a column, one of {listing(numbers)},"
-    return InputError(
-        f"{noun} '{wanted[:80]}' occurs {len(matches)} times; {remedy} in the source file"
-    )
-
-
-def _missing(channels: Sequence[Channel], address: Mapping[str, str], noun: str) -> InputError:
-    wanted = " ".join(address.values())
+def _missing(channels: Sequence[Channel], wanted: str, noun: str) -> InputError:
+    missing = f"no {noun} '{wanted[:80]}'"
     if not channels:
-        return InputError(f"no {noun} '{wanted[:80]}': the file has none; export them too")
+        return InputError(f"{missing}: the file has none; export them too")
     keys = [channel.key for channel in channels]
     advice = nearest(wanted, [*keys, *(channel.name for channel in channels)])
-    return InputError(
-        f"no {noun} '{wanted[:80]}'; the file has {listing(keys)}"
-        f"{advice or '; correct the name in the source file'}"
-    )
+    advice = advice or "; correct the name in the source file"
+    return InputError(f"{missing}; the file has {listing(keys)}{advice}")
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,8 @@
 """The configuration of a campaign: choices with units, validated when they are read."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Hashable, Mapping, Sequence
 from datetime import date
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -14,7 +15,7 @@ from osl_analysis.bench.bench_settings import (
     TorqueAngleAnalysis,
 )
 from osl_analysis.errors import InputError
-from osl_analysis.files import default_config
+from osl_analysis.files import default_config, digest
 from osl_analysis.judge.claims import Claims
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.judge.recording_checks import QualityRules
@@ -188,6 +189,14 @@ def read_campaign_file(path: Path) -> dict[str, Any]:
 def config_for_trials(path: Path) -> Config:
     """The configuration by which single trials are analysed, from a file that overrides some fields
     of the default; the shipped default states no facts on recordings of others."""
+    own_files = tuple(Path("config").rglob("*"))  # each stands for the shipped one of its name
+    return config_of_state(path, (Path.cwd(), own_files, digest(default_config()), digest(path)))
+
+
+# to validate it takes 9 ms, and a notebook fits many trials
+@lru_cache(maxsize=8)
+def config_of_state(path: Path, state: Hashable) -> Config:
+    """What `config_for_trials` gives while the `state` of the files is the same."""
     is_shipped = path == default_config() and not Path("config/config.yaml").is_file()
     stated = {"simulation": None} if is_shipped else read_campaign_file(path)
     return validated(over_default(stated), Config, path, (default_config(), path))

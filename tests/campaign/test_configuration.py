@@ -357,6 +357,21 @@ def test_a_wrong_section_is_named_with_key_and_line(tmp_path, in_root):
         config_for_trials(path)
 
 
+def test_a_changed_file_is_read_anew(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = Path("own.yaml")
+    device = Path("config/parameters/default.yaml")
+    for cutoff_hz in (11, 12):
+        path.write_text(f"dynamometer:\n  cutoff_hz: {cutoff_hz}\nparameters: {device}\n")
+        assert config_for_trials(path).dynamometer.cutoff_hz == cutoff_hz
+    assert config_for_trials(path).parameters == ROOT / device
+
+    device.parent.mkdir(parents=True)
+    device.touch()  # a file of one's own stands for the shipped one
+
+    assert config_for_trials(path).parameters == device
+
+
 # Parameter files: what ships is valid, and a mistake is one line that names it.
 
 PARAMETERS = ROOT / "config/parameters"

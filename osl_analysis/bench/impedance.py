@@ -18,7 +18,12 @@ from osl_analysis.bench.friction import (
     with_other_stamps,
 )
 from osl_analysis.bench.lags import Lag, belt_of_leg, is_leg, without_lag
-from osl_analysis.bench.plausibility import check_resists, check_stiffer, usual_errors
+from osl_analysis.bench.plausibility import (
+    check_resists,
+    check_stiffer,
+    rounding_errors,
+    usual_errors,
+)
 from osl_analysis.bench.record import Label, Record
 from osl_analysis.bench.regression import (
     FEWEST_UNITS,
@@ -131,8 +136,10 @@ def rendered_impedance(record: Record, expected: Admittance | None = None) -> tu
     except IdentifiabilityError as error:
         raise IdentifiabilityError(f"trial {record.name}: {error}") from error
     if not record.is_stepped_sine:
-        errors = usual_errors(record, analysis.sums, analysis.whole)
-        analysis = replace(analysis, fits={None: widened(analysis.whole, errors, of_bench=True)})
+        of_bench = usual_errors(record, analysis.sums, analysis.whole)
+        of_steps = rounding_errors(record, analysis.sums, IMPEDANCE, analysis.whole)
+        whole = widened(widened(analysis.whole, of_bench, of_bench=True), of_steps)
+        analysis = replace(analysis, fits={None: whole})
     check_stiffer(record.name, "K", analysis.whole["K"], record.settings.bench_stiffness)
     return analysis, sums_of(record, IMPEDANCE, expected)
 

@@ -12,6 +12,7 @@ from osl_analysis.bench.bench_settings import BenchStiffness
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import GroupFit, Sums
 from osl_analysis.errors import Change, IdentifiabilityError, InputError
+from osl_analysis.inference.rounding_errors import noise_before_rounding, share_left_by_noise
 from osl_analysis.measured import check_measured
 from osl_analysis.model.drivetrain import DrivetrainParameters
 from osl_analysis.trial import Array
@@ -174,11 +175,42 @@ def usual_errors(record: Record, sums: Sums, fit: GroupFit) -> Array:
     return np.array(list(errors.values()))
 
 
-def acceleration_noise(record: Record) -> float:
-    """Variance [rad^2/s^4] that white noise of the angle leaves in the filtered acceleration.
+def rounding_errors(record: Record, sums: Sums, model: Mapping[str, str], fit: GroupFit) -> Array:
+    """Standard errors (p,) of estimates by the encoder's steps, which no scatter shows where the
+    joint returns to the same ones, as under binary steps.
 
-    The density of the noise is the median of what the filter removes from two to four cut-offs or,
-    if the motion itself reaches these frequencies, its level at the highest ones.
+    At rest a step has one error, of variance step^2/12, however many samples show it. Where the
+    joint passes through a step its error takes all values and averages out; noise of the angle
+    leaves a share of it. An error of the angle is one of the torque by K.
+
+    Parameters
+    ----------
+    record, sums, model, fit
+        What was fitted, and the fit to all of it.
+    """
+    step = record.encoder_step
+    if not step:
+        return np.zeros(len(model))
+    low_pass = record.settings.low_pass
+    rows = record.rows()[:: round(record.rate_hz / record.coarse.rate_hz)]
+    columns = np.column_stack([sums.columns[column][rows] for column in model.values()])
+    by_row = fit["K"] * np.linalg.pinv(columns)  # change of the estimates by an error (p, m)
+    # a low-pass that does not ring where the joint comes to rest
+    smooth_rows = record.rate_hz / (2 * np.pi * low_pass.cutoff_hz)
+    place = scipy.ndimage.gaussian_filter1d(record.theta, smooth_rows)[rows] / step
+    reading, of_row = np.unique(np.rint(record.theta[rows] / step), return_inverse=True)
+    by_step = np.zeros((len(reading), len(model)), np.complex128)
+    np.add.at(by_step, of_row, (by_row * np.exp(2j * np.pi * place)).T)
+    noise = noise_before_rounding(angle_noise(record) * record.rate_hz / 2 / step**2)
+    error = step / np.sqrt(12) * share_left_by_noise(noise)
+    return np.asarray(error * np.linalg.norm(by_step, axis=0))
+
+
+def angle_noise(record: Record) -> float:
+    """Density [rad^2/Hz] of the angle's noise, taken as white.
+
+    It is the median of what the filter removes from two to four cut-offs or, if the motion itself
+    reaches these frequencies, its level at the highest ones.
     """
     rate_hz, cutoff_hz = record.rate_hz, record.settings.cutoff_hz
     removed = (record.theta - record.motion.theta)[record.rows()]
@@ -188,6 +220,12 @@ def acceleration_noise(record: Record) -> float:
     beyond = (frequency > 2 * cutoff_hz) & (frequency < min(4 * cutoff_hz, 0.45 * rate_hz))
     if beyond.any():
         level = min(level, float(np.median(density[beyond])))
-    f = np.linspace(0, min(8 * cutoff_hz, rate_hz / 2), 2000)
-    passed = level * record.settings.low_pass.gain(f) ** 2
+    return level
+
+
+def acceleration_noise(record: Record) -> float:
+    """Variance [rad^2/s^4] that white noise of the angle leaves in the filtered acceleration."""
+    cutoff_hz = record.settings.cutoff_hz
+    f = np.linspace(0, min(8 * cutoff_hz, record.rate_hz / 2), 2000)
+    passed = angle_noise(record) * record.settings.low_pass.gain(f) ** 2
     return float(np.trapezoid((2 * np.pi * f) ** 4 * passed, f))

@@ -5,6 +5,7 @@ import polars as pl
 import pytest
 from any_motion import RATE, TRUE, chirp, made_trial, multisine, noise
 from conftest import ROOT
+from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lsim
 
 from osl_analysis.bench.analysis import analysed
@@ -243,6 +244,25 @@ def test_intervals_cover_the_truth(move, seeds, motion, made, least, most):
     errors = standardised_errors(move, seeds, motion, **made)
 
     assert least < root_mean_square(errors) < most
+
+
+def test_rounding_of_two_levels_is_in_the_interval_of_K_however_often_they_return():
+    rng = np.random.default_rng(4)
+    levels = np.repeat(np.tile(np.deg2rad([3, -3]), 40), rng.integers(100, 200, 80))
+    motion = [gaussian_filter1d(levels, 0.03 * RATE, order=n) * RATE**n for n in range(3)]
+    trial = made_trial(rng, (np.arange(len(levels)) / RATE, motion), 0.01, bits=12)
+
+    whole = rendered_impedance(moving_record(trial))[0].whole
+
+    steps = np.deg2rad(6) / (2 * np.pi / 2**12)
+    of_two_levels = TRUE["K"] * np.sqrt(2 / 12) / steps
+    assert whole.se("K") == pytest.approx(of_two_levels, rel=0.2)
+
+
+def test_rounding_averages_out_where_the_joint_passes_through_the_steps():
+    record = moving_record(moved(noise, 4, torque_noise=0.01, bits=12))
+
+    assert rendered_impedance(record)[0].whole.se("K") < 5e-4 * TRUE["K"]
 
 
 def test_a_longest_gap_that_is_stated_is_bridged():

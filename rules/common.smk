@@ -19,20 +19,26 @@ Any other error is one of the job. The longest
 jobs, and those before them, have a `priority`: at the end no core waits for them alone.
 """
 
+import os
 import sys
 from functools import partial
 from operator import attrgetter
 from pathlib import Path
 
-from osl_analysis.campaign.result_files import COMPONENTS, DERIVED, ResultFiles, name_pattern, response_example, time_series_example
 from osl_analysis.campaign.origin import about, sentence, settings_of, states_of
+from osl_analysis.campaign.result_files import (
+    DERIVED,
+    ResultFiles,
+    name_pattern,
+    response_example,
+    time_series_example,
+)
 from osl_analysis.commands.campaign_start import left_out_recordings, start_campaign
 from osl_analysis.commands.run import end_run, made_by
 from osl_analysis.config.experiments import DOUBTS_OF, EXPERIMENTS, judged_tables
 from osl_analysis.config.sheet import ON_DYNAMOMETER
 from osl_analysis.errors import InputError, OslAnalysisError, listing
 from osl_analysis.figures import FIGURES
-from osl_analysis.files import seen_from
 from osl_analysis.jobs.workers import job
 from osl_analysis.judge.claims import CLAIMED
 from osl_analysis.judge.recording_checks import Judge
@@ -40,7 +46,7 @@ from osl_analysis.yaml_settings import as_json
 
 # those that a workflow names come first, as Snakemake merges them
 BY_PRECEDENCE = sorted(workflow.configfiles, key=workflow.overwrite_configfiles.__contains__)
-CONFIG_FILES = [seen_from(Path(), file) for file in map(Path, BY_PRECEDENCE)]
+CONFIG_FILES = [Path(os.path.relpath(file)) for file in BY_PRECEDENCE]
 try:  # what is wrong in a file of the campaign is one line, without a traceback
     CAMPAIGN, SIMULATION_FILES = start_campaign(config, CONFIG_FILES)
 except OslAnalysisError as error:

@@ -88,12 +88,6 @@ class Job:
     tell: str = ""  # `refused` or `not_analysed`: the argument that gets the refusals among inputs
 
     @property
-    def row(self) -> Mapping[str, Any]:
-        """The row of the trial that the job ingests."""
-        row: Mapping[str, Any] = self.params.get("row", {})
-        return row
-
-    @property
     def read_trials(self) -> list[str]:
         """The file of the trial that the job reads."""
         return [str(self.inputs[name]) for name in ("trial", "crossing") if name in self.inputs]
@@ -101,14 +95,15 @@ class Job:
     @property
     def recordings(self) -> list[str]:
         """The recordings of a trial that the job ingests, and the trial that it reads."""
-        named = [self.row[role] for role in ("log", "mocap") if self.row.get(role)]
+        row = self.params.get("row", {})  # of the sheet
+        named = filter(None, map(row.get, ("log", "mocap")))
         return [str(Path(self.params["raw_folder"], name)) for name in named] + self.read_trials
 
     @property
     def trial(self) -> str:
         """The trial that the job is of; empty for one over several trials."""
-        stems = [Path(file).stem for file in self.read_trials]
-        return self.row.get("trial") or "".join(stems)
+        ingested: str = self.params.get("row", {}).get("trial", "")
+        return ingested or "".join(Path(file).stem for file in self.read_trials)
 
 
 def perform(job: Job) -> None:

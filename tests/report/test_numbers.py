@@ -218,12 +218,16 @@ def test_latex_has_rules_and_units_and_escapes_what_users_write():
 
 
 def test_groups_of_crossings_are_rows_of_their_ensembles():
-    quantities = {"quantity": ["K", "K"], "estimator": ["ensemble", "mean of perturbations"]}
-    numbers = {"mean": [336.0, 340.0], "low": [323.0, 1.0], "high": [348.0, 2.0], "n": [30, 30]}
-    summary = pl.DataFrame({"group": ["all"] * 2, "doubt": ["", ""], **quantities, **numbers})
+    """A VAF is not rounded to 100 %."""
+    columns = ["quantity", "estimator", "mean", "low", "high", "n"]
+    rows = [("K", "ensemble", 336.0, 323.0, 348.0, 30), ("VAF", "ensemble", 99.996, None, None, 30),
+            ("K", "mean of perturbations", 340.0, 1.0, 2.0, 30)]  # fmt: skip
+    summary = pl.DataFrame(rows, columns, orient="row").with_columns(
+        group=pl.lit("all"), doubt=None
+    )
 
     rows = condition_rows(list(paper_tables.groups(summary)))
-    assert rows == [["group", "n", "K"], ["walking", "30", "336 (323 to 348)"]]
+    assert rows[1:] == [["walking", "30", "336 (323 to 348)", "99.9960"]]
 
 
 @pytest.mark.parametrize(("beside_draft", "draft"), [(True, ["685.6"]), (False, [])])

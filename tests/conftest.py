@@ -4,10 +4,7 @@ hand."""
 import gc
 import os
 import sys
-from dataclasses import asdict
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 # One thread per process, as in the jobs of a campaign, before numpy is imported: the tests
 # themselves take all cores.
@@ -172,11 +169,6 @@ def noted_in(table: str, row: dict[str, object]) -> list[Finding]:
     """What could not be checked of a row of a table, or is worth knowing of it."""
     findings = findings_of({"trial": "a", **row}, Limits(), table)
     return [finding for finding in findings if finding.rule is not None]
-
-
-def facts_of(headlines: list[Any]) -> list[SimpleNamespace]:
-    """Label and estimate of each headline number as one value."""
-    return [SimpleNamespace(**asdict(one.label), **asdict(one.estimate)) for one in headlines]
 
 
 def beyond_in(findings: list[Finding]) -> dict[str, str]:

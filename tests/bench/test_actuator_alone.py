@@ -30,7 +30,7 @@ from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import read_yaml
 
 DEFAULT, DEVICE = ROOT / "config/simulation/default.yaml", ROOT / "config/parameters/default.yaml"
-P, RATE = read_parameters(DEVICE), 1000.0
+P = read_parameters(DEVICE)
 ANALYSIS = ActuatorAnalysis(cutoff_hz=15, order=4, sign_width=0.01)
 
 
@@ -62,19 +62,6 @@ def simulated(number=1, duration_s=20.0):
     )
     return log, fit_log(
         log["time"], log["actuator_angle"], log["motor_current"], log["output_torque"]
-    )
-
-
-def test_a_log_without_noise_gives_the_parameters_back():
-    """The filter smears friction's jumps on both sides alike; the smooth sign is left, which costs
-    B_m most."""
-    t, theta, omega, alpha, current = schedule()
-    fit = fit_log(t, theta, current, by_hand(omega, alpha, current) + 0.7 + 0.01 * (t - np.mean(t)))
-    assert [fit[name] for name in NAMES] == pytest.approx([TRUE[name] for name in NAMES], rel=0.02)
-    assert fit["k_tau_n_m"] == pytest.approx(TRUE["k_tau_n_m"], rel=5e-4)
-    assert (fit["offset"], fit["drift"]) == (
-        pytest.approx(0.7, abs=1e-3),
-        pytest.approx(0.01, rel=0.01),
     )
 
 
@@ -253,30 +240,6 @@ def test_a_clamped_shaft_stands_whatever_its_angle_shows(angle):
     assert fits[1].interval("k_tau_n_m") == pytest.approx(fits[0].interval("k_tau_n_m"), abs=2e-3)
 
 
-def test_a_shaft_that_turns_under_a_stepped_current_is_driven():
-    """Each current is held for 5 s, while the shaft turns to and fro: f_C and B_m come back."""
-    t, theta, omega, alpha, _ = schedule()
-    current = np.repeat([2.0, -2.0, 4.0, -4.0], 5 * round(RATE))
-
-    fit = fit_log(t, theta, current, by_hand(omega, alpha, current))
-
-    assert fit["k_tau_n_m"] == pytest.approx(TRUE["k_tau_n_m"], rel=2e-3)
-    assert fit["f_C"] == pytest.approx(TRUE["f_C"], rel=0.05)
-
-
-def test_noise_as_large_as_the_steps_does_not_lower_the_torque_per_current():
-    """As regressor, single rows would lower it by 1 %."""
-    levels = np.repeat(np.array(UP_AND_DOWN) / 10, 3)  # of 3 s
-    errors = []
-    for seed in range(6):
-        trial = staircase(seed, levels, friction=0.0, between=0.0)
-        noise = 0.2 * np.random.default_rng(seed).standard_normal(trial.samples.height)
-        samples = trial.samples.with_columns(pl.col("current") + noise)
-        fit = actuator_trial(Trial("small", samples), ANALYSIS).whole
-        errors.append(fit["k_tau_n_m"] / 0.648 - 1)
-    assert abs(np.mean(errors)) < 0.005
-
-
 def test_checks_of_sampling_do_not_apply_to_a_clamped_actuator():
     clamped = with_pauses(staircase(1), 86.0)
     quality = measure_quality(clamped, "actuator", Commanded(None, None, None))
@@ -306,30 +269,3 @@ def test_a_current_that_is_late_is_refused_for_it_and_not_for_its_sign():
         fit_log(t, theta, np.roll(current, 10), torque)
     # which `plausible` refuses
     assert fit_log(t, theta, -current, torque).interval("k_tau_n_m")[1] < 0
-
-
-def held_by_friction(levels):
-    """A clamped actuator whose friction, of constant size and per current, holds the torque within
-    a band."""
-    current, held, torque = np.repeat(np.array(levels, dtype=float), 250), 0.0, []
-    for wanted in current:
-        band = 0.15 + 0.06 * abs(wanted)
-        held = min(max(held, 0.648 * wanted - band), 0.648 * wanted + band)
-        torque.append(held)
-    noise = 0.01 * np.random.default_rng(1).standard_normal(len(current))
-    columns = {
-        "time": np.arange(len(current)) / 250,
-        "current": current,
-        "torque_m": torque + noise,
-    }
-    return Trial("stalled", pl.DataFrame(columns))
-
-
-@pytest.mark.parametrize(
-    "levels", [(0, 2, 4, 6, 4, 2, 0, -2, -4, -2, 0), (0, 3, 6, 3, 0, -3, -6, -3, 0)]
-)
-def test_a_short_staircase_has_an_interval_that_holds_the_friction_of_its_turns(levels):
-    fit = actuator_trial(held_by_friction(levels), ANALYSIS).whole
-    low, high = fit.interval("k_tau_n_m")
-    assert low < 0.648 < high
-    assert high - low < 0.5

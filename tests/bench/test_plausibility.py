@@ -309,37 +309,3 @@ def test_samples_closer_than_any_recorder_takes_them_are_refused(steps, refused)
     )
     with pytest.raises(InputError, match=said) if refused else nullcontext():
         check_recording(trial, BENCH)
-
-
-def check_torque_beside_current(torque, current, channel="torque"):
-    time = np.arange(len(current)) / 1000
-    samples = {"time": time, "theta": THETA, channel: torque, "current": current}
-    check_recording(Trial("a", pl.DataFrame(samples)), BENCH, channel)
-
-
-SECONDS = np.arange(4000) / 1000
-THETA = 0.05 * np.sin(9 * SECONDS) + 0.03 * np.sin(31 * SECONDS)
-WHITE = np.random.default_rng(2).standard_normal((2, 4000))
-CURRENT = 20 * THETA + 2 * np.cos(20 * SECONDS) + 0.05 * WHITE[0]
-CIRCULAR = -8.65 * CURRENT
-FOLLOWING = CIRCULAR + 0.03 * np.std(CIRCULAR) * WHITE[1]  # VAF 99.9 %, as of a load cell
-
-
-@pytest.mark.parametrize("channel", ["torque", "torque_m"])
-@pytest.mark.parametrize(("torque", "current"), [
-    (CIRCULAR + 0.3, CURRENT), (CIRCULAR.astype(np.float32), CURRENT),
-    (np.round(CIRCULAR, 2), np.round(CURRENT, 3)),
-    (-8.65 * np.round(CURRENT, 1), np.round(CURRENT, 1)),
-], ids=["offset", "float32", "decimals", "coarse current"])  # fmt: skip
-def test_a_torque_that_is_current_times_a_constant_is_refused(torque, current, channel):
-    words = rf"{channel} follows exactly from current.*name the channel of a load cell"
-    with pytest.raises(InputError, match=words):
-        check_torque_beside_current(torque, current, channel)
-
-
-@pytest.mark.parametrize(("torque", "current"), [
-    (FOLLOWING, CURRENT), (np.round(FOLLOWING, 1), np.round(CURRENT, 2)),
-    (CIRCULAR, np.zeros(4000)),
-], ids=["load cell", "decimals", "no current"])  # fmt: skip
-def test_a_torque_that_follows_the_current_as_a_load_cell_s_does_is_none(torque, current):
-    check_torque_beside_current(torque, current)

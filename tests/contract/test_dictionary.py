@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from polars.testing import assert_frame_equal
 
 from osl_analysis.commands.campaign_start import check_working_folder
-from osl_analysis.dictionary import HERE, described_tables
+from osl_analysis.dictionary import HERE
 from osl_analysis.errors import InputError
 from osl_analysis.files import own_yaml
 from osl_analysis.table import (
@@ -21,11 +21,6 @@ from osl_analysis.table import (
     write_table,
 )
 from osl_analysis.yaml_settings import read_mapping
-
-
-def described(place):
-    (table,) = [table for table in described_tables() if table.place == place]
-    return table.columns
 
 
 @pytest.mark.parametrize(

@@ -116,8 +116,6 @@ def test_elements_are_counted_column_by_column_as_in_matlab(
 
 # --- what programs write ------------------------------------------------------------------------
 
-TIME = np.arange(40) / 500
-
 
 def written_by_matio(path: Path, version: str) -> Path:
     """Tables, timetables and other objects, as MATLAB stores them. mat-io writes the times of a

@@ -11,8 +11,6 @@ import numpy as np
 import polars as pl
 import pytest
 import yaml
-from bench_synthetic import second_order
-from bench_synthetic import stepped_sine as sines
 from c3d_builder import write_c3d
 from conftest import ROOT
 from scipy import signal
@@ -151,7 +149,6 @@ SEEN = with_piece(
 )
 # faults that begin or end in a leap of one sample: a rail out of nowhere, and a turn
 ALSO_LEAP = {("saturation", 9), ("encoder_wrap", 2.0)}
-STEPS = 150 + 700 * np.abs(np.sin(np.arange(2000) / 300))
 STILL = pl.DataFrame({"time": np.arange(2000) / RATE, "theta": 0.1})
 BARE, STOOD_ON = (
     laboratory()["plate1_force_z"].to_numpy(),
@@ -243,22 +240,6 @@ def test_a_fault_is_measured_where_it_is_and_fails_its_own_check_alone(
         assert failed(checks) - {"protocol"} == expected
 
 
-def test_scattered_stamps_are_no_gap_and_a_late_row_is_one():
-    samples = bench()
-    scatter = 0.3 / RATE * np.random.default_rng(2).standard_normal(samples.height)
-    scattered = np.sort(samples["time"].to_numpy() + scatter)
-    is_late = pl.col("time") > 3
-
-    checks = results(samples.with_columns(time=pl.Series(scattered)))
-    late = results(
-        samples.with_columns(time=pl.col("time") + pl.when(is_late).then(0.2).otherwise(0))
-    )
-
-    assert failed(checks) == set()
-    assert late["gap"].value == pytest.approx(0.2, abs=1e-6)
-    assert failed(late) >= {"gap"}
-
-
 LOADED = np.where(NUMBERS < 800, 700 + np.sin(NUMBERS), 0.0)
 PEAKS = np.maximum(np.ceil(500 - (NUMBERS % 200 - 100.0) ** 2 / 12), 440.0)  # seven samples long
 STEEP = np.where(NUMBERS % 200 > 103, 440.0, PEAKS)  # steep behind its peaks alone
@@ -284,60 +265,6 @@ def test_an_extreme_where_the_channel_rests_or_peaks_slowly_is_no_rail(
         slice(0, 20),
         slice(100, 101),
     ), "the first"
-
-
-def test_a_joint_at_rest_is_not_stuck_though_nothing_is_commanded():
-    for moved, K, noise, step in (
-        # at rest the noise is a part of the torque's range
-        (np.round(ANGLE / 2.4e-5) * 2.4e-5, 2, 0.03, 0),
-        # the first moment of motion is no reference
-        (0.07 * np.cos(2 * np.pi * np.arange(4000) / RATE), 300, 0.01, 0),
-        (ANGLE, 300, 0, 0.5),  # a coarse load cell
-    ):
-        theta = np.concatenate([np.zeros(2000), moved])
-        torque = K * theta + noise * np.random.default_rng(3).standard_normal(theta.size)
-        torque = np.round(torque / step) * step if step else torque
-        samples = pl.DataFrame(
-            {"time": np.arange(theta.size) / RATE, "theta": theta, "torque": torque}
-        )
-        assert results(samples)["stuck"].value < 0.1
-    assert results(samples.drop("theta"))["stuck"].value > 1.9  # nothing says that the joint rests
-    sines = 0.1 * np.sin(np.pi * np.arange(4500) / 100) * (abs(np.arange(4500) - 2250) > 250)
-    ringing = np.zeros(4500)
-    ringing[2000:2500] = 30 * np.cos(np.pi * np.arange(500) / 37) * np.exp(-np.arange(500) / 60)
-    rests = pl.DataFrame(
-        {"time": np.arange(4500) / RATE, "theta": sines, "torque": 300 * sines + ringing}
-    )
-    assert results(rests)["stuck"].value < 0.1, (
-        "a motor behind a joint that stands between two sines rings"
-    )
-    for first, last in ((500, 1750), (2100, 4500)):  # away from its rest, and from a rest on
-        checks = results(rests.with_columns(theta=pl.Series(with_piece(sines, first + 25, last))))
-        to_the_end = (last - first) / RATE if last == sines.size else 0.0
-        assert checks["stuck"].value == pytest.approx(to_the_end, abs=100 / RATE)
-        assert to_the_end or checks["dropout"].value == 1, "it leaps behind"
-    loose = bench(torque=TORQUE + 40 * (np.arange(ANGLE.size) // 20 == 24)).drop("theta_command")
-    assert results(loose)["stuck"].value < 0.1, "the torque jumps before a joint that breaks loose"
-
-
-@pytest.mark.parametrize(
-    "experiment", [name for name, facts in EXPERIMENTS.items() if facts.torque]
-)
-def test_the_torque_of_every_experiment_is_checked(experiment):
-    torque = str(EXPERIMENTS[experiment].torque)
-    sound = actuator_bench() if experiment == "actuator" else bench()
-    rail = 0.8 * sound[torque].max()
-    changed = (
-        sound.with_columns(x.alias(torque)) for x in (pl.lit(0.0), pl.col(torque).clip(None, rail))
-    )
-    dead, railed = (results(samples, experiment) for samples in changed)
-    assert (dead["stuck"].remark, railed["saturation"].remark) == (torque, torque)
-    if experiment == "actuator":
-        assert [failed(f) for f in (results(sound, "actuator"), railed, dead)] == [
-            set(),
-            {"saturation"},
-            {"stuck"},
-        ]
 
 
 @pytest.mark.parametrize(
@@ -448,20 +375,6 @@ def test_a_failure_flags_or_excludes_by_its_rule_and_the_sheet_accepts_it_by_nam
     assert accepted["remark"][1] == "accepted in the sheet; plate1 -700 N"
 
 
-@pytest.mark.parametrize("rows", [1, 2, 3, 250])
-@pytest.mark.parametrize("experiment", ["impedance", "walking"])
-def test_a_trial_of_few_rows_or_empty_columns_is_judged_without_an_error(rows, experiment):
-    nothing = pl.lit(None, pl.Float64)
-    samples = bench()[:rows].with_columns(plate1_force_z=nothing, marker_A_x=pl.lit(np.nan))
-    for changed in (
-        samples,
-        samples.with_columns(theta=nothing, torque=nothing, marker_A_x=nothing),
-    ):
-        checks = results(changed, experiment)
-        assert all(check.value is None or np.isfinite(check.value) for check in checks.values())
-        assert judged(checks)["check"].to_list() == list(CHECKS)
-
-
 @pytest.mark.parametrize(("name", "value", "fails"), [
     ("rate", 99, True), ("rate", 100 - 1e-8, False), ("gap", 0.05, False), ("gap", 0.051, True),
     ("gap", np.nan, True),
@@ -506,53 +419,6 @@ def test_the_sheet_may_accept_only_checks_that_there_are(tmp_path):
 # Sensors at the end of their range: stated in the source file, or seen in the recording.
 
 
-def clipped(time, theta, torque):
-    """Samples for which an angle stands at its rail."""
-    samples = pl.DataFrame({"time": time, "theta": theta, "torque": torque})
-    return samples_at_rail(Trial("a", samples), "theta", "torque")
-
-
-@pytest.mark.parametrize("bits", [12, 14, 18])
-def test_a_rounded_sine_is_not_clipped_and_one_that_sticks_at_an_end_is(bits):
-    record, step = sines(second_order, 0.05), 2 * np.pi / 2**bits
-    for end in (np.inf, 0.09, 0.07):
-        theta = np.rint(np.minimum(record.theta, end) / step) * step
-        # of the slowest sine, 1 Hz
-        flat = 0 if end > 1 else 2 * np.arccos(end / 0.1) / (2 * np.pi) * 500
-        length = clipped(record.time, theta, record.torque)
-        assert length == pytest.approx(flat, rel=0.02, abs=2 if flat else 0)
-
-
-def test_an_angle_behind_play_stands_at_every_turn_and_is_not_clipped():
-    """Multisines of 18 bits behind 0.1 deg of play were called clipped."""
-    time, step, half = np.arange(20_000) / 1000, 2 * np.pi / 2**18, np.deg2rad(0.05)
-    theta = np.array([0.04, 0.03, 0.03]) @ np.sin(
-        np.array([2.0, 7.3, 14.1])[:, None] * time + [[0], [1], [2]]
-    )
-    read = [0.0]
-    for x in theta.tolist():
-        read.append(min(max(read[-1], x - half), x + half))
-    torque = 300 * theta + 8 * np.gradient(theta, time)
-    assert clipped(time, step * np.rint(np.array(read[1:]) / step), torque) == 0
-    assert clipped(time, step * np.rint(np.minimum(theta, 0.08) / step), torque) > 100
-
-
-def test_a_joint_that_is_held_under_a_changing_torque_is_not_frozen():
-    time = np.arange(4000) / RATE
-    turned = 0.1 * np.sin(2 * time)
-    step = 2 * np.pi / 2**14
-    # it comes to rest at its turn, is held there for a second, and moves on
-    held = np.concatenate([turned[:785], np.full(1000, turned[785]), turned[785:]])[:4000]
-    frozen = np.concatenate([turned[:1100], np.full(1000, turned[1100]), turned[2100:]])
-    pushed = 30 * np.sin(3 * time)
-
-    for theta, leaps in ((held, 0), (frozen, 1)):
-        rounded = step * np.rint(theta / step)
-        samples = pl.DataFrame({"time": time, "theta": rounded, "torque": pushed})
-        checks = results(samples)
-        assert (checks["stuck"].value, checks["dropout"].value) == (0.0, leaps)
-
-
 @pytest.mark.parametrize("rate", [50, 100, 200, 1000])
 @pytest.mark.parametrize("torque_hz", [8, 100])
 def test_rest_at_a_level_is_no_rail_at_any_rate_though_the_torque_settles(rate, torque_hz):
@@ -574,19 +440,6 @@ def test_rest_at_a_level_is_no_rail_at_any_rate_though_the_torque_settles(rate, 
     checks = results(pl.DataFrame(columns))
 
     assert failed(checks) - {"protocol", "rate"} == set()
-
-
-@pytest.mark.parametrize("damping", [1.0, 10.0])
-@pytest.mark.parametrize("channel", ["theta", "torque"])
-def test_a_sine_that_its_sensor_cuts_off_is_told_at_100_hz(channel, damping):
-    time = np.arange(2000) / 100
-    columns = {"time": time, "theta": 0.1 * np.sin(5 * time)}
-    noise = 0.05 * np.random.default_rng(4).standard_normal(2000)
-    columns["torque"] = 150 * columns["theta"] + damping * 0.5 * np.cos(5 * time) + noise
-    rail = 0.8 * columns[channel].max()
-    columns[channel] = np.minimum(columns[channel], rail)
-
-    assert "saturation" in failed(results(pl.DataFrame(columns)))
 
 
 def test_a_command_at_its_level_is_no_rail_a_clipped_current_and_a_stated_end_are():
@@ -749,17 +602,6 @@ def test_dead_moments_put_the_centre_of_pressure_outside_or_at_rest(
         assert (far.value or 0) > 840 / 770 - 0.3  # at the largest force
         assert far.remark == "plate1"
         assert (still.value, still.remark[:6]) == (pytest.approx(0, abs=0.005), "plate1")
-
-
-def test_moments_a_thousand_times_too_large_or_too_small_are_told(tmp_path: Path) -> None:
-    force, moment = force_and_moment()
-    large = plate_trial(tmp_path / "a.c3d", np.hstack((force, 1e3 * moment)))
-    assert (checked(large)["pressure_centre"].value or 0) > 10
-    units = {"force": "N", "moment": "N*mm"}
-    mended = plate_trial(tmp_path / "a.c3d", np.hstack((force, 1e3 * moment)), plate_units=units)
-    assert checked(mended)["pressure_centre"].value == 0
-    small = checked(plate_trial(tmp_path / "b.c3d", np.hstack((force, 1e-3 * moment))))
-    assert small["pressure_travel"].value == pytest.approx(0, abs=0.001)
 
 
 def test_a_plate_on_which_nobody_stands_is_not_judged(tmp_path: Path) -> None:

@@ -8,8 +8,7 @@ from conftest import ROOT
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
-from scipy.integrate import quad, trapezoid
-from scipy.optimize import brentq, minimize_scalar
+from scipy.integrate import quad
 
 from osl_analysis.commands.gains import gain_table
 from osl_analysis.errors import InputError, UnreachableImpedanceError
@@ -145,45 +144,6 @@ def test_minima_are_those_proved_in_rational_arithmetic(K_d, B_d, weight, with_i
     if minima:
         lowest = min(minima, key=lambda B_1: norm(K_d, B_d, B_1, weight, J_j))
         assert optimum.B_1[0] + P.B_m == pytest.approx(lowest + P.B_m, rel=1e-8)
-
-
-def test_the_slope_of_the_norm_is_its_difference():
-    pair = np.array([300.0]), np.array([5.0])
-    polynomials = compensator.admittance_error(*pair, P, PAPER_WEIGHT)
-    x = np.array([0.5])
-    h = 1e-6
-
-    _, slope = compensator.squared_norm(x, *polynomials)
-
-    above, _ = compensator.squared_norm(x + h, *polynomials)
-    below, _ = compensator.squared_norm(x - h, *polynomials)
-    assert slope == pytest.approx((above - below) / (2 * h), rel=1e-6)
-
-
-@pytest.mark.parametrize(("K_d", "B_d"), [(300.0, 5.0), (100.0, 7.5), (200.0, 2.5), (400.0, 0.5)])
-def test_selected_gains_are_those_of_the_equations_by_brute_force(K_d, B_d):
-    """Eqs. 7 and 8 solved at each frequency, Eq. 12 by a search for K_1, and Eq. 14 by one for the
-    smallest integral: the simulator and the analysis both take these gains."""
-    w = np.geomspace(1e-3, 1e4, 5000)
-    butterworth = 1 / (1 + (w / (2 * np.pi)) ** 6)
-
-    def admittance(s, K_1, B_1):
-        feedback = K_1 + (P.B_m + B_1) * s + P.J_m * s**2
-        theta_m = P.K_s / P.n_T / (feedback + P.K_s / P.n_T**2)
-        return 1 / (P.K_s * (1 - theta_m / P.n_T) + P.B_j * s)
-
-    K_1 = brentq(lambda gain: 1 / admittance(0.0, gain, 0.0) - K_d, 1e-3, 1e5)
-
-    def squared_norm(B_1):
-        error = admittance(1j * w, K_1, B_1) - 1 / (K_d + 1j * w * B_d)
-        return trapezoid(butterworth * abs(error) ** 2, w)
-
-    B_1 = minimize_scalar(squared_norm, bounds=(0, 30), options={"xatol": 1e-7}).x
-
-    gains = compensator.select_gains("compensated", K_d, B_d, P)
-
-    assert gains.K_1 == pytest.approx(K_1, rel=1e-9)
-    assert gains.B_1 == pytest.approx(B_1, rel=1e-4)
 
 
 # ---- What is refused
@@ -333,18 +293,3 @@ def test_the_delay_margin_is_where_a_pole_reaches_the_axis():
 
     assert distance_from_the_axis(margin) < 1e-3
     assert min(distance_from_the_axis(share * margin) for share in (0.5, 0.9, 0.98)) > 5e-3
-
-
-@pytest.mark.parametrize(("B_d", "sign"), [(2.5, 1), (7.5, -1)])
-def test_the_apparent_inertia_of_the_page_is_that_of_eq_9_when_slow(B_d, sign):
-    gains = compensator.compensated_gains(300.0, B_d, P)
-    x = P.B_m + gains.B_1
-    kappa = gains.K_1 + P.K_s / P.n_T**2
-
-    written = P.J_j + (P.K_s / (P.n_T * kappa)) ** 2 * (P.J_m - x**2 / kappa)
-
-    w = 0.02
-    Y = joint_admittance(gains.K_1, gains.B_1, P, P.J_j)
-    storage = (1 / Y(1j * np.array([w, 2 * w]))).real  # K - I w^2
-    assert written == pytest.approx((storage[0] - storage[1]) / (3 * w**2), rel=1e-3)
-    assert np.sign(written) == sign

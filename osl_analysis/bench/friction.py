@@ -149,16 +149,16 @@ def inferred_from(
     usable = np.zeros(len(record.time), dtype=np.bool_)
     for rows in runs(record.is_fitted()):
         usable[max(rows.start - edge, 0) : rows.stop + edge] = True
-    signals = BenchSignals(
-        theta=record.theta,
-        torque=record.torque,
-        rate_hz=record.rate_hz,
-        encoder_step=record.encoder_step,
-        usable=record.usable & usable,
-        sliding_angle=record.actuator.get("wide_band_theta_m") if is_leg else None,
-        load=record.actuator.get("current") if is_leg else None,
-    )
-    with suppress(NotWeighedError):
+    with suppress(NotWeighedError):  # a recording may be too short for a search
+        signals = BenchSignals(
+            theta=record.theta,
+            torque=record.torque,
+            rate_hz=record.rate_hz,
+            encoder_step=record.encoder_step,
+            usable=record.usable & usable,
+            sliding_angle=record.actuator.get("wide_band_theta_m") if is_leg else None,
+            load=record.actuator.get("current") if is_leg else None,
+        )
         return infer_leg(signals) if is_leg else infer_impedance(signals, accuracy)
     return None
 

@@ -113,17 +113,6 @@ def test_of_tables_that_are_read_together_the_wrong_one_is_named(tmp_path):
         read_tables([tmp_path / "a.csv", tmp_path / "b.csv"])
 
 
-@pytest.mark.parametrize("empty_cells", [10, 1000])
-def test_numbers_behind_empty_cells_are_numbers(tmp_path, empty_cells):
-    path = tmp_path / "table.csv"
-    path.write_text("trial,slope\n" + "a,\n" * empty_cells + "a,1.5\n")
-
-    slope = read_table(path, required=("slope",))["slope"]
-
-    assert slope.dtype == pl.Float64
-    assert slope[-1] == 1.5
-
-
 def test_the_memory_that_is_stated_is_in_megabytes(monkeypatch):
     monkeypatch.setenv(VARIABLE, "250")
 

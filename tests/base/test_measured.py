@@ -13,7 +13,7 @@ from osl_analysis.measured import (
 )
 from osl_analysis.recording import beside, own_axes, plate_axes
 from osl_analysis.trial import stretches, unit_of
-from osl_analysis.units import known_factor, name_and_ending, si_factor
+from osl_analysis.units import known_factor
 from osl_analysis.walking.plate import furthest_outside
 
 
@@ -64,23 +64,6 @@ def test_a_ratio_near_a_unit_factor_names_it(ratio):
 @pytest.mark.parametrize("ratio", [1.0, 1.2, 2.0, 0.0])
 def test_a_ratio_near_no_unit_factor_names_none(ratio):
     assert known_factor(ratio) == ("", 1.0)
-
-
-@pytest.mark.parametrize(
-    ("spelling", "newton_metres"),
-    [("ft-lb", 1.3558), ("lbf in", 0.11298), ("N_cm", 0.01), ("mN.m", 1e-3), ("oz-in", 0.0070616)],
-)
-def test_a_pound_or_an_ounce_in_a_torque_is_a_force(spelling, newton_metres):
-    assert si_factor(spelling, "N*m") == pytest.approx(newton_metres, rel=1e-4)
-
-
-@pytest.mark.parametrize(("column", "name", "unit"), [
-    ("ankle_deg", "ankle_", "deg"), ("torque_N_cm", "torque_", "N*cm"),
-    ("MomentLbfFt", "Moment", "lbf*ft"), ("omega_rad_per_s", "omega_", "rad/s"),
-    ("theta_m", "theta_m", ""), ("torque_m_Nm", "torque_m_", "Nm"),
-])  # fmt: skip
-def test_a_column_s_name_ends_where_its_unit_begins(column, name, unit):
-    assert name_and_ending(column) == (name, unit)
 
 
 # ---- Plates and windows

@@ -153,6 +153,13 @@ def test_the_belt_shows_the_lag_of_a_leg_s_torque_whatever_theta_m_s_is(fault, l
         assert (told == [None] * 3) if not lag else (told[1] < sound[name] < told[2]), name
 
 
+def test_a_current_without_the_angle_of_its_shaft_makes_no_leg():
+    trial = leg()
+    samples = trial.samples.rename({"theta_m": "current"})
+
+    assert not record_of_leg(replace(trial, samples=samples)).actuator
+
+
 def test_a_belt_of_an_actuator_s_angle_with_the_wrong_sign_tells_no_lag():
     trial = leg()
     turned = replace(trial, samples=trial.samples.with_columns(theta_m=-pl.col("theta_m")))

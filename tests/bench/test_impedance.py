@@ -17,16 +17,13 @@ from bench_synthetic import (
 )
 from conftest import ROOT, marked
 
-from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.bench_settings import Calibration
 from osl_analysis.bench.impedance import DesiredImpedance, impedance_with_evidence
 from osl_analysis.bench.motion import record_of_trial
-from osl_analysis.bench.regression import IMPEDANCE
 from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.commands.figure import fig4
 from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.judge.limits import Limits
-from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial, write_trial
 
@@ -62,25 +59,6 @@ def test_the_fit_is_to_the_settled_cycles_alone():
 
     assert table["K"].to_list() == pytest.approx([200] * 3, rel=1e-3)
     assert table["B"].to_list() == pytest.approx([4] * 3, rel=1e-3)
-
-
-def test_the_modelled_torque_has_the_drift_where_the_fit_has_it():
-    """The amplitudes follow each other, so that their mean times differ from the recording's."""
-    few_cycles = SteppedSineProtocol((0.05, 0.1), (1.0, 3.0, 5.0), 5)
-    drift = 0.01  # N*m/s, which is 0.6 N*m over a minute
-
-    def torque_of(motion):
-        rendered = second_order(motion)
-        return rendered + drift * np.arange(len(rendered)) / RATE
-
-    record = stepped_sine(torque_of, protocol=few_cycles)
-    analysis = analysed(record, IMPEDANCE)
-
-    assert len(analysis.fits) == 3  # two amplitudes and all
-    for label in analysis.fits:
-        rows = record.rows(label)
-        residual = record.filtered_torque[rows] - analysis.modelled(label)[rows]
-        np.testing.assert_allclose(residual, 0, atol=2e-4)
 
 
 def trial_of_steps(steps):

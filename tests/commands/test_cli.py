@@ -419,14 +419,3 @@ def test_what_needs_more_memory_than_a_job_may_have_is_refused(monkeypatch, tmp_
     assert said.startswith(f"error: {bomb}: not enough memory, a job may have 2000 MB here; cut")
     assert "allow more by OSL_MEMORY_MB" in said
     assert resource.getrlimit(resource.RLIMIT_DATA) == before
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="the limit is Linux's")
-def test_a_memory_limit_that_is_no_number_is_refused(monkeypatch):
-    monkeypatch.setenv("OSL_MEMORY_MB", "4 GB")
-
-    with (
-        pytest.raises(InputError, match="OSL_MEMORY_MB=4 GB: write a whole number of megabytes"),
-        limited_memory([]),
-    ):
-        pass

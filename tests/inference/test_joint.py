@@ -27,12 +27,14 @@ def driven(seconds: float = 20.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return time[::4], torque[::4], theta[::4]
 
 
-def inferred(torque: np.ndarray, **more: object) -> ImpedanceInference:
-    """The inference beside white noise and an encoder of 16 bits."""
+def inferred(
+    torque: np.ndarray, noise: float = 0.05, step: float = STEP, **more: object
+) -> ImpedanceInference:
+    """The inference beside white noise [N*m] and an encoder of 16 bits."""
     theta = driven()[2]
-    noisy = torque + 0.05 * np.random.default_rng(6).normal(size=len(torque))
-    read = np.round(theta / STEP) * STEP
-    return infer_impedance(BenchSignals(read, noisy, RATE, encoder_step=STEP, **more))
+    noisy = torque + noise * np.random.default_rng(6).normal(size=len(torque))
+    read = np.round(theta / step) * step
+    return infer_impedance(BenchSignals(read, noisy, RATE, encoder_step=step, **more))
 
 
 def velocity() -> np.ndarray:
@@ -63,6 +65,16 @@ def test_late_torque_is_a_path():
     assert "delay" in {each.name for each in found.explanations}
     moved = K * 0.003 / (B - K * 0.003)  # by the delay; by other rivals more
     assert 0.95 * moved < found.fault_shares[1] < 3 * moved
+
+
+def test_noise_and_a_coarse_encoder_hide_a_delay():
+    """By their sizes: rounding by a step of K gives the torque a noise of K step/sqrt(12)."""
+    torque = driven()[1]
+
+    usual = inferred(torque).delay_told_s
+
+    assert inferred(torque, noise=0.2).delay_told_s == pytest.approx(4 * usual, rel=0.05)
+    assert inferred(torque, step=16 * STEP).delay_told_s > 5 * usual
 
 
 def with_lost_rows(torque):

@@ -155,6 +155,17 @@ def test_signals_that_do_not_show_the_same_movement_throughout_are_refused(stran
         correlate_clocks((np.arange(strange.size) / CAMERA_RATE, strange), (WITHIN, seen))
 
 
+def test_strides_that_differ_a_little_tell_the_lag() -> None:
+    """Each second of the angle is like the others, but for what varies."""
+    time = np.arange(0, 30, 1 / CAMERA_RATE)
+    angle = np.sin(2 * np.pi * time) + 0.05 * MOVEMENT(time)
+    seen = angle[1500:7500] + 0.01 * np.random.default_rng(2).standard_normal(6000)
+
+    fit = correlate_clocks((time, angle), (time[:6000], seen))
+
+    assert fit.offset == pytest.approx(-1500 / CAMERA_RATE, abs=0.1 / CAMERA_RATE)
+
+
 GATE_S = 4.0  # of each capture
 GATES = np.array([5.0, 15.0, 30.0])  # starts in the log
 CAPTURE = np.arange(0, GATE_S, 1 / MASTER_RATE)

@@ -375,14 +375,6 @@ def test_a_failure_flags_or_excludes_by_its_rule_and_the_sheet_accepts_it_by_nam
     assert accepted["remark"][1] == "accepted in the sheet; plate1 -700 N"
 
 
-@pytest.mark.parametrize(("name", "value", "fails"), [
-    ("rate", 99, True), ("rate", 100 - 1e-8, False), ("gap", 0.05, False), ("gap", 0.051, True),
-    ("gap", np.nan, True),
-])  # fmt: skip
-def test_a_value_at_its_threshold_passes_and_no_number_fails(name, value, fails):
-    assert CHECKS[name].failed(value, RULES.by_check[name].limit) is fails
-
-
 class OnlyQuality(Settings):
     quality: QualityRules
 

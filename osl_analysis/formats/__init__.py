@@ -18,12 +18,7 @@ names begin with `_` are shared by several.
 
 import pkgutil
 import re
-import sqlite3
-import struct
-import sys
 import traceback
-import zipfile
-import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
@@ -41,16 +36,8 @@ FIRST_BYTES = 65_536  # of a file, by which its format is recognised
 GROUP = "osl_analysis.formats"  # entry points of other packages
 COPY_AGAIN = "copy the file again, or export it anew"
 PACKAGE = Path(__file__).parents[1]
-DECODING_ERRORS = (
-    ValueError,
-    RecursionError,  # parts within parts without end
-    OSError,
-    EOFError,
-    struct.error,
-    zlib.error,
-    zipfile.BadZipFile,
-    sqlite3.Error,
-)
+# what a mistake in a program raises
+FAULTS = (TypeError, AttributeError, NameError, LookupError, ArithmeticError, AssertionError)
 
 
 @cache
@@ -150,11 +137,10 @@ def in_one_sentence() -> Iterator[None]:
 def is_of_file(error: BaseException) -> bool:
     """Tell whether an error is of decoding, or of a library that met a damaged file.
 
-    Others, as a TypeError in a module of this package, are faults of the program: the traceback
-    tells where, and no copy of the file mends them.
+    A TypeError in a module of this package, for example, is a fault of the program: the traceback
+    tells where, and no copy of the file mends it.
     """
-    package_of_error = type(error).__module__.partition(".")[0]
-    if isinstance(error, DECODING_ERRORS) or package_of_error not in sys.stdlib_module_names:
+    if not isinstance(error, FAULTS):
         return True
     places = traceback.extract_tb(error.__traceback__)
     return not places or not Path(places[-1].filename).is_relative_to(PACKAGE)

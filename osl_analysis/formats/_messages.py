@@ -279,28 +279,17 @@ class Topic:
         paths = self.table.drop(PLACE, LOG_TIME).columns
         for path in paths:
             likely = next((unit for start, unit in units.items() if path.startswith(start)), "")
-            channels.append(
-                Channel(
-                    address={**address, "field": path},
-                    rows=rows,
-                    read=partial(self.column, path),
-                    name=last_name(path),
-                    likely_unit=likely,
-                )
-            )
+            read = partial(self.column, path)
+            place = {**address, "field": path}
+            channels.append(Channel(place, rows, read, last_name(path), likely_unit=likely))
         for stamp in stamps:
             for parts in stamp_fields(stamp):
                 if set(parts) <= set(paths):
-                    channels.append(
-                        Channel(
-                            address={**address, "field": stamp},
-                            rows=rows,
-                            read=partial(self._whole_stamps, parts),
-                            name=last_name(stamp),
-                            unit="ns",
-                            kind=Kind.CLOCK,
-                        )
-                    )
+                    read = partial(self._whole_stamps, parts)
+                    place = {**address, "field": stamp}
+                    name = last_name(stamp)
+                    clock = Channel(place, rows, read, name, unit="ns", kind=Kind.CLOCK)
+                    channels.append(clock)
         return channels
 
     def _whole_stamps(self, parts: Sequence[str]) -> NDArray[Any]:
@@ -360,12 +349,10 @@ class Log:
             topic.has_two_types |= (topic.encoding, topic.schema) != (encoding, schema)
             self.topic_of[channel] = topic
 
-    def add(
-        self, channels: NDArray[np.int64], messages: Bytes, log_times_ns: NDArray[np.int64]
-    ) -> None:
+    def add(self, channels: NDArray[Any], messages: Bytes, log_times_ns: NDArray[np.int64]) -> None:
         """Give messages, each of a channel, to their topics."""
         content, starts, lengths = messages
-        for channel in np.unique(channels).tolist():
+        for channel in np.flatnonzero(np.bincount(channels)).tolist():
             own = np.flatnonzero(channels == channel)
             self.read[self.name_of.get(channel, UNDECLARED)] += own.size
             if channel in self.topic_of:

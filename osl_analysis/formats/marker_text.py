@@ -233,11 +233,7 @@ def exported_plate(
     )
 
 
-class QualisysSource(MarkerSource):
-    """The source file of markers in Qualisys' TSV."""
-
-
-def read_qualisys(path: Path, source: QualisysSource | None) -> Recording:
+def read_qualisys(path: Path, source: MarkerSource | None) -> Recording:
     """Read the markers; refused if the keys contradict the frames."""
     text = read_text(path)
     rows = rows_of(text)
@@ -267,7 +263,7 @@ QUALISYS_FORMAT = Format(
     name="qualisys",
     suffixes=(),
     begins=partial(begins_with_key, key=QUALISYS),
-    source=QualisysSource,
+    source=MarkerSource,
     read=read_qualisys,
 )
 

@@ -11,6 +11,7 @@ from contextlib import suppress
 from io import BytesIO
 from operator import methodcaller
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mcap.data_stream import ReadDataStream
@@ -38,6 +39,8 @@ MESSAGE = np.dtype(
 )
 MESSAGE_CODE = int(Opcode.MESSAGE)  # compared faster
 MESSAGE_HEAD = MESSAGE.itemsize - RECORD.size  # bytes of the head within the content
+INDEX_HEAD = struct.Struct("<BQHI")  # opcode, length of the content, channel, size of the entries
+INDEX_ENTRY = np.dtype([("log_time", "<u8"), ("place", "<i8")])  # place in the chunk [bytes]
 
 
 class Log(_messages.Log):
@@ -82,10 +85,16 @@ class Log(_messages.Log):
         if self.checked:
             self.checksums = "checked" if self.checked == self.read.total() else "mixed"
 
-    def _take_records(self, data: bytes, position: int) -> int:
-        """Read the records from a place on, as far as they go, and give where the last one ends."""
+    def _take_records(self, data: bytes, position: int, listed: Any = ()) -> int:
+        """Read the records from a place on, as far as they go, and give where the last one ends.
+
+        Parameters
+        ----------
+        listed
+            Places of the messages up to the end, where they are known.
+        """
         places: list[int] = []
-        size = len(data)
+        size = int(listed[0]) if len(listed) else len(data)
         while position + RECORD.size <= size:
             opcode, length = RECORD.unpack_from(data, position)
             begin = position + RECORD.size
@@ -100,20 +109,20 @@ class Log(_messages.Log):
             elif opcode == Opcode.CHANNEL:
                 self._declare_channel(Channel.read(_stream(data[begin:end])))
             elif opcode == Opcode.CHUNK:
-                self._take_chunk(Chunk.read(_stream(data[begin:end])))
+                self._take_chunk(Chunk.read(_stream(data[begin:end])), data, end)
             position = end
-        self._take_messages(data, np.array(places, np.int64))
-        return position
+        self._take_messages(data, np.append(places, listed).astype(np.int64))
+        return len(data) if position == size else position
 
-    def _take_chunk(self, chunk: Chunk) -> None:
-        """Read the records of a chunk; one that is damaged is lost."""
+    def _take_chunk(self, chunk: Chunk, data: bytes, end: int) -> None:
+        """Read the records of a chunk that ends at a place; one that is damaged is lost."""
         from mcap.stream_reader import get_chunk_data_stream  # as above
 
         before = self.read.total()
         try:
             stream, _ = get_chunk_data_stream(chunk, validate_crc=True)
             content: bytes = stream.read(chunk.uncompressed_size)
-            end = self._take_records(content, 0)
+            end = self._take_records(content, 0, _listed_places(data, end, content))
             if end < len(content):
                 raise ValueError(f"it holds no record at byte {end} of its {len(content)} bytes")
         except Exception as error:  # whatever the library meets in a damaged chunk
@@ -130,11 +139,30 @@ class Log(_messages.Log):
         heads = rows_at(content, places, MESSAGE.itemsize).view(MESSAGE)
         lengths = heads["length"].astype(np.int64) - MESSAGE_HEAD
         messages = (content, places + MESSAGE.itemsize, lengths)
-        self.add(heads["channel"].astype(np.int64), messages, heads["log_time"].astype(np.int64))
+        self.add(heads["channel"].copy(), messages, heads["log_time"].astype(np.int64))
 
     def _declare_channel(self, channel: Channel) -> None:
         schema = self.schemas.get(channel.schema_id, _messages.NO_SCHEMA)
         self.declare(channel.id, channel.topic, channel.message_encoding, schema)
+
+
+def _listed_places(data: bytes, position: int, content: bytes) -> Any:
+    """Places of the messages in a chunk by the indexes behind it; none where these are damaged, or
+    something else stands between the messages or behind them."""
+    places: list[Any] = []
+    with suppress(LookupError, ValueError, struct.error):
+        while data[position] == Opcode.MESSAGE_INDEX:
+            _, length, _, size = INDEX_HEAD.unpack_from(data, position)
+            begin = position + INDEX_HEAD.size
+            places.append(np.frombuffer(data[begin : begin + size], INDEX_ENTRY)["place"])
+            position += RECORD.size + length
+        listed = np.sort(np.concatenate(places))
+        heads = rows_at(content, listed, MESSAGE.itemsize).view(MESSAGE)
+        ends = listed + RECORD.size + heads["length"].astype(np.int64)
+        follows = ends == np.append(listed[1:], len(content))
+        if (follows & (heads["opcode"] == MESSAGE_CODE)).all():
+            return listed
+    return ()
 
 
 def _stream(content: bytes) -> ReadDataStream:

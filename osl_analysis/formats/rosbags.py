@@ -132,10 +132,11 @@ class Database(Log):
         with suppress(sqlite3.OperationalError):  # bags have them since ROS 2 Iron
             for kind, encoding, text in connection.execute(DEFINITIONS):
                 definitions[kind] = (encoding, text)
-        for number, name, kind, form in connection.execute(TOPICS).fetchall():
+        topics = connection.execute(TOPICS).fetchall()
+        for number, (key, name, kind, form) in enumerate(topics):
             encoding, text = definitions.get(kind) or _standard_definition(kind)
             self.declare(number, name, form, Schema(0, text.encode(), encoding, kind))
-            cursor = connection.execute(MESSAGES, (number,))
+            cursor = connection.execute(MESSAGES, (key,))
             while rows := cursor.fetchmany(ROWS_AT_ONCE):
                 times_ns, payloads = zip(*rows, strict=True)
                 lengths = np.array([len(payload) for payload in payloads])

@@ -79,7 +79,7 @@ class Rows:
     lines: NDArray[np.int64] | None = None
     noun: str = "row"
 
-    def place(self, row: int) -> str:
+    def place(self, row: int | np.integer) -> str:
         """Name a row, counted from 0, to a user."""
         if self.lines is None:
             return f"{self.noun} {row + 1} of {self.count}"

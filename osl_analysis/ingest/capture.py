@@ -202,7 +202,7 @@ def vertical_axis(markers: Sequence[Channel], plates: Sequence[Plate] = ()) -> s
     normals = np.abs([own_axes(plate.corners)[:, 2] for plate in plates])
     if normals.size and np.isfinite(normals).all():
         normal = normals.mean(axis=0)
-        return "xyz"[int(np.argmax(normal))] if normal.max() > LIMITS.least_level else ""
+        return "xyz"[np.argmax(normal)] if normal.max() > LIMITS.least_level else ""
     whole = [marker.values for marker in markers if not np.isnan(marker.values).any()]
     if len(whole) < 4:
         return ""
@@ -210,7 +210,7 @@ def vertical_axis(markers: Sequence[Channel], plates: Sequence[Plate] = ()) -> s
     apart = np.median(positions, axis=0).std(axis=0)
     moved = np.median(positions.std(axis=0), axis=0)
     # along a vertical axis the markers move by less than half of what lies between them
-    vertical = int(np.argmax(apart))
+    vertical = np.argmax(apart)
     walks = moved.max() > LIMITS.least_moved * apart[vertical]
     is_level = moved[vertical] < min(0.5 * apart[vertical], moved.max())
     return "xyz"[vertical] if walks and is_level else ""

@@ -81,7 +81,7 @@ def usual_step(time: Array) -> float:
 def fit_clock(slave: Edges, master: Edges) -> ClockFit:
     """Match the edges by the pattern of their intervals, and fit offset and drift without outliers.
     An edge has the error of sampling, uniform within one interval."""
-    noise = float(np.hypot(slave.step, master.step)) / np.sqrt(12)
+    noise = np.hypot(slave.step, master.step) / np.sqrt(12)
     limit = max(slave.step, master.step)
     rough = robust_line(*pairs_alike(slave, master), noise)
     line = robust_line(*pairs_near(rough, slave, master), noise)
@@ -187,7 +187,7 @@ def gate_fit(pulses: Edges, time: Array) -> ClockFit:
     """
     edges, is_rising, step = pulses
     capture_step = usual_step(time)
-    length = float(np.ptp(time)) + capture_step
+    length = np.ptp(time) + capture_step
     slack = LIMITS.gate_steps * max(step, capture_step) + LIMITS.largest_drift * length
     starts = edges[:-1][is_rising[:-1] & (np.abs(np.diff(edges) - length) <= slack)]
     if starts.size != 1:
@@ -197,8 +197,8 @@ def gate_fit(pulses: Edges, time: Array) -> ClockFit:
             " align the clocks by an angle that both recorded, `shared` in the capture's source"
             " file"
         )
-    residual = float(np.hypot(step, capture_step)) / np.sqrt(12)
-    return ClockFit(-float(starts[0]), 0.0, residual / length, residual, edges=2, method="gate")
+    residual = np.hypot(step, capture_step) / np.sqrt(12)
+    return ClockFit(-starts[0], 0.0, residual / length, residual, edges=2, method="gate")
 
 
 def correlate_clocks(slave: Signal, master: Signal) -> ClockFit:

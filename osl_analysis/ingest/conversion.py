@@ -117,7 +117,7 @@ def check_finite_values(what: str, values: Array, time: Array) -> None:
     finite = np.isfinite(values)
     if finite.all():
         return
-    row = int(np.argmin(finite))
+    row = np.argmin(finite)
     raise InputError(
         f"{what}: {values[row]} in sample {row + 1} of {values.size}, at {time[row]:.3f} s; repair"
         " the recording or exclude the trial in the sheet"
@@ -169,11 +169,11 @@ def canonical_column(
     values[lacking] = 0.0
     missing = np.isnan(values)
     check_finite_values(setting.title, np.where(missing, 0.0, values), time)
-    count = int(missing.sum())
+    count = missing.sum()
     if count > source.most_missing * values.size:
         raise InputError(
             f"{setting.title}: missing in {count} of {values.size} {rows.noun}s, first in"
-            f" {rows.place(int(np.argmax(missing)))}; more than the {source.most_missing:.1%} of"
+            f" {rows.place(np.argmax(missing))}; more than the {source.most_missing:.1%} of"
             " `most_missing`: repair the recording, or write `most_missing:"
             f" {share_above(count, values.size):g}` in the source file"
         )
@@ -241,7 +241,7 @@ def checked_counts(
     counts = np.ma.filled(raw.astype(np.float64), np.nan)
     is_count = (counts == np.rint(counts)) & (np.abs(counts) < LARGEST_COUNT)
     if raw.dtype == bool or not is_count.all():
-        row = int(np.argmin(is_count))
+        row = np.argmin(is_count)
         raise InputError(
             f"{setting.ADDRESS} '{setting.counter}': {counts[row]:g} in {rows.place(row)}, at"
             f" {time[row]:.3f} s, is no count of samples, a whole number below 9.01e+15; correct"
@@ -320,7 +320,7 @@ def fresh_rows(
     every = np.arange(stamps.size)
     since_first = (stamps - stamps[0]).astype(np.float64)
     steps = np.abs(np.diff(since_first, prepend=0.0))
-    far = max(least, LIMITS.far_steps * float(np.median(steps)))
+    far = max(least, LIMITS.far_steps * np.median(steps))
     if steps.max() <= far:
         return every, []
     usual = scipy.ndimage.median_filter(since_first, LIMITS.median_rows, mode="mirror")
@@ -329,6 +329,6 @@ def fresh_rows(
         return every, []
     remark = (
         f"{stale.size} of {rows.count} {rows.noun}s have a stamp of another time, as of a packet"
-        f" that waited in a buffer, and were left out, first {rows.place(int(stale[0]))}"
+        f" that waited in a buffer, and were left out, first {rows.place(stale[0])}"
     )
     return np.delete(every, stale), [remark]

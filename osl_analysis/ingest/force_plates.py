@@ -193,7 +193,7 @@ def channel_facts(
         facts.append(
             {
                 "label": printable(channel.name or channel.key),
-                "clipped_at": float(values[rail.start]) if rail.stop else None,
+                "clipped_at": values[rail.start] if rail.stop else None,
                 **facts_of_run("clipped", rail, rate),
                 **facts_of_run("stands", longest, rate),
             }

@@ -106,7 +106,7 @@ def check_recording(
     time = trial.arrays()[0]
     # The mean step: stamps of a late host come in clusters, and the steps within one are
     # microseconds.
-    step = float(np.ptp(time)) / max(len(time) - 1, 1)
+    step = np.ptp(time) / max(len(time) - 1, 1)
     if 0 < step < LIMITS.shortest_step_s:
         larger = Change("take a 1000 times larger `unit` of `time` (s for ms)", {"time": 1e3})
         raise InputError(
@@ -129,7 +129,7 @@ def check_recording(
             " it jumps as an encoder that begins anew, state after how much, as `wraps_at: 360`",
             changes_of_angle(trial, torque, angle, limits.largest_angle),
         )
-    largest = float(np.abs(measured).max(initial=0.0))
+    largest = np.abs(measured).max(initial=0.0)
     if limits.load_cell_range is not None and largest > limits.load_cell_range:
         raise InputError(
             f"{who} {torque} reaches {largest:.4g} N*m, more than the {limits.load_cell_range:g}"
@@ -167,8 +167,8 @@ def swapped_channels(trial: Trial, angle: str, torque: str) -> list[Change]:
             f" {unit}` of {angle} and `unit: {unit_of_torque}` of {torque}"
         )
         factors = {
-            angle: si_factor(unit, "rad") / float(of_torque.get("factor", 1)),
-            torque: si_factor(unit_of_torque, "N*m") / float(of_angle.get("factor", 1)),
+            angle: si_factor(unit, "rad") / of_torque.get("factor", 1),
+            torque: si_factor(unit_of_torque, "N*m") / of_angle.get("factor", 1),
         }
         swapped = {angle: torque, torque: angle}
         changes.append(Change(words, factors, swapped, rank=len(changes)))
@@ -186,7 +186,7 @@ def in_other_units(trial: Trial, columns: Sequence[str]) -> list[Change]:
     """The changes that take columns for numbers of another unit than they are declared in, the more
     usual unit first. A unit with which the joint hardly moves is none of them."""
     si_unit = unit_of(columns[0])
-    declared = float(origin(trial, columns[0]).get("factor", 1))
+    declared = origin(trial, columns[0]).get("factor", 1)
     turn = 2 * half_range(trial, "theta") if "theta" in trial.columns else math.inf
     changes: list[Change] = []
     for unit in CONFUSED_UNITS[si_unit]:

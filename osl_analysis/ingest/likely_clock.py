@@ -80,9 +80,9 @@ def unwrapped(readings: NDArray[Any]) -> tuple[NDArray[Any], int, int]:
     """
     steps = np.diff(readings.astype(np.float64))
     goes_back = steps < 0
-    are_counts = bool((readings == np.rint(readings)).all())
+    are_counts = (readings == np.rint(readings)).all()
     if goes_back.any() and are_counts and (steps > 0).any():
-        usual = float(np.median(steps[steps > 0]))
+        usual = np.median(steps[steps > 0])
         turns = np.append(0, np.cumsum(goes_back))
         for bits in LIMITS.overflow_bits:
             across = steps[goes_back] + 2.0**bits
@@ -98,11 +98,8 @@ def ticks(values: NDArray[Any], unit: str) -> bool:
     steps = np.diff(unwrapped(known)[0])
     if steps.size < LIMITS.fewest_ticks or not (steps >= 0).all():
         return False
-    usual = float(np.median(steps))
-    if (
-        not usual > 0
-        or float(np.mean(np.abs(steps / usual - 1) < LIMITS.even_step)) <= LIMITS.even_share
-    ):
+    usual = np.median(steps)
+    if not usual > 0 or np.mean(np.abs(steps / usual - 1) < LIMITS.even_step) <= LIMITS.even_share:
         return False
     return bool(is_of_time(unit) if unit else time_unit(values))
 
@@ -123,7 +120,7 @@ def time_unit(clock: Array) -> str:
     """
     rate = rate_of(clock)
     steps = np.diff(clock)
-    counts = rate == 1 and bool((steps == np.rint(steps)).all())
+    counts = rate == 1 and (steps == np.rint(steps)).all()
     if rate is None or clock.size < LIMITS.fewest_ticks or counts:
         return ""
     lowest, highest = LIMITS.recorded_hz
@@ -241,8 +238,8 @@ def check_other_clocks(
                     f"{key} '{channel.key}' tells another time for what stands beside it; export"
                     " the channels of each rate on their own, or each with the time of all"
                 )
-        span = float(np.ptp(time[np.isfinite(readings)]))
-        ratio = span_ratio(float(steps.sum()), span)
+        span = np.ptp(time[np.isfinite(readings)])
+        ratio = span_ratio(steps.sum(), span)
         if rate is not None and abs(ratio - 1) > LIMITS.wrong_rate:
             raise InputError(
                 f"`rate: {rate:g}` of time, but {key} '{channel.key}' rises by"
@@ -304,4 +301,4 @@ def rates_in_file(
         if channel.rows.count == 1 and (channel.name or channel.key).lower().endswith("fs"):
             values = numbers_of(channel)
             if values[0] > 0:
-                yield channel.key, float(values[0])
+                yield channel.key, values[0]

@@ -65,7 +65,7 @@ def convert_messages(recording: Recording, source: MessageSource) -> Converted:
         contradicted += left_out
         warnings += [f"topic '{name}': {text}" for text in remarks]
     joined = join_on_stamp([*tables.values()])
-    start = int(joined["stamp"][0])
+    start = joined["stamp"][0]
     time = ((joined["stamp"] - start) / SECOND_NS).alias("time")
     facts: dict[str, Any] = {
         **recording.facts,
@@ -142,7 +142,7 @@ def stamps_of(recording: Recording, source: MessageSource, rows: Rows) -> NDArra
     with naming("time", ", or write source: log"):
         stamp = recording.find({"topic": rows.name, "field": source.time.field})
     stamps = stamp.read()  # once: not kept, as its values would be
-    lacking = int(np.ma.getmaskarray(stamps).sum())
+    lacking = np.ma.getmaskarray(stamps).sum()
     if lacking:
         raise InputError(
             f"{lacking} of {rows.count} messages have no '{source.time.field}'; write source: log"
@@ -159,7 +159,7 @@ def count_late(stamp: NDArray[np.int64]) -> int:
     back_ns = np.maximum.accumulate(stamp) - stamp
     is_late = back_ns > 0
     if back_ns.max() > SET_BACK_NS or is_late[longest_run(is_late)].size > MOST_LATE:
-        row = int(np.argmax(back_ns))
+        row = np.argmax(back_ns)
         raise InputError(
             f"time goes back by {back_ns[row] / SECOND_NS:.6f} s at message {row + 1} of"
             f" {stamp.size}; the clock was set while recording, or a whole buffer came late: write"
@@ -188,7 +188,7 @@ def join_on_stamp(tables: Sequence[pl.DataFrame]) -> pl.DataFrame:
     stacked = pl.concat(tables, how="diagonal")
     order = np.argsort(stacked["stamp"].to_numpy(), kind="stable")  # of runs: three times as fast
     stacked = stacked[order]
-    repeats = [bool((table["stamp"].diff() == 0).any()) for table in (stacked, *tables)]
+    repeats = [(table["stamp"].diff() == 0).any() for table in (stacked, *tables)]
     if repeats[0] and not any(repeats[1:]):
         return pl.concat(tables, how="align_full")
     return stacked

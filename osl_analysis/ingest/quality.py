@@ -91,7 +91,7 @@ def not_applicable(reason: str) -> CheckResult:
 def longest_gap(time: Array) -> float:
     """The longest of the steps of stamps (n,) [s] beyond the usual one; 0 if none is longer than
     1.5."""
-    longest = float(np.diff(time).max(initial=0.0))
+    longest = np.diff(time).max(initial=0.0)
     usual = usual_step(time)
     return longest - usual if longest > 1.5 * usual else 0.0
 
@@ -137,7 +137,7 @@ def measure_damage(examined: Examined) -> dict[str, float]:
 
 def measure_truncation(examined: Examined) -> dict[str, float]:
     reports = examined.trial.provenance.get("damage", {})
-    return {role: float(damage["end_missing"]) for role, damage in reports.items()}
+    return {role: damage["end_missing"] for role, damage in reports.items()}
 
 
 def measure_units(examined: Examined) -> dict[str, float]:
@@ -266,7 +266,7 @@ def measure_stuck(examined: Examined) -> dict[str, float]:
     seconds: dict[str, float] = {}
     motion = recorded(trial, examined.moved)
     at, angle = motion
-    turns = bool((angle != angle[:1]).any())
+    turns = (angle != angle[:1]).any()
     for name in noisy_channels(trial):
         time, values = recorded(trial, name)
         is_command = name == "current" and has_levels(values)
@@ -280,7 +280,7 @@ def measure_stuck(examined: Examined) -> dict[str, float]:
         runs = standing_runs(at, angle, reference, LIMITS.clear_change)
         seconds[examined.moved] = longest_s(at, runs[runs[:, 1] == angle.size])
     elif angle.size and (experiment.motion or experiment.tables):
-        seconds[examined.moved] = 0.0 if turns else float(np.ptp(at))
+        seconds[examined.moved] = 0.0 if turns else np.ptp(at)
     return seconds
 
 
@@ -296,7 +296,7 @@ def measure_leaps(examined: Examined) -> dict[str, float]:
     leaps = {column: find_leaps(*trial.arrays(column)) for column in columns}
     every = np.sort(np.concatenate([*leaps.values(), []]))
     remedy = remedy_of_leaps(examined, every) if every.size else ""
-    return {f"{column} leaps{remedy}": float(times.size) for column, times in leaps.items()}
+    return {f"{column} leaps{remedy}": times.size for column, times in leaps.items()}
 
 
 def remedy_of_leaps(examined: Examined, leaps: Array) -> str:
@@ -304,7 +304,7 @@ def remedy_of_leaps(examined: Examined, leaps: Array) -> str:
     without any."""
     time = examined.fitted.samples["time"]
     edges = np.array([time[0], *leaps, time[-1]])
-    longest = int(np.argmax(np.diff(edges)))
+    longest = np.argmax(np.diff(edges))
     first = edges[longest] + LIMITS.beside_leap_s
     last = edges[longest + 1] - LIMITS.beside_leap_s
     remedy = "exclude the trial"
@@ -333,7 +333,7 @@ def measure_marker_gaps(examined: Examined) -> dict[str, float]:
         if column.startswith("marker_") and column.endswith("_x"):
             seen = recorded(examined.trial, column)[0]
             name = column.removeprefix("marker_").removesuffix("_x")
-            gaps[name] = longest_gap(seen) if seen.size else float(time[-1])
+            gaps[name] = longest_gap(seen) if seen.size else time[-1]
     return gaps
 
 
@@ -363,7 +363,7 @@ def pressed_plates(examined: Examined) -> Iterator[tuple[str, Array, Array]]:
     trial = examined.trial
     plates = trial.provenance.get("plates", []) if examined.experiment.walker else []
     for plate in plates:
-        number, corners = int(plate["plate"]), np.array(plate["corners"], dtype=float)
+        number, corners = plate["plate"], np.array(plate["corners"], dtype=float)
         columns = [*plate_columns(number, "force"), *plate_columns(number, "moment")]
         if not set(columns) <= set(trial.columns):
             continue
@@ -381,7 +381,7 @@ def measure_pressure_centres(examined: Examined) -> dict[str, float]:
     samples. The first and last samples of a stance are inexact. While a plate is turned, its own
     inertia, which the analysis takes away, moves the point far out."""
     return {
-        plate: float(np.percentile(beside(points, corners), 80))
+        plate: np.percentile(beside(points, corners), 80)
         for plate, corners, points in pressed_plates(examined)
     }
 
@@ -392,7 +392,7 @@ def measure_pressure_travel(examined: Examined) -> dict[str, float]:
     if examined.experiment.tables:  # somebody walks
         for plate, _, points in pressed_plates(examined):
             low, high = np.percentile(points, [5, 95], axis=0)
-            ways[plate] = float(np.hypot(*(high - low)))
+            ways[plate] = np.hypot(*(high - low))
     return ways
 
 

@@ -263,7 +263,7 @@ def merged(log: Converted, mocap: Converted, fit: ClockFit) -> pl.DataFrame:
     is motion capture's."""
     log_time = pl.Series("log_time", fit.to_master(log.samples["time"].to_numpy()))
     own = log.samples.drop("time", "sync", strict=False).insert_column(0, log_time)
-    rows = own.filter(log_time.is_between(0.0, float(mocap.samples["time"][-1])))
+    rows = own.filter(log_time.is_between(0.0, mocap.samples["time"][-1]))
     if rows.is_empty():
         raise InputError(
             "log and motion capture do not overlap in time; check that they are of the same trial"

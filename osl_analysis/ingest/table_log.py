@@ -288,17 +288,17 @@ def at_clock(
     # those of a longer channel that is not asked, or lines of another device
     is_empty = np.all([is_missing(readings) for readings in (raw, *values.values())], axis=0)
     places = np.flatnonzero(~is_empty | is_empty.all())
-    left_out = int(is_empty[: places[-1]].sum())
+    left_out = is_empty[: places[-1]].sum()
     if left_out:
         remarks.append(
             f"{left_out} of {places[-1] + 1} {rows.noun}s have none of the asked values and were"
-            f" left out, first {rows.place(int(np.argmax(is_empty)))}"
+            f" left out, first {rows.place(np.argmax(is_empty))}"
         )
     if places.size < rows.count:
         rows = rows_at(rows, places)
     lacks = is_missing(raw[places])
     if raw.dtype == bool or lacks.any():
-        place = rows.place(int(np.argmax(lacks)))
+        place = rows.place(np.argmax(lacks))
         raise InputError(f"{what}: no time in {place}; remove it there, {other}")
     numbers = np.ma.getdata(raw)[places]
     if numbers.dtype.kind == "f":  # single precision would round the differences
@@ -309,7 +309,7 @@ def at_clock(
         factor = 1 / source.time.rate
         is_broken = numbers != np.rint(numbers)
         if is_broken.any():
-            row = int(np.argmax(is_broken))
+            row = np.argmax(is_broken)
             raise InputError(
                 f"{what}: {numbers[row]} in {rows.place(row)} is no count of samples, which a"
                 " column beside `rate` is; state its unit in place of the rate"
@@ -323,9 +323,9 @@ def at_clock(
     rows, numbers = rows_at(rows, fresh), numbers[fresh]
     time = np.asarray((numbers - numbers[0]) * factor, dtype=np.float64)
     check_time(what, time)
-    check_clock_runs(rows, source, time, float(numbers[0]) * factor)
+    check_clock_runs(rows, source, time, numbers[0] * factor)
     kept = {column: readings[places[fresh]] for column, readings in values.items()}
-    return Table(rows, time, float(numbers[0]), kept, [*remarks, *stale])
+    return Table(rows, time, numbers[0], kept, [*remarks, *stale])
 
 
 def is_missing(readings: NDArray[Any]) -> NDArray[np.bool_]:
@@ -365,7 +365,7 @@ def check_clock_runs(rows: Rows, source: TableSource, time: Array, start_s: floa
     other = f"take another {source.time.ADDRESS}, or {STATE_RATE}"
     if has_changes:  # whole seconds still tell the rate, from the first change to the last
         other += f": its stamps tell {(first[-1] - first[1]) / steps[1:].sum():.4g}"
-    row = int(first[counts.argmax()])
+    row = first[counts.argmax()]
     raise InputError(
         f"{source.time.title}: time stands still at {start_s + time[row]:.15g} s in {most} of"
         f" {time.size} {rows.noun}s, from {rows.place(row)} on: it stopped, or tells no less; cut"

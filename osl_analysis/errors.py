@@ -39,11 +39,6 @@ def shortened(text: str, most: int = 80) -> str:
     return f"{whole_words} ..." if whole_words else f"{text[:most]}..."
 
 
-def quoted(data: bytes) -> str:
-    """Bytes for a message, as the text that they may be."""
-    return repr(data.decode("latin-1"))
-
-
 def nearest(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
     """The end of a message about an unknown name: a question with the most similar known name, or
     empty."""

@@ -90,17 +90,6 @@ def significant(value: float, digits: int = 2) -> str:
     return np.format_float_positional(value, digits, unique=False, fractional=False, trim="-")
 
 
-def true_differences(distinct: Array) -> Array:
-    """Differences of distinct values (n,) in their order that are more than rounding of the last
-    bits or decimals. A few values that are far off do not change what is usual."""
-    low, high = np.quantile(distinct, (0.05, 0.95))
-    differences = np.diff(distinct)
-    usual = max(high - low, np.finfo(float).eps * np.abs(distinct).max()) / len(distinct)
-    # closer values are one value with other errors of rounding, as of a mean of a few decimals
-    rounding_share = 0.02
-    return np.asarray(differences[differences > rounding_share * usual])
-
-
 def visible_step(values: Array) -> float | None:
     """Find the step to which a signal was rounded.
 
@@ -118,10 +107,16 @@ def visible_step(values: Array) -> float | None:
     """
     if not len(values) or not np.isfinite(values).all():
         return None
-    distinct = pl.Series(values).unique()  # by hashes: only the few of a rounded signal are sorted
-    if not 2 <= len(distinct) <= len(values) // 2:
+    unique = pl.Series(values).unique()  # by hashes: only the few of a rounded signal are sorted
+    if not 2 <= len(unique) <= len(values) // 2:
         return None
-    differences = true_differences(distinct.sort().to_numpy())
+    distinct = unique.sort().to_numpy()
+    low, high = np.quantile(distinct, (0.05, 0.95))  # a few values far off do not change the usual
+    differences = np.diff(distinct)
+    usual = max(high - low, np.finfo(float).eps * np.abs(distinct).max()) / len(distinct)
+    # closer values are one value with other errors of rounding, as of a mean of a few decimals
+    rounding_share = 0.02
+    differences = differences[differences > rounding_share * usual]
     if len(differences) < 2:
         return None
     step = float(np.median(differences[differences < 1.5 * np.min(differences)]))

@@ -190,12 +190,12 @@ class Trial:
 
     def within(self, windows: str) -> "Trial":
         """The samples within windows [s] after the first one, stated as `2-30 40-62`."""
-        time = self.samples["time"]
-        start = time[0]
-        is_inside = pl.zeros(len(time), pl.Boolean, eager=True)
-        for first, last in stretches(windows):
-            is_inside |= time.is_between(start + first, start + last)
-        return replace(self, samples=self.samples.filter(is_inside), clocks={})
+        start = self.samples["time"][0]
+        is_inside = [
+            pl.col("time").is_between(start + first, start + last)
+            for first, last in stretches(windows)
+        ]
+        return replace(self, samples=self.samples.filter(pl.any_horizontal(is_inside)), clocks={})
 
     def cut_to(self, windows: str) -> "tuple[Trial, str]":
         """The samples from the first window to the end of the last one, as stated for `within`, and

@@ -8,6 +8,7 @@ import math
 import re
 from collections.abc import Sequence
 from functools import cache, partial
+from itertools import chain
 from pathlib import Path
 from typing import Annotated
 
@@ -127,9 +128,10 @@ def torque_spelled(match: re.Match[str]) -> str:
 # ---- Names that end with a unit, such as `ankle_deg`
 
 # what a name may end with; no `m`, since `theta_m` is the motor's
-SPELLED = [*ALIASES, *(spelling for units in EXAMPLES.values() for spelling in units)]
-AT_END = {spelling: spelling for spelling in SPELLED if spelling.isalpha() and spelling != "m"}
-AT_END.update(DATA["endings"])
+AT_END: dict[str, str] = {
+    **{name: name for name in chain(ALIASES, *EXAMPLES.values()) if name.isalpha() and name != "m"},
+    **DATA["endings"],
+}
 # as `SEC` and `mSec`: only a letter alone has a meaning by its case
 IN_ANY_CASE = {spelling.lower(): unit for spelling, unit in AT_END.items() if len(spelling) > 1}
 DIVISORS = ("s", "rad", "deg")  # that a name may spell behind its unit

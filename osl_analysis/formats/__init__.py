@@ -29,7 +29,7 @@ from typing import Any
 
 import numpy as np
 
-from osl_analysis.errors import InputError, naming, quoted
+from osl_analysis.errors import InputError, naming
 from osl_analysis.recording import Format, Recording
 
 FIRST_BYTES = 65_536  # of a file, by which its format is recognised
@@ -85,8 +85,9 @@ def recognise(path: Path, stated: str = "") -> Format:
         suffix = path.suffix.lower()
         formats = [known for known in known_formats().values() if suffix in known.suffixes]
     if not formats:
+        begin = beginning(path)[:8].decode("latin-1")
         raise InputError(
-            f"{path}: of no known format (it begins with {quoted(beginning(path)[:8])}); export it"
+            f"{path}: of no known format (it begins with {begin!r}); export it"
             f" as one of {', '.join(known_formats())}, or name the recording itself"
         )
     of_name = [one for one in formats if one.name == stated and not one.is_any_text]

@@ -9,24 +9,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.errors import Change, InputError
-from osl_analysis.measured import usual_size
+from osl_analysis.measured import rms, usual_size
 from osl_analysis.signals import sampling_rate
 from osl_analysis.trial import Array
 
 # Relative differences of a recorded sine from the commanded one
 LOST_AMPLITUDE = 0.25  # a dynamometer loses some of it
-CLOCK_ERROR = 0.05  # of a frequency; more than any clock is off
 SAME_RATE = 1e-3  # of two frequencies; runs that agree so well share one
 LARGEST_SLIP = 2e-3  # cycles by which a run may slip against the commanded frequency
 OTHER_UNIT = 10  # an amplitude so many times larger or smaller is in another unit
 
-# Largest relative differences between neighbouring cycles of a run; a bench loses as much amplitude
-# at 5 Hz.
-SAME_FREQUENCY = 0.05
-SAME_AMPLITUDE = 0.15
+# Largest relative differences between neighbouring cycles of a run
+SAME_FREQUENCY = 0.05  # also from the commanded one; more than any clock is off
+SAME_AMPLITUDE = 0.15  # a bench loses as much at 5 Hz
 # Largest relative difference of a cycle's amplitude from its run's median; beyond, cycles at its
 # ends are a ramp.
 ONE_HEIGHT = 0.06
@@ -36,20 +35,20 @@ MISSING_CYCLE = 0.25  # cycles that may be missing at the ends of a run
 BEGINS_AT_CENTRE = 0.5  # rad of the phase of a run that begins at its centre and rises
 
 BIN_S = 0.25  # time [s] within which a moving joint turns measurably
-MOVING_SHARE = 0.02  # smallest share of its range by which it then turns
-MOVING_NOISES = 12  # standard deviations of the noise; a sensor at rest turns by less
-DEAD_BAND = 0.02  # of the largest angle: rests and noise stay within
-DEAD_BAND_NOISES = 5  # standard deviations of the noise
+MOVING_SHARE = 0.02  # smallest share of its range by which it then turns; rests stay within
+# standard deviations of the noise, within which the turn and the angle of a sensor at rest stay
+MOVING_NOISES = 12
+DEAD_BAND_NOISES = 5
 # A second difference of white noise has sqrt(6) of its standard deviation; the median size is
 # 0.6745 of a normal one.
 SECOND_DIFFERENCE = 0.6745 * np.sqrt(6)
 
 SAMPLES_PER_CYCLE = 64  # tell all of a sine
 FEWEST_SAMPLES = 8  # for a sine with its growth and a centre
-FREQUENCY_ROUNDS = 4
 LARGEST_MISFIT = 0.3  # of the sine's RMS
-PURE_SINE = 0.08  # misfit of a pure sine, of its RMS; a triangle's is 0.12
-LEFT_SINE = 0.08  # of the amplitude, plus twice the misfit: the angle has left its sine
+PURE_SINE = 0.08
+"""Misfit of a pure sine, of its RMS; a triangle's is 0.12. An angle that deviates by so much of the
+amplitude, and twice the misfit, has left its sine."""
 STEADY = 0.01  # relative difference of a frequency between the halves of a run; a sweep's is more
 LEAST_SINES = 0.25  # of the moving time; below, a motion is no stepped sine
 
@@ -80,7 +79,7 @@ class SteppedSineProtocol:
 
     def frequency_near(self, frequency_hz: float) -> float | None:
         """The commanded frequency [Hz] within 5 % of a recorded one; else None."""
-        return followed(frequency_hz, self.frequencies_hz, CLOCK_ERROR)
+        return followed(frequency_hz, self.frequencies_hz, SAME_FREQUENCY)
 
 
 def stated_protocol(
@@ -155,18 +154,14 @@ class Sines:
         In order of time.
     moving : Array (n,) of bool
         Rows in which the joint moves.
-    share : float
-        Part of the moving time in runs that are commanded, or pure sines.
+    is_stepped : bool
+        Whether the motion is a stepped sine, and no other one: of the moving time more than
+        `LEAST_SINES` is in runs that are commanded, or pure sines.
     """
 
     runs: list[Run]
     moving: NDArray[np.bool_]
-    share: float
-
-    @property
-    def is_stepped(self) -> bool:
-        """Whether the motion is a stepped sine, and no other one."""
-        return self.share > LEAST_SINES
+    is_stepped: bool
 
 
 def find_sines(time: Array, theta: Array, protocol: SteppedSineProtocol) -> Sines:
@@ -190,25 +185,25 @@ def find_sines(time: Array, theta: Array, protocol: SteppedSineProtocol) -> Sine
     crossings = upward_crossings(time, theta, moving)
     fitted = [fit_run(time, theta, cycles) for cycles in similar_cycles(time, theta, crossings)]
     sines = [run for run in fitted if run is not None]
-    ends = [run.start for run in sines[1:]]
+    ends = [*(run.start for run in sines[1:]), float(time[-1])]
     fewest = int(min((*protocol.cycles_at, FEWEST_RUN_CYCLES)))
-    runs = []
+    found = []
     in_sines = np.zeros_like(moving)
     earliest = 0.0
-    for sine, latest in zip(sines, [*ends, float(time[-1])], strict=False):
+    for sine, latest in zip(sines, ends, strict=False):
         run = prolonged(time, theta, sine, earliest, latest)
         earliest = run.stop
         if run.cycles <= fewest - MISSING_CYCLE:
             continue
-        runs.append(run)
+        found.append(run)
         has_frequency = protocol.frequency_near(run.frequency_hz) is not None
         is_commanded = has_frequency and protocol.amplitude_near(run.amplitude) is not None
         is_pure = run.misfit < PURE_SINE * run.amplitude / np.sqrt(2)
         if run.is_steady and (is_commanded or is_pure):
             first, stop = np.searchsorted(time, (run.start, run.stop))
             in_sines[first:stop] = True
-    share = float(in_sines[moving].mean()) if moving.any() else 0.0
-    return Sines(runs, moving, share)
+    is_stepped = bool(in_sines[moving].sum() > LEAST_SINES * moving.sum())
+    return Sines(found, moving, is_stepped)
 
 
 def noise_of(theta: Array) -> float:
@@ -244,7 +239,7 @@ def upward_crossings(time: Array, theta: Array, moving: NDArray[np.bool_]) -> Ar
     median angle while the joint moves: it may rest elsewhere, and for longer.
     """
     x = theta - np.median(theta[moving] if moving.any() else theta)
-    dead_band = max(DEAD_BAND * np.abs(x).max(), DEAD_BAND_NOISES * noise_of(theta))
+    dead_band = max(MOVING_SHARE * np.abs(x).max(), DEAD_BAND_NOISES * noise_of(theta))
     beyond = np.flatnonzero(np.abs(x) > dead_band)
     is_above = x[beyond] > 0
     came_up = beyond[1:][is_above[1:] & ~is_above[:-1]]
@@ -282,44 +277,35 @@ def similar_cycles(time: Array, theta: Array, crossings: Array) -> list[Array]:
 
 def fit_run(time: Array, theta: Array, crossings: Array) -> Run | None:
     """Fit a sine through the rows between the first and the last crossing [s]; None if its misfit
-    exceeds 0.3 of its RMS.
-
-    The phasor may change linearly in time; the growth of its phase corrects the frequency.
-    """
+    exceeds 0.3 of its RMS."""
     first, last = np.searchsorted(time, crossings[[0, -1]])
-    cycles = len(crossings) - 1
-    stride = max((last - first) // (SAMPLES_PER_CYCLE * cycles), 1)
+    lengths = np.diff(crossings)
+    half = len(lengths) // 2
+    stride = max((last - first) // (SAMPLES_PER_CYCLE * len(lengths)), 1)
     t, x = time[first:last:stride], theta[first:last:stride]
     if len(t) < FEWEST_SAMPLES:
         return None
-    duration = float(crossings[-1] - crossings[0])
-    frequency_hz = cycles / duration
     middle = float(t.mean())
-    share = (t - middle) / duration
-    for _ in range(FREQUENCY_ROUNDS):
-        phase = 2 * np.pi * frequency_hz * (t - middle)
-        sine = np.array([np.cos(phase), -np.sin(phase)])
-        columns = np.vstack([np.ones_like(t), sine, share * sine])
-        coefficients = np.linalg.lstsq(columns.T, x)[0]
-        phasor, growth = complex(*coefficients[1:3]), complex(*coefficients[3:])
-        frequency_hz += (growth / phasor).imag / (2 * np.pi * duration)
 
-    half = cycles // 2
-    of_first_half = float(crossings[half] - crossings[0]) / half
-    of_second_half = float(crossings[-1] - crossings[half]) / (cycles - half)
+    def misfits(sine: Array) -> Array:
+        """What a sine of frequency [Hz], complex amplitude and centre leaves of the angle."""
+        frequency_hz, real, imaginary, centre = sine
+        turned = np.exp(2j * np.pi * frequency_hz * (t - middle))
+        return np.asarray(x - centre - (complex(real, imaginary) * turned).real)
+
+    likely = (1 / lengths.mean(), np.ptp(x) / 2, 0.0, x.mean())
+    sine = scipy.optimize.least_squares(misfits, likely, method="lm").x
+    frequency_hz, real, imaginary, centre = sine.tolist()
     run = Run(
         frequency_hz=frequency_hz,
-        phasor=phasor * np.exp(-2j * np.pi * frequency_hz * middle),
-        centre=float(coefficients[0]),
+        phasor=complex(real, imaginary) * np.exp(-2j * np.pi * frequency_hz * middle),
+        centre=centre,
         start=float(time[first]),
         stop=float(time[last - 1]),
-        misfit=0.0,
-        is_steady=abs(of_first_half / of_second_half - 1) < STEADY,
+        misfit=rms(misfits(sine)),
+        is_steady=abs(lengths[:half].mean() / lengths[half:].mean() - 1) < STEADY,
     )
-    misfit = float(np.sqrt(np.mean((x - run.angle(t)) ** 2)))
-    if misfit > LARGEST_MISFIT * run.amplitude / np.sqrt(2):
-        return None
-    return replace(run, misfit=misfit)
+    return run if run.misfit <= LARGEST_MISFIT * run.amplitude / np.sqrt(2) else None
 
 
 def prolonged(time: Array, theta: Array, run: Run, earliest: float, latest: float) -> Run:
@@ -327,7 +313,7 @@ def prolonged(time: Array, theta: Array, run: Run, earliest: float, latest: floa
     low, first, last, high = np.searchsorted(time, (earliest, run.start, run.stop, latest))
     rows = slice(low, high + 1)
     deviation = np.abs(theta[rows] - run.angle(time[rows]))
-    has_left = deviation > LEFT_SINE * run.amplitude + 2 * run.misfit
+    has_left = deviation > PURE_SINE * run.amplitude + 2 * run.misfit
     left_before = low + np.flatnonzero(has_left[: first - low])
     left_after = last + np.flatnonzero(has_left[last - low :])
     return replace(
@@ -396,22 +382,18 @@ def find_segments(
         )
     rate_hz = sampling_rate(time)
     amplitudes = meant_amplitudes(sines.runs, protocol.amplitudes)
-    meant = [
-        (run, amplitude)
-        for run, amplitude in zip(sines.runs, amplitudes, strict=True)
-        if amplitude is not None
-    ]
-    frequencies = common_frequencies([run for run, _ in meant], protocol)
+    meant = [run for run, size in zip(sines.runs, amplitudes, strict=True) if size is not None]
+    sizes = [size for size in amplitudes if size is not None]
+    frequencies = common_frequencies(meant, protocol)
     segments = []
-    for (run, amplitude), frequency_hz in zip(meant, frequencies, strict=True):
+    for run, size, frequency_hz in zip(meant, sizes, frequencies, strict=True):
         # in the middle: the ends of a run may lack a quarter of a cycle
         cycles = int(run.cycles + MISSING_CYCLE)
         length = cycles / frequency_hz
         start = (run.start + run.stop - length) / 2
-        turns_per_s = 2 * np.pi * frequency_hz
         phase = np.angle(1j * run.phasor * np.exp(2j * np.pi * run.frequency_hz * start))
         if abs(phase) < BEGINS_AT_CENTRE:
-            start -= float(phase) / turns_per_s
+            start -= float(phase) / (2 * np.pi * frequency_hz)
         start = max(start, 0.0)
         segments.append(
             Segment(
@@ -420,7 +402,7 @@ def find_segments(
                 start=start * rate_hz,
                 stop=(start + length) * rate_hz,
                 cycles=cycles,
-                commanded=amplitude,
+                commanded=size,
             )
         )
     return segments
@@ -489,7 +471,7 @@ def labels_deg(segments: Sequence[Segment]) -> list[float]:
     order = np.lexsort((amplitude, commanded))
     is_other_command = np.diff(commanded[order]) > 0
     is_gap = amplitude[order][1:] > (1 + SAME_AMPLITUDE) * amplitude[order][:-1]
-    number = np.empty_like(order)
-    number[order] = np.concatenate([[0], np.cumsum(is_other_command | is_gap)])
-    medians = [np.median(amplitude[number == own_number]) for own_number in number]
-    return [float(f"{np.rad2deg(size):.3g}") for size in medians]
+    labels: Array = np.empty_like(amplitude)
+    for alike in np.split(order, np.flatnonzero(is_other_command | is_gap) + 1):
+        labels[alike] = float(f"{np.rad2deg(np.median(amplitude[alike])):.3g}")
+    return [float(label) for label in labels]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.bench.analysis import Analysis, torque_errors, widened
 from osl_analysis.bench.bench_settings import BeltAnalysis
-from osl_analysis.bench.loops import branch_rows, find_cycles
+from osl_analysis.bench.loops import branch_rows, find_cycles, whole
 from osl_analysis.bench.motion import stretches_of
 from osl_analysis.bench.plausibility import check_changes, check_stiffer
 from osl_analysis.bench.record import Groups, Label, Record, record_of
@@ -188,7 +188,8 @@ def mean_loop(theta_s: Array, torque: Array) -> Array:
     """The work of torques (..., n) [N*m] over a deflection (n,) [rad] in a cycle [J], the mean of
     all cycles (...)."""
     cycles, _ = find_cycles(load_of(theta_s))
-    works = [np.trapezoid(torque[..., c.rows], theta_s[c.rows]) for c in cycles]
+    parts = [whole(cycle) for cycle in cycles]
+    works = [np.trapezoid(torque[..., rows], theta_s[rows]) for rows in parts]
     return np.asarray(np.mean(works, axis=0))
 
 

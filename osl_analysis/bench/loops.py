@@ -1,7 +1,6 @@
 """Cycles of a slow motion to and fro: where each begins, turns and ends, and the energy in it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -17,30 +16,24 @@ CLOSED = 0.02  # of the range of motion: largest distance between the ends of a 
 WHOLE = 0.9  # of the range of motion: a cycle that covers less is a smaller one
 
 
-@dataclass(frozen=True)
-class Cycle:
-    """A closed cycle of an angle, by rows: where it begins, turns (once or more often) and ends."""
+Cycle = tuple[int, ...]
+"""A closed cycle of an angle, by rows: where it begins, turns (once or more often) and ends."""
 
-    edges: tuple[int, ...]
 
-    @property
-    def rows(self) -> slice:
-        """All rows, with the last one."""
-        return slice(self.edges[0], self.edges[-1] + 1)
-
-    def branch(self, theta: Array, direction: int) -> NDArray[np.intp]:
-        """The rows in which the angle (n,) rises (1) or falls (-1) from turn to turn."""
-        parts = [
-            np.arange(first, last + 1)
-            for first, last in pairwise(self.edges)
-            if (theta[last] - theta[first]) * direction > 0
-        ]
-        return np.concatenate(parts)
+def whole(cycle: Cycle) -> slice:
+    """All rows of a cycle, with the last one."""
+    return slice(cycle[0], cycle[-1] + 1)
 
 
 def branch_rows(cycles: Sequence[Cycle], theta: Array, direction: int) -> NDArray[np.intp]:
-    """The rows of all cycles in which the angle (n,) rises (1) or falls (-1)."""
-    return np.concatenate([cycle.branch(theta, direction) for cycle in cycles])
+    """The rows of cycles in which the angle (n,) rises (1) or falls (-1) from turn to turn."""
+    parts = [
+        np.arange(first, last + 1)
+        for cycle in cycles
+        for first, last in pairwise(cycle)
+        if (theta[last] - theta[first]) * direction > 0
+    ]
+    return np.concatenate(parts)
 
 
 def find_cycles(theta: Array) -> tuple[list[Cycle], int]:
@@ -66,13 +59,13 @@ def find_cycles(theta: Array) -> tuple[list[Cycle], int]:
     lowest, _ = scipy.signal.find_peaks(-theta, prominence=swing)
     turns = np.sort(np.concatenate([highest, lowest])).tolist()
     edges = cycle_edges(theta, turns, span)
-    cycles = []
+    cycles: list[Cycle] = []
     others = 0
     for first, last in pairwise(edges):
         range_of_stretch = np.ptp(theta[first : last + 1])
         is_closed = abs(theta[last] - theta[first]) <= CLOSED * span
         if is_closed and range_of_stretch >= WHOLE * span:
-            cycles.append(Cycle((first, *(turn for turn in turns if first < turn < last), last)))
+            cycles.append((first, *(turn for turn in turns if first < turn < last), last))
         elif range_of_stretch > swing:
             others += 1
     if not cycles:

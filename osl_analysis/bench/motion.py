@@ -21,7 +21,7 @@ from osl_analysis.errors import Change, IdentifiabilityError, InputError
 from osl_analysis.measured import visible_step
 from osl_analysis.signals import runs
 from osl_analysis.signals.grid import BRIDGE_MORE, UniformSignals, origin, uniform_signals
-from osl_analysis.spectral.periods import PeriodicMotion, periodic_motion
+from osl_analysis.spectral import PeriodicMotion, periodic_motion
 from osl_analysis.spectral.stepped_sine import (
     BIN_S,
     MOVING_SHARE,

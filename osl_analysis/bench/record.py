@@ -14,7 +14,7 @@ from osl_analysis.bench.bench_settings import BenchAnalysis
 from osl_analysis.errors import InputError
 from osl_analysis.signals import Motion, filtered_motion
 from osl_analysis.signals.grid import UniformSignals, devices_of, resampled, uniform_signals
-from osl_analysis.spectral.periods import PeriodicMotion
+from osl_analysis.spectral import PeriodicMotion
 from osl_analysis.trial import Array, Trial
 
 QUICK = 4.0  # cut-offs of the low-pass for the velocity's sign

@@ -14,7 +14,7 @@ import polars as pl
 
 from osl_analysis.bench.analysis import Series, torque_errors
 from osl_analysis.bench.bench_settings import TorqueAngleAnalysis
-from osl_analysis.bench.loops import Cycle, branch_rows, energies, find_cycles
+from osl_analysis.bench.loops import Cycle, branch_rows, energies, find_cycles, whole
 from osl_analysis.bench.plausibility import check_changes, check_resists, check_stiffer
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import Change, InputError, naming
@@ -85,7 +85,7 @@ def torque_angle_trial(
                 " more"
             )
         check_slow(theta, cycles, settings.shortest_cycle_s, rate_hz)
-        begin = theta[cycles[0].edges[0]]
+        begin = theta[cycles[0][0]]
         loading = 1 if theta.max() - begin >= begin - theta.min() else -1
         estimates = means_row(theta, torque, cycles, loading, rate_hz, settings)
         desired_torque = torque_of_design(angle_deg, desired, settings)
@@ -109,8 +109,8 @@ def torque_angle_trial(
         }
         curves.append(pl.DataFrame(columns).with_columns(desired=pl.lit(desired, pl.String)))
     fitted = np.isfinite(model)
-    of_cycles = np.concatenate([np.r_[cycle.rows] for cycle in cycles])
-    ends = [[cycle.edges[0], cycle.edges[-1]] for cycle in cycles]
+    of_cycles = np.concatenate([np.r_[whole(cycle)] for cycle in cycles])
+    ends = [[cycle[0], cycle[-1]] for cycle in cycles]
     row: Row = {
         "trial": trial.name,
         "cycles": len(cycles),
@@ -197,17 +197,13 @@ def curve_of(
     return value, slope / window
 
 
-def speed_of(theta: Array, rate_hz: float) -> float:
-    """Mean speed [rad/s] over the way of an angle (n,), so that rests do not count."""
-    steps = np.abs(np.diff(theta))
-    return float(steps @ steps / steps.sum()) * rate_hz
-
-
 def check_slow(theta: Array, cycles: Sequence[Cycle], shortest_s: float, rate_hz: float) -> None:
     """Refuse cycles that are not quasi-static."""
     for cycle in cycles:
-        angle = theta[cycle.rows]
-        duration_s = 2 * np.ptp(angle) / speed_of(angle, rate_hz)
+        angle = theta[whole(cycle)]
+        steps = np.abs(np.diff(angle))
+        # by the mean speed over the way, so that rests do not count
+        duration_s = 2 * np.ptp(angle) * steps.sum() / (steps @ steps * rate_hz)
         if duration_s < shortest_s:
             raise InputError(
                 f"a cycle takes {duration_s:.2g} s, which is not quasi-static: below"
@@ -227,9 +223,9 @@ def measured(theta: Array, torque: Array, cycles: Sequence[Cycle], loading: int)
     for cycle in cycles:
         slopes = []
         for direction in (loading, -loading):
-            branch = cycle.branch(theta, direction)
+            branch = branch_rows([cycle], theta, direction)
             slopes.append(np.polyfit(theta[branch], torque[branch], 1, w=covered[branch])[0])
-        stored, returned = energies(theta[cycle.rows], torque[cycle.rows])
+        stored, returned = energies(theta[whole(cycle)], torque[whole(cycle)])
         rows.append((*slopes, stored, returned, stored - returned))
     return np.array(rows)
 
@@ -245,7 +241,7 @@ def means_row(
     """Means over the cycles with 95 % intervals, which hold the stated errors of the bench: of
     torque and angle, of the load cell's hysteresis and delay, and of the bench's stiffness."""
     calibration, bench = settings.calibration, settings.bench_stiffness
-    moved = np.r_[cycles[0].edges[0] : cycles[-1].edges[-1]]
+    moved = np.r_[cycles[0][0] : cycles[-1][-1]]
     gain_error = calibration.polar(0.0)[0]
     errors = torque_errors(torque, rate_hz, moved, calibration)
     changed = [(theta, torque + error) for error in (gain_error * torque, *errors)]
@@ -255,14 +251,11 @@ def means_row(
     others = [measured(*signals, cycles, loading).mean(axis=0) for signals in changed]
     shared = np.sum(np.square(others - means), axis=0)
 
-    row: dict[str, Any] = {}
-    for k, name in enumerate(MEASURED):
-        row[name] = float(means[k])
+    row: dict[str, Any] = dict(zip(MEASURED, means.tolist(), strict=True))
+    row["returned_share"] = row["energy_returned"] / row["energy_stored"]
+    for name, of_cycles, variance in zip(MEASURED, values.T, shared, strict=True):
         row[f"{name}_low"] = row[f"{name}_high"] = None
-        if len(values) > 1:
-            repeats = over_repeats(values[:, k], [(float(shared[k]), np.inf)])
-            row[f"{name}_low"] = repeats.low
-            row[f"{name}_high"] = repeats.high
-    _, _, stored, returned, _ = means
-    row["returned_share"] = float(returned / stored)
+        if len(cycles) > 1:
+            repeats = over_repeats(of_cycles, [(float(variance), np.inf)])
+            row |= {f"{name}_low": repeats.low, f"{name}_high": repeats.high}
     return row

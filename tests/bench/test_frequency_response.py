@@ -18,7 +18,7 @@ from osl_analysis.bench.frequency_response import (
 from osl_analysis.bench.motion import periods_of, stretches_of
 from osl_analysis.bench.regression import IMPEDANCE
 from osl_analysis.errors import InputError
-from osl_analysis.spectral.periods import periodic_motion
+from osl_analysis.spectral import periodic_motion
 
 RATE = 250.0
 K = 200.0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from osl_analysis.spectral.periods import periodic_motion
+from osl_analysis.spectral import periodic_motion
 
 RATE = 250.0
 PERIOD = 4.0

@@ -65,16 +65,6 @@ def test_coulomb_friction_is_named_and_has_its_size():
     assert finding.cause == "friction"
 
 
-def test_a_spring_that_softens_is_named_and_not_called_friction():
-    cubic = -4e3
-    *_, whole = rows(lambda m: second_order(m) + cubic * m.theta**3)
-    assert whole["f_C"] is None
-    assert whole["K_change"] == pytest.approx(
-        0.75 * cubic * (0.1**2 - 0.05**2) / whole["K"], rel=0.05
-    )
-    assert (whole["doubtful"], "spring that is not linear" in whole["remarks"]) == ("", True)
-
-
 @pytest.mark.usefixtures("without_inference")
 def test_a_change_of_a_small_damping_is_a_share_of_2_newton_metre_seconds():
     """B is 0.8 at the small amplitude and 0.4 at the large one, in the second half."""

@@ -100,24 +100,6 @@ def test_few_cycles_cover_the_response_and_its_mean_over_amplitudes(amplitudes):
     assert ((of_each > 0.92) & (of_each < 0.98)).all(), of_each
 
 
-def test_one_cycle_has_a_response_and_no_interval():
-    row = response_of_pieces(1.0, *cycles(1, m=1), np.arange(1)).to_row(RECORD)
-
-    assert row["magnitude"] > 0
-    assert np.isnan(row["magnitude_low"])
-
-
-def test_amplitudes_that_differ_between_cycles_leave_the_response_certain():
-    """Angle and torque vary alike, which cancels in their quotient."""
-    theta, torque = cycles(2, noise=0.0)
-    size = np.linspace(0.5, 1.5, 6)
-
-    response = response_of_pieces(1.0, size * theta, size * torque, np.arange(6))
-
-    assert response.Y == pytest.approx(1 / (200 + 40j))
-    assert np.abs(response.deviations).max() < 1e-15
-
-
 @pytest.mark.parametrize(
     ("stated", "magnitude", "phase"),
     [
@@ -233,16 +215,3 @@ def test_one_realisation_has_a_response_and_no_interval():
     assert len(table) > 8
     assert table["magnitude"].null_count() == 0
     assert table["magnitude_low"].null_count() > 0.5 * len(table)
-
-
-def test_lines_that_hardly_move_the_joint_are_left_out():
-    rng = np.random.default_rng(1)
-    time = np.arange(round(40 * RATE)) / RATE
-    w = 2 * np.pi * 1.03
-    sine = 0.05 * np.array([np.sin(w * time), w * np.cos(w * time), -(w**2) * np.sin(w * time)])
-    w = 2 * np.pi * 3.1
-    other = 0.02 * np.array([np.sin(w * time), w * np.cos(w * time), -(w**2) * np.sin(w * time)])
-
-    table = table_of_record(replace(recorded(rng, sine + other), periodic=None))
-
-    assert table["frequency_hz"].max() < 4

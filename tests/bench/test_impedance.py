@@ -31,19 +31,6 @@ LATENESS = "whether the torque is late"
 
 
 @pytest.mark.usefixtures("without_inference")
-def test_the_row_over_all_amplitudes_has_the_range_of_the_single_ones():
-    """K falls from the small amplitude to the large one as Coulomb friction's share does in K
-    theta^3."""
-    record = stepped_sine(lambda m: second_order(m) + 2e3 * m.theta**3)
-    small, large, both = bench_synthetic.table_of(record).to_dicts()
-    assert small["K"] + 3 < both["K"] < large["K"]
-    for name in "KB":
-        low, high = sorted((small[name], large[name]))
-        assert (both[f"{name}_amplitudes_low"], both[f"{name}_amplitudes_high"]) == (low, high)
-        assert small[f"{name}_amplitudes_low"] is None
-
-
-@pytest.mark.usefixtures("without_inference")
 def test_the_fit_is_to_the_settled_cycles_alone():
     """For the first 0.8 s of each amplitude the torque is three times as large."""
 

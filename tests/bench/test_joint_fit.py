@@ -9,7 +9,6 @@ import pytest
 from any_motion import TRUE, binary_steps, made_trial, noise
 from conftest import ROOT, findings_of
 
-from osl_analysis.bench.bench_settings import Calibration
 from osl_analysis.bench.impedance import impedance_table, rendered_impedance
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.campaign.configuration import config_for_trials
@@ -81,30 +80,6 @@ def test_friction_is_in_b_as_in_equation_15_and_not_in_b_viscous():
     assert row["f_C"] == pytest.approx(0.3, rel=0.1)
 
 
-def test_viscous_damping_of_a_light_joint_is_held_where_friction_turns_faster_than_the_filter():
-    """A Coulomb column beside Eq. 15 sees what the low-pass leaves of the sign, and B is 1.2 to 6 %
-    too large."""
-    rng = np.random.default_rng(4)
-    light = {"K": 95.0, "B": 1.4, "I": 0.016}
-    time, motion = noise(rng, band=(0.5, 12.0), rms_deg=2.5, duration=60.0, rate=1000.0)
-    friction = 0.3 * np.sign(motion[1])
-    trial = made_trial(rng, (time, motion), more=friction, bits=16, torque_noise=0.04, **light)
-    record = record_of_trial(trial, SETTINGS.model_copy(update={"excitation": "any"}))
-
-    row = row_of(record)
-
-    assert row["B_viscous_low"] < 1.4 < row["B_viscous_high"]
-    assert row["K_low"] < 95 < row["K_high"]
-    assert row["I_low"] < 0.016 < row["I_high"]
-
-
-def test_without_friction_b_is_the_only_damping():
-    row = sound_row()
-
-    assert (row["B_viscous"], row["f_C"], row["coulomb_share"]) == (None, None, 0.0)
-    assert row["B"] == pytest.approx(5, rel=0.01)
-
-
 FAULTS = {
     "torque path": {"late": 3e-3},
     "change over time": {"more": lambda t, x, *_: -45 * (t > 0.6 * t[-1]) * x},
@@ -136,18 +111,6 @@ def test_a_late_torque_tells_by_how_much_it_moves_the_damping():
 
 
 # ---- what is known of the bench
-
-
-def test_an_error_of_the_bench_is_in_the_intervals():
-    record = record_with()
-    calibration = Calibration(torque_gain=0.01)
-    settings = record.settings.model_copy(update={"calibration": calibration})
-
-    plain, known = sound_row(), row_of(replace(record, settings=settings))
-
-    for name in TRUE:
-        half, more = ((row[f"{name}_high"] - row[f"{name}_low"]) / 2 for row in (plain, known))
-        assert more == pytest.approx(np.hypot(half, 1.96 * 0.01 * plain[name]), rel=0.02)
 
 
 @pytest.mark.parametrize(("joint", "B"), [("exact", "B"), ("friction", "B_viscous")])

@@ -6,7 +6,6 @@ import pytest
 from any_motion import RATE, TRUE, chirp, made_trial, multisine, noise
 from conftest import ROOT
 from scipy.ndimage import gaussian_filter1d
-from scipy.signal import lsim
 
 from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.bench_settings import (
@@ -199,24 +198,6 @@ def test_friction_of_a_motion_beyond_the_cutoff_is_that_of_all_that_moves():
 
     assert row["f_C"] == pytest.approx(0.5, rel=0.1)
     assert row["B_viscous"] == pytest.approx(5, rel=0.01)
-
-
-@pytest.mark.usefixtures("without_inference")
-@pytest.mark.parametrize("move", [multisine, noise])
-def test_a_spring_behind_a_damper_is_no_friction_and_hides_none(
-    move,
-):
-    """A Maxwell element of 300 N*m/rad and 3 N*m*s/rad makes the joint one of third order."""
-    motion = move(np.random.default_rng(5))
-    time, (theta, omega, _) = motion
-    element = lsim(([3.0, 0.0], [3.0 / 300, 1.0]), theta, time)[1]
-    torques = (element + size * np.tanh(omega / 0.003) for size in (0.0, 0.3))
-    sound, rubbing = (
-        row_of(made_trial(np.random.default_rng(6), motion, more=more)) for more in torques
-    )
-    assert sound["f_C"] is None
-    assert rubbing["f_C"] == pytest.approx(0.3, rel=0.1)
-    assert rubbing["B_viscous"] == pytest.approx(sound["B"], abs=0.02)
 
 
 def standardised_errors(move, seeds, motion, **made):

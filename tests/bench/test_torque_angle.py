@@ -109,16 +109,6 @@ def test_a_cubic_spring_has_its_curve_and_its_slope_at_every_angle():
     np.testing.assert_allclose(curve["stiffness"].to_numpy()[inside], slope[inside], rtol=2e-3)
 
 
-def test_a_cubic_spring_has_the_energy_and_the_slope_of_its_curve_and_no_loss():
-    row = cubic_spring().table.row(0, named=True)
-    assert (row["cycles"], row["loading"]) == (2, "rising")
-    assert row["torque_zero"] == pytest.approx(3, abs=1e-6)
-    assert row["energy_lost"] == pytest.approx(0, abs=1e-3)
-    # a line over angle, whatever the speed
-    assert row["K"] == pytest.approx(K + 0.9 * STIFFENING * END**2, rel=1e-3)
-    assert row["energy_stored"] == pytest.approx(K * END**2 / 2 + STIFFENING * END**4 / 4, rel=1e-3)
-
-
 def test_a_trial_the_other_way_round_has_the_same_stiffness_and_energies():
     theta = path(0, -4, 12, -4, 12, 0)
     torque = K * theta + jenkins(theta, 300, 5)

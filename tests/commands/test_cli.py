@@ -194,23 +194,15 @@ MISTAKES = {
     os.fsdecode(b"o\xff.csv")),
 }  # fmt: skip
 UNFIT = {
-    "give --stiffness and --damping": ("gains", "--damping", "5"),
-    "--damping, or --trajectory": ("gains",),
     "or --trajectory, which has both": (*GAINS, "--trajectory", SYNTHETIC),
-    "--trajectory, which has": ("gains", "--damping", "5", "--trajectory", SYNTHETIC),
     "No such command 'watch'": ("watch", "."),
-    "neither a number": of_gains("stiff", 5),
     "'100:400:50' is neither a number": of_gains("100:400:50", 5),
     "--log and --log-source go": ("ingest", "--log", "x.mcap", "--output", "x.parquet"),
-    "--mocap and --mocap-source go": ("ingest", "--mocap-source", "vicon", "--output", "x.parquet"),
     "give --log, --mocap or both": ("ingest", "--output", "x.parquet"),
-    "Missing option '--output'": ("ingest", "--log", "x.csv"),
     "a.csv would be overwritten": (*GAINS, "--output", "a.csv", "--parameters", "a.csv"),
     "`ingest` writes .parquet files": ("ingest", "--log", "a.csv", "--log-source", "s", "--output",
     "s.yaml"),
-    "`bundle` writes .zip files": ("bundle", ".", "x.tar"),
     "--draft describes one recording": ("inspect", ".", "--draft", "s.yaml"),
-    "`gains` writes .csv": (*GAINS, "--output", "x.txt"),
     "a.csv would be overwritten while": ("fit", "a.csv", "--plot", "../{}/a.csv"),
     "an example has recordings of its own": ("init", "new", "--example", "--from", "."),
 }  # fmt: skip

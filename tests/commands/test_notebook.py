@@ -20,7 +20,6 @@ from polars.testing import assert_frame_equal
 import osl_analysis as osl
 from osl_analysis.campaign.configuration import FrequencyResponseFigure, read_config
 from osl_analysis.commands import bench, figure, tables
-from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.ingest.quality import Commanded, measure_quality, measured_table
 from osl_analysis.judge.finding import Grade
@@ -167,27 +166,6 @@ def test_the_response_of_a_stepped_sine_is_that_of_the_campaign_and_fig_7(tmp_pa
     assert isinstance(osl.plot_frequency_response(found), Figure)
 
 
-def test_the_frequency_response_of_any_motion_is_that_of_the_campaign(tmp_path, short):
-    files, limits = of_campaign("friction", tmp_path, short), read_config(short).doubtful
-    path = tmp_path / "tables/response.csv"
-    tables.gather(
-        [files["response"]],
-        path,
-        limits.of("response"),
-        [files["impedance"]],
-        limits.of("impedance"),
-    )
-
-    found = osl.frequency_response(bench_trial("friction"), DESIRED, config=short)
-
-    assert found.table["doubtful"][0] == "torque path"
-    assert_same(found.table, path, tmp_path)
-    assert set(found.plotted["curve"]) == {"observed", "desired", "linear model"}
-    assert isinstance(osl.plot_frequency_response(found), Figure)
-    with pytest.raises(osl.InputError, match="trial made: no frequency response to draw"):
-        osl.plot_frequency_response(replace(found, plotted=found.plotted.clear()))
-
-
 @pytest.mark.usefixtures("without_inference")
 def test_a_window_is_all_that_is_fitted(short):
     trial = bench_trial("any motion")
@@ -214,25 +192,6 @@ def test_the_check_of_a_trial_has_the_rows_of_the_campaign_and_accepts_nothing(t
     assert dict(found.select("check", "verdict").rows())["rate"] != "pass"
     other = osl.check(slow, "impedance", config=short)
     assert (other.equals(found), other.equals(osl.check(slow, config=short))) == (False, True)
-
-
-def test_a_recording_is_read_as_ingest_reads_it(tmp_path):
-    (tmp_path / "mine.yaml").write_text(
-        "format: csv\nclock: master\ntime: {column: t, unit: s}\nchannels:\n"
-        "  theta: {column: angle, unit: deg}\n  torque: {column: moment, unit: 'N*m', sign: -1}\n"
-    )
-    (tmp_path / "a.csv").write_text(
-        "t,angle,moment\n" + "".join(f"{k / 100},{k % 7},{k}\n" for k in range(200))
-    )
-    row = {"trial": "a", "log": "a.csv", "log_source": "mine"}
-    expected = ingest_trial(row, tmp_path, tmp_path, tmp_path / "a.parquet")
-    read = osl.read_recording(tmp_path / "a.csv", tmp_path / "mine.yaml")
-    for found in (read, osl.read_trial(tmp_path / "a.parquet")):
-        assert_frame_equal(found.samples, expected.samples, check_exact=True)
-        assert (found.name, found.provenance) == ("a", expected.provenance)
-    assert osl.read_recording(tmp_path / "a.csv", tmp_path / "mine.yaml", name="b").name == "b"
-    with pytest.raises(osl.InputError, match="log_part '2'"):
-        osl.read_recording(tmp_path / "a.csv", tmp_path / "mine.yaml", part="2")
 
 
 def test_a_fit_shows_its_doubts_and_runs_nothing_of_a_name(

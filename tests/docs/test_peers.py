@@ -9,7 +9,6 @@ import numpy as np
 import polars as pl
 import pytest
 
-from osl_analysis.errors import InputError
 from osl_analysis.table import read_table
 
 PEERS = Path(__file__).parents[2] / "benchmarks/peers"
@@ -123,18 +122,3 @@ def test_a_method_of_one_file_and_one_function_is_compared(tmp_path):
 ])  # fmt: skip
 def test_a_miss_is_off_beyond_the_interval_and_silent_without_a_doubt(scored, line, expected):
     assert {name: scored(line)[name] for name in expected} == expected
-
-
-@pytest.mark.parametrize(("lines", "said"), [
-    ([f"m,a,{RIGHT},,,", f"m,c,{RIGHT},,,"],
-     r"answers\.csv: line 3: column 'trial' holds 'c', which is not in "),
-    ([f"m,a,{RIGHT},,,"] * 2,
-     "line 3: column 'trial' holds 'a', which m has answered before; delete a line"),
-    ([f"m,a,{RIGHT},,,", "m,b,fast,,,5,,,0.02,,,,,"],
-     "column 'K' holds text, expected numbers"),
-    ([f"m,a,{RIGHT},,,", "m,b,300,,,6,8,4,0.02,,,,,"],
-     "line 3: column 'B_low' holds 8, above 'B_high', 4; exchange them"),
-])  # fmt: skip
-def test_an_answer_that_cannot_be_judged_is_refused_with_its_line(scored, lines, said):
-    with pytest.raises(InputError, match=said):
-        scored(*lines)

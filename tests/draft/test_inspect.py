@@ -72,26 +72,6 @@ BENCH = (
 )
 
 
-def test_a_csv_file_is_listed_and_its_draft_reads_it(
-    tmp_path: Path,
-) -> None:
-    path = tmp_path / "a.csv"
-    path.write_text(BENCH)
-    text = module.overview_text(module.inspect_file(path))
-    for fact in ("line, 7, is cut off", "rig: B", "3 x 'ok'", "100 Hz, 1 gaps"):
-        assert fact in text
-    for text in (BENCH, BENCH.replace(",", ";").replace(".", ",")):
-        path.write_text(text)
-        content = draft_source(module.inspect_file(path), "a.csv").replace("NAME_1", "theta")
-        (tmp_path / "a.yaml").write_text(
-            "\n".join(line for line in content.splitlines() if "NAME_2" not in line)
-        )
-        samples = read_converted(path, read_source(tmp_path / "a.yaml")).samples
-        np.testing.assert_allclose(
-            samples.to_numpy().T, [[0, 0.01, 0.02, 0.09], np.radians([1.5, 2.5, 3.5, 4.5])]
-        )
-
-
 @pytest.mark.parametrize("kind", ["mcap", "c3d", "csv", "nexus"])
 def test_nothing_of_a_file_reaches_the_terminal_raw_or_leaves_its_quotes(
     tmp_path: Path, kind: str

@@ -10,14 +10,12 @@ import polars as pl
 import pytest
 from test_figures import stored, texts
 
-from osl_analysis.bench.belt import check_locked
 from osl_analysis.campaign.campaign_trials import open_campaign
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.campaign.origin import about, sentence
 from osl_analysis.campaign.result_files import response_example, time_series_example
 from osl_analysis.commands.figure import fig7
 from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
-from osl_analysis.errors import InputError
 from osl_analysis.figures import drawn, plotted_numbers
 from osl_analysis.figures.names import by_controller
 from osl_analysis.figures.style import paper_style
@@ -200,17 +198,6 @@ def test_fig_7_shows_the_desired_impedance_with_the_most_trials(tmp_path):
     assert set(read_table(tmp_path / "fig7.csv").filter(curve="observed")["K_d"]) == set(
         table["K_d"]
     )
-
-
-def test_a_belt_without_parameters_needs_a_shaft_that_rests(
-    tmp_path,
-):
-    theta = np.linspace(0, 0.1, 50)
-    check_locked(theta, 0.0009 * np.sin(np.arange(50)) / 2)
-    with pytest.raises(
-        InputError, match=r"theta_m turns by 0\.02 rad while theta turns by 0\.1 rad, and without"
-    ):
-        check_locked(theta, 0.2 * theta)
 
 
 def test_a_stated_side_goes_before_that_of_the_trials():

@@ -100,20 +100,6 @@ def test_an_address_that_leads_nowhere_says_what_is_there(
     assert said in refusal(recording, address)
 
 
-@both_versions
-def test_elements_are_counted_column_by_column_as_in_matlab(
-    write: Callable[..., Path], tmp_path: Path
-) -> None:
-    cells = np.empty((2, 2), dtype=object)
-    for row, column in np.ndindex(2, 2):
-        cells[row, column] = RISING + 100 * row + 1000 * column
-
-    recording = formats.read(write(tmp_path / "a.mat", cells=cells))
-
-    first = [numbers_at(recording, f"cells{{{number}}}")[0] for number in (1, 2, 3, 4)]
-    assert first == [0, 100, 1000, 1100]
-
-
 # --- what programs write ------------------------------------------------------------------------
 
 

@@ -201,30 +201,6 @@ def test_a_checksum_of_zero_is_none(tmp_path: Path) -> None:
     assert [one.loss.checksums for one in (covered, mixed, bare)] == ["checked", "mixed", "absent"]
 
 
-def test_a_channel_whose_declaration_is_lost_is_known_by_the_summary(tmp_path: Path) -> None:
-    damaged = chunk(DECLARED + TEN)[:-3] + b"abc"
-
-    known = read(tmp_path, log(damaged, chunk(TWENTY), summary=DECLARED + statistics({1: 20})))
-    unknown = read(tmp_path, log(damaged, chunk(TWENTY)))
-
-    assert column(known, "a") == list(range(10, 20))
-    assert known.loss.lost == 10
-    assert not unknown.channels
-    assert "10 messages belong to no channel that is declared" in unknown.loss.remarks
-
-
-def test_an_unreadable_record_ends_the_log_and_the_summary_counts_the_rest(
-    tmp_path: Path,
-) -> None:
-    for odd in (bytes(20), struct.pack("<BQ", 6, 2**40)):
-        recording = read(
-            tmp_path, log(DECLARED, chunk(TEN), odd, chunk(TWENTY), summary=statistics({1: 20}))
-        )
-
-        assert column(recording, "a") == list(range(10))
-        assert recording.loss.by_topic == {"/lab": (10, 20)}
-
-
 # --- legal, rare files --------------------------------------------------------------------------
 
 LEGAL = {

@@ -171,20 +171,6 @@ def test_gap_is_left_out():
     assert found.doubt is None
 
 
-def test_rest_at_a_level_is_no_end_of_the_torque():
-    """A filter rings by some steps of a coarse encoder where the joint comes to rest."""
-    rests = np.random.default_rng(2).integers(60, 240, 60)
-    levels = np.repeat(np.tile([0.07, -0.07], 30), rests)
-    derivatives = [scipy.ndimage.gaussian_filter1d(levels, 5.0, order=n) for n in range(3)]
-    torque = np.array([40.0, 1.0 * 200, 0.01 * 200**2]) @ derivatives
-    step = 2 * np.pi / 2**13
-    read = np.round(derivatives[0] / step) * step
-
-    found = infer_impedance(BenchSignals(read, torque, 200.0, step))
-
-    assert found.doubt is None or found.doubt.family != "clipping"
-
-
 def test_stiffness_that_differs_by_direction_is_harm_of_its_half_difference():
     found = changed(stiffer_forwards)
 

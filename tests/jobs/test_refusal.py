@@ -82,28 +82,6 @@ def test_why_there_is_no_result_reads_back_whatever_the_reason_holds(tmp_path, n
     assert not_analysed(path) == (odd, LOST)
 
 
-def test_a_trial_that_was_not_analysed_has_its_row_and_columns_in_the_same_files(tmp_path):
-    table = Path(lost(tmp_path / "fits/belt/b_1.csv", LOST))
-    sound = tmp_path / "fits/belt/b_2.csv"
-    fit = {"trial": "b_2", "K_s": 685.6, "status": "analysed", "reason": None}
-    write_table(pl.DataFrame([fit]), sound, "measured")
-    samples = pl.read_parquet(lost(tmp_path / "trials/b_1.parquet", LOST))
-
-    gather([sound], tmp_path / "tables/belt.csv", not_analysed=[LOST], data="measured")
-
-    (row,) = pl.read_csv(table).to_dicts()
-    assert set(pl.read_csv(sound).columns) <= row.keys()
-    assert (row["trial"], row["K_s"], row["reason"]) == ("b_1", None, LOST.reason)
-    assert samples.is_empty()
-    assert "time" in samples.columns
-    whole = pl.read_csv(tmp_path / "tables/belt.csv").select("trial", "K_s", "status", "reason")
-    assert whole.rows() == [
-        ("b_2", 685.6, "analysed", None),
-        ("b_1", None, "not analysed", LOST.reason),
-    ]
-    assert read_table(tmp_path / "tables/belt.csv")["trial"].to_list() == ["b_2"]
-
-
 def test_a_result_is_none_that_was_not_analysed(tmp_path):
     frame = pl.DataFrame({"trial": ["not analysed"]})
     frame.write_parquet(tmp_path / "a.parquet")

@@ -170,15 +170,12 @@ def paragraphs(sheet=(ROW,), **tables):
 @pytest.mark.parametrize(
     ("tables", "sentence"),
     [
-        ({"timebase": {"signals": ["theta"], "delay_s": [0.0]}}, "No delay of a sensor was taken"),
         (
             {"timebase": {"signals": ["theta", "torque"], "delay_s": [0.0, 0.002]}},
             "held values, were taken out of the time stamps: torque 0.002 s.",
         ),
-        ({"belt": {"K_s": [700.0]}}, "deflection is the measured angle of the joint, with the"),
         ({"torque_angle": {"K": [40.0], "cycles": [3]}}, "stated stiffness of 12000 N·m/rad."),
         ({"torque_angle": {"K": [40.0], "cycles": [3]}}, "all trials share: torque_gain 0.01."),
-        ({"torque_angle": {"K": [40.0], "cycles": [3]}}, "1.0 s of rest at the start"),
         ({"impedance": {"K_d": [100.0, 200.0, 100.0]}}, "was 100 and 200 N·m/rad"),
         ({"plate": {"lag_s": [0.01]}}, "The lag of the plate behind the markers, 0.01 s"),
     ],

@@ -18,7 +18,6 @@ from osl_analysis.model.rendered_impedance import predicted_impedance
 from osl_analysis.simulator import joint_motion
 from osl_analysis.simulator import simulation_settings as settings
 from osl_analysis.simulator.bench_trial import (
-    drivetrain_effects,
     simulate_bench_trial,
     true_signals,
 )
@@ -213,40 +212,6 @@ def test_the_transmission_alone_has_its_losses():
     impedance = fitted("transmission", None)
 
     np.testing.assert_allclose(impedance, (0.0, P.B_j, P.J_j), rtol=5e-3, atol=2e-3)
-
-
-def test_each_effect_of_the_drivetrain_has_its_size():
-    sizes = {
-        "actuator_encoder": on(1e-3, "rad"),
-        "belt_hysteresis": on(2, "N*m"),
-        "control_delay": on(3, "update"),
-        "velocity_filter": on(40, "Hz"),
-        "friction": on(1.5, "1"),
-    }
-
-    effects = drivetrain_effects(only({"effects": sizes}))
-
-    expected = {
-        "encoder_resolution": 1e-3, "hysteresis_torque": 2, "control_delay": 3,
-        "velocity_cutoff_hz": 40, "friction_scale": 1.5,
-    }  # fmt: skip
-    assert {name: effects[name] for name in expected} == expected
-
-
-def test_the_belt_is_loaded_by_its_own_stiffness():
-    """Which scatters by 1 % between trials."""
-    stiffnesses = []
-    for trial in ("belt_01", "belt_02"):
-        log, truth = simulated({"effects": {"belt_scatter": on(0.01, "1")}}, trial)
-        omega = np.gradient(log[ANGLE], 1e-3)
-        belt_torque = -log[TORQUE] - P.B_j * omega
-        loading = slice(600, 1400)
-        stiffness = np.polyfit(log[ANGLE][loading], belt_torque[loading], 1)[0]
-        stiffnesses.append(stiffness)
-
-        assert stiffness == pytest.approx(truth["parameters"]["K_s"], rel=1e-4)
-        assert not log["actuator_angle"].any()
-    assert 1e-4 < abs(stiffnesses[0] / stiffnesses[1] - 1) < 0.06
 
 
 def test_each_effect_of_the_load_cell_adds_what_the_truth_says():

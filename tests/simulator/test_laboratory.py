@@ -9,19 +9,15 @@ import numpy as np
 import polars as pl
 import pytest
 from conftest import ROOT
-from scipy.signal import StateSpace, lsim
 from walking_setup import PERTURBED, STATIC, Setup, leg_log, load_setup
 
 from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.model.compensator import Weight, compensated_gains
-from osl_analysis.simulator import step as gait
-from osl_analysis.simulator.laboratory_settings import Rates, WalkingSettings
+from osl_analysis.simulator.laboratory_settings import WalkingSettings
 from osl_analysis.simulator.simulated_crossing import (
-    impedance_of_leg,
     move,
-    react,
     walking_commands,
 )
 from osl_analysis.simulator.step import GaitTrial, draw_step
@@ -202,27 +198,6 @@ def test_the_leg_s_log_has_the_true_angle_in_steps_of_its_sensors(recorded, ship
         np.testing.assert_allclose(counts, np.rint(counts), atol=5e-3)
 
 
-def test_a_plate_is_late_by_its_lag(shipped, tmp_path):
-    """Regression of the difference on the slope of the vertical force."""
-    lab = shipped.lacking(*SENSORS[2:])
-    late = lab.record(tmp_path, PERTURBED)["analogs"][0, :6]
-    prompt = lab.lacking("plate_lag").record(tmp_path, PERTURBED)["analogs"][0, :6]
-
-    slope = np.gradient(prompt[2], 1 / 1500)
-    lag_s = slope @ (prompt - late)[2] / (slope @ slope)
-    assert lag_s == pytest.approx(0.5e-3, rel=0.01)
-    assert np.abs(prompt[:, :600]).max() < 1e-3, "of 12 kg, and its moment"
-
-
-def test_switching_one_effect_off_leaves_the_draws_of_the_others(recorded, shipped, tmp_path):
-    clean = shipped.lacking("marker_noise").record(tmp_path, PERTURBED)
-
-    np.testing.assert_array_equal(recorded.analogs, clean["analogs"][0])
-    np.testing.assert_array_equal(np.isnan(recorded.points), np.isnan(clean["points"]))
-    noise_mm = (recorded.points - clean["points"])[:3]
-    assert np.nanstd(noise_mm) == pytest.approx(0.15, rel=0.02)
-
-
 def test_the_plate_has_noise_and_offsets_of_the_set_sizes(recorded, shipped, tmp_path):
     """0.4 N and 80 N*mm, offsets of 2 N and 300 N*mm."""
     quiet = shipped.lacking(*SENSORS[2:]).record(tmp_path, PERTURBED)["analogs"][0]
@@ -314,42 +289,6 @@ def test_torque_and_load_are_those_of_level_walking(calm, shipped):
     assert not calm.reaction.force[(phase < 0) | (phase > 1)].any()
 
 
-def drawn_features(step, walking):
-    """What the random effects of a step change, in the units of their settings."""
-    motion, foot, *_ = move(step, False)
-    time = step.trial.time
-    middle = np.searchsorted(time, step.heel_strike + step.stance / 2)
-    force = react(step, foot, 0 * time)[1].force[middle] / (80 * G)
-    usual_force = gait.ground_reaction(step.stance_phase(time[[middle]]))[0]
-    usual_angle = gait.nominal_ankle_angle(step.cycle_phase(time))[middle]
-    wandering = replace(step, trial=replace(step.trial, walking=walking))
-    heading = foot.rotation[0]
-    return {
-        "stance_scatter": 100 * step.stance / 0.72,
-        "heel_strike_scatter": step.heel_strike,
-        "angle_scale": 100 * motion.theta[middle] / usual_angle,
-        "angle_wander": np.degrees(move(wandering, False)[0].theta - motion.theta),
-        "force_scale": 100 * force / usual_force,
-        "placement_forward": 1e3 * step.placement[0],
-        "placement_sideways": 1e3 * step.placement[1],
-        "foot_yaw": np.degrees(np.arctan2(heading[1, 0], heading[0, 0])),
-    }
-
-
-def test_step_to_step_variability_has_the_sizes_that_are_set(shipped):
-    """Standard deviations over 150 steps are within 25 % (4 sigma) of the sizes."""
-    coarse = Rates(points_hz=50, analogs_hz=50, leg_hz=50, controller_hz=50)
-    shipped = altered(shipped, rates=coarse)
-    steady = shipped.lacking("angle_wander").walking
-
-    steps = [draw_step(GaitTrial(f"walking_{k}", 1, steady)) for k in range(150)]
-    features = [drawn_features(step, shipped.walking) for step in steps]
-
-    for name in features[0]:
-        size = getattr(shipped.walking.effects, name).size
-        assert np.std([drawn[name] for drawn in features]) == pytest.approx(size, rel=0.25), name
-
-
 def test_a_perturbation_changes_nothing_before_its_onset(walked, calm):
     """Central differences look two samples ahead, twice; the torque between two updates of the
     controller is interpolated."""
@@ -375,30 +314,3 @@ def test_a_perturbation_turns_the_ankle_by_its_size_in_its_direction(walked):
 
     assert added_turn_deg(walked.step, 0.25) == pytest.approx(0.96 * 5, abs=1e-6)
     assert added_turn_deg(down, 0.25) == pytest.approx(-0.96 * 5, abs=1e-6)
-
-
-def test_the_leg_renders_what_linear_theory_says(setup):
-    """The linear drivetrain (Eqs. 7-8) under the perturbation's rotation, integrated apart by
-    scipy."""
-    p = setup.p
-    gains = compensated_gains(340, 5, p)
-    crossing = setup.crossing(True)
-    still = setup.crossing(False)
-    theta, omega, alpha = (
-        getattr(crossing.motion, name) - getattr(still.motion, name)
-        for name in ("theta", "omega", "alpha")
-    )
-    A = [[0, 1], [-(gains.K_1 + p.K_s / p.n_T**2) / p.J_m, -(p.B_m + gains.B_1) / p.J_m]]
-    drivetrain = StateSpace(A, [[0], [p.K_s / p.n_T / p.J_m]], [[1, 0]], [[0]])
-    theta_m = lsim(drivetrain, theta, crossing.time)[1]
-    torque = p.K_s * (theta - theta_m / p.n_T) + p.B_j * omega + p.J_j * alpha
-    since = crossing.time - crossing.platform.onset
-    window = (since >= 0) & (since <= 0.1)
-    columns = np.column_stack([theta, omega, alpha])[window]
-    K, B, I = np.linalg.lstsq(columns, torque[window])[0]
-
-    rendered = impedance_of_leg(crossing, still)
-
-    assert rendered["K_rendered"] == pytest.approx(K, rel=2e-3)
-    assert rendered["B_rendered"] == pytest.approx(B, rel=1e-2)
-    assert rendered["I_rendered"] == pytest.approx(I, abs=1e-3)

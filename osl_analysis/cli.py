@@ -214,8 +214,7 @@ def run_campaign(arguments: tuple[str, ...]) -> None:
     The same as `snakemake --snakefile ... --configfile config.yaml`. Write files before options."""
     from snakemake.cli import main as snakemake
 
-    from osl_analysis.commands.campaign_start import first_look
-    from osl_analysis.commands.run import check_submission, snakemake_arguments
+    from osl_analysis.commands.run import check_submission, first_look, snakemake_arguments
 
     given = snakemake_arguments(arguments)
     check_submission(given)
@@ -241,12 +240,15 @@ def results(folder: Path, everything: bool, markdown: bool, columns: bool) -> No
     """Print what the results in FOLDER are: trials that are clear, doubtful and left out, K and B
     with intervals, and each doubt with what to do; with --all every number, and the draft's."""
     from osl_analysis.campaign.origin import sentence
-    from osl_analysis.commands.tables import format_results_table, later_failures, read_summary
+    from osl_analysis.commands.tables import (
+        columns_text,
+        format_results_table,
+        later_failures,
+        read_summary,
+    )
     from osl_analysis.report.verdicts import brief_lines
 
     if columns:
-        from osl_analysis.commands.reference import columns_text
-
         say(columns_text())
         return
     summary = read_summary(folder / "summary.json")
@@ -368,7 +370,7 @@ def fit(
     late, and whether K is plausible."""
     from osl_analysis import notebook
     from osl_analysis.bench.impedance import DesiredImpedance
-    from osl_analysis.commands.estimates import estimates_text, rows_json
+    from osl_analysis.commands.fit_results import estimates_text, rows_json
     from osl_analysis.commands.trials import raw_trial
     from osl_analysis.trial import read_trial
 
@@ -473,7 +475,7 @@ def select_gains(
     For one pair, a grid or a trajectory. The table also has the impedance that a fit will estimate,
     stability, passivity and the frequency up to which the desired impedance is rendered."""
     from osl_analysis.commands import gains as command
-    from osl_analysis.commands.estimates import rows_json
+    from osl_analysis.commands.fit_results import rows_json
     from osl_analysis.model.compensator import Weight
     from osl_analysis.table import write_table
     from osl_analysis.yaml_settings import validated
@@ -536,7 +538,7 @@ def compare(a: Path, b: Path, output: Path, as_json: bool) -> None:
     Conditions stand side by side with 95 % intervals of their difference, then the settings that
     differ, and whether both hold the same recordings."""
     from osl_analysis.commands.compare import compare_campaigns
-    from osl_analysis.commands.estimates import rows_json
+    from osl_analysis.commands.fit_results import rows_json
 
     table, text = compare_campaigns((a, b), output)
     say(rows_json(table) if as_json else text)

@@ -33,8 +33,7 @@ from osl_analysis.campaign.result_files import (
     response_example,
     time_series_example,
 )
-from osl_analysis.commands.campaign_start import left_out_recordings, start_campaign
-from osl_analysis.commands.run import end_run, made_by
+from osl_analysis.commands.run import end_run, left_out_recordings, made_by, start_campaign
 from osl_analysis.config.experiments import DOUBTS_OF, EXPERIMENTS, judged_tables
 from osl_analysis.config.sheet import ON_DYNAMOMETER
 from osl_analysis.errors import InputError, OslAnalysisError, listing

@@ -221,7 +221,7 @@ rule brief:
         failed_trials=CONFIG.failed_trials,
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.verdict.write_brief", input, output, params, log)
+        job("osl_analysis.commands.report.write_brief", input, output, params, log)
 
 
 rule verdict:

@@ -124,7 +124,7 @@ def without_inference(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="session")
 def schemas_of_files() -> dict[str, dict[str, object]]:
-    from osl_analysis.commands.reference import schemas
+    from osl_analysis.commands.new_campaign import schemas
 
     return schemas()
 
@@ -134,7 +134,7 @@ def schemas_made_once(
     schemas_of_files: dict[str, dict[str, object]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of a test of new campaigns: to make the schemas of their files takes half the time."""
-    monkeypatch.setattr("osl_analysis.commands.reference.schemas", lambda: schemas_of_files)
+    monkeypatch.setattr("osl_analysis.commands.new_campaign.schemas", lambda: schemas_of_files)
 
 
 def multisine(

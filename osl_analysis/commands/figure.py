@@ -19,7 +19,7 @@ from osl_analysis.bench.regression import IMPEDANCE
 from osl_analysis.bench.summaries import PLACE
 from osl_analysis.campaign.configuration import FrequencyResponseFigure
 from osl_analysis.commands.bench import without_broken_ends
-from osl_analysis.commands.walking_files import read_unperturbed_gaits, selected_crossings
+from osl_analysis.commands.walking import read_unperturbed_gaits, selected_crossings
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import InputError, listing
 from osl_analysis.figures import (

@@ -1,5 +1,5 @@
 """`osl-analysis init`: the folder of a new campaign, drafted from recordings if there are any, and
-what the user has to decide before it runs."""
+what the user has to decide before it runs; and the JSON schemas of its YAML files."""
 
 import json
 import os
@@ -10,15 +10,21 @@ from collections.abc import Mapping, Sequence
 from contextlib import chdir
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Literal
+from typing import Any, Literal
 
 import polars as pl
+from pydantic.json_schema import models_json_schema
 
-from osl_analysis.commands.campaign_start import first_look
+from osl_analysis.campaign.configuration import Config
+from osl_analysis.commands.run import first_look
 from osl_analysis.draft.draft_campaign import Draft, draft_campaign
 from osl_analysis.draft.draft_sheet import UNNAMED
 from osl_analysis.errors import InputError, listing, printable
-from osl_analysis.files import CAMPAIGN, seen_from, shipped
+from osl_analysis.files import CAMPAIGN, seen_from, shipped, write_text
+from osl_analysis.formats import known_formats
+from osl_analysis.model.drivetrain import ParameterFile
+from osl_analysis.simulator.laboratory_settings import WalkingSettings
+from osl_analysis.simulator.simulation_settings import SimulationSettings
 
 COLUMNS = (
     *("trial", "experiment", "controller", "K_d", "B_d", "perturbed"),
@@ -30,6 +36,7 @@ MOST_QUESTIONS = 5
 MOST_SOURCES = 3
 MOST_REFUSED = 1
 MOST_LISTED = 4  # files or trials in a line
+DRAFT = "https://json-schema.org/draft/2020-12/schema"
 
 Example = Literal["bench", "walking"]
 RECORDERS: Mapping[Example, Sequence[str]] = {
@@ -113,9 +120,6 @@ def sheet_text(draft: Draft) -> str:
 
 def write_campaign(folder: Path, files: Mapping[str, str]) -> None:
     """Write the files of a campaign, by their names, and the schemas of all of its kinds."""
-    # it knows the settings of all commands
-    from osl_analysis.commands.reference import write_schemas
-
     (folder / "sources").mkdir(parents=True)
     write_schemas(folder / "schemas")
     for name, text in files.items():
@@ -181,3 +185,40 @@ def source_lines(draft: Draft) -> list[str]:
         guesses = [entry.guess for entry in source.named.values()] or ["all markers"]
         lines.append(f"sources/{name}.yaml, {uses[name]} x: {listing(guesses, MOST_LISTED)}")
     return lines
+
+
+def schemas() -> dict[str, dict[str, Any]]:
+    """The schema of each kind of file, by the name of its file without `.schema.json`."""
+    schema_of = {
+        "config": Config.model_json_schema(),
+        "parameters": ParameterFile.model_json_schema(),
+        "simulation": SimulationSettings.model_json_schema(),
+        "gait_laboratory": WalkingSettings.model_json_schema(),
+    }
+    # a campaign's configuration overrides fields of the default, and needs none
+    config = schema_of["config"]
+    for definition in (config, *config["$defs"].values()):
+        definition.pop("required", None)
+
+    models = {name: known.source for name, known in known_formats().items()}
+    places, content = models_json_schema(
+        [(model, "validation") for model in dict.fromkeys(models.values())]
+    )
+    of_format = []
+    for name, model in models.items():
+        is_format = {"properties": {"format": {"const": name}}}
+        of_format.append({"if": is_format, "then": places[model, "validation"]})
+    schema_of["source"] = {
+        "type": "object",
+        "required": ["format"],
+        "properties": {"format": {"enum": list(models)}},
+        "allOf": of_format,
+        **content,
+    }
+    return schema_of
+
+
+def write_schemas(folder: Path) -> None:
+    for name, schema in schemas().items():
+        text = json.dumps({"$schema": DRAFT, **schema}, indent=1, ensure_ascii=False)
+        write_text(folder / f"{name}.schema.json", f"{text}\n")

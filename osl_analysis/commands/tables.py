@@ -1,4 +1,5 @@
-"""Result tables from the tables of single trials, and the summary with the headline numbers."""
+"""Result tables from the tables of single trials, the summary with the headline numbers, and what
+their columns mean."""
 
 import json
 from collections.abc import Collection, Mapping, Sequence
@@ -9,19 +10,22 @@ import polars as pl
 
 from osl_analysis.campaign.origin import sentence
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.dictionary import described_tables_by_name
+from osl_analysis.dictionary import described_tables, described_tables_by_name
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path, write_text
+from osl_analysis.ingest.quality import UNITS
 from osl_analysis.jobs.job_log import read_log
 from osl_analysis.judge.campaign import campaign_findings
 from osl_analysis.judge.claims import Claims, claims_table
 from osl_analysis.judge.finding import findings_frame, read_findings
 from osl_analysis.judge.judging import judged, marked, with_inherited
+from osl_analysis.judge.known_findings import CHECKS
 from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.judge.recording_checks import Judge, QualityRules
 from osl_analysis.judge.summary_findings import causes_in_campaign
 from osl_analysis.model.drivetrain import FileOrNone, joint_of, known_parameters
 from osl_analysis.report.numbers import (
+    ENTRIES,
     headline_numbers,
     macros_tex,
     numbers_in_summary,
@@ -389,3 +393,29 @@ def later_failures(summary_json: Path) -> str:
         f"A LATER JOB FAILED: after these numbers were written, {len(failures)} jobs were refused"
         f" or failed, first: {failures[0]}; correct it and run again: what they make is older"
     )
+
+
+def columns_text() -> str:
+    """Unit and meaning of every column of every table, of every check and of every headline
+    number."""
+    sections = []
+    for table in described_tables():
+        for file, rows, columns in table.sections:
+            lines = [(column.name, column.unit, column.meaning) for column in columns]
+            sections.append(f"{file}: {rows}\n\n{aligned(lines)}")
+    numbers = [(entry.name, entry.unit, entry.meaning) for entry in ENTRIES]
+    return "\n".join(
+        [
+            *sections,
+            f"checks of quality control\n\n{aligned(described_checks())}",
+            f"numbers in summary.json\n\n{aligned(numbers)}",
+        ]
+    )
+
+
+def described_checks() -> list[tuple[str, str, str]]:
+    """Name, unit and meaning of every check of quality control."""
+    return [
+        (name, UNITS[name], f"{check.meaning}. Fails {check.fails} its threshold")
+        for name, check in CHECKS.items()
+    ]

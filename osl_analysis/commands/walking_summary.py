@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from osl_analysis.commands.walking_files import (
+from osl_analysis.commands.walking import (
     NO_GAIT,
     read_crossing,
     read_model,

@@ -33,7 +33,7 @@ import snakemake.cli, snakemake.api, snakemake.workflow, snakemake.dag, snakemak
 # what Snakemake imports while it reads a Snakefile and compares params
 import pandas, smart_open
 import osl_analysis.judge.campaign, osl_analysis.table, osl_analysis.commands.run
-import osl_analysis.commands.campaign_start
+import osl_analysis.commands.run
 import osl_analysis.commands.simulate, osl_analysis.campaign.campaign_trials, osl_analysis.figures
 import osl_analysis.campaign.result_files, osl_analysis.campaign.origin
 import osl_analysis.report.verdicts, osl_analysis.report.numbers

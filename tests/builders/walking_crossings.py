@@ -11,7 +11,7 @@ import numpy as np
 import polars as pl
 from walking_synthetic import RATE, bump, settings
 
-from osl_analysis.commands import walking, walking_files, walking_summary
+from osl_analysis.commands import walking, walking_summary
 from osl_analysis.commands.tables import gather
 from osl_analysis.judge.limits import Limits
 from osl_analysis.table import read_table
@@ -131,7 +131,7 @@ def run_jobs(
     table = folder / "walking.csv"
 
     if not (folder / "plate.json").exists():
-        walking_files.write_model(NO_CORRECTION, folder / "plate.json")
+        walking.write_model(NO_CORRECTION, folder / "plate.json")
     walking.select_crossings([file_of[name] for name in sheet], chosen, selection, sheet)
     walking.average_unperturbed(at_rest, selection, chosen.fewest_unperturbed, gait)
     fits = [folder / f"fits/{name}.csv" for name in perturbed]
@@ -164,7 +164,7 @@ def campaign(
     """Write crossings and run every job on them. `cells` are conditions in the sheet, by trial."""
     sheet = {}
     for name, walk in walks.items():
-        walking_files.write_crossing(walked(name, walk), folder / f"crossings/{name}.parquet")
+        walking.write_crossing(walked(name, walk), folder / f"crossings/{name}.parquet")
         conditions = (cells or {}).get(name, {})
         sheet[name] = {"perturbed": walk.phase is not None, **conditions}
     perturbed = [name for name, walk in walks.items() if walk.phase is not None]

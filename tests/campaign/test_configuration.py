@@ -23,7 +23,7 @@ from osl_analysis.campaign.configuration import (
     read_campaign_file,
     read_config,
 )
-from osl_analysis.commands.campaign_start import check_start, source_problems
+from osl_analysis.commands.run import check_start, source_problems
 from osl_analysis.commands.simulate import (
     laboratory_of,
     read_simulation,

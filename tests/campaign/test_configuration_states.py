@@ -15,9 +15,9 @@ from osl_analysis.campaign import configuration
 from osl_analysis.campaign.campaign_trials import Campaign
 from osl_analysis.campaign.configuration import FACTS_OF_DEFAULT, overriding, read_config
 from osl_analysis.campaign.origin import EXPERIMENTS_BY_SETTING, states_of
-from osl_analysis.commands.campaign_start import left_out_recordings
 from osl_analysis.commands.fit import fit_settings, fit_trial
-from osl_analysis.commands.walking_files import write_crossing
+from osl_analysis.commands.run import left_out_recordings
+from osl_analysis.commands.walking import write_crossing
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.files import default_config
 from osl_analysis.ingest.quality import Commanded, measure_quality, measured_table

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from osl_analysis.campaign.campaign_trials import open_campaign
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.cli import main
-from osl_analysis.commands.campaign_start import check_start
+from osl_analysis.commands.run import check_start
 from osl_analysis.schema import SCHEMA
 
 CONFIG = """# of the old bench

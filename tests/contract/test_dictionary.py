@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from polars.testing import assert_frame_equal
 
-from osl_analysis.commands.campaign_start import check_working_folder
+from osl_analysis.commands.run import check_working_folder
 from osl_analysis.dictionary import HERE
 from osl_analysis.errors import InputError
 from osl_analysis.files import own_yaml

@@ -16,10 +16,8 @@ from log_builders import write_trc
 
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.cli import main
-from osl_analysis.commands.campaign_start import first_look
-from osl_analysis.commands.new_campaign import left_to_decide, new_campaign
-from osl_analysis.commands.reference import schemas
-from osl_analysis.commands.run import snakemake_arguments
+from osl_analysis.commands.new_campaign import left_to_decide, new_campaign, schemas
+from osl_analysis.commands.run import first_look, snakemake_arguments
 from osl_analysis.commands.simulate import planned_sheet, settings_files
 from osl_analysis.draft.draft_campaign import draft_campaign
 from osl_analysis.draft.draft_sheet import draft_trials

@@ -21,9 +21,9 @@ from snakemake_interface_logger_plugins.common import LogEvent
 
 from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.commands import trials
+from osl_analysis.commands.report import failure_lines
 from osl_analysis.commands.tables import gather, judge, list_excluded, read_summary
-from osl_analysis.commands.verdict import failure_lines
-from osl_analysis.commands.walking_files import (
+from osl_analysis.commands.walking import (
     read_crossing_file,
     read_model,
     read_unperturbed_gaits,

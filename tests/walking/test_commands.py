@@ -17,7 +17,7 @@ from walking_crossings import Tables, run_jobs
 from walking_setup import Setup, load_setup
 from walking_synthetic import changed, hidden, settings, static_trial
 
-from osl_analysis.commands import walking, walking_files
+from osl_analysis.commands import walking
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.errors import InputError
 from osl_analysis.judge.limits import Limits
@@ -48,7 +48,7 @@ class Session:
         return self.folder / f"crossings/{name}.parquet"
 
     def read(self, names: list[str]) -> list[Crossing]:
-        return [walking_files.read_crossing(self.crossing(name)) for name in names]
+        return [walking.read_crossing(self.crossing(name)) for name in names]
 
     def truth(self, name: str) -> dict[str, Any]:
         return dict(json.loads((self.folder / f"truth/{name}.json").read_text()))
@@ -132,11 +132,11 @@ def refused(output: Path, reason: str) -> Iterator[None]:
     """The crossing is refused for a reason like this, with a warning, and its file says so."""
     with pytest.warns(UserWarning, match=reason), suppress(InputError):
         yield
-    crossing = walking_files.read_crossing_file(output)
+    crossing = walking.read_crossing_file(output)
     assert isinstance(crossing, RefusedCrossing)
     assert re.search(reason, crossing.reason)
     with pytest.raises(InputError, match="was refused"):
-        walking_files.read_crossing(output)
+        walking.read_crossing(output)
 
 
 def test_a_turn_of_the_toes_down_has_its_sign(ideal: Session, tmp_path: Path) -> None:
@@ -146,7 +146,7 @@ def test_a_turn_of_the_toes_down_has_its_sign(ideal: Session, tmp_path: Path) ->
 
     ideal.analyse(trial, True, tmp_path / "down.parquet", "down")
 
-    down = walking_files.read_crossing(tmp_path / "down.parquet")
+    down = walking.read_crossing(tmp_path / "down.parquet")
     assert np.rad2deg(down.turn) == pytest.approx(-5, abs=0.1)
     assert {crossing.direction for crossing in ideal.read(ideal.perturbed)} == {"up"}
     contradiction = r"walking_77: the platform turned by -5\.\d deg .* says direction 'up'"
@@ -222,7 +222,7 @@ def test_what_cannot_be_used_is_listed_and_the_rest_goes_on(real: Session, tmp_p
             real.analyse(tmp_path / "trial.parquet", name != cut, session.crossing(name))
     (outlier,) = session.read([elsewhere])
     moved = replace(outlier, quality=replace(outlier.quality, foot_forward_m=0.2))
-    walking_files.write_crossing(moved, session.crossing(elsewhere))
+    walking.write_crossing(moved, session.crossing(elsewhere))
 
     tables = session.summarised()
 
@@ -264,7 +264,7 @@ class Hiding:
         write_trial(trial, self.folder / "hidden.parquet")
         perturbed = name in self.session.perturbed
         self.session.analyse(self.folder / "hidden.parquet", perturbed, self.output)
-        return walking_files.read_crossing(self.output)
+        return walking.read_crossing(self.output)
 
 
 def test_while_the_perturbation_is_fitted_7_ms_are_bridged_and_30_ms_refused(
@@ -286,17 +286,17 @@ def test_while_the_perturbation_is_fitted_7_ms_are_bridged_and_30_ms_refused(
 def test_a_crossing_knows_what_each_trial_of_the_plate_does_to_its_torque(
     real: Session, tmp_path: Path
 ) -> None:
-    plate = walking_files.read_model(real.folder / "plate.json", PlateModel)
+    plate = walking.read_model(real.folder / "plate.json", PlateModel)
     files = (real.trial(real.perturbed[0]), real.folder / "calibration.json")
     onsets = real.folder / "onsets.json"
 
     def crossing_with(model: PlateModel) -> Crossing:
-        walking_files.write_model(model, tmp_path / "plate.json")
+        walking.write_model(model, tmp_path / "plate.json")
         output = tmp_path / "crossing.parquet"
         walking.analyse(
             *files, tmp_path / "plate.json", onsets, True, real.chosen, output, body_mass_kg=77.0
         )
-        return walking_files.read_crossing(output)
+        return walking.read_crossing(output)
 
     crossing = crossing_with(plate)
     without = crossing_with(plate.leave_one_out[1])
@@ -348,7 +348,7 @@ def test_a_damaged_model_names_the_step(tmp_path: Path, content: str) -> None:
     (tmp_path / "plate.json").write_text(content)
 
     with pytest.raises(InputError, match=r"plate\.json: not what .* and run again"):
-        walking_files.read_model(tmp_path / "plate.json", PlateModel)
+        walking.read_model(tmp_path / "plate.json", PlateModel)
 
 
 def mass_of(sheet: float | None, recorded: float | None) -> float | None:

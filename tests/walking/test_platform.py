@@ -12,8 +12,7 @@ import pytest
 import walking_synthetic as synthetic
 from walking_synthetic import Ramp, Rig, changed, plate_trials, settings, static_trial, walked_over
 
-from osl_analysis.commands.walking import average_unperturbed
-from osl_analysis.commands.walking_files import write_refusal
+from osl_analysis.commands.walking import average_unperturbed, write_refusal
 from osl_analysis.errors import InputError
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial

@@ -27,10 +27,10 @@ from osl_analysis.errors import OslAnalysisError
 from osl_analysis.trial import Trial, marker_columns, plate_columns
 from osl_analysis.walking.crossing import analyse_crossing
 from osl_analysis.walking.ensemble import ESTIMATED, GroupHeadline, group_headline
+from osl_analysis.walking.isolated_response import unperturbed_gait
 from osl_analysis.walking.plate_inertia import identify_plate_model
 from osl_analysis.walking.platform import ramp_of, ramp_onsets
 from osl_analysis.walking.poses import StaticCalibration, segment_poses, static_calibration
-from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 from osl_analysis.walking.walking_settings import WalkingAnalysis
 
 Array = NDArray[np.float64]

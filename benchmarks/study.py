@@ -23,8 +23,8 @@ import polars as pl
 from causes import ROOT, markdown, write_between
 from planted_gait import onsets_of
 
-from osl_analysis.bench.bench_settings import DynamometerAnalysis
 from osl_analysis.bench.analysis import FitTables
+from osl_analysis.bench.bench_settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.commands.fit import job_of, run_fit
 from osl_analysis.errors import OslAnalysisError
@@ -35,7 +35,6 @@ from osl_analysis.signals import runs
 from osl_analysis.simulator.bench_trial import drivetrain_effects, true_signals
 from osl_analysis.simulator.laboratory_files import write_crossing_capture
 from osl_analysis.simulator.laboratory_settings import WalkingSettings
-from osl_analysis.simulator.random_numbers import generator_of
 from osl_analysis.simulator.recorder import TrueSignal, recording_of
 from osl_analysis.simulator.simulated_crossing import (
     SimulatedCrossing,
@@ -49,6 +48,7 @@ from osl_analysis.simulator.simulation_settings import (
     SimulationSettings,
 )
 from osl_analysis.simulator.step import GaitTrial, draw_step
+from osl_analysis.simulator.trial_plan import generator_of
 from osl_analysis.simulator.walking_trial import simulate_walking_trial
 from osl_analysis.stats.estimates import INTERVAL_ENDS
 from osl_analysis.stats.linear_fit import LinearFit
@@ -57,11 +57,10 @@ from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.crossing import Crossing, analyse_crossing
 from osl_analysis.walking.ensemble import Ensemble, shared_errors
 from osl_analysis.walking.impedance_fit import fit_response, fit_without_offset
-from osl_analysis.walking.isolated_response import isolate_response
+from osl_analysis.walking.isolated_response import isolate_response, unperturbed_gait
 from osl_analysis.walking.plate import Stance
 from osl_analysis.walking.plate_inertia import identify_plate_model
 from osl_analysis.walking.poses import static_calibration
-from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 from osl_analysis.walking.walking_settings import FootSettings, WalkingAnalysis
 from osl_analysis.yaml_settings import read_yaml
 

@@ -54,8 +54,8 @@ from osl_analysis.table import (
     write_table,
 )
 from osl_analysis.trial import read_trial
+from osl_analysis.walking.isolated_response import unperturbed_gait
 from osl_analysis.walking.tables import walking_page_points
-from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 from osl_analysis.walking.walking_settings import TimingSettings
 
 if TYPE_CHECKING:

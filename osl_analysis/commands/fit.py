@@ -17,6 +17,7 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.bench.analysis import FitTables
+from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.commands.fit_results import Fit, estimated, printed_units
 from osl_analysis.config.experiments import EXPERIMENTS, FitJob
@@ -226,6 +227,12 @@ def run_fit(
     if job.parameters:
         arguments["parameters"] = parameters
     if job.sheet:
+        stated = DesiredImpedance if experiment == "impedance" else Mapping
+        if not isinstance(condition, stated | None):
+            raise InputError(
+                f"desired: {condition!r} is no desired impedance; give"
+                " osl.DesiredImpedance(controller, K_d, B_d)"
+            )
         arguments["condition"] = condition
     if job.windows:
         arguments["windows"] = windows

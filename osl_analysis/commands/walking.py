@@ -39,6 +39,7 @@ from osl_analysis.walking import tables as result_tables
 from osl_analysis.walking import walking_settings as choices
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing, analyse_crossing, body_mass
 from osl_analysis.walking.groups import ALL, SEPARATOR, selection_rows
+from osl_analysis.walking.isolated_response import UnperturbedGait, unperturbed_gait
 from osl_analysis.walking.plate_inertia import (
     NO_CORRECTION,
     NOT_REMOVED,
@@ -48,7 +49,6 @@ from osl_analysis.walking.plate_inertia import (
 )
 from osl_analysis.walking.platform import ramp_of, ramp_onsets
 from osl_analysis.walking.poses import StaticCalibration, segment_poses, static_calibration
-from osl_analysis.walking.unperturbed_gait import UnperturbedGait, unperturbed_gait
 
 Gaits = dict[str, UnperturbedGait]
 Onsets = dict[str, float]  # [s], by trial

@@ -29,6 +29,7 @@ from osl_analysis.walking import tables as result_tables
 from osl_analysis.walking import walking_settings as choices
 from osl_analysis.walking.ensemble import GroupHeadline, group_headline
 from osl_analysis.walking.groups import SEPARATOR
+from osl_analysis.walking.isolated_response import UnperturbedGait
 from osl_analysis.walking.plate_inertia import PlateModel
 from osl_analysis.walking.tables import (
     GroupConditions,
@@ -37,7 +38,6 @@ from osl_analysis.walking.tables import (
     conditions_of,
     fitted_time,
 )
-from osl_analysis.walking.unperturbed_gait import UnperturbedGait
 
 FEWEST_FITS = 2  # of perturbations, for a scatter
 TOO_FEW = "perturbations can be used, expected 2 or more for a scatter; see the reasons in"

@@ -1,13 +1,14 @@
 """The desired impedance over the gait cycle, from a CSV file, validated when it is read."""
 
 import re
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, listing
 from osl_analysis.table import read_table
 from osl_analysis.trial import Array
 
@@ -37,8 +38,9 @@ def read_impedance_trajectory(path: Path) -> ImpedanceTrajectory:
     Parameters
     ----------
     path : Path
-        CSV table with columns phase, K_d [N*m/rad] and B_d [N*m*s/rad]. Lines that begin with `#`
-        are comments. One of them, `# kind: synthetic`, may say what the trajectory is.
+        CSV table with columns phase, K_d [N*m/rad] and B_d [N*m*s/rad]; a warning names others, as
+        an equilibrium. Lines that begin with `#` are comments. One of them, `# kind: synthetic`,
+        may say what the trajectory is.
 
     Returns
     -------
@@ -51,6 +53,9 @@ def read_impedance_trajectory(path: Path) -> ImpedanceTrajectory:
         rise from 0 to 1.
     """
     table = read_table(path, REQUIRED)
+    unused = [name for name in table.columns if name not in REQUIRED]
+    if unused:
+        warnings.warn(f"{path}: not used: {listing(unused)}; delete these columns", stacklevel=2)
     columns = {name: table[name].cast(pl.Float64).to_numpy() for name in REQUIRED}
     for name, column in columns.items():
         if not np.isfinite(column).all():

@@ -6,7 +6,7 @@ from typing import Any
 import polars as pl
 from matplotlib.axes import Axes
 
-from osl_analysis.figures import marks, names, style
+from osl_analysis.figures import marks, style
 from osl_analysis.measured import written
 
 # name that takes the place of the trial in the two rows that carry the mean slope
@@ -23,7 +23,7 @@ TEXT_MARGIN = 0.2  # of the loops' height, below them for the text
 def draw(table: pl.DataFrame) -> style.PaperFigure:
     """(a) torque over deflection and the mean slope, (b) torque minus that of the mean slope; the
     panels of several joints stand side by side."""
-    parts = names.by_place(table)
+    parts = style.by_place(table)
     width = style.SINGLE_COLUMN if len(parts) == 1 else style.DOUBLE_COLUMN
     figure, axes = style.panels(
         width, 4.0, rows=2, columns=len(parts), titles=[title for title, _ in parts], share_x=True

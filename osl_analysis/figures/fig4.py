@@ -6,7 +6,7 @@ import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
 
-from osl_analysis.figures import marks, names, style
+from osl_analysis.figures import marks, style
 
 MEASURED_LINE: dict[str, Any] = {"color": style.LIGHT_GREY, "linewidth": 2.2}
 MODEL_LINE: dict[str, Any] = {
@@ -20,7 +20,7 @@ DRAWN = ("theta_deg", "torque", "torque_model")
 
 def draw(table: pl.DataFrame) -> style.PaperFigure:
     """(a) angle, (b) torque and its fit, (c) residual of one trial over time."""
-    title = ", ".join(names.condition(table)) or f"Trial {names.drawn_name(table['trial'][0], 60)}"
+    title = ", ".join(style.condition(table)) or f"Trial {style.drawn_name(table['trial'][0], 60)}"
     figure, axes = style.panels(style.DOUBLE_COLUMN, 3.9, rows=3, titles=[title], share_x=True)
     angle, torque, residual = axes
     lines = with_breaks(table)

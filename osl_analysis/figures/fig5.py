@@ -14,7 +14,7 @@ import polars as pl
 from matplotlib.axes import Axes
 
 from osl_analysis.errors import InputError
-from osl_analysis.figures import marks, names, style
+from osl_analysis.figures import marks, style
 
 # distances of the places of two neighbouring trials
 NEXT_TRIAL = 1.0  # of one controller
@@ -55,7 +55,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     of several joints side by side."""
     shown = [
         (title, symbol, with_places(part, symbol))
-        for title, part in names.by_place(table)
+        for title, part in style.by_place(table)
         for symbol in "KB"
     ]
     across = 1 if len(shown) == 2 else 2
@@ -64,7 +64,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     if across == 1 and longest * WIDEST_MARKER <= style.SINGLE_COLUMN - MARGIN:
         width, inches = style.SINGLE_COLUMN, style.SINGLE_COLUMN - MARGIN
     down = len(shown) // across
-    has_desired = names.has_values(table, "K_d") or names.has_values(table, "B_d")
+    has_desired = style.has_values(table, "K_d") or style.has_values(table, "B_d")
     panel_height = PANEL_HEIGHT if has_desired else PANEL_HEIGHT + NAME_HEIGHT
     height = min(LEGEND_HEIGHT + panel_height * down, style.TALLEST)
     titles = [title for title, _, _ in shown]
@@ -75,7 +75,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     keys = marks.estimate_keys(table, "K")
     if has_desired:
         keys.append(marks.key("Desired", **DESIRED_LINE))
-    if names.has_values(table, "B_viscous"):
+    if style.has_values(table, "B_viscous"):
         label = r"Viscous damping $B_\mathrm{viscous}$"
         keys.append(marks.key(label, markersize=VISCOUS_SIZE, **VISCOUS_MARK))
     marks.legend_above(figure, keys)
@@ -102,7 +102,7 @@ def with_places(trials: pl.DataFrame, symbol: str) -> pl.DataFrame:
     desired = f"{symbol}_d"
     numbered = [
         rows.with_columns(number=pl.lit(number))
-        for number, (_, rows) in enumerate(names.by_controller(trials))
+        for number, (_, rows) in enumerate(style.by_controller(trials))
     ]
     rows = pl.concat(numbered).sort(
         desired, "number", OTHER[symbol], nulls_last=True, maintain_order=True
@@ -127,14 +127,14 @@ def draw_trials(ax: Axes, symbol: str, placed: pl.DataFrame, inches: float) -> N
     their bars, the viscous damping beside the damping, and a black line at each desired value."""
     unit = inches / span_of(placed)
     share = max(min(unit / WIDEST_MARKER, 1.0), SMALLEST_SHARE)  # markers of neighbours are apart
-    for look, trials in names.by_controller(placed):
+    for look, trials in style.by_controller(placed):
         marks.draw_estimates(ax, trials, "x", symbol, replace(look, size=share * look.size))
     if symbol == "B":
         ax.plot(
             placed["x"], placed["B_viscous"],
             linestyle="", markersize=VISCOUS_SIZE * share, zorder=4, **VISCOUS_MARK,
         )  # fmt: skip
-    ax.set_ylabel(names.AXIS_LABELS[symbol])
+    ax.set_ylabel(style.AXIS_LABELS[symbol])
 
     desired = f"{symbol}_d"
     groups = placed.partition_by(desired, maintain_order=True)
@@ -149,14 +149,14 @@ def draw_trials(ax: Axes, symbol: str, placed: pl.DataFrame, inches: float) -> N
     free = span_of(placed) - float(placed["x"][-1])
     ax.set_xlim(-free / 2, span_of(placed) - free / 2)
     ax.tick_params(axis="x", length=0)
-    if names.has_values(placed, desired):
-        ax.set_xlabel(names.AXIS_LABELS[desired])
+    if style.has_values(placed, desired):
+        ax.set_xlabel(style.AXIS_LABELS[desired])
         labels = [f"{value:g}" if value is not None else "not stated" for value in values]
         label_groups(ax, groups, labels, inches)
     else:
         ax.set_xlabel("Trial")
         groups = placed.partition_by("trial", maintain_order=True)
-        ends_of_names = [names.drawn_name(rows["trial"][0][-LONGEST_NAME:]) for rows in groups]
+        ends_of_names = [style.drawn_name(rows["trial"][0][-LONGEST_NAME:]) for rows in groups]
         label_groups(ax, groups, ends_of_names, inches)
 
 

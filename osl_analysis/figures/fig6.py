@@ -7,7 +7,7 @@ import polars as pl
 from matplotlib.axes import Axes
 
 from osl_analysis.errors import InputError
-from osl_analysis.figures import marks, names, style
+from osl_analysis.figures import marks, style
 from osl_analysis.stats.repeats import counted, doubts_of_trials
 from osl_analysis.trial import Array
 
@@ -41,8 +41,8 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     """A swarm for each controller of each joint and side."""
     swarms = [
         (title, look, rows)
-        for title, part in names.by_place(table)
-        for look, rows in names.by_controller(part)
+        for title, part in style.by_place(table)
+        for look, rows in style.by_controller(part)
     ]
     width = style.SINGLE_COLUMN if len(swarms) <= MOST_IN_COLUMN else style.DOUBLE_COLUMN
     figure, (ax,) = style.panels(width, HEIGHT)

@@ -6,7 +6,7 @@ import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from osl_analysis.figures import DESIRED, LINEAR_MODEL, OBSERVED, marks, names, style
+from osl_analysis.figures import DESIRED, LINEAR_MODEL, OBSERVED, marks, style
 
 MOST_TICKS = 8  # of frequency
 USUAL_PHASES = [1, 1.5, 3, 4.5, 9, 10]  # steps between ticks, times a power of ten [deg]
@@ -16,11 +16,11 @@ MODEL_WIDTH = 0.9  # of a line [pt]
 
 def draw(table: pl.DataFrame) -> style.PaperFigure:
     """(a) magnitude, (b) phase over frequency; several joints or sides stand side by side."""
-    parts = names.by_place(table)
+    parts = style.by_place(table)
     of_curve = {kind: table.filter(curve=kind) for kind in (OBSERVED, DESIRED, LINEAR_MODEL)}
     titles = [title for title, _ in parts]
     if len(parts) == 1 and not of_curve[OBSERVED].is_empty():
-        titles = [", ".join(names.condition(of_curve[OBSERVED].with_columns(controller=None)))]
+        titles = [", ".join(style.condition(of_curve[OBSERVED].with_columns(controller=None)))]
     width = style.SINGLE_COLUMN if len(parts) == 1 else style.DOUBLE_COLUMN
     figure, axes = style.panels(width, 4.2, 2, len(parts), titles=titles, share_x=True)
     for column, (_, part) in enumerate(parts):
@@ -40,9 +40,9 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     keys = marks.estimate_keys(of_curve[OBSERVED], "magnitude")
     if not of_curve[DESIRED].is_empty():
         keys.append(marks.key("Desired", **DESIRED_LINE))
-    for look, _ in names.by_controller(of_curve[LINEAR_MODEL]):
+    for look, _ in style.by_controller(of_curve[LINEAR_MODEL]):
         line = {"color": look.colour, "linestyle": look.dash, "linewidth": MODEL_WIDTH}
-        keys.append(marks.key(f"{look.label}, {names.LINEAR_MODEL.lower()}", **line))
+        keys.append(marks.key(f"{look.label}, {style.LINEAR_MODEL.lower()}", **line))
     marks.legend_above(figure, keys)
     figure.align_ylabels()
     return figure
@@ -52,10 +52,10 @@ def draw_part(ax: Axes, part: pl.DataFrame, quantity: str) -> None:
     """Magnitude or phase of one joint: measured, of linear models, and desired."""
     desired = part.filter(curve=DESIRED)
     ax.plot(desired["frequency_hz"], desired[quantity], **DESIRED_LINE)
-    for look, model in names.by_controller(part.filter(curve=LINEAR_MODEL)):
+    for look, model in style.by_controller(part.filter(curve=LINEAR_MODEL)):
         ax.plot(
             model["frequency_hz"], model[quantity],
             color=look.colour, linestyle=look.dash, linewidth=MODEL_WIDTH,
         )  # fmt: skip
-    for look, observed in names.by_controller(part.filter(curve=OBSERVED)):
+    for look, observed in style.by_controller(part.filter(curve=OBSERVED)):
         marks.draw_estimates(ax, observed, "frequency_hz", quantity, look)

@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MultipleLocator, PercentFormatter
 
 from osl_analysis.config.impedance_trajectory import STANCE_SHARE
-from osl_analysis.figures import names, style
+from osl_analysis.figures import style
 
 AS_PRINTED = 1e-9  # phases are compared so closely
 
@@ -19,7 +19,7 @@ def points(gains: pl.DataFrame) -> pl.DataFrame:
 def draw(table: pl.DataFrame) -> style.PaperFigure:
     """(a) stiffness, (b) damping over stance: desired, and the gain."""
     kind = table["trajectory"][0]
-    title = f"Trajectory: {names.drawn_name(kind)}" if kind else ""
+    title = f"Trajectory: {style.drawn_name(kind)}" if kind else ""
     figure, axes = style.panels(style.SINGLE_COLUMN, 3.0, rows=2, titles=[title], share_x=True)
     stiffness, damping = axes
     draw_gain(stiffness, table, "K")
@@ -37,7 +37,7 @@ def draw_gain(ax: Axes, table: pl.DataFrame, symbol: str) -> None:
     """K or B: desired, and the gain at the joint where it is known, from 0 on."""
     ax.plot(table["phase"], table[f"{symbol}_d"], color=style.BLACK, label=f"Desired ${symbol}_d$")
     gain = f"{symbol}_1_joint"
-    if names.has_values(table, gain):
+    if style.has_values(table, gain):
         ax.plot(
             table["phase"], table[gain],
             color=style.ORANGE, linewidth=1.3, linestyle=(0, (5, 1.5)),

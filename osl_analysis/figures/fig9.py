@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter
 
 from osl_analysis.errors import InputError
-from osl_analysis.figures import marks, names, style
+from osl_analysis.figures import marks, style
 
 QUANTITIES = ("K", "B", "I")
 # distances on the axis from the middle of a group
@@ -99,7 +99,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     right = (len(of_groups) - 1) * NEXT_GROUP + LAST_AT + BESIDE
     unit = (width / 3 - MARGIN) / (right - left)
     groups = [f"{name} ({n})" for name, n in of_groups.select("group", "n").iter_rows()]
-    labels = [names.drawn_name(group) for group in groups] if len(groups) > 1 else []
+    labels = [style.drawn_name(group) for group in groups] if len(groups) > 1 else []
     places = [number * NEXT_GROUP + MEAN_AT / 2 for number in range(len(labels))]
     for ax, quantity in zip(axes, QUANTITIES, strict=True):
         rows = table.filter(quantity=quantity)
@@ -109,7 +109,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
             draw_group(ax, group, number * NEXT_GROUP, height, unit)
         ax.set_xlim(left, right)
         ax.set_xticks(places, labels, rotation=90)
-        ax.set_ylabel(names.AXIS_LABELS[quantity])
+        ax.set_ylabel(style.AXIS_LABELS[quantity])
         if quantity == "I" or ax.dataLim.y0 < 0:
             ax.axhline(0, color=style.BLACK, linewidth=0.5, zorder=0)
     axes[-1].yaxis.set_major_formatter(

@@ -14,8 +14,16 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, MaxNLocator
 from numpy.typing import ArrayLike
 
-from osl_analysis.figures.names import by_controller, has_values
-from osl_analysis.figures.style import GREY, SINGLE_COLUMN, THICK, THIN, WHITE, Look
+from osl_analysis.figures.style import (
+    GREY,
+    SINGLE_COLUMN,
+    THICK,
+    THIN,
+    WHITE,
+    Look,
+    by_controller,
+    has_values,
+)
 from osl_analysis.stats.repeats import IS_DOUBTFUL
 from osl_analysis.trial import Array
 

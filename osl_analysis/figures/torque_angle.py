@@ -7,7 +7,7 @@ import numpy as np
 import polars as pl
 from matplotlib.colors import to_hex
 
-from osl_analysis.figures import columns_of, marks, names, style
+from osl_analysis.figures import columns_of, marks, style
 
 FACTS = ("joint", "side", "doubtful")  # of trials, beside their curves
 WIDTHS = {"loading": 1.1, "unloading": 0.6}  # of curves [pt]
@@ -30,7 +30,7 @@ def points(curves: pl.DataFrame, trials: pl.DataFrame) -> pl.DataFrame:
 
 def draw(table: pl.DataFrame) -> style.PaperFigure:
     """(a) torque over angle, (b) stiffness while loading; two panels for each joint."""
-    parts = names.by_place(table)
+    parts = style.by_place(table)
     titles = np.repeat([title for title, _ in parts], 2).tolist()
     height = 3.0 * len(parts) + 0.3
     figure, axes = style.panels(style.DOUBLE_COLUMN, height, len(parts), 2, titles=titles)
@@ -65,12 +65,12 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
         marks.key(branch.capitalize(), color=style.BLACK, linewidth=width)
         for branch, width in WIDTHS.items()
     ]
-    if names.has_values(table, "desired_torque"):
+    if style.has_values(table, "desired_torque"):
         keys.append(marks.key("Desired", **DESIRED))
     if marks.has_doubtful(table):
         keys.append(marks.key("Doubtful trial", color=style.BLACK, linestyle=style.DOTTED))
     if len(trials) <= MOST_NAMED:
-        keys += [marks.key(names.drawn_name(name), color=colours[name]) for name in trials]
+        keys += [marks.key(style.drawn_name(name), color=colours[name]) for name in trials]
     marks.legend_above(figure, keys)
     figure.align_ylabels()
     return figure

@@ -5,7 +5,7 @@ from typing import Any
 import polars as pl
 from matplotlib.axes import Axes
 
-from osl_analysis.figures import marks, names, style
+from osl_analysis.figures import marks, style
 
 GAIT: dict[str, tuple[str, style.Dash]] = {  # colour and line style of a mean
     "unperturbed": (style.PURPLE, "-"),
@@ -41,7 +41,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     groups = table.partition_by("group", maintain_order=True)
     titles = []
     for rows in groups:
-        name = names.drawn_name(rows["group"][0], 60) if len(groups) > 1 else ""
+        name = style.drawn_name(rows["group"][0], 60) if len(groups) > 1 else ""
         titles += [name, "", "", ""]
     height = PAGE_HEIGHT * len(groups)
     figure, axes = style.panels(style.DOUBLE_COLUMN, height, 2 * len(groups), 2, titles=titles)

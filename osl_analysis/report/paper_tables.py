@@ -26,6 +26,8 @@ HEADS = {  # of columns, in LaTeX
 }
 ESTIMATED = ("K", "B", "B_viscous", "I", "VAF")
 UNITS = {"VAF": "%"}  # of what is rounded as a share
+SUBTRACTED = {"ensemble": "mean unperturbed gait", "ensemble, predicted gait": "predicted gait"}
+"""What each estimator of a group subtracts from the perturbed crossings."""
 NOTHING = "–"
 DAGGER = "†: doubtful. A mean is over trials that are not doubtful; where all are, there is none."
 
@@ -103,21 +105,26 @@ def estimate_text(row: Mapping[str, Any], name: str, unit: str = "") -> str:
 
 def groups(summary: pl.DataFrame) -> Iterator[Condition]:
     """K, B and I of each group of crossings, of all perturbations together, from
-    `walking_summary.csv`."""
-    of_ensemble = summary.filter(estimator="ensemble")
-    for (group,), quantities in of_ensemble.group_by("group", maintain_order=True):
-        rows = quantities.rename({"low": "mean_low", "high": "mean_high"}).to_dicts()
-        yield Condition(
-            stated={"group": "walking" if group == "all" else f"walking, {group}"},
-            trials=(),
-            n=rows[0]["n"],
-            is_doubtful=any(row["doubt"] for row in rows),
-            results=(),
-            estimates={
-                row["quantity"]: estimate_text(row, "mean", UNITS.get(row["quantity"], ""))
-                for row in rows
-            },
-        )
+    `walking_summary.csv`: minus the mean unperturbed gait, and minus predicted gait."""
+    for (group,), of_group in summary.group_by("group", maintain_order=True):
+        for estimator, subtracted in SUBTRACTED.items():
+            quantities = of_group.filter(estimator=estimator)
+            rows = quantities.rename({"low": "mean_low", "high": "mean_high"}).to_dicts()
+            if rows:
+                yield Condition(
+                    stated={
+                        "group": "walking" if group == "all" else f"walking, {group}",
+                        "minus": subtracted,
+                    },
+                    trials=(),
+                    n=rows[0]["n"],
+                    is_doubtful=any(row["doubt"] for row in rows),
+                    results=(),
+                    estimates={
+                        row["quantity"]: estimate_text(row, "mean", UNITS.get(row["quantity"], ""))
+                        for row in rows
+                    },
+                )
 
 
 def condition_rows(of_conditions: Sequence[Condition]) -> list[list[str]]:

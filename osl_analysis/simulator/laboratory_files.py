@@ -10,8 +10,7 @@ import numpy as np
 from osl_analysis.errors import optional_module
 from osl_analysis.files import atomic_path
 from osl_analysis.simulator import laboratory_settings as laboratory
-from osl_analysis.simulator.mcap_log import sample_topic, write_topics
-from osl_analysis.simulator.recorder import rounded_to
+from osl_analysis.simulator.recorder import rounded_to, sample_topic, write_topics
 from osl_analysis.simulator.rigid_body import (
     GRAVITY,
     Point,

@@ -17,7 +17,7 @@ from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
 from osl_analysis.model.compensator import Weight, check_request, optimal_damping, stiffness_gain
 from osl_analysis.model.drivetrain import DrivetrainParameters
 from osl_analysis.simulator import step as gait
-from osl_analysis.simulator.joint_motion import JointMotion
+from osl_analysis.simulator.bench_trial import JointMotion
 from osl_analysis.simulator.laboratory_settings import WalkingSettings
 from osl_analysis.simulator.rigid_body import (
     GRAVITY,

@@ -12,8 +12,8 @@ from functools import cached_property
 import numpy as np
 
 from osl_analysis.simulator.laboratory_settings import WalkingSettings
-from osl_analysis.simulator.random_numbers import generator_of
 from osl_analysis.simulator.rigid_body import Pose, rotation_about
+from osl_analysis.simulator.trial_plan import generator_of
 from osl_analysis.trial import Array
 
 STANCE_FRACTION = 0.62  # of the gait cycle

@@ -1,15 +1,27 @@
-"""The plan of a simulated campaign: the rows of its sample sheet, and the direction of each
-crossing."""
+"""The plan of a simulated campaign: its random numbers, the rows of its sample sheet, and the
+direction of each crossing."""
 
 import itertools
+import zlib
 from collections.abc import Iterator, Mapping
 from typing import Any
+
+import numpy as np
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.sheet import JOINT, SHEET_COLUMNS, SheetRows
 from osl_analysis.errors import InputError
-from osl_analysis.simulator.random_numbers import generator_of
 from osl_analysis.simulator.simulation_settings import SimulationSettings
+
+
+def generator_of(seed: int, trial: str, effect: str) -> np.random.Generator:
+    """Make the random generator of one effect in one trial, which depends on nothing else.
+
+    A trial that is simulated alone equals the campaign's, and switching one effect off leaves the
+    random numbers of the others.
+    """
+    return np.random.default_rng([seed, zlib.crc32(trial.encode()), zlib.crc32(effect.encode())])
+
 
 # experiments in the order of the sheet, with the number of digits in the names of their trials
 DIGITS = {

@@ -29,9 +29,9 @@ from osl_analysis.walking.impedance_fit import (
 from osl_analysis.walking.isolated_response import (
     BEHAVIOUR,
     PerturbationResponse,
+    UnperturbedGait,
     isolate_response,
 )
-from osl_analysis.walking.unperturbed_gait import UnperturbedGait
 from osl_analysis.walking.walking_settings import EnsembleSettings
 
 SEED = 20  # the same data give the same interval

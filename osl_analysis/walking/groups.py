@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError, listing
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import DOWN, UP, Crossing, RefusedCrossing
+from osl_analysis.walking.isolated_response import PHASES, signal_at, stance_times
 from osl_analysis.walking.plate import SINGLE_SUPPORT
 from osl_analysis.walking.poses import FREE_FALL, Mask
-from osl_analysis.walking.unperturbed_gait import PHASES, signal_at, stance_times
 from osl_analysis.walking.walking_settings import SelectionSettings
 
 # Columns of the sheet that part crossings into groups

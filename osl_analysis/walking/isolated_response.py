@@ -1,10 +1,17 @@
-"""Step 6, isolated response: a perturbed crossing minus unperturbed gait at the same phase.
+"""Steps 5 and 6, isolated response: a perturbed crossing minus unperturbed gait at the same phase.
+
+A perturbation may change the duration of stance. The duration to be expected comes from the ankle's
+angle before the onset. The size and drift of a motion differ from step to step and look like pace,
+but they cannot imitate the ankle's sharp turn after heel strike. So size and drift are fitted too,
+with the order of drift for which the unperturbed scales scatter least. Torque and load would
+misread a slower crossing: low-pass and heel impact act in time, not in phase.
 
 The response is zero on average over a baseline that ends before the onset, because the zero-phase
 filter spreads the response to earlier times. A response zeroed at the onset gives K = 321 N*m/rad
 for a true 340.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -12,16 +19,212 @@ import numpy as np
 import scipy
 
 from osl_analysis.errors import InputError
+from osl_analysis.measured import rounding_of
 from osl_analysis.signals import Motion, differentiate, sampling_rate
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.unperturbed_gait import (
-    PHASES,
-    UnperturbedGait,
-    aligned_gait,
-    signal_at,
-)
+from osl_analysis.walking.poses import StoredArray
 from osl_analysis.walking.walking_settings import TimingSettings
+
+# Phases of stance at which crossings are sampled, finer than the frames
+PHASES = np.linspace(0.0, 1.0, 401)
+MATCHED_STEP = 4  # every fourth phase is enough after a low-pass of 20 Hz
+FEWEST_PHASES = 5  # of these between heel strike and onset, 5 % of stance, that tell a pace
+
+SMALLEST_SCALE, LARGEST_SCALE = 0.75, 1.33
+DRIFT_ORDERS = np.arange(1, 9)
+LARGEST_SCALE_STEP = 0.05
+LAST_SCALE_STEP = 1e-6  # which ends the search
+SCALE_ROUNDS = 15
+
+
+@dataclass(frozen=True)
+class UnperturbedGait:
+    """Unperturbed crossings at `PHASES`: 0 at heel strike, 1 at toe-off."""
+
+    theta: StoredArray  # angle of the ankle (crossings, phases) [rad]
+    torque: StoredArray  # (crossings, phases) [N*m]
+    stance: StoredArray  # duration of stance (crossings,) [s]
+    plate_errors: StoredArray  # (m, crossings, phases) [N*m], as in `Crossing`
+
+
+def unperturbed_gait(
+    crossings: Sequence[Crossing], fewest: int, lost: Mapping[str, str] | None = None
+) -> UnperturbedGait:
+    """Sample crossings on the common grid of stance phase.
+
+    Parameters
+    ----------
+    crossings : sequence of Crossing
+        The unperturbed ones.
+    fewest : int
+        Number that is needed.
+    lost : mapping, optional
+        Why other crossings are not used, by trial, for the message.
+
+    Raises
+    ------
+    InputError
+        There are fewer crossings.
+    """
+    if len(crossings) < fewest:
+        used = ", ".join(crossing.name for crossing in crossings) or "none"
+        remedy = "record more"
+        if lost:
+            remedy = f"walking_crossings.csv says why others cannot: {next(iter(lost.values()))}"
+        raise InputError(
+            f"{len(crossings)} unperturbed crossings ({used}) can be used, expected {fewest} or"
+            f" more; {remedy}"
+        )
+
+    def on_grid(signals: Sequence[Array]) -> Array:
+        """Signals (..., n) of each crossing as (..., crossings, phases)."""
+        sampled = [
+            signal_at(crossing, signal, stance_times(crossing))
+            for crossing, signal in zip(crossings, signals, strict=True)
+        ]
+        return np.stack(sampled, axis=-2)
+
+    return UnperturbedGait(
+        theta=on_grid([crossing.theta for crossing in crossings]),
+        torque=on_grid([crossing.torque for crossing in crossings]),
+        stance=np.array([crossing.stance.duration for crossing in crossings]),
+        plate_errors=on_grid([crossing.plate_errors for crossing in crossings]),
+    )
+
+
+def stance_times(crossing: Crossing, phases: Array = PHASES) -> Array:
+    """Times [s] of the phases (k,) of a crossing's stance."""
+    return crossing.stance.heel_strike + phases * crossing.stance.duration
+
+
+def signal_at(crossing: Crossing, signal: Array, time: Array) -> Array:
+    """Interpolate signals (..., n) of a crossing at times (k,) [s]; constant beyond its ends."""
+    spline = scipy.interpolate.make_interp_spline(crossing.time, signal, k=3, axis=-1)
+    return np.asarray(spline(np.clip(time, crossing.time[0], crossing.time[-1])))
+
+
+def matched_scales(phase: Array, curves: Array, mean: Array) -> Array:
+    """Fit the pace of curves to a mean curve by Gauss-Newton.
+
+    The model of a curve at phases p is c mean(r p) + drift(p), where the drift is a polynomial. The
+    scale r is wanted; c and the drift's coefficients are not.
+
+    Parameters
+    ----------
+    phase : Array
+        Phases p (k,), from 0.
+    curves : Array
+        (m, k).
+    mean : Array
+        (n,), at equal steps of phase from 0 to 1.
+
+    Returns
+    -------
+    Array
+        Scales r (8, m), for drifts of order 1 to 8; NaN where the search from 1 does not converge
+        within bounds.
+    """
+    mean_curve = scipy.interpolate.make_interp_spline(np.linspace(0.0, 1.0, len(mean)), mean, k=3)
+    mean_slope = mean_curve.derivative()
+    # Orthonormal polynomials, of which each order uses the first
+    powers = np.vander(phase / phase[-1], DRIFT_ORDERS[-1] + 1, increasing=True)
+    drift = np.linalg.qr(powers)[0]
+    of_order = np.arange(drift.shape[1]) <= DRIFT_ORDERS[:, None]
+    of_order = of_order[:, None].astype(float)
+
+    def without_drift(curves: Array) -> Array:
+        """Curves (orders, m, k) without the drift of each order."""
+        return np.asarray(curves - ((curves @ drift) * of_order) @ drift.T)
+
+    negligible = len(phase) * rounding_of(mean)
+    scales = np.ones((len(DRIFT_ORDERS), len(curves)))
+    step = np.full_like(scales, np.inf)
+    for _ in range(SCALE_ROUNDS):
+        scaled_phase = np.clip(scales[..., None] * phase, 0.0, 1.0)
+        expected = mean_curve(scaled_phase)
+        # derivatives of the expected curve by its factor, and by its scale of phase
+        f = without_drift(expected)
+        s = without_drift(phase * mean_slope(scaled_phase))
+        unexplained = without_drift(curves - expected)
+
+        # The coefficient of s in the regression of what is unexplained on f and s
+        ff, fs, ss = np.sum(f * f, axis=-1), np.sum(f * s, axis=-1), np.sum(s * s, axis=-1)
+        determinant = ss * ff - fs**2
+        is_determined = (ff > negligible) & (ss > negligible) & (determinant > negligible * ff)
+        numerator = ff * np.sum(s * unexplained, axis=-1) - fs * np.sum(f * unexplained, axis=-1)
+        newton_step = np.where(is_determined, numerator, np.nan) / np.where(
+            is_determined, determinant, 1.0
+        )
+        step = np.clip(newton_step, -LARGEST_SCALE_STEP, LARGEST_SCALE_STEP)
+        scales = np.clip(scales + step, SMALLEST_SCALE, LARGEST_SCALE)
+        if np.all(np.abs(step) < LAST_SCALE_STEP):
+            break
+    within = (scales > SMALLEST_SCALE) & (scales < LARGEST_SCALE)
+    return np.where((np.abs(step) < LAST_SCALE_STEP) & within, scales, np.nan)
+
+
+@dataclass(frozen=True)
+class AlignedGait:
+    """The phases of a perturbed crossing and of the unperturbed ones on the mean gait."""
+
+    stance: float  # duration of stance [s] that converts the perturbed crossing's time to phase
+    # Phase on the mean gait over own phase, of each unperturbed crossing (crossings,)
+    scales: Array
+
+    def curves(self, unperturbed: Array, phase: Array) -> Array:
+        """Interpolate unperturbed curves (crossings, `PHASES`) at phases (k,) of the mean gait.
+
+        Returns
+        -------
+        Array
+            (crossings, k).
+        """
+        own_phases = np.clip(phase / self.scales[:, None], 0.0, 1.0)
+        spline = scipy.interpolate.make_interp_spline(PHASES, unperturbed.T, 3)
+        # All curves have the same knots, so that they are interpolated together
+        curves = [
+            scipy.interpolate.BSpline.construct_fast(spline.t, spline.c[:, k], 3)(own_phase)
+            for k, own_phase in enumerate(own_phases)
+        ]
+        return np.array(curves)
+
+
+def aligned_gait(crossing: Crossing, gait: UnperturbedGait, known_until: float) -> AlignedGait:
+    """Match the pace of a perturbed crossing, and of each unperturbed one, to the mean gait.
+
+    Parameters
+    ----------
+    known_until : float
+        Time [s] until which the angle is matched. With a guard of 30 ms before the onset, what a
+        filter of 20 Hz spreads of a turn of 4 deg changes the pace by 0.15 %, and K by 0.3 %.
+
+    Raises
+    ------
+    InputError
+        No pace fits.
+    """
+    stance = crossing.stance
+    known = np.asarray(stance.heel_strike + PHASES * stance.duration <= known_until)
+    phase = PHASES[known][::MATCHED_STEP]
+    if len(phase) >= FEWEST_PHASES:
+        theta = signal_at(crossing, crossing.theta, stance_times(crossing, phase))
+        curves = np.vstack([theta, gait.theta[:, ::MATCHED_STEP][:, : len(phase)]])
+        scales = matched_scales(phase, curves, gait.theta.mean(axis=0))
+        # The order of drift is the one at which all curves have a scale and the unperturbed scales
+        # scatter least
+        is_whole = np.isfinite(scales).all(axis=1)
+        scatters = np.where(is_whole, np.std(scales[:, 1:], axis=1), np.inf)
+        best = int(np.argmin(scatters))
+        if np.isfinite(scatters[best]):
+            return AlignedGait(stance.duration / float(scales[best, 0]), scales[best, 1:])
+    raise InputError(
+        f"trial {crossing.name}: its angle before the onset tells no pace from"
+        f" {SMALLEST_SCALE:g} to {LARGEST_SCALE:g} of the mean unperturbed gait: it has no"
+        " sharp turn after heel strike, or is of another gait; give it another group, or exclude"
+        " the trial"
+    )
+
 
 # Samples at both ends of a response beyond what is used: a spline's derivatives are less accurate
 # at its ends

@@ -25,9 +25,13 @@ from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.ensemble import ESTIMATED, Bootstrap, GroupHeadline
 from osl_analysis.walking.groups import SEPARATOR
 from osl_analysis.walking.impedance_fit import fit_response, gait_torque, offset_share
-from osl_analysis.walking.isolated_response import PerturbationResponse, isolate_response
+from osl_analysis.walking.isolated_response import (
+    PHASES,
+    PerturbationResponse,
+    UnperturbedGait,
+    isolate_response,
+)
 from osl_analysis.walking.plate_inertia import PlateModel
-from osl_analysis.walking.unperturbed_gait import PHASES, UnperturbedGait
 from osl_analysis.walking.walking_settings import TimingSettings
 
 SMALLEST_RESIDUAL_SHARE = 0.03  # of the torque, for a residual to count

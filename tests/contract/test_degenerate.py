@@ -25,9 +25,9 @@ from osl_analysis.stats import repeats
 from osl_analysis.stats.linear_fit import linear_fit
 from osl_analysis.trial import Trial
 from osl_analysis.walking.impedance_fit import fit_without_offset
+from osl_analysis.walking.isolated_response import unperturbed_gait
 from osl_analysis.walking.plate import find_stances
 from osl_analysis.walking.tables import perturbation_row
-from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 
 STATED = {
     "degrees_of_freedom": math.isinf,  # where a variance is 0

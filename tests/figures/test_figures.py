@@ -22,12 +22,11 @@ from osl_analysis.figures import (
     LINEAR_MODEL,
     drawn,
     look_numbers,
-    names,
     plotted_numbers,
+    style,
 )
 from osl_analysis.figures.fig3 import MEAN_SLOPE
-from osl_analysis.figures.names import LOOKS
-from osl_analysis.figures.style import SINGLE_COLUMN, paper_style
+from osl_analysis.figures.style import LOOKS, SINGLE_COLUMN, paper_style
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.table import NOT_ANALYSED, NotAnalysed, read_table, write_table
 
@@ -397,11 +396,11 @@ def test_no_two_controllers_look_alike():
     table = pl.DataFrame({"controller": controllers})
     table = table.with_columns(look_numbers(table["controller"]))
 
-    looks = {rows["controller"][0]: look for look, rows in names.by_controller(table)}
+    looks = {rows["controller"][0]: look for look, rows in style.by_controller(table)}
 
     assert len({(look.colour, look.marker) for look in looks.values()}) == 15
     alone = table.filter(controller="c1")
-    assert names.by_controller(alone)[0][0] == looks["c1"], "the same in every figure"
+    assert style.by_controller(alone)[0][0] == looks["c1"], "the same in every figure"
 
 
 # Files

@@ -17,8 +17,7 @@ from osl_analysis.campaign.result_files import response_example, time_series_exa
 from osl_analysis.commands.figure import fig7
 from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
 from osl_analysis.figures import drawn, plotted_numbers
-from osl_analysis.figures.names import by_controller
-from osl_analysis.figures.style import paper_style
+from osl_analysis.figures.style import by_controller, paper_style
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.table import read_table, with_places, write_table
 

@@ -217,17 +217,22 @@ def test_latex_has_rules_and_units_and_escapes_what_users_write():
     ]  # fmt: skip
 
 
-def test_groups_of_crossings_are_rows_of_their_ensembles():
+def test_groups_of_crossings_are_rows_of_both_ensembles():
     """A VAF is not rounded to 100 %."""
     columns = ["quantity", "estimator", "mean", "low", "high", "n"]
     rows = [("K", "ensemble", 336.0, 323.0, 348.0, 30), ("VAF", "ensemble", 99.996, None, None, 30),
-            ("K", "mean of perturbations", 340.0, 1.0, 2.0, 30)]  # fmt: skip
+            ("K", "mean of perturbations", 340.0, 1.0, 2.0, 30),
+            ("K", "ensemble, predicted gait", 333.0, 321.0, 345.0, 30),
+            ("VAF", "ensemble, predicted gait", 98.0, None, None, 30)]  # fmt: skip
     summary = pl.DataFrame(rows, columns, orient="row").with_columns(
         group=pl.lit("all"), doubt=None
     )
 
     rows = condition_rows(list(paper_tables.groups(summary)))
-    assert rows[1:] == [["walking", "30", "336 (323 to 348)", "99.9960"]]
+    assert rows[1:] == [
+        ["walking", "mean unperturbed gait", "30", "336 (323 to 348)", "99.9960"],
+        ["walking", "predicted gait", "30", "333 (321 to 345)", "98"],
+    ]
 
 
 @pytest.mark.parametrize(("beside_draft", "draft"), [(True, ["685.6"]), (False, [])])

@@ -15,13 +15,13 @@ from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import compensated_gains, uncompensated_gains
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.model.rendered_impedance import predicted_impedance
-from osl_analysis.simulator import joint_motion
+from osl_analysis.simulator import bench_trial
 from osl_analysis.simulator import simulation_settings as settings
 from osl_analysis.simulator.bench_trial import (
+    JointMotion,
     simulate_bench_trial,
     true_signals,
 )
-from osl_analysis.simulator.joint_motion import JointMotion
 from osl_analysis.simulator.simulation_settings import SimulationSettings
 from osl_analysis.yaml_settings import read_yaml
 
@@ -87,7 +87,7 @@ PROTOCOL = {
 
 def stepped(**changes):
     schedule = settings.SteppedSineSchedule.model_validate({**PROTOCOL, **changes})
-    return joint_motion.sine_command(schedule, RATE)
+    return bench_trial.sine_command(schedule, RATE)
 
 
 EXCITATION = {"name": "x", "rms_deg": 2.0, "duration_s": 20.0, "period_s": 4.0, "periods": 3}
@@ -96,7 +96,7 @@ EXCITATION = {"name": "x", "rms_deg": 2.0, "duration_s": 20.0, "period_s": 4.0, 
 def excited(kind, seed=3, **changes):
     """Angle [rad] of an excitation."""
     excitation = settings.Excitation.model_validate({**EXCITATION, "kind": kind, **changes})
-    return joint_motion.excitation_motion(excitation, "trial_x_1", seed, RATE)
+    return bench_trial.excitation_motion(excitation, "trial_x_1", seed, RATE)
 
 
 SMOOTH = ("multisine", "chirp", "noise", "hand")
@@ -104,7 +104,7 @@ BELT = settings.BeltMotion(amplitude_deg=5, ramp_s=2.0, rest_s=0.5)
 ACTUATOR = read_yaml(DEFAULT, SimulationSettings).actuator
 ONE_SINE = stepped(frequencies_hz=(1,), rest_s=0, lead_s=0)
 THERE_AND_BACK = [
-    signal[501:4499] for signal in vars(joint_motion.there_and_back(BELT, RATE)).values()
+    signal[501:4499] for signal in vars(bench_trial.there_and_back(BELT, RATE)).values()
 ]
 
 
@@ -113,7 +113,7 @@ THERE_AND_BACK = [
     [
         (ONE_SINE, 2e-4),
         (JointMotion(*THERE_AND_BACK), 1e-12),
-        (joint_motion.actuator_command(ACTUATOR, RATE)[0], 1e-5),
+        (bench_trial.actuator_command(ACTUATOR, RATE)[0], 1e-5),
         *((excited(kind), 1e-5) for kind in SMOOTH),
         # a sweep so fast that its own part of the acceleration shows
         (excited("chirp", duration_s=3.0, band_hz=(0.1, 4.0)), 1e-5),

@@ -25,9 +25,9 @@ from osl_analysis.errors import InputError
 from osl_analysis.walking.crossing import Crossing, CrossingQuality, platform_turn, pressure_outside
 from osl_analysis.walking.ensemble import group_headline
 from osl_analysis.walking.groups import crossing_features, places, split_keys
+from osl_analysis.walking.isolated_response import unperturbed_gait
 from osl_analysis.walking.plate import Stance
 from osl_analysis.walking.tables import fitted_time, headline_rows, set_up_difference
-from osl_analysis.walking.unperturbed_gait import unperturbed_gait
 
 MIDSTANCE = Walk(0.4)
 

@@ -25,17 +25,19 @@ from osl_analysis.walking.ensemble import (
     shared_errors,
 )
 from osl_analysis.walking.impedance_fit import fit_response, offset_share
-from osl_analysis.walking.isolated_response import BEHAVIOUR, PerturbationResponse, isolate_response
+from osl_analysis.walking.isolated_response import (
+    BEHAVIOUR,
+    PHASES,
+    PerturbationResponse,
+    UnperturbedGait,
+    aligned_gait,
+    isolate_response,
+    matched_scales,
+    unperturbed_gait,
+)
 from osl_analysis.walking.plate import Stance, find_stances
 from osl_analysis.walking.tables import (
     check_fit,
-)
-from osl_analysis.walking.unperturbed_gait import (
-    PHASES,
-    UnperturbedGait,
-    aligned_gait,
-    matched_scales,
-    unperturbed_gait,
 )
 from osl_analysis.walking.walking_settings import TimingSettings
 

@@ -195,15 +195,14 @@ def _with_dropped_variables(
     header, *data = rows
     is_cut = len(data) > 1 and len(data[-1].cells) < len(data[-2].cells)
     cut = [data.pop()] if is_cut else []
-    latest = [cell for row in data[:1] for cell in row.cells]  # of every variable
-    variables = [*range(len(latest))]  # of the rows from here on
-    named = variables
+    latest = dict(enumerate(data[0].cells if data else []))  # of every variable
+    named = variables = [*latest]  # of the rows from here on
     filled: list[Row] = []
     remarks: list[str] = []
     for row in data:
         if len(row.cells) != len(variables):
             failed = [variable for variable in variables if latest[variable] in missing]
-            variables = [variable for variable in variables if variable not in failed]
+            variables = [variable for variable in variables if latest[variable] not in missing]
             if len(row.cells) != len(variables):
                 raise InputError(
                     f"line {row.number} lacks cells, and {len(failed)} were missing in the line"
@@ -215,9 +214,8 @@ def _with_dropped_variables(
             )
             if len(named) != len(header.cells):
                 named = variables
-        for variable, cell in zip(variables, row.cells, strict=True):
-            latest[variable] = cell
-        filled.append(Row(row.number, [*latest]))
+        latest.update(zip(variables, row.cells, strict=True))
+        filled.append(Row(row.number, [*latest.values()]))
     named_rows = [Row(row.number, [row.cells[place] for place in named]) for row in filled]
     return [header, *named_rows, *cut], remarks
 
@@ -447,10 +445,10 @@ def _check_placeholder(values: NDArray[Any], title: str, rows: Rows) -> None:
     """Refuse a number of nines far beyond all others, which loggers write for a failed reading."""
     numbers = values[np.isfinite(values)]
     sizes = np.abs(numbers)
-    is_largest = sizes == sizes.max(initial=0.0)
-    placeholder = f"{numbers[np.argmax(is_largest)]:.12g}" if numbers.size else ""
+    placeholder = f"{numbers[sizes.argmax()]:.12g}" if numbers.size else ""
     if not re.fullmatch(r"-?9{3,}(\.9+)?", placeholder):
         return
+    is_largest = sizes == sizes.max()
     if sizes.max() > FAR_BEYOND * sizes[~is_largest].max(initial=0.0):
         raise InputError(
             f"column '{title}': {placeholder} stands in {is_largest.sum()} of {rows.count}"

@@ -499,19 +499,13 @@ def read(path: Path, source: C3dSource | None) -> Recording:
     outputs = {label for group in groups for label in header.texts(f"POINT:{group.upper()}")}
     slow = Rows(frames, "points", header.rate_hz, noun="frame")
     fast = Rows(frames * header.samples_per_frame, "analogs", fast_rate_hz, noun="sample")
-    point_channels: list[Channel] = []
+    channels: list[Channel] = []
     for place, (label, name) in enumerate(zip(labels, _names_of(labels), strict=True)):
-        is_output = label in outputs
-        point_channels.append(
-            Channel(
-                {"label": label},
-                slow,
-                partial(np.asanyarray, points[:frames, place]),
-                name,
-                unit="" if is_output else header.length_unit,
-                kind=Kind.MODEL_OUTPUT if is_output else Kind.MARKER,
-            )
-        )
+        read_points = partial(np.asanyarray, points[:frames, place])
+        point = Channel({"label": label}, slow, read_points, name, kind=Kind.MODEL_OUTPUT)
+        if label not in outputs:
+            point = replace(point, unit=header.length_unit, kind=Kind.MARKER)
+        channels.append(point)
     units = _filled(header.texts("ANALOG:UNITS"), header.channels, "")
     analog_channels: list[Channel] = []
     for label, unit, samples in zip(analog_labels, units, analogs[: fast.count].T, strict=True):
@@ -520,7 +514,7 @@ def read(path: Path, source: C3dSource | None) -> Recording:
     plates, questions = plates_of(header, analog_channels, source)
     return Recording(
         format="c3d",
-        channels=[*point_channels, *analog_channels],
+        channels=channels + analog_channels,
         loss=Loss(frames, header.frames, remarks=remarks),
         questions=questions,
         plates=plates,

@@ -140,7 +140,9 @@ def test_a_cell_amid_a_long_text_is_read_as_in_a_short_one(
 
 
 @pytest.mark.parametrize("amid", ["-7", "-7.5"])
-def test_whole_numbers_of_a_long_text_keep_their_last_digit(tmp_path: Path, amid: str) -> None:
+def test_numbers_of_a_long_text_keep_their_last_digit_and_their_line(
+    tmp_path: Path, amid: str
+) -> None:
     stamps = [str(1_700_000_000_000_000_000 + 2_000_001 * row) for row in range(900)]
     other = ["8"] * 450 + [amid] + ["8"] * 449
     rows = [f"{stamp},{number}\n" for stamp, number in zip(stamps, other, strict=True)]
@@ -148,7 +150,8 @@ def test_whole_numbers_of_a_long_text_keep_their_last_digit(tmp_path: Path, amid
     recording = read(tmp_path, "Time [ns],Level\n" + "".join(rows), **csv_source())
 
     assert column(recording, "Time").tolist() == [int(stamp) for stamp in stamps]
-    assert column(recording, "Level")[449:452].tolist() == [8, float(amid), 8]
+    assert column(recording, "Level").tolist() == [*map(float, other)]
+    assert recording.channels[0].rows.place(899) == "line 901"
 
 
 # --- LabVIEW ------------------------------------------------------------------------------------

@@ -110,7 +110,7 @@ def pairs_alike(slave: Edges, master: Edges) -> tuple[Array, Array]:
     ours = slave.time[:-2][is_alike]
     theirs = master.time[np.asarray(row)[is_alike]]
     offsets = theirs - ours
-    durations = [edges.time[-1] - edges.time[0] for edges in (slave, master) if edges.time.size]
+    durations = [np.ptp(edges.time) for edges in (slave, master) if edges.time.size]
     width = sampling + LIMITS.largest_drift * min(durations, default=0.0)
     votes = np.sort(offsets)
     count = np.searchsorted(votes, votes + width, side="right") - np.arange(votes.size)

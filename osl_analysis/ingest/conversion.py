@@ -327,8 +327,7 @@ def fresh_rows(
     stale = np.flatnonzero(np.abs(since_first - usual) > far)
     if not 0 < stale.size <= LIMITS.largest_stale_share * stamps.size:
         return every, []
-    remark = (
+    return np.delete(every, stale), [
         f"{stale.size} of {rows.count} {rows.noun}s have a stamp of another time, as of a packet"
         f" that waited in a buffer, and were left out, first {rows.place(stale[0])}"
-    )
-    return np.delete(every, stale), [remark]
+    ]

@@ -94,8 +94,8 @@ def convert_plate(
         stated = [channel.unit for channel in plate.channels]
         origin |= {"type": plate.type, "units": stated if any(stated) else []}
     names = [*plate_columns(plate.number, "force"), *plate_columns(plate.number, "moment")]
-    turned = np.vstack([rotation @ (plate.sign * force).T, rotation @ (plate.sign * moment).T])
-    columns = dict(zip(names, turned, strict=True))
+    turned = np.hstack([plate.sign * force @ rotation.T, plate.sign * moment @ rotation.T])
+    columns = dict(zip(names, turned.T, strict=True))
     origins = {column: {**origin, "si_unit": unit_of(column)} for column in names}
     return PlateLoad(columns, origins, facts)
 
@@ -156,9 +156,8 @@ def wrench(kind: int, corners: Array, origin: Array, channels: Array) -> tuple[A
         centre = np.array([0.0, 0.0, -abs(origin[2])])
     elif kind == 1:
         # centre of pressure x and y, free moment: M = p x F + (0, 0, T)
-        x, y, free = channels[:, 3:6].T
-        moment = np.cross(np.column_stack([x, y, np.zeros_like(x)]), force)
-        moment[:, 2] += free
+        point = channels[:, 3:6] * (1, 1, 0)
+        moment = np.cross(point, force) + channels[:, 3:6] * (0, 0, 1)
     else:  # moments about the plate's origin
         moment = channels[:, 3:6]
     return force @ axes.T, (moment - np.cross(centre, force)) @ axes.T

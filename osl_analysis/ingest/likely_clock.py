@@ -48,7 +48,9 @@ def tells_time(name: str, unit: str) -> bool:
 def is_of_time(unit: str) -> bool:
     """Whether a unit is a unit of time, or a multiple of one, such as `second` and `10 us`."""
     spelled = normalised(unit)
-    known = base_units(spelled) if spelled not in TIME_UNITS else (1.0, dimension("s"))
+    if spelled in TIME_UNITS:
+        return True
+    known = base_units(spelled)
     return known is not None and known[1] == dimension("s")
 
 

@@ -212,8 +212,8 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
         part = cells.get("log_part", "") if role == "log" else ""
         recording, identity = read_raw_file(raw_folder / files[role], source.of_part(part))
         recordings[role] = recording
-        of_file = {"path": files[role], "source": cells[f"{role}_source"]}
-        provenance["files"][role] = {**identity, **of_file}
+        identity |= {"path": files[role], "source": cells[f"{role}_source"]}
+        provenance["files"][role] = identity
         facts = dict(recording.facts)
         provenance["plates"] += facts.pop("plates", [])
         provenance["warnings"] += [printable(text) for text in recording.warnings]

@@ -115,8 +115,7 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
     if recording.plates:
         frame, plate_origins, facts["plates"] = with_plates(recording, source, frame, time)
         origins.update(plate_origins)
-    losses = losses_of(recording.loss)
-    return Converted(frame, origins, facts, [*warnings, *remarks], losses)
+    return Converted(frame, origins, facts, [*warnings, *remarks], losses_of(recording.loss))
 
 
 def check_loss(recording: Recording, source: TableSource) -> None:
@@ -162,11 +161,10 @@ def with_stamps_once(
             f"{copied} of {len(frame)} {noun}s have time and values of the {noun} before;"
             f" {advice}, to read each once"
         )
-    remark = (
+    return frame, [
         f"{begin} are taken for samples whose stamps were rounded; if the device was read faster"
         f" than it sampled, {advice}"
-    )
-    return frame, [remark]
+    ]
 
 
 def with_plates(
@@ -238,7 +236,7 @@ def check_one_timing(
     a whole file unequal counts. Some have then lost values, nothing tells where, and all later ones
     would be early against the other channels."""
     key = source.time.ADDRESS
-    first = channels[0]
+    first, shared = channels[0].key, channels[0].rows
     for channel in channels:
         rows = channel.rows
         if is_own and rows.rate_hz is None:
@@ -246,15 +244,15 @@ def check_one_timing(
                 f"{key} '{channel.key}' has no timing of its own; name the {key} of"
                 f" time, as `time: {{{key}: NAME, unit: s}}`, or {STATE_RATE}"
             )
-        if is_own and (rows.rate_hz, rows.start_s) != (first.rows.rate_hz, first.rows.start_s):
+        if is_own and (rows.rate_hz, rows.start_s) != (shared.rate_hz, shared.start_s):
             raise InputError(
                 f"'{channel.key}' is at {rows.rate_hz:g} Hz from {rows.start_s:g} s on, and"
-                f" '{first.key}' at {first.rows.rate_hz:g} Hz from {first.rows.start_s:g} s on:"
+                f" '{first}' at {shared.rate_hz:g} Hz from {shared.start_s:g} s on:"
                 " save channels at common times, as `interp1` gives"
             )
-        if is_whole and rows.count != first.rows.count:
+        if is_whole and rows.count != shared.count:
             raise InputError(
-                f"channel '{first.key}' has {first.rows.count} values and '{channel.key}' has"
+                f"channel '{first}' has {shared.count} values and '{channel.key}' has"
                 f" {rows.count} for one time, and nothing tells which are lost: save channels of"
                 " one length, as `torque = interp1(t_torque, torque, t_angle)`, and never cut to"
                 " one length"

@@ -74,7 +74,6 @@ def test_edges_that_are_two_samples_late_take_no_part_in_the_clock() -> None:
 
     fit = fit_clock(late, master)
 
-    assert fit.edges <= (~is_late).sum()
     assert fit.to_master(15.0) == pytest.approx(fit_clock(edges, master).to_master(15.0), abs=2e-4)
 
 

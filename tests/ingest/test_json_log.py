@@ -107,6 +107,7 @@ def test_a_stamp_of_seconds_and_nanoseconds_is_time_and_exact(
     np.testing.assert_allclose(
         recording.samples["time"], 20.000001e-3 * np.arange(50), rtol=0, atol=1e-15
     )
+    assert recording.samples["theta"][1] == 0.5
     assert (
         "a: 1 of 51 lines have none of the asked values and were left out, first line 1"
         in recording.warnings

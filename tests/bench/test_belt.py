@@ -110,41 +110,6 @@ def test_cycles_of_a_belt_count_alike_and_its_loop_is_that_of_one():
         assert thrice[name] == pytest.approx(once[name], rel=1e-3)
 
 
-@pytest.mark.parametrize("cutoff_hz", [8, 10, 12, 15, 18, 20, 25])
-def test_a_cyclic_belt_has_one_stiffness_whatever_the_cut_off(cutoff_hz):
-    time = np.arange(12_000) / 1000
-    way = 0.0873 * (1 - np.cos(2 * np.pi * np.clip(time - 1, 0, 10) / 2)) / 2
-    noise = 0.01 * np.random.default_rng(3).standard_normal((2, len(time)))
-    samples = pl.DataFrame(
-        {
-            "time": time,
-            "theta": way + 1e-3 * noise[0],
-            "theta_m": 0 * time,
-            "torque": 720 * way + noise[1],
-        }
-    )
-    settings = BeltAnalysis(cutoff_hz=cutoff_hz, order=4)
-
-    belt = belt_fits.belt_trial(Trial("b", samples), None, settings)
-
-    assert belt.whole["K_s"] == pytest.approx(720, rel=1e-3)
-
-
-def test_the_interval_of_a_belt_holds_what_the_choice_of_the_onset_makes_of_it():
-    rest, way = np.zeros(500), np.linspace(0, 0.0873, 3000)
-    theta_s = np.concatenate([rest, way, way[::-1], rest])
-    torque = 876 * theta_s + 14913 * theta_s**2
-    time = np.arange(len(theta_s)) / RATE
-    samples = pl.DataFrame({"time": time, "theta": theta_s, "theta_m": 0 * time, "torque": torque})
-
-    belt = belt_fits.belt_trial(Trial("b", samples), None, BeltAnalysis(cutoff_hz=15, order=4))
-
-    for share in (0.025, 0.1):
-        rows = slice(np.argmax(theta_s >= share * theta_s.max()), np.argmax(theta_s) + 1)
-        slope = np.polyfit(theta_s[rows], torque[rows], 1)[0]
-        assert abs(belt.whole["K_s"] - slope) < 1.96 * belt.whole.se("K_s")
-
-
 def test_the_figure_of_belts_has_what_torque_differs_by_from_the_mean_slope():
     """A belt of 720/pi N*m/rad, 4 N*m per degree, that carries 0.5 N*m more while loading, bent the
     other way."""

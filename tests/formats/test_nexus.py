@@ -5,11 +5,10 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-from conftest import ROOT
 from recognised_files import refusal_by
 
 from osl_analysis.formats import known_formats
-from osl_analysis.ingest.raw_files import read_converted, read_source
+from osl_analysis.ingest.raw_files import read_converted
 from osl_analysis.source_file import Source
 
 DEVICES = """Devices
@@ -122,12 +121,3 @@ def test_what_does_not_fit_is_refused_with_the_reason(tmp_path, text, fields, pr
     path = tmp_path / "trial.csv"
     path.write_text(text)
     assert problem in refusal_by(read_converted, path, nexus_source(**fields))
-
-
-@pytest.mark.recordings
-@pytest.mark.parametrize("name", ["padded", "gaps"])
-def test_real_exports_are_read_as_they_are_written(recordings: Path, name: str) -> None:
-    path = recordings / f"nexus_csv/muscle_synergies_abridged_{name}.csv"
-    samples = read_converted(path, read_source(ROOT / "config/sources/nexus_csv.yaml")).samples
-    np.testing.assert_allclose(samples["marker_HV_x"], [0.209331, 0.209475])
-    assert samples["marker_CL_E_z"].to_list() == pytest.approx([0.496721, 0.496729])

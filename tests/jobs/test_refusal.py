@@ -346,25 +346,6 @@ def checked(tmp_path):
     return paths
 
 
-def test_an_excluded_trial_is_left_out_and_an_accepted_one_is_not(checked):
-    files = [f"fits/{name}.parquet" for name in ("plate_1", "plate_2", "plate_3")]
-    reasons = exclusions(JUDGE.verdicts(checked))
-    assert JUDGE.excluded(checked) == [*reasons]
-    left = without_excluded({"trials": files, "table": "tables/plate_2.csv"}, [*reasons])
-    assert left == {"trials": [files[0], files[2]], "table": "tables/plate_2.csv"}
-    alone = {
-        "trial": "trials/plate_1.parquet",
-        "motion": ["trials/plate_2.parquet"],
-    }
-    assert without_excluded(alone, [*reasons]) == {"trial": alone["trial"], "motion": []}
-    wider = RULES.model_dump(mode="json") | {"unzeroed_plate": "85 N"}
-    for rules, named in (
-        (RULES, ["plate_2", "plate_3"]),
-        (QualityRules.model_validate(wider), ["plate_3"]),
-    ):
-        assert [*exclusions(Judge(rules, {}).verdicts(checked))] == named
-
-
 def test_who_was_left_out_is_listed_with_value_threshold_and_remedy(checked):
     folder = checked[0].parent
     lost = NotAnalysed("plate_9", "p.c3d: truncated; export it again")

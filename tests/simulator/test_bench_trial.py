@@ -263,20 +263,6 @@ def test_an_exact_joint_answers_by_eq_15_to_what_the_bench_follows(clean, f, row
     assert -torque / theta == pytest.approx(300 - 0.02 * w**2 + 5j * w, rel=1e-4)
 
 
-def test_two_nodes_sample_at_their_own_rate_and_phase(clean):
-    torque_node = {"phase": on(3e-4, "s"), "rate": on(333, "Hz")}
-
-    log = log_of({"recorder": {"torque_node": torque_node}})
-
-    time = log["torque_time"]
-    rows = settled(time)
-    expected = CubicSpline(clean["time"], clean[TORQUE])(time)
-    np.testing.assert_allclose(log["time"], clean["time"], rtol=0, atol=1e-9)
-    assert time[0] - log["time"][0] == pytest.approx(3e-4, abs=1e-9)
-    assert np.diff(time).mean() == pytest.approx(1 / 333, rel=1e-6)
-    assert log[TORQUE][rows] == pytest.approx(expected[rows], abs=1e-4)
-
-
 def missing(**changes):
     """Samples that are missing after each sample."""
     time = log_of(node(**changes))["time"]

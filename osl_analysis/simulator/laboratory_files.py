@@ -9,7 +9,7 @@ import numpy as np
 
 from osl_analysis.errors import optional_module
 from osl_analysis.files import atomic_path
-from osl_analysis.simulator import laboratory_settings as laboratory
+from osl_analysis.simulator.laboratory_settings import MARKERS, PLATE_CHANNELS, RECORDERS
 from osl_analysis.simulator.recorder import rounded_to, sample_topic, write_topics
 from osl_analysis.simulator.rigid_body import (
     GRAVITY,
@@ -25,21 +25,8 @@ from osl_analysis.simulator.step import GaitTrial, PlatformMotion
 from osl_analysis.trial import Array
 
 MM = 1e3  # mm in a metre
-HIGH = 5.0  # [V] of the synchronisation line and the trigger
-TRIGGER_S = 0.02  # [s] for which the trigger is high
-SYNC_INTERVAL_S = (0.06, 0.25)  # shortest and longest between two changes of the line
-# Gaps in which a marker is hidden [s]; a quarter of them are long
-SHORT_GAP_S = (0.007, 0.04)
-LONG_GAP_S = (0.05, 0.2)
-LONG_GAP_SHARE = 0.25
-# a period of the leg's clock that rounding put before the first sample or after the last
-CLOCK_MARGIN = 1e-6
-
 # axes of C3D force plates: x along laboratory +y, y along +x, z down, turning with the platform
-PLATE_AXES = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-# corners in C3D's order, in the axes of the plate
-QUADRANTS = np.array([[1.0, 1.0, 0.0], [-1.0, 1.0, 0.0], [-1.0, -1.0, 0.0], [1.0, -1.0, 0.0]])
-
+PLATE_AXES = np.diag([1.0, 1.0, -1.0])[[1, 0, 2]]
 TEXT_TYPE = -1  # C3D's types are bytes per element, -1 for characters
 WHOLE_NUMBER_TYPE = 2
 REAL_TYPE = 4
@@ -70,7 +57,8 @@ def write_leg_log(
     drivetrain = crossing.drivetrain
     offset, drift = clock
     first, last = (offset + (1 + drift) * crossing.time[[0, -1]]) * rates.leg_hz
-    periods = np.arange(np.ceil(first + CLOCK_MARGIN), np.floor(last - CLOCK_MARGIN) + 1)
+    margin = RECORDERS.clock_margin
+    periods = np.arange(np.ceil(first + margin), np.floor(last - margin) + 1)
     leg_time = periods / rates.leg_hz
     time = (leg_time - offset) / (1 + drift)
 
@@ -94,7 +82,7 @@ def write_leg_log(
 def sync_level(trial: GaitTrial, time: Array) -> Array:
     """Level, 0 or 1, of the synchronisation line at times [s]: an irregular pulse train over the
     duration of a recording, whose pattern does not repeat. It is low before the first pulse."""
-    shortest, longest = SYNC_INTERVAL_S
+    shortest, longest = RECORDERS.sync_interval_s
     duration = trial.walking.gait.recording_s
     intervals = trial.random("sync").uniform(shortest, longest, int(duration / shortest) + 1)
     edges = np.cumsum(intervals)
@@ -133,7 +121,7 @@ def write_capture(
     """
     rates = trial.walking.rates
     centre = trial.walking.plate.centre_m
-    places = {label: np.add(centre, place) for label, place in laboratory.PLATFORM.items()}
+    places = {label: np.add(centre, place) for label, place in MARKERS.platform.items()}
     markers = {**leg, **on_body(platform.pose, places)}
     stride = rates.motion_hz // rates.points_hz
     exact = np.stack(list(markers.values()), axis=1)[::stride]
@@ -141,9 +129,10 @@ def write_capture(
     time = np.arange(samples) / rates.analogs_hz
 
     command = np.inf if platform.command is None else platform.command
-    trigger = np.asarray((time >= command) & (time < command + TRIGGER_S), dtype=float)
+    trigger = (time >= command) & (time < command + RECORDERS.trigger_s)
     plate = plate_channels(trial, platform, load, time)
-    analogs = np.column_stack([plate, HIGH * sync_level(trial, time), HIGH * trigger])
+    lines = RECORDERS.high * np.array([sync_level(trial, time), trigger])
+    analogs = np.column_stack([plate, *lines])
     write_c3d(
         folder / "vicon" / f"{trial.name}.c3d",
         seen_markers(trial, exact),
@@ -205,9 +194,11 @@ def capture_parameters(trial: GaitTrial, markers: list[str]) -> dict[str, dict[s
     """Groups of parameters of a capture, as Vicon Nexus writes them."""
     plate = trial.walking.plate
     rates = trial.walking.rates
-    channels = [*laboratory.PLATE_CHANNELS, "Sync", "Trigger"]
+    channels = [*PLATE_CHANNELS, "Sync", "Trigger"]
     half_size = 0.5 * np.array([*plate.size_m, 0.0])
-    corners = np.array(plate.centre_m) + QUADRANTS @ PLATE_AXES.T * half_size
+    # corners in C3D's order, in the axes of the plate
+    quadrants = np.array([(1, 1, 0), (-1, 1, 0), (-1, -1, 0), (1, -1, 0)])
+    corners = np.array(plate.centre_m) + quadrants @ PLATE_AXES.T * half_size
     # of the sensor below the surface, z > 0: the sign of Vicon Nexus; that of the C3D manual is the
     # opposite
     sensor = np.array([*plate.sensor_offset_m, -plate.sensor_depth_m])
@@ -222,7 +213,7 @@ def capture_parameters(trial: GaitTrial, markers: list[str]) -> dict[str, dict[s
         },
         "ANALOG": {
             "LABELS": channels,
-            "UNITS": [*laboratory.PLATE_CHANNELS.values(), "V", "V"],
+            "UNITS": [*PLATE_CHANNELS.values(), "V", "V"],
             "RATE": np.array([float(rates.analogs_hz)]),
             "FORMAT": ["SIGNED"],
         },
@@ -232,7 +223,7 @@ def capture_parameters(trial: GaitTrial, markers: list[str]) -> dict[str, dict[s
             "ZERO": np.array([1, 0]),
             "CORNERS": corners.T[:, :, None] * MM,
             "ORIGIN": origin[:, None] * MM,
-            "CHANNEL": np.arange(1, len(laboratory.PLATE_CHANNELS) + 1)[:, None],
+            "CHANNEL": np.arange(1, len(PLATE_CHANNELS) + 1)[:, None],
             "CAL_MATRIX": np.zeros(0),
         },
         "MANUFACTURER": {"COMPANY": ["osl-analysis"], "SOFTWARE": ["simulator"]},
@@ -283,7 +274,7 @@ def write_c3d(
 
 def leg_markers(foot: Pose, shank: Pose) -> dict[str, Array]:
     """Exact paths (n, 3) [m] of the markers that foot and shank always carry."""
-    return {**on_body(foot, laboratory.FOOT), **on_body(shank, laboratory.SHANK)}
+    return {**on_body(foot, MARKERS.foot), **on_body(shank, MARKERS.shank)}
 
 
 def on_body(body: Pose, places: Mapping[str, Point]) -> dict[str, Array]:
@@ -298,8 +289,9 @@ def seen_markers(trial: GaitTrial, exact: Array) -> Array:
     seen = exact + 1e-3 * effects.marker_noise.value * noise
     random = trial.random("marker_gaps")
     for _ in range(random.poisson(effects.marker_gaps.value)):
-        shortest, longest = LONG_GAP_S if random.random() < LONG_GAP_SHARE else SHORT_GAP_S
-        frames = int(np.ceil(random.uniform(shortest, longest) * trial.walking.rates.points_hz))
+        is_long = random.random() < RECORDERS.long_gap_share
+        length_s = RECORDERS.long_gap_s if is_long else RECORDERS.short_gap_s
+        frames = int(np.ceil(random.uniform(*length_s) * trial.walking.rates.points_hz))
         first = random.integers(len(exact))
         label = random.integers(exact.shape[1])
         seen[first : first + frames, label] = np.nan

@@ -18,7 +18,7 @@ from osl_analysis.model.compensator import Weight, check_request, optimal_dampin
 from osl_analysis.model.drivetrain import DrivetrainParameters
 from osl_analysis.simulator import step as gait
 from osl_analysis.simulator.bench_trial import JointMotion
-from osl_analysis.simulator.laboratory_settings import WalkingSettings
+from osl_analysis.simulator.laboratory_settings import NOMINAL, WalkingSettings
 from osl_analysis.simulator.rigid_body import (
     GRAVITY,
     Pose,
@@ -32,14 +32,6 @@ from osl_analysis.simulator.two_mass_drivetrain import simulate_drivetrain
 from osl_analysis.trial import Array
 
 DAMPING_PHASES = 51  # of the grid on which B_1 is computed; B_1 is a smooth curve between
-# internal plantarflexion moment [N*m/kg]: 0.5 at midstance, 1.4 at push-off, 0 in swing; by size,
-# phase of the peak, sharpness
-ANKLE_MOMENT = ((0.45, 0.28, 6.0), (0.35, 0.37, 14.0), (1.35, 0.475, 11.0), (-0.15, 0.05, 30.0))
-
-RELEASE_S = 0.3  # [s] after toe-off in which the foot leaves the platform's motion
-YIELD_S = 0.2  # [s] after the onset within which the shank yields
-ROLL_LEVER = 0.004  # [m] of the load about the foot's forward axis
-SPIN_MOMENT = 0.03  # [N*m/kg] about the foot's upward axis
 
 
 @lru_cache(maxsize=32)
@@ -78,8 +70,8 @@ def walking_commands(step: gait.Step, p: DrivetrainParameters) -> Array:
     grid, damping = compensated_damping(walking.impedance, p, walking.gain_weight)
     K_1 = stiffness_gain(K_d, p)
     B_1 = np.interp(np.mod(c, 1.0), grid, damping)
-    window = gait.stance_window(np.mod(c, 1.0) / gait.STANCE_FRACTION)
-    moment = walking.gait.body_mass_kg * (gait.periodic_bumps(c, ANKLE_MOMENT) * window)
+    window = gait.stance_window(np.mod(c, 1.0) / NOMINAL.stance_fraction)
+    moment = walking.gait.body_mass_kg * (gait.periodic_bumps(c, NOMINAL.ankle_moment) * window)
     angle = gait.nominal_ankle_angle(c)
     velocity = time_derivative(angle, walking.rates.controller_hz)
     theta_eq = angle - (moment - B_d * velocity) / K_d
@@ -163,7 +155,7 @@ def move(step: gait.Step, perturbed: bool) -> tuple[JointMotion, Pose, Pose, gai
     if perturbed:
         back = step.toe_off + walking.perturbation.hold_s
         platform = gait.ramped_platform(trial, step.command, step.onset, back)
-    on_platform = 1.0 - gait.smooth_step((time - step.toe_off) / RELEASE_S)
+    on_platform = 1.0 - gait.smooth_step((time - step.toe_off) / NOMINAL.release_s)
     carried_angle = platform.angle * on_platform
 
     theta = ankle_angle(step, carried_angle, platform)
@@ -193,7 +185,9 @@ def ankle_angle(step: gait.Step, carried_angle: Array, platform: gait.PlatformMo
     share = 0.01 * effects.shank_yield.value
     turn = np.radians(trial.walking.perturbation.angle_deg)
     yielded = share * trial.sign * turn
-    course = gait.pulse(trial.time, platform.onset, YIELD_S, step.toe_off, RELEASE_S)
+    course = gait.pulse(
+        trial.time, platform.onset, NOMINAL.yield_s, step.toe_off, NOMINAL.release_s
+    )
     return np.asarray(theta - yielded * course)
 
 
@@ -239,8 +233,8 @@ def react(step: gait.Step, foot: Pose, drivetrain_torque: Array) -> tuple[Array,
     scale = 1 + 0.01 * effects.force_scale.value * trial.random("force_scale").standard_normal(3)
     body_mass = trial.walking.gait.body_mass_kg
     force = scale * gait.ground_reaction(phase) * body_mass * -GRAVITY[2]
-    roll = ROLL_LEVER * force[:, 2]
-    spin = SPIN_MOMENT * body_mass * contact * np.sin(2 * np.pi * phase)
+    roll = NOMINAL.roll_lever * force[:, 2]
+    spin = NOMINAL.spin_moment * body_mass * contact * np.sin(2 * np.pi * phase)
     moment = from_ground[:, None] * axis + roll[:, None] * forward + spin[:, None] * upward
     return about_axis - from_ground, TrueWrench(force, moment, foot.origin)
 

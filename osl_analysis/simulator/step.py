@@ -11,31 +11,12 @@ from functools import cached_property
 
 import numpy as np
 
-from osl_analysis.simulator.laboratory_settings import WalkingSettings
+from osl_analysis.simulator.laboratory_settings import NOMINAL, UNLOADED, Place, WalkingSettings
 from osl_analysis.simulator.rigid_body import Pose, rotation_about
 from osl_analysis.simulator.trial_plan import generator_of
 from osl_analysis.trial import Array
 
-STANCE_FRACTION = 0.62  # of the gait cycle
-# the foot's pivots from the ankle's centre [m]
-ANKLE_HEIGHT = 0.08
-HEEL = np.array([-0.06, 0.0, -ANKLE_HEIGHT])
-BALL = np.array([0.13, 0.0, -ANKLE_HEIGHT])
-PITCH_AT_STRIKE = np.radians(18.0)  # toes up
-PITCH_AT_TOE_OFF = np.radians(-58.0)
-FOOT_FLAT = (0.12, 0.60)  # phases of stance between which the foot lies flat
-CLEARANCE = 0.04  # [m] by which the ankle is lifted in mid-swing
-
-# ankle angle against cycle phase: size [deg], phase of the peak, sharpness
-ANKLE_ANGLE = ((-7.0, 0.06, 20.0), (12.0, 0.40, 3.5), (-18.0, 0.63, 11.0))
-
 RENDERED_S = 0.1  # time [s] after the onset in which the rendered impedance is fitted
-
-# The perturbation of an unloaded platform
-UNLOADED_COMMAND_S = 0.5
-UNLOADED_HOLD_S = 0.5
-UNLOADED_TILT = np.radians(2.0)
-UNLOADED_SHIFT = np.array([0.012, 0.008, 0.006])  # [m] along each axis
 
 
 def smooth_step(x: Array) -> Array:
@@ -63,7 +44,7 @@ def periodic_bumps(c: Array, bumps: tuple[tuple[float, float, float], ...]) -> A
 
 def nominal_ankle_angle(c: Array) -> Array:
     """Ankle angle [rad], dorsiflexion positive, against cycle phase."""
-    return np.radians(periodic_bumps(c, ANKLE_ANGLE))
+    return np.radians(periodic_bumps(c, NOMINAL.ankle_angle))
 
 
 def stance_window(p: Array) -> Array:
@@ -105,24 +86,28 @@ def foot_path(c: Array, stride: float) -> tuple[Array, Array]:
         (n,) [rad] against the floor, toes up positive.
     """
     phase = np.mod(c, 1.0)
-    flat_from, flat_to = FOOT_FLAT
-    heel_rocker = PITCH_AT_STRIKE * (1.0 - smooth_step(phase / (flat_from * STANCE_FRACTION)))
-    heel_off = PITCH_AT_TOE_OFF * smooth_step((phase - flat_to * STANCE_FRACTION) / 0.29)
-    return_in_swing = (PITCH_AT_STRIKE - PITCH_AT_TOE_OFF) * smooth_step((phase - 0.67) / 0.33)
+    flat_from, flat_to = NOMINAL.foot_flat
+    at_strike = np.radians(NOMINAL.pitch_at_strike_deg)
+    at_toe_off = np.radians(NOMINAL.pitch_at_toe_off_deg)
+    heel_rocker = at_strike * (1.0 - smooth_step(phase / (flat_from * NOMINAL.stance_fraction)))
+    heel_off = at_toe_off * smooth_step((phase - flat_to * NOMINAL.stance_fraction) / 0.29)
+    return_in_swing = (at_strike - at_toe_off) * smooth_step((phase - 0.67) / 0.33)
     pitch = heel_rocker + heel_off + return_in_swing
 
     on_ball = smooth_step((phase - 0.15) / 0.20) - smooth_step((phase - 0.72) / 0.22)
-    over_heel = rolled_over(HEEL, pitch)
-    over_ball = rolled_over(BALL, pitch)
+    over_heel = rolled_over(NOMINAL.heel, pitch)
+    over_ball = rolled_over(NOMINAL.ball, pitch)
     ankle = (1.0 - on_ball)[:, None] * over_heel + on_ball[:, None] * over_ball
 
-    swing_phase = np.clip((phase - STANCE_FRACTION) / (1.0 - STANCE_FRACTION), 0.0, 1.0)
+    swing_phase = np.clip(
+        (phase - NOMINAL.stance_fraction) / (1.0 - NOMINAL.stance_fraction), 0.0, 1.0
+    )
     ankle[:, 0] += stride * (np.floor(c) + smooth_step(swing_phase))
-    ankle[:, 2] += CLEARANCE * 256.0 * (swing_phase * (1.0 - swing_phase)) ** 4
+    ankle[:, 2] += NOMINAL.clearance * 256.0 * (swing_phase * (1.0 - swing_phase)) ** 4
     return ankle, pitch
 
 
-def rolled_over(pivot: Array, pitch: Array) -> Array:
+def rolled_over(pivot: Place, pitch: Array) -> Array:
     """Place of the ankle (n, 3) [m] of a foot that rolls over a pivot, which stays where it is when
     the foot is flat; seen from the ankle it turns by -pitch about y."""
     x, _, z = pivot
@@ -194,7 +179,7 @@ class Step:
     def cycle_phase(self, time: Array) -> Array:
         """Phase of the gait cycle at times [s]: 0 at the heel strike on the platform, 1 at the
         next."""
-        return STANCE_FRACTION * self.stance_phase(time)
+        return NOMINAL.stance_fraction * self.stance_phase(time)
 
 
 def draw_step(trial: GaitTrial) -> Step:
@@ -235,7 +220,7 @@ def turned(angle: Array, walking: WalkingSettings) -> Pose:
 
 def nominal_ankle(walking: WalkingSettings) -> Array:
     """Position [m] of the ankle of a nominally placed flat foot."""
-    return np.add(walking.plate.centre_m, [*walking.plate.nominal_ankle_m, ANKLE_HEIGHT])
+    return np.add(walking.plate.centre_m, [*walking.plate.nominal_ankle_m, NOMINAL.ankle_height])
 
 
 def resting_platform(trial: GaitTrial) -> PlatformMotion:
@@ -268,10 +253,10 @@ def unloaded_platform(trial: GaitTrial) -> PlatformMotion:
     that all inertial parameters can be estimated.
     """
     ramp = trial.walking.perturbation
-    command = UNLOADED_COMMAND_S
+    command = UNLOADED.command_s
     onset = command + ramp.latency_s
     size, slowness = trial.random("unloaded_ramp").uniform([0.85, 0.9], [1.15, 1.3])
-    back = onset + UNLOADED_HOLD_S
+    back = onset + UNLOADED.hold_s
     motion = ramped_platform(trial, command, onset, back, size, slowness)
     if not has_full_motion(trial):
         return motion
@@ -285,8 +270,10 @@ def unloaded_platform(trial: GaitTrial) -> PlatformMotion:
         pulse(time, start + k * 3 * fast, 1.5 * fast, start + (k * 3 + 2) * fast, 1.5 * fast)
         for k in range(3)
     ]
-    tilt = UNLOADED_TILT * pulse(time, start + 9 * fast, 3 * fast, start + 13 * fast, 3 * fast)
-    tilted = Pose(rotation_about(0, tilt), np.stack(shifts, axis=-1) * UNLOADED_SHIFT)
+    tilt = np.radians(UNLOADED.tilt_deg) * pulse(
+        time, start + 9 * fast, 3 * fast, start + 13 * fast, 3 * fast
+    )
+    tilted = Pose(rotation_about(0, tilt), np.stack(shifts, axis=-1) * UNLOADED.shift)
     return replace(motion, pose=tilted.after(motion.pose))
 
 

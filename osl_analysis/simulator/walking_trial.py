@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from osl_analysis.model.drivetrain import DrivetrainParameters
-from osl_analysis.simulator import laboratory_settings as laboratory
 from osl_analysis.simulator import step as gait
 from osl_analysis.simulator.bench_trial import drivetrain_effects
 from osl_analysis.simulator.laboratory_files import (
@@ -17,7 +16,7 @@ from osl_analysis.simulator.laboratory_files import (
     write_crossing_capture,
     write_leg_log,
 )
-from osl_analysis.simulator.laboratory_settings import WalkingSettings
+from osl_analysis.simulator.laboratory_settings import MARKERS, NOMINAL, WalkingSettings
 from osl_analysis.simulator.recorder import write_truth
 from osl_analysis.simulator.rigid_body import GRAVITY, Pose, TrueWrench
 from osl_analysis.simulator.simulated_crossing import (
@@ -28,8 +27,6 @@ from osl_analysis.simulator.simulated_crossing import (
 from osl_analysis.simulator.simulation_settings import SimulationSettings
 from osl_analysis.simulator.trial_plan import direction_of
 from osl_analysis.trial import Array
-
-WEIGHT_SHARE = 0.5  # of the body that the foot on the plate carries in quiet standing
 
 
 def simulate_walking_trial(
@@ -144,6 +141,6 @@ def standing(trial: gait.GaitTrial) -> tuple[dict[str, Array], TrueWrench]:
     rows = len(trial.time)
     ankle = np.tile(gait.nominal_ankle(trial.walking), (rows, 1))
     leg = Pose(np.tile(np.eye(3), (rows, 1, 1)), ankle)
-    force = np.tile(-WEIGHT_SHARE * trial.walking.gait.body_mass_kg * GRAVITY, (rows, 1))
-    markers = {**leg_markers(leg, leg), **on_body(leg, laboratory.ANKLE_AXIS)}
+    force = np.tile(-NOMINAL.standing_share * trial.walking.gait.body_mass_kg * GRAVITY, (rows, 1))
+    markers = {**leg_markers(leg, leg), **on_body(leg, MARKERS.ankle_axis)}
     return markers, TrueWrench(force, np.zeros((rows, 3)), ankle)

@@ -26,7 +26,7 @@ from osl_analysis.inference import (
     infer_leg,
 )
 from osl_analysis.inference.constants import HARM_SHARE, LIKELY
-from osl_analysis.inference.estimates import Explanation
+from osl_analysis.inference.infer import Explanation
 from osl_analysis.signals import runs
 from osl_analysis.stats.estimates import INTERVAL_ENDS, Estimate, Impedance, Row
 

@@ -7,8 +7,12 @@ Read `infer.py` first; it names the other modules in their order. Equations stan
 computed, and every number that decides in `constants.py`.
 """
 
-from osl_analysis.inference.estimates import ImpedanceInference, LegInference
-from osl_analysis.inference.infer import infer_impedance, infer_leg
+from osl_analysis.inference.infer import (
+    ImpedanceInference,
+    LegInference,
+    infer_impedance,
+    infer_leg,
+)
 from osl_analysis.inference.spectra import BenchSignals
 
 __all__ = ["BenchSignals", "ImpedanceInference", "LegInference", "infer_impedance", "infer_leg"]

@@ -25,11 +25,12 @@ from osl_analysis.inference.constants import (
     EDGE,
     FRICTION_INEXACTNESS,
     FRICTION_WINDS,
+    RIDGE,
     SETTLING,
     SLIDING,
+    TINY,
 )
 from osl_analysis.inference.friction_shapes import slipping_springs
-from osl_analysis.inference.least_squares import RIDGE, lengths_of
 from osl_analysis.inference.spectra import Spectra, Spectrum
 from osl_analysis.trial import Array
 
@@ -133,7 +134,7 @@ def sliding_fits(spectra: Spectra, columns: Array, share: float) -> tuple[Array,
     away_from_ends = (spectra.time > EDGE) & (spectra.time < spectra.seconds - EDGE)
     slides = spectra.inside & away_from_ends & ~near
 
-    length = lengths_of(columns)
+    length = np.linalg.norm(columns, axis=1) + TINY
     unit = columns / length[:, None]
     sliding = unit[:, slides]
     edges = np.searchsorted(spectra.relative_time[slides] * BLOCKS, np.arange(BLOCKS + 1))

@@ -47,6 +47,14 @@ PADDING = 3.0
 # one half-period of 2 Hz
 SHORTEST = 6.0
 
+# Least squares
+
+# Added to the normal equations of scaled columns; far below any that a recording tells, keeps equal
+# ones apart
+RIDGE = 1e-11
+# Length of a column of zeros, whose square is a number, too
+TINY = 1e-150
+
 # Band and noise
 
 # Median of the size of normal noise over its SD; the standard normal's quantile at 0.75

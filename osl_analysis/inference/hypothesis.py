@@ -11,19 +11,19 @@ the delayed angle, velocity and acceleration. `hypotheses.py` lists all of them.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 import scipy
 
-from osl_analysis.inference.least_squares import BesideShared
-from osl_analysis.inference.whitening import Whitened
+from osl_analysis.inference.whitening import BesideShared, Whitened
 from osl_analysis.trial import Array
 
 Family = Literal["", "path", "time", "speed", "size", "direction", "clipping"]
+PLAIN = "nothing"  # the hypothesis that is Eq. 15 alone
 # nats that a grid must gain: below it a weight stays near its small prior, unless B or I of Eq. 15
 # alone is negative, which a path may explain although it gains nothing
 WORTH_REFINING = 2.0
@@ -135,37 +135,23 @@ class Search:
         return [parameter for _, parameter in sorted(minima)[:2]]
 
 
+@dataclass(frozen=True, eq=False)
 class Hypothesis(ABC):
     """One explanation of a recording's torque; an instance serves one recording."""
 
-    family: ClassVar[Family]
-    name: ClassVar[str]
-
-    def __init__(self, data: Whitened) -> None:
-        self.data = data
+    data: Whitened
+    family: Family
+    name: str
 
     @abstractmethod
     def candidates(self, search: Search) -> list[Candidate]:
         """Find values of its own parameter that may be; none if it gains nothing."""
 
-    def matrices_with_shares(
-        self, of_added: Sequence[Sequence[float]], shares: Sequence[float]
-    ) -> tuple[Array, ...]:
-        """Matrices that give K, B and I of Eq. 15, and shares of what added columns change them."""
-        of_motion = self.data.impedance_matrix
-        return tuple(np.hstack([of_motion, share * np.array(of_added)]) for share in shares)
-
-    def plain(self, *added: Array, matrices: tuple[Array, ...] = ()) -> Candidate:
-        """Eq. 15 with columns (p,) of the product rate."""
-        columns = self.data.motion
-        if added:
-            columns = np.concatenate([columns, self.data.of_product(np.array(added))])
-        return Candidate(self, columns, self.data.torque, impedance_matrices=matrices)
-
 
 class OneParameter(Hypothesis):
     """A hypothesis with one parameter of its own, sought on a grid and then refined."""
 
+    @property
     @abstractmethod
     def grid(self) -> Array:
         """Values (g,) of the parameter, ascending."""
@@ -175,14 +161,9 @@ class OneParameter(Hypothesis):
         raise NotImplementedError
 
     @cached_property
-    def values_on_grid(self) -> Array:
-        """The `grid`."""
-        return self.grid()
-
-    @cached_property
     def columns_on_grid(self) -> Array:
         """The `columns` (g, j, m) at the values of the grid, which serve every kind of joint."""
-        return self.columns(self.values_on_grid)
+        return self.columns(self.grid)
 
     def with_others(self, columns: Array) -> Array:
         """All columns (v, k, m): those that depend on the parameter stand in place of the first
@@ -202,12 +183,11 @@ class OneParameter(Hypothesis):
         return np.array([search.fit(columns)[0] for columns in columns_on_grid])
 
     def candidates(self, search: Search) -> list[Candidate]:
-        grid = self.values_on_grid
 
         def left(value: float) -> float:
             return search.fit(*self.model(value, search))[0]
 
-        minima = search.minima(left, grid, self.left_on_grid(search))
+        minima = search.minima(left, self.grid, self.left_on_grid(search))
         return [self._candidate(value, search) for value in minima]
 
     def _candidate(self, value: float, search: Search) -> Candidate:

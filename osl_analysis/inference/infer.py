@@ -4,26 +4,24 @@
 2. `whitening`: the noise becomes white.
 3. `hypotheses`: each is fitted, with and without dry friction (`friction_shapes`), where the
    columns of all of them together gain anything.
-4. `cross_validation`: each predicts parts of the recording by its fit to the others.
-5. `weighing`: predictions and priors give weights.
+4. `weighing`: each predicts parts of the recording by its fit to the others; predictions and
+   priors give weights.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
 
 from osl_analysis.errors import NotWeighedError
-from osl_analysis.inference.acceleration_jumps import acceleration_jumps
 from osl_analysis.inference.constants import BLOCKS, HARM_FLOOR, HARM_SHARE, LIKELY
-from osl_analysis.inference.cross_validation import Predicted, Predictor
-from osl_analysis.inference.estimates import Explanation, ImpedanceInference, LegInference
-from osl_analysis.inference.hypotheses import Nothing, hypotheses_for
-from osl_analysis.inference.hypothesis import Hypothesis, Search
+from osl_analysis.inference.hypotheses import hypotheses_for, plain
+from osl_analysis.inference.hypothesis import PLAIN, Hypothesis, Search
 from osl_analysis.inference.rounding_errors import rounding_torques
-from osl_analysis.inference.spectra import BenchSignals, Spectra
+from osl_analysis.inference.spectra import BenchSignals, Spectra, acceleration_jumps
 from osl_analysis.inference.unexplained import largest_shifts
-from osl_analysis.inference.weighing import PLAIN, Weighed, weigh
+from osl_analysis.inference.weighing import Predicted, Predictor, Weighed, weigh
 from osl_analysis.inference.whitening import Whitened
 from osl_analysis.stats.estimates import Estimate, Impedance
 from osl_analysis.trial import Array
@@ -32,6 +30,65 @@ NAMED_FAMILY = 0.1  # share of all faults, above which what a hypothesis does co
 # variance of what Eq. 15 leaves over the noise's; above it something is missing, whatever it is
 MOST_UNEXPLAINED = 1.5
 SCREEN_DEVIATIONS = 3.0  # beyond chance, that all columns together must gain: once in 700 times
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A hypothesis that may be why the torque is not that of Eq. 15 alone."""
+
+    family: str
+    name: str
+    probability: float  # given that one of the hypotheses is right
+
+
+@dataclass(frozen=True)
+class ImpedanceInference:
+    """What may be wrong with a recording of a joint.
+
+    Attributes
+    ----------
+    without_friction : Impedance
+        K, B and I of the best joint without a fault, less its friction.
+    fault_probability : float
+        Probability of a fault of any size.
+    friction_probability : float
+        Probability of dry friction.
+    fault_shares : tuple of float
+        Shares of K, B and I by which the faults move them at most.
+    doubt : Explanation or None
+        The most probable fault, if a fault is likely and does harm.
+    explanations : tuple of Explanation
+        Faults by their probability, the most probable first.
+    delay_told_s : float
+        Standard error to which the recording itself tells a delay between angle and torque [s].
+    unexplained_shares : tuple of float
+        Shares of K, B and I by which torque that no hypothesis explains could move them at most.
+    """
+
+    without_friction: Impedance
+    fault_probability: float
+    friction_probability: float
+    fault_shares: tuple[float, ...]
+    doubt: Explanation | None
+    explanations: tuple[Explanation, ...]
+    delay_told_s: float
+    unexplained_shares: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class LegInference:
+    """What a recording tells of the friction in a leg's actuator.
+
+    Attributes
+    ----------
+    friction_probability : float
+        Probability of dry friction.
+    without_friction : Impedance
+        K, B and I as they would be without it.
+    """
+
+    friction_probability: float
+    without_friction: Impedance
 
 
 def infer_impedance(
@@ -119,7 +176,7 @@ def infer_leg(signals: BenchSignals) -> LegInference:
     """
     data = Whitened(Spectra(signals))
     assert data.actuator is not None
-    fits, _ = fit_all(data, [Nothing(data)])
+    fits, _ = fit_all(data, [plain(data)])
     weighed, at = weigh(fits, data.spectra.freedom, is_body=False)
     return LegInference(data.actuator.friction_probability, impedance_of(weighed[at].fit))
 

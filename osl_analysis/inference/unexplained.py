@@ -10,11 +10,10 @@ coefficient by its size over that of the column's own part, and by no more.
 import numpy as np
 
 from osl_analysis.inference.constants import INEXACTNESS, MEDIAN_OF_NOISE
-from osl_analysis.inference.cross_validation import Predicted, all_columns
 from osl_analysis.inference.hypothesis import Search
-from osl_analysis.inference.least_squares import solve_scaled
 from osl_analysis.inference.spectra import noise_and_band
-from osl_analysis.inference.whitening import Whitened
+from osl_analysis.inference.weighing import Predicted, all_columns
+from osl_analysis.inference.whitening import Whitened, solve_scaled
 from osl_analysis.trial import Array
 
 # what is left over the noise of the rows that move least and over rounding, up to which it is

@@ -1,4 +1,8 @@
-"""Weights of the hypotheses by prediction.
+"""Weights of the hypotheses, by how each predicts parts of a recording that it was not fitted to.
+
+A model with more parameters always fits better; it predicts better only if it is closer to what
+happened (Stone, J. R. Stat. Soc. B 36, 1974). All of it is algebra on the normal matrices of the
+blocks, which need one pass over the rows.
 
 The weight of a hypothesis is its prior times the exponential of what it gains in prediction,
 averaged over a Bayesian bootstrap of the blocks (pseudo-BMA+: Yao, Vehtari, Simpson and Gelman,
@@ -6,12 +10,12 @@ Bayesian Analysis 13, 2018). The gain is divided by a *temper*, since two things
 
 * rounding, which alone would give some hypothesis a gain;
 * that no mechanism is exactly its formula: it misses `INEXACTNESS` of its own torque.
-
 """
 
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import scipy
@@ -22,9 +26,11 @@ from osl_analysis.inference.constants import (
     INEXACTNESS,
     PRIOR_FRICTION,
     PRIOR_SOUND,
+    RIDGE,
+    TINY,
 )
-from osl_analysis.inference.cross_validation import Predicted
-from osl_analysis.inference.hypothesis import Family
+from osl_analysis.inference.hypothesis import PLAIN, Candidate, Family
+from osl_analysis.inference.whitening import Whitened
 from osl_analysis.trial import Array
 
 FAMILIES: tuple[Family, ...] = (
@@ -35,8 +41,205 @@ FAMILIES: tuple[Family, ...] = (
     "direction",
     "clipping",
 )
-PLAIN = "nothing"  # the hypothesis that is Eq. 15 alone
 SEED = 1  # of the bootstrap: the same recording gives the same numbers
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """A candidate with its estimates, and how well it predicts each block.
+
+    Attributes
+    ----------
+    candidate : Candidate
+        The hypothesis, at a value of its own parameter.
+    has_friction : bool
+        Whether friction is beside it.
+    squares : Array (BLOCKS,)
+        Sum of squares of what the fit to the other blocks leaves of each block, in units of the
+        noise's variance.
+    impedances : Array (r, 3)
+        K, B, I by each of its matrices [SI].
+    covariance : Array (3, 3)
+        Of the first of them [SI].
+    friction_torque : float
+        Mean size of sliding friction [N*m]; 0 without friction.
+    left : float
+        Sum of squares that the fit to all blocks leaves.
+    rounding_left : float
+        Sum of squares that it leaves of rounding alone.
+    """
+
+    candidate: Candidate
+    has_friction: bool
+    squares: Array
+    impedances: Array
+    covariance: Array
+    friction_torque: float
+    left: float
+    rounding_left: float
+
+    @property
+    def is_possible(self) -> bool:
+        """Whether its friction opposes the motion."""
+        return self.friction_torque >= 0.0
+
+
+def block_edges(rows: int) -> Array:
+    """First row of each block, and the number of rows, (BLOCKS + 1,)."""
+    return np.asarray(-(-np.arange(BLOCKS + 1) * rows // BLOCKS))
+
+
+def all_columns(data: Whitened, candidate: Candidate, has_friction: bool) -> Array:
+    """Columns (c, m) of a candidate: its own, its slope, friction, offset and drift."""
+    parts = [candidate.columns]
+    if candidate.slope is not None:
+        parts.append(candidate.slope[None])
+    return np.concatenate([*parts, data.shared(has_friction)])
+
+
+def normal_matrices(columns: Array, others: Array) -> Array:
+    """Products (BLOCKS, c, d) of columns (c, m) and others (d, m) in each block."""
+    edges = pairwise(block_edges(columns.shape[1]).tolist())
+    return np.array([columns[:, first:stop] @ others[:, first:stop].T for first, stop in edges])
+
+
+@dataclass(frozen=True)
+class BlockFit:
+    """A regression on whitened columns, scaled to length 1, in normal matrices of the blocks.
+
+    Attributes
+    ----------
+    blocks : Array (BLOCKS, c + 1, c + 1)
+        Normal matrices; the torque is last.
+    inverse : Array (c, c)
+        Of the normal matrix of all blocks.
+    estimates : Array (c,)
+        Of all blocks.
+    left : float
+        Sum of squares that they leave.
+    """
+
+    blocks: Array
+    inverse: Array
+    estimates: Array
+    left: float
+
+    def squares_of_unseen(self) -> Array:
+        """Sum of squares (BLOCKS,) that each block has left by the fit to the others: the block is
+        taken out of the sums that estimate."""
+        others = self.blocks.sum(axis=0) - self.blocks
+        ridge = RIDGE * np.eye(len(self.estimates))
+        by_others = np.linalg.solve(others[:, :-1, :-1] + ridge, others[:, :-1, -1:])[..., 0]
+        misses = np.hstack([by_others, -np.ones((BLOCKS, 1))])
+        return np.asarray(np.einsum("bp,bpq,bq->b", misses, self.blocks, misses))
+
+    def covariance(self, freedom: float) -> Array:
+        """Covariance (c, c) of the estimates, by noise.
+
+        The larger of two, for each estimate: the likelihood's, and that from the scatter of the
+        blocks' scores (White, Econometrica 48, 1980), which holds for a noise that changes.
+        Correlations are the likelihood's.
+        """
+        variance = max(self.left / freedom, 1.0)
+        of_columns, of_torque = self.blocks[:, :-1, :-1], self.blocks[:, :-1, -1]
+        scores = (of_torque - of_columns @ self.estimates) @ self.inverse
+        by_scatter = np.diag(scores.T @ scores) * BLOCKS / (BLOCKS - 1)
+        by_likelihood = np.diag(self.inverse) * variance
+        factor = np.sqrt(np.maximum(by_scatter, by_likelihood) / by_likelihood)
+        return np.asarray(self.inverse * variance * np.outer(factor, factor))
+
+
+def fit_blocks(matrices: Array) -> tuple[BlockFit, Array]:
+    """Fit the columns that have these normal matrices (BLOCKS, c + 1, c + 1); the torque is last.
+
+    Returns
+    -------
+    fit : BlockFit
+        Of columns that are scaled to length 1.
+    length : Array (c,)
+        Their lengths.
+    """
+    # the matrices are scaled and not the columns, of which an hour has hundreds of megabytes
+    length = np.sqrt(matrices.sum(axis=0).diagonal()[:-1]) + TINY
+    scale = np.append(length, 1.0)
+    blocks = matrices / np.outer(scale, scale)
+    total = blocks.sum(axis=0)
+    inverse = np.linalg.inv(total[:-1, :-1] + RIDGE * np.eye(len(length)))
+    estimates = inverse @ total[:-1, -1]
+    left = float(total[-1, -1] - estimates @ total[:-1, -1])
+    return BlockFit(blocks, inverse, estimates, left), length
+
+
+class Predictor:
+    """Fits candidates for one kind of joint, and predicts each block by the fit to the others.
+
+    Parameters
+    ----------
+    data : Whitened
+        The recording.
+    has_friction : bool
+        Whether the shapes of dry friction are beside the candidates' columns.
+    rounding : Array (draws, m)
+        Torques that rounding alone makes.
+    """
+
+    def __init__(self, data: Whitened, has_friction: bool, rounding: Array) -> None:
+        self.data = data
+        self.has_friction = has_friction
+        self._rounding = rounding
+
+    def by_rounding(self, columns: Array, length: Array, inverse: Array) -> tuple[Array, float]:
+        """What rounding alone does to the estimates of columns (c, m), scaled to length 1.
+
+        Returns
+        -------
+        covariance : Array (c, c)
+            Of the estimates.
+        left : float
+            Sum of squares that the columns leave of rounding, the mean over its draws.
+        """
+        draws = len(self._rounding)
+        if not draws:
+            return np.zeros_like(inverse), 0.0
+        projections = self._rounding @ columns.T / length
+        errors = projections @ inverse
+        # sum(rounding (rounding - errors @ columns/length))
+        unexplained = np.sum(self._rounding**2) - np.sum(errors * projections)
+        return errors.T @ errors / draws, float(unexplained / draws)
+
+    def predict(self, candidate: Candidate) -> Predicted:
+        """Fit a candidate, and predict each block by the fit to the others."""
+        data = self.data
+        columns = all_columns(data, candidate, self.has_friction)
+        with_torque = np.vstack([columns, candidate.torque])
+        fit, length = fit_blocks(normal_matrices(with_torque, with_torque))
+        of_rounding, rounding_left = self.by_rounding(columns, length, fit.inverse)
+        estimates = fit.estimates / length
+        of_noise = fit.covariance(data.spectra.freedom)
+        covariance = (of_noise + of_rounding) / np.outer(length, length)
+
+        width = len(candidate.columns)
+        coefficients = estimates[:width]
+        matrices = candidate.to_impedance(width)
+        of_impedance = matrices[0] @ covariance[:width, :width] @ matrices[0].T
+        if data.actuator is not None and len(coefficients) > 3:
+            of_impedance = of_impedance + coefficients[3] ** 2 * data.actuator.covariance
+
+        friction_torque = 0.0
+        if self.has_friction:
+            first = width if candidate.slope is None else width + 1
+            of_shapes = estimates[first : first + len(data.friction)]
+            friction_torque = float(of_shapes @ data.mean_friction)
+        return Predicted(
+            candidate=candidate,
+            has_friction=self.has_friction,
+            squares=fit.squares_of_unseen(),
+            impedances=np.array([matrix @ coefficients for matrix in matrices]),
+            covariance=of_impedance,
+            friction_torque=friction_torque,
+            left=fit.left,
+            rounding_left=rounding_left,
+        )
 
 
 @dataclass(frozen=True)

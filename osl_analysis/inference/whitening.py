@@ -17,13 +17,14 @@ from osl_analysis.inference.constants import (
     COLOUR_SEGMENT,
     FEWEST_STEPS,
     PLAYS,
+    RIDGE,
+    TINY,
 )
 from osl_analysis.inference.friction_shapes import (
     friction_torques,
     sliding_velocity,
     slipping_springs,
 )
-from osl_analysis.inference.least_squares import solve_scaled
 from osl_analysis.inference.spectra import Spectra, Spectrum
 from osl_analysis.trial import Array
 
@@ -36,6 +37,44 @@ LEAST_NOISE = 1e-20
 # two columns
 MOMENTS = (0.25, 0.375, 0.5, 0.625, 0.75)
 SLOW_POWERS = 4  # offset and drift: powers of time from 0
+
+
+def solve_scaled(columns: Array, torque: Array) -> Array:
+    """Estimate the coefficients (k,) of columns (k, m) for a torque (m,)."""
+    products = columns @ columns.T
+    length = np.sqrt(products.diagonal()) + TINY
+    normal = products / np.outer(length, length) + RIDGE * np.eye(len(length))
+    estimates = np.linalg.solve(normal, columns @ torque / length) / length
+    # one step of refinement takes off what rounding of the normal matrix has added
+    left = torque - estimates @ columns
+    return np.asarray(estimates + np.linalg.solve(normal, columns @ left / length) / length)
+
+
+class BesideShared:
+    """Least squares of further columns beside shared ones (k, m).
+
+    The shared columns are projected out (Frisch-Waugh-Lovell), so that a search over a hypothesis's
+    own parameter solves for three columns.
+    """
+
+    def __init__(self, shared: Array) -> None:
+        length = np.linalg.norm(shared, axis=1, keepdims=True) + TINY
+        self._shared = shared / length
+        normal = self._shared @ self._shared.T + RIDGE * np.eye(len(shared))
+        self._inverse = np.linalg.inv(normal)
+
+    def rest(self, signals: Array) -> Array:
+        """What the shared columns leave of signals (..., m)."""
+        of_shared = (signals @ self._shared.T) @ self._inverse
+        return np.asarray(signals - of_shared @ self._shared)
+
+    def fit(self, columns: Array, torque: Array) -> tuple[float, Array]:
+        """Residual sum of squares and coefficients (k,) of columns (k, m) for a torque (m,)."""
+        rest_of_torque = self.rest(torque)
+        rest_of_columns = self.rest(columns)
+        estimates = solve_scaled(rest_of_columns, rest_of_torque)
+        residual = rest_of_torque - estimates @ rest_of_columns
+        return float(residual @ residual), estimates
 
 
 class Whitened:

@@ -7,17 +7,16 @@ import statsmodels.api as sm
 
 from osl_analysis.errors import InputError
 from osl_analysis.inference import BenchSignals
-from osl_analysis.inference.cross_validation import (
+from osl_analysis.inference.friction_shapes import slipping_springs
+from osl_analysis.inference.hypotheses import Delay, plain
+from osl_analysis.inference.spectra import Spectra
+from osl_analysis.inference.unexplained import largest_shifts
+from osl_analysis.inference.weighing import (
     Predictor,
     block_edges,
     fit_blocks,
     normal_matrices,
 )
-from osl_analysis.inference.friction_shapes import slipping_springs
-from osl_analysis.inference.hypotheses import Nothing
-from osl_analysis.inference.path_hypotheses import Delay
-from osl_analysis.inference.spectra import Spectra
-from osl_analysis.inference.unexplained import largest_shifts
 from osl_analysis.inference.whitening import Whitened
 
 RATE = 500.0
@@ -62,7 +61,7 @@ def test_whitened_fit_is_that_of_statsmodels_gls():
     gls = model.iterative_fit(4)
 
     predictor = Predictor(data, False, np.empty((0, len(data.torque))))
-    fit = predictor.predict(Nothing(data).candidates(None)[0])
+    fit = predictor.predict(plain(data).candidates(None)[0])
 
     # two estimators of one noise: they agree within a part of their common error
     assert np.all(np.abs(fit.impedances[0] - gls.params[:3]) < gls.bse[:3])
@@ -70,7 +69,7 @@ def test_whitened_fit_is_that_of_statsmodels_gls():
 
 def test_delay_in_the_spectrum_is_the_motion_at_an_earlier_time():
     data = whitened(white(1e-3))
-    late = data.column(data.spectra.derivatives[0] * Delay(data).response(0.01))
+    late = data.column(data.spectra.derivatives[0] * Delay(data, "path", "delay").response(0.01))
 
     grid = (
         np.arange(data.spectra.working_rows)
@@ -111,7 +110,7 @@ def test_rounding_is_no_unexplained_torque_even_where_the_motion_takes_it_up():
     rounding = 200 * data.motion / np.linalg.norm(data.motion, axis=1)[:, None]
 
     def shifts(rounding):
-        best = Predictor(data, False, rounding).predict(Nothing(data).candidates(None)[0])
+        best = Predictor(data, False, rounding).predict(plain(data).candidates(None)[0])
         return largest_shifts(data, best, best.left, TRUE, rounding)
 
     assert np.all(shifts(rounding[:0]) > 0)

@@ -221,6 +221,12 @@ def belt_table(belt: Analysis) -> pl.DataFrame:
     by_torque = np.linalg.norm(mean_loop(theta, errors))
     by_gain = area * record.settings.calibration.polar(0.0)[0]
 
+    turn = None  # of the actuator's shaft per turn of the joint, while the belt is loaded
+    if record.uniform is not None:
+        rows = record.rows("loading")
+        signals = record.uniform["theta"][rows], record.uniform["theta_m"][rows]
+        turn = float(np.polyfit(*signals, 1)[0])
+
     row: Row = {
         "trial": record.name,
         **estimates_row(loading, *(name for name in ("K_s", "B_j") if name in loading.names)),
@@ -231,19 +237,10 @@ def belt_table(belt: Analysis) -> pl.DataFrame:
         "hysteresis_area": area,
         "hysteresis_area_se_bench": float(np.hypot(by_gain, by_torque)),
         "energy_lost": area / (loading["K_s"] * peak**2 / 2),
-        "shaft_turn": shaft_turn(record),
+        "shaft_turn": turn,
         "stiffening": 2 * quadratic["K_s2"] * peak / quadratic["K_s"],
     }
     return table_of([row], "belt", complete=True)
-
-
-def shaft_turn(record: Record) -> float | None:
-    """Turn of the actuator's shaft per turn of the joint, while the belt is loaded; None without a
-    file."""
-    if record.uniform is None:
-        return None
-    rows = record.rows("loading")
-    return float(np.polyfit(record.uniform["theta"][rows], record.uniform["theta_m"][rows], 1)[0])
 
 
 def belt_curve(belt: Analysis) -> pl.DataFrame:

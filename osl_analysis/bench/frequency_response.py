@@ -20,7 +20,7 @@ from osl_analysis.bench.record import Record
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError
 from osl_analysis.signals import runs
-from osl_analysis.stats.estimates import Row
+from osl_analysis.stats.estimates import Estimate, Row
 from osl_analysis.stats.linear_fit import NORMAL_HALF_WIDTH, products_between, welch_satterthwaite
 from osl_analysis.trial import Array
 
@@ -77,9 +77,8 @@ class Response:
         row: Row = {"frequency_hz": self.frequency_hz}
         for name, (value, changes) in estimates.items():
             half_width = np.linalg.norm(changes)
-            row[name] = float(value)
-            row[f"{name}_low"] = float(value - half_width)
-            row[f"{name}_high"] = float(value + half_width)
+            bounds = (float(value), float(value - half_width), float(value + half_width))
+            row |= Estimate(*bounds).columns(name)
         return row
 
 

@@ -40,6 +40,7 @@ LEAST_DEFLECTION = 0.05
 # of the file's K_s, beyond which the belt is another one
 LEAST_K_S = 0.7
 LARGEST_K_S = 1.4
+OF_JOINT = ("theta", "alpha")  # columns that the belt's torque has no part of
 OTHER_B_J = 3.0  # factor by which losses vary from joint to joint about the parameter file's
 # the motion cannot tell effects apart
 CANNOT_TELL = (IdentifiabilityError, InputError, np.linalg.LinAlgError)
@@ -161,12 +162,11 @@ def is_leg(record: Record, p: DrivetrainParameters | None) -> bool:
     """Whether a drivetrain renders the joint: its motor turns, and winds up the belt. A joint
     beside an idle motor is no leg. Without a parameter file the motor's turning has to do."""
     few = record.coarse
-    if "theta_m" not in few.actuator:
+    theta_m = few.actuator.get("theta_m")
+    if theta_m is None:
         return False
     if p is None:
-        turn = float(np.std(few.actuator["theta_m"]))
-        return turn > LEAST_DEFLECTION * float(np.std(few.motion.theta))
-    theta_m = few.actuator["theta_m"]
+        return bool(np.std(theta_m) > LEAST_DEFLECTION * np.std(few.motion.theta))
     deflection = belt_deflection(few.motion.theta, theta_m, p)
     angles = np.column_stack([few.motion.theta, theta_m / p.n_T, deflection])
     whole, of_motor, of_belt = np.std(angles[few.rows()], axis=0)
@@ -188,25 +188,17 @@ def belt_of_leg(record: Record, p: DrivetrainParameters | None) -> Belt | None:
         None without a parameter file or theta_m, of a joint that is no leg, or where the motion
         cannot tell.
     """
-    if p is None or "theta_m" not in record.actuator or not is_leg(record, p):
+    if p is None or not is_leg(record, p):
         return None
     few = record.coarse
-    columns = belt_columns(few, belt_deflection(few.motion.theta, few.actuator["theta_m"], p))
+    wound = belt_deflection(few.motion.theta, few.actuator["theta_m"], p)
+    slips = few.settings.low_pass(slipping_springs(wound, WOUND_UP).T, few.rate_hz).T
+    columns = {name: column for name, column in columns_of(few).items() if name not in OF_JOINT}
+    columns |= {"wound": wound - wound.mean(), **{f"slips_{k}": x for k, x in enumerate(slips)}}
     try:
         return belt_from(few, columns, p)
     except CANNOT_TELL:
         return None
-
-
-def belt_columns(few: Record, wound: Array) -> dict[str, Array]:
-    """Columns (n,) of the belt's torque for its deflection (n,) [rad]."""
-    columns = columns_of(few)
-    del columns["theta"], columns["alpha"]
-    columns["wound"] = wound - wound.mean()
-    slips = slipping_springs(wound, WOUND_UP)
-    for k, column in enumerate(few.settings.low_pass(slips.T, few.rate_hz).T):
-        columns[f"slips_{k}"] = column
-    return columns
 
 
 def belt_from(few: Record, columns: dict[str, Array], p: DrivetrainParameters) -> Belt:

@@ -79,8 +79,10 @@ def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> Analysis:
     moved = next((name for name in ("theta_m", "omega_m") if name in trial.columns), None)
     trial.check_columns("current", "torque_m")
     with naming(f"trial {trial.name}"):
-        levels = levels_of(trial, moved, settings.slowest)
-        if levels:
+        time, current, *motion = trial.signals("current", *([moved] if moved else []))
+        levels = plateaus_of(time, current)
+        of_shaft = motion[0] if motion else None
+        if is_clamped(time, current, levels, of_shaft, moved == "theta_m", settings.slowest):
             return clamped_of(trial, settings, levels)
         if moved is None:
             raise InputError(
@@ -176,20 +178,10 @@ def check_prompt(
         )
 
 
-def levels_of(trial: Trial, moved: str | None, slowest: float) -> list[slice]:
-    """Rows of the plateaus of a clamped actuator's current; none if it is driven, or has too
-    few."""
-    time, current, *motion = trial.signals("current", *([moved] if moved else []))
-    levels = plateaus_of(time, current)
-    of_shaft = motion[0] if motion else None
-    is_at_rest = is_clamped(time, current, levels, of_shaft, moved == "theta_m", slowest)
-    return levels if is_at_rest else []
-
-
 def clamped_of(trial: Trial, settings: ActuatorAnalysis, levels: list[slice]) -> Analysis:
     """k_tau n_m of an actuator at rest with a stepped current.
 
-    Its mean torque in each plateau (`levels_of`), which are the interval's units, is k_tau n_m I_q
+    Its mean torque in each plateau of the current, which are the interval's units, is k_tau n_m I_q
     - T s + offset + drift. T is the friction that lags behind steps up (s = 1) and down (s = -1);
     without it k_tau n_m would absorb it. T and drift are left out if all steps go one way. Behind a
     pause a step comes from 0, since the drive may have been off.

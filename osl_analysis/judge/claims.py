@@ -126,7 +126,7 @@ def share_claims(
     from what is `known` without error. Their intervals are Student's, of the standard errors of the
     means."""
     for entry in ENTRIES["shares"]:
-        formula = pl.sql_expr(entry["value"])
+        formula = pl.sql_expr(entry["formula"])
         names = set(formula.meta.root_names())
         if not names <= means.keys() | known.keys():
             continue
@@ -143,7 +143,7 @@ def share_claims(
         # not a number for one trial, whose scatter is not known
         half_width = error * scipy.special.stdtrit(trials - 1, 0.975)
         rows = pl.DataFrame([at_means]).with_columns(
-            trials=trials, half_width=pl.lit(half_width).fill_nan(None)
+            share=pl.lit(percents[0]), trials=trials, half_width=pl.lit(half_width).fill_nan(None)
         )
         yield from claims_on(rows, entry)
 

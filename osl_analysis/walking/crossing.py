@@ -45,18 +45,25 @@ from osl_analysis.walking.poses import (
 )
 from osl_analysis.walking.walking_settings import CrossingSettings
 
-PRESSED_N = 100.0  # vertical force above which a centre of pressure is defined
-VERTICAL = np.array([0.0, 0.0, 1.0])
-SPARE_S = 0.1  # before and after stance, for the low-pass
 
-FLAT = (0.15, 0.35)  # phases of stance in which the foot is flat, before a perturbation
-LATE = (0.6, 0.85)  # phases of stance in which a walker pushes off
-PUSH = (0.5, 0.9)  # phases of stance in which every foot pushes the toes down
-LARGEST_OUT_TOEING_DEG = 45.0  # between the roll of the load and forward; a foot out-toes by 20 deg
-SMALLEST_ROLL_M = 0.03  # of the centre of pressure, that has a direction
-LARGEST_MASS_DIFFERENCE = 0.1  # clothes, shoes and leg weigh something
-FEWEST_SAMPLES = 6  # for a quintic spline
-FEWEST_FRAMES = 10  # at rest, that tell where the platform stands
+class StanceLimits:
+    """Of what a stance shows."""
+
+    PRESSED_N = 100.0  # vertical force above which a centre of pressure is defined
+    SPARE_S = 0.1  # before and after stance, for the low-pass
+    FLAT = (0.15, 0.35)  # phases of stance in which the foot is flat, before a perturbation
+    LATE = (0.6, 0.85)  # phases of stance in which a walker pushes off
+    PUSH = (0.5, 0.9)  # phases of stance in which every foot pushes the toes down
+    # between the roll of the load and forward; a foot out-toes by 20 deg
+    LARGEST_OUT_TOEING_DEG = 45.0
+    SMALLEST_ROLL_M = 0.03  # of the centre of pressure, that has a direction
+    LARGEST_MASS_DIFFERENCE = 0.1  # clothes, shoes and leg weigh something
+    FEWEST_SAMPLES = 6  # for a quintic spline
+    FEWEST_FRAMES = 10  # at rest, that tell where the platform stands
+
+
+VERTICAL = np.array([0.0, 0.0, 1.0])
+
 
 # Directions of a perturbation in sheet and tables: toes up (dorsiflexion), and toes down
 UP, DOWN = "up", "down"
@@ -125,7 +132,7 @@ def load_on_foot(reaction: Array, centre: Array, ankle: Ankle) -> Array:
     """Vertical force [N], and centre of pressure [m] to the left of the ankle and before it, 0 if
     hardly pressed: (3, n), from the reaction (n, 6) about `centre` (n, 3) [m]."""
     vertical = reaction[:, 2]
-    pressed = vertical > PRESSED_N
+    pressed = vertical > StanceLimits.PRESSED_N
     divisor = np.where(pressed, vertical, 1.0)[:, None]
     from_ankle = centre + np.cross(VERTICAL, reaction[:, 3:]) / divisor - ankle.centre
     left = np.sum(from_ankle * ankle.axis, axis=1)
@@ -255,7 +262,11 @@ def check_followed(
 def rows_about_stance(frames: Array, recorded: Mapping[str, Poses], stance: Stance) -> slice:
     """Stance and the frames about it in which all clusters were seen."""
     seen = np.all([pose.seen() for pose in recorded.values()], axis=0)
-    near = seen & (frames >= stance.heel_strike - SPARE_S) & (frames <= stance.toe_off + SPARE_S)
+    near = (
+        seen
+        & (frames >= stance.heel_strike - StanceLimits.SPARE_S)
+        & (frames <= stance.toe_off + StanceLimits.SPARE_S)
+    )
     first = np.argmax(in_stance(frames, stance))
     return next(run for run in runs(near) if run.start <= first < run.stop)
 
@@ -400,13 +411,17 @@ def check_roll(phase: Array, load: Array, torque: Array | None) -> None:
     torque : Array or None
         Undisturbed torque (n,) [N*m]; in late stance every foot pushes the toes down.
     """
-    late = load[:, phases_between(phase, LATE)].mean(axis=1)
-    flat = load[:, phases_between(phase, FLAT)].mean(axis=1)
+    late = load[:, phases_between(phase, StanceLimits.LATE)].mean(axis=1)
+    flat = load[:, phases_between(phase, StanceLimits.FLAT)].mean(axis=1)
     _, left, forward = late - flat
     roll_m = float(np.hypot(left, forward))
     roll_deg = abs(float(np.rad2deg(np.arctan2(left, forward))))
-    moment = 0.0 if torque is None else float(torque[phases_between(phase, PUSH)].mean())
-    rolls_forward = roll_deg <= LARGEST_OUT_TOEING_DEG or roll_m < SMALLEST_ROLL_M
+    moment = (
+        0.0 if torque is None else float(torque[phases_between(phase, StanceLimits.PUSH)].mean())
+    )
+    rolls_forward = (
+        roll_deg <= StanceLimits.LARGEST_OUT_TOEING_DEG or roll_m < StanceLimits.SMALLEST_ROLL_M
+    )
     if moment >= 0 and rolls_forward:
         return
     raise InputError(
@@ -428,7 +443,7 @@ def body_mass(trial: Trial, sheet: float | None) -> float | None:
     """
     # a recording that does not know it has 0
     recorded = trial.provenance.get("mocap", {}).get("body_mass_kg") or None
-    if sheet and recorded and abs(sheet / recorded - 1) > LARGEST_MASS_DIFFERENCE:
+    if sheet and recorded and abs(sheet / recorded - 1) > StanceLimits.LARGEST_MASS_DIFFERENCE:
         raise InputError(
             f"trial {trial.name}: body_mass_kg is {sheet:g} in the sheet and {recorded:g} in the"
             " recording; correct the sheet, or leave its cell empty to use the recording's"
@@ -477,7 +492,7 @@ def differences(
 
     platform = passage.recorded["platform"]
     rests = (passage.frames < passage.stance.heel_strike) & platform.seen()
-    if rests.sum() >= FEWEST_FRAMES:
+    if rests.sum() >= StanceLimits.FEWEST_FRAMES:
         reference = calibration.positions(settings.markers.platform, trial.name)
         place = np.median(platform[rests].points(reference), axis=0)
         distances["the platform at rest"] = root_mean_square(place - reference)
@@ -510,7 +525,7 @@ def crossing_quality(
     settings: CrossingSettings,
 ) -> CrossingQuality:
     """Measure the quality of a crossing that markers and plate recorded."""
-    flat = phases_between(passage.stance.phase(passage.time), FLAT)
+    flat = phases_between(passage.stance.phase(passage.time), StanceLimits.FLAT)
     foot = passage.poses["foot"][flat]
     plate_centre = passage.corners.mean(axis=0)
     from_plate = foot.point(calibration.ankle_centre).mean(axis=0) - plate_centre
@@ -573,7 +588,7 @@ class Crossing:
             object.__setattr__(self, "plate_errors", np.zeros((0, len(self.time))))
         for signal in ("time", "theta", "torque", "load", "plate_errors"):
             check_measured(f"trial {self.name}: {signal}", getattr(self, signal))
-        if len(self.time) < FEWEST_SAMPLES:
+        if len(self.time) < StanceLimits.FEWEST_SAMPLES:
             raise InputError(f"trial {self.name}: {len(self.time)} samples; exclude the trial")
         sampling_rate(self.time)  # which refuses stamps that do not go forward
 

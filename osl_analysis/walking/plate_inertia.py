@@ -46,24 +46,30 @@ from osl_analysis.walking.walking_settings import PlateModelSettings
 PARAMETERS = 10  # m, mc (x, y, z), I (xx, yy, zz, xy, xz, yz)
 # Weights of forces [m] and moments: a force's lever about the ankle is about 0.1 m
 WEIGHT = np.array([0.1] * 3 + [1.0] * 3)
-LIGHT = 0.1  # [N*m], weighted wrench of a plate that is too light to show its lag
+
+
+class PlateLimits:
+    """When inertia, lag and height of a plate are known."""
+
+    LIGHT = 0.1  # [N*m], weighted wrench of a plate that is too light to show its lag
+    SMALLEST_WRENCH = 0.01  # of a direction, as a share of the largest, for it to be identified
+    LARGEST_NOISE_SHARE = 0.5  # of a direction's power in the columns
+    LARGEST_LAG_S = 0.012
+    LAG_STEP_S = 0.002  # a parabola between the steps is exact to 1 % below 20 Hz
+    LARGEST_LAG_MISFIT = 0.5  # of the wrench's mean square, for the wrench to follow the motion
+    LARGEST_HEIGHT_SE_M = 0.005  # of a height that is reported
+    CERTAIN_SES = 4.0  # standard errors beyond which a height is certain
+    SMALLEST_HEIGHT_COLUMN = 0.02  # share of its column that no other explains
+    LIGHT_KG = 0.1  # mass below which a centre of mass is not known
+    SPREAD_FRAMES = 30  # by which the low-pass of the identification spreads a motion
+    # at rest noise gives 0.03 deg; 11 frames at 300 Hz change the lag by 2 ms
+    HIDDEN_TURN_DEG = 0.2
+    END_S = 0.05  # at both ends of a track, whose slopes tell a motion that the recording cuts
+    FEWEST_END_FRAMES = 5
+
+
 # Scales of the parameters for a plate of 1 kg whose half is 0.3 m long
 TYPICAL_PLATE = np.array([[1.0]] + [[0.3]] * 3 + [[0.3**2]] * 6)
-SMALLEST_WRENCH = 0.01  # of a direction, as a share of the largest, for it to be identified
-LARGEST_NOISE_SHARE = 0.5  # of a direction's power in the columns
-
-LARGEST_LAG_S = 0.012
-LAG_STEP_S = 0.002  # a parabola between the steps is exact to 1 % below 20 Hz
-LARGEST_LAG_MISFIT = 0.5  # of the wrench's mean square, for the wrench to follow the motion
-LARGEST_HEIGHT_SE_M = 0.005  # of a height that is reported
-CERTAIN_SES = 4.0  # standard errors beyond which a height is certain
-SMALLEST_HEIGHT_COLUMN = 0.02  # share of its column that no other explains
-LIGHT_KG = 0.1  # mass below which a centre of mass is not known
-SPREAD_FRAMES = 30  # by which the low-pass of the identification spreads a motion
-
-HIDDEN_TURN_DEG = 0.2  # at rest noise gives 0.03 deg; 11 frames at 300 Hz change the lag by 2 ms
-END_S = 0.05  # at both ends of a track, whose slopes tell a motion that the recording cuts
-FEWEST_END_FRAMES = 5
 
 
 @dataclass(frozen=True)
@@ -87,7 +93,7 @@ class PlateModel:
         """`height` [m] if it is certain, else 0; None where it is not known."""
         if self.height is None:
             return None
-        is_certain = abs(self.height) > CERTAIN_SES * (self.height_se or 0.0)
+        is_certain = abs(self.height) > PlateLimits.CERTAIN_SES * (self.height_se or 0.0)
         return self.height * is_certain
 
     @property
@@ -192,7 +198,7 @@ class UnloadedRecording:
         squares = np.zeros((PARAMETERS, PARAMETERS))
         count = 0
         for run in runs(weights == 0):
-            if run.stop - run.start < platform.FEWEST_FRAMES:
+            if run.stop - run.start < platform.MotionLimits.FEWEST_FRAMES:
                 continue
             still = stacked_columns(without_mean(columns[run]))
             squares = squares + still.T @ still
@@ -231,11 +237,11 @@ def unloaded_recording(
         )
     rows = longest_run(poses.seen())
     shown = 0.0  # largest turn from rest to rest [rad]
-    if rows.stop - rows.start >= platform.FEWEST_FRAMES:
+    if rows.stop - rows.start >= platform.MotionLimits.FEWEST_FRAMES:
         seen = platform.platform_track(trial.name, frames[rows], poses[rows], calibration, settings)
         whole = whole_motions(seen)
         rows = slice(rows.start + whole.start, rows.start + whole.stop)
-        is_long = rows.stop - rows.start >= platform.FEWEST_FRAMES
+        is_long = rows.stop - rows.start >= platform.MotionLimits.FEWEST_FRAMES
         if is_long and not hides_a_motion(frames, poses, settings):
             shown = float(np.ptp(platform.rotation_from_rest(poses[rows])))
     if shown < settings.smallest_turn:
@@ -268,7 +274,7 @@ def hides_a_motion(frames: Array, poses: Poses, settings: PlateModelSettings) ->
     for gap in runs(poses.bridged):
         moved = abs(float(turn[gap.stop] - turn[gap.start - 1]))
         is_long = rigid.gap_duration(frames, gap) > settings.longest_fitted_gap_s
-        if is_long and moved > np.deg2rad(HIDDEN_TURN_DEG):
+        if is_long and moved > np.deg2rad(PlateLimits.HIDDEN_TURN_DEG):
             return True
     return False
 
@@ -280,17 +286,17 @@ def whole_motions(track: platform.PlatformTrack) -> slice:
     milliseconds, the plate's mass by a tenth.
     """
     n = len(track.time)
-    count = max(round(END_S * track.rate), FEWEST_END_FRAMES)
+    count = max(round(PlateLimits.END_S * track.rate), PlateLimits.FEWEST_END_FRAMES)
     moves = track.moving.copy()
     for end in (slice(0, count), slice(n - count, n)):
         since = track.time[end] - track.time[end].mean()
         slopes = since @ track.measured[end] / (since @ since)
         moved = float(np.abs(slopes).max() * np.sqrt(since @ since))
-        moves[end] |= moved > platform.STILL * track.noise
+        moves[end] |= moved > platform.MotionLimits.STILL * track.noise
     rests = [
         run
         for run in runs(track.gate(moves) == 0)
-        if run.stop - run.start >= platform.FEWEST_FRAMES
+        if run.stop - run.start >= platform.MotionLimits.FEWEST_FRAMES
     ]
     if not rests:
         rests = [slice(0, 0)]
@@ -439,16 +445,16 @@ def excited_directions(squares: Array, noise: Array, within: Array) -> Array:
     """
     basis = np.linalg.qr(within / TYPICAL_PLATE)[0] * TYPICAL_PLATE
     power, vectors = np.linalg.eigh(basis.T @ squares @ basis)
-    basis = basis @ vectors[:, power > SMALLEST_WRENCH**2 * power[-1]]
+    basis = basis @ vectors[:, power > PlateLimits.SMALLEST_WRENCH**2 * power[-1]]
 
     share, vectors = scipy.linalg.eigh(basis.T @ noise @ basis, basis.T @ squares @ basis)
-    if share[0] > LARGEST_NOISE_SHARE:
+    if share[0] > PlateLimits.LARGEST_NOISE_SHARE:
         raise IdentifiabilityError(
             f"marker noise is {share[0]:.0%} of what moves the unloaded plate in the direction that"
             " shows it best, expected 50% or less; record larger or faster motions of the unloaded"
             " plate"
         )
-    return np.asarray(basis @ vectors[:, share <= LARGEST_NOISE_SHARE])
+    return np.asarray(basis @ vectors[:, share <= PlateLimits.LARGEST_NOISE_SHARE])
 
 
 def stacked_columns(columns: Array) -> Array:
@@ -486,12 +492,16 @@ def plate_lag(
     InputError
         The wrench does not follow the motion at any lag.
     """
-    lags = np.arange(-LARGEST_LAG_S, LARGEST_LAG_S + LAG_STEP_S / 2, LAG_STEP_S)
+    lags = np.arange(
+        -PlateLimits.LARGEST_LAG_S,
+        PlateLimits.LARGEST_LAG_S + PlateLimits.LAG_STEP_S / 2,
+        PlateLimits.LAG_STEP_S,
+    )
     wrenches = [wrench_at(float(lag)) for lag in lags]
     directions = identify_plate_inertia([(motion, wrenches[len(lags) // 2])], smooth).directions
     # At the ends of a recording a low-pass passes more noise, and how much depends on the lag
     moves = np.any(motion.alpha != 0, axis=1) | np.any(motion.acceleration != 0, axis=1)
-    rows = scipy.ndimage.binary_dilation(moves, iterations=SPREAD_FRAMES)
+    rows = scipy.ndimage.binary_dilation(moves, iterations=PlateLimits.SPREAD_FRAMES)
     columns = stacked_columns(without_mean(smooth(inertial_columns(motion))[rows]))
     basis = np.linalg.qr(columns @ directions)[0]
     misfit = []  # weighted mean square of what no parameters explain
@@ -501,16 +511,19 @@ def plate_lag(
 
     best = int(np.argmin(misfit))
     square = float(np.sum((column_rms(without_mean(wrenches[best][rows])) * WEIGHT) ** 2))
-    if square < LIGHT**2:
+    if square < PlateLimits.LIGHT**2:
         return float("nan")
-    if misfit[best] > LARGEST_LAG_MISFIT * square or best in (0, len(lags) - 1):
+    if misfit[best] > PlateLimits.LARGEST_LAG_MISFIT * square or best in (0, len(lags) - 1):
         raise InputError(
             "the unloaded plate's wrench does not follow its motion within"
-            f" {LARGEST_LAG_S * 1e3:g} ms; name the plate that moves under `walking.plate`,"
-            " synchronise the recorders, or check markers and channels"
+            f" {PlateLimits.LARGEST_LAG_S * 1e3:g} ms; name the plate that moves under"
+            " `walking.plate`, synchronise the recorders, or check markers and channels"
         )
     before, smallest, after = misfit[best - 1 : best + 2]
-    return float(lags[best] + 0.5 * LAG_STEP_S * (before - after) / (before - 2 * smallest + after))
+    return float(
+        lags[best]
+        + 0.5 * PlateLimits.LAG_STEP_S * (before - after) / (before - 2 * smallest + after)
+    )
 
 
 def with_height(
@@ -530,7 +543,7 @@ def with_height(
     se = float(np.sqrt((count - 1) * np.var(without_each)))
     return replace(
         model,
-        height=height if se < LARGEST_HEIGHT_SE_M else None,
+        height=height if se < PlateLimits.LARGEST_HEIGHT_SE_M else None,
         height_se=se if np.isfinite(se) else None,
     )
 
@@ -556,7 +569,10 @@ def moments_below(directions: Array, columns_and_wrenches: Sequence[tuple[Array,
     vertical = X[:, -1]
     unexplained = vertical - other_columns @ np.linalg.lstsq(other_columns, vertical, rcond=1e-4)[0]
     mass = float(directions[0] @ estimates[: directions.shape[1]])
-    if mass > LIGHT_KG and np.linalg.norm(unexplained) > SMALLEST_HEIGHT_COLUMN:
+    if (
+        mass > PlateLimits.LIGHT_KG
+        and np.linalg.norm(unexplained) > PlateLimits.SMALLEST_HEIGHT_COLUMN
+    ):
         return float(estimates[-1] / mass)
     return float("nan")
 

@@ -16,27 +16,33 @@ from matplotlib.axes import Axes
 from osl_analysis.errors import InputError
 from osl_analysis.figures import marks, style
 
-# distances of the places of two neighbouring trials
-NEXT_TRIAL = 1.0  # of one controller
-NEXT_CONTROLLER = 1.8  # of two controllers
-NEXT_VALUE = 3.2  # of two desired values
-EDGE = 1.2  # free at either end
-FEWEST_PLACES = 8.0  # the axis has room for so many, that one trial does not stand in its middle
 
-MARGIN = 0.55  # of a panel, for the labels of its vertical axis [in]
-WIDEST_MARKER = 4.6 / 72  # with its edge [in]
-SMALLEST_SHARE = 0.3  # of a marker's size
-PANEL_HEIGHT = 1.75  # [in]
-LEGEND_HEIGHT = 0.75  # [in]
-NAME_HEIGHT = 0.6  # of upright names of trials, where these stand in place of desired values [in]
-LONGEST_NAME = 15  # letters of a name, from its end
-BESIDE_TRIALS = 0.8  # by which a desired value's line is longer than its trials on either side
+class Layout:
+    """Places of trials along the axis, and sizes."""
+
+    # distances of the places of two neighbouring trials
+    NEXT_TRIAL = 1.0  # of one controller
+    NEXT_CONTROLLER = 1.8  # of two controllers
+    NEXT_VALUE = 3.2  # of two desired values
+    EDGE = 1.2  # free at either end
+    # the axis has room for so many, that one trial does not stand in its middle
+    FEWEST_PLACES = 8.0
+    MARGIN = 0.55  # of a panel, for the labels of its vertical axis [in]
+    WIDEST_MARKER = 4.6 / 72  # with its edge [in]
+    SMALLEST_SHARE = 0.3  # of a marker's size
+    PANEL_HEIGHT = 1.75  # [in]
+    LEGEND_HEIGHT = 0.75  # [in]
+    # of upright names of trials, where these stand in place of desired values [in]
+    NAME_HEIGHT = 0.6
+    LONGEST_NAME = 15  # letters of a name, from its end
+    BESIDE_TRIALS = 0.8  # by which a desired value's line is longer than its trials on either side
+    VISCOUS_SIZE = 3.2  # of this mark [pt]
+
 
 OTHER = {"K": "B_d", "B": "K_d"}  # desired value by which trials of one K_d, of one B_d are sorted
 DESIRED_LINE: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.8}
 # black, because it may stand on a marker
 VISCOUS_MARK: dict[str, Any] = {"marker": "x", "mew": 0.8, "color": style.BLACK}
-VISCOUS_SIZE = 3.2  # of this mark [pt]
 
 
 def points(impedance: pl.DataFrame) -> pl.DataFrame:
@@ -59,14 +65,14 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
         for symbol in "KB"
     ]
     across = 1 if len(shown) == 2 else 2
-    width, inches = style.DOUBLE_COLUMN, style.DOUBLE_COLUMN / across - MARGIN
+    width, inches = style.DOUBLE_COLUMN, style.DOUBLE_COLUMN / across - Layout.MARGIN
     longest = max(span_of(trials) for _, _, trials in shown)
-    if across == 1 and longest * WIDEST_MARKER <= style.SINGLE_COLUMN - MARGIN:
-        width, inches = style.SINGLE_COLUMN, style.SINGLE_COLUMN - MARGIN
+    if across == 1 and longest * Layout.WIDEST_MARKER <= style.SINGLE_COLUMN - Layout.MARGIN:
+        width, inches = style.SINGLE_COLUMN, style.SINGLE_COLUMN - Layout.MARGIN
     down = len(shown) // across
     has_desired = style.has_values(table, "K_d") or style.has_values(table, "B_d")
-    panel_height = PANEL_HEIGHT if has_desired else PANEL_HEIGHT + NAME_HEIGHT
-    height = min(LEGEND_HEIGHT + panel_height * down, style.TALLEST)
+    panel_height = Layout.PANEL_HEIGHT if has_desired else Layout.PANEL_HEIGHT + Layout.NAME_HEIGHT
+    height = min(Layout.LEGEND_HEIGHT + panel_height * down, style.TALLEST)
     titles = [title for title, _, _ in shown]
     figure, axes = style.panels(width, height, down, across, titles=titles)
     for ax, (_, symbol, trials) in zip(axes, shown, strict=True):
@@ -77,7 +83,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
         keys.append(marks.key("Desired", **DESIRED_LINE))
     if style.has_values(table, "B_viscous"):
         label = r"Viscous damping $B_\mathrm{viscous}$"
-        keys.append(marks.key(label, markersize=VISCOUS_SIZE, **VISCOUS_MARK))
+        keys.append(marks.key(label, markersize=Layout.VISCOUS_SIZE, **VISCOUS_MARK))
     marks.legend_above(figure, keys)
     figure.align_ylabels()
     return figure
@@ -112,27 +118,31 @@ def with_places(trials: pl.DataFrame, symbol: str) -> pl.DataFrame:
         """Whether a trial differs from the one before it."""
         return pl.col(column).ne_missing(pl.col(column).shift())
 
-    of_controllers = pl.when(is_new("number")).then(NEXT_CONTROLLER).otherwise(NEXT_TRIAL)
-    place = pl.when(is_new(desired)).then(NEXT_VALUE).otherwise(of_controllers).cum_sum()
+    of_controllers = (
+        pl.when(is_new("number")).then(Layout.NEXT_CONTROLLER).otherwise(Layout.NEXT_TRIAL)
+    )
+    place = pl.when(is_new(desired)).then(Layout.NEXT_VALUE).otherwise(of_controllers).cum_sum()
     return rows.with_columns(x=place - place.first())
 
 
 def span_of(placed: pl.DataFrame) -> float:
     """Length of the axis of these trials, in its unit."""
-    return max(float(placed["x"][-1]) + 2 * EDGE, FEWEST_PLACES)
+    return max(float(placed["x"][-1]) + 2 * Layout.EDGE, Layout.FEWEST_PLACES)
 
 
 def draw_trials(ax: Axes, symbol: str, placed: pl.DataFrame, inches: float) -> None:
     """One quantity of the trials at their places `x` on an axis of this length [in]: estimates with
     their bars, the viscous damping beside the damping, and a black line at each desired value."""
     unit = inches / span_of(placed)
-    share = max(min(unit / WIDEST_MARKER, 1.0), SMALLEST_SHARE)  # markers of neighbours are apart
+    share = max(
+        min(unit / Layout.WIDEST_MARKER, 1.0), Layout.SMALLEST_SHARE
+    )  # markers of neighbours are apart
     for look, trials in style.by_controller(placed):
         marks.draw_estimates(ax, trials, "x", symbol, replace(look, size=share * look.size))
     if symbol == "B":
         ax.plot(
             placed["x"], placed["B_viscous"],
-            linestyle="", markersize=VISCOUS_SIZE * share, zorder=4, **VISCOUS_MARK,
+            linestyle="", markersize=Layout.VISCOUS_SIZE * share, zorder=4, **VISCOUS_MARK,
         )  # fmt: skip
     ax.set_ylabel(style.AXIS_LABELS[symbol])
 
@@ -141,7 +151,7 @@ def draw_trials(ax: Axes, symbol: str, placed: pl.DataFrame, inches: float) -> N
     values = [group[desired][0] for group in groups]
     for value, group in zip(values, groups, strict=True):
         if value is not None:
-            ends = (group["x"][0] - BESIDE_TRIALS, group["x"][-1] + BESIDE_TRIALS)
+            ends = (group["x"][0] - Layout.BESIDE_TRIALS, group["x"][-1] + Layout.BESIDE_TRIALS)
             ax.hlines(value, *ends, **DESIRED_LINE)
     for left, right in pairwise(groups):
         ax.axvline((left["x"][-1] + right["x"][0]) / 2, color=style.GRID_GREY, linewidth=0.5)
@@ -156,7 +166,9 @@ def draw_trials(ax: Axes, symbol: str, placed: pl.DataFrame, inches: float) -> N
     else:
         ax.set_xlabel("Trial")
         groups = placed.partition_by("trial", maintain_order=True)
-        ends_of_names = [style.drawn_name(rows["trial"][0][-LONGEST_NAME:]) for rows in groups]
+        ends_of_names = [
+            style.drawn_name(rows["trial"][0][-Layout.LONGEST_NAME :]) for rows in groups
+        ]
         label_groups(ax, groups, ends_of_names, inches)
 
 

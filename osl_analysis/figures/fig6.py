@@ -12,15 +12,22 @@ from osl_analysis.stats.repeats import counted, doubts_of_trials
 from osl_analysis.trial import Array
 
 LEAST_UNEXPLAINED = 1e-4  # smaller unexplained shares are drawn here [percent]
-HEIGHT = 3.0  # of the figure [in]
-SWARM_HEIGHT = 1.5  # over which the fits spread, at least [in]
-MARGIN = 0.75  # of the panel, for the labels of its vertical axis [in]
-POINT = 4.9 / 72  # diameter of a marker with a small gap [in]
-REACH = 0.45  # of a swarm to either side; swarms are 1 apart
+
+
+class Layout:
+    """Places of swarms, and sizes."""
+
+    HEIGHT = 3.0  # of the figure [in]
+    SWARM_HEIGHT = 1.5  # over which the fits spread, at least [in]
+    MARGIN = 0.75  # of the panel, for the labels of its vertical axis [in]
+    POINT = 4.9 / 72  # diameter of a marker with a small gap [in]
+    REACH = 0.45  # of a swarm to either side; swarms are 1 apart
+    MEDIAN_REACH = 0.3  # of the line at its median to either side
+    MOST_IN_COLUMN = 2  # swarms in one column of the page
+    MOST_TICKS = 12
+
+
 MEDIAN_LINE: dict[str, Any] = {"color": style.BLACK, "linewidth": 1.2}
-MEDIAN_REACH = 0.3  # of the line at its median to either side
-MOST_IN_COLUMN = 2  # swarms in one column of the page
-MOST_TICKS = 12
 
 
 def points(impedance: pl.DataFrame) -> pl.DataFrame:
@@ -44,15 +51,15 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
         for title, part in style.by_place(table)
         for look, rows in style.by_controller(part)
     ]
-    width = style.SINGLE_COLUMN if len(swarms) <= MOST_IN_COLUMN else style.DOUBLE_COLUMN
-    figure, (ax,) = style.panels(width, HEIGHT)
-    unit = (width - MARGIN) / len(swarms)  # of the horizontal axis [in]
+    width = style.SINGLE_COLUMN if len(swarms) <= Layout.MOST_IN_COLUMN else style.DOUBLE_COLUMN
+    figure, (ax,) = style.panels(width, Layout.HEIGHT)
+    unit = (width - Layout.MARGIN) / len(swarms)  # of the horizontal axis [in]
     spread = max(float(np.ptp(np.log10(unexplained(table)))), 1e-9)
     labels = []
     for place, (title, look, rows) in enumerate(swarms):
         shares = unexplained(rows)
-        heights = np.log10(shares) / spread * SWARM_HEIGHT
-        x = place + marks.swarm_offsets(heights, POINT, REACH * unit) / unit
+        heights = np.log10(shares) / spread * Layout.SWARM_HEIGHT
+        x = place + marks.swarm_offsets(heights, Layout.POINT, Layout.REACH * unit) / unit
         marks.draw_fits(ax, rows, x, shares, look, marks.BEHIND_LINES)
         lines = [look.label, title, f"$n$ = {len(rows)}", draw_median(ax, rows, place)]
         labels.append("\n".join(line for line in lines if line))
@@ -60,7 +67,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     ax.set_xlim(-0.5, len(swarms) - 0.5)
     ax.set_xticks(range(len(swarms)), labels)
     ax.tick_params(axis="x", length=0)
-    marks.label_log_axis(ax.yaxis, MOST_TICKS, lambda share: f"{100 - share:.7g}")
+    marks.label_log_axis(ax.yaxis, Layout.MOST_TICKS, lambda share: f"{100 - share:.7g}")
     ax.invert_yaxis()
     ax.set_ylabel("VAF (%), log scale of 100 − VAF")
     marks.legend_above(figure, [marks.key("Median", **MEDIAN_LINE), *marks.open_keys(table)])
@@ -79,5 +86,7 @@ def draw_median(ax: Axes, rows: pl.DataFrame, place: int) -> str:
     if used.is_empty():
         return "all doubtful"
     median = float(np.median(unexplained(used)))
-    ax.hlines(median, place - MEDIAN_REACH, place + MEDIAN_REACH, **MEDIAN_LINE, zorder=0.5)
+    ax.hlines(
+        median, place - Layout.MEDIAN_REACH, place + Layout.MEDIAN_REACH, **MEDIAN_LINE, zorder=0.5
+    )
     return f"median {100 - float(f'{median:.3g}'):.7g} %"

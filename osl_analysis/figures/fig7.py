@@ -8,10 +8,16 @@ from matplotlib.ticker import MaxNLocator
 
 from osl_analysis.figures import DESIRED, LINEAR_MODEL, OBSERVED, marks, style
 
-MOST_TICKS = 8  # of frequency
-USUAL_PHASES = [1, 1.5, 3, 4.5, 9, 10]  # steps between ticks, times a power of ten [deg]
+
+class Layout:
+    """Ticks, and the width of a line."""
+
+    MOST_TICKS = 8  # of frequency
+    USUAL_PHASES = (1, 1.5, 3, 4.5, 9, 10)  # steps between ticks, times a power of ten [deg]
+    MODEL_WIDTH = 0.9  # of a line [pt]
+
+
 DESIRED_LINE: dict[str, Any] = {"color": style.BLACK, "zorder": 1}
-MODEL_WIDTH = 0.9  # of a line [pt]
 
 
 def draw(table: pl.DataFrame) -> style.PaperFigure:
@@ -30,9 +36,9 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
         magnitude.set_yscale("log")
         marks.label_log_axis(magnitude.yaxis, 6, lambda value: f"{1e3 * value:.4g}")
         phase.axhline(0, color=style.BLACK, linewidth=style.HAIRLINE, zorder=0)
-        phase.yaxis.set_major_locator(MaxNLocator(5, steps=USUAL_PHASES))
+        phase.yaxis.set_major_locator(MaxNLocator(5, steps=Layout.USUAL_PHASES))
         phase.set_xscale("log")
-        marks.label_log_axis(phase.xaxis, MOST_TICKS // len(parts))
+        marks.label_log_axis(phase.xaxis, Layout.MOST_TICKS // len(parts))
         phase.set_xlabel("Frequency (Hz)")
     axes[0].set_ylabel("Magnitude (mrad/(N·m))")
     axes[len(parts)].set_ylabel("Phase (deg)")
@@ -41,7 +47,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     if not of_curve[DESIRED].is_empty():
         keys.append(marks.key("Desired", **DESIRED_LINE))
     for look, _ in style.by_controller(of_curve[LINEAR_MODEL]):
-        line = {"color": look.colour, "linestyle": look.dash, "linewidth": MODEL_WIDTH}
+        line = {"color": look.colour, "linestyle": look.dash, "linewidth": Layout.MODEL_WIDTH}
         keys.append(marks.key(f"{look.label}, {style.LINEAR_MODEL.lower()}", **line))
     marks.legend_above(figure, keys)
     figure.align_ylabels()
@@ -55,7 +61,7 @@ def draw_part(ax: Axes, part: pl.DataFrame, quantity: str) -> None:
     for look, model in style.by_controller(part.filter(curve=LINEAR_MODEL)):
         ax.plot(
             model["frequency_hz"], model[quantity],
-            color=look.colour, linestyle=look.dash, linewidth=MODEL_WIDTH,
+            color=look.colour, linestyle=look.dash, linewidth=Layout.MODEL_WIDTH,
         )  # fmt: skip
     for look, observed in style.by_controller(part.filter(curve=OBSERVED)):
         marks.draw_estimates(ax, observed, "frequency_hz", quantity, look)

@@ -11,24 +11,31 @@ from osl_analysis.errors import InputError
 from osl_analysis.figures import marks, style
 
 QUANTITIES = ("K", "B", "I")
-# distances on the axis from the middle of a group
-REACH = 0.32  # of its points, to either side
-MEAN_AT = 0.55  # its mean
-LAST_AT = 1.15  # the last of its fits
-NEXT_GROUP = 2.1  # the middle of the next group
-BESIDE = 0.4  # free beside the first and the last group
-MARGIN = 0.45  # of a panel, for the labels of its vertical axis [in]
-SWARM_HEIGHT = 1.2  # over which the values of a panel spread [in]
-POINT = 3.4 / 72  # diameter of a point with a small gap [in]
+
+
+class Layout:
+    """Places in a group, from its middle, and sizes."""
+
+    # distances on the axis from the middle of a group
+    REACH = 0.32  # of its points, to either side
+    MEAN_AT = 0.55  # its mean
+    LAST_AT = 1.15  # the last of its fits
+    NEXT_GROUP = 2.1  # the middle of the next group
+    BESIDE = 0.4  # free beside the first and the last group
+    MARGIN = 0.45  # of a panel, for the labels of its vertical axis [in]
+    SWARM_HEIGHT = 1.2  # over which the values of a panel spread [in]
+    POINT = 3.4 / 72  # diameter of a point with a small gap [in]
+    CAP = 2.5  # half of the bar's end [pt]
+
+
 DRAWN = ("estimate", "mean", "ensemble_low", "ensemble_high", "commanded")
 # Fits to the mean response: estimator, column, distance from the middle, face and name of a marker
 FITS = (
     ("ensemble", "ensemble", 0.85, style.PURPLE, "Fit to the mean response, 95 % interval"),
-    ("ensemble, predicted gait", "predicted", LAST_AT, style.WHITE, "Minus predicted gait"),
+    ("ensemble, predicted gait", "predicted", Layout.LAST_AT, style.WHITE, "Minus predicted gait"),
 )
 PERTURBATION = style.Look(style.GREY, "o", 2.6, "One perturbation", edge=0.6)
 IN_BLACK: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.8}
-CAP = 2.5  # half of the bar's end [pt]
 
 
 def points(
@@ -95,18 +102,18 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     of_groups = table.filter(pl.col("trial").is_null(), quantity="K")
     width = style.SINGLE_COLUMN if len(of_groups) == 1 else style.DOUBLE_COLUMN
     figure, axes = style.panels(width, 2.6, 1, 3)
-    left = -REACH - BESIDE
-    right = (len(of_groups) - 1) * NEXT_GROUP + LAST_AT + BESIDE
-    unit = (width / 3 - MARGIN) / (right - left)
+    left = -Layout.REACH - Layout.BESIDE
+    right = (len(of_groups) - 1) * Layout.NEXT_GROUP + Layout.LAST_AT + Layout.BESIDE
+    unit = (width / 3 - Layout.MARGIN) / (right - left)
     groups = [f"{name} ({n})" for name, n in of_groups.select("group", "n").iter_rows()]
     labels = [style.drawn_name(group) for group in groups] if len(groups) > 1 else []
-    places = [number * NEXT_GROUP + MEAN_AT / 2 for number in range(len(labels))]
+    places = [number * Layout.NEXT_GROUP + Layout.MEAN_AT / 2 for number in range(len(labels))]
     for ax, quantity in zip(axes, QUANTITIES, strict=True):
         rows = table.filter(quantity=quantity)
         values = rows.select(DRAWN).unpivot()["value"].drop_nulls().to_numpy()
-        height = SWARM_HEIGHT / max(float(np.ptp(values)), 1e-9)
+        height = Layout.SWARM_HEIGHT / max(float(np.ptp(values)), 1e-9)
         for number, group in enumerate(rows.partition_by("group", maintain_order=True)):
-            draw_group(ax, group, number * NEXT_GROUP, height, unit)
+            draw_group(ax, group, number * Layout.NEXT_GROUP, height, unit)
         ax.set_xlim(left, right)
         ax.set_xticks(places, labels, rotation=90)
         ax.set_ylabel(style.AXIS_LABELS[quantity])
@@ -124,24 +131,26 @@ def draw_group(ax: Axes, rows: pl.DataFrame, place: float, height: float, unit: 
     response, and the command. `height` is the length of a unit of the quantity, `unit` that of the
     horizontal axis [in]."""
     fits = rows.drop_nulls("trial")
-    offsets = marks.swarm_offsets(fits["estimate"].to_numpy() * height, POINT, REACH * unit)
+    offsets = marks.swarm_offsets(
+        fits["estimate"].to_numpy() * height, Layout.POINT, Layout.REACH * unit
+    )
     marks.draw_fits(
         ax, fits, place + offsets / unit, fits["estimate"], PERTURBATION, marks.BEHIND_LINES
     )
     group = rows.row(0, named=True)
     ax.errorbar(
-        place + MEAN_AT, group["mean"], yerr=group["sd"],
-        fmt="s", markersize=3, capsize=CAP, label="Mean ± SD", **IN_BLACK,
+        place + Layout.MEAN_AT, group["mean"], yerr=group["sd"],
+        fmt="s", markersize=3, capsize=Layout.CAP, label="Mean ± SD", **IN_BLACK,
     )  # fmt: skip
     for _, column, beside, face, label in FITS:
         # an interval of percentiles, which may lie on one side of the estimate
         x, ends = [place + beside] * 2, [group[f"{column}_low"], group[f"{column}_high"]]
-        ax.plot(x, ends, color=style.PURPLE, linewidth=1.2, marker="_", markersize=2 * CAP)
+        ax.plot(x, ends, color=style.PURPLE, linewidth=1.2, marker="_", markersize=2 * Layout.CAP)
         ax.plot(
             x[:1], [group[column]], "D", color=style.PURPLE, mfc=face, markersize=3.2, label=label
         )
     if group["commanded"] is not None:
         ax.plot(
-            [place - REACH - 0.1, place + LAST_AT + 0.15], [group["commanded"]] * 2,
+            [place - Layout.REACH - 0.1, place + Layout.LAST_AT + 0.15], [group["commanded"]] * 2,
             linestyle=style.DASHED, zorder=0, label="Commanded", **IN_BLACK,
         )  # fmt: skip

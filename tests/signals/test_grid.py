@@ -443,6 +443,13 @@ def test_of_a_batch_the_last_sample_waited_least_which_its_size_confirms(smalles
     assert_recovers_the_joint(grid)
 
 
+def test_samples_of_a_batch_that_was_stamped_at_once_are_counted_one_by_one():
+    rows = np.arange(2000)
+    stamps = rows // 10 * 0.01 + rows % 10 * 1e-9
+
+    assert np.array_equal(count_from_stamps(stamps), rows)
+
+
 @pytest.mark.parametrize("jitter", [0.0, 2e-5])
 def test_values_that_are_missing_cost_nothing_and_split_no_device(jitter):
     """One percent of each signal."""

@@ -150,6 +150,6 @@ def test_where_the_acceleration_jumps_a_joint_is_fitted_and_no_fault_weighed():
 
 
 def test_an_independent_error_adds_in_quadrature():
-    widened = Estimate(10.0, 4.0, 16.0).widened_by(4.0 / 1.959964)
+    widened = Estimate(10.0, 4.0, 18.0).widened_by(4.0 / 1.959964)
 
-    assert (widened.low, widened.high) == pytest.approx((10 - np.hypot(6, 4), 10 + np.hypot(6, 4)))
+    assert (widened.low, widened.high) == pytest.approx((10 - np.hypot(6, 4), 10 + np.hypot(8, 4)))

@@ -13,9 +13,8 @@ from osl_analysis.commands.tables import read_summary
 from osl_analysis.errors import listing, without_particulars
 from osl_analysis.figures import FIGURES, figure_title
 from osl_analysis.files import write_text
-from osl_analysis.judge.campaign import exclusion_report
+from osl_analysis.judge.campaign import exclusion_report, findings_in_summary
 from osl_analysis.judge.finding import read_findings
-from osl_analysis.judge.summary_findings import findings_in_summary
 from osl_analysis.report import methods
 from osl_analysis.report.numbers import headline_sentences, numbers_in_summary
 from osl_analysis.report.page import Page, ShownFigure, trial_view, written_page

@@ -15,14 +15,13 @@ from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path, write_text
 from osl_analysis.ingest.quality import UNITS
 from osl_analysis.jobs.job_log import read_log
-from osl_analysis.judge.campaign import campaign_findings
+from osl_analysis.judge.campaign import campaign_findings, causes_in_campaign
 from osl_analysis.judge.claims import Claims, claims_table
 from osl_analysis.judge.finding import findings_frame, read_findings
 from osl_analysis.judge.judging import judged, marked, with_inherited
 from osl_analysis.judge.known_findings import CHECKS
 from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.judge.recording_checks import Judge, QualityRules
-from osl_analysis.judge.summary_findings import causes_in_campaign
 from osl_analysis.model.drivetrain import FileOrNone, joint_of, known_parameters
 from osl_analysis.report.numbers import (
     ENTRIES,

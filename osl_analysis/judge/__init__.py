@@ -16,8 +16,8 @@ The way of one number, the share of Coulomb friction in the damping of a trial, 
 7. `judging.marked` writes its title into the column `remarks` of the table, that of a doubt into
    `doubtful`.
    `campaign.campaign_findings` gathers all findings for `findings.csv`, from which
-   `summary_findings.causes_in_campaign` counts trials for `summary.json`, and
-   `report.trial_page` shows each trial its own.
+   `campaign.causes_in_campaign` counts trials for `summary.json`, and `report.trial_page` shows
+   each trial its own.
 
 The code says `friction`; readers see the title of `findings.yaml`. Words decide nothing.
 """

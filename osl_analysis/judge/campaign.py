@@ -1,18 +1,33 @@
-"""The findings on all trials of a campaign: `findings.csv`."""
+"""The findings on all trials of a campaign, `findings.csv`, and what a reader must know of them:
+causes with their trials, in the same words at the end of a run, by `results` and on the page."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from statistics import mode
+from typing import Any
 
 import polars as pl
 
-from osl_analysis.config.experiments import judged_tables
+from osl_analysis.config.experiments import DOUBTS_OF, EXPERIMENTS, judged_tables
 from osl_analysis.errors import listing
-from osl_analysis.judge.finding import Beyond, Finding, Grade, WordedFinding
-from osl_analysis.judge.judging import judged
-from osl_analysis.judge.known_findings import CHECKS, FINDINGS
+from osl_analysis.judge.finding import (
+    AnyRow,
+    Beyond,
+    Finding,
+    Grade,
+    WordedFinding,
+    Words,
+    cell_number,
+    subject_of,
+)
+from osl_analysis.judge.judging import estimate_column, judged
+from osl_analysis.judge.known_findings import CHECKS, FINDINGS, known_finding, rule_of
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.judge.recording_checks import HOW_TO_USE, exclusions, spoiled_trials
-from osl_analysis.judge.words import words_of
+from osl_analysis.judge.words import sentence_of, words_of
 from osl_analysis.measured import significant
+from osl_analysis.stats.repeats import DOUBTFUL
 
 MOST_NAMED = 3  # number of trials that a line names
 QUALITY = "quality"
@@ -95,3 +110,258 @@ def exclusion_report(verdicts: pl.DataFrame, by_sheet: Mapping[str, str]) -> str
     if len(failed):
         lines.append(f"to change that: {HOW_TO_USE}")
     return "\n".join(lines)
+
+
+RANKS = {"doubtful": 0, "doubtful in part": 0, "flagged": 1, "remark": 2, "not checked": 3}
+"""The order in which verdicts are told."""
+
+
+@dataclass(frozen=True)
+class CampaignFinding:
+    """A cause, or a thing that could not be checked, with its trials, as `summary.json` has it.
+
+    Attributes
+    ----------
+    verdict
+        On its trials: doubtful, doubtful in part, flagged, not checked, or remark.
+    subject
+        What was judged, such as `impedance trials`.
+    name, cause
+        As of a `Finding`.
+    words
+        For the worst of its trials.
+    n
+        Number of all trials that were judged.
+    brief
+        What to do, in a few words.
+    trials
+        Those with this cause.
+    line
+        All of it in a sentence.
+    worst
+        The trial of which the words are.
+    """
+
+    verdict: str
+    subject: str
+    name: str
+    cause: str
+    words: Words
+    n: int
+    brief: str
+    trials: Sequence[str]
+    line: str
+    worst: str
+
+    @property
+    def kind(self) -> str:
+        """What was judged, without the part of it, as in `impedance trials, at single amplitudes
+        alone`."""
+        return self.subject.partition(",")[0]
+
+    @property
+    def counts(self) -> str:
+        """The cause, and on how many of the trials it is."""
+        return f"{self.cause}: {len(self.trials)} of {self.n} {self.kind}"
+
+    @property
+    def is_result(self) -> bool:
+        """Whether it is a property of the device."""
+        return known_finding(self.name).is_result
+
+    def to_json(self) -> dict[str, Any]:
+        """An object under `findings` of `summary.json`."""
+        fields = {**vars(self), **self.words._asdict()}
+        del fields["words"]
+        return fields
+
+
+def findings_in_summary(summary: Mapping[str, Any]) -> list[CampaignFinding]:
+    """The findings that a `summary.json` lists."""
+    findings = []
+    for content in summary.get("findings", ()):
+        fields = dict(content)
+        words = Words(*(fields.pop(part) for part in Words._fields))
+        findings.append(CampaignFinding(words=words, **fields))
+    return findings
+
+
+@dataclass(frozen=True)
+class JudgedTable:
+    """A result table with the column `DOUBTFUL`, and what its findings are about."""
+
+    name: str
+    subject: str  # of its doubts, such as `impedance trials`
+    subject_of_unchecked: str  # of what could not be checked, such as `impedance trials`
+    rows: Mapping[str, AnyRow]  # of those that were judged: the last, the fit to all of a trial
+    doubts_of: str  # the table of the same trials whose doubts its rows share; empty for none
+
+
+def judged_tables_of(tables: Mapping[str, pl.DataFrame]) -> Iterator[JudgedTable]:
+    """The judged tables of a campaign, in the order of the experiments."""
+    for experiment, facts in EXPERIMENTS.items():
+        origins = {table.name: table.doubts_of for table in facts.tables if table.judged}
+        of_groups = dict.fromkeys(facts.judged_further, "")
+        for name, origin in {**origins, **of_groups}.items():
+            rows = tables.get(name, pl.DataFrame())
+            if DOUBTFUL not in rows.columns:
+                continue
+            of_judged = rows.filter(pl.col(DOUBTFUL).is_not_null()).to_dicts()
+            last_rows = {subject_of(row): row for row in of_judged}
+            kind = "" if name in of_groups else " trials"
+            of_doubts = name if name in of_groups else experiment
+            subject, noted = (f"{of.replace('_', ' ')}{kind}" for of in (of_doubts, name))
+            yield JudgedTable(name, subject, noted, last_rows, origin)
+
+
+def causes_in_campaign(
+    findings: Sequence[WordedFinding],
+    tables: Mapping[str, pl.DataFrame],
+    verdicts: pl.DataFrame,
+) -> list[CampaignFinding]:
+    """Gather what a reader must know of a campaign.
+
+    Parameters
+    ----------
+    findings : Sequence of WordedFinding
+        Those of `findings.csv`.
+    tables : Mapping of str to polars.DataFrame
+        Result tables by name, which give the numbers of trials.
+    verdicts : polars.DataFrame
+        `quality.csv`.
+
+    Returns
+    -------
+    list of CampaignFinding
+        Each cause by experiment with its trials. Doubts come first, then failed checks of trials
+        that are used, remarks, and what could not be checked; in each, the most frequent cause
+        first. A trial that is doubtful is not among those that are doubtful in part.
+    """
+    present = {*subjects(verdicts), *chain(*map(subjects, tables.values()))}
+    used = [worded for worded in findings if worded.finding.subject in present]
+    whole = [worded for worded in used if not worded.finding.is_of_part]
+    in_doubt = [worded for worded in used if worded.finding.grade is Grade.DOUBTS]
+    doubtful = {worded.finding.subject for worded in in_doubt if is_of_whole(worded.finding)}
+    of_part = [
+        worded
+        for worded in in_doubt
+        if not is_of_whole(worded.finding) and worded.finding.subject not in doubtful
+    ]
+
+    def about(grade: Grade, table: str) -> list[WordedFinding]:
+        return [w for w in whole if (w.finding.grade, w.finding.table) == (grade, table)]
+
+    causes: list[CampaignFinding] = []
+    for table in judged_tables_of(tables):
+        name, rows, noted = table.name, table.rows, table.subject_of_unchecked
+        if name not in DOUBTS_OF:
+            causes += by_cause(about(Grade.DOUBTS, name), "doubtful", table.subject, rows)
+        causes += doubts_in_part(table, of_part)
+        causes += by_cause(about(Grade.NOTES, name), "remark", noted, rows)
+        causes += by_cause(about(Grade.UNCHECKED, name), "not checked", noted, rows)
+    causes += flags_by_check(about(Grade.DOUBTS, QUALITY), verdicts)
+    return sorted(causes, key=lambda cause: (RANKS[cause.verdict], -len(cause.trials)))
+
+
+def is_of_whole(finding: Finding) -> bool:
+    """Whether a finding is on the recording of a trial, or on the fit to all of it: a doubt then
+    makes the trial doubtful, not in part alone."""
+    return not finding.is_of_part and finding.table not in DOUBTS_OF
+
+
+def doubts_in_part(
+    table: JudgedTable, findings: Sequence[WordedFinding]
+) -> Iterator[CampaignFinding]:
+    """The causes of doubt about single amplitudes or frequencies of trials that are not
+    doubtful as a whole. Those that a table shares with that of the fits to the same trials are left
+    out."""
+    in_origin = {
+        (worded.finding.subject, worded.finding.name)
+        for worded in findings
+        if worded.finding.table == table.doubts_of
+    }
+    of_table = [worded for worded in findings if worded.finding.table == table.name]
+    own = [w for w in of_table if (w.finding.subject, w.finding.name) not in in_origin]
+    subject = table.subject
+    if table.doubts_of:
+        subject = f"{subject}, in {table.name.replace('_', ' ')} alone"
+    elif all(worded.finding.amplitude_deg is not None for worded in own):
+        subject = f"{subject}, at single amplitudes alone"
+    return by_cause(own, "doubtful in part", subject, table.rows)
+
+
+NO_ROW: AnyRow = {}
+
+
+def flags_by_check(
+    failed_checks: Sequence[WordedFinding], verdicts: pl.DataFrame
+) -> Iterator[CampaignFinding]:
+    """The failed checks of trials that are used, in the order of the checks."""
+    for check in CHECKS:
+        failed = [worded for worded in failed_checks if first_column(worded.finding) == check]
+        checked = dict.fromkeys(subjects(verdicts.filter(check=check)), NO_ROW)
+        yield from by_cause(failed, "flagged", "trials", checked)
+
+
+def subjects(rows: pl.DataFrame) -> list[str]:
+    """The trials, or groups, of a table."""
+    for key in ("trial", "group"):
+        if key in rows.columns:
+            return rows[key].unique(maintain_order=True).to_list()
+    return []
+
+
+def shown_size(finding: Finding, column: str, row: AnyRow) -> float:
+    """How large a finding is by the number with which its sentence begins, beyond its limit; in the
+    unit of its estimate where the sentence has that. 0 where it begins with another column."""
+    if first_column(finding) != column or not column:
+        return 0.0
+    size = finding.evidence[0].excess
+    rule = rule_of(column)
+    if rule is None or not rule.in_unit:
+        return size
+    return size * abs(cell_number(row, estimate_column(finding.table, rule.of)) or 0.0)
+
+
+def first_column(finding: Finding) -> str:
+    """The column of the first evidence; empty without any."""
+    return finding.evidence[0].column if finding.evidence else ""
+
+
+def by_cause(
+    findings: Sequence[WordedFinding], verdict: str, subject: str, rows: Mapping[str, AnyRow]
+) -> Iterator[CampaignFinding]:
+    """What a reader must know of each cause, or of each thing that could not be checked, with its
+    size in the trial where this is largest, of the trials whose `rows` were judged. The last row of
+    a trial counts, which is its fit to all."""
+    causes: dict[str, dict[str, WordedFinding]] = {}
+    for worded in findings:
+        causes.setdefault(worded.finding.name, {})[worded.finding.subject] = worded
+    for name, by_trial in causes.items():
+        column = mode(first_column(of_trial.finding) for of_trial in by_trial.values())
+        worst = max(
+            by_trial,
+            key=lambda trial: shown_size(by_trial[trial].finding, column, rows.get(trial, NO_ROW)),
+        )
+        words = by_trial[worst].words
+        if words.says and len({of_trial.words.says for of_trial in by_trial.values()}) > 1:
+            words = words._replace(says=f"{words.says} (in {worst})")
+        in_line = words
+        if words.size and len(by_trial) > 1:
+            in_line = words._replace(size=f"at worst ({worst}) {words.size}")
+        trials = list(by_trial)
+        counts = f"{len(trials)} of {len(rows)} {subject}"
+        trial_names = f" [{listing(trials, MOST_NAMED)}]" if len(trials) < len(rows) else ""
+        kind = known_finding(name)
+        yield CampaignFinding(
+            verdict=verdict,
+            subject=subject,
+            name=name,
+            cause=kind.title,
+            words=words,
+            n=len(rows),
+            brief=kind.brief,
+            trials=trials,
+            line=f"{verdict}, {counts}: {sentence_of(in_line, kind.title)}{trial_names}",
+            worst=worst,
+        )

@@ -10,8 +10,15 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.judge.effects import is_within_accuracy
-from osl_analysis.judge.finding import AnyRow, Beyond, Finding, Grade, cell_number, subject_of
+from osl_analysis.judge.finding import (
+    ESTIMATES,
+    AnyRow,
+    Beyond,
+    Finding,
+    Grade,
+    cell_number,
+    subject_of,
+)
 from osl_analysis.judge.known_findings import (
     BY_COLUMN,
     CONDITIONS,
@@ -22,7 +29,7 @@ from osl_analysis.judge.known_findings import (
     known_finding,
     rule_of,
 )
-from osl_analysis.judge.limits import Limit, Limits
+from osl_analysis.judge.limits import Accuracy, Limit, Limits
 from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.units import known_factor
 
@@ -39,15 +46,22 @@ HAVE_REMARKS = (
 EXCLUDED = "reason"  # column: why a row has no fit; null in rows with a fit
 BETWEEN = "; "  # titles of findings in a cell
 LEAST_EFFECT = 1.0  # limit of what is decided by its effect, a multiple of what is worth telling
-# relative differences between components and their file have a standard deviation of 2 %
-NEAR_UNIT = 0.04  # of a ratio to a unit's factor
-NEAR_LARGE_UNIT = 0.08  # the same of a ratio beyond its limit, above `SMALL_FACTOR`
-SMALL_FACTOR = 2.0  # between units; other devices and gains are as far off, so it must be met well
-RATIOS_TO_STATED = ("K_over_K_d",)  # to stated gains
-NEAR_STATED = 0.015  # of these ratios to a unit's factor, and of a second one to the first
-NEAR_SECOND_RATIO = 0.1  # of the second ratio to what another unit would make of it
-LARGEST_UNCERTAINTY = 1.05  # upper end over estimate, above which a ratio tells no unit
 FAR_BEYOND = 1.15  # of a limit: a cause of others that is farther beyond it precedes them
+
+
+class NearUnit:
+    """How near a ratio to a known value must be to the factor between two units."""
+
+    # relative differences between components and their file have a standard deviation of 2 %
+    OF_RATIO = 0.04
+    OF_LARGE_RATIO = 0.08  # of a ratio beyond its limit, above `LARGE`
+    LARGE = 2.0  # between units; other devices and gains are as far off, so it must be met well
+    OF_STATED = 0.015  # of a ratio to stated gains, and of a second ratio to the first
+    OF_SECOND = 0.1  # of the second ratio to what another unit would make of it
+    MOST_UNCERTAIN = 1.05  # upper end over estimate, above which a ratio tells no unit
+
+
+RATIOS_TO_STATED = ("K_over_K_d",)  # to stated gains
 RowFindings = list[list[Finding]]  # for each row of a table
 Numbers = dict[str, Beyond]  # numbers of a row beyond their limits, by column
 Cause = tuple[KnownFinding, tuple[Beyond, ...]]  # a cause of doubt with its evidence
@@ -194,19 +208,19 @@ def unit_of_ratio(rule: Rule, ratio: float, row: AnyRow) -> tuple[str, bool]:
     second = cell_number(row, rule.second) if rule.second else None
     symbol = rule.column.removesuffix("_ratio")
     estimate, high = cell_number(row, symbol), cell_number(row, f"{symbol}_high")
-    is_known = not (estimate and high) or high <= LARGEST_UNCERTAINTY * estimate
+    is_known = not (estimate and high) or high <= NearUnit.MOST_UNCERTAIN * estimate
     is_stated = rule.column in RATIOS_TO_STATED
     if second and is_known:
-        near, near_second = NEAR_UNIT, NEAR_SECOND_RATIO
+        near, near_second = NearUnit.OF_RATIO, NearUnit.OF_SECOND
         if is_stated:
-            near = near_second = NEAR_STATED
+            near = near_second = NearUnit.OF_STATED
         expected = {unit: 1.0 if unit == "current" else ratio for unit in rule.units}
         likely = [unit for unit, of in expected.items() if abs(second - of) < near_second * abs(of)]
         name, factor = known_factor(ratio, likely, near)
         if name:
             return f", {factor:.3g} is the factor {name}", True
     size = max(abs(ratio), 1 / abs(ratio))
-    near = NEAR_LARGE_UNIT if size > SMALL_FACTOR else NEAR_STATED
+    near = NearUnit.OF_LARGE_RATIO if size > NearUnit.LARGE else NearUnit.OF_STATED
     name, factor = known_factor(ratio, rule.units, near)
     return f", {factor:.3g} is the factor {name}" if name else "", False
 
@@ -375,3 +389,52 @@ def trials_and_amplitudes(table: pl.DataFrame) -> list[tuple[Any, ...]]:
     """The trial and the amplitude of each row; None for the amplitude of a whole trial."""
     amplitude = pl.col("amplitude_deg") if "amplitude_deg" in table.columns else pl.lit(None)
     return table.select("trial", amplitude=amplitude).rows()
+
+
+NAMES_IN_TABLE = {("belt", "K"): "K_s", ("transmission", "B"): "B_j", ("transmission", "I"): "J_j"}
+"""Columns of the stiffness, damping and inertia of tables that do not call them K, B and I."""
+
+
+def estimate_column(table: str, symbol: str) -> str:
+    """The column of K, B or I in a table."""
+    return NAMES_IN_TABLE.get((table, symbol), symbol)
+
+
+def interval(row: AnyRow, column: str) -> tuple[float | None, float | None, float | None]:
+    """An estimate and the ends of its interval; None where one is not known."""
+    value, low, high = (cell_number(row, f"{column}{end}") for end in ("", "_low", "_high"))
+    return value, low, high
+
+
+def size_and_half_width(row: AnyRow, column: str) -> tuple[float, float]:
+    """The size of an estimate, of which shares are taken: itself or, where it is not told from 0,
+    the half-width of its 95 % interval; and this half-width, 0 where it is not known."""
+    estimate, low, high = interval(row, column)
+    half_width = 0.0 if low is None or high is None else (high - low) / 2
+    return max(abs(estimate or 0.0), half_width), half_width
+
+
+def shares_moved(table: str, row: AnyRow, evidence: Sequence[Beyond]) -> dict[str, float]:
+    """By which share of itself the other reading of time stamps may move each of K, B and I that
+    the row has; empty where the row does not tell."""
+    moved: dict[str, float] = {}
+    for number in evidence:
+        if number.column == "time_base_shift":  # in half-widths of the interval
+            for symbol in ESTIMATES:
+                size, half_width = size_and_half_width(row, estimate_column(table, symbol))
+                if half_width > 0:
+                    moved[symbol] = number.value * half_width / size
+    return moved
+
+
+def is_within_accuracy(
+    table: str, row: AnyRow, evidence: Sequence[Beyond], accuracy: Accuracy
+) -> bool:
+    """Whether the evidence of a cause certainly moves K, B and I by less than their accuracy: the
+    row tells by how much, and no other number of it is beyond a limit of its own."""
+    for number in evidence:
+        rule = rule_of(number.column, number.side)
+        if rule is None or rule.by != "effect":
+            return False
+    moved = shares_moved(table, row, evidence)
+    return bool(moved) and all(share < accuracy.of(symbol) for symbol, share in moved.items())

@@ -10,7 +10,7 @@ from typing import Any
 import polars as pl
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from osl_analysis.judge.summary_findings import findings_in_summary
+from osl_analysis.judge.campaign import findings_in_summary
 from osl_analysis.report.typography import in_latex, printed
 from osl_analysis.report.verdicts import causes_not_checked
 

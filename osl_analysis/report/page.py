@@ -13,9 +13,9 @@ from markupsafe import Markup, escape
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables_by_name
+from osl_analysis.judge.campaign import CampaignFinding, is_of_whole
 from osl_analysis.judge.finding import Grade, WordedFinding
 from osl_analysis.judge.recording_checks import NOT_APPLICABLE
-from osl_analysis.judge.summary_findings import CampaignFinding, is_of_whole
 from osl_analysis.report import plots
 from osl_analysis.report.numbers import Number
 from osl_analysis.report.paper_tables import Condition, estimate_text

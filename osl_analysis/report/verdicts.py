@@ -8,13 +8,13 @@ from typing import Any, NamedTuple
 import polars as pl
 
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.judge.finding import Grade, WordedFinding
-from osl_analysis.judge.recording_checks import exclusion_text
-from osl_analysis.judge.summary_findings import (
+from osl_analysis.judge.campaign import (
     CampaignFinding,
     findings_in_summary,
     is_of_whole,
 )
+from osl_analysis.judge.finding import Grade, WordedFinding
+from osl_analysis.judge.recording_checks import exclusion_text
 from osl_analysis.report.numbers import headline_sentences, numbers_in_summary
 
 CLEAR = "clear"

@@ -10,6 +10,7 @@ from conftest import beyond_in, findings_of, marked
 from osl_analysis.commands import tables
 from osl_analysis.commands.tables import gather
 from osl_analysis.jobs.job_log import write_log
+from osl_analysis.judge.campaign import causes_in_campaign
 from osl_analysis.judge.finding import (
     Beyond,
     Finding,
@@ -20,7 +21,6 @@ from osl_analysis.judge.finding import (
 )
 from osl_analysis.judge.judging import judged
 from osl_analysis.judge.limits import Limits
-from osl_analysis.judge.summary_findings import causes_in_campaign
 from osl_analysis.stats.repeats import counted, doubtful_row, summary_of_trials
 from osl_analysis.table import read_table, write_table
 

@@ -4,9 +4,8 @@ import polars as pl
 import pytest
 from conftest import findings_of
 
-from osl_analysis.judge.effects import shares_moved
 from osl_analysis.judge.finding import Beyond, Grade
-from osl_analysis.judge.judging import judged, limits_in, numbers_beyond
+from osl_analysis.judge.judging import judged, limits_in, numbers_beyond, shares_moved
 from osl_analysis.judge.known_findings import CHECKS
 from osl_analysis.judge.limits import Accuracy, DoubtfulFits, Limits
 from osl_analysis.judge.recording_checks import spoiled_trials

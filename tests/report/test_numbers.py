@@ -10,8 +10,8 @@ import numpy as np
 import polars as pl
 import pytest
 
+from osl_analysis.judge.campaign import CampaignFinding, findings_in_summary
 from osl_analysis.judge.finding import Words
-from osl_analysis.judge.summary_findings import CampaignFinding, findings_in_summary
 from osl_analysis.measured import written
 from osl_analysis.report import paper_tables
 from osl_analysis.report.numbers import (

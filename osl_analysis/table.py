@@ -243,7 +243,14 @@ def not_analysed(path: Path | str) -> tuple[NotAnalysed, ...]:
         elif path.suffix == ARCHIVE_SUFFIX:
             with zipfile.ZipFile(path) as archive:
                 causes = reasons_in(io.StringIO(archive.read(archive.namelist()[0]).decode()))
-    except (OSError, ValueError, csv.Error, zipfile.BadZipFile, pl.exceptions.PolarsError):
+    except (
+        OSError,
+        ValueError,
+        AttributeError,
+        csv.Error,
+        zipfile.BadZipFile,
+        pl.exceptions.PolarsError,
+    ):
         return ()
     return tuple(NotAnalysed(*cause) for cause in causes)
 

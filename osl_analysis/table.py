@@ -28,7 +28,7 @@ ARCHIVE_SUFFIX = ".zip"  # of several tables in one file
 TEXT_COLUMNS = (
     "trial", "controller", "branch", "quantity", "estimator", "check", "unit", "verdict", "remark",
     "status", "reason", "panel", "curve", "interval_method", "doubtful", "model",
-    "motion", "group", "direction", "subject", "side", "different", "doubt",
+    "motion", "group", "direction", "subject", "side", "different",
     "remarks", "excitation", "desired", "loading", "method", "joint", "scope",
     "data", "chosen", "trajectory", "table", "grade",
     "name", "cause", "evidence", "says", "size", "remedy", "fault_family", "explanations",

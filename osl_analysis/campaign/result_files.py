@@ -22,7 +22,7 @@ from osl_analysis.judge.claims import CLAIMED
 COMPONENTS = ("actuator", "belt", "transmission")
 ON_PAPER = {
     "conditions": ["impedance"],
-    "walking": ["walking_summary"],
+    "walking": ["walking_summary", "walking_groups"],
     "components": [f"{component}_summary" for component in COMPONENTS],
 }
 """Tables for a paper, and the tables of results that each is made of."""

@@ -104,7 +104,9 @@ def write_report(
         verdict=[verdict, *headline_sentences(numbers)],
         notes=[note for note in notes if note],
         conditions=conditions(results["impedance"]) if "impedance" in results else (),
-        groups=list(groups(results["walking_summary"])) if "walking_summary" in results else (),
+        groups=list(groups(results["walking_summary"], results["walking_groups"]))
+        if "walking_summary" in results
+        else (),
         numbers=numbers,
         findings=findings_in_summary(content),
         trials=views,

@@ -323,7 +323,7 @@ def write_paper_table(
     if "impedance" in read:
         rows = condition_rows(conditions(read["impedance"]))
     elif "walking_summary" in read:
-        rows = condition_rows(list(groups(read["walking_summary"])))
+        rows = condition_rows(list(groups(read["walking_summary"], read["walking_groups"])))
     else:
         rows = component_rows(read, beside_draft)
     write_text(tex, to_tex(rows, sentence(about)))

@@ -23,7 +23,7 @@ from osl_analysis.config.sheet import JOINT
 from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.judge.judging import EXCLUDED, judged, marked
 from osl_analysis.judge.limits import Limits
-from osl_analysis.stats.repeats import DOUBTFUL, doubtful_row
+from osl_analysis.stats.repeats import doubtful_row
 from osl_analysis.table import MEASURED, Places, read_table, with_places, write_table
 from osl_analysis.walking import tables as result_tables
 from osl_analysis.walking import walking_settings as choices
@@ -148,7 +148,7 @@ def summarise_perturbations(
     doubts = judged(group_table, limits or Limits(), "walking_groups")
     group_table = marked(group_table, doubts, "walking_groups")
     tables = {
-        output: with_doubts_of_groups(rows, group_table),
+        output: pl.DataFrame(rows, infer_schema_length=None),
         groups: group_table,
         responses: pl.concat(of_responses),
     }
@@ -190,18 +190,6 @@ def rows_without_result(n: int) -> list[dict[str, Any]]:
     """The rows of `walking_summary.csv` of a group of n crossings without a result."""
     row = {"estimator": result_tables.ENSEMBLE, "n": n, "mean": None}
     return [{"quantity": quantity, **row} for quantity in result_tables.GROUP_QUANTITIES]
-
-
-def with_doubts_of_groups(
-    rows: Sequence[Mapping[str, Any]], group_table: pl.DataFrame
-) -> pl.DataFrame:
-    """The rows of `walking_summary.csv`, with the doubts about a group: they are about its ensemble
-    fit."""
-    doubts = group_table.select("group", doubt=DOUBTFUL)
-    summary = pl.DataFrame(rows, infer_schema_length=None)
-    summary = summary.join(doubts, on="group", how="left", maintain_order="left")
-    of_ensemble = pl.when(estimator=result_tables.ENSEMBLE).then("doubt")
-    return summary.with_columns(doubt=of_ensemble)
 
 
 def commanded_over_stance(

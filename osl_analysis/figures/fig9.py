@@ -39,7 +39,10 @@ IN_BLACK: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.8}
 
 
 def points(
-    walking_summary: pl.DataFrame, walking: pl.DataFrame, commanded_K: float | None = None
+    walking_summary: pl.DataFrame,
+    walking: pl.DataFrame,
+    walking_groups: pl.DataFrame,
+    commanded_K: float | None = None,
 ) -> pl.DataFrame:
     """Gather what Fig. 9 shows of each group of crossings.
 
@@ -49,6 +52,8 @@ def points(
         Means and ensemble estimates by group and quantity.
     walking : DataFrame
         Fits of single perturbations.
+    walking_groups : DataFrame
+        The doubts about each group.
     commanded_K : float or None
         Commanded stiffness of the configuration [N·m/rad]; used in a campaign of one group.
 
@@ -68,8 +73,9 @@ def points(
     group = pl.col("group").cast(pl.String)  # without entries it is a column of numbers
     summary = summary.with_columns(group)
     of_groups = summary.filter(estimator="mean of perturbations").select(*keys, "n", "mean", "sd")
-    facts = summary.filter(estimator="ensemble").select(*keys, "commanded", doubtful="doubt")
-    of_groups = of_groups.join(facts, on=keys)
+    commanded = summary.filter(estimator="ensemble").select(*keys, "commanded")
+    doubts = walking_groups.select("group", "doubtful")
+    of_groups = of_groups.join(commanded, on=keys).join(doubts, on="group", how="left")
     for estimator, column, *_ in FITS:
         names_of = {"mean": column, "low": f"{column}_low", "high": f"{column}_high"}
         of_fit = summary.filter(estimator=estimator).select(*keys, *names_of).rename(names_of)

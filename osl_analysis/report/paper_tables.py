@@ -103,9 +103,11 @@ def estimate_text(row: Mapping[str, Any], name: str, unit: str = "") -> str:
     return written(row[name], row.get(f"{name}_low"), row.get(f"{name}_high"), unit)
 
 
-def groups(summary: pl.DataFrame) -> Iterator[Condition]:
+def groups(summary: pl.DataFrame, of_groups: pl.DataFrame) -> Iterator[Condition]:
     """K, B and I of each group of crossings, of all perturbations together, from
-    `walking_summary.csv`: minus the mean unperturbed gait, and minus predicted gait."""
+    `walking_summary.csv`: minus the mean unperturbed gait, whose doubts `walking_groups.csv` has,
+    and minus predicted gait."""
+    doubts = dict(of_groups.select("group", "doubtful").rows())
     for (group,), of_group in summary.group_by("group", maintain_order=True):
         for estimator, subtracted in SUBTRACTED.items():
             quantities = of_group.filter(estimator=estimator)
@@ -118,7 +120,7 @@ def groups(summary: pl.DataFrame) -> Iterator[Condition]:
                     },
                     trials=(),
                     n=rows[0]["n"],
-                    is_doubtful=any(row["doubt"] for row in rows),
+                    is_doubtful=estimator == "ensemble" and bool(doubts.get(group)),
                     results=(),
                     estimates={
                         row["quantity"]: estimate_text(row, "mean", UNITS.get(row["quantity"], ""))

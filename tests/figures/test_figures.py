@@ -114,9 +114,13 @@ def walking_fits(n=31, group="all"):
     return pl.DataFrame(rows | {"I": 1e-3 * number, "group": group, "doubtful": doubtful})
 
 
+SOUND = stored("walking_summary").clear()
+"""Groups without a doubt."""
+
+
 def fig9_numbers(commanded_K=None, summary=None):
     table = stored("walking_summary") if summary is None else summary
-    return plotted_numbers("fig9", table, walking_fits(), commanded_K)
+    return plotted_numbers("fig9", table, walking_fits(), SOUND, commanded_K)
 
 
 def in_amplitudes():
@@ -373,7 +377,7 @@ def test_fig9_shows_every_group_with_a_result_and_what_it_was_commanded():
     lost = walking_fits(2).with_columns(K=pl.Series([None, np.nan]), group=NO_TEXT)
     fits = pl.concat([walking_fits(31, "K_d 200"), walking_fits(31, "K_d 400"), lost])
 
-    table = plotted_numbers("fig9", pl.concat([of_first, of_second, of_third]), fits, 340.0)
+    table = plotted_numbers("fig9", pl.concat([of_first, of_second, of_third]), fits, SOUND, 340.0)
 
     panel, _, lowest = drawn("fig9", table).axes
     commands = [line.get_ydata()[0] for line in panel.lines if line.get_label() == "Commanded"]
@@ -450,7 +454,7 @@ def test_each_figure_has_its_caption_and_a_missing_one_its_reason(tmp_path):
 @pytest.mark.parametrize(("name", "table", "others", "message"), [
     ("fig5", stored("impedance").drop_nulls("amplitude_deg"), [], "no fit over all amplitudes"),
     ("fig6", stored("impedance").with_columns(VAF=float("nan")), [], "no VAF of one amplitude"),
-    ("fig9", stored("walking_summary").with_columns(mean=NULL), [walking_fits(0)],
+    ("fig9", stored("walking_summary").with_columns(mean=NULL), [walking_fits(0), SOUND],
      "no group has a result"),
     ("fig2", stored("gains"), [], r"no figure 'fig2'; there are fig3"),
 ])  # fmt: skip

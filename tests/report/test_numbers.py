@@ -225,10 +225,10 @@ def test_groups_of_crossings_are_rows_of_both_ensembles():
             ("K", "ensemble, predicted gait", 333.0, 321.0, 345.0, 30),
             ("VAF", "ensemble, predicted gait", 98.0, None, None, 30)]  # fmt: skip
     summary = pl.DataFrame(rows, columns, orient="row").with_columns(
-        group=pl.lit("all"), doubt=None
+        group=pl.lit("all"), doubtful=None
     )
 
-    rows = condition_rows(list(paper_tables.groups(summary)))
+    rows = condition_rows(list(paper_tables.groups(summary, summary)))
     assert rows[1:] == [
         ["walking", "mean unperturbed gait", "30", "336 (323 to 348)", "99.9960"],
         ["walking", "predicted gait", "30", "333 (321 to 345)", "98"],

@@ -324,7 +324,7 @@ class Format:
     name
         What `format:` says in a source file.
     suffixes
-        Endings of its files, for files that their first bytes do not tell.
+        Endings of its files, by which a folder is searched.
     begins
         Whether a file that begins with these bytes is of this format.
     source

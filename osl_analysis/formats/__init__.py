@@ -30,6 +30,7 @@ from typing import Any
 import numpy as np
 
 from osl_analysis.errors import InputError, naming
+from osl_analysis.formats._text import decoded
 from osl_analysis.recording import Format, Recording
 
 FIRST_BYTES = 65_536  # of a file, by which its format is recognised
@@ -70,7 +71,7 @@ def formats_of(path: Path) -> list[Format]:
 
 
 def recognise(path: Path, stated: str = "") -> Format:
-    """Tell the format of a file by its first bytes, or by its ending where they tell none.
+    """Tell the format of a file by its first bytes.
 
     `stated` is the format that its source file names, which may be one of several that fit.
 
@@ -81,9 +82,6 @@ def recognise(path: Path, stated: str = "") -> Format:
     """
     formats = formats_of(path)
     refuse_others(path, formats)
-    if not formats and not stated:
-        suffix = path.suffix.lower()
-        formats = [known for known in known_formats().values() if suffix in known.suffixes]
     if not formats:
         begin = beginning(path)[:8].decode("latin-1")
         raise InputError(
@@ -147,7 +145,8 @@ def is_of_file(error: BaseException) -> bool:
     return not places or not Path(places[-1].filename).is_relative_to(PACKAGE)
 
 
-# what laboratories often have, or what looks like a log: how it begins, and what to do
+# what laboratories often have, or what looks like a log: how it begins, also bytes in the western
+# code page of Windows, and what to do
 _AS_CSV = "open it in a spreadsheet, also where it is called `.xls`, and save its table as CSV"
 _OTHERS = (
     (
@@ -178,13 +177,13 @@ _OTHERS = (
     ("nothing but zero bytes", r"\A\0+\Z", "copy or record it again"),
     (
         "a stream of Arrow",
-        r"\A\xff{4}[\0-\xff]{2}\0\0",
+        r"\A\xff{4}[^\xff]{2}\0\0",
         "write it as a file (`write_ipc`) or as Parquet",
     ),
-    ("a PNG image", r"\A\x89PNG", "name the recording itself"),
+    ("a PNG image", r"\A‰PNG", "name the recording itself"),
     (
         "compressed (such as ZIP or gzip)",
-        r"\A(PK\x03\x04|\x1f\x8b|BZh|\xfd7zXZ\0|\x28\xb5\x2f\xfd|7z\xbc\xaf\x27\x1c|Rar!)",
+        r"\A(PK\x03\x04|\x1f‹|BZh|\xfd7zXZ\0|\x28\xb5\x2f\xfd|7z\xbc\xaf\x27\x1c|Rar!)",
         "unpack it and name the recording inside",
     ),
 )
@@ -203,9 +202,6 @@ def refuse_others(path: Path, formats: Sequence[Format]) -> None:
         raise InputError(
             f"{path}: the file is empty; copy or record it again, or exclude the trial in the sheet"
         )
-    has_mark = begin[:2] in (b"\xff\xfe", b"\xfe\xff")
-    text = begin.decode("utf-16" if has_mark else "latin-1", "replace")
-    text = text.removeprefix("\xef\xbb\xbf")
     for name, pattern, remedy in _OTHERS:
-        if re.search(pattern, text, re.MULTILINE | re.IGNORECASE):
+        if re.search(pattern, decoded(begin), re.MULTILINE | re.IGNORECASE):
             raise InputError(f"{path}: {name}, which is not read; {remedy}")

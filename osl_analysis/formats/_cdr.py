@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
-from rosbags.typesys import get_types_from_msg
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.base import TypesysError
 
 from osl_analysis.errors import InputError
@@ -25,8 +25,7 @@ NUMBERS = {
     "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "int64": "i8", "uint64": "u8",
     "float32": "f4", "float64": "f8",
 }  # fmt: skip
-STAMP = [("sec", (Nodetype.BASE, ("int32", 0))), ("nanosec", (Nodetype.BASE, ("uint32", 0)))]
-BUILT_IN = {"builtin_interfaces/msg/Time": STAMP, "builtin_interfaces/msg/Duration": STAMP}
+BUILT_IN = get_typestore(Stores.EMPTY).fielddefs  # stamps and durations
 MOST_ELEMENTS = 64  # of an array that are read: longer ones are images, and no signals
 ENCAPSULATION = 4  # bytes before a CDR message; the second one tells the byte order
 MOST_PADDING = 3  # bytes behind a message, which DDS fills up to 4 (RTPS 2.5, 9.4.1)
@@ -62,7 +61,7 @@ def definition_of(name: str, data: bytes) -> Mapping[str, Fields]:
     except TypesysError as error:
         reason = " ".join(str(error).split())[:100]
         raise InputError(f"schema {name} cannot be read ({reason}); {NEW_RECORDING}") from error
-    return {**BUILT_IN, **{owner: fields for owner, (_, fields) in types.items()}}
+    return {owner: fields for owner, (_, fields) in {**BUILT_IN, **types}.items()}
 
 
 def are_names(texts: Sequence[Any]) -> bool:

@@ -42,7 +42,6 @@ NUMBER = int | float  # built once: a log has a million of them
 DIGITS = frozenset("0123456789.")
 # seconds and nanoseconds of a stamp: ROS, protobuf, Foxglove's JSON, ROS 1 in JSON
 STAMP_PARTS = (("sec", "nanosec"), ("seconds", "nanos"), ("sec", "nsec"), ("secs", "nsecs"))
-LARGEST_STAMP_S = np.iinfo(np.uint32).max  # stamps of ROS have 32 bits for them
 # of a message, as columns beside those of its numbers, whose paths never begin so
 PLACE, LOG_TIME = ".place", ".log_time"
 
@@ -294,18 +293,14 @@ class Topic:
 
     def _whole_stamps(self, parts: Sequence[str]) -> NDArray[Any]:
         """Stamps [ns] (messages,) of seconds and nanoseconds, masked where one is; refused if they
-        are no whole numbers, or too large."""
-        stamps: Any = 0
-        limits = ((LARGEST_STAMP_S, SECOND_NS), (SECOND_NS, 1))
-        for path, (most, factor) in zip(parts, limits, strict=True):
-            values = self.column(path)
-            if values.dtype.kind not in "iu" or values.min() < 0 or values.max() > most:
+        are no whole numbers."""
+        seconds, rest = map(self.column, parts)
+        for path, values in zip(parts, (seconds, rest), strict=True):
+            if values.dtype.kind not in "iu":
                 raise InputError(
-                    f"field '{path}' has values that are no whole numbers from 0 to {most}; name"
-                    " another time"
+                    f"field '{path}' has values that are no whole numbers; name another time"
                 )
-            stamps = stamps + factor * values.astype(np.int64)
-        return np.asanyarray(stamps)
+        return np.asanyarray(SECOND_NS * seconds.astype(np.int64) + rest)
 
 
 def stamp_fields(path: str) -> list[tuple[str, str]]:

@@ -118,18 +118,10 @@ def _recording_of_frame(frame: pl.DataFrame) -> Recording:
 
 def _numpy_arrays(path: Path) -> dict[str, NDArray[Any]]:
     """Read one array, the fields of one of records, or an archive of several arrays."""
-    try:
-        with path.open("rb") as file:  # numpy leaves that of a damaged archive open
-            stored = np.load(file)
-            if not isinstance(stored, np.ndarray):
-                return dict(stored)
-    except ValueError as error:
-        if "pickle" not in str(error):
-            raise
-        raise InputError(
-            "holds objects of Python, which may run a program and are not read; save arrays of"
-            " numbers, as `numpy.savez(PATH, theta=theta, ...)`"
-        ) from error
+    with path.open("rb") as file:  # numpy leaves that of a damaged archive open
+        stored = np.load(file)
+        if not isinstance(stored, np.ndarray):
+            return dict(stored)
     return {name: stored[name] for name in stored.dtype.names or ()} or {"": stored}
 
 
@@ -141,14 +133,6 @@ def _hdf5_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
 
     def take(name: str, item: Any) -> None:
         if isinstance(item, h5py.Dataset):
-            # HDF5 fills up what was not written
-            if item.chunks and item.id.get_num_chunks() < np.prod(
-                np.ceil(np.divide(item.shape, item.chunks))
-            ):
-                raise InputError(
-                    f"'{name}' was not written to its end, as by a recorder that was killed; save"
-                    " what was written as CSV or Parquet, or record again"
-                )
             arrays[name] = np.asarray(item[()])
             for key, value in item.attrs.items():
                 if key.casefold() in ("unit", "units"):

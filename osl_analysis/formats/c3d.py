@@ -356,7 +356,9 @@ def plate_of(
     if geometry is not None:
         kind = int(geometry.type)
         corners, origin = np.array(geometry.corners), np.array(geometry.origin)
-        analogs = [_number_of(label, channels, number) for label in geometry.channels]
+        listed = Recording("c3d", channels)
+        found = [listed.find({"channel": label}) for label in geometry.channels]
+        analogs = [channels.index(channel) + 1 for channel in found]
     else:
         kind = int(_plate_parameter(header, "TYPE", number))
         if kind == EXPORTED or kind not in MEASURED_BY_TYPE:
@@ -394,18 +396,6 @@ def plate_of(
         calibration=calibration,
         facts={"analogs": analogs},
     )
-
-
-def _number_of(label: str, channels: Sequence[Channel], plate: int) -> int:
-    """Number of the analog channel of this label, or number."""
-    labels = [channel.name for channel in channels]
-    alike = [place for place, name in enumerate(labels, 1) if label in (name, str(place))]
-    if len(alike) != 1:
-        raise InputError(
-            f"plate {plate}: '{label}' names {len(alike)} analog channels (the file has"
-            f" {listing(labels)}); write its number, or correct `plate_geometry` in the source file"
-        )
-    return alike[0]
 
 
 def plates_of(

@@ -39,9 +39,7 @@ from osl_analysis.trial import AXES
 from osl_analysis.units import LengthUnit
 
 UNSEEN = ("", "nan", "NaN", "NAN", "null")  # cells of a marker that was not seen
-ROUNDINGS = 1.2  # of the last decimal, by which two times together are off, and some
-MOST_DECIMALS = 3  # of times that are told apart; programs print more than theirs have
-RATE_ROUNDING = 1e-4  # of the time since the first frame
+MOST_OFF = 0.5  # frames by which a time may be off: rates and times are rounded
 CORRECT = "export it again, or correct the header"
 TRAJECTORIES = "Trajectories"
 MODEL_OUTPUTS = "Model Outputs"
@@ -182,12 +180,10 @@ def recording_of_markers(
 def _start(section: Section) -> float:
     """Time of the first frame [s]; refused if times do not fit the rate."""
     time = section.values(1)
-    since_start = np.arange(time.size) / section.rate_hz
-    decimals = len(section.rows[-1].cells[1].partition(".")[2])
-    rounding_s = ROUNDINGS * 10.0 ** -min(decimals, MOST_DECIMALS)
-    fits = np.isclose(time - time[0], since_start, RATE_ROUNDING, rounding_s)
-    if not fits.all():
-        row = int(np.argmin(fits))
+    frames = (time - time[0]) * section.rate_hz
+    is_off = np.abs(frames - np.arange(time.size)) > MOST_OFF
+    if is_off.any():
+        row = int(np.argmax(is_off))
         raise InputError(
             f"line {section.rows[row].number}: time {time[row]:g} s does not fit the rate of"
             f" {section.rate_hz:g} Hz from {time[0]:g} s on; correct the header or the times"

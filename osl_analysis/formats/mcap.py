@@ -57,8 +57,6 @@ class Log(_messages.Log):
         from mcap.reader import SeekingReader  # takes 0.1 s, which no plan of a run needs
 
         data = path.read_bytes()
-        if not data.startswith(MAGIC):
-            raise InputError("is no MCAP file, as its name says; name the recording itself")
         summary = None
         with suppress(Exception):  # whatever the library meets in a file that is cut off
             summary = SeekingReader(BytesIO(data)).get_summary()

@@ -1,7 +1,7 @@
 """LabVIEW's TDMS, by npTDMS."""
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from io import BytesIO
@@ -65,13 +65,16 @@ def read(path: Path, source: TdmsSource | None) -> Recording:
             )
     # the library is silent where the head of a segment is cut
     is_cut = segments[-1].segment_incomplete or segments[-1].next_segment_pos < len(data)
+    remarks = ["the last segment is not complete: the recorder did not finish"] if is_cut else []
     by_rows: dict[Any, list[Any]] = {}
     for channel in every:
-        if len(channel) and np.dtype(channel.dtype).kind in "biufM":
-            # the last segment may be cut within a channel, so that rows end with the shortest one
-            length = 0 if is_cut else len(channel)
-            key = (channel.group_name, *_timing_of(channel), length)
-            by_rows.setdefault(key, []).append(channel)
+        if not len(channel) or np.dtype(channel.dtype).kind not in "biufM":
+            remarks.append(f"channel '{channel.path}' is empty or holds no numbers")
+            continue
+        # the last segment may be cut within a channel, so that rows end with the shortest one
+        length = 0 if is_cut else len(channel)
+        key = (channel.group_name, *_timing_of(channel), length)
+        by_rows.setdefault(key, []).append(channel)
     first_ns = min((start_ns for _, start_ns, step_s, _ in by_rows if step_s), default=0)
     channels: list[Channel] = []
     for (group, start_ns, step_s, _), members in by_rows.items():
@@ -79,20 +82,18 @@ def read(path: Path, source: TdmsSource | None) -> Recording:
         if step_s:
             rows = replace(rows, rate_hz=1 / step_s, start_s=(start_ns - first_ns) * nano)
         channels += [_channel_of(member, rows) for member in members]
-    cut = ["the last segment is not complete: the recorder did not finish"] if is_cut else []
     return Recording(
         format="tdms",
         channels=channels,
         loss=Loss(
             read=max((channel.rows.count for channel in channels), default=0),
             end=End.MISSING if is_cut else End.UNKNOWN,
-            remarks=cut,
+            remarks=remarks,
         ),
         facts={
             "channels": str(len(every)),
             **{str(key): str(value)[:200] for key, value in [*file.properties.items()][:20]},
         },
-        find_unlisted=partial(_find_unlisted, every),
     )
 
 
@@ -128,17 +129,6 @@ def _values_of(channel: Any, count: int) -> NDArray[Any]:
     if channel.dtype.kind == "M":
         values = values.as_datetime64("ns").astype(np.int64)
     return np.asarray(values)
-
-
-def _find_unlisted(every: Sequence[Any], address: Mapping[str, str]) -> None:
-    """Say why a channel that the file has is not listed."""
-    for channel in every:
-        full_name = f"{channel.group_name}/{channel.name}"
-        if address["channel"] in (full_name, channel.name):
-            raise InputError(
-                f"channel '{full_name}' is empty or holds no numbers; take another one, or record"
-                " again"
-            )
 
 
 def _begins(begin: bytes) -> bool:

@@ -292,7 +292,7 @@ def wrench_of(path: Path, row: int = 3, **fields: Any) -> list[float]:
         ({}, {"markers": ["M1", "TOE"]}, "no marker 'TOE'; the file has M1, M2, M3"),
         ({}, {"analogs": {"sync": {"channel": "Force.Fx1"}}}, "sync: unit 'N' measures [N]"),
         ({}, {"plate_geometry": {1: {**STATED, "channels": [*LABELS[:5], "Mz"]}}},
-         "'Mz' names 0 analog channels"),
+         "no channel 'Mz'; the file has Force.Fx1"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused(

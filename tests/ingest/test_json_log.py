@@ -119,7 +119,7 @@ def test_a_stamp_of_seconds_and_nanoseconds_is_time_and_exact(
     assert len(read(path, **BY_STAMP | {"time": {"rate": 50}}).samples) == 51
     for name, wrong, told in (
         (parts[0], 1.5, f"field 'h.stamp.{parts[0]}' has values that are no whole numbers"),
-        (parts[1], 2_000_000_000, f"field 'h.stamp.{parts[1]}' has values that are no whole"),
+        (parts[1], 2_000_000_000, "field 'h.stamp': time goes from"),
         (parts[1], None, "field 'h.stamp': no time in line 8"),
     ):
         lines = stamped_lines(*parts)
@@ -284,7 +284,10 @@ def test_without_timing_the_file_is_refused_until_the_source_file_tells_it(tmp_p
 def test_a_channel_that_cannot_be_a_signal_is_refused(tmp_path: Path) -> None:
     angle, torque = ("Angle", ANGLE, timing(unit_string="deg")), ("Torque", TORQUE, timing())
     for channels, reason in (
-        ([angle, ("Torque", np.empty(0), timing())], "'Bench/Torque' is empty or holds no numbers"),
+        (
+            [angle, ("Torque", np.empty(0), timing())],
+            "no channel 'Torque'; the file has Bench/Angle;",
+        ),
         (
             [angle, torque, ("B/Torque", TORQUE, timing())],
             "channel 'Torque' occurs 2 times; write one of Bench/Torque, Bench/B/Torque",

@@ -91,11 +91,11 @@ def test_a_header_that_cannot_be_is_refused(
 @pytest.mark.parametrize(
     ("old", "new", "reason"),
     [
-        ("100\t100", "101\t100", "does not fit the rate of 101 Hz"),
+        ("100\t100", "105\t100", "does not fit the rate of 105 Hz"),
         ("\n21\t", "\n22\t", "line 27: frame 22 does not follow the line before"),
         ("160.00000", "abc", "line 27, HEAD X: 'abc' is not a number"),
         ("\t163.00000", "\t163.00000\t1", "has 13 coordinates, its header names 4 markers"),
-        ("\n21\t0.200", "\n21\t0.202", "line 27: time 0.202 s does not fit"),
+        ("\n21\t0.200", "\n21\t0.206", "line 27: time 0.206 s does not fit"),
     ],
 )
 def test_rows_that_contradict_the_header_or_one_another_are_refused(

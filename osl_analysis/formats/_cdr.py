@@ -64,12 +64,6 @@ def definition_of(name: str, data: bytes) -> Mapping[str, Fields]:
     return {owner: fields for owner, (_, fields) in {**BUILT_IN, **types}.items()}
 
 
-def are_names(texts: Sequence[Any]) -> bool:
-    """Whether an array tells the names of the elements of those beside it."""
-    are_texts = all(isinstance(text, str) and text and "]" not in text for text in texts)
-    return are_texts and len(set(texts)) == len(texts) > 0
-
-
 def rows_at(content: bytes, starts: NDArray[np.int64], length: int) -> NDArray[np.void]:
     """Copy the bytes of messages of one length, (messages,), that need not be aligned."""
     kind = np.dtype(f"V{length}")
@@ -139,10 +133,7 @@ class Layout:
         for path in self.listed if paths is None else paths:
             if path in self.numbers:
                 kind, place = self.numbers[path]
-                stored = (
-                    np.uint8 if kind.kind == "b" else kind
-                )  # a truth value is a byte that is not 0
-                values = np.ndarray(rows.shape, stored, rows, place, rows.strides)
+                values = np.ndarray(rows.shape, kind, rows, place, rows.strides)
                 columns[path] = values.astype(kind.newbyteorder("="))
         return columns
 
@@ -175,7 +166,7 @@ class Layout:
                     counts[path] = count
         for name, (texts, stretch) in texts_of.items():
             named = [path for path, count in counts.items() if count == len(texts)]
-            if named and are_names(texts):
+            if named and all(texts) and len(set(texts)) == len(texts) > 0:
                 self.names += f", {prefix}{name} [{', '.join(texts)}]"
                 self.is_shared[stretch] = True  # another message may have them in another order
                 for path in named:

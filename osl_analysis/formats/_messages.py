@@ -49,7 +49,6 @@ Decoded = tuple[NDArray[np.int64], str, Mapping[str, Any]]
 """Which of the messages these are, the names in them as text, and their columns by path."""
 
 
-UNDECLARED = ""  # stands for the topic of messages of no known channel
 NO_SCHEMA = Schema(0, b"", "", "")
 Bytes = tuple[bytes, NDArray[np.int64], NDArray[np.int64]]
 """Messages that stand in some bytes: these, where each message begins, and its length."""
@@ -74,8 +73,8 @@ class Topic:
     texts
         The first text that stands in place of a number, by path.
     spans
-        First and last log time [ns] of each number by path and publisher: a channel of the recorder
-        and the names in its messages.
+        Log times [ns] between which each number was written, by path and publisher: a channel of
+        the recorder and the names in its messages.
     """
 
     def __init__(
@@ -94,7 +93,8 @@ class Topic:
         self.reason = ""
         self.types: defaultdict[str, set[type]] = defaultdict(set)
         self.texts: dict[str, str] = {}
-        self.spans: defaultdict[str, dict[str, tuple[int, int]]] = defaultdict(dict)
+        self.spans: defaultdict[str, defaultdict[str, list[int]]]
+        self.spans = defaultdict(lambda: defaultdict(list))
         self.layouts: dict[int, Layout] = {}  # the last one, by length of the messages
         self.parts = [pl.DataFrame(schema={PLACE: pl.Int64, LOG_TIME: pl.Int64})]
         self.decode: Callable[[Bytes], Iterator[Decoded]] | None = None
@@ -110,10 +110,7 @@ class Topic:
                 times_ns = log_times_ns[places]
                 publisher = f"channel {channel} of the recorder{names}"
                 for path in columns:
-                    own = (int(times_ns.min()), int(times_ns.max()))
-                    first_ns, last_ns = self.spans[path].get(publisher, own)
-                    span_ns = (min(first_ns, own[0]), max(last_ns, own[1]))
-                    self.spans[path][publisher] = span_ns
+                    self.spans[path][publisher] += [int(times_ns.min()), int(times_ns.max())]
                 part = {PLACE: self.count + places, LOG_TIME: times_ns, **columns}
                 self.parts.append(pl.DataFrame(part))
         self.count += log_times_ns.size
@@ -224,7 +221,7 @@ class Topic:
                 " own"
             )
         for path, spans in self.spans.items():
-            in_order = sorted(spans.values())
+            in_order = sorted((min(times_ns), max(times_ns)) for times_ns in spans.values())
             are_mixed = any(later[0] <= earlier[1] for earlier, later in pairwise(in_order))
             if are_mixed and not path.startswith("header."):
                 raise InputError(
@@ -349,7 +346,8 @@ class Log:
         content, starts, lengths = messages
         for channel in np.flatnonzero(np.bincount(channels)).tolist():
             own = np.flatnonzero(channels == channel)
-            self.read[self.name_of.get(channel, UNDECLARED)] += own.size
+            if channel in self.name_of:
+                self.read[self.name_of[channel]] += own.size
             if channel in self.topic_of:
                 messages = (content, starts[own], lengths[own])
                 self.topic_of[channel].add(messages, log_times_ns[own], channel)
@@ -362,11 +360,8 @@ class Log:
         InputError
             Two publishers wrote into a topic that the source file names.
         """
-        undeclared = self.read.pop(UNDECLARED, 0)
         read = self.read.total()
         expected = self.expected.total() or None
-        if undeclared:
-            self.remarks.append(f"{undeclared} messages belong to no channel that is declared")
         if expected not in (None, read):
             self.remarks.append(f"it declares {expected} messages and holds {read}")
         by_topic: dict[str, tuple[int, int | None]] = {
@@ -404,7 +399,7 @@ class Log:
                 "bytes": size,
                 "chunks": self.chunks,
                 "chunks_lost": self.chunks_lost,
-                "messages": read + undeclared,
+                "messages": read,
             },
             find_unlisted=self._find_unlisted,
         )

@@ -424,8 +424,9 @@ def _values_of(
     for the column, and NaN in a listing."""
     values, unread = cell_values(cells, layout.missing, decimal)
     numbers = [float(word) for word in layout.missing if is_number_cell(word)]
-    if numbers and np.isin(values, numbers).any():
-        values = np.where(np.isin(values, numbers), np.nan, values)
+    is_missing = np.isin(values, numbers)
+    if is_missing.any():
+        values = np.where(is_missing, np.nan, values)
     if not layout.channels:
         return values
     if values.dtype != bool:

@@ -124,7 +124,7 @@ def delimiter_of(lines: Sequence[Line]) -> str:
 
     It is the one of tab, `;`, `|`, `,` and blank with which most cells are numbers, times or
     missing, and most lines have as many. Without numbers it is the first of tab, `;` and `|` that
-    every line has, or a blank if no line has a comma.
+    every line has, or else `,`.
     """
     sample = [line.text.strip() for line in lines[:FIRST_LINES]]
     scores = {sign: _score(sample, sign) for sign in "\t;|, "}
@@ -132,11 +132,7 @@ def delimiter_of(lines: Sequence[Line]) -> str:
     best = max(scores, key=lambda sign: scores[sign])
     if scores[best] > 0:
         return best
-    for sign in "\t;|":
-        if all(sign in text for text in sample):
-            return sign
-    are_spaced = all(" " in text and "," not in text for text in sample)
-    return " " if are_spaced else ","
+    return next((sign for sign in "\t;|" if all(sign in text for text in sample)), ",")
 
 
 def _score(sample: Sequence[str], sign: str) -> float:
@@ -331,10 +327,8 @@ def cell_values(
         is_missing = cells.is_null() | cells.is_in(list(missing))
         words = cells.str.to_lowercase()
         if (words.is_in(TRUTHS) | is_missing).all():
-            truths = np.ma.array((words == "true").fill_null(False).to_numpy())
-            if is_missing.any():
-                truths.mask = is_missing.to_numpy()
-            return truths, none_unread
+            truths = (words == "true").fill_null(False).to_numpy()
+            return np.ma.array(truths, mask=is_missing.to_numpy()), none_unread
     if first.str.contains(WHOLE).all():  # floats would round nanoseconds since 1970
         whole_numbers = cells.cast(pl.Int64, strict=False)
         if not whole_numbers.null_count():

@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, Field, PositiveInt, model_validator
+from pydantic import AfterValidator, Field, PositiveInt
 
 from osl_analysis.errors import InputError, listing
 from osl_analysis.formats._text import decoded
@@ -42,7 +42,7 @@ from osl_analysis.source_file import (
     PlateUnits,
 )
 from osl_analysis.units import LengthUnit
-from osl_analysis.yaml_settings import Settings, check_distinct, misplaced
+from osl_analysis.yaml_settings import Settings, check_distinct
 
 BLOCK = 512  # bytes
 LARGEST_FRAME_NUMBER = 0xFFFF  # of the header
@@ -103,15 +103,6 @@ class C3dSource(LaboratorySource):
     plate_zero: Literal["none", "file"] | tuple[PositiveInt, PositiveInt] = "none"
     """Baseline of the plates: none, file (FORCE_PLATFORM:ZERO) or two frames, from 1, between which
     they are empty."""
-
-    @model_validator(mode="after")
-    def _zero_lasts(self) -> "C3dSource":
-        if isinstance(self.plate_zero, tuple) and self.plate_zero[0] > self.plate_zero[1]:
-            raise misplaced(
-                f"{[*self.plate_zero]} ends before it begins; write the first frame first",
-                "plate_zero",
-            )
-        return self
 
 
 @dataclass(frozen=True)

@@ -79,7 +79,7 @@ class Log(_messages.Log):
                 self.end = End.MISSING
         if summary is not None and summary.statistics is not None:
             for number, count in summary.statistics.channel_message_counts.items():
-                self.counts[self.name_of.get(number, _messages.UNDECLARED)] += count
+                self.counts[self.name_of.get(number, "")] += count
         if self.checked:
             self.checksums = "checked" if self.checked == self.read.total() else "mixed"
 

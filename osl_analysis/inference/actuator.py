@@ -23,16 +23,29 @@ import scipy
 from osl_analysis.inference.constants import (
     BLOCKS,
     EDGE,
-    FRICTION_INEXACTNESS,
-    FRICTION_WINDS,
     RIDGE,
-    SETTLING,
-    SLIDING,
     TINY,
+    Ranges,
 )
 from osl_analysis.inference.friction_shapes import slipping_springs
 from osl_analysis.inference.spectra import Spectra, Spectrum
 from osl_analysis.trial import Array
+
+
+class Sliding:
+    """While an actuator slides, and how well its equation is known then."""
+
+    # speed above which it slides; what the further two would change is an error [SD of its
+    # velocity]; 16 uncompensated legs: B is off by 0.037, 0.016, 0.012 N*m*s/rad (RMS) at 0.05,
+    # 0.1, 0.2
+    SPEEDS = (0.2, 0.1, 0.3)
+    # time about a standstill that is left out, since filters spread it [s]; 16 legs, sliding above
+    # 0.05 SD: B is off by 0.028 with 0.01 s, 0.037 with 0.02 s (RMS)
+    SETTLING = 0.02
+    # share of what friction does to K, B, I that its formula misses; 32 legs of other seeds: B is
+    # held in 28 without it, in 31 with it
+    INEXACTNESS = 0.005
+
 
 FRICTION = slice(3, 5)  # coefficients f_0 and f_1
 
@@ -64,7 +77,7 @@ def frictionless_actuator(spectra: Spectra) -> FrictionlessActuator:
     what changes if other speeds part sliding from sticking, and a share of what friction does.
     """
     columns = equation_of_sliding(spectra)
-    first_share, *other_shares = SLIDING
+    first_share, *other_shares = Sliding.SPEEDS
     fit, fits_without_a_block = sliding_fits(spectra, columns, first_share)
     fits_at_other_speeds = np.array(
         [sliding_fits(spectra, columns, share)[0] for share in other_shares]
@@ -79,8 +92,8 @@ def frictionless_actuator(spectra: Spectra) -> FrictionlessActuator:
     # all at once, since the motion is projected on itself for each call
     of_all_fits = results(np.vstack([fit, fits_at_other_speeds, fits_without_a_block]))
     result = of_all_fits[0]
-    by_speed = of_all_fits[1 : len(SLIDING)] - result
-    without_a_block = of_all_fits[len(SLIDING) :]
+    by_speed = of_all_fits[1 : len(Sliding.SPEEDS)] - result
+    without_a_block = of_all_fits[len(Sliding.SPEEDS) :]
     by_block = without_a_block - without_a_block.mean(axis=0)
     covariance = by_speed.T @ by_speed + by_block.T @ by_block * (BLOCKS - 1) / BLOCKS
 
@@ -88,7 +101,7 @@ def frictionless_actuator(spectra: Spectra) -> FrictionlessActuator:
     assert spectra.actuator_spectrum is not None
     recorded = rows_of(spectra, np.vstack([spectra.derivatives[:3], spectra.actuator_spectrum]))
     with_friction = np.linalg.lstsq(recorded[:3].T, recorded[3], rcond=None)[0]
-    by_friction = FRICTION_INEXACTNESS * np.append(result[:3] - with_friction, 0.0)
+    by_friction = Sliding.INEXACTNESS * np.append(result[:3] - with_friction, 0.0)
     covariance = covariance + np.outer(by_friction, by_friction)
 
     deviation = float(np.sqrt(covariance[3, 3] + np.finfo(float).tiny))
@@ -111,7 +124,7 @@ def equation_of_sliding(spectra: Spectra) -> Array:
     load = np.zeros_like(sign)
     if spectra.signals.load is not None:
         load = np.abs(spectra.resampled(spectra.signals.load))
-    hysteresis = slipping_springs(spectra.sliding, FRICTION_WINDS[-1:])[0]
+    hysteresis = slipping_springs(spectra.sliding, Ranges.FRICTION_WINDS[-1:])[0]
     offset, drift = np.ones_like(sign), spectra.relative_time - 0.5
     motion = [angle, velocity, acceleration]
     return np.array([*motion, sign, sign * load, hysteresis, offset, drift, spectra.angle])
@@ -130,7 +143,7 @@ def sliding_fits(spectra: Spectra, columns: Array, share: float) -> tuple[Array,
     speed = np.abs(columns[1])
     slow = speed < share * speed[spectra.inside].std()
     rate = spectra.product_rows / spectra.padded_seconds
-    near = scipy.ndimage.binary_dilation(slow, iterations=max(round(SETTLING * rate), 1))
+    near = scipy.ndimage.binary_dilation(slow, iterations=max(round(Sliding.SETTLING * rate), 1))
     away_from_ends = (spectra.time > EDGE) & (spectra.time < spectra.seconds - EDGE)
     slides = spectra.inside & away_from_ends & ~near
 

@@ -82,32 +82,21 @@ ROUNDING_DRAWS = 12
 # rest explains its own rounding as a dead zone, with 143 nats
 FEWEST_STEPS = 3.0
 
-# A leg's actuator
 
-# Speed above which an actuator slides; what the further two would change is an error [SD of the
-# actuator's velocity]; 16 uncompensated legs: B is off by 0.037, 0.016, 0.012 N*m*s/rad (RMS) at
-# 0.05, 0.1, 0.2
-SLIDING = (0.2, 0.1, 0.3)
-# Time about a standstill that is left out, since filters spread it [s]; 16 legs, sliding above
-# 0.05 SD: B is off by 0.028 with 0.01 s, 0.037 with 0.02 s (RMS)
-SETTLING = 0.02
-# Share of what an actuator's friction does to K, B, I that its formula misses; 32 legs of other
-# seeds: B is held in 28 without it, in 31 with it
-FRICTION_INEXACTNESS = 0.005
+class Ranges:
+    """Ranges of the hypotheses' own parameters."""
 
-# Ranges of the hypotheses' own parameters
-
-# Torque after angle [s]; a choice: 20 frames at 1 kHz early, 30 late
-DELAYS = (-0.02, 0.03)
-# Time constants of low-passes [s]; 500 to 3 Hz: amplifiers' filters, held samples at 20 Hz
-LAGS = (3e-4, 0.05)
-# Spring in series with the joint [rad/(N*m)]; a frame of 100 kN*m/rad to a belt of 250 N*m/rad
-COMPLIANCES = (1e-5, 4e-3)
-# Play [rad]; 0.03 to 1.1 deg
-PLAYS = (5e-4, 2e-2)
-# Angles over which friction builds up before it slides [rad]; bristles of 3e-5 to 1e-3 rad are
-# sums of these: docs/bench_validation.md
-FRICTION_WINDS = (5e-5, 1.5e-4, 5e-4, 1.5e-3)
-# Velocity over which sliding friction changes sign, if the velocity's noise is smaller [SD of the
-# velocity]; the next wider shape, five times as wide, is a column too
-SIGN_WIDTH = 0.01
+    # Torque after angle [s]; a choice: 20 frames at 1 kHz early, 30 late
+    DELAY_S = (-0.02, 0.03)
+    # Time constants of low-passes [s]; 500 to 3 Hz: amplifiers' filters, held samples at 20 Hz
+    LAG_S = (3e-4, 0.05)
+    # Spring in series with the joint [rad/(N*m)]; a frame of 100 kN*m/rad to a belt of 250 N*m/rad
+    COMPLIANCE = (1e-5, 4e-3)
+    # Play [rad]; 0.03 to 1.1 deg
+    PLAY = (5e-4, 2e-2)
+    # Angles over which friction builds up before it slides [rad]; bristles of 3e-5 to 1e-3 rad are
+    # sums of these: docs/bench_validation.md
+    FRICTION_WINDS = (5e-5, 1.5e-4, 5e-4, 1.5e-3)
+    # Velocity over which sliding friction changes sign, if the velocity's noise is smaller [SD of
+    # the velocity]; the next wider shape, five times as wide, is a column too
+    SIGN_WIDTH = 0.01

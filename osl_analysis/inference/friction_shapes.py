@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from osl_analysis.inference.constants import FRICTION_WINDS, SIGN_WIDTH
+from osl_analysis.inference.constants import Ranges
 from osl_analysis.inference.spectra import Spectra
 from osl_analysis.trial import Array
 
@@ -66,7 +66,7 @@ def sliding_velocity(spectra: Spectra) -> tuple[Array, float]:
     """
     velocity = np.gradient(spectra.sliding, spectra.padded_seconds / spectra.product_rows)
     variance = spectra.angle_noise * (2 * np.pi) ** 2 * spectra.product_band_hz**3 / 3
-    usual = SIGN_WIDTH * float(velocity[spectra.inside].std())
+    usual = Ranges.SIGN_WIDTH * float(velocity[spectra.inside].std())
     return velocity, max(usual, float(np.sqrt(variance)), SLOWEST)
 
 
@@ -74,12 +74,12 @@ def friction_torques(spectra: Spectra) -> Array:
     """Compute the columns (k, p) of dry friction, at the product rate.
 
     Two slide, with a sign that changes over a narrow and a wide velocity. Springs slip behind each
-    of `FRICTION_WINDS`. Where the load is known, the last one grows with it.
+    of `Ranges.FRICTION_WINDS`. Where the load is known, the last one grows with it.
     """
     velocity, width = sliding_velocity(spectra)
     slides = np.tanh(velocity / width)
     wider = np.tanh(velocity / (WIDER * width))
-    columns = [slides, wider, *slipping_springs(spectra.sliding, FRICTION_WINDS)]
+    columns = [slides, wider, *slipping_springs(spectra.sliding, Ranges.FRICTION_WINDS)]
     if spectra.signals.load is not None and spectra.actuator_spectrum is None:
         columns.append(slides * np.abs(spectra.resampled(spectra.signals.load)))
     return np.array(columns)

@@ -18,7 +18,7 @@ from functools import cached_property
 
 import numpy as np
 
-from osl_analysis.inference.constants import COMPLIANCES, DELAYS, LAGS
+from osl_analysis.inference.constants import Ranges
 from osl_analysis.inference.hypothesis import PLAIN, Candidate, Hypothesis, OneParameter, Search
 from osl_analysis.inference.spectra import Spectrum
 from osl_analysis.inference.whitening import Whitened
@@ -49,7 +49,7 @@ class Delay(Filter):
 
     @cached_property
     def grid(self) -> Array:
-        return np.linspace(*DELAYS, 26)
+        return np.linspace(*Ranges.DELAY_S, 26)
 
     def response(self, value: float) -> Spectrum:
         return np.asarray(np.exp(-value * self.data.spectra.s))
@@ -60,7 +60,7 @@ class LowPass(Filter):
 
     @cached_property
     def grid(self) -> Array:
-        of_torque = np.geomspace(*LAGS, 11)
+        of_torque = np.geomspace(*Ranges.LAG_S, 11)
         return np.concatenate([-of_torque[::-1], of_torque])
 
     def response(self, value: float) -> Spectrum:
@@ -77,7 +77,7 @@ class SeriesSpring(Path):
 
     @cached_property
     def grid(self) -> Array:
-        return np.geomspace(*COMPLIANCES, 9)
+        return np.geomspace(*Ranges.COMPLIANCE, 9)
 
     def left_on_grid(self, search: Search) -> Array:
         models = [self.model(value, search) for value in self.grid.tolist()]

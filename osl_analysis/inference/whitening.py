@@ -16,9 +16,9 @@ from osl_analysis.inference.actuator import frictionless_actuator
 from osl_analysis.inference.constants import (
     COLOUR_SEGMENT,
     FEWEST_STEPS,
-    PLAYS,
     RIDGE,
     TINY,
+    Ranges,
 )
 from osl_analysis.inference.friction_shapes import (
     friction_torques,
@@ -163,8 +163,8 @@ class Whitened:
     @cached_property
     def gap_widths(self) -> Array:
         """Widths (g,) of a gap that are tried [rad], from what rounding cannot be."""
-        least = max(PLAYS[0], FEWEST_STEPS * self.spectra.signals.encoder_step)
-        return np.geomspace(least, max(PLAYS[1], 2 * least), 8)
+        least = max(Ranges.PLAY[0], FEWEST_STEPS * self.spectra.signals.encoder_step)
+        return np.geomspace(least, max(Ranges.PLAY[1], 2 * least), 8)
 
     def behind_gaps(self, widths: Array) -> Array:
         """Whitened angle and velocity (g, 2, m) behind gaps of some widths (g,) [rad], which follow

@@ -8,6 +8,7 @@
    priors give weights.
 """
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -132,11 +133,13 @@ def infer_impedance(
     faults = [each for each in weighed if each.family != ""]
     faults.sort(key=lambda each: -each.weight)
     fault_probability = sum(each.weight for each in faults)
-    explanations = tuple(explained(each) for each in faults)
+    explanations = tuple(
+        Explanation(each.family, each.fit.candidate.hypothesis.name, each.weight) for each in faults
+    )
     moved = moved_by(faults, best_sound)
     doubt = None
     if fault_probability > LIKELY and np.any(moved > matters):
-        doubt = most_probable_family(faults, explanations)
+        doubt = most_probable_family(explanations)
 
     best = max(weighed, key=lambda each: each.weight).fit
     shifts = largest_shifts(data, best, fits[0].left, best_sound.impedance, rounding)
@@ -222,20 +225,12 @@ def impedance_of(fit: Predicted) -> Impedance:
     return {name: Estimate(*row) for name, row in zip(("K", "B", "I"), columns, strict=True)}
 
 
-def explained(each: Weighed) -> Explanation:
-    """The public form of a weighed hypothesis."""
-    hypothesis = each.fit.candidate.hypothesis
-    return Explanation(hypothesis.family, hypothesis.name, probability=each.weight)
-
-
-def most_probable_family(
-    faults: Sequence[Weighed], explanations: Sequence[Explanation]
-) -> Explanation:
+def most_probable_family(explanations: Sequence[Explanation]) -> Explanation:
     """The most probable hypothesis of the most probable family."""
-    weights: dict[str, float] = {}
-    for each in faults:
-        weights[each.family] = weights.get(each.family, 0.0) + each.weight
-    family = max(weights, key=lambda name: weights[name])
+    probability = defaultdict[str, float](float)
+    for each in explanations:
+        probability[each.family] += each.probability
+    family = max(probability, key=lambda name: probability[name])
     return next(each for each in explanations if each.family == family)
 
 

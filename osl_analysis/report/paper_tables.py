@@ -120,7 +120,7 @@ def groups(summary: pl.DataFrame, of_groups: pl.DataFrame) -> Iterator[Condition
                     },
                     trials=(),
                     n=rows[0]["n"],
-                    is_doubtful=estimator == "ensemble" and bool(doubts.get(group)),
+                    is_doubtful=bool(doubts.get(group)),
                     results=(),
                     estimates={
                         row["quantity"]: estimate_text(row, "mean", UNITS.get(row["quantity"], ""))

@@ -269,6 +269,7 @@ REFUSED = {
     "is of the walkway": lambda t: osl.simulate_trial("x", "walking_01"),
     "plans no trial 'impedance_1'": lambda t: osl.simulate_trial("x", "impedance_1"),
 }  # fmt: skip
+REFUSED["is no desired impedance"] = lambda t: osl.fit(t, desired={"K_d": 300.0})
 REFUSED["none.yaml: no"] = lambda t: osl.fit(t, parameters="none.yaml")
 
 

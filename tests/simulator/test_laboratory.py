@@ -15,6 +15,7 @@ from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.model.compensator import Weight, compensated_gains
+from osl_analysis.simulator.laboratory_files import capture_parameters
 from osl_analysis.simulator.laboratory_settings import WalkingSettings
 from osl_analysis.simulator.simulated_crossing import (
     move,
@@ -242,6 +243,23 @@ def test_a_bad_impedance_trajectory_is_refused(tmp_path, text, message):
 
     with pytest.raises(InputError, match=message):
         read_impedance_trajectory(tmp_path / "impedance.csv")
+
+
+def test_columns_of_an_impedance_trajectory_that_nothing_uses_are_named(tmp_path):
+    path = tmp_path / "impedance.csv"
+    path.write_text("phase,K_d,B_d,theta_eq_rad\n0,100,1,0\n1,100,1,0\n")
+
+    with pytest.warns(UserWarning, match="not used: theta_eq_rad"):
+        read_impedance_trajectory(path)
+
+
+def test_corners_of_the_plate_go_round_as_c3d_has_them(shipped):
+    groups = capture_parameters(GaitTrial("static_1", 1, shipped.walking), [])
+
+    x, y, _ = groups["FORCE_PLATFORM"]["CORNERS"][:, :, 0] / 1e3
+    centre_x, centre_y, _ = shipped.walking.plate.centre_m
+    assert np.sign(x - centre_x).tolist() == [1, 1, -1, -1]
+    assert np.sign(y - centre_y).tolist() == [1, -1, -1, 1]
 
 
 def walking_settings(folder, right, wrong):

@@ -71,11 +71,16 @@ METADATA: dict[str, dict[str, None]] = {
     ".svg": {"Date": None},
     ".png": {},
 }
-FOOTER_SIZE = 5.5  # of the letters below a figure [pt]
-FOOTER_LINE = 0.1  # height of a line [in]
-FOOTER_LETTERS = 28  # per inch
-REASON_LETTERS = 120  # in a line of the page that stands for a missing figure
-REASON_LINE = 0.16  # height of such a line [in]
+
+
+class Footer:
+    """Below each figure, where it comes from; or why it is not drawn."""
+
+    SIZE = 5.5  # of the letters below a figure [pt]
+    LINE = 0.1  # height of a line [in]
+    LETTERS = 28  # per inch
+    REASON_LETTERS = 120  # in a line of the page that stands for a missing figure
+    REASON_LINE = 0.16  # height of such a line [in]
 
 
 def plot_numbers(
@@ -147,9 +152,9 @@ def page_of_reasons(name: str, reasons: Sequence[str]) -> "PaperFigure":
 
     lines = [f"{figure_title(name)} is not drawn"]
     for reason in reasons:
-        lines += textwrap.wrap(reason, REASON_LETTERS)
+        lines += textwrap.wrap(reason, Footer.REASON_LETTERS)
     with paper_style():
-        figure = PaperFigure(figsize=(DOUBLE_COLUMN, 0.5 + REASON_LINE * len(lines)))
+        figure = PaperFigure(figsize=(DOUBLE_COLUMN, 0.5 + Footer.REASON_LINE * len(lines)))
         figure.text(0.02, 0.9, "\n".join(lines), va="top", parse_math=False)
     return figure
 
@@ -169,9 +174,9 @@ def write_figure(
         )
     with paper_style():
         if origin and footer:
-            lines = textwrap.wrap(origin, int(figure.get_figwidth() * FOOTER_LETTERS))
-            figure.set_figheight(figure.get_figheight() + FOOTER_LINE * (1 + len(lines)))
-            words: dict[str, Any] = {"fontsize": FOOTER_SIZE, "linespacing": 1.1, "color": GREY}
+            lines = textwrap.wrap(origin, int(figure.get_figwidth() * Footer.LETTERS))
+            figure.set_figheight(figure.get_figheight() + Footer.LINE * (1 + len(lines)))
+            words: dict[str, Any] = {"fontsize": Footer.SIZE, "linespacing": 1.1, "color": GREY}
             figure.supxlabel("\n".join(lines), parse_math=False, **words)
         figure.draw_without_rendering()
     # every format has the places that were just found, and is drawn once: "none" draws it twice

@@ -31,11 +31,17 @@ COLUMNS = (
     *("log", "log_source", "mocap", "mocap_source", "exclude"),
 )
 SELDOM = ("joint", "fixture")  # columns of a drafted sheet only where a trial has them
-# in the text of `init`, which has 15 lines at most
-MOST_QUESTIONS = 5
-MOST_SOURCES = 3
-MOST_REFUSED = 1
-MOST_LISTED = 4  # files or trials in a line
+
+
+class Most:
+    """What the text of `init` tells, which has 15 lines at most."""
+
+    QUESTIONS = 5
+    SOURCES = 3
+    REFUSED = 1
+    LISTED = 4  # files or trials in a line
+
+
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 
 Example = Literal["bench", "walking"]
@@ -135,7 +141,7 @@ def questions_of(draft: Draft) -> list[str]:
         if trial.question:
             name = trial.cells["trial"]
             concerned.setdefault(f"trials.csv: {trial.question}", []).append(name)
-    return [f"{text} ({listing(names, MOST_LISTED)})" for text, names in concerned.items()]
+    return [f"{text} ({listing(names, Most.LISTED)})" for text, names in concerned.items()]
 
 
 def left_to_decide(folder: Path, draft: Draft) -> tuple[list[str], bool]:
@@ -156,13 +162,13 @@ def campaign_text(folder: Path, draft: Draft) -> str:
     if questions:
         lines.append("to be decided:")
         where = "in config.yaml and by `osl-analysis run -n`"
-        lines += some_of([f"  {text}" for text in questions], MOST_QUESTIONS, where)
-    lines += some_of(source_lines(draft), MOST_SOURCES, "in sources/")
+        lines += some_of([f"  {text}" for text in questions], Most.QUESTIONS, where)
+    lines += some_of(source_lines(draft), Most.SOURCES, "in sources/")
     experiments = Counter(trial.cells["experiment"] for trial in draft.trials)
     counts = [f"{count} {experiment}" for experiment, count in experiments.items()]
     lines.append(f"trials.csv: {', '.join(counts)}")
     refused = [f"not read: {why}" for why in draft.refused]
-    lines += some_of(refused, MOST_REFUSED, "that `osl-analysis inspect` of their folder tells")
+    lines += some_of(refused, Most.REFUSED, "that `osl-analysis inspect` of their folder tells")
     command = f"cd {shlex.quote(str(folder))} && osl-analysis run"
     if not is_ready:
         command = f"edit what is named above; {command} -n says what is left"
@@ -183,7 +189,7 @@ def source_lines(draft: Draft) -> list[str]:
     lines: list[str] = []
     for name, source in draft.source_files.items():
         guesses = [entry.guess for entry in source.named.values()] or ["all markers"]
-        lines.append(f"sources/{name}.yaml, {uses[name]} x: {listing(guesses, MOST_LISTED)}")
+        lines.append(f"sources/{name}.yaml, {uses[name]} x: {listing(guesses, Most.LISTED)}")
     return lines
 
 

@@ -15,6 +15,7 @@ from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import DOWN, UP, Crossing, RefusedCrossing
 from osl_analysis.walking.isolated_response import PHASES, signal_at, stance_times
 from osl_analysis.walking.plate import SINGLE_SUPPORT
+from osl_analysis.walking.platform import MAD_TO_SD
 from osl_analysis.walking.poses import FREE_FALL, Mask
 from osl_analysis.walking.walking_settings import SelectionSettings
 
@@ -188,9 +189,6 @@ def places(crossings: Sequence[Crossing], sheet: Sheet) -> dict[str, dict[str, o
 def is_of_group(cells: Cells, conditions: Cells) -> bool:
     """Whether a row of the sheet belongs to a group: an empty cell matches every value."""
     return all(cells.get(key) in (None, value) for key, value in conditions.items())
-
-
-MAD_TO_SD = 1.4826  # from the median absolute deviation to the standard deviation of normal noise
 
 
 @dataclass(frozen=True)

@@ -233,7 +233,7 @@ def test_groups_of_crossings_are_rows_of_both_ensembles():
         ["walking", "mean unperturbed gait", "30", "336 (323 to 348)", "99.9960"],
         ["walking", "predicted gait", "30", "333 (321 to 345)", "98"],
     ]
-    doubted = paper_tables.groups(summary, summary.with_columns(doubt=pl.lit("VAF")))
+    doubted = paper_tables.groups(summary, summary.with_columns(doubtful=pl.lit("VAF")))
     assert [group.is_doubtful for group in doubted] == [True, True]
 
 

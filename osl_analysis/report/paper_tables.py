@@ -105,8 +105,8 @@ def estimate_text(row: Mapping[str, Any], name: str, unit: str = "") -> str:
 
 def groups(summary: pl.DataFrame, of_groups: pl.DataFrame) -> Iterator[Condition]:
     """K, B and I of each group of crossings, of all perturbations together, from
-    `walking_summary.csv`: minus the mean unperturbed gait, whose doubts `walking_groups.csv` has,
-    and minus predicted gait."""
+    `walking_summary.csv`: minus the mean unperturbed gait, and minus predicted gait. A doubt of
+    `walking_groups.csv` concerns both."""
     doubts = dict(of_groups.select("group", "doubtful").rows())
     for (group,), of_group in summary.group_by("group", maintain_order=True):
         for estimator, subtracted in SUBTRACTED.items():

@@ -148,5 +148,14 @@ def config_here() -> Path:
 
 
 def default_config() -> Path:
-    """The default configuration, which a campaign's own overrides."""
-    return shipped("config/config.yaml")
+    """The default configuration, which a campaign's own overrides: that of a clone in the working
+    folder, which may have been edited, else the shipped one. Another workflow's lacks sections."""
+    here, ours = Path("config/config.yaml"), root() / "config/config.yaml"
+    if here.is_file() and sections(ours) <= sections(here):
+        return here
+    return ours
+
+
+def sections(file: Path) -> set[str]:
+    """The fields at the top of a YAML file."""
+    return set(re.findall(r"(?m)^(\w+):", file.read_text(encoding="utf-8", errors="replace")))

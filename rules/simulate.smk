@@ -11,7 +11,7 @@ if CONFIG.simulation:
         output:
             sheet=CONFIG.sheet,
         log:
-            "<logs>/simulate/sheet.log",
+            "<logs>/trial_sheet.log",
         localrule: True
         params:
             made_by=MADE_BY,

@@ -35,7 +35,7 @@ rule identify_plate:
         output="<results>/fits/plate.json",
         comparison="<results>/tables/plate.csv",
     log:
-        "<logs>/walking/plate.log",
+        "<logs>/identify_plate.log",
     localrule: True
     params:
         statics={trial: CAMPAIGN.static_of[trial] for trial in PLATE_TRIALS},
@@ -56,7 +56,7 @@ rule find_onsets:
     output:
         output="<results>/fits/onsets.json",
     log:
-        "<logs>/walking/onsets.log",
+        "<logs>/find_onsets.log",
     localrule: True
     params:
         statics={trial: CAMPAIGN.static_of[trial] for trial in PERTURBED},

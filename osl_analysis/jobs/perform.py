@@ -21,6 +21,7 @@ from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables
 from osl_analysis.errors import (
     InputError,
+    MemoryLimitError,
     OslAnalysisError,
     WriteError,
     printable,
@@ -61,8 +62,11 @@ HOLDING_A_REASON = {".csv", ".zip", ".parquet", ".json", ".tex", ".md"}
 SIMULATING = "osl_analysis.commands.simulate."
 """Commands whose outputs are recordings and their sheet, and no results."""
 
-CRASHES = ("SIGSEGV", "SIGBUS", "SIGABRT", "SIGILL", "SIGFPE")
-"""Signals of a library that crashes on a damaged file. It would crash on it again."""
+CRASHES = ("SIGSEGV", "SIGBUS", "SIGILL", "SIGFPE")
+"""Signals of a library that crashes on a damaged file, on which it would crash again. SIGABRT is
+none: short memory ends a process by it."""
+OF_A_FILE = (FileNotFoundError, PermissionError, IsADirectoryError, NotADirectoryError)
+"""Errors of the system that are those of one file; a bad disk or too many open files are not."""
 
 TABLES_OF_FIT = {
     facts.fit.job: [table.name for table in facts.tables]
@@ -165,9 +169,9 @@ def is_of_input(job: Job, error: Exception) -> bool:
     suffixes = {file.suffix for file in job.files}
     if not suffixes <= HOLDING_A_REASON or job.command.startswith(SIMULATING):
         return False
-    if isinstance(error, OSError):
+    if isinstance(error, OF_A_FILE):
         return str(error.filename) in job.recordings
-    return not isinstance(error, WriteError)
+    return not isinstance(error, OSError | WriteError | MemoryLimitError)
 
 
 def call(job: Job) -> Sequence[NotAnalysed]:

@@ -136,7 +136,10 @@ def job(command: str, input: Any, output: Any, params: Any, log: Any, tell: str 
 def do_in_worker(command: str, files: Sequence[Path], given: Sequence[Any]) -> str:
     """Do a job in a worker; returns what killed the worker, if it was killed before the end."""
     idle = IDLE[command.startswith("osl_analysis.commands.simulate.")]
-    worker = idle.pop() if idle else Worker()
+    try:
+        worker = idle.pop()
+    except IndexError:  # not asked for before: another thread may take the last one meanwhile
+        worker = Worker()
     try:
         worker.do(given)
     except (EOFError, ConnectionError):

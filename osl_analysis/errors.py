@@ -143,15 +143,12 @@ EXTRAS = {
 
 
 def optional_module(name: str, what: str) -> Any:
-    """The module `name` of a library in `EXTRAS`. Raises InputError: it is not installed, and
-    `what` needs it."""
-    library = name.partition(".")[0]
+    """The module `name` of a library in `EXTRAS`. Raises InputError: it, or a library that it
+    needs, is not installed, and `what` needs it."""
     try:
         return import_module(name)
     except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] != library:
-            raise
-        raise not_installed(what, library) from None
+        raise not_installed(what, name) from error
 
 
 def not_installed(what: str, library: str) -> InputError:

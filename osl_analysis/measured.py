@@ -7,10 +7,9 @@ import math
 
 import numpy as np
 import polars as pl
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.trial import Array
 
 # No laboratory signal, in SI units, comes near these sizes. Within them no estimate overflows or
 # underflows: the highest power that one needs is the squared variance of a quotient of two signals.
@@ -60,26 +59,24 @@ def check_measured(name: str, values: ArrayLike) -> None:
     check_finite(name, values, least=SMALLEST_SIGNAL)
 
 
-def rounding_of(y: Array) -> float:
+def rounding_of(y: NDArray[np.float64]) -> float:
     """Mean square of the residual that rounding leaves in an exact fit to y (n,), in y's unit
     squared; 0 if n is 0."""
-    if not len(y):
-        return 0.0
-    return EXACT_FIT_SHARE * float(y @ y) / len(y)
+    return EXACT_FIT_SHARE * float(y @ y) / max(len(y), 1)
 
 
-def varies(y: Array) -> bool:
+def varies(y: NDArray[np.float64]) -> bool:
     """Whether y (n,) varies by more than its rounding. The computed variance of a constant 0.1 is
     2e-34, not 0."""
     return bool(len(y)) and float(np.var(y)) > rounding_of(y)
 
 
-def rms(values: Array) -> float:
+def rms(values: NDArray[np.float64]) -> float:
     """Root of the mean square of all values."""
     return float(np.sqrt(np.mean(values**2)))
 
 
-def usual_size(values: Array) -> float:
+def usual_size(values: NDArray[np.float64]) -> float:
     """Median size of values of either sign."""
     return float(np.median(np.abs(values)))
 
@@ -90,12 +87,12 @@ def significant(value: float, digits: int = 2) -> str:
     return np.format_float_positional(value, digits, unique=False, fractional=False, trim="-")
 
 
-def visible_step(values: Array) -> float | None:
+def visible_step(values: NDArray[np.float64]) -> float | None:
     """Find the step to which a signal was rounded.
 
     Parameters
     ----------
-    values : Array
+    values : NDArray[np.float64]
         (n,).
 
     Returns
@@ -105,7 +102,7 @@ def visible_step(values: Array) -> float | None:
         or less than 99 % of their differences are whole numbers of steps. None also for a signal
         that is constant, empty or not finite.
     """
-    if not len(values) or not np.isfinite(values).all():
+    if not np.isfinite(values).all():
         return None
     unique = pl.Series(values).unique()  # by hashes: only the few of a rounded signal are sorted
     if not 2 <= len(unique) <= len(values) // 2:

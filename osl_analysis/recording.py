@@ -245,7 +245,7 @@ class Recording:
     facts: Mapping[str, Any] = field(default_factory=dict)
     settings: Mapping[str, Any] = field(default_factory=dict)
     questions: Sequence[str] = ()
-    find_unlisted: Callable[[Mapping[str, str]], Channel | None] | None = None
+    find_unlisted: Callable[[Mapping[str, str]], Channel | None] = lambda address: None
 
     def find(self, address: Mapping[str, str], noun: str = "") -> Channel:
         """Find the channel that a source file names.
@@ -265,27 +265,29 @@ class Recording:
             No channel, or several channels have this address.
         """
         similar = [channel for channel in self.channels if channel.address.keys() == address.keys()]
-        *_, key = address
-        wanted = address[key]
-        place = {**address, key: ""}
-        candidates = [channel for channel in similar if {**channel.address, key: ""} == place]
+        *place, (key, wanted) = address.items()
+        candidates = [channel for channel in similar if [*channel.address.items()][:-1] == place]
         matches = _named(wanted, candidates, key)
-        if len(matches) == 1:
-            return matches[0]
-        if matches:
+        if len(matches) > 1:
             names = [channel.key for channel in matches]
+            numbers = [str(candidates.index(channel) + 1) for channel in matches]
             remedy = f"write one of {listing(names)}"
             if len(set(names)) < len(names):
-                numbers = [str(candidates.index(channel) + 1) for channel in matches]
                 remedy = f"rename them, or write the number of a column, one of {listing(numbers)},"
             raise InputError(
                 f"{noun or key} '{wanted[:80]}' occurs {len(matches)} times; {remedy} in the source"
                 " file"
             )
-        unlisted = self.find_unlisted(address) if self.find_unlisted else None
-        if unlisted is None:
-            raise _missing(similar, " ".join(address.values()), noun or " ".join(address))
-        return unlisted
+        found = matches[0] if matches else self.find_unlisted(address)
+        if found:
+            return found
+        missing = f"no {noun or ' '.join(address)} '{' '.join(address.values())[:80]}'"
+        if not similar:
+            raise InputError(f"{missing}: the file has none; export them too")
+        keys = [channel.key for channel in similar]
+        advice = nearest(wanted, [*keys, *(channel.name for channel in similar)])
+        advice = advice or "; correct the name in the source file"
+        raise InputError(f"{missing}; the file has {listing(keys)}{advice}")
 
 
 NUMBERED = ("column", "label", "channel")  # keys whose channel may be given by its number
@@ -295,24 +297,14 @@ def _named(wanted: str, channels: Sequence[Channel], key: str) -> list[Channel]:
     """List the channels with a name: in full, without place or unit, by pattern, or by number."""
     pattern = re.compile(re.escape(wanted).replace(r"\*", ".*"), re.DOTALL)
     spelled = {channel: (channel.address[key], channel.title, channel.name) for channel in channels}
-    for names in zip(*spelled.values(), strict=True):
-        matches = [channel for channel, name in zip(channels, names, strict=True) if name == wanted]
+    for place in range(3):
+        matches = [channel for channel, names in spelled.items() if names[place] == wanted]
         if matches:
             return matches
     matches = [channel for channel, names in spelled.items() if any(map(pattern.fullmatch, names))]
-    if not matches and key in NUMBERED and re.fullmatch(r"[1-9]\d{0,4}", wanted, re.ASCII):
+    if not matches and key in NUMBERED and wanted.isdecimal():
         return list(channels[int(wanted) - 1 : int(wanted)])
     return matches
-
-
-def _missing(channels: Sequence[Channel], wanted: str, noun: str) -> InputError:
-    missing = f"no {noun} '{wanted[:80]}'"
-    if not channels:
-        return InputError(f"{missing}: the file has none; export them too")
-    keys = [channel.key for channel in channels]
-    advice = nearest(wanted, [*keys, *(channel.name for channel in channels)])
-    advice = advice or "; correct the name in the source file"
-    return InputError(f"{missing}; the file has {listing(keys)}{advice}")
 
 
 @dataclass(frozen=True)
@@ -367,13 +359,12 @@ def own_axes(corners: Array) -> Array:
         Unit vectors x, y, z as columns (3, 3). x runs from corner 2 to corner 1, z is normal to the
         surface. Not finite where the corners span no plane.
     """
-    x = corners[0] - corners[1]
-    z = np.cross(x, corners[0] - corners[3])
+    x, y = corners[0] - corners[[1, 3]]
+    z = np.cross(x, y)
     with np.errstate(invalid="ignore", divide="ignore"):
         x = x / np.linalg.norm(x)
         z = z / np.linalg.norm(z)
-    y = np.cross(z, x)
-    return np.column_stack([x, y, z])
+    return np.column_stack([x, np.cross(z, x), z])
 
 
 def plate_axes(corners: Array) -> Array:
@@ -382,9 +373,7 @@ def plate_axes(corners: Array) -> Array:
     A plate's own z points down in many laboratories (`own_axes`).
     """
     axes = own_axes(corners)
-    if axes[2, 2] >= 0:
-        return axes
-    return axes * [1.0, -1.0, -1.0]
+    return axes if axes[2, 2] >= 0 else axes * [1.0, -1.0, -1.0]
 
 
 def beside(points: Array, corners: Array) -> Array:
@@ -402,8 +391,6 @@ def beside(points: Array, corners: Array) -> Array:
     Array
         Distance (k,) [m] from the nearest edge; 0 on the plate.
     """
-    length = np.linalg.norm(corners[0] - corners[1])
-    width = np.linalg.norm(corners[0] - corners[3])
-    half_sides = np.array([length, width]) / 2
+    half_sides = np.linalg.norm(corners[0] - corners[[1, 3]], axis=1) / 2
     excess = np.maximum(np.abs(points) - half_sides, 0.0)
-    return np.asarray(np.hypot(excess[:, 0], excess[:, 1]))
+    return np.asarray(np.linalg.norm(excess, axis=1))

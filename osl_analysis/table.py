@@ -11,7 +11,7 @@ import io
 import json
 import zipfile
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import compress, takewhile
+from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -48,12 +48,11 @@ NOT_ANALYSED_KEY = "not_analysed"  # of JSON, and of the metadata of a Parquet f
 def marked_data(frame: pl.DataFrame, data: str = "") -> pl.DataFrame:
     """A table as it is written: without a `side` that is all null, and with `data` as last column
     (`SIMULATED` or `MEASURED`; none if empty)."""
-    has_place = "joint" in frame.columns and "side" in frame.columns
-    if has_place and frame["side"].null_count() == len(frame):
+    if "side" in frame.columns and frame["side"].null_count() == len(frame):
         frame = frame.drop("side")
     if not data:
         return frame
-    return frame.drop("data", strict=False).with_columns(data=pl.lit(data, pl.String))
+    return frame.drop("data", strict=False).with_columns(data=pl.lit(data))
 
 
 def write_table(frame: pl.DataFrame, path: Path, data: str = "") -> None:
@@ -125,15 +124,14 @@ def read_table(path: Path | str, required: Sequence[str] = (), name: str = "") -
     """
     path = Path(path)
     table = with_usual_types(rows_of(path, name))
-    for column in required:
-        if column not in table.columns:
+    usable = [
+        column.name for column in table if column.name in TEXT_COLUMNS or column.dtype.is_numeric()
+    ]
+    for name in required:
+        if name not in usable:
             raise InputError(
-                f"{path}: no column '{column}'; it has {', '.join(table.columns)};"
-                " correct it, or make it again"
-            )
-        if column not in TEXT_COLUMNS and not table[column].dtype.is_numeric():
-            raise InputError(
-                f"{path}: column '{column}' holds text, expected numbers; correct its entries"
+                f"{path}: no column '{name}', or one with text where numbers are expected; it has"
+                f" {', '.join(table.columns)}: correct it, or make it again"
             )
     return table
 
@@ -171,16 +169,18 @@ def rows_of(path: Path, name: str) -> pl.DataFrame:
     table = table.filter(~pl.all_horizontal(pl.all().is_null()))  # without an editor's blank lines
     if "status" in table.columns:
         table = table.filter(pl.col("status").ne_missing(NOT_ANALYSED))
-    is_empty = [column.null_count() == len(table) for column in table]
-    return table.with_columns(pl.col(list(compress(table.columns, is_empty))).cast(pl.Null))
+    return table.with_columns(
+        column.cast(pl.Null) for column in table if column.null_count() == len(table)
+    )
 
 
 def with_usual_types(table: pl.DataFrame) -> pl.DataFrame:
     """A table whose columns without entries are numbers, or text of `TEXT_COLUMNS`, with a `side`
     beside a `joint`."""
-    for column in table.select(pl.col(pl.Null)):
-        usual = pl.String if column.name in TEXT_COLUMNS else pl.Float64
-        table = table.with_columns(column.cast(usual))
+    table = table.with_columns(
+        column.cast(pl.String if column.name in TEXT_COLUMNS else pl.Float64)
+        for column in table.select(pl.col(pl.Null))
+    )
     if "joint" in table.columns and "side" not in table.columns:
         side = pl.lit(None, pl.String).alias("side")
         table.insert_column(table.columns.index("joint") + 1, side)
@@ -207,10 +207,10 @@ def to_pandas(table: pl.DataFrame) -> "pandas.DataFrame":
     """
     import pandas as pd  # takes 0.3 s
 
-    columns = {}
-    for column in table:
-        is_number = column.dtype.is_numeric()
-        columns[column.name] = column.to_numpy() if is_number else column.to_list()
+    columns = {
+        column.name: column.to_numpy() if column.dtype.is_numeric() else column.to_list()
+        for column in table
+    }
     return pd.DataFrame(columns)
 
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.files import atomic_path
+from osl_analysis.measured import check_finite
 from osl_analysis.schema import SCHEMA, check_schema
 from osl_analysis.table import check_analysed
 
@@ -260,20 +261,10 @@ def check_time(name: str, time: Array) -> None:
         A stamp is not finite or earlier than the one before, or the stamps span a time that no log
         can have.
     """
-    if not np.isfinite(time).all():
-        raise InputError(
-            f"{name}: time is not finite at row {int(np.argmin(np.isfinite(time)))}; repair the log"
-        )
     latest_s = 1e20  # later than nanoseconds since 1970 that are taken for seconds
     shortest_s = 1e-9  # no log is shorter
-    reach = np.abs(time).max(initial=0)
-    span = time.max(initial=-np.inf) - time.min(initial=np.inf)
-    if reach > latest_s or 0 < span < shortest_s:
-        raise InputError(
-            f"{name}: time reaches {reach:.3g} s and spans {span:.3g} s; correct its `unit` in"
-            " the source file, take another time source, or, if bytes are damaged or in another"
-            " order, copy the file or ingest it again"
-        )
+    check_finite(f"{name}: time", time, latest_s)
+    check_finite(f"{name}: the time that the log spans", np.ptp(time), least=shortest_s)
     goes_back = np.diff(time) < 0
     if goes_back.any():
         row = int(np.argmax(goes_back))

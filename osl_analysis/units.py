@@ -29,7 +29,7 @@ TORQUE = re.compile(
     r"|(?i:(ft|in|foot|inch)[*·_. -]?(lb|oz)[fs]?|(lb|oz)[fs]?[*·_."
     r" -]?(ft|in|foot|inch)))(?![A-Za-z])"
 )
-GON = ("grad", "grads", "grade")  # degrees in German, and a 400th of a turn
+GON = frozenset({"grad", "grads", "grade"})  # degrees in German, and a 400th of a turn
 TICKS = re.compile(r"(\d+)\*?([mun]?s|[mu]?secs?)")
 # names whose case has no meaning, since they have no prefix that it could distinguish
 ANY_CASE = re.compile(
@@ -53,7 +53,7 @@ def si_factor(unit: str, expected: str) -> float:
     Raises
     ------
     InputError
-        The unit is empty, ambiguous, unknown, of another dimension, or of an implausible size.
+        The unit is empty, ambiguous, unknown, of another dimension or of an implausible size.
     """
     examples = ", ".join(EXAMPLES[expected])
     spelling = normalised(unit)
@@ -61,32 +61,21 @@ def si_factor(unit: str, expected: str) -> float:
     known = EXAMPLES[expected].get(spelling.lower() if expected == "s" else spelling)
     if known:
         return known
-    quoted = f"unit '{shortened(unit, 40)}'"
     if not spelling:
         raise InputError(f"the unit is empty; write one of {examples}")
-    for name in re.split(r"[*/]", spelling):
-        if name.lower() in GON:
-            raise InputError(
-                f"{quoted}: '{name}' is gon (a 400th of a turn) to some and degree to others: write"
-                " `deg`, or `gon`"
-            )
-    in_base_units = base_units(spelling)
-    if in_base_units is None:
-        raise InputError(f"{quoted} is unknown; write one of {examples}")
-    factor, base = in_base_units
-    if base != dimension(expected):
-        raise InputError(f"{quoted} measures [{quantity_of(base)}], expected one of {examples}")
-    # from that of ns to that of N*m/mdeg; others are misspellings such as `Mm` and `MN`
-    if not 1e-9 <= factor <= 1e5:
+    quoted = f"unit '{shortened(unit, 40)}'"
+    if not GON.isdisjoint(re.split(r"[*/]", spelling.lower())):
         raise InputError(
-            f"{quoted} is {factor:g} {expected}, an implausible size; write one of {examples}"
+            f"{quoted} is of gon (a 400th of a turn) to some and of degrees to others: write"
+            " `deg`, or `gon`"
         )
+    factor, base = base_units(spelling) or (math.nan, "")
+    # from that of ns to that of N*m/mdeg; others are misspellings such as `Mm` and `MN`
+    if base != dimension(expected) or not 1e-9 <= factor <= 1e5:
+        si_unit = next((known for known in EXAMPLES if dimension(known) == base), base)
+        measured = f"{factor:g} {si_unit}" if base else "unknown"
+        raise InputError(f"{quoted} is {measured}; write one of {examples}")
     return factor
-
-
-def quantity_of(base: str) -> str:
-    """The SI unit that has these base units, or else these."""
-    return next((unit for unit in EXAMPLES if dimension(unit) == base), base.replace(" ", ""))
 
 
 def quantity(text: str, expected: str) -> float:
@@ -229,8 +218,7 @@ def is_unit(text: str) -> bool:
 
 def dimension(canonical: str) -> str:
     """Base units of an SI unit, as text."""
-    in_base_units = base_units(canonical)
-    return in_base_units[1] if in_base_units else ""
+    return (base_units(canonical) or ("", ""))[1]
 
 
 def check_unit(expected: str, unit: str) -> str:
@@ -245,15 +233,13 @@ ForceUnit = Annotated[str, AfterValidator(partial(check_unit, "N"))]
 MomentUnit = Annotated[str, AfterValidator(partial(check_unit, "N*m"))]
 
 
-def known_factor(
-    ratio: float, signals: Sequence[str] = ("torque", "angle"), near: float = 0.08
-) -> tuple[str, float]:
+def known_factor(ratio: float, signals: Sequence[str], near: float) -> tuple[str, float]:
     """Find the confused unit that explains a number which is too large or too small.
 
     Parameters
     ----------
     ratio : float
-        Of the number to what is expected, or its inverse; the sign does not count.
+        Of the number to what is expected, or its inverse, not 0; the sign does not count.
     signals : Sequence of str
         Keys of `UNIT_FACTORS` that come into question.
     near : float
@@ -269,12 +255,10 @@ def known_factor(
     factors: dict[str, float] = {}
     for signal in signals:
         factors.update(UNIT_FACTORS[signal])
-    if not factors or not ratio:
-        return "", 1.0
     size = max(abs(ratio), 1 / abs(ratio))
-    name = min(factors, key=lambda name: abs(math.log(size / factors[name])))
-    is_near = abs(size / factors[name] - 1) < near
-    return (name, factors[name]) if is_near else ("", 1.0)
+    name = min(factors, key=lambda name: abs(math.log(size / factors[name])), default="")
+    factor = factors.get(name, math.inf)
+    return (name, factor) if abs(size / factor - 1) < near else ("", 1.0)
 
 
 CLOCK_NAMES = (

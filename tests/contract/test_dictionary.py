@@ -80,8 +80,8 @@ def test_a_folder_that_cannot_be_written_to_or_is_full_is_told(tmp_path, monkeyp
 
 @pytest.mark.parametrize(("content", "message"), [
     (None, r"t\.csv: no such table"), ("", r"t\.csv: not a CSV table"),
-    ("K,B\n1,2,3\n", r"t\.csv: not a CSV table"), ("B\n1\n", r"t\.csv: no column 'K'; it has B"),
-    ("K\n1\nERROR\n", r"t\.csv: column 'K' holds text, expected numbers"),
+    ("K,B\n1,2,3\n", r"t\.csv: not a CSV table"), ("B\n1\n", r"t\.csv: no column 'K'.*; it has B"),
+    ("K\n1\nERROR\n", r"t\.csv: no column 'K', or one with text"),
 ])  # fmt: skip
 def test_a_bad_table_is_refused_by_file_and_column_in_one_line(tmp_path, content, message):
     if content is not None:

@@ -290,7 +290,7 @@ def wrench_of(path: Path, row: int = 3, **fields: Any) -> list[float]:
         ({"POINT__USED": [9]}, {}, "the header counts 3, POINT:USED is 9"),
         ({}, {"plates": [2]}, "no force plate 2; the file describes 1, counted from 1; state it"),
         ({}, {"markers": ["M1", "TOE"]}, "no marker 'TOE'; the file has M1, M2, M3"),
-        ({}, {"analogs": {"sync": {"channel": "Force.Fx1"}}}, "sync: unit 'N' measures [N]"),
+        ({}, {"analogs": {"sync": {"channel": "Force.Fx1"}}}, "sync: unit 'N' is 1 N; write"),
         ({}, {"plate_geometry": {1: {**STATED, "channels": [*LABELS[:5], "Mz"]}}},
          "no channel 'Mz'; the file has Force.Fx1"),
     ],

@@ -115,7 +115,7 @@ def test_a_plates_moment_is_about_its_centre_wherever_the_file_takes_it(tmp_path
      "no analog component 'EMG 1'; the file has AMTI #1 - Force"),
     (DEVICES[:DEVICES.index("6,1")],
      {"outputs": {}, "markers": []}, "or a last frame lacks sub frames; export"),
-    (DEVICES.replace("N.mm", "N"), {"outputs": {}}, "unit 'N' measures [N], expected one of N*m"),
+    (DEVICES.replace("N.mm", "N"), {"outputs": {}}, "unit 'N' is 1 N; write one of N*m"),
 ])  # fmt: skip
 def test_what_does_not_fit_is_refused_with_the_reason(tmp_path, text, fields, problem):
     path = tmp_path / "trial.csv"

@@ -293,7 +293,7 @@ def test_a_channel_that_cannot_be_a_signal_is_refused(tmp_path: Path) -> None:
             "channel 'Torque' occurs 2 times; write one of Bench/Torque, Bench/B/Torque",
         ),
         ([angle, ("Torqe", TORQUE, timing())], "did you mean 'Torqe'?"),
-        ([("Angle", ANGLE, timing(unit_string="furlongs")), torque], "measures [m]"),
+        ([("Angle", ANGLE, timing(unit_string="furlongs")), torque], "is 201.168 m"),
     ):
         assert reason in refused_tdms(write_tdms(tmp_path / "a.tdms", channels))
 

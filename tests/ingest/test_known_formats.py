@@ -47,7 +47,7 @@ TWO = (("theta", "rad"), ("torque", "N*m"), ("sync", "V"))
 OUTPUT = {"label": "LAnkleMoment", "component": "x", "unit": "N*mm"}
 MISTAKES: list[tuple[dict[str, object], str]] = [
     (channel("torque", unit="deg"),
-     "source.yaml: line 5: channels.torque.unit: 'deg' is not allowed: unit 'deg' m"),
+     "source.yaml: line 5: channels.torque.unit: 'deg' is not allowed: unit 'deg' is 0.0174"),
     ({**LOG, "channels": {name: {"topic": "/lab", "field": "a", "unit": unit} for name,
      unit in TWO}}, "is theta al"),
     (channel("time", unit="s"), "time is not a channel"),
@@ -55,9 +55,9 @@ MISTAKES: list[tuple[dict[str, object], str]] = [
     ({"format": "xlsx"}, "format 'xlsx' is not known: write one of table"), (LOG, "channels: "),
     ({"format": "c3d", "plates": "first"},
      "plates: 'first' is not allowed: write 'all', or write a list"),
-    ({"format": "c3d", "plate_units": {"force": "N", "moment": "mm"}}, "unit 'mm' measures [m]"),
+    ({"format": "c3d", "plate_units": {"force": "N", "moment": "mm"}}, "unit 'mm' is 0.001 m"),
     ({"format": "c3d", "outputs": {"reference_ankle_moment_left": OUTPUT}},
-     "unit 'N*mm' measures [N*m]"),
+     "unit 'N*mm' is 0.001 N*m"),
 ]  # fmt: skip
 
 

@@ -199,8 +199,6 @@ class MessageTime(Time):
 class RowTime(Time):
     """The time of a table of rows."""
 
-    COUNTS: ClassVar[bool] = False  # Whether it may count samples.
-
     # Unit of the numbers that are time. Without it, the file's unit is used.
     unit: TimeUnit | None = None
     rate: PositiveFloat | None = None  # Rows per second [Hz], for a file without time.
@@ -211,11 +209,8 @@ class RowTime(Time):
 
     @model_validator(mode="after")
     def _one(self) -> Self:
-        has_rate = self.rate is not None
-        counts_samples = self.COUNTS and self.unit is None
-        has_both = bool(self.name) and has_rate and not counts_samples
-        has_none = not self.name and not has_rate and not self.IN_FILE
-        if has_both or has_none:
+        has_both = self.name and self.rate and self.unit  # without a unit it counts samples
+        if has_both or not (self.name or self.rate or self.IN_FILE):
             raise ValueError(
                 f"state either the {self.ADDRESS} that holds time or the rate of the rows [Hz]"
             )
@@ -226,7 +221,6 @@ class ColumnTime(RowTime):
     """A column of time, or the rate of the rows."""
 
     ADDRESS = "column"
-    COUNTS = True
     # Name of the column that holds time, or beside `rate` counts the samples.
     column: ColumnName | None = None
 
@@ -269,40 +263,6 @@ class ModelOutput(Conversion):
     unit: str
 
 
-def check_canonical(channels: Mapping[str, Conversion]) -> None:
-    """Refuse columns that are not in the nomenclature, units that cannot become theirs, and a
-    channel of two columns, unless they are levels."""
-    column_of: dict[tuple[str, ...], str] = {}
-    names = [name for name in COLUMNS if name != "time"]
-    for column, channel in channels.items():
-        try:
-            si_unit = unit_of(column)
-        except KeyError:
-            advice = f"the columns are {', '.join(names)}, signal_NAME{nearest(column, names)}"
-            raise misplaced(f"'{column}' is not a canonical column; {advice}", column) from None
-        if column == "time":
-            raise misplaced("time is not a channel; state its source under `time`", column)
-        checks: dict[str, Callable[[str], object]] = {
-            "unit": partial(si_factor, channel.unit or ""),
-            "resolution": channel.step,
-            "range": channel.ends,
-        }
-        for key, check in checks.items():
-            value = getattr(channel, key)
-            if value is None:
-                continue
-            try:
-                check(si_unit)
-            except ValueError as error:
-                raise misplaced(f"{value!r} is not allowed: {error}", column, key) from None
-        if isinstance(channel, Channel) and si_unit != LEVEL_UNIT:
-            other = column_of.setdefault(tuple(channel.address.values()), column)
-            if other != column:
-                raise misplaced(
-                    f"{channel.title} is {other} already; correct one", column, channel.ADDRESS
-                )
-
-
 class Source(Settings):
     """A source file: what the files of a recorder hold. A recorder writes a log, with its own
     clock, or a capture."""
@@ -314,7 +274,36 @@ class Source(Settings):
     @field_validator("channels", "analogs", "outputs", check_fields=False)
     @classmethod
     def _canonical(cls, channels: Mapping[str, Conversion]) -> Mapping[str, Conversion]:
-        check_canonical(channels)
+        """Refuse columns that are not in the nomenclature, units that cannot become theirs, and a
+        channel of two columns, unless they are levels."""
+        column_of: dict[tuple[str, ...], str] = {}
+        _, *names = COLUMNS
+        for column, channel in channels.items():
+            if column == "time":
+                raise misplaced("time is not a channel; state its source under `time`", column)
+            try:
+                si_unit = unit_of(column)
+            except KeyError:
+                advice = f"the columns are {', '.join(names)}, signal_NAME{nearest(column, names)}"
+                raise misplaced(f"'{column}' is not a canonical column; {advice}", column) from None
+            checks: dict[str, Callable[[str], object]] = {
+                "unit": partial(si_factor, channel.unit or ""),
+                "resolution": channel.step,
+                "range": channel.ends,
+            }
+            for key, check in checks.items():
+                value = getattr(channel, key)
+                try:
+                    if value is not None:
+                        check(si_unit)
+                except ValueError as error:
+                    raise misplaced(f"{value!r} is not allowed: {error}", column, key) from None
+            if isinstance(channel, Channel) and si_unit != LEVEL_UNIT:
+                other = column_of.setdefault(tuple(channel.address.values()), column)
+                if other != column:
+                    raise misplaced(
+                        f"{channel.title} is {other} already; correct one", column, channel.ADDRESS
+                    )
         return channels
 
     def written_in(self, path: Path) -> None:

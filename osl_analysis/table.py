@@ -147,20 +147,16 @@ def rows_of(path: Path, name: str) -> pl.DataFrame:
     in `read_table`."""
     check_analysed(path)
     try:
-        if path.suffix == ARCHIVE_SUFFIX:
-            with zipfile.ZipFile(path) as archive:
-                content = archive.read(f"{name}.csv")
-        else:
-            content = path.read_bytes()
-    except (OSError, KeyError, zipfile.BadZipFile) as error:
+        table = pl.read_csv(
+            content_of(path, name),
+            comment_prefix="#",
+            schema_overrides=dict.fromkeys(TEXT_COLUMNS, pl.String),
+            infer_schema_length=None,
+        )
+    except UNREADABLE as error:
         raise InputError(
             f"{path}: no such table; run the step that writes it, or check the path"
         ) from error
-    types = dict.fromkeys(TEXT_COLUMNS, pl.String)
-    try:
-        table = pl.read_csv(
-            content, comment_prefix="#", schema_overrides=types, infer_schema_length=None
-        )
     except pl.exceptions.PolarsError as error:
         reason = str(error).strip().splitlines()[0]
         raise InputError(
@@ -172,6 +168,17 @@ def rows_of(path: Path, name: str) -> pl.DataFrame:
     return table.with_columns(
         column.cast(pl.Null) for column in table if column.null_count() == len(table)
     )
+
+
+UNREADABLE = (OSError, LookupError, zipfile.BadZipFile)  # errors of `content_of`
+
+
+def content_of(path: Path, name: str) -> bytes:
+    """A table as CSV: in an archive that of this name, or the first one if it is empty."""
+    if path.suffix != ARCHIVE_SUFFIX:
+        return path.read_bytes()
+    with zipfile.ZipFile(path) as archive:
+        return archive.read(f"{name}.csv" if name else archive.namelist()[0])
 
 
 def with_usual_types(table: pl.DataFrame) -> pl.DataFrame:
@@ -237,28 +244,13 @@ def not_analysed(path: Path | str) -> tuple[NotAnalysed, ...]:
             causes = json.loads(pl.read_parquet_metadata(path).get(NOT_ANALYSED_KEY, "[]"))
         elif path.suffix == ".json":
             causes = json.loads(path.read_text(encoding="utf-8")).get(NOT_ANALYSED_KEY, ())
-        elif path.suffix == ".csv":
-            with path.open(encoding="utf-8", newline="") as file:
-                causes = reasons_in(file)
-        elif path.suffix == ARCHIVE_SUFFIX:
-            with zipfile.ZipFile(path) as archive:
-                causes = reasons_in(io.StringIO(archive.read(archive.namelist()[0]).decode()))
-    except (
-        OSError,
-        ValueError,
-        AttributeError,
-        csv.Error,
-        zipfile.BadZipFile,
-        pl.exceptions.PolarsError,
-    ):
+        elif path.suffix in (".csv", ARCHIVE_SUFFIX):
+            rows = csv.DictReader(io.StringIO(content_of(path, "").decode()))
+            refused = takewhile(lambda row: row.get("status") == NOT_ANALYSED, rows)
+            causes = [(row.get("trial") or "", row.get("reason") or "") for row in refused]
+    except (*UNREADABLE, AttributeError, ValueError, csv.Error, pl.exceptions.PolarsError):
         return ()
     return tuple(NotAnalysed(*cause) for cause in causes)
-
-
-def reasons_in(table: Iterable[str]) -> list[tuple[str, str]]:
-    """Trial and reason of the first rows of a CSV table, up to one that is a result."""
-    rows = takewhile(lambda row: row.get("status") == NOT_ANALYSED, csv.DictReader(table))
-    return [(row.get("trial") or "", row.get("reason") or "") for row in rows]
 
 
 def check_analysed(path: Path) -> None:

@@ -55,10 +55,10 @@ def reason_of_disk(error: BaseException, temporary: Path) -> str | None:
     text.
     """
     cause: BaseException | None = error
-    ours = (None, *map(str, (temporary, *temporary.parents)))
     while cause is not None:
-        if isinstance(cause, OSError) and cause.filename in ours:
-            return cause.strerror or " ".join(str(cause).split())
+        # a folder above the file, if not the file itself; a library may name none
+        if isinstance(cause, OSError) and str(temporary).startswith(cause.filename or ""):
+            return cause.strerror or str(cause)
         number = re.search(r"\(os error (\d+)\)", str(cause))
         if number:
             return os.strerror(int(number[1]))

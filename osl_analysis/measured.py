@@ -44,8 +44,10 @@ def check_finite(
     array = np.asarray(values)
     largest = float(np.abs(array).max(initial=0.0))
     if not np.isfinite(largest):
-        row = int(np.argmin(np.isfinite(array).ravel()))
-        raise InputError(f"{name} is not finite at sample {row}; repair the log, or cut it there")
+        raise InputError(
+            f"{name} is not finite at sample {np.argmin(np.isfinite(array))}; repair the log, or"
+            " cut it there"
+        )
     if largest > limit or 0 < largest < least:
         raise InputError(
             f"{name} reaches {largest:.3g}, which no sensor gives; check its channel and unit in"

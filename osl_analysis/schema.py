@@ -34,10 +34,9 @@ def check_schema(stated: object, path: Path, release: object = None) -> None:
     """
     if stated == SCHEMA:
         return
-    writer = "another release" if release is None else f"osl-analysis {release}"
     raise InputError(
-        f"{path}: columns of schema {stated}, by {writer}; this release reads {SCHEMA}: make it"
-        " again (`osl-analysis run`), or install that release"
+        f"{path}: columns of schema {stated}, by release {release or '(not stated)'}; this release"
+        f" reads {SCHEMA}: make it again (`osl-analysis run`), or install that release"
     )
 
 
@@ -82,9 +81,9 @@ def read_table(path: Path | str, required: Sequence[str] = (), name: str = "") -
 def summary_beside(path: Path) -> dict[str, Any]:
     """What `summary.json` says of the results that a table is of; empty without one."""
     try:
-        results = path.resolve().parents[1]  # also of "belt.csv" within results/tables
+        results = path.resolve().parent.parent  # also of "belt.csv" within results/tables
         content = json.loads((results / "summary.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError, IndexError):
+    except (OSError, ValueError):
         return {}
     is_summary = isinstance(content, dict) and "numbers" in content
     return content if is_summary else {}

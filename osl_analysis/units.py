@@ -21,6 +21,7 @@ DATA = own_yaml(Path(__file__).with_name("units.yaml"))
 EXAMPLES: dict[str, dict[str, float]] = DATA["examples"]
 LONG_TIMES: dict[str, float] = DATA["long_times"]
 ALIASES: dict[str, str] = DATA["aliases"]
+SIGNS: dict[str, str] = DATA["signs"]
 # By signal: factors between units, or between ways to state a current, that are often confused.
 UNIT_FACTORS: dict[str, dict[str, float]] = DATA["confused"]
 # in any spelling: `N_cm`, `lbf-ft`, `ftlbs`; a pound and an ounce in a torque are forces
@@ -96,12 +97,10 @@ def quantity(text: str, expected: str) -> float:
 
 def normalised(unit: str) -> str:
     """One spelling for a unit: `N·mm`, `N.mm` and `N mm` become `N*mm`."""
-    words = unit.strip().strip(".").replace(" x ", " ").split()
-    text = re.sub("[·⋅∙・.×]", "*", "*".join(words))
-    text = re.sub(r"(?<=[A-Za-z])-(?=[A-Za-z])", "*", text)  # `N-m`, `ft-lb`
-    text = re.sub(r"\bN\*M\b", "N*m", text)  # in capitals, as a Biodex writes it
-    text = TORQUE.sub(torque_spelled, text)
-    return text.replace("µ", "u").replace("μ", "u").replace("º", "°").replace("°/sec", "°/s")
+    text = unit.strip(" .\t\n")
+    for pattern, sign in SIGNS.items():
+        text = re.sub(pattern, sign, text)
+    return re.sub("[µμ]", "u", TORQUE.sub(torque_spelled, text))
 
 
 def torque_spelled(match: re.Match[str]) -> str:

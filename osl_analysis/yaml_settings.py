@@ -4,6 +4,7 @@ reason."""
 import json
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from functools import lru_cache
 from itertools import pairwise
 from operator import attrgetter
@@ -66,11 +67,9 @@ class Settings(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _has_known_fields_alone(cls, content: Any) -> Any:
-        if not isinstance(content, dict) or cls.model_config.get("extra") != "forbid":
-            return content
         known = cls.model_fields
-        for name in content:
-            if name not in known:
+        for name in content if isinstance(content, dict) else ():
+            if name not in known and cls.model_config["extra"] == "forbid":
                 raise misplaced(
                     f"unknown field; the known ones are {', '.join(known)} ({OF_EARLIER_RELEASE})"
                     f"{nearest(str(name), known)}",
@@ -143,18 +142,14 @@ def parsed_yaml(text: str, kind: str = "safe") -> Any:
 def field_line(path: Path, place: Place) -> int | None:
     """Line, counted from 1, of a field, or of the innermost field above it in the file; None if
     there is none."""
-    try:
-        content = parsed_yaml(path.read_text(encoding="utf-8-sig"), "rt")
-    except (OSError, YAMLError, ValueError, RecursionError):
-        return None
     line = None
-    for name in place:
-        # mappings and lists know the line and column of each entry
-        positions = content.lc.data if hasattr(content, "lc") else None
-        if not positions or name not in positions:
-            break
-        line = positions[name][0] + 1
-        content = content[name]
+    not_read = (OSError, YAMLError, ValueError, RecursionError)
+    with suppress(*not_read, LookupError, TypeError, AttributeError):
+        content = parsed_yaml(path.read_text(encoding="utf-8-sig"), "rt")
+        for name in place:
+            # mappings and lists know the line and column of each entry
+            line = content.lc.data[name][0] + 1
+            content = content[name]
     return line
 
 
@@ -169,15 +164,14 @@ def located(files: Sequence[Path], place: Place) -> str:
     return ""
 
 
-def flat(settings: Mapping[str, Any], begin: str = "") -> dict[str, str]:
+def flat(settings: Mapping[str, Any]) -> dict[str, str]:
     """Nested settings as JSON by dotted name."""
     by_name: dict[str, str] = {}
     for key, value in settings.items():
-        name = f"{begin}{key}"
         if isinstance(value, dict) and value:
-            by_name.update(flat(value, f"{name}."))
+            by_name |= {f"{key}.{name}": text for name, text in flat(value).items()}
         else:
-            by_name[name] = json.dumps(value, default=str)
+            by_name[key] = json.dumps(value, default=str)
     return by_name
 
 
@@ -272,21 +266,21 @@ def refuse_if(wrong: Callable[[Any], Any], reason: str, field: str = "") -> Any:
     return model_validator(mode="after")(check)
 
 
-def require_below(low: str, high: str, why: str, or_equal: bool = False) -> Any:
-    """A check that a field, or a sum as `guard_s + window_s`, is below another, or equal; `why` is
-    for the message."""
+def require_at_most(low: str, high: str, why: str) -> Any:
+    """A check that a field, or a sum as `guard_s + window_s`, is not above another; `why` is for
+    the message."""
 
     def check(settings: Any) -> Any:
         fields = low.split(" + ")
         low_value = sum(attrgetter(field)(settings) for field in fields)
         high_value = attrgetter(high)(settings)
         rounding = 1e-9  # of sums
-        if low_value - high_value > (rounding if or_equal else -rounding):
-            reason = (
-                f"{low} = {low_value:g} is not below {high} = {high_value:g}, {why}; lower {low},"
-                f" or raise {high}"
+        if low_value > high_value + rounding:
+            raise misplaced(
+                f"{low} = {low_value:g} is above {high} = {high_value:g}, {why}; lower {low}, or"
+                f" raise {high}",
+                *fields[0].split("."),
             )
-            raise misplaced(reason, *fields[0].split("."))
         return settings
 
     return model_validator(mode="after")(check)

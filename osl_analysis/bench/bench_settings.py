@@ -17,7 +17,7 @@ from osl_analysis.yaml_settings import (
     Settings,
     check_rising,
     refuse_if,
-    require_below,
+    require_at_most,
 )
 
 Angle = Annotated[float, Field(ge=-180, le=180)]
@@ -197,8 +197,8 @@ class SteppedSineAnalysis(BenchAnalysis):
     the two differ."""
     settle_cycles: Annotated[int, Field(ge=0, le=10_000)]
     """Number of cycles at the start of each segment that are not fitted."""
-    _is_bridged = require_below(
-        "time_base.highest_hz", "cutoff_hz", "and the filter takes out so fast a motion", True
+    _is_bridged = require_at_most(
+        "time_base.highest_hz", "cutoff_hz", "and the filter takes out so fast a motion"
     )
 
     _has_a_number_for_each = refuse_if(
@@ -316,6 +316,6 @@ class TorqueAngleAnalysis(BenchAnalysis):
         " raise one of them",
         "cutoff_hz",
     )
-    _cycles_are_seen = require_below(
-        "time_base.longest_gap_s", "shortest_cycle_s", "and a gap would hide a cycle", True
+    _cycles_are_seen = require_at_most(
+        "time_base.longest_gap_s", "shortest_cycle_s", "and a gap would hide a cycle"
     )

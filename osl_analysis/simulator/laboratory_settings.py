@@ -26,7 +26,7 @@ from osl_analysis.yaml_settings import (
     ShippedPath,
     check_rising,
     refuse_if,
-    require_below,
+    require_at_most,
 )
 
 # labels and units of the plate's channels, force and moment: type 2 of the C3D manual
@@ -197,7 +197,7 @@ class Gait(Settings):
     stance_s: Seconds  # duration of stance on the platform
     stride_m: Metres
 
-    _step_is_recorded = require_below(
+    _step_is_recorded = require_at_most(
         "heel_strike_s + stance_s", "recording_s", "and the step would not be recorded"
     )
 

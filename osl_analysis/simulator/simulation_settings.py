@@ -25,7 +25,7 @@ from osl_analysis.yaml_settings import (
     check_distinct,
     check_rising,
     refuse_if,
-    require_below,
+    require_at_most,
 )
 
 WHOLE = ("update", "decimal")  # units of effects whose size is a whole number
@@ -226,7 +226,7 @@ class Excitation(Settings):
     fade_s: Positive = 1.0
     rest_s: NotNegative = 1.5  # before and after the motion
 
-    _fades = require_below(
+    _fades = require_at_most(
         "fade_s + clock_s", "full_s", "and the motion would never be at full size"
     )
     _has_lines = refuse_if(

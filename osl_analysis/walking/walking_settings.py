@@ -15,7 +15,7 @@ from osl_analysis.yaml_settings import (
     Settings,
     check_distinct,
     check_rising,
-    require_below,
+    require_at_most,
 )
 
 Marker = Annotated[str, Field(min_length=1)]
@@ -126,8 +126,8 @@ class PlatformSettings(MarkerSettings, WalkingFilter):
         """Rotation [rad] from which on the platform perturbs."""
         return float(np.deg2rad(self.perturbation_deg))
 
-    _gaps = require_below(
-        "longest_fitted_gap_s", "longest_gap_s", "up to which gaps are interpolated at all", True
+    _gaps = require_at_most(
+        "longest_fitted_gap_s", "longest_gap_s", "up to which gaps are interpolated at all"
     )
 
 
@@ -167,11 +167,10 @@ class CrossingSettings(PlatformSettings, TimingSettings):
         """Vertical force [N] below which a stance ends, so that noise ends none as it begins."""
         return self.load_on_n / 2
 
-    _fits = require_below(
+    _fits = require_at_most(
         "window_s + baseline_s + guard_s",
         "shortest_stance_s",
         "which must hold a whole response",
-        True,
     )
 
 

@@ -155,9 +155,9 @@ def test_a_configuration_that_cannot_be_run_is_one_line_before_any_job(
 
 @pytest.mark.parametrize(("place", "value", "said"), [
     ("walking.window_s", 0.21,
-     "window_s .* = 0.31 is not below shortest_stance_s = 0.3, which must hold"),
+     "window_s .* = 0.31 is above shortest_stance_s = 0.3, which must hold"),
     ("walking.longest_fitted_gap_s", 0.3,
-     "longest_fitted_gap_s = 0.3 is not below longest_gap_s = 0.2"),
+     "longest_fitted_gap_s = 0.3 is above longest_gap_s = 0.2"),
     ("walking.load_of_weight", [1.25, 0.7], "load_of_weight: 0.7 stands behind 1.25"),
     ("walking.markers.foot", ["A", "B", "A"], "foot: 'A' stands twice"),
     ("walking.plate", 99, "one force plate; write 1"),
@@ -184,7 +184,7 @@ def test_a_configuration_that_cannot_be_run_is_one_line_before_any_job(
     # of two settings
     ("dynamometer.time_base.longest_gap_s", 0.01,
      "highest_hz = 5 bridges 0.1/highest_hz s, beyond longest_gap_s"),
-    ("dynamometer.time_base.highest_hz", 50, "highest_hz = 50 is not below cutoff_hz = 15"),
+    ("dynamometer.time_base.highest_hz", 50, "highest_hz = 50 is above cutoff_hz = 15"),
     ("actuator.sign_width", 0.5, "sign_width = 0.5 is not below 0.5 rad/s"),
     ("torque_angle.cutoff_hz", 0.5, "cutoff_hz = 0.5 takes out cycles of shortest_cycle_s = 2"),
     ("data", "measured", "data: data = mea"),

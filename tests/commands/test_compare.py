@@ -78,7 +78,7 @@ def test_a_summary_of_an_older_release_is_refused_in_a_sentence(tmp_path):
     older = {**content, SCHEMA_FIELD: 1, "version": "1.0.0", "numbers": {"K": {"value": 300}}}
     (b / "summary.json").write_text(json.dumps(older))
 
-    with pytest.raises(InputError, match=r"by osl-analysis 1\.0\.0; .*make it again"):
+    with pytest.raises(InputError, match=r"by release 1\.0\.0; .*make it again"):
         compare_campaigns((a, b), tmp_path / "out")
 
 

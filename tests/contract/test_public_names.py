@@ -112,7 +112,7 @@ def test_results_of_another_release_are_refused_from_any_folder(monkeypatch, sch
     summary = Path("results/summary.json")
     content = {**json.loads(summary.read_text()), "version": "9.1", "tables_schema": schema}
     summary.write_text(json.dumps(content))
-    told = rf"schema {schema}, by osl-analysis 9\.1; this release reads {SCHEMA}: make it again"
+    told = rf"schema {schema}, by release 9\.1; this release reads {SCHEMA}: make it again"
 
     with pytest.raises(osl.InputError, match=told):
         osl.read_summary()

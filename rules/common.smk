@@ -34,7 +34,7 @@ from osl_analysis.campaign.result_files import (
     time_series_example,
 )
 from osl_analysis.commands.run import end_run, left_out_recordings, made_by, start_campaign
-from osl_analysis.config.experiments import DOUBTS_OF, EXPERIMENTS, judged_tables
+from osl_analysis.config.experiments import DOUBTS_OF, EXPERIMENTS, JUDGED_TABLES
 from osl_analysis.config.sheet import ON_DYNAMOMETER
 from osl_analysis.errors import InputError, OslAnalysisError, listing
 from osl_analysis.figures import FIGURES
@@ -152,4 +152,4 @@ faults = partial(by_checks, JUDGE.spoiled)
 
 def limits(table):
     """The limits beyond which a fit of a table is doubtful; None for a table that is not judged."""
-    return as_json(CONFIG.doubtful.of(table)) if table in judged_tables() else None
+    return as_json(CONFIG.doubtful.of(table)) if table in JUDGED_TABLES else None

@@ -174,7 +174,7 @@ rule report_page:
     localrule: True
     params:
         about=ABOUT,
-        sheet={**CAMPAIGN.rows, **CAMPAIGN.unused},
+        sheet=CAMPAIGN.sheet,
         left_out=LEFT_OUT,
         made_by=MADE_BY,
     run:

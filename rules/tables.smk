@@ -119,7 +119,7 @@ rule excluded_trials:
 rule findings:
     """What was found on all trials, as values and in words."""
     input:
-        tables=FILES.tables(*judged_tables()),
+        tables=FILES.tables(*JUDGED_TABLES),
         fits=FILES.fits_for_findings,
         quality=FILES.checks(FILES.trials_for_findings),
         verdicts=QUALITY,
@@ -153,7 +153,7 @@ rule headline_numbers:
     localrule: True
     params:
         about=ABOUT,
-        sheet={**CAMPAIGN.rows, **CAMPAIGN.unused},
+        sheet=CAMPAIGN.sheet,
         beside_draft=CAMPAIGN.beside_draft,
         settings=settings_of(CAMPAIGN),
         made_by=MADE_BY,

@@ -14,7 +14,7 @@ from osl_analysis.campaign.configuration import Config
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
 from osl_analysis.config.sheet import FIXTURE, SheetRows, read_sheet
-from osl_analysis.errors import InputError, listing, naming, nearest
+from osl_analysis.errors import InputError, naming, nearest
 from osl_analysis.files import shipped
 from osl_analysis.ingest.quality import UNITS
 from osl_analysis.ingest.raw_files import recorded_files
@@ -24,6 +24,7 @@ from osl_analysis.model.drivetrain import joint_of, known_parameters
 from osl_analysis.table import MEASURED, SIMULATED
 from osl_analysis.trial import stretches
 from osl_analysis.walking.groups import STATED, side_of, split_keys, static_of
+from osl_analysis.yaml_settings import check_known
 
 # Cells of a row that ingest uses. A change of other cells does not cause a new ingest.
 INGESTED = ("trial", "experiment", "log", "log_source", "log_part", "mocap", "mocap_source")
@@ -43,13 +44,17 @@ class Campaign:
     """The trials of a configuration."""
 
     config: Config
-    rows: SheetRows  # rows of the sample sheet that are not excluded
-    unused: SheetRows  # excluded rows, with the reasons in the column `exclude`
+    sheet: SheetRows  # all rows of the sample sheet
 
-    @property
+    @cached_property
     def excluded(self) -> dict[str, str]:
         """Reasons of the trials that the sheet excludes, by trial."""
-        return {trial: row["exclude"] for trial, row in self.unused.items()}
+        return {trial: row["exclude"] for trial, row in self.sheet.items() if row["exclude"]}
+
+    @cached_property
+    def rows(self) -> SheetRows:
+        """Rows of the sample sheet that are not excluded."""
+        return {trial: row for trial, row in self.sheet.items() if not row["exclude"]}
 
     def trials(self, *experiments: str) -> list[str]:
         """Names of the trials of these experiments, or of all, in the order of the sheet."""
@@ -184,11 +189,9 @@ class Campaign:
     def data(self) -> str:
         """`simulated` or `measured`: as the configuration says, else simulated if the simulator's
         truth is beside."""
-        if self.config.data:
-            return self.config.data
         has_truth = (self.config.raw_data / "truth").is_dir()
         is_simulated = self.config.simulation is not None or has_truth
-        return SIMULATED if is_simulated else MEASURED
+        return self.config.data or (SIMULATED if is_simulated else MEASURED)
 
     @property
     def beside_draft(self) -> bool:
@@ -221,13 +224,12 @@ def open_campaign(config: Config, planned: SheetRows | None) -> Campaign:
         with naming("parameters"):
             joint = joint_of(config.parameters)
         sheet = {trial: {**row, "joint": row["joint"] or joint} for trial, row in sheet.items()}
-    used = {trial: row for trial, row in sheet.items() if row["exclude"] is None}
-    unused = {trial: row for trial, row in sheet.items() if row["exclude"] is not None}
-    if not used:
+    campaign = Campaign(config, sheet)
+    if not campaign.rows:
         raise InputError(
             f"{config.sheet}: every trial is excluded; clear `exclude` of those to analyse"
         )
-    return Campaign(config, used, unused)
+    return campaign
 
 
 # ---- What a campaign must fulfil before anything runs
@@ -245,47 +247,34 @@ def check_campaign(campaign: Campaign) -> None:
     check_files(campaign.config)
     validate_rules(campaign.config.quality, UNITS)
     used_parts = dict[tuple[Any, ...], list[UsedPart]]()
-    for trial in campaign.rows:
-        for name in campaign.accepted(trial):
-            if name not in CHECKS:
-                raise InputError(
-                    f"{campaign.config.sheet}: trial '{trial}', accept: {unknown_check(name)}"
-                )
-        recording = tuple(campaign.row(trial)[cell] for cell in RECORDING)
-        check_not_used_twice(campaign, trial, used_parts.setdefault(recording, []))
-        check_desired_curve(campaign, trial)
+    for trial, row in campaign.rows.items():
+        recording = tuple(row[cell] for cell in RECORDING)
+        with naming(f"{campaign.config.sheet}: trial '{trial}'"):
+            for name in campaign.accepted(trial):
+                if name not in CHECKS:
+                    raise InputError(f"accept: {unknown_check(name)}")
+            if row["desired"]:
+                curves = campaign.config.torque_angle.desired
+                check_known(curves, "curve of torque_angle.desired", row["desired"])
+            if row["log"]:
+                check_not_used_twice(trial, row, used_parts.setdefault(recording, []))
     if campaign.config.simulation is None:
         check_no_copies(campaign)
     if campaign.trials("walking"):
         check_walking(campaign)
 
 
-def check_not_used_twice(campaign: Campaign, trial: str, used: list[UsedPart]) -> None:
+def check_not_used_twice(trial: str, row: Mapping[str, Any], used: list[UsedPart]) -> None:
     """Refuse a log of which another trial uses the same part; adds the parts of this trial to the
     `used` ones."""
-    row = campaign.row(trial)
-    if not row["log"]:
-        return
     for start, stop in stretches(row["windows"] or WHOLE_RECORDING):
         for used_start, used_stop, other in used:
             if min(stop, used_stop) - max(start, used_start) > ROUNDING_S:
                 raise InputError(
-                    f"{campaign.config.sheet}: trial '{trial}': trial '{other}' uses the same part"
-                    f" of log '{row['log']}'; correct one, or give each its own `windows`"
+                    f"trial '{other}' uses the same part of log '{row['log']}'; correct one, or"
+                    " give each its own `windows`"
                 )
         used.append((start, stop, trial))
-
-
-def check_desired_curve(campaign: Campaign, trial: str) -> None:
-    """Refuse the name of a desired curve that the configuration does not have."""
-    curve = campaign.row(trial)["desired"]
-    curves = campaign.config.torque_angle.desired
-    if curve and curve not in curves:
-        raise InputError(
-            f"{campaign.config.sheet}: trial '{trial}', desired '{curve}' is no curve;"
-            f" torque_angle.desired in the configuration has {listing([*curves])}"
-            f"{nearest(curve, curves)}"
-        )
 
 
 def check_no_copies(campaign: Campaign) -> None:
@@ -312,18 +301,14 @@ def check_no_copies(campaign: Campaign) -> None:
 
 
 def check_files(config: Config) -> None:
-    """Refuse a missing file, and a results' folder that is a file. Ingest checks raw files."""
-    check_folders(config)
+    """Refuse a missing file, folders that are files, and a results' folder that holds what is
+    analysed. Ingest checks raw files."""
     # the jobs that use the parameters give their warnings
     with naming("parameters"), catch_warnings(action="ignore"):
         known_parameters(config.parameters)
     if config.impedance_trajectory is not None:
         with naming("impedance_trajectory"):
             read_impedance_trajectory(config.impedance_trajectory)
-
-
-def check_folders(config: Config) -> None:
-    """Refuse folders that are files, and a results' folder that holds what is analysed."""
     results = config.results.resolve()
     if any(
         path.resolve().is_relative_to(results)
@@ -352,7 +337,6 @@ def check_walking(campaign: Campaign) -> None:
                 f"{sheet}: trial '{trial}': mocap is empty; a trial of experiment 'walking' needs"
                 " it"
             )
-    fewest_plates = int(walking.plate_inertia == "identified")
     needs = {
         "trial of experiment 'static'": (campaign.trials("static"), 1),
         "unperturbed crossings (walking.fewest_unperturbed)": (
@@ -362,7 +346,7 @@ def check_walking(campaign: Campaign) -> None:
         "perturbed crossings": (campaign.crossings(perturbed=True), FEWEST_PERTURBED),
         "trial of experiment 'plate', unless walking.plate_inertia is none": (
             campaign.trials("plate"),
-            fewest_plates,
+            int(walking.plate_inertia == "identified"),
         ),
     }
     for what, (trials, fewest) in needs.items():

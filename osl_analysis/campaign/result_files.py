@@ -13,7 +13,7 @@ from typing import Any
 
 from osl_analysis.campaign.campaign_trials import Campaign
 from osl_analysis.campaign.configuration import FrequencyResponseFigure
-from osl_analysis.config.experiments import EXPERIMENTS, ResultTable
+from osl_analysis.config.experiments import EXPERIMENTS, TABLES_OF_TRIALS
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.figures import FIGURES
 from osl_analysis.judge.claims import CLAIMED
@@ -38,10 +38,6 @@ def name_pattern(names: Iterable[str]) -> str:
     return "|".join(map(re.escape, names)) or "(?!)"
 
 
-TABLES_OF_TRIALS: dict[str, ResultTable] = {
-    table.name: table for facts in EXPERIMENTS.values() for table in facts.tables
-}
-"""The tables with rows of single trials, by name."""
 DERIVED = {
     derived: (table.name, command)
     for table in TABLES_OF_TRIALS.values()

@@ -324,7 +324,7 @@ def unnamed_files(campaign: Campaign) -> list[str]:
     """The recordings in the campaign's folder that no row of the sheet names."""
     config = campaign.config
     named = {config.sheet.resolve()}
-    for row in [*campaign.rows.values(), *campaign.unused.values()]:
+    for row in campaign.sheet.values():
         for file in filter(None, (row["log"], row["mocap"])):
             named.add((config.raw_data / file).resolve())
     results = config.results.resolve()

@@ -4,7 +4,9 @@ line read (`experiments.yaml`)."""
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
+
+from pydantic import ConfigDict, TypeAdapter
 
 from osl_analysis.files import own_yaml
 
@@ -109,30 +111,15 @@ class Experiment:
         }
 
 
-def experiment_of(facts: dict[str, Any]) -> Experiment:
-    """An entry of `experiments.yaml`."""
-    tables = [ResultTable(**table) for table in facts.get("tables", ())]
-    fit = FitJob(**facts["fit"]) if "fit" in facts else None
-    return Experiment(**{**facts, "tables": tables, "fit": fit})
-
-
-EXPERIMENTS: dict[str, Experiment] = {
-    name: experiment_of(facts)
-    for name, facts in own_yaml(Path(__file__).with_suffix(".yaml")).items()
-}
-
-
-def judged_tables() -> tuple[str, ...]:
-    """The tables whose fits have limits under `doubtful` in the configuration."""
-    experiments = EXPERIMENTS.values()
-    of_trials = [table.name for facts in experiments for table in facts.tables if table.judged]
-    return (*of_trials, *(name for facts in experiments for name in facts.judged_further))
-
-
-DOUBTS_OF = {
-    table.name: table.doubts_of
-    for experiment in EXPERIMENTS.values()
-    for table in experiment.tables
-    if table.doubts_of
-}
+EXPERIMENTS = TypeAdapter(dict[str, Experiment], config=ConfigDict(extra="forbid")).validate_python(
+    own_yaml(Path(__file__).with_suffix(".yaml"))
+)
+TABLES_OF_TRIALS = {table.name: table for facts in EXPERIMENTS.values() for table in facts.tables}
+"""The tables with rows of single trials, by name."""
+DOUBTS_OF = {name: table.doubts_of for name, table in TABLES_OF_TRIALS.items() if table.doubts_of}
 """By table, the table of the same trials whose doubts its rows share."""
+JUDGED_TABLES = (
+    *(name for name, table in TABLES_OF_TRIALS.items() if table.judged),
+    *(name for facts in EXPERIMENTS.values() for name in facts.judged_further),
+)
+"""The tables whose fits have limits under `doubtful` in the configuration."""

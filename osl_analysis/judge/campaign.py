@@ -9,7 +9,7 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.config.experiments import DOUBTS_OF, EXPERIMENTS, judged_tables
+from osl_analysis.config.experiments import DOUBTS_OF, EXPERIMENTS, JUDGED_TABLES
 from osl_analysis.errors import listing
 from osl_analysis.judge.finding import (
     AnyRow,
@@ -59,7 +59,7 @@ def campaign_findings(
     """
     worded = list(failed_checks(verdicts))
     faults = spoiled_trials(verdicts)
-    fits = {name: table for name, table in tables.items() if name in judged_tables()}
+    fits = {name: table for name, table in tables.items() if name in JUDGED_TABLES}
     for name, table in fits.items():
         by_row = judged(table, limits.of(name), name, faults)
         for row, of_row in zip(table.iter_rows(named=True), by_row, strict=True):

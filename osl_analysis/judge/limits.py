@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import ConfigDict, Field, model_validator
 
-from osl_analysis.config.experiments import judged_tables
+from osl_analysis.config.experiments import JUDGED_TABLES
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import nearest
 from osl_analysis.files import own_yaml
@@ -91,7 +91,7 @@ FIXED = {
 
 
 class DoubtfulFits(Settings):
-    """The accuracy that estimates need, and limits by table. The tables of `judged_tables` can have
+    """The accuracy that estimates need, and limits by table. The tables of `JUDGED_TABLES` can have
     limits on every numeric column that neither accuracy nor a fixed limit decides."""
 
     model_config = ConfigDict(extra="allow")
@@ -102,11 +102,11 @@ class DoubtfulFits(Settings):
     @model_validator(mode="after")
     def _limits_are_of_tables(self) -> Self:
         for name, limits in self.__pydantic_extra__.items():
-            if name not in judged_tables():
-                tables = ", ".join(judged_tables())
+            if name not in JUDGED_TABLES:
+                tables = ", ".join(JUDGED_TABLES)
                 raise misplaced(
                     f"unknown table; limits may stand on {tables} ({OF_EARLIER_RELEASE})"
-                    f"{nearest(name, judged_tables())}",
+                    f"{nearest(name, JUDGED_TABLES)}",
                     name,
                 )
             check_columns(limits, name)

@@ -285,7 +285,7 @@ def test_a_wrong_source_file_concerns_its_trials(in_root, tmp_path, changes, sai
     assert all(re.search(said, problems[f"w{n}"]) for n in range(9))
     assert ("s" in problems) == concerns_static
     some = {trial: campaign.rows[trial] for trial in ("w0", "w3", "w6")}
-    assert source_problems(replace(campaign, rows=some)).keys() == some.keys()
+    assert source_problems(replace(campaign, sheet=some)).keys() == some.keys()
 
 
 def test_a_missing_folder_of_recordings_is_told_by_its_setting(in_root, tmp_path):

@@ -289,8 +289,8 @@ def test_an_unknown_trial_is_told_with_the_nearest_one():
         "a.b": "belt",
         "acb": "impedance",
     }
-    rows = {trial: {"experiment": experiment} for trial, experiment in experiments.items()}
-    found = Campaign(SimpleNamespace(sheet="trials.csv"), rows, {})
+    rows = {name: {"experiment": kind, "exclude": None} for name, kind in experiments.items()}
+    found = Campaign(SimpleNamespace(sheet="trials.csv"), rows)
 
     assert found.trials("belt") == ["t_1", "a.b"]
     with pytest.raises(InputError, match=r"trials\.csv: no trial 't_11'; did you mean 't_1"):

@@ -403,7 +403,7 @@ def test_the_sheet_may_accept_only_checks_that_there_are(tmp_path):
     config = campaign_config(yaml.safe_load(CONFIG.read_text()) | changes, [CONFIG])
     with pytest.raises(
         InputError,
-        match="trial 'b', accept: 'gaps' is no quality check; the checks are rate, gap",
+        match="trial 'b': accept: 'gaps' is no quality check; the checks are rate, gap",
     ):
         check_campaign(open_campaign(config, None))
 

@@ -7,7 +7,7 @@ import pytest
 import yaml
 from conftest import ROOT, findings_of
 
-from osl_analysis.config.experiments import judged_tables
+from osl_analysis.config.experiments import JUDGED_TABLES
 from osl_analysis.dictionary import described_tables, described_tables_by_name
 from osl_analysis.judge.finding import Finding, Grade
 from osl_analysis.judge.known_findings import CHECKS, CONTENT, FINDINGS, HYPOTHESES, RULES
@@ -63,14 +63,14 @@ def test_a_finding_without_evidence_is_not_taken_for_a_limit_on_a_column_of_its_
 
 def test_rules_name_findings_and_columns_of_result_tables():
     columns = set()
-    for table in judged_tables():
+    for table in JUDGED_TABLES:
         described = described_tables_by_name()[table]
         columns |= {*described.columns, *described.of_fits}
     for rule in RULES:
         assert rule.finding in FINDINGS, "describe it under `findings` of findings.yaml"
         named = rule.condition.meta.root_names() if rule.when else [rule.column]
         assert {*named, *filter(None, [rule.second])} <= columns, rule
-        assert set(rule.tables) <= set(judged_tables())
+        assert set(rule.tables) <= set(JUDGED_TABLES)
     named = {check.finding for check in CHECKS.values()} | set(HYPOTHESES.values())
     assert named <= FINDINGS.keys()
 
@@ -80,7 +80,7 @@ def test_every_column_that_a_limit_decides_has_one():
     sections = yaml.safe_load((ROOT / "config/config.yaml").read_text())["doubtful"]
     doubtful = DoubtfulFits.model_validate(sections)
     limited = set()
-    for table in judged_tables():
+    for table in JUDGED_TABLES:
         limited |= {limit.column for limit in doubtful.of(table).stated()}
     by_limit = {rule.column for rule in RULES if rule.column and rule.by == "limit"}
     assert by_limit - limited == set(), "state its limit under `doubtful`, or in limits.yaml"

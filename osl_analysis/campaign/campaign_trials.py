@@ -163,8 +163,7 @@ class Campaign:
 
     def logs(self, trial: str) -> list[Path]:
         """The recorded files of a trial."""
-        row = self.row(trial)
-        named = [row[column] for column in ("log", "mocap") if row[column]]
+        named = filter(None, map(self.row(trial).get, ("log", "mocap")))
         return [file for name in named for file in recorded_files(self.config.raw_data / name)]
 
     def readable_logs(self, trial: str) -> list[Path]:
@@ -181,8 +180,7 @@ class Campaign:
 
     def sources(self, trial: str) -> list[Path]:
         """The source files of a trial."""
-        row = self.row(trial)
-        named = [row[column] for column in ("log_source", "mocap_source") if row[column]]
+        named = filter(None, map(self.row(trial).get, ("log_source", "mocap_source")))
         return [self.config.sources / f"{name}.yaml" for name in named]
 
     @property
@@ -282,11 +280,9 @@ def check_no_copies(campaign: Campaign) -> None:
     count twice."""
     files_alike: dict[tuple[object, ...], list[Path]] = {}
     for trial, row in campaign.rows.items():
-        for file in campaign.logs(trial):
-            # two bags may have equal descriptions; the job of its trial refuses what is not there
-            is_readable = os.access(file, os.R_OK) and file.suffix != ".yaml"
-            size = file.stat().st_size if is_readable else 0
-            if not size:
+        for file in campaign.readable_logs(trial):
+            size = file.stat().st_size
+            if not size or file.suffix == ".yaml":  # two bags may have equal descriptions
                 continue
             alike = (row["experiment"], row["log_part"], row["windows"], size)
             earlier = files_alike.setdefault(alike, [])

@@ -162,11 +162,10 @@ def over_default(stated: Mapping[str, Any]) -> Any:
     """
     default = read_mapping(default_config())
     is_simulated = stated.get("simulation", default["simulation"]) is not None
-    if default["simulation"] is None or is_simulated:
-        return overriding(default, stated)
-    default = overriding(default, FACTS_OF_DEFAULT)
-    if stated.get("gain_weight") is None:
-        default = overriding(default, LIMIT_BY_WEIGHT)
+    if default["simulation"] is not None and not is_simulated:
+        default = overriding(default, FACTS_OF_DEFAULT)
+        if stated.get("gain_weight") is None:
+            default = overriding(default, LIMIT_BY_WEIGHT)
     return overriding(default, stated)
 
 

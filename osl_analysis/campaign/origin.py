@@ -88,10 +88,9 @@ def date_of_data(campaign: Campaign) -> str:
     if config.simulation is not None:
         return f"made with seed {read_mapping(config.simulation).get('seed')}"
     logs = [log for trial in campaign.trials() for log in campaign.logs(trial) if log.is_file()]
-    days = sorted({datetime.fromtimestamp(log.stat().st_mtime, UTC).date() for log in logs})
-    if not days:
-        return "date not known"
-    return f"files of {days[0]}" if len(days) == 1 else f"files of {days[0]} to {days[-1]}"
+    days = sorted(str(datetime.fromtimestamp(log.stat().st_mtime, UTC).date()) for log in logs)
+    ends = dict.fromkeys(days[:1] + days[-1:])
+    return f"files of {' to '.join(ends)}" if ends else "date not known"
 
 
 def sentence(about: Mapping[str, str], below_figure: bool = False) -> str:
@@ -141,14 +140,13 @@ def states_of(
         if not set(judged) & set(experiments):
             continue
         value = named_in(settings, name)
-        is_unused = name == "gain_weight" and config.parameters is None
-        if isinstance(value, dict) and not any(value.values()):
+        is_stated = config.simulation is not None or named_in(stated, name) is not None
+        is_empty = isinstance(value, dict) and not any(value.values())
+        is_unused = name == "gain_weight" and config.parameters is None and not is_stated
+        if is_empty or is_unused:
             value = None
-        state = "none" if value is None or is_unused else "assumed"
-        if config.simulation is not None or named_in(stated, name) is not None:
-            state = "stated"
-        is_shown = value is not None and state != "none"
+        state = "stated" if is_stated else "none" if value is None else "assumed"
         # a shipped file is shown without its folder
-        shown = json.dumps(value).strip('"').removeprefix(f"{root()}/") if is_shown else None
-        rows.append({"setting": name, "value": shown, "state": state})
+        shown = json.dumps(value).strip('"').removeprefix(f"{root()}/")
+        rows.append({"setting": name, "value": None if value is None else shown, "state": state})
     return rows

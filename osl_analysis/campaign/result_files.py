@@ -5,7 +5,7 @@ The rules ask for them, as `FILES.rows("belt")`. Paths are relative to the folde
 """
 
 import re
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -75,17 +75,12 @@ class ResultFiles:
     def rows(self, table: str, trials: Collection[str] | None = None) -> list[str]:
         """The files with the rows of single trials behind a table; of these trials, or of all."""
         files = []
-        for experiment, facts in EXPERIMENTS.items():
-            names = [other.name for other in facts.tables]
-            if table not in names:
-                continue
-            suffix = "csv" if table == names[0] else ARCHIVE_SUFFIX
-            of_experiment = self.campaign.trials(experiment)
-            if table == "walking":  # of the perturbed crossings alone
-                of_experiment = self.campaign.crossings(perturbed=True)
-            for trial in of_experiment:
-                if trials is None or trial in trials:
-                    files.append(f"{self.results}/fits/{names[0]}/{trial}.{suffix}")
+        for trial, row in self.campaign.rows.items():
+            names = [other.name for other in EXPERIMENTS[row["experiment"]].tables]
+            is_unperturbed = table == "walking" and not row["perturbed"]
+            if table in names and not is_unperturbed and (trials is None or trial in trials):
+                suffix = "csv" if table == names[0] else ARCHIVE_SUFFIX
+                files.append(f"{self.results}/fits/{names[0]}/{trial}.{suffix}")
         return files
 
     @cached_property
@@ -180,9 +175,7 @@ class ResultFiles:
         if figure == "fig4":
             return []  # one trial, without which it is not drawn
         if figure == "fig7":
-            example = response_example(self.campaign)
-            condition = {} if example is None else example.model_dump()
-            return self.rows("response", matching(self.campaign, condition))
+            return self.rows("response", matching(self.campaign, response_example(self.campaign)))
         table = FIGURES[figure].table
         if table in EXPERIMENTS["walking"].further_tables:
             return self.crossings(self.campaign.trials("walking")) + self.rows("walking")
@@ -192,8 +185,6 @@ class ResultFiles:
 
 
 # ---- The trials that figures show as examples
-
-CONDITION = ("controller", "K_d", "B_d")
 
 
 def time_series_example(campaign: Campaign) -> dict[str, Any] | None:
@@ -210,25 +201,28 @@ def time_series_example(campaign: Campaign) -> dict[str, Any] | None:
         return None
     chosen = "the first impedance trial of the sheet"
     stated = campaign.config.figures.time_series
-    if stated is not None:
-        named = matching(campaign, stated.model_dump())
-        chosen = "" if named else f"{chosen}; the example of the configuration is not in it"
-        trials = named or trials
-    row = campaign.row(trials[0])
-    condition = {name: row[name] for name in CONDITION}
-    return {"trial": trials[0], **campaign.places[trials[0]], **condition, "chosen": chosen}
+    named = matching(campaign, stated)
+    if not named:
+        chosen += "; the example of the configuration is not in it"
+    elif stated:
+        chosen = ""
+    trial = (named or trials)[0]
+    row = campaign.row(trial)
+    condition = {name: row[name] for name in ("controller", "K_d", "B_d")}
+    return {"trial": trial, **campaign.places[trial], **condition, "chosen": chosen}
 
 
 def response_example(campaign: Campaign) -> FrequencyResponseFigure | None:
     """The desired impedance of Fig. 7, if the campaign has it; None: the one with the most
     trials."""
     stated = campaign.config.figures.frequency_response
-    return stated if stated is not None and matching(campaign, stated.model_dump()) else None
+    return stated if matching(campaign, stated) else None
 
 
-def matching(campaign: Campaign, cells: Mapping[str, Any]) -> list[str]:
-    """Find the impedance trials with these cells of the sheet by column; None matches an empty
-    cell."""
+def matching(campaign: Campaign, stated: FrequencyResponseFigure | None) -> list[str]:
+    """Find the impedance trials with the cells of the sheet that are stated, of which None matches
+    an empty cell; all where nothing is stated."""
+    cells = stated.model_dump() if stated else {}
     return [
         trial
         for trial in campaign.trials("impedance")

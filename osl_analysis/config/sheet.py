@@ -165,20 +165,17 @@ class Row(Settings):
 
     @model_validator(mode="after")
     def _fits_experiment(self) -> Self:
+        filled = self.model_dump(exclude_none=True)
         for column in EXPERIMENTS[self.experiment].sheet:
-            if not self.states(column):
+            if column not in filled:
                 raise misplaced(f"it is empty; experiment {self.experiment} needs it", column)
         for column, other in NEEDED_BESIDE.items():
-            if self.states(column) and not getattr(self, other):
+            if column in filled and not filled.get(other):
                 raise misplaced(f"it needs {other}; fill that in, or clear this cell", column)
         for column, users in USERS.items():
-            if self.states(column) and self.experiment not in users:
+            if column in filled and self.experiment not in users:
                 raise misplaced(f"it is for {' or '.join(users)} alone; clear the cell", column)
         return self
-
-    def states(self, column: str) -> bool:
-        """Whether a cell is filled."""
-        return getattr(self, column) is not None
 
 
 SHEET_COLUMNS = tuple(Row.model_fields)
@@ -229,15 +226,11 @@ def read_sheet(path: Path) -> SheetRows:
             raise InputError(f"{where}: trial '{row['trial']}' stands twice; name each once")
         check_spellings(where, row, spellings)
         rows[row["trial"]] = row
-    return with_joints(rows)
-
-
-def with_joints(rows: SheetRows) -> SheetRows:
-    """Put the ankle for each joint that is not named, where others are, or the walkway measures
-    it."""
+    names_joints = [
+        row["joint"] or EXPERIMENTS[row["experiment"]].place == "walkway" for row in rows.values()
+    ]
     for row in rows.values():
-        if row["joint"] or EXPERIMENTS[row["experiment"]].place == "walkway":
-            return {name: {**row, "joint": row["joint"] or JOINT} for name, row in rows.items()}
+        row["joint"] = row["joint"] or (JOINT if any(names_joints) else None)
     return rows
 
 

@@ -82,8 +82,10 @@ def unwrapped(readings: NDArray[Any]) -> tuple[NDArray[Any], int, int]:
     """
     steps = np.diff(readings.astype(np.float64))
     goes_back = steps < 0
+    if not goes_back.any():
+        return readings, 0, 0
     are_counts = (readings == np.rint(readings)).all()
-    if goes_back.any() and are_counts and (steps > 0).any():
+    if are_counts and (steps > 0).any():
         usual = np.median(steps[steps > 0])
         turns = np.append(0, np.cumsum(goes_back))
         for bits in LIMITS.overflow_bits:

@@ -322,7 +322,6 @@ class Log:
         self.name_of: dict[int, str] = {}  # of the topic of each channel
         self.read: Counter[str] = Counter()  # messages by topic
         self.expected: Counter[str] = Counter()  # those that the file declares; empty: unknown
-        self.chunks = 0
         self.chunks_lost = 0
         self.end = End.WHOLE
         self.checksums = "absent"
@@ -371,8 +370,8 @@ class Log:
         channels: list[Channel] = []
         for topic in self.topics.values():
             if topic.lost:
-                count, declared = by_topic[topic.name]
-                by_topic[topic.name] = (count - topic.lost, declared or count)
+                _, declared = by_topic[topic.name]
+                by_topic[topic.name] = (len(topic.table), declared or topic.count)
                 self.remarks.append(
                     f"{topic.lost} of {topic.count} messages of topic '{topic.name}' are lost:"
                     f" {topic.reason}"
@@ -397,7 +396,6 @@ class Log:
             loss=Loss(read, expected, self.end, by_topic, self.checksums, self.remarks),
             facts={
                 "bytes": size,
-                "chunks": self.chunks,
                 "chunks_lost": self.chunks_lost,
                 "messages": read,
             },

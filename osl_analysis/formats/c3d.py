@@ -46,7 +46,6 @@ from osl_analysis.yaml_settings import Settings, check_distinct
 
 BLOCK = 512  # bytes
 LARGEST_FRAME_NUMBER = 0xFFFF  # of the header
-OTHER_RATE = 1e-3  # share by which ANALOG:RATE is another one, and no rounded one
 INTEL = b"\x54"  # code of the number format that is read
 TEXT = -1
 TYPES = {1: "u1", 2: "<i2", 4: "<f4"}  # of numbers in parameters
@@ -400,10 +399,7 @@ def plates_of(
     questions
         What is wrong with plates that are not asked for by a source file.
     """
-    used = header.numbers("FORCE_PLATFORM:USED")[:1]
-    if not ((used >= 0) & (used <= MOST_PLATES)).all():
-        raise InputError(f"FORCE_PLATFORM:USED is {used[0]:g}; correct it, or write plates: []")
-    count = int(used.sum())
+    count = min(int(header.number("FORCE_PLATFORM:USED")), MOST_PLATES)
     geometries = source.plate_geometry if source is not None else {}
     numbers = sorted({*range(1, count + 1), *geometries})
     wanted = numbers if source is None or source.plates == "all" else source.plates
@@ -464,12 +460,6 @@ def read(path: Path, source: C3dSource | None) -> Recording:
     analog_labels = [label or f"analog {place}" for place, label in enumerate(analog_labels, 1)]
     remarks: list[str] = []
     fast_rate_hz = header.rate_hz * header.samples_per_frame
-    stated_hz = header.number("ANALOG:RATE")
-    if header.channels and stated_hz and abs(stated_hz / fast_rate_hz - 1) > OTHER_RATE:
-        remarks.append(
-            f"ANALOG:RATE is {stated_hz:g} Hz, and {header.samples_per_frame} samples in each frame"
-            f" at {header.rate_hz:g} Hz are {fast_rate_hz:g} Hz: they are read at the latter"
-        )
     frames = _whole_frames(header, analogs)
     if frames < header.frames:
         remarks.append(

@@ -153,10 +153,9 @@ def _variables_in(value: Any, group: str, name: str, unit: str = "") -> Iterator
             for field in array.dtype.names:
                 yield from _variables_in(element[field], inside, field)
     elif kind == "O":
-        brackets = "({})" if hasattr(value, "classname") else "{{{}}}"
         for number, element in enumerate(elements, start=1):
             if element is not None:  # as in a struct without fields
-                yield from _variables_in(element, address, brackets.format(number))
+                yield from _variables_in(element, address, f"{{{number}}}")
     elif kind in "mM":
         ns = array.astype(f"{kind}8[ns]").astype(np.int64)
         yield Variable(group, address, array.dtype.name, np.atleast_2d(ns * 1e-9), "s")
@@ -171,15 +170,14 @@ def _columns_of(variable: Variable) -> list[Column]:
     group, address, numbers = variable.group, variable.address, variable.numbers
     if numbers is None or numbers.ndim != 2 or max(numbers.shape) < FEWEST_SAMPLES:
         return []
-    if 1 in numbers.shape:
-        title = address.removeprefix(group).removeprefix(".")
-        return [Column(group, address, title, numbers.ravel(), variable.unit)]
+    name = address.removeprefix(group).removeprefix(".")
     is_upright = numbers.shape[0] >= numbers.shape[1]
     form = "(:,{})" if is_upright else "({},:)"
+    lines = numbers.T if is_upright else numbers
     columns: list[Column] = []
-    for number, line in enumerate(numbers.T if is_upright else numbers, start=1):
-        place = form.format(number)
-        columns.append(Column(group, address + place, place, line, variable.unit))
+    for number, line in enumerate(lines, start=1):
+        place = form.format(number) if len(lines) > 1 else ""
+        columns.append(Column(group, address + place, place or name, line, variable.unit))
     return columns
 
 

@@ -112,7 +112,7 @@ class Log(_messages.Log):
         self._take_messages(data, np.append(places, listed).astype(np.int64))
         return len(data) if position == size else position
 
-    def _take_chunk(self, chunk: Chunk, data: bytes, end: int) -> None:
+    def _take_chunk(self, chunk: Chunk, data: bytes, end_of_chunk: int) -> None:
         """Read the records of a chunk that ends at a place; one that is damaged is lost."""
         from mcap.stream_reader import get_chunk_data_stream  # as above
 
@@ -120,15 +120,14 @@ class Log(_messages.Log):
         try:
             stream, _ = get_chunk_data_stream(chunk, validate_crc=True)
             content: bytes = stream.read(chunk.uncompressed_size)
-            end = self._take_records(content, 0, _listed_places(data, end, content))
+            end = self._take_records(content, 0, _listed_places(data, end_of_chunk, content))
             if end < len(content):
                 raise ValueError(f"it holds no record at byte {end} of its {len(content)} bytes")
         except Exception as error:  # whatever the library meets in a damaged chunk
             self.chunks_lost += 1
             reason = " ".join(str(error).split()) or type(error).__name__
-            self.remarks.append(f"chunk {self.chunks + self.chunks_lost} is damaged: {reason}")
+            self.remarks.append(f"the chunk that ends at byte {end_of_chunk} is damaged: {reason}")
             return
-        self.chunks += 1
         if chunk.uncompressed_crc:
             self.checked += self.read.total() - before
 

@@ -65,11 +65,8 @@ def read_sections(path: Path) -> list[Section]:
     lines = numbered(text.data)
     headers = [line for line in lines if HEADER.search(line.text)]
     rows = split_rows(lines, delimiter_of(headers[:1]))
-    starts = [
-        place - 3
-        for place, row in enumerate(rows)
-        if place > 2 and [cell.casefold() for cell in row.cells[:2]] == ["frame", "sub frame"]
-    ]
+    numbers = {line.number for line in headers}
+    starts = [place - 3 for place, row in enumerate(rows) if place > 2 and row.number in numbers]
     if not starts:
         raise InputError(
             "no section of a Nexus export (Devices, Trajectories, ...); check the source's format"

@@ -1,6 +1,5 @@
 """Tables of OpenSim (.mot, .sto): a header down to `endheader`, then names and rows."""
 
-import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -144,10 +143,9 @@ def _check_angles(source: OpenSimSource, angle: str) -> None:
     """Refuse the unit of an angle, or of its rate, that contradicts that of the header."""
     for column, channel in source.channels.items():
         si_unit = unit_of(column)
-        unit_of_file = si_unit.replace("rad", angle)
-        if not angle or si_unit not in ("rad", "rad/s"):
-            continue
-        if not math.isclose(si_factor(channel.unit, si_unit), si_factor(unit_of_file, si_unit)):
+        unit_of_file = si_unit.replace("rad", angle or "rad")
+        is_angle = angle and si_unit in ("rad", "rad/s")
+        if is_angle and si_factor(channel.unit, si_unit) != si_factor(unit_of_file, si_unit):
             raise InputError(
                 f"column '{channel.column}' is read in {channel.unit}, and by `inDegrees` of its"
                 f" header it is in {unit_of_file}; write {unit_of_file}, as"

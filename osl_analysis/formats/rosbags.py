@@ -91,7 +91,6 @@ def _take_bag(log: Log, reader: Reader, data: bytes) -> None:
             log.chunks_lost += 1
             log.remarks.append(f"the chunk at byte {place} is damaged: {error}")
             continue
-        log.chunks += 1
         log.add(channels, (content, starts, lengths), log_times_ns)
 
 

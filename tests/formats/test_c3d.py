@@ -137,15 +137,6 @@ def test_a_capture_of_more_frames_than_its_header_counts_is_whole(tmp_path: Path
     assert channel.values[-1, 0] == 69_999
 
 
-@pytest.mark.parametrize(("stated_hz", "is_told"), [(360.0, True), (400.1, False)])
-def test_another_rate_than_that_of_the_samples_in_the_frames_is_told(
-    tmp_path: Path, stated_hz: float, is_told: bool
-) -> None:
-    remarks = formats.read(capture(tmp_path, ANALOG__RATE=np.array([stated_hz]))).loss.remarks
-
-    assert any("at 100 Hz are 400 Hz" in remark for remark in remarks) == is_told
-
-
 HEADER = [
     (16, b"\0\0", "the data begin at byte -512: the header is damaged"),
     (12, b"\0\0\0\0", "the scale of the points is 0.0, and"),

@@ -153,7 +153,7 @@ OBJECTS = {
     "times.theta": -(RISING**2),
     "rate.Time": 3 + RISING / 800, "rate.torque": RISING, "step.Time": 3 + 2 * RISING,
     "table.late": RISING / 1e3, "table.torque": RISING, "table.theta_2": 2 * RISING,
-    "runs(2).x": 2 * RISING,
+    "runs{2}.x": 2 * RISING,
 }  # fmt: skip
 UNITS = {
     "rate.torque": "N*m", "rate.Time": "s", "step.Time": "s", "rate.theta": "deg",

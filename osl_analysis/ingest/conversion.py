@@ -124,67 +124,6 @@ def check_finite_values(what: str, values: Array, time: Array) -> None:
     )
 
 
-def canonical_column(
-    column: str,
-    channel: Channel,
-    raw: NDArray[Any],
-    rows: Rows,
-    time: Array,
-    source: LogSource,
-) -> pl.Series:
-    """Convert the readings of a channel of a log.
-
-    Parameters
-    ----------
-    column
-        The canonical column.
-    raw
-        Readings (n,), NaN where one failed, masked where there is none.
-    rows
-        The n rows, for messages.
-    time
-        Times of the rows (n,) [s].
-
-    Returns
-    -------
-    pl.Series
-        SI units, NaN where a reading failed, null where there is none.
-
-    Raises
-    ------
-    InputError
-        Truth values in a column that is no level, infinity, or more failed readings than
-        `most_missing`.
-    """
-    setting = source.channels[column]
-    lacking = np.ma.getmaskarray(raw)
-    readings = np.ma.getdata(raw)
-    if readings.dtype == bool and unit_of(column) != LEVEL_UNIT:
-        raise InputError(
-            f"{setting.title} holds truth values and no numbers in {unit_of(column)}; name a number"
-            f" as `{setting.ADDRESS}` in the source file"
-        )
-    with np.errstate(invalid="ignore"):  # a signalling NaN is a missing value, too
-        values = readings.astype(np.float64)
-    values[lacking] = 0.0
-    missing = np.isnan(values)
-    check_finite_values(setting.title, np.where(missing, 0.0, values), time)
-    count = missing.sum()
-    if count > source.most_missing * values.size:
-        raise InputError(
-            f"{setting.title}: missing in {count} of {values.size} {rows.noun}s, first in"
-            f" {rows.place(np.argmax(missing))}; more than the {source.most_missing:.1%} of"
-            " `most_missing`: repair the recording, or write `most_missing:"
-            f" {share_above(count, values.size):g}` in the source file"
-        )
-    if setting.wraps_at is not None:
-        known = ~(missing | lacking)
-        values[known] = np.unwrap(values[known], period=setting.wraps_at)
-    with naming(setting.title, f", as {source.place('channels', column, 'unit')}"):
-        series = pl.Series(column, to_si(setting, values, unit_of(column), channel.unit))
-    return series.set(pl.Series(lacking), None) if lacking.any() else series
-
-
 def canonical_columns(
     source: LogSource,
     channels: Mapping[str, Channel],
@@ -197,31 +136,59 @@ def canonical_columns(
     Parameters
     ----------
     channels, values
-        Channels, and readings (n,) of them and of their counters, by canonical column.
+        Channels, and readings (n,) of them and of their counters, by canonical column: NaN where
+        one failed, masked where there is none.
 
     Returns
     -------
     columns
+        SI units, NaN where a reading failed, null where there is none.
     origins
         Where each column comes from.
     remarks
         A sentence for each channel that has no value, or a failed one, in some rows.
+
+    Raises
+    ------
+    InputError
+        Truth values in a column that is no level, infinity, or more failed readings than
+        `most_missing`.
     """
     columns: list[pl.Series] = []
     origins: dict[str, dict[str, Any]] = {}
     remarks: list[str] = []
     for column, channel in channels.items():
         setting = source.channels[column]
-        series = canonical_column(column, channel, values[column], rows, time, source)
-        columns.append(series)
-        origins[column] = origin_of(setting, column, channel.unit)
-        failed = series.is_nan().fill_null(value=False)
-        for what, lacks in (("has no value", series.is_null()), ("is missing", failed)):
+        readings = np.ma.asarray(values[column])
+        if readings.dtype == bool and unit_of(column) != LEVEL_UNIT:
+            raise InputError(
+                f"{setting.title} holds truth values and no numbers in {unit_of(column)}; name a"
+                f" number as `{setting.ADDRESS}` in the source file"
+            )
+        lacking = np.ma.getmaskarray(readings)
+        with np.errstate(invalid="ignore"):  # a signalling NaN is a missing value, too
+            numbers = np.asarray(np.ma.filled(readings.astype(np.float64), 0.0))
+        missing = np.isnan(numbers)
+        check_finite_values(setting.title, np.where(missing, 0.0, numbers), time)
+        for what, lacks in (("has no value", lacking), ("is missing", missing)):
             if lacks.any():
                 remarks.append(
                     f"{setting.title} {what} in {lacks.sum()} of {rows.count} {rows.noun}s, first"
-                    f" {rows.place(lacks.arg_max() or 0)}"
+                    f" {rows.place(np.argmax(lacks))}"
                 )
+        if missing.sum() > source.most_missing * missing.size:
+            raise InputError(
+                f"{remarks[-1]}; more than the {source.most_missing:.1%} of `most_missing`: repair"
+                " the recording, or write `most_missing:"
+                f" {share_above(missing.sum(), missing.size):g}` in the source file"
+            )
+        if setting.wraps_at is not None:
+            known = ~(missing | lacking)
+            numbers[known] = np.unwrap(numbers[known], period=setting.wraps_at)
+        with naming(setting.title, f", as {source.place('channels', column, 'unit')}"):
+            series = pl.Series(column, to_si(setting, numbers, unit_of(column), channel.unit))
+        columns.append(series.set(pl.Series(lacking), None) if lacking.any() else series)
+        origins[column] = origin_of(setting, column, channel.unit)
         counter = counter_column(column)
         if counter in values:
             columns.append(pl.Series(counter, checked_counts(setting, values[counter], rows, time)))

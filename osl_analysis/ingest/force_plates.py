@@ -11,8 +11,9 @@ import numpy as np
 
 from osl_analysis.errors import InputError, naming, printable
 from osl_analysis.ingest import LIMITS
-from osl_analysis.ingest.guard import longest_of, repeats, run_at_extreme
+from osl_analysis.ingest.guard import repeats, run_at_extreme
 from osl_analysis.recording import EXPORTED, MEASURED_BY_TYPE, Plate, own_axes
+from osl_analysis.signals import longest_of
 from osl_analysis.source_file import PlateUnits, Source
 from osl_analysis.trial import Array, plate_columns, unit_of
 from osl_analysis.units import si_factor

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from osl_analysis.errors import Change, InputError
 from osl_analysis.ingest import LIMITS
 from osl_analysis.measured import SMALLEST_SIGNAL, varies
-from osl_analysis.signals import run_edges
+from osl_analysis.signals import longest_of, run_edges
 from osl_analysis.signals.grid import origin
 from osl_analysis.signals.plateaus import noise_of
 from osl_analysis.trial import Array, Trial, unit_of
@@ -229,7 +229,10 @@ def find_leaps(time: Array, values: Array) -> Array:
         return time[:0]
 
     bends = np.diff(values, 3)
-    bends[spans_a_gap(time)] = 0.0
+    steps = np.diff(time)
+    is_gap = steps > LIMITS.longest_step * np.median(steps)
+    if np.mean(is_gap) <= LIMITS.most_gaps:  # stamps that scatter tell no gaps
+        bends[is_gap[:-2] | is_gap[1:-1] | is_gap[2:]] = 0.0
     sizes = np.abs(bends)
     sound, usual = np.quantile(sizes, (LIMITS.sound_bend, LIMITS.usual_bend))
     if usual == 0.0:
@@ -250,16 +253,6 @@ def find_leaps(time: Array, values: Array) -> Array:
         is_leap &= sizes[far] > limit
     # of the samples k to k + 3 of the largest third difference, k + 2 leaps, or the one before
     return np.asarray(time[far[is_leap] + 2])
-
-
-def spans_a_gap(time: Array) -> NDArray[np.bool_]:
-    """Whether rows are missing among the four samples of each third difference, shape (n - 3,), of
-    times (n,) [s]. Stamps that scatter tell no gaps."""
-    steps = np.diff(time)
-    is_gap: NDArray[np.bool_] = steps > LIMITS.longest_step * np.median(steps)
-    if np.mean(is_gap) > LIMITS.most_gaps:
-        is_gap[:] = False
-    return is_gap[:-2] | is_gap[1:-1] | is_gap[2:]
 
 
 # Channels that repeat one value: a sensor at an end of its range, and one that stands still.
@@ -312,14 +305,6 @@ def run_at_extreme(values: Array, standing: NDArray[np.intp] | None = None) -> s
     return longest
 
 
-def longest_of(runs: NDArray[np.intp]) -> slice:
-    """The longest of runs (k, 2) of rows, or the first of equally long ones; empty if there is
-    none."""
-    if not len(runs):
-        return slice(0, 0)
-    return slice(*runs[np.argmax(np.diff(runs))].tolist())
-
-
 def has_corners(values: Array, run: slice) -> bool:
     """Whether a channel (n,) is far from where it stands, half as long before and after a run of
     equal values; a single one has no duration."""
@@ -354,14 +339,13 @@ def standing_runs(
     """
     every = repeats(values)
     edges: NDArray[np.intp] = every[np.diff(every)[:, 0] > LIMITS.least_standing]
-    duration_s = np.ptp(time)
-    if not len(edges) or duration_s == 0:
-        return edges[:0]
+    if not len(edges):
+        return edges
     followed = np.interp(time, *reference)
     sums = np.append(0.0, np.cumsum(followed - followed.mean()))
     rows = np.arange(sums.size)
     length = np.diff(edges)
-    width = np.minimum(length / LIMITS.means, LIMITS.mean_s * time.size / duration_s)
+    width = np.minimum(length / LIMITS.means, LIMITS.mean_s * time.size / np.ptp(time))
     begins = edges[:, :1] + length / 2 + (length / 4 - width) * np.linspace(0, 1, LIMITS.means)
     means = (np.interp(begins + width, rows, sums) - np.interp(begins, rows, sums)) / width
     noise = noise_of(followed) / np.sqrt(np.maximum(width[:, 0], 1.0))

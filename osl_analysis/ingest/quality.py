@@ -3,6 +3,7 @@ come later (`judge`)."""
 
 import itertools
 import math
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -18,7 +19,6 @@ from osl_analysis.ingest.guard import (
     ANGLES,
     find_leaps,
     has_levels,
-    longest_of,
     recorded,
     repeats,
     run_at_extreme,
@@ -83,6 +83,12 @@ class CheckResult:
 
 def not_applicable(reason: str) -> CheckResult:
     return CheckResult(None, f"not applicable: {reason}")
+
+
+def readings_of(trial: Trial, pattern: str) -> dict[str, tuple[Array, Array]]:
+    """Time [s] and values, (n,) each, of the columns that fit a pattern, by its group."""
+    matches = [re.fullmatch(pattern, column) for column in trial.columns]
+    return {match[1]: recorded(trial, match[0]) for match in matches if match}
 
 
 # Sampling, clocks and damage. `judge/findings.yaml` says what each check measures.
@@ -203,9 +209,7 @@ def differences(runs: Sequence[Run], protocol: SteppedSineProtocol) -> list[str]
 # Sensors that stand at an end of their range, that stand still, and that leap.
 
 
-def noisy_channels(trial: Trial) -> list[str]:
-    """The torques and the current of a trial, which noise keeps changing."""
-    return [name for name in ("torque", "torque_m", "current") if recorded(trial, name)[1].size]
+NOISY = "(torque|torque_m|current)"  # columns that noise keeps changing
 
 
 def samples_at_rail(trial: Trial, column: str, torque: str, angle: str = "theta") -> int:
@@ -218,23 +222,23 @@ def samples_at_rail(trial: Trial, column: str, torque: str, angle: str = "theta"
         return 0
     low, high = origin(trial, column).get("range", (-math.inf, math.inf))
     near = LIMITS.near_end * (high - low) / 2
-    at_end = length_of(longest_of(run_edges((values <= low + near) | (values >= high - near))))
+    at_end = int(
+        np.diff(run_edges((values <= low + near) | (values >= high - near))).max(initial=0)
+    )
     is_angle = column.startswith("theta")
-    if not is_angle and not has_levels(values):
-        return max(at_end, length_of(run_at_extreme(values)))
-    reference = recorded(trial, torque if is_angle else angle)
-    if column == "current" or not reference[0].size:
-        return at_end
-    standing = standing_runs(time, values, reference)
+    standing = None
+    if is_angle or has_levels(values):
+        reference = recorded(trial, torque if is_angle else angle)
+        if column == "current" or not reference[0].size:
+            return at_end
+        standing = standing_runs(time, values, reference)
     rail = run_at_extreme(values, standing)
-    length = length_of(rail)
-    levels = values[standing[2 * np.diff(standing)[:, 0] > length, 0]]
-    is_play = length > 0 and np.mean(levels == values[rail.start]) < 0.5
-    return at_end if is_play else max(at_end, length)
-
-
-def length_of(run: slice) -> int:
-    return int(run.stop - run.start)
+    length = int(rail.stop - rail.start)
+    if standing is not None:
+        levels = values[standing[2 * np.diff(standing)[:, 0] > length, 0]]
+        if 2 * np.count_nonzero(levels == values[rail.start]) < levels.size:  # play
+            return at_end
+    return max(at_end, length)
 
 
 def measure_saturation(examined: Examined) -> dict[str, float]:
@@ -244,7 +248,7 @@ def measure_saturation(examined: Examined) -> dict[str, float]:
     names = {name for name in trial.columns if name == motion or "range" in origin(trial, name)}
     return {
         name: samples_at_rail(trial, name, examined.torque, examined.moved)
-        for name in sorted(names.union(noisy_channels(trial)))
+        for name in sorted(names.union(readings_of(trial, NOISY)))
     }
 
 
@@ -267,10 +271,9 @@ def measure_stuck(examined: Examined) -> dict[str, float]:
     motion = recorded(trial, examined.moved)
     at, angle = motion
     turns = (angle != angle[:1]).any()
-    for name in noisy_channels(trial):
-        time, values = recorded(trial, name)
+    for name, (time, values) in readings_of(trial, NOISY).items():
         is_command = name == "current" and has_levels(values)
-        if is_command or not experiment.uses(name):
+        if is_command or not values.size or not experiment.uses(name):
             continue
         runs = standing_runs(time, values, motion) if turns and np.ptp(values) else repeats(values)
         seconds[name] = longest_s(time, runs)
@@ -316,25 +319,18 @@ def remedy_of_leaps(examined: Examined, leaps: Array) -> str:
 def measure_turns(examined: Examined) -> dict[str, float]:
     """Number of steps of an angle by one turn, or by 360 (degrees declared as radians)."""
     wraps: dict[str, float] = {}
-    for column in ANGLES:
-        if column in examined.trial.columns:
-            steps = np.abs(np.diff(recorded(examined.trial, column)[1]))
-            turns = steps[:, None] / (2 * np.pi, 360.0)
-            wraps[column] = float(np.count_nonzero(np.abs(turns - 1) < LIMITS.one_turn))
+    for column, (_, angle) in readings_of(examined.trial, f"({'|'.join(ANGLES)})").items():
+        turns = np.abs(np.diff(angle))[:, None] / (2 * np.pi, 360.0)
+        wraps[column] = float(np.count_nonzero(np.abs(turns - 1) < LIMITS.one_turn))
     return wraps
 
 
 def measure_marker_gaps(examined: Examined) -> dict[str, float]:
     """Longest time [s] that a marker was hidden between two sightings, minus one step; the whole
     time if it was never seen."""
-    time = examined.trial.samples["time"]
-    gaps: dict[str, float] = {}
-    for column in examined.trial.columns:
-        if column.startswith("marker_") and column.endswith("_x"):
-            seen = recorded(examined.trial, column)[0]
-            name = column.removeprefix("marker_").removesuffix("_x")
-            gaps[name] = longest_gap(seen) if seen.size else time[-1]
-    return gaps
+    whole = examined.trial.samples["time"][-1]
+    markers = readings_of(examined.trial, "marker_(.*)_x")
+    return {name: longest_gap(seen) if seen.size else whole for name, (seen, _) in markers.items()}
 
 
 # Force plates.
@@ -344,20 +340,18 @@ def measure_unzeroed_plates(examined: Examined) -> dict[str, float]:
     """Level [N] of a bare plate: the mean over a part at rest that is nearest to zero. A larger
     positive level may be a load, unless the experiment leaves every plate bare at some time."""
     levels: dict[str, float] = {}
-    for column in examined.trial.columns:
-        if column.startswith("plate") and column.endswith("_force_z"):
-            time, force = recorded(examined.trial, column)
-            length = max(round(LIMITS.part_s / (usual_step(time) or math.inf)), 1)
-            parts = force[: force.size // length * length].reshape(-1, length)
-            quiet = parts[parts.std(axis=1) < LIMITS.at_rest_N].mean(axis=1)
-            level = min(quiet.tolist(), key=abs, default=math.inf)
-            if level < LIMITS.at_rest_N or (quiet.size and examined.experiment.bare_plate):
-                levels[column.removesuffix("_force_z")] = abs(level)
+    for plate, (time, force) in readings_of(examined.trial, "(plate.*)_force_z").items():
+        length = max(round(LIMITS.part_s / (usual_step(time) or math.inf)), 1)
+        parts = force[: force.size // length * length].reshape(-1, length)
+        quiet = parts[parts.std(axis=1) < LIMITS.at_rest_N].mean(axis=1)
+        level = min(quiet.tolist(), key=abs, default=math.inf)
+        if level < LIMITS.at_rest_N or (quiet.size and examined.experiment.bare_plate):
+            levels[plate] = abs(level)
     return levels
 
 
 def pressed_plates(examined: Examined) -> Iterator[tuple[str, Array, Array]]:
-    """For every plate with known corners and columns on which somebody stands: its name, corners
+    """For every plate on which somebody stands: its name, corners
     (4, 3) [m], and the centre of pressure (k, 2) [m] in the loaded samples, from the plate's centre
     along its edges."""
     trial = examined.trial
@@ -365,8 +359,6 @@ def pressed_plates(examined: Examined) -> Iterator[tuple[str, Array, Array]]:
     for plate in plates:
         number, corners = plate["plate"], np.array(plate["corners"], dtype=float)
         columns = [*plate_columns(number, "force"), *plate_columns(number, "moment")]
-        if not set(columns) <= set(trial.columns):
-            continue
         axes = plate_axes(corners)
         wrench = trial.sampled(*columns).select(columns).to_numpy()
         wrench = wrench[wrench[:, :3] @ axes[:, 2] > LIMITS.loaded_N]

@@ -183,20 +183,10 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
     cells = {column: value.strip() for column, value in row.items() if isinstance(value, str)}
     name = cells.get("trial", "")
     files = {role: cells[role] for role in ("log", "mocap") if cells.get(role)}
-    if not files:
-        raise InputError(
-            f"trial {name}: the sheet names no file; fill in log or mocap, or exclude the trial"
-        )
     sources: dict[str, Source] = {}
     for role, file in files.items():
-        described = cells.get(f"{role}_source", "")
-        if not described:
-            raise InputError(
-                f"trial {name}: {role}_source is empty; name the file in {sources_folder} for"
-                f" {file}"
-            )
         check_file(raw_folder / file)
-        sources[role] = read_source(sources_folder / f"{described}.yaml")
+        sources[role] = read_source(sources_folder / f"{cells[f'{role}_source']}.yaml")
     if len(sources) == 2:
         check_clocks(sources["log"], sources["mocap"])
 

@@ -230,7 +230,12 @@ def run_edges(mask: NDArray[np.bool_]) -> NDArray[np.intp]:
 def longest_run(mask: NDArray[np.bool_]) -> slice:
     """The longest run of consecutive true samples, or the first of equally long ones; empty if no
     sample is true."""
-    edges = run_edges(mask)
+    return longest_of(run_edges(mask))
+
+
+def longest_of(edges: NDArray[np.intp]) -> slice:
+    """The longest of runs (k, 2) of rows, or the first of equally long ones; empty if there is
+    none."""
     if not len(edges):
         return slice(0, 0)
     first, stop = edges[np.argmax(np.diff(edges))].tolist()

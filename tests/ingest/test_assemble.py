@@ -216,9 +216,6 @@ MISTAKES: dict[str, tuple[Callable[[Path], object] | None, dict[str, object], st
     "c3d as log": (None, {"log": "vicon.c3d", "mocap": ""},
     "is c3d, its source file says mcap; write `format: c3d`"),
     "no such source file": (None, {"log_source": "none"}, "none.yaml: no such file"),
-    "no source file": (None, {"log_source": None}, "log_source is empty"),
-    "no file": (None, {"log": None, "mocap": float("nan")},
-    "trial walk_1: the sheet names no file"),
 }  # fmt: skip
 
 

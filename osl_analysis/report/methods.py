@@ -4,6 +4,8 @@ where the fact that it rests on is recorded, in Markdown and in LaTeX."""
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
+from operator import getitem
 from pathlib import Path
 from typing import Any
 
@@ -48,10 +50,7 @@ class MethodsFacts:
 
     def setting(self, name: str) -> Any:
         """A setting by its dotted name."""
-        value: Any = self.settings
-        for key in name.split("."):
-            value = value[key]
-        return value
+        return reduce(getitem, name.split("."), self.settings)
 
     def calibration(self, section: str) -> str:
         """The uncertainties of the bench that a section of the settings states; empty for none."""

@@ -147,12 +147,9 @@ def rows_of(entry: Entry, table: pl.DataFrame) -> pl.DataFrame:
             number=pl.sql_expr(entry.value).cast(pl.Float64),
             number_low=pl.sql_expr(entry.low).cast(pl.Float64),
             number_high=pl.sql_expr(entry.high).cast(pl.Float64),
-        )
+        ).rename({f"{entry.value}_se_bench": "number_se_bench"}, strict=False)
     except pl.exceptions.ColumnNotFoundError:
         return pl.DataFrame()
-    bench_error = f"{entry.value}_se_bench"
-    if bench_error in rows.columns:
-        rows = rows.with_columns(pl.col(bench_error).alias("number_se_bench"))
     return rows.filter(pl.col("number").is_finite())
 
 

@@ -179,10 +179,8 @@ def trial_view(
 
     doubts = [worded for worded in findings if worded.finding.grade is Grade.DOUBTS]
     results = results_on(findings)
-    remarks = [w for w in findings if w.finding.grade in (Grade.UNCHECKED, Grade.NOTES)]
     last = fits.row(-1, named=True) if len(fits) else {}
     names = zip(("K", "B", "I"), facts.impedance, strict=True)
-    symbols = [(symbol, name) for symbol, name in names if last.get(name) is not None]
     return TrialView(
         name=row["trial"],
         experiment=experiment,
@@ -193,8 +191,18 @@ def trial_view(
         doubts=[worded for worded in doubts if is_of_whole(worded.finding)],
         doubts_of_parts=[worded for worded in doubts if not is_of_whole(worded.finding)],
         results=results,
-        remarks=[w for w in remarks if is_of_whole(w.finding) and w not in results],
-        impedance={symbol: estimate_text(last, name) for symbol, name in symbols},
+        remarks=[
+            worded
+            for worded in findings
+            if worded.finding.grade in (Grade.UNCHECKED, Grade.NOTES)
+            and is_of_whole(worded.finding)
+            and worded not in results
+        ],
+        impedance={
+            symbol: estimate_text(last, name)
+            for symbol, name in names
+            if last.get(name) is not None
+        },
         estimates=estimate_rows(fits, main) if len(fits) else (),
         checks=check_rows(checks),
         signals=signals,
@@ -234,9 +242,10 @@ def check_rows(checks: pl.DataFrame) -> list[list[str]]:
     for row in checks.iter_rows(named=True):
         if row["verdict"] == NOT_APPLICABLE:
             continue
-        numbers = []
-        for name in ("value", "threshold"):
-            unit = printed(row["unit"] or "")
-            numbers.append("" if row[name] is None else f"{row[name]:.4g} {unit}".strip())
+        unit = printed(row["unit"] or "")
+        numbers = [
+            "" if number is None else f"{number:.4g} {unit}".strip()
+            for number in (row["value"], row["threshold"])
+        ]
         rows.append([row["check"].replace("_", " "), *numbers, row["verdict"], row["remark"] or ""])
     return rows

@@ -97,9 +97,8 @@ def of_recording(samples: pl.DataFrame, motion: str) -> Signals:
 def measured_response(response: pl.DataFrame, fit: Mapping[str, Any]) -> pl.DataFrame:
     """The measured admittance with its intervals, of a stepped sine at each amplitude, and that of
     Eq. 15 with K, B and I of the fit to all of the trial."""
-    rows = response
-    if response["amplitude_deg"].count():
-        rows = response.drop_nulls("amplitude_deg")
+    of_amplitudes = response.drop_nulls("amplitude_deg")
+    rows = response if of_amplitudes.is_empty() else of_amplitudes
     measured = rows.select(
         frequency="frequency_hz",
         magnitude="magnitude",
@@ -118,5 +117,5 @@ def measured_response(response: pl.DataFrame, fit: Mapping[str, Any]) -> pl.Data
             "model_phase": np.rad2deg(np.unwrap(np.angle(model))),
         }
     )
-    rows = pl.concat([measured, curve], how="diagonal_relaxed")
-    return rows.select(pl.col(pl.Float64).round_sig_figs(5))
+    both = pl.concat([measured, curve], how="diagonal_relaxed")
+    return both.select(pl.col(pl.Float64).round_sig_figs(5))

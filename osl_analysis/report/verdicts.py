@@ -27,8 +27,6 @@ MOST_FINDINGS = 3  # with verdicts, numbers and what was not checked a run tells
 NOT_CHECKED = "not checked"
 VERDICTS = (CLEAR, DOUBTFUL, IN_PART, REFUSED, EXCLUDED, NOT_JUDGED)
 
-OF_CROSSINGS = ("walking_crossings", "walking")
-"""Tables whose column `reason` tells why a crossing is not used."""
 LACKING = "it has no result, since a trial that its fit needs was refused or excluded"
 
 
@@ -64,7 +62,7 @@ def left_out_trials(
     for row in excluded.iter_rows(named=True):
         by_job = row["check"] == "refused"  # which is no check
         causes.append((row["trial"], by_job, row["remark"] if by_job else exclusion_text(row)))
-    for table in OF_CROSSINGS:
+    for table in ("walking_crossings", "walking"):
         if table in tables:
             not_used = tables[table].drop_nulls("reason").select("trial", "reason")
             causes += [(trial, False, reason) for trial, reason in not_used.rows()]
@@ -86,11 +84,9 @@ def trials_without_result(
     without = []
     for trial, row in sheet.items():
         experiment = EXPERIMENTS[row["experiment"]]
-        filled = [experiment.tables[0].name] if experiment.fit else []
-        if row["experiment"] == "walking":
-            filled.append("walking_crossings")
-            if row.get("perturbed"):
-                filled.append("walking")
+        filled = ["walking_crossings"] if row["experiment"] == "walking" else []
+        if experiment.fit or row.get("perturbed"):
+            filled += [table.name for table in experiment.tables[:1]]
         if any(trial not in trials_of.get(name, ()) for name in filled):
             without.append(trial)
     return without
@@ -119,9 +115,8 @@ def missing_lines(content: Mapping[str, Any]) -> list[str]:
         if trials:
             used = f"{counts['used']} of {counts['of']} {experiment} trials"
             lines.append(f"{used}; without {', '.join(trials)}")
-    for file, reason in content["missing_results"].items():
-        lines.append(f"no {file}: {reason}")
-    return lines
+    missing_results = content["missing_results"].items()
+    return [*lines, *(f"no {file}: {reason}" for file, reason in missing_results)]
 
 
 # ---- Verdicts
@@ -164,8 +159,9 @@ def verdict_on(experiment: str, findings: Sequence[WordedFinding], left_out: Lef
 
 def results_on(findings: Sequence[WordedFinding]) -> list[WordedFinding]:
     """Why the device of a trial is not of second order, as friction."""
-    of_whole = [worded for worded in findings if is_of_whole(worded.finding)]
-    return [worded for worded in of_whole if worded.finding.is_result]
+    return [
+        worded for worded in findings if worded.finding.is_result and is_of_whole(worded.finding)
+    ]
 
 
 def verdict_counts(

@@ -11,7 +11,6 @@ from osl_analysis.ingest.clock import (
     correlate_clocks,
     find_edges,
     fit_clock,
-    gate_fit,
 )
 
 OFFSET = -3.2  # [s] of the logger's clock
@@ -163,17 +162,3 @@ def test_strides_that_differ_a_little_tell_the_lag() -> None:
     fit = correlate_clocks((time, angle), (time[:6000], seen))
 
     assert fit.offset == pytest.approx(-1500 / CAMERA_RATE, abs=0.1 / CAMERA_RATE)
-
-
-GATE_S = 4.0  # of each capture
-GATES = np.array([5.0, 15.0, 30.0])  # starts in the log
-CAPTURE = np.arange(0, GATE_S, 1 / MASTER_RATE)
-
-
-def test_pulses_that_are_all_as_long_as_the_capture_are_refused() -> None:
-    time = np.arange(0, 40, 1 / SLAVE_RATE)
-    is_high = [(time >= start) & (time < start + GATE_S) for start in GATES]
-    pulses = find_edges(time, np.any(is_high, axis=0).astype(float))
-
-    with pytest.raises(InputError, match="3 pulses of the log are as long as the capture"):
-        gate_fit(pulses, CAPTURE)

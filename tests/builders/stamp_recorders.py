@@ -113,11 +113,12 @@ def recorded(seed, kind, age=0.0, *, rate=1000.0, jitter=1e-4, changes=0.0, deci
     return log(np.round(stamps, decimals)[kept], taken[kept], random), taken[kept]
 
 
-def held_log(rate, late=0.0, of="torque", bits=14):
+def held_log(rate, late=0.0, of="torque", bits=14, long=0.0):
     """A log at 1 kHz in which one signal stands for several rows: its newest value, `late` rows
-    after it was taken."""
+    after it was taken. One loop in twelve is longer by `long` [s]."""
     random = np.random.default_rng(int(rate))
     t = clock(RATE)
+    t += long * np.cumsum(np.arange(t.size) % 12 == 0)
     newest = np.floor((t - late / RATE) * rate + 1e-6).astype(int)
     taken = np.arange(newest[0], newest[-1] + 1) / rate
     recording = log(t, t, random)

@@ -239,9 +239,11 @@ def test_a_stated_delay_leaves_no_doubt_about_held_values():
     assert_recovers_the_joint(grid)
 
 
-def test_a_source_that_is_hardly_slower_than_the_log_is_read_at_its_own_rate():
-    """Of ten values nine are new."""
-    assert_recovers_the_joint(one_time_base([held_log(970.0)]))
+@pytest.mark.parametrize(("rate", "long"), [(970.0, 0.0), (97.0, 7e-4)])
+def test_a_held_signal_is_read_at_its_own_rate_whatever_the_rows_do(rate, long):
+    """Of ten values nine are new; or some loops of the log are so long that it lies in wait for
+    more than a usual one."""
+    assert_recovers_the_joint(one_time_base([held_log(rate, long=long)]))
 
 
 SLOW_SIGNALS = {

@@ -130,7 +130,9 @@ def test_without_sync_edges_the_joints_angle_aligns_the_log_and_the_trial_says_s
     log = [stamped(round(t * 1e9), angle=a, torque=0.0, sync=False) for t, a in every]
     write_log(tmp_path / "leg.mcap", log, SAMPLE.replace("float32 angle", "float64 angle"))
     bent = np.pi / 2 + course(time)
-    toe = 200 * np.stack([np.sin(bent), 0 * bent, np.cos(bent)], axis=1)
+    # along a line through M1, so that the angle there stays
+    away = 400 * np.sin(0.1) / np.sin(bent + 0.1)
+    toe = (away * [np.sin(bent), 0 * bent, np.cos(bent)]).T
     points = np.stack(
         [np.tile([0, 0, 400.0], (time.size, 1)), np.full((time.size, 3), 1e-6), toe], axis=1
     )

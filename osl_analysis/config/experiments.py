@@ -4,9 +4,7 @@ line read (`experiments.yaml`)."""
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
-
-from pydantic import ConfigDict, TypeAdapter
+from typing import Any, Literal
 
 from osl_analysis.files import own_yaml
 
@@ -111,9 +109,16 @@ class Experiment:
         }
 
 
-EXPERIMENTS = TypeAdapter(dict[str, Experiment], config=ConfigDict(extra="forbid")).validate_python(
-    own_yaml(Path(__file__).with_suffix(".yaml"))
-)
+def experiment_of(facts: dict[str, Any]) -> Experiment:
+    """An entry of `experiments.yaml`, without pydantic, whose import would delay the command
+    line."""
+    tables = [ResultTable(**table) for table in facts.get("tables", ())]
+    fit = FitJob(**facts["fit"]) if "fit" in facts else None
+    return Experiment(**{**facts, "tables": tables, "fit": fit})
+
+
+LISTED = own_yaml(Path(__file__).with_suffix(".yaml"))
+EXPERIMENTS = {name: experiment_of(facts) for name, facts in LISTED.items()}
 TABLES_OF_TRIALS = {table.name: table for facts in EXPERIMENTS.values() for table in facts.tables}
 """The tables with rows of single trials, by name."""
 DOUBTS_OF = {name: table.doubts_of for name, table in TABLES_OF_TRIALS.items() if table.doubts_of}

@@ -339,13 +339,14 @@ def standing_runs(
     """
     every = repeats(values)
     edges: NDArray[np.intp] = every[np.diff(every)[:, 0] > LIMITS.least_standing]
-    if not len(edges):
-        return edges
+    duration_s = np.ptp(time)
+    if not len(edges) or duration_s == 0:
+        return edges[:0]
     followed = np.interp(time, *reference)
     sums = np.append(0.0, np.cumsum(followed - followed.mean()))
     rows = np.arange(sums.size)
     length = np.diff(edges)
-    width = np.minimum(length / LIMITS.means, LIMITS.mean_s * time.size / np.ptp(time))
+    width = np.minimum(length / LIMITS.means, LIMITS.mean_s * time.size / duration_s)
     begins = edges[:, :1] + length / 2 + (length / 4 - width) * np.linspace(0, 1, LIMITS.means)
     means = (np.interp(begins + width, rows, sums) - np.interp(begins, rows, sums)) / width
     noise = noise_of(followed) / np.sqrt(np.maximum(width[:, 0], 1.0))

@@ -180,24 +180,26 @@ def call(job: Job) -> Sequence[NotAnalysed]:
     Its arguments are the inputs, outputs and params of the rule by their names, converted to the
     declared types. A command that is told what is `refused` is called whatever is missing.
     """
-    inputs = {name: job.inputs[name] for name in job.inputs if name not in ONLY_WAITED_FOR}
-    inputs, refused, missing = without_missing(inputs)
+    inputs, refused, missing = without_missing(others(job.inputs, ONLY_WAITED_FOR))
     if missing and job.tell != "refused":
         return missing
 
-    arguments: dict[str, Any] = {job.tell: refused} if job.tell else {}
     inputs = without_excluded(inputs, job.params.get("excluded", ()))
-    for given, left_out in ((inputs, ONLY_CHECKED), (job.params, OF_EVERY_JOB)):
-        arguments.update((name, given[name]) for name in given if name not in left_out)
-
+    arguments = others(inputs, ONLY_CHECKED) | others(job.params, OF_EVERY_JOB)
+    if job.tell:
+        arguments[job.tell] = refused
     command = CONVERTING(resolve_name(job.command))
     with limited_memory(job.recordings):
         if job.command in TABLES_OF_FIT:
             write_fit(job, command, arguments)
         else:
-            outputs = {name: job.outputs[name] for name in job.outputs if name not in ONLY_MADE}
-            command(**arguments, **outputs)
+            command(**arguments, **others(job.outputs, ONLY_MADE))
     return ()
+
+
+def others(given: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
+    """What is given by other names than these."""
+    return {name: given[name] for name in given if name not in names}
 
 
 def without_missing(
@@ -265,9 +267,9 @@ def write_fit(job: Job, fit: Any, arguments: dict[str, Any]) -> None:
     trial = read_trial(Path(arguments.pop("trial")))
     advise = resolve_name("osl_analysis.commands.fit.fit_or_advise")
     tables = advise(fit, trial, **arguments).everything()
-    first, *others = TABLES_OF_FIT[job.command]
+    first, *further = TABLES_OF_FIT[job.command]
     file, archive = job.files
-    by_place = {archive / f"{name}.csv": tables[name] for name in others}
+    by_place = {archive / f"{name}.csv": tables[name] for name in further}
     nothing = pl.lit(None, pl.String)
     by_place[file] = tables[first].with_columns(status=pl.lit(ANALYSED), reason=nothing)
     write_tables(by_place, job.params["made_by"]["data"])
@@ -299,11 +301,10 @@ def rows_of(causes: Sequence[NotAnalysed], *places: str) -> pl.DataFrame:
     """A row for each cause, with the columns of the first of these tables that is described."""
     described = {table.place: table.columns for table in described_tables()}
     columns = next((described[place] for place in places if place in described), {"trial": ""})
-    rows = []
-    for cause in causes:
-        stated = {"trial": cause.trial or None, "status": NOT_ANALYSED, "reason": cause.reason}
-        rows.append({**dict.fromkeys(columns), **stated})
-    return pl.DataFrame(rows)
+    without = {**dict.fromkeys(columns), "status": NOT_ANALYSED}
+    return pl.DataFrame(
+        [{**without, "trial": cause.trial or None, "reason": cause.reason} for cause in causes]
+    )
 
 
 def end_killed(job: Job, signal_name: str) -> None:
@@ -317,11 +318,11 @@ def end_killed(job: Job, signal_name: str) -> None:
     """
     if signal_name in CRASHES and job.recordings:
         reason = f"{' or '.join(job.recordings)}: a library that reads it crashed ({signal_name})"
-        ending = refuse(job, reason, "the file may be damaged: copy, export or record it again")
-    else:
-        reason = f"the process of this job was killed ({signal_name})"
-        remedy = "run again; if memory was short, with fewer jobs at once (`--cores 1`)"
-        ending = {"outcome": "killed", "error": reason, "remedy": remedy}
+        remedy = "the file may be damaged: copy, export or record it again"
+        write_log(job.log, {"job": job.command, **refuse(job, reason, remedy)})
+        return
+    reason = f"the process of this job was killed ({signal_name})"
+    remedy = "run again; if memory was short, with fewer jobs at once (`--cores 1`)"
+    ending = {"outcome": "killed", "error": reason, "remedy": remedy}
     write_log(job.log, {"job": job.command, **ending})
-    if ending["outcome"] == "killed":
-        raise RuntimeError(reason)
+    raise RuntimeError(reason)

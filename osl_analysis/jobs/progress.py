@@ -52,7 +52,6 @@ class LogHandler(LogHandlerBase):
     needs_rulegraph = False
 
     def __post_init__(self) -> None:
-        self.is_quiet = not (self.common_settings.verbose or self.common_settings.dryrun)
         self.total = Counter[str]()  # jobs by stage
         self.done = Counter[str]()
         self.started_s: dict[str, float] = {}  # when the first job of a stage began
@@ -63,15 +62,14 @@ class LogHandler(LogHandlerBase):
     @property
     def writes_to_stream(self) -> bool:
         """Whether this replaces Snakemake's own lines."""
-        return self.is_quiet
+        return not (self.common_settings.verbose or self.common_settings.dryrun)
 
     def emit(self, record: LogRecord) -> None:
         """Take one record. A line that cannot be written must not end the thread that takes
         them."""
-        if not self.is_quiet:
-            return
         try:
-            self.handle_event(record)
+            if self.writes_to_stream:
+                self.handle_event(record)
         except Exception:
             self.handleError(record)
 

@@ -56,21 +56,6 @@ class Worker:
             self.process.start()
         far_end.close()  # so that the end of the process ends the connection
 
-    def do(self, given: Sequence[Any]) -> None:
-        """Do a job, of which the fields of `perform.Job` are given.
-
-        Raises
-        ------
-        EOFError, ConnectionError
-            The process has ended.
-        RuntimeError
-            There is no result.
-        """
-        self.connection.send(given)
-        error = self.connection.recv()
-        if error is not None:
-            raise error
-
     def end(self) -> int:
         """End the process when it has done its job; its exit code: if it was killed, the negative
         number of the signal."""
@@ -134,23 +119,24 @@ def job(command: str, input: Any, output: Any, params: Any, log: Any, tell: str 
 
 
 def do_in_worker(command: str, files: Sequence[Path], given: Sequence[Any]) -> str:
-    """Do a job in a worker; returns what killed the worker, if it was killed before the end."""
+    """Do a job in a worker; returns what killed the worker, if it was killed before the end. Raises
+    RuntimeError: there is no result."""
     idle = IDLE[command.startswith("osl_analysis.commands.simulate.")]
     try:
         worker = idle.pop()
     except IndexError:  # not asked for before: another thread may take the last one meanwhile
         worker = Worker()
     try:
-        worker.do(given)
+        worker.connection.send(given)
+        failure = worker.connection.recv()
     except (EOFError, ConnectionError):
         for file in files:
             temporary_path(file, worker.process.pid).unlink(missing_ok=True)
         exit_code = worker.end()
         return signal.Signals(-exit_code).name if exit_code < 0 else "from outside"
-    except BaseException:
-        idle.append(worker)
-        raise
     idle.append(worker)
+    if failure is not None:
+        raise failure
     return ""
 
 

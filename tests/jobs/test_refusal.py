@@ -191,14 +191,18 @@ from pathlib import Path
 from osl_analysis.jobs import workers
 
 os.environ["OMP_NUM_THREADS"] = "64"
+def do(worker, log):
+    worker.connection.send(("osl_analysis.files.root", {}, {}, {}, [], Path(log)))
+    worker.connection.recv()
+
 first, second = workers.Worker(), workers.Worker()
 for worker in (first, second):
-    worker.do(("osl_analysis.files.root", {}, {}, {}, [], Path("job.log")))
+    do(worker, "job.log")
 process = Path(f"/proc/{first.process.pid}")
 environment = b"OMP_NUM_THREADS=1\\0" in (process / "environ").read_bytes()
 mapped = "llvmlite" in (process / "maps").read_text()
 os.kill(first.process.pid, signal.SIGKILL)
-second.do(("osl_analysis.files.root", {}, {}, {}, [], Path("again.log")))
+do(second, "again.log")
 print([environment, mapped, Path("again.log").exists(), first.end()])
 workers.IDLE[False].append(second)
 print(second.process.pid, flush=True)

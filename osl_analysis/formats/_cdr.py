@@ -113,7 +113,12 @@ class Layout:
         self.is_shared = np.zeros(len(data), bool)  # bytes that all messages of the layout share
         self.is_shared[: self.begin // 2] = True  # the mark of plain CDR
         self._walk_message(full_name(name), "")
-        self._check_end()
+        more = len(data) - self.position
+        if more > (0 if is_ros1 else MOST_PADDING):
+            raise InputError(
+                f"a message of {len(data)} bytes has {more} more than its schema describes;"
+                f" {NEW_RECORDING}"
+            )
         last_at = {place: path for path, (_, place) in self.numbers.items()}  # names come last
         in_order = [last_at[place] for place in sorted(last_at)]
         self.listed = [path for path in in_order if not OTHER_ELEMENT.search(path)]
@@ -205,12 +210,3 @@ class Layout:
                 f"a message of {len(self.data)} bytes is too short for its schema; {NEW_RECORDING}"
             )
         return begin
-
-    def _check_end(self) -> None:
-        """Refuse a message that is longer than its definition."""
-        more = len(self.data) - self.position
-        if more > (0 if self.is_ros1 else MOST_PADDING):
-            raise InputError(
-                f"a message of {len(self.data)} bytes has {more} more than its schema describes;"
-                f" {NEW_RECORDING}"
-            )

@@ -37,7 +37,6 @@ ROS_UNITS = {
 a laboratory's effort may be a current, and a joint that slides has other ones."""
 PLAIN_NAME = re.compile(r"[^.\[\]]+")
 CHOICES = re.compile(r"(\[[^\]\"]*\])+$")  # an index, or the name of an element
-QUOTED_NAME = re.compile(r"\[(\"(?:[^\"\\]|\\.)*\")\]$")
 NUMBER = int | float  # built once: a log has a million of them
 DIGITS = frozenset("0123456789.")
 # seconds and nanoseconds of a stamp: ROS, protobuf, Foxglove's JSON, ROS 1 in JSON
@@ -149,24 +148,22 @@ class Topic:
                 layout = self.layouts.get(length)
                 if layout is None or not layout.fits(rows[:1])[0]:
                     try:
-                        layout = self._layout_of(rows[0].tobytes())
+                        is_ros1 = self.encoding == "ros1"
+                        first = rows[0].tobytes()
+                        layout = Layout(self.schema.name, self.schema.data, is_ros1, first)
                     except Exception as error:
                         self._note(error)
                         places = places[1:]
                         rows = rows[1:]
                         continue
+                    for path in layout.listed:
+                        self.types[path] |= set()
                 self.layouts[length] = layout
                 fits = layout.fits(rows)
                 fitting = rows if fits.all() else rows[fits]  # nearly always all, and no copy
                 yield places[fits], layout.names, layout.columns(fitting, self.wanted)
                 places = places[~fits]
                 rows = rows[~fits]
-
-    def _layout_of(self, data: bytes) -> Layout:
-        layout = Layout(self.schema.name, self.schema.data, self.encoding == "ros1", data)
-        for path in layout.listed:
-            self.types[path] |= set()
-        return layout
 
     def _as_objects(self, decode: Callable[[bytes], Any], messages: Bytes) -> Iterator[Decoded]:
         """Decode messages that become objects, one by one."""
@@ -175,23 +172,25 @@ class Topic:
         places: list[int] = []
         for place, start in enumerate(starts.tolist()):
             try:
-                objects.append(values_in(decode(content[start : start + lengths[place]])))
+                values: dict[str, Any] = {}
+                _take_values(decode(content[start : start + lengths[place]]), "", values)
+                objects.append(values)
                 places.append(place)
             except Exception as error:
                 self._note(error)
         columns: dict[str, Any] = {}
         for path in dict.fromkeys(path for values in objects for path in values):
-            values = [value.get(path) for value in objects]
-            texts = [value for value in values if isinstance(value, str)]
+            numbers = [value.get(path) for value in objects]
+            texts = [value for value in numbers if isinstance(value, str)]
             if texts:
                 self.texts.setdefault(path, texts[0])
-                values = [None if isinstance(value, str) else value for value in values]
-            types = {*map(type, values)}
+                numbers = [None if isinstance(value, str) else value for value in numbers]
+            types = {*map(type, numbers)}
             if types == {type(None)}:  # text alone
                 continue
             self.types[path] |= types
             if self.wanted is None or path in self.wanted:
-                columns[path] = pl.Series(values, strict=False)
+                columns[path] = pl.Series(numbers, strict=False)
         yield np.array(places, np.int64), "", columns
 
     def _note(self, error: Exception) -> None:
@@ -435,14 +434,9 @@ def _wanted_fields(source: Any) -> dict[str, list[str]]:
     return {topic: [*dict.fromkeys(fields)] for topic, fields in wanted.items()}
 
 
-def values_in(value: Any) -> dict[str, Any]:
-    """The numbers and texts of an object, by path; of a long array the first `MOST_ELEMENTS`."""
-    values: dict[str, Any] = {}
-    _take_values(value, "", values)
-    return values
-
-
 def _take_values(value: Any, path: str, values: dict[str, Any]) -> None:
+    """Take the numbers and texts in an object, by path; of a long array the first
+    `MOST_ELEMENTS`."""
     if isinstance(value, NUMBER):
         values[path] = value
     elif isinstance(value, dict):
@@ -481,5 +475,5 @@ def joined_path(path: str, name: str) -> str:
 def last_name(path: str) -> str:
     """The name at the end of a path, also where an index or a choice follows it."""
     plain = CHOICES.sub("", path)
-    quoted = QUOTED_NAME.search(plain)
-    return str(json.loads(quoted[1])) if quoted else plain.rpartition(".")[2]
+    begin = '["' if plain.endswith('"]') else "."
+    return plain.removesuffix('"]').rpartition(begin)[2]

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from statistics import mode
 from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
 
@@ -30,16 +31,15 @@ from osl_analysis.formats._text import (
     is_last_whole,
     is_number_cell,
     is_value,
-    most_common_width,
     name_and_unit,
     unpadded,
-    without_brackets,
 )
 from osl_analysis.recording import Channel, End, Kind, Loss, Recording, Rows
 from osl_analysis.source_file import ColumnChannel, ColumnTime, TableSource
 from osl_analysis.units import is_unit
 
 MOST_COLUMNS = 10_000  # a table with more columns is transposed, or no recording
+BRACKETS = "[](){} "  # around a unit
 MOST_HEADERS = 3  # rows of names and units above the numbers
 LEAST_VALUES = 0.5  # share of the cells of a column of numbers that are numbers
 FAR_BEYOND = 5.0  # times the next largest value: a number of nines is none that was measured
@@ -208,9 +208,9 @@ def _with_dropped_variables(
                     f"line {row.number} lacks cells, and {len(failed)} were missing in the line"
                     " before: it is unknown which column was omitted; cut the file off there"
                 )
-            places = ", ".join(str(variable + 1) for variable in failed)
             remarks.append(
-                f"from line {row.number} on, cells {places} of the lines before are missing"
+                f"from line {row.number} on, {len(failed)} of the cells of the lines before are"
+                " missing"
             )
             if len(named) != len(header.cells):
                 named = variables
@@ -226,7 +226,7 @@ def _shape_of(rows: Sequence[Row]) -> Shape:
         raise InputError("holds no rows; record it again, or exclude the trial")
     middle = rows[len(rows) // 2]
     sample = [row.cells for row in rows[:FIRST_LINES]]
-    width = most_common_width(sample)
+    width = mode(map(len, sample))
     typical = [cells for cells in sample if len(cells) == width]
     typical = typical[len(typical) // 2 :]  # the first rows may be a header
     for place in range(width):
@@ -288,7 +288,7 @@ def _head_of(
         lists = [names for names in split if names]
     units: list[str] = []
     if len(lists) > 1 and _are_units(lists[-1]):
-        units = [without_brackets(cell) for cell in lists.pop()]
+        units = [cell.strip(BRACKETS) for cell in lists.pop()]
     for cells in candidates:  # `Y_Unit_Label` of LabVIEW
         if not units and re.search(r"(?i)unit", cells[0]) and _are_units(cells[1:]):
             units = ["", *cells[1:width]]
@@ -309,7 +309,7 @@ def _head_of(
 
 def _are_units(cells: Sequence[str]) -> bool:
     """Tell whether most cells are units."""
-    filled = [without_brackets(cell) for cell in cells if cell not in ("", "-", "[]", "()")]
+    filled = [cell.strip(BRACKETS) for cell in cells if cell not in ("", "-", "[]", "()")]
     units = sum(is_unit(cell) and cell != "1" for cell in filled)
     return units > len(filled) / 2
 
@@ -413,8 +413,7 @@ def recording_of_table(
             channel = replace(channel, read=read, unit="ns", kind=Kind.CLOCK, count_words=None)
         channels.append(channel)
     loss = Loss(rows.count, rows.count + table.skipped, table.end, remarks=table.remarks)
-    delimiter = {"delimiter": table.delimiter} if table.delimiter else {}
-    return Recording(format_name, channels, loss, notes=table.notes, facts={**facts, **delimiter})
+    return Recording(format_name, channels, loss, notes=table.notes, facts=facts)
 
 
 def _values_of(

@@ -3,10 +3,10 @@ programs of all countries write."""
 
 import csv
 import re
-from collections import Counter
 from collections.abc import Collection, Sequence
 from itertools import zip_longest
 from pathlib import Path
+from statistics import mode
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -138,7 +138,7 @@ def delimiter_of(lines: Sequence[Line]) -> str:
 def _score(sample: Sequence[str], sign: str) -> float:
     """Share of lines with the most frequent number of cells, times that of values among these."""
     rows = [text.split(None if sign == " " else sign) for text in sample]
-    width = most_common_width(rows)
+    width = mode([*map(len, rows), 0])
     if width < 2:
         return 0.0
     typical = [row for row in rows if len(row) == width]
@@ -180,10 +180,10 @@ def split_rows(lines: Sequence[Line], delimiter: str) -> list[Row]:
 
 def unpadded(cells: Sequence[str], width: int = 0) -> list[str]:
     """Leave out empty cells at the end, beyond a width: some programs pad lines with them."""
-    last = len(cells)
-    while last > width and not cells[last - 1]:
-        last -= 1
-    return list(cells[:last])
+    kept = list(cells)
+    while len(kept) > width and not kept[-1]:
+        kept.pop()
+    return kept
 
 
 def check_last_line(is_ended: bool, rows: Sequence[Row]) -> None:
@@ -243,11 +243,6 @@ def name_and_unit(title: str) -> tuple[str, str]:
     return (match[1], match[2][1:-1]) if match[1] else (match[3], match[4])
 
 
-def without_brackets(unit: str) -> str:
-    """Write a unit from a row of units without its brackets: `[deg]` and `(deg)` become `deg`."""
-    return re.sub(r"^(\[.*\]|\(.*\)|\{.*\})$", lambda match: match[0][1:-1].strip(), unit)
-
-
 def is_last_whole(cells: Sequence[str]) -> bool:
     """Tell whether the last cell of a file without a final line break is complete.
 
@@ -271,29 +266,24 @@ def decimal_of(rows: Sequence[Sequence[str]]) -> str:
     columns = zip_longest(*rows[:FIRST_LINES], *rows[-LAST_LINES:], fillvalue="")
     for place, column in enumerate(columns, start=1):
         numbers = {cell for cell in column if re.fullmatch(r"[+-]?\d*[.,]?\d+", cell)}
-        _check_thousands(place, numbers)
+        # as a decimal sign the stop would stand in every number if three decimals are written, and
+        # no number would end in 0 if zeros are left out
+        small = [number for number in numbers if re.fullmatch(r"[+-]?\d{1,3}", number)]
+        grouped = [
+            number for number in numbers if re.fullmatch(r"[+-]?[1-9]\d{0,2}\.\d{3}", number)
+        ]
+        ends_in_zero = any(number.endswith("0") for number in grouped)
+        if small and ends_in_zero and len(small) + len(grouped) == len(numbers):
+            raise InputError(
+                f"column {place}: '{max(grouped)}' stands beside '{small[0]}', as with a sign"
+                " between thousands; write numbers without it"
+            )
         cells |= {*column}
     if any(re.fullmatch(r"[+-]?\d*\.\d+([eEdD][+-]?\d+)?", cell) for cell in cells):
         return "."
     commas = [cell for cell in cells if re.fullmatch(r"[+-]?\d*,\d+([eE][+-]?\d+)?", cell)]
     may_be_thousands = all(re.fullmatch(r"[+-]?[1-9]\d{0,2},\d{3}", cell) for cell in commas)
     return "." if may_be_thousands else ","
-
-
-def _check_thousands(place: int, numbers: Collection[str]) -> None:
-    """Refuse a column in which `1.000` stands beside `998`.
-
-    As a decimal sign the stop would stand in every number if three decimals are written, and no
-    number would end in 0 if zeros are left out.
-    """
-    small = [number for number in numbers if re.fullmatch(r"[+-]?\d{1,3}", number)]
-    grouped = [number for number in numbers if re.fullmatch(r"[+-]?[1-9]\d{0,2}\.\d{3}", number)]
-    ends_in_zero = any(number.endswith("0") for number in grouped)
-    if small and ends_in_zero and len(small) + len(grouped) == len(numbers):
-        raise InputError(
-            f"column {place}: '{max(grouped)}' stands beside '{small[0]}', as with a sign between"
-            " thousands; write numbers without it"
-        )
 
 
 def cell_values(
@@ -390,9 +380,3 @@ def cell_stamps(cells: pl.Series) -> NDArray[np.int64]:
     stamps = numbers.select(since_midnight.cast(pl.Int64)).to_series().to_numpy()
     begins_anew = np.diff(stamps, prepend=stamps[:1]) < -DAY_NS // 2
     return np.asarray(stamps + DAY_NS * np.cumsum(begins_anew))
-
-
-def most_common_width(rows: Sequence[Sequence[str]]) -> int:
-    """The number of cells that most rows have; 0 without rows."""
-    widths = Counter(len(cells) for cells in rows).most_common(1)
-    return widths[0][0] if widths else 0

@@ -89,8 +89,8 @@ def _read_workbook(path: Path, source: SheetSource | None) -> Recording:
     others = [name for name, sheet in sheets.items() if name != largest and sheet.height]
     if others:
         remarks.append(f"sheet '{largest}' is read, the largest; not read: {listing(others, 5)}")
-    table = replace(table, delimiter="", end=End.WHOLE, remarks=remarks)
-    facts = {"rows": str(len(table.lines)), "sheet": largest}
+    table = replace(table, end=End.WHOLE, remarks=remarks)
+    facts = {"rows": len(table.lines), "sheet": largest}
     return recording_of_table("table", table, layout, noun="row", facts=facts)
 
 
@@ -112,7 +112,7 @@ def _recording_of_frame(frame: pl.DataFrame) -> Recording:
         remarks=remarks,
         end=End.WHOLE,
     )
-    facts = {"rows": str(frame.height)}
+    facts = {"rows": frame.height}
     return recording_of_table("table", table, LISTING, noun="row", facts=facts)
 
 
@@ -175,7 +175,7 @@ def _recording_of_arrays(arrays: Mapping[str, NDArray[Any]], units: Mapping[str,
     channels = channels_of("column", parts)
     most = max(values.size for values in columns.values())
     loss = Loss(most, most, remarks=remarks)
-    return Recording("table", channels, loss, notes=notes, facts={"rows": str(most)})
+    return Recording("table", channels, loss, notes=notes, facts={"rows": most})
 
 
 def channels_of(key: str, columns: Sequence[Column], noun: str = "row") -> list[Channel]:

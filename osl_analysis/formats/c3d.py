@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +52,6 @@ TYPES = {1: "u1", 2: "<i2", 4: "<f4"}  # of numbers in parameters
 # a parameter holds 255 values; more follow in NAME2, NAME3, ...
 CONTINUATIONS = ("", *"23456789")
 MOST_PLATES = 99
-MOST_DIMENSIONS = 7  # of a parameter
 STATE_PLATE = (
     "state it in the source file, as `plate_geometry: {1: {type: 2, channels: [Fx, Fy, Fz, Mx, My,"
     " Mz], corners: [[x, y, z], ...]}}` with the labels of its channels"
@@ -60,7 +59,6 @@ STATE_PLATE = (
 PLATE_LABEL = re.compile(r"(?i)(?:^|[^a-z])([FM][xyz])\d*$")  # `Force.Fx1`
 
 Array = NDArray[np.float64]
-T = TypeVar("T")
 Parameters = Mapping[str, "Array | list[str]"]
 
 
@@ -233,7 +231,7 @@ def _parameter_value(data: bytes, position: int, name: str) -> tuple[Array | lis
     shape = tuple(data[position + 2 : begin])
     end = begin + abs(kind) * math.prod(shape)
     content = data[begin:end]
-    if kind not in (TEXT, *TYPES) or dimensions > MOST_DIMENSIONS or len(data) < end:
+    if kind not in (TEXT, *TYPES) or len(data) < end:
         raise InputError(
             f"the parameter '{name}' has type {kind} and sizes {shape}, or reaches beyond the end"
             " of the file: it is damaged; export the trial again"
@@ -364,7 +362,7 @@ def plate_of(
             if header.texts("FORCE_PLATFORM:MATRIX_STORE") == ["BYROW"]:
                 calibration = calibration.T
         analogs = _plate_parameter(header, "CHANNEL", number, (0,)).astype(int).tolist()
-        analogs = analogs[: len(MEASURED_BY_TYPE[kind])]
+        analogs = analogs[: len(MEASURED_BY_TYPE[kind])]  # some have more, of 0
     if kind == 3 and not origin[:2].all():
         raise InputError(
             f"plate {number} of type 3 has ORIGIN {origin.tolist()}; without its sensors' distances"
@@ -504,13 +502,13 @@ def read(path: Path, source: C3dSource | None) -> Recording:
     )
 
 
-def _filled(values: Sequence[T], count: int, filling: T) -> list[T]:
+def _filled(values: Sequence[Any], count: int, filling: Any) -> list[Any]:
     """The first values, with others for those that lack."""
     return [*values, *[filling] * count][:count]
 
 
 def _begins(begin: bytes) -> bool:
-    return begin[1:2] == b"P" and begin[:1] < b" " and b"\0" in begin
+    return begin[1:2] == b"P" and begin[:1] < b" "
 
 
 FORMAT = Format(name="c3d", suffixes=(".c3d",), begins=_begins, source=C3dSource, read=read)

@@ -138,7 +138,8 @@ def read(path: Path, source: SheetSource | None) -> Recording:
             )
     layout = source or LISTING
     table = table_of_text(text, layout)
-    return recording_of_table("csv", table, layout, facts={"rows": str(len(table.lines))})
+    facts = {"rows": len(table.lines), "delimiter": table.delimiter}
+    return recording_of_table("csv", table, layout, facts=facts)
 
 
 FORMAT = Format(

@@ -63,7 +63,7 @@ def read(path: Path, source: JsonSource | None) -> Recording:
         format="json_lines",
         channels=topic.channels(rows, {}, parents),
         loss=Loss(places.size, lines.size, end, remarks=remarks),
-        facts={"rows": str(places.size)},
+        facts={"rows": places.size},
         find_unlisted=topic.refuse_text,
     )
 

@@ -118,7 +118,7 @@ def read(path: Path, source: MatSource | None) -> Recording:
         channels=channels,
         loss=Loss(most, most, remarks=remarks),
         notes=notes,
-        facts={"variables": str(len(variables))},
+        facts={"variables": len(variables)},
         find_unlisted=partial(_find, variables, part, everywhere),
     )
 
@@ -231,7 +231,7 @@ def _plain(address: str) -> str:
 
 
 def _begins(begin: bytes) -> bool:
-    return begin.startswith((b"MATLAB 5.0 MAT", b"MATLAB 7.")) and b"\0" in begin
+    return begin.startswith((b"MATLAB 5.0 MAT", b"MATLAB 7."))
 
 
 FORMAT = Format(name="mat", suffixes=(".mat",), begins=_begins, source=MatSource, read=read)

@@ -1,7 +1,7 @@
 """Tables of OpenSim (.mot, .sto): a header down to `endheader`, then names and rows."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -88,18 +88,13 @@ class OpenSimSource(SheetSource, InAxes):
         return self
 
 
-def header_of(lines: Sequence[str]) -> dict[str, str]:
-    """What a header says, by key in small letters: `nRows=12`, or as older versions write it
-    `datarows 12`."""
-    parts = [re.split(r"\s*=\s*|\s+", text, maxsplit=1) for text in lines]
-    return {part[0].casefold(): part[-1] for part in parts}
-
-
 def read(path: Path, source: OpenSimSource | None) -> Recording:
     """Read a table; refused if its header has no end, or contradicts the rows."""
     layout = source or LISTING
     table = table_of_text(read_text(path), layout)
-    header = header_of(table.notes)
+    # `nRows=12`, or as older versions write it `datarows 12`
+    parts = [re.split(r"\s*=\s*|\s+", text, maxsplit=1) for text in table.notes]
+    header = {part[0].casefold(): part[-1] for part in parts}
     stated_rows = header.get("nrows") or header.get("datarows") or ""
     if stated_rows not in ("", str(len(table.lines))):
         raise InputError(

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from io import BytesIO
+from operator import methodcaller
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +16,8 @@ from scipy.constants import nano
 
 from osl_analysis.errors import InputError, optional_module
 from osl_analysis.formats import in_one_sentence
-from osl_analysis.formats._text import CONTROL
 from osl_analysis.recording import Channel, End, Format, Kind, Loss, Recording, Rows
 from osl_analysis.source_file import LogChannel, Name, RowTime, TableSource
-
-MARK = b"TDSm"
 
 
 class TdmsChannel(LogChannel):
@@ -91,8 +89,8 @@ def read(path: Path, source: TdmsSource | None) -> Recording:
             remarks=remarks,
         ),
         facts={
-            "channels": str(len(every)),
-            **{str(key): str(value)[:200] for key, value in [*file.properties.items()][:20]},
+            "channels": len(every),
+            **{key: str(value) for key, value in file.properties.items()},
         },
     )
 
@@ -131,9 +129,10 @@ def _values_of(channel: Any, count: int) -> NDArray[Any]:
     return np.asarray(values)
 
 
-def _begins(begin: bytes) -> bool:
-    """Tell whether a file is TDMS; text never is: `TDSm` may name a column."""
-    return begin.startswith(MARK) and CONTROL.search(begin) is not None
-
-
-FORMAT = Format(name="tdms", suffixes=(".tdms",), begins=_begins, source=TdmsSource, read=read)
+FORMAT = Format(
+    name="tdms",
+    suffixes=(".tdms",),
+    begins=methodcaller("startswith", b"TDSm"),
+    source=TdmsSource,
+    read=read,
+)

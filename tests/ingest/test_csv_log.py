@@ -148,7 +148,7 @@ def test_a_variable_that_the_logger_dropped_is_missing_from_there_on(tmp_path, t
     np.testing.assert_allclose(trial.samples["torque"], [5, 6, 7, 8, 9])
     if angle is not None:
         np.testing.assert_array_equal(trial.samples["theta"], angle)
-    said = "log.csv: from line 5 on, cells 2 of the lines before are missing"
+    said = "log.csv: from line 5 on, 1 of the cells of the lines before are missing"
     assert said in trial.provenance["warnings"]
 
 

@@ -40,17 +40,44 @@ def convert_capture(recording: Recording, source: MarkerSource) -> Converted:
         A channel is missing or occurs twice, a unit or a plate is wrong, or there is nothing to
         read.
     """
-    markers = asked_markers(recording, source)
+    if source.markers == "all":
+        markers = [
+            channel
+            for channel in recording.channels
+            if channel.kind == Kind.MARKER and is_labelled(channel.key)
+        ]
+    else:
+        markers = [recording.find({"label": label}, "marker") for label in source.markers]
     used = [*markers]
     of_frames: dict[str, Array] = {}
     of_samples: dict[str, Array] = {}
     origins: dict[str, dict[str, Any]] = {}
     loads: list[PlateLoad] = []
-    add_positions(recording, markers, source, of_frames, origins)
+    for marker in markers:
+        name = marker.name or marker.key
+        unit = getattr(source, "point_unit", None) or marker.unit
+        positions = metres_per(unit, source) * marker.values
+        for axis, column in enumerate(marker_columns(printable(name))):
+            if column in of_frames:
+                recording.find({"label": name}, "marker")  # it says how each of them is asked for
+            of_frames[column] = positions @ source.rotation[axis]
+            origins[column] = {
+                "label": marker.key,
+                "component": source.axes[axis],
+                "unit": unit,
+                "factor": metres_per(unit, source),
+                "si_unit": unit_of(column),
+            }
     baseline = baseline_frames(recording, source)
+    unloaded = None
+    if baseline is not None:
+        per_frame = int(recording.facts.get("samples_per_frame", 1))
+        unloaded = slice((baseline[0] - 1) * per_frame, baseline[1] * per_frame)
     if isinstance(source, LaboratorySource):
         for plate in recording.plates:
-            load = plate_load(recording, source, plate, baseline)
+            others = [each.number for each in recording.plates if each is not plate]
+            with naming(f"plate {plate.number}", f" (or leave this plate out: `plates: {others}`)"):
+                load = convert_plate(plate, source, source.rotation, unloaded)
             loads.append(load)
             of_samples.update(load.columns)
             origins.update(load.origins)
@@ -93,59 +120,6 @@ def is_labelled(label: str) -> bool:
     not label `*1`, `*2`, ..."""
     own = label.rpartition(":")[2]
     return bool(own) and not own.startswith("*")
-
-
-def asked_markers(recording: Recording, source: MarkerSource) -> list[Channel]:
-    """The markers that the source file asks for; of `all`, those with a label."""
-    if source.markers != "all":
-        return [recording.find({"label": label}, "marker") for label in source.markers]
-    return [
-        channel
-        for channel in recording.channels
-        if channel.kind == Kind.MARKER and is_labelled(channel.key)
-    ]
-
-
-def add_positions(
-    recording: Recording,
-    markers: Sequence[Channel],
-    source: MarkerSource,
-    positions: dict[str, Array],
-    origins: dict[str, dict[str, Any]],
-) -> None:
-    """Add the positions of markers [m] in our axes, by column, and where they come from."""
-    for marker in markers:
-        name = marker.name or marker.key
-        unit = getattr(source, "point_unit", None) or marker.unit
-        factor = metres_per(unit, source)
-        values = factor * marker.values
-        for axis, column in enumerate(marker_columns(printable(name))):
-            if column in positions:
-                recording.find({"label": name}, "marker")  # it says how each of them is asked for
-            positions[column] = values @ source.rotation[axis]
-            origins[column] = {
-                "label": marker.key,
-                "component": source.axes[axis],
-                "unit": unit,
-                "factor": factor,
-                "si_unit": unit_of(column),
-            }
-
-
-def plate_load(
-    recording: Recording,
-    source: LaboratorySource,
-    plate: Plate,
-    baseline: tuple[int, int] | None,
-) -> PlateLoad:
-    """What a plate recorded, less the mean of the `baseline` (`baseline_frames`)."""
-    unloaded = None
-    if baseline is not None:
-        per_frame = int(recording.facts.get("samples_per_frame", 1))
-        unloaded = slice((baseline[0] - 1) * per_frame, baseline[1] * per_frame)
-    others = [each.number for each in recording.plates if each is not plate]
-    with naming(f"plate {plate.number}", f" (or leave this plate out: `plates: {others}`)"):
-        return convert_plate(plate, source, source.rotation, unloaded)
 
 
 def baseline_frames(recording: Recording, source: MarkerSource) -> tuple[int, int] | None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from osl_analysis.errors import InputError, naming, printable
 from osl_analysis.ingest import LIMITS
+from osl_analysis.ingest.conversion import check_finite_values
 from osl_analysis.ingest.guard import repeats, run_at_extreme
 from osl_analysis.recording import EXPORTED, MEASURED_BY_TYPE, Plate, own_axes
 from osl_analysis.signals import longest_of
@@ -61,13 +62,9 @@ def convert_plate(
     if not np.isfinite(own_axes(corners)).all():
         raise InputError("its corners span no plane; correct them")
     raw = np.column_stack([np.asarray(channel.values, np.float64) for channel in plate.channels])
-    if not np.isfinite(raw).all():
-        row, column = np.argwhere(~np.isfinite(raw))[0]
-        raise InputError(
-            f"{raw[row, column]} in sample {row + 1} of analog channel"
-            f" '{plate.channels[column].key}'; correct ANALOG:SCALE and GEN_SCALE, or export the"
-            " trial again"
-        )
+    rate = rate_hz or plate.channels[0].rows.rate_hz or 1.0
+    for channel, values in zip(plate.channels, raw.T, strict=True):
+        check_finite_values(f"channel '{channel.key}'", values, np.arange(values.size) / rate)
     readings = raw
     if unloaded is not None:
         baseline = raw[unloaded].mean(axis=0)
@@ -87,7 +84,7 @@ def convert_plate(
         "plate": plate.number,
         "type": plate.type,
         "corners": (corners @ rotation.T).tolist(),
-        "channels": channel_facts(plate, raw, np.linalg.norm(force, axis=1), rate_hz),
+        "channels": channel_facts(plate, raw, np.linalg.norm(force, axis=1), rate),
     }
     if plate.type == EXPORTED:
         facts |= {"type": 2, "foot": plate.foot}
@@ -164,9 +161,7 @@ def wrench(kind: int, corners: Array, origin: Array, channels: Array) -> tuple[A
     return force @ axes.T, (moment - np.cross(centre, force)) @ axes.T
 
 
-def channel_facts(
-    plate: Plate, raw: Array, load: Array, rate_hz: float | None
-) -> list[dict[str, Any]]:
+def channel_facts(plate: Plate, raw: Array, load: Array, rate_hz: float) -> list[dict[str, Any]]:
     """Tell of each channel of a plate its longest run at an extreme (`clipped_...`) and of one
     value while the force changes (`stands_...`): the rotation hides them.
 
@@ -178,7 +173,6 @@ def channel_facts(
     load
         Size of the force (samples,) [N].
     """
-    rate = rate_hz or plate.channels[0].rows.rate_hz or 1.0
     least = max(LIMITS.used_share * np.ptp(load), LIMITS.used_N) if load.size else math.inf
     is_about_point = raw.shape[1] == 9
     facts: list[dict[str, Any]] = []
@@ -194,8 +188,8 @@ def channel_facts(
             {
                 "label": printable(channel.name or channel.key),
                 "clipped_at": values[rail.start] if rail.stop else None,
-                **facts_of_run("clipped", rail, rate),
-                **facts_of_run("stands", longest, rate),
+                **facts_of_run("clipped", rail, rate_hz),
+                **facts_of_run("stands", longest, rate_hz),
             }
         )
     return facts

@@ -215,7 +215,9 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
     samples = recording.samples
     with naming(f"trial {name} ({', '.join(files.values())})"):
         if len(recordings) == 2:
-            fit, warnings = fit_of_clocks(recordings, sources)
+            shared = getattr(sources["mocap"], "shared", None)
+            is_common = getattr(sources["log"], "clock", "") == "common"
+            fit, warnings = aligned_clock(recordings["log"], recordings["mocap"], shared, is_common)
             provenance["clock"] = asdict(fit)
             provenance["warnings"] += warnings
             samples = merged(recordings["log"], recordings["mocap"], fit)
@@ -230,27 +232,16 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
     return trial
 
 
-def fit_of_clocks(
-    recordings: Mapping[str, Converted], sources: Mapping[str, Source]
-) -> tuple[ClockFit, list[str]]:
-    """The log's clock fitted to motion capture's, and remarks. Raises InputError: both have a
-    column."""
-    log, mocap = recordings["log"], recordings["mocap"]
+def merged(log: Converted, mocap: Converted, fit: ClockFit) -> pl.DataFrame:
+    """The rows of both in the order of motion capture's time [s]; rows of the same nanosecond
+    become one row. The log's rows before and after motion capture are not used. The column `sync`
+    is motion capture's. Raises InputError: both have another column."""
     twice = sorted((log.origins.keys() & mocap.origins.keys()) - {"sync"})
     if twice:
         raise InputError(
             f"column '{twice[0]}' is mapped in log and motion capture; remove it from one source"
             " file"
         )
-    shared = getattr(sources["mocap"], "shared", None)
-    is_common = getattr(sources["log"], "clock", "") == "common"
-    return aligned_clock(log, mocap, shared, is_common)
-
-
-def merged(log: Converted, mocap: Converted, fit: ClockFit) -> pl.DataFrame:
-    """The rows of both in the order of motion capture's time [s]; rows of the same nanosecond
-    become one row. The log's rows before and after motion capture are not used. The column `sync`
-    is motion capture's."""
     log_time = pl.Series("log_time", fit.to_master(log.samples["time"].to_numpy()))
     own = log.samples.drop("time", "sync", strict=False).insert_column(0, log_time)
     rows = own.filter(log_time.is_between(0.0, mocap.samples["time"][-1]))

@@ -16,7 +16,6 @@ from osl_analysis.ingest.conversion import (
     Converted,
     asked_channels,
     canonical_columns,
-    check_finite_values,
     fresh_rows,
     losses_of,
     share_above,
@@ -110,8 +109,6 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
     }
     if apart:
         facts["clocks_apart"] = apart
-    if recording.notes:
-        facts["comments"] = list(recording.notes[: LIMITS.most_notes])
     if recording.plates:
         frame, plate_origins, facts["plates"] = with_plates(recording, source, frame, time)
         origins.update(plate_origins)
@@ -181,8 +178,6 @@ def with_plates(
     origins: dict[str, dict[str, Any]] = {}
     facts: list[dict[str, Any]] = []
     for plate in recording.plates:
-        for channel in plate.channels:
-            check_finite_values(f"column '{channel.key}'", channel.values, time)
         with naming(f"plate {plate.number}"):
             load = convert_plate(plate, source, source.rotation, rate_hz=rate_of(time))
         frame = frame.with_columns(**load.columns)

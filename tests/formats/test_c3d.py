@@ -270,7 +270,7 @@ def wrench_of(path: Path, row: int = 3, **fields: Any) -> list[float]:
     ("parameters", "stated", "told"),
     [
         ({"ANALOG__SCALE": [1, 1, np.nan, 1, 1, 1.0]}, {},
-         "plate 1: nan in sample 1 of analog channel 'Force.Fz1'"),
+         "plate 1: channel 'Force.Fz1': nan in sample 1 of 24"),
         ({"FORCE_PLATFORM__ZERO": [1, 7]}, {"plate_zero": "file"}, "frames 1 to 7 of 6"),
         ({"FORCE_PLATFORM__TYPE": [6]}, {}, "plate 1 is of type 6, and types 1 to 4 are read"),
         ({"FORCE_PLATFORM__CORNERS": np.zeros((3, 4, 1))}, {}, "its corners span no plane"),

@@ -244,7 +244,7 @@ def test_the_draft_of_ground_reactions_proposes_their_plates(
         ({}, {"plates": {1: {**PLATE, "force": "L_v"}}}, "no column 'L_vx'"),
         ({"\n0.005": "\n0.000"}, {"plates": {1: PLATE}, "time": {"repeated": "drop"}},
          "plates need all; remove `repeated: drop`"),
-        ({"700.000000000": "nan"}, {"plates": {1: PLATE}}, "column 'R_vy': nan in sample 1 of 80"),
+        ({"700.000000000": "nan"}, {"plates": {1: PLATE}}, "channel 'R_vy': nan in sample 1 of 80"),
     ],
 )  # fmt: skip
 def test_plates_that_cannot_be_read_are_refused(

@@ -318,7 +318,7 @@ class Laboratory:
         read = self.plate_reading(turn, wrench)[of_plate]
         noise = walkway.force_n * np.repeat((1.0, MOMENT_NOISE_M), 3)
         read = read + noise * self.normal(*read.shape)
-        names = (*plate_columns(1, "force"), *plate_columns(1, "moment"))
+        names = plate_columns(1)
         forces = {"time": self.time[of_plate], **dict(zip(names, read.T, strict=True))}
 
         samples = pl.DataFrame(forces).join(pl.DataFrame(markers), on="time", how="left")

@@ -343,7 +343,7 @@ class InAxes(Source):
 
     @model_validator(mode="after")
     def _right_handed(self) -> Self:
-        if round(float(np.linalg.det(self.rotation))) != 1:
+        if np.linalg.det(self.rotation) <= 0:
             raise misplaced(
                 f"{list(self.axes)} is not allowed: forward, left and up must be three different"
                 " axes of a right-handed laboratory",

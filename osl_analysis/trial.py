@@ -65,12 +65,11 @@ def marker_columns(label: str) -> tuple[str, str, str]:
     return f"marker_{label}_x", f"marker_{label}_y", f"marker_{label}_z"
 
 
-def plate_columns(plate: int, quantity: str) -> tuple[str, str, str]:
-    """Columns of one force plate, counted from 1: ground reaction `force` [N] or `moment` [N*m] on
-    the foot, in laboratory axes, for the plate at rest. The moment is about the centre of the
-    plate's surface."""
-    name = f"plate{plate}_{quantity}"
-    return f"{name}_x", f"{name}_y", f"{name}_z"
+def plate_columns(plate: int) -> list[str]:
+    """The six columns of one force plate, counted from 1: ground reaction force [N] and moment
+    [N*m] on the foot, in laboratory axes, for the plate at rest. The moment is about the centre of
+    the plate's surface."""
+    return [f"plate{plate}_{name}_{axis}" for name in ("force", "moment") for axis in AXES]
 
 
 def counter_column(column: str) -> str:

@@ -177,6 +177,8 @@ def one_unit_spelled(text: str) -> str:
 
 # ---- Dimensions
 
+NAME = r"(?:[^\W\d_]\w{0,30}|°|%|1)"  # of one unit within a product
+
 
 # all units of pint, which take 0.2 s, are read once
 @cache
@@ -187,27 +189,22 @@ def base_units(spelling: str) -> tuple[float, str] | None:
     if ticks:
         of_tick = base_units(ticks[2])
         return of_tick and (float(ticks[1]) * of_tick[0], of_tick[1])
-    parts = re.split(r"([*/])", spelling)
-    names = parts[::2]
-    are_names = all(re.fullmatch(r"[^\W\d_]\w{0,30}|°|%|1", name) for name in names)
-    if len(parts) > 15 or not are_names:
+    if not re.fullmatch(rf"{NAME}([*/]{NAME}){{,7}}", spelling):
         return None
     from pint import PintError, application_registry
 
-    text = "".join(name_for_pint(part) for part in parts)
+    text = re.sub(NAME, name_for_pint, spelling)
     try:
-        unit = application_registry.parse_units(text)
-        in_base_units = application_registry.Quantity(1.0, unit).to_base_units()
+        in_base_units = application_registry.Quantity(1.0, text).to_base_units()
     except (PintError, ValueError, AssertionError, TypeError):
         return None
     return float(in_base_units.magnitude), str(in_base_units.units)
 
 
-def name_for_pint(part: str) -> str:
-    """A name of a unit, or a sign between two, as pint reads it."""
-    name = part.lower() if ANY_CASE.fullmatch(part) else part
-    alias = ALIASES.get(name, name)
-    return f"({alias})" if len(alias) > 1 and "*" in alias else alias
+def name_for_pint(match: re.Match[str]) -> str:
+    """A match of `NAME` as pint reads it."""
+    name = match[0].lower() if ANY_CASE.fullmatch(match[0]) else match[0]
+    return f"({ALIASES.get(name, name)})"
 
 
 def is_unit(text: str) -> bool:
@@ -269,6 +266,6 @@ CLOCK_NAMES = (
 
 def is_clock(name: str) -> bool:
     """Tell whether a column is named like a clock: `time`, `t_s`, `loop_time`."""
-    last = name.rpartition("/")[2].rpartition(":")[2]  # without groups of HDF5
+    last = re.split("[/:]", name)[-1]  # without groups of HDF5
     words = re.sub(r"\s+", "_", last.strip())
     return re.fullmatch(f"_*({CLOCK_NAMES})(_(s|sec|ms|us|ns))?", words, re.IGNORECASE) is not None

@@ -213,8 +213,7 @@ WORDS = {
     "Input should be": "write",
     "a valid tuple": "a list",
     r"a valid dictionary( or instance of \w+)?": "fields below it, each as `name: value`",
-    "write less": "write a number less",
-    "write greater": "write a number greater",
+    "write (?=less|greater)": "write a number ",
 }
 """What is said in place of pydantic's words."""
 
@@ -238,12 +237,11 @@ def problem_place(problem: Mapping[str, Any], content: Any) -> Place:
     several fields gives the wrong one as `place` in its context."""
     place: list[int | str] = []
     for name in problem["loc"]:
-        try:
+        with suppress(LookupError, TypeError):
             content = content[name]
-        except (LookupError, TypeError):
-            if problem["type"] != "missing" or name != problem["loc"][-1]:
-                continue
-        place.append(name)
+            place.append(name)
+    if problem["type"] == "missing":
+        place.append(problem["loc"][-1])
     return (*place, *problem.get("ctx", {}).get("place", ()))
 
 

@@ -91,7 +91,7 @@ def convert_plate(
     else:
         stated = [channel.unit for channel in plate.channels]
         origin |= {"type": plate.type, "units": stated if any(stated) else []}
-    names = [*plate_columns(plate.number, "force"), *plate_columns(plate.number, "moment")]
+    names = plate_columns(plate.number)
     turned = np.hstack([plate.sign * force @ rotation.T, plate.sign * moment @ rotation.T])
     columns = dict(zip(names, turned.T, strict=True))
     origins = {column: {**origin, "si_unit": unit_of(column)} for column in names}

@@ -358,7 +358,7 @@ def pressed_plates(examined: Examined) -> Iterator[tuple[str, Array, Array]]:
     plates = trial.provenance.get("plates", []) if examined.experiment.walker else []
     for plate in plates:
         number, corners = plate["plate"], np.array(plate["corners"], dtype=float)
-        columns = [*plate_columns(number, "force"), *plate_columns(number, "moment")]
+        columns = plate_columns(number)
         axes = plate_axes(corners)
         wrench = trial.sampled(*columns).select(columns).to_numpy()
         wrench = wrench[wrench[:, :3] @ axes[:, 2] > LIMITS.loaded_N]

@@ -100,9 +100,7 @@ WrenchReader = Callable[[float], Array]
 
 def recorded_wrench(trial: Trial, plate: int) -> tuple[Array, Array]:
     """Stamps (k,) [s] and wrench (k, 6) of a plate, counted from 1, as it was recorded."""
-    stamps, *components = trial.signals(
-        *plate_columns(plate, "force"), *plate_columns(plate, "moment")
-    )
+    stamps, *components = trial.signals(*plate_columns(plate))
     return stamps, np.column_stack(components)
 
 

@@ -57,7 +57,7 @@ def recording(name: str, tracks: dict[str, Array], force: Array, moment: Array) 
     """A trial: marker tracks (n, 3) at 300 Hz, wrench (5 n, 3) at 1500 Hz in the plate's axes about
     its centre."""
     n = len(force)
-    columns = [*plate_columns(1, "force"), *plate_columns(1, "moment")]
+    columns = plate_columns(1)
     wrench = pl.DataFrame(np.hstack([force, moment]), columns)
     labels = [column for label in tracks for column in marker_columns(label)]
     markers = pl.DataFrame(np.hstack(list(tracks.values())), labels)

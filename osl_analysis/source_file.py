@@ -35,8 +35,6 @@ from osl_analysis.yaml_settings import Settings, check_distinct, field_line, mis
 
 SampleShare = Annotated[float, Field(ge=0, le=1)]
 LEVEL_UNIT = "V"  # of the columns that may be read from truth values: `sync` and `trigger`
-# a scale or an offset; a larger number is a typing error
-NoSlip = Annotated[float, Field(ge=-1e12, le=1e12)]
 Name = Annotated[str, Field(min_length=1)]
 
 
@@ -83,16 +81,14 @@ class Conversion(Settings):
     # Unit of the numbers, as laboratories spell it. Without it, the one that the file states.
     unit: str | None = None
     sign: Literal[1, -1] = 1  # -1 if the recorder has the opposite direction as positive.
-    scale: Annotated[NoSlip, Field(gt=0)] = (
-        1.0  # Units per count: 1 / 16384 with the unit rev for an encoder of 14 bits.
-    )
+    # Units per count: 1 / 16384 with the unit rev for an encoder of 14 bits.
+    scale: PositiveFloat = 1.0
     # Offset that is added to the raw numbers before the scale, in the raw unit.
-    offset: NoSlip = 0.0
+    offset: float = 0.0
 
     def ends(self, si_unit: str) -> tuple[float, float]:
         """Both ends of the stated range [si_unit]. Raises InputError: the range is empty."""
-        assert self.range is not None
-        low, high = (quantity(text, si_unit) for text in self.range)
+        low, high = (quantity(text, si_unit) for text in self.range or ())
         if low >= high:
             raise InputError(
                 f"a range from {low:g} to {high:g} {si_unit} is empty; write the lower end first"
@@ -101,8 +97,7 @@ class Conversion(Settings):
 
     def step(self, si_unit: str) -> float:
         """Smallest step of the recorded values [si_unit]. Raises InputError: it is not positive."""
-        assert self.resolution is not None
-        step = quantity(self.resolution, si_unit)
+        step = quantity(self.resolution or "", si_unit)
         if step <= 0:
             raise InputError(
                 f"a resolution of {self.resolution} is not positive; write a positive one, or"

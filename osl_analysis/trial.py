@@ -121,17 +121,6 @@ CHECKSUM_KEY = "osl_analysis.checksum"
 SCHEMA_KEY = "osl_analysis.schema"
 
 
-def as_polars(name: str, samples: Any) -> pl.DataFrame:
-    """A pandas frame, or columns by name, as a polars frame; `pl.from_pandas` needs pyarrow."""
-    try:
-        return pl.DataFrame({str(column): np.asarray(samples[column]) for column in samples})
-    except (TypeError, KeyError, IndexError, pl.exceptions.PolarsError) as error:
-        raise InputError(
-            f"trial {name}: the samples are no data frame ({type(samples).__name__}); give one of"
-            " polars or pandas, with a column `time` in seconds"
-        ) from error
-
-
 @dataclass(frozen=True)
 class Trial:
     """Samples of one trial in canonical columns (`COLUMNS`), a row per time stamp.
@@ -170,7 +159,14 @@ class Trial:
     def __post_init__(self) -> None:
         given: Any = self.samples
         if not isinstance(given, pl.DataFrame):
-            object.__setattr__(self, "samples", as_polars(self.name, given))
+            try:  # a pandas frame, or columns by name; `pl.from_pandas` needs pyarrow
+                samples = pl.DataFrame({str(name): np.asarray(given[name]) for name in given})
+            except (TypeError, LookupError, pl.exceptions.PolarsError) as error:
+                raise InputError(
+                    f"trial {self.name}: the samples are no data frame ({type(given).__name__});"
+                    " give one of polars or pandas, with a column `time` in seconds"
+                ) from error
+            object.__setattr__(self, "samples", samples)
         if "time" not in self.samples.columns:
             raise InputError(f"trial {self.name}: no column 'time'; map one in the source file")
         if self.samples.is_empty():

@@ -198,10 +198,7 @@ def validated(
 
     # a check of ours first: an unknown field may be the missing one. A problem of a field makes one
     # of what is above it
-    def rank(place: Place) -> tuple[bool, int]:
-        return problems_at[place][0]["type"] == MISPLACED, len(place)
-
-    place = max(problems_at, key=rank)
+    place = max(problems_at, key=lambda at: (problems_at[at][0]["type"] == MISPLACED, len(at)))
     line = located([Path(path)] if files is None else files, place)
     name = dotted(place) or "the file"
     raise InputError(f"{path}: {line}{name}: {problem_text(problems_at[place])}")

@@ -26,12 +26,17 @@ from walking_synthetic import (
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.recording import plate_axes
 from osl_analysis.trial import Array, Trial
-from osl_analysis.walking.crossing import Ankle, check_roll, check_side, load_on_foot
+from osl_analysis.walking.crossing import (
+    Ankle,
+    analyse_crossing,
+    check_roll,
+    check_side,
+    load_on_foot,
+)
 from osl_analysis.walking.plate import (
     Stance,
     check_plate,
     check_range,
-    check_type_on_platform,
     check_vertical,
     furthest_outside,
     recorded_corners,
@@ -39,6 +44,7 @@ from osl_analysis.walking.plate import (
     zeroed_wrench,
 )
 from osl_analysis.walking.plate_inertia import (
+    NO_CORRECTION,
     PlateModel,
     identify_plate_inertia,
     identify_plate_model,
@@ -373,10 +379,10 @@ def test_a_force_that_peaks_or_rests_unloaded_is_within_range() -> None:
         check_range(TIME, force, axes, 30)
 
 
-def examined(kind: int = 2, **channel: float) -> Trial:
+def examined(**channel: float) -> Trial:
     """A recording of a plate of which ingest found this in a channel."""
     facts = {"label": "A3", "clipped_samples": 0, "stands_samples": 0, **channel}
-    plate = {"plate": 1, "type": kind, "channels": [facts]}
+    plate = {"plate": 1, "channels": [facts]}
     return Trial("w", pl.DataFrame({"time": [0.0]}), {"plates": [plate]})
 
 
@@ -419,14 +425,14 @@ def test_a_force_beyond_a_person_s_is_refused() -> None:
 
 
 def test_a_moving_plate_without_moments_is_refused() -> None:
-    trial = unloaded("plate_1")
-    trial.provenance["plates"][0]["type"] = 1
+    alone, walked = unloaded("plate_1"), walked_over("p", Ramp(), Rig(), 1)
+    for trial in (alone, walked):
+        trial.provenance["plates"][0]["type"] = 1
 
-    check_type_on_platform(examined(2), 1)
     with pytest.raises(InputError, match=r"of type 1 .* export it as type 2, 3 or 4"):
-        check_type_on_platform(examined(1), 1)
+        model_of(alone)
     with pytest.raises(InputError, match=r"of type 1 .* export it as type 2, 3 or 4"):
-        model_of(trial)
+        analyse_crossing(walked, CALIBRATION, NO_CORRECTION, True, settings())
 
 
 CENTRE = np.array([[1.0, 2.0, 0.1]])  # of the plate

@@ -231,7 +231,7 @@ PULSES = ["Sync.1", "Voltage.Trigger"]
 
 
 def capture(path, of_leg, force=0.0, platform=("PLAT1", "PLAT2", "PLAT3"), labels=PULSES):
-    """A capture whose leg walks over a plate, which it loads for a step."""
+    """A capture whose leg walks over the second of two plates, which it loads for a step."""
     tracks = {name: np.add(place, WALK) for name, place in of_leg.items()}
     for name, place in zip(platform, [(200, 200), (-200, 200), (200, -200)], strict=False):
         tracks[name] = np.add((*place, -20), 0 * WALK)
@@ -240,8 +240,9 @@ def capture(path, of_leg, force=0.0, platform=("PLAT1", "PLAT2", "PLAT3"), label
     analogs = np.zeros((480, 8))
     analogs[:, 2], analogs[::50, 6:] = -force * np.repeat(STEP, 2), 5.0
     corners = np.array([[300.0, 250, 0], [-300, 250, 0], [-300, -250, 0], [300, -250, 0]])
-    plates = {"USED": np.array([1]), "TYPE": np.array([2]), "ORIGIN": np.zeros((3, 1))}
-    plates |= {"CORNERS": corners.T[:, :, None], "CHANNEL": np.arange(1, 7)[:, None]}
+    plates = {"USED": np.array([2]), "TYPE": np.array([2, 2]), "ORIGIN": np.zeros((3, 2))}
+    plates |= {"CORNERS": np.dstack([corners.T + 3000, corners.T])}
+    plates |= {"CHANNEL": np.arange(1, 7)[:, None] + [0, 0]}
     named = {
         "POINT__LABELS": [*tracks],
         "ANALOG__LABELS": ["Fx", "Fy", "Fz", "Mx", "My", "Mz", *labels],
@@ -471,7 +472,7 @@ def test_a_laboratory_with_names_of_its_own_is_drafted_without_a_question(tmp_pa
             "platform": ["PLAT0", "PLAT1", "PLAT2"],
             "ankle_medial": "R_TAM", "ankle_lateral": "R_FAL",
         },
-        "side": "right", "plate": 1,
+        "side": "right", "plate": 2,
     }  # fmt: skip
     log = yaml.safe_load((tmp_path / "mine/sources/csv.yaml").read_text())
     assert log["clock"] == "sync"

@@ -427,17 +427,15 @@ SURFACE = np.array([0.004, -0.007, -0.045])
 
 
 @pytest.mark.parametrize("stored", [1, -1])
-def test_types_2_and_4_give_the_wrench_back_whichever_way_origin_points(stored: int) -> None:
+def test_type_2_gives_the_wrench_back_whichever_way_origin_points(stored: int) -> None:
     force, moment = IN_PLATE
     # moments about the plate's origin: M + r x F
     channels = np.hstack([force, moment + np.cross(SURFACE, force)])
-    calibration = RANDOM.normal(size=(6, 6)) + 5 * np.eye(6)
-    raw = np.linalg.solve(calibration, channels.T).T
 
-    for kind, readings in ((2, channels), (4, raw @ calibration.T)):
-        of_plate = wrench(kind, CORNERS, stored * SURFACE, readings)
-        np.testing.assert_allclose(of_plate[0], FORCE, rtol=1e-9, atol=1e-9)
-        np.testing.assert_allclose(of_plate[1], MOMENT, rtol=1e-9, atol=1e-9)
+    of_plate = wrench(2, CORNERS, stored * SURFACE, channels)
+
+    np.testing.assert_allclose(of_plate[0], FORCE, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(of_plate[1], MOMENT, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("depth_sign", [1, -1])

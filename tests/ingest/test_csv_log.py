@@ -371,6 +371,7 @@ def load(**stated: object) -> dict[str, object]:
 @pytest.mark.parametrize(("fields", "told"), [
     ({"time": {"column": "t", "unit": "s", "rate": 9}},
      "state either the column that holds time or the rate"),
+    ({"time": {"column": "t", "rate": 9}}, "0.01 in line 3 is no count of samples"),
     ({"channels": {"plate": {"column": "a", "unit": "N"}}}, "'plate' is not a canonical column"),
     ({"channels": dict.fromkeys(("theta", "theta_m"), TWICE["theta"])},
      "theta_m.column: column 'angle' is theta al"),

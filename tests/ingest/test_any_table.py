@@ -192,6 +192,9 @@ def test_two_clocks_that_disagree_are_a_question_and_a_doubt(tmp_path):
     assert "host_time" in question
     assert_recording(trial)
     assert "'host_time' goes on 1.1 times as fast" in trial.provenance["warnings"][0]
+    # RMS of what the two tell differently
+    apart = trial.provenance["log"]["clocks_apart"]
+    assert apart == {"host_time": pytest.approx(np.std(0.1 * TIME), rel=0.01)}
 
 
 def test_clocks_that_agree_and_signals_that_rise_evenly_are_no_contradiction(tmp_path):

@@ -357,7 +357,7 @@ def test_refuses_a_recording_with_channel_time_value_and_remedy(stamps, values, 
     ([7, 7, 8], False), ([7, 6.9], True),
 ])  # fmt: skip
 def test_stamps_that_no_clock_tells_or_that_go_back_are_refused(time, refused):
-    with pytest.raises(InputError, match="log: .*time ") if refused else nullcontext():
+    with pytest.raises(InputError, match=r"log: .*time ") if refused else nullcontext():
         check_time("log", np.array(time, float))
 
 

@@ -353,7 +353,7 @@ def test_refuses_a_recording_with_channel_time_value_and_remedy(stamps, values, 
 
 
 @pytest.mark.parametrize(("time", "refused"), [
-    ([0, 2e-9], False), ([0, 5e-10], True), ([0, 5e19], False), ([0, 2e20], True),
+    ([0, 5e19], False), ([0, 2e20], True),
     ([7, 7, 8], False), ([7, 6.9], True),
 ])  # fmt: skip
 def test_stamps_that_no_clock_tells_or_that_go_back_are_refused(time, refused):

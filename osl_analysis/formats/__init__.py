@@ -83,9 +83,8 @@ def recognise(path: Path, stated: str = "") -> Format:
     formats = formats_of(path)
     refuse_others(path, formats)
     if not formats:
-        begin = beginning(path)[:8].decode("latin-1")
         raise InputError(
-            f"{path}: of no known format (it begins with {begin!r}); export it"
+            f"{path}: of no known format (it begins with {beginning(path)[:8]!r}); export it"
             f" as one of {', '.join(known_formats())}, or name the recording itself"
         )
     of_name = [one for one in formats if one.name == stated and not one.is_any_text]

@@ -6,7 +6,7 @@ of all others are a view of their bytes, which is a thousand times as fast.
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -130,7 +130,7 @@ class Layout:
         return np.asarray((content == shared).all(axis=1))
 
     def columns(
-        self, rows: NDArray[np.void], paths: Sequence[str] | None
+        self, rows: NDArray[np.void], paths: Collection[str] | None
     ) -> dict[str, NDArray[Any]]:
         """Numbers of messages of this layout, (messages,) each, by path; a path that they lack is
         left out. None stands for all that are listed."""

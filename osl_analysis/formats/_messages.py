@@ -11,7 +11,7 @@ written as JSON writes a text: `functions["loadcell.mz"]`.
 import json
 import re
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, cached_property, partial
 from itertools import pairwise
@@ -81,7 +81,7 @@ class Topic:
         name: str,
         encoding: str,
         schema: Schema = NO_SCHEMA,
-        wanted: Sequence[str] | None = None,
+        wanted: Collection[str] | None = None,
     ) -> None:
         self.name = name
         self.encoding = encoding
@@ -423,15 +423,16 @@ class Log:
         )
 
 
-def _wanted_fields(source: Any) -> dict[str, list[str]]:
+def _wanted_fields(source: Any) -> dict[str, dict[str, None]]:
     """The fields that a source file asks for, by topic."""
-    wanted: dict[str, list[str]] = {}
+    stamps: list[str] = []
+    if source.time.source == "header":
+        stamps = [path for parts in stamp_fields(source.time.field) for path in parts]
+    wanted: dict[str, dict[str, None]] = {}  # in their order, each once
     for channel in source.channels.values():
-        fields = wanted.setdefault(channel.topic, [])
-        fields += [path for path in (channel.field, channel.counter) if path]
-        if source.time.source == "header":
-            fields += [path for parts in stamp_fields(source.time.field) for path in parts]
-    return {topic: [*dict.fromkeys(fields)] for topic, fields in wanted.items()}
+        paths = filter(None, (channel.field, channel.counter, *stamps))
+        wanted.setdefault(channel.topic, {}).update(dict.fromkeys(paths))
+    return wanted
 
 
 def _take_values(value: Any, path: str, values: dict[str, Any]) -> None:

@@ -39,7 +39,7 @@ from osl_analysis.source_file import ColumnChannel, ColumnTime, TableSource
 from osl_analysis.units import is_unit
 
 MOST_COLUMNS = 10_000  # a table with more columns is transposed, or no recording
-BRACKETS = "[](){} "  # around a unit
+BRACKETS = "[](){}- "  # around a unit, or in its place
 MOST_HEADERS = 3  # rows of names and units above the numbers
 LEAST_VALUES = 0.5  # share of the cells of a column of numbers that are numbers
 FAR_BEYOND = 5.0  # times the next largest value: a number of nines is none that was measured
@@ -309,7 +309,7 @@ def _head_of(
 
 def _are_units(cells: Sequence[str]) -> bool:
     """Tell whether most cells are units."""
-    filled = [cell.strip(BRACKETS) for cell in cells if cell not in ("", "-", "[]", "()")]
+    filled = [*filter(None, (cell.strip(BRACKETS) for cell in cells))]
     units = sum(is_unit(cell) and cell != "1" for cell in filled)
     return units > len(filled) / 2
 

@@ -362,7 +362,7 @@ def plate_of(
             if header.texts("FORCE_PLATFORM:MATRIX_STORE") == ["BYROW"]:
                 calibration = calibration.T
         analogs = _plate_parameter(header, "CHANNEL", number, (0,)).astype(int).tolist()
-        analogs = analogs[: len(MEASURED_BY_TYPE[kind])]  # some have more, of 0
+        analogs = analogs[: len(MEASURED_BY_TYPE[kind])]  # some have more
     if kind == 3 and not origin[:2].all():
         raise InputError(
             f"plate {number} of type 3 has ORIGIN {origin.tolist()}; without its sensors' distances"

@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from operator import methodcaller
 from pathlib import Path
 from typing import Any
 
@@ -230,8 +231,10 @@ def _plain(address: str) -> str:
     return re.sub(r"\s", "", address).removeprefix("/")
 
 
-def _begins(begin: bytes) -> bool:
-    return begin.startswith((b"MATLAB 5.0 MAT", b"MATLAB 7."))
-
-
-FORMAT = Format(name="mat", suffixes=(".mat",), begins=_begins, source=MatSource, read=read)
+FORMAT = Format(
+    name="mat",
+    suffixes=(".mat",),
+    begins=methodcaller("startswith", (b"MATLAB 5.0 MAT", b"MATLAB 7.")),
+    source=MatSource,
+    read=read,
+)

@@ -101,13 +101,13 @@ def read(path: Path, source: OpenSimSource | None) -> Recording:
             f"its header states {stated_rows[:20]} rows, the file holds {len(table.lines)} whole"
             " ones: its end is missing, or some are damaged; export it again, or correct the header"
         )
-    if stated_rows and table.end == End.UNKNOWN:
+    if stated_rows:
         table = replace(table, end=End.WHOLE)
     angle = ANGLES.get(header.get("indegrees", "").casefold(), "")
     likely: dict[str, str] = {}
     for name in table.names:
-        units = [unit for form, unit in LIKELY_UNITS.items() if re.search(form, name, re.I)]
-        likely[name] = [*units, angle][0]
+        units = (unit for form, unit in LIKELY_UNITS.items() if re.search(form, name, re.I))
+        likely[name] = next(units, angle)
     word = "moment" if any("moment" in name for name in table.names) else "torque"
     stems = [name[:-2] for name in table.names if re.search("force.*_vx$", name)]
     like_plates = [
@@ -138,7 +138,7 @@ def _check_angles(source: OpenSimSource, angle: str) -> None:
     """Refuse the unit of an angle, or of its rate, that contradicts that of the header."""
     for column, channel in source.channels.items():
         si_unit = unit_of(column)
-        unit_of_file = si_unit.replace("rad", angle or "rad")
+        unit_of_file = si_unit.replace("rad", angle)
         is_angle = angle and si_unit in ("rad", "rad/s")
         if is_angle and si_factor(channel.unit, si_unit) != si_factor(unit_of_file, si_unit):
             raise InputError(

@@ -88,10 +88,7 @@ def read(path: Path, source: TdmsSource | None) -> Recording:
             end=End.MISSING if is_cut else End.UNKNOWN,
             remarks=remarks,
         ),
-        facts={
-            "channels": len(every),
-            **{key: str(value) for key, value in file.properties.items()},
-        },
+        facts={key: str(value) for key, value in file.properties.items()},
     )
 
 

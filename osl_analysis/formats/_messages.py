@@ -287,7 +287,7 @@ class Topic:
                     channels.append(clock)
         return channels
 
-    def _whole_stamps(self, parts: Sequence[str]) -> NDArray[Any]:
+    def _whole_stamps(self, parts: Sequence[str]) -> Any:
         """Stamps [ns] (messages,) of seconds and nanoseconds, masked where one is; refused if they
         are no whole numbers."""
         seconds, rest = map(self.column, parts)
@@ -296,7 +296,7 @@ class Topic:
                 raise InputError(
                     f"field '{path}' has values that are no whole numbers; name another time"
                 )
-        return np.asanyarray(SECOND_NS * seconds.astype(np.int64) + rest)
+        return SECOND_NS * seconds.astype(np.int64) + rest
 
 
 def stamp_fields(path: str) -> list[tuple[str, str]]:

@@ -154,8 +154,8 @@ class Campaign:
     def recording(self, trial: str) -> Mapping[str, Any]:
         """The cells of a trial's row that ingest uses."""
         row = self.row(trial)
-        stated = [column for column in (*FIXTURE, "windows") if row[column] is not None]
-        return {column: row[column] for column in (*INGESTED, *stated)}
+        columns = (*INGESTED, *FIXTURE, "windows")
+        return {name: row[name] for name in columns if name in INGESTED or row[name] is not None}
 
     def accepted(self, trial: str) -> list[str]:
         """The quality checks whose failure the sheet accepts for a trial."""

@@ -63,8 +63,8 @@ def about(campaign: Campaign, simulation: Sequence[Path]) -> dict[str, str]:
 def hash_of_settings(campaign: Campaign, simulation: Sequence[Path]) -> str:
     """First digits of the SHA-256 of the settings that results depend on, with the defaults, and of
     the files that they name."""
-    facts = [settings_of(campaign), sorted(str(digest(path)) for path in simulation)]
-    text = json.dumps(facts, sort_keys=True)
+    digests = sorted(str(digest(path)) for path in simulation)
+    text = json.dumps([settings_of(campaign), digests], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:HASH_DIGITS]
 
 

@@ -17,6 +17,7 @@ from osl_analysis.config.experiments import EXPERIMENTS, TABLES_OF_TRIALS
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.figures import FIGURES
 from osl_analysis.judge.claims import CLAIMED
+from osl_analysis.table import ARCHIVE_SUFFIX
 
 # Experiments that measure the components of the drivetrain
 COMPONENTS = ("actuator", "belt", "transmission")
@@ -27,9 +28,6 @@ ON_PAPER = {
 }
 """Tables for a paper, and the tables of results that each is made of."""
 FIGURE_SUFFIXES = ("csv", "pdf", "svg", "png")  # plotted numbers, and the figure
-# Suffix of files with the rows of one trial; those of an experiment's first table are CSV, and
-# those of all others of its tables stand in one archive
-ARCHIVE_SUFFIX = "zip"
 
 
 def name_pattern(names: Iterable[str]) -> str:
@@ -73,14 +71,16 @@ class ResultFiles:
         return [f"{self.results}/fits/calibration/{static}.json" for static in statics]
 
     def rows(self, table: str, trials: Collection[str] | None = None) -> list[str]:
-        """The files with the rows of single trials behind a table; of these trials, or of all."""
+        """The files with the rows of single trials behind a table; of these trials, or of all.
+
+        Those of an experiment's first table are CSV; all others stand in one archive."""
         files = []
         for trial, row in self.campaign.rows.items():
             names = [other.name for other in EXPERIMENTS[row["experiment"]].tables]
             is_unperturbed = table == "walking" and not row["perturbed"]
             if table in names and not is_unperturbed and (trials is None or trial in trials):
-                suffix = "csv" if table == names[0] else ARCHIVE_SUFFIX
-                files.append(f"{self.results}/fits/{names[0]}/{trial}.{suffix}")
+                suffix = ".csv" if table == names[0] else ARCHIVE_SUFFIX
+                files.append(f"{self.results}/fits/{names[0]}/{trial}{suffix}")
         return files
 
     @cached_property

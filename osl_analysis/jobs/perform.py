@@ -106,8 +106,8 @@ class Job:
     @property
     def trial(self) -> str:
         """The trial that the job is of; empty for one over several trials."""
-        ingested: str = self.params.get("row", {}).get("trial", "")
-        return ingested or "".join(Path(file).stem for file in self.read_trials)
+        read = "".join(Path(file).stem for file in self.read_trials)
+        return str(self.params.get("row", {}).get("trial", read))
 
 
 def perform(job: Job) -> None:
@@ -125,8 +125,12 @@ def perform(job: Job) -> None:
             ending = called(job)
         except Exception as error:
             reason, remedy = words_of(job, error)
-            ending = {"outcome": "failed", "error": reason, "remedy": remedy}
-            ending["traceback"] = traceback.format_exc()
+            ending = {
+                "outcome": "failed",
+                "error": reason,
+                "remedy": remedy,
+                "traceback": traceback.format_exc(),
+            }
     texts = dict.fromkeys(printable(str(warning.message)) for warning in caught)
     seconds = round(time.perf_counter() - start, 3)
     write_log(job.log, {"job": job.command, **ending, "seconds": seconds, "warnings": [*texts]})
@@ -221,8 +225,8 @@ def without_missing(
             if causes := not_analysed(file):
                 causes_of[Path(file).stem] = causes
     usable, needed = without_trials(inputs, causes_of)
-    missing = [*of_singles, *chain.from_iterable(causes_of[trial] for trial in needed)]
-    refused = [*chain.from_iterable(causes_of.values()), *missing]
+    missing = chain(of_singles, *(causes_of[trial] for trial in needed))
+    refused = chain(*causes_of.values(), of_singles)
     return usable, list(dict.fromkeys(refused)), list(dict.fromkeys(missing))
 
 

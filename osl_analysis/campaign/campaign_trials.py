@@ -324,15 +324,9 @@ def check_files(config: Config) -> None:
 
 
 def check_walking(campaign: Campaign) -> None:
-    """Refuse walking trials without a capture, or without static, plate or other trials."""
+    """Refuse walking trials without static, plate or other trials."""
     sheet = campaign.config.sheet
     walking = campaign.config.walking
-    for trial in campaign.trials("walking"):
-        if campaign.row(trial)["mocap"] is None:
-            raise InputError(
-                f"{sheet}: trial '{trial}': mocap is empty; a trial of experiment 'walking' needs"
-                " it"
-            )
     needs = {
         "trial of experiment 'static'": (campaign.trials("static"), 1),
         "unperturbed crossings (walking.fewest_unperturbed)": (

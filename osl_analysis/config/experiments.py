@@ -70,7 +70,7 @@ class Experiment:
     # other columns that every trial has, but markers and plates: a laboratory names them
     signals: Sequence[str] = ()
     beside: Sequence[str] = ()  # columns that its analysis uses where a trial has them
-    # columns of the sample sheet that its trials must fill, besides the files
+    # columns of the sample sheet that its trials must fill
     sheet: Sequence[str] = ()
     follows: Sequence[str] = ()  # fields of `sheet.SharedChoices` that its simulated trials use
     stepped_sine: bool = False  # the motion follows the stepped-sine protocol of `dynamometer`

@@ -167,7 +167,7 @@ class Row(Settings):
     def _fits_experiment(self) -> Self:
         filled = self.model_dump(exclude_none=True)
         for column in EXPERIMENTS[self.experiment].sheet:
-            if column not in filled:
+            if column not in filled and not self.exclude:
                 raise misplaced(f"it is empty; experiment {self.experiment} needs it", column)
         for column, other in NEEDED_BESIDE.items():
             if column in filled and not filled.get(other):

@@ -79,6 +79,7 @@ IMPEDANCE_LOG = "k,impedance,{},,k.mcap,dynamometer,,,"
     ("b,belt,,,,,,,,,", "log: fill in log or mocap"),
     ("b,belt,,,,maybe,b.mcap,leg,,,", "perturbed: .* write a valid boolean"),
     ("w,walking,,,,,,,w.c3d,vicon,", "perturbed: it is empty; experiment walking needs it"),
+    ("w,walking,,,,true,w.mcap,leg,,,", "mocap: it is empty; experiment walking needs it"),
     ("w,static,,,,,,,w.c3d,,", "mocap: it needs mocap_source; fill that in"),
     (f"{BELT}No", "exclude: 'No' is not allowed: it is no reason; clear the cell"),
     ("b,belt,,,,,b\u00a01.mcap,leg,,,", "log: .* a sign that cannot be seen; type"),

@@ -12,6 +12,7 @@ from conftest import ROOT
 
 from osl_analysis.campaign.campaign_trials import Campaign, check_campaign, open_campaign
 from osl_analysis.campaign.configuration import read_config
+from osl_analysis.campaign.result_files import ResultFiles
 from osl_analysis.commands.simulate import (
     planned_sheet,
     settings_files,
@@ -187,6 +188,12 @@ def cells(tmp_path, trial, **changes):
     return {trial: read_sheet(sheet(tmp_path, ENOUGH))[trial] | changes}
 
 
+def test_an_excluded_crossing_need_not_be_complete(tmp_path):
+    rows = read_sheet(sheet(tmp_path, HEADER + "w,walking,,,,,w.mcap,leg,,,he fell\n"))
+
+    assert rows["w"]["mocap"] is None
+
+
 def test_a_crossing_and_a_plate_trial_have_the_side_of_their_static_trial(tmp_path):
     campaign = opened(tmp_path, PLACED_TRIALS)
 
@@ -201,6 +208,7 @@ def test_a_trial_has_the_files_that_its_row_names(tmp_path):
 
     assert campaign.sources("w") == [CONFIG.sources / "vicon.yaml"]
     assert campaign.logs("w") == [CONFIG.raw_data / "w.c3d"]
+    assert ResultFiles(campaign).rows("walking") == ["results/fits/walking/w.csv"]
     used = ("trial", "experiment", "log", "log_source", "log_part", "mocap", "mocap_source")
     assert campaign.recording("w") == {name: campaign.row("w")[name] for name in used}
 

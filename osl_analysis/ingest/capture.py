@@ -19,7 +19,7 @@ from osl_analysis.ingest.conversion import (
     origin_of,
     to_si,
 )
-from osl_analysis.ingest.force_plates import PlateLoad, convert_plate, metres_per
+from osl_analysis.ingest.force_plates import convert_plates, metres_per
 from osl_analysis.recording import Channel, Kind, Plate, Recording, Rows, own_axes
 from osl_analysis.source_file import LaboratorySource, MarkerSource
 from osl_analysis.trial import AXES, Array, marker_columns, unit_of
@@ -52,7 +52,6 @@ def convert_capture(recording: Recording, source: MarkerSource) -> Converted:
     of_frames: dict[str, Array] = {}
     of_samples: dict[str, Array] = {}
     origins: dict[str, dict[str, Any]] = {}
-    loads: list[PlateLoad] = []
     for marker in markers:
         name = marker.name or marker.key
         unit = getattr(source, "point_unit", None) or marker.unit
@@ -73,15 +72,11 @@ def convert_capture(recording: Recording, source: MarkerSource) -> Converted:
     if baseline is not None:
         per_frame = int(recording.facts.get("samples_per_frame", 1))
         unloaded = slice((baseline[0] - 1) * per_frame, baseline[1] * per_frame)
+    loads = convert_plates(recording.plates, source, unloaded)
+    of_samples.update(loads.columns)
+    origins.update(loads.origins)
     if isinstance(source, LaboratorySource):
-        for plate in recording.plates:
-            others = [each.number for each in recording.plates if each is not plate]
-            with naming(f"plate {plate.number}", f" (or leave this plate out: `plates: {others}`)"):
-                load = convert_plate(plate, source, source.rotation, unloaded)
-            loads.append(load)
-            of_samples.update(load.columns)
-            origins.update(load.origins)
-            used += plate.channels
+        used += [channel for plate in recording.plates for channel in plate.channels]
         for column, output in source.outputs.items():
             channel = recording.find({"label": output.label}, "model output")
             # in the unit of the source file and never in that of the file, which may misstate it
@@ -107,9 +102,9 @@ def convert_capture(recording: Recording, source: MarkerSource) -> Converted:
         **recording.facts,
         "time": {"start": min(channel.rows.start_s for channel in used)},
         "axes": source.axes,
-        "plates": [load.facts for load in loads],
+        "plates": loads.facts,
     }
-    if loads:
+    if loads.facts:
         facts["plate_zero_frames"] = baseline
     warnings = [*recording.loss.remarks, *remarks_on(recording, source, markers)]
     return Converted(samples, origins, facts, warnings, losses_of(recording.loss))
@@ -156,15 +151,13 @@ def joined(
 def remarks_on(
     recording: Recording, source: MarkerSource, markers: Sequence[Channel]
 ) -> Iterator[str]:
-    """Say where the axes seem to be others, and where no marker was seen."""
+    """Say where the axes seem to be others."""
     up = str(recording.facts.get("vertical_on_screen", "")).upper()
     if not up and vertical_axis(markers, recording.plates) == "y":
         up = "Y"
     if source.axes == ("x", "y", "z") and up.lstrip("+-") not in ("", "Z"):
         axes = "`axes: [x, -z, y]`" if up in ("Y", "+Y") else "`axes`"
         yield f"its vertical axis seems to be {printable(up)}; state {axes} in the source file"
-    if markers and not any(np.isfinite(marker.values).any() for marker in markers):
-        yield "no marker was seen in any frame"
 
 
 def vertical_axis(markers: Sequence[Channel], plates: Sequence[Plate] = ()) -> str:

@@ -4,7 +4,8 @@ There is no centre of pressure, so that they are valid for an unloaded plate (C3
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,36 +16,33 @@ from osl_analysis.ingest.conversion import check_finite_values
 from osl_analysis.ingest.guard import repeats, run_at_extreme
 from osl_analysis.recording import EXPORTED, MEASURED_BY_TYPE, Plate, own_axes
 from osl_analysis.signals import longest_of
-from osl_analysis.source_file import PlateUnits, Source
+from osl_analysis.source_file import InAxes, PlateUnits, Source
 from osl_analysis.trial import Array, plate_columns, unit_of
 from osl_analysis.units import si_factor
 
 
 @dataclass(frozen=True)
-class PlateLoad:
-    """Columns of one plate in our axes, (samples,) each, where they come from, and what the
-    provenance says of the plate."""
+class PlateLoads:
+    """Columns of plates in our axes, (samples,) each, where they come from, and what the provenance
+    says of each plate."""
 
-    columns: dict[str, Array]
-    origins: dict[str, dict[str, Any]]
-    facts: dict[str, Any]
+    columns: dict[str, Array] = field(default_factory=dict)
+    origins: dict[str, dict[str, Any]] = field(default_factory=dict)
+    facts: list[dict[str, Any]] = field(default_factory=list)
 
 
-def convert_plate(
-    plate: Plate,
-    source: Source,
-    rotation: Array,
+def convert_plates(
+    plates: Sequence[Plate],
+    source: InAxes,
     unloaded: slice | None = None,
     rate_hz: float | None = None,
-) -> PlateLoad:
-    """Convert what the channels of a plate recorded.
+) -> PlateLoads:
+    """Convert what the channels of plates recorded.
 
     Parameters
     ----------
     source
         Its `point_unit` and `plate_units` replace the units of the file.
-    rotation
-        Shape (3, 3), from the file's axes to ours.
     unloaded
         Samples of the baseline that is taken off; None: none is.
     rate_hz
@@ -53,8 +51,21 @@ def convert_plate(
     Raises
     ------
     InputError
-        A parameter or a unit of the plate is wrong, or a sample is not finite.
+        A parameter or a unit of a plate is wrong, or a sample is not finite.
     """
+    loads = PlateLoads()
+    for plate in plates:
+        others = [each.number for each in plates if each is not plate]
+        with naming(
+            f"plate {plate.number}", f" (or name under `plates` the others alone: {others})"
+        ):
+            add_plate(loads, plate, source, unloaded, rate_hz)
+    return loads
+
+
+def add_plate(
+    loads: PlateLoads, plate: Plate, source: InAxes, unloaded: slice | None, rate_hz: float | None
+) -> None:
     length = getattr(source, "point_unit", None) or plate.length_unit
     units: PlateUnits | None = getattr(source, "plate_units", None)
     metre = metres_per(length, source)
@@ -83,7 +94,7 @@ def convert_plate(
     facts: dict[str, Any] = {
         "plate": plate.number,
         "type": plate.type,
-        "corners": (corners @ rotation.T).tolist(),
+        "corners": (corners @ source.rotation.T).tolist(),
         "channels": channel_facts(plate, raw, np.linalg.norm(force, axis=1), rate),
     }
     if plate.type == EXPORTED:
@@ -92,10 +103,12 @@ def convert_plate(
         stated = [channel.unit for channel in plate.channels]
         origin |= {"type": plate.type, "units": stated if any(stated) else []}
     names = plate_columns(plate.number)
-    turned = np.hstack([plate.sign * force @ rotation.T, plate.sign * moment @ rotation.T])
-    columns = dict(zip(names, turned.T, strict=True))
-    origins = {column: {**origin, "si_unit": unit_of(column)} for column in names}
-    return PlateLoad(columns, origins, facts)
+    turned = np.hstack(
+        [plate.sign * force @ source.rotation.T, plate.sign * moment @ source.rotation.T]
+    )
+    loads.columns.update(zip(names, turned.T, strict=True))
+    loads.origins.update({column: {**origin, "si_unit": unit_of(column)} for column in names})
+    loads.facts.append(facts)
 
 
 def channel_factors(plate: Plate, units: PlateUnits | None) -> Array:

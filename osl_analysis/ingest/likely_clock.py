@@ -47,10 +47,7 @@ def tells_time(name: str, unit: str) -> bool:
 
 def is_of_time(unit: str) -> bool:
     """Whether a unit is a unit of time, or a multiple of one, such as `second` and `10 us`."""
-    spelled = normalised(unit)
-    if spelled in TIME_UNITS:
-        return True
-    known = base_units(spelled)
+    known = base_units(normalised(unit))
     return known is not None and known[1] == dimension("s")
 
 

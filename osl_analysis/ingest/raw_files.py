@@ -199,8 +199,8 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
     }
     recordings: dict[str, Converted] = {}
     for role, source in sources.items():
-        part = cells.get("log_part", "") if role == "log" else ""
-        recording, identity = read_raw_file(raw_folder / files[role], source.of_part(part))
+        part = source.of_part(cells.get(f"{role}_part", ""))
+        recording, identity = read_raw_file(raw_folder / files[role], part)
         recordings[role] = recording
         identity |= {"path": files[role], "source": cells[f"{role}_source"]}
         provenance["files"][role] = identity

@@ -20,7 +20,7 @@ from osl_analysis.ingest.conversion import (
     losses_of,
     share_above,
 )
-from osl_analysis.ingest.force_plates import convert_plate
+from osl_analysis.ingest.force_plates import convert_plates
 from osl_analysis.ingest.likely_clock import check_other_clocks, rate_of, unwrapped
 from osl_analysis.recording import Channel, End, Kind, Recording, Rows
 from osl_analysis.source_file import InAxes, TableSource
@@ -101,7 +101,18 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
         if abs(ratio * origin["scale"] - 1) > LIMITS.largest_calibration:
             origin["unit_of_file"] = channel.unit
 
-    frame, remarks = with_stamps_once(frame, source, rows.noun)
+    plates = recording.plates
+    if plates:
+        assert isinstance(source, InAxes)
+        if time.size != plates[0].channels[0].rows.count:
+            raise InputError(
+                f"{rows.noun}s without values or with a stamp of another time are left out, but the"
+                " plates need all; repair the log, or remove `plates` from the source file"
+            )
+        loads = convert_plates(plates, source, rate_hz=rate_of(time))
+        frame = frame.with_columns(**loads.columns)
+        origins.update(loads.origins)
+    frame, repeats = with_stamps_once(frame, source, rows.noun)
     facts: dict[str, Any] = {
         "time": {**source.time.model_dump(exclude_none=True), "start": table.start},
         "rates_hz": {file_name: rate_of(frame["time"].to_numpy())},
@@ -109,10 +120,9 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
     }
     if apart:
         facts["clocks_apart"] = apart
-    if recording.plates:
-        frame, plate_origins, facts["plates"] = with_plates(recording, source, frame, time)
-        origins.update(plate_origins)
-    return Converted(frame, origins, facts, [*warnings, *remarks], losses_of(recording.loss))
+    if plates:
+        facts["plates"] = loads.facts
+    return Converted(frame, origins, facts, [*warnings, *repeats], losses_of(recording.loss))
 
 
 def check_loss(recording: Recording, source: TableSource) -> None:
@@ -162,28 +172,6 @@ def with_stamps_once(
         f"{begin} are taken for samples whose stamps were rounded; if the device was read faster"
         f" than it sampled, {advice}"
     ]
-
-
-def with_plates(
-    recording: Recording, source: TableSource, frame: pl.DataFrame, time: Array
-) -> tuple[pl.DataFrame, dict[str, dict[str, Any]], list[dict[str, Any]]]:
-    """The samples with the force plates of a table, where each column comes from, and facts on each
-    plate. Rows (n,) at `time` [s] are all that the file has."""
-    assert isinstance(source, InAxes)
-    if not len(frame) == time.size == recording.plates[0].channels[0].rows.count:
-        raise InputError(
-            "rows that repeat a stamp were left out, but the plates need all; remove `repeated:"
-            f" drop`, as {source.place('time', 'repeated')}"
-        )
-    origins: dict[str, dict[str, Any]] = {}
-    facts: list[dict[str, Any]] = []
-    for plate in recording.plates:
-        with naming(f"plate {plate.number}"):
-            load = convert_plate(plate, source, source.rotation, rate_hz=rate_of(time))
-        frame = frame.with_columns(**load.columns)
-        origins |= load.origins
-        facts.append(load.facts)
-    return frame, origins, facts
 
 
 def unit_ratio(origin: Mapping[str, Any], unit_of_file: str) -> float:

@@ -329,7 +329,5 @@ def test_unseen_markers_are_refused_where_they_are_needed(
             InputError, match=rf"no marker was ever seen.* experiment '{experiment}' needs them; "
         ):
             capture_of(tmp_path, hidden, experiment)
-    (said,) = capture_of(tmp_path, hidden).provenance["warnings"]
-    assert said == "a.c3d: no marker was seen in any frame"
     hidden[4, 0, 3] = 0.0
     assert capture_of(tmp_path, hidden, "walking").provenance["warnings"] == []

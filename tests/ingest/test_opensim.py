@@ -242,8 +242,6 @@ def test_the_draft_of_ground_reactions_proposes_their_plates(
     ("cells", "stated", "told"),
     [
         ({}, {"plates": {1: {**PLATE, "force": "L_v"}}}, "no column 'L_vx'"),
-        ({"\n0.005": "\n0.000"}, {"plates": {1: PLATE}, "time": {"repeated": "drop"}},
-         "plates need all; remove `repeated: drop`"),
         ({"700.000000000": "nan"}, {"plates": {1: PLATE}}, "channel 'R_vy': nan in sample 1 of 80"),
     ],
 )  # fmt: skip
@@ -255,6 +253,16 @@ def test_plates_that_cannot_be_read_are_refused(
         path.write_text(path.read_text().replace(old, new, 1))
 
     assert told in refused(path, **stated)
+
+
+def test_a_stamp_that_stands_twice_is_left_out_with_the_plates_of_its_row(tmp_path: Path) -> None:
+    path = write_forces(tmp_path / "grf.mot")
+    whole = read(path, plates={1: PLATE}).samples
+    path.write_text(path.read_text().replace("\n0.005", "\n0.000", 1))
+
+    once = read(path, plates={1: PLATE}, time={"repeated": "drop"}).samples
+
+    assert once.equals(whole[[0, *range(2, len(whole))]])
 
 
 BY_RATE = {"clock": "common", "time": {"column": None, "unit": None, "rate": 100}}

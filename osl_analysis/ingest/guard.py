@@ -339,14 +339,13 @@ def standing_runs(
     """
     every = repeats(values)
     edges: NDArray[np.intp] = every[np.diff(every)[:, 0] > LIMITS.least_standing]
-    duration_s = np.ptp(time)
-    if not len(edges) or duration_s == 0:
+    if not len(edges) or time[0] == time[-1]:
         return edges[:0]
     followed = np.interp(time, *reference)
     sums = np.append(0.0, np.cumsum(followed - followed.mean()))
     rows = np.arange(sums.size)
     length = np.diff(edges)
-    width = np.minimum(length / LIMITS.means, LIMITS.mean_s * time.size / duration_s)
+    width = np.minimum(length / LIMITS.means, LIMITS.mean_s * time.size / np.ptp(time))
     begins = edges[:, :1] + length / 2 + (length / 4 - width) * np.linspace(0, 1, LIMITS.means)
     means = (np.interp(begins + width, rows, sums) - np.interp(begins, rows, sums)) / width
     noise = noise_of(followed) / np.sqrt(np.maximum(width[:, 0], 1.0))

@@ -263,7 +263,6 @@ def at_clock(
 ) -> Table:
     """Give the rows that count at the times that a named clock tells."""
     what = source.time.title
-    other = f"take another {source.time.ADDRESS}, or {STATE_RATE}"
     remarks: list[str] = []
     raw = np.ma.asarray(clock.values[: rows.count])
     # those of a longer channel that is not asked, or lines of another device
@@ -282,13 +281,19 @@ def at_clock(
         rows = rows_at(rows, places)
     lacks = lacks[places]
     if raw.dtype == bool or lacks.any():
-        place = rows.place(np.argmax(lacks))
-        raise InputError(f"{what}: no time in {place}; remove it there, {other}")
+        raise InputError(
+            f"{what}: no time in {rows.place(np.argmax(lacks))}; remove it there, take another"
+            f" {source.time.ADDRESS}, or {STATE_RATE}"
+        )
     numbers = np.ma.getdata(raw)[places]
     if numbers.dtype.kind == "f":  # single precision would round the differences
         numbers = numbers.astype(np.float64)
     if source.time.rate is None:
-        factor = clock_factor(clock, source)
+        place = source.place("time", "unit")
+        if clock.kind == Kind.CLOCK and source.time.unit is not None:
+            raise InputError(f"{what} is a stamp whose unit is known; remove {place}")
+        with naming(what, f", as {place}"):
+            factor = si_factor(clock.unit if source.time.unit is None else source.time.unit, "s")
     else:
         factor = 1 / source.time.rate
         is_broken = numbers != np.rint(numbers)
@@ -324,16 +329,6 @@ def rows_at(rows: Rows, places: NDArray[np.int64]) -> Rows:
     """Some of the rows, which keep their numbers in the file."""
     lines = np.arange(1, rows.count + 1) if rows.lines is None else rows.lines
     return replace(rows, count=places.size, lines=lines[places])
-
-
-def clock_factor(clock: Channel, source: TableSource) -> float:
-    """Seconds per unit of a clock."""
-    place = source.place("time", "unit")
-    if clock.kind == Kind.CLOCK and source.time.unit is not None:
-        raise InputError(f"{source.time.title} is a stamp whose unit is known; remove {place}")
-    unit = clock.unit if source.time.unit is None else source.time.unit
-    with naming(source.time.title, f", as {place}"):
-        return si_factor(unit, "s")
 
 
 def check_clock_runs(rows: Rows, source: TableSource, time: Array, start_s: float) -> None:

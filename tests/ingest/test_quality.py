@@ -639,4 +639,7 @@ def test_a_long_gap_outside_of_the_windows_is_cut_off_before_the_time_base(windo
     torque = np.where((time > 1) & (time < 2), np.nan, np.sin(6 * time))
     trial = Trial("a", pl.DataFrame({"time": time, "theta": np.sin(6 * time), "torque": torque}))
 
-    assert is_broken_outside(trial, trial.cut_to(windows)[0]) == is_outside
+    cut, shifted = trial.cut_to(windows)
+
+    assert is_broken_outside(trial, cut) == is_outside
+    assert cut.within(shifted).samples.equals(trial.within(windows).samples)

@@ -320,13 +320,16 @@ def test_a_ros_1_bag_without_its_index_is_refused_with_the_command_that_makes_it
         assert "the bag is damaged; run `rosbag reindex` on a copy" in said
 
 
-def test_two_bags_in_one_file_and_old_bags_are_refused(tmp_path: Path) -> None:
+def test_two_bags_in_one_file_old_ones_and_other_messages_are_refused(tmp_path: Path) -> None:
     path = write_bag1(tmp_path / "a.bag")
     whole = path.read_bytes()
 
     assert "holds two bags" in refusal(rewritten(path, whole + whole))
     old = rewritten(path, b"#ROSBAG V1.2\n" + whole[13:])
     assert "`rosbag fix` if it is older than version 2.0" in refusal(old)
+    # a definition that lacks the last field, of one byte
+    other = rewritten(path, whole.replace(b"\nbool", b"\n#ool"))
+    assert "1 more than its schema describes" in refusal(other)
 
 
 @pytest.mark.parametrize("packing", ["", "LZ4"])

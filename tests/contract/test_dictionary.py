@@ -49,9 +49,11 @@ def test_names_of_digits_are_text_numbers_may_come_late_and_an_empty_column_hold
     assert with_places(table.drop("trial"), {}).columns == ["amplitude_deg", "K"]
 
 
-def test_a_blank_line_in_a_table_is_no_row(tmp_path):
-    (tmp_path / "t.csv").write_text("\ntrial,K\na,1\n\nb,2\n\n")
-    assert read_table(tmp_path / "t.csv", ["K"]).rows() == [("a", 1), ("b", 2)]
+def test_a_blank_line_and_a_trial_that_was_not_analysed_are_no_rows(tmp_path):
+    text = "\ntrial,K,status\na,1,analysed\n\nb,2,\n\nc,,not analysed\n"
+    (tmp_path / "t.csv").write_text(text)
+    rows = [("a", 1, "analysed"), ("b", 2, None)]
+    assert read_table(tmp_path / "t.csv", ["K"]).rows() == rows
 
 
 def test_a_folder_that_cannot_be_written_to_or_is_full_is_told(tmp_path, monkeypatch):

@@ -454,17 +454,6 @@ def test_type_3_gives_the_wrench_of_its_four_sensors_back(depth_sign: int) -> No
     np.testing.assert_allclose(of_plate[1], moment @ AXES.T, atol=1e-9)
 
 
-def test_type_1_gives_force_pressure_point_and_free_moment_back() -> None:
-    pressure, free = RANDOM.normal(0, 0.1, (20, 2)), RANDOM.normal(0, 5, 20)
-    point = np.column_stack([pressure, np.zeros(20)])
-    moment = np.cross(point, IN_PLATE[0]) + np.outer(free, [0, 0, 1])
-
-    of_plate = wrench(1, CORNERS, np.zeros(3), np.column_stack([IN_PLATE[0], pressure, free]))
-
-    np.testing.assert_allclose(of_plate[0], FORCE, atol=1e-9)
-    np.testing.assert_allclose(of_plate[1], moment @ AXES.T, atol=1e-9)
-
-
 # --- real files ---------------------------------------------------------------------------------
 
 

@@ -1,5 +1,7 @@
 """The parts of the one inference, against mathematics and other libraries."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import scipy
@@ -9,6 +11,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.inference import BenchSignals
 from osl_analysis.inference.friction_shapes import slipping_springs
 from osl_analysis.inference.hypotheses import Delay, plain
+from osl_analysis.inference.rounding_errors import repeated_share
 from osl_analysis.inference.spectra import Spectra
 from osl_analysis.inference.unexplained import largest_shifts
 from osl_analysis.inference.weighing import (
@@ -16,6 +19,7 @@ from osl_analysis.inference.weighing import (
     block_edges,
     fit_blocks,
     normal_matrices,
+    weigh,
 )
 from osl_analysis.inference.whitening import Whitened
 
@@ -94,6 +98,31 @@ def test_each_block_is_predicted_by_a_fit_that_has_not_seen_it():
     by_others = np.linalg.lstsq(np.transpose(columns), torque)[0]
     miss = rows[3, unseen] - by_others @ rows[:3, unseen]
     assert fit.squares_of_unseen()[5] == pytest.approx(miss @ miss, rel=1e-6)
+
+
+def test_the_odds_of_friction_are_the_ratio_of_both_likelihoods():
+    """Of noise of variance 1, exp(-squares/2); whether there is friction is not known before."""
+    fits = [
+        SimpleNamespace(
+            candidate=SimpleNamespace(hypothesis=SimpleNamespace(family="", name="nothing")),
+            has_friction=has_friction,
+            squares=np.full(24, squares / 24),
+            rounding_left=0.0,
+            is_possible=True,
+        )
+        for has_friction, squares in ((False, 24 + 2 * np.log(3)), (True, 24))
+    ]
+
+    assert weigh(fits, 24, is_body=False)[0][1].weight == pytest.approx(3 / 4)
+
+
+def test_noise_of_the_angle_leaves_a_share_of_rounding_to_repeat_itself():
+    """The characteristic function of noise with an SD of a quarter of a step, at one turn."""
+    theta = random_motion()[0] / 1e-3 + white(0.25)
+
+    spectra = Spectra(BenchSignals(1e-3 * np.rint(theta), theta, RATE, 1e-3))
+
+    assert repeated_share(spectra) == pytest.approx(np.exp(-2 * (np.pi / 4) ** 2), rel=0.2)
 
 
 def test_slipping_spring_follows_prandtl_step_by_step():

@@ -38,11 +38,6 @@ def test_actuator_torque_is_the_sum_of_equation_1():
     assert torque == pytest.approx(by_hand)
 
 
-def test_friction_opposes_motion_and_grows_with_the_size_of_the_current():
-    assert drivetrain.motor_friction(-1.0, -10.0, P) == pytest.approx(-(0.377 + 0.896))
-    assert drivetrain.motor_friction(0.0, 5.0, P) == 0
-
-
 @settings(max_examples=30)
 @given(u=st.floats(-20, 20), s=st.floats(-1, 1))
 def test_the_closed_form_of_equation_5_solves_the_implicit_equation(u, s):
@@ -66,14 +61,6 @@ def test_the_admittance_solves_the_equations_of_motion(frequency, J_j, K_1, B_1)
     Y = joint_admittance(K_1, B_1, P, J_j)(s)
 
     assert Y == pytest.approx(1 / torque, rel=1e-10)
-
-
-@pytest.mark.parametrize("frequency", FREQUENCIES)
-@pytest.mark.parametrize("B_d", [0.66, 1.8, 0.0])
-def test_the_desired_admittance_is_that_of_a_spring_and_a_damper(frequency, B_d):
-    s = 2j * np.pi * frequency
-
-    assert drivetrain.desired_admittance(200, B_d)(s) == pytest.approx(1 / (200 + B_d * s))
 
 
 # ---- The norm of Eq. 14 and its minimum

@@ -15,9 +15,10 @@ from osl_analysis.bench.impedance import (
     DesiredImpedance,
     impedance_table,
     impedance_with_evidence,
+    lag_row,
     rendered_impedance,
 )
-from osl_analysis.bench.lags import belt_of_leg
+from osl_analysis.bench.lags import Lag, belt_of_leg
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.record import with_actuator
 from osl_analysis.bench.summaries import delay_table
@@ -129,7 +130,6 @@ def test_the_belt_shows_the_lag_of_a_leg_s_torque_whatever_theta_m_s_is(fault, l
     row = table.row(0, named=True)
 
     assert row["lag_s"] == pytest.approx(lag, abs=1.5e-4)
-    assert row["lag_share"] == pytest.approx(abs(row["K"] * row["lag_s"] / row["B"]) if lag else 0)
     causes = [finding.cause for finding in findings_of(row, LIMITS, "impedance")]
     assert ("late torque" in causes) == bool(lag)
     assert LATENESS not in causes
@@ -141,6 +141,14 @@ def test_the_belt_shows_the_lag_of_a_leg_s_torque_whatever_theta_m_s_is(fault, l
     for name in "BI":
         told = [row[f"{name}_without_lag{end}"] for end in ENDS]
         assert (told == [None] * 3) if not lag else (told[1] < sound[name] < told[2]), name
+
+
+def test_the_shares_of_a_lag_are_what_it_takes_off_damping_and_inertia():
+    """exp(-s/100) (300 + 5 s + 0.2 s^2) = 300 + 2 s + 0.165 s^2 to second order."""
+    row = lag_row(Lag(0.01, 1e-4, True), {"K": 300.0, "B": 2.0, "I": 0.165})
+
+    assert row["lag_share"] == pytest.approx(3 / 2)
+    assert row["lag_inertia_share"] == pytest.approx(0.035 / 0.165, rel=1e-3)
 
 
 def test_a_current_without_the_angle_of_its_shaft_makes_no_leg():

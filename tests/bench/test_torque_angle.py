@@ -273,6 +273,15 @@ def test_an_error_of_the_gain_is_in_the_estimates_of_quasi_static_cycles():
         assert half == pytest.approx(np.hypot(before, 1.96 * 0.01 * plain[name]), rel=0.01)
 
 
+def test_an_error_of_the_frame_s_stiffness_is_one_of_its_compliance():
+    """100/2000^2 rad/(N*m), by which K of a spring behind it is off by K^2 times as much."""
+    frame = {"value": "2000 N*m/rad", "standard_error": "100 N*m/rad"}
+
+    row = row_of(CYCLED, OF_CYCLES, zero="none", bench_stiffness=frame)
+
+    assert row["K_high"] - row["K"] == pytest.approx(1.96 * row["K"] ** 2 * 2.5e-5, rel=0.02)
+
+
 @pytest.mark.parametrize(("stated", "lost"), [
     ({"hysteresis": 0.02}, 0.02 / np.sqrt(12) * np.ptp(OF_CYCLES) * 4 * A),
     ({"delay": 1e-3}, 1e-3 * 200 * np.pi * A**2 * W),  # K times the delay is a damping

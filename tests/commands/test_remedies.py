@@ -83,7 +83,6 @@ SWAP = (
 
 @pytest.mark.parametrize(("experiment", "recording", "fault", "remedy"), [
     ("torque_angle", cycles_of_spring, turned("torque"), f"{SIGN} 40"),
-    ("torque_angle", cycles_of_spring, turned("theta"), f"{SIGN} 40"),
     ("torque_angle", cycles_of_spring, times("theta", 180 / np.pi),
      "state `unit: deg` of theta in the source file: K 40"),
     ("torque_angle", cycles_of_spring, times("torque", 1000.0),
@@ -91,8 +90,6 @@ SWAP = (
     ("impedance", joint, turned("torque"), f"{SIGN} 150"),
     ("impedance", joint, times("theta", 180 / np.pi),
      "state `unit: deg` of theta in the source file: K 150"),
-    ("impedance", joint, times("theta", 1000.0),
-     "state `unit: mrad` of theta in the source file: K 150"),
     ("impedance", joint, times("torque", 1000.0),
      "state `unit: N*mm` of torque in the source file: K 150"),
     ("impedance", joint, swapped, SWAP),

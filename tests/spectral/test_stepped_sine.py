@@ -67,14 +67,12 @@ class TruePart(NamedTuple):
 
 
 PRACTICES = {
-    "rests": Practice(rest_s=1.0),
     "cosines": Practice(phase=np.pi / 2),
-    "ramps": Practice(ramp=2),
     "ramps and rests": Practice(ramp=1, rest_s=0.7),
     "other numbers of cycles": Practice(cycles=(5, 10, 15)),
     "another order": Practice(frequencies=(3.0, 1.0, 2.0), amplitudes=(0.1, 0.03)),
     "neighbouring frequencies": Practice(frequencies=(2.0, 2.2, 3.0)),
-    "a clock off by 50 ppm": Practice(clock=1 + 5e-5),
+    "a clock off by 1000 ppm": Practice(clock=1 + 1e-3),
     "a slow clock": Practice(clock=0.995),
     "a fast clock and rests": Practice(clock=1.005, rest_s=0.5),
 }
@@ -135,9 +133,8 @@ def test_sines_are_found_as_people_run_a_protocol(practice):
         assert segment.start / PRACTICE_RATE == pytest.approx(part.start, abs=0.2 / part.frequency)
 
 
-@pytest.mark.parametrize("clock", [1.0, 1 + 5e-5])
-def test_a_clock_that_is_right_has_the_commanded_frequencies(clock):
-    segments = segments_of_practice(Practice(clock=clock))
+def test_a_clock_that_is_right_to_50_ppm_has_the_commanded_frequencies():
+    segments = segments_of_practice(Practice(clock=1 + 5e-5))
 
     assert {s.frequency_hz for s in segments} == {1.0, 2.0, 3.0}
 

@@ -48,7 +48,7 @@ def test_the_settings_that_differ_are_named_and_the_table_is_written(tmp_path):
     assert "cutoff_hz: 15 in A, 12 in B" in text
     assert "order" not in text
     written = read_table(tmp_path / "out/comparison.csv")
-    assert written.select("quantity", "A", "B", "difference").rows() == [("K", 300, 310, 10)]
+    assert written.select("quantity", "A_low", "B", "difference").rows() == [("K", 297, 310, 10)]
 
 
 @pytest.mark.parametrize(

@@ -110,7 +110,6 @@ def test_other_time_stamps_move_an_estimate_by_half_widths_of_its_interval(
     # friction, from the accuracy of the damping on
     ("impedance", {"coulomb_share": 0.049}, Limits(), False),
     ("impedance", {"coulomb_share": 0.051}, Limits(), True),
-    ("impedance", {"coulomb_share": 0.19}, Limits(accuracy=Accuracy(B=0.2)), False),
     # a ratio has one limit for both sides
     ("belt", {"some_ratio": 2.1}, Limits(ratio={"some_ratio": 2}), True),
     ("belt", {"some_ratio": 0.49}, Limits(ratio={"some_ratio": 2}), True),

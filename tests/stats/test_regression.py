@@ -129,12 +129,11 @@ def test_one_stratum_is_statsmodels_cluster_covariance():
     assert covariance == pytest.approx(expected, rel=1e-8, abs=1e-15)
 
 
-def test_equal_strata_add_their_freedom_and_a_noisy_one_has_its_own():
+def test_a_noisy_stratum_has_its_own_freedom():
     sums, stratum = (
         np.random.default_rng(6).standard_normal((4000, 1)),
         np.repeat(np.arange(2), 2000),
     )
-    assert between_cycles(sums, stratum)[1][0] == pytest.approx(3998, rel=0.01)
     sums[:2000] *= 1e-6
     assert between_cycles(sums, stratum)[1][0] == pytest.approx(1999, rel=0.01)
 
@@ -186,19 +185,26 @@ def test_two_trials_that_agree_by_luck_are_covered_as_often_as_others(between):
     assert min(one.se for one in found) == pytest.approx(2 / np.sqrt(2))
 
 
+def test_an_error_that_all_trials_share_is_once_in_the_interval_of_their_mean():
+    """Of two trials that agree, each with its own SD of 3 beside the bench's of 4."""
+    own = {"x_low": 1 - 1.959964 * 5, "x_high": 1 + 1.959964 * 5, "x_se_bench": 4.0}
+
+    row = repeats.summary_row(pl.DataFrame({"x": [1.0, 1.0], **own}), "x")
+
+    assert row["se"] == pytest.approx(np.hypot(3 / np.sqrt(2), 4))
+
+
 def test_intervals_over_trials_are_students():
     values = np.array([1.0, 2.0, 4.0, 7.0])
     own = repeats.over_repeats(values)
     assert own.high - own.mean == pytest.approx(student.ppf(0.975, 3) * np.std(values, ddof=1) / 2)
     assert own.mean == 3.5
     rows = [
-        repeats.summary_row(pl.DataFrame({"x": one}), "x")
-        for one in ([1.0, None, 3.0, np.nan], [4.0], [])
+        repeats.summary_row(pl.DataFrame({"x": one}), "x") for one in ([1.0, None, 3.0, np.nan], [])
     ]
     found = [(row["n"], row["mean"], row["sd"], row["interval_method"]) for row in rows]
     assert found == [
         (2, 2.0, pytest.approx(np.sqrt(2)), "Student"),
-        (1, 4.0, None, None),
         (0, None, None, None),
     ]
     with pytest.raises(InputError, match="repeat the experiment"):

@@ -284,6 +284,12 @@ def test_a_wrong_duration_rate_or_phase_is_refused(tmp_path, right, wrong, messa
         walking_settings(tmp_path, right, wrong)
 
 
+def test_the_foot_s_place_scatters_forward_and_sideways_on_its_own(walked):
+    forward, sideways, _ = walked.step.placement
+
+    assert forward != sideways
+
+
 def test_a_weight_of_the_gains_is_used(shipped, tmp_path):
     path = write_trajectory(tmp_path, "K_d,B_d", 300, 5)
     weight = Weight(cutoff_hz=1, order=1)

@@ -123,8 +123,8 @@ def test_a_group_has_the_timing_of_its_crossings(three_legs):
     assert (group["n"], group["n_unperturbed"]) == (3, 3)
     assert group["stance_s"] == pytest.approx(0.72, rel=0.02)
     assert group["onset_phase"] == pytest.approx(0.4, abs=0.01)
-    # the fit reads K 50 to 100 ms after the onset
-    assert 0.05 < (group["fitted_phase"] - group["onset_phase"]) * group["stance_s"] < 0.1
+    # an angle that grows with time reads K after 3/4 of the 100 ms; this one grows later
+    assert 0.075 < (group["fitted_phase"] - group["onset_phase"]) * group["stance_s"] < 0.1
 
 
 def test_an_unstated_condition_serves_every_value():

@@ -199,6 +199,13 @@ def test_every_job_says_what_made_it_and_leaves_out_what_quality_control_exclude
             assert ("quality" in job["input"]) == ("excluded" in job["params"]), job["rule"]
 
 
+def test_responses_are_beside_fits_that_are_judged_by_limits_of_their_own(every_job):
+    params = {job["files"][0]: job["params"] for job in every_job if job["rule"] == "table"}
+
+    of_fits = params["results/tables/response.csv"]["limits_of_fits"]
+    assert of_fits == params["results/tables/impedance.csv"]["limits"]
+
+
 def test_a_job_reads_only_what_its_rule_names_as_input(workspace, every_job):
     """Each file of the campaign that a job opens is an input of it: else it is early, or old."""
     jobs = {job["log"][0]: job for job in every_job if job["log"]}

@@ -206,6 +206,13 @@ def test_responses_are_beside_fits_that_are_judged_by_limits_of_their_own(every_
     assert of_fits == params["results/tables/impedance.csv"]["limits"]
 
 
+def test_a_rule_leaves_out_trials_by_the_checks_that_it_waits_for():
+    for file in (ROOT / "rules").glob("*.smk"):
+        for rule in file.read_text().split("rule ")[1:]:
+            asked = re.findall(r"(?:excluded|faults)=\w+\((?:lambda wildcards: )?(.*)\)", rule)
+            assert set(asked) <= set(re.findall(r"FILES\.checks\((.*)\)", rule)), rule
+
+
 def test_a_job_reads_only_what_its_rule_names_as_input(workspace, every_job):
     """Each file of the campaign that a job opens is an input of it: else it is early, or old."""
     jobs = {job["log"][0]: job for job in every_job if job["log"]}

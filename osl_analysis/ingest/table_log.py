@@ -277,8 +277,7 @@ def at_clock(
             f"{left_out} of {places[-1] + 1} {rows.noun}s have none of the asked values and were"
             f" left out, first {rows.place(np.argmax(is_empty))}"
         )
-    if places.size < rows.count:
-        rows = rows_at(rows, places)
+    rows = rows_at(rows, places)
     lacks = lacks[places]
     if raw.dtype == bool or lacks.any():
         raise InputError(

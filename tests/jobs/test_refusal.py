@@ -301,6 +301,7 @@ def test_a_table_is_not_made_of_nothing(tmp_path):
     WriteError("a.csv: cannot be written (No space left on device); make room"),
     MemoryLimitError("a.mcap: not enough memory; make room"),
     OSError(errno.EIO, "Input/output error; make room", "raw_data/b_1.mcap"),
+    PermissionError(errno.EACCES, "denied", "parameters.yaml"),  # which is no recording
 ])  # fmt: skip
 def test_what_the_machine_lacks_is_an_error_of_the_run_and_no_refusal(tmp_path, monkeypatch, error):
     """The next run tries again."""
@@ -312,7 +313,7 @@ def test_what_the_machine_lacks_is_an_error_of_the_run_and_no_refusal(tmp_path, 
 
     monkeypatch.setattr("osl_analysis.jobs.perform.call", lacking)
     asked = job(tmp_path, "tables.gather", {"trial": "raw_data/b_1.mcap"})
-    with pytest.raises(RuntimeError, match=r"No space left|not enough memory|Input/output"):
+    with pytest.raises(RuntimeError, match=r"No space left|not enough memory|Input/output|denied"):
         perform(asked)
     log = read_log(asked.log)
     assert (log["outcome"], log["warnings"]) == ("failed", [r"late\x1b"])

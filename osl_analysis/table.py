@@ -6,12 +6,9 @@ other file that cannot be made without it holds the reason in such a row, or, of
 columns; jobs that need it pass the reason on.
 """
 
-import csv
-import io
 import json
 import zipfile
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -173,12 +170,12 @@ def rows_of(path: Path, name: str) -> pl.DataFrame:
 UNREADABLE = (OSError, LookupError, zipfile.BadZipFile)  # errors of `content_of`
 
 
-def content_of(path: Path, name: str) -> bytes:
-    """A table as CSV: in an archive that of this name, or the first one if it is empty."""
+def content_of(path: Path, name: str | None) -> bytes:
+    """A table as CSV: in an archive that of this name, or the first one for None."""
     if path.suffix != ARCHIVE_SUFFIX:
         return path.read_bytes()
     with zipfile.ZipFile(path) as archive:
-        return archive.read(f"{name}.csv" if name else archive.namelist()[0])
+        return archive.read(archive.namelist()[0] if name is None else f"{name}.csv")
 
 
 def with_usual_types(table: pl.DataFrame) -> pl.DataFrame:
@@ -245,10 +242,11 @@ def not_analysed(path: Path | str) -> tuple[NotAnalysed, ...]:
         elif path.suffix == ".json":
             causes = json.loads(path.read_text(encoding="utf-8")).get(NOT_ANALYSED_KEY, ())
         elif path.suffix in (".csv", ARCHIVE_SUFFIX):
-            rows = csv.DictReader(io.StringIO(content_of(path, "").decode()))
-            refused = takewhile(lambda row: row.get("status") == NOT_ANALYSED, rows)
-            causes = [(row.get("trial") or "", row.get("reason") or "") for row in refused]
-    except (*UNREADABLE, AttributeError, ValueError, csv.Error, pl.exceptions.PolarsError):
+            stated = ("status", "trial", "reason")
+            rows = pl.read_csv(content_of(path, None), columns=stated, infer_schema=False)
+            if (rows["status"] == NOT_ANALYSED).all():
+                causes = rows.select(pl.col("trial", "reason").fill_null("")).rows()
+    except (*UNREADABLE, AttributeError, ValueError, pl.exceptions.PolarsError):
         return ()
     return tuple(NotAnalysed(*cause) for cause in causes)
 

@@ -142,9 +142,12 @@ def multisine(
 ) -> Motion:
     """A sum of sines with phases 0, 1, 2 ... rad; every derivative is the formula's, none is
     computed from data."""
-    t, w = np.arange(round(duration * rate)) / rate, 2 * np.pi * np.asarray(frequencies_hz)[:, None]
+    t = np.arange(round(duration * rate)) / rate
+    w = 2 * np.pi * np.asarray(frequencies_hz)[:, None]
     phase = w * t + np.arange(len(frequencies_hz))[:, None]
-    theta, omega, alpha = np.sin(phase), w * np.cos(phase), -(w**2) * np.sin(phase)
+    theta = np.sin(phase)
+    omega = w * np.cos(phase)
+    alpha = -(w**2) * np.sin(phase)
     return Motion(*(amplitude * x.sum(axis=0) for x in (theta, omega, alpha)))
 
 

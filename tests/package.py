@@ -9,7 +9,8 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-ROOT, BIN = Path(__file__).parents[1], Path(sys.executable).parent
+ROOT = Path(__file__).parents[1]
+BIN = Path(sys.executable).parent
 INSTALL = (BIN / "uv", "pip", "install", "--quiet", "--no-deps", "--python")
 MODULE = """
 configfile: "config.yaml"
@@ -78,7 +79,8 @@ def check_campaigns(commands: Path, folder: Path) -> None:
 def main() -> None:
     """Build twice, compare, install the wheel and then the sdist in its place, and use both."""
     with TemporaryDirectory() as place:
-        folder, digests = Path(place), []
+        folder = Path(place)
+        digests = []
         for built in (folder / "first", folder / "second"):
             call(BIN / "python", "-m", "build", "--no-isolation", "--outdir", built)
             wheel, sdist = sorted(built.iterdir(), key=lambda file: file.suffix != ".whl")

@@ -26,7 +26,8 @@ UNDETERMINED = re.compile(
 )
 """Columns of what a recording does not determine, where other matrix kernels give other numbers: in
 the fifth digit for an inertia beside friction, which is known to the first."""
-HEADLINE, SUMS = ("value", "low", "high", "n"), ("size", "mean", "trend")
+HEADLINE = ("value", "low", "high", "n")
+SUMS = ("size", "mean", "trend")
 NEAR = 2e-6
 """How far a number may be off, as a part of it, and a sum over columns as it is: other matrix
 kernels give 4e-8."""
@@ -53,7 +54,8 @@ def row_of(columns: dict[str, list]) -> dict[str, float]:
         x = np.array([as_number(cell) for cell in cells])
         x = x[np.isfinite(x)]
         if (largest := np.abs(x).max(initial=0)) > 1e-9:  # else it is rounding
-            weight, rank = 1 + crc32(name.encode()) / 2**32, np.arange(1, x.size + 1)
+            weight = 1 + crc32(name.encode()) / 2**32
+            rank = np.arange(1, x.size + 1)
             row["size"] += weight * np.log10(largest)
             row["mean"] += weight * x.mean() / largest
             row["trend"] += weight * (rank @ x) / rank.sum() / largest
@@ -94,7 +96,8 @@ def kept_numbers() -> dict[str, dict[str, float]]:
 
 def changed(results: Path) -> list[str]:
     """Where the numbers of the campaign are no longer those of the file, and both."""
-    kept, now = kept_numbers(), numbers_of(results)
+    kept = kept_numbers()
+    now = numbers_of(results)
     near = {
         place
         for place in kept.keys() & now.keys()

@@ -9,7 +9,8 @@ from kernels import loaded_kernels
 
 @pytest.mark.numerics
 def test_the_kernel_that_was_asked_for_is_taken():
-    asked, taken = os.environ.get("OPENBLAS_CORETYPE"), loaded_kernels()
+    asked = os.environ.get("OPENBLAS_CORETYPE")
+    taken = loaded_kernels()
     if asked is None or not taken:
         pytest.skip(f"no kernel is asked for; this machine takes {taken or 'none of OpenBLAS'}")
     assert {name.lower() for name in taken.values()} == {asked.lower()}

@@ -29,7 +29,8 @@ from osl_analysis.simulator.simulation_settings import RecorderSettings, Simulat
 from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import read_yaml
 
-DEFAULT, DEVICE = ROOT / "config/simulation/default.yaml", ROOT / "config/parameters/default.yaml"
+DEFAULT = ROOT / "config/simulation/default.yaml"
+DEVICE = ROOT / "config/parameters/default.yaml"
 P = read_parameters(DEVICE)
 ANALYSIS = ActuatorAnalysis(cutoff_hz=15, order=4, sign_width=0.01)
 
@@ -154,13 +155,17 @@ def staircase(seed, levels=UP_AND_DOWN, friction=0.15, between=0.03, **angle):
     """A clamped actuator of 0.648 N*m/A whose current goes in steps of a second: torque that
     settles in 10 ms, friction that lags behind the steps, an offset, and an error [N*m] of each
     level."""
-    rng, n, steps = np.random.default_rng(seed), 250, np.array(levels, dtype=float)
+    rng = np.random.default_rng(seed)
+    n = 250
+    steps = np.array(levels, dtype=float)
     lags = np.sign(np.diff(steps, prepend=0.0)) * friction - between * rng.standard_normal(
         len(steps)
     )
-    wanted, late = np.repeat(steps, n), np.exp(-1 / (0.01 * n))
+    wanted = np.repeat(steps, n)
+    late = np.exp(-1 / (0.01 * n))
     current = lfilter([1 - late], [1, -late], wanted)
-    noise, time = 0.05 * rng.standard_normal((2, len(wanted))), np.arange(len(wanted)) / n
+    noise = 0.05 * rng.standard_normal((2, len(wanted)))
+    time = np.arange(len(wanted)) / n
     torque = 0.648 * current - np.repeat(lags, n) + 0.3 + noise[0]
     columns = {"time": time, "current": current + noise[1], "torque_m": torque, **angle}
     return Trial("stalled", pl.DataFrame(columns))
@@ -251,7 +256,8 @@ def test_the_interval_of_a_clamped_actuator_holds_the_stated_error_of_the_load_c
 
     row = actuator_table(actuator_trial(staircase(1), calibrated)).row(0, named=True)
 
-    k, of_bench = row["k_tau_n_m"], row["k_tau_n_m_se_bench"]
+    k = row["k_tau_n_m"]
+    of_bench = row["k_tau_n_m_se_bench"]
     plain = actuator_trial(staircase(1), ANALYSIS).whole
     low, high = plain.interval("k_tau_n_m")
     assert of_bench == pytest.approx(0.01 * k)

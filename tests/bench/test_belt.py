@@ -45,7 +45,8 @@ def test_refuses_a_belt_that_hardly_moved_ends_loaded_or_has_gaps_all_along(
 
 def test_a_locked_belt_on_a_bench_that_yields_has_its_stiffness_and_error():
     theta_s, torque = belt_cycle(300.0)
-    angle, time = theta_s + torque / 12000, np.arange(len(theta_s)) / RATE
+    angle = theta_s + torque / 12000
+    time = np.arange(len(theta_s)) / RATE
     frame = {"value": "12000 N*m/rad", "standard_error": "600 N*m/rad"}
 
     def found(turned):
@@ -77,7 +78,9 @@ def test_belt_intervals_hold_what_a_drift_per_minute_makes_of_the_slope():
         settings = BeltAnalysis(cutoff_hz=15, order=4, load_cell_drift=drift_per_minute)
         return belt_fits.belt_trial(Trial("b", pl.DataFrame(samples)), None, settings).fits
 
-    alone, known, drifted = fits_of(torque), fits_of(torque, 3.0), fits_of(torque + 0.05 * time)
+    alone = fits_of(torque)
+    known = fits_of(torque, 3.0)
+    drifted = fits_of(torque + 0.05 * time)
     for name in ("loading", "unloading"):
         change = drifted[name]["K_s"] - alone[name]["K_s"]
         expected = np.hypot(alone[name].se("K_s"), change)

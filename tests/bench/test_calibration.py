@@ -58,11 +58,10 @@ def fit_of(record=SOUND, **stated):
 
 def changed_by(theta=None, torque=None):
     """K, B, I of the same recording with another angle, or another torque."""
-    theta, torque = (
-        SOUND.theta if theta is None else theta,
-        SOUND.torque if torque is None else torque,
-    )
-    other, plain = fit_of(record_of_sines(SOUND.time, theta, torque, FIVE)), fit_of()
+    theta = SOUND.theta if theta is None else theta
+    torque = SOUND.torque if torque is None else torque
+    other = fit_of(record_of_sines(SOUND.time, theta, torque, FIVE))
+    plain = fit_of()
     return [other[name] - plain[name] for name in TRUE]
 
 
@@ -110,7 +109,9 @@ def looped(share):
 def test_an_error_of_the_bench_moves_estimates_as_its_interval_says(
     stated, other, standard, within
 ):
-    changes, fit, plain = changed_by(**other), fit_of(**stated), fit_of()
+    changes = changed_by(**other)
+    fit = fit_of(**stated)
+    plain = fit_of()
     for name, change in zip(TRUE, changes, strict=True):
         least = 1e-4 * TRUE[name]  # what a record's ends and its noise make of a shift
         of_bench = fit.se_bench(name)
@@ -154,7 +155,8 @@ def test_it_counts_once_in_a_mean_of_trials_whose_intervals_are_all_of_it(n):
 
 
 def test_no_mean_over_trials_lowers_it():
-    values, shared = [684.0, 686.0, 687.0], 3.0
+    values = [684.0, 686.0, 687.0]
+    shared = 3.0
     row = summary_row(pl.DataFrame({"K_s": values, "K_s_se_bench": [shared] * 3}), "K_s")
     assert row["se"] ** 2 == pytest.approx(np.var(values, ddof=1) / 3 + shared**2)
 
@@ -169,7 +171,8 @@ def of_belt(theta_s, torque, **stated):
 def test_an_error_of_the_gain_is_in_the_estimates_of_a_belt():
     theta_s, torque = belt_cycle()
     rise = 1.01 * (torque - torque[0]) + torque[0]
-    plain, other = of_belt(theta_s, torque), of_belt(theta_s, rise)
+    plain = of_belt(theta_s, torque)
+    other = of_belt(theta_s, rise)
 
     stated = of_belt(theta_s, torque, torque_gain=0.01)
 
@@ -234,7 +237,8 @@ def test_a_gain_that_a_fixture_s_weight_explains_asks_for_the_fixture_first():
     trial = spring(K=80.0, weight=1.6)
     weighed = CONFIG.dynamometer.model_copy(update={"fixture": Fixture(weight=1.6)})
 
-    row, stated = calibrated(trial, known_K=80.0), calibrated(trial, weighed, known_K=80.0)
+    row = calibrated(trial, known_K=80.0)
+    stated = calibrated(trial, weighed, known_K=80.0)
 
     findings = findings_of(row, CONFIG.doubtful.of("calibration"), "calibration")
     (gain,) = [finding for finding in findings if finding.cause == "wrong gain"]
@@ -315,7 +319,8 @@ def test_a_fixture_alone_gives_its_inertia_and_weight_and_what_to_write(weight, 
 
 def on_frame(trial, stiffness, noise_rad=2e-5):
     """The same recording on a bench whose encoder stands before a frame [N*m/rad] that yields."""
-    joint, torque = trial.samples["theta"].to_numpy(), trial.samples["torque"].to_numpy()
+    joint = trial.samples["theta"].to_numpy()
+    torque = trial.samples["torque"].to_numpy()
     noise = noise_rad * np.random.default_rng(3).standard_normal(len(joint))
     wound = LowPass(30.0)(torque, 500.0) / stiffness
     samples = trial.samples.with_columns(

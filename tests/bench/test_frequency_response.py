@@ -147,7 +147,8 @@ def multisine(rng, realisations, periods=3, period=8.0):
     for _ in range(realisations):
         phase = np.outer(time, w) + rng.uniform(0, 2 * np.pi, len(w))
         size = 0.05 * np.sqrt(2 / len(w))
-        cosine, sine = np.cos(phase), np.sin(phase)
+        cosine = np.cos(phase)
+        sine = np.sin(phase)
         parts.append(size * np.array([cosine.sum(axis=1), -sine @ w, -cosine @ w**2]))
     return np.hstack(parts)
 

@@ -67,7 +67,8 @@ def test_degrees_of_freedom_are_those_of_what_makes_the_variance(noise, misfit, 
 def test_intervals_hold_the_truth_of_few_units_whose_misfit_is_small_or_large(units, misfit_sd):
     """1,500 means, each over units of five cycles, whose noise makes an SD of 1 of a unit's mean;
     the truth is 0."""
-    seeds, cycles = 1500, 5
+    seeds = 1500
+    cycles = 5
     rng = np.random.default_rng(units)
     of_units = misfit_sd * rng.standard_normal((seeds, units, 1))
     of_cycles = of_units + np.sqrt(cycles) * rng.standard_normal((seeds, units, cycles))

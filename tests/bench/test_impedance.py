@@ -52,7 +52,8 @@ def trial_of_steps(steps):
     """Sines between rests, of an amplitude [rad], a frequency [Hz] and a share of Eq. 15's torque
     each."""
     rest = np.zeros(round(2 * RATE))
-    angles, shares = [rest], [rest]
+    angles = [rest]
+    shares = [rest]
     for amplitude, frequency, share in steps:
         sine = np.append(amplitude * unit_sines([(frequency, 9)], RATE), rest)
         angles.append(sine)
@@ -118,7 +119,8 @@ def test_where_amplitudes_nest_in_frequencies_fig4_uses_the_largest_alone(tmp_pa
 
 
 LIMITS = config_for_trials(ROOT / "config/config.yaml").doubtful.of("impedance")
-UNSATURATED, UNKNOWN = pl.lit(0).alias("saturated_samples"), DesiredImpedance("ours", None, None)
+UNSATURATED = pl.lit(0).alias("saturated_samples")
+UNKNOWN = DesiredImpedance("ours", None, None)
 
 
 def judged(torque_of, noise=0.01, **stated):

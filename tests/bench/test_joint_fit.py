@@ -120,7 +120,8 @@ def test_stamps_that_can_be_read_in_two_ways_widen_the_intervals(joint, B):
     later_filtered = np.interp(record.time - 2e-4, record.time, record.filtered_torque)
     other = replace(record, torque=later, filtered_torque=later_filtered, uniform=None)
 
-    plain, both = sound_row(joint), row_of(replace(record, with_other_stamps=other))
+    plain = sound_row(joint)
+    both = row_of(replace(record, with_other_stamps=other))
 
     assert both[B] == plain[B]
     # 300 N*m/rad late by 0.2 ms

@@ -156,7 +156,8 @@ def trial_of_gains(desired, motion, late_s=0.0, seed=3):
 
 
 def row_beside_gains(trial, desired):
-    saturation, gains = quality.saturated(trial), desired.gains(P, PAPER_WEIGHT)
+    saturation = quality.saturated(trial)
+    gains = desired.gains(P, PAPER_WEIGHT)
     _, table, *_ = impedance_with_evidence(moving_record(trial), saturation, P, desired, gains)
     return table.row(0, named=True)
 

@@ -22,7 +22,8 @@ from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.trial import Trial
 
-CONFIG, DEVICE = ROOT / "config/config.yaml", ROOT / "config/parameters/default.yaml"
+CONFIG = ROOT / "config/config.yaml"
+DEVICE = ROOT / "config/parameters/default.yaml"
 LEG = read_parameters(DEVICE)
 LIMITS = config_for_trials(CONFIG).doubtful
 SINES = {
@@ -105,11 +106,14 @@ def test_the_weight_of_a_foot_is_found_and_is_a_doubt_about_its_inertia():
 def test_inertia_and_weight_of_a_fixture_are_taken_off_the_torque(experiment):
     """The estimates are those of the joint alone, to a thousandth of what the fixture adds to
     them."""
-    recording, sound = dict(RECORDINGS[experiment]), judged(experiment, RECORDINGS[experiment])
-    theta, stated = recording["theta"], {"inertia": 0.02, "weight": 1.0, "rest_deg": 60.0}
+    recording = dict(RECORDINGS[experiment])
+    sound = judged(experiment, RECORDINGS[experiment])
+    theta = recording["theta"]
+    stated = {"inertia": 0.02, "weight": 1.0, "rest_deg": 60.0}
     alpha = true_motion(recording["time"], theta).alpha
     recording["torque"] = recording["torque"] + 0.02 * alpha + np.sin(theta - np.pi / 3)
-    added, found = judged(experiment, recording), judged(experiment, recording, fixture=stated)
+    added = judged(experiment, recording)
+    found = judged(experiment, recording, fixture=stated)
     adds = {
         "impedance": {"K": 0.4, "I": 0.019},
         "transmission": {"J_j": 0.01},
@@ -169,7 +173,8 @@ def test_what_is_not_likely_is_doubtful_with_its_cause(
 
 
 def test_a_shaft_that_yields_against_the_joint_has_the_wrong_sign():
-    theta, n_T = RECORDINGS["belt"]["theta"], 83 / 18
+    theta = RECORDINGS["belt"]["theta"]
+    n_T = 83 / 18
     for way, cause in ((1, ""), (-1, "impossible estimate")):
         shaft = way * 0.1 * n_T * theta  # which takes a tenth of the joint's angle
         made = {"theta_m": shaft, "torque": RECORDINGS["belt"]["torque"] - 685.6 * 0.1 * theta}

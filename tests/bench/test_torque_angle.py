@@ -19,8 +19,14 @@ from osl_analysis.trial import Trial
 
 LATENESS = "whether the torque is late"
 
-CONFIG, RATE, PERIOD, A = read_config(ROOT / "config/config.yaml"), 250.0, 8.0, np.deg2rad(10)
-K, B, W, PLAIN = 200.0, 30.0, 2 * np.pi / PERIOD, {"zero": "none"}
+CONFIG = read_config(ROOT / "config/config.yaml")
+RATE = 250.0
+PERIOD = 8.0
+A = np.deg2rad(10)
+K = 200.0
+B = 30.0
+W = 2 * np.pi / PERIOD
+PLAIN = {"zero": "none"}
 
 
 def trial_of(theta, torque, **provenance):
@@ -65,11 +71,13 @@ def jenkins(theta, stiffness, limit, start=0.0):
 
 def test_an_elliptic_loop_has_the_energies_of_a_spring_with_damping():
     turns = W * clock(3 * PERIOD)
-    theta, torque = A * np.sin(turns), K * A * np.sin(turns) + B * A * W * np.cos(turns)
+    theta = A * np.sin(turns)
+    torque = K * A * np.sin(turns) + B * A * W * np.cos(turns)
     row = row_of(theta, torque, **PLAIN)
     assert row["cycles"] == 3
     assert row["energy_lost"] == pytest.approx(np.pi * B * W * A**2, rel=1e-4)
-    size, lag = A * np.hypot(K, B * W), np.arctan2(B * W, K)
+    size = A * np.hypot(K, B * W)
+    lag = np.arctan2(B * W, K)
     stored = size * A / 2 * (2 * np.cos(lag) + (np.pi + 2 * lag) * np.sin(lag))
     returned = size * A / 2 * (2 * np.cos(lag) - (np.pi - 2 * lag) * np.sin(lag))
     assert row["energy_stored"] == pytest.approx(stored, rel=1e-3)
@@ -85,7 +93,8 @@ def test_one_cycle_has_no_interval():
     assert row["interval_method"] is row["K_low"] is None
 
 
-STIFFENING, END = 3000.0, np.deg2rad(12)
+STIFFENING = 3000.0
+END = np.deg2rad(12)
 
 
 def cubic_spring():
@@ -100,7 +109,8 @@ def test_a_cubic_spring_has_its_curve_and_its_slope_at_every_angle():
 
     loading = curve.filter(pl.col("branch") == "loading")
     assert loading["angle_deg"].to_list()[-23:] == list(np.arange(0.5, 12, 0.5))
-    angle, window = np.deg2rad(curve["angle_deg"].to_numpy()), 0.05 * END
+    angle = np.deg2rad(curve["angle_deg"].to_numpy())
+    window = 0.05 * END
     inside = (angle > 1.2 * window) & (angle < END - 1.2 * window)
     expected = (K * angle + STIFFENING * angle**3)[inside]
     np.testing.assert_allclose(curve["torque"].to_numpy()[inside], expected, rtol=2e-3)
@@ -136,7 +146,9 @@ def test_cycles_begin_and_end_where_the_angle_comes_back(angles, counts):
 def test_a_device_that_starts_within_its_loop_is_doubtful_until_its_first_cycle_is_left_out():
     """Cycles of +-A lose 4 limit (A - limit/slip); on its way out the first one has not the torque
     of the others."""
-    slip, limit, theta = 400.0, 4.0, path(0, *(10, -10) * 4, 0)
+    slip = 400.0
+    limit = 4.0
+    theta = path(0, *(10, -10) * 4, 0)
     torque = K * theta + jenkins(theta, slip, limit)
 
     whole = row_of(theta, torque, zero="start")
@@ -165,7 +177,8 @@ def test_a_zero_changes_energies_and_no_slope_and_is_as_recorded_where_nobody_st
 OFFSET = "the torque's zero"
 
 
-FULL, OPEN = path(0, 10, 0, 10, 0), path(0, 10, 0.7)
+FULL = path(0, 10, 0, 10, 0)
+OPEN = path(0, 10, 0.7)
 NOISE = np.random.default_rng(3).standard_normal(FULL.size)
 
 
@@ -193,7 +206,8 @@ def test_what_is_no_trial_of_torque_against_angle_is_refused(theta, torque, chan
     assert str(caught.value).isprintable()
 
 
-BOTH_WAYS, FAR = path(0, *(10, -10) * 2, 0), path(0, *(10, -10) * 2, 4)
+BOTH_WAYS = path(0, *(10, -10) * 2, 0)
+FAR = path(0, *(10, -10) * 2, 4)
 LIFT = np.linspace(0, 1, FULL.size)
 
 
@@ -287,6 +301,7 @@ def test_an_error_of_the_frame_s_stiffness_is_one_of_its_compliance():
     ({"delay": 1e-3}, 1e-3 * 200 * np.pi * A**2 * W),  # K times the delay is a damping
 ])  # fmt: skip
 def test_what_takes_part_in_a_loop_is_in_the_energy_that_it_loses(stated, lost):
-    row, plain = of_cycles(CYCLED, OF_CYCLES, **stated), of_cycles(CYCLED, OF_CYCLES)
+    row = of_cycles(CYCLED, OF_CYCLES, **stated)
+    plain = of_cycles(CYCLED, OF_CYCLES)
     half, before = (each["energy_lost_high"] - each["energy_lost"] for each in (row, plain))
     assert half == pytest.approx(np.hypot(before, 1.96 * lost), rel=0.05)

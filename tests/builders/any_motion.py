@@ -8,7 +8,10 @@ from scipy.signal import lsim
 
 from osl_analysis.trial import Trial
 
-RATE, LEAD, FADE, TRUE = 250.0, 1.5, 1.0, {"K": 300.0, "B": 5.0, "I": 0.02}
+RATE = 250.0
+LEAD = 1.5
+FADE = 1.0
+TRUE = {"K": 300.0, "B": 5.0, "I": 0.02}
 
 
 def faded(time, duration, motion):
@@ -16,16 +19,12 @@ def faded(time, duration, motion):
     cosine."""
     t = time - LEAD
     inside = np.clip(np.minimum(t, duration - t) / FADE, 0, 1)
-    turns, side, w = (
-        (inside > 0) & (inside < 1),
-        np.where(t < duration / 2, 1.0, -1.0),
-        np.pi / FADE,
-    )
+    turns = (inside > 0) & (inside < 1)
+    side = np.where(t < duration / 2, 1.0, -1.0)
+    w = np.pi / FADE
     size = 0.5 * (1 - np.cos(np.pi * inside))
-    rate, curve = (
-        0.5 * w * np.sin(np.pi * inside) * side * turns,
-        0.5 * w**2 * np.cos(np.pi * inside) * turns,
-    )
+    rate = 0.5 * w * np.sin(np.pi * inside) * side * turns
+    curve = 0.5 * w**2 * np.cos(np.pi * inside) * turns
     x, v, a = motion
     return size * x, rate * x + size * v, curve * x + 2 * rate * v + size * a
 
@@ -65,11 +64,10 @@ def noise(rng, band=(0.5, 6.0), rms_deg=2.0, duration=30.0, rate=RATE):
 def chirp(rng, band=(0.5, 6.0), rms_deg=2.0, duration=30.0, rate=RATE):
     """A linear sweep."""
     time = np.arange(round((duration + 2 * LEAD) * rate)) / rate
-    t, slope = np.clip(time - LEAD, 0, duration), (band[1] - band[0]) / duration
-    phase, w = (
-        2 * np.pi * (band[0] * t + slope * t**2 / 2) + rng.uniform(0, 6),
-        2 * np.pi * (band[0] + slope * t),
-    )
+    t = np.clip(time - LEAD, 0, duration)
+    slope = (band[1] - band[0]) / duration
+    phase = 2 * np.pi * (band[0] * t + slope * t**2 / 2) + rng.uniform(0, 6)
+    w = 2 * np.pi * (band[0] + slope * t)
     motion = (
         np.sin(phase),
         w * np.cos(phase),

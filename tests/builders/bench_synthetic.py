@@ -15,7 +15,9 @@ from osl_analysis.bench.record import Record
 from osl_analysis.signals import LowPass, Motion, filtered_motion
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol, find_segments, find_sines
 
-RATE, LOW_PASS, PROTOCOL = 500.0, LowPass(15), SteppedSineProtocol((0.05, 0.1), (1.0, 3.0, 5.0), 9)
+RATE = 500.0
+LOW_PASS = LowPass(15)
+PROTOCOL = SteppedSineProtocol((0.05, 0.1), (1.0, 3.0, 5.0), 9)
 SETTINGS = BeltAnalysis(cutoff_hz=15, order=4)
 FIVE = SteppedSineProtocol((0.05, 0.1), (1.0, 2.0, 3.0, 4.0, 5.0), 9)
 
@@ -87,12 +89,11 @@ def record_of_sines(time, theta, torque, protocol=PROTOCOL, segments=None):
 
 def belt_record(theta_s, torque, rate=RATE, unusable=()):
     """The record of a belt's deflection [rad] and torque [N*m], as if they were filtered."""
-    time, usable = np.arange(len(theta_s)) / rate, ~np.isin(np.arange(len(theta_s)), unusable)
+    time = np.arange(len(theta_s)) / rate
+    usable = ~np.isin(np.arange(len(theta_s)), unusable)
     omega = np.gradient(theta_s) * rate
-    motion, groups = (
-        Motion(theta_s, omega, np.gradient(omega) * rate),
-        branches_of(theta_s, rate, usable, 15.0),
-    )
+    motion = Motion(theta_s, omega, np.gradient(omega) * rate)
+    groups = branches_of(theta_s, rate, usable, 15.0)
     return Record("b", time, theta_s, torque, motion, torque, SETTINGS, usable, groups)
 
 
@@ -124,12 +125,11 @@ def schedule(velocity_offset=0.0):
     """Time, angle, velocity, acceleration, current of sums of sines over 20 s; derivatives by
     hand."""
     t = np.arange(20_000) / 1000
-    w, a = 2 * np.pi * np.array([[0.3], [1.1]]), np.array([[8.0], [5.0]])
+    w = 2 * np.pi * np.array([[0.3], [1.1]])
+    a = np.array([[8.0], [5.0]])
     theta = (-a / w * np.cos(w * t)).sum(axis=0) + velocity_offset * t
-    omega, alpha = (
-        (a * np.sin(w * t)).sum(axis=0) + velocity_offset,
-        (a * w * np.cos(w * t)).sum(axis=0),
-    )
+    omega = (a * np.sin(w * t)).sum(axis=0) + velocity_offset
+    alpha = (a * w * np.cos(w * t)).sum(axis=0)
     return (
         t,
         theta,
@@ -140,7 +140,8 @@ def schedule(velocity_offset=0.0):
 
 
 def belt_cycle(K_s=685.6, K_s2=0.0, coulomb=0.0, peak=0.0873):
-    rest, way = np.zeros(200), peak * (1 - np.cos(np.linspace(0, np.pi, 1500))) / 2
+    rest = np.zeros(200)
+    way = peak * (1 - np.cos(np.linspace(0, np.pi, 1500))) / 2
     theta_s = np.concatenate([rest, way, way[::-1], rest])
     direction = np.concatenate([0 * rest, 0 * way + 1, 0 * way - 1, 0 * rest])
     return theta_s, K_s * theta_s + K_s2 * theta_s * np.abs(theta_s) + coulomb * direction + 2.0

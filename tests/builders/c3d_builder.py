@@ -77,6 +77,7 @@ def content(value: object) -> bytes:
     if isinstance(value, bytes):
         return struct.pack("bBB", 1, 1, len(value)) + value
     array = np.asarray(value)
-    whole, flat = array.dtype.kind == "i", array.ravel(order="F")
+    whole = array.dtype.kind == "i"
+    flat = array.ravel(order="F")
     stored = integers_of(flat) if whole else reals_of(flat.astype(float))
     return struct.pack("bB", 2 if whole else 4, array.ndim) + bytes(array.shape) + stored

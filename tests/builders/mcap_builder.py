@@ -19,7 +19,8 @@ int32 sec
 uint32 nanosec
 """
 SAMPLE = "std_msgs/Header header\nfloat32 angle\nfloat64 torque\nbool sync\n" + HEADER
-SAMPLE_NAME, Messages = "lab_msgs/msg/Sample", Iterable[tuple[int, dict[str, Any]]]
+SAMPLE_NAME = "lab_msgs/msg/Sample"
+Messages = Iterable[tuple[int, dict[str, Any]]]
 
 
 def stamped(nanoseconds: int, **fields: Any) -> tuple[int, dict[str, Any]]:

@@ -115,7 +115,8 @@ def forking() -> subprocess.Popen[str]:
 
 def run_forked(arguments: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
     """Run Snakemake or `osl-analysis` in a folder; both of its streams are in `stdout`."""
-    said, server = folder / "said.txt", forking()
+    said = folder / "said.txt"
+    server = forking()
     assert server.stdin is not None
     assert server.stdout is not None
     server.stdin.write(json.dumps([arguments, str(folder), str(said)]) + "\n")

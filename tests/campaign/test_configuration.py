@@ -42,7 +42,8 @@ from osl_analysis.yaml_settings import Settings, read_mapping, read_yaml, valida
 
 SHIPPED_FILE = ROOT / "config/config.yaml"
 SHIPPED = yaml.safe_load(SHIPPED_FILE.read_text())
-BENCH, Cycles = SHIPPED["dynamometer"], Annotated[int, Field(ge=1, le=100)]
+BENCH = SHIPPED["dynamometer"]
+Cycles = Annotated[int, Field(ge=1, le=100)]
 
 
 class Inner(Settings):
@@ -424,7 +425,8 @@ def test_a_wrong_quantity_is_named_with_its_file(tmp_path, changes, message):
 # The simulator follows the configuration in what both use: device, gains, protocol, desired
 # impedance.
 
-TINY, TRIAL = Path("tests/tiny_simulation.yaml"), "impedance_K300_B5.0_compensated"
+TINY = Path("tests/tiny_simulation.yaml")
+TRIAL = "impedance_K300_B5.0_compensated"
 OTHER = "config/parameters/osl-v2-published.yaml"
 
 
@@ -457,10 +459,8 @@ def test_the_simulated_leg_has_the_gains_that_the_configuration_says(tmp_path, i
 
 
 def test_the_simulated_protocol_and_walk_are_those_of_the_configuration(tmp_path, in_root):
-    other, default = (
-        Path("config/impedance/synthetic_rising.csv"),
-        Path("config/simulation/default.yaml"),
-    )
+    other = Path("config/impedance/synthetic_rising.csv")
+    default = Path("config/simulation/default.yaml")
     protocol = {
         "amplitudes_deg": [3, 1],
         "frequencies_hz": [4, 2.5],

@@ -58,7 +58,8 @@ def with_default(tmp_path, monkeypatch):
 @pytest.mark.parametrize("name", flat(FACTS_OF_DEFAULT))
 def test_what_the_default_campaign_states_is_no_fact_of_others(name, tmp_path, with_default):
     (tmp_path / "plain.yaml").write_text("{campaign: own, simulation: null}")
-    alike, stated = read_config(tmp_path / "plain.yaml"), tmp_path / "stated.yaml"
+    alike = read_config(tmp_path / "plain.yaml")
+    stated = tmp_path / "stated.yaml"
     unstated, own = with_default({name: OTHERS[name]})
     stated.write_text(str({"simulation": None, **own}).replace("None", "null"))
     assert read_config(stated) != alike
@@ -91,10 +92,8 @@ def test_unstated_settings_make_no_finding_on_a_sound_recording(with_default):
     """Whatever the default says of them: of a slow spring and of sines of a joint with a
     command."""
     own, _ = with_default(OF_BENCH)
-    config, slow = (
-        read_config(own),
-        np.deg2rad(5) * (1 - np.cos(np.pi * np.clip(np.arange(-300, 8300) / 1000, 0, 8))),
-    )
+    config = read_config(own)
+    slow = np.deg2rad(5) * (1 - np.cos(np.pi * np.clip(np.arange(-300, 8300) / 1000, 0, 8)))
     noise = 0.02 * np.random.default_rng(2).standard_normal(slow.size)
     samples = {"time": np.arange(slow.size) / 250, "theta": slow, "torque": 300 * slow + noise}
     recorded = {"impedance": sines(1.3, 4.97), "torque_angle": Trial("s", pl.DataFrame(samples))}
@@ -122,7 +121,8 @@ OF_GAIT = {
 
 def test_unstated_settings_make_no_finding_on_sound_gait(tmp_path, with_default):
     own, _ = with_default(OF_GAIT)
-    config, turned = read_config(own), Walk(0.4)
+    config = read_config(own)
+    turned = Walk(0.4)
     walks = several("u", 8, Walk()) | several("up", 8, turned)
     (tmp_path / "crossings").mkdir()
     for trial, walk in walks.items():
@@ -205,14 +205,16 @@ def sines(*amplitudes_deg, hz=(0.5, 1, 2, 4), cycles=8, rate=500.0):
 
 
 def test_without_a_stated_protocol_the_recording_is_its_own_label():
-    trial, none = sines(1.3, 4.97), {"amplitudes_deg": None, "frequencies_hz": None, "cycles": None}
+    trial = sines(1.3, 4.97)
+    none = {"amplitudes_deg": None, "frequencies_hz": None, "cycles": None}
     strata = record_of_trial(trial, sine_settings(**none)).groups.strata
     assert {(one.label, one.frequency_hz, one.commanded_deg) for one in strata} == {
         (size, hz, None) for size in (1.3, 4.97) for hz in (0.5, 1, 2, 4)
     }
     asked = record_of_trial(trial, sine_settings((5,), (1, 2))).groups.strata
     assert {one.commanded_deg for one in asked} == {5}
-    unstated, stated = Commanded(**none), Commanded((5,), (1, 2), None)
+    unstated = Commanded(**none)
+    stated = Commanded((5,), (1, 2), None)
     assert measure_quality(trial, "impedance", unstated)["protocol"].value is None
     # what was not asked for
     assert measure_quality(trial, "impedance", stated)["protocol"].value == 6

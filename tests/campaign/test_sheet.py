@@ -27,7 +27,8 @@ from osl_analysis.simulator.trial_plan import plan_trials
 from osl_analysis.yaml_settings import read_yaml
 
 HEADER = "trial,experiment,controller,K_d,B_d,perturbed,log,log_source,mocap,mocap_source,exclude\n"
-PLACED, BELT = "trial,experiment,joint,side,log,log_source\n", "b,belt,,,,,b.mcap,dynamometer,,,"
+PLACED = "trial,experiment,joint,side,log,log_source\n"
+BELT = "b,belt,,,,,b.mcap,dynamometer,,,"
 
 
 def sheet(tmp_path, text):
@@ -306,10 +307,8 @@ def test_an_unknown_trial_is_told_with_the_nearest_one():
         found.row("t_11")
 
 
-DEFAULT, TINY = (
-    ROOT / "config" / "simulation" / "default.yaml",
-    ROOT / "tests" / "tiny_simulation.yaml",
-)
+DEFAULT = ROOT / "config" / "simulation" / "default.yaml"
+TINY = ROOT / "tests" / "tiny_simulation.yaml"
 
 
 def settings_with(tmp_path, place, value):

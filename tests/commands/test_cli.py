@@ -35,7 +35,8 @@ from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial
 
 pytestmark = pytest.mark.usefixtures("in_root")
-TRIAL, GAINS = "impedance_K300_B5.0_compensated", ("gains", "--stiffness", "300", "--damping", "5")
+TRIAL = "impedance_K300_B5.0_compensated"
+GAINS = ("gains", "--stiffness", "300", "--damping", "5")
 SYNTHETIC = "config/impedance/synthetic_walking.csv"
 
 
@@ -74,7 +75,8 @@ def folder(tmp_path_factory):
                 folder / "config.yaml",
             )
             assert call("simulate", *settings, "--trial", trial, folder).exit_code == 0
-            log, output = folder / f"dynamometer/{trial}.mcap", folder / f"{trial}.parquet"
+            log = folder / f"dynamometer/{trial}.mcap"
+            output = folder / f"{trial}.parquet"
             result = call("ingest", "--log", log, "--log-source", "dynamometer", "--output", output)
             assert result.exit_code == 0, result.stderr
     return folder
@@ -102,7 +104,8 @@ def test_fit_prints_the_impedance_of_linear_theory_and_draws_it(folder, tmp_path
 
 def test_a_raw_recording_is_fitted_with_its_source_as_after_ingest(folder, tmp_path):
     options = ("--config", folder / "config.yaml", "--json")
-    raw, cut = folder / f"dynamometer/{TRIAL}.mcap", tmp_path / "cut.mcap"
+    raw = folder / f"dynamometer/{TRIAL}.mcap"
+    cut = tmp_path / "cut.mcap"
     cut.write_bytes(raw.read_bytes()[:-20])
     source = ("--source", "config/sources/dynamometer.yaml")
 
@@ -141,7 +144,8 @@ def test_fit_says_what_it_cannot_check_and_takes_a_campaign_s_overriding_file(fo
 
 
 def test_a_lost_end_is_told_and_no_recording_is_written_over(folder, tmp_path):
-    log, output = tmp_path / "cut.mcap", tmp_path / "cut.parquet"
+    log = tmp_path / "cut.mcap"
+    output = tmp_path / "cut.parquet"
     log.write_bytes((folder / f"dynamometer/{TRIAL}.mcap").read_bytes()[:-20])
     result = call("ingest", "--log", log, "--log-source", "dynamometer", "--output", output)
     assert (result.exit_code, output.exists()) == (0, True)
@@ -157,7 +161,8 @@ def test_a_lost_end_is_told_and_no_recording_is_written_over(folder, tmp_path):
 
 
 def test_gains_of_a_pair_a_grid_and_a_trajectory_are_those_of_the_paper(tmp_path):
-    table, short = tmp_path / "gains.csv", tmp_path / "t.csv"
+    table = tmp_path / "gains.csv"
+    short = tmp_path / "t.csv"
     (pair,) = json.loads(call(*GAINS, "--json").stdout)
     assert (pair["K_1"], pair["B_1"]) == pytest.approx((25.0867, 0.664687), rel=1e-5)
     grid = of_gains("100,200,300,400", "0,0.1,0.2,0.3", "--output", table, "--json")
@@ -238,7 +243,8 @@ def test_a_call_that_does_not_fit_is_refused_and_writes_nothing(message, tmp_pat
 
 
 def test_a_campaign_is_simulated_with_the_configuration_that_is_named(folder, monkeypatch):
-    config, seen = folder / "config.yaml", []
+    config = folder / "config.yaml"
+    seen = []
     monkeypatch.setattr(simulate_command, "simulate_campaign", lambda *given: seen.append(given))
     assert call("simulate", "--settings", "s.yaml", "--config", config, folder).exit_code == 0
     assert seen == [(Path("s.yaml"), folder, read_config(config).shared())]
@@ -273,10 +279,8 @@ WRITERS = {
 
 @pytest.mark.parametrize("suffix", WRITERS)
 def test_a_full_disk_is_one_line_and_leaves_the_older_file_as_it_was(tmp_path, suffix):
-    path, said = (
-        tmp_path / f"results.{suffix}",
-        rf"results\.{suffix}: cannot be written .*too large.*; make room",
-    )
+    path = tmp_path / f"results.{suffix}"
+    said = rf"results\.{suffix}: cannot be written .*too large.*; make room"
     path.write_text("older")
     with pytest.raises(InputError, match=said), full_disk():
         WRITERS[suffix](TABLE, path)
@@ -300,7 +304,8 @@ def test_nothing_but_a_regular_file_is_replaced(
     )
     for name in ("pipe", "socket", "folder", "null"):
         path = tmp_path / f"{name}.csv"
-        before, said = path.lstat()[:2], rf"{name}\.csv: is a folder or a device; name a file"
+        before = path.lstat()[:2]
+        said = rf"{name}\.csv: is a folder or a device; name a file"
         with pytest.raises(InputError, match=said):
             write_table(TABLE, path)
         assert path.lstat()[:2] == before  # kind and inode

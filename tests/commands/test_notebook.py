@@ -28,10 +28,8 @@ from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import write_trial
 
 pytestmark = pytest.mark.usefixtures("in_root")
-DEVICE, DESIRED = (
-    ROOT / "config/parameters/default.yaml",
-    osl.DesiredImpedance("compensated", 300.0, 5.0),
-)
+DEVICE = ROOT / "config/parameters/default.yaml"
+DESIRED = osl.DesiredImpedance("compensated", 300.0, 5.0)
 AMPLITUDES = [float(np.rad2deg(amplitude)) for amplitude in SINES.amplitudes]
 SHORT = f"dynamometer: {{amplitudes_deg: {AMPLITUDES}, frequencies_hz: [1, 3, 5], cycles: 9}}\n"
 SHORT += "quality: {rate: 123 Hz}\n"
@@ -66,10 +64,8 @@ def bench_trial(experiment):
 def of_campaign(experiment, folder, config_path):
     """The tables of one trial as the job of a campaign writes them, by name;
     `fits/NAME/made.csv`."""
-    config, name = (
-        read_config(config_path),
-        "impedance" if experiment in ("any motion", "friction") else experiment,
-    )
+    config = read_config(config_path)
+    name = "impedance" if experiment in ("any motion", "friction") else experiment
     write_trial(bench_trial(experiment), folder / "made.parquet")
     fit = EXPERIMENTS[name].fit
     given = {argument: getattr(config, section) for argument, (section, _) in fit.settings.items()}
@@ -149,7 +145,8 @@ def test_a_fit_of_a_file_is_that_of_its_trial_and_can_be_pickled(tmp_path, short
 
 @pytest.mark.usefixtures("without_inference")
 def test_the_response_of_a_stepped_sine_is_that_of_the_campaign_and_fig_7(tmp_path, short):
-    files, config = of_campaign("impedance", tmp_path, short), read_config(short)
+    files = of_campaign("impedance", tmp_path, short)
+    config = read_config(short)
     response = tmp_path / "tables/response.csv"
     limits = config.doubtful.of("response"), [files["impedance"]], config.doubtful.of("impedance")
     found = osl.frequency_response(bench_trial("impedance"), DESIRED, config=short)
@@ -179,7 +176,8 @@ def test_a_window_is_all_that_is_fitted(short):
 
 
 def test_the_check_of_a_trial_has_the_rows_of_the_campaign_and_accepts_nothing(tmp_path, short):
-    config, trial = read_config(short), bench_trial("actuator")
+    config = read_config(short)
+    trial = bench_trial("actuator")
     slow = replace(trial, samples=trial.samples.with_columns(pl.col("time") * 50))
     commanded = Commanded(**{name: getattr(config.dynamometer, name) for name in PROTOCOL})
     write_table(

@@ -59,7 +59,8 @@ def swapped(signals):
 
 def swapped_in_deg(signals):
     """Channels of N*m and deg under each other's names, whose units were converted."""
-    theta, torque = signals["theta"], signals["torque"]
+    theta = signals["theta"]
+    torque = signals["torque"]
     return signals | {"theta": np.radians(torque), "torque": np.degrees(theta)}
 
 

@@ -36,7 +36,8 @@ STATED = {
     "sd": math.isnan, "se": math.isnan, "low": math.isnan, "high": math.isnan,
     "mean": math.isnan,  # of none
 }  # fmt: skip
-N, RATE = 400, 100.0
+N = 400
+RATE = 100.0
 
 
 def not_promised(value, name=""):
@@ -81,7 +82,9 @@ def defined_or_refused(fit, cases):
 def spoiled(time, x, y):
     """Time [s] and two signals (n,) each, as they should be and degenerate in every way of the
     issue."""
-    zero, constant, row = np.zeros_like(x), np.full_like(x, 0.3), len(x) // 3
+    zero = np.zeros_like(x)
+    constant = np.full_like(x, 0.3)
+    row = len(x) // 3
     at = np.arange(len(x)) == row
     pairs = {
         "sound": (x, y), "exact": (x, 3 * x), "zero residual": (np.rint(40 * x),
@@ -112,7 +115,8 @@ def signals():
 
 def asked(y, x):
     """A fit with everything that is computed from it."""
-    fit, one = linear_fit(y, {"a": x, "offset": np.ones_like(x)}), linear_fit(y, {"a": x})
+    fit = linear_fit(y, {"a": x, "offset": np.ones_like(x)})
+    one = linear_fit(y, {"a": x})
     shared = one.with_shared_error(np.array([0.1]))
     return fit, fit.se("a"), fit.interval("a"), one, shared
 
@@ -135,12 +139,10 @@ def test_a_fit_of_degenerate_signals_is_defined_or_refused_in_one_sentence(name)
     defined_or_refused(FITS_OF_SIGNALS[name], signals())
 
 
-BENCH_RATE, FREQUENCIES, CYCLES, DEVICE = (
-    200.0,
-    (2.0, 5.0),
-    8,
-    ROOT / "config/parameters/default.yaml",
-)
+BENCH_RATE = 200.0
+FREQUENCIES = (2.0, 5.0)
+CYCLES = 8
+DEVICE = ROOT / "config/parameters/default.yaml"
 
 
 @cache
@@ -151,10 +153,8 @@ def bench_angle(experiment):
         return np.deg2rad(5) * (np.clip((time - 1.5) / 3.5, 0, 1) - np.clip((time - 5) / 3.5, 0, 1))
     if experiment == "actuator":
         return np.cumsum(8 * np.sin(0.6 * np.pi * time)) / BENCH_RATE
-    protocol, rest = (
-        SteppedSineProtocol((np.deg2rad(4),), FREQUENCIES, CYCLES),
-        np.zeros(round(BENCH_RATE)),
-    )
+    protocol = SteppedSineProtocol((np.deg2rad(4),), FREQUENCIES, CYCLES)
+    rest = np.zeros(round(BENCH_RATE))
     return np.concatenate([rest, np.deg2rad(4) * unit_block(protocol, BENCH_RATE), rest])
 
 

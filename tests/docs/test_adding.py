@@ -20,7 +20,8 @@ from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
 CHANGES = sorted((ROOT / "tests/changes").glob("*.patch"))
 PARTS = ("Snakefile", "osl_analysis", "snakemake_logger_plugin_osl", "rules", "profiles", "config")
 DAMPING = {"damper_1": 3.0, "damper_2": 6.0}  # N*m*s/rad, by trial
-RATE, AMPLITUDE = 500, np.deg2rad(4)
+RATE = 500
+AMPLITUDE = np.deg2rad(4)
 PROTOCOL = {"amplitudes_deg": [4], "frequencies_hz": [1, 2], "cycles": 4}
 OURS = f"""campaign: dampers
 raw_data: logs

@@ -69,7 +69,9 @@ def test_walking_is_measured_against_the_perturbation_alone(study):
 def test_bound_of_a_sinusoid_is_the_published_one(study):
     """Rife and Boorstyn, IEEE Trans. Inf. Theory 20, 1974: var(A) >= 2 s^2/N and var(phase) >= 2
     s^2/(A^2 N)."""
-    N, noise, phase = 1000, 0.3, 2 * np.pi * np.arange(1000) / 50
+    N = 1000
+    noise = 0.3
+    phase = 2 * np.pi * np.arange(1000) / 50
     bound = study.regression_bound(
         {"cos": np.cos(phase), "sin": np.sin(phase), "offset": np.ones(N)}, noise
     )

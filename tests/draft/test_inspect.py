@@ -32,10 +32,8 @@ JOINTS = (
 
 def joint_log(path: Path, topic: str = "/joints", **options: Any) -> Path:
     """The angles of a knee and an ankle at 100 Hz, with a gap after 0.2 s."""
-    log, known = (
-        [],
-        {"name": ["knee", "left ankle"], "effort": [], "bias": [1.0, 2.0, 3.0], "note": "x"},
-    )
+    log = []
+    known = {"name": ["knee", "left ankle"], "effort": [], "bias": [1.0, 2.0, 3.0], "note": "x"}
     for i in range(50):
         log.append(
             stamped(

@@ -137,7 +137,8 @@ def in_amplitudes():
 
 
 def both_branches():
-    table, back = stored("fig3"), pl.col("trial") != MEAN_SLOPE
+    table = stored("fig3")
+    back = pl.col("trial") != MEAN_SLOPE
     returned = table.filter(back).with_columns(
         branch=pl.lit("unloading"), deviation=pl.col("deviation") - 0.5
     )

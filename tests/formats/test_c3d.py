@@ -385,7 +385,8 @@ def test_the_baseline_that_is_asked_for_is_subtracted(tmp_path: Path, zero: Any)
     readings = np.arange(144.0).reshape(24, 6)
     path = plate_file(tmp_path, readings, FORCE_PLATFORM__ZERO=np.array([2, 3]))
 
-    as_is, zeroed = read(path), read(path, plate_zero=zero)
+    as_is = read(path)
+    zeroed = read(path, plate_zero=zero)
 
     assert zeroed.facts["plate_zero_frames"] == (2, 3)
     for column in ("plate1_force_z", "plate1_moment_x"):
@@ -416,7 +417,8 @@ def test_rotations_without_markers_are_named(tmp_path: Path) -> None:
 # --- wrenches in closed form --------------------------------------------------------------------
 
 RANDOM = np.random.default_rng(3)
-FORCE, MOMENT = RANDOM.normal(0, 300, (20, 3)), RANDOM.normal(0, 40, (20, 3))
+FORCE = RANDOM.normal(0, 300, (20, 3))
+MOMENT = RANDOM.normal(0, 40, (20, 3))
 AXES = Rotation.from_euler("ZYX", [0.7, 0.2, np.pi - 0.1]).as_matrix()  # z down, tilted and turned
 CORNERS = [1.0, -2.0, 0.3] + np.array(
     [[0.3, 0.2, 0], [-0.3, 0.2, 0], [-0.3, -0.2, 0], [0.3, -0.2, 0]]
@@ -440,11 +442,14 @@ def test_type_2_gives_the_wrench_back_whichever_way_origin_points(stored: int) -
 
 @pytest.mark.parametrize("depth_sign", [1, -1])
 def test_type_3_gives_the_wrench_of_its_four_sensors_back(depth_sign: int) -> None:
-    a, b, depth = 0.12, 0.2, 0.054
+    a = 0.12
+    b = 0.2
+    depth = 0.054
     # z down: under the surface
     sensors = np.array([[a, b, depth], [-a, b, depth], [-a, -b, depth], [a, -b, depth]])
     forces = RANDOM.normal(0, 100, (20, 4, 3))
-    total, moment = forces.sum(axis=1), np.cross(sensors, forces).sum(axis=1)
+    total = forces.sum(axis=1)
+    moment = np.cross(sensors, forces).sum(axis=1)
     x, y, z = forces.transpose(2, 1, 0)
     channels = np.column_stack([x[0] + x[1], x[2] + x[3], y[0] + y[3], y[1] + y[2], *z])
 

@@ -116,7 +116,8 @@ def written_by_matio(path: Path, version: str) -> Path:
     by_rate, by_step = (convert_py_to_mat(columns, "timetable") for _ in range(2))
     table = convert_py_to_mat(columns.reset_index(names="late"), "table")
     for timetable, is_rate in ((by_rate, True), (by_step, False)):
-        inside, second = timetable.properties["any"][0, 0], np.array([[np.timedelta64(1, "s")]])
+        inside = timetable.properties["any"][0, 0]
+        second = np.array([[np.timedelta64(1, "s")]])
         rule = {
             "origin": 3 * second,
             "specifiedAsRate": is_rate,

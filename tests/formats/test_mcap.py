@@ -402,7 +402,8 @@ def write_joints(path: Path, *states: tuple[list[str], list[float]]) -> Path:
 
 
 def test_a_joint_is_found_by_name_beside_those_of_another_publisher(tmp_path: Path) -> None:
-    leg, arm = (["hip", "toe"], [1.0, 2.0]), (["hand"], [3.0])
+    leg = (["hip", "toe"], [1.0, 2.0])
+    arm = (["hand"], [3.0])
     path = write_joints(tmp_path / "log.mcap", leg, arm, leg)
 
     recording = formats.read(path, source("position[name=toe]"))

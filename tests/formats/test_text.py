@@ -133,7 +133,8 @@ def test_a_cell_amid_a_long_text_is_read_as_in_a_short_one(
         except InputError as error:
             return "no number" if "is not a number" in str(error) else "refused"
 
-    of_long, of_short = angle("".join(lines)), angle("".join([lines[0], *lines[440:460]]))
+    of_long = angle("".join(lines))
+    of_short = angle("".join([lines[0], *lines[440:460]]))
     if isinstance(of_long, list):
         of_long = of_long[439:459]
     assert str(of_long) == str(of_short)

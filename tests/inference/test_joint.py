@@ -11,7 +11,9 @@ from osl_analysis.errors import NotWeighedError
 from osl_analysis.inference import BenchSignals, ImpedanceInference, infer_impedance
 
 RATE = 500.0
-K, B, I = 300.0, 5.0, 0.02
+K = 300.0
+B = 5.0
+I = 0.02
 STEP = 2 * np.pi / 2**16
 
 

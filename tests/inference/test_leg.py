@@ -8,9 +8,16 @@ import pytest
 from osl_analysis.inference import BenchSignals, LegInference, infer_leg
 
 RATE = 500.0
-K_S, B_J, J_J, N_T = 700.0, 0.5, 0.005, 4.6  # belt, joint, ratio
-J_M, B_M, K_1, B_1 = 0.009, 0.006, 14.0, 0.2  # actuator and its controller
-CONSTANT, OF_LOAD = 0.4, 0.09  # friction [N*m], and its growth with the current [N*m/A]
+K_S = 700.0  # belt, joint, ratio
+B_J = 0.5
+J_J = 0.005
+N_T = 4.6
+J_M = 0.009  # actuator and its controller
+B_M = 0.006
+K_1 = 14.0
+B_1 = 0.2
+CONSTANT = 0.4  # friction [N*m], and its growth with the current [N*m/A]
+OF_LOAD = 0.09
 TORQUE_CONSTANT = 1.0  # N*m/A
 HYSTERESIS = 0.25  # N*m
 
@@ -33,14 +40,18 @@ def joint_motion(time: np.ndarray) -> np.ndarray:
 @cache
 def leg(seconds: float = 40.0) -> dict[str, np.ndarray]:
     """Signals of the leg, at five steps of integration per sample; friction never drives."""
-    steps, step = 5, 0.2 / RATE
+    steps = 5
+    step = 0.2 / RATE
     time = np.arange(round(seconds * RATE * steps)) * step
     theta, omega, alpha = joint_motion(time)
     theta_m, omega_m, current, belt = np.zeros((4, len(time)))
-    angle, speed, wound = N_T * theta[0] * 0.7, 0.0, 0.0
+    angle = N_T * theta[0] * 0.7
+    speed = 0.0
+    wound = 0.0
     deflection = theta[0] - angle / N_T
     for k in range(len(time)):
-        before, deflection = deflection, theta[k] - angle / N_T
+        before = deflection
+        deflection = theta[k] - angle / N_T
         wound = min(max(wound + (deflection - before) / 1e-3, -1.0), 1.0)
         belt[k] = K_S * deflection + HYSTERESIS * wound
         current[k] = -(K_1 * angle + B_1 * speed) / TORQUE_CONSTANT
@@ -69,7 +80,8 @@ def signals(**changes: object) -> BenchSignals:
     recorded = leg()
     rng = np.random.default_rng(2)
     noisy = recorded["torque"] + 0.05 * rng.normal(size=len(recorded["torque"]))
-    step, step_m = 2.4e-5, 4.3e-5
+    step = 2.4e-5
+    step_m = 4.3e-5
     of_leg = {
         "theta": np.round(recorded["theta"] / step) * step,
         "torque": noisy,

@@ -21,7 +21,8 @@ from osl_analysis.ingest.raw_files import trial_from_files
 
 ROWS = 480  # lines between the first 300 and the last 60 are split by polars
 TIME = np.arange(ROWS) / 500
-ANGLE, TORQUE = 5 * np.sin(9 * TIME), 30 * np.sin(9 * TIME + 0.3)
+ANGLE = 5 * np.sin(9 * TIME)
+TORQUE = 30 * np.sin(9 * TIME + 0.3)
 T, A, M = ([f"{x:.9f}" for x in column] for column in (TIME, ANGLE, TORQUE))
 HEAD = ["Time [s]", "Ankle angle [deg]", "Torque [Nm]"]
 START = dt.datetime(2024, 5, 1, 23, 59, 59, 500_000)  # midnight passes
@@ -136,7 +137,8 @@ ANGLE_ALONE = "channels:\n  theta: {column: Ankle angle, unit: deg}\n"
 
 
 def assert_recording(trial):
-    samples, coarse = trial.samples, 1.1e-3  # hh:mm:ss.mmm and ms are rounded
+    samples = trial.samples  # hh:mm:ss.mmm and ms are rounded
+    coarse = 1.1e-3
     np.testing.assert_allclose(samples["time"], TIME, atol=coarse)
     np.testing.assert_allclose(samples["theta"], np.radians(ANGLE), atol=1e-8)
     np.testing.assert_allclose(samples["torque"], TORQUE, atol=1e-6)

@@ -41,8 +41,10 @@ LEG = {
     "channels": {"theta": THETA, "sync": SYNC},
 }
 CAPTURE = {"format": "c3d", "analogs": {"sync": {"channel": "A1"}}}
-LEG_OFFSET, LEG_DRIFT = 4.321, 40e-6  # leg time = offset + (1 + drift) * motion capture's
-CHANGES, DURATION = np.cumsum(np.random.default_rng(0).uniform(0.06, 0.25, 40)), 5.0
+LEG_OFFSET = 4.321  # leg time = offset + (1 + drift) * motion capture's
+LEG_DRIFT = 40e-6
+CHANGES = np.cumsum(np.random.default_rng(0).uniform(0.06, 0.25, 40))
+DURATION = 5.0
 
 
 def level(time: np.ndarray) -> np.ndarray:
@@ -102,7 +104,8 @@ def refused(folder: Path, **fields: object) -> str:
 def test_log_and_capture_share_one_clock_and_provenance_names_their_files(
     laboratory,
 ):
-    trial, speed = ingested(laboratory), np.radians(10 * 2 * np.pi * 0.7)
+    trial = ingested(laboratory)
+    speed = np.radians(10 * 2 * np.pi * 0.7)
     time, theta = trial.signals("theta")
     # half a millisecond
     np.testing.assert_allclose(theta, np.radians(angle(time)), atol=speed * 0.5e-3)
@@ -110,7 +113,8 @@ def test_log_and_capture_share_one_clock_and_provenance_names_their_files(
     clock = trial.provenance["clock"]
     assert clock["residual"] < 1e-3
     assert clock["edges"] >= 25
-    files, columns = trial.provenance["files"], trial.provenance["columns"]
+    files = trial.provenance["files"]
+    columns = trial.provenance["columns"]
     for role, name in (("log", "leg.mcap"), ("mocap", "vicon.c3d")):
         assert files[role]["path"] == name
         assert files[role]["sha256"] == hashlib.sha256((laboratory / name).read_bytes()).hexdigest()
@@ -125,7 +129,8 @@ def test_without_sync_edges_the_joints_angle_aligns_the_log_and_the_trial_says_s
 ) -> None:
     knots = np.arange(-5.0, 40.0, 0.2)
     course = make_interp_spline(knots, 0.3 * np.random.default_rng(4).standard_normal(knots.size))
-    leg_time, time = np.arange(0, 30, 1 / 500), np.arange(0, 25, 1 / 300)
+    leg_time = np.arange(0, 30, 1 / 500)
+    time = np.arange(0, 25, 1 / 300)
     every = zip(leg_time.tolist(), np.degrees(course(leg_time - 2.5)).tolist(), strict=True)
     log = [stamped(round(t * 1e9), angle=a, torque=0.0, sync=False) for t, a in every]
     write_log(tmp_path / "leg.mcap", log, SAMPLE.replace("float32 angle", "float64 angle"))
@@ -139,7 +144,8 @@ def test_without_sync_edges_the_joints_angle_aligns_the_log_and_the_trial_says_s
     seen = np.concatenate([points, np.zeros((time.size, 3, 1))], axis=2)
     seen[40:50, 0, 3] = -1.0  # a marker that was hidden for a moment
     write_c3d(tmp_path / "vicon.c3d", seen, rate=300.0)
-    shared, no_sync = {"column": "theta", "markers": ["M1", "M2", "M3"]}, {"theta": THETA}
+    shared = {"column": "theta", "markers": ["M1", "M2", "M3"]}
+    no_sync = {"theta": THETA}
     (tmp_path / "leg.yaml").write_text(
         yaml.safe_dump(LEG | {"clock": "shared", "channels": no_sync})
     )
@@ -169,7 +175,8 @@ def test_rows_within_a_nanosecond_become_one_and_clocks_that_do_not_overlap_are_
 
 def rewritten(path: Path) -> None:
     """The same size and the same times, and one byte that differs."""
-    times, content = path.stat(), path.read_bytes()
+    times = path.stat()
+    content = path.read_bytes()
     path.write_bytes(content[:-1] + bytes([content[-1] ^ 1]))
     os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
 

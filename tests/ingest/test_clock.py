@@ -48,10 +48,8 @@ def master_edges(changes: np.ndarray, duration: float) -> Edges:
 def test_recovers_offset_and_drift_within_what_sampling_allows(duration: float) -> None:
     changes = irregular(duration)
     fit = fit_clock(slave_edges(changes, duration), master_edges(changes, duration))
-    sampling, time = (
-        np.hypot(1 / SLAVE_RATE, 1 / MASTER_RATE) / np.sqrt(12),
-        np.array([0.0, duration / 2, duration]),
-    )
+    sampling = np.hypot(1 / SLAVE_RATE, 1 / MASTER_RATE) / np.sqrt(12)
+    time = np.array([0.0, duration / 2, duration])
     error = fit.to_master(time - OFFSET) - (1 + DRIFT) * time
     # at its ends a line is twice as uncertain
     assert abs(error).max() < 4 * 2 * sampling / np.sqrt(fit.edges)
@@ -124,7 +122,8 @@ MOVEMENT = make_interp_spline(KNOTS, np.random.default_rng(9).standard_normal(KN
 def test_an_encoder_and_markers_give_the_lag_to_a_sample(offset: float) -> None:
     """The encoder's clock is behind by the offset [s], and drifts; its sign, scale and zero are
     others, and both have noise."""
-    rng, slave = np.random.default_rng(0), np.arange(0, 30.0 - min(offset, 0), 1 / SLAVE_RATE)
+    rng = np.random.default_rng(0)
+    slave = np.arange(0, 30.0 - min(offset, 0), 1 / SLAVE_RATE)
     encoder = (
         3.0 - 2 * MOVEMENT(offset + (1 + DRIFT) * slave) + 0.02 * rng.standard_normal(slave.size)
     )

@@ -256,10 +256,8 @@ def advised(message: str) -> dict[str, object]:
     return {key: value for text in written for key, value in yaml.safe_load(text).items()}
 
 
-TABLE, SAMPLES = (
-    "t,angle,load\n0,1,5\n0.01,2,6\n0.02,3,7\n0.03,4,8\n",
-    {"theta": [1, 2, 3, 4], "torque": [5, 6, 7, 8]},
-)
+TABLE = "t,angle,load\n0,1,5\n0.01,2,6\n0.02,3,7\n0.03,4,8\n"
+SAMPLES = {"theta": [1, 2, 3, 4], "torque": [5, 6, 7, 8]}
 
 
 def assert_samples(trial: Trial, **columns: list[float]) -> None:
@@ -324,21 +322,15 @@ ROWS = "0.01,2,6\n0.02,3,7\n0.03,4,8\n"
 def test_a_pattern_finds_a_column_whose_name_changes_from_run_to_run(
     tmp_path,
 ):
-    theta, torque = (
-        {"column": "*.output_position", "unit": "rad"},
-        {"column": "<*>.current", "unit": "Nm"},
-    )
+    theta = {"column": "*.output_position", "unit": "rad"}
+    torque = {"column": "<*>.current", "unit": "Nm"}
     for address in ("0x7fe6c0", "0x55d1a2b3"):
-        text, channels = (
-            (LOGGER + ROWS).replace("0x7fe6c0", address),
-            {"theta": theta, "torque": torque},
-        )
+        text = (LOGGER + ROWS).replace("0x7fe6c0", address)
+        channels = {"theta": theta, "torque": torque}
         trial = ingested(tmp_path, text, channels=channels, time={"column": "ti*", "unit": "s"})
         assert_samples(trial)
-        origin, found = (
-            trial.provenance["columns"]["theta"],
-            f"<__main__.Joint object at {address}>.output_position",
-        )
+        origin = trial.provenance["columns"]["theta"]
+        found = f"<__main__.Joint object at {address}>.output_position"
         assert (origin["column"], origin["found"]) == ("*.output_position", found)
 
 

@@ -156,7 +156,8 @@ def test_a_line_that_cannot_be_used_is_skipped_within_a_share_and_else_refused(
 
 
 def test_null_is_no_value_and_what_is_no_number_or_missing_is_refused(tmp_path: Path) -> None:
-    whole, lines = write(tmp_path / "a", rust_lines()), rust_lines()
+    whole = write(tmp_path / "a", rust_lines())
+    lines = rust_lines()
     for line in lines:
         line["variables"]["ankle_angle"] = str(line["variables"]["ankle_angle"])
         line["variables"]["word"] = "go"
@@ -253,10 +254,8 @@ def test_channels_of_other_timing_are_refused_with_what_to_save(tmp_path: Path) 
 
 
 def test_without_timing_the_file_is_refused_until_the_source_file_tells_it(tmp_path: Path) -> None:
-    k, signals = (
-        np.arange(SAMPLES),
-        [("Angle", ANGLE, {"NI_UnitDescription": "deg"}), ("Torque", TORQUE, {})],
-    )
+    k = np.arange(SAMPLES)
+    signals = [("Angle", ANGLE, {"NI_UnitDescription": "deg"}), ("Torque", TORQUE, {})]
     stamped = START + k * np.timedelta64(2, "ms")
     path = write_tdms(tmp_path / "a.tdms", [*signals, ("t", k * 5.0, {}), ("Stamp", stamped, {})])
     told = "channel 'Bench/Angle' has no timing of its own; name the channel of time"
@@ -282,7 +281,8 @@ def test_without_timing_the_file_is_refused_until_the_source_file_tells_it(tmp_p
 
 
 def test_a_channel_that_cannot_be_a_signal_is_refused(tmp_path: Path) -> None:
-    angle, torque = ("Angle", ANGLE, timing(unit_string="deg")), ("Torque", TORQUE, timing())
+    angle = ("Angle", ANGLE, timing(unit_string="deg"))
+    torque = ("Torque", TORQUE, timing())
     for channels, reason in (
         (
             [angle, ("Torque", np.empty(0), timing())],
@@ -332,10 +332,8 @@ def test_a_real_file_of_daqmx_is_scaled_as_its_properties_say(recordings: Path) 
     """Rows of seven 16-bit integers stand before its last segment; they are decoded here by
     hand."""
     path = recordings / "tdms" / "raw1.tdms"
-    recording, content = (
-        read_tdms(path, channels={"sync": {"channel": "Third Chan", "unit": "V"}}),
-        path.read_bytes(),
-    )
+    recording = read_tdms(path, channels={"sync": {"channel": "Third Chan", "unit": "V"}})
+    content = path.read_bytes()
     end = content.rindex(b"TDSm")
     counts = np.frombuffer(content[end - 2000 * 7 * 2 : end], "<i2").reshape(2000, 7)[:, 2]
     np.testing.assert_allclose(

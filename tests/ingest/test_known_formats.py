@@ -21,10 +21,8 @@ from osl_analysis.ingest.raw_files import read_source, trial_from_files
 from osl_analysis.source_file import MarkerSource
 from osl_analysis.trial import Trial
 
-ROOT, LOG = (
-    Path(__file__).parents[2],
-    {"format": "mcap", "time": {"source": "header"}, "channels": {}},
-)
+ROOT = Path(__file__).parents[2]
+LOG = {"format": "mcap", "time": {"source": "header"}, "channels": {}}
 
 
 def test_every_shipped_source_file_is_valid() -> None:

@@ -14,7 +14,8 @@ from osl_analysis.ingest.guard import find_leaps
 from osl_analysis.ingest.raw_files import read_source
 from osl_analysis.trial import Array
 
-ROWS, RATE_HZ = 2000, 200.0
+ROWS = 2000
+RATE_HZ = 200.0
 TIME = np.arange(ROWS) / RATE_HZ
 NOISE = np.random.default_rng(3).standard_normal((2, ROWS))
 OMEGA = 2 * np.pi * 5.0  # rad/s; second differences of this motion are large, third ones small

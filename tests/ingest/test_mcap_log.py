@@ -21,8 +21,10 @@ from osl_analysis.ingest.raw_files import read_converted
 from osl_analysis.source_file import Source
 
 MILLISECOND = 1_000_000
-START, RADIANS = 1_700_000_000 * 10**9, {"theta": {"field": "angle", "unit": "rad"}}
-OTHER, COUNT = {"field": "angle", "unit": "rad", "topic": "/other"}, 200
+START = 1_700_000_000 * 10**9
+RADIANS = {"theta": {"field": "angle", "unit": "rad"}}
+OTHER = {"field": "angle", "unit": "rad", "topic": "/other"}
+COUNT = 200
 
 
 def source(time: str = "header", loss: float = 0.01, **channels: dict[str, Any]) -> Source:
@@ -98,7 +100,8 @@ def test_a_clock_that_is_set_back_while_recording_is_refused(tmp_path, by, time)
 
 
 def test_a_topic_that_gives_no_samples_is_refused(tmp_path: Path) -> None:
-    infinite, path = samples(), tmp_path / "log.mcap"
+    infinite = samples()
+    path = tmp_path / "log.mcap"
     infinite[17][1]["angle"] = math.inf
     for log, schema, told in (
         ([], SAMPLE, "no messages of '/lab'"),

@@ -40,8 +40,10 @@ from osl_analysis.source_file import Conversion
 from osl_analysis.trial import Array, Trial
 from osl_analysis.yaml_settings import Settings, validated
 
-CONFIG, COMMANDED = ROOT / "config/config.yaml", Commanded((2.0, 4.0), (2.0, 5.0), 6)
-RULES, RATE = config_for_trials(CONFIG).quality, 1000.0
+CONFIG = ROOT / "config/config.yaml"
+COMMANDED = Commanded((2.0, 4.0), (2.0, 5.0), 6)
+RULES = config_for_trials(CONFIG).quality
+RATE = 1000.0
 
 
 NOT_JUDGED = "not applicable: nothing here that it judges"
@@ -79,7 +81,8 @@ TORQUE = bench()["torque"].to_numpy()
 
 def laboratory(**changed):
     """A sound crossing: a plate at 1000 Hz that is stepped on, a marker at 200 Hz."""
-    time, rng = np.arange(2000) / RATE, np.random.default_rng(6)
+    time = np.arange(2000) / RATE
+    rng = np.random.default_rng(6)
     load = 800 * np.clip(np.minimum(time - 0.7, 1.4 - time) / 0.02, 0, 1)
     plate = {"plate1_force_z": load + 2 + rng.standard_normal(2000)}
     return pl.DataFrame(
@@ -96,7 +99,8 @@ def every_fifth(values):
 
 def actuator_bench(**changed):
     """A sound recording of the actuator's own bench: two seconds of a slow sine."""
-    time, noise = np.arange(2000) / RATE, np.random.default_rng(8).standard_normal((2, 2000))
+    time = np.arange(2000) / RATE
+    noise = np.random.default_rng(8).standard_normal((2, 2000))
     columns = {"theta_m": np.sin(3 * time), "current": 5 * np.sin(3 * time) + 0.01 * noise[0]}
     return pl.DataFrame(
         {"time": time, **columns, "torque_m": 5 * np.sin(3 * time) + 0.01 * noise[1], **changed}
@@ -135,12 +139,11 @@ def test_a_sound_recording_passes_every_check():
     assert judged_table(of_older, RULES, {}).is_empty(), "a check that an older release had"
 
 
-AWAY, BEYOND = (
-    (np.arange(ANGLE.size) > 2000) & (np.arange(ANGLE.size) < 2500),
-    longest_run(TORQUE > 15),
-)
+AWAY = (np.arange(ANGLE.size) > 2000) & (np.arange(ANGLE.size) < 2500)
+BEYOND = longest_run(TORQUE > 15)
 ABOVE = BEYOND.stop - BEYOND.start
-NUMBERS, LEVELS = np.arange(1000), np.repeat([1.0, 4.0, -2.0, 0.0], 1000)[:2000]
+NUMBERS = np.arange(1000)
+LEVELS = np.repeat([1.0, 4.0, -2.0, 0.0], 1000)[:2000]
 SEEN = with_piece(
     with_piece(with_piece(np.linspace(0, 0.1, 400), 0, 40, np.nan), 100, 160, np.nan),
     200,
@@ -150,10 +153,8 @@ SEEN = with_piece(
 # faults that begin or end in a leap of one sample: a rail out of nowhere, and a turn
 ALSO_LEAP = {("saturation", 9), ("encoder_wrap", 2.0)}
 STILL = pl.DataFrame({"time": np.arange(2000) / RATE, "theta": 0.1})
-BARE, STOOD_ON = (
-    laboratory()["plate1_force_z"].to_numpy(),
-    800 + np.random.default_rng(1).standard_normal(2000),
-)
+BARE = laboratory()["plate1_force_z"].to_numpy()
+STOOD_ON = 800 + np.random.default_rng(1).standard_normal(2000)
 
 
 @pytest.mark.parametrize(("check", "samples", "experiment", "value", "remark"), [
@@ -256,10 +257,8 @@ def test_an_extreme_where_the_channel_rests_or_peaks_slowly_is_no_rail(
     assert [run_at_extreme(none) for none in (np.empty(0), np.array([5.0, np.nan, 5.0, 0.0]))] == [
         slice(0, 0)
     ] * 2
-    run, rail = (
-        run_at_extreme(values),
-        run_at_extreme(np.where(NUMBERS % 100 < 20, 900.0, np.sin(NUMBERS))),
-    )
+    run = run_at_extreme(values)
+    rail = run_at_extreme(np.where(NUMBERS % 100 < 20, 900.0, np.sin(NUMBERS)))
     assert run.stop - run.start < 5
     assert (rail, run_at_extreme(np.abs(NUMBERS % 200 - 100.0) + 50)) == (
         slice(0, 20),
@@ -330,10 +329,8 @@ def test_the_protocol_in_the_log_is_compared_with_the_configured_one(really, mis
 
 def test_cycles_may_differ_by_frequency_and_any_motion_may_be_commanded():
     theta = stepped_sine(Commanded((2.0, 4.0), (2.0, 5.0), (6, 15)))
-    timed, free = (
-        replace(COMMANDED, cycles=(6, 15)),
-        replace(COMMANDED, excitation="any"),
-    )
+    timed = replace(COMMANDED, cycles=(6, 15))
+    free = replace(COMMANDED, excitation="any")
     other = (
         sum(
             np.sin(2 * np.pi * f * np.arange(theta.size) / RATE + f * f)
@@ -415,7 +412,8 @@ def test_the_sheet_may_accept_only_checks_that_there_are(tmp_path):
 @pytest.mark.parametrize("torque_hz", [8, 100])
 def test_rest_at_a_level_is_no_rail_at_any_rate_though_the_torque_settles(rate, torque_hz):
     """Levels of a noiseless encoder, whose torque is as it is or settles behind a low-pass."""
-    fine, rng = 5000, np.random.default_rng(rate)
+    fine = 5000
+    rng = np.random.default_rng(rate)
     starts = np.cumsum(rng.uniform(0.2, 1.2, 50))
     levels = np.searchsorted(starts, np.arange(30 * fine) / fine) % 2
     moved = np.radians(6) * np.convolve(levels, np.hanning(250) / np.hanning(250).sum(), "same")
@@ -435,7 +433,8 @@ def test_rest_at_a_level_is_no_rail_at_any_rate_though_the_torque_settles(rate, 
 
 
 def test_a_command_at_its_level_is_no_rail_a_clipped_current_and_a_stated_end_are():
-    time, levels = np.arange(2000) / 500.0, np.repeat([3.0, -2.0, 3.0, 1.0], 500)
+    time = np.arange(2000) / 500.0
+    levels = np.repeat([3.0, -2.0, 3.0, 1.0], 500)
     measured = np.minimum(
         4 * np.sin(7 * time) + 0.02 * np.random.default_rng(1).standard_normal(2000), 3.0
     )
@@ -482,7 +481,8 @@ def test_a_log_with_values_beyond_the_stated_range_is_not_ingested(tmp_path):
     assert not (tmp_path / "a.parquet").exists()
 
 
-PLATE_RATE, FRAMES = 500, 200
+PLATE_RATE = 500
+FRAMES = 200
 TIME = np.arange(5 * FRAMES) / PLATE_RATE
 STANCE = np.clip(np.minimum(TIME - 0.2, 0.8 - TIME) / 0.05, 0, 1)
 ROLL = np.interp(TIME, [0.2, 0.8], [-0.08, 0.14])  # centre of pressure along x [m]
@@ -491,7 +491,8 @@ ROLL = np.interp(TIME, [0.2, 0.8], [-0.08, 0.14])  # centre of pressure along x 
 def force_and_moment(roll: Array = ROLL, seed: int = 1) -> tuple[Array, Array]:
     """Force and moment (n, 3) on the plate in its axes (z down): 700 N that rolls along x, with
     noise."""
-    rng, vertical = np.random.default_rng(seed), -700 * STANCE * (1 + 0.1 * np.sin(10 * TIME))
+    rng = np.random.default_rng(seed)
+    vertical = -700 * STANCE * (1 + 0.1 * np.sin(10 * TIME))
     force = np.column_stack([60 * STANCE * np.sin(10 * (TIME - 0.5)), 20 * STANCE, vertical])
     moment = np.column_stack([0.02 * vertical, -roll * vertical, 0.0 * TIME])
     return force + rng.normal(0, 1.0, force.shape), moment + rng.normal(0, 0.1, moment.shape)
@@ -593,7 +594,8 @@ def test_dead_moments_put_the_centre_of_pressure_outside_or_at_rest(
         return Trial("t", both, trial.provenance | {"plates": plates})
 
     for of in (lambda trial: trial, beside_a_sound_one):  # the worse one of two
-        far, still = checked(of(outside))["pressure_centre"], checked(of(dead))["pressure_travel"]
+        far = checked(of(outside))["pressure_centre"]
+        still = checked(of(dead))["pressure_travel"]
         assert (far.value or 0) > 840 / 770 - 0.3  # at the largest force
         assert far.remark == "plate1"
         assert (still.value, still.remark[:6]) == (pytest.approx(0, abs=0.005), "plate1")

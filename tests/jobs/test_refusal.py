@@ -160,7 +160,9 @@ def test_a_job_that_lacks_an_input_passes_the_reasons_on(tmp_path):
 
 
 def test_of_ingest_and_quality_control_both_results_stand_or_none(tmp_path, monkeypatch):
-    trial, quality, limited = tmp_path / "trials/b_1.parquet", tmp_path / "quality/b_1.csv", []
+    trial = tmp_path / "trials/b_1.parquet"
+    quality = tmp_path / "quality/b_1.csv"
+    limited = []
 
     def refuse(*_):
         raise InputError("raw/b_1.mcap: too short; record it again")
@@ -320,10 +322,8 @@ def test_what_the_machine_lacks_is_an_error_of_the_run_and_no_refusal(tmp_path, 
     assert not any(file.exists() for file in asked.files)
 
 
-RULES, ACCEPT = (
-    config_for_trials(ROOT / "config/config.yaml").quality,
-    {"plate_3": ["unzeroed_plate"]},
-)
+RULES = config_for_trials(ROOT / "config/config.yaml").quality
+ACCEPT = {"plate_3": ["unzeroed_plate"]}
 JUDGE = Judge(RULES, ACCEPT)
 
 
@@ -349,7 +349,8 @@ def checked(tmp_path):
 def test_who_was_left_out_is_listed_with_value_threshold_and_remedy(checked):
     folder = checked[0].parent
     lost = NotAnalysed("plate_9", "p.c3d: truncated; export it again")
-    verdicts, excluded = folder / "quality.csv", folder / "excluded.csv"
+    verdicts = folder / "quality.csv"
+    excluded = folder / "excluded.csv"
     for judged, names in (([], ["plate_9", "b_2"]), (checked, ["plate_9", "plate_2", "b_2"])):
         judge(judged, RULES, ACCEPT, verdicts, [lost])
         list_excluded(verdicts, {"b_2": "stumbled"}, excluded, [lost])
@@ -385,14 +386,12 @@ def tell(handler, event=None, text="", level=logging.INFO, **more):
 def test_a_run_has_a_line_now_and_then_one_per_stage_and_what_is_refused_at_once(
     monkeypatch, tmp_path, capsys
 ):
-    clock, ended = (
-        SimpleNamespace(now=100.0),
-        {
-            "job": "ingest.ingest_trial",
-            "error": "b.mcap: no such file\x1b[31m",
-            "remedy": "copy it",
-        },
-    )
+    clock = SimpleNamespace(now=100.0)
+    ended = {
+        "job": "ingest.ingest_trial",
+        "error": "b.mcap: no such file\x1b[31m",
+        "remedy": "copy it",
+    }
     monkeypatch.setattr(progress.time, "monotonic", lambda: clock.now)
     for outcome in (outcomes := ("refused", "failed", "killed", "skipped")):
         write_log(tmp_path / f"{outcome}.log", ended | {"outcome": outcome})

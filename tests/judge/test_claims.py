@@ -30,7 +30,9 @@ def fits(*K_intervals):
 
 
 def test_the_interval_of_load_friction_is_that_of_its_derivative_by_the_coulomb_friction():
-    f_C, f_C_se, n_T = 0.377, 0.01, 4.6
+    f_C = 0.377
+    f_C_se = 0.01
+    n_T = 4.6
     means = {
         "f_C": mean(f_C, f_C_se),
         "f_G": mean(0.0896, 0.0),
@@ -108,8 +110,10 @@ def test_a_doubtful_trial_has_no_pair():
     assert of_damping(fits).filter(of="trials")["difference"].item() == pytest.approx(-1.0)
 
 
-BETTER, WORSE = ((1.0, 0.3), (2.0, 0.4)), ((2.0, 0.3), (1.0, 0.4))
-UNSURE, UNSURE_WORSE = ((1.0, 0.3), (1.1, 0.4)), ((1.1, 0.3), (1.0, 0.4))
+BETTER = ((1.0, 0.3), (2.0, 0.4))
+WORSE = ((2.0, 0.3), (1.0, 0.4))
+UNSURE = ((1.0, 0.3), (1.1, 0.4))
+UNSURE_WORSE = ((1.1, 0.3), (1.0, 0.4))
 
 
 @pytest.mark.parametrize(

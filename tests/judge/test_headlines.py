@@ -133,7 +133,8 @@ def test_responses_share_the_doubts_of_the_fit_of_their_trial_and_amplitude(tmp_
     phasors = {"amplitude_deg": [2.0, 2.0, 4.0], "distortion": [0.0, 9.0, 0.0]}
     for name, columns in (("impedance", fit), ("response", phasors)):
         write_table(pl.DataFrame({"trial": ["a"] * 3, **columns}), tmp_path / name / "a.csv")
-    of, strict = [tmp_path / "impedance/a.csv"], Limits(below={"vaf": 90})
+    of = [tmp_path / "impedance/a.csv"]
+    strict = Limits(below={"vaf": 90})
     gather(
         [tmp_path / "response/a.csv"],
         tmp_path / "response.csv",

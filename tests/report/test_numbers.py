@@ -70,7 +70,8 @@ def test_the_number_of_a_condition_vanishes_with_its_only_trial():
 def test_one_trial_has_its_own_interval_and_several_have_that_of_their_mean():
     numbers = numbers_of(impedance=IMPEDANCE.with_columns(doubtful=pl.lit("")))
 
-    alone, several = numbers["K_PD_1_K_d_100_B_d_0"], numbers["K_PD_1_K_d_200_B_d_5"]
+    alone = numbers["K_PD_1_K_d_100_B_d_0"]
+    several = numbers["K_PD_1_K_d_200_B_d_5"]
     assert (alone.value, alone.low, alone.high, alone.interval) == (101, 99, 103, "repeats")
     half = 12.706 * 2  # Student's quantile of one degree of freedom, and the standard error
     assert (several.value, several.n, several.interval) == (204, 2, "Student")

@@ -314,7 +314,8 @@ def test_rows_without_a_value_are_a_gap_of_their_channel(empty, marked):
 # ---- Refusals: channel, time, value, remedy
 
 
-TICKS, PIECES = clock(100.0, 60.0), clock(1000.0, 10.0)[np.arange(10_000) // 100 % 2 == 0]
+TICKS = clock(100.0, 60.0)
+PIECES = clock(1000.0, 10.0)[np.arange(10_000) // 100 % 2 == 0]
 JUMP = (
     r"torque has no sample from 4\.9900 s to 3605\.0000 s, 3600\.010 s long; .*by `windows`"
     r".*jumped"
@@ -433,7 +434,8 @@ def test_late_hosts_that_lose_nothing_are_right_at_any_rates(wait, rates):
 @pytest.mark.parametrize("smallest", [8, 1])
 def test_of_a_batch_the_last_sample_waited_least_which_its_size_confirms(smallest):
     """Batches of up to 8 samples, which have the stamp of their last one."""
-    random, t = np.random.default_rng(3), clock(RATE)
+    random = np.random.default_rng(3)
+    t = clock(RATE)
     last = np.minimum(np.cumsum(random.integers(smallest, 9, len(t))) - 1, len(t) - 1)
     batch = np.searchsorted(last, np.arange(len(t)))
     stamps = t[last[batch]] + 3e-4 * random.random(len(t))[batch]
@@ -455,7 +457,8 @@ def test_samples_of_a_batch_that_was_stamped_at_once_are_counted_one_by_one():
 @pytest.mark.parametrize("jitter", [0.0, 2e-5])
 def test_values_that_are_missing_cost_nothing_and_split_no_device(jitter):
     """One percent of each signal."""
-    random, t = np.random.default_rng(7), clock(RATE)
+    random = np.random.default_rng(7)
+    t = clock(RATE)
     stamps = jittered(t, jitter, random) if jitter else t
     recorded = log(stamps, stamps, random)
     for values in recorded.signals.values():

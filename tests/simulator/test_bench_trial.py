@@ -178,7 +178,8 @@ def test_a_random_binary_sequence_changes_at_its_clock():
 
 def test_a_multisine_has_odd_lines_and_repeats_its_period():
     theta = excited("multisine").theta
-    first, repeated = theta[2500:6500], theta[6500:10500]
+    first = theta[2500:6500]
+    repeated = theta[6500:10500]
     lines = np.abs(np.fft.rfft(first))[:40] / 4000
 
     np.testing.assert_allclose(first, repeated, atol=1e-9)

@@ -17,7 +17,9 @@ from snakemake_runs import OVERRIDES, write_small
 
 from osl_analysis.table import not_analysed
 
-CONFIG, BROKEN, TABLE = "config/small.yaml", "belt_02", "results/tables/belt.csv"
+CONFIG = "config/small.yaml"
+BROKEN = "belt_02"
+TABLE = "results/tables/belt.csv"
 LOG = f"raw_data/small/dynamometer/{BROKEN}.mcap"
 # and one static, four of impedance
 COUNTS = {"belt": 4, "transmission": 2, "actuator": 2, "plate": 3, "walking": 8}
@@ -33,7 +35,8 @@ def run(
 ) -> str:
     """What Snakemake says in a folder, its exit code last; `then` is called once a file like `once`
     is no refusal."""
-    said, command = folder / "said.txt", [*SNAKEMAKE, *arguments, *CAMPAIGN]
+    said = folder / "said.txt"
+    command = [*SNAKEMAKE, *arguments, *CAMPAIGN]
     with (
         said.open("w") as file,
         subprocess.Popen(command, cwd=folder, stdout=file, stderr=file) as it,
@@ -50,7 +53,8 @@ def test_several_submissions_give_the_same_bytes_and_a_cancelled_one_is_made_by_
 ):
     """Four trials of the bench, two in each submission; one recording is broken."""
     assert shutil.which("sbatch"), "SLURM is started by `make test-slurm`"
-    local, folder = tmp_path / "local", tmp_path / "slurm"
+    local = tmp_path / "local"
+    folder = tmp_path / "slurm"
     write_small(local, {"experiments": COUNTS})
     (local / CONFIG).write_text(yaml.safe_dump(OVERRIDES))
     assert run(local).endswith("exit code 0")

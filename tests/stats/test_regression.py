@@ -83,7 +83,8 @@ def test_columns_that_determine_nothing_are_named(y, columns, message):
 
 def test_the_correlation_of_estimates_is_that_of_the_columns():
     a, b, noise = np.random.default_rng(3).standard_normal((3, 4000))
-    columns, y = {"a": a, "b": b}, 2 * a + b + noise
+    columns = {"a": a, "b": b}
+    y = 2 * a + b + noise
     fit = regression.linear_fit(y, columns)
     assert fit.largest_correlation < 0.05
     leaning = columns | {"b": a + 0.1 * b}
@@ -94,7 +95,8 @@ def test_the_correlation_of_estimates_is_that_of_the_columns():
     )
 
 
-CYCLE, COUNT = 50, 24
+CYCLE = 50
+COUNT = 24
 
 
 def repeated(rng, noise=0.3):
@@ -107,7 +109,8 @@ def repeated(rng, noise=0.3):
 
 
 def test_cycles_of_no_whole_rows_have_the_sums_of_their_integrals():
-    turn, edges = 2 * np.pi * np.arange(800) / (250 / 3), 250 / 3 * np.arange(1, 9)
+    turn = 2 * np.pi * np.arange(800) / (250 / 3)
+    edges = 250 / 3 * np.arange(1, 9)
     X = np.column_stack([np.cos(turn), np.sin(turn), np.ones(800)])
     found = products_between(X, X, edges[:-1], edges[1:])
     assert found == pytest.approx(
@@ -130,10 +133,8 @@ def test_one_stratum_is_statsmodels_cluster_covariance():
 
 
 def test_a_noisy_stratum_has_its_own_freedom():
-    sums, stratum = (
-        np.random.default_rng(6).standard_normal((4000, 1)),
-        np.repeat(np.arange(2), 2000),
-    )
+    sums = np.random.default_rng(6).standard_normal((4000, 1))
+    stratum = np.repeat(np.arange(2), 2000)
     sums[:2000] *= 1e-6
     assert between_cycles(sums, stratum)[1][0] == pytest.approx(1999, rel=0.01)
 
@@ -146,7 +147,8 @@ def test_a_variance_of_white_scores_scatters_as_its_freedom_says(estimator, n, s
     and neighbours."""
     rng = np.random.default_rng(7)
     found = [estimator(rng.standard_normal((n, 1)), size) for _ in range(3000)]
-    variances, freedom = np.array([variance[0, 0] for variance, _ in found]), found[0][1][0]
+    variances = np.array([variance[0, 0] for variance, _ in found])
+    freedom = found[0][1][0]
     assert np.mean(variances) == pytest.approx(n, rel=0.03)
     assert 2 * np.mean(variances) ** 2 / np.var(variances) == pytest.approx(freedom + 1, rel=0.12)
 

@@ -196,7 +196,8 @@ def test_what_the_sheet_does_not_state_is_commanded_by_the_trajectory(tmp_path):
 
 def test_a_stiffness_that_changes_linearly_is_read_at_the_fitted_time():
     result = headline(several("p", 4, MIDSTANCE, noise=0.0))
-    time, window = result.responses[0].time, result.responses[0].window
+    time = result.responses[0].time
+    window = result.responses[0].window
     motion = result.ensemble.motion
     slope = 1000.0  # [N*m/rad per second]
     torque = result.ensemble.torque + slope * time * motion.theta

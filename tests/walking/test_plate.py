@@ -425,7 +425,8 @@ def test_a_force_beyond_a_person_s_is_refused() -> None:
 
 
 def test_a_moving_plate_without_moments_is_refused() -> None:
-    alone, walked = unloaded("plate_1"), walked_over("p", Ramp(), Rig(), 1)
+    alone = unloaded("plate_1")
+    walked = walked_over("p", Ramp(), Rig(), 1)
     for trial in (alone, walked):
         trial.provenance["plates"][0]["type"] = 1
 

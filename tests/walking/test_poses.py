@@ -158,7 +158,8 @@ def test_the_angle_is_the_twist_about_a_skew_axis_wherever_the_leg_is() -> None:
 
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_the_calibrated_axis_points_to_the_left_for_either_leg(side: str) -> None:
-    medial, lateral = ("ANKLE_MED", "ANKLE_LAT")
+    medial = "ANKLE_MED"
+    lateral = "ANKLE_LAT"
     if side == "left":
         medial, lateral = lateral, medial
     markers = SETTINGS["markers"] | {"ankle_medial": medial, "ankle_lateral": lateral}

@@ -174,7 +174,8 @@ def test_what_a_rule_names_are_the_arguments_of_its_function_and_none_is_left_ou
     commands = commands_of_rules()
     seen = set()
     for job in every_job:
-        rule, command = job["rule"], commands.get(job["rule"])
+        rule = job["rule"]
+        command = commands.get(job["rule"])
         if rule in seen or command is None:
             continue
         seen.add(rule)
@@ -357,7 +358,9 @@ def another(value, number):
 def test_every_setting_is_a_param_of_a_job(tmp_path):
     """Else a changed one would leave old results. All are changed at once, in a dry run without the
     recordings."""
-    space, places, changes = Workspace(tmp_path), {}, {}
+    space = Workspace(tmp_path)
+    places = {}
+    changes = {}
     of_each = (
         "trial|cal|belt_[12]|transmission|actuator|impedance_2|torque_angle_2|static|plate_1"
         "|walking_"
@@ -445,10 +448,8 @@ def laboratory(workspace, tmp_path_factory):
         tmp_path_factory.mktemp("laboratory"), workspace, ("results", ".snakemake", "truth")
     )
     space.configure({"simulation": None})
-    logs, path = (
-        space.folder / "raw_data/small/dynamometer",
-        space.folder / "raw_data/small/trials.csv",
-    )
+    logs = space.folder / "raw_data/small/dynamometer"
+    path = space.folder / "raw_data/small/trials.csv"
     (logs / "belt_01.mcap").unlink()
     (logs / f"{TRIAL}.mcap").write_bytes((logs / f"{TRIAL}.mcap").read_bytes()[:2000])
     shutil.copy(logs / "belt_02.mcap", logs / "impedance_K200_B5.0_compensated.mcap")
@@ -487,7 +488,8 @@ def test_a_run_with_bad_trials_ends_with_a_line_for_each_with_file_reason_and_re
 
 
 def test_tables_and_numbers_are_made_of_the_trials_that_are_left(laboratory):
-    results, table = laboratory.folder / "results", laboratory.table
+    results = laboratory.folder / "results"
+    table = laboratory.table
     assert not list(results.rglob(".*"))
     assert set(table("impedance").drop_nulls("K")["controller"]) == {"uncompensated"}
     assert table("impedance").filter(trial=TRIAL)["status"].to_list() == ["not analysed"]
@@ -544,10 +546,8 @@ def test_what_is_accepted_or_excluded_by_the_sheet_makes_the_run_a_success(labor
 def test_another_recording_is_seen_by_its_size_with_whatever_date_and_a_touched_one_is_the_same(
     laboratory,
 ):
-    log, table = (
-        laboratory.folder / "raw_data/small/dynamometer/belt_02.mcap",
-        "results/tables/belt.csv",
-    )
+    log = laboratory.folder / "raw_data/small/dynamometer/belt_02.mcap"
+    table = "results/tables/belt.csv"
     os.utime(log)
     assert laboratory.planned(table) == {}
     log.write_bytes(log.read_bytes() + b"more")

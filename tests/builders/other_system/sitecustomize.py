@@ -19,7 +19,8 @@ os.environ["USERNAME"] = "student"  # Windows sets it
 warnings.filterwarnings("ignore", category=EncodingWarning)
 warnings.filterwarnings("error", category=EncodingWarning, module=r"osl_analysis")
 
-unlink, replace = os.unlink, os.replace
+unlink = os.unlink
+replace = os.replace
 
 
 def check_closed(path: str | Path) -> None:

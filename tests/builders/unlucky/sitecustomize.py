@@ -22,7 +22,8 @@ def on_event(event: str, arguments: tuple[object, ...]) -> None:
     """Be the hook that Python calls at each event of `sys.audit`."""
     if event != "open" or not is_worker():
         return
-    file, mode = str(arguments[0]), arguments[1]
+    file = str(arguments[0])
+    mode = arguments[1]
     if file.startswith("results/") and mode in ("r", "rb", None) and NOTED.exists():
         note_read(file)
     if UNLUCKY.is_dir():

@@ -146,6 +146,7 @@ def test_with_retries_a_job_that_was_killed_is_done_in_the_same_run(tmp_path):
     ended = run_forked(["osl-analysis", "run", TABLE, "--retries", "1"], tmp_path)
 
     assert ended.returncode == 0, ended.stdout
+    assert not [*(tmp_path / "unlucky").iterdir()], "it was killed"
     fitted = pl.read_csv(tmp_path / TABLE)
     assert fitted["K"].item() == pytest.approx(K, rel=0.01)
 

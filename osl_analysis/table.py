@@ -240,13 +240,15 @@ def not_analysed(path: Path | str) -> tuple[NotAnalysed, ...]:
         if path.suffix == ".parquet":
             causes = json.loads(pl.read_parquet_metadata(path).get(NOT_ANALYSED_KEY, "[]"))
         elif path.suffix == ".json":
-            causes = json.loads(path.read_text(encoding="utf-8")).get(NOT_ANALYSED_KEY, ())
+            text = path.read_text(encoding="utf-8")
+            if text.startswith(f'{{"{NOT_ANALYSED_KEY}"'):  # models are large
+                causes = json.loads(text)[NOT_ANALYSED_KEY]
         elif path.suffix in (".csv", ARCHIVE_SUFFIX):
             stated = ("status", "trial", "reason")
             rows = pl.read_csv(content_of(path, None), columns=stated, infer_schema=False)
             if (rows["status"] == NOT_ANALYSED).all():
                 causes = rows.select(pl.col("trial", "reason").fill_null("")).rows()
-    except (*UNREADABLE, AttributeError, ValueError, pl.exceptions.PolarsError):
+    except (*UNREADABLE, ValueError, pl.exceptions.PolarsError):
         return ()
     return tuple(NotAnalysed(*cause) for cause in causes)
 

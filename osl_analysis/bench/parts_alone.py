@@ -164,9 +164,10 @@ def check_prompt(
     others = [columns[name] for name in ("f_C", "B_m", "J_m", "one", "ramp")]
     fixed = np.stack(others, axis=1)[rows]
     current = columns["k_tau_n_m"]
-    shifted = [np.roll(current, -round(lag * rate_hz)) for lag in SOUGHT_LAGS_S]
-    signals = np.column_stack([torque, *shifted])[rows]
-    left, *tried = (signals - fixed @ np.linalg.lstsq(fixed, signals)[0]).T
+    shifted = [np.roll(current, -round(lag * rate_hz))[rows] for lag in SOUGHT_LAGS_S]
+    signals = np.stack([torque[rows], *shifted], axis=1)
+    Q = np.linalg.qr(fixed)[0]
+    left, *tried = np.ascontiguousarray((signals - Q @ (Q.T @ signals)).T)
 
     unexplained = left @ left - (tried @ left) ** 2 / np.sum(np.square(tried), axis=1)
     lag_s = float(SOUGHT_LAGS_S[np.argmin(unexplained)])

@@ -122,8 +122,9 @@ def count_from_stamps(stamps: Array) -> SampleCount:
     usual = usual_length(steps)
     whole = np.maximum(np.rint(steps / usual), 1)
     near_whole = 0.3  # distance in steps up to which steps are counted
-    most = 1000 * len(rows)  # places of a count: fewer samples than that are stamps of batches
-    if whole.sum() < most and np.all(np.abs(steps - whole * usual) < near_whole * usual):
+    most_lost = 1000  # places of a count per sample; beyond it the stamps are those of batches
+    is_count = whole.sum() < most_lost * len(rows)
+    if is_count and np.all(np.abs(steps - whole * usual) < near_whole * usual):
         return np.append(0, np.cumsum(whole.astype(np.int64)))
 
     def squares(count: SampleCount) -> float:
@@ -135,7 +136,8 @@ def count_from_stamps(stamps: Array) -> SampleCount:
         rough = rows + np.cumsum(lasting_jumps(even_stamps))
         even_stamps = without_rate_changes(stamps, min(rows, rough, key=squares))
         counts.append(rows + np.cumsum(missing_before_samples(even_stamps)))
-    best = min((count for count in counts if count[-1] < most), key=squares)
+    counts = [count for count in counts if count[-1] < most_lost * len(rows)]
+    best = min(counts, key=squares)
     left = 0.7  # share of the squared residual that missing samples leave if there are any
     return best if squares(best) < left * squares(rows) else rows
 

@@ -19,7 +19,11 @@ from osl_analysis.report.signals import measured_response, of_fit, of_recording
 pytestmark = pytest.mark.browser
 DRIVER = shutil.which("chromedriver")
 FLAGS = ("headless=new", "no-sandbox", "disable-gpu", "disable-dev-shm-usage")
-ESTIMATES = {"K": (101.25, 99.15, 103.35), "B": (5.25, 5.05, 5.45), "I": (-0.125, -0.135, -0.115)}
+ESTIMATES = {
+    "K": "101.2 (99.2 to 103.4)",
+    "B": "5.25 (5.05 to 5.45)",
+    "I": "-0.125 (-0.135 to -0.115)",
+}
 
 
 def trials():

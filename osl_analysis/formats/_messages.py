@@ -14,7 +14,7 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, cached_property, partial
-from itertools import pairwise
+from itertools import groupby, pairwise
 from typing import Any
 
 import numpy as np
@@ -92,10 +92,11 @@ class Topic:
         self.reason = ""
         self.types: defaultdict[str, set[type]] = defaultdict(set)
         self.texts: dict[str, str] = {}
-        self.spans: defaultdict[str, defaultdict[str, list[int]]]
-        self.spans = defaultdict(lambda: defaultdict(list))
+        self.spans: defaultdict[str, defaultdict[str, list[int]]] = defaultdict(
+            lambda: defaultdict(list)
+        )
         self.layouts: dict[int, Layout] = {}  # the last one, by length of the messages
-        self.parts = [pl.DataFrame(schema={PLACE: pl.Int64, LOG_TIME: pl.Int64})]
+        self.parts: list[Mapping[str, Any]] = []  # columns by path
         self.decode: Callable[[Bytes], Iterator[Decoded]] | None = None
         try:
             self.decode = self._decoder()
@@ -110,8 +111,7 @@ class Topic:
                 publisher = f"channel {channel} of the recorder{names}"
                 for path in columns:
                     self.spans[path][publisher] += [int(times_ns.min()), int(times_ns.max())]
-                part = {PLACE: self.count + places, LOG_TIME: times_ns, **columns}
-                self.parts.append(pl.DataFrame(part))
+                self.parts.append({PLACE: self.count + places, LOG_TIME: times_ns, **columns})
         self.count += log_times_ns.size
 
     def _decoder(self) -> Callable[[Bytes], Iterator[Decoded]]:
@@ -231,8 +231,14 @@ class Topic:
     @cached_property
     def table(self) -> pl.DataFrame:
         """Its messages in the order of the file, with a column of each path that was read."""
-        table = pl.concat(self.parts, how="diagonal_relaxed", rechunk=True)
-        self.parts = [table]  # an hour need not be held twice
+        tables: list[pl.DataFrame] = []
+        for paths, alike in groupby(self.parts, _types_by_path):
+            parts = [*alike]
+            columns = {path: _joined([part[path] for part in parts]) for path in paths}
+            tables.append(pl.DataFrame(columns))
+        self.parts = []  # an hour need not be held twice
+        empty = pl.DataFrame(schema={PLACE: pl.Int64, LOG_TIME: pl.Int64})
+        table = pl.concat(tables or [empty], how="diagonal_relaxed", rechunk=True)
         return table if table[PLACE].is_sorted() else table.sort(PLACE)
 
     @property
@@ -299,6 +305,16 @@ class Topic:
         return SECOND_NS * seconds.astype(np.int64) + rest
 
 
+def _types_by_path(part: Mapping[str, Any]) -> dict[str, Any]:
+    """The types of the columns of a part."""
+    return {path: values.dtype for path, values in part.items()}
+
+
+def _joined(parts: Sequence[Any]) -> Any:
+    """One column of those of several parts, of one type."""
+    return pl.concat(parts) if isinstance(parts[0], pl.Series) else np.concatenate(parts)
+
+
 def stamp_fields(path: str) -> list[tuple[str, str]]:
     """Paths of the seconds and nanoseconds of a stamp, as programs call them."""
     return [(f"{path}.{seconds}", f"{path}.{rest}") for seconds, rest in STAMP_PARTS]
@@ -333,7 +349,7 @@ class Log:
         if self.wanted is None or name in self.wanted:
             schema = replace(schema, id=0)  # it has one in each file
             if name not in self.topics:
-                fields = None if self.wanted is None else self.wanted[name]
+                fields = self.wanted and self.wanted[name]
                 self.topics[name] = Topic(name, encoding, schema, fields)
             topic = self.topics[name]
             topic.has_two_types |= (topic.encoding, topic.schema) != (encoding, schema)
@@ -350,8 +366,8 @@ class Log:
                 messages = (content, starts[own], lengths[own])
                 self.topic_of[channel].add(messages, log_times_ns[own], channel)
 
-    def recording(self, format_name: str, size: int) -> Recording:
-        """Put together what was read of a file of a size [bytes].
+    def recording(self, format_name: str) -> Recording:
+        """Put together what was read.
 
         Raises
         ------
@@ -394,7 +410,6 @@ class Log:
             channels=channels,
             loss=Loss(read, expected, self.end, by_topic, self.checksums, self.remarks),
             facts={
-                "bytes": size,
                 "chunks_lost": self.chunks_lost,
                 "messages": read,
             },

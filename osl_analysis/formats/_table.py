@@ -443,13 +443,13 @@ def _values_of(
 
 def _check_placeholder(values: NDArray[Any], title: str, rows: Rows) -> None:
     """Refuse a number of nines far beyond all others, which loggers write for a failed reading."""
-    numbers = values[np.isfinite(values)]
-    sizes = np.abs(numbers)
-    placeholder = f"{numbers[sizes.argmax()]:.12g}" if numbers.size else ""
-    if not re.fullmatch(r"-?9{3,}(\.9+)?", placeholder):
+    sizes = np.abs(values)
+    largest = np.fmax.reduce(sizes, initial=0)
+    if not re.fullmatch(r"9{3,}(\.9+)?", f"{largest:.12g}"):
         return
-    is_largest = sizes == sizes.max()
-    if sizes.max() > FAR_BEYOND * sizes[~is_largest].max(initial=0.0):
+    is_largest = sizes == largest
+    if largest > FAR_BEYOND * np.fmax.reduce(sizes, where=~is_largest, initial=0):
+        placeholder = f"{values[is_largest][0]:.12g}"
         raise InputError(
             f"column '{title}': {placeholder} stands in {is_largest.sum()} of {rows.count}"
             f" {rows.noun}s, as for a failed reading, and all other values are far smaller; add"

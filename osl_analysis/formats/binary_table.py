@@ -90,8 +90,9 @@ def _read_workbook(path: Path, source: SheetSource | None) -> Recording:
     if others:
         remarks.append(f"sheet '{largest}' is read, the largest; not read: {listing(others, 5)}")
     table = replace(table, end=End.WHOLE, remarks=remarks)
-    facts = {"rows": len(table.lines), "sheet": largest}
-    return recording_of_table("table", table, layout, noun="row", facts=facts)
+    return recording_of_table(
+        "table", table, layout, noun="row", facts={"rows": len(table.lines), "sheet": largest}
+    )
 
 
 def _recording_of_frame(frame: pl.DataFrame) -> Recording:
@@ -112,8 +113,7 @@ def _recording_of_frame(frame: pl.DataFrame) -> Recording:
         remarks=remarks,
         end=End.WHOLE,
     )
-    facts = {"rows": frame.height}
-    return recording_of_table("table", table, LISTING, noun="row", facts=facts)
+    return recording_of_table("table", table, LISTING, noun="row", facts={"rows": frame.height})
 
 
 def _numpy_arrays(path: Path) -> dict[str, NDArray[Any]]:

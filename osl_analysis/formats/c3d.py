@@ -8,7 +8,7 @@ import math
 import re
 import struct
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -298,9 +298,9 @@ def frames_of(data: bytes, header: Header) -> tuple[Array, Array]:
 
 
 def _scaled(analogs: Array, header: Header) -> Array:
-    scales = header.numbers("ANALOG:SCALE").tolist()
-    scale = np.array(_filled(scales, header.channels, math.nan if scales else 1.0))
-    offset = np.array(_filled(header.numbers("ANALOG:OFFSET").tolist(), header.channels, 0.0))
+    scales = header.numbers("ANALOG:SCALE")
+    scale = np.array(_filled(scales, header.channels, math.nan if scales.size else 1.0))
+    offset = np.array(_filled(header.numbers("ANALOG:OFFSET"), header.channels, 0.0))
     if "UNSIGNED" in [text.upper() for text in header.texts("ANALOG:FORMAT")]:
         offset %= 65536
         if header.are_integers:
@@ -361,8 +361,8 @@ def plate_of(
             calibration = _plate_parameter(header, "CAL_MATRIX", number, (6, 6))
             if header.texts("FORCE_PLATFORM:MATRIX_STORE") == ["BYROW"]:
                 calibration = calibration.T
-        analogs = _plate_parameter(header, "CHANNEL", number, (0,)).astype(int).tolist()
-        analogs = analogs[: len(MEASURED_BY_TYPE[kind])]  # some have more
+        listed_channels = _plate_parameter(header, "CHANNEL", number, (0,))  # some have more
+        analogs = listed_channels[: len(MEASURED_BY_TYPE[kind])].astype(int).tolist()
     if kind == 3 and not origin[:2].all():
         raise InputError(
             f"plate {number} of type 3 has ORIGIN {origin.tolist()}; without its sensors' distances"
@@ -502,7 +502,7 @@ def read(path: Path, source: C3dSource | None) -> Recording:
     )
 
 
-def _filled(values: Sequence[Any], count: int, filling: Any) -> list[Any]:
+def _filled(values: Iterable[Any], count: int, filling: Any) -> list[Any]:
     """The first values, with others for those that lack."""
     return [*values, *[filling] * count][:count]
 

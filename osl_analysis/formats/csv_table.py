@@ -108,7 +108,7 @@ def _with_rows_between(ends: Table, text: bytes, count: int) -> Table:
         if not are_whole or has_comment or has_blank:
             raise InputError("lines are not alike")
     above = int((ends.lines <= FIRST_LINES).sum())
-    lines = FIRST_LINES + 1 + np.arange(count)
+    lines = np.arange(FIRST_LINES + 1, FIRST_LINES + 1 + count)
     outer = ends.body.cast(between.schema)
     return replace(
         ends,
@@ -138,8 +138,9 @@ def read(path: Path, source: SheetSource | None) -> Recording:
             )
     layout = source or LISTING
     table = table_of_text(text, layout)
-    facts = {"rows": len(table.lines), "delimiter": table.delimiter}
-    return recording_of_table("csv", table, layout, facts=facts)
+    return recording_of_table(
+        "csv", table, layout, facts={"rows": len(table.lines), "delimiter": table.delimiter}
+    )
 
 
 FORMAT = Format(

@@ -172,7 +172,7 @@ def read(path: Path, source: MessageSource | None) -> Recording:
     log.take_file(path)
     is_whole = log.end == End.WHOLE and not log.chunks_lost
     log.expected = log.counts or (log.read if is_whole else Counter())
-    return log.recording("mcap", path.stat().st_size)
+    return log.recording("mcap")
 
 
 FORMAT = Format(

@@ -63,7 +63,7 @@ def read_bag(path: Path, source: MessageSource | None) -> Recording:
             " damaged; run `rosbag reindex` on a copy (`rosbag fix` if it is older than version"
             " 2.0, `rosbag decrypt` if it is encrypted), or record again"
         ) from error
-    return log.recording("rosbag1", len(data))
+    return log.recording("rosbag1")
 
 
 def _take_bag(log: Log, reader: Reader, data: bytes) -> None:
@@ -164,7 +164,7 @@ def read_database(path: Path, source: MessageSource | None) -> Recording:
         with naming(part):
             log.take_file(part)
     log.expected = counts
-    return log.recording("rosbag2", sum(part.stat().st_size for part in parts))
+    return log.recording("rosbag2")
 
 
 def _described(folder: Path) -> tuple[list[Path], Counter[str]]:

@@ -77,7 +77,7 @@ def unwrapped(readings: NDArray[Any]) -> tuple[NDArray[Any], int, int]:
     turns
         How often it overflowed.
     """
-    steps = np.diff(readings.astype(np.float64))
+    steps = np.diff(np.asarray(readings, np.float64))
     goes_back = steps < 0
     if not goes_back.any():
         return readings, 0, 0
@@ -276,8 +276,9 @@ def clocks_beside(
         name = channel.name or channel.key
         is_named = channel.kind == Kind.CLOCK or is_like_clock(name)
         may_be = is_named or channel not in signals
-        tells = source.time.rate is not None or tells_time(name, channel.unit)
-        if channel is clock or channel.rows.count != rows.count or not (may_be and tells):
+        if channel is clock or channel.rows.count != rows.count or not may_be:
+            continue
+        if source.time.rate is None and not tells_time(name, channel.unit):
             continue
         readings = numbers_of(channel) / (SECOND_NS if channel.kind == Kind.CLOCK else 1)
         steps = np.diff(unwrapped(readings[np.isfinite(readings)])[0])

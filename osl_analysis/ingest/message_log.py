@@ -183,12 +183,13 @@ def are_rounded(table: pl.DataFrame) -> bool:
 def join_on_stamp(tables: Sequence[pl.DataFrame]) -> pl.DataFrame:
     """One table, sorted, with a row per stamp; if a table repeats stamps (they are rounded), all
     rows are kept."""
-    if len(tables) == 1:
-        return tables[0]
-    stacked = pl.concat(tables, how="diagonal")
-    order = np.argsort(stacked["stamp"].to_numpy(), kind="stable")  # of runs: three times as fast
-    stacked = stacked[order]
-    repeats = [(table["stamp"].diff() == 0).any() for table in (stacked, *tables)]
-    if repeats[0] and not any(repeats[1:]):
+    stamps = [table["stamp"].to_numpy() for table in tables]
+    are_own = not any((np.diff(of_topic) == 0).any() for of_topic in stamps)
+    if are_own and all(np.array_equal(stamps[0], other) for other in stamps[1:]):
+        others = [table.drop("stamp") for table in tables[1:]]
+        return pl.concat([tables[0], *others], how="horizontal")  # a tenth of the time of a join
+    together = np.concatenate(stamps)
+    order = np.argsort(together, kind="stable")  # of runs: three times as fast
+    if are_own and (np.diff(together[order]) == 0).any():
         return pl.concat(tables, how="align_full")
-    return stacked
+    return pl.concat(tables, how="diagonal")[order]

@@ -267,26 +267,25 @@ def at_clock(
     raw = np.ma.asarray(clock.values[: rows.count])
     # those of a longer channel that is not asked, or lines of another device
     lacks = is_missing(raw)
-    is_empty = lacks.copy()
-    for readings in values.values():
-        is_empty &= is_missing(readings)
-    places = np.flatnonzero(~is_empty | is_empty.all())
-    left_out = is_empty[: places[-1]].sum()
-    if left_out:
-        remarks.append(
-            f"{left_out} of {places[-1] + 1} {rows.noun}s have none of the asked values and were"
-            f" left out, first {rows.place(np.argmax(is_empty))}"
-        )
-    rows = rows_at(rows, places)
-    lacks = lacks[places]
+    if lacks.any():
+        is_empty = np.logical_and.reduce([lacks, *map(is_missing, values.values())])
+        places = np.flatnonzero(~is_empty | is_empty.all())
+        left_out = is_empty[: places[-1]].sum()
+        if left_out:
+            remarks.append(
+                f"{left_out} of {places[-1] + 1} {rows.noun}s have none of the asked values and"
+                f" were left out, first {rows.place(np.argmax(is_empty))}"
+            )
+        rows, values = rows_at(rows, values, places)
+        raw, lacks = raw[places], lacks[places]
     if raw.dtype == bool or lacks.any():
         raise InputError(
             f"{what}: no time in {rows.place(np.argmax(lacks))}; remove it there, take another"
             f" {source.time.ADDRESS}, or {STATE_RATE}"
         )
-    numbers = np.ma.getdata(raw)[places]
+    numbers = np.ma.getdata(raw)
     if numbers.dtype.kind == "f":  # single precision would round the differences
-        numbers = numbers.astype(np.float64)
+        numbers = np.asarray(numbers, np.float64)
     if source.time.rate is None:
         place = source.place("time", "unit")
         if clock.kind == Kind.CLOCK and source.time.unit is not None:
@@ -308,13 +307,12 @@ def at_clock(
             f"{what} counts to 2**{bits} and began anew {turns} times; it is taken to go on"
         )
     fresh, stale = fresh_rows(rows, numbers)
-    rows, numbers = rows_at(rows, fresh), numbers[fresh]
+    if stale:
+        numbers = numbers[fresh]
+        rows, values = rows_at(rows, values, fresh)
     time = np.asarray((numbers - numbers[0]) * factor, dtype=np.float64)
     check_time(what, time)
     check_clock_runs(rows, source, time, numbers[0] * factor)
-    chosen = places[fresh]
-    if chosen.size < is_empty.size:  # to take all would copy all
-        values = {column: readings[chosen] for column, readings in values.items()}
     return Table(rows, time, numbers[0], values, [*remarks, *stale])
 
 
@@ -324,10 +322,13 @@ def is_missing(readings: NDArray[Any]) -> NDArray[np.bool_]:
     return np.asarray(np.isnan(known))
 
 
-def rows_at(rows: Rows, places: NDArray[np.int64]) -> Rows:
-    """Some of the rows, which keep their numbers in the file."""
+def rows_at(
+    rows: Rows, values: Mapping[str, NDArray[Any]], places: NDArray[np.int64]
+) -> tuple[Rows, dict[str, NDArray[Any]]]:
+    """Some of the rows, which keep their numbers in the file, with their values by column."""
     lines = np.arange(1, rows.count + 1) if rows.lines is None else rows.lines
-    return replace(rows, count=places.size, lines=lines[places])
+    kept = {column: readings[places] for column, readings in values.items()}
+    return replace(rows, count=places.size, lines=lines[places]), kept
 
 
 def check_clock_runs(rows: Rows, source: TableSource, time: Array, start_s: float) -> None:

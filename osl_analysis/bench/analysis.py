@@ -258,7 +258,7 @@ class Analysis:
         record = self.record
         is_moving = record.is_fitted(label)
         for stratum in record.groups.strata:
-            if record.is_stepped_sine and label in (None, stratum.label):
+            if label in (None, stratum.label):
                 is_moving[stratum.rows] = True
         rows = np.flatnonzero(is_moving & record.usable)
         last = rows[rows > rows[-1] - round(duration_s * record.rate_hz)]

@@ -223,9 +223,5 @@ def windows_of(record: Record) -> tuple[NDArray[np.intp], NDArray[np.intp], Arra
         return starts, np.arange(len(starts)), scipy.signal.windows.hann(n, sym=False)
 
     n = round(periodic.period * rate_hz)
-    begins_s, units = [], []
-    for number, realisation in enumerate(periodic.realisations):
-        begins_s.append(realisation.start + periodic.period * np.arange(realisation.periods))
-        units.append(np.full(realisation.periods, number))
-    starts = np.rint(np.concatenate(begins_s) * rate_hz).astype(np.intp)
-    return np.minimum(starts, len(record.time) - n), np.concatenate(units), np.ones(n)
+    starts = np.rint(periodic.begins * rate_hz).astype(np.intp)
+    return np.minimum(starts, len(record.time) - n), periodic.realisation, np.ones(n)

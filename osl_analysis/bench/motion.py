@@ -263,7 +263,7 @@ def cycles_of(
         commanded_deg = None
         if segment.commanded is not None and stated:
             commanded_deg = round(float(np.rad2deg(segment.commanded)), 9)
-        strata.append(Stratum(segment.rows, label, segment.frequency_hz, commanded_deg))
+        strata.append(Stratum(label, segment.frequency_hz, commanded_deg, segment.rows))
     first, stop = np.concatenate(cycles, axis=1)
     number = np.repeat(np.arange(len(cycles)), [each.shape[1] for each in cycles])
     return Groups("cycles", first, np.minimum(stop, len(usable)), number, tuple(strata))
@@ -277,10 +277,8 @@ def are_usable(first: Array, stop: Array, usable: NDArray[np.bool_]) -> NDArray[
     return np.asarray(lacking[high] == lacking[np.minimum(low, high)])
 
 
-def periods_of(
-    motion: PeriodicMotion, rate_hz: float, usable: NDArray[np.bool_], seconds: float = ALIKE_S
-) -> Groups | None:
-    """Groups of about `seconds` within each period of a motion.
+def periods_of(motion: PeriodicMotion, rate_hz: float, usable: NDArray[np.bool_]) -> Groups | None:
+    """Groups of about `ALIKE_S` within each period of a motion.
 
     The same part of each period of a realisation is one stratum. Noise is correlated for much less
     than `ALIKE_S`.
@@ -290,29 +288,20 @@ def periods_of(
     Groups or None
         None if fewer than two periods are usable.
     """
-    parts = max(round(motion.period / seconds), 1)
+    parts = max(round(motion.period / ALIKE_S), 1)
     rows_of_part = rate_hz * motion.period / parts
-    begins, numbers, strata = list[Array](), [], list[Stratum]()
-    for realisation in motion.realisations:
-        part = np.arange(parts * realisation.periods)
-        begin = rate_hz * realisation.start + rows_of_part * part
-        begins.append(np.asarray(begin))
-        numbers.append(len(strata) + part % parts)
-        end = min(round(begin[-1] + rows_of_part), len(usable))
-        strata += parts * [Stratum(slice(round(begin[0]), end))]
-    by_stratum = np.argsort(np.concatenate(numbers), kind="stable")
-    number = np.concatenate(numbers)[by_stratum]
-    begin = np.concatenate(begins)[by_stratum]
+    part = np.arange(parts)
+    begin = (rate_hz * motion.begins[:, None] + rows_of_part * part).ravel()
+    number = (motion.realisation[:, None] * parts + part).ravel()
     stop = np.minimum(begin + rows_of_part, len(usable))
 
     is_whole = are_usable(begin, stop, usable)
-    members = np.bincount(number[is_whole], minlength=len(strata))
-    is_chosen = is_whole & (members[number] > 1)
-    if np.count_nonzero(members) < 2 or not is_chosen.any():
+    is_chosen = is_whole & (np.bincount(number[is_whole], minlength=number[-1] + 1)[number] > 1)
+    chosen = np.flatnonzero(is_chosen)[np.argsort(number[is_chosen], kind="stable")]
+    used, stratum = np.unique(number[chosen], return_inverse=True)
+    if len(used) < 2:
         return None
-    used, stratum_of = np.unique(number[is_chosen], return_inverse=True)
-    kept = tuple(strata[k] for k in used)
-    return Groups("periods", begin[is_chosen], stop[is_chosen], stratum_of, kept)
+    return Groups("periods", begin[chosen], stop[chosen], stratum, len(used) * (Stratum(),))
 
 
 def stretches_of(
@@ -329,5 +318,5 @@ def stretches_of(
         firsts.append(edges[:-1])
         stops.append(edges[1:])
     first, stop = np.concatenate(firsts), np.concatenate(stops)
-    whole = Stratum(slice(pieces[0].start, pieces[-1].stop), label)
-    return Groups("stretches", first, stop, np.zeros(len(first), dtype=np.intp), (whole,))
+    one = np.zeros(len(first), dtype=np.intp)
+    return Groups("stretches", first, stop, one, (Stratum(label),))

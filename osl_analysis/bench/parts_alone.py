@@ -236,7 +236,7 @@ def clamped_of(trial: Trial, settings: ActuatorAnalysis, levels: list[slice]) ->
             stops - counts,
             stops,
             np.zeros(len(levels), dtype=np.intp),
-            (Stratum(slice(0, len(time))),),
+            (Stratum(),),
         ),
         settings=settings.model_copy(update={"cutoff_hz": cutoff_hz}),
     )

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,14 +28,14 @@ Label = float | str | None
 """What has a fit of its own: an amplitude [deg], a branch of a belt; None: the whole record."""
 
 
-@dataclass(frozen=True)
-class Stratum:
+class Stratum(NamedTuple):
     """A set of groups that repeat one another; if nothing repeats, the set of all groups."""
 
-    rows: slice  # rows of their motion, with its transient
     label: Label = None
-    frequency_hz: float = np.nan  # of a sine [Hz]
-    commanded_deg: float | None = None  # amplitude [deg] of the sine in the protocol
+    # of a sine
+    frequency_hz: float = np.nan  # [Hz]
+    commanded_deg: float | None = None  # amplitude [deg] in the protocol
+    rows: slice = slice(0)  # rows of its motion, with its transient
 
 
 @dataclass(frozen=True)

@@ -160,7 +160,7 @@ def recorded(rng, motion, friction=0.0, noise=0.05):
     torque = K * theta + B * omega + I * alpha + friction * np.tanh(omega / 0.01)
     torque = torque + noise * rng.standard_normal(n)
     theta = theta + 1e-4 * rng.standard_normal(n)
-    periodic = periodic_motion(theta, RATE)
+    periodic = periodic_motion(theta, RATE, np.ones(n, dtype=bool))
     inside = slice(round(2 * RATE / 15), n - round(2 * RATE / 15))
     groups = stretches_of([inside], RATE)
     if periodic is not None:

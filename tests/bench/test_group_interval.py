@@ -15,7 +15,7 @@ def groups_of(strata: list[int], repeat: bool) -> tuple[Groups, np.ndarray]:
     stratum = np.repeat(np.arange(len(strata)), strata)
     first = 10.0 * np.arange(len(stratum))
     kind = "cycles" if repeat else "stretches"
-    rows = tuple(Stratum(slice(0, 10), frequency_hz=1.0) for _ in strata)
+    rows = tuple(Stratum(frequency_hz=1.0) for _ in strata)
     return Groups(kind, first, first + 10, stratum, rows), stratum
 
 

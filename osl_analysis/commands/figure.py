@@ -39,6 +39,7 @@ from osl_analysis.judge.limits import Limits
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import (
     FileOrNone,
+    RationalFunction,
     desired_admittance,
     joint_admittance,
     joint_of,
@@ -53,7 +54,7 @@ from osl_analysis.table import (
     read_tables,
     write_table,
 )
-from osl_analysis.trial import read_trial
+from osl_analysis.trial import Array, read_trial
 from osl_analysis.walking.isolated_response import unperturbed_gait
 from osl_analysis.walking.tables import walking_page_points
 from osl_analysis.walking.walking_settings import TimingSettings
@@ -293,7 +294,10 @@ def beside_theory(responses: pl.DataFrame, parameters: Path | None, weight: Weig
     """The same for rows of `response.csv` of one desired impedance in memory, without the column
     `chosen`."""
     shown = over_amplitudes(responses).sort("frequency_hz", maintain_order=True)
-    curves = [shown.with_columns(curve=pl.lit(OBSERVED))]
+    none = pl.lit(None, pl.Float64)
+    shown = shown.with_columns(curve=pl.lit(OBSERVED), off_desired=none, off_model=none)
+    observed: list[pl.DataFrame] = []
+    curves: list[pl.DataFrame] = []
     for measured in shown.partition_by(PLACE, maintain_order=True):
         joint, side, K_d, B_d = measured.select(*PLACE, "K_d", "B_d").row(0)
         low_hz, high_hz = measured["frequency_hz"][0], measured["frequency_hz"][-1]
@@ -310,6 +314,12 @@ def beside_theory(responses: pl.DataFrame, parameters: Path | None, weight: Weig
                     models.append((LINEAR_MODEL, controller, rendered))
         for curve, controller, admittance in models:
             Y = admittance(2j * np.pi * frequency_hz)
+            distance = f"off_{'desired' if curve == DESIRED else 'model'}"
+            is_own = pl.col("controller").eq_missing(controller) | (curve == DESIRED)
+            off = pl.Series(off_percent(measured, admittance))
+            measured = measured.with_columns(
+                pl.when(is_own).then(off).otherwise(distance).alias(distance)
+            )
             texts = {"curve": curve, "controller": controller, "joint": joint, "side": side}
             response = {
                 "frequency_hz": frequency_hz,
@@ -318,10 +328,21 @@ def beside_theory(responses: pl.DataFrame, parameters: Path | None, weight: Weig
                 **{name: pl.lit(text, pl.String) for name, text in texts.items()},
             }
             curves.append(pl.select(**response))
+        observed.append(measured)
     looks = shown.select("controller", "look").unique()
-    points = pl.concat(curves, how="diagonal_relaxed").drop("look")
+    points = pl.concat([*observed, *curves], how="diagonal_relaxed").drop("look")
     points = points.join(looks, on="controller", how="left", maintain_order="left")
     return plotted_numbers("fig7", points)
+
+
+def off_percent(measured: pl.DataFrame, admittance: RationalFunction) -> Array:
+    """Distance (n,) of the measured impedance from another one, |Z - Z_o| / |Z_o| [%]."""
+    magnitude, phase_deg, frequency_hz = (
+        measured.select("magnitude", "phase_deg", "frequency_hz").to_numpy().T
+    )
+    Y = magnitude * np.exp(1j * np.deg2rad(phase_deg))
+    distance: Array = np.abs(admittance(2j * np.pi * frequency_hz) / Y - 1)
+    return 100 * distance
 
 
 def over_amplitudes(response: pl.DataFrame) -> pl.DataFrame:

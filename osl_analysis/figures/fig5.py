@@ -30,8 +30,8 @@ class Layout:
     MARGIN = 0.55  # of a panel, for the labels of its vertical axis [in]
     WIDEST_MARKER = 4.6 / 72  # with its edge [in]
     SMALLEST_SHARE = 0.3  # of a marker's size
-    PANEL_HEIGHT = 1.75  # [in]
-    LEGEND_HEIGHT = 0.75  # [in]
+    PANEL_HEIGHT = 1.9  # [in]
+    LEGEND_HEIGHT = 0.6  # [in]
     # of upright names of trials, where these stand in place of desired values [in]
     NAME_HEIGHT = 0.6
     LONGEST_NAME = 15  # letters of a name, from its end
@@ -82,8 +82,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     if has_desired:
         keys.append(marks.key("Desired", **DESIRED_LINE))
     if style.has_values(table, "B_viscous"):
-        label = r"Viscous damping $B_\mathrm{viscous}$"
-        keys.append(marks.key(label, markersize=Layout.VISCOUS_SIZE, **VISCOUS_MARK))
+        keys.append(marks.key("Viscous damping", markersize=Layout.VISCOUS_SIZE, **VISCOUS_MARK))
     marks.legend_above(figure, keys)
     figure.align_ylabels()
     return figure

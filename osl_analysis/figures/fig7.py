@@ -1,4 +1,5 @@
-"""Fig. 7: admittance of the joint over frequency, measured, desired, and of the linear model."""
+"""Fig. 7: admittance of the joint over frequency, measured, desired, and of the linear model, and
+how far the measured impedance is from these."""
 
 from typing import Any
 
@@ -7,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from osl_analysis.figures import DESIRED, LINEAR_MODEL, OBSERVED, marks, style
+from osl_analysis.model.rendered_impedance import FAITHFUL
 
 
 class Layout:
@@ -21,34 +23,37 @@ DESIRED_LINE: dict[str, Any] = {"color": style.BLACK, "zorder": 1}
 
 
 def draw(table: pl.DataFrame) -> style.PaperFigure:
-    """(a) magnitude, (b) phase over frequency; several joints or sides stand side by side."""
+    """(a) magnitude, (b) phase, (c) distances over frequency; several joints or sides stand side by
+    side."""
     parts = style.by_place(table)
     of_curve = {kind: table.filter(curve=kind) for kind in (OBSERVED, DESIRED, LINEAR_MODEL)}
     titles = [title for title, _ in parts]
     if len(parts) == 1 and not of_curve[OBSERVED].is_empty():
         titles = [", ".join(style.condition(of_curve[OBSERVED].with_columns(controller=None)))]
     width = style.SINGLE_COLUMN if len(parts) == 1 else style.DOUBLE_COLUMN
-    figure, axes = style.panels(width, 4.2, 2, len(parts), titles=titles, share_x=True)
+    figure, axes = style.panels(width, 5.4, 3, len(parts), titles=titles, share_x=True)
     for column, (_, part) in enumerate(parts):
-        magnitude, phase = axes[column], axes[len(parts) + column]
+        magnitude, phase, distance = axes[column :: len(parts)]
         draw_part(magnitude, part, "magnitude")
         draw_part(phase, part, "phase_deg")
         magnitude.set_yscale("log")
         marks.label_log_axis(magnitude.yaxis, 6, lambda value: f"{1e3 * value:.4g}")
         phase.axhline(0, color=style.BLACK, linewidth=style.HAIRLINE, zorder=0)
         phase.yaxis.set_major_locator(MaxNLocator(5, steps=Layout.USUAL_PHASES))
+        draw_distances(distance, part)
         phase.set_xscale("log")
         marks.label_log_axis(phase.xaxis, Layout.MOST_TICKS // len(parts))
-        phase.set_xlabel("Frequency (Hz)")
-    axes[0].set_ylabel("Magnitude (mrad/(N·m))")
-    axes[len(parts)].set_ylabel("Phase (deg)")
+        distance.set_xlabel("Frequency (Hz)")
+    labels = ("Magnitude (mrad/(N·m))", "Phase (deg)", "Distance of $Z$ (%)")
+    for ax, label in zip(axes[:: len(parts)], labels, strict=True):
+        ax.set_ylabel(label)
 
     keys = marks.estimate_keys(of_curve[OBSERVED], "magnitude")
     if not of_curve[DESIRED].is_empty():
         keys.append(marks.key("Desired", **DESIRED_LINE))
-    for look, _ in style.by_controller(of_curve[LINEAR_MODEL]):
-        line = {"color": look.colour, "linestyle": look.dash, "linewidth": Layout.MODEL_WIDTH}
-        keys.append(marks.key(f"{look.label}, {style.LINEAR_MODEL.lower()}", **line))
+    if not of_curve[LINEAR_MODEL].is_empty():
+        line = {"color": style.GREY, "linestyle": style.DASHED, "linewidth": Layout.MODEL_WIDTH}
+        keys.append(marks.key(style.LINEAR_MODEL, **line))
     marks.legend_above(figure, keys)
     figure.align_ylabels()
     return figure
@@ -65,3 +70,16 @@ def draw_part(ax: Axes, part: pl.DataFrame, quantity: str) -> None:
         )  # fmt: skip
     for look, observed in style.by_controller(part.filter(curve=OBSERVED)):
         marks.draw_estimates(ax, observed, "frequency_hz", quantity, look)
+
+
+def draw_distances(ax: Axes, part: pl.DataFrame) -> None:
+    """How far the measured impedance of one joint is from the desired one, a marker, and from that
+    of the linear model, a line."""
+    for look, observed in style.by_controller(part.filter(curve=OBSERVED)):
+        marks.draw_fits(ax, observed, observed["frequency_hz"], observed["off_desired"], look)
+        ax.plot(
+            observed["frequency_hz"], observed["off_model"],
+            color=look.colour, linestyle=look.dash, linewidth=Layout.MODEL_WIDTH,
+        )  # fmt: skip
+    ax.axhline(100 * FAITHFUL, color=style.BLACK, linewidth=style.HAIRLINE, zorder=0)
+    ax.set_ylim(bottom=0)

@@ -2,18 +2,18 @@
 
 import polars as pl
 from matplotlib.axes import Axes
-from matplotlib.ticker import MultipleLocator, PercentFormatter
 
 from osl_analysis.config.impedance_trajectory import STANCE_SHARE
 from osl_analysis.figures import style
 
-AS_PRINTED = 1e-9  # phases are compared so closely
+AS_PRINTED = 1e-9  # [%], to which phases are compared
 
 
 def points(gains: pl.DataFrame) -> pl.DataFrame:
     """The desired impedance and the gains in stance: in swing the walking controller renders no
     impedance (Section IV)."""
-    return gains.filter(pl.col("phase") <= STANCE_SHARE + AS_PRINTED)
+    stance_percent = 100 * pl.col("phase") / STANCE_SHARE
+    return gains.with_columns(stance=stance_percent).filter(stance_percent <= 100 + AS_PRINTED)
 
 
 def draw(table: pl.DataFrame) -> style.PaperFigure:
@@ -26,23 +26,21 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     stiffness.set_ylabel("Stiffness (N·m/rad)")
     draw_gain(damping, table, "B")
     damping.set_ylabel("Damping (N·m·s/rad)")
-    damping.set_xlabel("Stance (% of the gait cycle)")
-    damping.xaxis.set_major_locator(MultipleLocator(0.1))
-    damping.xaxis.set_major_formatter(PercentFormatter(xmax=1, decimals=0, symbol=""))
+    damping.set_xlabel("Stance (%)")
     figure.align_ylabels()
     return figure
 
 
 def draw_gain(ax: Axes, table: pl.DataFrame, symbol: str) -> None:
     """K or B: desired, and the gain at the joint where it is known, from 0 on."""
-    ax.plot(table["phase"], table[f"{symbol}_d"], color=style.BLACK, label=f"Desired ${symbol}_d$")
+    ax.plot(table["stance"], table[f"{symbol}_d"], color=style.BLACK, label=f"Desired ${symbol}_d$")
     gain = f"{symbol}_1_joint"
     if style.has_values(table, gain):
         ax.plot(
-            table["phase"], table[gain],
+            table["stance"], table[gain],
             color=style.ORANGE, linewidth=1.3, linestyle=(0, (5, 1.5)),
             label=f"Gain ${symbol}_1\\,n_T^2$",
         )  # fmt: skip
-    ax.update_datalim([(table["phase"][0], 0)])
+    ax.update_datalim([(table["stance"][0], 0)])
     ax.margins(x=0)
     ax.legend(loc="best")

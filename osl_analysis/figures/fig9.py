@@ -80,6 +80,8 @@ def points(
         names_of = {"mean": column, "low": f"{column}_low", "high": f"{column}_high"}
         of_fit = summary.filter(estimator=estimator).select(*keys, *names_of).rename(names_of)
         of_groups = of_groups.join(of_fit, on=keys, how="left")
+    vaf = walking_summary.filter(estimator="ensemble", quantity="VAF")
+    of_groups = of_groups.join(vaf.select(group, vaf="mean"), on="group", how="left")
     is_fitted = pl.all_horizontal(pl.col(QUANTITIES).is_finite())
     fits = walking.with_columns(group).filter(is_fitted)
     perturbations = fits.unpivot(
@@ -128,6 +130,10 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     axes[-1].yaxis.set_major_formatter(
         FuncFormatter(lambda value, _: f"{1e3 * value:.6g}".replace("-", "−"))
     )
+    if style.has_values(of_groups, "vaf"):
+        ends = of_groups.select(low=pl.min("vaf"), high=pl.max("vaf")).row(0)
+        percents = " to ".join(dict.fromkeys(f"{end:.2f}" for end in ends))
+        axes[1].set_xlabel(f"VAF of the fit to the mean response {percents} %")
     marks.legend_above(figure, [*marks.labelled(axes[:1]), *marks.open_keys(table)])
     return figure
 

@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike
 
 from osl_analysis.figures.style import (
     GREY,
-    SINGLE_COLUMN,
     THICK,
     THIN,
     WHITE,
@@ -123,10 +122,15 @@ def labelled(axes: Sequence[Axes]) -> list[Any]:
 
 
 def legend_above(figure: Figure, keys: Sequence[Any]) -> None:
-    """Put a legend above all panels, in two columns, or four on a wide page."""
-    most = 2 if figure.get_figwidth() <= SINGLE_COLUMN else 4
-    columns = min(most, len(keys))
-    figure.legend(handles=keys, loc="outside upper center", ncols=columns, columnspacing=1.4)
+    """Put a legend above all panels, in as many columns as the page has room for."""
+    for columns in range(len(keys), 0, -1):
+        legend = figure.legend(
+            handles=keys, loc="outside upper center", ncols=columns, columnspacing=1.0
+        )
+        if legend.get_window_extent().width <= figure.bbox.width:
+            break
+        if columns > 1:
+            legend.remove()
 
 
 # Swarms

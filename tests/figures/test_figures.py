@@ -63,6 +63,7 @@ def response_table():
     }  # fmt: skip
     models = [pl.DataFrame({"controller": controller, **model}) for controller in LOOKS]
     measured = beside_theory(placed, None, PAPER_WEIGHT)
+    measured = measured.with_columns(off_model=2 * pl.col("off_desired"))
     return plotted_numbers("fig7", pl.concat([measured, *models], how="diagonal_relaxed"))
 
 
@@ -179,7 +180,8 @@ SHOWN = [
      (100 - pl.col("VAF"), 100 - pl.col("VAF").median().over("controller"))),
     *(("fig7", response_table, k, True, "frequency_hz", [one.format(q) for one in OBSERVED])
       for k, q in enumerate(("magnitude", "phase_deg"))),
-    *(("fig8", None, k, True, "phase", (f"{q}_d", f"{q}_1_joint")) for k, q in enumerate("KB")),
+    ("fig7", response_table, 2, True, "frequency_hz", ("off_desired", "off_model")),
+    *(("fig8", None, k, True, "stance", (f"{q}_d", f"{q}_1_joint")) for k, q in enumerate("KB")),
     *(("fig9", None, k, pl.col("quantity") == q, None, OF_GROUP) for k, q in enumerate("KBI")),
     *(("fig9", None, k, pl.col("quantity") == q, None,
        (pl.col("mean") - pl.col("sd"), pl.col("mean") + pl.col("sd"))) for k,
@@ -386,6 +388,19 @@ def test_fig9_shows_every_group_with_a_result_and_what_it_was_commanded():
     assert table["estimate"].count() == table["estimate"].is_finite().sum() == 3 * 62
     assert commands == [200.0, 400.0]
     assert groups == ["K_d 200 (31)", "K_d 400 (31)"]
+
+
+def test_fig7_tells_how_far_the_impedance_is_from_the_desired_one():
+    observed = response_table().filter(curve="observed", controller="compensated")
+
+    frequency_hz, magnitude, phase_deg, K_d, B_d, off_percent = (
+        observed.select("frequency_hz", "magnitude", "phase_deg", "K_d", "B_d", "off_desired")
+        .to_numpy()
+        .T
+    )
+    Z = 1 / magnitude * np.exp(-1j * np.deg2rad(phase_deg))
+    Z_d = K_d + 2j * np.pi * frequency_hz * B_d
+    assert off_percent == pytest.approx(100 * abs(Z - Z_d) / abs(Z_d))
 
 
 def test_fig8_shows_stance_alone():

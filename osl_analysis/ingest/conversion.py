@@ -217,15 +217,13 @@ def checked_counts(
     return counts.astype(np.int64)
 
 
-def losses_of(loss: Loss, topics: Collection[str] = (), contradicted: int = 0) -> dict[str, Any]:
+def losses_of(loss: Loss, topics: Collection[str] = ()) -> dict[str, Any]:
     """Report on losses for the provenance. Null means that the number is not known.
 
     Parameters
     ----------
     topics
         Those that are used, in a log of messages.
-    contradicted
-        Messages that were read and left out.
 
     Returns
     -------
@@ -234,7 +232,7 @@ def losses_of(loss: Loss, topics: Collection[str] = (), contradicted: int = 0) -
     """
     counts = [loss.by_topic.get(topic, (0, None)) for topic in topics]
     of_topics = sum(max(0, expected - read) for read, expected in counts if expected is not None)
-    lost = None if loss.lost is None else max(loss.lost + contradicted, of_topics)
+    lost = None if loss.lost is None else max(loss.lost, of_topics)
     if loss.end == End.MISSING or (loss.end == End.UNKNOWN and not lost):
         lost = None  # nobody knows what stood behind the end
     if lost == 0 and not topics:
@@ -242,7 +240,7 @@ def losses_of(loss: Loss, topics: Collection[str] = (), contradicted: int = 0) -
     return {
         "end_missing": loss.end == End.MISSING,
         "expected": None if loss.end == End.UNKNOWN else loss.expected,
-        "read": loss.read - contradicted,
+        "read": loss.read,
         "lost": lost,
         "share_lost": max((share_lost(loss, topic) for topic in topics), default=loss.share),
         "remarks": [printable(text) for text in loss.remarks],

@@ -51,7 +51,6 @@ def convert_messages(recording: Recording, source: MessageSource) -> Converted:
         which = "some" if loss.checksums == "mixed" else "any"
         warnings.append(f"not verifiable: no checksum covers {which} of its {loss.read} messages")
     tables: dict[str, pl.DataFrame] = {}
-    contradicted = 0
     for name, settings in by_topic.items():
         share = share_lost(loss, name)
         if share > source.largest_loss:
@@ -61,8 +60,7 @@ def convert_messages(recording: Recording, source: MessageSource) -> Converted:
                 f" {'; '.join(loss.remarks)}; record again"
             )
         with naming(f"topic '{name}'"):
-            tables[name], left_out, remarks = convert_topic(recording, source, settings)
-        contradicted += left_out
+            tables[name], remarks = convert_topic(recording, source, settings)
         warnings += [f"topic '{name}': {text}" for text in remarks]
     joined = join_on_stamp([*tables.values()])
     start = joined["stamp"][0]
@@ -83,23 +81,15 @@ def convert_messages(recording: Recording, source: MessageSource) -> Converted:
         origins={column: origin_of(one, column) for column, one in source.channels.items()},
         facts=facts,
         warnings=warnings,
-        losses=losses_of(loss, [*by_topic], contradicted),
+        losses=losses_of(loss, [*by_topic]),
     )
 
 
 def convert_topic(
     recording: Recording, source: MessageSource, settings: Mapping[str, MessageChannel]
-) -> tuple[pl.DataFrame, int, list[str]]:
-    """Convert the asked fields of one topic, by canonical column.
-
-    Returns
-    -------
-    table
-        `stamp` [ns], sorted, and canonical columns.
-    contradicted
-        How many messages contradict an earlier one of the same stamp, and are left out.
-    remarks
-    """
+) -> tuple[pl.DataFrame, list[str]]:
+    """Convert the asked fields of one topic, by canonical column: a table of `stamp` [ns], sorted,
+    and columns, and remarks on messages that came late, or are left out."""
     channels, asked = asked_channels(recording, settings)
     values = {column: channel.values for column, channel in asked.items()}
     rows = next(iter(channels.values())).rows
@@ -108,28 +98,24 @@ def convert_topic(
     columns, _, remarks = canonical_columns(source, channels, values, rows, time)
     fresh, stale = fresh_rows(rows, stamps, least=SET_BACK_NS)
     table = pl.DataFrame([pl.Series("stamp", stamps), *columns])[fresh]
-    late = repeated = contradicted = 0
-    if not (table["stamp"].diff() > 0).all():
-        late = count_late(table.unique(maintain_order=True)["stamp"].to_numpy())
-        table = table.sort("stamp", maintain_order=True)
-        once = table.unique(subset="stamp", keep="first", maintain_order=True)
-        if not are_rounded(table):
-            repeated = len(table) - len(once)
-            contradicted = len(table.unique()) - len(once)
-            if repeated > source.largest_loss * len(table):
-                raise InputError(
-                    f"{repeated} of {len(table)} messages have the stamp of an earlier one; stamps"
-                    " must be their own: check the recorder's clock or the time source in the"
-                    " source file"
-                )
-            table = once
-    counts_of = {
-        "came late and were put in the order of their stamps": late,
-        "repeat a stamp and were joined to its first": repeated - contradicted,
-        "contradict an earlier one of the same stamp and are lost": contradicted,
-    }
-    told = [f"{count} messages {what}" for what, count in counts_of.items() if count]
-    return table, contradicted, [*remarks, *stale, *told]
+    remarks += stale
+    if (table["stamp"].diff() > 0).all():
+        return table, remarks
+
+    late = count_late(table.unique(maintain_order=True)["stamp"].to_numpy())
+    if late:
+        remarks.append(f"{late} messages came late and were put in the order of their stamps")
+    table = table.sort("stamp", maintain_order=True)
+    once = table.unique(subset="stamp", keep="first", maintain_order=True)
+    repeated = len(table) - len(once)
+    if not repeated or are_rounded(table):
+        return table, remarks
+    if repeated > source.largest_loss * len(table):
+        raise InputError(
+            f"{repeated} of {len(table)} messages have the stamp of an earlier one; stamps must be"
+            " their own: check the recorder's clock or the time source in the source file"
+        )
+    return once, [*remarks, f"{repeated} messages have the stamp of an earlier one: left out"]
 
 
 def stamps_of(recording: Recording, source: MessageSource, rows: Rows) -> NDArray[np.int64]:
@@ -181,8 +167,8 @@ def are_rounded(table: pl.DataFrame) -> bool:
 
 
 def join_on_stamp(tables: Sequence[pl.DataFrame]) -> pl.DataFrame:
-    """One table, sorted, with a row per stamp; if a table repeats stamps (they are rounded), all
-    rows are kept."""
+    """One table, sorted by the column `stamp`, with a row per stamp; if a table repeats stamps
+    (they are rounded), all rows are kept."""
     stamps = [table["stamp"].to_numpy() for table in tables]
     are_own = not any((np.diff(of_topic) == 0).any() for of_topic in stamps)
     if are_own and all(np.array_equal(stamps[0], other) for other in stamps[1:]):

@@ -22,9 +22,9 @@ from osl_analysis.ingest.capture import convert_capture
 from osl_analysis.ingest.clock import ClockFit, aligned_clock
 from osl_analysis.ingest.conversion import Converted
 from osl_analysis.ingest.guard import check_sizes
-from osl_analysis.ingest.message_log import convert_messages
+from osl_analysis.ingest.message_log import convert_messages, join_on_stamp
 from osl_analysis.ingest.table_log import convert_table
-from osl_analysis.source_file import LogSource, MarkerSource, MessageSource, Source, TableSource
+from osl_analysis.source_file import MarkerSource, MessageSource, Source, TableSource
 from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import dotted, field_line, read_mapping, read_yaml
 
@@ -122,19 +122,18 @@ def check_clocks(log: Source, mocap: Source) -> None:
     aligned."""
     shared = getattr(mocap, "shared", None)
     has_angle = shared is not None and shared.column in getattr(log, "channels", {})
-    # a capture without analog channels cannot have the column; the log's own check tells the rest
-    has_edges = "sync" in getattr(mocap, "analogs", ()) or not hasattr(mocap, "analogs")
+    # what is no capture with analog channels tells when it is read whether it has the column
+    has_edges = "sync" in getattr(mocap, "analogs", ["sync"])
     aligns = {
         "sync": has_edges or has_angle,
         "shared": has_angle,
         "common": mocap.format == "trc",
-        "master": False,
     }
-    clocks = [one.clock for one in (log, mocap) if isinstance(one, LogSource)]
-    if all(aligns[clock] for clock in clocks):
+    clock = getattr(log, "clock", "")
+    if aligns.get(clock):
         return
     raise InputError(
-        f"{log.place('clock')}: '{', '.join(clocks)}' does not align the log with motion capture of"
+        f"{log.place('clock')}: '{clock}' does not align the log with motion capture of"
         " this trial; write clock: sync and map the column sync in both source files, or clock:"
         " shared and name an angle of the log under `shared` in that of motion capture"
     )
@@ -250,15 +249,12 @@ def merged(log: Converted, mocap: Converted, fit: ClockFit) -> pl.DataFrame:
             "log and motion capture do not overlap in time; check that they are of the same trial"
         )
     # by whole nanoseconds, on which tables can be joined; floats would not match
-    of_mocap = with_key(mocap.samples, "time")
-    of_log = with_key(rows, "log_time")
-    joined = of_mocap.join(of_log, on="key", how="full", coalesce=True)
-    in_order = joined.sort("key").with_columns(time=pl.coalesce("time", "log_time"))
-    return in_order.drop("key", "log_time")
-
-
-def with_key(table: pl.DataFrame, column: str) -> pl.DataFrame:
-    return table.with_columns(key=(pl.col(column) / 1e-9).round().cast(pl.Int64))
+    tables = [
+        table.with_columns(stamp=(pl.col(time) / 1e-9).round().cast(pl.Int64))
+        for time, table in (("time", mocap.samples), ("log_time", rows))
+    ]
+    joined = join_on_stamp(tables).with_columns(time=pl.coalesce("time", "log_time"))
+    return joined.drop("stamp", "log_time")
 
 
 def read_raw_file(path: Path, source: Source) -> tuple[Converted, dict[str, Any]]:

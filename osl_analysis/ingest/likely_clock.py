@@ -6,7 +6,6 @@ I depend on which of them is right."""
 
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -35,9 +34,7 @@ def is_like_clock(name: str) -> bool:
     """Whether a column may be a clock by its name, such as `LabVIEW time`, `Date` or `sec`. Its
     readings decide."""
     last = re.split(r"[./]", name)[-1]
-    if is_clock(last):
-        return True
-    return re.search(r"(?i)time|date|clock|stamp|zeit|^[mu]?secs?$", last) is not None
+    return is_clock(last) or bool(re.search(r"(?i)time|date|clock|stamp|zeit|^[mu]?secs?$", last))
 
 
 def tells_time(name: str, unit: str) -> bool:
@@ -58,10 +55,11 @@ def likely_unit(name: str) -> str:
     return ending or {"millis": "ms", "ms": "ms", "micros": "us", "us": "us"}.get(name, "")
 
 
-def unwrapped(readings: NDArray[Any]) -> tuple[NDArray[Any], int, int]:
+def unwrapped(readings: NDArray[Any]) -> tuple[NDArray[Any], int]:
     """Let a counter that overflowed at a power of two go on.
 
-    A step back is an overflow if adding that power makes it about as short as the other steps.
+    A step back is an overflow if adding the smallest power that the counter does not reach makes it
+    about as short as the other steps.
 
     Parameters
     ----------
@@ -74,22 +72,16 @@ def unwrapped(readings: NDArray[Any]) -> tuple[NDArray[Any], int, int]:
         Shape (n,), without overflows.
     bits
         Size of the counter; 0 if it did not overflow.
-    turns
-        How often it overflowed.
     """
     steps = np.diff(np.asarray(readings, np.float64))
     goes_back = steps < 0
-    if not goes_back.any():
-        return readings, 0, 0
-    are_counts = (readings == np.rint(readings)).all()
-    if are_counts and (steps > 0).any():
-        usual = np.median(steps[steps > 0])
-        turns = np.append(0, np.cumsum(goes_back))
-        for bits in LIMITS.overflow_bits:
-            across = steps[goes_back] + 2.0**bits
-            if (across >= 0).all() and (across <= 10 * usual).all():
-                return readings.astype(np.int64) + turns * 2**bits, bits, int(turns[-1])
-    return readings, 0, 0
+    if goes_back.any() and (readings == np.rint(readings)).all():
+        bits = next((bits for bits in LIMITS.overflow_bits if readings.max() < 2**bits), 0)
+        across = steps[goes_back] + 2.0**bits
+        if 0 <= across.min() <= across.max() <= LIMITS.overflow_step * np.abs(steps).mean():
+            turns = np.append(0, np.cumsum(goes_back))
+            return readings.astype(np.int64) + turns * 2**bits, bits
+    return readings, 0
 
 
 def ticks(values: NDArray[Any], unit: str) -> bool:
@@ -129,7 +121,7 @@ def time_unit(clock: Array) -> str:
     return next((unit for unit, s in units.items() if lowest <= rate / s <= highest), "")
 
 
-NUMBER = r"(\d+(?:[.,]\d+)*(?:e[+-]?\d+)?)"
+NUMBER = r"(\d+(?:,\d{3})*(?:[.,]\d+)?(?:e[+-]?\d+)?)"
 OF_ROWS = (
     r"(?:sampl\w*|scan|acquisition|recording|data|output)["
     r" _]*(?:rate|frequency|freq)|fs\b|^(?:rate|frequency)\b"
@@ -168,13 +160,9 @@ def stated_rate(texts: Sequence[str]) -> float | None:
 
 
 def number_in(text: str) -> float:
-    """The number in a text with a decimal point or comma, or with thousands separators, as `1,000`;
-    0 if none."""
-    if re.fullmatch(r"[1-9]\d{0,2}(,\d{3})+(\.\d*)?", text):
-        text = text.replace(",", "")
-    with suppress(ValueError):
-        return float(text.replace(",", "."))
-    return 0.0
+    """The number of a match of `NUMBER`: with a decimal point or comma, or commas between
+    thousands, as `1,000`."""
+    return float(re.sub(r"(?<!^0),(?=\d{3}\b)", "", text).replace(",", "."))
 
 
 def span_ratio(

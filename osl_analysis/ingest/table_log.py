@@ -268,7 +268,7 @@ def at_clock(
     # those of a longer channel that is not asked, or lines of another device
     lacks = is_missing(raw)
     if lacks.any():
-        is_empty = np.logical_and.reduce([lacks, *map(is_missing, values.values())])
+        is_empty = np.all([lacks, *map(is_missing, values.values())], axis=0)
         places = np.flatnonzero(~is_empty | is_empty.all())
         left_out = is_empty[: places[-1]].sum()
         if left_out:
@@ -301,11 +301,9 @@ def at_clock(
                 f"{what}: {numbers[row]} in {rows.place(row)} is no count of samples, which a"
                 " column beside `rate` is; state its unit in place of the rate"
             )
-    numbers, bits, turns = unwrapped(numbers)
-    if turns:
-        remarks.append(
-            f"{what} counts to 2**{bits} and began anew {turns} times; it is taken to go on"
-        )
+    numbers, bits = unwrapped(numbers)
+    if bits:
+        remarks.append(f"{what} counts to 2**{bits} and began anew; it is taken to go on")
     fresh, stale = fresh_rows(rows, numbers)
     if stale:
         numbers = numbers[fresh]
@@ -333,7 +331,7 @@ def rows_at(
 
 def check_clock_runs(rows: Rows, source: TableSource, time: Array, start_s: float) -> None:
     """Refuse a clock (n,) that stands still, or tells whole seconds and no less."""
-    if time.size > 1 and (np.diff(time) > 0).all():
+    if (np.diff(time) > 0).all():
         return
     first = np.flatnonzero(np.diff(time, prepend=-1.0))  # rows with a stamp of their own
     counts = np.diff(first, append=time.size)
@@ -343,7 +341,7 @@ def check_clock_runs(rows: Rows, source: TableSource, time: Array, start_s: floa
     tells_seconds = has_changes and np.median(steps) > LIMITS.coarse_step_s
     is_coarse = tells_seconds or most > LIMITS.coarse_share * time.size
     may_repeat = most <= LIMITS.coarse_rows or source.time.repeated == "drop"
-    if (may_repeat or not is_coarse) and most < max(time.size, 2):
+    if most < time.size and (may_repeat or not is_coarse):
         return
     other = f"take another {source.time.ADDRESS}, or {STATE_RATE}"
     if has_changes:  # whole seconds still tell the rate, from the first change to the last

@@ -263,7 +263,8 @@ def cycles_of(
         commanded_deg = None
         if segment.commanded is not None and stated:
             commanded_deg = round(float(np.rad2deg(segment.commanded)), 9)
-        strata.append(Stratum(label, segment.frequency_hz, commanded_deg, segment.rows))
+        rows = slice(round(segment.start), round(segment.stop))
+        strata.append(Stratum(label, segment.frequency_hz, commanded_deg, rows))
     first, stop = np.concatenate(cycles, axis=1)
     number = np.repeat(np.arange(len(cycles)), [each.shape[1] for each in cycles])
     return Groups("cycles", first, np.minimum(stop, len(usable)), number, tuple(strata))

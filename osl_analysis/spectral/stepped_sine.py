@@ -132,11 +132,6 @@ class Run:
         """Number of cycles, not rounded: the ends of a run are known to a few hundredths."""
         return (self.stop - self.start) * self.frequency_hz
 
-    def angle(self, time: Array) -> Array:
-        """The sine's angle [rad] at times [s]."""
-        phase = 2 * np.pi * self.frequency_hz * time + np.angle(self.phasor)
-        return np.asarray(self.centre + self.amplitude * np.cos(phase))
-
     def __str__(self) -> str:
         return (
             f"{np.rad2deg(self.amplitude):.2g} deg at {self.frequency_hz:.4g} Hz ({self.cycles:.1f}"
@@ -196,12 +191,13 @@ def find_sines(time: Array, theta: Array, protocol: SteppedSineProtocol) -> Sine
         if run.cycles <= fewest - MISSING_CYCLE:
             continue
         found.append(run)
-        has_frequency = protocol.frequency_near(run.frequency_hz) is not None
-        is_commanded = has_frequency and protocol.amplitude_near(run.amplitude) is not None
+        nearest = (
+            protocol.frequency_near(run.frequency_hz),
+            protocol.amplitude_near(run.amplitude),
+        )
         is_pure = run.misfit < PURE_SINE * run.amplitude / np.sqrt(2)
-        if run.is_steady and (is_commanded or is_pure):
-            first, stop = np.searchsorted(time, (run.start, run.stop))
-            in_sines[first:stop] = True
+        if run.is_steady and (is_pure or None not in nearest):
+            in_sines |= (time >= run.start) & (time < run.stop)
     is_stepped = bool(in_sines[moving].sum() > LEAST_SINES * moving.sum())
     return Sines(found, moving, is_stepped)
 
@@ -262,9 +258,11 @@ def similar_cycles(time: Array, theta: Array, crossings: Array) -> list[Array]:
     for stop in range(1, len(frequency) + 1):
         recent = slice(max(start, stop - RECENT_CYCLES), stop)
         if stop < len(frequency):
-            frequency_change = abs(frequency[stop] / frequency[recent].mean() - 1)
-            height_change = abs(height[stop] / height[recent].mean() - 1)
-            if frequency_change <= SAME_FREQUENCY and height_change <= SAME_AMPLITUDE:
+            usual_frequency, usual_height = frequency[recent].mean(), height[recent].mean()
+            if (
+                abs(frequency[stop] / usual_frequency - 1) <= SAME_FREQUENCY
+                and abs(height[stop] / usual_height - 1) <= SAME_AMPLITUDE
+            ):
                 continue
         heights = height[start:stop]
         # a slow ramp stands outside
@@ -311,16 +309,14 @@ def fit_run(time: Array, theta: Array, crossings: Array) -> Run | None:
 def prolonged(time: Array, theta: Array, run: Run, earliest: float, latest: float) -> Run:
     """Prolong a run as far as the angle (n,) follows its sine, between two times [s]."""
     low, first, last, high = np.searchsorted(time, (earliest, run.start, run.stop, latest))
-    rows = slice(low, high + 1)
-    deviation = np.abs(theta[rows] - run.angle(time[rows]))
+    rows = np.arange(low, high + 1)
+    turned = run.phasor * np.exp(2j * np.pi * run.frequency_hz * time[rows])
+    deviation = np.abs(theta[rows] - run.centre - turned.real)
     has_left = deviation > PURE_SINE * run.amplitude + 2 * run.misfit
-    left_before = low + np.flatnonzero(has_left[: first - low])
-    left_after = last + np.flatnonzero(has_left[last - low :])
-    return replace(
-        run,
-        start=float(time[left_before[-1] + 1]) if len(left_before) else earliest,
-        stop=float(time[left_after[0] - 1]) if len(left_after) else latest,
-    )
+    outside = np.array([low - 1, *rows[has_left], high + 1])
+    begin = outside[outside < first][-1] + 1
+    end = outside[outside >= last][0] - 1
+    return replace(run, start=float(time[begin]), stop=float(time[end]))
 
 
 # ---- What of it is fitted
@@ -338,11 +334,6 @@ class Segment:
     stop: float  # row at which the last one ends
     cycles: int  # number of cycles in between
     commanded: float | None = None  # amplitude [rad] in the protocol
-
-    @property
-    def rows(self) -> slice:
-        """Its rows, transient included."""
-        return slice(round(self.start), round(self.stop))
 
 
 def find_segments(
@@ -381,12 +372,10 @@ def find_segments(
             " the trial is a stepped sine"
         )
     rate_hz = sampling_rate(time)
-    amplitudes = meant_amplitudes(sines.runs, protocol.amplitudes)
-    meant = [run for run, size in zip(sines.runs, amplitudes, strict=True) if size is not None]
-    sizes = [size for size in amplitudes if size is not None]
-    frequencies = common_frequencies(meant, protocol)
+    sizes = meant_amplitudes(sines.runs, protocol.amplitudes)
+    meant = [run for run in sines.runs if followed(run.amplitude, sizes, LOST_AMPLITUDE)]
     segments = []
-    for run, size, frequency_hz in zip(meant, sizes, frequencies, strict=True):
+    for run, frequency_hz in zip(meant, common_frequencies(meant, protocol), strict=True):
         # in the middle: the ends of a run may lack a quarter of a cycle
         cycles = int(run.cycles + MISSING_CYCLE)
         length = cycles / frequency_hz
@@ -402,7 +391,7 @@ def find_segments(
                 start=start * rate_hz,
                 stop=(start + length) * rate_hz,
                 cycles=cycles,
-                commanded=size,
+                commanded=followed(run.amplitude, sizes, LOST_AMPLITUDE),
             )
         )
     return segments
@@ -412,20 +401,20 @@ def listed_deg(amplitudes: Sequence[float]) -> str:
     return ", ".join(f"{np.rad2deg(amplitude):g}" for amplitude in amplitudes)
 
 
-def meant_amplitudes(runs: Sequence[Run], commanded: Sequence[float]) -> list[float | None]:
-    """The amplitude [rad] that each run was to have; None for a warm-up.
+def meant_amplitudes(runs: Sequence[Run], commanded: Sequence[float]) -> list[float]:
+    """The amplitudes [rad] that runs were to have; one far from all of them is a warm-up.
 
     If not all commanded amplitudes were recorded, the protocol may have been another: other runs
     then have their own amplitude to a tenth of a degree. A bench loses some of an amplitude: those
     up to 25 % below a larger one share its. Raises as `find_segments`.
     """
-    meant = [followed(run.amplitude, commanded, LOST_AMPLITUDE) for run in runs]
-    if commanded and set(commanded) <= set(meant):
-        return meant
-    others = [k for k, amplitude in enumerate(meant) if amplitude is None]
-    sizes: list[float] = []
-    for k in sorted(others, key=lambda k: -runs[k].amplitude):
-        run = runs[k]
+    sizes = list(commanded)
+    recorded = {followed(run.amplitude, commanded, LOST_AMPLITUDE) for run in runs}
+    if sizes and recorded.issuperset(sizes):
+        return sizes
+    for run in sorted(runs, key=lambda run: -run.amplitude):
+        if followed(run.amplitude, sizes, LOST_AMPLITUDE):
+            continue
         ratios = run.amplitude / np.asarray(commanded)
         if (ratios > OTHER_UNIT).all() != (ratios < 1 / OTHER_UNIT).all():
             raise InputError(
@@ -435,12 +424,8 @@ def meant_amplitudes(runs: Sequence[Run], commanded: Sequence[float]) -> list[fl
                 " source file",
                 [Change("", other_unit_of="theta")],
             )
-        size = followed(run.amplitude, sizes, LOST_AMPLITUDE)
-        if size is None:
-            size = float(np.deg2rad(round(np.rad2deg(run.amplitude), 1)))
-            sizes.append(size)
-        meant[k] = size
-    return meant
+        sizes.append(float(np.deg2rad(round(np.rad2deg(run.amplitude), 1))))
+    return sizes
 
 
 def common_frequencies(runs: Sequence[Run], protocol: SteppedSineProtocol) -> list[float]:
@@ -464,14 +449,8 @@ def common_frequencies(runs: Sequence[Run], protocol: SteppedSineProtocol) -> li
 def labels_deg(segments: Sequence[Segment]) -> list[float]:
     """Find the measured amplitude [deg] that names each segment, to three digits.
 
-    It is the median of all that follow one commanded amplitude without a gap in size between them.
+    It is the median of all that follow one commanded amplitude.
     """
-    amplitude = np.array([segment.amplitude for segment in segments])
-    commanded = np.array([segment.commanded or 0.0 for segment in segments])
-    order = np.lexsort((amplitude, commanded))
-    is_other_command = np.diff(commanded[order]) > 0
-    is_gap = amplitude[order][1:] > (1 + SAME_AMPLITUDE) * amplitude[order][:-1]
-    labels: Array = np.empty_like(amplitude)
-    for alike in np.split(order, np.flatnonzero(is_other_command | is_gap) + 1):
-        labels[alike] = float(f"{np.rad2deg(np.median(amplitude[alike])):.3g}")
-    return [float(label) for label in labels]
+    amplitude_deg = np.rad2deg([segment.amplitude for segment in segments])
+    commanded = np.array([segment.commanded for segment in segments])
+    return [float(f"{np.median(amplitude_deg[commanded == each]):.3g}") for each in commanded]

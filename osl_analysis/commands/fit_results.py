@@ -3,7 +3,7 @@
 import math
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cache
 from html import escape
 from itertools import zip_longest
@@ -60,7 +60,10 @@ def finding_json(finding: Finding, row: Mapping[str, Any]) -> dict[str, Any]:
         "name": finding.name,
         "cause": finding.cause,
         **words_of(finding, row)._asdict(),
-        "evidence": [asdict(number) for number in finding.evidence],
+        "evidence": [
+            {name: cell for name, cell in vars(number).items() if name != "rule"}
+            for number in finding.evidence
+        ],
     }
 
 

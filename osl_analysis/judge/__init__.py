@@ -3,9 +3,10 @@
 The way of one number, the share of Coulomb friction in the damping of a trial, to the page:
 
 1. `bench` measures it: the column `coulomb_share` of `fits/impedance/TRIAL.csv`, here 0.31.
-2. `findings.yaml` says under `rules` that it is evidence of the finding `friction`, a share of B
-   that the accuracy decides. `judging.limits_in` gives its limit, 0.05 (`doubtful.accuracy.B`).
-3. `judging.numbers_beyond` compares: `Beyond("coulomb_share", 0.31, 0.05, "above", "friction")`.
+2. `findings.yaml` says under `rules` that it is evidence of the finding `friction` above the
+   accuracy of B. `judging.rules_on` gathers the rules on a table, those of the configuration, too.
+3. `judging.numbers_beyond` compares it with 0.05 (`doubtful.accuracy.B`):
+   `Beyond("coulomb_share", 0.31, 0.05, "above", "friction")`.
 4. `judging.causes_in` gathers the numbers of a row by what they are evidence of.
 5. `judging.judged` makes of them `Finding("friction", "impedance", trial, Grade.NOTES, ...)`, a
    remark, since friction is a property of the device; a fault of the recording is a doubt. A fit

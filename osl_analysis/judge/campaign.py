@@ -318,9 +318,9 @@ def shown_size(finding: Finding, column: str, row: AnyRow) -> float:
         return 0.0
     size = finding.evidence[0].excess
     rule = rule_of(column)
-    if rule is None or not rule.in_unit:
+    if not rule.in_unit:
         return size
-    return size * abs(cell_number(row, estimate_column(finding.table, rule.of)) or 0.0)
+    return size * abs(cell_number(row, estimate_column(finding.table, str(rule.above))) or 0.0)
 
 
 def first_column(finding: Finding) -> str:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 from typing import NamedTuple
@@ -34,6 +34,7 @@ class Beyond:
     side: str  # above or below the limit, near a factor between units, or nan
     finding: str = ""  # what it is evidence of
     unit: str = ""  # the factor between units that it may be, in words
+    rule: Rule = field(default=Rule(""), compare=False)  # with the words for it
 
     @property
     def excess(self) -> float:

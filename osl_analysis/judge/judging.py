@@ -6,46 +6,29 @@ What a known cause explains, such as a low VAF due to friction, is no finding of
 
 import math
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import polars as pl
 
-from osl_analysis.judge.finding import (
-    ESTIMATES,
-    AnyRow,
-    Beyond,
-    Finding,
-    Grade,
-    cell_number,
-    subject_of,
-)
+from osl_analysis.dictionary import described_tables_by_name
+from osl_analysis.judge.finding import AnyRow, Beyond, Finding, Grade, cell_number, subject_of
 from osl_analysis.judge.known_findings import (
-    BY_COLUMN,
-    CONDITIONS,
+    FAMILIES,
     FINDINGS,
-    HYPOTHESES,
+    RULES,
+    SIDES,
     KnownFinding,
     Rule,
     known_finding,
     rule_of,
 )
-from osl_analysis.judge.limits import Accuracy, Limit, Limits
+from osl_analysis.judge.limits import Limits
 from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.units import known_factor
 
-HAVE_REMARKS = (
-    "belt",
-    "transmission",
-    "actuator",
-    "impedance",
-    "response",
-    "torque_angle",
-    "walking_groups",
-)
-"""Judged tables of which something may be remarked, or could not be checked."""
 EXCLUDED = "reason"  # column: why a row has no fit; null in rows with a fit
 BETWEEN = "; "  # titles of findings in a cell
-LEAST_EFFECT = 1.0  # limit of what is decided by its effect, a multiple of what is worth telling
 FAR_BEYOND = 1.15  # of a limit: a cause of others that is farther beyond it precedes them
 
 
@@ -91,9 +74,22 @@ def judged(
         not be checked; nothing of faults that move the estimates by less than their accuracy. Rows
         without a fit have none.
     """
-    on_columns = limits_in(name, table.columns, limits)
+    accuracy = limits.accuracy.model_dump()
+    needed = {f"accuracy_{symbol}": pl.lit(share) for symbol, share in accuracy.items()}
+    table = table.with_columns(**needed)
+    rules = rules_on(name, table.columns, limits)
+    conditions = [rule.condition.alias(str(k)) for k, rule in enumerate(rules) if rule.when]
+    holds = table.select(conditions).to_dict(as_series=False)
     rows = table.to_dicts()
-    beyond = [numbers_beyond(row, on_columns) for row in rows]
+    met = [
+        [
+            rule
+            for k, rule in enumerate(rules)
+            if row.get(EXCLUDED) is None and (not rule.when or holds[str(k)][at])
+        ]
+        for at, row in enumerate(rows)
+    ]
+    beyond = [numbers_beyond(row, of_row, accuracy) for row, of_row in zip(rows, met, strict=True)]
     of_whole = {row.get("trial"): beyond[k] for k, row in enumerate(rows) if of_whole_trial(row)}
     for numbers, row in zip(beyond, rows, strict=True):
         drop_unlike_whole(numbers, of_whole.get(row.get("trial"), numbers))
@@ -104,19 +100,12 @@ def judged(
         trial = rows[k].get("trial")
         misfit_by[trial] = misfit_by.get(trial) or explaining(beyond[k])
 
-    conditions = conditions_of(table, name)
     findings: RowFindings = []
-    for k, row in enumerate(rows):
-        if row.get(EXCLUDED) is not None:
-            findings.append([])
-            continue
-        causes = [
-            (cause, numbers)
-            for cause, numbers in causes_in(beyond[k], misfit_by[row.get("trial")])
-            if cause.is_result or not is_within_accuracy(name, row, numbers, limits.accuracy)
-        ]
+    for row, numbers, of_row in zip(rows, beyond, met, strict=True):
+        causes = causes_in(numbers, misfit_by[row.get("trial")])
         fault = FINDINGS.get((faults or {}).get(str(row.get("trial")), ""))
-        findings.append(findings_of_row(name, row, with_effects(causes, fault), conditions[k]))
+        without_number = [rule for rule in of_row if not rule.column]
+        findings.append(findings_of_row(name, row, with_effects(causes, fault), without_number))
     return findings
 
 
@@ -125,34 +114,29 @@ def of_whole_trial(row: AnyRow) -> bool:
     return "amplitude_deg" in row and row["amplitude_deg"] is None
 
 
-def limits_in(table: str, columns: Collection[str], limits: Limits) -> list[Limit]:
-    """The limits on the columns of a table: those that follow from the accuracy of its estimates,
-    those of the configuration, and that nothing is below zero that cannot be."""
-    stated = limits.stated()
-    by_accuracy: list[Limit] = []
-    by_sign: list[Limit] = []
-    free = set(columns) - {limit.column for limit in stated}
-    for rule, *_ in BY_COLUMN.values():
-        if rule.column not in free or not rule.concerns(table, columns):
-            continue
-        if rule.by == "effect":
-            by_accuracy.append(Limit(rule.column, "above", LEAST_EFFECT))
-        elif rule.by == "accuracy":
-            by_accuracy.append(Limit(rule.column, "above", limits.accuracy.of(rule.of)))
-        elif rule.by == "sign":
-            by_sign.append(Limit(rule.column, "below", 0.0))
-    return [*by_accuracy, *stated, *by_sign]
+def rules_on(table: str, columns: Collection[str], limits: Limits) -> list[Rule]:
+    """The rules on a table with these columns: those of `findings.yaml`, and those whose limits the
+    configuration states."""
+    rules = [rule for rule in RULES if rule.concerns(table, columns)]
+    for side in SIDES:
+        for column, value in getattr(limits, side).items():
+            if column in columns:
+                no_other = dict.fromkeys(SIDES)
+                rules.append(replace(rule_of(column, side), **{**no_other, side: value}))
+    return rules
 
 
-def numbers_beyond(row: AnyRow, limits: Sequence[Limit]) -> Numbers:
+def numbers_beyond(row: AnyRow, rules: Sequence[Rule], accuracy: Mapping[str, float]) -> Numbers:
     """Find the numbers of a row that are beyond their limits.
 
     Parameters
     ----------
     row : AnyRow
         A null is not checked.
-    limits : Sequence of Limit
-        Those of its table (`limits_in`).
+    rules : Sequence of Rule
+        Those on its table (`rules_on`) whose conditions it meets.
+    accuracy : Mapping of str to float
+        That K, B and I need.
 
     Returns
     -------
@@ -160,42 +144,29 @@ def numbers_beyond(row: AnyRow, limits: Sequence[Limit]) -> Numbers:
         By column; NaN is beyond any limit, and a ratio near a unit's factor is `near`.
     """
     numbers: Numbers = {}
-    for limit in limits:
-        value = cell_number(row, limit.column)
-        if limit.value is None or value is None or row.get(EXCLUDED) is not None:
+    for rule in rules:
+        column = rule.column
+        value = cell_number(row, column)
+        low, high = rule.ends(accuracy)
+        if value is None or math.isinf(low) or column in numbers:  # without a limit, or judged
             continue
-        side, end = side_of(value, limit)
-        rule = rule_of(limit.column, side)
-        unit, is_unit = unit_of_ratio(rule, value, row) if rule else ("", False)
-        if not side and (not is_unit or limit.column in numbers):
+        unit, is_unit = unit_of_ratio(rule, value, row)
+        if math.isnan(value):
+            side = "nan"
+        elif value > high:
+            side = "above"
+        elif value < low:
+            side = "below"
+        elif is_unit:
+            side = "near"
+        else:
             continue
-        finding = "wrong_unit" if is_unit else finding_of(limit.column, rule, row)
-        side = side or "near"
-        numbers[limit.column] = Beyond(limit.column, value, end, side, finding, unit)
+        finding = FAMILIES.get(str(row.get(rule.finding)), rule.finding)
+        limit = low if side == "below" or math.isinf(high) else high
+        numbers[column] = Beyond(
+            column, value, limit, side, "wrong_unit" if is_unit else finding, unit, rule
+        )
     return numbers
-
-
-def side_of(value: float, limit: Limit) -> tuple[str, float]:
-    """On which side of a limit a number is beyond it, empty for none, and the end that it passes;
-    an upper limit is one of the size."""
-    assert limit.value is not None
-    if math.isnan(value):
-        return "nan", limit.value
-    if limit.side == "above" and abs(value) > limit.value:
-        return ("above", limit.value) if value > 0 else ("below", -limit.value)
-    return "below" if limit.side == "below" and value < limit.value else "", limit.value
-
-
-def finding_of(column: str, rule: Rule | None, row: AnyRow) -> str:
-    """What a number of a column is evidence of; of a column without a rule, its own name."""
-    if rule is None:
-        return column
-    family = row.get("fault_family")
-    if column.endswith("_fault_share"):
-        return HYPOTHESES[str(family)]
-    if column == "K_change" and family == "size":
-        return "nonlinear_spring"
-    return rule.finding
 
 
 def unit_of_ratio(rule: Rule, ratio: float, row: AnyRow) -> tuple[str, bool]:
@@ -229,30 +200,23 @@ def drop_unlike_whole(numbers: Numbers, of_whole: Numbers) -> None:
     """Drop from a row's numbers the evidence of a recording's fault that the fit to the whole trial
     does not show. At one amplitude friction looks like such a fault; over all amplitudes it does
     not."""
-    for column in list(numbers):
-        rule = rule_of(column)
-        if rule and FINDINGS[rule.finding].of_recording and column not in of_whole:
+    for column, number in list(numbers.items()):
+        if known_finding(number.finding).of_recording and column not in of_whole:
             del numbers[column]
-
-
-def is_misfit(number: Beyond) -> bool:
-    """Whether a number measures the misfit."""
-    rule = rule_of(number.column)
-    return rule is not None and rule.misfit
 
 
 def explaining(numbers: Numbers) -> KnownFinding | None:
     """The first cause in a row that makes its fit worse; harmonics alone count as friction."""
-    causes = (known_finding(number.finding) for number in sorted(numbers.values(), key=is_misfit))
+    by_misfit = sorted(numbers.values(), key=lambda number: number.rule.misfit)
+    causes = (known_finding(number.finding) for number in by_misfit)
     return next((cause for cause in causes if cause.explains_misfit), None)
 
 
 def rank_of(number: Beyond) -> int:
     """The place of evidence among that of its row: causes of others first, unknown ones last."""
-    rule = rule_of(number.column, number.side)
-    if rule is None:
+    if number.finding not in FINDINGS:
         return 2
-    return 0 if FINDINGS[rule.finding].causes_others and number.excess > FAR_BEYOND else 1
+    return 0 if FINDINGS[number.finding].causes_others and number.excess > FAR_BEYOND else 1
 
 
 def causes_in(numbers: Numbers, misfit_by: KnownFinding | None) -> list[Cause]:
@@ -260,8 +224,7 @@ def causes_in(numbers: Numbers, misfit_by: KnownFinding | None) -> list[Cause]:
     `misfit_by` explains the misfit of the trial, and takes the columns that show it."""
     numbers_of: dict[str, list[Beyond]] = {}
     for number in sorted(numbers.values(), key=rank_of):
-        taken = misfit_by is not None and is_misfit(number)
-        name = misfit_by.name if misfit_by and taken else number.finding
+        name = misfit_by.name if misfit_by and number.rule.misfit else number.finding
         numbers_of.setdefault(name, []).append(number)
     return [(known_finding(name), tuple(of)) for name, of in numbers_of.items()]
 
@@ -280,17 +243,6 @@ def with_effects(causes: list[Cause], fault: KnownFinding | None) -> list[Cause]
     return [(fault, tuple(effects)), *others] if fault and effects else causes
 
 
-def conditions_of(table: pl.DataFrame, name: str) -> list[list[Rule]]:
-    """The rules whose conditions each row of a table fulfils."""
-    rules = [rule for rule in CONDITIONS if rule.concerns(name, table.columns)]
-    holds = table.select(
-        rule.condition.alias(str(number)) for number, rule in enumerate(rules)
-    ).rows()
-    if not rules:
-        return [[] for _ in range(len(table))]
-    return [[rule for rule, is_so in zip(rules, of_row, strict=True) if is_so] for of_row in holds]
-
-
 def findings_of_row(
     table: str, row: AnyRow, causes: Sequence[Cause], conditions: Sequence[Rule]
 ) -> list[Finding]:
@@ -300,8 +252,8 @@ def findings_of_row(
     doubts = [each for each in findings if each.grade is Grade.DOUBTS]
     remarks = [each for each in findings if each.grade is Grade.NOTES]
     names = {doubt.name for doubt in doubts}
-    if names & set(HYPOTHESES.values()):  # a rival explains what it can
-        doubts = [doubt for doubt in doubts if doubt.name != "unexplained_torque"]
+    if any(known_finding(name).explains_misfit for name in names):
+        doubts = [doubt for doubt in doubts if not known_finding(doubt.name).is_misfit]
     for rule in conditions:
         if not names & set(rule.unless):
             remarks.append(
@@ -348,7 +300,7 @@ def marked(table: pl.DataFrame, findings: RowFindings, name: str) -> pl.DataFram
     doubts = pl.Series([cell_of_causes(row, True) for row in findings], dtype=pl.String)
     other_causes = pl.Series([cell_of_causes(row, False) for row in findings], dtype=pl.String)
     table = table.with_columns(pl.when(is_fit).then(doubts).alias(DOUBTFUL))
-    if name not in HAVE_REMARKS:
+    if "remarks" not in described_tables_by_name()[name].columns:
         return table
     return table.with_columns(remarks=other_causes.replace("", None))
 
@@ -398,43 +350,3 @@ NAMES_IN_TABLE = {("belt", "K"): "K_s", ("transmission", "B"): "B_j", ("transmis
 def estimate_column(table: str, symbol: str) -> str:
     """The column of K, B or I in a table."""
     return NAMES_IN_TABLE.get((table, symbol), symbol)
-
-
-def interval(row: AnyRow, column: str) -> tuple[float | None, float | None, float | None]:
-    """An estimate and the ends of its interval; None where one is not known."""
-    value, low, high = (cell_number(row, f"{column}{end}") for end in ("", "_low", "_high"))
-    return value, low, high
-
-
-def size_and_half_width(row: AnyRow, column: str) -> tuple[float, float]:
-    """The size of an estimate, of which shares are taken: itself or, where it is not told from 0,
-    the half-width of its 95 % interval; and this half-width, 0 where it is not known."""
-    estimate, low, high = interval(row, column)
-    half_width = 0.0 if low is None or high is None else (high - low) / 2
-    return max(abs(estimate or 0.0), half_width), half_width
-
-
-def shares_moved(table: str, row: AnyRow, evidence: Sequence[Beyond]) -> dict[str, float]:
-    """By which share of itself the other reading of time stamps may move each of K, B and I that
-    the row has; empty where the row does not tell."""
-    moved: dict[str, float] = {}
-    for number in evidence:
-        if number.column == "time_base_shift":  # in half-widths of the interval
-            for symbol in ESTIMATES:
-                size, half_width = size_and_half_width(row, estimate_column(table, symbol))
-                if half_width > 0:
-                    moved[symbol] = number.value * half_width / size
-    return moved
-
-
-def is_within_accuracy(
-    table: str, row: AnyRow, evidence: Sequence[Beyond], accuracy: Accuracy
-) -> bool:
-    """Whether the evidence of a cause certainly moves K, B and I by less than their accuracy: the
-    row tells by how much, and no other number of it is beyond a limit of its own."""
-    for number in evidence:
-        rule = rule_of(number.column, number.side)
-        if rule is None or rule.by != "effect":
-            return False
-    moved = shares_moved(table, row, evidence)
-    return bool(moved) and all(share < accuracy.of(symbol) for symbol, share in moved.items())

@@ -1,6 +1,7 @@
 """The findings that a trial can have, and the rules that find them (`findings.yaml`)."""
 
-from collections.abc import Collection, Sequence
+import math
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -56,24 +57,28 @@ class KnownFinding:
     is_misfit: bool = False
 
 
+SIDES = ("above", "below", "ratio")  # of limits
+
+
 @dataclass(frozen=True)
 class Rule:
-    """When a row of a result table has a finding: a number is beyond a limit, or a condition holds.
+    """When a row of a result table has a finding: a number is beyond a limit, a condition holds, or
+    both.
 
     `findings.yaml` says what each field means.
     """
 
     finding: str
     column: str = ""
-    side: Literal["", "above", "below"] = ""
-    by: Literal["limit", "accuracy", "effect", "sign"] = "limit"
-    of: str = ""
+    above: float | Literal["K", "B", "I"] | None = None
+    below: float | None = None
+    ratio: float | None = None
+    when: str = ""
+    tables: Collection[str] = ()
     in_unit: bool = False
     misfit: bool = False
-    tables: Collection[str] = ()
     units: Sequence[str] = ()
     second: str = ""
-    when: str = ""
     unless: Collection[str] = ()
     grade: Literal["not checked", "notes", "doubts"] = "not checked"
     says: Texts = ""
@@ -86,8 +91,19 @@ class Rule:
 
     def concerns(self, table: str, columns: Collection[str]) -> bool:
         """Whether the rule is about a table with these columns."""
-        needed = self.condition.meta.root_names() if self.when else [self.column]
+        needed = self.condition.meta.root_names() if self.when else []
+        if self.column:
+            needed.append(self.column)
         return (not self.tables or table in self.tables) and set(needed) <= set(columns)
+
+    def ends(self, accuracy: Mapping[str, float]) -> tuple[float, float]:
+        """The lowest and the highest number that are not beyond its limit, by the accuracy that K,
+        B and I need."""
+        if self.ratio is not None:
+            return 1 / self.ratio, self.ratio
+        above = accuracy[self.above] if isinstance(self.above, str) else self.above
+        high = math.inf if above is None else above
+        return -high if self.below is None else self.below, high
 
 
 TOLERANCE = 1e-3  # of a threshold: clocks of 100 Hz that nobody set run at 99.99 Hz
@@ -116,20 +132,21 @@ class Check:
 CONTENT: dict[str, Any] = own_yaml(Path(__file__).with_name("findings.yaml"))
 FINDINGS = {name: KnownFinding(name, **fields) for name, fields in CONTENT["findings"].items()}
 RULES = [Rule(**fields) for fields in CONTENT["rules"]]
-BY_COLUMN: dict[str, list[Rule]] = {}
-for each in RULES:
-    if each.column:
-        BY_COLUMN.setdefault(each.column, []).append(each)
-CONDITIONS = [rule for rule in RULES if rule.when]
 CHECKS = {name: Check(name, **fields) for name, fields in CONTENT["checks"].items()}
-HYPOTHESES: dict[str, str] = CONTENT["hypotheses"]
-"""Findings by family of the hypotheses of the inference."""
+FAMILIES: dict[str, str] = CONTENT["families"]
+"""Findings by family of the rivals that the inference weighs."""
 
 
-def rule_of(column: str, side: str = "") -> Rule | None:
-    """The rule on a number on a side of its limit; None for a column that has a limit in the
-    configuration alone."""
-    return next((rule for rule in BY_COLUMN.get(column, ()) if rule.side in ("", side)), None)
+def rule_of(column: str, side: str = "above", table: str = "") -> Rule:
+    """The rule on a number beyond a limit on this side, of any table if none is named, with its
+    words; of a column that has none, one without words."""
+    of_column = [
+        rule
+        for rule in RULES
+        if rule.column == column and (not table or not rule.tables or table in rule.tables)
+    ]
+    on_side = [rule for rule in of_column if getattr(rule, side) is not None]
+    return next(iter([*on_side, *of_column]), Rule(finding=column, column=column))
 
 
 def known_finding(name: str) -> KnownFinding:

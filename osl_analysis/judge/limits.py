@@ -1,17 +1,14 @@
 """The limits of the configuration on columns of result tables, and the accuracy that estimates
 need."""
 
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Self
 
 from pydantic import ConfigDict, Field, model_validator
 
 from osl_analysis.config.experiments import JUDGED_TABLES
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import nearest
-from osl_analysis.files import own_yaml
-from osl_analysis.judge.known_findings import rule_of
+from osl_analysis.judge.known_findings import SIDES, rule_of
 from osl_analysis.yaml_settings import OF_EARLIER_RELEASE, NotNegative, Settings, misplaced
 
 Share = Annotated[float, Field(gt=0, lt=1)]  # A part of a whole; a larger number is in percent.
@@ -29,19 +26,6 @@ class Accuracy(Settings):
     B: Share = 0.05  # Of dampings; loads and temperatures change a joint's damping by as much.
     I: Share = 0.2  # Of inertias, which are hardly seen below 5 Hz.
 
-    def of(self, estimate: str) -> float:
-        """Share of K, B or I that a finding may move it by."""
-        return {"K": self.K, "B": self.B, "I": self.I}[estimate]
-
-
-@dataclass(frozen=True)
-class Limit:
-    """The limit of one column."""
-
-    column: str
-    side: Literal["above", "below"]  # on which a number is beyond it
-    value: float | None  # in the unit of the column; None: no limit
-
 
 class ColumnLimits(Settings):
     """Limits of one table, by column. Null: no limit."""
@@ -54,28 +38,6 @@ class ColumnLimits(Settings):
     """Limits of ratios to a known value, by column. A fit is doubtful if the ratio is above its
     limit, or below 1 over it."""
 
-    def stated(self) -> list[Limit]:
-        """Each limit: those above, of ratios, and below."""
-        limits = [Limit(column, "above", value) for column, value in self.above.items()]
-        for column, factor in self.ratio.items():
-            limits.append(Limit(column, "above", factor))
-        for column, factor in self.ratio.items():
-            limits.append(Limit(column, "below", None if factor is None else 1 / factor))
-        for column, value in self.below.items():
-            limits.append(Limit(column, "below", value))
-        return limits
-
-
-SIDES = ("above", "below", "ratio")
-DECIDED_BY = {
-    "accuracy": "state the accuracy that you need as doubtful.accuracy",
-    "effect": (
-        "its effect on the estimates decides; state the accuracy that you need as doubtful.accuracy"
-    ),
-    "sign": "what cannot be negative and certainly is, is doubtful anyway",
-}
-"""What decides about a column in place of a limit of its own."""
-
 
 class Limits(ColumnLimits):
     """Limits of one table, and the accuracy that its estimates need."""
@@ -83,16 +45,9 @@ class Limits(ColumnLimits):
     accuracy: Accuracy = Accuracy()
 
 
-FIXED = {
-    table: ColumnLimits(**limits)
-    for table, limits in own_yaml(Path(__file__).with_name("limits.yaml")).items()
-}
-"""The limits that no campaign changes, by table; `every_table` has those of all tables."""
-
-
 class DoubtfulFits(Settings):
     """The accuracy that estimates need, and limits by table. The tables of `JUDGED_TABLES` can have
-    limits on every numeric column that neither accuracy nor a fixed limit decides."""
+    limits on every numeric column that has none in `findings.yaml`."""
 
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, ColumnLimits] = Field(init=False)
@@ -113,41 +68,29 @@ class DoubtfulFits(Settings):
         return self
 
     def of(self, table: str) -> Limits:
-        """The limits of one table: the fixed ones on columns that it has, and the stated ones."""
-        columns = numeric_columns(table)
-        limits: dict[str, Any] = {side: {} for side in SIDES}
+        """What is stated for one table."""
         stated = self.__pydantic_extra__.get(table, ColumnLimits())
-        # the later ones precede
-        for part in (FIXED["every_table"], FIXED.get(table, ColumnLimits()), stated):
-            for side in SIDES:
-                limits[side].update(getattr(part, side))
-        of_table = {
-            side: {name: limit for name, limit in limits[side].items() if name in columns}
-            for side in SIDES
-        }
-        return Limits(**of_table, accuracy=self.accuracy)
-
-
-def numeric_columns(table: str) -> list[str]:
-    """The columns of a table that hold numbers."""
-    described = described_tables_by_name()[table]
-    columns = [*described.columns.values(), *described.of_fits.values()]
-    return [column.name for column in columns if column.unit != "text"]
+        return Limits(**stated.model_dump(), accuracy=self.accuracy)
 
 
 def check_columns(limits: ColumnLimits, table: str) -> None:
     """Refuse a limit at its place in the configuration with PydanticCustomError: on a column that
-    its table does not have or that something else decides, or below an upper limit of the same
-    column."""
-    columns = numeric_columns(table)
+    its table does not have or whose limit stands in `findings.yaml`, or below an upper limit of the
+    same column."""
+    described = described_tables_by_name()[table]
+    described_columns = [*described.columns.values(), *described.of_fits.values()]
+    columns = [column.name for column in described_columns if column.unit != "text"]
     for side in SIDES:
         for name, value in getattr(limits, side).items():
             upper = limits.above.get(name)
-            rule = rule_of(name)
-            if rule is not None and rule.by != "limit":
-                message = f"takes no limit: {DECIDED_BY[rule.by]}; remove the line"
-            elif is_fixed(name, side, table):
-                message = "takes no limit: osl_analysis/judge/limits.yaml has it; remove the line"
+            fixed = getattr(rule_of(name, side, table), side)
+            if isinstance(fixed, str):
+                message = (
+                    "takes no limit: state the accuracy that you need as doubtful.accuracy; remove"
+                    " the line"
+                )
+            elif fixed is not None:
+                message = "takes no limit: osl_analysis/judge/findings.yaml has it; remove the line"
             elif name not in columns:
                 message = (
                     f"tables/{table}.csv has no number of this name; correct it"
@@ -164,9 +107,3 @@ def check_columns(limits: ColumnLimits, table: str) -> None:
             else:
                 continue
             raise misplaced(message, table, side, name)
-
-
-def is_fixed(column: str, side: str, table: str) -> bool:
-    """Whether a limit is one that no campaign changes."""
-    tables = [FIXED[name] for name in ("every_table", table) if name in FIXED]
-    return any(column in getattr(limits, side) for limits in tables)

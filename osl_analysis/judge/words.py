@@ -11,7 +11,7 @@ from string import Formatter
 from typing import Any
 
 from osl_analysis.judge.finding import AnyRow, Beyond, Finding, Words, cell_number
-from osl_analysis.judge.known_findings import FINDINGS, Texts, known_finding, rule_of
+from osl_analysis.judge.known_findings import FINDINGS, Texts, known_finding
 from osl_analysis.measured import decimal_places, significant, with_places
 
 
@@ -38,10 +38,9 @@ def size_text(finding: Finding, row: AnyRow) -> str:
     """How large a cause is in this row, by its numbers."""
     details: list[str] = []
     for number in finding.evidence:
-        rule = rule_of(number.column, number.side)
         # a misfit that another cause explains is told by that cause
-        if rule is not None and number.finding == finding.name:
-            details.append(filled(rule.says, cells_of(row, number)))
+        if number.finding == finding.name:
+            details.append(filled(number.rule.says, cells_of(row, number)))
     first, *others = [*dict.fromkeys(filter(None, details)), ""]
     return ". ".join(filter(None, [first, *map(capital, others)]))
 
@@ -72,12 +71,6 @@ def beyond_text(number: Beyond) -> str:
     if number.side == "near":
         return f"{number.column} {number.value:.3g} is close to it"
     return f"{number.column} {number.value:.3g} is {number.side} {number.limit:g}"
-
-
-def leaves_torque(row: AnyRow) -> bool:
-    """Whether the most probable rival leaves more of the torque than noise."""
-    columns = [column for column in row if column.endswith("_unexplained_share")]
-    return any(cell_number(row, column) for column in columns)
 
 
 def capital(text: str) -> str:
@@ -115,8 +108,6 @@ def cells_of(row: AnyRow, number: Beyond | None = None) -> dict[str, Any]:
             cells[column] = shown
         elif cell is not None:
             cells[column] = cell
-    if leaves_torque(row) and "explanations" in cells:
-        cells["nearest"] = cells["explanations"]
     if number is not None:
         cells["value"] = significant(number.value, 3)
         cells["percent"] = f"{significant(100 * abs(number.value))} %"

@@ -2,10 +2,10 @@
 
 import polars as pl
 import pytest
-from conftest import findings_of
+from conftest import beyond_in, findings_of
 
-from osl_analysis.judge.finding import Beyond, Grade
-from osl_analysis.judge.judging import judged, limits_in, numbers_beyond, shares_moved
+from osl_analysis.judge.finding import Grade
+from osl_analysis.judge.judging import judged
 from osl_analysis.judge.known_findings import CHECKS
 from osl_analysis.judge.limits import Accuracy, DoubtfulFits, Limits
 from osl_analysis.judge.recording_checks import spoiled_trials
@@ -93,17 +93,24 @@ def test_a_transmission_is_doubted_by_how_far_its_damping_moves(share, is_doubte
     assert doubts == [("torque path", Grade.DOUBTS)] * is_doubted
 
 
-@pytest.mark.parametrize(("row", "symbol", "size", "share"), [
-    ({"K": 300.0, "K_low": 297.0, "K_high": 303.0}, "K", 2.0, 2 * 3 / 300),
-    # of an estimate that is not told from zero, of its half-width
-    (KNEE | {"I": 0.0, "I_low": -0.01, "I_high": 0.01}, "I", 0.1, 0.1),
-])  # fmt: skip
-def test_other_time_stamps_move_an_estimate_by_half_widths_of_its_interval(
-    row, symbol, size, share
-):
-    shares = shares_moved("impedance", row, [Beyond("time_base_shift", size, 0.0, "above")])
+EXACT = {f"{symbol}{end}": 1.0 for symbol in "KBI" for end in ("", "_low", "_high")}
 
-    assert shares[symbol] == pytest.approx(share)
+
+@pytest.mark.parametrize(("row", "shift", "is_doubted"), [
+    # of 300 +- 3 N*m/rad, 2 half-widths are 2 %
+    ({"K": 300.0, "K_low": 297.0, "K_high": 303.0}, 2.01, True),
+    ({"K": 300.0, "K_low": 297.0, "K_high": 303.0}, 1.99, False),
+    # an estimate that is not told from zero is moved by any number of half-widths
+    ({"I": 0.0, "I_low": -0.01, "I_high": 0.01}, 1.01, True),
+    # what is within the interval is none, whatever it moves
+    ({"I": 0.0, "I_low": -0.01, "I_high": 0.01}, 0.99, False),
+])  # fmt: skip
+def test_other_time_stamps_move_an_estimate_by_half_widths_of_its_interval(row, shift, is_doubted):
+    row = {"trial": "a", **EXACT, **row, "time_base_shift": shift}
+
+    doubts = [each.name for each in findings_of(row, Limits(), "impedance")]
+
+    assert doubts == ["undecided_time_stamps"] * is_doubted
 
 
 @pytest.mark.parametrize(("table", "row", "limits", "is_beyond"), [
@@ -116,9 +123,20 @@ def test_other_time_stamps_move_an_estimate_by_half_widths_of_its_interval(
     ("belt", {"some_ratio": 0.51}, Limits(ratio={"some_ratio": 2}), False),
 ])  # fmt: skip
 def test_a_number_is_beyond_its_limit(table, row, limits, is_beyond):
-    found = numbers_beyond(row, limits_in(table, row.keys(), limits))
+    found = findings_of(row, limits, table)
 
-    assert list(found) == list(row) * is_beyond
+    assert list(beyond_in(found)) == list(row) * is_beyond
+
+
+@pytest.mark.parametrize(("change", "family", "finding"), [
+    (0.03, None, "nonlinear_spring"),
+    (-0.03, "size", "nonlinear_spring"),
+    (-0.03, None, "friction"),
+])  # fmt: skip
+def test_of_several_rules_on_a_number_the_first_that_is_met_counts(change, family, finding):
+    row = {"trial": "a", "K_change": change, "fault_family": family}
+
+    assert [each.name for each in findings_of(row, Limits(), "response")] == [finding]
 
 
 def test_an_impossible_estimate_comes_before_what_it_may_have_caused():
@@ -143,11 +161,11 @@ def test_a_clock_of_99_99_hz_passes_a_limit_of_100_hz_and_99_does_not():
 
 
 def test_limits_of_every_table_stand_on_the_columns_that_a_table_has():
-    limits = DoubtfulFits.model_validate({"actuator": {"above": {"f_C_ratio": 2}}})
+    limits = DoubtfulFits.model_validate({"actuator": {"above": {"f_C_ratio": 2}}}).of("actuator")
 
-    assert limits.of("actuator").above["f_C_ratio"] == 2
-    assert limits.of("actuator").above["condition_number"] == 100
-    assert "condition_number" not in limits.of("torque_angle").above
+    found = findings_of({"f_C_ratio": 3.0, "condition_number": 101.0}, limits, "actuator")
+
+    assert beyond_in(found) == {"f_C_ratio": "above", "condition_number": "above"}
     with pytest.raises(ValueError, match="takes no limit"):
         DoubtfulFits.model_validate({"belt": {"above": {"condition_number": 10}}})
 

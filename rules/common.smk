@@ -19,6 +19,7 @@ Any other error is one of the job. The longest
 jobs, and those before them, have a `priority`: at the end no core waits for them alone.
 """
 
+import gc
 import os
 import sys
 from functools import partial
@@ -42,6 +43,9 @@ from osl_analysis.jobs.workers import job
 from osl_analysis.judge.claims import CLAIMED
 from osl_analysis.judge.recording_checks import Judge
 from osl_analysis.yaml_settings import as_json
+
+# to look for garbage among all that is imported and planned takes a fifth of the planning
+gc.set_threshold(100_000)
 
 # those that a workflow names come first, as Snakemake merges them
 BY_PRECEDENCE = sorted(workflow.configfiles, key=workflow.overwrite_configfiles.__contains__)

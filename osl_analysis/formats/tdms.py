@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
-from scipy.constants import nano
 
 from osl_analysis.errors import InputError, optional_module
 from osl_analysis.formats import in_one_sentence
-from osl_analysis.recording import Channel, End, Format, Kind, Loss, Recording, Rows
+from osl_analysis.recording import SECOND_NS, Channel, End, Format, Kind, Loss, Recording, Rows
 from osl_analysis.source_file import LogChannel, Name, RowTime, TableSource
 
 
@@ -78,7 +77,7 @@ def read(path: Path, source: TdmsSource | None) -> Recording:
     for (group, start_ns, step_s, _), members in by_rows.items():
         rows = Rows(min(map(len, members)), group, noun="value")
         if step_s:
-            rows = replace(rows, rate_hz=1 / step_s, start_s=(start_ns - first_ns) * nano)
+            rows = replace(rows, rate_hz=1 / step_s, start_s=(start_ns - first_ns) / SECOND_NS)
         channels += [_channel_of(member, rows) for member in members]
     return Recording(
         format="tdms",
@@ -109,7 +108,7 @@ def _channel_of(channel: Any, rows: Rows) -> Channel:
 def _timing_of(channel: Any) -> tuple[int, float]:
     """When a channel begins [ns], and the time between two values [s]; 0 if it states none."""
     about = channel.properties
-    start_ns = round(about.get("wf_start_offset", 0.0) / nano)
+    start_ns = round(about.get("wf_start_offset", 0.0) * SECOND_NS)
     if "wf_start_time" in about:
         in_us = about["wf_start_time"].as_datetime64("us")  # finer ones are rounding
         start_ns += int(in_us.astype("datetime64[ns]").astype(np.int64))

@@ -17,7 +17,6 @@ from pydantic import ConfigDict, Field, model_validator
 
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.judge.known_findings import CHECKS, FINDINGS
-from osl_analysis.table import not_analysed
 from osl_analysis.yaml_settings import Settings, misplaced
 
 
@@ -184,7 +183,7 @@ class Judge:
         if states not in self.verdicts_by_states:
             rows: list[dict[str, Any]] = []
             for path in files:
-                if path.is_file() and not not_analysed(path):
+                if path.is_file():
                     rows += read_measured(path)
             table = pl.DataFrame(rows, MEASURED_COLUMNS)
             self.verdicts_by_states[states] = judged_table(table, self.rules, self.accept)

@@ -25,10 +25,9 @@ MEASURED_BY_TYPE = {
     1: ("N", "N", "N", "m", "m", "N*m"),
     2: ("N", "N", "N", "N*m", "N*m", "N*m"),
     3: ("N", "N", "N", "N", "N", "N", "N", "N"),
-    4: ("", "", "", "", "", ""),
+    4: ("N", "N", "N", "N*m", "N*m", "N*m"),
 }
-"""By type of plate, what its channels measure in SI units; those of type 4 in the units of its
-calibration."""
+"""By type of plate, what its channels measure in SI units; those of type 4 when calibrated."""
 
 
 class Kind(StrEnum):
@@ -194,10 +193,8 @@ class Plate:
         Shape (6, 6) for type 4, in N and N times `length_unit` per unit of the channels.
     sign
         -1 where the file has the force on the plate in place of the force on the foot.
-    foot
-        `left` or `right` where the force is that of one foot, whichever plate it stands on.
     facts
-        What the provenance keeps, as the name of the device.
+        What the provenance keeps, as the name of the device, or the `foot` whose force it is.
     """
 
     number: int
@@ -208,7 +205,6 @@ class Plate:
     length_unit: str = "mm"
     calibration: NDArray[np.float64] | None = None
     sign: int = 1
-    foot: str | None = None
     facts: Mapping[str, Any] = field(default_factory=dict)
 
 

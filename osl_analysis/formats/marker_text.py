@@ -198,7 +198,6 @@ def exported_plate(
     columns: Sequence[tuple[Mapping[str, str], str]],
     length_unit: str,
     about: Corner | None = None,
-    foot: str | None = None,
 ) -> Plate:
     """Describe a plate whose force and moment were exported, the moment about a point or else the
     centre of the corners.
@@ -224,8 +223,7 @@ def exported_plate(
         channels=channels,
         length_unit=length_unit,
         sign=settings.sign,
-        foot=foot,
-        facts=settings.model_dump(include={"device", "force", "point", "moment", "sign"}),
+        facts=settings.model_dump(include={"device", "force", "point", "moment", "sign", "foot"}),
     )
 
 

@@ -130,7 +130,7 @@ def read(path: Path, source: OpenSimSource | None) -> Recording:
             ({"column": begin}, unit)
             for begin, unit in ((plate.force, "N"), (plate.moment, "N*m"), (plate.point, "m"))
         ]
-        plates.append(exported_plate(recording, number, plate, columns, "m", foot=plate.foot))
+        plates.append(exported_plate(recording, number, plate, columns, "m"))
     return replace(recording, plates=plates)
 
 

@@ -3,7 +3,6 @@
 There is no centre of pressure, so that they are valid for an unloaded plate (C3D manual, Kistler).
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -53,77 +52,70 @@ def convert_plates(
     InputError
         A parameter or a unit of a plate is wrong, or a sample is not finite.
     """
+    length_of_all = getattr(source, "point_unit", None)
+    units: PlateUnits | None = getattr(source, "plate_units", None)
     loads = PlateLoads()
     for plate in plates:
         others = [each.number for each in plates if each is not plate]
         with naming(
             f"plate {plate.number}", f" (or name under `plates` the others alone: {others})"
         ):
-            add_plate(loads, plate, source, unloaded, rate_hz)
+            length = length_of_all or plate.length_unit
+            metre = metres_per(length, source)
+            corners = plate.corners * metre
+            if not np.isfinite(own_axes(corners)).all():
+                raise InputError("its corners span no plane; correct them")
+            raw = np.column_stack([channel.values for channel in plate.channels]).astype(float)
+            rate = rate_hz or plate.channels[0].rows.rate_hz or 1.0
+            for channel, values in zip(plate.channels, raw.T, strict=True):
+                time = np.arange(values.size) / rate
+                check_finite_values(f"channel '{channel.key}'", values, time)
+            readings = raw
+            if unloaded is not None:
+                baseline = raw[unloaded].mean(axis=0)
+                if plate.type == 1:
+                    baseline[3:5] = 0.0  # an unloaded plate has no centre of pressure
+                readings = raw - baseline
+            readings = readings @ to_newtons(plate, units, length)
+            force, moment = wrench(plate.type, corners, plate.origin * metre, readings)
+
+        names = plate_columns(plate.number)
+        turned = np.hstack([force @ source.rotation.T, moment @ source.rotation.T])
+        loads.columns.update(zip(names, plate.sign * turned.T, strict=True))
+        origin = {
+            "plate": plate.number,
+            **plate.facts,
+            "type": plate.type,
+            "units": [channel.unit for channel in plate.channels],
+        }
+        loads.origins.update({column: {**origin, "si_unit": unit_of(column)} for column in names})
+        loads.facts.append(
+            {
+                "plate": plate.number,
+                "type": plate.type,
+                "corners": (corners @ source.rotation.T).tolist(),
+                "channels": channel_facts(plate, raw, np.linalg.norm(force, axis=1), rate),
+            }
+        )
     return loads
 
 
-def add_plate(
-    loads: PlateLoads, plate: Plate, source: InAxes, unloaded: slice | None, rate_hz: float | None
-) -> None:
-    length = getattr(source, "point_unit", None) or plate.length_unit
-    units: PlateUnits | None = getattr(source, "plate_units", None)
-    metre = metres_per(length, source)
-    corners = plate.corners * metre
-    if not np.isfinite(own_axes(corners)).all():
-        raise InputError("its corners span no plane; correct them")
-    raw = np.column_stack([np.asarray(channel.values, np.float64) for channel in plate.channels])
-    rate = rate_hz or plate.channels[0].rows.rate_hz or 1.0
-    for channel, values in zip(plate.channels, raw.T, strict=True):
-        check_finite_values(f"channel '{channel.key}'", values, np.arange(values.size) / rate)
-    readings = raw
-    if unloaded is not None:
-        baseline = raw[unloaded].mean(axis=0)
-        if plate.type == 1:
-            baseline[3:5] = 0.0  # an unloaded plate has no centre of pressure
-        readings = raw - baseline
-    if plate.calibration is None:
-        readings = readings * channel_factors(plate, units)
-    else:
-        force_unit, moment_unit = (units.force, units.moment) if units else ("N", f"N*{length}")
-        factors = np.repeat([si_factor(force_unit, "N"), si_factor(moment_unit, "N*m")], 3)
-        readings = readings @ np.asarray(plate.calibration * factors[:, None]).T
-    force, moment = wrench(plate.type, corners, plate.origin * metre, readings)
-
-    origin: dict[str, Any] = {"plate": plate.number, **plate.facts}
-    facts: dict[str, Any] = {
-        "plate": plate.number,
-        "type": plate.type,
-        "corners": (corners @ source.rotation.T).tolist(),
-        "channels": channel_facts(plate, raw, np.linalg.norm(force, axis=1), rate),
-    }
-    if plate.type == EXPORTED:
-        facts |= {"type": 2, "foot": plate.foot}
-    else:
-        stated = [channel.unit for channel in plate.channels]
-        origin |= {"type": plate.type, "units": stated if any(stated) else []}
-    names = plate_columns(plate.number)
-    turned = np.hstack(
-        [plate.sign * force @ source.rotation.T, plate.sign * moment @ source.rotation.T]
-    )
-    loads.columns.update(zip(names, turned.T, strict=True))
-    loads.origins.update({column: {**origin, "si_unit": unit_of(column)} for column in names})
-    loads.facts.append(facts)
-
-
-def channel_factors(plate: Plate, units: PlateUnits | None) -> Array:
-    """Factors to SI units of the channels of a plate, (channels,)."""
+def to_newtons(plate: Plate, units: PlateUnits | None, length: str) -> Array:
+    """Matrix (channels, channels) by which the readings of a plate become N, N*m and m."""
     stated = {"N": units.force, "N*m": units.moment, "m": units.length} if units else {}
-    length = ", length: mm" if plate.type == 1 else ""
+    calibrated = {"N": "N", "N*m": f"N*{length}"} if plate.calibration is not None else {}
+    about_lengths = ", length: mm" if plate.type == 1 else ""
     remedy = (
         "; or state the units that hold for all plates, as in"
-        f" `plate_units: {{force: N, moment: N*mm{length}}}`, in the source file"
+        f" `plate_units: {{force: N, moment: N*mm{about_lengths}}}`, in the source file"
     )
     factors: list[float] = []
     for channel, quantity in zip(plate.channels, MEASURED_BY_TYPE[plate.type], strict=False):
+        unit = stated.get(quantity) or calibrated.get(quantity) or channel.unit
         with naming(f"analog channel '{channel.key}'", remedy):
-            factors.append(si_factor(stated.get(quantity) or channel.unit, quantity))
-    return np.array(factors)
+            factors.append(si_factor(unit, quantity))
+    mixing = np.eye(len(factors)) if plate.calibration is None else plate.calibration.T
+    return np.asarray(mixing * factors)
 
 
 def wrench(kind: int, corners: Array, origin: Array, channels: Array) -> tuple[Array, Array]:
@@ -186,7 +178,7 @@ def channel_facts(plate: Plate, raw: Array, load: Array, rate_hz: float) -> list
     load
         Size of the force (samples,) [N].
     """
-    least = max(LIMITS.used_share * np.ptp(load), LIMITS.used_N) if load.size else math.inf
+    least = max(LIMITS.used_share * np.ptp(load), LIMITS.used_N)
     is_about_point = raw.shape[1] == 9
     facts: list[dict[str, Any]] = []
     for number, channel in enumerate(plate.channels[: 6 if is_about_point else None]):
@@ -200,7 +192,7 @@ def channel_facts(plate: Plate, raw: Array, load: Array, rate_hz: float) -> list
         facts.append(
             {
                 "label": printable(channel.name or channel.key),
-                "clipped_at": values[rail.start] if rail.stop else None,
+                "clipped_at": values[rail.start],
                 **facts_of_run("clipped", rail, rate_hz),
                 **facts_of_run("stands", longest, rate_hz),
             }
@@ -209,11 +201,11 @@ def channel_facts(plate: Plate, raw: Array, load: Array, rate_hz: float) -> list
 
 
 def facts_of_run(what: str, run: slice, rate_hz: float) -> dict[str, Any]:
-    """Length [samples], begin and end [s] of a run of rows; null times of an empty one."""
+    """Length [samples], begin and end [s] of a run of rows."""
     return {
         f"{what}_samples": run.stop - run.start,
-        f"{what}_from_s": run.start / rate_hz if run.stop else None,
-        f"{what}_to_s": (run.stop - 1) / rate_hz if run.stop else None,
+        f"{what}_from_s": run.start / rate_hz,
+        f"{what}_to_s": (run.stop - 1) / rate_hz,
     }
 
 

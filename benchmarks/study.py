@@ -23,8 +23,8 @@ import polars as pl
 from causes import ROOT, markdown, write_between
 from planted_gait import onsets_of
 
-from osl_analysis.bench.analysis import FitTables
 from osl_analysis.bench.bench_settings import DynamometerAnalysis
+from osl_analysis.bench.evidence import FitTables
 from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.commands.fit import job_of, run_fit
 from osl_analysis.errors import OslAnalysisError

@@ -18,7 +18,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from osl_analysis.bench.impedance import DesiredImpedance
+    from osl_analysis.bench.evidence import DesiredImpedance
     from osl_analysis.commands.fit_results import Fit
     from osl_analysis.errors import (
         IdentifiabilityError,
@@ -52,7 +52,7 @@ __all__ = [
 ]  # fmt: skip
 
 MODULES = {
-    "DesiredImpedance": "bench.impedance",
+    "DesiredImpedance": "bench.evidence",
     "Finding": "judge.finding",
     "Fit": "commands.fit_results",
     **dict.fromkeys(

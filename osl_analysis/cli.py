@@ -369,7 +369,7 @@ def fit(
     --stiffness and --damping an impedance trial is judged as in a campaign: whether the torque is
     late, and whether K is plausible."""
     from osl_analysis import notebook
-    from osl_analysis.bench.impedance import DesiredImpedance
+    from osl_analysis.bench.evidence import DesiredImpedance
     from osl_analysis.commands.fit_results import estimates_text, rows_json
     from osl_analysis.commands.trials import raw_trial
     from osl_analysis.trial import read_trial

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
-from osl_analysis.bench.impedance import DesiredImpedance
+from osl_analysis.bench.evidence import UNSTATED, DesiredImpedance
 from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.commands import tables as tables_of_campaign
 from osl_analysis.commands.fit import fit_settings, fit_trial, run_fit
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from osl_analysis.figures.style import PaperFigure as Figure
 
 File = str | Path
-UNSTATED = DesiredImpedance(None, None, None)
 OF_CONFIG = "of the configuration"  # stands for the parameter file that the configuration names
 
 

@@ -1,8 +1,9 @@
-"""The dynamometer and the actuator's bench: an experiment per module, its columns, fit, table row
-and summary.
+"""The dynamometer and the actuator's bench.
 
-* `motion` makes a `record` of any motion, in groups of rows; `regression` fits them, with columns
-  of what else the torque may hold; an `analysis` is the fits to a trial.
-* `friction` and `lags` tell what else may make K, B and I.
-* `belt`, `parts_alone`, `impedance`, `calibration` and `torque_angle` are the experiments.
+From a recording to K: `motion` tells what moved and which rows are fitted; a `record` has angle and
+torque behind one filter; `regression` has the normal equations of its groups, estimates and their
+jackknife; `impedance` is Eq. 15 for each amplitude and all of them. `evidence` puts beside it what
+else may make K, B and I, by `friction` and `lags`.
+
+The other experiments: `belt`, `parts_alone`, `calibration` and `torque_angle`.
 """

@@ -7,19 +7,19 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.bench.analysis import Analysis, torque_errors, widened
 from osl_analysis.bench.bench_settings import BeltAnalysis
+from osl_analysis.bench.impedance import Analysis, torque_errors, widened
 from osl_analysis.bench.loops import branch_rows, find_cycles, whole
-from osl_analysis.bench.motion import stretches_of
+from osl_analysis.bench.motion import record_of, signals_of, stretches_of
 from osl_analysis.bench.plausibility import check_changes, check_stiffer
-from osl_analysis.bench.record import Groups, Label, Record, record_of
+from osl_analysis.bench.record import Groups, Label, Record
 from osl_analysis.bench.regression import GroupFit, Model, estimates_of, fit_groups, gram_sums
 from osl_analysis.bench.summaries import PLACE
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError, naming
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
 from osl_analysis.signals import runs
-from osl_analysis.signals.grid import BRIDGE_MORE, uniform_signals
+from osl_analysis.signals.grid import BRIDGE_MORE
 from osl_analysis.stats.estimates import Row, estimates_row
 from osl_analysis.trial import Array, Trial
 
@@ -57,7 +57,7 @@ def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnaly
     InputError, IdentifiabilityError
         As `branches_of` and `fit_groups`, or the bench is softer than the belt.
     """
-    signals = uniform_signals(trial, ("theta", "theta_m", "torque"), settings.gap_limits)
+    signals = signals_of(trial, ("theta", "theta_m", "torque"), settings)
     low_pass, rate_hz = settings.low_pass, signals.rate_hz
     with naming(f"trial {trial.name}"):
         check_changes("torque", signals["torque"])
@@ -66,18 +66,18 @@ def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnaly
             check_locked(low_pass(deflection, rate_hz), low_pass(signals["theta_m"], rate_hz))
         else:
             deflection = belt_deflection(deflection, signals["theta_m"], p)
-        record = record_of(signals, settings, deflection)
+        theta_s = low_pass(deflection, rate_hz)
         analyses = []
         for share in (LOADED, LOADED / 2, 2 * LOADED):
-            theta_s, cutoff_hz = record.motion.theta, settings.cutoff_hz
-            groups = branches_of(theta_s, rate_hz, signals.usable, cutoff_hz, share)
-            in_groups = replace(record, groups=groups)
-            analyses.append(fit_branches(in_groups, settings.load_cell_drift / 60))
+            groups = branches_of(theta_s, rate_hz, signals.usable, settings.cutoff_hz, share)
+            record = record_of(signals, settings, groups, deflection)
+            record = replace(record, actuator=signals.signals)
+            analyses.append(fit_branches(record, settings.load_cell_drift / 60))
     belt, early, late = analyses
-    fits = {}
-    for label, fit in belt.fits.items():
-        change = (late.fits[label].estimates - early.fits[label].estimates) / 2
-        fits[label] = widened(fit, change)
+    fits = {
+        label: widened(fit, (late.fits[label].estimates - early.fits[label].estimates) / 2)
+        for label, fit in belt.fits.items()
+    }
     check_stiffer(signals.trial, "K_s", belt.whole["K_s"], settings.bench_stiffness)
     return replace(belt, fits=fits)
 
@@ -87,8 +87,9 @@ def fit_branches(record: Record, drift: float = 0.0) -> Analysis:
     belt's deflection.
 
     `loading` stands for the trial: a straight line `K_s` and `offset`, with the joint's damping
-    `B_j` if the velocity varies. `unloading` is the same; `quadratic` adds `K_s2` [N*m/rad^2] times
-    theta_s |theta_s| while loading.
+    `B_j` if the velocity varies. `unloading` is the same. Without its column B_j omega shifts K_s
+    by 0.12 N*m/rad on a raised cosine, because loading begins at a velocity and ends at rest. A
+    constant velocity makes a constant torque, which the offset contains.
 
     The load cell's drift has the standard deviation `drift` [N*m/s]. A line cannot tell drift from
     stiffness, and no scatter shows it: it enters the intervals as type B (JCGM 100:2008, 4.3).
@@ -103,30 +104,17 @@ def fit_branches(record: Record, drift: float = 0.0) -> Analysis:
         "ramp": record.time - record.time.mean(),
     }
     s = gram_sums(record, columns, ["theta", "omega", "one", "square"])
-    models = {
-        "quadratic": ("loading", QUADRATIC),
-        "loading": ("loading", straight_model(motion.omega[record.rows("loading")])),
-        "unloading": ("unloading", straight_model(motion.omega[record.rows("unloading")])),
-    }
+    velocities = [motion.omega[record.rows(branch)] for branch in BRANCHES]
+    varies = all(np.std(each) > CONSTANT_VELOCITY * abs(np.mean(each)) for each in velocities)
+    model = STRAIGHT_AND_DAMPED if varies else STRAIGHT
     fits: dict[Label, GroupFit] = {}
-    for name, (branch, model) in models.items():
-        of_ramp = estimates_of(s.over(branch), s.index(list(model.values())), s.names.index("ramp"))
+    for branch in BRANCHES:
+        of_ramp = estimates_of(s.over(branch), s.index([*model.values()]), s.names.index("ramp"))
         fit = widened(fit_groups(s, model, s.groups.of(branch)), drift * of_ramp)
         if drift:
             fit = replace(fit, interval_method=f"{fit.interval_method} + drift")
-        fits[name] = fit
-    return Analysis(record, s, models["loading"][1], fits, {}, "loading")
-
-
-def straight_model(velocity: Array) -> Model:
-    """A line, with damping where the velocity (n,) varies.
-
-    Without its column B_j omega shifts K_s by 0.12 N*m/rad on a raised cosine, because loading
-    begins at a velocity and ends at rest. A constant velocity makes a constant torque, which the
-    offset contains.
-    """
-    is_constant = float(np.std(velocity)) <= CONSTANT_VELOCITY * abs(float(np.mean(velocity)))
-    return STRAIGHT if is_constant else STRAIGHT_AND_DAMPED
+        fits[branch] = fit
+    return Analysis(record, s, model, fits, {}, "loading")
 
 
 def load_of(theta_s: Array) -> Array:
@@ -209,12 +197,13 @@ def belt_table(belt: Analysis) -> pl.DataFrame:
     """The trial's row of `belt.csv`: slopes of loading and unloading, area of the mean loop [J].
     `energy_lost` is this area over the energy K_s theta_s^2/2 at the peak.
     `stiffening` is the relative increase of the quadratic belt's slope from rest to the peak."""
-    loading = belt.calibrated(belt.fits["loading"], "loading")
-    unloading = belt.calibrated(belt.fits["unloading"], "unloading")
-    quadratic = belt.fits["quadratic"]
-    record = belt.record
+    loading, unloading = (belt.calibrated[branch] for branch in BRANCHES)
+    record, sums = belt.record, belt.sums
     theta, torque = record.motion.theta, record.filtered_torque
-    peak = float(np.max(np.abs(belt.sums.columns["theta"])))
+    peak = float(np.max(np.abs(sums.columns["theta"])))
+    of_line, of_square, _ = estimates_of(
+        sums.over("loading"), sums.index([*QUADRATIC.values()]), sums.torque
+    )
 
     area = float(mean_loop(theta, torque))
     errors = torque_errors(torque, record.rate_hz, record.rows(), record.settings.calibration)
@@ -222,23 +211,22 @@ def belt_table(belt: Analysis) -> pl.DataFrame:
     by_gain = area * record.settings.calibration.polar(0.0)[0]
 
     turn = None  # of the actuator's shaft per turn of the joint, while the belt is loaded
-    if record.uniform is not None:
+    if record.actuator:
         rows = record.rows("loading")
-        signals = record.uniform["theta"][rows], record.uniform["theta_m"][rows]
-        turn = float(np.polyfit(*signals, 1)[0])
+        theta_bench, theta_m = (record.actuator[name][rows] for name in ("theta", "theta_m"))
+        turn = float(np.polyfit(theta_bench, theta_m, 1)[0])
 
     row: Row = {
         "trial": record.name,
-        **estimates_row(loading, *(name for name in ("K_s", "B_j") if name in loading.names)),
-        "K_s_se_bench": loading.se_bench("K_s"),
-        **belt.beside_estimates("loading"),
+        **belt.row("loading", "K_s"),
+        **estimates_row(loading, *(name for name in ("B_j",) if name in belt.model)),
         "unloading": unloading["K_s"],
         "unloading_se_bench": unloading.se_bench("K_s"),
         "hysteresis_area": area,
         "hysteresis_area_se_bench": float(np.hypot(by_gain, by_torque)),
         "energy_lost": area / (loading["K_s"] * peak**2 / 2),
         "shaft_turn": turn,
-        "stiffening": 2 * quadratic["K_s2"] * peak / quadratic["K_s"],
+        "stiffening": 2 * of_square * peak / of_line,
     }
     return table_of([row], "belt", complete=True)
 

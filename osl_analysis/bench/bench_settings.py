@@ -6,7 +6,6 @@ import numpy as np
 from pydantic import AfterValidator, Field
 
 from osl_analysis.signals import LowPass
-from osl_analysis.signals.grid import GapLimits
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol, stated_protocol
 from osl_analysis.trial import Array, stretches
 from osl_analysis.yaml_settings import (
@@ -54,11 +53,6 @@ class FilterSettings(Settings):
     @property
     def low_pass(self) -> LowPass:
         return LowPass(self.cutoff_hz, self.order)
-
-    @property
-    def gap_limits(self) -> GapLimits:
-        """Which gaps are bridged, which rows are not usable, and which gaps are refused."""
-        return GapLimits(self.time_base.highest_hz, self.cutoff_hz, self.time_base.longest_gap_s)
 
 
 def in_newton_metres_per_rad(text: str) -> float:

@@ -7,10 +7,11 @@ from functools import partial
 import numpy as np
 import polars as pl
 
-from osl_analysis.bench.analysis import QUANTITIES, Analysis, widened
 from osl_analysis.bench.bench_settings import BenchStiffness, Fixture
 from osl_analysis.bench.friction import explanations_of, suspected_fault_of_losses
+from osl_analysis.bench.impedance import QUANTITIES, Analysis, widened
 from osl_analysis.bench.lags import late_fit
+from osl_analysis.bench.motion import signals_of
 from osl_analysis.bench.plausibility import check_resists
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import (
@@ -23,7 +24,7 @@ from osl_analysis.bench.regression import (
 )
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError
-from osl_analysis.signals.grid import origin, uniform_signals
+from osl_analysis.signals.grid import origin
 from osl_analysis.stats.estimates import Row, estimates_row
 from osl_analysis.stats.linear_fit import NORMAL_HALF_WIDTH
 from osl_analysis.trial import Trial
@@ -64,7 +65,7 @@ def measured_frame(trial: Trial, record: Record) -> GroupFit | None:
     """
     if JOINT_SIDE not in trial.columns:
         return None
-    signals = uniform_signals(trial, ("theta", JOINT_SIDE, "torque"), record.settings.gap_limits)
+    signals = signals_of(trial, ("theta", JOINT_SIDE, "torque"), record.settings)
     wound = signals["theta"] - signals[JOINT_SIDE]
     torque, filtered = record.settings.low_pass(
         np.column_stack([signals["torque"], wound]), signals.rate_hz
@@ -114,8 +115,8 @@ def calibration_table(
         row.update(fixture_row(analysis, stated))
     else:
         row.update(known_row(analysis, known, frame))
-    row.update(analysis.beside_estimates(None))
-    row.update(analysis.time_base_row(None, QUANTITIES))
+    row.update(analysis.row(None))
+    row["time_base_shift"] = analysis.time_base_shift(None, QUANTITIES)
     return table_of([row], "calibration", complete=True)
 
 
@@ -221,14 +222,13 @@ def bench_estimates(fit: GroupFit, known: Known) -> GroupFit:
 
 def beyond_interval(fit: GroupFit, name: str, difference: float) -> float:
     """A difference of an estimate from what it should be, less the half-width of its interval."""
-    half_width = fit.interval(name)[1] - fit[name]
-    return float(np.sign(difference)) * max(abs(difference) - half_width, 0.0)
+    return float(np.sign(difference)) * max(abs(difference) - fit.half_width(name), 0.0)
 
 
 def error_to_state(fit: GroupFit, name: str) -> float:
     """The standard error to state of an estimate: half of its interval over 1.96, since a stated
     error has no degrees of freedom."""
-    return (fit.interval(name)[1] - fit[name]) / NORMAL_HALF_WIDTH
+    return fit.half_width(name) / NORMAL_HALF_WIDTH
 
 
 def fixture_row(analysis: Analysis, stated: Fixture | None) -> Row:
@@ -246,7 +246,7 @@ def fixture_row(analysis: Analysis, stated: Fixture | None) -> Row:
         The inertia is certainly negative.
     """
     record = analysis.record
-    of_joint = analysis.calibrated(analysis.whole)
+    of_joint = analysis.calibrated[None]
     check_resists(record.name, "I", of_joint["I"], of_joint.interval("I")[1])
     middle_deg = float(np.rad2deg(record.motion.theta[record.rows()].mean()))
     hangs = of_joint["K"] >= 0
@@ -270,7 +270,7 @@ def fixture_row(analysis: Analysis, stated: Fixture | None) -> Row:
         multiples = []
         for name in fit.names:
             off = getattr(stated, name) - fit[name]
-            half_widths = (fit.interval(name)[1] - fit[name], 2 * getattr(stated, f"{name}_error"))
+            half_widths = (fit.half_width(name), 2 * getattr(stated, f"{name}_error"))
             multiples.append(abs(off) / max(np.hypot(*half_widths), SAME_FIXTURE * abs(fit[name])))
         row["fixture_error"] = max(multiples)
     return row

@@ -15,7 +15,7 @@ import polars as pl
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.bench.analysis import Analysis
+from osl_analysis.bench.impedance import Analysis
 from osl_analysis.bench.record import Record
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from osl_analysis.bench.analysis import QUANTITIES, Analysis, widened
+from osl_analysis.bench.impedance import QUANTITIES, Analysis, widened
 from osl_analysis.bench.record import Label, Record
 from osl_analysis.bench.regression import FALSE_ALARM, GroupFit, Model, Sums, with_effects
 from osl_analysis.errors import IdentifiabilityError, NotWeighedError
@@ -86,7 +86,8 @@ def coulomb_fits(
             if is_certain and whole_is_certain:
                 sharp = without_friction(s, model, fit, label, "T_C_sharp")
                 half_width = sharp.estimates - smooth.estimates
-                certain = analysis.calibrated(widened(smooth, half_width / np.sqrt(3)), label)
+                certain = widened(smooth, half_width / np.sqrt(3))
+                certain = analysis.with_bench_errors(certain, label)
         except IdentifiabilityError:
             continue
         fits[label] = CoulombFit(share, certain)
@@ -205,9 +206,8 @@ def friction_columns(
         share, without = 0.0, {}
         if inferred.friction_probability > CERTAIN_FRICTION and (is_leg or size):
             # what is stated of the bench, and a band that hardly tells them, no scatter shows
-            whole = analysis.calibrated(analysis.whole)
             without = {
-                name: estimate.widened_by(whole.se_bench(name))
+                name: estimate.widened_by(analysis.calibrated[None].se_bench(name))
                 for name, estimate in inferred.without_friction.items()
             }
             share = max(1 - without["B"].value / analysis.whole["B"], 0.0)
@@ -290,8 +290,7 @@ def delay_told_s(inferred: Inferred, record: Record) -> float | None:
     """Standard error to which a recording tells a delay [s] between angle and torque that nobody
     states and that is not found; None of a leg."""
     fault = probable_fault(inferred)
-    streams = record.uniform.streams if record.uniform else ()
-    is_stated = record.settings.calibration.delay > 0 or any(each["delay_s"] for each in streams)
-    if is_stated or (fault is not None and fault.family == "path"):
+    stated_s = [record.settings.calibration.delay, *(each["delay_s"] for each in record.streams)]
+    if any(stated_s) or (fault is not None and fault.family == "path"):
         return None
     return inferred.delay_told_s if isinstance(inferred, ImpedanceInference) else None

@@ -123,6 +123,11 @@ class Lag:
     half_width: float  # of its 95 % interval [s]
     is_certain: bool  # whether it differs from 0
 
+    @property
+    def certain_s(self) -> float:
+        """The lag [s]; 0 where it does not differ from 0."""
+        return self.seconds if self.is_certain else 0.0
+
     @classmethod
     def of(cls, seconds: float, se: float, freedom: float) -> "Lag":
         """A lag [s] with its standard error, to which that by the belt's hysteresis is added; it is

@@ -1,26 +1,32 @@
 """The record of a trial: what kind of motion it is, and which rows are fitted."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.bench.bench_settings import ImpedanceAnalysis, SteppedSineAnalysis
-from osl_analysis.bench.plausibility import STIFFNESS_ALONE
-from osl_analysis.bench.record import (
-    EDGE_ROUNDING,
-    Groups,
-    Label,
-    Record,
-    Stratum,
-    record_of,
+from osl_analysis.bench.bench_settings import (
+    BenchAnalysis,
+    FilterSettings,
+    ImpedanceAnalysis,
+    SteppedSineAnalysis,
 )
+from osl_analysis.bench.record import STIFFNESS_ALONE, Groups, Label, Record, Stratum, whole_rows
 from osl_analysis.errors import Change, IdentifiabilityError, InputError
 from osl_analysis.measured import visible_step
-from osl_analysis.signals import runs
-from osl_analysis.signals.grid import BRIDGE_MORE, UniformSignals, origin, uniform_signals
+from osl_analysis.signals import filtered_motion, runs
+from osl_analysis.signals.grid import (
+    BRIDGE_MORE,
+    GapLimits,
+    UniformSignals,
+    devices_of,
+    origin,
+    resampled,
+    uniform_signals,
+)
 from osl_analysis.spectral import PeriodicMotion, periodic_motion
 from osl_analysis.spectral.stepped_sine import (
     BIN_S,
@@ -37,6 +43,7 @@ SHORTEST_S = 1.0  # s; the shortest stretch that is fitted
 EDGE_PERIODS = 2.0  # of the cut-off at each end, where the filter depends on padding
 SPECTRUM_S = 8.0  # s; longest piece of a spectrum
 OUTSIDE_BAND = 0.01  # share of the power that lies below, or above, a band
+QUICK = 4.0  # cut-offs of the low-pass for the velocity's sign
 LARGE_DEG = 1.0  # deg, beyond the noise of any encoder
 SMALLER_UNITS_OF_TIME = (
     Change("take a 1000 times smaller `unit` of `time` (ms for s)", {"time": 1e-3}),
@@ -46,6 +53,78 @@ SMALLER_UNITS_OF_TIME = (
 STRETCH_S = 1.0  # s; duration of a stretch: 30 correlation times of a 15 Hz low-pass
 FEWEST_STRETCHES = 8  # of a recording, whose scores give an interval
 ALIKE_S = 0.25  # s; time over which a model's misfit is correlated
+
+
+def signals_of(
+    trial: Trial,
+    columns: Sequence[str],
+    settings: FilterSettings,
+    computed: Sequence[str] = (),
+    wanted: Collection[str] | None = None,
+) -> UniformSignals:
+    """Columns of a trial on the time base of the settings; see `uniform_signals`."""
+    base = settings.time_base
+    limits = GapLimits(base.highest_hz, settings.cutoff_hz, base.longest_gap_s)
+    return uniform_signals(trial, columns, limits, computed, wanted)
+
+
+def record_of(
+    signals: UniformSignals, settings: BenchAnalysis, groups: Groups, theta: Array | None = None
+) -> Record:
+    """The record of signals.
+
+    Parameters
+    ----------
+    signals
+        With `theta` and `torque`.
+    settings
+        The bench, and the filter.
+    groups
+        The rows that are fitted.
+    theta
+        The angle (n,) [rad] that is filtered, by default the joint's.
+    """
+    torque = signals["torque"]
+    if theta is None:
+        theta = settings.joint_angle(signals["theta"], torque)
+    motion, filtered = filtered_motion(signals.time, theta, torque, settings.low_pass)
+    return Record(
+        name=signals.trial,
+        time=signals.time,
+        theta=theta,
+        torque=torque,
+        motion=motion,
+        filtered_torque=filtered,
+        settings=settings,
+        usable=signals.usable,
+        groups=groups,
+        streams=signals.streams,
+    )
+
+
+def with_actuator(record: Record, trial: Trial) -> Record:
+    """The record with the trial's actuator signals, of devices whose stamps come to a time base."""
+    same = record.settings.low_pass
+    wide_band = replace(same, cutoff_hz=min(QUICK * same.cutoff_hz, 0.2 * record.rate_hz))
+    kinds = (
+        ("theta_m", "theta_m", same),
+        ("current", "current", same),
+        ("wide_band_theta_m", "theta_m", wide_band),
+    )
+    columns = [name for name in ("theta_m", "current") if name in trial.columns]
+    actuator = dict[str, Array]()
+    for device in devices_of(trial, ["theta", *columns, "torque"]):
+        if not {*device} & {*columns}:
+            continue
+        with suppress(InputError):
+            uniform = signals_of(trial, device, record.settings, wanted=columns)
+            filtered = {
+                name: low_pass(uniform[column], uniform.rate_hz)
+                for name, column, low_pass in kinds
+                if column in device
+            }
+            actuator |= resampled(uniform.time, filtered, record.time, 1 / uniform.rate_hz)
+    return replace(record, actuator=actuator)
 
 
 def record_of_trial(
@@ -74,9 +153,7 @@ def record_of_trial(
     InputError
         A signal is missing, has no time base, or does not move.
     """
-    signals = uniform_signals(
-        trial, ("theta", "torque"), settings.gap_limits, computed=("theta_command",)
-    )
+    signals = signals_of(trial, ("theta", "torque"), settings, computed=("theta_command",))
     if excitation is None:
         excitation = getattr(settings, "excitation", "stepped_sine")
     if excitation == "auto" and windows:
@@ -94,7 +171,7 @@ def record_of_trial(
                 )
                 hz = [stratum.frequency_hz for stratum in groups.strata]
                 band_hz = (min(hz), max(hz))
-                return replace(record_of(regular, settings), groups=groups, band_hz=band_hz)
+                return replace(record_of(regular, settings, groups), band_hz=band_hz)
         assert isinstance(settings, ImpedanceAnalysis)
         return record_of_motion(regular, settings, windows or settings.windows)
 
@@ -109,8 +186,7 @@ def record_of_trial(
     taken = signals.of("theta")
     step = origin(trial, "theta").get("resolution")
     step = step or visible_step(taken.stream.signals["theta"][taken.present])
-    # how the samples were taken, 0.1 GB per hour, is not needed any more
-    return replace(record, encoder_step=float(step or 0.0), uniform=replace(signals, taken=()))
+    return replace(record, encoder_step=float(step or 0.0))
 
 
 def why_not_fitted(signals: UniformSignals) -> InputError | None:
@@ -148,7 +224,7 @@ def record_of_motion(
         inside = stated_windows(windows, float(time[-1]))
         is_inside = within(time, inside)
     pieces = fitted_pieces(time, signals.usable, inside, EDGE_PERIODS / settings.cutoff_hz)
-    record = replace(record_of(signals, settings), groups=stretches_of(pieces, rate))
+    record = record_of(signals, settings, stretches_of(pieces, rate))
     fitted = record.is_fitted()
     periodic = periodic_motion(record.theta, rate, signals.usable & is_inside)
     groups = periods_of(periodic, rate, fitted) if periodic else None
@@ -272,10 +348,7 @@ def cycles_of(
 
 def are_usable(first: Array, stop: Array, usable: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Which groups from row `first` (m,) to row `stop` have no row that is not usable (n,)."""
-    lacking = np.concatenate([[0], np.cumsum(~usable)])
-    low = np.floor(first + EDGE_ROUNDING).astype(np.intp)
-    high = np.minimum(np.ceil(stop - EDGE_ROUNDING).astype(np.intp), len(usable))
-    return np.asarray(lacking[high] == lacking[np.minimum(low, high)])
+    return np.array([usable[rows].all() for rows in whole_rows(first, stop)], dtype=np.bool_)
 
 
 def periods_of(motion: PeriodicMotion, rate_hz: float, usable: NDArray[np.bool_]) -> Groups | None:

@@ -9,7 +9,6 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.bench.analysis import Analysis, analysed
 from osl_analysis.bench.bench_settings import ActuatorAnalysis
 from osl_analysis.bench.friction import (
     COLUMNS_OF_LOSSES,
@@ -18,7 +17,8 @@ from osl_analysis.bench.friction import (
     fault_columns,
     suspected_fault_of_losses,
 )
-from osl_analysis.bench.motion import stretches_of
+from osl_analysis.bench.impedance import Analysis, analysed
+from osl_analysis.bench.motion import signals_of, stretches_of
 from osl_analysis.bench.plausibility import check_changes
 from osl_analysis.bench.record import Groups, Record, Stratum
 from osl_analysis.bench.regression import (
@@ -34,9 +34,9 @@ from osl_analysis.bench.regression import (
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError, naming
 from osl_analysis.signals import Motion, differentiate, runs
-from osl_analysis.signals.grid import UniformSignals, uniform_signals
+from osl_analysis.signals.grid import UniformSignals
 from osl_analysis.signals.plateaus import FEWEST_PLATEAUS, is_clamped, plateaus_of
-from osl_analysis.stats.estimates import Estimate, Row, estimates_row
+from osl_analysis.stats.estimates import Estimate, Row
 from osl_analysis.trial import Array, Trial
 
 LOSSES = ("B_j", "J_j")  # of a transmission
@@ -90,7 +90,7 @@ def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> Analysis:
                 f" {FEWEST_PLATEAUS} plateaus of 0.3 s or more; drive the actuator and name"
                 " theta_m or omega_m in the source file, or step the current more often"
             )
-        signals = uniform_signals(trial, (moved, "current", "torque_m"), settings.gap_limits)
+        signals = signals_of(trial, (moved, "current", "torque_m"), settings)
         fit = actuator_of(signals, settings, moved)
         other = signals.other()
         if other is None:
@@ -148,8 +148,9 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis, moved: str)
         filtered_torque=low_pass(measured, rate),
         usable=usable,
         groups=stretches_of(runs(moving), rate),
-        uniform=signals,
+        streams=signals.streams,
         settings=settings,
+        actuator={moved: raw},
     )
     check_prompt(columns, record.filtered_torque, fitted, rate)
     return analysed(record, ACTUATOR_ALONE, gram_sums(record, columns, list(columns)))
@@ -198,7 +199,7 @@ def clamped_of(trial: Trial, settings: ActuatorAnalysis, levels: list[slice]) ->
     check_changes("torque_m", torque)
     means = np.array([current[level].mean() for level in levels])
     between = [np.diff(time[a.stop - 1 : b.start + 1]) for a, b in pairwise(levels)]
-    is_pause = np.array([steps.max() > settings.gap_limits.longest_s for steps in between])
+    is_pause = np.array([steps.max() > settings.time_base.longest_gap_s for steps in between])
     steps = means - np.append(0.0, np.where(is_pause, 0.0, means[:-1]))
     # a start at 0 has no direction
     way = np.where(np.abs(steps) > SMALLEST_STEP * np.ptp(means), np.sign(steps), 0.0)
@@ -245,17 +246,12 @@ def clamped_of(trial: Trial, settings: ActuatorAnalysis, levels: list[slice]) ->
 
 def actuator_table(actuator: Analysis) -> pl.DataFrame:
     """The trial's row of `actuator.csv`; what an actuator at rest does not tell is null."""
-    fit, record = actuator.calibrated(actuator.whole), actuator.record
-    told = [name for name in ACTUATOR_PARAMETERS if name in fit.names]
-    moved = None
-    if record.uniform is not None:
-        moved = "theta_m" if "theta_m" in record.uniform.signals else "omega_m"
+    told = [name for name in ACTUATOR_PARAMETERS if name in actuator.whole.names]
     row: Row = {
-        "trial": record.name,
-        "motion": moved,
-        **estimates_row(fit, *told),
-        **actuator.beside_estimates(None, *told),
-        **actuator.time_base_row(None, told),
+        "trial": actuator.record.name,
+        "motion": next(iter(actuator.record.actuator), None),
+        **actuator.row(None, *told),
+        "time_base_shift": actuator.time_base_shift(None, told),
     }
     return table_of([row], "actuator", complete=True)
 
@@ -283,6 +279,7 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
         viscous = Estimate.of_fit(certain, "B_j") if certain else None
         rows.append(
             {
+                **analysis.place(label),
                 **analysis.row(label, *LOSSES),
                 "T_C": certain["T_C"] if certain else None,
                 "coulomb_share": coulomb.share if coulomb else None,
@@ -290,7 +287,7 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
                 "weight_share": share_of_weight,
                 "VAF_held_out": VAF_held_out,
                 "load_cell_drift": 60 * analysis.whole["drift"],
-                **analysis.time_base_row(label, LOSSES),
+                "time_base_shift": analysis.time_base_shift(label, LOSSES),
                 **fault_columns(fault, COLUMNS_OF_LOSSES),
                 "delay_told_s": fault.delay_told_s if fault else None,
             }

@@ -9,7 +9,7 @@ import polars as pl
 import scipy
 
 from osl_analysis.bench.bench_settings import BenchStiffness
-from osl_analysis.bench.record import Record
+from osl_analysis.bench.record import STIFFNESS_ALONE, Record
 from osl_analysis.bench.regression import GroupFit, Sums
 from osl_analysis.errors import Change, IdentifiabilityError, InputError
 from osl_analysis.inference.rounding_errors import noise_before_rounding, share_left_by_noise
@@ -17,7 +17,6 @@ from osl_analysis.measured import check_measured
 from osl_analysis.model.drivetrain import DrivetrainParameters
 from osl_analysis.trial import Array
 
-STIFFNESS_ALONE = "or take experiment 'torque_angle' in the sheet, for the stiffness alone"
 USUAL_ERROR = 1e-3  # of the torque's RMS, as calibrations and models leave
 LARGE_CHANGE_OF_K = 0.1  # share of K by which the usual error may change it
 FEWEST_STEPS = 20.0  # of the encoder; of fewer, rounding is no noise but part of the motion

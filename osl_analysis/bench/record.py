@@ -1,23 +1,20 @@
 """One record for every motion: uniform signals, the motion behind one low-pass, and groups of
 rows."""
 
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.bench.bench_settings import BenchAnalysis
-from osl_analysis.errors import InputError
-from osl_analysis.signals import Motion, filtered_motion
-from osl_analysis.signals.grid import UniformSignals, devices_of, resampled, uniform_signals
+from osl_analysis.signals import Motion
 from osl_analysis.spectral import PeriodicMotion
-from osl_analysis.trial import Array, Trial
+from osl_analysis.trial import Array
 
-QUICK = 4.0  # cut-offs of the low-pass for the velocity's sign
+STIFFNESS_ALONE = "or take experiment 'torque_angle' in the sheet, for the stiffness alone"
 # rate of a coarse record: what the filter passes contains nothing faster than eight cut-offs
 COARSE_HZ = 250.0
 COARSE_CUTOFFS = 8.0
@@ -95,8 +92,8 @@ class Record:
         Resolution of the angle [rad]; 0: not known.
     periodic : PeriodicMotion or None
         Periods of a periodic motion.
-    uniform : UniformSignals or None
-        The signals on their time base, with what the recorders did; None for a record that no file
+    streams : Sequence of Mapping
+        What the recorders did, by the names of `timebase.csv`; empty for a record that no file
         holds.
     with_other_stamps : Record or None
         The same with the other reading of undecided stamps; None: all are decided.
@@ -117,7 +114,7 @@ class Record:
     band_hz: tuple[float, float] = (np.nan, np.nan)
     encoder_step: float = 0.0
     periodic: PeriodicMotion | None = None
-    uniform: UniformSignals | None = None
+    streams: Sequence[Mapping[str, Any]] = ()
     with_other_stamps: "Record | None" = None
     actuator: Mapping[str, Array] = field(default_factory=dict)
 
@@ -132,12 +129,10 @@ class Record:
     def is_fitted(self, label: Label = None) -> NDArray[np.bool_]:
         """Which rows (n,) lie, at least partly, in the groups of a label."""
         chosen = self.groups.of(label)
-        begins = np.floor(self.groups.first[chosen] + EDGE_ROUNDING).astype(np.intp)
-        ends = np.ceil(self.groups.stop[chosen] - EDGE_ROUNDING).astype(np.intp)
-        depth = np.zeros(len(self.time) + 1, dtype=np.intp)
-        np.add.at(depth, begins, 1)
-        np.add.at(depth, ends, -1)
-        return np.asarray(np.cumsum(depth[:-1]) > 0)
+        fitted = np.zeros(len(self.time), dtype=np.bool_)
+        for rows in whole_rows(self.groups.first[chosen], self.groups.stop[chosen]):
+            fitted[rows] = True
+        return fitted
 
     def rows(self, label: Label = None) -> NDArray[np.intp]:
         """The fitted rows (m,) of a label or of all."""
@@ -169,64 +164,16 @@ class Record:
     @property
     def largest_amplitude(self) -> Label:
         """The label of the largest amplitude; None for a motion that has none."""
-        amplitudes = {
-            stratum.commanded_deg or stratum.label: stratum.label
-            for stratum in self.groups.strata
-            if isinstance(stratum.label, float)
-        }
-        return amplitudes[max(amplitudes)] if amplitudes else None
+        sizes = [
+            (each.commanded_deg or each.label, each.label)
+            for each in self.groups.strata
+            if isinstance(each.label, float)
+        ]
+        return max(sizes, default=(0.0, None))[1]
 
 
-def with_actuator(record: Record, trial: Trial) -> Record:
-    """The record with the trial's actuator signals, of devices whose stamps come to a time base."""
-    same = record.settings.low_pass
-    wide_band = replace(same, cutoff_hz=min(QUICK * same.cutoff_hz, 0.2 * record.rate_hz))
-    low_passes = {"theta_m": same, "current": same, "wide_band_theta_m": wide_band}
-    columns = [name for name in ("theta_m", "current") if name in trial.columns]
-    signals = dict[str, Array]()
-    for device in devices_of(trial, ["theta", *columns, "torque"]) if columns else ():
-        if not {*device} & {*columns}:
-            continue
-        with suppress(InputError):
-            uniform = uniform_signals(trial, device, record.settings.gap_limits, wanted=columns)
-            filtered = dict[str, Array]()
-            for name, low_pass in low_passes.items():
-                column = name.removeprefix("wide_band_")
-                if column in device:
-                    filtered[name] = low_pass(uniform[column], uniform.rate_hz)
-            signals.update(resampled(uniform.time, filtered, record.time, 1 / uniform.rate_hz))
-    if "theta_m" not in signals:
-        return record
-    return replace(record, actuator=signals)
-
-
-def record_of(
-    signals: UniformSignals, settings: BenchAnalysis, theta: Array | None = None
-) -> Record:
-    """The record of signals, in which no row is in a group yet.
-
-    Parameters
-    ----------
-    signals
-        With `theta` and `torque`.
-    settings
-        The bench, and the filter.
-    theta
-        The angle (n,) [rad] that is filtered, by default the joint's.
-    """
-    torque = signals["torque"]
-    if theta is None:
-        theta = settings.joint_angle(signals["theta"], torque)
-    motion, filtered = filtered_motion(signals.time, theta, torque, settings.low_pass)
-    return Record(
-        name=signals.trial,
-        time=signals.time,
-        theta=theta,
-        torque=torque,
-        motion=motion,
-        filtered_torque=filtered,
-        settings=settings,
-        usable=signals.usable,
-        groups=Groups("stretches", np.empty(0), np.empty(0), np.empty(0, dtype=np.intp), ()),
-        uniform=signals,
-    )
+def whole_rows(first: Array, stop: Array) -> list[slice]:
+    """The rows that lie, at least partly, between edges (m,) of groups."""
+    begins = np.floor(first + EDGE_ROUNDING).astype(np.intp)
+    ends = np.ceil(stop - EDGE_ROUNDING).astype(np.intp)
+    return [slice(begin, end) for begin, end in zip(begins, ends, strict=True)]

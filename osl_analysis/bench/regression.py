@@ -227,6 +227,10 @@ class GroupFit(LinearFit):
         variances = np.broadcast_to(self.bench_variance, len(self.names))
         return float(np.sqrt(variances[self.names.index(name)]))
 
+    def half_width(self, name: str) -> float:
+        """Half of the 95 % interval of one estimate."""
+        return self.interval(name)[1] - self[name]
+
     def derived(
         self,
         names: tuple[str, ...],

@@ -12,13 +12,14 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from osl_analysis.bench.analysis import Series, torque_errors
 from osl_analysis.bench.bench_settings import TorqueAngleAnalysis
+from osl_analysis.bench.evidence import Series
+from osl_analysis.bench.impedance import torque_errors
 from osl_analysis.bench.loops import Cycle, branch_rows, energies, find_cycles, whole
+from osl_analysis.bench.motion import signals_of
 from osl_analysis.bench.plausibility import check_changes, check_resists, check_stiffer
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import Change, InputError, naming
-from osl_analysis.signals.grid import uniform_signals
 from osl_analysis.stats.estimates import Row
 from osl_analysis.stats.linear_fit import variance_accounted_for
 from osl_analysis.stats.repeats import over_repeats
@@ -65,7 +66,7 @@ def torque_angle_trial(
         drives the angle, the joint is stiffer than the bench, or no curve has this name; the
         message names the trial.
     """
-    signals = uniform_signals(trial, ("theta", "torque"), settings.gap_limits)
+    signals = signals_of(trial, ("theta", "torque"), settings)
     rate_hz = signals.rate_hz
     bench = settings.bench_stiffness
     with naming(f"trial {trial.name}"):
@@ -127,7 +128,15 @@ def torque_angle_trial(
         "desired": desired,
     }
     return TorqueAngle(
-        Series(signals.time, torque, model, theta, fitted, signals),
+        Series(
+            trial.name,
+            signals.time,
+            torque,
+            model,
+            {"theta_deg": np.rad2deg(theta)},
+            fitted,
+            signals.streams,
+        ),
         table_of([row], "torque_angle"),
         pl.concat(curves).fill_nan(None),
     )

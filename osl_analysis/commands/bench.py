@@ -12,15 +12,23 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench import bench_settings as choices
-from osl_analysis.bench import calibration, impedance
-from osl_analysis.bench.analysis import FitTables, analysed, tables_of_fit
+from osl_analysis.bench import calibration
 from osl_analysis.bench.belt import belt_curve, belt_table, belt_trial
 from osl_analysis.bench.calibration import fixture_column, fixture_weight_column, with_fixture
+from osl_analysis.bench.evidence import (
+    UNSTATED,
+    DesiredImpedance,
+    FitTables,
+    impedance_with_evidence,
+    series_of,
+    tables_of_fit,
+)
 from osl_analysis.bench.frequency_response import response_table
-from osl_analysis.bench.motion import record_of_trial
+from osl_analysis.bench.impedance import analysed
+from osl_analysis.bench.motion import record_of_trial, with_actuator
 from osl_analysis.bench.parts_alone import actuator_table, actuator_trial, transmission_table
 from osl_analysis.bench.plausibility import plausible
-from osl_analysis.bench.record import Record, with_actuator
+from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import IMPEDANCE, TRANSMISSION
 from osl_analysis.bench.summaries import compensation_table, delay_table, part_summary
 from osl_analysis.bench.torque_angle import torque_angle_trial
@@ -42,7 +50,7 @@ def fit_belt_trial(
     trial, rails = checked(trial, settings)
     belt = belt_trial(trial, p, settings)
     return tables_of_fit(
-        replace(belt.series(), motion=belt.sums.columns["theta"]),  # against the deflection
+        series_of(belt, theta_deg=np.rad2deg(belt.sums.columns["theta"])),  # against the deflection
         belt=plausible(belt_table(belt), rails, p, "K_s"),
         belt_curves=belt_curve(belt),
     )
@@ -66,16 +74,13 @@ def fit_transmission_trial(
     analysis = analysed(record, TRANSMISSION)
     table = plausible(transmission_table(analysis), rails, p, "B_j", "J_j")
     table = table.with_columns(fixture_column(trial))
-    return tables_of_fit(
-        analysis.series(),
-        transmission=table,
-    )
+    return tables_of_fit(series_of(analysis), transmission=table)
 
 
 def fit_impedance_trial(
     trial: Trial,
     parameters: FileOrNone,
-    condition: impedance.DesiredImpedance | None,
+    condition: DesiredImpedance | None,
     weight: Weight,
     settings: choices.ImpedanceAnalysis,
     windows: str | None = None,
@@ -99,16 +104,15 @@ def fit_impedance_trial(
     p = known_parameters(parameters, ["n_T", "K_s", "B_j", "J_j"])
     trial, rails = checked(trial, settings)
     record = record_with_actuator(trial, settings, windows)
-    stated = condition or impedance.DesiredImpedance(None, None, None)
+    stated = condition or UNSTATED
     gains = stated.gains(known_parameters(parameters), weight)
-    analysis, table = impedance.impedance_with_evidence(record, rails, p, condition, gains)
+    analysis, table = impedance_with_evidence(record, rails, p, stated, gains)
     table = table.with_columns(fixture_column(trial), fixture_weight_column(trial))
 
     def others() -> dict[str, pl.DataFrame]:
-        columns = stated.columns() if condition else {}
-        return {"response": response_table(analysis).with_columns(**columns)}
+        return {"response": response_table(analysis).with_columns(**stated.columns())}
 
-    return tables_of_fit(analysis.series(), others, impedance=table)
+    return tables_of_fit(series_of(analysis), others, impedance=table)
 
 
 def record_with_actuator(
@@ -157,9 +161,10 @@ def fit_actuator_trial(
     rails = saturated(trial, "torque_m", "current")
     actuator = actuator_trial(trial, settings)
     table = plausible(actuator_table(actuator), rails, p, "k_tau_n_m", "f_C", "J_m")
+    theta = actuator.record.theta
     is_velocity = table["motion"][0] == "omega_m"
-    series = replace(actuator.series(), motion=actuator.record.theta, is_velocity=is_velocity)
-    return tables_of_fit(series, actuator=table)
+    motion = {"omega": theta} if is_velocity else {"theta_deg": np.rad2deg(theta)}
+    return tables_of_fit(series_of(actuator, **motion), actuator=table)
 
 
 def fit_torque_angle_trial(
@@ -201,7 +206,7 @@ def fit_calibration_trial(
     analysis = analysed(record, IMPEDANCE)
     table = calibration.calibration_table(analysis, known, frame, stated_fixture)
     table = table.with_columns(rails, fixture_column(trial))
-    return tables_of_fit(analysis.series(), calibration=table)
+    return tables_of_fit(series_of(analysis), calibration=table)
 
 
 def summarise(table: Path, output: Path, data: str = "") -> None:

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import polars as pl
 
-from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.belt import belt_figure_points
 from osl_analysis.bench.bench_settings import ImpedanceAnalysis
-from osl_analysis.bench.impedance import DesiredImpedance
+from osl_analysis.bench.evidence import DesiredImpedance
+from osl_analysis.bench.impedance import analysed
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.regression import IMPEDANCE
 from osl_analysis.bench.summaries import PLACE

@@ -16,8 +16,7 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.bench.analysis import FitTables
-from osl_analysis.bench.impedance import DesiredImpedance
+from osl_analysis.bench.evidence import DesiredImpedance, FitTables
 from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.commands.fit_results import Fit, estimated, printed_units
 from osl_analysis.config.experiments import EXPERIMENTS, FitJob

@@ -5,7 +5,8 @@ import pytest
 from bench_synthetic import FIVE, stepped_sine
 from scipy import stats
 
-from osl_analysis.bench.impedance import difference_of, rendered_impedance
+from osl_analysis.bench.evidence import rendered_impedance
+from osl_analysis.bench.impedance import difference_of
 
 
 def faster_is_stiffer(motion):

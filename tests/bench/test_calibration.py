@@ -19,7 +19,6 @@ from bench_synthetic import (
 )
 from conftest import ROOT, findings_of, marked
 
-from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.belt import belt_table, fit_branches
 from osl_analysis.bench.bench_settings import (
     BeltAnalysis,
@@ -29,6 +28,7 @@ from osl_analysis.bench.bench_settings import (
 )
 from osl_analysis.bench.calibration import fixture_of, with_fixture
 from osl_analysis.bench.friction import coulomb_fits
+from osl_analysis.bench.impedance import analysed
 from osl_analysis.bench.regression import IMPEDANCE, sums_of
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.fit import run_fit
@@ -52,8 +52,7 @@ def fit_of(record=SOUND, **stated):
         changes = {"calibration": Calibration(**stated)}
     settings = sine_settings([2], [1]).model_copy(update=changes)
     record = replace(record, settings=settings)
-    analysis = analysed(record, IMPEDANCE)
-    return analysis.calibrated(analysis.whole)
+    return analysed(record, IMPEDANCE).calibrated[None]
 
 
 def changed_by(theta=None, torque=None):

@@ -11,16 +11,15 @@ from bench_synthetic import FIVE, second_order, stepped_sine, table_of
 from conftest import ROOT, findings_of, marked
 from scipy.interpolate import CubicSpline
 
-from osl_analysis.bench.impedance import (
+from osl_analysis.bench.evidence import (
     DesiredImpedance,
     impedance_table,
     impedance_with_evidence,
-    lag_row,
+    lag_columns,
     rendered_impedance,
 )
-from osl_analysis.bench.lags import Lag, belt_of_leg
-from osl_analysis.bench.motion import record_of_trial
-from osl_analysis.bench.record import with_actuator
+from osl_analysis.bench.lags import Lag, belt_of_leg, is_leg
+from osl_analysis.bench.motion import record_of_trial, with_actuator
 from osl_analysis.bench.summaries import delay_table
 from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.ingest.quality import saturated
@@ -145,7 +144,9 @@ def test_the_belt_shows_the_lag_of_a_leg_s_torque_whatever_theta_m_s_is(fault, l
 
 def test_the_shares_of_a_lag_are_what_it_takes_off_damping_and_inertia():
     """exp(-s/100) (300 + 5 s + 0.2 s^2) = 300 + 2 s + 0.165 s^2 to second order."""
-    row = lag_row(Lag(0.01, 1e-4, True), {"K": 300.0, "B": 2.0, "I": 0.165})
+    exact = {"B_low": 2.0, "B_high": 2.0, "I_low": 0.165, "I_high": 0.165}
+    fit = pl.DataFrame({"K": 300.0, "B": 2.0, "I": 0.165, **exact})
+    row = fit.select(lag_columns(Lag(0.01, 1e-4, True))).row(0, named=True)
 
     assert row["lag_share"] == pytest.approx(3 / 2)
     assert row["lag_inertia_share"] == pytest.approx(0.035 / 0.165, rel=1e-3)
@@ -155,7 +156,7 @@ def test_a_current_without_the_angle_of_its_shaft_makes_no_leg():
     trial = leg()
     samples = trial.samples.rename({"theta_m": "current"})
 
-    assert not record_of_leg(replace(trial, samples=samples)).actuator
+    assert not is_leg(record_of_leg(replace(trial, samples=samples)), None)
 
 
 def test_a_belt_of_an_actuator_s_angle_with_the_wrong_sign_tells_no_lag():

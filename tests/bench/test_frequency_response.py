@@ -7,7 +7,6 @@ import pytest
 from any_motion import chirp
 from bench_synthetic import record_of, second_order, sine_settings, stepped_sine
 
-from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.bench_settings import BenchStiffness, Calibration
 from osl_analysis.bench.frequency_response import (
     Response,
@@ -15,6 +14,7 @@ from osl_analysis.bench.frequency_response import (
     response_of_pieces,
     response_table,
 )
+from osl_analysis.bench.impedance import analysed
 from osl_analysis.bench.motion import periods_of, stretches_of
 from osl_analysis.bench.regression import IMPEDANCE
 from osl_analysis.errors import InputError

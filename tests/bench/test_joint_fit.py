@@ -9,7 +9,7 @@ import pytest
 from any_motion import TRUE, binary_steps, made_trial, noise
 from conftest import ROOT, findings_of
 
-from osl_analysis.bench.impedance import impedance_table, rendered_impedance
+from osl_analysis.bench.evidence import impedance_table, rendered_impedance
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.judge.finding import Grade
@@ -118,7 +118,7 @@ def test_stamps_that_can_be_read_in_two_ways_widen_the_intervals(joint, B):
     record = record_with(**SOUND[joint])
     later = np.interp(record.time - 2e-4, record.time, record.torque)
     later_filtered = np.interp(record.time - 2e-4, record.time, record.filtered_torque)
-    other = replace(record, torque=later, filtered_torque=later_filtered, uniform=None)
+    other = replace(record, torque=later, filtered_torque=later_filtered, streams=())
 
     plain = sound_row(joint)
     both = row_of(replace(record, with_other_stamps=other))

@@ -7,16 +7,16 @@ from any_motion import RATE, TRUE, chirp, made_trial, multisine, noise
 from conftest import ROOT
 from scipy.ndimage import gaussian_filter1d
 
-from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.bench_settings import (
     TimeBase,
 )
-from osl_analysis.bench.impedance import (
+from osl_analysis.bench.evidence import (
     DesiredImpedance,
     impedance_table,
     impedance_with_evidence,
     rendered_impedance,
 )
+from osl_analysis.bench.impedance import analysed
 from osl_analysis.bench.motion import record_of_trial, stated_windows
 from osl_analysis.bench.regression import IMPEDANCE
 from osl_analysis.campaign.configuration import config_for_trials

@@ -13,7 +13,7 @@ from conftest import ROOT, beyond_in
 from osl_analysis.bench.bench_settings import (
     BenchStiffness,
 )
-from osl_analysis.bench.impedance import DesiredImpedance, beside_known
+from osl_analysis.bench.evidence import DesiredImpedance, beside_known
 from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.commands.fit import fit_trial
 from osl_analysis.errors import InputError

@@ -9,7 +9,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from osl_analysis.bench.belt import branches_of
 from osl_analysis.bench.bench_settings import BeltAnalysis, DynamometerAnalysis
-from osl_analysis.bench.impedance import impedance_table, rendered_impedance
+from osl_analysis.bench.evidence import impedance_table, rendered_impedance
 from osl_analysis.bench.motion import cycles_of
 from osl_analysis.bench.record import Record
 from osl_analysis.signals import LowPass, Motion, filtered_motion

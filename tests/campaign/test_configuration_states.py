@@ -9,7 +9,7 @@ from bench_synthetic import sine_settings
 from conftest import ROOT
 from walking_crossings import Walk, run_jobs, several, walked
 
-from osl_analysis.bench.impedance import DesiredImpedance
+from osl_analysis.bench.evidence import DesiredImpedance
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.campaign import configuration
 from osl_analysis.campaign.campaign_trials import Campaign

@@ -14,7 +14,7 @@ from conftest import ROOT
 from walking_crossings import Walk, selected, walked
 from walking_synthetic import settings
 
-from osl_analysis.bench.impedance import DesiredImpedance
+from osl_analysis.bench.evidence import DesiredImpedance
 from osl_analysis.commands.fit import fit_settings, fit_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables_by_name

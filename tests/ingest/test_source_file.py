@@ -10,8 +10,8 @@ from bench_synthetic import table_of
 from scipy.interpolate import CubicSpline
 from scipy.signal import lsim, lti
 
-from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.bench_settings import DynamometerAnalysis
+from osl_analysis.bench.impedance import analysed
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.regression import IMPEDANCE
 from osl_analysis.errors import InputError

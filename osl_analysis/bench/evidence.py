@@ -1,0 +1,468 @@
+"""Rendered impedance on the dynamometer (Figs. 4-6): the rows of Eq. 15, with the evidence on which
+its estimates are judged; and how a user gets at the tables of any fit on the bench."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from osl_analysis.bench.friction import (
+    CERTAIN_FRICTION,
+    coulomb_fits,
+    delay_told_s,
+    fault_columns,
+    friction_columns,
+    inferred_from,
+    with_other_stamps,
+)
+from osl_analysis.bench.impedance import (
+    LITTLE,
+    QUANTITIES,
+    Analysis,
+    amplitudes_row,
+    analysed,
+    widened,
+)
+from osl_analysis.bench.lags import Lag, belt_of_leg, is_leg, without_lag
+from osl_analysis.bench.plausibility import (
+    check_resists,
+    check_stiffer,
+    rounding_errors,
+    usual_errors,
+)
+from osl_analysis.bench.record import Label, Record
+from osl_analysis.bench.regression import (
+    IMPEDANCE,
+    Admittance,
+    Sums,
+    estimates_of,
+    held_out_vaf,
+    sums_of,
+)
+from osl_analysis.dictionary import table_of
+from osl_analysis.errors import IdentifiabilityError
+from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
+from osl_analysis.model.drivetrain import DrivetrainParameters, joint_admittance
+from osl_analysis.stats.estimates import Estimate, Row
+from osl_analysis.trial import Array
+
+MOST_SHOWN = 10_000  # rows of a series; two minutes of a stepped sine have 15 per fastest period
+RENDERED = (0.94, 1.06)
+"""K without friction over that of linear theory, from and to which a sound leg renders it. Legs of
+the default device: 0.98 to 1.01. The rest is two standard deviations, of 2 %, of a device from its
+parameter file."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """Measured and modelled signals of one trial, shape (n,) each."""
+
+    trial: str
+    time: Array  # time [s]
+    torque: Array  # measured torque, as it was fitted [N*m]
+    torque_model: Array  # torque of the fitted model [N*m]; NaN where it does not apply
+    motion: Mapping[str, Array]  # angle `theta_deg`, or `omega` [rad/s] of a bench without it
+    fitted: NDArray[np.bool_]  # rows that are fitted
+    # how the signals came on their time base, by the columns of `timebase.csv`
+    streams: Sequence[Mapping[str, Any]]
+
+    def table(self) -> pl.DataFrame:
+        """Every k-th sample, at most `MOST_SHOWN` rows.
+
+        `torque_model` is null where the fit does not use the sample. `residual_low` and
+        `residual_high` [N*m] are the range over the next k samples that it uses, so that no outlier
+        is lost.
+        """
+        k = max(-(-len(self.time) // MOST_SHOWN), 1)
+        modelled = np.where(self.fitted, self.torque_model, np.nan)
+        samples = pl.DataFrame(
+            {
+                "part": np.arange(len(self.time)) // k,
+                "time": self.time - self.time[0],
+                **self.motion,
+                "torque": self.torque,
+                "torque_model": modelled,
+                "residual": self.torque - modelled,
+            }
+        ).fill_nan(None)
+        parts = samples.group_by("part", maintain_order=True).agg(
+            pl.exclude("residual").first(),
+            residual_low=pl.col("residual").min(),
+            residual_high=pl.col("residual").max(),
+        )
+        return parts.select(pl.exclude("part").round_sig_figs(7))
+
+
+@dataclass(frozen=True)
+class FitTables:
+    """The tables of one fit by name. A user who asks for the estimates alone does not wait for the
+    others."""
+
+    estimates: Mapping[str, pl.DataFrame]
+    """Estimates and curves; and `torque`, the fitted samples: time [s] from the first, measured and
+    modelled torque [N*m]."""
+    series: Series | None = None  # of a fit that is drawn over time
+    compute_others: Callable[[], Mapping[str, pl.DataFrame]] = dict
+
+    def everything(self) -> dict[str, pl.DataFrame]:
+        """All tables: `estimates`, the thinned `series`, `timebase`, which has a row per stream and
+        none where no grid was needed, and the others, which are computed now."""
+        tables = {**self.estimates, **self.compute_others()}
+        if self.series is not None:
+            tables["series"] = self.series.table()
+            streams = [{"trial": self.series.trial, **each} for each in self.series.streams]
+            tables["timebase"] = table_of(streams, "timebase")
+        return tables
+
+
+def tables_of_fit(
+    series: Series,
+    compute_others: Callable[[], Mapping[str, pl.DataFrame]] = dict,
+    **estimates: pl.DataFrame,
+) -> FitTables:
+    """`FitTables` of the series of a fit, its other tables, and its estimates by name."""
+    modelled = series.torque_model
+    samples = pl.DataFrame({"time": series.time, "torque": series.torque, "torque_model": modelled})
+    fitted = samples.filter(np.isfinite(modelled))
+    fitted = fitted.with_columns(pl.col("time") - pl.col("time").first())
+    return FitTables({**estimates, "torque": fitted}, series, compute_others)
+
+
+def series_of(analysis: Analysis, **motion: Array) -> Series:
+    """Measured and modelled torque over the whole trial, by the fit that stands for it; `motion` is
+    by default the filtered angle."""
+    record = analysis.record
+    return Series(
+        record.name,
+        record.time,
+        record.filtered_torque,
+        analysis.modelled(analysis.label),
+        motion or {"theta_deg": np.rad2deg(record.motion.theta)},
+        record.is_fitted(analysis.label),
+        record.streams,
+    )
+
+
+@dataclass(frozen=True)
+class DesiredImpedance:
+    """What the leg was asked to render in a trial, as far as it is known.
+
+    Attributes
+    ----------
+    controller : str or None
+        Any name; `compensated` and `uncompensated` are those of the draft. None: none, or not
+        known.
+    K_d : float or None
+        Desired stiffness [N*m/rad]; None: not known.
+    B_d : float or None
+        Desired damping [N*m*s/rad]; None: not known.
+
+    Examples
+    --------
+    >>> osl.DesiredImpedance("compensated", K_d=300, B_d=5)
+    DesiredImpedance(controller='compensated', K_d=300, B_d=5)
+    """
+
+    controller: str | None
+    K_d: float | None
+    B_d: float | None
+
+    def gains(self, p: DrivetrainParameters | None, weight: Weight) -> Gains | None:
+        """Select the gains of a device with these parameters.
+
+        Parameters
+        ----------
+        p
+            The device; None for one without a parameter file.
+        weight
+            W of Eq. 14.
+
+        Returns
+        -------
+        Gains or None
+            None where they are not known.
+
+        Raises
+        ------
+        UnreachableImpedanceError
+            As `select_gains`.
+        """
+        if p is None or self.K_d is None or self.B_d is None or self.controller not in CONTROLLERS:
+            return None
+        return select_gains(self.controller, self.K_d, self.B_d, p, weight)
+
+    def columns(self) -> dict[str, pl.Expr]:
+        """`controller`, `K_d` and `B_d` as constant columns of a table."""
+        numbers = {name: pl.lit(getattr(self, name), pl.Float64) for name in ("K_d", "B_d")}
+        return {"controller": pl.lit(self.controller, pl.String), **numbers}
+
+
+UNSTATED = DesiredImpedance(None, None, None)
+
+
+def rendered_impedance(record: Record, expected: Admittance | None = None) -> tuple[Analysis, Sums]:
+    """Fit Eq. 15 to a record by least squares, for each amplitude and for all.
+
+    Parameters
+    ----------
+    record
+        Angle and torque of a joint.
+    expected
+        Admittance of the linear model, where the gains are known.
+
+    Returns
+    -------
+    analysis
+        torque = K theta + B omega + I alpha + offset + drift (`IMPEDANCE`), by `fit_groups`.
+    sums
+        Those with the columns of all effects, which tell what else the torque may hold.
+
+    Raises
+    ------
+    InputError
+        The joint hardly moves.
+    IdentifiabilityError
+        The motion cannot tell K, B and I.
+    """
+    try:
+        analysis = analysed(record, IMPEDANCE)
+    except IdentifiabilityError as error:
+        raise IdentifiabilityError(f"trial {record.name}: {error}") from error
+    if not record.is_stepped_sine:
+        of_bench = usual_errors(record, analysis.sums, analysis.whole)
+        of_steps = rounding_errors(record, analysis.sums, IMPEDANCE, analysis.whole)
+        whole = widened(widened(analysis.whole, of_bench, of_bench=True), of_steps)
+        analysis = replace(analysis, fits={None: whole})
+    check_stiffer(record.name, "K", analysis.whole["K"], record.settings.bench_stiffness)
+    return analysis, sums_of(record, IMPEDANCE, expected)
+
+
+def impedance_table(
+    analysis: Analysis, s: Sums, p: DrivetrainParameters | None = None
+) -> pl.DataFrame:
+    """Put together the trial's rows of `impedance.csv`.
+
+    A motion that is no stepped sine has one row. What describes the motion is the same in every
+    row: the estimates of a device that is not of second order depend on band and weights.
+
+    Parameters
+    ----------
+    analysis
+        Eq. 15 by least squares.
+    s
+        Sums of the same record with the columns of all effects.
+    p
+        The device. With theta_m it gives the belt, which shows a lag that Eq. 15 hides where it
+        does not fit the drivetrain. Without it a joint whose actuator turns is taken for a leg,
+        since its drivetrain is no fault of the recording (`lags.is_leg`).
+
+    Returns
+    -------
+    polars.DataFrame
+        A row per amplitude [deg], and one over all of them (amplitude null).
+
+    Raises
+    ------
+    InputError
+        The torque drives the motion.
+    """
+    record = analysis.record
+    whole = analysis.whole
+    if whole.interval("B")[0] < 0:
+        # with the right sign K may be negative, as of an inertia behind a soft spring, but B is
+        # then certainly positive
+        check_resists(record.name, "K", whole["K"], whole.interval("K")[1])
+    belt = belt_of_leg(record, p)
+    of_leg = is_leg(record, p)
+    inferred = inferred_from(record, of_leg)
+    is_certain = inferred.friction_probability > CERTAIN_FRICTION if inferred else None
+    coulomb = coulomb_fits(s, analysis, is_certain)
+    of_trial: Row = {
+        **fault_columns(inferred),
+        "delay_told_s": delay_told_s(inferred, record),
+        **motion_row(record),
+        "K_s_ratio": belt.K_s / p.K_s if belt and p else None,
+        "VAF_held_out": held_out_vaf(analysis.sums, analysis.model),
+    }
+    over_amplitudes = amplitudes_row(analysis)
+    of_whole: Row = {}
+    estimates = {name: Estimate.of_fit(analysis.calibrated[None], name) for name in QUANTITIES}
+    for name, estimate in with_other_stamps(analysis, estimates).items():
+        of_whole |= estimate.columns(name)
+    centre = record.motion.theta[record.rows()].mean()
+    rows: list[Row] = []
+    for label, fit in analysis.fits.items():
+        rows.append(
+            {
+                **analysis.place(label),
+                **analysis.row(label, *QUANTITIES),
+                **(of_whole if label is None else {}),
+                **{f"{name}_se": analysis.calibrated[label].se(name) for name in QUANTITIES},
+                **friction_columns(analysis, inferred, coulomb.get(label), label, of_leg),
+                "offset": fit["offset"] - fit["K"] * centre,
+                "time_base_shift": analysis.time_base_shift(label, QUANTITIES),
+                "theta_rms_deg": float(np.rad2deg(np.sqrt(s.covariance(label, ["theta"])[0, 0]))),
+                "fitted_s": len(record.rows(label)) / record.rate_hz,
+                **of_trial,
+                **(over_amplitudes if label is None else dict.fromkeys(over_amplitudes)),
+            }
+        )
+    return table_of(rows, "impedance").with_columns(lag_columns(belt.lag if belt else None))
+
+
+def motion_row(record: Record) -> Row:
+    """What moved the joint, and the largest difference between the rates of two clocks [ppm], null
+    where there is one clock."""
+    excitation = "periodic" if record.periodic else "other"
+    low_hz, high_hz = record.band_hz
+    ppm = [stream["ppm"] for stream in record.streams if stream["ppm"] is not None]
+    return {
+        "excitation": "stepped sine" if record.is_stepped_sine else excitation,
+        "band_low_hz": low_hz,
+        "band_high_hz": high_hz,
+        "cutoff_hz": record.settings.cutoff_hz,
+        # channels of one clock have the same rate
+        "clock_ppm": float(np.ptp(ppm or [0.0])) or None,
+    }
+
+
+def lag_columns(lag: Lag | None) -> list[pl.Expr]:
+    """Lag of a leg's torque behind the angle by its belt, the shares of B and I that are due to a
+    lag that was found, and B and I without it; for a table with K, B and I.
+
+    exp(-s d) = 1 - s d + (s d)^2/2 takes K d off B, and (B + K d/2) d off I, with the fitted B.
+    """
+    numbers = (lag.seconds, lag.half_width, lag.certain_s) if lag else (None, None, None)
+    seconds, half_width, found_s = (pl.lit(number, pl.Float64) for number in numbers)
+    K, B, I = pl.col("K"), pl.col("B"), pl.col("I")
+    size_of_I = (I**2 + LITTLE["I"] ** 2).sqrt()
+    return [
+        seconds.alias("lag_s"),
+        (seconds - half_width).alias("lag_s_low"),
+        (seconds + half_width).alias("lag_s_high"),
+        (K * found_s / B).abs().alias("lag_share"),
+        ((B + K * found_s / 2) * found_s / size_of_I).abs().alias("lag_inertia_share"),
+        *without_lag(pl.when(found_s != 0).then(found_s), half_width),
+    ]
+
+
+def impedance_with_evidence(
+    record: Record,
+    rails: pl.Expr,
+    p: DrivetrainParameters | None,
+    desired: DesiredImpedance = UNSTATED,
+    gains: Gains | None = None,
+) -> tuple[Analysis, pl.DataFrame]:
+    """Fit Eq. 15 to a record, and put beside its rows all that the verdicts on them need.
+
+    Parameters
+    ----------
+    record
+        Angle and torque of a joint.
+    rails
+        Saturated samples, as a column of the table.
+    p
+        The device. What the gains should render is known only with it.
+    desired
+        What the leg was asked to render.
+    gains
+        Those that ran.
+
+    Raises
+    ------
+    InputError, IdentifiabilityError
+        As `rendered_impedance`.
+    """
+    expected = joint_admittance(gains.K_1, gains.B_1, p, p.J_j) if p and gains else None
+    analysis, s = rendered_impedance(record, expected)
+    K, B = linear_prediction(s) if expected else (None, None)
+    table = beside_known(impedance_table(analysis, s, p), p, desired, K)
+    if K is None and record.settings.calibration.torque_gain:
+        table = table.with_columns(gain_error=pl.lit(0.0))  # a known spring holds it
+    # without compensation a leg's friction hides it
+    comparable_B = B if gains and gains.cancels_friction else None
+    apart = pl.lit(comparable_B, pl.Float64) - pl.col("B")
+    certain = (apart.abs() - (pl.col("B_high") - pl.col("B_low")) / 2).clip(0)
+    errors = [torque_error(analysis.sums, label, desired) for label in analysis.fits]
+    table = table.with_columns(
+        rails,
+        **desired.columns(),
+        B_gap_s=apart.sign() * certain / pl.col("K").abs(),
+        K_predicted=pl.lit(K, pl.Float64),
+        B_predicted=pl.lit(B, pl.Float64),
+        torque_error=pl.Series(errors, dtype=pl.Float64),
+    )
+    return analysis, table
+
+
+def beside_known(
+    table: pl.DataFrame,
+    p: DrivetrainParameters | None,
+    desired: DesiredImpedance,
+    predicted: float | None,
+) -> pl.DataFrame:
+    """Hold the estimates of Eq. 15 against the belt, the gains and the sample sheet.
+
+    Parameters
+    ----------
+    table
+        The trial's rows.
+    p
+        The device; None for one without a parameter file. Where neither sheet nor belt says that
+        the joint is that of the file, another device may be soft, so that `K_over_K_s` is null up
+        to 1. Above 1 a unit may be wrong, or the file is of another device.
+    desired
+        What the sheet states.
+    predicted
+        K by linear theory [N*m/rad]; None: the gains are not known.
+
+    Returns
+    -------
+    polars.DataFrame
+        The table with `K_over_K_s`, and `K_ratio`, K over the predicted one, with `gain_error`, or
+        `K_over_K_d` and `B_over_B_d`. These take K without friction where that is known, and
+        `K_ratio`, else, K at the largest amplitude, where friction changes it least.
+    """
+    whole = table.row(-1, named=True)
+    largest = table.sort("amplitude_deg", nulls_last=False)["K"][-1]
+    of_spring = whole["K_without_friction"] or largest
+    known: Row = dict.fromkeys(("K_ratio", "gain_error", "K_over_K_d", "B_over_B_d"))
+    if predicted:
+        ratio = of_spring / predicted
+        known["K_ratio"] = largest / predicted
+        known["gain_error"] = max(ratio / RENDERED[1] - 1, 0) + min(ratio / RENDERED[0] - 1, 0)
+    elif desired.K_d:
+        known["K_over_K_d"] = of_spring / desired.K_d
+        known["B_over_B_d"] = whole["B"] / desired.B_d if desired.B_d else None
+    K_over_K_s = pl.lit(None, pl.Float64)
+    if p is not None:
+        K_over_K_s = pl.col("K") / p.K_s
+        is_leg_of_file = desired.controller or desired.K_d or whole["K_s_ratio"] is not None
+        if not is_leg_of_file:
+            K_over_K_s = pl.when(K_over_K_s > 1).then(K_over_K_s)
+    columns = {name: pl.lit(value, pl.Float64) for name, value in known.items()}
+    return table.with_columns(K_over_K_s=K_over_K_s, **columns)
+
+
+def linear_prediction(s: Sums) -> tuple[float, float]:
+    """K and B of Eq. 15 fitted to the linear model's torque in the recorded motion: a drivetrain is
+    of higher order."""
+    at = s.index(list(IMPEDANCE.values()))
+    K, B = estimates_of(s.over(), at, s.names.index("linear"))[:2]
+    return float(K), float(B)
+
+
+def torque_error(s: Sums, label: Label, desired: DesiredImpedance) -> float | None:
+    """RMS [N*m] of tau - (K_d theta + B_d omega) in the rows of a label: the error of the rendered
+    torque. Offset and drift are the load cell's, and left out. None where K_d or B_d is not
+    known."""
+    if desired.K_d is None or desired.B_d is None:
+        return None
+    covariance = s.covariance(label, ["theta", "omega", "ramp"])
+    weights = np.array([-desired.K_d, -desired.B_d, 0.0, 1.0])
+    with_ramp = (covariance @ weights)[2]
+    square = weights @ covariance @ weights - with_ramp**2 / covariance[2, 2]
+    return float(np.sqrt(max(square, 0.0)))

@@ -24,7 +24,7 @@ from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.stats.repeats import equivalence
 from osl_analysis.yaml_settings import Positive, Settings
 
-NUMBERS = ("value", "low", "high", "target", "margin", "n")
+EXPRESSIONS = ("value", "low", "high", "target", "margin", "n", "subject", "joint", "side")
 CLAIM_COLUMNS = {
     **dict.fromkeys(("joint", "side", "name", "subject", "claim", "quantity"), pl.String),
     **dict.fromkeys(("value", "low", "high"), pl.Float64),
@@ -48,14 +48,6 @@ CLAIMED = (
 )
 """The result tables with whose numbers claims are compared."""
 STEP = 1e-4  # of a standard error, over which a derivative by a mean is taken
-BETTER = {
-    "torque_error": "the torque is nearer to K_d theta + B_d omega",
-    "K_error": "K is nearer to K_d",
-    "B_error": "B is nearer to B_d",
-    "B_viscous_error": "B without friction, where this is certain of both, is nearer to B_d",
-    "VAF": "K, B and I explain more of the torque",
-}
-"""What compensation improves, by the quantity of `compensation.csv`."""
 
 
 class Claims(Settings):
@@ -80,43 +72,36 @@ def text_of(parts: str | Sequence[str], row: Mapping[str, Any]) -> str:
 
 def claims_on(rows: pl.DataFrame, entry: Entry) -> list[Claim]:
     """The claim of an entry on each row that has its columns and meets its condition."""
-    expressions = {
-        name: pl.sql_expr(entry[name])
-        for name in (*NUMBERS, "subject", "joint", "side", "verdict", "where")
-        if name in entry
-    }
-    needed = {name for each in expressions.values() for name in each.meta.root_names()}
-    if not needed <= {*rows.columns}:
-        return []
-    rows = rows.filter(expressions.pop("where", pl.lit(value=True)))
-    cells = rows.select(**expressions)
+    steps = [
+        *entry.get("columns", ()),
+        {"where": "TRUE"}
+        | {name: entry[name] for name in ("where", *EXPRESSIONS) if name in entry},
+        {name: entry[name] for name in ("verdict",) if name in entry},
+    ]
+    for step in steps:
+        expressions = {name: pl.sql_expr(text) for name, text in step.items()}
+        needed = {name for each in expressions.values() for name in each.meta.root_names()}
+        if rows.is_empty() or not needed <= {*rows.columns}:
+            return []
+        rows = rows.with_columns(**expressions)
     claims: list[Claim] = []
-    for row, claim in zip(rows.to_dicts(), cells.to_dicts(), strict=True):
+    for row in rows.filter("where").to_dicts():
+        claim = {name: row[name] for name in (*EXPRESSIONS, "verdict") if name in entry}
         for name in ("name", "claim", "quantity", "unit", "interval", "wanted"):
             if name in entry:
                 claim[name] = text_of(entry[name], row) or None
         if claim["low"] is None:
             claim["interval"] = None
-        claims.append({"verdict": verdict_of(claim), **claim})
+        if "verdict" not in entry:
+            ends = claim["low"], claim["high"]
+            claim["verdict"] = equivalence(*ends, claim["target"], claim["margin"])
+        claims.append(claim)
     return claims
 
 
 def claims_of(kind: str, rows: pl.DataFrame) -> list[Claim]:
     """The claims on one kind of rows."""
     return [claim for entry in ENTRIES[kind] for claim in claims_on(rows, entry)]
-
-
-def verdict_of(claim: Claim) -> str | None:
-    """The verdict on a number by its 95 % interval: on the wanted side of the target or, where no
-    side is wanted, within its margin."""
-    low, high, target = claim["low"], claim["high"], claim["target"]
-    if "wanted" not in claim:
-        return equivalence(low, high, target, claim["margin"])
-    if low is None or high is None:
-        return None
-    if low > target or high < target:
-        return "holds" if (low > target) == (claim["wanted"] == "above") else "fails"
-    return "undecided"
 
 
 def share_claims(
@@ -146,39 +131,6 @@ def share_claims(
             share=pl.lit(percents[0]), trials=trials, half_width=pl.lit(half_width).fill_nan(None)
         )
         yield from claims_on(rows, entry)
-
-
-def compensation_claims(compensation: pl.DataFrame) -> Iterator[Claim]:
-    """What compensation improves, from `compensation.csv`. A difference without an interval counts
-    by its sign."""
-    if compensation.is_empty():  # which has no texts
-        return
-    is_vaf = pl.col("quantity") == "VAF"
-    low = pl.coalesce("difference_low", "difference")
-    high = pl.coalesce("difference_high", "difference")
-    n_above = (low > 0).sum()
-    n_below = (high < 0).sum()
-    of_trials = (
-        compensation.filter(of="trial")
-        .group_by("quantity")
-        .agg(
-            certain=pl.when(is_vaf.first()).then(n_above).otherwise(n_below),
-            worse=pl.when(is_vaf.first()).then(n_below).otherwise(n_above),
-            has_intervals=(low < high).any(),
-        )
-    )
-    of_amplitudes = compensation.filter(of="amplitudes")
-    rows = (
-        compensation.filter(of="trials")
-        .join(of_trials, on="quantity", maintain_order="left")
-        .join(of_amplitudes, on="quantity", how="left", suffix="_amplitudes", maintain_order="left")
-        .with_columns(
-            wanted=pl.when(is_vaf).then(pl.lit("above")).otherwise(pl.lit("below")),
-            better_if=pl.col("quantity").replace_strict(BETTER),
-            told_certain=pl.when("has_intervals").then("certain"),
-        )
-    )
-    yield from claims_of("pairs", rows)
 
 
 def with_margins(rows: pl.DataFrame, settings: Claims) -> pl.DataFrame:
@@ -213,40 +165,18 @@ def rendered_claims(fits: pl.DataFrame, settings: Claims) -> Iterator[Claim]:
         yield from of_trials
 
 
-def passivity_claims(response: pl.DataFrame) -> Iterator[Claim]:
-    """Whether the joint takes in energy at every frequency, by the least damping of each controller
-    and the lowest ends of all intervals."""
-    least = (
-        response.drop_nulls("damping")
-        .sort("damping")
-        .with_columns(
-            lowest_low=pl.col("damping_low").min().over("controller"),
-            lowest_high=pl.col("damping_high").min().over("controller"),
-            frequencies=pl.len().over("controller"),
-        )
-        .unique("controller", keep="first")
-        .sort("controller")
-    )
-    yield from claims_of("response", least)
-
-
 def walking_claims(
     summary: pl.DataFrame, groups: pl.DataFrame, midstance: float | None, settings: Claims
-) -> Iterator[Claim]:
+) -> list[Claim]:
     """Whether the stiffness while walking is the commanded one, by group, if nothing is at work
     that the walkway does not show. `midstance` is the commanded one [N*m/rad] of a campaign with
     one group whose sheet states none."""
     rows = summary.join(groups.select("group", "offset_share"), on="group", how="left")
     rows = rows.filter(pl.col("mean").is_not_null(), quantity="K", estimator="ensemble")
-    has_one_group = len(rows) == 1
-    midstance = midstance if has_one_group else None
     rows = with_margins(rows, settings).with_columns(
-        pl.col("offset_share").fill_null(0.0),
-        commanded=pl.coalesce("commanded", pl.lit(midstance, pl.Float64)),
-        unseen=pl.lit(known_finding("walking_unseen").says),
-        subject=pl.lit(None, pl.String) if has_one_group else pl.col("group"),
+        midstance=pl.lit(midstance, pl.Float64), unseen=pl.lit(known_finding("walking_unseen").says)
     )
-    yield from claims_of("walking", rows)
+    return claims_of("walking", rows)
 
 
 def claims_table(
@@ -319,6 +249,6 @@ def claims_of_place(
                 yield from share_claims(means, {"K_d": K_d, "turn": turn, "n_T": n_T})
         yield from rendered_claims(fits, settings)
     if "compensation" in tables:
-        yield from compensation_claims(tables["compensation"])
+        yield from claims_of("pairs", tables["compensation"])
     if "response" in tables:
-        yield from passivity_claims(tables["response"].filter(scope="all"))
+        yield from claims_of("response", tables["response"].filter(scope="all").sort("controller"))

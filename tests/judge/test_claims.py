@@ -8,7 +8,7 @@ from scipy import stats
 from osl_analysis.bench.summaries import compensation_table
 from osl_analysis.judge.claims import (
     Claims,
-    compensation_claims,
+    claims_of,
     rendered_claims,
     share_claims,
     walking_claims,
@@ -131,7 +131,7 @@ UNSURE_WORSE = ((1.1, 0.3), (1.0, 0.4))
 def test_a_verdict_over_conditions_rests_on_the_interval_of_each(conditions, verdict):
     table = of_damping(pairs(*conditions))
 
-    (claim,) = compensation_claims(table)
+    (claim,) = claims_of("pairs", table)
 
     assert (claim["verdict"], claim["n"], claim["interval"]) == (
         verdict,
@@ -146,7 +146,7 @@ def test_more_torque_explained_is_better_and_counts_by_its_sign():
     fits = [fit("compensated", 6.0, 0.1, VAF=99.0), fit("uncompensated", 6.0, 0.1, VAF=98.0)]
     table = compensation_table(pl.DataFrame(fits)).filter(quantity="VAF")
 
-    (claim,) = compensation_claims(table)
+    (claim,) = claims_of("pairs", table)
 
     assert (claim["value"], claim["wanted"], claim["verdict"]) == (1.0, "above", "holds")
 
@@ -203,3 +203,29 @@ def test_the_claim_on_walking_holds_its_offset_and_names_its_conditions(
     assert (claim["low"], claim["high"]) == pytest.approx(ends)
     assert claim["verdict"] == verdict
     assert "the plate's gain" in claim["claim"]
+
+
+@pytest.mark.parametrize(
+    ("lows", "highs", "verdict"),
+    [([0.1, 0.9], [0.3, 2.0], "holds"), ([0.1, -0.1], [0.3, 2.0], "undecided"),
+     ([-0.3, 0.9], [-0.1, 2.0], "fails")],
+)  # fmt: skip
+def test_a_joint_is_passive_if_the_intervals_of_all_frequencies_are(lows, highs, verdict):
+    rows = pl.DataFrame({
+        "controller": "compensated", "trial": "a", "frequency_hz": [1.0, 2.0],
+        "damping": [0.2, 1.0], "damping_low": lows, "damping_high": highs,
+    })  # fmt: skip
+
+    (claim,) = claims_of("response", rows)
+
+    assert (claim["value"], claim["n"], claim["verdict"]) == (0.2, 2, verdict)
+
+
+def test_a_share_is_beyond_its_limit_if_its_whole_interval_is():
+    known = {"hz": 1.0, "omega": 1.0}
+    verdicts = []
+    for J_j in (9.0, 9.9, 11.0):
+        means = {"J_j": mean(J_j, 0.05), "B_j": mean(100.0, 0.0)}
+        verdicts += [claim["verdict"] for claim in share_claims(means, known)]
+
+    assert verdicts == ["holds", "undecided", "fails"]

@@ -19,6 +19,7 @@ from osl_analysis.bench.impedance import Analysis
 from osl_analysis.bench.record import Record
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError
+from osl_analysis.model.rendered_impedance import FAITHFUL
 from osl_analysis.signals import runs
 from osl_analysis.stats.estimates import Estimate, Row
 from osl_analysis.stats.linear_fit import NORMAL_HALF_WIDTH, products_between, welch_satterthwaite
@@ -115,6 +116,29 @@ def response_table(analysis: Analysis) -> pl.DataFrame:
     method = "cycles" if record.is_stepped_sine else "windows"
     table = table_of(rows, "response", complete=True).fill_nan(None)
     return table.with_columns(interval_method=pl.lit(method))
+
+
+def with_errors(response: pl.DataFrame) -> pl.DataFrame:
+    """Add to rows of `response.csv` how far the impedance Z = 1/Y is from the desired one, Z_d =
+    K_d + j w B_d: in magnitude [%], in phase [deg], and as |Z - Z_d| / |Z_d| [%]; and up to which
+    frequency this is at most `FAITHFUL`."""
+    omega = 2 * np.pi * pl.col("frequency_hz")
+    of_damping = omega * pl.col("B_d")
+    ratio = 1 / pl.col("magnitude") / (pl.col("K_d") ** 2 + of_damping**2).sqrt()
+    desired_phase = pl.arctan2(of_damping, "K_d")
+    apart = -pl.col("phase_deg").radians() - desired_phase
+    with_errors = response.with_columns(
+        magnitude_error=100 * (ratio - 1),
+        phase_error=(apart.degrees() + 180) % 360 - 180,
+        Z_error=100 * (ratio**2 - 2 * ratio * apart.cos() + 1).sqrt(),
+    ).sort("amplitude_deg", "frequency_hz", nulls_last=True)
+    so_far = pl.col("Z_error").cum_max() <= 100 * FAITHFUL
+    faithful_to_hz = pl.col("frequency_hz").filter(so_far).max().fill_null(0.0)
+    return with_errors.with_columns(
+        faithful_to_hz=pl.when(pl.col("Z_error").is_not_null()).then(
+            faithful_to_hz.over("amplitude_deg")
+        )
+    )
 
 
 def response_to_sine(record: Record, stratum: int) -> tuple[Response, Row]:

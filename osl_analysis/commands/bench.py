@@ -23,7 +23,7 @@ from osl_analysis.bench.evidence import (
     series_of,
     tables_of_fit,
 )
-from osl_analysis.bench.frequency_response import response_table
+from osl_analysis.bench.frequency_response import response_table, with_errors
 from osl_analysis.bench.impedance import analysed
 from osl_analysis.bench.motion import record_of_trial, with_actuator
 from osl_analysis.bench.parts_alone import actuator_table, actuator_trial, transmission_table
@@ -110,7 +110,8 @@ def fit_impedance_trial(
     table = table.with_columns(fixture_column(trial), fixture_weight_column(trial))
 
     def others() -> dict[str, pl.DataFrame]:
-        return {"response": response_table(analysis).with_columns(**stated.columns())}
+        response = response_table(analysis).with_columns(**stated.columns())
+        return {"response": with_errors(response)}
 
     return tables_of_fit(series_of(analysis), others, impedance=table)
 

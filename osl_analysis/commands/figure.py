@@ -294,8 +294,7 @@ def beside_theory(responses: pl.DataFrame, parameters: Path | None, weight: Weig
     """The same for rows of `response.csv` of one desired impedance in memory, without the column
     `chosen`."""
     shown = over_amplitudes(responses).sort("frequency_hz", maintain_order=True)
-    none = pl.lit(None, pl.Float64)
-    shown = shown.with_columns(curve=pl.lit(OBSERVED), off_desired=none, off_model=none)
+    shown = shown.with_columns(curve=pl.lit(OBSERVED), model_error=pl.lit(None, pl.Float64))
     observed: list[pl.DataFrame] = []
     curves: list[pl.DataFrame] = []
     for measured in shown.partition_by(PLACE, maintain_order=True):
@@ -312,14 +311,12 @@ def beside_theory(responses: pl.DataFrame, parameters: Path | None, weight: Weig
                 if gains is not None:
                     rendered = joint_admittance(gains.K_1, gains.B_1, p, p.J_j)
                     models.append((LINEAR_MODEL, controller, rendered))
+                    error = pl.Series(model_error(measured, rendered))
+                    is_own = pl.col("controller").eq_missing(controller)
+                    of_model = pl.when(is_own).then(error).otherwise("model_error")
+                    measured = measured.with_columns(model_error=of_model)
         for curve, controller, admittance in models:
             Y = admittance(2j * np.pi * frequency_hz)
-            distance = f"off_{'desired' if curve == DESIRED else 'model'}"
-            is_own = pl.col("controller").eq_missing(controller) | (curve == DESIRED)
-            off = pl.Series(off_percent(measured, admittance))
-            measured = measured.with_columns(
-                pl.when(is_own).then(off).otherwise(distance).alias(distance)
-            )
             texts = {"curve": curve, "controller": controller, "joint": joint, "side": side}
             response = {
                 "frequency_hz": frequency_hz,
@@ -335,8 +332,8 @@ def beside_theory(responses: pl.DataFrame, parameters: Path | None, weight: Weig
     return plotted_numbers("fig7", points)
 
 
-def off_percent(measured: pl.DataFrame, admittance: RationalFunction) -> Array:
-    """Distance (n,) of the measured impedance from another one, |Z - Z_o| / |Z_o| [%]."""
+def model_error(measured: pl.DataFrame, admittance: RationalFunction) -> Array:
+    """Distance (n,) of the measured impedance from that of a model, |Z - Z_m| / |Z_m| [%]."""
     magnitude, phase_deg, frequency_hz = (
         measured.select("magnitude", "phase_deg", "frequency_hz").to_numpy().T
     )

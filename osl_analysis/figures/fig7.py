@@ -76,9 +76,9 @@ def draw_distances(ax: Axes, part: pl.DataFrame) -> None:
     """How far the measured impedance of one joint is from the desired one, a marker, and from that
     of the linear model, a line."""
     for look, observed in style.by_controller(part.filter(curve=OBSERVED)):
-        marks.draw_fits(ax, observed, observed["frequency_hz"], observed["off_desired"], look)
+        marks.draw_fits(ax, observed, observed["frequency_hz"], observed["Z_error"], look)
         ax.plot(
-            observed["frequency_hz"], observed["off_model"],
+            observed["frequency_hz"], observed["model_error"],
             color=look.colour, linestyle=look.dash, linewidth=Layout.MODEL_WIDTH,
         )  # fmt: skip
     ax.axhline(100 * FAITHFUL, color=style.BLACK, linewidth=style.HAIRLINE, zorder=0)

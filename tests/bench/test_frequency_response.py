@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import polars as pl
 import pytest
 from any_motion import chirp
 from bench_synthetic import record_of, second_order, sine_settings, stepped_sine
@@ -13,6 +14,7 @@ from osl_analysis.bench.frequency_response import (
     mean_response,
     response_of_pieces,
     response_table,
+    with_errors,
 )
 from osl_analysis.bench.impedance import analysed
 from osl_analysis.bench.motion import periods_of, stretches_of
@@ -216,3 +218,17 @@ def test_one_realisation_has_a_response_and_no_interval():
     assert len(table) > 8
     assert table["magnitude"].null_count() == 0
     assert table["magnitude_low"].null_count() > 0.5 * len(table)
+
+
+def test_a_response_tells_how_far_it_is_from_the_desired_impedance():
+    frequency_hz = np.array([1.0, 2.0, 3.0])
+    Z = (K + 2j * np.pi * frequency_hz * B) * [1.05, 0.98 * np.exp(0.05j), 1.2]
+    columns = {"magnitude": 1 / abs(Z), "phase_deg": -np.degrees(np.angle(Z))}
+
+    response = pl.DataFrame({"frequency_hz": frequency_hz, **columns})
+    errors = with_errors(response.with_columns(K_d=K, B_d=B, amplitude_deg=2.0))
+
+    assert errors["magnitude_error"].to_list() == pytest.approx([5, -2, 20])
+    assert errors["phase_error"].to_list() == pytest.approx([0, np.degrees(0.05), 0], abs=1e-9)
+    assert errors["Z_error"][2] == pytest.approx(20)
+    assert set(errors["faithful_to_hz"]) == {2.0}

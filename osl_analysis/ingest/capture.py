@@ -4,7 +4,7 @@ channels and model outputs, in our axes.
 The baseline of the plates is applied only where the source file asks: most files name their first
 ten frames, of empty plates or not."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -70,7 +70,7 @@ def convert_capture(recording: Recording, source: MarkerSource) -> Converted:
     baseline = baseline_frames(recording, source)
     unloaded = None
     if baseline is not None:
-        per_frame = int(recording.facts.get("samples_per_frame", 1))
+        per_frame = recording.facts["samples_per_frame"]
         unloaded = slice((baseline[0] - 1) * per_frame, baseline[1] * per_frame)
     loads = convert_plates(recording.plates, source, unloaded)
     of_samples.update(loads.columns)
@@ -106,7 +106,13 @@ def convert_capture(recording: Recording, source: MarkerSource) -> Converted:
     }
     if loads.facts:
         facts["plate_zero_frames"] = baseline
-    warnings = [*recording.loss.remarks, *remarks_on(recording, source, markers)]
+    warnings = [*recording.loss.remarks]
+    up = str(facts.get("vertical_on_screen") or vertical_axis(markers, recording.plates)).upper()
+    if source.axes == ("x", "y", "z") and up.strip("+-") not in ("", "Z"):
+        axes = "`axes: [x, -z, y]`" if up.strip("+") == "Y" else "`axes`"
+        warnings.append(
+            f"its vertical axis seems to be {printable(up)}; state {axes} in the source file"
+        )
     return Converted(samples, origins, facts, warnings, losses_of(recording.loss))
 
 
@@ -123,9 +129,9 @@ def baseline_frames(recording: Recording, source: MarkerSource) -> tuple[int, in
     zero: Any = getattr(source, "plate_zero", "none")
     if zero == "none" or not recording.plates:
         return None
-    stated = [*recording.facts.get("plate_zero_frames", ()), 0, 0] if zero == "file" else zero
-    first, last = np.nan_to_num(np.asarray(stated[:2], np.float64)).astype(int).tolist()
-    frames = recording.facts.get("frames", 0)
+    stated = [*recording.facts["plate_zero_frames"], 0, 0] if zero == "file" else zero
+    first, last = np.nan_to_num(stated[:2]).astype(int).tolist()
+    frames = recording.facts["frames"]
     if not 1 <= first <= last <= frames:
         raise InputError(
             f"the baseline of the plates is frames {first} to {last} of {frames}; state two frames"
@@ -146,18 +152,6 @@ def joined(
     rows = pl.DataFrame({"number": number, "time": number / max(rates), **of_samples})
     frames = pl.DataFrame({"number": number[::ratio], **of_frames})
     return rows.join(frames, on="number", how="left", maintain_order="left").drop("number")
-
-
-def remarks_on(
-    recording: Recording, source: MarkerSource, markers: Sequence[Channel]
-) -> Iterator[str]:
-    """Say where the axes seem to be others."""
-    up = str(recording.facts.get("vertical_on_screen", "")).upper()
-    if not up and vertical_axis(markers, recording.plates) == "y":
-        up = "Y"
-    if source.axes == ("x", "y", "z") and up.lstrip("+-") not in ("", "Z"):
-        axes = "`axes: [x, -z, y]`" if up in ("Y", "+Y") else "`axes`"
-        yield f"its vertical axis seems to be {printable(up)}; state {axes} in the source file"
 
 
 def vertical_axis(markers: Sequence[Channel], plates: Sequence[Plate] = ()) -> str:

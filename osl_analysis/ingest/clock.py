@@ -61,7 +61,7 @@ def find_edges(time: Array, level: Array) -> Edges:
     is_pulses = (
         swing >= LIMITS.least_swing * np.abs(level).max(initial=0.0)
         and certain.size >= LIMITS.least_certain * level.size
-        and turns.size <= max(LIMITS.most_edges * level.size, MINIMUM_EDGES)
+        and turns.size <= LIMITS.most_edges * level.size
     )
     if not is_pulses:
         turns = turns[:0]
@@ -110,8 +110,7 @@ def pairs_alike(slave: Edges, master: Edges) -> tuple[Array, Array]:
     ours = slave.time[:-2][is_alike]
     theirs = master.time[np.asarray(row)[is_alike]]
     offsets = theirs - ours
-    durations = [np.ptp(edges.time) for edges in (slave, master) if edges.time.size]
-    width = sampling + LIMITS.largest_drift * min(durations, default=0.0)
+    width = sampling + LIMITS.largest_drift * np.ptp(master.time)
     votes = np.sort(offsets)
     count = np.searchsorted(votes, votes + width, side="right") - np.arange(votes.size)
     best = count.max(initial=0)
@@ -212,6 +211,8 @@ def correlate_clocks(slave: Signal, master: Signal) -> ClockFit:
     InputError
         A signal is too short or constant, or another lag fits about as well.
     """
+    step = min(usual_step(slave[0]), usual_step(master[0]))
+    means = []  # of both, every `step` from the first sample on
     for time, values in (slave, master):
         if time.size < LIMITS.fewest_shared or np.ptp(values) == 0:
             raise InputError(
@@ -219,10 +220,7 @@ def correlate_clocks(slave: Signal, master: Signal) -> ClockFit:
                 f" {LIMITS.fewest_shared} samples; check the channel and its sensor, or record"
                 " longer"
             )
-    step = min(usual_step(slave[0]), usual_step(master[0]))
-    width = max(round(LIMITS.mean_s / step), 1)
-    means = []  # of both, every `step` from the first sample on
-    for time, values in (slave, master):
+        width = max(round(LIMITS.mean_s / step), 1)
         on_grid = np.interp(np.arange(time[0], time[-1] + 1e-6 * step, step), time, values)
         means.append(np.convolve(on_grid - on_grid.mean(), np.full(width, 1 / width), "valid"))
     shared = shared_variance(*means)
@@ -230,7 +228,8 @@ def correlate_clocks(slave: Signal, master: Signal) -> ClockFit:
     best, *others = peaks[np.argsort(-shared[peaks])].tolist()
 
     around = shared[best - 1 : best + 2]
-    shift = (around[0] - around[2]) / (2 * np.diff(around, 2)[0])  # to the top of a parabola
+    bend = np.diff(around, 2)[0]
+    shift = (around[0] - around[2]) / (2 * bend)  # to the top of a parabola
     offset = master[0][0] - slave[0][0] + step * (best + 1 - means[0].size + shift)
     misfit = np.sqrt(max(1 - shared[best], LIMITS.least_misfit**2))
     elsewhere = np.sqrt(1 - shared[others].max(initial=0.0))
@@ -240,10 +239,9 @@ def correlate_clocks(slave: Signal, master: Signal) -> ClockFit:
             f" left, hardly better than elsewhere, {elsewhere:.2g}; check that both channels show"
             " the same movement, and record longer, with one that does not repeat"
         )
-    # the square of the misfit grows by that of the lag over the time in which the signal changes
-    growth = shared[best] - shared.take([best - width, best + width], mode="clip").mean()
+    # a lag is told by the bend of the parabola and the number of means that do not overlap
     duration = step * min(each.size for each in means)
-    error = LIMITS.mean_s * misfit / np.sqrt(growth * duration / LIMITS.mean_s)
+    error = step * misfit / np.sqrt(-bend / 2 * duration / LIMITS.mean_s)
     of_drift = LIMITS.usual_drift * duration / np.sqrt(12)
     return ClockFit(
         offset,

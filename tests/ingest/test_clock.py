@@ -161,3 +161,13 @@ def test_strides_that_differ_a_little_tell_the_lag() -> None:
     fit = correlate_clocks((time, angle), (time[:6000], seen))
 
     assert fit.offset == pytest.approx(-1500 / CAMERA_RATE, abs=0.1 / CAMERA_RATE)
+
+
+def test_a_lag_scatters_as_its_standard_error_says() -> None:
+    seen = (WITHIN, MOVEMENT(WITHIN))
+    noise = 3 * np.random.default_rng(5).standard_normal((20, WITHIN.size))
+
+    fits = [correlate_clocks((WITHIN, seen[1] + each), seen) for each in noise]
+
+    scatter = np.std([fit.offset for fit in fits])
+    assert fits[0].residual == pytest.approx(scatter, rel=0.15)

@@ -8,7 +8,7 @@ over the complex amplitudes of the pieces. Leaving out one unit at a time gives 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import polars as pl
@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from osl_analysis.bench.impedance import Analysis
 from osl_analysis.bench.record import Record
 from osl_analysis.dictionary import table_of
-from osl_analysis.errors import InputError
 from osl_analysis.model.rendered_impedance import FAITHFUL
 from osl_analysis.signals import runs
 from osl_analysis.stats.estimates import Estimate, Row
@@ -29,7 +28,6 @@ Spectrum = NDArray[np.complex128]
 
 HIGHEST_HARMONIC = 5
 """Friction makes odd harmonics, which fall as 1/k or faster; asymmetry makes even ones."""
-SMALLEST_SINE = 1e-12  # of the signal: a smaller sine is rounding
 LEAST_FREEDOM = 0.9  # of an interval: two cycles have one degree
 WINDOW_S = 4.0  # s; of a motion that is no stepped sine
 DISTINCT_LINES = 2  # lines of a Hann window, of which each depends on its neighbours
@@ -70,16 +68,14 @@ class Response:
 
         w = 2 * np.pi * self.frequency_hz
         size = abs(self.Y)
-        estimates = {
-            "magnitude": (size, size * errors.real),
-            "phase_deg": (np.rad2deg(np.angle(self.Y)), np.rad2deg(errors.imag)),
-            "damping": ((1 / self.Y).imag / w, (errors / self.Y).imag / w),
-        }
         row: Row = {"frequency_hz": self.frequency_hz}
-        for name, (value, changes) in estimates.items():
-            half_width = np.linalg.norm(changes)
-            bounds = (float(value), float(value - half_width), float(value + half_width))
-            row |= Estimate(*bounds).columns(name)
+        for name, value, changes in (
+            ("magnitude", size, size * errors.real),
+            ("phase_deg", np.rad2deg(np.angle(self.Y)), np.rad2deg(errors.imag)),
+            ("damping", (1 / self.Y).imag / w, (errors / self.Y).imag / w),
+        ):
+            half_width = float(np.linalg.norm(changes))
+            row |= Estimate(value, value - half_width, value + half_width).columns(name)
         return row
 
 
@@ -93,20 +89,14 @@ def response_table(analysis: Analysis) -> pl.DataFrame:
     ----------
     analysis : Analysis
         Eq. 15 of a recording of the bench.
-
-    Raises
-    ------
-    InputError
-        The signal of a sine has none; the message names the trial.
     """
     record = analysis.record
-    drift = analysis.whole["drift"] * (record.time - record.time.mean())
-    record = replace(record, torque=record.torque - drift)
     rows: list[Row] = []
+    of_all: list[Response] = []
     if record.is_stepped_sine:
         at_frequency: dict[float, list[Response]] = {}
         for number, stratum in enumerate(record.groups.strata):
-            response, distortion = response_to_sine(record, number)
+            response, distortion = response_to_sine(analysis, number)
             rows.append({**analysis.place(stratum.label), **response.to_row(record), **distortion})
             at_frequency.setdefault(stratum.frequency_hz, []).append(response)
         of_all = [mean_response(responses) for responses in at_frequency.values()]
@@ -141,25 +131,21 @@ def with_errors(response: pl.DataFrame) -> pl.DataFrame:
     )
 
 
-def response_to_sine(record: Record, stratum: int) -> tuple[Response, Row]:
-    """The response to the sine of one frequency and amplitude, by its settled cycles, and harmonics
-    2 to 5 of angle and torque over the fundamental."""
-    groups = record.groups
-    frequency_hz = groups.strata[stratum].frequency_hz
-    first, stop = (edges[groups.stratum == stratum] for edges in (groups.first, groups.stop))
+def response_to_sine(analysis: Analysis, number: int) -> tuple[Response, Row]:
+    """The response to the sine of one stratum by its settled cycles, before the filter, and
+    harmonics 2 to 5 of angle and torque over the fundamental."""
+    record, groups = analysis.record, analysis.record.groups
+    drift = analysis.whole["drift"] * (record.time - record.time.mean())
+    frequency_hz = groups.strata[number].frequency_hz
+    first, stop = (edges[groups.stratum == number] for edges in (groups.first, groups.stop))
     rows = slice(int(first.min()), int(np.ceil(stop.max())))
     harmonics_hz = frequency_hz * np.arange(1, HIGHEST_HARMONIC + 1)
     turns = np.exp(-2j * np.pi * np.outer(record.time[rows], harmonics_hz))
-    signals = np.column_stack([record.theta[rows], record.torque[rows]])
+    signals = np.column_stack([record.theta, record.torque - drift])[rows]
     sums = products_between(turns, signals, first - rows.start, stop - rows.start)
     amplitudes = sums / (stop - first)[:, None, None]  # cycles, harmonics, signals
 
     sizes = np.abs(amplitudes.mean(axis=0))
-    if (sizes[0] <= SMALLEST_SINE * np.abs(signals).max(axis=0)).any():
-        raise InputError(
-            f"trial {record.name}: theta or torque has no sine of {frequency_hz:g} Hz; check its"
-            " channel in the source file, or exclude the trial"
-        )
     of_theta, of_torque = np.linalg.norm(sizes[1:], axis=0) / sizes[0]
     theta, torque = amplitudes[:, 0].T
     response = response_of_pieces(frequency_hz, theta, torque, np.arange(len(first)))
@@ -176,14 +162,14 @@ def response_of_pieces(
     belongs = unit == np.unique(unit)[:, None]
     power = belongs @ np.abs(theta) ** 2
     cross = belongs @ (theta.conj() * torque)
-    Y = power.sum() / cross.sum()
-    freedom = power.sum() ** 2 / np.sum(power**2) - 1
+    all_power, all_cross = power.sum(), cross.sum()
+    freedom = all_power**2 / np.sum(power**2) - 1
     deviations = np.array([np.nan + 0j])
     if freedom > LEAST_FREEDOM:
-        without_unit = (power.sum() - power) / (cross.sum() - cross)
+        without_unit = (all_power - power) / (all_cross - cross)
         u = len(power)
         deviations = (without_unit - without_unit.mean()) * np.sqrt((u - 1) / u)
-    return Response(frequency_hz, complex(Y), deviations, float(freedom))
+    return Response(frequency_hz, complex(all_power / all_cross), deviations, float(freedom))
 
 
 def mean_response(responses: Sequence[Response]) -> Response:
@@ -210,7 +196,7 @@ def responses_of_windows(analysis: Analysis) -> list[Response]:
     """
     record, fit = analysis.record, analysis.whole
     starts, unit, window = windows_of(record)
-    if not len(starts):
+    if not len(starts):  # the recording is shorter than a window
         return []
     signals = np.array([record.motion.theta, record.filtered_torque - analysis.modelled()])
     views = np.lib.stride_tricks.sliding_window_view(signals, len(window), axis=1)
@@ -219,14 +205,14 @@ def responses_of_windows(analysis: Analysis) -> list[Response]:
     frequency_hz = np.fft.rfftfreq(len(window), 1 / record.rate_hz)
     s = 2j * np.pi * frequency_hz
     torque = (fit["K"] + fit["B"] * s + fit["I"] * s**2) * theta + left
-    power = np.mean(np.abs(theta) ** 2, axis=0)
+    power = np.sum(np.abs(theta) ** 2, axis=0)
     highest_hz = min(record.band_hz[1], record.settings.cutoff_hz)
-    step = 1 if record.periodic else DISTINCT_LINES
     moves = (frequency_hz <= highest_hz) & (power > LEAST_POWER * power.max())
+    step = 1 if record.periodic else DISTINCT_LINES
+    distinct = np.arange(step, len(moves), step)
     return [
         response_of_pieces(float(frequency_hz[k]), theta[:, k], torque[:, k], unit)
-        for k in range(step, len(frequency_hz), step)
-        if moves[k]
+        for k in distinct[moves[distinct]]
     ]
 
 
@@ -238,14 +224,12 @@ def windows_of(record: Record) -> tuple[NDArray[np.intp], NDArray[np.intp], Arra
     few realisations have wide intervals, and one has none.
     """
     periodic, rate_hz = record.periodic, record.rate_hz
-    if periodic is None:
-        n = round(WINDOW_S * rate_hz)
-        pieces = [
-            np.arange(rows.start, rows.stop - n + 1, n // 2) for rows in runs(record.is_fitted())
-        ]
-        starts = np.concatenate(pieces)
-        return starts, np.arange(len(starts)), scipy.signal.windows.hann(n, sym=False)
+    if periodic is not None:
+        n = round(periodic.period * rate_hz)
+        starts = np.rint(periodic.begins * rate_hz).astype(np.intp)
+        return np.minimum(starts, len(record.time) - n), periodic.realisation, np.ones(n)
 
-    n = round(periodic.period * rate_hz)
-    starts = np.rint(periodic.begins * rate_hz).astype(np.intp)
-    return np.minimum(starts, len(record.time) - n), periodic.realisation, np.ones(n)
+    n = round(WINDOW_S * rate_hz)
+    pieces = [np.arange(rows.start, rows.stop - n + 1, n // 2) for rows in runs(record.is_fitted())]
+    starts = np.concatenate(pieces)
+    return starts, np.arange(len(starts)), scipy.signal.windows.hann(n, sym=False)

@@ -19,7 +19,6 @@ from osl_analysis.bench.frequency_response import (
 from osl_analysis.bench.impedance import analysed
 from osl_analysis.bench.motion import periods_of, stretches_of
 from osl_analysis.bench.regression import IMPEDANCE
-from osl_analysis.errors import InputError
 from osl_analysis.spectral import periodic_motion
 
 RATE = 250.0
@@ -124,16 +123,6 @@ def test_errors_of_the_bench_stretch_turn_and_shift_a_response(stated, magnitude
     halves = [row[f"{name}_high"] - row[name] for name in ("magnitude", "phase_deg")]
     assert halves[0] == pytest.approx(1.96 * magnitude / 100, rel=1e-3, abs=1e-12)
     assert halves[1] == pytest.approx(1.96 * np.rad2deg(phase), rel=1e-3, abs=1e-9)
-
-
-def test_a_sine_without_torque_is_refused():
-    record = stepped_sine(second_order)
-    nothing = np.zeros_like(record.torque)
-    silent = replace(record, torque=nothing, filtered_torque=nothing)
-    analysis = analysed(silent, IMPEDANCE)
-
-    with pytest.raises(InputError, match="theta or torque has no sine of 1 Hz"):
-        response_table(replace(analysis, record=silent))
 
 
 # ---- Other motions

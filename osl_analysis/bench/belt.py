@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from osl_analysis.bench.bench_settings import BeltAnalysis
 from osl_analysis.bench.impedance import Analysis, torque_errors, widened
-from osl_analysis.bench.loops import branch_rows, find_cycles, whole
 from osl_analysis.bench.motion import record_of, signals_of, stretches_of
 from osl_analysis.bench.plausibility import check_changes, check_stiffer
 from osl_analysis.bench.record import Groups, Label, Record
 from osl_analysis.bench.regression import GroupFit, Model, estimates_of, fit_groups, gram_sums
 from osl_analysis.bench.summaries import PLACE
+from osl_analysis.bench.torque_angle import branch_rows, find_cycles, whole
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError, naming
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection

@@ -1,4 +1,5 @@
-"""Torque against angle, quasi-static, of passive feet, springs and series elastic elements.
+"""Torque against angle, quasi-static, of passive feet, springs and series elastic elements; and the
+cycles of any slow motion to and fro: where each begins, turns and ends, and the energy in it.
 
 The torque's zero and the deflection of the bench are subtracted first. A device with hysteresis
 that comes to rest on its way keeps a torque of up to half the width of its loop. One recording
@@ -7,28 +8,38 @@ cannot tell this from an offset.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import polars as pl
+import scipy
+from numpy.typing import NDArray
 
 from osl_analysis.bench.bench_settings import TorqueAngleAnalysis
 from osl_analysis.bench.evidence import Series
 from osl_analysis.bench.impedance import torque_errors
-from osl_analysis.bench.loops import Cycle, branch_rows, energies, find_cycles, whole
 from osl_analysis.bench.motion import signals_of
 from osl_analysis.bench.plausibility import check_changes, check_resists, check_stiffer
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import Change, InputError, naming
 from osl_analysis.stats.estimates import Row
 from osl_analysis.stats.linear_fit import variance_accounted_for
-from osl_analysis.stats.repeats import over_repeats
+from osl_analysis.stats.repeats import summary_row
 from osl_analysis.trial import Array, Trial
 
 MEASURED = ("K", "K_unloading", "energy_stored", "energy_returned", "energy_lost")
 FEWEST_ANGLES = 5  # of a curve
 FEWEST_SAMPLES = 10  # of a parabola
 RESTS = 0.01  # of the range of motion: the joint is at rest within it
+TURNING_SHARE = 0.1  # of the range of motion: a smaller return is no turning point
+AT_AN_END = 0.1  # of the range of motion: a start this near an end counts as this end
+CLOSED = 0.02  # of the range of motion: largest distance between the ends of a cycle
+WHOLE = 0.9  # of the range of motion: a cycle that covers less is a smaller one
+
+
+Cycle = tuple[int, ...]
+"""A closed cycle of an angle, by rows: where it begins, turns (once or more often) and ends."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +81,11 @@ def torque_angle_trial(
     rate_hz = signals.rate_hz
     bench = settings.bench_stiffness
     with naming(f"trial {trial.name}"):
+        if desired not in (None, *settings.desired):
+            raise InputError(
+                f"no desired curve '{desired}'; torque_angle.desired in the configuration has"
+                f" {', '.join(settings.desired) or 'none'}"
+            )
         for column in ("torque", "theta"):
             check_changes(column, signals[column])
         bench_theta = settings.low_pass(signals["theta"], rate_hz)
@@ -89,7 +105,6 @@ def torque_angle_trial(
         begin = theta[cycles[0][0]]
         loading = 1 if theta.max() - begin >= begin - theta.min() else -1
         estimates = means_row(theta, torque, cycles, loading, rate_hz, settings)
-        desired_torque = torque_of_design(angle_deg, desired, settings)
     check_resists(trial.name, "K", estimates["K"])
     check_stiffer(trial.name, "K", estimates["K"], bench)
 
@@ -106,7 +121,7 @@ def torque_angle_trial(
             "angle_deg": angle_deg,
             "torque": curve,
             "stiffness": slope,
-            "desired_torque": desired_torque,
+            "desired_torque": settings.desired[desired].at(angle_deg) if desired else np.nan,
         }
         curves.append(pl.DataFrame(columns).with_columns(desired=pl.lit(desired, pl.String)))
     fitted = np.isfinite(model)
@@ -175,18 +190,6 @@ def angles_of_curves_deg(theta: Array, step_deg: float) -> Array:
     return np.asarray(steps * step_deg)
 
 
-def torque_of_design(angle_deg: Array, desired: str | None, settings: TorqueAngleAnalysis) -> Array:
-    """Torque (m,) [N*m] of a desired curve at angles [deg]; NaN beyond its ends, and of None."""
-    if desired is None:
-        return np.full(len(angle_deg), np.nan)
-    if desired not in settings.desired:
-        raise InputError(
-            f"no desired curve '{desired}'; torque_angle.desired in the configuration has"
-            f" {', '.join(settings.desired) or 'none'}"
-        )
-    return settings.desired[desired].at(angle_deg)
-
-
 def curve_of(
     theta: Array, torque: Array, angles: Array, window_share: float
 ) -> tuple[Array, Array]:
@@ -230,10 +233,8 @@ def measured(theta: Array, torque: Array, cycles: Sequence[Cycle], loading: int)
     covered = np.sqrt(np.abs(np.gradient(theta)))
     rows = []
     for cycle in cycles:
-        slopes = []
-        for direction in (loading, -loading):
-            branch = branch_rows([cycle], theta, direction)
-            slopes.append(np.polyfit(theta[branch], torque[branch], 1, w=covered[branch])[0])
+        branches = [branch_rows([cycle], theta, direction) for direction in (loading, -loading)]
+        slopes = [np.polyfit(theta[b], torque[b], 1, w=covered[b])[0] for b in branches]
         stored, returned = energies(theta[whole(cycle)], torque[whole(cycle)])
         rows.append((*slopes, stored, returned, stored - returned))
     return np.array(rows)
@@ -256,15 +257,107 @@ def means_row(
     changed = [(theta, torque + error) for error in (gain_error * torque, *errors)]
     changed.append((theta - (bench.compliance_error if bench else 0.0) * torque, torque))
     values = measured(theta, torque, cycles, loading)
-    means = values.mean(axis=0)
     others = [measured(*signals, cycles, loading).mean(axis=0) for signals in changed]
-    shared = np.sum(np.square(others - means), axis=0)
+    shared = np.linalg.norm(others - values.mean(axis=0), axis=0)
 
-    row: dict[str, Any] = dict(zip(MEASURED, means.tolist(), strict=True))
-    row["returned_share"] = row["energy_returned"] / row["energy_stored"]
-    for name, of_cycles, variance in zip(MEASURED, values.T, shared, strict=True):
-        row[f"{name}_low"] = row[f"{name}_high"] = None
-        if len(cycles) > 1:
-            repeats = over_repeats(of_cycles, [(float(variance), np.inf)])
-            row |= {f"{name}_low": repeats.low, f"{name}_high": repeats.high}
-    return row
+    row = dict[str, Any]()
+    for name, of_cycles, error in zip(MEASURED, values.T, shared, strict=True):
+        summary = summary_row(pl.DataFrame({name: of_cycles, f"{name}_se_bench": error}), name)
+        ends = {f"{name}_{end}": summary[end] for end in ("low", "high")}
+        row |= {name: summary["mean"], **ends}
+    returned, stored = values.mean(axis=0)[[3, 2]]
+    return {**row, "returned_share": returned / stored}
+
+
+def whole(cycle: Cycle) -> slice:
+    """All rows of a cycle, with the last one."""
+    return slice(cycle[0], cycle[-1] + 1)
+
+
+def branch_rows(cycles: Sequence[Cycle], theta: Array, direction: int) -> NDArray[np.intp]:
+    """The rows of cycles in which the angle (n,) rises (1) or falls (-1) from turn to turn."""
+    parts = [
+        np.arange(first, last + 1)
+        for cycle in cycles
+        for first, last in pairwise(cycle)
+        if (theta[last] - theta[first]) * direction > 0
+    ]
+    return np.concatenate(parts)
+
+
+def find_cycles(theta: Array) -> tuple[list[Cycle], int]:
+    """Find the whole cycles of a slow motion, and the number of its other stretches.
+
+    A cycle ends where the angle returns to its start in the same direction, or, if the motion
+    starts at one of its ends, where it returns to this end. Other stretches cover less than
+    `WHOLE` of the range, or do not close.
+
+    Parameters
+    ----------
+    theta : Array
+        Filtered angle (n,) [rad].
+
+    Raises
+    ------
+    InputError
+        There is no whole cycle.
+    """
+    span = float(np.ptp(theta))
+    swing = TURNING_SHARE * span
+    highest, _ = scipy.signal.find_peaks(theta, prominence=swing)
+    lowest, _ = scipy.signal.find_peaks(-theta, prominence=swing)
+    turns = np.sort(np.concatenate([highest, lowest])).tolist()
+    edges = cycle_edges(theta, turns, span)
+    cycles: list[Cycle] = []
+    others = 0
+    for first, last in pairwise(edges):
+        range_of_stretch = np.ptp(theta[first : last + 1])
+        is_closed = abs(theta[last] - theta[first]) <= CLOSED * span
+        if is_closed and range_of_stretch >= WHOLE * span:
+            cycles.append((first, *(turn for turn in turns if first < turn < last), last))
+        elif range_of_stretch > swing:
+            others += 1
+    if not cycles:
+        first_deg, low_deg, high_deg, last_deg = (
+            np.rad2deg([theta[0], theta.min(), theta.max(), theta[-1]]).round(2) + 0.0
+        )  # without "-0.00"
+        raise InputError(
+            f"no whole cycle: the angle begins at {first_deg:.2f} deg, goes to {low_deg:.2f} and"
+            f" {high_deg:.2f} deg, and ends at {last_deg:.2f} deg; record the way back to the start"
+        )
+    return cycles, others
+
+
+def cycle_edges(theta: Array, turns: list[int], span: float) -> list[int]:
+    """Rows at which cycles of an angle (n,) with a range `span` [rad] may begin or end."""
+    start = float(theta[0])
+    last_row = len(theta) - 1
+    if min(start - theta.min(), theta.max() - start) < AT_AN_END * span:
+        at_start = [
+            turn for turn in turns if abs(theta[turn] - start) < (AT_AN_END + CLOSED) * span
+        ]
+        return [0, *at_start, last_row]
+    between_turns = list(pairwise([0, *turns, last_row]))
+    direction = np.sign(theta[between_turns[0][1]] - start)
+    if abs(theta[last_row] - start) <= CLOSED * span:  # the end counts, and is no crossing
+        between_turns = between_turns[:-1]
+    beyond_start = (theta - start) * direction
+    edges = [0]
+    for first, last in between_turns[1:]:
+        if beyond_start[first] < 0 < beyond_start[last]:
+            edges.append(first + int(np.argmax(beyond_start[first : last + 1] >= 0)))
+    return [*edges, last_row]
+
+
+def energies(angle: Array, torque: Array) -> tuple[float, float]:
+    """Energies [J] that a cycle takes from the bench and returns: the integral of the torque [N*m]
+    over the angle [rad], (n,) each.
+
+    It is summed by pieces, which end where the angle turns or the torque changes sign, so that
+    noise does not count as energy in both directions.
+    """
+    work = scipy.integrate.cumulative_trapezoid(torque, angle, initial=0)
+    sign_changes = np.flatnonzero(np.diff(np.signbit(torque))) + 1
+    ends = [0, np.argmin(angle), np.argmax(angle), len(angle) - 1, *sign_changes]
+    of_pieces = np.diff(work[np.unique(ends)])
+    return float(of_pieces[of_pieces > 0].sum()), float(-of_pieces[of_pieces < 0].sum())

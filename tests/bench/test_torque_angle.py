@@ -10,8 +10,7 @@ import pytest
 from conftest import ROOT, marked
 
 from osl_analysis.bench.bench_settings import TorqueAngleAnalysis
-from osl_analysis.bench.loops import find_cycles
-from osl_analysis.bench.torque_angle import torque_angle_trial
+from osl_analysis.bench.torque_angle import find_cycles, torque_angle_trial
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.quality import saturated

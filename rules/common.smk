@@ -37,7 +37,7 @@ from osl_analysis.campaign.result_files import (
 from osl_analysis.commands.run import end_run, left_out_recordings, made_by, start_campaign
 from osl_analysis.config.experiments import DOUBTS_OF, EXPERIMENTS, JUDGED_TABLES
 from osl_analysis.config.sheet import ON_DYNAMOMETER
-from osl_analysis.errors import InputError, OslAnalysisError, listing
+from osl_analysis.errors import OslAnalysisError, listing, nearest
 from osl_analysis.figures import FIGURES
 from osl_analysis.jobs.workers import job
 from osl_analysis.judge.claims import CLAIMED
@@ -88,28 +88,28 @@ QUALITY = "<results>/tables/quality.csv"
 JUDGE = Judge(CONFIG.quality, {trial: CAMPAIGN.accepted(trial) for trial in TRIALS})
 
 
-def of_trials(trials, file="<results>/trials/{trial}.parquet"):
-    """An input: the file of the job's trial, which is one of these trials.
+def of_trials(trials, files="<results>/trials/{trial}.parquet".format):
+    """An input: the files of the job's trial, which is one of these trials.
 
     A `wildcard_constraints` of their names would not do: Snakemake reads it anew for each file of
     each job, so that planning would take a time that grows with the square of their number.
     """
     names = frozenset(trials)
 
-    def file_of_trial(wildcards):
-        if wildcards.trial not in names:
-            raise InputError(
-                f"trial {wildcards.trial} is none of this analysis; ask for one of these:"
-                f" {listing(sorted(names), 3)}"
+    def files_of_trial(wildcards):
+        if wildcards.trial not in names:  # no exception, of which Snakemake shows a traceback
+            sys.exit(
+                f"error: trial {wildcards.trial} is none of this analysis; ask for one of these:"
+                f" {listing(sorted(names), 3)}{nearest(wildcards.trial, names)}"
             )
-        return file.format(trial=wildcards.trial)
+        return files(trial=wildcards.trial)
 
-    return file_of_trial
+    return files_of_trial
 
 
 def experiment(wildcards):
     """What is known of the kind of a trial."""
-    return EXPERIMENTS[CAMPAIGN.row(wildcards.trial)["experiment"]]
+    return EXPERIMENTS[CAMPAIGN.rows[wildcards.trial]["experiment"]]
 
 
 def device(wildcards):
@@ -119,12 +119,12 @@ def device(wildcards):
 
 def cells(*columns):
     """A param: what the sample sheet states for the trial in these columns."""
-    return lambda wildcards: {column: CAMPAIGN.row(wildcards.trial)[column] for column in columns}
+    return lambda wildcards: {column: CAMPAIGN.rows[wildcards.trial][column] for column in columns}
 
 
 def cell(column):
     """A param: what the sample sheet states for the trial in this column."""
-    return lambda wildcards: CAMPAIGN.row(wildcards.trial)[column]
+    return lambda wildcards: CAMPAIGN.rows[wildcards.trial][column]
 
 
 def figure_setting(wildcards):

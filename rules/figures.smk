@@ -9,7 +9,9 @@ rule plot_numbers:
     """What a figure plots that shows one table, or up to three."""
     input:
         table=lambda wildcards: f"<results>/tables/{FIGURES[wildcards.figure].table}.csv",
-        others=lambda wildcards: FILES.tables_beside(wildcards.figure),
+        others=lambda wildcards: expand(
+            "<results>/tables/{table}.csv", table=FIGURES[wildcards.figure].beside
+        ),
     output:
         output="<results>/figures/{figure}.csv",
     log:
@@ -63,7 +65,7 @@ if TIME_SERIES:
             settings=CONFIG.dynamometer.part("ImpedanceAnalysis"),
             choice=TIME_SERIES,
             limits=limits("impedance"),
-            windows=CAMPAIGN.row(TIME_SERIES["trial"])["windows"],
+            windows=CAMPAIGN.rows[TIME_SERIES["trial"]]["windows"],
             excluded=excluded([TIME_SERIES["trial"]]),
             data=CAMPAIGN.data,
             made_by=MADE_BY,
@@ -227,6 +229,7 @@ rule brief:
 rule verdict:
     """The run fails where trials could not be analysed, which the configuration does not accept."""
     input:
+        summary="<results>/summary.json",
         brief="<results>/brief.txt",
     output:
         output="<results>/verdict.txt",
@@ -237,4 +240,4 @@ rule verdict:
         failed_trials=CONFIG.failed_trials,
         made_by=MADE_BY,
     run:
-        end_run(input.brief, output[0], params.failed_trials)
+        end_run(input.summary, input.brief, output[0], params.failed_trials)

@@ -4,7 +4,7 @@
 rule ingest:
     """The trial of a recording, in SI units on one clock, and what is measured for each check."""
     input:
-        recordings=lambda wildcards: CAMPAIGN.readable_logs(wildcards.trial),
+        recordings=of_trials(TRIALS, CAMPAIGN.readable_logs),
         sources=lambda wildcards: CAMPAIGN.sources(wildcards.trial),
     output:
         trial="<results>/trials/{trial}.parquet",

@@ -10,7 +10,7 @@ PLATE_TRIALS = CAMPAIGN.plate_trials()
 rule calibrate_markers:
     """Marker clusters, ankle centre and axis of a static trial."""
     input:
-        trial=of_trials(CAMPAIGN.trials("static")),
+        trial=of_trials(CAMPAIGN.static_of.values()),
         quality=lambda wildcards: FILES.checks([wildcards.trial]),
     output:
         output="<results>/fits/calibration/{trial}.json",
@@ -18,7 +18,10 @@ rule calibrate_markers:
         "<logs>/calibration/{trial}.log",
     localrule: True
     params:
-        settings=lambda wildcards: CAMPAIGN.calibration_settings(wildcards.trial),
+        settings=lambda wildcards: {
+            **CONFIG.walking.part("CalibrationSettings"),
+            "side": PLACES[wildcards.trial]["side"],
+        },
         excluded=excluded(lambda wildcards: [wildcards.trial]),
         made_by=MADE_BY,
     run:
@@ -131,7 +134,7 @@ rule average_unperturbed:
 rule fit_perturbation:
     """K, B, I of one perturbed crossing."""
     input:
-        crossing=of_trials(PERTURBED, "<results>/crossings/{trial}.parquet"),
+        crossing=of_trials(PERTURBED, "<results>/crossings/{trial}.parquet".format),
         selection="<results>/tables/walking_crossings.csv",
         unperturbed="<results>/fits/unperturbed.json",
     output:

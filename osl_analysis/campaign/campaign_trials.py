@@ -14,7 +14,7 @@ from osl_analysis.campaign.configuration import Config
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
 from osl_analysis.config.sheet import FIXTURE, SheetRows, read_sheet
-from osl_analysis.errors import InputError, naming, nearest
+from osl_analysis.errors import InputError, naming
 from osl_analysis.files import shipped
 from osl_analysis.ingest.quality import UNITS
 from osl_analysis.ingest.raw_files import recorded_files
@@ -27,7 +27,10 @@ from osl_analysis.walking.groups import STATED, side_of, split_keys, static_of
 from osl_analysis.yaml_settings import check_known
 
 # Cells of a row that ingest uses. A change of other cells does not cause a new ingest.
-INGESTED = ("trial", "experiment", "log", "log_source", "log_part", "mocap", "mocap_source")
+INGESTED = (
+    "trial", "experiment", "log", "log_source", "log_part", "mocap", "mocap_source", *FIXTURE,
+    "windows",
+)  # fmt: skip
 # cells of a row that name a recording
 RECORDING = ("experiment", "log", "log_source", "log_part", "mocap")
 WHOLE_RECORDING = "0-1000000"  # [s] as windows
@@ -64,12 +67,6 @@ class Campaign:
             if not experiments or row["experiment"] in experiments
         ]
 
-    def row(self, trial: str) -> Mapping[str, Any]:
-        """One trial's row of the sheet, empty cells as None."""
-        if trial not in self.rows:
-            raise InputError(f"{self.config.sheet}: no trial '{trial}'{nearest(trial, self.rows)}")
-        return self.rows[trial]
-
     # ---- Crossings of the walkway
 
     def crossings(self, perturbed: bool) -> list[str]:
@@ -77,24 +74,24 @@ class Campaign:
         return [
             trial
             for trial in self.trials("walking")
-            if bool(self.row(trial)["perturbed"]) == perturbed
+            if bool(self.rows[trial]["perturbed"]) == perturbed
         ]
 
     def conditions(self) -> dict[str, dict[str, Any]]:
         """Conditions of every walking trial in the sheet, by trial and column; None where empty."""
         columns = (*STATED, "perturbed")
         return {
-            trial: {column: self.row(trial)[column] for column in columns}
+            trial: {column: self.rows[trial][column] for column in columns}
             for trial in self.trials("walking")
         }
 
     @cached_property
     def static_of(self) -> dict[str, str]:
         """The static trial that calibrates each crossing and each plate trial in use."""
-        static_rows = {name: self.row(name) for name in self.trials("static")}
+        static_rows = {name: self.rows[name] for name in self.trials("static")}
         with naming(self.config.sheet):
             return {
-                trial: static_of(trial, self.row(trial), static_rows)
+                trial: static_of(trial, self.rows[trial], static_rows)
                 for trial in (*self.trials("walking"), *self.plate_trials())
             }
 
@@ -104,24 +101,19 @@ class Campaign:
         is_identified = self.config.walking.plate_inertia == "identified"
         return self.trials("plate") if is_identified and self.trials("walking") else []
 
-    @cached_property
-    def statics(self) -> dict[str, list[str]]:
-        """The crossings that each static trial in use calibrates, by static trial, in the order of
-        the sheet."""
-        crossings = self.trials("walking")
-        return {
-            static: [trial for trial in crossings if self.static_of[trial] == static]
-            for static in self.trials("static")
-            if static in self.static_of.values()
-        }
-
-    def calibration_settings(self, static: str) -> dict[str, Any]:
-        """Settings for the calibration by a static trial: those of the configuration, with the side
-        of the sheet."""
-        crossings = {trial: self.row(trial) for trial in self.statics.get(static, [])}
-        with naming(self.config.sheet):
-            side = side_of(static, self.row(static), crossings, self.config.walking.side)
-        return {**self.config.walking.part("CalibrationSettings"), "side": side}
+    def sides(self) -> dict[str, str]:
+        """The side of the leg that each static trial in use calibrates, by static trial: that of
+        the sheet, else of the configuration."""
+        sides = {}
+        for static in {*self.static_of.values()}:
+            served = {
+                trial: self.rows[trial]
+                for trial in self.trials("walking")
+                if self.static_of[trial] == static
+            }
+            with naming(self.config.sheet):
+                sides[static] = side_of(static, self.rows[static], served, self.config.walking.side)
+        return sides
 
     # ---- What belongs to a trial
 
@@ -129,7 +121,7 @@ class Campaign:
     def places(self) -> dict[str, dict[str, Any]]:
         """Joint and side of every trial in the sheet, by trial. On the walkway, the side that is
         analysed."""
-        sides = {static: self.calibration_settings(static)["side"] for static in self.statics}
+        sides = self.sides()
         return {
             trial: {
                 "joint": row["joint"],
@@ -141,29 +133,27 @@ class Campaign:
     def device(self, trial: str) -> Path | None:
         """The parameter file of a trial's device; None if there is none for its joint."""
         parameters = self.config.parameters
-        if parameters is None or joint_of(parameters) != self.row(trial)["joint"]:
+        if parameters is None or joint_of(parameters) != self.rows[trial]["joint"]:
             return None
         return parameters
 
     def commanded(self, trial: str) -> dict[str, Any]:
         """The stepped sine that was asked for, with which quality control compares the motion."""
-        if not EXPERIMENTS[self.row(trial)["experiment"]].stepped_sine:
+        if not EXPERIMENTS[self.rows[trial]["experiment"]].stepped_sine:
             return {}
         return self.config.dynamometer.model_dump(mode="json", include={*PROTOCOL})
 
     def recording(self, trial: str) -> Mapping[str, Any]:
         """The cells of a trial's row that ingest uses."""
-        row = self.row(trial)
-        columns = (*INGESTED, *FIXTURE, "windows")
-        return {name: row[name] for name in columns if name in INGESTED or row[name] is not None}
+        return {name: self.rows[trial][name] for name in INGESTED}
 
     def accepted(self, trial: str) -> list[str]:
         """The quality checks whose failure the sheet accepts for a trial."""
-        return str(self.row(trial)["accept"] or "").split()
+        return str(self.rows[trial]["accept"] or "").split()
 
     def logs(self, trial: str) -> list[Path]:
         """The recorded files of a trial."""
-        named = filter(None, map(self.row(trial).get, ("log", "mocap")))
+        named = filter(None, map(self.rows[trial].get, ("log", "mocap")))
         return [file for name in named for file in recorded_files(self.config.raw_data / name)]
 
     def readable_logs(self, trial: str) -> list[Path]:
@@ -180,7 +170,7 @@ class Campaign:
 
     def sources(self, trial: str) -> list[Path]:
         """The source files of a trial."""
-        named = filter(None, map(self.row(trial).get, ("log_source", "mocap_source")))
+        named = filter(None, map(self.rows[trial].get, ("log_source", "mocap_source")))
         return [self.config.sources / f"{name}.yaml" for name in named]
 
     @property
@@ -314,13 +304,10 @@ def check_files(config: Config) -> None:
             f"configuration: results = {config.results} holds the recordings, source files, sheet"
             " or campaign; name another folder"
         )
-    for field in ("raw_data", "sources", "results"):
-        path: Path = getattr(config, field)
+    for path in (config.raw_data, config.sources, config.results):
         for folder in (path, *path.parents):
             if folder.is_file():
-                raise InputError(
-                    f"{folder}: is a file; name a folder under `{field}` in the configuration"
-                )
+                raise InputError(f"{folder}: is a file; name a folder in the configuration")
 
 
 def check_walking(campaign: Campaign) -> None:
@@ -345,7 +332,6 @@ def check_walking(campaign: Campaign) -> None:
                 f"{sheet}: walking needs {fewest} or more {what}, and there are {len(trials)}; add"
                 " them, or exclude the walking trials"
             )
-    for static in campaign.statics:
-        campaign.calibration_settings(static)
+    campaign.sides()
     with naming(sheet):
         split_keys(campaign.conditions())

@@ -146,8 +146,8 @@ class ResultFiles:
 
     def places_in(self, table: str) -> dict[str, dict[str, str]]:
         """Joint and side of the trials that have rows in a table."""
-        trials = {Path(file).stem for file in self.rows(table)}
-        return {trial: place for trial, place in self.campaign.places.items() if trial in trials}
+        trials = [Path(file).stem for file in self.rows(table)]
+        return {trial: self.campaign.places[trial] for trial in trials}
 
     # ---- Figures
 
@@ -165,10 +165,6 @@ class ResultFiles:
             for suffix in FIGURE_SUFFIXES
         ]
         return [*files, f"{self.results}/figures/captions.md"] if files else []
-
-    def tables_beside(self, figure: str) -> list[str]:
-        """The tables that a figure shows beside its first one: none, one or two."""
-        return [f"{self.results}/tables/{table}.csv" for table in FIGURES[figure].beside]
 
     def results_in_figure(self, figure: str) -> list[str]:
         """The results of single trials that a figure shows; the refused ones are named below it."""
@@ -207,7 +203,7 @@ def time_series_example(campaign: Campaign) -> dict[str, Any] | None:
     elif stated:
         chosen = ""
     trial = (named or trials)[0]
-    row = campaign.row(trial)
+    row = campaign.rows[trial]
     condition = {name: row[name] for name in ("controller", "K_d", "B_d")}
     return {"trial": trial, **campaign.places[trial], **condition, "chosen": chosen}
 
@@ -226,5 +222,5 @@ def matching(campaign: Campaign, stated: FrequencyResponseFigure | None) -> list
     return [
         trial
         for trial in campaign.trials("impedance")
-        if all(campaign.row(trial)[column] == value for column, value in cells.items())
+        if all(campaign.rows[trial][column] == value for column, value in cells.items())
     ]

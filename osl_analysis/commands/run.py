@@ -1,6 +1,7 @@
 """`osl-analysis run`: Snakemake on the campaign in this folder, and what is refused, or said, of it
 before its first job."""
 
+import json
 import os
 import shutil
 import sys
@@ -28,7 +29,6 @@ from osl_analysis.ingest.raw_files import (
     read_source,
     recordings_in,
 )
-from osl_analysis.table import NOT_ANALYSED
 from osl_analysis.yaml_settings import read_mapping
 
 CONFIGURED_BY = ("--configfile", "--configfiles")
@@ -160,16 +160,19 @@ def profile(name: str) -> str:
     )
 
 
-def end_run(brief: str, verdict: str, failed_trials: str) -> None:
-    """Let a run fail whose `brief` tells of what was not analysed, unless that is to `accept`.
+def end_run(summary: str, brief: str, verdict: str, failed_trials: str) -> None:
+    """Write the `verdict` of a run, what its `brief` says, unless its `summary` counts refused
+    trials or names missing results, and these are not to `accept`.
 
     Raises
     ------
     InputError
-        It fails, and the brief is printed.
+        The run fails, and the brief is printed.
     """
+    content = json.loads(Path(summary).read_text(encoding="utf-8"))
+    has_failed = content["verdicts"]["refused"] or content["missing_results"]
     text = Path(brief).read_text(encoding="utf-8")
-    if f"\n{NOT_ANALYSED.upper()}" in text and failed_trials != "accept":
+    if has_failed and failed_trials != "accept":
         print(text, file=sys.stderr, flush=True)
         raise InputError("trials could not be analysed; the lines above say why")
     write_text(Path(verdict), text)
@@ -276,7 +279,7 @@ def source_problems(campaign: Campaign) -> dict[str, str]:
     problem_of: dict[tuple[object, ...], str] = {}
     problems: dict[str, str] = {}
     for trial in campaign.trials():
-        row = campaign.row(trial)
+        row = campaign.rows[trial]
         alike = (*campaign.sources(trial), row["log_part"], bool(row["log"] and row["mocap"]))
         if alike not in problem_of:
             problem_of[alike] = problem_of_sources(campaign, trial)
@@ -287,7 +290,7 @@ def source_problems(campaign: Campaign) -> dict[str, str]:
 
 def problem_of_sources(campaign: Campaign, trial: str) -> str:
     """What is wrong with the source files of a trial; empty if nothing is."""
-    row = campaign.row(trial)
+    row = campaign.rows[trial]
     try:
         sources = [read_source(path) for path in campaign.sources(trial)]
         with naming(f"{campaign.config.sheet}: trial '{trial}'"):
@@ -305,7 +308,7 @@ def left_out_recordings(campaign: Campaign) -> str:
     cannot be read no row."""
     config = campaign.config
     trials = campaign.trials()
-    ingested = [name for name in trials if campaign.row(name)["experiment"] == "ingest_only"]
+    ingested = [name for name in trials if campaign.rows[name]["experiment"] == "ingest_only"]
     texts: list[str] = []
     if ingested:
         names = listing(ingested, MOST_LISTED)

@@ -101,13 +101,6 @@ class Experiment:
             return True
         return column in (self.motion, self.torque, *self.signals, *self.beside)
 
-    def simulated_files(self, trial: str) -> dict[str, str]:
-        """Files that the simulator records for a trial, by column of the sheet (`log`, `mocap`)."""
-        recorded = (("log", self.log, "mcap"), ("mocap", self.mocap, "c3d"))
-        return {
-            column: f"{folder}/{trial}.{suffix}" for column, folder, suffix in recorded if folder
-        }
-
 
 def experiment_of(facts: dict[str, Any]) -> Experiment:
     """An entry of `experiments.yaml`, without pydantic, whose import would delay the command

@@ -105,7 +105,11 @@ def row_of(
 ) -> dict[str, Any]:
     """The sheet's row of a planned trial."""
     facts = EXPERIMENTS[experiment]
-    files = facts.simulated_files(trial)  # crossings also have the leg's log
+    files = {}
+    if facts.log:
+        files["log"] = f"{facts.log}/{trial}.mcap"
+    if facts.mocap:  # crossings also have the leg's log
+        files["mocap"] = f"{facts.mocap}/{trial}.c3d"
     sources = {f"{role}_source": getattr(facts, role) for role in files}
     if settings.recorder.torque_node is not None and facts.place == "bench":
         sources["log_source"] = f"{facts.log}_nodes"

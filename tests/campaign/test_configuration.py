@@ -194,7 +194,7 @@ def test_a_configuration_that_cannot_be_run_is_one_line_before_any_job(
     # of files and folders
     ("results", "raw_data",
      "results = raw_data holds the recordings.*; name another"),
-    ("sources", "config/config.yaml", "config.yaml: is a file; name a folder under `sources`"),
+    ("sources", "config/config.yaml", "config.yaml: is a file; name a folder"),
     ("impedance_trajectory", "README.md", "^impedance_trajectory: README.md: not a CSV table"),
     ("parameters", "Makefile", "^parameters: Makefile: "),
     ("sources", "source", "^source: no such folder; correct `s"),

@@ -118,7 +118,8 @@ def test_a_trial_refused_in_one_list_is_missing_from_every_list(tmp_path):
         ({"f": bad[1:], "trial": bad[0]}, {"f": []}, [LOST])
     ):  # fmt: skip
         assert without_missing(given) == ({**given, **kept}, [LOST], missing)
-    assert Judge(QualityRules(), {}).verdicts([Path(bad[1])]).is_empty()  # that is no verdict
+    refused = Path(lost(tmp_path / "quality/b_1.csv", LOST))
+    assert Judge(QualityRules(), {}).verdicts([refused]).is_empty()  # that is no verdict
 
 
 def ended(job):

@@ -125,6 +125,7 @@ def test_options_of_snakemake_and_a_module_do_what_they_do_elsewhere(workspace, 
     page = workspace.run("--report", str(tmp_path / "report.html"))
     asked = ["snakemake", "-n", "--snakefile", str(tmp_path / "module.smk"), "osl_reproduce-all"]
     module = run_forked(asked, workspace.folder)
+    unknown = workspace.run("-n", "results/fits/belt/belt_2.csv")
 
     assert until == {"ingest": 22}
     assert accepted.keys() == {"brief", "methods", "verdict"}
@@ -134,6 +135,9 @@ def test_options_of_snakemake_and_a_module_do_what_they_do_elsewhere(workspace, 
     assert page.returncode == 0, page.stdout
     assert (tmp_path / "report.html").stat().st_size > 10_000
     assert (module.returncode, "osl_ingest" in module.stdout) == (0, False), module.stdout
+    assert unknown.stdout.endswith(
+        "ask for one of these: belt_01, belt_02; did you mean 'belt_02'?\n"
+    )
 
 
 def test_no_number_of_a_campaign_changes_unnoticed(workspace):

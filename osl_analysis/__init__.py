@@ -40,7 +40,7 @@ if TYPE_CHECKING:
         read_summary,
         simulate_trial,
     )
-    from osl_analysis.schema import read_table
+    from osl_analysis.result_table import read_table
     from osl_analysis.table import to_pandas
     from osl_analysis.trial import Trial, read_trial
 
@@ -69,7 +69,7 @@ MODULES = {
         ),
         "notebook",
     ),
-    "read_table": "schema",
+    "read_table": "result_table",
     "to_pandas": "table",
     **dict.fromkeys(("Trial", "read_trial"), "trial"),
 }  # fmt: skip

@@ -23,7 +23,7 @@ from osl_analysis.judge.judging import judged, marked, with_inherited
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.judge.recording_checks import judged_table, validate_rules
 from osl_analysis.model.drivetrain import joint_of
-from osl_analysis.schema import read_table
+from osl_analysis.result_table import read_table
 from osl_analysis.source_file import MarkerSource
 from osl_analysis.trial import Trial, read_trial
 from osl_analysis.yaml_settings import check_known

@@ -40,6 +40,8 @@ MEASURED = "measured"
 ANALYSED = "analysed"
 NOT_ANALYSED = "not analysed"
 NOT_ANALYSED_KEY = "not_analysed"  # of JSON, and of the metadata of a Parquet file
+SCHEMA = 2  # of names, units and types of columns; CONTRIBUTING.md says when it is raised
+SCHEMA_FIELD = "tables_schema"  # of `summary.json`
 
 
 def marked_data(frame: pl.DataFrame, data: str = "") -> pl.DataFrame:
@@ -218,7 +220,32 @@ def to_pandas(table: pl.DataFrame) -> "pandas.DataFrame":
     return pd.DataFrame(columns)
 
 
-# ---- Whether a file of the campaign holds results
+# ---- Whether a file of the campaign holds results, and of this release
+
+
+def check_schema(stated: object, path: Path, release: object = None) -> None:
+    """Refuse results with columns of another schema than that of this release.
+
+    Parameters
+    ----------
+    stated : object
+        What the file has; None where it has none.
+    path : Path
+        The file, for the message.
+    release : object
+        Version of osl-analysis that wrote it; None: not known.
+
+    Raises
+    ------
+    InputError
+        It is older or newer, so that columns may mean something else.
+    """
+    if stated == SCHEMA:
+        return
+    raise InputError(
+        f"{path}: columns of schema {stated}, by release {release or '(not stated)'}; this release"
+        f" reads {SCHEMA}: make it again (`osl-analysis run`), or install that release"
+    )
 
 
 class NotAnalysed(NamedTuple):

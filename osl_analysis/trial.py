@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.files import atomic_path
 from osl_analysis.measured import check_finite
-from osl_analysis.schema import SCHEMA, check_schema
-from osl_analysis.table import check_analysed
+from osl_analysis.table import SCHEMA, check_analysed, check_schema
 
 # unit of each canonical column; symbols of the paper in brackets
 COLUMNS: dict[str, str] = {

@@ -45,13 +45,14 @@ from osl_analysis.report.verdicts import (
     used_and_missing,
     verdict_counts,
 )
-from osl_analysis.schema import SCHEMA_FIELD, check_schema
 from osl_analysis.table import (
     NOT_ANALYSED,
+    SCHEMA_FIELD,
     NotAnalysed,
     Places,
     by_trial,
     check_analysed,
+    check_schema,
     read_table,
     read_tables,
     with_places,

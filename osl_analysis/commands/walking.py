@@ -16,9 +16,9 @@ from pydantic import TypeAdapter
 from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.files import atomic_path, write_text
 from osl_analysis.judge.judging import EXCLUDED
-from osl_analysis.schema import SCHEMA
 from osl_analysis.table import (
     ANALYSED,
+    SCHEMA,
     Places,
     check_analysed,
     read_table,

@@ -14,7 +14,6 @@ from osl_analysis.campaign.origin import ABOUT_MEANING, sentence
 from osl_analysis.files import own_yaml
 from osl_analysis.measured import decimal_places, with_places
 from osl_analysis.report.typography import in_latex
-from osl_analysis.schema import SCHEMA, SCHEMA_FIELD
 from osl_analysis.stats.repeats import (
     RANGE,
     counted,
@@ -22,6 +21,7 @@ from osl_analysis.stats.repeats import (
     own_condition,
     summary_row,
 )
+from osl_analysis.table import SCHEMA, SCHEMA_FIELD
 
 PLACE = ("joint", "side")
 MOST_IN_SENTENCE = 4  # numbers of a sentence: a terminal shows two lines of them

@@ -12,7 +12,7 @@ from osl_analysis.campaign.campaign_trials import open_campaign
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.cli import main
 from osl_analysis.commands.run import check_start
-from osl_analysis.schema import SCHEMA
+from osl_analysis.table import SCHEMA
 
 CONFIG = """# of the old bench
 campaign: old_bench

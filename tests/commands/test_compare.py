@@ -11,8 +11,7 @@ from osl_analysis.commands import compare
 from osl_analysis.commands.compare import compare_campaigns, compared
 from osl_analysis.errors import InputError
 from osl_analysis.report.numbers import RANGE, Number, to_json
-from osl_analysis.schema import SCHEMA_FIELD
-from osl_analysis.table import read_table
+from osl_analysis.table import SCHEMA_FIELD, read_table
 
 ABOUT = dict.fromkeys(("campaign", "version", "configuration", "recorded"), "x")
 ABOUT["data"] = "simulated"

@@ -16,8 +16,7 @@ from bench_recordings import RECORDINGS
 from conftest import ROOT
 
 import osl_analysis as osl
-from osl_analysis.schema import SCHEMA
-from osl_analysis.table import write_table
+from osl_analysis.table import SCHEMA, write_table
 from osl_analysis.trial import write_trial
 
 FUNCTIONS = [name for name in osl.__all__ if inspect.isfunction(getattr(osl, name))]

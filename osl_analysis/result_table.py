@@ -1,5 +1,4 @@
-"""The version of the columns of result tables and of stored trials. They state it, and readers
-check it."""
+"""Read a result table of a campaign that this release has made."""
 
 import json
 from collections.abc import Sequence
@@ -9,35 +8,6 @@ from typing import Any
 import polars as pl
 
 from osl_analysis import table
-from osl_analysis.errors import InputError
-
-SCHEMA = 2  # of names, units and types of columns; CONTRIBUTING.md says when it is raised
-SCHEMA_FIELD = "tables_schema"  # of `summary.json`
-
-
-def check_schema(stated: object, path: Path, release: object = None) -> None:
-    """Refuse results with columns of another schema than that of this release.
-
-    Parameters
-    ----------
-    stated : object
-        What the file has; None where it has none.
-    path : Path
-        The file, for the message.
-    release : object
-        Version of osl-analysis that wrote it; None: not known.
-
-    Raises
-    ------
-    InputError
-        It is older or newer, so that columns may mean something else.
-    """
-    if stated == SCHEMA:
-        return
-    raise InputError(
-        f"{path}: columns of schema {stated}, by release {release or '(not stated)'}; this release"
-        f" reads {SCHEMA}: make it again (`osl-analysis run`), or install that release"
-    )
 
 
 def read_table(path: Path | str, required: Sequence[str] = (), name: str = "") -> pl.DataFrame:
@@ -74,7 +44,7 @@ def read_table(path: Path | str, required: Sequence[str] = (), name: str = "") -
     path = Path(path)
     about = summary_beside(path)
     if about:
-        check_schema(about.get(SCHEMA_FIELD), path, about.get("version"))
+        table.check_schema(about.get(table.SCHEMA_FIELD), path, about.get("version"))
     return table.read_table(path, required, name)
 
 

@@ -111,8 +111,10 @@ class Analysis:
             return fit
         rows = record.rows(label)
         motion = record.motion
-        sign = record.settings.low_pass(np.tanh(motion.omega / SIGN_WIDTH), record.rate_hz)
-        columns = {**self.sums.columns, "T_C": sign}
+        columns = dict(self.sums.columns)
+        if "T_C" in fit.names:
+            sign = np.tanh(motion.omega / SIGN_WIDTH)
+            columns["T_C"] = record.settings.low_pass(sign, record.rate_hz)
         estimates = dict.fromkeys((*fit.names, *self.model), 0.0)
         estimates |= dict(zip(fit.names, fit.estimates.tolist(), strict=True))
         of_estimates = [self.model.get(name, name) for name in estimates]

@@ -14,7 +14,15 @@ from osl_analysis.bench.bench_settings import (
     ImpedanceAnalysis,
     SteppedSineAnalysis,
 )
-from osl_analysis.bench.record import STIFFNESS_ALONE, Groups, Label, Record, Stratum, whole_rows
+from osl_analysis.bench.record import (
+    STIFFNESS_ALONE,
+    Groups,
+    Label,
+    Record,
+    Stratum,
+    unlike_groups,
+    whole_rows,
+)
 from osl_analysis.errors import Change, IdentifiabilityError, InputError
 from osl_analysis.measured import visible_step
 from osl_analysis.signals import filtered_motion, runs
@@ -383,14 +391,13 @@ def stretches_of(
 ) -> Groups:
     """Equal stretches of about `seconds` of each piece, or shorter ones of a short recording; all
     are one stratum, without repeats."""
-    rows = sum(piece.stop - piece.start for piece in pieces)
-    longest = min(seconds * rate_hz, rows / FEWEST_STRETCHES)
-    firsts, stops = [], []
+    longest = min(
+        seconds * rate_hz, sum(piece.stop - piece.start for piece in pieces) / FEWEST_STRETCHES
+    )
+    first, stop = list[float](), list[float]()
     for piece in pieces:
         number = max(round((piece.stop - piece.start) / longest), 1)
-        edges = np.linspace(piece.start, piece.stop, number + 1)
-        firsts.append(edges[:-1])
-        stops.append(edges[1:])
-    first, stop = np.concatenate(firsts), np.concatenate(stops)
-    one = np.zeros(len(first), dtype=np.intp)
-    return Groups("stretches", first, stop, one, (Stratum(label),))
+        edges = np.linspace(piece.start, piece.stop, number + 1).tolist()
+        first += edges[:-1]
+        stop += edges[1:]
+    return unlike_groups(np.array(first), np.array(stop), label)

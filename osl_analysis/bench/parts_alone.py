@@ -20,7 +20,7 @@ from osl_analysis.bench.friction import (
 from osl_analysis.bench.impedance import Analysis, analysed
 from osl_analysis.bench.motion import signals_of, stretches_of
 from osl_analysis.bench.plausibility import check_changes
-from osl_analysis.bench.record import Groups, Record, Stratum
+from osl_analysis.bench.record import Record, unlike_groups
 from osl_analysis.bench.regression import (
     EFFECTS_LIMIT,
     FALSE_ALARM,
@@ -55,7 +55,6 @@ SOUGHT_LAGS_S = np.arange(-60, 61) / 200  # s; of the current behind the torque
 FAR_BETTER = 0.5  # of what is left of the torque, with the current at another time
 MOST_TRIED = 10_000  # rows of the search for a late current
 SMALLEST_STEP = 0.02  # of the current's range: a smaller one has no direction
-HIGHEST_CUTOFF = 0.4  # of the sampling rate
 
 
 def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> Analysis:
@@ -130,8 +129,7 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis, moved: str)
     # below the settings' slowest velocity friction may have any value up to its limit
     moving = is_fast & usable
     edge = int(np.ceil(EDGE_PERIODS * rate / settings.cutoff_hz))
-    moving[:edge] = False
-    moving[-edge:] = False
+    moving[:edge] = moving[-edge:] = False
     fitted = np.flatnonzero(moving)
     if len(fitted) < FEWEST_MOVING_S * rate:
         raise InputError(
@@ -162,15 +160,12 @@ def check_prompt(
     """Refuse a late or early current, which makes the torque per current too small, or negative
     like a wrong sign."""
     rows = moving[:: max(len(moving) // MOST_TRIED, 1)]
-    others = [columns[name] for name in ("f_C", "B_m", "J_m", "one", "ramp")]
-    fixed = np.stack(others, axis=1)[rows]
-    current = columns["k_tau_n_m"]
-    shifted = [np.roll(current, -round(lag * rate_hz))[rows] for lag in SOUGHT_LAGS_S]
-    signals = np.stack([torque[rows], *shifted], axis=1)
-    Q = np.linalg.qr(fixed)[0]
-    left, *tried = np.ascontiguousarray((signals - Q @ (Q.T @ signals)).T)
-
-    unexplained = left @ left - (tried @ left) ** 2 / np.sum(np.square(tried), axis=1)
+    fixed = np.array([columns[name][rows] for name in ("f_C", "B_m", "J_m", "one", "ramp")])
+    unexplained = np.empty_like(SOUGHT_LAGS_S)
+    for k, lag in enumerate(SOUGHT_LAGS_S):
+        current = np.roll(columns["k_tau_n_m"], -round(lag * rate_hz))[rows]
+        X = np.vstack([fixed, current]).T
+        unexplained[k] = np.sum((torque[rows] - X @ np.linalg.lstsq(X, torque[rows])[0]) ** 2)
     lag_s = float(SOUGHT_LAGS_S[np.argmin(unexplained)])
     if unexplained.min() < FAR_BETTER * unexplained[SOUGHT_LAGS_S == 0]:
         way, late = ("earlier", "current") if lag_s > 0 else ("later", "torque_m")
@@ -215,15 +210,11 @@ def clamped_of(trial: Trial, settings: ActuatorAnalysis, levels: list[slice]) ->
     }
     model = {"k_tau_n_m": "k_tau_n_m", "offset": "one"}
     if {-1.0, 1.0} <= set(way.tolist()):
-        model["hysteresis"] = "hysteresis"
-        model["drift"] = "ramp"
+        model |= {"hysteresis": "hysteresis", "drift": "ramp"}
 
     stops = np.cumsum(counts).astype(np.float64)
     still = np.zeros_like(time)
     of_plateaus = np.repeat([torque[level].mean() for level in levels], counts)
-    rate_hz = (len(time) - 1) / (time[-1] - time[0])
-    # a plateau is no motion: a log of few rows per second shows it as well
-    cutoff_hz = min(settings.cutoff_hz, HIGHEST_CUTOFF * rate_hz)
     record = Record(
         name=trial.name,
         time=time,
@@ -232,14 +223,8 @@ def clamped_of(trial: Trial, settings: ActuatorAnalysis, levels: list[slice]) ->
         motion=Motion(still, still, still),
         filtered_torque=of_plateaus,
         usable=np.ones(len(time), dtype=np.bool_),
-        groups=Groups(
-            "stretches",
-            stops - counts,
-            stops,
-            np.zeros(len(levels), dtype=np.intp),
-            (Stratum(),),
-        ),
-        settings=settings.model_copy(update={"cutoff_hz": cutoff_hz}),
+        groups=unlike_groups(stops - counts, stops),
+        settings=settings,
     )
     return analysed(record, model, gram_sums(record, columns, list(model.values())))
 

@@ -172,6 +172,11 @@ class Record:
         return max(sizes, default=(0.0, None))[1]
 
 
+def unlike_groups(first: Array, stop: Array, label: Label = None) -> Groups:
+    """Groups of rows between edges (m,) that do not repeat one another."""
+    return Groups("stretches", first, stop, np.zeros(len(first), dtype=np.intp), (Stratum(label),))
+
+
 def whole_rows(first: Array, stop: Array) -> list[slice]:
     """The rows that lie, at least partly, between edges (m,) of groups."""
     begins = np.floor(first + EDGE_ROUNDING).astype(np.intp)

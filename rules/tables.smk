@@ -165,6 +165,7 @@ rule table_for_paper:
     """K, B and I of each condition or group of crossings, or the measured components."""
     input:
         tables=lambda wildcards: FILES.for_paper[wildcards.name],
+        parameters=PARAMETERS,
     output:
         tex="<results>/tables/latex/{name}.tex",
         markdown="<results>/tables/markdown/{name}.md",

@@ -2,7 +2,9 @@
 their columns mean."""
 
 import json
+import math
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -312,21 +314,29 @@ def write_summary(
 
 def write_paper_table(
     tables: FilesByName,
+    parameters: FileOrNone,
     about: Mapping[str, str],
     beside_draft: bool,
     tex: Path,
     markdown: Path,
 ) -> None:
     """Write a table for a paper: K, B and I of each condition in `impedance.csv`, of each group in
-    `walking_summary.csv`, or else the components in summaries of the bench, with the draft's values
-    if `beside_draft`."""
+    `walking_summary.csv`, or else the components in summaries of the bench and in the parameter
+    file, with the draft's values if `beside_draft`."""
     read = {name: read_table(path) for name, path in tables.items()}
     if "impedance" in read:
         rows = condition_rows(conditions(read["impedance"]))
     elif "walking_summary" in read:
         rows = condition_rows(list(groups(read["walking_summary"], read["walking_groups"])))
     else:
-        rows = component_rows(read, beside_draft)
+        known = known_parameters(parameters, [])
+        stated = {} if known is None else asdict(known)
+        stated = {name: value for name, value in stated.items() if math.isfinite(value)}
+        if "actuator_summary" in read and "n_m" in stated:
+            product = read["actuator_summary"].filter(quantity="k_tau_n_m")
+            shares = pl.col("mean", "low", "high") / stated["n_m"]
+            read["k_tau"] = product.with_columns(shares, quantity=pl.lit("k_tau"))
+        rows = component_rows(read, stated, beside_draft)
     write_text(tex, to_tex(rows, sentence(about)))
     write_text(markdown, to_markdown(rows, sentence(about)))
 

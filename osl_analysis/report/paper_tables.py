@@ -4,26 +4,19 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
+from pathlib import Path
 from typing import Any
 
 import polars as pl
 
+from osl_analysis.files import own_yaml
 from osl_analysis.judge.judging import results_in
 from osl_analysis.measured import written
-from osl_analysis.report.numbers import ENTRIES
 from osl_analysis.report.typography import latex_table, markdown_table
 from osl_analysis.stats.repeats import counted, own_condition, summary_row
 
 CONDITION = ("joint", "side", "excitation", "controller", "K_d", "B_d", "own_condition")
-HEADS = {  # of columns, in LaTeX
-    "K_d": r"$K_\mathrm{d}$",
-    "B_d": r"$B_\mathrm{d}$",
-    "K": r"$K$ (\unit{\newton\meter\per\radian})",
-    "B": r"$B$ (\unit{\newton\meter\second\per\radian})",
-    "B_viscous": r"$B_\mathrm{viscous}$ (\unit{\newton\meter\second\per\radian})",
-    "I": r"$I$ (\unit{\kilogram\meter\squared})",
-    "VAF": r"VAF (\unit{\percent})",
-}
+LATEX, COMPONENTS = own_yaml(Path(__file__).with_suffix(".yaml")).values()
 ESTIMATED = ("K", "B", "B_viscous", "I", "VAF")
 UNITS = {"VAF": "%"}  # of what is rounded as a share
 SUBTRACTED = {"ensemble": "mean unperturbed gait", "ensemble, predicted gait": "predicted gait"}
@@ -140,22 +133,26 @@ def condition_rows(of_conditions: Sequence[Condition]) -> list[list[str]]:
     return rows
 
 
-def component_rows(summaries: Mapping[str, pl.DataFrame], beside_draft: bool) -> list[list[str]]:
-    """The measured components of the drivetrain (Eqs. 1 to 4), as means over trials, beside the
-    draft's values if `beside_draft`."""
-    drafts = {entry.name: f"{entry.draft:g}" for entry in ENTRIES if entry.draft is not None}
-    rows = [["quantity", "mean", "n", "draft"]]
+def component_rows(
+    summaries: Mapping[str, pl.DataFrame], stated: Mapping[str, float], beside_draft: bool
+) -> list[list[str]]:
+    """The components of the drivetrain (Table I), as means over trials, or else as the parameter
+    file states them, beside the draft's values if `beside_draft`."""
+    texts = {name: [written(value), "stated"] for name, value in stated.items()}
     for summary in summaries.values():
-        of_components = summary.drop_nulls("mean").filter(pl.col("quantity").is_in([*drafts]))
-        for row in of_components.iter_rows(named=True):
+        for row in summary.drop_nulls("mean").iter_rows(named=True):
             text = written(row["mean"], row["low"], row["high"])
-            rows.append([row["quantity"], text, str(row["n"]), drafts[row["quantity"]]])
+            texts[row["quantity"]] = [text, str(row["n"])]
+    rows = [["quantity", "mean", "n", "draft"]]
+    for title, component in COMPONENTS.items():
+        if component["quantity"] in texts:
+            rows.append([title, *texts[component["quantity"]], component["draft"]])
     return rows if beside_draft else [row[:-1] for row in rows]
 
 
 def to_tex(rows: list[list[str]], origin: str) -> str:
     r"""A `tabular` with rules of booktabs and units of siunitx, to be `\input`."""
-    return f"% {origin}\n% {DAGGER}\n{latex_table(rows, HEADS)}"
+    return f"% {origin}\n% {DAGGER}\n{latex_table(rows, LATEX)}"
 
 
 def to_markdown(rows: list[list[str]], origin: str) -> str:

@@ -56,9 +56,9 @@ def markdown_table(rows: Sequence[Sequence[str]]) -> str:
 
 
 def latex_table(rows: Sequence[Sequence[str]], heads: Mapping[str, str]) -> str:
-    """Rows as a `tabular` with rules of booktabs. `heads` has those of the heads that are LaTeX."""
-    lines = [[heads.get(head, in_latex(head)) for head in rows[0]]]
-    lines += [[in_latex(cell) for cell in row] for row in rows[1:]]
+    """Rows as a `tabular` with rules of booktabs. `heads` has those heads, of columns and of rows,
+    that are LaTeX."""
+    lines = [[heads.get(cell, in_latex(cell)) for cell in row] for row in rows]
     head, *body = [" & ".join(line) + r" \\" for line in lines]
     begin = rf"\begin{{tabular}}{{{'l' * len(rows[0])}}}"
     parts = [begin, r"\toprule", head, r"\midrule", *body, r"\bottomrule", r"\end{tabular}"]

@@ -235,8 +235,13 @@ def test_components_stand_beside_the_draft(beside_draft, draft):
         {"quantity": ["K_s"], "mean": [690.0], "low": [680.0], "high": [700.0], "n": [10]}
     )
 
-    rows = component_rows({"belt_summary": belt}, beside_draft)
-    assert rows[1] == ["K_s", "690 (680 to 700)", "10", *draft]
+    rows = component_rows({"belt_summary": belt}, {}, beside_draft)
+    assert rows[1:] == [["K_s [N*m/rad]", "690 (680 to 700)", "10", *draft]]
+
+
+def test_what_is_not_measured_of_table_1_is_as_the_parameter_file_states_it():
+    rows = component_rows({}, {"n_T": 4.5, "theta": 1.0}, beside_draft=False)
+    assert rows[1:] == [["n_T", "4.50", "stated"]]
 
 
 def test_a_run_ends_with_verdicts_sentences_findings_and_what_was_not_checked():

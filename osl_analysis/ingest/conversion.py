@@ -191,14 +191,14 @@ def canonical_columns(
         origins[column] = origin_of(setting, column, channel.unit)
         counter = counter_column(column)
         if counter in values:
-            columns.append(pl.Series(counter, checked_counts(setting, values[counter], rows, time)))
+            what = f"{setting.ADDRESS} '{setting.counter}'"
+            remedy = f"correct or leave out `counter`, or remove the {rows.noun} from the log"
+            columns.append(pl.Series(counter, checked_counts(what, values[counter], rows, remedy)))
     return columns, origins, remarks
 
 
-def checked_counts(
-    setting: LogChannel, raw: NDArray[Any], rows: Rows, time: Array
-) -> NDArray[np.int64]:
-    """Give the device's own count of samples, (n,), of the rows at times (n,) [s].
+def checked_counts(what: str, raw: NDArray[Any], rows: Rows, remedy: str) -> NDArray[np.int64]:
+    """Give the device's own count of samples, (n,), of the rows.
 
     Raises
     ------
@@ -210,9 +210,8 @@ def checked_counts(
     if raw.dtype == bool or not is_count.all():
         row = np.argmin(is_count)
         raise InputError(
-            f"{setting.ADDRESS} '{setting.counter}': {counts[row]:g} in {rows.place(row)}, at"
-            f" {time[row]:.3f} s, is no count of samples, a whole number below 9.01e+15; correct"
-            f" `counter` in the source file or leave it out, or remove the {rows.noun} from the log"
+            f"{what}: {counts[row]:g} in {rows.place(row)} is no count of samples, a whole number"
+            f" below 9.01e+15; {remedy}"
         )
     return counts.astype(np.int64)
 

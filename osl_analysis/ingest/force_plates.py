@@ -15,7 +15,7 @@ from osl_analysis.ingest.conversion import check_finite_values
 from osl_analysis.ingest.guard import repeats, run_at_extreme
 from osl_analysis.recording import EXPORTED, MEASURED_BY_TYPE, Plate, own_axes
 from osl_analysis.signals import longest_of
-from osl_analysis.source_file import InAxes, PlateUnits, Source
+from osl_analysis.source_file import PlateUnits, Source
 from osl_analysis.trial import Array, plate_columns, unit_of
 from osl_analysis.units import si_factor
 
@@ -32,7 +32,7 @@ class PlateLoads:
 
 def convert_plates(
     plates: Sequence[Plate],
-    source: InAxes,
+    source: Any,
     unloaded: slice | None = None,
     rate_hz: float | None = None,
 ) -> PlateLoads:
@@ -41,7 +41,8 @@ def convert_plates(
     Parameters
     ----------
     source
-        Its `point_unit` and `plate_units` replace the units of the file.
+        Where there are plates it has axes; its `point_unit` and `plate_units` replace the units of
+        the file.
     unloaded
         Samples of the baseline that is taken off; None: none is.
     rate_hz

@@ -59,7 +59,7 @@ CONFUSED_UNITS = {"rad": ("rad", "deg", "mrad"), "N*m": ("N*m", "N*mm", "N*cm")}
 
 def check_own_torque(trial: Trial, torque: str = "torque", angle: str | None = "theta") -> None:
     """Refuse a torque that is a function of angle and current: a fit to it would be circular."""
-    names = [name for name in (angle, "current") if name is not None and name in trial.columns]
+    names = [name for name in trial.columns if name in (angle, "current")]
     if torque not in trial.columns:
         return
     for others in (names[:1], names[1:], names):  # may be sampled at different times
@@ -229,10 +229,10 @@ def find_leaps(time: Array, values: Array) -> Array:
         return time[:0]
 
     bends = np.diff(values, 3)
-    steps = np.diff(time)
-    is_gap = steps > LIMITS.longest_step * np.median(steps)
+    spans = time[3:] - time[:-3]
+    is_gap = spans > LIMITS.longest_span * np.median(spans)
     if np.mean(is_gap) <= LIMITS.most_gaps:  # stamps that scatter tell no gaps
-        bends[is_gap[:-2] | is_gap[1:-1] | is_gap[2:]] = 0.0
+        bends[is_gap] = 0.0
     sizes = np.abs(bends)
     sound, usual = np.quantile(sizes, (LIMITS.sound_bend, LIMITS.usual_bend))
     if usual == 0.0:
@@ -290,8 +290,8 @@ def run_at_extreme(values: Array, standing: NDArray[np.intp] | None = None) -> s
         Rows of the run; empty if there is none, or if a value is not finite.
     """
     longest = slice(0, 0)
-    span = np.ptp(values) if values.size else np.nan
-    for end in (values.min(initial=np.inf), values.max(initial=-np.inf)):
+    span = np.ptp(values)
+    for end in (values.min(), values.max()):
         if (
             abs(end) > LIMITS.no_extreme * span
             and abs(end - np.median(values)) > LIMITS.middle * span

@@ -78,7 +78,7 @@ def unwrapped(readings: NDArray[Any]) -> tuple[NDArray[Any], int]:
     if goes_back.any() and (readings == np.rint(readings)).all():
         bits = next((bits for bits in LIMITS.overflow_bits if readings.max() < 2**bits), 0)
         across = steps[goes_back] + 2.0**bits
-        if 0 <= across.min() <= across.max() <= LIMITS.overflow_step * np.abs(steps).mean():
+        if across.max() <= LIMITS.overflow_step * np.abs(steps).mean():
             turns = np.append(0, np.cumsum(goes_back))
             return readings.astype(np.int64) + turns * 2**bits, bits
     return readings, 0

@@ -16,6 +16,7 @@ from osl_analysis.ingest.conversion import (
     Converted,
     asked_channels,
     canonical_columns,
+    checked_counts,
     fresh_rows,
     losses_of,
     share_above,
@@ -23,7 +24,7 @@ from osl_analysis.ingest.conversion import (
 from osl_analysis.ingest.force_plates import convert_plates
 from osl_analysis.ingest.likely_clock import check_other_clocks, rate_of, unwrapped
 from osl_analysis.recording import Channel, End, Kind, Recording, Rows
-from osl_analysis.source_file import InAxes, TableSource
+from osl_analysis.source_file import TableSource
 from osl_analysis.trial import Array, check_time
 from osl_analysis.units import si_factor
 
@@ -92,9 +93,7 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
     warnings = [*recording.loss.remarks, *table.remarks, *remarks, *gaps]
     for column, origin in origins.items():
         channel = channels[column]
-        name = source.channels[column].name
-        if name not in (channel.key, channel.title) or "*" in name:
-            origin["found"] = channel.title or channel.key
+        origin["found"] = channel.title or channel.key
         ratio = unit_ratio(origin, channel.unit)
         if channel.unit and ratio != 1:
             warnings.append(f"{column} is read in {origin['unit']}; the file says {channel.unit}")
@@ -102,26 +101,22 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
             origin["unit_of_file"] = channel.unit
 
     plates = recording.plates
-    if plates:
-        assert isinstance(source, InAxes)
-        if time.size != plates[0].channels[0].rows.count:
-            raise InputError(
-                f"{rows.noun}s without values or with a stamp of another time are left out, but the"
-                " plates need all; repair the log, or remove `plates` from the source file"
-            )
-        loads = convert_plates(plates, source, rate_hz=rate_of(time))
-        frame = frame.with_columns(**loads.columns)
-        origins.update(loads.origins)
+    if plates and time.size != plates[0].channels[0].rows.count:
+        raise InputError(
+            f"{rows.noun}s without values or with a stamp of another time are left out, but the"
+            " plates need all; repair the log, or remove `plates` from the source file"
+        )
+    loads = convert_plates(plates, source, rate_hz=rate_of(time))
+    frame = frame.with_columns(**loads.columns)
+    origins.update(loads.origins)
     frame, repeats = with_stamps_once(frame, source, rows.noun)
     facts: dict[str, Any] = {
         "time": {**source.time.model_dump(exclude_none=True), "start": table.start},
         "rates_hz": {file_name: rate_of(frame["time"].to_numpy())},
         **recording.facts,
+        "clocks_apart": apart,
+        "plates": loads.facts,
     }
-    if apart:
-        facts["clocks_apart"] = apart
-    if plates:
-        facts["plates"] = loads.facts
     return Converted(frame, origins, facts, [*warnings, *repeats], losses_of(recording.loss))
 
 
@@ -287,20 +282,12 @@ def at_clock(
     if numbers.dtype.kind == "f":  # single precision would round the differences
         numbers = np.asarray(numbers, np.float64)
     if source.time.rate is None:
-        place = source.place("time", "unit")
-        if clock.kind == Kind.CLOCK and source.time.unit is not None:
-            raise InputError(f"{what} is a stamp whose unit is known; remove {place}")
-        with naming(what, f", as {place}"):
-            factor = si_factor(clock.unit if source.time.unit is None else source.time.unit, "s")
+        unit = clock.unit if clock.kind == Kind.CLOCK else source.time.unit or clock.unit
+        with naming(what, f", as {source.place('time', 'unit')}"):
+            factor = si_factor(unit, "s")
     else:
         factor = 1 / source.time.rate
-        is_broken = numbers != np.rint(numbers)
-        if is_broken.any():
-            row = np.argmax(is_broken)
-            raise InputError(
-                f"{what}: {numbers[row]} in {rows.place(row)} is no count of samples, which a"
-                " column beside `rate` is; state its unit in place of the rate"
-            )
+        numbers = checked_counts(what, numbers, rows, "state its unit in place of the rate")
     numbers, bits = unwrapped(numbers)
     if bits:
         remarks.append(f"{what} counts to 2**{bits} and began anew; it is taken to go on")

@@ -141,6 +141,7 @@ def test_a_sound_recording_passes_every_check():
 
 AWAY = (np.arange(ANGLE.size) > 2000) & (np.arange(ANGLE.size) < 2500)
 BEYOND = longest_run(TORQUE > 15)
+DRIFT = np.linspace(0, 40, ANGLE.size)
 ABOVE = BEYOND.stop - BEYOND.start
 NUMBERS = np.arange(1000)
 LEVELS = np.repeat([1.0, 4.0, -2.0, 0.0], 1000)[:2000]
@@ -165,6 +166,9 @@ STOOD_ON = 800 + np.random.default_rng(1).standard_normal(2000)
     *(("saturation", bench(torque=s * np.minimum(TORQUE, 15.0)), "impedance", ABOVE,
     "torque") for s in (1, -1)),
     ("saturation", bench(torque=with_piece(TORQUE, 1000, 1009, 40.0)), "impedance", 9, "torque"),
+    # an encoder at both ends of its range, and at one, though it rests while the torque drifts
+    ("saturation", bench(ANGLE.clip(-0.05, 0.05), torque=TORQUE), "impedance", 123, "theta"),
+    ("saturation", bench(ANGLE.clip(max=0.05), torque=TORQUE + DRIFT), "impedance", 123, "theta"),
     ("dropout", bench(torque=with_piece(TORQUE, 1000, 1001, 2e6)), "impedance", 1, None),
     ("dropout", bench(torque=with_piece(TORQUE, BEYOND.start, BEYOND.start + 20, 0.0)), "impedance",
      2, f"torque leaps, first at {BEYOND.start / RATE:.3f} s: {FAILED}; state `windows`"
@@ -254,9 +258,7 @@ COARSE = np.where(NUMBERS < 800, -80.0, 700 + np.sin(NUMBERS))
 def test_an_extreme_where_the_channel_rests_or_peaks_slowly_is_no_rail(
     values,
 ):
-    assert [run_at_extreme(none) for none in (np.empty(0), np.array([5.0, np.nan, 5.0, 0.0]))] == [
-        slice(0, 0)
-    ] * 2
+    assert run_at_extreme(np.array([5.0, np.nan, 5.0, 0.0])) == slice(0, 0)
     run = run_at_extreme(values)
     rail = run_at_extreme(np.where(NUMBERS % 100 < 20, 900.0, np.sin(NUMBERS)))
     assert run.stop - run.start < 5

@@ -73,9 +73,7 @@ def test_a_full_disk_is_told_with_the_file_that_was_to_be_written(tmp_path, fail
     target = tmp_path / "table.csv"
 
     with (
-        pytest.raises(
-            WriteError, match=rf"{re.escape(str(target))}: .* \(No space left on device\)"
-        ),
+        pytest.raises(WriteError, match=rf"{re.escape(str(target))}:.*\(No space left on device\)"),
         atomic_path(target),
     ):
         fail()
@@ -109,7 +107,7 @@ def test_of_tables_that_are_read_together_the_wrong_one_is_named(tmp_path):
     (tmp_path / "a.csv").write_text("K,B\n1,2\n")
     (tmp_path / "b.csv").write_text("K,B\n1,2,3\n")
 
-    with pytest.raises(InputError, match=r"b\.csv: not a CSV table"):
+    with pytest.raises(InputError, match=r"b\.csv:.*a CSV table"):
         read_tables([tmp_path / "a.csv", tmp_path / "b.csv"])
 
 
@@ -123,7 +121,7 @@ def test_the_memory_that_is_stated_is_in_megabytes(monkeypatch):
 def test_memory_that_is_no_number_of_megabytes_is_refused(monkeypatch, text):
     monkeypatch.setenv(VARIABLE, text)
 
-    with pytest.raises(InputError, match="write a whole number of megabytes"):
+    with pytest.raises(InputError, match=f"{VARIABLE}={text}:"):
         allowed_memory()
 
 

@@ -110,7 +110,7 @@ WRONG_WINDOWS = ["", "2", "30-2", "2-30 x", "2-30,40-62", "2-3040-62", "2-30 20-
 
 @pytest.mark.parametrize("text", WRONG_WINDOWS)
 def test_windows_of_another_form_that_overlap_or_go_back_are_refused(text):
-    with pytest.raises(InputError, match="are not from-to in s, in the order of time"):
+    with pytest.raises(InputError, match=rf"'{text}'.*2-30 40-62"):
         stretches(text)
 
 

@@ -79,18 +79,18 @@ def test_a_simulated_bench_gives_them_back_within_their_errors():
 
 @pytest.mark.parametrize(("offset", "size", "current_of", "message"), [
     # always in the direction of the motion
-    (0.0, 1, lambda omega, current: 0.6 * omega, "cannot be told apart"),
-    (0.0, 1, lambda omega, current: np.sign(omega) * (4 + np.tanh(current)), "k_tau_n_m and f_G"),
-    (30.0, 1, lambda omega, current: current, "f_C and offset"),  # a motion that never turns round
+    (0.0, 1, lambda omega, current: 0.6 * omega, "k_tau_n_m.*f_G"),
+    (0.0, 1, lambda omega, current: np.sign(omega) * (4 + np.tanh(current)), "k_tau_n_m.*f_G"),
+    (30.0, 1, lambda omega, current: current, "f_C.*offset"),  # a motion that never turns round
     (0.0, 1 / 57, lambda omega, current: current,
-     r"faster than 0\.5 rad/s in 0 of 20000 samples, .*; drive it faster"),
+     r"0\.5 rad/s.* 0 .*20000"),
 ])  # fmt: skip
 def test_refuses_a_schedule_that_does_not_tell_two_parameters_apart_or_hardly_moves(
     offset, size, current_of, message
 ):
     t, theta, omega, alpha, current = schedule(velocity_offset=offset)
     current = current_of(omega, current)
-    with pytest.raises((IdentifiabilityError, InputError), match=f"^trial made: .*{message}"):
+    with pytest.raises((IdentifiabilityError, InputError), match=rf"^trial made:.*{message}"):
         fit_log(t, size * theta, current, by_hand(omega, alpha, current))
 
 
@@ -109,7 +109,7 @@ def test_the_documented_commands_give_the_parameters_of_a_bench_of_ones_own(tmp_
     for command in re.findall(r"^osl-analysis (.*)$", documentation, re.MULTILINE):
         said = CliRunner().invoke(main, command.split())
         assert said.exit_code == 0, said.output
-    assert re.search(r"J_m +0\.009\d+ \(0\.009\d+ to 0\.009\d+\) +kg·m²", said.output)
+    assert re.search(r"J_m +0\.009\d+ \(0\.009\d+.*0\.009\d+\) +kg·m²", said.output)
     source = Path("config/sources/actuator_bench_csv.yaml")
     trial = raw_trial(Path("bench.csv"), source, "actuator")
     asked = fit_settings("actuator", ROOT / "config/config.yaml")
@@ -143,7 +143,7 @@ def test_rows_near_the_ends_and_of_slow_motion_are_not_fitted():
 
 def test_a_bench_without_a_motion_is_refused():
     still = free_samples().drop("theta_m", "omega_m")
-    words = r"trial b: the actuator's motion is not recorded, .*name theta_m or omega_m"
+    words = "trial b:.*theta_m.*omega_m"
     with pytest.raises(InputError, match=words):
         actuator_trial(Trial("b", still), ANALYSIS)
 
@@ -185,10 +185,8 @@ def test_current_in_steps_at_standstill_gives_the_torque_per_current_alone():
     row = fit_actuator_trial(staircase(1), DEVICE, ANALYSIS).estimates["actuator"].to_dicts()[0]
     assert row["k_tau_n_m_low"] < 0.648 < row["k_tau_n_m_high"]
     assert [row[name] for name in ("motion", *NAMES[1:])] == [None] * 5
-    assert "f_C, f_G, B_m and J_m" in [one.cause for one in noted_in("actuator", row)]
-    with pytest.raises(
-        InputError, match=r"its current has fewer than 8 plateaus of 0\.3 s or more"
-    ):
+    assert any(re.search("f_C.*f_G.*B_m.*J_m", one.cause) for one in noted_in("actuator", row))
+    with pytest.raises(InputError, match=r"current.*8 plateaus.*0\.3 s"):
         actuator_trial(staircase(1, levels=(0, 5)), ANALYSIS)
 
 
@@ -268,10 +266,10 @@ def test_a_current_that_is_late_is_refused_for_it_and_not_for_its_sign():
     t, theta, omega, alpha, current = schedule()
     current = current + 6 * np.sin(2 * np.pi * 3.1 * t) + 6 * np.sin(2 * np.pi * 2.7 * t)
     torque = by_hand(omega, alpha, current)
-    with pytest.raises(InputError, match=r"far better 170 ms earlier") as refused:
+    with pytest.raises(InputError, match="170 ms") as refused:
         fit_log(t, theta, np.roll(current, 170), torque)
-    assert refused.value.remedy.startswith("state `delay: 170 ms` of current")
-    with pytest.raises(InputError, match=r"far better 10 ms earlier"):
+    assert refused.value.remedy.count("`delay: 170 ms` of current")
+    with pytest.raises(InputError, match="10 ms"):
         fit_log(t, theta, np.roll(current, 10), torque)
     # which `plausible` refuses
     assert fit_log(t, theta, -current, torque).interval("k_tau_n_m")[1] < 0

@@ -31,9 +31,9 @@ def test_the_stiffness_of_a_belt_is_found_in_both_directions_beside_gaps(sign):
 
 
 @pytest.mark.parametrize(("size", "rows", "unusable", "message"), [
-    (0.01, 3400, (), r"deflects by 0\.050 deg"), (1.0, 2000,
-     (), "no whole cycle: .* record the way back"),
-    (1.0, 3400, range(1690, 3400), "no row while unloading is free of gaps"),
+    (0.01, 3400, (), r"0\.050 deg"), (1.0, 2000,
+     (), r"0\.00 deg.*5\.00 deg.*4\.53 deg"),
+    (1.0, 3400, range(1690, 3400), "unloading.*gaps.*highest_hz"),
 ])  # fmt: skip
 def test_refuses_a_belt_that_hardly_moved_ends_loaded_or_has_gaps_all_along(
     size, rows, unusable, message
@@ -63,7 +63,7 @@ def test_a_locked_belt_on_a_bench_that_yields_has_its_stiffness_and_error():
     )
     with pytest.raises(
         InputError,
-        match=r"b: theta_m turns by 0\.000984 rad while theta turns by 0\.0873 rad.* lock",
+        match=r"b: theta_m.*0\.000984 rad.*theta.*0\.0873 rad",
     ):
         found(0.011)
 

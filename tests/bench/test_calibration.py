@@ -241,7 +241,7 @@ def test_a_gain_that_a_fixture_s_weight_explains_asks_for_the_fixture_first():
 
     findings = findings_of(row, CONFIG.doubtful.of("calibration"), "calibration")
     (gain,) = [finding for finding in findings if finding.cause == "wrong gain"]
-    assert "state what the fixture weighs" in finding_text(gain, row)
+    assert "`fixture`" in finding_text(gain, row)
     half_width = row["gain_high"] - row["gain"]
     assert row["certain_gain_error"] == pytest.approx(0.02 - half_width, abs=2e-3)
     assert stated["fixture"] == "weight 1.6"
@@ -273,7 +273,7 @@ def test_a_known_spring_or_inertia_tells_what_is_true_of_the_bench(
 
 
 def test_a_calibration_needs_what_is_known():
-    with pytest.raises(InputError, match=r"spring: .* needs what is known; fill in known_K"):
+    with pytest.raises(InputError, match=r"spring:.*known_K"):
         calibrated(spring())
 
 

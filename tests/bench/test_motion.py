@@ -112,11 +112,9 @@ def test_windows_of_the_trial_replace_those_of_the_settings():
     assert len(record.rows()) / record.rate_hz == pytest.approx(12.5 - EDGES_S, abs=0.02)
 
 
-@pytest.mark.parametrize(
-    ("text", "why"), [("5-3", "from-to"), ("1-5 4-9", "overlap"), ("1-32", "end at 32")]
-)
-def test_windows_that_are_none_are_refused(text, why):
-    with pytest.raises(InputError, match=why):
+@pytest.mark.parametrize("text", ["5-3", "1-5 4-9", "1-32"])
+def test_windows_that_are_none_are_refused(text):
+    with pytest.raises(InputError, match=text):
         stated_windows(text, 30.0)
 
 
@@ -133,7 +131,7 @@ def test_what_a_narrow_band_hardly_tells_has_a_wide_interval(motion, joint, name
 
 
 def test_a_motion_of_a_few_steps_of_the_encoder_is_refused():
-    words = "hardly moves: theta turns by 1[0-9] steps of its encoder, 20 are needed"
+    words = "theta.*1[0-9] steps.*20"
     with pytest.raises(InputError, match=words):
         row_of(moved(noise, 3, {"rms_deg": 0.04}, bits=14))
 
@@ -257,12 +255,11 @@ def test_a_longest_gap_that_is_stated_is_bridged():
 
 @pytest.mark.parametrize(("angle", "words"), [
     (lambda t: 0.1 * np.arcsin(np.sin(0.12 * t)),
-     r"of 18 deg.*moves too slowly"),
-    (lambda t: 0 * t, r"trial made: the joint does not move: theta turns by 0 deg in all"),
+     "18 deg.*torque_angle"),
+    (lambda t: 0 * t, "trial made:.*theta.*0 deg"),
     (
         lambda t: np.deg2rad(4) * np.sin(2 * np.pi * 1.7 * t) * (t > 2) * (t < 2 + 40 / 1.7),
-        r"K and I cannot .* sines are of 1\.7 Hz alone"
-        r".*below 0\.85 Hz or from 3\.4 Hz as well",
+        r"K.*I.*1\.7 Hz.*0\.85 Hz.*3\.4 Hz",
     ),
 ])  # fmt: skip
 def test_a_motion_that_cannot_tell_is_refused_with_what_is_missing(angle, words):
@@ -278,7 +275,7 @@ def turned_by(angle):
 
 
 @pytest.mark.parametrize(("rate", "words"), [
-    (8, "or 8 rows per second are too few"), (25, "record .* 100 rows per second or more"),
+    (8, "8 rows"), (25, "100 rows"),
 ])  # fmt: skip
 def test_too_few_rows_per_second_are_named(rate, words):
     with pytest.raises(InputError, match=words):
@@ -289,11 +286,11 @@ def test_too_few_rows_per_second_are_named(rate, words):
 def test_an_angle_of_noise_is_refused_as_noise(excitation):
     samples = moved(noise, 4).samples
     white = 0.05 * np.random.default_rng(4).standard_normal(len(samples))
-    with pytest.raises(InputError, match="theta is noise"):
+    with pytest.raises(InputError, match=r"theta.*torque_angle"):
         row_of(Trial("made", samples.with_columns(theta=white)), excitation=excitation)
 
 
 def test_a_second_of_motion_is_too_short():
     short = moved(noise, 4, {"rate": 45.0}).samples[200:240]
-    with pytest.raises(InputError, match=r"nothing is left to fit: .*; record for longer"):
+    with pytest.raises(InputError, match=r"trial made:.*0\.733 s.*1 s"):
         row_of(Trial("made", short), excitation="any")

@@ -62,13 +62,13 @@ KNOWN = DesiredImpedance("compensated", 200, 4)
 
 @pytest.mark.usefixtures("without_inference")
 @pytest.mark.parametrize(("experiment", "changes", "words"), [
-    ("transmission", {"torque": -1}, "B_j = -0.4.* is negative.*`sign`"),
-    ("belt", {"torque": -1}, "K_s = -68.* is negative.*`sign`"),
-    ("actuator", {"current": -1}, "k_tau_n_m = -1.02, f_C = 0.*; turn the `sign` of current in"),
-    ("actuator", {"torque_m": -1}, "k_tau_n_m = -1.02, f_C = -0.*; turn the `sign` of torque_m in"),
-    ("actuator", {"theta_m": -1}, "k_tau_n_m = 1.02, f_C = -0.*; turn the `sign` of theta_m in"),
+    ("transmission", {"torque": -1}, "B_j = -0.4.*`sign`"),
+    ("belt", {"torque": -1}, "K_s = -68.*`sign`"),
+    ("actuator", {"current": -1}, "k_tau_n_m = -1.02, f_C = 0.*;.*`sign`.*current"),
+    ("actuator", {"torque_m": -1}, "k_tau_n_m = -1.02, f_C = -0.*;.*`sign`.*torque_m"),
+    ("actuator", {"theta_m": -1}, "k_tau_n_m = 1.02, f_C = -0.*;.*`sign`.*theta_m"),
     ("belt", {"theta": 57.3, "theta_m": 57.3},
-     "theta turns by .*rad.*; state `unit: deg` of theta in .*: K_s 6"),
+     "theta.*rad.*;.*`unit: deg`.*theta.*: K_s 6"),
 ])  # fmt: skip
 def test_what_cannot_be_is_refused_with_its_cause(experiment, changes, words):
     with pytest.raises(InputError, match=words):
@@ -79,8 +79,8 @@ TURNING = np.sin(np.arange(1000) / 10)
 
 
 @pytest.mark.parametrize(("theta", "words", "is_tried"), [
-    (7 * TURNING, "is it another channel or unit", True),
-    (TURNING % (2 * np.pi), "as an encoder that begins anew", False),
+    (7 * TURNING, "theta.*[+-]7 rad.*`largest_angle`", True),
+    (TURNING % (2 * np.pi), "`wraps_at: 360`", False),
 ])  # fmt: skip
 def test_another_unit_of_a_too_large_angle_is_tried_where_nothing_jumps(theta, words, is_tried):
     samples = {"time": np.arange(1000) / 100, "theta": theta, "torque": 9 * theta}
@@ -274,7 +274,7 @@ def test_a_stiffness_is_compared_with_what_is_known(
 def test_a_bench_that_is_softer_than_what_it_measures_is_refused(experiment, stiffness):
     frame = BenchStiffness(value=f"{stiffness} N*m/rad")
     softer = BENCH.model_copy(update={"bench_stiffness": frame})
-    words = f"is not between 0 and the bench's stiffness of {stiffness} N"
+    words = f"0.*{stiffness} N"
     with pytest.raises(InputError, match=words):
         judged(experiment, RECORDINGS[experiment], softer)
 
@@ -284,7 +284,7 @@ def test_a_bench_that_is_softer_than_what_it_measures_is_refused(experiment, sti
 ])  # fmt: skip
 def test_a_torque_beyond_the_load_cell_s_range_is_refused(torque, reached):
     stated = BENCH.model_copy(update={"load_cell_range": 20.0})
-    words = rf"torque reaches {reached}.* N\*m, more than the 20 N\*m of `load_cell_range`"
+    words = rf"torque.*{reached}.*N\*m,.*20 N\*m.*`load_cell_range`"
     with pytest.raises(InputError, match=words):
         judged("impedance", changed("impedance", torque=torque), stated)
 
@@ -300,9 +300,6 @@ def test_samples_closer_than_any_recorder_takes_them_are_refused(steps, refused)
     time = np.cumsum([0.0, *np.random.default_rng(1).permutation(steps)])
     # below 1.2 rad
     trial = Trial("hasty", pl.DataFrame({"time": time, "theta": np.linspace(-1.1, 1.1, len(time))}))
-    said = (
-        r"trial hasty: its samples are [17](\.\d+)?e-06 s apart;"
-        r" correct the `unit` of `time`"
-    )
+    said = r"trial hasty:.*[17](\.\d+)?e-06 s.*`unit`.*`time`"
     with pytest.raises(InputError, match=said) if refused else nullcontext():
         check_recording(trial, BENCH)

@@ -179,11 +179,12 @@ def test_recordings_that_are_not_analysed_are_named(tmp_path):
         (tmp_path / name).write_text("x")
     row = {"log": "a.csv", "mocap": None, "experiment": "belt", "exclude": None}
     told = left_out_recordings(Campaign(config, {"a": row}))
-    assert f"left out: b.csv in {tmp_path};" in told
+    assert "b.csv" in told
+    assert str(tmp_path) in told
     fell = {"a": row, "b": row | {"log": "b.csv", "exclude": "he fell"}}
     assert left_out_recordings(Campaign(config, fell)) == ""
     both = {"a": row, "b": row | {"log": "b.csv", "experiment": "ingest_only"}}
-    assert left_out_recordings(Campaign(config, both)).endswith("experiment ingest_only: b")
+    assert left_out_recordings(Campaign(config, both)).endswith("ingest_only: b")
 
 
 def sines(*amplitudes_deg, hz=(0.5, 1, 2, 4), cycles=8, rate=500.0):

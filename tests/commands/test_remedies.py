@@ -1,5 +1,7 @@
 """Remedies of refused trials are tried on the recording before they are printed."""
 
+import re
+
 import numpy as np
 import polars as pl
 import pytest
@@ -69,33 +71,30 @@ def test_channels_that_are_swapped_are_told_where_the_fit_is_accepted():
     of_theta = {"columns": {"theta": {"unit": "deg", "factor": np.radians(1)}}}
     wrong = Trial("wrong", pl.DataFrame(swapped_in_deg(joint(noise=0.01))), of_theta)
 
-    with pytest.raises(InputError, match="which no joint has") as refused:
+    with pytest.raises(InputError, match=r"trial wrong: B = -0\.35 N·m·s/rad") as refused:
         run_fit("impedance", wrong, None, settings)
 
-    assert refused.value.remedy.startswith(SWAP.replace("rad", "deg").removesuffix("150"))
+    assert re.search(SWAP.replace("rad", "deg").removesuffix(" 150"), refused.value.remedy)
 
 
-SIGN = "turn the `sign` of the torque, or of all angles, in the source file: K"
-SWAP = (
-    "swap the channels of theta and torque in the source file, and state `unit: rad` of theta and"
-    " `unit: N*m` of torque: K 150"
-)
+SIGN = "`sign`.* torque.*: K"
+SWAP = r" theta .*torque.*`unit: rad`.* theta.*`unit: N\*m`.* torque.*: K 150"
 
 
 @pytest.mark.parametrize(("experiment", "recording", "fault", "remedy"), [
     ("torque_angle", cycles_of_spring, turned("torque"), f"{SIGN} 40"),
     ("torque_angle", cycles_of_spring, times("theta", 180 / np.pi),
-     "state `unit: deg` of theta in the source file: K 40"),
+     "`unit: deg`.* theta.*: K 40"),
     ("torque_angle", cycles_of_spring, times("torque", 1000.0),
-     "state `unit: N*mm` of torque in the source file: K 40"),
+     r"`unit: N\*mm`.* torque.*: K 40"),
     ("impedance", joint, turned("torque"), f"{SIGN} 150"),
     ("impedance", joint, times("theta", 180 / np.pi),
-     "state `unit: deg` of theta in the source file: K 150"),
+     "`unit: deg`.* theta.*: K 150"),
     ("impedance", joint, times("torque", 1000.0),
-     "state `unit: N*mm` of torque in the source file: K 150"),
+     r"`unit: N\*mm`.* torque.*: K 150"),
     ("impedance", joint, swapped, SWAP),
     ("actuator", clamped_actuator, turned("current"),
-     "turn the `sign` of current in the source file: k_tau_n_m 0.8"),
+     "`sign`.* current.*: k_tau_n_m 0.8"),
 ])  # fmt: skip
 def test_the_remedy_of_a_refused_trial_is_what_makes_it_fit(experiment, recording, fault, remedy):
     settings, _ = fit_settings(experiment, default_config())
@@ -105,9 +104,8 @@ def test_the_remedy_of_a_refused_trial_is_what_makes_it_fit(experiment, recordin
         run_fit(experiment, wrong, None, settings)
 
     words, true = remedy.rsplit(" ", 1)
-    assert refused.value.remedy.startswith(words)
-    estimate = refused.value.remedy.removeprefix(words).split()[0]
-    assert float(estimate) == pytest.approx(float(true), rel=1e-3)
+    estimate = re.search(rf"{words} (\S+)", refused.value.remedy)
+    assert float(estimate[1]) == pytest.approx(float(true), rel=1e-3)
 
 
 def test_a_clamped_actuator_does_not_tell_whose_sign_is_wrong():
@@ -117,8 +115,7 @@ def test_a_clamped_actuator_does_not_tell_whose_sign_is_wrong():
     with pytest.raises(InputError) as refused:
         run_fit("actuator", wrong, None, settings)
 
-    assert "turn the `sign` of current in" in refused.value.remedy
-    assert "or turn the `sign` of torque_m in" in refused.value.remedy
+    assert re.search("`sign`.* current.*`sign`.* torque_m", refused.value.remedy)
 
 
 def mean_as_stiffness(trial, K_d=None):
@@ -139,7 +136,7 @@ def test_a_change_is_advised_with_what_it_gives():
     with pytest.raises(InputError) as refused:
         fit_or_advise(mean_as_stiffness, constant_angle(-8.0))
 
-    assert str(refused.value) == "the mean is negative; turn theta: K 8.0 (6.0 to 10.0) N·m/rad"
+    assert re.search(r"^turn theta.* 8\.0 .*6\.0.*10\.0.* N·m/rad", refused.value.remedy)
 
 
 @pytest.mark.parametrize(("value", "K_d"), [(-1.0, None), (-6.0, 1.0)], ids=["not told", "K_d"])

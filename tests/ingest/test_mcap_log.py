@@ -2,6 +2,7 @@
 errors."""
 
 import math
+import re
 from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
@@ -95,8 +96,7 @@ def test_a_clock_that_is_set_back_while_recording_is_refused(tmp_path, by, time)
 
     message = refused(write_log(tmp_path / "log.mcap", log, chunk_size=900), source(time))
 
-    assert "at message 101 of 200" in message
-    assert "the clock was set while recording, or" in message
+    assert re.search("'/lab'.* 101 .* 200", message)
 
 
 def test_a_topic_that_gives_no_samples_is_refused(tmp_path: Path) -> None:
@@ -104,17 +104,18 @@ def test_a_topic_that_gives_no_samples_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     infinite[17][1]["angle"] = math.inf
     for log, schema, told in (
-        ([], SAMPLE, "no messages of '/lab'"),
+        ([], SAMPLE, "'/lab'"),
         (
             [(0, {"angle": 1.0})],
             "float64 angle",
-            "has no number 'header.stamp' (it has angle); correct `field`",
+            "'header.stamp'.*angle.*`field`",
         ),
-        (infinite, SAMPLE, "inf in sample 18 of 50, at 0.017 s"),
+        (infinite, SAMPLE, "inf .* 18 .* 50.* 0.017 s"),
     ):
-        assert told in refused(write_log(path, log, schema, "lab_msgs/msg/Other"), source())
+        message = refused(write_log(path, log, schema, "lab_msgs/msg/Other"), source())
+        assert re.search(told, message)
     leg = {"topic": "/leg", "field": "angle", "unit": "deg"}
-    assert "no messages of '/leg' (the file has /lab)" in refused(path, source(theta=leg))
+    assert re.search("'/leg'.* /lab", refused(path, source(theta=leg)))
 
 
 def test_a_message_that_comes_late_is_put_in_the_order_of_the_stamps(tmp_path: Path) -> None:
@@ -123,9 +124,8 @@ def test_a_message_that_comes_late_is_put_in_the_order_of_the_stamps(tmp_path: P
     stamps.insert(150, stamps.pop(90))
     found = of_stamps(tmp_path, stamps)
     np.testing.assert_array_equal(found.samples["theta"], np.arange(COUNT))
-    assert found.warnings == [
-        "log.mcap: topic '/lab': 2 messages came late and were put in the order of their stamps"
-    ]
+    (warning,) = found.warnings
+    assert re.search("log.mcap: .*'/lab'.* 2 ", warning)
 
 
 def test_more_than_the_stated_share_of_lost_messages_is_refused(tmp_path: Path) -> None:
@@ -140,34 +140,31 @@ def test_more_than_the_stated_share_of_lost_messages_is_refused(tmp_path: Path) 
 
     percent = 100 * (60 - read_count) / 60
     assert 40 < read_count < 60
-    assert (
-        f"{percent:.3g} % of topic '/lab' is lost, more than the 1 % of `largest_loss`"
-        in refused(path, source())
-    )
+    said = f"{percent:.3g} %.*'/lab'.* 1 %.*`largest_loss`"
+    assert re.search(said, refused(path, source()))
 
 
 def test_a_message_that_is_repeated_counts_once(tmp_path: Path) -> None:
     found = of_stamps(tmp_path, sorted([*range(COUNT), 5, 20]))
     np.testing.assert_array_equal(found.samples["theta"], np.arange(COUNT))
-    assert "2 messages have the stamp of an earlier one: left out" in found.warnings[-1]
+    assert " 2 " in found.warnings[-1]
     # no clock set back
     sent_twice = of_stamps(tmp_path, [*range(100), *range(80, 92), *range(100, COUNT)], loss=0.2)
-    assert "12 messages have the stamp" in sent_twice.warnings[-1]
+    assert " 12 " in sent_twice.warnings[-1]
 
 
 def test_stamps_that_stand_still_are_refused_and_are_not_taken_for_rounded(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     for stamps, told in (
-        ([0] * COUNT, "199 of 200 messages have the stamp of an earlier one; stamps must be their"),
+        ([0] * COUNT, " 199 .* 200 "),
         (
             [*range(100), *[100] * 10, *range(110, COUNT)],
-            "9 of 200 messages have the stamp of an earlier one",
+            " 9 .* 200 ",
         ),
-        ([*range(100), *[100] * 10, *range(101, COUNT)], "9 of 209 messages have the"),
+        ([*range(100), *[100] * 10, *range(101, COUNT)], " 9 .* 209 "),
     ):
-        assert told in refused(
-            write_log(path, messages(stamps, count=len({*stamps}) > 1)), source(**RADIANS)
-        )
+        log = write_log(path, messages(stamps, count=len({*stamps}) > 1))
+        assert re.search(told, refused(log, source(**RADIANS)))
 
 
 def test_of_few_contradicting_messages_the_first_holds(
@@ -178,17 +175,15 @@ def test_of_few_contradicting_messages_the_first_holds(
     )
     found = read(path, source(**RADIANS))
     assert found.samples["theta"].to_list() == [float(i) for i in range(COUNT) if i != 17]
-    assert "1 messages have the stamp of an earlier one" in found.warnings[-1]
-    assert "1 of 200 messages have the stamp of an earlier one" in refused(
-        path, source(loss=0.0, **RADIANS)
-    )
+    assert " 1 " in found.warnings[-1]
+    assert re.search(" 1 .* 200 ", refused(path, source(loss=0.0, **RADIANS)))
 
 
 def test_a_topic_of_two_types_is_refused(tmp_path: Path) -> None:
     log = messages(range(20))
     other = ("lab_msgs/msg/Other", SAMPLE.replace("float32 angle", "float64 angle"), log)
 
-    with pytest.raises(InputError, match="topic '/lab' has messages of two types; record"):
+    with pytest.raises(InputError, match=r"topic '/lab'.*types;"):
         of_topics(tmp_path, {"/lab": log, "/lab#2": other})
 
 

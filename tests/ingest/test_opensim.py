@@ -1,6 +1,7 @@
 """Files of OpenSim: markers in TRC and tables in .mot and .sto give canonical columns, or a line
 that says why not."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -65,7 +66,7 @@ def test_axes_that_do_not_point_up_are_doubted_and_drafted(tmp_path: Path) -> No
     path = write_trc(tmp_path / "walk.trc", start=2.5, first=7)
 
     assert [*inspect_file(path).facts.values()] == ["40", "7", "100.0", "1", "mm", "2.5"]
-    assert any("state `axes: [x, -z, y]`" in text for text in read(path).warnings)
+    assert any("`axes: [x, -z, y]`" in text for text in read(path).warnings)
     assert read(path, **UPRIGHT).warnings == []
     assert yaml.safe_load(draft_source(inspect_file(path), "a.trc"))["axes"] == ["x", "-z", "y"]
     # Cortex leaves virtual ones out
@@ -77,25 +78,25 @@ def test_axes_that_do_not_point_up_are_doubted_and_drafted(tmp_path: Path) -> No
     [
         (
             {"NumFrames": 41},
-            "NumFrames '41' and DataRate '100', and the file holds 40 rows: its end",
+            "NumFrames '41'.* 40 ",
         ),
-        ({"Units": "parsnip"}, "unit 'parsnip' is unknown"),
+        ({"Units": "parsnip"}, "'parsnip'"),
     ],
 )
 def test_a_header_that_cannot_be_is_refused(
     tmp_path: Path, header: dict[str, Any], reason: str
 ) -> None:
-    assert reason in refused(write_trc(tmp_path / "walk.trc", **header))
+    assert re.search(reason, refused(write_trc(tmp_path / "walk.trc", **header)))
 
 
 @pytest.mark.parametrize(
     ("old", "new", "reason"),
     [
-        ("100\t100", "105\t100", "does not fit the rate of 105 Hz"),
-        ("\n21\t", "\n22\t", "line 27: frame 22 does not follow the line before"),
-        ("160.00000", "abc", "line 27, HEAD X: 'abc' is not a number"),
-        ("\t163.00000", "\t163.00000\t1", "has 13 coordinates, its header names 4 markers"),
-        ("\n21\t0.200", "\n21\t0.206", "line 27: time 0.206 s does not fit"),
+        ("100\t100", "105\t100", " 105 Hz"),
+        ("\n21\t", "\n22\t", "line 27: .* 22 "),
+        ("160.00000", "abc", "line 27, HEAD X: 'abc'"),
+        ("\t163.00000", "\t163.00000\t1", " 13 .* 4 "),
+        ("\n21\t0.200", "\n21\t0.206", "line 27: .* 0.206 s"),
     ],
 )
 def test_rows_that_contradict_the_header_or_one_another_are_refused(
@@ -106,7 +107,7 @@ def test_rows_that_contradict_the_header_or_one_another_are_refused(
     assert old in text
     path.write_text(text.replace(old, new, 1))
 
-    assert reason in refused(path)
+    assert re.search(reason, refused(path))
 
 
 # --- tables -------------------------------------------------------------------------------------
@@ -115,9 +116,9 @@ def test_rows_that_contradict_the_header_or_one_another_are_refused(
 @pytest.mark.parametrize(
     ("old", "new", "reason"),
     [
-        ("nRows=50", "nRows=60", "states 60 rows, the file holds 50 whole ones: its end"),
-        ("\t-12.250000000\n", "\t-12.25", "states 50 rows, the file holds 49 whole ones"),
-        ("endheader", "end", "is csv, its source file says opensim"),
+        ("nRows=50", "nRows=60", "60 rows.*50"),
+        ("\t-12.250000000\n", "\t-12.25", "50 rows.*49"),
+        ("endheader", "end", "csv.*`format: csv`"),
     ],
 )
 def test_rows_that_the_header_contradicts_are_refused(
@@ -146,9 +147,9 @@ def test_a_table_is_read_with_any_blank_and_header(tmp_path: Path, sign: str, he
 @pytest.mark.parametrize(
     ("header", "column", "unit", "told"),
     [
-        ("inDegrees=no", "theta", "deg", "is read in deg, and by `inDegrees` of its header it is"),
-        ("inDegrees=no", "omega_m", "deg/s", "write rad/s"),
-        ("inDegrees=yes", "omega_m", "rad/s", "write deg/s"),
+        ("inDegrees=no", "theta", "deg", "`inDegrees`"),
+        ("inDegrees=no", "omega_m", "deg/s", "rad/s"),
+        ("inDegrees=yes", "omega_m", "rad/s", "deg/s"),
     ],
 )
 def test_a_unit_of_angles_that_the_header_contradicts_is_refused(
@@ -241,8 +242,8 @@ def test_the_draft_of_ground_reactions_proposes_their_plates(
 @pytest.mark.parametrize(
     ("cells", "stated", "told"),
     [
-        ({}, {"plates": {1: {**PLATE, "force": "L_v"}}}, "no column 'L_vx'"),
-        ({"700.000000000": "nan"}, {"plates": {1: PLATE}}, "channel 'R_vy': nan in sample 1 of 80"),
+        ({}, {"plates": {1: {**PLATE, "force": "L_v"}}}, "'L_vx'"),
+        ({"700.000000000": "nan"}, {"plates": {1: PLATE}}, "'R_vy': nan .* 1 .* 80"),
     ],
 )  # fmt: skip
 def test_plates_that_cannot_be_read_are_refused(
@@ -252,7 +253,7 @@ def test_plates_that_cannot_be_read_are_refused(
     for old, new in cells.items():
         path.write_text(path.read_text().replace(old, new, 1))
 
-    assert told in refused(path, **stated)
+    assert re.search(told, refused(path, **stated))
 
 
 def test_a_stamp_that_stands_twice_is_left_out_with_the_plates_of_its_row(tmp_path: Path) -> None:
@@ -271,9 +272,9 @@ BY_RATE = {"clock": "common", "time": {"column": None, "unit": None, "rate": 100
 @pytest.mark.parametrize(
     ("stated", "told"),
     [
-        ({"plates": {1: PLATE}, "axes": ("x", "y", "-z")}, "axes of a right-handed laboratory"),
-        ({}, "under `channels`, or plates under `plates`"),
-        ({"plates": {1: PLATE}, **BY_RATE}, "needs the column of time in s"),
+        ({"plates": {1: PLATE}, "axes": ("x", "y", "-z")}, "'x', 'y', '-z'"),
+        ({}, "`channels`,.*plates.*`plates`"),
+        ({"plates": {1: PLATE}, **BY_RATE}, "{column: time, unit: s}"),
     ],
 )
 def test_a_source_file_that_cannot_be_is_refused(stated: dict[str, Any], told: str) -> None:
@@ -285,5 +286,5 @@ def test_only_trc_states_times_that_a_log_may_share() -> None:
     common = known_formats()["opensim"].source.model_validate({**MOT, "clock": "common"})
 
     check_clocks(common, known_formats()["trc"].source(format="trc"))
-    with pytest.raises(InputError, match="'common' does not align the log"):
+    with pytest.raises(InputError, match=r"'common'.*log"):
         check_clocks(common, known_formats()["c3d"].source(format="c3d"))

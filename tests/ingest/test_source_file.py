@@ -175,7 +175,7 @@ def test_the_bench_s_yielding_is_taken_off_the_angle_with_its_error(yielding):
 def test_a_bench_stiffness_without_number_or_unit_is_refused(text):
     frame = {"value": text, "standard_error": "1 N*m/rad"}
 
-    with pytest.raises(ValueError, match=r"write a positive number and one of N\*m/rad"):
+    with pytest.raises(ValueError, match=r"a.*number.*N\*m/rad"):
         DynamometerAnalysis(**SETTINGS, bench_stiffness=frame)
 
 
@@ -257,9 +257,7 @@ def lossy():
 
 
 def test_a_late_host_that_loses_samples_is_refused_without_a_counter(lossy):
-    with pytest.raises(
-        InputError, match=r"torque: .* about 12[89] samples are missing: .* sample counter"
-    ):
+    with pytest.raises(InputError, match=r"torque:.*about 12[89].*counter"):
         fitted(lossy)
 
 

@@ -8,7 +8,6 @@ import math
 import re
 from collections.abc import Sequence
 from functools import cache, partial
-from itertools import chain
 from pathlib import Path
 from typing import Annotated
 
@@ -108,71 +107,7 @@ def torque_spelled(match: re.Match[str]) -> str:
     newtons, metres, length_first, force_second, force_first, length_second = match.groups()
     if newtons:
         return f"{newtons}*{metres}"
-    force = (force_second or force_first).lower()
-    length = (length_first or length_second).lower()
-    return f"{force}f*{length}"
-
-
-# ---- Names that end with a unit, such as `ankle_deg`
-
-# what a name may end with; no `m`, since `theta_m` is the motor's
-AT_END: dict[str, str] = {
-    **{name: name for name in chain(ALIASES, *EXAMPLES.values()) if name.isalpha() and name != "m"},
-    **DATA["endings"],
-}
-# as `SEC` and `mSec`: only a letter alone has a meaning by its case
-IN_ANY_CASE = {spelling.lower(): unit for spelling, unit in AT_END.items() if len(spelling) > 1}
-DIVISORS = ("s", "rad", "deg")  # that a name may spell behind its unit
-# where a unit may begin: behind a sign, or at a capital in camel case
-UNIT_BEGINS = re.compile(r"[\s_.,:/-]|(?<=[a-z0-9])(?=[A-Z])")
-
-
-def name_and_ending(name: str) -> tuple[str, str]:
-    """Part a column's name from the unit that its end spells.
-
-    Parameters
-    ----------
-    name : str
-        As `ankle_deg`, `torque_N_cm` and `MomentLbfFt`.
-
-    Returns
-    -------
-    name, unit : str
-        The unit is empty if the end spells none. A prefix is never apart from its unit:
-        `torque_m_Nm` is the motor's.
-    """
-    if ending_spelled(name):  # `deg/s` is no name
-        return name, ""
-    for match in UNIT_BEGINS.finditer(name):
-        start = match.end()
-        unit = ending_spelled(name[start:])
-        in_camel_case = name[start - 1].isalnum()
-        is_one_letter = len(name) - start == 1
-        if in_camel_case and (is_one_letter or ending_spelled(name[start - 1 :])):
-            continue
-        if unit:
-            return name[:start], unit
-    return name, ""
-
-
-def ending_spelled(text: str) -> str:
-    """A text as a unit; empty if it is none that a name may end with. In it `_s` and `_per_s` are
-    `/s`."""
-    if text in AT_END:
-        return AT_END[text]
-    unit, *divisors = re.split(r"[\s_./-]+(?:per[\s_]+)?", TORQUE.sub(torque_spelled, text))
-    if not re.fullmatch(rf"[A-Za-z]+\*[A-Za-z]+|{TICKS.pattern}", unit):
-        unit = one_unit_spelled(unit)
-    if not unit or not divisors:
-        return unit
-    divisor = one_unit_spelled(" ".join(divisors))
-    return f"{unit}/{divisor}" if divisor in DIVISORS else ""
-
-
-def one_unit_spelled(text: str) -> str:
-    """A text as a unit without a divisor; empty if it is none that a name may end with."""
-    is_letter = len(text) == 1
-    return AT_END.get(text, "") if is_letter else IN_ANY_CASE.get(text.lower(), "")
+    return f"{force_second or force_first}f*{length_first or length_second}".lower()
 
 
 # ---- Dimensions
@@ -248,12 +183,10 @@ def known_factor(ratio: float, signals: Sequence[str], near: float) -> tuple[str
     factor : float
         1 if no factor is near.
     """
-    factors: dict[str, float] = {}
-    for signal in signals:
-        factors.update(UNIT_FACTORS[signal])
+    known = [pair for signal in signals for pair in UNIT_FACTORS[signal].items()]
     size = max(abs(ratio), 1 / abs(ratio))
-    name = min(factors, key=lambda name: abs(math.log(size / factors[name])), default="")
-    factor = factors.get(name, math.inf)
+    none = ("", math.inf)
+    name, factor = min(known, key=lambda pair: abs(math.log(size / pair[1])), default=none)
     return (name, factor) if abs(size / factor - 1) < near else ("", 1.0)
 
 

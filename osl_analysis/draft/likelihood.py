@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 import yaml
 
-from osl_analysis.draft.recorded_channel import RecordedChannel
+from osl_analysis.draft.recorded_channel import RecordedChannel, name_and_ending
 from osl_analysis.measured import varies
 from osl_analysis.trial import COLUMNS
-from osl_analysis.units import dimension, name_and_ending
+from osl_analysis.units import dimension
 
 TABLE = Path(__file__).with_name("likelihoods.yaml")
 LEVELS = ("sync", "trigger")  # columns of volts, whose unit nobody states

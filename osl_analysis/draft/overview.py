@@ -10,14 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from osl_analysis import formats
-from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
+from osl_analysis.draft.recorded_channel import Overview, RecordedChannel, likely_unit
 from osl_analysis.errors import InputError, listing, naming, printable
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.capture import is_labelled, vertical_axis
 from osl_analysis.ingest.likely_clock import (
     is_like_clock,
-    likely_unit,
     rate_of,
     span_ratio,
     stated_rate,
@@ -317,7 +316,11 @@ def choose_clock(channels: Sequence[RecordedChannel]) -> ClockChoice:
         or [channel for channel in rising if is_like_clock(channel.name)]
     )
     candidates = named or rising
-    telling = [clock for clock in rising if named and tells_time(clock.name, clock.unit)]
+    telling = [
+        clock
+        for clock in rising
+        if named and tells_time(clock.name, clock.unit or clock.likely_unit)
+    ]
     possible = [*candidates, *(clock for clock in telling if clock not in candidates)]
     clocks = [clock for clock in possible if runs(clock)] or possible[:1]
     if not clocks:

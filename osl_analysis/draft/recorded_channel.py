@@ -1,14 +1,26 @@
-"""A channel of a recording as a user is shown it, and what else a recording holds."""
+"""A channel of a recording as a user is shown it, with the unit that its name implies, and what
+else a recording holds."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from typing import Self
 
 import numpy as np
 
 from osl_analysis.measured import LARGEST_SIGNAL
 from osl_analysis.trial import Array
-from osl_analysis.units import base_units, normalised
+from osl_analysis.units import (
+    ALIASES,
+    DATA,
+    EXAMPLES,
+    TICKS,
+    TORQUE,
+    base_units,
+    normalised,
+    torque_spelled,
+)
 
 
 def no_readings() -> Array:
@@ -112,3 +124,72 @@ class Overview:
     clock: RecordedChannel | None = None
     open: Sequence[str] = ()
     is_capture: bool = False
+
+
+# ---- Units that names imply, such as `ankle_deg`
+
+# what a name may end with; no `m`, since `theta_m` is the motor's
+AT_END: dict[str, str] = {
+    **{name: name for name in chain(ALIASES, *EXAMPLES.values()) if name.isalpha() and name != "m"},
+    **DATA["endings"],
+}
+# as `SEC` and `mSec`: only a letter alone has a meaning by its case
+IN_ANY_CASE = {spelling.lower(): unit for spelling, unit in AT_END.items() if len(spelling) > 1}
+DIVISORS = ("s", "rad", "deg")  # that a name may spell behind its unit
+# where a unit may begin: behind a sign, or at a capital in camel case
+UNIT_BEGINS = re.compile(r"[\s_.,:/-]|(?<=[a-z0-9])(?=[A-Z])")
+
+
+def name_and_ending(name: str) -> tuple[str, str]:
+    """Part a column's name from the unit that its end spells.
+
+    Parameters
+    ----------
+    name : str
+        As `ankle_deg`, `torque_N_cm` and `MomentLbfFt`.
+
+    Returns
+    -------
+    name, unit : str
+        The unit is empty if the end spells none. A prefix is never apart from its unit:
+        `torque_m_Nm` is the motor's.
+    """
+    if ending_spelled(name):  # `deg/s` is no name
+        return name, ""
+    for match in UNIT_BEGINS.finditer(name):
+        start = match.end()
+        unit = ending_spelled(name[start:])
+        in_camel_case = name[start - 1].isalnum()
+        is_one_letter = len(name) - start == 1
+        if in_camel_case and (is_one_letter or ending_spelled(name[start - 1 :])):
+            continue
+        if unit:
+            return name[:start], unit
+    return name, ""
+
+
+def ending_spelled(text: str) -> str:
+    """A text as a unit; empty if it is none that a name may end with. In it `_s` and `_per_s` are
+    `/s`."""
+    if text in AT_END:
+        return AT_END[text]
+    unit, *divisors = re.split(r"[\s_./-]+(?:per[\s_]+)?", TORQUE.sub(torque_spelled, text))
+    if not re.fullmatch(rf"[A-Za-z]+\*[A-Za-z]+|{TICKS.pattern}", unit):
+        unit = one_unit_spelled(unit)
+    if not unit or not divisors:
+        return unit
+    divisor = one_unit_spelled(" ".join(divisors))
+    return f"{unit}/{divisor}" if divisor in DIVISORS else ""
+
+
+def one_unit_spelled(text: str) -> str:
+    """A text as a unit without a divisor; empty if it is none that a name may end with."""
+    is_letter = len(text) == 1
+    return AT_END.get(text, "") if is_letter else IN_ANY_CASE.get(text.lower(), "")
+
+
+def likely_unit(name: str) -> str:
+    """The unit that a column's name implies: by its ending (`ankle_deg`), or as a clock (`millis`);
+    else empty."""
+    ending = name_and_ending(name)[1]
+    return ending or {"millis": "ms", "ms": "ms", "micros": "us", "us": "us"}.get(name, "")

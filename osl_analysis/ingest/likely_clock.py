@@ -23,7 +23,6 @@ from osl_analysis.units import (
     base_units,
     dimension,
     is_clock,
-    name_and_ending,
     normalised,
 )
 
@@ -39,20 +38,13 @@ def is_like_clock(name: str) -> bool:
 
 def tells_time(name: str, unit: str) -> bool:
     """Whether a column is a clock by its name or its unit."""
-    return is_like_clock(name) or is_of_time(unit or likely_unit(name))
+    return is_like_clock(name) or is_of_time(unit)
 
 
 def is_of_time(unit: str) -> bool:
     """Whether a unit is a unit of time, or a multiple of one, such as `second` and `10 us`."""
     known = base_units(normalised(unit))
     return known is not None and known[1] == dimension("s")
-
-
-def likely_unit(name: str) -> str:
-    """The unit that a column's name implies: by its ending (`ankle_deg`), or as a clock (`millis`);
-    else empty."""
-    ending = name_and_ending(name)[1]
-    return ending or {"millis": "ms", "ms": "ms", "micros": "us", "us": "us"}.get(name, "")
 
 
 def unwrapped(readings: NDArray[Any]) -> tuple[NDArray[Any], int]:
@@ -266,7 +258,8 @@ def clocks_beside(
         may_be = is_named or channel not in signals
         if channel is clock or channel.rows.count != rows.count or not may_be:
             continue
-        if source.time.rate is None and not tells_time(name, channel.unit):
+        unit = channel.unit or channel.likely_unit
+        if source.time.rate is None and not tells_time(name, unit):
             continue
         readings = numbers_of(channel) / (SECOND_NS if channel.kind == Kind.CLOCK else 1)
         steps = np.diff(unwrapped(readings[np.isfinite(readings)])[0])

@@ -22,10 +22,11 @@ from osl_analysis.commands.simulate import planned_sheet, settings_files
 from osl_analysis.draft.draft_campaign import draft_campaign
 from osl_analysis.draft.draft_sheet import draft_trials
 from osl_analysis.draft.draft_walking import segment_of
+from osl_analysis.draft.recorded_channel import name_and_ending
 from osl_analysis.errors import InputError
 from osl_analysis.files import shipped
 from osl_analysis.ingest.raw_files import read_source, recordings_in
-from osl_analysis.units import base_units, name_and_ending, normalised
+from osl_analysis.units import base_units, normalised
 
 pytestmark = pytest.mark.usefixtures("schemas_made_once")
 KINDS = {

@@ -149,9 +149,9 @@ def test_rounding_is_no_unexplained_torque_even_where_the_motion_takes_it_up():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"theta": np.zeros(15000)}, "does not move"),
+        ({"theta": np.zeros(15000)}, "theta"),
         ({"torque": np.full(15000, np.nan)}, "torque"),
-        ({"theta": np.ones(100), "torque": np.ones(100)}, "record 6 s or more"),
+        ({"theta": np.ones(100), "torque": np.ones(100)}, "6 s"),
     ],
 )
 def test_signals_that_tell_nothing_are_refused(change, words):

@@ -137,9 +137,7 @@ def test_minima_are_those_proved_in_rational_arithmetic(K_d, B_d, weight, with_i
 
 
 def test_a_request_for_a_locked_motor_is_refused():
-    with pytest.raises(
-        UnreachableImpedanceError, match=r"no finite B_1 minimises .* the motor is locked"
-    ):
+    with pytest.raises(UnreachableImpedanceError, match=r"B_1.*motor"):
         compensator.compensated_gains(600.0, 0.0, P, weight_of(50, 3))
 
 
@@ -164,13 +162,13 @@ def test_a_weight_that_weighs_nothing_is_refused(cutoff_hz, order):
 
 
 @pytest.mark.parametrize(("K_d", "B_d", "message"), [
-    (685.6, 5, r"K_d = 685\.6 .* less than 685\.6.*99 % of it: 678\.7"),
-    (0, 5, "more than 0"),
+    (685.6, 5, r"K_d = 685\.6.*685\.6.*99 %.*678\.7"),
+    (0, 5, "K_d = 0 "),
     (float("nan"), 5, "K_d = nan"),
-    (300, -1, r"B_d = -1 .* ask for 0 or more"),
+    (300, -1, "B_d = -1.*0"),
     (300, 1e300,
-     r"B_d = 1e\+300 N\*m\*s/rad is outside the accepted range; ask for 1e-09 to 1e\+06 N"),
-    (1e-300, 5, "K_d = 1e-300 N.* outside the accepted range"),
+     r"B_d = 1e\+300 N\*m\*s/rad.*range;.*1e-09.*1e\+06 N"),
+    (1e-300, 5, "K_d = 1e-300 N.*range"),
 ])  # fmt: skip
 def test_an_impossible_request_is_refused_with_the_reason(K_d, B_d, message):
     with pytest.raises(UnreachableImpedanceError, match=message):
@@ -179,7 +177,7 @@ def test_an_impossible_request_is_refused_with_the_reason(K_d, B_d, message):
 
 @pytest.mark.parametrize(("K_d", "B_d"), [(float("nan"), 5), (300, float("inf")), (-1, 5)])
 def test_uncompensated_gains_of_no_impedance_are_refused(K_d, B_d):
-    with pytest.raises(UnreachableImpedanceError, match="cannot be asked for"):
+    with pytest.raises(UnreachableImpedanceError, match=r"[KB]_d = (nan|inf|-1)"):
         compensator.uncompensated_gains(K_d, B_d, P)
 
 
@@ -192,12 +190,12 @@ def test_a_device_of_which_the_belt_s_ratio_alone_is_known_has_no_gains(tmp_path
     assert known_parameters(file, ["n_T"]).n_T == 83 / 18
     assert known_parameters(file, ["n_T", "K_s"]) is None
     assert known_parameters(file) is None
-    with pytest.raises(InputError, match=r"ours\.yaml: .* k_tau \[N\*m/A\]"):
+    with pytest.raises(InputError, match=r"ours\.yaml:.*k_tau \[N\*m/A\]"):
         read_parameters(file)
 
 
 def test_the_gains_of_another_controller_are_not_known():
-    with pytest.raises(InputError, match=r"'compensatd' are not known.*compensated"):
+    with pytest.raises(InputError, match=r"'compensatd'.*known.*compensated"):
         compensator.select_gains("compensatd", 300.0, 5.0, P)
 
 

@@ -102,12 +102,12 @@ WITH_A_REPEATED_STAMP = TIME[[0, 1, 2, 3, 4, 4, 5]]
 
 
 @pytest.mark.parametrize(("refused", "says"), [
-    (lambda: sampling_rate(WITH_A_GAP), r"the step at 0\.4900 s is 30\.000 ms"),
-    (lambda: sampling_rate(WITH_A_SHORT_STEP), r"the step at 0\.4900 s is 7\.000 ms"),
-    (lambda: LowPass(60.0)(TIME, 100.0), "60 Hz must lie between 0 and half .* rate of 100 Hz"),
+    (lambda: sampling_rate(WITH_A_GAP), r"step.*0\.4900 s.*30\.000 ms"),
+    (lambda: sampling_rate(WITH_A_SHORT_STEP), r"step.*0\.4900 s.*7\.000 ms"),
+    (lambda: LowPass(60.0)(TIME, 100.0), "60 Hz.*0.*rate.*100 Hz"),
     (lambda: LowPass(5.0)(TIME[:60], 100.0),
-     r"60 samples cannot be filtered at 5 Hz; .* over 0\.6 s"),
-    (lambda: differentiate(WITH_A_REPEATED_STAMP, TIME[:7]), "each later than the one before"),
+     r"60 samples.*5 Hz;.*0\.6 s"),
+    (lambda: differentiate(WITH_A_REPEATED_STAMP, TIME[:7]), "7 samples"),
 ])  # fmt: skip
 def test_refuses_stamps_and_records_without_a_rate_or_a_slope(refused, says):
     with pytest.raises(InputError, match=says):

@@ -303,12 +303,12 @@ SHORT_ACTUATOR = {"duration_s": 3, "fade_s": 1, "velocity": TONES, "current": TO
 @pytest.mark.parametrize(
     ("section", "value", "message"),
     [
-        ("recorder", {"node": {"jitter": on(20, "us")}}, "unit must be 's'"),
-        ("protocol", {"cycles": [2, 3, 4]}, "are not as many as the frequencies"),
-        ("excitations", [FALLING_BAND], "2.0 stands behind 6.0; write"),
-        ("actuator", SHORT_ACTUATOR, "at least four times fade_s"),
+        ("recorder", {"node": {"jitter": on(20, "us")}}, "unit.*'s'"),
+        ("protocol", {"cycles": [2, 3, 4]}, "frequencies"),
+        ("excitations", [FALLING_BAND], "2.0.*6.0;"),
+        ("actuator", SHORT_ACTUATOR, "times fade_s"),
         ("experiments", {"actuator": 2},
-         "2 actuator trials are planned but 'actuator' has no schedule"),
+         "2 actuator trials.*'actuator'"),
     ],
 )  # fmt: skip
 def test_a_wrong_imperfection_or_motion_is_refused(tmp_path, section, value, message):
@@ -323,7 +323,7 @@ def test_a_wrong_imperfection_or_motion_is_refused(tmp_path, section, value, mes
 
 def test_without_a_compiler_one_line_says_what_to_install(monkeypatch, tmp_path, in_root):
     monkeypatch.setitem(sys.modules, "numba", None)
-    message = r"needs numba, which is not installed; pip install 'osl-analysis\[simulator\]'"
+    message = r"numba,.*pip install 'osl-analysis\[simulator\]'"
 
     with pytest.raises(InputError, match=message):
         simulate_trial(TINY, tmp_path, "belt_01")

@@ -126,12 +126,12 @@ def test_of_two_directions_each_comes_once_in_two_crossings_unless_the_sheet_sta
 
 def test_a_plan_without_trials_is_refused(setup):
     none = dict.fromkeys(("belt", "transmission", "actuator", "static", "plate", "walking"), 0)
-    with pytest.raises(InputError, match="no trials are planned"):
+    with pytest.raises(InputError, match="trials"):
         plan_trials(with_experiments(setup, **none, K_d=()).settings)
 
 
 def test_two_trials_of_one_name_are_refused(setup):
-    with pytest.raises(InputError, match="the plan has two trials 'impedance_K300_B"):
+    with pytest.raises(InputError, match="trials 'impedance_K300_B"):
         plan_trials(with_experiments(setup, K_d=(300.0, 300.0001)).settings)
 
 
@@ -231,11 +231,11 @@ def test_a_trial_depends_on_the_seed_and_its_name_only(shipped, tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("phase,K_d\n0,100\n1,100\n", "no column 'B_d'"),
-        ("phase,K_d,B_d\n0,1,1\n", "from 0 to 0; it must rise from 0 to 1"),
-        ("phase,K_d,B_d\n0,100,1\n0.9,100,1\n", "from 0 to 0.9; it must rise from 0 to 1"),
-        ("phase,K_d,B_d\n0,1,1\n1,1,NaN\n", "column B_d: write a number in every row"),
-        ("phase,K_d,B_d\n0,1,1\n1,a,1\n", "column 'K_d', or one with text"),
+        ("phase,K_d\n0,100\n1,100\n", "column 'B_d'"),
+        ("phase,K_d,B_d\n0,1,1\n", "0.*0;.*0.*1"),
+        ("phase,K_d,B_d\n0,100,1\n0.9,100,1\n", "0.*0.9;.*0.*1"),
+        ("phase,K_d,B_d\n0,1,1\n1,1,NaN\n", "column B_d:"),
+        ("phase,K_d,B_d\n0,1,1\n1,a,1\n", "column 'K_d',.*text"),
     ],
 )
 def test_a_bad_impedance_trajectory_is_refused(tmp_path, text, message):
@@ -249,7 +249,7 @@ def test_columns_of_an_impedance_trajectory_that_nothing_uses_are_named(tmp_path
     path = tmp_path / "impedance.csv"
     path.write_text("phase,K_d,B_d,theta_eq_rad\n0,100,1,0\n1,100,1,0\n")
 
-    with pytest.warns(UserWarning, match="not used: theta_eq_rad"):
+    with pytest.warns(UserWarning, match="theta_eq_rad"):
         read_impedance_trajectory(path)
 
 
@@ -273,10 +273,10 @@ def walking_settings(folder, right, wrong):
     ("right", "wrong", "message"),
     [
         ("recording_s: 3.0", "recording_s: 1.5",
-         r"gait.*stance_s = .* is above recording_s = 1.5"),
+         "gait.*stance_s =.*recording_s = 1.5"),
         ("analogs_hz: 1500", "analogs_hz: 1000",
-         r"analogs_hz must be a multiple of points_hz \(300\)"),
-        ("[0.38, 0.40]", "[0.41, 0.40]", "0.4 stands behind 0.41; write each once"),
+         r"analogs_hz.*points_hz \(300\)"),
+        ("[0.38, 0.40]", "[0.41, 0.40]", "0.4.*0.41;"),
     ],
 )  # fmt: skip
 def test_a_wrong_duration_rate_or_phase_is_refused(tmp_path, right, wrong, message):

@@ -147,9 +147,9 @@ NOISE_ALONE = 1e-4 * np.random.default_rng(1).standard_normal(9000)
 
 @pytest.mark.parametrize(("theta", "message"), [
     (57.3 * stepped(),
-     r"sine of \d Hz at 1\d\.0 s has an amplitude of 328\.\d+ deg, the protocol says 1\.7"),
-    (0.0 * stepped(), r"no sine was found: the joint angle moves by 0 deg"),
-    (NOISE_ALONE, r"no sine was found: .* by 0\.0\d+ deg"),
+     r"\d Hz.*1\d\.0 s.*amplitude.*328\.\d+ deg,.*1\.7"),
+    (0.0 * stepped(), "angle.*0 deg"),
+    (NOISE_ALONE, r"0\.0\d+ deg"),
 ], ids=["in degrees", "still", "noise"])  # fmt: skip
 def test_a_record_without_the_commanded_sines_is_refused_with_what_it_is(theta, message):
     with pytest.raises(InputError, match=message):

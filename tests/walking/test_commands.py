@@ -135,7 +135,7 @@ def refused(output: Path, reason: str) -> Iterator[None]:
     crossing = walking.read_crossing_file(output)
     assert isinstance(crossing, RefusedCrossing)
     assert re.search(reason, crossing.reason)
-    with pytest.raises(InputError, match="was refused"):
+    with pytest.raises(InputError, match=reason):
         walking.read_crossing(output)
 
 
@@ -149,7 +149,7 @@ def test_a_turn_of_the_toes_down_has_its_sign(ideal: Session, tmp_path: Path) ->
     down = walking.read_crossing(tmp_path / "down.parquet")
     assert np.rad2deg(down.turn) == pytest.approx(-5, abs=0.1)
     assert {crossing.direction for crossing in ideal.read(ideal.perturbed)} == {"up"}
-    contradiction = r"walking_77: the platform turned by -5\.\d deg .* says direction 'up'"
+    contradiction = r"walking_77: .*-5\.\d deg .*'up'"
     with refused(tmp_path / "up.parquet", contradiction):
         ideal.analyse(trial, True, tmp_path / "up.parquet", "up")
 
@@ -228,10 +228,10 @@ def test_what_cannot_be_used_is_listed_and_the_rest_goes_on(real: Session, tmp_p
 
     listed = dict(tables["selection"].drop_nulls("reason").select("trial", "reason").iter_rows())
     assert list(listed) == [blind, still, elsewhere, cut]
-    assert "foot markers cannot be followed" in listed[blind]
-    assert "does not turn, but the sheet says perturbed" in listed[still]
-    assert "foot forward 0.2 m lies" in listed[elsewhere]
-    assert "Fz stays at 60" in listed[cut]
+    assert re.search(r"foot markers .*1\.200 s", listed[blind])
+    assert "perturbed" in listed[still]
+    assert "foot forward 0.2 m" in listed[elsewhere]
+    assert re.search("Fz .* 60", listed[cut])
     assert set(tables["summary"]["n"]) == {2}
     assert tables.estimate("all")["mean"] == pytest.approx(real.rendered("K"), rel=0.05)
 
@@ -278,7 +278,7 @@ def test_while_the_perturbation_is_fitted_7_ms_are_bridged_and_30_ms_refused(
     assert hiding.analyse(name, foot, onset + 0.03, onset + 0.037).bridged > 0
     assert hiding.analyse(name, foot, onset - 0.15, onset - 0.12).bridged > 0
     for segment, markers in (("foot", foot), ("platform", ("PLAT1", "PLAT2"))):
-        reason = rf"the {segment} markers are hidden for \d+ ms from 1\.\d+ s, while the pert"
+        reason = rf"{segment} markers .*\d+ ms .*1\.\d+ s"
         with refused(hiding.output, reason):
             hiding.analyse(name, markers, onset + 0.03, onset + 0.06)
 
@@ -319,9 +319,9 @@ def test_what_contradicts_the_sheet_or_the_markers_is_refused_by_name(
     write_trial(unlabelled, tmp_path / "unlabelled.parquet")
     output = tmp_path / "crossing.parquet"
 
-    with refused(output, f"trial {turning}: the platform .* sheet says perturbed = false"):
+    with refused(output, f"trial {turning}: .*perturbed = false"):
         ideal.analyse(ideal.trial(turning), False, output)
-    with refused(output, f"trial {still}: no marker 'FOOT3'; .* did you mean 'FOOT[124]'"):
+    with refused(output, f"trial {still}: .*'FOOT3'.*'FOOT[124]'"):
         ideal.analyse(tmp_path / "unlabelled.parquet", False, output)
 
 
@@ -347,7 +347,7 @@ def test_each_trial_has_the_static_calibration_that_it_names(
 def test_a_damaged_model_names_the_step(tmp_path: Path, content: str) -> None:
     (tmp_path / "plate.json").write_text(content)
 
-    with pytest.raises(InputError, match=r"plate\.json: not what .* and run again"):
+    with pytest.raises(InputError, match=r"plate\.json:"):
         walking.read_model(tmp_path / "plate.json", PlateModel)
 
 
@@ -366,5 +366,5 @@ def test_the_mass_is_the_sheet_s_else_the_recording_s(
 
 
 def test_a_mass_that_contradicts_the_recording_is_refused() -> None:
-    with pytest.raises(InputError, match="body_mass_kg is 70 in the sheet and 79 in the recording"):
+    with pytest.raises(InputError, match=r"body_mass_kg.*70.*sheet.*79.*recording"):
         mass_of(70.0, 79.0)

@@ -141,17 +141,17 @@ def test_an_offset_of_the_fit_lowers_K_by_its_share() -> None:
 
 
 def test_a_crossing_without_an_onset_has_no_response() -> None:
-    with pytest.raises(InputError, match="trial u7: no onset"):
+    with pytest.raises(InputError, match=r"trial u7:.*onset"):
         response_of(crossing("u7"), mean_gait())
 
 
 def test_a_response_that_leaves_stance_is_refused() -> None:
-    with pytest.raises(InputError, match=r"trial p: baseline and window span .* expected 0-1"):
+    with pytest.raises(InputError, match=r"trial p: baseline.*window.*0-1"):
         response_of(crossing("p", onset=0.96), mean_gait())
 
 
 def test_one_response_is_no_ensemble() -> None:
-    with pytest.raises(InputError, match="perturbations in the ensemble: 1, expected 2"):
+    with pytest.raises(InputError, match=r"ensemble: 1,.*2"):
         Ensemble([response_of(crossing("p0", ONSET), mean_gait())])
 
 
@@ -160,7 +160,7 @@ def test_a_response_whose_columns_are_one_is_refused_by_name() -> None:
     response = response_of(crossing("p0", ONSET), mean_gait())
     exponential = replace(response, thetas=np.exp(20 * response.time)[None])
 
-    with pytest.raises(IdentifiabilityError, match=r"trial p0: .* cannot be told apart"):
+    with pytest.raises(IdentifiabilityError, match=r"trial p0:.*apart"):
         fit_response(exponential)
 
 
@@ -462,5 +462,5 @@ def test_a_crossing_without_a_pace_is_refused() -> None:
     at_heel_strike = replace(walked("p", onset=0.6), onset=0.33)
 
     for walk in (far, at_heel_strike):
-        with pytest.raises(InputError, match="trial p: its angle before the onset tells no pace"):
+        with pytest.raises(InputError, match=r"trial p:.*angle.*onset"):
             isolate_response(walk, usual(), TIMING)

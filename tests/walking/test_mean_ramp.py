@@ -51,7 +51,7 @@ def test_ramps_of_another_duration_have_onsets_of_their_own() -> None:
     """Half of the difference of the durations would be taken for a time shift."""
     rises = np.tile([0.07, 0.09], 10)
 
-    with pytest.warns(UserWarning, match="the platform does not turn as in"):
+    with pytest.warns(UserWarning, match="platform"):
         errors = errors_of([angle_of(o, rise=r) for o, r in zip(ONSETS, rises, strict=True)], 0.01)
 
     assert np.median(np.abs(errors)) < 3e-4
@@ -72,7 +72,7 @@ def test_a_ramp_unlike_the_others_leaves_their_onsets_as_they_are() -> None:
     angles = [angle_of(onset) for onset in ONSETS]
     angles[0] = angles[0] + np.deg2rad(1.5) * np.exp(-(((TIME - ONSETS[0] - 0.05) / 0.01) ** 2))
 
-    with pytest.warns(UserWarning, match="trial walking_0: the platform does not turn as in"):
+    with pytest.warns(UserWarning, match=r"trial walking_0:.*platform"):
         errors = errors_of(angles, 0.01)
 
     assert np.abs(errors[1:]).max() < 1e-3
@@ -98,5 +98,5 @@ def test_a_platform_that_hardly_turns_has_no_ramp() -> None:
 def test_a_platform_that_turns_at_once_is_refused() -> None:
     recorded = TIME > 1.18
 
-    with pytest.raises(InputError, match="start to record earlier"):
+    with pytest.raises(InputError, match=r"\d\.\d+ s.* 0\.2 s"):
         ramp_of(TIME[recorded], turned(angle_of(1.2))[recorded], np.deg2rad(1))

@@ -204,7 +204,7 @@ def test_a_direction_that_is_mostly_noise_is_not_identified() -> None:
 
     with pytest.raises(
         IdentifiabilityError,
-        match="marker noise is 90% of what moves the unloaded plate in the dir",
+        match=r"marker noise.*90%.*plate.*dir",
     ):
         identify_plate_inertia(recordings, noise=0.9 * columns.T @ columns)
 
@@ -274,20 +274,20 @@ def test_a_lag_that_is_not_found_is_not_corrected() -> None:
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
-        pytest.param({"lag": 0.014}, "the unloaded plate's wrench does not follow", id="clocks"),
-        pytest.param({"lag": -0.05}, "the unloaded plate's wrench does not follow", id="far apart"),
-        pytest.param({"angle": 0.3}, r"the platform turns by 0\.\d+ deg from", id="at rest"),
-        pytest.param({"load": 300.0}, "the plate carries 300 N", id="a foot on the plate"),
+        pytest.param({"lag": 0.014}, "plate's wrench", id="clocks"),
+        pytest.param({"lag": -0.05}, "plate's wrench", id="far apart"),
+        pytest.param({"angle": 0.3}, r"platform.*0\.\d+ deg", id="at rest"),
+        pytest.param({"load": 300.0}, "plate.*300 N", id="a foot on the plate"),
     ],
 )
 def test_a_recording_that_cannot_show_the_unloaded_plate_is_refused(
     changes: dict[str, float], reason: str
 ) -> None:
-    with pytest.raises(InputError, match=f"trial plate_1: {reason}"):
+    with pytest.raises(InputError, match=f"trial plate_1: .*{reason}"):
         model_of(unloaded("plate_1", **changes))
 
 
-CUT = "the platform turns by 0[.].. deg from rest to rest"
+CUT = "0[.].. deg"
 
 
 def test_a_motion_that_the_recording_cuts_has_no_part_in_the_model() -> None:
@@ -307,7 +307,7 @@ def test_recordings_without_a_whole_motion_are_refused() -> None:
     never_still = between(slow, 1.2, 2.0)
 
     for cut in (late, never_still):
-        with pytest.raises(InputError, match=f"plate_2: {CUT}"):
+        with pytest.raises(InputError, match=f"plate_2: .*{CUT}"):
             model_of(cut)
 
 
@@ -344,14 +344,12 @@ def test_the_zero_is_read_before_the_foot_comes(unloaded_s: float) -> None:
 
 @pytest.mark.parametrize("zero", [-713.0, 713.0])
 def test_a_plate_that_was_not_zeroed_is_refused(zero: float) -> None:
-    with pytest.raises(
-        InputError, match=f"unloaded plate reads {zero:.0f} N, expected less than 100 N"
-    ):
+    with pytest.raises(InputError, match=rf"plate.*{zero:.0f} N,.*100 N"):
         zeroed_wrench(standing_on(stepped(zero)), TIME[::5], settings())
 
 
 def test_a_plate_that_is_loaded_from_the_start_is_refused() -> None:
-    with pytest.raises(InputError, match=r"loaded within 0\.2 s of the recording's start"):
+    with pytest.raises(InputError, match=r"0\.2 s.*recording's"):
         zeroed_wrench(standing_on(stepped(0.0), 2000), TIME[:-2000:5], settings())
 
 
@@ -367,7 +365,7 @@ def askew() -> tuple[Array, Array]:
 def test_a_plate_at_its_limit_is_refused_also_where_it_stands_askew() -> None:
     force, axes = askew()
 
-    with pytest.raises(InputError, match="stays at 250 N"):
+    with pytest.raises(InputError, match="250 N"):
         check_range(TIME, force, axes, 30)
 
 
@@ -393,8 +391,8 @@ PERSON = np.array([0.0, 700.0])  # [N]
 
 
 @pytest.mark.parametrize(("trial", "message"), [
-    (CLIPPED, r"A3 of force plate 1 stays at -200 from 0\.300 s to 0\.325 s"),
-    (DEAD, r"A3 of force plate 1 repeats one value from 0\.100 .* it is dead"),
+    (CLIPPED, r"A3.*force plate 1.*-200.*0\.300 s.*0\.325 s"),
+    (DEAD, r"A3.*force plate 1.*0\.100"),
 ])  # fmt: skip
 def test_a_channel_that_fails_in_stance_is_refused(trial: Trial, message: str) -> None:
     with pytest.raises(InputError, match=message):
@@ -419,7 +417,7 @@ def test_a_channel_that_fails_elsewhere_does_not_matter(
 def test_a_force_beyond_a_person_s_is_refused() -> None:
     with pytest.raises(
         InputError,
-        match=r"plate 1 reads up to 8\.4e\+03 N, expected less than 8000 N under a person",
+        match=r"plate 1.*8\.4e\+03 N,.*8000 N",
     ):
         check_plate(examined(), 1, STANCE, 12 * PERSON)
 
@@ -430,9 +428,9 @@ def test_a_moving_plate_without_moments_is_refused() -> None:
     for trial in (alone, walked):
         trial.provenance["plates"][0]["type"] = 1
 
-    with pytest.raises(InputError, match=r"of type 1 .* export it as type 2, 3 or 4"):
+    with pytest.raises(InputError, match=r"type 1.*type 2, 3.*4"):
         model_of(alone)
-    with pytest.raises(InputError, match=r"of type 1 .* export it as type 2, 3 or 4"):
+    with pytest.raises(InputError, match=r"type 1.*type 2, 3.*4"):
         analyse_crossing(walked, CALIBRATION, NO_CORRECTION, True, settings())
 
 
@@ -473,9 +471,7 @@ def test_a_marker_beside_the_plate_is_as_far_outside(marker: list[float], distan
 def test_a_load_that_does_not_act_upwards_is_refused(force: list[float], along: str) -> None:
     loads = np.sin(np.pi * PHASE)[:, None] * force
 
-    with pytest.raises(
-        InputError, match=re.escape(f"along {along} N), expected +z: correct `sign`")
-    ):
+    with pytest.raises(InputError, match=re.escape(f"{along} N)")):
         check_vertical(loads)
 
 
@@ -497,9 +493,9 @@ def sloping(angle_deg: float) -> Array:
 @pytest.mark.parametrize(
     ("corners", "message"),
     [
-        pytest.param(SURFACE[:, [2, 1, 0]], "on edge", id="x up"),
-        pytest.param(SURFACE[:, [0, 2, 1]], r"`axes` .* \[x, -z, y\]", id="y up"),
-        pytest.param(sloping(40.0), "on edge", id="steeper than stairs"),
+        pytest.param(SURFACE[:, [2, 1, 0]], "edge", id="x up"),
+        pytest.param(SURFACE[:, [0, 2, 1]], r"`axes`.*\[x, -z, y\]", id="y up"),
+        pytest.param(sloping(40.0), "edge", id="steeper than stairs"),
     ],
 )
 def test_a_plate_on_edge_is_refused_with_the_remedy(corners: Array, message: str) -> None:
@@ -510,9 +506,9 @@ def test_a_plate_on_edge_is_refused_with_the_remedy(corners: Array, message: str
 def test_a_plate_without_corners_is_refused() -> None:
     trial = with_corners(SURFACE)
 
-    with pytest.raises(InputError, match="plate 2; the recording has those of 1"):
+    with pytest.raises(InputError, match=r"plate 2;.*1"):
         recorded_corners(trial, 2)
-    with pytest.raises(InputError, match="has those of none"):
+    with pytest.raises(InputError, match=r"`plate`"):
         recorded_corners(replace(trial, provenance={}), 1)
 
 
@@ -539,7 +535,7 @@ def test_a_shank_that_moves_against_its_heading_is_refused(turn: float) -> None:
     check_side(PHASE, shank, axis)
     with pytest.raises(
         InputError,
-        match=r"the shank moves 20 cm backwards over the foot .* correct `side`, exchange",
+        match=r"shank.*20 cm.*foot.*`side`,",
     ):
         check_side(PHASE, shank, -axis)
 
@@ -558,10 +554,10 @@ def test_a_load_that_rolls_forward_or_hardly_moves_is_sound() -> None:
 
 
 @pytest.mark.parametrize(("load", "torque", "message"), [
-    pytest.param(SIDEWAYS, TORQUE, " 9 cm in stance, 90 deg .* corners", id="a quarter"),
-    pytest.param(-FORWARD, -TORQUE, "180 deg from forward", id="half"),
-    pytest.param(FORWARD, -TORQUE, r"late stance is -53 N\*m.* another foot", id="a second foot"),
-    pytest.param(SIDEWAYS, None, "90 deg from forward.* another foot",
+    pytest.param(SIDEWAYS, TORQUE, "9 cm.*90 deg.*corners", id="a quarter"),
+    pytest.param(-FORWARD, -TORQUE, "180 deg", id="half"),
+    pytest.param(FORWARD, -TORQUE, r"-53 N\*m.*foot", id="a second foot"),
+    pytest.param(SIDEWAYS, None, "90 deg.*foot",
                  id="a second foot on a plate that moves"),
 ])  # fmt: skip
 def test_a_plate_that_is_turned_and_a_second_foot_are_refused(

@@ -172,14 +172,14 @@ def test_the_calibrated_axis_points_to_the_left_for_either_leg(side: str) -> Non
 
 
 def test_a_static_marker_that_is_never_seen_is_refused() -> None:
-    with pytest.raises(InputError, match=r"trial static: marker SHANK2 is never seen"):
+    with pytest.raises(InputError, match=r"trial static: marker SHANK2.*never"):
         static_calibration(hidden(static_trial(ANKLE), ["SHANK2"], 0, 2), settings())
 
 
 def test_a_static_cluster_on_a_line_is_refused() -> None:
     flat = [pl.col(f"marker_FOOT{k}_{axis}") * 0 for k in range(1, 5) for axis in "yz"]
 
-    with pytest.raises(InputError, match="foot markers FOOT1, FOOT2, FOOT3, FOOT4 lie on a line"):
+    with pytest.raises(InputError, match=r"foot markers FOOT1, FOOT2, FOOT3, FOOT4.*line"):
         static_calibration(changed(static_trial(ANKLE), *flat), settings())
 
 
@@ -187,9 +187,7 @@ def test_exchanged_foot_and_shank_are_refused() -> None:
     markers = SETTINGS["markers"]
     exchanged = markers | {"foot": markers["shank"], "shank": markers["foot"]}
 
-    with pytest.raises(
-        InputError, match=r"the foot markers SHANK1, .* stand 24 cm above the shank markers FOOT1"
-    ):
+    with pytest.raises(InputError, match=r"foot markers SHANK1,.*24 cm.*shank markers FOOT1"):
         static_calibration(static_trial(), settings(markers=exchanged))
 
 

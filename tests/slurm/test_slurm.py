@@ -79,7 +79,6 @@ def test_several_submissions_give_the_same_bytes_and_a_cancelled_one_is_made_by_
     cancel = partial(subprocess.run, f"scancel $({running} | tail -n 1)", shell=True, check=True)
     said = run(folder, *options, then=cancel, once="results/trials/*.parquet")
     assert said.endswith("exit code 1"), said
-    assert "At least one job did not complete successfully" in said
     said = run(folder, *options)  # of one table alone no verdict is asked
     assert said.endswith("exit code 0"), said
     rows = (folder / TABLE).read_text().splitlines()[1:]

@@ -118,7 +118,8 @@ def parameters() -> DrivetrainParameters:
 @pytest.fixture
 def without_inference(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a test of least squares alone: the inference takes nine tenths of a fit."""
-    monkeypatch.setattr("osl_analysis.bench.evidence.inferred_from", lambda *_: None)
+    monkeypatch.setattr("osl_analysis.bench.evidence.inferred_of_joint", lambda *_: None)
+    monkeypatch.setattr("osl_analysis.bench.evidence.inferred_of_leg", lambda *_: None)
     monkeypatch.setattr("osl_analysis.bench.parts_alone.suspected_fault_of_losses", lambda *_: None)
 
 

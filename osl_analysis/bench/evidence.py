@@ -15,7 +15,8 @@ from osl_analysis.bench.friction import (
     delay_told_s,
     fault_columns,
     friction_columns,
-    inferred_from,
+    inferred_of_joint,
+    inferred_of_leg,
     with_other_stamps,
 )
 from osl_analysis.bench.impedance import (
@@ -277,12 +278,13 @@ def impedance_table(
         check_resists(record.name, "K", whole["K"], whole.interval("K")[1])
     belt = belt_of_leg(record, p)
     of_leg = is_leg(record, p)
-    inferred = inferred_from(record, of_leg)
+    joint = None if of_leg else inferred_of_joint(record)
+    inferred = inferred_of_leg(record) if of_leg else joint
     is_certain = inferred.friction_probability > CERTAIN_FRICTION if inferred else None
     coulomb = coulomb_fits(s, analysis, is_certain)
     of_trial: Row = {
-        **fault_columns(inferred),
-        "delay_told_s": delay_told_s(inferred, record),
+        **fault_columns(joint),
+        "delay_told_s": delay_told_s(joint, record),
         **motion_row(record),
         "K_s_ratio": belt.K_s / p.K_s if belt and p else None,
         "VAF_held_out": held_out_vaf(analysis.sums, analysis.model),

@@ -29,13 +29,11 @@ from osl_analysis.inference.constants import HARM_SHARE, LIKELY
 from osl_analysis.inference.infer import Explanation
 from osl_analysis.signals import runs
 from osl_analysis.stats.estimates import INTERVAL_ENDS, Estimate, Impedance, Row
+from osl_analysis.trial import Array
 
 CERTAIN_FRICTION = 0.9  # probability from which friction is taken off B: nine in ten are right
 NAMED_SHARE = 0.05  # of all faults' probability, below which an explanation is not named
 COLUMNS_OF_LOSSES = (None, "B_j", "J_j")  # of K, B and I in `transmission.csv`
-
-Inferred = ImpedanceInference | LegInference | None
-"""What the inference says; None where it cannot weigh rivals."""
 
 
 @dataclass(frozen=True)
@@ -130,37 +128,42 @@ def without_friction(s: Sums, model: Model, fit: GroupFit, label: Label, column:
     )
 
 
-def inferred_from(
-    record: Record, is_leg: bool = False, accuracy: tuple[float, float, float] = HARM_SHARE
-) -> Inferred:
-    """The inference from the raw signals of a record, since it finds their band itself.
-
-    Parameters
-    ----------
-    record : Record
-        Angle and torque of a trial.
-    is_leg : bool
-        Whether a belt and an actuator render the joint. Its friction then opposes the actuator's
-        velocity and grows with the current.
-    accuracy : tuple of float
-        Shares of K, B and I from which a fault matters.
-    """
+def raw_signals(record: Record, **actuator: Array | None) -> BenchSignals:
+    """The raw signals of a record near the fitted rows, since the inference finds their band
+    itself; `actuator` has those of a leg's."""
     # the ends of fitted stretches are left out for the sake of the fit's own filter
     edge = round(2 * record.rate_hz / record.settings.cutoff_hz)
     usable = np.zeros(len(record.time), dtype=np.bool_)
     for rows in runs(record.is_fitted()):
         usable[max(rows.start - edge, 0) : rows.stop + edge] = True
-    with suppress(NotWeighedError):  # a recording may be too short for a search
-        signals = BenchSignals(
-            theta=record.theta,
-            torque=record.torque,
-            rate_hz=record.rate_hz,
-            encoder_step=record.encoder_step,
-            usable=record.usable & usable,
-            sliding_angle=record.actuator.get("wide_band_theta_m") if is_leg else None,
-            load=record.actuator.get("current") if is_leg else None,
-        )
-        return infer_leg(signals) if is_leg else infer_impedance(signals, accuracy)
+    return BenchSignals(
+        theta=record.theta,
+        torque=record.torque,
+        rate_hz=record.rate_hz,
+        encoder_step=record.encoder_step,
+        usable=record.usable & usable,
+        **actuator,
+    )
+
+
+def inferred_of_leg(record: Record) -> LegInference | None:
+    """The friction in a leg's actuator, which opposes its velocity and grows with the current; None
+    where the recording cannot tell it."""
+    current = record.actuator.get("current")
+    with suppress(NotWeighedError):
+        wide_band = record.actuator["wide_band_theta_m"]
+        return infer_leg(raw_signals(record, sliding_angle=wide_band, load=current))
+    return None
+
+
+def inferred_of_joint(
+    record: Record, accuracy: tuple[float, float, float] = HARM_SHARE
+) -> ImpedanceInference | None:
+    """What may be wrong with the recording of a joint that no actuator renders; None where rivals
+    cannot be weighed, as in a short one. `accuracy` has the shares of K, B and I from which a fault
+    matters."""
+    with suppress(NotWeighedError):
+        return infer_impedance(raw_signals(record), accuracy)
     return None
 
 
@@ -173,7 +176,7 @@ def estimate_columns(name: str, estimate: Estimate | None) -> Row:
 
 def friction_columns(
     analysis: Analysis,
-    inferred: Inferred,
+    inferred: ImpedanceInference | LegInference | None,
     coulomb: CoulombFit | None,
     label: Label,
     is_leg: bool,
@@ -188,7 +191,7 @@ def friction_columns(
     ----------
     analysis : Analysis
         Eq. 15.
-    inferred : Inferred
+    inferred : ImpedanceInference or LegInference or None
         What the inference says of the recording.
     coulomb : CoulombFit or None
         Of the label, as of `coulomb_fits`.
@@ -238,47 +241,46 @@ def with_other_stamps(analysis: Analysis, impedance: Impedance) -> Impedance:
 
 
 def suspected_fault_of_losses(record: Record) -> ImpedanceInference | None:
-    """What may be wrong with a recording of losses, whose stiffness nobody asks for; None where it
-    is too short to tell."""
-    fault = inferred_from(record, accuracy=(np.inf, *HARM_SHARE[1:]))
-    return fault if isinstance(fault, ImpedanceInference) else None
+    """What may be wrong with a recording of losses, whose stiffness nobody asks for."""
+    return inferred_of_joint(record, accuracy=(np.inf, *HARM_SHARE[1:]))
 
 
-def probable_fault(inferred: Inferred) -> Explanation | None:
+def probable_fault(joint: ImpedanceInference | None) -> Explanation | None:
     """The most probable fault; None of a leg, and where the recording is probably sound."""
-    if not isinstance(inferred, ImpedanceInference):
+    if joint is None:
         return None
-    if inferred.doubt is None and inferred.fault_probability > LIKELY:
-        return next(iter(inferred.explanations), None)
-    return inferred.doubt
+    if joint.doubt is None and joint.fault_probability > LIKELY:
+        return joint.explanations[0]
+    return joint.doubt
 
 
-def explanations_of(inferred: Inferred) -> str | None:
+def explanations_of(joint: ImpedanceInference | None) -> str | None:
     """All faults that are not improbable beside each other, the most probable first; None where no
     fault is probable."""
-    if not isinstance(inferred, ImpedanceInference) or probable_fault(inferred) is None:
+    if joint is None or probable_fault(joint) is None:
         return None
-    least = NAMED_SHARE * inferred.fault_probability
-    names = [each.name for each in inferred.explanations if each.probability > least]
+    least = NAMED_SHARE * joint.fault_probability
+    names = [each.name for each in joint.explanations if each.probability > least]
     return ", ".join(dict.fromkeys(names))
 
 
-def fault_columns(inferred: Inferred, names: Sequence[str | None] = QUANTITIES) -> Row:
+def fault_columns(
+    joint: ImpedanceInference | None, names: Sequence[str | None] = QUANTITIES
+) -> Row:
     """The columns of a fault, null of a leg and where no hypotheses were weighed. `names` are those
     of K, B and I in the table; None: it has no such column."""
-    fault = probable_fault(inferred)
+    fault = probable_fault(joint)
+    # sums over no hypotheses are whole numbers
     row: Row = {
-        "fault_probability": None,
+        "fault_probability": float(joint.fault_probability) if joint else None,
         "fault_family": fault.family if fault else None,
-        "explanations": explanations_of(inferred),
+        "explanations": explanations_of(joint),
     }
     moved: Sequence[float | None] = (None, None, None)
     unexplained = moved
-    if isinstance(inferred, ImpedanceInference):
-        # sums over no hypotheses are whole numbers
-        row["fault_probability"] = float(inferred.fault_probability)
-        moved = inferred.fault_shares if inferred.doubt else (0.0, 0.0, 0.0)
-        unexplained = inferred.unexplained_shares
+    if joint is not None:
+        moved = joint.fault_shares if joint.doubt else (0.0, 0.0, 0.0)
+        unexplained = joint.unexplained_shares
     for name, by_fault, left in zip(names, moved, unexplained, strict=True):
         if name is not None:
             row[f"{name}_fault_share"] = by_fault
@@ -286,11 +288,11 @@ def fault_columns(inferred: Inferred, names: Sequence[str | None] = QUANTITIES) 
     return row
 
 
-def delay_told_s(inferred: Inferred, record: Record) -> float | None:
+def delay_told_s(joint: ImpedanceInference | None, record: Record) -> float | None:
     """Standard error to which a recording tells a delay [s] between angle and torque that nobody
     states and that is not found; None of a leg."""
-    fault = probable_fault(inferred)
+    fault = probable_fault(joint)
     stated_s = [record.settings.calibration.delay, *(each["delay_s"] for each in record.streams)]
-    if any(stated_s) or (fault is not None and fault.family == "path"):
+    if joint is None or any(stated_s) or (fault is not None and fault.family == "path"):
         return None
-    return inferred.delay_told_s if isinstance(inferred, ImpedanceInference) else None
+    return joint.delay_told_s

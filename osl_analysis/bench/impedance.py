@@ -262,19 +262,18 @@ def amplitudes_row(analysis: Analysis) -> Row:
         The relative changes `K_change` and `B_change` from the smallest to the largest amplitude,
         and the lowest and the highest estimates; null for fewer than two amplitudes.
     """
+    ends = ("change", "amplitudes_low", "amplitudes_high")
+    row: Row = dict.fromkeys(f"{name}_{end}" for name in CHANGING for end in ends)
     labels = sorted(label for label in analysis.fits if isinstance(label, float))
-    row: Row = {}
+    if len(labels) < 2:
+        return row
+    change = difference_of(analysis, labels[0], labels[-1])
     for name in CHANGING:
-        ends = ("change", "amplitudes_low", "amplitudes_high")
-        row.update(dict.fromkeys(f"{name}_{end}" for end in ends))
-        if len(labels) < 2:
-            continue
+        certain = np.sign(change[name]) * max(abs(change[name]) - change.half_width(name), 0.0)
         of_single = [analysis.fits[label][name] for label in labels]
+        row[f"{name}_change"] = float(certain / np.hypot(analysis.whole[name], LITTLE[name]))
         row[f"{name}_amplitudes_low"] = min(of_single)
         row[f"{name}_amplitudes_high"] = max(of_single)
-        change = difference_of(analysis, labels[0], labels[-1])
-        certain = np.sign(change[name]) * max(abs(change[name]) - change.half_width(name), 0.0)
-        row[f"{name}_change"] = float(certain / np.hypot(analysis.whole[name], LITTLE[name]))
     return row
 
 

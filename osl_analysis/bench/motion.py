@@ -162,8 +162,7 @@ def record_of_trial(
         A signal is missing, has no time base, or does not move.
     """
     signals = signals_of(trial, ("theta", "torque"), settings, computed=("theta_command",))
-    if excitation is None:
-        excitation = getattr(settings, "excitation", "stepped_sine")
+    excitation = excitation or getattr(settings, "excitation", "stepped_sine")
     if excitation == "auto" and windows:
         excitation = "any"
 
@@ -344,9 +343,7 @@ def cycles_of(
                 " Hz is free of rows near a gap that is too long to be bridged; " + BRIDGE_MORE
             )
         cycles.append(np.stack([first, first + period]))
-        commanded_deg = None
-        if segment.commanded is not None and stated:
-            commanded_deg = round(float(np.rad2deg(segment.commanded)), 9)
+        commanded_deg = round(float(np.rad2deg(segment.commanded)), 9) if stated else None
         rows = slice(round(segment.start), round(segment.stop))
         strata.append(Stratum(label, segment.frequency_hz, commanded_deg, rows))
     first, stop = np.concatenate(cycles, axis=1)

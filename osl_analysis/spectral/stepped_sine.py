@@ -333,7 +333,7 @@ class Segment:
     start: float  # row at which the first cycle begins
     stop: float  # row at which the last one ends
     cycles: int  # number of cycles in between
-    commanded: float | None = None  # amplitude [rad] in the protocol
+    commanded: float  # amplitude [rad] in the protocol, or a round one
 
 
 def find_segments(
@@ -373,9 +373,11 @@ def find_segments(
         )
     rate_hz = sampling_rate(time)
     sizes = meant_amplitudes(sines.runs, protocol.amplitudes)
-    meant = [run for run in sines.runs if followed(run.amplitude, sizes, LOST_AMPLITUDE)]
+    of_runs = [(run, followed(run.amplitude, sizes, LOST_AMPLITUDE)) for run in sines.runs]
+    meant = [(run, size) for run, size in of_runs if size is not None]
+    frequencies = common_frequencies([run for run, _ in meant], protocol)
     segments = []
-    for run, frequency_hz in zip(meant, common_frequencies(meant, protocol), strict=True):
+    for (run, size), frequency_hz in zip(meant, frequencies, strict=True):
         # in the middle: the ends of a run may lack a quarter of a cycle
         cycles = int(run.cycles + MISSING_CYCLE)
         length = cycles / frequency_hz
@@ -391,7 +393,7 @@ def find_segments(
                 start=start * rate_hz,
                 stop=(start + length) * rate_hz,
                 cycles=cycles,
-                commanded=followed(run.amplitude, sizes, LOST_AMPLITUDE),
+                commanded=size,
             )
         )
     return segments

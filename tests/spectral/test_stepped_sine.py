@@ -197,8 +197,8 @@ ALL_ROWS = np.ones(2000, dtype=bool)
 
 # of 83.3 rows a cycle, and of 125
 TWO_SEGMENTS = [
-    Segment(0.1, 3.0, start=100, stop=1100, cycles=12),
-    Segment(0.1, 2.0, start=1100, stop=1600, cycles=4),
+    Segment(0.1, 3.0, start=100, stop=1100, cycles=12, commanded=0.1),
+    Segment(0.1, 2.0, start=1100, stop=1600, cycles=4, commanded=0.1),
 ]
 
 

@@ -289,11 +289,10 @@ def impedance_table(
         "K_s_ratio": belt.K_s / p.K_s if belt and p else None,
         "VAF_held_out": held_out_vaf(analysis.sums, analysis.model),
     }
-    over_amplitudes = amplitudes_row(analysis)
-    of_whole: Row = {}
-    estimates = {name: Estimate.of_fit(analysis.calibrated[None], name) for name in QUANTITIES}
-    for name, estimate in with_other_stamps(analysis, estimates).items():
-        of_whole |= estimate.columns(name)
+    of_whole = amplitudes_row(analysis)
+    for name in QUANTITIES:
+        estimate = Estimate.of_fit(analysis.calibrated[None], name)
+        of_whole |= with_other_stamps(analysis, estimate, name).columns(name)
     centre = record.motion.theta[record.rows()].mean()
     rows: list[Row] = []
     for label, fit in analysis.fits.items():
@@ -309,10 +308,11 @@ def impedance_table(
                 "theta_rms_deg": float(np.rad2deg(np.sqrt(s.covariance(label, ["theta"])[0, 0]))),
                 "fitted_s": len(record.rows(label)) / record.rate_hz,
                 **of_trial,
-                **(over_amplitudes if label is None else dict.fromkeys(over_amplitudes)),
             }
         )
-    return table_of(rows, "impedance").with_columns(lag_columns(belt.lag if belt else None))
+    return table_of(rows, "impedance", complete=True).with_columns(
+        lag_columns(belt.lag if belt else None)
+    )
 
 
 def motion_row(record: Record) -> Row:

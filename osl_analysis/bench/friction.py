@@ -28,9 +28,16 @@ from osl_analysis.inference import (
 from osl_analysis.inference.constants import HARM_SHARE, LIKELY
 from osl_analysis.inference.infer import Explanation
 from osl_analysis.signals import runs
-from osl_analysis.stats.estimates import INTERVAL_ENDS, Estimate, Impedance, Row
+from osl_analysis.stats.estimates import Estimate, Row
 from osl_analysis.trial import Array
 
+WITHOUT_FRICTION = {
+    "T_C": "f_C",
+    "B": "B_viscous",
+    "K": "K_without_friction",
+    "I": "I_without_friction",
+}
+"""Columns of a friction, and of K, B and I without it."""
 CERTAIN_FRICTION = 0.9  # probability from which friction is taken off B: nine in ten are right
 NAMED_SHARE = 0.05  # of all faults' probability, below which an explanation is not named
 COLUMNS_OF_LOSSES = (None, "B_j", "J_j")  # of K, B and I in `transmission.csv`
@@ -167,13 +174,6 @@ def inferred_of_joint(
     return None
 
 
-def estimate_columns(name: str, estimate: Estimate | None) -> Row:
-    """The columns of an estimate, null where there is none."""
-    if estimate is None:
-        return dict.fromkeys(f"{name}{end}" for end in INTERVAL_ENDS)
-    return estimate.columns(name)
-
-
 def friction_columns(
     analysis: Analysis,
     inferred: ImpedanceInference | LegInference | None,
@@ -181,7 +181,7 @@ def friction_columns(
     label: Label,
     is_leg: bool,
 ) -> Row:
-    """The columns of friction, null where the motion does not tell it from damping.
+    """The columns of friction, as far as the motion tells it from damping.
 
     Of a whole trial the inference tells the effect of friction, and least squares its size. Of a
     joint whose friction has no certain size none is taken off. That of a leg acts behind its belt,
@@ -200,44 +200,38 @@ def friction_columns(
     is_leg : bool
         Whether a belt and an actuator render the joint.
     """
-    share, size = (coulomb.share if coulomb else None), None
-    without: Impedance = {}
+    share = coulomb.share if coulomb else None
+    found: dict[str, Estimate] = {}
     if coulomb and coulomb.certain:
-        size = Estimate.of_fit(coulomb.certain, "T_C")
-        without = {name: Estimate.of_fit(coulomb.certain, name) for name in QUANTITIES}
+        for name, column in WITHOUT_FRICTION.items():
+            found[column] = Estimate.of_fit(coulomb.certain, name)
     if label is None and inferred is not None:
-        share, without = 0.0, {}
-        if inferred.friction_probability > CERTAIN_FRICTION and (is_leg or size):
+        share = 0.0
+        if inferred.friction_probability > CERTAIN_FRICTION and (is_leg or found):
             # what is stated of the bench, and a band that hardly tells them, no scatter shows
-            without = {
-                name: estimate.widened_by(analysis.calibrated[None].se_bench(name))
-                for name, estimate in inferred.without_friction.items()
-            }
-            share = max(1 - without["B"].value / analysis.whole["B"], 0.0)
+            for name, estimate in inferred.without_friction.items():
+                error = analysis.calibrated[None].se_bench(name)
+                found[WITHOUT_FRICTION[name]] = estimate.widened_by(error)
+            share = max(1 - found["B_viscous"].value / analysis.whole["B"], 0.0)
         else:
-            size = None
-    if label is None:
-        without = with_other_stamps(analysis, without)
-    return {
-        "coulomb_share": share,
-        **estimate_columns("f_C", size),
-        **estimate_columns("B_viscous", without.get("B")),
-        **estimate_columns("K_without_friction", without.get("K")),
-        **estimate_columns("I_without_friction", without.get("I")),
-    }
+            found = {}
+    row: Row = {"coulomb_share": share}
+    for name, column in WITHOUT_FRICTION.items():
+        if column in found:
+            row |= with_other_stamps(analysis, found[column], name, label).columns(column)
+    return row
 
 
-def with_other_stamps(analysis: Analysis, impedance: Impedance) -> Impedance:
-    """K, B and I of all of a trial, with intervals that also hold them moved as the other reading
-    of undecided stamps moves Eq. 15."""
+def with_other_stamps(
+    analysis: Analysis, estimate: Estimate, name: str, label: Label = None
+) -> Estimate:
+    """K, B or I of all of a trial, with an interval that also holds it moved as the other reading
+    of undecided stamps moves Eq. 15. Of single amplitudes, and of the friction, the estimate."""
     other = analysis.fits_with_other_stamps.get(None)
-    if other is None:
-        return impedance
-    by = {name: other[name] - analysis.whole[name] for name in QUANTITIES}
-    return {
-        name: replace(each, low=each.low + min(by[name], 0), high=each.high + max(by[name], 0))
-        for name, each in impedance.items()
-    }
+    if other is None or label is not None or name not in other.names:
+        return estimate
+    by = other[name] - analysis.whole[name]
+    return replace(estimate, low=estimate.low + min(by, 0), high=estimate.high + max(by, 0))
 
 
 def suspected_fault_of_losses(record: Record) -> ImpedanceInference | None:
@@ -267,21 +261,19 @@ def explanations_of(joint: ImpedanceInference | None) -> str | None:
 def fault_columns(
     joint: ImpedanceInference | None, names: Sequence[str | None] = QUANTITIES
 ) -> Row:
-    """The columns of a fault, null of a leg and where no hypotheses were weighed. `names` are those
-    of K, B and I in the table; None: it has no such column."""
+    """The columns of a fault; none of a leg, and where no hypotheses were weighed. `names` are
+    those of K, B and I in the table; None: it has no such column."""
+    if joint is None:
+        return {}
     fault = probable_fault(joint)
-    # sums over no hypotheses are whole numbers
     row: Row = {
-        "fault_probability": float(joint.fault_probability) if joint else None,
+        # a sum over no hypotheses is a whole number
+        "fault_probability": float(joint.fault_probability),
         "fault_family": fault.family if fault else None,
         "explanations": explanations_of(joint),
     }
-    moved: Sequence[float | None] = (None, None, None)
-    unexplained = moved
-    if joint is not None:
-        moved = joint.fault_shares if joint.doubt else (0.0, 0.0, 0.0)
-        unexplained = joint.unexplained_shares
-    for name, by_fault, left in zip(names, moved, unexplained, strict=True):
+    moved = joint.fault_shares if joint.doubt else (0.0, 0.0, 0.0)
+    for name, by_fault, left in zip(names, moved, joint.unexplained_shares, strict=True):
         if name is not None:
             row[f"{name}_fault_share"] = by_fault
             row[f"{name}_unexplained_share"] = left

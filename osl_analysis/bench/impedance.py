@@ -260,13 +260,12 @@ def amplitudes_row(analysis: Analysis) -> Row:
     -------
     dict
         The relative changes `K_change` and `B_change` from the smallest to the largest amplitude,
-        and the lowest and the highest estimates; null for fewer than two amplitudes.
+        and the lowest and the highest estimates; empty for fewer than two amplitudes.
     """
-    ends = ("change", "amplitudes_low", "amplitudes_high")
-    row: Row = dict.fromkeys(f"{name}_{end}" for name in CHANGING for end in ends)
     labels = sorted(label for label in analysis.fits if isinstance(label, float))
     if len(labels) < 2:
-        return row
+        return {}
+    row: Row = {}
     change = difference_of(analysis, labels[0], labels[-1])
     for name in CHANGING:
         certain = np.sign(change[name]) * max(abs(change[name]) - change.half_width(name), 0.0)

@@ -13,7 +13,6 @@ from osl_analysis.bench.bench_settings import ActuatorAnalysis
 from osl_analysis.bench.friction import (
     COLUMNS_OF_LOSSES,
     coulomb_fits,
-    estimate_columns,
     fault_columns,
     suspected_fault_of_losses,
 )
@@ -261,14 +260,16 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
             share_of_weight = 1 - fit["J_j"] / weight["J_j"]
         coulomb = friction.get(label)
         certain = coulomb.certain if coulomb else None
-        viscous = Estimate.of_fit(certain, "B_j") if certain else None
+        of_friction: Row = {}
+        if certain:
+            viscous = Estimate.of_fit(certain, "B_j").columns("B_j_viscous")
+            of_friction = {"T_C": certain["T_C"], **viscous}
         rows.append(
             {
                 **analysis.place(label),
                 **analysis.row(label, *LOSSES),
-                "T_C": certain["T_C"] if certain else None,
                 "coulomb_share": coulomb.share if coulomb else None,
-                **estimate_columns("B_j_viscous", viscous),
+                **of_friction,
                 "weight_share": share_of_weight,
                 "VAF_held_out": VAF_held_out,
                 "load_cell_drift": 60 * analysis.whole["drift"],
@@ -277,4 +278,4 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
                 "delay_told_s": fault.delay_told_s if fault else None,
             }
         )
-    return table_of(rows, "transmission")
+    return table_of(rows, "transmission", complete=True)

@@ -8,6 +8,7 @@ from pydantic import AfterValidator, Field
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol, stated_protocol
 from osl_analysis.trial import Array, stretches
+from osl_analysis.units import quantity
 from osl_analysis.yaml_settings import (
     Degrees,
     NotNegative,
@@ -55,22 +56,14 @@ class FilterSettings(Settings):
         return LowPass(self.cutoff_hz, self.order)
 
 
-def in_newton_metres_per_rad(text: str) -> float:
-    """A stiffness with its unit [N*m/rad]."""
-    units = {"N*m/rad": 1.0, "Nm/rad": 1.0, "N*m/deg": 180 / np.pi, "Nm/deg": 180 / np.pi}
-    number, _, unit = text.strip().partition(" ")
-    try:
-        value = float(number) * units[unit.strip()]
-    except (ValueError, KeyError):
-        value = np.nan
-    if not 0 < value < np.inf:
-        raise ValueError(
-            f"write a positive number and one of {', '.join(units)}, as in '218 N*m/deg'"
-        )
-    return value
+def check_stiffness(text: str) -> str:
+    """A stiffness with its unit. Raises ValueError: it is not positive, or no stiffness."""
+    if quantity(text, "N*m/rad") <= 0:
+        raise ValueError("write a positive number with its unit, as in '218 N*m/deg'")
+    return text
 
 
-StiffnessText = Annotated[str, AfterValidator(lambda text: in_newton_metres_per_rad(text) and text)]
+StiffnessText = Annotated[str, AfterValidator(check_stiffness)]
 
 
 class BenchStiffness(Settings):
@@ -89,13 +82,13 @@ class BenchStiffness(Settings):
     @property
     def compliance(self) -> float:
         """Its inverse [rad/(N*m)]."""
-        return 1 / in_newton_metres_per_rad(self.value)
+        return 1 / quantity(self.value, "N*m/rad")
 
     @property
     def compliance_error(self) -> float:
         """Standard error of the inverse [rad/(N*m)]; 0 where it is not stated."""
         stated = self.standard_error
-        return 0.0 if stated is None else in_newton_metres_per_rad(stated) * self.compliance**2
+        return 0.0 if stated is None else quantity(stated, "N*m/rad") * self.compliance**2
 
 
 class Calibration(Settings):

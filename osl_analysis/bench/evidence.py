@@ -27,7 +27,7 @@ from osl_analysis.bench.impedance import (
     analysed,
     widened,
 )
-from osl_analysis.bench.lags import Lag, belt_of_leg, is_leg, without_lag
+from osl_analysis.bench.lags import Belt, Lag, belt_of_leg, is_leg, without_lag
 from osl_analysis.bench.plausibility import (
     check_resists,
     check_stiffer,
@@ -276,8 +276,8 @@ def impedance_table(
         # with the right sign K may be negative, as of an inertia behind a soft spring, but B is
         # then certainly positive
         check_resists(record.name, "K", whole["K"], whole.interval("K")[1])
-    belt = belt_of_leg(record, p)
     of_leg = is_leg(record, p)
+    belt = belt_of_leg(record, p) if p and of_leg else Belt()
     joint = None if of_leg else inferred_of_joint(record)
     inferred = inferred_of_leg(record) if of_leg else joint
     is_certain = inferred.friction_probability > CERTAIN_FRICTION if inferred else None
@@ -286,7 +286,7 @@ def impedance_table(
         **fault_columns(joint),
         "delay_told_s": delay_told_s(joint, record),
         **motion_row(record),
-        "K_s_ratio": belt.K_s / p.K_s if belt and p else None,
+        "K_s_ratio": belt.K_s_ratio,
         "VAF_held_out": held_out_vaf(analysis.sums, analysis.model),
     }
     of_whole = amplitudes_row(analysis)
@@ -310,9 +310,7 @@ def impedance_table(
                 **of_trial,
             }
         )
-    return table_of(rows, "impedance", complete=True).with_columns(
-        lag_columns(belt.lag if belt else None)
-    )
+    return table_of(rows, "impedance", complete=True).with_columns(lag_columns(belt.lag))
 
 
 def motion_row(record: Record) -> Row:

@@ -141,7 +141,7 @@ class Lag:
 class Belt:
     """The belt between theta_m and the joint, by a leg's recording."""
 
-    K_s: float  # [N*m/rad]
+    K_s_ratio: float | None = None  # K_s over the parameter file's; None: not told
     lag: Lag | None = None  # None: the belt is not the file's, or the search has not ended
 
 
@@ -178,7 +178,7 @@ def is_leg(record: Record, p: DrivetrainParameters | None) -> bool:
     return bool(min(of_motor, of_belt) >= LEAST_DEFLECTION * whole)
 
 
-def belt_of_leg(record: Record, p: DrivetrainParameters | None) -> Belt | None:
+def belt_of_leg(record: Record, p: DrivetrainParameters) -> Belt:
     """The belt of a leg, and what it tells of lags.
 
     Whatever controller and friction do, torque - J_j alpha - B_j omega is the belt's torque (Eq.
@@ -189,12 +189,9 @@ def belt_of_leg(record: Record, p: DrivetrainParameters | None) -> Belt | None:
 
     Returns
     -------
-    Belt or None
-        None without a parameter file or theta_m, of a joint that is no leg, or where the motion
-        cannot tell.
+    Belt
+        Nothing is told where the motion cannot tell it.
     """
-    if p is None or not is_leg(record, p):
-        return None
     few = record.coarse
     wound = belt_deflection(few.motion.theta, few.actuator["theta_m"], p)
     slips = few.settings.low_pass(slipping_springs(wound, WOUND_UP).T, few.rate_hz).T
@@ -203,7 +200,7 @@ def belt_of_leg(record: Record, p: DrivetrainParameters | None) -> Belt | None:
     try:
         return belt_from(few, columns, p)
     except CANNOT_TELL:
-        return None
+        return Belt()
 
 
 def belt_from(few: Record, columns: dict[str, Array], p: DrivetrainParameters) -> Belt:
@@ -214,22 +211,23 @@ def belt_from(few: Record, columns: dict[str, Array], p: DrivetrainParameters) -
     late = late_fit(few, columns, model, prompt_torque=of_inertia)
     fit = late.fit
     K_s, B_j = fit["wound"], fit["omega"]
+    belt = Belt(K_s / p.K_s)
     if not (LEAST_K_S < K_s / p.K_s < LARGEST_K_S and late.has_ended):
-        return Belt(K_s)
+        return belt
     lag = Lag.of(fit["lag_s"], fit.se("lag_s"), fit.freedom("lag_s"))
     of_motor = Lag.of((p.B_j - B_j) / K_s, fit.se("omega") / K_s, fit.freedom("omega"))
     if not of_motor.is_certain:
-        return Belt(K_s, lag)
+        return replace(belt, lag=lag)
 
     # B_j is the file's, and the torque per velocity of the motor is its lag
     motor_velocity = np.gradient(few.actuator["theta_m"], 1 / few.rate_hz) / p.n_T
     of_joint = of_inertia + p.B_j * few.motion.omega
     late = late_fit(few, {**columns, "omega": motor_velocity}, model, prompt_torque=of_joint)
     if not late.has_ended:
-        return Belt(K_s)
+        return belt
     fit = late.fit
     otherwise = Lag.of(fit["lag_s"], fit.se("lag_s"), fit.freedom("lag_s"))
     agree = lag.is_certain and lag.seconds * otherwise.seconds > 0
     joint_may_have_B_j = p.B_j / OTHER_B_J < B_j < p.B_j * OTHER_B_J
     is_certain = otherwise.is_certain and (agree or not joint_may_have_B_j)
-    return Belt(K_s, replace(otherwise, is_certain=is_certain))
+    return replace(belt, lag=replace(otherwise, is_certain=is_certain))

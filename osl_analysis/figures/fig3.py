@@ -77,7 +77,9 @@ def draw_loops(ax: Axes, trials: Sequence[pl.DataFrame], mean: pl.DataFrame) -> 
             line.set_url(marks.place_in_report(trial["trial"][0]))
     areas = mean.drop_nulls("hysteresis_area")
     if not areas.is_empty():
-        area = written(*areas.select(r"^hysteresis_area(_low|_high)?$").row(0))
+        area = written(
+            *areas.select(f"hysteresis_area{end}" for end in ("", "_low", "_high")).row(0)
+        )
         ax.text(0.02, 0.04, f"Mean loop area {area} J", transform=ax.transAxes, va="bottom")
     ax.set_xlabel(r"Belt deflection $\theta_s$ (deg)")
     ax.set_ylabel("Torque minus\nmean slope (N·m)")

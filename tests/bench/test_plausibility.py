@@ -159,10 +159,7 @@ def test_a_sound_recording_is_not_doubtful(experiment, changes):
     # a delay of 4 ms adds -K_s 4 ms = -2.7 N*m*s/rad to B_j
     ("belt", LATE, "late torque", "B_j_high", "below"),
 ])  # fmt: skip
-def test_what_is_not_likely_is_doubtful_with_its_cause(
-    experiment, changes, cause, column, side, monkeypatch
-):
-    monkeypatch.setattr("osl_analysis.bench.parts_alone.FEWEST_MOVING_S", 0.1)
+def test_what_is_not_likely_is_doubtful_with_its_cause(experiment, changes, cause, column, side):
     row = judged(
         experiment,
         changed(experiment, **changes),

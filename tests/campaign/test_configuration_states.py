@@ -5,13 +5,13 @@ from functools import reduce
 import numpy as np
 import polars as pl
 import pytest
+import yaml
 from bench_synthetic import sine_settings
 from conftest import ROOT
 from walking_crossings import Walk, run_jobs, several, walked
 
 from osl_analysis.bench.evidence import DesiredImpedance
 from osl_analysis.bench.motion import record_of_trial
-from osl_analysis.campaign import configuration
 from osl_analysis.campaign.campaign_trials import Campaign
 from osl_analysis.campaign.configuration import FACTS_OF_DEFAULT, overriding, read_config
 from osl_analysis.campaign.origin import EXPERIMENTS_BY_SETTING, states_of
@@ -40,16 +40,18 @@ def with_default(tmp_path, monkeypatch):
     """A campaign that states nothing, beside a default configuration with other values of
     settings."""
 
+    monkeypatch.chdir(tmp_path)
+
     def made(values):
         (tmp_path / "own.yaml").write_text("{campaign: own, simulation: null}")
         nested = (
             reduce(lambda inner, key: {key: inner}, reversed(name.split(".")), one)
             for name, one in values.items()
         )
-        default = overriding(read_mapping(default_config()), own := reduce(overriding, nested))
-        monkeypatch.setattr(configuration, "read_mapping", lambda path,
-        **_: default if path == default_config() else
-                            read_mapping(path))  # fmt: skip
+        own = reduce(overriding, nested)
+        default = overriding(read_mapping(default_config()), own)
+        (tmp_path / "config").mkdir()
+        (tmp_path / "config/config.yaml").write_text(yaml.safe_dump(default))
         return tmp_path / "own.yaml", own
 
     return made

@@ -29,7 +29,6 @@ from osl_analysis.commands import simulate as simulate_command
 from osl_analysis.commands.figure import write_figure
 from osl_analysis.errors import InputError
 from osl_analysis.figures import drawn
-from osl_analysis.files import atomic_path
 from osl_analysis.memory import limited_memory
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial
@@ -357,12 +356,11 @@ def test_ctrl_c_ends_a_command_quietly_and_leaves_nothing_half(tmp_path, monkeyp
     """The signal arrives while the table is written."""
 
     def interrupted(frame, path):
-        with atomic_path(path) as temporary:
-            temporary.write_text("half")
-            os.kill(os.getpid(), number)
-            time.sleep(10)
+        path.write_text("half")
+        os.kill(os.getpid(), number)
+        time.sleep(10)
 
-    monkeypatch.setattr("osl_analysis.table.write_table", interrupted)
+    monkeypatch.setattr(pl.DataFrame, "write_csv", interrupted)
     # a process in the background ignores it
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
@@ -380,7 +378,7 @@ def test_a_job_may_have_four_fifths_of_the_least_of_machine_and_batch_job(monkey
         (tmp_path / name).parent.mkdir(parents=True)
         (tmp_path / name).write_text(text)
     monkeypatch.setattr(memory, "Path", lambda *parts: tmp_path / "/".join(parts).lstrip("/"))
-    monkeypatch.setattr(memory.os, "sysconf", {"SC_PAGE_SIZE": 4000, "SC_PHYS_PAGES": 10**6}.get)
+    monkeypatch.setattr("os.sysconf", {"SC_PAGE_SIZE": 4000, "SC_PHYS_PAGES": 10**6}.get)
     with limited_memory([]):
         assert resource.getrlimit(resource.RLIMIT_DATA)[0] == 1.6e9
         monkeypatch.setenv("OSL_MEMORY_MB", "9000")

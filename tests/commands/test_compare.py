@@ -8,11 +8,11 @@ from dataclasses import replace
 import polars as pl
 import pytest
 
-from osl_analysis.commands import compare
 from osl_analysis.commands.compare import compare_campaigns, compared
 from osl_analysis.errors import InputError
 from osl_analysis.report.numbers import RANGE, Number, to_json
 from osl_analysis.table import SCHEMA_FIELD, read_table
+from osl_analysis.trial import Trial, write_trial
 
 ABOUT = dict.fromkeys(("campaign", "version", "configuration", "recorded"), "x")
 ABOUT["data"] = "simulated"
@@ -51,14 +51,20 @@ def test_the_settings_that_differ_are_named_and_the_table_is_written(tmp_path):
     assert written.select("quantity", "A_low", "B", "difference").rows() == [("K", 297, 310, 10)]
 
 
+def write_recorded(folder, *digests):
+    """A trial of a campaign's results, of files of these SHA-256."""
+    files = {f"file {digest}": {"sha256": digest} for digest in digests}
+    samples = pl.DataFrame({"time": [0.0]})
+    write_trial(Trial("a", samples, {"files": files}), folder / "trials/a.parquet")
+
+
 @pytest.mark.parametrize("of_b", [{"1"}, {"1", "2"}])
-def test_shared_recordings_are_told(tmp_path, monkeypatch, of_b):
+def test_shared_recordings_are_told(tmp_path, of_b):
     a, b = (write_summary(tmp_path / name, K) for name in "ab")
-    digests = {a: {"1"}, b: {"2"}}
-    monkeypatch.setattr(compare, "digests_of_recordings", digests.get)
+    write_recorded(a, "1")
     _, of_others = compare_campaigns((a, b), tmp_path / "out")
 
-    digests[b] = of_b
+    write_recorded(b, *of_b)
 
     _, of_shared = compare_campaigns((a, b), tmp_path / "out")
     assert len(of_shared.splitlines()) > len(of_others.splitlines())
@@ -82,12 +88,3 @@ def test_a_summary_of_an_older_release_is_refused_in_a_sentence(tmp_path):
 
     with pytest.raises(InputError, match=r"release 1\.0\.0"):
         compare_campaigns((a, b), tmp_path / "out")
-
-
-def test_recordings_are_known_by_their_digests(tmp_path, monkeypatch):
-    (tmp_path / "trials").mkdir()
-    pl.DataFrame({"time": [0.0]}).write_parquet(tmp_path / "trials/a.parquet")
-    provenance = {"files": {"log": {"sha256": "1"}, "mocap": {"sha256": "2"}}}
-    monkeypatch.setattr(compare, "metadata_of", lambda path: (path.stem, provenance))
-
-    assert compare.digests_of_recordings(tmp_path) == {"1", "2"}

@@ -17,7 +17,7 @@ from conftest import ROOT
 
 import osl_analysis as osl
 from osl_analysis.table import SCHEMA, write_table
-from osl_analysis.trial import write_trial
+from osl_analysis.trial import SCHEMA_KEY, write_trial
 
 FUNCTIONS = [name for name in osl.__all__ if inspect.isfunction(getattr(osl, name))]
 TYPES = [name for name in osl.__all__ if dataclasses.is_dataclass(getattr(osl, name))]
@@ -131,10 +131,10 @@ def test_an_unknown_name_or_column_is_none():
 
 
 @pytest.mark.usefixtures("laboratory")
-def test_a_trial_of_a_newer_release_is_refused(monkeypatch, names_of_examples):
-    with monkeypatch.context() as newer:
-        newer.setattr("osl_analysis.trial.SCHEMA", SCHEMA + 1)
-        write_trial(names_of_examples["belt_trial"], Path("new.parquet"))
+def test_a_trial_of_a_newer_release_is_refused(names_of_examples):
+    write_trial(names_of_examples["belt_trial"], Path("old.parquet"))
+    newer = pl.read_parquet_metadata("old.parquet") | {SCHEMA_KEY: str(SCHEMA + 1)}
+    pl.read_parquet("old.parquet").write_parquet("new.parquet", metadata=newer)
 
     with pytest.raises(osl.InputError, match=rf"new\.parquet: columns.*schema {SCHEMA + 1}"):
         osl.read_trial("new.parquet")

@@ -366,7 +366,8 @@ def test_a_failure_flags_or_excludes_by_its_rule_and_the_sheet_accepts_it_by_nam
     }
     table = judged(checks | {"rate": CheckResult(None)})
     assert table["verdict"].to_list() == ["flag", "exclude", "not applicable"]
-    assert table.row(1) == ("t", "unzeroed_plate", 700.0, "N", 20.0, "exclude", "plate1 -700 N")
+    plate = table.row(1, named=True)
+    assert (plate["value"], plate["threshold"], plate["remark"]) == (700.0, 20.0, "plate1 -700 N")
     accepted = judged(checks, "unzeroed_plate")
     assert accepted["verdict"].to_list() == ["flag", "pass"]
     assert accepted["remark"][1].endswith("; plate1 -700 N")

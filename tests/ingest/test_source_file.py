@@ -214,8 +214,8 @@ def undecided():
 def test_stamps_that_cannot_be_decided_are_told_with_the_change_of_estimates(undecided):
     analysis = analysed(undecided, IMPEDANCE)
 
-    assert not undecided.uniform.streams[0]["firm"]
-    assert analysis.time_base_row(None, ("K", "B", "I"))["time_base_shift"] > 0
+    assert not undecided.streams[0]["firm"]
+    assert analysis.time_base_shift(None, ("K", "B", "I")) > 0
 
 
 def test_intervals_reach_to_the_fit_with_other_stamps(undecided):

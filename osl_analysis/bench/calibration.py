@@ -74,12 +74,7 @@ def measured_frame(trial: Trial, record: Record) -> GroupFit | None:
     sums = gram_sums(replace(record, torque=wound, filtered_torque=filtered), columns, [*columns])
     fit = fit_groups(sums, {"compliance": "torque", "offset": "one"})
     stiffness = 1 / fit["compliance"]
-    frame = fit.derived(
-        ("frame_stiffness",),
-        np.array([stiffness]),
-        ({"compliance": -(stiffness**2)},),
-        ("compliance",),
-    )
+    frame = fit.derived({"frame_stiffness": (stiffness, {"compliance": -(stiffness**2)})})
     return frame if frame.interval("frame_stiffness")[0] > 0 else None
 
 
@@ -110,13 +105,13 @@ def calibration_table(
     IdentifiabilityError
         As `fit_groups`.
     """
-    row: Row = {"trial": analysis.record.name}
-    if known.is_fixture_alone:
-        row.update(fixture_row(analysis, stated))
-    else:
-        row.update(known_row(analysis, known, frame))
-    row.update(analysis.row(None))
-    row["time_base_shift"] = analysis.time_base_shift(None, QUANTITIES)
+    alone = known.is_fixture_alone
+    row: Row = {
+        "trial": analysis.record.name,
+        **(fixture_row(analysis, stated) if alone else known_row(analysis, known, frame)),
+        **analysis.row(None),
+        "time_base_shift": analysis.time_base_shift(None, QUANTITIES),
+    }
     return table_of([row], "calibration", complete=True)
 
 
@@ -201,21 +196,16 @@ def late_fits(record: Record, is_spring: bool) -> tuple[GroupFit, GroupFit | Non
 def bench_estimates(fit: GroupFit, known: Known) -> GroupFit:
     """Lag, gain, and the fixture's inertia or weight, from Eq. 15 of what is known."""
     main, beside, name = ("K", "I", "inertia") if known.stiffness else ("I", "K", "weight")
-    size = known.stiffness or known.inertia
-    assert size is not None
+    size = known.stiffness or known.inertia or np.nan
     taken = known.inertia or 0.0 if known.stiffness else 0.0
     gain = fit[main] / size
     other = fit[beside] / gain
-    gradients = (
-        {"lag_s": 1.0},
-        {main: 1 / size},
-        {main: -other / fit[main], beside: 1 / gain},
-    )
     found = fit.derived(
-        ("lag_s", "gain", name),
-        np.array([fit["lag_s"], gain, other - taken]),
-        gradients,
-        ("lag_s", main, beside),
+        {
+            "lag_s": (fit["lag_s"], {"lag_s": 1.0}),
+            "gain": (gain, {main: 1 / size}),
+            name: (other - taken, {beside: 1 / gain, main: -other / fit[main]}),
+        }
     )
     return widened(found, known.share * np.array([0.0, gain, other - taken]))
 
@@ -252,10 +242,10 @@ def fixture_row(analysis: Analysis, stated: Fixture | None) -> Row:
     hangs = of_joint["K"] >= 0
     rest_deg = middle_deg if hangs else middle_deg + 180
     fit = of_joint.derived(
-        ("inertia", "weight"),
-        np.array([of_joint["I"], abs(of_joint["K"])]),
-        ({"I": 1.0}, {"K": 1.0 if hangs else -1.0}),
-        ("I", "K"),
+        {
+            "inertia": (of_joint["I"], {"I": 1.0}),
+            "weight": (abs(of_joint["K"]), {"K": 1.0 if hangs else -1.0}),
+        }
     )
     row: Row = {
         **estimates_row(fit, "inertia", "weight"),

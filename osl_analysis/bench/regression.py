@@ -231,31 +231,23 @@ class GroupFit(LinearFit):
         """Half of the 95 % interval of one estimate."""
         return self.interval(name)[1] - self[name]
 
-    def derived(
-        self,
-        names: tuple[str, ...],
-        estimates: Array,
-        gradients: Sequence[Mapping[str, float]],
-        freedom_of: Sequence[str],
-    ) -> "GroupFit":
+    def derived(self, functions: Mapping[str, tuple[float, Mapping[str, float]]]) -> "GroupFit":
         """Functions of the estimates, to first order.
 
         Parameters
         ----------
-        names, estimates
-            Of k functions.
-        gradients
-            Derivatives of each by the estimates that it is of.
-        freedom_of
-            The estimate whose degrees of freedom each has.
+        functions
+            By name the value of each, and its derivatives by the estimates that it is of; it has
+            the degrees of freedom of the first of these.
         """
+        gradients = [gradient for _, gradient in functions.values()]
         J = np.array([[each.get(name, 0.0) for name in self.names] for each in gradients])
         return replace(
             self,
-            names=names,
-            estimates=estimates,
+            names=tuple(functions),
+            estimates=np.array([value for value, _ in functions.values()]),
             covariance=J @ self.covariance @ J.T,
-            degrees_of_freedom=np.array([self.freedom(name) for name in freedom_of]),
+            degrees_of_freedom=np.array([self.freedom(next(iter(each))) for each in gradients]),
             bench_variance=0.0,
         )
 

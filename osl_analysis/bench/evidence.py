@@ -317,12 +317,11 @@ def motion_row(record: Record) -> Row:
     """What moved the joint, and the largest difference between the rates of two clocks [ppm], null
     where there is one clock."""
     excitation = "periodic" if record.periodic else "other"
-    low_hz, high_hz = record.band_hz
     ppm = [stream["ppm"] for stream in record.streams if stream["ppm"] is not None]
     return {
         "excitation": "stepped sine" if record.is_stepped_sine else excitation,
-        "band_low_hz": low_hz,
-        "band_high_hz": high_hz,
+        "band_low_hz": record.band_hz[0],
+        "band_high_hz": record.band_hz[1],
         "cutoff_hz": record.settings.cutoff_hz,
         # channels of one clock have the same rate
         "clock_ppm": float(np.ptp(ppm or [0.0])) or None,
@@ -379,23 +378,22 @@ def impedance_with_evidence(
     expected = joint_admittance(gains.K_1, gains.B_1, p, p.J_j) if p and gains else None
     analysis, s = rendered_impedance(record, expected)
     K, B = linear_prediction(s) if expected else (None, None)
-    table = beside_known(impedance_table(analysis, s, p), p, desired, K)
-    if K is None and record.settings.calibration.torque_gain:
-        table = table.with_columns(gain_error=pl.lit(0.0))  # a known spring holds it
     # without compensation a leg's friction hides it
     comparable_B = B if gains and gains.cancels_friction else None
     apart = pl.lit(comparable_B, pl.Float64) - pl.col("B")
     certain = (apart.abs() - (pl.col("B_high") - pl.col("B_low")) / 2).clip(0)
     errors = [torque_error(analysis.sums, label, desired) for label in analysis.fits]
-    table = table.with_columns(
+    table = impedance_table(analysis, s, p).with_columns(
         rails,
         **desired.columns(),
         B_gap_s=apart.sign() * certain / pl.col("K").abs(),
         K_predicted=pl.lit(K, pl.Float64),
         B_predicted=pl.lit(B, pl.Float64),
         torque_error=pl.Series(errors, dtype=pl.Float64),
+        # a known spring holds it
+        gain_error=pl.lit(0.0 if record.settings.calibration.torque_gain else None, pl.Float64),
     )
-    return analysis, table
+    return analysis, beside_known(table, p, desired, K)
 
 
 def beside_known(
@@ -429,22 +427,20 @@ def beside_known(
     whole = table.row(-1, named=True)
     largest = table.sort("amplitude_deg", nulls_last=False)["K"][-1]
     of_spring = whole["K_without_friction"] or largest
-    known: Row = dict.fromkeys(("K_ratio", "gain_error", "K_over_K_d", "B_over_B_d"))
+    known = dict[str, float | pl.Expr]()
     if predicted:
         ratio = of_spring / predicted
         known["K_ratio"] = largest / predicted
         known["gain_error"] = max(ratio / RENDERED[1] - 1, 0) + min(ratio / RENDERED[0] - 1, 0)
     elif desired.K_d:
         known["K_over_K_d"] = of_spring / desired.K_d
-        known["B_over_B_d"] = whole["B"] / desired.B_d if desired.B_d else None
-    K_over_K_s = pl.lit(None, pl.Float64)
+        if desired.B_d:
+            known["B_over_B_d"] = whole["B"] / desired.B_d
     if p is not None:
-        K_over_K_s = pl.col("K") / p.K_s
+        ratios = pl.col("K") / p.K_s
         is_leg_of_file = desired.controller or desired.K_d or whole["K_s_ratio"] is not None
-        if not is_leg_of_file:
-            K_over_K_s = pl.when(K_over_K_s > 1).then(K_over_K_s)
-    columns = {name: pl.lit(value, pl.Float64) for name, value in known.items()}
-    return table.with_columns(K_over_K_s=K_over_K_s, **columns)
+        known["K_over_K_s"] = ratios if is_leg_of_file else pl.when(ratios > 1).then(ratios)
+    return table.with_columns(**known)
 
 
 def linear_prediction(s: Sums) -> tuple[float, float]:

@@ -1,7 +1,7 @@
 """One inference for a bench recording: rival torque models, weighed by prediction.
 
-It gives K, B and I of a whole trial of a joint, and what may be wrong with the recording;
-`bench/friction.py` calls it.
+It says what may be wrong with the recording of a whole trial of a joint, and whether friction is
+certain; `bench/friction.py` calls it.
 
 Read `infer.py` first; it names the other modules in their order. Equations stand where they are
 computed, and every number that decides in `constants.py`.

@@ -98,8 +98,7 @@ def frictionless_actuator(spectra: Spectra) -> FrictionlessActuator:
     covariance = by_speed.T @ by_speed + by_block.T @ by_block * (BLOCKS - 1) / BLOCKS
 
     # its formula misses a share of what friction does
-    assert spectra.actuator_spectrum is not None
-    recorded = rows_of(spectra, np.vstack([spectra.derivatives[:3], spectra.actuator_spectrum]))
+    recorded = rows_of(spectra, spectra.motion)
     with_friction = np.linalg.lstsq(recorded[:3].T, recorded[3], rcond=None)[0]
     by_friction = Sliding.INEXACTNESS * np.append(result[:3] - with_friction, 0.0)
     covariance = covariance + np.outer(by_friction, by_friction)

@@ -1,4 +1,4 @@
-"""The numbers by which hypotheses are weighed, with unit, meaning and evidence.
+"""The numbers by which rivals are weighed, with unit, meaning and evidence.
 
 Tolerances of numerical methods, and what only saves time, stand where they are used.
 
@@ -84,7 +84,7 @@ FEWEST_STEPS = 3.0
 
 
 class Ranges:
-    """Ranges of the hypotheses' own parameters."""
+    """Ranges of the rivals' own parameters."""
 
     # Torque after angle [s]; a choice: 20 frames at 1 kHz early, 30 late
     DELAY_S = (-0.02, 0.03)

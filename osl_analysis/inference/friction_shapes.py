@@ -80,6 +80,6 @@ def friction_torques(spectra: Spectra) -> Array:
     slides = np.tanh(velocity / width)
     wider = np.tanh(velocity / (WIDER * width))
     columns = [slides, wider, *slipping_springs(spectra.sliding, Ranges.FRICTION_WINDS)]
-    if spectra.signals.load is not None and spectra.actuator_spectrum is None:
+    if spectra.signals.load is not None and spectra.signals.sliding_angle is None:
         columns.append(slides * np.abs(spectra.resampled(spectra.signals.load)))
     return np.array(columns)

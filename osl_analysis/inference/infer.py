@@ -2,8 +2,8 @@
 
 1. `spectra`: signals in the band of the motion.
 2. `whitening`: the noise becomes white.
-3. `hypotheses`: each is fitted, with and without dry friction (`friction_shapes`), where the
-   columns of all of them together gain anything.
+3. `rivals` of Eq. 15: each is fitted, with and without dry friction (`friction_shapes`), where
+   the columns of all of them together gain anything.
 4. `weighing`: each predicts parts of the recording by its fit to the others; predictions and
    priors give weights.
 """
@@ -17,17 +17,16 @@ import scipy
 
 from osl_analysis.errors import NotWeighedError
 from osl_analysis.inference.constants import BLOCKS, HARM_FLOOR, HARM_SHARE, LIKELY
-from osl_analysis.inference.hypotheses import hypotheses_for, plain
-from osl_analysis.inference.hypothesis import PLAIN, Hypothesis, Search
+from osl_analysis.inference.rivals import EQ_15, RIVALS, Rival, Search, candidates
 from osl_analysis.inference.rounding_errors import rounding_torques
 from osl_analysis.inference.spectra import BenchSignals, Spectra, acceleration_jumps
 from osl_analysis.inference.unexplained import largest_shifts
-from osl_analysis.inference.weighing import Predicted, Predictor, Weighed, weigh
+from osl_analysis.inference.weighing import Predicted, predict, weigh
 from osl_analysis.inference.whitening import Whitened
 from osl_analysis.stats.estimates import Estimate, Impedance
 from osl_analysis.trial import Array
 
-NAMED_FAMILY = 0.1  # share of all faults, above which what a hypothesis does counts as harm
+NAMED_FAMILY = 0.1  # share of all faults, above which what a rival does counts as harm
 # variance of what Eq. 15 leaves over the noise's; above it something is missing, whatever it is
 MOST_UNEXPLAINED = 1.5
 SCREEN_DEVIATIONS = 3.0  # beyond chance, that all columns together must gain: once in 700 times
@@ -35,11 +34,11 @@ SCREEN_DEVIATIONS = 3.0  # beyond chance, that all columns together must gain: o
 
 @dataclass(frozen=True)
 class Explanation:
-    """A hypothesis that may be why the torque is not that of Eq. 15 alone."""
+    """A rival that may be why the torque is not that of Eq. 15 alone."""
 
     family: str
     name: str
-    probability: float  # given that one of the hypotheses is right
+    probability: float  # given that one of the rivals is right
 
 
 @dataclass(frozen=True)
@@ -63,7 +62,7 @@ class ImpedanceInference:
     delay_told_s : float
         Standard error to which the recording itself tells a delay between angle and torque [s].
     unexplained_shares : tuple of float
-        Shares of K, B and I by which torque that no hypothesis explains could move them at most.
+        Shares of K, B and I by which torque that no rival explains could move them at most.
     """
 
     without_friction: Impedance
@@ -124,27 +123,25 @@ def infer_impedance(
             " smoothly"
         )
     data = Whitened(spectra)
-    fits, rounding = fit_all(data, hypotheses_for(data))
-    weighed, at = weigh(fits, spectra.freedom, is_body=True)
-    best_sound = weighed[at]
+    fits, rounding = fit_all(data, RIVALS)
+    weighed, best_sound = weigh(fits, spectra.freedom)
     sizes = np.hypot(best_sound.impedance, HARM_FLOOR)
-    matters = np.array(accuracy) * sizes
 
-    faults = [each for each in weighed if each.family != ""]
-    faults.sort(key=lambda each: -each.weight)
-    fault_probability = sum(each.weight for each in faults)
+    faults = [(fit, weight) for fit, weight in weighed if fit.rival is not EQ_15]
+    faults.sort(key=lambda each: -each[1])
+    fault_probability = sum(weight for _, weight in faults)
     explanations = tuple(
-        Explanation(each.family, each.fit.candidate.hypothesis.name, each.weight) for each in faults
+        Explanation(fit.rival.family, fit.rival.name, weight) for fit, weight in faults
     )
     moved = moved_by(faults, best_sound)
     doubt = None
-    if fault_probability > LIKELY and np.any(moved > matters):
+    if fault_probability > LIKELY and np.any(moved > np.array(accuracy) * sizes):
         doubt = most_probable_family(explanations)
 
-    best = max(weighed, key=lambda each: each.weight).fit
+    best, _ = max(weighed, key=lambda each: each[1])
     shifts = largest_shifts(data, best, fits[0].left, best_sound.impedance, rounding)
-    of_K, of_B, of_I = shifts / sizes
-    sound = impedance_of(best_sound.fit)
+    of_K, of_B, of_I = (shifts / sizes).tolist()
+    sound = impedance_of(best_sound)
     moved_shares = [
         float(move / max(abs(estimate.value), estimate.high - estimate.value))
         for move, estimate in zip(moved, sound.values(), strict=True)
@@ -152,12 +149,12 @@ def infer_impedance(
     return ImpedanceInference(
         without_friction=sound,
         fault_probability=fault_probability,
-        friction_probability=sum(each.weight for each in weighed if each.fit.has_friction),
+        friction_probability=sum(weight for fit, weight in weighed if fit.has_friction),
         fault_shares=tuple(moved_shares),
         doubt=doubt,
         explanations=explanations,
-        delay_told_s=told_delay(data, best_sound.fit, rounding),
-        unexplained_shares=(float(of_K), float(of_B), float(of_I)),
+        delay_told_s=told_delay(data, best_sound, rounding),
+        unexplained_shares=(of_K, of_B, of_I),
     )
 
 
@@ -165,7 +162,7 @@ def infer_leg(signals: BenchSignals) -> LegInference:
     """Tell the friction in a leg's actuator.
 
     A leg is of fourth order or higher: it delays and filters the torque by itself, so that no
-    hypothesis is a fault of the recording.
+    rival is a fault of the recording.
 
     Parameters
     ----------
@@ -179,32 +176,33 @@ def infer_leg(signals: BenchSignals) -> LegInference:
     """
     data = Whitened(Spectra(signals))
     assert data.actuator is not None
-    fits, _ = fit_all(data, [plain(data)])
-    weighed, at = weigh(fits, data.spectra.freedom, is_body=False)
-    return LegInference(data.actuator.friction_probability, impedance_of(weighed[at].fit))
+    fits, _ = fit_all(data, [EQ_15])
+    _, best_sound = weigh(fits, data.spectra.freedom)
+    return LegInference(data.actuator.friction_probability, impedance_of(best_sound))
 
 
-def fit_all(data: Whitened, hypotheses: Sequence[Hypothesis]) -> tuple[list[Predicted], Array]:
-    """Fit hypotheses without and with friction, and let each predict all blocks; with the torques
-    of rounding."""
+def fit_all(data: Whitened, rivals: Sequence[Rival]) -> tuple[list[Predicted], Array]:
+    """Fit rivals without and with friction, and let each predict all blocks; with the torques of
+    rounding."""
     searches = [Search(data, has_friction) for has_friction in (False, True)]
     without_friction = searches[0]
-    if len(hypotheses) > 1 and is_explained_by_eq15(without_friction):
-        hypotheses = [each for each in hypotheses if each.name == PLAIN]
+    if len(rivals) > 1 and is_explained_by_eq15(without_friction):
+        rivals = [EQ_15]
     rounding = rounding_torques(data, without_friction.coefficients[:3])
-    fits = []
-    for search in searches:
-        predictor = Predictor(data, search.has_friction, rounding)
-        for hypothesis in hypotheses:
-            fits += [predictor.predict(each) for each in hypothesis.candidates(search)]
+    fits = [
+        predict(search, candidate, rounding)
+        for search in searches
+        for rival in rivals
+        for candidate in candidates(rival, search)
+    ]
     return fits, rounding
 
 
 def is_explained_by_eq15(plain: Search) -> bool:
-    """Whether the columns of all hypotheses together explain no more than chance would.
+    """Whether the columns of all rivals together explain no more than chance would.
 
     By chance k columns gain k/2 nats, with a standard deviation of the root of that. One fit then
-    does for those of all hypotheses. B and I of Eq. 15 alone must be positive: otherwise a path may
+    does for those of all rivals. B and I of Eq. 15 alone must be positive: otherwise a path may
     explain them although it gains nothing.
     """
     noise = max(plain.left / plain.data.spectra.freedom, 1.0)
@@ -226,7 +224,7 @@ def impedance_of(fit: Predicted) -> Impedance:
 
 
 def most_probable_family(explanations: Sequence[Explanation]) -> Explanation:
-    """The most probable hypothesis of the most probable family."""
+    """The most probable rival of the most probable family."""
     probability = defaultdict[str, float](float)
     for each in explanations:
         probability[each.family] += each.probability
@@ -234,24 +232,20 @@ def most_probable_family(explanations: Sequence[Explanation]) -> Explanation:
     return next(each for each in explanations if each.family == family)
 
 
-def moved_by(faults: Sequence[Weighed], best_sound: Weighed) -> Array:
-    """By how much (3,) faults move K, B and I at most [SI].
+def moved_by(faults: Sequence[tuple[Predicted, float]], best_sound: Predicted) -> Array:
+    """By how much (3,) faults, each with its weight, move K, B and I at most [SI].
 
     It is the mean change of all faults, or the largest one of those that are not improbable among
     them.
     """
-    total = sum(each.weight for each in faults)
+    total = sum(weight for _, weight in faults)
     if total == 0.0:
         return np.zeros(3)
     sound = best_sound.impedance
-    mean_change = sum(each.weight * np.abs(each.impedance - sound) for each in faults) / total
-    largest = np.asarray(mean_change)
-    for each in faults:
-        if each.weight < NAMED_FAMILY * total:
-            continue
-        for impedance in each.fit.impedances:
-            largest = np.maximum(largest, np.abs(impedance - sound))
-    return largest
+    mean_change = sum(weight * np.abs(fit.impedance - sound) for fit, weight in faults) / total
+    likely = [fit for fit, weight in faults if weight >= NAMED_FAMILY * total]
+    changes = [np.abs(fit.impedances - sound) for fit in likely]
+    return np.asarray(np.max(np.vstack([mean_change, *changes]), axis=0))
 
 
 def told_delay(data: Whitened, sound: Predicted, rounding: Array) -> float:
@@ -272,7 +266,7 @@ def told_delay(data: Whitened, sound: Predicted, rounding: Array) -> float:
     """
     impedance = sound.impedances[0]
     derivatives = data.spectra.derivatives
-    slope = data.column(-np.tensordot(impedance, derivatives[1:4], axes=1))
+    slope = data.column(-impedance @ derivatives[1:4])
     search = Search(data, sound.has_friction)
     left, _ = search.fit(sound.candidate.columns, slope)
     # of a slope that the columns make up, rounding alone is left

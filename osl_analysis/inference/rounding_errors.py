@@ -3,7 +3,7 @@ motion.
 
 Rounding is no noise where a motion repeats itself: every cycle has the same errors. Drawn with
 other zeros and sizes (Widrow and Kollár, Quantization Noise, 2008), they say what rounding alone
-does to each estimate, and how well it alone would be explained by each hypothesis. As random
+does to each estimate, and how well it alone would be explained by each rival. As random
 effects in the model a dozen draws would be fitted away.
 """
 
@@ -88,4 +88,4 @@ def angle_before_rounding(spectra: Spectra) -> Array:
     end = SMOOTH_BANDS * spectra.band_hz * spectra.padded_seconds
     gain = roll_off(np.arange(float(len(spectra.raw_angle))), end)
     low_passed = scipy.fft.irfft(spectra.raw_angle * gain, spectra.padded_rows)
-    return np.asarray(low_passed + spectra.line)
+    return np.asarray(low_passed + np.linspace(*spectra.ends, spectra.padded_rows))

@@ -134,8 +134,8 @@ class Spectra:
         The working rate [Hz].
     raw_angle : Spectrum (r/2 + 1,)
         Spectrum of the padded angle, less the line between its ends, at the recorded rate.
-    line : Array (r,)
-        That line [rad].
+    ends : tuple of float
+        Ends of that line [rad].
     freedom : float
         Number of independent rows.
     frequency : Array (f,)
@@ -160,13 +160,12 @@ class Spectra:
         Angle less the line between its ends, its velocity and acceleration [SI].
     angle : Array (p,)
         Angle about its mean, with that line, for products.
-    product_torque, recorded_torque : Array (p,)
-        Torque less the line between its ends, and with it, in which a rail is a constant.
     sliding : Array (p,)
         Angle whose velocity friction opposes, with its line [rad]; the deflection of a
         drivetrain's belt, whose hysteresis it is.
-    actuator_spectrum : Spectrum (f,) or None
-        Angle of a drivetrain's actuator, less the line between its ends.
+    motion : Spectrum (3, f) or (4, f)
+        Angle, velocity and acceleration; the angle of a drivetrain's actuator, less the line
+        between its ends, is the fourth.
     actuator_derivatives : Array (3, p) or None
         That angle, its velocity and acceleration, for products.
     inside : Array (p,) of bool
@@ -182,10 +181,7 @@ class Spectra:
         self.first_row = min(round(PADDING * rate), n - 2)
         self.padded_rows = int(scipy.fft.next_fast_len(n + 2 * self.first_row, real=True))
         self.padded_seconds = self.padded_rows / rate
-        extended, self.line = self._extended(self.signals.theta)
-        self.raw_angle = scipy.fft.rfft(extended - self.line)
-        extended, line = self._extended(self.signals.torque)
-        raw_torque = scipy.fft.rfft(extended - line)
+        self.raw_angle, self.ends = self._transformed(self.signals.theta)
 
         self.angle_noise, self.band_hz, self.visible_hz = noise_and_band(self.signals.theta, rate)
 
@@ -198,12 +194,9 @@ class Spectra:
         self.frequency = np.arange(self.working_rows // 2 + 1) / self.padded_seconds
         self.s = np.asarray(2j * np.pi * self.frequency, np.complex128)
         self.roll_off = roll_off(self.frequency, self.band_hz)
-        to_working = self.working_rows / self.padded_rows
-        angle = self.raw_angle[: len(self.frequency)] * to_working
-        self.torque: Spectrum = np.asarray(
-            raw_torque[: len(self.frequency)] * to_working, np.complex128
-        )
-        self.derivatives: Spectrum = angle * self.s ** np.arange(DERIVATIVES)[:, None]
+        powers = self.s ** np.arange(DERIVATIVES)[:, None]
+        self.derivatives: Spectrum = self._working(self.raw_angle) * powers
+        self.torque = self._working(self._transformed(self.signals.torque)[0])
         self.window = self._window()
         self.rows = self.window > 0
         # independent rows, of which the roll-off leaves a part
@@ -219,26 +212,19 @@ class Spectra:
         self.relative_time = np.clip(self.time / self.seconds, 0.0, 1.0)
         self.product_band_hz = max(3 * self.band_hz, 20.0)
         self.theta, self.omega, self.alpha = self._at_product_rate(self.raw_angle, 3)
-        self.product_torque = self._at_product_rate(raw_torque, 1)[0]
-        self.recorded_torque = self.product_torque + np.linspace(
-            line[0], line[-1], self.product_rows
-        )
-        line_of_products = np.linspace(self.line[0], self.line[-1], self.product_rows)
-        angle_with_line = self.theta + line_of_products
-        self.angle = angle_with_line - angle_with_line[self.inside].mean()
+        with_line = self.theta + np.linspace(*self.ends, self.product_rows)
+        self.angle = with_line - with_line[self.inside].mean()
 
         # the other side of a drivetrain's belt
-        self.actuator_spectrum: Spectrum | None = None
+        self.motion = self.derivatives[:3]
         self.actuator_derivatives: Array | None = None
         self.sliding = self.angle
-        if self.signals.sliding_angle is None:
-            return
-        extended, line = self._extended(self.signals.sliding_angle)
-        raw_actuator = scipy.fft.rfft(extended - line)
-        self.actuator_spectrum = raw_actuator[: len(self.frequency)] * to_working
-        self.actuator_derivatives = self._at_product_rate(raw_actuator, 3)
-        with_line = self.actuator_derivatives[0] + np.linspace(line[0], line[-1], self.product_rows)
-        self.sliding = self._belt_deflection(with_line)
+        if self.signals.sliding_angle is not None:
+            raw_actuator, ends = self._transformed(self.signals.sliding_angle)
+            self.motion = np.vstack([self.motion, self._working(raw_actuator)])
+            self.actuator_derivatives = self._at_product_rate(raw_actuator, 3)
+            actuator = self.actuator_derivatives[0] + np.linspace(*ends, self.product_rows)
+            self.sliding = self._belt_deflection(actuator)
 
     def rows_of(self, spectrum: Spectrum, gain: Array | None = None) -> Array:
         """The fitted rows (..., m) of signals with these working spectra (..., f), behind a filter
@@ -255,15 +241,21 @@ class Spectra:
         filtered = scipy.fft.irfft(gain * scipy.fft.rfft(everywhere), self.working_rows)
         return np.asarray(filtered[..., self.rows])
 
-    def _extended(self, x: Array) -> tuple[Array, Array]:
-        """A signal (n,) with an odd extension at both ends, and the line between its ends."""
+    def _transformed(self, x: Array) -> tuple[Spectrum, tuple[float, float]]:
+        """Spectrum (r/2 + 1,) of a signal (n,) with an odd extension at both ends, less the line
+        between its ends, and these."""
         few = max(round(0.03 * self.signals.rate_hz), 2)
         first, last = x[:few].mean(), x[-few:].mean()
         pad = self.first_row
         parts = [2 * first - x[pad:0:-1], x, 2 * last - x[-2 : -pad - 2 : -1]]
         extended = np.concatenate(parts)
         filled = np.pad(extended, (0, self.padded_rows - len(extended)), mode="edge")
-        return filled, np.linspace(filled[0], filled[-1], self.padded_rows)
+        ends = float(filled[0]), float(filled[-1])
+        return scipy.fft.rfft(filled - np.linspace(*ends, self.padded_rows)), ends
+
+    def _working(self, raw: Spectrum) -> Spectrum:
+        """The working spectrum (f,) of a signal with this spectrum (r/2 + 1,)."""
+        return raw[: len(self.frequency)] * (self.working_rows / self.padded_rows)
 
     def _at_product_rate(self, spectrum: Spectrum, number: int) -> Array:
         """A signal and its derivatives, `number` in all, at the product rate."""
@@ -275,17 +267,16 @@ class Spectra:
 
     def resampled(self, x: Array) -> Array:
         """A further signal (n,) of the recording at the product rate (p,)."""
-        extended, line = self._extended(x)
-        smooth = self._at_product_rate(scipy.fft.rfft(extended - line), 1)[0]
-        return np.asarray(smooth + np.linspace(line[0], line[-1], self.product_rows))
+        spectrum, ends = self._transformed(x)
+        smooth = self._at_product_rate(spectrum, 1)[0]
+        return np.asarray(smooth + np.linspace(*ends, self.product_rows))
 
     def _belt_deflection(self, actuator: Array) -> Array:
         """What turns a belt [rad] (p,): theta - theta_m/n_T, by the torque that it transmits."""
         others = [self.omega, self.alpha, np.ones_like(self.theta), self.relative_time]
         columns = np.array([self.angle, actuator, *others])
-        of_torque = np.linalg.lstsq(
-            columns[:, self.inside].T, self.product_torque[self.inside], rcond=None
-        )[0]
+        torque = self.resampled(self.signals.torque)
+        of_torque = np.linalg.lstsq(columns[:, self.inside].T, torque[self.inside], rcond=None)[0]
         return np.asarray(self.angle + of_torque[1] / of_torque[0] * actuator)
 
     def _window(self) -> Array:

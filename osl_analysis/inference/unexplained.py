@@ -1,7 +1,7 @@
-"""How far a torque that no hypothesis explains could move K, B and I.
+"""How far a torque that no rival explains could move K, B and I.
 
 A sensor's noise is normally distributed, and does not know the motion. So the median of its squares
-in the half of the rows that moves least tells its variance in all rows. What the best hypothesis
+in the half of the rows that moves least tells its variance in all rows. What the best rival
 leaves beyond it is no such noise: values that stand still, drop out or come late now and then, or
 that are off in proportion to the torque. In the direction of a column it could move the column's
 coefficient by its size over that of the column's own part, and by no more.
@@ -10,7 +10,7 @@ coefficient by its size over that of the column's own part, and by no more.
 import numpy as np
 
 from osl_analysis.inference.constants import INEXACTNESS, MEDIAN_OF_NOISE
-from osl_analysis.inference.hypothesis import Search
+from osl_analysis.inference.rivals import Search
 from osl_analysis.inference.spectra import noise_and_band
 from osl_analysis.inference.weighing import Predicted, all_columns
 from osl_analysis.inference.whitening import Whitened, solve_scaled
@@ -26,14 +26,14 @@ NOISE_DEVIATIONS = 3.0
 def largest_shifts(
     data: Whitened, best: Predicted, plain_left: float, impedance: Array, rounding: Array
 ) -> Array:
-    """The largest changes of K, B and I (3,) [SI] by torque that no hypothesis explains.
+    """The largest changes of K, B and I (3,) [SI] by torque that no rival explains.
 
     Parameters
     ----------
     data : Whitened
         The recording.
     best : Predicted
-        The most probable hypothesis.
+        The most probable one.
     plain_left : float
         Sum of squares that Eq. 15 alone leaves.
     impedance : Array (3,)
@@ -45,7 +45,7 @@ def largest_shifts(
     torque = best.candidate.torque
     squares = (torque - solve_scaled(columns, torque) @ columns) ** 2
 
-    if best.candidate.hypothesis.family:
+    if best.rival.family:
         # Eq. 15 is not right, so that only what the sensor has beyond the band is surely noise
         signals = data.spectra.signals
         noise = data.white_noise(noise_and_band(signals.torque, signals.rate_hz)[0])

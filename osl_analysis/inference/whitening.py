@@ -1,30 +1,21 @@
 """Whitening by the noise's own spectrum: after it, least squares is maximum likelihood.
 
 Load cells drift, persons lean on benches, and amplifiers hum: the noise of a torque is not white.
-The residual of a model that is richer than any hypothesis has its spectrum (generalised least
+The residual of a model that is richer than any rival has its spectrum (generalised least
 squares with an estimated covariance; Ljung, System Identification, 1999, ch. 7). Divided by its
 root, torque and columns have white noise of variance 1, whatever the noise was. No trend or
 high-pass has to be chosen.
 """
 
+from collections.abc import Mapping
 from functools import cached_property
 
 import numpy as np
 import scipy
 
 from osl_analysis.inference.actuator import frictionless_actuator
-from osl_analysis.inference.constants import (
-    COLOUR_SEGMENT,
-    FEWEST_STEPS,
-    RIDGE,
-    TINY,
-    Ranges,
-)
-from osl_analysis.inference.friction_shapes import (
-    friction_torques,
-    sliding_velocity,
-    slipping_springs,
-)
+from osl_analysis.inference.constants import COLOUR_SEGMENT, RIDGE, TINY
+from osl_analysis.inference.friction_shapes import friction_torques, sliding_velocity
 from osl_analysis.inference.spectra import Spectra, Spectrum
 from osl_analysis.trial import Array
 
@@ -33,9 +24,9 @@ LEAST_GAIN = 0.03  # of the roll-off's power, below which the spectrum is not di
 # variance of the noise over the torque's mean square: a torque without noise has rounding, which is
 # not divided by, since its spectrum says nothing
 LEAST_NOISE = 1e-20
-# of the recording, after which stiffness and damping may be others in the rich model; each adds
-# two columns
-MOMENTS = (0.25, 0.375, 0.5, 0.625, 0.75)
+# of the recording, beside its middle, after which stiffness and damping may be others in the rich
+# model; each adds two columns
+OTHER_MOMENTS = (0.25, 0.375, 0.625, 0.75)
 SLOW_POWERS = 4  # offset and drift: powers of time from 0
 
 
@@ -53,7 +44,7 @@ def solve_scaled(columns: Array, torque: Array) -> Array:
 class BesideShared:
     """Least squares of further columns beside shared ones (k, m).
 
-    The shared columns are projected out (Frisch-Waugh-Lovell), so that a search over a hypothesis's
+    The shared columns are projected out (Frisch-Waugh-Lovell), so that a search over a rival's
     own parameter solves for three columns.
     """
 
@@ -99,27 +90,27 @@ class Whitened:
         Shapes of dry friction.
     mean_friction : Array (k,)
         Mean torque of each shape over its coefficient.
-    sign : Array (p,)
-        Smoothed sign of the velocity, at the product rate.
+    added : dict
+        Further columns (p,) of rivals of Eq. 15 by their names, at the product rate.
     """
 
     def __init__(self, spectra: Spectra) -> None:
         self.spectra = spectra
         velocity, width = sliding_velocity(spectra)
-        self.sign = np.tanh(velocity / width)
+        self.added = added_columns(spectra, np.tanh(velocity / width))
         shapes = friction_torques(spectra)
         friction = spectra.spectrum_of(shapes)
         powers = np.array([(spectra.relative_time - 0.5) ** k for k in range(SLOW_POWERS)])
         slow = spectra.spectrum_of(powers)
 
-        self._rich_spectra = rich_columns(spectra, self.sign, friction)
+        self._rich_spectra = rich_columns(spectra, self.added, friction)
         self._gain = whitening_gain(spectra, np.concatenate([self._rich_spectra, slow]))
 
         self.torque = self.column(spectra.torque)
-        self.motion = self.column(self._motion_spectra())
+        self.motion = self.column(spectra.motion)
         self.actuator = None
         self.impedance_matrix = np.eye(3)
-        if spectra.actuator_spectrum is not None:
+        if spectra.actuator_derivatives is not None:
             self.actuator = frictionless_actuator(spectra)
             columns = [self.impedance_matrix, self.actuator.impedance_column]
             self.impedance_matrix = np.column_stack(columns)
@@ -132,48 +123,19 @@ class Whitened:
         """Whitened angle and its first four derivatives (5, m)."""
         return self.column(self.spectra.derivatives)
 
-    def motion_at_product_rate(self) -> Array:
-        """The columns of `motion` before whitening, (3, p) or (4, p)."""
-        spectra = self.spectra
-        of_joint = np.array([spectra.theta, spectra.omega, spectra.alpha])
-        if spectra.actuator_derivatives is None:
-            return of_joint
-        return np.vstack([of_joint, spectra.actuator_derivatives[0]])
-
-    def _motion_spectra(self) -> Spectrum:
-        spectra = self.spectra
-        if spectra.actuator_spectrum is None:
-            return spectra.derivatives[:3]
-        return np.vstack([spectra.derivatives[:3], spectra.actuator_spectrum])
-
     def shared(self, has_friction: bool) -> Array:
-        """Columns (k, m) that all hypotheses share: of friction, offset and drift."""
+        """Columns (k, m) that all rivals share: of friction, offset and drift."""
         if has_friction:
             return np.concatenate([self.friction, self.slow])
         return self.slow
 
     def rich(self) -> Array:
-        """Whitened columns (k, m) of what any hypothesis may add to the torque."""
+        """Whitened columns (k, m) of what any rival may add to the torque."""
         return self.column(self._rich_spectra)
 
     def column(self, spectrum: Spectrum) -> Array:
         """Whiten the signals with these working spectra (..., f); returns rows (..., m)."""
         return self.spectra.rows_of(spectrum, self._gain)
-
-    @cached_property
-    def gap_widths(self) -> Array:
-        """Widths (g,) of a gap that are tried [rad], from what rounding cannot be."""
-        least = max(Ranges.PLAY[0], FEWEST_STEPS * self.spectra.signals.encoder_step)
-        return np.geomspace(least, max(Ranges.PLAY[1], 2 * least), 8)
-
-    def behind_gaps(self, widths: Array) -> Array:
-        """Whitened angle and velocity (g, 2, m) behind gaps of some widths (g,) [rad], which follow
-        the joint's when the gap is taken up."""
-        spectra = self.spectra
-        half = widths / 2
-        wound = half[:, None] * slipping_springs(spectra.angle, half.tolist())
-        spectrum = spectra.spectrum_of(spectra.theta - wound)
-        return self.column(np.stack([spectrum, spectra.s * spectrum], axis=1))
 
     def white_noise(self, density: float) -> float:
         """Sum of squares that white noise of this density [(N*m)^2/Hz] has in the fitted rows."""
@@ -222,33 +184,38 @@ def whitening_gain(spectra: Spectra, rich: Spectrum) -> Array:
     return gain
 
 
-def rich_columns(spectra: Spectra, sign: Array, friction: Spectrum) -> Spectrum:
-    """Spectra (k, f) of what any hypothesis may add to the torque, to first order.
+def added_columns(spectra: Spectra, sign: Array) -> dict[str, list[Array]]:
+    """What rivals of Eq. 15 add to it (p,), by their names, with the smoothed `sign` (p,) of the
+    velocity. The first ones change K, B and I, where these are not one number."""
+    angle, omega = spectra.angle, spectra.omega
+    centred_time = spectra.relative_time - 0.5
+    return {
+        "damping by speed": [omega * np.abs(omega)],
+        "hardening": [angle**2, angle**2 * angle],
+        "K by side": [np.abs(angle)],
+        "K and B by direction": [angle * sign, np.abs(omega)],
+        "change over time": [x * centred_time for x in (spectra.theta, omega, spectra.alpha)],
+        "change at once": [x * (centred_time > 0) for x in (spectra.theta, omega)],
+    }
+
+
+def rich_columns(
+    spectra: Spectra, added: Mapping[str, list[Array]], friction: Spectrum
+) -> Spectrum:
+    """Spectra (k, f) of what any rival may add to the torque, to first order.
 
     Parameters
     ----------
     spectra : Spectra
         The recording.
-    sign : Array (p,)
-        Smoothed sign of the velocity.
+    added : Mapping
+        What rivals add at the product rate (p,).
     friction : Spectrum (k, f)
         Shapes of dry friction.
     """
-    angle, omega, alpha = spectra.angle, spectra.omega, spectra.alpha
-    centred_time = spectra.relative_time - 0.5
-    nonlinear = [
-        omega * np.abs(omega),
-        angle**2,
-        angle**2 * angle,
-        np.abs(angle),
-        np.abs(omega),
-        angle * sign,
-    ]
-    drifting = [x * centred_time for x in (spectra.theta, omega, alpha)]
-    later = [spectra.relative_time > moment for moment in MOMENTS]
-    stepping = [x * after for x in (spectra.theta, omega) for after in later]
-    products = spectra.spectrum_of(np.array([*nonlinear, *drifting, *stepping]))
-    parts = [spectra.derivatives, friction, products]
-    if spectra.actuator_spectrum is not None:
-        parts.append(spectra.actuator_spectrum[None])
-    return np.concatenate(parts)
+    products = [column for columns in added.values() for column in columns]
+    for moment in OTHER_MOMENTS:
+        is_after = spectra.relative_time > moment
+        products += [spectra.theta * is_after, spectra.omega * is_after]
+    of_products = spectra.spectrum_of(np.array(products))
+    return np.concatenate([spectra.derivatives, friction, of_products, spectra.motion[3:]])

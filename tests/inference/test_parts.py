@@ -10,17 +10,11 @@ import statsmodels.api as sm
 from osl_analysis.errors import InputError
 from osl_analysis.inference import BenchSignals
 from osl_analysis.inference.friction_shapes import slipping_springs
-from osl_analysis.inference.hypotheses import Delay, plain
+from osl_analysis.inference.rivals import EQ_15, Candidate, Search, behind_spring, late, low_passed
 from osl_analysis.inference.rounding_errors import repeated_share
 from osl_analysis.inference.spectra import Spectra
 from osl_analysis.inference.unexplained import largest_shifts
-from osl_analysis.inference.weighing import (
-    Predictor,
-    block_edges,
-    fit_blocks,
-    normal_matrices,
-    weigh,
-)
+from osl_analysis.inference.weighing import BlockFit, Predicted, block_edges, predict, weigh
 from osl_analysis.inference.whitening import Whitened
 
 RATE = 500.0
@@ -45,6 +39,11 @@ def whitened(torque_noise: np.ndarray, seed: int = 1) -> Whitened:
     return Whitened(Spectra(BenchSignals(theta, TRUE @ motion + torque_noise, RATE)))
 
 
+def predicted(data: Whitened, rounding: np.ndarray) -> Predicted:
+    """Eq. 15 alone."""
+    return predict(Search(data, False), Candidate(EQ_15, data.motion, data.torque), rounding)
+
+
 def white(size: float = 0.1, seed: int = 2) -> np.ndarray:
     return size * np.random.default_rng(seed).normal(size=round(30 * RATE))
 
@@ -64,8 +63,7 @@ def test_whitened_fit_is_that_of_statsmodels_gls():
     model = sm.GLSAR(((TRUE @ motion) + coloured())[rows], X, rho=1)
     gls = model.iterative_fit(4)
 
-    predictor = Predictor(data, False, np.empty((0, len(data.torque))))
-    fit = predictor.predict(plain(data).candidates(None)[0])
+    fit = predicted(data, np.empty((0, len(data.torque))))
 
     # two estimators of one noise: they agree within a part of their common error
     assert np.all(np.abs(fit.impedances[0] - gls.params[:3]) < gls.bse[:3])
@@ -73,7 +71,7 @@ def test_whitened_fit_is_that_of_statsmodels_gls():
 
 def test_delay_in_the_spectrum_is_the_motion_at_an_earlier_time():
     data = whitened(white(1e-3))
-    late = data.column(data.spectra.derivatives[0] * Delay(data, "path", "delay").response(0.01))
+    of_angle = late(Search(data, False), 0.01)[0][0]
 
     grid = (
         np.arange(data.spectra.working_rows)
@@ -85,13 +83,13 @@ def test_delay_in_the_spectrum_is_the_motion_at_an_earlier_time():
     shifted = scipy.fft.rfft(spline(np.clip(grid - 0.01, 0, grid[-1])))
     by_time = data.column(shifted)
 
-    assert np.abs(late - by_time).max() < 1e-3 * np.abs(late).max()
+    assert np.abs(of_angle - by_time).max() < 1e-3 * np.abs(of_angle).max()
 
 
 def test_each_block_is_predicted_by_a_fit_that_has_not_seen_it():
     rows = np.random.default_rng(3).normal(size=(4, 1001))  # three columns and the torque
 
-    fit, _ = fit_blocks(normal_matrices(rows, rows))
+    fit = BlockFit(rows)
 
     unseen = np.arange(*block_edges(1001)[[5, 6]])
     *columns, torque = np.delete(rows, unseen, axis=1)
@@ -104,16 +102,18 @@ def test_the_odds_of_friction_are_the_ratio_of_both_likelihoods():
     """Of noise of variance 1, exp(-squares/2); whether there is friction is not known before."""
     fits = [
         SimpleNamespace(
-            candidate=SimpleNamespace(hypothesis=SimpleNamespace(family="", name="nothing")),
+            rival=EQ_15,
             has_friction=has_friction,
             squares=np.full(24, squares / 24),
             rounding_left=0.0,
-            is_possible=True,
+            friction_torque=0.0,
+            impedances=np.ones((1, 3)),
+            covariance=1e-6 * np.eye(3),
         )
         for has_friction, squares in ((False, 24 + 2 * np.log(3)), (True, 24))
     ]
 
-    assert weigh(fits, 24, is_body=False)[0][1].weight == pytest.approx(3 / 4)
+    assert weigh(fits, 24)[0][1][1] == pytest.approx(3 / 4)
 
 
 def test_noise_of_the_angle_leaves_a_share_of_rounding_to_repeat_itself():
@@ -139,7 +139,7 @@ def test_rounding_is_no_unexplained_torque_even_where_the_motion_takes_it_up():
     rounding = 200 * data.motion / np.linalg.norm(data.motion, axis=1)[:, None]
 
     def shifts(rounding):
-        best = Predictor(data, False, rounding).predict(plain(data).candidates(None)[0])
+        best = predicted(data, rounding)
         return largest_shifts(data, best, best.left, TRUE, rounding)
 
     assert np.all(shifts(rounding[:0]) > 0)
@@ -159,3 +159,17 @@ def test_signals_that_tell_nothing_are_refused(change, words):
 
     with pytest.raises(InputError, match=words):
         BenchSignals(**{**signals, **change})
+
+
+@pytest.mark.parametrize(("model", "value", "response"), [
+    (low_passed, 2e-3, lambda _, s: 1 / (1 + 2e-3 * s)),
+    (low_passed, -2e-3, lambda _, s: 1 + 2e-3 * s),
+    (behind_spring, 1e-3, lambda Z, _: 1 / (1 + 1e-3 * Z)),
+])  # fmt: skip
+def test_a_path_gives_the_joint_behind_it(model, value, response):
+    data = whitened(white(1e-6))
+    Z = TRUE @ data.spectra.s ** np.arange(3)[:, None]
+    data.torque = data.column(response(Z, data.spectra.s) * Z * data.spectra.derivatives[0])
+    search = Search(data, False)
+
+    assert search.fit(*model(search, value))[1] == pytest.approx(TRUE, rel=1e-3)

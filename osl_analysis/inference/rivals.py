@@ -1,0 +1,314 @@
+"""The rivals of Eq. 15 that may explain a torque, as one table, and how each is fitted.
+
+| family | what is not as Eq. 15 has it |
+|---|---|
+| (none) | nothing: a second-order joint |
+| path | the torque is delayed or filtered on its way to the record |
+| time | stiffness, damping or inertia changes during the recording |
+| speed | damping depends on speed, or there is play |
+| size | stiffness depends on the angle |
+| direction | stiffness or damping depends on the direction of motion |
+| clipping | the largest torques are cut |
+
+The first three columns of a rival multiply K, B and I:
+
+    torque = K x_1 + B x_2 + I x_3 + further columns + offset and drift
+             (+ dry friction) + noise
+
+A path, for example, delays or filters what the load cell sees of the joint's torque: its x_k are
+the delayed angle, velocity and acceleration.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+import scipy
+
+from osl_analysis.inference.constants import FEWEST_STEPS, Ranges
+from osl_analysis.inference.friction_shapes import slipping_springs
+from osl_analysis.inference.whitening import BesideShared, Whitened
+from osl_analysis.trial import Array
+
+Family = Literal["", "path", "time", "speed", "size", "direction", "clipping"]
+# nats that a grid must gain: below it a weight stays near its small prior, unless B or I of Eq. 15
+# alone is negative, which a path may explain although it gains nothing
+WORTH_REFINING = 2.0
+REFINEMENTS = 12  # evaluations of Brent's method about a minimum of the grid
+
+
+class Cut:
+    """What shows that the ends of a torque are cut."""
+
+    OUTERMOST = (0.002, 0.998)  # quantiles of a torque that are its ends, beside noise
+    STEPS = 16  # in which the ends and what is beyond them are found in turn
+    # slope of a recorded torque over the modelled one beyond its end: halfway between a torque that
+    # is cut, and one that goes on
+    MOST_FOLLOWING = 0.5
+
+
+class Search:
+    """Fits of columns to the torque of a joint with or without friction, beside offset and drift.
+
+    Attributes
+    ----------
+    data : Whitened
+        The recording.
+    has_friction : bool
+        Whether the joint has friction.
+    left : float
+        What Eq. 15 alone leaves of the torque.
+    coefficients : Array (3,) or (4,)
+        Those of its motion's columns.
+    impedance : Array (3,)
+        Its K, B, I.
+    """
+
+    def __init__(self, data: Whitened, has_friction: bool) -> None:
+        self.data = data
+        self.has_friction = has_friction
+        self._beside = BesideShared(data.shared(has_friction))
+        self.left, self.coefficients = self.fit(data.motion)
+        self.impedance = data.impedance_matrix @ self.coefficients
+
+    def fit(self, columns: Array, torque: Array | None = None) -> tuple[float, Array]:
+        """Residual sum of squares and coefficients (k,) of columns (k, m)."""
+        return self._beside.fit(columns, self.data.torque if torque is None else torque)
+
+    def rest(self, columns: Array, torque: Array) -> Array:
+        """What columns (k, m) and the shared ones leave of a torque (m,)."""
+        _, estimates = self.fit(columns, torque)
+        return self._beside.rest(torque - estimates @ columns)
+
+    def is_worth_refining(self, left: float) -> bool:
+        """Whether what is left of the torque is so much less than what Eq. 15 leaves, in noise of
+        variance 1, or B or I of Eq. 15 alone is negative."""
+        return not self.is_body or (self.left - left) / 2 >= WORTH_REFINING
+
+    @cached_property
+    def may_be_path(self) -> bool:
+        """Whether jerk and snap beside the motion gain anything, as they do for any path: to first
+        order in its delay or compliance a path adds multiples of them to Eq. 15."""
+        return self.is_worth_refining(self.fit(self.data.higher_motion)[0])
+
+    @property
+    def is_body(self) -> bool:
+        """Whether B and I of Eq. 15 alone are positive."""
+        return float(self.impedance[1:].min()) > 0.0
+
+    def minima(self, left: Callable[[float], float], grid: Array) -> list[float]:
+        """Up to two minima of what is left over a parameter, sought on a grid (g,) and refined, the
+        lower one first; none if it gains nothing.
+
+        A delay has a false minimum beside the true one.
+        """
+        values = np.array([left(value) for value in grid.tolist()])
+        if not self.is_worth_refining(values.min()):
+            return []
+        minima = []
+        for k in np.argsort(values).tolist():
+            before, after = max(k - 1, 0), min(k + 1, len(grid) - 1)
+            if values[k] > min(values[before], values[after]):
+                continue
+            ends = float(grid[before]), float(grid[after])
+            refined = scipy.optimize.minimize_scalar(
+                left,
+                bounds=ends,
+                method="bounded",
+                options={"maxiter": REFINEMENTS, "xatol": 1e-4 * (ends[1] - ends[0])},
+            )
+            minima.append((float(refined.fun), float(refined.x)))
+        return [parameter for _, parameter in sorted(minima)[:2]]
+
+
+Model = tuple[Array, Array]  # whitened columns (k, m), and the torque (m,) that they explain
+
+
+@dataclass(frozen=True)
+class Rival:
+    """One explanation of a torque.
+
+    Attributes
+    ----------
+    family, name : str
+        What it is called.
+    model : function
+        Its columns and torque in a search, at a value of its own parameter; None: it cannot be.
+        Without one it is Eq. 15 with the columns of its name in `Whitened.added`.
+    grid : function or None
+        Values (g,) of the parameter, ascending; None: it has none.
+    shares : tuple of float
+        Where K, B or I is not one number, the shares of their change that are read: none, and
+        those at the ends. The added columns multiply the changes of K, B and I in this order.
+    """
+
+    family: Family
+    name: str
+    model: Callable[[Search, float], Model | None] | None = None
+    grid: Callable[[Whitened], Array] | None = None
+    shares: tuple[float, ...] = (0.0,)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A rival at a value of its own parameter, ready to be fitted and to predict.
+
+    Attributes
+    ----------
+    rival : Rival
+        What it is of.
+    columns : Array (k, m)
+        Whitened columns; the first three multiply K, B and I.
+    torque : Array (m,)
+        Whitened torque that they explain.
+    slope : Array (m,) or None
+        Derivative of the modelled torque by its own parameter.
+    """
+
+    rival: Rival
+    columns: Array
+    torque: Array
+    slope: Array | None = None
+
+
+def candidates(rival: Rival, search: Search) -> list[Candidate]:
+    """Find values of a rival's own parameter that may be; none if it gains nothing."""
+    data = search.data
+    model = rival.model
+    if model is None:
+        columns = data.motion
+        if added := data.added.get(rival.name):
+            columns = np.concatenate([columns, data.of_product(np.array(added))])
+        return [Candidate(rival, columns, data.torque)]
+    if rival.grid is None:
+        without_parameter = model(search, 0.0)
+        return [Candidate(rival, *without_parameter)] if without_parameter else []
+    if rival.family == "path" and not search.may_be_path:
+        return []
+
+    def at(value: float) -> Model:
+        modelled = model(search, value)
+        assert modelled is not None
+        return modelled
+
+    found = []
+    for value in search.minima(lambda value: search.fit(*at(value))[0], rival.grid(data)):
+        columns, torque = at(value)
+        estimates = search.fit(columns, torque)[1]
+        # derivative of the modelled torque, from a small step of the parameter
+        step = 1e-3 * abs(value) + 1e-9
+        columns_then, torque_then = at(value + step)
+        slope = (estimates @ (columns_then - columns) - (torque_then - torque)) / step
+        found.append(Candidate(rival, columns, torque, slope))
+    return found
+
+
+def late(search: Search, delay_s: float) -> Model:
+    """A torque that is late by a constant time, or early if it is negative."""
+    data = search.data
+    response = np.exp(-delay_s * data.spectra.s)
+    return data.column(data.spectra.derivatives[:3] * response), data.torque
+
+
+def low_passed(search: Search, lag_s: float) -> Model:
+    """A torque behind a low-pass of first order, or an angle, whose time constant is negative."""
+    data = search.data
+    low_pass = 1 / (1 + abs(lag_s) * data.spectra.s)
+    response = low_pass if lag_s > 0 else 1 / low_pass
+    return data.column(data.spectra.derivatives[:3] * response), data.torque
+
+
+def lags(data: Whitened) -> Array:
+    """Time constants of low-passes [s]."""
+    of_torque = np.geomspace(*Ranges.LAG_S, 11)
+    return np.concatenate([-of_torque[::-1], of_torque])
+
+
+def behind_spring(search: Search, compliance: float) -> Model:
+    """A spring between the angle's encoder and the joint.
+
+    With Z = K + B s + I s^2 and the compliance c the torque is Z/(1 + c Z) theta, which is not
+    linear in K, B and I: Gauss-Newton steps linearise it.
+    """
+    data = search.data
+    spectra = data.spectra
+    powers = spectra.s ** np.arange(3)[:, None]
+    impedance = search.impedance
+    for _ in range(4):
+        of_joint = impedance @ powers
+        gain = 1 / (1 + compliance * of_joint)
+        columns = data.column(spectra.derivatives[:3] * gain**2)
+        modelled = data.column(spectra.derivatives[0] * of_joint * gain)
+        torque = data.torque - (modelled - impedance @ columns)
+        impedance = search.fit(columns, torque)[1]
+    return columns, torque
+
+
+def behind_gap(search: Search, width: float) -> Model:
+    """Play before spring and damper, which follow the angle when a gap [rad] is taken up."""
+    data = search.data
+    spectra = data.spectra
+    wound = width / 2 * slipping_springs(spectra.angle, [width / 2])[0]
+    spectrum = spectra.spectrum_of(spectra.theta - wound)
+    behind = data.column(np.array([spectrum, spectra.s * spectrum]))
+    return np.vstack([behind, data.motion[2:]]), data.torque
+
+
+def gap_widths(data: Whitened) -> Array:
+    """Widths of a gap [rad], from what rounding cannot be."""
+    least = max(Ranges.PLAY[0], FEWEST_STEPS * data.spectra.signals.encoder_step)
+    return np.geomspace(least, max(Ranges.PLAY[1], 2 * least), 8)
+
+
+def cut(search: Search, _: float) -> Model | None:
+    """A torque of which one or both ends are cut, with what K, B and I predict of the missing.
+
+    An end is the median of what is recorded where more is predicted: noise is added after an
+    amplifier has cut, so that the largest samples are beyond it. None if the torque goes on there.
+    """
+    data = search.data
+    spectra = data.spectra
+    inside = spectra.inside
+    motion = np.array([spectra.angle, spectra.omega, spectra.alpha])[:, inside]
+    recorded = spectra.resampled(spectra.signals.torque)[inside]
+    low, high = np.quantile(recorded, Cut.OUTERMOST)
+    missing = np.zeros(spectra.product_rows)
+    coefficients = search.coefficients
+    for _step in range(Cut.STEPS):
+        modelled = coefficients @ motion
+        # with the offset of its smaller half, in which nothing is cut
+        size = np.abs(modelled - np.median(modelled))
+        modelled += np.median((recorded - modelled)[size <= np.median(size)])
+        above, below = modelled > high, modelled < low
+        high = np.median(recorded[above]) if above.any() else high
+        low = np.median(recorded[below]) if below.any() else low
+        missing[inside] = modelled - np.clip(modelled, low, high)
+        torque = data.torque + data.of_product(missing)
+        coefficients = search.fit(data.motion, torque)[1]
+
+    square = product = 0.0
+    for rows in (above, below):
+        if rows.any():
+            about_mean = modelled[rows] - modelled[rows].mean()
+            square += float(about_mean @ about_mean)
+            product += float(about_mean @ recorded[rows])
+    return (data.motion, torque) if product < Cut.MOST_FOLLOWING * square else None
+
+
+EQ_15 = Rival("", "nothing")
+RIVALS = (
+    EQ_15,
+    Rival("path", "delay", late, lambda _: np.linspace(*Ranges.DELAY_S, 26)),
+    Rival("path", "low-pass", low_passed, lags),
+    Rival("path", "spring in series", behind_spring, lambda _: np.geomspace(*Ranges.COMPLIANCE, 9)),
+    Rival("time", "change over time", shares=(0.0, -0.5, 0.5)),
+    Rival("time", "change at once", shares=(0.0, 1.0)),
+    Rival("speed", "damping by speed"),
+    Rival("size", "hardening"),
+    Rival("size", "K by side", shares=(0.0, 1.0, -1.0)),
+    Rival("direction", "K and B by direction", shares=(0.0, 1.0, -1.0)),
+    Rival("speed", "play", behind_gap, gap_widths),
+    Rival("clipping", "clipping", cut),
+)

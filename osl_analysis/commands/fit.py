@@ -73,7 +73,7 @@ def fit_or_advise(fit: Callable[..., FitTables], trial: Trial, **arguments: Any)
         tables = fit(trial=trial, **arguments)
         check_not_swapped(fit, trial, arguments, tables)
     except OslAnalysisError as error:
-        helpful = helpful_changes(fit, trial, arguments, error.changes)
+        helpful = diagnose(fit, trial, arguments, error.changes)
         if not helpful:
             raise
         remedy = "; or ".join(outcome.text for outcome in helpful)
@@ -92,7 +92,7 @@ def check_not_swapped(
         return
     changes = swapped_channels(trial, "theta", "torque")
     least = min(
-        (outcome.unexplained for outcome in helpful_changes(fit, trial, arguments, changes)),
+        (outcome.unexplained for outcome in diagnose(fit, trial, arguments, changes)),
         default=math.inf,
     )
     if FITS_WORSE * least < Outcome(changes[0], row).unexplained:
@@ -105,14 +105,16 @@ def check_not_swapped(
         )
 
 
-def helpful_changes(
+def diagnose(
     fit: Callable[..., FitTables],
     trial: Trial,
     arguments: Mapping[str, Any],
     changes: Sequence[Change],
 ) -> list[Outcome]:
-    """The changes of the lowest rank with which the trial can be fitted to possible estimates, and
-    about as well as with the best of them."""
+    """Try sign, unit and swapped channels of a refused trial.
+
+    The changes of the lowest rank are returned with which it can be fitted to possible estimates,
+    and about as well as with the best of them."""
     expanded: list[Change] = []
     for change in changes:
         column = change.other_unit_of

@@ -83,14 +83,17 @@ def frictionless_actuator(spectra: Spectra) -> FrictionlessActuator:
         [sliding_fits(spectra, columns, share)[0] for share in other_shares]
     )
 
-    def results(coefficients: Array) -> Array:
-        """K, B, I per angle of the actuator, and its friction at the mean load, (n, 4)."""
-        per_angle = projected(spectra, coefficients[:, :3])
-        friction = coefficients[:, FRICTION] @ [1.0, mean_load(spectra)]
-        return np.column_stack([per_angle, friction])
+    coefficients = np.vstack([fit, fits_at_other_speeds, fits_without_a_block])
 
-    # all at once, since the motion is projected on itself for each call
-    of_all_fits = results(np.vstack([fit, fits_at_other_speeds, fits_without_a_block]))
+    # K, B, I per angle of the actuator as it moves, and as it would move without its friction
+    powers = spectra.s ** np.arange(3)[:, None]
+    moved = spectra.derivatives[0] / (coefficients[:, :3] @ powers)
+    rows = rows_of(spectra, np.vstack([spectra.motion, moved]))
+    with_friction, *per_angle = np.linalg.lstsq(rows[:3].T, rows[3:].T)[0].T
+    # and its friction at the mean load
+    load = spectra.signals.load
+    mean_load = 0.0 if load is None else float(np.mean(np.abs(load)))
+    of_all_fits = np.column_stack([per_angle, coefficients[:, FRICTION] @ [1.0, mean_load]])
     result = of_all_fits[0]
     by_speed = of_all_fits[1 : len(Sliding.SPEEDS)] - result
     without_a_block = of_all_fits[len(Sliding.SPEEDS) :]
@@ -98,21 +101,12 @@ def frictionless_actuator(spectra: Spectra) -> FrictionlessActuator:
     covariance = by_speed.T @ by_speed + by_block.T @ by_block * (BLOCKS - 1) / BLOCKS
 
     # its formula misses a share of what friction does
-    recorded = rows_of(spectra, spectra.motion)
-    with_friction = np.linalg.lstsq(recorded[:3].T, recorded[3], rcond=None)[0]
     by_friction = Sliding.INEXACTNESS * np.append(result[:3] - with_friction, 0.0)
     covariance = covariance + np.outer(by_friction, by_friction)
 
     deviation = float(np.sqrt(covariance[3, 3] + np.finfo(float).tiny))
     probability = float(scipy.special.ndtr(result[3] / deviation))
     return FrictionlessActuator(result[:3], covariance[:3, :3], probability)
-
-
-def mean_load(spectra: Spectra) -> float:
-    """Mean size of what friction grows with; 0 if it is not recorded."""
-    if spectra.signals.load is None:
-        return 0.0
-    return float(np.mean(np.abs(spectra.signals.load)))
 
 
 def equation_of_sliding(spectra: Spectra) -> Array:
@@ -158,14 +152,6 @@ def sliding_fits(spectra: Spectra, columns: Array, share: float) -> tuple[Array,
     solved = np.linalg.solve(normal[:, :-1, :-1] + ridge, normal[:, :-1, -1:])[..., 0]
     estimates = solved * length[-1] / length[:-1]
     return estimates[0], estimates[1:]
-
-
-def projected(spectra: Spectra, coefficients: Array) -> Array:
-    """Project theta/(c_0 + c_1 s + c_2 s^2) on angle, velocity, acceleration, for c (n, 3)."""
-    powers = spectra.s ** np.arange(3)[:, None]
-    moved = spectra.derivatives[0] / (coefficients @ powers)
-    motion = rows_of(spectra, spectra.derivatives[:3])
-    return np.asarray(np.linalg.lstsq(motion.T, rows_of(spectra, moved).T)[0].T)
 
 
 def rows_of(spectra: Spectra, spectrum: Spectrum) -> Array:

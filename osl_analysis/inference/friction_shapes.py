@@ -74,12 +74,9 @@ def friction_torques(spectra: Spectra) -> Array:
     """Compute the columns (k, p) of dry friction, at the product rate.
 
     Two slide, with a sign that changes over a narrow and a wide velocity. Springs slip behind each
-    of `Ranges.FRICTION_WINDS`. Where the load is known, the last one grows with it.
+    of `Ranges.FRICTION_WINDS`.
     """
     velocity, width = sliding_velocity(spectra)
     slides = np.tanh(velocity / width)
     wider = np.tanh(velocity / (WIDER * width))
-    columns = [slides, wider, *slipping_springs(spectra.sliding, Ranges.FRICTION_WINDS)]
-    if spectra.signals.load is not None and spectra.signals.sliding_angle is None:
-        columns.append(slides * np.abs(spectra.resampled(spectra.signals.load)))
-    return np.array(columns)
+    return np.array([slides, wider, *slipping_springs(spectra.sliding, Ranges.FRICTION_WINDS)])

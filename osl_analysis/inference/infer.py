@@ -268,11 +268,12 @@ def told_delay(data: Whitened, sound: Predicted, rounding: Array) -> float:
     derivatives = data.spectra.derivatives
     slope = data.column(-impedance @ derivatives[1:4])
     search = Search(data, sound.has_friction)
-    left, _ = search.fit(sound.candidate.columns, slope)
+    columns = sound.candidate.columns
+    left, estimates = search.fit(columns, slope)
     # of a slope that the columns make up, rounding alone is left
     left = max(left, np.finfo(float).eps * float(slope @ slope))
     variance = 1 / left
     if len(rounding):
-        of_slope = search.rest(sound.candidate.columns, slope)
+        of_slope = search.rest(slope - estimates @ columns)
         variance += float(np.mean((rounding @ of_slope / left) ** 2))
     return float(np.sqrt(variance))

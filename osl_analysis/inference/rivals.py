@@ -27,9 +27,9 @@ from typing import Literal
 import numpy as np
 import scipy
 
-from osl_analysis.inference.constants import FEWEST_STEPS, Ranges
+from osl_analysis.inference.constants import FEWEST_STEPS, RIDGE, TINY, Ranges
 from osl_analysis.inference.friction_shapes import slipping_springs
-from osl_analysis.inference.whitening import BesideShared, Whitened
+from osl_analysis.inference.whitening import Whitened, solve_scaled
 from osl_analysis.trial import Array
 
 Family = Literal["", "path", "time", "speed", "size", "direction", "clipping"]
@@ -52,6 +52,9 @@ class Cut:
 class Search:
     """Fits of columns to the torque of a joint with or without friction, beside offset and drift.
 
+    These are projected out (Frisch-Waugh-Lovell), so that a search over a rival's own parameter
+    solves for three columns.
+
     Attributes
     ----------
     data : Whitened
@@ -69,18 +72,27 @@ class Search:
     def __init__(self, data: Whitened, has_friction: bool) -> None:
         self.data = data
         self.has_friction = has_friction
-        self._beside = BesideShared(data.shared(has_friction))
+        shared = data.shared(has_friction)
+        length = np.linalg.norm(shared, axis=1, keepdims=True) + TINY
+        self._shared = shared / length
+        normal = self._shared @ self._shared.T + RIDGE * np.eye(len(shared))
+        self._inverse = np.linalg.inv(normal)
         self.left, self.coefficients = self.fit(data.motion)
         self.impedance = data.impedance_matrix @ self.coefficients
 
     def fit(self, columns: Array, torque: Array | None = None) -> tuple[float, Array]:
-        """Residual sum of squares and coefficients (k,) of columns (k, m)."""
-        return self._beside.fit(columns, self.data.torque if torque is None else torque)
+        """Residual sum of squares and coefficients (k,) of columns (k, m) for a torque (m,), by
+        default that of the recording."""
+        rest_of_torque = self.rest(self.data.torque if torque is None else torque)
+        rest_of_columns = self.rest(columns)
+        estimates = solve_scaled(rest_of_columns, rest_of_torque)
+        residual = rest_of_torque - estimates @ rest_of_columns
+        return float(residual @ residual), estimates
 
-    def rest(self, columns: Array, torque: Array) -> Array:
-        """What columns (k, m) and the shared ones leave of a torque (m,)."""
-        _, estimates = self.fit(columns, torque)
-        return self._beside.rest(torque - estimates @ columns)
+    def rest(self, signals: Array) -> Array:
+        """What friction, offset and drift leave of signals (..., m)."""
+        of_shared = (signals @ self._shared.T) @ self._inverse
+        return np.asarray(signals - of_shared @ self._shared)
 
     def is_worth_refining(self, left: float) -> bool:
         """Whether what is left of the torque is so much less than what Eq. 15 leaves, in noise of

@@ -45,7 +45,11 @@ def rounding_torques(data: Whitened, impedance: Array) -> Array:
     if repeated < LEAST_REPEATED:
         return np.empty((0, rows))
 
-    smooth = angle_before_rounding(spectra) / step
+    # without what is faster than its motion, as it was before it was read in whole steps
+    end = SMOOTH_BANDS * spectra.band_hz * spectra.padded_seconds
+    gain = roll_off(np.arange(float(len(spectra.raw_angle))), end)
+    low_passed = scipy.fft.irfft(spectra.raw_angle * gain, spectra.padded_rows)
+    smooth = (low_passed + np.linspace(*spectra.ends, spectra.padded_rows)) / step
     middle = float(smooth.mean())
     draws = np.arange(ROUNDING_DRAWS)
     zeros = (draws + 0.5) / ROUNDING_DRAWS
@@ -80,12 +84,3 @@ def share_left_by_noise(variance: float) -> float:
     """Share of a rounding error that noise of this variance [steps^2] leaves to repeat itself:
     exp(-2 pi^2 s^2) for s steps (Widrow and Kollár 2008, ch. 5)."""
     return float(np.exp(-2 * np.pi**2 * variance))
-
-
-def angle_before_rounding(spectra: Spectra) -> Array:
-    """The angle (r,) [rad] without what is faster than its motion, as it was before it was read in
-    whole steps."""
-    end = SMOOTH_BANDS * spectra.band_hz * spectra.padded_seconds
-    gain = roll_off(np.arange(float(len(spectra.raw_angle))), end)
-    low_passed = scipy.fft.irfft(spectra.raw_angle * gain, spectra.padded_rows)
-    return np.asarray(low_passed + np.linspace(*spectra.ends, spectra.padded_rows))

@@ -82,11 +82,6 @@ class Predicted:
         return np.asarray(self.impedances.mean(axis=0))
 
 
-def block_edges(rows: int) -> Array:
-    """First row of each block, and the number of rows, (BLOCKS + 1,)."""
-    return np.asarray(-(-np.arange(BLOCKS + 1) * rows // BLOCKS))
-
-
 def all_columns(data: Whitened, candidate: Candidate, has_friction: bool) -> Array:
     """Columns (c, m) of a candidate: its own, its slope, friction, offset and drift."""
     parts = [candidate.columns]
@@ -105,6 +100,8 @@ class BlockFit:
 
     Attributes
     ----------
+    edges : Array (BLOCKS + 1,)
+        First row of each block, and the number of rows.
     length : Array (c,)
         Lengths of the columns.
     blocks : Array (BLOCKS, c + 1, c + 1)
@@ -118,8 +115,9 @@ class BlockFit:
     """
 
     def __init__(self, rows: Array) -> None:
-        edges = pairwise(block_edges(rows.shape[1]).tolist())
-        matrices = np.array([rows[:, first:stop] @ rows[:, first:stop].T for first, stop in edges])
+        self.edges = -(-np.arange(BLOCKS + 1) * rows.shape[1] // BLOCKS)
+        parts = [rows[:, first:stop] for first, stop in pairwise(self.edges.tolist())]
+        matrices = np.array([part @ part.T for part in parts])
         # the matrices are scaled and not the columns, of which an hour has hundreds of megabytes
         self.length = np.sqrt(matrices.sum(axis=0).diagonal()[:-1]) + TINY
         scale = np.append(self.length, 1.0)

@@ -41,33 +41,6 @@ def solve_scaled(columns: Array, torque: Array) -> Array:
     return np.asarray(estimates + np.linalg.solve(normal, columns @ left / length) / length)
 
 
-class BesideShared:
-    """Least squares of further columns beside shared ones (k, m).
-
-    The shared columns are projected out (Frisch-Waugh-Lovell), so that a search over a rival's
-    own parameter solves for three columns.
-    """
-
-    def __init__(self, shared: Array) -> None:
-        length = np.linalg.norm(shared, axis=1, keepdims=True) + TINY
-        self._shared = shared / length
-        normal = self._shared @ self._shared.T + RIDGE * np.eye(len(shared))
-        self._inverse = np.linalg.inv(normal)
-
-    def rest(self, signals: Array) -> Array:
-        """What the shared columns leave of signals (..., m)."""
-        of_shared = (signals @ self._shared.T) @ self._inverse
-        return np.asarray(signals - of_shared @ self._shared)
-
-    def fit(self, columns: Array, torque: Array) -> tuple[float, Array]:
-        """Residual sum of squares and coefficients (k,) of columns (k, m) for a torque (m,)."""
-        rest_of_torque = self.rest(torque)
-        rest_of_columns = self.rest(columns)
-        estimates = solve_scaled(rest_of_columns, rest_of_torque)
-        residual = rest_of_torque - estimates @ rest_of_columns
-        return float(residual @ residual), estimates
-
-
 class Whitened:
     """Torque and columns of one recording with white noise of variance 1, in its m fitted rows.
 

@@ -90,13 +90,15 @@ def judged(
         for at, row in enumerate(rows)
     ]
     beyond = [numbers_beyond(row, of_row, accuracy) for row, of_row in zip(rows, met, strict=True)]
-    of_whole = {row.get("trial"): beyond[k] for k, row in enumerate(rows) if of_whole_trial(row)}
+    # fits to whole trials, beside fits to single amplitudes
+    are_whole = [row.get("amplitude_deg", "") is None for row in rows]
+    of_whole = {row.get("trial"): beyond[k] for k, row in enumerate(rows) if are_whole[k]}
     for numbers, row in zip(beyond, rows, strict=True):
         drop_unlike_whole(numbers, of_whole.get(row.get("trial"), numbers))
 
     # what explains the misfit of a trial, by the fit to all of it before those to its amplitudes
     misfit_by: dict[object, KnownFinding | None] = {}
-    for k in sorted(range(len(rows)), key=lambda k: not of_whole_trial(rows[k])):
+    for k in sorted(range(len(rows)), key=lambda k: not are_whole[k]):
         trial = rows[k].get("trial")
         misfit_by[trial] = misfit_by.get(trial) or explaining(beyond[k])
 
@@ -107,11 +109,6 @@ def judged(
         without_number = [rule for rule in of_row if not rule.column]
         findings.append(findings_of_row(name, row, with_effects(causes, fault), without_number))
     return findings
-
-
-def of_whole_trial(row: AnyRow) -> bool:
-    """Whether a row is the fit to a whole trial, beside fits to single amplitudes."""
-    return "amplitude_deg" in row and row["amplitude_deg"] is None
 
 
 def rules_on(table: str, columns: Collection[str], limits: Limits) -> list[Rule]:

@@ -14,7 +14,7 @@ from osl_analysis.inference.rivals import EQ_15, Candidate, Search, behind_sprin
 from osl_analysis.inference.rounding_errors import repeated_share
 from osl_analysis.inference.spectra import Spectra
 from osl_analysis.inference.unexplained import largest_shifts
-from osl_analysis.inference.weighing import BlockFit, Predicted, block_edges, predict, weigh
+from osl_analysis.inference.weighing import BlockFit, Predicted, predict, weigh
 from osl_analysis.inference.whitening import Whitened
 
 RATE = 500.0
@@ -91,7 +91,7 @@ def test_each_block_is_predicted_by_a_fit_that_has_not_seen_it():
 
     fit = BlockFit(rows)
 
-    unseen = np.arange(*block_edges(1001)[[5, 6]])
+    unseen = np.arange(*fit.edges[[5, 6]])
     *columns, torque = np.delete(rows, unseen, axis=1)
     by_others = np.linalg.lstsq(np.transpose(columns), torque)[0]
     miss = rows[3, unseen] - by_others @ rows[:3, unseen]

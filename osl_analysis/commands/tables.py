@@ -396,7 +396,7 @@ def later_failures(summary_json: Path) -> str:
     written = summary_json.stat().st_mtime
     paths = sorted((summary_json.parent / "logs").rglob("*.log"))
     logs = [read_log(path) for path in paths if path.stat().st_mtime > written]
-    failures = [log["error"] for log in logs if log and log["outcome"] != "done"]
+    failures = [log["error"] for log in logs if "error" in log]
     if not failures:
         return ""
     return (

@@ -1,7 +1,9 @@
-"""The log of a job: its outcome, warnings and duration. The lines of a run are read from the logs,
-so that they are complete also on a cluster."""
+"""A job as its rule gives it, and its log: outcome, warnings and duration. The lines of a run are
+read from the logs, so that they are complete also on a cluster."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -9,25 +11,59 @@ import yaml
 
 from osl_analysis.files import write_text
 
+Files = str | list[str]
+"""An input of a job: a file, or a list of files."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """What a rule gives to a job."""
+
+    command: str  # full name of a function
+    inputs: Mapping[str, Files]
+    outputs: Mapping[str, Files]
+    params: Mapping[str, Any]
+    files: Sequence[Path]  # all outputs
+    log: Path
+    tell: str = ""  # `refused` or `not_analysed`: the argument that gets the refusals among inputs
+
+    @property
+    def simulates(self) -> bool:
+        """Whether its outputs are recordings, or their sheet, and no results."""
+        return self.command.startswith("osl_analysis.commands.simulate.")
+
+    @property
+    def recordings(self) -> list[str]:
+        """The recordings of a trial that the job ingests, else the file of the trial that it
+        reads."""
+        if "row" in self.params:  # of the sheet
+            named = filter(None, map(self.params["row"].get, ("log", "mocap")))
+            return [str(Path(self.params["raw_folder"], name)) for name in named]
+        return [str(self.inputs[name]) for name in ("trial", "crossing") if name in self.inputs]
+
+    @property
+    def trial(self) -> str:
+        """The trial that the job is of; empty for one over several trials."""
+        if "row" in self.params:
+            return str(self.params["row"]["trial"])
+        return "".join(Path(file).stem for file in self.recordings)
+
 
 def write_log(path: Path, entries: Mapping[str, Any]) -> None:
-    """Write how a job ended, as YAML, without empty entries.
+    """Write how a job ended, as YAML.
 
-    They are the command `job`, its `outcome`, wall time `seconds`, what was wrong in the line
+    Entries are the command `job`, its `outcome`, wall time `seconds`, what was wrong in the line
     `error`, the `remedy`, `warnings`, and the `traceback` of an error of the program. Outcomes:
     done; refused, for an input that the user can correct; failed, by an error of the program or of
     the system; killed, ended from outside; skipped, because an input is missing."""
-    filled = {name: value for name, value in entries.items() if value}
     text = yaml.dump(
-        filled, Dumper=yaml.CSafeDumper, sort_keys=False, width=1_000_000, allow_unicode=True
+        dict(entries), Dumper=yaml.CSafeDumper, sort_keys=False, width=1_000_000, allow_unicode=True
     )
     write_text(path, text)
 
 
-def read_log(path: Path) -> dict[str, Any] | None:
-    """How the job of a log ended; None if the file is not the log of a job."""
-    try:
-        log = yaml.load(path.read_text(encoding="utf-8"), yaml.CSafeLoader)
-    except (OSError, ValueError, yaml.YAMLError):
-        return None
-    return log if isinstance(log, dict) and "outcome" in log else None
+def read_log(path: Path) -> dict[str, Any]:
+    """How the job of a log ended; empty if it has written none, as on a full disk."""
+    with suppress(OSError):
+        return yaml.load(path.read_text(encoding="utf-8"), yaml.CSafeLoader) or {}
+    return {}

@@ -7,7 +7,6 @@ import time
 import traceback
 import warnings
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache
 from itertools import chain
 from pathlib import Path
@@ -28,7 +27,7 @@ from osl_analysis.errors import (
     unexpected,
 )
 from osl_analysis.files import atomic_path, write_text
-from osl_analysis.jobs.job_log import write_log
+from osl_analysis.jobs.job_log import Files, Job, write_log
 from osl_analysis.judge.recording_checks import HOW_TO_USE
 from osl_analysis.memory import limited_memory
 from osl_analysis.table import (
@@ -41,8 +40,6 @@ from osl_analysis.table import (
 )
 from osl_analysis.trial import read_trial
 
-Files = str | list[str]
-"""An input of a job: a file, or a list of files."""
 ONLY_WAITED_FOR = {"recordings", "sources", "made_of", "numbers", "quality"}
 """Inputs that are no arguments of a command: it finds these files itself, or by others."""
 ONLY_CHECKED = {"fitted"}
@@ -59,8 +56,6 @@ REMEDY = (
 )
 HOLDING_A_REASON = {".csv", ".zip", ".parquet", ".json", ".tex", ".md"}
 """Suffixes of files that can say why there is no result."""
-SIMULATING = "osl_analysis.commands.simulate."
-"""Commands whose outputs are recordings and their sheet, and no results."""
 
 CRASHES = ("SIGSEGV", "SIGBUS", "SIGILL", "SIGFPE")
 """Signals of a library that crashes on a damaged file, on which it would crash again. SIGABRT is
@@ -77,37 +72,6 @@ TABLES_OF_FIT = {
 
 CONVERTING: Any = cache(validate_call(config=ConfigDict(arbitrary_types_allowed=True)))
 """A command that converts what it is given to the types that it declares."""
-
-
-@dataclass(frozen=True)
-class Job:
-    """What a rule gives to a job."""
-
-    command: str  # full name of a function
-    inputs: Mapping[str, Files]
-    outputs: Mapping[str, Files]
-    params: Mapping[str, Any]
-    files: Sequence[Path]  # all outputs
-    log: Path
-    tell: str = ""  # `refused` or `not_analysed`: the argument that gets the refusals among inputs
-
-    @property
-    def read_trials(self) -> list[str]:
-        """The file of the trial that the job reads."""
-        return [str(self.inputs[name]) for name in ("trial", "crossing") if name in self.inputs]
-
-    @property
-    def recordings(self) -> list[str]:
-        """The recordings of a trial that the job ingests, and the trial that it reads."""
-        row = self.params.get("row", {})  # of the sheet
-        named = filter(None, map(row.get, ("log", "mocap")))
-        return [str(Path(self.params["raw_folder"], name)) for name in named] + self.read_trials
-
-    @property
-    def trial(self) -> str:
-        """The trial that the job is of; empty for one over several trials."""
-        read = "".join(Path(file).stem for file in self.read_trials)
-        return str(self.params.get("row", {}).get("trial", read))
 
 
 def perform(job: Job) -> None:
@@ -164,14 +128,13 @@ def words_of(job: Job, error: Exception) -> tuple[str, str]:
         return error.reason, error.remedy or REMEDY
     if isinstance(error, OSError):
         return printable(str(error)), "make the file or its folder accessible"
-    remedy = f"a fault of this program: report it with the traceback in {job.log}"
-    return unexpected(error), remedy
+    return unexpected(error), f"a fault of this program: report it with the traceback in {job.log}"
 
 
 def is_of_input(job: Job, error: Exception) -> bool:
     """Whether an error is of what the job was given, so that its outputs are to hold the reason."""
     suffixes = {file.suffix for file in job.files}
-    if not suffixes <= HOLDING_A_REASON or job.command.startswith(SIMULATING):
+    if not suffixes <= HOLDING_A_REASON or job.simulates:
         return False
     if isinstance(error, OF_A_FILE):
         return str(error.filename) in job.recordings
@@ -211,23 +174,21 @@ def without_missing(
 ) -> tuple[dict[str, Files], list[NotAnalysed], list[NotAnalysed]]:
     """Take the refusals out of the inputs of a job.
 
-    Returns the inputs that are left, the causes of all that was removed, and those of them that
-    keep the job from running: a refusal that stands for a single input, and those of trials without
-    which it cannot run (`without_trials`).
+    Returns the inputs that are left, the causes of all that was refused, and those of them that
+    keep the job from running: of what it cannot run without (`without_trials`).
     """
-    of_singles: list[NotAnalysed] = []
     causes_of: dict[str, Sequence[NotAnalysed]] = {}
     for files in inputs.values():
-        if isinstance(files, str):
-            of_singles += not_analysed(files)
-            continue
-        for file in files:
+        for file in listed(files):
             if causes := not_analysed(file):
                 causes_of[Path(file).stem] = causes
     usable, needed = without_trials(inputs, causes_of)
-    missing = chain(of_singles, *(causes_of[trial] for trial in needed))
-    refused = chain(*causes_of.values(), of_singles)
-    return usable, list(dict.fromkeys(refused)), list(dict.fromkeys(missing))
+    missing = chain(*(causes_of[name] for name in needed))
+    return usable, list(dict.fromkeys(chain(*causes_of.values()))), list(dict.fromkeys(missing))
+
+
+def listed(files: Files) -> list[str]:
+    return [files] if isinstance(files, str) else files
 
 
 def without_excluded(inputs: Mapping[str, Files], excluded: Collection[str]) -> dict[str, Files]:
@@ -252,17 +213,17 @@ def without_trials(
 ) -> tuple[dict[str, Files], list[str]]:
     """Take the files of some trials out of the lists of a job, each of them out of every list.
 
-    Returns the inputs that are left, and those of the trials without which the job cannot run: its
-    input `trial`, or, of a job without this input, all of a list.
+    Returns the inputs that are left, and those of the names without which the job cannot run: of a
+    single file, or, of a job without the input `trial`, all of a list.
     """
     left = dict(inputs)
-    needed = {Path(str(inputs.get("trial", ""))).stem}.intersection(removed)
+    needed = set[str]()
     for name, files in inputs.items():
+        stems = [Path(file).stem for file in listed(files)]
         if isinstance(files, list):
-            kept = [file for file in files if Path(file).stem not in removed]
-            left[name] = kept
-            if not kept and "trial" not in inputs:
-                needed |= {Path(file).stem for file in files}
+            left[name] = [file for file in files if Path(file).stem not in removed]
+        if isinstance(files, str) or not (left[name] or "trial" in inputs):
+            needed |= {*stems}.intersection(removed)
     return left, sorted(needed)
 
 
@@ -322,11 +283,13 @@ def end_killed(job: Job, signal_name: str) -> None:
     """
     if signal_name in CRASHES and job.recordings:
         reason = f"{' or '.join(job.recordings)}: a library that reads it crashed ({signal_name})"
-        remedy = "the file may be damaged: copy, export or record it again"
-        write_log(job.log, {"job": job.command, **refuse(job, reason, remedy)})
-        return
-    reason = f"the process of this job was killed ({signal_name})"
-    remedy = "run again; if memory was short, with fewer jobs at once (`--cores 1`)"
-    ending = {"outcome": "killed", "error": reason, "remedy": remedy}
+        ending = refuse(job, reason, "the file may be damaged: copy, export or record it again")
+    else:
+        ending = {
+            "outcome": "killed",
+            "error": f"the process of this job was killed ({signal_name})",
+            "remedy": "run again; if memory was short, with fewer jobs at once (`--cores 1`)",
+        }
     write_log(job.log, {"job": job.command, **ending})
-    raise RuntimeError(reason)
+    if ending["outcome"] == "killed":
+        raise RuntimeError(ending["error"])

@@ -115,11 +115,10 @@ class LogHandler(LogHandlerBase):
         """A line on each warning of a job, and on one that was refused, has failed or was killed,
         once for each cause: the list at the end of the run names the others."""
         for log in map(Path, logs or ()):
-            job_log = read_log(log) or {}
+            job_log = read_log(log)
             lines = [("warning", warning) for warning in job_log.get("warnings", ())]
-            outcome = job_log.get("outcome", "")
-            if outcome not in ("", "done", "skipped"):
-                lines.append((outcome, f"{job_log['error']}; {job_log['remedy']}"))
+            if "remedy" in job_log:
+                lines.append((job_log["outcome"], f"{job_log['error']}; {job_log['remedy']}"))
             for kind, text in lines:
                 cause = without_particulars(text, log.stem)
                 self.print_once(f"{kind} {cause}", f"{kind}: {log.stem}: {printable(text)}")

@@ -11,13 +11,13 @@ import signal
 import sys
 import threading
 from collections import defaultdict
-from collections.abc import Sequence
 from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
 from osl_analysis.files import temporary_path
+from osl_analysis.jobs.job_log import Files, Job
 from osl_analysis.memory import SET_TO_ONE
 
 ENVIRONMENT = dict.fromkeys((*SET_TO_ONE, "POLARS_MAX_THREADS", "NUMBA_NUM_THREADS"), "1") | {
@@ -56,14 +56,14 @@ class Worker:
             self.process.start()
         far_end.close()  # so that the end of the process ends the connection
 
-    def end(self) -> int:
-        """End the process when it has done its job; its exit code: if it was killed, the negative
-        number of the signal."""
+    def end(self) -> str:
+        """End the process when it has done its job; the name of the signal, if one has killed
+        it."""
         self.connection.close()
         with ASKING:
             self.process.join()
-            exit_code = self.process.exitcode
-        return exit_code or 0
+            exit_code = self.process.exitcode or 0
+        return signal.Signals(-exit_code).name if exit_code < 0 else "from outside"
 
 
 IDLE: defaultdict[bool, list[Worker]] = defaultdict(list)
@@ -74,7 +74,7 @@ others do without. Threads of Snakemake take one, and put it back."""
 def serve(connection: Connection) -> None:
     """Do jobs in a worker until the connection ends, as Snakemake does. Ctrl-C is for Snakemake,
     which lets begun jobs end."""
-    from osl_analysis.jobs.perform import Job, perform
+    from osl_analysis.jobs.perform import perform
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     gc.freeze()  # to look for garbage in all that is imported takes a twentieth of a fit
@@ -83,7 +83,7 @@ def serve(connection: Connection) -> None:
             given = connection.recv()
             failure = None
             try:
-                perform(Job(*given))
+                perform(given)
             except Exception as error:
                 failure = error
             connection.send(failure)
@@ -108,20 +108,23 @@ def job(command: str, input: Any, output: Any, params: Any, log: Any, tell: str 
     RuntimeError
         There is no result, and the input is not at fault.
     """
-    files = [Path(file) for file in output]
-    by_name = (plain_files(input), plain_files(output))
-    given = (command, *by_name, dict(params.items()), files, Path(log[0]), tell)
-    killed_by = do_in_worker(command, files, given)
-    if killed_by:
-        from osl_analysis.jobs.perform import Job, end_killed
+    do_in_worker(
+        Job(
+            command,
+            plain_files(input),
+            plain_files(output),
+            dict(params.items()),
+            files=[Path(file) for file in output],
+            log=Path(log[0]),
+            tell=tell,
+        )
+    )
 
-        end_killed(Job(*given), killed_by)
 
-
-def do_in_worker(command: str, files: Sequence[Path], given: Sequence[Any]) -> str:
-    """Do a job in a worker; returns what killed the worker, if it was killed before the end. Raises
-    RuntimeError: there is no result."""
-    idle = IDLE[command.startswith("osl_analysis.commands.simulate.")]
+def do_in_worker(given: Job) -> None:
+    """Do a job in a worker. Raises RuntimeError: there is no result, and the input is not at
+    fault."""
+    idle = IDLE[given.simulates]
     try:
         worker = idle.pop()
     except IndexError:  # not asked for before: another thread may take the last one meanwhile
@@ -129,18 +132,19 @@ def do_in_worker(command: str, files: Sequence[Path], given: Sequence[Any]) -> s
     try:
         worker.connection.send(given)
         failure = worker.connection.recv()
-    except (EOFError, ConnectionError):
-        for file in files:
+    except (EOFError, ConnectionError):  # the worker was killed
+        from osl_analysis.jobs.perform import end_killed
+
+        for file in given.files:
             temporary_path(file, worker.process.pid).unlink(missing_ok=True)
-        exit_code = worker.end()
-        return signal.Signals(-exit_code).name if exit_code < 0 else "from outside"
+        end_killed(given, worker.end())
+        return
     idle.append(worker)
     if failure is not None:
         raise failure
-    return ""
 
 
-def plain_files(files: Any) -> dict[str, str | list[str]]:
+def plain_files(files: Any) -> dict[str, Files]:
     """Files by name, as a worker can be sent them."""
     return {
         name: str(file) if isinstance(file, str) else list(map(str, file))

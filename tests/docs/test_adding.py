@@ -96,9 +96,8 @@ import snakemake.cli
 from click.testing import CliRunner
 from osl_analysis.jobs import perform, workers
 
-def do_here(command, files, given):  # without a process of workers, whose imports take 2 s
-    perform.perform(perform.Job(*given))
-    return ""
+def do_here(given):  # without a process of workers, whose imports take 2 s
+    perform.perform(given)
 
 workers.do_in_worker = do_here
 targets = ["results/tables/damper.csv", "results/tables/heating.csv"]

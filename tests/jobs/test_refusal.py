@@ -33,9 +33,8 @@ from osl_analysis.commands.walking import (
 )
 from osl_analysis.errors import InputError, MemoryLimitError, WriteError
 from osl_analysis.ingest.quality import Commanded, measure_quality, measured_table
-from osl_analysis.jobs.job_log import read_log, write_log
+from osl_analysis.jobs.job_log import Job, read_log, write_log
 from osl_analysis.jobs.perform import (
-    Job,
     perform,
     without_excluded,
     without_missing,
@@ -190,10 +189,11 @@ WORKERS = """
 import os, signal
 from pathlib import Path
 from osl_analysis.jobs import workers
+from osl_analysis.jobs.job_log import Job
 
 os.environ["OMP_NUM_THREADS"] = "64"
 def do(worker, log):
-    worker.connection.send(("osl_analysis.files.root", {}, {}, {}, [], Path(log)))
+    worker.connection.send(Job("osl_analysis.files.root", {}, {}, {}, [], Path(log)))
     worker.connection.recv()
 
 first, second = workers.Worker(), workers.Worker()
@@ -219,7 +219,7 @@ def test_a_worker_does_several_jobs_and_ends_with_snakemake_even_if_that_is_kill
     )
 
     facts, pid = told.stdout.splitlines()
-    assert facts == "[True, False, True, -9]", told.stderr
+    assert facts == "[True, False, True, 'SIGKILL']", told.stderr
     assert (told.returncode, told.stderr) == (-9, "")
     left = [process for process in psutil.process_iter() if process.pid == int(pid)]
     assert psutil.wait_procs(left, timeout=20)[1] == []
@@ -385,14 +385,12 @@ def test_a_run_has_a_line_now_and_then_one_per_stage_and_what_is_refused_at_once
     monkeypatch, tmp_path, capsys
 ):
     clock = SimpleNamespace(now=100.0)
-    ended = {
-        "job": "ingest.ingest_trial",
-        "error": "b.mcap: no such file\x1b[31m",
-        "remedy": "copy it",
-    }
+    skipped = {"outcome": "skipped", "error": "b.mcap: no such file\x1b[31m"}
     monkeypatch.setattr("time.monotonic", lambda: clock.now)
-    for outcome in (outcomes := ("refused", "failed", "killed", "skipped")):
-        write_log(tmp_path / f"{outcome}.log", ended | {"outcome": outcome})
+    outcomes = ("refused", "failed", "killed", "skipped")
+    for outcome in outcomes[:3]:
+        write_log(tmp_path / f"{outcome}.log", skipped | {"outcome": outcome, "remedy": "copy it"})
+    write_log(tmp_path / "skipped.log", skipped)
     lines = LogHandler(SimpleNamespace(verbose=False, dryrun=False), None)
     tell(lines, LogEvent.RUN_INFO, stats={"osl_ingest": 40, "reproduce-all": 1, "total": 41})
     tell(lines, text="Building DAG of jobs...")

@@ -148,19 +148,13 @@ def test_responses_share_the_doubts_of_the_fit_of_their_trial_and_amplitude(tmp_
 def test_numbers_that_a_failed_run_left_behind_are_said_to_be_old(tmp_path):
     summary = tmp_path / "summary.json"
     summary.write_text("{}")
-    for job, later, outcome, old in (
-        ("ingest.before", -1, "refused", False), ("bench.fine", 1, "done", False),
-        ("ingest.after", 1, "refused", True),
+    refused = {"outcome": "refused", "error": "b_1.mcap: no such file"}
+    for job, later, ending, old in (
+        ("ingest.before", -1, refused, False), ("bench.fine", 1, {"outcome": "done"}, False),
+        ("ingest.after", 1, refused, True),
     ):  # fmt: skip
         log = tmp_path / f"logs/{job}.log"
-        write_log(
-            log,
-            {
-                "job": f"osl_analysis.commands.{job}",
-                "outcome": outcome,
-                "error": "b_1.mcap: no such file",
-            },
-        )
+        write_log(log, {"job": f"osl_analysis.commands.{job}", **ending})
         os.utime(log, (summary.stat().st_mtime + later,) * 2)
         assert ("b_1.mcap: no such file" in tables.later_failures(summary)) == old
 

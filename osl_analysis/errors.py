@@ -23,9 +23,7 @@ def printable_lines(text: str) -> str:
 
 def listing(names: Sequence[str], most: int = 40) -> str:
     """Names for a message to the user, at most `most` of them, each of at most 80 characters."""
-    if not names:
-        return "none"
-    text = ", ".join(shortened(name) for name in names[:most])
+    text = ", ".join(map(shortened, names[:most])) or "none"
     if len(names) > most:
         text += f", ... ({len(names)} in all)"
     return text

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -281,8 +282,8 @@ class Recording:
         if not similar:
             raise InputError(f"{missing}: the file has none; export them too")
         keys = [channel.key for channel in similar]
-        advice = nearest(wanted, [*keys, *(channel.name for channel in similar)])
-        advice = advice or "; correct the name in the source file"
+        known = [*keys, *(channel.name for channel in similar)]
+        advice = nearest(wanted, known) or "; correct the name in the source file"
         raise InputError(f"{missing}; the file has {listing(keys)}{advice}")
 
 
@@ -292,15 +293,13 @@ NUMBERED = ("column", "label", "channel")  # keys whose channel may be given by 
 def _named(wanted: str, channels: Sequence[Channel], key: str) -> list[Channel]:
     """List the channels with a name: in full, without place or unit, by pattern, or by number."""
     pattern = re.compile(re.escape(wanted).replace(r"\*", ".*"), re.DOTALL)
-    spelled = {channel: (channel.address[key], channel.title, channel.name) for channel in channels}
-    for place in range(3):
-        matches = [channel for channel, names in spelled.items() if names[place] == wanted]
+    names = [(channel.address[key], channel.title, channel.name) for channel in channels]
+    for is_alike, spelled in product((wanted.__eq__, pattern.fullmatch), zip(*names, strict=True)):
+        matches = [channels[row] for row, name in enumerate(spelled) if is_alike(name)]
         if matches:
             return matches
-    matches = [channel for channel, names in spelled.items() if any(map(pattern.fullmatch, names))]
-    if not matches and key in NUMBERED and wanted.isdecimal():
-        return list(channels[int(wanted) - 1 : int(wanted)])
-    return matches
+    is_number = key in NUMBERED and wanted.isdecimal()
+    return list(channels[int(wanted) - 1 : int(wanted)]) if is_number else []
 
 
 @dataclass(frozen=True)

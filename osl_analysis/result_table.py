@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -50,10 +51,9 @@ def read_table(path: Path | str, required: Sequence[str] = (), name: str = "") -
 
 def summary_beside(path: Path) -> dict[str, Any]:
     """What `summary.json` says of the results that a table is of; empty without one."""
-    try:
-        results = path.resolve().parent.parent  # also of "belt.csv" within results/tables
-        content = json.loads((results / "summary.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    is_summary = isinstance(content, dict) and "numbers" in content
-    return content if is_summary else {}
+    results = path.resolve().parent.parent  # also of "belt.csv" within results/tables
+    with suppress(OSError, ValueError, TypeError):  # none is there, or it is of another program
+        content: dict[str, Any] = json.loads((results / "summary.json").read_bytes())
+        if "numbers" in content:
+            return content
+    return {}

@@ -31,7 +31,7 @@ from osl_analysis.units import (
     quantity,
     si_factor,
 )
-from osl_analysis.yaml_settings import Settings, check_distinct, field_line, misplaced
+from osl_analysis.yaml_settings import Settings, check_distinct, check_rising, field_line, misplaced
 
 SampleShare = Annotated[float, Field(ge=0, le=1)]
 LEVEL_UNIT = "V"  # of the columns that may be read from truth values: `sync` and `trigger`
@@ -86,14 +86,9 @@ class Conversion(Settings):
     # Offset that is added to the raw numbers before the scale, in the raw unit.
     offset: float = 0.0
 
-    def ends(self, si_unit: str) -> tuple[float, float]:
-        """Both ends of the stated range [si_unit]. Raises InputError: the range is empty."""
-        low, high = (quantity(text, si_unit) for text in self.range or ())
-        if low >= high:
-            raise InputError(
-                f"a range from {low:g} to {high:g} {si_unit} is empty; write the lower end first"
-            )
-        return low, high
+    def ends(self, si_unit: str) -> tuple[float, ...]:
+        """Both ends of the stated range [si_unit]. Raises ValueError: the range is empty."""
+        return check_rising(tuple(quantity(text, si_unit) for text in self.range or ()))
 
     def step(self, si_unit: str) -> float:
         """Smallest step of the recorded values [si_unit]. Raises InputError: it is not positive."""

@@ -26,7 +26,7 @@ TEXT_COLUMNS = (
     "trial", "controller", "branch", "quantity", "estimator", "check", "unit", "verdict", "remark",
     "status", "reason", "panel", "curve", "interval_method", "doubtful", "model",
     "motion", "group", "direction", "subject", "side", "different",
-    "remarks", "excitation", "desired", "loading", "method", "joint", "scope",
+    "remarks", "excitation", "desired", "loading", "joint", "scope",
     "data", "chosen", "trajectory", "table", "grade",
     "name", "cause", "evidence", "says", "size", "remedy", "fault_family", "explanations",
 )  # fmt: skip

@@ -195,15 +195,13 @@ class Trial:
     def cut_to(self, windows: str) -> "tuple[Trial, str]":
         """The samples from the first window to the end of the last one, as stated for `within`, and
         the windows [s] after the first of these samples. All where they lie beyond the trial."""
-        parts = stretches(windows)
-        first, last = parts[0][0], parts[-1][1]
+        parts = np.array(stretches(windows))
         time = self.samples["time"]
-        if last > time[-1] - time[0] + LATE_END_S:
+        if parts.max() > time[-1] - time[0] + LATE_END_S:
             return self, windows
-        cut = self.within(f"{first:.9f}-{last:.9f}")
-        start = cut.samples["time"][0] - time[0]
-        shifted = [f"{max(begin - start, 0):.9f}-{end - start:.9f}" for begin, end in parts]
-        return cut, " ".join(shifted)
+        cut = self.within(f"{parts.min():.9f}-{parts.max():.9f}")
+        shifted = np.maximum(parts - (cut.samples["time"][0] - time[0]), 0)
+        return cut, " ".join(f"{begin:.9f}-{end:.9f}" for begin, end in shifted.tolist())
 
     def sampled(self, *columns: str) -> pl.DataFrame:
         """Select the rows in which every named column has a sample (NaN counts as one), with `time`
@@ -219,9 +217,10 @@ class Trial:
         """Arrays as `arrays`. Raises InputError: a column has a NaN."""
         time, *values = self.arrays(*columns)
         for column, signal in zip(columns, values, strict=True):
-            if np.isnan(signal).any():
+            missing = np.isnan(signal).sum()
+            if missing:
                 raise InputError(
-                    f"trial {self.name}: column '{column}' is NaN in {np.isnan(signal).sum()} of"
+                    f"trial {self.name}: column '{column}' is NaN in {missing} of"
                     f" {len(time)} samples; repair the log or exclude the trial in the sheet"
                 )
         return time, *values

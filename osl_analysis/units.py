@@ -7,7 +7,7 @@ evaluate `9**9**9**9` without end.
 import math
 import re
 from collections.abc import Sequence
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import Annotated
 
@@ -152,16 +152,15 @@ def dimension(canonical: str) -> str:
     return (base_units(canonical) or ("", ""))[1]
 
 
-def check_unit(expected: str, unit: str) -> str:
+def measures(expected: str) -> AfterValidator:
     """The check that a unit measures what the SI unit `expected` does."""
-    si_factor(unit, expected)
-    return unit
+    return AfterValidator(lambda unit: si_factor(unit, expected) and unit)
 
 
-TimeUnit = Annotated[str, AfterValidator(partial(check_unit, "s"))]
-LengthUnit = Annotated[str, AfterValidator(partial(check_unit, "m"))]
-ForceUnit = Annotated[str, AfterValidator(partial(check_unit, "N"))]
-MomentUnit = Annotated[str, AfterValidator(partial(check_unit, "N*m"))]
+TimeUnit = Annotated[str, measures("s")]
+LengthUnit = Annotated[str, measures("m")]
+ForceUnit = Annotated[str, measures("N")]
+MomentUnit = Annotated[str, measures("N*m")]
 
 
 def known_factor(ratio: float, signals: Sequence[str], near: float) -> tuple[str, float]:

@@ -20,7 +20,6 @@ from pydantic import (
     NonNegativeFloat,
     PositiveFloat,
     ValidationError,
-    field_validator,
     model_validator,
 )
 from pydantic_core import PydanticCustomError
@@ -77,21 +76,20 @@ class Settings(BaseModel):
                 )
         return content
 
-    @field_validator("*", mode="before")
-    @classmethod
-    def _truth_values_are_no_numbers(cls, value: Any) -> Any:
-        """Turn a truth value into text, of which pydantic makes no number."""
-        if isinstance(value, dict):
-            return {key: cls._truth_values_are_no_numbers(inner) for key, inner in value.items()}
-        if isinstance(value, list):
-            return [cls._truth_values_are_no_numbers(entry) for entry in value]
-        return str(value).lower() if isinstance(value, bool) else value
-
     def part(self, base: str) -> dict[str, Any]:
         """The fields of the base class of this name, as JSON, for a job that uses only these: a
         rule of Snakemake imports no settings model."""
         model: Any = next(model for model in type(self).__mro__ if model.__name__ == base)
         return self.model_dump(mode="json", include=set(model.model_fields))
+
+
+def without_truth_values(content: Any) -> Any:
+    """Content of a file with truth values as text, of which pydantic makes no number."""
+    if isinstance(content, dict):
+        return {key: without_truth_values(inner) for key, inner in content.items()}
+    if isinstance(content, list):
+        return list(map(without_truth_values, content))
+    return str(content).lower() if isinstance(content, bool) else content
 
 
 AnySettings = TypeVar("AnySettings", bound=Settings)
@@ -189,7 +187,7 @@ def validated(
     """The content of a configuration file as a model; for messages `path`, and `files` with
     lines."""
     try:
-        return model.model_validate(content)
+        return model.model_validate(without_truth_values(content))
     except ValidationError as error:
         # by place: pydantic finds a problem for each kind of value that a field may have
         problems_at: dict[Place, list[Any]] = {}

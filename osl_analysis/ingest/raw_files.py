@@ -16,6 +16,7 @@ import polars as pl
 
 from osl_analysis import formats
 from osl_analysis.errors import InputError, listing, naming, nearest, printable
+from osl_analysis.files import digest
 from osl_analysis.formats import known_formats
 from osl_analysis.formats._text import begins_with_rows
 from osl_analysis.ingest.capture import convert_capture
@@ -330,9 +331,7 @@ def written_at(path: Path) -> tuple[int, int, int]:
 
 def identity_of(path: Path) -> dict[str, Any]:
     """What identifies a raw file in the provenance."""
-    with path.open("rb") as file:
-        digest = hashlib.file_digest(file, "sha256").hexdigest()
-        return {"path": path.name, "bytes": file.tell(), "sha256": digest}
+    return {"path": path.name, "bytes": path.stat().st_size, "sha256": digest(path)}
 
 
 def identity_of_folder(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

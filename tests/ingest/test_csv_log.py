@@ -375,7 +375,7 @@ def load(**stated: object) -> dict[str, object]:
     *((load(low_pass={"cutoff": f"{cutoff} Hz"}), r" 0\.5 .*1e\+06 Hz") for cutoff in (0,
     -5, 0.4)),
     (load(resolution="0.1 deg"), "'0.1 deg'.* rad"),
-    (load(range=["5 N*m", "5 N*m"]), "range.* 5 "),
+    (load(range=["5 N*m", "5 N*m"]), "range.*5"),
 ])  # fmt: skip
 def test_a_mistake_in_a_source_file_is_answered_with_what_to_write(tmp_path, fields, told):
     assert re.search(told, refused(tmp_path, TABLE, **fields))

@@ -5,6 +5,7 @@ import gc
 import os
 import sys
 from pathlib import Path
+from typing import Any
 
 # One thread per process, as in the jobs of a campaign, before numpy is imported: the tests
 # themselves take all cores.
@@ -121,6 +122,16 @@ def without_inference(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("osl_analysis.bench.evidence.inferred_of_joint", lambda *_: None)
     monkeypatch.setattr("osl_analysis.bench.evidence.inferred_of_leg", lambda *_: None)
     monkeypatch.setattr("osl_analysis.bench.parts_alone.suspected_fault_of_losses", lambda *_: None)
+
+
+@pytest.fixture(scope="session")
+def study() -> Any:
+    """The module of benchmarks/study.py."""
+    sys.path.insert(0, str(ROOT / "benchmarks"))  # as for a script there
+    import study
+
+    sys.path.pop(0)
+    return study
 
 
 @pytest.fixture(scope="session")

@@ -134,6 +134,17 @@ def test_where_the_input_is_at_fault_the_reason_replaces_an_old_result(tmp_path)
     assert cause.reason.startswith(f"{tmp_path}/b_1.csv: ")
 
 
+def test_a_refused_trial_has_a_row_with_its_reason_and_without_estimates(tmp_path):
+    rows = [Path(result(tmp_path / "fits/b_2.csv"))]
+
+    gather(rows, tmp_path / "belt.csv", not_analysed=[LOST])
+
+    table = pl.read_csv(tmp_path / "belt.csv")
+    assert set(table.select("trial", "status", "K_s", "reason").rows()) == {
+        ("b_2", "analysed", 685.6, None), ("b_1", "not analysed", None, LOST.reason),
+    }  # fmt: skip
+
+
 def test_a_fault_of_the_program_is_an_error_of_the_job_and_writes_nothing(tmp_path):
     inputs = {"trial": str(tmp_path / "trials/b_1.parquet")}
     asked = job(tmp_path, "walking.analyse", inputs, settings={}, mistyped={})

@@ -1,4 +1,5 @@
-"""Remedies of refused trials are tried on the recording before they are printed."""
+"""Wrong units, signs and swapped channels: what would mend them is tried on the recording before it
+is printed."""
 
 import re
 
@@ -81,22 +82,9 @@ SIGN = "`sign`.* torque.*: K"
 SWAP = r" theta .*torque.*`unit: rad`.* theta.*`unit: N\*m`.* torque.*: K 150"
 
 
-@pytest.mark.parametrize(("experiment", "recording", "fault", "remedy"), [
-    ("torque_angle", cycles_of_spring, turned("torque"), f"{SIGN} 40"),
-    ("torque_angle", cycles_of_spring, times("theta", 180 / np.pi),
-     "`unit: deg`.* theta.*: K 40"),
-    ("torque_angle", cycles_of_spring, times("torque", 1000.0),
-     r"`unit: N\*mm`.* torque.*: K 40"),
-    ("impedance", joint, turned("torque"), f"{SIGN} 150"),
-    ("impedance", joint, times("theta", 180 / np.pi),
-     "`unit: deg`.* theta.*: K 150"),
-    ("impedance", joint, times("torque", 1000.0),
-     r"`unit: N\*mm`.* torque.*: K 150"),
-    ("impedance", joint, swapped, SWAP),
-    ("actuator", clamped_actuator, turned("current"),
-     "`sign`.* current.*: k_tau_n_m 0.8"),
-])  # fmt: skip
-def test_the_remedy_of_a_refused_trial_is_what_makes_it_fit(experiment, recording, fault, remedy):
+def assert_mended(experiment, recording, fault, remedy):
+    """A trial with this fault is refused, and what is proposed gives the estimate of a sound
+    one."""
     settings, _ = fit_settings(experiment, default_config())
     wrong = Trial("wrong", pl.DataFrame(fault(recording())))
 
@@ -106,6 +94,31 @@ def test_the_remedy_of_a_refused_trial_is_what_makes_it_fit(experiment, recordin
     words, true = remedy.rsplit(" ", 1)
     estimate = re.search(rf"{words} (\S+)", refused.value.remedy)
     assert float(estimate[1]) == pytest.approx(float(true), rel=1e-3)
+
+
+@pytest.mark.parametrize(("column", "factor", "unit"), [
+    ("theta", 180 / np.pi, "deg"), ("torque", 1000.0, r"N\*mm"),
+])  # fmt: skip
+def test_a_wrong_unit_is_refused_with_the_unit_that_makes_the_trial_fit(column, factor, unit):
+    for experiment, recording, true in (
+        ("torque_angle", cycles_of_spring, 40),
+        ("impedance", joint, 150),
+    ):
+        assert_mended(
+            experiment, recording, times(column, factor), f"`unit: {unit}`.* {column}.*: K {true}"
+        )
+
+
+@pytest.mark.parametrize(("experiment", "recording", "fault", "remedy"), [
+    ("torque_angle", cycles_of_spring, turned("torque"), f"{SIGN} 40"),
+    ("impedance", joint, turned("torque"), f"{SIGN} 150"),
+    ("impedance", joint, swapped, SWAP),
+    ("actuator", clamped_actuator, turned("current"), "`sign`.* current.*: k_tau_n_m 0.8"),
+])  # fmt: skip
+def test_a_wrong_sign_or_swapped_channels_are_refused_with_what_makes_the_trial_fit(
+    experiment, recording, fault, remedy
+):
+    assert_mended(experiment, recording, fault, remedy)
 
 
 def test_a_clamped_actuator_does_not_tell_whose_sign_is_wrong():

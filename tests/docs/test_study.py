@@ -9,9 +9,8 @@ import pytest
 def test_walking_is_measured_against_the_perturbation_alone(study):
     """K rendered is 334 of the commanded 340, and the filtered estimate of it within 1 N*m/rad: a
     third-order leg."""
-    K = pl.DataFrame(study.walking_rows(7, False, crossings=4), infer_schema_length=None).filter(
-        quantity="K"
-    )
+    rows = study.walking_rows(7, False, crossings=4)
+    K = pl.DataFrame(rows, infer_schema_length=None).filter(quantity="K")
     assert K["estimator"].to_list() == ["single perturbation", "mean of perturbations", "ensemble"]
     assert K["truth"].to_list() == pytest.approx([334, 334, 334], abs=1.5)
     assert K["model_error"].is_between(0.3, 1).all()  # the truth less what the leg renders

@@ -135,9 +135,10 @@ def test_where_the_input_is_at_fault_the_reason_replaces_an_old_result(tmp_path)
 
 
 def test_a_refused_trial_has_a_row_with_its_reason_and_without_estimates(tmp_path):
-    rows = [Path(result(tmp_path / "fits/b_2.csv"))]
+    fit = pl.DataFrame({"trial": "b_2", "K_s": 685.6, "status": "analysed"})
+    write_table(fit, tmp_path / "b_2.csv")
 
-    gather(rows, tmp_path / "belt.csv", not_analysed=[LOST])
+    gather([tmp_path / "b_2.csv"], tmp_path / "belt.csv", not_analysed=[LOST])
 
     table = pl.read_csv(tmp_path / "belt.csv")
     assert set(table.select("trial", "status", "K_s", "reason").rows()) == {

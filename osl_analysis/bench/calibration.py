@@ -135,7 +135,7 @@ def known_row(analysis: Analysis, known: Known, frame: GroupFit | None) -> Row:
         lag_of_loss_s = SPRING_LOSS / (2 * np.pi * middle_hz) / np.sqrt(3)
         fit = widened(fit, np.array([lag_of_loss_s, 0.0, 0.0]), of_bench=True)
 
-    certain_lag_s = beyond_interval(fit, "lag_s", fit["lag_s"])
+    certain_lag_s = fit.beyond_interval("lag_s")
     fault = suspected_fault_of_losses(record) if certain_lag_s else None
     delay, gain = error_to_state(fit, "lag_s"), error_to_state(fit, "gain")
     to_state = f"calibration: {{torque_gain: {gain:.2g}, delay: {delay:.2g}}}"
@@ -156,7 +156,7 @@ def known_row(analysis: Analysis, known: Known, frame: GroupFit | None) -> Row:
         **(estimates_row(damped, "B") if damped else {}),
         **estimates_row(counted, "T_C"),
         "certain_lag_s": certain_lag_s,
-        "certain_gain_error": beyond_interval(fit, "gain", fit["gain"] - 1),
+        "certain_gain_error": fit.beyond_interval("gain", 1.0),
         "to_state": to_state,
         "explanations": explanations_of(fault),
     }
@@ -208,11 +208,6 @@ def bench_estimates(fit: GroupFit, known: Known) -> GroupFit:
         }
     )
     return widened(found, known.share * np.array([0.0, gain, other - taken]))
-
-
-def beyond_interval(fit: GroupFit, name: str, difference: float) -> float:
-    """A difference of an estimate from what it should be, less the half-width of its interval."""
-    return float(np.sign(difference)) * max(abs(difference) - fit.half_width(name), 0.0)
 
 
 def error_to_state(fit: GroupFit, name: str) -> float:

@@ -70,6 +70,13 @@ class Series:
     # how the signals came on their time base, by the columns of `timebase.csv`
     streams: Sequence[Mapping[str, Any]]
 
+    def fitted_samples(self) -> pl.DataFrame:
+        """The samples that the model applies to: `time` [s] from the first of them, `torque` and
+        `torque_model` [N*m]."""
+        signals = {"time": self.time, "torque": self.torque, "torque_model": self.torque_model}
+        fitted = pl.DataFrame(signals).filter(np.isfinite(self.torque_model))
+        return fitted.with_columns(pl.col("time") - pl.col("time").first())
+
     def table(self) -> pl.DataFrame:
         """Every k-th sample, at most `MOST_SHOWN` rows.
 
@@ -102,34 +109,20 @@ class FitTables:
     """The tables of one fit by name. A user who asks for the estimates alone does not wait for the
     others."""
 
-    estimates: Mapping[str, pl.DataFrame]
-    """Estimates and curves; and `torque`, the fitted samples: time [s] from the first, measured and
-    modelled torque [N*m]."""
-    series: Series | None = None  # of a fit that is drawn over time
+    estimates: Mapping[str, pl.DataFrame]  # and curves
+    series: Series
     compute_others: Callable[[], Mapping[str, pl.DataFrame]] = dict
 
     def everything(self) -> dict[str, pl.DataFrame]:
         """All tables: `estimates`, the thinned `series`, `timebase`, which has a row per stream and
         none where no grid was needed, and the others, which are computed now."""
-        tables = {**self.estimates, **self.compute_others()}
-        if self.series is not None:
-            tables["series"] = self.series.table()
-            streams = [{"trial": self.series.trial, **each} for each in self.series.streams]
-            tables["timebase"] = table_of(streams, "timebase")
-        return tables
-
-
-def tables_of_fit(
-    series: Series,
-    compute_others: Callable[[], Mapping[str, pl.DataFrame]] = dict,
-    **estimates: pl.DataFrame,
-) -> FitTables:
-    """`FitTables` of the series of a fit, its other tables, and its estimates by name."""
-    modelled = series.torque_model
-    samples = pl.DataFrame({"time": series.time, "torque": series.torque, "torque_model": modelled})
-    fitted = samples.filter(np.isfinite(modelled))
-    fitted = fitted.with_columns(pl.col("time") - pl.col("time").first())
-    return FitTables({**estimates, "torque": fitted}, series, compute_others)
+        streams = [{"trial": self.series.trial, **stream} for stream in self.series.streams]
+        return {
+            **self.estimates,
+            **self.compute_others(),
+            "series": self.series.table(),
+            "timebase": table_of(streams, "timebase"),
+        }
 
 
 def series_of(analysis: Analysis, **motion: Array) -> Series:

@@ -268,7 +268,7 @@ def amplitudes_row(analysis: Analysis) -> Row:
     row: Row = {}
     change = difference_of(analysis, labels[0], labels[-1])
     for name in CHANGING:
-        certain = np.sign(change[name]) * max(abs(change[name]) - change.half_width(name), 0.0)
+        certain = change.beyond_interval(name)
         of_single = [analysis.fits[label][name] for label in labels]
         row[f"{name}_change"] = float(certain / np.hypot(analysis.whole[name], LITTLE[name]))
         row[f"{name}_amplitudes_low"] = min(of_single)

@@ -170,12 +170,12 @@ def is_leg(record: Record, p: DrivetrainParameters | None) -> bool:
     theta_m = few.actuator.get("theta_m")
     if theta_m is None:
         return False
-    if p is None:
-        return bool(np.std(theta_m) > LEAST_DEFLECTION * np.std(few.motion.theta))
-    deflection = belt_deflection(few.motion.theta, theta_m, p)
-    angles = np.column_stack([few.motion.theta, theta_m / p.n_T, deflection])
-    whole, of_motor, of_belt = np.std(angles[few.rows()], axis=0)
-    return bool(min(of_motor, of_belt) >= LEAST_DEFLECTION * whole)
+    theta = few.motion.theta
+    angles = [theta, theta_m]
+    if p is not None:
+        angles = [theta, theta_m / p.n_T, belt_deflection(theta, theta_m, p)]
+    whole, *others = np.std(np.array(angles)[:, few.rows()], axis=1)
+    return bool(min(others) >= LEAST_DEFLECTION * whole)
 
 
 def belt_of_leg(record: Record, p: DrivetrainParameters) -> Belt:

@@ -91,10 +91,10 @@ def plausible(
     else:
         check_resists(last["trial"], names[0], last[names[0]])
     known = {**vars(p), "k_tau_n_m": p.k_tau * p.n_m} if p else {}
-    ratios = {}
-    for name in names:
-        ratio = pl.col(name) / pl.lit(known.get(name) or None, pl.Float64)
-        ratios[f"{name}_ratio"] = ratio.fill_nan(None)
+    # an unknown one is NaN
+    ratios = {
+        f"{name}_ratio": pl.col(name) / known[name] for name in names if known.get(name, 0.0) > 0
+    }
     return table.with_columns(rails, **ratios)
 
 

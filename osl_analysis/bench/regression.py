@@ -231,6 +231,12 @@ class GroupFit(LinearFit):
         """Half of the 95 % interval of one estimate."""
         return self.interval(name)[1] - self[name]
 
+    def beyond_interval(self, name: str, expected: float = 0.0) -> float:
+        """By how much an estimate differs from what is expected, less the half-width of its
+        interval; 0 within it."""
+        apart = self[name] - expected
+        return float(np.sign(apart)) * max(abs(apart) - self.half_width(name), 0.0)
+
     def derived(self, functions: Mapping[str, tuple[float, Mapping[str, float]]]) -> "GroupFit":
         """Functions of the estimates, to first order.
 

@@ -21,7 +21,6 @@ from osl_analysis.bench.evidence import (
     FitTables,
     impedance_with_evidence,
     series_of,
-    tables_of_fit,
 )
 from osl_analysis.bench.frequency_response import response_table, with_errors
 from osl_analysis.bench.impedance import analysed
@@ -49,11 +48,10 @@ def fit_belt_trial(
     p = known_parameters(parameters, ["n_T"])
     trial, rails = checked(trial, settings)
     belt = belt_trial(trial, p, settings)
-    return tables_of_fit(
-        series_of(belt, theta_deg=np.rad2deg(belt.sums.columns["theta"])),  # against the deflection
-        belt=plausible(belt_table(belt), rails, p, "K_s"),
-        belt_curves=belt_curve(belt),
-    )
+    table = plausible(belt_table(belt), rails, p, "K_s")
+    # against the deflection
+    series = series_of(belt, theta_deg=np.rad2deg(belt.sums.columns["theta"]))
+    return FitTables({"belt": table, "belt_curves": belt_curve(belt)}, series)
 
 
 def checked(trial: Trial, settings: Any) -> tuple[Trial, pl.Expr]:
@@ -74,7 +72,7 @@ def fit_transmission_trial(
     analysis = analysed(record, TRANSMISSION)
     table = plausible(transmission_table(analysis), rails, p, "B_j", "J_j")
     table = table.with_columns(fixture_column(trial))
-    return tables_of_fit(series_of(analysis), transmission=table)
+    return FitTables({"transmission": table}, series_of(analysis))
 
 
 def fit_impedance_trial(
@@ -113,7 +111,7 @@ def fit_impedance_trial(
         response = response_table(analysis).with_columns(**stated.columns())
         return {"response": with_errors(response)}
 
-    return tables_of_fit(series_of(analysis), others, impedance=table)
+    return FitTables({"impedance": table}, series_of(analysis), others)
 
 
 def record_with_actuator(
@@ -165,7 +163,7 @@ def fit_actuator_trial(
     theta = actuator.record.theta
     is_velocity = table["motion"][0] == "omega_m"
     motion = {"omega": theta} if is_velocity else {"theta_deg": np.rad2deg(theta)}
-    return tables_of_fit(series_of(actuator, **motion), actuator=table)
+    return FitTables({"actuator": table}, series_of(actuator, **motion))
 
 
 def fit_torque_angle_trial(
@@ -176,11 +174,8 @@ def fit_torque_angle_trial(
     desired = (condition or {}).get("desired")
     trial, rails = checked(trial, settings)
     fit = torque_angle_trial(trial, settings, desired)
-    return tables_of_fit(
-        fit.series,
-        torque_angle=fit.table.with_columns(rails, fixture_column(trial)),
-        torque_angle_curves=fit.curves,
-    )
+    table = fit.table.with_columns(rails, fixture_column(trial))
+    return FitTables({"torque_angle": table, "torque_angle_curves": fit.curves}, fit.series)
 
 
 def fit_calibration_trial(
@@ -207,7 +202,7 @@ def fit_calibration_trial(
     analysis = analysed(record, IMPEDANCE)
     table = calibration.calibration_table(analysis, known, frame, stated_fixture)
     table = table.with_columns(rails, fixture_column(trial))
-    return tables_of_fit(series_of(analysis), calibration=table)
+    return FitTables({"calibration": table}, series_of(analysis))
 
 
 def summarise(table: Path, output: Path, data: str = "") -> None:

@@ -253,15 +253,15 @@ def fit_trial(
 ) -> Fit:
     """Fit a trial and judge it; `fit_settings` gives `settings` and `limits`, the rest and errors
     as `run_fit`."""
-    tables = run_fit(experiment, trial, parameters, settings, condition, windows).estimates
+    tables = run_fit(experiment, trial, parameters, settings, condition, windows)
     name = EXPERIMENTS[experiment].tables[0].name
-    findings = judged(tables[name], limits.of(name), name)
-    curves = [table for name, table in tables.items() if name.endswith("_curves")]
-    no_torque = pl.DataFrame(schema=dict.fromkeys(("time", "torque", "torque_model"), pl.Float64))
+    table = tables.estimates[name]
+    findings = judged(table, limits.of(name), name)
+    curves = [table for name, table in tables.estimates.items() if name.endswith("_curves")]
     return Fit(
         experiment=experiment,
-        table=marked(tables[name], findings, name),
-        series=tables.get("torque", no_torque),
+        table=marked(table, findings, name),
+        series=tables.series.fitted_samples(),
         curves=curves[0] if curves else None,
         findings=findings,
     )

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from osl_analysis.bench.friction import (
     CERTAIN_FRICTION,
     coulomb_fits,
-    delay_told_s,
+    delay_se_s,
     fault_columns,
     friction_columns,
     inferred_of_joint,
@@ -277,7 +277,7 @@ def impedance_table(
     coulomb = coulomb_fits(s, analysis, is_certain)
     of_trial: Row = {
         **fault_columns(joint),
-        "delay_told_s": delay_told_s(joint, record),
+        "delay_se_s": delay_se_s(joint, record),
         **motion_row(record),
         "K_s_ratio": belt.K_s_ratio,
         "VAF_held_out": held_out_vaf(analysis.sums, analysis.model),

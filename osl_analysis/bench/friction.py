@@ -280,11 +280,11 @@ def fault_columns(
     return row
 
 
-def delay_told_s(joint: ImpedanceInference | None, record: Record) -> float | None:
+def delay_se_s(joint: ImpedanceInference | None, record: Record) -> float | None:
     """Standard error to which a recording tells a delay [s] between angle and torque that nobody
     states and that is not found; None of a leg."""
     fault = probable_fault(joint)
     stated_s = [record.settings.calibration.delay, *(each["delay_s"] for each in record.streams)]
     if joint is None or any(stated_s) or (fault is not None and fault.family == "path"):
         return None
-    return joint.delay_told_s
+    return joint.delay_se_s

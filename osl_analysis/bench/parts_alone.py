@@ -275,7 +275,7 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
                 "load_cell_drift": 60 * analysis.whole["drift"],
                 "time_base_shift": analysis.time_base_shift(label, LOSSES),
                 **fault_columns(fault, COLUMNS_OF_LOSSES),
-                "delay_told_s": fault.delay_told_s if fault else None,
+                "delay_se_s": fault.delay_se_s if fault else None,
             }
         )
     return table_of(rows, "transmission", complete=True)

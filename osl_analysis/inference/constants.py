@@ -79,7 +79,7 @@ COLOUR_SEGMENT = 4.0
 # effects in the model they would be fitted away
 ROUNDING_DRAWS = 12
 # Least play, dead zone or motion that is not rounding [encoder steps]; at 1.5 steps a joint at
-# rest explains its own rounding as a dead zone, with 143 nats
+# rest explains its own rounding as a dead zone, with a log-likelihood of 143
 FEWEST_STEPS = 3.0
 
 

@@ -59,7 +59,7 @@ class ImpedanceInference:
         The most probable fault, if a fault is likely and does harm.
     explanations : tuple of Explanation
         Faults by their probability, the most probable first.
-    delay_told_s : float
+    delay_se_s : float
         Standard error to which the recording itself tells a delay between angle and torque [s].
     unexplained_shares : tuple of float
         Shares of K, B and I by which torque that no rival explains could move them at most.
@@ -71,7 +71,7 @@ class ImpedanceInference:
     fault_shares: tuple[float, ...]
     doubt: Explanation | None
     explanations: tuple[Explanation, ...]
-    delay_told_s: float
+    delay_se_s: float
     unexplained_shares: tuple[float, float, float]
 
 
@@ -153,7 +153,7 @@ def infer_impedance(
         fault_shares=tuple(moved_shares),
         doubt=doubt,
         explanations=explanations,
-        delay_told_s=told_delay(data, best_sound, rounding),
+        delay_se_s=delay_error(data, best_sound, rounding),
         unexplained_shares=(of_K, of_B, of_I),
     )
 
@@ -201,9 +201,9 @@ def fit_all(data: Whitened, rivals: Sequence[Rival]) -> tuple[list[Predicted], A
 def is_explained_by_eq15(plain: Search) -> bool:
     """Whether the columns of all rivals together explain no more than chance would.
 
-    By chance k columns gain k/2 nats, with a standard deviation of the root of that. One fit then
-    does for those of all rivals. B and I of Eq. 15 alone must be positive: otherwise a path may
-    explain them although it gains nothing.
+    By chance k columns gain k/2 of log-likelihood, with a standard deviation of the root of that.
+    One fit then does for those of all rivals. B and I of Eq. 15 alone must be positive: otherwise a
+    path may explain them although it gains nothing.
     """
     noise = max(plain.left / plain.data.spectra.freedom, 1.0)
     if not plain.is_body or noise >= MOST_UNEXPLAINED:
@@ -248,7 +248,7 @@ def moved_by(faults: Sequence[tuple[Predicted, float]], best_sound: Predicted) -
     return np.asarray(np.max(np.vstack([mean_change, *changes]), axis=0))
 
 
-def told_delay(data: Whitened, sound: Predicted, rounding: Array) -> float:
+def delay_error(data: Whitened, sound: Predicted, rounding: Array) -> float:
     """Standard error to which a recording tells a delay between angle and torque [s].
 
     A torque late by d adds -d (K omega + B alpha + I jerk) to Eq. 15, so that B moves by K d, and I

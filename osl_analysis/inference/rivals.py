@@ -33,8 +33,8 @@ from osl_analysis.inference.whitening import Whitened, solve_scaled
 from osl_analysis.trial import Array
 
 Family = Literal["", "path", "time", "speed", "size", "direction", "clipping"]
-# nats that a grid must gain: below it a weight stays near its small prior, unless B or I of Eq. 15
-# alone is negative, which a path may explain although it gains nothing
+# log-likelihood that a grid must gain: below it a weight stays near its small prior, unless B or I
+# of Eq. 15 alone is negative, which a path may explain although it gains nothing
 WORTH_REFINING = 2.0
 REFINEMENTS = 12  # evaluations of Brent's method about a minimum of the grid
 

@@ -6,7 +6,7 @@ blocks, which need one pass over the rows.
 
 The weight of a rival is its prior times the exponential of what it gains in prediction,
 averaged over a Bayesian bootstrap of the blocks (pseudo-BMA+: Yao, Vehtari, Simpson and Gelman,
-Bayesian Analysis 13, 2018). The gain is divided by a *temper*, since two things are not noise:
+Bayesian Analysis 13, 2018). The gain is divided by a *temperature*, since two things are not noise:
 
 * rounding, which alone would give some rival a gain;
 * that no mechanism is exactly its formula: it misses `INEXACTNESS` of its own torque.
@@ -265,18 +265,18 @@ def weigh(
     best = int(np.argmin(totals))
     best_sound = int(np.argmin(np.where(is_sound, totals, np.inf)))
 
-    # by how many nats each predicts each block better than the best sound one
+    # by how much log-likelihood each predicts each block better than the best sound one
     noise = max(float(totals[best]) / freedom, 1.0)
     gains_of_blocks = (squares[best_sound] - squares) / 2 / noise
     draws = np.random.default_rng(SEED).dirichlet(np.ones(BLOCKS), BOOTSTRAP_DRAWS) * BLOCKS
     gains = draws @ gains_of_blocks.T
 
-    # the temper of each draw: rounding is no noise, and a mechanism that misses a share e of its
-    # own torque leaves e^2 of what it explains, which is twice the gain
+    # the temperature of each draw: rounding is no noise, and a mechanism that misses a share e of
+    # its own torque leaves e^2 of what it explains, which is twice the gain
     of_rounding = possible[best_sound].rounding_left - possible[best].rounding_left
     gain_over_sound = gains.max(axis=1) - gains[:, is_sound].max(axis=1)
-    temper = 1 + max(of_rounding, 0.0) / noise + INEXACTNESS**2 * 2 * gain_over_sound
+    temperature = 1 + max(of_rounding, 0.0) / noise + INEXACTNESS**2 * 2 * gain_over_sound
 
-    log_weights = log_prior(possible) + gains / temper[:, None]
+    log_weights = log_prior(possible) + gains / temperature[:, None]
     weights = scipy.special.softmax(log_weights, axis=1).mean(axis=0).tolist()
     return list(zip(possible, weights, strict=True)), possible[best_sound]

@@ -84,7 +84,7 @@ def test_one_factor_of_both_gains_names_its_unit(B_over_B_d, is_told):
 def test_a_transmission_is_doubted_by_how_far_its_damping_moves(share, is_doubted):
     row = {
         "trial": "shaft", "fault_family": "path", "B_j": 3.0, "B_j_fault_share": share,
-        "explanations": "delay", "T_C": None, "delay_told_s": 1e-6,
+        "explanations": "delay", "T_C": None, "delay_se_s": 1e-6,
     }  # fmt: skip
 
     (findings,) = judged(pl.DataFrame([row]), Limits(), "transmission")

@@ -15,9 +15,9 @@ JOINT = {
     "I": 0.02,
     "fault_probability": 0.0,
     "lag_s": None,
-    "delay_told_s": None,
+    "delay_se_s": None,
 }
-SHAFT = {"fault_probability": 0.0, "B_j": 1.0, "J_j": 0.1, "delay_told_s": 1e-3}
+SHAFT = {"fault_probability": 0.0, "B_j": 1.0, "J_j": 0.1, "delay_se_s": 1e-3}
 
 
 @pytest.mark.parametrize(("table", "row", "name", "is_told"), [
@@ -47,10 +47,10 @@ SHAFT = {"fault_probability": 0.0, "B_j": 1.0, "J_j": 0.1, "delay_told_s": 1e-3}
     ("impedance", {"B": 1.4, "B_over_B_d": 0.47}, "damping_unlike_gains", True),
     # a delay that may change J_j by a tenth
     ("transmission", SHAFT, "late_torque_unseen", False),
-    ("transmission", SHAFT | {"delay_told_s": 0.01}, "late_torque_unseen", True),
+    ("transmission", SHAFT | {"delay_se_s": 0.01}, "late_torque_unseen", True),
     ("transmission", SHAFT | {"fault_probability": None}, "late_torque_unseen", True),
     ("impedance", JOINT, "late_torque_unseen", False),
-    ("impedance", JOINT | {"delay_told_s": 1e-4}, "late_torque_unseen", True),
+    ("impedance", JOINT | {"delay_se_s": 1e-4}, "late_torque_unseen", True),
     ("impedance", JOINT | {"fault_probability": None}, "late_torque_unseen", True),
     ("impedance", JOINT | {"fault_probability": None, "lag_s": 0.0}, "late_torque_unseen", False),
     ("impedance", LEG, "K_of_gains", True),

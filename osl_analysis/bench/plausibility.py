@@ -12,7 +12,7 @@ from osl_analysis.bench.bench_settings import BenchStiffness
 from osl_analysis.bench.record import STIFFNESS_ALONE, Record
 from osl_analysis.bench.regression import GroupFit, Sums
 from osl_analysis.errors import Change, IdentifiabilityError, InputError
-from osl_analysis.inference.rounding_errors import noise_before_rounding, share_left_by_noise
+from osl_analysis.inference.rounding_errors import repeated_share
 from osl_analysis.measured import check_measured
 from osl_analysis.model.drivetrain import DrivetrainParameters
 from osl_analysis.trial import Array
@@ -200,8 +200,8 @@ def rounding_errors(record: Record, sums: Sums, model: Mapping[str, str], fit: G
     reading, of_row = np.unique(np.rint(record.theta[rows] / step), return_inverse=True)
     by_step = np.zeros((len(reading), len(model)), np.complex128)
     np.add.at(by_step, of_row, (by_row * np.exp(2j * np.pi * place)).T)
-    noise = noise_before_rounding(angle_noise(record) * record.rate_hz / 2 / step**2)
-    error = step / np.sqrt(12) * share_left_by_noise(noise)
+    repeated = repeated_share(angle_noise(record), record.rate_hz, step)
+    error = step / np.sqrt(12) * repeated
     return np.asarray(error * np.linalg.norm(by_step, axis=0))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 
 from osl_analysis.inference.constants import ROUNDING_DRAWS
-from osl_analysis.inference.spectra import Spectra, roll_off
+from osl_analysis.inference.spectra import roll_off
 from osl_analysis.inference.whitening import Whitened
 from osl_analysis.trial import Array
 
@@ -36,14 +36,15 @@ def rounding_torques(data: Whitened, impedance: Array) -> Array:
     Returns
     -------
     Array (draws, m)
-        Torques, with errors of sampling where the acceleration jumps; no row if it does not, and
-        noise of the angle hides its rounding, or no step is known.
+        Torques; no row if noise of the angle hides its rounding, or no step is known.
     """
     spectra = data.spectra
-    step, rows = spectra.signals.encoder_step, int(np.count_nonzero(spectra.rows))
-    repeated = repeated_share(spectra)
+    step = spectra.signals.encoder_step
+    repeated = 0.0
+    if step > 0:
+        repeated = repeated_share(spectra.angle_noise, spectra.signals.rate_hz, step)
     if repeated < LEAST_REPEATED:
-        return np.empty((0, rows))
+        return np.empty((0, len(data.torque)))
 
     # without what is faster than its motion, as it was before it was read in whole steps
     end = SMOOTH_BANDS * spectra.band_hz * spectra.padded_seconds
@@ -66,21 +67,20 @@ def rounding_torques(data: Whitened, impedance: Array) -> Array:
     return data.column(torques)
 
 
-def repeated_share(spectra: Spectra) -> float:
-    """Share of the rounding error that noise before the encoder leaves to repeat itself."""
-    step = spectra.signals.encoder_step
-    if step <= 0:
-        return 0.0
-    variance = spectra.angle_noise * spectra.signals.rate_hz / 2 / step**2
-    return share_left_by_noise(noise_before_rounding(variance))
+def repeated_share(noise_density: float, rate_hz: float, step: float) -> float:
+    """Share of a rounding error that noise before the encoder leaves to repeat itself.
 
+    It is exp(-2 pi^2 s^2) for noise of s steps (Widrow and Kollár 2008, ch. 5).
 
-def noise_before_rounding(variance: float) -> float:
-    """Variance [steps^2] of the noise that a sensor rounds, from that of its readings."""
-    return max(variance - 1 / 12, 0.0)
-
-
-def share_left_by_noise(variance: float) -> float:
-    """Share of a rounding error that noise of this variance [steps^2] leaves to repeat itself:
-    exp(-2 pi^2 s^2) for s steps (Widrow and Kollár 2008, ch. 5)."""
-    return float(np.exp(-2 * np.pi**2 * variance))
+    Parameters
+    ----------
+    noise_density : float
+        Of what the encoder reads, with its rounding [rad^2/Hz].
+    rate_hz : float
+        Sampling rate [Hz].
+    step : float
+        Of the encoder [rad].
+    """
+    variance_of_readings = noise_density * rate_hz / 2 / step**2
+    before_rounding = max(variance_of_readings - 1 / 12, 0.0)
+    return float(np.exp(-2 * np.pi**2 * before_rounding))

@@ -122,7 +122,9 @@ def test_noise_of_the_angle_leaves_a_share_of_rounding_to_repeat_itself():
 
     spectra = Spectra(BenchSignals(1e-3 * np.rint(theta), theta, RATE, 1e-3))
 
-    assert repeated_share(spectra) == pytest.approx(np.exp(-2 * (np.pi / 4) ** 2), rel=0.2)
+    share = repeated_share(spectra.angle_noise, RATE, 1e-3)
+
+    assert share == pytest.approx(np.exp(-2 * (np.pi / 4) ** 2), rel=0.2)
 
 
 def test_slipping_spring_follows_prandtl_step_by_step():

@@ -10,7 +10,7 @@ import re
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import polars as pl
 from pydantic import ConfigDict, Field, model_validator
@@ -20,19 +20,9 @@ from osl_analysis.judge.known_findings import CHECKS, FINDINGS
 from osl_analysis.yaml_settings import Settings, misplaced
 
 
-@dataclass(frozen=True)
-class Rule:
-    """The threshold of one check, and what happens to a trial beyond it."""
-
-    limit: float  # in the unit of the check
-    # `flag` says so in the table of quality; `exclude` keeps the trial out of every other table and
-    # figure, too
-    on_failure: Literal["flag", "exclude"]
-
-
 class QualityRules(Settings):
     """The threshold of each check with its unit, under the check's name, as `gap: 0.05 s`; without
-    one, a single fault is beyond it."""
+    one, a single fault is beyond it. A trial beyond it is flagged, or excluded."""
 
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, str] = Field(init=False)
@@ -52,13 +42,9 @@ class QualityRules(Settings):
                 raise misplaced(unknown_check(str(name)), name)
         return content
 
-    @property
-    def by_check(self) -> dict[str, Rule]:
-        rules = {}
-        for name in CHECKS:
-            limit = float(self.__pydantic_extra__.get(name, "0").partition(" ")[0])
-            rules[name] = Rule(limit, "exclude" if name in self.exclude else "flag")
-        return rules
+    def limit(self, check: str) -> float:
+        """The threshold of a check, in its unit."""
+        return float(self.__pydantic_extra__.get(check, "0").partition(" ")[0])
 
 
 NOT_APPLICABLE = "not applicable"  # a verdict
@@ -122,23 +108,22 @@ def judged_table(
         With thresholds and verdicts, as in `quality.csv`.
     """
     rows: list[dict[str, Any]] = []
-    by_check = rules.by_check
-    of_known_checks = measured.filter(pl.col("check").is_in(list(by_check)))
+    of_known_checks = measured.filter(pl.col("check").is_in(list(CHECKS)))
     for trial, name, value, unit, remark in of_known_checks.iter_rows():
-        rule = by_check[name]
+        limit = rules.limit(name)
         remarks = [remark] if remark else []
         verdict = NOT_APPLICABLE if value is None else "pass"
-        if CHECKS[name].failed(value, rule.limit):
+        if CHECKS[name].failed(value, limit):
             if name in accept.get(trial, ()):
                 remarks.insert(0, "accepted in the sheet")
             else:
-                verdict = rule.on_failure
+                verdict = "exclude" if name in rules.exclude else "flag"
         rows.append({
             "trial": trial,
             "check": name,
             "value": value,
             "unit": unit,
-            "threshold": rule.limit,
+            "threshold": limit,
             "verdict": verdict,
             "remark": "; ".join(remarks),
         })  # fmt: skip

@@ -128,7 +128,7 @@ def failed(checks):
     return {
         name
         for name, result in checks.items()
-        if CHECKS[name].failed(result.value, RULES.by_check[name].limit)
+        if CHECKS[name].failed(result.value, RULES.limit(name))
     }
 
 
@@ -231,7 +231,7 @@ def test_a_fault_is_measured_where_it_is_and_fails_its_own_check_alone(
     slack = 0.5 if check == "unzeroed_plate" else 1e-9
     assert checks[check].value == pytest.approx(value, abs=slack)
     assert remark is None or re.fullmatch(remark, checks[check].remark)
-    limit = RULES.by_check[check].limit
+    limit = RULES.limit(check)
     fails = value is not None and (
         value < limit if CHECKS[check].fails == "below" else value > limit
     )

@@ -280,6 +280,9 @@ def fig7(
     the gains are known and the parameter file is of this joint."""
     responses = read_table(table)
     responses = responses.with_columns(look_numbers(responses["controller"]))
+    if responses.is_empty():
+        write_table(plotted_numbers("fig7", responses), output, data)
+        return
     counts = responses.group_by("K_d", "B_d", maintain_order=True).agg(n=pl.col("trial").n_unique())
     K_d, B_d, _ = counts.sort("n", descending=True, maintain_order=True).row(0)
     why: str | None = "the desired impedance with the most trials"

@@ -288,7 +288,7 @@ def failure_lines(
         cause = without_particulars(text.replace(file, "FILE"), trial)
         by_cause.setdefault(cause, {})[trial] = f"  trial {trial}, file {file}: {text}"
     lines = []
-    if reasons or missing_results:
+    if reasons:
         lines.append(f"\nNOT ANALYSED: {len(reasons)} of {len(recordings)} trials.")
     for of_cause in by_cause.values():
         first, *others = of_cause

@@ -293,10 +293,15 @@ def longest_s(time: Array, edges: NDArray[np.intp]) -> float:
 
 
 def measure_leaps(examined: Examined) -> dict[str, float]:
-    """Number of leaps of the angle or the torque off its curve (`guard.find_leaps`)."""
+    """Number of leaps of the angle or the torque off its curve (`guard.find_leaps`). The torque of
+    an actuator may leap where its current does."""
     trial = examined.fitted
     columns = [name for name in (examined.moved, examined.torque) if name in trial.columns]
     leaps = {column: find_leaps(*trial.arrays(column)) for column in columns}
+    if "torque_m" in leaps and "current" in trial.columns:
+        steps = find_leaps(*trial.arrays("current"))
+        apart = np.abs(np.subtract.outer(leaps["torque_m"], steps)).min(axis=1, initial=np.inf)
+        leaps["torque_m"] = leaps["torque_m"][apart > LIMITS.beside_leap_s]
     every = np.sort(np.concatenate([*leaps.values(), []]))
     remedy = remedy_of_leaps(examined, every) if every.size else ""
     return {f"{column} leaps{remedy}": times.size for column, times in leaps.items()}

@@ -298,7 +298,7 @@ def at_clock(
     time = np.asarray((numbers - numbers[0]) * factor, dtype=np.float64)
     check_time(what, time)
     check_clock_runs(rows, source, time, numbers[0] * factor)
-    return Table(rows, time, numbers[0], values, [*remarks, *stale])
+    return Table(rows, time, numbers[0].item(), values, [*remarks, *stale])
 
 
 def is_missing(readings: NDArray[Any]) -> NDArray[np.bool_]:

@@ -386,6 +386,7 @@ def test_nanoseconds_since_1970_keep_their_last_digit(tmp_path: Path) -> None:
     rows = "".join(f"{stamp},{n},{n}\n" for n, stamp in enumerate(stamps))
     trial = ingested(tmp_path, f"t,angle,load\n{rows}", time={"column": "t", "unit": "ns"})
     np.testing.assert_allclose(trial.samples["time"], np.arange(4) * 1.000003e-3, rtol=1e-12)
+    assert f'"start": {stamps[0]}' in json.dumps(trial.provenance)
 
 
 @pytest.mark.parametrize(("unit", "expected", "factor"), [

@@ -50,21 +50,21 @@ def convert_capture(recording: Recording, source: MarkerSource) -> Converted:
         markers = [recording.find({"label": label}, "marker") for label in source.markers]
     used = [*markers]
     of_frames: dict[str, Array] = {}
-    of_samples: dict[str, Array] = {}
+    of_samples: dict[str, Any] = {}
     origins: dict[str, dict[str, Any]] = {}
     for marker in markers:
         name = marker.name or marker.key
         unit = getattr(source, "point_unit", None) or marker.unit
-        positions = metres_per(unit, source) * marker.values
+        factor = metres_per(unit, source)
         for axis, column in enumerate(marker_columns(printable(name))):
             if column in of_frames:
                 recording.find({"label": name}, "marker")  # it says how each of them is asked for
-            of_frames[column] = positions @ source.rotation[axis]
+            of_frames[column] = factor * marker.values @ source.rotation[axis]
             origins[column] = {
                 "label": marker.key,
                 "component": source.axes[axis],
                 "unit": unit,
-                "factor": metres_per(unit, source),
+                "factor": factor,
                 "si_unit": unit_of(column),
             }
     baseline = baseline_frames(recording, source)
@@ -73,7 +73,7 @@ def convert_capture(recording: Recording, source: MarkerSource) -> Converted:
         per_frame = recording.facts["samples_per_frame"]
         unloaded = slice((baseline[0] - 1) * per_frame, baseline[1] * per_frame)
     loads = convert_plates(recording.plates, source, unloaded)
-    of_samples.update(loads.columns)
+    of_samples.update(loads.samples.to_dict())
     origins.update(loads.origins)
     if isinstance(source, LaboratorySource):
         used += [channel for plate in recording.plates for channel in plate.channels]
@@ -96,16 +96,15 @@ def convert_capture(recording: Recording, source: MarkerSource) -> Converted:
             " model output; name what to read in the source file, or export the trial again with it"
         )
     samples = joined(of_frames, of_samples, [channel.rows for channel in used])
-    for column, values in of_samples.items():
-        check_finite_values(column, values, samples["time"].to_numpy())
+    for column in getattr(source, "analogs", ()):
+        check_finite_values(column, of_samples[column], samples["time"].to_numpy())
     facts = {
         **recording.facts,
         "time": {"start": min(channel.rows.start_s for channel in used)},
         "axes": source.axes,
-        "plates": loads.facts,
+        "plate_zero_frames": baseline,
+        **loads.facts,
     }
-    if loads.facts:
-        facts["plate_zero_frames"] = baseline
     warnings = [*recording.loss.remarks]
     up = str(facts.get("vertical_on_screen") or vertical_axis(markers, recording.plates)).upper()
     if source.axes == ("x", "y", "z") and up.strip("+-") not in ("", "Z"):

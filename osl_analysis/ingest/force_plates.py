@@ -4,14 +4,14 @@ There is no centre of pressure, so that they are valid for an unloaded plate (C3
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import polars as pl
 
 from osl_analysis.errors import InputError, naming, printable
 from osl_analysis.ingest import LIMITS
-from osl_analysis.ingest.conversion import check_finite_values
+from osl_analysis.ingest.conversion import Converted, check_finite_values
 from osl_analysis.ingest.guard import repeats, run_at_extreme
 from osl_analysis.recording import EXPORTED, MEASURED_BY_TYPE, Plate, own_axes
 from osl_analysis.signals import longest_of
@@ -20,22 +20,12 @@ from osl_analysis.trial import Array, plate_columns, unit_of
 from osl_analysis.units import si_factor
 
 
-@dataclass(frozen=True)
-class PlateLoads:
-    """Columns of plates in our axes, (samples,) each, where they come from, and what the provenance
-    says of each plate."""
-
-    columns: dict[str, Array] = field(default_factory=dict)
-    origins: dict[str, dict[str, Any]] = field(default_factory=dict)
-    facts: list[dict[str, Any]] = field(default_factory=list)
-
-
 def convert_plates(
     plates: Sequence[Plate],
     source: Any,
     unloaded: slice | None = None,
     rate_hz: float | None = None,
-) -> PlateLoads:
+) -> Converted:
     """Convert what the channels of plates recorded.
 
     Parameters
@@ -55,7 +45,9 @@ def convert_plates(
     """
     length_of_all = getattr(source, "point_unit", None)
     units: PlateUnits | None = getattr(source, "plate_units", None)
-    loads = PlateLoads()
+    columns: dict[str, Array] = {}
+    origins: dict[str, dict[str, Any]] = {}
+    facts: list[dict[str, Any]] = []
     for plate in plates:
         others = [each.number for each in plates if each is not plate]
         with naming(
@@ -82,15 +74,15 @@ def convert_plates(
 
         names = plate_columns(plate.number)
         turned = np.hstack([force @ source.rotation.T, moment @ source.rotation.T])
-        loads.columns.update(zip(names, plate.sign * turned.T, strict=True))
+        columns.update(zip(names, plate.sign * turned.T, strict=True))
         origin = {
             "plate": plate.number,
             **plate.facts,
             "type": plate.type,
             "units": [channel.unit for channel in plate.channels],
         }
-        loads.origins.update({column: {**origin, "si_unit": unit_of(column)} for column in names})
-        loads.facts.append(
+        origins.update({column: {**origin, "si_unit": unit_of(column)} for column in names})
+        facts.append(
             {
                 "plate": plate.number,
                 "type": plate.type,
@@ -98,7 +90,7 @@ def convert_plates(
                 "channels": channel_facts(plate, raw, np.linalg.norm(force, axis=1), rate),
             }
         )
-    return loads
+    return Converted(pl.DataFrame(columns), origins, {"plates": facts})
 
 
 def to_newtons(plate: Plate, units: PlateUnits | None, length: str) -> Array:

@@ -84,9 +84,8 @@ def ticks(values: NDArray[Any], unit: str) -> bool:
     if steps.size < LIMITS.fewest_ticks or not (steps >= 0).all():
         return False
     usual = np.median(steps)
-    if not usual > 0 or np.mean(np.abs(steps / usual - 1) < LIMITS.even_step) <= LIMITS.even_share:
-        return False
-    return bool(is_of_time(unit) if unit else time_unit(values))
+    is_even = np.mean(np.abs(steps - usual) < LIMITS.even_step * usual) > LIMITS.even_share
+    return bool(is_even and (is_of_time(unit) if unit else time_unit(values)))
 
 
 def rate_of(time: NDArray[Any], second: float = 1.0) -> float | None:
@@ -265,7 +264,7 @@ def clocks_beside(
         steps = np.diff(unwrapped(readings[np.isfinite(readings)])[0])
         if steps.size < 2 or not 0 <= steps.min() <= steps.max() > 0:
             continue
-        goes_on = steps.max() <= max(3 * steps.mean(), LIMITS.longest_clock_step * steps.sum())
+        goes_on = steps.max() <= LIMITS.longest_clock_step * steps.sum()
         if goes_on and (is_named or ticks(readings[: LIMITS.most_tried], channel.unit)):
             yield channel, readings, steps
 

@@ -25,7 +25,7 @@ from osl_analysis.ingest.guard import (
     standing_runs,
 )
 from osl_analysis.recording import beside, plate_axes
-from osl_analysis.signals import run_edges
+from osl_analysis.signals import longest_run
 from osl_analysis.signals.grid import GapLimits, devices_of, origin, uniform_signals
 from osl_analysis.spectral.stepped_sine import (
     Run,
@@ -222,9 +222,7 @@ def samples_at_rail(trial: Trial, column: str, torque: str, angle: str = "theta"
         return 0
     low, high = origin(trial, column).get("range", (-math.inf, math.inf))
     near = LIMITS.near_end * (high - low) / 2
-    at_end = int(
-        np.diff(run_edges((values <= low + near) | (values >= high - near))).max(initial=0)
-    )
+    at_end = values[longest_run((values <= low + near) | (values >= high - near))].size
     is_angle = column.startswith("theta")
     standing = None
     if is_angle or has_levels(values):
@@ -233,7 +231,7 @@ def samples_at_rail(trial: Trial, column: str, torque: str, angle: str = "theta"
             return at_end
         standing = standing_runs(time, values, reference)
     rail = run_at_extreme(values, standing)
-    length = int(rail.stop - rail.start)
+    length = values[rail].size
     if standing is not None:
         levels = values[standing[2 * np.diff(standing)[:, 0] > length, 0]]
         if 2 * np.count_nonzero(levels == values[rail.start]) < levels.size:  # play

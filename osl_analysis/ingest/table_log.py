@@ -107,15 +107,15 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
             " plates need all; repair the log, or remove `plates` from the source file"
         )
     loads = convert_plates(plates, source, rate_hz=rate_of(time))
-    frame = frame.with_columns(**loads.columns)
+    frame = frame.with_columns(*loads.samples)
     origins.update(loads.origins)
     frame, repeats = with_stamps_once(frame, source, rows.noun)
     facts: dict[str, Any] = {
         "time": {**source.time.model_dump(exclude_none=True), "start": table.start},
         "rates_hz": {file_name: rate_of(frame["time"].to_numpy())},
         **recording.facts,
+        **loads.facts,
         "clocks_apart": apart,
-        "plates": loads.facts,
     }
     return Converted(frame, origins, facts, [*warnings, *repeats], losses_of(recording.loss))
 

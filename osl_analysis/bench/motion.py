@@ -169,10 +169,10 @@ def record_of_trial(
     def recorded(regular: UniformSignals) -> Record:
         """The record of signals with one reading of their stamps."""
         if excitation != "any":
-            time, theta, protocol = regular.time, regular["theta"], settings.protocol
-            sines = find_sines(time, theta, protocol)
+            theta, protocol = regular["theta"], settings.protocol
+            sines = find_sines(theta, regular.rate_hz, protocol)
             if excitation == "stepped_sine" or sines.is_stepped:
-                segments = find_segments(time, theta, sines, protocol)
+                segments = find_segments(theta, regular.rate_hz, sines, protocol)
                 groups = cycles_of(
                     segments, settings.settle_cycles, regular.usable, bool(protocol.amplitudes)
                 )
@@ -199,7 +199,7 @@ def record_of_trial(
 def why_not_fitted(signals: UniformSignals) -> InputError | None:
     """Why a joint has no motion to fit: its angle stands, or moves too slowly."""
     theta = signals["theta"]
-    if moving_bins(signals.time, theta).any():
+    if moving_bins(theta, signals.rate_hz).any():
         return None
     range_deg = np.rad2deg(np.ptp(theta))
     if range_deg > LARGE_DEG:
@@ -222,7 +222,7 @@ def record_of_motion(
     """The record of a motion that is no stepped sine, in groups of its periods or of stretches."""
     rate = signals.rate_hz
     time = signals.time - signals.time[0]
-    moving = np.flatnonzero(moving_bins(time, signals["theta"]))
+    moving = np.flatnonzero(moving_bins(signals["theta"], rate))
     if not len(moving):
         raise InputError("the joint does not move")
     inside = [(float(time[moving[0]]), float(time[moving[-1]]))]

@@ -175,7 +175,7 @@ def measure_protocol(examined: Examined) -> CheckResult:
         angle = uniform_signals(examined.trial, ["theta"], GapLimits())
     except InputError as error:
         return not_applicable(f"no time base, {error}")
-    sines = find_sines(angle.time, angle["theta"], protocol)
+    sines = find_sines(angle["theta"], angle.rate_hz, protocol)
     if excitation == "auto" and sines.moving.any() and not sines.is_stepped:
         return CheckResult(0.0, "no stepped sine but another motion, which is fitted as such")
     if not (protocol.amplitudes and protocol.frequencies_hz):

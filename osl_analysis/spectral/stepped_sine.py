@@ -6,7 +6,7 @@ cycles of a run that follows a commanded amplitude.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import Change, InputError
 from osl_analysis.measured import rms, usual_size
-from osl_analysis.signals import sampling_rate
 from osl_analysis.trial import Array
 
 # Relative differences of a recorded sine from the commanded one
@@ -108,29 +107,16 @@ def followed(value: float, commanded: Sequence[float], tolerance: float) -> floa
 
 @dataclass(frozen=True)
 class Run:
-    """A stretch of one frequency and amplitude.
-
-    Its sine is the real part of phasor exp(2j pi frequency t) about the centre, t the time from the
-    first row of the record [s].
-    """
+    """A stretch of one frequency and amplitude."""
 
     frequency_hz: float
-    phasor: complex  # [rad]
-    centre: float  # angle [rad] about which the sine goes
-    start: float  # time [s] at which it begins
-    stop: float  # time [s] at which it ends
+    amplitude: float  # [rad]
+    phase: float  # of the cosine at the first row of the record [rad]
+    start: int  # row at which it begins
+    stop: int  # row at which it ends
+    cycles: float  # not rounded: the ends of a run are known to a few hundredths
     misfit: float  # RMS deviation [rad] of its angle from the sine: harmonics, decay, rounding
-    is_steady: bool = True  # whether both halves have one frequency; those of a sweep do not
-
-    @property
-    def amplitude(self) -> float:
-        """Amplitude [rad]."""
-        return abs(self.phasor)
-
-    @property
-    def cycles(self) -> float:
-        """Number of cycles, not rounded: the ends of a run are known to a few hundredths."""
-        return (self.stop - self.start) * self.frequency_hz
+    is_steady: bool  # whether both halves have one frequency; those of a sweep do not
 
     def __str__(self) -> str:
         return (
@@ -159,13 +145,15 @@ class Sines:
     is_stepped: bool
 
 
-def find_sines(time: Array, theta: Array, protocol: SteppedSineProtocol) -> Sines:
+def find_sines(theta: Array, rate_hz: float, protocol: SteppedSineProtocol) -> Sines:
     """Find the sines in a joint angle.
 
     Parameters
     ----------
-    time, theta : Array
-        Uniform times (n,) [s] and angles (n,) [rad].
+    theta : Array
+        Angles (n,) [rad].
+    rate_hz : float
+        Their rate.
     protocol : SteppedSineProtocol
         What was commanded.
 
@@ -175,18 +163,17 @@ def find_sines(time: Array, theta: Array, protocol: SteppedSineProtocol) -> Sine
     whose sine is fitted. A run extends as far as the angle follows its sine, and no other run has
     begun. Rests, ramps, transients and disturbed cycles lie between the runs.
     """
-    time = time - time[0]
-    moving = moving_bins(time, theta)
-    crossings = upward_crossings(time, theta, moving)
-    fitted = [fit_run(time, theta, cycles) for cycles in similar_cycles(time, theta, crossings)]
-    sines = [run for run in fitted if run is not None]
-    ends = [*(run.start for run in sines[1:]), float(time[-1])]
+    moving = moving_bins(theta, rate_hz)
+    stretches = similar_cycles(theta, upward_crossings(theta, moving))
+    ends = [*(int(crossings[0]) for crossings in stretches[1:]), len(theta) - 1]
     fewest = int(min((*protocol.cycles_at, FEWEST_RUN_CYCLES)))
     found = []
     in_sines = np.zeros_like(moving)
-    earliest = 0.0
-    for sine, latest in zip(sines, ends, strict=False):
-        run = prolonged(time, theta, sine, earliest, latest)
+    earliest = 0
+    for crossings, latest in zip(stretches, ends, strict=False):
+        run = fit_run(theta, rate_hz, crossings, earliest, latest)
+        if run is None:
+            continue
         earliest = run.stop
         if run.cycles <= fewest - MISSING_CYCLE:
             continue
@@ -197,7 +184,7 @@ def find_sines(time: Array, theta: Array, protocol: SteppedSineProtocol) -> Sine
         )
         is_pure = run.misfit < PURE_SINE * run.amplitude / np.sqrt(2)
         if run.is_steady and (is_pure or None not in nearest):
-            in_sines |= (time >= run.start) & (time < run.stop)
+            in_sines[run.start : run.stop] = True
     is_stepped = bool(in_sines[moving].sum() > LEAST_SINES * moving.sum())
     return Sines(found, moving, is_stepped)
 
@@ -208,28 +195,30 @@ def noise_of(theta: Array) -> float:
     return usual_size(np.diff(theta, 2)) / SECOND_DIFFERENCE if len(theta) > 2 else 0.0
 
 
-def moving_bins(time: Array, theta: Array) -> NDArray[np.bool_]:
+def moving_bins(theta: Array, rate_hz: float) -> NDArray[np.bool_]:
     """Find the rows in which a joint moves, in bins of `BIN_S`.
 
     Parameters
     ----------
-    time, theta : Array
-        (n,) [s] and (n,) [rad].
+    theta : Array
+        (n,) [rad].
+    rate_hz : float
 
     Returns
     -------
     Array
         Mask (n,). A bin with only rounding or noise of a sensor at rest does not count.
     """
-    bins = np.floor((time - time[0]) / BIN_S)
+    bins = np.arange(len(theta)) // (BIN_S * rate_hz)
     first_rows = np.flatnonzero(np.diff(bins, prepend=-1))
     turn = np.maximum.reduceat(theta, first_rows) - np.minimum.reduceat(theta, first_rows)
     moves = turn > max(MOVING_SHARE * float(np.ptp(theta)), MOVING_NOISES * noise_of(theta))
     return np.asarray(np.repeat(moves, np.diff(np.append(first_rows, len(theta)))))
 
 
-def upward_crossings(time: Array, theta: Array, moving: NDArray[np.bool_]) -> Array:
-    """Times [s] at which the angle rises through its centre, from below a dead band to above it.
+def upward_crossings(theta: Array, moving: NDArray[np.bool_]) -> Array:
+    """Rows, not rounded, at which the angle rises through its centre, from below a dead band to
+    above it.
 
     The band is 2 % of the largest angle, so that rests and noise stay within. The centre is the
     median angle while the joint moves: it may rest elsewhere, and for longer.
@@ -241,16 +230,15 @@ def upward_crossings(time: Array, theta: Array, moving: NDArray[np.bool_]) -> Ar
     came_up = beyond[1:][is_above[1:] & ~is_above[:-1]]
     rises = np.flatnonzero((x[:-1] <= 0) & (x[1:] > 0))
     before = rises[np.searchsorted(rises, came_up) - 1]
-    step = time[before + 1] - time[before]
-    return np.asarray(time[before] - x[before] * step / (x[before + 1] - x[before]))
+    return np.asarray(before - x[before] / (x[before + 1] - x[before]))
 
 
-def similar_cycles(time: Array, theta: Array, crossings: Array) -> list[Array]:
-    """The upward crossings [s] of each stretch of two or more consecutive cycles that are similar
+def similar_cycles(theta: Array, crossings: Array) -> list[Array]:
+    """The upward crossings of each stretch of two or more consecutive cycles that are similar
     in frequency and amplitude; a single one may belong to a ramp or a rest."""
     if len(crossings) < 2:
         return []
-    rows = np.searchsorted(time, crossings)
+    rows = np.ceil(crossings).astype(np.intp)
     height = (np.maximum.reduceat(theta, rows) - np.minimum.reduceat(theta, rows))[:-1]
     frequency = 1 / np.diff(crossings)
     stretches = []
@@ -273,50 +261,50 @@ def similar_cycles(time: Array, theta: Array, crossings: Array) -> list[Array]:
     return stretches
 
 
-def fit_run(time: Array, theta: Array, crossings: Array) -> Run | None:
-    """Fit a sine through the rows between the first and the last crossing [s]; None if its misfit
-    exceeds 0.3 of its RMS."""
-    first, last = np.searchsorted(time, crossings[[0, -1]])
-    lengths = np.diff(crossings)
+def fit_run(
+    theta: Array, rate_hz: float, crossings: Array, earliest: int, latest: int
+) -> Run | None:
+    """Fit a sine to the angle (n,) between the first and the last crossing [rows], and prolong it
+    as far as the angle follows it, between two rows. None if its misfit exceeds 0.3 of its RMS."""
+    first, last = np.ceil(crossings[[0, -1]]).astype(np.intp)
+    lengths = np.diff(crossings) / rate_hz
     half = len(lengths) // 2
     stride = max((last - first) // (SAMPLES_PER_CYCLE * len(lengths)), 1)
-    t, x = time[first:last:stride], theta[first:last:stride]
-    if len(t) < FEWEST_SAMPLES:
+    rows = np.arange(first, last, stride)
+    if len(rows) < FEWEST_SAMPLES:
         return None
-    middle = float(t.mean())
+    x = theta[rows]
+    middle = rows.mean()
 
-    def misfits(sine: Array) -> Array:
+    def misfits(sine: Array, rows: NDArray[np.intp]) -> Array:
         """What a sine of frequency [Hz], complex amplitude and centre leaves of the angle."""
         frequency_hz, real, imaginary, centre = sine
-        turned = np.exp(2j * np.pi * frequency_hz * (t - middle))
-        return np.asarray(x - centre - (complex(real, imaginary) * turned).real)
+        turned = np.exp(2j * np.pi * frequency_hz / rate_hz * (rows - middle))
+        return np.asarray(theta[rows] - centre - (complex(real, imaginary) * turned).real)
 
     likely = (1 / lengths.mean(), np.ptp(x) / 2, 0.0, x.mean())
-    sine = scipy.optimize.least_squares(misfits, likely, method="lm").x
-    frequency_hz, real, imaginary, centre = sine.tolist()
-    run = Run(
+    sine = scipy.optimize.least_squares(misfits, likely, method="lm", args=(rows,)).x
+    frequency_hz, real, imaginary, _ = sine.tolist()
+    amplitude = float(np.hypot(real, imaginary))
+    misfit = rms(misfits(sine, rows))
+    if misfit > LARGEST_MISFIT * amplitude / np.sqrt(2):
+        return None
+
+    near = np.arange(earliest, latest + 1)
+    has_left = np.abs(misfits(sine, near)) > PURE_SINE * amplitude + 2 * misfit
+    outside = np.array([earliest - 1, *near[has_left], latest + 1])
+    start = int(outside[outside < first][-1]) + 1
+    stop = int(outside[outside >= last - 1][0]) - 1
+    return Run(
         frequency_hz=frequency_hz,
-        phasor=complex(real, imaginary) * np.exp(-2j * np.pi * frequency_hz * middle),
-        centre=centre,
-        start=float(time[first]),
-        stop=float(time[last - 1]),
-        misfit=rms(misfits(sine)),
+        amplitude=amplitude,
+        phase=float(np.arctan2(imaginary, real)) - 2 * np.pi * frequency_hz / rate_hz * middle,
+        start=start,
+        stop=stop,
+        cycles=(stop - start) / rate_hz * frequency_hz,
+        misfit=misfit,
         is_steady=abs(lengths[:half].mean() / lengths[half:].mean() - 1) < STEADY,
     )
-    return run if run.misfit <= LARGEST_MISFIT * run.amplitude / np.sqrt(2) else None
-
-
-def prolonged(time: Array, theta: Array, run: Run, earliest: float, latest: float) -> Run:
-    """Prolong a run as far as the angle (n,) follows its sine, between two times [s]."""
-    low, first, last, high = np.searchsorted(time, (earliest, run.start, run.stop, latest))
-    rows = np.arange(low, high + 1)
-    turned = run.phasor * np.exp(2j * np.pi * run.frequency_hz * time[rows])
-    deviation = np.abs(theta[rows] - run.centre - turned.real)
-    has_left = deviation > PURE_SINE * run.amplitude + 2 * run.misfit
-    outside = np.array([low - 1, *rows[has_left], high + 1])
-    begin = outside[outside < first][-1] + 1
-    end = outside[outside >= last][0] - 1
-    return replace(run, start=float(time[begin]), stop=float(time[end]))
 
 
 # ---- What of it is fitted
@@ -337,7 +325,7 @@ class Segment:
 
 
 def find_segments(
-    time: Array, theta: Array, sines: Sines, protocol: SteppedSineProtocol
+    theta: Array, rate_hz: float, sines: Sines, protocol: SteppedSineProtocol
 ) -> list[Segment]:
     """Find the segments of a joint angle.
 
@@ -346,8 +334,10 @@ def find_segments(
 
     Parameters
     ----------
-    time, theta : Array
-        Uniform times (n,) [s] and angles (n,) [rad].
+    theta : Array
+        Angles (n,) [rad].
+    rate_hz : float
+        Their rate.
     sines : Sines
         What `find_sines` has found in them.
     protocol : SteppedSineProtocol
@@ -371,8 +361,7 @@ def find_segments(
             f" all{stated}; check the channel and the unit of theta in the source file, and that"
             " the trial is a stepped sine"
         )
-    rate_hz = sampling_rate(time)
-    sizes = meant_amplitudes(sines.runs, protocol.amplitudes)
+    sizes = meant_amplitudes(sines.runs, protocol.amplitudes, rate_hz)
     of_runs = [(run, followed(run.amplitude, sizes, LOST_AMPLITUDE)) for run in sines.runs]
     meant = [(run, size) for run, size in of_runs if size is not None]
     frequencies = common_frequencies([run for run, _ in meant], protocol)
@@ -380,18 +369,19 @@ def find_segments(
     for (run, size), frequency_hz in zip(meant, frequencies, strict=True):
         # in the middle: the ends of a run may lack a quarter of a cycle
         cycles = int(run.cycles + MISSING_CYCLE)
-        length = cycles / frequency_hz
+        length = cycles / frequency_hz * rate_hz
         start = (run.start + run.stop - length) / 2
-        phase = np.angle(1j * run.phasor * np.exp(2j * np.pi * run.frequency_hz * start))
+        turned = run.phase + 2 * np.pi * run.frequency_hz / rate_hz * start
+        phase = float(np.angle(1j * np.exp(1j * turned)))
         if abs(phase) < BEGINS_AT_CENTRE:
-            start -= float(phase) / (2 * np.pi * frequency_hz)
+            start -= phase / (2 * np.pi * frequency_hz) * rate_hz
         start = max(start, 0.0)
         segments.append(
             Segment(
                 amplitude=run.amplitude,
                 frequency_hz=frequency_hz,
-                start=start * rate_hz,
-                stop=(start + length) * rate_hz,
+                start=start,
+                stop=start + length,
                 cycles=cycles,
                 commanded=size,
             )
@@ -403,7 +393,9 @@ def listed_deg(amplitudes: Sequence[float]) -> str:
     return ", ".join(f"{np.rad2deg(amplitude):g}" for amplitude in amplitudes)
 
 
-def meant_amplitudes(runs: Sequence[Run], commanded: Sequence[float]) -> list[float]:
+def meant_amplitudes(
+    runs: Sequence[Run], commanded: Sequence[float], rate_hz: float
+) -> list[float]:
     """The amplitudes [rad] that runs were to have; one far from all of them is a warm-up.
 
     If not all commanded amplitudes were recorded, the protocol may have been another: other runs
@@ -420,10 +412,10 @@ def meant_amplitudes(runs: Sequence[Run], commanded: Sequence[float]) -> list[fl
         ratios = run.amplitude / np.asarray(commanded)
         if (ratios > OTHER_UNIT).all() != (ratios < 1 / OTHER_UNIT).all():
             raise InputError(
-                f"the sine of {run.frequency_hz:.4g} Hz at {run.start:.1f} s has an amplitude of"
-                f" {np.rad2deg(run.amplitude):.2f} deg, the protocol says {listed_deg(commanded)}"
-                " deg; correct `amplitudes_deg` in the configuration, or the angle's unit in the"
-                " source file",
+                f"the sine of {run.frequency_hz:.4g} Hz at {run.start / rate_hz:.1f} s has an"
+                f" amplitude of {np.rad2deg(run.amplitude):.2f} deg, the protocol says"
+                f" {listed_deg(commanded)} deg; correct `amplitudes_deg` in the configuration, or"
+                " the angle's unit in the source file",
                 [Change("", other_unit_of="theta")],
             )
         sizes.append(float(np.deg2rad(round(np.rad2deg(run.amplitude), 1))))

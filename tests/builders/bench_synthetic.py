@@ -37,7 +37,8 @@ def unit_sines(sines, rate):
 
 
 def segments_of(time, theta, protocol):
-    return find_segments(time, theta, find_sines(time, theta, protocol), protocol)
+    rate_hz = (len(time) - 1) / (time[-1] - time[0])
+    return find_segments(theta, rate_hz, find_sines(theta, rate_hz, protocol), protocol)
 
 
 def unit_block(protocol, rate):

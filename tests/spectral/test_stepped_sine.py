@@ -224,7 +224,7 @@ SIX = SteppedSineProtocol(tuple(np.deg2rad([2.0, 4.0, 6.0])), (1.0, 2.0, 3.0, 4.
 def is_stepped(theta, seed):
     """What a motion is taken for, with the noise of an encoder."""
     noise = 1e-5 * np.random.default_rng(seed).standard_normal(len(theta))
-    return find_sines(np.arange(len(theta)) / FINE, theta + noise, SIX).is_stepped
+    return find_sines(theta + noise, FINE, SIX).is_stepped
 
 
 SOUND = stepped(SIX, 1.0, (1.0, 1.0, 1.0), FINE)

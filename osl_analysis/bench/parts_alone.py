@@ -21,14 +21,13 @@ from osl_analysis.bench.motion import signals_of, stretches_of
 from osl_analysis.bench.plausibility import check_changes
 from osl_analysis.bench.record import Record, unlike_groups
 from osl_analysis.bench.regression import (
-    EFFECTS_LIMIT,
     FALSE_ALARM,
     TRANSMISSION,
     Model,
-    fit_groups,
     gram_sums,
     held_out_vaf,
     sums_of,
+    with_effects,
 )
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError, naming
@@ -253,24 +252,21 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
     rows: list[Row] = []
     for label, fit in analysis.fits.items():
         # a weight acts as a spring: its torque grows with the angle
-        with_weight = {**TRANSMISSION, "weight": "theta"}
-        weight = fit_groups(s, with_weight, s.groups.of(label), EFFECTS_LIMIT)
-        share_of_weight = 0.0
-        if weight.certain("weight", FALSE_ALARM):
-            share_of_weight = 1 - fit["J_j"] / weight["J_j"]
-        coulomb = friction.get(label)
-        certain = coulomb.certain if coulomb else None
+        weight = with_effects(s, TRANSMISSION, ("theta",), label)
+        has_weight = weight.certain("theta", FALSE_ALARM)
         of_friction: Row = {}
-        if certain:
-            viscous = Estimate.of_fit(certain, "B_j").columns("B_j_viscous")
-            of_friction = {"T_C": certain["T_C"], **viscous}
+        coulomb = friction.get(label)
+        if coulomb:
+            of_friction["coulomb_share"] = coulomb.share
+        if coulomb and coulomb.certain:
+            of_friction["T_C"] = coulomb.certain["T_C"]
+            of_friction |= Estimate.of_fit(coulomb.certain, "B_j").columns("B_j_viscous")
         rows.append(
             {
                 **analysis.place(label),
                 **analysis.row(label, *LOSSES),
-                "coulomb_share": coulomb.share if coulomb else None,
                 **of_friction,
-                "weight_share": share_of_weight,
+                "weight_share": 1 - fit["J_j"] / weight["J_j"] if has_weight else 0.0,
                 "VAF_held_out": VAF_held_out,
                 "load_cell_drift": 60 * analysis.whole["drift"],
                 "time_base_shift": analysis.time_base_shift(label, LOSSES),

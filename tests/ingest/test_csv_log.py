@@ -2,6 +2,7 @@
 its line."""
 
 import contextlib
+import json
 import math
 import re
 from pathlib import Path

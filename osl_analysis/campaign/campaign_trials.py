@@ -304,11 +304,12 @@ def check_files(config: Config) -> None:
             f"configuration: results = {config.results} holds the recordings, source files, sheet"
             " or campaign; name another folder"
         )
-    for setting in ("raw_data", "sources", "results"):
-        path: Path = getattr(config, setting)
+    for path in (config.raw_data, config.sources, config.results):
         for folder in (path, *path.parents):
             if folder.is_file():
-                raise InputError(f"{folder}: is a file; name a folder as `{setting}`")
+                raise InputError(
+                    f"{folder}: is a file; name folders as `raw_data`, `sources` and `results`"
+                )
 
 
 def check_walking(campaign: Campaign) -> None:

@@ -67,12 +67,13 @@ def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnaly
         else:
             deflection = belt_deflection(deflection, signals["theta_m"], p)
         theta_s = low_pass(deflection, rate_hz)
-        analyses = []
+        analyses: list[Analysis] = []
         for share in (LOADED, LOADED / 2, 2 * LOADED):
             groups = branches_of(theta_s, rate_hz, signals.usable, settings.cutoff_hz, share)
             record = record_of(signals, settings, groups, deflection)
             record = replace(record, actuator=signals.signals)
-            analyses.append(fit_branches(record, settings.load_cell_drift / 60))
+            model = analyses[0].model if analyses else None
+            analyses.append(fit_branches(record, settings.load_cell_drift / 60, model))
     belt, early, late = analyses
     fits = {
         label: widened(fit, (late.fits[label].estimates - early.fits[label].estimates) / 2)
@@ -82,14 +83,15 @@ def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnaly
     return replace(belt, fits=fits)
 
 
-def fit_branches(record: Record, drift: float = 0.0) -> Analysis:
+def fit_branches(record: Record, drift: float = 0.0, model: Model | None = None) -> Analysis:
     """Fit load-unload cycles, whose groups are those of `branches_of` and whose angle is the
     belt's deflection.
 
     `loading` stands for the trial: a straight line `K_s` and `offset`, with the joint's damping
     `B_j` if the velocity varies. `unloading` is the same. Without its column B_j omega shifts K_s
     by 0.12 N*m/rad on a raised cosine, because loading begins at a velocity and ends at rest. A
-    constant velocity makes a constant torque, which the offset contains.
+    constant velocity makes a constant torque, which the offset contains. `model` is that of another
+    stretch of the same cycles, whose estimates are compared.
 
     The load cell's drift has the standard deviation `drift` [N*m/s]. A line cannot tell drift from
     stiffness, and no scatter shows it: it enters the intervals as type B (JCGM 100:2008, 4.3).
@@ -106,7 +108,8 @@ def fit_branches(record: Record, drift: float = 0.0) -> Analysis:
     s = gram_sums(record, columns, ["theta", "omega", "one", "square"])
     velocities = [motion.omega[record.rows(branch)] for branch in BRANCHES]
     varies = all(np.std(each) > CONSTANT_VELOCITY * abs(np.mean(each)) for each in velocities)
-    model = STRAIGHT_AND_DAMPED if varies else STRAIGHT
+    if model is None:
+        model = STRAIGHT_AND_DAMPED if varies else STRAIGHT
     fits: dict[Label, GroupFit] = {}
     for branch in BRANCHES:
         of_ramp = estimates_of(s.over(branch), s.index([*model.values()]), s.names.index("ramp"))

@@ -17,10 +17,10 @@ from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.capture import is_labelled, vertical_axis
 from osl_analysis.ingest.likely_clock import (
     is_like_clock,
+    is_of_time,
     rate_of,
     span_ratio,
     stated_rate,
-    tells_time,
     ticks,
     time_unit,
 )
@@ -319,7 +319,7 @@ def choose_clock(channels: Sequence[RecordedChannel]) -> ClockChoice:
     telling = [
         clock
         for clock in rising
-        if named and tells_time(clock.name, clock.unit or clock.likely_unit)
+        if named and (is_like_clock(clock.name) or is_of_time(clock.unit or clock.likely_unit))
     ]
     possible = [*candidates, *(clock for clock in telling if clock not in candidates)]
     clocks = [clock for clock in possible if runs(clock)] or possible[:1]

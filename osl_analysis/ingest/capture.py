@@ -143,13 +143,11 @@ def joined(
     of_frames: dict[str, Array], of_samples: dict[str, Array], used_rows: Sequence[Rows]
 ) -> pl.DataFrame:
     """One table of frames and samples: frame 0 and sample 0 are at 0 s."""
-    rates = [rows.rate_hz or 0.0 for rows in used_rows]
-    if not min(rates):
-        raise InputError("the file states no frame rate; export the trial again")
-    ratio = round(max(rates) / min(rates)) if of_samples else 1
-    number = np.arange(used_rows[int(np.argmax(rates))].count)
-    rows = pl.DataFrame({"number": number, "time": number / max(rates), **of_samples})
-    frames = pl.DataFrame({"number": number[::ratio], **of_frames})
+    rates = np.array([rows.rate_hz for rows in used_rows], np.float64)
+    number = np.arange(used_rows[int(rates.argmax())].count)
+    rows = pl.DataFrame({"number": number, "time": number / rates.max(), **of_samples})
+    per_frame = round(rates.max() / rates.min())
+    frames = pl.DataFrame({"number": number[::per_frame], **of_frames})
     return rows.join(frames, on="number", how="left", maintain_order="left").drop("number")
 
 

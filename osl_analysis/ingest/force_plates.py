@@ -132,15 +132,14 @@ def wrench(kind: int, corners: Array, origin: Array, channels: Array) -> tuple[A
     force, moment
         Shape (n, 3) each [N], [N*m], in the laboratory's axes.
     """
+    force = channels[:, :3]
     if kind == EXPORTED:
-        force = channels[:, :3]
         about = channels[:, 6:9] if channels.shape[1] == 9 else origin
         return force, channels[:, 3:6] + np.cross(about - np.mean(corners, axis=0), force)
     axes = own_axes(corners)
     # from the plate's origin to the surface's centre: the origin lies under the surface and z
     # points down, so z is negative; a file with a positive z stores the opposite vector
     centre = -origin if origin[2] > 0 else origin
-    force = channels[:, :3]
     if kind == 3:
         # Kistler's four sensors, at distances a and b, in a depth that files write with either sign
         a = origin[0]

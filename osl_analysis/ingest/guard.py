@@ -309,10 +309,11 @@ def has_corners(values: Array, run: slice) -> bool:
     """Whether a channel (n,) is far from where it stands, half as long before and after a run of
     equal values; a single one has no duration."""
     half = (run.stop - run.start) // 2
-    sides = [row for row in (run.start - half, run.stop - 1 + half) if 0 <= row < values.size]
+    around = np.pad(values, half, constant_values=np.inf)
+    sides = around[[run.start, run.stop - 1 + 2 * half]]
     steps = np.abs(np.diff(values))
     far = LIMITS.corner_steps * steps[steps > 0].min(initial=np.inf)
-    return half == 0 or bool(np.abs(values[sides] - values[run.start]).min(initial=np.inf) > far)
+    return half == 0 or bool(np.abs(sides - values[run.start]).min() > far)
 
 
 def standing_runs(

@@ -20,7 +20,6 @@ from osl_analysis.trial import Array
 from osl_analysis.units import (
     EXAMPLES,
     LONG_TIMES,
-    base_units,
     dimension,
     is_clock,
     normalised,
@@ -36,15 +35,9 @@ def is_like_clock(name: str) -> bool:
     return is_clock(last) or bool(re.search(r"(?i)time|date|clock|stamp|zeit|^[mu]?secs?$", last))
 
 
-def tells_time(name: str, unit: str) -> bool:
-    """Whether a column is a clock by its name or its unit."""
-    return is_like_clock(name) or is_of_time(unit)
-
-
 def is_of_time(unit: str) -> bool:
     """Whether a unit is a unit of time, or a multiple of one, such as `second` and `10 us`."""
-    known = base_units(normalised(unit))
-    return known is not None and known[1] == dimension("s")
+    return dimension(normalised(unit)) == dimension("s")
 
 
 def unwrapped(readings: NDArray[Any]) -> tuple[NDArray[Any], int]:
@@ -254,11 +247,11 @@ def clocks_beside(
     for channel in recording.channels:
         name = channel.name or channel.key
         is_named = channel.kind == Kind.CLOCK or is_like_clock(name)
-        may_be = is_named or channel not in signals
-        if channel is clock or channel.rows.count != rows.count or not may_be:
-            continue
         unit = channel.unit or channel.likely_unit
-        if source.time.rate is None and not tells_time(name, unit):
+        may_be = is_named or (
+            channel not in signals and (source.time.rate is not None or is_of_time(unit))
+        )
+        if channel is clock or channel.rows.count != rows.count or not may_be:
             continue
         readings = numbers_of(channel) / (SECOND_NS if channel.kind == Kind.CLOCK else 1)
         steps = np.diff(unwrapped(readings[np.isfinite(readings)])[0])

@@ -202,8 +202,8 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
         part = source.of_part(cells.get(f"{role}_part", ""))
         recording, identity = read_raw_file(raw_folder / files[role], part)
         recordings[role] = recording
-        identity |= {"path": files[role], "source": cells[f"{role}_source"]}
-        provenance["files"][role] = identity
+        stated = {"path": files[role], "source": cells[f"{role}_source"]}
+        provenance["files"][role] = identity | stated
         facts = dict(recording.facts)
         provenance["plates"] += facts.pop("plates", [])
         provenance["warnings"] += [printable(text) for text in recording.warnings]

@@ -21,12 +21,14 @@ from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
 from osl_analysis.formats import known_formats
-from osl_analysis.ingest.clock import ClockFit
+from osl_analysis.ingest.clock import ClockFit, aligned_clock
 from osl_analysis.ingest.conversion import Converted
 from osl_analysis.ingest.raw_files import merged
 from osl_analysis.recording import Recording
+from osl_analysis.source_file import SharedAngle
 from osl_analysis.trial import (
     Trial,
+    marker_columns,
     read_trial,
     write_trial,
 )
@@ -125,37 +127,26 @@ def test_log_and_capture_share_one_clock_and_provenance_names_their_files(
     assert columns["marker_M1_y"]["si_unit"] == "m"
 
 
-def test_without_sync_edges_the_joints_angle_aligns_the_log_and_the_trial_says_so(
-    tmp_path: Path,
-) -> None:
+def test_without_sync_edges_the_joints_angle_aligns_the_log_and_the_trial_says_so() -> None:
     knots = np.arange(-5.0, 40.0, 0.2)
     course = make_interp_spline(knots, 0.3 * np.random.default_rng(4).standard_normal(knots.size))
     leg_time = np.arange(0, 30, 1 / 500)
+    log = Converted(pl.DataFrame({"time": leg_time, "theta": course(leg_time - 2.5)}), {})
     time = np.arange(0, 25, 1 / 300)
-    every = zip(leg_time.tolist(), np.degrees(course(leg_time - 2.5)).tolist(), strict=True)
-    log = [stamped(round(t * 1e9), angle=a, torque=0.0, sync=False) for t, a in every]
-    write_log(tmp_path / "leg.mcap", log, SAMPLE.replace("float32 angle", "float64 angle"))
     bent = np.pi / 2 + course(time)
     # along a line through M1, so that the angle there stays
-    away = 400 * np.sin(0.1) / np.sin(bent + 0.1)
-    toe = (away * [np.sin(bent), 0 * bent, np.cos(bent)]).T
-    points = np.stack(
-        [np.tile([0, 0, 400.0], (time.size, 1)), np.full((time.size, 3), 1e-6), toe], axis=1
-    )
-    seen = np.concatenate([points, np.zeros((time.size, 3, 1))], axis=2)
-    seen[40:50, 0, 3] = -1.0  # a marker that was hidden for a moment
-    write_c3d(tmp_path / "vicon.c3d", seen, rate=300.0)
-    shared = {"column": "theta", "markers": ["M1", "M2", "M3"]}
-    no_sync = {"theta": THETA}
-    (tmp_path / "leg.yaml").write_text(
-        yaml.safe_dump(LEG | {"clock": "shared", "channels": no_sync})
-    )
-    (tmp_path / "vicon.yaml").write_text(yaml.safe_dump({"format": "c3d", "shared": shared}))
-    trial = ingested(tmp_path)
-    found, theta = trial.signals("theta")
-    np.testing.assert_allclose(theta, course(found), atol=2e-3)
-    assert trial.provenance["clock"]["method"] == "correlation"
-    assert re.search("'theta'.* M2", trial.provenance["warnings"][0])
+    away = 0.4 * np.sin(0.1) / np.sin(bent + 0.1)
+    toe = away * [np.sin(bent), 0 * bent, np.cos(bent)]
+    toe[:, 40:50] = np.nan  # a marker that was hidden for a moment
+    columns = [column for label in "ABC" for column in marker_columns(label)]
+    positions = [*(0, 0, 0.4), *(0, 0, 0), *toe]
+    mocap = Converted(pl.DataFrame(dict(zip(columns, positions, strict=True)) | {"time": time}), {})
+
+    shared = SharedAngle(column="theta", markers=("A", "B", "C"))
+    fit, (warning,) = aligned_clock(log, mocap, shared)
+
+    assert fit.to_master(2.5) == pytest.approx(0, abs=2e-4)
+    assert re.search("'theta'.* B", warning)
 
 
 def test_rows_within_a_nanosecond_become_one_and_clocks_that_do_not_overlap_are_refused() -> None:

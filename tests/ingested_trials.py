@@ -15,7 +15,6 @@ import polars as pl
 from osl_analysis.trial import read_trial
 
 KEPT = Path(__file__).with_suffix(".csv")
-TRIALS = Path("results/trials")
 
 
 def digest_of(samples: pl.DataFrame) -> str:
@@ -40,7 +39,9 @@ def row_of(path: Path) -> dict[str, str]:
 
 def main() -> str | None:
     """Compare, or keep with `--keep`; a text says what differs."""
-    today = pl.DataFrame([row_of(path) for path in sorted(TRIALS.glob("*.parquet"))])
+    today = pl.DataFrame(
+        [row_of(path) for path in sorted(Path("results/trials").glob("*.parquet"))]
+    )
     if "--keep" in sys.argv:
         today.write_csv(KEPT)
         return None

@@ -29,7 +29,6 @@ LEFT_OUT = {
     "test_laboratory": "a simulator, which fits nothing",
 }
 """Modules that import from such a package and compare no estimate; each with its reason."""
-NAMES = ("scipy_openblas_get_corename64_", "scipy_openblas_get_corename", "openblas_get_corename")
 
 
 def is_numerical(module: Path) -> bool:
@@ -51,7 +50,11 @@ def loaded_kernels() -> dict[str, str]:
 def kernel_of(path: str) -> str | None:
     """What one library says that it has taken; None if it does not say."""
     library = ctypes.CDLL(path)
-    for name in NAMES:
+    for name in (
+        "scipy_openblas_get_corename64_",
+        "scipy_openblas_get_corename",
+        "openblas_get_corename",
+    ):
         if hasattr(library, name):
             asked = getattr(library, name)
             asked.restype = ctypes.c_char_p

@@ -16,8 +16,6 @@ import polars as pl
 
 HERE = Path(__file__).parent
 NUMBERS = HERE / "reference_numbers.csv"
-TABLES = ("tables/*.csv", "figures/*.csv", "trials/*.parquet", "crossings/*.parquet")
-TEXTS = ("report.html", "numbers.tex")
 NUMBER = re.compile(r"(?<![\d.])-?\d+\.\d+(?![\d.])")
 NOT_COMPARED = re.compile(r"<(script|style|svg)\b.*?</\1>|base64,[^\"']*", re.DOTALL)
 """What comes from other packages, and drawings, whose numbers stand in `figures/*.csv`."""
@@ -26,7 +24,6 @@ UNDETERMINED = re.compile(
 )
 """Columns of what a recording does not determine, where other matrix kernels give other numbers: in
 the fifth digit for an inertia beside friction, which is known to the first."""
-HEADLINE = ("value", "low", "high", "n")
 SUMS = ("size", "mean", "trend")
 NEAR = 2e-6
 """How far a number may be off, as a part of it, and a sum over columns as it is: other matrix
@@ -66,7 +63,11 @@ def numbers_of(results: Path) -> dict[str, dict[str, float]]:
     """Those of every headline, table, figure and text of a campaign, by place. The trials of an
     experiment are one."""
     columns: dict[str, dict[str, list]] = {}
-    for path in sorted(path for pattern in TABLES for path in results.glob(pattern)):
+    for path in sorted(
+        path
+        for pattern in ("tables/*.csv", "figures/*.csv", "trials/*.parquet", "crossings/*.parquet")
+        for path in results.glob(pattern)
+    ):
         is_table = path.suffix == ".csv"
         table = pl.read_csv(path, infer_schema_length=None) if is_table else pl.read_parquet(path)
         place = f"{path.parent.name}/{path.name if is_table else re.match('[a-z]+', path.name)[0]}"
@@ -76,12 +77,18 @@ def numbers_of(results: Path) -> dict[str, dict[str, float]]:
             columns.setdefault(place, {}).setdefault(column.name, []).extend(
                 column.to_numpy().ravel()
             )
-    for path in sorted(path for pattern in TEXTS for path in results.glob(pattern)):
+    for path in sorted(
+        path for pattern in ("report.html", "numbers.tex") for path in results.glob(pattern)
+    ):
         text = NOT_COMPARED.sub("", path.read_text(encoding="utf-8"))
         columns[str(path.relative_to(results))] = {"numbers": [*map(float, NUMBER.findall(text))]}
     headlines = json.loads((results / "summary.json").read_text())["numbers"]
     values = {
-        name: {key: float(each[key]) for key in HEADLINE if each.get(key) is not None}
+        name: {
+            key: float(each[key])
+            for key in ("value", "low", "high", "n")
+            if each.get(key) is not None
+        }
         for name, each in headlines.items()
     }
     return values | {place: row_of(each) for place, each in columns.items()}

@@ -29,15 +29,13 @@ from osl_analysis.simulator.simulation_settings import RecorderSettings, Simulat
 from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import read_yaml
 
-DEFAULT = ROOT / "config/simulation/default.yaml"
 DEVICE = ROOT / "config/parameters/default.yaml"
-P = read_parameters(DEVICE)
 ANALYSIS = ActuatorAnalysis(cutoff_hz=15, order=4, sign_width=0.01)
 
 
 def settings(duration_s=20.0, effects=True):
     """The default campaign's bench, recorded by one node that samples evenly."""
-    found = read_yaml(DEFAULT, SimulationSettings)
+    found = read_yaml((ROOT / "config/simulation/default.yaml"), SimulationSettings)
     shorter = found.actuator.model_copy(update={"duration_s": duration_s})
     kept = (
         found.effects
@@ -59,7 +57,9 @@ def fit_log(time, theta_m, current, torque_m):
 def simulated(number=1, duration_s=20.0):
     """The log of a simulated bench, and the fit to it."""
     log, _ = simulate_bench_trial(
-        {"trial": f"actuator_{number}", "experiment": "actuator"}, settings(duration_s), P
+        {"trial": f"actuator_{number}", "experiment": "actuator"},
+        settings(duration_s),
+        read_parameters(DEVICE),
     )
     return log, fit_log(
         log["time"], log["actuator_angle"], log["motor_current"], log["output_torque"]

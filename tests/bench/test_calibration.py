@@ -190,13 +190,10 @@ def test_a_loop_of_the_load_cell_is_in_the_area_of_a_belt():
 CONFIG = read_config(ROOT / "config/config.yaml")
 
 
-SPRING_HZ = np.linspace(0.5, 6, 12)
-
-
 def spring(late_s=0.0, gain=1.0, K=300.0, damping=0.0, weight=0.0, I=0.004, seed=1):
     """A recording of 14 bits whose torque is late."""
     rng = np.random.default_rng(seed)
-    motion = sines(rng, SPRING_HZ, rms_deg=3.0, duration=27.0, rate=500.0)
+    motion = sines(rng, np.linspace(0.5, 6, 12), rms_deg=3.0, duration=27.0, rate=500.0)
     joint = {"K": gain * (K + weight), "B": gain * damping, "I": gain * I}
     return replace(made_trial(rng, motion, bits=14, late=late_s, **joint), name="spring")
 

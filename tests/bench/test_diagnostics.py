@@ -29,10 +29,8 @@ from osl_analysis.trial import Trial
 
 LATENESS = "whether the torque is late"
 
-ENDS = ("", "_low", "_high")
 P = read_parameters(ROOT / "config/parameters/default.yaml")
 LIMITS = config_for_trials(ROOT / "config/config.yaml").doubtful.of("impedance")
-UNKNOWN = DesiredImpedance(None, None, None)
 SETTINGS = config_for_trials(ROOT / "config/config.yaml").dynamometer
 
 
@@ -125,7 +123,9 @@ def test_the_belt_shows_the_lag_of_a_leg_s_torque_whatever_theta_m_s_is(fault, l
     """Eq. 15 misses so much of a leg that it passes for a delay of 10 ms; a belt stays a spring."""
     trial = leg(**fault)
     saturation = saturated(trial, "torque", "theta")
-    _, table, *_ = impedance_with_evidence(record_of_leg(trial), saturation, P, UNKNOWN)
+    _, table, *_ = impedance_with_evidence(
+        record_of_leg(trial), saturation, P, DesiredImpedance(None, None, None)
+    )
     row = table.row(0, named=True)
 
     assert row["lag_s"] == pytest.approx(lag, abs=1.5e-4)
@@ -138,7 +138,7 @@ def test_the_belt_shows_the_lag_of_a_leg_s_torque_whatever_theta_m_s_is(fault, l
     )
     sound = rendered_impedance(in_time)[0].whole
     for name in "BI":
-        told = [row[f"{name}_without_lag{end}"] for end in ENDS]
+        told = [row[f"{name}_without_lag{end}"] for end in ("", "_low", "_high")]
         assert (told == [None] * 3) if not lag else (told[1] < sound[name] < told[2]), name
 
 

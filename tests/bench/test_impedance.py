@@ -118,16 +118,18 @@ def test_where_amplitudes_nest_in_frequencies_fig4_uses_the_largest_alone(tmp_pa
     assert vaf(shown) > 99.95
 
 
-LIMITS = config_for_trials(ROOT / "config/config.yaml").doubtful.of("impedance")
 UNSATURATED = pl.lit(0).alias("saturated_samples")
-UNKNOWN = DesiredImpedance("ours", None, None)
 
 
 def judged(torque_of, noise=0.01, **stated):
     settings = sine_settings([2], [1]).model_copy(update={"calibration": Calibration(**stated)})
     record = replace(stepped_sine(torque_of, noise, FIVE), settings=settings)
-    table = impedance_with_evidence(record, UNSATURATED, None, UNKNOWN)[1]
-    return marked(table, LIMITS, "impedance")
+    table = impedance_with_evidence(
+        record, UNSATURATED, None, DesiredImpedance("ours", None, None)
+    )[1]
+    return marked(
+        table, config_for_trials(ROOT / "config/config.yaml").doubtful.of("impedance"), "impedance"
+    )
 
 
 @pytest.mark.parametrize(("stated", "is_told"), [({}, True), ({"delay": 1e-4}, False)])

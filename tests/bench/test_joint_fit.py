@@ -17,9 +17,7 @@ from osl_analysis.judge.limits import Limits
 from osl_analysis.stats.estimates import Estimate
 from osl_analysis.trial import Trial
 
-CONFIG = ROOT / "config/config.yaml"
-SETTINGS = config_for_trials(CONFIG).dynamometer
-OF_FAULTS = Limits()
+SETTINGS = config_for_trials(ROOT / "config/config.yaml").dynamometer
 
 
 def record_with(seed=5, more=lambda *_: 0.0, **changes):
@@ -38,7 +36,7 @@ def row_of(record):
 
 def causes_of(row, grade=Grade.DOUBTS):
     """The causes of doubt about K, B and I: the finding about the inference alone."""
-    found = findings_of(row, OF_FAULTS, "impedance")
+    found = findings_of(row, Limits(), "impedance")
     return [finding.cause for finding in found if finding.grade is grade]
 
 

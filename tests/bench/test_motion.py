@@ -26,8 +26,7 @@ from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.model.drivetrain import joint_admittance, read_parameters
 from osl_analysis.trial import Trial
 
-CONFIG = ROOT / "config/config.yaml"
-SETTINGS = config_for_trials(CONFIG).dynamometer
+SETTINGS = config_for_trials(ROOT / "config/config.yaml").dynamometer
 LIGHT = {"torque_noise": 0.002, "bits": 24, "K": 1.0, "B": 0.5, "I": 0.05}
 
 

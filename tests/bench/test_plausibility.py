@@ -25,13 +25,11 @@ from osl_analysis.trial import Trial
 CONFIG = ROOT / "config/config.yaml"
 DEVICE = ROOT / "config/parameters/default.yaml"
 LEG = read_parameters(DEVICE)
-LIMITS = config_for_trials(CONFIG).doubtful
 SINES = {
     "amplitudes_deg": tuple(np.rad2deg(PROTOCOL.amplitudes)),
     "frequencies_hz": PROTOCOL.frequencies_hz,
 }
 BENCH = config_for_trials(CONFIG).dynamometer.model_copy(update=SINES | {"cycles": PROTOCOL.cycles})
-ACTUATOR = config_for_trials(CONFIG).actuator
 
 
 def clipped(signal):
@@ -50,10 +48,10 @@ def changed(experiment, **changes):
 def judged(experiment, recording, bench=BENCH, asked=None, fixture=None):
     """The last row of the table by the one door to a fit, which knows K_d if it is `asked`, and
     what is `beyond`."""
-    chosen = {"settings": ACTUATOR if experiment == "actuator" else bench}
+    chosen = {"settings": config_for_trials(CONFIG).actuator if experiment == "actuator" else bench}
     chosen |= {"weight": PAPER_WEIGHT} if experiment == "impedance" else {}
     trial = Trial("made", pl.DataFrame(recording), {"columns": {"torque": {"fixture": fixture}}})
-    fit = fit_trial(experiment, trial, DEVICE, chosen, LIMITS, asked)
+    fit = fit_trial(experiment, trial, DEVICE, chosen, config_for_trials(CONFIG).doubtful, asked)
     return dict(fit.row) | {"beyond": beyond_in(fit.findings[-1]), "findings": fit.findings[-1]}
 
 

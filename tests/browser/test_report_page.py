@@ -18,7 +18,6 @@ from osl_analysis.report.signals import measured_response, of_fit, of_recording
 
 pytestmark = pytest.mark.browser
 DRIVER = shutil.which("chromedriver")
-FLAGS = ("headless=new", "no-sandbox", "disable-gpu", "disable-dev-shm-usage")
 ESTIMATES = {
     "K": "101.2 (99.2 to 103.4)",
     "B": "5.25 (5.05 to 5.45)",
@@ -75,7 +74,7 @@ def chromium():
         )
     os.environ.update(SE_OFFLINE="true", SE_AVOID_STATS="true")
     options = webdriver.ChromeOptions()
-    for flag in FLAGS:
+    for flag in ("headless=new", "no-sandbox", "disable-gpu", "disable-dev-shm-usage"):
         options.add_argument(f"--{flag}")
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
     driver = webdriver.Chrome(options=options, service=Service(DRIVER))

@@ -16,7 +16,6 @@ from osl_analysis.signals import LowPass, Motion, filtered_motion
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol, find_segments, find_sines
 
 RATE = 500.0
-LOW_PASS = LowPass(15)
 PROTOCOL = SteppedSineProtocol((0.05, 0.1), (1.0, 3.0, 5.0), 9)
 SETTINGS = BeltAnalysis(cutoff_hz=15, order=4)
 FIVE = SteppedSineProtocol((0.05, 0.1), (1.0, 2.0, 3.0, 4.0, 5.0), 9)
@@ -75,7 +74,7 @@ def stepped_sine(torque_of, noise=0.0, protocol=PROTOCOL, seed=1):
 
 def record_of(time, theta, torque, groups):
     """The record of raw signals."""
-    motion, filtered = filtered_motion(time, theta, torque, LOW_PASS)
+    motion, filtered = filtered_motion(time, theta, torque, LowPass(15))
     usable = np.ones(len(time), dtype=bool)
     return Record("made", time, theta, torque, motion, filtered, SETTINGS, usable, groups)
 

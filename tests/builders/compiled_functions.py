@@ -5,7 +5,9 @@ from tempfile import TemporaryDirectory
 
 from osl_analysis.commands.simulate import simulate_trial
 
-SETTINGS = Path(__file__).parents[1] / "tiny_simulation.yaml"
-
 with TemporaryDirectory() as folder:
-    simulate_trial(SETTINGS, Path(folder), "impedance_K300_B5.0_compensated")
+    simulate_trial(
+        Path(__file__).parents[1] / "tiny_simulation.yaml",
+        Path(folder),
+        "impedance_K300_B5.0_compensated",
+    )

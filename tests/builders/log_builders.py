@@ -47,8 +47,6 @@ def write_tdms(
 
 FRAMES = 40
 
-LABELS = ["HEAD", "HIP", "KNEE", "TOE"]
-
 
 STEP = np.arange(FRAMES)[:, None]
 
@@ -74,7 +72,9 @@ def write_trc(
     keys.update(header)
     lines = ["PathFileType\t4\t(X/Y/Z)\twalk.trc", "\t".join(keys)]
     lines.append("\t".join(map(str, keys.values())))
-    lines.append("\t".join(["Frame#", "Time", *(f"{label}\t\t" for label in LABELS)]))
+    lines.append(
+        "\t".join(["Frame#", "Time", *(f"{label}\t\t" for label in ["HEAD", "HIP", "KNEE", "TOE"])])
+    )
     lines += ["\t\tX1\tY1\tZ1", ""]
     for k, frame in enumerate(positions):
         cells = ["" if np.isnan(value) else f"{value:.5f}" for value in frame.ravel()]

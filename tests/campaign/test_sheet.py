@@ -26,7 +26,6 @@ from osl_analysis.simulator.trial_plan import plan_trials
 from osl_analysis.yaml_settings import read_yaml
 
 HEADER = "trial,experiment,controller,K_d,B_d,perturbed,log,log_source,mocap,mocap_source,exclude\n"
-PLACED = "trial,experiment,joint,side,log,log_source\n"
 BELT = "b,belt,,,,,b.mcap,dynamometer,,,"
 
 
@@ -115,7 +114,7 @@ def test_a_cell_that_its_trial_cannot_have_is_named(tmp_path, experiment, column
 ])  # fmt: skip
 def test_a_row_that_does_not_fit_the_others_is_named(tmp_path, rows, told):
     with pytest.raises(InputError, match=rf"trials.csv: line 3:.*{told}"):
-        read_sheet(sheet(tmp_path, PLACED + rows))
+        read_sheet(sheet(tmp_path, "trial,experiment,joint,side,log,log_source\n" + rows))
 
 
 def test_a_cell_of_several_lines_counts_as_such(tmp_path):
@@ -228,16 +227,17 @@ def test_a_condition_that_one_crossing_alone_states_is_refused(tmp_path):
         check_campaign(opened(tmp_path, rows=cells(tmp_path, "x", speed="fast")))
 
 
-IMPEDANCE = {"experiment": "impedance", "log": "k.csv", "log_source": "s", "mocap": None}
-
-
 def two_of_one_log(tmp_path, **second):
     """Impedance trials `k`, of windows of a log, and `j`, of the same log."""
     trials = {"k": {"windows": "1-4 6-9"}, "j": {"windows": "4-6"} | second}
     of_bench = {}
     for name, changes in trials.items():
         empty = dict.fromkeys(cells(tmp_path, "x")["x"])
-        of_bench[name] = empty | IMPEDANCE | changes
+        of_bench[name] = (
+            empty
+            | {"experiment": "impedance", "log": "k.csv", "log_source": "s", "mocap": None}
+            | changes
+        )
     return of_bench
 
 
@@ -290,12 +290,11 @@ def test_excluded_trials_have_their_reason_and_some_trial_must_be_left(tmp_path)
 
 
 DEFAULT = ROOT / "config" / "simulation" / "default.yaml"
-TINY = ROOT / "tests" / "tiny_simulation.yaml"
 
 
 def settings_with(tmp_path, place, value):
     """The tiny settings with a value set at a dotted place, as a file."""
-    content = inner = yaml.safe_load(TINY.read_text())
+    content = inner = yaml.safe_load((ROOT / "tests" / "tiny_simulation.yaml").read_text())
     *parents, last = place.split(".")
     for parent in parents:
         inner = inner.setdefault(parent, {})
@@ -358,9 +357,8 @@ PRBS = {"name": "a", "kind": "prbs", "rms_deg": 2}
 ])  # fmt: skip
 def test_a_wrong_setting_is_named_with_its_place(tmp_path, place, value, match):
     path = settings_with(tmp_path, place, value)
-    with pytest.raises(InputError, match=match) as refused:
+    with pytest.raises(InputError, match=f"^{path}: .*{match}"):
         read_yaml(path, SimulationSettings)
-    assert (str(refused.value).startswith(f"{path}: "), "\n" in str(refused.value)) == (True, False)
 
 
 def test_an_unstable_loop_or_a_missing_file_is_refused_and_nothing_is_written(tmp_path, in_root):

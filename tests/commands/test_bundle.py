@@ -23,7 +23,6 @@ simulation: null
 parameters: ../device.yaml
 sources: sources
 """
-SHEET = "trial,experiment,log,log_source\nfirst,belt,day/first.csv,bench\n"
 SOURCE = """format: csv
 time: {column: t, unit: s}
 channels:
@@ -40,7 +39,7 @@ def campaign(tmp_path, in_root):
     summary = {"tables_schema": SCHEMA, "version": "2.0.0", "numbers": {}}
     for name, text in {
         "campaign/config.yaml": CONFIG,
-        "campaign/trials.csv": SHEET,
+        "campaign/trials.csv": "trial,experiment,log,log_source\nfirst,belt,day/first.csv,bench\n",
         "campaign/sources/bench.yaml": SOURCE,
         "campaign/results/summary.json": json.dumps(summary),
         "campaign/results/tables/belt.csv": "trial,K_s\nfirst,685\n",

@@ -37,7 +37,6 @@ STATED = {
     "mean": math.isnan,  # of none
 }  # fmt: skip
 N = 400
-RATE = 100.0
 
 
 def not_promised(value, name=""):
@@ -108,7 +107,7 @@ def spoiled(time, x, y):
 
 @cache
 def signals():
-    time = np.arange(N) / RATE
+    time = np.arange(N) / 100.0
     x = 0.1 * np.sin(4 * np.pi * time) + 0.05 * np.sin(10 * np.pi * time + 1)
     return spoiled(time, x, 3 * x + 0.01 * np.random.default_rng(1).standard_normal(N))
 
@@ -142,7 +141,6 @@ def test_a_fit_of_degenerate_signals_is_defined_or_refused_in_one_sentence(name)
 BENCH_RATE = 200.0
 FREQUENCIES = (2.0, 5.0)
 CYCLES = 8
-DEVICE = ROOT / "config/parameters/default.yaml"
 
 
 @cache
@@ -177,7 +175,10 @@ def bench_fit(experiment, t, angle, torque):
     current = 4 * np.sin(0.34 * np.pi * np.arange(len(t)) / BENCH_RATE)
     samples = {"time": t, "theta_m": 0 * t, moved: angle, exerted: torque, "current": current}
     table = fit_trial(
-        experiment, Trial("made", pl.DataFrame(samples)), DEVICE, *asked_of(experiment)
+        experiment,
+        Trial("made", pl.DataFrame(samples)),
+        (ROOT / "config/parameters/default.yaml"),
+        *asked_of(experiment),
     ).table
     described = described_tables_by_name()[EXPERIMENTS[experiment].tables[0].name]
     unknown = {*table.columns} - {*described.columns} - {*described.of_fits}

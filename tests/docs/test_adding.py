@@ -17,8 +17,6 @@ from conftest import ROOT
 
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
 
-CHANGES = sorted((ROOT / "tests/changes").glob("*.patch"))
-PARTS = ("Snakefile", "osl_analysis", "snakemake_logger_plugin_osl", "rules", "profiles", "config")
 DAMPING = {"damper_1": 3.0, "damper_2": 6.0}  # N*m*s/rad, by trial
 RATE = 500
 AMPLITUDE = np.deg2rad(4)
@@ -45,7 +43,14 @@ channels:
 def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A copy of the project with the examples, and two trials of a damper in the new format."""
     folder = tmp_path_factory.mktemp("project")
-    for part in PARTS:
+    for part in (
+        "Snakefile",
+        "osl_analysis",
+        "snakemake_logger_plugin_osl",
+        "rules",
+        "profiles",
+        "config",
+    ):
         # with the compiled modules, which the same dates keep valid, and not those that another
         # process just writes
         ignored = shutil.ignore_patterns("*.pyc.*")
@@ -53,7 +58,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
             shutil.copytree(ROOT / part, folder / part, ignore=ignored)
         else:
             shutil.copy(ROOT / part, folder)
-    for change in CHANGES:
+    for change in sorted((ROOT / "tests/changes").glob("*.patch")):
         for name in re.findall(r"^--- a/((?:docs|tests)/.+)", change.read_text(), re.MULTILINE):
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(ROOT / name, folder / name)

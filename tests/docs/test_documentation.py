@@ -15,21 +15,24 @@ from conftest import ROOT
 
 import osl_analysis as osl
 
-PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").glob("*.md"))]
 LINK = re.compile(r"\]\((?!https?:|#)([^)#]+)(?:#[^)]*)?\)")
-EQUATION = re.compile(r"^\| [0-9–]+ \|.*\| `([\w.]+)` \|$", re.MULTILINE)
 BLOCK = re.compile(r"^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```\n)?", re.MULTILINE | re.DOTALL)
-NOTEBOOK = (ROOT / "docs/notebook.md").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize(
+    "page",
+    [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").glob("*.md"))],
+    ids=lambda page: page.name,
+)
 def test_every_link_leads_to_a_file(page):
     links = LINK.findall(page.read_text(encoding="utf-8"))
     assert [link for link in links if not (page.parent / link).exists()] == []
 
 
 def test_every_equation_of_the_method_leads_to_its_function():
-    functions = EQUATION.findall((ROOT / "docs/method.md").read_text(encoding="utf-8"))
+    functions = re.compile(r"^\| [0-9–]+ \|.*\| `([\w.]+)` \|$", re.MULTILINE).findall(
+        (ROOT / "docs/method.md").read_text(encoding="utf-8")
+    )
     assert len(functions) >= 9
     for name in functions:
         module, _, function = name.rpartition(".")
@@ -61,7 +64,7 @@ def test_the_page_on_notebooks_shows_what_its_code_prints(tmp_path, monkeypatch)
         fmt_str_lengths=40,
         tbl_hide_dataframe_shape=True,
     ):
-        for code, shown in BLOCK.findall(NOTEBOOK):
+        for code, shown in BLOCK.findall((ROOT / "docs/notebook.md").read_text(encoding="utf-8")):
             assert printed_by(code, names) == shown.splitlines()
 
 

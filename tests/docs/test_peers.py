@@ -31,7 +31,6 @@ def estimate(t, theta, torque, rate_hz, bits, person=0, **known):
 HEAD = (
     "method,trial,K,K_low,K_high,B,B_low,B_high,I,I_low,I_high,doubtful,seconds,megabytes,version\n"
 )
-TRUTH = "trial,group,K,B,I,cause\na,one,300,5,0.02,\nb,one,300,5,0.02,friction\n"
 RIGHT = "300,299,301,5,4.9,5.1,0.02,0.019,0.021"
 OFF = "300,299,301,6,5.9,6.1,0.02,0.019,0.021"
 
@@ -47,7 +46,9 @@ def scored(tmp_path):
     from score import score_answers
 
     def scores(*lines):
-        (tmp_path / "truth.csv").write_text(TRUTH)
+        (tmp_path / "truth.csv").write_text(
+            "trial,group,K,B,I,cause\na,one,300,5,0.02,\nb,one,300,5,0.02,friction\n"
+        )
         texts = "\n".join(lines).splitlines()
         (tmp_path / "answers.csv").write_text(
             HEAD + "".join(f"{text},mine 1.10\n" for text in texts)

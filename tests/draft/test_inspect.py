@@ -104,12 +104,19 @@ def test_the_draft_is_written_where_it_is_asked_for_and_never_over_a_file(tmp_pa
 
 
 TIME = np.arange(50) * 0.004
-SIGNALS = {"ankle_angle_deg": np.sin(TIME), "torque_Nm": np.cos(TIME)}
 
 
 def test_of_two_clocks_that_agree_the_first_is_taken_and_the_user_is_asked(tmp_path):
     path = tmp_path / "a.csv"
-    write_text(path, {"loop_time": TIME, "sys_time": TIME, **SIGNALS})
+    write_text(
+        path,
+        {
+            "loop_time": TIME,
+            "sys_time": TIME,
+            "ankle_angle_deg": np.sin(TIME),
+            "torque_Nm": np.cos(TIME),
+        },
+    )
     overview = module.inspect_file(path)
     time = yaml.safe_load(draft_source(overview, path.name))["time"]
     assert time["column"] == "loop_time"

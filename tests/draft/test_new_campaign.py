@@ -228,7 +228,6 @@ LEG = {
 }
 LEG |= {"R_SK3": (30, 0, 300)}
 MALLEOLI = {"R_TAM": (0, 40, 80), "R_FAL": (0, -40, 70)}
-STEP = (FRAMES > 90) & (FRAMES < 160)
 PULSES = ["Sync.1", "Voltage.Trigger"]
 
 
@@ -240,7 +239,7 @@ def capture(path, of_leg, force=0.0, platform=("PLAT1", "PLAT2", "PLAT3"), label
     points = np.zeros((240, len(tracks), 4))
     points[:, :, :3] = np.stack(list(tracks.values()), axis=1)
     analogs = np.zeros((480, 8))
-    analogs[:, 2], analogs[::50, 6:] = -force * np.repeat(STEP, 2), 5.0
+    analogs[:, 2], analogs[::50, 6:] = -force * np.repeat(((FRAMES > 90) & (FRAMES < 160)), 2), 5.0
     corners = np.array([[300.0, 250, 0], [-300, 250, 0], [-300, -250, 0], [300, -250, 0]])
     plates = {"USED": np.array([2]), "TYPE": np.array([2, 2]), "ORIGIN": np.zeros((3, 2))}
     plates |= {"CORNERS": np.dstack([corners.T + 3000, corners.T])}
@@ -496,12 +495,9 @@ def test_rotations_without_markers_are_a_question_before_a_run(tmp_path):
     assert not is_ready
 
 
-HEIGHTS = np.array([40.0, 80.0, 300.0, 450.0])  # of markers on a leg [mm]
-
-
 def standing_with_y_up():
     points = np.full((50, 4, 3), 10.0)
-    points[:, :, 1] = HEIGHTS
+    points[:, :, 1] = np.array([40.0, 80.0, 300.0, 450.0])
     return points
 
 

@@ -1,6 +1,7 @@
 """Figures show the numbers of their tables, with ticks within their limits and looks that are told
 apart in grey."""
 
+import re
 from functools import cache
 
 import matplotlib as mpl
@@ -287,6 +288,14 @@ def test_a_figure_has_the_numbers_and_marks_of_what_is_drawn(name, table, change
     assert [part for part in absent if part in lettering] == []
 
 
+def test_fig3_prints_the_mean_area_of_the_loops_between_the_ends_of_its_interval():
+    lettering = texts(drawn("fig3", both_branches()))
+
+    area = re.search(r"([\d.]+)\D+([\d.]+)\D+([\d.]+)\D? J", lettering)
+    value, low, high = map(float, area.groups())
+    assert low < value < high
+
+
 # A doubtful fit is open, dotted or dashed, and each leads to its trial.
 
 
@@ -423,12 +432,14 @@ def test_a_figure_is_the_same_whatever_the_users_matplotlib_settings(tmp_path):
     assert b"/Type3" not in plain[0].read_bytes()
 
 
-LOST = NotAnalysed("i_1", "raw/i_1.mcap: $no$ such_file^; copy it there")
-
-
 def write_lost(path):
     """Write a table of a trial that was not analysed."""
-    pl.DataFrame([LOST._asdict() | {"status": NOT_ANALYSED}]).write_csv(path)
+    pl.DataFrame(
+        [
+            NotAnalysed("i_1", "raw/i_1.mcap: $no$ such_file^; copy it there")._asdict()
+            | {"status": NOT_ANALYSED}
+        ]
+    ).write_csv(path)
 
 
 def test_a_figure_without_numbers_says_so_with_trial_and_reason(tmp_path):

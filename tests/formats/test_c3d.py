@@ -22,7 +22,6 @@ from osl_analysis.source_file import Source
 # Whole numbers, all different, none zero: 6 frames of 3 points of residual 0, 4 samples a frame.
 POINTS = np.arange(1.0, 73).reshape(6, 3, 4) * [1, 1, 1, 0]
 ANALOGS = np.arange(48.0).reshape(24, 2) - 7
-SYNC = {"sync": {"channel": "A1"}}
 
 
 def source(**fields: Any) -> Source:
@@ -109,7 +108,9 @@ def test_a_single_last_sample_of_zeros_was_not_recorded(
     recorded = ANALOGS + 8
     recorded[first_zero:] = 0.0
 
-    converted = read(write_c3d(tmp_path / "a.c3d", POINTS, recorded), analogs=SYNC)
+    converted = read(
+        write_c3d(tmp_path / "a.c3d", POINTS, recorded), analogs={"sync": {"channel": "A1"}}
+    )
 
     np.testing.assert_allclose(converted.samples["sync"], recorded[:whole, 0], rtol=1e-6)
     assert bool(converted.warnings) == (whole < 24)
@@ -281,7 +282,6 @@ def wrench_of(path: Path, row: int = 3, **fields: Any) -> list[float]:
         ({"POINT__USED": [9]}, {}, "POINT:USED"),
         ({}, {"plates": [2]}, "plate 2"),
         ({}, {"markers": ["M1", "TOE"]}, "'TOE'"),
-        ({}, {"analogs": {"sync": {"channel": "Force.Fx1"}}}, "unit 'N'"),
         ({}, {"plate_geometry": {1: {**STATED, "channels": [*LABELS[:5], "Mz"]}}},
          "'Mz'"),
     ],
@@ -423,14 +423,13 @@ AXES = Rotation.from_euler("ZYX", [0.7, 0.2, np.pi - 0.1]).as_matrix()  # z down
 CORNERS = [1.0, -2.0, 0.3] + np.array(
     [[0.3, 0.2, 0], [-0.3, 0.2, 0], [-0.3, -0.2, 0], [0.3, -0.2, 0]]
 ) @ AXES.T  # fmt: skip
-IN_PLATE = FORCE @ AXES, MOMENT @ AXES
 # from the plate's origin to the centre of its surface, plate axes
 SURFACE = np.array([0.004, -0.007, -0.045])
 
 
 @pytest.mark.parametrize("stored", [1, -1])
 def test_type_2_gives_the_wrench_back_whichever_way_origin_points(stored: int) -> None:
-    force, moment = IN_PLATE
+    force, moment = (FORCE @ AXES, MOMENT @ AXES)
     # moments about the plate's origin: M + r x F
     channels = np.hstack([force, moment + np.cross(SURFACE, force)])
 

@@ -25,9 +25,12 @@ with warnings.catch_warnings(action="ignore"):  # of the library's import
 
 
 RISING = np.arange(12.0)
-INSIDE = {"data": np.column_stack([RISING, RISING**2]), "truth": RISING.astype(np.int16)}
 CONTENT = {
-    "Test": {"slow": {"note": "left", "torque": RISING}, **INSIDE},
+    "Test": {
+        "slow": {"note": "left", "torque": RISING},
+        "data": np.column_stack([RISING, RISING**2]),
+        "truth": RISING.astype(np.int16),
+    },
     "row": RISING[np.newaxis],
 }
 RUNS = [{"name": "slow", "torque": RISING}, {"name": "fast", "torque": 2 * RISING}]
@@ -52,7 +55,7 @@ def numbers_at(recording: Recording, address: str) -> np.ndarray:
 
 
 def refusal(recording: Recording, address: str) -> str:
-    with pytest.raises(InputError, match=r"^[^\n]+$") as caught:
+    with pytest.raises(InputError) as caught:
         at(recording, address)
     return str(caught.value)
 

@@ -118,10 +118,9 @@ def statistics(counts: dict[int, int], total: int | None = None) -> bytes:
 
 
 HEAD = raw(records.Header("", ""))
-DATA_END = raw(records.DataEnd(0))
 
 
-def log(*parts: bytes, summary: bytes = b"", data_end: bytes = DATA_END) -> bytes:
+def log(*parts: bytes, summary: bytes = b"", data_end: bytes = raw(records.DataEnd(0))) -> bytes:
     """A whole file of these parts."""
     data = MAGIC + HEAD + b"".join(parts) + data_end
     return data + summary + raw(records.Footer(len(data) if summary else 0, 0, 0)) + MAGIC
@@ -132,7 +131,6 @@ TEN = messages(range(10))
 TWENTY = messages(range(10, 20))
 ONE_MESSAGE = len(TEN) // 10
 PRIVATE = longer(HEAD, 0x85) + longer(HEAD, 0x40)  # and one of a later version
-WHOLE = log(DECLARED, chunk(TEN), chunk(TWENTY), summary=statistics({1: 20}))
 
 
 def read(folder: Path, content: bytes, *fields: str) -> Recording:
@@ -194,7 +192,7 @@ def test_two_logs_in_one_file_are_refused_with_the_byte_where_to_split_them(tmp_
 
 
 def test_a_checksum_of_zero_is_none(tmp_path: Path) -> None:
-    covered = read(tmp_path, WHOLE)
+    covered = read(tmp_path, log(DECLARED, chunk(TEN), chunk(TWENTY), summary=statistics({1: 20})))
     mixed = read(tmp_path, log(DECLARED, chunk(TEN), chunk(TWENTY, has_checksum=False)))
     bare = read(tmp_path, log(DECLARED, TEN, TWENTY))
 
@@ -389,16 +387,20 @@ def test_numbers_of_every_type_and_byte_order_are_exact(
     assert_decoded(path, "/lab", [dict(zip("abcd", expected, strict=True))])
 
 
-JOINTS = "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\n" + HEADER
-JOINT_STATE = "sensor_msgs/msg/JointState"
-
-
 def write_joints(path: Path, *states: tuple[list[str], list[float]]) -> Path:
     written = [
         stamped(i, name=names, position=positions, velocity=[])
         for i, (names, positions) in enumerate(states)
     ]
-    return write_log(path, written, JOINTS, JOINT_STATE)
+    return write_log(
+        path,
+        written,
+        (
+            "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\n"
+            + HEADER
+        ),
+        "sensor_msgs/msg/JointState",
+    )
 
 
 def test_a_joint_is_found_by_name_beside_those_of_another_publisher(tmp_path: Path) -> None:

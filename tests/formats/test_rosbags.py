@@ -22,7 +22,6 @@ from osl_analysis.formats import known_formats, recognise
 from osl_analysis.recording import End, Recording
 from osl_analysis.source_file import MessageSource
 
-SAMPLE = "std_msgs/Header header\nfloat32 angle\nstring state\nfloat64[] torque\nbool sync\n"
 KIND = "lab_msgs/msg/Sample"
 STEP_NS = 1_000_000
 START_NS = 1_700_000_000_000_000_000
@@ -33,7 +32,12 @@ DESCRIBED = "metadata.yaml"
 def write_rows(writer: Any, ros: int, rows: Iterable[float]) -> None:
     """A message per row on /lab: `row` degrees, torques -row / 2 and row."""
     store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
-    store.register(get_types_from_msg(SAMPLE, KIND))
+    store.register(
+        get_types_from_msg(
+            "std_msgs/Header header\nfloat32 angle\nstring state\nfloat64[] torque\nbool sync\n",
+            KIND,
+        )
+    )
     time = store.types["builtin_interfaces/msg/Time"]
     header = store.types["std_msgs/msg/Header"]
     encode = store.serialize_ros1 if ros == 1 else store.serialize_cdr

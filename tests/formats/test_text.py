@@ -13,7 +13,6 @@ from osl_analysis.formats import known_formats
 from osl_analysis.recording import Kind, Recording
 
 TIME = np.arange(900) / 500  # s; long enough that polars splits the middle of the text
-ANGLE = 5 * np.sin(9 * TIME)
 TORQUE = 30 * np.sin(9 * TIME + 0.3)
 HEAD = ["Time [s]", "Ankle angle [deg]", "Torque [Nm]"]
 
@@ -23,7 +22,7 @@ def table(
 ) -> str:
     """A table of text."""
     rows = [HEAD]
-    for row in zip(TIME, ANGLE, TORQUE, strict=True):
+    for row in zip(TIME, (5 * np.sin(9 * TIME)), TORQUE, strict=True):
         rows.append([f"{number:.9f}".replace(".", decimal) for number in row])
     return above + "\n".join(sign.join(row) for row in rows) + ends + below
 
@@ -42,7 +41,7 @@ def refusal(folder: Path, content: str | bytes, name: str = "a.csv", **stated: A
         for channel in read(folder, content, name, **stated).channels:
             channel.read()
 
-    with pytest.raises(InputError, match=r"^[^\n]+$") as caught:
+    with pytest.raises(InputError) as caught:
         read_all()
     return str(caught.value)
 
@@ -158,15 +157,18 @@ def test_numbers_of_a_long_text_keep_their_last_digit_and_their_line(
 
 # --- LabVIEW ------------------------------------------------------------------------------------
 
-LVM = "LabVIEW Measurement\t\nX_Columns\tOne\nMulti_Headings\tYes\n***End_of_Header***\t\n\n"
-
 
 def test_a_labview_file_of_several_segments_is_refused_with_the_setting_of_labview(
     tmp_path: Path,
 ) -> None:
     segment = "Channels\t2\t\n***End_of_Header***\t\nX_Value\tAngle\tTorque\n0.0\t1.0\t2.0\n\n"
 
-    said = refusal(tmp_path, LVM + 3 * segment, "a.lvm")
+    said = refusal(
+        tmp_path,
+        "LabVIEW Measurement\t\nX_Columns\tOne\nMulti_Headings\tYes\n***End_of_Header***\t\n\n"
+        + 3 * segment,
+        "a.lvm",
+    )
 
     assert re.search("3 .*`Segment Headers: One header only`", said)
 

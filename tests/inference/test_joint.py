@@ -13,7 +13,6 @@ from osl_analysis.inference import BenchSignals, ImpedanceInference, infer_imped
 RATE = 500.0
 K = 300.0
 B = 5.0
-I = 0.02
 STEP = 2 * np.pi / 2**16
 
 
@@ -25,7 +24,7 @@ def driven(seconds: float = 20.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     time = np.arange(round(seconds * fine)) / fine
     torque = scipy.ndimage.gaussian_filter1d(rng.normal(size=len(time)), fine / 25)
     torque = 12.0 * torque / torque.std()
-    _, theta, _ = scipy.signal.lsim(([1.0], [I, B, K]), torque, time)
+    _, theta, _ = scipy.signal.lsim(([1.0], [0.02, B, K]), torque, time)
     return time[::4], torque[::4], theta[::4]
 
 

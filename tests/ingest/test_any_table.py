@@ -25,8 +25,10 @@ ANGLE = 5 * np.sin(9 * TIME)
 TORQUE = 30 * np.sin(9 * TIME + 0.3)
 T, A, M = ([f"{x:.9f}" for x in column] for column in (TIME, ANGLE, TORQUE))
 HEAD = ["Time [s]", "Ankle angle [deg]", "Torque [Nm]"]
-START = dt.datetime(2024, 5, 1, 23, 59, 59, 500_000)  # midnight passes
-CLOCK = [START + dt.timedelta(microseconds=round(1e6 * x)) for x in TIME]
+CLOCK = [
+    dt.datetime(2024, 5, 1, 23, 59, 59, 500_000) + dt.timedelta(microseconds=round(1e6 * x))
+    for x in TIME
+]
 
 
 def text(sign=",", head=HEAD, above="", below="", t=T, a=A, m=M, decimal="."):

@@ -70,7 +70,6 @@ UNITLESS: dict[str, object] = {
 }  # fmt: skip
 NUMBERED = {"theta": {"column": 2, "unit": "rad"}, "torque": {"column": 3, "unit": "Nm"}}
 PATTERNS = {"theta": {"column": "ang*e"}, "torque": {"column": "load"}}
-TWICE = {"theta": {"column": "angle", "unit": "rad"}, "torque": {"column": 2, "unit": "Nm"}}
 LOG = "t,angle,load\n10.0,0,1\n10.5,90,2\n11.0,-180,+3.5\n"
 
 
@@ -317,7 +316,6 @@ LOGGER = (
     "time,<__main__.Joint object at 0x7fe6c0>.output_position,<__main__.Joint object at"
     " 0x7fe6c0>.current\n0,1,5\n"
 )
-ROWS = "0.01,2,6\n0.02,3,7\n0.03,4,8\n"
 
 
 def test_a_pattern_finds_a_column_whose_name_changes_from_run_to_run(
@@ -326,7 +324,7 @@ def test_a_pattern_finds_a_column_whose_name_changes_from_run_to_run(
     theta = {"column": "*.output_position", "unit": "rad"}
     torque = {"column": "<*>.current", "unit": "Nm"}
     for address in ("0x7fe6c0", "0x55d1a2b3"):
-        text = (LOGGER + ROWS).replace("0x7fe6c0", address)
+        text = (LOGGER + "0.01,2,6\n0.02,3,7\n0.03,4,8\n").replace("0x7fe6c0", address)
         channels = {"theta": theta, "torque": torque}
         trial = ingested(tmp_path, text, channels=channels, time={"column": "ti*", "unit": "s"})
         assert_samples(trial)
@@ -366,7 +364,7 @@ def load(**stated: object) -> dict[str, object]:
      "time.* rate"),
     ({"time": {"column": "t", "rate": 9}}, "0.01 .*line 3"),
     ({"channels": {"plate": {"column": "a", "unit": "N"}}}, "'plate'"),
-    ({"channels": dict.fromkeys(("theta", "theta_m"), TWICE["theta"])},
+    ({"channels": {name: {"column": "angle", "unit": "rad"} for name in ("theta", "theta_m")}},
      "theta_m.column: .*'angle'.*theta"),
     (load(delay="soon"), "'soon'.*`2 s`"),
     *((load(delay=text), f"{text}'.* 0 .*0.2 s") for text in ("-2 ms",

@@ -21,11 +21,10 @@ from osl_analysis.ingest.raw_files import read_converted, read_source
 
 ROWS = 200
 TORQUE = {"field": "functions.torque", "unit": "N*m", "sign": -1}
-CHANNELS = {"theta": {"field": "variables.ankle_angle", "unit": "deg"}, "torque": TORQUE}
 SOURCE = {
     "format": "json_lines",
     "time": {"field": "variables.time", "unit": "ms"},
-    "channels": CHANNELS,
+    "channels": {"theta": {"field": "variables.ankle_angle", "unit": "deg"}, "torque": TORQUE},
 }
 
 
@@ -196,8 +195,13 @@ SAMPLES = 100
 START = np.datetime64("2024-05-01T12:00:00")
 ANGLE = np.linspace(-10.0, 10.0, SAMPLES)
 TORQUE = 40.0 * np.sin(np.arange(SAMPLES) / 7)
-BENCH_TORQUE = {"torque": {"channel": "Torque", "unit": "lbf*in", "sign": -1}}
-BENCH = {"format": "tdms", "channels": {"theta": {"channel": "Bench/Angle"}, **BENCH_TORQUE}}
+BENCH = {
+    "format": "tdms",
+    "channels": {
+        "theta": {"channel": "Bench/Angle"},
+        "torque": {"channel": "Torque", "unit": "lbf*in", "sign": -1},
+    },
+}
 
 
 def timing(step: float = 1e-3, offset: float = 0.0, **more: Any) -> dict[str, Any]:

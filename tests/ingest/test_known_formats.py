@@ -21,12 +21,14 @@ from osl_analysis.ingest.raw_files import read_source, trial_from_files
 from osl_analysis.source_file import MarkerSource
 from osl_analysis.trial import Trial
 
-ROOT = Path(__file__).parents[2]
 LOG = {"format": "mcap", "time": {"source": "header"}, "channels": {}}
 
 
 def test_every_shipped_source_file_is_valid() -> None:
-    formats = {read_source(path).format for path in (ROOT / "config/sources").glob("*.yaml")}
+    formats = {
+        read_source(path).format
+        for path in (Path(__file__).parents[2] / "config/sources").glob("*.yaml")
+    }
     assert {"csv", "mcap", "c3d", "nexus_csv", "mat"} <= formats
     for known in known_formats().values():
         if issubclass(known.source, MarkerSource):
@@ -41,20 +43,19 @@ def channel(column: str, **fields: object) -> dict[str, object]:
     return {**LOG, "channels": {column: {"topic": "/lab", "field": "angle", **fields}}}
 
 
-TWO = (("theta", "rad"), ("torque", "N*m"), ("sync", "V"))
-OUTPUT = {"label": "LAnkleMoment", "component": "x", "unit": "N*mm"}
 MISTAKES: list[tuple[dict[str, object], str]] = [
     (channel("torque", unit="deg"),
      "source.yaml: line 5: channels.torque.unit: 'deg'"),
     ({**LOG, "channels": {name: {"topic": "/lab", "field": "a", "unit": unit} for name,
-     unit in TWO}}, "'a' .*theta"),
+     unit in (("theta", "rad"), ("torque", "N*m"), ("sync", "V"))}}, "'a' .*theta"),
     (channel("time", unit="s"), "channels.*time"),
     (channel("theta", unit="deg", sign=0), "sign"),
     ({"format": "xlsx"}, "'xlsx'.* table"), (LOG, "channels: "),
     ({"format": "c3d", "plates": "first"},
      "plates: 'first'.*'all'"),
     ({"format": "c3d", "plate_units": {"force": "N", "moment": "mm"}}, "'mm'"),
-    ({"format": "c3d", "outputs": {"reference_ankle_moment_left": OUTPUT}},
+    ({"format": "c3d", "outputs": {"reference_ankle_moment_left": 
+     {"label": "LAnkleMoment", "component": "x", "unit": "N*mm"}}},
      r"'N\*mm'"),
 ]  # fmt: skip
 

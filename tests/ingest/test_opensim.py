@@ -41,8 +41,10 @@ def write_mot(path: Path, header: str = "inDegrees=yes") -> Path:
 
 
 ANKLE = {"column": "ankle_angle_r", "unit": "deg"}
-MOMENT = {"column": "ankle_moment", "unit": "N*m", "sign": -1}
-MOT: dict[str, Any] = {"format": "opensim", "channels": {"theta": ANKLE, "torque": MOMENT}}
+MOT: dict[str, Any] = {
+    "format": "opensim",
+    "channels": {"theta": ANKLE, "torque": {"column": "ankle_moment", "unit": "N*m", "sign": -1}},
+}
 
 
 # --- markers ------------------------------------------------------------------------------------

@@ -140,7 +140,6 @@ def test_a_sound_recording_passes_every_check():
 
 AWAY = (np.arange(ANGLE.size) > 2000) & (np.arange(ANGLE.size) < 2500)
 BEYOND = longest_run(TORQUE > 15)
-DRIFT = np.linspace(0, 40, ANGLE.size)
 ABOVE = BEYOND.stop - BEYOND.start
 NUMBERS = np.arange(1000)
 LEVELS = np.repeat([1.0, 4.0, -2.0, 0.0], 1000)[:2000]
@@ -151,7 +150,6 @@ SEEN = with_piece(
     np.nan,
 )
 # faults that begin or end in a leap of one sample: a rail out of nowhere, and a turn
-ALSO_LEAP = {("saturation", 9), ("encoder_wrap", 2.0)}
 STILL = pl.DataFrame({"time": np.arange(2000) / RATE, "theta": 0.1})
 BARE = laboratory()["plate1_force_z"].to_numpy()
 STOOD_ON = 800 + np.random.default_rng(1).standard_normal(2000)
@@ -167,7 +165,8 @@ STOOD_ON = 800 + np.random.default_rng(1).standard_normal(2000)
     ("saturation", bench(torque=with_piece(TORQUE, 1000, 1009, 40.0)), "impedance", 9, "torque"),
     # an encoder at both ends of its range, and at one, though it rests while the torque drifts
     ("saturation", bench(ANGLE.clip(-0.05, 0.05), torque=TORQUE), "impedance", 123, "theta"),
-    ("saturation", bench(ANGLE.clip(max=0.05), torque=TORQUE + DRIFT), "impedance", 123, "theta"),
+    ("saturation", bench(ANGLE.clip(max=0.05), torque=TORQUE + np.linspace(0, 40, ANGLE.size)),
+     "impedance", 123, "theta"),
     ("dropout", bench(torque=with_piece(TORQUE, 1000, 1001, 2e6)), "impedance", 1, None),
     ("dropout", bench(torque=with_piece(TORQUE, BEYOND.start, BEYOND.start + 20, 0.0)), "impedance",
      2, f"torque .* {BEYOND.start / RATE:.3f} s.*`windows` 0.2-{BEYOND.start / RATE - 0.2:.1f} .*"),
@@ -237,7 +236,7 @@ def test_a_fault_is_measured_where_it_is_and_fails_its_own_check_alone(
     )
     if experiment in ("impedance", "static") and samples is not STILL:
         expected = {check} if fails else set()
-        if (check, value) in ALSO_LEAP:
+        if (check, value) in {("saturation", 9), ("encoder_wrap", 2.0)}:
             expected.add("dropout")
         assert failed(checks) - {"protocol"} == expected
 
@@ -289,15 +288,15 @@ DAMAGED_LOG = {
     "complete": False, "end_missing": True, "lost": 130, "share_lost": 0.04, "remarks": ["chunk 3"],
 }  # fmt: skip
 DAMAGED_CAPTURE = {**DAMAGED_LOG, "end_missing": False, "lost": 3, "share_lost": 0.05}
-OF_LOG = "log: 130 .*chunk 3"
-OTHER_UNIT = {"torque": {"unit": "lbf*in", "unit_of_file": "N*m"}, "theta": {"unit": "deg"}}
 
 
 @pytest.mark.parametrize(("provenance", "beyond", "check", "value", "remark"), [
     ({"clock": BAD_FIT}, {"clock_residual"}, "clock_residual", 2.5e-3,
      "20 .*edges"),
-    ({"columns": OTHER_UNIT}, {"unit"}, "unit", 1.0, r"torque .*lbf\*in.*N\*m"),
-    ({"damage": {"log": DAMAGED_LOG}}, {"damage", "truncated"}, "damage", 4.0, OF_LOG),
+    ({"columns": {"torque": {"unit": "lbf*in", "unit_of_file": "N*m"}, "theta": {"unit": "deg"}}},
+     {"unit"}, "unit", 1.0, r"torque .*lbf\*in.*N\*m"),
+    ({"damage": {"log": DAMAGED_LOG}}, {"damage", "truncated"}, "damage", 4.0,
+     "log: 130 .*chunk 3"),
     ({"damage": {"log": DAMAGED_LOG, "mocap": DAMAGED_CAPTURE}}, {"damage", "truncated"}, "damage",
      5.0, "mocap: 3 .*chunk 3"),
 ])  # fmt: skip

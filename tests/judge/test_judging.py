@@ -93,9 +93,6 @@ def test_a_transmission_is_doubted_by_how_far_its_damping_moves(share, is_doubte
     assert doubts == [("torque path", Grade.DOUBTS)] * is_doubted
 
 
-EXACT = {f"{symbol}{end}": 1.0 for symbol in "KBI" for end in ("", "_low", "_high")}
-
-
 @pytest.mark.parametrize(("row", "shift", "is_doubted"), [
     # of 300 +- 3 N*m/rad, 2 half-widths are 2 %
     ({"K": 300.0, "K_low": 297.0, "K_high": 303.0}, 2.01, True),
@@ -106,7 +103,12 @@ EXACT = {f"{symbol}{end}": 1.0 for symbol in "KBI" for end in ("", "_low", "_hig
     ({"I": 0.0, "I_low": -0.01, "I_high": 0.01}, 0.99, False),
 ])  # fmt: skip
 def test_other_time_stamps_move_an_estimate_by_half_widths_of_its_interval(row, shift, is_doubted):
-    row = {"trial": "a", **EXACT, **row, "time_base_shift": shift}
+    row = {
+        "trial": "a",
+        **({f"{symbol}{end}": 1.0 for symbol in "KBI" for end in ("", "_low", "_high")}),
+        **row,
+        "time_base_shift": shift,
+    }
 
     doubts = [each.name for each in findings_of(row, Limits(), "impedance")]
 

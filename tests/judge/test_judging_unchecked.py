@@ -3,7 +3,6 @@
 import pytest
 from conftest import noted_in
 
-FIXTURE = {"fixture": "inertia 0.01"}
 NO_FIXTURE = {"fixture": None}
 HANGING = {"K": 60.6, "offset": 4.503, "fixture_weight": 5.2}
 """By hand: 5.2 N*m about an angle 60 deg off leave 4.503 N*m, and add 2.6 N*m/rad to K."""
@@ -36,7 +35,7 @@ SHAFT = {"fault_probability": 0.0, "B_j": 1.0, "J_j": 0.1, "delay_se_s": 1e-3}
     # a fixture is unchecked until something of it is taken off, or it is alone
     *((table, NO_FIXTURE, "fixture_inertia", True)
       for table in ("impedance", "transmission", "torque_angle")),
-    ("transmission", FIXTURE, "fixture_inertia", False),
+    ("transmission", {"fixture": "inertia 0.01"}, "fixture_inertia", False),
     ("calibration", NO_FIXTURE | {"rest_deg": None}, "fixture_inertia", True),
     ("calibration", NO_FIXTURE | {"rest_deg": 0.1}, "fixture_inertia", False),
     ("impedance", HANGING, "zeros_disagree", True),

@@ -15,7 +15,6 @@ from osl_analysis.judge.known_findings import CHECKS, CONTENT, FAMILIES, FINDING
 from osl_analysis.judge.limits import Accuracy, DoubtfulFits, Limits
 from osl_analysis.judge.words import finding_text, words_of
 
-ACCURACY = Accuracy().model_dump()
 LATE_TORQUE = {
     "trial": "a",
     "lag_s": 2e-3,
@@ -88,7 +87,11 @@ def test_every_column_that_a_limit_decides_has_one():
     for table in JUDGED_TABLES:
         stated = doubtful.of(table)
         limited |= {*stated.above, *stated.below, *stated.ratio}
-    without = {rule.column for rule in RULES if rule.column and rule.ends(ACCURACY)[0] == -inf}
+    without = {
+        rule.column
+        for rule in RULES
+        if rule.column and rule.ends(Accuracy().model_dump())[0] == -inf
+    }
     assert without - limited == set(), "state its limit under `doubtful`, or in findings.yaml"
 
 

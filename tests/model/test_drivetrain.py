@@ -18,7 +18,6 @@ from osl_analysis.model.drivetrain import joint_admittance, known_parameters, re
 from osl_analysis.model.rendered_impedance import rendering
 
 P = read_parameters(ROOT / "config/parameters/default.yaml")
-FREQUENCIES = [0.0, 0.3, 1.0, 5.0, 40.0]  # [Hz]
 
 
 def weight_of(cutoff_hz, order):
@@ -47,7 +46,7 @@ def test_the_closed_form_of_equation_5_solves_the_implicit_equation(u, s):
     assert current * P.k_tau * P.n_m == pytest.approx(u + friction, abs=1e-12)
 
 
-@pytest.mark.parametrize("frequency", FREQUENCIES)
+@pytest.mark.parametrize("frequency", [0.0, 0.3, 1.0, 5.0, 40.0])
 @pytest.mark.parametrize("J_j", [0.0, 5e-3])
 @pytest.mark.parametrize(("K_1", "B_1"), [(25.0, 0.66), (5.5, -0.003), (45.0, 1.8)])
 def test_the_admittance_solves_the_equations_of_motion(frequency, J_j, K_1, B_1):
@@ -66,8 +65,6 @@ def test_the_admittance_solves_the_equations_of_motion(frequency, J_j, K_1, B_1)
 # ---- The norm of Eq. 14 and its minimum
 
 
-PAIRS = [(300, 5), (100, 0), (340, 1e-7)]
-WEIGHTS = [PAPER_WEIGHT, weight_of(0.1, 5), weight_of(50, 1)]
 # All minima B_1 of the default device by Sturm's theorem in rational arithmetic (release 0.2.0):
 # K_d, B_d, W, whether J_j counts.
 PROVED = [
@@ -107,8 +104,8 @@ def norm_by_quadrature(K_d, B_d, B_1, weight, J_j=0.0):
     return np.sqrt(sum(parts) / np.pi)
 
 
-@pytest.mark.parametrize("weight", WEIGHTS, ids=str)
-@pytest.mark.parametrize(("K_d", "B_d"), PAIRS)
+@pytest.mark.parametrize("weight", [PAPER_WEIGHT, weight_of(0.1, 5), weight_of(50, 1)], ids=str)
+@pytest.mark.parametrize(("K_d", "B_d"), [(300, 5), (100, 0), (340, 1e-7)])
 def test_the_norm_is_the_integral_over_frequency(K_d, B_d, weight):
     J_j = P.J_j if B_d > 2 else 0.0
 

@@ -25,7 +25,6 @@ from osl_analysis.simulator.bench_trial import (
 from osl_analysis.simulator.simulation_settings import SimulationSettings
 from osl_analysis.yaml_settings import read_yaml
 
-DEFAULT = ROOT / "config/simulation/default.yaml"
 TINY = ROOT / "tests/tiny_simulation.yaml"
 P = read_parameters(ROOT / "config/parameters/default.yaml")
 RATE = 1000.0  # [Hz]
@@ -100,18 +99,21 @@ def excited(kind, seed=3, **changes):
 
 
 SMOOTH = ("multisine", "chirp", "noise", "hand")
-BELT = settings.BeltMotion(amplitude_deg=5, ramp_s=2.0, rest_s=0.5)
-ACTUATOR = read_yaml(DEFAULT, SimulationSettings).actuator
-ONE_SINE = stepped(frequencies_hz=(1,), rest_s=0, lead_s=0)
+ACTUATOR = read_yaml((ROOT / "config/simulation/default.yaml"), SimulationSettings).actuator
 THERE_AND_BACK = [
-    signal[501:4499] for signal in vars(bench_trial.there_and_back(BELT, RATE)).values()
+    signal[501:4499]
+    for signal in vars(
+        bench_trial.there_and_back(
+            settings.BeltMotion(amplitude_deg=5, ramp_s=2.0, rest_s=0.5), RATE
+        )
+    ).values()
 ]
 
 
 @pytest.mark.parametrize(
     ("motion", "largest"),
     [
-        (ONE_SINE, 2e-4),
+        (stepped(frequencies_hz=(1,), rest_s=0, lead_s=0), 2e-4),
         (JointMotion(*THERE_AND_BACK), 1e-12),
         (bench_trial.actuator_command(ACTUATOR, RATE)[0], 1e-5),
         *((excited(kind), 1e-5) for kind in SMOOTH),
@@ -296,7 +298,6 @@ def test_coulomb_friction_turns_with_the_velocity(clean):
 
 
 TONES = [{"frequency_hz": 1, "size": 1}]
-FALLING_BAND = {"name": "x", "kind": "noise", "rms_deg": 1, "band_hz": [6, 2]}
 SHORT_ACTUATOR = {"duration_s": 3, "fade_s": 1, "velocity": TONES, "current": TONES}
 
 
@@ -305,7 +306,8 @@ SHORT_ACTUATOR = {"duration_s": 3, "fade_s": 1, "velocity": TONES, "current": TO
     [
         ("recorder", {"node": {"jitter": on(20, "us")}}, "unit.*'s'"),
         ("protocol", {"cycles": [2, 3, 4]}, "frequencies"),
-        ("excitations", [FALLING_BAND], "2.0.*6.0;"),
+        ("excitations", [{"name": "x", "kind": "noise", "rms_deg": 1, "band_hz": [6, 2]}],
+         "2.0.*6.0;"),
         ("actuator", SHORT_ACTUATOR, "times fade_s"),
         ("experiments", {"actuator": 2},
          "2 actuator trials.*'actuator'"),

@@ -22,9 +22,6 @@ BROKEN = "belt_02"
 TABLE = "results/tables/belt.csv"
 LOG = f"raw_data/small/dynamometer/{BROKEN}.mcap"
 # and one static, four of impedance
-COUNTS = {"belt": 4, "transmission": 2, "actuator": 2, "plate": 3, "walking": 8}
-SNAKEMAKE = [sys.executable, "-m", "snakemake"]
-CAMPAIGN = ["--snakefile", str(ROOT / "Snakefile"), "--configfile", CONFIG]
 LONGEST_S = 400  # of one run on a busy machine
 
 pytestmark = pytest.mark.slurm
@@ -36,7 +33,11 @@ def run(
     """What Snakemake says in a folder, its exit code last; `then` is called once a file like `once`
     is no refusal."""
     said = folder / "said.txt"
-    command = [*SNAKEMAKE, *arguments, *CAMPAIGN]
+    command = [
+        *[sys.executable, "-m", "snakemake"],
+        *arguments,
+        *["--snakefile", str(ROOT / "Snakefile"), "--configfile", CONFIG],
+    ]
     with (
         said.open("w") as file,
         subprocess.Popen(command, cwd=folder, stdout=file, stderr=file) as it,
@@ -55,7 +56,10 @@ def test_several_submissions_give_the_same_bytes_and_a_cancelled_one_is_made_by_
     assert shutil.which("sbatch"), "SLURM is started by `make test-slurm`"
     local = tmp_path / "local"
     folder = tmp_path / "slurm"
-    write_small(local, {"experiments": COUNTS})
+    write_small(
+        local,
+        {"experiments": {"belt": 4, "transmission": 2, "actuator": 2, "plate": 3, "walking": 8}},
+    )
     (local / CONFIG).write_text(yaml.safe_dump(OVERRIDES))
     assert run(local).endswith("exit code 0")
     for part in ("config", "raw_data"):

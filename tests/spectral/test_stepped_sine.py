@@ -142,14 +142,11 @@ def test_a_clock_that_is_right_to_50_ppm_has_the_commanded_frequencies():
 # ---- Other protocols than the stated one
 
 
-NOISE_ALONE = 1e-4 * np.random.default_rng(1).standard_normal(9000)
-
-
 @pytest.mark.parametrize(("theta", "message"), [
     (57.3 * stepped(),
      r"\d Hz.*1\d\.0 s.*amplitude.*328\.\d+ deg,.*1\.7"),
     (0.0 * stepped(), "angle.*0 deg"),
-    (NOISE_ALONE, r"0\.0\d+ deg"),
+    ((1e-4 * np.random.default_rng(1).standard_normal(9000)), r"0\.0\d+ deg"),
 ], ids=["in degrees", "still", "noise"])  # fmt: skip
 def test_a_record_without_the_commanded_sines_is_refused_with_what_it_is(theta, message):
     with pytest.raises(InputError, match=message):
@@ -192,9 +189,6 @@ def test_a_warm_up_at_another_amplitude_or_of_two_cycles_is_not_used(before):
 # ---- Segments
 
 
-ALL_ROWS = np.ones(2000, dtype=bool)
-
-
 # of 83.3 rows a cycle, and of 125
 TWO_SEGMENTS = [
     Segment(0.1, 3.0, start=100, stop=1100, cycles=12, commanded=0.1),
@@ -205,7 +199,7 @@ TWO_SEGMENTS = [
 def test_cycles_near_a_gap_are_left_out():
     """Row 550 is in the fifth of ten cycles. The first cycle of a segment begins at a whole row;
     the others are not rounded."""
-    usable = ALL_ROWS.copy()
+    usable = np.ones(2000, dtype=bool).copy()
     usable[550] = False
 
     groups = cycles_of(TWO_SEGMENTS, 1, usable)

@@ -308,10 +308,6 @@ def test_six_unperturbed_crossings_predict_nothing() -> None:
     assert chosen == ()
 
 
-SETTINGS = settings(window_s=0.1)
-USUAL = usual(2e-3, 8)
-
-
 def perturbed(n: int = 8, stiffnesses: tuple[float, ...] = (340.0,)) -> list[Crossing]:
     K = [stiffnesses[k % len(stiffnesses)] for k in range(n)]
     return [walked(f"p{k}", 1.0, 2e-3, ONSET, (K[k], 3.0, 0.02)) for k in range(n)]
@@ -320,7 +316,7 @@ def perturbed(n: int = 8, stiffnesses: tuple[float, ...] = (340.0,)) -> list[Cro
 @pytest.fixture(scope="module")
 def headline() -> GroupHeadline:
     """Of eight sound crossings."""
-    return group_headline(perturbed(), USUAL, SETTINGS)
+    return group_headline(perturbed(), usual(2e-3, 8), settings(window_s=0.1))
 
 
 @pytest.fixture(scope="module")

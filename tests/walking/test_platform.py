@@ -28,7 +28,6 @@ from osl_analysis.walking.poses import StaticCalibration, static_calibration
 
 CALIBRATION = static_calibration(static_trial(), settings())
 RIG = Rig()
-QUIET = Rig(marker=1e-5)
 HEAVE = 0.003
 WALK = walked_over("walk_1", None, RIG, 1)
 
@@ -150,7 +149,7 @@ LATER_CALIBRATION = static_calibration(glued_elsewhere(static_trial()), settings
 
 def test_each_unloaded_trial_is_read_with_the_cluster_of_its_session() -> None:
     """With the first static trial the residual of the second session exceeds the limit."""
-    trials = plate_trials(QUIET, Ramp(), 2, 2)
+    trials = plate_trials(Rig(marker=1e-5), Ramp(), 2, 2)
     later = glued_elsewhere(trials[1])
 
     alike = identify_plate_model(calibrated(trials), settings())

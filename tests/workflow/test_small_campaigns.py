@@ -19,7 +19,6 @@ from osl_analysis.jobs.job_log import read_log
 
 K = 40.0  # N*m/rad, of the spring
 CONFIG = {"campaign": "small", "raw_data": ".", "sheet": "trials.csv"}
-NOT_OURS = dict.fromkeys(("simulation", "parameters", "impedance_trajectory"))
 SOURCE = {
     "format": "csv",
     "clock": "master",
@@ -72,7 +71,9 @@ def write_campaign(folder: Path, experiments: dict[str, str]) -> None:
         pl.DataFrame(columns).write_csv(folder / f"{name}.csv", float_precision=5)
         rows.append(f"{name},{experiment},{name}.csv,spring")
     (folder / "trials.csv").write_text("\n".join(rows) + "\n")
-    (folder / "config.yaml").write_text(yaml.safe_dump(CONFIG | NOT_OURS))
+    (folder / "config.yaml").write_text(
+        yaml.safe_dump(CONFIG | dict.fromkeys(("simulation", "parameters", "impedance_trajectory")))
+    )
     (folder / "config/sources").mkdir(parents=True)
     (folder / "config/sources/spring.yaml").write_text(yaml.safe_dump(SOURCE))
 

@@ -31,7 +31,6 @@ from osl_analysis.table import not_analysed
 
 TRIAL = "impedance_K300_B5.0_compensated"
 DYNAMOMETER = OVERRIDES["dynamometer"]
-EVERY_TRIAL = (ROOT / "tests/planned_trials.csv").read_text().splitlines(keepends=True)
 MODULE = f"""
 configfile: "config/small.yaml"
 
@@ -255,7 +254,6 @@ def test_belt_transmission_impedance_and_walking_are_those_that_made_the_recordi
     assert walking["K"].mean() == pytest.approx(rendered, rel=0.05)
 
 
-BENCH = {"fit_belt", "fit_transmission", "fit_impedance", "fit_actuator"}
 CROSSINGS = {
     "identify_plate",
     "find_onsets",
@@ -280,7 +278,11 @@ def test_changed_settings_give_the_bytes_of_a_fresh_run_and_redo_what_uses_them_
     again.configure(changes)
     planned = again.planned()
     assert {"judge", "table"} <= set(planned)
-    assert not (BENCH | CROSSINGS | {"ingest", "summarise_walking"}) & set(planned)
+    assert not (
+        {"fit_belt", "fit_transmission", "fit_impedance", "fit_actuator"}
+        | CROSSINGS
+        | {"ingest", "summarise_walking"}
+    ) & set(planned)
     names = ("belt_summary", "impedance", "transmission", "transmission_summary")
     targets = [f"results/tables/{name}.csv" for name in (*names, "quality")]
     for space in (again, fresh):
@@ -342,7 +344,6 @@ NOT_CHANGED = {
     "plate_inertia",
 }  # fmt: skip
 """Such as name markers, a trial, or what a test of its own changes."""
-OTHER_WORD = {"auto": "any", "end": "start", "right": "left"}
 
 
 def another(value, number):
@@ -354,7 +355,11 @@ def another(value, number):
         return [another(one, number) for one in value]
     if isinstance(value, str):
         size, _, unit = value.partition(" ")
-        return f"{another(float(size), number)} {unit}" if unit else OTHER_WORD[value]
+        return (
+            f"{another(float(size), number)} {unit}"
+            if unit
+            else {"auto": "any", "end": "start", "right": "left"}[value]
+        )
     return value + 1 if isinstance(value, int) else value * (1 + 1e-5 * number) + 1e-7 * number
 
 
@@ -369,7 +374,11 @@ def test_every_setting_is_a_param_of_a_job(tmp_path):
         "|walking_"
     )
     (tmp_path / "trials.csv").write_text(
-        "".join(row for row in EVERY_TRIAL if re.match(of_each, row))
+        "".join(
+            row
+            for row in (ROOT / "tests/planned_trials.csv").read_text().splitlines(keepends=True)
+            if re.match(of_each, row)
+        )
     )
     (tmp_path / "raw").mkdir()
     for place, value in leaves(

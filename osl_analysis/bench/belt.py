@@ -12,7 +12,7 @@ from osl_analysis.bench.impedance import Analysis, torque_errors, widened
 from osl_analysis.bench.motion import record_of, signals_of, stretches_of
 from osl_analysis.bench.plausibility import check_changes, check_stiffer
 from osl_analysis.bench.record import Groups, Label, Record
-from osl_analysis.bench.regression import GroupFit, Model, estimates_of, fit_groups, gram_sums
+from osl_analysis.bench.regression import GroupFit, Model, fit_groups, gram_sums
 from osl_analysis.bench.summaries import PLACE
 from osl_analysis.bench.torque_angle import branch_rows, find_cycles, whole
 from osl_analysis.dictionary import table_of
@@ -112,8 +112,9 @@ def fit_branches(record: Record, drift: float = 0.0, model: Model | None = None)
         model = STRAIGHT_AND_DAMPED if varies else STRAIGHT
     fits: dict[Label, GroupFit] = {}
     for branch in BRANCHES:
-        of_ramp = estimates_of(s.over(branch), s.index([*model.values()]), s.names.index("ramp"))
-        fit = widened(fit_groups(s, model, s.groups.of(branch)), drift * of_ramp)
+        chosen = s.groups.of(branch)
+        of_ramp = s.estimates([*model.values()], "ramp", chosen)
+        fit = widened(fit_groups(s, model, chosen), drift * of_ramp)
         if drift:
             fit = replace(fit, interval_method=f"{fit.interval_method} + drift")
         fits[branch] = fit
@@ -204,9 +205,8 @@ def belt_table(belt: Analysis) -> pl.DataFrame:
     record, sums = belt.record, belt.sums
     theta, torque = record.motion.theta, record.filtered_torque
     peak = float(np.max(np.abs(sums.columns["theta"])))
-    of_line, of_square, _ = estimates_of(
-        sums.over("loading"), sums.index([*QUADRATIC.values()]), sums.torque
-    )
+    chosen = sums.groups.of("loading")
+    of_line, of_square, _ = sums.estimates([*QUADRATIC.values()], chosen=chosen)
 
     area = float(mean_loop(theta, torque))
     errors = torque_errors(torque, record.rate_hz, record.rows(), record.settings.calibration)

@@ -70,9 +70,9 @@ def measured_frame(trial: Trial, record: Record) -> GroupFit | None:
     torque, filtered = record.settings.low_pass(
         np.column_stack([signals["torque"], wound]), signals.rate_hz
     ).T
-    columns = {"torque": torque, "one": np.ones_like(torque)}
+    columns = {"load": torque, "one": np.ones_like(torque)}
     sums = gram_sums(replace(record, torque=wound, filtered_torque=filtered), columns, [*columns])
-    fit = fit_groups(sums, {"compliance": "torque", "offset": "one"})
+    fit = fit_groups(sums, {"compliance": "load", "offset": "one"})
     stiffness = 1 / fit["compliance"]
     frame = fit.derived({"frame_stiffness": (stiffness, {"compliance": -(stiffness**2)})})
     return frame if frame.interval("frame_stiffness")[0] > 0 else None

@@ -39,7 +39,6 @@ from osl_analysis.bench.regression import (
     IMPEDANCE,
     Admittance,
     Sums,
-    estimates_of,
     held_out_vaf,
     sums_of,
 )
@@ -289,6 +288,7 @@ def impedance_table(
     centre = record.motion.theta[record.rows()].mean()
     rows: list[Row] = []
     for label, fit in analysis.fits.items():
+        variance = s.covariance(["theta"], s.groups.of(label))
         rows.append(
             {
                 **analysis.place(label),
@@ -298,7 +298,7 @@ def impedance_table(
                 **friction_columns(analysis, inferred, coulomb.get(label), label, of_leg),
                 "offset": fit["offset"] - fit["K"] * centre,
                 "time_base_shift": analysis.time_base_shift(label, QUANTITIES),
-                "theta_rms_deg": float(np.rad2deg(np.sqrt(s.covariance(label, ["theta"])[0, 0]))),
+                "theta_rms_deg": float(np.rad2deg(np.sqrt(variance[0, 0]))),
                 "fitted_s": len(record.rows(label)) / record.rate_hz,
                 **of_trial,
             }
@@ -439,8 +439,7 @@ def beside_known(
 def linear_prediction(s: Sums) -> tuple[float, float]:
     """K and B of Eq. 15 fitted to the linear model's torque in the recorded motion: a drivetrain is
     of higher order."""
-    at = s.index(list(IMPEDANCE.values()))
-    K, B = estimates_of(s.over(), at, s.names.index("linear"))[:2]
+    K, B = s.estimates([*IMPEDANCE.values()], "linear")[:2]
     return float(K), float(B)
 
 
@@ -450,7 +449,7 @@ def torque_error(s: Sums, label: Label, desired: DesiredImpedance) -> float | No
     known."""
     if desired.K_d is None or desired.B_d is None:
         return None
-    covariance = s.covariance(label, ["theta", "omega", "ramp"])
+    covariance = s.covariance(["theta", "omega", "ramp", "torque"], s.groups.of(label))
     weights = np.array([-desired.K_d, -desired.B_d, 0.0, 1.0])
     with_ramp = (covariance @ weights)[2]
     square = weights @ covariance @ weights - with_ramp**2 / covariance[2, 2]

@@ -150,7 +150,7 @@ def usual_errors(record: Record, sums: Sums, fit: GroupFit) -> Array:
             f" {moved / record.encoder_step:.0f} steps of its encoder, {FEWEST_STEPS:g} are needed;"
             " move it by more, and check the unit of theta in the source file"
         )
-    covariance = sums.covariance(None, ["theta", "omega", "alpha"])
+    covariance = sums.covariance(["theta", "omega", "alpha", "torque"])
     size = np.sqrt(np.diag(covariance))
     correlation = covariance[:3, :3] / np.outer(size[:3], size[:3])
     own_theta, _, own_alpha = size[:3] / np.sqrt(np.diag(np.linalg.inv(correlation)))

@@ -62,25 +62,27 @@ BEYOND = 1.1  # cut-offs above which the band's end is motion, not the tail of a
 # largest scaled condition number with effects, whose columns may be nearly collinear
 EFFECTS_LIMIT = 1e5
 FEWEST_UNITS = 4  # with fewer strata the groups are left out instead
+Chosen = NDArray[np.bool_] | None  # which groups (m,); None: all
 NEIGHBOURS_WEIGHT = 0.5  # of products of neighbouring scores
 
 
 @dataclass(frozen=True)
 class Sums:
-    """Products of q columns, of the filtered and of the raw torque, in each of m groups.
+    """Products of q columns in each of m groups; the last columns are the filtered `torque` and the
+    `raw torque`.
 
     Attributes
     ----------
     names : tuple of str
         Names of the columns; `one` is among them.
-    gram : Array (m, q + 2, q + 2)
+    gram : Array (m, q, q)
         The products.
     groups : Groups
         Rows, labels and strata of the groups.
     rich : tuple of str
         Columns of the richest model, whose residual is noise if nothing repeats.
     columns : Mapping of Array (n,)
-        The columns themselves.
+        The columns themselves, without torques.
     """
 
     names: tuple[str, ...]
@@ -89,37 +91,37 @@ class Sums:
     rich: tuple[str, ...]
     columns: Mapping[str, Array]
 
-    def index(self, names: Sequence[str]) -> list[int]:
-        return [self.names.index(name) for name in names]
+    def between(self, rows: Sequence[str], columns: Sequence[str], chosen: Chosen = None) -> Array:
+        """Products of some columns with others in the chosen groups, (groups, rows, columns)."""
+        groups = np.arange(len(self.gram)) if chosen is None else np.flatnonzero(chosen)
+        r, c = (np.array([self.names.index(name) for name in names]) for names in (rows, columns))
+        return np.asarray(self.gram[np.ix_(groups, r, c)])
 
-    @property
-    def torque(self) -> int:
-        """Where the filtered torque stands in the sums."""
-        return len(self.names)
+    def estimates(
+        self, columns: Sequence[str], target: str = "torque", chosen: Chosen = None
+    ) -> Array:
+        """Estimates (p,) alone of columns for the torque, or for another column."""
+        A, b = (self.between(columns, c, chosen).sum(axis=0) for c in (columns, [target]))
+        return solved(A, b[:, 0])[0]
 
-    def over(self, label: Label = None) -> Array:
-        """The sums of the groups of a label."""
-        return np.asarray(self.gram[self.groups.of(label)].sum(axis=0))
+    def covariance(self, names: Sequence[str], chosen: Chosen = None) -> Array:
+        """Covariance of columns in the rows of the chosen groups."""
+        with_one = [*names, "one"]
+        means = self.between(with_one, with_one, chosen).sum(axis=0)
+        means /= means[-1, -1]
+        return np.asarray(means[:-1, :-1] - np.outer(means[-1, :-1], means[-1, :-1]))
 
-    def covariance(self, label: Label, names: Sequence[str]) -> Array:
-        """Covariance of columns, and of the filtered torque behind them, in the rows of a label."""
-        total, one = self.over(label), self.names.index("one")
-        of_columns = about_means(total, [*self.index(names), self.torque], one)
-        return np.asarray(of_columns / total[one, one])
+    def vaf(self, columns: Sequence[str], estimates: Array, chosen: Chosen = None) -> float:
+        """VAF [percent] of estimates (p,) of columns in the chosen groups, with an own offset. As
+        `variance_accounted_for` if the torque is constant."""
+        covariance = self.covariance([*columns, "torque"], chosen)
+        weights = np.append(-estimates, 1.0)
+        left = max(float(weights @ covariance @ weights), 0.0)
+        square, n = (self.between([c], [c], chosen).sum() for c in ("torque", "one"))
+        return float(vaf_by_moments(left, covariance[-1, -1], square / n))
 
 
-def about_means(total: Array, at: Sequence[int], one: int) -> Array:
-    """Sums of the products of columns `at` about their means, by those of all columns, among which
-    the ones are at `one`."""
-    of_ones = total[one, at]
-    return np.asarray(total[np.ix_(at, at)] - np.outer(of_ones, of_ones) / total[one, one])
-
-
-def gram_sums(
-    record: Record,
-    columns: Mapping[str, Array],
-    rich: Sequence[str],
-) -> Sums:
+def gram_sums(record: Record, columns: Mapping[str, Array], rich: Sequence[str]) -> Sums:
     """Sum the products of columns (n,) and of the record's torque, in each group.
 
     The noise is read from the raw torque, before the filter.
@@ -129,14 +131,12 @@ def gram_sums(
     InputError
         A column cannot be measured.
     """
-    signals = [("filtered torque", record.filtered_torque), ("torque", record.torque)]
-    rows = [*columns.items(), *signals]
-    for name, row in rows:
+    signals = {**columns, "torque": record.filtered_torque, "raw torque": record.torque}
+    for name, row in signals.items():
         check_measured(f"column '{name}'", row)
-    groups = record.groups
-    products = np.array([row for _, row in rows]).T
-    gram = products_between(products, products, groups.first, groups.stop)
-    return Sums(tuple(columns), gram, groups, tuple(rich), columns)
+    products = np.array([*signals.values()]).T
+    gram = products_between(products, products, record.groups.first, record.groups.stop)
+    return Sums(tuple(signals), gram, record.groups, tuple(rich), columns)
 
 
 def plain_sums(record: Record, model: Model) -> Sums:
@@ -196,11 +196,6 @@ def linear_torque(record: Record, expected: Admittance) -> Array:
     kept = (np.abs(s) < 2 * np.pi * 3.0 * record.settings.cutoff_hz) & (s != 0)
     mirrored[kept] /= expected(s[kept])
     return np.asarray(np.fft.irfft(np.where(kept, mirrored, 0.0), 2 * n)[:n])
-
-
-def estimates_of(total: Array, at: Sequence[int], q: int) -> Array:
-    """Estimates (p,) of the columns `at` for the torque, column q, alone."""
-    return solved(total[np.ix_(at, at)], total[at, q])[0]
 
 
 @dataclass(frozen=True)
@@ -269,7 +264,7 @@ class GroupFit(LinearFit):
 def fit_groups(
     s: Sums,
     model: Model,
-    chosen: NDArray[np.bool_] | None = None,
+    chosen: Chosen = None,
     limit: float = CONDITION_LIMIT,
 ) -> GroupFit:
     """Fit the torque by least squares (Eq. 15), with an interval that covers this motion.
@@ -291,36 +286,29 @@ def fit_groups(
         A column is 0 throughout, or the condition number is above the limit.
     """
     columns = list(model.values())
-    p = len(columns)
-    groups = np.arange(len(s.gram)) if chosen is None else np.flatnonzero(chosen)
-    used = np.array([*s.index(columns), s.torque, s.torque + 1])
-    offset = columns.index("one")
-    products = s.gram[:, used[:, None], used][groups]
-    total = products.sum(axis=0)
-    A = total[:p, :p]
-    estimates, inverse = solved(A, total[:p, p])
+    A_g = s.between(columns, columns, chosen)
+    b_g, raw_g = (s.between(columns, [name], chosen)[:, :, 0] for name in ("torque", "raw torque"))
+    A = A_g.sum(axis=0)
+    estimates, inverse = solved(A, b_g.sum(axis=0))
     varies = [k for k, column in enumerate(columns) if column != "one"]
     condition, correlation = condition_of(tuple(model), varies, A, inverse, limit)
 
-    stratum = np.unique(s.groups.stratum[groups], return_inverse=True)[1]
+    of_groups = s.groups.stratum if chosen is None else s.groups.stratum[chosen]
+    stratum = np.unique(of_groups, return_inverse=True)[1]
     has_strata = int(stratum.max()) + 1 >= FEWEST_UNITS
-    has_repeats = s.groups.kind != "stretches" and int(np.bincount(stratum).min()) > 1
+    is_repeated = s.groups.kind != "stretches"
+    has_repeats = is_repeated and int(np.bincount(stratum).min()) > 1
     if has_repeats:
         # before the filter noise is independent from row to row
-        scores = (products[:, :p, p + 1] - products[:, :p, :p] @ estimates) @ inverse
-        noise, freedom = between_cycles(scores, stratum)
+        noise, freedom = between_cycles((raw_g - A_g @ estimates) @ inverse, stratum)
     else:
-        rich = [*s.rich, *(s.names[k] for k in used[:p] if s.names[k] not in s.rich)]
-        at = np.array(s.index(rich))
-        across = s.gram[np.ix_(groups, at, used)]
-        of_rich = solved(s.gram[np.ix_(groups, at, at)].sum(axis=0), across[:, :, p].sum(axis=0))[0]
-        modelled = np.einsum("mrp,r->mp", across[:, :, :p], of_rich)
+        rich = list(dict.fromkeys((*s.rich, *columns)))
+        modelled = s.between(columns, rich, chosen) @ s.estimates(rich, chosen=chosen)
         # of the filtered torque, since else the part of the signal that the filter removes would
         # count as noise
-        target = products[:, :p, p if s.groups.kind == "stretches" else p + 1]
+        target = raw_g if is_repeated else b_g
         noise, freedom = noise_of_scores((target - modelled) @ inverse, len(rich))
-    unit = stratum if has_strata else np.arange(len(groups))
-    left_out = without_units(products[:, :p, :p], products[:, :p, p], unit)
+    left_out = without_units(A_g, b_g, stratum if has_strata else np.arange(len(A_g)))
     misfit = scatter_of(left_out)
     if len(left_out) < FEWEST_UNITS:  # without one of them the rest may tell nothing
         misfit = np.zeros_like(noise)
@@ -329,7 +317,7 @@ def fit_groups(
         names=tuple(model),
         estimates=estimates,
         covariance=covariance,
-        vaf=accounted_for(total, [*range(p), p], offset, estimates),
+        vaf=s.vaf(columns, estimates, chosen),
         condition_number=condition,
         interval_method="repeats" if has_repeats and not has_strata else "units",
         degrees_of_freedom=freedom,
@@ -421,22 +409,9 @@ def noise_of_scores(scores: Array, columns: int) -> tuple[Array, Array]:
     return covariance * m / max(m - used / 2, 1.0), np.full(p, freedom)
 
 
-def accounted_for(total: Array, at: Sequence[int], one: int, estimates: Array) -> float:
-    """VAF [percent] of the estimates (p,) of columns, which stand at `at` in sums of products,
-    before the torque; the ones are at `one`. As `variance_accounted_for` if the torque is
-    constant."""
-    n = float(total[one, one])
-    covariance = about_means(total, at, one) / n
-    weights = np.append(-estimates, 1.0)
-    left = max(float(weights @ covariance @ weights), 0.0)
-    mean_square = total[at[-1], at[-1]] / n
-    return float(vaf_by_moments(left, covariance[-1, -1], mean_square))
-
-
 def held_out_vaf(s: Sums, model: Model) -> float | None:
     """Lowest VAF [percent] of a third of the groups, as of every third cycle, by the fit to the
     others, with its own offset. None where two thirds do not tell the estimates."""
-    at = [*s.index(list(model.values())), s.torque]
     place = np.argsort(np.argsort(s.groups.first, kind="stable"), kind="stable") % 3
     vafs = []
     for third in np.unique(place):
@@ -444,6 +419,5 @@ def held_out_vaf(s: Sums, model: Model) -> float | None:
             estimates = fit_groups(s, model, place != third).estimates
         except IdentifiabilityError:
             return None
-        held_out = s.gram[place == third].sum(axis=0)
-        vafs.append(accounted_for(held_out, at, s.names.index("one"), estimates))
+        vafs.append(s.vaf([*model.values()], estimates, place == third))
     return min(vafs)

@@ -34,6 +34,17 @@ COMPARED: Mapping[str, tuple[str, str, str | None]] = {
 }
 """Unit, value, and half-width of the 95 % interval of each compared quantity, in SQL; less is
 better, except for the VAF. An error is at most as uncertain as what it is the error of."""
+OF_PAIR = {
+    "of": "CASE WHEN amplitude_deg IS NULL THEN 'trial' ELSE 'amplitude' END",
+    "pairs": "CAST(1 AS BIGINT)",
+    "compensated": "value",
+    "uncompensated": "value_of_other",
+    "difference": "value - value_of_other",
+    "half_width": "sqrt(half * half + half_of_other * half_of_other)",
+    "better": "CAST(CASE quantity WHEN 'VAF' THEN value_of_other - value"
+    " ELSE value - value_of_other END < 0 AS BIGINT)",
+}
+"""Columns of a compensated trial beside an uncompensated one, in SQL."""
 CONDITION = (*PLACE, "K_d", "B_d", "amplitude_deg")
 
 
@@ -128,22 +139,10 @@ def compensation_table(impedance: pl.DataFrame) -> pl.DataFrame:
     pairs = compensated.join(
         uncompensated, on=keys, nulls_equal=True, maintain_order="left", suffix="_of_other"
     )
-    rows = pairs.select(
-        *keys,
-        of=pl.when(pl.col("amplitude_deg").is_null())
-        .then(pl.lit("trial"))
-        .otherwise(pl.lit("amplitude")),
-        pairs=pl.lit(1, pl.Int64),
-        compensated="value",
-        uncompensated="value_of_other",
-        difference=pl.col("value") - pl.col("value_of_other"),
-        half=(pl.col("half") ** 2 + pl.col("half_of_other") ** 2).sqrt(),
-    ).with_columns(
-        better=(pl.when(quantity="VAF").then(-1).otherwise(1) * pl.col("difference") < 0).cast(
-            pl.Int64
-        ),
-        difference_low=pl.col("difference") - pl.col("half"),
-        difference_high=pl.col("difference") + pl.col("half"),
+    rows = pairs.with_columns(**{name: pl.sql_expr(text) for name, text in OF_PAIR.items()})
+    rows = rows.with_columns(
+        difference_low=pl.col("difference") - pl.col("half_width"),
+        difference_high=pl.col("difference") + pl.col("half_width"),
     )
     summaries = rows.group_by(*PLACE, "of", "quantity", "unit", maintain_order=True).agg(
         pl.col("pairs", "better").sum(),
@@ -153,5 +152,5 @@ def compensation_table(impedance: pl.DataFrame) -> pl.DataFrame:
     )
     summaries = summaries.with_columns(pl.col("of") + "s")
     names = described_tables_by_name()["compensation"].columns
-    table = pl.concat([summaries, rows.drop("half")], how="diagonal_relaxed")
+    table = pl.concat([summaries, rows], how="diagonal_relaxed")
     return table.select(name for name in names if name in table.columns)

@@ -129,12 +129,13 @@ class Lag:
         return self.seconds if self.is_certain else 0.0
 
     @classmethod
-    def of(cls, seconds: float, se: float, freedom: float) -> "Lag":
-        """A lag [s] with its standard error, to which that by the belt's hysteresis is added; it is
-        certain by a two-sided test at the level `FALSE_ALARM`."""
-        se = float(np.hypot(se, BELT_ERROR))
-        half_width, least = se * scipy.special.stdtrit(freedom, [0.975, 1 - FALSE_ALARM / 2])
-        return cls(seconds, float(half_width), bool(abs(seconds) > least))
+    def of(cls, fit: GroupFit) -> "Lag":
+        """The lag `lag_s` of a fit, with the error by the belt's hysteresis; it is certain by a
+        two-sided test at the level `FALSE_ALARM`."""
+        se = np.hypot(fit.se("lag_s"), BELT_ERROR)
+        quantiles = scipy.special.stdtrit(fit.freedom("lag_s"), [0.975, 1 - FALSE_ALARM / 2])
+        half_width, least = (se * quantiles).tolist()
+        return cls(fit["lag_s"], half_width, abs(fit["lag_s"]) > least)
 
 
 @dataclass(frozen=True)
@@ -214,9 +215,9 @@ def belt_from(few: Record, columns: dict[str, Array], p: DrivetrainParameters) -
     belt = Belt(K_s / p.K_s)
     if not (LEAST_K_S < K_s / p.K_s < LARGEST_K_S and late.has_ended):
         return belt
-    lag = Lag.of(fit["lag_s"], fit.se("lag_s"), fit.freedom("lag_s"))
-    of_motor = Lag.of((p.B_j - B_j) / K_s, fit.se("omega") / K_s, fit.freedom("omega"))
-    if not of_motor.is_certain:
+    lag = Lag.of(fit)
+    of_motor = fit.derived({"lag_s": ((p.B_j - B_j) / K_s, {"omega": -1 / K_s})})
+    if not Lag.of(of_motor).is_certain:
         return replace(belt, lag=lag)
 
     # B_j is the file's, and the torque per velocity of the motor is its lag
@@ -225,8 +226,7 @@ def belt_from(few: Record, columns: dict[str, Array], p: DrivetrainParameters) -
     late = late_fit(few, {**columns, "omega": motor_velocity}, model, prompt_torque=of_joint)
     if not late.has_ended:
         return belt
-    fit = late.fit
-    otherwise = Lag.of(fit["lag_s"], fit.se("lag_s"), fit.freedom("lag_s"))
+    otherwise = Lag.of(late.fit)
     agree = lag.is_certain and lag.seconds * otherwise.seconds > 0
     joint_may_have_B_j = p.B_j / OTHER_B_J < B_j < p.B_j * OTHER_B_J
     is_certain = otherwise.is_certain and (agree or not joint_may_have_B_j)

@@ -1,11 +1,11 @@
 """Friction beside K, B and I of Eq. 15, and what else the torque of a recording may hold.
 
 The inference (`osl_analysis/inference`) says whether dry friction is certain and what may be wrong.
-Where friction is certain, K, B and I without it are those of the inference. A Coulomb column beside
-Eq. 15, a torque that has the velocity's sign, serves what the inference does not weigh: single
-amplitudes, a leg, and losses without K. It sees what the low-pass leaves of a friction that changes
-its sign fast: its B is up to 6 % too large. A leg's friction acts behind a spring, so that the sign
-is its only column.
+Where friction is certain, K, B and I of a joint without it are those of Eq. 15 with a Coulomb
+column, a torque that has the velocity's sign. The inference, which weighs friction of other shapes
+too, widens their intervals: the column sees what the low-pass leaves of a friction that changes its
+sign fast, and its B is up to 6 % too large. A leg's friction acts behind a spring, so that the
+inference tells its effect, by the actuator's angle.
 """
 
 from collections.abc import Sequence
@@ -183,9 +183,10 @@ def friction_columns(
 ) -> Row:
     """The columns of friction, as far as the motion tells it from damping.
 
-    Of a whole trial the inference tells the effect of friction, and least squares its size. Of a
-    joint whose friction has no certain size none is taken off. That of a leg acts behind its belt,
-    where its size need not show.
+    Of a whole trial the inference tells whether there is friction. Of a joint least squares tells
+    its size and effect, in intervals that hold those of the inference; whose friction has no
+    certain size, none is taken off. That of a leg acts behind its belt, where its size need not
+    show, so that the inference tells its effect.
 
     Parameters
     ----------
@@ -211,7 +212,11 @@ def friction_columns(
             # what is stated of the bench, and a band that hardly tells them, no scatter shows
             for name, estimate in inferred.without_friction.items():
                 error = analysis.calibrated[None].se_bench(name)
-                found[WITHOUT_FRICTION[name]] = estimate.widened_by(error)
+                column = WITHOUT_FRICTION[name]
+                weighed = estimate.widened_by(error)
+                own = weighed if is_leg else found[column]
+                low, high = min(own.low, weighed.low), max(own.high, weighed.high)
+                found[column] = replace(own, low=low, high=high)
             share = max(1 - found["B_viscous"].value / analysis.whole["B"], 0.0)
         else:
             found = {}

@@ -8,7 +8,6 @@
    priors give weights.
 """
 
-from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -72,7 +71,7 @@ class ImpedanceInference:
     doubt: Explanation | None
     explanations: tuple[Explanation, ...]
     delay_se_s: float
-    unexplained_shares: tuple[float, float, float]
+    unexplained_shares: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -136,25 +135,26 @@ def infer_impedance(
     moved = moved_by(faults, best_sound)
     doubt = None
     if fault_probability > LIKELY and np.any(moved > np.array(accuracy) * sizes):
-        doubt = most_probable_family(explanations)
+        # the most probable rival of the most probable family
+        doubt = max(
+            explanations,
+            key=lambda each: sum(o.probability for o in explanations if o.family == each.family),
+        )
 
     best, _ = max(weighed, key=lambda each: each[1])
     shifts = largest_shifts(data, best, fits[0].left, best_sound.impedance, rounding)
-    of_K, of_B, of_I = (shifts / sizes).tolist()
     sound = impedance_of(best_sound)
-    moved_shares = [
-        float(move / max(abs(estimate.value), estimate.high - estimate.value))
-        for move, estimate in zip(moved, sound.values(), strict=True)
-    ]
+    # an estimate that is not told from 0 has the size of its half-width
+    own_sizes = [max(abs(each.value), each.high - each.value) for each in sound.values()]
     return ImpedanceInference(
         without_friction=sound,
         fault_probability=fault_probability,
         friction_probability=sum(weight for fit, weight in weighed if fit.has_friction),
-        fault_shares=tuple(moved_shares),
+        fault_shares=tuple((moved / own_sizes).tolist()),
         doubt=doubt,
         explanations=explanations,
         delay_se_s=delay_error(data, best_sound, rounding),
-        unexplained_shares=(of_K, of_B, of_I),
+        unexplained_shares=tuple((shifts / sizes).tolist()),
     )
 
 
@@ -221,15 +221,6 @@ def impedance_of(fit: Predicted) -> Impedance:
     values = fit.impedances[0]
     columns = np.column_stack([values, values - half_widths, values + half_widths]).tolist()
     return {name: Estimate(*row) for name, row in zip(("K", "B", "I"), columns, strict=True)}
-
-
-def most_probable_family(explanations: Sequence[Explanation]) -> Explanation:
-    """The most probable rival of the most probable family."""
-    probability = defaultdict[str, float](float)
-    for each in explanations:
-        probability[each.family] += each.probability
-    family = max(probability, key=lambda name: probability[name])
-    return next(each for each in explanations if each.family == family)
 
 
 def moved_by(faults: Sequence[tuple[Predicted, float]], best_sound: Predicted) -> Array:

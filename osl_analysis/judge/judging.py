@@ -245,40 +245,36 @@ def findings_of_row(
 ) -> list[Finding]:
     """The doubts about a row by their causes, remarks on properties of the device, and what could
     not be checked."""
-    findings = [finding_of_cause(table, row, *cause) for cause in causes]
-    doubts = [each for each in findings if each.grade is Grade.DOUBTS]
-    remarks = [each for each in findings if each.grade is Grade.NOTES]
+    amplitude_deg = cell_number(row, "amplitude_deg")
+    findings = [
+        Finding(
+            name=cause.name,
+            table=table,
+            subject=subject_of(row),
+            grade=Grade.NOTES if cause.is_result else Grade.DOUBTS,
+            evidence=numbers,
+            amplitude_deg=amplitude_deg,
+            frequency_hz=cell_number(row, "frequency_hz"),
+        )
+        for cause, numbers in sorted(causes, key=lambda cause: cause[0].is_result)
+    ]
+    doubts = [cause for cause, _ in causes if not cause.is_result]
+    if any(doubt.explains_misfit for doubt in doubts):
+        findings = [each for each in findings if not known_finding(each.name).is_misfit]
     names = {doubt.name for doubt in doubts}
-    if any(known_finding(name).explains_misfit for name in names):
-        doubts = [doubt for doubt in doubts if not known_finding(doubt.name).is_misfit]
     for rule in conditions:
         if not names & set(rule.unless):
-            remarks.append(
+            findings.append(
                 Finding(
                     name=rule.finding,
                     table=table,
                     subject=subject_of(row),
                     grade=Grade(rule.grade),
-                    amplitude_deg=cell_number(row, "amplitude_deg"),
+                    amplitude_deg=amplitude_deg,
                     rule=rule,
                 )
             )
-    return [*doubts, *remarks]
-
-
-def finding_of_cause(
-    table: str, row: AnyRow, cause: KnownFinding, numbers: tuple[Beyond, ...]
-) -> Finding:
-    """A cause of doubt about a row, or a remark on the device."""
-    return Finding(
-        name=cause.name,
-        table=table,
-        subject=subject_of(row),
-        grade=Grade.NOTES if cause.is_result else Grade.DOUBTS,
-        evidence=numbers,
-        amplitude_deg=cell_number(row, "amplitude_deg"),
-        frequency_hz=cell_number(row, "frequency_hz"),
-    )
+    return findings
 
 
 def cell_of_causes(findings: Sequence[Finding], are_doubts: bool) -> str:

@@ -79,9 +79,8 @@ class Campaign:
 
     def conditions(self) -> dict[str, dict[str, Any]]:
         """Conditions of every walking trial in the sheet, by trial and column; None where empty."""
-        columns = (*STATED, "perturbed")
         return {
-            trial: {column: self.rows[trial][column] for column in columns}
+            trial: {column: self.rows[trial][column] for column in (*STATED, "perturbed")}
             for trial in self.trials("walking")
         }
 

@@ -28,7 +28,9 @@ ABOUT_MEANING = {
     "recorded": "date of the data, or what is known in its place",
 }
 # settings that do not change results, or stand beside the hash
-NOT_HASHED = {"raw_data", "sheet", "results", "sources", "failed_trials", "data", "recorded"}
+NOT_HASHED = {
+    "campaign", "raw_data", "sheet", "results", "sources", "failed_trials", "data", "recorded",
+}  # fmt: skip
 HASH_DIGITS = 8
 # experiments that a setting judges, labels or enters
 EXPERIMENTS_BY_SETTING: dict[str, list[str]] = own_yaml(
@@ -64,15 +66,15 @@ def hash_of_settings(campaign: Campaign, simulation: Sequence[Path]) -> str:
     """First digits of the SHA-256 of the settings that results depend on, with the defaults, and of
     the files that they name."""
     digests = sorted(str(digest(path)) for path in simulation)
-    text = json.dumps([settings_of(campaign), digests], sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:HASH_DIGITS]
+    hashed = json.dumps([settings_of(campaign), digests], sort_keys=True).encode()
+    return hashlib.sha256(hashed).hexdigest()[:HASH_DIGITS]
 
 
 def settings_of(campaign: Campaign) -> dict[str, str]:
     """The settings that results depend on, as JSON by dotted name, and the first digits of the
     SHA-256 of files that they name."""
     config = campaign.config
-    settings = flat(config.model_dump(mode="json", exclude={*NOT_HASHED, "campaign"}))
+    settings = flat(config.model_dump(mode="json", exclude=NOT_HASHED))
     for name in ("parameters", "impedance_trajectory"):
         path = getattr(config, name)
         if path is not None:

@@ -307,8 +307,7 @@ def left_out_recordings(campaign: Campaign) -> str:
     campaign's folder that no row names; empty without any. `init --from` gives a recording that
     cannot be read no row."""
     config = campaign.config
-    trials = campaign.trials()
-    ingested = [name for name in trials if campaign.rows[name]["experiment"] == "ingest_only"]
+    ingested = campaign.trials("ingest_only")
     texts: list[str] = []
     if ingested:
         names = listing(ingested, MOST_LISTED)

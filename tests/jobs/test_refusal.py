@@ -161,6 +161,8 @@ def test_a_fault_of_the_program_is_an_error_of_the_job_and_writes_nothing(tmp_pa
 
 
 def test_a_job_that_lacks_an_input_passes_the_reasons_on(tmp_path):
+    reads_crossing = job(tmp_path, "walking.fit_perturbation", {"crossing": "w_1.parquet"})
+    assert reads_crossing.trial == "w_1"
     other = NotAnalysed("b_2", "no belt")
     inputs = {"table": lost(tmp_path / "belt.csv", LOST, other)}
     assert ended(job(tmp_path, "bench.summarise", inputs)) == (

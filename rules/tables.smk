@@ -27,7 +27,8 @@ rule table:
 
 
 rule summary_table:
-    """A table that is computed from another one alone."""
+    """A table that is computed from another one alone, by the function that stands behind its name
+    in osl_analysis/config/experiments.yaml."""
     input:
         table=lambda wildcards: f"<results>/tables/{DERIVED[wildcards.table][0]}.csv",
     output:

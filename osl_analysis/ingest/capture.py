@@ -158,7 +158,7 @@ def vertical_axis(markers: Sequence[Channel], plates: Sequence[Plate] = ()) -> s
     Empty where nothing tells: plates slope, markers are few, or they stay where they are.
     """
     normals = np.abs([own_axes(plate.corners)[:, 2] for plate in plates])
-    if normals.size and np.isfinite(normals).all():
+    if normals.size:
         normal = normals.mean(axis=0)
         return "xyz"[np.argmax(normal)] if normal.max() > LIMITS.least_level else ""
     whole = [marker.values for marker in markers if not np.isnan(marker.values).any()]
@@ -170,5 +170,4 @@ def vertical_axis(markers: Sequence[Channel], plates: Sequence[Plate] = ()) -> s
     # along a vertical axis the markers move by less than half of what lies between them
     vertical = np.argmax(apart)
     walks = moved.max() > LIMITS.least_moved * apart[vertical]
-    is_level = moved[vertical] < min(0.5 * apart[vertical], moved.max())
-    return "xyz"[vertical] if walks and is_level else ""
+    return "xyz"[vertical] if walks and moved[vertical] < 0.5 * apart[vertical] else ""

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError, naming
 from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.conversion import Converted
+from osl_analysis.ingest.likely_clock import usual_step
 from osl_analysis.source_file import SharedAngle
 from osl_analysis.trial import Array, marker_columns
 
@@ -59,7 +60,7 @@ def find_edges(time: Array, level: Array) -> Edges:
     is_high = level[certain] > middle
     turns = np.flatnonzero(np.diff(is_high))
     is_pulses = (
-        swing >= LIMITS.least_swing * np.abs(level).max(initial=0.0)
+        swing >= LIMITS.least_swing * np.abs(level).max()
         and certain.size >= LIMITS.least_certain * level.size
         and turns.size <= LIMITS.most_edges * level.size
     )
@@ -70,12 +71,6 @@ def find_edges(time: Array, level: Array) -> Edges:
     fraction = (middle - level[before]) / (level[after] - level[before])
     edges = time[before] + fraction * (time[after] - time[before])
     return Edges(edges, is_high[turns + 1], usual_step(time))
-
-
-def usual_step(time: Array) -> float:
-    """Median step [s] of times (n,), or their mean if most stamps are repeated; 0 of one."""
-    steps = np.diff(time)
-    return float(np.median(steps) or steps.mean()) if steps.size else 0.0
 
 
 def fit_clock(slave: Edges, master: Edges) -> ClockFit:
@@ -140,10 +135,8 @@ def pairs_near(line: ClockFit, slave: Edges, master: Edges) -> tuple[Array, Arra
     expected = line.to_master(slave.time)
     nearest = np.searchsorted((theirs[1:] + theirs[:-1]) / 2, expected)
     is_close = abs(theirs[nearest] - expected) <= 2.0 * (slave.step + master.step)
-    rows = np.flatnonzero(is_close & (slave.is_rising == master.is_rising[nearest]))
-    # the rising ones first: the last bits of the line depend on the order of its sums
-    rows = rows[np.argsort(~slave.is_rising[rows], kind="stable")]
-    return slave.time[rows], theirs[nearest[rows]]
+    is_pair = is_close & (slave.is_rising == master.is_rising[nearest])
+    return slave.time[is_pair], theirs[nearest[is_pair]]
 
 
 def robust_line(first: Array, second: Array, noise: float) -> ClockFit:

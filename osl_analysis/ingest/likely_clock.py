@@ -81,12 +81,16 @@ def ticks(values: NDArray[Any], unit: str) -> bool:
     return bool(is_even and (is_of_time(unit) if unit else time_unit(values)))
 
 
-def rate_of(time: NDArray[Any], second: float = 1.0) -> float | None:
-    """Median rate [Hz] of stamps (n,), with `second` units per second; None if no stamp is later
-    than another."""
+def usual_step(time: NDArray[Any]) -> float:
+    """Median step of times (n,), or their mean if most stamps are repeated; 0 of one."""
     steps = np.diff(time)
-    steps = steps[steps > 0]
-    return second / np.median(steps) if steps.size else None
+    return float(np.median(steps) or steps.mean()) if steps.size else 0.0
+
+
+def rate_of(time: NDArray[Any], second: float = 1.0) -> float | None:
+    """Usual rate [Hz] of stamps (n,), with `second` units per second; None if time stands still."""
+    step = usual_step(time)
+    return second / step if step > 0 else None
 
 
 def time_unit(clock: Array) -> str:
@@ -136,8 +140,7 @@ def stated_rate(texts: Sequence[str]) -> float | None:
             seconds = number_in(interval[1]) * TIME_UNITS[(interval[2] or "") + "s"]
             rates.add(float(f"{1 / seconds:.9g}"))
         elif words:
-            kilo = 1000 if words[2] else 1
-            rates.add(number_in(words[1] or words[3]) * kilo)
+            rates.add(number_in(words[1] or words[3]) * (1000 if words[2] else 1))
     if len(rates) == 1 and 1 < min(rates) < 1e6:
         return rates.pop()
     return None

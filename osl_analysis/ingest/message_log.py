@@ -47,8 +47,6 @@ def convert_messages(recording: Recording, source: MessageSource) -> Converted:
     for column, setting in source.channels.items():
         by_topic.setdefault(setting.topic, {})[column] = setting
     warnings = [*loss.remarks]
-    if loss.checksums != "checked" and loss.read:
-        warnings.append(f"not verifiable: no checksum covers all of its {loss.read} messages")
     tables: dict[str, pl.DataFrame] = {}
     for name, settings in by_topic.items():
         share = share_lost(loss, name)

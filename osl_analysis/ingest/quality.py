@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -14,7 +15,6 @@ from numpy.typing import NDArray
 from osl_analysis.config.experiments import EXPERIMENTS, Experiment
 from osl_analysis.errors import InputError, listing
 from osl_analysis.ingest import LIMITS
-from osl_analysis.ingest.clock import usual_step
 from osl_analysis.ingest.guard import (
     ANGLES,
     find_leaps,
@@ -24,6 +24,7 @@ from osl_analysis.ingest.guard import (
     run_at_extreme,
     standing_runs,
 )
+from osl_analysis.ingest.likely_clock import usual_step
 from osl_analysis.recording import beside, plate_axes
 from osl_analysis.signals import longest_run
 from osl_analysis.signals.grid import GapLimits, devices_of, origin, uniform_signals
@@ -321,10 +322,10 @@ def remedy_of_leaps(examined: Examined, leaps: Array) -> str:
 
 def measure_turns(examined: Examined) -> dict[str, float]:
     """Number of steps of an angle by one turn, or by 360 (degrees declared as radians)."""
-    wraps: dict[str, float] = {}
+    wraps: dict[str, Any] = {}
     for column, (_, angle) in readings_of(examined.trial, f"({'|'.join(ANGLES)})").items():
         turns = np.abs(np.diff(angle))[:, None] / (2 * np.pi, 360.0)
-        wraps[column] = float(np.count_nonzero(np.abs(turns - 1) < LIMITS.one_turn))
+        wraps[column] = np.count_nonzero(np.abs(turns - 1) < LIMITS.one_turn)
     return wraps
 
 
@@ -435,7 +436,7 @@ def checked(name: str, examined: Examined) -> CheckResult:
     if not measured:
         return not_applicable("nothing here that it judges")
     worst = min if name in LOWEST else max
-    channel = worst(measured, key=lambda key: measured[key])
+    channel = worst(measured, key=measured.__getitem__)
     value = float(measured[channel])
     return CheckResult(value, channel if value or name in LOWEST else "")
 

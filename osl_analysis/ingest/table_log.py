@@ -94,10 +94,8 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
     for column, origin in origins.items():
         channel = channels[column]
         origin["found"] = channel.title or channel.key
-        ratio = unit_ratio(origin, channel.unit)
-        if channel.unit and ratio != 1:
-            warnings.append(f"{column} is read in {origin['unit']}; the file says {channel.unit}")
-        if abs(ratio * origin["scale"] - 1) > LIMITS.largest_calibration:
+        ratio = unit_ratio(origin, channel.unit) * origin["scale"]
+        if abs(ratio - 1) > LIMITS.largest_calibration:
             origin["unit_of_file"] = channel.unit
 
     plates = recording.plates
@@ -157,7 +155,7 @@ def with_stamps_once(
         once = frame.unique(subset="time", keep="first", maintain_order=True)
         return once, [f"{begin} were left out"]
     advice = f"write `repeated: drop` under {source.place('time')}"
-    copied = frame.select(pl.all_horizontal(pl.all().eq_missing(pl.all().shift())).sum()).item()
+    copied = len(frame) - frame.n_unique()
     if copied > max(LIMITS.fewest_copied, LIMITS.most_copied_share * len(frame)):
         raise InputError(
             f"{copied} of {len(frame)} {noun}s have time and values of the {noun} before;"
@@ -192,9 +190,7 @@ def read_table(
         Channels have no timing, or several, or unequal lengths; or the clock has no reading in some
         row, stands still or stays back.
     """
-    channels = [*asked.values()]
-    if clock is not None:
-        channels.append(clock)
+    channels = [*asked.values(), *filter(None, [clock])]
     if not channels:
         raise InputError("nothing is read at its rate; name the column of time")
     is_own = clock is None and source.time.rate is None

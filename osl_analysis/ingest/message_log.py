@@ -118,8 +118,7 @@ def convert_topic(
 def stamps_of(recording: Recording, source: MessageSource, rows: Rows) -> NDArray[np.int64]:
     """The stamps [ns] of the messages of a topic, (rows,): their own, or the recorder's."""
     if source.time.source == "log":
-        assert rows.stamps_ns is not None
-        return rows.stamps_ns
+        return np.asarray(rows.stamps_ns, np.int64)
     with naming("time", ", or write source: log"):
         stamp = recording.find({"topic": rows.name, "field": source.time.field})
     stamps = stamp.read()  # once: not kept, as its values would be

@@ -283,7 +283,7 @@ def read_raw_file(path: Path, source: Source) -> tuple[Converted, dict[str, Any]
 
 def check_columns(trial: Trial, experiment: str | None, needed: Sequence[str]) -> None:
     """Refuse a trial without a column that every trial of its experiment needs."""
-    missing = ", ".join(column for column in needed if column not in trial.samples.columns)
+    missing = ", ".join(column for column in needed if column not in trial.columns)
     if missing:
         raise InputError(
             f"trial {trial.name}: no column {missing}, which a trial of experiment '{experiment}'"
@@ -295,7 +295,7 @@ def check_columns(trial: Trial, experiment: str | None, needed: Sequence[str]) -
 def check_markers(trial: Trial, experiment: str | None) -> None:
     """Refuse a trial without a marker that was ever seen, for an experiment whose analysis follows
     markers."""
-    markers = [column for column in trial.samples.columns if column.startswith("marker_")]
+    markers = [column for column in trial.columns if column.startswith("marker_")]
     if not any(trial.samples[column].is_finite().any() for column in markers):
         raise InputError(
             f"trial {trial.name}: no marker was ever seen, and a trial of experiment"

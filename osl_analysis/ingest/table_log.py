@@ -316,19 +316,17 @@ def check_clock_runs(rows: Rows, source: TableSource, time: Array, start_s: floa
     """Refuse a clock (n,) that stands still, or tells whole seconds and no less."""
     if (np.diff(time) > 0).all():
         return
-    first = np.flatnonzero(np.diff(time, prepend=-1.0))  # rows with a stamp of their own
-    counts = np.diff(first, append=time.size)
-    steps = np.diff(time[first])
+    stamps, first, counts = np.unique(time, return_index=True, return_counts=True)
     most = counts.max()
-    has_changes = first.size > 3
-    tells_seconds = has_changes and np.median(steps) > LIMITS.coarse_step_s
+    has_changes = stamps.size > 3
+    tells_seconds = has_changes and np.median(np.diff(stamps)) > LIMITS.coarse_step_s
     is_coarse = tells_seconds or most > LIMITS.coarse_share * time.size
     may_repeat = most <= LIMITS.coarse_rows or source.time.repeated == "drop"
     if most < time.size and (may_repeat or not is_coarse):
         return
     other = f"take another {source.time.ADDRESS}, or {STATE_RATE}"
     if has_changes:  # whole seconds still tell the rate, from the first change to the last
-        other += f": its stamps tell {(first[-1] - first[1]) / steps[1:].sum():.4g}"
+        other += f": its stamps tell {(first[-1] - first[1]) / (stamps[-1] - stamps[1]):.4g}"
     row = first[counts.argmax()]
     raise InputError(
         f"{source.time.title}: time stands still at {start_s + time[row]:.15g} s in {most} of"

@@ -48,6 +48,15 @@ read = partial(read_recognised, **SOURCE)
 refused = partial(refusal_of, **SOURCE)
 
 
+def test_a_number_may_be_whole_in_one_part_of_a_log_alone(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr("osl_analysis.formats.json_lines.LINES_AT_ONCE", 2)
+    path = write(tmp_path / "a.jsonl", [{"t": k, "x": x} for k, x in enumerate((1, 2, 3.5, 4.5))])
+    channels = {"theta": {"field": "x", "unit": "rad"}}
+
+    samples = read(path, time={"field": "t", "unit": "s"}, channels=channels).samples
+    assert samples["theta"].to_list() == [1, 2, 3.5, 4.5]
+
+
 def test_a_name_with_a_dot_is_quoted_and_never_taken_for_a_level(tmp_path: Path) -> None:
     k = np.arange(20)
     lines = [

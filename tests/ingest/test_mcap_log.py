@@ -206,3 +206,4 @@ def test_stamps_rounded_to_more_than_a_sampling_step_are_kept_for_the_time_base(
     assert (found.samples["time"].diff() == 0).sum() == 5  # 200 messages on 195 ticks
     both = of_topics(tmp_path, {"/lab": log, "/other": log}, **RADIANS, theta_m=OTHER)
     assert both["theta"].drop_nulls().to_list() == list(range(COUNT))
+    assert both["theta"].null_count() == COUNT

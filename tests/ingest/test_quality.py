@@ -106,6 +106,16 @@ def actuator_bench(**changed):
     )
 
 
+def test_the_torque_of_an_actuator_may_leap_where_its_current_does():
+    bench = actuator_bench()
+    steps = 20.0 * (bench["time"].to_numpy() > 1)
+    stepped = bench.with_columns(pl.col("torque_m") + steps)
+
+    driven = results(stepped.with_columns(pl.col("current") + steps), "actuator")
+    assert driven["dropout"].value == 0
+    assert results(stepped, "actuator")["dropout"].value == 1
+
+
 def with_piece(values, first, last, new=None):
     """The values with one value from `first` to `last`, that which they have there or another
     one."""

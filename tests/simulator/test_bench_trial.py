@@ -297,32 +297,6 @@ def test_coulomb_friction_turns_with_the_velocity(clean):
     assert friction == pytest.approx(3 * np.sign(omega[moving]), abs=1e-4)
 
 
-TONES = [{"frequency_hz": 1, "size": 1}]
-SHORT_ACTUATOR = {"duration_s": 3, "fade_s": 1, "velocity": TONES, "current": TONES}
-
-
-@pytest.mark.parametrize(
-    ("section", "value", "message"),
-    [
-        ("recorder", {"node": {"jitter": on(20, "us")}}, "unit.*'s'"),
-        ("protocol", {"cycles": [2, 3, 4]}, "frequencies"),
-        ("excitations", [{"name": "x", "kind": "noise", "rms_deg": 1, "band_hz": [6, 2]}],
-         "2.0.*6.0;"),
-        ("actuator", SHORT_ACTUATOR, "times fade_s"),
-        ("experiments", {"actuator": 2},
-         "2 actuator trials.*'actuator'"),
-    ],
-)  # fmt: skip
-def test_a_wrong_imperfection_or_motion_is_refused(tmp_path, section, value, message):
-    content = yaml.safe_load(TINY.read_text())
-    known = content.get(section)
-    content[section] = {**known, **value} if isinstance(known, dict) else value
-    (tmp_path / "settings.yaml").write_text(yaml.safe_dump(content))
-
-    with pytest.raises(InputError, match=message):
-        read_yaml(tmp_path / "settings.yaml", SimulationSettings)
-
-
 def test_without_a_compiler_one_line_says_what_to_install(monkeypatch, tmp_path, in_root):
     monkeypatch.setitem(sys.modules, "numba", None)
     message = r"numba,.*pip install 'osl-analysis\[simulator\]'"

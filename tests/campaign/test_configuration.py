@@ -193,6 +193,9 @@ def test_settings_that_contradict_each_other_are_a_line_with_the_remedy(
     ({"rates": {"controller_hz": 1001}}, "controller_hz:.*1501500;"),
     ({"plate": {"size_m": [600, 500]}}, "size_m.0: 600"),
     ({"impedance": "no.csv"}, r"impedance: no\.csv: "),
+    ({"rates": {"analogs_hz": 1000}}, r"analogs_hz.*points_hz \(300\)"),
+    ({"gait": {"recording_s": 1.5}}, "stance_s =.*recording_s = 1.5"),
+    ({"perturbation": {"stance_phase": [0.41, 0.40]}}, "0.4.*0.41"),
 ])  # fmt: skip
 def test_a_simulated_laboratory_that_cannot_be_is_a_line_with_the_remedy(
     in_root, tmp_path, change, said

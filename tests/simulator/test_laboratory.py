@@ -16,14 +16,12 @@ from osl_analysis.errors import InputError
 from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.model.compensator import Weight, compensated_gains
 from osl_analysis.simulator.laboratory_files import capture_parameters
-from osl_analysis.simulator.laboratory_settings import WalkingSettings
 from osl_analysis.simulator.simulated_crossing import (
     move,
     walking_commands,
 )
 from osl_analysis.simulator.step import GaitTrial, draw_step
 from osl_analysis.simulator.trial_plan import direction_of, plan_trials
-from osl_analysis.yaml_settings import read_yaml
 
 G = 9.81  # [m/s^2]
 SENSORS = (
@@ -260,28 +258,6 @@ def test_corners_of_the_plate_go_round_as_c3d_has_them(shipped):
     centre_x, centre_y, _ = shipped.walking.plate.centre_m
     assert np.sign(x - centre_x).tolist() == [1, 1, -1, -1]
     assert np.sign(y - centre_y).tolist() == [1, -1, -1, 1]
-
-
-def walking_settings(folder, right, wrong):
-    """The shipped settings of the gait laboratory with another text."""
-    text = (ROOT / "config/simulation/walking.yaml").read_text()
-    (folder / "walking.yaml").write_text(text.replace(right, wrong))
-    return read_yaml(folder / "walking.yaml", WalkingSettings)
-
-
-@pytest.mark.parametrize(
-    ("right", "wrong", "message"),
-    [
-        ("recording_s: 3.0", "recording_s: 1.5",
-         "gait.*stance_s =.*recording_s = 1.5"),
-        ("analogs_hz: 1500", "analogs_hz: 1000",
-         r"analogs_hz.*points_hz \(300\)"),
-        ("[0.38, 0.40]", "[0.41, 0.40]", "0.4.*0.41;"),
-    ],
-)  # fmt: skip
-def test_a_wrong_duration_rate_or_phase_is_refused(tmp_path, right, wrong, message):
-    with pytest.raises(InputError, match=message):
-        walking_settings(tmp_path, right, wrong)
 
 
 def test_the_foot_s_place_scatters_forward_and_sideways_on_its_own(walked):

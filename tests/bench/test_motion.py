@@ -111,10 +111,9 @@ def test_windows_of_the_trial_replace_those_of_the_settings():
     assert len(record.rows()) / record.rate_hz == pytest.approx(12.5 - EDGES_S, abs=0.02)
 
 
-@pytest.mark.parametrize("text", ["5-3", "1-5 4-9", "1-32"])
-def test_windows_that_are_none_are_refused(text):
-    with pytest.raises(InputError, match=text):
-        stated_windows(text, 30.0)
+def test_a_window_beyond_the_end_is_refused():
+    with pytest.raises(InputError, match="1-32"):
+        stated_windows("1-32", 30.0)
 
 
 @pytest.mark.usefixtures("without_inference")

@@ -269,8 +269,7 @@ def test_a_stiffness_is_compared_with_what_is_known(
 def test_a_bench_that_is_softer_than_what_it_measures_is_refused(experiment, stiffness):
     frame = BenchStiffness(value=f"{stiffness} N*m/rad")
     softer = BENCH.model_copy(update={"bench_stiffness": frame})
-    words = f"0.*{stiffness} N"
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=f"0.*{stiffness} N"):
         judged(experiment, RECORDINGS[experiment], softer)
 
 

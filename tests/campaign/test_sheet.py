@@ -221,10 +221,15 @@ def test_walking_needs_several_crossings_of_either_kind(tmp_path, text, message)
         check_campaign(opened(tmp_path, text))
 
 
-def test_a_condition_that_one_crossing_alone_states_is_refused(tmp_path):
-    said = r"trials.csv: trial \w:.*speed.*sheet,.*crossings"
-    with pytest.raises(InputError, match=said):
-        check_campaign(opened(tmp_path, rows=cells(tmp_path, "x", speed="fast")))
+@pytest.mark.parametrize(("changes", "told"), [
+    ({"speed": "fast"}, r"trials\.csv: trial \w: .*speed"),
+    ({"accept": "gap gaps"}, "trial 'x': accept: 'gaps'.*rate, gap"),
+])  # fmt: skip
+def test_a_condition_of_one_crossing_alone_and_a_check_that_is_none_are_refused(
+    tmp_path, changes, told
+):
+    with pytest.raises(InputError, match=told):
+        check_campaign(opened(tmp_path, rows=cells(tmp_path, "x", **changes)))
 
 
 def two_of_one_log(tmp_path, **second):

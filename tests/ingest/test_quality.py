@@ -15,8 +15,7 @@ from c3d_builder import write_c3d
 from conftest import ROOT
 from scipy import signal
 
-from osl_analysis.campaign.campaign_trials import check_campaign, open_campaign
-from osl_analysis.campaign.configuration import campaign_config, config_for_trials
+from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.commands.bench import is_broken_outside
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.experiments import EXPERIMENTS
@@ -399,19 +398,6 @@ def test_rules_and_checks_are_one_list_and_thresholds_have_their_units(changed, 
     there = yaml.safe_load(CONFIG.read_text())["quality"] | changed
     with pytest.raises(InputError, match=message):
         validate_rules(validated({"quality": there}, OnlyQuality, CONFIG).quality, UNITS)
-
-
-def test_the_sheet_may_accept_only_checks_that_there_are(tmp_path):
-    (tmp_path / "trials.csv").write_text(
-        "trial,experiment,log,log_source,accept\nb,belt,b.mcap,dynamometer,gap gaps\n"
-    )
-    changes = {"sheet": tmp_path / "trials.csv", "simulation": None}
-    config = campaign_config(yaml.safe_load(CONFIG.read_text()) | changes, [CONFIG])
-    with pytest.raises(
-        InputError,
-        match=r"trial 'b': accept: 'gaps'.*rate, gap",
-    ):
-        check_campaign(open_campaign(config, None))
 
 
 # Sensors at the end of their range: stated in the source file, or seen in the recording.

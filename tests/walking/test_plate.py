@@ -490,26 +490,21 @@ def sloping(angle_deg: float) -> Array:
     return np.asarray(SURFACE @ matrix(0, np.deg2rad([angle_deg]))[0].T)
 
 
-@pytest.mark.parametrize(
-    ("corners", "message"),
-    [
-        pytest.param(SURFACE[:, [2, 1, 0]], "edge", id="x up"),
-        pytest.param(SURFACE[:, [0, 2, 1]], r"`axes`.*\[x, -z, y\]", id="y up"),
-        pytest.param(sloping(40.0), "edge", id="steeper than stairs"),
-    ],
-)
-def test_a_plate_on_edge_is_refused_with_the_remedy(corners: Array, message: str) -> None:
+AXES = r"plate_1.*`axes`.*\[x, -z, y\]"
+
+
+@pytest.mark.parametrize(("trial", "plate", "message"), [
+    (with_corners(SURFACE[:, [2, 1, 0]]), 1, AXES),  # x up
+    (with_corners(SURFACE[:, [0, 2, 1]]), 1, AXES),  # y up
+    (with_corners(sloping(40.0)), 1, AXES),  # steeper than stairs
+    (with_corners(SURFACE), 2, "plate 2;.*1"),
+    (replace(with_corners(SURFACE), provenance={}), 1, "`plate`"),
+])  # fmt: skip
+def test_a_plate_on_edge_or_without_corners_is_refused(
+    trial: Trial, plate: int, message: str
+) -> None:
     with pytest.raises(InputError, match=message):
-        recorded_corners(with_corners(corners), 1)
-
-
-def test_a_plate_without_corners_is_refused() -> None:
-    trial = with_corners(SURFACE)
-
-    with pytest.raises(InputError, match=r"plate 2;.*1"):
-        recorded_corners(trial, 2)
-    with pytest.raises(InputError, match=r"`plate`"):
-        recorded_corners(replace(trial, provenance={}), 1)
+        recorded_corners(trial, plate)
 
 
 def test_a_ramp_is_no_edge() -> None:

@@ -239,10 +239,10 @@ def belt_curve(belt: Analysis) -> pl.DataFrame:
     record = belt.record
     theta_s, torque = record.motion.theta, record.filtered_torque
     load = load_of(theta_s)
-    branch = np.full(len(load), "loading", dtype=object)
-    branch[branch_rows(find_cycles(load)[0], load, -1)] = "unloading"
+    unloads = np.zeros(len(load), dtype=np.bool_)
+    unloads[branch_rows(find_cycles(load)[0], load, -1)] = True
     columns = {
-        "branch": branch.tolist(),
+        "branch": np.where(unloads, "unloading", "loading"),
         "theta_s_deg": np.rad2deg(theta_s - theta_s[0]),
         "torque": torque - torque[0],
     }

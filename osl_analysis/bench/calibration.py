@@ -281,9 +281,3 @@ def fixture_column(trial: Trial) -> pl.Expr:
     """The column `fixture`: what is taken off the torque, in words; null if nothing is."""
     parts = [f"{name} {value:g}" for name, value in fixture_of(trial).items() if value]
     return pl.lit(", ".join(parts) or None, pl.String).alias("fixture")
-
-
-def fixture_weight_column(trial: Trial) -> pl.Expr:
-    """The column `fixture_weight` [N*m]: what is taken off the torque with the fixture level."""
-    weight = fixture_of(trial).get("weight")
-    return pl.lit(weight or None, pl.Float64).alias("fixture_weight")

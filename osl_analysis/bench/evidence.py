@@ -274,10 +274,17 @@ def impedance_table(
     inferred = inferred_of_leg(record) if of_leg else joint
     is_certain = inferred.friction_probability > CERTAIN_FRICTION if inferred else None
     coulomb = coulomb_fits(s, analysis, is_certain)
+    ppm = [stream["ppm"] for stream in record.streams if stream["ppm"] is not None]
+    other_excitation = "periodic" if record.periodic else "other"
     of_trial: Row = {
         **fault_columns(joint),
         "delay_se_s": delay_se_s(joint, record),
-        **motion_row(record),
+        "excitation": "stepped sine" if record.is_stepped_sine else other_excitation,
+        "band_low_hz": record.band_hz[0],
+        "band_high_hz": record.band_hz[1],
+        "cutoff_hz": record.settings.cutoff_hz,
+        # channels of one clock have the same rate
+        "clock_ppm": float(np.ptp(ppm or [0.0])) or None,
         "K_s_ratio": belt.K_s_ratio,
         "VAF_held_out": held_out_vaf(analysis.sums, analysis.model),
     }
@@ -306,29 +313,16 @@ def impedance_table(
     return table_of(rows, "impedance", complete=True).with_columns(lag_columns(belt.lag))
 
 
-def motion_row(record: Record) -> Row:
-    """What moved the joint, and the largest difference between the rates of two clocks [ppm], null
-    where there is one clock."""
-    excitation = "periodic" if record.periodic else "other"
-    ppm = [stream["ppm"] for stream in record.streams if stream["ppm"] is not None]
-    return {
-        "excitation": "stepped sine" if record.is_stepped_sine else excitation,
-        "band_low_hz": record.band_hz[0],
-        "band_high_hz": record.band_hz[1],
-        "cutoff_hz": record.settings.cutoff_hz,
-        # channels of one clock have the same rate
-        "clock_ppm": float(np.ptp(ppm or [0.0])) or None,
-    }
-
-
 def lag_columns(lag: Lag | None) -> list[pl.Expr]:
     """Lag of a leg's torque behind the angle by its belt, the shares of B and I that are due to a
     lag that was found, and B and I without it; for a table with K, B and I.
 
     exp(-s d) = 1 - s d + (s d)^2/2 takes K d off B, and (B + K d/2) d off I, with the fitted B.
     """
-    numbers = (lag.seconds, lag.half_width, lag.certain_s) if lag else (None, None, None)
-    seconds, half_width, found_s = (pl.lit(number, pl.Float64) for number in numbers)
+    is_certain = lag is not None and lag.is_certain
+    numbers = (lag.seconds, lag.half_width) if lag else (None, None)
+    seconds, half_width = (pl.lit(number, pl.Float64) for number in numbers)
+    found_s = seconds * is_certain
     K, B, I = pl.col("K"), pl.col("B"), pl.col("I")
     size_of_I = (I**2 + LITTLE["I"] ** 2).sqrt()
     return [
@@ -370,7 +364,10 @@ def impedance_with_evidence(
     """
     expected = joint_admittance(gains.K_1, gains.B_1, p, p.J_j) if p and gains else None
     analysis, s = rendered_impedance(record, expected)
-    K, B = linear_prediction(s) if expected else (None, None)
+    K, B = None, None
+    if expected:
+        # a drivetrain is of higher order: Eq. 15 fitted to the linear model's torque
+        K, B = s.estimates([*IMPEDANCE.values()], "linear")[:2].tolist()
     # without compensation a leg's friction hides it
     comparable_B = B if gains and gains.cancels_friction else None
     apart = pl.lit(comparable_B, pl.Float64) - pl.col("B")
@@ -434,13 +431,6 @@ def beside_known(
         is_leg_of_file = desired.controller or desired.K_d or whole["K_s_ratio"] is not None
         known["K_over_K_s"] = ratios if is_leg_of_file else pl.when(ratios > 1).then(ratios)
     return table.with_columns(**known)
-
-
-def linear_prediction(s: Sums) -> tuple[float, float]:
-    """K and B of Eq. 15 fitted to the linear model's torque in the recorded motion: a drivetrain is
-    of higher order."""
-    K, B = s.estimates([*IMPEDANCE.values()], "linear")[:2]
-    return float(K), float(B)
 
 
 def torque_error(s: Sums, label: Label, desired: DesiredImpedance) -> float | None:

@@ -123,11 +123,6 @@ class Lag:
     half_width: float  # of its 95 % interval [s]
     is_certain: bool  # whether it differs from 0
 
-    @property
-    def certain_s(self) -> float:
-        """The lag [s]; 0 where it does not differ from 0."""
-        return self.seconds if self.is_certain else 0.0
-
     @classmethod
     def of(cls, fit: GroupFit) -> "Lag":
         """The lag `lag_s` of a fit, with the error by the belt's hysteresis; it is certain by a

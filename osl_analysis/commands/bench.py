@@ -14,7 +14,7 @@ import polars as pl
 from osl_analysis.bench import bench_settings as choices
 from osl_analysis.bench import calibration
 from osl_analysis.bench.belt import belt_curve, belt_table, belt_trial
-from osl_analysis.bench.calibration import fixture_column, fixture_weight_column, with_fixture
+from osl_analysis.bench.calibration import fixture_column, fixture_of, with_fixture
 from osl_analysis.bench.evidence import (
     UNSTATED,
     DesiredImpedance,
@@ -105,7 +105,8 @@ def fit_impedance_trial(
     stated = condition or UNSTATED
     gains = stated.gains(known_parameters(parameters), weight)
     analysis, table = impedance_with_evidence(record, rails, p, stated, gains)
-    table = table.with_columns(fixture_column(trial), fixture_weight_column(trial))
+    weight_taken_off = pl.lit(fixture_of(trial).get("weight") or None, pl.Float64)
+    table = table.with_columns(fixture_column(trial), fixture_weight=weight_taken_off)
 
     def others() -> dict[str, pl.DataFrame]:
         response = response_table(analysis).with_columns(**stated.columns())

@@ -23,7 +23,7 @@ from osl_analysis.bench.record import (
     unlike_groups,
     whole_rows,
 )
-from osl_analysis.errors import Change, IdentifiabilityError, InputError
+from osl_analysis.errors import Change, InputError, naming
 from osl_analysis.measured import visible_step
 from osl_analysis.signals import filtered_motion, runs
 from osl_analysis.signals.grid import (
@@ -182,35 +182,33 @@ def record_of_trial(
         assert isinstance(settings, ImpedanceAnalysis)
         return record_of_motion(regular, settings, windows or settings.windows)
 
-    try:
+    with naming(f"trial {trial.name}"):
+        check_moves(signals)
         record = recorded(signals)
         other_stamps = signals.other()  # None where all stamps are decided
         if other_stamps is not None:
             record = replace(record, with_other_stamps=recorded(other_stamps))
-    except (InputError, IdentifiabilityError) as error:
-        cause = why_not_fitted(signals) or error
-        raise type(error)(f"trial {trial.name}: {cause}", cause.changes) from error
     taken = signals.of("theta")
     step = origin(trial, "theta").get("resolution")
     step = step or visible_step(taken.stream.signals["theta"][taken.present])
     return replace(record, encoder_step=float(step or 0.0))
 
 
-def why_not_fitted(signals: UniformSignals) -> InputError | None:
-    """Why a joint has no motion to fit: its angle stands, or moves too slowly."""
+def check_moves(signals: UniformSignals) -> None:
+    """Refuse a joint without a motion to fit: its angle stands, or moves too slowly."""
     theta = signals["theta"]
     if moving_bins(theta, signals.rate_hz).any():
-        return None
+        return
     range_deg = np.rad2deg(np.ptp(theta))
     if range_deg > LARGE_DEG:
-        return InputError(
+        raise InputError(
             f"of {range_deg:.3g} deg, theta changes within {BIN_S:g} s by no more than"
             f" {100 * MOVING_SHARE:g} % or its jumps from row to row: the joint moves too slowly,"
             f" theta is noise, or {signals.rate_hz:.3g} rows per second are too few; move it by 0.5"
             f" to 6 Hz and record 100 per second or more, {STIFFNESS_ALONE}",
             SMALLER_UNITS_OF_TIME,
         )
-    return InputError(
+    raise InputError(
         f"the joint does not move: theta turns by {range_deg:.3g} deg in all; check the channel and"
         " the unit of theta in the source file, and that this is the recording of the trial"
     )
@@ -223,8 +221,6 @@ def record_of_motion(
     rate = signals.rate_hz
     time = signals.time - signals.time[0]
     moving = np.flatnonzero(moving_bins(signals["theta"], rate))
-    if not len(moving):
-        raise InputError("the joint does not move")
     inside = [(float(time[moving[0]]), float(time[moving[-1]]))]
     is_inside = np.ones(len(time), dtype=np.bool_)
     if windows is not None:

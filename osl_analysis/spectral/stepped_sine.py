@@ -62,15 +62,15 @@ class SteppedSineProtocol:
     amplitudes: Sequence[float]  # [rad]
     frequencies_hz: Sequence[float]
     # number of cycles at each frequency: one number for all, or one for each
-    cycles: float | Sequence[float]
+    cycles: float | Sequence[float] | None = None
 
     @property
     def cycles_at(self) -> tuple[float, ...]:
         """Number of cycles at each frequency; fractional if a time per frequency is commanded."""
-        cycles = np.asarray(self.cycles, dtype=float)
-        if not cycles.size:
+        if self.cycles is None:
             return ()
-        return tuple(np.broadcast_to(cycles, len(self.frequencies_hz)).tolist())
+        cycles = np.broadcast_to(np.asarray(self.cycles, dtype=float), len(self.frequencies_hz))
+        return tuple(cycles.tolist())
 
     def amplitude_near(self, amplitude: float) -> float | None:
         """The commanded amplitude [rad] within 25 % of a recorded one; else None."""
@@ -90,7 +90,7 @@ def stated_protocol(
     return SteppedSineProtocol(
         amplitudes=tuple(np.deg2rad(amplitudes_deg or ()).tolist()),
         frequencies_hz=tuple(frequencies_hz or ()),
-        cycles=() if cycles is None else cycles,
+        cycles=cycles,
     )
 
 
@@ -240,25 +240,21 @@ def similar_cycles(theta: Array, crossings: Array) -> list[Array]:
         return []
     rows = np.ceil(crossings).astype(np.intp)
     height = (np.maximum.reduceat(theta, rows) - np.minimum.reduceat(theta, rows))[:-1]
-    frequency = 1 / np.diff(crossings)
-    stretches = []
-    start = 0
-    for stop in range(1, len(frequency) + 1):
-        recent = slice(max(start, stop - RECENT_CYCLES), stop)
-        if stop < len(frequency):
-            usual_frequency, usual_height = frequency[recent].mean(), height[recent].mean()
-            if (
-                abs(frequency[stop] / usual_frequency - 1) <= SAME_FREQUENCY
-                and abs(height[stop] / usual_height - 1) <= SAME_AMPLITUDE
-            ):
-                continue
-        heights = height[start:stop]
-        # a slow ramp stands outside
-        usual = start + np.flatnonzero(np.abs(heights / np.median(heights) - 1) < ONE_HEIGHT)
+    cycles = np.column_stack([1 / np.diff(crossings), height])
+    stretches = [[0]]
+    for number in range(1, len(cycles)):
+        usual = cycles[stretches[-1][-RECENT_CYCLES:]].mean(axis=0)
+        if (np.abs(cycles[number] / usual - 1) <= (SAME_FREQUENCY, SAME_AMPLITUDE)).all():
+            stretches[-1].append(number)
+        else:
+            stretches.append([number])
+    found = []
+    for stretch in stretches:
+        of_median = height[stretch] / np.median(height[stretch])
+        usual = np.array(stretch)[np.abs(of_median - 1) < ONE_HEIGHT]  # a slow ramp stands outside
         if len(usual) > 1:
-            stretches.append(crossings[usual[0] : usual[-1] + 2])
-        start = stop
-    return stretches
+            found.append(crossings[usual[0] : usual[-1] + 2])
+    return found
 
 
 def fit_run(

@@ -44,7 +44,6 @@ class NearUnit:
     MOST_UNCERTAIN = 1.05  # upper end over estimate, above which a ratio tells no unit
 
 
-RATIOS_TO_STATED = ("K_over_K_d",)  # to stated gains
 RowFindings = list[list[Finding]]  # for each row of a table
 Numbers = dict[str, Beyond]  # numbers of a row beyond their limits, by column
 Cause = tuple[KnownFinding, tuple[Beyond, ...]]  # a cause of doubt with its evidence
@@ -177,10 +176,9 @@ def unit_of_ratio(rule: Rule, ratio: float, row: AnyRow) -> tuple[str, bool]:
     symbol = rule.column.removesuffix("_ratio")
     estimate, high = cell_number(row, symbol), cell_number(row, f"{symbol}_high")
     is_known = not (estimate and high) or high <= NearUnit.MOST_UNCERTAIN * estimate
-    is_stated = rule.column in RATIOS_TO_STATED
     if second and is_known:
         near, near_second = NearUnit.OF_RATIO, NearUnit.OF_SECOND
-        if is_stated:
+        if rule.to_stated:
             near = near_second = NearUnit.OF_STATED
         expected = {unit: 1.0 if unit == "current" else ratio for unit in rule.units}
         likely = [unit for unit, of in expected.items() if abs(second - of) < near_second * abs(of)]

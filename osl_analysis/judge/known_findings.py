@@ -79,6 +79,7 @@ class Rule:
     misfit: bool = False
     units: Sequence[str] = ()
     second: str = ""
+    to_stated: bool = False
     unless: Collection[str] = ()
     grade: Literal["not checked", "notes", "doubts"] = "not checked"
     says: Texts = ""

@@ -106,7 +106,6 @@ def rubbing(torque, size):
 
 
 @pytest.mark.parametrize(("change", "family"), [
-    (lambda torque: torque, None),
     (partial(rubbing, size=0.4), None),
     (with_slow_noise, None),
     (standing, None),

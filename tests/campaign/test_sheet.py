@@ -194,7 +194,8 @@ def test_an_excluded_crossing_need_not_be_complete(tmp_path):
 
 
 def test_a_crossing_and_a_plate_trial_have_the_side_of_their_static_trial(tmp_path):
-    campaign = opened(tmp_path, PLACED_TRIALS)
+    of_crossing = PLACED_TRIALS.replace("right,b", ",b").replace("false,,b", "false,right,b")
+    campaign = opened(tmp_path, of_crossing)
 
     sides = {"l": "left", "r": "right", "p": "right", "w": "left", "v": "right"}
     places = {trial: {"joint": "ankle", "side": side} for trial, side in sides.items()}

@@ -96,8 +96,15 @@ def perform(job: Job) -> None:
                 "traceback": traceback.format_exc(),
             }
     texts = dict.fromkeys(printable(str(warning.message)) for warning in caught)
-    seconds = round(time.perf_counter() - start, 3)
-    write_log(job.log, {"job": job.command, **ending, "seconds": seconds, "warnings": [*texts]})
+    write_log(
+        job.log,
+        {
+            "job": job.command,
+            **ending,
+            "seconds": round(time.perf_counter() - start, 3),
+            "warnings": [*texts],
+        },
+    )
     if ending["outcome"] == "failed":
         raise RuntimeError(ending["error"])
 
@@ -235,8 +242,9 @@ def write_fit(job: Job, fit: Any, arguments: dict[str, Any]) -> None:
     first, *further = TABLES_OF_FIT[job.command]
     file, archive = job.files
     by_place = {archive / f"{name}.csv": tables[name] for name in further}
-    nothing = pl.lit(None, pl.String)
-    by_place[file] = tables[first].with_columns(status=pl.lit(ANALYSED), reason=nothing)
+    by_place[file] = tables[first].with_columns(
+        status=pl.lit(ANALYSED), reason=pl.lit(None, pl.String)
+    )
     write_tables(by_place, job.params["made_by"]["data"])
 
 
@@ -265,7 +273,7 @@ def write_reasons(job: Job, causes: Sequence[NotAnalysed]) -> None:
 def rows_of(causes: Sequence[NotAnalysed], *places: str) -> pl.DataFrame:
     """A row for each cause, with the columns of the first of these tables that is described."""
     described = {table.place: table.columns for table in described_tables()}
-    columns = next((described[place] for place in places if place in described), {"trial": ""})
+    columns = next((described[place] for place in places if place in described), ["trial"])
     without = {**dict.fromkeys(columns), "status": NOT_ANALYSED}
     return pl.DataFrame(
         [{**without, "trial": cause.trial or None, "reason": cause.reason} for cause in causes]

@@ -56,7 +56,7 @@ class LogHandler(LogHandlerBase):
         self.done = Counter[str]()
         self.started_s: dict[str, float] = {}  # when the first job of a stage began
         self.jobs: dict[int, Any] = {}  # stage and logs, by their numbers
-        self.printed_causes = set[str]()
+        self.told = set[str]()  # lines, or their causes
         self.last_line_s = time.monotonic()  # when something was printed last
 
     @property
@@ -89,12 +89,11 @@ class LogHandler(LogHandlerBase):
         elif event == LogEvent.JOB_ERROR:
             self.print_outcome(fields["log"])
         elif fields.get("exception") == "LockException":
-            self.print_line(LOCKED)
+            self.print_once(LOCKED)
         elif fields.get("exception") == "RuleException" and self.jobs:
             pass  # a job has told its error
         elif record.levelno >= WARNING or record.getMessage().startswith(INTERRUPTED):
-            text = self.format(record)
-            self.print_once(text, text)
+            self.print_once(self.format(record))
 
     def finish(self, stage: str, logs: Sequence[str] | None) -> None:
         """Report an ended job: at once what it refused; from time to time, and at its end, the
@@ -106,28 +105,29 @@ class LogHandler(LogHandlerBase):
         now = time.monotonic()
         spent_s = now - self.started_s[stage]
         if done == total:
-            self.print_line(f"{stage} {done}/{total} in {spent_s:.0f} s")
+            self.print_once(f"{stage} {done}/{total} in {spent_s:.0f} s")
         elif now - self.last_line_s > SHORTEST_WAIT_S and done < total:
             left_s = (total - done) * spent_s / done
-            self.print_line(f"{stage} {done}/{total}, {left_s:.0f} s left")
+            self.print_once(f"{stage} {done}/{total}, {left_s:.0f} s left")
 
     def print_outcome(self, logs: Sequence[str] | None) -> None:
-        """A line on each warning of a job, and on one that was refused, has failed or was killed,
-        once for each cause: the list at the end of the run names the others."""
+        """A line on each warning of a job, and on one that was refused, once for each cause: the
+        list at the end of the run names the others. A line on each that has failed or was
+        killed."""
         for log in map(Path, logs or ()):
             job_log = read_log(log)
             lines = [("warning", warning) for warning in job_log.get("warnings", ())]
             if "remedy" in job_log:
                 lines.append((job_log["outcome"], f"{job_log['error']}; {job_log['remedy']}"))
             for kind, text in lines:
-                cause = without_particulars(text, log.stem)
-                self.print_once(f"{kind} {cause}", f"{kind}: {log.stem}: {printable(text)}")
+                is_listed = kind in ("warning", "refused")
+                cause = f"{kind} {without_particulars(text, log.stem)}" if is_listed else ""
+                self.print_once(f"{kind}: {log.stem}: {printable(text)}", cause)
 
-    def print_once(self, cause: str, text: str) -> None:
-        if cause not in self.printed_causes:
-            self.printed_causes.add(cause)
-            self.print_line(text)
-
-    def print_line(self, text: str) -> None:
-        sys.stderr.write(f"{text}\n")  # in one piece, beside what Snakemake's thread prints
-        self.last_line_s = time.monotonic()
+    def print_once(self, line: str, cause: str = "") -> None:
+        """Print a line, unless it is printed already, or one of its cause."""
+        told = cause or line
+        if told not in self.told:
+            self.told.add(told)
+            sys.stderr.write(f"{line}\n")  # in one piece, beside what Snakemake's thread prints
+            self.last_line_s = time.monotonic()

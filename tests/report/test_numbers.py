@@ -10,7 +10,9 @@ from types import SimpleNamespace
 import numpy as np
 import polars as pl
 import pytest
+from conftest import ROOT
 
+from osl_analysis.commands.tables import write_paper_table
 from osl_analysis.judge.campaign import CampaignFinding, findings_in_summary
 from osl_analysis.judge.finding import Words
 from osl_analysis.measured import written
@@ -246,9 +248,15 @@ def test_components_stand_beside_the_draft(beside_draft, draft):
     assert shown.get("draft") == draft
 
 
-def test_what_is_not_measured_of_table_1_is_as_the_parameter_file_states_it():
-    _, *rows = component_rows({}, {"n_T": 4.5, "theta": 1.0}, beside_draft=False)
-    assert rows == [["n_T", "4.50", "stated"]]
+def test_table_1_has_what_is_measured_and_else_what_the_parameter_file_states(tmp_path):
+    summary, page = tmp_path / "actuator_summary.csv", tmp_path / "components.md"
+    summary.write_text("quantity,n,mean,low,high\nk_tau_n_m,3,1.08,0.99,1.17\n")
+    parameters = ROOT / "config" / "parameters" / "default.yaml"
+    write_paper_table(
+        {"actuator_summary": summary}, parameters, ABOUT, False, tmp_path / "components.tex", page
+    )
+    assert "| n_T | 4.61 | stated |" in page.read_text()
+    assert "| k_tau [N*m/A] | 0.120 (0.110 to 0.130) | 3 |" in page.read_text()
 
 
 def test_a_run_ends_with_verdicts_sentences_findings_and_what_was_not_checked():

@@ -34,7 +34,7 @@ def shortened(text: str, most: int = 80) -> str:
     if len(text) <= most:
         return text
     whole_words = text[:most].rpartition(" ")[0]
-    return f"{whole_words} ..." if whole_words else f"{text[:most]}..."
+    return f"{whole_words or text[:most]} ..."
 
 
 def nearest(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:

@@ -81,9 +81,8 @@ class Rows:
 
     def place(self, row: int | np.integer) -> str:
         """Name a row, counted from 0, to a user."""
-        if self.lines is None:
-            return f"{self.noun} {row + 1} of {self.count}"
-        return f"{self.noun} {self.lines[row]}"
+        number = f"{row + 1} of {self.count}" if self.lines is None else self.lines[row]
+        return f"{self.noun} {number}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -59,9 +59,9 @@ FAMILIES = {
 }
 
 
-def marker_columns(label: str) -> tuple[str, str, str]:
+def marker_columns(label: str) -> list[str]:
     """Columns of one marker's position in the laboratory [m]; NaN where the marker was not seen."""
-    return f"marker_{label}_x", f"marker_{label}_y", f"marker_{label}_z"
+    return [f"marker_{label}_{axis}" for axis in AXES]
 
 
 def plate_columns(plate: int) -> list[str]:
@@ -104,7 +104,7 @@ def stretches(text: str) -> list[tuple[float, float]]:
         The text has another form, or the parts overlap, touch or are not in time order.
     """
     has_form = re.fullmatch(r"(\s*\d+\.?\d*-\d+\.?\d*(?=\s|$))+\s*", text)
-    edges = [float(edge) for edge in re.findall(r"\d+\.?\d*", text)]
+    edges = list(map(float, re.findall(r"\d+\.?\d*", text)))
     if not has_form or edges != sorted(set(edges)):
         raise InputError(
             f"windows '{text}' are not from-to in s, in the order of time, without overlap or"

@@ -104,7 +104,7 @@ def numbers_of(channel: Channel) -> Array:
         values = np.ma.asarray(channel.values, dtype=np.float64).reshape(count)
     except (InputError, ValueError):  # words, or several numbers in a row
         return np.full(count, np.nan)
-    return np.asarray(values.filled(np.nan))
+    return values.filled(np.nan)
 
 
 def share_above(count: int, total: int) -> float:

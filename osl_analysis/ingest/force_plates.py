@@ -108,7 +108,7 @@ def to_newtons(plate: Plate, units: PlateUnits | None, length: str) -> Array:
         with naming(f"analog channel '{channel.key}'", remedy):
             factors.append(si_factor(unit, quantity))
     mixing = np.eye(len(factors)) if plate.calibration is None else plate.calibration.T
-    return np.asarray(mixing * factors)
+    return mixing * factors
 
 
 def wrench(kind: int, corners: Array, origin: Array, channels: Array) -> tuple[Array, Array]:

@@ -60,8 +60,6 @@ CONFUSED_UNITS = {"rad": ("rad", "deg", "mrad"), "N*m": ("N*m", "N*mm", "N*cm")}
 def check_own_torque(trial: Trial, torque: str = "torque", angle: str | None = "theta") -> None:
     """Refuse a torque that is a function of angle and current: a fit to it would be circular."""
     names = [name for name in trial.columns if name in (angle, "current")]
-    if torque not in trial.columns:
-        return
     for others in (names[:1], names[1:], names):  # may be sampled at different times
         time, measured, *values = trial.arrays(torque, *others)
         signals = dict(zip(others, values, strict=True))
@@ -300,7 +298,7 @@ def run_at_extreme(values: Array, standing: NDArray[np.intp] | None = None) -> s
             if standing is not None:
                 runs = standing[values[standing[:, 0]] == end]
             run = longest_of(runs)
-            if run.stop - run.start > longest.stop - longest.start and has_corners(values, run):
+            if values[run].size > values[longest].size and has_corners(values, run):
                 longest = run
     return longest
 

@@ -136,14 +136,12 @@ def stated_rate(texts: Sequence[str]) -> float | None:
         words = re.search(RATE_IN_WORDS, text)
         if re.search(NOT_OF_ROWS, text):
             return None
-        if interval and number_in(interval[1]) > 0:
-            seconds = number_in(interval[1]) * TIME_UNITS[(interval[2] or "") + "s"]
+        seconds = number_in(interval[1]) * TIME_UNITS[(interval[2] or "") + "s"] if interval else 0
+        if seconds > 0:
             rates.add(float(f"{1 / seconds:.9g}"))
         elif words:
             rates.add(number_in(words[1] or words[3]) * (1000 if words[2] else 1))
-    if len(rates) == 1 and 1 < min(rates) < 1e6:
-        return rates.pop()
-    return None
+    return rates.pop() if len(rates) == 1 and 1 < min(rates) < 1e6 else None
 
 
 def number_in(text: str) -> float:

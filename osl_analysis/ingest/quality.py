@@ -361,7 +361,7 @@ def pressed_plates(examined: Examined) -> Iterator[tuple[str, Array, Array]]:
     trial = examined.trial
     plates = trial.provenance.get("plates", []) if examined.experiment.walker else []
     for plate in plates:
-        number, corners = plate["plate"], np.array(plate["corners"], dtype=float)
+        number, corners = plate["plate"], np.array(plate["corners"])
         columns = plate_columns(number)
         axes = plate_axes(corners)
         wrench = trial.sampled(*columns).select(columns).to_numpy()
@@ -369,7 +369,7 @@ def pressed_plates(examined: Examined) -> Iterator[tuple[str, Array, Array]]:
         if len(wrench) >= LIMITS.fewest_loaded:
             vertical = wrench[:, :3] @ axes[:, 2:]
             point = np.cross(axes[:, 2], wrench[:, 3:]) / vertical
-            yield f"plate{number}", corners, np.asarray(point @ axes[:, :2])
+            yield f"plate{number}", corners, point @ axes[:, :2]
 
 
 def measure_pressure_centres(examined: Examined) -> dict[str, float]:

@@ -293,7 +293,8 @@ def test_a_torque_beyond_the_load_cell_s_range_is_refused(torque, reached):
 def test_samples_closer_than_any_recorder_takes_them_are_refused(steps, refused):
     time = np.cumsum([0.0, *np.random.default_rng(1).permutation(steps)])
     # below 1.2 rad
-    trial = Trial("hasty", pl.DataFrame({"time": time, "theta": np.linspace(-1.1, 1.1, len(time))}))
+    theta = np.linspace(-1.1, 1.1, len(time))
+    trial = Trial("hasty", pl.DataFrame({"time": time, "theta": theta, "torque": theta}))
     said = r"trial hasty:.*[17](\.\d+)?e-06 s.*`unit`.*`time`"
     with pytest.raises(InputError, match=said) if refused else nullcontext():
         check_recording(trial, BENCH)

@@ -268,7 +268,7 @@ def test_a_current_that_is_late_is_refused_for_it_and_not_for_its_sign():
     torque = by_hand(omega, alpha, current)
     with pytest.raises(InputError, match="170 ms") as refused:
         fit_log(t, theta, np.roll(current, 170), torque)
-    assert refused.value.remedy.count("`delay: 170 ms` of current")
+    assert "`delay: 170 ms`" in refused.value.remedy
     with pytest.raises(InputError, match="10 ms"):
         fit_log(t, theta, np.roll(current, 10), torque)
     # which `plausible` refuses

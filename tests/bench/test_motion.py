@@ -27,7 +27,6 @@ from osl_analysis.model.drivetrain import joint_admittance, read_parameters
 from osl_analysis.trial import Trial
 
 SETTINGS = config_for_trials(ROOT / "config/config.yaml").dynamometer
-LIGHT = {"torque_noise": 0.002, "bits": 24, "K": 1.0, "B": 0.5, "I": 0.05}
 
 
 def moved(move=noise, seed=5, motion=None, **made):
@@ -119,7 +118,8 @@ def test_a_window_beyond_the_end_is_refused():
 @pytest.mark.usefixtures("without_inference")
 @pytest.mark.parametrize(("motion", "joint", "name", "least"), [
     ({"band": (0.5, 1.5)}, {}, "I", 0.02), ({"band": (1.8, 2.2)}, {}, "I", 0.02),
-    ({"band": (8.0, 14.0)}, LIGHT, "K", 1.0),
+    ({"band": (8.0, 14.0)}, {"torque_noise": 0.002, "bits": 24, "K": 1.0, "B": 0.5, "I": 0.05},
+     "K", 1.0),
 ])  # fmt: skip
 def test_what_a_narrow_band_hardly_tells_has_a_wide_interval(motion, joint, name, least):
     row = row_of(moved(noise, 3, motion, **joint))

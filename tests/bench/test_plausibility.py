@@ -123,9 +123,6 @@ def test_inertia_and_weight_of_a_fixture_are_taken_off_the_torque(experiment):
     assert found["doubtful"] == ""
 
 
-LATE = {"torque": lambda torque: np.roll(torque, 2)}
-
-
 @pytest.mark.parametrize(("experiment", "changes"), [
     *((experiment, {}) for experiment in RECORDINGS),
     # a device that differs
@@ -155,7 +152,7 @@ def test_a_sound_recording_is_not_doubtful(experiment, changes):
     ("belt", {"theta": lambda x: x.clip(max=0.9 * x.max())}, "clipped signal",
      "saturated_samples", "above"),
     # a delay of 4 ms adds -K_s 4 ms = -2.7 N*m*s/rad to B_j
-    ("belt", LATE, "late torque", "B_j_high", "below"),
+    ("belt", {"torque": lambda torque: np.roll(torque, 2)}, "late torque", "B_j_high", "below"),
 ])  # fmt: skip
 def test_what_is_not_likely_is_doubtful_with_its_cause(experiment, changes, cause, column, side):
     row = judged(

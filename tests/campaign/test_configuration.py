@@ -223,14 +223,15 @@ def test_a_simulated_laboratory_at_its_bounds_is_allowed(in_root, tmp_path):
 
 CSV = {"format": "csv", "time": {"column": "t", "unit": "s"}, "clock": "master"}
 CSV |= {"channels": {"theta": {"column": "a", "unit": "deg"}, "sync": {"column": "s", "unit": "V"}}}
-C3D = {"format": "c3d", "analogs": {"sync": {"channel": "Sync"}}}
-BY_ANGLE = {"shared": {"column": "torque", "markers": ["A", "B", "C"]}}
 
 
 def walkway(folder, log=None, mocap=None, part="", plate=2):
     """Nine crossings `w0` ... of a log and a capture, and a static trial `s`, with other fields of
     their source files. The first capture has no plate, the second has two, the third is none."""
-    described = {"log": {**CSV, "clock": "sync", **(log or {})}, "mocap": C3D | (mocap or {})}
+    described = {
+        "log": {**CSV, "clock": "sync", **(log or {})},
+        "mocap": {"format": "c3d", "analogs": {"sync": {"channel": "Sync"}}} | (mocap or {}),
+    }
     for name, content in (described | {"bench": CSV}).items():
         (folder / f"{name}.yaml").write_text(yaml.safe_dump(content))
     write_c3d(folder / "a.c3d", np.ones((2, 1, 4)))
@@ -251,7 +252,8 @@ def walkway(folder, log=None, mocap=None, part="", plate=2):
     ({"log": {"clock": "master"}}, "log.yaml, line 8: 'master' ", False),
     ({"mocap": {"analogs": {}}}, "line 8: 'sync'", False),
     # the log has no torque
-    ({"mocap": BY_ANGLE | {"analogs": {}}}, "line 8: 'sync'", False),
+    ({"mocap": {"shared": {"column": "torque", "markers": ["A", "B", "C"]}, "analogs": {}}},
+     "line 8: 'sync'", False),
     ({"part": "b"}, "csv: trial 'w0': log_part 'b': .*csv", False),
 ])  # fmt: skip
 def test_a_wrong_source_file_concerns_its_trials(in_root, tmp_path, changes, said, concerns_static):

@@ -33,14 +33,16 @@ DESIRED = osl.DesiredImpedance("compensated", 300.0, 5.0)
 AMPLITUDES = [float(np.rad2deg(amplitude)) for amplitude in SINES.amplitudes]
 SHORT = f"dynamometer: {{amplitudes_deg: {AMPLITUDES}, frequencies_hz: [1, 3, 5], cycles: 9}}\n"
 SHORT += "quality: {rate: 123 Hz}\n"
-CURVE = "torque_angle: {zero: none, desired: {line: {angle_deg: [-10, 10], torque: [-35, 35]}}}\n"
 
 
 @pytest.fixture(scope="module")
 def short(tmp_path_factory):
     """A configuration with a short stepped sine, and a curve of torque over angle."""
     path = tmp_path_factory.mktemp("settings") / "short.yaml"
-    path.write_text(SHORT + CURVE)
+    path.write_text(
+        SHORT
+        + "torque_angle: {zero: none, desired: {line: {angle_deg: [-10, 10], torque: [-35, 35]}}}\n"
+    )
     return path
 
 

@@ -69,7 +69,6 @@ UNITLESS: dict[str, object] = {
     "time": {"column": "t"},
 }  # fmt: skip
 NUMBERED = {"theta": {"column": 2, "unit": "rad"}, "torque": {"column": 3, "unit": "Nm"}}
-PATTERNS = {"theta": {"column": "ang*e"}, "torque": {"column": "load"}}
 LOG = "t,angle,load\n10.0,0,1\n10.5,90,2\n11.0,-180,+3.5\n"
 
 
@@ -90,7 +89,8 @@ def assert_log(trial: Trial) -> None:
     (LOG.partition("\n")[2],
      {"time": {"column": 1, "unit": "s"}, "channels": NUMBERED}),
     ("t,angle,load,angle [V]\n10.0,0,1,7\n10.5,90,2,7\n11.0,-180,+3.5,7\n", {}),
-    ("t [s],angle (rad),load[N.m]\n" + LOG.partition("\n")[2], UNITLESS | {"channels": PATTERNS}),
+    ("t [s],angle (rad),load[N.m]\n" + LOG.partition("\n")[2], UNITLESS
+     | {"channels": {"theta": {"column": "ang*e"}, "torque": {"column": "load"}}}),
     (LOG.replace("t,angle,load", "load,t,angle").replace("10.0,0,1", "1,10.0,0").replace(
         "10.5,90,2", "2,10.5,90").replace("11.0,-180,+3.5", "3.5,11.0,-180"), {}),
     (LOG.replace("t,angle,load", "t [s],angle (rad),load[N.m]"), UNITLESS),

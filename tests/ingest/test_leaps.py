@@ -22,7 +22,6 @@ OMEGA = 2 * np.pi * 5.0  # rad/s; second differences of this motion are large, t
 THETA = 0.1 * np.sin(OMEGA * TIME) + 1e-5 * NOISE[0]  # rad
 TORQUE = 30.0 * np.cos(OMEGA * TIME) + 0.01 * NOISE[1]  # N*m
 USUAL_BEND = float(np.quantile(np.abs(np.diff(TORQUE, 3)), 0.99))  # N*m
-SMALL_LEAP = 0.25 * LIMITS.largest_bend * USUAL_BEND  # N*m
 BESIDE_GAP = np.delete(np.arange(ROWS), np.arange(700, 730))
 SCATTERED = TIME + 0.4 / RATE_HZ * np.random.default_rng(4).uniform(-1, 1, ROWS)
 
@@ -37,7 +36,9 @@ SOUND = {
     "sine": TORQUE,
     "failed reading": changed(TORQUE, 700, np.nan),
     # the largest third difference is three times the leap
-    "leap below the limit": changed(TORQUE, 700, TORQUE[700] + SMALL_LEAP),
+    "leap below the limit": changed(
+        TORQUE, 700, TORQUE[700] + (0.25 * LIMITS.largest_bend * USUAL_BEND)
+    ),
     "flickering at rest": np.where(NOISE[0] > 2.0, 0.1, 0.0),
     "constant": np.full(ROWS, 3.0),
     "resting, with one step": np.where(TIME < 5.0, 0.0, 1.0),
@@ -68,11 +69,14 @@ def test_rows_that_are_missing_are_a_gap_and_no_leap() -> None:
     assert find_leaps(TIME[BESIDE_GAP], TORQUE[BESIDE_GAP]).size == 0
 
 
-SECOND = 2.0 * np.abs(np.diff(TORQUE, 2)).max()  # second differences would hide it
 BORDERS = [3.5, 3.8]
 LEAPS = {
     "a flipped bit of the exponent": (TIME, changed(TORQUE, 700, 2 * TORQUE[700]), [3.5]),
-    "a sample of the torque": (TIME, changed(TORQUE, 700, TORQUE[700] + SECOND), [3.5]),
+    "a sample of the torque": (
+        TIME,
+        changed(TORQUE, 700, TORQUE[700] + (2.0 * np.abs(np.diff(TORQUE, 2)).max())),
+        [3.5],
+    ),
     "a sample of the angle": (TIME, changed(THETA, 700, THETA[700] + 0.02), [3.5]),
     "a block of zeros": (TIME, changed(TORQUE, slice(700, 760), 0.0), BORDERS),
     "a block of another place": (TIME, changed(THETA, slice(700, 760), THETA[990:1050]), BORDERS),

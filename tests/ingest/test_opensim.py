@@ -268,15 +268,19 @@ def test_a_stamp_that_stands_twice_is_left_out_with_the_plates_of_its_row(tmp_pa
     assert once.equals(whole[[0, *range(2, len(whole))]])
 
 
-BY_RATE = {"clock": "common", "time": {"column": None, "unit": None, "rate": 100}}
-
-
 @pytest.mark.parametrize(
     ("stated", "told"),
     [
         ({"plates": {1: PLATE}, "axes": ("x", "y", "-z")}, "'x', 'y', '-z'"),
         ({}, "`channels`,.*plates.*`plates`"),
-        ({"plates": {1: PLATE}, **BY_RATE}, "{column: time, unit: s}"),
+        (
+            {
+                "plates": {1: PLATE},
+                "clock": "common",
+                "time": {"column": None, "unit": None, "rate": 100},
+            },
+            "{column: time, unit: s}",
+        ),
     ],
 )
 def test_a_source_file_that_cannot_be_is_refused(stated: dict[str, Any], told: str) -> None:

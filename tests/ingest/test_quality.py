@@ -296,7 +296,6 @@ BAD_FIT = {
 DAMAGED_LOG = {
     "complete": False, "end_missing": True, "lost": 130, "share_lost": 0.04, "remarks": ["chunk 3"],
 }  # fmt: skip
-DAMAGED_CAPTURE = {**DAMAGED_LOG, "end_missing": False, "lost": 3, "share_lost": 0.05}
 
 
 @pytest.mark.parametrize(("provenance", "beyond", "check", "value", "remark"), [
@@ -306,7 +305,9 @@ DAMAGED_CAPTURE = {**DAMAGED_LOG, "end_missing": False, "lost": 3, "share_lost":
      {"unit"}, "unit", 1.0, r"torque .*lbf\*in.*N\*m"),
     ({"damage": {"log": DAMAGED_LOG}}, {"damage", "truncated"}, "damage", 4.0,
      "log: 130 .*chunk 3"),
-    ({"damage": {"log": DAMAGED_LOG, "mocap": DAMAGED_CAPTURE}}, {"damage", "truncated"}, "damage",
+    ({"damage": {"log": DAMAGED_LOG, "mocap": {
+        **DAMAGED_LOG, "end_missing": False, "lost": 3, "share_lost": 0.05,
+    }}}, {"damage", "truncated"}, "damage",
      5.0, "mocap: 3 .*chunk 3"),
 ])  # fmt: skip
 def test_what_ingest_found_out_is_judged(provenance, beyond, check, value, remark):

@@ -89,17 +89,23 @@ def stepped(**changes):
     return bench_trial.sine_command(schedule, RATE)
 
 
-EXCITATION = {"name": "x", "rms_deg": 2.0, "duration_s": 20.0, "period_s": 4.0, "periods": 3}
-
-
 def excited(kind, seed=3, **changes):
     """Angle [rad] of an excitation."""
-    excitation = settings.Excitation.model_validate({**EXCITATION, "kind": kind, **changes})
+    excitation = settings.Excitation.model_validate(
+        {
+            "name": "x",
+            "rms_deg": 2.0,
+            "duration_s": 20.0,
+            "period_s": 4.0,
+            "periods": 3,
+            "kind": kind,
+            **changes,
+        }
+    )
     return bench_trial.excitation_motion(excitation, "trial_x_1", seed, RATE)
 
 
 SMOOTH = ("multisine", "chirp", "noise", "hand")
-ACTUATOR = read_yaml((ROOT / "config/simulation/default.yaml"), SimulationSettings).actuator
 THERE_AND_BACK = [
     signal[501:4499]
     for signal in vars(
@@ -115,7 +121,13 @@ THERE_AND_BACK = [
     [
         (stepped(frequencies_hz=(1,), rest_s=0, lead_s=0), 2e-4),
         (JointMotion(*THERE_AND_BACK), 1e-12),
-        (bench_trial.actuator_command(ACTUATOR, RATE)[0], 1e-5),
+        (
+            bench_trial.actuator_command(
+                read_yaml((ROOT / "config/simulation/default.yaml"), SimulationSettings).actuator,
+                RATE,
+            )[0],
+            1e-5,
+        ),
         *((excited(kind), 1e-5) for kind in SMOOTH),
         # a sweep so fast that its own part of the acceleration shows
         (excited("chirp", duration_s=3.0, band_hz=(0.1, 4.0)), 1e-5),

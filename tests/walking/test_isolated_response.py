@@ -378,13 +378,15 @@ def test_heel_strike_and_toe_off_lie_between_frames() -> None:
 
 
 # Below `on` and above `off` the foot stays; above `off` and below `on` nobody steps there
-DIPS = np.select([TIME == TIME[330], (TIME >= 2.0) & (TIME < 2.03)], [30.0, 35.0], WHOLE)
 
 
 @pytest.mark.parametrize(
     "force",
     [
-        pytest.param(DIPS, id="dips"),
+        pytest.param(
+            np.select([TIME == TIME[330], (TIME >= 2.0) & (TIME < 2.03)], [30.0, 35.0], WHOLE),
+            id="dips",
+        ),
         pytest.param(WHOLE + SHORT_STEP, id="a short contact"),
         pytest.param(EARLY_STEP + WHOLE + LATE_STEP, id="cut stances"),
     ],

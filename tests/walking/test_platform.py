@@ -144,16 +144,19 @@ def glued_elsewhere(trial: Trial) -> Trial:
     return changed(trial, pl.col("marker_PLAT1_y") + 0.03)
 
 
-LATER_CALIBRATION = static_calibration(glued_elsewhere(static_trial()), settings())
-
-
 def test_each_unloaded_trial_is_read_with_the_cluster_of_its_session() -> None:
     """With the first static trial the residual of the second session exceeds the limit."""
     trials = plate_trials(Rig(marker=1e-5), Ramp(), 2, 2)
     later = glued_elsewhere(trials[1])
 
     alike = identify_plate_model(calibrated(trials), settings())
-    model = identify_plate_model([(trials[0], CALIBRATION), (later, LATER_CALIBRATION)], settings())
+    model = identify_plate_model(
+        [
+            (trials[0], CALIBRATION),
+            (later, static_calibration(glued_elsewhere(static_trial()), settings())),
+        ],
+        settings(),
+    )
 
     np.testing.assert_allclose(model.parameters, alike.parameters, atol=0.05)  # 0.01 mm of noise
     with pytest.raises(InputError, match="column static"):

@@ -38,7 +38,7 @@ def test_misfit_is_told_by_strata_or_groups_and_noise_by_what_repeats(
     rng = np.random.default_rng(1)
     rows = 10 * len(stratum)
     x = rng.standard_normal(rows)
-    torque = 3 * x + np.repeat(10 * rng.standard_normal(units)[unit], 10) * x
+    torque = 20 + 3 * x + np.repeat(10 * rng.standard_normal(units)[unit], 10) * x
     record = Record(
         "made", np.arange(rows) / 100, x, torque, Motion(x, x, x), torque,
         BenchAnalysis(cutoff_hz=15, order=4), np.ones(rows, dtype=bool), groups,
@@ -47,6 +47,8 @@ def test_misfit_is_told_by_strata_or_groups_and_noise_by_what_repeats(
 
     fit = fit_groups(s, {"K": "theta", "offset": "one"})
 
+    left = torque - fit["K"] * x
+    assert fit.vaf == pytest.approx(100 * (1 - np.var(left) / np.var(torque)))
     assert fit.interval_method == method
     assert (fit.repeat is not None) == (repeat and min(strata) > 1)
     misfit_freedom = units - 1

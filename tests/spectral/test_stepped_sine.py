@@ -119,7 +119,9 @@ def segments_of_practice(practice):
 
 @pytest.mark.parametrize("practice", PRACTICES.values(), ids=PRACTICES)
 def test_sines_are_found_as_people_run_a_protocol(practice):
-    """Two cycles settle before the fit begins: a start may be off by a fifth of a cycle."""
+    """Two cycles settle before the fit begins: a start elsewhere than at the centre may be off by a
+    fifth of a cycle."""
+    within = 0.2 if practice.phase else 1e-3
     segments = segments_of_practice(practice)
 
     parts = parts_of(practice)
@@ -130,7 +132,9 @@ def test_sines_are_found_as_people_run_a_protocol(practice):
     assert frequencies == pytest.approx([part.frequency for part in parts], rel=1e-4)
     assert frequencies[:3] == frequencies[3:]
     for segment, part in zip(segments, parts, strict=True):
-        assert segment.start / PRACTICE_RATE == pytest.approx(part.start, abs=0.2 / part.frequency)
+        assert segment.start / PRACTICE_RATE == pytest.approx(
+            part.start, abs=within / part.frequency
+        )
 
 
 def test_a_clock_that_is_right_to_50_ppm_has_the_commanded_frequencies():

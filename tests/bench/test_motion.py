@@ -128,12 +128,6 @@ def test_what_a_narrow_band_hardly_tells_has_a_wide_interval(motion, joint, name
     assert abs(row[name] - {**TRUE, **joint}[name]) < half_width(row, name)
 
 
-def test_a_motion_of_a_few_steps_of_the_encoder_is_refused():
-    words = "theta.*1[0-9] steps.*20"
-    with pytest.raises(InputError, match=words):
-        row_of(moved(noise, 3, {"rms_deg": 0.04}, bits=14))
-
-
 P = read_parameters(ROOT / "config/parameters/default.yaml")
 COMPENSATED = DesiredImpedance("compensated", 300.0, 5.0)
 
@@ -272,12 +266,13 @@ def turned_by(angle):
     return made_trial(np.random.default_rng(1), (time, motion), B=0.0, I=0.0)
 
 
-@pytest.mark.parametrize(("rate", "words"), [
-    (8, "8 rows"), (25, "100 rows"),
+@pytest.mark.parametrize(("motion", "words"), [
+    ({"rate": 8}, "8 rows"), ({"rate": 25}, "100 rows"),
+    ({"rms_deg": 0.04}, "theta.* 1[0-9] steps.* 20 "),
 ])  # fmt: skip
-def test_too_few_rows_per_second_are_named(rate, words):
+def test_too_few_rows_per_second_and_steps_of_the_encoder_are_named(motion, words):
     with pytest.raises(InputError, match=words):
-        row_of(moved(noise, 4, {"rate": rate}))
+        row_of(moved(noise, 4, motion, bits=14))
 
 
 @pytest.mark.parametrize("excitation", ["auto", "any"])

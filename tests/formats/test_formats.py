@@ -75,11 +75,8 @@ def test_any_error_of_a_reader_is_one_sentence_with_file_and_remedy(tmp_path: Pa
     path = tmp_path / "a.toy"
     path.write_text("TOY1")
 
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match=f"^{path}: .*; "):
         formats.read(path)
-
-    assert str(caught.value).startswith(f"{path}: ")
-    assert caught.value.remedy
 
 
 def test_an_empty_file_is_named(tmp_path: Path) -> None:

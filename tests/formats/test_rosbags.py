@@ -121,10 +121,9 @@ def column(recording: Recording, field: str, topic: str = "/lab") -> np.ndarray:
     return recording.find({"topic": topic, "field": field}).values
 
 
-def refusal(path: Path, *fields: str) -> str:
-    asked = fields or ("angle",)
+def refusal(path: Path) -> str:
     with pytest.raises(InputError) as caught:
-        column(read(path, *asked), asked[0])
+        column(read(path, "angle"), "angle")
     return str(caught.value)
 
 

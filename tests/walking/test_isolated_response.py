@@ -140,14 +140,12 @@ def test_an_offset_of_the_fit_lowers_K_by_its_share() -> None:
     assert share == pytest.approx(0.5, rel=2e-3)
 
 
-def test_a_crossing_without_an_onset_has_no_response() -> None:
-    with pytest.raises(InputError, match=r"trial u7:.*onset"):
-        response_of(crossing("u7"), mean_gait())
-
-
-def test_a_response_that_leaves_stance_is_refused() -> None:
-    with pytest.raises(InputError, match=r"trial p: baseline.*window.*0-1"):
-        response_of(crossing("p", onset=0.96), mean_gait())
+@pytest.mark.parametrize(("onset", "told"), [(None, "onset"), (0.96, "baseline.*window.*0-1")])
+def test_a_crossing_without_an_onset_and_a_response_that_leaves_stance_are_refused(
+    onset: float | None, told: str
+) -> None:
+    with pytest.raises(InputError, match=f"trial p:.*{told}"):
+        response_of(crossing("p", onset), mean_gait())
 
 
 def test_one_response_is_no_ensemble() -> None:

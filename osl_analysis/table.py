@@ -24,7 +24,7 @@ ARCHIVE_SUFFIX = ".zip"  # of several tables in one file
 # columns that are text even if every entry looks like a number, such as a trial named `01`
 TEXT_COLUMNS = (
     "trial", "controller", "branch", "quantity", "estimator", "check", "unit", "verdict", "remark",
-    "status", "reason", "panel", "curve", "interval_method", "doubtful", "model",
+    "status", "reason", "panel", "curve", "interval_method", "method", "doubtful", "model",
     "motion", "group", "direction", "subject", "side", "different",
     "remarks", "excitation", "desired", "loading", "joint", "scope",
     "data", "chosen", "trajectory", "table", "grade",

@@ -28,7 +28,6 @@ class ClockFit:
 
     offset: float  # master's time at the slave's time 0 [s]
     drift: float = 0.0  # relative difference of the clocks' rates [1]
-    drift_error: float = 0.0  # standard error of the drift [1]
     residual: float = 0.0  # RMS of the residuals [s]; by correlation, standard error of the times
     edges: int = 0  # pairs of edges that were used
     # `edges`, `gate`, `correlation` of a signal, or `common`: the files share one time
@@ -155,7 +154,6 @@ def robust_line(first: Array, second: Array, noise: float) -> ClockFit:
     return ClockFit(
         level - drift * centre,
         drift,
-        drift_error=noise / np.sqrt(information),
         residual=np.sqrt((residuals[used] ** 2).mean()),
         edges=int(used.sum()),
     )
@@ -190,7 +188,7 @@ def gate_fit(pulses: Edges, time: Array) -> ClockFit:
             " file"
         )
     residual = np.hypot(step, capture_step) / np.sqrt(12)
-    return ClockFit(-starts[0], 0.0, residual / length, residual, edges=2, method="gate")
+    return ClockFit(-starts[0], residual=residual, edges=2, method="gate")
 
 
 def correlate_clocks(slave: Signal, master: Signal) -> ClockFit:
@@ -238,7 +236,6 @@ def correlate_clocks(slave: Signal, master: Signal) -> ClockFit:
     of_drift = LIMITS.usual_drift * duration / np.sqrt(12)
     return ClockFit(
         offset,
-        drift_error=LIMITS.usual_drift,
         residual=np.hypot(error, of_drift),
         method="correlation",
     )

@@ -229,9 +229,10 @@ def losses_of(loss: Loss, topics: Collection[str] = ()) -> dict[str, Any]:
     dict
         Empty for a table of which nothing is lost.
     """
-    counts = [loss.by_topic.get(topic, (0, None)) for topic in topics]
-    of_topics = sum(max(0, expected - read) for read, expected in counts if expected is not None)
-    lost = None if loss.lost is None else max(loss.lost, of_topics)
+    of_topics = [loss_of(loss, topic) for topic in topics]
+    lost = loss.lost
+    if lost is not None:
+        lost = max(lost, sum(each.lost or 0 for each in of_topics))
     if loss.end == End.MISSING or (loss.end == End.UNKNOWN and not lost):
         lost = None  # nobody knows what stood behind the end
     if lost == 0 and not topics:
@@ -241,15 +242,14 @@ def losses_of(loss: Loss, topics: Collection[str] = ()) -> dict[str, Any]:
         "expected": None if loss.end == End.UNKNOWN else loss.expected,
         "read": loss.read,
         "lost": lost,
-        "share_lost": max((share_lost(loss, topic) for topic in topics), default=loss.share),
+        "share_lost": max([each.share for each in of_topics], default=loss.share),
         "remarks": [printable(text) for text in loss.remarks],
     }
 
 
-def share_lost(loss: Loss, topic: str) -> float:
-    """Lost share of the messages of a topic; 0 where it is not known."""
-    read, expected = loss.by_topic.get(topic, (0, None))
-    return max(0, expected - read) / expected if expected else 0.0
+def loss_of(loss: Loss, topic: str) -> Loss:
+    """What was lost of one topic."""
+    return Loss(*loss.by_topic.get(topic, (0, None)))
 
 
 def asked_channels(

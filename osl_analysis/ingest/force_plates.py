@@ -49,10 +49,7 @@ def convert_plates(
     origins: dict[str, dict[str, Any]] = {}
     facts: list[dict[str, Any]] = []
     for plate in plates:
-        others = [each.number for each in plates if each is not plate]
-        with naming(
-            f"plate {plate.number}", f" (or name under `plates` the others alone: {others})"
-        ):
+        with naming(f"plate {plate.number}", " (or name the others alone under `plates`)"):
             length = length_of_all or plate.length_unit
             metre = metres_per(length, source)
             corners = plate.corners * metre

@@ -275,6 +275,4 @@ def rates_in_file(
             yield f"timing of '{channel.key}'", channel.rows.rate_hz
     for channel in recording.channels:  # a variable `fs`
         if channel.rows.count == 1 and (channel.name or channel.key).lower().endswith("fs"):
-            values = numbers_of(channel)
-            if values[0] > 0:
-                yield channel.key, values[0]
+            yield channel.key, numbers_of(channel)[0]

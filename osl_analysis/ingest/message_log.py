@@ -15,9 +15,9 @@ from osl_analysis.ingest.conversion import (
     asked_channels,
     canonical_columns,
     fresh_rows,
+    loss_of,
     losses_of,
     origin_of,
-    share_lost,
 )
 from osl_analysis.ingest.likely_clock import rate_of
 from osl_analysis.recording import SECOND_NS, Recording, Rows
@@ -49,7 +49,7 @@ def convert_messages(recording: Recording, source: MessageSource) -> Converted:
     warnings = [*loss.remarks]
     tables: dict[str, pl.DataFrame] = {}
     for name, settings in by_topic.items():
-        share = share_lost(loss, name)
+        share = loss_of(loss, name).share
         if share > source.largest_loss:
             raise InputError(
                 f"damaged or incomplete: {100 * share:.3g} % of topic '{name}' is lost, more"

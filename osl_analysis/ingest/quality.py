@@ -297,8 +297,8 @@ def measure_leaps(examined: Examined) -> dict[str, float]:
     trial = examined.fitted
     columns = [name for name in (examined.moved, examined.torque) if name in trial.columns]
     leaps = {column: find_leaps(*trial.arrays(column)) for column in columns}
-    if "torque_m" in leaps and "current" in trial.columns:
-        steps = find_leaps(*trial.arrays("current"))
+    if "torque_m" in leaps:
+        steps = find_leaps(*recorded(trial, "current"))
         apart = np.abs(np.subtract.outer(leaps["torque_m"], steps)).min(axis=1, initial=np.inf)
         leaps["torque_m"] = leaps["torque_m"][apart > LIMITS.beside_leap_s]
     every = np.sort(np.concatenate([*leaps.values(), []]))

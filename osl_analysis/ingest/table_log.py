@@ -261,11 +261,11 @@ def at_clock(
     if lacks.any():
         is_empty = np.all([lacks, *map(is_missing, values.values())], axis=0)
         places = np.flatnonzero(~is_empty | is_empty.all())
-        left_out = is_empty[: places[-1]].sum()
+        left_out = rows.count - places.size
         if left_out:
             remarks.append(
-                f"{left_out} of {places[-1] + 1} {rows.noun}s have none of the asked values and"
-                f" were left out, first {rows.place(np.argmax(is_empty))}"
+                f"{left_out} of {rows.count} {rows.noun}s have none of the asked values and were"
+                f" left out, first {rows.place(np.argmax(is_empty))}"
             )
         rows, values = rows_at(rows, values, places)
         raw, lacks = raw[places], lacks[places]
@@ -318,18 +318,14 @@ def check_clock_runs(rows: Rows, source: TableSource, time: Array, start_s: floa
         return
     stamps, first, counts = np.unique(time, return_index=True, return_counts=True)
     most = counts.max()
-    has_changes = stamps.size > 3
-    tells_seconds = has_changes and np.median(np.diff(stamps)) > LIMITS.coarse_step_s
+    tells_seconds = stamps.size > 3 and np.median(np.diff(stamps)) > LIMITS.coarse_step_s
     is_coarse = tells_seconds or most > LIMITS.coarse_share * time.size
     may_repeat = most <= LIMITS.coarse_rows or source.time.repeated == "drop"
     if most < time.size and (may_repeat or not is_coarse):
         return
-    other = f"take another {source.time.ADDRESS}, or {STATE_RATE}"
-    if has_changes:  # whole seconds still tell the rate, from the first change to the last
-        other += f": its stamps tell {(first[-1] - first[1]) / (stamps[-1] - stamps[1]):.4g}"
     row = first[counts.argmax()]
     raise InputError(
         f"{source.time.title}: time stands still at {start_s + time[row]:.15g} s in {most} of"
         f" {time.size} {rows.noun}s, from {rows.place(row)} on: it stopped, or tells no less; cut"
-        f" the log, {other}"
+        f" the log, take another {source.time.ADDRESS}, or {STATE_RATE}"
     )

@@ -53,11 +53,8 @@ def test_recovers_offset_and_drift_within_what_sampling_allows(duration: float) 
     error = fit.to_master(time - OFFSET) - (1 + DRIFT) * time
     # at its ends a line is twice as uncertain
     assert abs(error).max() < 4 * 2 * sampling / np.sqrt(fit.edges)
-    assert abs(fit.drift - DRIFT) < 4 * fit.drift_error
-    assert (fit.drift_error > 50e-6) == (duration == 3.0)  # a short recording cannot tell the drift
-    assert fit.drift_error == pytest.approx(
-        1 / np.hypot(duration * np.sqrt(fit.edges / 12) / sampling, 1e4), rel=0.15
-    )
+    told = duration * np.sqrt(fit.edges / 12) / sampling  # of the drift, beside its usual size
+    assert abs(fit.drift - DRIFT) < 4 / np.hypot(told, 1e4)
     assert fit.residual == pytest.approx(sampling, rel=0.4)
 
 

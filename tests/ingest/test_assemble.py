@@ -201,26 +201,30 @@ def stating(name: str, content: dict[str, Any]) -> Callable[[Path], object]:
     return lambda folder: (folder / name).write_text(yaml.safe_dump(content))
 
 
-MISTAKES: dict[str, tuple[Callable[[Path], object] | None, dict[str, object], str]] = {
-    "one column of both": (stating("vicon.yaml", BOTH), {},
+MISTAKES: list[tuple[Callable[[Path], object] | None, dict[str, object], str]] = [
+    (stating("vicon.yaml", BOTH), {},
      "trial walk_1 (leg.mcap, vicon.c3d): column 'theta'"),
-    "no sync": (stating("vicon.yaml", {"format": "c3d"}), {},
+    (stating("vicon.yaml", {"format": "c3d"}), {},
     "'sync'"),
-    "a clock of its own": (stating("leg.yaml", {**LEG, "clock": "master"}), {},
+    (stating("leg.yaml", {**LEG, "clock": "master"}), {},
     "clock: sync"),
-    "two trials": (lambda folder: write_log(folder / "leg.mcap", PERIODIC), {},
+    (lambda folder: write_log(folder / "leg.mcap", PERIODIC), {},
     "trial walk_1 (leg.mcap, vicon.c3d): "),
-    "no such log": (None, {"log": "elsewhere/none.bin"},
+    (None, {"log": "elsewhere/none.bin"},
     "elsewhere/none.bin: "),
-    "c3d as log": (None, {"log": "vicon.c3d", "mocap": ""},
+    (None, {"log": "vicon.c3d", "mocap": ""},
     "`format: c3d`"),
-    "no such source file": (None, {"log_source": "none"}, "none.yaml: "),
-}  # fmt: skip
+    (None, {"log_source": "none"}, "none.yaml: "),
+]  # fmt: skip
 
 
-@pytest.mark.parametrize("mistake", MISTAKES)
-def test_a_mistake_is_told_and_leaves_nothing_behind(laboratory: Path, mistake: str) -> None:
-    change, fields, told = MISTAKES[mistake]
+@pytest.mark.parametrize(("change", "fields", "told"), MISTAKES)
+def test_a_mistake_is_told_and_leaves_nothing_behind(
+    laboratory: Path,
+    change: Callable[[Path], object] | None,
+    fields: dict[str, object],
+    told: str,
+) -> None:
     if change is not None:
         change(laboratory)
     assert told in refused(laboratory, **fields)

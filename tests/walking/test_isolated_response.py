@@ -381,12 +381,9 @@ def test_heel_strike_and_toe_off_lie_between_frames() -> None:
 @pytest.mark.parametrize(
     "force",
     [
-        pytest.param(
-            np.select([TIME == TIME[330], (TIME >= 2.0) & (TIME < 2.03)], [30.0, 35.0], WHOLE),
-            id="dips",
-        ),
-        pytest.param(WHOLE + SHORT_STEP, id="a short contact"),
-        pytest.param(EARLY_STEP + WHOLE + LATE_STEP, id="cut stances"),
+        np.select([TIME == TIME[330], (TIME >= 2.0) & (TIME < 2.03)], [30.0, 35.0], WHOLE),
+        WHOLE + SHORT_STEP,  # a short contact
+        EARLY_STEP + WHOLE + LATE_STEP,  # cut stances
     ],
 )
 def test_one_whole_stance_is_found_among_what_is_none(force: Array) -> None:
@@ -442,9 +439,9 @@ def test_the_guard_before_the_onset_is_not_used(instant: float, is_used: bool) -
 @pytest.mark.parametrize(
     "mean",
     [
-        pytest.param(0 * PHASES, id="nothing"),
-        pytest.param(0 * PHASES + 0.2, id="it stands still"),
-        pytest.param(0.3 - 0.1 * PHASES, id="it drifts"),
+        0 * PHASES,  # nothing
+        0 * PHASES + 0.2,  # it stands still
+        0.3 - 0.1 * PHASES,  # it drifts
     ],
 )
 def test_a_gait_that_tells_no_pace_has_no_scale(mean: Array) -> None:

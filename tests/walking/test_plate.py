@@ -212,9 +212,9 @@ def test_a_direction_that_is_mostly_noise_is_not_identified() -> None:
 @pytest.mark.parametrize(
     ("frequency", "lag", "gain", "error"),
     [
-        pytest.param(15, 0.0, 1.0, 1e-4, id="without delay"),
-        pytest.param(8, 0.0021, 1.0, 1e-4, id="a late plate is read later"),
-        pytest.param(290, 0.0, 0.0, 3e-3, id="no aliasing: 290 Hz at 300 Hz would be 10 Hz"),
+        (15, 0.0, 1.0, 1e-4),  # without delay
+        (8, 0.0021, 1.0, 1e-4),  # a late plate is read later
+        (290, 0.0, 0.0, 3e-3),  # no aliasing: 290 Hz at 300 Hz would be 10 Hz
     ],
 )
 def test_a_wrench_is_brought_to_the_markers_frames(
@@ -274,10 +274,10 @@ def test_a_lag_that_is_not_found_is_not_corrected() -> None:
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
-        pytest.param({"lag": 0.014}, "plate's wrench", id="clocks"),
-        pytest.param({"lag": -0.05}, "plate's wrench", id="far apart"),
-        pytest.param({"angle": 0.3}, r"platform.*0\.\d+ deg", id="at rest"),
-        pytest.param({"load": 300.0}, "plate.*300 N", id="a foot on the plate"),
+        ({"lag": 0.014}, "plate's wrench"),  # clocks
+        ({"lag": -0.05}, "plate's wrench"),  # far apart
+        ({"angle": 0.3}, r"platform.*0\.\d+ deg"),  # at rest
+        ({"load": 300.0}, "plate.*300 N"),  # a foot on the plate
     ],
 )
 def test_a_recording_that_cannot_show_the_unloaded_plate_is_refused(
@@ -402,10 +402,10 @@ def test_a_channel_that_fails_in_stance_is_refused(trial: Trial, message: str) -
 @pytest.mark.parametrize(
     ("trial", "plate", "stance"),
     [
-        pytest.param(CLIPPED, 1, Stance(0.35, 1.5), id="before stance"),
-        pytest.param(CLIPPED, 2, STANCE, id="on another plate"),
-        pytest.param(CLIPPED, 1, Stance(0.1, 0.28), id="after stance"),
-        pytest.param(DEAD, 1, Stance(0.22, 0.8), id="for 90 ms"),
+        (CLIPPED, 1, Stance(0.35, 1.5)),  # before stance
+        (CLIPPED, 2, STANCE),  # on another plate
+        (CLIPPED, 1, Stance(0.1, 0.28)),  # after stance
+        (DEAD, 1, Stance(0.22, 0.8)),  # for 90 ms
     ],
 )
 def test_a_channel_that_fails_elsewhere_does_not_matter(
@@ -549,11 +549,10 @@ def test_a_load_that_rolls_forward_or_hardly_moves_is_sound() -> None:
 
 
 @pytest.mark.parametrize(("load", "torque", "message"), [
-    pytest.param(SIDEWAYS, TORQUE, "9 cm.*90 deg.*corners", id="a quarter"),
-    pytest.param(-FORWARD, -TORQUE, "180 deg", id="half"),
-    pytest.param(FORWARD, -TORQUE, r"-53 N\*m.*foot", id="a second foot"),
-    pytest.param(SIDEWAYS, None, "90 deg.*foot",
-                 id="a second foot on a plate that moves"),
+    (SIDEWAYS, TORQUE, "9 cm.*90 deg.*corners"),  # a quarter
+    (-FORWARD, -TORQUE, "180 deg"),  # half
+    (FORWARD, -TORQUE, r"-53 N\*m.*foot"),  # a second foot
+    (SIDEWAYS, None, "90 deg.*foot"),  # a second foot on a plate that moves
 ])  # fmt: skip
 def test_a_plate_that_is_turned_and_a_second_foot_are_refused(
     load: Array, torque: Array | None, message: str

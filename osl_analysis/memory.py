@@ -79,7 +79,9 @@ def allowed_memory() -> int:
 
 def memory_limits() -> list[int]:
     """Memory [bytes] of the machine, and of the control groups of a container or batch job."""
-    limits = [os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")]
+    limits = [sys.maxsize]
+    if sys.platform == "linux":
+        limits.append(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
     with suppress(OSError):
         own_group = Path("/proc/self/cgroup").read_text(encoding="utf-8").rpartition(":")[2]
         group = Path("/sys/fs/cgroup", own_group.strip().lstrip("/"))

@@ -4,6 +4,7 @@ channels and model outputs, in our axes.
 The baseline of the plates is applied only where the source file asks: most files name their first
 ten frames, of empty plates or not."""
 
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -118,8 +119,7 @@ def convert_capture(recording: Recording, source: MarkerSource) -> Converted:
 def is_labelled(label: str) -> bool:
     """Whether a marker has a name of its own, behind its subject's: Nexus calls those that it did
     not label `*1`, `*2`, ..."""
-    own = label.rpartition(":")[2]
-    return bool(own) and not own.startswith("*")
+    return bool(re.search("(^|:)[^*:][^:]*$", label))
 
 
 def baseline_frames(recording: Recording, source: MarkerSource) -> tuple[int, int] | None:

@@ -134,8 +134,10 @@ def pairs_near(line: ClockFit, slave: Edges, master: Edges) -> tuple[Array, Arra
     expected = line.to_master(slave.time)
     nearest = np.searchsorted((theirs[1:] + theirs[:-1]) / 2, expected)
     is_close = abs(theirs[nearest] - expected) <= 2.0 * (slave.step + master.step)
-    is_pair = is_close & (slave.is_rising == master.is_rising[nearest])
-    return slave.time[is_pair], theirs[nearest[is_pair]]
+    rows = np.flatnonzero(is_close & (slave.is_rising == master.is_rising[nearest]))
+    # the rising ones first: the last bits of the line depend on the order of its sums
+    rows = rows[np.argsort(~slave.is_rising[rows], kind="stable")]
+    return slave.time[rows], theirs[nearest[rows]]
 
 
 def robust_line(first: Array, second: Array, noise: float) -> ClockFit:
@@ -187,8 +189,8 @@ def gate_fit(pulses: Edges, time: Array) -> ClockFit:
             " align the clocks by an angle that both recorded, `shared` in the capture's source"
             " file"
         )
-    residual = np.hypot(step, capture_step) / np.sqrt(12)
-    return ClockFit(-starts[0], residual=residual, edges=2, method="gate")
+    uniform = np.hypot(step, capture_step) / np.sqrt(12)
+    return ClockFit(-starts[0], residual=uniform, edges=2, method="gate")
 
 
 def correlate_clocks(slave: Signal, master: Signal) -> ClockFit:
@@ -310,8 +312,9 @@ def aligned_clock(
 def angle_between(mocap: Converted, markers: Sequence[str]) -> Signal:
     """Times [s] and angle at the second of three markers, where all are seen."""
     columns = [column for label in markers for column in marker_columns(label)]
-    advice = "motion capture; correct `shared` in its source file"
-    time, positions = values_of(mocap, advice, *columns)
+    time, positions = values_of(
+        mocap, "motion capture; correct `shared` in its source file", *columns
+    )
     first, vertex, last = positions.reshape(-1, 3, 3).swapaxes(0, 1)
     sine = np.linalg.norm(np.cross(first - vertex, last - vertex), axis=1)
     cosine = ((first - vertex) * (last - vertex)).sum(axis=1)

@@ -191,9 +191,13 @@ def canonical_columns(
         origins[column] = origin_of(setting, column, channel.unit)
         counter = counter_column(column)
         if counter in values:
-            what = f"{setting.ADDRESS} '{setting.counter}'"
-            remedy = f"correct or leave out `counter`, or remove the {rows.noun} from the log"
-            columns.append(pl.Series(counter, checked_counts(what, values[counter], rows, remedy)))
+            counts = checked_counts(
+                f"{setting.ADDRESS} '{setting.counter}'",
+                values[counter],
+                rows,
+                f"correct or leave out `counter`, or remove the {rows.noun} from the log",
+            )
+            columns.append(pl.Series(counter, counts))
     return columns, origins, remarks
 
 
@@ -230,9 +234,8 @@ def losses_of(loss: Loss, topics: Collection[str] = ()) -> dict[str, Any]:
         Empty for a table of which nothing is lost.
     """
     of_topics = [loss_of(loss, topic) for topic in topics]
-    lost = loss.lost
-    if lost is not None:
-        lost = max(lost, sum(each.lost or 0 for each in of_topics))
+    most = max(loss.lost or 0, sum(each.lost or 0 for each in of_topics))
+    lost = None if loss.lost is None else most
     if loss.end == End.MISSING or (loss.end == End.UNKNOWN and not lost):
         lost = None  # nobody knows what stood behind the end
     if lost == 0 and not topics:

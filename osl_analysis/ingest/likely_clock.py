@@ -244,13 +244,12 @@ def clocks_beside(
     """The channels that may be clocks, as long as the table, with their readings (n,) and steps. An
     asked signal may be one only by its name, and beside a clock only what tells time: a signal may
     rise as evenly."""
-    signals = [*asked.values()]
     for channel in recording.channels:
         name = channel.name or channel.key
         is_named = channel.kind == Kind.CLOCK or is_like_clock(name)
         unit = channel.unit or channel.likely_unit
         may_be = is_named or (
-            channel not in signals and (source.time.rate is not None or is_of_time(unit))
+            channel not in asked.values() and (source.time.rate is not None or is_of_time(unit))
         )
         if channel is clock or channel.rows.count != rows.count or not may_be:
             continue

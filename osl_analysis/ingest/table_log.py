@@ -308,8 +308,10 @@ def rows_at(
 ) -> tuple[Rows, dict[str, NDArray[Any]]]:
     """Some of the rows, which keep their numbers in the file, with their values by column."""
     lines = np.arange(1, rows.count + 1) if rows.lines is None else rows.lines
-    kept = {column: readings[places] for column, readings in values.items()}
-    return replace(rows, count=places.size, lines=lines[places]), kept
+    return (
+        replace(rows, count=places.size, lines=lines[places]),
+        {column: readings[places] for column, readings in values.items()},
+    )
 
 
 def check_clock_runs(rows: Rows, source: TableSource, time: Array, start_s: float) -> None:

@@ -248,39 +248,27 @@ def test_doubtful_crossings_are_counted(real: Session, tmp_path: Path) -> None:
     assert tables["summary"]["n_doubtful"].drop_nulls().unique().to_list() == [len(doubtful)]
 
 
-@dataclass(frozen=True)
-class Hiding:
-    """Analyses a trial of a session with markers hidden between two times [s]."""
-
-    session: Session
-    folder: Path
-
-    @property
-    def output(self) -> Path:
-        return self.folder / "crossing.parquet"
-
-    def analyse(self, name: str, markers: tuple[str, ...], start: float, end: float) -> Crossing:
-        trial = hidden(read_trial(self.session.trial(name)), markers, start, end)
-        write_trial(trial, self.folder / "hidden.parquet")
-        perturbed = name in self.session.perturbed
-        self.session.analyse(self.folder / "hidden.parquet", perturbed, self.output)
-        return walking.read_crossing(self.output)
-
-
 def test_while_the_perturbation_is_fitted_7_ms_are_bridged_and_30_ms_refused(
     ideal: Session, tmp_path: Path
 ) -> None:
     name = ideal.perturbed[0]
     onset = ideal.read([name])[0].onset
     foot = ("FOOT1", "FOOT2")
-    hiding = Hiding(ideal, tmp_path)
+    output = tmp_path / "crossing.parquet"
 
-    assert hiding.analyse(name, foot, onset + 0.03, onset + 0.037).bridged > 0
-    assert hiding.analyse(name, foot, onset - 0.15, onset - 0.12).bridged > 0
+    def analyse(markers: tuple[str, ...], start: float, end: float) -> None:
+        """Analyse the trial with markers hidden between two times after the onset [s]."""
+        trial = hidden(read_trial(ideal.trial(name)), markers, onset + start, onset + end)
+        write_trial(trial, tmp_path / "hidden.parquet")
+        ideal.analyse(tmp_path / "hidden.parquet", True, output)
+
+    for start, end in ((0.03, 0.037), (-0.15, -0.12)):
+        analyse(foot, start, end)
+        assert walking.read_crossing(output).bridged > 0
     for segment, markers in (("foot", foot), ("platform", ("PLAT1", "PLAT2"))):
         reason = rf"{segment} markers .*\d+ ms .*1\.\d+ s"
-        with refused(hiding.output, reason):
-            hiding.analyse(name, markers, onset + 0.03, onset + 0.06)
+        with refused(output, reason):
+            analyse(markers, 0.03, 0.06)
 
 
 def test_a_crossing_knows_what_each_trial_of_the_plate_does_to_its_torque(

@@ -364,9 +364,6 @@ LATE_STEP = trapezoid(2.5, 4.0)
 SHORT_STEP = trapezoid(2.2, 2.3)
 
 
-# Below `on` and above `off` the foot stays; above `off` and below `on` nobody steps there
-
-
 def test_heel_strike_and_toe_off_lie_between_frames() -> None:
     """A rise of 8 N/ms passes 40 N 5 ms after contact, the fall passes 20 N 2.5 ms before it
     ends."""
@@ -394,11 +391,6 @@ def test_one_whole_stance_is_found_among_what_is_none(force: Array) -> None:
 
 def test_a_contact_that_is_long_enough_is_a_stance() -> None:
     assert len(stances(WHOLE + SHORT_STEP, shortest=0.05)) == 2
-
-
-@pytest.mark.parametrize("force", [EARLY_STEP, LATE_STEP, 0 * TIME])
-def test_a_cut_stance_is_none(force: Array) -> None:
-    assert stances(force) == []
 
 
 def stance_of(crossing: Crossing) -> float:

@@ -38,7 +38,6 @@ from osl_analysis.walking.plate import (
     check_plate,
     check_range,
     check_vertical,
-    furthest_outside,
     recorded_corners,
     wrench_reader,
     zeroed_wrench,
@@ -453,14 +452,6 @@ def test_the_pressure_is_where_the_force_acts() -> None:
 
 
 @pytest.mark.parametrize(
-    ("marker", "distance"),
-    [([1.29, 2.19, 0.1], 0.0), ([1.35, 2.1, 0.3], 0.05), ([0.66, 1.77, 0.1], 0.05)],
-)
-def test_a_marker_beside_the_plate_is_as_far_outside(marker: list[float], distance: float) -> None:
-    assert furthest_outside(np.array([CENTRE[0], marker]), SURFACE) == pytest.approx(distance)
-
-
-@pytest.mark.parametrize(
     ("force", "along"),
     [
         ([20.0, 700, 30], "+y (570"),
@@ -511,13 +502,6 @@ def test_a_ramp_is_no_edge() -> None:
     corners = sloping(33.0)
 
     assert recorded_corners(with_corners(corners), 1).tolist() == corners.tolist()
-
-
-@pytest.mark.parametrize("corners", [SURFACE, SURFACE[::-1]])
-def test_the_normal_points_up_in_either_order_of_corners(corners: Array) -> None:
-    normal = plate_axes(recorded_corners(with_corners(corners), 1))[:, 2]
-
-    np.testing.assert_allclose(normal, [0, 0, 1], atol=1e-12)
 
 
 @pytest.mark.parametrize("turn", [0.0, 2.0, np.pi])

@@ -141,18 +141,6 @@ def test_friction_has_it_too_and_a_loop_of_the_load_cell_is_friction():
     assert more[2] < 0.1 * fit_of(record, hysteresis=0.02).se_bench("B")
 
 
-@pytest.mark.parametrize("n", [2, 4])
-def test_it_counts_once_in_a_mean_of_trials_whose_intervals_are_all_of_it(n):
-    se = 3.0
-    half_width = 1.959964 * se
-    stated = {"K_s_low": 684 - half_width, "K_s_high": 684 + half_width, "K_s_se_bench": se}
-
-    row = summary_row(pl.DataFrame({"K_s": [684.0] * n}).with_columns(**stated), "K_s")
-
-    assert row["high"] - row["mean"] == pytest.approx(half_width)
-    assert row["se"] == pytest.approx(se)
-
-
 def test_no_mean_over_trials_lowers_it():
     values = [684.0, 686.0, 687.0]
     shared = 3.0
@@ -211,14 +199,6 @@ def standard_error(row, name):
 
 def test_a_known_spring_tells_lateness_gain_fixture_and_what_to_write():
     row = calibrated(spring(1e-3, 1.02), known_K=300.0)
-    for name, true, within in (
-        ("lag_s", 1e-3, 5e-5),
-        ("gain", 1.02, 1e-3),
-        ("inertia", 0.004, 5e-4),
-    ):
-        assert row[name] == pytest.approx(true, abs=within)
-        largest_error = (5 if name == "lag_s" else 2) * within
-        assert abs(row[name] - true) < 4 * standard_error(row, name) < largest_error
     assert row["doubtful"] == "late torque; wrong gain"
     assert yaml.safe_load(row["to_state"])["calibration"]["delay"] == pytest.approx(
         standard_error(row, "lag_s"), rel=0.05

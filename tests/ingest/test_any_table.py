@@ -2,6 +2,7 @@
 overview makes."""
 
 import datetime as dt
+from itertools import zip_longest
 from pathlib import Path
 
 import h5py
@@ -10,7 +11,6 @@ import polars as pl
 import pytest
 import scipy.io
 import xlsxwriter
-from nptdms import ChannelObject, TdmsWriter
 
 from osl_analysis.commands.trials import inspect_file
 from osl_analysis.draft.draft_source import draft_source
@@ -222,43 +222,32 @@ def test_clocks_that_agree_and_signals_that_rise_evenly_are_no_contradiction(tmp
     assert trial.provenance["warnings"] == []
 
 
-@pytest.fixture
-def beside_half_as_many(tmp_path):
-    """Write a table with a clock for each of two channels, of which one has half of the rows."""
-    path = tmp_path / "a.csv"
-    empty = [""] * (ROWS // 2)
-
-    def write(*columns):
-        filled = [column if len(column) == ROWS else [*column, *empty] for column in columns]
-        rows = map(",".join, zip(*filled, strict=True))
-        path.write_text("X [s],Angle,X [s],Torque\n" + "\n".join(rows) + "\n")
-        return path
-
-    return write
+def read_with_two_clocks(folder, channels, *columns):
+    """Read a table with a clock for each of two channels, of which one may have fewer rows."""
+    rows = map(",".join, zip_longest(*columns, fillvalue=""))
+    path = folder / "a.csv"
+    path.write_text("X [s],Angle,X [s],Torque\n" + "\n".join(rows) + "\n")
+    source = "format: csv\nmost_missing: 0.6\ntime: {column: '1', unit: s}\nchannels:\n"
+    return read_by(path, source + channels)
 
 
-OF_SEVERAL_RATES = (
-    "format: csv\nmost_missing: 0.6\ntime: {column: '1', unit: s}\nchannels:\n"
-    "  theta: {column: '2', unit: deg}\n"
-)
+ANGLE_BESIDE = "  theta: {column: '2', unit: deg}\n"
 
 
-def test_channels_of_several_rates_in_one_table_are_refused(beside_half_as_many):
+def test_channels_of_several_rates_in_one_table_are_refused(tmp_path):
     """With `most_missing: 0.5`, as the refusal proposed, every second torque stood at half its
     time."""
-    path = beside_half_as_many(T, A, T[::2], M[::2])
-
-    remedy = r"a\.csv: .*'3'"
-    with pytest.raises(InputError, match=remedy):
-        read_by(path, OF_SEVERAL_RATES + "  torque: {column: '4', unit: Nm}\n")
+    both = ANGLE_BESIDE + "  torque: {column: '4', unit: Nm}\n"
+    with pytest.raises(InputError, match=r"a\.csv: .*'3'"):
+        read_with_two_clocks(tmp_path, both, T, A, T[::2], M[::2])
 
 
-def test_a_channel_with_its_own_clock_may_end_before_the_others(beside_half_as_many):
-    path = beside_half_as_many(T[: ROWS // 2], A[: ROWS // 2], T, M)
+def test_a_channel_with_its_own_clock_may_end_before_the_others(tmp_path):
+    half = ROWS // 2
 
-    samples = read_by(path, OF_SEVERAL_RATES).samples
+    samples = read_with_two_clocks(tmp_path, ANGLE_BESIDE, T[:half], A[:half], T, M).samples
 
-    np.testing.assert_allclose(samples["theta"], np.radians(ANGLE[: ROWS // 2]), atol=1e-8)
+    np.testing.assert_allclose(samples["theta"], np.radians(ANGLE[:half]), atol=1e-8)
 
 
 def test_a_channel_of_another_length_is_left_out_of_the_draft_with_a_question(tmp_path):
@@ -370,19 +359,6 @@ def test_a_table_with_more_columns_than_a_recording_has_is_refused(tmp_path):
     (tmp_path / "a.csv").write_text("\n".join(",".join(["0.5"] * 10_001) for _ in range(3)))
     with pytest.raises(InputError, match=r"10001 columns,.*10000"):
         inspect_file(tmp_path / "a.csv")
-
-
-def test_tdms_channels_of_one_clock_and_unequal_counts_are_refused(tmp_path):
-    """A channel that had lost a segment of 50 slid against the torque, with a remark."""
-    timing = {"wf_increment": 0.002, "wf_start_offset": 0.0}
-    angle = ChannelObject("Run", "Angle", ANGLE[:430], {**timing, "unit_string": "deg"})
-    torque = ChannelObject("Run", "Torque", TORQUE, {**timing, "unit_string": "Nm"})
-    with TdmsWriter(tmp_path / "a.tdms") as writer:
-        writer.write_segment([angle, torque])
-
-    counts = "channel 'Run/Angle'.*430.*'Run/Torque'.*480.*time"
-    with pytest.raises(InputError, match=counts):
-        read_by_draft(tmp_path / "a.tdms")
 
 
 @pytest.mark.parametrize("lost", [[], [500], [3, 700, 701]])

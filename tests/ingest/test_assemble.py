@@ -212,8 +212,6 @@ MISTAKES: list[tuple[Callable[[Path], object] | None, dict[str, object], str]] =
     "trial walk_1 (leg.mcap, vicon.c3d): "),
     (None, {"log": "elsewhere/none.bin"},
     "elsewhere/none.bin: "),
-    (None, {"log": "vicon.c3d", "mocap": ""},
-    "`format: c3d`"),
     (None, {"log_source": "none"}, "none.yaml: "),
 ]  # fmt: skip
 

@@ -89,8 +89,6 @@ def assert_log(trial: Trial) -> None:
     (LOG.partition("\n")[2],
      {"time": {"column": 1, "unit": "s"}, "channels": NUMBERED}),
     ("t,angle,load,angle [V]\n10.0,0,1,7\n10.5,90,2,7\n11.0,-180,+3.5,7\n", {}),
-    ("t [s],angle (rad),load[N.m]\n" + LOG.partition("\n")[2], UNITLESS
-     | {"channels": {"theta": {"column": "ang*e"}, "torque": {"column": "load"}}}),
     (LOG.replace("t,angle,load", "load,t,angle").replace("10.0,0,1", "1,10.0,0").replace(
         "10.5,90,2", "2,10.5,90").replace("11.0,-180,+3.5", "3.5,11.0,-180"), {}),
     (LOG.replace("t,angle,load", "t [s],angle (rad),load[N.m]"), UNITLESS),

@@ -21,7 +21,6 @@ from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
 from osl_analysis.formats import known_formats
-from osl_analysis.ingest.conversion import origin_of
 from osl_analysis.ingest.guard import check_sizes, run_at_extreme
 from osl_analysis.ingest.quality import (
     UNITS,
@@ -35,7 +34,6 @@ from osl_analysis.ingest.raw_files import read_converted
 from osl_analysis.judge.known_findings import CHECKS
 from osl_analysis.judge.recording_checks import QualityRules, judged_table, validate_rules
 from osl_analysis.signals import longest_run
-from osl_analysis.source_file import Conversion
 from osl_analysis.trial import Array, Trial
 from osl_analysis.yaml_settings import Settings, validated
 
@@ -449,19 +447,6 @@ def test_a_command_at_its_level_is_no_rail_a_clipped_current_and_a_stated_end_ar
         samples = pl.DataFrame({"time": [0.0, 1.0], "torque": [low, high]})
         with pytest.raises(InputError, match=r"torque.* N\*m") if low + high else nullcontext():
             check_sizes(samples, origin["columns"])
-
-
-def test_a_stated_range_is_that_of_the_sensor_whatever_its_sign_and_offset():
-    def stating(text, **conversion):
-        made = validated({"unit": "N*m", "range": text, **conversion}, Conversion, "source.yaml")
-        return origin_of(made, "torque")["range"]
-
-    assert stating(["-20 N*m", "100 N*m"], sign=-1) == [-100, 20]
-    both_ends = ["-600 N*cm", "600 N*cm"]
-    assert stating(both_ends, unit="N*cm", offset=-50) == pytest.approx([-6.5, 5.5])
-    for wrong in (["-60 A", "60 A"], ["5 N*m", "1 N*m"], ["-60", "60"]):
-        with pytest.raises(ValueError, match=r"5\.0|lbf\*ft"):
-            stating(wrong)
 
 
 def test_a_log_with_values_beyond_the_stated_range_is_not_ingested(tmp_path):

@@ -1,6 +1,5 @@
 """Two campaigns side by side: numbers, settings and recordings."""
 
-import json
 import math
 import re
 from dataclasses import replace
@@ -11,7 +10,7 @@ import pytest
 from osl_analysis.commands.compare import compare_campaigns, compared
 from osl_analysis.errors import InputError
 from osl_analysis.report.numbers import RANGE, Number, to_json
-from osl_analysis.table import SCHEMA_FIELD, read_table
+from osl_analysis.table import read_table
 from osl_analysis.trial import Trial, write_trial
 
 ABOUT = dict.fromkeys(("campaign", "version", "configuration", "recorded"), "x")
@@ -78,13 +77,3 @@ def test_a_folder_is_not_compared_with_itself_nor_with_one_without_common_number
         with pytest.raises(InputError, match=reason):
             compare_campaigns((a, b), tmp_path / "out")
     assert not (tmp_path / "out").exists()
-
-
-def test_a_summary_of_an_older_release_is_refused_in_a_sentence(tmp_path):
-    a, b = (write_summary(tmp_path / name, K) for name in "ab")
-    content = json.loads((b / "summary.json").read_text())
-    older = {**content, SCHEMA_FIELD: 1, "version": "1.0.0", "numbers": {"K": {"value": 300}}}
-    (b / "summary.json").write_text(json.dumps(older))
-
-    with pytest.raises(InputError, match=r"release 1\.0\.0"):
-        compare_campaigns((a, b), tmp_path / "out")

@@ -238,8 +238,6 @@ def test_a_figure_is_in_the_paper_s_style_and_a_result_cannot_be_changed(short):
         assert list(line.get_ydata()) == fit.series[name].to_list()
     with pytest.raises(FrozenInstanceError):
         fit.K_s = 1.0
-    with pytest.raises(AttributeError, match="'K_s'"):
-        _ = fit.K_S
     one = bench_trial("torque_angle")
     fits = [
         osl.fit(replace(one, name=name), "torque_angle", config=short)

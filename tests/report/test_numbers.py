@@ -45,6 +45,10 @@ IMPEDANCE = pl.DataFrame(
     }
 )
 
+BELT = pl.DataFrame(
+    {"quantity": ["K_s"], "mean": [690.0], "low": [680.0], "high": [700.0], "n": [10]}
+)
+
 
 def numbers_of(**tables: pl.DataFrame) -> dict[str, SimpleNamespace]:
     return {number.name: number for number in headline_numbers(tables)}
@@ -96,14 +100,10 @@ def test_trials_without_a_stated_K_d_are_conditions_of_their_own():
 
 
 def test_a_mean_of_a_summary_keeps_interval_and_number_and_stands_beside_the_draft():
-    belt = pl.DataFrame(
-        {"quantity": ["K_s"], "mean": [690.0], "low": [680.0], "high": [700.0], "n": [10]}
-    )
-
-    (number,) = headline_numbers({"belt_summary": belt})
+    (number,) = headline_numbers({"belt_summary": BELT})
     assert (number.value, number.low, number.high, number.n) == (690, 680, 700, 10)
     assert number.draft == 685.6
-    assert next(headline_numbers({"belt_summary": belt}, beside_draft=False)).draft is None
+    assert next(headline_numbers({"belt_summary": BELT}, beside_draft=False)).draft is None
 
 
 def test_two_joints_have_numbers_of_their_own():
@@ -238,11 +238,7 @@ def test_groups_of_crossings_are_rows_of_both_ensembles():
 
 @pytest.mark.parametrize(("beside_draft", "draft"), [(True, "685.6"), (False, None)])
 def test_components_stand_beside_the_draft(beside_draft, draft):
-    belt = pl.DataFrame(
-        {"quantity": ["K_s"], "mean": [690.0], "low": [680.0], "high": [700.0], "n": [10]}
-    )
-
-    heads, row = component_rows({"belt_summary": belt}, {}, beside_draft)
+    heads, row = component_rows({"belt_summary": BELT}, {}, beside_draft)
     shown = dict(zip(heads, row, strict=True))
     assert (shown["quantity"], shown["mean"][:3], shown["n"]) == ("K_s [N*m/rad]", "690", "10")
     assert shown.get("draft") == draft

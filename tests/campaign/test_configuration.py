@@ -188,9 +188,6 @@ def test_settings_that_contradict_each_other_are_a_line_with_the_remedy(
 @pytest.mark.parametrize(("change", "said"), [
     ({"perturbation": {"stance_phase": [0.87, 0.88]}}, "rise_s: "),
     ({"perturbation": {"latency_s": 0.35}}, "rise_s.*stance_phase.*latency_s"),
-    ({"perturbation": {"stance_phase": [0.41, 0.40]}}, "0.4.*0.41;"),
-    ({"gait": {"recording_s": 1.5}}, "gait.*stance_s =.*recording_s = 1.5"),
-    ({"rates": {"analogs_hz": 1000}}, r"analogs_hz.*points_hz \(300\)"),
     ({"gait": {"heel_strike_s": 0.09}}, "heel_strike_s: 0.09"),
     ({"rates": {"controller_hz": 1001}}, "controller_hz:.*1501500;"),
     ({"plate": {"size_m": [600, 500]}}, "size_m.0: 600"),

@@ -9,11 +9,12 @@ import numpy as np
 import polars as pl
 import pytest
 import yaml
+from bench_recordings import RECORDINGS
 from c3d_builder import write_c3d
 from click.testing import CliRunner
 from conftest import ROOT
 from jsonschema import Draft202012Validator
-from log_builders import write_trc
+from log_builders import write_text, write_trc
 
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.cli import main
@@ -39,6 +40,10 @@ KINDS = {
 """The shipped files of each schema."""
 
 
+HEAD = "time_s,angle_deg,torque_Nm"
+ROWS = "\n".join([HEAD, *(f"{k / 100},{k % 7},{k % 5}" for k in range(30)), ""])
+
+
 def call(*arguments):
     return CliRunner().invoke(main, [str(a) for a in arguments])
 
@@ -48,8 +53,7 @@ def call(*arguments):
     ("knee angle (deg),hip torque (Nm)", ""),
 ])  # fmt: skip
 def test_the_one_joint_that_a_recording_names_is_its_joint(tmp_path, names, joint):
-    rows = (f"{k / 100},{k % 7},{k % 5}" for k in range(30))
-    (tmp_path / "a.csv").write_text("\n".join([f"time (s),{names}", *rows]))
+    (tmp_path / "a.csv").write_text(ROWS.replace(HEAD, f"time (s),{names}"))
 
     new_campaign(tmp_path / "0314", recordings=tmp_path)
 
@@ -340,9 +344,10 @@ def test_the_end_of_a_name_states_its_unit_in_any_spelling():
 @pytest.mark.parametrize("name", ["torque", "torque_raw"])
 def test_a_unit_that_nothing_but_the_size_of_readings_tells_is_to_be_stated(tmp_path, name):
     (tmp_path / "rec").mkdir()
-    angle = 10 * np.sin(np.arange(600) / 25)
-    rows = [f"{k / 100},{angle[k]:.4f},{2 * angle[k]:.4f}" for k in range(600)]
-    (tmp_path / "rec/a.csv").write_text("\n".join([f"time_s,ankle_angle_deg,{name}", *rows]))
+    rows = np.arange(600)
+    angle = 10 * np.sin(rows / 25)
+    columns = {"time_s": rows / 100, "ankle_angle_deg": angle, name: 2 * angle}
+    write_text(tmp_path / "rec/a.csv", columns)
     draft = new_campaign(tmp_path / "mine", recordings=tmp_path / "rec")
     assert yaml.safe_load(draft.sources["csv"])["channels"]["torque"]["unit"] == "UNKNOWN"
     assert "`channels.torque.unit`" in left_to_decide(tmp_path / "mine", draft)[0][0]
@@ -369,11 +374,8 @@ def test_a_slow_triangle_or_sine_is_torque_over_angle_and_its_counts_begin_anew(
 
 
 def test_a_recording_without_an_ending_is_found_by_its_first_bytes(tmp_path):
-    rows = "time_s,angle_deg,torque_Nm\n" + "".join(
-        f"{k / 100},{k % 7},{k % 5}\n" for k in range(30)
-    )
     lines = "".join(f'{{"time": {k / 100}, "angle_deg": {k % 7}}}\n' for k in range(30))
-    read = {"recording": rows, "a.log": rows, "a.json": lines}
+    read = {"recording": ROWS, "a.log": ROWS, "a.json": lines}
     others = {
         "README": "12 rows\n" * 30,
         "b.log": "2024-05-01 12:00:00 started\n" * 30,
@@ -387,21 +389,10 @@ def test_a_recording_without_an_ending_is_found_by_its_first_bytes(tmp_path):
 # The end of `init`.
 
 
-def write_bench(path, amplitude_deg=4.0, frequencies_hz=(1.0, 2.0, 4.0), torque="torque"):
-    """A joint of K 150, B 3, I 0.05, moved by sines one after the other."""
-    pieces = []
-    for frequency in frequencies_hz:
-        time = np.arange(0, 8 / frequency, 0.004)
-        w = 2 * np.pi * frequency
-        theta = np.radians(amplitude_deg) * np.sin(w * time)
-        velocity = np.radians(amplitude_deg) * w * np.cos(w * time)
-        pieces.append(np.stack([theta, 150 * theta + 3 * velocity - 0.05 * w**2 * theta]))
-    theta, effort = np.hstack(pieces)
-    rows = [
-        f"{k / 250:.3f},{angle:.9f},{moment:.9f}"
-        for k, (angle, moment) in enumerate(zip(theta, effort, strict=True))
-    ]
-    path.write_text("\n".join([f"time_s,ankle_angle_rad,{torque}_Nm", *rows, ""]))
+def write_bench(path):
+    """A joint, moved by sines one after the other."""
+    names = {"time": "time_s", "theta": "ankle_angle_rad", "torque": "torque_Nm"}
+    write_text(path, {names[name]: values for name, values in RECORDINGS["impedance"].items()})
 
 
 def said_by_init(folder):
@@ -504,8 +495,7 @@ def standing_with_y_up():
 def test_a_file_without_a_signal_is_left_out_with_a_sentence(tmp_path):
     (tmp_path / "rec").mkdir()
     write_bench(tmp_path / "rec/impedance_K150_B3.csv")
-    rows = [f"{k / 250}" for k in range(500)]
-    (tmp_path / "rec/clock.csv").write_text("\n".join(["time_s", *rows]))
+    write_text(tmp_path / "rec/clock.csv", {"time_s": np.arange(500) / 250})
 
     draft = draft_campaign(tmp_path / "rec")
 

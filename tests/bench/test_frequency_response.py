@@ -19,6 +19,7 @@ from osl_analysis.bench.frequency_response import (
 from osl_analysis.bench.impedance import analysed
 from osl_analysis.bench.motion import periods_of, stretches_of
 from osl_analysis.bench.regression import IMPEDANCE
+from osl_analysis.model.multisine import odd_multisine
 from osl_analysis.spectral import periodic_motion
 
 RATE = 250.0
@@ -131,20 +132,13 @@ def test_errors_of_the_bench_stretch_turn_and_shift_a_response(stated, magnitude
 # ---- Other motions
 
 
-def multisine(rng, realisations, periods=3, period=8.0):
+def multisine(rng, realisations, periods=3):
     """theta, omega, alpha (3, n) of odd random-phase multisines of 0.5 to 6 Hz, one after
     another."""
-    lines = np.arange(5, 48, 2)
-    w = 2 * np.pi * lines / period
-    time = np.arange(round(periods * period * RATE)) / RATE
-    parts = []
-    for _ in range(realisations):
-        phase = np.outer(time, w) + rng.uniform(0, 2 * np.pi, len(w))
-        size = 0.05 * np.sqrt(2 / len(w))
-        cosine = np.cos(phase)
-        sine = np.sin(phase)
-        parts.append(size * np.array([cosine.sum(axis=1), -sine @ w, -cosine @ w**2]))
-    return np.hstack(parts)
+    time = np.arange(round(8 * periods * RATE)) / RATE
+    of_each = rng.integers(10_000, size=realisations).tolist()
+    moves = [odd_multisine(8.0, (0.5, 6.0), 0.05, 1, realisation) for realisation in of_each]
+    return np.hstack([[move.angle(time, order) for order in range(3)] for move in moves])
 
 
 def recorded(rng, motion, friction=0.0, noise=0.05):

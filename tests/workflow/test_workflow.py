@@ -511,11 +511,6 @@ def test_tables_and_numbers_are_made_of_the_trials_that_are_left(laboratory):
     for path in results.glob("figures/*.pdf"):
         assert path.stat().st_size > 1000, path
     assert (results / "report.html").stat().st_size > 10_000
-    whole = pl.read_csv(results / "tables/belt.csv").select("trial", "status", "K_s", "reason")
-    sound, lost = sorted(whole.rows(), key=lambda row: row[0], reverse=True)
-    assert (sound[:2], sound[3]) == (("belt_02", "analysed"), None)
-    assert lost[:3] == ("belt_01", "not analysed", None)
-    assert "belt_01.mcap" in lost[3]
     of_trial = pl.read_csv(results / "fits/belt/belt_01.csv").columns
     assert set(pl.read_csv(results / "fits/belt/belt_02.csv").columns) <= set(of_trial)
     lost_samples = pl.read_parquet(results / "trials/belt_01.parquet")

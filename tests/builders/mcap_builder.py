@@ -8,6 +8,8 @@ from typing import Any
 from mcap.writer import CompressionType, Writer
 from mcap_ros2._dynamic import serialize_dynamic
 
+from osl_analysis.source_file import MessageSource
+
 HEADER = """\
 ================================================================================
 MSG: std_msgs/Header
@@ -27,6 +29,19 @@ def stamped(nanoseconds: int, **fields: Any) -> tuple[int, dict[str, Any]]:
     """A message with a header stamp, logged 1 ms after it."""
     stamp = {"sec": nanoseconds // 10**9, "nanosec": nanoseconds % 10**9}
     return nanoseconds + 1_000_000, {"header": {"stamp": stamp, "frame_id": "lab"}, **fields}
+
+
+def message_source(
+    *fields: str, kind: str = "mcap", topic: str = "/lab", time: str = "log"
+) -> MessageSource:
+    """A source file that asks for fields of a topic of a log or bag."""
+    channels = {
+        f"signal_{number}": {"topic": topic, "field": field, "unit": "1"}
+        for number, field in enumerate(fields)
+    }
+    return MessageSource.model_validate(
+        {"format": kind, "time": {"source": time}, "channels": channels}
+    )
 
 
 def write_payloads(

@@ -23,27 +23,16 @@ from mcap import records
 from mcap.data_stream import RecordBuilder
 from mcap.reader import NonSeekingReader, make_reader
 from mcap_builder import HEADER, stamped, write_log, write_payloads
+from mcap_builder import message_source as source
 from mcap_ros2.decoder import DecoderFactory
 
 from osl_analysis import formats
 from osl_analysis.errors import InputError
 from osl_analysis.formats import mcap
 from osl_analysis.recording import End, Recording
-from osl_analysis.source_file import MessageSource
 
 MAGIC = mcap.MAGIC
 MILLISECOND = 1_000_000  # ns
-
-
-def source(*fields: str, topic: str = "/lab", time: str = "log") -> MessageSource:
-    """A source file that asks for fields of a topic."""
-    channels = {
-        f"signal_{number}": {"topic": topic, "field": field, "unit": "1"}
-        for number, field in enumerate(fields)
-    }
-    return MessageSource.model_validate(
-        {"format": "mcap", "time": {"source": time}, "channels": channels}
-    )
 
 
 def column(recording: Recording, field: str, topic: str = "/lab") -> list[Any]:

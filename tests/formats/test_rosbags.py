@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from mcap_builder import message_source
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
@@ -20,7 +21,6 @@ from osl_analysis import formats
 from osl_analysis.errors import InputError
 from osl_analysis.formats import known_formats, recognise
 from osl_analysis.recording import End, Recording
-from osl_analysis.source_file import MessageSource
 
 KIND = "lab_msgs/msg/Sample"
 STEP_NS = 1_000_000
@@ -107,14 +107,9 @@ def rewritten(path: Path, content: bytes) -> Path:
 def read(path: Path, *fields: str, topic: str = "/lab", time: str = "header") -> Recording:
     """The fields of a topic that a source file asks for."""
     asked = fields or ("angle", "torque[0]", "sync")
-    channels = {
-        f"signal_{number}": {"topic": topic, "field": field, "unit": "1"}
-        for number, field in enumerate(asked)
-    }
-    source = MessageSource.model_validate(
-        {"format": recognise(path).name, "time": {"source": time}, "channels": channels}
+    return formats.read(
+        path, message_source(*asked, kind=recognise(path).name, topic=topic, time=time)
     )
-    return formats.read(path, source)
 
 
 def column(recording: Recording, field: str, topic: str = "/lab") -> np.ndarray:

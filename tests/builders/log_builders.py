@@ -17,6 +17,22 @@ def write_text(path: Path, columns: dict[str, Any], sign: str = ",", head: str =
     path.write_text(head + "".join(sign.join(map(str, row)) + "\n" for row in rows))
 
 
+HEAD = ["Time [s]", "Ankle angle [deg]", "Torque [Nm]"]
+
+
+def written(values: Any) -> list[str]:
+    return [f"{value:.9f}" for value in values]
+
+
+def table_text(
+    sign: str = ",", head: list[str] = HEAD, above: str = "", below: str = "", *,
+    t: list[str], a: list[str], m: list[str], decimal: str = ".",
+) -> str:  # fmt: skip
+    """A table of text with columns of time, angle and torque."""
+    rows = [sign.join(row).replace(".", decimal) for row in zip(t, a, m, strict=True)]
+    return above + "\n".join([*[sign.join(head)] * bool(head), *rows]) + "\n" + below
+
+
 def write_mat(path: Path, **variables: object) -> Path:
     """A file of version 5."""
     scipy.io.savemat(path, variables, do_compression=True)

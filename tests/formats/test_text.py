@@ -1,11 +1,13 @@
 """Recordings as text: tables, LabVIEW, Nexus, Qualisys, OpenSim."""
 
 import re
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from log_builders import table_text, written
 
 from osl_analysis import formats
 from osl_analysis.errors import InputError
@@ -14,17 +16,7 @@ from osl_analysis.recording import Kind, Recording
 
 TIME = np.arange(900) / 500  # s; long enough that polars splits the middle of the text
 TORQUE = 30 * np.sin(9 * TIME + 0.3)
-HEAD = ["Time [s]", "Ankle angle [deg]", "Torque [Nm]"]
-
-
-def table(
-    sign: str = ",", decimal: str = ".", above: str = "", below: str = "", ends: str = "\n"
-) -> str:
-    """A table of text."""
-    rows = [HEAD]
-    for row in zip(TIME, (5 * np.sin(9 * TIME)), TORQUE, strict=True):
-        rows.append([f"{number:.9f}".replace(".", decimal) for number in row])
-    return above + "\n".join(sign.join(row) for row in rows) + ends + below
+table = partial(table_text, t=written(TIME), a=written(5 * np.sin(9 * TIME)), m=written(TORQUE))
 
 
 def read(folder: Path, content: str | bytes, name: str = "a.csv", **stated: Any) -> Recording:
@@ -122,7 +114,7 @@ def test_a_cell_amid_a_long_text_is_read_as_in_a_short_one(
     tmp_path: Path, sign: str, decimal: str, missing: list[str], amid: str
 ) -> None:
     """Polars reads the middle of a long text."""
-    lines = table(sign, decimal).splitlines(keepends=True)
+    lines = table(sign, decimal=decimal).splitlines(keepends=True)
     cells = lines[450].split(sign)
     lines[450] = sign.join([cells[0], amid.replace("@", decimal), cells[2]])
     stated = csv_source(missing=missing, most_missing=0.5)

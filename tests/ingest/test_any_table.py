@@ -2,6 +2,7 @@
 overview makes."""
 
 import datetime as dt
+from functools import partial
 from itertools import zip_longest
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import polars as pl
 import pytest
 import scipy.io
 import xlsxwriter
+from log_builders import HEAD, table_text, written
 
 from osl_analysis.commands.trials import inspect_file
 from osl_analysis.draft.draft_source import draft_source
@@ -23,17 +25,14 @@ ROWS = 480  # lines between the first 300 and the last 60 are split by polars
 TIME = np.arange(ROWS) / 500
 ANGLE = 5 * np.sin(9 * TIME)
 TORQUE = 30 * np.sin(9 * TIME + 0.3)
-T, A, M = ([f"{x:.9f}" for x in column] for column in (TIME, ANGLE, TORQUE))
-HEAD = ["Time [s]", "Ankle angle [deg]", "Torque [Nm]"]
+T, A, M = map(written, (TIME, ANGLE, TORQUE))
 CLOCK = [
     dt.datetime(2024, 5, 1, 23, 59, 59, 500_000) + dt.timedelta(microseconds=round(1e6 * x))
     for x in TIME
 ]
 
 
-def text(sign=",", head=HEAD, above="", below="", t=T, a=A, m=M, decimal="."):
-    rows = [sign.join(row).replace(".", decimal) for row in zip(t, a, m, strict=True)]
-    return above + "\n".join([*[sign.join(head)] * bool(head), *rows]) + "\n" + below
+text = partial(table_text, t=T, a=A, m=M)
 
 
 def since(form):

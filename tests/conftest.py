@@ -17,7 +17,6 @@ os.environ.update(
 )
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # else each process compiles what it imports anew
 
-import numpy as np
 import polars as pl
 import pytest
 from hypothesis import settings
@@ -29,8 +28,6 @@ from osl_analysis.judge import judging
 from osl_analysis.judge.finding import Finding
 from osl_analysis.judge.limits import Limits
 from osl_analysis.model.drivetrain import DrivetrainParameters, read_parameters
-from osl_analysis.signals import LowPass, Motion
-from osl_analysis.trial import Array
 
 sys.dont_write_bytecode = False
 gc.disable()  # until all is imported
@@ -147,26 +144,6 @@ def schemas_made_once(
 ) -> None:
     """Of a test of new campaigns: to make the schemas of their files takes half the time."""
     monkeypatch.setattr("osl_analysis.commands.new_campaign.schemas", lambda: schemas_of_files)
-
-
-def multisine(
-    *frequencies_hz: float, amplitude: float = 0.1, duration: float = 10.0, rate: float = 500.0
-) -> Motion:
-    """A sum of sines with phases 0, 1, 2 ... rad; every derivative is the formula's, none is
-    computed from data."""
-    t = np.arange(round(duration * rate)) / rate
-    w = 2 * np.pi * np.asarray(frequencies_hz)[:, None]
-    phase = w * t + np.arange(len(frequencies_hz))[:, None]
-    theta = np.sin(phase)
-    omega = w * np.cos(phase)
-    alpha = -(w**2) * np.sin(phase)
-    return Motion(*(amplitude * x.sum(axis=0) for x in (theta, omega, alpha)))
-
-
-def filtered_noise(rng: np.random.Generator, n: int = 3000, size: float = 0.05) -> Array:
-    """White noise of standard deviation `size` at 1000 Hz through the 15 Hz low-pass, shape (n,),
-    without its edges."""
-    return LowPass(15)(size * rng.standard_normal(n + 1000), 1000.0)[500:-500]
 
 
 def marked(table: pl.DataFrame, limits: Limits, name: str) -> pl.DataFrame:

@@ -4,7 +4,6 @@ import numpy as np
 import polars as pl
 import pytest
 from bench_synthetic import RATE, belt_cycle, belt_record, stepped_sine
-from conftest import filtered_noise
 
 from osl_analysis.bench import belt as belt_fits
 from osl_analysis.bench.bench_settings import BeltAnalysis
@@ -12,6 +11,7 @@ from osl_analysis.bench.impedance import analysed
 from osl_analysis.bench.parts_alone import transmission_table
 from osl_analysis.bench.regression import TRANSMISSION
 from osl_analysis.errors import InputError
+from osl_analysis.signals import LowPass
 from osl_analysis.trial import Trial
 
 
@@ -72,7 +72,8 @@ def test_a_locked_belt_on_a_bench_that_yields_has_its_stiffness_and_error():
 
 def test_belt_intervals_hold_what_a_drift_per_minute_makes_of_the_slope():
     theta_s, torque = belt_cycle()
-    torque = torque + filtered_noise(np.random.default_rng(19), n=len(theta_s))
+    noise = 0.05 * np.random.default_rng(19).standard_normal(len(theta_s) + 1000)
+    torque = torque + LowPass(15)(noise, 1000.0)[500:-500]  # without its edges
     time = np.arange(len(theta_s)) / RATE
 
     def fits_of(torque, drift_per_minute=0.0):

@@ -6,7 +6,7 @@ import numpy as np
 import polars as pl
 import pytest
 import yaml
-from bench_synthetic import sine_settings
+from bench_synthetic import sine_settings, unit_sines
 from conftest import ROOT
 from walking_crossings import Walk, run_jobs, several, walked
 
@@ -193,13 +193,7 @@ def sines(*amplitudes_deg, hz=(0.5, 1, 2, 4), cycles=8, rate=500.0):
     rest = np.zeros(round(rate))
     parts = [rest]
     for size in np.deg2rad(amplitudes_deg):
-        parts += [
-            *(
-                size * np.sin(2 * np.pi * f * np.arange(round(cycles / f * rate)) / rate)
-                for f in hz
-            ),
-            rest,
-        ]
+        parts += [size * unit_sines([(f, cycles) for f in hz], rate), rest]
     theta = np.concatenate(parts)
     torque = 300 * theta + 0.02 * np.random.default_rng(1).standard_normal(len(theta))
     return Trial(

@@ -11,6 +11,7 @@ import numpy as np
 import polars as pl
 import pytest
 import yaml
+from bench_synthetic import unit_block
 from c3d_builder import write_c3d
 from conftest import ROOT
 from scipy import signal
@@ -51,12 +52,8 @@ def stepped_sine(commanded=COMMANDED):
     between."""
     rest = np.zeros(500)
     pieces = [rest]
-    for a in commanded.amplitudes_deg:
-        for f, cycles in zip(commanded.frequencies_hz, commanded.protocol.cycles_at, strict=True):
-            pieces.append(
-                np.radians(a) * np.sin(2 * np.pi * f * np.arange(round(cycles / f * RATE)) / RATE)
-            )
-        pieces.append(rest)
+    for amplitude in np.radians(commanded.amplitudes_deg):
+        pieces += [amplitude * unit_block(commanded.protocol, RATE), rest]
     return np.concatenate(pieces)
 
 

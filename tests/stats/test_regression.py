@@ -5,12 +5,13 @@ import importlib  # statsmodels takes half a second of each process that collect
 import numpy as np
 import polars as pl
 import pytest
-from conftest import multisine
 from scipy.signal import lfilter
 from scipy.stats import t as student
 
 from osl_analysis.bench.regression import noise_of_scores
 from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.model.multisine import odd_multisine
+from osl_analysis.signals import Motion
 from osl_analysis.stats import linear_fit as regression
 from osl_analysis.stats import repeats
 from osl_analysis.stats.linear_fit import (
@@ -30,7 +31,8 @@ def correlated_noise(rng, n, rho):
 
 
 def test_recovers_the_impedance_that_made_the_torque():
-    motion = multisine(0.7, 2.3, 5.9)
+    wave = odd_multisine(8.0, (0.5, 6.0), 0.1, seed=1)
+    motion = Motion(*(wave.angle(T, derivative) for derivative in range(3)))
     torque = 300.0 * motion.theta + 5.0 * motion.omega + 0.1 * motion.alpha - 2.0
     columns = impedance_columns(motion) | {"offset": np.ones_like(torque)}
     fit = regression.linear_fit(torque, columns)

@@ -30,22 +30,6 @@ def test_a_file_that_was_written_completely_replaces_the_older_one(tmp_path):
     assert files_in(tmp_path) == ["table.csv"]
 
 
-def test_a_file_that_was_not_written_completely_leaves_the_older_one(tmp_path):
-    target = tmp_path / "table.csv"
-    target.write_text("old")
-
-    def write_half():
-        with atomic_path(target) as temporary:
-            temporary.write_text("new")
-            raise KeyError
-
-    with pytest.raises(KeyError):
-        write_half()
-
-    assert target.read_text() == "old"
-    assert files_in(tmp_path) == ["table.csv"]
-
-
 def fail_as_the_system():
     raise OSError(errno.ENOSPC, "No space left on device")
 

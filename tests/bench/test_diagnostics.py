@@ -101,17 +101,15 @@ def leg(torque_late=0.0, theta_m_late=0.0, theta_late=0.0, B_j=P.B_j, move=multi
     return Trial("leg", pl.DataFrame({"time": time, **columns}))
 
 
-def test_another_b_j_than_that_of_the_file_makes_no_lag_certain():
-    """It looks like an angle that is late by the difference over K_s: 0.36 ms."""
-    trial = leg(B_j=1.6 * P.B_j)
-    row = impedance_table(
-        *rendered_impedance(with_actuator(record_of_trial(trial, SETTINGS), trial)), P
-    )
-    assert (row["lag_inertia_share"][0], row["lag_share"][0]) == (0, 0)
-
-
 def record_of_leg(trial):
     return with_actuator(record_of_trial(trial, SETTINGS), trial)
+
+
+def test_another_b_j_than_that_of_the_file_makes_no_lag_certain():
+    """It looks like an angle that is late by the difference over K_s: 0.36 ms."""
+    row = impedance_table(*rendered_impedance(record_of_leg(leg(B_j=1.6 * P.B_j))), P)
+
+    assert (row["lag_inertia_share"][0], row["lag_share"][0]) == (0, 0)
 
 
 @pytest.mark.usefixtures("without_inference")

@@ -21,7 +21,6 @@ from osl_analysis.commands import walking
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.errors import InputError
 from osl_analysis.judge.limits import Limits
-from osl_analysis.table import read_table
 from osl_analysis.trial import read_trial, write_trial
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing, body_mass
 from osl_analysis.walking.plate_inertia import PlateModel
@@ -52,9 +51,6 @@ class Session:
 
     def truth(self, name: str) -> dict[str, Any]:
         return dict(json.loads((self.folder / f"truth/{name}.json").read_text()))
-
-    def table(self, name: str) -> pl.DataFrame:
-        return read_table(self.folder / f"{name}.csv")
 
     def analyse(self, trial: Path, perturbed: bool, output: Path, *direction: str) -> None:
         names = ("calibration", "plate", "onsets")
@@ -171,7 +167,7 @@ def test_the_rendered_impedance_comes_out_with_all_imperfections(
 def test_the_plate_s_lag_and_its_own_wrench_come_out(real: Session) -> None:
     effects = real.truth("plate_01")["gait_laboratory"]["effects"]
 
-    plate = real.table("plate")
+    plate = Tables(real.folder)["plate"]
 
     assert plate["lag_s"][0] == pytest.approx(1e-3 * effects["plate_lag"]["size"], abs=1e-4)
     assert 0 < plate["lag_se_s"][0] < 1e-4

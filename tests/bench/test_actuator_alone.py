@@ -98,7 +98,7 @@ def test_the_documented_commands_give_the_parameters_of_a_bench_of_ones_own(tmp_
     """Velocity in rpm before the 9:1 gear, as text: 0.1 % of the five, which is a tenth of their
     standard errors."""
     log, expected = simulated(duration_s=10.0)
-    page = (ROOT / "docs/own_data.md").read_text()
+    page = (ROOT / "docs/recording.md").read_text()
     documentation = page.partition("## Your own actuator bench")[2].partition("\n## ")[0]
     shutil.copytree(ROOT / "config", tmp_path / "config")
     monkeypatch.chdir(tmp_path)

@@ -183,7 +183,6 @@ def of_gains(stiffness, damping, *more):
 
 
 MISTAKES = {
-    r"K_d = 700 .*685\.6.*678\.7": of_gains(700, 5),
     r"cutoff_hz: 1e\+300 .* 10000": (*GAINS,
     "--weight-hz", 1e300),
     r"no\.yaml: ": (*GAINS, "--parameters", "no.yaml"),

@@ -45,13 +45,6 @@ def changed(change) -> ImpedanceInference:
     return inferred(change(driven()[1]))
 
 
-def test_exact_joint_is_held_and_not_doubted():
-    found = changed(lambda torque: torque)
-
-    assert max(found.fault_shares) < 0.02
-    assert found.fault_probability < 0.2
-
-
 def test_noise_and_a_coarse_encoder_hide_a_delay():
     """By their sizes: rounding by a step of K gives the torque a noise of K step/sqrt(12)."""
     torque = driven()[1]

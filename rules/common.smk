@@ -133,25 +133,23 @@ def figure_setting(wildcards):
     return as_json(attrgetter(setting)(CONFIG)) if setting else None
 
 
-def by_checks(judge, trials):
-    """A param: what a function of `JUDGE` says of these trials by what quality control has measured.
+def excluded(wildcards, input):
+    """A param: the trials that quality control excludes, by what it has measured: the input `quality`.
 
-    `trials` may be a function of wildcards. The input `quality=FILES.checks(trials)` goes with it.
     It is looked up anew when a job begins: a changed threshold that judges the same trials as
     before makes no table again.
     """
-
-    def judged_now(wildcards):
-        trials_of_job = trials(wildcards) if callable(trials) else trials
-        return judge(Path(file) for file in FILES.checks(trials_of_job))
-
-    return judged_now
+    return JUDGE.excluded(map(Path, listed(input.quality)))
 
 
-excluded = partial(by_checks, JUDGE.excluded)
-"""A param: those of some trials that quality control excludes."""
-faults = partial(by_checks, JUDGE.spoiled)
-"""A param: by trial, the fault of its recording that spoils the estimates."""
+def faults(wildcards, input):
+    """A param: by trial, the fault of its recording that spoils the estimates, by the same input."""
+    return JUDGE.spoiled(map(Path, listed(input.quality)))
+
+
+def listed(files):
+    """Files of an input: Snakemake gives the path of a single one."""
+    return [files] if isinstance(files, str) else files
 
 
 def limits(table):

@@ -41,7 +41,7 @@ rule fig3_numbers:
         "<logs>/figures/fig3_numbers.log",
     localrule: True
     params:
-        excluded=excluded(CAMPAIGN.trials("belt")),
+        excluded=excluded,
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
@@ -66,7 +66,7 @@ if TIME_SERIES:
             choice=TIME_SERIES,
             limits=limits("impedance"),
             windows=CAMPAIGN.rows[TIME_SERIES["trial"]]["windows"],
-            excluded=excluded([TIME_SERIES["trial"]]),
+            excluded=excluded,
             data=CAMPAIGN.data,
             made_by=MADE_BY,
         run:
@@ -108,7 +108,7 @@ rule walking_page_numbers:
     localrule: True
     params:
         settings=CONFIG.walking.part("TimingSettings"),
-        excluded=excluded(PERTURBED),
+        excluded=excluded,
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:

@@ -18,8 +18,8 @@ rule table:
         limits=lambda wildcards: limits(wildcards.table),
         limits_of_fits=lambda wildcards: limits(DOUBTS_OF.get(wildcards.table, "")),
         places=lambda wildcards: FILES.places_in(wildcards.table),
-        excluded=excluded(lambda wildcards: FILES.places_in(wildcards.table)),
-        faults=faults(lambda wildcards: FILES.places_in(wildcards.table)),
+        excluded=excluded,
+        faults=faults,
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
@@ -132,7 +132,7 @@ rule findings:
     params:
         limits=as_json(CONFIG.doubtful),
         places=PLACES,
-        excluded=excluded(FILES.trials_for_findings),
+        excluded=excluded,
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:

@@ -22,7 +22,7 @@ rule calibrate_markers:
             **CONFIG.walking.part("CalibrationSettings"),
             "side": PLACES[wildcards.trial]["side"],
         },
-        excluded=excluded(lambda wildcards: [wildcards.trial]),
+        excluded=excluded,
         made_by=MADE_BY,
     run:
         job("osl_analysis.commands.walking.calibrate", input, output, params, log)
@@ -43,7 +43,7 @@ rule identify_plate:
     params:
         statics={trial: CAMPAIGN.static_of[trial] for trial in PLATE_TRIALS},
         settings=CONFIG.walking.part("PlateModelSettings"),
-        excluded=excluded(PLATE_TRIALS),
+        excluded=excluded,
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
@@ -64,7 +64,7 @@ rule find_onsets:
     params:
         statics={trial: CAMPAIGN.static_of[trial] for trial in PERTURBED},
         settings=CONFIG.walking.part("CrossingSettings"),
-        excluded=excluded(PERTURBED),
+        excluded=excluded,
         made_by=MADE_BY,
     run:
         job("osl_analysis.commands.walking.find_onsets", input, output, params, log)
@@ -105,7 +105,7 @@ rule select_crossings:
         settings=CONFIG.walking.part("SelectionSettings"),
         sheet=CAMPAIGN.conditions(),
         places=WALKED,
-        excluded=excluded(WALKED),
+        excluded=excluded,
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
@@ -125,7 +125,7 @@ rule average_unperturbed:
     localrule: True
     params:
         fewest=CONFIG.walking.fewest_unperturbed,
-        excluded=excluded(UNPERTURBED),
+        excluded=excluded,
         made_by=MADE_BY,
     run:
         job("osl_analysis.commands.walking.average_unperturbed", input, output, params, log)
@@ -171,7 +171,7 @@ rule summarise_walking:
         limits=limits("walking_groups"),
         sheet=CAMPAIGN.conditions(),
         places=WALKED,
-        excluded=excluded(PERTURBED),
+        excluded=excluded,
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:

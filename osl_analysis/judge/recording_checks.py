@@ -33,7 +33,9 @@ class QualityRules(Settings):
     @model_validator(mode="before")
     @classmethod
     def _checks_are_known(cls, content: Any) -> Any:
-        thresholds = {**content}
+        thresholds = (
+            dict(content) if isinstance(content, Mapping) else {}
+        )  # else it is refused next
         for name in thresholds.pop("exclude", ()):
             if name not in CHECKS:
                 raise misplaced(unknown_check(str(name)), "exclude")

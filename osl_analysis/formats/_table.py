@@ -443,13 +443,13 @@ def _values_of(
 
 def _check_placeholder(values: NDArray[Any], title: str, rows: Rows) -> None:
     """Refuse a number of nines far beyond all others, which loggers write for a failed reading."""
-    sizes = np.abs(values)
-    largest = np.fmax.reduce(sizes, initial=0)
-    if not re.fullmatch(r"9{3,}(\.9+)?", f"{largest:.12g}"):
+    furthest = max(np.fmin.reduce(values, initial=0), np.fmax.reduce(values, initial=0), key=abs)
+    placeholder = f"{furthest:.12g}"
+    if not re.fullmatch(r"-?9{3,}(\.9+)?", placeholder):
         return
-    is_largest = sizes == largest
-    if largest > FAR_BEYOND * np.fmax.reduce(sizes, where=~is_largest, initial=0):
-        placeholder = f"{values[is_largest][0]:.12g}"
+    sizes = np.abs(values)
+    is_largest = sizes == abs(furthest)
+    if abs(furthest) > FAR_BEYOND * np.fmax.reduce(sizes, where=~is_largest, initial=0):
         raise InputError(
             f"column '{title}': {placeholder} stands in {is_largest.sum()} of {rows.count}"
             f" {rows.noun}s, as for a failed reading, and all other values are far smaller; add"

@@ -12,18 +12,19 @@ from osl_analysis.model.rendered_impedance import FAITHFUL
 
 
 class Layout:
-    """Ticks, and the width of a line."""
+    """Ticks, the width of a line, and the height of a panel."""
 
     MOST_TICKS = 8  # of frequency
     USUAL_PHASES = (1, 1.5, 3, 4.5, 9, 10)  # steps between ticks, times a power of ten [deg]
     MODEL_WIDTH = 0.9  # of a line [pt]
+    PANEL_HEIGHT = 1.85  # with its share of legend and axis [in]
 
 
 DESIRED_LINE: dict[str, Any] = {"color": style.BLACK, "zorder": 1}
 
 
 def draw(table: pl.DataFrame) -> style.PaperFigure:
-    """(a) magnitude, (b) phase, (c) distances over frequency; several joints or sides stand side by
+    """(a) magnitude, (b) phase, (c) known distances over frequency; several joints stand side by
     side."""
     parts = style.by_place(table)
     of_curve = {kind: table.filter(curve=kind) for kind in (OBSERVED, DESIRED, LINEAR_MODEL)}
@@ -31,20 +32,24 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     if len(parts) == 1 and not of_curve[OBSERVED].is_empty():
         titles = [", ".join(style.condition(of_curve[OBSERVED].with_columns(controller=None)))]
     width = style.SINGLE_COLUMN if len(parts) == 1 else style.DOUBLE_COLUMN
-    figure, axes = style.panels(width, 5.4, 3, len(parts), titles=titles, share_x=True)
+    labels = ["Magnitude (mrad/(N·m))", "Phase (deg)"]
+    if style.has_values(table, "Z_error") or style.has_values(table, "model_error"):
+        labels.append("Distance of $Z$ (%)")
+    height = Layout.PANEL_HEIGHT * len(labels)
+    figure, axes = style.panels(width, height, len(labels), len(parts), titles=titles, share_x=True)
     for column, (_, part) in enumerate(parts):
-        magnitude, phase, distance = axes[column :: len(parts)]
+        magnitude, phase, *distances = axes[column :: len(parts)]
         draw_part(magnitude, part, "magnitude")
         draw_part(phase, part, "phase_deg")
         magnitude.set_yscale("log")
         marks.label_log_axis(magnitude.yaxis, 6, lambda value: f"{1e3 * value:.4g}")
         phase.axhline(0, color=style.BLACK, linewidth=style.HAIRLINE, zorder=0)
         phase.yaxis.set_major_locator(MaxNLocator(5, steps=Layout.USUAL_PHASES))
-        draw_distances(distance, part)
+        for distance in distances:
+            draw_distances(distance, part)
         phase.set_xscale("log")
         marks.label_log_axis(phase.xaxis, Layout.MOST_TICKS // len(parts))
-        distance.set_xlabel("Frequency (Hz)")
-    labels = ("Magnitude (mrad/(N·m))", "Phase (deg)", "Distance of $Z$ (%)")
+        axes[column - len(parts)].set_xlabel("Frequency (Hz)")
     for ax, label in zip(axes[:: len(parts)], labels, strict=True):
         ax.set_ylabel(label)
 

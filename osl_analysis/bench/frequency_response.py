@@ -108,26 +108,34 @@ def response_table(analysis: Analysis) -> pl.DataFrame:
     return table.with_columns(interval_method=pl.lit(method))
 
 
+def measured_admittance(response: pl.DataFrame) -> Spectrum:
+    """Y (n,) of rows of `response.csv` [rad/(N*m)]."""
+    magnitude, phase_deg = response.select("magnitude", "phase_deg").to_numpy().T
+    Y: Spectrum = magnitude * np.exp(1j * np.deg2rad(phase_deg))
+    return Y
+
+
 def with_errors(response: pl.DataFrame) -> pl.DataFrame:
     """Add to rows of `response.csv` how far the impedance Z = 1/Y is from the desired one, Z_d =
     K_d + j w B_d: in magnitude [%], in phase [deg], and as |Z - Z_d| / |Z_d| [%]; and up to which
     frequency this is at most `FAITHFUL`."""
-    omega = 2 * np.pi * pl.col("frequency_hz")
-    of_damping = omega * pl.col("B_d")
-    ratio = 1 / pl.col("magnitude") / (pl.col("K_d") ** 2 + of_damping**2).sqrt()
-    desired_phase = pl.arctan2(of_damping, "K_d")
-    apart = -pl.col("phase_deg").radians() - desired_phase
-    with_errors = response.with_columns(
-        magnitude_error=100 * (ratio - 1),
-        phase_error=(apart.degrees() + 180) % 360 - 180,
-        Z_error=100 * (ratio**2 - 2 * ratio * apart.cos() + 1).sqrt(),
-    ).sort("amplitude_deg", "frequency_hz", nulls_last=True)
+    frequency_hz, K_d, B_d = response.select("frequency_hz", "K_d", "B_d").to_numpy().T
+    Z_d = K_d + 2j * np.pi * frequency_hz * B_d
+    with np.errstate(invalid="ignore"):  # what is not stated is not a number
+        ratio = 1 / (measured_admittance(response) * Z_d)
+    errors = pl.DataFrame(
+        {
+            "magnitude_error": 100 * (np.abs(ratio) - 1),
+            "phase_error": np.rad2deg(np.angle(ratio)),
+            "Z_error": 100 * np.abs(ratio - 1),
+        }
+    ).fill_nan(None)
+    in_order = response.with_columns(errors).sort("amplitude_deg", "frequency_hz", nulls_last=True)
     so_far = pl.col("Z_error").cum_max() <= 100 * FAITHFUL
     faithful_to_hz = pl.col("frequency_hz").filter(so_far).max().fill_null(0.0)
-    return with_errors.with_columns(
-        faithful_to_hz=pl.when(pl.col("Z_error").is_not_null()).then(
-            faithful_to_hz.over("amplitude_deg")
-        )
+    is_known = pl.col("Z_error").is_not_null()
+    return in_order.with_columns(
+        faithful_to_hz=pl.when(is_known).then(faithful_to_hz.over("amplitude_deg"))
     )
 
 

@@ -13,6 +13,7 @@ import polars as pl
 from osl_analysis.bench.belt import belt_figure_points
 from osl_analysis.bench.bench_settings import ImpedanceAnalysis
 from osl_analysis.bench.evidence import DesiredImpedance
+from osl_analysis.bench.frequency_response import measured_admittance
 from osl_analysis.bench.impedance import analysed
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.regression import IMPEDANCE
@@ -39,7 +40,6 @@ from osl_analysis.judge.limits import Limits
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import (
     FileOrNone,
-    RationalFunction,
     desired_admittance,
     joint_admittance,
     joint_of,
@@ -54,7 +54,7 @@ from osl_analysis.table import (
     read_tables,
     write_table,
 )
-from osl_analysis.trial import Array, read_trial
+from osl_analysis.trial import read_trial
 from osl_analysis.walking.isolated_response import unperturbed_gait
 from osl_analysis.walking.tables import walking_page_points
 from osl_analysis.walking.walking_settings import TimingSettings
@@ -314,10 +314,11 @@ def beside_theory(responses: pl.DataFrame, parameters: Path | None, weight: Weig
                 if gains is not None:
                     rendered = joint_admittance(gains.K_1, gains.B_1, p, p.J_j)
                     models.append((LINEAR_MODEL, controller, rendered))
-                    error = pl.Series(model_error(measured, rendered))
-                    is_own = pl.col("controller").eq_missing(controller)
-                    of_model = pl.when(is_own).then(error).otherwise("model_error")
-                    measured = measured.with_columns(model_error=of_model)
+                    s = 2j * np.pi * measured["frequency_hz"].to_numpy()
+                    ratio = rendered(s) / measured_admittance(measured)
+                    is_of_controller = pl.col("controller").eq_missing(controller)
+                    error = pl.when(is_of_controller).then(pl.Series(100 * np.abs(ratio - 1)))
+                    measured = measured.with_columns(model_error=error.otherwise("model_error"))
         for curve, controller, admittance in models:
             Y = admittance(2j * np.pi * frequency_hz)
             texts = {"curve": curve, "controller": controller, "joint": joint, "side": side}
@@ -333,16 +334,6 @@ def beside_theory(responses: pl.DataFrame, parameters: Path | None, weight: Weig
     points = pl.concat([*observed, *curves], how="diagonal_relaxed").drop("look")
     points = points.join(looks, on="controller", how="left", maintain_order="left")
     return plotted_numbers("fig7", points)
-
-
-def model_error(measured: pl.DataFrame, admittance: RationalFunction) -> Array:
-    """Distance (n,) of the measured impedance from that of a model, |Z - Z_m| / |Z_m| [%]."""
-    magnitude, phase_deg, frequency_hz = (
-        measured.select("magnitude", "phase_deg", "frequency_hz").to_numpy().T
-    )
-    Y = magnitude * np.exp(1j * np.deg2rad(phase_deg))
-    distance: Array = np.abs(admittance(2j * np.pi * frequency_hz) / Y - 1)
-    return 100 * distance
 
 
 def over_amplitudes(response: pl.DataFrame) -> pl.DataFrame:

@@ -39,6 +39,7 @@ from osl_analysis.config.experiments import DOUBTS_OF, EXPERIMENTS, JUDGED_TABLE
 from osl_analysis.config.sheet import ON_DYNAMOMETER
 from osl_analysis.errors import OslAnalysisError, listing, nearest
 from osl_analysis.figures import FIGURES
+from osl_analysis.jobs.job_log import listed
 from osl_analysis.jobs.workers import job
 from osl_analysis.judge.claims import CLAIMED
 from osl_analysis.judge.recording_checks import Judge
@@ -145,11 +146,6 @@ def excluded(wildcards, input):
 def faults(wildcards, input):
     """A param: by trial, the fault of its recording that spoils the estimates, by the same input."""
     return JUDGE.spoiled(map(Path, listed(input.quality)))
-
-
-def listed(files):
-    """Files of an input: Snakemake gives the path of a single one."""
-    return [files] if isinstance(files, str) else files
 
 
 def limits(table):

@@ -15,6 +15,11 @@ Files = str | list[str]
 """An input of a job: a file, or a list of files."""
 
 
+def listed(files: Files) -> list[str]:
+    """Files of an input: Snakemake gives the path of a single one."""
+    return [files] if isinstance(files, str) else files
+
+
 @dataclass(frozen=True)
 class Job:
     """What a rule gives to a job."""

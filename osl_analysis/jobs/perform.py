@@ -27,7 +27,7 @@ from osl_analysis.errors import (
     unexpected,
 )
 from osl_analysis.files import atomic_path, write_text
-from osl_analysis.jobs.job_log import Files, Job, write_log
+from osl_analysis.jobs.job_log import Files, Job, listed, write_log
 from osl_analysis.judge.recording_checks import HOW_TO_USE
 from osl_analysis.memory import limited_memory
 from osl_analysis.table import (
@@ -192,10 +192,6 @@ def without_missing(
     usable, needed = without_trials(inputs, causes_of)
     missing = chain(*(causes_of[name] for name in needed))
     return usable, list(dict.fromkeys(chain(*causes_of.values()))), list(dict.fromkeys(missing))
-
-
-def listed(files: Files) -> list[str]:
-    return [files] if isinstance(files, str) else files
 
 
 def without_excluded(inputs: Mapping[str, Files], excluded: Collection[str]) -> dict[str, Files]:

@@ -202,28 +202,29 @@ def friction_columns(
         Whether a belt and an actuator render the joint.
     """
     share = coulomb.share if coulomb else None
-    found: dict[str, Estimate] = {}
+    estimates: dict[str, Estimate] = {}
     if coulomb and coulomb.certain:
         for name, column in WITHOUT_FRICTION.items():
-            found[column] = Estimate.of_fit(coulomb.certain, name)
+            estimates[column] = Estimate.of_fit(coulomb.certain, name)
     if label is None and inferred is not None:
         share = 0.0
-        if inferred.friction_probability > CERTAIN_FRICTION and (is_leg or found):
+        if inferred.friction_probability > CERTAIN_FRICTION and (is_leg or estimates):
             # what is stated of the bench, and a band that hardly tells them, no scatter shows
-            for name, estimate in inferred.without_friction.items():
+            for name, inferred_estimate in inferred.without_friction.items():
                 error = analysis.calibrated[None].se_bench(name)
                 column = WITHOUT_FRICTION[name]
-                weighed = estimate.widened_by(error)
-                own = weighed if is_leg else found[column]
-                low, high = min(own.low, weighed.low), max(own.high, weighed.high)
-                found[column] = replace(own, low=low, high=high)
-            share = max(1 - found["B_viscous"].value / analysis.whole["B"], 0.0)
+                weighed = inferred_estimate.widened_by(error)
+                estimate = weighed if is_leg else estimates[column]
+                low = min(estimate.low, weighed.low)
+                high = max(estimate.high, weighed.high)
+                estimates[column] = replace(estimate, low=low, high=high)
+            share = max(1 - estimates["B_viscous"].value / analysis.whole["B"], 0.0)
         else:
-            found = {}
+            estimates = {}
     row: Row = {"coulomb_share": share}
     for name, column in WITHOUT_FRICTION.items():
-        if column in found:
-            row |= with_other_stamps(analysis, found[column], name, label).columns(column)
+        if column in estimates:
+            row |= with_other_stamps(analysis, estimates[column], name, label).columns(column)
     return row
 
 

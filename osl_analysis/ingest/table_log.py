@@ -267,7 +267,7 @@ def at_clock(
                 f"{left_out} of {rows.count} {rows.noun}s have none of the asked values and were"
                 f" left out, first {rows.place(np.argmax(is_empty))}"
             )
-        rows, values = rows_at(rows, values, places)
+        rows, values = kept_rows(rows, values, places)
         raw, lacks = raw[places], lacks[places]
     if raw.dtype == bool or lacks.any():
         raise InputError(
@@ -290,7 +290,7 @@ def at_clock(
     fresh, stale = fresh_rows(rows, numbers)
     if stale:
         numbers = numbers[fresh]
-        rows, values = rows_at(rows, values, fresh)
+        rows, values = kept_rows(rows, values, fresh)
     time = np.asarray((numbers - numbers[0]) * factor, dtype=np.float64)
     check_time(what, time)
     check_clock_runs(rows, source, time, numbers[0] * factor)
@@ -303,7 +303,7 @@ def is_missing(readings: NDArray[Any]) -> NDArray[np.bool_]:
     return np.asarray(np.isnan(known))
 
 
-def rows_at(
+def kept_rows(
     rows: Rows, values: Mapping[str, NDArray[Any]], places: NDArray[np.int64]
 ) -> tuple[Rows, dict[str, NDArray[Any]]]:
     """Some of the rows, which keep their numbers in the file, with their values by column."""

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from osl_analysis.bench.bench_settings import BeltAnalysis
 from osl_analysis.bench.impedance import Analysis, torque_errors, widened
-from osl_analysis.bench.motion import record_of, signals_of, stretches_of
+from osl_analysis.bench.motion import signals_of, stretches_of
 from osl_analysis.bench.plausibility import check_changes, check_stiffer
-from osl_analysis.bench.record import Groups, Label, Record
+from osl_analysis.bench.record import Groups, Label, Record, record_of
 from osl_analysis.bench.regression import GroupFit, Model, fit_groups, gram_sums
 from osl_analysis.bench.summaries import PLACE
 from osl_analysis.bench.torque_angle import branch_rows, find_cycles, whole

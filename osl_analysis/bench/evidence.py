@@ -19,31 +19,21 @@ from osl_analysis.bench.friction import (
     inferred_of_leg,
     with_other_stamps,
 )
-from osl_analysis.bench.impedance import (
-    LITTLE,
-    QUANTITIES,
-    Analysis,
-    amplitudes_row,
-    analysed,
-    widened,
-)
+from osl_analysis.bench.impedance import QUANTITIES, Analysis
 from osl_analysis.bench.lags import Belt, Lag, belt_of_leg, is_leg, without_lag
-from osl_analysis.bench.plausibility import (
-    check_resists,
-    check_stiffer,
-    rounding_errors,
-    usual_errors,
-)
-from osl_analysis.bench.record import Label, Record
+from osl_analysis.bench.plausibility import check_resists, check_stiffer
+from osl_analysis.bench.record import Label
 from osl_analysis.bench.regression import (
+    FEWEST_UNITS,
     IMPEDANCE,
-    Admittance,
+    GroupFit,
     Sums,
+    combined,
     held_out_vaf,
+    scatter_of,
     sums_of,
 )
 from osl_analysis.dictionary import table_of
-from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
 from osl_analysis.model.drivetrain import DrivetrainParameters, joint_admittance
 from osl_analysis.stats.estimates import Estimate, Row
@@ -54,6 +44,10 @@ RENDERED = (0.94, 1.06)
 """K without friction over that of linear theory, from and to which a sound leg renders it. Legs of
 the default device: 0.98 to 1.01. The rest is two standard deviations, of 2 %, of a device from its
 parameter file."""
+LITTLE = {"K": 0.0, "B": 2.0, "I": 5e-3}
+"""Sizes of K, B [N*m*s/rad] and I [kg*m^2], added in quadrature to the divisor of a relative
+change."""
+CHANGING = ("K", "B")  # with the amplitude, by play, a stiffening spring or friction
 
 
 @dataclass(frozen=True)
@@ -196,47 +190,14 @@ class DesiredImpedance:
 UNSTATED = DesiredImpedance(None, None, None)
 
 
-def rendered_impedance(record: Record, expected: Admittance | None = None) -> tuple[Analysis, Sums]:
-    """Fit Eq. 15 to a record by least squares, for each amplitude and for all.
-
-    Parameters
-    ----------
-    record
-        Angle and torque of a joint.
-    expected
-        Admittance of the linear model, where the gains are known.
-
-    Returns
-    -------
-    analysis
-        torque = K theta + B omega + I alpha + offset + drift (`IMPEDANCE`), by `fit_groups`.
-    sums
-        Those with the columns of all effects, which tell what else the torque may hold.
-
-    Raises
-    ------
-    InputError
-        The joint hardly moves.
-    IdentifiabilityError
-        The motion cannot tell K, B and I.
-    """
-    try:
-        analysis = analysed(record, IMPEDANCE)
-    except IdentifiabilityError as error:
-        raise IdentifiabilityError(f"trial {record.name}: {error}") from error
-    if not record.is_stepped_sine:
-        of_bench = usual_errors(record, analysis.sums, analysis.whole)
-        of_steps = rounding_errors(record, analysis.sums, IMPEDANCE, analysis.whole)
-        whole = widened(widened(analysis.whole, of_bench, of_bench=True), of_steps)
-        analysis = replace(analysis, fits={None: whole})
-    check_stiffer(record.name, "K", analysis.whole["K"], record.settings.bench_stiffness)
-    return analysis, sums_of(record, IMPEDANCE, expected)
-
-
 def impedance_table(
-    analysis: Analysis, s: Sums, p: DrivetrainParameters | None = None
+    analysis: Analysis,
+    p: DrivetrainParameters | None = None,
+    desired: DesiredImpedance = UNSTATED,
+    gains: Gains | None = None,
 ) -> pl.DataFrame:
-    """Put together the trial's rows of `impedance.csv`.
+    """Put together the trial's rows of `impedance.csv`: the estimates, and beside them all that the
+    verdicts on them need.
 
     A motion that is no stepped sine has one row. What describes the motion is the same in every
     row: the estimates of a device that is not of second order depend on band and weights.
@@ -245,12 +206,15 @@ def impedance_table(
     ----------
     analysis
         Eq. 15 by least squares.
-    s
-        Sums of the same record with the columns of all effects.
     p
         The device. With theta_m it gives the belt, which shows a lag that Eq. 15 hides where it
         does not fit the drivetrain. Without it a joint whose actuator turns is taken for a leg,
-        since its drivetrain is no fault of the recording (`lags.is_leg`).
+        since its drivetrain is no fault of the recording (`lags.is_leg`). What the gains should
+        render is known only with it.
+    desired
+        What the leg was asked to render.
+    gains
+        Those that ran.
 
     Returns
     -------
@@ -260,20 +224,25 @@ def impedance_table(
     Raises
     ------
     InputError
-        The torque drives the motion.
+        The torque drives the motion, or the joint is stiffer than the bench.
     """
     record = analysis.record
     whole = analysis.whole
+    check_stiffer(record.name, "K", whole["K"], record.settings.bench_stiffness)
     if whole.interval("B")[0] < 0:
         # with the right sign K may be negative, as of an inertia behind a soft spring, but B is
         # then certainly positive
         check_resists(record.name, "K", whole["K"], whole.interval("K")[1])
+
+    expected = joint_admittance(gains.K_1, gains.B_1, p, p.J_j) if p and gains else None
+    s = sums_of(record, IMPEDANCE, expected)
     of_leg = is_leg(record, p)
     belt = belt_of_leg(record, p) if p and of_leg else Belt()
     joint = None if of_leg else inferred_of_joint(record)
     inferred = inferred_of_leg(record) if of_leg else joint
     is_certain = inferred.friction_probability > CERTAIN_FRICTION if inferred else None
     coulomb = coulomb_fits(s, analysis, is_certain)
+
     ppm = [stream["ppm"] for stream in record.streams if stream["ppm"] is not None]
     other_excitation = "periodic" if record.periodic else "other"
     of_trial: Row = {
@@ -287,7 +256,13 @@ def impedance_table(
         "clock_ppm": float(np.ptp(ppm or [0.0])) or None,
         "K_s_ratio": belt.K_s_ratio,
         "VAF_held_out": held_out_vaf(analysis.sums, analysis.model),
+        # a known spring holds it
+        "gain_error": 0.0 if record.settings.calibration.torque_gain else None,
     }
+    if expected:
+        # a drivetrain is of higher order: Eq. 15 fitted to the linear model's torque
+        of_gains = s.estimates([*IMPEDANCE.values()], "linear")
+        of_trial |= {"K_predicted": of_gains[0], "B_predicted": of_gains[1]}
     of_whole = amplitudes_row(analysis)
     for name in QUANTITIES:
         estimate = Estimate.of_fit(analysis.calibrated[None], name)
@@ -304,13 +279,21 @@ def impedance_table(
                 **{f"{name}_se": analysis.calibrated[label].se(name) for name in QUANTITIES},
                 **friction_columns(analysis, inferred, coulomb.get(label), label, of_leg),
                 "offset": fit["offset"] - fit["K"] * centre,
+                "torque_error": torque_error(analysis.sums, label, desired),
                 "time_base_shift": analysis.time_base_shift(label, QUANTITIES),
                 "theta_rms_deg": float(np.rad2deg(np.sqrt(variance[0, 0]))),
                 "fitted_s": len(record.rows(label)) / record.rate_hz,
                 **of_trial,
             }
         )
-    return table_of(rows, "impedance", complete=True).with_columns(lag_columns(belt.lag))
+    table = table_of(rows, "impedance", complete=True)
+    table = table.with_columns(*lag_columns(belt.lag), **desired.columns())
+    # without compensation a leg's friction hides it
+    if gains and gains.cancels_friction:
+        apart = pl.col("B_predicted") - pl.col("B")
+        certain = (apart.abs() - (pl.col("B_high") - pl.col("B_low")) / 2).clip(0)
+        table = table.with_columns(B_gap_s=apart.sign() * certain / pl.col("K").abs())
+    return beside_known(table, p, desired)
 
 
 def lag_columns(lag: Lag | None) -> list[pl.Expr]:
@@ -335,77 +318,21 @@ def lag_columns(lag: Lag | None) -> list[pl.Expr]:
     ]
 
 
-def impedance_with_evidence(
-    record: Record,
-    rails: pl.Expr,
-    p: DrivetrainParameters | None,
-    desired: DesiredImpedance = UNSTATED,
-    gains: Gains | None = None,
-) -> tuple[Analysis, pl.DataFrame]:
-    """Fit Eq. 15 to a record, and put beside its rows all that the verdicts on them need.
-
-    Parameters
-    ----------
-    record
-        Angle and torque of a joint.
-    rails
-        Saturated samples, as a column of the table.
-    p
-        The device. What the gains should render is known only with it.
-    desired
-        What the leg was asked to render.
-    gains
-        Those that ran.
-
-    Raises
-    ------
-    InputError, IdentifiabilityError
-        As `rendered_impedance`.
-    """
-    expected = joint_admittance(gains.K_1, gains.B_1, p, p.J_j) if p and gains else None
-    analysis, s = rendered_impedance(record, expected)
-    K, B = None, None
-    if expected:
-        # a drivetrain is of higher order: Eq. 15 fitted to the linear model's torque
-        K, B = s.estimates([*IMPEDANCE.values()], "linear")[:2].tolist()
-    # without compensation a leg's friction hides it
-    comparable_B = B if gains and gains.cancels_friction else None
-    apart = pl.lit(comparable_B, pl.Float64) - pl.col("B")
-    certain = (apart.abs() - (pl.col("B_high") - pl.col("B_low")) / 2).clip(0)
-    errors = [torque_error(analysis.sums, label, desired) for label in analysis.fits]
-    table = impedance_table(analysis, s, p).with_columns(
-        rails,
-        **desired.columns(),
-        B_gap_s=apart.sign() * certain / pl.col("K").abs(),
-        K_predicted=pl.lit(K, pl.Float64),
-        B_predicted=pl.lit(B, pl.Float64),
-        torque_error=pl.Series(errors, dtype=pl.Float64),
-        # a known spring holds it
-        gain_error=pl.lit(0.0 if record.settings.calibration.torque_gain else None, pl.Float64),
-    )
-    return analysis, beside_known(table, p, desired, K)
-
-
 def beside_known(
-    table: pl.DataFrame,
-    p: DrivetrainParameters | None,
-    desired: DesiredImpedance,
-    predicted: float | None,
+    table: pl.DataFrame, p: DrivetrainParameters | None, desired: DesiredImpedance
 ) -> pl.DataFrame:
     """Hold the estimates of Eq. 15 against the belt, the gains and the sample sheet.
 
     Parameters
     ----------
     table
-        The trial's rows.
+        The trial's rows, with K by linear theory where the gains are known.
     p
         The device; None for one without a parameter file. Where neither sheet nor belt says that
         the joint is that of the file, another device may be soft, so that `K_over_K_s` is null up
         to 1. Above 1 a unit may be wrong, or the file is of another device.
     desired
         What the sheet states.
-    predicted
-        K by linear theory [N*m/rad]; None: the gains are not known.
 
     Returns
     -------
@@ -418,6 +345,7 @@ def beside_known(
     largest = table.sort("amplitude_deg", nulls_last=False)["K"][-1]
     of_spring = whole["K_without_friction"] or largest
     known = dict[str, float | pl.Expr]()
+    predicted = whole["K_predicted"]
     if predicted:
         ratio = of_spring / predicted
         known["K_ratio"] = largest / predicted
@@ -444,3 +372,66 @@ def torque_error(s: Sums, label: Label, desired: DesiredImpedance) -> float | No
     with_ramp = (covariance @ weights)[2]
     square = weights @ covariance @ weights - with_ramp**2 / covariance[2, 2]
     return float(np.sqrt(max(square, 0.0)))
+
+
+def amplitudes_row(analysis: Analysis) -> Row:
+    """Compare the fits to single amplitudes.
+
+    A stiffening spring, or play, changes K with the amplitude; friction changes K and B. A change
+    is reduced by the half-width of its 95 % interval, at most to 0: noise is no change. Its divisor
+    has `LITTLE` added in quadrature.
+
+    Parameters
+    ----------
+    analysis
+        Eq. 15 of a trial, for each amplitude and for all.
+
+    Returns
+    -------
+    dict
+        The relative changes `K_change` and `B_change` from the smallest to the largest amplitude,
+        and the lowest and the highest estimates; empty for fewer than two amplitudes.
+    """
+    labels = sorted(label for label in analysis.fits if isinstance(label, float))
+    if len(labels) < 2:
+        return {}
+    row: Row = {}
+    change = difference_of(analysis, labels[0], labels[-1])
+    for name in CHANGING:
+        certain = change.beyond_interval(name)
+        of_single = [analysis.fits[label][name] for label in labels]
+        row[f"{name}_change"] = float(certain / np.hypot(analysis.whole[name], LITTLE[name]))
+        row[f"{name}_amplitudes_low"] = min(of_single)
+        row[f"{name}_amplitudes_high"] = max(of_single)
+    return row
+
+
+def difference_of(analysis: Analysis, smallest: Label, largest: Label) -> GroupFit:
+    """The estimates of one amplitude less those of another.
+
+    If both amplitudes have the same frequencies, each frequency is left out of both in turn: what
+    the model misses at both alike then is no error of the difference. Else their errors are
+    independent.
+    """
+    small, large = analysis.fits[smallest], analysis.fits[largest]
+    covariance = small.covariance + large.covariance
+    freedom = np.minimum(small.degrees_of_freedom, large.degrees_of_freedom)
+    strata = analysis.sums.groups.strata
+    of_small, of_large = (
+        np.array([each.frequency_hz for each in strata if each.label == label])
+        for label in (smallest, largest)
+    )
+    are_paired = len(of_small) == len(of_large) >= FEWEST_UNITS
+    if are_paired and small.repeat is not None and large.repeat is not None:
+        order_of_small, order_of_large = np.argsort(of_small), np.argsort(of_large)
+        if np.allclose(of_small[order_of_small], of_large[order_of_large], atol=0.05):
+            apart = large.left_out[order_of_large] - small.left_out[order_of_small]
+            noise = small.repeat + large.repeat
+            never = np.full(len(noise), np.inf)
+            covariance, freedom = combined(noise, never, scatter_of(apart), len(apart))
+    return replace(
+        large,
+        estimates=large.estimates - small.estimates,
+        covariance=covariance,
+        degrees_of_freedom=freedom,
+    )

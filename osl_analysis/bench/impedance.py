@@ -1,5 +1,5 @@
 """Eq. 15 fitted to a record, or another model of the bench: to each amplitude and to all of it,
-with the stated errors of the bench, and the amplitudes beside each other."""
+with the stated errors of the bench, and those that a motion which hardly tells K from I adds."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -7,21 +7,21 @@ from functools import cached_property
 
 import numpy as np
 import polars as pl
+import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.bench.bench_settings import NOT_STATED, Calibration
 from osl_analysis.bench.record import STIFFNESS_ALONE, Label, Record
 from osl_analysis.bench.regression import (
-    FEWEST_UNITS,
+    IMPEDANCE,
     GroupFit,
     Model,
     Sums,
-    combined,
     fit_groups,
     plain_sums,
-    scatter_of,
 )
-from osl_analysis.errors import IdentifiabilityError
+from osl_analysis.errors import IdentifiabilityError, InputError, naming
+from osl_analysis.inference.rounding_errors import repeated_share
 from osl_analysis.signals import seven_point_motion
 from osl_analysis.stats.estimates import Row, estimates_row
 from osl_analysis.stats.linear_fit import LinearFit
@@ -31,10 +31,10 @@ QUANTITIES = ("K", "B", "I")  # parameters of Eq. 15
 OF_ANGLE = ("theta", "omega", "alpha", "B_m", "J_m")  # columns in proportion to the angle
 SIGN_WIDTH = 0.01  # rad/s; over which the sign of the velocity changes in the error of friction
 SAME_FREQUENCY = 1.02  # ratio of frequencies below which noise alone would tell K from I
-LITTLE = {"K": 0.0, "B": 2.0, "I": 5e-3}
-"""Sizes of K, B [N*m*s/rad] and I [kg*m^2], added in quadrature to the divisor of a relative
-change."""
-CHANGING = ("K", "B")  # with the amplitude, by play, a stiffening spring or friction
+USUAL_ERROR = 1e-3  # of the torque's RMS, as calibrations and models leave
+LARGE_CHANGE_OF_K = 0.1  # share of K by which the usual error may change it
+FEWEST_STEPS = 20.0  # of the encoder; of fewer, rounding is no noise but part of the motion
+MOST_NOISE = 0.1  # of the power of the acceleration's own part that may be noise of the encoder
 
 
 @dataclass(frozen=True)
@@ -181,6 +181,36 @@ class Analysis:
         )
 
 
+def rendered_impedance(record: Record) -> Analysis:
+    """Fit Eq. 15 to a record by least squares, for each amplitude and for all.
+
+    Parameters
+    ----------
+    record
+        Angle and torque of a joint.
+
+    Returns
+    -------
+    Analysis
+        torque = K theta + B omega + I alpha + offset + drift (`IMPEDANCE`), by `fit_groups`.
+
+    Raises
+    ------
+    InputError
+        The joint hardly moves.
+    IdentifiabilityError
+        The motion cannot tell K, B and I.
+    """
+    with naming(f"trial {record.name}"):
+        analysis = analysed(record, IMPEDANCE)
+        if record.is_stepped_sine:
+            return analysis
+        whole, sums = analysis.whole, analysis.sums
+        of_steps = rounding_errors(record, sums, IMPEDANCE, whole)
+        whole = widened(whole, usual_errors(record, sums, whole), of_bench=True)
+        return replace(analysis, fits={None: widened(whole, of_steps)})
+
+
 def analysed(record: Record, model: Model, sums: Sums | None = None) -> Analysis:
     """Fit a model to all of a record and to each label that determines it.
 
@@ -244,64 +274,110 @@ def torque_errors(
     return np.array([stated.slip * np.ptp(torque[rows]) * np.sign(rate), stated.delay * rate])
 
 
-def amplitudes_row(analysis: Analysis) -> Row:
-    """Compare the fits to single amplitudes.
+def usual_errors(record: Record, sums: Sums, fit: GroupFit) -> Array:
+    """Errors (p,) of estimates that their intervals must include, since the motion hardly tells K
+    from I; 0 where it does.
 
-    A stiffening spring, or play, changes K with the amplitude; friction changes K and B. A change
-    is reduced by the half-width of its 95 % interval, at most to 0: noise is no change. Its divisor
-    has `LITTLE` added in quadrature.
+    The criterion is the usual error of 0.1 % of the torque's RMS in the shape of the part of a
+    column that is orthogonal to the others. Slow motion has little of it. With a few steps of the
+    encoder rounding is no noise, but part of the motion.
 
     Parameters
     ----------
-    analysis
-        Eq. 15 of a trial, for each amplitude and for all.
+    record, sums
+        What was fitted.
+    fit
+        Of Eq. 15 to all of it.
 
-    Returns
-    -------
-    dict
-        The relative changes `K_change` and `B_change` from the smallest to the largest amplitude,
-        and the lowest and the highest estimates; empty for fewer than two amplitudes.
+    Raises
+    ------
+    InputError
+        The joint hardly moves.
+    IdentifiabilityError
+        The acceleration is mostly noise of the encoder.
     """
-    labels = sorted(label for label in analysis.fits if isinstance(label, float))
-    if len(labels) < 2:
-        return {}
-    row: Row = {}
-    change = difference_of(analysis, labels[0], labels[-1])
-    for name in CHANGING:
-        certain = change.beyond_interval(name)
-        of_single = [analysis.fits[label][name] for label in labels]
-        row[f"{name}_change"] = float(certain / np.hypot(analysis.whole[name], LITTLE[name]))
-        row[f"{name}_amplitudes_low"] = min(of_single)
-        row[f"{name}_amplitudes_high"] = max(of_single)
-    return row
+    moved = np.ptp(record.theta[record.rows()])
+    if moved < FEWEST_STEPS * record.encoder_step:
+        raise InputError(
+            f"the joint hardly moves: theta turns by"
+            f" {moved / record.encoder_step:.0f} steps of its encoder, {FEWEST_STEPS:g} are needed;"
+            " move it by more, and check the unit of theta in the source file"
+        )
+    covariance = sums.covariance(["theta", "omega", "alpha", "torque"])
+    size = np.sqrt(np.diag(covariance))
+    correlation = covariance[:3, :3] / np.outer(size[:3], size[:3])
+    own_theta, _, own_alpha = size[:3] / np.sqrt(np.diag(np.linalg.inv(correlation)))
+    noise_share = acceleration_noise(record) / own_alpha**2
+    if noise_share > MOST_NOISE:
+        low_hz, high_hz = record.band_hz
+        raise IdentifiabilityError(
+            f"a motion of {low_hz:.2g} to {high_hz:.2g} Hz"
+            f" cannot tell K from I: noise of the encoder has {noise_share:.2g} times the power of"
+            f" the acceleration's own part behind the filter, at most {MOST_NOISE:g} is allowed;"
+            " move the joint by more or faster, by 0.5 to 6 Hz, and check the unit of theta in the"
+            f" source file, {STIFFNESS_ALONE}"
+        )
+    error_of_K, error_of_I = USUAL_ERROR * size[3] / np.array([own_theta, own_alpha])
+    errors = dict.fromkeys(fit.names, 0.0)
+    # without stiffness a tenth of K is no limit
+    if error_of_K > max(LARGE_CHANGE_OF_K * abs(fit["K"]), fit.se("K")):
+        errors["K"] = error_of_K
+    if error_of_I > (getattr(record.settings, "largest_inertia_error", None) or np.inf):
+        errors["I"] = error_of_I
+    return np.array(list(errors.values()))
 
 
-def difference_of(analysis: Analysis, smallest: Label, largest: Label) -> GroupFit:
-    """The estimates of one amplitude less those of another.
+def rounding_errors(record: Record, sums: Sums, model: Mapping[str, str], fit: GroupFit) -> Array:
+    """Standard errors (p,) of estimates by the encoder's steps, which no scatter shows where the
+    joint returns to the same ones, as under binary steps.
 
-    If both amplitudes have the same frequencies, each frequency is left out of both in turn: what
-    the model misses at both alike then is no error of the difference. Else their errors are
-    independent.
+    At rest a step has one error, of variance step^2/12, however many samples show it. Where the
+    joint passes through a step its error takes all values and averages out; noise of the angle
+    leaves a share of it. An error of the angle is one of the torque by K.
+
+    Parameters
+    ----------
+    record, sums, model, fit
+        What was fitted, and the fit to all of it.
     """
-    small, large = analysis.fits[smallest], analysis.fits[largest]
-    covariance = small.covariance + large.covariance
-    freedom = np.minimum(small.degrees_of_freedom, large.degrees_of_freedom)
-    strata = analysis.sums.groups.strata
-    of_small, of_large = (
-        np.array([each.frequency_hz for each in strata if each.label == label])
-        for label in (smallest, largest)
-    )
-    are_paired = len(of_small) == len(of_large) >= FEWEST_UNITS
-    if are_paired and small.repeat is not None and large.repeat is not None:
-        order_of_small, order_of_large = np.argsort(of_small), np.argsort(of_large)
-        if np.allclose(of_small[order_of_small], of_large[order_of_large], atol=0.05):
-            apart = large.left_out[order_of_large] - small.left_out[order_of_small]
-            noise = small.repeat + large.repeat
-            never = np.full(len(noise), np.inf)
-            covariance, freedom = combined(noise, never, scatter_of(apart), len(apart))
-    return replace(
-        large,
-        estimates=large.estimates - small.estimates,
-        covariance=covariance,
-        degrees_of_freedom=freedom,
-    )
+    step = record.encoder_step
+    if not step:
+        return np.zeros(len(model))
+    low_pass = record.settings.low_pass
+    rows = record.rows()[:: round(record.rate_hz / record.coarse.rate_hz)]
+    columns = np.column_stack([sums.columns[column][rows] for column in model.values()])
+    by_row = fit["K"] * np.linalg.pinv(columns)  # change of the estimates by an error (p, m)
+    # a low-pass that does not ring where the joint comes to rest
+    smooth_rows = record.rate_hz / (2 * np.pi * low_pass.cutoff_hz)
+    place = scipy.ndimage.gaussian_filter1d(record.theta, smooth_rows)[rows] / step
+    reading, of_row = np.unique(np.rint(record.theta[rows] / step), return_inverse=True)
+    by_step = np.zeros((len(reading), len(model)), np.complex128)
+    np.add.at(by_step, of_row, (by_row * np.exp(2j * np.pi * place)).T)
+    repeated = repeated_share(angle_noise(record), record.rate_hz, step)
+    error = step / np.sqrt(12) * repeated
+    return np.asarray(error * np.linalg.norm(by_step, axis=0))
+
+
+def angle_noise(record: Record) -> float:
+    """Density [rad^2/Hz] of the angle's noise, taken as white.
+
+    It is the median of what the filter removes from two to four cut-offs or, if the motion itself
+    reaches these frequencies, its level at the highest ones.
+    """
+    rate_hz, cutoff_hz = record.rate_hz, record.settings.cutoff_hz
+    removed = (record.theta - record.motion.theta)[record.rows()]
+    rows = min(round(rate_hz), len(removed))
+    frequency, density = scipy.signal.welch(removed, rate_hz, nperseg=rows)
+    level = float(np.median(density[frequency > 0.35 * rate_hz]))
+    beyond = (frequency > 2 * cutoff_hz) & (frequency < min(4 * cutoff_hz, 0.45 * rate_hz))
+    if beyond.any():
+        level = min(level, float(np.median(density[beyond])))
+    return level
+
+
+def acceleration_noise(record: Record) -> float:
+    """Variance [rad^2/s^4] that white noise of the angle leaves in the filtered acceleration."""
+    cutoff_hz = record.settings.cutoff_hz
+    f = np.linspace(0, min(8 * cutoff_hz, record.rate_hz / 2), 2000)
+    passed = angle_noise(record) * record.settings.low_pass.gain(f) ** 2
+    return float(np.trapezoid((2 * np.pi * f) ** 4 * passed, f))

@@ -9,7 +9,6 @@ import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.bench.bench_settings import (
-    BenchAnalysis,
     FilterSettings,
     ImpedanceAnalysis,
     SteppedSineAnalysis,
@@ -20,12 +19,13 @@ from osl_analysis.bench.record import (
     Label,
     Record,
     Stratum,
+    record_of,
     unlike_groups,
     whole_rows,
 )
 from osl_analysis.errors import Change, InputError, naming
 from osl_analysis.measured import visible_step
-from osl_analysis.signals import filtered_motion, runs
+from osl_analysis.signals import runs
 from osl_analysis.signals.grid import (
     BRIDGE_MORE,
     GapLimits,
@@ -74,40 +74,6 @@ def signals_of(
     base = settings.time_base
     limits = GapLimits(base.highest_hz, settings.cutoff_hz, base.longest_gap_s)
     return uniform_signals(trial, columns, limits, computed, wanted)
-
-
-def record_of(
-    signals: UniformSignals, settings: BenchAnalysis, groups: Groups, theta: Array | None = None
-) -> Record:
-    """The record of signals.
-
-    Parameters
-    ----------
-    signals
-        With `theta` and `torque`.
-    settings
-        The bench, and the filter.
-    groups
-        The rows that are fitted.
-    theta
-        The angle (n,) [rad] that is filtered, by default the joint's.
-    """
-    torque = signals["torque"]
-    if theta is None:
-        theta = settings.joint_angle(signals["theta"], torque)
-    motion, filtered = filtered_motion(signals.time, theta, torque, settings.low_pass)
-    return Record(
-        name=signals.trial,
-        time=signals.time,
-        theta=theta,
-        torque=torque,
-        motion=motion,
-        filtered_torque=filtered,
-        settings=settings,
-        usable=signals.usable,
-        groups=groups,
-        streams=signals.streams,
-    )
 
 
 def with_actuator(record: Record, trial: Trial) -> Record:

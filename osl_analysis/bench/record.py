@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.bench.bench_settings import BenchAnalysis
-from osl_analysis.signals import Motion
+from osl_analysis.signals import Motion, filtered_motion
+from osl_analysis.signals.grid import UniformSignals
 from osl_analysis.spectral import PeriodicMotion
 from osl_analysis.trial import Array
 
@@ -182,3 +183,37 @@ def whole_rows(first: Array, stop: Array) -> list[slice]:
     begins = np.floor(first + EDGE_ROUNDING).astype(np.intp)
     ends = np.ceil(stop - EDGE_ROUNDING).astype(np.intp)
     return [slice(begin, end) for begin, end in zip(begins, ends, strict=True)]
+
+
+def record_of(
+    signals: UniformSignals, settings: BenchAnalysis, groups: Groups, theta: Array | None = None
+) -> Record:
+    """The record of signals.
+
+    Parameters
+    ----------
+    signals
+        With `theta` and `torque`.
+    settings
+        The bench, and the filter.
+    groups
+        The rows that are fitted.
+    theta
+        The angle (n,) [rad] that is filtered, by default the joint's.
+    """
+    torque = signals["torque"]
+    if theta is None:
+        theta = settings.joint_angle(signals["theta"], torque)
+    motion, filtered = filtered_motion(signals.time, theta, torque, settings.low_pass)
+    return Record(
+        name=signals.trial,
+        time=signals.time,
+        theta=theta,
+        torque=torque,
+        motion=motion,
+        filtered_torque=filtered,
+        settings=settings,
+        usable=signals.usable,
+        groups=groups,
+        streams=signals.streams,
+    )

@@ -19,7 +19,7 @@ from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.regression import IMPEDANCE
 from osl_analysis.bench.summaries import PLACE
 from osl_analysis.campaign.configuration import FrequencyResponseFigure
-from osl_analysis.commands.bench import without_broken_ends
+from osl_analysis.commands.fit import without_broken_ends
 from osl_analysis.commands.walking import read_unperturbed_gaits, selected_crossings
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import InputError, listing
@@ -239,7 +239,7 @@ def fig4(
     output
         The table of plotted numbers.
     windows
-        As in `bench.fit_impedance_trial`.
+        As in `fit.fit_impedance_trial`.
     data
         What the data are.
     """

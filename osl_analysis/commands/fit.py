@@ -1,164 +1,243 @@
-"""The fit of one trial, by the job of its experiment, and judged by the limits of a campaign: for
-the command line and notebooks.
+"""From a recording to its estimates: the fit of each kind of trial on the bench, as the jobs of a
+campaign, the command line and notebooks call it, and what its tables tell together.
 
-A wrong sign, unit or channel refuses a fit. The error names the changes of the source file that may
-mend it (`errors.Change`). They are tried on the recording: those with which the trial can be fitted
-become its remedy.
+To K of an impedance trial: `fit_impedance_trial` here, then `bench/motion.py`, `record.py`,
+`regression.py` and `impedance.py`.
 """
 
-import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import groupby
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
 
+import numpy as np
 import polars as pl
 
-from osl_analysis.bench.evidence import DesiredImpedance, FitTables
+from osl_analysis.bench import bench_settings as choices
+from osl_analysis.bench import calibration
+from osl_analysis.bench.belt import belt_curve, belt_table, belt_trial
+from osl_analysis.bench.calibration import fixture_column, fixture_of, with_fixture
+from osl_analysis.bench.evidence import (
+    UNSTATED,
+    DesiredImpedance,
+    FitTables,
+    impedance_table,
+    series_of,
+)
+from osl_analysis.bench.frequency_response import response_table, with_errors
+from osl_analysis.bench.impedance import analysed, rendered_impedance
+from osl_analysis.bench.motion import record_of_trial, with_actuator
+from osl_analysis.bench.parts_alone import actuator_table, actuator_trial, transmission_table
+from osl_analysis.bench.plausibility import plausible
+from osl_analysis.bench.record import Record
+from osl_analysis.bench.regression import IMPEDANCE, TRANSMISSION
+from osl_analysis.bench.summaries import compensation_table, delay_table, part_summary
+from osl_analysis.bench.torque_angle import torque_angle_trial
 from osl_analysis.campaign.configuration import config_for_trials
-from osl_analysis.commands.fit_results import Fit, estimated, printed_units
+from osl_analysis.commands.fit_results import Fit
+from osl_analysis.commands.remedies import fit_or_advise
 from osl_analysis.config.experiments import EXPERIMENTS, FitJob
-from osl_analysis.errors import Change, InputError, OslAnalysisError
-from osl_analysis.ingest.guard import in_other_units, swapped_channels
+from osl_analysis.errors import InputError
+from osl_analysis.ingest.guard import check_recording, find_leaps
+from osl_analysis.ingest.quality import saturated
 from osl_analysis.judge.judging import judged, marked
 from osl_analysis.judge.limits import DoubtfulFits
-from osl_analysis.measured import written
+from osl_analysis.model.compensator import Weight
+from osl_analysis.model.drivetrain import FileOrNone, known_parameters
+from osl_analysis.signals.grid import GapLimits
+from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial
 
-FITS_WORSE = 2.0  # times what the best change leaves of the torque, from which one is no remedy
-LEAST_UNEXPLAINED = 1e-6  # percent of the torque's variance; less is rounding
-USUAL_OF_K_D = (0.5, 1.5)  # K over the stated K_d, beyond which a change is no remedy
 
-
-@dataclass(frozen=True)
-class Outcome:
-    """A change, and the row that the fit to all data then has."""
-
-    change: Change
-    row: Mapping[str, Any]
-
-    @property
-    def unexplained(self) -> float:
-        """What the fit leaves of the torque's variance [percent]."""
-        return max(100.0 - float(self.row["VAF"]), LEAST_UNEXPLAINED)
-
-    @property
-    def text(self) -> str:
-        """What to do, and the first estimate that it gives."""
-        name = estimated(self.row)[0]
-        low, high = self.row.get(f"{name}_low"), self.row.get(f"{name}_high")
-        estimate = written(self.row[name], low, high)
-        return f"{self.change.words}: {name} {estimate} {printed_units()[name]}"
-
-
-def fit_or_advise(fit: Callable[..., FitTables], trial: Trial, **arguments: Any) -> FitTables:
-    """Fit a trial; where it is refused, try the changes that the error names.
+def fit_impedance_trial(
+    trial: Trial,
+    parameters: FileOrNone,
+    condition: DesiredImpedance | None,
+    weight: Weight,
+    settings: choices.ImpedanceAnalysis,
+    windows: str | None = None,
+) -> FitTables:
+    """Fit Eq. 15 to a trial, and tell what else its record shows.
 
     Parameters
     ----------
-    fit : callable
-        The job of an experiment.
     trial : Trial
-    **arguments
-        Its other arguments, by name.
+    parameters : Path or None
+        The device's file; None for a device without one.
+    condition : DesiredImpedance or None
+        What the leg was asked to render, as far as it is known.
+    weight : Weight
+        W of Eq. 14.
+    settings : ImpedanceAnalysis
+    windows : str or None
+        Those of the sheet [s], which are fitted where the motion is no stepped sine.
 
-    Raises
-    ------
-    OslAnalysisError
-        The fit is refused. Its remedy is what makes the trial fit, where a change does.
     """
+    of_joint = with_fixture(trial, settings.fixture)
     try:
-        tables = fit(trial=trial, **arguments)
-        check_not_swapped(fit, trial, arguments, tables)
-    except OslAnalysisError as error:
-        helpful = diagnose(fit, trial, arguments, error.changes)
-        if not helpful:
-            raise
-        remedy = "; or ".join(outcome.text for outcome in helpful)
-        raise type(error)(f"{error.reason}; {remedy}") from error
-    return tables
+        record = record_with_actuator(of_joint, settings, windows)
+        analysis = rendered_impedance(record)  # K, B and I, with their intervals
+    finally:  # what is wrong with the recording is told first
+        check_recording(trial, settings)
 
-
-def check_not_swapped(
-    fit: Callable[..., FitTables], trial: Trial, arguments: Mapping[str, Any], tables: FitTables
-) -> None:
-    """Refuse estimates that no joint has, with InputError, if angle and torque explain each other
-    much better in exchanged channels. A late torque makes B negative, too, but no such
-    difference."""
-    row = next(iter(tables.estimates.values())).row(-1, named=True)
-    if is_possible(row) or not {"theta", "torque"} <= set(trial.columns):
-        return
-    changes = swapped_channels(trial, "theta", "torque")
-    least = min(
-        (outcome.unexplained for outcome in diagnose(fit, trial, arguments, changes)),
-        default=math.inf,
+    # what else the record tells, and what is to be expected of the device
+    p = known_parameters(parameters, ["n_T", "K_s", "B_j", "J_j"])
+    stated = condition or UNSTATED
+    gains = stated.gains(known_parameters(parameters), weight)
+    table = impedance_table(analysis, p, stated, gains)
+    weight_taken_off = pl.lit(fixture_of(of_joint).get("weight") or None, pl.Float64)
+    table = table.with_columns(
+        saturated(trial), fixture_column(of_joint), fixture_weight=weight_taken_off
     )
-    if FITS_WORSE * least < Outcome(changes[0], row).unexplained:
-        name = "B" if (row.get("B_high") or 0.0) < 0 else estimated(row)[0]
-        raise InputError(
-            f"trial {trial.name}: {name} = {row[name]:.3g} {printed_units()[name]}, which no joint"
-            " has, and angle and torque explain each other better if they are exchanged; swap their"
-            " channels in the source file",
-            changes,
-        )
+
+    def others() -> dict[str, pl.DataFrame]:
+        response = response_table(analysis).with_columns(**stated.columns())
+        return {"response": with_errors(response)}
+
+    return FitTables({"impedance": table}, series_of(analysis), others)
 
 
-def diagnose(
-    fit: Callable[..., FitTables],
-    trial: Trial,
-    arguments: Mapping[str, Any],
-    changes: Sequence[Change],
-) -> list[Outcome]:
-    """Try sign, unit and swapped channels of a refused trial.
-
-    The changes of the lowest rank are returned with which it can be fitted to possible estimates,
-    and about as well as with the best of them."""
-    expanded: list[Change] = []
-    for change in changes:
-        column = change.other_unit_of
-        expanded += in_other_units(trial, [column]) if column else [change]
-    expanded.sort(key=lambda change: change.rank)
-    for _, of_rank in groupby(expanded, key=lambda change: change.rank):
-        outcomes = [outcome_of(fit, trial, arguments, change) for change in of_rank]
-        possible = [outcome for outcome in outcomes if outcome and is_possible(outcome.row)]
-        if possible:
-            most = FITS_WORSE * min(outcome.unexplained for outcome in possible)
-            return [outcome for outcome in possible if outcome.unexplained <= most]
-    return []
+def record_with_actuator(
+    trial: Trial, settings: choices.ImpedanceAnalysis, windows: str | None
+) -> Record:
+    """The record of a trial with its actuator's signals. The clocks of the devices, which take
+    0.4 GB of an hour, are found for it alone."""
+    trial, windows = without_broken_ends(replace(trial, clocks={}), windows)
+    return with_actuator(record_of_trial(trial, settings, windows), trial)
 
 
-def outcome_of(
-    fit: Callable[..., FitTables], trial: Trial, arguments: Mapping[str, Any], change: Change
-) -> Outcome | None:
-    """What the fit gives with a change; None where it is refused."""
-    try:
-        tables = fit(trial=changed(trial, change), **arguments)
-    except OslAnalysisError:
-        return None
-    table = next(iter(tables.estimates.values()))
-    return Outcome(change, table.row(-1, named=True))
+def without_broken_ends(trial: Trial, windows: str | None) -> tuple[Trial, str | None]:
+    """The trial and its windows [s]; cut to them where what lies outside of them is broken."""
+    if windows:
+        cut, shifted_windows = trial.cut_to(windows)
+        if is_broken_outside(trial, cut):
+            return cut, shifted_windows
+    return trial, windows
 
 
-def changed(trial: Trial, change: Change) -> Trial:
-    """The recording with columns that are renamed, or multiplied by a factor."""
-    samples = trial.samples.rename(dict(change.renamed))
-    samples = samples.with_columns(pl.col(name) * by for name, by in change.factors.items())
-    return replace(trial, samples=samples, clocks={})
+def is_broken_outside(trial: Trial, cut: Trial) -> bool:
+    """Whether an angle or the torque leaps, or has a long gap, in a part that was cut off a trial.
+    The filters would spread a leap into the windows, an angle that slipped there would look like
+    play, and no time base crosses the gap. A sound trial is filtered whole, since a filter needs
+    what lies around the windows."""
+    first, last = cut.samples["time"][0], cut.samples["time"][-1]
+    for column in ("theta", "theta_m", "torque"):
+        if column in trial.columns:
+            time, values = trial.arrays(column)
+            leaps = find_leaps(time, values)
+            sampled = time[np.isfinite(values)]
+            is_long = np.diff(sampled) > GapLimits().longest_s
+            begins = np.append(leaps, sampled[:-1][is_long])
+            ends = np.append(leaps, sampled[1:][is_long])
+            if ((ends <= first) | (begins >= last)).any():
+                return True
+    return False
 
 
-def is_possible(row: Mapping[str, Any]) -> bool:
-    """Whether a fit gives what a joint can have: a stiffness that is told from 0 and near a stated
-    K_d, and no negative damping."""
-    first = estimated(row)[0]
-    low = row.get(f"{first}_low")
-    if first in ("K", "K_s") and low is not None and low <= 0:
-        return False
-    if (row.get("B_high") or 0.0) < 0:
-        return False
-    of_K_d = row.get("K_over_K_d")
-    return of_K_d is None or USUAL_OF_K_D[0] <= of_K_d <= USUAL_OF_K_D[1]
+def fit_belt_trial(
+    trial: Trial, parameters: FileOrNone, settings: choices.BeltAnalysis
+) -> FitTables:
+    """The belt's row, and torque against deflection. `parameters` is the device's file, None for
+    one without."""
+    p = known_parameters(parameters, ["n_T"])
+    trial, rails = checked(trial, settings)
+    belt = belt_trial(trial, p, settings)
+    table = plausible(belt_table(belt), rails, p, "K_s")
+    # against the deflection
+    series = series_of(belt, theta_deg=np.rad2deg(belt.sums.columns["theta"]))
+    return FitTables({"belt": table, "belt_curves": belt_curve(belt)}, series)
+
+
+def checked(trial: Trial, settings: Any) -> tuple[Trial, pl.Expr]:
+    """The trial of the joint without its fixture, and the column of samples at a rail. Raises
+    InputError: it cannot be fitted."""
+    check_recording(trial, settings)
+    rails = saturated(trial)
+    return with_fixture(trial, settings.fixture), rails
+
+
+def fit_transmission_trial(
+    trial: Trial, parameters: FileOrNone, settings: choices.SteppedSineAnalysis
+) -> FitTables:
+    """The transmission's rows, and the series of the fit to all amplitudes."""
+    p = known_parameters(parameters, ["B_j", "J_j"])
+    trial, rails = checked(trial, settings)
+    record = record_of_trial(trial, settings, excitation="stepped_sine")
+    analysis = analysed(record, TRANSMISSION)
+    table = plausible(transmission_table(analysis), rails, p, "B_j", "J_j")
+    table = table.with_columns(fixture_column(trial))
+    return FitTables({"transmission": table}, series_of(analysis))
+
+
+def fit_actuator_trial(
+    trial: Trial, parameters: FileOrNone, settings: choices.ActuatorAnalysis
+) -> FitTables:
+    """The row of an actuator alone, and the series of its fit."""
+    p = known_parameters(parameters, ["k_tau", "n_m", "f_C", "J_m"])
+    check_recording(trial, settings, "torque_m", angle=None)
+    rails = saturated(trial, "torque_m", "current")
+    actuator = actuator_trial(trial, settings)
+    table = plausible(actuator_table(actuator), rails, p, "k_tau_n_m", "f_C", "J_m")
+    theta = actuator.record.theta
+    is_velocity = table["motion"][0] == "omega_m"
+    motion = {"omega": theta} if is_velocity else {"theta_deg": np.rad2deg(theta)}
+    return FitTables({"actuator": table}, series_of(actuator, **motion))
+
+
+def fit_torque_angle_trial(
+    trial: Trial, settings: choices.TorqueAngleAnalysis, condition: Mapping[str, Any] | None = None
+) -> FitTables:
+    """The row of torque against angle, and its curves; `condition` may name the curve that it
+    should follow."""
+    desired = (condition or {}).get("desired")
+    trial, rails = checked(trial, settings)
+    fit = torque_angle_trial(trial, settings, desired)
+    table = fit.table.with_columns(rails, fixture_column(trial))
+    return FitTables({"torque_angle": table, "torque_angle_curves": fit.curves}, fit.series)
+
+
+def fit_calibration_trial(
+    trial: Trial, settings: choices.ImpedanceAnalysis, condition: Mapping[str, Any] | None = None
+) -> FitTables:
+    """What a bench reads of a spring or an inertia that is known, or of its fixture alone;
+    `condition` has the columns `known_...` and `fixture`."""
+    stated = condition or {}
+    uncertainty = (stated.get("known_percent") or 0.0) / 100
+    is_fixture_alone = bool(stated.get("fixture"))
+    known = calibration.Known(
+        stated.get("known_K"), stated.get("known_I"), uncertainty, is_fixture_alone
+    )
+    stated_fixture = settings.fixture
+    if is_fixture_alone:  # which nothing is taken off
+        settings = settings.model_copy(update={"fixture": None})
+    trial, rails = checked(trial, settings)
+    record = record_of_trial(trial, settings)
+    frame = calibration.measured_frame(trial, record)
+    if frame is not None and settings.bench_stiffness is None:  # the spring is behind the frame
+        stiffness = calibration.stiffness_to_state(frame)
+        settings = settings.model_copy(update={"bench_stiffness": stiffness})
+        record = record_of_trial(trial, settings)
+    analysis = analysed(record, IMPEDANCE)
+    table = calibration.calibration_table(analysis, known, frame, stated_fixture)
+    table = table.with_columns(rails, fixture_column(trial))
+    return FitTables({"calibration": table}, series_of(analysis))
+
+
+def summarise(table: Path, output: Path, data: str = "") -> None:
+    """The summary of a part of the drivetrain over its trials."""
+    write_table(part_summary(table.stem, read_table(table)), output, data)
+
+
+def pool_delay(table: Path, output: Path, data: str = "") -> None:
+    """The delay of the bench over all trials that tell it."""
+    write_table(delay_table(read_table(table), output.stem), output, data)
+
+
+def compare_controllers(table: Path, output: Path, data: str = "") -> None:
+    """Compensated beside uncompensated trials of the same desired impedance."""
+    rows = read_table(table, ("commanded_deg", "amplitude_deg", "B_viscous", "torque_error"))
+    write_table(compensation_table(rows), output, data)
 
 
 def job_of(experiment: str) -> FitJob:

@@ -233,7 +233,7 @@ def without_trials(
 def write_fit(job: Job, fit: Any, arguments: dict[str, Any]) -> None:
     """Fit a trial, and write the first of its tables to a file, the others into an archive."""
     trial = read_trial(Path(arguments.pop("trial")))
-    advise = resolve_name("osl_analysis.commands.fit.fit_or_advise")
+    advise = resolve_name("osl_analysis.commands.remedies.fit_or_advise")
     tables = advise(fit, trial, **arguments).everything()
     first, *further = TABLES_OF_FIT[job.command]
     file, archive = job.files

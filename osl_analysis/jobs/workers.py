@@ -30,7 +30,7 @@ PRELOADED = [
     "osl_analysis.jobs.perform",
     "scipy.signal",
     "osl_analysis.commands.trials",
-    "osl_analysis.commands.bench",
+    "osl_analysis.commands.fit",
     "osl_analysis.commands.tables",
     "osl_analysis.commands.figure",
 ]

@@ -18,8 +18,7 @@ from osl_analysis.bench.bench_settings import ActuatorAnalysis, Calibration
 from osl_analysis.bench.parts_alone import ACTUATOR_PARAMETERS as NAMES
 from osl_analysis.bench.parts_alone import actuator_table, actuator_trial
 from osl_analysis.cli import main
-from osl_analysis.commands.bench import fit_actuator_trial
-from osl_analysis.commands.fit import fit_settings, fit_trial
+from osl_analysis.commands.fit import fit_actuator_trial, fit_settings, fit_trial
 from osl_analysis.commands.trials import raw_trial
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.ingest.quality import Commanded, measure_quality

@@ -5,8 +5,8 @@ import pytest
 from bench_synthetic import FIVE, stepped_sine
 from scipy import stats
 
-from osl_analysis.bench.evidence import rendered_impedance
-from osl_analysis.bench.impedance import difference_of
+from osl_analysis.bench.evidence import difference_of
+from osl_analysis.bench.impedance import rendered_impedance
 
 
 def faster_is_stiffer(motion):
@@ -29,7 +29,7 @@ def stiffness_without(record, label, left_out_hz):
 
 def test_the_interval_of_a_change_is_the_jackknife_over_frequencies():
     record = stepped_sine(faster_is_stiffer, protocol=FIVE)
-    analysis, _ = rendered_impedance(record)
+    analysis = rendered_impedance(record)
     smallest, largest = sorted(label for label in analysis.fits if label is not None)
 
     change = difference_of(analysis, smallest, largest)

@@ -11,18 +11,12 @@ from bench_synthetic import FIVE, second_order, stepped_sine, table_of
 from conftest import ROOT, findings_of, marked
 from scipy.interpolate import CubicSpline
 
-from osl_analysis.bench.evidence import (
-    DesiredImpedance,
-    impedance_table,
-    impedance_with_evidence,
-    lag_columns,
-    rendered_impedance,
-)
+from osl_analysis.bench.evidence import impedance_table, lag_columns
+from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.lags import Lag, belt_of_leg, is_leg
 from osl_analysis.bench.motion import record_of_trial, with_actuator
 from osl_analysis.bench.summaries import delay_table
 from osl_analysis.campaign.configuration import config_for_trials
-from osl_analysis.ingest.quality import saturated
 from osl_analysis.judge.limits import Limits
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.trial import Trial
@@ -107,7 +101,7 @@ def record_of_leg(trial):
 
 def test_another_b_j_than_that_of_the_file_makes_no_lag_certain():
     """It looks like an angle that is late by the difference over K_s: 0.36 ms."""
-    row = impedance_table(*rendered_impedance(record_of_leg(leg(B_j=1.6 * P.B_j))), P)
+    row = impedance_table(rendered_impedance(record_of_leg(leg(B_j=1.6 * P.B_j))), P)
 
     assert (row["lag_inertia_share"][0], row["lag_share"][0]) == (0, 0)
 
@@ -120,11 +114,7 @@ def test_another_b_j_than_that_of_the_file_makes_no_lag_certain():
 def test_the_belt_shows_the_lag_of_a_leg_s_torque_whatever_theta_m_s_is(fault, lag):
     """Eq. 15 misses so much of a leg that it passes for a delay of 10 ms; a belt stays a spring."""
     trial = leg(**fault)
-    saturation = saturated(trial, "torque", "theta")
-    _, table, *_ = impedance_with_evidence(
-        record_of_leg(trial), saturation, P, DesiredImpedance(None, None, None)
-    )
-    row = table.row(0, named=True)
+    row = impedance_table(rendered_impedance(record_of_leg(trial)), P).row(0, named=True)
 
     assert row["lag_s"] == pytest.approx(lag, abs=1.5e-4)
     causes = [finding.cause for finding in findings_of(row, LIMITS, "impedance")]
@@ -134,7 +124,7 @@ def test_the_belt_shows_the_lag_of_a_leg_s_torque_whatever_theta_m_s_is(fault, l
     in_time = record_of_trial(
         leg(**fault | dict.fromkeys(("torque_late", "theta_late"), 0.0)), SETTINGS
     )
-    sound = rendered_impedance(in_time)[0].whole
+    sound = rendered_impedance(in_time).whole
     for name in "BI":
         told = [row[f"{name}_without_lag{end}"] for end in ("", "_low", "_high")]
         assert (told == [None] * 3) if not lag else (told[1] < sound[name] < told[2]), name

@@ -18,7 +18,8 @@ from bench_synthetic import (
 from conftest import ROOT, marked
 
 from osl_analysis.bench.bench_settings import Calibration
-from osl_analysis.bench.evidence import DesiredImpedance, impedance_with_evidence
+from osl_analysis.bench.evidence import DesiredImpedance, impedance_table
+from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.commands.figure import fig4
@@ -68,7 +69,7 @@ def trial_of_steps(steps):
 def table_of_steps(*steps):
     trial = trial_of_steps([(*step, 1.0) for step in steps])
     record = record_of_trial(trial, sine_settings(None, None))
-    return impedance_with_evidence(record, UNSATURATED, None)[1]
+    return impedance_table(rendered_impedance(record))
 
 
 @pytest.mark.usefixtures("without_inference")
@@ -102,7 +103,7 @@ def test_where_amplitudes_nest_in_frequencies_fig4_uses_the_largest_alone(tmp_pa
     degrees = [round(float(np.rad2deg(a)), 9) for a in PROTOCOL.amplitudes]
     settings = sine_settings(degrees, (1, 3, 5), 9)
     record = record_of_trial(trial, settings)
-    table = impedance_with_evidence(record, UNSATURATED, None)[1]
+    table = impedance_table(rendered_impedance(record))
     assert table["K"].to_list()[:2] == pytest.approx([100, 200], rel=1e-3)
 
     write_trial(trial, tmp_path / "made.parquet")
@@ -118,15 +119,11 @@ def test_where_amplitudes_nest_in_frequencies_fig4_uses_the_largest_alone(tmp_pa
     assert vaf(shown) > 99.95
 
 
-UNSATURATED = pl.lit(0).alias("saturated_samples")
-
-
 def judged(torque_of, noise=0.01, **stated):
     settings = sine_settings([2], [1]).model_copy(update={"calibration": Calibration(**stated)})
     record = replace(stepped_sine(torque_of, noise, FIVE), settings=settings)
-    table = impedance_with_evidence(
-        record, UNSATURATED, None, DesiredImpedance("ours", None, None)
-    )[1]
+    ours = DesiredImpedance("ours", None, None)
+    table = impedance_table(rendered_impedance(record), desired=ours)
     return marked(
         table, config_for_trials(ROOT / "config/config.yaml").doubtful.of("impedance"), "impedance"
     )

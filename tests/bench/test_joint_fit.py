@@ -9,7 +9,8 @@ import pytest
 from any_motion import TRUE, binary_steps, made_trial, noise
 from conftest import ROOT, findings_of
 
-from osl_analysis.bench.evidence import impedance_table, rendered_impedance
+from osl_analysis.bench.evidence import impedance_table
+from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.inference.friction_shapes import slipping_springs
@@ -32,7 +33,7 @@ def record_with(seed=5, more=lambda *_: 0.0, **changes):
 
 
 def row_of(record):
-    return impedance_table(*rendered_impedance(record)).row(-1, named=True)
+    return impedance_table(rendered_impedance(record)).row(-1, named=True)
 
 
 def causes_of(row, grade=Grade.DOUBTS):

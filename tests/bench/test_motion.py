@@ -10,18 +10,12 @@ from scipy.ndimage import gaussian_filter1d
 from osl_analysis.bench.bench_settings import (
     TimeBase,
 )
-from osl_analysis.bench.evidence import (
-    DesiredImpedance,
-    impedance_table,
-    impedance_with_evidence,
-    rendered_impedance,
-)
-from osl_analysis.bench.impedance import analysed
+from osl_analysis.bench.evidence import DesiredImpedance, impedance_table
+from osl_analysis.bench.impedance import analysed, rendered_impedance
 from osl_analysis.bench.motion import record_of_trial, stated_windows
 from osl_analysis.bench.regression import IMPEDANCE
 from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.ingest import quality
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.model.drivetrain import joint_admittance, read_parameters
 from osl_analysis.trial import Trial
@@ -45,7 +39,7 @@ def moving_record(trial, windows=None, **settings):
 
 def row_of(trial, windows=None, **settings):
     record = moving_record(trial, windows, **{"excitation": "auto", **settings})
-    return impedance_table(*rendered_impedance(record)).to_dicts()[0]
+    return impedance_table(rendered_impedance(record)).to_dicts()[0]
 
 
 def half_width(row, name):
@@ -146,10 +140,9 @@ def trial_of_gains(desired, motion, late_s=0.0, seed=3):
 
 
 def row_beside_gains(trial, desired):
-    saturation = quality.saturated(trial)
+    analysis = rendered_impedance(moving_record(trial))
     gains = desired.gains(P, PAPER_WEIGHT)
-    _, table, *_ = impedance_with_evidence(moving_record(trial), saturation, P, desired, gains)
-    return table.row(0, named=True)
+    return impedance_table(analysis, P, desired, gains).row(0, named=True)
 
 
 @pytest.mark.usefixtures("without_inference")
@@ -224,7 +217,7 @@ def test_rounding_of_two_levels_is_in_the_interval_of_K_however_often_they_retur
     motion = [gaussian_filter1d(levels, 0.03 * RATE, order=n) * RATE**n for n in range(3)]
     trial = made_trial(rng, (np.arange(len(levels)) / RATE, motion), 0.01, bits=12)
 
-    whole = rendered_impedance(moving_record(trial))[0].whole
+    whole = rendered_impedance(moving_record(trial)).whole
 
     steps = np.deg2rad(6) / (2 * np.pi / 2**12)
     of_two_levels = TRUE["K"] * np.sqrt(2 / 12) / steps
@@ -234,7 +227,7 @@ def test_rounding_of_two_levels_is_in_the_interval_of_K_however_often_they_retur
 def test_rounding_averages_out_where_the_joint_passes_through_the_steps():
     record = moving_record(moved(noise, 4, torque_noise=0.01, bits=12))
 
-    assert rendered_impedance(record)[0].whole.se("K") < 5e-4 * TRUE["K"]
+    assert rendered_impedance(record).whole.se("K") < 5e-4 * TRUE["K"]
 
 
 def test_a_longest_gap_that_is_stated_is_bridged():
@@ -257,7 +250,7 @@ def test_a_longest_gap_that_is_stated_is_bridged():
 def test_a_motion_that_cannot_tell_is_refused_with_what_is_missing(angle, words):
     trial = turned_by(angle)
     with pytest.raises((IdentifiabilityError, InputError), match=words):
-        impedance_table(*rendered_impedance(record_of_trial(trial, SETTINGS)))
+        impedance_table(rendered_impedance(record_of_trial(trial, SETTINGS)))
 
 
 def turned_by(angle):

@@ -209,10 +209,16 @@ def test_a_gain_is_wrong_by_what_friction_and_a_sound_leg_do_not_explain(
 ):
     """By hand: linear theory gives 200 N*m/rad, and sound legs 0.94 to 1.06 of it."""
     of_friction = pl.Series([None, K_without_friction], dtype=pl.Float64)
-    sizes = {"trial": "a", "amplitude_deg": [2.0, None], "K": [K, 1.02 * K], "K_s_ratio": None}
+    sizes = {
+        "trial": "a",
+        "amplitude_deg": [2.0, None],
+        "K": [K, 1.02 * K],
+        "K_s_ratio": None,
+        "K_predicted": 200.0,
+    }
     row = pl.DataFrame({**sizes, "K_without_friction": of_friction})
 
-    found = beside_known(row, LEG, KNOWN, 200.0).row(-1, named=True)
+    found = beside_known(row, LEG, KNOWN).row(-1, named=True)
 
     assert found["gain_error"] == pytest.approx(gain_error, abs=1e-12)
     assert found["K_ratio"] == pytest.approx(K / 200)
@@ -254,9 +260,9 @@ def test_a_stiffness_is_compared_with_what_is_known(
     amplitudes_deg, K, desired, predicted, column, expected
 ):
     rows = pl.DataFrame({"trial": "a", "amplitude_deg": amplitudes_deg, "K": K})
-    unknown = rows.with_columns(K_without_friction=None, K_s_ratio=None)
+    unknown = rows.with_columns(K_without_friction=None, K_s_ratio=None, K_predicted=predicted)
 
-    found = beside_known(unknown, LEG, desired, predicted)[column]
+    found = beside_known(unknown, LEG, desired)[column]
 
     assert found.is_null().to_list() == [value is None for value in expected]
     assert found.drop_nulls().to_list() == pytest.approx([x for x in expected if x is not None])

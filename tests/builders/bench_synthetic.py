@@ -9,7 +9,8 @@ from scipy.signal import butter, sosfiltfilt
 
 from osl_analysis.bench.belt import branches_of
 from osl_analysis.bench.bench_settings import BeltAnalysis, DynamometerAnalysis
-from osl_analysis.bench.evidence import impedance_table, rendered_impedance
+from osl_analysis.bench.evidence import impedance_table
+from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.motion import cycles_of
 from osl_analysis.bench.record import Record
 from osl_analysis.signals import LowPass, Motion, filtered_motion
@@ -99,7 +100,7 @@ def belt_record(theta_s, torque, rate=RATE, unusable=()):
 
 def table_of(record):
     """Its rows of `impedance.csv`."""
-    return impedance_table(*rendered_impedance(record))
+    return impedance_table(rendered_impedance(record))
 
 
 def second_order(motion: Motion):

@@ -19,7 +19,8 @@ from polars.testing import assert_frame_equal
 
 import osl_analysis as osl
 from osl_analysis.campaign.configuration import FrequencyResponseFigure, read_config
-from osl_analysis.commands import bench, figure, tables
+from osl_analysis.commands import figure, tables
+from osl_analysis.commands import fit as fits
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.ingest.quality import Commanded, measure_quality, measured_table
 from osl_analysis.judge.finding import Grade
@@ -76,7 +77,7 @@ def of_campaign(experiment, folder, config_path):
         given |= {"condition": DESIRED, "weight": config.gain_weight}
     if name == "torque_angle":
         given |= {"condition": {"desired": "line"}}
-    found = getattr(bench, fit.job.rpartition(".")[2])(
+    found = getattr(fits, fit.job.rpartition(".")[2])(
         osl.read_trial(folder / "made.parquet"), **given
     ).everything()
     files = {

@@ -17,7 +17,7 @@ from conftest import ROOT
 from scipy import signal
 
 from osl_analysis.campaign.configuration import config_for_trials
-from osl_analysis.commands.bench import is_broken_outside
+from osl_analysis.commands.fit import is_broken_outside
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError

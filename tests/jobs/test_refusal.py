@@ -63,7 +63,7 @@ def job(tmp_path, command, inputs, output=None, **params):
 def lost(path, *causes):
     """A file of what was not analysed, as a job leaves it."""
     write_reasons(
-        job(path.parent, "bench.fit_belt_trial", {}, {"belt": str(path)}),
+        job(path.parent, "fit.fit_belt_trial", {}, {"belt": str(path)}),
         causes,
     )
     return str(path)
@@ -165,7 +165,7 @@ def test_a_job_that_lacks_an_input_passes_the_reasons_on(tmp_path):
     assert reads_crossing.trial == "w_1"
     other = NotAnalysed("b_2", "no belt")
     inputs = {"table": lost(tmp_path / "belt.csv", LOST, other)}
-    assert ended(job(tmp_path, "bench.summarise", inputs)) == (
+    assert ended(job(tmp_path, "fit.summarise", inputs)) == (
         "skipped",
         (LOST, other),
     )

@@ -1,0 +1,153 @@
+"""What may mend a recording whose fit is refused, by a wrong sign, unit or channel.
+
+The error names the changes of the source file that may mend it (`errors.Change`). They are tried on
+the recording: those with which the trial can be fitted become its remedy.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+from typing import Any
+
+import polars as pl
+
+from osl_analysis.bench.evidence import FitTables
+from osl_analysis.commands.fit_results import estimated, printed_units
+from osl_analysis.errors import Change, InputError, OslAnalysisError
+from osl_analysis.ingest.guard import in_other_units, swapped_channels
+from osl_analysis.measured import written
+from osl_analysis.trial import Trial
+
+FITS_WORSE = 2.0  # times what the best change leaves of the torque, from which one is no remedy
+LEAST_UNEXPLAINED = 1e-6  # percent of the torque's variance; less is rounding
+USUAL_OF_K_D = (0.5, 1.5)  # K over the stated K_d, beyond which a change is no remedy
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A change, and the row that the fit to all data then has."""
+
+    change: Change
+    row: Mapping[str, Any]
+
+    @property
+    def unexplained(self) -> float:
+        """What the fit leaves of the torque's variance [percent]."""
+        return max(100.0 - float(self.row["VAF"]), LEAST_UNEXPLAINED)
+
+    @property
+    def text(self) -> str:
+        """What to do, and the first estimate that it gives."""
+        name = estimated(self.row)[0]
+        low, high = self.row.get(f"{name}_low"), self.row.get(f"{name}_high")
+        estimate = written(self.row[name], low, high)
+        return f"{self.change.words}: {name} {estimate} {printed_units()[name]}"
+
+
+def fit_or_advise(fit: Callable[..., FitTables], trial: Trial, **arguments: Any) -> FitTables:
+    """Fit a trial; where it is refused, try the changes that the error names.
+
+    Parameters
+    ----------
+    fit : callable
+        The job of an experiment.
+    trial : Trial
+    **arguments
+        Its other arguments, by name.
+
+    Raises
+    ------
+    OslAnalysisError
+        The fit is refused. Its remedy is what makes the trial fit, where a change does.
+    """
+    try:
+        tables = fit(trial=trial, **arguments)
+        check_not_swapped(fit, trial, arguments, tables)
+    except OslAnalysisError as error:
+        helpful = diagnose(fit, trial, arguments, error.changes)
+        if not helpful:
+            raise
+        remedy = "; or ".join(outcome.text for outcome in helpful)
+        raise type(error)(f"{error.reason}; {remedy}") from error
+    return tables
+
+
+def check_not_swapped(
+    fit: Callable[..., FitTables], trial: Trial, arguments: Mapping[str, Any], tables: FitTables
+) -> None:
+    """Refuse estimates that no joint has, with InputError, if angle and torque explain each other
+    much better in exchanged channels. A late torque makes B negative, too, but no such
+    difference."""
+    row = next(iter(tables.estimates.values())).row(-1, named=True)
+    if is_possible(row) or not {"theta", "torque"} <= set(trial.columns):
+        return
+    changes = swapped_channels(trial, "theta", "torque")
+    least = min(
+        (outcome.unexplained for outcome in diagnose(fit, trial, arguments, changes)),
+        default=math.inf,
+    )
+    if FITS_WORSE * least < Outcome(changes[0], row).unexplained:
+        name = "B" if (row.get("B_high") or 0.0) < 0 else estimated(row)[0]
+        raise InputError(
+            f"trial {trial.name}: {name} = {row[name]:.3g} {printed_units()[name]}, which no joint"
+            " has, and angle and torque explain each other better if they are exchanged; swap their"
+            " channels in the source file",
+            changes,
+        )
+
+
+def diagnose(
+    fit: Callable[..., FitTables],
+    trial: Trial,
+    arguments: Mapping[str, Any],
+    changes: Sequence[Change],
+) -> list[Outcome]:
+    """Try sign, unit and swapped channels of a refused trial.
+
+    The changes of the lowest rank are returned with which it can be fitted to possible estimates,
+    and about as well as with the best of them."""
+    expanded: list[Change] = []
+    for change in changes:
+        column = change.other_unit_of
+        expanded += in_other_units(trial, [column]) if column else [change]
+    expanded.sort(key=lambda change: change.rank)
+    for _, of_rank in groupby(expanded, key=lambda change: change.rank):
+        outcomes = [outcome_of(fit, trial, arguments, change) for change in of_rank]
+        possible = [outcome for outcome in outcomes if outcome and is_possible(outcome.row)]
+        if possible:
+            most = FITS_WORSE * min(outcome.unexplained for outcome in possible)
+            return [outcome for outcome in possible if outcome.unexplained <= most]
+    return []
+
+
+def outcome_of(
+    fit: Callable[..., FitTables], trial: Trial, arguments: Mapping[str, Any], change: Change
+) -> Outcome | None:
+    """What the fit gives with a change; None where it is refused."""
+    try:
+        tables = fit(trial=changed(trial, change), **arguments)
+    except OslAnalysisError:
+        return None
+    table = next(iter(tables.estimates.values()))
+    return Outcome(change, table.row(-1, named=True))
+
+
+def changed(trial: Trial, change: Change) -> Trial:
+    """The recording with columns that are renamed, or multiplied by a factor."""
+    samples = trial.samples.rename(dict(change.renamed))
+    samples = samples.with_columns(pl.col(name) * by for name, by in change.factors.items())
+    return replace(trial, samples=samples, clocks={})
+
+
+def is_possible(row: Mapping[str, Any]) -> bool:
+    """Whether a fit gives what a joint can have: a stiffness that is told from 0 and near a stated
+    K_d, and no negative damping."""
+    first = estimated(row)[0]
+    low = row.get(f"{first}_low")
+    if first in ("K", "K_s") and low is not None and low <= 0:
+        return False
+    if (row.get("B_high") or 0.0) < 0:
+        return False
+    of_K_d = row.get("K_over_K_d")
+    return of_K_d is None or USUAL_OF_K_D[0] <= of_K_d <= USUAL_OF_K_D[1]

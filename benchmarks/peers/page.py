@@ -4,12 +4,16 @@ Without a folder recordings and answers are made anew in build/peers, which take
 one core. The answers that laboratories have sent, `sent/*.csv`, are scored beside them.
 """
 
+import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import answers
+import closed_form
+import generator
+import laboratory
 import matplotlib.pyplot as plt
 import polars as pl
 import recordings
@@ -34,6 +38,9 @@ NAMES = {
     "sysidentpy_nfir": "sysidentpy",
     "sippy_subspace": "sippy",
 }
+UNSEEN = [case.case for case in closed_form.CASES]
+SEEN = ["generator", "simulator"]  # on whose recordings limits of osl-analysis were chosen
+CASES = [*sorted({case.case for case in generator.CASES + laboratory.CASES}), *UNSEEN]
 NEARER = 0.5  # times our median error or seconds, from which a peer is called better
 HOLDS_MORE = 10.0  # percent more intervals that hold, from which a peer is called better
 
@@ -88,10 +95,15 @@ def name_of(method):
     return NAMES.get(method, method)
 
 
-def overview(scores):
-    """A row per method, over all cases."""
+def name_of_case(case, trials):
+    """In italics where no method was tuned on it."""
+    return f"*{case}* ({trials})" if case in UNSEEN else f"{case} ({trials})"
+
+
+def overview(scores, of):
+    """A row per method, over all recordings of some cases."""
     trials = scores.filter(group="all")["trials"][0]
-    head = ["", "version", f"silent, of {trials}", "announced", "false alarms", "not answered"]
+    head = [of, "version", f"silent, of {trials}", "announced", "false alarms", "not answered"]
     head += ["intervals that hold, %", "half-width", "s"]
     rows = []
     for method in methods_of(scores):
@@ -108,14 +120,13 @@ def overview(scores):
 def by_case(scores):
     """A row per case, with the misses of each method."""
     methods = methods_of(scores)
-    release = scores.filter(method=OURS)["version"][0]
     rows = []
-    for case in sorted(set(scores["group"]) - {"all"}):
+    for case in CASES:
         of_case = scores.filter(col("group") == case)
         row_of = {row["method"]: row for row in of_case.iter_rows(named=True)}
         trials = row_of[methods[0]]["trials"]
-        rows.append([f"{case} ({trials})", *(misses(row_of[method]) for method in methods)])
-    return table([release, *map(name_of, methods)], rows)
+        rows.append([name_of_case(case, trials), *(misses(row_of[method]) for method in methods)])
+    return table(["recordings", *map(name_of, methods)], rows)
 
 
 def misses(row):
@@ -131,7 +142,7 @@ def better(scores, worst):
     joined = joined.with_columns(missed=col("silent") + col("announced"))
     peers = [method for method in methods_of(scores) if not method.startswith("osl_")]
     rows = []
-    for case in [*sorted(set(scores["group"]) - {"all"}), "all"]:
+    for case in [*CASES, "all"]:
         of_case = joined.filter(col("group") == case).iter_rows(named=True)
         row_of = {row["method"]: row for row in of_case}
         ours = row_of[OURS]
@@ -145,10 +156,9 @@ def better(scores, worst):
                         of_us += f", {ours['silent']} silent"
                     theirs = [row_of[method][quantity.column] for method in found]
                     size = " to ".join(dict.fromkeys(map(rounded, (min(theirs), max(theirs)))))
-                    rows.append(
-                        [f"{case} ({ours['trials']})", text, named(found, peers), size, of_us]
-                    )
-    head = ["recordings", "in", "better", "theirs", f"ours, {row_of[OURS]['version']}"]
+                    where = name_of_case(case, ours["trials"])
+                    rows.append([where, text, named(found, peers), size, of_us])
+    head = ["recordings", "in", "better", "theirs", f"osl-analysis, {row_of[OURS]['version']}"]
     return table(head, rows) if rows else "Nowhere."
 
 
@@ -196,9 +206,9 @@ def worst_errors(files, truth):
 
 def figure(scores, worst):
     """The worst error of each answer, by case and method."""
-    names, cases = methods_of(scores), sorted(set(worst["group"]))
+    names, cases = methods_of(scores), CASES
     drawn, axes = plt.subplots(
-        3, 3, figsize=(9.5, 8), sharex=True, sharey=True, layout="constrained"
+        6, 3, figsize=(9.5, 14), sharex=True, sharey=True, layout="constrained"
     )
     for axis, case in zip(axes.flat, cases, strict=False):
         axis.axvspan(1, 1e4, color="0.93")
@@ -229,9 +239,16 @@ def figure(scores, worst):
     return drawn
 
 
-def scores_of(files, truth):
-    """The scores of all files of answers, each method of one file."""
-    scores = pl.concat([score_answers(file, truth) for file in files], how="vertical_relaxed")
+def scores_of(files, truth, made_by=()):
+    """The scores of all files of answers, each method of one file; ours with the commit of its
+    code in place of a version."""
+    found = [score_answers(file, truth, made_by) for file in files]
+    scores = pl.concat(found, how="vertical_relaxed")
+    show_commit = ["git", "log", "-1", "--format=commit %h of %as", "--", "osl_analysis"]
+    commit = subprocess.check_output(show_commit, cwd=ROOT, text=True).strip()
+    is_ours = col("method") == OURS
+    version = pl.when(is_ours).then(pl.lit(commit)).otherwise("version")
+    scores = scores.with_columns(version=version)
     twice = scores.filter(scores.select("method", "group").is_duplicated())["method"]
     if len(twice):
         raise InputError(f"{files[-1]}: method '{twice[0]}' stands in two files; rename it")
@@ -247,7 +264,8 @@ def main():
     scores, worst = scores_of(files, truth), worst_errors(files, truth)
     tables = {
         "better": better(scores, worst),
-        "overview": overview(scores),
+        "unseen": overview(scores_of(files, truth, ["closed_form"]), "unseen"),
+        "overview": overview(scores_of(files, truth, SEEN), "seen"),
         "misses": by_case(scores),
     }
     text = PAGE.read_text(encoding="utf-8")

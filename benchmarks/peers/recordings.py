@@ -3,13 +3,14 @@
 
 `known` is what a laboratory would know of a recording, NAME=NUMBER: the rate [Hz], bits per turn of
 the encoder, and whether the joint is a person's. `cause` is what a method should announce; where it
-is empty nothing is wrong.
+is empty nothing is wrong. No method was tuned on the recordings of `closed_form`.
 """
 
 import csv
 import sys
 from pathlib import Path
 
+import closed_form
 import generator
 import laboratory
 import numpy as np
@@ -18,19 +19,30 @@ COLUMNS = ["trial", "group", "motion", "made_by", "seed", "K", "B", "I", "known"
 SEEDS = (1, 2, 3)
 
 
-def write(folder, seeds=SEEDS, generated=generator.CASES, simulated=laboratory.CASES, seconds=24.0):
+def write(
+    folder,
+    seeds=SEEDS,
+    generated=generator.CASES,
+    simulated=laboratory.CASES,
+    unseen=closed_form.CASES,
+    seconds=24.0,
+):
     """Write the recordings of some cases for each seed, and the table of their truth."""
     folder.mkdir(parents=True, exist_ok=True)
     rows = []
     for seed in seeds:
         made = [
-            ("generator", case, case.true, data)
+            ("generator", case, generator.RATE, case.true, data)
             for case, data in generator.recordings(seed, seconds, generated)
         ]
-        made += [("simulator", *found) for found in laboratory.recordings(seed, simulated)]
-        for made_by, case, true, data in made:
+        made += [
+            ("simulator", case, generator.RATE, true, data)
+            for case, true, data in laboratory.recordings(seed, simulated)
+        ]
+        made += [("closed_form", *found) for found in closed_form.recordings(seed, seconds, unseen)]
+        for made_by, case, rate, true, data in made:
             trial = f"{case.case}_{case.motion}_{made_by}_{seed}".replace(" ", "_")
-            known = {"rate_hz": generator.RATE, "bits": case.bits, **case.known}
+            known = {"rate_hz": rate, "bits": case.bits, **case.known}
             of_case = {
                 "group": case.case,
                 "motion": case.motion,

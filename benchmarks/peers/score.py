@@ -10,6 +10,7 @@ without a line is not answered.
 """
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import polars as pl
@@ -26,13 +27,15 @@ ANSWER = ["method", "trial", *ENDS, "doubtful", "seconds", "megabytes"]
 FIRST_LINE = 2  # of a table, below its header
 
 
-def score_answers(answers: Path, truth: Path) -> pl.DataFrame:
+def score_answers(answers: Path, truth: Path, made_by: Sequence[str] = ()) -> pl.DataFrame:
     """Score the answers of every method.
 
     Parameters
     ----------
     answers, truth : Path
         CSV files of the answers and of what made the recordings.
+    made_by : sequence of str, optional
+        The generators whose recordings are scored; all unless named.
 
     Returns
     -------
@@ -50,6 +53,8 @@ def score_answers(answers: Path, truth: Path) -> pl.DataFrame:
         given = given.with_columns(version=pl.lit(None, pl.String))
     known = read_table(truth, ["trial", "group", *LARGEST_ERRORS, "cause"])
     check_lines(given, answers, known["trial"].to_list(), truth)
+    if made_by:
+        known = known.filter(col("made_by").is_in(made_by))
     without_nan = given.with_columns(col(*ENDS).cast(pl.Float64).fill_nan(None))
     check_ends(without_nan, answers)
     all_of_each = given.select(col("method").unique(maintain_order=True)).join(known, how="cross")

@@ -69,7 +69,7 @@ def test_a_method_of_one_file_and_one_function_is_compared(tmp_path):
     sines = {case.case: case for case in laboratory.CASES if case.motion == "stepped sine"}
     # what one case differs in is no part of the next
     sines = [sines["late torque"], sines["exact joint"]]
-    recordings.write(tmp_path, [1], cases, sines, seconds=4.0)
+    recordings.write(tmp_path, [1], cases, sines, [], seconds=4.0)
     toy = tmp_path / "toy.py"
     toy.write_text(TOY)
     subprocess.run(
@@ -85,10 +85,8 @@ def test_a_method_of_one_file_and_one_function_is_compared(tmp_path):
         "late torque": [2, 2, 0, 0],
     }  # fmt: skip
     exact = found["exact joint"]
-    assert (exact["bias_K"], exact["bias_B"]) == (
-        pytest.approx(0, abs=0.1),
-        pytest.approx(0, abs=0.5),
-    )
+    assert abs(exact["bias_K"]) < 0.1
+    assert abs(exact["bias_B"]) < 0.5
     assert exact["coverage"] == 100
     # -K times the delay
     assert found["late torque"]["bias_B"] == pytest.approx(-100 * 300 * 2e-3 / 5, rel=0.06)

@@ -1,9 +1,18 @@
 """Trial -> rows of its fit, by experiment.
 
 The first file has the estimates, `others` is an archive of the other tables of the trial. The line
-`job("osl_analysis.commands.fit.fit_belt_trial", ...)` calls that function with the inputs and
-params by their names, and writes the tables that it returns.
+`job(fit_belt_trial, ...)` calls that function with the inputs and params by their names, and writes
+the tables that it returns.
 """
+
+from osl_analysis.commands.fit import (
+    fit_actuator_trial,
+    fit_belt_trial,
+    fit_calibration_trial,
+    fit_impedance_trial,
+    fit_torque_angle_trial,
+    fit_transmission_trial,
+)
 
 
 rule fit_belt:
@@ -20,7 +29,7 @@ rule fit_belt:
         settings=CONFIG.dynamometer.part("BeltAnalysis"),
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.fit.fit_belt_trial", input, output, params, log)
+        job(fit_belt_trial, input, output, params, log)
 
 
 rule fit_transmission:
@@ -38,7 +47,7 @@ rule fit_transmission:
         settings=CONFIG.dynamometer.part("SteppedSineAnalysis"),
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.fit.fit_transmission_trial", input, output, params, log)
+        job(fit_transmission_trial, input, output, params, log)
 
 
 rule fit_actuator:
@@ -55,7 +64,7 @@ rule fit_actuator:
         settings=CONFIG.actuator.part("ActuatorAnalysis"),
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.fit.fit_actuator_trial", input, output, params, log)
+        job(fit_actuator_trial, input, output, params, log)
 
 
 rule fit_impedance:
@@ -78,7 +87,7 @@ rule fit_impedance:
         windows=cell("windows"),
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.fit.fit_impedance_trial", input, output, params, log)
+        job(fit_impedance_trial, input, output, params, log)
 
 
 rule fit_torque_angle:
@@ -95,7 +104,7 @@ rule fit_torque_angle:
         condition=cells("desired"),
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.fit.fit_torque_angle_trial", input, output, params, log)
+        job(fit_torque_angle_trial, input, output, params, log)
 
 
 rule fit_calibration:
@@ -112,4 +121,4 @@ rule fit_calibration:
         condition=cells("known_K", "known_I", "known_percent", "fixture"),
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.fit.fit_calibration_trial", input, output, params, log)
+        job(fit_calibration_trial, input, output, params, log)

@@ -1,7 +1,7 @@
 """The campaign, and what the rules of several files look up in it.
 
-Rules have one line of code, `job("FULL.NAME.OF.A.FUNCTION", input, output, params, log)`. It calls
-that function in a warm process (`osl_analysis/jobs/workers.py`). The names of inputs, outputs and
+Rules have one line of code, `job(FUNCTION, input, output, params, log)`. It calls that function in a
+warm process (`osl_analysis/jobs/workers.py`). The names of inputs, outputs and
 params are those of its arguments, but for these (`osl_analysis/jobs/perform.py`):
 
 * `recordings`, `sources`, `made_of`, `numbers`, `quality`: inputs that only say when a
@@ -34,7 +34,7 @@ from osl_analysis.campaign.result_files import (
     response_example,
     time_series_example,
 )
-from osl_analysis.commands.run import end_run, left_out_recordings, made_by, start_campaign
+from osl_analysis.commands.run import left_out_recordings, made_by, start_campaign
 from osl_analysis.config.experiments import DOUBTS_OF, EXPERIMENTS, JUDGED_TABLES
 from osl_analysis.config.sheet import ON_DYNAMOMETER
 from osl_analysis.errors import OslAnalysisError, listing, nearest
@@ -106,6 +106,17 @@ def of_trials(trials, files="<results>/trials/{trial}.parquet".format):
         return files(trial=wildcards.trial)
 
     return files_of_trial
+
+
+def shown_at_the_end(file):
+    """An input: this file, which the logger of the profile prints when its rule has ended, and where
+    nothing is to be done."""
+
+    def announced(wildcards):
+        logger.info(f"What is to be known of a run stands in {file}.", extra={"brief": Path(file)})
+        return file
+
+    return announced
 
 
 def experiment(wildcards):

@@ -1,5 +1,17 @@
 """Tables -> the numbers that a figure plots (CSV) -> the figure; all of it -> `report.html`."""
 
+from osl_analysis.commands.figure import (
+    draw_figure,
+    fig3,
+    fig4,
+    fig7,
+    plot_numbers,
+    plot_walking_page,
+    write_captions,
+)
+from osl_analysis.commands.report import write_brief, write_methods, write_report
+from osl_analysis.commands.run import end_run
+
 OWN_NUMBERS = ("fig3", "fig4", "fig7", "walking_page")
 """Figures whose numbers have a rule of their own; each of the others shows one to three tables."""
 NUMBERS_OF_FIGURES = {name: f"{CONFIG.results}/figures/{name}.csv" for name in FILES.figure_names}
@@ -25,7 +37,7 @@ rule plot_numbers:
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.figure.plot_numbers", input, output, params, log)
+        job(plot_numbers, input, output, params, log)
 
 
 rule fig3_numbers:
@@ -45,7 +57,7 @@ rule fig3_numbers:
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.figure.fig3", input, output, params, log)
+        job(fig3, input, output, params, log)
 
 
 if TIME_SERIES:
@@ -70,7 +82,7 @@ if TIME_SERIES:
             data=CAMPAIGN.data,
             made_by=MADE_BY,
         run:
-            job("osl_analysis.commands.figure.fig4", input, output, params, log)
+            job(fig4, input, output, params, log)
 
 
 rule fig7_numbers:
@@ -89,7 +101,7 @@ rule fig7_numbers:
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.figure.fig7", input, output, params, log)
+        job(fig7, input, output, params, log)
 
 
 rule walking_page_numbers:
@@ -112,7 +124,7 @@ rule walking_page_numbers:
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.figure.plot_walking_page", input, output, params, log)
+        job(plot_walking_page, input, output, params, log)
 
 
 rule draw_figure:
@@ -135,7 +147,7 @@ rule draw_figure:
         footer=CONFIG.figures.footer,
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.figure.draw_figure", input, output, params, log, "refused")
+        job(draw_figure, input, output, params, log, "refused")
 
 
 rule captions:
@@ -152,7 +164,7 @@ rule captions:
         footer=sentence(ABOUT),
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.figure.write_captions", input, output, params, log)
+        job(write_captions, input, output, params, log)
 
 
 rule report_page:
@@ -180,7 +192,7 @@ rule report_page:
         left_out=LEFT_OUT,
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.report.write_report", input, output, params, log, "refused")
+        job(write_report, input, output, params, log, "refused")
 
 
 rule methods:
@@ -201,7 +213,7 @@ rule methods:
         sheet=CAMPAIGN.rows,
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.report.write_methods", input, output, params, log)
+        job(write_methods, input, output, params, log)
 
 
 rule brief:
@@ -223,16 +235,16 @@ rule brief:
         failed_trials=CONFIG.failed_trials,
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.report.write_brief", input, output, params, log)
+        job(write_brief, input, output, params, log)
 
 
 rule verdict:
     """The run fails where trials could not be analysed, which the configuration does not accept."""
     input:
         summary="<results>/summary.json",
-        brief="<results>/brief.txt",
+        brief=shown_at_the_end(f"{CONFIG.results}/brief.txt"),
     output:
-        output="<results>/verdict.txt",
+        verdict="<results>/verdict.txt",
     log:
         "<logs>/verdict.log",
     localrule: True
@@ -240,4 +252,4 @@ rule verdict:
         failed_trials=CONFIG.failed_trials,
         made_by=MADE_BY,
     run:
-        end_run(input.summary, input.brief, output[0], params.failed_trials)
+        job(end_run, input, output, params, log)

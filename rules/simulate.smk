@@ -1,5 +1,7 @@
 """Recordings of a simulated campaign, where the configuration names a `simulation`."""
 
+from osl_analysis.commands.simulate import simulate_trial, write_sheet
+
 SIMULATED_FILES = []
 if CONFIG.simulation:
     SIMULATED_FILES += [CONFIG.sheet, *(file for trial in TRIALS for file in CAMPAIGN.logs(trial))]
@@ -16,7 +18,7 @@ if CONFIG.simulation:
         params:
             made_by=MADE_BY,
         run:
-            job("osl_analysis.commands.simulate.write_sheet", input, output, params, log)
+            job(write_sheet, input, output, params, log)
 
     rule simulate_dynamometer:
         """The log of a trial on the dynamometer, and the truth beside it."""
@@ -36,7 +38,7 @@ if CONFIG.simulation:
             followed=lambda wildcards: as_json(CONFIG.shared(experiment(wildcards).follows)),
             made_by=MADE_BY,
         run:
-            job("osl_analysis.commands.simulate.simulate_trial", input, output, params, log)
+            job(simulate_trial, input, output, params, log)
 
     use rule simulate_dynamometer as simulate_actuator with:
         output:

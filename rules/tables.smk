@@ -1,5 +1,24 @@
 """Rows of single trials -> tables over trials -> findings and headline numbers."""
 
+from osl_analysis.commands.fit import compare_controllers, pool_delay, summarise
+from osl_analysis.commands.gains import select_trajectory
+from osl_analysis.commands.tables import (
+    check_claims,
+    gather,
+    list_excluded,
+    write_findings,
+    write_paper_table,
+    write_settings,
+    write_summary,
+)
+
+SUMMARISED_BY = {
+    "compensation": compare_controllers,
+    "delay": pool_delay,
+    "calibration_delay": pool_delay,
+}
+"""The functions of tables that are computed from another one alone, and of no component."""
+
 
 rule table:
     """A table from the rows of single trials, with the doubts about each row."""
@@ -23,14 +42,13 @@ rule table:
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.tables.gather", input, output, params, log, "not_analysed")
+        job(gather, input, output, params, log, "not_analysed")
 
 
 rule summary_table:
-    """A table that is computed from another one alone, by the function that stands behind its name
-    in osl_analysis/config/experiments.yaml."""
+    """A table that is computed from another one alone."""
     input:
-        table=lambda wildcards: f"<results>/tables/{DERIVED[wildcards.table][0]}.csv",
+        table=lambda wildcards: f"<results>/tables/{DERIVED[wildcards.table]}.csv",
     output:
         output="<results>/tables/{table}.csv",
     log:
@@ -42,7 +60,7 @@ rule summary_table:
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
-        job(DERIVED[wildcards.table][1], input, output, params, log)
+        job(SUMMARISED_BY.get(wildcards.table, summarise), input, output, params, log)
 
 
 rule gains_table:
@@ -60,7 +78,7 @@ rule gains_table:
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.gains.select_trajectory", input, output, params, log)
+        job(select_trajectory, input, output, params, log)
 
 
 rule check_claims:
@@ -80,7 +98,7 @@ rule check_claims:
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.tables.check_claims", input, output, params, log)
+        job(check_claims, input, output, params, log)
 
 
 rule settings_table:
@@ -95,7 +113,7 @@ rule settings_table:
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.tables.write_settings", input, output, params, log)
+        job(write_settings, input, output, params, log)
 
 
 rule excluded_trials:
@@ -114,7 +132,7 @@ rule excluded_trials:
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.tables.list_excluded", input, output, params, log, "refused")
+        job(list_excluded, input, output, params, log, "refused")
 
 
 rule findings:
@@ -136,7 +154,7 @@ rule findings:
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.tables.write_findings", input, output, params, log, "refused")
+        job(write_findings, input, output, params, log, "refused")
 
 
 rule headline_numbers:
@@ -159,7 +177,7 @@ rule headline_numbers:
         settings=settings_of(CAMPAIGN),
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.tables.write_summary", input, output, params, log, "refused")
+        job(write_summary, input, output, params, log, "refused")
 
 
 rule table_for_paper:
@@ -180,4 +198,4 @@ rule table_for_paper:
         beside_draft=CAMPAIGN.beside_draft,
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.tables.write_paper_table", input, output, params, log)
+        job(write_paper_table, input, output, params, log)

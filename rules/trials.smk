@@ -1,5 +1,8 @@
 """Recording -> trial, and what quality control measures on it."""
 
+from osl_analysis.commands.tables import judge
+from osl_analysis.commands.trials import ingest_and_check
+
 
 rule ingest:
     """The trial of a recording, in SI units on one clock, and what is measured for each check."""
@@ -22,7 +25,7 @@ rule ingest:
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.trials.ingest_and_check", input, output, params, log)
+        job(ingest_and_check, input, output, params, log)
 
 
 rule judge:
@@ -41,4 +44,4 @@ rule judge:
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.tables.judge", input, output, params, log, "refused")
+        job(judge, input, output, params, log, "refused")

@@ -1,5 +1,16 @@
 """Ankle impedance of a walking person, from perturbed and unperturbed crossings (Fig. 9)."""
 
+from osl_analysis.commands.walking import (
+    analyse,
+    average_unperturbed,
+    calibrate,
+    find_onsets,
+    fit_perturbation,
+    identify_plate,
+    select_crossings,
+)
+from osl_analysis.commands.walking_summary import summarise_perturbations
+
 WALKED = {trial: PLACES[trial] for trial in CAMPAIGN.trials("walking")}
 """Joint and side of every crossing."""
 PERTURBED = CAMPAIGN.crossings(perturbed=True)
@@ -25,7 +36,7 @@ rule calibrate_markers:
         excluded=excluded,
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.walking.calibrate", input, output, params, log)
+        job(calibrate, input, output, params, log)
 
 
 rule identify_plate:
@@ -47,7 +58,7 @@ rule identify_plate:
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.walking.identify_plate", input, output, params, log)
+        job(identify_plate, input, output, params, log)
 
 
 rule find_onsets:
@@ -67,7 +78,7 @@ rule find_onsets:
         excluded=excluded,
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.walking.find_onsets", input, output, params, log)
+        job(find_onsets, input, output, params, log)
 
 
 rule analyse_crossing:
@@ -88,7 +99,7 @@ rule analyse_crossing:
         body_mass_kg=cell("body_mass_kg"),
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.walking.analyse", input, output, params, log)
+        job(analyse, input, output, params, log)
 
 
 rule select_crossings:
@@ -109,7 +120,7 @@ rule select_crossings:
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.walking.select_crossings", input, output, params, log)
+        job(select_crossings, input, output, params, log)
 
 
 rule average_unperturbed:
@@ -128,7 +139,7 @@ rule average_unperturbed:
         excluded=excluded,
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.walking.average_unperturbed", input, output, params, log)
+        job(average_unperturbed, input, output, params, log)
 
 
 rule fit_perturbation:
@@ -146,7 +157,7 @@ rule fit_perturbation:
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
-        job("osl_analysis.commands.walking.fit_perturbation", input, output, params, log)
+        job(fit_perturbation, input, output, params, log)
 
 
 rule summarise_walking:
@@ -176,7 +187,7 @@ rule summarise_walking:
         made_by=MADE_BY,
     run:
         job(
-            "osl_analysis.commands.walking_summary.summarise_perturbations",
+            summarise_perturbations,
             input,
             output,
             params,

@@ -36,12 +36,8 @@ def name_pattern(names: Iterable[str]) -> str:
     return "|".join(map(re.escape, names)) or "(?!)"
 
 
-DERIVED = {
-    derived: (table.name, command)
-    for table in TABLES_OF_TRIALS.values()
-    for derived, command in table.derived.items()
-}
-"""By table that is computed from another one alone, that other one, and the job."""
+DERIVED = {derived: table.name for table in TABLES_OF_TRIALS.values() for derived in table.derived}
+"""By table that is computed from another one alone, that other one."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +100,7 @@ class ResultFiles:
     def table_names(self) -> list[str]:
         """The names of the tables of results that the campaign has."""
         names = [name for name in self.gathered_tables if TABLES_OF_TRIALS[name].published]
-        names += [name for name, (source, _) in DERIVED.items() if source in names]
+        names += [name for name, source in DERIVED.items() if source in names]
         for experiment, facts in EXPERIMENTS.items():
             if self.campaign.trials(experiment):
                 names += facts.further_tables
@@ -176,7 +172,7 @@ class ResultFiles:
         if table in EXPERIMENTS["walking"].further_tables:
             return self.crossings(self.campaign.trials("walking")) + self.rows("walking")
         if table in DERIVED:
-            return self.rows(DERIVED[table][0])
+            return self.rows(DERIVED[table])
         return self.rows(table)
 
 

@@ -4,7 +4,6 @@ before its first job."""
 import json
 import os
 import shutil
-import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -160,22 +159,20 @@ def profile(name: str) -> str:
     )
 
 
-def end_run(summary: str, brief: str, verdict: str, failed_trials: str) -> None:
-    """Write the `verdict` of a run, what its `brief` says, unless its `summary` counts refused
-    trials or names missing results, and these are not to `accept`.
+def end_run(summary: Path, brief: Path, verdict: Path, failed_trials: str) -> None:
+    """Write the `verdict` of a run, what its `brief` says.
 
     Raises
     ------
     InputError
-        The run fails, and the brief is printed.
+        The run fails: its `summary` counts refused trials or names missing results, which are not
+        to `accept`.
     """
-    content = json.loads(Path(summary).read_text(encoding="utf-8"))
+    content = json.loads(summary.read_text(encoding="utf-8"))
     has_failed = content["verdicts"]["refused"] or content["missing_results"]
-    text = Path(brief).read_text(encoding="utf-8")
     if has_failed and failed_trials != "accept":
-        print(text, file=sys.stderr, flush=True)
-        raise InputError("trials could not be analysed; the lines above say why")
-    write_text(Path(verdict), text)
+        raise InputError(f"trials could not be analysed; {brief} says which, and what to do")
+    write_text(verdict, brief.read_text(encoding="utf-8"))
 
 
 def made_by(campaign: Campaign) -> dict[str, str]:

@@ -2,7 +2,7 @@
 line read (`experiments.yaml`)."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,8 +19,7 @@ class ResultTable:
 
     name: str
     judged: bool = True  # its fits have limits under `doubtful.<name>` in the configuration
-    # computed from it alone: the job of each
-    derived: Mapping[str, str] = field(default_factory=dict)
+    derived: Sequence[str] = ()  # the tables that are computed from it alone
     doubts_of: str = ""  # the table of the same trials whose doubts its rows share; empty for none
     # False if only the files of the single trials are used and no common table is written
     published: bool = True

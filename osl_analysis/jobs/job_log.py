@@ -1,7 +1,7 @@
 """A job as its rule gives it, and its log: outcome, warnings and duration. The lines of a run are
 read from the logs, so that they are complete also on a cluster."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +24,7 @@ def listed(files: Files) -> list[str]:
 class Job:
     """What a rule gives to a job."""
 
-    command: str  # full name of a function
+    command: Callable[..., Any]
     inputs: Mapping[str, Files]
     outputs: Mapping[str, Files]
     params: Mapping[str, Any]
@@ -33,9 +33,14 @@ class Job:
     tell: str = ""  # `refused` or `not_analysed`: the argument that gets the refusals among inputs
 
     @property
+    def name(self) -> str:
+        """The full name of its command."""
+        return f"{self.command.__module__}.{self.command.__qualname__}"
+
+    @property
     def simulates(self) -> bool:
         """Whether its outputs are recordings, or their sheet, and no results."""
-        return self.command.startswith("osl_analysis.commands.simulate.")
+        return self.command.__module__ == "osl_analysis.commands.simulate"
 
     @property
     def recordings(self) -> list[str]:

@@ -10,12 +10,12 @@ from collections.abc import Collection, Mapping, Sequence
 from functools import cache
 from itertools import chain
 from pathlib import Path
-from pkgutil import resolve_name
 from typing import Any
 
 import polars as pl
 from pydantic import ConfigDict, validate_call
 
+from osl_analysis.commands.remedies import fit_or_advise
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables
 from osl_analysis.errors import (
@@ -57,9 +57,6 @@ REMEDY = (
 HOLDING_A_REASON = {".csv", ".zip", ".parquet", ".json", ".tex", ".md"}
 """Suffixes of files that can say why there is no result."""
 
-CRASHES = ("SIGSEGV", "SIGBUS", "SIGILL", "SIGFPE")
-"""Signals of a library that crashes on a damaged file, on which it would crash again. SIGABRT is
-none: short memory ends a process by it."""
 OF_A_FILE = (FileNotFoundError, PermissionError, IsADirectoryError, NotADirectoryError)
 """Errors of the system that are those of one file; a bad disk or too many open files are not."""
 
@@ -99,7 +96,7 @@ def perform(job: Job) -> None:
     write_log(
         job.log,
         {
-            "job": job.command,
+            "job": job.name,
             **ending,
             "seconds": round(time.perf_counter() - start, 3),
             "warnings": [*texts],
@@ -116,17 +113,13 @@ def called(job: Job) -> dict[str, Any]:
     except (OslAnalysisError, OSError) as error:
         if not is_of_input(job, error):
             raise
-        return refuse(job, *words_of(job, error))
+        reason, remedy = words_of(job, error)
+        write_reasons(job, [NotAnalysed(job.trial, f"{reason}; {remedy}")])
+        return {"outcome": "refused", "error": reason, "remedy": remedy}
     if causes:
         write_reasons(job, causes)
         return {"outcome": "skipped", "error": "; ".join(cause.text for cause in causes)}
     return {"outcome": "done"}
-
-
-def refuse(job: Job, reason: str, remedy: str) -> dict[str, Any]:
-    """Write into the outputs of a job why it has no result; how it ended, for its log."""
-    write_reasons(job, [NotAnalysed(job.trial, f"{reason}; {remedy}")])
-    return {"outcome": "refused", "error": reason, "remedy": remedy}
 
 
 def words_of(job: Job, error: Exception) -> tuple[str, str]:
@@ -162,9 +155,9 @@ def call(job: Job) -> Sequence[NotAnalysed]:
     arguments = others(inputs, ONLY_CHECKED) | others(job.params, OF_EVERY_JOB)
     if job.tell:
         arguments[job.tell] = refused
-    command = CONVERTING(resolve_name(job.command))
+    command = CONVERTING(job.command)
     with limited_memory(job.recordings):
-        if job.command in TABLES_OF_FIT:
+        if job.name in TABLES_OF_FIT:
             write_fit(job, command, arguments)
         else:
             command(**arguments, **others(job.outputs, ONLY_MADE))
@@ -233,9 +226,8 @@ def without_trials(
 def write_fit(job: Job, fit: Any, arguments: dict[str, Any]) -> None:
     """Fit a trial, and write the first of its tables to a file, the others into an archive."""
     trial = read_trial(Path(arguments.pop("trial")))
-    advise = resolve_name("osl_analysis.commands.remedies.fit_or_advise")
-    tables = advise(fit, trial, **arguments).everything()
-    first, *further = TABLES_OF_FIT[job.command]
+    tables = fit_or_advise(fit, trial, **arguments).everything()
+    first, *further = TABLES_OF_FIT[job.name]
     file, archive = job.files
     by_place = {archive / f"{name}.csv": tables[name] for name in further}
     by_place[file] = tables[first].with_columns(
@@ -252,7 +244,7 @@ def write_reasons(job: Job, causes: Sequence[NotAnalysed]) -> None:
         if file.suffix == ".csv":
             tables[file] = rows_of(causes, f"tables/{folder}", f"{folder}/{file.stem}")
         elif file.suffix == ".zip":
-            for name in TABLES_OF_FIT[job.command]:
+            for name in TABLES_OF_FIT[job.name]:
                 tables[file / f"{name}.csv"] = rows_of(causes, f"tables/{name}")
         elif file.suffix == ".parquet":
             names = ["time", *job.params.get("needed_columns", ("theta", "torque"))]
@@ -274,26 +266,3 @@ def rows_of(causes: Sequence[NotAnalysed], *places: str) -> pl.DataFrame:
     return pl.DataFrame(
         [{**without, "trial": cause.trial or None, "reason": cause.reason} for cause in causes]
     )
-
-
-def end_killed(job: Job, signal_name: str) -> None:
-    """Write the log of a job whose process was killed, or crashed. A library that crashed on the
-    recording would crash again: the outputs hold this reason.
-
-    Raises
-    ------
-    RuntimeError
-        It is no crash on a recording, so that the next run is to try the job again.
-    """
-    if signal_name in CRASHES and job.recordings:
-        reason = f"{' or '.join(job.recordings)}: a library that reads it crashed ({signal_name})"
-        ending = refuse(job, reason, "the file may be damaged: copy, export or record it again")
-    else:
-        ending = {
-            "outcome": "killed",
-            "error": f"the process of this job was killed ({signal_name})",
-            "remedy": "run again; if memory was short, with fewer jobs at once (`--cores 1`)",
-        }
-    write_log(job.log, {"job": job.command, **ending})
-    if ending["outcome"] == "killed":
-        raise RuntimeError(ending["error"])

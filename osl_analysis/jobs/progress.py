@@ -21,6 +21,7 @@ from osl_analysis.errors import printable, without_particulars
 from osl_analysis.jobs.job_log import read_log
 
 STAGES = {
+    r"(verdict|reproduce-all|total)$": "",  # with which a run ends
     r"simulate_|trial_sheet": "simulate",
     r"ingest": "read and check recordings",
     r"(fit|compare|calibrate|find|identify|analyse|select|average|summarise)_": "fit",
@@ -32,8 +33,8 @@ LOCKED = (
     "error: another run is at work in this folder: wait for it; or one that was killed left its"
     " lock: the same command with `--unlock` removes it"
 )
-INTERRUPTED = ("Terminating processes", "Will exit after finishing")
-"""How Snakemake's answers to Ctrl-C and SIGTERM begin."""
+SHOWN = ("Nothing to be done", "Terminating processes", "Will exit after finishing")
+"""How messages of Snakemake begin that are shown; the last two answer Ctrl-C and SIGTERM."""
 SHORTEST_WAIT_S = 10.0  # between two lines on the same stage
 
 
@@ -58,6 +59,7 @@ class LogHandler(LogHandlerBase):
         self.jobs: dict[int, Any] = {}  # stage and logs, by their numbers
         self.told = set[str]()  # lines, or their causes
         self.last_line_s = time.monotonic()  # when something was printed last
+        self.brief = Path()  # what a run ends with, if the rule that waits for it is asked for
 
     @property
     def writes_to_stream(self) -> bool:
@@ -78,8 +80,7 @@ class LogHandler(LogHandlerBase):
         fields = record.__dict__  # of the event, as Snakemake's `LogEvent` describes them
         if event == LogEvent.RUN_INFO:
             for rule, count in fields["stats"].items():
-                if rule != "total" and not rule.endswith("reproduce-all"):  # which has no stage
-                    self.total[stage_of(rule)] += count
+                self.total[stage_of(rule)] += count
         elif event == LogEvent.JOB_INFO:
             stage = stage_of(fields["rule_name"])
             self.jobs[fields["jobid"]] = (stage, fields["log"])
@@ -87,18 +88,24 @@ class LogHandler(LogHandlerBase):
         elif event == LogEvent.JOB_FINISHED and fields["job_id"] in self.jobs:
             self.finish(*self.jobs.pop(fields["job_id"]))
         elif event == LogEvent.JOB_ERROR:
-            self.print_outcome(fields["log"])
+            self.print_outcome(stage_of(fields["rule_name"]), fields["log"])
+        elif "brief" in fields:
+            self.brief = fields["brief"]
         elif fields.get("exception") == "LockException":
             self.print_once(LOCKED)
         elif fields.get("exception") == "RuleException" and self.jobs:
             pass  # a job has told its error
-        elif record.levelno >= WARNING or record.getMessage().startswith(INTERRUPTED):
+        elif record.levelno >= WARNING or record.getMessage().startswith(SHOWN):
             self.print_once(self.format(record))
+            if record.getMessage().startswith(SHOWN[0]):
+                self.print_outcome("", ())
 
     def finish(self, stage: str, logs: Sequence[str] | None) -> None:
         """Report an ended job: at once what it refused; from time to time, and at its end, the
         state of its stage."""
-        self.print_outcome(logs)
+        self.print_outcome(stage, logs)
+        if not stage:
+            return
         self.done[stage] += 1
         done = self.done[stage]
         total = self.total[stage]
@@ -106,14 +113,16 @@ class LogHandler(LogHandlerBase):
         spent_s = now - self.started_s[stage]
         if done == total:
             self.print_once(f"{stage} {done}/{total} in {spent_s:.0f} s")
-        elif now - self.last_line_s > SHORTEST_WAIT_S and done < total:
+        elif now - self.last_line_s > SHORTEST_WAIT_S:
             left_s = (total - done) * spent_s / done
             self.print_once(f"{stage} {done}/{total}, {left_s:.0f} s left")
 
-    def print_outcome(self, logs: Sequence[str] | None) -> None:
-        """A line on each warning of a job, and on one that was refused, once for each cause: the
-        list at the end of the run names the others. A line on each that has failed or was
-        killed."""
+    def print_outcome(self, stage: str, logs: Sequence[str] | None) -> None:
+        """Of what ends the run, its brief. A line on each warning of a job, and on one that was
+        refused, once for each cause: the brief names the others. A line on each that has failed or
+        was killed."""
+        if not stage and self.brief.is_file():
+            self.print_once(self.brief.read_text(encoding="utf-8").rstrip())
         for log in map(Path, logs or ()):
             job_log = read_log(log)
             lines = [("warning", warning) for warning in job_log.get("warnings", ())]

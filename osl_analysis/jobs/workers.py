@@ -11,13 +11,14 @@ import signal
 import sys
 import threading
 from collections import defaultdict
+from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
 from osl_analysis.files import temporary_path
-from osl_analysis.jobs.job_log import Files, Job
+from osl_analysis.jobs.job_log import Files, Job, write_log
 from osl_analysis.memory import SET_TO_ONE
 
 ENVIRONMENT = dict.fromkeys((*SET_TO_ONE, "POLARS_MAX_THREADS", "NUMBA_NUM_THREADS"), "1") | {
@@ -35,6 +36,10 @@ PRELOADED = [
     "osl_analysis.commands.figure",
 ]
 """What workers share: the process from which they are forked imports it once."""
+IF_KILLED = (
+    "run again; if memory was short, with fewer jobs at once (`--cores 1`); if a library crashes on"
+    " the recording each time, give a reason under `exclude` in the sample sheet"
+)
 ASKING = threading.Lock()
 """Held by the one thread that may ask how processes ended. Each tells it only once, and to start
 another process asks it of all."""
@@ -89,13 +94,15 @@ def serve(connection: Connection) -> None:
             connection.send(failure)
 
 
-def job(command: str, input: Any, output: Any, params: Any, log: Any, tell: str = "") -> None:
+def job(
+    command: Callable[..., Any], input: Any, output: Any, params: Any, log: Any, tell: str = ""
+) -> None:
     """Have a job of a rule done by a worker.
 
     Parameters
     ----------
     command
-        Full name of a function.
+        A function of a module: workers are told its name.
     input, output, params, log
         As Snakemake has them in a `run:` block. Inputs, outputs and params are the arguments of the
         function by their names.
@@ -122,8 +129,8 @@ def job(command: str, input: Any, output: Any, params: Any, log: Any, tell: str 
 
 
 def do_in_worker(given: Job) -> None:
-    """Do a job in a worker. Raises RuntimeError: there is no result, and the input is not at
-    fault."""
+    """Do a job in a worker. Raises RuntimeError: there is no result, and the input is not at fault;
+    of a worker that was killed, this writes the log."""
     idle = IDLE[given.simulates]
     try:
         worker = idle.pop()
@@ -132,13 +139,13 @@ def do_in_worker(given: Job) -> None:
     try:
         worker.connection.send(given)
         failure = worker.connection.recv()
-    except (EOFError, ConnectionError):  # the worker was killed
-        from osl_analysis.jobs.perform import end_killed
-
+    except (EOFError, ConnectionError):
         for file in given.files:
             temporary_path(file, worker.process.pid).unlink(missing_ok=True)
-        end_killed(given, worker.end())
-        return
+        error = f"the process of this job was killed ({worker.end()})"
+        killed = {"job": given.name, "outcome": "killed", "error": error, "remedy": IF_KILLED}
+        write_log(given.log, killed)
+        raise RuntimeError(error) from None
     idle.append(worker)
     if failure is not None:
         raise failure

@@ -16,7 +16,6 @@ from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.judge.campaign import CampaignFinding, is_of_whole
 from osl_analysis.judge.finding import Grade, WordedFinding
 from osl_analysis.judge.recording_checks import NOT_APPLICABLE
-from osl_analysis.report import plots
 from osl_analysis.report.numbers import Number
 from osl_analysis.report.paper_tables import Condition, estimate_text
 from osl_analysis.report.signals import Signals
@@ -112,6 +111,9 @@ class Page:
 
 def written_page(page: Page) -> str:
     """The HTML of a page."""
+    # it imports Bokeh, which takes longer than all else of a dry run's imports (0.3 s)
+    from osl_analysis.report import plots
+
     environment = Environment(
         loader=FileSystemLoader(TEMPLATES),
         autoescape=True,

@@ -11,6 +11,7 @@ import warnings
 import zipfile
 from contextlib import nullcontext
 from pathlib import Path
+from pkgutil import resolve_name
 from types import SimpleNamespace
 
 import numpy as np
@@ -57,7 +58,8 @@ def job(tmp_path, command, inputs, output=None, **params):
     given = {"made_by": {"data": "measured"}, **params}
     files = [Path(file) for file in output.values()]
     log = tmp_path / "logs/belt.log"
-    return Job(f"osl_analysis.commands.{command}", inputs, output, given, files, log)
+    function = resolve_name(f"osl_analysis.commands.{command}")
+    return Job(function, inputs, output, given, files, log)
 
 
 def lost(path, *causes):
@@ -202,12 +204,13 @@ def test_of_ingest_and_quality_control_both_results_stand_or_none(tmp_path, monk
 WORKERS = """
 import os, signal
 from pathlib import Path
+from osl_analysis.files import root
 from osl_analysis.jobs import workers
 from osl_analysis.jobs.job_log import Job
 
 os.environ["OMP_NUM_THREADS"] = "64"
 def do(worker, log):
-    worker.connection.send(Job("osl_analysis.files.root", {}, {}, {}, [], Path(log)))
+    worker.connection.send(Job(root, {}, {}, {}, [], Path(log)))
     worker.connection.recv()
 
 first, second = workers.Worker(), workers.Worker()
@@ -443,7 +446,7 @@ def test_a_lock_is_one_line_and_what_a_job_has_told_is_not_said_again(tmp_path, 
     tell(lines, LogEvent.ERROR, text, logging.ERROR, exception="LockException")
     tell(lines, LogEvent.JOB_INFO, jobid=1, rule_name="fit_belt", log=[str(log)])
     tell(lines, LogEvent.ERROR, "many lines", logging.ERROR, exception="RuleException")
-    tell(lines, LogEvent.JOB_ERROR, "one", logging.ERROR, log=[str(log)])
+    tell(lines, LogEvent.JOB_ERROR, "one", logging.ERROR, rule_name="fit_belt", log=[str(log)])
     lock, failed = capsys.readouterr().err.splitlines()
     assert lock.startswith("error: ")
     assert re.search("b_1: a.csv: cannot be written; make room", failed)

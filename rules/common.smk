@@ -1,30 +1,35 @@
 """The campaign, and what the rules of several files look up in it.
 
 Rules have one line of code, `job(FUNCTION, input, output, params, log)`. It calls that function in a
-warm process (`osl_analysis/jobs/workers.py`). The names of inputs, outputs and
-params are those of its arguments, but for these (`osl_analysis/jobs/perform.py`):
+warm process (`osl_analysis/jobs/workers.py`). The names of inputs, outputs and params are those of
+its arguments, but for these (`osl_analysis/jobs/perform.py`):
 
-* `recordings`, `sources`, `made_of`, `numbers`, `quality`: inputs that only say when a
-  job is due. The function finds the files by its other arguments.
+* `recordings`, `sources`, `made_of`: inputs that the function finds itself, and that only say when a
+  job is due. A recording may be a folder. What the sheet names and is missing refuses one trial,
+  which the function says; as an input it would end the run.
+* `quality`: the input that the params `excluded` and `faults` are made of. `numbers`: the input that
+  the function finds by the names of figures, as it reads also what could not be made.
 * `fitted`: an input of which the function only gets the reasons of what was not analysed. Which
   argument gets the reasons of all inputs stands behind `log`: `refused`, or `not_analysed`.
-* `log`, `mocap`: outputs that the function places itself.
+* `log`, `mocap`: outputs that the function places itself, below the param `campaign_folder`.
 * `sizes`, `made_by`, `excluded`: params. Snakemake compares the first, every rule has the second,
   and the trials of the third are taken out of the inputs.
 
 A param is a value, or a function of `wildcards`: Snakemake does not compare a function of `input`.
 
 A recording that the function refuses is a row without estimates and with a reason in each output.
-Any other error is one of the job. The longest
-jobs, and those before them, have a `priority`: at the end no core waits for them alone.
+Any other error is one of the job. The longest jobs, and those before them, have a `priority`: at the
+end no core waits for them alone. A job has one core, the default of `threads`, and up to 400 MB for
+the longest trials of the bench: no rule states resources, and profiles/slurm states those of all.
 """
 
 import gc
 import os
-import sys
 from functools import partial
 from operator import attrgetter
 from pathlib import Path
+
+from snakemake.exceptions import WorkflowError
 
 from osl_analysis.campaign.origin import about, sentence, settings_of, states_of
 from osl_analysis.campaign.result_files import (
@@ -48,13 +53,15 @@ from osl_analysis.yaml_settings import as_json
 # to look for garbage among all that is imported and planned takes a fifth of the planning
 gc.set_threshold(100_000)
 
-# those that a workflow names come first, as Snakemake merges them
+# `config` does not tell which file a field is from, as a message does, with its line: only these
+# attributes do, which Snakemake does not document. Files that a workflow names come first, as it
+# merges them.
 BY_PRECEDENCE = sorted(workflow.configfiles, key=workflow.overwrite_configfiles.__contains__)
 CONFIG_FILES = [Path(os.path.relpath(file)) for file in BY_PRECEDENCE]
-try:  # what is wrong in a file of the campaign is one line, without a traceback
+try:  # what is wrong in a file of the campaign is told without a traceback
     CAMPAIGN, SIMULATION_FILES = start_campaign(config, CONFIG_FILES)
 except OslAnalysisError as error:
-    sys.exit(f"error: {error}")
+    raise WorkflowError(str(error)) from None
 CONFIG = CAMPAIGN.config
 
 
@@ -98,9 +105,9 @@ def of_trials(trials, files="<results>/trials/{trial}.parquet".format):
     names = frozenset(trials)
 
     def files_of_trial(wildcards):
-        if wildcards.trial not in names:  # no exception, of which Snakemake shows a traceback
-            sys.exit(
-                f"error: trial {wildcards.trial} is none of this analysis; ask for one of these:"
+        if wildcards.trial not in names:
+            raise WorkflowError(
+                f"trial {wildcards.trial} is none of this analysis; ask for one of these:"
                 f" {listing(sorted(names), 3)}{nearest(wildcards.trial, names)}"
             )
         return files(trial=wildcards.trial)

@@ -8,7 +8,7 @@ rule ingest:
     """The trial of a recording, in SI units on one clock, and what is measured for each check."""
     input:
         recordings=of_trials(TRIALS, CAMPAIGN.readable_logs),
-        sources=lambda wildcards: CAMPAIGN.sources(wildcards.trial),
+        sources=lambda wildcards: filter(Path.is_file, CAMPAIGN.sources(wildcards.trial)),
     output:
         trial="<results>/trials/{trial}.parquet",
         quality="<results>/quality/{trial}.csv",

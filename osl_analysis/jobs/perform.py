@@ -242,10 +242,10 @@ def write_reasons(job: Job, causes: Sequence[NotAnalysed]) -> None:
     for file in job.files:
         folder = file.parent.name
         if file.suffix == ".csv":
-            tables[file] = rows_of(causes, f"tables/{folder}", f"{folder}/{file.stem}")
+            tables[file] = rows_of(causes, folder, file.stem)
         elif file.suffix == ".zip":
             for name in TABLES_OF_FIT[job.name]:
-                tables[file / f"{name}.csv"] = rows_of(causes, f"tables/{name}")
+                tables[file / f"{name}.csv"] = rows_of(causes, name)
         elif file.suffix == ".parquet":
             names = ["time", *job.params.get("needed_columns", ("theta", "torque"))]
             empty = pl.DataFrame(schema=dict.fromkeys(names, pl.Float64))
@@ -258,10 +258,10 @@ def write_reasons(job: Job, causes: Sequence[NotAnalysed]) -> None:
     write_tables(tables, job.params["made_by"]["data"])
 
 
-def rows_of(causes: Sequence[NotAnalysed], *places: str) -> pl.DataFrame:
+def rows_of(causes: Sequence[NotAnalysed], *names: str) -> pl.DataFrame:
     """A row for each cause, with the columns of the first of these tables that is described."""
-    described = {table.place: table.columns for table in described_tables()}
-    columns = next((described[place] for place in places if place in described), ["trial"])
+    described = {Path(table.place).name: table.columns for table in described_tables()}
+    columns = next((described[name] for name in names if name in described), ["trial"])
     without = {**dict.fromkeys(columns), "status": NOT_ANALYSED}
     return pl.DataFrame(
         [{**without, "trial": cause.trial or None, "reason": cause.reason} for cause in causes]

@@ -16,11 +16,13 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 from osl_analysis.files import temporary_path
 from osl_analysis.jobs.job_log import Files, Job, write_log
 from osl_analysis.memory import SET_TO_ONE
 
+# of workers alone: Snakemake may have jobs of other workflows
 ENVIRONMENT = dict.fromkeys((*SET_TO_ONE, "POLARS_MAX_THREADS", "NUMBA_NUM_THREADS"), "1") | {
     # glibc keeps this many bytes of freed memory for the next arrays: new pages cost time, because
     # the system clears them
@@ -49,7 +51,6 @@ class Worker:
     """A process that does one job after another."""
 
     def __init__(self) -> None:
-        os.environ.update(ENVIRONMENT)
         # libraries of macOS crash in forked processes
         can_fork = hasattr(os, "fork") and sys.platform != "darwin"
         context: Any = multiprocessing.get_context("forkserver" if can_fork else "spawn")
@@ -57,7 +58,7 @@ class Worker:
             context.set_forkserver_preload(PRELOADED)
         self.connection, far_end = context.Pipe()
         self.process = context.Process(target=serve, args=(far_end,), daemon=True)
-        with ASKING:
+        with ASKING, patch.dict(os.environ, ENVIRONMENT):
             self.process.start()
         far_end.close()  # so that the end of the process ends the connection
 
@@ -143,8 +144,10 @@ def do_in_worker(given: Job) -> None:
         for file in given.files:
             temporary_path(file, worker.process.pid).unlink(missing_ok=True)
         error = f"the process of this job was killed ({worker.end()})"
-        killed = {"job": given.name, "outcome": "killed", "error": error, "remedy": IF_KILLED}
-        write_log(given.log, killed)
+        write_log(
+            given.log,
+            {"job": given.name, "outcome": "killed", "error": error, "remedy": IF_KILLED},
+        )
         raise RuntimeError(error) from None
     idle.append(worker)
     if failure is not None:

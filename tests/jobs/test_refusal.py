@@ -217,7 +217,8 @@ first, second = workers.Worker(), workers.Worker()
 for worker in (first, second):
     do(worker, "job.log")
 process = Path(f"/proc/{first.process.pid}")
-environment = b"OMP_NUM_THREADS=1\\0" in (process / "environ").read_bytes()
+one_core = b"OMP_NUM_THREADS=1\\0" in (process / "environ").read_bytes()
+environment = [one_core, os.environ["OMP_NUM_THREADS"]]
 mapped = "llvmlite" in (process / "maps").read_text()
 os.kill(first.process.pid, signal.SIGKILL)
 do(second, "again.log")
@@ -236,7 +237,7 @@ def test_a_worker_does_several_jobs_and_ends_with_snakemake_even_if_that_is_kill
     )
 
     facts, pid = told.stdout.splitlines()
-    assert facts == "[True, False, True, 'SIGKILL']", told.stderr
+    assert facts == "[[True, '64'], False, True, 'SIGKILL']", told.stderr
     assert (told.returncode, told.stderr) == (-9, "")
     left = [process for process in psutil.process_iter() if process.pid == int(pid)]
     assert psutil.wait_procs(left, timeout=20)[1] == []

@@ -25,9 +25,7 @@ from osl_analysis.inference.constants import (
     EDGE,
     RIDGE,
     TINY,
-    Ranges,
 )
-from osl_analysis.inference.friction_shapes import slipping_springs
 from osl_analysis.inference.spectra import Spectra, Spectrum
 from osl_analysis.trial import Array
 
@@ -70,13 +68,14 @@ class FrictionlessActuator:
     friction_probability: float
 
 
-def frictionless_actuator(spectra: Spectra) -> FrictionlessActuator:
+def frictionless_actuator(spectra: Spectra, hysteresis: Array) -> FrictionlessActuator:
     """Estimate the motion of an actuator without friction from its sliding motion.
 
     The error has three parts: the scatter of estimates that leave out one block each (jackknife),
-    what changes if other speeds part sliding from sticking, and a share of what friction does.
+    what changes if other speeds part sliding from sticking, and a share of what friction does. The
+    `hysteresis` (p,) is that of its belt.
     """
-    columns = equation_of_sliding(spectra)
+    columns = equation_of_sliding(spectra, hysteresis)
     first_share, *other_shares = Sliding.SPEEDS
     fit, fits_without_a_block = sliding_fits(spectra, columns, first_share)
     fits_at_other_speeds = np.array(
@@ -109,7 +108,7 @@ def frictionless_actuator(spectra: Spectra) -> FrictionlessActuator:
     return FrictionlessActuator(result[:3], covariance[:3, :3], probability)
 
 
-def equation_of_sliding(spectra: Spectra) -> Array:
+def equation_of_sliding(spectra: Spectra, hysteresis: Array) -> Array:
     """Columns (8, p) of the joint's angle while the actuator slides, and the angle itself (p,)."""
     assert spectra.actuator_derivatives is not None
     angle, velocity, acceleration = spectra.actuator_derivatives[:3]
@@ -117,7 +116,6 @@ def equation_of_sliding(spectra: Spectra) -> Array:
     load = np.zeros_like(sign)
     if spectra.signals.load is not None:
         load = np.abs(spectra.resampled(spectra.signals.load))
-    hysteresis = slipping_springs(spectra.sliding, Ranges.FRICTION_WINDS[-1:])[0]
     offset, drift = np.ones_like(sign), spectra.relative_time - 0.5
     motion = [angle, velocity, acceleration]
     return np.array([*motion, sign, sign * load, hysteresis, offset, drift, spectra.angle])
@@ -136,7 +134,7 @@ def sliding_fits(spectra: Spectra, columns: Array, share: float) -> tuple[Array,
     speed = np.abs(columns[1])
     slow = speed < share * speed[spectra.inside].std()
     rate = spectra.product_rows / spectra.padded_seconds
-    near = scipy.ndimage.binary_dilation(slow, iterations=max(round(Sliding.SETTLING * rate), 1))
+    near = scipy.ndimage.maximum_filter1d(slow, 2 * round(Sliding.SETTLING * rate) + 1)
     away_from_ends = (spectra.time > EDGE) & (spectra.time < spectra.seconds - EDGE)
     slides = spectra.inside & away_from_ends & ~near
 

@@ -69,9 +69,9 @@ HIGHEST_BAND = 40.0
 BAND_OF_RATE = 0.28
 # Rate at which signals are multiplied, or pass a nonlinearity [Hz]; prototype; not varied
 PRODUCT_RATE = 250.0
-# Segments of Welch's estimate of the noise's spectrum [s]; resolves 0.25 Hz, and averages 29
-# overlapping spectra in a minute
-COLOUR_SEGMENT = 4.0
+# Width over which the noise's spectrum is averaged [Hz]; 45 lines in a minute, as many as Welch's
+# estimate averages in segments of 4 s
+COLOUR_BAND = 0.75
 
 # Rounding by the encoder
 

@@ -58,8 +58,11 @@ def slipping_springs(angle: Array, widths: Sequence[float]) -> Array:
     return torques
 
 
-def sliding_velocity(spectra: Spectra) -> tuple[Array, float]:
-    """Compute the velocity (p,) that friction opposes, and that over which it changes sign [rad/s].
+def friction_torques(spectra: Spectra) -> Array:
+    """Compute the columns (k, p) of dry friction, at the product rate.
+
+    Two slide, with a sign that changes over a narrow and a wide velocity. Springs slip behind each
+    of `Ranges.FRICTION_WINDS`.
 
     The sign of a noisy velocity chatters: its width is at least the velocity's noise, whose
     variance is the integral of (2 pi f)^2 times the angle's noise density over the product band.
@@ -67,16 +70,6 @@ def sliding_velocity(spectra: Spectra) -> tuple[Array, float]:
     velocity = np.gradient(spectra.sliding, spectra.padded_seconds / spectra.product_rows)
     variance = spectra.angle_noise * (2 * np.pi) ** 2 * spectra.product_band_hz**3 / 3
     usual = Ranges.SIGN_WIDTH * float(velocity[spectra.inside].std())
-    return velocity, max(usual, float(np.sqrt(variance)), SLOWEST)
-
-
-def friction_torques(spectra: Spectra) -> Array:
-    """Compute the columns (k, p) of dry friction, at the product rate.
-
-    Two slide, with a sign that changes over a narrow and a wide velocity. Springs slip behind each
-    of `Ranges.FRICTION_WINDS`.
-    """
-    velocity, width = sliding_velocity(spectra)
-    slides = np.tanh(velocity / width)
-    wider = np.tanh(velocity / (WIDER * width))
-    return np.array([slides, wider, *slipping_springs(spectra.sliding, Ranges.FRICTION_WINDS)])
+    width = max(usual, float(np.sqrt(variance)), SLOWEST)
+    sliding = np.tanh(velocity / (width * np.array([[1.0], [WIDER]])))
+    return np.vstack([sliding, slipping_springs(spectra.sliding, Ranges.FRICTION_WINDS)])

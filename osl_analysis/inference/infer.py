@@ -208,7 +208,7 @@ def is_explained_by_eq15(plain: Search) -> bool:
     noise = max(plain.left / plain.data.spectra.freedom, 1.0)
     if not plain.is_body or noise >= MOST_UNEXPLAINED:
         return False
-    columns = plain.data.rich()
+    columns = plain.data.rich
     gain = (plain.left - plain.fit(columns)[0]) / 2 / noise
     by_chance = len(columns) / 2
     return bool(gain < by_chance + SCREEN_DEVIATIONS * np.sqrt(by_chance))

@@ -103,7 +103,7 @@ class Search:
     def may_be_path(self) -> bool:
         """Whether jerk and snap beside the motion gain anything, as they do for any path: to first
         order in its delay or compliance a path adds multiples of them to Eq. 15."""
-        return self.is_worth_refining(self.fit(self.data.higher_motion)[0])
+        return self.is_worth_refining(self.fit(self.data.columns["derivatives"])[0])
 
     @property
     def is_body(self) -> bool:
@@ -148,7 +148,7 @@ class Rival:
         What it is called.
     model : function
         Its columns and torque in a search, at a value of its own parameter; None: it cannot be.
-        Without one it is Eq. 15 with the columns of its name in `Whitened.added`.
+        Without one it is Eq. 15 with the columns of its name in `Whitened.columns`.
     grid : function or None
         Values (g,) of the parameter, ascending; None: it has none.
     shares : tuple of float
@@ -191,8 +191,8 @@ def candidates(rival: Rival, search: Search) -> list[Candidate]:
     model = rival.model
     if model is None:
         columns = data.motion
-        if added := data.added.get(rival.name):
-            columns = np.concatenate([columns, data.of_product(np.array(added))])
+        if rival.name in data.columns:
+            columns = np.concatenate([columns, data.columns[rival.name]])
         return [Candidate(rival, columns, data.torque)]
     if rival.grid is None:
         without_parameter = model(search, 0.0)
@@ -297,7 +297,7 @@ def cut(search: Search, _: float) -> Model | None:
         high = np.median(recorded[above]) if above.any() else high
         low = np.median(recorded[below]) if below.any() else low
         missing[inside] = modelled - np.clip(modelled, low, high)
-        torque = data.torque + data.of_product(missing)
+        torque = data.torque + data.column(spectra.spectrum_of(missing))
         coefficients = search.fit(data.motion, torque)[1]
 
     square = product = 0.0

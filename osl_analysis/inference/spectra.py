@@ -226,20 +226,11 @@ class Spectra:
             actuator = self.actuator_derivatives[0] + np.linspace(*ends, self.product_rows)
             self.sliding = self._belt_deflection(actuator)
 
-    def rows_of(self, spectrum: Spectrum, gain: Array | None = None) -> Array:
-        """The fitted rows (..., m) of signals with these working spectra (..., f), behind a filter
-        of this gain (f,), if there is one."""
+    def windowed(self, spectrum: Spectrum) -> Spectrum:
+        """Spectra (..., f) of signals with these working spectra in the window, behind the
+        roll-off."""
         x = self.window * scipy.fft.irfft(spectrum * self.roll_off, self.working_rows)
-        if gain is not None:
-            x = scipy.fft.irfft(gain * scipy.fft.rfft(x), self.working_rows)
-        return np.asarray(x[..., self.rows])
-
-    def filtered_rows(self, x: Array, gain: Array) -> Array:
-        """Such rows (..., m), which are given and are 0 elsewhere, behind a further filter."""
-        everywhere = np.zeros((*x.shape[:-1], self.working_rows))
-        everywhere[..., self.rows] = x
-        filtered = scipy.fft.irfft(gain * scipy.fft.rfft(everywhere), self.working_rows)
-        return np.asarray(filtered[..., self.rows])
+        return scipy.fft.rfft(x)
 
     def _transformed(self, x: Array) -> tuple[Spectrum, tuple[float, float]]:
         """Spectrum (r/2 + 1,) of a signal (n,) with an odd extension at both ends, less the line

@@ -53,7 +53,7 @@ def largest_shifts(
         of_friction = 0.0
     else:
         # a sine is never still in both its torque and the derivative of it
-        derivatives = data.higher_motion
+        derivatives = data.columns["derivatives"]
         modelled = np.array([impedance @ derivatives[:3], impedance @ derivatives[1:4]])
         motion = np.sum(modelled**2 / np.mean(modelled**2, axis=1, keepdims=True), axis=0)
         quiet = float(np.median(squares[motion < np.median(motion)]))

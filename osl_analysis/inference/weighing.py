@@ -202,7 +202,7 @@ def predict(search: Search, candidate: Candidate, rounding: Array) -> Predicted:
     friction_torque = 0.0
     if search.has_friction:
         first = width if candidate.slope is None else width + 1
-        of_shapes = estimates[first : first + len(data.friction)]
+        of_shapes = estimates[first : first + len(data.mean_friction)]
         friction_torque = float(of_shapes @ data.mean_friction)
     return Predicted(
         candidate=candidate,

@@ -7,15 +7,12 @@ root, torque and columns have white noise of variance 1, whatever the noise was.
 high-pass has to be chosen.
 """
 
-from collections.abc import Mapping
-from functools import cached_property
-
 import numpy as np
 import scipy
 
 from osl_analysis.inference.actuator import frictionless_actuator
-from osl_analysis.inference.constants import COLOUR_SEGMENT, RIDGE, TINY
-from osl_analysis.inference.friction_shapes import friction_torques, sliding_velocity
+from osl_analysis.inference.constants import COLOUR_BAND, RIDGE, TINY
+from osl_analysis.inference.friction_shapes import friction_torques
 from osl_analysis.inference.spectra import Spectra, Spectrum
 from osl_analysis.trial import Array
 
@@ -50,65 +47,62 @@ class Whitened:
         The recording.
     torque : Array (m,)
         Whitened torque.
+    columns : dict
+        Whitened columns (k, m) by their names: `derivatives` of the angle, the `actuator`'s angle
+        in a drivetrain, shapes of dry `friction`, `slow` ones of offset and drift, and what rivals
+        of Eq. 15 add to it; of a leg there are no rivals.
     motion : Array (3, m) or (4, m)
         Whitened angle, velocity, acceleration, whose coefficients are K, B and I. The angle of a
         drivetrain's actuator is the fourth.
+    rich : Array (k, m)
+        Whitened columns of what any rival may add to the torque, to first order.
     actuator : FrictionlessActuator or None
         What that actuator would do without its friction.
     impedance_matrix : Array (3, 3) or (3, 4)
         Turns the coefficients of `motion` into K, B and I.
-    slow : Array (4, m)
-        Offset and drift of the torque.
-    friction : Array (k, m)
-        Shapes of dry friction.
     mean_friction : Array (k,)
-        Mean torque of each shape over its coefficient.
-    added : dict
-        Further columns (p,) of rivals of Eq. 15 by their names, at the product rate.
+        Mean torque of each shape of friction over its coefficient.
     """
 
     def __init__(self, spectra: Spectra) -> None:
         self.spectra = spectra
-        velocity, width = sliding_velocity(spectra)
-        self.added = added_columns(spectra, np.tanh(velocity / width))
-        shapes = friction_torques(spectra)
-        friction = spectra.spectrum_of(shapes)
-        powers = np.array([(spectra.relative_time - 0.5) ** k for k in range(SLOW_POWERS)])
-        slow = spectra.spectrum_of(powers)
-
-        self._rich_spectra = rich_columns(spectra, self.added, friction)
-        self._gain = whitening_gain(spectra, np.concatenate([self._rich_spectra, slow]))
-
-        self.torque = self.column(spectra.torque)
-        self.motion = self.column(spectra.motion)
+        friction = friction_torques(spectra)
+        self.mean_friction = np.abs(friction[:, spectra.inside]).mean(axis=1)
+        products = {"friction": friction}
         self.actuator = None
         self.impedance_matrix = np.eye(3)
-        if spectra.actuator_derivatives is not None:
-            self.actuator = frictionless_actuator(spectra)
+        if spectra.actuator_derivatives is None:
+            products |= products_of_rivals(spectra, friction[0])
+        else:
+            self.actuator = frictionless_actuator(spectra, friction[-1])
             columns = [self.impedance_matrix, self.actuator.impedance_column]
             self.impedance_matrix = np.column_stack(columns)
-        self.slow = self.column(slow)
-        self.friction = self.column(friction)
-        self.mean_friction = np.abs(shapes[:, spectra.inside]).mean(axis=1)
+        products["slow"] = (spectra.relative_time - 0.5) ** np.arange(SLOW_POWERS)[:, None]
 
-    @cached_property
-    def higher_motion(self) -> Array:
-        """Whitened angle and its first four derivatives (5, m)."""
-        return self.column(self.spectra.derivatives)
+        parts = {"derivatives": spectra.derivatives, "actuator": spectra.motion[3:]}
+        parts |= {name: spectra.spectrum_of(x) for name, x in products.items()}
+        signals = spectra.windowed(np.concatenate([*parts.values(), spectra.torque[None]]))
+        self._gain = whitening_gain(spectra, signals)
+        rows = self._rows(signals)
+        self.torque = rows[-1]
+        self.rich = rows[: -1 - SLOW_POWERS]
+        ends = np.cumsum([len(part) for part in parts.values()])
+        self.columns = dict(zip(parts, np.split(rows, ends), strict=False))
+        self.motion = np.vstack([self.columns["derivatives"][:3], self.columns["actuator"]])
 
     def shared(self, has_friction: bool) -> Array:
         """Columns (k, m) that all rivals share: of friction, offset and drift."""
-        if has_friction:
-            return np.concatenate([self.friction, self.slow])
-        return self.slow
-
-    def rich(self) -> Array:
-        """Whitened columns (k, m) of what any rival may add to the torque."""
-        return self.column(self._rich_spectra)
+        slow = self.columns["slow"]
+        return np.concatenate([self.columns["friction"], slow]) if has_friction else slow
 
     def column(self, spectrum: Spectrum) -> Array:
         """Whiten the signals with these working spectra (..., f); returns rows (..., m)."""
-        return self.spectra.rows_of(spectrum, self._gain)
+        return self._rows(self.spectra.windowed(spectrum))
+
+    def _rows(self, windowed: Spectrum) -> Array:
+        """The whitened rows (..., m) of windowed signals with these spectra (..., f)."""
+        whitened = scipy.fft.irfft(self._gain * windowed, self.spectra.working_rows)
+        return np.asarray(whitened[..., self.spectra.rows])
 
     def white_noise(self, density: float) -> float:
         """Sum of squares that white noise of this density [(N*m)^2/Hz] has in the fitted rows."""
@@ -118,77 +112,48 @@ class Whitened:
             density * spectra.working_rate_hz / 2 * passed * np.count_nonzero(spectra.rows)
         )
 
-    def of_product(self, x: Array) -> Array:
-        """Whiten signals (..., p) at the product rate; returns rows (..., m)."""
-        return self.column(self.spectra.spectrum_of(x))
 
-
-def whitening_gain(spectra: Spectra, rich: Spectrum) -> Array:
+def whitening_gain(spectra: Spectra, signals: Spectrum) -> Array:
     """Find the whitening gain (f,) from what a rich model leaves of the torque.
 
     Parameters
     ----------
     spectra : Spectra
         The recording.
-    rich : Spectrum (k, f)
-        Columns of the rich model.
+    signals : Spectrum (k + 1, f)
+        Windowed columns of the rich model; the torque is last.
     """
-    plain_columns = spectra.rows_of(rich)
-    plain_torque = spectra.rows_of(spectra.torque)
-    segment = min(round(COLOUR_SEGMENT * spectra.working_rate_hz), plain_torque.shape[-1])
-
+    rows = float(np.sum(spectra.window**2))
+    passed = rows * np.maximum(spectra.roll_off**2, LEAST_GAIN)
+    torque_variance = float(np.mean(np.abs(signals[-1]) ** 2)) / rows
+    least = LEAST_NOISE * max(torque_variance, np.finfo(float).tiny)
+    lines = max(round(COLOUR_BAND * spectra.padded_seconds), 1)
     gain = np.ones_like(spectra.frequency)
     for _ in range(ROUNDS):
-        columns = spectra.filtered_rows(plain_columns, gain)
-        torque = spectra.filtered_rows(plain_torque, gain)
-        estimates = solve_scaled(columns, torque)
-        residual = plain_torque - estimates @ plain_columns
-        frequency, power = scipy.signal.welch(
-            residual, spectra.working_rate_hz, nperseg=segment, detrend=False
-        )
-        passed = np.interp(frequency, spectra.frequency, spectra.roll_off) ** 2
-        power = power / np.maximum(passed, LEAST_GAIN)
-        smooth = np.convolve(np.pad(power, 1, mode="edge"), np.ones(3) / 3, "valid")
-        # per row of the working rate
-        least = LEAST_NOISE * max(float(np.mean(plain_torque**2)), np.finfo(float).tiny)
-        variance = np.maximum(smooth * spectra.working_rate_hz / 2, least)
-        log_variance = np.interp(spectra.frequency, frequency, np.log(variance))
-        gain = np.exp(-0.5 * log_variance)
+        # a sum of squares is the same over time and over frequency (Parseval)
+        weighed = (gain * signals).view(np.float64)
+        estimates = solve_scaled(weighed[:-1], weighed[-1])
+        left = np.abs(signals[-1] - estimates @ signals[:-1]) ** 2
+        power = scipy.ndimage.uniform_filter1d(left / passed, lines, mode="nearest")
+        gain = 1 / np.sqrt(np.maximum(power, least))
     return gain
 
 
-def added_columns(spectra: Spectra, sign: Array) -> dict[str, list[Array]]:
-    """What rivals of Eq. 15 add to it (p,), by their names, with the smoothed `sign` (p,) of the
-    velocity. The first ones change K, B and I, where these are not one number."""
-    angle, omega = spectra.angle, spectra.omega
+def products_of_rivals(spectra: Spectra, sign: Array) -> dict[str, Array]:
+    """What rivals of Eq. 15 add to it (k, p), by their names, with the smoothed `sign` (p,) of the
+    velocity. The first ones change K, B and I, where these are not one number. Those after other
+    moments belong to no rival: they make the model of the noise richer."""
+    angle, theta, omega = spectra.angle, spectra.theta, spectra.omega
     centred_time = spectra.relative_time - 0.5
-    return {
+    products = {
         "damping by speed": [omega * np.abs(omega)],
         "hardening": [angle**2, angle**2 * angle],
         "K by side": [np.abs(angle)],
         "K and B by direction": [angle * sign, np.abs(omega)],
-        "change over time": [x * centred_time for x in (spectra.theta, omega, spectra.alpha)],
-        "change at once": [x * (centred_time > 0) for x in (spectra.theta, omega)],
+        "change over time": [x * centred_time for x in (theta, omega, spectra.alpha)],
+        "change at once": [x * (centred_time > 0) for x in (theta, omega)],
+        "change at other moments": [
+            x * (spectra.relative_time > moment) for moment in OTHER_MOMENTS for x in (theta, omega)
+        ],
     }
-
-
-def rich_columns(
-    spectra: Spectra, added: Mapping[str, list[Array]], friction: Spectrum
-) -> Spectrum:
-    """Spectra (k, f) of what any rival may add to the torque, to first order.
-
-    Parameters
-    ----------
-    spectra : Spectra
-        The recording.
-    added : Mapping
-        What rivals add at the product rate (p,).
-    friction : Spectrum (k, f)
-        Shapes of dry friction.
-    """
-    products = [column for columns in added.values() for column in columns]
-    for moment in OTHER_MOMENTS:
-        is_after = spectra.relative_time > moment
-        products += [spectra.theta * is_after, spectra.omega * is_after]
-    of_products = spectra.spectrum_of(np.array(products))
-    return np.concatenate([spectra.derivatives, friction, of_products, spectra.motion[3:]])
+    return {name: np.array(columns) for name, columns in products.items()}

@@ -8,7 +8,7 @@ first. Names in capitals that several files use are made in rules/common.smk; `<
 
 from snakemake.utils import min_version
 
-min_version("9.14")
+min_version("9.19")
 
 
 include: "rules/common.smk"

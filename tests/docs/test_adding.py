@@ -30,12 +30,13 @@ impedance_trajectory: null
 dynamometer: {json.dumps(PROTOCOL)}
 doubtful: {{damper: {{above: {{B_v: 5}}}}}}
 """
-SOURCE = """format: xyz
+SOURCE = f"""format: xyz
 clock: master
+time: {{rate: {RATE}}}
 channels:
-  theta: {column: angle}
-  torque: {column: torque}
-  current: {column: current}
+  theta: {{column: angle}}
+  torque: {{column: torque}}
+  current: {{column: current}}
 """
 
 
@@ -80,7 +81,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
         np.savetxt(
             logs / f"{trial}.xyz",
             np.column_stack(columns),
-            header=f"XYZ 1 rate={RATE} columns=angle[deg],torque[N*m],current[A]",
+            header="XYZ 1 angle[deg] torque[N*m] current[A]",
             comments="",
         )
     rows = [f"{trial},damper,{trial}.xyz,bench_xyz,knee" for trial in DAMPING]

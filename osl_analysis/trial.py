@@ -134,8 +134,9 @@ class Trial:
         A pandas frame is taken, too; it has no null, so that its NaN stays one.
     provenance : Mapping
         Where each column comes from; all of it is JSON.
-    clocks : dict
-        Cache of the devices' clocks, by their stamps. `signals.samples.take` fills it.
+    clocks : Mapping
+        How the stamps of each column's device are read (`signals.stamp_evidence.Reading`), as
+        ingest found it. Without it, a fit decides. Leave it out with changed samples.
 
     Raises
     ------
@@ -153,7 +154,7 @@ class Trial:
     name: str
     samples: pl.DataFrame
     provenance: Mapping[str, Any] = field(default_factory=dict)
-    clocks: dict[bytes, Any] = field(default_factory=dict, repr=False, compare=False)
+    clocks: Mapping[str, Sequence[Any]] = field(default_factory=dict, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         given: Any = self.samples
@@ -269,7 +270,7 @@ def check_time(name: str, time: Array) -> None:
 def write_trial(trial: Trial, path: Path) -> None:
     """Write the trial completely or not at all. Name, provenance (JSON) and a checksum are in the
     file's metadata."""
-    provenance = json.dumps(trial.provenance, sort_keys=True)
+    provenance = json.dumps({**trial.provenance, "clocks": trial.clocks}, sort_keys=True)
     metadata = {
         NAME_KEY: trial.name,
         PROVENANCE_KEY: provenance,
@@ -322,7 +323,8 @@ def read_trial(path: Path | str) -> Trial:
         checksum = checksum_of(samples, name, metadata[PROVENANCE_KEY])
         if metadata.get(CHECKSUM_KEY, checksum) != checksum:
             raise ValueError("its content is not what was written")
-    return Trial(name, samples, provenance)
+    clocks = provenance.pop("clocks", {})
+    return Trial(name, samples, provenance, clocks)
 
 
 def metadata_of(path: Path) -> tuple[str, dict[str, Any]]:

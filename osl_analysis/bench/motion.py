@@ -1,7 +1,6 @@
 """The record of a trial: what kind of motion it is, and which rows are fitted."""
 
 from collections.abc import Collection, Sequence
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -25,14 +24,12 @@ from osl_analysis.bench.record import (
 )
 from osl_analysis.errors import Change, InputError, naming
 from osl_analysis.measured import visible_step
-from osl_analysis.signals import runs
+from osl_analysis.signals import LowPass, runs
 from osl_analysis.signals.grid import (
     BRIDGE_MORE,
     GapLimits,
     UniformSignals,
-    devices_of,
     origin,
-    resampled,
     uniform_signals,
 )
 from osl_analysis.spectral import PeriodicMotion, periodic_motion
@@ -67,38 +64,28 @@ def signals_of(
     trial: Trial,
     columns: Sequence[str],
     settings: FilterSettings,
-    computed: Sequence[str] = (),
-    wanted: Collection[str] | None = None,
+    beside: Collection[str] = (),
 ) -> UniformSignals:
     """Columns of a trial on the time base of the settings; see `uniform_signals`."""
     base = settings.time_base
     limits = GapLimits(base.highest_hz, settings.cutoff_hz, base.longest_gap_s)
-    return uniform_signals(trial, columns, limits, computed, wanted)
+    return uniform_signals(trial, columns, limits, beside)
 
 
-def with_actuator(record: Record, trial: Trial) -> Record:
-    """The record with the trial's actuator signals, of devices whose stamps come to a time base."""
-    same = record.settings.low_pass
-    wide_band = replace(same, cutoff_hz=min(QUICK * same.cutoff_hz, 0.2 * record.rate_hz))
+def filtered_actuator(signals: UniformSignals, same: LowPass) -> dict[str, Array]:
+    """The actuator's signals (n,) that came along, behind the filter of the joint's; and theta_m
+    [rad] behind a wide one, for the velocity's sign."""
+    wide_band = replace(same, cutoff_hz=min(QUICK * same.cutoff_hz, 0.2 * signals.rate_hz))
     kinds = (
         ("theta_m", "theta_m", same),
         ("current", "current", same),
         ("wide_band_theta_m", "theta_m", wide_band),
     )
-    columns = [name for name in ("theta_m", "current") if name in trial.columns]
-    actuator = dict[str, Array]()
-    for device in devices_of(trial, ["theta", *columns, "torque"]):
-        if not {*device} & {*columns}:
-            continue
-        with suppress(InputError):
-            uniform = signals_of(trial, device, record.settings, wanted=columns)
-            filtered = {
-                name: low_pass(uniform[column], uniform.rate_hz)
-                for name, column, low_pass in kinds
-                if column in device
-            }
-            actuator |= resampled(uniform.time, filtered, record.time, 1 / uniform.rate_hz)
-    return replace(record, actuator=actuator)
+    return {
+        name: low_pass(signals[column], signals.rate_hz)
+        for name, column, low_pass in kinds
+        if column in signals.signals
+    }
 
 
 def record_of_trial(
@@ -106,6 +93,7 @@ def record_of_trial(
     settings: SteppedSineAnalysis,
     windows: str | None = None,
     excitation: str | None = None,
+    beside: Collection[str] = (),
 ) -> Record:
     """The record of a trial.
 
@@ -121,13 +109,15 @@ def record_of_trial(
         Which part is fitted [s], as `2-30 40-62`; states that it is another motion.
     excitation
         Kind of motion, by default from the settings; `auto` decides by the recording.
+    beside
+        Columns of the actuator that are recorded beside, as far as the trial has them.
 
     Raises
     ------
     InputError
         A signal is missing, has no time base, or does not move.
     """
-    signals = signals_of(trial, ("theta", "torque"), settings, computed=("theta_command",))
+    signals = signals_of(trial, ("theta", "torque"), settings, beside)
     excitation = excitation or getattr(settings, "excitation", "stepped_sine")
     if excitation == "auto" and windows:
         excitation = "any"
@@ -157,7 +147,8 @@ def record_of_trial(
     taken = signals.of("theta")
     step = origin(trial, "theta").get("resolution")
     step = step or visible_step(taken.stream.signals["theta"][taken.present])
-    return replace(record, encoder_step=float(step or 0.0))
+    actuator = filtered_actuator(signals, settings.low_pass)
+    return replace(record, encoder_step=float(step or 0.0), actuator=actuator)
 
 
 def check_moves(signals: UniformSignals) -> None:

@@ -6,7 +6,6 @@ To K of an impedance trial: `fit_impedance_trial` here, then `bench/motion.py`, 
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
@@ -27,10 +26,9 @@ from osl_analysis.bench.evidence import (
 )
 from osl_analysis.bench.frequency_response import response_table, with_errors
 from osl_analysis.bench.impedance import analysed, rendered_impedance
-from osl_analysis.bench.motion import record_of_trial, with_actuator
+from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.parts_alone import actuator_table, actuator_trial, transmission_table
 from osl_analysis.bench.plausibility import plausible
-from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import IMPEDANCE, TRANSMISSION
 from osl_analysis.bench.summaries import compensation_table, delay_table, part_summary
 from osl_analysis.bench.torque_angle import torque_angle_trial
@@ -76,7 +74,8 @@ def fit_impedance_trial(
     """
     of_joint = with_fixture(trial, settings.fixture)
     try:
-        record = record_with_actuator(of_joint, settings, windows)
+        fitted, windows = without_broken_ends(of_joint, windows)
+        record = record_of_trial(fitted, settings, windows, beside=("theta_m", "current"))
         analysis = rendered_impedance(record)  # K, B and I, with their intervals
     finally:  # what is wrong with the recording is told first
         check_recording(trial, settings)
@@ -96,15 +95,6 @@ def fit_impedance_trial(
         return {"response": with_errors(response)}
 
     return FitTables({"impedance": table}, series_of(analysis), others)
-
-
-def record_with_actuator(
-    trial: Trial, settings: choices.ImpedanceAnalysis, windows: str | None
-) -> Record:
-    """The record of a trial with its actuator's signals. The clocks of the devices, which take
-    0.4 GB of an hour, are found for it alone."""
-    trial, windows = without_broken_ends(replace(trial, clocks={}), windows)
-    return with_actuator(record_of_trial(trial, settings, windows), trial)
 
 
 def without_broken_ends(trial: Trial, windows: str | None) -> tuple[Trial, str | None]:

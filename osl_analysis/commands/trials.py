@@ -14,6 +14,7 @@ from osl_analysis.errors import InputError, printable
 from osl_analysis.formats import formats_of
 from osl_analysis.ingest import raw_files
 from osl_analysis.ingest.quality import Commanded, measure_quality, measured_table
+from osl_analysis.signals.grid import with_clocks
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial
 
@@ -42,15 +43,17 @@ def checked_trial(
     needed_columns: Sequence[str] = (),
 ) -> Trial:
     """The trial of one row of the sheet, from its files relative to `raw_folder`, with the
-    `needed_columns`; of a bench trial whose fit takes no windows, what lies within those of the
-    sheet."""
+    `needed_columns`; of a bench trial with the clocks of its devices, and, if its fit takes no
+    windows, what lies within those of the sheet."""
     trial = raw_files.trial_from_files(row, raw_folder, sources_folder)
     raw_files.check_columns(trial, row.get("experiment"), needed_columns)
     facts = EXPERIMENTS.get(str(row.get("experiment")))
     windows = row.get("windows")
-    if windows and facts is not None and facts.place == "bench":
+    if facts is not None and facts.place == "bench":
         assert facts.fit is not None
-        trial = trial if facts.fit.windows else trial.within(windows)
+        if windows and not facts.fit.windows:
+            trial = trial.within(windows)
+        trial = with_clocks(trial)
     # those of the log tell all
     if facts is not None and facts.place == "walkway" and not needed_columns:
         raw_files.check_markers(trial, row["experiment"])

@@ -136,6 +136,8 @@ class DeviceClock:
         The times are interpolated between earlier stamps. Behind a gap or a very long loop these do
         not tell; there, `age` usual steps are taken off.
         """
+        if not age:
+            return self.stamps
         rows = np.arange(len(self.stamps))
         older = self.stamps - np.interp(rows - age, rows, self.stamps)
         is_behind_gap = np.diff(self.count, prepend=self.count[0]) > 1

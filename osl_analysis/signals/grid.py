@@ -6,6 +6,7 @@ marked, and fits leave their rows out. Too long gaps are refused.
 """
 
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,7 +17,8 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError, naming
 from osl_analysis.signals import LowPass, differentiate
 from osl_analysis.signals.sample_count import FEWEST_STAMPS, LONG_STEP
-from osl_analysis.signals.samples import SensorLowPass, Stream, Taken, take
+from osl_analysis.signals.samples import SensorLowPass, Stream, Taken, take, take_stream
+from osl_analysis.signals.stamp_evidence import Reading
 from osl_analysis.trial import Array, Trial, counter_column
 
 BRIDGE_MORE = (  # remedy if gaps leave nothing to fit
@@ -60,7 +62,7 @@ class UniformSignals:
         (m,) [s].
     rate_hz : float
     signals : Mapping
-        (m,) by name, in the streams' units, without silent ones. Each has passed the low-pass
+        (m,) by name, in the streams' units. Each has passed the low-pass
         filters of the other signals' sensors that its own sensor lacks. A fixture's torque is taken
         off the torque.
     usable : Array
@@ -88,7 +90,7 @@ class UniformSignals:
 
     def of(self, column: str) -> Taken:
         """How the samples of a column were taken."""
-        return next(part for part in self.taken if column in part.signals)
+        return next(part for part in self.taken if column in part.stream.signals)
 
     def other(self) -> "UniformSignals | None":
         """The same with the other reading of every undecided stream: true stamps as even, even ones
@@ -97,13 +99,9 @@ class UniformSignals:
         None if no stream is undecided. The difference of the two fits is the cost of the missing
         decision.
         """
-        is_undecided = [part.matters and not part.firm for part in self.taken]
-        if not any(is_undecided):
+        if all(part.reading.firm for part in self.taken):
             return None
-        taken = [
-            part.other() if undecided else part
-            for part, undecided in zip(self.taken, is_undecided, strict=True)
-        ]
+        taken = [part if part.reading.firm else part.other() for part in self.taken]
         return on_one_grid(taken, self.limits, self.trial)
 
 
@@ -111,8 +109,7 @@ def uniform_signals(
     trial: Trial,
     columns: Sequence[str],
     limits: GapLimits,
-    computed: Sequence[str] = (),
-    wanted: Collection[str] | None = None,
+    beside: Collection[str] = (),
 ) -> UniformSignals:
     """Bring the columns of a trial on one uniform grid.
 
@@ -122,13 +119,10 @@ def uniform_signals(
     ----------
     trial : Trial
     columns : Sequence of str
-        All help to decide on the stamps.
     limits : GapLimits
-    computed : Sequence of str
-        Columns without a sensor, such as a command: they do not help to decide on the stamps that
-        they share.
-    wanted : Collection of str or None
-        The columns that are made uniform; None: all.
+    beside : Collection of str
+        Columns that come along where they can: the grid has not their time and rate, they mark no
+        row, and one that is missing or has too long a gap is left out.
 
     Returns
     -------
@@ -140,13 +134,27 @@ def uniform_signals(
         A column is missing, or its stamps cannot be brought on a grid; the message names the trial.
     """
     with naming(f"trial {trial.name}"):
-        devices = devices_of(trial, columns, computed)
-        taken = take([stream_of(trial, names, computed) for names in devices])
-        for number, part in enumerate(taken):
-            names = tuple(name for name in part.signals if wanted is None or name in wanted)
-            # all stay if none is wanted, for the clock is needed
-            taken[number] = replace(part, signals=names or part.signals)
+        along = list[str]()
+        for name in beside:
+            with suppress(InputError):  # it is missing, or broken
+                stream_of(trial, [name])
+                along.append(name)
+        devices = devices_of(trial, [*columns, *along])
+        taken = take([stream_of(trial, names, beside) for names in devices])
         return on_one_grid(taken, limits, trial.name)
+
+
+def with_clocks(trial: Trial) -> Trial:
+    """The trial with `clocks`: how the stamps of each device of a bench are read, by all that it
+    measured. A device that no grid can take, such as one with a clock that jumps, has none."""
+    measured = ("theta", "theta_m", "omega_m", "theta_joint", "current", "torque", "torque_m")
+    clocks = dict[str, Reading]()
+    for names in devices_of(trial, [name for name in measured if name in trial.columns]):
+        with suppress(InputError):
+            for part in take_stream(stream_of(trial, names)):
+                if part.held is None:
+                    clocks |= dict.fromkeys(part.stream.signals, part.reading)
+    return replace(trial, clocks=clocks)
 
 
 def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> UniformSignals:
@@ -172,20 +180,20 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
     InputError
         The streams do not overlap, a gap is too long, or no row is usable.
     """
-    step = min(part.step for part in taken)
+    leading = [part for part in taken if part.stream.leads]
+    step = min(part.step for part in leading)
     rate = 1 / step
-    time = shared_time(taken, step)
+    time = shared_time(leading, step)
     usable = np.ones(len(time), dtype=bool)
     signals = dict[str, Array]()
     report = []
-    for part in taken:
+    for part in leading:
         bridged, marked = gaps_of(part, time, limits)
         for begin, end in marked:
             first = np.searchsorted(time, begin - limits.margin_s)
             stop = np.searchsorted(time, end + limits.margin_s, "right")
             usable[first:stop] = False
-        times, values, _ = part.samples
-        signals.update(resampled(times, values, time, step))
+        signals.update(resampled(*part.samples, time, step))
         report.append(stream_row(part, len(bridged), len(marked), rate))
     if not usable.any():
         raise InputError(
@@ -194,6 +202,11 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
             f" {BRIDGE_MORE}; if stamps are rounded so that many rows share one, state"
             " `time: {rate: HZ}`"
         )
+    for part in taken:
+        if not part.stream.leads:
+            with suppress(InputError):
+                gaps_of(part, time, limits)
+                signals.update(resampled(*part.samples, time, step))
     signals = with_equal_sensor_filters(signals, taken, rate)
 
     fixture = next((part.stream.fixture for part in taken if part.stream.fixture), None)
@@ -208,7 +221,7 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
         usable=usable,
         streams=report,
         # copies without cached properties: these take 0.4 GB for an hour
-        taken=tuple(replace(part, clock=replace(part.clock)) for part in taken),
+        taken=tuple(replace(part, clock=replace(part.clock)) for part in leading),
         limits=limits,
         trial=trial,
     )
@@ -299,8 +312,8 @@ def gaps_of(part: Taken, time: Array, limits: GapLimits) -> tuple[Array, Array]:
     if (length > limits.longest_s).any():
         begin, end = ends[np.argmax(length)]
         raise InputError(
-            f"{part.stream.name}: {', '.join(part.signals)} has no sample from {begin:.4f} s to"
-            f" {end:.4f} s, {end - begin:.3f} s long; gaps up to {limits.longest_s:g} s are"
+            f"{part.stream.name}: {', '.join(part.stream.signals)} has no sample from {begin:.4f} s"
+            f" to {end:.4f} s, {end - begin:.3f} s long; gaps up to {limits.longest_s:g} s are"
             " bridged: give each part beside the gap a trial of its own by `windows` in the sample"
             " sheet, or see whether the recorder's clock jumped"
         )
@@ -313,26 +326,25 @@ def stream_row(part: Taken, bridged: int, marked: int, grid_hz: float) -> dict[s
 
     g is from the signal with the smallest standard error.
     """
-    clock = part.clock
+    clock, reading = part.clock, part.reading
     rate = 1 / clock.step
     difference = rate / grid_hz - 1
     of_clocks = 1e-3  # a larger relative difference of two rates is intended
-    best = part.clearest_evidence
     return {
-        "signals": ", ".join(part.signals),
+        "signals": ", ".join(part.stream.signals),
         "rate_hz": rate,
         # against the fastest stream
         "ppm": 1e6 * difference if abs(difference) < of_clocks else None,
-        "firm": part.firm,
-        "why": part.why,
+        "firm": reading.firm,
+        "why": reading.why,
         "missing": clock.missing,
         "repeated": part.repeated,
         "bridged": bridged,
         "marked": marked,
         "delay_s": part.delay,
-        "stamps": "even" if part.even else "exact",
-        "g": None if best is None else best.g,
-        "age": part.age if part.firm and part.evidence and not part.even else None,
+        "stamps": "even" if reading.even else "exact",
+        "g": reading.g,
+        "age": reading.age if reading.firm and not reading.even else None,
     }
 
 
@@ -377,35 +389,30 @@ def resampled(
     return dict(zip(values, on_grid, strict=True))
 
 
-def devices_of(
-    trial: Trial, columns: Sequence[str], computed: Sequence[str] = ()
-) -> list[list[str]]:
-    """Group columns by device: those sampled in the same rows. A `computed` column only joins a
-    device of others."""
+def devices_of(trial: Trial, columns: Sequence[str]) -> list[list[str]]:
+    """Group columns by device: those sampled in the same rows."""
     devices: dict[bytes, list[str]] = {}
     for column in columns:
-        rows = trial.present(column).tobytes()
-        devices.setdefault(rows, []).append(column)
-    for column in computed:
-        if column in trial.columns:
-            devices.get(trial.present(column).tobytes(), []).append(column)
+        devices.setdefault(trial.present(column).tobytes(), []).append(column)
     return list(devices.values())
 
 
-def stream_of(trial: Trial, names: Sequence[str], silent: Sequence[str]) -> Stream:
+def stream_of(trial: Trial, names: Sequence[str], beside: Collection[str] = ()) -> Stream:
     """Make a stream of columns that one device recorded, with what the source file states."""
     stamps, *values = trial.arrays(*names)
     origins = {name: origin(trial, name) for name in names}
     file = origins[names[0]].get("file", "")
-    time_source = trial.provenance.get(file, {}).get("time", {})
+    choice = trial.provenance.get(file, {}).get("time", {}).get("stamps", "auto")
+    reading = next((Reading(*trial.clocks[name]) for name in names if name in trial.clocks), None)
+    if choice != "auto":
+        reading = Reading(choice == "even", 0.0, True, f"stated: {choice}")
     counters = [name for name in map(counter_column, names) if name in trial.columns]
     return Stream(
         name=", ".join(names),
         stamps=stamps,
         signals=dict(zip(names, values, strict=True)),
-        choice=time_source.get("stamps", "auto"),
+        reading=reading,
         counter=trial.arrays(counters[0])[1].astype(np.int64) if counters else None,
-        silent=silent,
         delays={
             name: facts["delay"]
             for name, facts in origins.items()
@@ -417,7 +424,7 @@ def stream_of(trial: Trial, names: Sequence[str], silent: Sequence[str]) -> Stre
             if facts.get("low_pass")
         },
         fixture=origins.get("torque", {}).get("fixture"),
-        clocks=trial.clocks,
+        beside=beside,
     )
 
 

@@ -5,7 +5,6 @@ log repeats."""
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal
 
 import numpy as np
 import scipy
@@ -19,13 +18,7 @@ from osl_analysis.signals.sample_count import (
     missing_by_rhythm,
     places_of_samples,
 )
-from osl_analysis.signals.stamp_evidence import (
-    Reading,
-    StampEvidence,
-    evidence_by_signal,
-    reading_by_stamps,
-    reading_of,
-)
+from osl_analysis.signals.stamp_evidence import Reading, decide
 from osl_analysis.trial import Array
 
 
@@ -62,13 +55,10 @@ class Stream:
         (n,) [s], on the clock that all streams of the trial share.
     signals : Mapping
         (n,) samples each; NaN where the device sampled but the log lacks the value.
-    choice : str
-        `exact`, the stamps are true; `even`, the device samples evenly; `auto`, the stamps and
-        signals decide.
+    reading : Reading or None
+        How the stamps are read; None: they and the signals decide.
     counter : Array or None
         (n,) the device's own count of its samples, where it writes one.
-    silent : Collection
-        Signals that do not help to decide on the stamps, such as a command.
     delays : Mapping
         Stated delays [s] by signal: its samples are older than their stamps by that. 0 for a signal
         without one.
@@ -76,8 +66,8 @@ class Stream:
         Stated low-pass filters of the sensors, by signal.
     fixture : Mapping or None
         Arguments of `fixture_torque`, as the sheet states them.
-    clocks : dict
-        `Trial.clocks`.
+    beside : Collection
+        Signals that come along on the grid of the others, where they can.
 
     Raises
     ------
@@ -88,13 +78,12 @@ class Stream:
     name: str
     stamps: Array
     signals: Mapping[str, Array]
-    choice: Literal["auto", "even", "exact"] = "auto"
+    reading: Reading | None = None
     counter: SampleCount | None = None
-    silent: Collection[str] = ()
     delays: Mapping[str, float] = field(default_factory=dict)
     low_passes: Mapping[str, SensorLowPass] = field(default_factory=dict)
     fixture: Mapping[str, float] | None = None
-    clocks: dict[bytes, Any] = field(default_factory=dict, repr=False, compare=False)
+    beside: Collection[str] = ()
 
     def __post_init__(self) -> None:
         stamps = self.stamps
@@ -124,6 +113,11 @@ class Stream:
                     f" {FEWEST_STAMPS} are needed: repair the log or exclude the trial"
                 )
 
+    @property
+    def leads(self) -> bool:
+        """Whether a grid has the time and the rate of these samples, and no row in their gaps."""
+        return not self.signals.keys() <= {*self.beside}
+
     def without_repeats(self) -> "Stream":
         """Leave out rows that were written twice: equal to their predecessor in stamp and every
         value, NaN too."""
@@ -145,20 +139,11 @@ class Stream:
 class Taken:
     """Signals of a stream with the stream's clock, and how their stamps are taken."""
 
-    stream: Stream
+    stream: Stream  # whose signals lack values in the same rows
     clock: DeviceClock
-    signals: tuple[str, ...]  # names; they lack values in the same rows
-    even: bool  # whether the device samples evenly; else the stamps are true
-    # whether this is stated, or seen in the signals; else the other hypothesis may be right
-    firm: bool
-    matters: bool  # whether the two hypotheses differ
-    why: str  # one sentence for the provenance
-    # per signal; empty if none was needed
-    evidence: Mapping[str, StampEvidence] = field(default_factory=dict)
+    reading: Reading
     repeated: int = 0  # number of rows that were written twice
     delay: float = 0.0  # [s] by which the samples are older than their times
-    # [loops] by which samples are older than their true stamps, by the signals' evidence
-    age: float = 0.0
     # rows per value if the log repeats each; None: every row has its own value
     held: float | None = None
     unsure: float = 0.0  # [s] by which held values may be older than assumed
@@ -167,17 +152,14 @@ class Taken:
         """The same samples under the other hypothesis."""
         if self.unsure:
             return replace(self, delay=self.delay + self.unsure, unsure=-self.unsure)
-        return replace(self, even=not self.even, why=f"the other hypothesis to: {self.why}")
-
-    @property
-    def times(self) -> Array:
-        """When the rows were sampled, (n,) [s], without the delay."""
-        return self.clock.times() if self.even else self.clock.aged(self.age)
+        reading = self.reading
+        why = f"the other hypothesis to: {reading.why}"
+        return replace(self, reading=reading._replace(even=not reading.even, why=why))
 
     @cached_property
     def present(self) -> NDArray[np.bool_]:
         """Rows (n,) in which the signals have values."""
-        return np.asarray(~np.isnan(self.stream.signals[self.signals[0]]))
+        return np.asarray(~np.isnan(next(iter(self.stream.signals.values()))))
 
     @cached_property
     def step(self) -> float:
@@ -185,34 +167,22 @@ class Taken:
         the rows of a faster one."""
         return self.clock.step * int(np.median(np.diff(self.clock.count[self.present])))
 
-    @property
-    def clearest_evidence(self) -> StampEvidence | None:
-        """The evidence of the signal with the smallest standard error."""
-        return min(self.evidence.values(), key=lambda signal: signal.se, default=None)
-
     @cached_property
-    def samples(self) -> tuple[Array, dict[str, Array], int]:
-        """Rising times (k,) [s] of the samples, minus the delay; their values (k,) by signal,
-        without silent ones; and the number of samples merged because their true stamps are so
-        close."""
-        values = {
-            name: self.stream.signals[name][self.present]
-            for name in self.signals
-            if name not in self.stream.silent
-        }
-        times = self.times[self.present]
-        merged = 0
-        if not self.even:
+    def samples(self) -> tuple[Array, dict[str, Array]]:
+        """Rising times (k,) [s] of the samples, minus the delay, and their values (k,) by signal.
+        Samples whose true stamps are very close are merged."""
+        values = {name: signal[self.present] for name, signal in self.stream.signals.items()}
+        times = self.reading.times(self.clock)[self.present]
+        if not self.reading.even:
             close = 0.5  # steps; close knots of a spline amplify noise
             begins = begins_of_groups(times, close * self.step)
-            merged = len(times) - len(begins)
-            if merged:
+            if len(begins) < len(times):
                 sizes = np.diff(np.append(begins, len(times)))
                 values = {
                     name: np.add.reduceat(signal, begins) / sizes for name, signal in values.items()
                 }
                 times = np.add.reduceat(times, begins) / sizes
-        return times - self.delay, values, merged
+        return times - self.delay, values
 
 
 def begins_of_groups(times: Array, closest: float) -> NDArray[np.intp]:
@@ -246,9 +216,11 @@ def take(streams: Sequence[Stream]) -> list[Taken]:
         As `places_of_samples` and `check_countable`.
     """
     taken = [part for stream in streams for part in take_stream(stream)]
-    if len(streams) > 1 or len({part.even for part in taken}) > 1:
-        fastest = max(1 / part.clock.step for part in taken)
-        for part in taken:
+    leading = [part for part in taken if part.stream.leads]
+    are_several = sum(stream.leads for stream in streams) > 1
+    if are_several or len({part.reading.even for part in leading}) > 1:
+        fastest = max(1 / part.clock.step for part in leading)
+        for part in leading:
             check_countable(part, fastest)
     return taken
 
@@ -257,13 +229,14 @@ def take_stream(recorded: Stream) -> list[Taken]:
     """Decide when the samples of one stream were taken."""
     stream = recorded.without_repeats()
     repeated = len(recorded.stamps) - len(stream.stamps)
-    clock = clock_of(stream)
+    count = places_of_samples(stream.stamps, stream.counter, stream.name)
+    clock = DeviceClock(stream.stamps, count, stream.counter is not None)
     held: dict[str, HeldValues] = {}  # of signals whose sources are slower than the rows
     groups: dict[tuple[float, bytes], dict[str, Array]] = {}  # by delay and missing rows
     for name, signal in stream.signals.items():
         is_missing = np.isnan(signal)
         values = None
-        if name not in stream.silent and not is_missing.any():
+        if not is_missing.any():
             values = held_values(signal, clock.step)
         if values is None:
             samples = (stream.delays.get(name, 0.0), is_missing.tobytes())
@@ -274,35 +247,18 @@ def take_stream(recorded: Stream) -> list[Taken]:
     row_times = stream.stamps
     of_rows = list[Taken]()
     if groups:
-        own_rows = {name: values for name, values in stream.signals.items() if name not in held}
-        decided = decide(replace(stream, signals=own_rows), clock)
-        row_times = decided.times
+        own = {name: values for name, values in stream.signals.items() if name not in held}
+        reading = stream.reading or decide(own, clock)
+        row_times = reading.times(clock)
         for (delay, _), signals in groups.items():
             is_all = len(groups) + len(held) == 1
-            name = stream.name if is_all else f"{stream.name} [{', '.join(signals)}]"
+            name = stream.name if is_all else ", ".join(signals)
             named = replace(stream, name=name, signals=signals)
-            of_rows.append(
-                replace(
-                    decided, stream=named, signals=tuple(signals), repeated=repeated, delay=delay
-                )
-            )
+            of_rows.append(Taken(named, clock, reading, repeated, delay))
     of_held = [
         held_taken(stream, name, values, row_times, clock.step) for name, values in held.items()
     ]
     return [*of_held, *of_rows]
-
-
-def clock_of(stream: Stream) -> DeviceClock:
-    """The clock of a stream without repeats, from the trial's cache if it is known."""
-    key = stream.stamps.tobytes()
-    if stream.counter is not None:
-        key += stream.counter.tobytes()
-    clock: DeviceClock | None = stream.clocks.get(key)
-    if clock is None:
-        count = places_of_samples(stream.stamps, stream.counter, stream.name)
-        clock = DeviceClock(stream.stamps, count, stream.counter is not None)
-        stream.clocks[key] = clock
-    return clock
 
 
 def held_taken(stream: Stream, name: str, held: HeldValues, row_times: Array, step: float) -> Taken:
@@ -323,7 +279,7 @@ def held_taken(stream: Stream, name: str, held: HeldValues, row_times: Array, st
     stamps = np.interp(held.rows, np.arange(len(row_times)), row_times)
     clock = DeviceClock(stamps, np.arange(len(stamps)))
     late = stamps - clock.times()
-    low, high = (float(value) for value in np.quantile(late, (0.005, 0.995)))
+    low, high = np.quantile(late, (0.005, 0.995)).tolist()
     is_even = high - low < 2 * step
 
     # time within a step of the log that the beat leaves open; less of it leaves no doubt
@@ -346,38 +302,17 @@ def held_taken(stream: Stream, name: str, held: HeldValues, row_times: Array, st
     return Taken(
         stream=replace(
             stream,
-            name=f"{stream.name} [{name}]",
+            name=name,
             stamps=stamps,
             signals={name: held.values},
             counter=None,
         ),
         clock=clock,
-        signals=(name,),
-        even=is_even,
-        firm=is_even and not unsure,
-        matters=True,
-        why=why,
+        reading=Reading(is_even, 0.0, is_even and not unsure, why),
         delay=stream.delays.get(name, 0.0) + older,
         held=held.period,
         unsure=unsure,
     )
-
-
-def decide(stream: Stream, clock: DeviceClock) -> Taken:
-    """Make one decision for all signals of a stream; a stated choice stands."""
-    evidence = dict[str, StampEvidence]()
-    reading: Reading | None = Reading(
-        stream.choice == "even", 0.0, True, f"stated: {stream.choice}"
-    )
-    if stream.choice == "auto":
-        reading = reading_by_stamps(clock)
-    if reading is None:
-        heard = {
-            name: values for name, values in stream.signals.items() if name not in stream.silent
-        }
-        evidence = evidence_by_signal(heard, clock)
-        reading = reading_of(clock, evidence)
-    return Taken(stream, clock, tuple(stream.signals), evidence=evidence, **reading._asdict())
 
 
 def check_countable(taken: Taken, fastest_hz: float) -> None:
@@ -394,10 +329,9 @@ def check_countable(taken: Taken, fastest_hz: float) -> None:
     # of the rates of two devices: too large for clocks, too small for intent
     smallest_difference, largest_difference = 2e-4, 0.1
     clock = taken.clock
-    best = taken.clearest_evidence
-    is_even = taken.even if best is None else best.g <= 0.5
-    is_late = clock.scatter > countable * clock.step
-    if not (is_even and is_late) or taken.held or clock.counted:
+    reading = taken.reading
+    is_even = reading.even if reading.g is None else reading.g <= 0.5
+    if not is_even or taken.held or clock.counted or clock.scatter <= countable * clock.step:
         return
 
     missing = missing_by_rhythm(clock.stamps)

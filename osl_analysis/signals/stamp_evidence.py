@@ -295,17 +295,31 @@ NO_MATTER = 0.001
 class Reading(NamedTuple):
     """How stamps are read."""
 
-    even: bool  # else they are true
+    even: bool  # whether the device samples evenly; else the stamps are true
     age: float  # [loops] by which values are older than true stamps
-    firm: bool  # whether the other kind is excluded
-    why: str  # for the provenance
-    matters: bool = True  # whether the two kinds differ
+    firm: bool  # whether this is stated, or the other kind is excluded
+    why: str  # one sentence for the provenance
+    g: float | None = None  # of the signal with the smallest standard error, if signals told
+
+    def times(self, clock: DeviceClock) -> Array:
+        """When the rows of a clock were sampled, (n,) [s]."""
+        return clock.times() if self.even else clock.aged(self.age)
+
+
+def decide(signals: Mapping[str, Array], clock: DeviceClock) -> Reading:
+    """Make one decision for all signals (n,) of a device, by its stamps or else by the signals."""
+    reading = reading_by_stamps(clock)
+    if reading is None:
+        evidence = evidence_by_signal(signals, clock)
+        clearest = min(evidence.values(), key=lambda signal: signal.se, default=None)
+        reading = reading_of(clock, evidence)._replace(g=clearest and clearest.g)
+    return reading
 
 
 def reading_by_stamps(clock: DeviceClock) -> Reading | None:
     """The reading where the stamps alone tell; None if they do not."""
     if np.std(clock.residual) < NO_MATTER * clock.step:
-        return Reading(True, 0.0, True, "even: the stamps lie on their line", matters=False)
+        return Reading(True, 0.0, True, "even: the stamps lie on their line")
     is_still = clock.scatter < NO_MATTER * clock.step
     rounded = 0.36  # decimals of scatter that rounding explains: 1/sqrt(12) = 0.29, and some noise
     is_rounded = clock.scatter < rounded * clock.decimal

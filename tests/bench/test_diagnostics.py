@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 from osl_analysis.bench.evidence import impedance_table, lag_columns
 from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.lags import Lag, belt_of_leg, is_leg
-from osl_analysis.bench.motion import record_of_trial, with_actuator
+from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.summaries import delay_table
 from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.judge.limits import Limits
@@ -96,7 +96,7 @@ def leg(torque_late=0.0, theta_m_late=0.0, theta_late=0.0, B_j=P.B_j, move=multi
 
 
 def record_of_leg(trial):
-    return with_actuator(record_of_trial(trial, SETTINGS), trial)
+    return record_of_trial(trial, SETTINGS, beside=["theta_m"])
 
 
 def test_another_b_j_than_that_of_the_file_makes_no_lag_certain():

@@ -16,9 +16,9 @@ from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.regression import IMPEDANCE
 from osl_analysis.errors import InputError
 from osl_analysis.signals import grid
-from osl_analysis.signals.grid import GapLimits, uniform_signals
+from osl_analysis.signals.grid import GapLimits, uniform_signals, with_clocks
 from osl_analysis.signals.samples import SensorLowPass
-from osl_analysis.trial import Trial
+from osl_analysis.trial import Trial, read_trial, write_trial
 
 K = 300.0
 B = 5.0
@@ -176,21 +176,39 @@ def test_a_bench_stiffness_without_number_or_unit_is_refused(text):
 # ---- Stamps
 
 
-@pytest.mark.parametrize(
-    ("stated", "used"), [("exact", "exact"), ("auto", "exact"), ("even", "even")]
-)
-def test_a_stated_use_of_the_stamps_stands(stated, used):
-    scattered = TIMES + np.random.default_rng(1).normal(0, 20e-6, len(TIMES))
-    samples = pl.DataFrame(
-        {"time": scattered, "theta": angle(scattered), "torque": torque(scattered)}
-    )
+SCATTERED = TIMES + np.random.default_rng(1).normal(0, 20e-6, len(TIMES))
+EVEN = {"theta": (True, 0.0, True, "even")}
+
+
+def scattered_trial(stated="auto", clocks=None, age=0):
+    """A trial of true stamps, whose values are older by some loops."""
+    taken = SCATTERED[: len(TIMES) - age]
+    columns = {"time": SCATTERED[age:], "theta": angle(taken), "torque": torque(taken)}
     provenance = {"columns": {"theta": {"file": "log"}}, "log": {"time": {"stamps": stated}}}
-    trial = Trial("made", samples, provenance)
+    return Trial("made", pl.DataFrame(columns), provenance, clocks or {})
+
+
+@pytest.mark.parametrize(("stated", "found", "used"), [
+    ("exact", EVEN, "exact"), ("auto", EVEN, "even"), ("auto", {}, "exact"), ("even", {}, "even"),
+])  # fmt: skip
+def test_a_use_of_the_stamps_that_is_stated_or_that_ingest_found_stands(stated, found, used):
+    trial = scattered_trial(stated, found)
 
     (stream,) = uniform_signals(trial, ["theta", "torque"], GapLimits()).streams
 
     assert stream["stamps"] == used
     assert stream["why"].startswith("stated") == (stated != "auto")
+
+
+def test_a_fit_reads_of_the_file_what_ingest_found(tmp_path):
+    write_trial(with_clocks(scattered_trial(age=1)), tmp_path / "made.parquet")
+
+    ingested = read_trial(tmp_path / "made.parquet")
+
+    assert ingested.clocks["torque"][:3] == [False, 1.0, True]
+    (row,) = uniform_signals(ingested, ["theta"], GapLimits()).streams
+    assert row["age"] == 1
+    assert not ingested.within("1-3").clocks  # of a part it may be another
 
 
 @pytest.fixture(scope="module")

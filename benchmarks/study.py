@@ -24,9 +24,9 @@ from causes import ROOT, markdown, write_between
 from planted_gait import onsets_of
 
 from osl_analysis.bench.bench_settings import DynamometerAnalysis
-from osl_analysis.bench.evidence import FitTables
 from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.commands.fit import job_of, run_fit
+from osl_analysis.commands.fit_results import FitTables
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.model.compensator import compensated_gains
@@ -249,8 +249,7 @@ class StudyBench:
                 effects.load_cell_noise.value, effects.load_cell_quantisation.value / np.sqrt(12)
             )
         )
-        assert ideal.series is not None
-        fitted, bounds = ideal.series.fitted, {}
+        fitted, bounds = ideal.samples["is_fitted"].to_numpy(), {}
         if self.response:
             segments = ideal.compute_others()["response"].filter(scope="amplitude")
             for run, row in zip(runs(fitted), segments.iter_rows(named=True), strict=True):

@@ -112,9 +112,9 @@ def fit_branches(record: Record, drift: float = 0.0, model: Model | None = None)
         model = STRAIGHT_AND_DAMPED if varies else STRAIGHT
     fits: dict[Label, GroupFit] = {}
     for branch in BRANCHES:
-        chosen = s.groups.of(branch)
-        of_ramp = s.estimates([*model.values()], "ramp", chosen)
-        fit = widened(fit_groups(s, model, chosen), drift * of_ramp)
+        of_branch = s.of(branch)
+        of_ramp = of_branch.estimates([*model.values()], "ramp")
+        fit = widened(fit_groups(of_branch, model), drift * of_ramp)
         if drift:
             fit = replace(fit, interval_method=f"{fit.interval_method} + drift")
         fits[branch] = fit
@@ -205,8 +205,7 @@ def belt_table(belt: Analysis) -> pl.DataFrame:
     record, sums = belt.record, belt.sums
     theta, torque = record.motion.theta, record.filtered_torque
     peak = float(np.max(np.abs(sums.columns["theta"])))
-    chosen = sums.groups.of("loading")
-    of_line, of_square, _ = sums.estimates([*QUADRATIC.values()], chosen=chosen)
+    of_line, of_square, _ = sums.of("loading").estimates([*QUADRATIC.values()])
 
     area = float(mean_loop(theta, torque))
     errors = torque_errors(torque, record.rate_hz, record.rows(), record.settings.calibration)

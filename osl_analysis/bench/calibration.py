@@ -15,7 +15,6 @@ from osl_analysis.bench.motion import signals_of
 from osl_analysis.bench.plausibility import check_resists
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import (
-    FALSE_ALARM,
     IMPEDANCE,
     GroupFit,
     effect_columns,
@@ -71,7 +70,7 @@ def measured_frame(trial: Trial, record: Record) -> GroupFit | None:
         np.column_stack([signals["torque"], wound]), signals.rate_hz
     ).T
     columns = {"load": torque, "one": np.ones_like(torque)}
-    sums = gram_sums(replace(record, torque=wound, filtered_torque=filtered), columns, [*columns])
+    sums = gram_sums(replace(record, torque=wound, filtered_torque=filtered), columns)
     fit = fit_groups(sums, {"compliance": "load", "offset": "one"})
     stiffness = 1 / fit["compliance"]
     frame = fit.derived({"frame_stiffness": (stiffness, {"compliance": -(stiffness**2)})})
@@ -189,7 +188,7 @@ def late_fits(record: Record, is_spring: bool) -> tuple[GroupFit, GroupFit | Non
         is_likely = late.has_ended and late.fit.interval("B")[1] >= 0
         if is_likely or damped is undamped:
             damped = late.fit
-    is_damped = damped["B"] > 0 and damped.certain("B", FALSE_ALARM)
+    is_damped = damped["B"] > 0 and damped.certain("B")
     return (damped if is_damped else undamped), damped
 
 

@@ -1,13 +1,10 @@
 """Rendered impedance on the dynamometer (Figs. 4-6): the rows of Eq. 15, with the evidence on which
 its estimates are judged; and how a user gets at the tables of any fit on the bench."""
 
-from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from osl_analysis.bench.friction import (
     CERTAIN_FRICTION,
@@ -37,9 +34,7 @@ from osl_analysis.dictionary import table_of
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
 from osl_analysis.model.drivetrain import DrivetrainParameters, joint_admittance
 from osl_analysis.stats.estimates import Estimate, Row
-from osl_analysis.trial import Array
 
-MOST_SHOWN = 10_000  # rows of a series; two minutes of a stepped sine have 15 per fastest period
 RENDERED = (0.94, 1.06)
 """K without friction over that of linear theory, from and to which a sound leg renders it. Legs of
 the default device: 0.98 to 1.01. The rest is two standard deviations, of 2 %, of a device from its
@@ -48,89 +43,6 @@ LITTLE = {"K": 0.0, "B": 2.0, "I": 5e-3}
 """Sizes of K, B [N*m*s/rad] and I [kg*m^2], added in quadrature to the divisor of a relative
 change."""
 CHANGING = ("K", "B")  # with the amplitude, by play, a stiffening spring or friction
-
-
-@dataclass(frozen=True)
-class Series:
-    """Measured and modelled signals of one trial, shape (n,) each."""
-
-    trial: str
-    time: Array  # time [s]
-    torque: Array  # measured torque, as it was fitted [N*m]
-    torque_model: Array  # torque of the fitted model [N*m]; NaN where it does not apply
-    motion: Mapping[str, Array]  # angle `theta_deg`, or `omega` [rad/s] of a bench without it
-    fitted: NDArray[np.bool_]  # rows that are fitted
-    # how the signals came on their time base, by the columns of `timebase.csv`
-    streams: Sequence[Mapping[str, Any]]
-
-    def fitted_samples(self) -> pl.DataFrame:
-        """The samples that the model applies to: `time` [s] from the first of them, `torque` and
-        `torque_model` [N*m]."""
-        signals = {"time": self.time, "torque": self.torque, "torque_model": self.torque_model}
-        fitted = pl.DataFrame(signals).filter(np.isfinite(self.torque_model))
-        return fitted.with_columns(pl.col("time") - pl.col("time").first())
-
-    def table(self) -> pl.DataFrame:
-        """Every k-th sample, at most `MOST_SHOWN` rows.
-
-        `torque_model` is null where the fit does not use the sample. `residual_low` and
-        `residual_high` [N*m] are the range over the next k samples that it uses, so that no outlier
-        is lost.
-        """
-        k = max(-(-len(self.time) // MOST_SHOWN), 1)
-        modelled = np.where(self.fitted, self.torque_model, np.nan)
-        samples = pl.DataFrame(
-            {
-                "part": np.arange(len(self.time)) // k,
-                "time": self.time - self.time[0],
-                **self.motion,
-                "torque": self.torque,
-                "torque_model": modelled,
-                "residual": self.torque - modelled,
-            }
-        ).fill_nan(None)
-        parts = samples.group_by("part", maintain_order=True).agg(
-            pl.exclude("residual").first(),
-            residual_low=pl.col("residual").min(),
-            residual_high=pl.col("residual").max(),
-        )
-        return parts.select(pl.exclude("part").round_sig_figs(7))
-
-
-@dataclass(frozen=True)
-class FitTables:
-    """The tables of one fit by name. A user who asks for the estimates alone does not wait for the
-    others."""
-
-    estimates: Mapping[str, pl.DataFrame]  # and curves
-    series: Series
-    compute_others: Callable[[], Mapping[str, pl.DataFrame]] = dict
-
-    def everything(self) -> dict[str, pl.DataFrame]:
-        """All tables: `estimates`, the thinned `series`, `timebase`, which has a row per stream and
-        none where no grid was needed, and the others, which are computed now."""
-        streams = [{"trial": self.series.trial, **stream} for stream in self.series.streams]
-        return {
-            **self.estimates,
-            **self.compute_others(),
-            "series": self.series.table(),
-            "timebase": table_of(streams, "timebase"),
-        }
-
-
-def series_of(analysis: Analysis, **motion: Array) -> Series:
-    """Measured and modelled torque over the whole trial, by the fit that stands for it; `motion` is
-    by default the filtered angle."""
-    record = analysis.record
-    return Series(
-        record.name,
-        record.time,
-        record.filtered_torque,
-        analysis.modelled(analysis.label),
-        motion or {"theta_deg": np.rad2deg(record.motion.theta)},
-        record.is_fitted(analysis.label),
-        record.streams,
-    )
 
 
 @dataclass(frozen=True)
@@ -270,7 +182,7 @@ def impedance_table(
     centre = record.motion.theta[record.rows()].mean()
     rows: list[Row] = []
     for label, fit in analysis.fits.items():
-        variance = s.covariance(["theta"], s.groups.of(label))
+        variance = s.of(label).covariance(["theta"])
         rows.append(
             {
                 **analysis.place(label),
@@ -367,7 +279,7 @@ def torque_error(s: Sums, label: Label, desired: DesiredImpedance) -> float | No
     known."""
     if desired.K_d is None or desired.B_d is None:
         return None
-    covariance = s.covariance(["theta", "omega", "ramp", "torque"], s.groups.of(label))
+    covariance = s.of(label).covariance(["theta", "omega", "ramp", "torque"])
     weights = np.array([-desired.K_d, -desired.B_d, 0.0, 1.0])
     with_ramp = (covariance @ weights)[2]
     square = weights @ covariance @ weights - with_ramp**2 / covariance[2, 2]

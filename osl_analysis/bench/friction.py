@@ -16,7 +16,7 @@ import numpy as np
 
 from osl_analysis.bench.impedance import QUANTITIES, Analysis, widened
 from osl_analysis.bench.record import Label, Record
-from osl_analysis.bench.regression import FALSE_ALARM, GroupFit, Model, Sums, with_effects
+from osl_analysis.bench.regression import GroupFit, Model, Sums, with_effects
 from osl_analysis.errors import IdentifiabilityError, NotWeighedError
 from osl_analysis.inference import (
     BenchSignals,
@@ -79,7 +79,7 @@ def coulomb_fits(
         fit = analysis.fits[label]
         try:
             smooth = without_friction(s, model, fit, label, "T_C")
-            is_certain = smooth["T_C"] > 0 and smooth.certain("T_C", FALSE_ALARM)
+            is_certain = smooth["T_C"] > 0 and smooth.certain("T_C")
             if whole_is_certain is None:
                 whole_is_certain = is_certain
             # a controller may compensate friction that is not Coulomb's: the smaller of two answers

@@ -17,8 +17,9 @@ from osl_analysis.bench.regression import (
     GroupFit,
     Model,
     Sums,
+    columns_of,
     fit_groups,
-    plain_sums,
+    gram_sums,
 )
 from osl_analysis.errors import IdentifiabilityError, InputError, naming
 from osl_analysis.inference.rounding_errors import repeated_share
@@ -230,9 +231,10 @@ def analysed(record: Record, model: Model, sums: Sums | None = None) -> Analysis
     """
     others: Mapping[Label, GroupFit] = {}
     if record.with_other_stamps is not None:
-        others = fits_by_label(plain_sums(record.with_other_stamps, model), model)
+        other = record.with_other_stamps
+        others = fits_by_label(gram_sums(other, columns_of(other)), model)
     if sums is None:
-        sums = plain_sums(record, model)
+        sums = gram_sums(record, columns_of(record))
     return Analysis(record, sums, model, fits_by_label(sums, model), others)
 
 
@@ -250,7 +252,7 @@ def fits_by_label(sums: Sums, model: Model) -> dict[Label, GroupFit]:
                     " one frequency K - I w^2 is one number; excite it below"
                     f" {hz[0] / 2:.2g} Hz or from {2 * hz[0]:.2g} Hz as well, {STIFFNESS_ALONE}"
                 )
-            fits[label] = fit_groups(sums, model, sums.groups.of(label))
+            fits[label] = fit_groups(sums.of(label), model)
         except IdentifiabilityError:  # a drive may reach fewer frequencies at one amplitude
             if label is None:
                 raise

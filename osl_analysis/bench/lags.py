@@ -97,7 +97,7 @@ def late_fit(
         advanced = replace(few, filtered_torque=torque, torque=torque)
         sums = gram_sums(advanced, {**columns, **slope}, list(columns))
         with_lag = {**model, "lag_s": "late"} if slope else model
-        return fit_groups(sums, with_lag, limit=EFFECTS_LIMIT)
+        return fit_groups(sums, with_lag, EFFECTS_LIMIT)
 
     times = np.clip(few.time + lag_s, few.time[0], few.time[-1])
     fit = fit_at(times, {})

@@ -21,7 +21,6 @@ from osl_analysis.bench.motion import signals_of, stretches_of
 from osl_analysis.bench.plausibility import check_changes
 from osl_analysis.bench.record import Record, unlike_groups
 from osl_analysis.bench.regression import (
-    FALSE_ALARM,
     TRANSMISSION,
     Model,
     gram_sums,
@@ -149,7 +148,7 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis, moved: str)
         actuator={moved: raw},
     )
     check_prompt(columns, record.filtered_torque, fitted, rate)
-    return analysed(record, ACTUATOR_ALONE, gram_sums(record, columns, list(columns)))
+    return analysed(record, ACTUATOR_ALONE, gram_sums(record, columns))
 
 
 def check_prompt(
@@ -224,7 +223,7 @@ def clamped_of(trial: Trial, settings: ActuatorAnalysis, levels: list[slice]) ->
         groups=unlike_groups(stops - counts, stops),
         settings=settings,
     )
-    return analysed(record, model, gram_sums(record, columns, list(model.values())))
+    return analysed(record, model, gram_sums(record, columns))
 
 
 def actuator_table(actuator: Analysis) -> pl.DataFrame:
@@ -253,7 +252,7 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
     for label, fit in analysis.fits.items():
         # a weight acts as a spring: its torque grows with the angle
         weight = with_effects(s, TRANSMISSION, ("theta",), label)
-        has_weight = weight.certain("theta", FALSE_ALARM)
+        has_weight = weight.certain("theta")
         of_friction: Row = {}
         coulomb = friction.get(label)
         if coulomb:

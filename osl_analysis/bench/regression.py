@@ -62,7 +62,6 @@ BEYOND = 1.1  # cut-offs above which the band's end is motion, not the tail of a
 # largest scaled condition number with effects, whose columns may be nearly collinear
 EFFECTS_LIMIT = 1e5
 FEWEST_UNITS = 4  # with fewer strata the groups are left out instead
-Chosen = NDArray[np.bool_] | None  # which groups (m,); None: all
 NEIGHBOURS_WEIGHT = 0.5  # of products of neighbouring scores
 
 
@@ -80,7 +79,8 @@ class Sums:
     groups : Groups
         Rows, labels and strata of the groups.
     rich : tuple of str
-        Columns of the richest model, whose residual is noise if nothing repeats.
+        Columns of the richest model, beside the fitted one's, whose residual is noise if nothing
+        repeats.
     columns : Mapping of Array (n,)
         The columns themselves, without torques.
     """
@@ -91,37 +91,42 @@ class Sums:
     rich: tuple[str, ...]
     columns: Mapping[str, Array]
 
-    def between(self, rows: Sequence[str], columns: Sequence[str], chosen: Chosen = None) -> Array:
-        """Products of some columns with others in the chosen groups, (groups, rows, columns)."""
-        groups = np.arange(len(self.gram)) if chosen is None else np.flatnonzero(chosen)
-        r, c = (np.array([self.names.index(name) for name in names]) for names in (rows, columns))
-        return np.asarray(self.gram[np.ix_(groups, r, c)])
+    def chosen(self, is_chosen: NDArray[np.bool_]) -> "Sums":
+        """Those of some groups, by a mask (m,)."""
+        return replace(self, gram=self.gram[is_chosen], groups=self.groups.chosen(is_chosen))
 
-    def estimates(
-        self, columns: Sequence[str], target: str = "torque", chosen: Chosen = None
-    ) -> Array:
+    def of(self, label: Label) -> "Sums":
+        """Those of a label; all for None."""
+        return self.chosen(self.groups.of(label))
+
+    def between(self, rows: Sequence[str], columns: Sequence[str]) -> Array:
+        """Products of some columns with others in each group, (m, rows, columns)."""
+        r, c = ([self.names.index(name) for name in names] for names in (rows, columns))
+        return self.gram[:, np.array(r)[:, None], c]
+
+    def estimates(self, columns: Sequence[str], target: str = "torque") -> Array:
         """Estimates (p,) alone of columns for the torque, or for another column."""
-        A, b = (self.between(columns, c, chosen).sum(axis=0) for c in (columns, [target]))
-        return solved(A, b[:, 0])[0]
+        products = self.between(columns, [*columns, target]).sum(axis=0)
+        return solved(products[:, :-1], products[:, -1])[0]
 
-    def covariance(self, names: Sequence[str], chosen: Chosen = None) -> Array:
-        """Covariance of columns in the rows of the chosen groups."""
+    def covariance(self, names: Sequence[str]) -> Array:
+        """Covariance of columns in the rows of all groups."""
         with_one = [*names, "one"]
-        means = self.between(with_one, with_one, chosen).sum(axis=0)
+        means = self.between(with_one, with_one).sum(axis=0)
         means /= means[-1, -1]
         return np.asarray(means[:-1, :-1] - np.outer(means[-1, :-1], means[-1, :-1]))
 
-    def vaf(self, columns: Sequence[str], estimates: Array, chosen: Chosen = None) -> float:
-        """VAF [percent] of estimates (p,) of columns in the chosen groups, with an own offset. As
+    def vaf(self, columns: Sequence[str], estimates: Array) -> float:
+        """VAF [percent] of estimates (p,) of columns, with an own offset. As
         `variance_accounted_for` if the torque is constant."""
-        covariance = self.covariance([*columns, "torque"], chosen)
+        covariance = self.covariance([*columns, "torque"])
         weights = np.append(-estimates, 1.0)
         left = max(float(weights @ covariance @ weights), 0.0)
-        square, n = (self.between([c], [c], chosen).sum() for c in ("torque", "one"))
+        square, n = (self.between([name], [name]).sum() for name in ("torque", "one"))
         return float(vaf_by_moments(left, covariance[-1, -1], square / n))
 
 
-def gram_sums(record: Record, columns: Mapping[str, Array], rich: Sequence[str]) -> Sums:
+def gram_sums(record: Record, columns: Mapping[str, Array], rich: Sequence[str] = ()) -> Sums:
     """Sum the products of columns (n,) and of the record's torque, in each group.
 
     The noise is read from the raw torque, before the filter.
@@ -137,11 +142,6 @@ def gram_sums(record: Record, columns: Mapping[str, Array], rich: Sequence[str])
     products = np.array([*signals.values()]).T
     gram = products_between(products, products, record.groups.first, record.groups.stop)
     return Sums(tuple(signals), gram, record.groups, tuple(rich), columns)
-
-
-def plain_sums(record: Record, model: Model) -> Sums:
-    """The sums of a record without effects."""
-    return gram_sums(record, columns_of(record), list(model.values()))
 
 
 def sums_of(record: Record, model: Model, expected: Admittance | None = None) -> Sums:
@@ -255,28 +255,21 @@ class GroupFit(LinearFit):
     def freedom(self, name: str) -> float:
         return float(self.degrees_of_freedom[self.names.index(name)])
 
-    def certain(self, name: str, once_in: float) -> bool:
-        """Whether an estimate differs from 0 by a two-sided test at the level `once_in`."""
-        quantile = float(scipy.special.stdtrit(self.freedom(name), 1 - once_in / 2))
+    def certain(self, name: str) -> bool:
+        """Whether an estimate differs from 0 by a two-sided test at the level `FALSE_ALARM`."""
+        quantile = float(scipy.special.stdtrit(self.freedom(name), 1 - FALSE_ALARM / 2))
         return abs(self[name]) > quantile * self.se(name)
 
 
-def fit_groups(
-    s: Sums,
-    model: Model,
-    chosen: Chosen = None,
-    limit: float = CONDITION_LIMIT,
-) -> GroupFit:
+def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> GroupFit:
     """Fit the torque by least squares (Eq. 15), with an interval that covers this motion.
 
     Parameters
     ----------
     s
-        Sums of the recording.
+        Sums of the groups that are fitted.
     model
         Column of each of p estimates, by the estimate's name, as `K: theta`.
-    chosen
-        Which groups (m,) are fitted; None: all.
     limit
         Largest scaled condition number.
 
@@ -286,15 +279,14 @@ def fit_groups(
         A column is 0 throughout, or the condition number is above the limit.
     """
     columns = list(model.values())
-    A_g = s.between(columns, columns, chosen)
-    b_g, raw_g = (s.between(columns, [name], chosen)[:, :, 0] for name in ("torque", "raw torque"))
+    products = s.between(columns, [*columns, "torque", "raw torque"])
+    A_g, b_g, raw_g = products[..., :-2], products[..., -2], products[..., -1]
     A = A_g.sum(axis=0)
     estimates, inverse = solved(A, b_g.sum(axis=0))
     varies = [k for k, column in enumerate(columns) if column != "one"]
     condition, correlation = condition_of(tuple(model), varies, A, inverse, limit)
 
-    of_groups = s.groups.stratum if chosen is None else s.groups.stratum[chosen]
-    stratum = np.unique(of_groups, return_inverse=True)[1]
+    stratum = np.unique(s.groups.stratum, return_inverse=True)[1]
     has_strata = int(stratum.max()) + 1 >= FEWEST_UNITS
     is_repeated = s.groups.kind != "stretches"
     has_repeats = is_repeated and int(np.bincount(stratum).min()) > 1
@@ -303,12 +295,20 @@ def fit_groups(
         noise, freedom = between_cycles((raw_g - A_g @ estimates) @ inverse, stratum)
     else:
         rich = list(dict.fromkeys((*s.rich, *columns)))
-        modelled = s.between(columns, rich, chosen) @ s.estimates(rich, chosen=chosen)
+        modelled = s.between(columns, rich) @ s.estimates(rich)
         # of the filtered torque, since else the part of the signal that the filter removes would
         # count as noise
         target = raw_g if is_repeated else b_g
         noise, freedom = noise_of_scores((target - modelled) @ inverse, len(rich))
-    left_out = without_units(A_g, b_g, stratum if has_strata else np.arange(len(A_g)))
+
+    # estimates (u, p) without one of u units at a time
+    unit = stratum if has_strata else np.arange(len(A_g))
+    belongs = np.asarray(unit == np.unique(unit)[:, None], dtype=np.float64)
+    scale = np.sqrt(np.diag(A))
+    scaled = (A - np.tensordot(belongs, A_g, 1)) / np.outer(scale, scale)
+    scaled += SMALLEST_DIRECTION * np.eye(len(A))
+    b_without = (b_g.sum(axis=0) - belongs @ b_g) / scale
+    left_out = np.linalg.solve(scaled, b_without[..., None])[..., 0] / scale
     misfit = scatter_of(left_out)
     if len(left_out) < FEWEST_UNITS:  # without one of them the rest may tell nothing
         misfit = np.zeros_like(noise)
@@ -317,7 +317,7 @@ def fit_groups(
         names=tuple(model),
         estimates=estimates,
         covariance=covariance,
-        vaf=s.vaf(columns, estimates, chosen),
+        vaf=s.vaf(columns, estimates),
         condition_number=condition,
         interval_method="repeats" if has_repeats and not has_strata else "units",
         degrees_of_freedom=freedom,
@@ -330,26 +330,7 @@ def fit_groups(
 def with_effects(s: Sums, model: Model, effects: Sequence[str], label: Label = None) -> GroupFit:
     """Fit of a model with the columns of effects to a label. Raises as `fit_groups`."""
     with_columns = {**model, **{name: name for name in effects}}
-    return fit_groups(s, with_columns, s.groups.of(label), EFFECTS_LIMIT)
-
-
-def without_units(A_g: Array, b_g: Array, unit: NDArray[np.intp]) -> Array:
-    """Estimates (u, p) without one of u units at a time.
-
-    Parameters
-    ----------
-    A_g, b_g : Array (m, p, p), (m, p)
-        Normal equations of each group.
-    unit : Array (m,)
-        Number of the unit of each group.
-    """
-    belongs = np.asarray(unit == np.arange(unit.max() + 1)[:, None], dtype=np.float64)
-    A, b = A_g.sum(axis=0), b_g.sum(axis=0)
-    A_without = A - np.tensordot(belongs, A_g, 1)
-    b_without = b - belongs @ b_g
-    scale = np.sqrt(np.diag(A))
-    scaled = A_without / np.outer(scale, scale) + SMALLEST_DIRECTION * np.eye(len(b))
-    return np.asarray(np.linalg.solve(scaled, (b_without / scale)[..., None])[..., 0] / scale)
+    return fit_groups(s.of(label), with_columns, EFFECTS_LIMIT)
 
 
 def scatter_of(left_out: Array) -> Array:
@@ -416,8 +397,8 @@ def held_out_vaf(s: Sums, model: Model) -> float | None:
     vafs = []
     for third in np.unique(place):
         try:
-            estimates = fit_groups(s, model, place != third).estimates
+            estimates = fit_groups(s.chosen(place != third), model).estimates
         except IdentifiabilityError:
             return None
-        vafs.append(s.vaf([*model.values()], estimates, place == third))
+        vafs.append(s.chosen(place == third).vaf([*model.values()], estimates))
     return min(vafs)

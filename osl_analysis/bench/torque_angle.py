@@ -6,7 +6,7 @@ that comes to rest on its way keeps a torque of up to half the width of its loop
 cannot tell this from an offset.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -17,7 +17,6 @@ import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.bench.bench_settings import TorqueAngleAnalysis
-from osl_analysis.bench.evidence import Series
 from osl_analysis.bench.impedance import torque_errors
 from osl_analysis.bench.motion import signals_of
 from osl_analysis.bench.plausibility import check_changes, check_resists, check_stiffer
@@ -46,7 +45,8 @@ Cycle = tuple[int, ...]
 class TorqueAngle:
     """What one trial tells."""
 
-    series: Series  # torque, and its curve over angle in the rows of all cycles
+    samples: pl.DataFrame  # torque, and its curve over angle in the rows of all cycles
+    streams: Sequence[Mapping[str, Any]]  # how its signals came on their time base
     table: pl.DataFrame  # the trial's row of `torque_angle.csv`
     curves: pl.DataFrame  # its rows of `torque_angle_curves.csv`
 
@@ -142,16 +142,16 @@ def torque_angle_trial(
         "bridged_share": np.mean(~signals.usable[of_cycles]),
         "desired": desired,
     }
+    samples = {
+        "time": signals.time,
+        "theta_deg": np.rad2deg(theta),
+        "torque": torque,
+        "torque_model": model,
+        "is_fitted": fitted,
+    }
     return TorqueAngle(
-        Series(
-            trial.name,
-            signals.time,
-            torque,
-            model,
-            {"theta_deg": np.rad2deg(theta)},
-            fitted,
-            signals.streams,
-        ),
+        pl.DataFrame(samples),
+        signals.streams,
         table_of([row], "torque_angle"),
         pl.concat(curves).fill_nan(None),
     )

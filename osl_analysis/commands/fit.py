@@ -20,9 +20,7 @@ from osl_analysis.bench.calibration import fixture_column, fixture_of, with_fixt
 from osl_analysis.bench.evidence import (
     UNSTATED,
     DesiredImpedance,
-    FitTables,
     impedance_table,
-    series_of,
 )
 from osl_analysis.bench.frequency_response import response_table, with_errors
 from osl_analysis.bench.impedance import analysed, rendered_impedance
@@ -33,7 +31,7 @@ from osl_analysis.bench.regression import IMPEDANCE, TRANSMISSION
 from osl_analysis.bench.summaries import compensation_table, delay_table, part_summary
 from osl_analysis.bench.torque_angle import torque_angle_trial
 from osl_analysis.campaign.configuration import config_for_trials
-from osl_analysis.commands.fit_results import Fit
+from osl_analysis.commands.fit_results import Fit, FitTables, samples_of
 from osl_analysis.commands.remedies import fit_or_advise
 from osl_analysis.config.experiments import EXPERIMENTS, FitJob
 from osl_analysis.errors import InputError
@@ -94,7 +92,7 @@ def fit_impedance_trial(
         response = response_table(analysis).with_columns(**stated.columns())
         return {"response": with_errors(response)}
 
-    return FitTables({"impedance": table}, series_of(analysis), others)
+    return FitTables({"impedance": table}, samples_of(analysis), record.streams, others)
 
 
 def without_broken_ends(trial: Trial, windows: str | None) -> tuple[Trial, str | None]:
@@ -135,8 +133,9 @@ def fit_belt_trial(
     belt = belt_trial(trial, p, settings)
     table = plausible(belt_table(belt), rails, p, "K_s")
     # against the deflection
-    series = series_of(belt, theta_deg=np.rad2deg(belt.sums.columns["theta"]))
-    return FitTables({"belt": table, "belt_curves": belt_curve(belt)}, series)
+    samples = samples_of(belt, theta_deg=np.rad2deg(belt.sums.columns["theta"]))
+    tables = {"belt": table, "belt_curves": belt_curve(belt)}
+    return FitTables(tables, samples, belt.record.streams)
 
 
 def checked(trial: Trial, settings: Any) -> tuple[Trial, pl.Expr]:
@@ -157,7 +156,7 @@ def fit_transmission_trial(
     analysis = analysed(record, TRANSMISSION)
     table = plausible(transmission_table(analysis), rails, p, "B_j", "J_j")
     table = table.with_columns(fixture_column(trial))
-    return FitTables({"transmission": table}, series_of(analysis))
+    return FitTables({"transmission": table}, samples_of(analysis), record.streams)
 
 
 def fit_actuator_trial(
@@ -169,10 +168,10 @@ def fit_actuator_trial(
     rails = saturated(trial, "torque_m", "current")
     actuator = actuator_trial(trial, settings)
     table = plausible(actuator_table(actuator), rails, p, "k_tau_n_m", "f_C", "J_m")
-    theta = actuator.record.theta
+    record = actuator.record
     is_velocity = table["motion"][0] == "omega_m"
-    motion = {"omega": theta} if is_velocity else {"theta_deg": np.rad2deg(theta)}
-    return FitTables({"actuator": table}, series_of(actuator, **motion))
+    motion = {"omega": record.theta} if is_velocity else {"theta_deg": np.rad2deg(record.theta)}
+    return FitTables({"actuator": table}, samples_of(actuator, **motion), record.streams)
 
 
 def fit_torque_angle_trial(
@@ -184,7 +183,8 @@ def fit_torque_angle_trial(
     trial, rails = checked(trial, settings)
     fit = torque_angle_trial(trial, settings, desired)
     table = fit.table.with_columns(rails, fixture_column(trial))
-    return FitTables({"torque_angle": table, "torque_angle_curves": fit.curves}, fit.series)
+    tables = {"torque_angle": table, "torque_angle_curves": fit.curves}
+    return FitTables(tables, fit.samples, fit.streams)
 
 
 def fit_calibration_trial(
@@ -211,7 +211,7 @@ def fit_calibration_trial(
     analysis = analysed(record, IMPEDANCE)
     table = calibration.calibration_table(analysis, known, frame, stated_fixture)
     table = table.with_columns(rails, fixture_column(trial))
-    return FitTables({"calibration": table}, series_of(analysis))
+    return FitTables({"calibration": table}, samples_of(analysis), record.streams)
 
 
 def summarise(table: Path, output: Path, data: str = "") -> None:
@@ -327,10 +327,12 @@ def fit_trial(
     table = tables.estimates[name]
     findings = judged(table, limits.of(name), name)
     curves = [table for name, table in tables.estimates.items() if name.endswith("_curves")]
+    of_model = tables.samples.filter(pl.col("torque_model").is_finite())
+    series = of_model.select(pl.col("time") - pl.col("time").first(), "torque", "torque_model")
     return Fit(
         experiment=experiment,
         table=marked(table, findings, name),
-        series=tables.series.fitted_samples(),
+        series=series,
         curves=curves[0] if curves else None,
         findings=findings,
     )

@@ -1,24 +1,98 @@
-"""What the fit of one trial gives: its estimates as attributes, as text and as JSON."""
+"""What the fit of one trial gives: its tables, and its estimates as attributes, as text and as
+JSON."""
 
 import math
 from base64 import b64encode
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from html import escape
 from itertools import zip_longest
 from typing import Any
 
+import numpy as np
 import polars as pl
 from pydantic_core import to_json
 
+from osl_analysis.bench.impedance import Analysis
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.dictionary import described_tables_by_name
+from osl_analysis.dictionary import described_tables_by_name, table_of
 from osl_analysis.errors import nearest, printable_lines
 from osl_analysis.figures import drawn
 from osl_analysis.judge.finding import Finding, Grade
 from osl_analysis.judge.words import finding_text, words_of
 from osl_analysis.measured import decimal_places, with_places, written
+from osl_analysis.trial import Array
+
+MOST_SHOWN = 10_000  # rows of a series; two minutes of a stepped sine have 15 per fastest period
+
+
+@dataclass(frozen=True)
+class FitTables:
+    """The tables of one fit by name. A user who asks for the estimates alone does not wait for the
+    others.
+
+    Attributes
+    ----------
+    estimates : Mapping of DataFrame
+        And curves.
+    samples : DataFrame
+        As of `samples_of`.
+    streams : Sequence of Mapping
+        How the signals came on their time base, by the columns of `timebase.csv`.
+    compute_others : callable
+    """
+
+    estimates: Mapping[str, pl.DataFrame]
+    samples: pl.DataFrame
+    streams: Sequence[Mapping[str, Any]] = ()
+    compute_others: Callable[[], Mapping[str, pl.DataFrame]] = dict
+
+    def everything(self) -> dict[str, pl.DataFrame]:
+        """All tables: `estimates`, the thinned `series`, `timebase`, which has a row per stream and
+        none where no grid was needed, and the others, which are computed now."""
+        trial = next(iter(self.estimates.values()))["trial"][0]
+        return {
+            **self.estimates,
+            **self.compute_others(),
+            "series": thinned(self.samples),
+            "timebase": table_of([{"trial": trial, **each} for each in self.streams], "timebase"),
+        }
+
+
+def samples_of(analysis: Analysis, **motion: Array) -> pl.DataFrame:
+    """Samples of a whole trial: `time` [s], `motion`, which is by default the filtered angle
+    `theta_deg`, `torque` as it was fitted and `torque_model` [N*m] by the fit that stands for the
+    trial, and `is_fitted`."""
+    record = analysis.record
+    return pl.DataFrame(
+        {
+            "time": record.time,
+            **(motion or {"theta_deg": np.rad2deg(record.motion.theta)}),
+            "torque": record.filtered_torque,
+            "torque_model": analysis.modelled(analysis.label),
+            "is_fitted": record.is_fitted(analysis.label),
+        }
+    )
+
+
+def thinned(samples: pl.DataFrame) -> pl.DataFrame:
+    """Every k-th sample, at most `MOST_SHOWN` rows.
+
+    `torque_model` is null where the fit does not use the sample. `residual_low` and `residual_high`
+    [N*m] are the range over the next k samples that it uses, so that no outlier is lost.
+    """
+    k = max(-(-len(samples) // MOST_SHOWN), 1)
+    used = samples.with_columns(
+        pl.col("time") - pl.col("time").first(),
+        torque_model=pl.when("is_fitted").then("torque_model"),
+    ).fill_nan(None)
+    residual = pl.col("torque") - pl.col("torque_model")
+    parts = used.group_by(part=pl.int_range(pl.len()) // k, maintain_order=True).agg(
+        pl.exclude("is_fitted").first(), residual_low=residual.min(), residual_high=residual.max()
+    )
+    return parts.select(pl.exclude("part").round_sig_figs(7))
+
 
 # estimates in the order in which they are printed
 PRINTED = (

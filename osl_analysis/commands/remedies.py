@@ -12,8 +12,7 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.bench.evidence import FitTables
-from osl_analysis.commands.fit_results import estimated, printed_units
+from osl_analysis.commands.fit_results import FitTables, estimated, printed_units
 from osl_analysis.errors import Change, InputError, OslAnalysisError
 from osl_analysis.ingest.guard import in_other_units, swapped_channels
 from osl_analysis.measured import written

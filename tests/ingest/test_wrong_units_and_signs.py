@@ -7,8 +7,8 @@ import numpy as np
 import polars as pl
 import pytest
 
-from osl_analysis.bench.evidence import FitTables
 from osl_analysis.commands.fit import fit_settings, run_fit
+from osl_analysis.commands.fit_results import FitTables
 from osl_analysis.commands.remedies import fit_or_advise
 from osl_analysis.errors import Change, InputError
 from osl_analysis.files import default_config

@@ -278,8 +278,9 @@ def inspect(file: Path, draft_path: Path | None, as_json: bool) -> None:
     Of a folder of recordings, list in short what each holds, or why it is refused."""
     from osl_analysis.commands import trials as command
     from osl_analysis.draft.draft_source import draft_source
+    from osl_analysis.formats import formats_of
 
-    if command.is_folder_of_recordings(file):
+    if file.is_dir() and not formats_of(file):  # that of a ROS 2 bag is one recording
         if draft_path is not None:
             raise click.UsageError(
                 "--draft describes one recording: name its file, or draft all of them by"
@@ -288,15 +289,16 @@ def inspect(file: Path, draft_path: Path | None, as_json: bool) -> None:
         say(json_text(command.folder_facts(file)) if as_json else command.folder_text(file))
         return
     overview = command.inspect_file(file)
+    draft = draft_source(overview, file.name)
     facts = command.overview_facts(overview)
     say(json_text(facts) if as_json else command.overview_text(overview))
     if draft_path is not None:
         if draft_path.exists():
             raise click.UsageError(f"{draft_path} exists; name a new file")
-        write_text(draft_path, draft_source(overview, file.name))
+        write_text(draft_path, draft)
         say(f"wrote {draft_path}")
     elif not as_json:
-        say(f"\nA source file to start from:\n\n{draft_source(overview, file.name)}")
+        say(f"\nA source file to start from:\n\n{draft}")
 
 
 @main.command(

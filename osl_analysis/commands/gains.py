@@ -129,13 +129,11 @@ def gains_text(table: pl.DataFrame) -> str:
     """The table as text: the columns of one pair below each other with their units, several pairs
     in lines; then warnings, each with the number of pairs that it is about."""
     columns = [name for name in PRINTED if name in table.columns]
+    pairs = table.select(columns).iter_rows()
+    rows = [columns, *([number_text(number) for number in pair] for pair in pairs)]
     if len(table) == 1:
         units = described_tables_by_name()["gains"].columns
-        row = table.row(0, named=True)
-        rows = [[name, number_text(row[name]), units[name].unit] for name in columns]
-    else:
-        pairs = table.select(columns).iter_rows()
-        rows = [columns, *([number_text(number) for number in pair] for pair in pairs)]
+        rows = [[name, text, units[name].unit] for name, text in zip(*rows, strict=True)]
     text = aligned(rows)
     for condition, warning in WARNINGS.items():
         number = len(table.filter(pl.sql_expr(condition)))

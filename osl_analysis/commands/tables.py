@@ -304,7 +304,7 @@ def write_summary(
         "results_of_clear": results_of_clear,
         "missing_results": missing_results,
         "intervals": intervals_text(tables),
-        "findings": [finding.to_json() for finding in findings_told],
+        "findings": [vars(finding) for finding in findings_told],
         "settings": settings,
     }
     with atomic_path(summary_json) as json_path, atomic_path(numbers_tex) as tex_path:

@@ -11,7 +11,6 @@ from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.draft.overview import inspect_recording
 from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
 from osl_analysis.errors import InputError, printable
-from osl_analysis.formats import formats_of
 from osl_analysis.ingest import raw_files
 from osl_analysis.ingest.quality import Commanded, measure_quality, measured_table
 from osl_analysis.signals.grid import with_clocks
@@ -154,11 +153,6 @@ def shortened(text: str) -> str:
     """Text of a file for the terminal: printable, and not longer than a line can hold."""
     safe = printable(text)
     return safe if len(safe) <= LONGEST_TEXT else f"{safe[:LONGEST_TEXT]}..."
-
-
-def is_folder_of_recordings(path: Path) -> bool:
-    """Whether a path is a folder, and not that of one ROS 2 bag, which is one recording."""
-    return path.is_dir() and not formats_of(path)
 
 
 def folder_facts(folder: Path) -> dict[str, Any]:

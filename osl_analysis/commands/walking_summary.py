@@ -124,7 +124,8 @@ def summarise_perturbations(
         except OslAnalysisError as error:
             warnings.warn(f"no result of {group}: {error}", stacklevel=2)
             outcome = GroupOutcome(conditions, reason=str(error))
-            summary = rows_without_result(len(of_group))
+            without = {"estimator": result_tables.ENSEMBLE, "n": len(of_group), "mean": None}
+            summary = [{"quantity": name, **without} for name in result_tables.GROUP_QUANTITIES]
         else:
             outcome = outcome_of(conditions, headline)
             summary = result_tables.headline_rows(headline, of_group, doubtful_row(of_group))
@@ -184,12 +185,6 @@ def headline_of(
         raise InputError(f"{len(fits)} {TOO_FEW} walking_crossings.csv, or record more")
     crossings = [read_crossing(files[trial]) for trial in fits["trial"]]
     return group_headline(crossings, gait, settings)
-
-
-def rows_without_result(n: int) -> list[dict[str, Any]]:
-    """The rows of `walking_summary.csv` of a group of n crossings without a result."""
-    row = {"estimator": result_tables.ENSEMBLE, "n": n, "mean": None}
-    return [{"quantity": quantity, **row} for quantity in result_tables.GROUP_QUANTITIES]
 
 
 def commanded_over_stance(

@@ -257,7 +257,8 @@ def guessed_columns(channels: Sequence[RecordedChannel]) -> list[Guess]:
 
 def decide(guesses: Sequence[Guess]) -> None:
     """Make those guesses sure that leave no doubt: no other channel may be the same column, or an
-    angle and a torque alone follow each other like a spring."""
+    angle and a torque alone follow each other like a spring. What may also be a column that another
+    channel surely is, is it not."""
     pairs = [
         (angle, torque, correlation(angle.channel, torque.channel))
         for angle in candidates(guesses, "theta")
@@ -267,9 +268,15 @@ def decide(guesses: Sequence[Guess]) -> None:
     confirmed = springs[0][:2] if len(springs) == 1 else ()
     for guess in confirmed:
         guess.likely = probabilities(guess.channel, {*guess.evidence, "spring"})
-    for guess in guesses:
+    taken: set[str] = set()
+    for guess in sorted(guesses, key=lambda guess: guess.likely.get(guess.column, 0), reverse=True):
         others = [other for other in guesses if other is not guess and other.may_be(guess.column)]
-        guess.is_sure = guess.may_be(guess.column, SURE) and (guess in confirmed or not others)
+        free = 1 - sum(guess.likely.get(column, 0) for column in taken)
+        guess.is_sure = guess.may_be(guess.column, SURE * free) and (
+            guess in confirmed or not others
+        )
+        if guess.is_sure:
+            taken.add(guess.column)
 
     sure = [pair for pair in pairs if pair[0].is_sure and pair[1].is_sure]
     for angle, torque, r in sure[:1]:

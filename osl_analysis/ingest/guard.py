@@ -58,9 +58,10 @@ CONFUSED_UNITS = {"rad": ("rad", "deg", "mrad"), "N*m": ("N*m", "N*mm", "N*cm")}
 
 
 def check_own_torque(trial: Trial, torque: str = "torque", angle: str | None = "theta") -> None:
-    """Refuse a torque that is a function of angle and current: a fit to it would be circular."""
-    names = [name for name in trial.columns if name in (angle, "current")]
-    for others in (names[:1], names[1:], names):  # may be sampled at different times
+    """Refuse a torque that is a function of angle, current and the actuator's speed: a fit to it
+    would be circular."""
+    names = [name for name in trial.columns if name in (angle, "current", "omega_m")]
+    for others in (*([name] for name in names), names):  # may be sampled at different times
         time, measured, *values = trial.arrays(torque, *others)
         signals = dict(zip(others, values, strict=True))
         if unexplained_share(time, measured, signals) < LIMITS.least_of_sensor:
@@ -73,15 +74,17 @@ def check_own_torque(trial: Trial, torque: str = "torque", angle: str | None = "
 
 @np.errstate(all="ignore")  # values of damaged files may be of any size
 def unexplained_share(time: Array, torque: Array, signals: Mapping[str, Array]) -> float:
-    """What powers of signals (n,), and the speed of an angle, leave of a torque (n,) in most rows,
-    as a share of its SD; 1 if too short to tell. An inertia is left: a simulated joint without
-    noise is no circle."""
+    """What powers of signals (n,), the speed of an angle, and friction that a drive takes off by
+    its speed and current, leave of a torque (n,) in most rows, as a share of its SD; 1 if too short
+    to tell. An inertia is left: a simulated joint without noise is no circle."""
     if time.size < LIMITS.fewest_compared:
         return 1.0
     columns = [np.ones(time.size)]
     for name, values in signals.items():
         columns += [values**power for power in range(1, LIMITS.highest_power + 1)]
-        if name != "current":
+        if name == "omega_m":
+            columns += [np.sign(values), np.sign(values) * abs(signals.get("current", 0.0))]
+        elif name != "current":
             columns.append(np.gradient(values, time))
     rows = slice(None, None, max(time.size // LIMITS.most_compared, 1))
     known = np.stack([torque, *columns], axis=1)[rows]

@@ -17,7 +17,6 @@ from osl_analysis.judge.finding import (
     Finding,
     Grade,
     WordedFinding,
-    Words,
     cell_number,
     subject_of,
 )
@@ -128,8 +127,8 @@ class CampaignFinding:
         What was judged, such as `impedance trials`.
     name, cause
         As of a `Finding`.
-    words
-        For the worst of its trials.
+    says, size, remedy
+        What is wrong, how large, and what to do, for the worst of its trials.
     n
         Number of all trials that were judged.
     brief
@@ -146,12 +145,14 @@ class CampaignFinding:
     subject: str
     name: str
     cause: str
-    words: Words
     n: int
     brief: str
     trials: Sequence[str]
     line: str
     worst: str
+    says: str
+    size: str
+    remedy: str
 
     @property
     def kind(self) -> str:
@@ -169,21 +170,10 @@ class CampaignFinding:
         """Whether it is a property of the device."""
         return known_finding(self.name).is_result
 
-    def to_json(self) -> dict[str, Any]:
-        """An object under `findings` of `summary.json`."""
-        fields = {**vars(self), **self.words._asdict()}
-        del fields["words"]
-        return fields
-
 
 def findings_in_summary(summary: Mapping[str, Any]) -> list[CampaignFinding]:
     """The findings that a `summary.json` lists."""
-    findings = []
-    for content in summary.get("findings", ()):
-        fields = dict(content)
-        words = Words(*(fields.pop(part) for part in Words._fields))
-        findings.append(CampaignFinding(words=words, **fields))
-    return findings
+    return [CampaignFinding(**fields) for fields in summary["findings"]]
 
 
 @dataclass(frozen=True)
@@ -358,10 +348,10 @@ def by_cause(
             subject=subject,
             name=name,
             cause=kind.title,
-            words=words,
             n=len(rows),
             brief=kind.brief,
             trials=trials,
             line=f"{verdict}, {counts}: {sentence_of(in_line, kind.title)}{trial_names}",
             worst=worst,
+            **words._asdict(),
         )

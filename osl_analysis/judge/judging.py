@@ -7,6 +7,7 @@ What a known cause explains, such as a low VAF due to friction, is no finding of
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import polars as pl
@@ -243,35 +244,30 @@ def findings_of_row(
 ) -> list[Finding]:
     """The doubts about a row by their causes, remarks on properties of the device, and what could
     not be checked."""
-    amplitude_deg = cell_number(row, "amplitude_deg")
+    finding = partial(
+        Finding,
+        table=table,
+        subject=subject_of(row),
+        amplitude_deg=cell_number(row, "amplitude_deg"),
+    )
+    doubts = [cause for cause, _ in causes if not cause.is_result]
+    are_explained = any(doubt.explains_misfit for doubt in doubts)
     findings = [
-        Finding(
+        finding(
             name=cause.name,
-            table=table,
-            subject=subject_of(row),
             grade=Grade.NOTES if cause.is_result else Grade.DOUBTS,
             evidence=numbers,
-            amplitude_deg=amplitude_deg,
             frequency_hz=cell_number(row, "frequency_hz"),
         )
         for cause, numbers in sorted(causes, key=lambda cause: cause[0].is_result)
+        if not (are_explained and cause.is_misfit)
     ]
-    doubts = [cause for cause, _ in causes if not cause.is_result]
-    if any(doubt.explains_misfit for doubt in doubts):
-        findings = [each for each in findings if not known_finding(each.name).is_misfit]
     names = {doubt.name for doubt in doubts}
-    for rule in conditions:
-        if not names & set(rule.unless):
-            findings.append(
-                Finding(
-                    name=rule.finding,
-                    table=table,
-                    subject=subject_of(row),
-                    grade=Grade(rule.grade),
-                    amplitude_deg=amplitude_deg,
-                    rule=rule,
-                )
-            )
+    findings += [
+        finding(name=rule.finding, grade=Grade(rule.grade), rule=rule)
+        for rule in conditions
+        if not names & set(rule.unless)
+    ]
     return findings
 
 

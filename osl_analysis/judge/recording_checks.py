@@ -36,12 +36,10 @@ class QualityRules(Settings):
         thresholds = (
             dict(content) if isinstance(content, Mapping) else {}
         )  # else it is refused next
-        for name in thresholds.pop("exclude", ()):
+        excluding = dict.fromkeys(thresholds.pop("exclude", ()), "exclude")
+        for name in [*excluding, *thresholds]:
             if name not in CHECKS:
-                raise misplaced(unknown_check(str(name)), "exclude")
-        for name in thresholds:
-            if name not in CHECKS:
-                raise misplaced(unknown_check(str(name)), name)
+                raise misplaced(unknown_check(str(name)), excluding.get(name, name))
         return content
 
     def limit(self, check: str) -> float:
@@ -109,7 +107,7 @@ def judged_table(
     polars.DataFrame
         With thresholds and verdicts, as in `quality.csv`.
     """
-    rows: list[dict[str, Any]] = []
+    rows: list[tuple[Any, ...]] = []
     of_known_checks = measured.filter(pl.col("check").is_in(list(CHECKS)))
     for trial, name, value, unit, remark in of_known_checks.iter_rows():
         limit = rules.limit(name)
@@ -120,16 +118,8 @@ def judged_table(
                 remarks.insert(0, "accepted in the sheet")
             else:
                 verdict = "exclude" if name in rules.exclude else "flag"
-        rows.append({
-            "trial": trial,
-            "check": name,
-            "value": value,
-            "unit": unit,
-            "threshold": limit,
-            "verdict": verdict,
-            "remark": "; ".join(remarks),
-        })  # fmt: skip
-    return pl.DataFrame(rows, VERDICT_COLUMNS)
+        rows.append((trial, name, value, unit, limit, verdict, "; ".join(remarks)))
+    return pl.DataFrame(rows, VERDICT_COLUMNS, orient="row")
 
 
 HOW_TO_USE = (

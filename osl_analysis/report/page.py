@@ -99,11 +99,6 @@ class Page:
         return next((by_name[name] for name in MAIN_FIGURES if name in by_name), None)
 
     @property
-    def further_figures(self) -> list[ShownFigure]:
-        """The figures further down."""
-        return [figure for figure in self.figures if figure is not self.main_figure]
-
-    @property
     def not_checked(self) -> list[str]:
         """What could not be checked, each once."""
         return causes_not_checked(self.findings)

@@ -55,8 +55,6 @@ def plots(target: str) -> Mapping[str, Any]:
     signals = ColumnDataSource({name: [0.0, 1.0] for name in SIGNALS}, name="signals")
     response = ColumnDataSource({name: [1.0, 2.0] for name in RESPONSE}, name="response")
     torque = panel("torque", "Time (s)", "Torque (N·m)", TALL)
-    torque.line("time", "torque", source=signals, color=MEASURED, legend_label="measured")
-    torque.line("time", "model", source=signals, color=MODEL, legend_label="model")
     residual = panel("residual", "Time (s)", "Residual (N·m)", FLAT, x_range=torque.x_range)
     residual.line("time", "residual", source=signals, color=RESIDUAL)
     motion = panel("motion", "Time (s)", "Joint angle (deg)", FLAT, x_range=torque.x_range)
@@ -65,8 +63,9 @@ def plots(target: str) -> Mapping[str, Any]:
     loop = panel("motion", "Joint angle (deg)", "Torque (N·m)", TALL)
     loop.tags.append("torque")
     loop.xaxis.tags = ["motion"]
-    loop.line("motion", "torque", source=signals, color=MEASURED, alpha=0.5)
-    loop.line("motion", "model", source=signals, color=MODEL, alpha=0.7)
+    for signal, color in (("torque", MEASURED), ("model", MODEL)):
+        torque.line("time", signal, source=signals, color=color, legend_label=signal)
+        loop.line("motion", signal, source=signals, color=color, alpha=0.6)
     for over_time in (torque, residual, motion):
         over_time.add_tools(HoverTool(tooltips=[("", "$y at $x s")], mode="vline"))
     magnitude = panel(

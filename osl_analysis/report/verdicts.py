@@ -215,7 +215,7 @@ def findings_lines(findings: Sequence[CampaignFinding]) -> Iterator[str]:
         if finding.verdict == IN_PART:
             yield f"{line}, in some rows → leave out rows marked doubtful"
             continue
-        first_size = finding.words.size.partition(". ")[0]
+        first_size = finding.size.partition(". ")[0]
         if first_size and len(finding.trials) > 1:
             first_size = f"at worst ({finding.worst}) {first_size}"
         remedy = f" → {finding.brief}" if finding.brief else ""

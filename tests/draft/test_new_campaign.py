@@ -186,11 +186,9 @@ def test_a_file_of_the_campaign_goes_before_the_shipped_one(tmp_path, monkeypatc
 def test_every_shipped_file_is_valid_by_its_schema_which_refuses_an_unknown_field():
     made = schemas()
     validators = {name: Draft202012Validator(schema) for name, schema in made.items()}
-    for pattern, kind in (
-        (pattern, kind) for kind, patterns in KINDS.items() for pattern in patterns.split()
-    ):
-        files = sorted(ROOT.glob(pattern))
-        assert files, pattern
+    for kind, patterns in KINDS.items():
+        files = [file for pattern in patterns.split() for file in ROOT.glob(pattern)]
+        assert len(files) >= len(patterns.split())
         for file in files:
             text = file.read_text()
             if file.parent.name == "new_campaign" and kind == "config":

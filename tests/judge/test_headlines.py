@@ -187,7 +187,7 @@ def test_the_worst_trial_of_a_cause_is_that_of_the_largest_number_which_is_shown
     findings = [friction("a", 0.8), friction("b", 0.5)]
     (cause,) = causes_in_campaign(findings, {"impedance": fits}, quality)
 
-    assert (cause.worst, cause.words.size) == ("b", "that of b")
+    assert (cause.worst, cause.size) == ("b", "that of b")
 
 
 def test_a_trial_that_is_doubtful_is_not_counted_again_as_doubtful_in_part():

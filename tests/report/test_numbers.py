@@ -14,7 +14,6 @@ from conftest import ROOT
 
 from osl_analysis.commands.tables import write_paper_table
 from osl_analysis.judge.campaign import CampaignFinding, findings_in_summary
-from osl_analysis.judge.finding import Words
 from osl_analysis.measured import written
 from osl_analysis.report import paper_tables
 from osl_analysis.report.numbers import (
@@ -258,13 +257,14 @@ def test_table_1_has_what_is_measured_and_else_what_the_parameter_file_states(tm
 def test_a_run_ends_with_verdicts_sentences_findings_and_what_was_not_checked():
     finding = CampaignFinding(
         verdict="doubtful", subject="impedance trials", name="friction", cause="friction",
-        words=Words("", "B 2.1. More", ""), n=3, brief="report B", trials=["c"], line="", worst="c",
+        says="", size="B 2.1. More", remedy="", n=3, brief="report B",
+        trials=["c"], line="", worst="c",
     )  # fmt: skip
     unchecked = replace(finding, verdict="not checked", cause="the fixture")
     summary = json.loads(to_json(ABOUT, headline_numbers({"impedance": IMPEDANCE}), {}))
     summary["results_of_clear"] = {}
     summary["verdicts"] = {"clear": 1, "doubtful": 1, "refused": 1, "excluded": 0}
-    summary["findings"] = [finding.to_json(), unchecked.to_json()]
+    summary["findings"] = [vars(finding), vars(unchecked)]
 
     assert findings_in_summary(summary) == [finding, unchecked]
     first, *_, doubt, last = brief_lines(summary)

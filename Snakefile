@@ -20,12 +20,6 @@ include: "rules/tables.smk"
 include: "rules/figures.smk"
 
 
-onstart:
-    # the limit of jobs per second wakes the scheduler every second anew for each job that has ended: 14,000 looks at 430
-    # jobs, a seventh of the campaign. No setting of Snakemake turns it off.
-    workflow.scheduler.job_rate_limiter = None
-
-
 rule complete:
     """Every result of the campaign."""
     name:

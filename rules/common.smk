@@ -4,14 +4,13 @@ Rules have one line of code, `job(FUNCTION, input, output, params, log)`. It cal
 warm process (`osl_analysis/jobs/workers.py`). The names of inputs, outputs and params are those of
 its arguments, but for these (`osl_analysis/jobs/perform.py`):
 
-* `recordings`, `sources`, `made_of`: inputs that the function finds itself, and that only say when a
-  job is due. A recording may be a folder. What the sheet names and is missing refuses one trial,
-  which the function says; as an input it would end the run.
-* `quality`: the input that the params `excluded` and `faults` are made of. `numbers`: the input that
-  the function finds by the names of figures, as it reads also what could not be made.
+* Inputs and outputs without a name only say when a job is due and what it makes: the function finds
+  these files by its arguments. A recording may be a folder; and what the sheet names and is missing
+  refuses one trial, by the function, while as an input it would end the run. Of a figure also what
+  keeps it from being drawn is read.
+* `quality`: the input that the params `excluded` and `faults` are made of.
 * `fitted`: an input of which the function only gets the reasons of what was not analysed. Which
   argument gets the reasons of all inputs stands behind `log`: `refused`, or `not_analysed`.
-* `log`, `mocap`: outputs that the function places itself, below the param `campaign_folder`.
 * `sizes`, `made_by`, `excluded`: params. Snakemake compares the first, every rule has the second,
   and the trials of the third are taken out of the inputs.
 

@@ -153,7 +153,7 @@ rule draw_figure:
 rule captions:
     """A caption for each figure, or why it is not drawn."""
     input:
-        numbers=NUMBERS_OF_FIGURES.values(),
+        NUMBERS_OF_FIGURES.values(),
     output:
         output="<results>/figures/captions.md",
     log:
@@ -170,12 +170,12 @@ rule captions:
 rule report_page:
     """The page of the run: verdict, conditions, findings, figures and every trial."""
     input:
+        NUMBERS_OF_FIGURES.values(),
         trials=expand("<results>/trials/{trial}.parquet", trial=TRIALS),
         series=FILES.rows("series"),
         crossings=FILES.crossings(WALKED),
         tables=FILES.all_tables + (["<results>/tables/walking_responses.csv"] if WALKED else []),
         figures=expand("<results>/figures/{figure}.svg", figure=FILES.figure_names),
-        numbers=NUMBERS_OF_FIGURES.values(),
         verdicts=QUALITY,
         excluded="<results>/tables/excluded.csv",
         findings="<results>/tables/findings.csv",

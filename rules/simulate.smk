@@ -23,10 +23,10 @@ if CONFIG.simulation:
     rule simulate_dynamometer:
         """The log of a trial on the dynamometer, and the truth beside it."""
         input:
+            SIMULATION_FILES,
             settings_path=CONFIG.simulation,
-            made_of=SIMULATION_FILES,
         output:
-            log="<raw>/dynamometer/{trial}.mcap",
+            "<raw>/dynamometer/{trial}.mcap",
         log:
             "<logs>/simulate/{trial}.log",
         wildcard_constraints:
@@ -42,20 +42,20 @@ if CONFIG.simulation:
 
     use rule simulate_dynamometer as simulate_actuator with:
         output:
-            log="<raw>/actuator/{trial}.mcap",
+            "<raw>/actuator/{trial}.mcap",
         wildcard_constraints:
             trial=name_pattern(CAMPAIGN.trials("actuator")),
 
     use rule simulate_dynamometer as simulate_capture with:
         output:
-            mocap="<raw>/vicon/{trial}.c3d",
+            "<raw>/vicon/{trial}.c3d",
         wildcard_constraints:
             trial=name_pattern(CAMPAIGN.trials("static", "plate")),
 
     use rule simulate_dynamometer as simulate_crossing with:
         output:
-            log="<raw>/leg/{trial}.mcap",
-            mocap="<raw>/vicon/{trial}.c3d",
+            "<raw>/leg/{trial}.mcap",
+            "<raw>/vicon/{trial}.c3d",
         wildcard_constraints:
             trial=name_pattern(CAMPAIGN.trials("walking")),
         priority: 0

@@ -7,8 +7,8 @@ from osl_analysis.commands.trials import ingest_and_check
 rule ingest:
     """The trial of a recording, in SI units on one clock, and what is measured for each check."""
     input:
-        recordings=of_trials(TRIALS, CAMPAIGN.readable_logs),
-        sources=lambda wildcards: filter(Path.is_file, CAMPAIGN.sources(wildcards.trial)),
+        of_trials(TRIALS, CAMPAIGN.readable_logs),
+        lambda wildcards: filter(Path.is_file, CAMPAIGN.sources(wildcards.trial)),
     output:
         trial="<results>/trials/{trial}.parquet",
         quality="<results>/quality/{trial}.csv",

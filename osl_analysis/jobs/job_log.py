@@ -73,7 +73,9 @@ def write_log(path: Path, entries: Mapping[str, Any]) -> None:
 
 
 def read_log(path: Path) -> dict[str, Any]:
-    """How the job of a log ended; empty if it has written none, as on a full disk."""
-    with suppress(OSError):
-        return yaml.load(path.read_text(encoding="utf-8"), yaml.CSafeLoader) or {}
+    """How the job of a log ended; empty if it has written none, as on a full disk, or is a job of
+    another workflow."""
+    with suppress(OSError, ValueError, yaml.YAMLError):
+        content = yaml.load(path.read_text(encoding="utf-8"), yaml.CSafeLoader)
+        return content if isinstance(content, dict) else {}
     return {}

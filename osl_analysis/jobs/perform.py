@@ -40,12 +40,10 @@ from osl_analysis.table import (
 )
 from osl_analysis.trial import read_trial
 
-ONLY_WAITED_FOR = {"recordings", "sources", "made_of", "numbers", "quality"}
-"""Inputs that are no arguments of a command: it finds these files itself, or by others."""
+JUDGED_BY = {"quality"}
+"""Inputs that are no arguments of a command: its params tell what they exclude."""
 ONLY_CHECKED = {"fitted"}
 """Inputs that no command reads: it gets the refusals among them, as `refused`."""
-ONLY_MADE = {"log", "mocap"}
-"""Outputs that are no arguments of a command: it finds their places itself."""
 OF_EVERY_JOB = {"made_by", "excluded", "sizes"}
 """Params that are no arguments of a command: what made the data, the trials that quality control
 excludes, and what Snakemake only compares with the last run."""
@@ -147,7 +145,7 @@ def call(job: Job) -> Sequence[NotAnalysed]:
     Its arguments are the inputs, outputs and params of the rule by their names, converted to the
     declared types. A command that is told what is `refused` is called whatever is missing.
     """
-    inputs, refused, missing = without_missing(others(job.inputs, ONLY_WAITED_FOR))
+    inputs, refused, missing = without_missing(others(job.inputs, JUDGED_BY))
     if missing and job.tell != "refused":
         return missing
 
@@ -160,7 +158,7 @@ def call(job: Job) -> Sequence[NotAnalysed]:
         if job.name in TABLES_OF_FIT:
             write_fit(job, command, arguments)
         else:
-            command(**arguments, **others(job.outputs, ONLY_MADE))
+            command(**arguments, **job.outputs)
     return ()
 
 

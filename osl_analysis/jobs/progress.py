@@ -93,8 +93,8 @@ class LogHandler(LogHandlerBase):
             self.brief = fields["brief"]
         elif fields.get("exception") == "LockException":
             self.print_once(LOCKED)
-        elif fields.get("exception") == "RuleException" and self.jobs:
-            pass  # a job has told its error
+        elif fields.get("exception") == "RuleException" and "RuntimeError" in record.getMessage():
+            pass  # of a job of ours, which has told its error in its log
         elif record.levelno >= WARNING or record.getMessage().startswith(SHOWN):
             self.print_once(self.format(record))
             if record.getMessage().startswith(SHOWN[0]):

@@ -446,7 +446,7 @@ def test_a_lock_is_one_line_and_what_a_job_has_told_is_not_said_again(tmp_path, 
     text = format_exception_to_string(LockException())
     tell(lines, LogEvent.ERROR, text, logging.ERROR, exception="LockException")
     tell(lines, LogEvent.JOB_INFO, jobid=1, rule_name="fit_belt", log=[str(log)])
-    tell(lines, LogEvent.ERROR, "many lines", logging.ERROR, exception="RuleException")
+    tell(lines, LogEvent.ERROR, "RuntimeError", logging.ERROR, exception="RuleException")
     tell(lines, LogEvent.JOB_ERROR, "one", logging.ERROR, rule_name="fit_belt", log=[str(log)])
     lock, failed = capsys.readouterr().err.splitlines()
     assert lock.startswith("error: ")

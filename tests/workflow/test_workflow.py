@@ -18,10 +18,9 @@ from snakemake_runs import FILES, OVERRIDES, Workspace, run_forked
 from osl_analysis.campaign.configuration import overriding
 from osl_analysis.figures import FIGURES
 from osl_analysis.jobs.perform import (
+    JUDGED_BY,
     OF_EVERY_JOB,
     ONLY_CHECKED,
-    ONLY_MADE,
-    ONLY_WAITED_FOR,
 )
 from osl_analysis.judge.known_findings import FINDINGS
 from osl_analysis.report.verdicts import brief_lines
@@ -179,8 +178,8 @@ def test_what_a_rule_names_are_the_arguments_of_its_function_and_none_is_left_ou
         if rule in seen or function is None:
             continue
         seen.add(rule)
-        outputs = set() if "others" in job["output"] else {*job["output"]} - ONLY_MADE
-        inputs = {*job["input"]} - ONLY_WAITED_FOR - ONLY_CHECKED
+        outputs = set() if "others" in job["output"] else {*job["output"]}
+        inputs = {*job["input"]} - JUDGED_BY - ONLY_CHECKED
         params = {*job["params"]} - OF_EVERY_JOB
         given = inputs | params | outputs
         arguments = {*inspect.signature(function).parameters}

@@ -26,7 +26,7 @@ from osl_analysis.inference.constants import (
     RIDGE,
     TINY,
 )
-from osl_analysis.inference.spectra import Spectra, Spectrum
+from osl_analysis.inference.spectra import Spectra
 from osl_analysis.trial import Array
 
 
@@ -76,28 +76,28 @@ def frictionless_actuator(spectra: Spectra, hysteresis: Array) -> FrictionlessAc
     `hysteresis` (p,) is that of its belt.
     """
     columns = equation_of_sliding(spectra, hysteresis)
-    first_share, *other_shares = Sliding.SPEEDS
-    fit, fits_without_a_block = sliding_fits(spectra, columns, first_share)
-    fits_at_other_speeds = np.array(
-        [sliding_fits(spectra, columns, share)[0] for share in other_shares]
-    )
-
-    coefficients = np.vstack([fit, fits_at_other_speeds, fits_without_a_block])
+    # (3, 1 + BLOCKS, 8); without a block at the first speed only
+    fits = np.array([sliding_fits(spectra, columns, share) for share in Sliding.SPEEDS])
+    coefficients = np.vstack([fits[:, 0], fits[0, 1:]])
 
     # K, B, I per angle of the actuator as it moves, and as it would move without its friction
     powers = spectra.s ** np.arange(3)[:, None]
     moved = spectra.derivatives[0] / (coefficients[:, :3] @ powers)
-    rows = rows_of(spectra, np.vstack([spectra.motion, moved]))
-    with_friction, *per_angle = np.linalg.lstsq(rows[:3].T, rows[3:].T)[0].T
+    motion = scipy.fft.irfft(spectra.derivatives[:3] * spectra.roll_off, spectra.working_rows)
+    motion -= motion[:, spectra.rows].mean(axis=1, keepdims=True)
+    motion *= spectra.rows
+    # sums over the rows, by Parseval: 28 motions of the actuator need no transform
+    angles = np.vstack([spectra.motion[3:], moved]) * spectra.roll_off
+    products = (np.conj(scipy.fft.rfft(motion)) @ angles.T).real * 2 / spectra.working_rows
+    with_friction, *per_angle = np.linalg.solve(motion @ motion.T, products).T
     # and its friction at the mean load
     load = spectra.signals.load
     mean_load = 0.0 if load is None else float(np.mean(np.abs(load)))
     of_all_fits = np.column_stack([per_angle, coefficients[:, FRICTION] @ [1.0, mean_load]])
     result = of_all_fits[0]
     by_speed = of_all_fits[1 : len(Sliding.SPEEDS)] - result
-    without_a_block = of_all_fits[len(Sliding.SPEEDS) :]
-    by_block = without_a_block - without_a_block.mean(axis=0)
-    covariance = by_speed.T @ by_speed + by_block.T @ by_block * (BLOCKS - 1) / BLOCKS
+    by_block = np.cov(of_all_fits[len(Sliding.SPEEDS) :].T, ddof=0) * (BLOCKS - 1)
+    covariance = by_speed.T @ by_speed + by_block
 
     # its formula misses a share of what friction does
     by_friction = Sliding.INEXACTNESS * np.append(result[:3] - with_friction, 0.0)
@@ -111,48 +111,31 @@ def frictionless_actuator(spectra: Spectra, hysteresis: Array) -> FrictionlessAc
 def equation_of_sliding(spectra: Spectra, hysteresis: Array) -> Array:
     """Columns (8, p) of the joint's angle while the actuator slides, and the angle itself (p,)."""
     assert spectra.actuator_derivatives is not None
-    angle, velocity, acceleration = spectra.actuator_derivatives[:3]
-    sign = np.sign(velocity)
+    motion = spectra.actuator_derivatives
+    sign = np.sign(motion[1])
     load = np.zeros_like(sign)
     if spectra.signals.load is not None:
-        load = np.abs(spectra.resampled(spectra.signals.load))
+        load = np.abs(spectra.resampled(*spectra.transformed(spectra.signals.load)))
     offset, drift = np.ones_like(sign), spectra.relative_time - 0.5
-    motion = [angle, velocity, acceleration]
     return np.array([*motion, sign, sign * load, hysteresis, offset, drift, spectra.angle])
 
 
-def sliding_fits(spectra: Spectra, columns: Array, share: float) -> tuple[Array, Array]:
-    """Fit the equation of sliding where the speed is above a share of its standard deviation.
-
-    Returns
-    -------
-    estimates : Array (8,)
-        Coefficients of the columns.
-    without_a_block : Array (BLOCKS, 8)
-        The same, each without one block.
-    """
+def sliding_fits(spectra: Spectra, columns: Array, share: float) -> Array:
+    """Coefficients (1 + BLOCKS, 8) of the equation of sliding where the speed is above a share of
+    its standard deviation; then the same, each without one block."""
     speed = np.abs(columns[1])
     slow = speed < share * speed[spectra.inside].std()
     rate = spectra.product_rows / spectra.padded_seconds
     near = scipy.ndimage.maximum_filter1d(slow, 2 * round(Sliding.SETTLING * rate) + 1)
-    away_from_ends = (spectra.time > EDGE) & (spectra.time < spectra.seconds - EDGE)
-    slides = spectra.inside & away_from_ends & ~near
+    slides = (spectra.time > EDGE) & (spectra.time < spectra.seconds - EDGE) & ~near
 
     length = np.linalg.norm(columns, axis=1) + TINY
     unit = columns / length[:, None]
     sliding = unit[:, slides]
     edges = np.searchsorted(spectra.relative_time[slides] * BLOCKS, np.arange(BLOCKS + 1))
-    edges[-1] = sliding.shape[1]
     blocks = [sliding[:, first:stop] @ sliding[:, first:stop].T for first, stop in pairwise(edges)]
     total = np.sum(blocks, axis=0)
     normal = np.concatenate([total[None], total - np.array(blocks)])
     ridge = RIDGE * np.eye(len(unit) - 1)
     solved = np.linalg.solve(normal[:, :-1, :-1] + ridge, normal[:, :-1, -1:])[..., 0]
-    estimates = solved * length[-1] / length[:-1]
-    return estimates[0], estimates[1:]
-
-
-def rows_of(spectra: Spectra, spectrum: Spectrum) -> Array:
-    """Signals (k, m) of working spectra (k, f) in the fitted rows, less their means."""
-    in_time = scipy.fft.irfft(spectrum * spectra.roll_off, spectra.working_rows)[:, spectra.rows]
-    return np.asarray(in_time - in_time.mean(axis=1, keepdims=True))
+    return np.asarray(solved * length[-1] / length[:-1])

@@ -263,8 +263,6 @@ def delay_error(data: Whitened, sound: Predicted, rounding: Array) -> float:
     left, estimates = search.fit(columns, slope)
     # of a slope that the columns make up, rounding alone is left
     left = max(left, np.finfo(float).eps * float(slope @ slope))
-    variance = 1 / left
-    if len(rounding):
-        of_slope = search.rest(slope - estimates @ columns)
-        variance += float(np.mean((rounding @ of_slope / left) ** 2))
-    return float(np.sqrt(variance))
+    of_slope = search.rest(slope - estimates @ columns)
+    by_rounding = np.mean((rounding @ of_slope / left) ** 2)
+    return float(np.sqrt(1 / left + by_rounding))

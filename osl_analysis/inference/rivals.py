@@ -29,7 +29,8 @@ import scipy
 
 from osl_analysis.inference.constants import FEWEST_STEPS, RIDGE, TINY, Ranges
 from osl_analysis.inference.friction_shapes import slipping_springs
-from osl_analysis.inference.whitening import Whitened, solve_scaled
+from osl_analysis.inference.spectra import solve_scaled
+from osl_analysis.inference.whitening import Whitened
 from osl_analysis.trial import Array
 
 Family = Literal["", "path", "time", "speed", "size", "direction", "clipping"]
@@ -284,7 +285,7 @@ def cut(search: Search, _: float) -> Model | None:
     spectra = data.spectra
     inside = spectra.inside
     motion = np.array([spectra.angle, spectra.omega, spectra.alpha])[:, inside]
-    recorded = spectra.resampled(spectra.signals.torque)[inside]
+    recorded = spectra.resampled(*spectra.raw_torque)[inside]
     low, high = np.quantile(recorded, Cut.OUTERMOST)
     missing = np.zeros(spectra.product_rows)
     coefficients = search.coefficients

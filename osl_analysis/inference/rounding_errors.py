@@ -36,15 +36,14 @@ def rounding_torques(data: Whitened, impedance: Array) -> Array:
     Returns
     -------
     Array (draws, m)
-        Torques; no row if noise of the angle hides its rounding, or no step is known.
+        Torques; one of 0 if noise of the angle hides its rounding, or no step is known.
     """
     spectra = data.spectra
     step = spectra.signals.encoder_step
-    repeated = 0.0
-    if step > 0:
-        repeated = repeated_share(spectra.angle_noise, spectra.signals.rate_hz, step)
+    rate_hz = spectra.signals.rate_hz
+    repeated = repeated_share(spectra.angle_noise, rate_hz, step) if step > 0 else 0.0
     if repeated < LEAST_REPEATED:
-        return np.empty((0, len(data.torque)))
+        return np.zeros((1, len(data.torque)))
 
     # without what is faster than its motion, as it was before it was read in whole steps
     end = SMOOTH_BANDS * spectra.band_hz * spectra.padded_seconds
@@ -57,11 +56,14 @@ def rounding_torques(data: Whitened, impedance: Array) -> Array:
     # sizes in another order than zeros, so that both are spread evenly
     sizes = 1 + SIZES_DRAWN * (2 * zeros[5 * draws % ROUNDING_DRAWS] - 1)
     of_error = impedance @ spectra.s ** np.arange(3)[:, None]
+    # errors of a few rows are added, whose middle is late by half of them
+    thinned = spectra.thinned
+    of_error = of_error * np.exp(-spectra.s * (thinned - 1) / 2 / rate_hz)
     to_working = spectra.working_rows / spectra.padded_rows
     torques = np.empty((ROUNDING_DRAWS, len(spectra.frequency)), np.complex128)
     for torque, zero, size in zip(torques, zeros, sizes, strict=True):
         angle = middle + size * (smooth - middle) + zero
-        error = np.rint(angle) - angle
+        error = (np.rint(angle) - angle).reshape(-1, thinned) @ np.ones(thinned)
         torque[:] = of_error * scipy.fft.rfft(error)[: len(spectra.frequency)]
     torques *= to_working * step * repeated
     return data.column(torques)

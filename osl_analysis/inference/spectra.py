@@ -22,8 +22,10 @@ from osl_analysis.inference.constants import (
     MEDIAN_OF_NOISE,
     PADDING,
     PRODUCT_RATE,
+    RIDGE,
     SHORTEST,
     TAPER,
+    TINY,
     VISIBLE_ABOVE_NOISE,
 )
 from osl_analysis.measured import check_finite
@@ -32,6 +34,7 @@ from osl_analysis.trial import Array
 Spectrum = NDArray[np.complex128]
 WORKING_RATE = 3.4  # bands; there the roll-off has taken all but 1.4 % of a signal
 VISIBLE_BENEATH = 2.0  # power over noise at which motion and noise are equal
+SPECTRUM_S = 2.0  # [s] of a segment of Welch's spectrum
 REST = 0.02  # SD of the angle that a joint at rest does not leave
 DERIVATIVES = 5  # angle and its derivatives up to the fourth
 
@@ -85,11 +88,10 @@ class BenchSignals:
         A joint at rest shows one error of the encoder for seconds, and nothing else.
         """
         least = max(FEWEST_STEPS * self.encoder_step, REST * float(self.theta.std()))
-        away_from_start = np.abs(self.theta - self.theta[0]) > least
-        away_from_end = np.abs(self.theta - self.theta[-1]) > least
+        from_start, from_end = np.abs(self.theta - self.theta[[0, -1], None]) > least
         edge = round(EDGE * self.rate_hz)
-        first = max(int(np.argmax(away_from_start)) - edge, 0)
-        stop = len(self.theta) - int(np.argmax(away_from_end[::-1])) + edge
+        first = max(int(np.argmax(from_start)) - edge, 0)
+        stop = len(self.theta) - int(np.argmax(from_end[::-1])) + edge
         rows = slice(first, stop)
         if len(self.theta[rows]) < SHORTEST * self.rate_hz:
             return self
@@ -130,12 +132,16 @@ class Spectra:
         The first row of the recording in its padded signals.
     padded_rows, padded_seconds : int, float
         Number of recorded rows with their padding (r), and the duration of it [s].
+    thinned : int
+        Recorded rows in one at the product rate, not fewer; they divide `padded_rows`.
     working_rate_hz : float
         The working rate [Hz].
     raw_angle : Spectrum (r/2 + 1,)
         Spectrum of the padded angle, less the line between its ends, at the recorded rate.
     ends : tuple of float
         Ends of that line [rad].
+    raw_torque : tuple
+        The same spectrum and ends of the torque.
     freedom : float
         Number of independent rows.
     frequency : Array (f,)
@@ -179,9 +185,11 @@ class Spectra:
 
         # odd extension at both ends, less the line between them, so that no end leaps
         self.first_row = min(round(PADDING * rate), n - 2)
-        self.padded_rows = int(scipy.fft.next_fast_len(n + 2 * self.first_row, real=True))
+        self.thinned = max(int(rate / PRODUCT_RATE), 1)
+        thinned_rows = -(-(n + 2 * self.first_row) // self.thinned)
+        self.padded_rows = self.thinned * int(scipy.fft.next_fast_len(thinned_rows, real=True))
         self.padded_seconds = self.padded_rows / rate
-        self.raw_angle, self.ends = self._transformed(self.signals.theta)
+        self.raw_angle, self.ends = self.transformed(self.signals.theta)
 
         self.angle_noise, self.band_hz, self.visible_hz = noise_and_band(self.signals.theta, rate)
 
@@ -196,7 +204,8 @@ class Spectra:
         self.roll_off = roll_off(self.frequency, self.band_hz)
         powers = self.s ** np.arange(DERIVATIVES)[:, None]
         self.derivatives: Spectrum = self._working(self.raw_angle) * powers
-        self.torque = self._working(self._transformed(self.signals.torque)[0])
+        self.raw_torque = self.transformed(self.signals.torque)
+        self.torque = self._working(self.raw_torque[0])
         self.window = self._window()
         self.rows = self.window > 0
         # independent rows, of which the roll-off leaves a part
@@ -220,7 +229,7 @@ class Spectra:
         self.actuator_derivatives: Array | None = None
         self.sliding = self.angle
         if self.signals.sliding_angle is not None:
-            raw_actuator, ends = self._transformed(self.signals.sliding_angle)
+            raw_actuator, ends = self.transformed(self.signals.sliding_angle)
             self.motion = np.vstack([self.motion, self._working(raw_actuator)])
             self.actuator_derivatives = self._at_product_rate(raw_actuator, 3)
             actuator = self.actuator_derivatives[0] + np.linspace(*ends, self.product_rows)
@@ -232,7 +241,7 @@ class Spectra:
         x = self.window * scipy.fft.irfft(spectrum * self.roll_off, self.working_rows)
         return scipy.fft.rfft(x)
 
-    def _transformed(self, x: Array) -> tuple[Spectrum, tuple[float, float]]:
+    def transformed(self, x: Array) -> tuple[Spectrum, tuple[float, float]]:
         """Spectrum (r/2 + 1,) of a signal (n,) with an odd extension at both ends, less the line
         between its ends, and these."""
         few = max(round(0.03 * self.signals.rate_hz), 2)
@@ -250,15 +259,14 @@ class Spectra:
 
     def _at_product_rate(self, spectrum: Spectrum, number: int) -> Array:
         """A signal and its derivatives, `number` in all, at the product rate."""
-        kept = min(self.product_rows // 2 + 1, len(spectrum))
-        frequency = np.arange(kept) / self.padded_seconds
+        spectrum = spectrum[: self.product_rows // 2 + 1]
+        frequency = np.arange(len(spectrum)) / self.padded_seconds
         gain = roll_off(frequency, self.product_band_hz) * (self.product_rows / self.padded_rows)
         powers = (2j * np.pi * frequency) ** np.arange(number)[:, None]
-        return np.asarray(scipy.fft.irfft(powers * gain * spectrum[:kept], self.product_rows))
+        return np.asarray(scipy.fft.irfft(powers * gain * spectrum, self.product_rows))
 
-    def resampled(self, x: Array) -> Array:
-        """A further signal (n,) of the recording at the product rate (p,)."""
-        spectrum, ends = self._transformed(x)
+    def resampled(self, spectrum: Spectrum, ends: tuple[float, float]) -> Array:
+        """A signal at the product rate (p,), whose spectrum is `transformed`."""
         smooth = self._at_product_rate(spectrum, 1)[0]
         return np.asarray(smooth + np.linspace(*ends, self.product_rows))
 
@@ -266,8 +274,8 @@ class Spectra:
         """What turns a belt [rad] (p,): theta - theta_m/n_T, by the torque that it transmits."""
         others = [self.omega, self.alpha, np.ones_like(self.theta), self.relative_time]
         columns = np.array([self.angle, actuator, *others])
-        torque = self.resampled(self.signals.torque)
-        of_torque = np.linalg.lstsq(columns[:, self.inside].T, torque[self.inside], rcond=None)[0]
+        torque = self.resampled(*self.raw_torque)
+        of_torque = solve_scaled(columns[:, self.inside], torque[self.inside])
         return np.asarray(self.angle + of_torque[1] / of_torque[0] * actuator)
 
     def _window(self) -> Array:
@@ -287,11 +295,19 @@ class Spectra:
 
     def spectrum_of(self, x: Array) -> Spectrum:
         """The working spectrum (..., f) of signals (..., p) at the product rate."""
-        spectrum: Spectrum = np.zeros((*x.shape[:-1], len(self.frequency)), np.complex128)
-        of_products = scipy.fft.rfft(x)[..., : len(self.frequency)]
-        spectrum[..., : of_products.shape[-1]] = of_products
-        spectrum *= self.working_rows / self.product_rows
-        return spectrum
+        of_products: Spectrum = scipy.fft.rfft(x)[..., : len(self.frequency)]
+        return of_products * (self.working_rows / self.product_rows)
+
+
+def solve_scaled(columns: Array, torque: Array) -> Array:
+    """Estimate the coefficients (k,) of columns (k, m) for a torque (m,)."""
+    products = columns @ columns.T
+    length = np.sqrt(products.diagonal()) + TINY
+    normal = products / np.outer(length, length) + RIDGE * np.eye(len(length))
+    estimates = np.linalg.solve(normal, columns @ torque / length) / length
+    # one step of refinement takes off what rounding of the normal matrix has added
+    left = torque - estimates @ columns
+    return np.asarray(estimates + np.linalg.solve(normal, columns @ left / length) / length)
 
 
 def roll_off(frequency: Array, end_hz: float) -> Array:
@@ -305,25 +321,25 @@ def noise_and_band(theta: Array, rate_hz: float) -> tuple[float, float, float]:
 
     The third number is where the motion is no larger than its noise [Hz].
 
-    The noise is taken as white, and read at the highest frequencies (above 100 Hz where there are
-    such). The band ends at the first frequency above 1 Hz at which the power falls below
-    `VISIBLE_ABOVE_NOISE` times the noise.
+    The spectrum is Welch's, of all segments at once. The noise is taken as white, and read at the
+    highest frequencies (above 100 Hz where there are such). The band ends at the first frequency
+    above 1 Hz at which the power falls below `VISIBLE_ABOVE_NOISE` times the noise.
     """
-    length = min(round(2 * rate_hz), len(theta))
-    frequency, power = scipy.signal.welch(scipy.signal.detrend(theta), rate_hz, nperseg=length)
-    if rate_hz < 300.0:
-        highest = frequency > 0.35 * rate_hz
-    else:
-        highest = (frequency > 100.0) & (frequency < 0.45 * rate_hz)
+    length = round(SPECTRUM_S * rate_hz)
+    window = scipy.signal.windows.hann(length, sym=False)
+    segments = np.lib.stride_tricks.sliding_window_view(theta, length)[:: length // 2]
+    about_mean = segments - segments.mean(axis=1, keepdims=True)
+    power = np.mean(np.abs(scipy.fft.rfft(window * about_mean)) ** 2, axis=0)
+    power *= 2 / (rate_hz * np.sum(window**2))
+    frequency = np.arange(len(power)) * rate_hz / length
+    highest = (frequency > min(100.0, 0.35 * rate_hz)) & (frequency < 0.45 * rate_hz)
     noise = float(np.median(power[highest]))
 
     limit = min(HIGHEST_BAND, BAND_OF_RATE * rate_hz)
     hidden = frequency[(frequency > 1.0) & (power < VISIBLE_ABOVE_NOISE * noise)]
-    end = float(hidden[0]) if len(hidden) else limit
-    end = float(np.clip(end, min(2.0, limit), limit))
+    end = max(float(hidden.min(initial=limit)), min(2.0, limit))
     beneath = frequency[(frequency > end) & (power < VISIBLE_BENEATH * noise)]
-    visible = float(beneath[0]) if len(beneath) else rate_hz / 2
-    return noise, end, visible
+    return noise, end, float(beneath.min(initial=rate_hz / 2))
 
 
 class Jump:

@@ -11,9 +11,9 @@ import numpy as np
 
 from osl_analysis.inference.constants import INEXACTNESS, MEDIAN_OF_NOISE
 from osl_analysis.inference.rivals import Search
-from osl_analysis.inference.spectra import noise_and_band
+from osl_analysis.inference.spectra import noise_and_band, solve_scaled
 from osl_analysis.inference.weighing import Predicted, all_columns
-from osl_analysis.inference.whitening import Whitened, solve_scaled
+from osl_analysis.inference.whitening import Whitened
 from osl_analysis.trial import Array
 
 # what is left over the noise of the rows that move least and over rounding, up to which it is
@@ -47,21 +47,23 @@ def largest_shifts(
 
     if best.rival.family:
         # Eq. 15 is not right, so that only what the sensor has beyond the band is surely noise
-        signals = data.spectra.signals
-        noise = data.white_noise(noise_and_band(signals.torque, signals.rate_hz)[0])
-        most_noise = 1 + NOISE_DEVIATIONS * np.sqrt(2 / data.spectra.freedom)
+        spectra = data.spectra
+        density = noise_and_band(spectra.signals.torque, spectra.signals.rate_hz)[0]
+        passed = np.mean((data.gain * spectra.roll_off) ** 2)
+        noise = density * spectra.working_rate_hz / 2 * passed * len(torque)
+        most_noise = 1 + NOISE_DEVIATIONS * np.sqrt(2 / spectra.freedom)
         of_friction = 0.0
     else:
         # a sine is never still in both its torque and the derivative of it
         derivatives = data.columns["derivatives"]
         modelled = np.array([impedance @ derivatives[:3], impedance @ derivatives[1:4]])
         motion = np.sum(modelled**2 / np.mean(modelled**2, axis=1, keepdims=True), axis=0)
-        quiet = float(np.median(squares[motion < np.median(motion)]))
+        quiet = np.median(squares[motion < np.median(motion)])
         noise = quiet / MEDIAN_OF_NOISE**2 * len(squares)
         most_noise = MOST_NOISE
         # whose shapes are not exactly its formula
         of_friction = INEXACTNESS**2 * (plain_left - best.left)
-    of_rounding = float(np.sum(rounding**2)) / max(len(rounding), 1)
+    of_rounding = np.sum(rounding**2) / len(rounding)
     of_sensors = most_noise * (noise + of_rounding)
     unexplained = max(float(squares.sum()) - of_sensors - of_friction, 0.0)
 

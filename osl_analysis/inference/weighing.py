@@ -162,12 +162,11 @@ class BlockFit:
         left : float
             Sum of squares that the columns leave of rounding, the mean over its draws.
         """
-        draws = max(len(rounding), 1)
         projections = rounding @ columns.T / self.length
         errors = projections @ self.inverse
         # sum(rounding (rounding - errors @ columns/length))
         unexplained = np.sum(rounding**2) - np.sum(errors * projections)
-        return errors.T @ errors / draws, float(unexplained / draws)
+        return errors.T @ errors / len(rounding), float(unexplained / len(rounding))
 
 
 def predict(search: Search, candidate: Candidate, rounding: Array) -> Predicted:

@@ -11,9 +11,9 @@ import numpy as np
 import scipy
 
 from osl_analysis.inference.actuator import frictionless_actuator
-from osl_analysis.inference.constants import COLOUR_BAND, RIDGE, TINY
+from osl_analysis.inference.constants import COLOUR_BAND
 from osl_analysis.inference.friction_shapes import friction_torques
-from osl_analysis.inference.spectra import Spectra, Spectrum
+from osl_analysis.inference.spectra import Spectra, Spectrum, solve_scaled
 from osl_analysis.trial import Array
 
 ROUNDS = 2  # the second one weighs the rich model by the spectrum that the first one found
@@ -25,17 +25,6 @@ LEAST_NOISE = 1e-20
 # model; each adds two columns
 OTHER_MOMENTS = (0.25, 0.375, 0.625, 0.75)
 SLOW_POWERS = 4  # offset and drift: powers of time from 0
-
-
-def solve_scaled(columns: Array, torque: Array) -> Array:
-    """Estimate the coefficients (k,) of columns (k, m) for a torque (m,)."""
-    products = columns @ columns.T
-    length = np.sqrt(products.diagonal()) + TINY
-    normal = products / np.outer(length, length) + RIDGE * np.eye(len(length))
-    estimates = np.linalg.solve(normal, columns @ torque / length) / length
-    # one step of refinement takes off what rounding of the normal matrix has added
-    left = torque - estimates @ columns
-    return np.asarray(estimates + np.linalg.solve(normal, columns @ left / length) / length)
 
 
 class Whitened:
@@ -60,6 +49,8 @@ class Whitened:
         What that actuator would do without its friction.
     impedance_matrix : Array (3, 3) or (3, 4)
         Turns the coefficients of `motion` into K, B and I.
+    gain : Array (f,)
+        By which the spectra of windowed signals are whitened [1/(N*m)].
     mean_friction : Array (k,)
         Mean torque of each shape of friction over its coefficient.
     """
@@ -82,7 +73,7 @@ class Whitened:
         parts = {"derivatives": spectra.derivatives, "actuator": spectra.motion[3:]}
         parts |= {name: spectra.spectrum_of(x) for name, x in products.items()}
         signals = spectra.windowed(np.concatenate([*parts.values(), spectra.torque[None]]))
-        self._gain = whitening_gain(spectra, signals)
+        self.gain = whitening_gain(spectra, signals)
         rows = self._rows(signals)
         self.torque = rows[-1]
         self.rich = rows[: -1 - SLOW_POWERS]
@@ -101,16 +92,8 @@ class Whitened:
 
     def _rows(self, windowed: Spectrum) -> Array:
         """The whitened rows (..., m) of windowed signals with these spectra (..., f)."""
-        whitened = scipy.fft.irfft(self._gain * windowed, self.spectra.working_rows)
+        whitened = scipy.fft.irfft(self.gain * windowed, self.spectra.working_rows)
         return np.asarray(whitened[..., self.spectra.rows])
-
-    def white_noise(self, density: float) -> float:
-        """Sum of squares that white noise of this density [(N*m)^2/Hz] has in the fitted rows."""
-        spectra = self.spectra
-        passed = np.mean((self._gain * spectra.roll_off) ** 2)
-        return float(
-            density * spectra.working_rate_hz / 2 * passed * np.count_nonzero(spectra.rows)
-        )
 
 
 def whitening_gain(spectra: Spectra, signals: Spectrum) -> Array:

@@ -5,16 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from osl_analysis.bench.bench_settings import BeltAnalysis
-from osl_analysis.bench.impedance import Analysis, torque_errors, widened
+from osl_analysis.bench.cycles import BRANCHES, Loop, find_loop, loop_errors, whole
+from osl_analysis.bench.impedance import Analysis, widened
 from osl_analysis.bench.motion import signals_of, stretches_of
 from osl_analysis.bench.plausibility import check_changes, check_stiffer
 from osl_analysis.bench.record import Groups, Label, Record, record_of
 from osl_analysis.bench.regression import GroupFit, Model, fit_groups, gram_sums
 from osl_analysis.bench.summaries import PLACE
-from osl_analysis.bench.torque_angle import branch_rows, find_cycles, whole
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError, naming
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
@@ -23,7 +22,6 @@ from osl_analysis.signals.grid import BRIDGE_MORE
 from osl_analysis.stats.estimates import Row, estimates_row
 from osl_analysis.trial import Array, Trial
 
-BRANCHES = {"loading": 1, "unloading": -1}  # and how the deflection's size changes
 STRAIGHT: Model = {"K_s": "theta", "offset": "one"}
 STRAIGHT_AND_DAMPED: Model = {**STRAIGHT, "B_j": "omega"}
 QUADRATIC: Model = {"K_s": "theta", "K_s2": "square", "offset": "one"}
@@ -66,14 +64,13 @@ def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnaly
             check_locked(low_pass(deflection, rate_hz), low_pass(signals["theta_m"], rate_hz))
         else:
             deflection = belt_deflection(deflection, signals["theta_m"], p)
-        theta_s = low_pass(deflection, rate_hz)
+        record = record_of(signals, settings, deflection)
+        record = replace(record, actuator=signals.signals)
         analyses: list[Analysis] = []
         for share in (LOADED, LOADED / 2, 2 * LOADED):
-            groups = branches_of(theta_s, rate_hz, signals.usable, settings.cutoff_hz, share)
-            record = record_of(signals, settings, groups, deflection)
-            record = replace(record, actuator=signals.signals)
             model = analyses[0].model if analyses else None
-            analyses.append(fit_branches(record, settings.load_cell_drift / 60, model))
+            loaded = replace(record, groups=branches_of(record, share))
+            analyses.append(fit_branches(loaded, settings.load_cell_drift / 60, model))
     belt, early, late = analyses
     fits = {
         label: widened(fit, (late.fits[label].estimates - early.fits[label].estimates) / 2)
@@ -121,52 +118,46 @@ def fit_branches(record: Record, drift: float = 0.0, model: Model | None = None)
     return Analysis(record, s, model, fits, {}, "loading")
 
 
-def load_of(theta_s: Array) -> Array:
-    """Deflection (n,) [rad] of a belt from its first sample on, to the side of its peak. Raises
-    InputError: the belt hardly deflects."""
-    deflection = theta_s - theta_s[0]
-    at_peak = float(deflection[np.argmax(np.abs(deflection))])
-    if abs(at_peak) < np.deg2rad(LEAST_DEFLECTION_DEG):
+def loop_of(theta_s: Array) -> Loop:
+    """The cycles of a belt's deflection (n,) [rad]. Raises InputError: the belt hardly deflects, or
+    is not unloaded again."""
+    largest_deg = np.rad2deg(np.abs(theta_s - theta_s[0]).max())
+    if largest_deg < LEAST_DEFLECTION_DEG:
         raise InputError(
-            f"the belt deflects by {np.rad2deg(abs(at_peak)):.3f} deg at most, expected"
+            f"the belt deflects by {largest_deg:.3f} deg at most, expected"
             f" {LEAST_DEFLECTION_DEG:g} deg or more; check the angle channels and their units in"
             " the source file"
         )
-    return np.asarray(deflection * np.sign(at_peak))
+    return find_loop(theta_s)
 
 
-def branches_of(
-    theta_s: Array,
-    rate_hz: float,
-    usable: NDArray[np.bool_],
-    cutoff_hz: float,
-    loaded_share: float = LOADED,
-) -> Groups:
-    """Stretches of all loadings and all unloadings of a deflection theta_s (n,) [rad] in usable
-    rows, where the belt deflects by `loaded_share` of its peak or more.
+def branches_of(record: Record, loaded_share: float = LOADED) -> Groups:
+    """Stretches of all loadings and all unloadings of a belt in usable rows, where it deflects by
+    `loaded_share` of its peak or more.
 
     Raises
     ------
     InputError
-        The belt hardly deflects, is not unloaded again, or a branch is empty.
+        As `loop_of`, or a branch is empty.
     """
-    load = load_of(theta_s)
-    cycles, _ = find_cycles(load)
-    is_loaded = load >= loaded_share * load.max()
+    theta_s = record.motion.theta
+    loop = loop_of(theta_s)
+    load = (theta_s - theta_s[0]) * loop.loading
     branches = []
-    for label, direction in BRANCHES.items():
-        inside = np.zeros(len(load), dtype=np.bool_)
-        inside[branch_rows(cycles, load, direction)] = True
-        if not (inside & is_loaded & usable).any():
+    for label in BRANCHES:
+        is_loaded = np.zeros(len(load), dtype=np.bool_)
+        is_loaded[loop.rows(theta_s, label)] = True
+        is_loaded &= load >= loaded_share * load.max()
+        if not (is_loaded & record.usable).any():
             raise InputError(
                 f"no row while {label} is free of gaps that are too long to be bridged;"
                 f" {BRIDGE_MORE}"
             )
         # no shorter than half a period of the cut-off
-        longest = max(rows.stop - rows.start for rows in runs(inside & is_loaded))
-        seconds = max(longest / rate_hz / STRETCHES, 0.5 / cutoff_hz)
-        rows = runs(inside & is_loaded & usable)
-        branches.append(stretches_of(rows, rate_hz, seconds, label))
+        longest = max(rows.stop - rows.start for rows in runs(is_loaded))
+        seconds = max(longest / record.rate_hz / STRETCHES, 0.5 / record.settings.cutoff_hz)
+        rows = runs(is_loaded & record.usable)
+        branches.append(stretches_of(rows, record.rate_hz, seconds, label))
     return Groups(
         "stretches",
         np.concatenate([branch.first for branch in branches]),
@@ -174,15 +165,6 @@ def branches_of(
         np.repeat([0, 1], [len(branch.first) for branch in branches]),
         tuple(branch.strata[0] for branch in branches),
     )
-
-
-def mean_loop(theta_s: Array, torque: Array) -> Array:
-    """The work of torques (..., n) [N*m] over a deflection (n,) [rad] in a cycle [J], the mean of
-    all cycles (...)."""
-    cycles, _ = find_cycles(load_of(theta_s))
-    parts = [whole(cycle) for cycle in cycles]
-    works = [np.trapezoid(torque[..., rows], theta_s[rows]) for rows in parts]
-    return np.asarray(np.mean(works, axis=0))
 
 
 def check_locked(theta: Array, theta_m: Array) -> None:
@@ -207,10 +189,12 @@ def belt_table(belt: Analysis) -> pl.DataFrame:
     peak = float(np.max(np.abs(sums.columns["theta"])))
     of_line, of_square, _ = sums.of("loading").estimates([*QUADRATIC.values()])
 
-    area = float(mean_loop(theta, torque))
-    errors = torque_errors(torque, record.rate_hz, record.rows(), record.settings.calibration)
-    by_torque = np.linalg.norm(mean_loop(theta, errors))
-    by_gain = area * record.settings.calibration.polar(0.0)[0]
+    # the torque, and each error of it
+    errors = loop_errors(torque, record.rate_hz, record.rows(), record.settings.calibration)
+    torques = np.array([torque, *errors])
+    cycles = [whole(cycle) for cycle in loop_of(theta).cycles]
+    works = [np.trapezoid(torques[:, rows], theta[rows]) for rows in cycles]
+    area, *area_errors = np.mean(works, axis=0)
 
     turn = None  # of the actuator's shaft per turn of the joint, while the belt is loaded
     if record.actuator:
@@ -225,7 +209,7 @@ def belt_table(belt: Analysis) -> pl.DataFrame:
         "unloading": unloading["K_s"],
         "unloading_se_bench": unloading.se_bench("K_s"),
         "hysteresis_area": area,
-        "hysteresis_area_se_bench": float(np.hypot(by_gain, by_torque)),
+        "hysteresis_area_se_bench": float(np.linalg.norm(area_errors)),
         "energy_lost": area / (loading["K_s"] * peak**2 / 2),
         "shaft_turn": turn,
         "stiffening": 2 * of_square * peak / of_line,
@@ -237,9 +221,8 @@ def belt_curve(belt: Analysis) -> pl.DataFrame:
     """Deflection [deg] and torque [N*m] from rest, by branch, for Fig. 3."""
     record = belt.record
     theta_s, torque = record.motion.theta, record.filtered_torque
-    load = load_of(theta_s)
-    unloads = np.zeros(len(load), dtype=np.bool_)
-    unloads[branch_rows(find_cycles(load)[0], load, -1)] = True
+    unloads = np.zeros(len(theta_s), dtype=np.bool_)
+    unloads[loop_of(theta_s).rows(theta_s, "unloading")] = True
     columns = {
         "branch": np.where(unloads, "unloading", "loading"),
         "theta_s_deg": np.rad2deg(theta_s - theta_s[0]),

@@ -134,7 +134,7 @@ def record_of_trial(
                 )
                 hz = [stratum.frequency_hz for stratum in groups.strata]
                 band_hz = (min(hz), max(hz))
-                return replace(record_of(regular, settings, groups), band_hz=band_hz)
+                return replace(record_of(regular, settings), groups=groups, band_hz=band_hz)
         assert isinstance(settings, ImpedanceAnalysis)
         return record_of_motion(regular, settings, windows or settings.windows)
 
@@ -184,7 +184,7 @@ def record_of_motion(
         inside = stated_windows(windows, float(time[-1]))
         is_inside = within(time, inside)
     pieces = fitted_pieces(time, signals.usable, inside, EDGE_PERIODS / settings.cutoff_hz)
-    record = record_of(signals, settings, stretches_of(pieces, rate))
+    record = replace(record_of(signals, settings), groups=stretches_of(pieces, rate))
     fitted = record.is_fitted()
     periodic = periodic_motion(record.theta, rate, signals.usable & is_inside)
     groups = periods_of(periodic, rate, fitted) if periodic else None
@@ -344,10 +344,10 @@ def stretches_of(
     longest = min(
         seconds * rate_hz, sum(piece.stop - piece.start for piece in pieces) / FEWEST_STRETCHES
     )
-    first, stop = list[float](), list[float]()
+    edges = []
     for piece in pieces:
         number = max(round((piece.stop - piece.start) / longest), 1)
-        edges = np.linspace(piece.start, piece.stop, number + 1).tolist()
-        first += edges[:-1]
-        stop += edges[1:]
-    return unlike_groups(np.array(first), np.array(stop), label)
+        of_piece = np.linspace(piece.start, piece.stop, number + 1)
+        edges.append((of_piece[:-1], of_piece[1:]))
+    first, stop = np.concatenate(edges, axis=1)
+    return unlike_groups(first, stop, label)

@@ -195,9 +195,9 @@ def whole_rows(first: Array, stop: Array) -> list[slice]:
 
 
 def record_of(
-    signals: UniformSignals, settings: BenchAnalysis, groups: Groups, theta: Array | None = None
+    signals: UniformSignals, settings: BenchAnalysis, theta: Array | None = None
 ) -> Record:
-    """The record of signals.
+    """The record of signals, all of whose rows are one group.
 
     Parameters
     ----------
@@ -205,8 +205,6 @@ def record_of(
         With `theta` and `torque`.
     settings
         The bench, and the filter.
-    groups
-        The rows that are fitted.
     theta
         The angle (n,) [rad] that is filtered, by default the joint's.
     """
@@ -223,6 +221,6 @@ def record_of(
         filtered_torque=filtered,
         settings=settings,
         usable=signals.usable,
-        groups=groups,
+        groups=unlike_groups(np.zeros(1), np.array([float(len(torque))])),
         streams=signals.streams,
     )

@@ -1,5 +1,4 @@
-"""Torque against angle, quasi-static, of passive feet, springs and series elastic elements; and the
-cycles of any slow motion to and fro: where each begins, turns and ends, and the energy in it.
+"""Torque against angle, quasi-static, of passive feet, springs and series elastic elements.
 
 The torque's zero and the deflection of the bench are subtracted first. A device with hysteresis
 that comes to rest on its way keeps a torque of up to half the width of its loop. One recording
@@ -8,16 +7,14 @@ cannot tell this from an offset.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import polars as pl
 import scipy
-from numpy.typing import NDArray
 
 from osl_analysis.bench.bench_settings import TorqueAngleAnalysis
-from osl_analysis.bench.impedance import torque_errors
+from osl_analysis.bench.cycles import BRANCHES, Cycle, Loop, find_loop, loop_errors, whole
 from osl_analysis.bench.motion import signals_of
 from osl_analysis.bench.plausibility import check_changes, check_resists, check_stiffer
 from osl_analysis.dictionary import table_of
@@ -31,14 +28,6 @@ MEASURED = ("K", "K_unloading", "energy_stored", "energy_returned", "energy_lost
 FEWEST_ANGLES = 5  # of a curve
 FEWEST_SAMPLES = 10  # of a parabola
 RESTS = 0.01  # of the range of motion: the joint is at rest within it
-TURNING_SHARE = 0.1  # of the range of motion: a smaller return is no turning point
-AT_AN_END = 0.1  # of the range of motion: a start this near an end counts as this end
-CLOSED = 0.02  # of the range of motion: largest distance between the ends of a cycle
-WHOLE = 0.9  # of the range of motion: a cycle that covers less is a smaller one
-
-
-Cycle = tuple[int, ...]
-"""A closed cycle of an angle, by rows: where it begins, turns (once or more often) and ends."""
 
 
 @dataclass(frozen=True)
@@ -94,25 +83,18 @@ def torque_angle_trial(
         torque = recorded - (zero or 0.0)
         theta = settings.joint_angle(bench_theta, torque)
         angle_deg = angles_of_curves_deg(theta, settings.angle_step_deg)
-        found, others = find_cycles(theta)
-        cycles = found[settings.settle_cycles :]
-        if not cycles:
-            raise InputError(
-                f"all {len(found)} whole cycles are left out by settle_cycles; lower it, or record"
-                " more"
-            )
+        loop = find_loop(theta, settings.settle_cycles)
+        cycles = loop.cycles
         check_slow(theta, cycles, settings.shortest_cycle_s, rate_hz)
-        begin = theta[cycles[0][0]]
-        loading = 1 if theta.max() - begin >= begin - theta.min() else -1
-        estimates = means_row(theta, torque, cycles, loading, rate_hz, settings)
+        estimates = means_row(theta, torque, loop, rate_hz, settings)
     check_resists(trial.name, "K", estimates["K"])
     check_stiffer(trial.name, "K", estimates["K"], bench)
 
     angles = np.deg2rad(angle_deg)
     model = np.full(len(theta), np.nan)
     curves = []
-    for branch, direction in (("loading", loading), ("unloading", -loading)):
-        rows = branch_rows(cycles, theta, direction)
+    for branch in BRANCHES:
+        rows = loop.rows(theta, branch)
         curve, slope = curve_of(theta[rows], torque[rows], angles, settings.window_share)
         model[rows] = np.interp(theta[rows], angles, curve, np.nan, np.nan)
         columns = {
@@ -130,8 +112,8 @@ def torque_angle_trial(
     row: Row = {
         "trial": trial.name,
         "cycles": len(cycles),
-        "other_cycles": others,
-        "loading": "rising" if loading == 1 else "falling",
+        "other_cycles": loop.others,
+        "loading": "rising" if loop.loading == 1 else "falling",
         "angle_min_deg": np.rad2deg(theta.min()),
         "angle_max_deg": np.rad2deg(theta.max()),
         "torque_zero": zero,
@@ -224,7 +206,7 @@ def check_slow(theta: Array, cycles: Sequence[Cycle], shortest_s: float, rate_hz
             )
 
 
-def measured(theta: Array, torque: Array, cycles: Sequence[Cycle], loading: int) -> Array:
+def measured(theta: Array, torque: Array, loop: Loop) -> Array:
     """Slopes [N*m/rad] and energies [J] of each cycle, (cycles, 5), in the order of `MEASURED`.
 
     Slopes are those of least squares over angle: each sample has the weight of the angle that it
@@ -232,8 +214,8 @@ def measured(theta: Array, torque: Array, cycles: Sequence[Cycle], loading: int)
     """
     covered = np.sqrt(np.abs(np.gradient(theta)))
     rows = []
-    for cycle in cycles:
-        branches = [branch_rows([cycle], theta, direction) for direction in (loading, -loading)]
+    for cycle in loop.cycles:
+        branches = [loop.rows(theta, branch, cycle) for branch in BRANCHES]
         slopes = [np.polyfit(theta[b], torque[b], 1, w=covered[b])[0] for b in branches]
         stored, returned = energies(theta[whole(cycle)], torque[whole(cycle)])
         rows.append((*slopes, stored, returned, stored - returned))
@@ -241,23 +223,17 @@ def measured(theta: Array, torque: Array, cycles: Sequence[Cycle], loading: int)
 
 
 def means_row(
-    theta: Array,
-    torque: Array,
-    cycles: Sequence[Cycle],
-    loading: int,
-    rate_hz: float,
-    settings: TorqueAngleAnalysis,
+    theta: Array, torque: Array, loop: Loop, rate_hz: float, settings: TorqueAngleAnalysis
 ) -> dict[str, Any]:
     """Means over the cycles with 95 % intervals, which hold the stated errors of the bench: of
     torque and angle, of the load cell's hysteresis and delay, and of the bench's stiffness."""
-    calibration, bench = settings.calibration, settings.bench_stiffness
-    moved = np.r_[cycles[0][0] : cycles[-1][-1]]
-    gain_error = calibration.polar(0.0)[0]
-    errors = torque_errors(torque, rate_hz, moved, calibration)
-    changed = [(theta, torque + error) for error in (gain_error * torque, *errors)]
+    bench = settings.bench_stiffness
+    moved = np.r_[loop.cycles[0][0] : loop.cycles[-1][-1]]
+    errors = loop_errors(torque, rate_hz, moved, settings.calibration)
+    changed = [(theta, torque + error) for error in errors]
     changed.append((theta - (bench.compliance_error if bench else 0.0) * torque, torque))
-    values = measured(theta, torque, cycles, loading)
-    others = [measured(*signals, cycles, loading).mean(axis=0) for signals in changed]
+    values = measured(theta, torque, loop)
+    others = [measured(*signals, loop).mean(axis=0) for signals in changed]
     shared = np.linalg.norm(others - values.mean(axis=0), axis=0)
 
     row = dict[str, Any]()
@@ -267,86 +243,6 @@ def means_row(
         row |= {name: summary["mean"], **ends}
     returned, stored = values.mean(axis=0)[[3, 2]]
     return {**row, "returned_share": returned / stored}
-
-
-def whole(cycle: Cycle) -> slice:
-    """All rows of a cycle, with the last one."""
-    return slice(cycle[0], cycle[-1] + 1)
-
-
-def branch_rows(cycles: Sequence[Cycle], theta: Array, direction: int) -> NDArray[np.intp]:
-    """The rows of cycles in which the angle (n,) rises (1) or falls (-1) from turn to turn."""
-    parts = [
-        np.arange(first, last + 1)
-        for cycle in cycles
-        for first, last in pairwise(cycle)
-        if (theta[last] - theta[first]) * direction > 0
-    ]
-    return np.concatenate(parts)
-
-
-def find_cycles(theta: Array) -> tuple[list[Cycle], int]:
-    """Find the whole cycles of a slow motion, and the number of its other stretches.
-
-    A cycle ends where the angle returns to its start in the same direction, or, if the motion
-    starts at one of its ends, where it returns to this end. Other stretches cover less than
-    `WHOLE` of the range, or do not close.
-
-    Parameters
-    ----------
-    theta : Array
-        Filtered angle (n,) [rad].
-
-    Raises
-    ------
-    InputError
-        There is no whole cycle.
-    """
-    span = float(np.ptp(theta))
-    swing = TURNING_SHARE * span
-    highest, _ = scipy.signal.find_peaks(theta, prominence=swing)
-    lowest, _ = scipy.signal.find_peaks(-theta, prominence=swing)
-    turns = np.sort(np.concatenate([highest, lowest])).tolist()
-    edges = cycle_edges(theta, turns, span)
-    cycles: list[Cycle] = []
-    others = 0
-    for first, last in pairwise(edges):
-        range_of_stretch = np.ptp(theta[first : last + 1])
-        is_closed = abs(theta[last] - theta[first]) <= CLOSED * span
-        if is_closed and range_of_stretch >= WHOLE * span:
-            cycles.append((first, *(turn for turn in turns if first < turn < last), last))
-        elif range_of_stretch > swing:
-            others += 1
-    if not cycles:
-        first_deg, low_deg, high_deg, last_deg = (
-            np.rad2deg([theta[0], theta.min(), theta.max(), theta[-1]]).round(2) + 0.0
-        )  # without "-0.00"
-        raise InputError(
-            f"no whole cycle: the angle begins at {first_deg:.2f} deg, goes to {low_deg:.2f} and"
-            f" {high_deg:.2f} deg, and ends at {last_deg:.2f} deg; record the way back to the start"
-        )
-    return cycles, others
-
-
-def cycle_edges(theta: Array, turns: list[int], span: float) -> list[int]:
-    """Rows at which cycles of an angle (n,) with a range `span` [rad] may begin or end."""
-    start = float(theta[0])
-    last_row = len(theta) - 1
-    if min(start - theta.min(), theta.max() - start) < AT_AN_END * span:
-        at_start = [
-            turn for turn in turns if abs(theta[turn] - start) < (AT_AN_END + CLOSED) * span
-        ]
-        return [0, *at_start, last_row]
-    between_turns = list(pairwise([0, *turns, last_row]))
-    direction = np.sign(theta[between_turns[0][1]] - start)
-    if abs(theta[last_row] - start) <= CLOSED * span:  # the end counts, and is no crossing
-        between_turns = between_turns[:-1]
-    beyond_start = (theta - start) * direction
-    edges = [0]
-    for first, last in between_turns[1:]:
-        if beyond_start[first] < 0 < beyond_start[last]:
-            edges.append(first + int(np.argmax(beyond_start[first : last + 1] >= 0)))
-    return [*edges, last_row]
 
 
 def energies(angle: Array, torque: Array) -> tuple[float, float]:

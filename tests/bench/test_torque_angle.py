@@ -9,7 +9,8 @@ import pytest
 from conftest import ROOT, marked
 
 from osl_analysis.bench.bench_settings import TorqueAngleAnalysis
-from osl_analysis.bench.torque_angle import find_cycles, torque_angle_trial
+from osl_analysis.bench.cycles import find_loop
+from osl_analysis.bench.torque_angle import torque_angle_trial
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.quality import saturated
@@ -137,8 +138,8 @@ SMALLER = (*(x for a in (6, 8, 10, 6, 8, 10) for x in (0, a, -a)), 0)
 ])  # fmt: skip
 def test_cycles_begin_and_end_where_the_angle_comes_back(angles, counts):
     """Whole ones, and others of a smaller amplitude or without the way back."""
-    cycles, others = find_cycles(path(*angles))
-    assert (len(cycles), others) == counts
+    loop = find_loop(path(*angles))
+    assert (len(loop.cycles), loop.others) == counts
 
 
 def test_a_device_that_starts_within_its_loop_is_doubtful_until_its_first_cycle_is_left_out():

@@ -12,7 +12,7 @@ from osl_analysis.bench.bench_settings import BeltAnalysis, DynamometerAnalysis
 from osl_analysis.bench.evidence import impedance_table
 from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.motion import cycles_of
-from osl_analysis.bench.record import Record
+from osl_analysis.bench.record import Record, unlike_groups
 from osl_analysis.signals import LowPass, Motion, filtered_motion
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol, find_segments, find_sines
 
@@ -94,8 +94,9 @@ def belt_record(theta_s, torque, rate=RATE, unusable=()):
     usable = ~np.isin(np.arange(len(theta_s)), unusable)
     omega = np.gradient(theta_s) * rate
     motion = Motion(theta_s, omega, np.gradient(omega) * rate)
-    groups = branches_of(theta_s, rate, usable, 15.0)
-    return Record("b", time, theta_s, torque, motion, torque, SETTINGS, usable, groups)
+    groups = unlike_groups(np.zeros(1), np.full(1, len(time)))
+    record = Record("b", time, theta_s, torque, motion, torque, SETTINGS, usable, groups)
+    return replace(record, groups=branches_of(record))
 
 
 def table_of(record):

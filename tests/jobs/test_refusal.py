@@ -431,23 +431,19 @@ def test_a_run_has_a_line_now_and_then_one_per_stage_and_what_is_refused_at_once
     assert r"no such file\x1b[31m" in of_jobs[0]
 
 
-def test_a_lock_is_one_line_and_what_a_job_has_told_is_not_said_again(tmp_path, capsys):
-    log = tmp_path / "b_1.log"
-    write_log(
-        log,
-        {
-            "job": "j",
-            "outcome": "failed",
-            "error": "a.csv: cannot be written",
-            "remedy": "make room",
-        },
-    )
+def test_a_lock_is_one_line_an_error_is_told_once_and_another_workflows_as_it_is(tmp_path, capsys):
+    own, other = tmp_path / "b_1.log", tmp_path / "other.log"
+    write_log(own, {"outcome": "failed", "error": "a.csv: not written", "remedy": "make room"})
+    other.write_text("a: log: of another workflow")
     lines = LogHandler(SimpleNamespace(verbose=False, dryrun=False), None)
     text = format_exception_to_string(LockException())
+
     tell(lines, LogEvent.ERROR, text, logging.ERROR, exception="LockException")
-    tell(lines, LogEvent.JOB_INFO, jobid=1, rule_name="fit_belt", log=[str(log)])
     tell(lines, LogEvent.ERROR, "RuntimeError", logging.ERROR, exception="RuleException")
-    tell(lines, LogEvent.JOB_ERROR, "one", logging.ERROR, rule_name="fit_belt", log=[str(log)])
-    lock, failed = capsys.readouterr().err.splitlines()
+    tell(lines, LogEvent.ERROR, "NameError", logging.ERROR, exception="RuleException")
+    tell(lines, LogEvent.JOB_ERROR, rule_name="fit_belt", log=[str(own), str(other)])
+
+    lock, name_error, failed = capsys.readouterr().err.splitlines()
     assert lock.startswith("error: ")
-    assert re.search("b_1: a.csv: cannot be written; make room", failed)
+    assert name_error == "NameError"
+    assert failed == "failed: b_1: a.csv: not written; make room"

@@ -434,7 +434,7 @@ def test_a_run_has_a_line_now_and_then_one_per_stage_and_what_is_refused_at_once
 def test_a_lock_is_one_line_an_error_is_told_once_and_another_workflows_as_it_is(tmp_path, capsys):
     own, other = tmp_path / "b_1.log", tmp_path / "other.log"
     write_log(own, {"outcome": "failed", "error": "a.csv: not written", "remedy": "make room"})
-    other.write_text("a: log: of another workflow")
+    other.write_text("no mapping of YAML")
     lines = LogHandler(SimpleNamespace(verbose=False, dryrun=False), None)
     text = format_exception_to_string(LockException())
 

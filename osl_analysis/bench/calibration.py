@@ -174,20 +174,20 @@ def late_fits(record: Record, is_spring: bool) -> tuple[GroupFit, GroupFit | Non
     fit_late = partial(late_fit, record.coarse, effect_columns(record))
     model = {**IMPEDANCE, "T_C": "T_C"}
     if not is_spring:
-        fit = fit_late(model=model).fit
+        fit, _ = fit_late(model=model)
         return fit, fit
 
-    undamped = fit_late(model={name: model[name] for name in model if name != "B"}).fit
+    undamped, _ = fit_late(model={name: model[name] for name in model if name != "B"})
     fastest = 2 * np.pi * record.band_hz[1]
     if abs(undamped["I"]) * fastest**2 < LEAST_INERTIA_SHARE * undamped["K"]:
         return undamped, None
     damped = undamped
     for lag_s in (undamped["lag_s"], 0.0):
-        late = fit_late(model=model, lag_s=lag_s)
+        fit, has_ended = fit_late(model=model, lag_s=lag_s)
         # a delay has a false minimum beside a negative damping
-        is_likely = late.has_ended and late.fit.interval("B")[1] >= 0
+        is_likely = has_ended and fit.interval("B")[1] >= 0
         if is_likely or damped is undamped:
-            damped = late.fit
+            damped = fit
     is_damped = damped["B"] > 0 and damped.certain("B")
     return (damped if is_damped else undamped), damped
 

@@ -93,11 +93,6 @@ class DesiredImpedance:
             return None
         return select_gains(self.controller, self.K_d, self.B_d, p, weight)
 
-    def columns(self) -> dict[str, pl.Expr]:
-        """`controller`, `K_d` and `B_d` as constant columns of a table."""
-        numbers = {name: pl.lit(getattr(self, name), pl.Float64) for name in ("K_d", "B_d")}
-        return {"controller": pl.lit(self.controller, pl.String), **numbers}
-
 
 UNSTATED = DesiredImpedance(None, None, None)
 
@@ -158,6 +153,7 @@ def impedance_table(
     ppm = [stream["ppm"] for stream in record.streams if stream["ppm"] is not None]
     other_excitation = "periodic" if record.periodic else "other"
     of_trial: Row = {
+        **vars(desired),
         **fault_columns(joint),
         "delay_se_s": delay_se_s(joint, record),
         "excitation": "stepped sine" if record.is_stepped_sine else other_excitation,
@@ -198,8 +194,7 @@ def impedance_table(
                 **of_trial,
             }
         )
-    table = table_of(rows, "impedance", complete=True)
-    table = table.with_columns(*lag_columns(belt.lag), **desired.columns())
+    table = table_of(rows, "impedance", complete=True).with_columns(lag_columns(belt.lag))
     # without compensation a leg's friction hides it
     if gains and gains.cancels_friction:
         apart = pl.col("B_predicted") - pl.col("B")

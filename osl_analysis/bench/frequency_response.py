@@ -79,7 +79,7 @@ class Response:
         return row
 
 
-def response_table(analysis: Analysis) -> pl.DataFrame:
+def response_table(analysis: Analysis, **condition: float | str | None) -> pl.DataFrame:
     """The trial's rows of `response.csv`.
 
     Of a stepped sine a row per amplitude and frequency, and one of the mean of Y over the
@@ -89,23 +89,25 @@ def response_table(analysis: Analysis) -> pl.DataFrame:
     ----------
     analysis : Analysis
         Eq. 15 of a recording of the bench.
+    **condition
+        What the leg was asked to render, by column.
     """
     record = analysis.record
+    facts: Row = {"interval_method": "cycles" if record.is_stepped_sine else "windows", **condition}
     rows: list[Row] = []
     of_all: list[Response] = []
     if record.is_stepped_sine:
         at_frequency: dict[float, list[Response]] = {}
         for number, stratum in enumerate(record.groups.strata):
             response, distortion = response_to_sine(analysis, number)
-            rows.append({**analysis.place(stratum.label), **response.to_row(record), **distortion})
+            place = analysis.place(stratum.label)
+            rows.append({**place, **response.to_row(record), **distortion, **facts})
             at_frequency.setdefault(stratum.frequency_hz, []).append(response)
         of_all = [mean_response(responses) for responses in at_frequency.values()]
     else:
         of_all = responses_of_windows(analysis)
-    rows += [{**analysis.place(None), **response.to_row(record)} for response in of_all]
-    method = "cycles" if record.is_stepped_sine else "windows"
-    table = table_of(rows, "response", complete=True).fill_nan(None)
-    return table.with_columns(interval_method=pl.lit(method))
+    rows += [{**analysis.place(None), **response.to_row(record), **facts} for response in of_all]
+    return table_of(rows, "response", complete=True).fill_nan(None)
 
 
 def measured_admittance(response: pl.DataFrame) -> Spectrum:

@@ -2,6 +2,7 @@
 of the torque and of theta_m."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -46,21 +47,13 @@ OTHER_B_J = 3.0  # factor by which losses vary from joint to joint about the par
 CANNOT_TELL = (IdentifiabilityError, InputError, np.linalg.LinAlgError)
 
 
-@dataclass(frozen=True)
-class LateFit:
-    """A model with a lag of the torque."""
-
-    fit: GroupFit  # its last estimate is the lag, `lag_s` [s]
-    has_ended: bool  # whether the search has come to its end
-
-
 def late_fit(
     few: Record,
     columns: Mapping[str, Array],
     model: Model,
     prompt_torque: Array | float = 0.0,
     lag_s: float = 0.0,
-) -> LateFit:
+) -> tuple[GroupFit, bool]:
     """Fit a model to a torque that is late (Gauss-Newton).
 
     In each step the torque is advanced by the lag that is known so far. The slope of the torque is
@@ -80,6 +73,13 @@ def late_fit(
         Part of the torque that is not late, and is subtracted [N*m].
     lag_s : float
         Where the search starts [s].
+
+    Returns
+    -------
+    fit : GroupFit
+        Its last estimate is the lag, `lag_s` [s].
+    has_ended : bool
+        Whether the search has come to its end.
 
     Raises
     ------
@@ -112,7 +112,7 @@ def late_fit(
         if abs(step_s) < LAG_CONVERGED:
             break
     with_lag = np.append(fit.estimates[:-1], lag_s)
-    return LateFit(replace(fit, estimates=with_lag), abs(step_s) <= LAG_FOUND)
+    return replace(fit, estimates=with_lag), abs(step_s) <= LAG_FOUND
 
 
 @dataclass(frozen=True)
@@ -189,40 +189,34 @@ def belt_of_leg(record: Record, p: DrivetrainParameters) -> Belt:
         Nothing is told where the motion cannot tell it.
     """
     few = record.coarse
-    wound = belt_deflection(few.motion.theta, few.actuator["theta_m"], p)
+    motion, theta_m = few.motion, few.actuator["theta_m"]
+    wound = belt_deflection(motion.theta, theta_m, p)
     slips = few.settings.low_pass(slipping_springs(wound, WOUND_UP).T, few.rate_hz).T
     columns = {name: column for name, column in columns_of(few).items() if name not in OF_JOINT}
     columns |= {"wound": wound - wound.mean(), **{f"slips_{k}": x for k, x in enumerate(slips)}}
-    try:
-        return belt_from(few, columns, p)
-    except CANNOT_TELL:
-        return Belt()
-
-
-def belt_from(few: Record, columns: dict[str, Array], p: DrivetrainParameters) -> Belt:
-    """The belt by fits to columns (n,). Raises as `fit_groups`."""
     model = {name: name for name in columns}
-    # the torque per velocity of the joint is B_j
-    of_inertia = p.J_j * few.motion.alpha
-    late = late_fit(few, columns, model, prompt_torque=of_inertia)
-    fit = late.fit
-    K_s, B_j = fit["wound"], fit["omega"]
-    belt = Belt(K_s / p.K_s)
-    if not (LEAST_K_S < K_s / p.K_s < LARGEST_K_S and late.has_ended):
-        return belt
-    lag = Lag.of(fit)
-    of_motor = fit.derived({"lag_s": ((p.B_j - B_j) / K_s, {"omega": -1 / K_s})})
-    if not Lag.of(of_motor).is_certain:
-        return replace(belt, lag=lag)
+    belt = Belt()
+    with suppress(*CANNOT_TELL):
+        # the torque per velocity of the joint is B_j
+        of_inertia = p.J_j * motion.alpha
+        fit, has_ended = late_fit(few, columns, model, prompt_torque=of_inertia)
+        K_s, B_j = fit["wound"], fit["omega"]
+        belt = Belt(K_s / p.K_s)
+        if not (LEAST_K_S < K_s / p.K_s < LARGEST_K_S and has_ended):
+            return belt
+        lag = Lag.of(fit)
+        of_motor = fit.derived({"lag_s": ((p.B_j - B_j) / K_s, {"omega": -1 / K_s})})
+        if not Lag.of(of_motor).is_certain:
+            return replace(belt, lag=lag)
 
-    # B_j is the file's, and the torque per velocity of the motor is its lag
-    motor_velocity = np.gradient(few.actuator["theta_m"], 1 / few.rate_hz) / p.n_T
-    of_joint = of_inertia + p.B_j * few.motion.omega
-    late = late_fit(few, {**columns, "omega": motor_velocity}, model, prompt_torque=of_joint)
-    if not late.has_ended:
-        return belt
-    otherwise = Lag.of(late.fit)
-    agree = lag.is_certain and lag.seconds * otherwise.seconds > 0
-    joint_may_have_B_j = p.B_j / OTHER_B_J < B_j < p.B_j * OTHER_B_J
-    is_certain = otherwise.is_certain and (agree or not joint_may_have_B_j)
-    return replace(belt, lag=replace(otherwise, is_certain=is_certain))
+        # B_j is the file's, and the torque per velocity of the motor is its lag
+        of_joint = of_inertia + p.B_j * motion.omega
+        columns["omega"] = np.gradient(theta_m, 1 / few.rate_hz) / p.n_T
+        fit, has_ended = late_fit(few, columns, model, prompt_torque=of_joint)
+        if has_ended:
+            otherwise = Lag.of(fit)
+            agree = lag.is_certain and lag.seconds * otherwise.seconds > 0
+            joint_may_have_B_j = p.B_j / OTHER_B_J < B_j < p.B_j * OTHER_B_J
+            is_certain = otherwise.is_certain and (agree or not joint_may_have_B_j)
+            belt = replace(belt, lag=replace(otherwise, is_certain=is_certain))
+    return belt

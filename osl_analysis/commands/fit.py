@@ -89,8 +89,7 @@ def fit_impedance_trial(
     )
 
     def others() -> dict[str, pl.DataFrame]:
-        response = response_table(analysis).with_columns(**stated.columns())
-        return {"response": with_errors(response)}
+        return {"response": with_errors(response_table(analysis, **vars(stated)))}
 
     return FitTables({"impedance": table}, samples_of(analysis), record.streams, others)
 

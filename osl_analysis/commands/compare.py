@@ -60,7 +60,8 @@ def compare_campaigns(folders: Sequence[Path], output: Path) -> tuple[pl.DataFra
     cells = [["quantity", "A", "B", "B - A", "unit"]]
     for of_a in numbers_in_summary(a):
         of_b = numbers_of_b.get(of_a.name)
-        if of_b is None or of_a.verdict:  # claims have texts and limits of their own
+        # claims have texts and limits of their own
+        if of_b is None or of_a.verdict or not (of_a.n and of_b.n):
             continue
         row = compared(of_a, of_b)
         rows.append(row)

@@ -268,9 +268,10 @@ class Fit:
         of_whole = self.findings[-1] if self.findings else ()
         return [finding_text(finding, self.row) for finding in of_whole if finding.grade in grades]
 
-    def value_of(self, name: str) -> Any:
-        """A column of the table, of the fit to all data, or its `NAME_interval`. Raises
-        AttributeError for another name."""
+    def __getattr__(self, name: str) -> Any:
+        """A column of the table, of the fit to all data, or its `NAME_interval`."""
+        if name.startswith("_"):  # also while a copy is made, which has no fields yet
+            raise AttributeError(name)
         row = self.row
         quantity = name.removesuffix("_interval")
         is_interval = quantity != name
@@ -284,11 +285,6 @@ class Fit:
                 f" {estimates}"
             )
         return row[name]
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("_"):  # also while a copy is made, which has no fields yet
-            raise AttributeError(name)
-        return self.value_of(name)
 
     def __dir__(self) -> list[str]:
         intervals = [f"{name}_interval" for name in estimated(self.row)]

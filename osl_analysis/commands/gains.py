@@ -130,7 +130,7 @@ def gains_text(table: pl.DataFrame) -> str:
     in lines; then warnings, each with the number of pairs that it is about."""
     columns = [name for name in PRINTED if name in table.columns]
     pairs = table.select(columns).iter_rows()
-    rows = [columns, *([number_text(number) for number in pair] for pair in pairs)]
+    rows = [columns, *(["none" if x is None else f"{x:.5g}" for x in pair] for pair in pairs)]
     if len(table) == 1:
         units = described_tables_by_name()["gains"].columns
         rows = [[name, text, units[name].unit] for name, text in zip(*rows, strict=True)]
@@ -140,7 +140,3 @@ def gains_text(table: pl.DataFrame) -> str:
         if number:
             text += f"warning, {number} of {len(table)}: {warning}\n"
     return text
-
-
-def number_text(number: float | None) -> str:
-    return "none" if number is None else f"{number:.5g}"

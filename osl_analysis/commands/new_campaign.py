@@ -71,7 +71,9 @@ def new_campaign(
     if os.path.lexists(folder) and not (folder.is_dir() and not any(folder.iterdir())):
         raise InputError(f"{folder}: is no empty folder; name a new one, nothing is overwritten")
     draft = Draft() if recordings is None else draft_campaign(recordings)
-    sources = {**draft.sources, **shipped_sources(RECORDERS[example] if example else ())}
+    sources = dict(draft.sources)
+    for name in RECORDERS[example] if example else ():
+        sources[name] = shipped(f"config/sources/{name}.yaml").read_text(encoding="utf-8")
     raw_data = Path("recordings") if recordings is None else seen_from(folder, recordings)
     files = {
         f"sources/{name}.yaml": "# yaml-language-server: $schema=../schemas/source.schema.json\n"
@@ -99,12 +101,6 @@ def new_campaign(
             f"{folder}: cannot be made ({error.strerror}); choose another place"
         ) from error
     return draft
-
-
-def shipped_sources(recorders: Sequence[str]) -> dict[str, str]:
-    """Texts of the shipped source files of recorders, by name."""
-    paths = {name: shipped(f"config/sources/{name}.yaml") for name in recorders}
-    return {name: path.read_text(encoding="utf-8") for name, path in paths.items()}
 
 
 def configuration(name: str, raw_data: Path, draft: Draft, example: Example | None) -> str:
@@ -210,10 +206,10 @@ def schemas() -> dict[str, dict[str, Any]]:
     places, content = models_json_schema(
         [(model, "validation") for model in dict.fromkeys(models.values())]
     )
-    of_format = []
-    for name, model in models.items():
-        is_format = {"properties": {"format": {"const": name}}}
-        of_format.append({"if": is_format, "then": places[model, "validation"]})
+    of_format = [
+        {"if": {"properties": {"format": {"const": name}}}, "then": places[model, "validation"]}
+        for name, model in models.items()
+    ]
     schema_of["source"] = {
         "type": "object",
         "required": ["format"],

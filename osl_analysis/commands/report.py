@@ -96,13 +96,12 @@ def write_report(
         )
     numbers = numbers_in_summary(content)
     verdict = verdicts_sentence(content["verdicts"], content["results_of_clear"])
-    notes = [content["intervals"], left_out, assumed_text(read_table(states))]
     drawn, absent = drawn_figures(figures)
     page = Page(
         about=about,
         made_of=sentence(about),
         verdict=[verdict, *headline_sentences(numbers)],
-        notes=[note for note in notes if note],
+        notes=[content["intervals"], left_out, assumed_text(read_table(states))],
         conditions=conditions(results["impedance"]) if "impedance" in results else (),
         groups=list(groups(results["walking_summary"], results["walking_groups"]))
         if "walking_summary" in results
@@ -266,9 +265,8 @@ def write_brief(
         *failures,
     ]
     if failures:
-        is_accepted = failed_trials == "accept"
         accepted = "accepted: `failed_trials: accept` in the configuration"
-        lines.append(accepted if is_accepted else REMEDY)
+        lines.append(accepted if failed_trials == "accept" else REMEDY)
     lines.append(f"open {page} in a browser: every number, figure and trial")
     write_text(output, "\n".join(filter(None, lines)) + "\n")
 

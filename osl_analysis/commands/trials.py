@@ -136,7 +136,8 @@ def overview_facts(overview: Overview) -> dict[str, Any]:
 
 def channel_line(channel: RecordedChannel) -> str:
     """A channel in one line."""
-    name = " ".join(shortened(part) for part in channel.address.values())
+    parts = [channel.name] if channel.kind == "marker" else channel.address.values()
+    name = " ".join(map(shortened, parts))
     text = f"{shortened(channel.kind):<14} {name}"
     if channel.unit:
         text += f" [{shortened(channel.unit)}]"

@@ -80,10 +80,10 @@ def draft_campaign(folder: Path) -> Draft:
     draft = Draft()
     described = describe_recordings(folder, draft)
     if not described:
-        why = f", as {draft.refused[-1]}" if draft.refused else ""
-        raise InputError(
-            f"{folder}: no recording in it that can be read{why}; name the folder of the recordings"
-        )
+        why = "; name the folder of the recordings"
+        if draft.refused:
+            why = f", as {draft.refused[-1]}; then the same command again"
+        raise InputError(f"{folder}: no recording in it that can be read{why}")
     for name in dict.fromkeys(recording.source for recording in described):
         alike = [recording for recording in described if recording.source == name]
         best = max(alike, key=lambda recording: recording.tells)
@@ -93,7 +93,7 @@ def draft_campaign(folder: Path) -> Draft:
     captures = [recording.overview for recording in described if recording.overview.is_capture]
     experiments = {trial.cells["experiment"] for trial in draft.trials if "mocap" in trial.cells}
     if experiments & {"walking", UNNAMED}:
-        draft.walking, questions = draft_walking(captures)
+        draft.walking, questions = draft_walking(captures, "walking" in experiments)
         draft.open += [(question, "config.yaml") for question in questions]
     for recording in described:
         draft.open += [(question, str(recording.file)) for question in recording.overview.open]

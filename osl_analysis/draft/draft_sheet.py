@@ -127,7 +127,10 @@ def draft_trial(name: str, files: Recordings, moved: Mapping[Path, str]) -> Draf
     problem = ""
     if not telling:
         possible = ", ".join(possible_experiments(files)[::-1])
-        problem = f"experiment: the name tells none, write one of {possible}"
+        problem = (
+            f"experiment: the name tells none, write one of {possible}, with what it needs in the"
+            " source file, as theta and torque"
+        )
     elif len(telling) > 1:
         problem = f"experiment: the name may tell {' or '.join(telling)}, write which"
     elif not all(told.values()):

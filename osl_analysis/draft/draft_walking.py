@@ -47,9 +47,9 @@ def segment_of(label: str) -> tuple[str, str]:
     return "", ""
 
 
-def draft_walking(overviews: Sequence[Overview]) -> tuple[str, list[str]]:
+def draft_walking(overviews: Sequence[Overview], is_needed: bool) -> tuple[str, list[str]]:
     """The section `walking` in YAML by the captures of one laboratory; a comment where something is
-    unknown, since other trials can be analysed without it. And what the user has to decide."""
+    unknown, unless a trial needs it. And what the user has to decide."""
     channels = [channel for overview in overviews for channel in overview.channels]
     labels = [channel.name for channel in channels if channel.kind == "marker"]
     segments = {label: segment_of(label) for label in labels}
@@ -72,9 +72,10 @@ def draft_walking(overviews: Sequence[Overview]) -> tuple[str, list[str]]:
         *(f"    {segment}: {markers_text(segment, names)}" for segment, names in clusters.items()),
     ]
     if any(UNKNOWN in line for line in lines):
-        remark = f"state what is {UNKNOWN}, and take away the `# ` of these lines:"
-        lines = [f"# {line}" for line in (remark, *lines)]
-        questions.append(f"the section `walking` is a comment: state what is {UNKNOWN} in it")
+        questions.append(f"the section `walking`: state what is {UNKNOWN} in it")
+        if not is_needed:
+            remark = "a comment as long as no trial walks; else take away the `# ` of these lines:"
+            lines = [f"# {line}" for line in (remark, *lines)]
     return "".join(f"{line}\n" for line in lines), questions
 
 

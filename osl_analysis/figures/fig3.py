@@ -61,18 +61,16 @@ def draw_belts(ax: Axes, trials: Sequence[pl.DataFrame], mean: pl.DataFrame) -> 
 
 
 def draw_loops(ax: Axes, trials: Sequence[pl.DataFrame], mean: pl.DataFrame) -> None:
-    """Every loop, doubtful ones dotted; each leads to its trial."""
+    """Every loop; each leads to its trial."""
     ax.axhline(0, **MEAN_LINE)
     ax.margins(y=TEXT_MARGIN)
     for trial in trials:
-        is_doubtful = marks.has_doubtful(trial)
         for branch, dash in BRANCHES.items():
             # without a line from the end of one cycle to the next
             of_branch = trial.select(pl.when(branch=branch).then("deviation"))
             (line,) = ax.plot(
                 trial["theta_s_deg"], of_branch,
-                color=style.GREY, linewidth=LOOP_WIDTH,
-                linestyle=style.DOTTED if is_doubtful else dash,
+                color=style.GREY, linewidth=LOOP_WIDTH, linestyle=dash,
             )  # fmt: skip
             line.set_url(marks.place_in_report(trial["trial"][0]))
     areas = mean.drop_nulls("hysteresis_area")

@@ -170,12 +170,7 @@ def swarm_offsets(heights: Array, width: float, reach: float) -> Array:
 # Axes
 
 
-def written_number(value: float) -> str:
-    """A number beside a tick."""
-    return f"{value:.4g}"
-
-
-def label_log_axis(axis: Axis, most: int, text: Callable[[float], str] = written_number) -> None:
+def label_log_axis(axis: Axis, most: int, text: Callable[[float], str] = "{:.4g}".format) -> None:
     """Give a logarithmic axis ticks at 1, 2 and 5 of each decade, else at decades, else at 1 and 3,
     else even ones: the first of these that are two to `most`."""
     low, high = axis.get_view_interval()

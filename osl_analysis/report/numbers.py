@@ -63,7 +63,7 @@ class Number:
     unit: str
     meaning: str
     draft: float | None
-    n: int  # rows behind it
+    n: int  # rows behind it; 0 where all are doubtful
     n_doubtful: int  # further rows, which are left out
     says: str = ""  # begin of its sentence; empty for none
     symbol: str = ""  # before it in the sentence
@@ -103,7 +103,8 @@ class Number:
             kind = "trials" if self.kind == RANGE else "95 %:"
             facts.append(f"{kind} {' to '.join(ends)}")
         if self.n_doubtful:
-            facts.append(f"{self.n_doubtful} of {self.n + self.n_doubtful} left out as doubtful")
+            left_out = "left out as doubtful" if self.n else "doubtful"
+            facts.append(f"{self.n_doubtful} of {self.n + self.n_doubtful} {left_out}")
         in_brackets = "; ".join(filter(None, facts))
         symbol = f"{self.symbol} = " if self.symbol else ""
         return f"{symbol}{value} {self.unit}{f' ({in_brackets})' if in_brackets else ''}"
@@ -112,8 +113,9 @@ class Number:
 def headline_numbers(
     tables: Mapping[str, pl.DataFrame], beside_draft: bool = True
 ) -> Iterator[Number]:
-    """Compute the numbers of `numbers.yaml` of which the campaign has the table, the columns, and
-    rows that are not doubtful.
+    """Compute the numbers of `numbers.yaml` of which the campaign has the table and the columns.
+
+    Where all rows are doubtful, none counts (`n` is 0).
 
     Parameters
     ----------
@@ -132,7 +134,7 @@ def headline_numbers(
             rows = rows.with_columns(own_condition=own_condition(rows))
         parts = rows.partition_by(keys, maintain_order=True) if keys else [rows]
         for part in parts:
-            if len(counted(part)):
+            if len(part):
                 present.add(entry.name)
                 says = "" if entry.unless in present else entry.says
                 yield number_of(entry, part, keys, says, beside_draft)
@@ -157,7 +159,8 @@ def number_of(
     entry: Entry, rows: pl.DataFrame, keys: Sequence[str], says: str, beside_draft: bool
 ) -> Number:
     """One number from its rows, which agree in the columns `keys`."""
-    used = counted(rows)
+    sound = counted(rows)
+    used = rows if sound.is_empty() else sound
     first = used.row(0, named=True)
     values = used["number"]
     value = float(getattr(values, entry.reduce)())
@@ -185,9 +188,9 @@ def number_of(
         unit=entry.unit.format(**first),
         meaning=", ".join([entry.meaning.format(**first), *subject]),
         draft=entry.draft if beside_draft else None,
-        n=int(first.get("n") or 1) if len(used) == 1 else len(used),
-        n_doubtful=len(rows) - len(used) or int(first.get("n_doubtful") or 0),
-        says=says,
+        n=int(first.get("n") or 1) if len(sound) == 1 else len(sound),
+        n_doubtful=len(rows) - len(sound) or int(first.get("n_doubtful") or 0),
+        says=says.format(**first),
         symbol=entry.symbol,
         subject=", ".join(subject),
         verdict=first.get("verdict"),
@@ -234,7 +237,7 @@ def macros_tex(
     about: Mapping[str, str], numbers: Iterable[Number], remarks: Iterable[str] = ()
 ) -> str:
     r"""Write LaTeX macros such as `\oslKS` with `\oslKSLow` and `\oslKSHigh`, rounded, without
-    units, below comments with `remarks`."""
+    units, below comments with `remarks`; none of numbers whose rows are all doubtful."""
     lines = [f"% {sentence(about)}", "% \\input this file and use the macros."]
     lines += [f"% {remark}" for remark in remarks]
     for field in ABOUT_MEANING:
@@ -242,7 +245,7 @@ def macros_tex(
         lines.append(f"\\newcommand{{\\osl{field.capitalize()}}}{{{text}}}% {ABOUT_MEANING[field]}")
     for number in numbers:
         for ending, text in zip(("", "Low", "High"), number.texts, strict=True):
-            if text:
+            if text and number.n:
                 macro = f"\\newcommand{{\\osl{macro_name(number.name)}{ending}}}"
                 lines.append(f"{macro}{{\\ensuremath{{{text}}}}}% {number.unit}, {number.meaning}")
     return "\n".join(lines) + "\n"

@@ -55,11 +55,26 @@ def markdown_table(rows: Sequence[Sequence[str]]) -> str:
     return "".join(lines)
 
 
+MOST_IN_COLUMN = 4  # columns of a table that a column of two holds, with intervals below the values
+INTERVAL_BELOW = r"\\begin{tabular}[t]{@{}l@{}}\1\\\\\2\\end{tabular}"
+
+
 def latex_table(rows: Sequence[Sequence[str]], heads: Mapping[str, str]) -> str:
-    """Rows as a `tabular` with rules of booktabs. `heads` has those heads, of columns and of rows,
-    that are LaTeX."""
-    lines = [[heads.get(cell, in_latex(cell)) for cell in row] for row in rows]
-    head, *body = [" & ".join(line) + r" \\" for line in lines]
-    begin = rf"\begin{{tabular}}{{{'l' * len(rows[0])}}}"
-    parts = [begin, r"\toprule", head, r"\midrule", *body, r"\bottomrule", r"\end{tabular}"]
-    return "\n".join(parts) + "\n"
+    """Rows as a `tabular` with rules of booktabs, turned where there are fewer rows than columns.
+    `heads` has those heads, of columns and of rows, that are LaTeX."""
+    if len(rows) < len(rows[0]):
+        rows = [*zip(*rows, strict=True)]
+    lines = [" & ".join(heads.get(cell, in_latex(cell)) for cell in row) for row in rows]
+    if len(rows[0]) <= MOST_IN_COLUMN:
+        lines = [re.sub(r"(\S+) (\(\S+ to \S+\))", INTERVAL_BELOW, line) for line in lines]
+    head, *body = [re.sub(r"(?<!\w)-(?=\d)", "$-$", line) + r" \\" for line in lines]
+    begin = rf"\begin{{tabular}}{{@{{}}{'l' * len(rows[0])}@{{}}}}\toprule"
+    parts = [
+        r"{\footnotesize\tabcolsep=3pt\sisetup{per-mode=symbol}",
+        begin,
+        head,
+        r"\midrule",
+        *body,
+        r"\bottomrule",
+    ]
+    return "\n".join([*parts, r"\end{tabular}}", ""])

@@ -19,10 +19,11 @@ from osl_analysis.report import paper_tables
 from osl_analysis.report.numbers import (
     ENTRIES,
     headline_numbers,
+    headline_sentences,
     macros_tex,
     to_json,
 )
-from osl_analysis.report.paper_tables import component_rows, condition_rows, conditions
+from osl_analysis.report.paper_tables import condition_rows, conditions
 from osl_analysis.report.verdicts import brief_lines
 
 ABOUT = dict.fromkeys(("campaign", "data", "version", "configuration", "recorded"), "x")
@@ -67,10 +68,12 @@ def test_the_error_of_the_damping_is_that_of_Eq_15_and_the_viscous_one_has_its_o
     assert numbers["B_viscous_error_PD_1"].value == pytest.approx(0.1)
 
 
-def test_the_number_of_a_condition_vanishes_with_its_only_trial():
-    numbers = numbers_of(impedance=IMPEDANCE.with_columns(doubtful=pl.lit("late torque")))
+def test_a_number_of_doubtful_trials_alone_is_no_macro_and_told_as_doubtful():
+    doubtful = IMPEDANCE.with_columns(doubtful=pl.lit("late torque"))
+    numbers = list(headline_numbers({"impedance": doubtful}))
 
-    assert [name for name in numbers if name.startswith("K_")] == []
+    assert "oslK" not in macros_tex(ABOUT, numbers)
+    assert "3 of 3 doubtful" in next(headline_sentences(numbers))
 
 
 def test_one_trial_has_its_own_interval_and_several_have_that_of_their_mean():
@@ -210,10 +213,11 @@ def test_a_condition_shows_friction():
     assert (condition.is_doubtful, condition.results) == (False, ["friction"])
 
 
-def test_latex_has_rules_and_units_and_escapes_what_users_write():
-    tex = paper_tables.to_tex([["controller", "K"], ["PD_1", "101"]], "simulated")
+def test_latex_is_turned_to_fit_a_column_and_escapes_what_users_write():
+    rows = [["controller", "K", "n"], ["PD_1", "-2 (-3 to -1)", "1"]]
+    tex = paper_tables.to_tex(rows, "simulated")
 
-    for part in (r"$K$ (\unit{\newton\meter\per\radian}) \\", r"\midrule", r"PD\_1 & 101 \\"):
+    for part in (r"controller & PD\_1 \\", r"\per\radian}) & \begin", r"}$-$2\\($-$3 to $-$1)\end"):
         assert part in tex
 
 
@@ -235,22 +239,15 @@ def test_groups_of_crossings_are_rows_of_both_ensembles():
     assert [group.is_doubtful for group in doubted] == [True, True]
 
 
-@pytest.mark.parametrize(("beside_draft", "draft"), [(True, "685.6"), (False, None)])
-def test_components_stand_beside_the_draft(beside_draft, draft):
-    heads, row = component_rows({"belt_summary": BELT}, {}, beside_draft)
-    shown = dict(zip(heads, row, strict=True))
-    assert (shown["quantity"], shown["mean"][:3], shown["n"]) == ("K_s [N*m/rad]", "690", "10")
-    assert shown.get("draft") == draft
-
-
-def test_table_1_has_what_is_measured_and_else_what_the_parameter_file_states(tmp_path):
+@pytest.mark.parametrize(("beside_draft", "draft"), [(True, " 83/11 |"), (False, "")])
+def test_table_1_has_what_is_measured_and_else_what_is_stated(beside_draft, draft, tmp_path):
     summary, page = tmp_path / "actuator_summary.csv", tmp_path / "components.md"
     summary.write_text("quantity,n,mean,low,high\nk_tau_n_m,3,1.08,0.99,1.17\n")
     parameters = ROOT / "config" / "parameters" / "default.yaml"
     write_paper_table(
-        {"actuator_summary": summary}, parameters, ABOUT, False, tmp_path / "components.tex", page
+        {"actuator_summary": summary}, parameters, ABOUT, beside_draft, tmp_path / "a.tex", page
     )
-    assert "| n_T | 4.61 | stated |" in page.read_text()
+    assert f"| n_T | 4.61 | stated |{draft}\n" in page.read_text()
     assert "| k_tau [N*m/A] | 0.120 (0.110 to 0.130) | 3 |" in page.read_text()
 
 

@@ -349,7 +349,7 @@ def by_cause(
             name=name,
             cause=kind.title,
             n=len(rows),
-            brief=kind.brief,
+            brief=kind.brief or words.remedy,
             trials=trials,
             line=f"{verdict}, {counts}: {sentence_of(in_line, kind.title)}{trial_names}",
             worst=worst,

@@ -27,7 +27,7 @@ class KnownFinding:
     says, remedy
         What is wrong, and what to do, with columns of the row in braces.
     brief
-        The remedy in a few words.
+        The remedy in a few words, where it has many.
     explains_misfit
         Whether it makes a fit worse, so that the misfit of the same trial is no finding of its own.
     of_recording

@@ -11,7 +11,6 @@ from contextlib import suppress
 from io import BytesIO
 from operator import methodcaller
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from mcap.data_stream import ReadDataStream
@@ -37,10 +36,8 @@ MESSAGE = np.dtype(
         ("publish_time", "<u8"),
     ]
 )
-MESSAGE_CODE = int(Opcode.MESSAGE)  # compared faster
 MESSAGE_HEAD = MESSAGE.itemsize - RECORD.size  # bytes of the head within the content
-INDEX_HEAD = struct.Struct("<BQHI")  # opcode, length of the content, channel, size of the entries
-INDEX_ENTRY = np.dtype([("log_time", "<u8"), ("place", "<i8")])  # place in the chunk [bytes]
+PART_BYTES = 1 << 24  # in which messages are found at once
 
 
 class Log(_messages.Log):
@@ -83,36 +80,34 @@ class Log(_messages.Log):
         if self.checked:
             self.checksums = "checked" if self.checked == self.read.total() else "mixed"
 
-    def _take_records(self, data: bytes, position: int, listed: Any = ()) -> int:
-        """Read the records from a place on, as far as they go, and give where the last one ends.
-
-        Parameters
-        ----------
-        listed
-            Places of the messages up to the end, where they are known.
-        """
-        places: list[int] = []
-        size = int(listed[0]) if len(listed) else len(data)
-        while position + RECORD.size <= size:
+    def _take_records(self, data: bytes, position: int) -> int:
+        """Read the records from a place on, as far as they go, and give where the last one ends."""
+        places = [np.empty(0, int)]
+        while position + RECORD.size <= len(data):
             opcode, length = RECORD.unpack_from(data, position)
             begin = position + RECORD.size
             end = begin + length
-            if opcode == 0 or end > size or (opcode == MESSAGE_CODE and length < MESSAGE_HEAD):
+            if (
+                opcode == 0
+                or end > len(data)
+                or (opcode == Opcode.MESSAGE and length < MESSAGE_HEAD)
+            ):
                 break
-            if opcode == MESSAGE_CODE:
-                places.append(position)
+            if opcode == Opcode.MESSAGE:
+                messages, end = _chain(data, position, end)
+                places.append(messages)
             elif opcode == Opcode.SCHEMA:
                 schema = Schema.read(_stream(data[begin:end]))
                 self.schemas[schema.id] = schema
             elif opcode == Opcode.CHANNEL:
                 self._declare_channel(Channel.read(_stream(data[begin:end])))
             elif opcode == Opcode.CHUNK:
-                self._take_chunk(Chunk.read(_stream(data[begin:end])), data, end)
+                self._take_chunk(Chunk.read(_stream(data[begin:end])), end)
             position = end
-        self._take_messages(data, np.append(places, listed).astype(np.int64))
-        return len(data) if position == size else position
+        self._take_messages(data, np.concatenate(places))
+        return position
 
-    def _take_chunk(self, chunk: Chunk, data: bytes, end_of_chunk: int) -> None:
+    def _take_chunk(self, chunk: Chunk, end_of_chunk: int) -> None:
         """Read the records of a chunk that ends at a place; one that is damaged is lost."""
         from mcap.stream_reader import get_chunk_data_stream  # as above
 
@@ -120,7 +115,7 @@ class Log(_messages.Log):
         try:
             stream, _ = get_chunk_data_stream(chunk, validate_crc=True)
             content: bytes = stream.read(chunk.uncompressed_size)
-            end = self._take_records(content, 0, _listed_places(data, end_of_chunk, content))
+            end = self._take_records(content, 0)
             if end < len(content):
                 raise ValueError(f"it holds no record at byte {end} of its {len(content)} bytes")
         except Exception as error:  # whatever the library meets in a damaged chunk
@@ -136,30 +131,37 @@ class Log(_messages.Log):
         heads = rows_at(content, places, MESSAGE.itemsize).view(MESSAGE)
         lengths = heads["length"].astype(np.int64) - MESSAGE_HEAD
         messages = (content, places + MESSAGE.itemsize, lengths)
-        self.add(heads["channel"].copy(), messages, heads["log_time"].astype(np.int64))
+        self.add(heads["channel"], messages, heads["log_time"].astype(np.int64))
 
     def _declare_channel(self, channel: Channel) -> None:
         schema = self.schemas.get(channel.schema_id, _messages.NO_SCHEMA)
         self.declare(channel.id, channel.topic, channel.message_encoding, schema)
 
 
-def _listed_places(data: bytes, position: int, content: bytes) -> Any:
-    """Places of the messages in a chunk by the indexes behind it; none where these are damaged, or
-    something else stands between the messages or behind them."""
-    places: list[Any] = []
-    with suppress(LookupError, ValueError, struct.error):
-        while data[position] == Opcode.MESSAGE_INDEX:
-            _, length, _, size = INDEX_HEAD.unpack_from(data, position)
-            begin = position + INDEX_HEAD.size
-            places.append(np.frombuffer(data[begin : begin + size], INDEX_ENTRY)["place"])
-            position += RECORD.size + length
-        listed = np.sort(np.concatenate(places))
-        heads = rows_at(content, listed, MESSAGE.itemsize).view(MESSAGE)
-        ends = listed + RECORD.size + heads["length"].astype(np.int64)
-        follows = ends == np.append(listed[1:], len(content))
-        if (follows & (heads["opcode"] == MESSAGE_CODE)).all():
-            return listed
-    return ()
+def _chain(data: bytes, position: int, end: int) -> tuple[NDArray[np.int64], int]:
+    """Places of the messages that follow one another from a place on, and where the last one ends;
+    at most `PART_BYTES`, or the first message, which ends at `end`.
+
+    Any byte may look like the begin of a message. Those that are one lead from the first one to the
+    next, found all at once.
+    """
+    content = data[position : max(position + PART_BYTES, end)]
+    first_bytes = np.frombuffer(content, np.uint8)[: 1 - MESSAGE.itemsize]
+    places = np.flatnonzero(first_bytes == Opcode.MESSAGE)
+    lengths = rows_at(content, places, MESSAGE.itemsize).view(MESSAGE)["length"]
+    ends = places + RECORD.size + np.minimum(lengths, len(content)).astype(int)
+    may_be = (lengths >= MESSAGE_HEAD) & (ends <= len(content))
+    places, ends = places[may_be], ends[may_be]
+
+    follower = np.searchsorted(places, ends)
+    follower[np.append(places, -1)[follower] != ends] = places.size  # none follows
+    follower = np.append(follower, places.size)
+    chain = np.zeros(1, int)
+    while chain[-1] < places.size:  # twice as many each time
+        chain = np.append(chain, follower[chain])
+        follower = follower[follower]
+    chain = chain[chain < places.size]
+    return position + places[chain], position + int(ends[chain[-1]])
 
 
 def _stream(content: bytes) -> ReadDataStream:

@@ -90,12 +90,6 @@ def sync_level(trial: GaitTrial, time: Array) -> Array:
     return np.asarray(changes % 2, dtype=float)
 
 
-def write_crossing_capture(folder: Path, walked: SimulatedCrossing) -> None:
-    """Write the capture of a crossing."""
-    markers = leg_markers(walked.foot, walked.shank)
-    write_capture(folder, walked.step.trial, markers, walked.platform, walked.reaction)
-
-
 def write_capture(
     folder: Path,
     trial: GaitTrial,

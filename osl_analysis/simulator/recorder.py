@@ -29,8 +29,6 @@ from osl_analysis.simulator.simulation_settings import NodeSettings, SimulationS
 from osl_analysis.simulator.trial_plan import generator_of
 from osl_analysis.trial import Array
 
-McapRecord = mcap_records.McapRecord
-
 RULE = "=" * 80 + "\n"  # between the definitions of a ROS 2 schema
 ARRIVES_NS = 150_000  # [ns] in which a sample arrives at the recorder
 CHUNK_BYTES = 1 << 20  # of messages in a chunk, at most
@@ -217,7 +215,7 @@ def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
 
     There is no index, which is for seeking. The file appears whole or not at all.
     """
-    records: list[McapRecord] = [mcap_records.Header("ros2", "osl-analysis")]
+    records: list[mcap_records.McapRecord] = [mcap_records.Header("ros2", "osl-analysis")]
     for number, topic in enumerate(topics, 1):
         text = topic.schema_text.encode()
         records.append(mcap_records.Schema(number, text, "ros2msg", topic.schema_name))

@@ -13,7 +13,6 @@ from osl_analysis.simulator.laboratory_files import (
     leg_markers,
     on_body,
     write_capture,
-    write_crossing_capture,
     write_leg_log,
 )
 from osl_analysis.simulator.laboratory_settings import MARKERS, NOMINAL, WalkingSettings
@@ -111,7 +110,8 @@ def simulate_walking(
     }
     write_truth_of(trial, facts, curves, campaign, raw)
     write_leg_log(raw, walked, clock, campaign)
-    write_crossing_capture(raw, walked)
+    markers = leg_markers(walked.foot, walked.shank)
+    write_capture(raw, trial, markers, platform, walked.reaction)
 
 
 def write_truth_of(

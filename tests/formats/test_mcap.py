@@ -96,22 +96,17 @@ def chunk(content: bytes, packing: str = "zstd", has_checksum: bool = True) -> b
     return raw(records.Chunk(packing, packed, 1 << 62, 0, checksum, len(content)))
 
 
-def index(count: int, *places: int) -> bytes:
-    entries = [(0, place) for place in places] or [(0, 0)] * count
-    return raw(records.MessageIndex(1, entries))
-
-
-def statistics(counts: dict[int, int], total: int | None = None) -> bytes:
-    stated = sum(counts.values()) if total is None else total
-    return raw(records.Statistics(0, len(counts), counts, 1, stated, 0, 0, 0, 1))
+def statistics(count: int) -> bytes:
+    return raw(records.Statistics(0, 1, {1: count}, 1, count, 0, 0, 0, 1))
 
 
 HEAD = raw(records.Header("", ""))
+INDEX = raw(records.MessageIndex(1, [(0, 0)] * 10))
 
 
-def log(*parts: bytes, summary: bytes = b"", data_end: bytes = raw(records.DataEnd(0))) -> bytes:
+def log(*parts: bytes, summary: bytes = b"") -> bytes:
     """A whole file of these parts."""
-    data = MAGIC + HEAD + b"".join(parts) + data_end
+    data = MAGIC + HEAD + b"".join(parts) + raw(records.DataEnd(0))
     return data + summary + raw(records.Footer(len(data) if summary else 0, 0, 0)) + MAGIC
 
 
@@ -132,8 +127,8 @@ def read(folder: Path, content: bytes, *fields: str) -> Recording:
 
 @any_packing
 def test_wherever_a_log_is_cut_its_whole_chunks_are_read(tmp_path: Path, packing: str) -> None:
-    parts = [chunk(messages(range(k, k + 10)), packing) + index(10) for k in range(0, 60, 10)]
-    content = log(DECLARED, *parts, summary=DECLARED + statistics({1: 60}))
+    parts = [chunk(messages(range(k, k + 10)), packing) + INDEX for k in range(0, 60, 10)]
+    content = log(DECLARED, *parts, summary=DECLARED + statistics(60))
     begin = len(MAGIC + HEAD + DECLARED)
     ends = begin + np.cumsum([len(part) for part in parts])
 
@@ -157,15 +152,20 @@ def test_a_chunk_that_does_not_match_its_checksum_is_lost_and_counted(
     damaged = bytearray(chunk(TWENTY, packing))
     damaged[-30] ^= 1
 
-    recording = read(
-        tmp_path, log(DECLARED, chunk(TEN), bytes(damaged), summary=statistics({1: 20}))
-    )
+    recording = read(tmp_path, log(DECLARED, chunk(TEN), bytes(damaged), summary=statistics(20)))
 
     assert column(recording, "a") == list(range(10))
     assert recording.loss.by_topic == {"/lab": (10, 20)}
     assert recording.loss.share == 0.5
     assert re.search(r"byte \d+", recording.loss.remarks[0])
     assert recording.facts["chunks_lost"] == 1
+
+
+def test_a_log_is_read_up_to_a_message_that_is_no_whole_one(tmp_path: Path) -> None:
+    for behind in (struct.pack("<BQ", 5, 3) + b"abc" + TWENTY, TWENTY[: ONE_MESSAGE - 1]):
+        recording = read(tmp_path, MAGIC + HEAD + DECLARED + TEN + behind)
+
+        assert column(recording, "a") == list(range(10))
 
 
 def test_two_logs_in_one_file_are_refused_with_the_byte_where_to_split_them(tmp_path: Path) -> None:
@@ -175,7 +175,7 @@ def test_two_logs_in_one_file_are_refused_with_the_byte_where_to_split_them(tmp_
 
 
 def test_a_checksum_of_zero_is_none(tmp_path: Path) -> None:
-    covered = read(tmp_path, log(DECLARED, chunk(TEN), chunk(TWENTY), summary=statistics({1: 20})))
+    covered = read(tmp_path, log(DECLARED, chunk(TEN), chunk(TWENTY), summary=statistics(20)))
     mixed = read(tmp_path, log(DECLARED, chunk(TEN), chunk(TWENTY, has_checksum=False)))
     bare = read(tmp_path, log(DECLARED, TEN, TWENTY))
 
@@ -186,7 +186,7 @@ def test_a_checksum_of_zero_is_none(tmp_path: Path) -> None:
 
 LEGAL = {
     "longer records": log(
-        *map(longer, (schema(), channel(1, "/lab"), chunk(TEN), index(10), chunk(TWENTY)))
+        *map(longer, (schema(), channel(1, "/lab"), chunk(TEN), INDEX, chunk(TWENTY)))
     ),
     "private records": log(
         PRIVATE + DECLARED + PRIVATE,
@@ -195,22 +195,23 @@ LEGAL = {
         chunk(TWENTY),
     ),
     "messages outside of chunks": log(
-        DECLARED, chunk(TEN), index(10), TWENTY[: 5 * ONE_MESSAGE], PRIVATE,
+        DECLARED, chunk(TEN), INDEX, TWENTY[: 5 * ONE_MESSAGE], PRIVATE,
         TWENTY[5 * ONE_MESSAGE :],
     ),
-    "an index that points elsewhere": log(
+    "a private record that holds messages, which are not of the log": log(
         DECLARED,
-        # a private record that holds messages, which are not of the log
-        chunk(struct.pack("<BQ", 0x85, len(TEN)) + TEN + TEN),
-        index(10, 0, *range(9, 9 + len(TEN), ONE_MESSAGE)),
+        chunk(TEN[:ONE_MESSAGE] + struct.pack("<BQ", 0x85, len(TEN)) + TEN + TEN[ONE_MESSAGE:]),
         chunk(TWENTY),
-        index(6, 1, len(TWENTY) - 8, 10**9, 2**63, 2**64 - 1, len(TWENTY)),
     ),
 }  # fmt: skip
 
 
+@pytest.mark.parametrize("part_bytes", [mcap.PART_BYTES, 3 * ONE_MESSAGE - 1])
 @pytest.mark.parametrize("content", LEGAL.values(), ids=LEGAL)
-def test_a_legal_log_is_read_as_by_the_official_reader(tmp_path: Path, content: bytes) -> None:
+def test_a_legal_log_is_read_as_by_the_official_reader(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: bytes, part_bytes: int
+) -> None:
+    monkeypatch.setattr(mcap, "PART_BYTES", part_bytes)
     official = [
         struct.unpack("<d", one.data[4:])[0]
         for *_, one in NonSeekingReader(BytesIO(content)).iter_messages()

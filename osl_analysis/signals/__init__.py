@@ -26,7 +26,7 @@ class LowPass:
     def gain(self, frequency_hz: Array) -> Array:
         """Gain (n,) of both runs together, at frequencies (n,) [Hz] well below half the sampling
         rate."""
-        return np.asarray(1 / (1 + (frequency_hz / self.cutoff_hz) ** (2 * self.order)))
+        return 1 / (1 + (frequency_hz / self.cutoff_hz) ** (2 * self.order))
 
     def __call__(self, signal: Array, rate_hz: float) -> Array:
         """Filter samples along the first axis.
@@ -63,18 +63,14 @@ class LowPass:
                 f" {edge / rate_hz:.3g} s"
             )
         sections = sections_of(self, rate_hz)
-        return np.asarray(
-            scipy.signal.sosfiltfilt(sections, signal, axis=0, padtype="odd", padlen=edge)
-        )
+        return scipy.signal.sosfiltfilt(sections, signal, axis=0, padtype="odd", padlen=edge)
 
 
 # to design the sections takes as long as to filter a trial
 @lru_cache(32)
 def sections_of(low_pass: LowPass, rate_hz: float) -> Array:
     """Second-order sections of one run, as SciPy's `sos`."""
-    return np.asarray(
-        scipy.signal.butter(low_pass.order, low_pass.cutoff_hz, fs=rate_hz, output="sos")
-    )
+    return scipy.signal.butter(low_pass.order, low_pass.cutoff_hz, fs=rate_hz, output="sos")
 
 
 @dataclass(frozen=True)
@@ -174,7 +170,7 @@ def differentiate(time: Array, theta: Array) -> Motion:
             " each later than the one before; take a longer window, or check the time's channel"
         )
     spline = scipy.interpolate.make_interp_spline(time, theta, k=5)
-    return Motion(theta=np.asarray(theta), omega=spline(time, 1), alpha=spline(time, 2))
+    return Motion(theta=theta, omega=spline(time, 1), alpha=spline(time, 2))
 
 
 def sampling_rate(time: Array) -> float:

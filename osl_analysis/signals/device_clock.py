@@ -39,7 +39,7 @@ class DeviceClock:
     def residual(self) -> Array:
         """Stamp minus line (n,) [s]."""
         step, start = line_through(self.count, self.stamps)
-        return np.asarray(self.stamps - step * self.count - start)
+        return self.stamps - step * self.count - start
 
     @property
     def wander(self) -> float:

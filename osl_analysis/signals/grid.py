@@ -189,9 +189,8 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
     report = []
     for part in leading:
         bridged, marked = gaps_of(part, time, limits)
-        for begin, end in marked:
-            first = np.searchsorted(time, begin - limits.margin_s)
-            stop = np.searchsorted(time, end + limits.margin_s, "right")
+        margins = (-limits.margin_s, limits.margin_s)
+        for first, stop in np.searchsorted(time, marked + margins).tolist():
             usable[first:stop] = False
         signals.update(resampled(*part.samples, time, step))
         report.append(stream_row(part, len(bridged), len(marked), rate))
@@ -413,15 +412,11 @@ def stream_of(trial: Trial, names: Sequence[str], beside: Collection[str] = ()) 
         signals=dict(zip(names, values, strict=True)),
         reading=reading,
         counter=trial.arrays(counters[0])[1].astype(np.int64) if counters else None,
-        delays={
-            name: facts["delay"]
-            for name, facts in origins.items()
-            if facts.get("delay") is not None
-        },
+        delays={name: facts["delay"] for name, facts in origins.items() if "delay" in facts},
         low_passes={
             name: SensorLowPass(**facts["low_pass"])
             for name, facts in origins.items()
-            if facts.get("low_pass")
+            if "low_pass" in facts
         },
         fixture=origins.get("torque", {}).get("fixture"),
         beside=beside,

@@ -61,7 +61,7 @@ def steady_rows(time: Array, current: Array, width: float) -> list[slice]:
     is_steady = (np.abs(np.diff(means)) < limit) & (np.diff(number) == 1)
 
     found = []
-    for run in runs(np.asarray(is_steady)):
+    for run in runs(is_steady):
         if run.stop - run.start >= SHORTEST_LEVEL:
             last = run.stop - 1 - ENDING  # the last mean of the run is number run.stop
             found.append(slice(int(begins[run.start + SETTLING]), int(stops[last])))
@@ -81,7 +81,7 @@ def bins_of(time: Array, width: float = BIN_S) -> tuple[NDArray[np.intp], NDArra
 def means_from(begins: NDArray[np.intp], values: Array) -> Array:
     """Means (k,) of values (n,) over bins that begin at these rows (k,)."""
     rows = np.diff(np.append(begins, len(values)))
-    return np.asarray(np.add.reduceat(values, begins) / rows)
+    return np.add.reduceat(values, begins) / rows
 
 
 def noise_of(values: Array) -> float:

@@ -266,7 +266,7 @@ def slow_part(stamps: Array, count: SampleCount) -> SlowPart:
         knots = sorted([*knots, float(refined.x)])
 
     slow = step * count + np.interp(count, knots, levels)
-    return SlowPart(np.asarray(slow), len(knots) - 2)
+    return SlowPart(slow, len(knots) - 2)
 
 
 def robust_polyline(place: Array, level: Array, knots: Sequence[float]) -> tuple[Array, Array]:

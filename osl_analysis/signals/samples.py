@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
 from osl_analysis.signals.device_clock import DeviceClock, HeldValues, held_values
+from osl_analysis.signals.plateaus import means_from
 from osl_analysis.signals.sample_count import (
     FEWEST_STAMPS,
     SampleCount,
@@ -159,7 +160,7 @@ class Taken:
     @cached_property
     def present(self) -> NDArray[np.bool_]:
         """Rows (n,) in which the signals have values."""
-        return np.asarray(~np.isnan(next(iter(self.stream.signals.values()))))
+        return ~np.isnan(next(iter(self.stream.signals.values())))
 
     @cached_property
     def step(self) -> float:
@@ -177,11 +178,8 @@ class Taken:
             close = 0.5  # steps; close knots of a spline amplify noise
             begins = begins_of_groups(times, close * self.step)
             if len(begins) < len(times):
-                sizes = np.diff(np.append(begins, len(times)))
-                values = {
-                    name: np.add.reduceat(signal, begins) / sizes for name, signal in values.items()
-                }
-                times = np.add.reduceat(times, begins) / sizes
+                values = {name: means_from(begins, signal) for name, signal in values.items()}
+                times = means_from(begins, times)
         return times - self.delay, values
 
 
@@ -235,9 +233,7 @@ def take_stream(recorded: Stream) -> list[Taken]:
     groups: dict[tuple[float, bytes], dict[str, Array]] = {}  # by delay and missing rows
     for name, signal in stream.signals.items():
         is_missing = np.isnan(signal)
-        values = None
-        if not is_missing.any():
-            values = held_values(signal, clock.step)
+        values = None if is_missing.any() else held_values(signal, clock.step)
         if values is None:
             samples = (stream.delays.get(name, 0.0), is_missing.tobytes())
             groups.setdefault(samples, {})[name] = signal
@@ -285,8 +281,7 @@ def held_taken(stream: Stream, name: str, held: HeldValues, row_times: Array, st
     # time within a step of the log that the beat leaves open; less of it leaves no doubt
     open_s = step - (high - low)
     same_beat = 0.05  # steps of the log
-    is_open = open_s > same_beat * step and name not in stream.delays
-    unsure = open_s if is_open else 0.0
+    unsure = open_s if open_s > same_beat * step and name not in stream.delays else 0.0
     if unsure:
         when = f"the first of them, or up to {unsure * 1e3:.3g} ms before"
     else:

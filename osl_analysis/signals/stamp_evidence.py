@@ -13,7 +13,6 @@ early, and its stamps are true.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -54,7 +53,7 @@ def evidence_from(response: Array, covariance: Array) -> StampEvidence:
     not_linear = 0.05  # standard error beside the noise: the model is linear in the stamps
     weight = np.asarray(np.linalg.inv(covariance + not_linear**2 * np.eye(len(LAGS))))
     deviation = response - HYPOTHESES
-    misfit = np.asarray(np.einsum("hi,ij,hj->h", deviation, weight, deviation))
+    misfit = np.einsum("hi,ij,hj->h", deviation, weight, deviation)
     return StampEvidence(float(response.sum()), float(np.sqrt(covariance.sum())), weight, misfit)
 
 
@@ -217,7 +216,7 @@ def blocks_of(values: Array, numbers: NDArray[np.intp], size: int, lag: int = 0)
     """Blocks (k, size) of values (n,) by their numbers (k,), or of the values `lag` rows before."""
     first = MOST_BEFORE - lag
     count = (len(values) - first) // size
-    return np.asarray(values[first : first + count * size].reshape(count, size)[numbers])
+    return values[first : first + count * size].reshape(count, size)[numbers]
 
 
 def normal_matrix(
@@ -238,17 +237,16 @@ def normal_matrix(
     without_motion : Array
         (size, size), what takes the motion out of a block.
     """
-    normal = plain.copy()
-    for i, j in product(range(len(LAGS)), repeat=2):
-        shared = np.diagonal(without_motion, j - i) * np.diagonal(slope_products, j - i)
-        normal[i, j] -= decimal**2 / 12 * shared.sum()
+    rounding = [
+        np.diagonal(without_motion, rows) @ np.diagonal(slope_products, rows)
+        for rows in range(len(LAGS))
+    ]
+    normal = plain - decimal**2 / 12 * scipy.linalg.toeplitz(rounding)
     smallest = np.linalg.eigvalsh(normal)[0]
     plain_values = np.linalg.eigvalsh(plain)
     least_eigenvalue = 1e-9  # of the largest: less is no information
-    least = least_eigenvalue * plain_values[-1]
-    if decimal:
-        least_not_rounding = 0.02  # share that the rounding of stamps must leave
-        least = max(least, least_not_rounding * plain_values[0])
+    least_not_rounding = 0.02  # share that the rounding of stamps must leave
+    least = max(least_eigenvalue * plain_values[-1], least_not_rounding * plain_values[0])
     return None if smallest <= least else normal
 
 
@@ -283,7 +281,7 @@ def savitzky_golay(
         values = np.interp(np.arange(place[-1] + 1), place, values)
     window = min(window, (len(values) - 1) // 2 * 2 + 1)
     smooth = scipy.signal.savgol_filter(values, window, min(degree, window - 1), order)
-    return np.asarray(smooth[place])
+    return smooth[place]
 
 
 # ---- The decision: even samples of a device, or true times of some age
@@ -307,29 +305,22 @@ class Reading(NamedTuple):
 
 
 def decide(signals: Mapping[str, Array], clock: DeviceClock) -> Reading:
-    """Make one decision for all signals (n,) of a device, by its stamps or else by the signals."""
-    reading = reading_by_stamps(clock)
-    if reading is None:
-        evidence = evidence_by_signal(signals, clock)
-        clearest = min(evidence.values(), key=lambda signal: signal.se, default=None)
-        reading = reading_of(clock, evidence)._replace(g=clearest and clearest.g)
-    return reading
-
-
-def reading_by_stamps(clock: DeviceClock) -> Reading | None:
-    """The reading where the stamps alone tell; None if they do not."""
+    """Make one decision for all signals (n,) of a device: by the stamps where they tell, else by
+    the signals."""
     if np.std(clock.residual) < NO_MATTER * clock.step:
         return Reading(True, 0.0, True, "even: the stamps lie on their line")
     is_still = clock.scatter < NO_MATTER * clock.step
     rounded = 0.36  # decimals of scatter that rounding explains: 1/sqrt(12) = 0.29, and some noise
     is_rounded = clock.scatter < rounded * clock.decimal
-    if not clock.settles or not (is_still or is_rounded):
-        return None
-    if clock.slow.kinks:
-        return Reading(False, 0.0, True, "true: only the rate of the stamps changes")
-    if is_rounded:
-        return Reading(True, 0.0, True, "even: the stamps scatter by their rounding alone")
-    return None
+    if clock.settles and (is_still or is_rounded):
+        if clock.slow.kinks:
+            return Reading(False, 0.0, True, "true: only the rate of the stamps changes")
+        if is_rounded:
+            return Reading(True, 0.0, True, "even: the stamps scatter by their rounding alone")
+
+    evidence = evidence_by_signal(signals, clock)
+    clearest = min(evidence.values(), key=lambda signal: signal.se, default=None)
+    return reading_of(clock, evidence)._replace(g=clearest and clearest.g)
 
 
 def reading_of(clock: DeviceClock, evidence: Mapping[str, StampEvidence]) -> Reading:

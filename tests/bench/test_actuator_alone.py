@@ -111,6 +111,7 @@ def test_the_documented_commands_give_the_parameters_of_a_bench_of_ones_own(tmp_
     assert re.search(r"J_m +0\.009\d+ \(0\.009\d+.*0\.009\d+\) +kg·m²", said.output)
     source = Path("config/sources/actuator_bench_csv.yaml")
     trial = raw_trial(Path("bench.csv"), source, "actuator")
+    assert {"omega_m", "current", "torque_m"} == trial.clocks.keys()
     asked = fit_settings("actuator", ROOT / "config/config.yaml")
     found = fit_trial("actuator", trial, DEVICE, *asked).table
     assert found["motion"][0] == "omega_m"

@@ -394,6 +394,20 @@ def test_streams_that_do_not_overlap_and_a_host_so_late_that_it_hides_its_rhythm
         one_time_base(streams)
 
 
+def test_what_comes_along_is_at_its_own_times_and_leaves_the_grid_as_it_is():
+    t = clock(500.0, 9.0, first=0.5003)
+    lost = np.delete(t, slice(1000, 2000))
+    motor = Stream("motor", t, {"theta_m": np.sin(t)}, beside=["theta_m"])
+    drive = Stream("drive", lost, {"current": lost}, beside=["current"])
+
+    grid = one_time_base([of(TICKS), motor, drive])
+
+    assert len(grid.time) == len(TICKS)
+    inside = slice(60, 900)
+    assert grid["theta_m"][inside] == pytest.approx(np.sin(TICKS)[inside], abs=1e-9)
+    assert "current" not in grid.signals
+
+
 def test_a_gap_before_the_other_stream_begins_does_not_count():
     early = np.delete(TICKS, slice(200, 300))
     assert one_time_base([Stream("early", early, {"a": early}), of(TICKS + 5)]).usable.all()

@@ -195,7 +195,7 @@ class SteppedSineAnalysis(BenchAnalysis):
     )
     # the last cycle is fitted where it is the only one
     _some_cycles_are_settled = refuse_if(
-        lambda s: s.settle_cycles + 1 >= max(min(s.protocol.cycles_at, default=np.inf), 2),
+        lambda s: s.settle_cycles + 1 >= max(np.min(s.cycles or np.inf), 2),
         "settle_cycles = {s.settle_cycles} and the last leave none of cycles = {s.cycles}; lower"
         " it, or raise cycles",
         "settle_cycles",

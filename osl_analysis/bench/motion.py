@@ -126,8 +126,8 @@ def record_of_trial(
         """The record of signals with one reading of their stamps."""
         if excitation != "any":
             theta, protocol = regular["theta"], settings.protocol
-            sines = find_sines(theta, regular.rate_hz, protocol)
-            if excitation == "stepped_sine" or sines.is_stepped:
+            sines, is_stepped = find_sines(theta, regular.rate_hz, protocol)
+            if excitation == "stepped_sine" or is_stepped:
                 segments = find_segments(theta, regular.rate_hz, sines, protocol)
                 groups = cycles_of(
                     segments, settings.settle_cycles, regular.usable, bool(protocol.amplitudes)

@@ -176,12 +176,12 @@ def measure_protocol(examined: Examined) -> CheckResult:
         angle = uniform_signals(examined.trial, ["theta"], GapLimits())
     except InputError as error:
         return not_applicable(f"no time base, {error}")
-    sines = find_sines(angle["theta"], angle.rate_hz, protocol)
-    if excitation == "auto" and sines.moving.any() and not sines.is_stepped:
+    sines, is_stepped = find_sines(angle["theta"], angle.rate_hz, protocol)
+    if excitation == "auto" and not is_stepped:
         return CheckResult(0.0, "no stepped sine but another motion, which is fitted as such")
     if not (protocol.amplitudes and protocol.frequencies_hz):
         return not_applicable("amplitudes_deg and frequencies_hz are not stated")
-    remarks = differences(sines.runs, protocol)
+    remarks = differences(sines, protocol)
     return CheckResult(len(remarks), listing(remarks, LIMITS.most_remarks))
 
 
@@ -191,12 +191,12 @@ def differences(runs: Sequence[Run], protocol: SteppedSineProtocol) -> list[str]
     missing = set(itertools.product(protocol.amplitudes, protocol.frequencies_hz))
     remarks: list[str] = []
     for run in runs:
-        amplitude = protocol.amplitude_near(run.amplitude)
-        frequency = protocol.frequency_near(run.frequency_hz)
-        if amplitude is None or frequency is None:
+        command = protocol.command_of(run)
+        if command is None:
             remarks.append(f"besides {run}")
             continue
-        missing.discard((amplitude, frequency))
+        missing.discard(command)
+        amplitude, frequency = command
         ratio = run.amplitude / amplitude
         if frequency == min(protocol.frequencies_hz) and abs(ratio - 1) > LIMITS.other_size:
             remarks.append(

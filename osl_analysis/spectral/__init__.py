@@ -5,7 +5,6 @@ The period may be a fractional number of samples: the clocks of generator and re
 to 1e-4.
 """
 
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,12 +27,11 @@ WHOLE_LAG = 0.98  # windows and averages blur the ends of a stretch of two perio
 SETTLED = 5.0  # median mismatches; more is a transient
 LEAST_COVERED = 0.5  # share of the moving time that must repeat itself
 LARGEST_SCATTER = 0.03  # of periods about their mean: a bench leaves 1 %, a hand 5 to 10 %
-SMALLEST_SIZE = 1e-9  # of the record's energy: what is smaller is a rest
 LAG_ROUNDS = 2
+UNCERTAIN_ROWS = 3.0  # by which the ends of a stretch are uncertain, at `COARSE_HZ`
 
 
-@dataclass(frozen=True)
-class PeriodicMotion:
+class PeriodicMotion(NamedTuple):
     """A motion that repeats itself. A realisation is consecutive whole periods."""
 
     period: float  # [s]
@@ -78,52 +76,48 @@ def periodic_motion(
     step = max(int(rate_hz / COARSE_HZ), 1)
     rate_hz /= step
     bins = slice(len(theta) // step * step)
-    x = np.asarray(scipy.signal.detrend(theta[bins].reshape(-1, step).mean(axis=1)))
-    usable_bins = np.asarray(usable[bins].reshape(-1, step).all(axis=1))
+    x = scipy.signal.detrend(theta[bins].reshape(-1, step).mean(axis=1))
     spline = scipy.interpolate.make_interp_spline(np.arange(len(x)), x, k=3)
 
-    found = [repetition_after(x, spline, usable_bins, lag, rate_hz) for lag in likely_lags(x)]
-    candidates = [repetition for repetition in found if repetition is not None]
+    usable_rows = usable[bins][::step]  # near a gap many are not
+    found = [repetition_after(x, spline, usable_rows, lag, rate_hz) for lag in likely_lags(x)]
+    candidates = list(filter(None, found))
     if not candidates:
         return None
     best = min(candidate.mismatch for candidate in candidates)
     # the shortest lag with a mismatch within a factor of two of the best is the period, not a
     # multiple of it
-    chosen = min(candidate for candidate in candidates if candidate.mismatch <= 2 * best + FLOOR)
-    times = np.arange(0, chosen.lag, rate_hz / COARSE_HZ)
-    realisations = []
-    for stretch in chosen.stretches:
+    lag, _, stretches = min(each for each in candidates if each.mismatch <= 2 * best + FLOOR)
+    times = np.arange(lag)
+    realisations: list[Array] = []
+    numbers: list[int] = []
+    for stretch in stretches:
         # counted backwards from its end: the incomplete rest is where a transient is
-        end = min(stretch.stop + chosen.lag, len(theta) / step)
-        # the ends of a stretch are uncertain by three samples
-        length = min(end - stretch.start + 3 * rate_hz / COARSE_HZ, end)
-        begins = end - chosen.lag * np.arange(length // chosen.lag, 0, -1)
+        end = min(stretch.stop + lag, len(theta) / step)
+        length = min(end - stretch.start + UNCERTAIN_ROWS, end)
+        begins = end - lag * np.arange(length // lag, 0, -1)
         periods = spline(begins[:, None] + times)
         periods -= periods.mean(axis=1, keepdims=True)  # the joint may settle
-        if np.std(periods - periods.mean(axis=0)) > LARGEST_SCATTER * np.std(periods):
+        if (periods - periods.mean(axis=0)).std() > LARGEST_SCATTER * periods.std():
             return None
+        numbers += len(begins) * [len(realisations)]
         realisations.append(begins / rate_hz)
-    number = np.repeat(np.arange(len(realisations)), [len(begins) for begins in realisations])
-    return PeriodicMotion(chosen.lag / rate_hz, np.concatenate(realisations), number)
+    return PeriodicMotion(lag / rate_hz, np.concatenate(realisations), np.array(numbers))
 
 
-def likely_lags(x: Array) -> Array:
+def likely_lags(x: Array) -> NDArray[np.signedinteger]:
     """Lags [samples] at peaks of the autocorrelation of x (n,) after its first negative value; the
     highest first.
 
-    The autocorrelation is divided by the size of both overlapping parts, so that it does not fall
+    The autocorrelation is divided by the length of the overlapping parts, so that it does not fall
     with the lag.
     """
     n = len(x)
     lags = np.arange(n // 2 + 2)
-    products = scipy.signal.correlate(x, x)[n - 1 :][lags]
-    energy = np.concatenate([[0.0], np.cumsum(x**2)])
-    size = np.sqrt(energy[n - lags] * np.maximum(energy[n] - energy[lags], 0.0))
-    correlation = products / np.maximum(size, SMALLEST_SIZE * energy[n])
+    correlation = scipy.signal.correlate(x, x)[n - 1 :][lags] / (n - lags) / (x**2).mean()
     beyond_first_swing = np.logical_or.accumulate(correlation < 0)
-    height = np.where(beyond_first_swing, correlation, 0.0)
-    peaks, _ = scipy.signal.find_peaks(height, LEAST_CORRELATION)
-    return peaks[np.argsort(-height[peaks], kind="stable")[:MOST_LAGS]].astype(np.float64)
+    peaks, _ = scipy.signal.find_peaks(correlation * beyond_first_swing, LEAST_CORRELATION)
+    return peaks[np.argsort(-correlation[peaks])[:MOST_LAGS]]
 
 
 def repetition_after(
@@ -134,23 +128,23 @@ def repetition_after(
 
     The lag is corrected. `spline` goes through x; rows that are not `usable` (n,) do not count.
     """
-    power = scipy.ndimage.uniform_filter1d(x**2, max(round(lag), 1), mode="nearest")
-    moving = power > MOVING**2 * np.max(power)
+    power = scipy.ndimage.uniform_filter1d(x**2, round(lag), mode="nearest")
+    moving = power > MOVING**2 * power.max()
     counts = usable & moving
     size = rms(x[moving])
-    window = max(round(COMPARED_S * rate_hz), 1)
+    window = round(COMPARED_S * rate_hz)
 
     def runs_of_a_lag(similar: NDArray[np.bool_]) -> list[slice]:
         """Runs of at least one lag in which rows are similar to those a lag later, and both
         count."""
         m = len(similar)
-        both_count = counts[:m] & counts[round(lag) : round(lag) + m]
+        both_count = counts[:m] & counts[round(lag) :][:m]
         least = WHOLE_LAG * lag - 1
         return [run for run in runs(similar & both_count) if run.stop - run.start > least]
 
     for _ in range(LAG_ROUNDS):
-        compared = np.arange(int(len(x) - np.ceil(lag)))
-        difference = spline(compared + lag) - x[compared]
+        later = np.arange(lag, len(x) - 1)
+        difference = spline(later) - x[: len(later)]
         mean_square = scipy.ndimage.uniform_filter1d(difference**2, window, mode="nearest")
         mismatch = np.sqrt(np.maximum(mean_square, 0.0))
         similar = runs_of_a_lag(mismatch < SIMILAR * size)
@@ -164,5 +158,5 @@ def repetition_after(
 
     median = float(np.median(mismatch[rows]))
     settled = runs_of_a_lag(mismatch < max(SETTLED * median, FLOOR * size))
-    covered = sum(run.stop - run.start + lag for run in settled) / np.count_nonzero(moving)
+    covered = sum(run.stop - run.start + lag for run in settled) / moving.sum()
     return Repetition(lag, median / size, settled) if covered > LEAST_COVERED else None

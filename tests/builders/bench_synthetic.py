@@ -38,12 +38,13 @@ def unit_sines(sines, rate):
 
 def segments_of(time, theta, protocol):
     rate_hz = (len(time) - 1) / (time[-1] - time[0])
-    return find_segments(theta, rate_hz, find_sines(theta, rate_hz, protocol), protocol)
+    return find_segments(theta, rate_hz, find_sines(theta, rate_hz, protocol)[0], protocol)
 
 
 def unit_block(protocol, rate):
     """All frequencies of a protocol at unit amplitude, without a rest, at `rate` [Hz]."""
-    return unit_sines(list(zip(protocol.frequencies_hz, protocol.cycles_at, strict=True)), rate)
+    cycles = np.broadcast_to(protocol.cycles, len(protocol.frequencies_hz))
+    return unit_sines(list(zip(protocol.frequencies_hz, cycles, strict=True)), rate)
 
 
 def true_motion(time, theta):

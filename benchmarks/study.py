@@ -33,7 +33,7 @@ from osl_analysis.model.compensator import compensated_gains
 from osl_analysis.model.drivetrain import DrivetrainParameters, read_parameters
 from osl_analysis.signals import runs
 from osl_analysis.simulator.bench_trial import drivetrain_effects, true_signals
-from osl_analysis.simulator.laboratory_files import write_crossing_capture
+from osl_analysis.simulator.laboratory_files import leg_markers, write_capture
 from osl_analysis.simulator.laboratory_settings import WalkingSettings
 from osl_analysis.simulator.recorder import TrueSignal, recording_of
 from osl_analysis.simulator.simulated_crossing import (
@@ -449,9 +449,13 @@ def recording(of: StudyLaboratory, folder: Path, perturbed: Sequence[str]) -> St
     calibration = static_calibration(standing, analysis)
     plate = identify_plate_model([(trial, calibration) for trial in unloaded], analysis)
 
+    def write_crossing(walked: SimulatedCrossing) -> None:
+        markers = leg_markers(walked.foot, walked.shank)
+        write_capture(folder, walked.step.trial, markers, walked.platform, walked.reaction)
+
     turned = []
     for name in perturbed:
-        write_crossing_capture(folder, of.walk(name, True))
+        write_crossing(of.walk(name, True))
         with suppress(OslAnalysisError):
             turned.append(ingested(name))
     onsets = onsets_of(turned, calibration, analysis)
@@ -459,7 +463,7 @@ def recording(of: StudyLaboratory, folder: Path, perturbed: Sequence[str]) -> St
     def analysed(name: str, walked: SimulatedCrossing) -> Crossing:
         is_perturbed = walked.platform.onset is not None
         if not is_perturbed:
-            write_crossing_capture(folder, walked)
+            write_crossing(walked)
         trial, onset = ingested(name), onsets.get(name)
         return analyse_crossing(trial, calibration, plate, is_perturbed, analysis, onset)
 

@@ -8,12 +8,11 @@ import polars as pl
 
 from osl_analysis.bench.bench_settings import BeltAnalysis
 from osl_analysis.bench.cycles import BRANCHES, Loop, find_loop, loop_errors, whole
-from osl_analysis.bench.impedance import Analysis, widened
+from osl_analysis.bench.impedance import Analysis
 from osl_analysis.bench.motion import signals_of, stretches_of
 from osl_analysis.bench.plausibility import check_changes, check_stiffer
 from osl_analysis.bench.record import Groups, Label, Record, record_of
 from osl_analysis.bench.regression import GroupFit, Model, fit_groups, gram_sums
-from osl_analysis.bench.summaries import PLACE
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError, naming
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
@@ -73,7 +72,7 @@ def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnaly
             analyses.append(fit_branches(loaded, settings.load_cell_drift / 60, model))
     belt, early, late = analyses
     fits = {
-        label: widened(fit, (late.fits[label].estimates - early.fits[label].estimates) / 2)
+        label: fit.with_shared_error((late.fits[label].estimates - early.fits[label].estimates) / 2)
         for label, fit in belt.fits.items()
     }
     check_stiffer(signals.trial, "K_s", belt.whole["K_s"], settings.bench_stiffness)
@@ -111,7 +110,7 @@ def fit_branches(record: Record, drift: float = 0.0, model: Model | None = None)
     for branch in BRANCHES:
         of_branch = s.of(branch)
         of_ramp = of_branch.estimates([*model.values()], "ramp")
-        fit = widened(fit_groups(of_branch, model), drift * of_ramp)
+        fit = fit_groups(of_branch, model).with_shared_error(drift * of_ramp)
         if drift:
             fit = replace(fit, interval_method=f"{fit.interval_method} + drift")
         fits[branch] = fit
@@ -230,42 +229,3 @@ def belt_curve(belt: Analysis) -> pl.DataFrame:
     }
     step = max(round(record.rate_hz / POINTS_PER_SECOND), 1)
     return pl.DataFrame({"trial": record.name, **columns}).gather_every(step)
-
-
-def belt_figure_points(
-    curves: pl.DataFrame, table: pl.DataFrame, summary: pl.DataFrame
-) -> pl.DataFrame:
-    """The numbers of Fig. 3 for each joint and side.
-
-    Parameters
-    ----------
-    curves
-        `belt_curve` of each trial.
-    table
-        `belt.csv`.
-    summary
-        Its summary.
-
-    Returns
-    -------
-    DataFrame
-        The curves with their `deviation` of torque [N*m] from the mean slope, and why a fit is
-        doubtful; the mean slope as two points, from 0 to the largest deflection, with the loops'
-        mean area [J]. There is no mean slope where all trials are doubtful.
-    """
-    doubts = table.select("trial", *PLACE, "doubtful")
-    points = curves.join(doubts, "trial", how="left", maintain_order="left")
-    numbers: list[str] = []
-    for quantity in ("K_s", "hysteresis_area"):
-        names = {"mean": quantity, "low": f"{quantity}_low", "high": f"{quantity}_high"}
-        means = summary.filter(quantity=quantity).select(*PLACE, *names).rename(names)
-        points = points.join(means, PLACE, how="left", nulls_equal=True, maintain_order="left")
-        numbers += names.values()
-    on_slope = pl.col("K_s") * np.pi / 180 * pl.col("theta_s_deg")  # null without a mean
-
-    largest = points.sort(pl.col("theta_s_deg").abs()).group_by(PLACE, maintain_order=True).last()
-    ends = pl.concat([largest.with_columns(theta_s_deg=0.0), largest])
-    lines = ends.with_columns(trial=pl.lit("mean slope"), branch=pl.lit("loading"), torque=on_slope)
-    lines = lines.drop_nulls("torque").drop("doubtful")
-    curves = points.with_columns(deviation=pl.col("torque") - on_slope).drop(numbers)
-    return pl.concat([curves, lines], how="diagonal")

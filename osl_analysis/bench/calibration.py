@@ -9,13 +9,14 @@ import polars as pl
 
 from osl_analysis.bench.bench_settings import BenchStiffness, Fixture
 from osl_analysis.bench.friction import explanations_of, suspected_fault_of_losses
-from osl_analysis.bench.impedance import QUANTITIES, Analysis, widened
+from osl_analysis.bench.impedance import QUANTITIES, Analysis
 from osl_analysis.bench.lags import late_fit
 from osl_analysis.bench.motion import signals_of
 from osl_analysis.bench.plausibility import check_resists
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import (
     IMPEDANCE,
+    BenchFit,
     GroupFit,
     effect_columns,
     fit_groups,
@@ -132,7 +133,7 @@ def known_row(analysis: Analysis, known: Known, frame: GroupFit | None) -> Row:
         # phase of d at f is a lag of d/(2 pi f)
         middle_hz = np.sqrt(record.band_hz[0] * record.band_hz[1])
         lag_of_loss_s = SPRING_LOSS / (2 * np.pi * middle_hz) / np.sqrt(3)
-        fit = widened(fit, np.array([lag_of_loss_s, 0.0, 0.0]), of_bench=True)
+        fit = fit.with_bench_error(np.array([lag_of_loss_s, 0.0, 0.0]))
 
     certain_lag_s = fit.beyond_interval("lag_s")
     fault = suspected_fault_of_losses(record) if certain_lag_s else None
@@ -192,7 +193,7 @@ def late_fits(record: Record, is_spring: bool) -> tuple[GroupFit, GroupFit | Non
     return (damped if is_damped else undamped), damped
 
 
-def bench_estimates(fit: GroupFit, known: Known) -> GroupFit:
+def bench_estimates(fit: GroupFit, known: Known) -> BenchFit:
     """Lag, gain, and the fixture's inertia or weight, from Eq. 15 of what is known."""
     main, beside, name = ("K", "I", "inertia") if known.stiffness else ("I", "K", "weight")
     size = known.stiffness or known.inertia or np.nan
@@ -206,7 +207,8 @@ def bench_estimates(fit: GroupFit, known: Known) -> GroupFit:
             name: (other - taken, {beside: 1 / gain, main: -other / fit[main]}),
         }
     )
-    return widened(found, known.share * np.array([0.0, gain, other - taken]))
+    of_known = found.with_shared_error(known.share * np.array([0.0, gain, other - taken]))
+    return BenchFit(**vars(of_known))
 
 
 def error_to_state(fit: GroupFit, name: str) -> float:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from osl_analysis.bench.impedance import QUANTITIES, Analysis, widened
+from osl_analysis.bench.impedance import QUANTITIES, Analysis
 from osl_analysis.bench.record import Label, Record
 from osl_analysis.bench.regression import GroupFit, Model, Sums, with_effects
 from osl_analysis.errors import IdentifiabilityError, NotWeighedError
@@ -91,7 +91,7 @@ def coulomb_fits(
             if is_certain and whole_is_certain:
                 sharp = without_friction(s, model, fit, label, "T_C_sharp")
                 half_width = sharp.estimates - smooth.estimates
-                certain = widened(smooth, half_width / np.sqrt(3))
+                certain = smooth.with_shared_error(half_width / np.sqrt(3))
                 certain = analysis.with_bench_errors(certain, label)
         except IdentifiabilityError:
             continue

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import polars as pl
 import scipy
 from numpy.typing import NDArray
 
@@ -14,6 +13,7 @@ from osl_analysis.bench.bench_settings import NOT_STATED, Calibration
 from osl_analysis.bench.record import STIFFNESS_ALONE, Label, Record
 from osl_analysis.bench.regression import (
     IMPEDANCE,
+    BenchFit,
     GroupFit,
     Model,
     Sums,
@@ -89,22 +89,23 @@ class Analysis:
         }
 
     @cached_property
-    def calibrated(self) -> Mapping[Label, GroupFit]:
+    def calibrated(self) -> Mapping[Label, BenchFit]:
         """The fits with what is stated of the bench in their intervals; comparisons within a trial
         do not include it."""
         return {label: self.with_bench_errors(fit, label) for label, fit in self.fits.items()}
 
-    def with_bench_errors(self, fit: GroupFit, label: Label = None) -> GroupFit:
+    def with_bench_errors(self, own: GroupFit, label: Label = None) -> BenchFit:
         """Add what is stated of the bench to the intervals of a fit: the errors of its calibration,
         its stiffness and its fixture, to first order.
 
         Parameters
         ----------
-        fit
+        own
             Of the model, or with friction.
         label
             Whose rows were fitted.
         """
+        fit = BenchFit(**vars(own))
         record = self.record
         stated, fixture = record.settings.calibration, record.settings.fixture
         bench = record.settings.bench_stiffness
@@ -139,7 +140,7 @@ class Analysis:
             torques.append(sizes @ np.array([of_frame.get(name, still) for name in of_estimates]))
         changes = np.linalg.lstsq(X[rows], np.column_stack(torques)[rows])[0]
         for change in changes[: len(fit.names)].T:
-            fit = widened(fit, change, of_bench=True)
+            fit = fit.with_bench_error(change)
         return fit
 
     def time_base_shift(self, label: Label, names: Sequence[str]) -> float | None:
@@ -159,27 +160,6 @@ class Analysis:
         for name, column in self.model.items():
             torque += fit[name] * self.sums.columns[column]
         return torque
-
-    def last_seconds(self, label: Label, duration_s: float) -> pl.DataFrame:
-        """The last seconds of a label's motion, measured and modelled (Fig. 4). Rests and other
-        labels within them have no rows. Rows that are not fitted, such as first cycles, have no
-        modelled torque (null)."""
-        record = self.record
-        is_moving = record.is_fitted(label)
-        for stratum in record.groups.strata:
-            if label in (None, stratum.label):
-                is_moving[stratum.rows] = True
-        rows = np.flatnonzero(is_moving & record.usable)
-        last = rows[rows > rows[-1] - round(duration_s * record.rate_hz)]
-        modelled = np.where(record.is_fitted(label), self.modelled(label), np.nan)
-        return pl.DataFrame(
-            {
-                "time": record.time[last] - record.time[last[0]],
-                "theta_deg": np.rad2deg(record.motion.theta[last]),
-                "torque": record.filtered_torque[last],
-                "torque_model": pl.Series(modelled[last]).fill_nan(None),
-            }
-        )
 
 
 def rendered_impedance(record: Record) -> Analysis:
@@ -208,8 +188,9 @@ def rendered_impedance(record: Record) -> Analysis:
             return analysis
         whole, sums = analysis.whole, analysis.sums
         of_steps = rounding_errors(record, sums, IMPEDANCE, whole)
-        whole = widened(whole, usual_errors(record, sums, whole), of_bench=True)
-        return replace(analysis, fits={None: widened(whole, of_steps)})
+        of_usual = usual_errors(record, sums, whole)
+        whole = BenchFit(**vars(whole)).with_bench_error(of_usual).with_shared_error(of_steps)
+        return replace(analysis, fits={None: whole})
 
 
 def analysed(record: Record, model: Model, sums: Sums | None = None) -> Analysis:
@@ -257,13 +238,6 @@ def fits_by_label(sums: Sums, model: Model) -> dict[Label, GroupFit]:
             if label is None:
                 raise
     return fits
-
-
-def widened(fit: GroupFit, change: Array, of_bench: bool = False) -> GroupFit:
-    """The fit with an error of type B in its intervals, which changes the estimates by `change`
-    (p,) per standard deviation; `of_bench`: all trials on the bench have the same error."""
-    bench_variance = fit.bench_variance + change**2 if of_bench else fit.bench_variance
-    return replace(fit.with_shared_error(change), bench_variance=bench_variance)
 
 
 def torque_errors(

@@ -171,16 +171,6 @@ class Record:
             groups=replace(self.groups, first=self.groups.first / step, stop=stop),
         )
 
-    @property
-    def largest_amplitude(self) -> Label:
-        """The label of the largest amplitude; None for a motion that has none."""
-        sizes = [
-            (each.commanded_deg or each.label, each.label)
-            for each in self.groups.strata
-            if isinstance(each.label, float)
-        ]
-        return max(sizes, default=(0.0, None))[1]
-
 
 def unlike_groups(first: Array, stop: Array, label: Label = None) -> Groups:
     """Groups of rows between edges (m,) that do not repeat one another."""

@@ -26,6 +26,7 @@ columns, times the inverse of the normal equations.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 import scipy
@@ -208,19 +209,10 @@ class GroupFit(LinearFit):
         Covariance of the repeatability; None where nothing repeats.
     left_out : Array (u, p)
         Estimates without one unit at a time.
-    bench_variance : Array (p,) or float
-        Part of the variances that all trials on a bench share.
     """
 
     repeat: Array | None = None
     left_out: Array = field(default_factory=lambda: np.empty((0, 0)))
-    bench_variance: Array | float = 0.0
-
-    def se_bench(self, name: str) -> float:
-        """Part of the standard error that all trials on a bench share: its calibration and
-        stiffness."""
-        variances = np.broadcast_to(self.bench_variance, len(self.names))
-        return float(np.sqrt(variances[self.names.index(name)]))
 
     def half_width(self, name: str) -> float:
         """Half of the 95 % interval of one estimate."""
@@ -243,13 +235,15 @@ class GroupFit(LinearFit):
         """
         gradients = [gradient for _, gradient in functions.values()]
         J = np.array([[each.get(name, 0.0) for name in self.names] for each in gradients])
-        return replace(
-            self,
+        return GroupFit(
             names=tuple(functions),
             estimates=np.array([value for value, _ in functions.values()]),
             covariance=J @ self.covariance @ J.T,
+            vaf=self.vaf,
+            condition_number=self.condition_number,
+            interval_method=self.interval_method,
+            largest_correlation=self.largest_correlation,
             degrees_of_freedom=np.array([self.freedom(next(iter(each))) for each in gradients]),
-            bench_variance=0.0,
         )
 
     def freedom(self, name: str) -> float:
@@ -259,6 +253,23 @@ class GroupFit(LinearFit):
         """Whether an estimate differs from 0 by a two-sided test at the level `FALSE_ALARM`."""
         quantile = float(scipy.special.stdtrit(self.freedom(name), 1 - FALSE_ALARM / 2))
         return abs(self[name]) > quantile * self.se(name)
+
+
+@dataclass(frozen=True)
+class BenchFit(GroupFit):
+    """A fit whose intervals hold the errors of type B that all trials on a bench share."""
+
+    bench_variance: Array | float = 0.0  # (p,) part of the variances that is theirs
+
+    def with_bench_error(self, change: Array) -> Self:
+        """The fit with an error that changes the estimates by `change` (p,) per SD."""
+        bench_variance = self.bench_variance + change**2
+        return replace(self.with_shared_error(change), bench_variance=bench_variance)
+
+    def se_bench(self, name: str) -> float:
+        """Part of the standard error that all trials on a bench share."""
+        variances = np.broadcast_to(self.bench_variance, len(self.names))
+        return float(np.sqrt(variances[self.names.index(name)]))
 
 
 def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> GroupFit:

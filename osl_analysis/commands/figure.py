@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import polars as pl
 
-from osl_analysis.bench.belt import belt_figure_points
 from osl_analysis.bench.bench_settings import ImpedanceAnalysis
 from osl_analysis.bench.evidence import DesiredImpedance
 from osl_analysis.bench.frequency_response import measured_admittance
@@ -208,7 +207,7 @@ def fig3(curves: Sequence[Path], table: Path, summary: Path, output: Path, data:
     """The numbers of Fig. 3, from the trials' curves, `belt.csv` and `belt_summary.csv`."""
     drawn = read_tables(curves, "belt_curves")
     judged = read_table(table, ["trial", *PLACE, "doubtful"])
-    write_table(belt_figure_points(drawn, judged, read_table(summary)), output, data)
+    write_table(plotted_numbers("fig3", drawn, judged, read_table(summary)), output, data)
 
 
 def fig4(
@@ -245,9 +244,33 @@ def fig4(
     """
     recorded, fitted_windows = without_broken_ends(read_trial(trial), windows)
     record = record_of_trial(recorded, settings, fitted_windows)
-    label = record.largest_amplitude
+    strata = record.groups.strata
+    sizes = [
+        (each.commanded_deg or each.label, each.label)
+        for each in strata
+        if isinstance(each.label, float)
+    ]
+    label = max(sizes, default=(0.0, None))[1]  # None: of a motion without amplitudes
     analysis = analysed(record, IMPEDANCE)
-    series = analysis.last_seconds(label, SHOWN_S)
+
+    # rests and other amplitudes have no rows; rows that are not fitted, such as first cycles, no
+    # modelled torque
+    is_fitted = record.is_fitted(label)
+    is_moving = is_fitted.copy()
+    for stratum in strata:
+        if label in (None, stratum.label):
+            is_moving[stratum.rows] = True
+    rows = np.flatnonzero(is_moving & record.usable)
+    last = rows[rows > rows[-1] - round(SHOWN_S * record.rate_hz)]
+    modelled = np.where(is_fitted, analysis.modelled(label), np.nan)
+    series = pl.DataFrame(
+        {
+            "time": record.time[last] - record.time[last[0]],
+            "theta_deg": np.rad2deg(record.motion.theta[last]),
+            "torque": record.filtered_torque[last],
+            "torque_model": pl.Series(modelled[last]).fill_nan(None),
+        }
+    )
 
     fits = read_table(fit)
     fits = marked(fits, judged(fits, limits, "impedance"), "impedance")

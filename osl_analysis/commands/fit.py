@@ -78,7 +78,7 @@ def fit_impedance_trial(
     finally:  # what is wrong with the recording is told first
         check_recording(trial, settings)
 
-    # what else the record tells, and what is to be expected of the device
+    # what else the recording tells, and what is to be expected of the device
     p = known_parameters(parameters, ["n_T", "K_s", "B_j", "J_j"])
     stated = condition or UNSTATED
     gains = stated.gains(known_parameters(parameters), weight)

@@ -6,6 +6,7 @@ from typing import Any
 import polars as pl
 from matplotlib.axes import Axes
 
+from osl_analysis.bench.summaries import PLACE
 from osl_analysis.figures import marks, style
 from osl_analysis.measured import written
 
@@ -18,6 +19,43 @@ DOUBTFUL_TRIAL: dict[str, Any] = {"color": style.BLACK, "linestyle": style.DOTTE
 MEAN_LINE: dict[str, Any] = {"color": style.MAGENTA, "linestyle": style.DASHED, "linewidth": 1.3}
 LOOP_WIDTH = 0.5  # of lines [pt]
 TEXT_MARGIN = 0.2  # of the loops' height, below them for the text
+
+
+def points(curves: pl.DataFrame, table: pl.DataFrame, summary: pl.DataFrame) -> pl.DataFrame:
+    """The numbers of Fig. 3 for each joint and side.
+
+    Parameters
+    ----------
+    curves
+        `belt_curve` of each trial.
+    table
+        `belt.csv`, of which place and doubts are taken.
+    summary
+        Its summary.
+
+    Returns
+    -------
+    DataFrame
+        The curves with their `deviation` of torque [N*m] from the mean slope, and why a fit is
+        doubtful; the mean slope as two points, from 0 to the largest deflection, with the loops'
+        mean area [J]. There is no mean slope where all trials are doubtful.
+    """
+    doubts = table.select("trial", *PLACE, "doubtful")
+    joined = curves.join(doubts, "trial", how="left", maintain_order="left")
+    numbers: list[str] = []
+    for quantity in ("K_s", "hysteresis_area"):
+        names = {"mean": quantity, "low": f"{quantity}_low", "high": f"{quantity}_high"}
+        means = summary.filter(quantity=quantity).select(*PLACE, *names).rename(names)
+        joined = joined.join(means, PLACE, how="left", nulls_equal=True, maintain_order="left")
+        numbers += names.values()
+    on_slope = pl.col("K_s") * pl.col("theta_s_deg").radians()  # null without a mean
+
+    largest = joined.sort(pl.col("theta_s_deg").abs()).group_by(PLACE, maintain_order=True).last()
+    ends = pl.concat([largest.with_columns(theta_s_deg=0.0), largest])
+    lines = ends.with_columns(trial=pl.lit(MEAN_SLOPE), branch=pl.lit("loading"), torque=on_slope)
+    lines = lines.drop_nulls("torque").drop("doubtful")
+    curves = joined.with_columns(deviation=pl.col("torque") - on_slope).drop(numbers)
+    return pl.concat([curves, lines], how="diagonal")
 
 
 def draw(table: pl.DataFrame) -> style.PaperFigure:

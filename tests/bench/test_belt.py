@@ -11,6 +11,7 @@ from osl_analysis.bench.impedance import analysed
 from osl_analysis.bench.parts_alone import transmission_table
 from osl_analysis.bench.regression import TRANSMISSION
 from osl_analysis.errors import InputError
+from osl_analysis.figures.fig3 import points as belt_points
 from osl_analysis.signals import LowPass
 from osl_analysis.trial import Trial
 
@@ -124,11 +125,11 @@ def test_the_figure_of_belts_has_what_torque_differs_by_from_the_mean_slope():
     of_curve = {"trial": "b", "branch": "loading"}
     curves = pl.DataFrame({**of_curve, "theta_s_deg": deflection, "torque": torque})
     place = {"joint": "ankle", "side": pl.Series([None, None], dtype=pl.String)}
-    table = pl.DataFrame({"trial": "b", "doubtful": "", **place})[:1]
+    table = pl.DataFrame({"trial": "b", "doubtful": "", "K_s": 1.0, **place})[:1]
     means = {"mean": [720 / np.pi, 0.5], "low": [200.0, 0.4], "high": [260.0, 0.7]}
     summary = pl.DataFrame({"quantity": ["K_s", "hysteresis_area"], **means, **place})
 
-    points = belt_fits.belt_figure_points(curves, table, summary)
+    points = belt_points(curves, table, summary)
 
     np.testing.assert_allclose(points["deviation"].drop_nulls(), [0.5, 0.5, 0.5, 0.0], atol=1e-12)
     mean = points.filter(pl.col("trial") == "mean slope")

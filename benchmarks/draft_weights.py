@@ -33,6 +33,7 @@ AS_COLUMN = {
     "other_angle": "theta",
     "other_torque": "torque",
     "held_theta_m": "theta_m",
+    "turning_theta_m": "theta_m",
     "small_theta": "theta",
 }
 Labels = Mapping[str, str]  # what each channel is, by its name
@@ -73,6 +74,7 @@ def signals(seed: int) -> dict[str, Array]:
         "torque_m": 1.2 * drive + 0.3 * np.tanh(np.cos(0.4 * turn)) + 0.05 * noise[6],
         "theta_m": 9 * np.sin(0.4 * turn + 0.3) + 1e-3 * noise[7],
         "small_theta": 0.08 * command + 3e-5 * noise[12],
+        "turning_theta_m": 4 * np.roll(command, 3) + 1e-4 * noise[14],
         "held_theta_m": 2e-3 * drive + 1e-5 * noise[11],
         "omega_m": 40 * np.cos(0.4 * turn + 0.3) + 0.1 * noise[8],
         "speed_command": 40 * np.cos(0.4 * turn + 0.3),

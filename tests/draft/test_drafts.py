@@ -22,7 +22,7 @@ from draft_weights import labelled, signals, write_recording
 sys.path.pop(0)
 
 COLUMNS = {column: column for column in likelihoods()["columns"]}
-COLUMNS |= {"held_theta_m": "theta_m", "small_theta": "theta"}
+COLUMNS |= {"held_theta_m": "theta_m", "turning_theta_m": "theta_m", "small_theta": "theta"}
 
 
 def test_every_channel_of_the_labelled_recordings_is_named_or_asked_as_labelled(tmp_path):
@@ -40,7 +40,7 @@ def test_every_channel_of_the_labelled_recordings_is_named_or_asked_as_labelled(
             if named.get(channel.key) != truth and not may_be_asked:
                 wrong.append((name, label, channel.key))
 
-    assert wrong == []
+    assert not wrong
 
 
 READS = signals(seed=1)
@@ -82,7 +82,7 @@ def test_an_angle_that_stands_and_a_torque_of_noise_are_no_signals():
 
     assert all(guess.why_not for guess in guesses)
     # a draft names them all where nothing else is there
-    assert [entry.is_comment for entry in entries_of(guesses)] == [False, False]
+    assert not any(entry.is_comment for entry in entries_of(guesses))
 
 
 @pytest.mark.parametrize(("torque", "sign"), [

@@ -27,6 +27,7 @@ if CONFIG.simulation:
             settings_path=CONFIG.simulation,
         output:
             "<raw>/dynamometer/{trial}.mcap",
+            "<raw>/truth/{trial}.json",
         log:
             "<logs>/simulate/{trial}.log",
         wildcard_constraints:
@@ -43,12 +44,14 @@ if CONFIG.simulation:
     use rule simulate_dynamometer as simulate_actuator with:
         output:
             "<raw>/actuator/{trial}.mcap",
+            "<raw>/truth/{trial}.json",
         wildcard_constraints:
             trial=name_pattern(CAMPAIGN.trials("actuator")),
 
     use rule simulate_dynamometer as simulate_capture with:
         output:
             "<raw>/vicon/{trial}.c3d",
+            "<raw>/truth/{trial}.json",
         wildcard_constraints:
             trial=name_pattern(CAMPAIGN.trials("static", "plate")),
 
@@ -56,6 +59,7 @@ if CONFIG.simulation:
         output:
             "<raw>/leg/{trial}.mcap",
             "<raw>/vicon/{trial}.c3d",
+            "<raw>/truth/{trial}.json",
         wildcard_constraints:
             trial=name_pattern(CAMPAIGN.trials("walking")),
         priority: 0

@@ -87,8 +87,8 @@ def frictionless_actuator(spectra: Spectra, hysteresis: Array) -> FrictionlessAc
     motion -= motion[:, spectra.rows].mean(axis=1, keepdims=True)
     motion *= spectra.rows
     # sums over the rows, by Parseval: 28 motions of the actuator need no transform
-    angles = np.vstack([spectra.motion[3:], moved]) * spectra.roll_off
-    products = (np.conj(scipy.fft.rfft(motion)) @ angles.T).real * 2 / spectra.working_rows
+    weights = np.conj(scipy.fft.rfft(motion)) * spectra.roll_off * 2 / spectra.working_rows
+    products = np.column_stack([weights @ spectra.motion[3], weights @ moved.T]).real
     with_friction, *per_angle = np.linalg.solve(motion @ motion.T, products).T
     # and its friction at the mean load
     load = spectra.signals.load

@@ -48,25 +48,24 @@ def rounding_torques(data: Whitened, impedance: Array) -> Array:
     # without what is faster than its motion, as it was before it was read in whole steps
     end = SMOOTH_BANDS * spectra.band_hz * spectra.padded_seconds
     gain = roll_off(np.arange(float(len(spectra.raw_angle))), end)
-    low_passed = scipy.fft.irfft(spectra.raw_angle * gain, spectra.padded_rows)
-    smooth = (low_passed + np.linspace(*spectra.ends, spectra.padded_rows)) / step
-    middle = float(smooth.mean())
+    smooth = scipy.fft.irfft(spectra.raw_angle * gain, spectra.padded_rows)
+    smooth += np.linspace(*spectra.ends, spectra.padded_rows)
+    smooth = (smooth - smooth.mean()) / step
     draws = np.arange(ROUNDING_DRAWS)
     zeros = (draws + 0.5) / ROUNDING_DRAWS
     # sizes in another order than zeros, so that both are spread evenly
     sizes = 1 + SIZES_DRAWN * (2 * zeros[5 * draws % ROUNDING_DRAWS] - 1)
     of_error = impedance @ spectra.s ** np.arange(3)[:, None]
-    # errors of a few rows are added, whose middle is late by half of them
-    thinned = spectra.thinned
-    of_error = of_error * np.exp(-spectra.s * (thinned - 1) / 2 / rate_hz)
-    to_working = spectra.working_rows / spectra.padded_rows
-    torques = np.empty((ROUNDING_DRAWS, len(spectra.frequency)), np.complex128)
-    for torque, zero, size in zip(torques, zeros, sizes, strict=True):
-        angle = middle + size * (smooth - middle) + zero
-        error = (np.rint(angle) - angle).reshape(-1, thinned) @ np.ones(thinned)
-        torque[:] = of_error * scipy.fft.rfft(error)[: len(spectra.frequency)]
-    torques *= to_working * step * repeated
-    return data.column(torques)
+    of_error *= -repeated * step * spectra.working_rows / spectra.padded_rows
+    torques = []
+    for zero, size in zip(zeros, sizes, strict=True):
+        angle = size * smooth
+        angle += zero
+        angle -= np.rint(angle)  # the opposite of its error
+        # of a few rows together: that they are late by half of these does not matter
+        errors = angle.reshape(-1, spectra.thinned) @ np.ones(spectra.thinned)
+        torques.append(of_error * scipy.fft.rfft(errors)[: len(of_error)])
+    return data.column(np.array(torques))
 
 
 def repeated_share(noise_density: float, rate_hz: float, step: float) -> float:

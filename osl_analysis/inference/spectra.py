@@ -238,20 +238,25 @@ class Spectra:
     def windowed(self, spectrum: Spectrum) -> Spectrum:
         """Spectra (..., f) of signals with these working spectra in the window, behind the
         roll-off."""
-        x = self.window * scipy.fft.irfft(spectrum * self.roll_off, self.working_rows)
+        x = scipy.fft.irfft(spectrum * self.roll_off, self.working_rows)
+        x *= self.window
         return scipy.fft.rfft(x)
 
     def transformed(self, x: Array) -> tuple[Spectrum, tuple[float, float]]:
         """Spectrum (r/2 + 1,) of a signal (n,) with an odd extension at both ends, less the line
         between its ends, and these."""
         few = max(round(0.03 * self.signals.rate_hz), 2)
-        first, last = x[:few].mean(), x[-few:].mean()
         pad = self.first_row
-        parts = [2 * first - x[pad:0:-1], x, 2 * last - x[-2 : -pad - 2 : -1]]
-        extended = np.concatenate(parts)
-        filled = np.pad(extended, (0, self.padded_rows - len(extended)), mode="edge")
-        ends = float(filled[0]), float(filled[-1])
-        return scipy.fft.rfft(filled - np.linspace(*ends, self.padded_rows)), ends
+        stop = pad + len(x)
+        # in place: new memory takes longer than the transform
+        extended = np.empty(self.padded_rows)
+        extended[:pad] = 2 * x[:few].mean() - x[pad:0:-1]
+        extended[pad:stop] = x
+        extended[stop : stop + pad] = 2 * x[-few:].mean() - x[-2 : -pad - 2 : -1]
+        extended[stop + pad :] = extended[stop + pad - 1]
+        ends = extended[0], extended[-1]
+        extended -= np.linspace(*ends, self.padded_rows)
+        return scipy.fft.rfft(extended), ends
 
     def _working(self, raw: Spectrum) -> Spectrum:
         """The working spectrum (f,) of a signal with this spectrum (r/2 + 1,)."""
@@ -263,7 +268,7 @@ class Spectra:
         frequency = np.arange(len(spectrum)) / self.padded_seconds
         gain = roll_off(frequency, self.product_band_hz) * (self.product_rows / self.padded_rows)
         powers = (2j * np.pi * frequency) ** np.arange(number)[:, None]
-        return np.asarray(scipy.fft.irfft(powers * gain * spectrum, self.product_rows))
+        return scipy.fft.irfft(powers * gain * spectrum, self.product_rows)
 
     def resampled(self, spectrum: Spectrum, ends: tuple[float, float]) -> Array:
         """A signal at the product rate (p,), whose spectrum is `transformed`."""
@@ -291,7 +296,7 @@ class Spectra:
             rows = np.clip(np.rint(time * self.signals.rate_hz), 0, len(usable) - 1).astype(np.intp)
             to_edge = np.minimum(to_edge, to_gap[rows] - 1 / self.band_hz)
         risen = np.clip(to_edge / TAPER, 0.0, 1.0)
-        return np.asarray(risen**2 * (3 - 2 * risen))
+        return risen**2 * (3 - 2 * risen)
 
     def spectrum_of(self, x: Array) -> Spectrum:
         """The working spectrum (..., f) of signals (..., p) at the product rate."""
@@ -307,7 +312,7 @@ def solve_scaled(columns: Array, torque: Array) -> Array:
     estimates = np.linalg.solve(normal, columns @ torque / length) / length
     # one step of refinement takes off what rounding of the normal matrix has added
     left = torque - estimates @ columns
-    return np.asarray(estimates + np.linalg.solve(normal, columns @ left / length) / length)
+    return estimates + np.linalg.solve(normal, columns @ left / length) / length
 
 
 def roll_off(frequency: Array, end_hz: float) -> Array:

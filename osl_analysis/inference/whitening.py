@@ -93,7 +93,7 @@ class Whitened:
     def _rows(self, windowed: Spectrum) -> Array:
         """The whitened rows (..., m) of windowed signals with these spectra (..., f)."""
         whitened = scipy.fft.irfft(self.gain * windowed, self.spectra.working_rows)
-        return np.asarray(whitened[..., self.spectra.rows])
+        return whitened[..., self.spectra.rows]
 
 
 def whitening_gain(spectra: Spectra, signals: Spectrum) -> Array:

@@ -109,12 +109,10 @@ def likely_lags(x: Array) -> NDArray[np.signedinteger]:
     """Lags [samples] at peaks of the autocorrelation of x (n,) after its first negative value; the
     highest first.
 
-    The autocorrelation is divided by the length of the overlapping parts, so that it does not fall
-    with the lag.
+    It falls with the lag: of m periods it is (m - 1)/m after one.
     """
     n = len(x)
-    lags = np.arange(n // 2 + 2)
-    correlation = scipy.signal.correlate(x, x)[n - 1 :][lags] / (n - lags) / (x**2).mean()
+    correlation = scipy.signal.correlate(x, x)[n - 1 : n + n // 2 + 1] / (x**2).sum()
     beyond_first_swing = np.logical_or.accumulate(correlation < 0)
     peaks, _ = scipy.signal.find_peaks(correlation * beyond_first_swing, LEAST_CORRELATION)
     return peaks[np.argsort(-correlation[peaks])[:MOST_LAGS]]

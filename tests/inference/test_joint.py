@@ -74,8 +74,8 @@ def with_slow_noise(torque):
     return torque + 0.5 * noise / noise.std()
 
 
-def stiffer_forwards(torque):
-    return torque + 20 * driven()[2] * np.tanh(velocity() / 1e-2)
+def stiffer_forwards(torque, size=20.0):
+    return torque + size * driven()[2] * np.tanh(velocity() / 1e-2)
 
 
 def rubbing(torque, size):
@@ -93,6 +93,13 @@ def test_a_fault_is_named_by_its_family_and_a_sound_joint_has_none(change, famil
     found = changed(change)
 
     assert (found.doubt and found.doubt.family) == family
+
+
+@pytest.mark.parametrize(("size", "families"), [(0.0, []), (0.15, ["direction"])])
+def test_rivals_are_tried_only_where_all_together_gain_something(size, families):
+    found = changed(partial(stiffer_forwards, size=size))
+
+    assert [fault.family for fault in found.explanations[:1]] == families
 
 
 def test_rows_that_the_torque_lost_are_no_sound_joint():

@@ -62,15 +62,6 @@ class Groups:
         has_label = np.array([label in (None, stratum.label) for stratum in self.strata])
         return has_label[self.stratum]
 
-    def chosen(self, is_chosen: NDArray[np.bool_]) -> "Groups":
-        """Some of the groups, by a mask (m,)."""
-        return replace(
-            self,
-            first=self.first[is_chosen],
-            stop=self.stop[is_chosen],
-            stratum=self.stratum[is_chosen],
-        )
-
 
 @dataclass(frozen=True)
 class Record:

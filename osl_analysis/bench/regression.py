@@ -94,7 +94,13 @@ class Sums:
 
     def chosen(self, is_chosen: NDArray[np.bool_]) -> "Sums":
         """Those of some groups, by a mask (m,)."""
-        return replace(self, gram=self.gram[is_chosen], groups=self.groups.chosen(is_chosen))
+        groups = replace(
+            self.groups,
+            first=self.groups.first[is_chosen],
+            stop=self.groups.stop[is_chosen],
+            stratum=self.groups.stratum[is_chosen],
+        )
+        return replace(self, gram=self.gram[is_chosen], groups=groups)
 
     def of(self, label: Label) -> "Sums":
         """Those of a label; all for None."""

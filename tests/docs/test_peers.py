@@ -59,6 +59,7 @@ def scored(tmp_path):
 
 
 def test_a_method_of_one_file_and_one_function_is_compared(tmp_path):
+    import closed_form
     import generator
     import laboratory
     import recordings
@@ -69,7 +70,7 @@ def test_a_method_of_one_file_and_one_function_is_compared(tmp_path):
     sines = {case.case: case for case in laboratory.CASES if case.motion == "stepped sine"}
     # what one case differs in is no part of the next
     sines = [sines["late torque"], sines["exact joint"]]
-    recordings.write(tmp_path, [1], cases, sines, [], seconds=4.0)
+    recordings.write(tmp_path, [1], cases, sines, closed_form.CASES[:1], seconds=4.0)
     toy = tmp_path / "toy.py"
     toy.write_text(TOY)
     subprocess.run(
@@ -80,7 +81,8 @@ def test_a_method_of_one_file_and_one_function_is_compared(tmp_path):
     counted = ("answered", "silent", "announced", "false_alarms")
     counts = {case: [row[n] for n in counted] for case, row in found.items()}
     assert counts == {
-        "all": [5, 2, 0, 1], "14 bits": [1, 0, 0, 1], "exact joint": [2, 0, 0, 0],
+        "all": [6, 2, 0, 1], "14 bits": [1, 0, 0, 1], "exact joint": [2, 0, 0, 0],
+        "bursts": [1, 0, 0, 0],
         "human ankle": [0, 0, 0, 0],
         "late torque": [2, 2, 0, 0],
     }  # fmt: skip
@@ -88,8 +90,8 @@ def test_a_method_of_one_file_and_one_function_is_compared(tmp_path):
     assert abs(exact["bias_K"]) < 0.1
     assert abs(exact["bias_B"]) < 0.5
     assert exact["coverage"] == 100
-    # -K times the delay
-    assert found["late torque"]["bias_B"] == pytest.approx(-100 * 300 * 2e-3 / 5, rel=0.06)
+    # K times the delay, 300 x 2e-3, is 12 % of B
+    assert found["late torque"]["bias_B"] == pytest.approx(-12, rel=0.06)
     answers = read_table(tmp_path / "answers.csv")
     assert answers.filter(pl.col("K").is_null())["doubtful"].to_list() == [
         "not applicable: a person's joint"

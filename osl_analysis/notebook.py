@@ -200,7 +200,7 @@ def frequency_response(
     >>> response.table["frequency_hz"].is_sorted()
     True
     """
-    from osl_analysis.commands.figure import beside_theory
+    from osl_analysis.commands.figure import fig7_points
 
     recorded = as_trial(trial)
     settings, limits, device = choices("impedance", config, parameters)
@@ -218,7 +218,7 @@ def frequency_response(
         side=pl.lit(None, pl.String),
     )
     # W of Eq. 14, a low-pass of a cut-off [Hz], chooses the gains
-    return FrequencyResponse(recorded.name, table, beside_theory(rows, device, settings["weight"]))
+    return FrequencyResponse(recorded.name, table, fig7_points(rows, device, settings["weight"]))
 
 
 def read_recording(

@@ -7,12 +7,9 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import polars as pl
 
 from osl_analysis.bench.bench_settings import ImpedanceAnalysis
-from osl_analysis.bench.evidence import DesiredImpedance
-from osl_analysis.bench.frequency_response import measured_admittance
 from osl_analysis.bench.impedance import analysed
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.regression import IMPEDANCE
@@ -23,10 +20,7 @@ from osl_analysis.commands.walking import read_unperturbed_gaits, selected_cross
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import InputError, listing
 from osl_analysis.figures import (
-    DESIRED,
     FIGURES,
-    LINEAR_MODEL,
-    OBSERVED,
     columns_of,
     drawn,
     figure_title,
@@ -39,8 +33,6 @@ from osl_analysis.judge.limits import Limits
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import (
     FileOrNone,
-    desired_admittance,
-    joint_admittance,
     joint_of,
     known_parameters,
 )
@@ -61,9 +53,6 @@ from osl_analysis.walking.walking_settings import TimingSettings
 if TYPE_CHECKING:
     from osl_analysis.figures.style import PaperFigure
 
-CURVE_POINTS = 101  # of a response by a model
-SHOWN_S = 10.0  # length of the part of a trial that Fig. 4 shows
-SAME_AMPLITUDE_DEG = 1e-6  # difference of an amplitude that a CSV file rounds
 MOST_NAMED = 4  # refused trials below a figure; `excluded.csv` names all
 # metadata by format: without the time, equal numbers give equal files
 METADATA: dict[str, dict[str, None]] = {
@@ -244,50 +233,10 @@ def fig4(
     """
     recorded, fitted_windows = without_broken_ends(read_trial(trial), windows)
     record = record_of_trial(recorded, settings, fitted_windows)
-    strata = record.groups.strata
-    sizes = [
-        (each.commanded_deg or each.label, each.label)
-        for each in strata
-        if isinstance(each.label, float)
-    ]
-    label = max(sizes, default=(0.0, None))[1]  # None: of a motion without amplitudes
     analysis = analysed(record, IMPEDANCE)
-
-    # rests and other amplitudes have no rows; rows that are not fitted, such as first cycles, no
-    # modelled torque
-    is_fitted = record.is_fitted(label)
-    is_moving = is_fitted.copy()
-    for stratum in strata:
-        if label in (None, stratum.label):
-            is_moving[stratum.rows] = True
-    rows = np.flatnonzero(is_moving & record.usable)
-    last = rows[rows > rows[-1] - round(SHOWN_S * record.rate_hz)]
-    modelled = np.where(is_fitted, analysis.modelled(label), np.nan)
-    series = pl.DataFrame(
-        {
-            "time": record.time[last] - record.time[last[0]],
-            "theta_deg": np.rad2deg(record.motion.theta[last]),
-            "torque": record.filtered_torque[last],
-            "torque_model": pl.Series(modelled[last]).fill_nan(None),
-        }
-    )
-
     fits = read_table(fit)
     fits = marked(fits, judged(fits, limits, "impedance"), "impedance")
-    amplitude = pl.col("amplitude_deg")
-    is_shown = amplitude.is_null()
-    if isinstance(label, float) and label in analysis.fits:  # this amplitude has a fit of its own
-        is_shown = (amplitude - label).abs() < SAME_AMPLITUDE_DEG
-    texts = {
-        **{name: choice[name] or None for name in ("trial", "joint", "side", "chosen")},
-        "controller": choice.get("controller"),
-        "doubtful": fits.filter(is_shown)["doubtful"][0],
-        "model": "second-order system",
-    }
-    constants = {name: pl.lit(text, pl.String) for name, text in texts.items()}
-    for name in ("K_d", "B_d"):
-        constants[name] = pl.lit(choice.get(name), pl.Float64)
-    write_table(series.with_columns(**constants), output, data)
+    write_table(plotted_numbers("fig4", fits, analysis, choice), output, data)
 
 
 def fig7(
@@ -312,71 +261,15 @@ def fig7(
     if choice is not None:
         K_d, B_d, why = choice.K_d, choice.B_d, None
     is_shown = pl.col("K_d").eq_missing(K_d) & pl.col("B_d").eq_missing(B_d)
-    points = beside_theory(responses.filter(is_shown), parameters, weight)
+    points = fig7_points(responses.filter(is_shown), parameters, weight)
     write_table(points.with_columns(chosen=pl.lit(why, pl.String)), output, data)
 
 
-def beside_theory(responses: pl.DataFrame, parameters: Path | None, weight: Weight) -> pl.DataFrame:
+def fig7_points(responses: pl.DataFrame, parameters: Path | None, weight: Weight) -> pl.DataFrame:
     """The same for rows of `response.csv` of one desired impedance in memory, without the column
     `chosen`."""
-    shown = over_amplitudes(responses).sort("frequency_hz", maintain_order=True)
-    shown = shown.with_columns(curve=pl.lit(OBSERVED), model_error=pl.lit(None, pl.Float64))
-    observed: list[pl.DataFrame] = []
-    curves: list[pl.DataFrame] = []
-    for measured in shown.partition_by(PLACE, maintain_order=True):
-        joint, side, K_d, B_d = measured.select(*PLACE, "K_d", "B_d").row(0)
-        low_hz, high_hz = measured["frequency_hz"][0], measured["frequency_hz"][-1]
-        frequency_hz = np.linspace(float(low_hz), float(high_hz), CURVE_POINTS)
-        models: list[tuple[str, str | None, Any]] = []
-        if K_d is not None and B_d is not None:
-            models.append((DESIRED, None, desired_admittance(K_d, B_d)))
-        p = known_parameters(parameters)
-        if parameters is not None and p is not None and joint_of(parameters) == joint:
-            for controller in measured["controller"].unique(maintain_order=True):
-                gains = DesiredImpedance(controller, K_d, B_d).gains(p, weight)
-                if gains is not None:
-                    rendered = joint_admittance(gains.K_1, gains.B_1, p, p.J_j)
-                    models.append((LINEAR_MODEL, controller, rendered))
-                    s = 2j * np.pi * measured["frequency_hz"].to_numpy()
-                    ratio = rendered(s) / measured_admittance(measured)
-                    is_of_controller = pl.col("controller").eq_missing(controller)
-                    error = pl.when(is_of_controller).then(pl.Series(100 * np.abs(ratio - 1)))
-                    measured = measured.with_columns(model_error=error.otherwise("model_error"))
-        for curve, controller, admittance in models:
-            Y = admittance(2j * np.pi * frequency_hz)
-            texts = {"curve": curve, "controller": controller, "joint": joint, "side": side}
-            response = {
-                "frequency_hz": frequency_hz,
-                "magnitude": np.abs(Y),
-                "phase_deg": np.rad2deg(np.angle(Y)),
-                **{name: pl.lit(text, pl.String) for name, text in texts.items()},
-            }
-            curves.append(pl.select(**response))
-        observed.append(measured)
-    looks = shown.select("controller", "look").unique()
-    points = pl.concat([*observed, *curves], how="diagonal_relaxed").drop("look")
-    points = points.join(looks, on="controller", how="left", maintain_order="left")
-    return plotted_numbers("fig7", points)
-
-
-def over_amplitudes(response: pl.DataFrame) -> pl.DataFrame:
-    """The rows of `response.csv` over all amplitudes, with the doubts about single ones, and with
-    the range of their magnitudes and phases, which are counted from that of all."""
-    keys = ["trial", "frequency_hz"]
-    whole = response.filter(scope="all")
-    of_whole = whole.select(*keys, phase_of_whole="phase_deg")
-    single = response.filter(scope="amplitude").join(of_whole, on=keys)
-    apart = (pl.col("phase_deg") - pl.col("phase_of_whole") + 180) % 360 - 180
-    single = single.with_columns(phase_deg=pl.col("phase_of_whole") + apart)
-    doubts = pl.col("doubtful").filter(pl.col("doubtful") != "")
-    quantities = pl.col("magnitude", "phase_deg")
-    ranges = single.group_by(keys).agg(
-        quantities.min().name.suffix("_amplitudes_low"),
-        quantities.max().name.suffix("_amplitudes_high"),
-        doubts=doubts.unique(maintain_order=True).str.join("; "),
-    )
-    joined = whole.join(ranges, on=keys, how="left", maintain_order="left")
-    return joined.with_columns(doubtful=pl.coalesce("doubts", "doubtful")).drop("doubts")
+    joint = joint_of(parameters) if parameters else None
+    return plotted_numbers("fig7", responses, known_parameters(parameters), joint, weight)
 
 
 def plot_walking_page(

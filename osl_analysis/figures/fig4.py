@@ -1,11 +1,13 @@
 """Fig. 4: torque of one trial over time, measured and modelled."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
 
+from osl_analysis.bench.impedance import Analysis
 from osl_analysis.figures import marks, style
 
 MEASURED_LINE: dict[str, Any] = {"color": style.LIGHT_GREY, "linewidth": 2.2}
@@ -15,7 +17,65 @@ MODEL_LINE: dict[str, Any] = {
     "linestyle": (0, (2.5, 1.5)),
 }
 GAP_STEPS = 2.0  # a step that is longer than so many ordinary ones is a gap
+SHOWN_S = 10.0  # length of the part of a trial that is shown
+SAME_AMPLITUDE_DEG = 1e-6  # difference of an amplitude that a CSV file rounds
 DRAWN = ("theta_deg", "torque", "torque_model")
+
+
+def points(fits: pl.DataFrame, analysis: Analysis, choice: Mapping[str, Any]) -> pl.DataFrame:
+    """The numbers of Fig. 4: the end of the largest amplitude, or of a motion that is no stepped
+    sine, measured and by the best second-order fit.
+
+    Rests and other amplitudes have no rows. Rows that are not fitted, such as first cycles, have no
+    modelled torque.
+
+    Parameters
+    ----------
+    fits
+        The trial's own table of fits, with their doubts.
+    analysis
+        Eq. 15 of the trial.
+    choice
+        That of `time_series_example`.
+    """
+    record = analysis.record
+    strata = record.groups.strata
+    sizes = [
+        (each.commanded_deg or each.label, each.label)
+        for each in strata
+        if isinstance(each.label, float)
+    ]
+    label = max(sizes, default=(0.0, None))[1]  # None: of a motion without amplitudes
+    is_fitted = record.is_fitted(label)
+    is_moving = is_fitted.copy()
+    for stratum in strata:
+        if label in (None, stratum.label):
+            is_moving[stratum.rows] = True
+    rows = np.flatnonzero(is_moving & record.usable)
+    last = rows[rows > rows[-1] - round(SHOWN_S * record.rate_hz)]
+    modelled = np.where(is_fitted, analysis.modelled(label), np.nan)
+
+    amplitude = pl.col("amplitude_deg")
+    is_shown = amplitude.is_null()
+    if isinstance(label, float) and label in analysis.fits:  # this amplitude has a fit of its own
+        is_shown = (amplitude - label).abs() < SAME_AMPLITUDE_DEG
+    texts = {
+        **{name: choice[name] or None for name in ("trial", "joint", "side", "chosen")},
+        "controller": choice.get("controller"),
+        "doubtful": fits.filter(is_shown)["doubtful"][0],
+        "model": "second-order system",
+    }
+    return pl.DataFrame(
+        {
+            "time": record.time[last] - record.time[last[0]],
+            "theta_deg": np.rad2deg(record.motion.theta[last]),
+            "torque": record.filtered_torque[last],
+            "torque_model": pl.Series(modelled[last]).fill_nan(None),
+        }
+    ).with_columns(
+        **{name: pl.lit(text, pl.String) for name, text in texts.items()},
+        **{name: pl.lit(choice.get(name), pl.Float64) for name in ("K_d", "B_d")},
+    )
 
 
 def draw(table: pl.DataFrame) -> style.PaperFigure:

@@ -3,11 +3,21 @@ how far the measured impedance is from these."""
 
 from typing import Any
 
+import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
+from osl_analysis.bench.evidence import DesiredImpedance
+from osl_analysis.bench.frequency_response import measured_admittance
+from osl_analysis.bench.summaries import PLACE
 from osl_analysis.figures import DESIRED, LINEAR_MODEL, OBSERVED, marks, style
+from osl_analysis.model.compensator import Weight
+from osl_analysis.model.drivetrain import (
+    DrivetrainParameters,
+    desired_admittance,
+    joint_admittance,
+)
 from osl_analysis.model.rendered_impedance import FAITHFUL
 
 
@@ -16,11 +26,93 @@ class Layout:
 
     MOST_TICKS = 8  # of frequency
     USUAL_PHASES = (1, 1.5, 3, 4.5, 9, 10)  # steps between ticks, times a power of ten [deg]
+    MODEL_POINTS = 101  # of a response by a model
     MODEL_WIDTH = 0.9  # of a line [pt]
     PANEL_HEIGHT = 1.85  # with its share of legend and axis [in]
 
 
 DESIRED_LINE: dict[str, Any] = {"color": style.BLACK, "zorder": 1}
+
+
+def points(
+    responses: pl.DataFrame, p: DrivetrainParameters | None, joint: str | None, weight: Weight
+) -> pl.DataFrame:
+    """The numbers of Fig. 7.
+
+    Parameters
+    ----------
+    responses
+        Rows of `response.csv` of one desired impedance, with `look`.
+    p
+        The parameters of a device, as far as they are known, and its `joint`.
+    joint
+        Other joints have no linear model.
+    weight
+        W of Eq. 14.
+
+    Returns
+    -------
+    DataFrame
+        The measured responses over all amplitudes with their distance from the linear model
+        (Eq. 9), if the gains are known; the desired response (Eq. 11), if K_d and B_d are; and that
+        of the model.
+    """
+    shown = over_amplitudes(responses).sort("frequency_hz", maintain_order=True)
+    shown = shown.with_columns(curve=pl.lit(OBSERVED), model_error=pl.lit(None, pl.Float64))
+    observed: list[pl.DataFrame] = []
+    curves: list[pl.DataFrame] = []
+    for measured in shown.partition_by(PLACE, maintain_order=True):
+        place, side, K_d, B_d = measured.select(*PLACE, "K_d", "B_d").row(0)
+        low_hz, high_hz = measured["frequency_hz"][0], measured["frequency_hz"][-1]
+        frequency_hz = np.linspace(float(low_hz), float(high_hz), Layout.MODEL_POINTS)
+        models: list[tuple[str, str | None, Any]] = []
+        if K_d is not None and B_d is not None:
+            models.append((DESIRED, None, desired_admittance(K_d, B_d)))
+        if p is not None and joint == place:
+            for controller in measured["controller"].unique(maintain_order=True):
+                gains = DesiredImpedance(controller, K_d, B_d).gains(p, weight)
+                if gains is not None:
+                    rendered = joint_admittance(gains.K_1, gains.B_1, p, p.J_j)
+                    models.append((LINEAR_MODEL, controller, rendered))
+                    s = 2j * np.pi * measured["frequency_hz"].to_numpy()
+                    ratio = rendered(s) / measured_admittance(measured)
+                    is_of_controller = pl.col("controller").eq_missing(controller)
+                    error = pl.when(is_of_controller).then(pl.Series(100 * np.abs(ratio - 1)))
+                    measured = measured.with_columns(model_error=error.otherwise("model_error"))
+        for curve, controller, admittance in models:
+            Y = admittance(2j * np.pi * frequency_hz)
+            texts = {"curve": curve, "controller": controller, "joint": place, "side": side}
+            response = {
+                "frequency_hz": frequency_hz,
+                "magnitude": np.abs(Y),
+                "phase_deg": np.rad2deg(np.angle(Y)),
+                **{name: pl.lit(text, pl.String) for name, text in texts.items()},
+            }
+            curves.append(pl.select(**response))
+        observed.append(measured)
+    looks = shown.select("controller", "look").unique()
+    joined = pl.concat([*observed, *curves], how="diagonal_relaxed").drop("look")
+    return joined.join(looks, on="controller", how="left", maintain_order="left")
+
+
+def over_amplitudes(response: pl.DataFrame) -> pl.DataFrame:
+    """The rows of `response.csv` over all amplitudes, with the doubts about single ones, and with
+    the range of their magnitudes and phases, which are counted from that of all."""
+    keys = ["trial", "frequency_hz"]
+    whole = response.filter(scope="all")
+    of_whole = whole.select(*keys, phase_of_whole="phase_deg")
+    single = response.filter(scope="amplitude").join(of_whole, on=keys)
+    apart = (pl.col("phase_deg") - pl.col("phase_of_whole") + 180) % 360 - 180
+    single = single.with_columns(phase_deg=pl.col("phase_of_whole") + apart)
+    doubts = pl.col("doubtful").filter(pl.col("doubtful") != "")
+    quantities = pl.col("magnitude", "phase_deg")
+    ranges = single.group_by(keys).agg(
+        quantities.min().name.suffix("_amplitudes_low"),
+        quantities.max().name.suffix("_amplitudes_high"),
+        doubts=doubts.unique(maintain_order=True).str.join("; "),
+    )
+    joined = whole.join(ranges, on=keys, how="left", maintain_order="left")
+    return joined.with_columns(doubtful=pl.coalesce("doubts", "doubtful")).drop("doubts")
 
 
 def draw(table: pl.DataFrame) -> style.PaperFigure:

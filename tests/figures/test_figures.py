@@ -11,7 +11,6 @@ import pytest
 from conftest import ROOT
 
 from osl_analysis.commands.figure import (
-    beside_theory,
     draw_figure,
     plot_numbers,
     write_captions,
@@ -63,8 +62,9 @@ def response_table():
         "phase_deg": np.rad2deg(np.angle(Y)),
     }  # fmt: skip
     models = [pl.DataFrame({"controller": controller, **model}) for controller in LOOKS]
-    measured = beside_theory(placed, None, PAPER_WEIGHT)
-    return plotted_numbers("fig7", pl.concat([measured, *models], how="diagonal_relaxed"))
+    measured = plotted_numbers("fig7", placed, None, None, PAPER_WEIGHT)
+    points = pl.concat([measured, *models], how="diagonal_relaxed")
+    return points.with_columns(look_numbers(points["controller"]))
 
 
 def torque_angle_table():

@@ -88,11 +88,9 @@ class Number:
         return f"{value} ({' to '.join(ends)})" if all(ends) else value
 
     @property
-    def kind(self) -> str:
-        """What the interval is, for a reader; empty without one."""
-        if self.interval is None:
-            return ""
-        return RANGE if self.interval == RANGE else "95 %"
+    def kind(self) -> str | None:
+        """What the interval is, for a reader; None without one."""
+        return self.interval if self.interval in (None, RANGE) else "95 %"
 
     @property
     def in_sentence(self) -> str:

@@ -95,8 +95,8 @@ class Page:
     @property
     def main_figure(self) -> ShownFigure | None:
         """The figure beside the table of conditions, of those that are drawn."""
-        main = [each for name in MAIN_FIGURES for each in self.figures if each.name == name]
-        return next(iter(main), None)
+        drawn = {figure.name: figure for figure in self.figures}
+        return next((drawn[name] for name in MAIN_FIGURES if name in drawn), None)
 
     @property
     def not_checked(self) -> list[str]:

@@ -216,10 +216,12 @@ def findings_lines(findings: Sequence[CampaignFinding]) -> Iterator[str]:
             yield f"{line}, in some rows → leave out rows marked doubtful"
             continue
         first_size = finding.size.partition(". ")[0]
-        if first_size and len(finding.trials) > 1:
-            first_size = f"at worst ({finding.worst}) {first_size}"
-        remedy = f" → {finding.brief}" if finding.brief else ""
-        yield f"{line}{f', {first_size}' if first_size else ''}{remedy}"
+        if first_size:
+            worst = f"at worst ({finding.worst}) " if len(finding.trials) > 1 else ""
+            line += f", {worst}{first_size}"
+        if finding.brief:
+            line += f" → {finding.brief}"
+        yield line
     if len(doubts) > MOST_FINDINGS:
         yield f"· and {len(doubts) - MOST_FINDINGS} more, which the page lists"
     unchecked = causes_not_checked(findings)

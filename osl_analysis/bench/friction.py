@@ -2,10 +2,10 @@
 
 The inference (`osl_analysis/inference`) says whether dry friction is certain and what may be wrong.
 Where friction is certain, K, B and I of a joint without it are those of Eq. 15 with a Coulomb
-column, a torque that has the velocity's sign. The inference, which weighs friction of other shapes
-too, widens their intervals: the column sees what the low-pass leaves of a friction that changes its
-sign fast, and its B is up to 6 % too large. A leg's friction acts behind a spring, so that the
-inference tells its effect, by the actuator's angle.
+column, a torque that has the velocity's sign. The inference weighs friction of other shapes too:
+where its estimate lies outside the column's interval, as with bristles, the interval is widened to
+hold both. A leg's friction acts behind a spring, so that the inference tells its effect, by the
+actuator's angle.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ import numpy as np
 
 from osl_analysis.bench.impedance import QUANTITIES, Analysis
 from osl_analysis.bench.record import Label, Record
-from osl_analysis.bench.regression import GroupFit, Model, Sums, with_effects
+from osl_analysis.bench.regression import BenchFit, GroupFit, Model, Sums, with_effects
 from osl_analysis.errors import IdentifiabilityError, NotWeighedError
 from osl_analysis.inference import (
     BenchSignals,
@@ -90,8 +90,10 @@ def coulomb_fits(
             certain = None
             if is_certain and whole_is_certain:
                 sharp = without_friction(s, model, fit, label, "T_C_sharp")
-                half_width = sharp.estimates - smooth.estimates
-                certain = smooth.with_shared_error(half_width / np.sqrt(3))
+                of_width = (sharp.estimates - smooth.estimates) / np.sqrt(3)
+                own = BenchFit(**vars(fit))
+                of_bench = [*(own.se_bench(name) for name in smooth.names[:-1]), 0.0]
+                certain = smooth.with_shared_error(np.hypot(of_width, of_bench))
                 certain = analysis.with_bench_errors(certain, label)
         except IdentifiabilityError:
             continue
@@ -156,10 +158,15 @@ def raw_signals(record: Record, **actuator: Array | None) -> BenchSignals:
 def inferred_of_leg(record: Record) -> LegInference | None:
     """The friction in a leg's actuator, which opposes its velocity and grows with the current; None
     where the recording cannot tell it."""
-    current = record.actuator.get("current")
+    actuator = record.actuator
     with suppress(NotWeighedError):
-        wide_band = record.actuator["wide_band_theta_m"]
-        return infer_leg(raw_signals(record, sliding_angle=wide_band, load=current))
+        return infer_leg(
+            raw_signals(
+                record,
+                sliding_angle=actuator["wide_band_theta_m"],
+                load=actuator.get("current"),
+            )
+        )
     return None
 
 
@@ -184,9 +191,9 @@ def friction_columns(
     """The columns of friction, as far as the motion tells it from damping.
 
     Of a whole trial the inference tells whether there is friction. Of a joint least squares tells
-    its size and effect, in intervals that hold those of the inference; whose friction has no
-    certain size, none is taken off. That of a leg acts behind its belt, where its size need not
-    show, so that the inference tells its effect.
+    its size and effect; where its size is not certain, none is taken off. Its intervals hold those
+    of the inference where both disagree. Friction of a leg acts behind its belt, where its size
+    need not show, so that the inference tells its effect.
 
     Parameters
     ----------
@@ -204,28 +211,30 @@ def friction_columns(
     share = coulomb.share if coulomb else None
     estimates: dict[str, Estimate] = {}
     if coulomb and coulomb.certain:
-        for name, column in WITHOUT_FRICTION.items():
-            estimates[column] = Estimate.of_fit(coulomb.certain, name)
+        estimates = {name: Estimate.of_fit(coulomb.certain, name) for name in WITHOUT_FRICTION}
     if label is None and inferred is not None:
-        share = 0.0
         if inferred.friction_probability > CERTAIN_FRICTION and (is_leg or estimates):
             # what is stated of the bench, and a band that hardly tells them, no scatter shows
-            for name, inferred_estimate in inferred.without_friction.items():
-                error = analysis.calibrated[None].se_bench(name)
-                column = WITHOUT_FRICTION[name]
-                weighed = inferred_estimate.widened_by(error)
-                estimate = weighed if is_leg else estimates[column]
-                low = min(estimate.low, weighed.low)
-                high = max(estimate.high, weighed.high)
-                estimates[column] = replace(estimate, low=low, high=high)
-            share = max(1 - estimates["B_viscous"].value / analysis.whole["B"], 0.0)
-        else:
-            estimates = {}
+            for name, of_other_shapes in inferred.without_friction.items():
+                weighed = of_other_shapes.widened_by(analysis.calibrated[None].se_bench(name))
+                estimates[name] = weighed if is_leg else widened_to(estimates[name], weighed)
+        share = 0.0
+        if estimates:
+            share = max(1 - estimates["B"].value / analysis.whole["B"], 0.0)
     row: Row = {"coulomb_share": share}
-    for name, column in WITHOUT_FRICTION.items():
-        if column in estimates:
-            row |= with_other_stamps(analysis, estimates[column], name, label).columns(column)
+    for name, estimate in estimates.items():
+        moved = with_other_stamps(analysis, estimate, name, label)
+        row |= moved.columns(WITHOUT_FRICTION[name])
     return row
+
+
+def widened_to(estimate: Estimate, weighed: Estimate) -> Estimate:
+    """An estimate whose interval also holds another one of other shapes of friction, where that
+    lies outside it."""
+    if estimate.low <= weighed.value <= estimate.high:
+        return estimate
+    low, high = min(estimate.low, weighed.low), max(estimate.high, weighed.high)
+    return replace(estimate, low=low, high=high)
 
 
 def with_other_stamps(

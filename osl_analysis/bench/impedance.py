@@ -186,10 +186,8 @@ def rendered_impedance(record: Record) -> Analysis:
         analysis = analysed(record, IMPEDANCE)
         if record.is_stepped_sine:
             return analysis
-        whole, sums = analysis.whole, analysis.sums
-        of_steps = rounding_errors(record, sums, IMPEDANCE, whole)
-        of_usual = usual_errors(record, sums, whole)
-        whole = BenchFit(**vars(whole)).with_bench_error(of_usual).with_shared_error(of_steps)
+        errors = np.hypot(usual_errors(analysis), encoder_errors(analysis))
+        whole = BenchFit(**vars(analysis.whole)).with_bench_error(errors)
         return replace(analysis, fits={None: whole})
 
 
@@ -250,7 +248,7 @@ def torque_errors(
     return np.array([stated.slip * np.ptp(torque[rows]) * np.sign(rate), stated.delay * rate])
 
 
-def usual_errors(record: Record, sums: Sums, fit: GroupFit) -> Array:
+def usual_errors(analysis: Analysis) -> Array:
     """Errors (p,) of estimates that their intervals must include, since the motion hardly tells K
     from I; 0 where it does.
 
@@ -260,10 +258,8 @@ def usual_errors(record: Record, sums: Sums, fit: GroupFit) -> Array:
 
     Parameters
     ----------
-    record, sums
-        What was fitted.
-    fit
-        Of Eq. 15 to all of it.
+    analysis
+        Eq. 15.
 
     Raises
     ------
@@ -272,6 +268,7 @@ def usual_errors(record: Record, sums: Sums, fit: GroupFit) -> Array:
     IdentifiabilityError
         The acceleration is mostly noise of the encoder.
     """
+    record, fit = analysis.record, analysis.whole
     moved = np.ptp(record.theta[record.rows()])
     if moved < FEWEST_STEPS * record.encoder_step:
         raise InputError(
@@ -279,11 +276,9 @@ def usual_errors(record: Record, sums: Sums, fit: GroupFit) -> Array:
             f" {moved / record.encoder_step:.0f} steps of its encoder, {FEWEST_STEPS:g} are needed;"
             " move it by more, and check the unit of theta in the source file"
         )
-    covariance = sums.covariance(["theta", "omega", "alpha", "torque"])
-    size = np.sqrt(np.diag(covariance))
-    correlation = covariance[:3, :3] / np.outer(size[:3], size[:3])
-    own_theta, _, own_alpha = size[:3] / np.sqrt(np.diag(np.linalg.inv(correlation)))
-    noise_share = acceleration_noise(record) / own_alpha**2
+    covariance = analysis.sums.covariance(["theta", "omega", "alpha", "torque"])
+    own_theta, _, own_alpha = 1 / np.sqrt(np.diag(np.linalg.inv(covariance[:3, :3])))
+    noise_share = motion_noise(record)[2] / own_alpha**2
     if noise_share > MOST_NOISE:
         low_hz, high_hz = record.band_hz
         raise IdentifiabilityError(
@@ -293,7 +288,7 @@ def usual_errors(record: Record, sums: Sums, fit: GroupFit) -> Array:
             " move the joint by more or faster, by 0.5 to 6 Hz, and check the unit of theta in the"
             f" source file, {STIFFNESS_ALONE}"
         )
-    error_of_K, error_of_I = USUAL_ERROR * size[3] / np.array([own_theta, own_alpha])
+    error_of_K, error_of_I = USUAL_ERROR * np.sqrt(covariance[3, 3]) / [own_theta, own_alpha]
     errors = dict.fromkeys(fit.names, 0.0)
     # without stiffness a tenth of K is no limit
     if error_of_K > max(LARGE_CHANGE_OF_K * abs(fit["K"]), fit.se("K")):
@@ -303,35 +298,47 @@ def usual_errors(record: Record, sums: Sums, fit: GroupFit) -> Array:
     return np.array(list(errors.values()))
 
 
-def rounding_errors(record: Record, sums: Sums, model: Mapping[str, str], fit: GroupFit) -> Array:
-    """Standard errors (p,) of estimates by the encoder's steps, which no scatter shows where the
-    joint returns to the same ones, as under binary steps.
+def encoder_errors(analysis: Analysis) -> Array:
+    """Standard errors (p,) of the estimates of Eq. 15 by the encoder's steps and noise, which no
+    scatter shows.
 
-    At rest a step has one error, of variance step^2/12, however many samples show it. Where the
-    joint passes through a step its error takes all values and averages out; noise of the angle
-    leaves a share of it. An error of the angle is one of the torque by K.
+    At rest a step has one error, of variance step^2/12, however many samples show it; where the
+    joint returns to the same ones, as under binary steps, it does not average out. Where the joint
+    passes through a step its error takes all values and averages out; noise of the angle leaves a
+    share of it. An error of the angle is one of the torque by K.
+
+    Noise, though it averages out, lengthens the columns: with its covariance N of the columns the
+    estimates x are off by A^-1 N x (errors in variables; Fuller, Measurement Error Models, 1987).
 
     Parameters
     ----------
-    record, sums, model, fit
-        What was fitted, and the fit to all of it.
+    analysis
+        Eq. 15 of a motion that is no stepped sine.
     """
+    record, fit = analysis.record, analysis.whole
     step = record.encoder_step
     if not step:
-        return np.zeros(len(model))
-    low_pass = record.settings.low_pass
+        return np.zeros(len(IMPEDANCE))
     rows = record.rows()[:: round(record.rate_hz / record.coarse.rate_hz)]
-    columns = np.column_stack([sums.columns[column][rows] for column in model.values()])
-    by_row = fit["K"] * np.linalg.pinv(columns)  # change of the estimates by an error (p, m)
+    columns = [analysis.sums.columns[column][rows] for column in IMPEDANCE.values()]
+    per_torque = np.linalg.pinv(np.column_stack(columns))  # change of the estimates (p, m)
+    by_row = fit["K"] * per_torque
     # a low-pass that does not ring where the joint comes to rest
-    smooth_rows = record.rate_hz / (2 * np.pi * low_pass.cutoff_hz)
+    smooth_rows = record.rate_hz / (2 * np.pi * record.settings.cutoff_hz)
     place = scipy.ndimage.gaussian_filter1d(record.theta, smooth_rows)[rows] / step
     reading, of_row = np.unique(np.rint(record.theta[rows] / step), return_inverse=True)
-    by_step = np.zeros((len(reading), len(model)), np.complex128)
+    by_step = np.zeros((len(reading), len(IMPEDANCE)), np.complex128)
     np.add.at(by_step, of_row, (by_row * np.exp(2j * np.pi * place)).T)
     repeated = repeated_share(angle_noise(record), record.rate_hz, step)
     error = step / np.sqrt(12) * repeated
-    return np.asarray(error * np.linalg.norm(by_step, axis=0))
+    of_steps = error * np.linalg.norm(by_step, axis=0)
+
+    K, B, I = fit.estimates[:3]
+    theta, omega, alpha = motion_noise(record)
+    # the angle's noise and that of its second derivative go against one another
+    by_noise = np.array([K * theta - I * omega, B * omega, I * alpha - K * omega])
+    of_noise = per_torque @ per_torque[:3].T @ (len(rows) * by_noise)
+    return np.asarray(np.hypot(of_steps, of_noise))
 
 
 def angle_noise(record: Record) -> float:
@@ -351,9 +358,10 @@ def angle_noise(record: Record) -> float:
     return level
 
 
-def acceleration_noise(record: Record) -> float:
-    """Variance [rad^2/s^4] that white noise of the angle leaves in the filtered acceleration."""
+def motion_noise(record: Record) -> Array:
+    """Variances (3,) that white noise of the angle leaves in the filtered angle [rad^2], velocity
+    and acceleration."""
     cutoff_hz = record.settings.cutoff_hz
     f = np.linspace(0, min(8 * cutoff_hz, record.rate_hz / 2), 2000)
     passed = angle_noise(record) * record.settings.low_pass.gain(f) ** 2
-    return float(np.trapezoid((2 * np.pi * f) ** 4 * passed, f))
+    return np.asarray(np.trapezoid((2 * np.pi * f) ** np.array([[0], [2], [4]]) * passed, f))

@@ -252,9 +252,6 @@ class GroupFit(LinearFit):
             degrees_of_freedom=np.array([self.freedom(next(iter(each))) for each in gradients]),
         )
 
-    def freedom(self, name: str) -> float:
-        return float(self.degrees_of_freedom[self.names.index(name)])
-
     def certain(self, name: str) -> bool:
         """Whether an estimate differs from 0 by a two-sided test at the level `FALSE_ALARM`."""
         quantile = float(scipy.special.stdtrit(self.freedom(name), 1 - FALSE_ALARM / 2))

@@ -59,10 +59,13 @@ class LinearFit:
         index = self.names.index(name)
         return float(np.sqrt(self.covariance[index, index]))
 
+    def freedom(self, name: str) -> float:
+        """Degrees of freedom of one estimate's variance."""
+        return float(self.degrees_of_freedom[self.names.index(name)])
+
     def interval(self, name: str) -> tuple[float, float]:
         """Bounds of the 95 % interval of one estimate, in its unit (Student's quantile)."""
-        freedom = self.degrees_of_freedom[self.names.index(name)]
-        half_width = float(scipy.special.stdtrit(freedom, 0.975)) * self.se(name)
+        half_width = float(scipy.special.stdtrit(self.freedom(name), 0.975)) * self.se(name)
         return self[name] - half_width, self[name] + half_width
 
     def with_shared_error(self, change: Array) -> Self:
@@ -313,9 +316,6 @@ def products_between(X: Array, Y: Array, first: Array, stop: Array) -> Array:
     weights = lagrange / 6 * (around == inside)
     of_parts = (weights[:, :, None] * X[inside]).transpose(1, 2, 0) @ Y[inside].transpose(1, 0, 2)
     return np.asarray(of_whole_rows + of_parts[1::2] - of_parts[::2])
-
-
-LARGEST_AR1 = 0.9999  # autocorrelation of a residual after one sample, beyond which none is fitted
 
 
 def welch_satterthwaite(

@@ -42,12 +42,6 @@ def causes_of(row, grade=Grade.DOUBTS):
     return [finding.cause for finding in found if finding.grade is grade]
 
 
-def misses(row, suffix=""):
-    """Symbols whose intervals do not hold the truth."""
-    ends = {name: (row[f"{name}{suffix}_low"], row[f"{name}{suffix}_high"]) for name in TRUE}
-    return [name for name, (low, high) in ends.items() if not low <= TRUE[name] <= high]
-
-
 SOUND = {
     "exact": {},
     "drift": {"more": lambda time, *_: 3 * np.exp(-time / 20)},
@@ -67,11 +61,9 @@ def test_a_sound_joint_is_not_doubted_and_its_impedance_is_held(joint):
     row = sound_row(joint)
 
     assert causes_of(row) == []
-    held = {}
-    for name, without_friction in WITHOUT_FRICTION.items():
-        for end in ("_low", "_high"):
-            held[name + end] = row[without_friction + end] or row[name + end]
-    assert misses(held) == []
+    for name, column in WITHOUT_FRICTION.items():
+        low, high = (row[column + end] or row[name + end] for end in ("_low", "_high"))
+        assert low <= TRUE[name] <= high, name
 
 
 def test_friction_is_in_b_as_in_equation_15_and_not_in_b_viscous():

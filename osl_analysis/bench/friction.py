@@ -13,6 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from osl_analysis.bench.impedance import QUANTITIES, Analysis
 from osl_analysis.bench.record import Label, Record
@@ -27,7 +28,6 @@ from osl_analysis.inference import (
 )
 from osl_analysis.inference.constants import HARM_SHARE, LIKELY
 from osl_analysis.inference.infer import Explanation
-from osl_analysis.signals import runs
 from osl_analysis.stats.estimates import Estimate, Row
 from osl_analysis.trial import Array
 
@@ -39,6 +39,9 @@ WITHOUT_FRICTION = {
 }
 """Columns of a friction, and of K, B and I without it."""
 CERTAIN_FRICTION = 0.9  # probability from which friction is taken off B: nine in ten are right
+# share of B from which friction counts that the column sees and the inference does not; rounding
+# makes 0.012 of sound recordings
+SEEN_SHARE = 0.02
 NAMED_SHARE = 0.05  # of all faults' probability, below which an explanation is not named
 COLUMNS_OF_LOSSES = (None, "B_j", "J_j")  # of K, B and I in `transmission.csv`
 
@@ -53,6 +56,7 @@ class CoulombFit:
     # the model's estimates for the torque less its friction, and the friction `T_C` [N*m]; None
     # where it is not certain in these rows
     certain: GroupFit | None
+    is_seen: bool  # whether the column takes a part of the damping, of either sign
 
 
 def coulomb_fits(
@@ -79,7 +83,8 @@ def coulomb_fits(
         fit = analysis.fits[label]
         try:
             smooth = without_friction(s, model, fit, label, "T_C")
-            is_certain = smooth["T_C"] > 0 and smooth.certain("T_C")
+            is_seen = smooth.certain("T_C")
+            is_certain = is_seen and smooth["T_C"] > 0
             if whole_is_certain is None:
                 whole_is_certain = is_certain
             # a controller may compensate friction that is not Coulomb's: the smaller of two answers
@@ -92,12 +97,13 @@ def coulomb_fits(
                 sharp = without_friction(s, model, fit, label, "T_C_sharp")
                 of_width = (sharp.estimates - smooth.estimates) / np.sqrt(3)
                 own = BenchFit(**vars(fit))
-                of_bench = [*(own.se_bench(name) for name in smooth.names[:-1]), 0.0]
-                certain = smooth.with_shared_error(np.hypot(of_width, of_bench))
+                of_bench = [own.se_bench(name) for name in smooth.names[:-1]]
+                certain = smooth.with_shared_error(np.hypot(of_width, [*of_bench, 0.0]))
                 certain = analysis.with_bench_errors(certain, label)
         except IdentifiabilityError:
             continue
-        fits[label] = CoulombFit(share, certain)
+        taken = abs(1 - smooth[damping] / fit[damping])
+        fits[label] = CoulombFit(share, certain, is_seen and taken > SEEN_SHARE)
     return fits
 
 
@@ -142,15 +148,13 @@ def raw_signals(record: Record, **actuator: Array | None) -> BenchSignals:
     itself; `actuator` has those of a leg's."""
     # the ends of fitted stretches are left out for the sake of the fit's own filter
     edge = round(2 * record.rate_hz / record.settings.cutoff_hz)
-    usable = np.zeros(len(record.time), dtype=np.bool_)
-    for rows in runs(record.is_fitted()):
-        usable[max(rows.start - edge, 0) : rows.stop + edge] = True
+    near = scipy.ndimage.maximum_filter1d(record.is_fitted(), 2 * edge + 1)
     return BenchSignals(
         theta=record.theta,
         torque=record.torque,
         rate_hz=record.rate_hz,
         encoder_step=record.encoder_step,
-        usable=record.usable & usable,
+        usable=record.usable & near,
         **actuator,
     )
 
@@ -218,7 +222,8 @@ def friction_columns(
             for name, of_other_shapes in inferred.without_friction.items():
                 weighed = of_other_shapes.widened_by(analysis.calibrated[None].se_bench(name))
                 estimates[name] = weighed if is_leg else widened_to(estimates[name], weighed)
-        share = 0.0
+        # the column sees what the inference does not: the motion does not tell it from damping
+        share = None if coulomb and coulomb.is_seen and not is_leg else 0.0
         if estimates:
             share = max(1 - estimates["B"].value / analysis.whole["B"], 0.0)
     row: Row = {"coulomb_share": share}
@@ -233,8 +238,9 @@ def widened_to(estimate: Estimate, weighed: Estimate) -> Estimate:
     lies outside it."""
     if estimate.low <= weighed.value <= estimate.high:
         return estimate
-    low, high = min(estimate.low, weighed.low), max(estimate.high, weighed.high)
-    return replace(estimate, low=low, high=high)
+    return replace(
+        estimate, low=min(estimate.low, weighed.low), high=max(estimate.high, weighed.high)
+    )
 
 
 def with_other_stamps(

@@ -187,8 +187,8 @@ def rendered_impedance(record: Record) -> Analysis:
         if record.is_stepped_sine:
             return analysis
         errors = np.hypot(usual_errors(analysis), encoder_errors(analysis))
-        whole = BenchFit(**vars(analysis.whole)).with_bench_error(errors)
-        return replace(analysis, fits={None: whole})
+        whole = BenchFit(**vars(analysis.whole))
+        return replace(analysis, fits={None: whole.with_bench_error(errors)})
 
 
 def analysed(record: Record, model: Model, sums: Sums | None = None) -> Analysis:
@@ -295,7 +295,7 @@ def usual_errors(analysis: Analysis) -> Array:
         errors["K"] = error_of_K
     if error_of_I > (getattr(record.settings, "largest_inertia_error", None) or np.inf):
         errors["I"] = error_of_I
-    return np.array(list(errors.values()))
+    return np.array([*errors.values()])
 
 
 def encoder_errors(analysis: Analysis) -> Array:
@@ -330,8 +330,7 @@ def encoder_errors(analysis: Analysis) -> Array:
     by_step = np.zeros((len(reading), len(IMPEDANCE)), np.complex128)
     np.add.at(by_step, of_row, (by_row * np.exp(2j * np.pi * place)).T)
     repeated = repeated_share(angle_noise(record), record.rate_hz, step)
-    error = step / np.sqrt(12) * repeated
-    of_steps = error * np.linalg.norm(by_step, axis=0)
+    of_steps = step / np.sqrt(12) * repeated * np.linalg.norm(by_step, axis=0)
 
     K, B, I = fit.estimates[:3]
     theta, omega, alpha = motion_noise(record)

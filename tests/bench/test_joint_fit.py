@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import polars as pl
@@ -10,6 +11,7 @@ from any_motion import TRUE, binary_steps, made_trial, noise
 from conftest import ROOT, findings_of
 
 from osl_analysis.bench.evidence import impedance_table
+from osl_analysis.bench.friction import CoulombFit, friction_columns
 from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.campaign.configuration import config_for_trials
@@ -72,7 +74,14 @@ def test_friction_is_in_b_as_in_equation_15_and_not_in_b_viscous():
     assert row["B"] > row["B_viscous_high"]
     assert row["B_viscous"] == pytest.approx(5, rel=0.02)
     assert row["coulomb_share"] == pytest.approx(1 - row["B_viscous"] / row["B"])
-    assert row["f_C"] == pytest.approx(0.3, rel=0.1)
+
+
+def test_friction_that_the_column_alone_sees_is_untold():
+    row = friction_columns(
+        None, SimpleNamespace(friction_probability=0.1), CoulombFit(0.0, None, True), None, False
+    )
+
+    assert row == {"coulomb_share": None}
 
 
 FAULTS = {

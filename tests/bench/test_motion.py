@@ -213,12 +213,6 @@ def test_rounding_of_two_levels_is_in_the_interval_of_K_however_often_they_retur
     assert whole.se("K") == pytest.approx(of_two_levels, rel=0.2)
 
 
-def test_rounding_averages_out_where_the_joint_passes_through_the_steps():
-    record = moving_record(moved(noise, 4, torque_noise=0.01, bits=12))
-
-    assert rendered_impedance(record).whole.se("K") < 5e-4 * TRUE["K"]
-
-
 def test_a_longest_gap_that_is_stated_is_bridged():
     samples = moved(noise, 7, {"rms_deg": 4.0}).samples
     rows = np.arange(len(samples))

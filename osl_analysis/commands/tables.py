@@ -383,7 +383,7 @@ def format_results_table(summary: Mapping[str, Any], markdown: bool = True) -> s
     for number in numbers_in_summary(summary):
         draft = "" if number.draft is None else f"{number.draft:g}"
         value = f"{number.text} {number.unit}"
-        rows.append((number.meaning, value, number.kind, str(number.n), draft))
+        rows.append((number.meaning, value, number.kind or "", str(number.n), draft))
     table = markdown_table(rows) if markdown else aligned(rows)
     lines = [summary["intervals"], *(finding["line"] for finding in summary["findings"])]
     lines += missing_lines(summary)

@@ -1,7 +1,7 @@
 """How often the 95 % intervals of K, B and I hold the truth, by motion, without and with friction.
 
-Run from the repository: `python benchmarks/interval_coverage.py [devices] [rows.csv]`, 150 devices by
-default, ten minutes on two cores. Nine motions move each device, and each recording is fitted by
+Run from the repository: `python benchmarks/interval_coverage.py [devices] [rows.csv]`, 150 devices
+by default, ten minutes on two cores. Nine motions move each device, and each recording is fitted by
 `osl.fit`. Every second device has friction, of which nothing is stated. A row per recording goes
 into `build/coverage.csv`, the table by motion into `docs/bench_validation.md`.
 

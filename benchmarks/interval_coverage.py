@@ -207,6 +207,9 @@ def lines_of(rows: pl.DataFrame) -> Iterator[tuple[object, ...]]:
     how much they are wider than 95 % needs, and what the user is told."""
     for (motion, friction), mine in rows.group_by("motion", "friction", maintain_order=True):
         fitted = mine.filter(pl.col("grade") != "refused")
+        if fitted.is_empty():
+            yield (motion, friction, f"0, {len(mine)} refused", *6 * ["–"])
+            continue
         misses = fitted.select(*"KBI").to_numpy()
         held = (np.abs(misses) <= 1).sum(axis=0)
         within = (int(binom.ppf(p, len(fitted), 0.95)) for p in (0.025, 0.975))

@@ -22,6 +22,7 @@ from osl_analysis.bench.plausibility import check_changes
 from osl_analysis.bench.record import Record, unlike_groups
 from osl_analysis.bench.regression import (
     TRANSMISSION,
+    GroupFit,
     Model,
     gram_sums,
     held_out_vaf,
@@ -253,13 +254,13 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
         # a weight acts as a spring: its torque grows with the angle
         weight = with_effects(s, TRANSMISSION, ("theta",), label)
         has_weight = weight.certain("theta")
-        of_friction: Row = {}
+        viscous: GroupFit = analysis.calibrated[label]
         coulomb = friction.get(label)
-        if coulomb:
-            of_friction["coulomb_share"] = coulomb.share
+        of_friction: Row = {"coulomb_share": coulomb.share} if coulomb else {}
         if coulomb and coulomb.certain:
-            of_friction["T_C"] = coulomb.certain["T_C"]
-            of_friction |= Estimate.of_fit(coulomb.certain, "B_j").columns("B_j_viscous")
+            viscous = coulomb.certain
+            of_friction["T_C"] = viscous["T_C"]
+        of_friction |= Estimate.of_fit(viscous, "B_j").columns("B_j_viscous")
         rows.append(
             {
                 **analysis.place(label),

@@ -15,7 +15,7 @@ from osl_analysis.stats.repeats import alike_sizes, counted, summary_of_trials, 
 PLACE = ("joint", "side")
 SUMMARISED = {
     "belt": ("K_s", "unloading", "hysteresis_area"),
-    "transmission": (*LOSSES, "VAF"),
+    "transmission": (*LOSSES, "B_j_viscous", "VAF"),
     "actuator": (*ACTUATOR_PARAMETERS, "VAF"),
 }
 """Columns of each part's table for which a summary has mean, scatter and interval over the

@@ -208,29 +208,26 @@ def lines_of(rows: pl.DataFrame) -> Iterator[tuple[object, ...]]:
     for (motion, friction), mine in rows.group_by("motion", "friction", maintain_order=True):
         fitted = mine.filter(pl.col("grade") != "refused")
         if fitted.is_empty():
-            yield (motion, friction, f"0, {len(mine)} refused", *6 * ["–"])
+            yield (motion, friction, f"0, {len(mine)} refused", *4 * ["–"])
             continue
         misses = fitted.select(*"KBI").to_numpy()
         held = (np.abs(misses) <= 1).sum(axis=0)
         within = (int(binom.ppf(p, len(fitted), 0.95)) for p in (0.025, 0.975))
-        over_rmse = 1 / np.sqrt(np.mean(misses**2, axis=0))
         over_needed = 1 / np.quantile(np.abs(misses), 0.95, axis=0)
-        widths = fitted.select(pl.col("^._width$").median() * 100).row(0)
         yield (
             motion,
             friction,
             len(fitted),
             ", ".join(map(str, held)),
             "–".join(map(str, within)),
-            *(", ".join(f"{x:.2g}" for x in sizes) for sizes in (over_rmse, over_needed, widths)),
+            ", ".join(f"{x:.2g}" for x in over_needed),
             ", ".join(str((mine["grade"] == grade).sum()) for grade in GRADES),
         )
 
 
 GRADES = ("clear", "doubtful", "not checked", "refused")
 HEADER = (
-    "motion", "friction", "n", "K, B, I held", "95 %", "half-width over RMSE",
-    "over what 95 % needs", "median half-width [%]", ", ".join(GRADES),
+    "motion", "friction", "n", "K, B, I held", "95 %", "over what 95 % needs", ", ".join(GRADES),
 )  # fmt: skip
 
 

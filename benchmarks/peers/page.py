@@ -117,24 +117,6 @@ def overview(scores, of):
     return table(head, rows)
 
 
-def by_case(scores):
-    """A row per case, with the misses of each method."""
-    methods = methods_of(scores)
-    rows = []
-    for case in CASES:
-        of_case = scores.filter(col("group") == case)
-        row_of = {row["method"]: row for row in of_case.iter_rows(named=True)}
-        trials = row_of[methods[0]]["trials"]
-        rows.append([name_of_case(case, trials), *(misses(row_of[method]) for method in methods)])
-    return table(["recordings", *map(name_of, methods)], rows)
-
-
-def misses(row):
-    """Silent misses, announced ones behind a stroke, false alarms after a plus."""
-    alarms = f"+{row['false_alarms']}" if row["false_alarms"] else ""
-    return f"{row['silent']}/{row['announced']}{alarms}"
-
-
 def better(scores, worst):
     """A table of what peers are better in than we are, by case, with the size of both."""
     nearest = worst.group_by("method", "group").agg(col("worst").median())
@@ -266,7 +248,6 @@ def main():
         "better": better(scores, worst),
         "unseen": overview(scores_of(files, truth, ["closed_form"]), "unseen"),
         "overview": overview(scores_of(files, truth, SEEN), "seen"),
-        "misses": by_case(scores),
     }
     text = PAGE.read_text(encoding="utf-8")
     for mark, made in tables.items():

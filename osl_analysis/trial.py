@@ -4,6 +4,7 @@ Here stands the nomenclature: name, unit and sign of each column.
 """
 
 import json
+import math
 import re
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,7 +17,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError, listing, nearest
+from osl_analysis.errors import InputError, listing, naming, nearest
 from osl_analysis.files import atomic_path
 from osl_analysis.measured import check_finite
 from osl_analysis.table import SCHEMA, check_analysed, check_schema
@@ -85,13 +86,18 @@ def unit_of(column: str) -> str:
     return COLUMNS[column]
 
 
-def stretches(text: str) -> list[tuple[float, float]]:
+LATE_END_S = 1.0  # s by which a stated window may end after the recording
+
+
+def stretches(text: str, duration_s: float = math.inf) -> list[tuple[float, float]]:
     """Read the parts of a recording that are stated as `2-30 40-62`.
 
     Parameters
     ----------
     text : str
         From-to pairs [s], parted by blanks.
+    duration_s : float
+        Of the recording. A part may end `LATE_END_S` later.
 
     Returns
     -------
@@ -101,7 +107,8 @@ def stretches(text: str) -> list[tuple[float, float]]:
     Raises
     ------
     InputError
-        The text has another form, or the parts overlap, touch or are not in time order.
+        The text has another form, or the parts overlap, touch, are not in time order, or lie beyond
+        the recording.
     """
     has_form = re.fullmatch(r"(\s*\d+\.?\d*-\d+\.?\d*(?=\s|$))+\s*", text)
     edges = list(map(float, re.findall(r"\d+\.?\d*", text)))
@@ -110,10 +117,14 @@ def stretches(text: str) -> list[tuple[float, float]]:
             f"windows '{text}' are not from-to in s, in the order of time, without overlap or"
             " touching; write them as 2-30 40-62"
         )
+    if edges[-1] > duration_s + LATE_END_S:
+        raise InputError(
+            f"windows '{text}' reach beyond the recording, which lasts 0 to {duration_s:.1f} s;"
+            " state windows within these"
+        )
     return list(zip(edges[::2], edges[1::2], strict=True))
 
 
-LATE_END_S = 1.0  # s by which a stated window may end after the recording
 NAME_KEY = "osl_analysis.trial"
 PROVENANCE_KEY = "osl_analysis.provenance"
 CHECKSUM_KEY = "osl_analysis.checksum"
@@ -184,22 +195,26 @@ class Trial:
         self.check_columns(column)
         return self.samples[column].is_not_null().to_numpy()
 
+    def parts(self, windows: str) -> list[tuple[float, float]]:
+        """Begin and end [s] of windows, stated as `2-30 40-62` after the first sample. Raises
+        InputError: they are no windows of this trial."""
+        with naming(f"trial {self.name}"):
+            return stretches(windows, float(np.ptp(self.samples["time"].to_numpy())))
+
     def within(self, windows: str) -> "Trial":
-        """The samples within windows [s] after the first one, stated as `2-30 40-62`."""
+        """The samples within windows, stated as for `parts`."""
         start = self.samples["time"][0]
         is_inside = [
             pl.col("time").is_between(start + first, start + last)
-            for first, last in stretches(windows)
+            for first, last in self.parts(windows)
         ]
         return replace(self, samples=self.samples.filter(pl.any_horizontal(is_inside)), clocks={})
 
     def cut_to(self, windows: str) -> "tuple[Trial, str]":
-        """The samples from the first window to the end of the last one, as stated for `within`, and
-        the windows [s] after the first of these samples. All where they lie beyond the trial."""
-        parts = np.array(stretches(windows))
+        """The samples from the first window to the end of the last one, as stated for `parts`, and
+        the windows [s] after the first of these samples."""
+        parts = np.array(self.parts(windows))
         time = self.samples["time"]
-        if parts.max() > time[-1] - time[0] + LATE_END_S:
-            return self, windows
         cut = self.within(f"{parts.min():.9f}-{parts.max():.9f}")
         shifted = np.maximum(parts - (cut.samples["time"][0] - time[0]), 0)
         return cut, " ".join(f"{begin:.9f}-{end:.9f}" for begin, end in shifted.tolist())

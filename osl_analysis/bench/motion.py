@@ -42,7 +42,7 @@ from osl_analysis.spectral.stepped_sine import (
     labels_deg,
     moving_bins,
 )
-from osl_analysis.trial import LATE_END_S, Array, Trial, stretches
+from osl_analysis.trial import Array, Trial, stretches
 
 SHORTEST_S = 1.0  # s; the shortest stretch that is fitted
 EDGE_PERIODS = 2.0  # of the cut-off at each end, where the filter depends on padding
@@ -181,7 +181,7 @@ def record_of_motion(
     inside = [(float(time[moving[0]]), float(time[moving[-1]]))]
     is_inside = np.ones(len(time), dtype=np.bool_)
     if windows is not None:
-        inside = stated_windows(windows, float(time[-1]))
+        inside = stretches(windows, float(time[-1]))
         is_inside = within(time, inside)
     pieces = fitted_pieces(time, signals.usable, inside, EDGE_PERIODS / settings.cutoff_hz)
     record = replace(record_of(signals, settings), groups=stretches_of(pieces, rate))
@@ -235,22 +235,6 @@ def fitted_pieces(
             f" {SHORTEST_S:g} s; record for longer, and 100 rows per second or more"
         )
     return found
-
-
-def stated_windows(text: str, duration: float) -> list[tuple[float, float]]:
-    """Windows [s] from the start of a record of some duration [s], stated as `2-30 40-62`.
-
-    Raises
-    ------
-    InputError
-        They are no windows, overlap, or lie beyond the record.
-    """
-    windows = stretches(text)
-    if windows[-1][1] > duration + LATE_END_S:
-        raise InputError(
-            f"windows '{text}' end at {windows[-1][1]:g} s, the record after {duration:.1f} s"
-        )
-    return windows
 
 
 def cycles_of(

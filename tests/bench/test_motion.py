@@ -12,7 +12,7 @@ from osl_analysis.bench.bench_settings import (
 )
 from osl_analysis.bench.evidence import DesiredImpedance, impedance_table
 from osl_analysis.bench.impedance import rendered_impedance
-from osl_analysis.bench.motion import record_of_trial, stated_windows
+from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.model.compensator import PAPER_WEIGHT
@@ -104,8 +104,8 @@ def test_windows_of_the_trial_replace_those_of_the_settings():
 
 
 def test_a_window_beyond_the_end_is_refused():
-    with pytest.raises(InputError, match="1-32"):
-        stated_windows("1-32", 30.0)
+    with pytest.raises(InputError, match="'1-90' reach beyond"):
+        disturbed_trial().cut_to("1-90")
 
 
 @pytest.mark.usefixtures("without_inference")

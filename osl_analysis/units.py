@@ -29,7 +29,8 @@ TORQUE = re.compile(
     r"|(?i:(ft|in|foot|inch)[*·_. -]?(lb|oz)[fs]?|(lb|oz)[fs]?[*·_."
     r" -]?(ft|in|foot|inch)))(?![A-Za-z])"
 )
-GON = frozenset({"grad", "grads", "grade"})  # degrees in German, and a 400th of a turn
+# a 400th of a turn, and degrees to who writes the German `Grad` small
+GON = frozenset({"grad", "grads", "grade"})
 TICKS = re.compile(r"(\d+)\*?([mun]?s|[mu]?secs?)")
 # names whose case has no meaning, since they have no prefix that it could distinguish
 ANY_CASE = re.compile(
@@ -64,7 +65,7 @@ def si_factor(unit: str, expected: str) -> float:
     if not spelling:
         raise InputError(f"the unit is empty; write one of {examples}")
     quoted = f"unit '{shortened(unit, 40)}'"
-    if not GON.isdisjoint(re.split(r"[*/]", spelling.lower())):
+    if not GON.isdisjoint(re.split(r"[*/]", spelling)):
         raise InputError(
             f"{quoted} is of gon (a 400th of a turn) to some and of degrees to others: write"
             " `deg`, or `gon`"

@@ -190,7 +190,7 @@ def entry_of(number: int, guess: Guess, is_comment: bool) -> Entry:
     remarks = [guess.why_not]
     if guess.column:
         remarks = [guess.why if guess.is_sure else f"{guess.column}?"]
-    if channel.base[1] in COUNTS or unit.lower() in GON:
+    if channel.base[1] in COUNTS or unit in GON:
         remarks.append(f"no known unit: {json.dumps(unit)}" if unit else "no unit is stated")
         unit = "V" if guess.column in LEVELS else UNKNOWN
     elif not channel.unit:

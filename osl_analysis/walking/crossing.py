@@ -54,9 +54,10 @@ class StanceLimits:
     FLAT = (0.15, 0.35)  # phases of stance in which the foot is flat, before a perturbation
     LATE = (0.6, 0.85)  # phases of stance in which a walker pushes off
     PUSH = (0.5, 0.9)  # phases of stance in which every foot pushes the toes down
-    # between the roll of the load and forward; a foot out-toes by 20 deg
-    LARGEST_OUT_TOEING_DEG = 45.0
-    SMALLEST_ROLL_M = 0.03  # of the centre of pressure, that has a direction
+    # of roll [m] and push [N] that have a direction, and its largest angle from forward: a foot
+    # out-toes by 20 deg, and the side force of slow gait changes nearly as much as its push
+    SMALLEST_CHANGE = (0.03, 20.0)
+    LARGEST_TURN_DEG = (45.0, 60.0)
     LARGEST_MASS_DIFFERENCE = 0.1  # clothes, shoes and leg weigh something
     FEWEST_SAMPLES = 6  # for a quintic spline
     FEWEST_FRAMES = 10  # at rest, that tell where the platform stands
@@ -81,6 +82,10 @@ class Ankle:
     def forward(self) -> Array:
         """Level directions (n, 3) in which the foot points."""
         return np.cross(self.axis, VERTICAL)
+
+    def along(self, vectors: Array) -> Array:
+        """Components (2, n) of vectors (n, 3) to the left and forward."""
+        return np.asarray(np.einsum("kni,ni->kn", (self.axis, self.forward), vectors))
 
 
 def ankle_between(foot: Poses, shank: Poses, calibration: StaticCalibration) -> Ankle:
@@ -135,9 +140,7 @@ def load_on_foot(reaction: Array, centre: Array, ankle: Ankle) -> Array:
     pressed = vertical > StanceLimits.PRESSED_N
     divisor = np.where(pressed, vertical, 1.0)[:, None]
     from_ankle = centre + np.cross(VERTICAL, reaction[:, 3:]) / divisor - ankle.centre
-    left = np.sum(from_ankle * ankle.axis, axis=1)
-    forward = np.sum(from_ankle * ankle.forward, axis=1)
-    return np.array([vertical, pressed * left, pressed * forward])
+    return np.vstack([vertical, pressed * ankle.along(from_ankle)])
 
 
 def moment_of_foot(
@@ -383,24 +386,25 @@ def phases_between(phase: Array, bounds: tuple[float, float]) -> Mask:
     return np.asarray((phase >= bounds[0]) & (phase <= bounds[1]))
 
 
-def check_side(phase: Array, shank_from_ankle: Array, axis: Array) -> None:
-    """Refuse an ankle's axis (n, 3) that points to the right.
+def check_side(phase: Array, ahead: Array) -> None:
+    """Refuse an ankle's axis that points to the right.
 
-    The shank (n, 3) [m] then leans backwards in stance.
+    The shank, which is `ahead` (n,) [m] of the ankle, then leans backwards in stance.
     """
-    first = int(np.argmin(np.abs(phase - 0.1)))
-    last = int(np.argmin(np.abs(phase - 0.9)))
-    ahead = np.sum(shank_from_ankle * np.cross(axis, VERTICAL), axis=1)
-    if ahead[last] <= ahead[first]:
+    first, last = np.interp((0.1, 0.9), phase, ahead)
+    if last <= first:
         raise InputError(
-            f"the shank moves {100 * (ahead[first] - ahead[last]):.0f} cm backwards over the foot"
+            f"the shank moves {100 * (first - last):.0f} cm backwards over the foot"
             " in stance: the ankle's axis points to the wrong side; correct `side`, exchange"
             " ankle_medial and ankle_lateral, or correct the labels of the static trial's markers"
         )
 
 
-def check_roll(phase: Array, load: Array, torque: Array | None) -> None:
-    """Refuse a load that does not roll forward over the foot, or a torque that pulls the toes up.
+def check_roll(phase: Array, load: Array, push: Array, torque: Array) -> None:
+    """Refuse a load that does not roll and push forward over the foot, or pulls the toes up.
+
+    Turned corners turn both. A channel of the wrong sign turns one, and corners that are turned to
+    make up for it turn the other.
 
     Parameters
     ----------
@@ -408,28 +412,37 @@ def check_roll(phase: Array, load: Array, torque: Array | None) -> None:
         Of stance (n,).
     load : Array
         (3, n), as in `Crossing`.
-    torque : Array or None
-        Undisturbed torque (n,) [N*m]; in late stance every foot pushes the toes down.
+    push : Array
+        Horizontal force [N] to the left and forward (2, n), which brakes before it pushes.
+    torque : Array
+        Undisturbed torque (n,) [N*m], else 0; in late stance every foot pushes the toes down.
     """
-    late = load[:, phases_between(phase, StanceLimits.LATE)].mean(axis=1)
-    flat = load[:, phases_between(phase, StanceLimits.FLAT)].mean(axis=1)
-    _, left, forward = late - flat
-    roll_m = float(np.hypot(left, forward))
-    roll_deg = abs(float(np.rad2deg(np.arctan2(left, forward))))
-    moment = (
-        0.0 if torque is None else float(torque[phases_between(phase, StanceLimits.PUSH)].mean())
-    )
-    rolls_forward = (
-        roll_deg <= StanceLimits.LARGEST_OUT_TOEING_DEG or roll_m < StanceLimits.SMALLEST_ROLL_M
-    )
-    if moment >= 0 and rolls_forward:
+    both = np.vstack([load[1:], push])
+    late = both[:, phases_between(phase, StanceLimits.LATE)].mean(axis=1)
+    flat = both[:, phases_between(phase, StanceLimits.FLAT)].mean(axis=1)
+    left, forward = (late - flat).reshape(2, 2).T
+    size = np.hypot(left, forward)
+    deg = np.abs(np.rad2deg(np.arctan2(left, forward)))
+    turned = (deg > StanceLimits.LARGEST_TURN_DEG) & (size > StanceLimits.SMALLEST_CHANGE)
+    moment = torque[phases_between(phase, StanceLimits.PUSH)].mean()
+    if moment >= 0 and not turned.any():
         return
+    cause = (
+        "a channel of the plate, of a moment or of a horizontal force, has the wrong sign: correct"
+        " it in the recorder and export again; the source file cannot reverse one channel, and"
+        " corners that are turned in its place give a wrong K"
+    )
+    if turned.all():
+        cause = (
+            "the plate's corners or axes are turned: correct the corners' order, the first lies in"
+            " +x and +y of the plate's own axes, or `axes` in the source file"
+        )
+    pulls = f", and the ankle pulls the toes up with {-moment:.1f} N*m" if moment < 0 else ""
     raise InputError(
-        f"the centre of pressure moves by {100 * roll_m:.0f} cm in stance, {roll_deg:.0f} deg from"
-        f" forward, and the ankle's moment in late stance is {moment:.0f} N*m, expected 0 or more:"
-        " the plate's corners or moments are turned or exchanged, or another foot stands on it."
-        " If it is so in all trials, correct the corners' order, the first lies in +x and +y of"
-        " the plate's own axes, or `axes` in the source file; else exclude the trial"
+        "from the flat foot to late stance the centre of pressure moves by"
+        f" {100 * size[0]:.0f} cm, {deg[0]:.0f} deg from forward, and the horizontal force changes"
+        f" by {size[1]:.0f} N, {deg[1]:.0f} deg from forward{pulls}. If it is so in all trials,"
+        f" {cause}; else another foot stands on the plate: exclude the trial"
     )
 
 
@@ -641,7 +654,8 @@ def analyse_crossing(
 
     # Angle
     ankle = ankle_between(foot, shank, calibration)
-    check_side(phase, shank.position - ankle.centre, ankle.axis)
+    _, ahead = ankle.along(shank.position - ankle.centre)
+    check_side(phase, ahead)
 
     # Torque, and its changes without each plate trial
     models = [unloaded, *unloaded.leave_one_out]
@@ -661,7 +675,8 @@ def analyse_crossing(
 
     # What shows that the set-up is right
     load = load_on_foot(reactions[0], centre, ankle)
-    check_roll(phase, load, torque if passage.onset is None else None)
+    push = ankle.along(reactions[0][:, :3])
+    check_roll(phase, load, push, torque * (passage.onset is None))
     clusters = passage.recorded.values()
     bridged = np.any([pose.bridged[passage.rows] for pose in clusters], axis=0)
 

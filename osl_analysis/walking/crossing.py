@@ -24,6 +24,7 @@ from osl_analysis.walking import poses as rigid
 from osl_analysis.walking.plate import (
     Stance,
     WrenchReader,
+    check_loaded,
     check_plate,
     check_type_on_platform,
     check_vertical,
@@ -229,6 +230,7 @@ def recorded_passage(
 
     wrench = zeroed_wrench(trial, frames, settings)
     force = wrench(lag)[:, :3]
+    check_loaded(trial, settings.plate, settings.load_on_n)
     check_vertical(force)
     stance = only_stance(frames, force[:, 2], settings)
     check_plate(trial, settings.plate, stance, force[:, 2])
@@ -541,9 +543,8 @@ def crossing_quality(
     flat = phases_between(passage.stance.phase(passage.time), StanceLimits.FLAT)
     foot = passage.poses["foot"][flat]
     plate_centre = passage.corners.mean(axis=0)
-    from_plate = foot.point(calibration.ankle_centre).mean(axis=0) - plate_centre
-    forward = unit_vector(ankle.forward[flat].mean(axis=0))
-    left = np.cross(VERTICAL, forward)
+    from_plate = passage.poses["foot"].point(calibration.ankle_centre) - plate_centre
+    foot_left_m, foot_forward_m = ankle.along(from_plate)[:, flat].mean(axis=1)
     markers = foot.points(calibration.positions(settings.markers.foot, "static"))
 
     _, left_m, forward_m = load[:, :, None]
@@ -551,17 +552,13 @@ def crossing_quality(
     unlike_static = differences(trial, passage, ankle, calibration, settings)
     different = max(unlike_static, key=lambda what: unlike_static[what])
     return CrossingQuality(
-        foot_forward_m=float(from_plate @ forward),
-        foot_left_m=float(from_plate @ left),
+        foot_forward_m=float(foot_forward_m),
+        foot_left_m=float(foot_left_m),
         foot_outside_m=furthest_outside(markers.reshape(-1, 3), passage.corners),
         pressure_outside_m=pressure_outside(pressure, markers),
         different=different,
         different_mm=1e3 * unlike_static[different],
     )
-
-
-def unit_vector(vector: Array) -> Array:
-    return np.asarray(vector / np.linalg.norm(vector))
 
 
 def pressure_outside(pressure: Array, markers: Array) -> float:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing
 from osl_analysis.trial import Array
-from osl_analysis.walking.crossing import DOWN, UP, Crossing, RefusedCrossing
+from osl_analysis.walking.crossing import DOWN, UP, Crossing, RefusedCrossing, phases_between
 from osl_analysis.walking.isolated_response import PHASES, signal_at, stance_times
 from osl_analysis.walking.plate import SINGLE_SUPPORT
 from osl_analysis.walking.platform import MAD_TO_SD
@@ -283,7 +283,7 @@ def crossing_features(crossings: Sequence[Crossing], settings: SelectionSettings
         if crossing.onset is not None
     ]
     before = PHASES[min(guards, default=1.0) >= PHASES]
-    middle = PHASES[(PHASES >= SINGLE_SUPPORT[0]) & (PHASES <= SINGLE_SUPPORT[1])]
+    middle = PHASES[phases_between(PHASES, SINGLE_SUPPORT)]
 
     def curves(signals: Sequence[Array], phases: Array) -> Array:
         """A signal of each crossing at phases (k,) of stance: (n, k)."""
@@ -294,8 +294,7 @@ def crossing_features(crossings: Sequence[Crossing], settings: SelectionSettings
         return np.array(sampled)
 
     qualities = [crossing.quality for crossing in crossings]
-    forward = np.array([quality.foot_forward_m or 0.0 for quality in qualities])
-    left = np.array([quality.foot_left_m or 0.0 for quality in qualities])
+    forward, left = np.array([(q.foot_forward_m or 0.0, q.foot_left_m or 0.0) for q in qualities]).T
     stance = np.array([crossing.stance.duration for crossing in crossings])
     angles = [np.rad2deg(crossing.theta) for crossing in crossings]
     torques = [crossing.torque for crossing in crossings]
@@ -378,28 +377,21 @@ def kind_medians(values: Array, kinds: NDArray[np.int_], sound: Mask) -> Array:
     return medians
 
 
-def load_of_weight(crossing: Crossing) -> float | None:
-    """Load in single support as a share of the weight; None if that is not known."""
-    if crossing.body_mass is None:
-        return None
-    phase = crossing.stance.phase(crossing.time)
-    middle = (phase >= SINGLE_SUPPORT[0]) & (phase <= SINGLE_SUPPORT[1])
-    weight = crossing.body_mass * np.linalg.norm(FREE_FALL)
-    return float(crossing.load[0][middle].mean() / weight)
-
-
 def exclusion_reason(
     crossing: Crossing, features: Sequence[Feature], index: int, settings: SelectionSettings
 ) -> str | None:
     """Why a crossing, which has an index in the features, is not used; None if it is."""
-    share = load_of_weight(crossing)
-    low, high = settings.load_of_weight
-    if share is not None and not low <= share <= high:
-        return (
-            f"the plate carries {share:.2f} of the weight of {crossing.body_mass:g} kg in single"
-            f" support, expected {low:g} to {high:g}: another foot stands on or beside the plate,"
-            " somebody leans on a rail, or the body mass is wrong"
-        )
+    if crossing.body_mass is not None:
+        phase = crossing.stance.phase(crossing.time)
+        load = crossing.load[0][phases_between(phase, SINGLE_SUPPORT)].mean()
+        share = load / (crossing.body_mass * np.linalg.norm(FREE_FALL))
+        low, high = settings.load_of_weight
+        if not low <= share <= high:
+            return (
+                f"the plate carries {share:.2f} of the weight of {crossing.body_mass:g} kg in"
+                f" single support, expected {low:g} to {high:g}: another foot stands on or beside"
+                " the plate, somebody leans on a rail, or the body mass is wrong"
+            )
     outside = crossing.quality.foot_outside_m
     if outside is not None and outside > settings.largest_outside_m:
         return (

@@ -261,18 +261,30 @@ def check_type_on_platform(trial: Trial, plate: int) -> None:
         )
 
 
+def check_loaded(trial: Trial, plate: int, load: float) -> None:
+    """Refuse a plate that bears less than `load` [N] where another one bears more."""
+    bears = {}
+    for facts in trial.provenance["plates"]:
+        _, wrench = recorded_wrench(trial, facts["plate"])
+        bears[facts["plate"]] = float(np.ptp(wrench[:, :3], axis=0).max())
+    most = max(bears, key=bears.__getitem__)
+    if bears[plate] < load < bears[most]:
+        raise InputError(
+            f"plate {plate} bears {bears[plate]:.0f} N at most, plate {most} {bears[most]:.0f} N:"
+            f" state `walking.plate: {most}`"
+        )
+
+
 def check_vertical(force: Array) -> None:
     """Refuse a load (n, 3) [N] that does not act along +z."""
-    size = np.linalg.norm(force, axis=1)
-    if not size.any():
+    load = force.T @ np.linalg.norm(force, axis=1)
+    axis = int(np.argmax(np.abs(load)))
+    if load[2] >= abs(load[axis]):
         return
-    mean = force[size > 0.5 * size.max()].mean(axis=0)
-    axis = int(np.argmax(np.abs(mean)))
-    if axis == 2 and mean[2] > 0:
-        return
-    sign = "-" if mean[axis] < 0 else "+"
+    sign = "-" if load[axis] < 0 else "+"
     raise InputError(
-        f"the load on the plate acts along {sign}{AXES[axis]} ({mean[axis]:.0f} N), expected +z:"
+        f"the load on the plate acts along {sign}{AXES[axis]} (up to"
+        f" {np.abs(force[:, axis]).max():.0f} N), expected +z:"
         " correct `sign` or the plate's corners in the source file, or state `axes`, as"
         " [x, -z, y] where y points up"
     )

@@ -52,10 +52,10 @@ def moved(trial: Trial, *markers: str, by: float = 0.01) -> Trial:
     return changed(trial, *[pl.col(f"marker_{marker}_y") + by for marker in markers])
 
 
-def with_corners(trial: Trial, ahead: float) -> Trial:
-    corners = np.add(synthetic.CORNERS, (ahead, 0.0, 0.0)).tolist()
-    plates = [{**plate, "corners": corners} for plate in trial.provenance["plates"]]
-    return replace(trial, provenance={**trial.provenance, "plates": plates})
+def raised(trial: Trial, by: list[float]) -> Trial:
+    """The trial whose recording states the corners elsewhere [m]."""
+    plate = {"plate": 1, "type": 2, "corners": np.add(synthetic.CORNERS, by).tolist()}
+    return replace(trial, provenance={"plates": [plate]})
 
 
 @pytest.mark.parametrize(
@@ -64,7 +64,7 @@ def with_corners(trial: Trial, ahead: float) -> Trial:
         (moved(WALK, "SHANK2", by=0.008), "marker SHANK2 of the shank", 8.0),
         (moved(WALK, *[f"SHANK{k}" for k in (1, 2, 3, 4)]), "the ankle between foot and shank", 10),
         (moved(WALK, *[f"PLAT{k}" for k in (1, 2, 3, 4)]), "the platform at rest", 10.0),
-        (with_corners(WALK, 0.03), "the corners of force plate 1", 30.0),
+        (raised(WALK, [0.03, 0, 0]), "the corners of force plate 1", 30.0),
     ],
 )
 def test_what_is_not_where_it_was_in_the_static_trial_is_named_by_itself(
@@ -104,10 +104,8 @@ def test_noise_that_the_low_pass_spread_into_rest_is_not_subtracted() -> None:
 
 
 def test_a_cluster_that_was_put_on_again_asks_for_a_static_trial() -> None:
-    moved = changed(WALK, *(pl.col(f"marker_SHANK1_{axis}") + 0.04 for axis in "xyz"))
-
     with pytest.raises(InputError, match="shank markers"):
-        unperturbed(moved, plate())
+        unperturbed(moved(WALK, "SHANK1", by=0.07), plate())
 
 
 @pytest.mark.parametrize(("cells", "statics", "own"), [
@@ -139,21 +137,16 @@ def test_a_crossing_without_a_static_trial_of_its_own_is_refused(
         static_of("w", cells, statics)
 
 
-def glued_elsewhere(trial: Trial) -> Trial:
-    """The trial with PLAT1 30 mm to the left, along the axis about which the platform turns."""
-    return changed(trial, pl.col("marker_PLAT1_y") + 0.03)
-
-
 def test_each_unloaded_trial_is_read_with_the_cluster_of_its_session() -> None:
     """With the first static trial the residual of the second session exceeds the limit."""
     trials = plate_trials(Rig(marker=1e-5), Ramp(), 2, 2)
-    later = glued_elsewhere(trials[1])
+    later = moved(trials[1], "PLAT1", by=0.03)
 
     alike = identify_plate_model(calibrated(trials), settings())
     model = identify_plate_model(
         [
             (trials[0], CALIBRATION),
-            (later, static_calibration(glued_elsewhere(static_trial()), settings())),
+            (later, static_calibration(moved(static_trial(), "PLAT1", by=0.03), settings())),
         ],
         settings(),
     )
@@ -161,12 +154,6 @@ def test_each_unloaded_trial_is_read_with_the_cluster_of_its_session() -> None:
     np.testing.assert_allclose(model.parameters, alike.parameters, atol=0.05)  # 0.01 mm of noise
     with pytest.raises(InputError, match="column static"):
         identify_plate_model(calibrated([later]), settings())
-
-
-def raised(trial: Trial, by: list[float]) -> Trial:
-    """The trial whose recording states the corners elsewhere [m]."""
-    plate = {"plate": 1, "type": 2, "corners": np.add(synthetic.CORNERS, by).tolist()}
-    return replace(trial, provenance={"plates": [plate]})
 
 
 def test_the_unloaded_plate_shows_the_height_of_its_corners_to_2_mm() -> None:

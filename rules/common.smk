@@ -44,6 +44,7 @@ from osl_analysis.config.sheet import ON_DYNAMOMETER
 from osl_analysis.errors import OslAnalysisError, listing, nearest
 from osl_analysis.figures import FIGURES
 from osl_analysis.jobs.job_log import listed
+from osl_analysis.jobs.progress import LogHandler
 from osl_analysis.jobs.workers import job
 from osl_analysis.judge.claims import CLAIMED
 from osl_analysis.judge.recording_checks import Judge
@@ -116,10 +117,10 @@ def of_trials(trials, files="<results>/trials/{trial}.parquet".format):
 
 def shown_at_the_end(file):
     """An input: this file, which the logger of the profile prints when its rule has ended, and where
-    nothing is to be done."""
+    nothing is to be done. Its path is known to the logger only where the run asks for it."""
 
     def announced(wildcards):
-        logger.info(f"What is to be known of a run stands in {file}.", extra={"brief": Path(file)})
+        LogHandler.brief = Path(file)
         return file
 
     return announced

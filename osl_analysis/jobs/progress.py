@@ -51,6 +51,7 @@ class LogHandler(LogHandlerBase):
     has_filter = True
     has_formatter = False  # errors look like Snakemake's
     needs_rulegraph = False
+    brief = Path()  # what a run ends with: set while it is planned, if its rule is asked for
 
     def __post_init__(self) -> None:
         self.total = Counter[str]()  # jobs by stage
@@ -59,7 +60,6 @@ class LogHandler(LogHandlerBase):
         self.jobs: dict[int, Any] = {}  # stage and logs, by their numbers
         self.told = set[str]()  # lines, or their causes
         self.last_line_s = time.monotonic()  # when something was printed last
-        self.brief = Path()  # what a run ends with, if the rule that waits for it is asked for
 
     @property
     def writes_to_stream(self) -> bool:
@@ -89,8 +89,6 @@ class LogHandler(LogHandlerBase):
             self.finish(*self.jobs.pop(fields["job_id"]))
         elif event == LogEvent.JOB_ERROR:
             self.print_outcome(stage_of(fields["rule_name"]), fields["log"])
-        elif "brief" in fields:
-            self.brief = fields["brief"]
         elif fields.get("exception") == "LockException":
             self.print_once(LOCKED)
         elif fields.get("exception") == "RuleException" and "RuntimeError" in record.getMessage():

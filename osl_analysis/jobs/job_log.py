@@ -59,23 +59,24 @@ class Job:
         return "".join(Path(file).stem for file in self.recordings)
 
 
-def write_log(path: Path, entries: Mapping[str, Any]) -> None:
+def write_log(path: Path, entries: dict[str, Any]) -> None:
     """Write how a job ended, as YAML.
 
     Entries are the command `job`, its `outcome`, wall time `seconds`, what was wrong in the line
     `error`, the `remedy`, `warnings`, and the `traceback` of an error of the program. Outcomes:
     done; refused, for an input that the user can correct; failed, by an error of the program or of
     the system; killed, ended from outside; skipped, because an input is missing."""
-    text = yaml.dump(
-        dict(entries), Dumper=yaml.CSafeDumper, sort_keys=False, width=1_000_000, allow_unicode=True
+    write_text(
+        path,
+        yaml.dump(
+            entries, Dumper=yaml.CSafeDumper, sort_keys=False, width=1_000_000, allow_unicode=True
+        ),
     )
-    write_text(path, text)
 
 
 def read_log(path: Path) -> dict[str, Any]:
     """How the job of a log ended; empty if it has written none, as on a full disk, or is a job of
     another workflow."""
-    with suppress(OSError, ValueError, yaml.YAMLError):
-        content = yaml.load(path.read_text(encoding="utf-8"), yaml.CSafeLoader)
-        return content if isinstance(content, dict) else {}
+    with suppress(OSError, ValueError, TypeError, yaml.YAMLError):
+        return {**yaml.load(path.read_bytes(), yaml.CSafeLoader)}
     return {}

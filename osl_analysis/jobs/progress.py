@@ -9,7 +9,8 @@ import re
 import sys
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from itertools import chain
 from logging import WARNING, LogRecord
 from pathlib import Path
 from typing import Any
@@ -41,6 +42,11 @@ SHORTEST_WAIT_S = 10.0  # between two lines on the same stage
 def stage_of(rule: str) -> str:
     """The stage of a rule."""
     return next(stage for begin, stage in STAGES.items() if re.match(f"(osl_)?({begin})", rule))
+
+
+def errors_in(logs: Iterable[str]) -> list[str]:
+    """The errors that jobs of ours have told in these logs."""
+    return [log["error"] for log in map(read_log, map(Path, logs)) if "remedy" in log]
 
 
 class LogHandler(LogHandlerBase):
@@ -76,8 +82,11 @@ class LogHandler(LogHandlerBase):
             self.handleError(record)
 
     def handle_event(self, record: LogRecord) -> None:
-        event = getattr(record, "event", None)
         fields = record.__dict__  # of the event, as Snakemake's `LogEvent` describes them
+        event = fields.get("event")
+        exception = fields.get("exception")
+        message = record.getMessage()
+        running = chain(*(logs for _, logs in self.jobs.values()))
         if event == LogEvent.RUN_INFO:
             for rule, count in fields["stats"].items():
                 self.total[stage_of(rule)] += count
@@ -87,18 +96,18 @@ class LogHandler(LogHandlerBase):
             self.started_s.setdefault(stage, time.monotonic())
         elif event == LogEvent.JOB_FINISHED and fields["job_id"] in self.jobs:
             self.finish(*self.jobs.pop(fields["job_id"]))
-        elif event == LogEvent.JOB_ERROR:
-            self.print_outcome(stage_of(fields["rule_name"]), fields["log"])
-        elif fields.get("exception") == "LockException":
+        elif event == LogEvent.JOB_ERROR and errors_in(fields["log"]):
+            self.print_outcome(*self.jobs.pop(fields["jobid"]))
+        elif exception == "LockException":
             self.print_once(LOCKED)
-        elif fields.get("exception") == "RuleException" and "RuntimeError" in record.getMessage():
-            pass  # of a job of ours, which has told its error in its log
-        elif record.levelno >= WARNING or record.getMessage().startswith(SHOWN):
+        elif exception and any(told in message for told in errors_in(running)):
+            pass  # of a job of ours, whose JOB_ERROR follows
+        elif record.levelno >= WARNING or message.startswith(SHOWN):
             self.print_once(self.format(record))
-            if record.getMessage().startswith(SHOWN[0]):
+            if message.startswith(SHOWN[0]):
                 self.print_outcome("", ())
 
-    def finish(self, stage: str, logs: Sequence[str] | None) -> None:
+    def finish(self, stage: str, logs: Sequence[str]) -> None:
         """Report an ended job: at once what it refused; from time to time, and at its end, the
         state of its stage."""
         self.print_outcome(stage, logs)
@@ -107,29 +116,29 @@ class LogHandler(LogHandlerBase):
         self.done[stage] += 1
         done = self.done[stage]
         total = self.total[stage]
-        now = time.monotonic()
-        spent_s = now - self.started_s[stage]
+        spent_s = time.monotonic() - self.started_s[stage]
         if done == total:
             self.print_once(f"{stage} {done}/{total} in {spent_s:.0f} s")
-        elif now - self.last_line_s > SHORTEST_WAIT_S:
+        elif time.monotonic() - self.last_line_s > SHORTEST_WAIT_S:
             left_s = (total - done) * spent_s / done
             self.print_once(f"{stage} {done}/{total}, {left_s:.0f} s left")
 
-    def print_outcome(self, stage: str, logs: Sequence[str] | None) -> None:
+    def print_outcome(self, stage: str, logs: Sequence[str]) -> None:
         """Of what ends the run, its brief. A line on each warning of a job, and on one that was
         refused, once for each cause: the brief names the others. A line on each that has failed or
         was killed."""
         if not stage and self.brief.is_file():
             self.print_once(self.brief.read_text(encoding="utf-8").rstrip())
-        for log in map(Path, logs or ()):
+        for log in map(Path, logs):
             job_log = read_log(log)
             lines = [("warning", warning) for warning in job_log.get("warnings", ())]
             if "remedy" in job_log:
                 lines.append((job_log["outcome"], f"{job_log['error']}; {job_log['remedy']}"))
             for kind, text in lines:
-                is_listed = kind in ("warning", "refused")
-                cause = f"{kind} {without_particulars(text, log.stem)}" if is_listed else ""
-                self.print_once(f"{kind}: {log.stem}: {printable(text)}", cause)
+                self.print_once(
+                    f"{kind}: {log.stem}: {printable(text)}",
+                    without_particulars(text, log.stem) if kind in ("warning", "refused") else "",
+                )
 
     def print_once(self, line: str, cause: str = "") -> None:
         """Print a line, unless it is printed already, or one of its cause."""

@@ -51,11 +51,10 @@ class Worker:
     """A process that does one job after another."""
 
     def __init__(self) -> None:
-        # libraries of macOS crash in forked processes
+        # Windows has no fork, and libraries of macOS crash in forked processes
         can_fork = hasattr(os, "fork") and sys.platform != "darwin"
         context: Any = multiprocessing.get_context("forkserver" if can_fork else "spawn")
-        if can_fork:
-            context.set_forkserver_preload(PRELOADED)
+        context.set_forkserver_preload(PRELOADED)
         self.connection, far_end = context.Pipe()
         self.process = context.Process(target=serve, args=(far_end,), daemon=True)
         with ASKING, patch.dict(os.environ, ENVIRONMENT):
@@ -87,12 +86,11 @@ def serve(connection: Connection) -> None:
     with suppress(EOFError, ConnectionError):  # Snakemake has ended
         while True:
             given = connection.recv()
-            failure = None
             try:
                 perform(given)
+                connection.send(None)
             except Exception as error:
-                failure = error
-            connection.send(failure)
+                connection.send(error)
 
 
 def job(
@@ -122,7 +120,7 @@ def job(
             plain_files(input),
             plain_files(output),
             dict(params.items()),
-            files=[Path(file) for file in output],
+            files=[*map(Path, output)],
             log=Path(log[0]),
             tell=tell,
         )
@@ -150,7 +148,7 @@ def do_in_worker(given: Job) -> None:
         )
         raise RuntimeError(error) from None
     idle.append(worker)
-    if failure is not None:
+    if failure:
         raise failure
 
 

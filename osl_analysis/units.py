@@ -29,8 +29,6 @@ TORQUE = re.compile(
     r"|(?i:(ft|in|foot|inch)[*·_. -]?(lb|oz)[fs]?|(lb|oz)[fs]?[*·_."
     r" -]?(ft|in|foot|inch)))(?![A-Za-z])"
 )
-# a 400th of a turn, and degrees to who writes the German `Grad` small
-GON = frozenset({"grad", "grads", "grade"})
 TICKS = re.compile(r"(\d+)\*?([mun]?s|[mu]?secs?)")
 # names whose case has no meaning, since they have no prefix that it could distinguish
 ANY_CASE = re.compile(
@@ -64,18 +62,12 @@ def si_factor(unit: str, expected: str) -> float:
         return known
     if not spelling:
         raise InputError(f"the unit is empty; write one of {examples}")
-    quoted = f"unit '{shortened(unit, 40)}'"
-    if not GON.isdisjoint(re.split(r"[*/]", spelling)):
-        raise InputError(
-            f"{quoted} is of gon (a 400th of a turn) to some and of degrees to others: write"
-            " `deg`, or `gon`"
-        )
     factor, base = base_units(spelling) or (math.nan, "")
     # from that of ns to that of N*m/mdeg; others are misspellings such as `Mm` and `MN`
     if base != dimension(expected) or not 1e-9 <= factor <= 1e5:
         si_unit = next((known for known in EXAMPLES if dimension(known) == base), base)
         measured = f"{factor:g} {si_unit}" if base else "unknown"
-        raise InputError(f"{quoted} is {measured}; write one of {examples}")
+        raise InputError(f"unit '{shortened(unit, 40)}' is {measured}; write one of {examples}")
     return factor
 
 
@@ -164,8 +156,8 @@ ForceUnit = Annotated[str, measures("N")]
 MomentUnit = Annotated[str, measures("N*m")]
 
 
-def known_factor(ratio: float, signals: Sequence[str], near: float) -> tuple[str, float]:
-    """Find the confused unit that explains a number which is too large or too small.
+def known_factor(ratio: float, signals: Sequence[str], near: float) -> str:
+    """Name the confused units that explain a number which is too large or too small.
 
     Parameters
     ----------
@@ -178,16 +170,14 @@ def known_factor(ratio: float, signals: Sequence[str], near: float) -> tuple[str
 
     Returns
     -------
-    name : str
-        Which units may be confused; empty if no factor is near.
-    factor : float
-        1 if no factor is near.
+    str
+        The factor and which units may be confused, to be appended; empty if no factor is near.
     """
     known = [pair for signal in signals for pair in UNIT_FACTORS[signal].items()]
     size = max(abs(ratio), 1 / abs(ratio))
     none = ("", math.inf)
     name, factor = min(known, key=lambda pair: abs(math.log(size / pair[1])), default=none)
-    return (name, factor) if abs(size / factor - 1) < near else ("", 1.0)
+    return f", {factor:.3g} is the factor {name}" if abs(size / factor - 1) < near else ""
 
 
 CLOCK_NAMES = (

@@ -19,7 +19,7 @@ from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
 from osl_analysis.ingest.clock import MINIMUM_EDGES, find_edges
 from osl_analysis.ingest.raw_files import UNKNOWN
 from osl_analysis.trial import COLUMNS
-from osl_analysis.units import GON, dimension, is_unit
+from osl_analysis.units import dimension, is_unit
 
 NAMED_ALWAYS = ("theta", "torque", *LEVELS)  # columns that a draft names without a unit
 MOST_BETWEEN = 0.02  # share of the samples of a pulse in the middle quarters of its range
@@ -190,7 +190,7 @@ def entry_of(number: int, guess: Guess, is_comment: bool) -> Entry:
     remarks = [guess.why_not]
     if guess.column:
         remarks = [guess.why if guess.is_sure else f"{guess.column}?"]
-    if channel.base[1] in COUNTS or unit in GON:
+    if channel.base[1] in COUNTS:
         remarks.append(f"no known unit: {json.dumps(unit)}" if unit else "no unit is stated")
         unit = "V" if guess.column in LEVELS else UNKNOWN
     elif not channel.unit:

@@ -144,8 +144,8 @@ def infer_impedance(
     best, _ = max(weighed, key=lambda each: each[1])
     shifts = largest_shifts(data, best, fits[0].left, best_sound.impedance, rounding)
     sound = impedance_of(best_sound)
-    # an estimate that is not told from 0 has the size of its half-width
-    own_sizes = [max(abs(each.value), each.high - each.value) for each in sound.values()]
+    # an estimate that is not told from 0 has the size of its half-width, if that is larger
+    own_sizes = np.maximum(sizes, [each.high - each.value for each in sound.values()])
     return ImpedanceInference(
         without_friction=sound,
         fault_probability=fault_probability,

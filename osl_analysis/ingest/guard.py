@@ -86,10 +86,12 @@ def unexplained_share(time: Array, torque: Array, signals: Mapping[str, Array]) 
             columns += [np.sign(values), np.sign(values) * abs(signals.get("current", 0.0))]
         elif name != "current":
             columns.append(np.gradient(values, time))
-    rows = slice(None, None, max(time.size // LIMITS.most_compared, 1))
-    known = np.stack([torque, *columns], axis=1)[rows]
+    known = np.stack([torque, *columns], axis=1)
     known = known[np.isfinite(known).all(axis=1)]
-    y, X = known[:, 0], known[:, 1:]
+    # sums over a short time: a formula still holds, and rounding of an angle hardly makes speed
+    group = max(len(known) // int(np.ptp(time) / LIMITS.averaged_s + 1), 1)
+    sums = np.add.reduceat(known, np.arange(0, len(known), group))[:-1]  # the last may be shorter
+    y, X = sums[:, 0], sums[:, 1:]
     if len(y) < LIMITS.fewest_compared or not varies(y):
         return 1.0
     X = X / (np.abs(X).max(axis=0) + SMALLEST_SIGNAL)

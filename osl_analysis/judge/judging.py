@@ -181,15 +181,14 @@ def unit_of_ratio(rule: Rule, ratio: float, row: AnyRow) -> tuple[str, bool]:
         near, near_second = NearUnit.OF_RATIO, NearUnit.OF_SECOND
         if rule.to_stated:
             near = near_second = NearUnit.OF_STATED
-        expected = {unit: 1.0 if unit == "current" else ratio for unit in rule.units}
-        likely = [unit for unit, of in expected.items() if abs(second - of) < near_second * abs(of)]
-        name, factor = known_factor(ratio, likely, near)
-        if name:
-            return f", {factor:.3g} is the factor {name}", True
+        expected = {signal: 1.0 if signal == "current" else ratio for signal in rule.units}
+        likely = [name for name, of in expected.items() if abs(second - of) < near_second * abs(of)]
+        unit = known_factor(ratio, likely, near)
+        if unit:
+            return unit, True
     size = max(abs(ratio), 1 / abs(ratio))
     near = NearUnit.OF_LARGE_RATIO if size > NearUnit.LARGE else NearUnit.OF_STATED
-    name, factor = known_factor(ratio, rule.units, near)
-    return f", {factor:.3g} is the factor {name}" if name else "", False
+    return known_factor(ratio, rule.units, near), False
 
 
 def drop_unlike_whole(numbers: Numbers, of_whole: Numbers) -> None:

@@ -149,3 +149,9 @@ def test_stiffness_that_differs_by_direction_is_harm_of_its_half_difference():
     found = changed(stiffer_forwards)
 
     assert found.fault_shares[0] == pytest.approx(20 / K, rel=0.25)
+
+
+def test_an_inertia_of_0_is_no_measure_of_what_moves_it():
+    found = inferred(stiffer_forwards(K * driven()[2] + B * velocity(), 1.0), noise=0.01)
+
+    assert found.fault_shares[2] < 0.2

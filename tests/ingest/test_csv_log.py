@@ -410,7 +410,7 @@ def test_the_listed_units_are_those_of_pint() -> None:
     ("Mm", "m", r"1e\+06 m;.*m"),
     ("MN", "N", r"1e\+06 N;.*N"),
     ("pN", "N", "1e-12 N;.*N"),
-    ("grad", "rad", "`deg`,.*`gon`"), ("N*m/grad", "N*m/rad", "gon"),
+    ("N*m/grad", "N*m/rad", "unknown.*deg"),
     # text of a file is never evaluated
     *((text, "m", re.escape(f"'{text[:40]}")) for text in (
         "9**9**9**9", "[1]*999", "(m)", "m;n", "m**2", "1e3*m", "m" * 5000, "m*" * 5000,

@@ -221,7 +221,6 @@ rule brief:
     input:
         summary="<results>/summary.json",
         excluded="<results>/tables/excluded.csv",
-        verdicts=QUALITY,
         page="<results>/report.html",
     output:
         output="<results>/brief.txt",
@@ -229,7 +228,6 @@ rule brief:
         "<logs>/brief.log",
     localrule: True
     params:
-        by_sheet=CAMPAIGN.excluded,
         recordings={trial: [str(log) for log in CAMPAIGN.logs(trial)] for trial in TRIALS},
         left_out=LEFT_OUT,
         failed_trials=CONFIG.failed_trials,

@@ -120,6 +120,7 @@ rule excluded_trials:
     """Every trial that is not used, and why."""
     input:
         fitted=FILES.of_single_trials,
+        tables=FILES.all_tables,
         verdicts=QUALITY,
     output:
         output="<results>/tables/excluded.csv",
@@ -127,7 +128,7 @@ rule excluded_trials:
         "<logs>/tables/excluded.log",
     localrule: True
     params:
-        by_sheet=CAMPAIGN.excluded,
+        sheet=CAMPAIGN.sheet,
         places=PLACES,
         data=CAMPAIGN.data,
         made_by=MADE_BY,

@@ -50,11 +50,6 @@ class Campaign:
     sheet: SheetRows  # all rows of the sample sheet
 
     @cached_property
-    def excluded(self) -> dict[str, str]:
-        """Reasons of the trials that the sheet excludes, by trial."""
-        return {trial: row["exclude"] for trial, row in self.sheet.items() if row["exclude"]}
-
-    @cached_property
     def rows(self) -> SheetRows:
         """Rows of the sample sheet that are not excluded."""
         return {trial: row for trial, row in self.sheet.items() if not row["exclude"]}
@@ -78,10 +73,12 @@ class Campaign:
         ]
 
     def conditions(self) -> dict[str, dict[str, Any]]:
-        """Conditions of every walking trial in the sheet, by trial and column; None where empty."""
+        """Conditions of every walking trial in the sheet, also of those that it excludes, by trial
+        and column; None where empty."""
         return {
-            trial: {column: self.rows[trial][column] for column in (*STATED, "perturbed")}
-            for trial in self.trials("walking")
+            trial: {column: row[column] for column in (*STATED, "perturbed", "exclude")}
+            for trial, row in self.sheet.items()
+            if row["experiment"] == "walking"
         }
 
     @cached_property

@@ -15,6 +15,7 @@ from osl_analysis.figures import FIGURES, figure_title
 from osl_analysis.files import write_text
 from osl_analysis.judge.campaign import exclusion_report, findings_in_summary
 from osl_analysis.judge.finding import read_findings
+from osl_analysis.judge.recording_checks import REFUSED
 from osl_analysis.report import methods
 from osl_analysis.report.numbers import headline_sentences, numbers_in_summary
 from osl_analysis.report.page import Page, ShownFigure, trial_view, written_page
@@ -76,7 +77,7 @@ def write_report(
     """
     results = {name: read_table(path) for name, path in tables.items()}
     content = read_summary(summary)
-    missing = left_out_trials(sheet, read_table(excluded), results)
+    missing = left_out_trials(read_table(excluded))
     findings_of = findings_by_trial(read_findings(findings))
     rows_of = {name: rows_by_trial(table) for name, table in results.items()}
     checks = rows_by_trial(read_table(verdicts))
@@ -230,9 +231,7 @@ REMEDY = (
 def write_brief(
     summary: Path,
     excluded: Path,
-    verdicts: Path,
     page: Path,
-    by_sheet: Mapping[str, str],
     recordings: Mapping[str, Sequence[str]],
     left_out: str,
     failed_trials: str,
@@ -242,10 +241,8 @@ def write_brief(
 
     Parameters
     ----------
-    summary, excluded, verdicts, page
-        `summary.json`, `excluded.csv`, `quality.csv` and the page.
-    by_sheet
-        Trials that the sheet excludes, and why.
+    summary, excluded, page
+        `summary.json`, `excluded.csv` and the page.
     recordings
         The raw files of every trial of the campaign.
     left_out
@@ -255,12 +252,12 @@ def write_brief(
     output
     """
     content = read_summary(summary)
-    refused = read_table(excluded).filter(check="refused")
-    reasons = dict(refused.select("trial", "remark").iter_rows())
+    listed = read_table(excluded)
+    reasons = dict(listed.filter(check=REFUSED).select("trial", "remark").iter_rows())
     failures = failure_lines(reasons, content["missing_results"], recordings)
     lines = [
         *brief_lines(content),
-        exclusion_report(read_table(verdicts), by_sheet),
+        exclusion_report(listed),
         left_out,
         *failures,
     ]

@@ -23,7 +23,14 @@ from osl_analysis.judge.finding import findings_frame, read_findings
 from osl_analysis.judge.judging import judged, marked, with_inherited
 from osl_analysis.judge.known_findings import CHECKS
 from osl_analysis.judge.limits import DoubtfulFits, Limits
-from osl_analysis.judge.recording_checks import Judge, QualityRules
+from osl_analysis.judge.recording_checks import (
+    BY_SHEET,
+    CROSSING,
+    LACKING,
+    REFUSED,
+    Judge,
+    QualityRules,
+)
 from osl_analysis.model.drivetrain import FileOrNone, joint_of, known_parameters
 from osl_analysis.report.numbers import (
     ENTRIES,
@@ -42,8 +49,10 @@ from osl_analysis.report.paper_tables import (
 )
 from osl_analysis.report.typography import aligned, markdown_table
 from osl_analysis.report.verdicts import (
+    WHY_LACKING,
     left_out_trials,
     missing_lines,
+    trials_without_result,
     used_and_missing,
     verdict_counts,
 )
@@ -60,6 +69,7 @@ from osl_analysis.table import (
     with_places,
     write_table,
 )
+from osl_analysis.walking.groups import LEFT_OUT
 from osl_analysis.yaml_settings import FilesByName
 
 
@@ -231,25 +241,40 @@ def rows_of_reasons(reasons: Mapping[str, str], check: str) -> pl.DataFrame:
 
 
 def list_excluded(
+    tables: FilesByName,
     verdicts: Path,
-    by_sheet: Mapping[str, str],
+    sheet: Mapping[str, Mapping[str, Any]],
     output: Path,
     refused: Sequence[NotAnalysed] = (),
     places: Places | None = None,
     data: str = "",
 ) -> None:
     """Write `excluded.csv`: every trial that is not used, with why it was refused, the checks that
-    exclude it, or what the sheet says."""
+    exclude it, what the sheet says, or why no result contains it. All that counts trials counts by
+    it."""
+    results = {name: read_table(path) for name, path in tables.items()}
+    of_crossings = dict[str, str]()
+    for table in results.keys() & {"walking_crossings", "walking"}:
+        results[table] = results[table].filter(pl.col("status") != LEFT_OUT)
+        unused = results[table].drop_nulls("reason")
+        of_crossings |= dict(unused.select("trial", "reason").iter_rows())
     failed = read_table(verdicts).filter(pl.col("verdict") == "exclude")
     failed = failed.drop("verdict", "joint", "side", strict=False)
     parts = [
         failed.clear(),  # with the columns in their order
-        rows_of_reasons(by_trial(refused), "refused"),
+        rows_of_reasons(by_trial(refused), REFUSED),
         failed,
-        rows_of_reasons(by_sheet, "sample sheet"),
+        rows_of_reasons(
+            {t: row["exclude"] for t, row in sheet.items() if row["exclude"]}, BY_SHEET
+        ),
+        rows_of_reasons(of_crossings, CROSSING),
+        rows_of_reasons(dict.fromkeys(trials_without_result(sheet, results), WHY_LACKING), LACKING),
     ]
-    table = pl.concat(parts, how="diagonal_relaxed")
-    write_table(with_places(table, places or {}), output, data)
+    listed = pl.concat(parts, how="diagonal_relaxed")
+    # what follows from another cause is none
+    follows = pl.col("check").is_in([CROSSING, LACKING])
+    listed = listed.filter(~follows | pl.col("trial").is_first_distinct())
+    write_table(with_places(listed, places or {}), output, data)
 
 
 def write_summary(
@@ -290,7 +315,7 @@ def write_summary(
     tables = {name: read_table(path) for name, path in table_paths.items()}
     numbers = list(headline_numbers(tables, beside_draft))
     all_findings = read_findings(findings)
-    left_out = left_out_trials(sheet, read_table(excluded), tables)
+    left_out = left_out_trials(read_table(excluded))
     missing_results: dict[str, str] = {}
     for cause in refused:
         if not cause.trial:

@@ -103,7 +103,7 @@ def write_refusal(refused: RefusedCrossing, path: Path) -> None:
     """Write a crossing's file without rows, with the reason in its provenance, so that other
     crossings are analysed."""
     empty = pl.DataFrame(schema=dict.fromkeys(("time", "phase", "theta", "torque"), pl.Float64))
-    reason = json.dumps({"refused": refused.reason, "perturbed": refused.perturbed})
+    reason = json.dumps({"refused": refused.reason})
     metadata = {NAME_KEY: refused.name, PROVENANCE_KEY: reason, SCHEMA_KEY: str(SCHEMA)}
     with atomic_path(path) as temporary:
         empty.write_parquet(temporary, metadata=metadata)
@@ -121,7 +121,7 @@ def read_crossing_file(path: Path) -> Crossing | RefusedCrossing:
     """Read what `write_crossing` or `write_refusal` wrote."""
     name, facts = metadata_of(path)
     if "refused" in facts:
-        return RefusedCrossing(name, facts["perturbed"], facts["refused"])
+        return RefusedCrossing(name, facts["refused"])
     trial = read_trial(path)
     if "stance" not in trial.provenance:
         raise InputError(f"{path}: a trial without events; name its crossing, which a run writes")
@@ -253,7 +253,7 @@ def analyse(
         if f"trial {walked.name}" not in reason:
             reason = f"trial {walked.name}: {reason}"
         warnings.warn(f"excluded: {reason}", stacklevel=2)
-        write_refusal(RefusedCrossing(walked.name, perturbed, reason), output)
+        write_refusal(RefusedCrossing(walked.name, reason), output)
     else:
         write_crossing(crossing, output)
 
@@ -276,13 +276,12 @@ def select_crossings(
     places: Places | None = None,
     data: str = "",
 ) -> None:
-    """Write one row per crossing, in the order of the files: quality, group and, if it is excluded,
-    the reason."""
+    """Write one row per crossing of the sheet: quality, group and, if it is not used, why."""
     results = [read_crossing_file(path) for path in crossings]
     analysed = [crossing for crossing in results if isinstance(crossing, Crossing)]
     refused = [crossing for crossing in results if isinstance(crossing, RefusedCrossing)]
     rows = selection_rows(analysed, refused, settings, sheet)
-    table = pl.DataFrame([rows[path.stem] for path in crossings], infer_schema_length=None)
+    table = pl.DataFrame([*rows.values()], infer_schema_length=None)
     write_table(with_places(table, places or {}), output, data)
 
 

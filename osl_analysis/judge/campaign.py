@@ -23,7 +23,13 @@ from osl_analysis.judge.finding import (
 from osl_analysis.judge.judging import estimate_column, judged
 from osl_analysis.judge.known_findings import CHECKS, FINDINGS, known_finding, rule_of
 from osl_analysis.judge.limits import DoubtfulFits
-from osl_analysis.judge.recording_checks import HOW_TO_USE, exclusions, spoiled_trials
+from osl_analysis.judge.recording_checks import (
+    BY_SHEET,
+    CROSSING,
+    HOW_TO_USE,
+    exclusion_text,
+    spoiled_trials,
+)
 from osl_analysis.judge.words import sentence_of, words_of
 from osl_analysis.measured import significant
 from osl_analysis.stats.repeats import DOUBTFUL
@@ -80,30 +86,27 @@ def failed_checks(verdicts: pl.DataFrame) -> Iterator[WordedFinding]:
         yield WordedFinding(finding, words_of(finding, row)._replace(size=size))
 
 
-def exclusion_report(verdicts: pl.DataFrame, by_sheet: Mapping[str, str]) -> str:
-    """Tell which trials are excluded, for the end of a run.
-
-    Parameters
-    ----------
-    verdicts : polars.DataFrame
-        `quality.csv`.
-    by_sheet : Mapping of str to str
-        The reasons of the trials that the sample sheet excludes.
+def exclusion_report(excluded: pl.DataFrame) -> str:
+    """Tell which trials `excluded.csv` has, for the end of a run; refused ones have lines of their
+    own.
 
     Returns
     -------
     str
-        A line per trial of the sheet; trials that fail the same check share one.
+        A line per trial that the sheet excludes; trials that fail the same check share one, and so
+        do crossings that cannot be used.
     """
-    lines = [f"excluded by the sample sheet: {trial} ({why})" for trial, why in by_sheet.items()]
-    is_excluded = pl.col("verdict") == "exclude"
-    failed = verdicts.filter(is_excluded).unique("trial", keep="first", maintain_order=True)
-    reasons = exclusions(verdicts)
+    by_sheet = excluded.filter(check=BY_SHEET).select("trial", "remark").rows()
+    lines = [f"excluded by the sample sheet: {trial} ({why})" for trial, why in by_sheet]
+    crossings = excluded.filter(check=CROSSING)["trial"].to_list()
+    if crossings:
+        lines.append(f"crossings not used: {', '.join(crossings)}; tables/excluded.csv says why")
+    failed = excluded.drop_nulls("value")
     for (check,), rows in failed.group_by("check", maintain_order=True):
         kind = FINDINGS[CHECKS[str(check)].finding]
-        trials = listing([f"{trial} ({reasons[trial]})" for trial in rows["trial"]], MOST_NAMED)
+        trials = [f"{row['trial']} ({exclusion_text(row)})" for row in rows.to_dicts()]
         lines.append(
-            f"excluded from tables and figures by quality control: {trials}:"
+            f"excluded from tables and figures by quality control: {listing(trials, MOST_NAMED)}:"
             f" {kind.title}, {kind.says}; {kind.remedy}"
         )
     if len(failed):

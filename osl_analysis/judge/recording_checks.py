@@ -169,7 +169,8 @@ class Judge:
     def excluded(self, measured: Iterable[Path]) -> list[str]:
         """The trials whose `measured` checks exclude them; a file that is not there excludes
         none."""
-        return list(exclusions(self.verdicts(measured)))
+        verdicts = self.verdicts(measured).filter(verdict="exclude")
+        return verdicts["trial"].unique(maintain_order=True).to_list()
 
     def spoiled(self, measured: Iterable[Path]) -> dict[str, str]:
         """By trial, the fault of its recording beside which no estimate can be trusted."""
@@ -187,20 +188,19 @@ def read_measured(path: Path) -> list[dict[str, Any]]:
     return rows
 
 
+# What excluded.csv has as `check` of a trial that no check excludes
+REFUSED = "refused"  # by the job that reads or fits it
+LACKING = "needs another"  # trial, which was refused or excluded
+BY_SHEET = "sample sheet"
+CROSSING = "crossing"  # of the walkway, which cannot be used or stands out
+
+
 def exclusion_text(row: Mapping[str, Any]) -> str:
     """Why a trial is not used, by a row of `quality.csv` or `excluded.csv`: check, value,
     threshold, what was seen."""
     if row["value"] is None:
-        return f"{row['check']}: {row['remark']}"
+        return str(row["remark"])
     reason = f"{row['check']} {row['value']:.4g} {row['unit']}, threshold {row['threshold']}"
     if not row["remark"]:
         return reason
     return f"{reason}: {row['remark'].replace('; ', ', ')}"
-
-
-def exclusions(verdicts: pl.DataFrame) -> dict[str, str]:
-    """The trials that quality control excludes, and why."""
-    reasons: dict[str, list[str]] = {}
-    for row in verdicts.filter(pl.col("verdict") == "exclude").iter_rows(named=True):
-        reasons.setdefault(row["trial"], []).append(exclusion_text(row))
-    return {trial: "; ".join(texts) for trial, texts in reasons.items()}

@@ -14,20 +14,19 @@ from osl_analysis.judge.campaign import (
     is_of_whole,
 )
 from osl_analysis.judge.finding import Grade, WordedFinding
-from osl_analysis.judge.recording_checks import exclusion_text
+from osl_analysis.judge.recording_checks import LACKING, REFUSED, exclusion_text
 from osl_analysis.report.numbers import headline_sentences, numbers_in_summary
 
 CLEAR = "clear"
 DOUBTFUL = "doubtful"
 IN_PART = "doubtful in part"
-REFUSED = "refused"
 EXCLUDED = "excluded"
 NOT_JUDGED = "not judged"  # recordings that are read and not analysed
 MOST_FINDINGS = 3  # with verdicts, numbers and what was not checked a run tells itself in ten lines
 NOT_CHECKED = "not checked"
 VERDICTS = (CLEAR, DOUBTFUL, IN_PART, REFUSED, EXCLUDED, NOT_JUDGED)
 
-LACKING = "it has no result, since a trial that its fit needs was refused or excluded"
+WHY_LACKING = "it has no result, since a trial that its fit needs was refused or excluded"
 
 
 class LeftOut(NamedTuple):
@@ -37,42 +36,15 @@ class LeftOut(NamedTuple):
     reasons: list[str]
 
 
-def left_out_trials(
-    sheet: Mapping[str, Mapping[str, Any]],
-    excluded: pl.DataFrame,
-    tables: Mapping[str, pl.DataFrame],
-) -> dict[str, LeftOut]:
-    """Gather the trials that are left out. All that counts trials counts by them.
-
-    Parameters
-    ----------
-    sheet : Mapping of str to Mapping
-        The row of every trial of the sample sheet, also of those that it excludes.
-    excluded : polars.DataFrame
-        `excluded.csv`, with every trial that was refused.
-    tables : Mapping of str to polars.DataFrame
-        Result tables by name, all that the campaign has.
-
-    Returns
-    -------
-    dict of str to LeftOut
-        By trial; each reason once.
-    """
-    causes: list[tuple[str, bool, str]] = []
-    for row in excluded.iter_rows(named=True):
-        by_job = row["check"] == "refused"  # which is no check
-        causes.append((row["trial"], by_job, row["remark"] if by_job else exclusion_text(row)))
-    for table in ("walking_crossings", "walking"):
-        if table in tables:
-            not_used = tables[table].drop_nulls("reason").select("trial", "reason")
-            causes += [(trial, False, reason) for trial, reason in not_used.rows()]
+def left_out_trials(excluded: pl.DataFrame) -> dict[str, LeftOut]:
+    """The trials that are left out, by trial, from `excluded.csv`; each reason once."""
     left_out: dict[str, LeftOut] = {}
-    for trial, by_job, reason in causes:
-        reasons = left_out.setdefault(trial, LeftOut(by_job, [])).reasons
+    for row in excluded.iter_rows(named=True):
+        by_job = row["check"] in (REFUSED, LACKING)
+        reason = exclusion_text(row)
+        reasons = left_out.setdefault(row["trial"], LeftOut(by_job, [])).reasons
         if reason not in reasons:
             reasons.append(reason)
-    for trial in trials_without_result(sheet, tables):
-        left_out.setdefault(trial, LeftOut(True, [LACKING]))
     return left_out
 
 

@@ -611,10 +611,9 @@ class Crossing:
 
 @dataclass(frozen=True)
 class RefusedCrossing:
-    """A crossing that cannot be analysed, whether the sheet says that it is perturbed, and why."""
+    """A crossing that cannot be analysed, and why."""
 
     name: str
-    perturbed: bool
     reason: str
 
 

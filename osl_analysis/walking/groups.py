@@ -24,16 +24,19 @@ STATED = ("group", "subject", "session", "side", "speed", "K_d", "B_d", "directi
 OF_PERSON = ("subject", "session", "side", "speed")  # those that an unperturbed crossing has too
 OF_STATIC = ("subject", "session", "side")  # those in which a crossing agrees with a static trial
 ALL = "all"  # name of the group of a campaign that is not split
+LEFT_OUT = "left out"  # status of a crossing that was not read, or that sheet or quality exclude
 SEPARATOR = "; "  # between the names of groups in one cell; no name has a semicolon
 
 Cells = Mapping[str, object]
-"""Cells of one row of the sheet, by column: `STATED` and `perturbed`; None where empty."""
+"""Cells of one row of the sheet, by column: `STATED`, `perturbed`, `exclude`; None where empty."""
 Sheet = Mapping[str, Cells]
 """Cells of crossings, by trial."""
 
 
 def split_keys(sheet: Sheet) -> list[str]:
     """Find the columns of the sheet in which crossings differ, in the order of `STATED`.
+
+    Rows that the sheet excludes need not be complete, and do not count.
 
     Raises
     ------
@@ -45,7 +48,9 @@ def split_keys(sheet: Sheet) -> list[str]:
         # An unperturbed crossing has a person and a pace too. In the others, its empty cell serves
         # every value.
         concerned = [
-            name for name, cells in sheet.items() if key in OF_PERSON or cells["perturbed"]
+            name
+            for name, cells in sheet.items()
+            if not cells.get("exclude") and (key in OF_PERSON or cells["perturbed"])
         ]
         values = {sheet[name].get(key) for name in concerned}
         if len(values) < 2:
@@ -163,7 +168,8 @@ def places(crossings: Sequence[Crossing], sheet: Sheet) -> dict[str, dict[str, o
     groups: dict[str, Cells] = {}
     for cells in cells_of.values():
         conditions: Cells = {key: cells[key] for key in keys}
-        if cells["perturbed"] and None not in conditions.values():
+        is_used = cells["perturbed"] and not cells.get("exclude")
+        if is_used and None not in conditions.values():
             groups[label(conditions)] = conditions
 
     place_of: dict[str, dict[str, object]] = {}
@@ -230,14 +236,14 @@ def selection_rows(
     Parameters
     ----------
     crossings, refused
-        What became of every crossing.
+        What became of every crossing that was read.
     sheet : mapping
-        Their conditions.
+        Conditions of all crossings of the sheet, in the order of the rows.
 
     Returns
     -------
     dict
-        Quality, group and, if it is excluded, the reason.
+        Quality, group and, if it is not used, the reason.
     """
     keys = split_keys(sheet)
     by_condition: dict[tuple[object, ...], list[Crossing]] = {}
@@ -252,18 +258,16 @@ def selection_rows(
             reasons[crossing.name] = exclusion_reason(crossing, features, index, settings)
     place_of = places([c for c in crossings if reasons[c.name] is None], sheet)
 
-    rows = {}
-    for crossing in crossings:
-        row = crossing_row(crossing, reasons[crossing.name])
-        rows[crossing.name] = {**row, **place_of[crossing.name]}
+    row_of = {
+        crossing.name: crossing_row(crossing, reasons[crossing.name]) for crossing in crossings
+    }
     for refusal in refused:
-        rows[refusal.name] = {
-            "trial": refusal.name,
-            "perturbed": refusal.perturbed,
-            "status": "refused",
-            "reason": refusal.reason,
-            **place_of[refusal.name],
-        }
+        row_of[refusal.name] = {"status": "refused", "reason": refusal.reason}
+    left_out = {"status": LEFT_OUT, "reason": "excluded.csv says why"}
+    rows = {}
+    for name, cells in sheet.items():
+        known = {"trial": name, "perturbed": cells["perturbed"], **row_of.get(name, left_out)}
+        rows[name] = {**known, **place_of[name]}
     return rows
 
 
@@ -415,11 +419,9 @@ def exclusion_reason(
 
 
 def crossing_row(crossing: Crossing, reason: str | None) -> dict[str, object]:
-    """One row of `walking_crossings.csv`, without its place."""
+    """What one row of `walking_crossings.csv` says of a crossing's quality."""
     quality = crossing.quality
     return {
-        "trial": crossing.name,
-        "perturbed": crossing.onset is not None,
         "status": "used" if reason is None else "outlier",
         "reason": reason,
         "stance_s": crossing.stance.duration,

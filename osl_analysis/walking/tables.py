@@ -183,7 +183,11 @@ def conditions_of(
     """
     of_group = selection.filter(pl.col("group").str.split(SEPARATOR).list.contains(group))
     used = of_group.filter(pl.col("perturbed"), pl.col("reason").is_null())
-    shares = of_group.group_by("perturbed").agg(pl.col("reason").count() / pl.len())
+    shares = (
+        of_group.drop_nulls("perturbed")
+        .group_by("perturbed")
+        .agg(pl.col("reason").count() / pl.len())
+    )
     phases = used["onset_phase"].cast(pl.Float64).to_numpy()
     stances = gait.stance if gait is not None else np.zeros(0)
     stance = float(np.mean(stances)) if len(stances) else None

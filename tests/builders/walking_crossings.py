@@ -132,7 +132,7 @@ def run_jobs(
 
     if not (folder / "plate.json").exists():
         walking.write_model(NO_CORRECTION, folder / "plate.json")
-    walking.select_crossings([file_of[name] for name in sheet], chosen, selection, sheet)
+    walking.select_crossings([*turned, *at_rest], chosen, selection, sheet)
     walking.average_unperturbed(at_rest, selection, chosen.fewest_unperturbed, gait)
     fits = [folder / f"fits/{name}.csv" for name in perturbed]
     for file, fit in zip(turned, fits, strict=True):
@@ -161,12 +161,12 @@ def campaign(
     cells: Mapping[str, Mapping[str, object]] | None = None,
     **choices: Any,
 ) -> Tables:
-    """Write crossings and run every job on them. `cells` are conditions in the sheet, by trial."""
-    sheet = {}
+    """Write crossings and run every job on them. `cells` are conditions in the sheet, by trial,
+    also of trials that it excludes."""
+    sheet = dict(cells or {})
     for name, walk in walks.items():
         walking.write_crossing(walked(name, walk), folder / f"crossings/{name}.parquet")
-        conditions = (cells or {}).get(name, {})
-        sheet[name] = {"perturbed": walk.phase is not None, **conditions}
+        sheet[name] = {"perturbed": walk.phase is not None, **sheet.get(name, {})}
     perturbed = [name for name, walk in walks.items() if walk.phase is not None]
     unperturbed = [name for name, walk in walks.items() if walk.phase is None]
     return run_jobs(folder, perturbed, unperturbed, settings(**choices), sheet)

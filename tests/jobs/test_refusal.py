@@ -46,7 +46,7 @@ from osl_analysis.jobs.progress import LogHandler
 from osl_analysis.judge.campaign import campaign_findings, exclusion_report
 from osl_analysis.judge.finding import findings_frame
 from osl_analysis.judge.limits import DoubtfulFits
-from osl_analysis.judge.recording_checks import Judge, QualityRules, exclusions
+from osl_analysis.judge.recording_checks import Judge, QualityRules
 from osl_analysis.table import NotAnalysed, not_analysed, read_table, write_table, write_tables
 from osl_analysis.trial import Trial, read_trial
 from osl_analysis.walking.poses import StaticCalibration
@@ -282,10 +282,6 @@ def test_a_trial_that_is_used_without_its_end_is_named_at_the_end_of_a_run():
         findings = findings_frame(campaign_findings({}, pl.DataFrame(some), DoubtfulFits()))
         found = findings.filter(grade="doubts")
         assert found.select("trial", "cause").rows() == [(trial, "damaged log") for trial in named]
-    twice = pl.DataFrame(
-        [rows[2] | {"threshold": 0.0}, rows[2] | {"check": "gap", "threshold": 0.0}]
-    )
-    assert re.search("truncated 1 logs.* 0.0.*gap 1 logs.* 0.0", exclusions(twice)["b_2"])
 
 
 TABLES = {
@@ -368,9 +364,10 @@ def test_who_was_left_out_is_listed_with_value_threshold_and_remedy(checked):
     lost = NotAnalysed("plate_9", "p.c3d: truncated; export it again")
     verdicts = folder / "quality.csv"
     excluded = folder / "excluded.csv"
+    sheet = {"b_2": {"experiment": "plate", "exclude": "stumbled"}}
     for judged, names in (([], ["plate_9", "b_2"]), (checked, ["plate_9", "plate_2", "b_2"])):
         judge(judged, RULES, ACCEPT, verdicts, [lost])
-        list_excluded(verdicts, {"b_2": "stumbled"}, excluded, [lost])
+        list_excluded({}, verdicts, sheet, excluded, [lost])
         listed = read_table(excluded, ["trial", "check", "value", "unit", "threshold", "remark"])
         assert (listed["trial"].to_list(), listed["remark"][0]) == (
             names,
@@ -381,7 +378,7 @@ def test_who_was_left_out_is_listed_with_value_threshold_and_remedy(checked):
     assert judged.select("trial", "verdict").rows() == outcomes
     assert judged["value"].to_list()[1:] == [pytest.approx(80, abs=0.5), None]
     assert listed["check"].to_list() == ["refused", "unzeroed_plate", "sample sheet"]
-    said = exclusion_report(JUDGE.verdicts([*checked, folder / "missing.csv"]), {"b_2": "stumbled"})
+    said = exclusion_report(listed)
     assert "b_2 (stumbled)" in said
     assert "plate_2 (unzeroed_plate" in said
 
@@ -391,7 +388,7 @@ def test_who_was_left_out_is_listed_with_value_threshold_and_remedy(checked):
 )
 def test_where_nothing_is_left_the_reason_is_one_line_with_a_remedy(checked, inputs):
     with pytest.raises(InputError, match=r"^[^\n]*plate_2; [^\n]*`exclude`[^\n]*$"):
-        without_excluded(inputs, [*exclusions(JUDGE.verdicts(checked))])
+        without_excluded(inputs, JUDGE.excluded(checked))
 
 
 def tell(handler, event=None, text="", level=logging.INFO, **more):

@@ -15,7 +15,12 @@ from osl_analysis.commands.report import signals_of
 from osl_analysis.report import methods
 from osl_analysis.report.page import ShownFigure, trial_view, with_symbols, written_page
 from osl_analysis.report.signals import measured_response, of_fit, of_recording
-from osl_analysis.report.verdicts import LeftOut, left_out_trials, verdict_counts, verdicts_sentence
+from osl_analysis.report.verdicts import (
+    LeftOut,
+    trials_without_result,
+    verdict_counts,
+    verdicts_sentence,
+)
 
 
 @pytest.mark.parametrize(
@@ -223,6 +228,5 @@ def test_the_signals_of_a_page_are_valid_json():
 def test_a_perturbed_crossing_without_its_fit_has_no_result():
     sheet = {"w": {"experiment": "walking", "perturbed": True}}
     crossings = pl.DataFrame({"trial": ["w"], "reason": [None]})
-    nobody = pl.DataFrame(schema=["trial", "check", "remark"])
 
-    assert left_out_trials(sheet, nobody, {"walking_crossings": crossings})["w"].by_job
+    assert trials_without_result(sheet, {"walking_crossings": crossings}) == ["w"]

@@ -105,6 +105,7 @@ def of_stiffness(values, count=3):
 @pytest.fixture(scope="module")
 def three_legs(tmp_path_factory: pytest.TempPathFactory) -> Tables:
     walks, cells = of_stiffness((200.0, 340.0, 480.0))
+    cells["fell"] = {"perturbed": True, "K_d": 340.0, "exclude": "he fell"}
     return campaign(tmp_path_factory.mktemp("legs"), walks, cells)
 
 
@@ -121,7 +122,7 @@ def test_each_commanded_stiffness_has_its_own_result(three_legs, K):
 def test_a_group_has_the_timing_of_its_crossings(three_legs):
     (group,) = three_legs["groups"].filter(group="K_d 340").to_dicts()
 
-    assert (group["n"], group["n_unperturbed"]) == (3, 3)
+    assert (group["n"], group["n_unperturbed"], group["left_out_share"]) == (3, 3, 1 / 4)
     assert group["stance_s"] == pytest.approx(0.72, rel=0.02)
     assert group["onset_phase"] == pytest.approx(0.4, abs=0.01)
     # an angle that grows with time reads K after 3/4 of the 100 ms; this one grows later

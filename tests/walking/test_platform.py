@@ -237,7 +237,7 @@ def test_an_onset_whose_response_leaves_stance_is_refused(onset: float) -> None:
 
 def test_too_few_unperturbed_crossings_say_how_many_and_a_reason(tmp_path: Path) -> None:
     reason = "trial u0:.*shank.*20 cm.*foot"
-    write_refusal(RefusedCrossing("u0", False, reason), tmp_path / "u0.parquet")
+    write_refusal(RefusedCrossing("u0", reason), tmp_path / "u0.parquet")
     row = {"trial": "u0", "reason": reason, "perturbed": False, "group": "all", "direction": None}
     write_table(pl.DataFrame([row]), tmp_path / "selection.csv")
 

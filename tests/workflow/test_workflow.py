@@ -494,10 +494,10 @@ def test_tables_and_numbers_are_made_of_the_trials_that_are_left(laboratory):
     assert not list(results.rglob(".*"))
     assert set(table("impedance").drop_nulls("K")["controller"]) == {"uncompensated"}
     assert table("impedance").filter(trial=TRIAL)["status"].to_list() == ["not analysed"]
-    assert len(table("walking_crossings")) == 7
-    (left_out,) = table("walking_crossings").drop_nulls("reason").to_dicts()
+    assert len(table("walking_crossings").filter(status="used")) == 6
+    (left_out,) = table("excluded").filter(check="crossing").to_dicts()
     assert left_out["trial"] == laboratory.mistaken
-    assert re.search("perturbed = false", left_out["reason"])
+    assert re.search("perturbed = false", left_out["remark"])
     assert {path.name for path in results.glob("figures/*.csv") if not_analysed(path)} == {
         "fig4.csv"
     }

@@ -36,10 +36,10 @@ RATES_HZ = (100, 125, 200, 250, 400, 500, 1000)  # of recorders; each divides th
 WINDOW_LENGTHS = 8.0  # standard deviations of the Gaussian window that count
 PROCESSES = 2
 NEVER_CHECKED = {  # by a recording of angle and torque alone
-    "uncompensated fixture inertia",
-    "whether the torque is late",
-    "whether the gain of torque over angle is right",
-    "whether the clock of the recording runs at its rate",
+    "fixture_inertia",
+    "late_torque_unseen",
+    "wrong_gain_unseen",
+    "clock_rate_unseen",
 }
 
 
@@ -191,7 +191,11 @@ def row_of(job: tuple[str, int]) -> dict[str, Any]:
     if truth["T_C"] and is_certain:
         row["friction"] = "found"
     doubts = findings_of(fit, Grade.DOUBTS)
-    unchecked = {*findings_of(fit, Grade.UNCHECKED)} - NEVER_CHECKED
+    unchecked = {
+        finding.cause
+        for finding in fit.findings[-1]
+        if finding.grade is Grade.UNCHECKED and finding.name not in NEVER_CHECKED
+    }
     row["grade"] = "doubtful" if doubts else "not checked" if unchecked else "clear"
     row["cause"] = ", ".join([*doubts, *sorted(unchecked)])
     for name, beside in WITHOUT_FRICTION.items():

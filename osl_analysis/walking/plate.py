@@ -271,7 +271,7 @@ def check_loaded(trial: Trial, plate: int, load: float) -> None:
     if bears[plate] < load < bears[most]:
         raise InputError(
             f"plate {plate} bears {bears[plate]:.0f} N at most, plate {most} {bears[most]:.0f} N:"
-            f" state `walking.plate: {most}`, or exclude the trial if this one alone misses the plate"
+            f" state `walking.plate: {most}`, or exclude the trial if it alone misses the plate"
         )
 
 

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, cast
 
+import numpy as np
 import polars as pl
 
 from osl_analysis.campaign.origin import ABOUT_MEANING, sentence
@@ -15,16 +16,18 @@ from osl_analysis.files import own_yaml
 from osl_analysis.measured import decimal_places, with_places
 from osl_analysis.report.typography import in_latex
 from osl_analysis.stats.repeats import (
+    OWN_CONDITION,
     RANGE,
     counted,
     doubts_of_trials,
-    own_condition,
     summary_row,
 )
 from osl_analysis.table import SCHEMA, SCHEMA_FIELD
 
 PLACE = ("joint", "side")
 MOST_IN_SENTENCE = 4  # numbers of a sentence: a terminal shows two lines of them
+CONDITION_LINES = 4  # of K and B by condition
+MOST_CONDITIONS = 16  # in these lines; of more with commanded gains the averages are told
 
 
 @dataclass(frozen=True)
@@ -93,6 +96,14 @@ class Number:
         return self.interval if self.interval in (None, RANGE) else "95 %"
 
     @property
+    def doubts(self) -> str:
+        """How many trials are doubtful; empty for none."""
+        if not self.n_doubtful:
+            return ""
+        left_out = "left out as doubtful" if self.n else "doubtful"
+        return f"{self.n_doubtful} of {self.n + self.n_doubtful} {left_out}"
+
+    @property
     def in_sentence(self) -> str:
         """The number with what it is of, its interval and the doubts about it in brackets."""
         value, *ends = self.texts
@@ -100,10 +111,7 @@ class Number:
         if all(ends):
             kind = "trials" if self.kind == RANGE else "95 %:"
             facts.append(f"{kind} {' to '.join(ends)}")
-        if self.n_doubtful:
-            left_out = "left out as doubtful" if self.n else "doubtful"
-            facts.append(f"{self.n_doubtful} of {self.n + self.n_doubtful} {left_out}")
-        in_brackets = "; ".join(filter(None, facts))
+        in_brackets = "; ".join(filter(None, [*facts, self.doubts]))
         symbol = f"{self.symbol} = " if self.symbol else ""
         return f"{symbol}{value} {self.unit}{f' ({in_brackets})' if in_brackets else ''}"
 
@@ -122,25 +130,23 @@ def headline_numbers(
     beside_draft : bool
         Whether the values of the paper's draft stand beside them.
     """
-    present = set()  # names of the entries with a number
+    parts_of = {
+        entry.name: parts(entry, tables.get(entry.table, pl.DataFrame())) for entry in ENTRIES
+    }
+    present = {name for name, of_entry in parts_of.items() if of_entry}
+    if len(parts_of["K"]) <= MOST_CONDITIONS:
+        present.add("few conditions")
+    elif "K_bias" in present:
+        present.add("averages")
     for entry in ENTRIES:
-        rows = rows_of(entry, tables.get(entry.table, pl.DataFrame()))
-        places = [name for name in PLACE if name in rows.columns and rows[name].n_unique() > 1]
-        keys = [name for name in (*entry.by, *places) if name in rows.columns]
-        if "K_d" in keys:
-            keys.append("own_condition")
-            rows = rows.with_columns(own_condition=own_condition(rows))
-        parts = rows.partition_by(keys, maintain_order=True) if keys else [rows]
-        for part in parts:
-            if len(part):
-                present.add(entry.name)
-                says = "" if entry.unless in present else entry.says
-                yield number_of(entry, part, keys, says, beside_draft)
+        says = "" if entry.unless in present else entry.says
+        for part, keys in parts_of[entry.name]:
+            yield number_of(entry, part, keys, says, beside_draft)
 
 
-def rows_of(entry: Entry, table: pl.DataFrame) -> pl.DataFrame:
-    """The rows of a table with the numbers of an entry and their intervals; none where the table
-    lacks a column that the entry asks for."""
+def parts(entry: Entry, table: pl.DataFrame) -> list[tuple[pl.DataFrame, list[str]]]:
+    """The rows of each number of an entry, with the number and its interval, and the columns in
+    which they agree; none where the table lacks a column that the entry asks for."""
     try:
         rows = doubts_of_trials(table).filter(pl.sql_expr(entry.where))
         rows = rows.with_columns(
@@ -149,8 +155,15 @@ def rows_of(entry: Entry, table: pl.DataFrame) -> pl.DataFrame:
             number_high=pl.sql_expr(entry.high).cast(pl.Float64),
         ).rename({f"{entry.value}_se_bench": "number_se_bench"}, strict=False)
     except pl.exceptions.ColumnNotFoundError:
-        return pl.DataFrame()
-    return rows.filter(pl.col("number").is_finite())
+        return []
+    rows = rows.filter(pl.col("number").is_finite())
+    places = [name for name in PLACE if name in rows.columns and rows[name].n_unique() > 1]
+    keys = [name for name in (*entry.by, *places) if name in rows.columns]
+    if "K_d" in keys:
+        keys.append("own_condition")
+        rows = rows.with_columns(OWN_CONDITION)
+    by_keys = rows.partition_by(keys, maintain_order=True) if keys else [rows]
+    return [(part, keys) for part in by_keys if len(part)]
 
 
 def number_of(
@@ -196,15 +209,28 @@ def number_of(
 
 
 def headline_sentences(numbers: Iterable[Number]) -> Iterator[str]:
-    """The sentences that a run ends with and the page begins with, each on alike numbers."""
+    """The sentences that a run ends with and the page begins with, each on alike numbers: K and B
+    by condition in at most `CONDITION_LINES`, then all others."""
     texts_of: dict[str, list[str]] = {}
+    of_conditions: dict[str, list[str]] = {}
     for number in numbers:
-        if number.says:
+        if number.says == "by condition":
+            condition = f"{number.subject}, {number.doubts}".removesuffix(", ")
+            text = f"{number.symbol} {number.text} {number.unit}"
+            of_conditions.setdefault(condition, []).append(text)
+        elif number.says:
             texts_of.setdefault(number.says, []).append(number.in_sentence)
+    conditions = [f"{name}: {', '.join(texts)}" for name, texts in of_conditions.items()]
+    shown = first_of(conditions, MOST_CONDITIONS)
+    for line in filter(len, np.array_split(shown, CONDITION_LINES)):
+        yield f"{'; '.join(line)}."
     for begin, texts in texts_of.items():
-        n_more = len(texts) - MOST_IN_SENTENCE
-        more = [f"and {n_more} more"] if n_more > 0 else []
-        yield f"{begin} {', '.join([*texts[:MOST_IN_SENTENCE], *more])}."
+        yield f"{begin} {', '.join(first_of(texts, MOST_IN_SENTENCE))}."
+
+
+def first_of(texts: list[str], most: int) -> list[str]:
+    """The first texts, and how many more there are."""
+    return [*texts[:most], f"and {len(texts) - most} more"] if len(texts) > most else texts
 
 
 def numbers_in_summary(summary: Mapping[str, Any]) -> list[Number]:
@@ -221,8 +247,8 @@ def to_json(about: Mapping[str, str], numbers: Iterable[Number], content: Mappin
     return json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-DIGITS = ("Zero", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine")
-LETTERS = {**{str(digit): word for digit, word in enumerate(DIGITS)}, ".": "Point"}
+WORDS = ("Zero", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine", "Point")
+LETTERS = dict(zip("0123456789.", WORDS, strict=True))
 
 
 def macro_name(name: str) -> str:

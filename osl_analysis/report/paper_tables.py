@@ -13,7 +13,7 @@ from osl_analysis.files import own_yaml
 from osl_analysis.judge.judging import results_in
 from osl_analysis.measured import written
 from osl_analysis.report.typography import latex_table, markdown_table
-from osl_analysis.stats.repeats import counted, own_condition, summary_row
+from osl_analysis.stats.repeats import OWN_CONDITION, counted, summary_row
 
 CONDITION = ("joint", "side", "excitation", "controller", "K_d", "B_d", "own_condition")
 LATEX, COMPONENTS = own_yaml(Path(__file__).with_suffix(".yaml")).values()
@@ -47,7 +47,7 @@ def conditions(impedance: pl.DataFrame) -> list[Condition]:
         `impedance.csv`.
     """
     whole = impedance.filter(pl.col("amplitude_deg").is_null())
-    whole = whole.with_columns(own_condition=own_condition(whole))
+    whole = whole.with_columns(OWN_CONDITION)
     present = [name for name in CONDITION if name in whole.columns]
     keys = [name for name in present if whole[name].n_unique() > 1]
     if not keys:  # one condition: what the sheet states of it

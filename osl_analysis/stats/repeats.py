@@ -34,12 +34,14 @@ class Repeats:
     interval_method: str | None = None  # which of the two; None without an interval
 
 
-def own_condition(table: pl.DataFrame) -> pl.Expr:
-    """The names of trials without a stated K_d, each of which is a condition of its own: it may
-    have been asked for another K than trials that are like it. Empty for other trials."""
-    if not {"trial", "K_d"} <= set(table.columns):
-        return pl.lit("")
-    return pl.when(pl.col("K_d").is_null()).then(pl.col("trial")).otherwise(pl.lit(""))
+OWN_CONDITION = (
+    pl.when(pl.col("K_d").is_null())
+    .then(pl.col("trial"))
+    .otherwise(pl.lit(""))
+    .alias("own_condition")
+)
+"""The names of trials without a stated K_d, each of which is a condition of its own: it may have
+been asked for another K than trials that are like it. Empty for other trials."""
 
 
 def alike_sizes(sizes: pl.Series, ratio: float = 1.15) -> pl.Series:

@@ -144,7 +144,7 @@ def test_friction_has_it_too_and_a_loop_of_the_load_cell_is_friction():
 def test_no_mean_over_trials_lowers_it():
     values = [684.0, 686.0, 687.0]
     shared = 3.0
-    row = summary_row(pl.DataFrame({"K_s": values, "K_s_se_bench": [shared] * 3}), "K_s")
+    row = summary_row(pl.DataFrame({"K_s": values, "K_s_se_bench": shared}), "K_s")
     assert row["se"] ** 2 == pytest.approx(np.var(values, ddof=1) / 3 + shared**2)
 
 

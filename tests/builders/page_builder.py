@@ -17,7 +17,7 @@ ABOUT = {
 
 IMPEDANCE = pl.DataFrame(
     {
-        "trial": ["a", "a"], "amplitude_deg": [2.0, None], "K": [90.0, 101.0],
+        "trial": "a", "amplitude_deg": [2.0, None], "K": [90.0, 101.0],
         "K_low": [80.0, 99.0], "K_high": [100.0, 103.0], "VAF": [97.0, 98.0],
     }
 )  # fmt: skip

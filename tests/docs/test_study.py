@@ -33,12 +33,13 @@ def test_bound_of_a_sinusoid_is_the_published_one(study):
 def test_bias_is_measured_in_standard_deviations_and_coverage_as_a_share(study):
     rows = {
         "value": [1.0, 2.0, 3.0],
-        "truth": [0.0] * 3,
-        "se": [2.0] * 3,
+        "truth": 0.0,
+        "se": 2.0,
         "low": [-1.0, 1.0, 1.0],
-        "high": [4.0] * 3,
+        "high": 4.0,
+        "bound": 2.0,
     }
-    found = study.performance(pl.DataFrame(rows | {"bound": [2.0] * 3}))
+    found = study.performance(pl.DataFrame(rows))
     expected = {"bias": 2.0, "coverage": 1 / 3, "bias_mc": 1 / np.sqrt(3), "se_over_sd": 2.0}
     expected |= {"rmse_over_bound": np.sqrt(14 / 12), "coverage_mc": np.sqrt(3 / 7 * 4 / 7 / 7)}
     assert found == pytest.approx(expected)

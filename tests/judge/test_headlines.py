@@ -89,7 +89,7 @@ def test_a_number_is_as_far_beyond_its_limit_below_it_as_above_it(value, limit, 
 
 def test_a_fault_of_the_recording_that_one_amplitude_alone_shows_accuses_nobody():
     """Friction passes for a late torque at one amplitude; it would be there at all of them."""
-    amplitudes = {"trial": ["a"] * 3, "amplitude_deg": [2.0, 4.0, None]}
+    amplitudes = {"trial": "a", "amplitude_deg": [2.0, 4.0, None]}
     limits = Limits(above={"lag_share": 0.05}, below={"VAF": 90})
     alone = pl.DataFrame({**amplitudes, "lag_share": [0.0, 0.3, 0.0], "VAF": 95.0})
     assert causes_of(alone, limits) == [[], [], []]
@@ -128,7 +128,7 @@ def test_responses_share_the_doubts_of_the_fit_of_their_trial_and_amplitude(tmp_
     fit |= {"K_over_K_s": 0.5, "fault_probability": 0.0}
     phasors = {"amplitude_deg": [2.0, 2.0, 4.0], "distortion": [0.0, 9.0, 0.0]}
     for name, columns in (("impedance", fit), ("response", phasors)):
-        write_table(pl.DataFrame({"trial": ["a"] * 3, **columns}), tmp_path / name / "a.csv")
+        write_table(pl.DataFrame({"trial": "a", **columns}), tmp_path / name / "a.csv")
     of = [tmp_path / "impedance/a.csv"]
     strict = Limits(below={"vaf": 90})
     gather(
@@ -181,7 +181,7 @@ def friction(trial, share):
 
 def test_the_worst_trial_of_a_cause_is_that_of_the_largest_number_which_is_shown():
     """Friction makes 0.8 of a B of 0.6, and 0.5 of one of 2.0: 0.48 and 1.0 N*m*s/rad."""
-    fits = pl.DataFrame({"trial": ["a", "b"], "B": [0.6, 2.0], "doubtful": ["friction"] * 2})
+    fits = pl.DataFrame({"trial": ["a", "b"], "B": [0.6, 2.0], "doubtful": "friction"})
     quality = pl.DataFrame(schema=["trial", "check"])
 
     findings = [friction("a", 0.8), friction("b", 0.5)]
@@ -191,8 +191,8 @@ def test_the_worst_trial_of_a_cause_is_that_of_the_largest_number_which_is_shown
 
 
 def test_a_trial_that_is_doubtful_is_not_counted_again_as_doubtful_in_part():
-    fits = pl.DataFrame({"trial": ["a", "b"], "B": [1.0, 1.0], "doubtful": ["friction", ""]})
-    phasors = pl.DataFrame({"trial": ["a", "b"], "doubtful": ["friction"] * 2})
+    fits = pl.DataFrame({"trial": ["a", "b"], "B": 1.0, "doubtful": ["friction", ""]})
+    phasors = pl.DataFrame({"trial": ["a", "b"], "doubtful": "friction"})
     quality = pl.DataFrame(schema=["trial", "check"])
     findings = [friction("a", 0.5)]
     for trial in "ab":

@@ -196,10 +196,12 @@ def validated(
 
     # a check of ours first: an unknown field may be the missing one. A problem of a field makes one
     # of what is above it
-    place = max(problems_at, key=lambda at: (problems_at[at][0]["type"] == MISPLACED, len(at)))
-    line = located([Path(path)] if files is None else files, place)
-    name = dotted(place) or "the file"
-    raise InputError(f"{path}: {line}{name}: {problem_text(problems_at[place])}")
+    first = max(problems_at, key=lambda at: (problems_at[at][0]["type"] == MISPLACED, len(at)))
+    missing = [at for at in problems_at if problems_at[at][0]["type"] == "missing"]
+    places = missing if first in missing else [first]
+    line = located([Path(path)] if files is None else files, first)
+    names = ", ".join(map(dotted, places)) or "the file"
+    raise InputError(f"{path}: {line}{names}: {problem_text(problems_at[first])}")
 
 
 WORDS = {

@@ -7,20 +7,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator
+from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator, model_validator
 
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.trial import Array
-from osl_analysis.yaml_settings import Settings, located, misplaced, read_yaml
+from osl_analysis.yaml_settings import Settings, misplaced, read_yaml
 
 PARAMETER_UNITS = {
     "k_tau": "N*m/A", "n_m": "1", "B_m": "N*m*s/rad", "J_m": "kg*m^2", "f_C": "N*m", "f_G": "N*m/A",
     "n_T": "1", "K_s": "N*m/rad", "K_s2": "N*m/rad^2", "B_j": "N*m*s/rad", "J_j": "kg*m^2",
 }  # fmt: skip
+KNOWN = ", ".join(PARAMETER_UNITS)
 NEVER_ZERO = ("k_tau", "n_m", "J_m", "n_T", "K_s")  # each divides or drives
 REQUIRED = tuple(name for name in PARAMETER_UNITS if name != "K_s2")  # of the drivetrain's model
 # a parameter outside, in SI units, has a wrong exponent
@@ -28,14 +29,6 @@ SMALLEST_PARAMETER = 1e-9
 LARGEST_PARAMETER = 1e9
 # K_d/B_d [rad/s] beyond which B_d counts as 0
 FASTEST_DESIRED = 1e9
-
-
-class ParameterError(InputError):
-    """A parameter of a drivetrain is out of range; `name` is the parameter's."""
-
-    def __init__(self, name: str, message: str) -> None:
-        super().__init__(message)
-        self.name = name
 
 
 @dataclass(frozen=True)
@@ -54,27 +47,6 @@ class DrivetrainParameters:
     B_j: float  # viscous damping of the joint [N*m*s/rad]
     J_j: float  # inertia of the joint [kg*m^2]
     K_s2: float = 0.0  # quadratic stiffness of the belt [N*m/rad^2]
-
-    def __post_init__(self) -> None:
-        if self.f_G >= self.k_tau * self.n_m:
-            raise ParameterError(
-                "f_G",
-                f"parameter f_G = {self.f_G} N*m/A is not below k_tau n_m ="
-                f" {self.k_tau * self.n_m:g}: gear friction would exceed the motor's torque;"
-                " correct the parameter file",
-            )
-        for name, unit in PARAMETER_UNITS.items():
-            value = getattr(self, name)
-            may_be_zero = name not in NEVER_ZERO
-            if np.isnan(value) or (value == 0 and may_be_zero):
-                continue
-            if not SMALLEST_PARAMETER <= value <= LARGEST_PARAMETER:
-                zero = "zero or " if may_be_zero else ""
-                raise ParameterError(
-                    name,
-                    f"parameter {name} = {value} {unit} must be {zero}positive, 1e-09 to 1e+09;"
-                    " correct the parameter file",
-                )
 
 
 class Quantity(Settings):
@@ -105,26 +77,45 @@ class ParameterFile(Settings):
     warning: str = ""
     parameters: dict[str, Quantity]
 
+    @model_validator(mode="before")
+    @classmethod
+    def _have_their_place(cls, content: Any) -> Any:
+        for name in PARAMETER_UNITS:
+            if name in content:
+                raise misplaced(
+                    f"write it below `parameters`, as all that are known of {KNOWN}; beside"
+                    " `parameters` the file needs `name` and `description`",
+                    name,
+                )
+        return content
+
     @field_validator("parameters")
     @classmethod
-    def _known(cls, quantities: dict[str, Quantity]) -> dict[str, Quantity]:
-        for name, quantity in quantities.items():
-            check_quantity(name, quantity, not_given=set(PARAMETER_UNITS) - set(quantities))
+    def _are_possible(cls, quantities: dict[str, Quantity]) -> dict[str, Quantity]:
+        wrong = {name: wrong_in(name, quantity) for name, quantity in quantities.items()}
+        values = {name: quantity.value for name, quantity in quantities.items()}
+        if values.get("f_G", 0.0) >= values.get("k_tau", np.inf) * values.get("n_m", 1.0):
+            wrong["f_G"] = (
+                f"parameter f_G = {values['f_G']} N*m/A is not below k_tau n_m: gear friction would"
+                " exceed the motor's torque; correct it"
+            )
+        for name in filter(wrong.get, wrong):  # all are told, with the line of the first
+            raise misplaced("; ".join(filter(None, wrong.values())), name)
         return quantities
 
 
-def check_quantity(name: str, quantity: Quantity, not_given: set[str]) -> None:
-    """Refuse a quantity that is unknown or in another unit; `not_given` may be meant by its
-    name."""
+def wrong_in(name: str, quantity: Quantity) -> str:
+    """What is wrong with a quantity: it is unknown, in another unit, or has a wrong exponent; empty
+    for nothing."""
     if name not in PARAMETER_UNITS:
-        remedy = nearest(name, not_given) or "; remove it"
-        known = f"the known ones are {', '.join(PARAMETER_UNITS)}{remedy}"
-        raise misplaced(f"unknown parameter {name}; {known}", name)
+        return f"unknown parameter {name}; known are {KNOWN}{nearest(name, PARAMETER_UNITS)}"
     unit = PARAMETER_UNITS[name]
     if quantity.unit != unit:
-        raise misplaced(
-            f"{name} has unit '{quantity.unit}', expected '{unit}'; convert its value", name, "unit"
-        )
+        return f"{name} has unit '{quantity.unit}', expected '{unit}'; convert its value"
+    zero = "" if name in NEVER_ZERO else "zero or "
+    if (zero and quantity.value == 0) or SMALLEST_PARAMETER <= quantity.value <= LARGEST_PARAMETER:
+        return ""
+    return f"parameter {name} = {quantity.value} {unit} must be {zero}positive, 1e-09 to 1e+09"
 
 
 # a parameter file as rules pass it on: an input without files is an empty list
@@ -139,13 +130,17 @@ def joint_of(path: Path) -> str:
 def known_parameters(
     path: Path | None, needed: Sequence[str] = REQUIRED
 ) -> DrivetrainParameters | None:
-    """Parameters of a device; None without a parameter file, or where it lacks one that is
-    `needed`. Raises as `read_parameters`, but that none is missing."""
+    """Parameters of a device, whose warning is given; None without a parameter file, or where it
+    lacks one that is `needed`. Raises as `read_parameters`, but that none is missing."""
     if path is None:
         return None
-    known = parameters_of(path, read_yaml(path, ParameterFile))
-    lacks = any(np.isnan(getattr(known, name)) for name in needed)
-    return None if lacks else known
+    file = read_yaml(path, ParameterFile)
+    if file.warning:
+        warnings.warn(f"{path}: {' '.join(file.warning.split())}", stacklevel=3)
+    if not file.parameters.keys() >= {*needed}:
+        return None
+    known = {name: quantity.value for name, quantity in file.parameters.items()}
+    return DrivetrainParameters(**dict.fromkeys(REQUIRED, np.nan) | known)
 
 
 def read_parameters(path: Path) -> DrivetrainParameters:
@@ -163,31 +158,18 @@ def read_parameters(path: Path) -> DrivetrainParameters:
     Raises
     ------
     InputError
-        The file is missing, or a quantity is unknown, is missing, has another unit or is out of
+        The file is missing, or quantities are unknown, are missing, have another unit or are out of
         range.
     """
-    file = read_yaml(path, ParameterFile)
-    for name in REQUIRED:
-        if name not in file.parameters:
-            raise InputError(
-                f"{path}: the model of the drivetrain needs {name} [{PARAMETER_UNITS[name]}], which"
-                " is missing; add it, with value, unit and source"
-            )
-    return parameters_of(path, file)
-
-
-def parameters_of(path: Path, file: ParameterFile) -> DrivetrainParameters:
-    """The parameters of a file, whose warning is given. Raises InputError: one is out of range."""
-    if file.warning:
-        warnings.warn(f"{path}: {' '.join(file.warning.split())}", stacklevel=3)
-    values = dict.fromkeys(REQUIRED, np.nan)
-    for name, quantity in file.parameters.items():
-        values[name] = quantity.value
-    try:
-        return DrivetrainParameters(**values)
-    except ParameterError as error:
-        place = located([path], ("parameters", error.name))
-        raise InputError(f"{path}: {place}{error}") from error
+    parameters = known_parameters(path)
+    if parameters is None:
+        given = read_yaml(path, ParameterFile).parameters
+        missing = [f"{name} [{PARAMETER_UNITS[name]}]" for name in REQUIRED if name not in given]
+        raise InputError(
+            f"{path}: the model of the drivetrain needs {', '.join(missing)}, which the file lacks;"
+            " add each with value, unit and source"
+        )
+    return parameters
 
 
 @dataclass(frozen=True)

@@ -186,7 +186,6 @@ def test_a_device_of_which_the_belt_s_ratio_alone_is_known_has_no_gains(tmp_path
 
     assert known_parameters(file, ["n_T"]).n_T == 83 / 18
     assert known_parameters(file, ["n_T", "K_s"]) is None
-    assert known_parameters(file) is None
     with pytest.raises(InputError, match=r"ours\.yaml:.*k_tau \[N\*m/A\]"):
         read_parameters(file)
 

@@ -9,12 +9,10 @@ HANGING = {"K": 60.6, "offset": 4.503, "fixture_weight": 5.2}
 OWN_DEVICE = {"gain_error": None, "K_over_K_d": 0.9}
 LEG = {"controller": "compensated", "K_predicted": None, "K_over_K_s": 0.4}
 JOINT = {
-    "K": 300.0,
-    "B": 5.0,
-    "I": 0.02,
     "fault_probability": 0.0,
     "lag_s": None,
     "delay_se_s": None,
+    "K_over_K_s": None,
 }
 SHAFT = {"fault_probability": 0.0, "B_j": 1.0, "J_j": 0.1, "delay_se_s": 1e-3}
 

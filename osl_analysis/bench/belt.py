@@ -22,7 +22,7 @@ from osl_analysis.stats.estimates import Row, estimates_row
 from osl_analysis.trial import Array, Trial
 
 STRAIGHT: Model = {"K_s": "theta", "offset": "one"}
-STRAIGHT_AND_DAMPED: Model = {**STRAIGHT, "B_j": "omega"}
+STRAIGHT_AND_DAMPED: Model = {**STRAIGHT, "B_loading": "omega"}
 QUADRATIC: Model = {"K_s": "theta", "K_s2": "square", "offset": "one"}
 """On a raised cosine damping and curvature are collinear, so that it has no damping."""
 CONSTANT_VELOCITY = 0.05  # SD of a velocity over its mean, below which it makes a constant torque
@@ -83,9 +83,10 @@ def fit_branches(record: Record, drift: float = 0.0, model: Model | None = None)
     """Fit load-unload cycles, whose groups are those of `branches_of` and whose angle is the
     belt's deflection.
 
-    `loading` stands for the trial: a straight line `K_s` and `offset`, with the joint's damping
-    `B_j` if the velocity varies. `unloading` is the same. Without its column B_j omega shifts K_s
-    by 0.12 N*m/rad on a raised cosine, because loading begins at a velocity and ends at rest. A
+    `loading` stands for the trial: a straight line `K_s` and `offset`, with the
+    damping `B_loading` if the velocity varies. `unloading` is the same. Without its column B_j
+    omega shifts K_s by 0.12 N*m/rad on a raised cosine, because loading begins at a velocity and
+    ends at rest. The damping holds friction of belt and joint, as much as there is: it is no B_j. A
     constant velocity makes a constant torque, which the offset contains. `model` is that of another
     stretch of the same cycles, whose estimates are compared.
 
@@ -204,7 +205,7 @@ def belt_table(belt: Analysis) -> pl.DataFrame:
     row: Row = {
         "trial": record.name,
         **belt.row("loading", "K_s"),
-        **estimates_row(loading, *(name for name in ("B_j",) if name in belt.model)),
+        **estimates_row(loading, *(name for name in ("B_loading",) if name in belt.model)),
         "unloading": unloading["K_s"],
         "unloading_se_bench": unloading.se_bench("K_s"),
         "hysteresis_area": area,

@@ -189,7 +189,7 @@ def estimate_line(row: Mapping[str, Any], name: str) -> str:
 
 
 def estimated(row: Mapping[str, Any]) -> list[str]:
-    """The quantities that a fit estimates (a belt at a constant velocity has no B_j), or all its
+    """The quantities that a fit estimates (a joint without friction has no B_viscous), or all its
     numbers."""
     quantities = [
         name for name in printed_units() if f"{name}_low" in row and row[name] is not None

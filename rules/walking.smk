@@ -26,7 +26,7 @@ rule calibrate_markers:
     output:
         output="<results>/fits/calibration/{trial}.json",
     log:
-        "<logs>/calibration/{trial}.log",
+        "<logs>/markers/{trial}.log",
     localrule: True
     params:
         settings=lambda wildcards: {

@@ -54,9 +54,10 @@ from osl_analysis.yaml_settings import as_json
 gc.set_threshold(100_000)
 
 # `config` does not tell which file a field is from, as a message does, with its line: only these
-# attributes do, which Snakemake does not document. Files that a workflow names come first, as it
-# merges them.
-BY_PRECEDENCE = sorted(workflow.configfiles, key=workflow.overwrite_configfiles.__contains__)
+# attributes do, which Snakemake does not document. Without them messages name the field alone. Files
+# that a workflow names come first, as it merges them.
+OF_COMMAND_LINE = getattr(workflow, "overwrite_configfiles", [])
+BY_PRECEDENCE = sorted(getattr(workflow, "configfiles", []), key=OF_COMMAND_LINE.__contains__)
 CONFIG_FILES = [Path(os.path.relpath(file)) for file in BY_PRECEDENCE]
 try:  # what is wrong in a file of the campaign is told without a traceback
     CAMPAIGN, SIMULATION_FILES = start_campaign(config, CONFIG_FILES)

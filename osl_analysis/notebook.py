@@ -304,7 +304,10 @@ def check(
     recorded = as_trial(trial)
     stated = config_for_trials(Path(config or config_here()))
     validate_rules(stated.quality, UNITS)
-    commanded = Commanded(**{name: getattr(stated.dynamometer, name) for name in PROTOCOL})
+    commanded = Commanded(
+        **{name: getattr(stated.dynamometer, name) for name in PROTOCOL},
+        clusters=stated.walking.markers.clusters,
+    )
     measured = measure_quality(recorded, experiment, commanded)
     return judged_table(measured_table(recorded.name, measured), stated.quality, {})
 

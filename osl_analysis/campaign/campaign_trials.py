@@ -134,8 +134,12 @@ class Campaign:
         return parameters
 
     def commanded(self, trial: str) -> dict[str, Any]:
-        """The stepped sine that was asked for, with which quality control compares the motion."""
-        if not EXPERIMENTS[self.rows[trial]["experiment"]].stepped_sine:
+        """What quality control compares with: the stepped sine that was asked for, or the markers
+        of each cluster."""
+        facts = EXPERIMENTS[self.rows[trial]["experiment"]]
+        if facts.place == "walkway":
+            return {"clusters": self.config.walking.markers.clusters}
+        if not facts.stepped_sine:
             return {}
         return self.config.dynamometer.model_dump(mode="json", include={*PROTOCOL})
 

@@ -37,7 +37,7 @@ from osl_analysis.trial import (
 )
 from osl_analysis.walking import tables as result_tables
 from osl_analysis.walking import walking_settings as choices
-from osl_analysis.walking.crossing import Crossing, RefusedCrossing, analyse_crossing, body_mass
+from osl_analysis.walking.crossing import Crossing, analyse_crossing, body_mass
 from osl_analysis.walking.groups import ALL, SEPARATOR, selection_rows
 from osl_analysis.walking.isolated_response import UnperturbedGait, unperturbed_gait
 from osl_analysis.walking.plate_inertia import (
@@ -99,12 +99,12 @@ def write_crossing(crossing: Crossing, path: Path) -> None:
     write_trial(Trial(crossing.name, pl.DataFrame(columns), provenance), path)
 
 
-def write_refusal(refused: RefusedCrossing, path: Path) -> None:
+def write_refusal(name: str, reason: str, path: Path) -> None:
     """Write a crossing's file without rows, with the reason in its provenance, so that other
     crossings are analysed."""
     empty = pl.DataFrame(schema=dict.fromkeys(("time", "phase", "theta", "torque"), pl.Float64))
-    reason = json.dumps({"refused": refused.reason})
-    metadata = {NAME_KEY: refused.name, PROVENANCE_KEY: reason, SCHEMA_KEY: str(SCHEMA)}
+    provenance = json.dumps({"refused": reason})
+    metadata = {NAME_KEY: name, PROVENANCE_KEY: provenance, SCHEMA_KEY: str(SCHEMA)}
     with atomic_path(path) as temporary:
         empty.write_parquet(temporary, metadata=metadata)
 
@@ -112,16 +112,16 @@ def write_refusal(refused: RefusedCrossing, path: Path) -> None:
 def read_crossing(path: Path) -> Crossing:
     """A crossing that was not refused."""
     crossing = read_crossing_file(path)
-    if isinstance(crossing, RefusedCrossing):
-        raise InputError(f"{path}: the crossing was refused: {crossing.reason}")
+    if isinstance(crossing, str):
+        raise InputError(f"{path}: the crossing was refused: {crossing}")
     return crossing
 
 
-def read_crossing_file(path: Path) -> Crossing | RefusedCrossing:
-    """Read what `write_crossing` or `write_refusal` wrote."""
-    name, facts = metadata_of(path)
+def read_crossing_file(path: Path) -> Crossing | str:
+    """Read what `write_crossing` wrote, or the reason that `write_refusal` wrote."""
+    _, facts = metadata_of(path)
     if "refused" in facts:
-        return RefusedCrossing(name, facts["refused"])
+        return str(facts["refused"])
     trial = read_trial(path)
     if "stance" not in trial.provenance:
         raise InputError(f"{path}: a trial without events; name its crossing, which a run writes")
@@ -253,7 +253,7 @@ def analyse(
         if f"trial {walked.name}" not in reason:
             reason = f"trial {walked.name}: {reason}"
         warnings.warn(f"excluded: {reason}", stacklevel=2)
-        write_refusal(RefusedCrossing(walked.name, reason), output)
+        write_refusal(walked.name, reason, output)
     else:
         write_crossing(crossing, output)
 
@@ -277,9 +277,9 @@ def select_crossings(
     data: str = "",
 ) -> None:
     """Write one row per crossing of the sheet: quality, group and, if it is not used, why."""
-    results = [read_crossing_file(path) for path in crossings]
-    analysed = [crossing for crossing in results if isinstance(crossing, Crossing)]
-    refused = [crossing for crossing in results if isinstance(crossing, RefusedCrossing)]
+    results = {path.stem: read_crossing_file(path) for path in crossings}
+    analysed = [crossing for crossing in results.values() if isinstance(crossing, Crossing)]
+    refused = {name: reason for name, reason in results.items() if isinstance(reason, str)}
     rows = selection_rows(analysed, refused, settings, sheet)
     table = pl.DataFrame([*rows.values()], infer_schema_length=None)
     write_table(with_places(table, places or {}), output, data)
@@ -293,9 +293,7 @@ def average_unperturbed(
     with a warning."""
     rows = read_table(selection, ["trial", "group", "reason"])
     rows = rows.filter(pl.col("trial").is_in([path.stem for path in crossings]))
-    is_split = rows["group"].is_in([ALL]).not_().any()
-    # a refused crossing has no group; it may have been of the only one
-    rows = rows.drop_nulls("group") if is_split else rows.with_columns(group=pl.lit(ALL))
+    rows = rows.drop_nulls("group")
     selected = selected_crossings(crossings, selection)
     gaits: dict[str, UnperturbedGait] = {}
     problems: list[str] = []
@@ -326,21 +324,19 @@ def fit_perturbation(
     """Write the row of `walking.csv` of one perturbed crossing: Eq. 15, or the reason why it is
     excluded or has no fit."""
     gaits = read_unperturbed_gaits(unperturbed)
-    columns = ("reason", "group")
-    rows = read_table(selection, ["trial", *columns]).filter(pl.col("trial") == crossing.stem)
-    selected: dict[str, Any] = dict.fromkeys(columns)
-    if len(rows):
-        selected = rows.select(columns).row(0, named=True)
-    gait = gaits.get(selected["group"] or ALL)
-    reason = selected["reason"] or (NO_GAIT if gait is None else None)
+    rows = read_table(selection, ["trial", "reason", "group"])
+    reason, group = rows.filter(trial=crossing.stem).select("reason", "group").row(0)
+    gait = gaits.get(group)
     # a campaign in which no perturbation can be used keeps its other results
     row: dict[str, object] = dict.fromkeys(result_tables.GROUP_QUANTITIES)
-    if reason is None and gait is not None:
+    if gait is None:
+        reason = reason or NO_GAIT
+    elif reason is None:
         try:
             row = result_tables.perturbation_row(read_crossing(crossing), gait, settings)
         except OslAnalysisError as error:
             reason = str(error)
             warnings.warn(f"excluded: {reason}", stacklevel=2)
-    place = {"trial": crossing.stem, "group": selected["group"]}
+    place = {"trial": crossing.stem, "group": group}
     status = ANALYSED if reason is None else "excluded"
     write_table(pl.DataFrame([{**place, **row, "status": status, EXCLUDED: reason}]), output, data)

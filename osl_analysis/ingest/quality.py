@@ -5,7 +5,7 @@ import itertools
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -39,7 +39,8 @@ from osl_analysis.trial import Array, Trial, plate_columns
 
 @dataclass(frozen=True)
 class Commanded:
-    """The stepped sine that the configuration commands: each amplitude at every frequency."""
+    """What the configuration says of a recording: the stepped sine that is commanded, each
+    amplitude at every frequency, or the marker clusters of a crossing."""
 
     amplitudes_deg: Sequence[float] | None = None  # None, in any field: not stated
     frequencies_hz: Sequence[float] | None = None
@@ -47,6 +48,7 @@ class Commanded:
     excitation: str = "auto"
     """What moves the joint in impedance trials: `stepped_sine`, `any` other motion, or `auto`: the
     recording tells."""
+    clusters: Mapping[str, Sequence[str]] = field(default_factory=dict)  # markers by segment
 
     @property
     def protocol(self) -> SteppedSineProtocol:
@@ -330,11 +332,17 @@ def measure_turns(examined: Examined) -> dict[str, float]:
 
 
 def measure_marker_gaps(examined: Examined) -> dict[str, float]:
-    """Longest time [s] that a marker was hidden between two sightings, minus one step; the whole
-    time if it was never seen."""
-    whole = examined.trial.samples["time"][-1]
-    markers = readings_of(examined.trial, "marker_(.*)_x")
-    return {name: longest_gap(seen) if seen.size else whole for name, (seen, _) in markers.items()}
+    """Longest time [s] that a cluster had fewer than three markers in sight, between two sightings
+    of three, minus one step; the whole time if it never had. One that is not recorded is none."""
+    samples = examined.trial.samples
+    seconds: dict[str, float] = {}
+    for segment, names in examined.commanded.clusters.items():
+        columns = {f"marker_{name}_x" for name in names}.intersection(samples.columns)
+        if columns:
+            in_sight = pl.sum_horizontal(pl.col(*columns).is_not_nan())
+            followed = samples.filter(in_sight >= LIMITS.markers_of_pose)["time"].to_numpy()
+            seconds[segment] = longest_gap(followed) if followed.size else samples["time"][-1]
+    return seconds
 
 
 # Force plates.

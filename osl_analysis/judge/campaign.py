@@ -96,8 +96,10 @@ def exclusion_report(excluded: pl.DataFrame) -> str:
         A line per trial that the sheet excludes; trials that fail the same check share one, and so
         do crossings that cannot be used.
     """
-    by_sheet = excluded.filter(check=BY_SHEET).select("trial", "remark").rows()
-    lines = [f"excluded by the sample sheet: {trial} ({why})" for trial, why in by_sheet]
+    lines = [
+        f"excluded by the sample sheet: {trial} ({why})"
+        for trial, why in excluded.filter(check=BY_SHEET).select("trial", "remark").rows()
+    ]
     crossings = excluded.filter(check=CROSSING)["trial"].to_list()
     if crossings:
         lines.append(f"crossings not used: {', '.join(crossings)}; tables/excluded.csv says why")

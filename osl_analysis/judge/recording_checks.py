@@ -167,10 +167,9 @@ class Judge:
         return self.verdicts_by_states[states]
 
     def excluded(self, measured: Iterable[Path]) -> list[str]:
-        """The trials whose `measured` checks exclude them; a file that is not there excludes
+        """The trial of each `measured` check that excludes it; a file that is not there excludes
         none."""
-        verdicts = self.verdicts(measured).filter(verdict="exclude")
-        return verdicts["trial"].unique(maintain_order=True).to_list()
+        return self.verdicts(measured).filter(verdict="exclude")["trial"].to_list()
 
     def spoiled(self, measured: Iterable[Path]) -> dict[str, str]:
         """By trial, the fault of its recording beside which no estimate can be trusted."""

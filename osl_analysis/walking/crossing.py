@@ -609,14 +609,6 @@ class Crossing:
         return UP if self.turn > 0 else DOWN
 
 
-@dataclass(frozen=True)
-class RefusedCrossing:
-    """A crossing that cannot be analysed, and why."""
-
-    name: str
-    reason: str
-
-
 def analyse_crossing(
     trial: Trial,
     calibration: StaticCalibration,

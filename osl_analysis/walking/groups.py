@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing
 from osl_analysis.trial import Array
-from osl_analysis.walking.crossing import DOWN, UP, Crossing, RefusedCrossing, phases_between
+from osl_analysis.walking.crossing import DOWN, UP, Crossing, phases_between
 from osl_analysis.walking.isolated_response import PHASES, signal_at, stance_times
 from osl_analysis.walking.plate import SINGLE_SUPPORT
 from osl_analysis.walking.platform import MAD_TO_SD
@@ -224,7 +224,7 @@ class Feature:
 
 def selection_rows(
     crossings: Sequence[Crossing],
-    refused: Sequence[RefusedCrossing],
+    refused: Mapping[str, str],
     settings: SelectionSettings,
     sheet: Sheet,
 ) -> dict[str, dict[str, object]]:
@@ -235,8 +235,10 @@ def selection_rows(
 
     Parameters
     ----------
-    crossings, refused
-        What became of every crossing that was read.
+    crossings
+        Those that could be analysed.
+    refused : mapping
+        Why others, by name, could not.
     sheet : mapping
         Conditions of all crossings of the sheet, in the order of the rows.
 
@@ -261,14 +263,18 @@ def selection_rows(
     row_of = {
         crossing.name: crossing_row(crossing, reasons[crossing.name]) for crossing in crossings
     }
-    for refusal in refused:
-        row_of[refusal.name] = {"status": "refused", "reason": refusal.reason}
+    for name, reason in refused.items():
+        row_of[name] = {"status": "refused", "reason": reason}
     left_out = {"status": LEFT_OUT, "reason": "excluded.csv says why"}
-    rows = {}
-    for name, cells in sheet.items():
-        known = {"trial": name, "perturbed": cells["perturbed"], **row_of.get(name, left_out)}
-        rows[name] = {**known, **place_of[name]}
-    return rows
+    return {
+        name: {
+            "trial": name,
+            "perturbed": cells["perturbed"],
+            **row_of.get(name, left_out),
+            **place_of[name],
+        }
+        for name, cells in sheet.items()
+    }
 
 
 def crossing_features(crossings: Sequence[Crossing], settings: SelectionSettings) -> list[Feature]:

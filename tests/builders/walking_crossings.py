@@ -69,7 +69,7 @@ def selected(
 ) -> dict[str, dict[str, object]]:
     """Rows of `walking_crossings.csv` of crossings of which the sheet says nothing else."""
     return selection_rows(
-        crossings, [], chosen, {c.name: {"perturbed": c.onset is not None} for c in crossings}
+        crossings, {}, chosen, {c.name: {"perturbed": c.onset is not None} for c in crossings}
     )
 
 

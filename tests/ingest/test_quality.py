@@ -39,7 +39,7 @@ from osl_analysis.trial import Array, Trial
 from osl_analysis.yaml_settings import Settings, validated
 
 CONFIG = ROOT / "config/config.yaml"
-COMMANDED = Commanded((2.0, 4.0), (2.0, 5.0), 6)
+COMMANDED = Commanded((2.0, 4.0), (2.0, 5.0), 6, clusters={"foot": "ABCD"})
 RULES = config_for_trials(CONFIG).quality
 RATE = 1000.0
 
@@ -73,14 +73,13 @@ TORQUE = bench()["torque"].to_numpy()
 
 
 def laboratory(**changed):
-    """A sound crossing: a plate at 1000 Hz that is stepped on, a marker at 200 Hz."""
+    """A sound crossing: a plate at 1000 Hz that is stepped on, three markers at 200 Hz."""
     time = np.arange(2000) / RATE
     rng = np.random.default_rng(6)
     load = 800 * np.clip(np.minimum(time - 0.7, 1.4 - time) / 0.02, 0, 1)
     plate = {"plate1_force_z": load + 2 + rng.standard_normal(2000)}
-    return pl.DataFrame(
-        {"time": time, **plate, "marker_A_x": every_fifth(0.1 * time[::5]), **changed}
-    )
+    markers = {f"marker_{name}_x": every_fifth(0.1 * time[::5]) for name in "ABC"}
+    return pl.DataFrame({"time": time, **plate, **markers, **changed})
 
 
 def every_fifth(values):
@@ -217,13 +216,13 @@ STOOD_ON = 800 + np.random.default_rng(1).standard_normal(2000)
     ("unzeroed_plate", laboratory(plate1_force_z=STOOD_ON), "walking", 800.0, None),
     ("unzeroed_plate", laboratory(plate1_force_z=-STOOD_ON), "static", 800.0, None),
     ("marker_gap", laboratory(marker_A_x=every_fifth(SEEN)), "walking", 60 / 200,
-     "A"),
-    ("marker_gap", laboratory(marker_A_x=every_fifth(with_piece(NUMBERS[:400] / 1.0, 9, 11,
-     np.nan))), "walking", 0.01,
-     "A"),
+     "foot"),
     # never seen
     ("marker_gap", laboratory(marker_A_x=every_fifth(np.full(400, np.nan))), "walking", 1.999,
      None),
+    # a fourth is in sight
+    ("marker_gap", laboratory(marker_A_x=every_fifth(SEEN), marker_D_x=every_fifth(NUMBERS[:400])),
+     "walking", 0.0, None),
     ("damage", bench(), "impedance", None, NOT_JUDGED),
 ])  # fmt: skip
 def test_a_fault_is_measured_where_it_is_and_fails_its_own_check_alone(

@@ -16,7 +16,7 @@ from osl_analysis.commands.walking import average_unperturbed, write_refusal
 from osl_analysis.errors import InputError
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial
-from osl_analysis.walking.crossing import Crossing, RefusedCrossing, analyse_crossing, check_onset
+from osl_analysis.walking.crossing import Crossing, analyse_crossing, check_onset
 from osl_analysis.walking.groups import static_of
 from osl_analysis.walking.plate import Stance
 from osl_analysis.walking.plate_inertia import (
@@ -237,7 +237,7 @@ def test_an_onset_whose_response_leaves_stance_is_refused(onset: float) -> None:
 
 def test_too_few_unperturbed_crossings_say_how_many_and_a_reason(tmp_path: Path) -> None:
     reason = "trial u0:.*shank.*20 cm.*foot"
-    write_refusal(RefusedCrossing("u0", reason), tmp_path / "u0.parquet")
+    write_refusal("u0", reason, tmp_path / "u0.parquet")
     row = {"trial": "u0", "reason": reason, "perturbed": False, "group": "all", "direction": None}
     write_table(pl.DataFrame([row]), tmp_path / "selection.csv")
 

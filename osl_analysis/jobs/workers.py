@@ -67,7 +67,7 @@ class Worker:
         self.connection.close()
         with ASKING:
             self.process.join()
-            exit_code = self.process.exitcode or 0
+            exit_code = self.process.exitcode
         return signal.Signals(-exit_code).name if exit_code < 0 else "from outside"
 
 

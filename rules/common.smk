@@ -53,6 +53,14 @@ from osl_analysis.yaml_settings import as_json
 # to look for garbage among all that is imported and planned takes a fifth of the planning
 gc.set_threshold(100_000)
 
+# Not documented either: without these attributes a file that is read is said to be missing.
+MODIFIER = getattr(getattr(workflow, "modifier", None), "path_modifier", None)
+if getattr(MODIFIER, "prefix", None):
+    raise WorkflowError(
+        "a module of this workflow takes no `prefix`: jobs find recordings and results by the"
+        " configuration; state `results` in its `config` for another place of all results"
+    )
+
 # `config` does not tell which file a field is from, as a message does, with its line: only these
 # attributes do, which Snakemake does not document. Without them messages name the field alone. Files
 # that a workflow names come first, as it merges them.

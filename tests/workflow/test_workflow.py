@@ -123,6 +123,10 @@ def test_options_of_snakemake_and_a_module_do_what_they_do_elsewhere(workspace, 
     page = workspace.run("--report", str(tmp_path / "report.html"))
     asked = ["snakemake", "-n", "--snakefile", str(tmp_path / "module.smk"), "osl_reproduce-all"]
     module = run_forked(asked, workspace.folder)
+    (tmp_path / "module.smk").write_text(
+        MODULE.replace("    config", "    prefix: 'sub'\n    config")
+    )
+    prefixed = run_forked(asked, workspace.folder)
     unknown = workspace.run("-n", f"results/fits/belt/{TRIAL}.csv")
 
     assert until == {"ingest": 22}
@@ -131,6 +135,7 @@ def test_options_of_snakemake_and_a_module_do_what_they_do_elsewhere(workspace, 
     assert "digraph" in files[1].stdout
     assert (tmp_path / "report.html").stat().st_size > 10_000, page.stdout
     assert (module.returncode, "osl_ingest" in module.stdout) == (0, False), module.stdout
+    assert "takes no `prefix`" in prefixed.stdout
     assert "ask for one of these: belt_01, belt_02" in unknown.stdout
 
 

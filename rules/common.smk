@@ -30,6 +30,14 @@ from pathlib import Path
 
 from snakemake.exceptions import WorkflowError
 
+try:
+    import osl_analysis
+except ImportError as error:
+    raise WorkflowError(
+        f"the Python package of this workflow cannot be imported ({error}): install it where Snakemake"
+        " is installed, by `pip install .` in a copy of the repository of the release of these rules"
+    ) from None
+
 from osl_analysis.campaign.origin import about, sentence, settings_of, states_of
 from osl_analysis.campaign.result_files import (
     DERIVED,

@@ -199,7 +199,7 @@ class Trial:
         """Begin and end [s] of windows, stated as `2-30 40-62` after the first sample. Raises
         InputError: they are no windows of this trial."""
         with naming(f"trial {self.name}"):
-            return stretches(windows, float(np.ptp(self.samples["time"].to_numpy())))
+            return stretches(windows, np.ptp(self.samples["time"].to_numpy()))
 
     def within(self, windows: str) -> "Trial":
         """The samples within windows, stated as for `parts`."""

@@ -80,9 +80,9 @@ def quantity(text: str, expected: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        example = next(iter(EXAMPLES[expected]))
         raise InputError(
-            f"'{shortened(text, 40)}' is not a number with a unit; write it as in `2 {example}`"
+            f"'{shortened(text, 40)}' is not a number with a unit; write it as in"
+            f" `2 {next(iter(EXAMPLES[expected]))}`"
         )
     return value * si_factor(unit, expected)
 
@@ -175,8 +175,9 @@ def known_factor(ratio: float, signals: Sequence[str], near: float) -> str:
     """
     known = [pair for signal in signals for pair in UNIT_FACTORS[signal].items()]
     size = max(abs(ratio), 1 / abs(ratio))
-    none = ("", math.inf)
-    name, factor = min(known, key=lambda pair: abs(math.log(size / pair[1])), default=none)
+    name, factor = min(
+        known, key=lambda pair: abs(math.log(size / pair[1])), default=("", math.inf)
+    )
     return f", {factor:.3g} is the factor {name}" if abs(size / factor - 1) < near else ""
 
 

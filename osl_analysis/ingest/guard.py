@@ -111,11 +111,10 @@ def check_recording(
     # microseconds.
     step = np.ptp(time) / max(len(time) - 1, 1)
     if 0 < step < LIMITS.shortest_step_s:
-        larger = Change("take a 1000 times larger `unit` of `time` (s for ms)", {"time": 1e3})
         raise InputError(
             f"{who} its samples are {step:.2g} s apart; correct the `unit` of `time` in the source"
             " file",
-            [larger],
+            [Change("take a 1000 times larger `unit` of `time` (s for ms)", {"time": 1e3})],
         )
     turn = half_range(trial, angle)
     measured = recorded(trial, torque)[1]
@@ -173,8 +172,7 @@ def swapped_channels(trial: Trial, angle: str, torque: str) -> list[Change]:
             angle: si_factor(unit, "rad") / of_torque.get("factor", 1),
             torque: si_factor(unit_of_torque, "N*m") / of_angle.get("factor", 1),
         }
-        swapped = {angle: torque, torque: angle}
-        changes.append(Change(words, factors, swapped, rank=len(changes)))
+        changes.append(Change(words, factors, {angle: torque, torque: angle}, rank=len(changes)))
     return changes
 
 

@@ -121,7 +121,11 @@ def measure_rates(examined: Examined) -> dict[str, float]:
 
 
 def measure_gaps(examined: Examined) -> dict[str, float]:
-    return {channel: longest_gap(time) for channel, time in stamps_of(examined).items()}
+    first, last = examined.fitted.samples["time"][[0, -1]]
+    return {
+        channel: longest_gap(time[(time >= first) & (time <= last)])
+        for channel, time in stamps_of(examined).items()
+    }
 
 
 def measure_clock(examined: Examined) -> dict[str, float]:
@@ -428,7 +432,7 @@ def measure_quality(
     trial: Trial, experiment: str, commanded: Commanded, windows: str = ""
 ) -> dict[str, CheckResult]:
     """The result of every check on a trial, by name. `commanded` is the protocol of stepped-sine
-    experiments; leaps outside of the `windows` [s] that are fitted do not count."""
+    experiments; leaps and gaps outside of the `windows` [s] that are fitted do not count."""
     facts = EXPERIMENTS[experiment]
     is_cut = windows and facts.fit is not None and facts.fit.windows
     fitted = trial.within(windows) if is_cut else trial
@@ -444,9 +448,8 @@ def checked(name: str, examined: Examined) -> CheckResult:
     if not measured:
         return not_applicable("nothing here that it judges")
     worst = min if name in LOWEST else max
-    channel = worst(measured, key=measured.__getitem__)
-    value = float(measured[channel])
-    return CheckResult(value, channel if value or name in LOWEST else "")
+    channel, value = worst(measured.items(), key=lambda item: item[1])
+    return CheckResult(float(value), channel if value or name in LOWEST else "")
 
 
 def measured_table(trial: str, results: Mapping[str, CheckResult]) -> pl.DataFrame:

@@ -173,7 +173,7 @@ def unit_of_ratio(rule: Rule, ratio: float, row: AnyRow) -> tuple[str, bool]:
     A second ratio decides that: a wrong torque scales both alike, a wrong current only this one."""
     if not rule.units or not ratio:
         return "", False
-    second = cell_number(row, rule.second) if rule.second else None
+    second = cell_number(row, rule.second)
     symbol = rule.column.removesuffix("_ratio")
     estimate, high = cell_number(row, symbol), cell_number(row, f"{symbol}_high")
     is_known = not (estimate and high) or high <= NearUnit.MOST_UNCERTAIN * estimate
@@ -181,8 +181,11 @@ def unit_of_ratio(rule: Rule, ratio: float, row: AnyRow) -> tuple[str, bool]:
         near, near_second = NearUnit.OF_RATIO, NearUnit.OF_SECOND
         if rule.to_stated:
             near = near_second = NearUnit.OF_STATED
-        expected = {signal: 1.0 if signal == "current" else ratio for signal in rule.units}
-        likely = [name for name, of in expected.items() if abs(second - of) < near_second * abs(of)]
+        likely = [
+            signal
+            for signal in rule.units
+            if abs((second if signal == "current" else second / ratio) - 1) < near_second
+        ]
         unit = known_factor(ratio, likely, near)
         if unit:
             return unit, True

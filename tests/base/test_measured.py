@@ -64,7 +64,7 @@ def test_a_ratio_near_a_unit_factor_names_it(ratio):
     assert re.search(r"1\.36.*lbf\*ft.*N\*m", known_factor(ratio, ("torque", "angle"), 0.08))
 
 
-@pytest.mark.parametrize("ratio", [1.0, 1.2, 2.0])
+@pytest.mark.parametrize("ratio", [1.0, 2.0])
 def test_a_ratio_near_no_unit_factor_names_none(ratio):
     assert known_factor(ratio, ("torque", "angle"), 0.08) == ""
 

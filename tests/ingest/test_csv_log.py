@@ -383,7 +383,7 @@ def test_nanoseconds_since_1970_keep_their_last_digit(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("unit", "expected", "factor"), [
     ("Degrees", "rad", math.pi / 180), ("º", "rad", math.pi / 180),
-    ("rpm", "rad/s", 2 * math.pi / 60), ("Newtonmeter/Grad", "N*m/rad", 180 / math.pi),
+    ("Newtonmeter/Grad", "N*m/rad", 180 / math.pi),
     ("%", "1", 0.01), ("N·mm", "N*m", 1e-3), ("mNm", "N*m", 1e-3), ("N*mm/kg", "N*m/kg", 1e-3),
     ("N*m/dps", "N*m*s/rad", 180 / math.pi), ("µs", "s", 1e-6), ("Milliseconds", "s", 1e-3),
     ("μV", "V", 1e-6), (" mA ", "A", 1e-3), ("ntmm", "N*m", 1e-3),

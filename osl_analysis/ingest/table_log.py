@@ -95,7 +95,10 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
         channel = channels[column]
         origin["found"] = channel.title or channel.key
         ratio = unit_ratio(origin, channel.unit) * origin["scale"]
-        if abs(ratio - 1) > LIMITS.largest_calibration:
+        # in the unit of the file no joint could have it, so that the stated one corrects it
+        largest = frame[column].abs().max() or 0.0
+        is_possible = largest <= LIMITS.largest_of_joint.get(column, np.inf) * abs(ratio)
+        if is_possible and abs(ratio - 1) > LIMITS.largest_calibration:
             origin["unit_of_file"] = channel.unit
 
     plates = recording.plates

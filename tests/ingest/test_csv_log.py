@@ -210,6 +210,7 @@ def test_a_cut_last_line_is_told(tmp_path, text, warning):
     ({"unit": "N*m", "scale": 1.03}, "Nm", False),
     ({"unit": "N*m", "scale": 0.001}, "mNm", False),
     ({"unit": "N*m"}, "mNm", True),
+    ({"unit": "N*m"}, "kNm", False),
     ({"unit": "N*m", "scale": 12.5}, "V", False),
 ])  # fmt: skip
 def test_a_unit_that_contradicts_the_file_is_told_from_a_calibration(

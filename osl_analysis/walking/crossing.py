@@ -24,7 +24,6 @@ from osl_analysis.walking import poses as rigid
 from osl_analysis.walking.plate import (
     Stance,
     WrenchReader,
-    check_loaded,
     check_plate,
     check_type_on_platform,
     check_vertical,
@@ -230,7 +229,6 @@ def recorded_passage(
 
     wrench = zeroed_wrench(trial, frames, settings)
     force = wrench(lag)[:, :3]
-    check_loaded(trial, settings.plate, settings.load_on_n)
     check_vertical(force)
     stance = only_stance(frames, force[:, 2], settings)
     check_plate(trial, settings.plate, stance, force[:, 2])
@@ -329,7 +327,7 @@ def check_onset(
     """Refuse an onset [s] that the sheet contradicts, or whose response leaves stance."""
     if (onset is not None) != perturbed:
         raise InputError(
-            f"the platform {'turns' if perturbed is False else 'does not turn'}, but the sheet says"
+            f"the platform {'does not turn' if perturbed else 'turns'}, but the sheet says"
             f" perturbed = {str(perturbed).lower()}; correct the sheet, perturbation_deg or the"
             " platform markers, or exclude the trial"
         )

@@ -125,8 +125,10 @@ def zeroed_wrench(trial: Trial, frames: Array, settings: CrossingSettings) -> Wr
     Raises
     ------
     InputError
-        The plate is loaded from the start, was not zeroed, or is at its limit.
+        Another plate is loaded, or this one from the start, was not zeroed, or is at its limit.
     """
+    axes = plate_axes(recorded_corners(trial, settings.plate))
+    check_loaded(trial, settings.plate, settings.load_on_n)
     time, wrench = recorded_wrench(trial, settings.plate)
     if settings.unloaded_s is not None:
         length = round(settings.unloaded_s * sampling_rate(time))
@@ -148,7 +150,6 @@ def zeroed_wrench(trial: Trial, frames: Array, settings: CrossingSettings) -> Wr
                 " it and record again, exclude the trial, or raise largest_zero_n"
             )
         wrench = wrench - zero
-    axes = plate_axes(recorded_corners(trial, settings.plate))
     check_range(time, wrench[:, :3], axes, settings.load_on_n)
     return wrench_reader(time, wrench, frames)
 

@@ -34,7 +34,6 @@ from osl_analysis.walking.crossing import (
 )
 from osl_analysis.walking.plate import (
     Stance,
-    check_loaded,
     check_plate,
     check_range,
     check_vertical,
@@ -467,11 +466,10 @@ def test_an_empty_plate_beside_a_loaded_one_is_refused() -> None:
     trial = standing_on(stepped(0.0))
     two = {column.replace("1", "2"): 0 * pl.col(column) for column in plate_columns(1)}
     trial = changed(trial, **two)
-    trial.provenance["plates"].append({"plate": 2})
+    trial.provenance["plates"].append({**trial.provenance["plates"][0], "plate": 2})
 
-    check_loaded(trial, 1, 30)
     with pytest.raises(InputError, match=r"plate 2 bears 0 N.*80. N.*`walking.plate: 1`"):
-        check_loaded(trial, 2, 30)
+        zeroed_wrench(trial, TIME[::5], settings(plate=2))
 
 
 def with_corners(corners: Array) -> Trial:

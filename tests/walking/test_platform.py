@@ -174,14 +174,11 @@ def test_a_resting_plate_adds_nothing() -> None:
     assert np.sqrt(np.mean(difference**2)) < 0.05
 
 
-def shifted(size: float) -> Trial:
-    """The platform, and what stands on it, moves forward [m] within 0.1 s in mid-stance."""
-    share = pl.Series(np.clip((WALK.samples["time"].to_numpy() - 1.2) / 0.1, 0, 1))
-    return changed(WALK, pl.col("^marker_.*_x$") + size * share)
-
-
 def test_a_platform_that_yields_a_little_is_no_perturbation() -> None:
-    crossing = unperturbed(shifted(0.005))
+    """It moves forward, with what stands on it, by 5 mm within 0.1 s in mid-stance."""
+    yields = 0.05 * (pl.col("time") - 1.2).clip(0, 0.1)
+
+    crossing = unperturbed(changed(WALK, pl.col("^marker_.*_x$") + yields))
 
     quality = crossing.quality
     assert crossing.onset is None
@@ -221,8 +218,9 @@ IN_STANCE = pl.col("time").is_between(1.0, 1.6).cast(pl.Float64)
     ({}, {"plate1_force_z": pl.col("plate1_force_z") * ~IN_AIR},
      r"0\.93\d-1\.25\d s, 1\.2\d\d-1\.59\d s"),
     ({}, {"plate1_moment_y": pl.col("plate1_moment_y") + IN_STANCE * 120}, "0 cm.*toes up"),
+    ({}, {"plate1_force_x": -100 * pl.col("time") * IN_STANCE}, "N, 179 deg.*wrong sign"),
 ])  # fmt: skip
-def test_none_or_several_stances_or_one_that_lifts_the_toes_are_refused(
+def test_none_or_several_stances_or_one_that_lifts_or_brakes_are_refused(
     more: dict[str, float], changes: dict[str, pl.Expr], told: str
 ) -> None:
     with pytest.raises(InputError, match=told):

@@ -267,7 +267,7 @@ def check_loaded(trial: Trial, plate: int, load: float) -> None:
     bears = {}
     for facts in trial.provenance["plates"]:
         _, wrench = recorded_wrench(trial, facts["plate"])
-        bears[facts["plate"]] = float(np.ptp(wrench[:, :3], axis=0).max())
+        bears[facts["plate"]] = np.ptp(wrench[:, :3], axis=0).max()
     most = max(bears, key=bears.__getitem__)
     if bears[plate] < load < bears[most]:
         raise InputError(

@@ -128,8 +128,8 @@ def draft_trial(name: str, files: Recordings, moved: Mapping[Path, str]) -> Draf
     if not telling:
         possible = ", ".join(possible_experiments(files)[::-1])
         problem = (
-            f"experiment: the name tells none, write one of {possible}, with what it needs in the"
-            " source file, as theta and torque"
+            f"experiment: the name tells none, write one of {possible}, and see that the source"
+            " file names the channels that it needs"
         )
     elif len(telling) > 1:
         problem = f"experiment: the name may tell {' or '.join(telling)}, write which"

@@ -72,7 +72,10 @@ def draft_walking(overviews: Sequence[Overview], is_needed: bool) -> tuple[str, 
         *(f"    {segment}: {markers_text(segment, names)}" for segment, names in clusters.items()),
     ]
     if any(UNKNOWN in line for line in lines):
-        questions.append(f"the section `walking`: state what is {UNKNOWN} in it")
+        questions.append(
+            f"the section `walking`: replace each {UNKNOWN} by a marker's name, a number or a side;"
+            " if its lines are comments and somebody walks, take away their `# `"
+        )
         if not is_needed:
             remark = "a comment as long as no trial walks; else take away the `# ` of these lines:"
             lines = [f"# {line}" for line in (remark, *lines)]

@@ -169,7 +169,7 @@ def walking_claims(
     summary: pl.DataFrame, groups: pl.DataFrame, midstance: float | None, settings: Claims
 ) -> list[Claim]:
     """Whether the stiffness while walking is the commanded one, by group, if nothing is at work
-    that the walkway does not show. `midstance` is the commanded one [N*m/rad] of a campaign with
+    that nothing on the walkway shows. `midstance` is the commanded one [N*m/rad] of a campaign with
     one group whose sheet states none."""
     rows = summary.join(groups.select("group", "offset_share"), on="group", how="left")
     rows = rows.filter(pl.col("mean").is_not_null(), quantity="K", estimator="ensemble")

@@ -258,7 +258,7 @@ def check_followed(
             f" {len(hidden)} frames of stance: fewer than three are seen, or they stand more than"
             f" {largest_residual_mm:g} mm (RMS) otherwise than in the static trial; correct"
             " exchanged labels in Nexus, record a static trial after they were put on again and"
-            " name it in the column static, raise longest_gap_s, or exclude the trial"
+            " name it in the column static, or exclude the trial"
         )
 
 

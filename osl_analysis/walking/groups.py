@@ -316,14 +316,23 @@ def crossing_features(crossings: Sequence[Crossing], settings: SelectionSettings
     unchanged = [
         Measure("foot forward", "m", forward, rule.placement_m),
         Measure("foot to the left", "m", left, rule.placement_m),
-        Measure("angle before the onset", "deg", curves(angles, before), rule.angle_deg),
-        Measure("torque before the onset", "N*m", curves(torques, before), rule.torque_nm),
-        Measure("load before the onset", share, curves(forces, before) / usual, rule.load_share),
+        Measure(
+            "deviation in angle before the onset", "deg", curves(angles, before), rule.angle_deg
+        ),
+        Measure(
+            "deviation in torque before the onset", "N*m", curves(torques, before), rule.torque_nm
+        ),
+        Measure(
+            "deviation in load before the onset",
+            share,
+            curves(forces, before) / usual,
+            rule.load_share,
+        ),
     ]
     changed = [
         Measure("stance", "s", stance, rule.stance_s),
-        Measure("load in single support", share, load / usual, rule.load_share),
-        Measure("pressure beside the ankle", "m", pressure, rule.pressure_m),
+        Measure("deviation in load in single support", share, load / usual, rule.load_share),
+        Measure("deviation in pressure beside the ankle", "m", pressure, rule.pressure_m),
     ]
 
     # What a perturbation changes is compared among those of each direction
@@ -418,9 +427,9 @@ def exclusion_reason(
     unit = furthest.measure.unit
     value, median = furthest.values[index], furthest.median[index]
     return (
-        f"{furthest.measure.name} {value:.3g} {unit} lies {distance:.1f} scatters of"
-        f" {furthest.scatter:.2g} {unit} from the median {median:.3g} {unit}, more than"
-        f" {settings.outliers.limit:g}"
+        f"{furthest.measure.name} is {value:.3g} {unit}, in other crossings {median:.3g} {unit}"
+        f" (median): {distance:.1f} times their usual deviation of {furthest.scatter:.2g} {unit},"
+        f" expected at most {settings.outliers.limit:g}"
     )
 
 

@@ -226,7 +226,7 @@ def test_what_cannot_be_used_is_listed_and_the_rest_goes_on(real: Session, tmp_p
     assert list(listed) == [blind, still, elsewhere, cut]
     assert re.search(r"foot markers .*1\.200 s", listed[blind])
     assert "perturbed" in listed[still]
-    assert "foot forward 0.2 m" in listed[elsewhere]
+    assert "foot forward is 0.2 m" in listed[elsewhere]
     assert re.search("Fz .* 60", listed[cut])
     assert set(tables["summary"]["n"]) == {2}
     assert tables.estimate("all")["mean"] == pytest.approx(real.rendered("K"), rel=0.05)

@@ -245,7 +245,7 @@ LAST = session()[-1]
 
 @pytest.mark.parametrize(("changes", "message"), [
     ({"quality": ASIDE}, " 0.3 m"),
-    ({"stance": replace(LAST.stance, toe_off=1.3)}, "stance 1 s"),
+    ({"stance": replace(LAST.stance, toe_off=1.3)}, "stance is 1 s"),
     ({"theta": LAST.theta + 0.3 * np.sin(9 * LAST.time)}, " deg "),
 ])  # fmt: skip
 def test_an_outlier_is_named_with_the_reason(changes, message) -> None:

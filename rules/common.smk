@@ -8,11 +8,10 @@ its arguments, but for these (`osl_analysis/jobs/perform.py`):
   these files by its arguments. A recording may be a folder; and what the sheet names and is missing
   refuses one trial, by the function, while as an input it would end the run. Of a figure also what
   keeps it from being drawn is read.
-* `quality`: the input that the params `excluded` and `faults` are made of.
 * `fitted`: an input of which the function only gets the reasons of what was not analysed. Which
   argument gets the reasons of all inputs stands behind `log`: `refused`, or `not_analysed`.
 * `sizes`, `made_by`, `excluded`: params. Snakemake compares the first, every rule has the second,
-  and the trials of the third are taken out of the inputs.
+  and the trials of the third, by the checks among the inputs without a name, are taken out.
 
 A param is a value, or a function of `wildcards`: Snakemake does not compare a function of `input`.
 
@@ -51,11 +50,10 @@ from osl_analysis.config.experiments import DOUBTS_OF, EXPERIMENTS, JUDGED_TABLE
 from osl_analysis.config.sheet import ON_DYNAMOMETER
 from osl_analysis.errors import OslAnalysisError, listing, nearest
 from osl_analysis.figures import FIGURES
-from osl_analysis.jobs.job_log import listed
 from osl_analysis.jobs.progress import LogHandler
 from osl_analysis.jobs.workers import job
 from osl_analysis.judge.claims import CLAIMED
-from osl_analysis.judge.recording_checks import Judge
+from osl_analysis.judge.recording_checks import read_verdicts, spoiled_trials
 from osl_analysis.yaml_settings import as_json
 
 # to look for garbage among all that is imported and planned takes a fifth of the planning
@@ -110,7 +108,8 @@ TIME_SERIES = time_series_example(CAMPAIGN)
 LEFT_OUT = left_out_recordings(CAMPAIGN)
 """What is to be said of recordings that are not analysed."""
 QUALITY = "<results>/tables/quality.csv"
-JUDGE = Judge(CONFIG.quality, {trial: CAMPAIGN.accepted(trial) for trial in TRIALS})
+ACCEPTED = {trial: CAMPAIGN.accepted(trial) for trial in TRIALS}
+"""The checks that the sheet accepts, by trial."""
 
 
 def of_trials(trials, files="<results>/trials/{trial}.parquet".format):
@@ -169,18 +168,27 @@ def figure_setting(wildcards):
     return as_json(attrgetter(setting)(CONFIG)) if setting else None
 
 
-def excluded(wildcards, input):
-    """A param: the trials that quality control excludes, by what it has measured: the input `quality`.
+def judged(of_verdicts, trials):
+    """What follows from the verdicts on these trials, whose checks the rule has as an input.
 
-    It is looked up anew when a job begins: a changed threshold that judges the same trials as
-    before makes no table again.
+    As a param, `lambda wildcards: excluded(trials)`, it is looked up when the run is planned and
+    anew when the job begins. Thresholds and `accept` are no params of such a rule: what is judged
+    as before makes no table again. A text where checks are missing: such a run has yet to measure.
     """
-    return JUDGE.excluded(map(Path, listed(input.quality)))
+    files = [Path(file) for file in FILES.checks(trials)]
+    if not all(map(Path.is_file, files)):
+        return "not measured yet"
+    return of_verdicts(read_verdicts(files, CONFIG.quality, ACCEPTED))
 
 
-def faults(wildcards, input):
-    """A param: by trial, the fault of its recording that spoils the estimates, by the same input."""
-    return JUDGE.spoiled(map(Path, listed(input.quality)))
+def excluded(trials):
+    """A param: those of these trials that quality control excludes."""
+    return judged(lambda verdicts: sorted({*verdicts.filter(verdict="exclude")["trial"]}), trials)
+
+
+def faults(trials):
+    """A param: by trial, the fault of its recording that spoils the estimates."""
+    return judged(spoiled_trials, trials)
 
 
 def limits(table):

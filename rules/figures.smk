@@ -43,17 +43,17 @@ rule plot_numbers:
 rule fig3_numbers:
     """Torque against deflection of the belt, by trial."""
     input:
+        FILES.checks(CAMPAIGN.trials("belt")),
         curves=FILES.rows("belt_curves"),
         table="<results>/tables/belt.csv",
         summary="<results>/tables/belt_summary.csv",
-        quality=FILES.checks(CAMPAIGN.trials("belt")),
     output:
         output="<results>/figures/fig3.csv",
     log:
         "<logs>/figures/fig3_numbers.log",
     localrule: True
     params:
-        excluded=excluded,
+        excluded=lambda wildcards: excluded(CAMPAIGN.trials("belt")),
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
@@ -65,9 +65,9 @@ if TIME_SERIES:
     rule fig4_numbers:
         """The last seconds of one impedance trial, measured and modelled."""
         input:
+            FILES.checks([TIME_SERIES["trial"]]),
             trial=f"<results>/trials/{TIME_SERIES['trial']}.parquet",
             fit=f"<results>/fits/impedance/{TIME_SERIES['trial']}.csv",
-            quality=FILES.checks([TIME_SERIES["trial"]]),
         output:
             output="<results>/figures/fig4.csv",
         log:
@@ -78,7 +78,7 @@ if TIME_SERIES:
             choice=TIME_SERIES,
             limits=limits("impedance"),
             windows=CAMPAIGN.rows[TIME_SERIES["trial"]]["windows"],
-            excluded=excluded,
+            excluded=lambda wildcards: excluded([TIME_SERIES["trial"]]),
             data=CAMPAIGN.data,
             made_by=MADE_BY,
         run:
@@ -107,12 +107,12 @@ rule fig7_numbers:
 rule walking_page_numbers:
     """Angle and torque of perturbed and unperturbed crossings over time."""
     input:
+        FILES.checks(PERTURBED),
         table="<results>/tables/walking.csv",
         responses="<results>/tables/walking_responses.csv",
         selection="<results>/tables/walking_crossings.csv",
         unperturbed="<results>/fits/unperturbed.json",
         crossings=FILES.crossings(PERTURBED),
-        quality=FILES.checks(PERTURBED),
     output:
         output="<results>/figures/walking_page.csv",
     log:
@@ -120,7 +120,7 @@ rule walking_page_numbers:
     localrule: True
     params:
         settings=CONFIG.walking.part("TimingSettings"),
-        excluded=excluded,
+        excluded=lambda wildcards: excluded(PERTURBED),
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:

@@ -23,9 +23,9 @@ SUMMARISED_BY = {
 rule table:
     """A table from the rows of single trials, with the doubts about each row."""
     input:
+        lambda wildcards: FILES.checks(FILES.places_in(wildcards.table)),
         rows=lambda wildcards: FILES.rows(wildcards.table),
         fits=lambda wildcards: FILES.rows(DOUBTS_OF.get(wildcards.table, "")),
-        quality=lambda wildcards: FILES.checks(FILES.places_in(wildcards.table)),
     output:
         output="<results>/tables/{table}.csv",
     log:
@@ -37,8 +37,8 @@ rule table:
         limits=lambda wildcards: limits(wildcards.table),
         limits_of_fits=lambda wildcards: limits(DOUBTS_OF.get(wildcards.table, "")),
         places=lambda wildcards: FILES.places_in(wildcards.table),
-        excluded=excluded,
-        faults=faults,
+        excluded=lambda wildcards: excluded(FILES.places_in(wildcards.table)),
+        faults=lambda wildcards: faults(FILES.places_in(wildcards.table)),
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
@@ -139,9 +139,9 @@ rule excluded_trials:
 rule findings:
     """What was found on all trials, as values and in words."""
     input:
+        FILES.checks(FILES.trials_for_findings),
         tables=FILES.tables(*JUDGED_TABLES),
         fits=FILES.fits_for_findings,
-        quality=FILES.checks(FILES.trials_for_findings),
         verdicts=QUALITY,
     output:
         output="<results>/tables/findings.csv",
@@ -151,7 +151,7 @@ rule findings:
     params:
         limits=as_json(CONFIG.doubtful),
         places=PLACES,
-        excluded=excluded,
+        excluded=lambda wildcards: excluded(FILES.trials_for_findings),
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:

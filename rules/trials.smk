@@ -39,7 +39,7 @@ rule judge:
     localrule: True
     params:
         rules=as_json(CONFIG.quality),
-        accept={trial: CAMPAIGN.accepted(trial) for trial in TRIALS},
+        accept=ACCEPTED,
         places=PLACES,
         data=CAMPAIGN.data,
         made_by=MADE_BY,

@@ -21,8 +21,8 @@ PLATE_TRIALS = CAMPAIGN.plate_trials()
 rule calibrate_markers:
     """Marker clusters, ankle centre and axis of a static trial."""
     input:
+        lambda wildcards: FILES.checks([wildcards.trial]),
         trial=of_trials(CAMPAIGN.static_of.values()),
-        quality=lambda wildcards: FILES.checks([wildcards.trial]),
     output:
         output="<results>/fits/calibration/{trial}.json",
     log:
@@ -33,7 +33,7 @@ rule calibrate_markers:
             **CONFIG.walking.part("CalibrationSettings"),
             "side": PLACES[wildcards.trial]["side"],
         },
-        excluded=excluded,
+        excluded=lambda wildcards: excluded([wildcards.trial]),
         made_by=MADE_BY,
     run:
         job(calibrate, input, output, params, log)
@@ -42,9 +42,9 @@ rule calibrate_markers:
 rule identify_plate:
     """Inertia and lag of the force plate, from trials of the unloaded plate."""
     input:
+        FILES.checks(PLATE_TRIALS),
         trials=expand("<results>/trials/{trial}.parquet", trial=PLATE_TRIALS),
         calibrations=FILES.calibrations(PLATE_TRIALS),
-        quality=FILES.checks(PLATE_TRIALS),
     output:
         output="<results>/fits/plate.json",
         comparison="<results>/tables/plate.csv",
@@ -54,7 +54,7 @@ rule identify_plate:
     params:
         statics={trial: CAMPAIGN.static_of[trial] for trial in PLATE_TRIALS},
         settings=CONFIG.walking.part("PlateModelSettings"),
-        excluded=excluded,
+        excluded=lambda wildcards: excluded(PLATE_TRIALS),
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
@@ -64,9 +64,9 @@ rule identify_plate:
 rule find_onsets:
     """Onsets of all perturbed crossings, by the mean ramp of the platform."""
     input:
+        FILES.checks(PERTURBED),
         trials=expand("<results>/trials/{trial}.parquet", trial=PERTURBED),
         calibrations=FILES.calibrations(PERTURBED),
-        quality=FILES.checks(PERTURBED),
     output:
         output="<results>/fits/onsets.json",
     log:
@@ -75,7 +75,7 @@ rule find_onsets:
     params:
         statics={trial: CAMPAIGN.static_of[trial] for trial in PERTURBED},
         settings=CONFIG.walking.part("CrossingSettings"),
-        excluded=excluded,
+        excluded=lambda wildcards: excluded(PERTURBED),
         made_by=MADE_BY,
     run:
         job(find_onsets, input, output, params, log)
@@ -105,8 +105,8 @@ rule analyse_crossing:
 rule select_crossings:
     """Which crossings are used, and why the others are not."""
     input:
+        FILES.checks(WALKED),
         crossings=FILES.crossings(WALKED),
-        quality=FILES.checks(WALKED),
     output:
         output="<results>/tables/walking_crossings.csv",
     log:
@@ -116,7 +116,7 @@ rule select_crossings:
         settings=CONFIG.walking.part("SelectionSettings"),
         sheet=CAMPAIGN.conditions(),
         places=WALKED,
-        excluded=excluded,
+        excluded=lambda wildcards: excluded(WALKED),
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
@@ -126,9 +126,9 @@ rule select_crossings:
 rule average_unperturbed:
     """The mean unperturbed gait of each group of crossings."""
     input:
+        FILES.checks(UNPERTURBED),
         crossings=FILES.crossings(UNPERTURBED),
         selection="<results>/tables/walking_crossings.csv",
-        quality=FILES.checks(UNPERTURBED),
     output:
         output="<results>/fits/unperturbed.json",
     log:
@@ -136,7 +136,7 @@ rule average_unperturbed:
     localrule: True
     params:
         fewest=CONFIG.walking.fewest_unperturbed,
-        excluded=excluded,
+        excluded=lambda wildcards: excluded(UNPERTURBED),
         made_by=MADE_BY,
     run:
         job(average_unperturbed, input, output, params, log)
@@ -163,13 +163,13 @@ rule fit_perturbation:
 rule summarise_walking:
     """K, B, I of each group of perturbations, and their responses."""
     input:
+        FILES.checks(PERTURBED),
         table="<results>/tables/walking.csv",
         crossings=FILES.crossings(PERTURBED),
         selection="<results>/tables/walking_crossings.csv",
         unperturbed="<results>/fits/unperturbed.json",
         plate="<results>/fits/plate.json",
         trajectory=TRAJECTORY,
-        quality=FILES.checks(PERTURBED),
     output:
         output="<results>/tables/walking_summary.csv",
         responses="<results>/tables/walking_responses.csv",
@@ -182,7 +182,7 @@ rule summarise_walking:
         limits=limits("walking_groups"),
         sheet=CAMPAIGN.conditions(),
         places=WALKED,
-        excluded=excluded,
+        excluded=lambda wildcards: excluded(PERTURBED),
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:

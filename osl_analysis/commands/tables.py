@@ -28,8 +28,8 @@ from osl_analysis.judge.recording_checks import (
     CROSSING,
     LACKING,
     REFUSED,
-    Judge,
     QualityRules,
+    read_verdicts,
 )
 from osl_analysis.model.drivetrain import FileOrNone, joint_of, known_parameters
 from osl_analysis.report.numbers import (
@@ -171,7 +171,7 @@ def judge(
 ) -> None:
     """Write `quality.csv`: the verdict on every trial from what was measured, with a row for each
     that could not be measured, and why."""
-    verdicts = Judge(rules, accept).verdicts(rows)
+    verdicts = read_verdicts(rows, rules, accept)
     not_measured = rows_of_reasons(by_trial(refused), "refused")
     not_measured = not_measured.with_columns(verdict=pl.lit("refused"))
     table = pl.concat([verdicts, not_measured], how="diagonal_relaxed")

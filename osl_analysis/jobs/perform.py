@@ -40,8 +40,6 @@ from osl_analysis.table import (
 )
 from osl_analysis.trial import read_trial
 
-JUDGED_BY = {"quality"}
-"""Inputs that are no arguments of a command: its params tell what they exclude."""
 ONLY_CHECKED = {"fitted"}
 """Inputs that no command reads: it gets the refusals among them, as `refused`."""
 OF_EVERY_JOB = {"made_by", "excluded", "sizes"}
@@ -145,7 +143,7 @@ def call(job: Job) -> Sequence[NotAnalysed]:
     Its arguments are the inputs, outputs and params of the rule by their names, converted to the
     declared types. A command that is told what is `refused` is called whatever is missing.
     """
-    inputs, refused, missing = without_missing(others(job.inputs, JUDGED_BY))
+    inputs, refused, missing = without_missing(job.inputs)
     if missing and job.tell != "refused":
         return missing
 

@@ -8,7 +8,6 @@ only judges again.
 import csv
 import re
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -131,49 +130,13 @@ MEASURED_COLUMNS = {
 }
 
 
-@dataclass(frozen=True)
-class Judge:
-    """What decides which trials are used. Jobs that measure know nothing of it.
-
-    Attributes
-    ----------
-    rules
-        The configured thresholds.
-    accept
-        The checks that the sheet accepts, by trial.
-    verdicts_by_states
-        Verdicts by the last changes [ns] of the files that tell them: a run asks again for each of
-        its rules, mostly of files that have not changed.
-    """
-
-    rules: QualityRules
-    accept: Mapping[str, Collection[str]]
-    verdicts_by_states: dict[tuple[tuple[Path, int], ...], pl.DataFrame] = field(
-        default_factory=dict
-    )
-
-    def verdicts(self, measured: Iterable[Path]) -> pl.DataFrame:
-        """The rows of `quality.csv` for trials whose checks were `measured`; a missing file, or
-        a trial that was not analysed, has none."""
-        files = list(measured)
-        states = tuple((path, path.stat().st_mtime_ns if path.is_file() else 0) for path in files)
-        if states not in self.verdicts_by_states:
-            rows: list[dict[str, Any]] = []
-            for path in files:
-                if path.is_file():
-                    rows += read_measured(path)
-            table = pl.DataFrame(rows, MEASURED_COLUMNS)
-            self.verdicts_by_states[states] = judged_table(table, self.rules, self.accept)
-        return self.verdicts_by_states[states]
-
-    def excluded(self, measured: Iterable[Path]) -> list[str]:
-        """The trial of each `measured` check that excludes it; a file that is not there excludes
-        none."""
-        return self.verdicts(measured).filter(verdict="exclude")["trial"].to_list()
-
-    def spoiled(self, measured: Iterable[Path]) -> dict[str, str]:
-        """By trial, the fault of its recording beside which no estimate can be trusted."""
-        return spoiled_trials(self.verdicts(measured))
+def read_verdicts(
+    measured: Iterable[Path], rules: QualityRules, accept: Mapping[str, Collection[str]]
+) -> pl.DataFrame:
+    """The rows of `quality.csv` for trials whose checks were `measured`; one that was not analysed
+    has none."""
+    rows = [row for path in measured for row in read_measured(path)]
+    return judged_table(pl.DataFrame(rows, MEASURED_COLUMNS), rules, accept)
 
 
 def read_measured(path: Path) -> list[dict[str, Any]]:

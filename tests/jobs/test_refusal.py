@@ -46,7 +46,7 @@ from osl_analysis.jobs.progress import LogHandler
 from osl_analysis.judge.campaign import campaign_findings, exclusion_report
 from osl_analysis.judge.finding import findings_frame
 from osl_analysis.judge.limits import DoubtfulFits
-from osl_analysis.judge.recording_checks import Judge, QualityRules
+from osl_analysis.judge.recording_checks import QualityRules, read_verdicts
 from osl_analysis.table import NotAnalysed, not_analysed, read_table, write_table, write_tables
 from osl_analysis.trial import Trial, read_trial
 from osl_analysis.walking.poses import StaticCalibration
@@ -120,7 +120,7 @@ def test_a_trial_refused_in_one_list_is_missing_from_every_list(tmp_path):
     ):  # fmt: skip
         assert without_missing(given) == ({**given, **kept}, [LOST], missing)
     refused = Path(lost(tmp_path / "quality/b_1.csv", LOST))
-    assert Judge(QualityRules(), {}).verdicts([refused]).is_empty()  # that is no verdict
+    assert read_verdicts([refused], QualityRules(), {}).is_empty()  # that is no verdict
 
 
 def ended(job):
@@ -337,7 +337,6 @@ def test_what_the_machine_lacks_is_an_error_of_the_run_and_no_refusal(tmp_path, 
 
 RULES = config_for_trials(ROOT / "config/config.yaml").quality
 ACCEPT = {"plate_3": ["unzeroed_plate"]}
-JUDGE = Judge(RULES, ACCEPT)
 
 
 @pytest.fixture
@@ -386,9 +385,9 @@ def test_who_was_left_out_is_listed_with_value_threshold_and_remedy(checked):
 @pytest.mark.parametrize(
     "inputs", [{"rows": ["fits/plate_2.csv"]}, {"trial": "trials/plate_2.parquet"}]
 )
-def test_where_nothing_is_left_the_reason_is_one_line_with_a_remedy(checked, inputs):
+def test_where_nothing_is_left_the_reason_is_one_line_with_a_remedy(inputs):
     with pytest.raises(InputError, match=r"^[^\n]*plate_2; [^\n]*`exclude`[^\n]*$"):
-        without_excluded(inputs, JUDGE.excluded(checked))
+        without_excluded(inputs, ["plate_2"])
 
 
 def tell(handler, event=None, text="", level=logging.INFO, **more):

@@ -50,6 +50,12 @@ main()
 """
 
 
+JUDGED_SHEET = """trial,experiment,log,log_source,accept
+spring,torque_angle,spring.csv,spring,
+sine,torque_angle,sine.csv,spring,"""
+EXCLUDING = ("--config", "quality={exclude: [gap]}")
+
+
 def write_campaign(folder: Path, experiments: dict[str, str]) -> None:
     """Write a campaign of a spring: `sine` is of one frequency, from which K and I cannot be told
     apart, `spring` moves slowly to and fro."""
@@ -74,6 +80,20 @@ def write_campaign(folder: Path, experiments: dict[str, str]) -> None:
     )
     (folder / "config/sources").mkdir(parents=True)
     (folder / "config/sources/spring.yaml").write_text(yaml.safe_dump(SOURCE))
+
+
+def judged_tables(folder: Path, accept: str, *options: str) -> dict[str, str]:
+    """The tables of a campaign after a run with these options. Its `sine` has a gap, which the
+    sheet may `accept`."""
+    if not folder.exists():
+        folder.mkdir()
+        write_campaign(folder, {"sine": "torque_angle", "spring": "torque_angle"})
+        sine = folder / "sine.csv"
+        sine.write_text(re.sub(r"\n30\.[0-4].*", "", sine.read_text()))
+    (folder / "trials.csv").write_text(JUDGED_SHEET + accept)
+    ended = run_forked(["osl-analysis", "run", "results/summary.json", *options], folder)
+    assert not ended.returncode, ended.stdout
+    return {path.name: path.read_text() for path in folder.glob("results/tables/*.csv")}
 
 
 def run(folder: Path) -> subprocess.CompletedProcess[str]:
@@ -142,6 +162,16 @@ def test_with_retries_a_job_that_was_killed_is_done_in_the_same_run(tmp_path):
     assert not [*(tmp_path / "unlucky").iterdir()], "it was killed"
     fitted = pl.read_csv(tmp_path / TABLE)
     assert fitted["K"].item() == pytest.approx(K, rel=0.01)
+
+
+def test_what_is_excluded_and_used_again_leaves_the_tables_of_a_fresh_folder(tmp_path):
+    """By the configuration, and by the sheet's `accept`; there and back."""
+    ways = {"flagged": [""], "excluded": ["", *EXCLUDING], "accepted": ["gap", *EXCLUDING]}
+    fresh = {way: judged_tables(tmp_path / way, *ways[way]) for way in ways}
+
+    for way in ("excluded", "accepted", "excluded", "flagged"):
+        assert judged_tables(tmp_path / "flagged", *ways[way]) == fresh[way]
+    assert [text["torque_angle.csv"].count("\nsine,") for text in fresh.values()] == [1, 0, 1]
 
 
 def test_a_page_is_made_where_every_trial_of_the_campaign_is_refused(tmp_path):

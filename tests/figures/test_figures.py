@@ -75,7 +75,9 @@ def torque_angle_table():
 PLOTTED = {
     "fig4": time_series, "torque": time_series, "fig7": response_table,
     "torque_angle": torque_angle_table,
-    "fig9": lambda: fig9_numbers(340.0),
+    "fig9": lambda: plotted_numbers(
+        "fig9", stored("walking_summary"), walking_fits(), SOUND, 340.0
+    ),
 }  # fmt: skip
 
 
@@ -117,11 +119,6 @@ def walking_fits(n=31, group="all"):
 
 SOUND = stored("walking_summary").clear()
 """Groups without a doubt."""
-
-
-def fig9_numbers(commanded_K=None, summary=None):
-    table = stored("walking_summary") if summary is None else summary
-    return plotted_numbers("fig9", table, walking_fits(), SOUND, commanded_K)
 
 
 def in_amplitudes():

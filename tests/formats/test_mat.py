@@ -50,10 +50,6 @@ def at(recording: Recording, address: str) -> Channel:
     return recording.find({"variable": address})
 
 
-def numbers_at(recording: Recording, address: str) -> np.ndarray:
-    return np.ma.asarray(at(recording, address).read())
-
-
 def refusal(recording: Recording, address: str) -> str:
     with pytest.raises(InputError) as caught:
         at(recording, address)
@@ -90,7 +86,7 @@ def test_an_address_in_matlabs_notation_leads_to_the_numbers(
 ) -> None:
     recording = formats.read(trials(write, tmp_path / "a.mat"))
 
-    np.testing.assert_array_equal(numbers_at(recording, address), expected)
+    np.testing.assert_array_equal(np.ma.asarray(at(recording, address).read()), expected)
 
 
 @both_versions

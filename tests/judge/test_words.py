@@ -31,12 +31,6 @@ TORQUE_PATH = {
 FRICTION = {"trial": "a", "coulomb_share": 0.6, "B": 2.264, "B_viscous": 1.0465, "f_C": 1.402}
 
 
-def finding_in_words(row, above=None, below=None):
-    """The one finding about a row, in words."""
-    (finding,) = findings_of(row, Limits(above=above or {}, below=below or {}), "response")
-    return finding_text(finding, row)
-
-
 DOUBTS = {
     *FAMILIES.values(),
     *(rule.finding for rule in RULES if rule.column and rule.finding != "fault_family"),
@@ -109,8 +103,9 @@ def test_every_column_that_a_limit_decides_has_one():
      ({"preload": 3.0}, {"preload": 2.0}, "preload 3.* 2"),
 ])  # fmt: skip
 def test_a_finding_is_said_with_the_numbers_of_its_row(row, limits, numbers):
-    text = finding_in_words(row | {"J_j_ratio": 1.0}, limits)
-    assert re.search(numbers, text)
+    judged_row = row | {"J_j_ratio": 1.0}
+    (finding,) = findings_of(judged_row, Limits(above=limits), "response")
+    assert re.search(numbers, finding_text(finding, judged_row))
 
 
 def test_a_detail_whose_number_is_missing_is_left_out():

@@ -178,14 +178,11 @@ def test_an_excitation_has_its_band(kind):
     assert power_between(excited(kind, band_hz=(1.0, 4.0)).theta, 0.8, 4.3) > 0.98
 
 
-def sign_changes(theta):
-    return np.flatnonzero(np.diff(np.sign(theta)))
-
-
 def test_a_random_binary_sequence_changes_at_its_clock():
     theta = excited("prbs", clock_s=0.125).theta[3000:-3000]
 
-    apart = np.diff(sign_changes(theta)) + 1  # of a smoothed sequence within a sample
+    sign_changes = np.flatnonzero(np.diff(np.sign(theta)))
+    apart = np.diff(sign_changes) + 1  # of a smoothed sequence within a sample
 
     assert (apart % 125 <= 2).all()
 

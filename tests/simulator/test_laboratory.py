@@ -65,10 +65,6 @@ def altered(setup, **fields):
     return Setup(setup.settings, setup.walking.model_copy(update=fields), setup.p)
 
 
-def ramped(setup, **ramp):
-    return altered(setup, perturbation=setup.walking.perturbation.model_copy(update=ramp))
-
-
 def plate_of(folder, trial):
     """Force [N] and moment [N*m] of the plate, (n, 6), as ingest reads them, whose formulas have
     tests of their own."""
@@ -97,7 +93,8 @@ def test_a_crossing_has_the_commanded_stiffness(setup, tmp_path):
 
 def test_a_crossing_is_perturbed_at_the_planned_phase(setup):
     """The phase scatters by 0.01; stance lasts 0.72 s from 0.9 s on."""
-    planned = ramped(setup, stance_phase=(0.19, 0.21)).crossing(True)
+    early = setup.walking.perturbation.model_copy(update={"stance_phase": (0.19, 0.21)})
+    planned = altered(setup, perturbation=early).crossing(True)
 
     moves = planned.time[np.abs(planned.motion.theta - setup.crossing(False).motion.theta) > 1e-4]
     assert (planned.platform.command - 0.9) / 0.72 == pytest.approx(0.2, abs=0.011)

@@ -26,10 +26,6 @@ T = np.linspace(0, 10, 2000, endpoint=False)
 COLUMNS = {"a": np.sin(T), "b": np.cos(3 * T), "offset": np.ones_like(T)}
 
 
-def correlated_noise(rng, n, rho):
-    return lfilter([1.0], [1.0, -rho], rng.standard_normal(n))
-
-
 def test_recovers_the_impedance_that_made_the_torque():
     wave = odd_multisine(8.0, (0.5, 6.0), 0.1, seed=1)
     motion = Motion(*(wave.angle(T, derivative) for derivative in range(3)))
@@ -59,7 +55,8 @@ def fit_of_statsmodels(y, columns, **covariance):
 
 
 def test_covariance_is_statsmodels_hac_at_the_same_bandwidth():
-    y = COLUMNS["a"] + correlated_noise(np.random.default_rng(20), len(T), 0.9)
+    white = np.random.default_rng(20).standard_normal(len(T))
+    y = COLUMNS["a"] + lfilter([1.0], [1.0, -0.9], white)
     fit = regression.linear_fit(y, COLUMNS)
     freedom = fit.degrees_of_freedom[0] + len(COLUMNS)
     samples = round(1.5 * len(T) / freedom)

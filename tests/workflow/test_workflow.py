@@ -6,6 +6,8 @@ import json
 import os
 import re
 import shutil
+from collections import ChainMap
+from importlib import import_module
 
 import numpy as np
 import polars as pl
@@ -153,11 +155,8 @@ def leaves(value, place=()):
 def functions_of_rules():
     """The function of each rule that names one in its `run:`."""
     rules = "\n".join(path.read_text() for path in sorted((ROOT / "rules").glob("*.smk")))
-    imported = {}
-    for line in re.findall(
-        r"^from osl_analysis\.commands.* import (?:\([^)]*\)|.*)", rules, re.MULTILINE
-    ):
-        exec(line, imported)
+    modules = set(re.findall(r"^from (osl_analysis\.commands\.\w+) ", rules, re.MULTILINE))
+    imported = ChainMap(*(vars(import_module(module)) for module in modules))
     functions = {}
     for text in re.split(r"^ *(?:use )?rule ", rules, flags=re.MULTILINE)[1:]:
         name = re.search(r"job\(\s*(\w+),", text)

@@ -128,8 +128,9 @@ def zeroed_wrench(trial: Trial, frames: Array, settings: CrossingSettings) -> Wr
         Another plate is loaded, or this one from the start, was not zeroed, or is at its limit.
     """
     axes = plate_axes(recorded_corners(trial, settings.plate))
-    check_loaded(trial, settings.plate, settings.load_on_n)
     time, wrench = recorded_wrench(trial, settings.plate)
+    if largest_change(wrench) < settings.load_on_n:
+        check_no_other_is_loaded(trial, settings.plate, settings.load_on_n)
     if settings.unloaded_s is not None:
         length = round(settings.unloaded_s * sampling_rate(time))
         vertical = wrench[:, 2]
@@ -262,14 +263,17 @@ def check_type_on_platform(trial: Trial, plate: int) -> None:
         )
 
 
-def check_loaded(trial: Trial, plate: int, load: float) -> None:
+def largest_change(wrench: Array) -> float:
+    """The largest change [N] of a force in a wrench (k, 6), which is not yet zeroed."""
+    return float(np.ptp(wrench[:, :3], axis=0).max())
+
+
+def check_no_other_is_loaded(trial: Trial, plate: int, load: float) -> None:
     """Refuse a plate that bears less than `load` [N] where another one bears more."""
-    bears = {}
-    for facts in trial.provenance["plates"]:
-        _, wrench = recorded_wrench(trial, facts["plate"])
-        bears[facts["plate"]] = np.ptp(wrench[:, :3], axis=0).max()
+    plates = [facts["plate"] for facts in trial.provenance["plates"]]
+    bears = {each: largest_change(recorded_wrench(trial, each)[1]) for each in plates}
     most = max(bears, key=bears.__getitem__)
-    if bears[plate] < load < bears[most]:
+    if bears[most] > load:
         raise InputError(
             f"plate {plate} bears {bears[plate]:.0f} N at most, plate {most} {bears[most]:.0f} N:"
             f" state `walking.plate: {most}`, or exclude the trial if it alone misses the plate"

@@ -59,7 +59,14 @@ from osl_analysis.yaml_settings import as_json
 # to look for garbage among all that is imported and planned takes a fifth of the planning
 gc.set_threshold(100_000)
 
-# Not documented either: without these attributes a file that is read is said to be missing.
+# `config` does not tell which file a field is from, as a message does, with its line: only these
+# attributes do, which Snakemake does not document. Without them messages name the field alone. Files
+# that a workflow names come first, as it merges them.
+OF_COMMAND_LINE = getattr(workflow, "overwrite_configfiles", [])
+BY_PRECEDENCE = sorted(getattr(workflow, "configfiles", []), key=OF_COMMAND_LINE.__contains__)
+CONFIG_FILES = [Path(os.path.relpath(file)) for file in BY_PRECEDENCE]
+
+# Not documented either. Without these attributes a run with a prefix says that a recording is missing.
 MODIFIER = getattr(getattr(workflow, "modifier", None), "path_modifier", None)
 if getattr(MODIFIER, "prefix", None):
     raise WorkflowError(
@@ -67,12 +74,6 @@ if getattr(MODIFIER, "prefix", None):
         " configuration; state `results` in its `config` for another place of all results"
     )
 
-# `config` does not tell which file a field is from, as a message does, with its line: only these
-# attributes do, which Snakemake does not document. Without them messages name the field alone. Files
-# that a workflow names come first, as it merges them.
-OF_COMMAND_LINE = getattr(workflow, "overwrite_configfiles", [])
-BY_PRECEDENCE = sorted(getattr(workflow, "configfiles", []), key=OF_COMMAND_LINE.__contains__)
-CONFIG_FILES = [Path(os.path.relpath(file)) for file in BY_PRECEDENCE]
 try:  # what is wrong in a file of the campaign is told without a traceback
     CAMPAIGN, SIMULATION_FILES = start_campaign(config, CONFIG_FILES)
 except OslAnalysisError as error:

@@ -35,10 +35,12 @@ class QualityRules(Settings):
         thresholds = (
             dict(content) if isinstance(content, Mapping) else {}
         )  # else it is refused next
-        excluding = dict.fromkeys(thresholds.pop("exclude", ()), "exclude")
-        for name in [*excluding, *thresholds]:
+        for name in thresholds.pop("exclude", ()):
             if name not in CHECKS:
-                raise misplaced(unknown_check(str(name)), excluding.get(name, name))
+                raise misplaced(unknown_check(str(name)), "exclude")
+        for name in thresholds:
+            if name not in CHECKS:
+                raise misplaced(unknown_check(str(name)), name)
         return content
 
     def limit(self, check: str) -> float:

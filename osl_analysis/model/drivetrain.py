@@ -99,8 +99,9 @@ class ParameterFile(Settings):
                 f"parameter f_G = {values['f_G']} N*m/A is not below k_tau n_m: gear friction would"
                 " exceed the motor's torque; correct it"
             )
-        for name in filter(wrong.get, wrong):  # all are told, with the line of the first
-            raise misplaced("; ".join(filter(None, wrong.values())), name)
+        faults = {name: fault for name, fault in wrong.items() if fault}
+        if faults:  # all are told, with the line of the first
+            raise misplaced("; ".join(faults.values()), next(iter(faults)))
         return quantities
 
 

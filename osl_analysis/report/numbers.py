@@ -26,6 +26,7 @@ from osl_analysis.table import SCHEMA, SCHEMA_FIELD
 
 PLACE = ("joint", "side")
 MOST_IN_SENTENCE = 4  # numbers of a sentence: a terminal shows two lines of them
+BY_CONDITION = "by condition"  # `says` of the entries that these lines hold
 CONDITION_LINES = 4  # of K and B by condition
 MOST_CONDITIONS = 16  # in these lines; of more with commanded gains the averages are told
 
@@ -214,7 +215,7 @@ def headline_sentences(numbers: Iterable[Number]) -> Iterator[str]:
     texts_of: dict[str, list[str]] = {}
     of_conditions: dict[str, list[str]] = {}
     for number in numbers:
-        if number.says == "by condition":
+        if number.says == BY_CONDITION:
             condition = f"{number.subject}, {number.doubts}".removesuffix(", ")
             text = f"{number.symbol} {number.text} {number.unit}"
             of_conditions.setdefault(condition, []).append(text)

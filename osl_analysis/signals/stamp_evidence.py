@@ -319,8 +319,11 @@ def decide(signals: Mapping[str, Array], clock: DeviceClock) -> Reading:
             return Reading(True, 0.0, True, "even: the stamps scatter by their rounding alone")
 
     evidence = evidence_by_signal(signals, clock)
-    clearest = min(evidence.values(), key=lambda signal: signal.se, default=None)
-    return reading_of(clock, evidence)._replace(g=clearest and clearest.g)
+    reading = reading_of(clock, evidence)
+    if not evidence:
+        return reading
+    clearest = min(evidence.values(), key=lambda signal: signal.se)
+    return reading._replace(g=clearest.g)
 
 
 def reading_of(clock: DeviceClock, evidence: Mapping[str, StampEvidence]) -> Reading:

@@ -380,7 +380,7 @@ def meant_amplitudes(
             continue
         decades = np.abs(np.log10(run.amplitude / np.asarray(commanded)))
         if commanded and decades.min() > OTHER_UNIT:
-            commanded_deg = np.round(np.rad2deg(commanded), 2)
+            commanded_deg = ", ".join(f"{size:.3g}" for size in np.rad2deg(commanded))
             raise InputError(
                 f"the sine of {run} at {run.start / rate_hz:.1f} s has another amplitude than the"
                 f" protocol's {commanded_deg} deg; correct `amplitudes_deg` in the configuration,"

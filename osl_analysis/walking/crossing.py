@@ -662,7 +662,8 @@ def analyse_crossing(
     # What shows that the set-up is right
     load = load_on_foot(reactions[0], centre, ankle)
     push = ankle.along(reactions[0][:, :3])
-    check_roll(phase, load, push, torque * (passage.onset is None))
+    undisturbed_torque = torque if passage.onset is None else np.zeros_like(torque)
+    check_roll(phase, load, push, undisturbed_torque)
     clusters = passage.recorded.values()
     bridged = np.any([pose.bridged[passage.rows] for pose in clusters], axis=0)
 

@@ -304,7 +304,8 @@ def crossing_features(crossings: Sequence[Crossing], settings: SelectionSettings
         return np.array(sampled)
 
     qualities = [crossing.quality for crossing in crossings]
-    forward, left = np.array([(q.foot_forward_m or 0.0, q.foot_left_m or 0.0) for q in qualities]).T
+    forward = np.array([quality.foot_forward_m or 0.0 for quality in qualities])
+    left = np.array([quality.foot_left_m or 0.0 for quality in qualities])
     stance = np.array([crossing.stance.duration for crossing in crossings])
     angles = [np.rad2deg(crossing.theta) for crossing in crossings]
     torques = [crossing.torque for crossing in crossings]

@@ -60,8 +60,9 @@ CONFUSED_UNITS = {"rad": ("rad", "deg", "mrad"), "N*m": ("N*m", "N*mm", "N*cm")}
 def check_own_torque(trial: Trial, torque: str = "torque", angle: str | None = "theta") -> None:
     """Refuse a torque that is a function of angle, current and the actuator's speed: a fit to it
     would be circular."""
-    names = [name for name in trial.columns if name in (angle, "current", "omega_m")]
-    for others in (*([name] for name in names), names):  # may be sampled at different times
+    names = tuple(name for name in trial.columns if name in (angle, "current", "omega_m"))
+    # each alone and all together, which may be sampled at different times
+    for others in dict.fromkeys([*zip(names), names]):
         time, measured, *values = trial.arrays(torque, *others)
         signals = dict(zip(others, values, strict=True))
         if unexplained_share(time, measured, signals) < LIMITS.least_of_sensor:
@@ -79,9 +80,9 @@ def unexplained_share(time: Array, torque: Array, signals: Mapping[str, Array]) 
     to tell. An inertia is left: a simulated joint without noise is no circle."""
     if time.size < LIMITS.fewest_compared:
         return 1.0
-    columns = [np.ones(time.size)]
+    columns = []
     for name, values in signals.items():
-        columns += [values**power for power in range(1, LIMITS.highest_power + 1)]
+        columns += [*np.vander(values, LIMITS.highest_power + 1).T]
         if name == "omega_m":
             columns += [np.sign(values), np.sign(values) * abs(signals.get("current", 0.0))]
         elif name != "current":
@@ -118,7 +119,7 @@ def check_recording(
         )
     turn = half_range(trial, angle)
     measured = recorded(trial, torque)[1]
-    if turn and measured.size > 1 and not half_range(trial, torque):
+    if turn and measured.size > 1 and not np.ptp(measured):
         raise InputError(
             f"{who} {torque} is {measured[0]:.4g} N*m in all samples while {angle} turns; is this"
             " the channel of the load cell? Correct it in the source file"

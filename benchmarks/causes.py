@@ -33,7 +33,7 @@ from osl_analysis.judge.finding import Grade
 ROOT = Path(__file__).resolve().parents[1]
 PAGE, ROWS = ROOT / "docs/bench_validation.md", ROOT / "build/causes.csv"
 # reading the configuration takes as long as a fit
-notebook.fit_settings = cache(notebook.fit_settings)
+notebook.config_for_trials = cache(notebook.config_for_trials)
 GAINS = osl.DesiredImpedance("compensated", K_d=300.9, B_d=4.56)  # by linear theory K 300, B 5
 LEG_K_S = 685.6  # N*m/rad, of the belt in the parameter file that the configuration names
 HALF_WIDTHS = (1.0, 3.0, 10.0, 100.0)

@@ -25,7 +25,7 @@ from planted_gait import onsets_of
 
 from osl_analysis.bench.bench_settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import config_for_trials
-from osl_analysis.commands.fit import job_of, run_fit
+from osl_analysis.commands.fit import run_fit
 from osl_analysis.commands.fit_results import FitTables
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.ingest.raw_files import trial_from_files
@@ -202,17 +202,10 @@ class StudyBench:
 
     def fitted(self, name: str, ideal: bool = False) -> FitTables:
         """The fit that a campaign would make of a trial, without what a sheet may state of it."""
-        sections = {
-            "dynamometer": self.analysis,
-            "actuator": config_for_trials(CONFIG).actuator,
-            "gain_weight": self.simulation.gain_weight,
-        }
-        settings = {
-            name: sections[section]
-            for name, (section, _) in job_of(self.experiment).settings.items()
-        }
+        own = {"dynamometer": self.analysis, "gain_weight": self.simulation.gain_weight}
+        config = config_for_trials(CONFIG).model_copy(update=own)
         return run_fit(
-            self.experiment, self.trial(name, ideal), self.simulation.parameters, settings
+            self.experiment, self.trial(name, ideal), self.simulation.parameters, config
         )
 
     def estimated(

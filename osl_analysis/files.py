@@ -106,6 +106,9 @@ def digest(path: Path) -> str | None:
 
 
 PACKAGE = Path(__file__).parent
+IN_PACKAGE = PACKAGE / "shipped"
+ROOT = IN_PACKAGE if IN_PACKAGE.is_dir() else PACKAGE.parent
+"""The folder of the shipped files: in an installed package, else in the repository."""
 
 
 @cache
@@ -118,12 +121,6 @@ def own_yaml(path: Path) -> dict[str, Any]:
     return content
 
 
-def root() -> Path:
-    """The folder of the shipped files: in an installed package, else in the repository."""
-    in_package = PACKAGE / "shipped"
-    return in_package if in_package.is_dir() else PACKAGE.parent
-
-
 def shipped(path: Path | str) -> Path:
     """The path itself if it exists, seen from the working folder; else the shipped file or folder
     of this name.
@@ -131,7 +128,7 @@ def shipped(path: Path | str) -> Path:
     If neither exists, the path itself: the message about the missing file then names it.
     """
     own = Path(path)
-    shipped_path = root() / path
+    shipped_path = ROOT / path
     if not own.exists() and shipped_path.exists():
         return shipped_path
     return own
@@ -150,12 +147,10 @@ def config_here() -> Path:
 def default_config() -> Path:
     """The default configuration, which a campaign's own overrides: that of a clone in the working
     folder, which may have been edited, else the shipped one. Another workflow's lacks sections."""
-    here, ours = Path("config/config.yaml"), root() / "config/config.yaml"
-    if here.is_file() and sections(ours) <= sections(here):
-        return here
+    here, ours = Path("config/config.yaml"), ROOT / "config/config.yaml"
+    if here.is_file():
+        texts = [file.read_text(encoding="utf-8", errors="replace") for file in (ours, here)]
+        sections_of_ours, sections_here = (set(re.findall(r"(?m)^(\w+):", x)) for x in texts)
+        if sections_of_ours <= sections_here:
+            return here
     return ours
-
-
-def sections(file: Path) -> set[str]:
-    """The fields at the top of a YAML file."""
-    return set(re.findall(r"(?m)^(\w+):", file.read_text(encoding="utf-8", errors="replace")))

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import polars as pl
 
 from osl_analysis.bench.evidence import UNSTATED, DesiredImpedance
-from osl_analysis.campaign.configuration import config_for_trials
+from osl_analysis.campaign.configuration import Config, config_for_trials
 from osl_analysis.commands import tables as tables_of_campaign
-from osl_analysis.commands.fit import fit_settings, fit_trial, run_fit
+from osl_analysis.commands.fit import fit_trial, run_fit
 from osl_analysis.commands.fit_results import Fit
 from osl_analysis.commands.trials import checked_trial
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
@@ -20,7 +20,6 @@ from osl_analysis.files import config_here, shipped
 from osl_analysis.ingest.quality import UNITS, Commanded, measure_quality, measured_table
 from osl_analysis.ingest.raw_files import read_source
 from osl_analysis.judge.judging import judged, marked, with_inherited
-from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.judge.recording_checks import judged_table, validate_rules
 from osl_analysis.model.drivetrain import joint_of
 from osl_analysis.result_table import read_table
@@ -53,14 +52,13 @@ def as_trial(trial: Trial | File) -> Trial:
     return trial
 
 
-def choices(
-    experiment: str, config: File | None, parameters: File | None
-) -> tuple[dict[str, Any], DoubtfulFits, Path | None]:
-    """Settings and limits of an experiment's fit, and the parameter file of the device: the stated
-    one, or that of the configuration."""
-    file = Path(config or config_here())
-    device = config_for_trials(file).parameters if parameters == OF_CONFIG else parameters
-    return *fit_settings(experiment, file), None if device is None else shipped(device)
+def choices(config: File | None, parameters: File | None) -> tuple[Config, Path | None]:
+    """The configuration, and the parameter file of the device: the stated one, or that of the
+    configuration."""
+    stated = config_for_trials(Path(config or config_here()))
+    if parameters == OF_CONFIG:
+        return stated, stated.parameters
+    return stated, None if parameters is None else shipped(parameters)
 
 
 def fit(
@@ -135,8 +133,8 @@ def fit(
         raise InputError(f"a fit of {experiment} has no desired impedance; leave it out")
     elif experiment == "torque_angle":
         condition = {"desired": curve}
-    settings, limits, device = choices(experiment, config, parameters)
-    return fit_trial(experiment, as_trial(trial), device, settings, limits, condition, windows)
+    stated, device = choices(config, parameters)
+    return fit_trial(experiment, as_trial(trial), device, stated, condition, windows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,14 +201,13 @@ def frequency_response(
     from osl_analysis.commands.figure import fig7_points
 
     recorded = as_trial(trial)
-    settings, limits, device = choices("impedance", config, parameters)
-    tables = run_fit(
-        "impedance", recorded, device, settings, desired or UNSTATED, windows
-    ).everything()
+    stated, device = choices(config, parameters)
+    fitted = run_fit("impedance", recorded, device, stated, desired or UNSTATED, windows)
+    tables = fitted.everything()
     fits, response = (tables[name] for name in ("impedance", "response"))
 
-    of_fits = judged(fits, limits.of("impedance"), "impedance")
-    own = judged(response, limits.of("response"), "response")
+    of_fits = judged(fits, stated.doubtful.of("impedance"), "impedance")
+    own = judged(response, stated.doubtful.of("response"), "response")
     table = marked(response, with_inherited(response, own, fits, of_fits), "response")
     rows = table.with_columns(
         look_numbers(table["controller"]),
@@ -218,7 +215,7 @@ def frequency_response(
         side=pl.lit(None, pl.String),
     )
     # W of Eq. 14, a low-pass of a cut-off [Hz], chooses the gains
-    return FrequencyResponse(recorded.name, table, fig7_points(rows, device, settings["weight"]))
+    return FrequencyResponse(recorded.name, table, fig7_points(rows, device, stated.gain_weight))
 
 
 def read_recording(

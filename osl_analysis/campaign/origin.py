@@ -14,7 +14,7 @@ from typing import Any
 
 from osl_analysis.campaign.campaign_trials import Campaign
 from osl_analysis.campaign.configuration import Config
-from osl_analysis.files import digest, own_yaml, root
+from osl_analysis.files import ROOT, digest, own_yaml
 from osl_analysis.yaml_settings import flat, read_mapping
 
 # facts on the origin of results
@@ -149,6 +149,6 @@ def states_of(
             value = None
         state = "stated" if is_stated else "none" if value is None else "assumed"
         # a shipped file is shown without its folder
-        shown = json.dumps(value).strip('"').removeprefix(f"{root()}/")
+        shown = json.dumps(value).strip('"').removeprefix(f"{ROOT}/")
         rows.append({"setting": name, "value": None if value is None else shown, "state": state})
     return rows

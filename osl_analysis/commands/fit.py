@@ -30,15 +30,14 @@ from osl_analysis.bench.plausibility import plausible
 from osl_analysis.bench.regression import IMPEDANCE, TRANSMISSION
 from osl_analysis.bench.summaries import compensation_table, delay_table, part_summary
 from osl_analysis.bench.torque_angle import torque_angle_trial
-from osl_analysis.campaign.configuration import config_for_trials
+from osl_analysis.campaign.configuration import Config
 from osl_analysis.commands.fit_results import Fit, FitTables, samples_of
 from osl_analysis.commands.remedies import fit_or_advise
-from osl_analysis.config.experiments import EXPERIMENTS, FitJob
+from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.guard import check_recording, find_leaps
 from osl_analysis.ingest.quality import saturated
 from osl_analysis.judge.judging import judged, marked
-from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import FileOrNone, known_parameters
 from osl_analysis.signals.grid import GapLimits
@@ -229,45 +228,11 @@ def compare_controllers(table: Path, output: Path, data: str = "") -> None:
     write_table(compensation_table(rows), output, data)
 
 
-def job_of(experiment: str) -> FitJob:
-    """The fit of an experiment's trials. Raises InputError where it has none."""
-    fit = EXPERIMENTS[experiment].fit
-    if fit is None:
-        raise InputError(
-            f"a trial of '{experiment}' is not fitted alone; choose another experiment for it"
-        )
-    return fit
-
-
-def fit_settings(experiment: str, config: Path) -> tuple[dict[str, Any], DoubtfulFits]:
-    """Read the settings of an experiment's fit.
-
-    Parameters
-    ----------
-    experiment : str
-    config : Path
-        A configuration file, which may override fields of the default only.
-
-    Returns
-    -------
-    settings : dict
-        By the arguments of the fit's job.
-    limits : DoubtfulFits
-        Beyond which a fit is doubtful.
-    """
-    stated = config_for_trials(config)
-    settings = {
-        argument: getattr(stated, section)
-        for argument, (section, _) in job_of(experiment).settings.items()
-    }
-    return settings, stated.doubtful
-
-
 def run_fit(
     experiment: str,
     trial: Trial,
     parameters: Path | None,
-    settings: Mapping[str, Any],
+    config: Config,
     condition: Any = None,
     windows: str | None = None,
 ) -> FitTables:
@@ -279,8 +244,8 @@ def run_fit(
     trial : Trial
     parameters : Path or None
         The device's file; None for a device without one.
-    settings : Mapping
-        By the arguments of the job, as of `fit_settings`.
+    config : Config
+        Whose sections are the settings of the job.
     condition : DesiredImpedance or Mapping or None
         What the sheet states; a mapping has its cells by column.
     windows : str or None
@@ -291,8 +256,12 @@ def run_fit(
     InputError
         The experiment has no fit, or the recording cannot be fitted.
     """
-    job = job_of(experiment)
-    arguments = dict(settings)
+    job = EXPERIMENTS[experiment].fit
+    if job is None:
+        raise InputError(
+            f"a trial of '{experiment}' is not fitted alone; choose another experiment for it"
+        )
+    arguments = {name: getattr(config, section) for name, (section, _) in job.settings.items()}
     if job.parameters:
         arguments["parameters"] = parameters
     if job.sheet:
@@ -314,17 +283,15 @@ def fit_trial(
     experiment: str,
     trial: Trial,
     parameters: Path | None,
-    settings: Mapping[str, Any],
-    limits: DoubtfulFits,
+    config: Config,
     condition: Any = None,
     windows: str | None = None,
 ) -> Fit:
-    """Fit a trial and judge it; `fit_settings` gives `settings` and `limits`, the rest and errors
-    as `run_fit`."""
-    tables = run_fit(experiment, trial, parameters, settings, condition, windows)
+    """Fit a trial and judge it; arguments and errors as `run_fit`."""
+    tables = run_fit(experiment, trial, parameters, config, condition, windows)
     name = EXPERIMENTS[experiment].tables[0].name
     table = tables.estimates[name]
-    findings = judged(table, limits.of(name), name)
+    findings = judged(table, config.doubtful.of(name), name)
     curves = [table for name, table in tables.estimates.items() if name.endswith("_curves")]
     of_model = tables.samples.filter(pl.col("torque_model").is_finite())
     series = of_model.select(pl.col("time") - pl.col("time").first(), "torque", "torque_model")

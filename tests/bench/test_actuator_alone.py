@@ -17,8 +17,9 @@ from scipy.signal import lfilter
 from osl_analysis.bench.bench_settings import ActuatorAnalysis, Calibration
 from osl_analysis.bench.parts_alone import ACTUATOR_PARAMETERS as NAMES
 from osl_analysis.bench.parts_alone import actuator_table, actuator_trial
+from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.cli import main
-from osl_analysis.commands.fit import fit_actuator_trial, fit_settings, fit_trial
+from osl_analysis.commands.fit import fit_actuator_trial, fit_trial
 from osl_analysis.commands.trials import raw_trial
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.ingest.quality import Commanded, measure_quality
@@ -112,8 +113,9 @@ def test_the_documented_commands_give_the_parameters_of_a_bench_of_ones_own(tmp_
     source = Path("config/sources/actuator_bench_csv.yaml")
     trial = raw_trial(Path("bench.csv"), source, "actuator")
     assert {"omega_m", "current", "torque_m"} == trial.clocks.keys()
-    asked = fit_settings("actuator", ROOT / "config/config.yaml")
-    found = fit_trial("actuator", trial, DEVICE, *asked).table
+    found = fit_trial(
+        "actuator", trial, DEVICE, config_for_trials(ROOT / "config/config.yaml")
+    ).table
     assert found["motion"][0] == "omega_m"
     assert "omega" in fit_actuator_trial(trial, DEVICE, ANALYSIS).everything()["series"].columns
     assert found.select(NAMES).row(0) == pytest.approx([expected[name] for name in NAMES], rel=1e-3)

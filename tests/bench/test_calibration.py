@@ -187,8 +187,8 @@ def spring(late_s=0.0, gain=1.0, K=300.0, damping=0.0, weight=0.0, I=0.004, seed
 
 
 def calibrated(trial, bench=CONFIG.dynamometer, **known):
-    settings = {"settings": bench}
-    table = run_fit("calibration", trial, None, settings, known).estimates["calibration"]
+    config = CONFIG.model_copy(update={"dynamometer": bench})
+    table = run_fit("calibration", trial, None, config, known).estimates["calibration"]
     return marked(table, CONFIG.doubtful.of("calibration"), "calibration").row(0, named=True)
 
 

@@ -18,18 +18,17 @@ from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.commands.fit import fit_trial
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.guard import check_recording
-from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.trial import Trial
 
-CONFIG = ROOT / "config/config.yaml"
+CONFIG = config_for_trials(ROOT / "config/config.yaml")
 DEVICE = ROOT / "config/parameters/default.yaml"
 LEG = read_parameters(DEVICE)
 SINES = {
     "amplitudes_deg": tuple(np.rad2deg(PROTOCOL.amplitudes)),
     "frequencies_hz": PROTOCOL.frequencies_hz,
 }
-BENCH = config_for_trials(CONFIG).dynamometer.model_copy(update=SINES | {"cycles": PROTOCOL.cycles})
+BENCH = CONFIG.dynamometer.model_copy(update=SINES | {"cycles": PROTOCOL.cycles})
 
 
 def clipped(signal):
@@ -48,10 +47,9 @@ def changed(experiment, **changes):
 def judged(experiment, recording, bench=BENCH, asked=None, fixture=None):
     """The last row of the table by the one door to a fit, which knows K_d if it is `asked`, and
     what is `beyond`."""
-    chosen = {"settings": config_for_trials(CONFIG).actuator if experiment == "actuator" else bench}
-    chosen |= {"weight": PAPER_WEIGHT} if experiment == "impedance" else {}
+    chosen = CONFIG.model_copy(update={"dynamometer": bench})
     trial = Trial("made", pl.DataFrame(recording), {"columns": {"torque": {"fixture": fixture}}})
-    fit = fit_trial(experiment, trial, DEVICE, chosen, config_for_trials(CONFIG).doubtful, asked)
+    fit = fit_trial(experiment, trial, DEVICE, chosen, asked)
     return dict(fit.row) | {"beyond": beyond_in(fit.findings[-1]), "findings": fit.findings[-1]}
 
 

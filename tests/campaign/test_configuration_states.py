@@ -13,9 +13,14 @@ from walking_crossings import Walk, run_jobs, several, walked
 from osl_analysis.bench.evidence import DesiredImpedance
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.campaign.campaign_trials import Campaign
-from osl_analysis.campaign.configuration import FACTS_OF_DEFAULT, overriding, read_config
+from osl_analysis.campaign.configuration import (
+    FACTS_OF_DEFAULT,
+    config_for_trials,
+    overriding,
+    read_config,
+)
 from osl_analysis.campaign.origin import EXPERIMENTS_BY_SETTING, states_of
-from osl_analysis.commands.fit import fit_settings, fit_trial
+from osl_analysis.commands.fit import fit_trial
 from osl_analysis.commands.run import left_out_recordings
 from osl_analysis.commands.walking import write_crossing
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
@@ -101,9 +106,7 @@ def test_unstated_settings_make_no_finding_on_a_sound_recording(with_default):
     recorded = {"impedance": sines(1.3, 4.97), "torque_angle": Trial("s", pl.DataFrame(samples))}
     for experiment, condition in RECORDED.items():
         trial = recorded[experiment]
-        fit = fit_trial(
-            experiment, trial, config.parameters, *fit_settings(experiment, own), condition
-        )
+        fit = fit_trial(experiment, trial, config.parameters, config_for_trials(own), condition)
         assert [one.cause for row in fit.findings for one in row if one.grade is Grade.DOUBTS] == []
         commanded = Commanded(**{key: getattr(config.dynamometer, key) for key in PROTOCOL})
         judged = judged_table(

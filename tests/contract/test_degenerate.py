@@ -15,7 +15,8 @@ from walking_crossings import Walk, selected, walked
 from walking_synthetic import settings
 
 from osl_analysis.bench.evidence import DesiredImpedance
-from osl_analysis.commands.fit import fit_settings, fit_trial
+from osl_analysis.campaign.configuration import config_for_trials
+from osl_analysis.commands.fit import fit_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import OslAnalysisError
@@ -158,15 +159,13 @@ def bench_angle(experiment):
 
 @cache
 def asked_of(experiment):
-    """Settings of the shipped configuration with a short protocol, limits, and the desired
-    impedance."""
+    """The shipped configuration with a short protocol, and the desired impedance."""
     desired = DesiredImpedance("compensated", 300.0, 5.0) if experiment == "impedance" else None
-    settings, limits = fit_settings(experiment, ROOT / "config/config.yaml")
-    if experiment not in ("belt", "actuator", "torque_angle"):
-        short = {"amplitudes_deg": [4], "frequencies_hz": FREQUENCIES, "cycles": CYCLES}
-        own = settings["settings"]
-        settings["settings"] = type(own).model_validate(own.model_dump() | short)
-    return settings, limits, desired
+    config = config_for_trials(ROOT / "config/config.yaml")
+    short = {"amplitudes_deg": [4], "frequencies_hz": FREQUENCIES, "cycles": CYCLES}
+    bench = config.dynamometer
+    bench = type(bench).model_validate(bench.model_dump() | short)
+    return config.model_copy(update={"dynamometer": bench}), desired
 
 
 def bench_fit(experiment, t, angle, torque):

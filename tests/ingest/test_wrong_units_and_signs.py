@@ -7,13 +7,15 @@ import numpy as np
 import polars as pl
 import pytest
 
-from osl_analysis.commands.fit import fit_settings, run_fit
+from osl_analysis.campaign.configuration import config_for_trials
+from osl_analysis.commands.fit import run_fit
 from osl_analysis.commands.fit_results import FitTables
 from osl_analysis.commands.remedies import fit_or_advise
 from osl_analysis.errors import Change, InputError
 from osl_analysis.files import default_config
 from osl_analysis.trial import Trial
 
+CONFIG = config_for_trials(default_config())
 RATE = 200.0
 
 
@@ -69,12 +71,11 @@ def swapped_in_deg(signals):
 
 
 def test_channels_that_are_swapped_are_told_where_the_fit_is_accepted():
-    settings, _ = fit_settings("impedance", default_config())
     of_theta = {"columns": {"theta": {"unit": "deg", "factor": np.radians(1)}}}
     wrong = Trial("wrong", pl.DataFrame(swapped_in_deg(joint(noise=0.01))), of_theta)
 
     with pytest.raises(InputError, match=r"trial wrong: B = -0\.35 N·m·s/rad") as refused:
-        run_fit("impedance", wrong, None, settings)
+        run_fit("impedance", wrong, None, CONFIG)
 
     assert re.search(SWAP.replace("rad", "deg").removesuffix(" 150"), refused.value.remedy)
 
@@ -86,11 +87,10 @@ SWAP = r" theta .*torque.*`unit: rad`.* theta.*`unit: N\*m`.* torque.*: K 150"
 def assert_mended(experiment, recording, fault, remedy):
     """A trial with this fault is refused, and what is proposed gives the estimate of a sound
     one."""
-    settings, _ = fit_settings(experiment, default_config())
     wrong = Trial("wrong", pl.DataFrame(fault(recording())))
 
     with pytest.raises(InputError) as refused:
-        run_fit(experiment, wrong, None, settings)
+        run_fit(experiment, wrong, None, CONFIG)
 
     words, true = remedy.rsplit(" ", 1)
     estimate = re.search(rf"{words} (\S+)", refused.value.remedy)
@@ -123,11 +123,10 @@ def test_a_wrong_sign_or_swapped_channels_are_refused_with_what_makes_the_trial_
 
 
 def test_a_clamped_actuator_does_not_tell_whose_sign_is_wrong():
-    settings, _ = fit_settings("actuator", default_config())
     wrong = Trial("wrong", pl.DataFrame(turned("torque_m")(clamped_actuator())))
 
     with pytest.raises(InputError) as refused:
-        run_fit("actuator", wrong, None, settings)
+        run_fit("actuator", wrong, None, CONFIG)
 
     assert re.search("`sign`.* current.*`sign`.* torque_m", refused.value.remedy)
 

@@ -79,26 +79,12 @@ def on(size: float, unit: str) -> Mapping[str, Any]:
     return {"enabled": True, "size": size, "unit": unit}
 
 
-LATER = on(3e-4, "s")  # how much later the node of the torque samples
-RECORDINGS: Mapping[str, tuple[Mapping[str, Any], float, int | None]] = {
-    "jitter of 50 us": ({"node": {"jitter": on(50e-6, "s")}}, 1000, None),
-    "four decimals at 300 Hz": ({"node": {"decimals": on(4, "decimal")}}, 300, None),
-    "missing samples": ({"node": {"dropped": on(1e-3, "1")}}, 1000, None),
-    "two nodes": ({"node": {}, "torque_node": {"phase": LATER}}, 1000, None),
-    "333 Hz and 1 kHz": (
-        {"node": {"rate": on(333, "Hz")}, "torque_node": {"phase": LATER}},
-        1000,
-        None,
-    ),
-    "14 bits": ({}, 1000, 14),
-    "250 Hz": ({}, 250, None),
+TWO_RECORDERS = {
+    "node": {"rate": on(333, "Hz")},
+    "torque_node": {"phase": on(3e-4, "s")},  # how much later it samples the torque
 }
-"""Recordings of the exact joint: the recorder's nodes, the bench's rate [Hz], the bits of the
-joint's encoder."""
 BENCHES = (
-    "second order", *(f"second order, {name}" for name in RECORDINGS), "drivetrain",
-    "frequency response",
-    "transmission", "belt", "actuator",
+    "two recorders", "drivetrain", "frequency response", "transmission", "belt", "actuator",
 )  # fmt: skip
 CANONICAL = {
     "joint_angle": "theta", "actuator_angle": "theta_m", "commanded_angle": "theta_command",
@@ -284,35 +270,28 @@ class StudyBench:
 
 def studied(experiment: str) -> StudyBench:
     """An experiment on a bench, ready to be repeated, with the short protocol, simulated and
-    expected, and the recorder, rate and encoder of its name. `second order` is a joint that is
-    exactly Eq. 15, `drivetrain` that of a compensated controller with every effect of the
+    expected. `two recorders` have the angle at 333 Hz and the torque at 1 kHz of a joint that is
+    exactly Eq. 15, `drivetrain` is that of a compensated controller with every effect of the
     simulation settings, `frequency response` its angle and torque."""
-    kind, _, recording = experiment.partition(", ")
     (settings, p), analysis = laboratory(), config_for_trials(CONFIG).dynamometer
     short = SHORT | {"frequencies_hz": analysis.frequencies_hz}
     changes: dict[str, object] = {"protocol": settings.protocol.model_copy(update=short)}
-    if recording:
-        nodes, rate_hz, bits = RECORDINGS[recording]
-        changes["dynamometer"] = settings.dynamometer.model_copy(update={"rate_hz": float(rate_hz)})
-        changes["recorder"] = RecorderSettings.model_validate(nodes)
-        if bits is not None:
-            encoder = Effect(enabled=True, size=bits, unit="bit")
-            changes["effects"] = settings.effects.model_copy(update={"joint_encoder": encoder})
-    gains, of_campaign, quantities = None, kind, dict[str, float | None]()
-    if kind == "second order":
+    gains, of_campaign, quantities = None, experiment, dict[str, float | None]()
+    if experiment == "two recorders":
         of_campaign, quantities = "impedance", {**JOINT}
         changes["joint"] = SecondOrderJoint.model_validate(JOINT)
-    elif kind in ("drivetrain", "frequency response"):
+        changes["recorder"] = RecorderSettings.model_validate(TWO_RECORDERS)
+    elif experiment in ("drivetrain", "frequency response"):
         of_campaign, quantities, gains = (
             "impedance",
             dict.fromkeys(JOINT),
             compensated_gains(JOINT["K"], JOINT["B"], p),
         )
-    elif kind == "transmission":
+    elif experiment == "transmission":
         quantities = {"B_j": p.B_j, "J_j": p.J_j}
-    elif kind == "belt":
+    elif experiment == "belt":
         quantities = {"K_s": p.K_s}
-    elif kind == "actuator":
+    elif experiment == "actuator":
         friction = settings.effects.friction.value
         p = replace(p, f_C=friction * p.f_C, f_G=friction * p.f_G)
         quantities = {
@@ -327,19 +306,19 @@ def studied(experiment: str) -> StudyBench:
         {"trial": "study", "experiment": of_campaign}, settings, p, gains
     )
     columns = {"K": motion.theta, "B": motion.omega, "I": motion.alpha}
-    if kind == "belt":
+    if experiment == "belt":
         columns = {"K_s": motion.theta}
-    elif kind == "transmission":
+    elif experiment == "transmission":
         columns = {"B_j": motion.omega, "J_j": motion.alpha}
-    elif kind == "actuator":
+    elif experiment == "actuator":
         current, direction = np.asarray(signals["motor_current"]), np.sign(motion.omega)
         columns = {"k_tau_n_m": current, "f_C": -direction, "f_G": -direction * np.abs(current)}
         late = np.arange(len(current)) - (len(current) - 1) / 2
         columns |= {"B_m": -motion.omega, "J_m": -motion.alpha, "drift": late}
-    if kind != "actuator":
+    if experiment != "actuator":
         signals.pop("motor_current")
     columns["offset"] = np.ones_like(motion.theta)
-    shortened, response = analysis.model_copy(update=SHORT), kind == "frequency response"
+    shortened, response = analysis.model_copy(update=SHORT), experiment == "frequency response"
     return StudyBench(settings, shortened, of_campaign, signals, columns, quantities, response)
 
 

@@ -40,6 +40,6 @@ def test_frequency_responses_are_as_precise_as_they_say_and_can_be(study):
 @pytest.mark.usefixtures("without_inference")
 def test_intervals_hold_the_truth_of_an_exact_joint_recorded_by_two_nodes(study):
     """24 seeded estimates: three Monte Carlo errors of a coverage are 13 %."""
-    table = table_of(study.rows_of("second order, 333 Hz and 1 kHz", range(8)))
+    table = table_of(study.rows_of("two recorders", range(8)))
     assert covered(table) > 0.95 - 0.13
     assert table.with_columns(share=(pl.col("error") / pl.col("truth")).abs())["share"].max() < 0.03

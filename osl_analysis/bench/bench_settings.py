@@ -6,7 +6,6 @@ import numpy as np
 from pydantic import AfterValidator, Field
 
 from osl_analysis.signals import LowPass
-from osl_analysis.spectral.stepped_sine import SteppedSineProtocol, stated_protocol
 from osl_analysis.trial import Array, stretches
 from osl_analysis.units import quantity
 from osl_analysis.yaml_settings import (
@@ -201,11 +200,6 @@ class SteppedSineAnalysis(BenchAnalysis):
         "settle_cycles",
     )
 
-    @property
-    def protocol(self) -> SteppedSineProtocol:
-        """The protocol, its amplitudes in rad."""
-        return stated_protocol(self.amplitudes_deg, self.frequencies_hz, self.cycles)
-
 
 class ImpedanceAnalysis(SteppedSineAnalysis):
     """Choices for an impedance trial, whose motion may be another one than the stepped sine."""
@@ -228,7 +222,9 @@ class ImpedanceAnalysis(SteppedSineAnalysis):
         "cutoff_hz",
     )
     _turns = refuse_if(
-        lambda s: s.excitation != "any" and max(s.protocol.amplitudes, default=0) > s.largest_angle,
+        lambda s: (
+            s.excitation != "any" and np.deg2rad(max(s.amplitudes_deg or (0,))) > s.largest_angle
+        ),
         "amplitudes_deg goes beyond largest_angle = {s.largest_angle:g} rad, where a recording is"
         " refused; correct it",
         "amplitudes_deg",

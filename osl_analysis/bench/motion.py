@@ -39,8 +39,8 @@ from osl_analysis.spectral.stepped_sine import (
     Segment,
     find_segments,
     find_sines,
-    labels_deg,
     moving_bins,
+    stated_protocol,
 )
 from osl_analysis.trial import Array, Trial, stretches
 
@@ -124,11 +124,15 @@ def record_of_trial(
 
     def recorded(regular: UniformSignals) -> Record:
         """The record of signals with one reading of their stamps."""
+        theta, rate_hz = regular["theta"], regular.rate_hz
+        moving = moving_bins(theta, rate_hz)
+        if not moving.any():
+            raise standstill(theta, rate_hz)
         if excitation != "any":
-            theta, protocol = regular["theta"], settings.protocol
-            sines, is_stepped = find_sines(theta, regular.rate_hz, protocol)
+            protocol = stated_protocol(settings)
+            sines, is_stepped = find_sines(theta, rate_hz, moving, protocol)
             if excitation == "stepped_sine" or is_stepped:
-                segments = find_segments(theta, regular.rate_hz, sines, protocol)
+                segments = find_segments(theta, rate_hz, sines, protocol)
                 groups = cycles_of(
                     segments, settings.settle_cycles, regular.usable, bool(protocol.amplitudes)
                 )
@@ -136,10 +140,9 @@ def record_of_trial(
                 band_hz = (min(hz), max(hz))
                 return replace(record_of(regular, settings), groups=groups, band_hz=band_hz)
         assert isinstance(settings, ImpedanceAnalysis)
-        return record_of_motion(regular, settings, windows or settings.windows)
+        return record_of_motion(regular, moving, settings, windows or settings.windows)
 
     with naming(f"trial {trial.name}"):
-        check_moves(signals)
         record = recorded(signals)
         other_stamps = signals.other()  # None where all stamps are decided
         if other_stamps is not None:
@@ -151,34 +154,36 @@ def record_of_trial(
     return replace(record, encoder_step=float(step or 0.0), actuator=actuator)
 
 
-def check_moves(signals: UniformSignals) -> None:
-    """Refuse a joint without a motion to fit: its angle stands, or moves too slowly."""
-    theta = signals["theta"]
-    if moving_bins(theta, signals.rate_hz).any():
-        return
+def standstill(theta: Array, rate_hz: float) -> InputError:
+    """The error of a joint without a motion to fit: its angle (n,) [rad] stands, or moves too
+    slowly."""
     range_deg = np.rad2deg(np.ptp(theta))
     if range_deg > LARGE_DEG:
-        raise InputError(
+        return InputError(
             f"of {range_deg:.3g} deg, theta changes within {BIN_S:g} s by no more than"
             f" {100 * MOVING_SHARE:g} % or its jumps from row to row: the joint moves too slowly,"
-            f" theta is noise, or {signals.rate_hz:.3g} rows per second are too few; move it by 0.5"
+            f" theta is noise, or {rate_hz:.3g} rows per second are too few; move it by 0.5"
             f" to 6 Hz and record 100 per second or more, {STIFFNESS_ALONE}",
             SMALLER_UNITS_OF_TIME,
         )
-    raise InputError(
+    return InputError(
         f"the joint does not move: theta turns by {range_deg:.3g} deg in all; check the channel and"
         " the unit of theta in the source file, and that this is the recording of the trial"
     )
 
 
 def record_of_motion(
-    signals: UniformSignals, settings: ImpedanceAnalysis, windows: str | None
+    signals: UniformSignals,
+    moving: NDArray[np.bool_],
+    settings: ImpedanceAnalysis,
+    windows: str | None,
 ) -> Record:
-    """The record of a motion that is no stepped sine, in groups of its periods or of stretches."""
+    """The record of a motion that is no stepped sine, in groups of its periods or of stretches.
+    `moving` are the rows (n,) in which the joint moves."""
     rate = signals.rate_hz
     time = signals.time - signals.time[0]
-    moving = np.flatnonzero(moving_bins(signals["theta"], rate))
-    inside = [(float(time[moving[0]]), float(time[moving[-1]]))]
+    moved = time[moving]
+    inside = [(float(moved[0]), float(moved[-1]))]
     is_inside = np.ones(len(time), dtype=np.bool_)
     if windows is not None:
         inside = stretches(windows, float(time[-1]))
@@ -266,8 +271,10 @@ def cycles_of(
     InputError
         No cycle of a segment is free of gaps.
     """
+    amplitudes_deg = np.rad2deg([segment.amplitude for segment in segments])
+    commanded = np.array([segment.commanded for segment in segments])
     cycles, strata = [], []
-    for segment, label in zip(segments, labels_deg(segments), strict=True):
+    for segment in segments:
         before = min(settle_cycles, segment.cycles - 1)
         after = min(1, segment.cycles - before - 1)
         period = (segment.stop - segment.start) / segment.cycles
@@ -280,6 +287,8 @@ def cycles_of(
                 " Hz is free of rows near a gap that is too long to be bridged; " + BRIDGE_MORE
             )
         cycles.append(np.stack([first, first + period]))
+        alike_deg = amplitudes_deg[commanded == segment.commanded]
+        label = float(f"{np.median(alike_deg):.3g}")
         commanded_deg = round(float(np.rad2deg(segment.commanded)), 9) if stated else None
         rows = slice(round(segment.start), round(segment.stop))
         strata.append(Stratum(label, segment.frequency_hz, commanded_deg, rows))

@@ -32,6 +32,7 @@ from osl_analysis.spectral.stepped_sine import (
     Run,
     SteppedSineProtocol,
     find_sines,
+    moving_bins,
     stated_protocol,
 )
 from osl_analysis.trial import Array, Trial, plate_columns
@@ -49,11 +50,6 @@ class Commanded:
     """What moves the joint in impedance trials: `stepped_sine`, `any` other motion, or `auto`: the
     recording tells."""
     clusters: Mapping[str, Sequence[str]] = field(default_factory=dict)  # markers by segment
-
-    @property
-    def protocol(self) -> SteppedSineProtocol:
-        """The same with amplitudes in rad and cycles at each frequency."""
-        return stated_protocol(self.amplitudes_deg, self.frequencies_hz, self.cycles)
 
 
 @dataclass(frozen=True)
@@ -172,7 +168,7 @@ def measure_protocol(examined: Examined) -> CheckResult:
     missing, runs that were not commanded, and amplitudes of another size. A motion that is no
     stepped sine is remarked and counts 0."""
     experiment = examined.experiment
-    protocol = examined.commanded.protocol
+    protocol = stated_protocol(examined.commanded)
     if not experiment.stepped_sine or "theta" not in examined.trial.columns:
         return not_applicable("no stepped sine")
     excitation = examined.commanded.excitation if experiment.any_motion else "stepped_sine"
@@ -182,7 +178,8 @@ def measure_protocol(examined: Examined) -> CheckResult:
         angle = uniform_signals(examined.trial, ["theta"], GapLimits())
     except InputError as error:
         return not_applicable(f"no time base, {error}")
-    sines, is_stepped = find_sines(angle["theta"], angle.rate_hz, protocol)
+    theta, rate_hz = angle["theta"], angle.rate_hz
+    sines, is_stepped = find_sines(theta, rate_hz, moving_bins(theta, rate_hz), protocol)
     if excitation == "auto" and not is_stepped:
         return CheckResult(0.0, "no stepped sine but another motion, which is fitted as such")
     if not (protocol.amplitudes and protocol.frequencies_hz):

@@ -9,6 +9,7 @@ import cmath
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,16 +75,13 @@ class SteppedSineProtocol:
         return (amplitude, frequency_hz) if amplitude and frequency_hz else None
 
 
-def stated_protocol(
-    amplitudes_deg: Sequence[float] | None,
-    frequencies_hz: Sequence[float] | None,
-    cycles: float | Sequence[float] | None,
-) -> SteppedSineProtocol:
-    """The protocol of a configuration, with amplitudes in degrees; None: not stated."""
+def stated_protocol(settings: Any) -> SteppedSineProtocol:
+    """The protocol that settings state as `amplitudes_deg`, `frequencies_hz` and `cycles`; what is
+    None is not stated."""
     return SteppedSineProtocol(
-        amplitudes=np.deg2rad(amplitudes_deg or ()).tolist(),
-        frequencies_hz=frequencies_hz or (),
-        cycles=cycles,
+        amplitudes=np.deg2rad(settings.amplitudes_deg or ()).tolist(),
+        frequencies_hz=settings.frequencies_hz or (),
+        cycles=settings.cycles,
     )
 
 
@@ -118,7 +116,7 @@ class Run:
 
 
 def find_sines(
-    theta: Array, rate_hz: float, protocol: SteppedSineProtocol
+    theta: Array, rate_hz: float, moving: NDArray[np.bool_], protocol: SteppedSineProtocol
 ) -> tuple[list[Run], bool]:
     """Find the sines in a joint angle.
 
@@ -128,6 +126,8 @@ def find_sines(
         Angles (n,) [rad].
     rate_hz : float
         Their rate.
+    moving : Array
+        Rows (n,) in which the joint moves (`moving_bins`).
     protocol : SteppedSineProtocol
         What was commanded.
 
@@ -145,7 +145,6 @@ def find_sines(
     whose sine is fitted. A run extends as far as the angle follows its sine, and no other run has
     begun. Rests, ramps, transients and disturbed cycles lie between the runs.
     """
-    moving = moving_bins(theta, rate_hz)
     stretches = [*similar_cycles(theta, moving), np.array([len(theta) - 1.0])]
     fewest = min(np.min(protocol.cycles or FEWEST_RUN_CYCLES), FEWEST_RUN_CYCLES)
     found = []
@@ -389,13 +388,3 @@ def meant_amplitudes(
             )
         sizes.append(np.deg2rad(np.round(np.rad2deg(run.amplitude), 1)))
     return sizes
-
-
-def labels_deg(segments: Sequence[Segment]) -> list[float]:
-    """Find the measured amplitude [deg] that names each segment, to three digits.
-
-    It is the median of all that follow one commanded amplitude.
-    """
-    amplitude_deg = np.rad2deg([segment.amplitude for segment in segments])
-    commanded = np.array([segment.commanded for segment in segments])
-    return [float(f"{np.median(amplitude_deg[commanded == each]):.3g}") for each in commanded]

@@ -14,7 +14,12 @@ from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.motion import cycles_of
 from osl_analysis.bench.record import Record, unlike_groups
 from osl_analysis.signals import LowPass, Motion, filtered_motion
-from osl_analysis.spectral.stepped_sine import SteppedSineProtocol, find_segments, find_sines
+from osl_analysis.spectral.stepped_sine import (
+    SteppedSineProtocol,
+    find_segments,
+    find_sines,
+    moving_bins,
+)
 
 RATE = 500.0
 PROTOCOL = SteppedSineProtocol((0.05, 0.1), (1.0, 3.0, 5.0), 9)
@@ -38,7 +43,8 @@ def unit_sines(sines, rate):
 
 def segments_of(time, theta, protocol):
     rate_hz = (len(time) - 1) / (time[-1] - time[0])
-    return find_segments(theta, rate_hz, find_sines(theta, rate_hz, protocol)[0], protocol)
+    sines, _ = find_sines(theta, rate_hz, moving_bins(theta, rate_hz), protocol)
+    return find_segments(theta, rate_hz, sines, protocol)
 
 
 def unit_block(protocol, rate):

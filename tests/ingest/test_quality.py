@@ -53,7 +53,7 @@ def stepped_sine(commanded=COMMANDED):
     rest = np.zeros(500)
     pieces = [rest]
     for amplitude in np.radians(commanded.amplitudes_deg):
-        pieces += [amplitude * unit_block(commanded.protocol, RATE), rest]
+        pieces += [amplitude * unit_block(commanded, RATE), rest]
     return np.concatenate(pieces)
 
 

@@ -18,6 +18,7 @@ from osl_analysis.spectral.stepped_sine import (
     Segment,
     SteppedSineProtocol,
     find_sines,
+    moving_bins,
 )
 
 PROTOCOL = SteppedSineProtocol(amplitudes=(0.03, 0.06, 0.1), frequencies_hz=(2.0, 4.0), cycles=6)
@@ -222,7 +223,7 @@ SIX = SteppedSineProtocol(tuple(np.deg2rad([2.0, 4.0, 6.0])), (1.0, 2.0, 3.0, 4.
 def is_stepped(theta, seed):
     """What a motion is taken for, with the noise of an encoder."""
     noise = 1e-5 * np.random.default_rng(seed).standard_normal(len(theta))
-    return find_sines(theta + noise, FINE, SIX)[1]
+    return find_sines(theta + noise, FINE, moving_bins(theta + noise, FINE), SIX)[1]
 
 
 SOUND = stepped(SIX, 1.0, (1.0, 1.0, 1.0), FINE)

@@ -24,7 +24,7 @@ from osl_analysis.bench.record import (
 )
 from osl_analysis.errors import Change, InputError, naming
 from osl_analysis.measured import visible_step
-from osl_analysis.signals import LowPass, runs
+from osl_analysis.signals import runs
 from osl_analysis.signals.grid import (
     BRIDGE_MORE,
     GapLimits,
@@ -70,22 +70,6 @@ def signals_of(
     base = settings.time_base
     limits = GapLimits(base.highest_hz, settings.cutoff_hz, base.longest_gap_s)
     return uniform_signals(trial, columns, limits, beside)
-
-
-def filtered_actuator(signals: UniformSignals, same: LowPass) -> dict[str, Array]:
-    """The actuator's signals (n,) that came along, behind the filter of the joint's; and theta_m
-    [rad] behind a wide one, for the velocity's sign."""
-    wide_band = replace(same, cutoff_hz=min(QUICK * same.cutoff_hz, 0.2 * signals.rate_hz))
-    kinds = (
-        ("theta_m", "theta_m", same),
-        ("current", "current", same),
-        ("wide_band_theta_m", "theta_m", wide_band),
-    )
-    return {
-        name: low_pass(signals[column], signals.rate_hz)
-        for name, column, low_pass in kinds
-        if column in signals.signals
-    }
 
 
 def record_of_trial(
@@ -147,10 +131,18 @@ def record_of_trial(
         other_stamps = signals.other()  # None where all stamps are decided
         if other_stamps is not None:
             record = replace(record, with_other_stamps=recorded(other_stamps))
-    taken = signals.of("theta")
+    taken = next(part for part in signals.taken if "theta" in part.stream.signals)
     step = origin(trial, "theta").get("resolution")
     step = step or visible_step(taken.stream.signals["theta"][taken.present])
-    actuator = filtered_actuator(signals, settings.low_pass)
+    same = settings.low_pass
+    # for the velocity's sign
+    wide = replace(same, cutoff_hz=min(QUICK * same.cutoff_hz, 0.2 * signals.rate_hz))
+    columns = (("theta_m", "theta_m", same), ("current", "current", same))
+    actuator = {
+        name: low_pass(signals[column], signals.rate_hz)
+        for name, column, low_pass in (*columns, ("wide_band_theta_m", "theta_m", wide))
+        if column in signals.signals
+    }
     return replace(record, encoder_step=float(step or 0.0), actuator=actuator)
 
 

@@ -178,7 +178,7 @@ def whole_rows(first: Array, stop: Array) -> list[slice]:
 def record_of(
     signals: UniformSignals, settings: BenchAnalysis, theta: Array | None = None
 ) -> Record:
-    """The record of signals, all of whose rows are one group.
+    """The record of signals, without groups of rows as yet.
 
     Parameters
     ----------
@@ -202,6 +202,6 @@ def record_of(
         filtered_torque=filtered,
         settings=settings,
         usable=signals.usable,
-        groups=unlike_groups(np.zeros(1), np.array([float(len(torque))])),
+        groups=unlike_groups(np.empty(0), np.empty(0)),
         streams=signals.streams,
     )

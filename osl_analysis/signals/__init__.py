@@ -117,7 +117,7 @@ def filtered_motion(
     """
     # For a sine of w rad per sample, seven samples lose w^6/140 of its velocity.
     largest_loss = 1e-8  # share of a velocity at the cut-off
-    rate = sampling_rate(time)
+    rate = 1 / float(np.mean(np.diff(time)))
     smooth_theta = low_pass(theta, rate)
     radians_per_sample = 2 * np.pi * low_pass.cutoff_hz / rate
     if radians_per_sample**6 / 140 > largest_loss or len(time) < SAMPLES:

@@ -88,10 +88,6 @@ class UniformSignals:
     def __getitem__(self, column: str) -> Array:
         return self.signals[column]
 
-    def of(self, column: str) -> Taken:
-        """How the samples of a column were taken."""
-        return next(part for part in self.taken if column in part.stream.signals)
-
     def other(self) -> "UniformSignals | None":
         """The same with the other reading of every undecided stream: true stamps as even, even ones
         as true.

@@ -20,7 +20,7 @@ from osl_analysis.commands.fit import fit_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import OslAnalysisError
-from osl_analysis.signals import LowPass, Motion, differentiate, filtered_motion, sampling_rate
+from osl_analysis.signals import Motion, differentiate, sampling_rate
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
 from osl_analysis.stats import repeats
 from osl_analysis.stats.linear_fit import linear_fit
@@ -128,7 +128,6 @@ FITS_OF_SIGNALS = {
     "over_repeats": lambda t, x, y: repeats.over_repeats(y, [(0.0, np.inf)]),
     "summary_row": lambda t, x, y: repeats.summary_row(pl.DataFrame({"y": y}), "y"),
     "differentiate": lambda t, x, y: differentiate(t, y),
-    "filtered_motion": lambda t, x, y: filtered_motion(t, x, y, LowPass(15)),
     "sampling_rate": lambda t, x, y: sampling_rate(t),
     "find_stances": lambda t, x, y: find_stances(t, 1e3 * np.clip(y, -1e20, 1e20), 30, 15, 0.1),
 }  # fmt: skip

@@ -82,7 +82,9 @@ if not TYPE_CHECKING:  # so that a type checker knows the names, and no others
         package, starts at once."""
         if name not in MODULES:
             raise AttributeError(f"module 'osl_analysis' has no attribute '{name}'")
-        return getattr(import_module(f"osl_analysis.{MODULES[name]}"), name)
+        public = getattr(import_module(f"osl_analysis.{MODULES[name]}"), name)
+        globals()[name] = public  # which is found there from now on
+        return public
 
 
 def __dir__() -> list[str]:

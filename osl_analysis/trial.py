@@ -190,11 +190,6 @@ class Trial:
     def columns(self) -> Sequence[str]:
         return self.samples.columns
 
-    def present(self, column: str) -> NDArray[np.bool_]:
-        """Mask (n,) of the rows in which a column was sampled. NaN counts as sampled."""
-        self.check_columns(column)
-        return self.samples[column].is_not_null().to_numpy()
-
     def parts(self, windows: str) -> list[tuple[float, float]]:
         """Begin and end [s] of windows, stated as `2-30 40-62` after the first sample. Raises
         InputError: they are no windows of this trial."""
@@ -219,15 +214,14 @@ class Trial:
         shifted = np.maximum(parts - (cut.samples["time"][0] - time[0]), 0)
         return cut, " ".join(f"{begin:.9f}-{end:.9f}" for begin, end in shifted.tolist())
 
-    def sampled(self, *columns: str) -> pl.DataFrame:
-        """Select the rows in which every named column has a sample (NaN counts as one), with `time`
-        [s] first."""
-        self.check_columns(*columns)
-        return self.samples[["time", *columns]].drop_nulls()
-
     def arrays(self, *columns: str) -> list[Array]:
-        """Arrays (n,) of `time` [s] and the columns, over the rows in which all were sampled."""
-        return [column.to_numpy() for column in self.sampled(*columns).iter_columns()]
+        """Arrays (n,) of `time` [s] and the columns, over the rows in which all were sampled (NaN
+        counts as a sample)."""
+        self.check_columns(*columns)
+        samples = self.samples[["time", *columns]]
+        if any(column.null_count() for column in samples.iter_columns()):
+            samples = samples.drop_nulls()
+        return [column.to_numpy() for column in samples.iter_columns()]
 
     def signals(self, *columns: str) -> tuple[Array, ...]:
         """Arrays as `arrays`. Raises InputError: a column has a NaN."""

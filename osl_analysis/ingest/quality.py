@@ -373,7 +373,7 @@ def pressed_plates(examined: Examined) -> Iterator[tuple[str, Array, Array]]:
         number, corners = plate["plate"], np.array(plate["corners"])
         columns = plate_columns(number)
         axes = plate_axes(corners)
-        wrench = trial.sampled(*columns).select(columns).to_numpy()
+        wrench = np.stack(trial.arrays(*columns)[1:], axis=1)
         wrench = wrench[wrench[:, :3] @ axes[:, 2] > LIMITS.loaded_N]
         if len(wrench) >= LIMITS.fewest_loaded:
             vertical = wrench[:, :3] @ axes[:, 2:]

@@ -130,21 +130,6 @@ class DeviceClock:
         step, start = (lower_edge if takes_edge else line_through)(place, late)
         return np.asarray(base + step * self.count + start, dtype=np.float64)
 
-    def aged(self, age: float) -> Array:
-        """When values `age` loops older than their stamps were taken, (n,) [s].
-
-        The times are interpolated between earlier stamps. Behind a gap or a very long loop these do
-        not tell; there, `age` usual steps are taken off.
-        """
-        if not age:
-            return self.stamps
-        rows = np.arange(len(self.stamps))
-        older = self.stamps - np.interp(rows - age, rows, self.stamps)
-        is_behind_gap = np.diff(self.count, prepend=self.count[0]) > 1
-        tells_nothing = is_behind_gap | (older > 3 * age * self.step) | (rows < age)
-        older = np.where(tells_nothing, age * self.step, older)
-        return np.maximum.accumulate(self.stamps - older)
-
 
 def is_multiple(times: Array, decimal: float) -> bool:
     """Whether all times (n,) are multiples of a decimal [s]."""
@@ -175,6 +160,8 @@ def lower_edge(place: SampleCount, late: Array) -> tuple[float, float]:
 
 
 # ---- Values that a log repeats, because their source is slower than the log
+
+WITHIN_A_ROW = 1.2  # range of rows about even places, which is no chance
 
 
 @dataclass(frozen=True)
@@ -212,30 +199,24 @@ def held_values(signal: Array, step: float) -> HeldValues | None:
     first_rows = np.flatnonzero(signal[1:] != signal[:-1]) + 1
     repetitions = len(signal) - len(first_rows)
     if FEWEST_STAMPS < repetitions < 0.5 * len(signal):
-        return hardly_slower_source(signal, first_rows)
+        # a source that is hardly slower than the log: its values are evenly spaced to within a row
+        rows = first_rows.astype(np.float64)
+        number = np.arange(len(rows))
+        period, _ = line_through(number, rows)
+        is_even = np.ptp(rows - period * number) < WITHIN_A_ROW
+        is_seldom = len(rows) * period <= len(signal) - 3
+        return HeldValues(rows, signal[first_rows], period) if is_even and not is_seldom else None
     if not FEWEST_STAMPS < len(first_rows) < 0.6 * len(signal):
         return None
-    period = rows_per_value(signal, first_rows, step)
-    if period is None:
+    usual = rows_per_value(signal, first_rows, step)
+    if usual is None:
         return None
     # a value that equals the one before shows no change: its row is interpolated
-    periods = np.maximum(np.rint(np.diff(first_rows) / period), 1).astype(np.intp)
+    periods = np.maximum(np.rint(np.diff(first_rows) / usual), 1).astype(np.intp)
     count = np.append(0, np.cumsum(periods))
     place = np.arange(count[-1] + 1)
     shown_at = first_rows[np.searchsorted(count, place, "right") - 1]
-    return HeldValues(np.interp(place, count, first_rows), signal[shown_at], period)
-
-
-def hardly_slower_source(signal: Array, first_rows: NDArray[np.intp]) -> HeldValues | None:
-    """The values of a source that is hardly slower than the log: all are evenly spaced to within a
-    row, which is no chance. None if they are not."""
-    number = np.arange(len(first_rows))
-    rows = first_rows.astype(np.float64)
-    period, _ = line_through(number, rows)
-    within_a_row = 1.2  # range of rows about even places
-    is_even = np.ptp(rows - period * number) < within_a_row
-    is_seldom = len(rows) * period <= len(signal) - 3
-    return HeldValues(rows, signal[first_rows], period) if is_even and not is_seldom else None
+    return HeldValues(np.interp(place, count, first_rows), signal[shown_at], usual)
 
 
 def rows_per_value(signal: Array, first_rows: NDArray[np.intp], step: float) -> float | None:

@@ -40,17 +40,6 @@ class GapLimits:
     cutoff_hz: float = 15.0  # [Hz] of the filter that the signals pass afterwards
     longest_s: float = 0.5  # [s] longest gap that is not refused
 
-    @property
-    def bridged_s(self) -> float:
-        """Longest gap [s] that is bridged: a tenth of a period of `highest_hz`; a cubic is wrong by
-        5e-4 there."""
-        return 0.1 / self.highest_hz
-
-    @property
-    def margin_s(self) -> float:
-        """Time [s] to either side of a marked gap into which the filter spreads its values."""
-        return 3 / self.cutoff_hz
-
 
 @dataclass(frozen=True)
 class UniformSignals:
@@ -180,27 +169,32 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
     step = min(part.step for part in leading)
     rate = 1 / step
     time = shared_time(leading, step)
+    # a gap up to a tenth of a period is bridged: a cubic is wrong by 5e-4 there
+    bridged_s = 0.1 / limits.highest_hz
+    # to either side of a longer one, into which the filter spreads its values
+    margin_s = 3 / limits.cutoff_hz
+    margins = np.array([-margin_s, margin_s])
     usable = np.ones(len(time), dtype=bool)
     signals = dict[str, Array]()
     report = []
     for part in leading:
-        bridged, marked = gaps_of(part, time, limits)
-        margins = (-limits.margin_s, limits.margin_s)
+        ends, length = gaps_of(part, time, limits.longest_s)
+        marked = ends[length > bridged_s]
         for first, stop in np.searchsorted(time, marked + margins).tolist():
             usable[first:stop] = False
         signals.update(resampled(*part.samples, time, step))
-        report.append(stream_row(part, len(bridged), len(marked), rate))
+        report.append(stream_row(part, len(ends) - len(marked), len(marked), rate))
     if not usable.any():
         raise InputError(
             f"{taken[0].stream.name}: every row from {time[0]:.4f} s to {time[-1]:.4f} s lies"
-            f" within {limits.margin_s:.2f} s of a gap longer than {limits.bridged_s * 1e3:g} ms;"
+            f" within {margin_s:.2f} s of a gap longer than {bridged_s * 1e3:g} ms;"
             f" {BRIDGE_MORE}; if stamps are rounded so that many rows share one, state"
             " `time: {rate: HZ}`"
         )
     for part in taken:
         if not part.stream.leads:
             with suppress(InputError):
-                gaps_of(part, time, limits)
+                gaps_of(part, time, limits.longest_s)
                 signals.update(resampled(*part.samples, time, step))
     signals = with_equal_sensor_filters(signals, taken, rate)
 
@@ -295,25 +289,24 @@ def fixture_torque(
     return np.asarray(inertial + weight * np.sin(theta - np.deg2rad(rest_deg)))
 
 
-def gaps_of(part: Taken, time: Array, limits: GapLimits) -> tuple[Array, Array]:
-    """Find the gaps of a stream within times (m,) [s] that are bridged, and those that are marked,
-    as begin and end (gaps, 2) [s]. Raises InputError: a gap is too long."""
+def gaps_of(part: Taken, time: Array, longest_s: float) -> tuple[Array, Array]:
+    """Begin and end (gaps, 2) [s] of the gaps of a stream within times (m,) [s], and their lengths
+    (gaps,) [s]. Raises InputError: one is longer than allowed."""
     times = part.samples[0]
     rows = np.flatnonzero(np.diff(times) > LONG_STEP * part.step)
     ends = np.stack([times[rows], times[rows + 1]], axis=1)
     ends = ends[(ends[:, 1] > time[0]) & (ends[:, 0] < time[-1])]
     jitter = 1.1  # steps between samples that are no gap: a tenth of a step is jitter
     length = ends[:, 1] - ends[:, 0] - jitter * part.step
-    if (length > limits.longest_s).any():
+    if (length > longest_s).any():
         begin, end = ends[np.argmax(length)]
         raise InputError(
             f"{part.stream.name}: {', '.join(part.stream.signals)} has no sample from {begin:.4f} s"
-            f" to {end:.4f} s, {end - begin:.3f} s long; gaps up to {limits.longest_s:g} s are"
+            f" to {end:.4f} s, {end - begin:.3f} s long; gaps up to {longest_s:g} s are"
             " bridged: give each part beside the gap a trial of its own by `windows` in the sample"
             " sheet, or see whether the recorder's clock jumped"
         )
-    is_bridged = length <= limits.bridged_s
-    return ends[is_bridged], ends[~is_bridged]
+    return ends, length
 
 
 def stream_row(part: Taken, bridged: int, marked: int, grid_hz: float) -> dict[str, Any]:
@@ -386,9 +379,11 @@ def resampled(
 
 def devices_of(trial: Trial, columns: Sequence[str]) -> list[list[str]]:
     """Group columns by device: those sampled in the same rows."""
+    trial.check_columns(*columns)
     devices: dict[bytes, list[str]] = {}
     for column in columns:
-        devices.setdefault(trial.present(column).tobytes(), []).append(column)
+        is_sampled = trial.samples[column].is_not_null().to_numpy()
+        devices.setdefault(is_sampled.tobytes(), []).append(column)
     return list(devices.values())
 
 

@@ -46,15 +46,15 @@ def in_blocks(values: Array | SampleCount, size: int) -> Array:
     return np.asarray(values[: len(values) // size * size].reshape(-1, size))
 
 
-def places_of_samples(stamps: Array, counter: SampleCount | None, name: str) -> SampleCount:
-    """Find the place of every sample in the device's count.
+def count_of_device(stamps: Array, counter: SampleCount, name: str) -> SampleCount:
+    """The place of every sample in the count that the device writes.
 
     Parameters
     ----------
     stamps : Array
         (n,) [s].
-    counter : SampleCount or None
-        (n,) the device's own count, which is taken if there is one, else the stamps.
+    counter : SampleCount
+        (n,) the device's own count.
     name : str
         Of the device, for messages.
 
@@ -68,8 +68,6 @@ def places_of_samples(stamps: Array, counter: SampleCount | None, name: str) -> 
     InputError
         The counter does not rise, or the clock jumps while it runs on.
     """
-    if counter is None:
-        return count_from_stamps(stamps)
     goes_back = np.diff(counter) <= 0
     if goes_back.any():
         row = int(np.argmax(goes_back))

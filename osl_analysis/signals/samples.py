@@ -16,8 +16,9 @@ from osl_analysis.signals.plateaus import means_from
 from osl_analysis.signals.sample_count import (
     FEWEST_STAMPS,
     SampleCount,
+    count_from_stamps,
+    count_of_device,
     missing_by_rhythm,
-    places_of_samples,
 )
 from osl_analysis.signals.stamp_evidence import Reading, decide
 from osl_analysis.trial import Array
@@ -211,7 +212,7 @@ def take(streams: Sequence[Stream]) -> list[Taken]:
     Raises
     ------
     InputError
-        As `places_of_samples` and `check_countable`.
+        As `count_of_device` and `check_countable`.
     """
     taken = [part for stream in streams for part in take_stream(stream)]
     leading = [part for part in taken if part.stream.leads]
@@ -227,7 +228,10 @@ def take_stream(recorded: Stream) -> list[Taken]:
     """Decide when the samples of one stream were taken."""
     stream = recorded.without_repeats()
     repeated = len(recorded.stamps) - len(stream.stamps)
-    count = places_of_samples(stream.stamps, stream.counter, stream.name)
+    if stream.counter is None:
+        count = count_from_stamps(stream.stamps)
+    else:
+        count = count_of_device(stream.stamps, stream.counter, stream.name)
     clock = DeviceClock(stream.stamps, count, stream.counter is not None)
     held: dict[str, HeldValues] = {}  # of signals whose sources are slower than the rows
     groups: dict[tuple[float, bytes], dict[str, Array]] = {}  # by delay and missing rows
@@ -245,7 +249,8 @@ def take_stream(recorded: Stream) -> list[Taken]:
     if groups:
         own = {name: values for name, values in stream.signals.items() if name not in held}
         reading = stream.reading or decide(own, clock)
-        row_times = reading.times(clock)
+        if held:
+            row_times = reading.times(clock)
         for (delay, _), signals in groups.items():
             is_all = len(groups) + len(held) == 1
             name = stream.name if is_all else ", ".join(signals)

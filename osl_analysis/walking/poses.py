@@ -174,12 +174,12 @@ def marker_tracks(trial: Trial, names: Sequence[str]) -> tuple[Array, Array]:
         )
 
     columns = [column for name in names for column in marker_columns(name)]
-    rows = trial.sampled(*columns)
-    if rows.is_empty():
+    time, *positions = trial.arrays(*columns)
+    if not time.size:
         raise InputError(
             f"trial {trial.name}: markers {', '.join(names)} have no frames; record the trial again"
         )
-    return rows["time"].to_numpy(), rows.select(columns).to_numpy().reshape(-1, len(names), 3)
+    return time, np.stack(positions, axis=1).reshape(-1, len(names), 3)
 
 
 def segment_poses(

@@ -155,9 +155,14 @@ def with_places(places: int, *numbers: float | None) -> list[str]:
     return ["" if number is None else f"{number:z.{places}f}" for number in numbers]
 
 
+NOTHING = "–"
+
+
 def written(
-    value: float, low: float | None = None, high: float | None = None, unit: str = ""
+    value: float | None, low: float | None = None, high: float | None = None, unit: str = ""
 ) -> str:
-    """A number as `300.1 (298.7 to 301.6)`."""
+    """A number as `300.1 (298.7 to 301.6)`, or a dash for none."""
+    if value is None:
+        return NOTHING
     text, *ends = with_places(decimal_places(value, low, high, unit), value, low, high)
     return f"{text} ({' to '.join(ends)})" if all(ends) else text

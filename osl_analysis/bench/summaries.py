@@ -2,7 +2,6 @@
 controllers beside each other."""
 
 from collections.abc import Mapping
-from typing import Any
 
 import polars as pl
 
@@ -85,10 +84,8 @@ def delay_table(rows: pl.DataFrame, name: str = "delay") -> pl.DataFrame:
         of_trials = of_trials.with_columns(lag_s_se_bench=pl.lit(BELT_ERROR))
     if of_trials.is_empty():
         return table_of([], name)
-    delay_s, low_s, high_s = of_trials.select("lag_s", "lag_s_low", "lag_s_high").row(0)
-    if len(of_trials) > 1:  # a single trial has its own interval
-        pooled: dict[str, Any] = summary_row(of_trials, "lag_s")
-        delay_s, low_s, high_s = pooled["mean"], pooled["low"], pooled["high"]
+    pooled = summary_row(of_trials, "lag_s")
+    delay_s, low_s, high_s = pooled["mean"], pooled["low"], pooled["high"]
     to_state = None
     if low_s * high_s > 0:
         late = "torque" if delay_s > 0 else "theta"

@@ -11,7 +11,7 @@ import polars as pl
 
 from osl_analysis.files import own_yaml
 from osl_analysis.judge.judging import results_in
-from osl_analysis.measured import written
+from osl_analysis.measured import NOTHING, written
 from osl_analysis.report.typography import latex_table, markdown_table
 from osl_analysis.stats.repeats import OWN_CONDITION, counted, summary_row
 
@@ -21,7 +21,6 @@ ESTIMATED = ("K", "B", "B_viscous", "I", "VAF")
 UNITS = {"VAF": "%"}  # of what is rounded as a share
 SUBTRACTED = {"ensemble": "mean unperturbed gait", "ensemble, predicted gait": "predicted gait"}
 """What each estimator of a group subtracts from the perturbed crossings."""
-NOTHING = "–"
 DAGGER = "†: doubtful. A mean is over trials that are not doubtful; where all are, there is none."
 
 
@@ -52,15 +51,14 @@ def conditions(impedance: pl.DataFrame) -> list[Condition]:
     keys = [name for name in present if whole[name].n_unique() > 1]
     if not keys:  # one condition: what the sheet states of it
         keys = [name for name in present if whole[name][0] not in (None, "")]
-    symbols = [name for name in ESTIMATED if name in whole.columns and whole[name].count()]
+    symbols = [name for name in ESTIMATED if whole[name].count()]
     parts = whole.sort(keys).partition_by(keys, maintain_order=True) if keys else [whole]
     rows = []
     for fits in parts:
         sound = counted(fits)
         used = fits if len(fits) == 1 else sound
         first = fits.row(0, named=True)
-        remarks = used["remarks"] if "remarks" in used.columns else ()
-        results = chain.from_iterable(map(results_in, remarks))
+        results = chain.from_iterable(map(results_in, used["remarks"]))
         rows.append(
             Condition(
                 stated={key: stated_text(first[key]) for key in keys},
@@ -82,18 +80,13 @@ def stated_text(cell: object) -> str:
 def estimate_of(used: pl.DataFrame, name: str) -> str:
     """An estimate with its 95 % interval, of one trial or as the mean of several; of none there is
     nothing."""
-    row: Mapping[str, Any] = used.row(0, named=True) if len(used) else {}
-    if len(used) > 1:
-        mean = summary_row(used, name)
-        row = {name: mean["mean"], f"{name}_low": mean["low"], f"{name}_high": mean["high"]}
-    return estimate_text(row, name, UNITS.get(name, ""))
+    mean = summary_row(used, name)
+    return written(mean["mean"], mean["low"], mean["high"], UNITS.get(name, ""))
 
 
 def estimate_text(row: Mapping[str, Any], name: str, unit: str = "") -> str:
     """An estimate of a row with its 95 % interval, as far as it has them."""
-    if row.get(name) is None:
-        return NOTHING
-    return written(row[name], row.get(f"{name}_low"), row.get(f"{name}_high"), unit)
+    return written(row.get(name), row.get(f"{name}_low"), row.get(f"{name}_high"), unit)
 
 
 def groups(summary: pl.DataFrame, of_groups: pl.DataFrame) -> Iterator[Condition]:
@@ -103,8 +96,7 @@ def groups(summary: pl.DataFrame, of_groups: pl.DataFrame) -> Iterator[Condition
     doubts = dict(of_groups.select("group", "doubtful").rows())
     for (group,), of_group in summary.group_by("group", maintain_order=True):
         for estimator, subtracted in SUBTRACTED.items():
-            quantities = of_group.filter(estimator=estimator)
-            rows = quantities.rename({"low": "mean_low", "high": "mean_high"}).to_dicts()
+            rows = of_group.filter(estimator=estimator).to_dicts()
             if rows:
                 yield Condition(
                     stated={
@@ -116,7 +108,9 @@ def groups(summary: pl.DataFrame, of_groups: pl.DataFrame) -> Iterator[Condition
                     is_doubtful=bool(doubts.get(group)),
                     results=(),
                     estimates={
-                        row["quantity"]: estimate_text(row, "mean", UNITS.get(row["quantity"], ""))
+                        row["quantity"]: written(
+                            row["mean"], row["low"], row["high"], UNITS.get(row["quantity"], "")
+                        )
                         for row in rows
                     },
                 )

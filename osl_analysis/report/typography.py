@@ -56,21 +56,22 @@ def markdown_table(rows: Sequence[Sequence[str]]) -> str:
 
 
 MOST_IN_COLUMN = 4  # columns of a table that a column of two holds, with intervals below the values
-INTERVAL_BELOW = r"\\begin{tabular}[t]{@{}l@{}}\1\\\\\2\\end{tabular}"
+INTERVAL_BELOW = r"\\begin{tabular}[t]{@{}l@{}}\1\\\\{}[\2, \3]\\end{tabular}"
+INTERVAL_BESIDE = r"\1 [\2, \3]"
 
 
 def latex_table(rows: Sequence[Sequence[str]], heads: Mapping[str, str]) -> str:
-    """Rows as a `tabular` with rules of booktabs, turned where there are fewer rows than columns.
-    `heads` has those heads, of columns and of rows, that are LaTeX."""
-    if len(rows) < len(rows[0]):
+    """Rows as a `tabular` with rules of booktabs, which fits a column, turned if need be, or else
+    the width of two. `heads` has those heads, of columns and of rows, that are LaTeX."""
+    if len(rows) <= MOST_IN_COLUMN < len(rows[0]):
         rows = [*zip(*rows, strict=True)]
+    interval = INTERVAL_BELOW if len(rows[0]) <= MOST_IN_COLUMN else INTERVAL_BESIDE
     lines = [" & ".join(heads.get(cell, in_latex(cell)) for cell in row) for row in rows]
-    if len(rows[0]) <= MOST_IN_COLUMN:
-        lines = [re.sub(r"(\S+) (\(\S+ to \S+\))", INTERVAL_BELOW, line) for line in lines]
+    lines = [re.sub(r"(\S+) \((\S+) to (\S+)\)", interval, line) for line in lines]
     head, *body = [re.sub(r"(?<!\w)-(?=\d)", "$-$", line) + r" \\" for line in lines]
     begin = rf"\begin{{tabular}}{{@{{}}{'l' * len(rows[0])}@{{}}}}\toprule"
     parts = [
-        r"{\footnotesize\tabcolsep=3pt\sisetup{per-mode=symbol}",
+        r"{\footnotesize\tabcolsep=2pt\sisetup{per-mode=symbol}",
         begin,
         head,
         r"\midrule",

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from statistics import median
-from typing import cast
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -117,15 +117,23 @@ def over_repeats(
     )
 
 
-def summary_row(table: pl.DataFrame, name: str) -> dict[str, float | str | None]:
+def summary_row(table: pl.DataFrame, name: str) -> dict[str, Any]:
     """n, mean, sd, se, low, high of one column, and the interval's source, with the shared error of
     all rows (`NAME_se_bench`, if present) and their own intervals (`NAME_low`, `NAME_high`). One
-    trial gives n and mean."""
+    trial has its own interval, without sd and se."""
     used = table.filter(pl.col(name).cast(pl.Float64).is_not_nan())
     numbers = used[name].cast(pl.Float64)
     if len(numbers) < 2:
-        no_scatter = dict.fromkeys(("sd", "se", "low", "high", "interval_method"))
-        return {"n": len(numbers), "mean": cast(float | None, numbers.mean()), **no_scatter}
+        first = used.row(0, named=True) if len(used) else {}
+        return {
+            "n": len(numbers),
+            "mean": numbers.mean(),
+            "sd": None,
+            "se": None,
+            "low": first.get(f"{name}_low"),
+            "high": first.get(f"{name}_high"),
+            "interval_method": first.get("interval_method"),
+        }
 
     of_bench = np.zeros(len(used))
     if f"{name}_se_bench" in table.columns:
@@ -137,9 +145,7 @@ def summary_row(table: pl.DataFrame, name: str) -> dict[str, float | str | None]
         own_squares = np.nan_to_num(widths / 2) ** 2 - (NORMAL_HALF_WIDTH * of_bench) ** 2
         halves = np.sqrt(np.maximum(own_squares, 0.0))
     common = [(shared, np.inf)] if shared else []
-    row: dict[str, float | str | None] = asdict(
-        over_repeats(numbers.to_numpy(), common, halves=halves)
-    )
+    row = asdict(over_repeats(numbers.to_numpy(), common, halves=halves))
     if shared:
         row["interval_method"] = f"{row['interval_method']} + bench"
     return row

@@ -39,8 +39,10 @@ IMPEDANCE = pl.DataFrame(
         "K_high": [100.0, 103.0, 204.0, 207.0],
         "B": [0.1, 0.2, 5.3, 5.5],
         "B_viscous": [None, None, 5.1, None],
+        "I": None,
         "VAF": [97.0, 98.0, 99.0, 99.5],
         "doubtful": ["", "", "", "friction"],
+        "remarks": None,
         "interval_method": "repeats",
     }
 )
@@ -200,12 +202,14 @@ def test_a_condition_shows_friction():
     assert (condition.is_doubtful, condition.results) == (False, ["friction"])
 
 
-def test_latex_is_turned_to_fit_a_column_and_escapes_what_users_write():
-    rows = [["controller", "K", "n"], ["PD_1", "-2 (-3 to -1)", "1"]]
-    tex = paper_tables.to_tex(rows, "simulated")
+def test_latex_fits_a_column_turned_or_else_a_page_and_escapes_what_users_write():
+    heads, row = ["controller", "K_d", "K", "B", "n"], ["PD_1", "9", "-2 (-3 to -1)", "5", "1"]
 
-    for part in (r"controller & PD\_1 \\", r"\per\radian}) & \begin", r"}$-$2\\($-$3 to $-$1)\end"):
-        assert part in tex
+    turned, wide = (paper_tables.to_tex([heads, *[row] * n], "simulated") for n in (3, 4))
+
+    assert r"controller & PD\_1 & PD\_1 & PD\_1 \\" in turned
+    assert r"}$-$2\\{}[$-$3, $-$1]\end{tabular}" in turned
+    assert r"PD\_1 & 9 & $-$2 [$-$3, $-$1] & 5 & 1 \\" in wide
 
 
 def test_groups_of_crossings_are_rows_of_both_ensembles():

@@ -3,7 +3,6 @@ causes with their trials, in the same words at the end of a run, by `results` an
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain
 from statistics import mode
 from typing import Any
 
@@ -55,21 +54,29 @@ def campaign_findings(
     Returns
     -------
     list of WordedFinding
-        Without those that rows share with another table of the same trials, which has them.
+        Without those that rows share with another table of the same trials, which has them, and
+        without failed checks of what the fit to the recording tells.
 
     Raises
     ------
     InputError
         A limit stands on a column that its table does not have.
     """
-    worded = list(failed_checks(verdicts))
+    of_fits: list[WordedFinding] = []
     faults = spoiled_trials(verdicts)
     fits = {name: table for name, table in tables.items() if name in JUDGED_TABLES}
     for name, table in fits.items():
         by_row = judged(table, limits.of(name), name, faults)
         for row, of_row in zip(table.iter_rows(named=True), by_row, strict=True):
-            worded.extend(WordedFinding(finding, words_of(finding, row)) for finding in of_row)
-    return worded
+            of_fits.extend(WordedFinding(finding, words_of(finding, row)) for finding in of_row)
+    doubts = [worded for worded in of_fits if worded.finding.grade is Grade.DOUBTS]
+    told = {fact_of(doubt) for doubt in doubts if is_of_whole(doubt.finding)}
+    return [*(w for w in failed_checks(verdicts) if fact_of(w) not in told), *of_fits]
+
+
+def fact_of(worded: WordedFinding) -> tuple[str, str]:
+    """The cause and the trial of a finding."""
+    return worded.finding.name, worded.finding.subject
 
 
 def failed_checks(verdicts: pl.DataFrame) -> Iterator[WordedFinding]:
@@ -186,15 +193,14 @@ class JudgedTable:
     """A result table with the column `DOUBTFUL`, and what its findings are about."""
 
     name: str
-    subject: str  # of its doubts, such as `impedance trials`
-    subject_of_unchecked: str  # of what could not be checked, such as `impedance trials`
+    subject: str  # what was judged, such as `impedance trials`
     rows: Mapping[str, AnyRow]  # of those that were judged: the last, the fit to all of a trial
     doubts_of: str  # the table of the same trials whose doubts its rows share; empty for none
 
 
 def judged_tables_of(tables: Mapping[str, pl.DataFrame]) -> Iterator[JudgedTable]:
     """The judged tables of a campaign, in the order of the experiments."""
-    for experiment, facts in EXPERIMENTS.items():
+    for facts in EXPERIMENTS.values():
         origins = {table.name: table.doubts_of for table in facts.tables if table.judged}
         of_groups = dict.fromkeys(facts.judged_further, "")
         for name, origin in {**origins, **of_groups}.items():
@@ -204,9 +210,8 @@ def judged_tables_of(tables: Mapping[str, pl.DataFrame]) -> Iterator[JudgedTable
             of_judged = rows.filter(pl.col(DOUBTFUL).is_not_null()).to_dicts()
             last_rows = {subject_of(row): row for row in of_judged}
             kind = "" if name in of_groups else " trials"
-            of_doubts = name if name in of_groups else experiment
-            subject, noted = (f"{of.replace('_', ' ')}{kind}" for of in (of_doubts, name))
-            yield JudgedTable(name, subject, noted, last_rows, origin)
+            subject = (origin or name).replace("_", " ") + kind
+            yield JudgedTable(name, subject, last_rows, origin)
 
 
 def causes_in_campaign(
@@ -232,10 +237,8 @@ def causes_in_campaign(
         that are used, remarks, and what could not be checked; in each, the most frequent cause
         first. A trial that is doubtful is not among those that are doubtful in part.
     """
-    present = {*subjects(verdicts), *chain(*map(subjects, tables.values()))}
-    used = [worded for worded in findings if worded.finding.subject in present]
-    whole = [worded for worded in used if not worded.finding.is_of_part]
-    in_doubt = [worded for worded in used if worded.finding.grade is Grade.DOUBTS]
+    whole = [worded for worded in findings if not worded.finding.is_of_part]
+    in_doubt = [worded for worded in findings if worded.finding.grade is Grade.DOUBTS]
     doubtful = {worded.finding.subject for worded in in_doubt if is_of_whole(worded.finding)}
     of_part = [
         worded
@@ -248,12 +251,12 @@ def causes_in_campaign(
 
     causes: list[CampaignFinding] = []
     for table in judged_tables_of(tables):
-        name, rows, noted = table.name, table.rows, table.subject_of_unchecked
+        name, rows, subject = table.name, table.rows, table.subject
         if name not in DOUBTS_OF:
-            causes += by_cause(about(Grade.DOUBTS, name), "doubtful", table.subject, rows)
+            causes += by_cause(about(Grade.DOUBTS, name), "doubtful", subject, rows)
         causes += doubts_in_part(table, of_part)
-        causes += by_cause(about(Grade.NOTES, name), "remark", noted, rows)
-        causes += by_cause(about(Grade.UNCHECKED, name), "not checked", noted, rows)
+        causes += by_cause(about(Grade.NOTES, name), "remark", subject, rows)
+        causes += by_cause(about(Grade.UNCHECKED, name), "not checked", subject, rows)
     causes += flags_by_check(about(Grade.DOUBTS, QUALITY), verdicts)
     return sorted(causes, key=lambda cause: (RANKS[cause.verdict], -len(cause.trials)))
 
@@ -270,19 +273,11 @@ def doubts_in_part(
     """The causes of doubt about single amplitudes or frequencies of trials that are not
     doubtful as a whole. Those that a table shares with that of the fits to the same trials are left
     out."""
-    in_origin = {
-        (worded.finding.subject, worded.finding.name)
-        for worded in findings
-        if worded.finding.table == table.doubts_of
-    }
+    in_origin = {fact_of(w) for w in findings if w.finding.table == table.doubts_of}
     of_table = [worded for worded in findings if worded.finding.table == table.name]
-    own = [w for w in of_table if (w.finding.subject, w.finding.name) not in in_origin]
-    subject = table.subject
-    if table.doubts_of:
-        subject = f"{subject}, in {table.name.replace('_', ' ')} alone"
-    elif all(worded.finding.amplitude_deg is not None for worded in own):
-        subject = f"{subject}, at single amplitudes alone"
-    return by_cause(own, "doubtful in part", subject, table.rows)
+    own = [worded for worded in of_table if fact_of(worded) not in in_origin]
+    where = f"in {table.name}" if table.doubts_of else "at single amplitudes"
+    return by_cause(own, "doubtful in part", f"{table.subject}, {where} alone", table.rows)
 
 
 NO_ROW: AnyRow = {}
@@ -294,16 +289,8 @@ def flags_by_check(
     """The failed checks of trials that are used, in the order of the checks."""
     for check in CHECKS:
         failed = [worded for worded in failed_checks if first_column(worded.finding) == check]
-        checked = dict.fromkeys(subjects(verdicts.filter(check=check)), NO_ROW)
+        checked = dict.fromkeys(verdicts.filter(check=check)["trial"], NO_ROW)
         yield from by_cause(failed, "flagged", "trials", checked)
-
-
-def subjects(rows: pl.DataFrame) -> list[str]:
-    """The trials, or groups, of a table."""
-    for key in ("trial", "group"):
-        if key in rows.columns:
-            return rows[key].unique(maintain_order=True).to_list()
-    return []
 
 
 def shown_size(finding: Finding, column: str, row: AnyRow) -> float:

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -176,14 +176,11 @@ def number_of(
     first = used.row(0, named=True)
     values = used["number"]
     value = float(getattr(values, entry.reduce)())
-    if len(used) == 1:
-        low, high = first["number_low"], first["number_high"]
-        interval = first.get("interval_method") or first.get("interval") or "95 %"
-    elif entry.low == "NULL":
-        low, high, interval = cast(float, values.min()), cast(float, values.max()), RANGE
-    else:
-        mean: dict[str, Any] = summary_row(used, "number")
-        low, high, interval = mean["low"], mean["high"], mean["interval_method"]
+    mean = summary_row(used, "number")
+    low, high = mean["low"], mean["high"]
+    interval = mean["interval_method"] or first.get("interval") or "95 %"
+    if entry.low == "NULL" and len(used) > 1:
+        low, high, interval = values.min(), values.max(), RANGE
     stated = [
         f"{key} {first[key]:g}" if isinstance(first[key], float) else str(first[key])
         for key in keys

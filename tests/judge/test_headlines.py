@@ -10,7 +10,7 @@ from conftest import beyond_in, findings_of, marked
 from osl_analysis.commands import tables
 from osl_analysis.commands.tables import gather
 from osl_analysis.jobs.job_log import write_log
-from osl_analysis.judge.campaign import causes_in_campaign
+from osl_analysis.judge.campaign import campaign_findings, causes_in_campaign
 from osl_analysis.judge.finding import (
     Beyond,
     Finding,
@@ -20,7 +20,7 @@ from osl_analysis.judge.finding import (
     findings_frame,
 )
 from osl_analysis.judge.judging import judged
-from osl_analysis.judge.limits import Limits
+from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.stats.repeats import counted, doubtful_row, summary_of_trials
 from osl_analysis.table import read_table, write_table
 
@@ -205,3 +205,17 @@ def test_a_trial_that_is_doubtful_is_not_counted_again_as_doubtful_in_part():
     assert {cause.verdict: cause.trials for cause in causes} == {
         "doubtful": ["a"], "doubtful in part": ["b"]
     }  # fmt: skip
+
+
+def test_a_fact_that_a_check_and_a_fit_tell_is_one_finding():
+    fits = pl.DataFrame({"trial": ["a", "b"], "saturated_samples": [9, 0]})
+    of_check = {"verdict": "flag", "value": 9.0, "unit": "samples", "remark": ""}
+    verdicts = pl.DataFrame({"trial": ["a", "b"], "check": "saturation", **of_check})
+
+    told = campaign_findings({"impedance": fits}, verdicts, DoubtfulFits())
+
+    clipped = [w.finding for w in told if w.finding.name == "clipped_signal"]
+    assert {finding.subject: finding.table for finding in clipped} == {
+        "b": "quality", "a": "impedance"
+    }  # fmt: skip
+    assert len(clipped) == 2

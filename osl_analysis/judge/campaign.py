@@ -136,7 +136,8 @@ class CampaignFinding:
     verdict
         On its trials: doubtful, doubtful in part, flagged, not checked, or remark.
     subject
-        What was judged, such as `impedance trials`.
+        What was judged, such as `impedance trials`, or `impedance trials, at single amplitudes
+        alone`.
     name, cause
         As of a `Finding`.
     says, size, remedy
@@ -167,15 +168,9 @@ class CampaignFinding:
     remedy: str
 
     @property
-    def kind(self) -> str:
-        """What was judged, without the part of it, as in `impedance trials, at single amplitudes
-        alone`."""
-        return self.subject.partition(",")[0]
-
-    @property
     def counts(self) -> str:
         """The cause, and on how many of the trials it is."""
-        return f"{self.cause}: {len(self.trials)} of {self.n} {self.kind}"
+        return f"{self.cause}: {len(self.trials)} of {self.n} {self.subject}"
 
     @property
     def is_result(self) -> bool:
@@ -281,6 +276,8 @@ def doubts_in_part(
 
 
 NO_ROW: AnyRow = {}
+IN_PART = {"doubtful in part": "leave out rows marked doubtful"}
+"""What to do about doubts that are not on all of a trial."""
 
 
 def flags_by_check(
@@ -341,7 +338,7 @@ def by_cause(
             name=name,
             cause=kind.title,
             n=len(rows),
-            brief=kind.brief or words.remedy,
+            brief=IN_PART.get(verdict) or kind.brief or words.remedy,
             trials=trials,
             line=f"{verdict}, {counts}: {sentence_of(in_line, kind.title)}{trial_names}",
             worst=worst,

@@ -101,8 +101,9 @@ class Number:
         """How many trials are doubtful; empty for none."""
         if not self.n_doubtful:
             return ""
+        total = self.n + self.n_doubtful
         left_out = "left out as doubtful" if self.n else "doubtful"
-        return f"{self.n_doubtful} of {self.n + self.n_doubtful} {left_out}"
+        return f"{self.n_doubtful} of {total} {left_out}" if total > 1 else left_out
 
     @property
     def in_sentence(self) -> str:
@@ -214,14 +215,16 @@ def headline_sentences(numbers: Iterable[Number]) -> Iterator[str]:
     for number in numbers:
         if number.says == BY_CONDITION:
             condition = f"{number.subject}, {number.doubts}".removesuffix(", ")
-            text = f"{number.symbol} {number.text} {number.unit}"
+            text = f"{number.symbol} {number.text}"
             of_conditions.setdefault(condition, []).append(text)
         elif number.says:
             texts_of.setdefault(number.says, []).append(number.in_sentence)
     conditions = [f"{name}: {', '.join(texts)}" for name, texts in of_conditions.items()]
     shown = first_of(conditions, MOST_CONDITIONS)
+    begin = "K in N*m/rad, B in N*m*s/rad: "
     for line in filter(len, np.array_split(shown, CONDITION_LINES)):
-        yield f"{'; '.join(line)}."
+        yield f"{begin}{'; '.join(line)}."
+        begin = ""
     for begin, texts in texts_of.items():
         yield f"{begin} {', '.join(first_of(texts, MOST_IN_SENTENCE))}."
 

@@ -20,7 +20,7 @@ from osl_analysis.report.numbers import Number
 from osl_analysis.report.paper_tables import Condition, estimate_text
 from osl_analysis.report.signals import Signals
 from osl_analysis.report.typography import printed
-from osl_analysis.report.verdicts import LeftOut, causes_not_checked, results_on, verdict_on
+from osl_analysis.report.verdicts import LeftOut, results_on, verdict_on
 
 TEMPLATES = Path(__file__).with_name("templates")
 NO_CONDITIONS = ("trial", "experiment", "log", "log_source", "mocap", "mocap_source", "exclude")
@@ -98,11 +98,6 @@ class Page:
         drawn = {figure.name: figure for figure in self.figures}
         return next((drawn[name] for name in MAIN_FIGURES if name in drawn), None)
 
-    @property
-    def not_checked(self) -> list[str]:
-        """What could not be checked, each once."""
-        return causes_not_checked(self.findings)
-
 
 def written_page(page: Page) -> str:
     """The HTML of a page."""
@@ -122,7 +117,6 @@ def written_page(page: Page) -> str:
     signals = {trial.name: trial.signals.packed() for trial in page.trials if trial.signals}
     return environment.get_template("page.html.j2").render(
         page=page,
-        views={trial.name for trial in page.trials},
         experiments=EXPERIMENTS,
         signals=signals,
         plots=plots.plots(ELEMENT_OF_PLOTS),

@@ -2,7 +2,7 @@
 summary and terminal count alike; and what a run found, in about ten lines for a terminal."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import polars as pl
@@ -177,28 +177,28 @@ def brief_lines(summary: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def findings_lines(findings: Sequence[CampaignFinding]) -> Iterator[str]:
-    """The first findings, each with its size in the worst trial and what to do, and all that could
-    not be checked."""
+def findings_lines(findings: Sequence[CampaignFinding]) -> list[str]:
+    """The first findings, and all that could not be checked."""
     doubts = [finding for finding in findings if finding.verdict != NOT_CHECKED]
-    for finding in doubts[:MOST_FINDINGS]:
-        mark = "·" if finding.verdict == "remark" else "⚠"
-        line = f"{mark} {finding.counts}"
-        if finding.verdict == IN_PART:
-            yield f"{line}, in some rows → leave out rows marked doubtful"
-            continue
-        first_size = finding.size.partition(". ")[0]
-        if first_size:
-            worst = f"at worst ({finding.worst}) " if len(finding.trials) > 1 else ""
-            line += f", {worst}{first_size}"
-        if finding.brief:
-            line += f" → {finding.brief}"
-        yield line
+    lines = [finding_line(finding) for finding in doubts[:MOST_FINDINGS]]
     if len(doubts) > MOST_FINDINGS:
-        yield f"· and {len(doubts) - MOST_FINDINGS} more, which the page lists"
+        lines[-1] += f" (the page lists {len(doubts) - MOST_FINDINGS} more)"
     unchecked = causes_not_checked(findings)
     if unchecked:
-        yield f"not checked, and in no interval: {'; '.join(unchecked)}"
+        told = "; ".join(unchecked)
+        lines.append(f"not checked, so that “clear” and intervals say nothing of it: {told}")
+    return lines
+
+
+def finding_line(finding: CampaignFinding) -> str:
+    """A finding with its size in the worst trial and what to do."""
+    mark = "·" if finding.verdict == "remark" else "⚠"
+    line = f"{mark} {finding.counts}"
+    first_size = finding.size.partition(". ")[0]
+    if first_size:
+        worst = f"at worst ({finding.worst}) " if len(finding.trials) > 1 else ""
+        line += f", {worst}{first_size}"
+    return f"{line} → {finding.brief}" if finding.brief else line
 
 
 def causes_not_checked(findings: Sequence[CampaignFinding]) -> list[str]:

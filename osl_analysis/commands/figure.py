@@ -195,7 +195,7 @@ def write_captions(*, tables: Mapping[str, Path], footer: str, output: Path) -> 
 def fig3(curves: Sequence[Path], table: Path, summary: Path, output: Path, data: str = "") -> None:
     """The numbers of Fig. 3, from the trials' curves, `belt.csv` and `belt_summary.csv`."""
     drawn = read_tables(curves, "belt_curves")
-    judged = read_table(table, ["trial", *PLACE, "doubtful"])
+    judged = read_table(table, ["trial", *PLACE, "K_s", "doubtful"])
     write_table(plotted_numbers("fig3", drawn, judged, read_table(summary)), output, data)
 
 
@@ -209,8 +209,8 @@ def fig4(
     windows: str | None = None,
     data: str = "",
 ) -> None:
-    """Write the numbers of Fig. 4: the end of the largest amplitude, or of a motion that is no
-    stepped sine, measured and by the best second-order fit.
+    """Write the numbers of Fig. 4: a part of a trial at its largest amplitude, measured and by the
+    best second-order fit.
 
     Parameters
     ----------
@@ -253,7 +253,7 @@ def fig7(
     responses = read_table(table)
     responses = responses.with_columns(look_numbers(responses["controller"]))
     if responses.is_empty():
-        write_table(plotted_numbers("fig7", responses), output, data)
+        write_table(pl.DataFrame(schema=columns_of("fig7")), output, data)
         return
     counts = responses.group_by("K_d", "B_d", maintain_order=True).agg(n=pl.col("trial").n_unique())
     K_d, B_d, _ = counts.sort("n", descending=True, maintain_order=True).row(0)

@@ -4,7 +4,8 @@ before its first job."""
 import json
 import os
 import shutil
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from argparse import ArgumentParser
+from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import version
 from importlib.util import find_spec
 from itertools import pairwise
@@ -48,7 +49,10 @@ def snakemake_arguments(arguments: Sequence[str]) -> list[str]:
         There is no campaign, the folder cannot be written to, or a configuration or profile is
         missing.
     """
-    configurations, others = given_arguments(arguments)
+    parser = ArgumentParser(add_help=False, allow_abbrev=False)
+    parser.add_argument(*CONFIGURED_BY, nargs="+", action="extend", type=Path, default=[])
+    given, others = parser.parse_known_args(arguments)
+    configurations: list[Path] = given.configfile
     is_clone = Path("Snakefile").is_file() and Path("config/config.yaml").is_file()
     if not (configurations or CAMPAIGN.is_file() or is_clone):
         raise InputError(
@@ -83,28 +87,6 @@ def check_working_folder(results: Path = Path(".snakemake")) -> None:
             f"{results.absolute()}: less than 10 MB free on its disk; make room, or work on"
             " another one"
         )
-
-
-def given_arguments(arguments: Iterable[str]) -> tuple[list[Path], list[str]]:
-    """The configurations among the arguments, of `--configfile=FILE` or `--configfiles FILE FILE`,
-    and all others."""
-    configurations: list[Path] = []
-    others: list[str] = []
-    takes_files = False
-    for argument in arguments:
-        option, _, file_behind = argument.partition("=")
-        if option in CONFIGURED_BY:
-            takes_files = not file_behind  # what stands behind a `=` is one file
-            if file_behind:
-                configurations.append(Path(file_behind))
-            continue
-        if argument.startswith("-"):
-            takes_files = False
-        if takes_files:
-            configurations.append(Path(argument))
-        else:
-            others.append(argument)
-    return configurations, others
 
 
 def check_submission(arguments: Sequence[str]) -> None:

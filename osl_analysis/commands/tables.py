@@ -17,7 +17,11 @@ from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path, write_text
 from osl_analysis.ingest.quality import UNITS
 from osl_analysis.jobs.job_log import read_log
-from osl_analysis.judge.campaign import campaign_findings, causes_in_campaign
+from osl_analysis.judge.campaign import (
+    campaign_findings,
+    causes_in_campaign,
+    findings_in_summary,
+)
 from osl_analysis.judge.claims import Claims, claims_table
 from osl_analysis.judge.finding import findings_frame, read_findings
 from osl_analysis.judge.judging import judged, marked, with_inherited
@@ -410,7 +414,7 @@ def format_results_table(summary: Mapping[str, Any], markdown: bool = True) -> s
         value = f"{number.text} {number.unit}"
         rows.append((number.meaning, value, number.kind or "", str(number.n), draft))
     table = markdown_table(rows) if markdown else aligned(rows)
-    lines = [summary["intervals"], *(finding["line"] for finding in summary["findings"])]
+    lines = [summary["intervals"], *(finding.sentence for finding in findings_in_summary(summary))]
     lines += missing_lines(summary)
     return "\n\n".join([sentence(summary), table, *filter(None, lines)])
 

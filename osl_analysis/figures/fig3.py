@@ -38,9 +38,9 @@ def points(curves: pl.DataFrame, table: pl.DataFrame, summary: pl.DataFrame) -> 
     DataFrame
         The curves with their `deviation` of torque [N*m] from the mean slope, and why a fit is
         doubtful; the mean slope as two points, from 0 to the largest deflection, with the loops'
-        mean area [J]. There is no mean slope where all trials are doubtful.
+        mean area [J]. Where all trials are doubtful, it is that of all, without a number.
     """
-    doubts = table.select("trial", *PLACE, "doubtful")
+    doubts = table.select("trial", *PLACE, "doubtful", slope="K_s")
     joined = curves.join(doubts, "trial", how="left", maintain_order="left")
     numbers: list[str] = []
     for quantity in ("K_s", "hysteresis_area"):
@@ -48,12 +48,13 @@ def points(curves: pl.DataFrame, table: pl.DataFrame, summary: pl.DataFrame) -> 
         means = summary.filter(quantity=quantity).select(*PLACE, *names).rename(names)
         joined = joined.join(means, PLACE, how="left", nulls_equal=True, maintain_order="left")
         numbers += names.values()
-    on_slope = pl.col("K_s") * pl.col("theta_s_deg").radians()  # null without a mean
+    joined = joined.with_columns(slope=pl.coalesce("K_s", pl.col("slope").mean().over(PLACE)))
+    on_slope = pl.col("slope") * pl.col("theta_s_deg").radians()
 
     largest = joined.sort(pl.col("theta_s_deg").abs()).group_by(PLACE, maintain_order=True).last()
     ends = pl.concat([largest.with_columns(theta_s_deg=0.0), largest])
     lines = ends.with_columns(trial=pl.lit(MEAN_SLOPE), branch=pl.lit("loading"), torque=on_slope)
-    lines = lines.drop_nulls("torque").drop("doubtful")
+    lines = lines.drop("doubtful")
     curves = joined.with_columns(deviation=pl.col("torque") - on_slope).drop(numbers)
     return pl.concat([curves, lines], how="diagonal")
 
@@ -91,10 +92,11 @@ def draw_belts(ax: Axes, trials: Sequence[pl.DataFrame], mean: pl.DataFrame) -> 
         ax.plot(trial["theta_s_deg"], trial["torque"], **look)
     ax.plot(mean["theta_s_deg"], mean["torque"], **MEAN_LINE)
     ax.set_ylabel("Joint torque (N·m)")
-    text = "No mean slope: all trials are doubtful"
-    if not mean.is_empty():
-        K_s = written(*mean.select("K_s", "K_s_low", "K_s_high").row(0))
-        text = rf"$\hat{{K}}_s$ = {K_s} N·m/rad, $n$ = {len(trials)}"
+    K_s = mean.select("K_s", "K_s_low", "K_s_high").row(0)
+    n = sum(not marks.has_doubtful(trial) for trial in trials)
+    text = (
+        rf"$\hat{{K}}_s$ = {written(*K_s)} N·m/rad, $n$ = {n}" if n else "All trials are doubtful"
+    )
     ax.text(0.99, 0.04, text, transform=ax.transAxes, ha="right", va="bottom")
 
 

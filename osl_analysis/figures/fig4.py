@@ -6,9 +6,11 @@ from typing import Any
 import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
+from numpy.typing import NDArray
 
 from osl_analysis.bench.impedance import Analysis
 from osl_analysis.figures import marks, style
+from osl_analysis.trial import Array
 
 MEASURED_LINE: dict[str, Any] = {"color": style.LIGHT_GREY, "linewidth": 2.2}
 MODEL_LINE: dict[str, Any] = {
@@ -16,18 +18,16 @@ MODEL_LINE: dict[str, Any] = {
     "linewidth": 1.0,
     "linestyle": (0, (2.5, 1.5)),
 }
-GAP_STEPS = 2.0  # a step that is longer than so many ordinary ones is a gap
-SHOWN_S = 10.0  # length of the part of a trial that is shown
+SHOWN_S = 10.0  # length of the part of a trial that is shown, to the nearest begin of a cycle
+ENOUGH_FITTED = 0.8  # share of what is shown
 SAME_AMPLITUDE_DEG = 1e-6  # difference of an amplitude that a CSV file rounds
-DRAWN = ("theta_deg", "torque", "torque_model")
 
 
 def points(fits: pl.DataFrame, analysis: Analysis, choice: Mapping[str, Any]) -> pl.DataFrame:
-    """The numbers of Fig. 4: the end of the largest amplitude, or of a motion that is no stepped
-    sine, measured and by the best second-order fit.
+    """The numbers of Fig. 4: a part of a trial at its largest amplitude, or of a motion that is no
+    stepped sine, measured and by the best second-order fit.
 
-    Rests and other amplitudes have no rows. Rows that are not fitted, such as first cycles, have no
-    modelled torque.
+    Rows that are not fitted, such as rests and first cycles, have no modelled torque.
 
     Parameters
     ----------
@@ -39,20 +39,15 @@ def points(fits: pl.DataFrame, analysis: Analysis, choice: Mapping[str, Any]) ->
         That of `time_series_example`.
     """
     record = analysis.record
-    strata = record.groups.strata
     sizes = [
         (each.commanded_deg or each.label, each.label)
-        for each in strata
+        for each in record.groups.strata
         if isinstance(each.label, float)
     ]
     label = max(sizes, default=(0.0, None))[1]  # None: of a motion without amplitudes
     is_fitted = record.is_fitted(label)
-    is_moving = is_fitted.copy()
-    for stratum in strata:
-        if label in (None, stratum.label):
-            is_moving[stratum.rows] = True
-    rows = np.flatnonzero(is_moving & record.usable)
-    last = rows[rows > rows[-1] - round(SHOWN_S * record.rate_hz)]
+    last = shown_rows(is_fitted, record.motion.theta, round(SHOWN_S * record.rate_hz))
+    is_known = np.where(record.usable[last], 1.0, np.nan)  # no line crosses a gap
     modelled = np.where(is_fitted, analysis.modelled(label), np.nan)
 
     amplitude = pl.col("amplitude_deg")
@@ -68,14 +63,29 @@ def points(fits: pl.DataFrame, analysis: Analysis, choice: Mapping[str, Any]) ->
     return pl.DataFrame(
         {
             "time": record.time[last] - record.time[last[0]],
-            "theta_deg": np.rad2deg(record.motion.theta[last]),
-            "torque": record.filtered_torque[last],
-            "torque_model": pl.Series(modelled[last]).fill_nan(None),
-        }
+            "theta_deg": is_known * np.rad2deg(record.motion.theta[last]),
+            "torque": is_known * record.filtered_torque[last],
+            "torque_model": modelled[last],
+        },
+        nan_to_null=True,
     ).with_columns(
         **{name: pl.lit(text, pl.String) for name, text in texts.items()},
         **{name: pl.lit(choice.get(name), pl.Float64) for name in ("K_d", "B_d")},
     )
+
+
+def shown_rows(is_fitted: NDArray[np.bool_], theta: Array, count: int) -> NDArray[np.intp]:
+    """The last `count` rows or so that are mostly fitted, from the begin of a cycle to the end of a
+    fitted part, and none before the first that is fitted."""
+    fitted = np.cumsum(is_fitted)
+    ends = np.flatnonzero(np.diff(is_fitted, append=False) & is_fitted)
+    shares = (fitted[ends] - fitted[np.maximum(ends - count, 0)]) / count
+    end = ends[shares >= min(ENOUGH_FITTED, np.max(shares))][-1]
+    above = theta > np.mean(theta[is_fitted])
+    begins = np.flatnonzero(np.diff(above, prepend=False) & above)
+    first = np.flatnonzero(is_fitted)[0]
+    begins = np.append(begins[(begins > first) & (begins < end)], first)
+    return np.arange(begins[np.argmin(np.abs(begins - (end - count)))], end + 1)
 
 
 def draw(table: pl.DataFrame) -> style.PaperFigure:
@@ -83,12 +93,11 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     title = ", ".join(style.condition(table)) or f"Trial {style.drawn_name(table['trial'][0], 60)}"
     figure, axes = style.panels(style.DOUBLE_COLUMN, 3.9, rows=3, titles=[title], share_x=True)
     angle, torque, residual = axes
-    lines = with_breaks(table)
-    angle.plot(lines["time"], lines["theta_deg"], color=style.BLACK, linewidth=0.9)
+    angle.plot(table["time"], table["theta_deg"], color=style.BLACK, linewidth=0.9)
     angle.set_ylabel("Angle (deg)")
     is_doubtful = marks.has_doubtful(table)
     model = f"Best-fit {table['model'][0]}{' (doubtful)' if is_doubtful else ''}"
-    draw_torque(torque, residual, lines, model)
+    draw_torque(torque, residual, table, model)
 
     # a sample that the fit leaves out shades the time to the next one
     is_out = table["torque_model"].is_null().to_numpy()
@@ -103,22 +112,13 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     return figure
 
 
-def with_breaks(table: pl.DataFrame) -> pl.DataFrame:
-    """The samples, with one of NaN before each gap in time, so that no line crosses it."""
-    step = pl.col("time").diff()
-    rows = table.with_row_index("row")
-    breaks = rows.filter(step > GAP_STEPS * step.median())
-    breaks = breaks.with_columns(pl.lit(np.nan).alias(name) for name in DRAWN)
-    return pl.concat([breaks, rows]).sort("row", maintain_order=True)
-
-
-def draw_torque(torque: Axes, residual: Axes, lines: pl.DataFrame, model: str) -> None:
+def draw_torque(torque: Axes, residual: Axes, table: pl.DataFrame, model: str) -> None:
     """Measured torque and the fit, and below what is left [N·m], over time [s]."""
-    torque.plot(lines["time"], lines["torque"], label="Measured", **MEASURED_LINE)
-    torque.plot(lines["time"], lines["torque_model"], label=model, **MODEL_LINE)
+    torque.plot(table["time"], table["torque"], label="Measured", **MEASURED_LINE)
+    torque.plot(table["time"], table["torque_model"], label=model, **MODEL_LINE)
     torque.set_ylabel("Torque (N·m)")
     residual.axhline(0, color=style.BLACK, linewidth=style.HAIRLINE)
-    left = lines["torque"] - lines["torque_model"]
-    residual.plot(lines["time"], left, color=style.BLACK, linewidth=0.7)
+    left = table["torque"] - table["torque_model"]
+    residual.plot(table["time"], left, color=style.BLACK, linewidth=0.7)
     residual.set_ylabel("Residual (N·m)")
     residual.set_xlabel("Time (s)")

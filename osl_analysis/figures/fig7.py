@@ -125,8 +125,10 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
         titles = [", ".join(style.condition(of_curve[OBSERVED].with_columns(controller=None)))]
     width = style.SINGLE_COLUMN if len(parts) == 1 else style.DOUBLE_COLUMN
     labels = ["Magnitude (mrad/(N·m))", "Phase (deg)"]
-    if style.has_values(table, "Z_error") or style.has_values(table, "model_error"):
-        labels.append("Distance of $Z$ (%)")
+    distances_from = {"Z_error": "desired (points)", "model_error": "model (lines)"}
+    known = [name for column, name in distances_from.items() if style.has_values(table, column)]
+    if known:
+        labels.append("$Z$ from " + ",\nfrom ".join(known) + " (%)")
     height = Layout.PANEL_HEIGHT * len(labels)
     figure, axes = style.panels(width, height, len(labels), len(parts), titles=titles, share_x=True)
     for column, (_, part) in enumerate(parts):

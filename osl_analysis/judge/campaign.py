@@ -16,6 +16,7 @@ from osl_analysis.judge.finding import (
     Finding,
     Grade,
     WordedFinding,
+    Words,
     cell_number,
     subject_of,
 )
@@ -148,8 +149,6 @@ class CampaignFinding:
         What to do, in a few words.
     trials
         Those with this cause.
-    line
-        All of it in a sentence.
     worst
         The trial of which the words are.
     """
@@ -161,7 +160,6 @@ class CampaignFinding:
     n: int
     brief: str
     trials: Sequence[str]
-    line: str
     worst: str
     says: str
     size: str
@@ -171,6 +169,19 @@ class CampaignFinding:
     def counts(self) -> str:
         """The cause, and on how many of the trials it is."""
         return f"{self.cause}: {len(self.trials)} of {self.n} {self.subject}"
+
+    @property
+    def at_worst(self) -> str:
+        """How large it is, and in which of several trials."""
+        is_worst = self.size and len(self.trials) > 1
+        return f"at worst ({self.worst}) {self.size}" if is_worst else self.size
+
+    @property
+    def sentence(self) -> str:
+        """All of it, with the first of its trials."""
+        words = Words(self.says, self.at_worst, self.remedy)
+        trials = listing(self.trials, MOST_NAMED)
+        return f"{self.verdict}, {self.counts}: {sentence_of(words)} [{trials}]"
 
     @property
     def is_result(self) -> bool:
@@ -325,12 +336,6 @@ def by_cause(
         words = by_trial[worst].words
         if words.says and len({of_trial.words.says for of_trial in by_trial.values()}) > 1:
             words = words._replace(says=f"{words.says} (in {worst})")
-        in_line = words
-        if words.size and len(by_trial) > 1:
-            in_line = words._replace(size=f"at worst ({worst}) {words.size}")
-        trials = list(by_trial)
-        counts = f"{len(trials)} of {len(rows)} {subject}"
-        trial_names = f" [{listing(trials, MOST_NAMED)}]" if len(trials) < len(rows) else ""
         kind = known_finding(name)
         yield CampaignFinding(
             verdict=verdict,
@@ -339,8 +344,7 @@ def by_cause(
             cause=kind.title,
             n=len(rows),
             brief=IN_PART.get(verdict) or kind.brief or words.remedy,
-            trials=trials,
-            line=f"{verdict}, {counts}: {sentence_of(in_line, kind.title)}{trial_names}",
+            trials=list(by_trial),
             worst=worst,
             **words._asdict(),
         )

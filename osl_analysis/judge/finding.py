@@ -119,7 +119,6 @@ class WordedFinding:
     words: Words
 
 
-ESTIMATES = ("K", "B", "I")
 FINDING_COLUMNS: dict[str, type[pl.DataType]] = {
     "finding": pl.Int64,
     **dict.fromkeys(("table", "trial"), pl.String),

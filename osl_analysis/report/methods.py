@@ -13,6 +13,7 @@ import polars as pl
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from osl_analysis.judge.campaign import findings_in_summary
+from osl_analysis.measured import significant
 from osl_analysis.report.typography import in_latex, printed
 from osl_analysis.report.verdicts import causes_not_checked
 
@@ -90,7 +91,7 @@ class MethodsFacts:
 
 def value_text(value: object) -> str:
     """A value in a sentence; a number with three digits."""
-    return f"{float(f'{value:.3g}'):g}" if isinstance(value, float) else str(value)
+    return significant(value, 3) if isinstance(value, float) else str(value)
 
 
 def paragraphs(facts: MethodsFacts) -> list[str]:

@@ -98,12 +98,12 @@ class Number:
 
     @property
     def doubts(self) -> str:
-        """How many trials are doubtful; empty for none."""
+        """Whether all of its trials are doubtful, or how many; empty for none."""
         if not self.n_doubtful:
             return ""
-        total = self.n + self.n_doubtful
-        left_out = "left out as doubtful" if self.n else "doubtful"
-        return f"{self.n_doubtful} of {total} {left_out}" if total > 1 else left_out
+        if not self.n:
+            return "doubtful"
+        return f"{self.n_doubtful} of {self.n + self.n_doubtful} left out as doubtful"
 
     @property
     def in_sentence(self) -> str:

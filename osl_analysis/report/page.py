@@ -17,7 +17,7 @@ from osl_analysis.judge.campaign import CampaignFinding, is_of_whole
 from osl_analysis.judge.finding import Grade, WordedFinding
 from osl_analysis.judge.recording_checks import NOT_APPLICABLE
 from osl_analysis.report.numbers import Number
-from osl_analysis.report.paper_tables import Condition, estimate_text
+from osl_analysis.report.paper_tables import Condition, estimate_text, stated_text
 from osl_analysis.report.signals import Signals
 from osl_analysis.report.typography import printed
 from osl_analysis.report.verdicts import LeftOut, results_on, verdict_on
@@ -207,7 +207,7 @@ def condition_text(row: Mapping[str, Any]) -> str:
         if name == "perturbed" and value is not None:
             texts.append("perturbed" if value else "unperturbed")
         elif value is not None and name not in NO_CONDITIONS:
-            texts.append(f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}")
+            texts.append(f"{name} {stated_text(value)}")
     return ", ".join(texts)
 
 

@@ -4,7 +4,7 @@ import zlib
 from base64 import b64encode
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import polars as pl
@@ -34,19 +34,15 @@ class Signals:
         """
         columns = {}
         differences = []
-        for name in SIGNALS:
-            if name not in self.table.columns:
+        present = [name for name in SIGNALS if name in self.table.columns]
+        for signal in self.table.select(pl.col(present).cast(pl.Float64).fill_nan(None)):
+            low, high = cast(Any, signal.min()), cast(Any, signal.max())
+            if low is None:
                 continue
-            values = self.table[name].cast(pl.Float64).fill_null(np.nan).to_numpy()
-            is_known = np.isfinite(values)
-            if not is_known.any():
-                continue
-            low, high = float(values[is_known].min()), float(values[is_known].max())
-            step = (high - low) / (TIME_STEPS if name == "time" else STEPS) or 1.0
-            steps = np.round((np.where(is_known, values, low) - low) / step)
-            rounded = np.where(is_known, steps, -1).astype("<i4")
-            differences.append(np.diff(rounded, prepend=np.int32(0)).astype("<i4").tobytes())
-            columns[name] = [low, step]
+            step = (high - low) / (TIME_STEPS if signal.name == "time" else STEPS) or 1.0
+            steps = ((signal - low) / step).round().fill_null(-1).to_numpy()
+            differences.append(np.diff(steps, prepend=0).astype("<i4").tobytes())
+            columns[signal.name] = [low, step]
         return {
             "columns": columns,
             "motion": self.motion,

@@ -194,10 +194,8 @@ def finding_line(finding: CampaignFinding) -> str:
     """A finding with its size in the worst trial and what to do."""
     mark = "·" if finding.verdict == "remark" else "⚠"
     line = f"{mark} {finding.counts}"
-    first_size = finding.size.partition(". ")[0]
-    if first_size:
-        worst = f"at worst ({finding.worst}) " if len(finding.trials) > 1 else ""
-        line += f", {worst}{first_size}"
+    if finding.size:
+        line += f", {finding.at_worst.partition('. ')[0]}"
     return f"{line} → {finding.brief}" if finding.brief else line
 
 

@@ -26,6 +26,7 @@ from osl_analysis.figures import (
     style,
 )
 from osl_analysis.figures.fig3 import MEAN_SLOPE
+from osl_analysis.figures.fig4 import shown_rows
 from osl_analysis.figures.style import LOOKS, SINGLE_COLUMN, paper_style
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.table import NOT_ANALYSED, NotAnalysed, read_table, write_table
@@ -268,8 +269,7 @@ ALL_DOUBTFUL = pl.lit("late torque")
 LETTERING = [
     # figure, table, what changes, which numbers and marks stand in the figure, and which do not
     ("fig3", both_branches, {"doubtful": DOUBT}, ["682.9", "688.3", "oubtful"], []),
-    ("fig3", lambda: stored("fig3").filter(pl.col("trial") != MEAN_SLOPE),
-     {"doubtful": ALL_DOUBTFUL, "deviation": NULL}, [], ["682.9"]),
+    ("fig3", both_branches, {"doubtful": ALL_DOUBTFUL}, ["ll trials are doubtful"], ["682.9"]),
     ("fig4", left_out, {"K_d": NULL, "B_d": NULL, "controller": NO_TEXT},
      ["k300"], ["doubtful"]),
     ("fig4", time_series, {"doubtful": ALL_DOUBTFUL}, ["doubtful"], []),
@@ -364,11 +364,17 @@ def test_fig6_shows_fits_over_all_amplitudes_where_there_are_no_others():
     assert len(plotted_numbers("fig6", whole)) == 32
 
 
-def test_what_was_not_fitted_is_shaded_and_no_line_crosses_a_gap():
-    lost = time_series().filter(~pl.col("time").is_between(2, 3))
+def test_fig4_ends_the_last_part_that_is_mostly_fitted_and_begins_a_cycle():
+    time = np.arange(0, 20, 0.01)
+    theta = np.sin(2 * np.pi * (time - 0.1))
+    is_fitted = ((time > 3) & (time < 13)) | ((time > 16) & (time < 18))
 
-    for ax in drawn("fig4", lost).axes:
-        assert np.isnan(ax.lines[-1].get_ydata()).sum() == 1
+    rows = shown_rows(is_fitted, theta, count=500)
+
+    assert time[rows[[0, -1]]] == pytest.approx([8.1, 13], abs=0.02)
+
+
+def test_what_was_not_fitted_is_shaded():
     for ax in drawn_once("fig4", left_out)[1].axes:
         (ground,) = ax.collections
         spans = [

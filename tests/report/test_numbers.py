@@ -73,7 +73,7 @@ def test_a_number_of_doubtful_trials_alone_is_no_macro_and_told_as_doubtful():
     numbers = list(headline_numbers({"impedance": doubtful}))
 
     assert "oslK" not in macros_tex(ABOUT, numbers)
-    assert "PD 1, K_d 200, B_d 5, 2 of 2 doubtful: K 204 (" in [*headline_sentences(numbers)][1]
+    assert "PD 1, K_d 200, B_d 5, doubtful: K 204 (" in [*headline_sentences(numbers)][1]
 
 
 def test_one_trial_has_its_own_interval_and_several_have_that_of_their_mean():
@@ -246,7 +246,7 @@ def test_a_run_ends_with_verdicts_sentences_findings_and_what_was_not_checked():
     finding = CampaignFinding(
         verdict="doubtful", subject="impedance trials", name="friction", cause="friction",
         says="", size="B 2.1. More", remedy="", n=3, brief="report B",
-        trials=["c"], line="", worst="c",
+        trials=["c"], worst="c",
     )  # fmt: skip
     unchecked = replace(finding, verdict="not checked", cause="the fixture")
     summary = json.loads(to_json(ABOUT, headline_numbers({"impedance": IMPEDANCE}), {}))

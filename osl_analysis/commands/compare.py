@@ -55,6 +55,8 @@ def compare_campaigns(folders: Sequence[Path], output: Path) -> tuple[pl.DataFra
             f"{folders[1]}: A and B are the same folder; name the results of another campaign"
         )
     a, b = (read_summary(folder / "summary.json") for folder in folders)
+    recordings_of_a, recordings_of_b = map(digests_of_recordings, folders)
+    shared = recordings_of_a & recordings_of_b
     numbers_of_b = {number.name: number for number in numbers_in_summary(b)}
     rows = []
     cells = [["quantity", "A", "B", "B - A", "unit"]]
@@ -63,8 +65,10 @@ def compare_campaigns(folders: Sequence[Path], output: Path) -> tuple[pl.DataFra
         # claims have texts and limits of their own
         if of_b is None or of_a.verdict or not (of_a.n and of_b.n):
             continue
-        row = compared(of_a, of_b)
+        row = compared(of_a, of_b, not shared)
         rows.append(row)
+        if shared and of_a.texts == of_b.texts:
+            continue
         ends = row.get("difference_low"), row.get("difference_high")
         difference = written(row["difference"], *ends)
         cells.append([of_a.meaning, of_a.text, of_b.text, difference, of_a.unit])
@@ -76,15 +80,22 @@ def compare_campaigns(folders: Sequence[Path], output: Path) -> tuple[pl.DataFra
     table = pl.DataFrame(rows, schema=COLUMNS)
     path = output / "comparison.csv"
     write_table(table, path, " and ".join(dict.fromkeys([a["data"], b["data"]])))
-    lines = [f"A: {sentence(a)}", f"B: {sentence(b)}", "", aligned(cells)]
+    lines = [f"A, {folders[0]}: {sentence(a)}", f"B, {folders[1]}: {sentence(b)}"]
     lines += differing_settings(a["settings"], b["settings"])
-    lines += recordings_lines(folders)
-    return table, "\n".join([*lines, f"wrote {path}"])
+    if shared:
+        which = "the same" if recordings_of_a == recordings_of_b else f"{len(shared)} common"
+        alike = len(rows) + 1 - len(cells)
+        lines.append(
+            f"A and B hold {which} recordings, so that a difference comes from settings or release,"
+            f" and has no interval; {alike} numbers are alike in all their digits"
+        )
+    return table, "\n".join([*lines, "", aligned(cells), f"wrote {path}"])
 
 
-def compared(a: Number, b: Number) -> dict[str, Any]:
+def compared(a: Number, b: Number, are_independent: bool = True) -> dict[str, Any]:
     """A number of both campaigns and B - A, whose half-width is the root of the sum of squares of
-    both half-widths. Without two intervals it has none: the range of trials is none."""
+    both half-widths, of recordings that are independent. Without two intervals it has none: the
+    range of trials is none."""
     difference = b.value - a.value
     row = {"quantity": a.name, "meaning": a.meaning, "unit": a.unit, "difference": difference}
     halves = []
@@ -92,7 +103,7 @@ def compared(a: Number, b: Number) -> dict[str, Any]:
         row.update({name: number.value, f"{name}_low": number.low, f"{name}_high": number.high})
         if number.low is not None and number.high is not None and number.kind != RANGE:
             halves.append((number.high - number.low) / 2)
-    if len(halves) == 2:
+    if are_independent and len(halves) == 2:
         half = math.hypot(*halves)
         row.update(difference_low=difference - half, difference_high=difference + half)
     return row
@@ -104,19 +115,6 @@ def differing_settings(a: Mapping[str, str], b: Mapping[str, str]) -> list[str]:
     if not names:
         return ["all settings are the same"]
     return [f"{name}: {a.get(name, 'none')} in A, {b.get(name, 'none')} in B" for name in names]
-
-
-def recordings_lines(folders: Sequence[Path]) -> list[str]:
-    """Whether both campaigns hold the same recordings, by their SHA-256; nothing if they share
-    none."""
-    a, b = (digests_of_recordings(folder) for folder in folders)
-    if not a & b:
-        return []
-    shared = "the same recordings" if a == b else f"{len(a & b)} recordings in common"
-    return [
-        f"A and B hold {shared}: of these the difference comes from settings or release alone, and"
-        " its interval, which is of independent recordings, is too wide"
-    ]
 
 
 def digests_of_recordings(results: Path) -> set[str]:

@@ -107,14 +107,7 @@ def gather(
         Trials that have a row each without estimates, in the table of their fits.
     data : str
         Whether the recordings are simulated or measured.
-
-    Raises
-    ------
-    InputError
-        There are no rows.
     """
-    if not rows:
-        raise InputError(f"{output}: no trials fill this table; add some to the sample sheet")
     table = read_tables(rows, output.stem)
     if limits is not None:
         findings = judged(table, limits, output.stem, faults)
@@ -320,18 +313,14 @@ def write_summary(
     numbers = list(headline_numbers(tables, beside_draft))
     all_findings = read_findings(findings)
     left_out = left_out_trials(read_table(excluded))
-    missing_results: dict[str, str] = {}
-    for cause in refused:
-        if not cause.trial:
-            file, _, reason = cause.reason.partition(": ")
-            missing_results[file] = reason
+    of_files = [cause.reason.partition(": ") for cause in refused if not cause.trial]
     verdict_count, results_of_clear = verdict_counts(sheet, all_findings, left_out)
     findings_told = causes_in_campaign(all_findings, tables, read_table(verdicts))
     content = {
         "trials": used_and_missing(sheet, left_out),
         "verdicts": verdict_count,
         "results_of_clear": results_of_clear,
-        "missing_results": missing_results,
+        "missing_results": {file: reason for file, _, reason in of_files},
         "intervals": intervals_text(tables),
         "findings": [vars(finding) for finding in findings_told],
         "settings": settings,

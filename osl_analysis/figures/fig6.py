@@ -6,7 +6,6 @@ import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
 
-from osl_analysis.errors import InputError
 from osl_analysis.figures import marks, style
 from osl_analysis.stats.repeats import counted, doubts_of_trials
 from osl_analysis.trial import Array
@@ -32,16 +31,9 @@ MEDIAN_LINE: dict[str, Any] = {"color": style.BLACK, "linewidth": 1.2}
 
 def points(impedance: pl.DataFrame) -> pl.DataFrame:
     """One row per trial and amplitude, doubtful where the fit to all of the trial is. A trial that
-    no stepped sine moved has one row, a fit without a VAF (a constant torque) none. Raises
-    InputError: no fit has a VAF."""
+    no stepped sine moved has one row, a fit without a VAF (a constant torque) none."""
     is_single = pl.col("amplitude_deg").is_not_null() | (pl.len().over("trial") == 1)
-    table = doubts_of_trials(impedance).filter(is_single & pl.col("VAF").is_finite())
-    if table.is_empty():
-        raise InputError(
-            "the impedance table has no VAF of one amplitude, which Fig. 6 draws; fit the trials"
-            " again"
-        )
-    return table
+    return doubts_of_trials(impedance).filter(is_single & pl.col("VAF").is_finite())
 
 
 def draw(table: pl.DataFrame) -> style.PaperFigure:

@@ -7,7 +7,6 @@ import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter
 
-from osl_analysis.errors import InputError
 from osl_analysis.figures import marks, style
 
 QUANTITIES = ("K", "B", "I")
@@ -62,11 +61,6 @@ def points(
     DataFrame
         For each group and quantity a row with mean, SD, ensemble and command, then a row per
         perturbation.
-
-    Raises
-    ------
-    InputError
-        No group has a result.
     """
     keys = ["group", "quantity"]
     summary = walking_summary.drop_nulls("mean").filter(pl.col("quantity").is_in(QUANTITIES))
@@ -88,10 +82,6 @@ def points(
         QUANTITIES, index=["group", "trial", "doubtful"],
         variable_name="quantity", value_name="estimate",
     )  # fmt: skip
-    if of_groups.is_empty():
-        raise InputError(
-            "no group has a result, which Fig. 9 draws; see the reasons in walking_groups.csv"
-        )
     groups = of_groups["group"].unique(maintain_order=True).to_list()
     if len(groups) == 1:
         of_configuration = pl.when(quantity="K").then(pl.lit(commanded_K, pl.Float64))

@@ -57,16 +57,17 @@ def write_recorded(folder, *digests):
     write_trial(Trial("a", samples, {"files": files}), folder / "trials/a.parquet")
 
 
-@pytest.mark.parametrize("of_b", [{"1"}, {"1", "2"}])
-def test_shared_recordings_are_told(tmp_path, of_b):
+@pytest.mark.parametrize(("of_b", "told"), [("1", "the same"), ("12", "1 common"), ("2", "")])
+def test_differences_between_shared_recordings_have_no_interval(tmp_path, of_b, told):
     a, b = (write_summary(tmp_path / name, K) for name in "ab")
     write_recorded(a, "1")
-    _, of_others = compare_campaigns((a, b), tmp_path / "out")
-
     write_recorded(b, *of_b)
 
-    _, of_shared = compare_campaigns((a, b), tmp_path / "out")
-    assert len(of_shared.splitlines()) > len(of_others.splitlines())
+    table, text = compare_campaigns((a, b), tmp_path / "out")
+
+    assert (f"A and B hold {told} recordings" in text) == bool(told)
+    assert ("stiffness" in text) == (not told), "what differs is shown"
+    assert table["difference_low"].null_count() == bool(told)
 
 
 def test_a_folder_is_not_compared_with_itself_nor_with_one_without_common_numbers(tmp_path):

@@ -307,11 +307,6 @@ def test_an_archive_of_tables_holds_what_was_written_completely_or_not_at_all(tm
         read_table(path, name="response")
 
 
-def test_a_table_is_not_made_of_nothing(tmp_path):
-    with pytest.raises(InputError, match=r"belt\.csv: "):
-        gather([], tmp_path / "belt.csv")
-
-
 @pytest.mark.parametrize("error", [
     WriteError("a.csv: cannot be written (No space left on device); make room"),
     MemoryLimitError("a.mcap: not enough memory; make room"),

@@ -277,7 +277,7 @@ def failure_lines(
     trial's recording, which the user can correct."""
     by_cause: dict[str, dict[str, str]] = {}
     for trial, reason in sorted(reasons.items()):
-        files = recordings.get(trial) or ["none"]
+        files = recordings[trial]
         file = next((file for file in files if file in reason), files[0])
         text = reason.removeprefix(f"{file}: ")
         cause = without_particulars(text.replace(file, "FILE"), trial)

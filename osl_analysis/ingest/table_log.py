@@ -97,7 +97,8 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
         ratio = unit_ratio(origin, channel.unit) * origin["scale"]
         # in the unit of the file no joint could have it, so that the stated one corrects it
         largest = frame[column].abs().max() or 0.0
-        is_possible = largest <= LIMITS.largest_of_joint.get(column, np.inf) * abs(ratio)
+        low, high = LIMITS.size_of_joint.get(column, (0.0, np.inf))
+        is_possible = low <= largest / abs(ratio) <= high
         if is_possible and abs(ratio - 1) > LIMITS.largest_calibration:
             origin["unit_of_file"] = channel.unit
 

@@ -95,8 +95,8 @@ class Page:
     @property
     def main_figure(self) -> ShownFigure | None:
         """The figure beside the table of conditions, of those that are drawn."""
-        drawn = {figure.name: figure for figure in self.figures}
-        return next((drawn[name] for name in MAIN_FIGURES if name in drawn), None)
+        shown = (f for name in MAIN_FIGURES for f in self.figures if f.name == name)
+        return next(shown, None)
 
 
 def written_page(page: Page) -> str:
@@ -189,11 +189,7 @@ def trial_view(
             and is_of_whole(worded.finding)
             and worded not in results
         ],
-        impedance={
-            symbol: estimate_text(last, name)
-            for symbol, name in names
-            if last.get(name) is not None
-        },
+        impedance={symbol: estimate_text(last, name) for symbol, name in names},
         estimates=estimate_rows(fits, main) if len(fits) else (),
         checks=check_rows(checks),
         signals=signals,
@@ -222,8 +218,8 @@ def estimate_rows(fits: pl.DataFrame, table: str) -> list[list[str]]:
     rows = [["amplitude [deg]", *(f"{name} [{described[name].unit}]" for name in names)]]
     for fit in fits.iter_rows(named=True):
         amplitude = fit.get("amplitude_deg")
-        cells = ["all" if amplitude is None else f"{amplitude:.3g}"]
-        rows.append([*cells, *(estimate_text(fit, name, described[name].unit) for name in names)])
+        of_fit = [estimate_text(fit, name, described[name].unit) for name in names]
+        rows.append(["all" if amplitude is None else f"{amplitude:.3g}", *of_fit])
     return rows
 
 

@@ -468,7 +468,6 @@ def test_each_figure_has_its_caption_and_a_missing_one_its_reason(tmp_path):
 
 
 @pytest.mark.parametrize(("name", "table", "others"), [
-    ("fig5", stored("impedance").drop_nulls("amplitude_deg"), []),
     ("fig6", stored("impedance").with_columns(VAF=float("nan")), []),
     ("fig9", stored("walking_summary").with_columns(mean=NULL), [walking_fits(0), SOUND]),
 ])  # fmt: skip

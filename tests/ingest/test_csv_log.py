@@ -211,6 +211,7 @@ def test_a_cut_last_line_is_told(tmp_path, text, warning):
     ({"unit": "N*m", "scale": 0.001}, "mNm", False),
     ({"unit": "N*m"}, "mNm", True),
     ({"unit": "N*m"}, "kNm", False),
+    ({"unit": "rad"}, "mrad", False),
     ({"unit": "N*m", "scale": 12.5}, "V", False),
 ])  # fmt: skip
 def test_a_unit_that_contradicts_the_file_is_told_from_a_calibration(
@@ -218,9 +219,10 @@ def test_a_unit_that_contradicts_the_file_is_told_from_a_calibration(
 ) -> None:
     text = LOG.replace("load", f"load [{in_file}]")
 
-    trial = ingested(tmp_path, text, channels={"torque": {"column": "load", **stated}})
+    name = "theta" if stated["unit"] == "rad" else "torque"
+    trial = ingested(tmp_path, text, channels={name: {"column": "load", **stated}})
 
-    assert ("unit_of_file" in trial.provenance["columns"]["torque"]) == is_told
+    assert ("unit_of_file" in trial.provenance["columns"][name]) == is_told
 
 
 def test_what_is_stated_of_a_sensor_is_in_si_units_in_the_provenance(tmp_path: Path) -> None:

@@ -185,8 +185,9 @@ def findings_lines(findings: Sequence[CampaignFinding]) -> list[str]:
         lines[-1] += f" (the page lists {len(doubts) - MOST_FINDINGS} more)"
     unchecked = causes_not_checked(findings)
     if unchecked:
-        told = "; ".join(unchecked)
-        lines.append(f"not checked, so that “clear” and intervals say nothing of it: {told}")
+        lines.append(
+            "not checked, so that “clear” and intervals say nothing of it: " + "; ".join(unchecked)
+        )
     return lines
 
 

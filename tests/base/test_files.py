@@ -10,7 +10,7 @@ import pytest
 from polars.testing import assert_frame_equal
 
 from osl_analysis.errors import InputError, WriteError
-from osl_analysis.files import atomic_path, default_config, root, seen_from
+from osl_analysis.files import ROOT, atomic_path, default_config, seen_from
 from osl_analysis.memory import VARIABLE, allowed_memory
 from osl_analysis.table import read_table, read_tables
 
@@ -121,7 +121,7 @@ def test_a_folder_on_another_drive_of_windows_is_named_from_the_root(monkeypatch
 
 def test_the_default_is_a_whole_configuration_here_and_no_other_workflow_s(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    shipped = root() / "config/config.yaml"
+    shipped = ROOT / "config/config.yaml"
     here = tmp_path / "config/config.yaml"
     here.parent.mkdir()
 

@@ -205,13 +205,13 @@ def test_of_ingest_and_quality_control_both_results_stand_or_none(tmp_path, monk
 WORKERS = """
 import os, signal
 from pathlib import Path
-from osl_analysis.files import root
+from osl_analysis.files import default_config
 from osl_analysis.jobs import workers
 from osl_analysis.jobs.job_log import Job
 
 os.environ["OMP_NUM_THREADS"] = "64"
 def do(worker, log):
-    worker.connection.send(Job(root, {}, {}, {}, [], Path(log)))
+    worker.connection.send(Job(default_config, {}, {}, {}, [], Path(log)))
     worker.connection.recv()
 
 first, second = workers.Worker(), workers.Worker()

@@ -537,8 +537,8 @@ def simulate(folder: Path, settings: Path, trial: str | None, config_path: Path 
 def compare(a: Path, b: Path, output: Path, as_json: bool) -> None:
     """Compare the results in folders A and B: two devices, controllers or days.
 
-    Conditions stand side by side with 95 % intervals of their difference, then the settings that
-    differ, and whether both hold the same recordings."""
+    The settings that differ come first, and whether both hold the same recordings; then conditions
+    side by side with 95 % intervals of their difference."""
     from osl_analysis.commands.compare import compare_campaigns
     from osl_analysis.commands.fit_results import rows_json
 

@@ -12,7 +12,6 @@ JOINT = {
     "fault_probability": 0.0,
     "lag_s": None,
     "delay_se_s": None,
-    "K_over_K_s": None,
 }
 SHAFT = {"fault_probability": 0.0, "B_j": 1.0, "J_j": 0.1, "delay_se_s": 1e-3}
 

@@ -25,6 +25,8 @@ class Layout:
     SWARM_HEIGHT = 1.2  # over which the values of a panel spread [in]
     POINT = 3.4 / 72  # diameter of a point with a small gap [in]
     CAP = 2.5  # half of the bar's end [pt]
+    MOST_LEVEL = 2  # groups whose names stand level
+    LETTERS = 14  # of a line of such a name
 
 
 DRAWN = ("estimate", "mean", "ensemble_low", "ensemble_high", "commanded")
@@ -103,8 +105,8 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     left = -Layout.REACH - Layout.BESIDE
     right = (len(of_groups) - 1) * Layout.NEXT_GROUP + Layout.LAST_AT + Layout.BESIDE
     unit = (width / 3 - Layout.MARGIN) / (right - left)
-    groups = [f"{name} ({n})" for name, n in of_groups.select("group", "n").iter_rows()]
-    labels = [style.drawn_name(group) for group in groups] if len(groups) > 1 else []
+    groups = of_groups.select("group", "n").rows() if len(of_groups) > 1 else []
+    labels = [f"{style.drawn_name(name, Layout.LETTERS)}\n({n})" for name, n in groups]
     places = [number * Layout.NEXT_GROUP + Layout.MEAN_AT / 2 for number in range(len(labels))]
     for ax, quantity in zip(axes, QUANTITIES, strict=True):
         rows = table.filter(quantity=quantity)
@@ -113,7 +115,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
         for number, group in enumerate(rows.partition_by("group", maintain_order=True)):
             draw_group(ax, group, number * Layout.NEXT_GROUP, height, unit)
         ax.set_xlim(left, right)
-        ax.set_xticks(places, labels, rotation=90)
+        ax.set_xticks(places, labels, rotation=0 if len(labels) <= Layout.MOST_LEVEL else 90)
         ax.set_ylabel(style.AXIS_LABELS[quantity])
         if quantity == "I" or ax.dataLim.y0 < 0:
             ax.axhline(0, color=style.BLACK, linewidth=0.5, zorder=0)

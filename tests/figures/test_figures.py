@@ -398,7 +398,7 @@ def test_fig9_shows_every_group_with_a_result_and_what_it_was_commanded():
     groups = [label.get_text() for label in lowest.get_xticklabels()]
     assert table["estimate"].count() == table["estimate"].is_finite().sum() == 3 * 62
     assert commands == [200.0, 400.0]
-    assert groups == ["K_d 200 (31)", "K_d 400 (31)"]
+    assert groups == ["K_d 200\n(31)", "K_d 400\n(31)"]
 
 
 def test_fig8_shows_stance_alone():

@@ -190,9 +190,7 @@ class StudyBench:
         """The fit that a campaign would make of a trial, without what a sheet may state of it."""
         own = {"dynamometer": self.analysis, "gain_weight": self.simulation.gain_weight}
         config = config_for_trials(CONFIG).model_copy(update=own)
-        return run_fit(
-            self.experiment, self.trial(name, ideal), self.simulation.parameters, config
-        )
+        return run_fit(self.experiment, self.trial(name, ideal), self.simulation.parameters, config)
 
     def estimated(
         self, found: FitTables

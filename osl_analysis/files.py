@@ -150,7 +150,7 @@ def default_config() -> Path:
     here, ours = Path("config/config.yaml"), ROOT / "config/config.yaml"
     if here.is_file():
         texts = [file.read_text(encoding="utf-8", errors="replace") for file in (ours, here)]
-        sections_of_ours, sections_here = (set(re.findall(r"(?m)^(\w+):", x)) for x in texts)
+        sections_of_ours, sections_here = (set(re.findall(r"(?m)^(\w+):", text)) for text in texts)
         if sections_of_ours <= sections_here:
             return here
     return ours

@@ -108,7 +108,8 @@ def record_of_trial(
 
     def recorded(regular: UniformSignals) -> Record:
         """The record of signals with one reading of their stamps."""
-        theta, rate_hz = regular["theta"], regular.rate_hz
+        theta = regular["theta"]
+        rate_hz = regular.rate_hz
         moving = moving_bins(theta, rate_hz)
         if not moving.any():
             raise standstill(theta, rate_hz)
@@ -134,15 +135,13 @@ def record_of_trial(
     taken = next(part for part in signals.taken if "theta" in part.stream.signals)
     step = origin(trial, "theta").get("resolution")
     step = step or visible_step(taken.stream.signals["theta"][taken.present])
+    rate_hz = signals.rate_hz
     same = settings.low_pass
-    # for the velocity's sign
-    wide = replace(same, cutoff_hz=min(QUICK * same.cutoff_hz, 0.2 * signals.rate_hz))
-    columns = (("theta_m", "theta_m", same), ("current", "current", same))
-    actuator = {
-        name: low_pass(signals[column], signals.rate_hz)
-        for name, column, low_pass in (*columns, ("wide_band_theta_m", "theta_m", wide))
-        if column in signals.signals
-    }
+    recorded_beside = [name for name in ("theta_m", "current") if name in signals.signals]
+    actuator = {name: same(signals[name], rate_hz) for name in recorded_beside}
+    if "theta_m" in actuator:  # behind a wide filter too, for the velocity's sign
+        wide = replace(same, cutoff_hz=min(QUICK * same.cutoff_hz, 0.2 * rate_hz))
+        actuator["wide_band_theta_m"] = wide(signals["theta_m"], rate_hz)
     return replace(record, encoder_step=float(step or 0.0), actuator=actuator)
 
 

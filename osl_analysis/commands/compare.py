@@ -59,7 +59,7 @@ def compare_campaigns(folders: Sequence[Path], output: Path) -> tuple[pl.DataFra
     shared = recordings_of_a & recordings_of_b
     numbers_of_b = {number.name: number for number in numbers_in_summary(b)}
     rows = []
-    cells = [["quantity", "A", "B", "B - A", "unit"]]
+    cells = []
     for of_a in numbers_in_summary(a):
         of_b = numbers_of_b.get(of_a.name)
         # claims have texts and limits of their own
@@ -84,12 +84,13 @@ def compare_campaigns(folders: Sequence[Path], output: Path) -> tuple[pl.DataFra
     lines += differing_settings(a["settings"], b["settings"])
     if shared:
         which = "the same" if recordings_of_a == recordings_of_b else f"{len(shared)} common"
-        alike = len(rows) + 1 - len(cells)
+        alike = len(rows) - len(cells)
         lines.append(
-            f"A and B hold {which} recordings, so that a difference comes from settings or release,"
-            f" and has no interval; {alike} numbers are alike in all their digits"
+            f"A and B hold {which} recordings, so that a difference comes from settings, sheet or"
+            f" release, and has no interval; {alike} numbers are alike in all their digits"
         )
-    return table, "\n".join([*lines, "", aligned(cells), f"wrote {path}"])
+    shown = aligned([["quantity", "A", "B", "B - A", "unit"], *cells])
+    return table, "\n".join([*lines, "", shown, f"wrote {path}"])
 
 
 def compared(a: Number, b: Number, are_independent: bool = True) -> dict[str, Any]:

@@ -47,8 +47,10 @@ def points(fits: pl.DataFrame, analysis: Analysis, choice: Mapping[str, Any]) ->
     label = max(sizes, default=(0.0, None))[1]  # None: of a motion without amplitudes
     is_fitted = record.is_fitted(label)
     last = shown_rows(is_fitted, record.motion.theta, round(SHOWN_S * record.rate_hz))
-    is_known = np.where(record.usable[last], 1.0, np.nan)  # no line crosses a gap
     modelled = np.where(is_fitted, analysis.modelled(label), np.nan)
+    # NaN in gaps, so that no line crosses them
+    theta_deg = np.where(record.usable, np.rad2deg(record.motion.theta), np.nan)
+    torque = np.where(record.usable, record.filtered_torque, np.nan)
 
     amplitude = pl.col("amplitude_deg")
     is_shown = amplitude.is_null()
@@ -63,8 +65,8 @@ def points(fits: pl.DataFrame, analysis: Analysis, choice: Mapping[str, Any]) ->
     return pl.DataFrame(
         {
             "time": record.time[last] - record.time[last[0]],
-            "theta_deg": is_known * np.rad2deg(record.motion.theta[last]),
-            "torque": is_known * record.filtered_torque[last],
+            "theta_deg": theta_deg[last],
+            "torque": torque[last],
             "torque_model": modelled[last],
         },
         nan_to_null=True,
@@ -77,15 +79,18 @@ def points(fits: pl.DataFrame, analysis: Analysis, choice: Mapping[str, Any]) ->
 def shown_rows(is_fitted: NDArray[np.bool_], theta: Array, count: int) -> NDArray[np.intp]:
     """The last `count` rows or so that are mostly fitted, from the begin of a cycle to the end of a
     fitted part, and none before the first that is fitted."""
-    fitted = np.cumsum(is_fitted)
+    n_fitted = np.cumsum(is_fitted)  # up to each row
     ends = np.flatnonzero(np.diff(is_fitted, append=False) & is_fitted)
-    shares = (fitted[ends] - fitted[np.maximum(ends - count, 0)]) / count
-    end = ends[shares >= min(ENOUGH_FITTED, np.max(shares))][-1]
-    above = theta > np.mean(theta[is_fitted])
-    begins = np.flatnonzero(np.diff(above, prepend=False) & above)
+    shares = (n_fitted[ends] - n_fitted[np.maximum(ends - count, 0)]) / count
+    enough = min(ENOUGH_FITTED, np.max(shares))
+    end = ends[shares >= enough][-1]
+    # a cycle begins where the angle rises through its mean
+    is_above = theta > np.mean(theta[is_fitted])
+    cycles = np.flatnonzero(np.diff(is_above, prepend=False) & is_above)
     first = np.flatnonzero(is_fitted)[0]
-    begins = np.append(begins[(begins > first) & (begins < end)], first)
-    return np.arange(begins[np.argmin(np.abs(begins - (end - count)))], end + 1)
+    begins = np.append(cycles[(cycles > first) & (cycles < end)], first)
+    nearest = np.argmin(np.abs(begins - (end - count)))
+    return np.arange(begins[nearest], end + 1)
 
 
 def draw(table: pl.DataFrame) -> style.PaperFigure:

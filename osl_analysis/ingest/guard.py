@@ -62,7 +62,7 @@ def check_own_torque(trial: Trial, torque: str = "torque", angle: str | None = "
     would be circular."""
     names = tuple(name for name in trial.columns if name in (angle, "current", "omega_m"))
     # each alone and all together, which may be sampled at different times
-    for others in dict.fromkeys([*zip(names), names]):
+    for others in dict.fromkeys([*((name,) for name in names), names]):
         time, measured, *values = trial.arrays(torque, *others)
         signals = dict(zip(others, values, strict=True))
         if unexplained_share(time, measured, signals) < LIMITS.least_of_sensor:

@@ -205,7 +205,9 @@ def held_values(signal: Array, step: float) -> HeldValues | None:
         period, _ = line_through(number, rows)
         is_even = np.ptp(rows - period * number) < WITHIN_A_ROW
         is_seldom = len(rows) * period <= len(signal) - 3
-        return HeldValues(rows, signal[first_rows], period) if is_even and not is_seldom else None
+        if is_seldom or not is_even:
+            return None
+        return HeldValues(rows, signal[first_rows], period)
     if not FEWEST_STAMPS < len(first_rows) < 0.6 * len(signal):
         return None
     usual = rows_per_value(signal, first_rows, step)

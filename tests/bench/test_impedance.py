@@ -106,7 +106,8 @@ def test_where_amplitudes_nest_in_frequencies_fig4_uses_the_largest_alone(tmp_pa
     table = impedance_table(rendered_impedance(record))
     assert table["K"].to_list()[:2] == pytest.approx([100, 200], rel=1e-3)
 
-    write_trial(trial, tmp_path / "made.parquet")
+    with_gap = trial.samples.filter(~pl.col("time").is_between(17, 17.1))
+    write_trial(replace(trial, samples=with_gap), tmp_path / "made.parquet")
     write_table(table, tmp_path / "fit.csv")
     files = tmp_path / "made.parquet", tmp_path / "fit.csv"
     choice = {"trial": "made", "joint": "ankle", "side": None, "chosen": ""}
@@ -117,6 +118,7 @@ def test_where_amplitudes_nest_in_frequencies_fig4_uses_the_largest_alone(tmp_pa
         assert set(shown["doubtful"].fill_null("")) == {cause}
     assert shown["theta_deg"].abs().max() == pytest.approx(degrees[-1], rel=0.02)
     assert vaf(shown) > 99.95
+    assert shown["theta_deg"].null_count() == shown["torque"].null_count() > 0.1 * RATE
 
 
 def judged(torque_of, noise=0.01, **stated):

@@ -66,6 +66,7 @@ def test_differences_between_shared_recordings_have_no_interval(tmp_path, of_b, 
     table, text = compare_campaigns((a, b), tmp_path / "out")
 
     assert (f"A and B hold {told} recordings" in text) == bool(told)
+    assert ("1 numbers are alike" in text) == bool(told)
     assert ("stiffness" in text) == (not told), "what differs is shown"
     assert table["difference_low"].null_count() == bool(told)
 

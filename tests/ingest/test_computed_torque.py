@@ -21,7 +21,7 @@ NOISE = np.random.default_rng(5).standard_normal(TIME.size)
 
 @pytest.mark.parametrize(("torque", "names"), [
     (150 * ANGLE, "theta"),
-    (90 * ANGLE + 900 * ANGLE**3 + 7, "theta"),
+    (90 * ANGLE + 900 * ANGLE**3 + 7e5 * ANGLE**5 + 7, "theta"),
     (np.round(150 * THETA + 12 * OMEGA, 4), "theta"),
     (1.7 * CURRENT, "current"),
     (0.8 * CURRENT - 20 * ANGLE, "theta.*current"),

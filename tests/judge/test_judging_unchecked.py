@@ -14,6 +14,7 @@ JOINT = {
     "delay_se_s": None,
 }
 SHAFT = {"fault_probability": 0.0, "B_j": 1.0, "J_j": 0.1, "delay_se_s": 1e-3}
+STIFF = {"K": 100.0, "I_high": -1e-5, "band_high_hz": 5.0}
 
 
 @pytest.mark.parametrize(("table", "row", "name", "is_told"), [
@@ -60,6 +61,9 @@ SHAFT = {"fault_probability": 0.0, "B_j": 1.0, "J_j": 0.1, "delay_se_s": 1e-3}
     ("impedance", {"K": 0.15, "B": 3.0}, "unlikely_size", False),
     ("walking_groups", {"K": 340.0}, "walking_unseen", True),
     ("walking_groups", {"K": None}, "walking_unseen", False),
+    # 3 and 1 N*m/rad at 5 Hz, beside 2 of K
+    ("impedance", STIFF | {"I": -3e-3}, "negative_inertia", True),
+    ("impedance", STIFF | {"I": -1e-3}, "negative_inertia", False),
     ("walking_groups", {"I_high": -0.01}, "negative_inertia", True),
     ("transmission", {"J_j_high": 0.01}, "negative_inertia", False),
 ])  # fmt: skip

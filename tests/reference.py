@@ -94,16 +94,12 @@ def numbers_of(results: Path) -> dict[str, dict[str, float]]:
     return values | {place: row_of(each) for place, each in columns.items()}
 
 
-def kept_numbers() -> dict[str, dict[str, float]]:
-    """As the file has them."""
-    rows = pl.read_csv(NUMBERS).rows()
-    pairs = {place: re.findall(r"(\w+) (\S+)", numbers) for place, numbers in rows}
-    return {place: {name: float(number) for name, number in each} for place, each in pairs.items()}
-
-
 def changed(results: Path) -> list[str]:
     """Where the numbers of the campaign are no longer those of the file, and both."""
-    kept = kept_numbers()
+    kept = {
+        place: {name: float(number) for name, number in re.findall(r"(\w+) (\S+)", numbers)}
+        for place, numbers in pl.read_csv(NUMBERS).rows()
+    }
     now = numbers_of(results)
     near = {
         place

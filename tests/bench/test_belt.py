@@ -149,24 +149,19 @@ def test_recovers_the_losses_of_the_transmission(B_j, J_j, offset):
     assert (row["B_j"], row["J_j"]) == pytest.approx((B_j, J_j), rel=1e-4)
 
 
-def row_of_late(delay_s, noise):
-    """The last row of the transmission table of losses whose torque is late, to first order."""
+def test_a_late_torque_of_a_transmission_is_found_with_the_inertia_that_it_hides():
+    delay_s = 2e-3
 
-    def torque(m):
+    def torque(m):  # to first order of the delay
         jerk = np.gradient(m.alpha, 1 / RATE)
         return 0.45 * (m.omega - delay_s * m.alpha) + 0.005 * (m.alpha - delay_s * jerk)
 
-    return transmission_table(analysed(stepped_sine(torque, noise), TRANSMISSION)).row(
-        -1, named=True
-    )
+    record = stepped_sine(torque, 0.01)
+    row = transmission_table(analysed(record, TRANSMISSION)).row(-1, named=True)
 
-
-def test_a_late_torque_of_a_transmission_is_found_with_the_inertia_that_it_hides():
-    row = row_of_late(2e-3, 0.01)
-
-    moved = 0.45 * 2e-3 / row["J_j"]  # by the delay; by other rivals more
+    moved = 0.45 * delay_s / row["J_j"]  # by the delay; by other rivals more
     assert 0.95 * moved < row["J_j_fault_share"] < 3 * moved
-    assert row["J_j"] == pytest.approx(0.005 - 0.45 * 2e-3, rel=0.02)
+    assert row["J_j"] == pytest.approx(0.005 - 0.45 * delay_s, rel=0.02)
 
 
 @pytest.mark.usefixtures("without_inference")

@@ -55,15 +55,6 @@ def fit_of(record=SOUND, **stated):
     return analysed(record, IMPEDANCE).calibrated[None]
 
 
-def changed_by(theta=None, torque=None):
-    """K, B, I of the same recording with another angle, or another torque."""
-    theta = SOUND.theta if theta is None else theta
-    torque = SOUND.torque if torque is None else torque
-    other = fit_of(record_of_sines(SOUND.time, theta, torque, FIVE))
-    plain = fit_of()
-    return [other[name] - plain[name] for name in TRUE]
-
-
 def late(delay):
     return np.interp(SOUND.time - delay, SOUND.time, SOUND.torque)
 
@@ -108,11 +99,13 @@ def looped(share):
 def test_an_error_of_the_bench_moves_estimates_as_its_interval_says(
     stated, other, standard, within
 ):
-    changes = changed_by(**other)
+    recorded = {"theta": SOUND.theta, "torque": SOUND.torque} | other
+    changed = fit_of(record_of_sines(SOUND.time, recorded["theta"], recorded["torque"], FIVE))
     fit = fit_of(**stated)
     plain = fit_of()
-    for name, change in zip(TRUE, changes, strict=True):
-        least = 1e-4 * TRUE[name]  # what a record's ends and its noise make of a shift
+    for name, true in TRUE.items():
+        change = changed[name] - plain[name]
+        least = 1e-4 * true  # what a record's ends and its noise make of a shift
         of_bench = fit.se_bench(name)
         assert standard * of_bench == pytest.approx(abs(change), rel=within, abs=least), name
         assert fit.se(name) ** 2 == pytest.approx(plain.se(name) ** 2 + of_bench**2)

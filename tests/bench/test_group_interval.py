@@ -10,15 +10,6 @@ from osl_analysis.bench.regression import combined, fit_groups, gram_sums
 from osl_analysis.signals import Motion
 
 
-def groups_of(strata: list[int], repeat: bool) -> tuple[Groups, np.ndarray]:
-    """Groups with so many members in each stratum."""
-    stratum = np.repeat(np.arange(len(strata)), strata)
-    first = 10.0 * np.arange(len(stratum))
-    kind = "cycles" if repeat else "stretches"
-    rows = tuple(Stratum(frequency_hz=1.0) for _ in strata)
-    return Groups(kind, first, first + 10, stratum, rows), stratum
-
-
 @pytest.mark.parametrize(
     ("strata", "repeat", "units", "method"),
     [
@@ -33,7 +24,10 @@ def test_misfit_is_told_by_strata_or_groups_and_noise_by_what_repeats(
     strata, repeat, units, method
 ):
     """The torque leaves a line by another slope in each unit."""
-    groups, stratum = groups_of(strata, repeat)
+    stratum = np.repeat(np.arange(len(strata)), strata)  # so many groups in each
+    first = 10.0 * np.arange(len(stratum))
+    kind = "cycles" if repeat else "stretches"
+    groups = Groups(kind, first, first + 10, stratum, (Stratum(frequency_hz=1.0),) * len(strata))
     unit = stratum if len(strata) >= 4 else np.arange(len(stratum))
     rng = np.random.default_rng(1)
     rows = 10 * len(stratum)

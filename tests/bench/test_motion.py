@@ -125,33 +125,24 @@ P = read_parameters(ROOT / "config/parameters/default.yaml")
 COMPENSATED = DesiredImpedance("compensated", 300.0, 5.0)
 
 
-def trial_of_gains(desired, motion, late_s=0.0, seed=3):
-    """A leg of the linear model, by its admittance at each line."""
+@pytest.mark.usefixtures("without_inference")
+@pytest.mark.parametrize("late_s", [0.0, 5e-3])
+def test_the_b_of_a_compensated_leg_is_compared_with_that_of_its_gains(late_s):
+    """A leg of the linear model, by its admittance at each line. A torque that is late by d loses
+    K d of B."""
+    motion = noise(np.random.default_rng(2), (0.5, 5.0))
     theta = motion[1][0]
-    gains = desired.gains(P, PAPER_WEIGHT)
+    gains = COMPENSATED.gains(P, PAPER_WEIGHT)
     s = 2j * np.pi * np.fft.rfftfreq(len(theta), 1 / RATE)
     s[0] = 1e-9j
     below_45_hz = np.abs(s) < 2 * np.pi * 45
     admittance = joint_admittance(gains.K_1, gains.B_1, P, P.J_j)(s)
     spectrum = np.fft.rfft(theta) / admittance * below_45_hz * np.exp(-s * late_s)
     torque = np.fft.irfft(spectrum, len(theta))
-    return made_trial(np.random.default_rng(seed), motion, K=0.0, B=0.0, I=0.0, more=torque)
+    trial = made_trial(np.random.default_rng(3), motion, K=0.0, B=0.0, I=0.0, more=torque)
 
-
-def row_beside_gains(trial, desired):
     analysis = rendered_impedance(moving_record(trial))
-    gains = desired.gains(P, PAPER_WEIGHT)
-    return impedance_table(analysis, P, desired, gains).row(0, named=True)
-
-
-@pytest.mark.usefixtures("without_inference")
-@pytest.mark.parametrize("late_s", [0.0, 5e-3])
-def test_the_b_of_a_compensated_leg_is_compared_with_that_of_its_gains(late_s):
-    """A torque that is late by d loses K d of B."""
-    motion = noise(np.random.default_rng(2), (0.5, 5.0))
-    trial = trial_of_gains(COMPENSATED, motion, late_s)
-
-    row = row_beside_gains(trial, COMPENSATED)
+    row = impedance_table(analysis, P, COMPENSATED, gains).row(0, named=True)
 
     assert row["B_gap_s"] == pytest.approx(late_s, rel=0.1, abs=2e-4)
     assert row["B_predicted"] == pytest.approx(5.46, rel=0.05)
@@ -231,15 +222,11 @@ def test_a_longest_gap_that_is_stated_is_bridged():
     ),
 ])  # fmt: skip
 def test_a_motion_that_cannot_tell_is_refused_with_what_is_missing(angle, words):
-    trial = turned_by(angle)
-    with pytest.raises((IdentifiabilityError, InputError), match=words):
-        impedance_table(rendered_impedance(record_of_trial(trial, SETTINGS)))
-
-
-def turned_by(angle):
     time = np.arange(0, 40, 1 / 250)
     motion = angle(time), 0 * time, 0 * time
-    return made_trial(np.random.default_rng(1), (time, motion), B=0.0, I=0.0)
+    trial = made_trial(np.random.default_rng(1), (time, motion), B=0.0, I=0.0)
+    with pytest.raises((IdentifiabilityError, InputError), match=words):
+        impedance_table(rendered_impedance(record_of_trial(trial, SETTINGS)))
 
 
 @pytest.mark.parametrize(("motion", "words"), [

@@ -96,15 +96,11 @@ STIFFENING = 3000.0
 END = np.deg2rad(12)
 
 
-def cubic_spring():
-    """A fit to a spring that stiffens, turned without corners, which the filter would round."""
+def test_a_cubic_spring_has_its_curve_and_its_slope_at_every_angle():
+    """It is turned without corners, which the filter would round."""
     turns = 1 - np.cos(W * clock(2 * PERIOD))
     theta = np.deg2rad(6) * np.concatenate([turns, np.zeros(250)])
-    return fitted(theta, K * theta + STIFFENING * theta**3 + 3.0)
-
-
-def test_a_cubic_spring_has_its_curve_and_its_slope_at_every_angle():
-    curve = cubic_spring().curves
+    curve = fitted(theta, K * theta + STIFFENING * theta**3 + 3.0).curves
 
     loading = curve.filter(pl.col("branch") == "loading")
     assert loading["angle_deg"].to_list()[-23:] == list(np.arange(0.5, 12, 0.5))

@@ -104,64 +104,46 @@ def assert_right(row):
 
 @pytest.mark.usefixtures("without_inference")
 @pytest.mark.parametrize("stamps", ["even", "exact"])
-def test_a_delay_that_is_not_stated_takes_a_share_of_B(stamps):
-    late = trial_of(angle(TIMES), torque(TIMES - 2e-3), stamps=stamps)
+def test_a_delay_takes_a_share_of_B_until_it_is_stated(stamps):
+    unstated, stated = (
+        trial_of(angle(TIMES), torque(TIMES - 2e-3), torque_facts=facts, stamps=stamps)
+        for facts in ({}, {"delay": 2e-3})
+    )
 
-    assert errors_percent(fitted(late))[1] == pytest.approx(-12, abs=1)
-
-
-@pytest.mark.usefixtures("without_inference")
-@pytest.mark.parametrize("stamps", ["even", "exact"])
-def test_a_stated_delay_is_taken_out_of_the_stamps_of_its_channel(stamps):
-    late = trial_of(angle(TIMES), torque(TIMES - 2e-3), torque_facts={"delay": 2e-3}, stamps=stamps)
-
-    assert_right(fitted(late))
+    assert errors_percent(fitted(unstated))[1] == pytest.approx(-12, abs=1)
+    assert_right(fitted(stated))
 
 
 def test_a_sensor_s_low_pass_starts_in_its_steady_state():
     assert SensorLowPass(100.0, 1)(np.full(9, 3.0), 1000.0) == pytest.approx(3.0)
 
 
-@pytest.fixture(scope="module")
-def slow_torque():
-    """The torque behind a first-order low-pass of 100 Hz, by a second library's simulation at 6
-    kHz that takes a torque for linear in between."""
+@pytest.mark.usefixtures("without_inference")
+def test_a_load_cell_s_filter_takes_a_share_of_I_until_it_is_stated():
+    """A first-order low-pass of 100 Hz, by a second library's simulation at 6 kHz that takes a
+    torque for linear in between. What it did to the torque is then done to the angle."""
     time_constant = 1 / (2 * np.pi * 100.0)
     fine = np.arange(len(TIMES) * FINE) / (RATE * FINE)
     low_pass = lti([1.0], [time_constant, 1.0])
     _, filtered, _ = lsim(low_pass, torque(fine), fine, X0=OFFSET * time_constant)
-    return filtered[::FINE]
-
-
-@pytest.mark.usefixtures("without_inference")
-def test_a_load_cell_s_filter_that_is_not_stated_takes_a_share_of_I(slow_torque):
-    assert errors_percent(fitted(trial_of(angle(TIMES), slow_torque)))[2] < -20
-
-
-@pytest.mark.usefixtures("without_inference")
-def test_what_the_load_cell_s_filter_did_is_done_to_the_angle(slow_torque):
     facts = {"low_pass": {"cutoff_hz": 100.0, "order": 1}}
+    unstated = trial_of(angle(TIMES), filtered[::FINE])
+    stated = trial_of(angle(TIMES), filtered[::FINE], torque_facts=facts)
 
-    assert_right(fitted(trial_of(angle(TIMES), slow_torque, torque_facts=facts)))
+    assert errors_percent(fitted(unstated))[2] < -20
+    assert_right(fitted(stated))
 
 
 # ---- The bench's frame
 
 
-@pytest.fixture(scope="module")
-def yielding():
+@pytest.mark.usefixtures("without_inference")
+def test_a_frame_that_yields_takes_shares_of_K_B_and_I_until_it_is_stated():
     """The bench's encoder sees the joint's angle and the frame's, wound up by the resisting
     torque."""
-    return trial_of(angle(TIMES) + torque(TIMES) / 3000.0, torque(TIMES))
+    yielding = trial_of(angle(TIMES) + torque(TIMES) / 3000.0, torque(TIMES))
 
-
-@pytest.mark.usefixtures("without_inference")
-def test_a_frame_that_yields_takes_shares_of_K_B_and_I(yielding):
     assert errors_percent(fitted(yielding)).round().tolist() == [-9, -17, -49]
-
-
-@pytest.mark.usefixtures("without_inference")
-def test_the_bench_s_yielding_is_taken_off_the_angle(yielding):
     assert_right(fitted(yielding, bench_stiffness={"value": "3000 N*m/rad"}))
 
 
@@ -256,25 +238,19 @@ LATE = TIMES[:-1] + 0.3e-3  # when the torque is sampled [s]
 KEPT = np.flatnonzero(np.arange(len(LATE)) % 100 != 50)
 
 
-@pytest.fixture(scope="module")
-def lossy():
+@pytest.mark.usefixtures("without_inference")
+def test_only_a_counter_tells_which_samples_a_late_host_lost():
     """A trial of two devices, of which the torque's host stamps late and loses one sample in a
     hundred."""
     latency = np.random.default_rng(8).exponential(0.5e-3, len(LATE))
     # no two samples share a stamp
     stamps = np.maximum.accumulate(LATE + latency) + 1e-9 * np.arange(len(LATE))
-    return trial_of(angle(TIMES), torque(LATE)[KEPT], stamps[KEPT])
+    lossy = trial_of(angle(TIMES), torque(LATE)[KEPT], stamps[KEPT])
 
-
-def test_a_late_host_that_loses_samples_is_refused_without_a_counter(lossy):
     with pytest.raises(InputError, match=r"torque:.*about 12[89].*counter"):
         fitted(lossy)
 
-
-@pytest.mark.usefixtures("without_inference")
-def test_a_counter_in_the_log_tells_which_samples_a_late_host_lost(lossy):
-    stamps = lossy.samples.filter(pl.col("torque").is_not_null())["time"]
-    counter = pl.DataFrame({"time": stamps, "torque_counter": KEPT + 1000})
+    counter = pl.DataFrame({"time": stamps[KEPT], "torque_counter": KEPT + 1000})
     samples = lossy.samples.join(counter, on="time", how="left")
 
     assert_right(fitted(Trial("made", samples, lossy.provenance)))

@@ -215,15 +215,12 @@ def test_a_held_channel_is_doubtful_where_the_rates_do_not_beat(of, rate, sure):
     assert_recovers_the_joint(grid)
 
 
-def delay_of_torque(grid):
-    return next(row["delay_s"] for row in grid.streams if row["signals"] == "torque")
-
-
 def test_the_other_reading_of_a_held_channel_is_a_row_older_where_it_is_doubtful():
     other = one_time_base([held_log(50.0)]).other()
 
-    assert delay_of_torque(other) == pytest.approx(1e-3, abs=2e-5)
-    assert delay_of_torque(other.other()) == pytest.approx(0, abs=2e-5)
+    assert other.taken[0].stream.name == "torque"
+    assert other.taken[0].delay == pytest.approx(1e-3, abs=2e-5)
+    assert other.other().taken[0].delay == pytest.approx(0, abs=2e-5)
     assert one_time_base([held_log(333.0)]).other() is None
 
 

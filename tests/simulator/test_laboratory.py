@@ -65,14 +65,6 @@ def altered(setup, **fields):
     return Setup(setup.settings, setup.walking.model_copy(update=fields), setup.p)
 
 
-def plate_of(folder, trial):
-    """Force [N] and moment [N*m] of the plate, (n, 6), as ingest reads them, whose formulas have
-    tests of their own."""
-    row = {"trial": trial, "mocap": f"vicon/{trial}.c3d", "mocap_source": "vicon"}
-    samples = trial_from_files(row, folder, ROOT / "config/sources").samples
-    return samples.select("^plate1_.*$").to_numpy()
-
-
 def write_trajectory(folder, header, *values):
     """A trajectory of the impedance that is the same at every phase."""
     path = folder / "impedance.csv"
@@ -134,8 +126,10 @@ def test_half_a_person_stands_on_the_plate_in_the_static_trial(setup, tmp_path):
     """40 kg of 80 kg above the ankle, 60 mm behind the middle of the plate."""
     setup.record(tmp_path, STATIC)
 
-    wrench = plate_of(tmp_path, "static_1")
-
+    row = {"trial": "static_1", "mocap": "vicon/static_1.c3d", "mocap_source": "vicon"}
+    samples = trial_from_files(row, tmp_path, ROOT / "config/sources").samples
+    # force [N] and moment [N*m] as ingest reads them, whose formulas have tests of their own
+    wrench = samples.select("^plate1_.*$").to_numpy()
     weight = 40 * G
     expected = np.tile([0, 0, weight, 0, 0.06 * weight, 0], (len(wrench), 1))
     np.testing.assert_allclose(wrench, expected, atol=1e-3)

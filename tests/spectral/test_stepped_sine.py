@@ -95,9 +95,8 @@ def parts_of(practice):
     return parts
 
 
-def run_as(practice):
-    """The angle (n,) [rad] of a practice with an offset and noise: a function of time, not of
-    rows."""
+def segments_of_practice(practice):
+    """The segments of a practice with an offset and noise: a function of time, not of rows."""
     parts = parts_of(practice)
     time = np.arange(round((parts[-1].end + practice.rest_s + 1.0) * PRACTICE_RATE)) / PRACTICE_RATE
     theta = 0.01 + 1e-4 * np.random.default_rng(3).standard_normal(len(time))
@@ -110,12 +109,8 @@ def run_as(practice):
             size = part.amplitude * np.clip(from_ends * part.frequency / practice.ramp, 0, 1)
         phase = 2 * np.pi * part.frequency * (t - part.begin) + practice.phase
         theta[rows] += size * np.sin(phase)
-    return theta
-
-
-def segments_of_practice(practice):
     protocol = SteppedSineProtocol((0.03, 0.1), practice.frequencies, 8)
-    return segments_of(run_as(practice), protocol, PRACTICE_RATE)
+    return segments_of(theta, protocol, PRACTICE_RATE)
 
 
 @pytest.mark.parametrize("practice", PRACTICES.values(), ids=PRACTICES)

@@ -75,9 +75,6 @@ def test_one_factor_of_both_gains_names_its_unit(B_over_B_d, is_told):
     assert [bool(re.search(r"lbf\*ft.*N\*m", text)) for text in texts] == [True] * is_told
 
 
-EXACT = {f"{symbol}{end}": 1.0 for symbol in "KBI" for end in ("", "_low", "_high")}
-
-
 @pytest.mark.parametrize(("row", "shift", "is_doubted"), [
     # of 300 +- 3 N*m/rad, 2 half-widths are 2 %
     ({"K": 300.0, "K_low": 297.0, "K_high": 303.0}, 2.01, True),

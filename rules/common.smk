@@ -113,6 +113,14 @@ ACCEPTED = {trial: CAMPAIGN.accepted(trial) for trial in TRIALS}
 """The checks that the sheet accepts, by trial."""
 
 
+onstart:
+    # By Snakemake's limit of 100 jobs a second each look for jobs asks for another one a second later:
+    # N jobs make N looks a second, a tenth of all core-seconds. Only its command line sets a limit.
+    limit = workflow.scheduling_settings.max_jobs_per_timespan
+    if workflow.local_exec and limit and (limit.max_jobs, limit.timespan) == (100, 1):
+        workflow.scheduler.job_rate_limiter = None
+
+
 def of_trials(trials, files="<results>/trials/{trial}.parquet".format):
     """An input: the files of the job's trial, which is one of these trials.
 

@@ -3,6 +3,7 @@ written as JSON, as macros of LaTeX and as sentences."""
 
 import json
 import re
+import unicodedata
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -253,8 +254,12 @@ LETTERS = dict(zip("0123456789.", WORDS, strict=True))
 
 
 def macro_name(name: str) -> str:
-    """The letters of a number's name, as LaTeX asks: `B_d 2.5` gives `BDTwoPointFive`."""
-    words = re.findall(r"[A-Za-z]+|[0-9.]", name)
+    """The letters of a number's name, as LaTeX asks: `B_d 2.5` gives `BDTwoPointFive`. Signs and
+    letters that LaTeX does not take are spelled: `PD+` gives `PDPlusSign`."""
+    spelled = re.sub(
+        r"[^\w. ]", lambda sign: unicodedata.name(sign[0]).title(), name, flags=re.ASCII
+    )
+    words = re.findall(r"[A-Za-z]+|[0-9.]", spelled)
     return "".join(LETTERS.get(word) or word[0].upper() + word[1:] for word in words)
 
 

@@ -127,6 +127,15 @@ def test_every_claim_has_its_verdict():
     assert (number.name, number.unit, number.verdict) == ("K_ok", "%", "holds")
 
 
+def test_names_that_differ_in_signs_alone_have_macros_of_their_own():
+    both = pl.concat(IMPEDANCE.with_columns(controller=pl.lit(name)) for name in ("PD+", "PD-"))
+
+    tex = macros_tex(ABOUT, headline_numbers({"impedance": both}))
+
+    macros = re.findall(r"newcommand{.([A-Za-z]+)}", tex)
+    assert len(set(macros)) == len(macros) == tex.count("newcommand")
+
+
 def test_macros_are_letters_and_each_line_of_latex_is_a_definition_or_a_comment():
     tex = macros_tex(ABOUT, headline_numbers({"impedance": IMPEDANCE}), ["1 of 2 trials"])
 

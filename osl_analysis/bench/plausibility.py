@@ -41,12 +41,15 @@ def check_resists(trial: str, symbol: str, value: float, high: float | None = No
 
 
 def check_stiffer(trial: str, symbol: str, stiffness: float, bench: BenchStiffness | None) -> None:
-    """Refuse a stiffness [N*m/rad] that is not below the bench's."""
-    if bench is not None and not 0 < stiffness * bench.compliance < 1:
+    """Refuse a stiffness [N*m/rad] that is not below the bench's.
+
+    A bench that is stated too soft makes it negative beyond the bench's, a reversed torque within:
+    theta becomes theta (1 + 2 K/k)."""
+    if bench is not None and not -1 < stiffness * bench.compliance < 1:
         raise InputError(
-            f"trial {trial}: {symbol} = {stiffness:.4g} N*m/rad is not between 0 and the bench's"
-            f" stiffness of {bench.value}, so that the frame would yield more than the joint;"
-            " correct `bench_stiffness` and its unit in the configuration"
+            f"trial {trial}: {symbol} = {stiffness:.4g} N*m/rad is beyond the bench's stiffness of"
+            f" {bench.value}, so that the frame would yield more than the joint; correct"
+            " `bench_stiffness` and its unit in the configuration"
         )
 
 

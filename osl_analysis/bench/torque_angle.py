@@ -87,8 +87,8 @@ def torque_angle_trial(
         cycles = loop.cycles
         check_slow(theta, cycles, settings.shortest_cycle_s, rate_hz)
         estimates = means_row(theta, torque, loop, rate_hz, settings)
-    check_resists(trial.name, "K", estimates["K"])
     check_stiffer(trial.name, "K", estimates["K"], bench)
+    check_resists(trial.name, "K", estimates["K"])
 
     angles = np.deg2rad(angle_deg)
     model = np.full(len(theta), np.nan)

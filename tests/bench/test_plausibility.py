@@ -14,6 +14,7 @@ from osl_analysis.bench.bench_settings import (
     BenchStiffness,
 )
 from osl_analysis.bench.evidence import DesiredImpedance, beside_known
+from osl_analysis.bench.plausibility import check_stiffer
 from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.commands.fit import fit_trial
 from osl_analysis.errors import InputError
@@ -267,12 +268,22 @@ def test_a_stiffness_is_compared_with_what_is_known(
     assert found.drop_nulls().to_list() == pytest.approx([x for x in expected if x is not None])
 
 
-@pytest.mark.parametrize(("experiment", "stiffness"), [("impedance", 300), ("belt", 1000)])
-def test_a_bench_that_is_softer_than_what_it_measures_is_refused(experiment, stiffness):
+@pytest.mark.parametrize(("experiment", "stiffness", "torque", "words"), [
+    ("impedance", 300, 1, "300 N"), ("impedance", 100, 1, "100 N"), ("belt", 1000, 1, "1000 N"),
+    ("impedance", 3000, -1, "`sign`"), ("belt", 5000, -1, "`sign`"),
+])  # fmt: skip
+def test_a_bench_that_is_softer_than_what_it_measures_is_refused_as_such(
+    experiment, stiffness, torque, words
+):
     frame = BenchStiffness(value=f"{stiffness} N*m/rad")
     softer = BENCH.model_copy(update={"bench_stiffness": frame})
-    with pytest.raises(InputError, match=f"0.*{stiffness} N"):
-        judged(experiment, RECORDINGS[experiment], softer)
+    with pytest.raises(InputError, match=words):
+        judged(experiment, changed(experiment, torque=torque), softer)
+
+
+def test_a_joint_without_stiffness_is_measured_on_a_bench_that_yields():
+    noise = -0.1
+    check_stiffer("made", "K", noise, BenchStiffness(value="3000 N*m/rad"))
 
 
 @pytest.mark.parametrize(("torque", "reached"), [

@@ -190,7 +190,7 @@ NOISE = np.random.default_rng(3).standard_normal(FULL.size)
      {}, r"torque_angle\.zero"),
     (FULL, K * FULL,
      {"angle_step_deg": 5}, "angle_step_deg = 5 .* 5"),
-    (FULL, K * FULL, {"bench_stiffness": {"value": "150 N*m/rad"}}, "K = -"),
+    (FULL, K * FULL, {"bench_stiffness": {"value": "150 N*m/rad"}}, "K = -.*150 N"),
     (FULL, K * FULL,
      {"bench_stiffness": {"value": "350 N*m/rad"}}, r"K = 466\.7 N\*m/rad"),
     (FULL, K * FULL,

@@ -61,12 +61,18 @@ def measured_frame(trial: Trial, record: Record) -> GroupFit | None:
     Raises
     ------
     InputError
-        The angle has no time base.
+        The angle has no time base, or is that of the bench.
     """
     if JOINT_SIDE not in trial.columns:
         return None
     signals = signals_of(trial, ("theta", JOINT_SIDE, "torque"), record.settings)
     wound = signals["theta"] - signals[JOINT_SIDE]
+    if not np.ptp(wound):
+        raise InputError(
+            f"trial {trial.name}: theta - {JOINT_SIDE} is {wound[0]:g} rad in every sample, so both"
+            f" are one signal; name the channel of the joint's side for {JOINT_SIDE} in the source"
+            f" file, or leave {JOINT_SIDE} out"
+        )
     torque, filtered = record.settings.low_pass(
         np.column_stack([signals["torque"], wound]), signals.rate_hz
     ).T

@@ -313,6 +313,12 @@ def test_of_a_rigid_frame_nothing_is_said_to_yield():
     assert calibrated(on_frame(spring(), 1e9), known_K=300.0)["frame_stiffness"] is None
 
 
+def test_one_encoder_under_two_names_is_refused():
+    samples = spring().samples.with_columns(theta_joint="theta")
+    with pytest.raises(InputError, match=r"trial spring: .*theta_joint is 0 rad.*; name"):
+        calibrated(Trial("spring", samples), known_K=300.0)
+
+
 def test_a_fixture_of_the_sheet_comes_before_that_of_the_settings():
     provenance = {"columns": {"torque": {"fixture": {"inertia": 0.02}}}}
     trial = Trial("a", spring().samples, provenance)

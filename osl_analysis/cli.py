@@ -309,7 +309,14 @@ def inspect(file: Path, draft_path: Path | None, as_json: bool) -> None:
 @file_option("--source", help="Source file of a raw recording, which says what is what.")
 @option(
     "--model",
-    type=click.Choice([name for name, facts in EXPERIMENTS.items() if facts.place == "bench"]),
+    # of a calibration the sheet of a campaign says what is known
+    type=click.Choice(
+        [
+            name
+            for name, facts in EXPERIMENTS.items()
+            if facts.place == "bench" and name != "calibration"
+        ]
+    ),
     default="impedance",
     help=(
         "K, B, I of Eq. 15; B_j, J_j of Eq. 4; belt stiffness K_s; the actuator of Eqs. 1-2;"
@@ -374,8 +381,14 @@ def fit(
     from osl_analysis.bench.evidence import DesiredImpedance
     from osl_analysis.commands.fit_results import estimates_text, rows_json
     from osl_analysis.commands.trials import raw_trial
+    from osl_analysis.config.sheet import Asked
     from osl_analysis.trial import read_trial
+    from osl_analysis.yaml_settings import validated
 
+    validated({"K_d": K_d}, Asked, "--stiffness", ())
+    validated({"B_d": B_d}, Asked, "--damping", ())
+    validated({"controller": controller}, Asked, "--controller", ())
+    validated({"windows": windows}, Asked, "--windows", ())
     desired = None
     if (K_d, B_d, controller) != (None, None, None):
         desired = DesiredImpedance(controller or "compensated", K_d, B_d)

@@ -5,8 +5,9 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import AfterValidator, Field
 
+from osl_analysis.config.sheet import Windows
 from osl_analysis.signals import LowPass
-from osl_analysis.trial import Array, stretches
+from osl_analysis.trial import Array
 from osl_analysis.units import quantity
 from osl_analysis.yaml_settings import (
     Degrees,
@@ -21,7 +22,6 @@ from osl_analysis.yaml_settings import (
 
 Angle = Annotated[float, Field(ge=-180, le=180)]
 CycleCount = Annotated[int, Field(ge=1, le=10_000)]
-Windows = Annotated[str, AfterValidator(lambda text: stretches(text) and text)]
 # a standard uncertainty; what is larger is a percentage
 UncertainShare = Annotated[float, Field(ge=0, lt=0.5)]
 

@@ -34,6 +34,7 @@ from osl_analysis.campaign.configuration import Config
 from osl_analysis.commands.fit_results import Fit, FitTables, samples_of
 from osl_analysis.commands.remedies import fit_or_advise
 from osl_analysis.config.experiments import EXPERIMENTS
+from osl_analysis.config.sheet import Asked
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.guard import check_recording, find_leaps
 from osl_analysis.ingest.quality import saturated
@@ -43,6 +44,7 @@ from osl_analysis.model.drivetrain import FileOrNone, known_parameters
 from osl_analysis.signals.grid import GapLimits
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial
+from osl_analysis.yaml_settings import validated
 
 
 def fit_impedance_trial(
@@ -254,7 +256,8 @@ def run_fit(
     Raises
     ------
     InputError
-        The experiment has no fit, or the recording cannot be fitted.
+        The experiment has no fit, the sheet would not take what is stated, or the recording cannot
+        be fitted.
     """
     job = EXPERIMENTS[experiment].fit
     if job is None:
@@ -272,6 +275,8 @@ def run_fit(
                 " osl.DesiredImpedance(controller, K_d, B_d)"
             )
         arguments["condition"] = condition
+    asked = vars(condition) if isinstance(condition, DesiredImpedance) else {}
+    validated({**asked, "windows": windows}, Asked, f"trial {trial.name}", ())
     if job.windows:
         arguments["windows"] = windows
     elif windows:

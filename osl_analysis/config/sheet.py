@@ -78,12 +78,11 @@ def check_reason(text: str) -> str:
     return text
 
 
-def check_windows(text: str) -> str:
-    """The check that windows are from-to pairs."""
-    stretches(text)
-    return text
-
-
+Windows = Annotated[str, AfterValidator(lambda text: stretches(text) and text)]
+Controller = Annotated[
+    str, AfterValidator(partial(check_not_misspelt, CONTROLLERS, SIMILAR_CONTROLLER))
+]
+Damping = Annotated[float, Field(ge=0, le=1000)]
 # it becomes a file name
 TrialName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,99}$")]
 # cells that may be empty
@@ -92,17 +91,23 @@ Number = NotNegative | None
 Name = Annotated[str, Field(pattern=r"^[\w .%+/-]{1,40}$")] | None
 
 
+class Asked(Settings):
+    """What the fit of a single trial is asked, in cells of the sheet."""
+
+    controller: Controller | None = None
+    K_d: Stiffness | None = None
+    B_d: Damping | None = None
+    windows: Windows | None = None
+
+
 class Row(Settings):
     """A row of the sheet. docs/own_data.md explains its columns."""
 
     trial: TrialName
     experiment: Annotated[str, AfterValidator(partial(check_known, EXPERIMENTS, "experiment"))]
-    controller: (
-        Annotated[str, AfterValidator(partial(check_not_misspelt, CONTROLLERS, SIMILAR_CONTROLLER))]
-        | None
-    ) = None
+    controller: Controller | None = None
     K_d: Stiffness | None = None  # [N*m/rad]
-    B_d: Annotated[float, Field(ge=0, le=1000)] | None = None  # [N*m*s/rad]
+    B_d: Damping | None = None  # [N*m*s/rad]
     perturbed: bool | None = None
     log: Text = None
     log_source: Text = None
@@ -110,7 +115,7 @@ class Row(Settings):
     mocap_source: Text = None
     log_part: Text = None
     desired: Text = None
-    windows: Annotated[str, AfterValidator(check_windows)] | None = None
+    windows: Windows | None = None
     exclude: Annotated[str, AfterValidator(check_reason)] | None = None
     accept: Text = None
     joint: (

@@ -137,8 +137,8 @@ def test_fit_says_what_it_cannot_check_and_takes_a_campaign_s_overriding_file(fo
     assert "fixture" in unchecked
     assert known[-1]["K_ratio"] == pytest.approx(1, abs=0.1)
     assert fitted(*asked, "--parameters", "none")[0][-1]["K_predicted"] is None
-    rows, said = fitted(*asked, "--controller", "compensatd")
-    assert "compensatd" in " ".join(said.split())
+    rows, said = fitted(*asked, "--controller", "impedance PD")
+    assert "impedance PD" in " ".join(said.split())
     assert [rows[-1][name] for name in ("K_d", "K_ratio", "K_predicted")] == [300, None, None]
 
 
@@ -187,6 +187,12 @@ MISTAKES = {
     "--weight-hz", 1e300),
     r"no\.yaml: ": (*GAINS, "--parameters", "no.yaml"),
     r"osl-analysis init FOLDER --from \.`": ("fit", "README.md"),
+    "--stiffness.* nan .*finite": ("fit", "README.md", "--stiffness", "nan"),
+    r"--stiffness.* -300\.0 .*greater": ("fit", "README.md", "--stiffness", "-300"),
+    r"--damping.* -5\.0 .*greater": ("fit", "README.md", "--damping", "-5"),
+    "--controller.*'compensatd' .*'compensated'": ("fit", "README.md",
+    "--controller", "compensatd"),
+    "--windows.*'' .*2-30 40-62": ("fit", "README.md", "--windows", ""),
     "profiles/slrm.*profiles/slurm": ("run", "--workflow-profile", "profiles/slrm"),
     r"no\.mcap: ": ("ingest", "--log", "no.mcap", "--log-source", "leg",
     "--output", "no.parquet"),

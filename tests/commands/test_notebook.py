@@ -272,6 +272,8 @@ REFUSED = {
     "walking_01": lambda t: osl.simulate_trial("x", "walking_01"),
     "'impedance_1'": lambda t: osl.simulate_trial("x", "impedance_1"),
     "DesiredImpedance": lambda t: osl.fit(t, desired={"K_d": 300.0}),
+    "K_d: nan ": lambda t: osl.fit(t, desired=osl.DesiredImpedance("own", np.nan, 5.0)),
+    "windows: '' ": lambda t: osl.fit(t, windows=""),
     "none.yaml: ": lambda t: osl.fit(t, parameters="none.yaml"),
 }  # fmt: skip
 

@@ -28,13 +28,6 @@ rule complete:
     input:
         recordings=SIMULATED_FILES,
         trials=FILES.of_single_trials,
-        tables=FILES.all_tables,
-        latex=expand("<results>/tables/latex/{name}.tex", name=FILES.for_paper),
-        markdown=expand("<results>/tables/markdown/{name}.md", name=FILES.for_paper),
-        figures=FILES.figures,
-        settings="<results>/tables/settings.csv",
-        summary="<results>/summary.json",
-        report="<results>/report.html",
-        methods="<results>/methods.md",
+        published=FILES.published,
         verdict="<results>/verdict.txt",
     localrule: True

@@ -28,6 +28,9 @@ ON_PAPER = {
 }
 """Tables for a paper, and the tables of results that each is made of."""
 FIGURE_SUFFIXES = ("csv", "pdf", "svg", "png")  # plotted numbers, and the figure
+PAGES = (
+    "report.html", "summary.json", "numbers.tex", "methods.md", "methods.tex", "methods.bib",
+)  # fmt: skip
 
 
 def name_pattern(names: Iterable[str]) -> str:
@@ -161,6 +164,18 @@ class ResultFiles:
             for suffix in FIGURE_SUFFIXES
         ]
         return [*files, f"{self.results}/figures/captions.md"] if files else []
+
+    @cached_property
+    def published(self) -> list[str]:
+        """All results that are for readers, and not of single trials."""
+        tables = ["settings", "excluded", "findings", "quality"]
+        if self.campaign.trials("walking"):
+            tables.append("walking_responses")
+        names = [f"tables/{name}.csv" for name in tables]
+        for name in self.for_paper:
+            names += [f"tables/latex/{name}.tex", f"tables/markdown/{name}.md"]
+        names += PAGES
+        return [*self.all_tables, *self.figures, *(f"{self.results}/{name}" for name in names)]
 
     def results_in_figure(self, figure: str) -> list[str]:
         """The results of single trials that a figure shows; the refused ones are named below it."""

@@ -10,12 +10,16 @@ from ruamel.yaml import YAML
 
 from osl_analysis.campaign.campaign_trials import Campaign, open_campaign
 from osl_analysis.campaign.configuration import read_config
+from osl_analysis.campaign.result_files import ResultFiles
 from osl_analysis.commands.simulate import TRUTH
 from osl_analysis.commands.tables import read_summary
+from osl_analysis.errors import InputError
 from osl_analysis.files import CAMPAIGN, atomic_path, config_here
 
-# of the results; a run makes the others again
-PUBLISHED = ("tables", "figures", "report.html", "summary.json", "numbers.tex", "methods.*")
+# cells of the sheet that name files, and what folder they are in
+NAMING_FILES = {
+    "log": "raw_data", "mocap": "raw_data", "log_source": "sources", "mocap_source": "sources",
+}  # fmt: skip
 
 
 def write_bundle(folder: Path, output: Path) -> None:
@@ -33,7 +37,8 @@ def write_bundle(folder: Path, output: Path) -> None:
     Raises
     ------
     InputError
-        There are no results.
+        A result is missing, the sheet names a file outside the campaign's folders, or `output` is
+        one of the files.
     OSError
         A file is missing, or cannot be read.
     """
@@ -44,10 +49,15 @@ def write_bundle(folder: Path, output: Path) -> None:
         read_summary(config.results / "summary.json")
         # it keeps the comments of the configuration
         content = YAML().load(config_file.read_text(encoding="utf-8"))
-        files = inputs_of(open_campaign(config, None), content)
-        for published in PUBLISHED:
-            for file in files_of(config.results, published):
-                files[f"results/{file.relative_to(config.results).as_posix()}"] = file
+        campaign = open_campaign(config, None)
+        files = inputs_of(campaign, content)
+        # a run makes the others again
+        for published in map(Path, ResultFiles(campaign).published):
+            if not published.is_file():
+                raise InputError(f"{published}: no such result; run `osl-analysis run` first")
+            files[f"results/{published.relative_to(config.results).as_posix()}"] = published
+        if output.resolve() in map(Path.resolve, [config_file, *files.values()]):
+            raise InputError(f"{output}: is a file of the campaign; name another one")
 
         # dates before 1980, which ZIP does not know, are no reason to refuse
         with ZipFile(path, "w", ZIP_DEFLATED, strict_timestamps=False) as archive:
@@ -66,23 +76,35 @@ def inputs_of(campaign: Campaign, content: Any) -> dict[str, Path]:
     `content` is made to state."""
     config = campaign.config
     content.update(raw_data="recordings", sources="sources", results="results")
-    # a simulator writes the sheet beside its logs, and the truth
-    content["sheet"] = f"recordings/{config.sheet.name}"
+    # a simulator writes the sheet beside its logs, and the truth; no log has the name of a folder
+    folder = "sheet" if config.simulation is None else "recordings"
+    content["sheet"] = f"{folder}/{config.sheet.name}"
     files = {content["sheet"]: config.sheet}
     for field in ("parameters", "impedance_trajectory", "simulation"):
         file: Path | None = getattr(config, field)
         if file is not None:
             content[field] = f"{field}/{file.name}"
             files[content[field]] = file
-    recordings = [file for trial in campaign.trials() for file in campaign.logs(trial)]
-    for file in [*recordings, *files_of(config.raw_data, TRUTH)]:
-        files[f"recordings/{file.relative_to(config.raw_data).as_posix()}"] = file
+    recordings = list[Path]()
+    sources = list[Path]()
     for trial in campaign.trials():
-        for file in campaign.sources(trial):
-            files[f"sources/{file.name}"] = file
+        check_within(campaign, trial)
+        recordings += [*campaign.logs(trial), *config.raw_data.glob(f"{TRUTH}/{trial}.*")]
+        sources += campaign.sources(trial)
+    for file in recordings:
+        files[f"recordings/{file.relative_to(config.raw_data).as_posix()}"] = file
+    for file in sources:
+        files[f"sources/{file.relative_to(config.sources).as_posix()}"] = file
     return files
 
 
-def files_of(folder: Path, name: str) -> list[Path]:
-    """The files in a folder of this name, or all below a folder in it of this name."""
-    return [file for file in [*folder.glob(name), *folder.glob(f"{name}/**/*")] if file.is_file()]
+def check_within(campaign: Campaign, trial: str) -> None:
+    """Refuse a trial whose files would not be found in an unpacked bundle."""
+    for cell, folder in NAMING_FILES.items():
+        name = Path(campaign.rows[trial][cell] or "")
+        if name.is_absolute() or ".." in name.parts:
+            raise InputError(
+                f"{campaign.config.sheet}: trial '{trial}': {cell} {name} is outside {folder} ="
+                f" {getattr(campaign.config, folder)}, and a bundle cannot hold it; move it there,"
+                " and write its name there"
+            )

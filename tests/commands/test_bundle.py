@@ -1,15 +1,18 @@
 """A bundle: a campaign that can be checked and analysed wherever it is unpacked."""
 
 import json
+import re
 from hashlib import sha256
 from pathlib import Path
 from zipfile import ZipFile
 
 import pytest
 from click.testing import CliRunner
+from conftest import ROOT
 
 from osl_analysis.campaign.campaign_trials import open_campaign
 from osl_analysis.campaign.configuration import read_config
+from osl_analysis.campaign.result_files import ResultFiles
 from osl_analysis.cli import main
 from osl_analysis.commands.run import check_start
 from osl_analysis.table import SCHEMA
@@ -32,29 +35,45 @@ channels:
 """
 
 
+SHEET = "trial,experiment,log,log_source\nfirst,belt,{},lab/bench\n"
+VANISHED = ("tables/impedance.csv", "figures/fig4.pdf")
+
+
 @pytest.fixture
-def campaign(tmp_path, in_root):
-    """A campaign with a recording, sources and device beside it, and results."""
-    device = Path("config/parameters/default.yaml").read_text()
-    summary = {"tables_schema": SCHEMA, "version": "2.0.0", "numbers": {}}
+def campaign(tmp_path, monkeypatch):
+    """A campaign with a recording, sources and device beside it, and results, also of trials that
+    its sheet does not have any more."""
+    folder = tmp_path / "campaign"
     for name, text in {
-        "campaign/config.yaml": CONFIG,
-        "campaign/trials.csv": "trial,experiment,log,log_source\nfirst,belt,day/first.csv,bench\n",
-        "campaign/sources/bench.yaml": SOURCE,
-        "campaign/results/summary.json": json.dumps(summary),
-        "campaign/results/tables/belt.csv": "trial,K_s\nfirst,685\n",
-        "campaign/results/trials/first.parquet": "made again",
-        "session/day/first.csv": "t,angle,torque,motor\n0,0,0,0\n",
-        "session/day/not_in_the_sheet.csv": "t\n0\n",
-        "device.yaml": device,
+        "config.yaml": CONFIG,
+        "trials.csv": SHEET.format("day/first.csv"),
+        "sources/lab/bench.yaml": SOURCE,
+        "../session/day/first.csv": "t,angle,torque,motor\n0,0,0,0\n",
+        "../session/day/not_in_the_sheet.csv": "t\n0\n",
+        "../device.yaml": (ROOT / "config/parameters/default.yaml").read_text(),
+        "results/trials/first.parquet": "made again",
     }.items():
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).write_text(text)
-    return tmp_path / "campaign"
+        write(folder / name, text)
+    monkeypatch.chdir(folder)
+    files = ResultFiles(open_campaign(read_config(Path("config.yaml")), None))
+    for name in [*files.published, *(f"results/{name}" for name in VANISHED)]:
+        write(folder / name, "made")
+    summary = {"tables_schema": SCHEMA, "version": "2.0.0", "numbers": {}}
+    write(folder / "results/summary.json", json.dumps(summary))
+    return folder
+
+
+def write(path, text):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+
+
+def bundle(campaign, output):
+    return CliRunner().invoke(main, ["bundle", str(campaign), str(output)])
 
 
 def test_a_bundle_is_a_whole_campaign_elsewhere(campaign, tmp_path, monkeypatch):
-    result = CliRunner().invoke(main, ["bundle", str(campaign), str(tmp_path / "all.zip")])
+    result = bundle(campaign, tmp_path / "all.zip")
 
     assert result.exit_code == 0, result.output
     elsewhere = tmp_path / "elsewhere"
@@ -64,10 +83,9 @@ def test_a_bundle_is_a_whole_campaign_elsewhere(campaign, tmp_path, monkeypatch)
         digest, name = line.split("  ")
         listed[name] = digest
         assert sha256((elsewhere / name).read_bytes()).hexdigest() == digest
-    assert set(listed) == {
-        "config.yaml", "parameters/device.yaml", "recordings/day/first.csv",
-        "recordings/trials.csv", "results/summary.json", "results/tables/belt.csv",
-        "sources/bench.yaml",
+    assert {name for name in listed if not name.startswith("results/")} == {
+        "config.yaml", "parameters/device.yaml", "recordings/day/first.csv", "sheet/trials.csv",
+        "sources/lab/bench.yaml",
     }  # fmt: skip
 
     for folder in (tmp_path / "session", campaign):
@@ -77,17 +95,40 @@ def test_a_bundle_is_a_whole_campaign_elsewhere(campaign, tmp_path, monkeypatch)
     unpacked = open_campaign(config, None)
     check_start(unpacked)
     assert config.parameters == Path("parameters/device.yaml")
-    assert all(log.is_file() for trial in unpacked.trials() for log in unpacked.logs(trial))
+    needed = [*unpacked.logs("first"), *unpacked.sources("first")]
+    assert all(file.is_file() for file in needed)
+    results = {name for name in listed if name.startswith("results/")}
+    assert results == {*ResultFiles(unpacked).published}, "of the trials in the sheet alone"
 
 
-def test_a_bundle_needs_results_and_every_recording(campaign, tmp_path):
-    output = tmp_path / "all.zip"
-    (tmp_path / "session/day/first.csv").unlink()
-    result = CliRunner().invoke(main, ["bundle", str(campaign), str(output)])
+@pytest.mark.parametrize("missing", ["session/day/first.csv", "campaign/results/report.html"])
+def test_a_bundle_needs_every_recording_and_result(campaign, tmp_path, missing):
+    (tmp_path / missing).unlink()
+
+    result = bundle(campaign, tmp_path / "all.zip")
+
     assert result.exit_code == 1
-    assert "first.csv" in result.output
+    assert result.stderr.startswith("error: ")
+    assert Path(missing).name in result.stderr
+    assert not (tmp_path / "all.zip").exists()
 
-    (campaign / "results/summary.json").unlink()
-    result = CliRunner().invoke(main, ["bundle", str(campaign), str(output)])
-    assert "summary.json: " in result.output
-    assert not output.exists()
+
+@pytest.mark.parametrize("log", ["{}/session/day/first.csv", "../campaign/trials.csv"])
+def test_a_log_outside_the_folder_of_recordings_is_refused(campaign, tmp_path, log):
+    write(campaign / "trials.csv", SHEET.format(log.format(tmp_path)))
+
+    result = bundle(campaign, tmp_path / "all.zip")
+
+    assert result.exit_code == 1
+    assert re.search(r"error: trials\.csv: trial 'first': log .*\.csv .*raw_data", result.stderr)
+
+
+def test_no_file_of_the_campaign_is_overwritten(campaign, tmp_path):
+    log = tmp_path / "session/day/first.zip"
+    write(log, "a recording")
+    write(campaign / "trials.csv", SHEET.format("day/first.zip"))
+
+    result = bundle(campaign, log)
+
+    assert (result.exit_code, log.read_text()) == (1, "a recording")
+    assert f"{log}: is a file of the campaign" in result.stderr

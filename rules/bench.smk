@@ -68,9 +68,7 @@ rule fit_actuator:
 
 
 rule fit_impedance:
-    """K, B, I of one trial (Eq. 15), and its frequency response.
-
-    Of a leg by least squares, of any other joint by the inference: docs/method.md."""
+    """K, B, I of one trial (Eq. 15), and its frequency response."""
     input:
         trial=of_trials(CAMPAIGN.trials("impedance")),
         parameters=device,

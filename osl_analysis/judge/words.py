@@ -1,5 +1,4 @@
-"""The words of findings: the only place where they become sentences. Nothing here decides whether
-something is a doubt, and nothing reads the words back.
+"""The words of findings. Nothing here decides whether something is a doubt.
 
 The sentences stand in `findings.yaml`, with names in braces for numbers. A sentence whose numbers
 the row does not have is left out.

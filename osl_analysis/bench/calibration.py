@@ -16,7 +16,6 @@ from osl_analysis.bench.plausibility import check_resists
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import (
     IMPEDANCE,
-    BenchFit,
     GroupFit,
     effect_columns,
     fit_groups,
@@ -199,7 +198,7 @@ def late_fits(record: Record, is_spring: bool) -> tuple[GroupFit, GroupFit | Non
     return (damped if is_damped else undamped), damped
 
 
-def bench_estimates(fit: GroupFit, known: Known) -> BenchFit:
+def bench_estimates(fit: GroupFit, known: Known) -> GroupFit:
     """Lag, gain, and the fixture's inertia or weight, from Eq. 15 of what is known."""
     main, beside, name = ("K", "I", "inertia") if known.stiffness else ("I", "K", "weight")
     size = known.stiffness or known.inertia or np.nan
@@ -213,8 +212,7 @@ def bench_estimates(fit: GroupFit, known: Known) -> BenchFit:
             name: (other - taken, {beside: 1 / gain, main: -other / fit[main]}),
         }
     )
-    of_known = found.with_shared_error(known.share * np.array([0.0, gain, other - taken]))
-    return BenchFit(**vars(of_known))
+    return found.with_shared_error(known.share * np.array([0.0, gain, other - taken]))
 
 
 def error_to_state(fit: GroupFit, name: str) -> float:

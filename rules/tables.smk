@@ -1,6 +1,6 @@
 """Rows of single trials -> tables over trials -> findings and headline numbers."""
 
-from osl_analysis.commands.fit import compare_controllers, pool_delay, summarise
+from osl_analysis.commands.fit import derive
 from osl_analysis.commands.gains import select_trajectory
 from osl_analysis.commands.tables import (
     check_claims,
@@ -11,14 +11,6 @@ from osl_analysis.commands.tables import (
     write_settings,
     write_summary,
 )
-
-SUMMARISED_BY = {
-    "compensation": compare_controllers,
-    "delay": pool_delay,
-    "calibration_delay": pool_delay,
-}
-"""The functions of tables that are computed from another one alone, and of no component."""
-
 
 rule table:
     """A table from the rows of single trials, with the doubts about each row."""
@@ -60,7 +52,7 @@ rule summary_table:
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
-        job(SUMMARISED_BY.get(wildcards.table, summarise), input, output, params, log)
+        job(derive, input, output, params, log)
 
 
 rule gains_table:

@@ -16,11 +16,6 @@ from osl_analysis.commands.tables import read_summary
 from osl_analysis.errors import InputError
 from osl_analysis.files import CAMPAIGN, atomic_path, config_here
 
-# cells of the sheet that name files, and what folder they are in
-NAMING_FILES = {
-    "log": "raw_data", "mocap": "raw_data", "log_source": "sources", "mocap_source": "sources",
-}  # fmt: skip
-
 
 def write_bundle(folder: Path, output: Path) -> None:
     """Write a campaign with its results as a ZIP file, which `osl-analysis run` analyses again
@@ -85,26 +80,22 @@ def inputs_of(campaign: Campaign, content: Any) -> dict[str, Path]:
         if file is not None:
             content[field] = f"{field}/{file.name}"
             files[content[field]] = file
-    recordings = list[Path]()
-    sources = list[Path]()
     for trial in campaign.trials():
         check_within(campaign, trial)
-        recordings += [*campaign.logs(trial), *config.raw_data.glob(f"{TRUTH}/{trial}.*")]
-        sources += campaign.sources(trial)
-    for file in recordings:
-        files[f"recordings/{file.relative_to(config.raw_data).as_posix()}"] = file
-    for file in sources:
-        files[f"sources/{file.relative_to(config.sources).as_posix()}"] = file
+        for file in (*campaign.logs(trial), *config.raw_data.glob(f"{TRUTH}/{trial}.*")):
+            files[f"recordings/{file.relative_to(config.raw_data).as_posix()}"] = file
+        for file in campaign.sources(trial):
+            files[f"sources/{file.relative_to(config.sources).as_posix()}"] = file
     return files
 
 
 def check_within(campaign: Campaign, trial: str) -> None:
     """Refuse a trial whose files would not be found in an unpacked bundle."""
-    for cell, folder in NAMING_FILES.items():
+    for cell in ("log", "mocap", "log_source", "mocap_source"):
         name = Path(campaign.rows[trial][cell] or "")
         if name.is_absolute() or ".." in name.parts:
             raise InputError(
-                f"{campaign.config.sheet}: trial '{trial}': {cell} {name} is outside {folder} ="
-                f" {getattr(campaign.config, folder)}, and a bundle cannot hold it; move it there,"
-                " and write its name there"
+                f"{campaign.config.sheet}: trial '{trial}': {cell} {name} is outside the folders of"
+                " the campaign, so that no bundle can hold it; move it into `raw_data`, or"
+                " `sources`, and write its name there"
             )

@@ -71,13 +71,10 @@ def fit_impedance_trial(
         Those of the sheet [s], which are fitted where the motion is no stepped sine.
 
     """
-    of_joint = with_fixture(trial, settings.fixture)
-    try:
-        fitted, windows = without_broken_ends(of_joint, windows)
-        record = record_of_trial(fitted, settings, windows, beside=("theta_m", "current"))
-        analysis = rendered_impedance(record)  # K, B and I, with their intervals
-    finally:  # what is wrong with the recording is told first
-        check_recording(trial, settings)
+    of_joint, rails = checked(trial, settings)
+    fitted, windows = without_broken_ends(of_joint, windows)
+    record = record_of_trial(fitted, settings, windows, beside=("theta_m", "current"))
+    analysis = rendered_impedance(record)  # K, B and I, with their intervals
 
     # what else the recording tells, and what is to be expected of the device
     p = known_parameters(parameters, ["n_T", "K_s", "B_j", "J_j"])
@@ -85,9 +82,7 @@ def fit_impedance_trial(
     gains = stated.gains(known_parameters(parameters), weight)
     table = impedance_table(analysis, p, stated, gains)
     weight_taken_off = pl.lit(fixture_of(of_joint).get("weight") or None, pl.Float64)
-    table = table.with_columns(
-        saturated(trial), fixture_column(of_joint), fixture_weight=weight_taken_off
-    )
+    table = table.with_columns(rails, fixture_column(of_joint), fixture_weight=weight_taken_off)
 
     def others() -> dict[str, pl.DataFrame]:
         return {"response": with_errors(response_table(analysis, **vars(stated)))}
@@ -214,20 +209,18 @@ def fit_calibration_trial(
     return FitTables({"calibration": table}, samples_of(analysis), record.streams)
 
 
-def summarise(table: Path, output: Path, data: str = "") -> None:
-    """The summary of a part of the drivetrain over its trials."""
-    write_table(part_summary(table.stem, read_table(table)), output, data)
-
-
-def pool_delay(table: Path, output: Path, data: str = "") -> None:
-    """The delay of the bench over all trials that tell it."""
-    write_table(delay_table(read_table(table), output.stem), output, data)
-
-
-def compare_controllers(table: Path, output: Path, data: str = "") -> None:
-    """Compensated beside uncompensated trials of the same desired impedance."""
-    rows = read_table(table, ("commanded_deg", "amplitude_deg", "B_viscous", "torque_error"))
-    write_table(compensation_table(rows), output, data)
+def derive(table: Path, output: Path, data: str = "") -> None:
+    """A table that is computed from another one alone: of controllers beside each other, the delay
+    of the bench, or the summary of a part of the drivetrain over its trials."""
+    rows = read_table(table)
+    name = output.stem
+    if name == "compensation":
+        derived = compensation_table(rows)
+    elif name.endswith("delay"):
+        derived = delay_table(rows, name)
+    else:
+        derived = part_summary(table.stem, rows)
+    write_table(derived, output, data)
 
 
 def run_fit(

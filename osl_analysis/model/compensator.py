@@ -281,7 +281,7 @@ def optimal_damping(
 
     K_d, B_d = np.broadcast_arrays(np.asarray(K_d, dtype=float), np.asarray(B_d, dtype=float))
     polynomials = admittance_error(K_d, B_d, p, weight, J_j)
-    K_1 = K_d * p.K_s / (p.n_T**2 * (p.K_s - K_d))
+    K_1 = stiffness_gain(K_d, p)
     scale = np.sqrt(K_1 * p.J_m)
     x = scale[:, None] * np.geomspace(SMALLEST_SEARCHED, LARGEST_SEARCHED, POINTS)
     in_columns = ErrorPolynomials(*([c[:, None] for c in part] for part in polynomials))
@@ -331,7 +331,7 @@ def admittance_error(
     N Q - D is computed as N (Q - P) + c, so that no nearly equal numbers are subtracted; by Eq. 12
     its constant term is exactly 0.
     """
-    K_1 = K_d * p.K_s / (p.n_T**2 * (p.K_s - K_d))
+    K_1 = stiffness_gain(K_d, p)
     W_num, W_den = scipy.signal.butter(weight.order, 2 * np.pi * weight.cutoff_hz, analog=True)
     zero = np.zeros_like(K_d)
     one = np.ones_like(K_d)

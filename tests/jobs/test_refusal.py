@@ -168,7 +168,7 @@ def test_a_job_that_lacks_an_input_passes_the_reasons_on(tmp_path):
     assert reads_crossing.trial == "w_1"
     other = NotAnalysed("b_2", "no belt")
     inputs = {"table": lost(tmp_path / "belt.csv", LOST, other)}
-    assert ended(job(tmp_path, "fit.summarise", inputs)) == (
+    assert ended(job(tmp_path, "fit.derive", inputs)) == (
         "skipped",
         (LOST, other),
     )

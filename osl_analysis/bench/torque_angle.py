@@ -230,11 +230,12 @@ def means_row(
     the drift by which cycles do not close, which a line cannot tell from stiffness."""
     bench = settings.bench_stiffness
     values = measured(theta, torque, loop)
-    moved = np.r_[loop.cycles[0][0] : loop.cycles[-1][-1]]
-    errors = loop_errors(torque, rate_hz, moved, settings.calibration)
-    drift = drift_per_row(theta, torque, loop, values[:, 0].mean())
-    zero_row = len(torque) - 1.0 if settings.zero == "end" else 0.0
-    errors.append(drift * (zero_row - np.arange(float(len(torque)))))  # without it
+    first, last = loop.cycles[0][0], loop.cycles[-1][-1]
+    errors = loop_errors(torque, rate_hz, np.r_[first:last], settings.calibration)
+    of_angle = values[:, 0].mean() * (theta[last] - theta[first])
+    drift_per_row = (torque[last] - torque[first] - of_angle) / (last - first)
+    zero_row = len(torque) if settings.zero == "end" else 0
+    errors.append(drift_per_row * (zero_row - np.arange(float(len(torque)))))  # without it
     changed = [(theta, torque + error) for error in errors]
     changed.append((theta - (bench.compliance_error if bench else 0.0) * torque, torque))
     others = [measured(*signals, loop).mean(axis=0) for signals in changed]
@@ -247,14 +248,6 @@ def means_row(
         row |= {name: summary["mean"], **ends}
     returned, stored = values.mean(axis=0)[[3, 2]]
     return {**row, "returned_share": returned / stored}
-
-
-def drift_per_row(theta: Array, torque: Array, loop: Loop, stiffness: float) -> float:
-    """Mean rise of the torque [N*m] from row to row by which cycles end beside where they began,
-    but for what the angle differs by, times the stiffness [N*m/rad]."""
-    begin, end = np.array([(cycle[0], cycle[-1]) for cycle in loop.cycles]).T
-    rises = torque[end] - torque[begin] - stiffness * (theta[end] - theta[begin])
-    return float(rises.sum() / (end - begin).sum())
 
 
 def energies(angle: Array, torque: Array) -> tuple[float, float]:

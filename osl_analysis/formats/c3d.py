@@ -53,8 +53,10 @@ TYPES = {1: "u1", 2: "<i2", 4: "<f4"}  # of numbers in parameters
 CONTINUATIONS = ("", *"23456789")
 MOST_PLATES = 99
 STATE_PLATE = (
-    "state it in the source file, as `plate_geometry: {1: {type: 2, channels: [Fx, Fy, Fz, Mx, My,"
-    " Mz], corners: [[x, y, z], ...]}}` with the labels of its channels"
+    "state it in the source file, as `plate_geometry: {{1: {{type: 2, channels: {numbers}, origin:"
+    " [0, 0, 0], corners: [[x, y, z], ...]}}}}`, with the numbers from 1 of its channels Fx, Fy,"
+    " Fz, Mx, My, Mz, their origin in its axes, as [0, 0, -40] mm if below the surface, and its"
+    " corners in the quadrants (+x, +y), (-x, +y), (-x, -y), (+x, -y) of these"
 )
 PLATE_LABEL = re.compile(r"(?i)(?:^|[^a-z])([FM][xyz])\d*$")  # `Force.Fx1`
 
@@ -403,17 +405,24 @@ def plates_of(
     wanted = numbers if source is None or source.plates == "all" else source.plates
     plates: list[Plate] = []
     questions: list[str] = []
-    alike = [channel.name for channel in channels if PLATE_LABEL.search(channel.name)]
-    if not count and len(alike) >= len(MEASURED_BY_TYPE[2]):
+    numbers_of = dict[str, int]()  # of the channels of the first plate, by component
+    for channel_number, channel in enumerate(channels, 1):
+        label = PLATE_LABEL.search(channel.name)
+        if label:
+            numbers_of.setdefault(label[1].capitalize(), channel_number)
+    of_plate = [numbers_of[component] for component in sorted(numbers_of)]
+    state_plate = STATE_PLATE.format(numbers=of_plate)
+    if not count and len(of_plate) == len(MEASURED_BY_TYPE[2]):
+        names = [channels[channel_number - 1].name for channel_number in of_plate]
         questions.append(
-            f"channels such as {listing(alike[:6])} look like those of a force plate, but the file"
-            f" has no FORCE_PLATFORM and where it lies is not known; {STATE_PLATE}"
+            f"channels such as {listing(names)} look like those of a force plate, but the file has"
+            f" no FORCE_PLATFORM and where it lies is not known; {state_plate}"
         )
     for number in wanted:
         if number not in numbers:
             raise InputError(
                 f"no force plate {number}; the file describes {count}, counted from 1;"
-                f" {STATE_PLATE}"
+                f" {state_plate}"
             )
         try:
             plates.append(plate_of(header, channels, number, geometries.get(number)))

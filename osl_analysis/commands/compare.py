@@ -63,7 +63,7 @@ def compare_campaigns(folders: Sequence[Path], output: Path) -> tuple[pl.DataFra
     for of_a in numbers_in_summary(a):
         of_b = numbers_of_b.get(of_a.name)
         # claims have texts and limits of their own
-        if of_b is None or of_a.verdict or not (of_a.n and of_b.n):
+        if of_b is None or of_a.verdict:
             continue
         row = compared(of_a, of_b, not shared)
         rows.append(row)

@@ -7,6 +7,7 @@ import polars as pl
 from matplotlib.axes import Axes
 
 from osl_analysis.figures import marks, style
+from osl_analysis.measured import written
 from osl_analysis.stats.repeats import counted, doubts_of_trials
 from osl_analysis.trial import Array
 
@@ -72,13 +73,16 @@ def unexplained(rows: pl.DataFrame) -> Array:
 
 
 def draw_median(ax: Axes, rows: pl.DataFrame, place: int) -> str:
-    """The median of the fits that are not doubtful, and its text with three digits of the share
-    that is not explained."""
+    """The median of the fits that are not doubtful, and its text as in `summary.json`."""
     used = counted(rows)
     if used.is_empty():
         return "all doubtful"
-    median = float(np.median(unexplained(used)))
+    median = float(np.median(used["VAF"]))
     ax.hlines(
-        median, place - Layout.MEDIAN_REACH, place + Layout.MEDIAN_REACH, **MEDIAN_LINE, zorder=0.5
+        max(100 - median, LEAST_UNEXPLAINED),
+        place - Layout.MEDIAN_REACH,
+        place + Layout.MEDIAN_REACH,
+        **MEDIAN_LINE,
+        zorder=0.5,
     )
-    return f"median {100 - float(f'{median:.3g}'):.7g} %"
+    return f"median {written(median, unit='%')} %"

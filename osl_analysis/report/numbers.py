@@ -25,7 +25,9 @@ from osl_analysis.stats.repeats import (
 )
 from osl_analysis.table import SCHEMA, SCHEMA_FIELD
 
+# by which numbers of trials are told apart where a campaign has several
 PLACE = ("joint", "side")
+OF_CONDITION = (*PLACE, "excitation")
 MOST_IN_SENTENCE = 4  # numbers of a sentence: a terminal shows two lines of them
 BY_CONDITION = "by condition"  # `says` of the entries that these lines hold
 CONDITION_LINES = 4  # of K and B by condition
@@ -68,7 +70,7 @@ class Number:
     unit: str
     meaning: str
     draft: float | None
-    n: int  # rows behind it; 0 where all are doubtful
+    n: int  # rows behind it
     n_doubtful: int  # further rows, which are left out
     says: str = ""  # begin of its sentence; empty for none
     symbol: str = ""  # before it in the sentence
@@ -99,11 +101,9 @@ class Number:
 
     @property
     def doubts(self) -> str:
-        """Whether all of its trials are doubtful, or how many; empty for none."""
+        """How many of its trials are doubtful; empty for none."""
         if not self.n_doubtful:
             return ""
-        if not self.n:
-            return "doubtful"
         return f"{self.n_doubtful} of {self.n + self.n_doubtful} left out as doubtful"
 
     @property
@@ -124,7 +124,7 @@ def headline_numbers(
 ) -> Iterator[Number]:
     """Compute the numbers of `numbers.yaml` of which the campaign has the table and the columns.
 
-    Where all rows are doubtful, none counts (`n` is 0).
+    Where all rows are doubtful, there is none.
 
     Parameters
     ----------
@@ -144,7 +144,8 @@ def headline_numbers(
     for entry in ENTRIES:
         says = "" if entry.unless in present else entry.says
         for part, keys in parts_of[entry.name]:
-            yield number_of(entry, part, keys, says, beside_draft)
+            if len(counted(part)):
+                yield number_of(entry, part, keys, says, beside_draft)
 
 
 def parts(entry: Entry, table: pl.DataFrame) -> list[tuple[pl.DataFrame, list[str]]]:
@@ -160,8 +161,9 @@ def parts(entry: Entry, table: pl.DataFrame) -> list[tuple[pl.DataFrame, list[st
     except pl.exceptions.ColumnNotFoundError:
         return []
     rows = rows.filter(pl.col("number").is_finite())
-    places = [name for name in PLACE if name in rows.columns and rows[name].n_unique() > 1]
-    keys = [name for name in (*entry.by, *places) if name in rows.columns]
+    kinds = OF_CONDITION if "K_d" in entry.by else PLACE
+    several = [name for name in kinds if name in rows.columns and rows[name].n_unique() > 1]
+    keys = [name for name in (*entry.by, *several) if name in rows.columns]
     if "K_d" in keys:
         keys.append("own_condition")
         rows = rows.with_columns(OWN_CONDITION)
@@ -173,8 +175,7 @@ def number_of(
     entry: Entry, rows: pl.DataFrame, keys: Sequence[str], says: str, beside_draft: bool
 ) -> Number:
     """One number from its rows, which agree in the columns `keys`."""
-    sound = counted(rows)
-    used = rows if sound.is_empty() else sound
+    used = counted(rows)
     first = used.row(0, named=True)
     values = used["number"]
     value = float(getattr(values, entry.reduce)())
@@ -199,8 +200,8 @@ def number_of(
         unit=entry.unit.format(**first),
         meaning=", ".join([entry.meaning.format(**first), *subject]),
         draft=entry.draft if beside_draft else None,
-        n=int(first.get("n") or 1) if len(sound) == 1 else len(sound),
-        n_doubtful=len(rows) - len(sound) or int(first.get("n_doubtful") or 0),
+        n=int(first.get("n") or 1) if len(used) == 1 else len(used),
+        n_doubtful=len(rows) - len(used) or int(first.get("n_doubtful") or 0),
         says=says.format(**first),
         symbol=entry.symbol,
         subject=", ".join(subject),
@@ -267,7 +268,7 @@ def macros_tex(
     about: Mapping[str, str], numbers: Iterable[Number], remarks: Iterable[str] = ()
 ) -> str:
     r"""Write LaTeX macros such as `\oslKS` with `\oslKSLow` and `\oslKSHigh`, rounded, without
-    units, below comments with `remarks`; none of numbers whose rows are all doubtful."""
+    units, below comments with `remarks`."""
     lines = [f"% {sentence(about)}", "% \\input this file and use the macros."]
     lines += [f"% {remark}" for remark in remarks]
     for field in ABOUT_MEANING:
@@ -275,7 +276,7 @@ def macros_tex(
         lines.append(f"\\newcommand{{\\osl{field.capitalize()}}}{{{text}}}% {ABOUT_MEANING[field]}")
     for number in numbers:
         for ending, text in zip(("", "Low", "High"), number.texts, strict=True):
-            if text and number.n:
+            if text:
                 macro = f"\\newcommand{{\\osl{macro_name(number.name)}{ending}}}"
                 lines.append(f"{macro}{{\\ensuremath{{{text}}}}}% {number.unit}, {number.meaning}")
     return "\n".join(lines) + "\n"

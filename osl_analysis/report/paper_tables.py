@@ -21,7 +21,7 @@ ESTIMATED = ("K", "B", "B_viscous", "I", "VAF")
 UNITS = {"VAF": "%"}  # of what is rounded as a share
 SUBTRACTED = {"ensemble": "mean unperturbed gait", "ensemble, predicted gait": "predicted gait"}
 """What each estimator of a group subtracts from the perturbed crossings."""
-DAGGER = "†: doubtful. A mean is over trials that are not doubtful; where all are, there is none."
+DAGGER = "†: doubtful. A number is of trials that are not doubtful; where all are, there is none."
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Condition:
     stated: Mapping[str, str]  # in what its trials agree, by column
     trials: Sequence[str]  # names; none of a group
     n: int  # trials or perturbations that count
-    is_doubtful: bool  # the only trial, or all of them, so that there is no mean
+    is_doubtful: bool  # the only trial, whose estimates these are, or all of several
     results: Sequence[str]  # why the device is not of second order, as friction
     estimates: Mapping[str, str]  # with their intervals, by symbol
 
@@ -63,7 +63,7 @@ def conditions(impedance: pl.DataFrame) -> list[Condition]:
             Condition(
                 stated={key: stated_text(first[key]) for key in keys},
                 trials=fits["trial"].to_list(),
-                n=len(used),
+                n=len(sound),
                 is_doubtful=sound.is_empty(),
                 results=list(dict.fromkeys(results)),
                 estimates={symbol: estimate_of(used, symbol) for symbol in symbols},
@@ -117,13 +117,15 @@ def groups(summary: pl.DataFrame, of_groups: pl.DataFrame) -> Iterator[Condition
 
 
 def condition_rows(of_conditions: Sequence[Condition]) -> list[list[str]]:
-    """The table of conditions or of groups, with the number of trials. † marks a doubtful one."""
+    """The table of conditions or of groups, with the number of trials that count. † marks a
+    doubtful one; where none counts there are no numbers."""
     first = of_conditions[0]
     rows = [[*(first.stated or ["condition"]), "n", *first.estimates]]
     for condition in of_conditions:
         *labels, last = condition.stated.values() or [NOTHING]
         marked = [*labels, f"{last}†" if condition.is_doubtful else last]
-        rows.append([*marked, str(condition.n), *condition.estimates.values()])
+        texts = [text if condition.n else NOTHING for text in condition.estimates.values()]
+        rows.append([*marked, str(condition.n), *texts])
     return rows
 
 

@@ -13,13 +13,13 @@ import pytest
 from conftest import ROOT
 
 from osl_analysis.commands.tables import write_paper_table
+from osl_analysis.figures import fig6
 from osl_analysis.judge.campaign import CampaignFinding, findings_in_summary
 from osl_analysis.measured import written
 from osl_analysis.report import paper_tables
 from osl_analysis.report.numbers import (
     ENTRIES,
     headline_numbers,
-    headline_sentences,
     macros_tex,
     to_json,
 )
@@ -68,12 +68,30 @@ def test_the_error_of_the_damping_is_that_of_Eq_15_and_the_viscous_one_has_its_o
     assert numbers["B_viscous_error_PD_1"].value == pytest.approx(0.1)
 
 
-def test_a_number_of_doubtful_trials_alone_is_no_macro_and_told_as_doubtful():
+def test_of_doubtful_trials_alone_there_is_no_number():
     doubtful = IMPEDANCE.with_columns(doubtful=pl.lit("late torque"))
-    numbers = list(headline_numbers({"impedance": doubtful}))
 
-    assert "oslK" not in macros_tex(ABOUT, numbers)
-    assert "PD 1, K_d 200, B_d 5, doubtful: K 204 (" in [*headline_sentences(numbers)][1]
+    assert not [*headline_numbers({"impedance": doubtful})]
+
+
+def test_numbers_of_another_excitation_are_those_of_another_condition_as_in_the_table():
+    excitation = pl.Series(["stepped sine"] * 3 + ["periodic"])
+    both = IMPEDANCE.with_columns(excitation=excitation, doubtful=pl.lit(""))
+
+    numbers = numbers_of(impedance=both)
+    of_table = [row["K"].split()[0] for row in rows_of(conditions(both))]
+
+    names = ("K_PD_1_K_d_200_B_d_5_periodic", "K_PD_1_K_d_200_B_d_5_stepped_sine")
+    assert [numbers[name].texts[0] for name in names] == ["206.0", "202.0"]
+    assert {"206.0", "202.0"} < {*of_table}
+
+
+def test_the_median_VAF_is_that_of_the_fits_that_Fig_6_draws():
+    of_figure = fig6.points(IMPEDANCE).filter(doubtful="")
+
+    number = numbers_of(impedance=IMPEDANCE)["VAF_median_PD_1"]
+
+    assert (number.value, number.n) == (of_figure["VAF"].median(), len(of_figure)) == (98.0, 2)
 
 
 def test_one_trial_has_its_own_interval_and_several_have_that_of_their_mean():
@@ -195,13 +213,12 @@ def test_conditions_are_rows_with_their_sound_trial_or_the_mean_of_several():
     assert mean_of_two["K"].startswith("204 ")
 
 
-def test_a_condition_with_a_doubtful_fit_alone_is_marked_and_of_several_there_is_no_mean():
+def test_a_condition_without_a_clear_trial_is_marked_and_has_no_numbers():
     alone = IMPEDANCE.filter(trial="c")
     several = pl.concat([alone, alone.with_columns(trial=pl.lit("d"))])
 
-    (of_alone,), (of_several,) = (rows_of(conditions(table)) for table in (alone, several))
-    assert (of_alone["B_d"], of_alone["n"], of_alone["K"][:5]) == ("5†", "1", "206.0")
-    assert (of_several["B_d"], of_several["n"], of_several["K"]) == ("5†", "0", "–")
+    rows = [rows_of(conditions(table))[0] for table in (alone, several)]
+    assert [(row["B_d"], row["n"], row["K"]) for row in rows] == [("5†", "0", "–")] * 2
 
 
 def test_a_condition_shows_friction():

@@ -1,6 +1,7 @@
 """Frequency response of a joint to a stepped sine or any other motion (`response.csv`, Fig. 7).
 
-A piece is a settled cycle of a sine, or a window of another motion. At each frequency
+A piece is a settled cycle of a sine, a period of a motion that repeats itself, or a window of any
+other motion. At each frequency
 
     Z = sum(conj(theta) torque) / sum(abs(theta)^2),   Y = 1/Z
 
@@ -93,7 +94,8 @@ def response_table(analysis: Analysis, **condition: float | str | None) -> pl.Da
         What the leg was asked to render, by column.
     """
     record = analysis.record
-    facts: Row = {"interval_method": "cycles" if record.is_stepped_sine else "windows", **condition}
+    pieces = "periods" if record.periodic else "windows"
+    facts: Row = {"interval_method": "cycles" if record.is_stepped_sine else pieces, **condition}
     rows: list[Row] = []
     of_all: list[Response] = []
     if record.is_stepped_sine:

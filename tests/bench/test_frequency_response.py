@@ -164,14 +164,18 @@ def motion_of_chirp(rng):
     return np.array(motion)
 
 
-@pytest.mark.parametrize("motion_of", [motion_of_chirp, lambda rng: multisine(rng, 4)])
-def test_the_response_to_another_motion_is_the_joint_s_within_its_intervals(motion_of):
+@pytest.mark.parametrize(
+    ("motion_of", "pieces"),
+    [(motion_of_chirp, "windows"), (lambda rng: multisine(rng, 4), "periods")],
+)
+def test_the_response_to_another_motion_is_the_joint_s_within_its_intervals(motion_of, pieces):
     covered = []
     for seed in range(12):
         rng = np.random.default_rng(seed)
         table = table_of_record(recorded(rng, motion_of(rng)))
         Y = eq15(table["frequency_hz"])
 
+        assert set(table["interval_method"]) == {pieces}
         assert table["magnitude"].to_numpy() == pytest.approx(np.abs(Y), rel=2e-3)
         told = table.drop_nulls("magnitude_low")
         of_told = eq15(told["frequency_hz"])

@@ -183,6 +183,7 @@ def paragraphs(sheet=(ROW,), **tables):
         ({"torque_angle": {"K": [40.0], "cycles": [3]}}, "torque_gain 0.01"),
         ({"impedance": {"K_d": [100.0, 200.0, 100.0]}}, "100 and 200 N·m/rad"),
         ({"plate": {"lag_s": [0.01]}}, "0.01 s"),
+        ({"response": {"interval_method": ["periods"]}}, "whole periods"),
     ],
 )
 def test_a_sentence_of_the_methods_is_printed_where_its_fact_is_recorded(tables, fact):

@@ -57,6 +57,10 @@ NEEDED_BESIDE = {
 }
 # blanks at the ends of a cell, of which some cannot be seen
 BLANKS = re.compile(r"^[\s\u200b-\u200f\u2060\ufeff]+|[\s\u200b-\u200f\u2060\ufeff]+$")
+HEADER = re.compile(
+    r"^[^#\s].*", re.MULTILINE
+)  # the first line that is neither empty nor a comment
+NUMBERS = re.compile(r"[-\d., ]+")  # of a cell of numbers, or of windows
 
 # the rows of a sheet by trial, with all columns; None where a cell is empty
 SheetRows = dict[str, dict[str, Any]]
@@ -192,8 +196,9 @@ def read_sheet(path: Path) -> SheetRows:
     Parameters
     ----------
     path : Path
-        CSV in UTF-8. Empty lines and lines that begin with `#` are skipped; elsewhere `#` is text,
-        and so is `NA`. An empty cell says nothing, nor do blanks around one.
+        CSV in UTF-8, with commas or semicolons. Empty lines and lines that begin with `#` are
+        skipped; elsewhere `#` is text, and so is `NA`. An empty cell says nothing, nor do blanks
+        around one.
 
     Returns
     -------
@@ -213,8 +218,8 @@ def read_sheet(path: Path) -> SheetRows:
     lines = [*numbered_rows(path)]
     if len(lines) < 2 or len(lines[0][1]) < 2:
         raise InputError(
-            f"{path}: not a CSV table of trials; write a header and a row per trial, and save it"
-            " with commas, as 'CSV UTF-8'"
+            f"{path}: not a CSV table of trials; write a header and a row per trial, and save it as"
+            " 'CSV UTF-8'"
         )
     _, columns = lines[0]
     if len(set(columns)) < len(columns):
@@ -255,7 +260,8 @@ def check_spellings(where: str, row: dict[str, Any], spellings: dict[tuple[str, 
 
 def numbered_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
     """Read the rows of a CSV file with the number of their line, without those that are empty and
-    comments, and cells without blanks around them.
+    comments, and cells without blanks around them. Of one with semicolons, as Excel saves it in
+    German, numbers have a decimal comma.
 
     Raises
     ------
@@ -265,9 +271,13 @@ def numbered_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
     number = 1
     try:
         text = path.read_text(encoding="utf-8-sig")
-        reader = csv.reader(text.splitlines(keepends=True), strict=True)
+        header = HEADER.search(text)
+        separator = ";" if header and ";" in header[0] else ","
+        reader = csv.reader(text.splitlines(keepends=True), delimiter=separator, strict=True)
         for row in reader:
             cells = [BLANKS.sub("", cell) for cell in row]
+            if separator == ";":
+                cells = [c.replace(",", ".") if NUMBERS.fullmatch(c) else c for c in cells]
             if any(cells) and not cells[0].startswith("#"):
                 yield number, cells
             number = reader.line_num + 1

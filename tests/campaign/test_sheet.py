@@ -127,7 +127,7 @@ def test_a_cell_of_several_lines_counts_as_such(tmp_path):
     ("", "trials.csv: .*CSV UTF-8"), (HEADER, "trials.csv: .*CSV UTF-8"),
     ("trial,log\nb,b.mcap\n", "line 2: experiment: "),
     ("trial,experiment,log,log\nb,belt,a,b\n", "trials.csv: "),
-    ("trial;experiment\na;belt\n", "'CSV UTF-8'"),
+    ("trial\texperiment\na\tbelt\n", "'CSV UTF-8'"),
     (f"{HEADER}{BELT}Fuß\n".encode("latin-1"), "0xdf.*'CSV UTF-8'"),
     (HEADER.encode("utf-16"), "utf-8"),
     (b"PK\x03\x04xl/\0\0", "trials.csv: .*CSV UTF-8"),
@@ -137,6 +137,22 @@ def test_a_wrong_sheet_is_refused_with_what_to_do(tmp_path, text, message):
         read_sheet(sheet(tmp_path, text))
     with pytest.raises(InputError, match=r"other.csv: "):
         read_sheet(tmp_path / "other.csv")
+
+
+def test_a_sheet_that_Excel_saved_in_german_is_that_of_another_language(tmp_path):
+    english = (
+        "# a comment, of two parts\n"
+        "trial,experiment,K_d,B_d,windows,log,log_source,controller\n"
+        'a,impedance,300,2.5,"2-30.5 40-62","a,1.csv",s,"PD, new"\n'
+    )
+    of_english = read_sheet(sheet(tmp_path, english))
+
+    german = (
+        "# a comment, of two parts\n"
+        "trial;experiment;K_d;B_d;windows;log;log_source;controller\n"
+        "a;impedance;300;2,5;2-30,5 40-62;a,1.csv;s;PD, new\n;;;;;;;\n"
+    )
+    assert read_sheet(sheet(tmp_path, german.encode("utf-8-sig"))) == of_english
 
 
 def test_joint_controller_desired_impedance_and_conditions_are_free(tmp_path):

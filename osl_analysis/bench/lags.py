@@ -34,6 +34,10 @@ LAG_CONVERGED = 1e-9  # s; the step after it would be a thousand times smaller
 MOST_STEPS = 5
 # half-widths [rad] of the slipping springs that model a belt's hysteresis
 WOUND_UP = (0.5e-3, 1.5e-3, 4e-3)
+# the same for friction of the joint, beyond the belt: bristles and seals; and velocities [rad/s]
+# over which sliding friction changes its sign
+BRISTLES = (1.5e-4, 5e-4, 1.5e-3, 5e-3, 1.5e-2)
+SLIDES = np.array([[0.01], [0.05]])
 # SD [s] of a lag due to hysteresis that these do not model; simulated legs: 10 to 150
 BELT_ERROR = 80e-6
 # of the joint's angle: errors of encoders reach that, and a joint beside an idle motor is no leg
@@ -177,8 +181,9 @@ def is_leg(record: Record, p: DrivetrainParameters | None) -> bool:
 def belt_of_leg(record: Record, p: DrivetrainParameters) -> Belt:
     """The belt of a leg, and what it tells of lags.
 
-    Whatever controller and friction do, torque - J_j alpha - B_j omega is the belt's torque (Eq.
-    4): a spring with slipping springs over theta - theta_m/n_T. A late theta_m looks like a smaller
+    Whatever the controller and the actuator's friction do, torque - J_j alpha - B_j omega is the
+    belt's torque (Eq. 4), a spring with slipping springs over theta - theta_m/n_T, and friction of
+    the joint, which would pass for a lag of a millisecond. A late theta_m looks like a smaller
     B_j, so that B_j is free while it agrees with the file's; a wrong B_j then makes no lag.
     Otherwise either theta_m is late and B_j the file's, or B_j differs and theta_m is on time. If
     the joint may have that B_j, a lag that depends on this choice is not found.
@@ -191,7 +196,10 @@ def belt_of_leg(record: Record, p: DrivetrainParameters) -> Belt:
     few = record.coarse
     motion, theta_m = few.motion, few.actuator["theta_m"]
     wound = belt_deflection(motion.theta, theta_m, p)
-    slips = few.settings.low_pass(slipping_springs(wound, WOUND_UP).T, few.rate_hz).T
+    of_belt = slipping_springs(wound, WOUND_UP)
+    of_joint = slipping_springs(motion.theta, BRISTLES)
+    slips = np.vstack([of_belt, of_joint, np.tanh(motion.omega / SLIDES)])
+    slips = few.settings.low_pass(slips.T, few.rate_hz).T
     columns = {name: column for name, column in columns_of(few).items() if name not in OF_JOINT}
     columns |= {"wound": wound - wound.mean(), **{f"slips_{k}": x for k, x in enumerate(slips)}}
     model = {name: name for name in columns}
@@ -210,9 +218,9 @@ def belt_of_leg(record: Record, p: DrivetrainParameters) -> Belt:
             return replace(belt, lag=lag)
 
         # B_j is the file's, and the torque per velocity of the motor is its lag
-        of_joint = of_inertia + p.B_j * motion.omega
+        of_losses = of_inertia + p.B_j * motion.omega
         columns["omega"] = np.gradient(theta_m, 1 / few.rate_hz) / p.n_T
-        fit, has_ended = late_fit(few, columns, model, prompt_torque=of_joint)
+        fit, has_ended = late_fit(few, columns, model, prompt_torque=of_losses)
         if has_ended:
             otherwise = Lag.of(fit)
             agree = lag.is_certain and lag.seconds * otherwise.seconds > 0

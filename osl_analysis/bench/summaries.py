@@ -12,6 +12,7 @@ from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.stats.repeats import alike_sizes, counted, summary_of_trials, summary_row
 
 PLACE = ("joint", "side")
+DISAGREE = "none: the trials do not agree"  # in place of a delay to state
 SUMMARISED = {
     "belt": ("K_s", "unloading", "hysteresis_area"),
     "transmission": (*LOSSES, "B_j_viscous", "VAF"),
@@ -62,7 +63,8 @@ def part_summary(part: str, table: pl.DataFrame) -> pl.DataFrame:
 
 
 def delay_table(rows: pl.DataFrame, name: str = "delay") -> pl.DataFrame:
-    """The delay of a bench, pooled over trials: one number, and what it changes.
+    """The delay of a bench, pooled over trials: one number, and what it changes. It is to be stated
+    where the intervals of all trials overlap.
 
     Parameters
     ----------
@@ -87,7 +89,10 @@ def delay_table(rows: pl.DataFrame, name: str = "delay") -> pl.DataFrame:
     pooled = summary_row(of_trials, "lag_s")
     delay_s, low_s, high_s = pooled["mean"], pooled["low"], pooled["high"]
     to_state = None
-    if low_s * high_s > 0:
+    lows, highs = of_trials.select("lag_s_low", "lag_s_high").to_numpy().T
+    if lows.max() > highs.min():
+        to_state = DISAGREE
+    elif low_s * high_s > 0:
         late = "torque" if delay_s > 0 else "theta"
         to_state = f"{late}: {{delay: {1e3 * abs(delay_s):.3g} ms}}"
     table = lags.with_columns(

@@ -39,9 +39,11 @@ from osl_analysis.errors import InputError
 from osl_analysis.ingest.guard import check_recording, find_leaps
 from osl_analysis.ingest.quality import saturated
 from osl_analysis.judge.judging import judged, marked
+from osl_analysis.judge.known_findings import known_finding
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import FileOrNone, known_parameters
 from osl_analysis.signals.grid import GapLimits
+from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import validated
@@ -211,13 +213,16 @@ def fit_calibration_trial(
 
 def derive(table: Path, output: Path, data: str = "") -> None:
     """A table that is computed from another one alone: of controllers beside each other, the delay
-    of the bench, or the summary of a part of the drivetrain over its trials."""
+    of the bench over trials whose torque nothing leaves unexplained, or the summary of a part of
+    the drivetrain over its trials."""
     rows = read_table(table)
     name = output.stem
     if name == "compensation":
         derived = compensation_table(rows)
     elif name.endswith("delay"):
-        derived = delay_table(rows, name)
+        unexplained = known_finding("unexplained_torque").title
+        is_unexplained = pl.col(DOUBTFUL).str.contains(unexplained, literal=True)
+        derived = delay_table(rows.remove(is_unexplained), name)
     else:
         derived = part_summary(table.stem, rows)
     write_table(derived, output, data)

@@ -1,6 +1,7 @@
 """What makes a bench fit doubtful, by its right name: a late torque, friction, a spring that
 stiffens, play."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -17,8 +18,10 @@ from osl_analysis.bench.lags import Lag, belt_of_leg, is_leg
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.summaries import delay_table
 from osl_analysis.campaign.configuration import config_for_trials
+from osl_analysis.inference.friction_shapes import slipping_springs
 from osl_analysis.judge.limits import Limits
 from osl_analysis.model.drivetrain import read_parameters
+from osl_analysis.report.numbers import headline_numbers, headline_sentences
 from osl_analysis.trial import Trial
 
 LATENESS = "whether the torque is late"
@@ -71,7 +74,7 @@ def test_a_change_of_a_small_damping_is_a_share_of_2_newton_metre_seconds():
     assert whole["K_change"] == pytest.approx(0, abs=1e-4)
 
 
-def leg(torque_late=0.0, theta_m_late=0.0, theta_late=0.0, B_j=P.B_j, move=multisine):
+def leg(torque_late=0.0, theta_m_late=0.0, theta_late=0.0, B_j=P.B_j, move=multisine, bristles=()):
     """A drivetrain's trial from Eqs. 3-4 and a belt with hysteresis; the actuator moves as no
     second-order joint."""
     rng = np.random.default_rng(8)
@@ -85,6 +88,7 @@ def leg(torque_late=0.0, theta_m_late=0.0, theta_late=0.0, B_j=P.B_j, move=multi
         + B_j * omega
         + P.K_s * wound
         + 0.5 * slips
+        + slipping_springs(theta, bristles).sum(axis=0)  # 1 N*m of friction of the joint each
         + 0.03 * rng.standard_normal(len(time))
     )
     late = {"theta": theta_late, "theta_m": theta_m_late, "torque": torque_late}
@@ -128,6 +132,15 @@ def test_the_belt_shows_the_lag_of_a_leg_s_torque_whatever_theta_m_s_is(fault, l
     for name in "BI":
         told = [row[f"{name}_without_lag{end}"] for end in ("", "_low", "_high")]
         assert (told == [None] * 3) if not lag else (told[1] < sound[name] < told[2]), name
+
+
+@pytest.mark.parametrize("bristle", [1e-5, 1e-3, 3e-3])
+def test_friction_of_the_joint_beyond_the_belt_makes_no_lag(bristle):
+    """Without its shapes in the model it passes for a late torque."""
+    lag = belt_of_leg(record_of_leg(leg(bristles=[bristle])), P).lag
+
+    assert not lag.is_certain
+    assert abs(lag.seconds) < lag.half_width < 3e-4
 
 
 def test_the_shares_of_a_lag_are_what_it_takes_off_damping_and_inertia():
@@ -178,6 +191,17 @@ def test_the_delay_of_a_bench_is_pooled_over_trials_with_what_all_of_them_share(
     assert row["I_without_lag"] == pytest.approx(0.01 + 4.4 * 2e-3 + 300 * 2e-6)
     B_half = (row["B_without_lag_high"] - row["B_without_lag_low"]) / 2
     assert B_half == pytest.approx(np.hypot(0.1, 300 * half_width))
+
+
+def test_a_delay_on_which_trials_do_not_agree_is_not_stated():
+    lags = pl.DataFrame({"trial": [*"abc"], "lag_s": [1.3e-3, 1.2e-3, 0.6e-3]})
+    table = delay_table(lags.with_columns(lag_s_low=0.9 * lags["lag_s"], lag_s_high=1.5e-3))
+    apart = delay_table(lags.with_columns(lag_s_low=0.9 * lags["lag_s"], lag_s_high=1e-3))
+
+    assert table["to_state"][0] == "torque: {delay: 1.03 ms}"
+    said = [*headline_sentences(headline_numbers({"delay": apart}))]
+    assert len(said) == 1
+    assert re.search("not .*delay.*1.03 ms .*0.60 to 1.30", said[0])
 
 
 def test_a_delay_that_no_trial_tells_for_certain_is_not_stated():

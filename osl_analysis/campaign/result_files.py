@@ -28,9 +28,11 @@ ON_PAPER = {
 }
 """Tables for a paper, and the tables of results that each is made of."""
 FIGURE_SUFFIXES = ("csv", "pdf", "svg", "png")  # plotted numbers, and the figure
-PAGES = (
+FOR_READERS = (
+    "tables/settings.csv", "tables/excluded.csv", "tables/findings.csv", "tables/quality.csv",
     "report.html", "summary.json", "numbers.tex", "methods.md", "methods.tex", "methods.bib",
 )  # fmt: skip
+"""Results of every campaign, beside its tables and figures."""
 
 
 def name_pattern(names: Iterable[str]) -> str:
@@ -168,13 +170,11 @@ class ResultFiles:
     @cached_property
     def published(self) -> list[str]:
         """All results that are for readers, and not of single trials."""
-        tables = ["settings", "excluded", "findings", "quality"]
+        names = [*FOR_READERS]
         if self.campaign.trials("walking"):
-            tables.append("walking_responses")
-        names = [f"tables/{name}.csv" for name in tables]
+            names.append("tables/walking_responses.csv")
         for name in self.for_paper:
             names += [f"tables/latex/{name}.tex", f"tables/markdown/{name}.md"]
-        names += PAGES
         return [*self.all_tables, *self.figures, *(f"{self.results}/{name}" for name in names)]
 
     def results_in_figure(self, figure: str) -> list[str]:

@@ -11,7 +11,7 @@ from ruamel.yaml import YAML
 from osl_analysis.campaign.campaign_trials import Campaign, open_campaign
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.campaign.result_files import ResultFiles
-from osl_analysis.commands.simulate import TRUTH
+from osl_analysis.commands.simulate import TRUTH, settings_files
 from osl_analysis.commands.tables import read_summary
 from osl_analysis.errors import InputError
 from osl_analysis.files import CAMPAIGN, atomic_path, config_here
@@ -71,17 +71,26 @@ def inputs_of(campaign: Campaign, content: Any) -> dict[str, Path]:
     `content` is made to state."""
     config = campaign.config
     content.update(raw_data="recordings", sources="sources", results="results")
-    # a simulator writes the sheet beside its logs, and the truth; no log has the name of a folder
-    folder = "sheet" if config.simulation is None else "recordings"
-    content["sheet"] = f"{folder}/{config.sheet.name}"
-    files = {content["sheet"]: config.sheet}
+    files = dict[str, Path]()
     for field in ("parameters", "impedance_trajectory", "simulation"):
         file: Path | None = getattr(config, field)
         if file is not None:
             content[field] = f"{field}/{file.name}"
             files[content[field]] = file
+    folder = "sheet"  # not among the recordings, of which one may have its name
+    if config.simulation is not None:
+        folder = "recordings"  # where the simulator writes the sheet
+        for file in settings_files(config.simulation, config.shared()):
+            if not file.is_absolute() and file not in files.values():  # nor a shipped one
+                check_within(f"{config.simulation}:", file)
+                files[file.as_posix()] = file
+    # unpacked later than the simulation, it is the newer one, by which the simulator goes
+    content["sheet"] = f"{folder}/{config.sheet.name}"
+    files[content["sheet"]] = config.sheet
     for trial in campaign.trials():
-        check_within(campaign, trial)
+        for cell in ("log", "mocap", "log_source", "mocap_source"):
+            name = Path(campaign.rows[trial][cell] or "")
+            check_within(f"{config.sheet}: trial '{trial}': {cell}", name)
         for file in (*campaign.logs(trial), *config.raw_data.glob(f"{TRUTH}/{trial}.*")):
             files[f"recordings/{file.relative_to(config.raw_data).as_posix()}"] = file
         for file in campaign.sources(trial):
@@ -89,13 +98,10 @@ def inputs_of(campaign: Campaign, content: Any) -> dict[str, Path]:
     return files
 
 
-def check_within(campaign: Campaign, trial: str) -> None:
-    """Refuse a trial whose files would not be found in an unpacked bundle."""
-    for cell in ("log", "mocap", "log_source", "mocap_source"):
-        name = Path(campaign.rows[trial][cell] or "")
-        if name.is_absolute() or ".." in name.parts:
-            raise InputError(
-                f"{campaign.config.sheet}: trial '{trial}': {cell} {name} is outside the folders of"
-                " the campaign, so that no bundle can hold it; move it into `raw_data`, or"
-                " `sources`, and write its name there"
-            )
+def check_within(where: str, name: Path) -> None:
+    """Refuse the name of a file that is not found in an unpacked bundle."""
+    if name.is_absolute() or ".." in name.parts:
+        raise InputError(
+            f"{where} {name} is outside the folders of the campaign, so that no bundle can hold it;"
+            " move it into these, recordings into `raw_data`, and write its name there"
+        )

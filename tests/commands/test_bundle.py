@@ -132,3 +132,20 @@ def test_no_file_of_the_campaign_is_overwritten(campaign, tmp_path):
 
     assert (result.exit_code, log.read_text()) == (1, "a recording")
     assert f"{log}: is a file of the campaign" in result.stderr
+
+
+def test_what_a_simulation_names_is_in_the_bundle_too(campaign, tmp_path):
+    """The sheet is unpacked later than the settings: an older one would be planned anew."""
+    settings = (ROOT / "config/new_campaign/simulation_bench.yaml").read_text()
+    write(campaign / "own.yaml", settings.replace("config/parameters/default.yaml", "leg.yaml"))
+    write(campaign / "leg.yaml", (tmp_path / "device.yaml").read_text())
+    simulated = CONFIG.replace("simulation: null", "simulation: own.yaml")
+    simulated = simulated.replace("../device.yaml", "null")
+    write(campaign / "config.yaml", f"{simulated}impedance_trajectory: null\n")
+
+    result = bundle(campaign, tmp_path / "all.zip")
+
+    assert result.exit_code == 0, result.stderr
+    names = ZipFile(tmp_path / "all.zip").namelist()
+    assert "leg.yaml" in names
+    assert names.index("simulation/own.yaml") < names.index("recordings/trials.csv")

@@ -15,7 +15,9 @@ from matplotlib.ticker import LogLocator, MaxNLocator
 from numpy.typing import ArrayLike
 
 from osl_analysis.figures.style import (
+    BLACK,
     GREY,
+    HAIRLINE,
     THICK,
     THIN,
     WHITE,
@@ -84,6 +86,12 @@ def draw_estimates(ax: Axes, rows: pl.DataFrame, x: str, y: str, look: Look) -> 
 
 
 # Legends
+
+
+def draw_zero_lines(ax: Axes) -> None:
+    """Hairlines where an axis is 0."""
+    for draw in (ax.axhline, ax.axvline):
+        draw(0, color=BLACK, linewidth=HAIRLINE)
 
 
 def key(label: str, **look: Any) -> Line2D:

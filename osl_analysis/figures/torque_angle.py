@@ -55,8 +55,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
         for curve in desired.sort("angle_deg").partition_by("desired"):
             torque.plot(curve["angle_deg"], curve["desired_torque"], **DESIRED)
         for ax in (torque, stiffness):
-            ax.axhline(0, color=style.BLACK, linewidth=style.HAIRLINE)
-            ax.axvline(0, color=style.BLACK, linewidth=style.HAIRLINE)
+            marks.draw_zero_lines(ax)
             ax.set_xlabel("Joint angle (deg)")
         torque.set_ylabel("Resisting torque (N·m)")
         stiffness.set_ylabel("Stiffness while loading (N·m/rad)")

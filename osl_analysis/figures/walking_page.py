@@ -86,8 +86,7 @@ def draw_panel(ax: Axes, rows: pl.DataFrame, panel: str) -> None:
         for name, look in SHADED.items():
             ends = rows.filter(panel="response angle", curve=name)["x"]
             ax.axvspan(float(ends[0]), float(ends[1]), linewidth=0, zorder=0, **look)
-        ax.axhline(0, color=style.BLACK, linewidth=style.HAIRLINE)
-        ax.axvline(0, color=style.BLACK, linewidth=style.HAIRLINE)
+        marks.draw_zero_lines(ax)
         ax.set_xlabel("Time from the perturbation’s onset (ms)")
     else:
         ax.set_xlabel("Stance (%)")

@@ -268,7 +268,9 @@ def read_raw_file(path: Path, source: Source) -> tuple[Converted, dict[str, Any]
     """
     files = recorded_files(path)
     before = [written_at(file) for file in files]
-    identities = [identity_of(file) for file in files]
+    identities = [
+        {"path": file.name, "bytes": file.stat().st_size, "sha256": digest(file)} for file in files
+    ]
     try:
         converted = read_converted(path, source)
     finally:  # also where it cannot be read: it may have changed in between
@@ -327,11 +329,6 @@ def written_at(path: Path) -> tuple[int, int, int]:
     with path.open("rb") as file:  # opening makes a network file system ask its server again
         known = os.fstat(file.fileno())
     return known.st_ino, known.st_size, known.st_ctime_ns
-
-
-def identity_of(path: Path) -> dict[str, Any]:
-    """What identifies a raw file in the provenance."""
-    return {"path": path.name, "bytes": path.stat().st_size, "sha256": digest(path)}
 
 
 def identity_of_folder(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

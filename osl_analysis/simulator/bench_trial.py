@@ -18,7 +18,6 @@ from osl_analysis.simulator.simulation_settings import (
     ActuatorBench,
     BeltMotion,
     Excitation,
-    SecondOrderJoint,
     SimulationSettings,
     SteppedSineSchedule,
 )
@@ -318,7 +317,10 @@ def true_signals(
         torque = losses
     elif gains is None:
         assert settings.joint is not None  # else there are gains
-        torque = second_order_torque(settings.joint, motion)
+        joint = settings.joint
+        friction = joint.coulomb.value * np.tanh(motion.omega / COULOMB_WIDTH)
+        # Eq. 15, with Coulomb friction
+        torque = joint.K * motion.theta + joint.B * motion.omega + joint.I * motion.alpha + friction
     else:
         # the controller renders its impedance about theta_eq = 0, from rest at theta_m = 0
         commands = np.array([[gains.K_1], [gains.B_1], [0.0]])
@@ -380,12 +382,6 @@ def output_torque(
         return actuator_torque(current, omega_m, alpha_m, p)
 
     return torque_at
-
-
-def second_order_torque(joint: SecondOrderJoint, motion: JointMotion) -> Array:
-    """Resisting torque (n,) [N*m] of Eq. 15, with Coulomb friction."""
-    friction = joint.coulomb.value * np.tanh(motion.omega / COULOMB_WIDTH)
-    return joint.K * motion.theta + joint.B * motion.omega + joint.I * motion.alpha + friction
 
 
 def drivetrain_effects(

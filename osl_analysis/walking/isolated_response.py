@@ -316,7 +316,9 @@ def isolate_response(
     plate_errors = signal_at(crossing, crossing.plate_errors, crossing_time)
     thetas = theta - aligned.curves(gait.theta, phase)
     torques = torque - aligned.curves(gait.torque, phase)
-    plate_errors = plate_errors - mean_at(gait.plate_errors, phase)
+    errors_of_gait = gait.plate_errors.mean(axis=1)
+    mean_errors = scipy.interpolate.make_interp_spline(PHASES, errors_of_gait, k=3, axis=-1)
+    plate_errors = plate_errors - mean_errors(phase)
 
     baseline = slice(MARGIN, MARGIN + round(timing.baseline_s * rate))
     window = slice(before, before + round(timing.window_s * rate))
@@ -330,12 +332,6 @@ def isolate_response(
         window=window,
         stance_change=crossing.stance.duration / (aligned.stance * aligned.scales.mean()) - 1,
     )
-
-
-def mean_at(curves: Array, phase: Array) -> Array:
-    """Mean over crossings of curves (e, crossings, `PHASES`), at phases (k,): (e, k)."""
-    spline = scipy.interpolate.make_interp_spline(PHASES, curves.mean(axis=1), k=3, axis=-1)
-    return np.asarray(spline(phase))
 
 
 def zeroed(curves: Array, baseline: slice) -> Array:

@@ -16,6 +16,7 @@ from osl_analysis.bench.plausibility import check_resists
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import (
     IMPEDANCE,
+    BenchFit,
     GroupFit,
     effect_columns,
     fit_groups,
@@ -198,7 +199,7 @@ def late_fits(record: Record, is_spring: bool) -> tuple[GroupFit, GroupFit | Non
     return (damped if is_damped else undamped), damped
 
 
-def bench_estimates(fit: GroupFit, known: Known) -> GroupFit:
+def bench_estimates(fit: GroupFit, known: Known) -> BenchFit:
     """Lag, gain, and the fixture's inertia or weight, from Eq. 15 of what is known."""
     main, beside, name = ("K", "I", "inertia") if known.stiffness else ("I", "K", "weight")
     size = known.stiffness or known.inertia or np.nan
@@ -212,7 +213,8 @@ def bench_estimates(fit: GroupFit, known: Known) -> GroupFit:
             name: (other - taken, {beside: 1 / gain, main: -other / fit[main]}),
         }
     )
-    return found.with_shared_error(known.share * np.array([0.0, gain, other - taken]))
+    of_known = found.with_shared_error(known.share * np.array([0.0, gain, other - taken]))
+    return BenchFit(**vars(of_known))
 
 
 def error_to_state(fit: GroupFit, name: str) -> float:

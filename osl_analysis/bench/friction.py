@@ -17,7 +17,7 @@ import scipy
 
 from osl_analysis.bench.impedance import QUANTITIES, Analysis
 from osl_analysis.bench.record import Label, Record
-from osl_analysis.bench.regression import GroupFit, Model, Sums, with_effects
+from osl_analysis.bench.regression import BenchFit, GroupFit, Model, Sums, with_effects
 from osl_analysis.errors import IdentifiabilityError, NotWeighedError
 from osl_analysis.inference import (
     BenchSignals,
@@ -96,7 +96,8 @@ def coulomb_fits(
             if is_certain and whole_is_certain:
                 sharp = without_friction(s, model, fit, label, "T_C_sharp")
                 of_width = (sharp.estimates - smooth.estimates) / np.sqrt(3)
-                of_bench = [fit.se_bench(name) for name in smooth.names[:-1]]
+                own = BenchFit(**vars(fit))
+                of_bench = [own.se_bench(name) for name in smooth.names[:-1]]
                 certain = smooth.with_shared_error(np.hypot(of_width, [*of_bench, 0.0]))
                 certain = analysis.with_bench_errors(certain, label)
         except IdentifiabilityError:

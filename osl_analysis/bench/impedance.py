@@ -13,6 +13,7 @@ from osl_analysis.bench.bench_settings import NOT_STATED, Calibration
 from osl_analysis.bench.record import STIFFNESS_ALONE, Label, Record
 from osl_analysis.bench.regression import (
     IMPEDANCE,
+    BenchFit,
     GroupFit,
     Model,
     Sums,
@@ -88,22 +89,23 @@ class Analysis:
         }
 
     @cached_property
-    def calibrated(self) -> Mapping[Label, GroupFit]:
+    def calibrated(self) -> Mapping[Label, BenchFit]:
         """The fits with what is stated of the bench in their intervals; comparisons within a trial
         do not include it."""
         return {label: self.with_bench_errors(fit, label) for label, fit in self.fits.items()}
 
-    def with_bench_errors(self, fit: GroupFit, label: Label = None) -> GroupFit:
+    def with_bench_errors(self, own: GroupFit, label: Label = None) -> BenchFit:
         """Add what is stated of the bench to the intervals of a fit: the errors of its calibration,
         its stiffness and its fixture, to first order.
 
         Parameters
         ----------
-        fit
+        own
             Of the model, or with friction.
         label
             Whose rows were fitted.
         """
+        fit = BenchFit(**vars(own))
         record = self.record
         stated, fixture = record.settings.calibration, record.settings.fixture
         bench = record.settings.bench_stiffness
@@ -185,7 +187,8 @@ def rendered_impedance(record: Record) -> Analysis:
         if record.is_stepped_sine:
             return analysis
         errors = np.hypot(usual_errors(analysis), encoder_errors(analysis))
-        return replace(analysis, fits={None: analysis.whole.with_bench_error(errors)})
+        whole = BenchFit(**vars(analysis.whole))
+        return replace(analysis, fits={None: whole.with_bench_error(errors)})
 
 
 def analysed(record: Record, model: Model, sums: Sums | None = None) -> Analysis:

@@ -215,13 +215,10 @@ class GroupFit(LinearFit):
         Covariance of the repeatability; None where nothing repeats.
     left_out : Array (u, p)
         Estimates without one unit at a time.
-    bench_variance : Array (p,) or float
-        Part of the variances from errors of type B that all trials on a bench share.
     """
 
     repeat: Array | None = None
     left_out: Array = field(default_factory=lambda: np.empty((0, 0)))
-    bench_variance: Array | float = 0.0
 
     def half_width(self, name: str) -> float:
         """Half of the 95 % interval of one estimate."""
@@ -260,9 +257,15 @@ class GroupFit(LinearFit):
         quantile = float(scipy.special.stdtrit(self.freedom(name), 1 - FALSE_ALARM / 2))
         return abs(self[name]) > quantile * self.se(name)
 
+
+@dataclass(frozen=True)
+class BenchFit(GroupFit):
+    """A fit whose intervals hold the errors of type B that all trials on a bench share."""
+
+    bench_variance: Array | float = 0.0  # (p,) part of the variances that is theirs
+
     def with_bench_error(self, change: Array) -> Self:
-        """The fit with an error of the bench that changes the estimates by `change` (p,) per
-        SD."""
+        """The fit with an error that changes the estimates by `change` (p,) per SD."""
         bench_variance = self.bench_variance + change**2
         return replace(self.with_shared_error(change), bench_variance=bench_variance)
 

@@ -102,7 +102,7 @@ def fit_branches(record: Record, drift: float = 0.0, model: Model | None = None)
         "square": deflection * np.abs(deflection),
         "ramp": record.time - record.time.mean(),
     }
-    s = gram_sums(record, columns, ["theta", "omega", "one", "square"])
+    s = gram_sums(record, columns)
     velocities = [motion.omega[record.rows(branch)] for branch in BRANCHES]
     varies = all(np.std(each) > CONSTANT_VELOCITY * abs(np.mean(each)) for each in velocities)
     if model is None:

@@ -82,7 +82,7 @@ def coulomb_fits(
     for label in sorted(analysis.fits, key=lambda each: each is not None):  # the whole trial first
         fit = analysis.fits[label]
         try:
-            smooth = without_friction(s, model, fit, label, "T_C")
+            smooth = without_friction(s, model, label, "T_C")
             is_seen = smooth.certain("T_C")
             is_certain = is_seen and smooth["T_C"] > 0
             if whole_is_certain is None:
@@ -94,7 +94,7 @@ def coulomb_fits(
             share = max(1 - viscous / fit[damping], 0.0) if whole_is_certain else 0.0
             certain = None
             if is_certain and whole_is_certain:
-                sharp = without_friction(s, model, fit, label, "T_C_sharp")
+                sharp = without_friction(s, model, label, "T_C_sharp")
                 of_width = (sharp.estimates - smooth.estimates) / np.sqrt(3)
                 own = BenchFit(**vars(fit))
                 of_bench = [own.se_bench(name) for name in smooth.names[:-1]]
@@ -107,9 +107,9 @@ def coulomb_fits(
     return fits
 
 
-def without_friction(s: Sums, model: Model, fit: GroupFit, label: Label, column: str) -> GroupFit:
-    """The estimates of a fit to a label for the torque less its friction, and this friction `T_C`
-    [N*m], whose sign changes as in a column.
+def without_friction(s: Sums, model: Model, label: Label, column: str) -> GroupFit:
+    """The estimates of a label for the torque less its friction, and this friction `T_C` [N*m],
+    whose sign changes as in a column.
 
     Two fits share the work. The one `beside` the higher derivatives of the angle that the motion
     determines gives the friction T_C and its error: without these a linear drivetrain's deviation
@@ -125,7 +125,8 @@ def without_friction(s: Sums, model: Model, fit: GroupFit, label: Label, column:
             beside = with_effects(s, model, (column, *higher), label)
     at = [k for k, name in enumerate(model.values()) if name in ("theta", "omega", "alpha")]
     at_friction = alone.names.index(column)
-    change_per_torque = (fit.estimates[at] - alone.estimates[at]) / alone[column]
+    plain = s.of(label).estimates([*model.values()])
+    change_per_torque = (plain[at] - alone.estimates[at]) / alone[column]
     T_C = beside[column]
 
     with_T_C = alone.covariance[at, at_friction]
@@ -136,8 +137,8 @@ def without_friction(s: Sums, model: Model, fit: GroupFit, label: Label, column:
     covariance[:-1, :-1] -= np.outer(with_T_C, with_T_C) / variance_of_T_C
     return replace(
         beside,
-        names=(*(fit.names[k] for k in at), "T_C"),
-        estimates=np.append(fit.estimates[at] - change_per_torque * T_C, T_C),
+        names=(*(alone.names[k] for k in at), "T_C"),
+        estimates=np.append(plain[at] - change_per_torque * T_C, T_C),
         covariance=covariance,
         degrees_of_freedom=np.full(len(changes), beside.freedom(column)),
     )

@@ -13,19 +13,20 @@ from osl_analysis.bench.bench_settings import NOT_STATED, Calibration
 from osl_analysis.bench.record import STIFFNESS_ALONE, Label, Record
 from osl_analysis.bench.regression import (
     IMPEDANCE,
+    NOT_WHITENED,
     BenchFit,
     GroupFit,
     Model,
     Sums,
     columns_of,
     fit_groups,
-    gram_sums,
+    motion_sums,
 )
 from osl_analysis.errors import IdentifiabilityError, InputError, naming
 from osl_analysis.inference.rounding_errors import repeated_share
 from osl_analysis.signals import seven_point_motion
 from osl_analysis.stats.estimates import Row, estimates_row
-from osl_analysis.stats.linear_fit import LinearFit
+from osl_analysis.stats.linear_fit import LinearFit, solved
 from osl_analysis.trial import Array
 
 QUANTITIES = ("K", "B", "I")  # parameters of Eq. 15
@@ -211,9 +212,9 @@ def analysed(record: Record, model: Model, sums: Sums | None = None) -> Analysis
     others: Mapping[Label, GroupFit] = {}
     if record.with_other_stamps is not None:
         other = record.with_other_stamps
-        others = fits_by_label(gram_sums(other, columns_of(other)), model)
+        others = fits_by_label(motion_sums(other, columns_of(other)), model)
     if sums is None:
-        sums = gram_sums(record, columns_of(record))
+        sums = motion_sums(record, columns_of(record))
     return Analysis(record, sums, model, fits_by_label(sums, model), others)
 
 
@@ -278,7 +279,7 @@ def usual_errors(analysis: Analysis) -> Array:
         )
     covariance = analysis.sums.covariance(["theta", "omega", "alpha", "torque"])
     own_theta, _, own_alpha = 1 / np.sqrt(np.diag(np.linalg.inv(covariance[:3, :3])))
-    noise_share = motion_noise(record)[2] / own_alpha**2
+    noise_share = motion_noise(record, NOT_WHITENED)[2] / own_alpha**2
     if noise_share > MOST_NOISE:
         low_hz, high_hz = record.band_hz
         raise IdentifiabilityError(
@@ -319,48 +320,35 @@ def encoder_errors(analysis: Analysis) -> Array:
     step = record.encoder_step
     if not step:
         return np.zeros(len(IMPEDANCE))
-    rows = record.rows()[:: round(record.rate_hz / record.coarse.rate_hz)]
-    columns = [analysis.sums.columns[column][rows] for column in IMPEDANCE.values()]
-    per_torque = np.linalg.pinv(np.column_stack(columns))  # change of the estimates (p, m)
-    by_row = fit["K"] * per_torque
+    few = record.coarsest
+    rows = few.transformed_rows * round(record.rate_hz / few.rate_hz)
+    columns = np.array([analysis.sums.columns[column][rows] for column in IMPEDANCE.values()])
+    # X' W W of `motion_sums`
+    gain = analysis.sums.gain
+    weighted = scipy.fft.idct(gain**2 * scipy.fft.dct(columns))
+    _, inverse = solved(weighted @ columns.T, np.zeros(len(columns)))
+    by_row = fit["K"] * inverse @ weighted  # change of the estimates (p, m)
     # a low-pass that does not ring where the joint comes to rest
     smooth_rows = record.rate_hz / (2 * np.pi * record.settings.cutoff_hz)
     place = scipy.ndimage.gaussian_filter1d(record.theta, smooth_rows)[rows] / step
     reading, of_row = np.unique(np.rint(record.theta[rows] / step), return_inverse=True)
     by_step = np.zeros((len(reading), len(IMPEDANCE)), np.complex128)
     np.add.at(by_step, of_row, (by_row * np.exp(2j * np.pi * place)).T)
-    repeated = repeated_share(angle_noise(record), record.rate_hz, step)
+    repeated = repeated_share(record.angle_noise, record.rate_hz, step)
     of_steps = step / np.sqrt(12) * repeated * np.linalg.norm(by_step, axis=0)
 
     K, B, I = fit.estimates[:3]
-    theta, omega, alpha = motion_noise(record)
+    theta, omega, alpha = motion_noise(record, gain)
     # the angle's noise and that of its second derivative go against one another
     by_noise = np.array([K * theta - I * omega, B * omega, I * alpha - K * omega])
-    of_noise = per_torque @ per_torque[:3].T @ (len(rows) * by_noise)
+    of_noise = inverse[:, :3] @ (len(rows) * by_noise)
     return np.asarray(np.hypot(of_steps, of_noise))
 
 
-def angle_noise(record: Record) -> float:
-    """Density [rad^2/Hz] of the angle's noise, taken as white.
-
-    It is the median of what the filter removes from two to four cut-offs or, if the motion itself
-    reaches these frequencies, its level at the highest ones.
-    """
-    rate_hz, cutoff_hz = record.rate_hz, record.settings.cutoff_hz
-    removed = (record.theta - record.motion.theta)[record.rows()]
-    rows = min(round(rate_hz), len(removed))
-    frequency, density = scipy.signal.welch(removed, rate_hz, nperseg=rows)
-    level = float(np.median(density[frequency > 0.35 * rate_hz]))
-    beyond = (frequency > 2 * cutoff_hz) & (frequency < min(4 * cutoff_hz, 0.45 * rate_hz))
-    if beyond.any():
-        level = min(level, float(np.median(density[beyond])))
-    return level
-
-
-def motion_noise(record: Record) -> Array:
+def motion_noise(record: Record, gain: Array) -> Array:
     """Variances (3,) that white noise of the angle leaves in the filtered angle [rad^2], velocity
-    and acceleration."""
-    cutoff_hz = record.settings.cutoff_hz
-    f = np.linspace(0, min(8 * cutoff_hz, record.rate_hz / 2), 2000)
-    passed = angle_noise(record) * record.settings.low_pass.gain(f) ** 2
+    and acceleration behind the `gain` (m,) of `Sums`."""
+    f = np.linspace(0, record.coarsest.rate_hz / 2, 2000)
+    passed = record.angle_noise * record.settings.low_pass.gain(f) ** 2
+    passed *= np.interp(f, np.linspace(0, f[-1], len(gain)), gain) ** 2
     return np.asarray(np.trapezoid((2 * np.pi * f) ** np.array([[0], [2], [4]]) * passed, f))

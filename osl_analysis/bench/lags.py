@@ -99,7 +99,7 @@ def late_fit(
         """The model, with the torque's slope if it is given, for the torque at other times."""
         torque = torque_at(times) - prompt_torque
         advanced = replace(few, filtered_torque=torque, torque=torque)
-        sums = gram_sums(advanced, {**columns, **slope}, list(columns))
+        sums = gram_sums(advanced, {**columns, **slope})
         with_lag = {**model, "lag_s": "late"} if slope else model
         return fit_groups(sums, with_lag, EFFECTS_LIMIT)
 

@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.bench.bench_settings import BenchAnalysis
@@ -16,7 +17,7 @@ from osl_analysis.spectral import PeriodicMotion
 from osl_analysis.trial import Array
 
 STIFFNESS_ALONE = "or take experiment 'torque_angle' in the sheet, for the stiffness alone"
-# rate of a coarse record: what the filter passes contains nothing faster than eight cut-offs
+# rates of coarse records: what the filter passes contains nothing faster than eight cut-offs
 COARSE_HZ = 250.0
 COARSE_CUTOFFS = 8.0
 EDGE_ROUNDING = 1e-6  # rows; edges of groups are sums of numbers that are rounded
@@ -139,13 +140,45 @@ class Record:
         """The fitted rows (m,) of a label or of all."""
         return np.flatnonzero(self.is_fitted(label))
 
+    @property
+    def transformed_rows(self) -> NDArray[np.intp]:
+        """The fitted rows (m,) without a few at the end: the transform of a large prime number of
+        rows takes three times as long."""
+        rows = self.rows()
+        return rows[: scipy.fft.prev_fast_len(len(rows))]
+
+    @cached_property
+    def angle_noise(self) -> float:
+        """Density [rad^2/Hz] of the angle's noise, taken as white.
+
+        It is the median of what the filter removes from two to four cut-offs or, if the motion
+        itself reaches these frequencies, its level at the highest ones.
+        """
+        rate_hz, cutoff_hz = self.rate_hz, self.settings.cutoff_hz
+        removed = (self.theta - self.motion.theta)[self.rows()]
+        rows = min(round(rate_hz), len(removed))
+        frequency, density = scipy.signal.welch(removed, rate_hz, nperseg=rows)
+        level = float(np.median(density[frequency > 0.35 * rate_hz]))
+        beyond = (frequency > 2 * cutoff_hz) & (frequency < min(4 * cutoff_hz, 0.45 * rate_hz))
+        if beyond.any():
+            level = min(level, float(np.median(density[beyond])))
+        return level
+
     @cached_property
     def coarse(self) -> "Record":
-        """The filtered signals at 250 Hz, or eight cut-offs if more, with the same groups: they
-        contain nothing faster. The torque is the filtered one."""
-        at_least = max(COARSE_HZ, COARSE_CUTOFFS * self.settings.cutoff_hz)
+        """The record at 250 Hz, or eight cut-offs if more."""
+        return self.thinned(max(COARSE_HZ, COARSE_CUTOFFS * self.settings.cutoff_hz))
+
+    @cached_property
+    def coarsest(self) -> "Record":
+        """The record at eight cut-offs, which is enough for sums."""
+        return self.thinned(COARSE_CUTOFFS * self.settings.cutoff_hz)
+
+    def thinned(self, least_hz: float) -> "Record":
+        """The filtered signals at this rate or more, with the same groups. The torque is the
+        filtered one."""
         # rates are known to within rounding
-        step = max(int(self.rate_hz / at_least + 1e-6), 1)
+        step = max(int(self.rate_hz / least_hz + 1e-6), 1)
         if step == 1:
             return self
         rows = slice(None, None, step)

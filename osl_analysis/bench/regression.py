@@ -15,7 +15,8 @@ The interval covers the estimate from this motion on this joint (docs/method.md)
 the variance is the larger of noise and misfit, with the degrees of freedom of the larger.
 
 * *Noise* is what another recording of the same motion would change: the spread of groups that
-  repeat one another, else the residual of neighbouring groups beside the richest model.
+  repeat one another. Where nothing repeats, the rows of a motion are whitened, and the misfit alone
+  is the variance.
 * *Misfit* is the scatter when one unit is left out at a time (jackknife). It holds the noise, too,
   and what the model misses from unit to unit. Amplitudes and frequencies are chosen, not drawn: it
   need not hold the estimate at others.
@@ -63,7 +64,11 @@ BEYOND = 1.1  # cut-offs above which the band's end is motion, not the tail of a
 # largest scaled condition number with effects, whose columns may be nearly collinear
 EFFECTS_LIMIT = 1e5
 FEWEST_UNITS = 4  # with fewer strata the groups are left out instead
-NEIGHBOURS_WEIGHT = 0.5  # of products of neighbouring scores
+# width over which the spectrum of a residual is smooth; it has at least so many lines
+SMOOTHING_HZ = 0.5
+FEWEST_LINES = 20
+NOT_WHITENED = np.ones(1)  # gain
+LEAST_POWER = 1e-20  # of the torque's mean square, below which a residual is rounding
 
 
 @dataclass(frozen=True)
@@ -79,18 +84,20 @@ class Sums:
         The products.
     groups : Groups
         Rows, labels and strata of the groups.
-    rich : tuple of str
-        Columns of the richest model, beside the fitted one's, whose residual is noise if nothing
-        repeats.
     columns : Mapping of Array (n,)
         The columns themselves, without torques.
+    weighted : Array (m, q, q)
+        The products that are fitted: of whitened columns, or `gram`.
+    gain : Array (r,)
+        Of the whitening, by frequency from 0 to half the coarsest rate; 1: nothing is whitened.
     """
 
     names: tuple[str, ...]
     gram: Array
     groups: Groups
-    rich: tuple[str, ...]
     columns: Mapping[str, Array]
+    weighted: Array
+    gain: Array
 
     def chosen(self, is_chosen: NDArray[np.bool_]) -> "Sums":
         """Those of some groups, by a mask (m,)."""
@@ -100,26 +107,28 @@ class Sums:
             stop=self.groups.stop[is_chosen],
             stratum=self.groups.stratum[is_chosen],
         )
-        return replace(self, gram=self.gram[is_chosen], groups=groups)
+        return replace(
+            self, gram=self.gram[is_chosen], weighted=self.weighted[is_chosen], groups=groups
+        )
 
     def of(self, label: Label) -> "Sums":
         """Those of a label; all for None."""
         return self.chosen(self.groups.of(label))
 
-    def between(self, rows: Sequence[str], columns: Sequence[str]) -> Array:
-        """Products of some columns with others in each group, (m, rows, columns)."""
-        r, c = ([self.names.index(name) for name in names] for names in (rows, columns))
-        return self.gram[:, np.array(r)[:, None], c]
+    def products(self, gram: Array, names: Sequence[str]) -> Array:
+        """Products of some columns with one another in each group, (m, k, k), from `gram` or the
+        `weighted` ones."""
+        places = np.array([self.names.index(name) for name in names])
+        return np.asarray(gram[:, places[:, None], places])
 
     def estimates(self, columns: Sequence[str], target: str = "torque") -> Array:
         """Estimates (p,) alone of columns for the torque, or for another column."""
-        products = self.between(columns, [*columns, target]).sum(axis=0)
-        return solved(products[:, :-1], products[:, -1])[0]
+        products = self.products(self.weighted, [*columns, target]).sum(axis=0)
+        return solved(products[:-1, :-1], products[:-1, -1])[0]
 
     def covariance(self, names: Sequence[str]) -> Array:
         """Covariance of columns in the rows of all groups."""
-        with_one = [*names, "one"]
-        means = self.between(with_one, with_one).sum(axis=0)
+        means = self.products(self.gram, [*names, "one"]).sum(axis=0)
         means /= means[-1, -1]
         return np.asarray(means[:-1, :-1] - np.outer(means[-1, :-1], means[-1, :-1]))
 
@@ -129,11 +138,11 @@ class Sums:
         covariance = self.covariance([*columns, "torque"])
         weights = np.append(-estimates, 1.0)
         left = max(float(weights @ covariance @ weights), 0.0)
-        square, n = (self.between([name], [name]).sum() for name in ("torque", "one"))
+        square, n = np.diag(self.products(self.gram, ["torque", "one"]).sum(axis=0))
         return float(vaf_by_moments(left, covariance[-1, -1], square / n))
 
 
-def gram_sums(record: Record, columns: Mapping[str, Array], rich: Sequence[str] = ()) -> Sums:
+def gram_sums(record: Record, columns: Mapping[str, Array]) -> Sums:
     """Sum the products of columns (n,) and of the record's torque, in each group.
 
     The noise is read from the raw torque, before the filter.
@@ -148,14 +157,61 @@ def gram_sums(record: Record, columns: Mapping[str, Array], rich: Sequence[str] 
         check_measured(f"column '{name}'", row)
     products = np.array([*signals.values()]).T
     gram = products_between(products, products, record.groups.first, record.groups.stop)
-    return Sums(tuple(signals), gram, record.groups, tuple(rich), columns)
+    return Sums(tuple(signals), gram, record.groups, columns, gram, NOT_WHITENED)
+
+
+def motion_sums(record: Record, columns: Mapping[str, Array]) -> Sums:
+    """The sums of a motion of the joint, of whitened columns where nothing repeats.
+
+    The residual of a first fit, of all columns, has the spectrum S(f), from the squares of its
+    discrete cosine transform (DCT). Generalised least squares solves
+
+        (X' W W X) x = X' W W torque,   W = DCT^-1 S(f)^-1/2 DCT,
+
+    whose whitened rows have independent errors. A slow error, as of a person who leans on the
+    handle, cancels between neighbouring groups, which a jackknife of these does not know. Above the
+    cut-off S is that at the cut-off, so that the low-pass stays (Aitken, Proc. R. Soc. Edinburgh
+    55, 1936; with an estimated spectrum Hannan, Multiple Time Series, 1970, ch. VII). Raises as
+    `gram_sums`.
+    """
+    sums = gram_sums(record, columns)
+    if record.groups.kind != "stretches":
+        return sums
+    few = record.coarsest
+    step = round(record.rate_hz / few.rate_hz)
+    signals = np.array([*columns.values(), record.filtered_torque]).T[::step]
+    rows = few.transformed_rows
+    spectra = scipy.fft.dct(signals[rows], axis=0, norm="ortho")
+    lines_per_hz = 2 * len(rows) / few.rate_hz
+    gain = whitening_gain(spectra, lines_per_hz, record.settings.cutoff_hz)
+    white = np.zeros_like(signals)
+    white[rows] = scipy.fft.idct(gain[:, None] * spectra, axis=0, norm="ortho")
+    weighted = products_between(white, white, few.groups.first, few.groups.stop)
+    return replace(sums, weighted=weighted, gain=gain)
+
+
+def whitening_gain(spectra: Array, lines_per_hz: float, cutoff_hz: float) -> Array:
+    """Gain (r,) that whitens what columns leave of a torque, whose DCT (r, p + 1) has the torque
+    last.
+
+    The spectrum of the residual is the mean of the squares of neighbouring lines without the line
+    itself: with it, a line whose residual is large by chance would weigh less, and the interval be
+    too narrow.
+    """
+    X = spectra[:, :-1]
+    torque = spectra[:, -1]
+    squares = (torque - X @ solved(X.T @ X, X.T @ torque)[0]) ** 2
+    lines = max(round(SMOOTHING_HZ * lines_per_hz), FEWEST_LINES)
+    means = scipy.ndimage.uniform_filter1d(squares, lines, mode="mirror")
+    power = (lines * means - squares) / (lines - 1)
+    cutoff = round(cutoff_hz * lines_per_hz)
+    power[cutoff:] = power[cutoff : cutoff + 1]
+    return np.asarray(1 / np.sqrt(np.maximum(power, LEAST_POWER * np.mean(torque**2))))
 
 
 def sums_of(record: Record, model: Model, expected: Admittance | None = None) -> Sums:
     """The sums of a coarse record with all effects; the arguments are those of `effect_columns`."""
-    rich = [*model.values(), "jerk", "snap", "T_C"]
-    sums = gram_sums(record.coarse, effect_columns(record, expected), rich)
-    return replace(sums, columns={})  # unused, and large
+    return motion_sums(record.coarse, effect_columns(record, expected))
 
 
 def columns_of(record: Record) -> dict[str, Array]:
@@ -181,14 +237,15 @@ def effect_columns(record: Record, expected: Admittance | None = None) -> dict[s
     columns["jerk"] = higher.omega
     columns["snap"] = higher.alpha
     low_pass, highest_hz = record.settings.low_pass, record.band_hz[1]
-    omega = few.motion.omega
+    omega = record.motion.omega
     if highest_hz > BEYOND * low_pass.cutoff_hz:
         # the sign of a slower signal changes at other times
         swift = replace(low_pass, cutoff_hz=min(2 * highest_hz, 0.2 * record.rate_hz))
-        theta = swift(record.theta, record.rate_hz)[:: round(record.rate_hz / few.rate_hz)]
-        omega = np.gradient(theta, 1 / few.rate_hz)
+        omega = np.gradient(swift(record.theta, record.rate_hz), 1 / record.rate_hz)
+    step = round(record.rate_hz / few.rate_hz)
     for name, width in SIGN_WIDTHS.items():
-        columns[name] = low_pass(np.tanh(omega / width), few.rate_hz)
+        # at the recorded rate, at which the sign changes within fewer rows
+        columns[name] = low_pass(np.tanh(omega / width), record.rate_hz)[::step]
     if expected is not None:
         columns["linear"] = linear_torque(few, expected)
     return columns
@@ -276,7 +333,8 @@ class BenchFit(GroupFit):
 
 
 def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> GroupFit:
-    """Fit the torque by least squares (Eq. 15), with an interval that covers this motion.
+    """Fit the torque by least squares (Eq. 15), generalised ones where the sums are of whitened
+    rows, with an interval that covers this motion.
 
     Parameters
     ----------
@@ -293,8 +351,8 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> GroupFi
         A column is 0 throughout, or the condition number is above the limit.
     """
     columns = list(model.values())
-    products = s.between(columns, [*columns, "torque", "raw torque"])
-    A_g, b_g, raw_g = products[..., :-2], products[..., -2], products[..., -1]
+    products = s.products(s.weighted, [*columns, "torque"])
+    A_g, b_g = products[:, :-1, :-1], products[:, :-1, -1]
     A = A_g.sum(axis=0)
     estimates, inverse = solved(A, b_g.sum(axis=0))
     varies = [k for k, column in enumerate(columns) if column != "one"]
@@ -304,17 +362,6 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> GroupFi
     has_strata = int(stratum.max()) + 1 >= FEWEST_UNITS
     is_repeated = s.groups.kind != "stretches"
     has_repeats = is_repeated and int(np.bincount(stratum).min()) > 1
-    if has_repeats:
-        # before the filter noise is independent from row to row
-        noise, freedom = between_cycles((raw_g - A_g @ estimates) @ inverse, stratum)
-    else:
-        rich = list(dict.fromkeys((*s.rich, *columns)))
-        modelled = s.between(columns, rich) @ s.estimates(rich)
-        # of the filtered torque, since else the part of the signal that the filter removes would
-        # count as noise
-        target = raw_g if is_repeated else b_g
-        noise, freedom = noise_of_scores((target - modelled) @ inverse, len(rich))
-
     # estimates (u, p) without one of u units at a time
     unit = stratum if has_strata else np.arange(len(A_g))
     belongs = np.asarray(unit == np.unique(unit)[:, None], dtype=np.float64)
@@ -323,10 +370,16 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> GroupFi
     scaled += SMALLEST_DIRECTION * np.eye(len(A))
     b_without = (b_g.sum(axis=0) - belongs @ b_g) / scale
     left_out = np.linalg.solve(scaled, b_without[..., None])[..., 0] / scale
-    misfit = scatter_of(left_out)
-    if len(left_out) < FEWEST_UNITS:  # without one of them the rest may tell nothing
-        misfit = np.zeros_like(noise)
-    covariance, freedom = combined(noise, freedom, misfit, len(left_out))
+    covariance = scatter_of(left_out)
+    freedom = np.full(len(A), len(left_out) - 1.0)
+    noise = None
+    if has_repeats:
+        # before the filter noise is independent from row to row
+        raw_g = s.products(s.gram, [*columns, "raw torque"])[:, :-1, -1]
+        noise, of_noise = between_cycles((raw_g - A_g @ estimates) @ inverse, stratum)
+        if len(left_out) < FEWEST_UNITS:  # without one of them the rest may tell nothing
+            covariance *= 0
+        covariance, freedom = combined(noise, of_noise, covariance, len(left_out))
     return GroupFit(
         names=tuple(model),
         estimates=estimates,
@@ -336,7 +389,7 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> GroupFi
         interval_method="repeats" if has_repeats and not has_strata else "units",
         degrees_of_freedom=freedom,
         largest_correlation=correlation,
-        repeat=noise if has_repeats else None,
+        repeat=noise,
         left_out=left_out,
     )
 
@@ -386,22 +439,6 @@ def combined(
     # The misfit holds the noise: the larger of both is one source, with the freedom of its own.
     degrees = np.where(of_misfit > of_noise, units - 1.0, freedom)
     return both * np.outer(error, error), np.maximum(degrees, 1.0)
-
-
-def noise_of_scores(scores: Array, columns: int) -> tuple[Array, Array]:
-    """Covariance (p, p) of estimates and its degrees of freedom (p,), from the scores (m, p) of
-    consecutive groups that do not repeat one another.
-
-    Neighbours are correlated: half of their products count (Newey and West, Econometrica 55, 1987,
-    with one lag). That makes a variance of m scores as uncertain as one of m/1.5 independent ones.
-    Each column of the fit has used up half a group.
-    """
-    m, p = scores.shape
-    used = min(columns, m - 2)
-    neighbours = scores[1:].T @ scores[:-1]
-    covariance = scores.T @ scores + NEIGHBOURS_WEIGHT * (neighbours + neighbours.T)
-    freedom = max(m / (1 + 2 * NEIGHBOURS_WEIGHT**2) - used / 2, 1.0)
-    return covariance * m / max(m - used / 2, 1.0), np.full(p, freedom)
 
 
 def held_out_vaf(s: Sums, model: Model) -> float | None:

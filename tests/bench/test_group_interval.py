@@ -37,7 +37,7 @@ def test_misfit_is_told_by_strata_or_groups_and_noise_by_what_repeats(
         "made", np.arange(rows) / 100, x, torque, Motion(x, x, x), torque,
         BenchAnalysis(cutoff_hz=15, order=4), np.ones(rows, dtype=bool), groups,
     )  # fmt: skip
-    s = gram_sums(record, {"theta": x, "one": np.ones(rows)}, ["theta", "one"])
+    s = gram_sums(record, {"theta": x, "one": np.ones(rows)})
 
     fit = fit_groups(s, {"K": "theta", "offset": "one"})
 
@@ -47,7 +47,7 @@ def test_misfit_is_told_by_strata_or_groups_and_noise_by_what_repeats(
     assert (fit.repeat is not None) == (repeat and min(strata) > 1)
     misfit_freedom = units - 1
     by_noise = fit.freedom("K") != misfit_freedom
-    assert by_noise == (strata in ([5, 5], [4, 4]))
+    assert by_noise == (strata == [5, 5])
 
 
 @pytest.mark.parametrize(("noise", "misfit", "freedom"), [(1.0, 0.0, 20), (0.0, 1.0, 5)])

@@ -3,6 +3,8 @@
 import numpy as np
 import polars as pl
 import pytest
+import scipy
+import statsmodels.api as sm
 from any_motion import RATE, TRUE, chirp, made_trial, multisine, noise
 from conftest import ROOT
 from scipy.ndimage import gaussian_filter1d
@@ -13,6 +15,7 @@ from osl_analysis.bench.bench_settings import (
 from osl_analysis.bench.evidence import DesiredImpedance, impedance_table
 from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.motion import record_of_trial
+from osl_analysis.bench.regression import IMPEDANCE, whitening_gain
 from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.model.compensator import PAPER_WEIGHT
@@ -159,9 +162,10 @@ def rubbing_row(width, **motion):
 @pytest.mark.usefixtures("without_inference")
 @pytest.mark.parametrize("width", [0.001, 0.003, 0.01])
 def test_friction_is_told_from_damping_however_quickly_it_turns_its_sign(width):
-    row = rubbing_row(width, band=(0.3, 4))
+    """The column's is 0.01 rad/s. If it were sampled at the coarse rate, f_C would be 0.497."""
+    row = rubbing_row(width, band=(0.3, 4), rate=1000.0)
 
-    assert row["f_C"] == pytest.approx(0.5, abs=0.025)
+    assert row["f_C"] == pytest.approx(0.5, abs=5e-4 + 0.3 * (0.01 - width))
     assert row["B_viscous_low"] < 5 < row["B_viscous_high"]
 
 
@@ -174,13 +178,19 @@ def test_friction_of_a_motion_beyond_the_cutoff_is_that_of_all_that_moves():
     assert row["B_viscous"] == pytest.approx(5, rel=0.01)
 
 
+LEANING = 5 * np.tanh(5 * np.sin(0.6 * np.arange(33 * RATE) / RATE))  # N*m
+
+
 @pytest.mark.parametrize(("move", "seeds", "motion", "made", "least", "most"), [
     # within 4 standard errors of an RMS of 75 numbers; 95 +- 2 % needs hundreds of records
     (noise, 25, {"duration": 10.0}, {}, 1 - 4 * 0.08, 1 + 4 * 0.08),
     # periods that repeat their rounding: beside noise alone the errors have an RMS of 8
     (multisine, 8, {}, {"bits": 14, "torque_noise": 0.01}, 0.4, 1 + 4 * 0.14),
     # noise of the angle in slow columns: without it in the intervals the errors have an RMS of 1.4
-    (noise, 6, {"band": (0.2, 2.0), "rms_deg": 4.0}, {"bits": 12, "torque_noise": 0.01}, 0.4, 1.2),
+    (noise, 6, {"band": (0.2, 2.0), "rms_deg": 4.0, "duration": 90.0},
+     {"bits": 12, "torque_noise": 0.01}, 0.4, 1.2),
+    # a person who leans on the handle: without whitening the errors have an RMS of 0.2
+    (noise, 8, {}, {"more": LEANING}, 0.5, 1 + 4 * 0.14),
 ])  # fmt: skip
 def test_intervals_cover_the_truth(move, seeds, motion, made, least, most):
     errors = []  # of K, B and I over their standard errors
@@ -189,6 +199,32 @@ def test_intervals_cover_the_truth(move, seeds, motion, made, least, most):
         errors.extend((whole[name] - true) / whole.se(name) for name, true in TRUE.items())
 
     assert least < np.sqrt(np.mean(np.square(errors))) < most
+
+
+def test_a_motion_without_repeats_is_fitted_by_generalised_least_squares():
+    """As by statsmodels with the covariance of the spectrum that was found."""
+    record = moving_record(moved(noise, 3, {"duration": 10.0}))
+    analysis = rendered_impedance(record)
+    rows = record.coarsest.transformed_rows
+    step = round(record.rate_hz / record.coarsest.rate_hz)
+    X = np.column_stack([analysis.sums.columns[column] for column in IMPEDANCE.values()])
+    cosines = scipy.fft.dct(np.eye(len(rows)), axis=0, norm="ortho")
+    covariance = cosines.T / analysis.sums.gain**2 @ cosines
+
+    gls = sm.GLS(record.filtered_torque[::step][rows], X[::step][rows], covariance).fit()
+
+    np.testing.assert_allclose(analysis.whole.estimates[:3], gls.params[:3], rtol=1e-5)
+
+
+def test_a_line_does_not_weigh_less_for_its_own_residual_nor_above_the_cutoff():
+    torque = np.ones(200)
+    torque[[60, 150]] = 100.0
+
+    gain = whitening_gain(np.column_stack([np.zeros(200), torque]), 10.0, 10.0)
+
+    assert gain[60] == pytest.approx(1)
+    assert np.all(gain[51:70][np.arange(51, 70) != 60] < 0.1)
+    assert np.all(gain[100:] == gain[100])
 
 
 def test_rounding_of_two_levels_is_in_the_interval_of_K_however_often_they_return():

@@ -42,6 +42,10 @@ CERTAIN_FRICTION = 0.9  # probability from which friction is taken off B: nine i
 # share of B from which friction counts that the column sees and the inference does not; rounding
 # makes 0.012 of sound recordings
 SEEN_SHARE = 0.02
+AT_REST = 0.1  # SD of the velocity, below which a joint rests
+# share of the rows at rest, above which it mostly rests: 0.77 to 0.87 under binary steps, of ramps
+# and a hand at most 0.56
+MOST_REST = 2 / 3
 NAMED_SHARE = 0.05  # of all faults' probability, below which an explanation is not named
 COLUMNS_OF_LOSSES = (None, "B_j", "J_j")  # of K, B and I in `transmission.csv`
 
@@ -64,6 +68,10 @@ def coulomb_fits(
 ) -> dict[Label, CoulombFit]:
     """Coulomb friction by label; labels whose motion does not tell it from damping are absent.
 
+    A joint that mostly rests moves by steps between a few levels: each has the same speeds, at
+    which friction and damping are one number, and at rest the velocity has no sign but that of
+    noise. Then all labels are absent.
+
     No recording shows over which velocity the sign changes: what a tenth of the width changes is
     the half-width of a rectangular distribution (JCGM 100:2008, 4.3.7).
 
@@ -76,6 +84,9 @@ def coulomb_fits(
     whole_is_certain : bool, optional
         Whether the whole trial has friction, where that is known; by default this fit decides.
     """
+    velocity = analysis.record.motion.omega[analysis.record.rows()]
+    if np.mean(np.abs(velocity) < AT_REST * velocity.std()) > MOST_REST:
+        return {}
     model = analysis.model
     damping = next(name for name, column in model.items() if column == "omega")
     fits: dict[Label, CoulombFit] = {}
@@ -224,7 +235,7 @@ def friction_columns(
                 weighed = of_other_shapes.widened_by(analysis.calibrated[None].se_bench(name))
                 estimates[name] = weighed if is_leg else widened_to(estimates[name], weighed)
         # the column sees what the inference does not: the motion does not tell it from damping
-        share = None if coulomb and coulomb.is_seen and not is_leg else 0.0
+        share = 0.0 if is_leg or (coulomb and not coulomb.is_seen) else None
         if estimates:
             share = max(1 - estimates["B"].value / analysis.whole["B"], 0.0)
     row: Row = {"coulomb_share": share}

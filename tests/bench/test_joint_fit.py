@@ -9,6 +9,7 @@ import polars as pl
 import pytest
 from any_motion import TRUE, binary_steps, made_trial, noise
 from conftest import ROOT, findings_of
+from scipy.ndimage import gaussian_filter1d
 
 from osl_analysis.bench.evidence import impedance_table
 from osl_analysis.bench.friction import CoulombFit, friction_columns
@@ -152,6 +153,20 @@ def test_where_the_acceleration_jumps_a_joint_is_fitted_and_no_fault_weighed():
 
     assert row["K"] == pytest.approx(300, rel=3e-4)
     assert row["fault_probability"] is None
+
+
+@pytest.mark.parametrize("smoothing_ms", [0.1, 20.0])
+def test_under_steps_between_two_levels_friction_is_not_checked(smoothing_ms):
+    """Whether faults are weighed or, since the acceleration jumps, not."""
+    time, steps = binary_steps(hold=300)
+    theta, omega = (gaussian_filter1d(steps, smoothing_ms, order=n) * 1e3**n for n in (0, 1))
+    torque = 300 * theta + 5 * omega + 0.3 * np.tanh(omega / 5e-3)
+    trial = Trial("made", pl.DataFrame({"time": time, "theta": theta, "torque": torque}))
+
+    row = row_of(record_of_trial(trial, SETTINGS))
+
+    assert row["B_viscous"] is None
+    assert "how much of B is friction" in causes_of(row, Grade.UNCHECKED)
 
 
 def test_an_independent_error_adds_in_quadrature():

@@ -97,10 +97,10 @@ def made_trial(
     return Trial("made", pl.DataFrame(samples))
 
 
-def binary_steps():
+def binary_steps(hold=100):
     """Time and angle of a servo of second order that follows a binary command, by lsim."""
     w = 2 * np.pi * 30
-    levels = np.repeat(np.random.default_rng(9).choice([-0.035, 0.035], 60), 100)
+    levels = np.repeat(np.random.default_rng(9).choice([-0.035, 0.035], 60), hold)
     command = np.pad(levels, 1500)
     time = np.arange(len(command)) / 1000
     return time, lsim(([w**2], [1, 1.8 * w, w**2]), command, time)[1]

@@ -5,9 +5,20 @@ import pytest
 from scipy.special import stdtrit
 
 from osl_analysis.bench.bench_settings import BenchAnalysis
-from osl_analysis.bench.record import Groups, Record, Stratum
-from osl_analysis.bench.regression import combined, fit_groups, gram_sums
+from osl_analysis.bench.record import Groups, Record, Stratum, unlike_groups
+from osl_analysis.bench.regression import combined, fit_groups, gram_sums, held_out_vaf
 from osl_analysis.signals import Motion
+
+LINE = {"K": "theta", "offset": "one"}
+
+
+def line_sums(x, torque, groups):
+    """Of a torque over a column, both of n rows."""
+    record = Record(
+        "made", np.arange(len(x)) / 100, x, torque, Motion(x, x, x), torque,
+        BenchAnalysis(cutoff_hz=15, order=4), np.ones(len(x), dtype=bool), groups,
+    )  # fmt: skip
+    return gram_sums(record, {"theta": x, "one": np.ones(len(x))})
 
 
 @pytest.mark.parametrize(
@@ -33,13 +44,9 @@ def test_misfit_is_told_by_strata_or_groups_and_noise_by_what_repeats(
     rows = 10 * len(stratum)
     x = rng.standard_normal(rows)
     torque = 20 + 3 * x + np.repeat(10 * rng.standard_normal(units)[unit], 10) * x
-    record = Record(
-        "made", np.arange(rows) / 100, x, torque, Motion(x, x, x), torque,
-        BenchAnalysis(cutoff_hz=15, order=4), np.ones(rows, dtype=bool), groups,
-    )  # fmt: skip
-    s = gram_sums(record, {"theta": x, "one": np.ones(rows)})
+    s = line_sums(x, torque, groups)
 
-    fit = fit_groups(s, {"K": "theta", "offset": "one"})
+    fit = fit_groups(s, LINE)
 
     left = torque - fit["K"] * x
     assert fit.vaf == pytest.approx(100 * (1 - np.var(left) / np.var(torque)))
@@ -48,6 +55,26 @@ def test_misfit_is_told_by_strata_or_groups_and_noise_by_what_repeats(
     misfit_freedom = units - 1
     by_noise = fit.freedom("K") != misfit_freedom
     assert by_noise == (strata == [5, 5])
+
+
+@pytest.mark.parametrize("moved", [slice(None), slice(50, 60)])
+def test_a_third_of_the_groups_is_predicted_by_a_line_through_the_others(moved):
+    """The lowest VAF is that of the noisy third. Where one group alone moves, the others tell no
+    line."""
+    rng = np.random.default_rng(3)
+    first = 10.0 * np.arange(12)
+    x = np.zeros(120)
+    x[moved] = rng.standard_normal(120)[moved]
+    third = np.arange(120) // 10 % 3
+    torque = 3 * x + np.where(third == 1, 2.0, 0.1) * rng.standard_normal(120)
+
+    found = held_out_vaf(line_sums(x, torque, unlike_groups(first, first + 10)), LINE)
+
+    is_unseen = third == 1
+    slope = np.polyfit(x[~is_unseen], torque[~is_unseen], 1)[0]
+    left = (torque - slope * x)[is_unseen]
+    expected = 100 * (1 - np.var(left) / np.var(torque[is_unseen]))
+    assert found == (pytest.approx(expected) if moved == slice(None) else None)
 
 
 @pytest.mark.parametrize(("noise", "misfit", "freedom"), [(1.0, 0.0, 20), (0.0, 1.0, 5)])

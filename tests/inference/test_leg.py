@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 from osl_analysis.inference import BenchSignals, LegInference, infer_leg
+from osl_analysis.inference.actuator import frictionless_actuator
+from osl_analysis.inference.friction_shapes import friction_torques
+from osl_analysis.inference.spectra import Spectra
 
 RATE = 500.0
 K_S = 700.0  # belt, joint, ratio
@@ -108,3 +111,17 @@ def test_damping_of_a_leg_is_that_without_the_friction_of_its_actuator():
 
 def test_the_friction_of_the_actuator_is_found():
     assert inferred().friction_probability > 0.99
+
+
+def test_the_error_of_the_motion_without_friction_holds_its_scatter():
+    """By noise of the actuator's angle, beside what other limits of sliding change."""
+    angle = leg()["theta_m"]
+    found = []
+    for seed in range(6):
+        noisy = angle + 1e-3 * np.random.default_rng(seed).normal(size=len(angle))
+        spectra = Spectra(signals(sliding_angle=noisy))
+        found.append(frictionless_actuator(spectra, friction_torques(spectra)[-1]))
+
+    per_angle = np.array([each.impedance_column[0] for each in found])
+    variances = [each.covariance[0, 0] for each in found]
+    assert np.std(per_angle, ddof=1) < np.sqrt(np.mean(variances)) < 2 * np.std(per_angle, ddof=1)

@@ -19,7 +19,7 @@ from click import argument, option
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import OslAnalysisError, printable, printable_lines
-from osl_analysis.files import CAMPAIGN, check_target, config_here, shipped, write_text
+from osl_analysis.files import CAMPAIGN, check_target, shipped, write_text
 from osl_analysis.memory import SET_TO_ONE, limited_memory
 
 if TYPE_CHECKING:
@@ -350,7 +350,6 @@ def inspect(file: Path, draft_path: Path | None, as_json: bool) -> None:
 @file_option(
     "--config",
     "config_path",
-    default=config_here,
     show_default="config.yaml here, else the shipped one",
     help="Configuration with the filter [Hz] and the stepped-sine protocol [deg, Hz].",
 )
@@ -365,7 +364,7 @@ def fit(
     controller: str | None,
     parameters: str | None,
     windows: str | None,
-    config_path: Path,
+    config_path: Path | None,
     as_json: bool,
     plot: Path | None,
 ) -> None:
@@ -380,7 +379,6 @@ def fit(
     from osl_analysis import notebook
     from osl_analysis.bench.evidence import DesiredImpedance
     from osl_analysis.commands.fit_results import estimates_text, rows_json
-    from osl_analysis.commands.trials import raw_trial
     from osl_analysis.config.sheet import Asked
     from osl_analysis.trial import read_trial
     from osl_analysis.yaml_settings import validated
@@ -395,6 +393,8 @@ def fit(
     if source is None:
         recorded = read_trial(trial)
     else:
+        from osl_analysis.commands.trials import raw_trial
+
         recorded = raw_trial(trial, source, model)
         tell_warnings(recorded)
     device = None if parameters == "none" else parameters or notebook.OF_CONFIG

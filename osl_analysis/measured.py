@@ -4,6 +4,7 @@ A fit refuses a number that no sensor can give, before it overflows, underflows 
 """
 
 import math
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -78,9 +79,20 @@ def rms(values: NDArray[np.float64]) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def usual_size(values: NDArray[np.float64]) -> float:
-    """Median size of values of either sign."""
-    return float(np.median(np.abs(values)))
+def usual_step(time: NDArray[Any]) -> float:
+    """Median step of times (n,), or their mean if most stamps are repeated; 0 of one."""
+    steps = np.diff(time)
+    return float(np.median(steps) or steps.mean()) if steps.size else 0.0
+
+
+def noise_of(values: NDArray[np.float64], order: int = 3) -> float:
+    """Standard deviation of white noise in (n,) values, by their differences of an order, which a
+    slower motion hardly has; 0 of too few."""
+    if len(values) <= order:
+        return 0.0
+    normal_median = 0.6745  # of |x|, in standard deviations
+    of_white = math.sqrt(math.comb(2 * order, order)) * normal_median
+    return float(np.median(np.abs(np.diff(values, order)))) / of_white
 
 
 def significant(value: float, digits: int = 2) -> str:

@@ -9,21 +9,17 @@ import polars as pl
 
 from osl_analysis.bench.evidence import UNSTATED, DesiredImpedance
 from osl_analysis.campaign.configuration import Config, config_for_trials
-from osl_analysis.commands import tables as tables_of_campaign
 from osl_analysis.commands.fit import fit_trial, run_fit
 from osl_analysis.commands.fit_results import Fit
-from osl_analysis.commands.trials import checked_trial
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.errors import InputError, listing
 from osl_analysis.figures import columns_of, drawn, look_numbers, plotted_numbers
-from osl_analysis.files import config_here, shipped
+from osl_analysis.files import shipped
 from osl_analysis.ingest.quality import UNITS, Commanded, measure_quality, measured_table
-from osl_analysis.ingest.raw_files import read_source
 from osl_analysis.judge.judging import judged, marked, with_inherited
 from osl_analysis.judge.recording_checks import judged_table, validate_rules
 from osl_analysis.model.drivetrain import joint_of
 from osl_analysis.result_table import read_table
-from osl_analysis.source_file import MarkerSource
 from osl_analysis.trial import Trial, read_trial
 from osl_analysis.yaml_settings import check_known
 
@@ -55,7 +51,7 @@ def as_trial(trial: Trial | File) -> Trial:
 def choices(config: File | None, parameters: File | None) -> tuple[Config, Path | None]:
     """The configuration, and the parameter file of the device: the stated one, or that of the
     configuration."""
-    stated = config_for_trials(Path(config or config_here()))
+    stated = config_for_trials(config)
     if parameters == OF_CONFIG:
         return stated, stated.parameters
     return stated, None if parameters is None else shipped(parameters)
@@ -250,6 +246,11 @@ def read_recording(
     >>> trial.name, trial.samples.columns
     ('day 1', ['time', 'theta', 'torque'])
     """
+    # the formats, which the fit of a stored trial does not need
+    from osl_analysis.commands.trials import checked_trial
+    from osl_analysis.ingest.raw_files import read_source
+    from osl_analysis.source_file import MarkerSource
+
     file = Path(path)
     described = Path(source)
     if not (described.suffix == ".yaml" and described.is_file()):
@@ -299,7 +300,7 @@ def check(
     """
     check_known(EXPERIMENTS, "experiment", experiment)
     recorded = as_trial(trial)
-    stated = config_for_trials(Path(config or config_here()))
+    stated = config_for_trials(config)
     validate_rules(stated.quality, UNITS)
     commanded = Commanded(
         **{name: getattr(stated.dynamometer, name) for name in PROTOCOL},
@@ -380,7 +381,9 @@ def read_summary(folder: File = "results") -> pl.DataFrame:
     >>> numbers.filter(quantity="K_s").select("value", "unit").row(0)
     (685.6, 'N*m/rad')
     """
-    numbers = tables_of_campaign.read_summary(Path(folder, "summary.json"))["numbers"]
+    from osl_analysis.commands.tables import read_summary  # takes as long as a fit
+
+    numbers = read_summary(Path(folder, "summary.json"))["numbers"]
     return pl.DataFrame(
         [{"quantity": name, **entry} for name, entry in numbers.items()], infer_schema_length=None
     )

@@ -72,10 +72,9 @@ def plate_columns(plate: int) -> list[str]:
     return [f"plate{plate}_{name}_{axis}" for name in ("force", "moment") for axis in AXES]
 
 
-def counter_column(column: str) -> str:
-    """Column with the device's own sample count, for a column whose source file names a
-    `counter`."""
-    return f"{column}_counter"
+# end of the name of a column with the device's own sample count, for a column whose source file
+# names a `counter`
+COUNTER = "_counter"
 
 
 def unit_of(column: str) -> str:
@@ -238,7 +237,7 @@ class Trial:
     def check_columns(self, *columns: str) -> None:
         """Refuse a column that the trial does not have; the message names a similar one."""
         for column in columns:
-            if column not in self.columns:
+            if column not in self.samples:
                 raise InputError(
                     f"trial {self.name}: no column '{column}'; map the channel in the source file"
                     f" (it has {listing(self.columns, 6)}){nearest(column, self.columns)}"

@@ -11,7 +11,7 @@ from osl_analysis.bench.cycles import BRANCHES, Loop, find_loop, loop_errors, wh
 from osl_analysis.bench.impedance import Analysis
 from osl_analysis.bench.motion import signals_of, stretches_of
 from osl_analysis.bench.plausibility import check_changes, check_stiffer
-from osl_analysis.bench.record import Groups, Label, Record, record_of
+from osl_analysis.bench.record import Groups, Label, Record, record_of, unlike_groups
 from osl_analysis.bench.regression import GroupFit, Model, fit_groups, gram_sums
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError, naming
@@ -63,7 +63,8 @@ def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnaly
             check_locked(low_pass(deflection, rate_hz), low_pass(signals["theta_m"], rate_hz))
         else:
             deflection = belt_deflection(deflection, signals["theta_m"], p)
-        record = record_of(signals, settings, deflection)
+        no_groups = unlike_groups(np.empty(0), np.empty(0))  # as yet
+        record = record_of(signals, settings, no_groups, deflection)
         record = replace(record, actuator=signals.signals)
         analyses: list[Analysis] = []
         for share in (LOADED, LOADED / 2, 2 * LOADED):

@@ -164,7 +164,7 @@ def known_row(analysis: Analysis, known: Known, frame: GroupFit | None) -> Row:
         "certain_lag_s": certain_lag_s,
         "certain_gain_error": fit.beyond_interval("gain", 1.0),
         "to_state": to_state,
-        "explanations": explanations_of(fault),
+        "explanations": explanations_of(fault) if fault else None,
     }
 
 
@@ -240,7 +240,7 @@ def fixture_row(analysis: Analysis, stated: Fixture | None) -> Row:
     record = analysis.record
     of_joint = analysis.calibrated[None]
     check_resists(record.name, "I", of_joint["I"], of_joint.interval("I")[1])
-    middle_deg = float(np.rad2deg(record.motion.theta[record.rows()].mean()))
+    middle_deg = float(np.rad2deg(record.motion.theta[record.is_fitted()].mean()))
     hangs = of_joint["K"] >= 0
     rest_deg = middle_deg if hangs else middle_deg + 180
     fit = of_joint.derived(
@@ -281,7 +281,7 @@ def with_fixture(trial: Trial, fixture: Fixture | None) -> Trial:
 def fixture_of(trial: Trial) -> dict[str, float]:
     """Arguments of `signals.grid.fixture_torque` by which a trial's torque is corrected; empty
     without a fixture."""
-    return dict(origin(trial, "torque").get("fixture") or {})
+    return origin(trial, "torque").get("fixture") or {}
 
 
 def fixture_column(trial: Trial) -> pl.Expr:

@@ -1,6 +1,7 @@
 """Rendered impedance on the dynamometer (Figs. 4-6): the rows of Eq. 15, with the evidence on which
 its estimates are judged; and how a user gets at the tables of any fit on the bench."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -82,7 +83,7 @@ class DesiredImpedance:
         Returns
         -------
         Gains or None
-            None where they are not known.
+            None where they, or parameters of the model, are not known.
 
         Raises
         ------
@@ -90,6 +91,8 @@ class DesiredImpedance:
             As `select_gains`.
         """
         if p is None or self.K_d is None or self.B_d is None or self.controller not in CONTROLLERS:
+            return None
+        if any(map(math.isnan, vars(p).values())):
             return None
         return select_gains(self.controller, self.K_d, self.B_d, p, weight)
 
@@ -154,8 +157,8 @@ def impedance_table(
     other_excitation = "periodic" if record.periodic else "other"
     of_trial: Row = {
         **vars(desired),
-        **fault_columns(joint),
-        "delay_se_s": delay_se_s(joint, record),
+        **(fault_columns(joint) if joint else {}),
+        "delay_se_s": delay_se_s(joint, record) if joint else None,
         "excitation": "stepped sine" if record.is_stepped_sine else other_excitation,
         "band_low_hz": record.band_hz[0],
         "band_high_hz": record.band_hz[1],
@@ -175,7 +178,7 @@ def impedance_table(
     for name in QUANTITIES:
         estimate = Estimate.of_fit(analysis.calibrated[None], name)
         of_whole |= with_other_stamps(analysis, estimate, name).columns(name)
-    centre = record.motion.theta[record.rows()].mean()
+    centre = record.motion.theta[record.is_fitted()].mean()
     rows: list[Row] = []
     for label, fit in analysis.fits.items():
         variance = s.of(label).covariance(["theta"])
@@ -190,7 +193,7 @@ def impedance_table(
                 "torque_error": torque_error(analysis.sums, label, desired),
                 "time_base_shift": analysis.time_base_shift(label, QUANTITIES),
                 "theta_rms_deg": float(np.rad2deg(np.sqrt(variance[0, 0]))),
-                "fitted_s": len(record.rows(label)) / record.rate_hz,
+                "fitted_s": record.is_fitted(label).sum() / record.rate_hz,
                 **of_trial,
             }
         )

@@ -93,19 +93,21 @@ def coulomb_fits(
     for label in sorted(analysis.fits, key=lambda each: each is not None):  # the whole trial first
         fit = analysis.fits[label]
         try:
-            smooth = without_friction(s, model, label, "T_C")
+            sums = s.of(label)
+            # a controller may compensate friction that is not Coulomb's: the smaller of two answers
+            # counts
+            alone = with_effects(sums, model, "T_C")
+            smooth = without_friction(sums, model, alone)
             is_seen = smooth.certain("T_C")
             is_certain = is_seen and smooth["T_C"] > 0
             if whole_is_certain is None:
                 whole_is_certain = is_certain
-            # a controller may compensate friction that is not Coulomb's: the smaller of two answers
-            # counts
-            alone = with_effects(s, model, ("T_C",), label)
             viscous = max(smooth[damping], alone[damping])
             share = max(1 - viscous / fit[damping], 0.0) if whole_is_certain else 0.0
             certain = None
             if is_certain and whole_is_certain:
-                sharp = without_friction(s, model, label, "T_C_sharp")
+                sharp_alone = with_effects(sums, model, "T_C_sharp")
+                sharp = without_friction(sums, model, sharp_alone)
                 of_width = (sharp.estimates - smooth.estimates) / np.sqrt(3)
                 own = BenchFit(**vars(fit))
                 of_bench = [own.se_bench(name) for name in smooth.names[:-1]]
@@ -118,9 +120,9 @@ def coulomb_fits(
     return fits
 
 
-def without_friction(s: Sums, model: Model, label: Label, column: str) -> GroupFit:
-    """The estimates of a label for the torque less its friction, and this friction `T_C` [N*m],
-    whose sign changes as in a column.
+def without_friction(s: Sums, model: Model, alone: GroupFit) -> GroupFit:
+    """The estimates for the torque less its friction, and this friction `T_C` [N*m], whose sign
+    changes as in the last column of the fit `alone`.
 
     Two fits share the work. The one `beside` the higher derivatives of the angle that the motion
     determines gives the friction T_C and its error: without these a linear drivetrain's deviation
@@ -130,13 +132,15 @@ def without_friction(s: Sums, model: Model, label: Label, column: str) -> GroupF
 
         x = x_without_column - (dx/dT_C) T_C
     """
-    alone = beside = with_effects(s, model, (column,), label)
-    for higher in (("jerk",), ("jerk", "snap")):
+    beside = alone
+    column = alone.names[-1]
+    for higher in (("jerk", "snap"), ("jerk",)):
         with suppress(IdentifiabilityError):
-            beside = with_effects(s, model, (column, *higher), label)
+            beside = with_effects(s, model, column, *higher)
+            break
     at = [k for k, name in enumerate(model.values()) if name in ("theta", "omega", "alpha")]
     at_friction = alone.names.index(column)
-    plain = s.of(label).estimates([*model.values()])
+    plain = s.estimates([*model.values()])
     change_per_torque = (plain[at] - alone.estimates[at]) / alone[column]
     T_C = beside[column]
 
@@ -272,32 +276,26 @@ def suspected_fault_of_losses(record: Record) -> ImpedanceInference | None:
     return inferred_of_joint(record, accuracy=(np.inf, *HARM_SHARE[1:]))
 
 
-def probable_fault(joint: ImpedanceInference | None) -> Explanation | None:
-    """The most probable fault; None of a leg, and where the recording is probably sound."""
-    if joint is None:
-        return None
+def probable_fault(joint: ImpedanceInference) -> Explanation | None:
+    """The most probable fault; None where the recording is probably sound."""
     if joint.doubt is None and joint.fault_probability > LIKELY:
         return joint.explanations[0]
     return joint.doubt
 
 
-def explanations_of(joint: ImpedanceInference | None) -> str | None:
+def explanations_of(joint: ImpedanceInference) -> str | None:
     """All faults that are not improbable beside each other, the most probable first; None where no
     fault is probable."""
-    if joint is None or probable_fault(joint) is None:
+    if probable_fault(joint) is None:
         return None
     least = NAMED_SHARE * joint.fault_probability
     names = [each.name for each in joint.explanations if each.probability > least]
     return ", ".join(dict.fromkeys(names))
 
 
-def fault_columns(
-    joint: ImpedanceInference | None, names: Sequence[str | None] = QUANTITIES
-) -> Row:
-    """The columns of a fault; none of a leg, and where no hypotheses were weighed. `names` are
-    those of K, B and I in the table; None: it has no such column."""
-    if joint is None:
-        return {}
+def fault_columns(joint: ImpedanceInference, names: Sequence[str | None] = QUANTITIES) -> Row:
+    """The columns of a fault. `names` are those of K, B and I in the table; None: it has no such
+    column."""
     fault = probable_fault(joint)
     row: Row = {
         # a sum over no hypotheses is a whole number
@@ -313,11 +311,11 @@ def fault_columns(
     return row
 
 
-def delay_se_s(joint: ImpedanceInference | None, record: Record) -> float | None:
+def delay_se_s(joint: ImpedanceInference, record: Record) -> float | None:
     """Standard error to which a recording tells a delay [s] between angle and torque that nobody
-    states and that is not found; None of a leg."""
+    states and that is not found."""
     fault = probable_fault(joint)
     stated_s = [record.settings.calibration.delay, *(each["delay_s"] for each in record.streams)]
-    if joint is None or any(stated_s) or (fault is not None and fault.family == "path"):
+    if any(stated_s) or (fault is not None and fault.family == "path"):
         return None
     return joint.delay_se_s

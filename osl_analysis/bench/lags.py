@@ -174,7 +174,7 @@ def is_leg(record: Record, p: DrivetrainParameters | None) -> bool:
     angles = [theta, theta_m]
     if p is not None:
         angles = [theta, theta_m / p.n_T, belt_deflection(theta, theta_m, p)]
-    whole, *others = np.std(np.array(angles)[:, few.rows()], axis=1)
+    whole, *others = np.std(np.array(angles)[:, few.is_fitted()], axis=1)
     return bool(min(others) >= LEAST_DEFLECTION * whole)
 
 

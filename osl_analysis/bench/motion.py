@@ -23,13 +23,11 @@ from osl_analysis.bench.record import (
     whole_rows,
 )
 from osl_analysis.errors import Change, InputError, naming
-from osl_analysis.measured import visible_step
 from osl_analysis.signals import runs
 from osl_analysis.signals.grid import (
     BRIDGE_MORE,
     GapLimits,
     UniformSignals,
-    origin,
     uniform_signals,
 )
 from osl_analysis.spectral import PeriodicMotion, periodic_motion
@@ -123,26 +121,21 @@ def record_of_trial(
                 )
                 hz = [stratum.frequency_hz for stratum in groups.strata]
                 band_hz = (min(hz), max(hz))
-                return replace(record_of(regular, settings), groups=groups, band_hz=band_hz)
+                return replace(record_of(regular, settings, groups), band_hz=band_hz)
         assert isinstance(settings, ImpedanceAnalysis)
         return record_of_motion(regular, moving, settings, windows or settings.windows)
 
     with naming(f"trial {trial.name}"):
         record = recorded(signals)
-        other_stamps = signals.other()  # None where all stamps are decided
-        if other_stamps is not None:
-            record = replace(record, with_other_stamps=recorded(other_stamps))
-    taken = next(part for part in signals.taken if "theta" in part.stream.signals)
-    step = origin(trial, "theta").get("resolution")
-    step = step or visible_step(taken.stream.signals["theta"][taken.present])
+        if not signals.is_decided:
+            record = replace(record, with_other_stamps=recorded(signals.other()))
     rate_hz = signals.rate_hz
     same = settings.low_pass
-    recorded_beside = [name for name in ("theta_m", "current") if name in signals.signals]
-    actuator = {name: same(signals[name], rate_hz) for name in recorded_beside}
+    actuator = {name: same(signals[name], rate_hz) for name in beside if name in signals.signals}
     if "theta_m" in actuator:  # behind a wide filter too, for the velocity's sign
         wide = replace(same, cutoff_hz=min(QUICK * same.cutoff_hz, 0.2 * rate_hz))
         actuator["wide_band_theta_m"] = wide(signals["theta_m"], rate_hz)
-    return replace(record, encoder_step=float(step or 0.0), actuator=actuator)
+    return replace(record, actuator=actuator)
 
 
 def standstill(theta: Array, rate_hz: float) -> InputError:
@@ -180,7 +173,7 @@ def record_of_motion(
         inside = stretches(windows, float(time[-1]))
         is_inside = within(time, inside)
     pieces = fitted_pieces(time, signals.usable, inside, EDGE_PERIODS / settings.cutoff_hz)
-    record = replace(record_of(signals, settings), groups=stretches_of(pieces, rate))
+    record = record_of(signals, settings, stretches_of(pieces, rate))
     fitted = record.is_fitted()
     periodic = periodic_motion(record.theta, rate, signals.usable & is_inside)
     groups = periods_of(periodic, rate, fitted) if periodic else None
@@ -271,7 +264,8 @@ def cycles_of(
         period = (segment.stop - segment.start) / segment.cycles
         number = np.arange(segment.cycles - before - after)
         first = np.rint(segment.start + before * period) + period * number
-        first = first[are_usable(first, first + period, usable)]
+        is_usable = [bool(usable[rows].all()) for rows in whole_rows(first, first + period)]
+        first = first[is_usable]
         if not len(first):
             raise InputError(
                 f"no cycle of {np.rad2deg(segment.amplitude):.3g} deg at {segment.frequency_hz:g}"
@@ -286,11 +280,6 @@ def cycles_of(
     first, stop = np.concatenate(cycles, axis=1)
     number = np.repeat(np.arange(len(cycles)), [each.shape[1] for each in cycles])
     return Groups("cycles", first, np.minimum(stop, len(usable)), number, tuple(strata))
-
-
-def are_usable(first: Array, stop: Array, usable: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Which groups from row `first` (m,) to row `stop` have no row that is not usable (n,)."""
-    return np.array([usable[rows].all() for rows in whole_rows(first, stop)], dtype=np.bool_)
 
 
 def periods_of(motion: PeriodicMotion, rate_hz: float, usable: NDArray[np.bool_]) -> Groups | None:
@@ -311,7 +300,7 @@ def periods_of(motion: PeriodicMotion, rate_hz: float, usable: NDArray[np.bool_]
     number = (motion.realisation[:, None] * parts + part).ravel()
     stop = np.minimum(begin + rows_of_part, len(usable))
 
-    is_whole = are_usable(begin, stop, usable)
+    is_whole = np.array([usable[rows].all() for rows in whole_rows(begin, stop)])
     is_chosen = is_whole & (np.bincount(number[is_whole], minlength=number[-1] + 1)[number] > 1)
     chosen = np.flatnonzero(is_chosen)[np.argsort(number[is_chosen], kind="stable")]
     used, stratum = np.unique(number[chosen], return_inverse=True)

@@ -89,10 +89,10 @@ def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> Analysis:
             )
         signals = signals_of(trial, (moved, "current", "torque_m"), settings)
         fit = actuator_of(signals, settings, moved)
-        other = signals.other()
-        if other is None:
+        if signals.is_decided:
             return fit
-        return replace(fit, fits_with_other_stamps=actuator_of(other, settings, moved).fits)
+        others = actuator_of(signals.other(), settings, moved).fits
+        return replace(fit, fits_with_other_stamps=others)
 
 
 def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis, moved: str) -> Analysis:
@@ -144,7 +144,7 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis, moved: str)
         filtered_torque=low_pass(measured, rate),
         usable=usable,
         groups=stretches_of(runs(moving), rate),
-        streams=signals.streams,
+        signals=signals,
         settings=settings,
         actuator={moved: raw},
     )
@@ -252,7 +252,7 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
     rows: list[Row] = []
     for label, fit in analysis.fits.items():
         # a weight acts as a spring: its torque grows with the angle
-        weight = with_effects(s, TRANSMISSION, ("theta",), label)
+        weight = with_effects(s.of(label), TRANSMISSION, "theta")
         has_weight = weight.certain("theta")
         viscous: GroupFit = analysis.calibrated[label]
         coulomb = friction.get(label)
@@ -270,7 +270,7 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
                 "VAF_held_out": VAF_held_out,
                 "load_cell_drift": 60 * analysis.whole["drift"],
                 "time_base_shift": analysis.time_base_shift(label, LOSSES),
-                **fault_columns(fault, COLUMNS_OF_LOSSES),
+                **(fault_columns(fault, COLUMNS_OF_LOSSES) if fault else {}),
                 "delay_se_s": fault.delay_se_s if fault else None,
             }
         )

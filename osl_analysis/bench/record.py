@@ -11,6 +11,7 @@ import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.bench.bench_settings import BenchAnalysis
+from osl_analysis.measured import visible_step
 from osl_analysis.signals import Motion, filtered_motion
 from osl_analysis.signals.grid import UniformSignals
 from osl_analysis.spectral import PeriodicMotion
@@ -90,13 +91,10 @@ class Record:
         Rows that are fitted.
     band_hz : tuple of float
         Lowest and highest frequency of the motion [Hz].
-    encoder_step : float
-        Resolution of the angle [rad]; 0: not known.
     periodic : PeriodicMotion or None
         Periods of a periodic motion.
-    streams : Sequence of Mapping
-        What the recorders did, by the names of `timebase.csv`; empty for a record that no file
-        holds.
+    signals : UniformSignals or None
+        What was recorded, on the time base; None for a record that no file holds.
     with_other_stamps : Record or None
         The same with the other reading of undecided stamps; None: all are decided.
     actuator : Mapping of Array (n,)
@@ -114,15 +112,28 @@ class Record:
     usable: NDArray[np.bool_]
     groups: Groups
     band_hz: tuple[float, float] = (np.nan, np.nan)
-    encoder_step: float = 0.0
     periodic: PeriodicMotion | None = None
-    streams: Sequence[Mapping[str, Any]] = ()
+    signals: UniformSignals | None = None
     with_other_stamps: "Record | None" = None
     actuator: Mapping[str, Array] = field(default_factory=dict)
 
     @property
     def rate_hz(self) -> float:
         return (len(self.time) - 1) / float(self.time[-1] - self.time[0])
+
+    @property
+    def streams(self) -> Sequence[Mapping[str, Any]]:
+        """What the recorders did, by the names of `timebase.csv`."""
+        return self.signals.streams if self.signals else ()
+
+    @cached_property
+    def encoder_step(self) -> float:
+        """Resolution of the angle [rad]; 0: not known."""
+        if self.signals is None:
+            return 0.0
+        part = next(part for part in self.signals.taken if "theta" in part.stream.signals)
+        theta = part.stream.signals["theta"][part.present]
+        return float(part.stream.resolutions.get("theta") or visible_step(theta) or 0.0)
 
     @property
     def is_stepped_sine(self) -> bool:
@@ -209,9 +220,12 @@ def whole_rows(first: Array, stop: Array) -> list[slice]:
 
 
 def record_of(
-    signals: UniformSignals, settings: BenchAnalysis, theta: Array | None = None
+    signals: UniformSignals,
+    settings: BenchAnalysis,
+    groups: Groups,
+    theta: Array | None = None,
 ) -> Record:
-    """The record of signals, without groups of rows as yet.
+    """The record of signals with groups of rows.
 
     Parameters
     ----------
@@ -219,12 +233,16 @@ def record_of(
         With `theta` and `torque`.
     settings
         The bench, and the filter.
+    groups
+        Those that are fitted.
     theta
         The angle (n,) [rad] that is filtered, by default the joint's.
     """
     torque = signals["torque"]
     if theta is None:
-        theta = settings.joint_angle(signals["theta"], torque)
+        theta = signals["theta"]
+        if settings.bench_stiffness is not None:
+            theta = settings.joint_angle(theta, torque)
     motion, filtered = filtered_motion(signals.time, theta, torque, settings.low_pass)
     return Record(
         name=signals.trial,
@@ -235,6 +253,6 @@ def record_of(
         filtered_torque=filtered,
         settings=settings,
         usable=signals.usable,
-        groups=unlike_groups(np.empty(0), np.empty(0)),
-        streams=signals.streams,
+        groups=groups,
+        signals=signals,
     )

@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.bench.record import Groups, Label, Record
 from osl_analysis.errors import IdentifiabilityError
-from osl_analysis.measured import check_measured
+from osl_analysis.measured import SMALLEST_SIGNAL, check_finite
 from osl_analysis.signals import seven_point_motion
 from osl_analysis.stats.linear_fit import (
     CONDITION_LIMIT,
@@ -154,7 +154,7 @@ def gram_sums(record: Record, columns: Mapping[str, Array]) -> Sums:
     """
     signals = {**columns, "torque": record.filtered_torque, "raw torque": record.torque}
     for name, row in signals.items():
-        check_measured(f"column '{name}'", row)
+        check_finite(f"column '{name}'", row, least=SMALLEST_SIGNAL)
     products = np.array([*signals.values()]).T
     gram = products_between(products, products, record.groups.first, record.groups.stop)
     return Sums(tuple(signals), gram, record.groups, columns, gram, NOT_WHITENED)
@@ -218,7 +218,7 @@ def columns_of(record: Record) -> dict[str, Array]:
     """The columns (n,) of the models by name; `theta` is 0 in the middle of the fitted rows:
     verdicts do not depend on the encoder's zero."""
     motion = record.motion
-    fitted = record.rows()
+    fitted = record.is_fitted()
     return {
         "theta": motion.theta - motion.theta[fitted].mean(),
         "omega": motion.omega,
@@ -394,10 +394,10 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> GroupFi
     )
 
 
-def with_effects(s: Sums, model: Model, effects: Sequence[str], label: Label = None) -> GroupFit:
-    """Fit of a model with the columns of effects to a label. Raises as `fit_groups`."""
+def with_effects(s: Sums, model: Model, *effects: str) -> GroupFit:
+    """Fit of a model with the columns of effects. Raises as `fit_groups`."""
     with_columns = {**model, **{name: name for name in effects}}
-    return fit_groups(s.of(label), with_columns, EFFECTS_LIMIT)
+    return fit_groups(s, with_columns, EFFECTS_LIMIT)
 
 
 def scatter_of(left_out: Array) -> Array:

@@ -15,7 +15,7 @@ from osl_analysis.bench.bench_settings import (
     TorqueAngleAnalysis,
 )
 from osl_analysis.errors import InputError
-from osl_analysis.files import default_config, digest
+from osl_analysis.files import ROOT, config_here, default_config, own_yaml
 from osl_analysis.judge.claims import Claims
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.judge.recording_checks import QualityRules
@@ -160,7 +160,9 @@ def over_default(stated: Mapping[str, Any]) -> Any:
     Real recordings are not from the bench of the default campaign: for them, `FACTS_OF_DEFAULT`
     that are not stated are null.
     """
-    default = read_mapping(default_config())
+    path = default_config()
+    # the shipped file is the same for both readers, and the one in C takes 2 ms for 30
+    default = own_yaml(path) if path.is_relative_to(ROOT) else read_mapping(path)
     is_simulated = stated.get("simulation", default["simulation"]) is not None
     if default["simulation"] is not None and not is_simulated:
         default = overriding(default, FACTS_OF_DEFAULT)
@@ -185,11 +187,14 @@ def read_campaign_file(path: Path) -> dict[str, Any]:
     return content
 
 
-def config_for_trials(path: Path) -> Config:
+def config_for_trials(path: Path | str | None = None) -> Config:
     """The configuration by which single trials are analysed, from a file that overrides some fields
-    of the default; the shipped default states no facts on recordings of others."""
+    of the default, by default that of the working folder; the shipped default states no facts on
+    recordings of others."""
+    stated = Path(path or config_here())
     own_files = tuple(Path("config").rglob("*"))  # each stands for the shipped one of its name
-    return config_of_state(path, (Path.cwd(), own_files, digest(default_config()), digest(path)))
+    contents = [file.read_bytes() for file in (default_config(), stated) if file.is_file()]
+    return config_of_state(stated, (Path.cwd(), own_files, *contents))
 
 
 # to validate it takes 9 ms, and a notebook fits many trials

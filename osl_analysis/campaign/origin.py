@@ -53,21 +53,15 @@ def about(campaign: Campaign, simulation: Sequence[Path]) -> dict[str, str]:
         By `ABOUT_MEANING`. The data are dated by the configuration, else by the seed of the
         simulation, else by the recordings (UTC).
     """
+    digests = sorted(str(digest(path)) for path in simulation)
+    hashed = json.dumps([settings_of(campaign), digests], sort_keys=True).encode()
     return {
         "campaign": campaign.config.campaign,
         "data": campaign.data,
         "version": version("osl-analysis"),
-        "configuration": hash_of_settings(campaign, simulation),
+        "configuration": hashlib.sha256(hashed).hexdigest()[:HASH_DIGITS],
         "recorded": date_of_data(campaign),
     }
-
-
-def hash_of_settings(campaign: Campaign, simulation: Sequence[Path]) -> str:
-    """First digits of the SHA-256 of the settings that results depend on, with the defaults, and of
-    the files that they name."""
-    digests = sorted(str(digest(path)) for path in simulation)
-    hashed = json.dumps([settings_of(campaign), digests], sort_keys=True).encode()
-    return hashlib.sha256(hashed).hexdigest()[:HASH_DIGITS]
 
 
 def settings_of(campaign: Campaign) -> dict[str, str]:

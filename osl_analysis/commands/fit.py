@@ -74,14 +74,16 @@ def fit_impedance_trial(
 
     """
     of_joint, rails = checked(trial, settings)
-    fitted, windows = without_broken_ends(of_joint, windows)
+    fitted = of_joint
+    if windows:
+        fitted, windows = without_broken_ends(of_joint, windows)
     record = record_of_trial(fitted, settings, windows, beside=("theta_m", "current"))
     analysis = rendered_impedance(record)  # K, B and I, with their intervals
 
     # what else the recording tells, and what is to be expected of the device
     p = known_parameters(parameters, ["n_T", "K_s", "B_j", "J_j"])
     stated = condition or UNSTATED
-    gains = stated.gains(known_parameters(parameters), weight)
+    gains = stated.gains(p, weight)
     table = impedance_table(analysis, p, stated, gains)
     weight_taken_off = pl.lit(fixture_of(of_joint).get("weight") or None, pl.Float64)
     table = table.with_columns(rails, fixture_column(of_joint), fixture_weight=weight_taken_off)
@@ -92,13 +94,10 @@ def fit_impedance_trial(
     return FitTables({"impedance": table}, samples_of(analysis), record.streams, others)
 
 
-def without_broken_ends(trial: Trial, windows: str | None) -> tuple[Trial, str | None]:
+def without_broken_ends(trial: Trial, windows: str) -> tuple[Trial, str]:
     """The trial and its windows [s]; cut to them where what lies outside of them is broken."""
-    if windows:
-        cut, shifted_windows = trial.cut_to(windows)
-        if is_broken_outside(trial, cut):
-            return cut, shifted_windows
-    return trial, windows
+    cut, shifted_windows = trial.cut_to(windows)
+    return (cut, shifted_windows) if is_broken_outside(trial, cut) else (trial, windows)
 
 
 def is_broken_outside(trial: Trial, cut: Trial) -> bool:

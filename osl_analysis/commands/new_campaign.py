@@ -85,7 +85,10 @@ def new_campaign(
         settings = shipped(f"config/new_campaign/simulation_{example}.yaml")
         files["simulation.yaml"] = settings.read_text(encoding="utf-8")
     else:
-        files["trials.csv"] = sheet_text(draft)
+        seldom = [name for name in SELDOM if any(name in trial.cells for trial in draft.trials)]
+        columns = dict.fromkeys([*COLUMNS, *seldom], pl.String)
+        sheet = pl.DataFrame([trial.cells for trial in draft.trials], columns)
+        files["trials.csv"] = sheet.write_csv()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with TemporaryDirectory(dir=folder, prefix=".campaign.") as place:
@@ -113,17 +116,12 @@ def configuration(name: str, raw_data: Path, draft: Draft, example: Example | No
     return "".join([template.format(name=allowed, raw_data=path), draft.walking, *questions])
 
 
-def sheet_text(draft: Draft) -> str:
-    """The sample sheet of the drafted trials."""
-    seldom = [name for name in SELDOM if any(name in trial.cells for trial in draft.trials)]
-    columns = dict.fromkeys([*COLUMNS, *seldom], pl.String)
-    return pl.DataFrame([trial.cells for trial in draft.trials], columns).write_csv()
-
-
 def write_campaign(folder: Path, files: Mapping[str, str]) -> None:
     """Write the files of a campaign, by their names, and the schemas of all of its kinds."""
     (folder / "sources").mkdir(parents=True)
-    write_schemas(folder / "schemas")
+    for name, schema in schemas().items():
+        text = json.dumps({"$schema": DRAFT, **schema}, indent=1, ensure_ascii=False)
+        write_text(folder / f"schemas/{name}.schema.json", f"{text}\n")
     for name, text in files.items():
         (folder / name).write_text(text, encoding="utf-8")
 
@@ -218,9 +216,3 @@ def schemas() -> dict[str, dict[str, Any]]:
         **content,
     }
     return schema_of
-
-
-def write_schemas(folder: Path) -> None:
-    for name, schema in schemas().items():
-        text = json.dumps({"$schema": DRAFT, **schema}, indent=1, ensure_ascii=False)
-        write_text(folder / f"{name}.schema.json", f"{text}\n")

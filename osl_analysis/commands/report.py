@@ -98,11 +98,14 @@ def write_report(
     numbers = numbers_in_summary(content)
     verdict = verdicts_sentence(content["verdicts"], content["results_of_clear"])
     drawn, absent = drawn_figures(figures)
+    unstated = read_table(states).cast(pl.String).filter(state="assumed")
+    assumed = [f"{name} {value}" for name, value in unstated.select("setting", "value").rows()]
+    note = f"Assumed, since nobody stated it: {', '.join(assumed)}." if assumed else ""
     page = Page(
         about=about,
         made_of=sentence(about),
         verdict=[verdict, *headline_sentences(numbers)],
-        notes=[content["intervals"], left_out, assumed_text(read_table(states))],
+        notes=[content["intervals"], left_out, note],
         conditions=conditions(results["impedance"]) if "impedance" in results else (),
         groups=list(groups(results["walking_summary"], results["walking_groups"]))
         if "walking_summary" in results
@@ -194,13 +197,6 @@ def signals_of(
         if len(samples) and len(shown) > 1:
             return of_recording(samples, f"{motion} (deg)")
     return None
-
-
-def assumed_text(states: pl.DataFrame) -> str:
-    """The settings of `settings.csv` that are used though nobody stated them; empty if all are."""
-    assumed = states.cast(pl.String).filter(state="assumed")
-    texts = [f"{name} {value}" for name, value in assumed.select("setting", "value").rows()]
-    return f"Assumed, since nobody stated it: {', '.join(texts)}." if texts else ""
 
 
 def drawn_figures(figures: Mapping[str, Path]) -> tuple[list[ShownFigure], dict[str, str]]:

@@ -245,8 +245,12 @@ def analyse(
     onset = read_model(onsets, Onsets).get(walked.name)
     try:
         crossing = analyse_crossing(walked, static, model, perturbed, settings, onset)
-        if direction is not None:
-            check_direction(crossing, direction)
+        if direction is not None and crossing.direction not in (None, direction):
+            raise InputError(
+                f"trial {crossing.name}: the platform turned by"
+                f" {np.rad2deg(crossing.turn or 0.0):.1f} deg (positive: toes up), but the sheet"
+                f" says direction '{direction}'; correct the sheet, or exclude the trial"
+            )
         crossing = replace(crossing, body_mass=body_mass(walked, body_mass_kg))
     except OslAnalysisError as error:
         reason = str(error)
@@ -256,16 +260,6 @@ def analyse(
         write_refusal(walked.name, reason, output)
     else:
         write_crossing(crossing, output)
-
-
-def check_direction(crossing: Crossing, direction: str) -> None:
-    """Refuse a turn in another direction than the sheet states."""
-    if crossing.direction not in (None, direction):
-        raise InputError(
-            f"trial {crossing.name}: the platform turned by"
-            f" {np.rad2deg(crossing.turn or 0.0):.1f} deg (positive: toes up), but the sheet says"
-            f" direction '{direction}'; correct the sheet, or exclude the trial"
-        )
 
 
 def select_crossings(

@@ -103,7 +103,10 @@ def summarise_perturbations(
             f"{table}: {len(fitted)} of {len(fits)} {TOO_FEW} its column {EXCLUDED}, or record more"
             f" ({first})"
         )
-    selected = with_reasons(read_table(selection, ["trial", "reason", "group"]), fits)
+    in_groups = read_table(selection, ["trial", "reason", "group"])
+    reasons = fits.select("trial", of_fit=EXCLUDED)  # of crossings without a fit, too
+    in_groups = in_groups.join(reasons, on="trial", how="left", maintain_order="left")
+    selected = in_groups.with_columns(reason=pl.coalesce("reason", "of_fit"))
     perturbed = selected.filter("perturbed")
     gaits = read_unperturbed_gaits(unperturbed)
     model = read_model(plate, PlateModel)
@@ -142,8 +145,8 @@ def summarise_perturbations(
                 desired = commanded(str(row["quantity"]), phase)
             rows.append({"group": group, **row, "commanded": desired})
     if not of_responses:
-        reasons = "; ".join(f"{o.conditions.group}: {o.reason}" for o in outcomes)
-        raise InputError(f"{table}: no result of any group: {reasons}")
+        why = "; ".join(f"{o.conditions.group}: {o.reason}" for o in outcomes)
+        raise InputError(f"{table}: no result of any group: {why}")
 
     group_table = pl.DataFrame([outcome.row() for outcome in outcomes], infer_schema_length=None)
     doubts = judged(group_table, limits or Limits(), "walking_groups")
@@ -155,13 +158,6 @@ def summarise_perturbations(
     }
     for path, of_groups in tables.items():
         write_table(with_places(of_groups, places_of, "group"), path, data)
-
-
-def with_reasons(selection: pl.DataFrame, fits: pl.DataFrame) -> pl.DataFrame:
-    """The selection of crossings, with the reason of those without a fit, too."""
-    reasons = fits.select("trial", of_fit=EXCLUDED)
-    selection = selection.join(reasons, on="trial", how="left", maintain_order="left")
-    return selection.with_columns(reason=pl.coalesce("reason", "of_fit"))
 
 
 def outcome_of(conditions: GroupConditions, headline: GroupHeadline) -> GroupOutcome:

@@ -197,7 +197,11 @@ def overview_of_table(recording: Recording) -> Overview:
         except InputError as error:
             remarks.append(str(error))
     settings = {"clock": "master", **recording.settings}
-    drafted = [channel for channel in shown if channel.count and not is_in_stamp(channel, shown)]
+    # a part of a stamp, as its nanoseconds, is no channel
+    in_stamps = tuple(f"{channel.key}." for channel in shown if channel.is_stamp)
+    drafted = [
+        channel for channel in shown if channel.count and not channel.key.startswith(in_stamps)
+    ]
     facts = facts_of(recording)
     questions = [*recording.questions]
     if "log_part" in source_model(recording).model_fields:
@@ -223,11 +227,6 @@ def overview_of_table(recording: Recording) -> Overview:
             )
         facts["clock"] = f"{clock.key}, {clock.note}"
     return Overview(recording.format, facts, shown, remarks, settings, drafted, clock, questions)
-
-
-def is_in_stamp(channel: RecordedChannel, channels: Sequence[RecordedChannel]) -> bool:
-    """Whether a channel is itself a part of a stamp, as its nanoseconds."""
-    return any(other.is_stamp and channel.key.startswith(f"{other.key}.") for other in channels)
 
 
 def of_one_trial(

@@ -15,7 +15,7 @@ from osl_analysis.errors import InputError, naming, printable
 from osl_analysis.ingest import LIMITS
 from osl_analysis.recording import Channel, End, Loss, Recording, Rows
 from osl_analysis.source_file import LEVEL_UNIT, Conversion, LogChannel, LogSource
-from osl_analysis.trial import Array, counter_column, unit_of
+from osl_analysis.trial import COUNTER, Array, unit_of
 from osl_analysis.units import quantity, si_factor
 
 # facts on a sensor, which the provenance has in SI units
@@ -189,7 +189,7 @@ def canonical_columns(
             series = pl.Series(column, to_si(setting, numbers, unit_of(column), channel.unit))
         columns.append(series.set(pl.Series(lacking), None) if lacking.any() else series)
         origins[column] = origin_of(setting, column, channel.unit)
-        counter = counter_column(column)
+        counter = column + COUNTER
         if counter in values:
             counts = checked_counts(
                 f"{setting.ADDRESS} '{setting.counter}'",
@@ -265,7 +265,7 @@ def asked_channels(
     for column, setting in settings.items():
         if setting.counter is not None:
             address = {**setting.address, setting.ADDRESS: setting.counter}
-            asked[counter_column(column)] = recording.find(address)
+            asked[column + COUNTER] = recording.find(address)
     return channels, asked
 
 

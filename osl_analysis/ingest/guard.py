@@ -4,6 +4,7 @@ found."""
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -12,10 +13,9 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import Change, InputError
 from osl_analysis.ingest import LIMITS
-from osl_analysis.measured import SMALLEST_SIGNAL, varies
+from osl_analysis.measured import SMALLEST_SIGNAL, noise_of, varies
 from osl_analysis.signals import longest_of, run_edges
 from osl_analysis.signals.grid import origin
-from osl_analysis.signals.plateaus import noise_of
 from osl_analysis.trial import Array, Trial, unit_of
 from osl_analysis.units import si_factor
 
@@ -80,19 +80,23 @@ def unexplained_share(time: Array, torque: Array, signals: Mapping[str, Array]) 
     to tell. An inertia is left: a simulated joint without noise is no circle."""
     if time.size < LIMITS.fewest_compared:
         return 1.0
-    columns = []
+    columns = [torque, np.ones_like(torque)]
     for name, values in signals.items():
-        columns += [*np.vander(values, LIMITS.highest_power + 1).T]
+        columns += accumulate([values] * LIMITS.highest_power, np.multiply)
         if name == "omega_m":
             columns += [np.sign(values), np.sign(values) * abs(signals.get("current", 0.0))]
         elif name != "current":
             columns.append(np.gradient(values, time))
-    known = np.stack([torque, *columns], axis=1)
-    known = known[np.isfinite(known).all(axis=1)]
+    known = np.array(columns)
+    is_known = np.isfinite(known).all(axis=0)
+    if not is_known.all():
+        known = known[:, is_known]
     # sums over a short time: a formula still holds, and rounding of an angle hardly makes speed
-    group = max(len(known) // int(np.ptp(time) / LIMITS.averaged_s + 1), 1)
-    sums = np.add.reduceat(known, np.arange(0, len(known), group))[:-1]  # the last may be shorter
-    y, X = sums[:, 0], sums[:, 1:]
+    rows = known.shape[1]
+    group = max(rows // int(np.ptp(time) / LIMITS.averaged_s + 1), 1)
+    sums = np.add.reduceat(known, np.arange(0, rows, group), axis=1)
+    y, *of_signals = sums[:, :-1]  # the last may be shorter
+    X = np.column_stack(of_signals)
     if len(y) < LIMITS.fewest_compared or not varies(y):
         return 1.0
     X = X / (np.abs(X).max(axis=0) + SMALLEST_SIGNAL)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError
 from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.conversion import numbers_of
+from osl_analysis.measured import usual_step
 from osl_analysis.recording import SECOND_NS, Channel, Kind, Recording, Rows
 from osl_analysis.source_file import TableSource
 from osl_analysis.trial import Array
@@ -79,12 +80,6 @@ def ticks(values: NDArray[Any], unit: str) -> bool:
     usual = np.median(steps)
     is_even = np.mean(np.abs(steps - usual) < LIMITS.even_step * usual) > LIMITS.even_share
     return bool(is_even and (is_of_time(unit) if unit else time_unit(values)))
-
-
-def usual_step(time: NDArray[Any]) -> float:
-    """Median step of times (n,), or their mean if most stamps are repeated; 0 of one."""
-    steps = np.diff(time)
-    return float(np.median(steps) or steps.mean()) if steps.size else 0.0
 
 
 def rate_of(time: NDArray[Any], second: float = 1.0) -> float | None:

@@ -24,7 +24,7 @@ from osl_analysis.ingest.guard import (
     run_at_extreme,
     standing_runs,
 )
-from osl_analysis.ingest.likely_clock import usual_step
+from osl_analysis.measured import usual_step
 from osl_analysis.recording import beside, plate_axes
 from osl_analysis.signals import longest_run
 from osl_analysis.signals.grid import GapLimits, devices_of, origin, uniform_signals

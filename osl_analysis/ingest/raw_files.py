@@ -268,7 +268,7 @@ def read_raw_file(path: Path, source: Source) -> tuple[Converted, dict[str, Any]
     """
     files = recorded_files(path)
     before = [written_at(file) for file in files]
-    identities = [
+    identities: list[dict[str, Any]] = [
         {"path": file.name, "bytes": file.stat().st_size, "sha256": digest(file)} for file in files
     ]
     try:
@@ -280,7 +280,15 @@ def read_raw_file(path: Path, source: Source) -> tuple[Converted, dict[str, Any]
                     f"{file}: the file changed while it was read; wait until it is recorded or"
                     " copied, then run again"
                 )
-    return converted, identity_of_folder(identities) if path.is_dir() else identities[0]
+    if not path.is_dir():
+        return converted, identities[0]
+    together = "".join(part["sha256"] for part in identities)
+    of_folder = {
+        "bytes": sum(part["bytes"] for part in identities),
+        "sha256": hashlib.sha256(together.encode()).hexdigest(),
+        "parts": identities,
+    }
+    return converted, of_folder
 
 
 def check_columns(trial: Trial, experiment: str | None, needed: Sequence[str]) -> None:
@@ -329,13 +337,3 @@ def written_at(path: Path) -> tuple[int, int, int]:
     with path.open("rb") as file:  # opening makes a network file system ask its server again
         known = os.fstat(file.fileno())
     return known.st_ino, known.st_size, known.st_ctime_ns
-
-
-def identity_of_folder(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """What identifies the files of a folder: size and hash of all together, and those of each."""
-    together = "".join(part["sha256"] for part in parts)
-    return {
-        "bytes": sum(part["bytes"] for part in parts),
-        "sha256": hashlib.sha256(together.encode()).hexdigest(),
-        "parts": list(parts),
-    }

@@ -93,8 +93,12 @@ def judged(
     # fits to whole trials, beside fits to single amplitudes
     are_whole = [row.get("amplitude_deg", "") is None for row in rows]
     of_whole = {row.get("trial"): beyond[k] for k, row in enumerate(rows) if are_whole[k]}
+    # at one amplitude friction looks like a fault of the recording; over all amplitudes it does not
     for numbers, row in zip(beyond, rows, strict=True):
-        drop_unlike_whole(numbers, of_whole.get(row.get("trial"), numbers))
+        shown = of_whole.get(row.get("trial"), numbers)
+        for column, number in list(numbers.items()):
+            if known_finding(number.finding).of_recording and column not in shown:
+                del numbers[column]
 
     # what explains the misfit of a trial, by the fit to all of it before those to its amplitudes
     misfit_by: dict[object, KnownFinding | None] = {}
@@ -192,15 +196,6 @@ def unit_of_ratio(rule: Rule, ratio: float, row: AnyRow) -> tuple[str, bool]:
     size = max(abs(ratio), 1 / abs(ratio))
     near = NearUnit.OF_LARGE_RATIO if size > NearUnit.LARGE else NearUnit.OF_STATED
     return known_factor(ratio, rule.units, near), False
-
-
-def drop_unlike_whole(numbers: Numbers, of_whole: Numbers) -> None:
-    """Drop from a row's numbers the evidence of a recording's fault that the fit to the whole trial
-    does not show. At one amplitude friction looks like such a fault; over all amplitudes it does
-    not."""
-    for column, number in list(numbers.items()):
-        if known_finding(number.finding).of_recording and column not in of_whole:
-            del numbers[column]
 
 
 def explaining(numbers: Numbers) -> KnownFinding | None:

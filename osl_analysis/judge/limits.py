@@ -70,7 +70,7 @@ class DoubtfulFits(Settings):
     def of(self, table: str) -> Limits:
         """What is stated for one table."""
         stated = self.__pydantic_extra__.get(table, ColumnLimits())
-        return Limits(**stated.model_dump(), accuracy=self.accuracy)
+        return Limits.model_construct(**vars(stated), accuracy=self.accuracy)
 
 
 def check_columns(limits: ColumnLimits, table: str) -> None:

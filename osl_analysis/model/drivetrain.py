@@ -6,14 +6,16 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator, model_validator
+from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator
 
 from osl_analysis.errors import InputError, nearest
+from osl_analysis.files import digest
 from osl_analysis.trial import Array
 from osl_analysis.yaml_settings import Settings, misplaced, read_yaml
 
@@ -21,7 +23,6 @@ PARAMETER_UNITS = {
     "k_tau": "N*m/A", "n_m": "1", "B_m": "N*m*s/rad", "J_m": "kg*m^2", "f_C": "N*m", "f_G": "N*m/A",
     "n_T": "1", "K_s": "N*m/rad", "K_s2": "N*m/rad^2", "B_j": "N*m*s/rad", "J_j": "kg*m^2",
 }  # fmt: skip
-KNOWN = ", ".join(PARAMETER_UNITS)
 NEVER_ZERO = ("k_tau", "n_m", "J_m", "n_T", "K_s")  # each divides or drives
 REQUIRED = tuple(name for name in PARAMETER_UNITS if name != "K_s2")  # of the drivetrain's model
 # a parameter outside, in SI units, has a wrong exponent
@@ -77,18 +78,6 @@ class ParameterFile(Settings):
     warning: str = ""
     parameters: dict[str, Quantity]
 
-    @model_validator(mode="before")
-    @classmethod
-    def _have_their_place(cls, content: Any) -> Any:
-        for name in PARAMETER_UNITS:
-            if name in content:
-                raise misplaced(
-                    f"write it below `parameters`, as all that are known of {KNOWN}; beside"
-                    " `parameters` the file needs `name` and `description`",
-                    name,
-                )
-        return content
-
     @field_validator("parameters")
     @classmethod
     def _are_possible(cls, quantities: dict[str, Quantity]) -> dict[str, Quantity]:
@@ -109,7 +98,8 @@ def wrong_in(name: str, quantity: Quantity) -> str:
     """What is wrong with a quantity: it is unknown, in another unit, or has a wrong exponent; empty
     for nothing."""
     if name not in PARAMETER_UNITS:
-        return f"unknown parameter {name}; known are {KNOWN}{nearest(name, PARAMETER_UNITS)}"
+        known = ", ".join(PARAMETER_UNITS)
+        return f"unknown parameter {name}; known are {known}{nearest(name, PARAMETER_UNITS)}"
     unit = PARAMETER_UNITS[name]
     if quantity.unit != unit:
         return f"{name} has unit '{quantity.unit}', expected '{unit}'; convert its value"
@@ -128,6 +118,13 @@ def joint_of(path: Path) -> str:
     return read_yaml(path, ParameterFile).joint
 
 
+# to validate it takes 2 ms, and a notebook fits many trials
+@lru_cache(maxsize=8)
+def file_of_state(path: Path, state: str | None) -> ParameterFile:
+    """What a parameter file holds while its `state` is the same. Raises as `read_parameters`."""
+    return read_yaml(path, ParameterFile)
+
+
 def known_parameters(
     path: Path | None, needed: Sequence[str] = REQUIRED
 ) -> DrivetrainParameters | None:
@@ -135,7 +132,7 @@ def known_parameters(
     lacks one that is `needed`. Raises as `read_parameters`, but that none is missing."""
     if path is None:
         return None
-    file = read_yaml(path, ParameterFile)
+    file = file_of_state(path, digest(path))
     if file.warning:
         warnings.warn(f"{path}: {' '.join(file.warning.split())}", stacklevel=3)
     if not file.parameters.keys() >= {*needed}:

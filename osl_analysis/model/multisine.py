@@ -18,7 +18,6 @@ from osl_analysis.trial import Array
 GROUP = 4  # number of neighbouring odd lines with one detection line
 # each line gives two equations for K, B and I, but one alone cannot tell K from I
 FEWEST_LINES = 3
-SAMPLES_PER_CYCLE = 16  # of the fastest line, in the search for the largest deflection
 
 
 @dataclass(frozen=True)
@@ -29,7 +28,6 @@ class Multisine:
     lines: NDArray[np.intp]  # (n,) excited lines, odd multiples of 1/period
     size: Array  # (n,) amplitudes [rad]
     phase: Array  # (n,) [rad]
-    detection: NDArray[np.intp]  # odd lines between the excited ones that are not excited
 
     @property
     def frequency_hz(self) -> Array:
@@ -40,13 +38,6 @@ class Multisine:
         w = 2 * np.pi * self.frequency_hz
         phase = np.outer(time, w) + (self.phase + derivative * np.pi / 2)
         return np.asarray(np.sin(phase) @ (self.size * w**derivative))
-
-    @property
-    def peak(self) -> float:
-        """Largest deflection [rad] to either side."""
-        samples = SAMPLES_PER_CYCLE * int(self.lines[-1])
-        time = self.period_s * np.arange(samples) / samples
-        return float(np.max(np.abs(self.angle(time))))
 
 
 def odd_multisine(
@@ -74,23 +65,21 @@ def odd_multisine(
     InputError
         Period or size is not positive, or odd lines are too few.
     """
-    lines, detection = odd_lines(period_s, band_hz, seed)
+    lines = odd_lines(period_s, band_hz, seed)
     if not 0 < rms < np.inf:
         raise InputError(
             f"a multisine of {rms:g} rad rms does not move the joint; give an angle above 0"
         )
     phase = np.random.default_rng([seed, 1, realisation]).uniform(0, 2 * np.pi, len(lines))
     size = np.full(len(lines), rms * np.sqrt(2 / len(lines)))
-    return Multisine(period_s, lines, size, phase, detection)
+    return Multisine(period_s, lines, size, phase)
 
 
-def odd_lines(
-    period_s: float, band_hz: tuple[float, float], seed: int
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Draw the excited odd lines within a band [Hz], and the detection lines.
+def odd_lines(period_s: float, band_hz: tuple[float, float], seed: int) -> NDArray[np.intp]:
+    """Draw the excited odd lines within a band [Hz].
 
-    One detection line is drawn in each whole group, except the first and the last line of the band,
-    so that each has a neighbour on either side. Raises InputError as `odd_multisine`.
+    One line is left out in each whole group, except the first and the last line of the band, so
+    that each has a neighbour on either side. Raises InputError as `odd_multisine`.
     """
     low, high = band_hz
     if not (0 < period_s < np.inf and 0 < low < high < np.inf):
@@ -102,16 +91,16 @@ def odd_lines(
     odd = np.arange(first + 1 - first % 2, last + 1, 2)
 
     generator = np.random.default_rng([seed, 0])
-    detection = []
+    left_out = []
     for start in range(0, len(odd) - GROUP + 1, GROUP):
         is_first = start == 0
         is_last = start + GROUP >= len(odd)
         place = generator.integers(1 if is_first else 0, GROUP - 1 if is_last else GROUP)
-        detection.append(int(odd[start + place]))
-    excited = np.setdiff1d(odd, detection)
+        left_out.append(int(odd[start + place]))
+    excited = np.setdiff1d(odd, left_out)
     if len(excited) < FEWEST_LINES:
         raise InputError(
             f"{len(excited)} odd lines of a period of {period_s:g} s lie within {low:g} to"
             f" {high:g} Hz; take a longer period or a wider band"
         )
-    return excited, np.array(detection, dtype=np.intp)
+    return excited

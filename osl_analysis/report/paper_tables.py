@@ -59,6 +59,11 @@ def conditions(impedance: pl.DataFrame) -> list[Condition]:
         used = fits if len(fits) == 1 else sound
         first = fits.row(0, named=True)
         results = chain.from_iterable(map(results_in, used["remarks"]))
+        estimates = {}  # of one trial, or means of several; of none there is nothing
+        for symbol in symbols:
+            mean = summary_row(used, symbol)
+            unit = UNITS.get(symbol, "")
+            estimates[symbol] = written(mean["mean"], mean["low"], mean["high"], unit)
         rows.append(
             Condition(
                 stated={key: stated_text(first[key]) for key in keys},
@@ -66,7 +71,7 @@ def conditions(impedance: pl.DataFrame) -> list[Condition]:
                 n=len(sound),
                 is_doubtful=sound.is_empty(),
                 results=list(dict.fromkeys(results)),
-                estimates={symbol: estimate_of(used, symbol) for symbol in symbols},
+                estimates=estimates,
             )
         )
     return rows
@@ -75,13 +80,6 @@ def conditions(impedance: pl.DataFrame) -> list[Condition]:
 def stated_text(cell: object) -> str:
     """What the sheet states."""
     return NOTHING if cell in (None, "") else f"{cell:g}" if isinstance(cell, float) else str(cell)
-
-
-def estimate_of(used: pl.DataFrame, name: str) -> str:
-    """An estimate with its 95 % interval, of one trial or as the mean of several; of none there is
-    nothing."""
-    mean = summary_row(used, name)
-    return written(mean["mean"], mean["low"], mean["high"], UNITS.get(name, ""))
 
 
 def estimate_text(row: Mapping[str, Any], name: str, unit: str = "") -> str:

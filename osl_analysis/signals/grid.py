@@ -8,6 +8,7 @@ marked, and fits leave their rows out. Too long gaps are refused.
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from osl_analysis.signals import LowPass, differentiate
 from osl_analysis.signals.sample_count import FEWEST_STAMPS, LONG_STEP
 from osl_analysis.signals.samples import SensorLowPass, Stream, Taken, take, take_stream
 from osl_analysis.signals.stamp_evidence import Reading
-from osl_analysis.trial import Array, Trial, counter_column
+from osl_analysis.trial import COUNTER, Array, Trial
 
 BRIDGE_MORE = (  # remedy if gaps leave nothing to fit
     "record again with fewer lost samples, or lower time_base.highest_hz, which bridges gaps up to"
@@ -56,11 +57,13 @@ class UniformSignals:
         off the torque.
     usable : Array
         (m,) false in and near a marked gap. Filter and differentiate all rows, then drop these.
-    streams : Sequence
-        What was found and done in each stream, by the names of `timebase.csv`; all of it is JSON.
     taken : tuple of Taken
         How the samples of each stream were taken.
+    gaps : Sequence of (int, int)
+        Numbers of bridged and of marked gaps of each.
     limits : GapLimits
+    is_decided : bool
+        Whether stamps and signals decide how the stamps of each stream are read.
     trial : str
         Its name.
     """
@@ -69,23 +72,48 @@ class UniformSignals:
     rate_hz: float
     signals: Mapping[str, Array]
     usable: NDArray[np.bool_]
-    streams: Sequence[Mapping[str, Any]]
     taken: tuple[Taken, ...]
+    gaps: Sequence[tuple[int, int]]
     limits: GapLimits
+    is_decided: bool
     trial: str = ""
 
     def __getitem__(self, column: str) -> Array:
         return self.signals[column]
 
-    def other(self) -> "UniformSignals | None":
-        """The same with the other reading of every undecided stream: true stamps as even, even ones
-        as true.
+    @cached_property
+    def streams(self) -> Sequence[Mapping[str, Any]]:
+        """What was found and done in each stream, by the names of `timebase.csv`; all of it is
+        JSON."""
+        of_clocks = 1e-3  # a larger relative difference of two rates is intended
+        rows = []
+        for part, (bridged, marked) in zip(self.taken, self.gaps, strict=True):
+            clock, reading = part.clock, part.reading
+            rate = 1 / clock.step
+            difference = rate / self.rate_hz - 1
+            rows.append(
+                {
+                    "signals": ", ".join(part.stream.signals),
+                    "rate_hz": rate,
+                    # against the fastest stream
+                    "ppm": 1e6 * difference if abs(difference) < of_clocks else None,
+                    "firm": reading.firm,
+                    "why": reading.why,
+                    "missing": clock.missing,
+                    "repeated": part.repeated,
+                    "bridged": bridged,
+                    "marked": marked,
+                    "delay_s": part.delay,
+                    "stamps": "even" if reading.even else "exact",
+                    "g": reading.g,  # from the signal with the smallest standard error
+                    "age": reading.age if reading.firm and not reading.even else None,
+                }
+            )
+        return rows
 
-        None if no stream is undecided. The difference of the two fits is the cost of the missing
-        decision.
-        """
-        if all(part.reading.firm for part in self.taken):
-            return None
+    def other(self) -> "UniformSignals":
+        """The same with the other reading of every undecided stream: true stamps as even, even ones
+        as true. The difference of the two fits is the cost of the missing decision."""
         taken = [part if part.reading.firm else part.other() for part in self.taken]
         return on_one_grid(taken, self.limits, self.trial)
 
@@ -168,7 +196,17 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
     leading = [part for part in taken if part.stream.leads]
     step = min(part.step for part in leading)
     rate = 1 / step
-    time = shared_time(leading, step)
+    first, last_to_begin = max((part.samples[0][0], part.stream.name) for part in leading)
+    last, first_to_end = min((part.samples[0][-1], part.stream.name) for part in leading)
+    # keeps a last row that rounding would cut off
+    rows = int(np.floor((last - first) / step + ON_GRID)) + 1
+    if rows < FEWEST_STAMPS:
+        raise InputError(
+            f"{last_to_begin} begins at {first:.4f} s and {first_to_end} ends at {last:.4f} s: they"
+            f" overlap in {max(rows, 0)} rows, at least {FEWEST_STAMPS} are needed; check that both"
+            " clocks count from the same time"
+        )
+    time = step * np.arange(rows) + first
     # a gap up to a tenth of a period is bridged: a cubic is wrong by 5e-4 there
     bridged_s = 0.1 / limits.highest_hz
     # to either side of a longer one, into which the filter spreads its values
@@ -176,14 +214,14 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
     margins = np.array([-margin_s, margin_s])
     usable = np.ones(len(time), dtype=bool)
     signals = dict[str, Array]()
-    report = []
+    gaps = []
     for part in leading:
         ends, length = gaps_of(part, time, limits.longest_s)
         marked = ends[length > bridged_s]
         for first, stop in np.searchsorted(time, marked + margins).tolist():
             usable[first:stop] = False
         signals.update(resampled(*part.samples, time, step))
-        report.append(stream_row(part, len(ends) - len(marked), len(marked), rate))
+        gaps.append((len(ends) - len(marked), len(marked)))
     if not usable.any():
         raise InputError(
             f"{taken[0].stream.name}: every row from {time[0]:.4f} s to {time[-1]:.4f} s lies"
@@ -196,7 +234,8 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
             with suppress(InputError):
                 gaps_of(part, time, limits.longest_s)
                 signals.update(resampled(*part.samples, time, step))
-    signals = with_equal_sensor_filters(signals, taken, rate)
+    if any(part.stream.low_passes for part in taken):
+        signals = with_equal_sensor_filters(signals, taken, rate)
 
     fixture = next((part.stream.fixture for part in taken if part.stream.fixture), None)
     if fixture and "theta" in signals and "torque" in signals:
@@ -208,27 +247,13 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
         rate_hz=rate,
         signals=signals,
         usable=usable,
-        streams=report,
         # copies without cached properties: these take 0.4 GB for an hour
         taken=tuple(replace(part, clock=replace(part.clock)) for part in leading),
+        gaps=gaps,
+        is_decided=all(part.reading.firm for part in leading),
         limits=limits,
         trial=trial,
     )
-
-
-def shared_time(taken: Sequence[Taken], step: float) -> Array:
-    """Uniform times (m,) [s] that all streams cover. Raises InputError: too few rows."""
-    first, last_to_begin = max((part.samples[0][0], part.stream.name) for part in taken)
-    last, first_to_end = min((part.samples[0][-1], part.stream.name) for part in taken)
-    # keeps a last row that rounding would cut off
-    rows = int(np.floor((last - first) / step + ON_GRID)) + 1
-    if rows < FEWEST_STAMPS:
-        raise InputError(
-            f"{last_to_begin} begins at {first:.4f} s and {first_to_end} ends at {last:.4f} s: they"
-            f" overlap in {max(rows, 0)} rows, at least {FEWEST_STAMPS} are needed; check that both"
-            " clocks count from the same time"
-        )
-    return np.asarray(step * np.arange(rows) + first)
 
 
 def with_equal_sensor_filters(
@@ -309,33 +334,6 @@ def gaps_of(part: Taken, time: Array, longest_s: float) -> tuple[Array, Array]:
     return ends, length
 
 
-def stream_row(part: Taken, bridged: int, marked: int, grid_hz: float) -> dict[str, Any]:
-    """Report on one stream resampled to a rate [Hz], with so many gaps: its row of `timebase.csv`.
-
-    g is from the signal with the smallest standard error.
-    """
-    clock, reading = part.clock, part.reading
-    rate = 1 / clock.step
-    difference = rate / grid_hz - 1
-    of_clocks = 1e-3  # a larger relative difference of two rates is intended
-    return {
-        "signals": ", ".join(part.stream.signals),
-        "rate_hz": rate,
-        # against the fastest stream
-        "ppm": 1e6 * difference if abs(difference) < of_clocks else None,
-        "firm": reading.firm,
-        "why": reading.why,
-        "missing": clock.missing,
-        "repeated": part.repeated,
-        "bridged": bridged,
-        "marked": marked,
-        "delay_s": part.delay,
-        "stamps": "even" if reading.even else "exact",
-        "g": reading.g,
-        "age": reading.age if reading.firm and not reading.even else None,
-    }
-
-
 def resampled(
     times: Array, values: Mapping[str, Array], grid: Array, step: float
 ) -> dict[str, Array]:
@@ -390,13 +388,14 @@ def devices_of(trial: Trial, columns: Sequence[str]) -> list[list[str]]:
 def stream_of(trial: Trial, names: Sequence[str], beside: Collection[str] = ()) -> Stream:
     """Make a stream of columns that one device recorded, with what the source file states."""
     stamps, *values = trial.arrays(*names)
-    origins = {name: origin(trial, name) for name in names}
+    described = trial.provenance.get("columns", {})
+    origins = {name: described.get(name, {}) for name in names}
     file = origins[names[0]].get("file", "")
     choice = trial.provenance.get(file, {}).get("time", {}).get("stamps", "auto")
     reading = next((Reading(*trial.clocks[name]) for name in names if name in trial.clocks), None)
     if choice != "auto":
         reading = Reading(choice == "even", 0.0, True, f"stated: {choice}")
-    counters = [name for name in map(counter_column, names) if name in trial.columns]
+    counters = [name + COUNTER for name in names if name + COUNTER in trial.samples]
     return Stream(
         name=", ".join(names),
         stamps=stamps,
@@ -409,6 +408,7 @@ def stream_of(trial: Trial, names: Sequence[str], beside: Collection[str] = ()) 
             for name, facts in origins.items()
             if "low_pass" in facts
         },
+        resolutions={name: facts.get("resolution") for name, facts in origins.items()},
         fixture=origins.get("torque", {}).get("fixture"),
         beside=beside,
     )

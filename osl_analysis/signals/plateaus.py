@@ -1,12 +1,11 @@
 """Plateaus of a stepped current, and whether the shaft stands meanwhile: a clamped actuator."""
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.measured import usual_size
+from osl_analysis.measured import noise_of
 from osl_analysis.signals import runs
 from osl_analysis.trial import Array
 
@@ -18,8 +17,6 @@ NOISE_CHANGE = 5.0  # standard deviations of the change between means, if noise 
 LARGEST_CHANGE = 0.2  # of the range; a step is larger than any noise
 SHORTEST_LEVEL = 5  # changes between such means: a plateau of 0.3 s
 SETTLING, ENDING = 3, 1  # means left out: the torque settles, and the filter spreads the next step
-THIRD_DIFFERENCE = math.sqrt(20)  # times white noise: its third difference; slower motion is gone
-NORMAL_MEDIAN = 0.6745  # median of |x| in standard deviations of normal noise
 SPEED_BINS = 3  # over which a speed is averaged: 0.15 s, which hum and noise do not pass
 FEWEST_PLATEAUS = 8  # whose scatter, one left out at a time, gives an interval
 MOST_FAST = 0.5  # share of the time at plateaus in which noise may seem to move a shaft that stands
@@ -82,13 +79,6 @@ def means_from(begins: NDArray[np.intp], values: Array) -> Array:
     """Means (k,) of values (n,) over bins that begin at these rows (k,)."""
     rows = np.diff(np.append(begins, len(values)))
     return np.add.reduceat(values, begins) / rows
-
-
-def noise_of(values: Array) -> float:
-    """Standard deviation of white noise in (n,) values, by their third differences."""
-    if len(values) < 4:
-        return 0.0
-    return usual_size(np.diff(values, 3)) / NORMAL_MEDIAN / THIRD_DIFFERENCE
 
 
 def is_clamped(

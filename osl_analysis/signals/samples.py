@@ -66,6 +66,8 @@ class Stream:
         without one.
     low_passes : Mapping
         Stated low-pass filters of the sensors, by signal.
+    resolutions : Mapping
+        Stated steps of the signals, in their units.
     fixture : Mapping or None
         Arguments of `fixture_torque`, as the sheet states them.
     beside : Collection
@@ -84,6 +86,7 @@ class Stream:
     counter: SampleCount | None = None
     delays: Mapping[str, float] = field(default_factory=dict)
     low_passes: Mapping[str, SensorLowPass] = field(default_factory=dict)
+    resolutions: Mapping[str, float | None] = field(default_factory=dict)
     fixture: Mapping[str, float] | None = None
     beside: Collection[str] = ()
 

@@ -42,12 +42,6 @@ class JointMotion:
     alpha: Array  # (n,) [rad/s^2]
 
 
-def smooth_motion(theta: Array, rate_hz: float) -> JointMotion:
-    """A motion whose velocity and acceleration are those of a spline through its angle."""
-    spline = scipy.interpolate.CubicSpline(np.arange(len(theta)) / rate_hz, theta)
-    return JointMotion(theta, spline(spline.x, 1), spline(spline.x, 2))
-
-
 def sine_command(protocol: SteppedSineSchedule, rate_hz: float) -> JointMotion:
     """Command the stepped sine from rest.
 
@@ -131,7 +125,9 @@ def excitation_motion(excitation: Excitation, trial: str, seed: int, rate_hz: fl
     draws = np.random.default_rng([seed, zlib.crc32(trial.encode()), zlib.crc32(b"excitation"), 0])
     shape = steady_angle(excitation, time, draws)
     theta = np.deg2rad(excitation.rms_deg) * envelope * shape
-    return smooth_motion(np.pad(theta, round(excitation.rest_s * rate_hz)), rate_hz)
+    theta = np.pad(theta, round(excitation.rest_s * rate_hz))
+    spline = scipy.interpolate.CubicSpline(np.arange(len(theta)) / rate_hz, theta)
+    return JointMotion(theta, spline(spline.x, 1), spline(spline.x, 2))
 
 
 def steady_angle(excitation: Excitation, time: Array, draws: np.random.Generator) -> Array:

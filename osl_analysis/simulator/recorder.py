@@ -224,28 +224,25 @@ def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
         topic.records["channel"] = number
         rows = CHUNK_BYTES // topic.records.itemsize
         for first in range(0, topic.records.size, rows):
-            records.append(chunk_of(topic.records[first : first + rows]))
+            messages = topic.records[first : first + rows]
+            content = messages.tobytes()
+            chunk = mcap_records.Chunk(
+                compression="zstd",
+                data=zstandard.compress(content),
+                message_start_time=int(messages["log"].min()),
+                message_end_time=int(messages["log"].max()),
+                uncompressed_crc=zlib.crc32(content),
+                uncompressed_size=len(content),
+            )
+            records.append(chunk)
     records += [mcap_records.DataEnd(0), mcap_records.Footer(0, 0, 0)]
 
     builder = RecordBuilder()
     for record in records:
         record.write(builder)
-    content: bytes = builder.end()  # type: ignore[no-untyped-call]
+    written: bytes = builder.end()  # type: ignore[no-untyped-call]
     with atomic_path(path) as temporary:
-        temporary.write_bytes(MCAP0_MAGIC + content + MCAP0_MAGIC)
-
-
-def chunk_of(messages: NDArray[np.void]) -> mcap_records.Chunk:
-    """A chunk of messages, with a checksum."""
-    content = messages.tobytes()
-    return mcap_records.Chunk(
-        compression="zstd",
-        data=zstandard.compress(content),
-        message_start_time=int(messages["log"].min()),
-        message_end_time=int(messages["log"].max()),
-        uncompressed_crc=zlib.crc32(content),
-        uncompressed_size=len(content),
-    )
+        temporary.write_bytes(MCAP0_MAGIC + written + MCAP0_MAGIC)
 
 
 # A true signal: (n,) at the even instants of the simulation; or, for a signal that jumps, as

@@ -9,13 +9,14 @@ import cmath
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from statistics import fmean
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.errors import Change, InputError
-from osl_analysis.measured import rms, usual_size
+from osl_analysis.measured import noise_of
 from osl_analysis.trial import Array
 
 # Relative differences of a recorded sine from the commanded one
@@ -40,12 +41,12 @@ MOVING_SHARE = 0.02  # smallest share of its range by which it then turns; rests
 # standard deviations of the noise, within which the turn and the angle of a sensor at rest stay
 MOVING_NOISES = 12
 DEAD_BAND_NOISES = 5
-# A second difference of white noise has sqrt(6) of its standard deviation; the median size is
-# 0.6745 of a normal one.
-SECOND_DIFFERENCE = 0.6745 * np.sqrt(6)
 
 SAMPLES_PER_CYCLE = 64  # tell all of a sine
-SINE_ROUNDS = 6  # of Gauss-Newton; an error of 0.03 rad at the ends falls below 1e-12 in four
+SINE_ROUNDS = (
+    6  # of Gauss-Newton at most; an error of 0.03 rad at the ends falls below 1e-12 in four
+)
+SETTLED = 1e-8  # cycles over the run by which a round changes the sine, after which it is found
 LARGEST_MISFIT = 0.3  # of the sine's RMS
 PURE_SINE = 0.08
 """Misfit of a pure sine, of its RMS; a triangle's is 0.12. An angle that deviates by so much of the
@@ -161,12 +162,6 @@ def find_sines(
     return found, bool(of_sines >= LEAST_SINES * moving.sum())
 
 
-def noise_of(theta: Array) -> float:
-    """Standard deviation of the noise of an angle (n,), in its unit, by its second differences; 0
-    of two samples."""
-    return usual_size(np.diff(theta, 2)) / SECOND_DIFFERENCE if len(theta) > 2 else 0.0
-
-
 def moving_bins(theta: Array, rate_hz: float) -> NDArray[np.bool_]:
     """Find the rows in which a joint moves, in bins of `BIN_S`.
 
@@ -184,7 +179,7 @@ def moving_bins(theta: Array, rate_hz: float) -> NDArray[np.bool_]:
     bins = np.arange(len(theta)) // (BIN_S * rate_hz)
     first_rows = np.flatnonzero(np.diff(bins, prepend=-1))
     turn = np.maximum.reduceat(theta, first_rows) - np.minimum.reduceat(theta, first_rows)
-    moves = turn > max(MOVING_SHARE * np.ptp(theta), MOVING_NOISES * noise_of(theta))
+    moves = turn > max(MOVING_SHARE * np.ptp(theta), MOVING_NOISES * noise_of(theta, 2))
     return np.repeat(moves, np.diff(first_rows, append=len(theta)))
 
 
@@ -202,7 +197,7 @@ def similar_cycles(theta: Array, moving: NDArray[np.bool_]) -> Iterator[Array]:
         Rows, not rounded, at which the cycles of a stretch begin and the last one ends.
     """
     x = theta - np.median(theta[moving] if moving.any() else theta)
-    dead_band = max(MOVING_SHARE * np.abs(x).max(), DEAD_BAND_NOISES * noise_of(theta))
+    dead_band = max(MOVING_SHARE * np.abs(x).max(), DEAD_BAND_NOISES * noise_of(theta, 2))
     beyond = np.flatnonzero(np.abs(x) > dead_band)
     came_up = beyond[1:][np.diff(np.sign(x[beyond])) > 0]
     rises = np.flatnonzero(np.diff(x > 0) & (x[1:] > 0))
@@ -212,12 +207,15 @@ def similar_cycles(theta: Array, moving: NDArray[np.bool_]) -> Iterator[Array]:
         return
     rows = np.ceil(crossings).astype(np.intp)
     height = (np.maximum.reduceat(theta, rows) - np.minimum.reduceat(theta, rows))[:-1]
-    cycles = np.column_stack([np.diff(crossings), height])
+    lengths = np.diff(crossings).tolist()
+    sizes = height.tolist()
     stretches: list[list[int]] = [[]]
-    for number, cycle in enumerate(cycles):
+    for number, (length, size) in enumerate(zip(lengths, sizes, strict=True)):
         recent = stretches[-1][-RECENT_CYCLES:] or [number]
-        changes = np.abs(cycle / cycles[recent].mean(axis=0) - 1)
-        if (changes > (SAME_FREQUENCY, SAME_AMPLITUDE)).any():
+        usual_length = fmean(lengths[k] for k in recent)
+        usual_size = fmean(sizes[k] for k in recent)
+        is_alike = abs(length / usual_length - 1) <= SAME_FREQUENCY
+        if not is_alike or abs(size / usual_size - 1) > SAME_AMPLITUDE:
             stretches.append([])
         stretches[-1].append(number)
     for stretch in stretches:
@@ -240,23 +238,27 @@ def fit_run(
     frequency = 1 / periods.mean()  # per row
     sine = 0j
     # the fit of four parameters of IEEE 1057; without a sine yet, the first round leaves it
-    for _ in range(SINE_ROUNDS):
+    for rounds in range(SINE_ROUNDS):
         turned = np.exp(2j * np.pi * frequency * rows)
         slope = (2j * np.pi * rows * sine * turned).real
         columns = np.column_stack([turned.real, -turned.imag, np.ones(len(rows)), slope])
         real, imaginary, centre, change = np.linalg.lstsq(columns, theta[rows])[0].tolist()
         sine = complex(real, imaginary)
         frequency += change
+        if rounds and abs(change) * (last - first) < SETTLED:
+            break
 
-    near = np.arange(earliest, latest + 1)
+    outside = np.r_[earliest:first, last - 1 : latest + 1]
+    tested = np.append(rows, outside)
     amplitude, phase = abs(sine), cmath.phase(sine)
-    deviation = theta[near] - centre - amplitude * np.cos(2 * np.pi * frequency * near + phase)
-    misfit = rms(deviation[rows - earliest]) / amplitude * np.sqrt(2)
+    deviation = theta[tested] - centre - amplitude * np.cos(2 * np.pi * frequency * tested + phase)
+    misfit = np.std(deviation[: len(rows)]) / amplitude * np.sqrt(2)
     if misfit > LARGEST_MISFIT:
         return None
-    has_left = np.abs(deviation) > (PURE_SINE + np.sqrt(2) * misfit) * amplitude
-    start = int(near[has_left & (near < first)].max(initial=earliest - 1)) + 1
-    stop = int(near[has_left & (near >= last - 1)].min(initial=latest + 1)) - 1
+    has_left = np.abs(deviation[len(rows) :]) > (PURE_SINE + np.sqrt(2) * misfit) * amplitude
+    left = outside[has_left]
+    start = int(left[left < first].max(initial=earliest - 1)) + 1
+    stop = int(left[left >= last - 1].min(initial=latest + 1)) - 1
     return Run(
         frequency_hz=frequency * rate_hz,
         amplitude=amplitude,

@@ -44,12 +44,15 @@ OWN_CONDITION = (
 been asked for another K than trials that are like it. Empty for other trials."""
 
 
-def alike_sizes(sizes: pl.Series, ratio: float = 1.15) -> pl.Series:
+LARGEST_RATIO = 1.15  # of sizes that are paired
+
+
+def alike_sizes(sizes: pl.Series) -> pl.Series:
     """Labels by which sizes (n,) are paired: the median, to three digits, of each group of sizes,
-    of which the largest is at most `ratio` times the smallest. Null stays null."""
+    of which the largest is at most `LARGEST_RATIO` times the smallest. Null stays null."""
     groups: list[list[float]] = []
     for size in sizes.unique().drop_nulls().sort():
-        if not groups or size > ratio * groups[-1][0]:
+        if not groups or size > LARGEST_RATIO * groups[-1][0]:
             groups.append([])
         groups[-1].append(size)
     labels = {size: float(f"{median(group):.3g}") for group in groups for size in group}

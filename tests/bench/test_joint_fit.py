@@ -123,7 +123,7 @@ def test_stamps_that_can_be_read_in_two_ways_widen_the_intervals(joint, B):
     record = record_with(**SOUND[joint])
     later = np.interp(record.time - 2e-4, record.time, record.torque)
     later_filtered = np.interp(record.time - 2e-4, record.time, record.filtered_torque)
-    other = replace(record, torque=later, filtered_torque=later_filtered, streams=())
+    other = replace(record, torque=later, filtered_torque=later_filtered)
 
     plain = sound_row(joint)
     both = row_of(replace(record, with_other_stamps=other))

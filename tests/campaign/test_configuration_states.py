@@ -223,7 +223,7 @@ def test_without_a_stated_protocol_the_recording_is_its_own_label():
 def test_sizes_of_one_label_are_within_the_ratio_of_each_other():
     chain = pl.Series([1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.7, 1.8, 1.9, None])
 
-    labels = alike_sizes(chain, ratio=1.15)
+    labels = alike_sizes(chain)
 
     ends = pl.DataFrame({"size": chain, "label": labels}).drop_nulls().group_by("label")
     spans = ends.agg(low=pl.col("size").min(), high=pl.col("size").max())

@@ -212,8 +212,7 @@ def test_stamps_that_cannot_be_decided_are_told_with_the_change_of_estimates(und
 
 def test_intervals_reach_to_the_fit_with_other_stamps(undecided):
     one_reading = table_of(replace(undecided, with_other_stamps=None)).row(-1, named=True)
-    other_reading = replace(undecided.with_other_stamps, encoder_step=undecided.encoder_step)
-    other = table_of(other_reading).row(-1, named=True)
+    other = table_of(undecided.with_other_stamps).row(-1, named=True)
 
     row = table_of(undecided).row(-1, named=True)
 

@@ -221,7 +221,7 @@ def test_the_other_reading_of_a_held_channel_is_a_row_older_where_it_is_doubtful
     assert other.taken[0].stream.name == "torque"
     assert other.taken[0].delay == pytest.approx(1e-3, abs=2e-5)
     assert other.other().taken[0].delay == pytest.approx(0, abs=2e-5)
-    assert one_time_base([held_log(333.0)]).other() is None
+    assert one_time_base([held_log(333.0)]).is_decided
 
 
 TAKEN_BEFORE = held_log(50.0, late=0.9)  # within the row before the first that has a value
@@ -238,7 +238,7 @@ def test_a_value_taken_within_the_row_before_lies_where_its_doubt_says():
 def test_a_stated_delay_leaves_no_doubt_about_held_values():
     grid = one_time_base([replace(TAKEN_BEFORE, delays={"torque": 1e-3})])
 
-    assert grid.other() is None
+    assert grid.is_decided
     assert_recovers_the_joint(grid)
 
 

@@ -163,9 +163,9 @@ def test_derivatives_of_a_multisine_are_its_slopes(derivative):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_one_odd_line_in_four_is_left_out_and_none_at_the_ends(seed):
-    excited, left_out = odd_lines(8.0, BAND, seed)
+    excited = odd_lines(8.0, BAND, seed)
 
-    np.testing.assert_array_equal(np.union1d(excited, left_out), np.arange(5, 48, 2))
+    left_out = np.setdiff1d(np.arange(5, 48, 2), excited)
     group = (left_out - 5) // 8
     np.testing.assert_array_equal(group, np.arange(5))
     assert excited[0] == 5
@@ -174,7 +174,7 @@ def test_one_odd_line_in_four_is_left_out_and_none_at_the_ends(seed):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_the_last_line_is_excited_where_the_last_group_is_a_whole_one(seed):
-    excited, _ = odd_lines(8.0, (0.5, 5.5), seed)  # 20 lines
+    excited = odd_lines(8.0, (0.5, 5.5), seed)  # 20 lines
 
     assert excited[-1] == 43
 

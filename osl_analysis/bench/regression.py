@@ -360,8 +360,7 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> GroupFi
 
     stratum = np.unique(s.groups.stratum, return_inverse=True)[1]
     has_strata = int(stratum.max()) + 1 >= FEWEST_UNITS
-    is_repeated = s.groups.kind != "stretches"
-    has_repeats = is_repeated and int(np.bincount(stratum).min()) > 1
+    has_repeats = s.groups.kind != "stretches" and int(np.bincount(stratum).min()) > 1
     # estimates (u, p) without one of u units at a time
     unit = stratum if has_strata else np.arange(len(A_g))
     belongs = np.asarray(unit == np.unique(unit)[:, None], dtype=np.float64)
@@ -371,7 +370,7 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> GroupFi
     b_without = (b_g.sum(axis=0) - belongs @ b_g) / scale
     left_out = np.linalg.solve(scaled, b_without[..., None])[..., 0] / scale
     covariance = scatter_of(left_out)
-    freedom = np.full(len(A), len(left_out) - 1.0)
+    freedom = np.full(len(A), max(len(left_out) - 1.0, 1.0))
     noise = None
     if has_repeats:
         # before the filter noise is independent from row to row

@@ -312,14 +312,21 @@ def run_at_extreme(values: Array, standing: NDArray[np.intp] | None = None) -> s
 
 
 def has_corners(values: Array, run: slice) -> bool:
-    """Whether a channel (n,) is far from where it stands, half as long before and after a run of
-    equal values; a single one has no duration."""
+    """Whether a channel (n,) is far from a run of equal values, half as long before and after, and
+    comes to all such runs at speed. What comes to rest slows down: of its way to there, the last
+    fifth takes more than its share of the time. A single value has no duration."""
     half = (run.stop - run.start) // 2
-    around = np.pad(values, half, constant_values=np.inf)
+    distance = np.abs(values - values[run.start])
+    around = np.pad(distance, half, constant_values=np.inf)
     sides = around[[run.start, run.stop - 1 + 2 * half]]
     steps = np.abs(np.diff(values))
-    far = LIMITS.corner_steps * steps[steps > 0].min(initial=np.inf)
-    return half == 0 or bool(np.abs(sides - values[run.start]).min() > far)
+    step = steps[steps > 0].min(initial=np.inf)
+    runs = run_edges(distance == 0)
+    first = runs[np.diff(runs)[:, 0] > half, 0]
+    away = [np.append(-1, np.flatnonzero(distance > way * step)) for way in LIMITS.approach_steps]
+    near, approach = (np.sum(first - 1 - rows[np.searchsorted(rows, first) - 1]) for rows in away)
+    is_fast = near <= LIMITS.last_share * approach + 1
+    return half == 0 or bool(is_fast and sides.min() > LIMITS.corner_steps * step)
 
 
 def standing_runs(
@@ -346,7 +353,7 @@ def standing_runs(
     """
     every = repeats(values)
     edges: NDArray[np.intp] = every[np.diff(every)[:, 0] > LIMITS.least_standing]
-    if not len(edges) or time[0] == time[-1]:
+    if time[0] == time[-1]:
         return edges[:0]
     followed = np.interp(time, *reference)
     sums = np.append(0.0, np.cumsum(followed - followed.mean()))

@@ -219,8 +219,8 @@ NOISY = "(torque|torque_m|current)"  # columns that noise keeps changing
 def samples_at_rail(trial: Trial, column: str, torque: str, angle: str = "theta") -> int:
     """Longest run [samples] of a channel at an end of its stated range, or at its lowest or highest
     value. A channel without noise, as an angle, may rest at an extreme: it is clipped only if the
-    `torque`, or of a torque the `angle`, changes meanwhile, and if it does not stand elsewhere as
-    often, as behind play. A current without noise is a command and has levels."""
+    `torque`, or of a torque the `angle`, changes meanwhile, and if it does not stand more often
+    between both extremes, as behind play. A current without noise is a command and has levels."""
     time, values = recorded(trial, column)
     if values.size < 2 or not np.isfinite(values).all():  # the fit refuses it
         return 0
@@ -234,11 +234,11 @@ def samples_at_rail(trial: Trial, column: str, torque: str, angle: str = "theta"
         if column == "current" or not reference[0].size:
             return at_end
         standing = standing_runs(time, values, reference)
-    rail = run_at_extreme(values, standing)
-    length = values[rail].size
+    length = values[run_at_extreme(values, standing)].size
     if standing is not None:
         levels = values[standing[2 * np.diff(standing)[:, 0] > length, 0]]
-        if 2 * np.count_nonzero(levels == values[rail.start]) < levels.size:  # play
+        is_at_end = np.isin(levels, (values.min(), values.max()))
+        if 2 * is_at_end.sum() < levels.size:  # play
             return at_end
     return max(at_end, length)
 

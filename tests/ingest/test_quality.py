@@ -146,12 +146,7 @@ BEYOND = longest_run(TORQUE > 15)
 ABOVE = BEYOND.stop - BEYOND.start
 NUMBERS = np.arange(1000)
 LEVELS = np.repeat([1.0, 4.0, -2.0, 0.0], 1000)[:2000]
-SEEN = with_piece(
-    with_piece(with_piece(np.linspace(0, 0.1, 400), 0, 40, np.nan), 100, 160, np.nan),
-    200,
-    210,
-    np.nan,
-)
+SEEN = with_piece(with_piece(np.linspace(0, 0.1, 400), 0, 40, np.nan), 100, 160, np.nan)
 # faults that begin or end in a leap of one sample: a rail out of nowhere, and a turn
 STILL = pl.DataFrame({"time": np.arange(2000) / RATE, "theta": 0.1})
 BARE = laboratory()["plate1_force_z"].to_numpy()
@@ -163,11 +158,11 @@ STOOD_ON = 800 + np.random.default_rng(1).standard_normal(2000)
     ("rate", bench()[:2], "belt", None, NOT_JUDGED),
     ("rate", laboratory(), "walking", 200.0, "marker_A_x"),
     # a load cell at either rail, by its samples
-    *(("saturation", bench(torque=s * np.minimum(TORQUE, 15.0)), "impedance", ABOVE,
-    "torque") for s in (1, -1)),
+    ("saturation", bench(torque=-np.minimum(TORQUE, 15.0)), "impedance", ABOVE, "torque"),
     ("saturation", bench(torque=with_piece(TORQUE, 1000, 1009, 40.0)), "impedance", 9, "torque"),
-    # an encoder at both ends of its range, and at one, though it rests while the torque drifts
-    ("saturation", bench(ANGLE.clip(-0.05, 0.05), torque=TORQUE), "impedance", 123, "theta"),
+    # an encoder at both ends of its range, once more at one; and at one, though it rests while the
+    # torque drifts
+    ("saturation", bench(ANGLE.clip(-0.05, 0.05), torque=TORQUE)[:8000], "impedance", 123, "theta"),
     ("saturation", bench(ANGLE.clip(max=0.05), torque=TORQUE + np.linspace(0, 40, ANGLE.size)),
      "impedance", 123, "theta"),
     ("dropout", bench(torque=with_piece(TORQUE, 1000, 1001, 2e6)), "impedance", 1, None),
@@ -251,20 +246,17 @@ STEEP = np.where(NUMBERS % 200 > 103, 440.0, PEAKS)  # steep behind its peaks al
 COARSE = np.where(NUMBERS < 800, -80.0, 700 + np.sin(NUMBERS))
 
 
-@pytest.mark.parametrize(
-    "values", [LOADED + 5, COARSE, 300 - COARSE, np.minimum(LOADED, 700.5), PEAKS, STEEP]
-)
+@pytest.mark.parametrize("values", [
+    LOADED + 5, COARSE, 300 - COARSE, np.minimum(LOADED, 700.5), PEAKS, STEEP,
+    np.rint(200 * np.tanh(4 * np.sin(NUMBERS / 20))),  # slows down to rest at both ends
+])  # fmt: skip
 def test_an_extreme_where_the_channel_rests_or_peaks_slowly_is_no_rail(
     values,
 ):
     assert run_at_extreme(np.array([5.0, np.nan, 5.0, 0.0])) == slice(0, 0)
     run = run_at_extreme(values)
-    rail = run_at_extreme(np.where(NUMBERS % 100 < 20, 900.0, np.sin(NUMBERS)))
     assert run.stop - run.start < 5
-    assert (rail, run_at_extreme(np.abs(NUMBERS % 200 - 100.0) + 50)) == (
-        slice(0, 20),
-        slice(100, 101),
-    ), "the first"
+    assert run_at_extreme(np.abs(NUMBERS % 200 - 100.0) + 50) == slice(100, 101), "the first"
 
 
 @pytest.mark.parametrize(
@@ -283,18 +275,14 @@ def test_edges_in_the_steps_of_a_slow_log_do_not_doubt_its_clock(residual_ms, ra
     assert checks["clock_residual"].value == pytest.approx(beyond_ms / 1e3, abs=1e-4)
 
 
-BAD_FIT = {
-    "drift": 5e-5, "residual": 2.5e-3, "edges": 20,
-    "method": "edges",
-}  # fmt: skip
 DAMAGED_LOG = {
     "complete": False, "end_missing": True, "lost": 130, "share_lost": 0.04, "remarks": ["chunk 3"],
 }  # fmt: skip
 
 
 @pytest.mark.parametrize(("provenance", "beyond", "check", "value", "remark"), [
-    ({"clock": BAD_FIT}, {"clock_residual"}, "clock_residual", 2.5e-3,
-     "20 .*edges"),
+    ({"clock": {"drift": 5e-5, "residual": 2.5e-3, "edges": 20, "method": "edges"}},
+     {"clock_residual"}, "clock_residual", 2.5e-3, "20 .*edges"),
     ({"columns": {"torque": {"unit": "lbf*in", "unit_of_file": "N*m"}, "theta": {"unit": "deg"}}},
      {"unit"}, "unit", 1.0, r"torque .*lbf\*in.*N\*m"),
     ({"damage": {"log": DAMAGED_LOG}}, {"damage", "truncated"}, "damage", 4.0,

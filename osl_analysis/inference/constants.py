@@ -78,8 +78,9 @@ COLOUR_BAND = 0.75
 # Draws of the encoder's zero and the motion's size; they give a standard error to 20 %; as random
 # effects in the model they would be fitted away
 ROUNDING_DRAWS = 12
-# Least play, dead zone or motion that is not rounding [encoder steps]; at 1.5 steps a joint at
-# rest explains its own rounding as a dead zone, with a log-likelihood of 143
+# Least play, dead zone, motion or RMS of what is cut, over K, that is not rounding [encoder steps];
+# at 1.5 steps a joint at rest explains its own rounding as a dead zone, with a log-likelihood of
+# 143; sound steps between levels look cut by up to 2.1, and what is cut and named by 9 or more
 FEWEST_STEPS = 3.0
 
 

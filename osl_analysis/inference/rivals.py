@@ -27,7 +27,7 @@ from typing import Literal
 import numpy as np
 import scipy
 
-from osl_analysis.inference.constants import FEWEST_STEPS, RIDGE, TINY, Ranges
+from osl_analysis.inference.constants import FEWEST_STEPS, Ranges
 from osl_analysis.inference.friction_shapes import slipping_springs
 from osl_analysis.inference.spectra import solve_scaled
 from osl_analysis.inference.whitening import Whitened
@@ -73,11 +73,7 @@ class Search:
     def __init__(self, data: Whitened, has_friction: bool) -> None:
         self.data = data
         self.has_friction = has_friction
-        shared = data.shared(has_friction)
-        length = np.linalg.norm(shared, axis=1, keepdims=True) + TINY
-        self._shared = shared / length
-        normal = self._shared @ self._shared.T + RIDGE * np.eye(len(shared))
-        self._inverse = np.linalg.inv(normal)
+        self._shared = np.linalg.qr(data.shared(has_friction).T)[0]
         self.left, self.coefficients = self.fit(data.motion)
         self.impedance = data.impedance_matrix @ self.coefficients
 
@@ -92,8 +88,7 @@ class Search:
 
     def rest(self, signals: Array) -> Array:
         """What friction, offset and drift leave of signals (..., m)."""
-        of_shared = (signals @ self._shared.T) @ self._inverse
-        return np.asarray(signals - of_shared @ self._shared)
+        return np.asarray(signals - (signals @ self._shared) @ self._shared.T)
 
     def is_worth_refining(self, left: float) -> bool:
         """Whether what is left of the torque is so much less than what Eq. 15 leaves, in noise of
@@ -121,18 +116,16 @@ class Search:
         if not self.is_worth_refining(values.min()):
             return []
         minima = []
-        for k in np.argsort(values).tolist():
-            before, after = max(k - 1, 0), min(k + 1, len(grid) - 1)
-            if values[k] > min(values[before], values[after]):
-                continue
-            ends = float(grid[before]), float(grid[after])
+        lowest_near = scipy.ndimage.minimum_filter1d(values, 3, mode="nearest")
+        for k in np.flatnonzero(values == lowest_near).tolist():
+            ends = grid[max(k - 1, 0)], grid[min(k + 1, len(grid) - 1)]
             refined = scipy.optimize.minimize_scalar(
                 left,
                 bounds=ends,
                 method="bounded",
                 options={"maxiter": REFINEMENTS, "xatol": 1e-4 * (ends[1] - ends[0])},
             )
-            minima.append((float(refined.fun), float(refined.x)))
+            minima.append((refined.fun, float(refined.x)))
         return [parameter for _, parameter in sorted(minima)[:2]]
 
 
@@ -191,10 +184,8 @@ def candidates(rival: Rival, search: Search) -> list[Candidate]:
     data = search.data
     model = rival.model
     if model is None:
-        columns = data.motion
-        if rival.name in data.columns:
-            columns = np.concatenate([columns, data.columns[rival.name]])
-        return [Candidate(rival, columns, data.torque)]
+        added = data.columns.get(rival.name, data.motion[:0])
+        return [Candidate(rival, np.concatenate([data.motion, added]), data.torque)]
     if rival.grid is None:
         without_parameter = model(search, 0.0)
         return [Candidate(rival, *without_parameter)] if without_parameter else []
@@ -228,8 +219,7 @@ def late(search: Search, delay_s: float) -> Model:
 def low_passed(search: Search, lag_s: float) -> Model:
     """A torque behind a low-pass of first order, or an angle, whose time constant is negative."""
     data = search.data
-    low_pass = 1 / (1 + abs(lag_s) * data.spectra.s)
-    response = low_pass if lag_s > 0 else 1 / low_pass
+    response = (1 + abs(lag_s) * data.spectra.s) ** -np.sign(lag_s)
     return data.column(data.spectra.derivatives[:3] * response), data.torque
 
 
@@ -279,7 +269,8 @@ def cut(search: Search, _: float) -> Model | None:
     """A torque of which one or both ends are cut, with what K, B and I predict of the missing.
 
     An end is the median of what is recorded where more is predicted: noise is added after an
-    amplifier has cut, so that the largest samples are beyond it. None if the torque goes on there.
+    amplifier has cut, so that the largest samples are beyond it. None if the torque goes on there,
+    or if no more is missing than what the encoder rounds where the joint rests.
     """
     data = search.data
     spectra = data.spectra
@@ -297,17 +288,17 @@ def cut(search: Search, _: float) -> Model | None:
         above, below = modelled > high, modelled < low
         high = np.median(recorded[above]) if above.any() else high
         low = np.median(recorded[below]) if below.any() else low
-        missing[inside] = modelled - np.clip(modelled, low, high)
+        kept = np.clip(modelled, low, high)
+        missing[inside] = modelled - kept
         torque = data.torque + data.column(spectra.spectrum_of(missing))
         coefficients = search.fit(data.motion, torque)[1]
 
-    square = product = 0.0
-    for rows in (above, below):
-        if rows.any():
-            about_mean = modelled[rows] - modelled[rows].mean()
-            square += float(about_mean @ about_mean)
-            product += float(about_mean @ recorded[rows])
-    return (data.motion, torque) if product < Cut.MOST_FOLLOWING * square else None
+    square = missing @ missing
+    followed = missing[inside] @ (recorded - kept)
+    rounded = FEWEST_STEPS * spectra.signals.encoder_step * coefficients[0]
+    if square <= rounded**2 * np.count_nonzero(missing):
+        return None
+    return (data.motion, torque) if followed < Cut.MOST_FOLLOWING * square else None
 
 
 EQ_15 = Rival("", "nothing")

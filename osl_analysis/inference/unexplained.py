@@ -65,10 +65,8 @@ def largest_shifts(
         of_friction = INEXACTNESS**2 * (plain_left - best.left)
     of_rounding = np.sum(rounding**2) / len(rounding)
     of_sensors = most_noise * (noise + of_rounding)
-    unexplained = max(float(squares.sum()) - of_sensors - of_friction, 0.0)
+    unexplained = max(squares.sum() - of_sensors - of_friction, 0.0)
 
-    search = Search(data, best.has_friction)
-    own_squares = [
-        search.fit(np.delete(data.motion, k, axis=0), data.motion[k])[0] for k in range(3)
-    ]
-    return np.asarray(np.sqrt(unexplained / np.array(own_squares)))
+    # squares of what the other two leave of a column are 1 over the diagonal of the inverse
+    own = Search(data, best.has_friction).rest(data.motion)
+    return np.asarray(np.sqrt(unexplained * np.diag(np.linalg.inv(own @ own.T))))

@@ -261,11 +261,11 @@ def weigh(
     squares[[fit.has_friction for fit in possible]] += of_friction / BLOCKS
     totals = squares.sum(axis=1)
     is_sound = np.array([fit.rival is EQ_15 for fit in possible])
-    best = int(np.argmin(totals))
-    best_sound = int(np.argmin(np.where(is_sound, totals, np.inf)))
+    best = np.argmin(totals)
+    best_sound = np.argmin(np.where(is_sound, totals, np.inf))
 
     # by how much log-likelihood each predicts each block better than the best sound one
-    noise = max(float(totals[best]) / freedom, 1.0)
+    noise = max(totals[best] / freedom, 1.0)
     gains_of_blocks = (squares[best_sound] - squares) / 2 / noise
     draws = np.random.default_rng(SEED).dirichlet(np.ones(BLOCKS), BOOTSTRAP_DRAWS) * BLOCKS
     gains = draws @ gains_of_blocks.T

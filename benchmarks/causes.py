@@ -281,8 +281,8 @@ def by_motion(rows: pl.DataFrame) -> str:
 
 
 def sound_table(rows: pl.DataFrame) -> str:
-    """A row per kind of sound recording with something wrong: how many are accused, refused, or off
-    without a doubt. A row for all others, and for all."""
+    """A row per kind of sound recording with something wrong: how many are accused of what they do
+    not have, refused, or off without a doubt. A row for all others, and for all."""
     lines: list[tuple[object, ...]] = []
     others: list[str] = []
     total = Counter[str]()
@@ -290,12 +290,13 @@ def sound_table(rows: pl.DataFrame) -> str:
         if cause not in {one.name for one in SOUND}:
             continue
         refused = count_of(mine, "refused")
-        accused = count_of(mine, "other") + count_of(mine, "right")
+        accused = count_of(mine, "other")
         off = count_of(mine, "silent") + count_of(mine, "not checked")
         total.update(n=len(mine), accused=accused, refused=refused, off=off)
         name = str(cause).removeprefix("sound, ")
         if accused or refused or off:
-            lines.append((name, len(mine), accused, named_in(mine), refused, off))
+            wrongly = mine.filter(pl.col("outcome") == "other")
+            lines.append((name, len(mine), accused, named_in(wrongly), refused, off))
         else:
             total["clear"] += len(mine)
             others.append(name)
@@ -327,7 +328,7 @@ def worse(now: pl.DataFrame, before: pl.DataFrame) -> list[str]:
     both = now.join(before.select(*KEY, was="outcome", was_named="named"), on=KEY, how="inner")
     sound, lines = {one.name for one in SOUND}, []
     rank = {"silent": 3, "not checked": 2, "refused": 2, "other": 1, "right": 0, "within": 0}
-    of_sound = {"within": 0, "silent": 1, "not checked": 1, "other": 2, "right": 2, "refused": 2}
+    of_sound = {"within": 0, "right": 0, "silent": 1, "not checked": 1, "other": 2, "refused": 2}
     for cell, mine in both.group_by(KEY[:-1], maintain_order=True):
         order = of_sound if cell[0] in sound else rank
         was, is_now = (

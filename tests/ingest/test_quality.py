@@ -143,7 +143,6 @@ def test_a_sound_recording_passes_every_check():
 
 AWAY = (np.arange(ANGLE.size) > 2000) & (np.arange(ANGLE.size) < 2500)
 BEYOND = longest_run(TORQUE > 15)
-ABOVE = BEYOND.stop - BEYOND.start
 NUMBERS = np.arange(1000)
 LEVELS = np.repeat([1.0, 4.0, -2.0, 0.0], 1000)[:2000]
 SEEN = with_piece(with_piece(np.linspace(0, 0.1, 400), 0, 40, np.nan), 100, 160, np.nan)
@@ -158,7 +157,8 @@ STOOD_ON = 800 + np.random.default_rng(1).standard_normal(2000)
     ("rate", bench()[:2], "belt", None, NOT_JUDGED),
     ("rate", laboratory(), "walking", 200.0, "marker_A_x"),
     # a load cell at either rail, by its samples
-    ("saturation", bench(torque=-np.minimum(TORQUE, 15.0)), "impedance", ABOVE, "torque"),
+    ("saturation", bench(torque=-np.minimum(TORQUE, 15.0)), "impedance",
+     BEYOND.stop - BEYOND.start, "torque"),
     ("saturation", bench(torque=with_piece(TORQUE, 1000, 1009, 40.0)), "impedance", 9, "torque"),
     # an encoder at both ends of its range, once more at one; and at one, though it rests while the
     # torque drifts

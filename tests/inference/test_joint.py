@@ -128,8 +128,9 @@ def test_rounding_that_every_cycle_repeats_is_neither_fault_nor_friction(wave, m
     time = np.arange(40_000) / 1000
     theta = np.deg2rad(10) * wave(2 * np.pi * 0.1 * time)
     moved = scipy.interpolate.make_interp_spline(time, theta, 5)
-    of_joint = 100 * theta + 2 * moved(time, 1) + 0.02 * moved(time, 2)
-    torque = of_joint + 0.1 * rng.normal(size=len(time))
+    torque = (
+        100 * theta + 2 * moved(time, 1) + 0.02 * moved(time, 2) + 0.1 * rng.normal(size=40_000)
+    )
     step = 2 * np.pi / 2**12
     read = np.round(theta / step + rng.uniform()) * step
 

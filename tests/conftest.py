@@ -4,6 +4,8 @@ hand."""
 import gc
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +19,7 @@ os.environ.update(
 )
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # else each process compiles what it imports anew
 
+import numpy as np
 import polars as pl
 import pytest
 from hypothesis import settings
@@ -24,10 +27,11 @@ from kernels import is_numerical
 from xdist.remote import Producer
 from xdist.scheduler import LoadScopeScheduling
 
+from osl_analysis.errors import InputError
 from osl_analysis.judge import judging
 from osl_analysis.judge.finding import Finding
 from osl_analysis.judge.limits import Limits
-from osl_analysis.model.drivetrain import DrivetrainParameters, read_parameters
+from osl_analysis.trial import Trial
 
 sys.dont_write_bytecode = False
 gc.disable()  # until all is imported
@@ -108,17 +112,15 @@ def in_root(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
 
 
-@pytest.fixture(scope="session")
-def parameters() -> DrivetrainParameters:
-    return read_parameters(ROOT / "config/parameters/default.yaml")
-
-
 @pytest.fixture
 def without_inference(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a test of least squares alone: the inference takes nine tenths of a fit."""
     monkeypatch.setattr("osl_analysis.bench.evidence.inferred_of_joint", lambda *_: None)
     monkeypatch.setattr("osl_analysis.bench.evidence.inferred_of_leg", lambda *_: None)
     monkeypatch.setattr("osl_analysis.bench.parts_alone.suspected_fault_of_losses", lambda *_: None)
+
+
+least_squares_alone = pytest.mark.usefixtures("without_inference")
 
 
 @pytest.fixture(scope="session")
@@ -144,6 +146,24 @@ def schemas_made_once(
 ) -> None:
     """Of a test of new campaigns: to make the schemas of their files takes half the time."""
     monkeypatch.setattr("osl_analysis.commands.new_campaign.schemas", lambda: schemas_of_files)
+
+
+@contextmanager
+def refused_with(said: str) -> Iterator[None]:
+    """The block refuses its input in one printable line, in which this pattern is found."""
+    with pytest.raises(InputError, match=said) as caught:
+        yield
+    assert str(caught.value).isprintable()
+
+
+def joint_trial(time: np.ndarray, theta: np.ndarray, torque: np.ndarray) -> Trial:
+    """A trial of an angle [rad] and a torque [N*m]."""
+    return Trial("made", pl.DataFrame({"time": time, "theta": theta, "torque": torque}))
+
+
+def white_noise(size: int | tuple[int, ...], seed: int) -> np.ndarray:
+    """Normal numbers of standard deviation 1."""
+    return np.random.default_rng(seed).standard_normal(size)
 
 
 def marked(table: pl.DataFrame, limits: Limits, name: str) -> pl.DataFrame:

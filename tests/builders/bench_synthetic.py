@@ -32,6 +32,11 @@ def sine_settings(amplitudes_deg, frequencies_hz, cycles=10, settle_cycles=2):
     return DynamometerAnalysis(cutoff_hz=15, order=4, settle_cycles=settle_cycles, **own)
 
 
+def with_settings(record, **changes):
+    """The record, to be analysed with other settings."""
+    return replace(record, settings=sine_settings([2], [1]).model_copy(update=changes))
+
+
 def unit_sines(sines, rate):
     """Sines of unit amplitude, one after the other: frequency [Hz] and number of cycles of each."""
     pieces = []
@@ -73,10 +78,10 @@ def moved_by(protocol):
     return time, theta, true_motion(time, theta), segments_of(time, theta, protocol)
 
 
-def stepped_sine(torque_of, noise=0.0, protocol=PROTOCOL, seed=1):
+def stepped_sine(torque_of, noise=0.0, protocol=PROTOCOL):
     """A stepped-sine record whose torque [N*m] is a function of its motion, with white noise."""
     time, theta, motion, segments = moved_by(protocol)
-    torque = torque_of(motion) + noise * np.random.default_rng(seed).standard_normal(len(time))
+    torque = torque_of(motion) + noise * np.random.default_rng(1).standard_normal(len(time))
     return record_of_sines(time, theta, torque, protocol, segments)
 
 
@@ -148,9 +153,9 @@ def schedule(velocity_offset=0.0):
     )
 
 
-def belt_cycle(K_s=685.6, K_s2=0.0, coulomb=0.0, peak=0.0873):
+def belt_cycle(K_s=685.6, K_s2=0.0, coulomb=0.0):
     rest = np.zeros(200)
-    way = peak * (1 - np.cos(np.linspace(0, np.pi, 1500))) / 2
+    way = 0.0873 * (1 - np.cos(np.linspace(0, np.pi, 1500))) / 2
     theta_s = np.concatenate([rest, way, way[::-1], rest])
     direction = np.concatenate([0 * rest, 0 * way + 1, 0 * way - 1, 0 * rest])
     return theta_s, K_s * theta_s + K_s2 * theta_s * np.abs(theta_s) + coulomb * direction + 2.0

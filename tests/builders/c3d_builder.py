@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 
 INTEL = 84  # its code
+FACE = np.array([[0.3, 0.2, 0], [-0.3, 0.2, 0], [-0.3, -0.2, 0], [0.3, -0.2, 0]])
+"""Corners of a plate [m], in its axes."""
 
 
 def write_c3d(
@@ -17,7 +19,7 @@ def write_c3d(
     parameters `GROUP__NAME`."""
     analogs = np.zeros((len(points), 0)) if analogs is None else analogs
     ratio = len(analogs) // len(points)
-    known: dict[str, object] = {
+    known = {
         "POINT__USED": np.array([points.shape[1]]), "POINT__FRAMES": np.array([len(points)]),
         "POINT__SCALE": np.array([0.1 if integers else -0.1]), "POINT__RATE": np.array([rate]),
         "POINT__UNITS": ["mm"],
@@ -41,6 +43,18 @@ def write_c3d(
     content = header.ljust(512, b"\0") + section + data
     path.write_bytes(content.ljust(-(-len(content) // 512) * 512, b"\0"))
     return path
+
+
+def level_plates(*corners: np.ndarray) -> dict[str, np.ndarray]:
+    """Parameters of plates of type 2 with these corners (4, 3) [mm], all of the first six
+    channels."""
+    count = len(corners)
+    facts = {
+        "USED": np.array([count]), "TYPE": np.full(count, 2), "ORIGIN": np.zeros((3, count)),
+        "CORNERS": np.dstack([one.T for one in corners]),
+        "CHANNEL": np.arange(1, 7)[:, None] + np.zeros(count, int),
+    }  # fmt: skip
+    return {f"FORCE_PLATFORM__{name}": fact for name, fact in facts.items()}
 
 
 def parameter_section(parameters: dict[str, object]) -> bytes:

@@ -79,7 +79,6 @@ def write_trc(
     positions: np.ndarray = WALK,
     start: float = 0,
     first: int = 1,
-    decimals: int = 3,
     **header: Any,
 ) -> Path:
     """A file as Cortex writes it; `header` replaces what its second line names."""
@@ -94,7 +93,7 @@ def write_trc(
     lines += ["\t\tX1\tY1\tZ1", ""]
     for k, frame in enumerate(positions):
         cells = ["" if np.isnan(value) else f"{value:.5f}" for value in frame.ravel()]
-        time = f"{start + k / keys['DataRate']:.{decimals}f}"
+        time = f"{start + k / keys['DataRate']:.3f}"
         lines.append("\t".join([str(k + first), time, *cells, ""]))
     path.write_text("\n".join(lines) + "\n")
     return path

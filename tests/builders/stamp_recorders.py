@@ -113,7 +113,7 @@ def recorded(seed, kind, age=0.0, *, rate=1000.0, jitter=1e-4, changes=0.0, deci
     return log(np.round(stamps, decimals)[kept], taken[kept], random), taken[kept]
 
 
-def held_log(rate, late=0.0, of="torque", bits=14, long=0.0):
+def held_log(rate, late=0.0, of="torque", long=0.0):
     """A log at 1 kHz in which one signal stands for several rows: its newest value, `late` rows
     after it was taken. One loop in twelve is longer by `long` [s]."""
     random = np.random.default_rng(int(rate))
@@ -122,7 +122,7 @@ def held_log(rate, late=0.0, of="torque", bits=14, long=0.0):
     newest = np.floor((t - late / RATE) * rate + 1e-6).astype(int)
     taken = np.arange(newest[0], newest[-1] + 1) / rate
     recording = log(t, t, random)
-    values = {"theta": rounded_to_bits(sines(taken)[0], bits), "torque": torque_at(taken, random)}
+    values = {"theta": rounded_to_bits(sines(taken)[0], 14), "torque": torque_at(taken, random)}
     recording.signals[of][:] = values[of][newest - newest[0]]
     return recording
 

@@ -10,8 +10,9 @@ import numpy as np
 from conftest import ROOT
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+from shipped import LEG
 
-from osl_analysis.model.drivetrain import DrivetrainParameters, read_parameters
+from osl_analysis.model.drivetrain import DrivetrainParameters
 from osl_analysis.simulator.bench_trial import drivetrain_effects
 from osl_analysis.simulator.laboratory_settings import WalkingSettings
 from osl_analysis.simulator.simulated_crossing import SimulatedCrossing, simulate_crossing
@@ -61,12 +62,12 @@ def load_setup() -> Setup:
     settings = read_yaml(ROOT / "config/simulation/default.yaml", SimulationSettings)
     walking = read_yaml(ROOT / "config/simulation/walking.yaml", WalkingSettings)
     walking = walking.model_copy(update={"impedance": ROOT / walking.impedance})
-    return Setup(settings, walking, read_parameters(ROOT / "config/parameters/default.yaml"))
+    return Setup(settings, walking, LEG)
 
 
-def leg_log(folder: Path, trial: str = "walking_01") -> dict[str, Array]:
+def leg_log(folder: Path) -> dict[str, Array]:
     """The fields of the leg's log, by an independent reader."""
-    with (folder / f"leg/{trial}.mcap").open("rb") as stream:
+    with (folder / "leg/walking_01.mcap").open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
         messages = [m.decoded_message for m in reader.iter_decoded_messages()]
     fields = (

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-import yaml
-from conftest import ROOT
 from scipy.special import erf
+from shipped import SETTINGS
 
 from osl_analysis.trial import Array, Trial, marker_columns, plate_columns
 from osl_analysis.walking.poses import Poses
@@ -30,13 +29,13 @@ PLATFORM = np.array(
 CORNERS = [[0.25, 0.25, 0.0], [0.25, -0.25, 0.0], [-0.25, -0.25, 0.0], [-0.25, 0.25, 0.0]]
 ANKLE = np.array([-0.06, 0.0, 0.09])
 LEFT = np.array([0.0, 1.0, 0.0])
-SETTINGS: dict[str, Any] = yaml.safe_load((ROOT / "config/config.yaml").read_text())["walking"] | {
+OF_WALKING = SETTINGS["walking"] | {
     "load_on_n": 40, "longest_gap_s": 0.05, "bootstrap_samples": 100,
 }  # fmt: skip
 
 
 def settings(**changes: Any) -> WalkingAnalysis:
-    return WalkingAnalysis.model_validate(SETTINGS | changes)
+    return WalkingAnalysis.model_validate(OF_WALKING | changes)
 
 
 def about_y(angle: Array) -> Array:
@@ -93,7 +92,7 @@ def hidden(trial: Trial, markers: Sequence[str], start: float, end: float) -> Tr
 def static_trial(ankle: Array = ANKLE) -> Trial:
     """One second of standing; the malleoli 4 cm either side of the ankle (3,), the medial one to
     the left."""
-    tracks: dict[str, Array] = {}
+    tracks = {}
     for prefix, points in {"FOOT": FOOT, "SHANK": SHANK, "PLAT": PLATFORM}.items():
         tracks |= labelled(prefix, np.tile(points, (RATE, 1, 1)))
     for label, side in (("ANKLE_MED", LEFT), ("ANKLE_LAT", -LEFT)):

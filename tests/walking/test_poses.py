@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 from walking_synthetic import (
     FOOT,
     LEFT,
+    OF_WALKING,
     RATE,
-    SETTINGS,
     about_y,
     changed,
     hidden,
@@ -162,7 +162,7 @@ def test_the_calibrated_axis_points_to_the_left_for_either_leg(side: str) -> Non
     lateral = "ANKLE_LAT"
     if side == "left":
         medial, lateral = lateral, medial
-    markers = SETTINGS["markers"] | {"ankle_medial": medial, "ankle_lateral": lateral}
+    markers = OF_WALKING["markers"] | {"ankle_medial": medial, "ankle_lateral": lateral}
     standing = hidden(static_trial(ANKLE), ["SHANK2"], 0.2, 0.9)
 
     static = static_calibration(standing, settings(side=side, markers=markers))
@@ -186,7 +186,7 @@ def test_a_static_marker_that_is_never_seen_and_a_cluster_on_a_line_are_refused(
 
 
 def test_exchanged_foot_and_shank_are_refused() -> None:
-    markers = SETTINGS["markers"]
+    markers = OF_WALKING["markers"]
     exchanged = markers | {"foot": markers["shank"], "shank": markers["foot"]}
 
     with pytest.raises(InputError, match=r"foot markers SHANK1,.*24 cm.*shank markers FOOT1"):

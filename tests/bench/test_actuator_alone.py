@@ -10,41 +10,31 @@ import polars as pl
 import pytest
 from bench_synthetic import ACTUATOR as TRUE
 from bench_synthetic import by_hand, schedule
-from click.testing import CliRunner
-from conftest import ROOT, noted_in
+from command_line import call
+from conftest import ROOT, noted_in, refused_with, white_noise
 from scipy.signal import lfilter
+from shipped import CONFIG, DEVICE, LEG
 
 from osl_analysis.bench.bench_settings import ActuatorAnalysis, Calibration
 from osl_analysis.bench.parts_alone import ACTUATOR_PARAMETERS as NAMES
 from osl_analysis.bench.parts_alone import actuator_table, actuator_trial
-from osl_analysis.campaign.configuration import config_for_trials
-from osl_analysis.cli import main
 from osl_analysis.commands.fit import fit_actuator_trial, fit_trial
 from osl_analysis.commands.trials import raw_trial
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.ingest.quality import Commanded, measure_quality
-from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.simulator.bench_trial import simulate_bench_trial
 from osl_analysis.simulator.simulation_settings import RecorderSettings, SimulationSettings
 from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import read_yaml
 
-DEVICE = ROOT / "config/parameters/default.yaml"
 ANALYSIS = ActuatorAnalysis(cutoff_hz=15, order=4, sign_width=0.01)
 
 
-def settings(duration_s=20.0, effects=True):
+def settings(duration_s):
     """The default campaign's bench, recorded by one node that samples evenly."""
     found = read_yaml((ROOT / "config/simulation/default.yaml"), SimulationSettings)
     shorter = found.actuator.model_copy(update={"duration_s": duration_s})
-    kept = (
-        found.effects
-        if effects
-        else found.effects.without().model_copy(update={"friction": found.effects.friction})
-    )
-    return found.model_copy(
-        update={"actuator": shorter, "effects": kept, "recorder": RecorderSettings()}
-    )
+    return found.model_copy(update={"actuator": shorter, "recorder": RecorderSettings()})
 
 
 def fit_log(time, theta_m, current, torque_m):
@@ -59,7 +49,7 @@ def simulated(number=1, duration_s=20.0):
     log, _ = simulate_bench_trial(
         {"trial": f"actuator_{number}", "experiment": "actuator"},
         settings(duration_s),
-        read_parameters(DEVICE),
+        LEG,
     )
     return log, fit_log(
         log["time"], log["actuator_angle"], log["motor_current"], log["output_torque"]
@@ -107,15 +97,13 @@ def test_the_documented_commands_give_the_parameters_of_a_bench_of_ones_own(tmp_
     header = re.search(r"```\n(.*)\n```", documentation)[1]
     np.savetxt("bench.csv", columns, fmt="%.9g", delimiter=",", header=header, comments="")
     for command in re.findall(r"^osl-analysis (.*)$", documentation, re.MULTILINE):
-        said = CliRunner().invoke(main, command.split())
+        said = call(*command.split())
         assert said.exit_code == 0, said.output
     assert re.search(r"J_m +0\.009\d+ \(0\.009\d+.*0\.009\d+\) +kg·m²", said.output)
     source = Path("config/sources/actuator_bench_csv.yaml")
     trial = raw_trial(Path("bench.csv"), source, "actuator")
     assert {"omega_m", "current", "torque_m"} == trial.clocks.keys()
-    found = fit_trial(
-        "actuator", trial, DEVICE, config_for_trials(ROOT / "config/config.yaml")
-    ).table
+    found = fit_trial("actuator", trial, DEVICE, CONFIG).table
     assert found["motion"][0] == "omega_m"
     assert "omega" in fit_actuator_trial(trial, DEVICE, ANALYSIS).everything()["series"].columns
     assert found.select(NAMES).row(0) == pytest.approx([expected[name] for name in NAMES], rel=1e-3)
@@ -146,7 +134,7 @@ def test_rows_near_the_ends_and_of_slow_motion_are_not_fitted():
 def test_a_bench_without_a_motion_is_refused():
     still = free_samples().drop("theta_m", "omega_m")
     words = "trial b:.*theta_m.*omega_m"
-    with pytest.raises(InputError, match=words):
+    with refused_with(words):
         actuator_trial(Trial("b", still), ANALYSIS)
 
 
@@ -188,7 +176,7 @@ def test_current_in_steps_at_standstill_gives_the_torque_per_current_alone():
     assert row["k_tau_n_m_low"] < 0.648 < row["k_tau_n_m_high"]
     assert [row[name] for name in ("motion", *NAMES[1:])] == [None] * 5
     assert any(re.search("f_C.*f_G.*B_m.*J_m", one.cause) for one in noted_in("actuator", row))
-    with pytest.raises(InputError, match=r"current.*8 plateaus.*0\.3 s"):
+    with refused_with(r"current.*8 plateaus.*0\.3 s"):
         actuator_trial(staircase(1, levels=(0, 5)), ANALYSIS)
 
 
@@ -233,7 +221,7 @@ TWITCHES = sum(jump * np.tanh((CLAMPED - k) / 0.1) for k, jump in enumerate(JUMP
 
 @pytest.mark.parametrize("angle", [
     0.3 + 0 * CLAMPED,
-    0.2 + 0.2 * np.random.default_rng(5).standard_normal(len(CLAMPED)),
+    0.2 + 0.2 * white_noise(len(CLAMPED), 5),
     TWITCHES,  # of 0.2 s, which as a motion would widen the interval five times
 ], ids=["still", "noisy", "twitches"])  # fmt: skip
 def test_a_clamped_shaft_stands_whatever_its_angle_shows(angle):
@@ -271,7 +259,7 @@ def test_a_current_that_is_late_is_refused_for_it_and_not_for_its_sign():
     with pytest.raises(InputError, match="170 ms") as refused:
         fit_log(t, theta, np.roll(current, 170), torque)
     assert "`delay: 170 ms`" in refused.value.remedy
-    with pytest.raises(InputError, match="10 ms"):
+    with refused_with("10 ms"):
         fit_log(t, theta, np.roll(current, 10), torque)
     # which `plausible` refuses
     assert fit_log(t, theta, -current, torque).interval("k_tau_n_m")[1] < 0

@@ -4,6 +4,7 @@ import numpy as np
 import polars as pl
 import pytest
 from bench_synthetic import RATE, belt_cycle, belt_record, stepped_sine
+from conftest import least_squares_alone
 
 from osl_analysis.bench import belt as belt_fits
 from osl_analysis.bench.bench_settings import BeltAnalysis
@@ -142,7 +143,7 @@ def losses(torque_of):
     return transmission_table(analysed(stepped_sine(torque_of), TRANSMISSION)).to_dicts()
 
 
-@pytest.mark.usefixtures("without_inference")
+@least_squares_alone
 @pytest.mark.parametrize(("B_j", "J_j", "offset"), [(0.45, 0.005, 0.0), (0.2, 0.02, -3.0)])
 def test_recovers_the_losses_of_the_transmission(B_j, J_j, offset):
     row = losses(lambda m: B_j * m.omega + J_j * m.alpha + offset)[-1]
@@ -164,7 +165,7 @@ def test_a_late_torque_of_a_transmission_is_found_with_the_inertia_that_it_hides
     assert row["J_j"] == pytest.approx(0.005 - 0.45 * delay_s, rel=0.02)
 
 
-@pytest.mark.usefixtures("without_inference")
+@least_squares_alone
 def test_transmission_tells_how_much_of_its_damping_is_coulomb_friction():
     smooth = losses(lambda m: 0.45 * m.omega + 0.005 * m.alpha)
     rough = losses(lambda m: 0.3 * m.omega + 0.005 * m.alpha + 0.15 * np.tanh(m.omega / 0.05))

@@ -13,10 +13,11 @@ from bench_synthetic import (
     belt_record,
     record_of_sines,
     second_order,
-    sine_settings,
     stepped_sine,
+    with_settings,
 )
-from conftest import ROOT, findings_of, marked
+from conftest import findings_of, marked, white_noise
+from shipped import CONFIG
 
 from osl_analysis.bench.belt import belt_table, fit_branches
 from osl_analysis.bench.bench_settings import (
@@ -29,7 +30,6 @@ from osl_analysis.bench.calibration import fixture_of, with_fixture
 from osl_analysis.bench.friction import coulomb_fits
 from osl_analysis.bench.impedance import analysed
 from osl_analysis.bench.regression import IMPEDANCE, sums_of
-from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.fit import run_fit
 from osl_analysis.errors import InputError
 from osl_analysis.judge.words import finding_text
@@ -48,9 +48,7 @@ def fit_of(record=SOUND, **stated):
         changes = {"fixture": Fixture(**stated)}
     else:
         changes = {"calibration": Calibration(**stated)}
-    settings = sine_settings([2], [1]).model_copy(update=changes)
-    record = replace(record, settings=settings)
-    return analysed(record, IMPEDANCE).calibrated[None]
+    return analysed(with_settings(record, **changes), IMPEDANCE).calibrated[None]
 
 
 def late(delay):
@@ -115,8 +113,7 @@ def test_friction_has_it_too_and_a_loop_of_the_load_cell_is_friction():
     record = stepped_sine(lambda m: second_order(m) + 0.5 * np.tanh(m.omega / 0.005), 0.01, FIVE)
     fits = []
     for stated in ({}, {"torque_gain": 0.02}, {"hysteresis": 0.02}):
-        settings = sine_settings([2], [1]).model_copy(update={"calibration": Calibration(**stated)})
-        own = replace(record, settings=settings)
+        own = with_settings(record, calibration=Calibration(**stated))
         analysis = analysed(own, IMPEDANCE)
         fits.append(coulomb_fits(sums_of(own, IMPEDANCE), analysis)[None].certain)
     plain, gain, loop = fits
@@ -157,9 +154,6 @@ def test_a_loop_of_the_load_cell_is_in_the_area_of_a_belt():
     theta_s, torque = belt_cycle()
     area = of_belt(theta_s, torque, hysteresis=0.01)["hysteresis_area_se_bench"]
     assert area == pytest.approx(0.01 / np.sqrt(12) * np.ptp(torque) * 2 * theta_s.max(), rel=0.1)
-
-
-CONFIG = read_config(ROOT / "config/config.yaml")
 
 
 def spring(late_s=0.0, gain=1.0, K=300.0, damping=0.0, weight=0.0, I=0.004, seed=1):
@@ -281,7 +275,7 @@ def on_frame(trial, stiffness):
     """The same recording on a bench whose encoder stands before a frame [N*m/rad] that yields."""
     joint = trial.samples["theta"].to_numpy()
     torque = trial.samples["torque"].to_numpy()
-    noise = 2e-5 * np.random.default_rng(3).standard_normal(len(joint))
+    noise = 2e-5 * white_noise(len(joint), 3)
     wound = LowPass(30.0)(torque, 500.0) / stiffness
     samples = trial.samples.with_columns(
         theta=pl.Series(joint + wound), theta_joint=pl.Series(joint + noise)

@@ -9,31 +9,30 @@ import polars as pl
 import pytest
 from any_motion import multisine
 from bench_synthetic import FIVE, second_order, stepped_sine, table_of
-from conftest import ROOT, findings_of, marked
+from conftest import findings_of, least_squares_alone, marked
 from scipy.interpolate import CubicSpline
+from shipped import CONFIG
+from shipped import LEG as P
 
 from osl_analysis.bench.evidence import impedance_table, lag_columns
 from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.lags import Lag, belt_of_leg, is_leg
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.summaries import delay_table
-from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.inference.friction_shapes import slipping_springs
 from osl_analysis.judge.limits import Limits
-from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.report.numbers import headline_numbers, headline_sentences
 from osl_analysis.trial import Trial
 
 LATENESS = "whether the torque is late"
 
-P = read_parameters(ROOT / "config/parameters/default.yaml")
-LIMITS = config_for_trials(ROOT / "config/config.yaml").doubtful.of("impedance")
-SETTINGS = config_for_trials(ROOT / "config/config.yaml").dynamometer
+LIMITS = CONFIG.doubtful.of("impedance")
+SETTINGS = CONFIG.dynamometer
 
 
-def rows(torque_of, noise=0.03, protocol=FIVE, seed=1):
+def rows(torque_of, noise=0.03):
     """Rows of a joint, judged by what they tell without gains and belt."""
-    table = table_of(stepped_sine(torque_of, noise, protocol, seed))
+    table = table_of(stepped_sine(torque_of, noise, FIVE))
     limits = {
         end: {k: v for k, v in getattr(LIMITS, end).items() if k in table.columns}
         for end in ("above", "below", "ratio")
@@ -60,7 +59,7 @@ def test_coulomb_friction_is_named_and_has_its_size():
     assert finding.cause == "friction"
 
 
-@pytest.mark.usefixtures("without_inference")
+@least_squares_alone
 def test_a_change_of_a_small_damping_is_a_share_of_2_newton_metre_seconds():
     """B is 0.8 at the small amplitude and 0.4 at the large one, in the second half."""
     *_, whole = rows(
@@ -110,7 +109,7 @@ def test_another_b_j_than_that_of_the_file_makes_no_lag_certain():
     assert (row["lag_inertia_share"][0], row["lag_share"][0]) == (0, 0)
 
 
-@pytest.mark.usefixtures("without_inference")
+@least_squares_alone
 @pytest.mark.parametrize(("fault", "lag"), [
     ({}, 0), ({"torque_late": -4e-3}, -4e-3), ({"theta_m_late": 1e-3}, 0),
     ({"theta_late": 2e-3}, -2e-3),

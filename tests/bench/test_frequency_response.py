@@ -6,7 +6,7 @@ import numpy as np
 import polars as pl
 import pytest
 from any_motion import chirp
-from bench_synthetic import record_of, second_order, sine_settings, stepped_sine
+from bench_synthetic import record_of, second_order, stepped_sine, with_settings
 
 from osl_analysis.bench.bench_settings import BenchStiffness, Calibration
 from osl_analysis.bench.frequency_response import (
@@ -75,12 +75,12 @@ def test_a_spring_that_stiffens_makes_a_third_harmonic():
     assert table.filter(scope="all")["torque_distortion"].null_count() == 3
 
 
-def cycles(seed, m=6, noise=0.5):
-    """Amplitudes of m cycles of Y = 1/(200 + 40 j) with a noisy torque."""
+def cycles(seed, noise):
+    """Amplitudes of six cycles of Y = 1/(200 + 40 j) with a noisy torque."""
     rng = np.random.default_rng(seed)
-    theta = np.full(m, 0.05 + 0j)
+    theta = np.full(6, 0.05 + 0j)
     torque = (200 + 40j) * theta
-    return theta, torque + noise * (rng.standard_normal(m) + 1j * rng.standard_normal(m))
+    return theta, torque + noise * (rng.standard_normal(6) + 1j * rng.standard_normal(6))
 
 
 @pytest.mark.parametrize("amplitudes", [1, 2])
@@ -90,7 +90,7 @@ def test_few_cycles_cover_the_response_and_its_mean_over_amplitudes(amplitudes):
     for seed in range(400):
         responses = []
         for k in range(amplitudes):
-            pieces = cycles(10 * seed + k, noise=0.5 + k)
+            pieces = cycles(10 * seed + k, 0.5 + k)
             responses.append(response_of_pieces(1.0, *pieces, np.arange(6)))
         row = mean_response(responses).to_row(RECORD)
         Z = 200 + 40j
@@ -119,7 +119,7 @@ def test_few_cycles_cover_the_response_and_its_mean_over_amplitudes(amplitudes):
 )
 def test_errors_of_the_bench_stretch_turn_and_shift_a_response(stated, magnitude, phase):
     """All amplitudes share them: a mean over amplitudes does not lessen them."""
-    record = replace(RECORD, settings=sine_settings([2], [1]).model_copy(update=stated))
+    record = with_settings(RECORD, **stated)
     exact = Response(1.0, (0.6 - 0.8j) / 100, np.zeros(6, complex), 5.0)
 
     row = mean_response([exact, exact]).to_row(record)
@@ -141,12 +141,12 @@ def multisine(rng, realisations, periods=3):
     return np.hstack([[move.angle(time, order) for order in range(3)] for move in moves])
 
 
-def recorded(rng, motion, friction=0.0, noise=0.05):
+def recorded(rng, motion, friction=0.0):
     """The record of a joint with Coulomb friction [N*m] that is moved so."""
     theta, omega, alpha = motion
     n = len(theta)
     torque = K * theta + B * omega + I * alpha + friction * np.tanh(omega / 0.01)
-    torque = torque + noise * rng.standard_normal(n)
+    torque = torque + 0.05 * rng.standard_normal(n)
     theta = theta + 1e-4 * rng.standard_normal(n)
     periodic = periodic_motion(theta, RATE, np.ones(n, dtype=bool))
     inside = slice(round(2 * RATE / 15), n - round(2 * RATE / 15))

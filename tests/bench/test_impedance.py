@@ -14,24 +14,25 @@ from bench_synthetic import (
     sine_settings,
     stepped_sine,
     unit_sines,
+    with_settings,
 )
-from conftest import ROOT, marked
+from conftest import joint_trial, least_squares_alone, marked, white_noise
+from shipped import CONFIG
 
 from osl_analysis.bench.bench_settings import Calibration
 from osl_analysis.bench.evidence import DesiredImpedance, impedance_table
 from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.motion import record_of_trial
-from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.commands.figure import fig4
 from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.judge.limits import Limits
 from osl_analysis.table import read_table, write_table
-from osl_analysis.trial import Trial, write_trial
+from osl_analysis.trial import write_trial
 
 LATENESS = "whether the torque is late"
 
 
-@pytest.mark.usefixtures("without_inference")
+@least_squares_alone
 def test_the_fit_is_to_the_settled_cycles_alone():
     """For the first 0.8 s of each amplitude the torque is three times as large."""
 
@@ -62,8 +63,8 @@ def trial_of_steps(steps):
     theta = np.concatenate(angles)
     time = np.arange(len(theta)) / RATE
     torque = second_order(bench_synthetic.true_motion(time, theta)) * np.concatenate(shares)
-    torque += 1e-3 * np.random.default_rng(1).standard_normal(len(theta))
-    return Trial("made", pl.DataFrame({"time": time, "theta": theta, "torque": torque}))
+    torque += 1e-3 * white_noise(len(theta), 1)
+    return joint_trial(time, theta, torque)
 
 
 def table_of_steps(*steps):
@@ -72,7 +73,7 @@ def table_of_steps(*steps):
     return impedance_table(rendered_impedance(record))
 
 
-@pytest.mark.usefixtures("without_inference")
+@least_squares_alone
 def test_an_amplitude_of_one_frequency_has_no_row_and_refuses_no_trial():
     """A drive with a limit of speed reaches less at high frequencies."""
     table = table_of_steps((0.14, 0.5), (0.14, 1), (0.09, 2), (0.035, 4))
@@ -91,7 +92,7 @@ def vaf(shown):
     return 100 * (1 - left.var() / shown["torque"].var())
 
 
-@pytest.mark.usefixtures("without_inference")
+@least_squares_alone
 def test_where_amplitudes_nest_in_frequencies_fig4_uses_the_largest_alone(tmp_path):
     """A fit to both amplitudes leaves several percent: the small one has half of the stiffness of
     the large one."""
@@ -122,13 +123,11 @@ def test_where_amplitudes_nest_in_frequencies_fig4_uses_the_largest_alone(tmp_pa
 
 
 def judged(torque_of, noise=0.01, **stated):
-    settings = sine_settings([2], [1]).model_copy(update={"calibration": Calibration(**stated)})
-    record = replace(stepped_sine(torque_of, noise, FIVE), settings=settings)
+    sines = stepped_sine(torque_of, noise, FIVE)
+    record = with_settings(sines, calibration=Calibration(**stated))
     ours = DesiredImpedance("ours", None, None)
     table = impedance_table(rendered_impedance(record), desired=ours)
-    return marked(
-        table, config_for_trials(ROOT / "config/config.yaml").doubtful.of("impedance"), "impedance"
-    )
+    return marked(table, CONFIG.doubtful.of("impedance"), "impedance")
 
 
 @pytest.mark.parametrize(("stated", "is_told"), [({}, True), ({"delay": 1e-4}, False)])

@@ -5,24 +5,22 @@ from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
-import polars as pl
 import pytest
 from any_motion import TRUE, binary_steps, made_trial, noise
-from conftest import ROOT, findings_of
+from conftest import findings_of, joint_trial
 from scipy.ndimage import gaussian_filter1d
+from shipped import CONFIG
 
 from osl_analysis.bench.evidence import impedance_table
 from osl_analysis.bench.friction import CoulombFit, friction_columns
 from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.motion import record_of_trial
-from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.inference.friction_shapes import slipping_springs
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.limits import Limits
 from osl_analysis.stats.estimates import Estimate
-from osl_analysis.trial import Trial
 
-SETTINGS = config_for_trials(ROOT / "config/config.yaml").dynamometer
+SETTINGS = CONFIG.dynamometer
 
 
 def record_with(seed=5, more=lambda *_: 0.0, **changes):
@@ -147,7 +145,7 @@ def test_an_inertia_behind_a_soft_spring_does_not_drive_the_motion():
 
 def test_where_the_acceleration_jumps_a_joint_is_fitted_and_no_fault_weighed():
     time, theta = binary_steps()
-    trial = Trial("made", pl.DataFrame({"time": time, "theta": theta, "torque": 300 * theta}))
+    trial = joint_trial(time, theta, 300 * theta)
 
     row = row_of(record_of_trial(trial, SETTINGS))
 
@@ -161,7 +159,7 @@ def test_under_steps_between_two_levels_friction_is_not_checked(smoothing_ms):
     time, steps = binary_steps(hold=300)
     theta, omega = (gaussian_filter1d(steps, smoothing_ms, order=n) * 1e3**n for n in (0, 1))
     torque = 300 * theta + 5 * omega + 0.3 * np.tanh(omega / 5e-3)
-    trial = Trial("made", pl.DataFrame({"time": time, "theta": theta, "torque": torque}))
+    trial = joint_trial(time, theta, torque)
 
     row = row_of(record_of_trial(trial, SETTINGS))
 

@@ -6,8 +6,10 @@ import pytest
 import scipy
 import statsmodels.api as sm
 from any_motion import RATE, TRUE, chirp, made_trial, multisine, noise
-from conftest import ROOT
+from conftest import least_squares_alone, refused_with
 from scipy.ndimage import gaussian_filter1d
+from shipped import CONFIG
+from shipped import LEG as P
 
 from osl_analysis.bench.bench_settings import (
     TimeBase,
@@ -16,13 +18,12 @@ from osl_analysis.bench.evidence import DesiredImpedance, impedance_table
 from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.regression import IMPEDANCE, whitening_gain
-from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.model.compensator import PAPER_WEIGHT
-from osl_analysis.model.drivetrain import joint_admittance, read_parameters
+from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.trial import Trial
 
-SETTINGS = config_for_trials(ROOT / "config/config.yaml").dynamometer
+SETTINGS = CONFIG.dynamometer
 
 
 def moved(move=noise, seed=5, motion=None, **made):
@@ -48,7 +49,7 @@ def half_width(row, name):
     return (row[f"{name}_high"] - row[f"{name}_low"]) / 2
 
 
-@pytest.mark.usefixtures("without_inference")
+@least_squares_alone
 @pytest.mark.parametrize("move", [multisine, noise, chirp])
 def test_any_motion_about_any_zero_gives_the_impedance_of_the_torque(
     move,
@@ -85,7 +86,7 @@ def disturbed_trial():
 EDGES_S = 4 / 15  # of a window, which the filter needs
 
 
-@pytest.mark.usefixtures("without_inference")
+@least_squares_alone
 def test_windows_are_fitted_and_nothing_else():
     trial = disturbed_trial()
 
@@ -107,11 +108,11 @@ def test_windows_of_the_trial_replace_those_of_the_settings():
 
 
 def test_a_window_beyond_the_end_is_refused():
-    with pytest.raises(InputError, match="'1-90' reach beyond"):
+    with refused_with("'1-90' reach beyond"):
         disturbed_trial().cut_to("1-90")
 
 
-@pytest.mark.usefixtures("without_inference")
+@least_squares_alone
 @pytest.mark.parametrize(("motion", "joint", "name", "least"), [
     ({"band": (0.5, 1.5)}, {}, "I", 0.02), ({"band": (1.8, 2.2)}, {}, "I", 0.02),
     ({"band": (8.0, 14.0)}, {"torque_noise": 0.002, "bits": 24, "K": 1.0, "B": 0.5, "I": 0.05},
@@ -124,11 +125,10 @@ def test_what_a_narrow_band_hardly_tells_has_a_wide_interval(motion, joint, name
     assert abs(row[name] - {**TRUE, **joint}[name]) < half_width(row, name)
 
 
-P = read_parameters(ROOT / "config/parameters/default.yaml")
 COMPENSATED = DesiredImpedance("compensated", 300.0, 5.0)
 
 
-@pytest.mark.usefixtures("without_inference")
+@least_squares_alone
 @pytest.mark.parametrize("late_s", [0.0, 5e-3])
 def test_the_b_of_a_compensated_leg_is_compared_with_that_of_its_gains(late_s):
     """A leg of the linear model, by its admittance at each line. A torque that is late by d loses
@@ -159,7 +159,7 @@ def rubbing_row(width, **motion):
     return row_of(made_trial(rng, rubbing, 0.01, more=friction), excitation="any")
 
 
-@pytest.mark.usefixtures("without_inference")
+@least_squares_alone
 @pytest.mark.parametrize("width", [0.001, 0.003, 0.01])
 def test_friction_is_told_from_damping_however_quickly_it_turns_its_sign(width):
     """The column's is 0.01 rad/s. If it were sampled at the coarse rate, f_C would be 0.497."""
@@ -169,7 +169,7 @@ def test_friction_is_told_from_damping_however_quickly_it_turns_its_sign(width):
     assert row["B_viscous_low"] < 5 < row["B_viscous_high"]
 
 
-@pytest.mark.usefixtures("without_inference")
+@least_squares_alone
 def test_friction_of_a_motion_beyond_the_cutoff_is_that_of_all_that_moves():
     """By what the filter leaves of the motion it is 0.17 N*m."""
     row = rubbing_row(2e-3, band=(0.4, 20.0), duration=60.0, rate=1000.0)
@@ -270,7 +270,7 @@ def test_a_motion_that_cannot_tell_is_refused_with_what_is_missing(angle, words)
     ({"rms_deg": 0.04}, "theta.* 1[0-9] steps.* 20 "),
 ])  # fmt: skip
 def test_too_few_rows_per_second_and_steps_of_the_encoder_are_named(motion, words):
-    with pytest.raises(InputError, match=words):
+    with refused_with(words):
         row_of(moved(noise, 4, motion, bits=14))
 
 
@@ -278,11 +278,11 @@ def test_too_few_rows_per_second_and_steps_of_the_encoder_are_named(motion, word
 def test_an_angle_of_noise_is_refused_as_noise(excitation):
     samples = moved(noise, 4).samples
     white = 0.05 * np.random.default_rng(4).standard_normal(len(samples))
-    with pytest.raises(InputError, match=r"theta.*torque_angle"):
+    with refused_with(r"theta.*torque_angle"):
         row_of(Trial("made", samples.with_columns(theta=white)), excitation=excitation)
 
 
 def test_a_second_of_motion_is_too_short():
     short = moved(noise, 4, {"rate": 45.0}).samples[200:240]
-    with pytest.raises(InputError, match=r"trial made:.*0\.733 s.*1 s"):
+    with refused_with(r"trial made:.*0\.733 s.*1 s"):
         row_of(Trial("made", short), excitation="any")

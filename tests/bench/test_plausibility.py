@@ -8,23 +8,19 @@ import polars as pl
 import pytest
 from bench_recordings import RECORDINGS
 from bench_synthetic import PROTOCOL, second_order, true_motion
-from conftest import ROOT, beyond_in
+from conftest import beyond_in, joint_trial, least_squares_alone, refused_with
+from shipped import CONFIG, DEVICE, LEG
 
 from osl_analysis.bench.bench_settings import (
     BenchStiffness,
 )
 from osl_analysis.bench.evidence import DesiredImpedance, beside_known
 from osl_analysis.bench.plausibility import check_stiffer
-from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.commands.fit import fit_trial
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.guard import check_recording
-from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.trial import Trial
 
-CONFIG = config_for_trials(ROOT / "config/config.yaml")
-DEVICE = ROOT / "config/parameters/default.yaml"
-LEG = read_parameters(DEVICE)
 SINES = {
     "amplitudes_deg": tuple(np.rad2deg(PROTOCOL.amplitudes)),
     "frequencies_hz": PROTOCOL.frequencies_hz,
@@ -57,7 +53,7 @@ def judged(experiment, recording, bench=BENCH, asked=None, fixture=None):
 KNOWN = DesiredImpedance("compensated", 200, 4)
 
 
-@pytest.mark.usefixtures("without_inference")
+@least_squares_alone
 @pytest.mark.parametrize(("experiment", "changes", "words"), [
     ("transmission", {"torque": -1}, "B_j = -0.4.*`sign`"),
     ("belt", {"torque": -1}, "K_s = -68.*`sign`"),
@@ -68,7 +64,7 @@ KNOWN = DesiredImpedance("compensated", 200, 4)
      "theta.*rad.*;.*`unit: deg`.*theta.*: K_s 6"),
 ])  # fmt: skip
 def test_what_cannot_be_is_refused_with_its_cause(experiment, changes, words):
-    with pytest.raises(InputError, match=words):
+    with refused_with(words):
         judged(experiment, changed(experiment, **changes))
 
 
@@ -80,14 +76,14 @@ TURNING = np.sin(np.arange(1000) / 10)
     (TURNING % (2 * np.pi), "`wraps_at: 360`", False),
 ])  # fmt: skip
 def test_another_unit_of_a_too_large_angle_is_tried_where_nothing_jumps(theta, words, is_tried):
-    samples = {"time": np.arange(1000) / 100, "theta": theta, "torque": 9 * theta}
+    trial = joint_trial(np.arange(1000) / 100, theta, 9 * theta)
     with pytest.raises(InputError, match=words) as refused:
-        check_recording(Trial("made", pl.DataFrame(samples)), BENCH)
+        check_recording(trial, BENCH)
     tried = [change.factors["theta"] for change in refused.value.changes]
     assert tried == (pytest.approx([np.pi / 180, 1e-3]) if is_tried else [])  # deg, mrad
 
 
-@pytest.mark.usefixtures("without_inference")
+@least_squares_alone
 def test_the_weight_of_a_foot_is_found_and_is_a_doubt_about_its_inertia():
     recording = dict(RECORDINGS["transmission"])
     sound = judged("transmission", recording)
@@ -98,7 +94,7 @@ def test_the_weight_of_a_foot_is_found_and_is_a_doubt_about_its_inertia():
     assert sound["weight_share"] == 0
 
 
-@pytest.mark.usefixtures("without_inference")
+@least_squares_alone
 @pytest.mark.parametrize("experiment", ["impedance", "transmission", "belt"])
 def test_inertia_and_weight_of_a_fixture_are_taken_off_the_torque(experiment):
     """The estimates are those of the joint alone, to a thousandth of what the fixture adds to
@@ -132,7 +128,7 @@ def test_a_sound_recording_is_not_doubtful(experiment, changes):
     assert (row["doubtful"], row["beyond"]) == ("", {})
 
 
-@pytest.mark.usefixtures("without_inference")
+@least_squares_alone
 @pytest.mark.parametrize(("experiment", "changes", "cause", "column", "side"), [
     ("actuator", {"theta_m": 180 / np.pi}, "unlikely size", "J_m_ratio", "below"),
     ("actuator", {"torque_m": 0.113}, "another unit", "k_tau_n_m_ratio", "below"),
@@ -179,7 +175,7 @@ def test_a_shaft_that_yields_against_the_joint_has_the_wrong_sign():
 OWN = DesiredImpedance("own", 200, None)
 
 
-@pytest.mark.usefixtures("without_inference")
+@least_squares_alone
 @pytest.mark.parametrize(("asked", "column", "factor", "side"), [
     (KNOWN, "K_ratio", 0.8, "below"), (KNOWN, "K_ratio", 1.356, "above"),
     (KNOWN, "gain_error", 0.9, "below"), (KNOWN, "gain_error", 1.0, None),
@@ -232,7 +228,7 @@ def leg():
     return recording | {"theta_m": LEG.n_T * (recording["theta"] - of_belt / LEG.K_s)}
 
 
-@pytest.mark.usefixtures("without_inference")
+@least_squares_alone
 @pytest.mark.parametrize(("changes", "ratio", "causes"), [
     ({}, 1.0, []), ({"torque": 1.3558}, 1.3558, ["another unit"]), ({"torque": 1.2}, 1.2, []),
     ({"theta": 0.8}, None, ["unlikely size"]), ({"theta_m": -1.0}, 0.17, ["unlikely size"]),
@@ -277,7 +273,7 @@ def test_a_bench_that_is_softer_than_what_it_measures_is_refused_as_such(
 ):
     frame = BenchStiffness(value=f"{stiffness} N*m/rad")
     softer = BENCH.model_copy(update={"bench_stiffness": frame})
-    with pytest.raises(InputError, match=words):
+    with refused_with(words):
         judged(experiment, changed(experiment, torque=torque), softer)
 
 
@@ -292,7 +288,7 @@ def test_a_joint_without_stiffness_is_measured_on_a_bench_that_yields():
 def test_a_torque_beyond_the_load_cell_s_range_is_refused(torque, reached):
     stated = BENCH.model_copy(update={"load_cell_range": 20.0})
     words = rf"torque.*{reached}.*N\*m,.*20 N\*m.*`load_cell_range`"
-    with pytest.raises(InputError, match=words):
+    with refused_with(words):
         judged("impedance", changed("impedance", torque=torque), stated)
 
 
@@ -307,7 +303,7 @@ def test_samples_closer_than_any_recorder_takes_them_are_refused(steps, refused)
     time = np.cumsum([0.0, *np.random.default_rng(1).permutation(steps)])
     # below 1.2 rad
     theta = np.linspace(-1.1, 1.1, len(time))
-    trial = Trial("hasty", pl.DataFrame({"time": time, "theta": theta, "torque": theta}))
-    said = r"trial hasty:.*[17](\.\d+)?e-06 s.*`unit`.*`time`"
-    with pytest.raises(InputError, match=said) if refused else nullcontext():
+    trial = joint_trial(time, theta, theta)
+    said = r"trial made:.*[17](\.\d+)?e-06 s.*`unit`.*`time`"
+    with refused_with(said) if refused else nullcontext():
         check_recording(trial, BENCH)

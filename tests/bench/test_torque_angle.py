@@ -6,19 +6,18 @@ from itertools import pairwise
 import numpy as np
 import polars as pl
 import pytest
-from conftest import ROOT, marked
+from conftest import marked, white_noise
+from shipped import CONFIG
 
 from osl_analysis.bench.bench_settings import TorqueAngleAnalysis
 from osl_analysis.bench.cycles import find_loop
 from osl_analysis.bench.torque_angle import torque_angle_trial
-from osl_analysis.campaign.configuration import read_config
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.quality import saturated
 from osl_analysis.trial import Trial
 
 LATENESS = "whether the torque is late"
 
-CONFIG = read_config(ROOT / "config/config.yaml")
 RATE = 250.0
 PERIOD = 8.0
 A = np.deg2rad(10)
@@ -168,7 +167,7 @@ def test_a_zero_changes_energies_and_no_slope_and_is_as_recorded_where_nobody_st
 
 FULL = path(0, 10, 0, 10, 0)
 OPEN = path(0, 10, 0.7)
-NOISE = np.random.default_rng(3).standard_normal(FULL.size)
+NOISE = white_noise(FULL.size, 3)
 
 
 @pytest.mark.parametrize(("theta", "torque", "changes", "message"), [

@@ -15,11 +15,11 @@ STEP = 2 * np.pi / 2**16
 
 
 @cache
-def driven(seconds: float = 20.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def driven() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Time, torque and angle of the joint that a random torque moves (scipy.signal.lsim)."""
     rng = np.random.default_rng(5)
     fine = 4 * RATE  # lsim joins torques by straight lines, which loses 0.3 % at 15 Hz and 500 Hz
-    time = np.arange(round(seconds * fine)) / fine
+    time = np.arange(round(20 * fine)) / fine
     torque = scipy.ndimage.gaussian_filter1d(rng.normal(size=len(time)), fine / 25)
     torque = 12.0 * torque / torque.std()
     _, theta, _ = scipy.signal.lsim(([1.0], [0.02, B, K]), torque, time)

@@ -41,11 +41,11 @@ def joint_motion(time: np.ndarray) -> np.ndarray:
 
 
 @cache
-def leg(seconds: float = 40.0) -> dict[str, np.ndarray]:
+def leg() -> dict[str, np.ndarray]:
     """Signals of the leg, at five steps of integration per sample; friction never drives."""
     steps = 5
     step = 0.2 / RATE
-    time = np.arange(round(seconds * RATE * steps)) * step
+    time = np.arange(round(40 * RATE * steps)) * step
     theta, omega, alpha = joint_motion(time)
     theta_m, omega_m, current, belt = np.zeros((4, len(time)))
     angle = N_T * theta[0] * 0.7

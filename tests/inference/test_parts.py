@@ -21,10 +21,10 @@ RATE = 500.0
 TRUE = np.array([300.0, 5.0, 0.02])
 
 
-def random_motion(seconds: float = 30.0, seed: int = 1) -> np.ndarray:
+def random_motion() -> np.ndarray:
     """Angle, velocity and acceleration (3, n) of smooth noise up to 6 Hz, from its spectrum."""
-    rng = np.random.default_rng(seed)
-    n = round(seconds * RATE)
+    rng = np.random.default_rng(1)
+    n = round(30 * RATE)
     hz = np.fft.rfftfreq(n, 1 / RATE)
     spectrum = np.fft.rfft(rng.normal(size=n)) / (1 + (hz / 5) ** 8) * (hz > 0.3)
     s = 2j * np.pi * hz
@@ -32,9 +32,9 @@ def random_motion(seconds: float = 30.0, seed: int = 1) -> np.ndarray:
     return motion * 0.04 / motion[0].std()
 
 
-def whitened(torque_noise: np.ndarray, seed: int = 1) -> Whitened:
-    motion = random_motion(seed=seed)
-    rng = np.random.default_rng(seed + 100)
+def whitened(torque_noise: np.ndarray) -> Whitened:
+    motion = random_motion()
+    rng = np.random.default_rng(101)
     theta = motion[0] + 1e-6 * rng.normal(size=motion.shape[1])
     return Whitened(Spectra(BenchSignals(theta, TRUE @ motion + torque_noise, RATE)))
 
@@ -44,13 +44,13 @@ def predicted(data: Whitened, rounding: np.ndarray) -> Predicted:
     return predict(Search(data, False), Candidate(EQ_15, data.motion, data.torque), rounding)
 
 
-def white(size: float = 0.1, seed: int = 2) -> np.ndarray:
-    return size * np.random.default_rng(seed).normal(size=round(30 * RATE))
+def white(size: float = 0.1) -> np.ndarray:
+    return size * np.random.default_rng(2).normal(size=round(30 * RATE))
 
 
-def coloured(seed: int = 2) -> np.ndarray:
+def coloured() -> np.ndarray:
     """Noise through one lag of 30 ms, with SD 0.5 N*m."""
-    x = scipy.signal.lfilter([1.0], [1.0, -np.exp(-1 / (RATE * 0.03))], white(1.0, seed))
+    x = scipy.signal.lfilter([1.0], [1.0, -np.exp(-1 / (RATE * 0.03))], white(1.0))
     return np.asarray(0.5 * x / x.std())
 
 

@@ -4,11 +4,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from conftest import ROOT
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 from scipy.integrate import quad
+from shipped import LEG as P
 
 from osl_analysis.commands.gains import gain_table
 from osl_analysis.errors import InputError, UnreachableImpedanceError
@@ -16,8 +16,6 @@ from osl_analysis.model import compensator, drivetrain
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.model.drivetrain import joint_admittance, known_parameters, read_parameters
 from osl_analysis.model.rendered_impedance import rendering
-
-P = read_parameters(ROOT / "config/parameters/default.yaml")
 
 
 def weight_of(cutoff_hz, order):

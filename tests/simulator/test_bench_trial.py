@@ -9,11 +9,11 @@ import pytest
 import yaml
 from conftest import ROOT
 from scipy.interpolate import CubicSpline
+from shipped import LEG as P
 
 from osl_analysis.commands.simulate import row_of_trial, simulate_campaign, simulate_trial
 from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import compensated_gains, uncompensated_gains
-from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.model.rendered_impedance import predicted_impedance
 from osl_analysis.simulator import bench_trial
 from osl_analysis.simulator import simulation_settings as settings
@@ -26,7 +26,6 @@ from osl_analysis.simulator.simulation_settings import SimulationSettings
 from osl_analysis.yaml_settings import read_yaml
 
 TINY = ROOT / "tests/tiny_simulation.yaml"
-P = read_parameters(ROOT / "config/parameters/default.yaml")
 RATE = 1000.0  # [Hz]
 TRIAL = "impedance_K300_B5.0_compensated"
 JOINT = {"K": 300, "B": 5, "I": 0.02}  # exactly Eq. 15
@@ -42,9 +41,9 @@ def node(**changes):
     return {"recorder": {"node": changes}}
 
 
-def only(changes, file=TINY):
+def only(changes):
     """Settings of a campaign with an exact joint and no imperfection but some."""
-    content = yaml.safe_load(file.read_text())
+    content = yaml.safe_load(TINY.read_text())
     for name, effect in content["effects"].items():
         effect["enabled"] = name == "dynamometer_bandwidth"
     content["recorder"] = {}
@@ -89,7 +88,7 @@ def stepped(**changes):
     return bench_trial.sine_command(schedule, RATE)
 
 
-def excited(kind, seed=3, **changes):
+def excited(kind, **changes):
     """Angle [rad] of an excitation."""
     excitation = settings.Excitation.model_validate(
         {
@@ -102,7 +101,7 @@ def excited(kind, seed=3, **changes):
             **changes,
         }
     )
-    return bench_trial.excitation_motion(excitation, "trial_x_1", seed, RATE)
+    return bench_trial.excitation_motion(excitation, "trial_x_1", 3, RATE)
 
 
 SMOOTH = ("multisine", "chirp", "noise", "hand")

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import white_noise
 
 from osl_analysis.spectral import periodic_motion
 
@@ -30,7 +31,7 @@ def record(seed, *motions):
         ramp = np.minimum(np.arange(len(motion)) / RATE, 1.0)
         parts.extend([rest, ramp * motion])
     theta = np.concatenate([*parts, rest])
-    return theta + 1e-5 * np.random.default_rng(seed).standard_normal(len(theta))
+    return theta + 1e-5 * white_noise(len(theta), seed)
 
 
 def motion_of(theta):
@@ -38,7 +39,7 @@ def motion_of(theta):
 
 
 def smooth_noise(seed, n):
-    return np.convolve(np.random.default_rng(seed).standard_normal(n), np.hanning(60), "same")
+    return np.convolve(white_noise(n, seed), np.hanning(60), "same")
 
 
 # ---- The period

@@ -10,6 +10,7 @@ from any_motion import RATE as FINE
 from any_motion import chirp, multisine, noise
 from bench_synthetic import segments_of as segments_in
 from bench_synthetic import unit_block
+from conftest import white_noise
 from scipy import signal
 
 from osl_analysis.bench.motion import cycles_of
@@ -99,7 +100,7 @@ def segments_of_practice(practice):
     """The segments of a practice with an offset and noise: a function of time, not of rows."""
     parts = parts_of(practice)
     time = np.arange(round((parts[-1].end + practice.rest_s + 1.0) * PRACTICE_RATE)) / PRACTICE_RATE
-    theta = 0.01 + 1e-4 * np.random.default_rng(3).standard_normal(len(time))
+    theta = 0.01 + 1e-4 * white_noise(len(time), 3)
     for part in parts:
         rows = (time >= part.begin) & (time < part.end)
         t = time[rows]
@@ -146,7 +147,7 @@ def test_a_clock_that_is_right_to_50_ppm_has_the_commanded_frequencies():
     (57.3 * stepped(),
      r"328 deg at \d Hz.*1\d\.0 s.*amplitude.*1\.7"),
     (0.0 * stepped(), "angle.*0 deg"),
-    ((1e-4 * np.random.default_rng(1).standard_normal(9000)), r"0\.0\d+ deg"),
+    ((1e-4 * white_noise(9000, 1)), r"0\.0\d+ deg"),
 ], ids=["in degrees", "still", "noise"])  # fmt: skip
 def test_a_record_without_the_commanded_sines_is_refused_with_what_it_is(theta, message):
     with pytest.raises(InputError, match=message):
@@ -217,7 +218,7 @@ SIX = SteppedSineProtocol(tuple(np.deg2rad([2.0, 4.0, 6.0])), (1.0, 2.0, 3.0, 4.
 
 def is_stepped(theta, seed):
     """What a motion is taken for, with the noise of an encoder."""
-    noise = 1e-5 * np.random.default_rng(seed).standard_normal(len(theta))
+    noise = 1e-5 * white_noise(len(theta), seed)
     return find_sines(theta + noise, FINE, moving_bins(theta + noise, FINE), SIX)[1]
 
 

@@ -5,6 +5,7 @@ import importlib  # statsmodels takes half a second of each process that collect
 import numpy as np
 import polars as pl
 import pytest
+from conftest import white_noise
 from scipy.signal import lfilter
 from scipy.stats import t as student
 
@@ -54,7 +55,7 @@ def fit_of_statsmodels(y, columns, **covariance):
 
 
 def test_covariance_is_statsmodels_hac_at_the_same_bandwidth():
-    white = np.random.default_rng(20).standard_normal(len(T))
+    white = white_noise(len(T), 20)
     y = COLUMNS["a"] + lfilter([1.0], [1.0, -0.9], white)
     fit = regression.linear_fit(y, COLUMNS)
     freedom = fit.degrees_of_freedom[0] + len(COLUMNS)
@@ -80,7 +81,7 @@ def test_columns_that_determine_nothing_are_named(y, columns, message):
 
 
 def test_the_correlation_of_estimates_is_that_of_the_columns():
-    a, b, noise = np.random.default_rng(3).standard_normal((3, 4000))
+    a, b, noise = white_noise((3, 4000), 3)
     columns = {"a": a, "b": b}
     y = 2 * a + b + noise
     fit = regression.linear_fit(y, columns)
@@ -97,13 +98,13 @@ CYCLE = 50
 COUNT = 24
 
 
-def repeated(rng, noise=0.3):
+def repeated(rng):
     """A friction-like residual that every cycle repeats, and white noise."""
     n = CYCLE * COUNT
     t = np.arange(n) / CYCLE
     columns = {"a": np.sin(2 * np.pi * t), "b": np.cos(2 * np.pi * t), "offset": np.ones(n)}
     friction = np.sign(columns["b"])
-    return 3 * columns["a"] + friction + noise * rng.standard_normal(n), columns
+    return 3 * columns["a"] + friction + 0.3 * rng.standard_normal(n), columns
 
 
 def test_cycles_of_no_whole_rows_have_the_sums_of_their_integrals():
@@ -131,7 +132,7 @@ def test_one_stratum_is_statsmodels_cluster_covariance():
 
 
 def test_a_noisy_stratum_has_its_own_freedom():
-    sums = np.random.default_rng(6).standard_normal((4000, 1))
+    sums = white_noise((4000, 1), 6)
     stratum = np.repeat(np.arange(2), 2000)
     sums[:2000] *= 1e-6
     assert between_cycles(sums, stratum)[1][0] == pytest.approx(1999, rel=0.01)
@@ -171,7 +172,7 @@ def test_a_known_error_as_large_as_that_by_chance_doubles_the_variance():
 def test_two_trials_that_agree_by_luck_are_covered_as_often_as_others(between):
     """Trials with own errors of 2 and scatter between them: mean and difference are independent, so
     that of those that agree Student's interval alone covers next to none."""
-    draws = np.random.default_rng(5).standard_normal((1000, 2)) * np.hypot(2.0, between)
+    draws = white_noise((1000, 2), 5) * np.hypot(2.0, between)
     found = [repeats.over_repeats(pair, halves=[1.959964 * 2.0] * 2) for pair in draws]
     covers = np.array([one.low < 0 < one.high for one in found])
     alike = np.abs(np.diff(draws))[:, 0] < 0.2

@@ -38,8 +38,8 @@ def crossings(walks):
     return [walked(name, walk) for name, walk in walks.items()]
 
 
-def headline(walks, count=8, **choices):
-    gait = unperturbed_gait(crossings(several("u", count, Walk())), 3)
+def headline(walks, **choices):
+    gait = unperturbed_gait(crossings(several("u", 8, Walk())), 3)
     return group_headline(crossings(walks), gait, settings(**choices))
 
 
@@ -89,13 +89,13 @@ def test_the_turn_is_toes_up_positive_whichever_way_the_person_walks(heading, tu
     assert turned == pytest.approx(turn)
 
 
-def of_stiffness(values, count=3):
+def of_stiffness(values):
     """Crossings of legs with these stiffnesses, whose gait differs, and their cells."""
     walks = {}
     cells = {}
     for K in values:
         gait = 0.8 + K / 2000
-        of_leg = several(f"p{K:.0f}_", count, MIDSTANCE, impedance=(K, 5.0, 0.03), gait=gait)
+        of_leg = several(f"p{K:.0f}_", 3, MIDSTANCE, impedance=(K, 5.0, 0.03), gait=gait)
         of_leg |= several(f"u{K:.0f}_", 3, Walk(gait=gait))
         walks |= of_leg
         cells |= {name: {"K_d": float(K), "B_d": 5.0} for name in of_leg}

@@ -8,6 +8,8 @@ import numpy as np
 import polars as pl
 import pytest
 import walking_synthetic as synthetic
+from c3d_builder import FACE
+from conftest import refused_with
 from scipy.spatial.transform import Rotation
 from walking_synthetic import (
     PLATE_RATE,
@@ -22,7 +24,7 @@ from walking_synthetic import (
     walked_over,
 )
 
-from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.recording import plate_axes
 from osl_analysis.trial import Array, Trial, plate_columns
 from osl_analysis.walking.crossing import (
@@ -56,9 +58,7 @@ from osl_analysis.walking.poses import BodyMotion, static_calibration
 PIVOT = np.array([-0.06, 0.0, 0.08])
 TIME = np.arange(3 * PLATE_RATE) / PLATE_RATE
 PHASE = np.linspace(0, 1, 11)
-SURFACE = np.array([[0.3, 0.2, 0], [-0.3, 0.2, 0], [-0.3, -0.2, 0], [0.3, -0.2, 0]]) + np.array(
-    [1.0, 2.0, 0.1]
-)
+SURFACE = np.add(FACE, [1.0, 2.0, 0.1])
 CALIBRATION = static_calibration(static_trial(), settings())
 MASS = 12.0
 COM = np.array([0.01, -0.02, -0.03])
@@ -281,7 +281,7 @@ def test_a_lag_that_is_not_found_is_not_corrected() -> None:
 def test_a_recording_that_cannot_show_the_unloaded_plate_is_refused(
     changes: dict[str, float], reason: str
 ) -> None:
-    with pytest.raises(InputError, match=f"trial plate_1: .*{reason}"):
+    with refused_with(f"trial plate_1: .*{reason}"):
         model_of(unloaded("plate_1", **changes))
 
 
@@ -302,19 +302,18 @@ def test_recordings_without_a_whole_motion_are_refused() -> None:
     never_still = between(slow, 1.2, 2.0)
 
     for cut in (late, never_still):
-        with pytest.raises(InputError, match=r"plate_2: .*0\... deg"):
+        with refused_with(r"plate_2: .*0\... deg"):
             model_of(cut)
 
 
-def stepped(offset: float, limit: float = np.inf, noise: float = 0.4) -> Array:
-    """A step of 0.7 s and 800 N from 1 s; then the tilted plate reads 5 N more with half the noise.
-    Fz has a limit."""
+def stepped(offset: float, noise: float = 0.4) -> Array:
+    """A step of 0.7 s and 800 N from 1 s; then the tilted plate reads 5 N more with half the
+    noise."""
     is_tilted = TIME > 1.75
     load = 800 * np.sin(np.pi * np.clip((TIME - 1) / 0.7, 0, 1)) + 5.0 * is_tilted
     noise_of_time = np.where(is_tilted, 0.5, 1.0)[:, None] * noise
     random = np.random.default_rng(2).standard_normal((len(TIME), 3))
     force = np.outer(load, [0.1, 0.0, 1.0]) + offset + noise_of_time * random
-    force[:, 2] = np.minimum(force[:, 2], limit)
     moment = 0.02 * offset + np.outer(load, [0.0, -0.1, 0.0])
     return np.hstack([force, moment])
 
@@ -339,12 +338,12 @@ def test_the_zero_is_read_before_the_foot_comes(unloaded_s: float) -> None:
 
 @pytest.mark.parametrize("zero", [-713.0, 713.0])
 def test_a_plate_that_was_not_zeroed_is_refused(zero: float) -> None:
-    with pytest.raises(InputError, match=rf"plate.*{zero:.0f} N,.*100 N"):
+    with refused_with(rf"plate.*{zero:.0f} N,.*100 N"):
         zeroed_wrench(standing_on(stepped(zero)), TIME[::5], settings())
 
 
 def test_a_plate_that_is_loaded_from_the_start_is_refused() -> None:
-    with pytest.raises(InputError, match=r"0\.2 s.*recording's"):
+    with refused_with(r"0\.2 s.*recording's"):
         zeroed_wrench(standing_on(stepped(0.0), 2000), TIME[:-2000:5], settings())
 
 
@@ -360,7 +359,7 @@ def askew() -> tuple[Array, Array]:
 def test_a_plate_at_its_limit_is_refused_also_where_it_stands_askew() -> None:
     force, axes = askew()
 
-    with pytest.raises(InputError, match="250 N"):
+    with refused_with("250 N"):
         check_range(TIME, force, axes, 30)
 
 
@@ -390,7 +389,7 @@ PERSON = np.array([0.0, 700.0])  # [N]
     (DEAD, r"A3.*force plate 1.*0\.100"),
 ])  # fmt: skip
 def test_a_channel_that_fails_in_stance_is_refused(trial: Trial, message: str) -> None:
-    with pytest.raises(InputError, match=message):
+    with refused_with(message):
         check_plate(trial, 1, STANCE, PERSON)
 
 
@@ -410,10 +409,7 @@ def test_a_channel_that_fails_elsewhere_does_not_matter(
 
 
 def test_a_force_beyond_a_person_s_is_refused() -> None:
-    with pytest.raises(
-        InputError,
-        match=r"plate 1.*8\.4e\+03 N,.*8000 N",
-    ):
+    with refused_with(r"plate 1.*8\.4e\+03 N,.*8000 N"):
         check_plate(examined(), 1, STANCE, 12 * PERSON)
 
 
@@ -423,9 +419,9 @@ def test_a_moving_plate_without_moments_is_refused() -> None:
     for trial in (alone, walked):
         trial.provenance["plates"][0]["type"] = 1
 
-    with pytest.raises(InputError, match=r"type 1.*type 2, 3.*4"):
+    with refused_with(r"type 1.*type 2, 3.*4"):
         model_of(alone)
-    with pytest.raises(InputError, match=r"type 1.*type 2, 3.*4"):
+    with refused_with(r"type 1.*type 2, 3.*4"):
         analyse_crossing(walked, CALIBRATION, NO_CORRECTION, True, settings())
 
 
@@ -453,7 +449,7 @@ def test_the_pressure_is_where_the_force_acts() -> None:
     ([-700.0, 30, 10], "-x .up to 700"),
 ])  # fmt: skip
 def test_a_load_that_does_not_act_upwards_is_refused(force: list[float], along: str) -> None:
-    with pytest.raises(InputError, match=along):
+    with refused_with(along):
         check_vertical(np.outer(PHASE, force))
 
 
@@ -468,7 +464,7 @@ def test_an_empty_plate_beside_a_loaded_one_is_refused() -> None:
     trial = changed(trial, **two)
     trial.provenance["plates"].append({**trial.provenance["plates"][0], "plate": 2})
 
-    with pytest.raises(InputError, match=r"plate 2 bears 0 N.*80. N.*`walking.plate: 1`"):
+    with refused_with(r"plate 2 bears 0 N.*80. N.*`walking.plate: 1`"):
         zeroed_wrench(trial, TIME[::5], settings(plate=2))
 
 
@@ -495,7 +491,7 @@ AXES = r"plate_1.*`axes`.*\[x, -z, y\]"
 def test_a_plate_on_edge_or_without_corners_is_refused(
     trial: Trial, plate: int, message: str
 ) -> None:
-    with pytest.raises(InputError, match=message):
+    with refused_with(message):
         recorded_corners(trial, plate)
 
 
@@ -509,7 +505,7 @@ def test_a_shank_that_moves_backwards_is_refused() -> None:
     ahead = -0.1 + 0.25 * PHASE
 
     check_side(PHASE, ahead)
-    with pytest.raises(InputError, match=r"shank.*20 cm.*foot.*`side`,"):
+    with refused_with(r"shank.*20 cm.*foot.*`side`,"):
         check_side(PHASE, -ahead)
 
 
@@ -536,5 +532,5 @@ def test_a_load_that_rolls_forward_or_hardly_moves_is_sound(sound: tuple[float, 
 def test_a_plate_that_is_turned_and_a_second_foot_are_refused(
     turned: tuple[float, ...], message: str
 ) -> None:
-    with pytest.raises(InputError, match=message):
+    with refused_with(message):
         rolled(0.2, *turned)

@@ -10,10 +10,10 @@ import numpy as np
 import polars as pl
 import pytest
 import walking_synthetic as synthetic
+from conftest import refused_with
 from walking_synthetic import Ramp, Rig, changed, plate_trials, settings, static_trial, walked_over
 
 from osl_analysis.commands.walking import average_unperturbed, write_refusal
-from osl_analysis.errors import InputError
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial
 from osl_analysis.walking.crossing import Crossing, analyse_crossing, check_onset
@@ -32,10 +32,8 @@ HEAVE = 0.003
 WALK = walked_over("walk_1", None, RIG, 1)
 
 
-def calibrated(
-    trials: list[Trial], static: StaticCalibration = CALIBRATION
-) -> list[tuple[Trial, StaticCalibration]]:
-    return [(trial, static) for trial in trials]
+def calibrated(trials: list[Trial]) -> list[tuple[Trial, StaticCalibration]]:
+    return [(trial, CALIBRATION) for trial in trials]
 
 
 @cache
@@ -104,7 +102,7 @@ def test_noise_that_the_low_pass_spread_into_rest_is_not_subtracted() -> None:
 
 
 def test_a_cluster_that_was_put_on_again_asks_for_a_static_trial() -> None:
-    with pytest.raises(InputError, match="shank markers"):
+    with refused_with("shank markers"):
         unperturbed(moved(WALK, "SHANK1", by=0.07), plate())
 
 
@@ -133,7 +131,7 @@ def test_the_static_trial_is_the_named_one_else_the_subject_s_else_the_only(
 def test_a_crossing_without_a_static_trial_of_its_own_is_refused(
     cells: dict[str, str], statics: dict[str, dict[str, str]], message: str
 ) -> None:
-    with pytest.raises(InputError, match=rf"trial 'w'.*{message}"):
+    with refused_with(rf"trial 'w'.*{message}"):
         static_of("w", cells, statics)
 
 
@@ -152,7 +150,7 @@ def test_each_unloaded_trial_is_read_with_the_cluster_of_its_session() -> None:
     )
 
     np.testing.assert_allclose(model.parameters, alike.parameters, atol=0.05)  # 0.01 mm of noise
-    with pytest.raises(InputError, match="column static"):
+    with refused_with("column static"):
         identify_plate_model(calibrated([later]), settings())
 
 
@@ -223,13 +221,13 @@ IN_STANCE = pl.col("time").is_between(1.0, 1.6).cast(pl.Float64)
 def test_none_or_several_stances_or_one_that_lifts_or_brakes_are_refused(
     more: dict[str, float], changes: dict[str, pl.Expr], told: str
 ) -> None:
-    with pytest.raises(InputError, match=told):
+    with refused_with(told):
         unperturbed(changed(WALK, **changes), **more)
 
 
 @pytest.mark.parametrize("onset", [1.75, 0.8, 1.02, 1.53])
 def test_an_onset_whose_response_leaves_stance_is_refused(onset: float) -> None:
-    with pytest.raises(InputError, match=r"baseline.*window.*0\.930-1\.590 s"):
+    with refused_with(r"baseline.*window.*0\.930-1\.590 s"):
         check_onset(onset, True, Stance(0.93, 1.59), settings())
 
 
@@ -239,7 +237,7 @@ def test_too_few_unperturbed_crossings_say_how_many_and_a_reason(tmp_path: Path)
     row = {"trial": "u0", "reason": reason, "perturbed": False, "group": "all", "direction": None}
     write_table(pl.DataFrame([row]), tmp_path / "selection.csv")
 
-    with pytest.raises(InputError, match=rf"^0 unperturbed.*4.*{reason}$"):
+    with refused_with(rf"^0 unperturbed.*4.*{reason}$"):
         average_unperturbed(
             [tmp_path / "u0.parquet"], tmp_path / "selection.csv", 4, tmp_path / "gait.json"
         )

@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 import yaml
 from bench_synthetic import sine_settings, unit_sines
-from conftest import ROOT
+from conftest import ROOT, joint_trial, least_squares_alone, white_noise
 from walking_crossings import Walk, run_jobs, several, walked
 
 from osl_analysis.bench.evidence import DesiredImpedance
@@ -29,7 +29,6 @@ from osl_analysis.ingest.quality import Commanded, measure_quality, measured_tab
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.recording_checks import judged_table
 from osl_analysis.stats.repeats import alike_sizes
-from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import flat, read_mapping
 
 OTHERS = {
@@ -94,16 +93,16 @@ OF_BENCH = {
 }
 
 
-@pytest.mark.usefixtures("without_inference")
+@least_squares_alone
 def test_unstated_settings_make_no_finding_on_a_sound_recording(with_default):
     """Whatever the default says of them: of a slow spring and of sines of a joint with a
     command."""
     own, _ = with_default(OF_BENCH)
     config = read_config(own)
     slow = np.deg2rad(5) * (1 - np.cos(np.pi * np.clip(np.arange(-300, 8300) / 1000, 0, 8)))
-    noise = 0.02 * np.random.default_rng(2).standard_normal(slow.size)
-    samples = {"time": np.arange(slow.size) / 250, "theta": slow, "torque": 300 * slow + noise}
-    recorded = {"impedance": sines(1.3, 4.97), "torque_angle": Trial("s", pl.DataFrame(samples))}
+    noise = 0.02 * white_noise(slow.size, 2)
+    of_spring = joint_trial(np.arange(slow.size) / 250, slow, 300 * slow + noise)
+    recorded = {"impedance": sines(1.3, 4.97), "torque_angle": of_spring}
     for experiment, condition in RECORDED.items():
         trial = recorded[experiment]
         fit = fit_trial(experiment, trial, config.parameters, config_for_trials(own), condition)
@@ -192,16 +191,16 @@ def test_recordings_that_are_not_analysed_are_named(tmp_path):
     assert left_out_recordings(Campaign(config, both)).endswith("ingest_only: b")
 
 
-def sines(*amplitudes_deg, hz=(0.5, 1, 2, 4), cycles=8, rate=500.0):
-    rest = np.zeros(round(rate))
+def sines(*amplitudes_deg):
+    rate = 500.0
+    rest = np.zeros(500)
+    steps = unit_sines([(hz, 8) for hz in (0.5, 1, 2, 4)], rate)
     parts = [rest]
     for size in np.deg2rad(amplitudes_deg):
-        parts += [size * unit_sines([(f, cycles) for f in hz], rate), rest]
+        parts += [size * steps, rest]
     theta = np.concatenate(parts)
-    torque = 300 * theta + 0.02 * np.random.default_rng(1).standard_normal(len(theta))
-    return Trial(
-        "t", pl.DataFrame({"time": np.arange(len(theta)) / rate, "theta": theta, "torque": torque})
-    )
+    torque = 300 * theta + 0.02 * white_noise(len(theta), 1)
+    return joint_trial(np.arange(len(theta)) / rate, theta, torque)
 
 
 def test_without_a_stated_protocol_the_recording_is_its_own_label():

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from conftest import ROOT
+from conftest import ROOT, refused_with
 
 from osl_analysis.campaign.campaign_trials import check_campaign, open_campaign
 from osl_analysis.campaign.configuration import read_config
@@ -19,7 +19,7 @@ from osl_analysis.commands.simulate import (
     write_sheet,
 )
 from osl_analysis.config.sheet import read_sheet
-from osl_analysis.errors import InputError, UnreachableImpedanceError
+from osl_analysis.errors import UnreachableImpedanceError
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.simulator.simulation_settings import SimulationSettings
 from osl_analysis.simulator.trial_plan import plan_trials
@@ -87,7 +87,7 @@ IMPEDANCE_LOG = "k,impedance,{},,k.mcap,dynamometer,,,"
     ('b,belt,,,,,"b.mcap,dynamometer,,,\n', ""),
 ])  # fmt: skip
 def test_a_wrong_cell_is_named_with_line_and_remedy(tmp_path, line, told):
-    with pytest.raises(InputError, match=rf"trials.csv: line 2: {told}"):
+    with refused_with(rf"trials.csv: line 2: {told}"):
         read_sheet(sheet(tmp_path, HEADER + line + "\n"))
 
 
@@ -101,7 +101,7 @@ def test_a_wrong_cell_is_named_with_line_and_remedy(tmp_path, line, told):
 ])  # fmt: skip
 def test_a_cell_that_its_trial_cannot_have_is_named(tmp_path, experiment, column, cell):
     text = f"trial,experiment,log,log_source,{column}\na,{experiment},a,s,{cell}\n"
-    with pytest.raises(InputError, match=rf"trials.csv: line 2: {column}:"):
+    with refused_with(rf"trials.csv: line 2: {column}:"):
         read_sheet(sheet(tmp_path, text))
 
 
@@ -113,13 +113,13 @@ def test_a_cell_that_its_trial_cannot_have_is_named(tmp_path, experiment, column
     ('b,"belt",,,a,s\nc,calibration,,,a,s\n', "calibration.*known_K.*known_percent"),
 ])  # fmt: skip
 def test_a_row_that_does_not_fit_the_others_is_named(tmp_path, rows, told):
-    with pytest.raises(InputError, match=rf"trials.csv: line 3:.*{told}"):
+    with refused_with(rf"trials.csv: line 3:.*{told}"):
         read_sheet(sheet(tmp_path, "trial,experiment,joint,side,log,log_source\n" + rows))
 
 
 def test_a_cell_of_several_lines_counts_as_such(tmp_path):
     text = f'{HEADER}{BELT}"slipped\nand again"\nb2,belts,,,,,b.mcap,dynamometer,,,\n'
-    with pytest.raises(InputError, match="line 4: experiment: 'belts'"):
+    with refused_with("line 4: experiment: 'belts'"):
         read_sheet(sheet(tmp_path, text))
 
 
@@ -133,9 +133,9 @@ def test_a_cell_of_several_lines_counts_as_such(tmp_path):
     (b"PK\x03\x04xl/\0\0", "trials.csv: .*CSV UTF-8"),
 ])  # fmt: skip
 def test_a_wrong_sheet_is_refused_with_what_to_do(tmp_path, text, message):
-    with pytest.raises(InputError, match=message):
+    with refused_with(message):
         read_sheet(sheet(tmp_path, text))
-    with pytest.raises(InputError, match=r"other.csv: "):
+    with refused_with(r"other.csv: "):
         read_sheet(tmp_path / "other.csv")
 
 
@@ -234,7 +234,7 @@ def test_a_trial_has_the_files_that_its_row_names(tmp_path):
 ])  # fmt: skip
 def test_walking_needs_several_crossings_of_either_kind(tmp_path, text, message):
     check_campaign(opened(tmp_path))
-    with pytest.raises(InputError, match=message):
+    with refused_with(message):
         check_campaign(opened(tmp_path, text))
 
 
@@ -245,7 +245,7 @@ def test_walking_needs_several_crossings_of_either_kind(tmp_path, text, message)
 def test_a_condition_of_one_crossing_alone_and_a_check_that_is_none_are_refused(
     tmp_path, changes, told
 ):
-    with pytest.raises(InputError, match=told):
+    with refused_with(told):
         check_campaign(opened(tmp_path, rows=cells(tmp_path, "x", **changes)))
 
 
@@ -271,7 +271,7 @@ def test_two_trials_of_one_log_have_parts_or_windows_of_their_own(tmp_path, seco
 @pytest.mark.parametrize("windows", ["4-6.1", "0-99", None])
 def test_two_trials_of_the_same_samples_are_refused(tmp_path, windows):
     said = "trial 'j': trial 'k'.*part.*log 'k.csv'"
-    with pytest.raises(InputError, match=said):
+    with refused_with(said):
         check_campaign(opened(tmp_path, rows=two_of_one_log(tmp_path, windows=windows)))
 
 
@@ -285,7 +285,7 @@ def test_a_copy_of_a_log_is_no_second_trial_of_its_experiment(tmp_path):
     (tmp_path / "k.csv").write_bytes(b"1 2 3")
 
     said = "trial 'j':.*j.csv.*k.csv,"
-    with pytest.raises(InputError, match=said):
+    with refused_with(said):
         check_campaign(opened(tmp_path, rows=two_of_one_log(tmp_path, **copy), **recorded))
     belt = two_of_one_log(tmp_path, **copy, experiment="belt")
     check_campaign(opened(tmp_path, rows=belt, **recorded))
@@ -296,7 +296,7 @@ def test_a_copy_of_a_capture_is_no_second_crossing(tmp_path):
         (tmp_path / f"{name}.c3d").write_bytes(b"1 2 3")
 
     said = "trial 'u1':.*u1.c3d.*u0.c3d,"
-    with pytest.raises(InputError, match=said):
+    with refused_with(said):
         check_campaign(opened(tmp_path, simulation=None, raw_data=tmp_path))
 
 
@@ -307,7 +307,7 @@ def test_excluded_trials_have_their_reason_and_some_trial_must_be_left(tmp_path)
 
     assert "w" not in opened(tmp_path, rows=fell).rows
     said = "trials.csv:.*trial.*`exclude`"
-    with pytest.raises(InputError, match=said):
+    with refused_with(said):
         opened(tmp_path, rows=every)
 
 
@@ -385,14 +385,14 @@ PRBS = {"name": "a", "kind": "prbs", "rms_deg": 2}
 ])  # fmt: skip
 def test_a_wrong_setting_is_named_with_its_place(tmp_path, place, value, match):
     path = settings_with(tmp_path, place, value)
-    with pytest.raises(InputError, match=f"^{path}: .*{match}"):
+    with refused_with(f"^{path}: .*{match}"):
         read_yaml(path, SimulationSettings)
 
 
 def test_an_unstable_loop_or_a_missing_file_is_refused_and_nothing_is_written(tmp_path, in_root):
     """20 ms of delay: an actuator that turned by 1e18 rad was logged."""
     path = settings_with(tmp_path, "effects.control_delay.size", 100)
-    with pytest.raises(InputError, match=r"100 rad.*effects\.control_delay"):
+    with refused_with(r"100 rad.*effects\.control_delay"):
         simulate_trial(path, tmp_path / "raw", "impedance_K300_B5.0_compensated")
     assert not (tmp_path / "raw").exists()
     with pytest.raises(
@@ -400,9 +400,9 @@ def test_an_unstable_loop_or_a_missing_file_is_refused_and_nothing_is_written(tm
         match=r"experiments: K_d = 3000 N\*m/rad",
     ):
         settings_files(settings_with(tmp_path, "experiments.K_d", [300, 3000]))
-    with pytest.raises(InputError, match=r"simulation: no\.yaml: "):
+    with refused_with(r"simulation: no\.yaml: "):
         planned_sheet(Path("no.yaml"), tmp_path / "raw/trials.csv")
     # of the gait laboratory, for a trial of the bench
     missing = settings_with(tmp_path, "walking", "none.yaml")
-    with pytest.raises(InputError, match=r"walking: none\.yaml .*null"):
+    with refused_with(r"walking: none\.yaml .*null"):
         simulate_trial(missing, tmp_path / "raw", "belt_01")

@@ -10,12 +10,12 @@ import numpy as np
 import polars as pl
 import pytest
 from bench_synthetic import unit_block
-from conftest import ROOT
+from conftest import white_noise
+from shipped import CONFIG, DEVICE
 from walking_crossings import Walk, selected, walked
 from walking_synthetic import settings
 
 from osl_analysis.bench.evidence import DesiredImpedance
-from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.commands.fit import fit_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables_by_name
@@ -110,7 +110,7 @@ def spoiled(time, x, y):
 def signals():
     time = np.arange(N) / 100.0
     x = 0.1 * np.sin(4 * np.pi * time) + 0.05 * np.sin(10 * np.pi * time + 1)
-    return spoiled(time, x, 3 * x + 0.01 * np.random.default_rng(1).standard_normal(N))
+    return spoiled(time, x, 3 * x + 0.01 * white_noise(N, 1))
 
 
 def asked(y, x):
@@ -160,11 +160,10 @@ def bench_angle(experiment):
 def asked_of(experiment):
     """The shipped configuration with a short protocol, and the desired impedance."""
     desired = DesiredImpedance("compensated", 300.0, 5.0) if experiment == "impedance" else None
-    config = config_for_trials(ROOT / "config/config.yaml")
     short = {"amplitudes_deg": [4], "frequencies_hz": FREQUENCIES, "cycles": CYCLES}
-    bench = config.dynamometer
+    bench = CONFIG.dynamometer
     bench = type(bench).model_validate(bench.model_dump() | short)
-    return config.model_copy(update={"dynamometer": bench}), desired
+    return CONFIG.model_copy(update={"dynamometer": bench}), desired
 
 
 def bench_fit(experiment, t, angle, torque):
@@ -175,7 +174,7 @@ def bench_fit(experiment, t, angle, torque):
     table = fit_trial(
         experiment,
         Trial("made", pl.DataFrame(samples)),
-        (ROOT / "config/parameters/default.yaml"),
+        DEVICE,
         *asked_of(experiment),
     ).table
     described = described_tables_by_name()[EXPERIMENTS[experiment].tables[0].name]
@@ -191,7 +190,7 @@ BENCH = [name for name, facts in EXPERIMENTS.items() if facts.place == "bench"]
 def test_a_degenerate_bench_trial_is_fitted_or_refused(experiment, in_root):
     x = bench_angle(experiment)
     time = np.arange(len(x)) / BENCH_RATE
-    y = 300 * x + 0.05 * np.random.default_rng(1).standard_normal(len(x))
+    y = 300 * x + 0.05 * white_noise(len(x), 1)
     cases = spoiled(time, x, y) | {"tiny time": (1e-300 * time, x, y)}
     for name in ("sound", "nan in x", "two equal stamps"):  # which are fitted as any recording
         del cases[name]

@@ -7,13 +7,13 @@ from types import SimpleNamespace
 
 import polars as pl
 import pytest
+from conftest import refused_with
 from hypothesis import given
 from hypothesis import strategies as st
 from polars.testing import assert_frame_equal
 
 from osl_analysis.commands.run import check_working_folder
 from osl_analysis.dictionary import HERE
-from osl_analysis.errors import InputError
 from osl_analysis.files import own_yaml
 from osl_analysis.table import (
     read_table,
@@ -66,14 +66,14 @@ def test_a_folder_that_cannot_be_written_to_or_is_full_is_told(tmp_path, monkeyp
         monkeypatch.setattr(
             "os.access", lambda path, mode, name=name: str(path) not in (name, "raw_data")
         )
-        with pytest.raises(InputError, match=f"{tmp_path}/{name}:"):
+        with refused_with(f"{tmp_path}/{name}:"):
             check_working_folder(Path("results"))
         monkeypatch.undo()
         monkeypatch.chdir(tmp_path)
     for free in (9, 10):  # MB
         room = SimpleNamespace(total=10**9, free=free * 10**6)
         monkeypatch.setattr("shutil.disk_usage", lambda path, room=room: room)
-        with pytest.raises(InputError, match="10 MB") if free < 10 else nullcontext():
+        with refused_with("10 MB") if free < 10 else nullcontext():
             check_working_folder()
 
 
@@ -85,7 +85,7 @@ def test_a_folder_that_cannot_be_written_to_or_is_full_is_told(tmp_path, monkeyp
 def test_a_bad_table_is_refused_by_file_and_column_in_one_line(tmp_path, content, message):
     if content is not None:
         (tmp_path / "t.csv").write_text(content)
-    with pytest.raises(InputError, match=message):
+    with refused_with(message):
         read_table(tmp_path / "t.csv", required=["K"])
 
 

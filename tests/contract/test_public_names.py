@@ -13,7 +13,7 @@ import polars as pl
 import pytest
 from any_motion import made_trial, multisine
 from bench_recordings import RECORDINGS
-from conftest import ROOT
+from conftest import ROOT, joint_trial, white_noise
 
 import osl_analysis as osl
 from osl_analysis.table import SCHEMA, write_table
@@ -53,18 +53,16 @@ def names_of_examples():
     theta = np.deg2rad(10) * np.sin(2 * np.pi * np.clip(time - 2, 0, 18) / 6)
     torque = 200 * theta + 2 * np.tanh(50 * np.gradient(theta, time))
     sine = np.deg2rad(5) * np.sin(4 * np.pi * np.clip(time - 2, 0, 18))
-    noise = 0.05 * np.random.default_rng(4).standard_normal(len(time))  # of a load cell
-    of_one_frequency = {"time": time, "theta": sine, "torque": 300 * sine + noise}
+    noise = 0.05 * white_noise(len(time), 4)  # of a load cell
     made = {name: osl.Trial(name, pl.DataFrame(RECORDINGS[name])) for name in RECORDINGS}
-    foot = pl.DataFrame({"time": time, "theta": theta, "torque": torque})
     return {
         "osl": osl,
         "trial": made_trial(rng, multisine(rng)),
         "belt_trial": made["belt"],
         "motorless_trial": made["transmission"],
         "actuator_trial": made["actuator"],
-        "foot": osl.Trial("foot", foot),
-        "trial_of_one_frequency": osl.Trial("sine", pl.DataFrame(of_one_frequency)),
+        "foot": joint_trial(time, theta, torque),
+        "trial_of_one_frequency": joint_trial(time, sine, 300 * sine + noise),
     }
 
 

@@ -6,7 +6,7 @@ from datetime import datetime, timedelta
 import numpy as np
 import pytest
 import yaml
-from conftest import ROOT
+from conftest import ROOT, white_noise
 from scipy.io import savemat
 
 from osl_analysis.draft.draft_campaign import draft_campaign
@@ -74,7 +74,7 @@ def test_what_is_commanded_is_never_named_as_measured(column):
 
 
 def test_an_angle_that_stands_and_a_torque_of_noise_are_no_signals():
-    noise = np.random.default_rng(2).standard_normal(500)
+    noise = white_noise(500, 2)
     still = RecordedChannel("column", {"column": "angle"}, "rad", numbers=np.full(500, 0.1))
     torque = RecordedChannel("column", {"column": "torque"}, "N*m", numbers=noise)
 

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 import yaml
 from c3d_builder import write_c3d
-from click.testing import CliRunner
+from command_line import call
 from log_builders import write_text
 from mcap_builder import HEADER, stamped, write_log
 
-from osl_analysis.cli import main
 from osl_analysis.commands import trials as module
 from osl_analysis.draft.draft_source import draft_source
 from osl_analysis.draft.overview import choose_clock
@@ -88,7 +87,7 @@ def test_nothing_of_a_file_reaches_the_terminal_raw_or_leaves_its_quotes(
             f"Trajectories\n100\n,,{nasty},,\nFrame,Sub Frame,X,Y,Z\n,,{nasty},mm,mm\n1,0,1,2,3\n"
         )
         path.write_text(table if kind == "csv" else nexus)
-    result = CliRunner().invoke(main, ["inspect", str(path)])
+    result = call("inspect", path)
     assert result.exit_code == 0, result.output
     assert all(line.isprintable() for line in result.output.split("\n"))
     drafted = result.output.rpartition("\nformat:")[2]
@@ -97,10 +96,10 @@ def test_nothing_of_a_file_reaches_the_terminal_raw_or_leaves_its_quotes(
 
 def test_the_draft_is_written_where_it_is_asked_for_and_never_over_a_file(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(BENCH)
-    arguments = ["inspect", str(tmp_path / "a.csv"), "--draft", str(tmp_path / "a.yaml")]
-    assert CliRunner().invoke(main, arguments).exit_code == 0
+    arguments = ("inspect", tmp_path / "a.csv", "--draft", tmp_path / "a.yaml")
+    assert call(*arguments).exit_code == 0
     assert (tmp_path / "a.yaml").read_text().startswith('format: "csv"\n')
-    assert "a.yaml" in CliRunner().invoke(main, arguments).output
+    assert "a.yaml" in call(*arguments).output
 
 
 TIME = np.arange(50) * 0.004

@@ -10,14 +10,13 @@ import polars as pl
 import pytest
 import yaml
 from bench_recordings import RECORDINGS
-from c3d_builder import write_c3d
-from click.testing import CliRunner
+from c3d_builder import level_plates, write_c3d
+from command_line import call
 from conftest import ROOT
 from jsonschema import Draft202012Validator
 from log_builders import write_text, write_trc
 
 from osl_analysis.campaign.configuration import read_config
-from osl_analysis.cli import main
 from osl_analysis.commands.new_campaign import left_to_decide, new_campaign, schemas
 from osl_analysis.commands.run import first_look, snakemake_arguments
 from osl_analysis.commands.simulate import planned_sheet, settings_files
@@ -31,6 +30,7 @@ from osl_analysis.ingest.raw_files import read_source, recordings_in
 from osl_analysis.units import base_units, normalised
 
 pytestmark = pytest.mark.usefixtures("schemas_made_once")
+
 KINDS = {
     "config": "config/config.yaml config/campaigns/*/config.yaml config/new_campaign/[ce]*.yaml",
     "simulation": "config/simulation/[!w]*.yaml config/new_campaign/simulation_*.yaml",
@@ -40,12 +40,16 @@ KINDS = {
 """The shipped files of each schema."""
 
 
+@pytest.fixture
+def rec(tmp_path):
+    """A folder for recordings."""
+    folder = tmp_path / "rec"
+    folder.mkdir()
+    return folder
+
+
 HEAD = "time_s,angle_deg,torque_Nm"
 ROWS = "\n".join([HEAD, *(f"{k / 100},{k % 7},{k % 5}" for k in range(30)), ""])
-
-
-def call(*arguments):
-    return CliRunner().invoke(main, [str(a) for a in arguments])
 
 
 @pytest.mark.parametrize(("names", "joint"), [
@@ -243,22 +247,21 @@ def capture(path, of_leg, force=0.0, platform=("PLAT1", "PLAT2", "PLAT3"), label
     analogs = np.zeros((480, 8))
     analogs[:, 2], analogs[::50, 6:] = -force * np.repeat(((FRAMES > 90) & (FRAMES < 160)), 2), 5.0
     corners = np.array([[300.0, 250, 0], [-300, 250, 0], [-300, -250, 0], [300, -250, 0]])
-    plates = {"USED": np.array([2]), "TYPE": np.array([2, 2]), "ORIGIN": np.zeros((3, 2))}
-    plates |= {"CORNERS": np.dstack([corners.T + 3000, corners.T])}
-    plates |= {"CHANNEL": np.arange(1, 7)[:, None] + [0, 0]}
     named = {
         "POINT__LABELS": [*tracks],
         "ANALOG__LABELS": ["Fx", "Fy", "Fz", "Mx", "My", "Mz", *labels],
     }
-    named |= {f"FORCE_PLATFORM__{name}": value for name, value in plates.items()}
     return write_c3d(
-        path, points, analogs, **named, ANALOG__UNITS=["N"] * 3 + ["Nmm"] * 3 + ["V"] * 2
+        path,
+        points,
+        analogs,
+        **named,
+        **level_plates(corners + 3000, corners),
+        ANALOG__UNITS=["N"] * 3 + ["Nmm"] * 3 + ["V"] * 2,
     )
 
 
-def test_a_capture_without_a_trigger_has_a_source_file_of_its_own(tmp_path):
-    rec = tmp_path / "rec"
-    rec.mkdir()
+def test_a_capture_without_a_trigger_has_a_source_file_of_its_own(tmp_path, rec):
     capture(rec / "walk_pert_3.c3d", LEG, force=800)
     capture(rec / "walk_unpert_6.c3d", LEG, force=800, labels=["TTL", "EMG1"])
 
@@ -275,9 +278,7 @@ def test_a_capture_without_a_trigger_has_a_source_file_of_its_own(tmp_path):
     assert [*analogs[source_of["walk_unpert_6"]]] == ["sync"]
 
 
-def test_the_leg_that_steps_on_the_platform_is_asked_where_both_have_markers(tmp_path):
-    rec = tmp_path / "rec"
-    rec.mkdir()
+def test_the_leg_that_steps_on_the_platform_is_asked_where_both_have_markers(rec):
     left = {f"L{name[1:]}": place for name, place in LEG.items()}
     capture(rec / "walk_pert_2.c3d", {**LEG, **left}, force=800)
 
@@ -288,12 +289,11 @@ def test_the_leg_that_steps_on_the_platform_is_asked_where_both_have_markers(tmp
     assert "`walking.side`: " in draft.open[0][0]
 
 
-def test_what_the_captures_of_walking_do_not_tell_is_unknown_and_to_be_edited(tmp_path):
-    (tmp_path / "rec").mkdir()
+def test_what_the_captures_of_walking_do_not_tell_is_unknown_and_to_be_edited(tmp_path, rec):
     markers = {"RHEE": (0, 0, 0), "LTIB": (0, 0, 200)}
-    capture(tmp_path / "rec/a.c3d", markers, force=800, platform=("PL", "PLAT1"))
+    capture(rec / "a.c3d", markers, force=800, platform=("PL", "PLAT1"))
 
-    draft = new_campaign(tmp_path / "mine", recordings=tmp_path / "rec")
+    draft = new_campaign(tmp_path / "mine", recordings=rec)
 
     assert 'foot: ["RHEE", UNKNOWN]' in draft.walking
     assert yaml.safe_load(draft.walking) is None, "a part of a section would be refused"
@@ -340,21 +340,24 @@ def test_the_end_of_a_name_states_its_unit_in_any_spelling():
 
 
 @pytest.mark.parametrize("name", ["torque", "torque_raw"])
-def test_a_unit_that_nothing_but_the_size_of_readings_tells_is_to_be_stated(tmp_path, name):
-    (tmp_path / "rec").mkdir()
+def test_a_unit_that_nothing_but_the_size_of_readings_tells_is_to_be_stated(tmp_path, rec, name):
     rows = np.arange(600)
     angle = 10 * np.sin(rows / 25)
     columns = {"time_s": rows / 100, "ankle_angle_deg": angle, name: 2 * angle}
-    write_text(tmp_path / "rec/a.csv", columns)
-    draft = new_campaign(tmp_path / "mine", recordings=tmp_path / "rec")
+    write_text(rec / "a.csv", columns)
+    draft = new_campaign(tmp_path / "mine", recordings=rec)
     assert yaml.safe_load(draft.sources["csv"])["channels"]["torque"]["unit"] == "UNKNOWN"
     assert "`channels.torque.unit`" in left_to_decide(tmp_path / "mine", draft)[0][0]
 
 
+def triangle(turns):
+    return 1 - 2 * np.abs(2 * (turns % 1) - 1)
+
+
 @pytest.mark.parametrize(("wave", "frequency_hz", "experiment"), [
-    (lambda turns: 1 - 2 * np.abs(2 * (turns % 1) - 1), 0.1, "torque_angle"),
+    (triangle, 0.1, "torque_angle"),
     (lambda turns: np.sin(2 * np.pi * turns), 0.1, "torque_angle"),
-    (lambda turns: 1 - 2 * np.abs(2 * (turns % 1) - 1), 0.3, "impedance"),
+    (triangle, 0.3, "impedance"),
 ])  # fmt: skip
 def test_a_slow_triangle_or_sine_is_torque_over_angle_and_its_counts_begin_anew(
     tmp_path, wave, frequency_hz, experiment
@@ -399,12 +402,13 @@ def said_by_init(folder):
     return result.output.splitlines()
 
 
-def test_a_dry_run_names_the_one_source_file_of_two_that_is_to_be_edited(tmp_path, monkeypatch):
-    (tmp_path / "rec").mkdir()
-    write_bench(tmp_path / "rec/impedance_K150.csv")
-    text = (tmp_path / "rec/impedance_K150.csv").read_text()
-    (tmp_path / "rec/b.csv").write_text(text.replace("torque_Nm", "torque"))
-    new_campaign(tmp_path / "mine", recordings=tmp_path / "rec")
+def test_a_dry_run_names_the_one_source_file_of_two_that_is_to_be_edited(
+    tmp_path, rec, monkeypatch
+):
+    write_bench(rec / "impedance_K150.csv")
+    text = (rec / "impedance_K150.csv").read_text()
+    (rec / "b.csv").write_text(text.replace("torque_Nm", "torque"))
+    new_campaign(tmp_path / "mine", recordings=rec)
     monkeypatch.chdir(tmp_path / "mine")
 
     (problem,) = first_look()
@@ -412,10 +416,9 @@ def test_a_dry_run_names_the_one_source_file_of_two_that_is_to_be_edited(tmp_pat
     assert re.search(r"sources/csv\.yaml: .*`channels\.torque\.unit`.* \d+", problem)
 
 
-def test_a_log_and_a_capture_whose_clocks_are_not_aligned_are_a_question(tmp_path):
-    (tmp_path / "rec").mkdir()
-    capture(tmp_path / "rec/walk_pert_1.c3d", {**LEG, **MALLEOLI}, force=800)
-    write_bench(tmp_path / "rec/walk_pert_1.csv")
+def test_a_log_and_a_capture_whose_clocks_are_not_aligned_are_a_question(tmp_path, rec):
+    capture(rec / "walk_pert_1.c3d", {**LEG, **MALLEOLI}, force=800)
+    write_bench(rec / "walk_pert_1.csv")
 
     lines = said_by_init(tmp_path)
 
@@ -430,10 +433,8 @@ def drafted_of(tmp_path):
     return left_to_decide(folder, draft)
 
 
-def test_a_laboratory_with_names_of_its_own_is_drafted_without_a_question(tmp_path):
+def test_a_laboratory_with_names_of_its_own_is_drafted_without_a_question(tmp_path, rec):
     """Subjects before the names of markers, `noload`, `nom`, and the leg's log beside captures."""
-    rec = tmp_path / "rec"
-    rec.mkdir()
     leg = {f"P07:{name}": place for name, place in {**LEG, **MALLEOLI}.items()}
     platform = [f"hexapod:PLAT{k}" for k in range(3)]
     capture(rec / "static_01.c3d", leg, platform=platform)
@@ -470,11 +471,10 @@ def test_a_laboratory_with_names_of_its_own_is_drafted_without_a_question(tmp_pa
         read_source(path)
 
 
-def test_rotations_without_markers_are_a_question_before_a_run(tmp_path):
-    (tmp_path / "rec").mkdir()
+def test_rotations_without_markers_are_a_question_before_a_run(tmp_path, rec):
     analogs = np.ones((80, 6))
     write_c3d(
-        tmp_path / "rec/static_1.c3d", np.zeros((80, 0, 4)), analogs,
+        rec / "static_1.c3d", np.zeros((80, 0, 4)), analogs,
         ROTATION__USED=np.array([3]),
     )  # fmt: skip
 
@@ -490,24 +490,22 @@ def standing_with_y_up():
     return points
 
 
-def test_a_file_without_a_signal_is_left_out_with_a_sentence(tmp_path):
-    (tmp_path / "rec").mkdir()
-    write_bench(tmp_path / "rec/impedance_K150_B3.csv")
-    write_text(tmp_path / "rec/clock.csv", {"time_s": np.arange(500) / 250})
+def test_a_file_without_a_signal_is_left_out_with_a_sentence(tmp_path, rec):
+    write_bench(rec / "impedance_K150_B3.csv")
+    write_text(rec / "clock.csv", {"time_s": np.arange(500) / 250})
 
-    draft = draft_campaign(tmp_path / "rec")
+    draft = draft_campaign(rec)
 
     assert [trial.cells["log"] for trial in draft.trials] == ["impedance_K150_B3.csv"]
     (refused,) = draft.refused
     assert re.search(rf"^{tmp_path}/rec/clock\.csv: .*`osl-analysis inspect`", refused)
 
 
-def test_a_trc_that_tells_which_axis_points_up_drafts_the_axes_of_all(tmp_path):
-    (tmp_path / "rec").mkdir()
+def test_a_trc_that_tells_which_axis_points_up_drafts_the_axes_of_all(tmp_path, rec):
     points = standing_with_y_up()
-    write_trc(tmp_path / "rec/static_1.trc", points)
+    write_trc(rec / "static_1.trc", points)
     points[:, :, 0] += np.linspace(0, 2000, 50)[:, None]  # walks along x
-    write_trc(tmp_path / "rec/walk_2.trc", points)
+    write_trc(rec / "walk_2.trc", points)
 
     drafted_of(tmp_path)
 

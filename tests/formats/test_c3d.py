@@ -8,7 +8,7 @@ import ezc3d
 import numpy as np
 import pytest
 import yaml
-from c3d_builder import write_c3d
+from c3d_builder import FACE, level_plates, write_c3d
 from recognised_files import refusal_by
 from scipy.spatial.transform import Rotation
 
@@ -243,23 +243,17 @@ def test_positions_are_in_metres_and_in_the_stated_axes(
 # --- plates -------------------------------------------------------------------------------------
 
 LEVEL = np.array([[600.0, 0, 0], [0, 0, 0], [0, 400, 0], [600, 400, 0]])  # z down
-ONE_PLATE = {
-    "FORCE_PLATFORM__USED": np.array([1]),
-    "FORCE_PLATFORM__TYPE": np.array([2]),
-    "FORCE_PLATFORM__CHANNEL": np.arange(1, 7)[:, None],
-    "FORCE_PLATFORM__CORNERS": LEVEL.T[:, :, None],
-    "FORCE_PLATFORM__ORIGIN": np.zeros((3, 1)),
-}
 LABELS = ["Force.Fx1", "Force.Fy1", "Force.Fz1", "Moment.Mx1", "Moment.My1", "Moment.Mz1"]
 STATED = {"type": 2, "channels": LABELS, "corners": LEVEL.tolist()}
 READINGS = np.tile([1.0, 2, 3, 4000, 5000, 6000], (24, 1))
+WRENCH = pytest.approx([1, -2, -3, 4, -5, -6], rel=1e-12)  # N and N*m, z up
 
 
 def plate_file(folder: Path, readings: np.ndarray = READINGS, **parameters: Any) -> Path:
     """Channels in N, N, N, Nmm, Nmm, Nmm on one plate, by default forces 1 to 3 and moments 4000 to
     6000."""
     units = {"ANALOG__UNITS": ["N"] * 3 + ["Nmm"] * 3, "ANALOG__LABELS": LABELS}
-    arrays = {**units, **ONE_PLATE, **parameters}
+    arrays = {**units, **level_plates(LEVEL), **parameters}
     return write_c3d(folder / "plate.c3d", POINTS, readings, **arrays)
 
 
@@ -300,7 +294,7 @@ def test_what_cannot_be_is_refused(
 def test_a_plate_is_in_si_units_and_laboratory_axes(tmp_path: Path) -> None:
     path = plate_file(tmp_path)
 
-    assert wrench_of(path) == pytest.approx([1, -2, -3, 4, -5, -6], rel=1e-12)
+    assert wrench_of(path) == WRENCH
     for axes, order in ((["x", "y", "z"], [0, 1, 2]), (["x", "-z", "y"], [0, 2, 1])):
         (plate,) = read(path, axes=axes).facts["plates"]
         np.testing.assert_allclose(plate["corners"], LEVEL[:, order] / 1000, atol=1e-12)
@@ -323,7 +317,7 @@ def test_one_plate_described_in_any_way_is_one_plate(
 ) -> None:
     path = plate_file(tmp_path, **parameters)
 
-    assert wrench_of(path, **stated) == pytest.approx([1, -2, -3, 4, -5, -6], rel=1e-12)
+    assert wrench_of(path, **stated) == WRENCH
 
 
 def test_a_plate_that_cannot_be_read_is_a_question(tmp_path: Path) -> None:
@@ -348,7 +342,7 @@ def test_how_to_state_a_plate_works_also_where_two_have_the_same_labels(tmp_path
     stated = yaml.safe_load(remedy)
     stated["plate_geometry"][1]["corners"] = LEVEL.tolist()
 
-    assert wrench_of(path, **stated) == pytest.approx([1, -2, -3, 4, -5, -6], rel=1e-12)
+    assert wrench_of(path, **stated) == WRENCH
 
 
 @pytest.mark.parametrize("unit", ["V", "N"])
@@ -428,9 +422,7 @@ RANDOM = np.random.default_rng(3)
 FORCE = RANDOM.normal(0, 300, (20, 3))
 MOMENT = RANDOM.normal(0, 40, (20, 3))
 AXES = Rotation.from_euler("ZYX", [0.7, 0.2, np.pi - 0.1]).as_matrix()  # z down, tilted and turned
-CORNERS = [1.0, -2.0, 0.3] + np.array(
-    [[0.3, 0.2, 0], [-0.3, 0.2, 0], [-0.3, -0.2, 0], [0.3, -0.2, 0]]
-) @ AXES.T  # fmt: skip
+CORNERS = [1.0, -2.0, 0.3] + FACE @ AXES.T
 # from the plate's origin to the centre of its surface, plate axes
 SURFACE = np.array([0.004, -0.007, -0.045])
 

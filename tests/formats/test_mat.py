@@ -181,7 +181,7 @@ def test_tables_their_clocks_and_the_properties_of_objects_are_read_as_written(
 # --- what is no signal, and damage --------------------------------------------------------------
 
 
-@pytest.mark.parametrize("write", [write_mat, write_mat73])
+@both_versions
 def test_what_is_no_row_of_real_numbers_is_refused_and_a_cut_file_too(
     write: Callable[..., Path], tmp_path: Path
 ) -> None:

@@ -5,7 +5,7 @@ import re
 import struct
 import sys
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ import lz4.frame
 import numpy as np
 import pytest
 import zstandard
+from conftest import refused_with
 from google.protobuf.descriptor_pb2 import FileDescriptorSet, UninterpretedOption
 from google.protobuf.message import Message as Protobuf
 from google.protobuf.timestamp_pb2 import Timestamp
@@ -27,7 +28,6 @@ from mcap_builder import message_source as source
 from mcap_ros2.decoder import DecoderFactory
 
 from osl_analysis import formats
-from osl_analysis.errors import InputError
 from osl_analysis.formats import mcap
 from osl_analysis.recording import End, Recording
 
@@ -55,8 +55,7 @@ def longer(record: bytes, opcode: int | None = None) -> bytes:
     return struct.pack("<BQ", opcode or record[0], len(record) - 4) + record[9:] + b"\1\2\3\4\5"
 
 
-def schema(content: bytes = b"float64 a") -> bytes:
-    return raw(records.Schema(id=1, name="lab_msgs/msg/S", encoding="ros2msg", data=content))
+SCHEMA = raw(records.Schema(id=1, name="lab_msgs/msg/S", encoding="ros2msg", data=b"float64 a"))
 
 
 def channel(number: int, topic: str) -> bytes:
@@ -69,10 +68,10 @@ def cdr(value: float) -> bytes:
     return b"\0\1\0\0" + struct.pack("<d", value)
 
 
-def message(number: int, time_ns: int, payload: bytes, sequence: int = 0) -> bytes:
+def message(number: int, time_ns: int, payload: bytes) -> bytes:
     return raw(
         records.Message(
-            channel_id=number, log_time=time_ns, data=payload, publish_time=7, sequence=sequence
+            channel_id=number, log_time=time_ns, data=payload, publish_time=7, sequence=0
         )
     )
 
@@ -82,7 +81,7 @@ def messages(values: range, number: int = 1) -> bytes:
     return b"".join(message(number, i * MILLISECOND, cdr(float(i))) for i in values)
 
 
-PACKINGS: dict[str, Callable[[bytes], bytes]] = {
+PACKINGS = {
     "zstd": zstandard.ZstdCompressor().compress,
     "lz4": lz4.frame.compress,
     "": bytes,
@@ -110,7 +109,7 @@ def log(*parts: bytes, summary: bytes = b"") -> bytes:
     return data + summary + raw(records.Footer(len(data) if summary else 0, 0, 0)) + MAGIC
 
 
-DECLARED = schema() + channel(1, "/lab")
+DECLARED = SCHEMA + channel(1, "/lab")
 TEN = messages(range(10))
 TWENTY = messages(range(10, 20))
 ONE_MESSAGE = len(TEN) // 10
@@ -170,7 +169,7 @@ def test_a_log_is_read_up_to_a_message_that_is_no_whole_one(tmp_path: Path) -> N
 
 def test_two_logs_in_one_file_are_refused_with_the_byte_where_to_split_them(tmp_path: Path) -> None:
     first = log(DECLARED, chunk(TEN))
-    with pytest.raises(InputError, match=rf"log.*byte {len(first)};"):
+    with refused_with(rf"log.*byte {len(first)};"):
         read(tmp_path, first + first)
 
 
@@ -186,7 +185,7 @@ def test_a_checksum_of_zero_is_none(tmp_path: Path) -> None:
 
 LEGAL = {
     "longer records": log(
-        *map(longer, (schema(), channel(1, "/lab"), chunk(TEN), INDEX, chunk(TWENTY)))
+        *map(longer, (SCHEMA, channel(1, "/lab"), chunk(TEN), INDEX, chunk(TWENTY)))
     ),
     "private records": log(
         PRIVATE + DECLARED + PRIVATE,
@@ -229,7 +228,7 @@ def test_two_channels_of_one_topic_are_refused_where_they_write_at_the_same_time
     if offset:  # a publisher that was started again
         assert column(read(tmp_path, both), "a") == [*range(10), *range(25, 30)]
         return
-    with pytest.raises(InputError, match=r"2 .*channel 1 .*channel 2"):
+    with refused_with(r"2 .*channel 1 .*channel 2"):
         read(tmp_path, both)
 
 
@@ -289,7 +288,7 @@ def numbers_in(value: Any, path: str = "") -> dict[str, float]:
         return {path: value}
     if isinstance(value, str):
         return {}
-    found: dict[str, float] = {}
+    found = {}
     if isinstance(value, list | tuple | bytes):
         for place, element in enumerate(value[:64]):
             found |= numbers_in(element, f"{path}[{place}]")
@@ -301,7 +300,7 @@ def numbers_in(value: Any, path: str = "") -> dict[str, float]:
 
 def assert_equal_to_reference(path: Path) -> int:
     """Compare every topic with the reference decoder; gives how many numbers were compared."""
-    topics: dict[str, list[tuple[int, dict[str, float]]]] = {}
+    topics = {}
     with path.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         for _, own_channel, own_message, decoded in reader.iter_decoded_messages():
@@ -406,14 +405,14 @@ def test_two_publishers_of_one_joint_are_refused_with_the_names_in_their_message
     said = r"'/lab'.* 2 .*\[knee, ankle\].*\[ankle, knee\]"
 
     assert any(re.search(said, remark) for remark in formats.read(path).loss.remarks)
-    with pytest.raises(InputError, match=said):
+    with refused_with(said):
         formats.read(path, source("position[name=knee]"))
 
 
 def test_a_name_that_two_elements_have_is_refused(tmp_path: Path) -> None:
     path = write_joints(tmp_path / "log.mcap", (["toe", "toe"], [1.0, 2.0]))
 
-    with pytest.raises(InputError, match=r"number.*position\[0\]"):
+    with refused_with(r"number.*position\[0\]"):
         column(formats.read(path, source("position[name=toe]")), "position[name=toe]")
 
 
@@ -489,7 +488,7 @@ def test_a_field_without_numbers_is_blamed_on_the_source_file(
 ) -> None:
     path = write_json(tmp_path, texts)
 
-    with pytest.raises(InputError, match=said):
+    with refused_with(said):
         column(formats.read(path, source(field)), field)
 
 
@@ -513,7 +512,7 @@ def test_a_topic_that_cannot_be_decoded_is_refused_with_the_reason(
 ) -> None:
     path = write_payloads(tmp_path / "log.mcap", [payload], *packing)
 
-    with pytest.raises(InputError, match=rf"topic '/lab'.*{said}"):
+    with refused_with(rf"topic '/lab'.*{said}"):
         column(formats.read(path, source("y")), "y")
 
 
@@ -552,7 +551,7 @@ def test_without_the_library_of_protobuf_the_extra_that_brings_it_is_named(
     path = write_protobuf(tmp_path, [Timestamp(seconds=5)] * 3)
     monkeypatch.setitem(sys.modules, "mcap_protobuf.decoder", None)
 
-    with pytest.raises(InputError, match=r"'/lab'.*; pip install 'osl-analysis\[protobuf\]'$"):
+    with refused_with(r"'/lab'.*; pip install 'osl-analysis\[protobuf\]'$"):
         column(formats.read(path, source("seconds")), "seconds")
 
 

@@ -62,7 +62,7 @@ def padded(text: str) -> str:
 
 
 EXPORT = "\n".join([DEVICES, TRAJECTORIES, MODEL])
-DRESSES: dict[str, tuple[str, dict[str, object]]] = {
+DRESSES = {
     "plain": (EXPORT, {}), "turned round": ("\n".join([MODEL, TRAJECTORIES, DEVICES]), {}),
     "padded": (padded(EXPORT), {}), "tabs": (EXPORT.replace(",", "\t"), {}),
     "semicolons": (EXPORT.replace(",", ";").replace("0.", "0,"), {}),

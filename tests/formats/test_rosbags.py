@@ -104,16 +104,14 @@ def rewritten(path: Path, content: bytes) -> Path:
     return path
 
 
-def read(path: Path, *fields: str, topic: str = "/lab", time: str = "header") -> Recording:
-    """The fields of a topic that a source file asks for."""
+def read(path: Path, *fields: str, time: str = "header") -> Recording:
+    """The fields that a source file asks for."""
     asked = fields or ("angle", "torque[0]", "sync")
-    return formats.read(
-        path, message_source(*asked, kind=recognise(path).name, topic=topic, time=time)
-    )
+    return formats.read(path, message_source(*asked, kind=recognise(path).name, time=time))
 
 
-def column(recording: Recording, field: str, topic: str = "/lab") -> np.ndarray:
-    return recording.find({"topic": topic, "field": field}).values
+def column(recording: Recording, field: str) -> np.ndarray:
+    return recording.find({"topic": "/lab", "field": field}).values
 
 
 def refusal(path: Path) -> str:
@@ -122,9 +120,9 @@ def refusal(path: Path) -> str:
     return str(caught.value)
 
 
-def assert_rows(recording: Recording, rows: range = range(50)) -> None:
+def assert_rows(recording: Recording) -> None:
     """The numbers of the rows that were written, and their stamps."""
-    row = np.array(rows)
+    row = np.arange(50)
     found = recording.find({"topic": "/lab", "field": "angle"})
     np.testing.assert_array_equal(column(recording, "angle"), row)
     np.testing.assert_array_equal(column(recording, "torque[0]"), -row / 2)
@@ -222,7 +220,7 @@ def without_a_part(folder: Path) -> Path:
     return whole
 
 
-REFUSED: list[tuple[Callable[[Path], Path], str]] = [
+REFUSED = [
     (
         lambda bag: rewritten(bag / DESCRIBED, b"a: {b: 9}").parent,
         "metadata.yaml: ",

@@ -168,16 +168,16 @@ def test_a_labview_file_of_several_segments_is_refused_with_the_setting_of_labvi
 # --- Qualisys ---------------------------------------------------------------------------
 
 
-def qualisys(frames: int = 3, columns: int = 2, rows: int | None = None) -> str:
+def qualisys(columns: int = 2, rows: int = 3) -> str:
     """An export with frame numbers and times, or without."""
     text = (
-        f"NO_OF_FRAMES\t{frames}\nNO_OF_CAMERAS\t8\nNO_OF_MARKERS\t2\nFREQUENCY\t200\n"
+        "NO_OF_FRAMES\t3\nNO_OF_CAMERAS\t8\nNO_OF_MARKERS\t2\nFREQUENCY\t200\n"
         "NO_OF_ANALOG\t0\nTIME_STAMP\t2026-03-14, 10:12:13\nDATA_INCLUDED\t3D\n"
         "MARKER_NAMES\tHeel\tToe\t\n"
     )
     if columns:
         text += "Frame\tTime\tHeel X\tHeel Y\tHeel Z\tToe X\tToe Y\tToe Z\n"
-    for k in range(frames if rows is None else rows):
+    for k in range(rows):
         toe = ["0.000"] * 3 if k == 1 else [f"{k}.5", "7.5", "8.5"]
         before = [str(k + 1), f"{k / 200:.5f}"][:columns]
         text += "\t".join([*before, f"{k}.25", "2.25", "0.000", *toe]) + "\n"

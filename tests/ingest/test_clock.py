@@ -3,6 +3,7 @@ shared movement."""
 
 import numpy as np
 import pytest
+from conftest import white_noise
 from scipy.interpolate import make_interp_spline
 
 from osl_analysis.errors import InputError
@@ -28,11 +29,11 @@ def level(changes: np.ndarray, time: np.ndarray) -> np.ndarray:
     return (np.searchsorted(changes, time, side="right") % 2).astype(float)
 
 
-def slave_edges(changes: np.ndarray, duration: float, offset: float = OFFSET) -> Edges:
+def slave_edges(changes: np.ndarray, duration: float) -> Edges:
     """As a logger on its own clock sees them: a logic level, sampled."""
     time = np.arange(0, duration - OFFSET + 1, 1 / SLAVE_RATE) + OFFSET
     edges = find_edges(time, level(changes, (1 + DRIFT) * time))
-    return edges._replace(time=edges.time - offset)
+    return edges._replace(time=edges.time - OFFSET)
 
 
 def master_edges(changes: np.ndarray, duration: float) -> Edges:
@@ -40,7 +41,7 @@ def master_edges(changes: np.ndarray, duration: float) -> Edges:
     time = np.arange(0, duration, 1 / MASTER_RATE)
     return find_edges(
         time,
-        5.0 * level(changes, time) + 0.02 * np.random.default_rng(1).standard_normal(time.size),
+        5.0 * level(changes, time) + 0.02 * white_noise(time.size, 1),
     )
 
 
@@ -112,7 +113,7 @@ CAMERA_RATE = 300.0
 WITHIN = np.arange(0, 30, 1 / CAMERA_RATE)
 KNOTS = np.arange(-120.0, 450.0, 0.15)
 # never repeats itself
-MOVEMENT = make_interp_spline(KNOTS, np.random.default_rng(9).standard_normal(KNOTS.size))
+MOVEMENT = make_interp_spline(KNOTS, white_noise(KNOTS.size, 9))
 
 
 @pytest.mark.parametrize("offset", [-100.0, 0.1234])
@@ -139,7 +140,7 @@ HARDLY = r"-?0\.\d+"
 
 
 @pytest.mark.parametrize(("strange", "seen", "message"), [
-    (np.random.default_rng(3).standard_normal(9000), MOVEMENT(WITHIN), HARDLY),
+    (white_noise(9000, 3), MOVEMENT(WITHIN), HARDLY),
     (np.zeros(9000), MOVEMENT(WITHIN), "48 samples"),
     (MOVEMENT(WITHIN[:40]), MOVEMENT(WITHIN), "48 samples"),
     (np.sin(2 * np.pi * WITHIN), np.sin(2 * np.pi * WITHIN + 1), HARDLY),
@@ -153,7 +154,7 @@ def test_strides_that_differ_a_little_tell_the_lag() -> None:
     """Each second of the angle is like the others, but for what varies."""
     time = np.arange(0, 30, 1 / CAMERA_RATE)
     angle = np.sin(2 * np.pi * time) + 0.05 * MOVEMENT(time)
-    seen = angle[1500:7500] + 0.01 * np.random.default_rng(2).standard_normal(6000)
+    seen = angle[1500:7500] + 0.01 * white_noise(6000, 2)
 
     fit = correlate_clocks((time, angle), (time[:6000], seen))
 

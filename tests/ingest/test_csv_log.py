@@ -27,7 +27,7 @@ from osl_analysis.units import (
     si_factor,
 )
 
-SOURCE: dict[str, Any] = {
+SOURCE = {
     "format": "csv", "time": {"column": "t", "unit": "s"},
     "channels": {"theta": {"column": "angle", "unit": "rad"}, "torque": {"column": "load",
     "unit": "Nm"}},
@@ -64,7 +64,7 @@ def refused(folder: Path, text: str | bytes, **fields: object) -> str:
     return refusal_by(ingested, folder, text, **fields)
 
 
-UNITLESS: dict[str, object] = {
+UNITLESS = {
     "channels": {"theta": {"column": "angle"}, "torque": {"column": "load"}},
     "time": {"column": "t"},
 }  # fmt: skip

@@ -28,11 +28,11 @@ SOURCE = {
 }
 
 
-def rust_lines(rows: int = ROWS) -> list[dict[str, Any]]:
+def rust_lines() -> list[dict[str, Any]]:
     """Objects as the recorder of the Open-Source Leg in Rust writes them: an angle of k degrees, a
     torque of -k / 2."""
     variables = [
-        {"time": 2.0 * k + 17, "ankle_angle": float(k), "on": k % 2 == 0} for k in range(rows)
+        {"time": 2.0 * k + 17, "ankle_angle": float(k), "on": k % 2 == 0} for k in range(ROWS)
     ]
     return [{"variables": one, "functions": {"torque": -k / 2}} for k, one in enumerate(variables)]
 
@@ -147,7 +147,7 @@ def test_a_line_that_cannot_be_used_is_skipped_within_a_share_and_else_refused(
     tmp_path: Path,
 ) -> None:
     line = '{"variables": {"time": 39.0, "ankle_an'
-    lines: list[Any] = rust_lines()
+    lines = rust_lines()
     lines[11] = line
     path = write(tmp_path / "a", lines)
     recording = read(path)

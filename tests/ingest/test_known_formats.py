@@ -43,7 +43,7 @@ def channel(column: str, **fields: object) -> dict[str, object]:
     return {**LOG, "channels": {column: {"topic": "/lab", "field": "angle", **fields}}}
 
 
-MISTAKES: list[tuple[dict[str, object], str]] = [
+MISTAKES = [
     (channel("torque", unit="deg"),
      "source.yaml: line 5: channels.torque.unit: 'deg'"),
     ({**LOG, "channels": {name: {"topic": "/lab", "field": "a", "unit": unit} for name,
@@ -128,10 +128,10 @@ def test_a_table_is_not_taken_for_another_format(tmp_path: Path) -> None:
 SOURCE = "format: csv\ntime: {column: t, unit: s}\nchannels:\n  theta: {column: angle, unit: deg}\n"
 
 
-def ingested(folder: Path, name: str, content: bytes, source: str = SOURCE) -> Trial:
+def ingested(folder: Path, name: str, content: bytes) -> Trial:
     """A trial from one file, by a source file."""
     (folder / name).write_bytes(content)
-    (folder / "source.yaml").write_text(source)
+    (folder / "source.yaml").write_text(SOURCE)
     return trial_from_files({"trial": "a", "log": name, "log_source": "source"}, folder, folder)
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-from conftest import ROOT
+from conftest import ROOT, white_noise
 from recognised_files import read_recognised
 
 from osl_analysis.ingest import LIMITS
@@ -17,7 +17,7 @@ from osl_analysis.trial import Array
 ROWS = 2000
 RATE_HZ = 200.0
 TIME = np.arange(ROWS) / RATE_HZ
-NOISE = np.random.default_rng(3).standard_normal((2, ROWS))
+NOISE = white_noise((2, ROWS), 3)
 OMEGA = 2 * np.pi * 5.0  # rad/s; second differences of this motion are large, third ones small
 THETA = 0.1 * np.sin(OMEGA * TIME) + 1e-5 * NOISE[0]  # rad
 TORQUE = 30.0 * np.cos(OMEGA * TIME) + 0.01 * NOISE[1]  # N*m

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+from conftest import white_noise
 from mcap_builder import HEADER, stamped, write_log
 from recognised_files import read_recognised, refusal_of
 
@@ -91,7 +92,7 @@ def recorded(time: np.ndarray[Any, Any], level: np.ndarray[Any, Any]) -> Convert
 def test_a_gate_is_the_one_pulse_that_is_as_long_as_the_capture() -> None:
     session = np.arange(0, 60, 0.002)
     level = ((session > 10) & (session < 14)) | ((session > 30) & (session < 37))
-    noise = 0.01 * np.random.default_rng(1).standard_normal(7000)
+    noise = 0.01 * white_noise(7000, 1)
 
     fit, warnings = aligned_clock(
         recorded(session, level.astype(float)),
@@ -108,7 +109,7 @@ def test_a_gate_is_the_one_pulse_that_is_as_long_as_the_capture() -> None:
 def test_noise_of_a_steady_level_is_no_edge() -> None:
     session = np.arange(0, 60, 0.002)
     level = (session % 10 > 5).astype(float)
-    noise = 0.01 * np.random.default_rng(1).standard_normal(5000)
+    noise = 0.01 * white_noise(5000, 1)
 
     with pytest.raises(InputError, match=r"edge:.*gate,.*5 pulses.*`shared`"):
         aligned_clock(

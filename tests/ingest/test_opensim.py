@@ -41,7 +41,7 @@ def write_mot(path: Path, header: str = "inDegrees=yes") -> Path:
 
 
 ANKLE = {"column": "ankle_angle_r", "unit": "deg"}
-MOT: dict[str, Any] = {
+MOT = {
     "format": "opensim",
     "channels": {"theta": ANKLE, "torque": {"column": "ankle_moment", "unit": "N*m", "sign": -1}},
 }

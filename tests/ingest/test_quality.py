@@ -12,15 +12,14 @@ import polars as pl
 import pytest
 import yaml
 from bench_synthetic import unit_block
-from c3d_builder import write_c3d
-from conftest import ROOT
+from c3d_builder import level_plates, write_c3d
+from conftest import ROOT, joint_trial, refused_with, white_noise
 from scipy import signal
+from shipped import CONFIG, SETTINGS
 
-from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.commands.fit import is_broken_outside
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.errors import InputError
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest.guard import check_sizes, run_at_extreme
 from osl_analysis.ingest.quality import (
@@ -38,9 +37,8 @@ from osl_analysis.signals import longest_run
 from osl_analysis.trial import Array, Trial
 from osl_analysis.yaml_settings import Settings, validated
 
-CONFIG = ROOT / "config/config.yaml"
 COMMANDED = Commanded((2.0, 4.0), (2.0, 5.0), 6, clusters={"foot": "ABCD"})
-RULES = config_for_trials(CONFIG).quality
+RULES = CONFIG.quality
 RATE = 1000.0
 
 
@@ -92,7 +90,7 @@ def every_fifth(values):
 def actuator_bench(**changed):
     """A sound recording of the actuator's own bench: two seconds of a slow sine."""
     time = np.arange(2000) / RATE
-    noise = np.random.default_rng(8).standard_normal((2, 2000))
+    noise = white_noise((2, 2000), 8)
     columns = {"theta_m": np.sin(3 * time), "current": 5 * np.sin(3 * time) + 0.01 * noise[0]}
     return pl.DataFrame(
         {"time": time, **columns, "torque_m": 5 * np.sin(3 * time) + 0.01 * noise[1], **changed}
@@ -117,8 +115,8 @@ def with_piece(values, first, last, new=None):
     return changed
 
 
-def results(samples, experiment="impedance", **provenance):
-    return measure_quality(Trial("t", samples, provenance), experiment, COMMANDED)
+def results(samples, experiment="impedance", commanded=COMMANDED, **provenance):
+    return measure_quality(Trial("t", samples, provenance), experiment, commanded)
 
 
 def judged(checks, *accepted):
@@ -149,7 +147,7 @@ SEEN = with_piece(with_piece(np.linspace(0, 0.1, 400), 0, 40, np.nan), 100, 160,
 # faults that begin or end in a leap of one sample: a rail out of nowhere, and a turn
 STILL = pl.DataFrame({"time": np.arange(2000) / RATE, "theta": 0.1})
 BARE = laboratory()["plate1_force_z"].to_numpy()
-STOOD_ON = 800 + np.random.default_rng(1).standard_normal(2000)
+STOOD_ON = 800 + white_noise(2000, 1)
 
 
 @pytest.mark.parametrize(("check", "samples", "experiment", "value", "remark"), [
@@ -336,18 +334,10 @@ def test_cycles_may_differ_by_frequency_and_any_motion_may_be_commanded():
         ("impedance", other, replace(COMMANDED, excitation="stepped_sine"), 4),
         ("transmission", 0 * theta, free, 4),
     ):  # fmt: skip
-        assert (
-            measure_quality(Trial("a", bench(motion)), experiment, commanded)["protocol"].value
-            == value
-        )
+        assert results(bench(motion), experiment, commanded)["protocol"].value == value
     # a frequency that returns has the cycles of both
     again = Commanded((2.0, 4.0), (2.0, 5.0, 2.0), 6)
-    assert (
-        measure_quality(Trial("a", bench(stepped_sine(again))), "impedance", again)[
-            "protocol"
-        ].value
-        == 0
-    )
+    assert results(bench(stepped_sine(again)), commanded=again)["protocol"].value == 0
 
 
 def test_a_failure_flags_or_excludes_by_its_rule_and_the_sheet_accepts_it_by_name():
@@ -378,9 +368,9 @@ class OnlyQuality(Settings):
 ])  # fmt: skip
 def test_rules_and_checks_are_one_list_and_thresholds_have_their_units(changed, message):
     validate_rules(RULES, UNITS)
-    there = yaml.safe_load(CONFIG.read_text())["quality"] | changed
-    with pytest.raises(InputError, match=message):
-        validate_rules(validated({"quality": there}, OnlyQuality, CONFIG).quality, UNITS)
+    there = SETTINGS["quality"] | changed
+    with refused_with(message):
+        validate_rules(validated({"quality": there}, OnlyQuality, ROOT).quality, UNITS)
 
 
 # Sensors at the end of their range: stated in the source file, or seen in the recording.
@@ -413,9 +403,7 @@ def test_rest_at_a_level_is_no_rail_at_any_rate_though_the_torque_settles(rate, 
 def test_a_command_at_its_level_is_no_rail_a_clipped_current_and_a_stated_end_are():
     time = np.arange(2000) / 500.0
     levels = np.repeat([3.0, -2.0, 3.0, 1.0], 500)
-    measured = np.minimum(
-        4 * np.sin(7 * time) + 0.02 * np.random.default_rng(1).standard_normal(2000), 3.0
-    )
+    measured = np.minimum(4 * np.sin(7 * time) + 0.02 * white_noise(2000, 1), 3.0)
     torque = np.concatenate([time[:997], np.full(3, 59.7), np.full(7, 59.97), time[:993]])
     origin = {"columns": {"torque": {"range": [-60.0, 60.0]}}}
     moved = np.sin(7 * time)
@@ -429,7 +417,7 @@ def test_a_command_at_its_level_is_no_rail_a_clipped_current_and_a_stated_end_ar
     # electronics reach a hundredth of the range further
     for low, high in ((-61.1, 61.1), (-61.3, 0.0), (0.0, 61.3)):
         samples = pl.DataFrame({"time": [0.0, 1.0], "torque": [low, high]})
-        with pytest.raises(InputError, match=r"torque.* N\*m") if low + high else nullcontext():
+        with refused_with(r"torque.* N\*m") if low + high else nullcontext():
             check_sizes(samples, origin["columns"])
 
 
@@ -441,7 +429,7 @@ def test_a_log_with_values_beyond_the_stated_range_is_not_ingested(tmp_path):
     (tmp_path / "cell.yaml").write_text(yaml.safe_dump(source))
     row = {"trial": "a", "experiment": "ingest_only", "log": "log.csv", "log_source": "cell"}
     beyond = r"torque.*2\S+ N\*m.*\S+ s,.*`range`.*-20.5.*20.5"
-    with pytest.raises(InputError, match=beyond):
+    with refused_with(beyond):
         ingest_trial(row, tmp_path, tmp_path, tmp_path / "a.parquet")
     assert not (tmp_path / "a.parquet").exists()
 
@@ -453,10 +441,10 @@ STANCE = np.clip(np.minimum(TIME - 0.2, 0.8 - TIME) / 0.05, 0, 1)
 ROLL = np.interp(TIME, [0.2, 0.8], [-0.08, 0.14])  # centre of pressure along x [m]
 
 
-def force_and_moment(roll: Array = ROLL, seed: int = 1) -> tuple[Array, Array]:
+def force_and_moment(roll: Array = ROLL) -> tuple[Array, Array]:
     """Force and moment (n, 3) on the plate in its axes (z down): 700 N that rolls along x, with
     noise."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(1)
     vertical = -700 * STANCE * (1 + 0.1 * np.sin(10 * TIME))
     force = np.column_stack([60 * STANCE * np.sin(10 * (TIME - 0.5)), 20 * STANCE, vertical])
     moment = np.column_stack([0.02 * vertical, -roll * vertical, 0.0 * TIME])
@@ -467,18 +455,9 @@ def plate_trial(path: Path, channels: Array, **source: Any) -> Trial:
     """The C3D of one level plate of 0.6 m by 0.4 m, as ingest reads it."""
     # z down: y to the right
     corners = np.array([[300.0, -200, 0], [-300, -200, 0], [-300, 200, 0], [300, 200, 0]])
-    plate = {
-        "USED": np.array([1]),
-        "TYPE": np.array([2]),
-        "CORNERS": corners.T[:, :, None],
-        "ORIGIN": np.zeros((3, 1)),
-    }
-    facts = {f"FORCE_PLATFORM__{name}": fact for name, fact in plate.items()}
-    facts |= {
-        "FORCE_PLATFORM__CHANNEL": np.arange(1, 7)[:, None],
-        "ANALOG__UNITS": ["N"] * 3 + ["Nm"] * 3,
-    }
-    write_c3d(path, np.ones((FRAMES, 1, 4)), channels, **facts)
+    units = ["N"] * 3 + ["Nm"] * 3
+    points = np.ones((FRAMES, 1, 4))
+    write_c3d(path, points, channels, **level_plates(corners), ANALOG__UNITS=units)
     recording = read_converted(path, known_formats()["c3d"].source(format="c3d", **source))
     return Trial("walk", recording.samples, recording.facts)
 
@@ -576,11 +555,7 @@ def test_a_plate_on_which_nobody_stands_is_not_judged(tmp_path: Path) -> None:
 def test_stamps_of_which_most_are_repeated_are_examined_by_their_mean_step():
     """Whole ms at 2 kHz ended in a division by zero."""
     time = np.arange(4000) // 2 / 1000
-    checks = measure_quality(
-        Trial("made", pl.DataFrame({"time": time, "theta": np.sin(6 * time), "torque": time})),
-        "impedance",
-        COMMANDED,
-    )
+    checks = results(joint_trial(time, np.sin(6 * time), time).samples)
     assert {"stuck", "rate"} <= checks.keys()
 
 
@@ -606,7 +581,7 @@ def test_the_window_that_the_remark_on_a_leap_names_leaves_it_and_gaps_out(exper
 def test_a_long_gap_outside_of_the_windows_is_cut_off_before_the_time_base(windows, is_outside):
     time = np.arange(0.0, 3.0, 1 / RATE)
     torque = np.where((time > 1) & (time < 2), np.nan, np.sin(6 * time))
-    trial = Trial("a", pl.DataFrame({"time": time, "theta": np.sin(6 * time), "torque": torque}))
+    trial = joint_trial(time, np.sin(6 * time), torque)
 
     cut, shifted = trial.cut_to(windows)
 

@@ -7,6 +7,7 @@ import numpy as np
 import polars as pl
 import pytest
 from bench_synthetic import table_of
+from conftest import joint_trial, least_squares_alone
 from scipy.interpolate import CubicSpline
 from scipy.signal import lsim, lti
 
@@ -102,7 +103,7 @@ def assert_right(row):
 # ---- Sensors
 
 
-@pytest.mark.usefixtures("without_inference")
+@least_squares_alone
 @pytest.mark.parametrize("stamps", ["even", "exact"])
 def test_a_delay_takes_a_share_of_B_until_it_is_stated(stamps):
     unstated, stated = (
@@ -118,7 +119,7 @@ def test_a_sensor_s_low_pass_starts_in_its_steady_state():
     assert SensorLowPass(100.0, 1)(np.full(9, 3.0), 1000.0) == pytest.approx(3.0)
 
 
-@pytest.mark.usefixtures("without_inference")
+@least_squares_alone
 def test_a_load_cell_s_filter_takes_a_share_of_I_until_it_is_stated():
     """A first-order low-pass of 100 Hz, by a second library's simulation at 6 kHz that takes a
     torque for linear in between. What it did to the torque is then done to the angle."""
@@ -137,7 +138,7 @@ def test_a_load_cell_s_filter_takes_a_share_of_I_until_it_is_stated():
 # ---- The bench's frame
 
 
-@pytest.mark.usefixtures("without_inference")
+@least_squares_alone
 def test_a_frame_that_yields_takes_shares_of_K_B_and_I_until_it_is_stated():
     """The bench's encoder sees the joint's angle and the frame's, wound up by the resisting
     torque."""
@@ -199,8 +200,8 @@ def undecided():
     scattered = np.sort(TIMES + random.normal(0, 0.2e-3, len(TIMES)))
     theta = angle(scattered) + random.normal(0, 6e-3, len(TIMES))
     load = torque(scattered) + random.normal(0, 3, len(TIMES))
-    samples = pl.DataFrame({"time": scattered, "theta": theta, "torque": load})
-    return record_of_trial(Trial("made", samples), DynamometerAnalysis(**SETTINGS))
+    trial = joint_trial(scattered, theta, load)
+    return record_of_trial(trial, DynamometerAnalysis(**SETTINGS))
 
 
 def test_stamps_that_cannot_be_decided_are_told_with_the_change_of_estimates(undecided):
@@ -223,7 +224,7 @@ def test_intervals_reach_to_the_fit_with_other_stamps(undecided):
         assert row[f"{name}_high"] == pytest.approx(one_reading[f"{name}_high"] + max(moved, 0))
 
 
-@pytest.mark.usefixtures("without_inference")
+@least_squares_alone
 def test_decided_stamps_shift_nothing():
     decided = trial_of(angle(TIMES), torque(TIMES))
 
@@ -237,7 +238,7 @@ LATE = TIMES[:-1] + 0.3e-3  # when the torque is sampled [s]
 KEPT = np.flatnonzero(np.arange(len(LATE)) % 100 != 50)
 
 
-@pytest.mark.usefixtures("without_inference")
+@least_squares_alone
 def test_only_a_counter_tells_which_samples_a_late_host_lost():
     """A trial of two devices, of which the torque's host stamps late and loses one sample in a
     hundred."""

@@ -6,16 +6,15 @@ import re
 import numpy as np
 import polars as pl
 import pytest
+from conftest import white_noise
+from shipped import CONFIG
 
-from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.commands.fit import run_fit
 from osl_analysis.commands.fit_results import FitTables
 from osl_analysis.commands.remedies import fit_or_advise
 from osl_analysis.errors import Change, InputError
-from osl_analysis.files import default_config
 from osl_analysis.trial import Trial
 
-CONFIG = config_for_trials(default_config())
 RATE = 200.0
 
 
@@ -23,7 +22,7 @@ def cycles_of_spring():
     """A spring of 40 N*m/rad that is moved in a sine of 0.1 Hz, and rests before and behind it."""
     time = np.arange(0, 40, 1 / RATE)
     theta = 0.3 * np.sin(0.2 * np.pi * (np.clip(time, 5.0, 35.0) - 5.0))
-    torque = 40 * theta + 0.01 * np.random.default_rng(2).standard_normal(time.size)
+    torque = 40 * theta + 0.01 * white_noise(time.size, 2)
     return {"time": time, "theta": theta, "torque": torque}
 
 
@@ -31,7 +30,7 @@ def joint(noise=0.03):
     """A joint of 150 N*m/rad that is moved by four sines."""
     time = np.arange(0, 26, 1 / RATE)
     amplitudes = {0.7: 0.03, 1.9: 0.02, 3.1: 0.01, 4.7: 0.01}
-    torque = noise * np.random.default_rng(6).standard_normal(time.size)
+    torque = noise * white_noise(time.size, 6)
     theta = np.zeros(time.size)
     for hz, size in amplitudes.items():
         w = 2 * np.pi * hz

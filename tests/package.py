@@ -23,7 +23,7 @@ use rule * from osl as osl_*
 """
 
 
-def call(*arguments: object, folder: Path = ROOT, exit_code: int = 0) -> str:
+def call(*arguments: object, folder: Path = ROOT) -> str:
     """Run a command as a stranger does, without a trace of this project's environment; its
     output."""
     clean = {
@@ -34,7 +34,7 @@ def call(*arguments: object, folder: Path = ROOT, exit_code: int = 0) -> str:
     done = subprocess.run(
         [*map(str, arguments)], cwd=folder, env=clean, text=True, capture_output=True, check=False
     )
-    if done.returncode != exit_code:
+    if done.returncode:
         sys.exit(
             f"{' '.join(map(str, arguments))}: exit code"
             f" {done.returncode}\n{done.stdout}\n{done.stderr}"
@@ -51,8 +51,7 @@ def installed(python: Path, package: Path) -> set[Path]:
 
 
 def check_campaigns(commands: Path, folder: Path) -> None:
-    """Make, run and read the example campaign, run it as a module too, and call what must be
-    refused."""
+    """Make, run and read the example campaign, and run it as a module too."""
     osl = commands / "osl-analysis"
     call(osl, "init", "Übungs Kampagne", "--example", folder=folder)
     made = folder / "Übungs Kampagne"
@@ -70,10 +69,6 @@ def check_campaigns(commands: Path, folder: Path) -> None:
     planned = call(commands / "snakemake", "results/figures/fig3.pdf", *again, folder=made)
     assert "osl_ingest" in planned
     assert "localrules" not in planned
-    assert "no campaign here" in call(osl, "run", folder=folder, exit_code=1)
-    assert "nothing is overwritten" in call(
-        osl, "init", "Übungs Kampagne", folder=folder, exit_code=1
-    )
 
 
 def main() -> None:

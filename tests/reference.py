@@ -62,7 +62,7 @@ def row_of(columns: dict[str, list]) -> dict[str, float]:
 def numbers_of(results: Path) -> dict[str, dict[str, float]]:
     """Those of every headline, table, figure and text of a campaign, by place. The trials of an
     experiment are one."""
-    columns: dict[str, dict[str, list]] = {}
+    columns = {}
     for path in sorted(
         path
         for pattern in ("tables/*.csv", "figures/*.csv", "trials/*.parquet", "crossings/*.parquet")

@@ -15,21 +15,6 @@ from osl_analysis.memory import VARIABLE, allowed_memory
 from osl_analysis.table import read_table, read_tables
 
 
-def files_in(folder):
-    return [path.name for path in folder.iterdir()]
-
-
-def test_a_file_that_was_written_completely_replaces_the_older_one(tmp_path):
-    target = tmp_path / "table.csv"
-    target.write_text("old")
-
-    with atomic_path(target) as temporary:
-        temporary.write_text("new")
-
-    assert target.read_text() == "new"
-    assert files_in(tmp_path) == ["table.csv"]
-
-
 def fail_as_the_system():
     raise OSError(errno.ENOSPC, "No space left on device")
 

@@ -7,13 +7,12 @@ from pathlib import Path
 from zipfile import ZipFile
 
 import pytest
-from click.testing import CliRunner
+from command_line import call
 from conftest import ROOT
 
 from osl_analysis.campaign.campaign_trials import open_campaign
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.campaign.result_files import ResultFiles
-from osl_analysis.cli import main
 from osl_analysis.commands.run import check_start
 from osl_analysis.table import SCHEMA
 
@@ -68,12 +67,8 @@ def write(path, text):
     path.write_text(text)
 
 
-def bundle(campaign, output):
-    return CliRunner().invoke(main, ["bundle", str(campaign), str(output)])
-
-
 def test_a_bundle_is_a_whole_campaign_elsewhere(campaign, tmp_path, monkeypatch):
-    result = bundle(campaign, tmp_path / "all.zip")
+    result = call("bundle", campaign, tmp_path / "all.zip")
 
     assert result.exit_code == 0, result.output
     elsewhere = tmp_path / "elsewhere"
@@ -105,7 +100,7 @@ def test_a_bundle_is_a_whole_campaign_elsewhere(campaign, tmp_path, monkeypatch)
 def test_a_bundle_needs_every_recording_and_result(campaign, tmp_path, missing):
     (tmp_path / missing).unlink()
 
-    result = bundle(campaign, tmp_path / "all.zip")
+    result = call("bundle", campaign, tmp_path / "all.zip")
 
     assert result.exit_code == 1
     assert result.stderr.startswith("error: ")
@@ -117,7 +112,7 @@ def test_a_bundle_needs_every_recording_and_result(campaign, tmp_path, missing):
 def test_a_log_outside_the_folder_of_recordings_is_refused(campaign, tmp_path, log):
     write(campaign / "trials.csv", SHEET.format(log.format(tmp_path)))
 
-    result = bundle(campaign, tmp_path / "all.zip")
+    result = call("bundle", campaign, tmp_path / "all.zip")
 
     assert result.exit_code == 1
     assert re.search(r"error: trials\.csv: trial 'first': log .*\.csv .*raw_data", result.stderr)
@@ -128,7 +123,7 @@ def test_no_file_of_the_campaign_is_overwritten(campaign, tmp_path):
     write(log, "a recording")
     write(campaign / "trials.csv", SHEET.format("day/first.zip"))
 
-    result = bundle(campaign, log)
+    result = call("bundle", campaign, log)
 
     assert (result.exit_code, log.read_text()) == (1, "a recording")
     assert f"{log}: is a file of the campaign" in result.stderr
@@ -143,7 +138,7 @@ def test_what_a_simulation_names_is_in_the_bundle_too(campaign, tmp_path):
     simulated = simulated.replace("../device.yaml", "null")
     write(campaign / "config.yaml", f"{simulated}impedance_trajectory: null\n")
 
-    result = bundle(campaign, tmp_path / "all.zip")
+    result = call("bundle", campaign, tmp_path / "all.zip")
 
     assert result.exit_code == 0, result.stderr
     names = ZipFile(tmp_path / "all.zip").namelist()

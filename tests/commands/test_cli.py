@@ -19,8 +19,9 @@ import numpy as np
 import polars as pl
 import pytest
 import yaml
-from click.testing import CliRunner
+from command_line import call
 from conftest import ROOT
+from shipped import SETTINGS
 
 from osl_analysis import memory
 from osl_analysis.campaign.configuration import read_config
@@ -39,10 +40,6 @@ GAINS = ("gains", "--stiffness", "300", "--damping", "5")
 SYNTHETIC = "config/impedance/synthetic_walking.csv"
 
 
-def call(*arguments):
-    return CliRunner().invoke(main, [str(a) for a in arguments])
-
-
 def one_line(result, code=1):
     """The error of a command, which is one line without a traceback."""
     assert result.exit_code == code, result.output
@@ -56,13 +53,13 @@ def folder(tmp_path_factory):
     """A configuration whose protocol is the tiny campaign's, and two of its trials, simulated and
     ingested."""
     folder = tmp_path_factory.mktemp("cli")
-    config = yaml.safe_load((ROOT / "config/config.yaml").read_text())
-    config["dynamometer"] |= {
+    protocol = {
         "amplitudes_deg": [3],
         "frequencies_hz": [2, 5],
         "cycles": 3,
         "settle_cycles": 1,
     }
+    config = SETTINGS | {"dynamometer": SETTINGS["dynamometer"] | protocol}
     (folder / "config.yaml").write_text(yaml.safe_dump(config))
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(ROOT)

@@ -13,9 +13,10 @@ import pytest
 from any_motion import made_trial, multisine
 from bench_recordings import RATE, RECORDINGS
 from bench_synthetic import PROTOCOL as SINES
-from conftest import ROOT
+from conftest import joint_trial, least_squares_alone
 from matplotlib.figure import Figure
 from polars.testing import assert_frame_equal
+from shipped import DEVICE
 
 import osl_analysis as osl
 from osl_analysis.campaign.configuration import FrequencyResponseFigure, read_config
@@ -29,7 +30,6 @@ from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import write_trial
 
 pytestmark = pytest.mark.usefixtures("in_root")
-DEVICE = ROOT / "config/parameters/default.yaml"
 DESIRED = osl.DesiredImpedance("compensated", 300.0, 5.0)
 AMPLITUDES = [float(np.rad2deg(amplitude)) for amplitude in SINES.amplitudes]
 SHORT = f"dynamometer: {{amplitudes_deg: {AMPLITUDES}, frequencies_hz: [1, 3, 5], cycles: 9}}\n"
@@ -61,7 +61,7 @@ def bench_trial(experiment):
     time = np.arange(round(40 * RATE)) / RATE
     theta = np.deg2rad(10) * np.sin(2 * np.pi * time / 10)
     torque = 200 * theta + 3 * np.cos(2 * np.pi * time / 10) + 0.05 * rng.standard_normal(len(time))
-    return osl.Trial("made", pl.DataFrame({"time": time, "theta": theta, "torque": torque}))
+    return joint_trial(time, theta, torque)
 
 
 def of_campaign(experiment, folder, config_path):
@@ -148,7 +148,7 @@ def test_a_fit_of_a_file_is_that_of_its_trial_and_can_be_pickled(tmp_path, short
     assert_frame_equal(stored.table, osl.fit(trial, "belt", config=short).table, check_exact=True)
 
 
-@pytest.mark.usefixtures("without_inference")
+@least_squares_alone
 def test_the_response_of_a_stepped_sine_is_that_of_the_campaign_and_fig_7(tmp_path, short):
     files = of_campaign("impedance", tmp_path, short)
     config = read_config(short)
@@ -168,7 +168,7 @@ def test_the_response_of_a_stepped_sine_is_that_of_the_campaign_and_fig_7(tmp_pa
     assert isinstance(osl.plot_frequency_response(found), Figure)
 
 
-@pytest.mark.usefixtures("without_inference")
+@least_squares_alone
 def test_a_window_is_all_that_is_fitted(short):
     trial = bench_trial("any motion")
 

@@ -13,7 +13,7 @@ import numpy as np
 import polars as pl
 import pytest
 from bench_synthetic import unit_block
-from conftest import ROOT
+from conftest import ROOT, white_noise
 
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
 
@@ -62,7 +62,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     rest = np.zeros(RATE)
     angle = np.concatenate([rest, AMPLITUDE * unit_block(protocol, RATE), rest])
     velocity = np.gradient(angle, 1 / RATE)
-    noise = np.random.default_rng(1).standard_normal(angle.size)
+    noise = white_noise(angle.size, 1)
     logs = folder / "logs"
     logs.mkdir()
     for trial, damping in DAMPING.items():

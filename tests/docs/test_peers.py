@@ -86,10 +86,6 @@ def test_a_method_of_one_file_and_one_function_is_compared(tmp_path):
         "human ankle": [0, 0, 0, 0],
         "late torque": [2, 2, 0, 0],
     }  # fmt: skip
-    exact = found["exact joint"]
-    assert abs(exact["bias_K"]) < 0.1
-    assert abs(exact["bias_B"]) < 0.5
-    assert exact["coverage"] == 100
     # K times the delay, 300 x 2e-3, is 12 % of B
     assert found["late torque"]["bias_B"] == pytest.approx(-12, rel=0.06)
     answers = read_table(tmp_path / "answers.csv")
@@ -101,7 +97,10 @@ def test_a_method_of_one_file_and_one_function_is_compared(tmp_path):
 
 
 @pytest.mark.parametrize(("line", "expected"), [
-    (f"m,a,{RIGHT},,,", {"silent": 0, "announced": 0, "false_alarms": 0, "coverage": 100}),
+    # b, without a line, is not answered; B of ±2 % is as wide as what is off
+    (f"m,a,{RIGHT},,,",
+     {"silent": 0, "announced": 0, "false_alarms": 0, "coverage": 100, "trials": 2, "answered": 1,
+     "half_width": pytest.approx(1), "version": "mine 1.10"}),
     (f"m,a,{OFF},,,",
      {"silent": 1, "announced": 0, "bias_B": pytest.approx(20),
      "coverage": pytest.approx(200 / 3)}),
@@ -117,9 +116,6 @@ def test_a_method_of_one_file_and_one_function_is_compared(tmp_path):
     ("m,a,300,,,NaN,NaN,NaN,0.03,,,,,", {"answered": 1, "silent": 1, "bias_B": None}),
     # its interval says that B may be 5
     ("m,a,300,,,6,4,8,0.02,,,,,", {"silent": 0, "coverage": 100}),
-    # b, without a line, is not answered; B of ±2 % is as wide as what is off
-    (f"m,a,{RIGHT},,,",
-     {"trials": 2, "answered": 1, "half_width": pytest.approx(1), "version": "mine 1.10"}),
 ])  # fmt: skip
 def test_a_miss_is_off_beyond_the_interval_and_silent_without_a_doubt(scored, line, expected):
     assert {name: scored(line)[name] for name in expected} == expected

@@ -17,8 +17,8 @@ from osl_analysis.judge.claims import (
 )
 
 
-def mean(value, se, n=3):
-    return {"mean": value, "se": se, "n": n}
+def mean(value, se):
+    return {"mean": value, "se": se, "n": 3}
 
 
 def fits(*K_intervals):

@@ -6,7 +6,8 @@ from math import inf
 
 import pytest
 import yaml
-from conftest import ROOT, findings_of
+from conftest import findings_of
+from shipped import SETTINGS
 
 from osl_analysis.config.experiments import JUDGED_TABLES
 from osl_analysis.dictionary import described_tables, described_tables_by_name
@@ -75,8 +76,7 @@ def test_rules_name_findings_and_columns_of_result_tables():
 
 def test_every_column_that_a_limit_decides_has_one():
     """A forgotten limit would never be told: the number would be beyond nothing."""
-    sections = yaml.safe_load((ROOT / "config/config.yaml").read_text())["doubtful"]
-    doubtful = DoubtfulFits.model_validate(sections)
+    doubtful = DoubtfulFits.model_validate(SETTINGS["doubtful"])
     limited = set()
     for table in JUDGED_TABLES:
         stated = doubtful.of(table)

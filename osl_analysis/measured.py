@@ -43,7 +43,7 @@ def check_finite(
     InputError
     """
     array = np.asarray(values)
-    largest = float(np.abs(array).max(initial=0.0))
+    largest = np.abs(array).max(initial=0.0)
     if not np.isfinite(largest):
         raise InputError(
             f"{name} is not finite at sample {np.argmin(np.isfinite(array))}; repair the log, or"

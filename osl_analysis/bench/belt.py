@@ -171,7 +171,7 @@ def branches_of(record: Record, loaded_share: float = LOADED) -> Groups:
 def check_locked(theta: Array, theta_m: Array) -> None:
     """Refuse a shaft that turns if n_T is not known: its share of the deflection is unknown. Angles
     are (n,) [rad]."""
-    turned, whole = float(np.ptp(theta_m)), float(np.ptp(theta))
+    turned, whole = np.ptp(theta_m), np.ptp(theta)
     if turned > LARGEST_TURN * whole:
         raise InputError(
             f"theta_m turns by {turned:.3g} rad while theta turns by {whole:.3g} rad, and without a"
@@ -187,7 +187,7 @@ def belt_table(belt: Analysis) -> pl.DataFrame:
     loading, unloading = (belt.calibrated[branch] for branch in BRANCHES)
     record, sums = belt.record, belt.sums
     theta, torque = record.motion.theta, record.filtered_torque
-    peak = float(np.max(np.abs(sums.columns["theta"])))
+    peak = np.max(np.abs(sums.columns["theta"]))
     of_line, of_square, _ = sums.of("loading").estimates([*QUADRATIC.values()])
 
     # the torque, and each error of it
@@ -201,7 +201,7 @@ def belt_table(belt: Analysis) -> pl.DataFrame:
     if record.actuator:
         rows = record.rows("loading")
         theta_bench, theta_m = (record.actuator[name][rows] for name in ("theta", "theta_m"))
-        turn = float(np.polyfit(theta_bench, theta_m, 1)[0])
+        turn = np.polyfit(theta_bench, theta_m, 1)[0]
 
     row: Row = {
         "trial": record.name,

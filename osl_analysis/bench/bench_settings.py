@@ -114,7 +114,7 @@ class Calibration(Settings):
         """Of the response to a sine: relative of the magnitude, and of the phase [rad] (describing
         function)."""
         turn = np.hypot(2 * np.pi * frequency_hz * self.delay, 4 / np.pi * 2 * self.slip)
-        return float(np.hypot(self.torque, self.angle_gain)), float(turn)
+        return np.hypot(self.torque, self.angle_gain), turn
 
     @property
     def slip(self) -> float:
@@ -266,9 +266,7 @@ class DesiredCurve(Settings):
 
     def at(self, angle_deg: Array) -> Array:
         """Torques [N*m] at angles (n,) [deg]; NaN beyond the ends of the curve."""
-        return np.asarray(
-            np.interp(angle_deg, self.angle_deg, self.torque, left=np.nan, right=np.nan)
-        )
+        return np.interp(angle_deg, self.angle_deg, self.torque, left=np.nan, right=np.nan)
 
 
 class TorqueAngleAnalysis(BenchAnalysis):

@@ -240,7 +240,7 @@ def fixture_row(analysis: Analysis, stated: Fixture | None) -> Row:
     record = analysis.record
     of_joint = analysis.calibrated[None]
     check_resists(record.name, "I", of_joint["I"], of_joint.interval("I")[1])
-    middle_deg = float(np.rad2deg(record.motion.theta[record.is_fitted()].mean()))
+    middle_deg = np.rad2deg(record.motion.theta[record.is_fitted()].mean())
     hangs = of_joint["K"] >= 0
     rest_deg = middle_deg if hangs else middle_deg + 180
     fit = of_joint.derived(

@@ -76,7 +76,7 @@ def find_loop(angle: Array, settle_cycles: int = 0) -> Loop:
     InputError
         There is no whole cycle, or all are left out.
     """
-    span = float(np.ptp(angle))
+    span = np.ptp(angle)
     swing = TURNING_SHARE * span
     highest, _ = scipy.signal.find_peaks(angle, prominence=swing)
     lowest, _ = scipy.signal.find_peaks(-angle, prominence=swing)
@@ -111,7 +111,7 @@ def find_loop(angle: Array, settle_cycles: int = 0) -> Loop:
 
 def cycle_edges(angle: Array, turns: list[int], span: float) -> list[int]:
     """Rows at which cycles of an angle (n,) with a range `span` [rad] may begin or end."""
-    start = float(angle[0])
+    start = angle[0]
     last_row = len(angle) - 1
     if min(start - angle.min(), angle.max() - start) < AT_AN_END * span:
         at_start = [

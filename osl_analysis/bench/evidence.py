@@ -192,7 +192,7 @@ def impedance_table(
                 "offset": fit["offset"] - fit["K"] * centre,
                 "torque_error": torque_error(analysis.sums, label, desired),
                 "time_base_shift": analysis.time_base_shift(label, QUANTITIES),
-                "theta_rms_deg": float(np.rad2deg(np.sqrt(variance[0, 0]))),
+                "theta_rms_deg": np.rad2deg(np.sqrt(variance[0, 0])),
                 "fitted_s": record.is_fitted(label).sum() / record.rate_hz,
                 **of_trial,
             }
@@ -310,7 +310,7 @@ def amplitudes_row(analysis: Analysis) -> Row:
     for name in CHANGING:
         certain = change.beyond_interval(name)
         of_single = [analysis.fits[label][name] for label in labels]
-        row[f"{name}_change"] = float(certain / np.hypot(analysis.whole[name], LITTLE[name]))
+        row[f"{name}_change"] = certain / np.hypot(analysis.whole[name], LITTLE[name])
         row[f"{name}_amplitudes_low"] = min(of_single)
         row[f"{name}_amplitudes_high"] = max(of_single)
     return row

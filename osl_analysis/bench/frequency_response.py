@@ -181,7 +181,7 @@ def response_of_pieces(
         without_unit = (all_power - power) / (all_cross - cross)
         u = len(power)
         deviations = (without_unit - without_unit.mean()) * np.sqrt((u - 1) / u)
-    return Response(frequency_hz, complex(all_power / all_cross), deviations, float(freedom))
+    return Response(frequency_hz, complex(all_power / all_cross), deviations, freedom)
 
 
 def mean_response(responses: Sequence[Response]) -> Response:
@@ -223,7 +223,7 @@ def responses_of_windows(analysis: Analysis) -> list[Response]:
     step = 1 if record.periodic else DISTINCT_LINES
     distinct = np.arange(step, len(moves), step)
     return [
-        response_of_pieces(float(frequency_hz[k]), theta[:, k], torque[:, k], unit)
+        response_of_pieces(frequency_hz[k], theta[:, k], torque[:, k], unit)
         for k in distinct[moves[distinct]]
     ]
 

@@ -111,7 +111,7 @@ def late_fit(
             slope = np.sum([fit[name] * column for name, column in derivatives.items()], axis=0)
         fit = fit_at(times, {"late": -slope})
         step_s = fit["lag_s"]
-        lag_s = float(np.clip(lag_s + step_s, -LONGEST_LAG, LONGEST_LAG))
+        lag_s = np.clip(lag_s + step_s, -LONGEST_LAG, LONGEST_LAG)
         times = np.clip(few.time + lag_s, few.time[0], few.time[-1])
         if abs(step_s) < LAG_CONVERGED:
             break

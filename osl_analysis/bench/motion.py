@@ -167,10 +167,10 @@ def record_of_motion(
     rate = signals.rate_hz
     time = signals.time - signals.time[0]
     moved = time[moving]
-    inside = [(float(moved[0]), float(moved[-1]))]
+    inside = [(moved[0], moved[-1])]
     is_inside = np.ones(len(time), dtype=np.bool_)
     if windows is not None:
-        inside = stretches(windows, float(time[-1]))
+        inside = stretches(windows, time[-1])
         is_inside = within(time, inside)
     pieces = fitted_pieces(time, signals.usable, inside, EDGE_PERIODS / settings.cutoff_hz)
     record = record_of(signals, settings, stretches_of(pieces, rate))
@@ -187,7 +187,7 @@ def record_of_motion(
     highest = np.argmax(up_to > (1 - OUTSIDE_BAND) * up_to[-1])
     return replace(
         record,
-        band_hz=(float(frequency_hz[1:][lowest]), float(frequency_hz[1:][highest])),
+        band_hz=(frequency_hz[1:][lowest], frequency_hz[1:][highest]),
         periodic=periodic,
         groups=groups or record.groups,
     )

@@ -164,7 +164,7 @@ def check_prompt(
         current = np.roll(columns["k_tau_n_m"], -round(lag * rate_hz))[rows]
         X = np.vstack([fixed, current]).T
         unexplained[k] = np.sum((torque[rows] - X @ np.linalg.lstsq(X, torque[rows])[0]) ** 2)
-    lag_s = float(SOUGHT_LAGS_S[np.argmin(unexplained)])
+    lag_s = SOUGHT_LAGS_S[np.argmin(unexplained)]
     if unexplained.min() < FAR_BETTER * unexplained[SOUGHT_LAGS_S == 0]:
         way, late = ("earlier", "current") if lag_s > 0 else ("later", "torque_m")
         raise InputError(

@@ -169,10 +169,10 @@ class Record:
         removed = (self.theta - self.motion.theta)[self.rows()]
         rows = min(round(rate_hz), len(removed))
         frequency, density = scipy.signal.welch(removed, rate_hz, nperseg=rows)
-        level = float(np.median(density[frequency > 0.35 * rate_hz]))
+        level = np.median(density[frequency > 0.35 * rate_hz])
         beyond = (frequency > 2 * cutoff_hz) & (frequency < min(4 * cutoff_hz, 0.45 * rate_hz))
         if beyond.any():
-            level = min(level, float(np.median(density[beyond])))
+            level = min(level, np.median(density[beyond]))
         return level
 
     @cached_property

@@ -119,7 +119,7 @@ class Sums:
         """Products of some columns with one another in each group, (m, k, k), from `gram` or the
         `weighted` ones."""
         places = np.array([self.names.index(name) for name in names])
-        return np.asarray(gram[:, places[:, None], places])
+        return gram[:, places[:, None], places]
 
     def estimates(self, columns: Sequence[str], target: str = "torque") -> Array:
         """Estimates (p,) alone of columns for the torque, or for another column."""
@@ -137,7 +137,7 @@ class Sums:
         `variance_accounted_for` if the torque is constant."""
         covariance = self.covariance([*columns, "torque"])
         weights = np.append(-estimates, 1.0)
-        left = max(float(weights @ covariance @ weights), 0.0)
+        left = max(weights @ covariance @ weights, 0.0)
         square, n = np.diag(self.products(self.gram, ["torque", "one"]).sum(axis=0))
         return float(vaf_by_moments(left, covariance[-1, -1], square / n))
 
@@ -206,7 +206,7 @@ def whitening_gain(spectra: Array, lines_per_hz: float, cutoff_hz: float) -> Arr
     power = (lines * means - squares) / (lines - 1)
     cutoff = round(cutoff_hz * lines_per_hz)
     power[cutoff:] = power[cutoff : cutoff + 1]
-    return np.asarray(1 / np.sqrt(np.maximum(power, LEAST_POWER * np.mean(torque**2))))
+    return 1 / np.sqrt(np.maximum(power, LEAST_POWER * np.mean(torque**2)))
 
 
 def sums_of(record: Record, model: Model, expected: Admittance | None = None) -> Sums:
@@ -259,7 +259,7 @@ def linear_torque(record: Record, expected: Admittance) -> Array:
     s = np.asarray(2j * np.pi * np.fft.rfftfreq(2 * n, 1 / record.rate_hz), dtype=np.complex128)
     kept = (np.abs(s) < 2 * np.pi * 3.0 * record.settings.cutoff_hz) & (s != 0)
     mirrored[kept] /= expected(s[kept])
-    return np.asarray(np.fft.irfft(np.where(kept, mirrored, 0.0), 2 * n)[:n])
+    return np.fft.irfft(np.where(kept, mirrored, 0.0), 2 * n)[:n]
 
 
 @dataclass(frozen=True)
@@ -359,8 +359,8 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> GroupFi
     condition, correlation = condition_of(tuple(model), varies, A, inverse, limit)
 
     stratum = np.unique(s.groups.stratum, return_inverse=True)[1]
-    has_strata = int(stratum.max()) + 1 >= FEWEST_UNITS
-    has_repeats = s.groups.kind != "stretches" and int(np.bincount(stratum).min()) > 1
+    has_strata = stratum.max() + 1 >= FEWEST_UNITS
+    has_repeats = s.groups.kind != "stretches" and np.bincount(stratum).min() > 1
     # estimates (u, p) without one of u units at a time
     unit = stratum if has_strata else np.arange(len(A_g))
     belongs = np.asarray(unit == np.unique(unit)[:, None], dtype=np.float64)

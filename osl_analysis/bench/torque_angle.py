@@ -148,7 +148,7 @@ def torque_at_rest(
         return 0.0 if settings.zero else None
     count = max(round(settings.rest_s * rate_hz), 1)
     rest = slice(count) if settings.zero == "start" else slice(-count, None)
-    moved = float(np.ptp(theta[rest]))
+    moved = np.ptp(theta[rest])
     if count >= len(theta) or moved > RESTS * np.ptp(theta):
         raise InputError(
             f"the joint does not rest at the {settings.zero} of the recording: the angle moves by"
@@ -169,7 +169,7 @@ def angles_of_curves_deg(theta: Array, step_deg: float) -> Array:
             " more; check the channel of theta and its unit in the source file, or lower it",
             [Change("", other_unit_of="theta")],
         )
-    return np.asarray(steps * step_deg)
+    return steps * step_deg
 
 
 def curve_of(
@@ -261,4 +261,4 @@ def energies(angle: Array, torque: Array) -> tuple[float, float]:
     sign_changes = np.flatnonzero(np.diff(np.signbit(torque))) + 1
     ends = [0, np.argmin(angle), np.argmax(angle), len(angle) - 1, *sign_changes]
     of_pieces = np.diff(work[np.unique(ends)])
-    return float(of_pieces[of_pieces > 0].sum()), float(-of_pieces[of_pieces < 0].sum())
+    return of_pieces[of_pieces > 0].sum(), -of_pieces[of_pieces < 0].sum()

@@ -96,7 +96,7 @@ def stepped_plate(channels: Sequence[RecordedChannel], platform: Sequence[str]) 
     if not (plates and places):
         return "", f"of {len(plates)} force plates"
     away = {
-        key: float(np.linalg.norm(plate.numbers.mean(axis=0) - np.mean(places, axis=0)))
+        key: np.linalg.norm(plate.numbers.mean(axis=0) - np.mean(places, axis=0))
         for key, plate in plates.items()
     }
     return min(away, key=lambda key: away[key]), "a guess: the nearest to the platform's markers"

@@ -133,7 +133,7 @@ def evidence_of(channel: RecordedChannel) -> set[str]:
             evidence.add(f"in {unit}")
     readings = channel.readings
     if readings.size and "in rad" in evidence:
-        turned = float(np.ptp(readings)) * factor
+        turned = np.ptp(readings) * factor
         if turned > ONE_TURN:
             evidence.add("turns round")
         if turned < LEAST_TURN:

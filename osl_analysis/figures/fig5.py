@@ -148,7 +148,7 @@ def draw_trials(ax: Axes, symbol: str, placed: pl.DataFrame, inches: float) -> N
     for left, right in pairwise(groups):
         ax.axvline((left["x"][-1] + right["x"][0]) / 2, color=style.GRID_GREY, linewidth=0.5)
 
-    free = span_of(placed) - float(placed["x"][-1])
+    free = span_of(placed) - placed["x"][-1]
     ax.set_xlim(-free / 2, span_of(placed) - free / 2)
     ax.tick_params(axis="x", length=0)
     if style.has_values(placed, desired):
@@ -169,7 +169,7 @@ def label_groups(
 ) -> None:
     """Write below the middle of each group its label: upright where the axis is too short for all,
     and only some of very many."""
-    middles = [float(group["x"].to_numpy().mean()) for group in groups]
+    middles = [group["x"].to_numpy().mean() for group in groups]
     is_long = sum(len(label) + 2 for label in labels) > style.LETTERS_PER_INCH * inches
     every = 1 + int(len(labels) / (style.LETTERS_PER_INCH / 2 * inches)) if is_long else 1
     ax.set_xticks(middles[::every], labels[::every], rotation=90 if is_long else 0)

@@ -47,7 +47,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     width = style.SINGLE_COLUMN if len(swarms) <= Layout.MOST_IN_COLUMN else style.DOUBLE_COLUMN
     figure, (ax,) = style.panels(width, Layout.HEIGHT)
     unit = (width - Layout.MARGIN) / len(swarms)  # of the horizontal axis [in]
-    spread = max(float(np.ptp(np.log10(unexplained(table)))), 1e-9)
+    spread = max(np.ptp(np.log10(unexplained(table))), 1e-9)
     labels = []
     for place, (title, look, rows) in enumerate(swarms):
         shares = unexplained(rows)
@@ -77,7 +77,7 @@ def draw_median(ax: Axes, rows: pl.DataFrame, place: int) -> str:
     used = counted(rows)
     if used.is_empty():
         return "all doubtful"
-    median = float(np.median(used["VAF"]))
+    median = np.median(used["VAF"])
     ax.hlines(
         max(100 - median, LEAST_UNEXPLAINED),
         place - Layout.MEDIAN_REACH,

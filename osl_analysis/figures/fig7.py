@@ -64,7 +64,7 @@ def points(
     for measured in shown.partition_by(PLACE, maintain_order=True):
         place, side, K_d, B_d = measured.select(*PLACE, "K_d", "B_d").row(0)
         low_hz, high_hz = measured["frequency_hz"][0], measured["frequency_hz"][-1]
-        frequency_hz = np.linspace(float(low_hz), float(high_hz), Layout.MODEL_POINTS)
+        frequency_hz = np.linspace(low_hz, high_hz, Layout.MODEL_POINTS)
         models: list[tuple[str, str | None, Any]] = []
         if K_d is not None and B_d is not None:
             models.append((DESIRED, None, desired_admittance(K_d, B_d)))

@@ -111,7 +111,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     for ax, quantity in zip(axes, QUANTITIES, strict=True):
         rows = table.filter(quantity=quantity)
         values = rows.select(DRAWN).unpivot()["value"].drop_nulls().to_numpy()
-        height = Layout.SWARM_HEIGHT / max(float(np.ptp(values)), 1e-9)
+        height = Layout.SWARM_HEIGHT / max(np.ptp(values), 1e-9)
         for number, group in enumerate(rows.partition_by("group", maintain_order=True)):
             draw_group(ax, group, number * Layout.NEXT_GROUP, height, unit)
         ax.set_xlim(left, right)

@@ -85,7 +85,7 @@ def draw_panel(ax: Axes, rows: pl.DataFrame, panel: str) -> None:
     if panel.startswith("response"):
         for name, look in SHADED.items():
             ends = rows.filter(panel="response angle", curve=name)["x"]
-            ax.axvspan(float(ends[0]), float(ends[1]), linewidth=0, zorder=0, **look)
+            ax.axvspan(ends[0], ends[1], linewidth=0, zorder=0, **look)
         marks.draw_zero_lines(ax)
         ax.set_xlabel("Time from the perturbation’s onset (ms)")
     else:

@@ -92,7 +92,7 @@ def frictionless_actuator(spectra: Spectra, hysteresis: Array) -> FrictionlessAc
     with_friction, *per_angle = np.linalg.solve(motion @ motion.T, products).T
     # and its friction at the mean load
     load = spectra.signals.load
-    mean_load = 0.0 if load is None else float(np.mean(np.abs(load)))
+    mean_load = 0.0 if load is None else np.mean(np.abs(load))
     of_all_fits = np.column_stack([per_angle, coefficients[:, FRICTION] @ [1.0, mean_load]])
     result = of_all_fits[0]
     by_speed = of_all_fits[1 : len(Sliding.SPEEDS)] - result
@@ -103,8 +103,8 @@ def frictionless_actuator(spectra: Spectra, hysteresis: Array) -> FrictionlessAc
     by_friction = Sliding.INEXACTNESS * np.append(result[:3] - with_friction, 0.0)
     covariance = covariance + np.outer(by_friction, by_friction)
 
-    deviation = float(np.sqrt(covariance[3, 3] + np.finfo(float).tiny))
-    probability = float(scipy.special.ndtr(result[3] / deviation))
+    deviation = np.sqrt(covariance[3, 3] + np.finfo(float).tiny)
+    probability = scipy.special.ndtr(result[3] / deviation)
     return FrictionlessActuator(result[:3], covariance[:3, :3], probability)
 
 

@@ -69,7 +69,7 @@ def friction_torques(spectra: Spectra) -> Array:
     """
     velocity = np.gradient(spectra.sliding, spectra.padded_seconds / spectra.product_rows)
     variance = spectra.angle_noise * (2 * np.pi) ** 2 * spectra.product_band_hz**3 / 3
-    usual = Ranges.SIGN_WIDTH * float(velocity[spectra.inside].std())
-    width = max(usual, float(np.sqrt(variance)), SLOWEST)
+    usual = Ranges.SIGN_WIDTH * velocity[spectra.inside].std()
+    width = max(usual, np.sqrt(variance), SLOWEST)
     sliding = np.tanh(velocity / (width * np.array([[1.0], [WIDER]])))
     return np.vstack([sliding, slipping_springs(spectra.sliding, Ranges.FRICTION_WINDS)])

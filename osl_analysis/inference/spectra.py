@@ -318,7 +318,7 @@ def solve_scaled(columns: Array, torque: Array) -> Array:
 def roll_off(frequency: Array, end_hz: float) -> Array:
     """Gain 1/(1 + (f/end)^8), which ends a band without ringing."""
     square = (frequency / end_hz) ** 2
-    return np.asarray(1 / (1 + (square**2) ** 2))  # a power of 8 takes as long as a transform
+    return 1 / (1 + (square**2) ** 2)  # a power of 8 takes as long as a transform
 
 
 def noise_and_band(theta: Array, rate_hz: float) -> tuple[float, float, float]:
@@ -409,4 +409,4 @@ def jump_sizes(spectra: Spectra, low_hz: float, high_hz: float) -> tuple[Array, 
     noise = float(np.median(jerk)) / MEDIAN_OF_NOISE
     near = 2 * round(spectra.signals.rate_hz / low_hz / 2) + 1
     largest = scipy.ndimage.maximum_filter1d(jerk, near)
-    return np.asarray(largest / height), noise / height
+    return largest / height, noise / height

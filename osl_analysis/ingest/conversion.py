@@ -167,7 +167,7 @@ def canonical_columns(
             )
         lacking = np.ma.getmaskarray(readings)
         with np.errstate(invalid="ignore"):  # a signalling NaN is a missing value, too
-            numbers = np.asarray(np.ma.filled(readings.astype(np.float64), 0.0))
+            numbers = np.ma.filled(readings.astype(np.float64), 0.0)
         missing = np.isnan(numbers)
         check_finite_values(setting.title, np.where(missing, 0.0, numbers), time)
         for what, lacks in (("has no value", lacking), ("is missing", missing)):

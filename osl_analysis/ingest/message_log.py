@@ -127,7 +127,7 @@ def stamps_of(recording: Recording, source: MessageSource, rows: Rows) -> NDArra
         raise InputError(
             f"{lacking} of {rows.count} messages have no '{source.time.field}'; write source: log"
         )
-    return np.asarray(np.ma.getdata(stamps))
+    return np.ma.getdata(stamps)
 
 
 def count_late(stamp: NDArray[np.int64]) -> int:

@@ -304,7 +304,7 @@ def at_clock(
 def is_missing(readings: NDArray[Any]) -> NDArray[np.bool_]:
     """Whether readings (n,) are masked or NaN."""
     known = np.ma.filled(np.ma.asarray(readings, np.float64), np.nan)
-    return np.asarray(np.isnan(known))
+    return np.isnan(known)
 
 
 def kept_rows(

@@ -31,13 +31,13 @@ class Multisine:
 
     @property
     def frequency_hz(self) -> Array:
-        return np.asarray(self.lines / self.period_s)
+        return self.lines / self.period_s
 
     def angle(self, time: Array, derivative: int = 0) -> Array:
         """Angle [rad] at times (m,) [s], or its first or second derivative [rad/s, rad/s^2]."""
         w = 2 * np.pi * self.frequency_hz
         phase = np.outer(time, w) + (self.phase + derivative * np.pi / 2)
-        return np.asarray(np.sin(phase) @ (self.size * w**derivative))
+        return np.sin(phase) @ (self.size * w**derivative)
 
 
 def odd_multisine(

@@ -308,7 +308,7 @@ def fixture_torque(
     The angle is low-passed at twice the fit's cut-off, so that noise does not grow. An acceleration
     at a third of this cut-off loses 1e-6.
     """
-    rate = (len(time) - 1) / float(time[-1] - time[0])
+    rate = (len(time) - 1) / (time[-1] - time[0])
     smooth = LowPass(min(2 * cutoff_hz, 0.45 * rate))(theta, rate)
     inertial = inertia * differentiate(time, smooth).alpha if inertia else 0.0
     return np.asarray(inertial + weight * np.sin(theta - np.deg2rad(rest_deg)))

@@ -51,7 +51,7 @@ def steady_rows(time: Array, current: Array, width: float) -> list[slice]:
         return []
     stops = np.append(begins[1:], len(time))
     means = means_from(begins, current)
-    span = float(np.ptp(means))
+    span = np.ptp(means)
     noise = noise_of(current) / np.sqrt(np.median(stops - begins))
     limit = max(LEVEL_CHANGE * span, NOISE_CHANGE * np.sqrt(2) * noise)
     limit = min(limit, LARGEST_CHANGE * span)
@@ -67,7 +67,7 @@ def steady_rows(time: Array, current: Array, width: float) -> list[slice]:
 
 def bins_of(time: Array, width: float = BIN_S) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """First rows (k,) of the bins of a width [s] of rising times (n,) [s], and their numbers."""
-    usual_step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+    usual_step = np.median(np.diff(time)) if len(time) > 1 else 0.0
     width = max(width, FEWEST_ROWS * usual_step)
     # a hundredth of a step, so that rounding does not move rows to the bin before
     number = np.floor((time - time[0] + 0.01 * usual_step) / width).astype(np.intp)

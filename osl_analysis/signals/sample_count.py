@@ -37,8 +37,8 @@ class SlowPart(NamedTuple):
 def line_through(count: SampleCount, stamps: Array) -> tuple[float, float]:
     """Slope [s] and value [s] at count 0 of the least-squares line through stamps (n,) [s]."""
     x = count - count.mean()
-    step = float(x @ (stamps - stamps.mean())) / float(x @ x)
-    return step, float(stamps.mean() - step * count.mean())
+    step = (x @ (stamps - stamps.mean())) / (x @ x)
+    return step, stamps.mean() - step * count.mean()
 
 
 def in_blocks(values: Array | SampleCount, size: int) -> Array:
@@ -70,7 +70,7 @@ def count_of_device(stamps: Array, counter: SampleCount, name: str) -> SampleCou
     """
     goes_back = np.diff(counter) <= 0
     if goes_back.any():
-        row = int(np.argmax(goes_back))
+        row = np.argmax(goes_back)
         raise InputError(
             f"{name}: the sample counter goes from {counter[row]} to {counter[row + 1]} at"
             f" {stamps[row + 1]:.6f} s; it must rise: cut the log there, or do not map the counter"
@@ -79,7 +79,7 @@ def count_of_device(stamps: Array, counter: SampleCount, name: str) -> SampleCou
 
     step, _ = line_through(count, stamps)
     level = stamps - step * count
-    row = int(np.argmax(np.abs(np.diff(level)))) + 1
+    row = np.argmax(np.abs(np.diff(level))) + 1
     jump = np.median(level[row : row + BESIDE]) - np.median(level[max(row - BESIDE, 0) : row])
     largest_scatter_s = 5e-3  # of a host
     if abs(jump) > max(largest_scatter_s, LONG_STEP * step):
@@ -114,7 +114,7 @@ def count_from_stamps(stamps: Array) -> SampleCount:
     rows = np.arange(len(stamps))
     steps = np.diff(stamps)
     tidy_steps = 0.2  # spread in mean steps; a missing sample makes one step of two
-    if np.ptp(steps) < tidy_steps * float(np.mean(steps)):
+    if np.ptp(steps) < tidy_steps * np.mean(steps):
         return rows
 
     usual = usual_length(steps)
@@ -126,7 +126,7 @@ def count_from_stamps(stamps: Array) -> SampleCount:
         return np.append(0, np.cumsum(whole.astype(np.int64)))
 
     def squares(count: SampleCount) -> float:
-        return float(np.sum((stamps - slow_part(stamps, count).stamps) ** 2))
+        return np.sum((stamps - slow_part(stamps, count).stamps) ** 2)
 
     counts = [rows, rows + np.cumsum(missing_before_samples(stamps))]
     even_stamps = without_rate_changes(stamps, rows)
@@ -155,18 +155,18 @@ def without_rate_changes(stamps: Array, count: SampleCount) -> Array:
     """Stamps (n,) [s] as if their rate did not change for good."""
     slow = slow_part(stamps, count)
     slow_step = np.diff(slow.stamps) / np.diff(count)
-    mean_step = float(np.mean(slow_step))
+    mean_step = np.mean(slow_step)
     same_rate = 0.01  # relative change of a rate that does not matter for the count
     if not slow.kinks or np.ptp(slow_step) < same_rate * mean_step:
         return stamps
     local_step = np.maximum(slow_step, 0.1 * mean_step)
-    steps = np.diff(stamps) / local_step * float(np.min(slow_step))
+    steps = np.diff(stamps) / local_step * np.min(slow_step)
     return np.append(0.0, np.cumsum(steps))
 
 
 def usual_length(steps: Array) -> float:
     """Median step [s]; above 0 where most rows share a stamp with the one before."""
-    return max(float(np.median(steps)), 1e-9)
+    return max(np.median(steps), 1e-9)
 
 
 def missing_before_samples(stamps: Array) -> SampleCount:
@@ -238,12 +238,12 @@ def slow_part(stamps: Array, count: SampleCount) -> SlowPart:
     level = np.median(in_blocks(stamps - step * count, size), axis=1)
     changes = np.diff(level)
     # 1.48 median deviations are a standard deviation; a difference has that of two levels
-    noise = 1.48 * float(np.median(np.abs(changes - np.median(changes)))) / np.sqrt(2)
+    noise = 1.48 * np.median(np.abs(changes - np.median(changes))) / np.sqrt(2)
 
     def residual_with(knot: float) -> float:
         return float(robust_polyline(place, level, sorted([*knots, knot]))[1].sum())
 
-    knots = [float(count[0]), float(count[-1])]
+    knots = [count[0], count[-1]]
     while True:
         levels, residual = robust_polyline(place, level, knots)
         is_straight = np.percentile(residual, 95) <= max(0.3 * step, 4 * noise)
@@ -261,7 +261,7 @@ def slow_part(stamps: Array, count: SampleCount) -> SlowPart:
         refined = scipy.optimize.minimize_scalar(
             residual_with, bounds=bounds, method="bounded", options={"xatol": size / 20}
         )
-        knots = sorted([*knots, float(refined.x)])
+        knots = sorted([*knots, refined.x])
 
     slow = step * count + np.interp(count, knots, levels)
     return SlowPart(slow, len(knots) - 2)
@@ -277,7 +277,7 @@ def robust_polyline(place: Array, level: Array, knots: Sequence[float]) -> tuple
     for _ in range(rounds):
         levels = np.linalg.lstsq(columns * weights[:, None], level * weights, rcond=None)[0]
         residual = np.abs(level - columns @ levels)
-        limit = median_residuals * float(np.median(residual)) + 1e-12
+        limit = median_residuals * np.median(residual) + 1e-12
         weights = np.sqrt(1 / np.maximum(1, residual / limit))
     return np.asarray(levels, dtype=np.float64), residual
 
@@ -289,8 +289,8 @@ def usual_step(stamps: Array) -> float:
     error of the step. Blocks with missing samples change by whole steps and are left out.
     """
     n = len(stamps)
-    mean = float(stamps[-1] - stamps[0]) / (n - 1)
-    median = float(np.median(np.diff(stamps)))
+    mean = (stamps[-1] - stamps[0]) / (n - 1)
+    median = np.median(np.diff(stamps))
     # the shorter of the two: steps are found too long
     step = min(mean, median) if median > 0.8 * mean else mean
     block_lengths = (25, 25, 25, 100, 100)  # the first are so short that most miss no sample
@@ -298,14 +298,14 @@ def usual_step(stamps: Array) -> float:
         block = min(length, n // 4)
         late = in_blocks(stamps - step * np.arange(n), block)
         changes = np.diff(late.min(axis=1))
-        usual = float(np.quantile(changes, 0.25)) if number == 0 else 0.0
+        usual = np.quantile(changes, 0.25) if number == 0 else 0.0
         is_complete = np.abs(changes - usual) <= 0.5 * step
         if np.mean(is_complete) > 0.05:
-            step += float(np.mean(changes[is_complete])) / block
+            step += np.mean(changes[is_complete]) / block
     # after waits of many steps, stamps come in clusters of far too short steps: a tenth of the
     # record averages these
     far = max(n // 10, 1)
-    usual = float(np.median(stamps[far:] - stamps[:-far])) / far
+    usual = np.median(stamps[far:] - stamps[:-far]) / far
     return step if step > 0.5 * usual else usual
 
 
@@ -328,7 +328,7 @@ def missing_by_rhythm(stamps: Array) -> int | None:
     bins_per_step = 4  # of the histogram of stamps, whose spectrum is taken
     least_line = 6.0  # medians of the spectrum; noise reaches 4 at the highest of 100 000
     n = len(stamps)
-    duration = float(stamps[-1] - stamps[0])
+    duration = stamps[-1] - stamps[0]
     mean_hz = (n - 1) / duration
     late = in_blocks(stamps - np.arange(n) / mean_hz, promptest_of)
     if len(late) < fewest_prompt_samples:
@@ -345,8 +345,8 @@ def missing_by_rhythm(stamps: Array) -> int | None:
     lines = int((highest_hz - lowest_hz) / apart_hz)
     band = (lowest_hz, lowest_hz + lines * apart_hz)
     height = np.abs(scipy.signal.zoom_fft(histogram, band, lines, fs=bins_hz))
-    line = int(np.argmax(height))
-    if height[line] < least_line * float(np.median(height)):
+    line = np.argmax(height)
+    if height[line] < least_line * np.median(height):
         return None
     late = stamps * (lowest_hz + line * apart_hz) - np.arange(n)
     most_at_ends = 200  # samples at either end, of which the promptest counts

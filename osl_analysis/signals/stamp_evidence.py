@@ -54,7 +54,7 @@ def evidence_from(response: Array, covariance: Array) -> StampEvidence:
     weight = np.asarray(np.linalg.inv(covariance + not_linear**2 * np.eye(len(LAGS))))
     deviation = response - HYPOTHESES
     misfit = np.einsum("hi,ij,hj->h", deviation, weight, deviation)
-    return StampEvidence(float(response.sum()), float(np.sqrt(covariance.sum())), weight, misfit)
+    return StampEvidence(response.sum(), np.sqrt(covariance.sum()), weight, misfit)
 
 
 @dataclass(frozen=True)
@@ -372,8 +372,8 @@ def reading_of(clock: DeviceClock, evidence: Mapping[str, StampEvidence]) -> Rea
         for name, signal in evidence.items()
     )
     misfit = np.sum([signal.misfit for signal in evidence.values()], axis=0)
-    misfit_of_even = float(misfit[0])
-    misfit_of_true = float(misfit[1:].min())
+    misfit_of_even = misfit[0]
+    misfit_of_true = misfit[1:].min()
     weight = np.sum([signal.weight for signal in evidence.values()], axis=0)
 
     known_response = 0.25  # standard error of a response above which no hypothesis is told apart
@@ -397,7 +397,7 @@ def reading_of(clock: DeviceClock, evidence: Mapping[str, StampEvidence]) -> Rea
     if misfit_of_even > misfit_of_true:
         worth_an_age = 9  # chi-square by which it must fit better than none: three standard errors
         has_age = misfit[1] >= misfit_of_true + worth_an_age
-        age = round(float(AGES[np.argmin(misfit[1:])]), 3) if has_age else 0.0
+        age = round(AGES[np.argmin(misfit[1:])], 3) if has_age else 0.0
         older = f", values {age:.1f} loops older than their stamps" if age else ""
         return Reading(even=False, age=age, firm=True, why=f"true{older}: {responses}")
     cannot_count = clock.missing and not clock.counted and clock.scatter > clock.step

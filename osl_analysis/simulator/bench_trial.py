@@ -147,7 +147,7 @@ def steady_angle(excitation: Excitation, time: Array, draws: np.random.Generator
     if excitation.kind == "prbs":
         signs = draws.choice([-1.0, 1.0], steps[-1] + 1)
         low_pass = scipy.signal.butter(4, excitation.smoothing_hz, fs=1 / time[1], output="sos")
-        return np.asarray(scipy.signal.sosfilt(low_pass, signs[steps]))
+        return scipy.signal.sosfilt(low_pass, signs[steps])
     return noise(excitation, time, draws)
 
 
@@ -165,10 +165,10 @@ def noise(excitation: Excitation, time: Array, draws: np.random.Generator) -> Ar
     steady = np.fft.irfft(lines, len(time))
     steady /= np.std(steady)
     if not by_hand:
-        return np.asarray(steady)
+        return steady
     phase = draws.uniform(0, 2 * np.pi)
     wandering = np.sin(2 * np.pi / WANDERING_S * time + phase)
-    return np.asarray(steady * (1 + WANDERING_SIZE * wandering))
+    return steady * (1 + WANDERING_SIZE * wandering)
 
 
 def actuator_command(bench: ActuatorBench, rate_hz: float) -> tuple[JointMotion, Array]:

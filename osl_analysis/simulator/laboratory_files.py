@@ -196,7 +196,7 @@ def capture_parameters(trial: GaitTrial, markers: list[str]) -> dict[str, dict[s
     # of the sensor below the surface, z > 0: the sign of Vicon Nexus; that of the C3D manual is the
     # opposite
     sensor = np.array([*plate.sensor_offset_m, -plate.sensor_depth_m])
-    origin = np.asarray(PLATE_AXES.T @ sensor)
+    origin = PLATE_AXES.T @ sensor
     return {
         "POINT": {
             "LABELS": markers,

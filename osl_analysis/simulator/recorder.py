@@ -373,7 +373,7 @@ class Bench:
         simulated = np.arange(self.samples) / self.settings.dynamometer.rate_hz
         if np.array_equal(instants, simulated):
             return signal
-        return np.asarray(scipy.interpolate.CubicSpline(simulated, signal)(instants))
+        return scipy.interpolate.CubicSpline(simulated, signal)(instants)
 
     def reading(self, channel: str, signal: TrueSignal, sampled: Array) -> Array:
         """What the sensor of a channel reads at the sampled instants (n,): errors, noise and steps;

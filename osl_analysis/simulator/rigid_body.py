@@ -21,7 +21,7 @@ class Pose:
 
     def point(self, local: Point) -> Array:
         """Laboratory position (n, 3) [m] of a point of the body, (3,)."""
-        turned = np.asarray(self.rotation.reshape(-1, 3) @ local)
+        turned = self.rotation.reshape(-1, 3) @ local
         return self.origin + turned.reshape(self.origin.shape)
 
     def after(self, inner: "Pose") -> "Pose":
@@ -89,7 +89,7 @@ def time_derivative(values: Array, rate_hz: float) -> Array:
     inner = values[3:-1] - values[1:-3]
     outer = values[4:] - values[:-4]
     slope[2:-2] = (8.0 * inner - outer) / 12.0
-    return np.asarray(slope * rate_hz)
+    return slope * rate_hz
 
 
 def rotation_about(axis: int, angle: Array) -> Array:

@@ -25,7 +25,7 @@ def smooth_step(x: Array) -> Array:
     Three derivatives vanish at both ends.
     """
     x = np.clip(x, 0.0, 1.0)
-    return np.asarray(x**4 * (35.0 + x * (-84.0 + x * (70.0 - 20.0 * x))))
+    return x**4 * (35.0 + x * (-84.0 + x * (70.0 - 20.0 * x)))
 
 
 def pulse(time: Array, start: float, rise: float, back: float, fall: float) -> Array:
@@ -33,7 +33,7 @@ def pulse(time: Array, start: float, rise: float, back: float, fall: float) -> A
     [s]."""
     rising = smooth_step((time - start) / rise)
     falling = smooth_step((time - back) / fall)
-    return np.asarray(rising - falling)
+    return rising - falling
 
 
 def periodic_bumps(c: Array, bumps: tuple[tuple[float, float, float], ...]) -> Array:
@@ -62,7 +62,7 @@ def ground_reaction(p: Array) -> Array:
     forward = -0.16 * hump(0.18, 0.10) + 0.18 * hump(0.85, 0.09)
     inward = 0.045 * hump(0.22, 0.14) + 0.04 * hump(0.75, 0.14)
     upward = 0.74 + 0.36 * hump(0.22, 0.13) + 0.40 * hump(0.76, 0.13)
-    return np.asarray(np.stack([forward, inward, upward], axis=-1) * stance_window(p)[:, None])
+    return np.stack([forward, inward, upward], axis=-1) * stance_window(p)[:, None]
 
 
 def foot_path(c: Array, stride: float) -> tuple[Array, Array]:
@@ -174,7 +174,7 @@ class Step:
 
     def stance_phase(self, time: Array) -> Array:
         """Phase of stance at times [s]: 0 at heel strike, 1 at toe-off."""
-        return np.asarray((time - self.heel_strike) / self.stance)
+        return (time - self.heel_strike) / self.stance
 
     def cycle_phase(self, time: Array) -> Array:
         """Phase of the gait cycle at times [s]: 0 at the heel strike on the platform, 1 at the

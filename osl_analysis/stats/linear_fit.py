@@ -186,7 +186,7 @@ def condition_of(
     squares = values
     if len(varies) > 1 and values[0] * ROUNDED**2 > values[-1]:
         squares = np.linalg.eigvalsh(scaled_to_one(np.asarray(np.linalg.inv(of_varying))))
-    condition = float(np.sqrt(squares[-1] / max(squares[0], LEAST_EIGENVALUE * squares[-1])))
+    condition = np.sqrt(squares[-1] / max(squares[0], LEAST_EIGENVALUE * squares[-1]))
     if condition > limit:
         worst = sorted(np.argsort(np.abs(vectors[:, 0]))[-2:])
         first, second = (names[k] for k in worst)
@@ -195,7 +195,7 @@ def condition_of(
             f" {condition:.3g}); excite more frequencies, lengthen the window or fix one of them"
         )
     correlations = np.triu(scaled_to_one(of_varying), 1)
-    return condition, float(np.max(np.abs(correlations), initial=0.0))
+    return condition, np.max(np.abs(correlations), initial=0.0)
 
 
 def scaled_to_one(A: Array) -> Array:
@@ -233,8 +233,8 @@ def hac(scores: Array, residual: Array) -> tuple[Array, Array]:
     """
     check_measured("the residual", residual)
     n = len(residual)
-    power = float(residual[:-1] @ residual[:-1])
-    rho = float(residual[1:] @ residual[:-1]) / power if power > 0 else 0.0
+    power = residual[:-1] @ residual[:-1]
+    rho = (residual[1:] @ residual[:-1]) / power if power > 0 else 0.0
     rho = min(max(rho, 0.0), LARGEST_AR1)
     alpha = 4 * rho**2 / (1 - rho**2) ** 2
     window = int(np.clip(np.ceil(1.1447 * (alpha * n) ** (1 / 3)), 1, max(n // 8, 1)))

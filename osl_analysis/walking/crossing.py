@@ -107,7 +107,7 @@ def ankle_angle(foot: Poses, shank: Poses, axis: Array) -> Array:
     """
     relative = np.einsum("nji,njk->nik", shank.rotation, foot.rotation)
     quaternion = scipy.spatial.transform.Rotation.from_matrix(relative).as_quat(canonical=True)
-    return np.asarray(-2 * np.arctan2(quaternion[:, :3] @ axis, quaternion[:, 3]))
+    return -2 * np.arctan2(quaternion[:, :3] @ axis, quaternion[:, 3])
 
 
 def ankle_torque(reaction: Array, plate_centre: Array, ankle: Array, axis: Array) -> Array:
@@ -194,7 +194,7 @@ class Passage:
 
 
 def in_stance(time: Array, stance: Stance) -> Mask:
-    return np.asarray((time >= stance.heel_strike) & (time <= stance.toe_off))
+    return (time >= stance.heel_strike) & (time <= stance.toe_off)
 
 
 def recorded_passage(
@@ -365,7 +365,7 @@ def reactions_on_foot(
     track = platform.platform_track(
         passage.name, passage.frames[run], poses_of_plate[run], calibration, settings
     )
-    middle = np.asarray(passage.corners.mean(axis=0))
+    middle = passage.corners.mean(axis=0)
     axes = platform.shared_directions([track])[0]
     in_track = slice(rows.start - run.start, rows.stop - run.start)
     motion, weights = track.measured_motion(axes, middle, in_track)
@@ -383,7 +383,7 @@ def reactions_on_foot(
 
 
 def phases_between(phase: Array, bounds: tuple[float, float]) -> Mask:
-    return np.asarray((phase >= bounds[0]) & (phase <= bounds[1]))
+    return (phase >= bounds[0]) & (phase <= bounds[1])
 
 
 def check_side(phase: Array, ahead: Array) -> None:

@@ -66,9 +66,9 @@ class Bootstrap:
     def interval(self, quantity: str) -> tuple[float, float]:
         """Bounds of the 95 % interval: percentiles, widened for Student's t (Hesterberg, 2015)."""
         t = scipy.special.stdtrit(self.degrees_of_freedom, 0.025)
-        tail = float(scipy.special.ndtr(t))
+        tail = scipy.special.ndtr(t)
         low, high = np.quantile(self.draws[quantity], [tail, 1 - tail])
-        return float(low), float(high)
+        return low, high
 
 
 def resampling_weights(random: np.random.Generator, samples: int, n: int) -> Array:
@@ -117,7 +117,7 @@ class PredictorChoice:
             # 0 for a curve that determines a coefficient alone
             free_share = np.maximum(1 - np.diag(hat), 1e-9)
             left_out = (root * self.curves - hat @ (root * self.curves)) / free_share[:, None]
-            errors[predictors] = float(np.sum(left_out[is_drawn] ** 2))
+            errors[predictors] = np.sum(left_out[is_drawn] ** 2)
         return min(errors, key=lambda predictors: errors[predictors])
 
 
@@ -289,7 +289,7 @@ def shared_errors(responses: Sequence[PerturbationResponse]) -> SharedErrors:
     of_plate = np.diag(jackknife_covariance(by_plate))
     freedom = len(by_gait) - 1, max(len(by_plate) - 1, 1)
     common: dict[str, list[CommonError]] = {
-        name: [(float(of_mean_gait[k]), freedom[0]), (float(of_plate[k]), freedom[1])]
+        name: [(of_mean_gait[k], freedom[0]), (of_plate[k], freedom[1])]
         for k, name in enumerate(ESTIMATED)
     }
     return SharedErrors(common, dict(zip(ESTIMATED, of_one.tolist(), strict=True)))

@@ -219,7 +219,7 @@ class Feature:
     @property
     def distance(self) -> Array:
         """Distance (n,) from the median, in scatters."""
-        return np.asarray(np.abs(self.values - self.median) / self.scatter)
+        return np.abs(self.values - self.median) / self.scatter
 
 
 def selection_rows(

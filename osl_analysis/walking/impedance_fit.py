@@ -83,7 +83,7 @@ def gait_torque(response: PerturbationResponse, fit: LinearFit) -> Array:
     deviation = differentiate(response.time, (response.motion.theta - response.thetas).T)
     K, B, I = fit["K"], fit["B"], fit["I"]
     explained = K * deviation.theta + B * deviation.omega + I * deviation.alpha
-    return np.asarray(response.torque - response.torques - explained.T)
+    return response.torque - response.torques - explained.T
 
 
 @dataclass(frozen=True)

@@ -101,7 +101,7 @@ def stance_times(crossing: Crossing, phases: Array = PHASES) -> Array:
 def signal_at(crossing: Crossing, signal: Array, time: Array) -> Array:
     """Interpolate signals (..., n) of a crossing at times (k,) [s]; constant beyond its ends."""
     spline = scipy.interpolate.make_interp_spline(crossing.time, signal, k=3, axis=-1)
-    return np.asarray(spline(np.clip(time, crossing.time[0], crossing.time[-1])))
+    return spline(np.clip(time, crossing.time[0], crossing.time[-1]))
 
 
 def matched_scales(phase: Array, curves: Array, mean: Array) -> Array:
@@ -205,7 +205,7 @@ def aligned_gait(crossing: Crossing, gait: UnperturbedGait, known_until: float) 
         No pace fits.
     """
     stance = crossing.stance
-    known = np.asarray(stance.heel_strike + PHASES * stance.duration <= known_until)
+    known = stance.heel_strike + PHASES * stance.duration <= known_until
     phase = PHASES[known][::MATCHED_STEP]
     if len(phase) >= FEWEST_PHASES:
         theta = signal_at(crossing, crossing.theta, stance_times(crossing, phase))
@@ -215,9 +215,9 @@ def aligned_gait(crossing: Crossing, gait: UnperturbedGait, known_until: float) 
         # scatter least
         is_whole = np.isfinite(scales).all(axis=1)
         scatters = np.where(is_whole, np.std(scales[:, 1:], axis=1), np.inf)
-        best = int(np.argmin(scatters))
+        best = np.argmin(scatters)
         if np.isfinite(scatters[best]):
-            return AlignedGait(stance.duration / float(scales[best, 0]), scales[best, 1:])
+            return AlignedGait(stance.duration / scales[best, 0], scales[best, 1:])
     raise InputError(
         f"trial {crossing.name}: its angle before the onset tells no pace from"
         f" {SMALLEST_SCALE:g} to {LARGEST_SCALE:g} of the mean unperturbed gait: it has no"
@@ -344,5 +344,5 @@ def behaviour_before(time: Array, thetas: Array, torques: Array, guard_s: float)
     rows = time <= -guard_s
     centred_time = time[rows] - time[rows].mean()
     curves = np.array([thetas, torques])[..., rows]
-    square = max(float(centred_time @ centred_time), np.finfo(float).tiny)
+    square = max(centred_time @ centred_time, np.finfo(float).tiny)
     return np.concatenate([curves.mean(axis=-1), curves @ centred_time / square])

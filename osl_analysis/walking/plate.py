@@ -54,7 +54,7 @@ def find_stances(time: Array, force: Array, on: float, off: float, shortest: flo
         loaded = np.flatnonzero(force[contact] > on)
         is_whole = contact.start > 0 and contact.stop < len(force)
         if len(loaded) and is_whole:
-            heel_strike = crossing_time(time, force, contact.start + int(loaded[0]) - 1, on)
+            heel_strike = crossing_time(time, force, contact.start + loaded[0] - 1, on)
             toe_off = crossing_time(time, force, contact.stop - 1, off)
             stances.append(Stance(heel_strike, toe_off))
     return [stance for stance in stances if stance.duration >= shortest]
@@ -113,7 +113,7 @@ def wrench_reader(time: Array, wrench: Array, frames: Array) -> WrenchReader:
     rate = sampling_rate(time)
     anti_alias = LowPass(min(sampling_rate(frames), rate) / 3)
     spline = scipy.interpolate.make_interp_spline(time, anti_alias(wrench, rate), k=3)
-    return lambda lag: np.asarray(spline(np.clip(frames + lag, time[0], time[-1])))
+    return lambda lag: spline(np.clip(frames + lag, time[0], time[-1]))
 
 
 def zeroed_wrench(trial: Trial, frames: Array, settings: CrossingSettings) -> WrenchReader:
@@ -134,16 +134,16 @@ def zeroed_wrench(trial: Trial, frames: Array, settings: CrossingSettings) -> Wr
     if settings.unloaded_s is not None:
         length = round(settings.unloaded_s * sampling_rate(time))
         vertical = wrench[:, 2]
-        before = vertical[: int(np.argmax(vertical)) + 1]
+        before = vertical[: np.argmax(vertical) + 1]
         if len(before) < length:
             raise InputError(
                 f"the plate is loaded within {settings.unloaded_s:g} s of the recording's start, so"
                 " that its zero cannot be read; start to record earlier, or set unloaded_s to null"
             )
         windows = np.lib.stride_tricks.sliding_window_view(before - before[0], length)
-        start = int(np.argmin(np.var(windows, axis=1)))
+        start = np.argmin(np.var(windows, axis=1))
         zero = wrench[start : start + length].mean(axis=0)
-        zero_force = float(zero[2])
+        zero_force = zero[2]
         if abs(zero_force) > settings.largest_zero_n:
             raise InputError(
                 f"the unloaded plate reads {zero_force:.0f} N, expected less than"
@@ -164,7 +164,7 @@ def check_range(time: Array, force: Array, axes: Array, load: float) -> None:
     rate = sampling_rate(time)
     shortest = max(round(CLIPPED_S * rate), FEWEST_CLIPPED)
     for name, component in zip("xyz", (force @ axes).T, strict=True):
-        for extreme in (float(component.max()), float(component.min())):
+        for extreme in (component.max(), component.min()):
             if abs(extreme) <= load:
                 continue
             run = longest_run(np.abs(component - extreme) <= 1e-6 * abs(extreme))
@@ -201,7 +201,7 @@ def recorded_corners(trial: Trial, plate: int) -> Array:
             f" {numbers}. Correct `plate` in the configuration"
         )
     corners = np.asarray(recorded, dtype=float)
-    size = float(np.linalg.norm(corners[0] - corners[2]))
+    size = np.linalg.norm(corners[0] - corners[2])
     if not PLATE_SIZES_M[0] < size < PLATE_SIZES_M[1]:
         raise InputError(
             f"trial {trial.name}: force plate {plate} is {size:.3g} m from corner to corner,"
@@ -235,7 +235,7 @@ def check_plate(trial: Trial, plate: int, stance: Stance, vertical: Array) -> No
                 f" {facts['stands_to_s']:.3f} s while the force on the plate changes: it is dead;"
                 " mend the channel and record again, or exclude the trial"
             )
-    peak = float(vertical.max())
+    peak = vertical.max()
     if peak > LARGEST_LOAD_N:
         raise InputError(
             f"force plate {plate} reads up to {peak:.3g} N, expected less than"
@@ -283,7 +283,7 @@ def check_no_other_is_loaded(trial: Trial, plate: int, load: float) -> None:
 def check_vertical(force: Array) -> None:
     """Refuse a load (n, 3) [N] that does not act along +z."""
     load = force.T @ np.linalg.norm(force, axis=1)
-    axis = int(np.argmax(np.abs(load)))
+    axis = np.argmax(np.abs(load))
     if load[2] >= abs(load[axis]):
         return
     sign = "-" if load[axis] < 0 else "+"

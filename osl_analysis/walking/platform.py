@@ -54,7 +54,7 @@ def rotation_from_rest(platform: Poses) -> Array:
     if seen.any():
         vectors = scipy.spatial.transform.Rotation.from_matrix(platform.rotation[seen]).as_rotvec()
         largest = vectors[np.argmax(np.linalg.norm(vectors, axis=1))]
-        size = max(float(np.linalg.norm(largest)), np.finfo(float).tiny)
+        size = max(np.linalg.norm(largest), np.finfo(float).tiny)
         angle[seen] = vectors @ largest / size
     return angle
 
@@ -114,7 +114,7 @@ class PlatformTrack:
     @cached_property
     def velocity(self) -> Array:
         """Of the filtered coordinates (n, 6) [m/s]."""
-        return np.asarray(np.gradient(self.filtered, self.time, axis=0))
+        return np.gradient(self.filtered, self.time, axis=0)
 
     def moves(self, axes: Array) -> Mask:
         """Frames (n,) in which the speed along any of the directions (r, 6) exceeds the noise.
@@ -143,12 +143,12 @@ class PlatformTrack:
             return np.zeros(len(moves))
         to_motion_s = scipy.ndimage.distance_transform_edt(~moves) / self.rate
         fading = np.clip(to_motion_s / self.spread - 2, 0, 1)
-        return np.asarray(0.5 + 0.5 * np.cos(np.pi * fading))
+        return 0.5 + 0.5 * np.cos(np.pi * fading)
 
     @cached_property
     def rest(self) -> Array:
         """Coordinates (6,) [m] at rest: their mean while it rests before its fastest motion."""
-        fastest = self.time[int(np.argmax(np.linalg.norm(self.velocity, axis=1)))]
+        fastest = self.time[np.argmax(np.linalg.norm(self.velocity, axis=1))]
         before = (self.gate(self.moving) == 0) & (self.time < fastest)
         if before.sum() < MotionLimits.FEWEST_FRAMES:
             before = self.time <= self.time[0] + self.spread
@@ -226,14 +226,14 @@ def platform_track(
         straight[gap] = start + share[:, None] * (end - start)
 
     second = np.diff(straight[~poses.bridged], n=2, axis=0)
-    noise = MAD_TO_SD * float(np.median(np.abs(second))) / np.sqrt(6.0) if second.size else 0.0
+    noise = MAD_TO_SD * np.median(np.abs(second)) / np.sqrt(6.0) if second.size else 0.0
     return PlatformTrack(
         trial,
         time,
         reference,
         straight,
         settings.low_pass,
-        float(max(noise, MotionLimits.LEAST_NOISE_M)),
+        max(noise, MotionLimits.LEAST_NOISE_M),
     )
 
 
@@ -269,10 +269,10 @@ def moving_directions(tracks: Sequence[PlatformTrack]) -> Array:
     _, size, axes = np.linalg.svd(moved, full_matrices=False)
     gain = noise_gain(tracks[0].low_pass, tracks[0].rate)
     independent_rows = max(len(moved) * gain, 1.0)
-    noise_square = float(np.mean([track.noise**2 for track in tracks]))
+    noise_square = np.mean([track.noise**2 for track in tracks])
     largest_of_noise = noise_square * gain * (1 + np.sqrt(6 / independent_rows)) ** 2
     exceeding = np.sum(size**2 / len(moved) > MotionLimits.MARGIN_OVER_NOISE * largest_of_noise)
-    return np.asarray(axes[: max(int(exceeding), 1)])
+    return axes[: max(exceeding, 1)]
 
 
 STEP_S = 0.002  # of the mean ramp
@@ -349,7 +349,7 @@ def ramp_onsets(ramps: Mapping[str, Ramp]) -> dict[str, float]:
                 " that of its own ramp, which may be some ms off",
                 stacklevel=2,
             )
-            onsets[name] = float(align([ramp])[0][0])
+            onsets[name] = align([ramp])[0][0]
     return onsets
 
 
@@ -387,7 +387,7 @@ def align(ramps: list[Ramp]) -> tuple[Array, Mask]:
         noise = np.maximum(angles[:, AT_REST].std(axis=1), RampLimits.LEAST_MISFIT * heights)
         misfit = np.sqrt(np.mean((angles - (X @ estimates).T) ** 2, axis=1)) / noise
         # The better half is always in the mean
-        follows = misfit <= max(RampLimits.LARGEST_MISFIT, float(np.median(misfit)))
+        follows = misfit <= max(RampLimits.LARGEST_MISFIT, np.median(misfit))
     return middles + start_of_rise(SINCE_MIDDLE, mean), misfit <= RampLimits.LARGEST_MISFIT
 
 
@@ -398,12 +398,10 @@ def start_of_rise(time: Array, ramp: Array) -> float:
     minimum jerk for 3, degree seven for 4. Minimum jerk is taken unless another is far more likely:
     starts of two steps that fit equally well differ by 6 to 10 % of the rise.
     """
-    height = float(ramp[ramp > RampLimits.PLATEAU * ramp.max()].mean())
-    noise = max(float(ramp[AT_REST].std()), RampLimits.LEAST_NOISE * height)
-    tenth, half, end = (
-        int(np.argmax(ramp >= s * height)) for s in (0.1, 0.5, RampLimits.FITTED_RISE)
-    )
-    duration = max(float(time[half] - time[tenth]), STEP_S) / RampLimits.SHARE_OF_RISE
+    height = ramp[ramp > RampLimits.PLATEAU * ramp.max()].mean()
+    noise = max(ramp[AT_REST].std(), RampLimits.LEAST_NOISE * height)
+    tenth, half, end = (np.argmax(ramp >= s * height) for s in (0.1, 0.5, RampLimits.FITTED_RISE))
+    duration = max(time[half] - time[tenth], STEP_S) / RampLimits.SHARE_OF_RISE
     guess = [time[half] - duration / 2, duration]
 
     def residuals(step: Array, p: int) -> Array:

@@ -44,7 +44,7 @@ SCHEMA = 2  # of names, units and types of columns; CONTRIBUTING.md says when it
 SCHEMA_FIELD = "tables_schema"  # of `summary.json`
 
 
-def marked_data(frame: pl.DataFrame, data: str = "") -> pl.DataFrame:
+def marked_data(frame: pl.DataFrame, data: str) -> pl.DataFrame:
     """A table as it is written: without a `side` that is all null, and with `data` as last column
     (`SIMULATED` or `MEASURED`; none if empty)."""
     if "side" in frame.columns and frame["side"].null_count() == len(frame):

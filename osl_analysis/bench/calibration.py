@@ -93,7 +93,7 @@ def stiffness_to_state(frame: GroupFit) -> BenchStiffness:
 
 
 def calibration_table(
-    analysis: Analysis, known: Known, frame: GroupFit | None = None, stated: Fixture | None = None
+    analysis: Analysis, known: Known, frame: GroupFit | None, stated: Fixture | None
 ) -> pl.DataFrame:
     """The trial's row of `calibration.csv`: Eq. 15 of a known spring or inertia, with friction and
     a late torque, and what else than a delay may make the torque late.

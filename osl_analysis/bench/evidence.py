@@ -145,7 +145,7 @@ def impedance_table(
         check_resists(record.name, "K", whole["K"], whole.interval("K")[1])
 
     expected = joint_admittance(gains.K_1, gains.B_1, p, p.J_j) if p and gains else None
-    s = sums_of(record, IMPEDANCE, expected)
+    s = sums_of(record, expected)
     of_leg = is_leg(record, p)
     belt = belt_of_leg(record, p) if p and of_leg else Belt()
     joint = None if of_leg else inferred_of_joint(record)
@@ -252,7 +252,7 @@ def beside_known(
         `K_ratio`, else, K at the largest amplitude, where friction changes it least.
     """
     whole = table.row(-1, named=True)
-    largest = table.sort("amplitude_deg", nulls_last=False)["K"][-1]
+    largest = table.sort("amplitude_deg")["K"][-1]
     of_spring = whole["K_without_friction"] or largest
     known = dict[str, float | pl.Expr]()
     predicted = whole["K_predicted"]

@@ -95,7 +95,7 @@ class Analysis:
         do not include it."""
         return {label: self.with_bench_errors(fit, label) for label, fit in self.fits.items()}
 
-    def with_bench_errors(self, own: GroupFit, label: Label = None) -> BenchFit:
+    def with_bench_errors(self, own: GroupFit, label: Label) -> BenchFit:
         """Add what is stated of the bench to the intervals of a fit: the errors of its calibration,
         its stiffness and its fixture, to first order.
 

@@ -209,7 +209,7 @@ def whitening_gain(spectra: Array, lines_per_hz: float, cutoff_hz: float) -> Arr
     return 1 / np.sqrt(np.maximum(power, LEAST_POWER * np.mean(torque**2)))
 
 
-def sums_of(record: Record, model: Model, expected: Admittance | None = None) -> Sums:
+def sums_of(record: Record, expected: Admittance | None = None) -> Sums:
     """The sums of a coarse record with all effects; the arguments are those of `effect_columns`."""
     return motion_sums(record.coarse, effect_columns(record, expected))
 

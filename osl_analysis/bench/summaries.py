@@ -58,7 +58,7 @@ def part_summary(part: str, table: pl.DataFrame) -> pl.DataFrame:
     if "amplitude_deg" in table.columns:
         whole = table.filter(pl.col("amplitude_deg").is_null())
     found = []
-    for of_place in whole.partition_by(PLACE, maintain_order=True):
+    for of_place in whole.partition_by(PLACE):
         place = of_place.select(PLACE).head(1)
         summary = summary_of_trials(of_place, SUMMARISED[part])
         found.append(place.join(summary, how="cross"))

@@ -296,7 +296,7 @@ def plot_walking_page(
     selected = selected_crossings(crossings, selection)
     gaits = read_unperturbed_gaits(unperturbed)
     frames = []
-    for of_group in isolated.partition_by("group", maintain_order=True):
+    for of_group in isolated.partition_by("group"):
         trials = set(of_group["trial"])
         perturbed = [crossing for crossing in selected if crossing.name in trials]
         gait_curves = {

@@ -141,7 +141,7 @@ def finding_json(finding: Finding, row: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def estimates_text(estimates: pl.DataFrame, findings: Sequence[Sequence[Finding]] = ()) -> str:
+def estimates_text(estimates: pl.DataFrame, findings: Sequence[Sequence[Finding]]) -> str:
     """The estimates as text: a line per fit and quantity, with 95 % interval and VAF, and the
     doubts about each row."""
     lines: list[str] = []

@@ -394,7 +394,7 @@ def read_summary(summary_json: Path) -> dict[str, Any]:
     return content
 
 
-def format_results_table(summary: Mapping[str, Any], markdown: bool = True) -> str:
+def format_results_table(summary: Mapping[str, Any], markdown: bool) -> str:
     """What a summary is made of, its numbers as Markdown or aligned, what to know of them, and what
     is missing."""
     rows = [("quantity", "value", "interval", "n", "draft")]

@@ -68,7 +68,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
         width, 4.0, rows=2, columns=len(parts), titles=[title for title, _ in parts], share_x=True
     )
     for column, (_, part) in enumerate(parts):
-        trials = part.filter(~IS_MEAN).partition_by("trial", maintain_order=True)
+        trials = part.filter(~IS_MEAN).partition_by("trial")
         mean = part.filter(IS_MEAN)
         draw_belts(axes[column], trials, mean)
         draw_loops(axes[len(parts) + column], trials, mean)

@@ -139,7 +139,7 @@ def draw_trials(ax: Axes, symbol: str, placed: pl.DataFrame, inches: float) -> N
     ax.set_ylabel(style.AXIS_LABELS[symbol])
 
     desired = f"{symbol}_d"
-    groups = placed.partition_by(desired, maintain_order=True)
+    groups = placed.partition_by(desired)
     values = [group[desired][0] for group in groups]
     for value, group in zip(values, groups, strict=True):
         if value is not None:
@@ -157,7 +157,7 @@ def draw_trials(ax: Axes, symbol: str, placed: pl.DataFrame, inches: float) -> N
         label_groups(ax, groups, labels, inches)
     else:
         ax.set_xlabel("Trial")
-        groups = placed.partition_by("trial", maintain_order=True)
+        groups = placed.partition_by("trial")
         ends_of_names = [
             style.drawn_name(rows["trial"][0][-Layout.LONGEST_NAME :]) for rows in groups
         ]

@@ -61,7 +61,7 @@ def points(
     shown = shown.with_columns(curve=pl.lit(OBSERVED), model_error=pl.lit(None, pl.Float64))
     observed: list[pl.DataFrame] = []
     curves: list[pl.DataFrame] = []
-    for measured in shown.partition_by(PLACE, maintain_order=True):
+    for measured in shown.partition_by(PLACE):
         place, side, K_d, B_d = measured.select(*PLACE, "K_d", "B_d").row(0)
         low_hz, high_hz = measured["frequency_hz"][0], measured["frequency_hz"][-1]
         frequency_hz = np.linspace(low_hz, high_hz, Layout.MODEL_POINTS)

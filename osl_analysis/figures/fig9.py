@@ -112,7 +112,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
         rows = table.filter(quantity=quantity)
         values = rows.select(DRAWN).unpivot()["value"].drop_nulls().to_numpy()
         height = Layout.SWARM_HEIGHT / max(np.ptp(values), 1e-9)
-        for number, group in enumerate(rows.partition_by("group", maintain_order=True)):
+        for number, group in enumerate(rows.partition_by("group")):
             draw_group(ax, group, number * Layout.NEXT_GROUP, height, unit)
         ax.set_xlim(left, right)
         ax.set_xticks(places, labels, rotation=0 if len(labels) <= Layout.MOST_LEVEL else 90)

@@ -162,7 +162,7 @@ def condition(rows: pl.DataFrame) -> list[str]:
 def by_place(table: pl.DataFrame) -> list[tuple[str, pl.DataFrame]]:
     """The rows of each joint and side, whose results never share a panel, with a title such as
     `Knee, left`; it is empty where there is only one."""
-    parts = table.partition_by("joint", "side", maintain_order=True)
+    parts = table.partition_by("joint", "side")
     if len(parts) == 1:
         return [("", table)]
     titled = []
@@ -179,7 +179,7 @@ def by_controller(table: pl.DataFrame) -> list[tuple[Look, pl.DataFrame]]:
     others by `look`, their number."""
     ordered = table.sort("look", "controller", nulls_last=[False, True], maintain_order=True)
     parts = []
-    for rows in ordered.partition_by("controller", maintain_order=True):
+    for rows in ordered.partition_by("controller"):
         name, number = rows.select("controller", "look").row(0)
         look = LOOKS.get(name, NO_CONTROLLER)
         if number is not None:

@@ -39,7 +39,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     colours = dict(zip(trials, map(to_hex, shades), strict=True))
     for number, (_, part) in enumerate(parts):
         torque, stiffness = axes[2 * number : 2 * number + 2]
-        for curve in part.partition_by("trial", "branch", maintain_order=True):
+        for curve in part.partition_by("trial", "branch"):
             trial, branch, doubtful = curve.select("trial", "branch", "doubtful").row(0)
             look: dict[str, Any] = {
                 "color": colours[trial],

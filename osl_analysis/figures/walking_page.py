@@ -38,7 +38,7 @@ PAGE_HEIGHT = 4.4  # of a group [in]
 def draw(table: pl.DataFrame) -> style.PaperFigure:
     """Over stance (a) angle and (b) torque, over time (c) isolated angle and (d) isolated torque;
     four panels for each group."""
-    groups = table.partition_by("group", maintain_order=True)
+    groups = table.partition_by("group")
     titles = []
     for rows in groups:
         name = style.drawn_name(rows["group"][0], 60) if len(groups) > 1 else ""
@@ -70,7 +70,7 @@ def draw_panel(ax: Axes, rows: pl.DataFrame, panel: str) -> None:
             label="± SD of crossings",
         )  # fmt: skip
         ax.plot(points["x"], mean, color=colour, linestyle=dash, label=name.capitalize())
-    for trial in curve("each").partition_by("trial", maintain_order=True):
+    for trial in curve("each").partition_by("trial"):
         is_doubtful = marks.has_doubtful(trial)
         look = DOUBTFUL_LINE if is_doubtful else EACH_LINE
         label = "Doubtful fit" if is_doubtful else "Each perturbation"

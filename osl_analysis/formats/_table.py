@@ -116,8 +116,8 @@ def table_of_rows(
     rows: Sequence[Row],
     comments: Sequence[Line],
     layout: SheetSource,
-    delimiter: str = "",
-    is_ended: bool = True,
+    delimiter: str,
+    is_ended: bool,
 ) -> Table:
     """Find the table in rows of cells.
 

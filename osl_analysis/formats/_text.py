@@ -198,7 +198,7 @@ def check_last_line(is_ended: bool, rows: Sequence[Row]) -> None:
 
 
 def column_of(
-    rows: Sequence[Row], place: int, missing: Sequence[str], title: str, decimal: str = "."
+    rows: Sequence[Row], place: int, missing: Sequence[str], title: str, decimal: str
 ) -> NDArray[np.float64]:
     """Read one column of rows as numbers, (rows,), NaN where a cell is one of the missing words or
     a row is too short.

@@ -151,7 +151,7 @@ def joined(
     return rows.join(frames, on="number", how="left", maintain_order="left").drop("number")
 
 
-def vertical_axis(markers: Sequence[Channel], plates: Sequence[Plate] = ()) -> str:
+def vertical_axis(markers: Sequence[Channel], plates: Sequence[Plate]) -> str:
     """Tell the axis that points up: across the force plates; else that along which markers keep
     their order, for somebody who walks.
 

@@ -132,7 +132,7 @@ FINDING_COLUMNS: dict[str, type[pl.DataType]] = {
 `finding`."""
 
 
-def findings_frame(findings: Iterable[WordedFinding] = ()) -> pl.DataFrame:
+def findings_frame(findings: Iterable[WordedFinding]) -> pl.DataFrame:
     """`findings.csv` from findings with their words."""
     rows: list[dict[str, object]] = []
     for number, worded in enumerate(findings, start=1):
@@ -166,7 +166,7 @@ def read_findings(path: Path) -> list[WordedFinding]:
 def findings_of_frame(frame: pl.DataFrame) -> list[WordedFinding]:
     """The findings of a table as `findings_frame` makes it."""
     findings = []
-    for rows in frame.partition_by("finding", maintain_order=True):
+    for rows in frame.partition_by("finding"):
         numbers = rows.drop_nulls("evidence").select("evidence", "value", "limit", "limit_side")
         row = rows.row(0, named=True)
         finding = Finding(

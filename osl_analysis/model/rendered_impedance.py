@@ -149,6 +149,6 @@ def predicted_impedance(
     weight = 1 / np.sqrt(w)
     # Re Z = K - I w^2, Im Z = B w
     storage = np.column_stack([np.ones_like(w), -(w**2)])
-    (K, I), *_ = np.linalg.lstsq(storage * weight[:, None], Z.real * weight, rcond=None)
+    (K, I), *_ = np.linalg.lstsq(storage * weight[:, None], Z.real * weight)
     B = np.sum(weight**2 * w * Z.imag) / np.sum(weight**2 * w**2)
     return float(K), float(B), float(I)

@@ -97,7 +97,7 @@ def value_text(value: object) -> str:
 def paragraphs(facts: MethodsFacts) -> list[str]:
     """The paragraphs, with the marks of the template for symbols and citations."""
     environment = Environment(
-        loader=FileSystemLoader(HERE / "templates"), undefined=StrictUndefined, trim_blocks=False
+        loader=FileSystemLoader(HERE / "templates"), undefined=StrictUndefined
     )
     text = environment.get_template("methods.j2").render(facts.content)
     return [" ".join(part.split()) for part in text.split("¶") if part.strip()]

@@ -167,7 +167,7 @@ def parts(entry: Entry, table: pl.DataFrame) -> list[tuple[pl.DataFrame, list[st
     if "K_d" in keys:
         keys.append("own_condition")
         rows = rows.with_columns(OWN_CONDITION)
-    by_keys = rows.partition_by(keys, maintain_order=True) if keys else [rows]
+    by_keys = rows.partition_by(keys) if keys else [rows]
     return [(part, keys) for part in by_keys if len(part)]
 
 
@@ -264,9 +264,7 @@ def macro_name(name: str) -> str:
     return "".join(LETTERS.get(word) or word[0].upper() + word[1:] for word in words)
 
 
-def macros_tex(
-    about: Mapping[str, str], numbers: Iterable[Number], remarks: Iterable[str] = ()
-) -> str:
+def macros_tex(about: Mapping[str, str], numbers: Iterable[Number], remarks: Iterable[str]) -> str:
     r"""Write LaTeX macros such as `\oslKS` with `\oslKSLow` and `\oslKSHigh`, rounded, without
     units, below comments with `remarks`."""
     lines = [f"% {sentence(about)}", "% \\input this file and use the macros."]

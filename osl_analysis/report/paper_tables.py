@@ -52,7 +52,7 @@ def conditions(impedance: pl.DataFrame) -> list[Condition]:
     if not keys:  # one condition: what the sheet states of it
         keys = [name for name in present if whole[name][0] not in (None, "")]
     symbols = [name for name in ESTIMATED if whole[name].count()]
-    parts = whole.sort(keys).partition_by(keys, maintain_order=True) if keys else [whole]
+    parts = whole.sort(keys).partition_by(keys) if keys else [whole]
     rows = []
     for fits in parts:
         sound = counted(fits)

@@ -63,7 +63,7 @@ class LowPass:
                 f" {edge / rate_hz:.3g} s"
             )
         sections = sections_of(self, rate_hz)
-        return scipy.signal.sosfiltfilt(sections, signal, axis=0, padtype="odd", padlen=edge)
+        return scipy.signal.sosfiltfilt(sections, signal, axis=0, padlen=edge)
 
 
 # to design the sections takes as long as to filter a trial

@@ -275,7 +275,7 @@ def robust_polyline(place: Array, level: Array, knots: Sequence[float]) -> tuple
     median_residuals = 2.96  # Huber's limit: 2 standard deviations of a normal distribution
     rounds = 5
     for _ in range(rounds):
-        levels = np.linalg.lstsq(columns * weights[:, None], level * weights, rcond=None)[0]
+        levels = np.linalg.lstsq(columns * weights[:, None], level * weights)[0]
         residual = np.abs(level - columns @ levels)
         limit = median_residuals * np.median(residual) + 1e-12
         weights = np.sqrt(1 / np.maximum(1, residual / limit))

@@ -266,7 +266,7 @@ def true_signals(
     row: Mapping[str, Any],
     settings: SimulationSettings,
     p: DrivetrainParameters,
-    gains: Gains | None = None,
+    gains: Gains | None,
 ) -> tuple[JointMotion, dict[str, recorder.TrueSignal]]:
     """Find the true motion of a trial, and its true signals.
 

@@ -261,7 +261,7 @@ def impedance_of_leg(
         ]
     )
     torque = perturbed.drivetrain_torque - unperturbed.drivetrain_torque
-    K, B, I = np.linalg.lstsq(columns[rows], torque[rows], rcond=None)[0]
+    K, B, I = np.linalg.lstsq(columns[rows], torque[rows])[0]
     return {"K_rendered": float(K), "B_rendered": float(B), "I_rendered": float(I)}
 
 

@@ -77,7 +77,7 @@ def periodic_motion(
     rate_hz /= step
     bins = slice(len(theta) // step * step)
     x = scipy.signal.detrend(theta[bins].reshape(-1, step).mean(axis=1))
-    spline = scipy.interpolate.make_interp_spline(np.arange(len(x)), x, k=3)
+    spline = scipy.interpolate.make_interp_spline(np.arange(len(x)), x)
 
     usable_rows = usable[bins][::step]  # near a gap many are not
     found = [repetition_after(x, spline, usable_rows, lag, rate_hz) for lag in likely_lags(x)]

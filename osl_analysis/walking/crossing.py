@@ -203,7 +203,7 @@ def recorded_passage(
     lag: float,
     perturbed: bool,
     settings: CrossingSettings,
-    onset: float | None = None,
+    onset: float | None,
 ) -> Passage:
     """Find poses, stance and onset of a crossing.
 

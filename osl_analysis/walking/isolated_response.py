@@ -100,7 +100,7 @@ def stance_times(crossing: Crossing, phases: Array = PHASES) -> Array:
 
 def signal_at(crossing: Crossing, signal: Array, time: Array) -> Array:
     """Interpolate signals (..., n) of a crossing at times (k,) [s]; constant beyond its ends."""
-    spline = scipy.interpolate.make_interp_spline(crossing.time, signal, k=3, axis=-1)
+    spline = scipy.interpolate.make_interp_spline(crossing.time, signal, axis=-1)
     return spline(np.clip(time, crossing.time[0], crossing.time[-1]))
 
 
@@ -125,7 +125,7 @@ def matched_scales(phase: Array, curves: Array, mean: Array) -> Array:
         Scales r (8, m), for drifts of order 1 to 8; NaN where the search from 1 does not converge
         within bounds.
     """
-    mean_curve = scipy.interpolate.make_interp_spline(np.linspace(0.0, 1.0, len(mean)), mean, k=3)
+    mean_curve = scipy.interpolate.make_interp_spline(np.linspace(0.0, 1.0, len(mean)), mean)
     mean_slope = mean_curve.derivative()
     # Orthonormal polynomials, of which each order uses the first
     powers = np.vander(phase / phase[-1], DRIFT_ORDERS[-1] + 1, increasing=True)
@@ -181,7 +181,7 @@ class AlignedGait:
             (crossings, k).
         """
         own_phases = np.clip(phase / self.scales[:, None], 0.0, 1.0)
-        spline = scipy.interpolate.make_interp_spline(PHASES, unperturbed.T, 3)
+        spline = scipy.interpolate.make_interp_spline(PHASES, unperturbed.T)
         # All curves have the same knots, so that they are interpolated together
         curves = [
             scipy.interpolate.BSpline.construct_fast(spline.t, spline.c[:, k], 3)(own_phase)
@@ -317,7 +317,7 @@ def isolate_response(
     thetas = theta - aligned.curves(gait.theta, phase)
     torques = torque - aligned.curves(gait.torque, phase)
     errors_of_gait = gait.plate_errors.mean(axis=1)
-    mean_errors = scipy.interpolate.make_interp_spline(PHASES, errors_of_gait, k=3, axis=-1)
+    mean_errors = scipy.interpolate.make_interp_spline(PHASES, errors_of_gait, axis=-1)
     plate_errors = plate_errors - mean_errors(phase)
 
     baseline = slice(MARGIN, MARGIN + round(timing.baseline_s * rate))

@@ -112,7 +112,7 @@ def wrench_reader(time: Array, wrench: Array, frames: Array) -> WrenchReader:
     """
     rate = sampling_rate(time)
     anti_alias = LowPass(min(sampling_rate(frames), rate) / 3)
-    spline = scipy.interpolate.make_interp_spline(time, anti_alias(wrench, rate), k=3)
+    spline = scipy.interpolate.make_interp_spline(time, anti_alias(wrench, rate))
     return lambda lag: spline(np.clip(frames + lag, time[0], time[-1]))
 
 

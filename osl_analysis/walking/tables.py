@@ -51,7 +51,7 @@ def residual_over_gait(motion: Motion, torque: Array, of_gait: Array) -> float |
 
 def unexplained_rms(columns: Array, torques: Array) -> float:
     """RMS [N*m] of what the columns (k, 3) leave of torques (n, k)."""
-    explained = (columns @ np.linalg.lstsq(columns, torques.T, rcond=None)[0]).T
+    explained = (columns @ np.linalg.lstsq(columns, torques.T)[0]).T
     return rms(torques - explained)
 
 

@@ -11,7 +11,7 @@ from osl_analysis.bench.cycles import BRANCHES, Loop, find_loop, loop_errors, wh
 from osl_analysis.bench.impedance import Analysis
 from osl_analysis.bench.motion import signals_of, stretches_of
 from osl_analysis.bench.plausibility import check_changes, check_stiffer
-from osl_analysis.bench.record import Groups, Label, Record, record_of, unlike_groups
+from osl_analysis.bench.record import Groups, Label, Record, Stratum, record_of, unlike_groups
 from osl_analysis.bench.regression import GroupFit, Model, fit_groups, gram_sums
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError, naming
@@ -146,7 +146,7 @@ def branches_of(record: Record, loaded_share: float = LOADED) -> Groups:
     load = (theta_s - theta_s[0]) * loop.loading
     branches = []
     for label in BRANCHES:
-        is_loaded = np.zeros(len(load), dtype=np.bool_)
+        is_loaded = np.zeros(len(load), dtype=bool)
         is_loaded[loop.rows(theta_s, label)] = True
         is_loaded &= load >= loaded_share * load.max()
         if not (is_loaded & record.usable).any():
@@ -158,13 +158,13 @@ def branches_of(record: Record, loaded_share: float = LOADED) -> Groups:
         longest = max(rows.stop - rows.start for rows in runs(is_loaded))
         seconds = max(longest / record.rate_hz / STRETCHES, 0.5 / record.settings.cutoff_hz)
         rows = runs(is_loaded & record.usable)
-        branches.append(stretches_of(rows, record.rate_hz, seconds, label))
+        branches.append(stretches_of(rows, record.rate_hz, seconds))
     return Groups(
         "stretches",
         np.concatenate([branch.first for branch in branches]),
         np.concatenate([branch.stop for branch in branches]),
         np.repeat([0, 1], [len(branch.first) for branch in branches]),
-        tuple(branch.strata[0] for branch in branches),
+        tuple(Stratum(label) for label in BRANCHES),
     )
 
 
@@ -222,7 +222,7 @@ def belt_curve(belt: Analysis) -> pl.DataFrame:
     """Deflection [deg] and torque [N*m] from rest, by branch, for Fig. 3."""
     record = belt.record
     theta_s, torque = record.motion.theta, record.filtered_torque
-    unloads = np.zeros(len(theta_s), dtype=np.bool_)
+    unloads = np.zeros(len(theta_s), dtype=bool)
     unloads[loop_of(theta_s).rows(theta_s, "unloading")] = True
     columns = {
         "branch": np.where(unloads, "unloading", "loading"),

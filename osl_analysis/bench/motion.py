@@ -15,7 +15,6 @@ from osl_analysis.bench.bench_settings import (
 from osl_analysis.bench.record import (
     STIFFNESS_ALONE,
     Groups,
-    Label,
     Record,
     Stratum,
     record_of,
@@ -168,7 +167,7 @@ def record_of_motion(
     time = signals.time - signals.time[0]
     moved = time[moving]
     inside = [(moved[0], moved[-1])]
-    is_inside = np.ones(len(time), dtype=np.bool_)
+    is_inside = np.ones(len(time), dtype=bool)
     if windows is not None:
         inside = stretches(windows, time[-1])
         is_inside = within(time, inside)
@@ -309,9 +308,7 @@ def periods_of(motion: PeriodicMotion, rate_hz: float, usable: NDArray[np.bool_]
     return Groups("periods", begin[chosen], stop[chosen], stratum, len(used) * (Stratum(),))
 
 
-def stretches_of(
-    pieces: Sequence[slice], rate_hz: float, seconds: float = STRETCH_S, label: Label = None
-) -> Groups:
+def stretches_of(pieces: Sequence[slice], rate_hz: float, seconds: float = STRETCH_S) -> Groups:
     """Equal stretches of about `seconds` of each piece, or shorter ones of a short recording; all
     are one stratum, without repeats."""
     longest = min(
@@ -323,4 +320,4 @@ def stretches_of(
         of_piece = np.linspace(piece.start, piece.stop, number + 1)
         edges.append((of_piece[:-1], of_piece[1:]))
     first, stop = np.concatenate(edges, axis=1)
-    return unlike_groups(first, stop, label)
+    return unlike_groups(first, stop)

@@ -167,9 +167,10 @@ def check_prompt(
     lag_s = SOUGHT_LAGS_S[np.argmin(unexplained)]
     if unexplained.min() < FAR_BETTER * unexplained[SOUGHT_LAGS_S == 0]:
         way, late = ("earlier", "current") if lag_s > 0 else ("later", "torque_m")
+        lag = f"{1e3 * abs(lag_s):.0f} ms"
         raise InputError(
-            f"the current fits the torque far better {1e3 * abs(lag_s):.0f} ms {way}; state"
-            f" `delay: {1e3 * abs(lag_s):.0f} ms` of {late} in the source file"
+            f"the current fits the torque far better {lag} {way}; state"
+            f" `delay: {lag}` of {late} in the source file"
         )
 
 
@@ -210,7 +211,7 @@ def clamped_of(trial: Trial, settings: ActuatorAnalysis, levels: list[slice]) ->
     if {-1.0, 1.0} <= set(way.tolist()):
         model |= {"hysteresis": "hysteresis", "drift": "ramp"}
 
-    stops = np.cumsum(counts).astype(np.float64)
+    stops = np.cumsum(counts).astype(float)
     still = np.zeros_like(time)
     of_plateaus = np.repeat([torque[level].mean() for level in levels], counts)
     record = Record(
@@ -220,7 +221,7 @@ def clamped_of(trial: Trial, settings: ActuatorAnalysis, levels: list[slice]) ->
         torque=of_plateaus,
         motion=Motion(still, still, still),
         filtered_torque=of_plateaus,
-        usable=np.ones(len(time), dtype=np.bool_),
+        usable=np.ones(len(time), dtype=bool),
         groups=unlike_groups(stops - counts, stops),
         settings=settings,
     )

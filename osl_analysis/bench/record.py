@@ -142,7 +142,7 @@ class Record:
     def is_fitted(self, label: Label = None) -> NDArray[np.bool_]:
         """Which rows (n,) lie, at least partly, in the groups of a label."""
         chosen = self.groups.of(label)
-        fitted = np.zeros(len(self.time), dtype=np.bool_)
+        fitted = np.zeros(len(self.time), dtype=bool)
         for rows in whole_rows(self.groups.first[chosen], self.groups.stop[chosen]):
             fitted[rows] = True
         return fitted
@@ -207,9 +207,9 @@ class Record:
         )
 
 
-def unlike_groups(first: Array, stop: Array, label: Label = None) -> Groups:
+def unlike_groups(first: Array, stop: Array) -> Groups:
     """Groups of rows between edges (m,) that do not repeat one another."""
-    return Groups("stretches", first, stop, np.zeros(len(first), dtype=np.intp), (Stratum(label),))
+    return Groups("stretches", first, stop, np.zeros(len(first), dtype=np.intp), (Stratum(),))
 
 
 def whole_rows(first: Array, stop: Array) -> list[slice]:

@@ -130,7 +130,8 @@ class Sums:
         """Covariance of columns in the rows of all groups."""
         means = self.products(self.gram, [*names, "one"]).sum(axis=0)
         means /= means[-1, -1]
-        return np.asarray(means[:-1, :-1] - np.outer(means[-1, :-1], means[-1, :-1]))
+        of_one = means[-1, :-1]
+        return np.asarray(means[:-1, :-1] - np.outer(of_one, of_one))
 
     def vaf(self, columns: Sequence[str], estimates: Array) -> float:
         """VAF [percent] of estimates (p,) of columns, with an own offset. As
@@ -363,7 +364,7 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> GroupFi
     has_repeats = s.groups.kind != "stretches" and np.bincount(stratum).min() > 1
     # estimates (u, p) without one of u units at a time
     unit = stratum if has_strata else np.arange(len(A_g))
-    belongs = np.asarray(unit == np.unique(unit)[:, None], dtype=np.float64)
+    belongs = np.asarray(unit == np.unique(unit)[:, None], dtype=float)
     scale = np.sqrt(np.diag(A))
     scaled = (A - np.tensordot(belongs, A_g, 1)) / np.outer(scale, scale)
     scaled += SMALLEST_DIRECTION * np.eye(len(A))

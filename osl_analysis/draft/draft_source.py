@@ -157,7 +157,7 @@ def is_pulse_train(channel: RecordedChannel) -> bool:
     quarters, _ = np.histogram(level, 4)  # of its range
     if quarters[1:3].sum() > MOST_BETWEEN * level.size:
         return False
-    edges, _, _ = find_edges(np.arange(level.size, dtype=np.float64), level)
+    edges, _, _ = find_edges(np.arange(level.size, dtype=float), level)
     return edges.size >= MINIMUM_EDGES
 
 

@@ -69,7 +69,7 @@ def describe_channel(channel: Channel, kind: str) -> RecordedChannel:
     is_stamp = channel.kind == Kind.CLOCK
     if is_stamp:  # since the first, as a float tells days to 0.2 us alone
         values = (values - values.min()) / SECOND_NS
-    numbers = np.ma.filled(values.astype(np.float64), np.nan)
+    numbers = np.ma.filled(values.astype(float), np.nan)
     # a marker has three numbers in each row
     is_read = np.isfinite(numbers).all(axis=tuple(range(1, numbers.ndim)))
     count = int(is_read.sum())

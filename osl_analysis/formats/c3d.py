@@ -136,7 +136,7 @@ class Header:
 
     def numbers(self, name: str) -> Array:
         """The values of a numeric parameter."""
-        return np.array(self.texts(name), np.float64)
+        return np.array(self.texts(name), float)
 
     def number(self, name: str) -> float:
         """The first number of a parameter; 0 where the file has none that is finite."""
@@ -243,7 +243,7 @@ def _parameter_value(data: bytes, position: int, name: str) -> tuple[Array | lis
         texts = [content[at : at + length] for at in range(0, len(content), length)]
         return [decoded(text).strip(" \0") for text in texts], end
     values: NDArray[Any] = np.frombuffer(content, TYPES[kind])
-    return values.astype(np.float64).reshape(shape, order="F"), end
+    return values.astype(float).reshape(shape, order="F"), end
 
 
 def check_size(data: bytes, header: Header) -> None:
@@ -288,7 +288,7 @@ def frames_of(data: bytes, header: Header) -> tuple[Array, Array]:
     rows = raw.reshape(header.frames, -1)
     points, samples = np.split(rows, [4 * header.points], axis=1)
     points = points.reshape(header.frames, header.points, 4)
-    positions = points[:, :, :3].astype(np.float64)
+    positions = points[:, :, :3].astype(float)
     if header.are_integers:
         positions *= header.scale
     is_origin = (positions == 0).all(axis=2)
@@ -296,7 +296,7 @@ def frames_of(data: bytes, header: Header) -> tuple[Array, Array]:
     has_negative_residual = points[:, :, 3] < 0
     positions[has_negative_residual | is_origin | ~is_finite] = np.nan
     analogs = samples.reshape(header.frames * header.samples_per_frame, header.channels)
-    return positions, _scaled(analogs.astype(np.float64), header)
+    return positions, _scaled(analogs.astype(float), header)
 
 
 def _scaled(analogs: Array, header: Header) -> Array:

@@ -93,16 +93,17 @@ class Log(_messages.Log):
                 or (opcode == Opcode.MESSAGE and length < MESSAGE_HEAD)
             ):
                 break
+            content = ReadDataStream(BytesIO(data[begin:end]))
             if opcode == Opcode.MESSAGE:
                 messages, end = _chain(data, position, end)
                 places.append(messages)
             elif opcode == Opcode.SCHEMA:
-                schema = Schema.read(_stream(data[begin:end]))
+                schema = Schema.read(content)
                 self.schemas[schema.id] = schema
             elif opcode == Opcode.CHANNEL:
-                self._declare_channel(Channel.read(_stream(data[begin:end])))
+                self._declare_channel(Channel.read(content))
             elif opcode == Opcode.CHUNK:
-                self._take_chunk(Chunk.read(_stream(data[begin:end])), end)
+                self._take_chunk(Chunk.read(content), end)
             position = end
         self._take_messages(data, np.concatenate(places))
         return position
@@ -162,10 +163,6 @@ def _chain(data: bytes, position: int, end: int) -> tuple[NDArray[np.int64], int
         follower = follower[follower]
     chain = chain[chain < places.size]
     return position + places[chain], position + int(ends[chain[-1]])
-
-
-def _stream(content: bytes) -> ReadDataStream:
-    return ReadDataStream(BytesIO(content))
 
 
 def read(path: Path, source: MessageSource | None) -> Recording:

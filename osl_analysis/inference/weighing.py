@@ -124,8 +124,9 @@ class BlockFit:
         self.blocks = matrices / np.outer(scale, scale)
         total = self.blocks.sum(axis=0)
         self.inverse = np.linalg.inv(total[:-1, :-1] + RIDGE * np.eye(len(self.length)))
-        self.estimates = self.inverse @ total[:-1, -1]
-        self.left = float(total[-1, -1] - self.estimates @ total[:-1, -1])
+        with_torque = total[:-1, -1]
+        self.estimates = self.inverse @ with_torque
+        self.left = float(total[-1, -1] - self.estimates @ with_torque)
 
     def squares_of_unseen(self) -> Array:
         """Sum of squares (BLOCKS,) that each block has left by the fit to the others: the block is

@@ -114,7 +114,7 @@ def whitening_gain(spectra: Spectra, signals: Spectrum) -> Array:
     gain = np.ones_like(spectra.frequency)
     for _ in range(ROUNDS):
         # a sum of squares is the same over time and over frequency (Parseval)
-        weighed = (gain * signals).view(np.float64)
+        weighed = (gain * signals).view(float)
         estimates = solve_scaled(weighed[:-1], weighed[-1])
         left = np.abs(signals[-1] - estimates @ signals[:-1]) ** 2
         power = scipy.ndimage.uniform_filter1d(left / passed, lines, mode="nearest")

@@ -143,7 +143,7 @@ def joined(
     of_frames: dict[str, Array], of_samples: dict[str, Array], used_rows: Sequence[Rows]
 ) -> pl.DataFrame:
     """One table of frames and samples: frame 0 and sample 0 are at 0 s."""
-    rates = np.array([rows.rate_hz for rows in used_rows], np.float64)
+    rates = np.array([rows.rate_hz for rows in used_rows], float)
     number = np.arange(used_rows[int(rates.argmax())].count)
     rows = pl.DataFrame({"number": number, "time": number / rates.max(), **of_samples})
     per_frame = round(rates.max() / rates.min())

@@ -167,7 +167,7 @@ def canonical_columns(
             )
         lacking = np.ma.getmaskarray(readings)
         with np.errstate(invalid="ignore"):  # a signalling NaN is a missing value, too
-            numbers = np.ma.filled(readings.astype(np.float64), 0.0)
+            numbers = np.ma.filled(readings.astype(float), 0.0)
         missing = np.isnan(numbers)
         check_finite_values(setting.title, np.where(missing, 0.0, numbers), time)
         for what, lacks in (("has no value", lacking), ("is missing", missing)):
@@ -209,7 +209,7 @@ def checked_counts(what: str, raw: NDArray[Any], rows: Rows, remedy: str) -> NDA
     InputError
         A count is missing, or is no whole number.
     """
-    counts = np.ma.filled(raw.astype(np.float64), np.nan)
+    counts = np.ma.filled(raw.astype(float), np.nan)
     is_count = (counts == np.rint(counts)) & (np.abs(counts) < LARGEST_COUNT)
     if raw.dtype == bool or not is_count.all():
         row = np.argmin(is_count)
@@ -285,7 +285,7 @@ def fresh_rows(
         A sentence if some are left out.
     """
     every = np.arange(stamps.size)
-    since_first = (stamps - stamps[0]).astype(np.float64)
+    since_first = (stamps - stamps[0]).astype(float)
     steps = np.abs(np.diff(since_first, prepend=0.0))
     far = max(least, LIMITS.far_steps * np.median(steps))
     if steps.max() <= far:

@@ -130,9 +130,10 @@ def wrench(kind: int, corners: Array, origin: Array, channels: Array) -> tuple[A
         Shape (n, 3) each [N], [N*m], in the laboratory's axes.
     """
     force = channels[:, :3]
+    moment = channels[:, 3:6]  # or the centre of pressure, by kind
     if kind == EXPORTED:
         about = channels[:, 6:9] if channels.shape[1] == 9 else origin
-        return force, channels[:, 3:6] + np.cross(about - np.mean(corners, axis=0), force)
+        return force, moment + np.cross(about - np.mean(corners, axis=0), force)
     axes = own_axes(corners)
     # from the plate's origin to the surface's centre: the origin lies under the surface and z
     # points down, so z is negative; a file with a positive z stores the opposite vector
@@ -148,10 +149,7 @@ def wrench(kind: int, corners: Array, origin: Array, channels: Array) -> tuple[A
         centre = np.array([0.0, 0.0, -abs(origin[2])])
     elif kind == 1:
         # centre of pressure x and y, free moment: M = p x F + (0, 0, T)
-        point = channels[:, 3:6] * (1, 1, 0)
-        moment = np.cross(point, force) + channels[:, 3:6] * (0, 0, 1)
-    else:  # moments about the plate's origin
-        moment = channels[:, 3:6]
+        moment = np.cross(moment * (1, 1, 0), force) + moment * (0, 0, 1)
     return force @ axes.T, (moment - np.cross(centre, force)) @ axes.T
 
 

@@ -59,7 +59,7 @@ def unwrapped(readings: NDArray[Any]) -> tuple[NDArray[Any], int]:
     bits
         Size of the counter; 0 if it did not overflow.
     """
-    steps = np.diff(np.asarray(readings, np.float64))
+    steps = np.diff(np.asarray(readings, float))
     goes_back = steps < 0
     if goes_back.any() and (readings == np.rint(readings)).all():
         bits = next((bits for bits in LIMITS.overflow_bits if readings.max() < 2**bits), 0)
@@ -209,14 +209,15 @@ def check_other_clocks(
                 )
         span = np.ptp(time[np.isfinite(readings)])
         ratio = span_ratio(steps.sum(), span)
-        if rate is not None and abs(ratio - 1) > LIMITS.wrong_rate:
+        deviation = abs(ratio - 1)
+        if rate is not None and deviation > LIMITS.wrong_rate:
             raise InputError(
                 f"`rate: {rate:g}` of time, but {key} '{channel.key}' rises by"
                 f" {steps.mean():.4g} a row; write `time: {{{key}: {channel.key}}}` with its unit,"
                 " or correct the rate"
             )
-        if abs(ratio - 1) > LIMITS.clock_apart + steps.max() / steps.sum():
-            apart[channel.key] = abs(ratio - 1) * span / 12**0.5
+        if deviation > LIMITS.clock_apart + steps.max() / steps.sum():
+            apart[channel.key] = deviation * span / 12**0.5
             remarks.append(
                 f"{key} '{channel.key}' goes on {ratio:.4g} times as fast as time"
                 f" ({source.time.title}): B and I depend on which of them is right"

@@ -242,7 +242,7 @@ def check_common_rows(table: Table, columns: Sequence[str]) -> None:
     their own into one log."""
     lacking: dict[str, NDArray[np.bool_]] = {}
     for column in columns:
-        lacks = np.isnan(np.ma.getdata(table.values[column]).astype(np.float64))
+        lacks = np.isnan(np.ma.getdata(table.values[column]).astype(float))
         if not lacks.all():
             lacking[column] = lacks
     for column, other in combinations(lacking, 2):
@@ -280,7 +280,7 @@ def at_clock(
         )
     numbers = np.ma.getdata(raw)
     if numbers.dtype.kind == "f":  # single precision would round the differences
-        numbers = np.asarray(numbers, np.float64)
+        numbers = np.asarray(numbers, float)
     if source.time.rate is None:
         unit = clock.unit if clock.kind == Kind.CLOCK else source.time.unit or clock.unit
         with naming(what, f", as {source.place('time', 'unit')}"):
@@ -295,7 +295,7 @@ def at_clock(
     if stale:
         numbers = numbers[fresh]
         rows, values = kept_rows(rows, values, fresh)
-    time = np.asarray((numbers - numbers[0]) * factor, dtype=np.float64)
+    time = np.asarray((numbers - numbers[0]) * factor, dtype=float)
     check_time(what, time)
     check_clock_runs(rows, source, time, numbers[0] * factor)
     return Table(rows, time, numbers[0].item(), values, [*remarks, *stale])

@@ -303,8 +303,7 @@ def optimal_damping(
     # candidates are the minima in their brackets, then the two ends of the search
     lower_end = POINTS - 1
     upper_end = POINTS
-    candidates = np.full((len(x), POINTS + 1), np.inf)
-    norms = np.full((len(x), POINTS + 1), np.inf)
+    candidates, norms = np.full((2, len(x), POINTS + 1), np.inf)
     coefficients = tuple(c for part in of_bracket for c in part)
     candidates[pair, k] = find_root(slope_at, (x[pair, k], x[pair, k + 1]), args=coefficients).x
     norms[pair, k] = squared_norm(candidates[pair, k], *of_bracket)[0]
@@ -392,10 +391,11 @@ def squared_norm(
     slope = np.zeros_like(x)
     n = len(b)
     for r in range(n):
-        alpha = a[r] / a[r + 1]
-        beta = b[r] / a[r + 1]
-        dalpha = (da[r] - alpha * da[r + 1]) / a[r + 1]
-        dbeta = (db[r] - beta * da[r + 1]) / a[r + 1]
+        next_a = a[r + 1]
+        alpha = a[r] / next_a
+        beta = b[r] / next_a
+        dalpha = (da[r] - alpha * da[r + 1]) / next_a
+        dbeta = (db[r] - beta * da[r + 1]) / next_a
         twice_alpha = 2 * np.where(beta == 0, 1.0, alpha)
         part = beta * beta / twice_alpha
         total = total + part

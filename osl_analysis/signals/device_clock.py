@@ -128,7 +128,7 @@ class DeviceClock:
         is_one_sided = spread > no_scatter and scipy.stats.skew(late) > one_sided_skew
         takes_edge = self.has_prompt_batches is not None or is_one_sided
         step, start = (lower_edge if takes_edge else line_through)(place, late)
-        return np.asarray(base + step * self.count + start, dtype=np.float64)
+        return np.asarray(base + step * self.count + start, dtype=float)
 
 
 def is_multiple(times: Array, decimal: float) -> bool:
@@ -200,7 +200,7 @@ def held_values(signal: Array, step: float) -> HeldValues | None:
     repetitions = len(signal) - len(first_rows)
     if FEWEST_STAMPS < repetitions < 0.5 * len(signal):
         # a source that is hardly slower than the log: its values are evenly spaced to within a row
-        rows = first_rows.astype(np.float64)
+        rows = first_rows.astype(float)
         number = np.arange(len(rows))
         period, _ = line_through(number, rows)
         is_even = np.ptp(rows - period * number) < WITHIN_A_ROW

@@ -279,7 +279,7 @@ def robust_polyline(place: Array, level: Array, knots: Sequence[float]) -> tuple
         residual = np.abs(level - columns @ levels)
         limit = median_residuals * np.median(residual) + 1e-12
         weights = np.sqrt(1 / np.maximum(1, residual / limit))
-    return np.asarray(levels, dtype=np.float64), residual
+    return np.asarray(levels, dtype=float), residual
 
 
 def usual_step(stamps: Array) -> float:

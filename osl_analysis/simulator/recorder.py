@@ -347,7 +347,7 @@ class Bench:
             return slice(None)
         slots = self.random(f"{name}.dropped").permutation((n - 2) // 2)
         lost = slots[: max(round(node.dropped.size * n), 1)]
-        rows = np.ones(n, dtype=np.bool_)
+        rows = np.ones(n, dtype=bool)
         rows[1 + 2 * lost] = False
         return rows
 

@@ -233,8 +233,9 @@ def hac(scores: Array, residual: Array) -> tuple[Array, Array]:
     """
     check_measured("the residual", residual)
     n = len(residual)
-    power = residual[:-1] @ residual[:-1]
-    rho = (residual[1:] @ residual[:-1]) / power if power > 0 else 0.0
+    earlier = residual[:-1]
+    power = earlier @ earlier
+    rho = residual[1:] @ earlier / power if power > 0 else 0.0
     rho = min(max(rho, 0.0), LARGEST_AR1)
     alpha = 4 * rho**2 / (1 - rho**2) ** 2
     window = int(np.clip(np.ceil(1.1447 * (alpha * n) ** (1 / 3)), 1, max(n // 8, 1)))

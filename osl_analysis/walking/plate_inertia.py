@@ -213,7 +213,7 @@ class UnloadedRecording:
         weights.
         """
         n = 2 * len(weights)  # padded, so that nothing wraps
-        f: Array = np.fft.rfftfreq(n, 1 / self.track.rate).astype(np.float64)
+        f: Array = np.fft.rfftfreq(n, 1 / self.track.rate).astype(float)
         r = np.fft.irfft(self.track.low_pass.gain(f) ** 2 * f**4, n)
         q = np.fft.irfft(self.plate_low_pass.gain(f) ** 2, n)
         A = np.fft.irfft(np.abs(np.fft.rfft(weights, n)) ** 2, n)

@@ -164,7 +164,7 @@ def impedance_table(
         "band_high_hz": record.band_hz[1],
         "cutoff_hz": record.settings.cutoff_hz,
         # channels of one clock have the same rate
-        "clock_ppm": float(np.ptp(ppm or [0.0])) or None,
+        "clock_ppm": np.ptp(ppm or [0.0]) or None,
         "K_s_ratio": belt.K_s_ratio,
         "VAF_held_out": held_out_vaf(analysis.sums, analysis.model),
         # a known spring holds it

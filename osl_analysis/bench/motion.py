@@ -263,7 +263,7 @@ def cycles_of(
         period = (segment.stop - segment.start) / segment.cycles
         number = np.arange(segment.cycles - before - after)
         first = np.rint(segment.start + before * period) + period * number
-        is_usable = [bool(usable[rows].all()) for rows in whole_rows(first, first + period)]
+        is_usable = [usable[rows].all() for rows in whole_rows(first, first + period)]
         first = first[is_usable]
         if not len(first):
             raise InputError(
@@ -273,7 +273,7 @@ def cycles_of(
         cycles.append(np.stack([first, first + period]))
         alike_deg = amplitudes_deg[commanded == segment.commanded]
         label = float(f"{np.median(alike_deg):.3g}")
-        commanded_deg = round(float(np.rad2deg(segment.commanded)), 9) if stated else None
+        commanded_deg = round(np.rad2deg(segment.commanded), 9) if stated else None
         rows = slice(round(segment.start), round(segment.stop))
         strata.append(Stratum(label, segment.frequency_hz, commanded_deg, rows))
     first, stop = np.concatenate(cycles, axis=1)

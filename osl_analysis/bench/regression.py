@@ -257,7 +257,7 @@ def linear_torque(record: Record, expected: Admittance) -> Array:
     to three cut-offs. The record is extended by its mirror image to make it periodic."""
     n, theta = len(record.time), record.motion.theta - record.motion.theta.mean()
     mirrored = np.fft.rfft(np.concatenate([theta, theta[::-1]]))
-    s = np.asarray(2j * np.pi * np.fft.rfftfreq(2 * n, 1 / record.rate_hz), dtype=np.complex128)
+    s = 2j * np.pi * np.fft.rfftfreq(2 * n, 1 / record.rate_hz)
     kept = (np.abs(s) < 2 * np.pi * 3.0 * record.settings.cutoff_hz) & (s != 0)
     mirrored[kept] /= expected(s[kept])
     return np.fft.irfft(np.where(kept, mirrored, 0.0), 2 * n)[:n]
@@ -364,7 +364,7 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> GroupFi
     has_repeats = s.groups.kind != "stretches" and np.bincount(stratum).min() > 1
     # estimates (u, p) without one of u units at a time
     unit = stratum if has_strata else np.arange(len(A_g))
-    belongs = np.asarray(unit == np.unique(unit)[:, None], dtype=float)
+    belongs = unit == np.unique(unit)[:, None]
     scale = np.sqrt(np.diag(A))
     scaled = (A - np.tensordot(belongs, A_g, 1)) / np.outer(scale, scale)
     scaled += SMALLEST_DIRECTION * np.eye(len(A))

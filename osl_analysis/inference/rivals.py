@@ -125,7 +125,7 @@ class Search:
                 method="bounded",
                 options={"maxiter": REFINEMENTS, "xatol": 1e-4 * (ends[1] - ends[0])},
             )
-            minima.append((refined.fun, float(refined.x)))
+            minima.append((refined.fun, refined.x))
         return [parameter for _, parameter in sorted(minima)[:2]]
 
 

@@ -200,7 +200,7 @@ class Spectra:
         self.working_rows = 2 * int(half)
         self.working_rate_hz = self.working_rows / self.padded_seconds
         self.frequency = np.arange(self.working_rows // 2 + 1) / self.padded_seconds
-        self.s = np.asarray(2j * np.pi * self.frequency, np.complex128)
+        self.s = 2j * np.pi * self.frequency
         self.roll_off = roll_off(self.frequency, self.band_hz)
         powers = self.s ** np.arange(DERIVATIVES)[:, None]
         self.derivatives: Spectrum = self._working(self.raw_angle) * powers

@@ -123,7 +123,7 @@ def share_claims(
             for step in (STEP, -STEP)
         ]
         percents = pl.DataFrame([at_means, *moved]).select(formula).to_series().to_numpy()
-        error = float(np.linalg.norm((percents[1::2] - percents[2::2]) / 2 / STEP))
+        error = np.linalg.norm((percents[1::2] - percents[2::2]) / 2 / STEP)
         trials = min(means[part]["n"] for part in parts)
         # not a number for one trial, whose scatter is not known
         half_width = error * scipy.special.stdtrit(trials - 1, 0.975)

@@ -128,7 +128,7 @@ class DeviceClock:
         is_one_sided = spread > no_scatter and scipy.stats.skew(late) > one_sided_skew
         takes_edge = self.has_prompt_batches is not None or is_one_sided
         step, start = (lower_edge if takes_edge else line_through)(place, late)
-        return np.asarray(base + step * self.count + start, dtype=float)
+        return base + step * self.count + start
 
 
 def is_multiple(times: Array, decimal: float) -> bool:

@@ -357,7 +357,7 @@ def resampled(
         extrapolated: a last row that lies behind the last sample by rounding has its value.
     """
     rows_of_rounding = 1e6  # over more, the rounding of a step, 1e-13 of it, adds up to `ON_GRID`
-    row = int(np.searchsorted(times, grid[0] - ON_GRID * step))
+    row = np.searchsorted(times, grid[0] - ON_GRID * step)
     nearby = times[row : row + len(grid)]
     tolerance = ON_GRID * step * max(len(grid) / rows_of_rounding, 1.0)
     if len(nearby) == len(grid) and np.max(np.abs(nearby - grid)) < tolerance:

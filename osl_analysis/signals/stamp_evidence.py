@@ -25,8 +25,8 @@ from osl_analysis.trial import Array
 
 # lags k, in rows, of the stamps that the sampling time of a value may follow
 LAGS = np.arange(-1, 3)
-MOST_BEFORE = int(LAGS[-1])  # rows before a block that a lag reaches
-MOST_BEHIND = int(-LAGS[0])  # rows behind it
+MOST_BEFORE = LAGS[-1]  # rows before a block that a lag reaches
+MOST_BEHIND = -LAGS[0]  # rows behind it
 AGES = np.linspace(0, 2, 21)  # loops
 # Expected responses g_k (22, 4) at `LAGS`: of an even device, then of values of each of the `AGES`.
 HYPOTHESES = np.vstack(

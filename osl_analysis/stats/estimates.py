@@ -33,8 +33,8 @@ class Estimate:
     def widened_by(self, known_error: float) -> "Estimate":
         """The estimate with another, independent standard error in its interval."""
         more = NORMAL_HALF_WIDTH * known_error
-        below = float(np.hypot(self.value - self.low, more))
-        above = float(np.hypot(self.high - self.value, more))
+        below = np.hypot(self.value - self.low, more)
+        above = np.hypot(self.high - self.value, more)
         return replace(self, low=self.value - below, high=self.value + above)
 
     def columns(self, name: str) -> Row:

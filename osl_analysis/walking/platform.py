@@ -416,7 +416,7 @@ def start_of_rise(time: Array, ramp: Array) -> float:
         p: least_squares(residuals, guess, args=(p,), x_scale=[0.01, 0.05], diff_step=1e-4)
         for p in RampLimits.STEPS
     }
-    best = min(fits, key=lambda p: float(fits[p].cost))
+    best = min(fits, key=lambda p: fits[p].cost)
     is_certain = (
         2 * (fits[RampLimits.USUAL_STEP].cost - fits[best].cost) > RampLimits.FAR_MORE_LIKELY
     )

@@ -198,8 +198,9 @@ def impedance_table(
             }
         )
     table = table_of(rows, "impedance", complete=True).with_columns(lag_columns(belt.lag))
-    # without compensation a leg's friction hides it
-    if gains and gains.cancels_friction:
+    # without compensation a leg's friction hides it, and Eq. 15 is of slower motion than the cut-off
+    is_slow = record.band_hz[1] <= record.settings.cutoff_hz
+    if gains and gains.cancels_friction and is_slow:
         apart = pl.col("B_predicted") - pl.col("B")
         certain = (apart.abs() - (pl.col("B_high") - pl.col("B_low")) / 2).clip(0)
         table = table.with_columns(B_gap_s=apart.sign() * certain / pl.col("K").abs())

@@ -198,7 +198,7 @@ def impedance_table(
             }
         )
     table = table_of(rows, "impedance", complete=True).with_columns(lag_columns(belt.lag))
-    # without compensation a leg's friction hides it, and Eq. 15 is of slower motion than the cut-off
+    # a leg's friction hides it without compensation; Eq. 15 is of motion below the cut-off
     is_slow = record.band_hz[1] <= record.settings.cutoff_hz
     if gains and gains.cancels_friction and is_slow:
         apart = pl.col("B_predicted") - pl.col("B")

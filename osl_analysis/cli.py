@@ -379,14 +379,8 @@ def fit(
     from osl_analysis import notebook
     from osl_analysis.bench.evidence import DesiredImpedance
     from osl_analysis.commands.fit_results import estimates_text, rows_json
-    from osl_analysis.config.sheet import Asked
     from osl_analysis.trial import read_trial
-    from osl_analysis.yaml_settings import validated
 
-    validated({"K_d": K_d}, Asked, "--stiffness", ())
-    validated({"B_d": B_d}, Asked, "--damping", ())
-    validated({"controller": controller}, Asked, "--controller", ())
-    validated({"windows": windows}, Asked, "--windows", ())
     desired = None
     if (K_d, B_d, controller) != (None, None, None):
         desired = DesiredImpedance(controller or "compensated", K_d, B_d)

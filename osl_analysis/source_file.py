@@ -8,13 +8,12 @@ settings and their checks alone: `ingest` reads recordings by them.
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import (
     AfterValidator,
-    BeforeValidator,
     Field,
     PositiveFloat,
     PrivateAttr,
@@ -34,15 +33,7 @@ from osl_analysis.units import (
 )
 from osl_analysis.yaml_settings import Settings, check_distinct, check_rising, field_line, misplaced
 
-
-def share_of(stated: Any) -> Any:
-    """A share of 1; a text such as `3 %` is in percent."""
-    if isinstance(stated, str) and stated.endswith("%"):
-        return float(stated.removesuffix("%")) / 100
-    return stated
-
-
-SampleShare = Annotated[float, BeforeValidator(share_of), Field(ge=0, le=1)]
+SampleShare = Annotated[float, Field(ge=0, le=1)]
 LEVEL_UNIT = "V"  # of the columns that may be read from truth values: `sync` and `trigger`
 Name = Annotated[str, Field(min_length=1)]
 

@@ -73,11 +73,8 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> ByModul
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark tests of numerical modules `numerics`; long modules first, so that no process is busy
     alone at the end."""
-    items.sort(
-        key=lambda item: (
-            LONGEST.index(item.path.stem) if item.path.stem in LONGEST else len(LONGEST)
-        )
-    )
+    order = [*LONGEST, *(item.path.stem for item in items)]
+    items.sort(key=lambda item: order.index(item.path.stem))
     for item in items:
         if RECORDINGS is None and item.get_closest_marker("recordings"):
             item.add_marker(pytest.mark.skip("OSL_RECORDINGS names no folder"))

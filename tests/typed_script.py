@@ -45,4 +45,3 @@ def mistaken() -> None:
     """What a type checker tells."""
     osl.fit_impedence("a.parquet")  # type: ignore[attr-defined]
     osl.fit(3)  # type: ignore[arg-type]
-    osl.plot_torque_angle("a.parquet")  # type: ignore[arg-type]

@@ -405,15 +405,12 @@ def plates_of(
     wanted = numbers if source is None or source.plates == "all" else source.plates
     plates: list[Plate] = []
     questions: list[str] = []
-    numbers_of = dict[str, int]()  # of the channels of the first plate, by component
-    for channel_number, channel in enumerate(channels, 1):
-        label = PLATE_LABEL.search(channel.name)
-        if label:
-            numbers_of.setdefault(label[1].capitalize(), channel_number)
-    of_plate = [numbers_of[component] for component in sorted(numbers_of)]
+    numbered = enumerate(channels, 1)
+    alike = [place for place, channel in numbered if PLATE_LABEL.search(channel.name)]
+    of_plate = alike[: len(MEASURED_BY_TYPE[2])]
     state_plate = STATE_PLATE.format(numbers=of_plate)
     if not count and len(of_plate) == len(MEASURED_BY_TYPE[2]):
-        names = [channels[channel_number - 1].name for channel_number in of_plate]
+        names = [channels[place - 1].name for place in of_plate]
         questions.append(
             f"channels such as {listing(names)} look like those of a force plate, but the file has"
             f" no FORCE_PLATFORM and where it lies is not known; {state_plate}"

@@ -265,8 +265,7 @@ def test_a_stiffness_is_compared_with_what_is_known(
 
 
 @pytest.mark.parametrize(("experiment", "stiffness", "torque", "words"), [
-    ("impedance", 300, 1, "300 N"), ("impedance", 100, 1, "100 N"), ("belt", 1000, 1, "1000 N"),
-    ("impedance", 3000, -1, "`sign`"), ("belt", 5000, -1, "`sign`"),
+    ("impedance", 300, 1, "300 N"), ("belt", 1000, 1, "1000 N"), ("impedance", 3000, -1, "`sign`"),
 ])  # fmt: skip
 def test_a_bench_that_is_softer_than_what_it_measures_is_refused_as_such(
     experiment, stiffness, torque, words
@@ -278,8 +277,8 @@ def test_a_bench_that_is_softer_than_what_it_measures_is_refused_as_such(
 
 
 def test_a_joint_without_stiffness_is_measured_on_a_bench_that_yields():
-    noise = -0.1
-    check_stiffer("made", "K", noise, BenchStiffness(value="3000 N*m/rad"))
+    """Noise makes K a little negative."""
+    check_stiffer("made", "K", -0.1, BenchStiffness(value="3000 N*m/rad"))
 
 
 @pytest.mark.parametrize(("torque", "reached"), [

@@ -140,7 +140,7 @@ def test_a_variable_that_the_logger_dropped_is_missing_from_there_on(tmp_path, t
         del channels["theta"]
 
     trial = ingested(
-        tmp_path, text, channels=channels, missing=["ERROR"], most_missing="80 %",
+        tmp_path, text, channels=channels, missing=["ERROR"], most_missing=0.8,
         ragged="dropped_variable",
     )  # fmt: skip
 

@@ -12,6 +12,7 @@ from osl_analysis.commands.tables import (
     write_summary,
 )
 
+
 rule table:
     """A table from the rows of single trials, with the doubts about each row."""
     input:

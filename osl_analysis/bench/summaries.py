@@ -12,7 +12,6 @@ from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.stats.repeats import alike_sizes, counted, summary_of_trials, summary_row
 
 PLACE = ("joint", "side")
-DISAGREE = "none: the trials do not agree"  # in place of a delay to state
 # half-widths of the interval of a trial that agrees with the mean; J_j of the file that is 10 % off
 # moves trials by one
 MOST_APART = 2.0
@@ -92,13 +91,11 @@ def delay_table(rows: pl.DataFrame, name: str = "delay") -> pl.DataFrame:
     pooled = summary_row(of_trials, "lag_s")
     delay_s, low_s, high_s = pooled["mean"], pooled["low"], pooled["high"]
     to_state = None
-    if low_s * high_s > 0:
+    half_widths = (pl.col("lag_s_high") - pl.col("lag_s_low")) / 2
+    is_apart = (pl.col("lag_s") - delay_s).abs() > MOST_APART * half_widths
+    if low_s * high_s > 0 and not of_trials.select(is_apart.any()).item():
         late = "torque" if delay_s > 0 else "theta"
         to_state = f"{late}: {{delay: {1e3 * abs(delay_s):.3g} ms}}"
-        half_widths = (pl.col("lag_s_high") - pl.col("lag_s_low")) / 2
-        is_apart = (pl.col("lag_s") - delay_s).abs() > MOST_APART * half_widths
-        if of_trials.select(is_apart.any()).item():
-            to_state = DISAGREE
     table = lags.with_columns(
         trials=pl.lit(len(of_trials)),
         delay_s=pl.lit(delay_s),

@@ -372,18 +372,17 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> GroupFi
     left_out = np.linalg.solve(scaled, b_without[..., None])[..., 0] / scale
     covariance = scatter_of(left_out)
     freedom = np.full(len(A), max(len(left_out) - 1.0, 1.0))
-    are_few = len(left_out) < FEWEST_UNITS
-    if are_few:  # without one of them the rest may tell nothing: to first order
-        scores = (b_g - A_g @ estimates) @ inverse
-        covariance = len(scores) / freedom[0] * scores.T @ scores
     noise = None
+    are_few = len(left_out) < FEWEST_UNITS  # without one of them the rest may tell nothing
     if has_repeats:
         # before the filter noise is independent from row to row
         raw_g = s.products(s.gram, [*columns, "raw torque"])[:, :-1, -1]
         noise, of_noise = between_cycles((raw_g - A_g @ estimates) @ inverse, stratum)
-        if are_few:
-            covariance *= 0
-        covariance, freedom = combined(noise, of_noise, covariance, len(left_out))
+        misfit = np.zeros_like(noise) if are_few else covariance
+        covariance, freedom = combined(noise, of_noise, misfit, len(left_out))
+    elif are_few:  # to first order
+        scores = (b_g - A_g @ estimates) @ inverse
+        covariance = len(scores) / freedom[0] * scores.T @ scores
     return GroupFit(
         names=tuple(model),
         estimates=estimates,

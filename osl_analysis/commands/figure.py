@@ -231,10 +231,8 @@ def fig4(
     data
         What the data are.
     """
-    recorded = read_trial(trial)
-    if windows:
-        recorded, windows = without_broken_ends(recorded, windows)
-    record = record_of_trial(recorded, settings, windows)
+    recorded, fitted_windows = without_broken_ends(read_trial(trial), windows)
+    record = record_of_trial(recorded, settings, fitted_windows)
     analysis = analysed(record, IMPEDANCE)
     fits = read_table(fit)
     fits = marked(fits, judged(fits, limits, "impedance"), "impedance")

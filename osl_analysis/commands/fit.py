@@ -74,9 +74,7 @@ def fit_impedance_trial(
 
     """
     of_joint, rails = checked(trial, settings)
-    fitted = of_joint
-    if windows:
-        fitted, windows = without_broken_ends(of_joint, windows)
+    fitted, windows = without_broken_ends(of_joint, windows)
     record = record_of_trial(fitted, settings, windows, beside=("theta_m", "current"))
     analysis = rendered_impedance(record)  # K, B and I, with their intervals
 
@@ -94,10 +92,13 @@ def fit_impedance_trial(
     return FitTables({"impedance": table}, samples_of(analysis), record.streams, others)
 
 
-def without_broken_ends(trial: Trial, windows: str) -> tuple[Trial, str]:
+def without_broken_ends(trial: Trial, windows: str | None) -> tuple[Trial, str | None]:
     """The trial and its windows [s]; cut to them where what lies outside of them is broken."""
-    cut, shifted_windows = trial.cut_to(windows)
-    return (cut, shifted_windows) if is_broken_outside(trial, cut) else (trial, windows)
+    if windows:
+        cut, shifted_windows = trial.cut_to(windows)
+        if is_broken_outside(trial, cut):
+            return cut, shifted_windows
+    return trial, windows
 
 
 def is_broken_outside(trial: Trial, cut: Trial) -> bool:

@@ -57,9 +57,8 @@ NEEDED_BESIDE = {
 }
 # blanks at the ends of a cell, of which some cannot be seen
 BLANKS = re.compile(r"^[\s\u200b-\u200f\u2060\ufeff]+|[\s\u200b-\u200f\u2060\ufeff]+$")
-HEADER = re.compile(
-    r"^[^#\s].*", re.MULTILINE
-)  # the first line that is neither empty nor a comment
+# the first line that is neither empty nor a comment
+HEADER = re.compile(r"^[^#\s].*", re.MULTILINE)
 NUMBERS = re.compile(r"[-\d., ]+")  # of a cell of numbers, or of windows
 
 # the rows of a sheet by trial, with all columns; None where a cell is empty
@@ -277,7 +276,9 @@ def numbered_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
         for row in reader:
             cells = [BLANKS.sub("", cell) for cell in row]
             if separator == ";":
-                cells = [c.replace(",", ".") if NUMBERS.fullmatch(c) else c for c in cells]
+                cells = [
+                    cell.replace(",", ".") if NUMBERS.fullmatch(cell) else cell for cell in cells
+                ]
             if any(cells) and not cells[0].startswith("#"):
                 yield number, cells
             number = reader.line_num + 1

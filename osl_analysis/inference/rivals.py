@@ -219,7 +219,8 @@ def late(search: Search, delay_s: float) -> Model:
 def low_passed(search: Search, lag_s: float) -> Model:
     """A torque behind a low-pass of first order, or an angle, whose time constant is negative."""
     data = search.data
-    response = (1 + abs(lag_s) * data.spectra.s) ** -np.sign(lag_s)
+    low_pass = 1 / (1 + abs(lag_s) * data.spectra.s)
+    response = low_pass if lag_s > 0 else 1 / low_pass
     return data.column(data.spectra.derivatives[:3] * response), data.torque
 
 

@@ -316,6 +316,8 @@ def has_corners(values: Array, run: slice) -> bool:
     comes to all such runs at speed. What comes to rest slows down: of its way to there, the last
     fifth takes more than its share of the time. A single value has no duration."""
     half = (run.stop - run.start) // 2
+    if half == 0:
+        return True
     distance = np.abs(values - values[run.start])
     around = np.pad(distance, half, constant_values=np.inf)
     sides = around[[run.start, run.stop - 1 + 2 * half]]
@@ -323,10 +325,14 @@ def has_corners(values: Array, run: slice) -> bool:
     step = steps[steps > 0].min(initial=np.inf)
     runs = run_edges(distance == 0)
     first = runs[np.diff(runs)[:, 0] > half, 0]
-    away = [np.append(-1, np.flatnonzero(distance > way * step)) for way in LIMITS.approach_steps]
-    near, approach = (np.sum(first - 1 - rows[np.searchsorted(rows, first) - 1]) for rows in away)
-    is_fast = near <= LIMITS.last_share * approach + 1
-    return half == 0 or bool(is_fast and sides.min() > LIMITS.corner_steps * step)
+    rows_of_ways = []  # of its last fifth, and of all of it
+    for way in LIMITS.approach_steps:
+        away = np.append(-1, np.flatnonzero(distance > way * step))
+        last_away = away[np.searchsorted(away, first) - 1]
+        rows_of_ways.append(np.sum(first - 1 - last_away))
+    last_fifth, whole_way = rows_of_ways
+    is_fast = last_fifth <= LIMITS.last_share * whole_way + 1
+    return bool(is_fast and sides.min() > LIMITS.corner_steps * step)
 
 
 def standing_runs(

@@ -43,9 +43,8 @@ MOVING_NOISES = 12
 DEAD_BAND_NOISES = 5
 
 SAMPLES_PER_CYCLE = 64  # tell all of a sine
-SINE_ROUNDS = (
-    6  # of Gauss-Newton at most; an error of 0.03 rad at the ends falls below 1e-12 in four
-)
+# of Gauss-Newton at most; an error of 0.03 rad at the ends falls below 1e-12 in four
+SINE_ROUNDS = 6
 SETTLED = 1e-8  # cycles over the run by which a round changes the sine, after which it is found
 LARGEST_MISFIT = 0.3  # of the sine's RMS
 PURE_SINE = 0.08

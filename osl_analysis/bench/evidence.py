@@ -1,7 +1,6 @@
 """Rendered impedance on the dynamometer (Figs. 4-6): the rows of Eq. 15, with the evidence on which
 its estimates are judged; and how a user gets at the tables of any fit on the bench."""
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -83,7 +82,7 @@ class DesiredImpedance:
         Returns
         -------
         Gains or None
-            None where they, or parameters of the model, are not known.
+            None where they are not known.
 
         Raises
         ------
@@ -91,8 +90,6 @@ class DesiredImpedance:
             As `select_gains`.
         """
         if p is None or self.K_d is None or self.B_d is None or self.controller not in CONTROLLERS:
-            return None
-        if any(map(math.isnan, vars(p).values())):
             return None
         return select_gains(self.controller, self.K_d, self.B_d, p, weight)
 

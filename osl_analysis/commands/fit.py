@@ -81,7 +81,7 @@ def fit_impedance_trial(
     # what else the recording tells, and what is to be expected of the device
     p = known_parameters(parameters, ["n_T", "K_s", "B_j", "J_j"])
     stated = condition or UNSTATED
-    gains = stated.gains(p, weight)
+    gains = stated.gains(known_parameters(parameters), weight)
     table = impedance_table(analysis, p, stated, gains)
     weight_taken_off = pl.lit(fixture_of(of_joint).get("weight") or None, pl.Float64)
     table = table.with_columns(rails, fixture_column(of_joint), fixture_weight=weight_taken_off)

@@ -320,7 +320,7 @@ def encoder_errors(analysis: Analysis) -> Array:
     step = record.encoder_step
     if not step:
         return np.zeros(len(IMPEDANCE))
-    few = record.coarsest
+    few = record.coarse
     rows = few.transformed_rows * round(record.rate_hz / few.rate_hz)
     columns = np.array([analysis.sums.columns[column][rows] for column in IMPEDANCE.values()])
     # X' W W of `motion_sums`
@@ -348,7 +348,7 @@ def encoder_errors(analysis: Analysis) -> Array:
 def motion_noise(record: Record, gain: Array) -> Array:
     """Variances (3,) that white noise of the angle leaves in the filtered angle [rad^2], velocity
     and acceleration behind the `gain` (m,) of `Sums`."""
-    f = np.linspace(0, record.coarsest.rate_hz / 2, 2000)
+    f = np.linspace(0, record.coarse.rate_hz / 2, 2000)
     passed = record.angle_noise * record.settings.low_pass.gain(f) ** 2
     passed *= np.interp(f, np.linspace(0, f[-1], len(gain)), gain) ** 2
     return np.asarray(np.trapezoid((2 * np.pi * f) ** np.array([[0], [2], [4]]) * passed, f))

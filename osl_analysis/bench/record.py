@@ -18,7 +18,7 @@ from osl_analysis.spectral import PeriodicMotion
 from osl_analysis.trial import Array
 
 STIFFNESS_ALONE = "or take experiment 'torque_angle' in the sheet, for the stiffness alone"
-# rates of coarse records: what the filter passes contains nothing faster than eight cut-offs
+# rate of a coarse record: what the filter passes contains nothing faster than eight cut-offs
 COARSE_HZ = 250.0
 COARSE_CUTOFFS = 8.0
 EDGE_ROUNDING = 1e-6  # rows; edges of groups are sums of numbers that are rounded
@@ -177,17 +177,9 @@ class Record:
 
     @cached_property
     def coarse(self) -> "Record":
-        """The record at 250 Hz, or eight cut-offs if more."""
-        return self.thinned(max(COARSE_HZ, COARSE_CUTOFFS * self.settings.cutoff_hz))
-
-    @cached_property
-    def coarsest(self) -> "Record":
-        """The record at eight cut-offs, which is enough for sums."""
-        return self.thinned(COARSE_CUTOFFS * self.settings.cutoff_hz)
-
-    def thinned(self, least_hz: float) -> "Record":
-        """The filtered signals at this rate or more, with the same groups. The torque is the
-        filtered one."""
+        """The filtered signals at 250 Hz, or eight cut-offs if more, with the same groups. The
+        torque is the filtered one."""
+        least_hz = max(COARSE_HZ, COARSE_CUTOFFS * self.settings.cutoff_hz)
         # rates are known to within rounding
         step = max(int(self.rate_hz / least_hz + 1e-6), 1)
         if step == 1:

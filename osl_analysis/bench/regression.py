@@ -89,7 +89,7 @@ class Sums:
     weighted : Array (m, q, q)
         The products that are fitted: of whitened columns, or `gram`.
     gain : Array (r,)
-        Of the whitening, by frequency from 0 to half the coarsest rate; 1: nothing is whitened.
+        Of the whitening, by frequency from 0 to half the coarse rate; 1: nothing is whitened.
     """
 
     names: tuple[str, ...]
@@ -178,7 +178,7 @@ def motion_sums(record: Record, columns: Mapping[str, Array]) -> Sums:
     sums = gram_sums(record, columns)
     if record.groups.kind != "stretches":
         return sums
-    few = record.coarsest
+    few = record.coarse
     step = round(record.rate_hz / few.rate_hz)
     signals = np.array([*columns.values(), record.filtered_torque]).T[::step]
     rows = few.transformed_rows

@@ -209,8 +209,8 @@ def test_a_motion_without_repeats_is_fitted_by_generalised_least_squares():
     """As by statsmodels with the covariance of the spectrum that was found."""
     record = moving_record(moved(noise, 3, {"duration": 10.0}))
     analysis = rendered_impedance(record)
-    rows = record.coarsest.transformed_rows
-    step = round(record.rate_hz / record.coarsest.rate_hz)
+    rows = record.coarse.transformed_rows
+    step = round(record.rate_hz / record.coarse.rate_hz)
     X = np.column_stack([analysis.sums.columns[column] for column in IMPEDANCE.values()])
     cosines = scipy.fft.dct(np.eye(len(rows)), axis=0, norm="ortho")
     covariance = cosines.T / analysis.sums.gain**2 @ cosines

@@ -138,12 +138,6 @@ def shipped(path: Path | str) -> Path:
 CAMPAIGN = Path("config.yaml")
 
 
-def config_here() -> Path:
-    """The configuration of the campaign in the working folder; the default one where there is
-    none."""
-    return CAMPAIGN if CAMPAIGN.is_file() else default_config()
-
-
 def default_config() -> Path:
     """The default configuration, which a campaign's own overrides: that of a clone in the working
     folder, which may have been edited, else the shipped one. Another workflow's lacks sections."""

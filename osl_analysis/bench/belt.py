@@ -56,16 +56,17 @@ def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnaly
     """
     signals = signals_of(trial, ("theta", "theta_m", "torque"), settings)
     low_pass, rate_hz = settings.low_pass, signals.rate_hz
+    measured = signals.signals
     with naming(f"trial {trial.name}"):
-        check_changes("torque", signals["torque"])
-        deflection = settings.joint_angle(signals["theta"], signals["torque"])
+        check_changes("torque", measured["torque"])
+        deflection = settings.joint_angle(measured["theta"], measured["torque"])
         if p is None:
-            check_locked(low_pass(deflection, rate_hz), low_pass(signals["theta_m"], rate_hz))
+            check_locked(low_pass(deflection, rate_hz), low_pass(measured["theta_m"], rate_hz))
         else:
-            deflection = belt_deflection(deflection, signals["theta_m"], p)
+            deflection = belt_deflection(deflection, measured["theta_m"], p)
         no_groups = unlike_groups(np.empty(0), np.empty(0))  # as yet
         record = record_of(signals, settings, no_groups, deflection)
-        record = replace(record, actuator=signals.signals)
+        record = replace(record, actuator=measured)
         analyses: list[Analysis] = []
         for share in (LOADED, LOADED / 2, 2 * LOADED):
             model = analyses[0].model if analyses else None
@@ -110,7 +111,7 @@ def fit_branches(record: Record, drift: float = 0.0, model: Model | None = None)
         model = STRAIGHT_AND_DAMPED if varies else STRAIGHT
     fits: dict[Label, GroupFit] = {}
     for branch in BRANCHES:
-        of_branch = s.of(branch)
+        of_branch = s.chosen(s.groups.of(branch))
         of_ramp = of_branch.estimates([*model.values()], "ramp")
         fit = fit_groups(of_branch, model).with_shared_error(drift * of_ramp)
         if drift:
@@ -188,7 +189,7 @@ def belt_table(belt: Analysis) -> pl.DataFrame:
     record, sums = belt.record, belt.sums
     theta, torque = record.motion.theta, record.filtered_torque
     peak = np.max(np.abs(sums.columns["theta"]))
-    of_line, of_square, _ = sums.of("loading").estimates([*QUADRATIC.values()])
+    of_line, of_square, _ = sums.chosen(sums.groups.of("loading")).estimates([*QUADRATIC.values()])
 
     # the torque, and each error of it
     errors = loop_errors(torque, record.rate_hz, record.rows(), record.settings.calibration)

@@ -65,7 +65,8 @@ def measured_frame(trial: Trial, record: Record) -> GroupFit | None:
     """
     if JOINT_SIDE not in trial.columns:
         return None
-    signals = signals_of(trial, ("theta", JOINT_SIDE, "torque"), record.settings)
+    uniform = signals_of(trial, ("theta", JOINT_SIDE, "torque"), record.settings)
+    signals = uniform.signals
     wound = signals["theta"] - signals[JOINT_SIDE]
     if not np.ptp(wound):
         raise InputError(
@@ -74,7 +75,7 @@ def measured_frame(trial: Trial, record: Record) -> GroupFit | None:
             f" file, or leave {JOINT_SIDE} out"
         )
     torque, filtered = record.settings.low_pass(
-        np.column_stack([signals["torque"], wound]), signals.rate_hz
+        np.column_stack([signals["torque"], wound]), uniform.rate_hz
     ).T
     columns = {"load": torque, "one": np.ones_like(torque)}
     sums = gram_sums(replace(record, torque=wound, filtered_torque=filtered), columns)

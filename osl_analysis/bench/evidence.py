@@ -178,7 +178,7 @@ def impedance_table(
     centre = record.motion.theta[record.is_fitted()].mean()
     rows: list[Row] = []
     for label, fit in analysis.fits.items():
-        variance = s.of(label).covariance(["theta"])
+        variance = s.chosen(s.groups.of(label)).covariance(["theta"])
         rows.append(
             {
                 **analysis.place(label),
@@ -275,7 +275,7 @@ def torque_error(s: Sums, label: Label, desired: DesiredImpedance) -> float | No
     known."""
     if desired.K_d is None or desired.B_d is None:
         return None
-    covariance = s.of(label).covariance(["theta", "omega", "ramp", "torque"])
+    covariance = s.chosen(s.groups.of(label)).covariance(["theta", "omega", "ramp", "torque"])
     weights = np.array([-desired.K_d, -desired.B_d, 0.0, 1.0])
     with_ramp = (covariance @ weights)[2]
     square = weights @ covariance @ weights - with_ramp**2 / covariance[2, 2]

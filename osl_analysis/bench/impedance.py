@@ -232,7 +232,7 @@ def fits_by_label(sums: Sums, model: Model) -> dict[Label, GroupFit]:
                     " one frequency K - I w^2 is one number; excite it below"
                     f" {hz[0] / 2:.2g} Hz or from {2 * hz[0]:.2g} Hz as well, {STIFFNESS_ALONE}"
                 )
-            fits[label] = fit_groups(sums.of(label), model)
+            fits[label] = fit_groups(sums.chosen(sums.groups.of(label)), model)
         except IdentifiabilityError:  # a drive may reach fewer frequencies at one amplitude
             if label is None:
                 raise

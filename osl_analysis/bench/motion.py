@@ -105,7 +105,7 @@ def record_of_trial(
 
     def recorded(regular: UniformSignals) -> Record:
         """The record of signals with one reading of their stamps."""
-        theta = regular["theta"]
+        theta = regular.signals["theta"]
         rate_hz = regular.rate_hz
         moving = moving_bins(theta, rate_hz)
         if not moving.any():
@@ -130,10 +130,12 @@ def record_of_trial(
             record = replace(record, with_other_stamps=recorded(signals.other()))
     rate_hz = signals.rate_hz
     same = settings.low_pass
-    actuator = {name: same(signals[name], rate_hz) for name in beside if name in signals.signals}
+    actuator = {
+        name: same(signals.signals[name], rate_hz) for name in beside if name in signals.signals
+    }
     if "theta_m" in actuator:  # behind a wide filter too, for the velocity's sign
         wide = replace(same, cutoff_hz=min(QUICK * same.cutoff_hz, 0.2 * rate_hz))
-        actuator["wide_band_theta_m"] = wide(signals["theta_m"], rate_hz)
+        actuator["wide_band_theta_m"] = wide(signals.signals["theta_m"], rate_hz)
     return replace(record, actuator=actuator)
 
 

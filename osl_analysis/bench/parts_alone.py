@@ -103,11 +103,11 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis, moved: str)
     both drives and brakes: else sign(omega_m) |I_q| equals I_q. The drift is the torque
     transducer's; left in the residual, it would quadruple the standard error of f_G.
     """
-    measured, current = signals["torque_m"], signals["current"]
+    measured, current = signals.signals["torque_m"], signals.signals["current"]
     check_changes("torque_m", measured)
     usable, time, rate = signals.usable, signals.time, signals.rate_hz
     low_pass = settings.low_pass
-    raw = signals[moved]
+    raw = signals.signals[moved]
     smooth = differentiate(time, low_pass(raw, rate))
     omega, alpha = smooth.omega, smooth.alpha
     if moved == "omega_m":
@@ -253,7 +253,7 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
     rows: list[Row] = []
     for label, fit in analysis.fits.items():
         # a weight acts as a spring: its torque grows with the angle
-        weight = with_effects(s.of(label), TRANSMISSION, "theta")
+        weight = with_effects(s.chosen(s.groups.of(label)), TRANSMISSION, "theta")
         has_weight = weight.certain("theta")
         viscous: GroupFit = analysis.calibrated[label]
         coulomb = friction.get(label)

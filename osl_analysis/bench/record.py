@@ -230,9 +230,9 @@ def record_of(
     theta
         The angle (n,) [rad] that is filtered, by default the joint's.
     """
-    torque = signals["torque"]
+    torque = signals.signals["torque"]
     if theta is None:
-        theta = signals["theta"]
+        theta = signals.signals["theta"]
         if settings.bench_stiffness is not None:
             theta = settings.joint_angle(theta, torque)
     motion, filtered = filtered_motion(signals.time, theta, torque, settings.low_pass)

@@ -67,7 +67,7 @@ def torque_angle_trial(
         message names the trial.
     """
     signals = signals_of(trial, ("theta", "torque"), settings)
-    rate_hz = signals.rate_hz
+    measured, rate_hz = signals.signals, signals.rate_hz
     bench = settings.bench_stiffness
     with naming(f"trial {trial.name}"):
         if desired not in (None, *settings.desired):
@@ -76,9 +76,9 @@ def torque_angle_trial(
                 f" {', '.join(settings.desired) or 'none'}"
             )
         for column in ("torque", "theta"):
-            check_changes(column, signals[column])
-        bench_theta = settings.low_pass(signals["theta"], rate_hz)
-        recorded = settings.low_pass(signals["torque"], rate_hz)
+            check_changes(column, measured[column])
+        bench_theta = settings.low_pass(measured["theta"], rate_hz)
+        recorded = settings.low_pass(measured["torque"], rate_hz)
         zero = torque_at_rest(bench_theta, recorded, rate_hz, settings)
         torque = recorded - (zero or 0.0)
         theta = settings.joint_angle(bench_theta, torque)

@@ -15,7 +15,7 @@ from osl_analysis.bench.bench_settings import (
     TorqueAngleAnalysis,
 )
 from osl_analysis.errors import InputError
-from osl_analysis.files import ROOT, config_here, default_config, own_yaml
+from osl_analysis.files import CAMPAIGN, ROOT, default_config, own_yaml
 from osl_analysis.judge.claims import Claims
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.judge.recording_checks import QualityRules
@@ -191,9 +191,11 @@ def config_for_trials(path: Path | str | None = None) -> Config:
     """The configuration by which single trials are analysed, from a file that overrides some fields
     of the default, by default that of the working folder; the shipped default states no facts on
     recordings of others."""
-    stated = Path(path or config_here())
+    default = default_config()
+    own = CAMPAIGN if CAMPAIGN.is_file() else default
+    stated = Path(path or own)
     own_files = tuple(Path("config").rglob("*"))  # each stands for the shipped one of its name
-    contents = [file.read_bytes() for file in (default_config(), stated) if file.is_file()]
+    contents = [file.read_bytes() for file in (default, stated) if file.is_file()]
     return config_of_state(stated, (Path.cwd(), own_files, *contents))
 
 

@@ -14,7 +14,7 @@ from osl_analysis.campaign.result_files import ResultFiles
 from osl_analysis.commands.simulate import TRUTH, settings_files
 from osl_analysis.commands.tables import read_summary
 from osl_analysis.errors import InputError
-from osl_analysis.files import CAMPAIGN, atomic_path, config_here
+from osl_analysis.files import CAMPAIGN, atomic_path, default_config
 
 
 def write_bundle(folder: Path, output: Path) -> None:
@@ -39,7 +39,7 @@ def write_bundle(folder: Path, output: Path) -> None:
     """
     output = output.absolute()
     with chdir(folder), atomic_path(output) as path:
-        config_file = config_here()
+        config_file = CAMPAIGN if CAMPAIGN.is_file() else default_config()
         config = read_config(config_file)
         read_summary(config.results / "summary.json")
         # it keeps the comments of the configuration

@@ -231,8 +231,10 @@ def fig4(
     data
         What the data are.
     """
-    recorded, fitted_windows = without_broken_ends(read_trial(trial), windows)
-    record = record_of_trial(recorded, settings, fitted_windows)
+    recorded = read_trial(trial)
+    if windows is not None:
+        recorded, windows = without_broken_ends(recorded, windows)
+    record = record_of_trial(recorded, settings, windows)
     analysis = analysed(record, IMPEDANCE)
     fits = read_table(fit)
     fits = marked(fits, judged(fits, limits, "impedance"), "impedance")

@@ -36,7 +36,7 @@ from osl_analysis.commands.remedies import fit_or_advise
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.sheet import Asked
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.guard import check_recording, find_leaps
+from osl_analysis.ingest.guard import check_own_torque, check_recording, find_leaps
 from osl_analysis.ingest.quality import saturated
 from osl_analysis.judge.judging import judged, marked
 from osl_analysis.judge.known_findings import known_finding
@@ -73,18 +73,24 @@ def fit_impedance_trial(
         Those of the sheet [s], which are fitted where the motion is no stepped sine.
 
     """
-    of_joint, rails = checked(trial, settings)
-    fitted, windows = without_broken_ends(of_joint, windows)
+    check_recording(trial, settings)
+    of_joint = with_fixture(trial, settings.fixture)
+    fitted = of_joint
+    if windows is not None:
+        fitted, windows = without_broken_ends(of_joint, windows)
     record = record_of_trial(fitted, settings, windows, beside=("theta_m", "current"))
     analysis = rendered_impedance(record)  # K, B and I, with their intervals
 
     # what else the recording tells, and what is to be expected of the device
+    check_own_torque(trial)
     p = known_parameters(parameters, ["n_T", "K_s", "B_j", "J_j"])
     stated = condition or UNSTATED
     gains = stated.gains(known_parameters(parameters), weight)
     table = impedance_table(analysis, p, stated, gains)
     weight_taken_off = pl.lit(fixture_of(of_joint).get("weight") or None, pl.Float64)
-    table = table.with_columns(rails, fixture_column(of_joint), fixture_weight=weight_taken_off)
+    table = table.with_columns(
+        saturated(trial), fixture_column(of_joint), fixture_weight=weight_taken_off
+    )
 
     def others() -> dict[str, pl.DataFrame]:
         return {"response": with_errors(response_table(analysis, **vars(stated)))}
@@ -92,12 +98,11 @@ def fit_impedance_trial(
     return FitTables({"impedance": table}, samples_of(analysis), record.streams, others)
 
 
-def without_broken_ends(trial: Trial, windows: str | None) -> tuple[Trial, str | None]:
+def without_broken_ends(trial: Trial, windows: str) -> tuple[Trial, str]:
     """The trial and its windows [s]; cut to them where what lies outside of them is broken."""
-    if windows:
-        cut, shifted_windows = trial.cut_to(windows)
-        if is_broken_outside(trial, cut):
-            return cut, shifted_windows
+    cut, shifted_windows = trial.cut_to(windows)
+    if is_broken_outside(trial, cut):
+        return cut, shifted_windows
     return trial, windows
 
 
@@ -139,6 +144,7 @@ def checked(trial: Trial, settings: Any) -> tuple[Trial, pl.Expr]:
     """The trial of the joint without its fixture, and the column of samples at a rail. Raises
     InputError: it cannot be fitted."""
     check_recording(trial, settings)
+    check_own_torque(trial)
     rails = saturated(trial)
     return with_fixture(trial, settings.fixture), rails
 
@@ -162,6 +168,7 @@ def fit_actuator_trial(
     """The row of an actuator alone, and the series of its fit."""
     p = known_parameters(parameters, ["k_tau", "n_m", "f_C", "J_m"])
     check_recording(trial, settings, "torque_m", angle=None)
+    check_own_torque(trial, "torque_m", angle=None)
     rails = saturated(trial, "torque_m", "current")
     actuator = actuator_trial(trial, settings)
     table = plausible(actuator_table(actuator), rails, p, "k_tau_n_m", "f_C", "J_m")
@@ -274,7 +281,9 @@ def run_fit(
             )
         arguments["condition"] = condition
     asked = vars(condition) if isinstance(condition, DesiredImpedance) else {}
-    validated({**asked, "windows": windows}, Asked, f"trial {trial.name}", ())
+    is_asked = any(value is not None for value in asked.values())
+    if windows is not None or is_asked:
+        validated({**asked, "windows": windows}, Asked, f"trial {trial.name}", ())
     if job.windows:
         arguments["windows"] = windows
     elif windows:

@@ -43,7 +43,7 @@ def check_sizes(samples: pl.DataFrame, origins: Mapping[str, Mapping[str, Any]])
 def recorded(trial: Trial, column: str | None) -> tuple[Array, Array]:
     """Time [s] and values of a column, (n,) each, where it was sampled; empty without the column.
     NaN is left out."""
-    if column is None or column not in trial.columns:
+    if column is None or column not in trial.samples:
         return np.empty(0), np.empty(0)
     time, values = trial.arrays(column)
     is_seen = ~np.isnan(values)
@@ -108,8 +108,7 @@ def check_recording(
     trial: Trial, limits: Any, torque: str = "torque", angle: str | None = "theta"
 ) -> None:
     """Refuse an angle beyond `limits.largest_angle` [rad]; a torque beyond `limits.load_cell_range`
-    [N*m], constant while the joint turns, or computed (`check_own_torque`); and
-    samples less than 10 us apart."""
+    [N*m], or constant while the joint turns; and samples less than 10 us apart."""
     who = f"trial {trial.name}:"
     time = trial.arrays()[0]
     # The mean step: stamps of a late host come in clusters, and the steps within one are
@@ -144,7 +143,6 @@ def check_recording(
             " source file, or the range",
             in_other_units(trial, [torque]),
         )
-    check_own_torque(trial, torque, angle)
 
 
 def changes_of_angle(

@@ -178,7 +178,7 @@ def measure_protocol(examined: Examined) -> CheckResult:
         angle = uniform_signals(examined.trial, ["theta"], GapLimits())
     except InputError as error:
         return not_applicable(f"no time base, {error}")
-    theta, rate_hz = angle["theta"], angle.rate_hz
+    theta, rate_hz = angle.signals["theta"], angle.rate_hz
     sines, is_stepped = find_sines(theta, rate_hz, moving_bins(theta, rate_hz), protocol)
     if excitation == "auto" and not is_stepped:
         return CheckResult(0.0, "no stepped sine but another motion, which is fitted as such")

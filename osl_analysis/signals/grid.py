@@ -78,9 +78,6 @@ class UniformSignals:
     is_decided: bool
     trial: str = ""
 
-    def __getitem__(self, column: str) -> Array:
-        return self.signals[column]
-
     @cached_property
     def streams(self) -> Sequence[Mapping[str, Any]]:
         """What was found and done in each stream, by the names of `timebase.csv`; all of it is

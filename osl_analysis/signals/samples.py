@@ -180,8 +180,9 @@ class Taken:
         times = self.reading.times(self.clock)[self.present]
         if not self.reading.even:
             close = 0.5  # steps; close knots of a spline amplify noise
-            begins = begins_of_groups(times, close * self.step)
-            if len(begins) < len(times):
+            closest = close * self.step
+            if np.diff(times).min() < closest:
+                begins = begins_of_groups(times, closest)
                 values = {name: means_from(begins, signal) for name, signal in values.items()}
                 times = means_from(begins, times)
         return times - self.delay, values

@@ -406,7 +406,7 @@ def test_what_comes_along_is_at_its_own_times_and_leaves_the_grid_as_it_is():
 
     assert len(grid.time) == len(TICKS)
     inside = slice(60, 900)
-    assert grid["theta_m"][inside] == pytest.approx(np.sin(TICKS)[inside], abs=1e-9)
+    assert grid.signals["theta_m"][inside] == pytest.approx(np.sin(TICKS)[inside], abs=1e-9)
     assert "current" not in grid.signals
 
 

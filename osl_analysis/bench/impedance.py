@@ -23,7 +23,7 @@ from osl_analysis.bench.regression import (
     motion_sums,
 )
 from osl_analysis.errors import IdentifiabilityError, InputError, naming
-from osl_analysis.inference.rounding_errors import repeated_share
+from osl_analysis.inference.rounding_errors import errors_by_steps, repeated_share
 from osl_analysis.signals import seven_point_motion
 from osl_analysis.stats.estimates import Row, estimates_row
 from osl_analysis.stats.linear_fit import LinearFit, solved
@@ -303,10 +303,8 @@ def encoder_errors(analysis: Analysis) -> Array:
     """Standard errors (p,) of the estimates of Eq. 15 by the encoder's steps and noise, which no
     scatter shows.
 
-    At rest a step has one error, of variance step^2/12, however many samples show it; where the
-    joint returns to the same ones, as under binary steps, it does not average out. Where the joint
-    passes through a step its error takes all values and averages out; noise of the angle leaves a
-    share of it. An error of the angle is one of the torque by K.
+    An error of the angle is one of the torque by K; noise leaves a share of what rounding to steps
+    makes of it.
 
     Noise, though it averages out, lengthens the columns: with its covariance N of the columns the
     estimates x are off by A^-1 N x (errors in variables; Fuller, Measurement Error Models, 1987).
@@ -328,14 +326,9 @@ def encoder_errors(analysis: Analysis) -> Array:
     weighted = scipy.fft.idct(gain**2 * scipy.fft.dct(columns))
     _, inverse = solved(weighted @ columns.T, np.zeros(len(columns)))
     by_row = fit["K"] * inverse @ weighted  # change of the estimates (p, m)
-    # a low-pass that does not ring where the joint comes to rest
-    smooth_rows = record.rate_hz / (2 * np.pi * record.settings.cutoff_hz)
-    place = scipy.ndimage.gaussian_filter1d(record.theta, smooth_rows)[rows] / step
-    reading, of_row = np.unique(np.rint(record.theta[rows] / step), return_inverse=True)
-    by_step = np.zeros((len(reading), len(IMPEDANCE)), np.complex128)
-    np.add.at(by_step, of_row, (by_row * np.exp(2j * np.pi * place)).T)
     repeated = repeated_share(record.angle_noise, record.rate_hz, step)
-    of_steps = step / np.sqrt(12) * repeated * np.linalg.norm(by_step, axis=0)
+    smooth_rows = record.rate_hz / (2 * np.pi * record.settings.cutoff_hz)
+    of_steps = repeated * errors_by_steps(by_row, rows, record.theta, step, smooth_rows)
 
     K, B, I = fit.estimates[:3]
     theta, omega, alpha = motion_noise(record, gain)

@@ -11,6 +11,7 @@ import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.bench.bench_settings import BenchAnalysis
+from osl_analysis.inference.spectra import noise_and_band
 from osl_analysis.measured import visible_step
 from osl_analysis.signals import Motion, filtered_motion
 from osl_analysis.signals.grid import UniformSignals
@@ -160,20 +161,8 @@ class Record:
 
     @cached_property
     def angle_noise(self) -> float:
-        """Density [rad^2/Hz] of the angle's noise, taken as white.
-
-        It is the median of what the filter removes from two to four cut-offs or, if the motion
-        itself reaches these frequencies, its level at the highest ones.
-        """
-        rate_hz, cutoff_hz = self.rate_hz, self.settings.cutoff_hz
-        removed = (self.theta - self.motion.theta)[self.rows()]
-        rows = min(round(rate_hz), len(removed))
-        frequency, density = scipy.signal.welch(removed, rate_hz, nperseg=rows)
-        level = np.median(density[frequency > 0.35 * rate_hz])
-        beyond = (frequency > 2 * cutoff_hz) & (frequency < min(4 * cutoff_hz, 0.45 * rate_hz))
-        if beyond.any():
-            level = min(level, np.median(density[beyond]))
-        return level
+        """Density [rad^2/Hz] of the angle's noise, taken as white."""
+        return noise_and_band(self.theta, self.rate_hz)[0]
 
     @cached_property
     def coarse(self) -> "Record":

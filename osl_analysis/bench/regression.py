@@ -25,7 +25,7 @@ The *score* of a group is by how much it moves the estimates: the products of it
 columns, times the inverse of the normal equations.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Self
 
@@ -36,6 +36,8 @@ from numpy.typing import NDArray
 from osl_analysis.bench.record import Groups, Record
 from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.measured import SMALLEST_SIGNAL, check_finite
+from osl_analysis.model.drivetrain import RationalFunction
+from osl_analysis.model.rendered_impedance import linear_torque
 from osl_analysis.signals import seven_point_motion
 from osl_analysis.stats.linear_fit import (
     CONDITION_LIMIT,
@@ -49,8 +51,6 @@ from osl_analysis.stats.linear_fit import (
 )
 from osl_analysis.trial import Array
 
-Admittance = Callable[[NDArray[np.complex128]], NDArray[np.complex128]]
-"""theta/torque [rad/(N*m)] of a model, for complex s [rad/s]."""
 Model = Mapping[str, str]  # estimate -> column of `sums_of`
 # Eq. 15
 IMPEDANCE: Model = {"K": "theta", "B": "omega", "I": "alpha", "offset": "one", "drift": "ramp"}
@@ -206,7 +206,7 @@ def whitening_gain(spectra: Array, lines_per_hz: float, cutoff_hz: float) -> Arr
     return 1 / np.sqrt(np.maximum(power, LEAST_POWER * np.mean(torque**2)))
 
 
-def sums_of(record: Record, expected: Admittance | None = None) -> Sums:
+def sums_of(record: Record, expected: RationalFunction | None = None) -> Sums:
     """The sums of a coarse record with all effects; the arguments are those of `effect_columns`."""
     return motion_sums(record.coarse, effect_columns(record, expected))
 
@@ -225,7 +225,7 @@ def columns_of(record: Record) -> dict[str, Array]:
     }
 
 
-def effect_columns(record: Record, expected: Admittance | None = None) -> dict[str, Array]:
+def effect_columns(record: Record, expected: RationalFunction | None = None) -> dict[str, Array]:
     """The columns (n,) of models and effects of a coarse record. `expected` is the linear model's
     admittance, if the gains are known."""
     few = record.coarse
@@ -244,19 +244,9 @@ def effect_columns(record: Record, expected: Admittance | None = None) -> dict[s
         # at the recorded rate, at which the sign changes within fewer rows
         columns[name] = low_pass(np.tanh(omega / width), record.rate_hz)[::step]
     if expected is not None:
-        columns["linear"] = linear_torque(few, expected)
+        three_cutoffs_hz = 3 * low_pass.cutoff_hz
+        columns["linear"] = linear_torque(expected, columns["theta"], few.rate_hz, three_cutoffs_hz)
     return columns
-
-
-def linear_torque(record: Record, expected: Admittance) -> Array:
-    """Torque (n,) [N*m] of the linear model with admittance `expected` for the filtered motion, up
-    to three cut-offs. The record is extended by its mirror image to make it periodic."""
-    n, theta = len(record.time), record.motion.theta - record.motion.theta.mean()
-    mirrored = np.fft.rfft(np.concatenate([theta, theta[::-1]]))
-    s = 2j * np.pi * np.fft.rfftfreq(2 * n, 1 / record.rate_hz)
-    kept = (np.abs(s) < 2 * np.pi * 3.0 * record.settings.cutoff_hz) & (s != 0)
-    mirrored[kept] /= expected(s[kept])
-    return np.fft.irfft(np.where(kept, mirrored, 0.0), 2 * n)[:n]
 
 
 @dataclass(frozen=True)

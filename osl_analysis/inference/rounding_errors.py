@@ -9,6 +9,7 @@ effects in the model a dozen draws would be fitted away.
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from osl_analysis.inference.constants import ROUNDING_DRAWS
 from osl_analysis.inference.spectra import roll_off
@@ -85,3 +86,38 @@ def repeated_share(noise_density: float, rate_hz: float, step: float) -> float:
     variance_of_readings = noise_density * rate_hz / 2 / step**2
     before_rounding = max(variance_of_readings - 1 / 12, 0.0)
     return float(np.exp(-2 * np.pi**2 * before_rounding))
+
+
+def errors_by_steps(
+    by_row: Array, rows: NDArray[np.intp], theta: Array, step: float, smooth_rows: float
+) -> Array:
+    """Standard errors of estimates by the rounding of an angle without noise.
+
+    At rest a step has one error, of variance step^2/12, however many samples show it; where the
+    joint returns to the same ones, as under binary steps, it does not average out. Where the joint
+    passes through a step its error takes all values and averages out.
+
+    Parameters
+    ----------
+    by_row : Array (p, m)
+        What an error of the angle in each row changes the estimates by [1/rad].
+    rows : Array (m,)
+        Those rows of the angle.
+    theta : Array (n,)
+        The angle [rad].
+    step : float
+        Of the encoder [rad].
+    smooth_rows : float
+        Width of the low-pass that gives the angle before its rounding, which must not ring where
+        the joint comes to rest.
+
+    Returns
+    -------
+    Array (p,)
+        [unit of the estimates].
+    """
+    place = scipy.ndimage.gaussian_filter1d(theta, smooth_rows)[rows] / step
+    reading, of_row = np.unique(np.rint(theta[rows] / step), return_inverse=True)
+    by_step = np.zeros((len(reading), len(by_row)), np.complex128)
+    np.add.at(by_step, of_row, (by_row * np.exp(2j * np.pi * place)).T)
+    return np.asarray(step / np.sqrt(12) * np.linalg.norm(by_step, axis=0))

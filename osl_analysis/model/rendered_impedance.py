@@ -152,3 +152,32 @@ def predicted_impedance(
     (K, I), *_ = np.linalg.lstsq(storage * weight[:, None], Z.real * weight)
     B = np.sum(weight**2 * w * Z.imag) / np.sum(weight**2 * w**2)
     return float(K), float(B), float(I)
+
+
+def linear_torque(
+    admittance: RationalFunction, theta: Array, rate_hz: float, highest_hz: float
+) -> Array:
+    """Find the torque of a joint of this admittance for a motion without what is faster.
+
+    Parameters
+    ----------
+    admittance : RationalFunction
+        theta/torque [rad/(N*m)].
+    theta : Array
+        Angle (n,) [rad]; its mean does not count. Its mirror image is added to make it periodic.
+    rate_hz : float
+    highest_hz : float
+        Up to which the motion counts.
+
+    Returns
+    -------
+    Array
+        (n,) [N*m].
+    """
+    n = len(theta)
+    spectrum = np.fft.rfft(np.concatenate([theta, theta[::-1]]))
+    frequency_hz = np.fft.rfftfreq(2 * n, 1 / rate_hz)
+    counts = (frequency_hz > 0) & (frequency_hz < highest_hz)
+    torque = np.zeros_like(spectrum)
+    torque[counts] = spectrum[counts] / admittance(2j * np.pi * frequency_hz[counts])
+    return np.fft.irfft(torque, 2 * n)[:n]

@@ -9,7 +9,6 @@ import polars as pl
 from osl_analysis.bench.friction import (
     CERTAIN_FRICTION,
     coulomb_fits,
-    delay_se_s,
     fault_columns,
     friction_columns,
     inferred_of_joint,
@@ -154,8 +153,7 @@ def impedance_table(
     other_excitation = "periodic" if record.periodic else "other"
     of_trial: Row = {
         **vars(desired),
-        **(fault_columns(joint) if joint else {}),
-        "delay_se_s": delay_se_s(joint, record) if joint else None,
+        **(fault_columns(joint, record) if joint else {}),
         "excitation": "stepped sine" if record.is_stepped_sine else other_excitation,
         "band_low_hz": record.band_hz[0],
         "band_high_hz": record.band_hz[1],

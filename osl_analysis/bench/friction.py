@@ -293,7 +293,9 @@ def explanations_of(joint: ImpedanceInference) -> str | None:
     return ", ".join(dict.fromkeys(names))
 
 
-def fault_columns(joint: ImpedanceInference, names: Sequence[str | None] = QUANTITIES) -> Row:
+def fault_columns(
+    joint: ImpedanceInference, record: Record, names: Sequence[str | None] = QUANTITIES
+) -> Row:
     """The columns of a fault. `names` are those of K, B and I in the table; None: it has no such
     column."""
     fault = probable_fault(joint)
@@ -302,6 +304,7 @@ def fault_columns(joint: ImpedanceInference, names: Sequence[str | None] = QUANT
         "fault_probability": float(joint.fault_probability),
         "fault_family": fault.family if fault else None,
         "explanations": explanations_of(joint),
+        "delay_se_s": delay_se_s(joint, record),
     }
     moved = joint.fault_shares if joint.doubt else (0.0, 0.0, 0.0)
     for name, by_fault, left in zip(names, moved, joint.unexplained_shares, strict=True):

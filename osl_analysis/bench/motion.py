@@ -276,8 +276,7 @@ def cycles_of(
         alike_deg = amplitudes_deg[commanded == segment.commanded]
         label = float(f"{np.median(alike_deg):.3g}")
         commanded_deg = round(np.rad2deg(segment.commanded), 9) if stated else None
-        rows = slice(round(segment.start), round(segment.stop))
-        strata.append(Stratum(label, segment.frequency_hz, commanded_deg, rows))
+        strata.append(Stratum(label, segment.frequency_hz, commanded_deg))
     first, stop = np.concatenate(cycles, axis=1)
     number = np.repeat(np.arange(len(cycles)), [each.shape[1] for each in cycles])
     return Groups("cycles", first, np.minimum(stop, len(usable)), number, tuple(strata))

@@ -271,8 +271,7 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
                 "VAF_held_out": VAF_held_out,
                 "load_cell_drift": 60 * analysis.whole["drift"],
                 "time_base_shift": analysis.time_base_shift(label, LOSSES),
-                **(fault_columns(fault, COLUMNS_OF_LOSSES) if fault else {}),
-                "delay_se_s": fault.delay_se_s if fault else None,
+                **(fault_columns(fault, record, COLUMNS_OF_LOSSES) if fault else {}),
             }
         )
     return table_of(rows, "transmission", complete=True)

@@ -36,7 +36,6 @@ class Stratum(NamedTuple):
     # of a sine
     frequency_hz: float = np.nan  # [Hz]
     commanded_deg: float | None = None  # amplitude [deg] in the protocol
-    rows: slice = slice(0)  # rows of its motion, with its transient
 
 
 @dataclass(frozen=True)

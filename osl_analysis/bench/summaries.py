@@ -7,7 +7,7 @@ import polars as pl
 
 from osl_analysis.bench.lags import BELT_ERROR, without_lag
 from osl_analysis.bench.parts_alone import ACTUATOR_PARAMETERS, LOSSES
-from osl_analysis.dictionary import described_tables_by_name, table_of
+from osl_analysis.dictionary import table_of
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.stats.repeats import alike_sizes, counted, summary_of_trials, summary_row
 
@@ -106,9 +106,8 @@ def delay_table(rows: pl.DataFrame, name: str = "delay") -> pl.DataFrame:
     if "K" in table.columns:
         half_width_s = pl.lit((high_s - low_s) / 2)
         table = table.with_columns(without_lag(pl.col("delay_s"), half_width_s))
-    described = table_of([], name).columns
-    told = table.select(column for column in described if column in table.columns)
-    return table_of(told.to_dicts(), name, complete=True)
+    described = table_of([], name)
+    return pl.concat([described, table], how="diagonal_relaxed").select(described.columns)
 
 
 def compensation_table(impedance: pl.DataFrame) -> pl.DataFrame:
@@ -154,6 +153,6 @@ def compensation_table(impedance: pl.DataFrame) -> pl.DataFrame:
         difference_high=pl.col("difference").max(),
     )
     summaries = summaries.with_columns(pl.col("of") + "s")
-    names = described_tables_by_name()["compensation"].columns
-    table = pl.concat([summaries, rows], how="diagonal_relaxed")
-    return table.select(name for name in names if name in table.columns)
+    described = table_of([], "compensation")
+    table = pl.concat([described, summaries, rows], how="diagonal_relaxed")
+    return table.select(described.columns)

@@ -17,10 +17,11 @@ def faster_is_stiffer(motion):
 
 def stiffness_without(record, label, left_out_hz):
     """K of an amplitude by NumPy's least squares, without the rows of one frequency."""
-    strata = [each for each in record.groups.strata if each.label == label]
-    (left_out,) = [each for each in strata if abs(each.frequency_hz - left_out_hz) < 0.1]
-    rows = record.rows(label)
-    rows = rows[(rows < left_out.rows.start) | (rows >= left_out.rows.stop)]
+    groups = record.groups
+    hz = np.array([stratum.frequency_hz for stratum in groups.strata])[groups.stratum]
+    is_kept = groups.of(label) & (np.abs(hz - left_out_hz) > 0.1)
+    edges = np.rint([groups.first, groups.stop]).astype(int).T[is_kept]
+    rows = np.concatenate([np.arange(first, stop) for first, stop in edges])
     motion = record.motion
     columns = [motion.theta, motion.omega, motion.alpha, np.ones_like(motion.theta), record.time]
     X = np.stack(columns, axis=1)[rows]

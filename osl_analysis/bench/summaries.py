@@ -7,7 +7,7 @@ import polars as pl
 
 from osl_analysis.bench.lags import BELT_ERROR, without_lag
 from osl_analysis.bench.parts_alone import ACTUATOR_PARAMETERS, LOSSES
-from osl_analysis.dictionary import table_of
+from osl_analysis.dictionary import described_tables_by_name, table_of
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.stats.repeats import alike_sizes, counted, summary_of_trials, summary_row
 
@@ -50,14 +50,18 @@ OF_PAIR = {
 CONDITION = (*PLACE, "K_d", "B_d", "amplitude_deg")
 
 
+def of_whole_trials(table: pl.DataFrame) -> pl.DataFrame:
+    """The rows of whole trials, without those of single amplitudes where a table has them."""
+    if "amplitude_deg" not in table.columns:
+        return table
+    return table.filter(pl.col("amplitude_deg").is_null())
+
+
 def part_summary(part: str, table: pl.DataFrame) -> pl.DataFrame:
     """Summary of the fits to whole trials in `belt.csv`, `transmission.csv` or `actuator.csv`,
     separately for each joint and side, which have columns."""
-    whole = table
-    if "amplitude_deg" in table.columns:
-        whole = table.filter(pl.col("amplitude_deg").is_null())
     found = []
-    for of_place in whole.partition_by(PLACE):
+    for of_place in of_whole_trials(table).partition_by(PLACE):
         place = of_place.select(PLACE).head(1)
         summary = summary_of_trials(of_place, SUMMARISED[part])
         found.append(place.join(summary, how="cross"))
@@ -82,9 +86,8 @@ def delay_table(rows: pl.DataFrame, name: str = "delay") -> pl.DataFrame:
         One row per row that tells a lag.
     """
     lags = rows.drop_nulls("lag_s")
-    of_trials = lags
-    if "amplitude_deg" in lags.columns:
-        of_trials = lags.filter(pl.col("amplitude_deg").is_null())
+    of_trials = of_whole_trials(lags)
+    if name == "delay":
         of_trials = of_trials.with_columns(lag_s_se_bench=pl.lit(BELT_ERROR))
     if of_trials.is_empty():
         return table_of([], name)
@@ -153,6 +156,6 @@ def compensation_table(impedance: pl.DataFrame) -> pl.DataFrame:
         difference_high=pl.col("difference").max(),
     )
     summaries = summaries.with_columns(pl.col("of") + "s")
-    described = table_of([], "compensation")
-    table = pl.concat([described, summaries, rows], how="diagonal_relaxed")
-    return table.select(described.columns)
+    names = described_tables_by_name()["compensation"].columns
+    table = pl.concat([summaries, rows], how="diagonal_relaxed")
+    return table.select(name for name in names if name in table.columns)

@@ -11,7 +11,7 @@ import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.bench.bench_settings import BenchAnalysis
-from osl_analysis.inference.spectra import noise_and_band
+from osl_analysis.inference.rounding_errors import noise_beyond
 from osl_analysis.measured import visible_step
 from osl_analysis.signals import Motion, filtered_motion
 from osl_analysis.signals.grid import UniformSignals
@@ -161,7 +161,8 @@ class Record:
     @cached_property
     def angle_noise(self) -> float:
         """Density [rad^2/Hz] of the angle's noise, taken as white."""
-        return noise_and_band(self.theta, self.rate_hz)[0]
+        removed = (self.theta - self.motion.theta)[self.rows()]
+        return noise_beyond(removed, self.rate_hz, self.settings.cutoff_hz)
 
     @cached_property
     def coarse(self) -> "Record":

@@ -88,6 +88,27 @@ def repeated_share(noise_density: float, rate_hz: float, step: float) -> float:
     return float(np.exp(-2 * np.pi**2 * before_rounding))
 
 
+def noise_beyond(removed: Array, rate_hz: float, cutoff_hz: float) -> float:
+    """Density of an angle's noise [rad^2/Hz], by what a low-pass removes from it.
+
+    It is the median from two to four cut-offs, or at the highest frequencies of a slow recorder.
+    Above them a slow motion has less of its rounding.
+
+    Parameters
+    ----------
+    removed : Array (n,)
+        What is removed [rad].
+    rate_hz : float
+    cutoff_hz : float
+        Of the low-pass.
+    """
+    rows = min(round(rate_hz), len(removed))
+    frequency, density = scipy.signal.welch(removed, rate_hz, nperseg=rows)
+    is_above = frequency > min(2 * cutoff_hz, 0.35 * rate_hz)
+    is_below = frequency < min(4 * cutoff_hz, 0.45 * rate_hz)
+    return float(np.median(density[is_above & is_below]))
+
+
 def errors_by_steps(
     by_row: Array, rows: NDArray[np.intp], theta: Array, step: float, smooth_rows: float
 ) -> Array:

@@ -330,7 +330,7 @@ def noise_and_band(theta: Array, rate_hz: float) -> tuple[float, float, float]:
     highest frequencies (above 100 Hz where there are such). The band ends at the first frequency
     above 1 Hz at which the power falls below `VISIBLE_ABOVE_NOISE` times the noise.
     """
-    length = min(round(SPECTRUM_S * rate_hz), len(theta))
+    length = round(SPECTRUM_S * rate_hz)
     window = scipy.signal.windows.hann(length, sym=False)
     segments = np.lib.stride_tricks.sliding_window_view(theta, length)[:: length // 2]
     about_mean = segments - segments.mean(axis=1, keepdims=True)

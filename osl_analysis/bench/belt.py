@@ -55,7 +55,8 @@ def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnaly
         As `branches_of` and `fit_groups`, or the bench is softer than the belt.
     """
     signals = signals_of(trial, ("theta", "theta_m", "torque"), settings)
-    low_pass, rate_hz = settings.low_pass, signals.rate_hz
+    low_pass = settings.low_pass
+    rate_hz = signals.rate_hz
     measured = signals.signals
     with naming(f"trial {trial.name}"):
         check_changes("torque", measured["torque"])

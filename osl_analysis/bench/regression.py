@@ -233,7 +233,8 @@ def effect_columns(record: Record, expected: RationalFunction | None = None) -> 
     higher = seven_point_motion(columns["alpha"], few.rate_hz)
     columns["jerk"] = higher.omega
     columns["snap"] = higher.alpha
-    low_pass, highest_hz = record.settings.low_pass, record.band_hz[1]
+    low_pass = record.settings.low_pass
+    highest_hz = record.band_hz[1]
     omega = record.motion.omega
     if highest_hz > BEYOND * low_pass.cutoff_hz:
         # the sign of a slower signal changes at other times
@@ -244,8 +245,9 @@ def effect_columns(record: Record, expected: RationalFunction | None = None) -> 
         # at the recorded rate, at which the sign changes within fewer rows
         columns[name] = low_pass(np.tanh(omega / width), record.rate_hz)[::step]
     if expected is not None:
-        three_cutoffs_hz = 3 * low_pass.cutoff_hz
-        columns["linear"] = linear_torque(expected, columns["theta"], few.rate_hz, three_cutoffs_hz)
+        columns["linear"] = linear_torque(
+            expected, columns["theta"], few.rate_hz, 3 * low_pass.cutoff_hz
+        )
     return columns
 
 
@@ -433,7 +435,7 @@ def combined(
 def held_out_vaf(s: Sums, model: Model) -> float | None:
     """Lowest VAF [percent] of a third of the groups, as of every third cycle, by the fit to the
     others, with its own offset. None where two thirds do not tell the estimates."""
-    place = np.argsort(np.argsort(s.groups.first, kind="stable"), kind="stable") % 3
+    place = np.argsort(np.argsort(s.groups.first)) % 3
     vafs = []
     for third in np.unique(place):
         try:

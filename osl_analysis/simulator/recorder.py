@@ -32,6 +32,7 @@ from osl_analysis.trial import Array
 RULE = "=" * 80 + "\n"  # between the definitions of a ROS 2 schema
 ARRIVES_NS = 150_000  # [ns] in which a sample arrives at the recorder
 CHUNK_BYTES = 1 << 20  # of messages in a chunk, at most
+COMPRESSION_LEVEL = 1  # of zstd: 0.4 of the time of the usual 3, for 7 % more bytes
 LITTLE_ENDIAN_CDR = b"\x00\x01\x00\x00"
 RECORD_HEAD_BYTES = 9  # opcode and length of a record, which its length does not count
 
@@ -123,14 +124,21 @@ def log_topic(
         ("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"),
         ("log", "<u8"), ("publish", "<u8"), ("data", cdr_layout(message)),
     ]  # fmt: skip
-    records = np.zeros(len(stamps), np.dtype(record))
-    records["opcode"] = Opcode.MESSAGE
-    records["length"] = records.itemsize - RECORD_HEAD_BYTES
+    alike = np.zeros(1, np.dtype(record))  # what all messages share, which is most of them
+    alike["opcode"] = Opcode.MESSAGE
+    alike["length"] = alike.itemsize - RECORD_HEAD_BYTES
+    columns = {}
+    for member, (_, value) in message.items():
+        if np.ndim(value):
+            columns[member] = value
+        else:
+            alike["data"][member] = value
+    records = np.repeat(alike, len(stamps))
     records["sequence"] = np.arange(len(stamps))
     records["log"] = stamps + ARRIVES_NS
     records["publish"] = stamps
-    for member, (_, value) in message.items():
-        records["data"][member] = value
+    for member, column in columns.items():
+        records["data"][member] = column
     schema = f"std_msgs/Header header\n{fields}{HEADER_DEFINITIONS}"
     return LogTopic(name, schema_name, schema, records)
 
@@ -225,14 +233,14 @@ def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
         rows = CHUNK_BYTES // topic.records.itemsize
         for first in range(0, topic.records.size, rows):
             messages = topic.records[first : first + rows]
-            content = messages.tobytes()
+            content = messages.view(np.uint8).data
             chunk = mcap_records.Chunk(
                 compression="zstd",
-                data=zstandard.compress(content),
+                data=zstandard.compress(content, COMPRESSION_LEVEL),
                 message_start_time=int(messages["log"].min()),
                 message_end_time=int(messages["log"].max()),
                 uncompressed_crc=zlib.crc32(content),
-                uncompressed_size=len(content),
+                uncompressed_size=content.nbytes,
             )
             records.append(chunk)
     records += [mcap_records.DataEnd(0), mcap_records.Footer(0, 0, 0)]

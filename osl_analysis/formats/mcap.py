@@ -148,7 +148,7 @@ def _chain(data: bytes, position: int, end: int) -> tuple[NDArray[np.int64], int
     """
     content = data[position : max(position + PART_BYTES, end)]
     first_bytes = np.frombuffer(content, np.uint8)[: 1 - MESSAGE.itemsize]
-    places = np.flatnonzero(first_bytes == Opcode.MESSAGE)
+    places = np.flatnonzero(first_bytes == Opcode.MESSAGE.value)
     lengths = rows_at(content, places, MESSAGE.itemsize).view(MESSAGE)["length"]
     ends = places + RECORD.size + np.minimum(lengths, len(content)).astype(int)
     may_be = (lengths >= MESSAGE_HEAD) & (ends <= len(content))

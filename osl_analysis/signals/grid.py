@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import polars as pl
 import scipy
 from numpy.typing import NDArray
 
@@ -376,9 +377,8 @@ def devices_of(trial: Trial, columns: Sequence[str]) -> list[list[str]]:
     """Group columns by device: those sampled in the same rows."""
     trial.check_columns(*columns)
     devices: dict[bytes, list[str]] = {}
-    for column in columns:
-        is_sampled = trial.samples[column].is_not_null().to_numpy()
-        devices.setdefault(is_sampled.tobytes(), []).append(column)
+    for is_sampled in trial.samples.select(pl.col(columns).is_not_null()):
+        devices.setdefault(is_sampled.to_numpy().tobytes(), []).append(is_sampled.name)
     return list(devices.values())
 
 

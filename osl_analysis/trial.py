@@ -10,6 +10,7 @@ import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -188,6 +189,11 @@ class Trial:
     @property
     def columns(self) -> Sequence[str]:
         return self.samples.columns
+
+    @cached_property
+    def readings(self) -> dict[str, tuple[Array, Array]]:
+        """What `ingest.guard.recorded` has read of columns: several checks look at each."""
+        return {}
 
     def parts(self, windows: str) -> list[tuple[float, float]]:
         """Begin and end [s] of windows, stated as `2-30 40-62` after the first sample. Raises

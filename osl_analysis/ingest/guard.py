@@ -28,8 +28,8 @@ def check_sizes(samples: pl.DataFrame, origins: Mapping[str, Mapping[str, Any]])
         bound = LIMITS.largest[unit]
         low, high = facts.get("range", (-bound, bound))
         slack = LIMITS.beyond_range * (high - low)
-        values = samples[column].to_numpy()
-        is_beyond = (values < low - slack) | (values > high + slack)
+        values = samples[column]
+        is_beyond = ~values.is_between(low - slack, high + slack) & values.is_not_nan()
         if is_beyond.any():
             row = int(np.argmax(is_beyond))
             what = "the `range` of its sensor" if "range" in facts else "what anything can reach"
@@ -45,9 +45,11 @@ def recorded(trial: Trial, column: str | None) -> tuple[Array, Array]:
     NaN is left out."""
     if column is None or column not in trial.samples:
         return np.empty(0), np.empty(0)
-    time, values = trial.arrays(column)
-    is_seen = ~np.isnan(values)
-    return time[is_seen], values[is_seen]
+    if column not in trial.readings:
+        time, values = trial.arrays(column)
+        is_seen = ~np.isnan(values)
+        trial.readings[column] = time[is_seen], values[is_seen]
+    return trial.readings[column]
 
 
 # Recordings of a bench that are refused before a fit.
@@ -357,7 +359,7 @@ def standing_runs(
     """
     every = repeats(values)
     edges: NDArray[np.intp] = every[np.diff(every)[:, 0] > LIMITS.least_standing]
-    if time[0] == time[-1]:
+    if not edges.size or time[0] == time[-1]:
         return edges[:0]
     followed = np.interp(time, *reference)
     sums = np.append(0.0, np.cumsum(followed - followed.mean()))

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -71,6 +72,21 @@ class Examined:
         """The column of the torque."""
         return self.experiment.torque or "torque"
 
+    @cached_property
+    def stamps(self) -> dict[str, Array]:
+        """Times [s] of each device that samples, by its first channel. Of an actuator that stands,
+        only plateaus of its current count, and not what lies between: it has none."""
+        if self.experiment.may_stand and self.moved not in self.trial.columns:
+            return {}
+        devices = devices_of(self.trial, [name for name in self.trial.columns if name != "time"])
+        stamps = {channel: self.trial.arrays(channel)[0] for channel, *_ in devices}
+        return {channel: time for channel, time in stamps.items() if time.size > 2}
+
+    @cached_property
+    def steps(self) -> dict[str, float]:
+        """Usual step [s] of each device."""
+        return {channel: usual_step(time) for channel, time in self.stamps.items()}
+
 
 @dataclass(frozen=True)
 class CheckResult:
@@ -93,34 +109,22 @@ def readings_of(trial: Trial, pattern: str) -> dict[str, tuple[Array, Array]]:
 # Sampling, clocks and damage. `judge/findings.yaml` says what each check measures.
 
 
-def longest_gap(time: Array) -> float:
-    """The longest of the steps of stamps (n,) [s] beyond the usual one; 0 if none is longer than
-    1.5."""
+def longest_gap(time: Array, usual: float) -> float:
+    """The longest of the steps of stamps (n,) [s] beyond the usual one [s]; 0 if none is longer
+    than 1.5."""
     longest = np.diff(time).max(initial=0.0)
-    usual = usual_step(time)
     return longest - usual if longest > 1.5 * usual else 0.0
 
 
-def stamps_of(examined: Examined) -> dict[str, Array]:
-    """Times [s] of each device that samples, by its first channel. Of an actuator that stands, only
-    plateaus of its current count, and not what lies between: it has none."""
-    trial = examined.trial
-    if examined.experiment.may_stand and examined.moved not in trial.columns:
-        return {}
-    devices = devices_of(trial, [name for name in trial.columns if name != "time"])
-    stamps = {channel: trial.arrays(channel)[0] for channel, *_ in devices}
-    return {channel: time for channel, time in stamps.items() if time.size > 2}
-
-
 def measure_rates(examined: Examined) -> dict[str, float]:
-    return {channel: 1 / usual_step(time) for channel, time in stamps_of(examined).items()}
+    return {channel: 1 / step for channel, step in examined.steps.items()}
 
 
 def measure_gaps(examined: Examined) -> dict[str, float]:
     first, last = examined.fitted.samples["time"][[0, -1]]
     return {
-        channel: longest_gap(time[(time >= first) & (time <= last)])
-        for channel, time in stamps_of(examined).items()
+        channel: longest_gap(time[(time >= first) & (time <= last)], examined.steps[channel])
+        for channel, time in examined.stamps.items()
     }
 
 
@@ -290,8 +294,9 @@ def measure_stuck(examined: Examined) -> dict[str, float]:
 
 
 def longest_s(time: Array, edges: NDArray[np.intp]) -> float:
-    """Time [s] from the first to the last sample of the longest of runs (k, 2) of rows."""
-    return (int(np.diff(edges).max(initial=1)) - 1) * usual_step(time)
+    """Time [s] from the first to the last sample of the longest of runs (k, 2) of rows; 0 of
+    none."""
+    return (int(np.diff(edges).max()) - 1) * usual_step(time) if edges.size else 0.0
 
 
 def measure_leaps(examined: Examined) -> dict[str, float]:
@@ -342,7 +347,8 @@ def measure_marker_gaps(examined: Examined) -> dict[str, float]:
         if columns:
             in_sight = pl.sum_horizontal(pl.col(*columns).is_not_nan())
             followed = samples.filter(in_sight >= LIMITS.markers_of_pose)["time"].to_numpy()
-            seconds[segment] = longest_gap(followed) if followed.size else samples["time"][-1]
+            step = usual_step(followed)
+            seconds[segment] = longest_gap(followed, step) if followed.size else samples["time"][-1]
     return seconds
 
 

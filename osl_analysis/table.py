@@ -161,7 +161,8 @@ def rows_of(path: Path, name: str) -> pl.DataFrame:
         raise InputError(
             f"{path}: not a CSV table ({reason}); correct it, or make it again"
         ) from error
-    table = table.filter(~pl.all_horizontal(pl.all().is_null()))  # without an editor's blank lines
+    if all(column.null_count() for column in table):  # else no line is blank, as of an editor
+        table = table.filter(~pl.all_horizontal(pl.all().is_null()))
     if "status" in table.columns:
         table = table.filter(pl.col("status").ne_missing(NOT_ANALYSED))
     return table.with_columns(
@@ -272,9 +273,11 @@ def not_analysed(path: Path | str) -> tuple[NotAnalysed, ...]:
                 causes = json.loads(text)[NOT_ANALYSED_KEY]
         elif path.suffix in (".csv", ARCHIVE_SUFFIX):
             stated = ("status", "trial", "reason")
-            rows = pl.read_csv(content_of(path, None), columns=stated, infer_schema=False)
-            if (rows["status"] == NOT_ANALYSED).all():
-                causes = rows.select(pl.col("trial", "reason").fill_null("")).rows()
+            content = content_of(path, None)
+            if NOT_ANALYSED.encode() in content:  # most hold results, and need not be read
+                rows = pl.read_csv(content, columns=stated, infer_schema=False)
+                if (rows["status"] == NOT_ANALYSED).all():
+                    causes = rows.select(pl.col("trial", "reason").fill_null("")).rows()
     except (*UNREADABLE, ValueError, pl.exceptions.PolarsError):
         return ()
     return tuple(NotAnalysed(*cause) for cause in causes)

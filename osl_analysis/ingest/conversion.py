@@ -287,8 +287,11 @@ def fresh_rows(
     every = np.arange(stamps.size)
     since_first = (stamps - stamps[0]).astype(float)
     steps = np.abs(np.diff(since_first, prepend=0.0))
+    longest = steps.max()
+    if longest <= least:
+        return every, []
     far = max(least, LIMITS.far_steps * np.median(steps))
-    if steps.max() <= far:
+    if longest <= far:
         return every, []
     usual = scipy.ndimage.median_filter(since_first, LIMITS.median_rows, mode="mirror")
     stale = np.flatnonzero(np.abs(since_first - usual) > far)

@@ -28,6 +28,8 @@ ENVIRONMENT = dict.fromkeys((*SET_TO_ONE, "POLARS_MAX_THREADS", "NUMBA_NUM_THREA
     # the system clears them
     "MALLOC_MMAP_THRESHOLD_": "33554432",
     "MALLOC_TRIM_THRESHOLD_": "268435456",
+    # Polars has an allocator of its own, which keeps freed memory for so long
+    "_RJEM_MALLOC_CONF": "dirty_decay_ms:10000,muzzy_decay_ms:10000",
 }
 PRELOADED = [
     "osl_analysis.jobs.perform",

@@ -67,7 +67,7 @@ def tell_warnings(trial: "Trial") -> None:
 
 class KeepsItsInput(click.Command):
     """A command that never writes to a file that it reads, no two results to one file, and only to
-    regular files."""
+    regular files. What it refuses of an option names the option."""
 
     def invoke(self, ctx: click.Context) -> Any:
         files = {name: path for name, path in ctx.params.items() if isinstance(path, Path)}
@@ -85,8 +85,14 @@ class KeepsItsInput(click.Command):
                 )
             check_target(path)
         read = [files[name] for name in ("log", "mocap", "file", "trial") if name in files]
-        with limited_memory(read):
-            return super().invoke(ctx)
+        try:
+            with limited_memory(read):
+                return super().invoke(ctx)
+        except OslAnalysisError as error:
+            for parameter in self.params:
+                if parameter.name == error.setting and ctx.params[error.setting] is not None:
+                    raise type(error)(f"{parameter.opts[0]}: {error}") from error
+            raise
 
 
 class OneLineErrors(click.Group):
@@ -449,19 +455,21 @@ def ingest(sources: Path, output: Path, **given: Any) -> None:
 )
 @option(
     "--stiffness",
+    "K_d",
     type=numbers,
     help="Desired joint stiffness K_d [N·m/rad]: 300, or 100,200.",
 )
 @option(
     "--damping",
+    "B_d",
     type=numbers,
     help="Desired joint damping B_d [N·m·s/rad]: 5, or 0,2.5,5.",
 )
 @file_option(
     "--trajectory", help="CSV file with phase (0 to 1), K_d [N·m/rad] and B_d [N·m·s/rad] instead."
 )
-@option("--weight-hz", type=float, default=1.0, help="Cut-off of W in Eq. 14 [Hz].")
-@option("--weight-order", type=int, default=3, help="Order of W in Eq. 14.")
+@option("--weight-hz", "cutoff_hz", type=float, default=1.0, help="Cut-off of W in Eq. 14 [Hz].")
+@option("--weight-order", "order", type=int, default=3, help="Order of W in Eq. 14.")
 @file_option(
     "--parameters",
     default=shipped("config/parameters/default.yaml"),
@@ -474,10 +482,10 @@ def select_gains(
     parameters: Path,
     as_json: bool,
     output: Path | None,
-    stiffness: list[float] | None,
-    damping: list[float] | None,
-    weight_hz: float,
-    weight_order: int,
+    K_d: list[float] | None,
+    B_d: list[float] | None,
+    cutoff_hz: float,
+    order: int,
 ) -> None:
     """Select the control gains K_1 and B_1 that render a desired impedance best (Eqs. 13 and 14).
 
@@ -489,12 +497,11 @@ def select_gains(
     from osl_analysis.table import write_table
     from osl_analysis.yaml_settings import validated
 
-    is_half = bool(stiffness) != bool(damping)
-    if is_half or bool(trajectory) == bool(stiffness):
+    is_half = bool(K_d) != bool(B_d)
+    if is_half or bool(trajectory) == bool(K_d):
         raise click.UsageError("give --stiffness and --damping, or --trajectory, which has both")
-    stated_weight = {"cutoff_hz": weight_hz, "order": weight_order}
-    weight = validated(stated_weight, Weight, "--weight")
-    table = command.requested_gains(stiffness or (), damping or (), trajectory, weight, parameters)
+    weight = validated({"cutoff_hz": cutoff_hz, "order": order}, Weight, "W of Eq. 14")
+    table = command.requested_gains(K_d or (), B_d or (), trajectory, weight, parameters)
     if output is not None:
         write_table(table, output)
     say(rows_json(table) if as_json else command.gains_text(table))

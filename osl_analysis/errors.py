@@ -76,7 +76,8 @@ class OslAnalysisError(ValueError):
 
     The message is made printable. Up to the first semicolon outside brackets it is the `reason`,
     what is wrong. Behind that is the `remedy`, what to do; it may be empty. The `changes` are
-    tried, and those that help replace the remedy.
+    tried, and those that help replace the remedy. `setting` is the name of the one at fault, if
+    there is one.
 
     Examples
     --------
@@ -87,9 +88,10 @@ class OslAnalysisError(ValueError):
     none.parquet: no such trial
     """
 
-    def __init__(self, message: str, changes: Sequence[Change] = ()) -> None:
+    def __init__(self, message: str, changes: Sequence[Change] = (), setting: str = "") -> None:
         super().__init__(printable(message))
         self.changes = tuple(changes)
+        self.setting = setting
         reason, *remedy = re.split(r"; (?![^(\[]*[)\]])", str(self), maxsplit=1)
         self.reason = reason
         self.remedy = "".join(remedy)
@@ -104,7 +106,7 @@ def naming(what: object, behind: str = "") -> Iterator[None]:
     except OslAnalysisError as error:
         if isinstance(what, Path) and printable(str(what)) in str(error):
             raise
-        raise type(error)(f"{what}: {error}{behind}", error.changes) from error
+        raise type(error)(f"{what}: {error}{behind}", error.changes, error.setting) from error
 
 
 class InputError(OslAnalysisError):

@@ -115,12 +115,14 @@ def stretches(text: str, duration_s: float = math.inf) -> list[tuple[float, floa
     if not has_form or edges != sorted(set(edges)):
         raise InputError(
             f"windows '{text}' are not from-to in s, in the order of time, without overlap or"
-            " touching; write them as 2-30 40-62"
+            " touching; write them as 2-30 40-62",
+            setting="windows",
         )
     if edges[-1] > duration_s + LATE_END_S:
         raise InputError(
             f"windows '{text}' reach beyond the recording, which lasts 0 to {duration_s:.1f} s;"
-            " state windows within these"
+            " state windows within these",
+            setting="windows",
         )
     return list(zip(edges[::2], edges[1::2], strict=True))
 

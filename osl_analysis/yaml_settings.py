@@ -201,12 +201,14 @@ def validated(
     places = missing if first in missing else [first]
     line = located([Path(path)] if files is None else files, first)
     names = ", ".join(map(dotted, places)) or "the file"
-    raise InputError(f"{path}: {line}{names}: {problem_text(problems_at[first])}")
+    text = f"{path}: {line}{names}: {problem_text(problems_at[first])}"
+    raise InputError(text, setting=dotted(first))
 
 
 WORDS = {
     "Value error, ": "",
     "Field required": "is missing; add it",
+    r"valid \w+, unable to parse string as an? \w+": "number without a unit (3 % is 0.03)",
     "Input should be": "write",
     "a valid tuple": "a list",
     r"a valid dictionary( or instance of \w+)?": "fields below it, each as `name: value`",

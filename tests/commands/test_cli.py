@@ -136,6 +136,18 @@ def test_fit_says_what_it_cannot_check_and_takes_a_campaign_s_overriding_file(fo
     assert [rows[-1][name] for name in ("K_d", "K_ratio", "K_predicted")] == [300, None, None]
 
 
+@pytest.mark.parametrize(("option", "value"), [
+    ("--stiffness", "nan"),
+    ("--damping", "-3"),
+    ("--controller", "compnsated"),
+    ("--windows", "2-"),
+    ("--windows", "200-300"),
+])  # fmt: skip
+def test_what_is_refused_of_an_option_is_told_by_the_option(folder, option, value):
+    said = one_line(call("fit", folder / f"{TRIAL}.parquet", option, value))
+    assert said.startswith(f"error: {option}: ")
+
+
 def test_a_lost_end_is_told_and_no_recording_is_written_over(folder, tmp_path):
     log = tmp_path / "cut.mcap"
     output = tmp_path / "cut.parquet"
@@ -177,7 +189,7 @@ def of_gains(stiffness, damping, *more):
 
 
 MISTAKES = {
-    r"cutoff_hz: 1e\+300 .* 10000": (*GAINS,
+    r"--weight-hz: .*cutoff_hz: 1e\+300 .* 10000": (*GAINS,
     "--weight-hz", 1e300),
     r"no\.yaml: ": (*GAINS, "--parameters", "no.yaml"),
     r"osl-analysis init FOLDER --from \.`": ("fit", "README.md"),

@@ -16,7 +16,6 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
-from unittest.mock import patch
 
 from osl_analysis.files import temporary_path
 from osl_analysis.jobs.job_log import Files, Job, write_log
@@ -59,8 +58,14 @@ class Worker:
         context.set_forkserver_preload(PRELOADED)
         self.connection, far_end = context.Pipe()
         self.process = context.Process(target=serve, args=(far_end,), daemon=True)
-        with ASKING, patch.dict(os.environ, ENVIRONMENT):
-            self.process.start()
+        with ASKING:
+            before = dict(os.environ)
+            os.environ.update(ENVIRONMENT)
+            try:
+                self.process.start()
+            finally:
+                os.environ.clear()
+                os.environ.update(before)
         far_end.close()  # so that the end of the process ends the connection
 
     def end(self) -> str:

@@ -111,7 +111,9 @@ def record_of_trial(
         if not moving.any():
             raise standstill(theta, rate_hz)
         if excitation != "any":
-            protocol = stated_protocol(settings)
+            protocol = stated_protocol(
+                settings.amplitudes_deg, settings.frequencies_hz, settings.cycles
+            )
             sines, is_stepped = find_sines(theta, rate_hz, moving, protocol)
             if excitation == "stepped_sine" or is_stepped:
                 segments = find_segments(theta, rate_hz, sines, protocol)

@@ -172,10 +172,11 @@ def measure_protocol(examined: Examined) -> CheckResult:
     missing, runs that were not commanded, and amplitudes of another size. A motion that is no
     stepped sine is remarked and counts 0."""
     experiment = examined.experiment
-    protocol = stated_protocol(examined.commanded)
+    commanded = examined.commanded
+    protocol = stated_protocol(commanded.amplitudes_deg, commanded.frequencies_hz, commanded.cycles)
     if not experiment.stepped_sine or "theta" not in examined.trial.columns:
         return not_applicable("no stepped sine")
-    excitation = examined.commanded.excitation if experiment.any_motion else "stepped_sine"
+    excitation = commanded.excitation if experiment.any_motion else "stepped_sine"
     if excitation == "any":
         return CheckResult(0.0, "any motion moves the joint, says the configuration")
     try:

@@ -10,7 +10,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from statistics import fmean
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,14 +74,15 @@ class SteppedSineProtocol:
         return (amplitude, frequency_hz) if amplitude and frequency_hz else None
 
 
-def stated_protocol(settings: Any) -> SteppedSineProtocol:
-    """The protocol that settings state as `amplitudes_deg`, `frequencies_hz` and `cycles`; what is
-    None is not stated."""
-    return SteppedSineProtocol(
-        amplitudes=np.deg2rad(settings.amplitudes_deg or ()).tolist(),
-        frequencies_hz=settings.frequencies_hz or (),
-        cycles=settings.cycles,
-    )
+def stated_protocol(
+    amplitudes_deg: Sequence[float] | None,
+    frequencies_hz: Sequence[float] | None,
+    cycles: float | Sequence[float] | None,
+) -> SteppedSineProtocol:
+    """The protocol of amplitudes [deg], frequencies [Hz] and numbers of cycles; what is None is not
+    stated."""
+    amplitudes = np.deg2rad(amplitudes_deg or ()).tolist()
+    return SteppedSineProtocol(amplitudes, frequencies_hz or (), cycles)
 
 
 def followed(value: float, commanded: Sequence[float], tolerance: float) -> float | None:

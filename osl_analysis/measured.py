@@ -170,11 +170,22 @@ def with_places(places: int, *numbers: float | None) -> list[str]:
 NOTHING = "–"
 
 
+class WithInterval(str):
+    """A number and the ends of its interval, as one text and as `parts`, which tables of LaTeX set
+    their own way."""
+
+    parts: tuple[str, ...]
+
+
 def written(
     value: float | None, low: float | None = None, high: float | None = None, unit: str = ""
 ) -> str:
     """A number as `300.1 (298.7 to 301.6)`, or a dash for none."""
     if value is None:
         return NOTHING
-    text, *ends = with_places(decimal_places(value, low, high, unit), value, low, high)
-    return f"{text} ({' to '.join(ends)})" if all(ends) else text
+    parts = with_places(decimal_places(value, low, high, unit), value, low, high)
+    if not all(parts):
+        return parts[0]
+    text = WithInterval("{} ({} to {})".format(*parts))
+    text.parts = tuple(parts)
+    return text

@@ -7,6 +7,7 @@ from functools import cache
 from pathlib import Path
 
 from osl_analysis.files import own_yaml
+from osl_analysis.measured import WithInterval
 
 SIGNS: dict[str, str] = own_yaml(Path(__file__).with_suffix(".yaml"))
 ANY_SIGN = re.compile("|".join(SIGNS))  # few of a page's numbers have one
@@ -53,8 +54,8 @@ def markdown_table(rows: Sequence[Sequence[str]]) -> str:
 
 
 MOST_IN_COLUMN = 4  # columns of a table that a column of two holds, with intervals below the values
-INTERVAL_BELOW = r"\\begin{tabular}[t]{@{}l@{}}\1\\\\{}[\2, \3]\\end{tabular}"
-INTERVAL_BESIDE = r"\1 [\2, \3]"
+INTERVAL_BELOW = r"\begin{tabular}[t]{@{}l@{}}%s\\{}[%s, %s]\end{tabular}"
+INTERVAL_BESIDE = "%s [%s, %s]"
 
 
 def latex_table(rows: Sequence[Sequence[str]], heads: Mapping[str, str]) -> str:
@@ -63,8 +64,11 @@ def latex_table(rows: Sequence[Sequence[str]], heads: Mapping[str, str]) -> str:
     if len(rows) <= MOST_IN_COLUMN < len(rows[0]):
         rows = [*zip(*rows, strict=True)]
     interval = INTERVAL_BELOW if len(rows[0]) <= MOST_IN_COLUMN else INTERVAL_BESIDE
-    lines = [" & ".join(heads.get(cell, in_latex(cell)) for cell in row) for row in rows]
-    lines = [re.sub(r"(\S+) \((\S+) to (\S+)\)", interval, line) for line in lines]
+
+    def in_cell(text: str) -> str:
+        return interval % text.parts if isinstance(text, WithInterval) else in_latex(text)
+
+    lines = [" & ".join(heads.get(cell, in_cell(cell)) for cell in row) for row in rows]
     head, *body = [re.sub(r"(?<!\w)-(?=\d)", "$-$", line) + r" \\" for line in lines]
     begin = rf"\begin{{tabular}}{{@{{}}{'l' * len(rows[0])}@{{}}}}\toprule"
     parts = [

@@ -223,13 +223,14 @@ def test_a_condition_shows_friction():
 
 
 def test_latex_fits_a_column_turned_or_else_a_page_and_escapes_what_users_write():
-    heads, row = ["controller", "K_d", "K", "B", "n"], ["PD_1", "9", "-2 (-3 to -1)", "5", "1"]
+    heads = ["controller", "K_d", "K", "B", "n"]
+    row = ["PD_1 a (1 to 2)", "9", written(-2, -3, -1), "5", "1"]
 
     turned, wide = (paper_tables.to_tex([heads, *[row] * n], "simulated") for n in (3, 4))
 
-    assert r"controller & PD\_1 & PD\_1 & PD\_1 \\" in turned
-    assert r"}$-$2\\{}[$-$3, $-$1]\end{tabular}" in turned
-    assert r"PD\_1 & 9 & $-$2 [$-$3, $-$1] & 5 & 1 \\" in wide
+    assert r"controller & PD\_1 a (1 to 2) & " in turned
+    assert r"}$-$2.0\\{}[$-$3.0, $-$1.0]\end{tabular}" in turned
+    assert r"PD\_1 a (1 to 2) & 9 & $-$2.0 [$-$3.0, $-$1.0] & 5 & 1 \\" in wide
 
 
 def test_groups_of_crossings_are_rows_of_both_ensembles():

@@ -99,21 +99,23 @@ def _recording_of_frame(frame: pl.DataFrame) -> Recording:
     """Make a channel of each column of numbers, times and text."""
     kinds = selectors.float() | selectors.integer() | selectors.boolean()
     readable = frame.select(kinds | selectors.string() | selectors.temporal())
-    if readable.is_empty():
-        raise InputError("holds no column of numbers; name a recording")
-    remarks: list[str] = []
     others = [name for name in frame.columns if name not in readable.columns]
-    if others:
-        remarks.append(f"columns of no numbers, times or text are not read: {listing(others, 8)}")
     table = Table(
         names=readable.columns,
         units=[name_and_unit(name)[1] for name in readable.columns],
         lines=np.arange(1, frame.height + 1),
         body=readable,
-        remarks=remarks,
+        remarks=remarks_on(others, readable.is_empty()),
         end=End.WHOLE,
     )
     return recording_of_table("table", table, LISTING, noun="row", facts={"rows": frame.height})
+
+
+def remarks_on(others: Sequence[str], are_all: bool) -> list[str]:
+    """Say what of a file is not read. Raises InputError: it is all of it."""
+    if are_all:
+        raise InputError("holds no column of numbers; name a recording")
+    return [f"not read, as they are no columns of numbers: {listing(others, 8)}"] if others else []
 
 
 def _numpy_arrays(path: Path) -> dict[str, NDArray[Any]]:
@@ -163,11 +165,7 @@ def _recording_of_arrays(arrays: Mapping[str, NDArray[Any]], units: Mapping[str,
             for number, line in enumerate(lines, start=1):
                 title = name if len(lines) == 1 else f"{name} {number}"
                 columns[title.strip() or "1"] = line
-    if not columns:
-        raise InputError("holds no column of numbers; name a recording")
-    remarks: list[str] = []
-    if others:
-        remarks.append(f"not read, as they are no columns of numbers: {listing(others, 8)}")
+    remarks = remarks_on(others, not columns)
     parts = [
         Column(title.rpartition("/")[0], lasting, title, columns[title], units.get(title, ""))
         for title, lasting in zip(columns, lasting_names([*columns]), strict=True)

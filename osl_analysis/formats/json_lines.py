@@ -50,8 +50,9 @@ def read(path: Path, source: JsonSource | None) -> Recording:
         topic.add((content, starts[part], lengths[part]), np.zeros_like(part), 0)
     places = topic.table[PLACE].to_numpy()
     if not places.size:
-        reason = topic.reason or "holds no whole line"
-        raise InputError(f"{reason}; record it again, or exclude the trial")
+        raise InputError(
+            f"{topic.reason or 'holds no whole line'}; record it again, or exclude the trial"
+        )
     if topic.lost:
         remarks.append(
             f"{topic.lost} of {lines.size} lines cannot be used and were skipped: line"

@@ -195,8 +195,9 @@ def _find(
     for channel in everywhere:
         if channel.key == address:
             return channel
-    if COLUMN.sub("", address) in variables:
-        raise InputError(_reason(variables[COLUMN.sub("", address)]))
+    whole = COLUMN.sub("", address)
+    if whole in variables:
+        raise InputError(_reason(variables[whole]))
     others = [other for other in variables if other.startswith(address)] or [*variables]
     raise InputError(
         f"nothing stands at '{address}'; the file has {listing(others, 12)}"

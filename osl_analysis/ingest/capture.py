@@ -23,7 +23,7 @@ from osl_analysis.ingest.conversion import (
 from osl_analysis.ingest.force_plates import convert_plates, metres_per
 from osl_analysis.recording import Channel, Kind, Plate, Recording, Rows, own_axes
 from osl_analysis.source_file import LaboratorySource, MarkerSource
-from osl_analysis.trial import AXES, Array, marker_columns, unit_of
+from osl_analysis.trial import AXES, Array, marker_columns
 
 
 def convert_capture(recording: Recording, source: MarkerSource) -> Converted:
@@ -66,7 +66,6 @@ def convert_capture(recording: Recording, source: MarkerSource) -> Converted:
                 "component": source.axes[axis],
                 "unit": unit,
                 "factor": factor,
-                "si_unit": unit_of(column),
             }
     baseline = baseline_frames(recording, source)
     unloaded = None
@@ -82,14 +81,16 @@ def convert_capture(recording: Recording, source: MarkerSource) -> Converted:
             channel = recording.find({"label": output.label}, "model output")
             # in the unit of the source file and never in that of the file, which may misstate it
             values = channel.values[:, AXES.index(output.component)]
-            of_frames[column] = to_si(output, values, unit_of(column))
-            origins[column] = origin_of(output, column)
+            origin = origin_of(output, column)
+            of_frames[column] = to_si(output, values, origin["factor"])
+            origins[column] = origin
             used.append(channel)
         for column, setting in source.analogs.items():
             channel = recording.find(setting.address, f"analog {setting.ADDRESS}")
             with naming(column, f", as {source.place('analogs', column, 'unit')}"):
-                of_samples[column] = to_si(setting, channel.values, unit_of(column), channel.unit)
-            origins[column] = origin_of(setting, column, channel.unit)
+                origin = origin_of(setting, column, channel.unit)
+            of_samples[column] = to_si(setting, channel.values, origin["factor"])
+            origins[column] = origin
             used.append(channel)
     if not used:
         raise InputError(

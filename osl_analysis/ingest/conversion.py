@@ -49,27 +49,15 @@ class Converted:
     losses: Mapping[str, Any] = field(default_factory=dict)
 
 
-def to_si(
-    conversion: Conversion, raw: NDArray[Any], si_unit: str, unit_of_file: str = ""
-) -> NDArray[np.float64]:
-    """Convert recorded numbers, of any shape, to the SI unit.
-
-    `unit_of_file` counts if the source file states no unit.
-    """
-    gain = conversion.sign * conversion.scale * si_factor(stated(conversion, unit_of_file), si_unit)
-    with np.errstate(over="ignore"):  # infinite values are refused later, by name
-        values = np.asarray(raw + conversion.offset)
-        values *= gain
-    return values
-
-
-def stated(conversion: Conversion, unit_of_file: str) -> str:
-    """The unit of the source file, or else that of the recording."""
-    return unit_of_file if conversion.unit is None else conversion.unit
+def to_si(conversion: Conversion, raw: NDArray[Any], factor: float) -> NDArray[np.float64]:
+    """Convert recorded numbers, of any shape, to the SI unit, by the `factor` of their unit."""
+    gain = conversion.sign * conversion.scale * factor
+    return np.asarray((raw + conversion.offset) * gain)
 
 
 def origin_of(conversion: Conversion, column: str, unit_of_file: str = "") -> dict[str, Any]:
-    """Say where a canonical column comes from, for the trial's provenance.
+    """Say where a canonical column comes from, for the trial's provenance. `unit_of_file` counts if
+    the source file states no unit.
 
     Returns
     -------
@@ -79,9 +67,8 @@ def origin_of(conversion: Conversion, column: str, unit_of_file: str = "") -> di
     """
     si_unit = unit_of(column)
     origin = conversion.model_dump(exclude=OF_SENSOR)
-    origin["unit"] = stated(conversion, unit_of_file)
+    origin["unit"] = unit_of_file if conversion.unit is None else conversion.unit
     origin["factor"] = si_factor(origin["unit"], si_unit)
-    origin["si_unit"] = si_unit
     if conversion.delay is not None:
         origin["delay"] = quantity(conversion.delay, "s")
     if conversion.low_pass is not None:
@@ -166,8 +153,7 @@ def canonical_columns(
                 f" number as `{setting.ADDRESS}` in the source file"
             )
         lacking = np.ma.getmaskarray(readings)
-        with np.errstate(invalid="ignore"):  # a signalling NaN is a missing value, too
-            numbers = np.ma.filled(readings.astype(float), 0.0)
+        numbers = np.ma.filled(readings.astype(float), 0.0)
         missing = np.isnan(numbers)
         check_finite_values(setting.title, np.where(missing, 0.0, numbers), time)
         for what, lacks in (("has no value", lacking), ("is missing", missing)):
@@ -186,9 +172,10 @@ def canonical_columns(
             known = ~(missing | lacking)
             numbers[known] = np.unwrap(numbers[known], period=setting.wraps_at)
         with naming(setting.title, f", as {source.place('channels', column, 'unit')}"):
-            series = pl.Series(column, to_si(setting, numbers, unit_of(column), channel.unit))
+            origin = origin_of(setting, column, channel.unit)
+        series = pl.Series(column, to_si(setting, numbers, origin["factor"]))
         columns.append(series.set(pl.Series(lacking), None) if lacking.any() else series)
-        origins[column] = origin_of(setting, column, channel.unit)
+        origins[column] = origin
         counter = column + COUNTER
         if counter in values:
             counts = checked_counts(
@@ -242,7 +229,6 @@ def losses_of(loss: Loss, topics: Collection[str] = ()) -> dict[str, Any]:
         return {}
     return {
         "end_missing": loss.end == End.MISSING,
-        "expected": None if loss.end == End.UNKNOWN else loss.expected,
         "read": loss.read,
         "lost": lost,
         "share_lost": max([each.share for each in of_topics], default=loss.share),

@@ -16,7 +16,7 @@ from osl_analysis.ingest.guard import repeats, run_at_extreme
 from osl_analysis.recording import EXPORTED, MEASURED_BY_TYPE, Plate, own_axes
 from osl_analysis.signals import longest_of
 from osl_analysis.source_file import PlateUnits, Source
-from osl_analysis.trial import Array, plate_columns, unit_of
+from osl_analysis.trial import Array, plate_columns
 from osl_analysis.units import si_factor
 
 
@@ -72,13 +72,7 @@ def convert_plates(
         names = plate_columns(plate.number)
         turned = np.hstack([force @ source.rotation.T, moment @ source.rotation.T])
         columns.update(zip(names, plate.sign * turned.T, strict=True))
-        origin = {
-            "plate": plate.number,
-            **plate.facts,
-            "type": plate.type,
-            "units": [channel.unit for channel in plate.channels],
-        }
-        origins.update({column: {**origin, "si_unit": unit_of(column)} for column in names})
+        origins.update({column: {"plate": plate.number, **plate.facts} for column in names})
         facts.append(
             {
                 "plate": plate.number,
@@ -188,9 +182,8 @@ def channel_facts(plate: Plate, raw: Array, load: Array, rate_hz: float) -> list
 
 
 def facts_of_run(what: str, run: slice, rate_hz: float) -> dict[str, Any]:
-    """Length [samples], begin and end [s] of a run of rows."""
+    """Begin and end [s] of a run of rows; of none the end is before the begin."""
     return {
-        f"{what}_samples": run.stop - run.start,
         f"{what}_from_s": run.start / rate_hz,
         f"{what}_to_s": (run.stop - 1) / rate_hz,
     }

@@ -15,7 +15,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.conversion import numbers_of
 from osl_analysis.measured import usual_step
-from osl_analysis.recording import SECOND_NS, Channel, Kind, Recording, Rows
+from osl_analysis.recording import SECOND_NS, Channel, Kind, Recording
 from osl_analysis.source_file import TableSource
 from osl_analysis.trial import Array
 from osl_analysis.units import (
@@ -159,7 +159,6 @@ def check_other_clocks(
     recording: Recording,
     source: TableSource,
     clock: Channel | None,
-    rows: Rows,
     time: Array,
     asked: Mapping[str, Channel],
 ) -> tuple[dict[str, float], list[str]]:
@@ -169,10 +168,8 @@ def check_other_clocks(
     ----------
     clock
         The channel of time; None for rows at a rate.
-    rows
-        Those that are used.
     time
-        Their times [s], (rows,).
+        Of the rows that are used [s], (rows,).
     asked
         The channels of signals by column.
 
@@ -192,7 +189,7 @@ def check_other_clocks(
     apart: dict[str, float] = {}
     remarks: list[str] = []
     rates = [*rates_in_file(recording, asked)]
-    clocks = [*clocks_beside(recording, source, clock, rows, asked)]
+    clocks = [*clocks_beside(recording, source, clock, time.size, asked)]
     for name, other in rates:
         if rate is not None and abs(rate / other - 1) > LIMITS.other_rate:
             raise InputError(
@@ -234,12 +231,12 @@ def clocks_beside(
     recording: Recording,
     source: TableSource,
     clock: Channel | None,
-    rows: Rows,
+    count: int,
     asked: Mapping[str, Channel],
 ) -> Iterator[tuple[Channel, Array, Array]]:
-    """The channels that may be clocks, as long as the table, with their readings (n,) and steps. An
-    asked signal may be one only by its name, and beside a clock only what tells time: a signal may
-    rise as evenly."""
+    """The channels that may be clocks, as long as the table (`count`), with their readings (n,) and
+    steps. An asked signal may be one only by its name, and beside a clock only what tells time: a
+    signal may rise as evenly."""
     for channel in recording.channels:
         name = channel.name or channel.key
         is_named = channel.kind == Kind.CLOCK or is_like_clock(name)
@@ -247,7 +244,7 @@ def clocks_beside(
         may_be = is_named or (
             channel not in asked.values() and (source.time.rate is not None or is_of_time(unit))
         )
-        if channel is clock or channel.rows.count != rows.count or not may_be:
+        if channel is clock or channel.rows.count != count or not may_be:
             continue
         readings = numbers_of(channel) / (SECOND_NS if channel.kind == Kind.CLOCK else 1)
         steps = np.diff(unwrapped(readings[np.isfinite(readings)])[0])
@@ -268,6 +265,3 @@ def rates_in_file(
     for channel in asked.values():
         if channel.rows.rate_hz is not None:
             yield f"timing of '{channel.key}'", channel.rows.rate_hz
-    for channel in recording.channels:  # a variable `fs`
-        if channel.rows.count == 1 and (channel.name or channel.key).lower().endswith("fs"):
-            yield channel.key, numbers_of(channel)[0]

@@ -65,8 +65,7 @@ def convert_messages(recording: Recording, source: MessageSource) -> Converted:
     facts: dict[str, Any] = {
         **recording.facts,
         "time": {
-            "source": source.time.field if source.time.source == "header" else "log",
-            "stamps": source.time.stamps,
+            **source.time.model_dump(),
             "start_ns": start,
         },
         "rates_hz": {

@@ -53,13 +53,13 @@ def recorded_files(path: Path) -> list[Path]:
 def recordings_in(folder: Path) -> list[Path]:
     """Files and folders below a folder that may be recordings, by their endings, or of
     `ENDINGS_OF_ANY` by what they begin with."""
-    recordings: dict[Path, None] = {}
+    recordings: set[Path] = set()
     for path in sorted(folder.rglob("*")):
         is_folder = path.is_dir() and formats.formats_of(path)
-        is_part = not recordings.keys().isdisjoint(path.parents)
+        is_part = not recordings.isdisjoint(path.parents)
         if not is_part and (is_folder or (path.is_file() and may_be_recording(path))):
-            recordings[path] = None
-    return [*recordings]
+            recordings.add(path)
+    return sorted(recordings)
 
 
 def may_be_recording(path: Path) -> bool:
@@ -154,7 +154,7 @@ def read_converted(path: Path, source: Source) -> Converted:
         if isinstance(source, MessageSource):
             converted = convert_messages(recording, source)
         elif isinstance(source, TableSource):
-            converted = convert_table(recording, source, path.name)
+            converted = convert_table(recording, source)
         else:
             assert isinstance(source, MarkerSource)
             converted = convert_capture(recording, source)
@@ -268,9 +268,7 @@ def read_raw_file(path: Path, source: Source) -> tuple[Converted, dict[str, Any]
     """
     files = recorded_files(path)
     before = [written_at(file) for file in files]
-    identities: list[dict[str, Any]] = [
-        {"path": file.name, "bytes": file.stat().st_size, "sha256": digest(file)} for file in files
-    ]
+    identities = [{"path": file.name, "sha256": digest(file)} for file in files]
     try:
         converted = read_converted(path, source)
     finally:  # also where it cannot be read: it may have changed in between
@@ -282,13 +280,9 @@ def read_raw_file(path: Path, source: Source) -> tuple[Converted, dict[str, Any]
                 )
     if not path.is_dir():
         return converted, identities[0]
-    together = "".join(part["sha256"] for part in identities)
-    of_folder = {
-        "bytes": sum(part["bytes"] for part in identities),
-        "sha256": hashlib.sha256(together.encode()).hexdigest(),
-        "parts": identities,
-    }
-    return converted, of_folder
+    together = "".join(str(part["sha256"]) for part in identities)
+    of_all = hashlib.sha256(together.encode()).hexdigest()
+    return converted, {"sha256": of_all, "parts": identities}
 
 
 def check_columns(trial: Trial, experiment: str | None, needed: Sequence[str]) -> None:

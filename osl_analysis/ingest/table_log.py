@@ -25,7 +25,7 @@ from osl_analysis.ingest.force_plates import convert_plates
 from osl_analysis.ingest.likely_clock import check_other_clocks, rate_of, unwrapped
 from osl_analysis.recording import Channel, End, Kind, Recording, Rows
 from osl_analysis.source_file import TableSource
-from osl_analysis.trial import Array, check_time
+from osl_analysis.trial import Array, check_time, unit_of
 from osl_analysis.units import si_factor
 
 STATE_RATE = "state the rate of the rows in Hz, as `time: {rate: HZ}`"
@@ -56,13 +56,8 @@ class Table:
     remarks: Sequence[str] = ()
 
 
-def convert_table(recording: Recording, source: TableSource, file_name: str) -> Converted:
+def convert_table(recording: Recording, source: TableSource) -> Converted:
     """Convert the channels of a table that a source file asks for.
-
-    Parameters
-    ----------
-    file_name
-        Under which the provenance keeps the rate of the rows.
 
     Returns
     -------
@@ -85,7 +80,7 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
             f"holds one {rows.noun} of data: nothing to analyse; record the trial again, or exclude"
             " it"
         )
-    apart, remarks = check_other_clocks(recording, source, clock, rows, time, channels)
+    apart, remarks = check_other_clocks(recording, source, clock, time, channels)
     check_common_rows(table, [*channels])
 
     columns, origins, gaps = canonical_columns(source, channels, table.values, rows, time)
@@ -94,7 +89,7 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
     for column, origin in origins.items():
         channel = channels[column]
         origin["found"] = channel.title or channel.key
-        ratio = unit_ratio(origin, channel.unit) * origin["scale"]
+        ratio = origin["scale"] * origin["factor"] / factor_or_nan(channel.unit, unit_of(column))
         # in the unit of the file no joint could have it, so that the stated one corrects it
         largest = frame[column].abs().max() or 0.0
         low, high = LIMITS.size_of_joint.get(column, (0.0, np.inf))
@@ -114,7 +109,7 @@ def convert_table(recording: Recording, source: TableSource, file_name: str) -> 
     frame, repeats = with_stamps_once(frame, source, rows.noun)
     facts: dict[str, Any] = {
         "time": {**source.time.model_dump(exclude_none=True), "start": table.start},
-        "rates_hz": {file_name: rate_of(frame["time"].to_numpy())},
+        "rates_hz": {"rows": rate_of(frame["time"].to_numpy())},
         **recording.facts,
         **loads.facts,
         "clocks_apart": apart,
@@ -171,11 +166,11 @@ def with_stamps_once(
     ]
 
 
-def unit_ratio(origin: Mapping[str, Any], unit_of_file: str) -> float:
-    """The factor by which a channel is converted, without its scale, over that of the file's unit;
-    NaN where that unit is not known, as of the raw channel that `scale` converts."""
+def factor_or_nan(unit: str, si_unit: str) -> float:
+    """The factor of a file's unit; NaN where that is not known, as of the raw channel that `scale`
+    converts."""
     try:
-        return float(origin["factor"] / si_factor(unit_of_file, origin["si_unit"]))
+        return si_factor(unit, si_unit)
     except InputError:
         return np.nan
 

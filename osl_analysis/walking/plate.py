@@ -245,9 +245,7 @@ def check_plate(trial: Trial, plate: int, stance: Stance, vertical: Array) -> No
 
 
 def time_in_stance(facts: Mapping[str, Any], run: str, stance: Stance) -> float:
-    """Time [s] that a run of a channel shares with a stance."""
-    if not facts[f"{run}_samples"]:
-        return 0.0
+    """Time [s] that a run of a channel shares with a stance; negative if none."""
     end = min(facts[f"{run}_to_s"], stance.toe_off)
     start = max(facts[f"{run}_from_s"], stance.heel_strike)
     return float(end - start)

@@ -129,7 +129,6 @@ def test_log_and_capture_share_one_clock_and_provenance_names_their_files(
     assert columns["theta"]["topic"] == "/lab"
     assert columns["theta"]["factor"] == pytest.approx(np.pi / 180)
     assert columns["sync"]["file"] == "mocap"
-    assert columns["marker_M1_y"]["si_unit"] == "m"
 
 
 def test_without_sync_edges_the_joints_angle_aligns_the_log_and_the_trial_says_so() -> None:

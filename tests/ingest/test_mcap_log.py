@@ -82,7 +82,8 @@ def test_time_is_the_header_stamp_from_its_first_exact_to_the_nanosecond(tmp_pat
         recording.samples["time"], np.array(stamps) / 1e9, rtol=1e-15, atol=0
     )
     assert recording.facts["time"] == {
-        "source": "header.stamp",
+        "source": "header",
+        "field": "header.stamp",
         "stamps": "auto",
         "start_ns": START,
     }

@@ -496,8 +496,6 @@ def test_a_clipped_raw_channel_is_named_with_its_time(tmp_path: Path) -> None:
     facts = trial.provenance["plates"][0]["channels"][4]
     assert abs(facts["clipped_at"]) == 60.0
     assert 0.2 < facts["clipped_from_s"] < facts["clipped_to_s"] < 0.8
-    clipped_s = facts["clipped_to_s"] - facts["clipped_from_s"]
-    assert clipped_s == pytest.approx((facts["clipped_samples"] - 1) / PLATE_RATE)
 
 
 @pytest.mark.parametrize(
@@ -514,7 +512,6 @@ def test_a_channel_stands_where_the_load_changes_by_a_fifth_and_50_newtons(
     trial = plate_trial(tmp_path / "a.c3d", channels)
 
     facts = trial.provenance["plates"][0]["channels"][4]
-    assert facts["stands_samples"] == samples
     assert facts["stands_to_s"] == (samples - 1) / PLATE_RATE
 
 

@@ -371,15 +371,18 @@ def test_a_force_that_peaks_or_rests_unloaded_is_within_range() -> None:
         check_range(TIME, force, axes, 30)
 
 
+RUNS = ("clipped_from_s", "clipped_to_s", "stands_from_s", "stands_to_s")
+
+
 def examined(**channel: float) -> Trial:
     """A recording of a plate of which ingest found this in a channel."""
-    facts = {"label": "A3", "clipped_samples": 0, "stands_samples": 0, **channel}
+    facts = {"label": "A3", **dict.fromkeys(RUNS, 0.0), **channel}
     plate = {"plate": 1, "channels": [facts]}
     return Trial("w", pl.DataFrame({"time": [0.0]}), {"plates": [plate]})
 
 
-CLIPPED = examined(clipped_samples=50, clipped_from_s=0.3, clipped_to_s=0.325, clipped_at=-200.0)
-DEAD = examined(stands_samples=50, stands_from_s=0.1, stands_to_s=0.31)
+CLIPPED = examined(clipped_from_s=0.3, clipped_to_s=0.325, clipped_at=-200.0)
+DEAD = examined(stands_from_s=0.1, stands_to_s=0.31)
 STANCE = Stance(0.2, 0.8)
 PERSON = np.array([0.0, 700.0])  # [N]
 

@@ -75,19 +75,16 @@ def test_a_ratio_near_no_unit_factor_names_none(ratio):
 FACE_DOWN = np.array([[0.3, 0.2, 0], [0.3, -0.2, 0], [-0.3, -0.2, 0], [-0.3, 0.2, 0]])
 
 
-def test_the_axes_of_a_plate_are_right_handed_with_x_from_its_second_corner_to_its_first():
-    axes = own_axes(FACE_DOWN)
+@pytest.mark.parametrize(("axes_of", "up"), [(own_axes, -1), (plate_axes, 1)])
+def test_the_axes_of_a_plate_are_right_handed_and_those_along_its_edges_point_up(axes_of, up):
+    axes = axes_of(FACE_DOWN)
 
-    np.testing.assert_allclose(axes[:, 0], [0, 1, 0], atol=1e-12)
-    np.testing.assert_allclose(axes[:, 2], [0, 0, -1], atol=1e-12)
+    np.testing.assert_allclose(axes[:, 2], [0, 0, up], atol=1e-12)
     assert np.linalg.det(axes) == pytest.approx(1)
 
 
-def test_the_axes_along_a_plate_s_edges_point_up_and_stay_right_handed():
-    axes = plate_axes(FACE_DOWN)
-
-    np.testing.assert_allclose(axes[:, 2], [0, 0, 1], atol=1e-12)
-    assert np.linalg.det(axes) == pytest.approx(1)
+def test_the_own_x_axis_of_a_plate_is_from_its_second_corner_to_its_first():
+    np.testing.assert_allclose(own_axes(FACE_DOWN)[:, 0], [0, 1, 0], atol=1e-12)
 
 
 def test_points_beside_a_plate_are_as_far_as_from_its_nearest_edge_or_corner():

@@ -366,3 +366,9 @@ def test_a_count_of_rows_is_no_clock_also_where_rows_were_lost(lost):
     counted = np.delete(np.arange(1000.0), lost)
     assert not ticks(counted, "")
     assert ticks(2 * counted, "")
+
+
+def test_columns_of_no_numbers_are_told(tmp_path):
+    pl.DataFrame({"t": [0.0, 1.0], "pairs": [[1], [2]]}).write_parquet(tmp_path / "a.parquet")
+
+    assert "pairs" in " ".join(inspect_file(tmp_path / "a.parquet").remarks)

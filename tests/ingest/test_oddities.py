@@ -17,8 +17,8 @@ from osl_analysis.ingest.conversion import Converted, fresh_rows
 from osl_analysis.recording import Rows
 
 TIME = np.arange(4000) / 500
-ANGLE = 5 * np.sin(9 * TIME)
 TORQUE = 30 * np.sin(9 * TIME + 0.3)
+ROWS = np.column_stack([1e3 * TIME + 50_000, 5 * np.sin(9 * TIME), TORQUE])
 CSV = {
     "time": {"column": "time", "unit": "ms"},
     "channels": {
@@ -39,7 +39,7 @@ def write_rows(path: Path, rows: np.ndarray[Any, Any]) -> Path:
 
 @pytest.mark.parametrize("row", [0, 1800, 3999])
 def test_a_stale_row_is_left_out_and_named(tmp_path: Path, row: int) -> None:
-    rows = np.column_stack([1e3 * TIME + 50_000, ANGLE, TORQUE])
+    rows = ROWS.copy()
     rows[row] = rows[1200] + [1, 0, 0]
 
     recording = read_recognised(write_rows(tmp_path / "a.csv", rows), **CSV)
@@ -53,7 +53,7 @@ def test_a_stale_row_is_left_out_and_named(tmp_path: Path, row: int) -> None:
 
 @pytest.mark.parametrize("back", [slice(2000, None), slice(300, 3900, 30)])
 def test_a_clock_that_stays_or_goes_back_often_is_refused(tmp_path: Path, back: slice) -> None:
-    rows = np.column_stack([1e3 * TIME + 50_000, ANGLE, TORQUE])
+    rows = ROWS.copy()
     rows[back, 0] -= 1000
 
     message = refusal_of(write_rows(tmp_path / "a.csv", rows), **CSV)

@@ -142,12 +142,13 @@ def test_a_job_that_is_killed_fails_alone_and_has_no_result(two_runs):
     assert re.search("^refused: sine:", said, re.MULTILINE), "the others are finished"
 
 
-def test_a_run_after_a_job_was_killed_does_it(two_runs):
-    tables = two_runs.folder / "results/tables"
+def assert_spring_is_fitted(folder):
+    assert pl.read_csv(folder / TABLE)["K"].item() == pytest.approx(K, rel=0.01)
 
-    fitted = pl.read_csv(tables / "torque_angle.csv")
-    assert fitted["K"].item() == pytest.approx(K, rel=0.01)
-    excluded = pl.read_csv(tables / "excluded.csv")
+
+def test_a_run_after_a_job_was_killed_does_it(two_runs):
+    assert_spring_is_fitted(two_runs.folder)
+    excluded = pl.read_csv(two_runs.folder / "results/tables/excluded.csv")
     assert excluded.select("trial", "check").rows() == [("sine", "refused")]
 
 
@@ -160,8 +161,7 @@ def test_with_retries_a_job_that_was_killed_is_done_in_the_same_run(tmp_path):
 
     assert ended.returncode == 0, ended.stdout
     assert not [*(tmp_path / "unlucky").iterdir()], "it was killed"
-    fitted = pl.read_csv(tmp_path / TABLE)
-    assert fitted["K"].item() == pytest.approx(K, rel=0.01)
+    assert_spring_is_fitted(tmp_path)
 
 
 def test_what_is_excluded_and_used_again_leaves_the_tables_of_a_fresh_folder(tmp_path):
@@ -200,5 +200,4 @@ def test_commands_and_a_campaign_run_without_what_windows_and_macos_lack(tmp_pat
     assert ended.returncode == 0, ended.stdout
     assert re.findall(r"exit code (\d)", ended.stdout) == ["0"] * 4, ended.stdout
     assert "\\u03b8" in ended.stdout
-    fitted = pl.read_csv(tmp_path / TABLE)
-    assert fitted["K"].item() == pytest.approx(K, rel=0.01)
+    assert_spring_is_fitted(tmp_path)

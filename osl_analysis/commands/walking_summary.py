@@ -1,7 +1,7 @@
 """K, B and I of groups of perturbed crossings (Fig. 9)."""
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +17,13 @@ from osl_analysis.commands.walking import (
 from osl_analysis.config.impedance_trajectory import (
     STANCE_SHARE,
     SYNTHETIC,
+    ImpedanceTrajectory,
     read_impedance_trajectory,
 )
 from osl_analysis.config.sheet import JOINT
 from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.judge.judging import EXCLUDED, judged, marked
 from osl_analysis.judge.limits import Limits
-from osl_analysis.stats.repeats import doubtful_row
 from osl_analysis.table import MEASURED, Places, read_table, with_places, write_table
 from osl_analysis.walking import tables as result_tables
 from osl_analysis.walking import walking_settings as choices
@@ -55,9 +55,9 @@ def summarise_perturbations(
     groups: Path,
     sheet: Mapping[str, Mapping[str, Any]],
     plate: Path,
+    limits: Limits,
+    places: Places,
     trajectory: Sequence[Path] = (),
-    limits: Limits | None = None,
-    places: Places | None = None,
     data: str = "",
 ) -> None:
     """Summarise the perturbations of each group.
@@ -81,12 +81,12 @@ def summarise_perturbations(
         Cells of the sample sheet of each crossing.
     plate : Path
         The plate's model.
+    limits : Limits
+        Beyond which a group is doubtful.
+    places : Places
+        Joint and side of each crossing.
     trajectory : Sequence of Path
         What a leg was commanded over the gait cycle, if a file says so.
-    limits : Limits or None
-        Beyond which a group is doubtful.
-    places : Places or None
-        Joint and side of each crossing.
     data : str
         Whether the recordings are simulated or measured.
 
@@ -95,22 +95,13 @@ def summarise_perturbations(
     InputError
         Fewer than two perturbations can be used, or no group has a result.
     """
-    fits = read_table(table, ["trial"])
+    fits = read_fits(table)
     fitted = fits.filter(pl.col(EXCLUDED).is_null())
-    if len(fitted) < FEWEST_FITS:
-        first = "".join(fits[EXCLUDED].drop_nulls().head(1))
-        raise InputError(
-            f"{table}: {len(fitted)} of {len(fits)} {TOO_FEW} its column {EXCLUDED}, or record more"
-            f" ({first})"
-        )
-    in_groups = read_table(selection, ["trial", "reason", "group"])
-    reasons = fits.select("trial", of_fit=EXCLUDED)  # of crossings without a fit, too
-    in_groups = in_groups.join(reasons, on="trial", how="left", maintain_order="left")
-    selected = in_groups.with_columns(reason=pl.coalesce("reason", "of_fit"))
+    selected = selected_crossings(selection, fits)
     perturbed = selected.filter("perturbed")
     gaits = read_unperturbed_gaits(unperturbed)
     model = read_model(plate, PlateModel)
-    commanded = commanded_over_stance(trajectory, data)
+    commanded = commanded_trajectory(trajectory, data)
     files = {path.stem: path for path in crossings}
 
     outcomes: list[GroupOutcome] = []
@@ -131,25 +122,25 @@ def summarise_perturbations(
             summary = [{"quantity": name, **without} for name in result_tables.GROUP_QUANTITIES]
         else:
             outcome = outcome_of(conditions, headline)
-            summary = result_tables.headline_rows(headline, of_group, doubtful_row(of_group))
+            summary = result_tables.headline_rows(headline, of_group)
             of_responses.append(result_tables.response_table(group, headline))
         outcomes.append(outcome)
-        sides = {(places or {}).get(trial, {}).get("side") for trial in trials}
+        sides = {places[trial]["side"] for trial in trials}
         side = sides.pop() if len(sides) == 1 else None
         places_of[group] = {"joint": JOINT, "side": side}
-        cells = next((sheet[trial] for trial in trials), {})
-        phase = outcome.fitted_phase
+        cells = sheet[trials[0]] if trials else {}
         for row in summary:
-            desired = cells.get(f"{row['quantity']}_d")  # K_d, B_d; no I is commanded
-            if desired is None and commanded is not None and phase is not None:
-                desired = commanded(str(row["quantity"]), phase)
+            name = f"{row['quantity']}_d"  # K_d, B_d; no I is commanded
+            desired = cells.get(name)
+            if desired is None:
+                desired = commanded_value(commanded, name, outcome.fitted_phase)
             rows.append({"group": group, **row, "commanded": desired})
     if not of_responses:
         why = "; ".join(f"{o.conditions.group}: {o.reason}" for o in outcomes)
         raise InputError(f"{table}: no result of any group: {why}")
 
     group_table = pl.DataFrame([outcome.row() for outcome in outcomes], infer_schema_length=None)
-    doubts = judged(group_table, limits or Limits(), "walking_groups")
+    doubts = judged(group_table, limits, "walking_groups")
     group_table = marked(group_table, doubts, "walking_groups")
     tables = {
         output: pl.DataFrame(rows, infer_schema_length=None),
@@ -158,6 +149,26 @@ def summarise_perturbations(
     }
     for path, of_groups in tables.items():
         write_table(with_places(of_groups, places_of, "group"), path, data)
+
+
+def read_fits(table: Path) -> pl.DataFrame:
+    """The fits to single perturbations. Raises InputError: too few can be used."""
+    fits = read_table(table, ["trial"])
+    n = fits[EXCLUDED].null_count()
+    if n < FEWEST_FITS:
+        first = "".join(fits[EXCLUDED].drop_nulls().head(1))
+        raise InputError(
+            f"{table}: {n} of {len(fits)} {TOO_FEW} its column {EXCLUDED}, or record more ({first})"
+        )
+    return fits
+
+
+def selected_crossings(selection: Path, fits: pl.DataFrame) -> pl.DataFrame:
+    """The crossings in their groups; the `reason` of one without a fit is that of the fit."""
+    in_groups = read_table(selection, ["trial", "reason", "group"])
+    reasons = fits.select("trial", of_fit=EXCLUDED)
+    in_groups = in_groups.join(reasons, on="trial", how="left", maintain_order="left")
+    return in_groups.with_columns(reason=pl.coalesce("reason", "of_fit"))
 
 
 def outcome_of(conditions: GroupConditions, headline: GroupHeadline) -> GroupOutcome:
@@ -183,21 +194,20 @@ def headline_of(
     return group_headline(crossings, gait, settings)
 
 
-def commanded_over_stance(
-    trajectory: Sequence[Path], data: str
-) -> Callable[[str, float], float | None] | None:
-    """What the `trajectory` commands, by quantity (K, B) and phase of stance; None without one, and
-    for a measured leg (`data`), which was not commanded a synthetic one."""
+def commanded_trajectory(trajectory: Sequence[Path], data: str) -> ImpedanceTrajectory | None:
+    """What a leg was commanded; None without a file, and for a measured leg (`data`), which was not
+    commanded a synthetic trajectory."""
     if not trajectory:
         return None
     desired = read_impedance_trajectory(trajectory[0])
-    if data == MEASURED and desired.kind == SYNTHETIC:
+    return None if data == MEASURED and desired.kind == SYNTHETIC else desired
+
+
+def commanded_value(
+    trajectory: ImpedanceTrajectory | None, name: str, phase: float | None
+) -> float | None:
+    """K_d or B_d by `name` at a phase of stance; None where it is not known."""
+    values = getattr(trajectory, name, None)
+    if trajectory is None or values is None or phase is None:
         return None
-    values_of = {"K": desired.K_d, "B": desired.B_d}
-
-    def commanded(quantity: str, phase: float) -> float | None:
-        if quantity not in values_of:
-            return None
-        return float(desired.at(values_of[quantity], np.array(phase * STANCE_SHARE)))
-
-    return commanded
+    return float(trajectory.at(values, np.array(phase * STANCE_SHARE)))

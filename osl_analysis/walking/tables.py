@@ -19,7 +19,7 @@ from osl_analysis.measured import rms
 from osl_analysis.signals import Motion
 from osl_analysis.stats.estimates import estimates_row
 from osl_analysis.stats.linear_fit import LinearFit
-from osl_analysis.stats.repeats import over_repeats
+from osl_analysis.stats.repeats import doubtful_row, over_repeats
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.ensemble import ESTIMATED, Bootstrap, GroupHeadline
@@ -264,9 +264,7 @@ def perturbation_row(
     }
 
 
-def headline_rows(
-    headline: GroupHeadline, fits: pl.DataFrame, doubtful: Mapping[str, int]
-) -> list[dict[str, object]]:
+def headline_rows(headline: GroupHeadline, fits: pl.DataFrame) -> list[dict[str, object]]:
     """Make the rows of `walking_summary.csv` of one group.
 
     They are the mean over perturbations with the errors that all share, and the ensemble minus mean
@@ -276,8 +274,6 @@ def headline_rows(
     ----------
     fits : DataFrame
         The group's rows of `walking.csv`.
-    doubtful : mapping
-        Columns with the number of doubtful ones.
     """
     common = headline.errors.common
     rows: list[dict[str, object]] = []
@@ -291,7 +287,7 @@ def headline_rows(
                 "quantity": quantity,
                 "estimator": "mean of perturbations",
                 **asdict(replace(mean, interval_method=method)),
-                **doubtful,
+                **doubtful_row(fits),
             }
         )
     for estimator, fit, resampled in (

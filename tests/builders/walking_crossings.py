@@ -143,7 +143,7 @@ def run_jobs(
         settings=chosen,
         sheet=sheet,
         places={name: {"joint": "ankle", "side": row.get("side")} for name, row in sheet.items()},
-        limits=limits_of_groups,
+        limits=limits_of_groups or Limits(),
         table=table,
         selection=selection,
         unperturbed=gait,

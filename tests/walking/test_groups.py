@@ -22,7 +22,7 @@ from walking_crossings import (
 )
 from walking_synthetic import pose, settings
 
-from osl_analysis.commands.walking_summary import commanded_over_stance
+from osl_analysis.commands.walking_summary import commanded_trajectory, commanded_value
 from osl_analysis.errors import InputError
 from osl_analysis.walking.crossing import Crossing, CrossingQuality, platform_turn, pressure_outside
 from osl_analysis.walking.ensemble import group_headline
@@ -49,7 +49,7 @@ def test_few_crossings_that_agree_by_luck_have_the_scatter_of_unperturbed_ones()
     covers = []
     for k in range(4):
         few = several(f"{k}p", 3, MIDSTANCE)
-        rows = headline_rows(headline(few), fits, {})
+        rows = headline_rows(headline(few), fits)
         (K,) = [row for row in rows if row["estimator"] == "ensemble" and row["quantity"] == "K"]
         covers.append(K["low"] < 340.0 < K["high"])
 
@@ -185,14 +185,13 @@ def test_what_the_sheet_does_not_state_is_commanded_by_the_trajectory(tmp_path):
     synthetic = tmp_path / "synthetic.csv"
     synthetic.write_text("# kind: synthetic\n" + lines)
 
-    commanded = commanded_over_stance([trajectory], "measured")
+    commanded = commanded_trajectory([trajectory], "measured")
 
-    assert commanded is not None
-    assert commanded("K", 0.5) == pytest.approx(310)
-    assert commanded("B", 0.5) == pytest.approx(1)
-    assert commanded("I", 0.5) is None
-    assert commanded_over_stance([synthetic], "measured") is None
-    assert commanded_over_stance([], "measured") is None
+    values = [commanded_value(commanded, name, 0.5) for name in ("K_d", "B_d")]
+    assert values == pytest.approx([310, 1])
+    assert commanded_value(commanded, "I_d", 0.5) is None
+    assert commanded_trajectory([synthetic], "measured") is None
+    assert commanded_trajectory([], "measured") is None
 
 
 def test_a_stiffness_that_changes_linearly_is_read_at_the_fitted_time():

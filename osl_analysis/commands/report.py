@@ -101,15 +101,16 @@ def write_report(
     unstated = read_table(states).cast(pl.String).filter(state="assumed")
     assumed = [f"{name} {value}" for name, value in unstated.select("setting", "value").rows()]
     note = f"Assumed, since nobody stated it: {', '.join(assumed)}." if assumed else ""
+    of_conditions = conditions(results["impedance"]) if "impedance" in results else []
+    is_walking = "walking_summary" in results
+    of_groups = groups(results["walking_summary"], results["walking_groups"]) if is_walking else ()
     page = Page(
         about=about,
         made_of=sentence(about),
         verdict=[verdict, *headline_sentences(numbers)],
         notes=[content["intervals"], left_out, note],
-        conditions=conditions(results["impedance"]) if "impedance" in results else (),
-        groups=list(groups(results["walking_summary"], results["walking_groups"]))
-        if "walking_summary" in results
-        else (),
+        conditions=of_conditions,
+        groups=list(of_groups),
         numbers=numbers,
         findings=findings_in_summary(content),
         trials=views,

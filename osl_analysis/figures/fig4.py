@@ -20,6 +20,7 @@ MODEL_LINE: dict[str, Any] = {
 }
 SHOWN_S = 10.0  # length of the part of a trial that is shown, to the nearest begin of a cycle
 ENOUGH_FITTED = 0.8  # share of what is shown
+CHOICE = ("trial", "joint", "side", "chosen", "controller")  # texts of `time_series_example`
 SAME_AMPLITUDE_DEG = 1e-6  # difference of an amplitude that a CSV file rounds
 
 
@@ -57,20 +58,17 @@ def points(fits: pl.DataFrame, analysis: Analysis, choice: Mapping[str, Any]) ->
     if isinstance(label, float) and label in analysis.fits:  # this amplitude has a fit of its own
         is_shown = (amplitude - label).abs() < SAME_AMPLITUDE_DEG
     texts = {
-        **{name: choice[name] or None for name in ("trial", "joint", "side", "chosen")},
-        "controller": choice.get("controller"),
+        **{name: choice.get(name) or None for name in CHOICE},
         "doubtful": fits.filter(is_shown)["doubtful"][0],
         "model": "second-order system",
     }
-    return pl.DataFrame(
-        {
-            "time": record.time[last] - record.time[last[0]],
-            "theta_deg": theta_deg[last],
-            "torque": torque[last],
-            "torque_model": modelled[last],
-        },
-        nan_to_null=True,
-    ).with_columns(
+    samples = {
+        "time": record.time[last] - record.time[last[0]],
+        "theta_deg": theta_deg[last],
+        "torque": torque[last],
+        "torque_model": modelled[last],
+    }
+    return pl.DataFrame(samples, nan_to_null=True).with_columns(
         **{name: pl.lit(text, pl.String) for name, text in texts.items()},
         **{name: pl.lit(choice.get(name), pl.Float64) for name in ("K_d", "B_d")},
     )

@@ -142,6 +142,7 @@ def table_of_rows(
     while last > max(first, len(rows) - LAST_LINES) and not shape.begins(rows[last].cells):
         last -= 1
     above, footer = rows[:first], rows[last + 1 :]
+    footnotes = [" ".join(row.cells) for row in footer]
     comment_texts = [line.text.strip(" \t#%/") for line in comments]
     names, units, notes = _head_of(above, comment_texts, delimiter, shape.width)
     width = len(names)
@@ -153,10 +154,9 @@ def table_of_rows(
     if not data:
         raise InputError("no rows of data; record it again, or exclude the trial")
     if footer:
-        text = " ".join(footer[0].cells)[:60]
         remarks.append(
             f"{len(footer)} lines below the table, from {footer[0].number} on, are no rows:"
-            f" '{text}'"
+            f" '{footnotes[0][:60]}'"
         )
     cut = _cut_row(data, width, is_whole=is_ended or bool(footer))
     if cut:
@@ -173,7 +173,7 @@ def table_of_rows(
         units=units,
         lines=np.array([row.number for row in fitting], np.int64),
         body=pl.DataFrame(cells_of_rows, columns, orient="row"),
-        notes=[*notes, *comment_texts, *(" ".join(row.cells) for row in footer)],
+        notes=[*notes, *comment_texts, *footnotes],
         remarks=remarks,
         skipped=skipped,
         end=End.MISSING if cut else End.UNKNOWN,

@@ -487,24 +487,25 @@ def read(path: Path, source: C3dSource | None) -> Recording:
         read_samples = partial(np.asanyarray, samples)
         analog_channels.append(Channel({"channel": label}, fast, read_samples, label, unit=unit))
     plates, questions = plates_of(header, analog_channels, source)
+    facts = {
+        "frames": frames,
+        "first_frame": header.first_frame,
+        "frame_rate_hz": header.rate_hz,
+        "samples_per_frame": header.samples_per_frame,
+        "length_unit": header.length_unit,
+        "vertical_on_screen": "".join(header.texts("POINT:Y_SCREEN")[:1]),
+        "software": " ".join(header.texts("MANUFACTURER:SOFTWARE")),
+        "plates": int(header.number("FORCE_PLATFORM:USED")),
+        "plate_zero_frames": header.numbers("FORCE_PLATFORM:ZERO").tolist(),
+        "body_mass_kg": header.number("PROCESSING:BODYMASS") or None,
+    }
     return Recording(
         format="c3d",
         channels=channels + analog_channels,
         loss=Loss(frames, header.frames, remarks=remarks),
         questions=questions,
         plates=plates,
-        facts={
-            "frames": frames,
-            "first_frame": header.first_frame,
-            "frame_rate_hz": header.rate_hz,
-            "samples_per_frame": header.samples_per_frame,
-            "length_unit": header.length_unit,
-            "vertical_on_screen": "".join(header.texts("POINT:Y_SCREEN")[:1]),
-            "software": " ".join(header.texts("MANUFACTURER:SOFTWARE")),
-            "plates": int(header.number("FORCE_PLATFORM:USED")),
-            "plate_zero_frames": header.numbers("FORCE_PLATFORM:ZERO").tolist(),
-            "body_mass_kg": header.number("PROCESSING:BODYMASS") or None,
-        },
+        facts=facts,
     )
 
 

@@ -191,6 +191,10 @@ def number_of(
     ]
     name = entry.name.format(**first)
     subject = [text for text in stated if not name.startswith(text)]
+    n = len(used)
+    n_doubtful = len(rows) - n
+    if n == 1:  # it may stand for several
+        n = int(first.get("n") or 1)
     return Number(
         name="_".join([name, *subject]).replace(" ", "_"),
         value=value,
@@ -200,8 +204,8 @@ def number_of(
         unit=entry.unit.format(**first),
         meaning=", ".join([entry.meaning.format(**first), *subject]),
         draft=entry.draft if beside_draft else None,
-        n=int(first.get("n") or 1) if len(used) == 1 else len(used),
-        n_doubtful=len(rows) - len(used) or int(first.get("n_doubtful") or 0),
+        n=n,
+        n_doubtful=n_doubtful or int(first.get("n_doubtful") or 0),
         says=says.format(**first),
         symbol=entry.symbol,
         subject=", ".join(subject),

@@ -168,8 +168,11 @@ def trial_view(
     main = facts.tables[0].name if facts.tables else ""
     fits = tables.get(main, pl.DataFrame())
 
+    of_whole = [worded for worded in findings if is_of_whole(worded.finding)]
     doubts = [worded for worded in findings if worded.finding.grade is Grade.DOUBTS]
+    doubts_of_parts = [worded for worded in doubts if worded not in of_whole]
     results = results_on(findings)
+    notes = [w for w in of_whole if w.finding.grade in (Grade.UNCHECKED, Grade.NOTES)]
     last = fits.row(-1, named=True) if len(fits) else {}
     names = zip(("K", "B", "I"), facts.impedance, strict=True)
     return TrialView(
@@ -179,16 +182,10 @@ def trial_view(
         recordings=", ".join(str(row[name]) for name in RECORDINGS if row.get(name)),
         verdict=verdict_on(experiment, findings, left_out),
         left_out=left_out.reasons if left_out else (),
-        doubts=[worded for worded in doubts if is_of_whole(worded.finding)],
-        doubts_of_parts=[worded for worded in doubts if not is_of_whole(worded.finding)],
+        doubts=[worded for worded in doubts if worded in of_whole],
+        doubts_of_parts=doubts_of_parts,
         results=results,
-        remarks=[
-            worded
-            for worded in findings
-            if worded.finding.grade in (Grade.UNCHECKED, Grade.NOTES)
-            and is_of_whole(worded.finding)
-            and worded not in results
-        ],
+        remarks=[worded for worded in notes if worded not in results],
         impedance={symbol: estimate_text(last, name) for symbol, name in names},
         estimates=estimate_rows(fits, main) if len(fits) else (),
         checks=check_rows(checks),

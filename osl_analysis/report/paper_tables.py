@@ -59,11 +59,8 @@ def conditions(impedance: pl.DataFrame) -> list[Condition]:
         used = fits if len(fits) == 1 else sound
         first = fits.row(0, named=True)
         results = chain.from_iterable(map(results_in, used["remarks"]))
-        estimates = {}  # of one trial, or means of several; of none there is nothing
-        for symbol in symbols:
-            mean = summary_row(used, symbol)
-            unit = UNITS.get(symbol, "")
-            estimates[symbol] = written(mean["mean"], mean["low"], mean["high"], unit)
+        # of one trial, or means of several; of none there is nothing
+        estimates = {symbol: mean_text(summary_row(used, symbol), symbol) for symbol in symbols}
         rows.append(
             Condition(
                 stated={key: stated_text(first[key]) for key in keys},
@@ -82,6 +79,11 @@ def stated_text(cell: object) -> str:
     return NOTHING if cell in (None, "") else f"{cell:g}" if isinstance(cell, float) else str(cell)
 
 
+def mean_text(row: Mapping[str, Any], symbol: str = "") -> str:
+    """A mean over trials or crossings with its 95 % interval."""
+    return written(row["mean"], row["low"], row["high"], UNITS.get(symbol, ""))
+
+
 def estimate_text(row: Mapping[str, Any], name: str, unit: str = "") -> str:
     """An estimate of a row with its 95 % interval, as far as it has them."""
     return written(row.get(name), row.get(f"{name}_low"), row.get(f"{name}_high"), unit)
@@ -95,6 +97,7 @@ def groups(summary: pl.DataFrame, of_groups: pl.DataFrame) -> Iterator[Condition
     for (group,), of_group in summary.group_by("group", maintain_order=True):
         for estimator, subtracted in SUBTRACTED.items():
             rows = of_group.filter(estimator=estimator).to_dicts()
+            estimates = {row["quantity"]: mean_text(row, row["quantity"]) for row in rows}
             if rows:
                 yield Condition(
                     stated={
@@ -105,12 +108,7 @@ def groups(summary: pl.DataFrame, of_groups: pl.DataFrame) -> Iterator[Condition
                     n=rows[0]["n"],
                     is_doubtful=bool(doubts.get(group)),
                     results=(),
-                    estimates={
-                        row["quantity"]: written(
-                            row["mean"], row["low"], row["high"], UNITS.get(row["quantity"], "")
-                        )
-                        for row in rows
-                    },
+                    estimates=estimates,
                 )
 
 
@@ -135,8 +133,7 @@ def component_rows(
     texts = {name: [written(value), "stated"] for name, value in stated.items()}
     for summary in summaries.values():
         for row in summary.drop_nulls("mean").iter_rows(named=True):
-            text = written(row["mean"], row["low"], row["high"])
-            texts[row["quantity"]] = [text, str(row["n"])]
+            texts[row["quantity"]] = [mean_text(row), str(row["n"])]
     rows = [["quantity", "mean", "n", "draft"]]
     for title, component in COMPONENTS.items():
         if component["quantity"] in texts:

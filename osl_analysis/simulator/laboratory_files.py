@@ -197,29 +197,32 @@ def capture_parameters(trial: GaitTrial, markers: list[str]) -> dict[str, dict[s
     # opposite
     sensor = np.array([*plate.sensor_offset_m, -plate.sensor_depth_m])
     origin = PLATE_AXES.T @ sensor
+    of_points = {
+        "LABELS": markers,
+        "UNITS": ["mm"],
+        "RATE": np.array([float(rates.points_hz)]),
+        "X_SCREEN": ["+X"],
+        "Y_SCREEN": ["+Z"],
+    }
+    of_analogs = {
+        "LABELS": channels,
+        "UNITS": [*PLATE_CHANNELS.values(), "V", "V"],
+        "RATE": np.array([float(rates.analogs_hz)]),
+        "FORMAT": ["SIGNED"],
+    }
+    of_plate = {
+        "USED": np.array([1]),
+        "TYPE": np.array([2]),
+        "ZERO": np.array([1, 0]),
+        "CORNERS": corners.T[:, :, None] * MM,
+        "ORIGIN": origin[:, None] * MM,
+        "CHANNEL": np.arange(1, len(PLATE_CHANNELS) + 1)[:, None],
+        "CAL_MATRIX": np.zeros(0),
+    }
     return {
-        "POINT": {
-            "LABELS": markers,
-            "UNITS": ["mm"],
-            "RATE": np.array([float(rates.points_hz)]),
-            "X_SCREEN": ["+X"],
-            "Y_SCREEN": ["+Z"],
-        },
-        "ANALOG": {
-            "LABELS": channels,
-            "UNITS": [*PLATE_CHANNELS.values(), "V", "V"],
-            "RATE": np.array([float(rates.analogs_hz)]),
-            "FORMAT": ["SIGNED"],
-        },
-        "FORCE_PLATFORM": {
-            "USED": np.array([1]),
-            "TYPE": np.array([2]),
-            "ZERO": np.array([1, 0]),
-            "CORNERS": corners.T[:, :, None] * MM,
-            "ORIGIN": origin[:, None] * MM,
-            "CHANNEL": np.arange(1, len(PLATE_CHANNELS) + 1)[:, None],
-            "CAL_MATRIX": np.zeros(0),
-        },
+        "POINT": of_points,
+        "ANALOG": of_analogs,
+        "FORCE_PLATFORM": of_plate,
         "MANUFACTURER": {"COMPANY": ["osl-analysis"], "SOFTWARE": ["simulator"]},
     }
 

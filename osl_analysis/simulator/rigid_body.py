@@ -1,6 +1,7 @@
 """Poses, wrenches and Newton-Euler for the bodies of a crossing, on a regular time grid, in
 laboratory axes: x forward, y left, z up, in metres."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -99,11 +100,13 @@ def rotation_about(axis: int, angle: Array) -> Array:
     j = (axis + 2) % 3
     rotation = np.zeros((len(angle), 3, 3))
     rotation[:, axis, axis] = 1.0
-    rotation[:, i, i] = np.cos(angle)
-    rotation[:, j, j] = np.cos(angle)
+    rotation[:, [i, j], [i, j]] = np.cos(angle)[:, None]
     rotation[:, j, i] = np.sin(angle)
     rotation[:, i, j] = -np.sin(angle)
     return rotation
+
+
+NODES = (-1, 0, 1, 2)  # of the interpolation, in samples
 
 
 def interpolated_at(values: Array, rate_hz: float, times: Array) -> Array:
@@ -112,9 +115,10 @@ def interpolated_at(values: Array, rate_hz: float, times: Array) -> Array:
     place = np.clip(times * rate_hz, 1.0, len(values) - 3.0)
     first = np.floor(place).astype(int)
     f = (place - first).reshape(-1, *[1] * (values.ndim - 1))
-    return np.asarray(
-        -f * (f - 1) * (f - 2) / 6 * values[first - 1]
-        + (f + 1) * (f - 1) * (f - 2) / 2 * values[first]
-        - (f + 1) * f * (f - 2) / 2 * values[first + 1]
-        + (f + 1) * f * (f - 1) / 6 * values[first + 2]
-    )
+    interpolated = np.zeros((len(f), *values.shape[1:]))
+    for node in NODES:
+        others = [other for other in NODES if other != node]
+        weight = math.prod(f - other for other in others)
+        at_node = math.prod(node - other for other in others)
+        interpolated += weight / at_node * values[first + node]
+    return interpolated

@@ -75,7 +75,9 @@ def check_fit(headline: GroupHeadline) -> FitChecks:
     """Compare the fit to the mean response with single fits and with ordinary gait."""
     responses = headline.responses
     ensemble = headline.ensemble
-    fit = headline.ensemble.fit
+    resampled = headline.resampled
+    fit = ensemble.fit
+    K = fit["K"]
     window = responses[0].window
     motion = ensemble.motion[window]
     torque = ensemble.torque[window]
@@ -84,12 +86,12 @@ def check_fit(headline: GroupHeadline) -> FitChecks:
         coherence=coherence_of(responses),
         VAF=fit.vaf,
         residual_over_gait=residual_over_gait(motion, torque, of_gait),
-        offset_share=offset_share(motion, torque, fit["K"]),
+        offset_share=offset_share(motion, torque, K),
         estimator_difference=estimator_difference(headline),
-        K=fit["K"],
-        K_se_share=headline.resampled.se("K") / abs(fit["K"]) if fit["K"] else None,
-        B_high=headline.resampled.interval("B")[1],
-        I_high=headline.resampled.interval("I")[1],
+        K=K,
+        K_se_share=resampled.se("K") / abs(K) if K else None,
+        B_high=resampled.interval("B")[1],
+        I_high=resampled.interval("I")[1],
         stance_change=float(np.mean([response.stance_change for response in responses])),
     )
 
@@ -190,7 +192,11 @@ def conditions_of(
     )
     phases = used["onset_phase"].cast(pl.Float64).to_numpy()
     stances = gait.stance if gait is not None else np.zeros(0)
-    stance = float(np.mean(stances)) if len(stances) else None
+    stance = onset_phase = stance_sd = None
+    if len(stances):
+        stance = float(np.mean(stances))
+        stance_sd = float(np.std(stances, ddof=1)) / stance
+        onset_phase = float(np.mean(phases)) if len(phases) else None
     different, different_mm = set_up_difference(of_group)
     outside = used["pressure_outside_m"].cast(pl.Float64)
     return GroupConditions(
@@ -198,8 +204,8 @@ def conditions_of(
         n=len(used),
         n_unperturbed=len(stances),
         stance_s=stance,
-        unperturbed_stance_sd=float(np.std(stances, ddof=1)) / stance if stance else None,
-        onset_phase=float(np.mean(phases)) if len(phases) and stance else None,
+        unperturbed_stance_sd=stance_sd,
+        onset_phase=onset_phase,
         onset_phase_sd=float(np.std(phases, ddof=1)) if len(phases) > 1 else None,
         left_out_share=shares["reason"].max(),  # type: ignore[arg-type]
         different=different,

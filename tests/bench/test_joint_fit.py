@@ -53,7 +53,7 @@ WITHOUT_FRICTION = {"K": "K_without_friction", "B": "B_viscous", "I": "I_without
 
 
 @cache
-def sound_row(joint="exact"):
+def sound_row(joint):
     return row_of(record_with(**SOUND[joint]))
 
 

@@ -29,10 +29,14 @@ def faded(time, duration, motion):
     return size * x, rate * x + size * v, curve * x + 2 * rate * v + size * a
 
 
+def times(duration, rate):
+    return np.arange(round((duration + 2 * LEAD) * rate)) / rate
+
+
 def sines(rng, frequencies_hz, rms_deg=2.0, duration=30.0, rate=RATE):
     """A sum of sines of equal size and random phase: a multisine, or noise where they are many at
     any frequency."""
-    time = np.arange(round((duration + 2 * LEAD) * rate)) / rate
+    time = times(duration, rate)
     w = 2 * np.pi * np.asarray(frequencies_hz)[:, None]
     turning = (
         np.deg2rad(rms_deg)
@@ -63,7 +67,7 @@ def noise(rng, band=(0.5, 6.0), rms_deg=2.0, duration=30.0, rate=RATE):
 
 def chirp(rng, band=(0.5, 6.0), rms_deg=2.0, duration=30.0, rate=RATE):
     """A linear sweep."""
-    time = np.arange(round((duration + 2 * LEAD) * rate)) / rate
+    time = times(duration, rate)
     t = np.clip(time - LEAD, 0, duration)
     slope = (band[1] - band[0]) / duration
     phase = 2 * np.pi * (band[0] * t + slope * t**2 / 2) + rng.uniform(0, 6)

@@ -127,7 +127,7 @@ def held_log(rate, late=0.0, of="torque", long=0.0):
     return recording
 
 
-def two_nodes(random, wait=(0.0, 0.0), one_in=(0, 0), rates=(RATE, RATE)):
+def two_nodes(random, wait, one_in=(0, 0), rates=(RATE, RATE)):
     """Angle and torque, 0.3 ms apart.
 
     Per node: the mean wait [s], one in how many (+- 3) is lost (0: none), and the rate [Hz].

@@ -280,13 +280,14 @@ def test_a_copy_of_a_log_is_no_second_trial_of_its_experiment(tmp_path):
     recorded = {"simulation": None, "raw_data": tmp_path}
     (tmp_path / "j.csv").write_bytes(b"1 2 3")
     (tmp_path / "k.csv").write_bytes(b"1 2 4")
-    check_campaign(opened(tmp_path, rows=two_of_one_log(tmp_path, **copy), **recorded))
+    campaign = opened(tmp_path, rows=two_of_one_log(tmp_path, **copy), **recorded)
+    check_campaign(campaign)
 
     (tmp_path / "k.csv").write_bytes(b"1 2 3")
 
     said = "trial 'j':.*j.csv.*k.csv,"
     with refused_with(said):
-        check_campaign(opened(tmp_path, rows=two_of_one_log(tmp_path, **copy), **recorded))
+        check_campaign(campaign)
     belt = two_of_one_log(tmp_path, **copy, experiment="belt")
     check_campaign(opened(tmp_path, rows=belt, **recorded))
 

@@ -199,7 +199,7 @@ TABLE_OF = {name: table for name, table, *_ in SHOWN}
 
 
 @cache
-def drawn_once(name, table=None):
+def drawn_once(name, table):
     """Plotted numbers, and their figure as it is written."""
     numbers = table() if table else plotted(name)
     figure = drawn(name, numbers)

@@ -276,9 +276,7 @@ def log_of(folder: Path, angle: float, torque: float, unit: str = "rad") -> Tria
     return trial_of(folder, log="log.csv", log_source="s")
 
 
-def capture_of(
-    folder: Path, points: np.ndarray, experiment: str = "ingest_only", **parameters: object
-) -> Trial:
+def capture_of(folder: Path, points: np.ndarray, experiment: str, **parameters: object) -> Trial:
     """A capture without plates, trial_of."""
     write_c3d(folder / "a.c3d", points, **parameters)  # type: ignore[arg-type]
     (folder / "s.yaml").write_text("format: c3d\nmarkers: all\nplates: []\n")

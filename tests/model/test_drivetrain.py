@@ -84,7 +84,7 @@ def norm(K_d, B_d, B_1, weight=PAPER_WEIGHT, J_j=0.0):
     return float(np.sqrt(squared[0]))
 
 
-def norm_by_quadrature(K_d, B_d, B_1, weight, J_j=0.0):
+def norm_by_quadrature(K_d, B_d, B_1, weight, J_j):
     """An integral over frequency; |W|^2 of a Butterworth filter needs no filter design."""
     Y = joint_admittance(float(compensator.stiffness_gain(K_d, P)), B_1, P, J_j)
     Y_d = drivetrain.desired_admittance(K_d, B_d)

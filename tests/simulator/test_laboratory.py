@@ -15,6 +15,7 @@ from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
 from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.model.compensator import Weight, compensated_gains
 from osl_analysis.simulator.laboratory_files import capture_parameters
+from osl_analysis.simulator.rigid_body import interpolated_at
 from osl_analysis.simulator.simulated_crossing import (
     move,
     walking_commands,
@@ -108,6 +109,14 @@ def test_of_two_directions_each_comes_once_in_two_crossings_unless_the_sheet_sta
     pairs = zip(directions[::2], directions[1::2], strict=True)
     assert {frozenset(pair) for pair in pairs} == {frozenset(("up", "down"))}
     assert direction_of({**rows[0], "direction": "down"}, setup.settings) == "down"
+
+
+def test_a_cubic_between_samples_is_interpolated_exactly():
+    times = np.linspace(0.13, 1.66, 9)  # s, of samples from 0 to 1.9
+
+    cubic = interpolated_at(np.arange(20.0) ** 3, 10.0, times)
+
+    np.testing.assert_allclose(cubic, (10 * times) ** 3)
 
 
 def test_a_plan_without_trials_is_refused(setup):

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 INTEL = 84  # its code
+UNITS_OF_PLATE = ["N"] * 3 + ["Nmm"] * 3
 FACE = np.array([[0.3, 0.2, 0], [-0.3, 0.2, 0], [-0.3, -0.2, 0], [0.3, -0.2, 0]])
 """Corners of a plate [m], in its axes."""
 

@@ -10,7 +10,7 @@ import polars as pl
 import pytest
 import yaml
 from bench_recordings import RECORDINGS
-from c3d_builder import level_plates, write_c3d
+from c3d_builder import UNITS_OF_PLATE, level_plates, write_c3d
 from command_line import call
 from conftest import ROOT
 from jsonschema import Draft202012Validator
@@ -257,7 +257,7 @@ def capture(path, of_leg, force=0.0, platform=("PLAT1", "PLAT2", "PLAT3"), label
         analogs,
         **named,
         **level_plates(corners + 3000, corners),
-        ANALOG__UNITS=["N"] * 3 + ["Nmm"] * 3 + ["V"] * 2,
+        ANALOG__UNITS=UNITS_OF_PLATE + ["V"] * 2,
     )
 
 

@@ -8,7 +8,7 @@ import ezc3d
 import numpy as np
 import pytest
 import yaml
-from c3d_builder import FACE, level_plates, write_c3d
+from c3d_builder import FACE, UNITS_OF_PLATE, level_plates, write_c3d
 from recognised_files import refusal_by
 from scipy.spatial.transform import Rotation
 
@@ -252,7 +252,7 @@ WRENCH = pytest.approx([1, -2, -3, 4, -5, -6], rel=1e-12)  # N and N*m, z up
 def plate_file(folder: Path, readings: np.ndarray = READINGS, **parameters: Any) -> Path:
     """Channels in N, N, N, Nmm, Nmm, Nmm on one plate, by default forces 1 to 3 and moments 4000 to
     6000."""
-    units = {"ANALOG__UNITS": ["N"] * 3 + ["Nmm"] * 3, "ANALOG__LABELS": LABELS}
+    units = {"ANALOG__UNITS": UNITS_OF_PLATE, "ANALOG__LABELS": LABELS}
     arrays = {**units, **level_plates(LEVEL), **parameters}
     return write_c3d(folder / "plate.c3d", POINTS, readings, **arrays)
 
@@ -334,7 +334,7 @@ def test_how_to_state_a_plate_works_also_where_two_have_the_same_labels(tmp_path
     path = plate_file(
         tmp_path, np.hstack([READINGS, 0 * READINGS]), FORCE_PLATFORM__USED=np.array([0]),
         ANALOG__LABELS=[label[:-1] for label in LABELS] * 2,
-        ANALOG__UNITS=(["N"] * 3 + ["Nmm"] * 3) * 2,
+        ANALOG__UNITS=UNITS_OF_PLATE * 2,
     )  # fmt: skip
 
     (question,) = formats.read(path).questions

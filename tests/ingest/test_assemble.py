@@ -104,7 +104,7 @@ def ingested(folder: Path, **fields: object) -> Trial:
 
 def refused(folder: Path, **fields: object) -> str:
     with pytest.raises(InputError) as caught:
-        ingest_trial(row(**fields), folder, folder, folder / OUT)
+        ingested(folder, **fields)
     assert not (folder / OUT).parent.exists()
     return str(caught.value)
 

@@ -89,10 +89,11 @@ class KeepsItsInput(click.Command):
             with limited_memory(read):
                 return super().invoke(ctx)
         except OslAnalysisError as error:
-            for parameter in self.params:
-                if parameter.name == error.setting and ctx.params[error.setting] is not None:
-                    raise type(error)(f"{parameter.opts[0]}: {error}") from error
-            raise
+            typed = [option for option in self.params if ctx.params[option.name] is not None]
+            at_fault = [option.opts[0] for option in typed if option.name in error.settings]
+            if not at_fault:
+                raise
+            raise type(error)(f"{', '.join(at_fault)}: {error}") from error
 
 
 class OneLineErrors(click.Group):

@@ -76,8 +76,8 @@ class OslAnalysisError(ValueError):
 
     The message is made printable. Up to the first semicolon outside brackets it is the `reason`,
     what is wrong. Behind that is the `remedy`, what to do; it may be empty. The `changes` are
-    tried, and those that help replace the remedy. `setting` is the name of the one at fault, if
-    there is one.
+    tried, and those that help replace the remedy. `settings` are the names of those at fault, if
+    any.
 
     Examples
     --------
@@ -88,10 +88,12 @@ class OslAnalysisError(ValueError):
     none.parquet: no such trial
     """
 
-    def __init__(self, message: str, changes: Sequence[Change] = (), setting: str = "") -> None:
+    def __init__(
+        self, message: str, changes: Sequence[Change] = (), settings: Sequence[str] = ()
+    ) -> None:
         super().__init__(printable(message))
         self.changes = tuple(changes)
-        self.setting = setting
+        self.settings = tuple(settings)
         reason, *remedy = re.split(r"; (?![^(\[]*[)\]])", str(self), maxsplit=1)
         self.reason = reason
         self.remedy = "".join(remedy)
@@ -106,7 +108,7 @@ def naming(what: object, behind: str = "") -> Iterator[None]:
     except OslAnalysisError as error:
         if isinstance(what, Path) and printable(str(what)) in str(error):
             raise
-        raise type(error)(f"{what}: {error}{behind}", error.changes, error.setting) from error
+        raise type(error)(f"{what}: {error}{behind}", error.changes, error.settings) from error
 
 
 class InputError(OslAnalysisError):

@@ -126,7 +126,10 @@ def fit(
     if experiment == "impedance":
         condition = desired or UNSTATED
     elif desired is not None:
-        raise InputError(f"a fit of {experiment} has no desired impedance; leave it out")
+        raise InputError(
+            f"a fit of {experiment} has no desired impedance; leave it out",
+            settings=[*vars(desired)],
+        )
     elif experiment == "torque_angle":
         condition = {"desired": curve}
     stated, device = choices(config, parameters)

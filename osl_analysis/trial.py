@@ -116,13 +116,13 @@ def stretches(text: str, duration_s: float = math.inf) -> list[tuple[float, floa
         raise InputError(
             f"windows '{text}' are not from-to in s, in the order of time, without overlap or"
             " touching; write them as 2-30 40-62",
-            setting="windows",
+            settings=["windows"],
         )
     if edges[-1] > duration_s + LATE_END_S:
         raise InputError(
             f"windows '{text}' reach beyond the recording, which lasts 0 to {duration_s:.1f} s;"
             " state windows within these",
-            setting="windows",
+            settings=["windows"],
         )
     return list(zip(edges[::2], edges[1::2], strict=True))
 

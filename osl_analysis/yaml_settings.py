@@ -202,7 +202,7 @@ def validated(
     line = located([Path(path)] if files is None else files, first)
     names = ", ".join(map(dotted, places)) or "the file"
     text = f"{path}: {line}{names}: {problem_text(problems_at[first])}"
-    raise InputError(text, setting=dotted(first))
+    raise InputError(text, settings=[dotted(first)])
 
 
 WORDS = {

@@ -135,13 +135,13 @@ def check_request(K_d: ArrayLike, B_d: ArrayLike, p: DrivetrainParameters) -> No
         raise UnreachableImpedanceError(
             f"K_d = {value:g} N*m/rad cannot be rendered: the actuator acts in series with a belt"
             f" of K_s = {p.K_s:g} N*m/rad; ask for {remedy}",
-            setting="K_d",
+            settings=["K_d"],
         )
     for value in damping[~((damping >= 0) & (damping < np.inf))]:
         raise UnreachableImpedanceError(
             f"B_d = {value:g} N*m*s/rad cannot be rendered: a desired damping must be finite and"
             " not negative; ask for 0 or more",
-            setting="B_d",
+            settings=["B_d"],
         )
     check_size("K_d", "N*m/rad", stiffness)
     check_size("B_d", "N*m*s/rad", damping)
@@ -154,7 +154,7 @@ def check_size(name: str, unit: str, values: Array) -> None:
         raise UnreachableImpedanceError(
             f"{name} = {value:g} {unit} is outside the accepted range; ask for"
             f" {SMALLEST_REQUEST:g} to {LARGEST_REQUEST:g} {unit}",
-            setting=name,
+            settings=[name],
         )
 
 
@@ -223,7 +223,7 @@ def uncompensated_gains(K_d: float, B_d: float, p: DrivetrainParameters) -> Gain
         if not 0 <= value < np.inf:
             raise UnreachableImpedanceError(
                 f"{name} = {value:g} cannot be asked for; give a finite number, 0 or more",
-                setting=name,
+                settings=[name],
             )
     return Gains(K_d / p.n_T**2, B_d / p.n_T**2, cancels_friction=False)
 

@@ -136,15 +136,17 @@ def test_fit_says_what_it_cannot_check_and_takes_a_campaign_s_overriding_file(fo
     assert [rows[-1][name] for name in ("K_d", "K_ratio", "K_predicted")] == [300, None, None]
 
 
-@pytest.mark.parametrize(("option", "value"), [
-    ("--stiffness", "nan"),
-    ("--damping", "-3"),
-    ("--controller", "compnsated"),
-    ("--windows", "2-"),
-    ("--windows", "200-300"),
+@pytest.mark.parametrize("refused", [
+    "--stiffness nan",
+    "--damping -3",
+    "--controller compnsated",
+    "--windows 2-",
+    "--windows 200-300",
+    "--model belt --stiffness 3",
 ])  # fmt: skip
-def test_what_is_refused_of_an_option_is_told_by_the_option(folder, option, value):
-    said = one_line(call("fit", folder / f"{TRIAL}.parquet", option, value))
+def test_what_is_refused_of_an_option_is_told_by_the_option(folder, refused):
+    *_, option, _ = arguments = refused.split()
+    said = one_line(call("fit", folder / f"{TRIAL}.parquet", *arguments))
     assert said.startswith(f"error: {option}: ")
 
 

@@ -41,39 +41,15 @@ def convert_capture(recording: Recording, source: MarkerSource) -> Converted:
         A channel is missing or occurs twice, a unit or a plate is wrong, or there is nothing to
         read.
     """
-    if source.markers == "all":
-        markers = [
-            channel
-            for channel in recording.channels
-            if channel.kind == Kind.MARKER and is_labelled(channel.key)
-        ]
-    else:
-        markers = [recording.find({"label": label}, "marker") for label in source.markers]
+    markers, of_frames, origins = convert_markers(recording, source)
     used = [*markers]
-    of_frames: dict[str, Array] = {}
-    of_samples: dict[str, Any] = {}
-    origins: dict[str, dict[str, Any]] = {}
-    for marker in markers:
-        name = marker.name or marker.key
-        unit = getattr(source, "point_unit", None) or marker.unit
-        factor = metres_per(unit, source)
-        for axis, column in enumerate(marker_columns(printable(name))):
-            if column in of_frames:
-                recording.find({"label": name}, "marker")  # it says how each of them is asked for
-            of_frames[column] = factor * marker.values @ source.rotation[axis]
-            origins[column] = {
-                "label": marker.key,
-                "component": source.axes[axis],
-                "unit": unit,
-                "factor": factor,
-            }
     baseline = baseline_frames(recording, source)
     unloaded = None
     if baseline is not None:
         per_frame = recording.facts["samples_per_frame"]
         unloaded = slice((baseline[0] - 1) * per_frame, baseline[1] * per_frame)
     loads = convert_plates(recording.plates, source, unloaded)
-    of_samples.update(loads.samples.to_dict())
+    of_samples: dict[str, Any] = loads.samples.to_dict()
     origins.update(loads.origins)
     if isinstance(source, LaboratorySource):
         used += [channel for plate in recording.plates for channel in plate.channels]
@@ -108,9 +84,10 @@ def convert_capture(recording: Recording, source: MarkerSource) -> Converted:
         **loads.facts,
     }
     warnings = [*recording.loss.remarks]
-    up = str(facts.get("vertical_on_screen") or vertical_axis(markers, recording.plates)).upper()
-    if source.axes == ("x", "y", "z") and up.strip("+-") not in ("", "Z"):
-        axes = "`axes: [x, -z, y]`" if up.strip("+") == "Y" else "`axes`"
+    up = str(facts.get("vertical_on_screen") or vertical_axis(markers, recording.plates))
+    up = up.upper().strip("+")
+    if source.axes == ("x", "y", "z") and up not in ("", "-", "Z", "-Z"):
+        axes = "`axes: [x, -z, y]`" if up == "Y" else "`axes`"
         warnings.append(
             f"its vertical axis seems to be {printable(up)}; state {axes} in the source file"
         )
@@ -121,6 +98,33 @@ def is_labelled(label: str) -> bool:
     """Whether a marker has a name of its own, behind its subject's: Nexus calls those that it did
     not label `*1`, `*2`, ..."""
     return bool(re.search("(^|:)[^*:][^:]*$", label))
+
+
+def convert_markers(
+    recording: Recording, source: MarkerSource
+) -> tuple[list[Channel], dict[str, Array], dict[str, dict[str, Any]]]:
+    """The markers that the source file asks for, their coordinates (n,) [m] by column, and where
+    each comes from."""
+    if source.markers == "all":
+        markers = [
+            channel
+            for channel in recording.channels
+            if channel.kind == Kind.MARKER and is_labelled(channel.key)
+        ]
+    else:
+        markers = [recording.find({"label": label}, "marker") for label in source.markers]
+    columns: dict[str, Array] = {}
+    origins: dict[str, dict[str, Any]] = {}
+    for marker in markers:
+        name = marker.name or marker.key
+        unit = getattr(source, "point_unit", None) or marker.unit
+        factor = metres_per(unit, source)
+        for axis, column in enumerate(marker_columns(printable(name))):
+            if column in columns:
+                recording.find({"label": name}, "marker")  # it says how each of them is asked for
+            columns[column] = factor * marker.values @ source.rotation[axis]
+            origins[column] = {"label": marker.key, "unit": unit, "factor": factor}
+    return markers, columns, origins
 
 
 def baseline_frames(recording: Recording, source: MarkerSource) -> tuple[int, int] | None:

@@ -185,7 +185,8 @@ def check_other_clocks(
     InputError
         A clock contradicts a stated rate, or tells the time of what stands beside it.
     """
-    key, rate = source.time.ADDRESS, source.time.rate
+    key = source.time.ADDRESS
+    rate = source.time.rate
     apart: dict[str, float] = {}
     remarks: list[str] = []
     rates = [*rates_in_file(recording, asked)]

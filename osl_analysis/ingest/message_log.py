@@ -24,7 +24,6 @@ from osl_analysis.recording import SECOND_NS, Recording, Rows
 from osl_analysis.signals import longest_run
 from osl_analysis.source_file import MessageChannel, MessageSource
 
-SET_BACK_NS = SECOND_NS  # a message that is later than others by more was not only late
 MOST_LATE = 10  # messages in a row that are late; of more, the clock was set back
 
 
@@ -92,7 +91,8 @@ def convert_topic(
     stamps = stamps_of(recording, source, rows)
     time = (stamps - stamps[0]) / SECOND_NS
     columns, _, remarks = canonical_columns(source, channels, values, rows, time)
-    fresh, stale = fresh_rows(rows, stamps, least=SET_BACK_NS)
+    # a message that is later than others by more was not only late
+    fresh, stale = fresh_rows(rows, stamps, least=SECOND_NS)
     table = pl.DataFrame([pl.Series("stamp", stamps), *columns])[fresh]
     remarks += stale
     if (table["stamp"].diff() > 0).all():

@@ -183,7 +183,8 @@ def measure_protocol(examined: Examined) -> CheckResult:
         angle = uniform_signals(examined.trial, ["theta"], GapLimits())
     except InputError as error:
         return not_applicable(f"no time base, {error}")
-    theta, rate_hz = angle.signals["theta"], angle.rate_hz
+    theta = angle.signals["theta"]
+    rate_hz = angle.rate_hz
     sines, is_stepped = find_sines(theta, rate_hz, moving_bins(theta, rate_hz), protocol)
     if excitation == "auto" and not is_stepped:
         return CheckResult(0.0, "no stepped sine but another motion, which is fitted as such")
@@ -377,7 +378,8 @@ def pressed_plates(examined: Examined) -> Iterator[tuple[str, Array, Array]]:
     trial = examined.trial
     plates = trial.provenance.get("plates", []) if examined.experiment.walker else []
     for plate in plates:
-        number, corners = plate["plate"], np.array(plate["corners"])
+        number = plate["plate"]
+        corners = np.array(plate["corners"])
         columns = plate_columns(number)
         axes = plate_axes(corners)
         wrench = np.stack(trial.arrays(*columns)[1:], axis=1)

@@ -191,7 +191,7 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
         check_clocks(sources["log"], sources["mocap"])
 
     provenance: dict[str, Any] = {
-        "software": {"name": "osl-analysis", "version": version("osl-analysis")},
+        "software": {"osl-analysis": version("osl-analysis")},
         "files": {},
         "columns": {},
         "plates": [],

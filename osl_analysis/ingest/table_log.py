@@ -74,7 +74,8 @@ def convert_table(recording: Recording, source: TableSource) -> Converted:
     clock = recording.find(source.time.address) if source.time.name else None
     channels, asked = asked_channels(recording, source.channels)
     table = read_table(recording, source, asked, clock)
-    rows, time = table.rows, table.time
+    rows = table.rows
+    time = table.time
     if rows.count < 2:
         raise InputError(
             f"holds one {rows.noun} of data: nothing to analyse; record the trial again, or exclude"
@@ -209,7 +210,8 @@ def check_one_timing(
     a whole file unequal counts. Some have then lost values, nothing tells where, and all later ones
     would be early against the other channels."""
     key = source.time.ADDRESS
-    first, shared = channels[0].key, channels[0].rows
+    first = channels[0]
+    shared = first.rows
     for channel in channels:
         rows = channel.rows
         if is_own and rows.rate_hz is None:
@@ -220,12 +222,12 @@ def check_one_timing(
         if is_own and (rows.rate_hz, rows.start_s) != (shared.rate_hz, shared.start_s):
             raise InputError(
                 f"'{channel.key}' is at {rows.rate_hz:g} Hz from {rows.start_s:g} s on, and"
-                f" '{first}' at {shared.rate_hz:g} Hz from {shared.start_s:g} s on:"
+                f" '{first.key}' at {shared.rate_hz:g} Hz from {shared.start_s:g} s on:"
                 " save channels at common times, as `interp1` gives"
             )
         if is_whole and rows.count != shared.count:
             raise InputError(
-                f"channel '{first}' has {shared.count} values and '{channel.key}' has"
+                f"channel '{first.key}' has {shared.count} values and '{channel.key}' has"
                 f" {rows.count} for one time, and nothing tells which are lost: save channels of"
                 " one length, as `torque = interp1(t_torque, torque, t_angle)`, and never cut to"
                 " one length"

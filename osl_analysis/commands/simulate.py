@@ -16,7 +16,7 @@ from osl_analysis.model.compensator import check_request
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.simulator.laboratory_settings import WalkingSettings
 from osl_analysis.simulator.simulation_settings import SimulationSettings
-from osl_analysis.simulator.trial_plan import plan_trials
+from osl_analysis.simulator.trial_plan import plan_trials, planned_trials, row_of
 from osl_analysis.yaml_settings import read_yaml, validated
 
 TRUTH = "truth"
@@ -132,10 +132,12 @@ def row_of_trial(
     settings: SimulationSettings, settings_path: Path, trial: str
 ) -> Mapping[str, Any]:
     """The row of the sheet of one trial of the plan. Raises InputError: it is not planned."""
-    rows = plan_trials(settings)
-    if trial not in rows:
-        raise InputError(f"{settings_path}: plans no trial '{trial}'{nearest(trial, rows, 0.0)}")
-    return rows[trial]
+    names = []
+    for name, experiment, condition in planned_trials(settings):
+        if name == trial:
+            return row_of(trial, experiment, condition, settings)
+        names.append(name)
+    raise InputError(f"{settings_path}: plans no trial '{trial}'{nearest(trial, names, 0.0)}")
 
 
 def record_trial(

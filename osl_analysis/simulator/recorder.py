@@ -299,10 +299,8 @@ def recording_of(
     torque = {name: signal for name, signal in signals.items() if is_torque(name)}
     others = {name: signal for name, signal in signals.items() if name not in torque}
     log = bench.recording("node", recorder.node, others)
-    if recorder.torque_node is None:
-        log_of_torque = bench.recording("node", recorder.node, torque)
-    else:
-        log_of_torque = bench.recording("torque_node", recorder.torque_node, torque)
+    name = "node" if recorder.torque_node is None else "torque_node"
+    log_of_torque = bench.recording(name, getattr(recorder, name), torque)
     torque_time = log_of_torque.pop("time")
     return {**log, "torque_time": torque_time, **log_of_torque}, drawn
 

@@ -87,16 +87,15 @@ def plate_motion(about: int, height: float, scale: float) -> tuple[BodyMotion, A
     R = matrix(about, phi)
     n = np.eye(3)[about]
 
+    w = omega[:, None] * n
+    z = alpha[:, None] * n
+
     def swung(point: Array) -> tuple[Array, Array]:
         r = R @ (point - PIVOT)
-        w = omega[:, None] * n
-        z = alpha[:, None] * n
         return r + PIVOT, np.cross(z, r) + np.cross(w, np.cross(w, r))
 
     centre, acceleration = swung(np.zeros(3))
     com, com_acceleration = swung(COM)
-    w = omega[:, None] * n
-    z = alpha[:, None] * n
     inertia = R @ I_COM @ R.transpose(0, 2, 1)
     turning = np.einsum("nij,nj->ni", inertia, z) + np.cross(w, np.einsum("nij,nj->ni", inertia, w))
     force = MASS * (com_acceleration + np.array([0, 0, G]))

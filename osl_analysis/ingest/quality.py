@@ -334,7 +334,8 @@ def measure_turns(examined: Examined) -> dict[str, float]:
     """Number of steps of an angle by one turn, or by 360 (degrees declared as radians)."""
     wraps: dict[str, Any] = {}
     for column, (_, angle) in readings_of(examined.trial, f"({'|'.join(ANGLES)})").items():
-        turns = np.abs(np.diff(angle))[:, None] / (2 * np.pi, 360.0)
+        steps = np.abs(np.diff(angle))
+        turns = steps[steps > np.pi, None] / (2 * np.pi, 360.0)  # hardly any are so large
         wraps[column] = np.count_nonzero(np.abs(turns - 1) < LIMITS.one_turn)
     return wraps
 

@@ -28,6 +28,7 @@ from osl_analysis.inference import (
 )
 from osl_analysis.inference.constants import HARM_SHARE, LIKELY
 from osl_analysis.inference.infer import Explanation
+from osl_analysis.inference.spectra import mostly_rests
 from osl_analysis.stats.estimates import Estimate, Row
 from osl_analysis.trial import Array
 
@@ -42,10 +43,6 @@ CERTAIN_FRICTION = 0.9  # probability from which friction is taken off B: nine i
 # share of B from which friction counts that the column sees and the inference does not; rounding
 # makes 0.012 of sound recordings
 SEEN_SHARE = 0.02
-AT_REST = 0.1  # SD of the velocity, below which a joint rests
-# share of the rows at rest, above which it mostly rests: 0.77 to 0.87 under binary steps, of ramps
-# and a hand at most 0.56
-MOST_REST = 2 / 3
 NAMED_SHARE = 0.05  # of all faults' probability, below which an explanation is not named
 COLUMNS_OF_LOSSES = (None, "B_j", "J_j")  # of K, B and I in `transmission.csv`
 
@@ -84,8 +81,7 @@ def coulomb_fits(
     whole_is_certain : bool, optional
         Whether the whole trial has friction, where that is known; by default this fit decides.
     """
-    velocity = analysis.record.motion.omega[analysis.record.rows()]
-    if np.mean(np.abs(velocity) < AT_REST * velocity.std()) > MOST_REST:
+    if mostly_rests(analysis.record.motion.omega[analysis.record.rows()]):
         return {}
     model = analysis.model
     damping = next(name for name, column in model.items() if column == "omega")
@@ -306,7 +302,7 @@ def fault_columns(
         "explanations": explanations_of(joint),
         "delay_se_s": delay_se_s(joint, record),
     }
-    moved = joint.fault_shares if joint.doubt else (0.0, 0.0, 0.0)
+    moved = joint.fault_shares if fault else (0.0, 0.0, 0.0)
     for name, by_fault, left in zip(names, moved, joint.unexplained_shares, strict=True):
         if name is not None:
             row[f"{name}_fault_share"] = by_fault

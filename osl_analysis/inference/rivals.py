@@ -210,10 +210,10 @@ def candidates(rival: Rival, search: Search) -> list[Candidate]:
 
 
 def late(search: Search, delay_s: float) -> Model:
-    """A torque that is late by a constant time, or early if it is negative."""
+    """A torque, with its friction, that is late by a constant time, or early if it is negative."""
     data = search.data
-    response = np.exp(-delay_s * data.spectra.s)
-    return data.column(data.spectra.derivatives[:3] * response), data.torque
+    advance = np.exp(delay_s * data.spectra.s)
+    return data.motion[:3], data.column(data.spectra.torque * advance)
 
 
 def low_passed(search: Search, lag_s: float) -> Model:

@@ -15,11 +15,9 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError, NotWeighedError
 from osl_analysis.inference.constants import (
     BAND_OF_RATE,
-    BLOCKS,
     EDGE,
     FEWEST_STEPS,
     HIGHEST_BAND,
-    MEDIAN_OF_NOISE,
     PADDING,
     PRODUCT_RATE,
     RIDGE,
@@ -33,9 +31,12 @@ from osl_analysis.trial import Array
 
 Spectrum = NDArray[np.complex128]
 WORKING_RATE = 3.4  # bands; there the roll-off has taken all but 1.4 % of a signal
-VISIBLE_BENEATH = 2.0  # power over noise at which motion and noise are equal
 SPECTRUM_S = 2.0  # [s] of a segment of Welch's spectrum
 REST = 0.02  # SD of the angle that a joint at rest does not leave
+AT_REST = 0.1  # SD of the velocity, below which a joint rests
+# share of the rows at rest, above which it mostly rests: 0.77 to 0.87 under binary steps, of ramps
+# and a hand at most 0.56
+MOST_REST = 2 / 3
 DERIVATIVES = 5  # angle and its derivatives up to the fourth
 
 
@@ -108,7 +109,7 @@ class Spectra:
 
     | letter | rows at | what for |
     |---|---|---|
-    | r | the recorded rate, with padding | jumps and rounding, which are faster than the band |
+    | r | the recorded rate, with padding | rounding, which is faster than the band |
     | p | the *product* rate, `PRODUCT_RATE` | signals that are multiplied, or pass a nonlinearity |
     | w | the *working* rate, `WORKING_RATE` bands, with padding | to compare with the torque |
     | m | the same without padding, edges and gaps | the rows that are fitted |
@@ -124,8 +125,6 @@ class Spectra:
         Density of the angle's noise, taken as white [rad^2/Hz].
     band_hz : float
         Where the angle's power falls to `VISIBLE_ABOVE_NOISE` times its noise [Hz].
-    visible_hz : float
-        Where the motion's power falls to that of the noise [Hz].
     working_rows, product_rows : int
         Number of rows, with their padding, at the two rates (w, p).
     first_row : int
@@ -191,7 +190,7 @@ class Spectra:
         self.padded_seconds = self.padded_rows / rate
         self.raw_angle, self.ends = self.transformed(self.signals.theta)
 
-        self.angle_noise, self.band_hz, self.visible_hz = noise_and_band(self.signals.theta, rate)
+        self.angle_noise, self.band_hz = noise_and_band(self.signals.theta, rate)
 
         # working rate
         half = scipy.fft.next_fast_len(
@@ -321,10 +320,8 @@ def roll_off(frequency: Array, end_hz: float) -> Array:
     return 1 / (1 + (square**2) ** 2)  # a power of 8 takes as long as a transform
 
 
-def noise_and_band(theta: Array, rate_hz: float) -> tuple[float, float, float]:
+def noise_and_band(theta: Array, rate_hz: float) -> tuple[float, float]:
     """Find the density of an angle's noise [rad^2/Hz], and the end of its motion's band [Hz].
-
-    The third number is where the motion is no larger than its noise [Hz].
 
     The spectrum is Welch's, of all segments at once. The noise is taken as white, and read at the
     highest frequencies (above 100 Hz where there are such). The band ends at the first frequency
@@ -343,70 +340,11 @@ def noise_and_band(theta: Array, rate_hz: float) -> tuple[float, float, float]:
     limit = min(HIGHEST_BAND, BAND_OF_RATE * rate_hz)
     hidden = frequency[(frequency > 1.0) & (power < VISIBLE_ABOVE_NOISE * noise)]
     end = max(float(hidden.min(initial=limit)), min(2.0, limit))
-    beneath = frequency[(frequency > end) & (power < VISIBLE_BENEATH * noise)]
-    return noise, end, float(beneath.min(initial=rate_hz / 2))
+    return noise, end
 
 
-class Jump:
-    """What shows that the acceleration jumps."""
-
-    ABOVE_NOISE = 6.0  # SD of the third derivative's noise, which passes it once in 5e8 rows
-    HIGHEST_SHARE = 0.35  # of the sampling rate; above it the angle is folded by 16 % and more
-    NARROWEST = 1.7  # ends of the band in which jumps are looked for, over each other
-    # power of the frequency by which a jump's size falls from the lower to the upper half of that
-    # band, beyond which it is none: 0 of jumps, -1 of ramps; by 36 sound recordings whose
-    # acceleration jumps
-    STEEPEST = -0.75
-    # the same, from which it is the velocity that jumps (1), as that of an angle that is joined by
-    # straight lines
-    FLATTEST = 0.4
-    ORDER = 16  # of the band's ends
-
-
-def acceleration_jumps(spectra: Spectra) -> bool:
-    """Tell whether the acceleration jumps at least once in a block, on average.
-
-    Without an anti-aliasing filter the samples of an inertia's torque say that it jumped at one of
-    them: in the band of the motion an error like a delay, which differs from jump to jump, so that
-    rivals of Eq. 15 would explain it.
-
-    The third derivative of the angle is an impulse at a jump, and above the band of the motion
-    little else. A smooth motion is smaller in the upper half of the band above it than in the lower
-    half; a jump has one size in both.
-    """
-    low_hz = spectra.band_hz
-    high_hz = min(spectra.visible_hz, Jump.HIGHEST_SHARE * spectra.signals.rate_hz)
-    if high_hz < Jump.NARROWEST * low_hz:
-        return False
-    middle_hz = float(np.sqrt(low_hz * high_hz))
-    lower_sizes, noise = jump_sizes(spectra, low_hz, middle_hz)
-    upper_sizes, _ = jump_sizes(spectra, middle_hz, high_hz)
-    # no two within a period of the band's end
-    apart = round(spectra.signals.rate_hz / low_hz) + 1
-    at, _ = scipy.signal.find_peaks(lower_sizes, height=Jump.ABOVE_NOISE * noise, distance=apart)
-    if len(at) < BLOCKS:
-        return False
-    power = np.log(np.median(upper_sizes[at]) / np.median(lower_sizes[at]))
-    power /= np.log(middle_hz / low_hz)
-    return bool(Jump.STEEPEST < power < Jump.FLATTEST)
-
-
-def jump_sizes(spectra: Spectra, low_hz: float, high_hz: float) -> tuple[Array, float]:
-    """The largest jump of the acceleration (n,) [rad/s^2] that the third derivative of the angle
-    between two frequencies shows within a period of the lower one about each row, and what noise
-    makes of it (SD)."""
-    frequency = np.arange(len(spectra.raw_angle)) / spectra.padded_seconds
-    s = 2j * np.pi * frequency
-    below_high = 1 / (1 + (frequency / high_hz) ** Jump.ORDER)
-    below_low = 1 / (1 + (frequency / low_hz) ** Jump.ORDER)
-    band = np.maximum(below_high - below_low, 0.0)
-    jerk = scipy.fft.irfft(s**3 * band * spectra.raw_angle, spectra.padded_rows)
-    # a jump by 1 rad/s^2 is an impulse of area 1, whose height the band gives
-    height = 2 * float(band.sum()) / spectra.padded_seconds
-    # jumps are rare, so that the median tells the noise, whatever filter it has passed
-    first = spectra.first_row
-    jerk = np.abs(jerk[first : first + len(spectra.signals.theta)])
-    noise = float(np.median(jerk)) / MEDIAN_OF_NOISE
-    near = 2 * round(spectra.signals.rate_hz / low_hz / 2) + 1
-    largest = scipy.ndimage.maximum_filter1d(jerk, near)
-    return largest / height, noise / height
+def mostly_rests(velocity: Array) -> bool:
+    """Whether a joint with this velocity (n,) rests in most rows, as under steps between a few
+    levels. Each step then has the same speeds."""
+    rests = np.abs(velocity) < AT_REST * velocity.std()
+    return bool(np.mean(rests) > MOST_REST)

@@ -113,6 +113,12 @@ def test_a_late_torque_tells_by_how_much_it_moves_the_damping():
     assert 0.95 * moved < row["B_fault_share"] < 3 * moved
 
 
+def test_of_a_late_torque_the_friction_is_late_too():
+    late = record_with(late=3e-3, more=lambda t, x, v, a: 6 * np.tanh(v / 2e-3))
+
+    assert row_of(late)["explanations"] == "delay"
+
+
 # ---- what is known of the bench
 
 
@@ -143,7 +149,7 @@ def test_an_inertia_behind_a_soft_spring_does_not_drive_the_motion():
     assert row["K"] == pytest.approx(-30, rel=0.2)
 
 
-def test_where_the_acceleration_jumps_a_joint_is_fitted_and_no_fault_weighed():
+def test_where_it_mostly_rests_a_joint_is_fitted_and_no_fault_weighed():
     time, theta = binary_steps()
     trial = joint_trial(time, theta, 300 * theta)
 
@@ -155,7 +161,6 @@ def test_where_the_acceleration_jumps_a_joint_is_fitted_and_no_fault_weighed():
 
 @pytest.mark.parametrize("smoothing_ms", [0.1, 20.0])
 def test_under_steps_between_two_levels_friction_is_not_checked(smoothing_ms):
-    """Whether faults are weighed or, since the acceleration jumps, not."""
     time, steps = binary_steps(hold=300)
     theta, omega = (gaussian_filter1d(steps, smoothing_ms, order=n) * 1e3**n for n in (0, 1))
     torque = 300 * theta + 5 * omega + 0.3 * np.tanh(omega / 5e-3)

@@ -69,21 +69,21 @@ def test_whitened_fit_is_that_of_statsmodels_gls():
     assert np.all(np.abs(fit.impedances[0] - gls.params[:3]) < gls.bse[:3])
 
 
-def test_delay_in_the_spectrum_is_the_motion_at_an_earlier_time():
+def test_delay_in_the_spectrum_is_the_torque_at_a_later_time():
     data = whitened(white(1e-3))
-    of_angle = late(Search(data, False), 0.01)[0][0]
+    advanced = late(Search(data, False), 0.01)[1]
 
     grid = (
         np.arange(data.spectra.working_rows)
         * data.spectra.padded_seconds
         / data.spectra.working_rows
     )
-    theta = scipy.fft.irfft(data.spectra.derivatives[0], data.spectra.working_rows)
-    spline = scipy.interpolate.make_interp_spline(grid, theta, 7)
-    shifted = scipy.fft.rfft(spline(np.clip(grid - 0.01, 0, grid[-1])))
+    torque = scipy.fft.irfft(data.spectra.torque, data.spectra.working_rows)
+    spline = scipy.interpolate.make_interp_spline(grid, torque, 7)
+    shifted = scipy.fft.rfft(spline(np.clip(grid + 0.01, 0, grid[-1])))
     by_time = data.column(shifted)
 
-    assert np.abs(of_angle - by_time).max() < 1e-3 * np.abs(of_angle).max()
+    assert np.abs(advanced - by_time).max() < 1e-3 * np.abs(advanced).max()
 
 
 def test_each_block_is_predicted_by_a_fit_that_has_not_seen_it():

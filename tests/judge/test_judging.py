@@ -48,6 +48,12 @@ def test_a_move_beyond_the_accuracy_of_any_one_estimate_is_a_doubt(column, share
     assert grades(beyond, K=0.1, B=0.2, I=0.5) == []
 
 
+def test_a_path_that_moves_less_than_is_needed_is_told():
+    (findings,) = judged(pl.DataFrame([KNEE]), Limits(), "impedance")
+
+    assert ("torque path", Grade.NOTES) in [(each.cause, each.grade) for each in findings]
+
+
 def test_other_causes_yield_to_a_fault_of_the_recording():
     row = KNEE | {"K_fault_share": 0.07, "VAF_held_out": 50.0, "B_unexplained_share": 0.5}
     table = pl.DataFrame([row])

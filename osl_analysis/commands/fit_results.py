@@ -96,7 +96,8 @@ def thinned(samples: pl.DataFrame) -> pl.DataFrame:
 
 # estimates in the order in which they are printed
 PRINTED = (
-    "K", "B", "B_viscous", "I", "K_s", "B_j", "B_j_viscous", "J_j", "T_C", "k_tau_n_m", "f_C",
+    "K", "K_without_friction", "B", "B_viscous", "I", "I_without_friction", "K_s", "B_j",
+    "B_j_viscous", "J_j", "T_C", "k_tau_n_m", "f_C",
     "f_G", "B_m", "J_m", "lag_s", "gain", "inertia", "weight",
     "K_unloading", "energy_stored", "energy_returned", "energy_lost",
 )  # fmt: skip
@@ -179,7 +180,7 @@ def fitted_motion(row: Mapping[str, Any]) -> str:
 def estimate_line(row: Mapping[str, Any], name: str) -> str:
     """One estimate with its interval and its range over single amplitudes."""
     value, low, high = row[name], row.get(f"{name}_low"), row.get(f"{name}_high")
-    line = f"  {name:<15} {written(value, low, high):<30} {printed_units().get(name, '')}"
+    line = f"  {name:<18} {written(value, low, high):<30} {printed_units().get(name, '')}"
     lowest = row.get(f"{name}_amplitudes_low")
     if lowest is not None:
         places = decimal_places(value, low, high)

@@ -18,7 +18,7 @@ from osl_analysis.signals.grid import UniformSignals
 from osl_analysis.spectral import PeriodicMotion
 from osl_analysis.trial import Array
 
-STIFFNESS_ALONE = "or take experiment 'torque_angle' in the sheet, for the stiffness alone"
+STIFFNESS_ALONE = "or record slow cycles (experiment 'torque_angle') for the stiffness alone"
 # rate of a coarse record: what the filter passes contains nothing faster than eight cut-offs
 COARSE_HZ = 250.0
 COARSE_CUTOFFS = 8.0

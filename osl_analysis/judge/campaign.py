@@ -323,11 +323,14 @@ def by_cause(
 ) -> Iterator[CampaignFinding]:
     """What a reader must know of each cause, or of each thing that could not be checked, with its
     size in the trial where this is largest, of the trials whose `rows` were judged. The last row of
-    a trial counts, which is its fit to all."""
-    causes: dict[str, dict[str, WordedFinding]] = {}
+    a trial counts, which is its fit to all. What holds by another condition is told by itself, with
+    its own sentence."""
+    causes: dict[tuple[str, str], dict[str, WordedFinding]] = {}
     for worded in findings:
-        causes.setdefault(worded.finding.name, {})[worded.finding.subject] = worded
-    for name, by_trial in causes.items():
+        rule = worded.finding.rule
+        key = (worded.finding.name, rule.when if rule else "")
+        causes.setdefault(key, {})[worded.finding.subject] = worded
+    for (name, _), by_trial in causes.items():
         column = mode(first_column(of_trial.finding) for of_trial in by_trial.values())
         worst = max(
             by_trial,

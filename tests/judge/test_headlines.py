@@ -190,6 +190,21 @@ def test_the_worst_trial_of_a_cause_is_that_of_the_largest_number_which_is_shown
     assert (cause.worst, cause.size) == ("b", "that of b")
 
 
+def test_what_is_not_checked_by_two_conditions_is_told_of_the_trials_of_each():
+    fits = pl.DataFrame(
+        {"trial": list("abc"), "fixture": [None, "of the sheet", None], "doubtful": ""},
+        schema_overrides={"fixture": pl.String},
+    )
+    quality = pl.DataFrame(schema=["trial", "check", "verdict"])
+    findings = campaign_findings({"impedance": fits}, quality, DoubtfulFits())
+
+    causes = causes_in_campaign(findings, {"impedance": fits}, quality)
+
+    remedies = {tuple(cause.trials): cause.remedy for cause in causes}
+    assert "`fixture`" in remedies["a", "c"]
+    assert "`fixture`" not in remedies["b",]
+
+
 def test_a_trial_that_is_doubtful_is_not_counted_again_as_doubtful_in_part():
     fits = pl.DataFrame({"trial": ["a", "b"], "B": 1.0, "doubtful": ["friction", ""]})
     phasors = pl.DataFrame({"trial": ["a", "b"], "doubtful": "friction"})

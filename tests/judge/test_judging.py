@@ -75,10 +75,30 @@ def test_one_factor_of_both_gains_names_its_unit(B_over_B_d, is_told):
     """A spring in series would take the square of its factor off the damping."""
     row = {"trial": "a", "K_over_K_d": 1 / 1.3558, "B_over_B_d": B_over_B_d}
 
-    findings = findings_of(row, Limits(above={"K_over_K_d": 1.06}), "impedance")
+    findings = findings_of(row, Limits(), "impedance")
 
     texts = [finding_text(each, row) for each in findings if each.cause == "another unit"]
     assert [bool(re.search(r"lbf\*ft.*N\*m", text)) for text in texts] == [True] * is_told
+
+
+@pytest.mark.parametrize(("moved_by", "name"), [(0.0, "unlikely_size"), (0.1, "nonlinear_spring")])
+def test_no_unit_is_asked_for_where_a_cause_explains_the_ratio_to_K_d(moved_by, name):
+    row = {"trial": "a", "K_over_K_d": 1.2, "K_fault_share": moved_by, "fault_family": "size"}
+    unexplained = dict.fromkeys(("K_unexplained_share", "B_unexplained_share"), 0.0)
+
+    findings = findings_of({**row, **unexplained}, Limits(), "impedance")
+
+    (first, *_) = [each.name for each in findings if each.grade is not Grade.UNCHECKED]
+    assert first == name
+
+
+@pytest.mark.parametrize(("K_over_K_d", "is_doubted"), [(1.0, False), (None, True)])
+def test_no_unit_of_a_small_angle_is_asked_for_where_K_is_the_desired_one(K_over_K_d, is_doubted):
+    row = {"trial": "a", "theta_rms_deg": 0.1, "K": 300.0, "K_ratio": None}
+
+    findings = findings_of({**row, "K_over_K_d": K_over_K_d}, Limits(), "impedance")
+
+    assert ("unlikely_size" in [each.name for each in findings]) == is_doubted
 
 
 @pytest.mark.parametrize(("row", "shift", "is_doubted"), [

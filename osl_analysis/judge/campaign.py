@@ -27,6 +27,7 @@ from osl_analysis.judge.recording_checks import (
     BY_SHEET,
     CROSSING,
     HOW_TO_USE,
+    REFUSED,
     exclusion_text,
     spoiled_trials,
 )
@@ -96,7 +97,7 @@ def failed_checks(verdicts: pl.DataFrame) -> Iterator[WordedFinding]:
 
 def exclusion_report(excluded: pl.DataFrame) -> str:
     """Tell which trials `excluded.csv` has, for the end of a run; refused ones have lines of their
-    own.
+    own, also where they fail a check.
 
     Returns
     -------
@@ -111,7 +112,8 @@ def exclusion_report(excluded: pl.DataFrame) -> str:
     crossings = excluded.filter(check=CROSSING)["trial"].to_list()
     if crossings:
         lines.append(f"crossings not used: {', '.join(crossings)}; tables/excluded.csv says why")
-    failed = excluded.drop_nulls("value")
+    refused = excluded.filter(check=REFUSED)["trial"].to_list()
+    failed = excluded.drop_nulls("value").remove(pl.col("trial").is_in(refused))
     for (check,), rows in failed.group_by("check", maintain_order=True):
         kind = FINDINGS[CHECKS[str(check)].finding]
         trials = [f"{row['trial']} ({exclusion_text(row)})" for row in rows.to_dicts()]

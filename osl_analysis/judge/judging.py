@@ -259,7 +259,7 @@ def findings_of_row(
         for cause, numbers in sorted(causes, key=lambda cause: cause[0].is_result)
         if not (are_explained and cause.is_misfit)
     ]
-    names = {doubt.name for doubt in doubts}
+    names = {cause.name for cause, _ in causes}
     findings += [
         finding(name=rule.finding, grade=Grade(rule.grade), rule=rule)
         for rule in conditions

@@ -9,6 +9,7 @@ import polars as pl
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.judge.campaign import (
+    QUALITY,
     CampaignFinding,
     findings_in_summary,
     is_of_whole,
@@ -18,13 +19,14 @@ from osl_analysis.judge.recording_checks import LACKING, REFUSED, exclusion_text
 from osl_analysis.report.numbers import headline_sentences, numbers_in_summary
 
 CLEAR = "clear"
+FLAGGED = "flagged"
 DOUBTFUL = "doubtful"
 IN_PART = "doubtful in part"
 EXCLUDED = "excluded"
 NOT_JUDGED = "not judged"  # recordings that are read and not analysed
 MOST_FINDINGS = 3  # with verdicts, numbers and what was not checked a run tells itself in ten lines
 NOT_CHECKED = "not checked"
-VERDICTS = (CLEAR, DOUBTFUL, IN_PART, REFUSED, EXCLUDED, NOT_JUDGED)
+VERDICTS = (CLEAR, FLAGGED, DOUBTFUL, IN_PART, REFUSED, EXCLUDED, NOT_JUDGED)
 
 WHY_LACKING = "it has no result, since a trial that its fit needs was refused or excluded"
 
@@ -116,16 +118,18 @@ def verdict_on(experiment: str, findings: Sequence[WordedFinding], left_out: Lef
     Returns
     -------
     str
-        One of `VERDICTS`. It is doubtful by a doubt about its recording or about the fit to all of
-        it, and doubtful in part by a doubt about one amplitude, frequency or further table.
+        One of `VERDICTS`. It is flagged by a doubt about its recording alone, doubtful by one about
+        the fit to all of it, and doubtful in part by one about one amplitude, frequency or further
+        table.
     """
     if left_out is not None:
         return REFUSED if left_out.by_job else EXCLUDED
     if not EXPERIMENTS[experiment].place:
         return NOT_JUDGED
     doubts = [w.finding for w in findings if w.finding.grade is Grade.DOUBTS]
-    if any(is_of_whole(doubt) for doubt in doubts):
-        return DOUBTFUL
+    of_whole = [doubt.table for doubt in doubts if is_of_whole(doubt)]
+    if of_whole:
+        return FLAGGED if {*of_whole} == {QUALITY} else DOUBTFUL
     return IN_PART if doubts else CLEAR
 
 

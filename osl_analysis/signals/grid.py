@@ -324,8 +324,8 @@ def gaps_of(part: Taken, time: Array, longest_s: float) -> tuple[Array, Array]:
     if (length > longest_s).any():
         begin, end = ends[np.argmax(length)]
         raise InputError(
-            f"{part.stream.name}: {', '.join(part.stream.signals)} has no sample from {begin:.4f} s"
-            f" to {end:.4f} s, {end - begin:.3f} s long; gaps up to {longest_s:g} s are"
+            f"{part.stream.name}: no sample from {begin:.4f} s to {end:.4f} s,"
+            f" {end - begin:.3f} s long; gaps up to {longest_s:g} s are"
             " bridged: give each part beside the gap a trial of its own by `windows` in the sample"
             " sheet, or see whether the recorder's clock jumped"
         )

@@ -375,6 +375,8 @@ def test_who_was_left_out_is_listed_with_value_threshold_and_remedy(checked):
     said = exclusion_report(listed)
     assert "b_2 (stumbled)" in said
     assert "plate_2 (unzeroed_plate" in said
+    refused_too = listed.with_columns(trial=pl.lit("plate_2")).filter(check="refused")
+    assert "plate_2" not in exclusion_report(pl.concat([listed, refused_too]))
 
 
 @pytest.mark.parametrize(

@@ -54,6 +54,16 @@ def test_a_path_that_moves_less_than_is_needed_is_told():
     assert ("torque path", Grade.NOTES) in [(each.cause, each.grade) for each in findings]
 
 
+def test_an_explanation_of_several_estimates_is_told_once():
+    row = KNEE | {"K_fault_share": 0.07, "B_fault_share": 0.2, "explanations": "delay"}
+
+    (doubt,) = findings_of(row, Limits(), "impedance")
+
+    text = finding_text(doubt, row)
+    assert text.lower().count("explained by delay") == 1
+    assert "It would move B by up to 20 %" in text
+
+
 def test_other_causes_yield_to_a_fault_of_the_recording():
     row = KNEE | {"K_fault_share": 0.07, "VAF_held_out": 50.0, "B_unexplained_share": 0.5}
     table = pl.DataFrame([row])

@@ -22,7 +22,8 @@ STIFF = {"K": 100.0, "I_high": -1e-5, "band_high_hz": 5.0}
     # a gain is checked by a device, or by a component's file
     ("wrong_gain_unseen", "belt", [{"K_s_ratio": None}], []),
     ("wrong_gain_unseen", "actuator", [{"k_tau_n_m_ratio": None}], []),
-    ("wrong_gain_unseen", "impedance", [OWN_DEVICE], [OWN_DEVICE | {"gain_error": 0.0}]),
+    ("wrong_gain_unseen", "impedance", [OWN_DEVICE],
+     [OWN_DEVICE | {"gain_error": 0.0}, OWN_DEVICE | {"K_over_K_d": 8.85}]),
     # a fixture is unchecked until something of it is taken off, or it is alone
     ("fixture_inertia", "impedance", [NO_FIXTURE], []),
     ("fixture_inertia", "torque_angle", [NO_FIXTURE], []),
@@ -33,7 +34,8 @@ STIFF = {"K": 100.0, "I_high": -1e-5, "band_high_hz": 5.0}
     # a damping unlike B_d beside a K of K_d
     ("damping_unlike_gains", "impedance",
      [{"B": 6.1, "B_over_B_d": 2.03}, {"B": 1.4, "B_over_B_d": 0.47}],
-     [{"B": 3.1, "B_over_B_d": 1.03}]),
+     [{"B": 3.1, "B_over_B_d": 1.03},
+      {"B": 6.1, "B_over_B_d": 2.03, "coulomb_share": 0.5, "amplitude_deg": None}]),
     # a delay that may change J_j by a tenth
     ("late_torque_unseen", "transmission",
      [SHAFT | {"delay_se_s": 0.01}, SHAFT | {"fault_probability": None}], [SHAFT]),

@@ -5,6 +5,7 @@ import json
 import re
 import zlib
 from base64 import b64decode
+from dataclasses import replace
 
 import numpy as np
 import polars as pl
@@ -25,7 +26,13 @@ from osl_analysis.report.verdicts import (
 
 @pytest.mark.parametrize(
     ("findings", "verdict"),
-    [((), "clear"), ((PART,), "doubtful in part"), ((PART, WHOLE), "doubtful")],
+    [
+        ((), "clear"),
+        ((PART,), "doubtful in part"),
+        ((PART, WHOLE), "doubtful"),
+        ((replace(WHOLE, table="quality"),), "flagged"),
+        ((replace(WHOLE, table="quality"), WHOLE), "doubtful"),
+    ],
 )
 def test_a_trial_is_doubtful_by_the_findings_on_its_whole_fit(findings, verdict):
     assert view(*findings).verdict == verdict

@@ -319,7 +319,7 @@ def test_rows_without_a_value_are_a_gap_of_their_channel(empty, marked):
 
 
 TICKS = clock(100.0, 60.0)
-JUMP = r"torque .*4\.9900 s .*3605\.0000 s.* 3600\.010 s.*`windows`"
+JUMP = r"no sample .*4\.9900 s .*3605\.0000 s.* 3600\.010 s.*`windows`"
 WAS_SET = r"0\.5 s .*5\.5.* s.* row 500"
 
 

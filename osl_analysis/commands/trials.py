@@ -19,6 +19,7 @@ from osl_analysis.trial import Trial, write_trial
 
 MOST_CHANNELS = 200  # that are printed of a file
 LONGEST_TEXT = 60  # signs of a file's text that a line of the terminal can hold
+LONGEST_FACT = 160  # signs, of a name and what is said of it
 
 
 def ingest_trial(
@@ -104,7 +105,7 @@ def inspect_file(path: Path) -> Overview:
 def overview_text(overview: Overview) -> str:
     """The facts on a file, a line per channel (kind, name, unit, samples, rate, note, type) of the
     first `MOST_CHANNELS`, and the remarks."""
-    facts = [f"{name}: {shortened(fact)}" for name, fact in overview.facts.items()]
+    facts = [f"{name}: {shortened(fact, LONGEST_FACT)}" for name, fact in overview.facts.items()]
     lines = [channel_line(channel) for channel in overview.channels[:MOST_CHANNELS]]
     if len(overview.channels) > MOST_CHANNELS:
         lines.append(f"and {len(overview.channels) - MOST_CHANNELS} more, which --json lists")
@@ -150,10 +151,10 @@ def channel_line(channel: RecordedChannel) -> str:
     return text
 
 
-def shortened(text: str) -> str:
+def shortened(text: str, longest: int = LONGEST_TEXT) -> str:
     """Text of a file for the terminal: printable, and not longer than a line can hold."""
     safe = printable(text)
-    return safe if len(safe) <= LONGEST_TEXT else f"{safe[:LONGEST_TEXT]}..."
+    return safe if len(safe) <= longest else f"{safe[:longest]}..."
 
 
 def folder_facts(folder: Path) -> dict[str, Any]:

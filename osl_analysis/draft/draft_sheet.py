@@ -138,7 +138,7 @@ def draft_trial(name: str, files: Recordings, moved: Mapping[Path, str]) -> Draf
         problem = f"the name does not tell {lacking}: write it, and experiment {experiment}"
     if problem:
         question = f"{problem}; it stands as {UNNAMED}, which is not analysed"
-        return DraftedTrial(cells, question)
+        return DraftedTrial({**cells, **(stated if "impedance" in telling else {})}, question)
     cells["experiment"] = experiment
     return DraftedTrial({**cells, **told})
 

@@ -41,6 +41,8 @@ JOINTS = ("ankle", "knee", "hip")
 FEWEST_READINGS = 100  # that show how a channel moves
 SPRING = 0.9  # correlation with an angle: a fifth of the torque's power may be damping or friction
 FALLING = -0.5  # correlation below which a torque falls as the angle rises
+COARSE_ROWS = 600
+SLOW_CYCLE_S = 3.5  # that of a sine of 0.23 Hz by its mean speed; a hand takes 1 to 2.5 s
 TURN_UNITS = (ONE_TURN, 360.0, *2.0 ** np.arange(10, 25))  # ranges at which encoders wrap
 
 # of opensourceleg's logger: `knee[DephyActpack]:output_position`; or `knee.output_position`
@@ -346,12 +348,16 @@ def joints_named(channels: Iterable[RecordedChannel]) -> list[str]:
 
 
 def turns_slowly(guesses: Sequence[Guess], clock: RecordedChannel | None) -> bool:
-    """Whether the angle goes to and fro, and turns less often than every two seconds: it tells K
-    alone. A log whose clock or angle is not known does not tell."""
+    """Whether the angle goes to and fro in slow cycles: they tell K alone. A log whose clock or
+    angle is not known does not tell."""
     angles = [guess.channel for guess in guesses if guess.is_sure and guess.column == "theta"]
     if clock is None or not angles or angles[0].readings.size < FEWEST_READINGS:
         return False
     known = angles[0].readings
-    coarse = known[np.linspace(0, known.size - 1, 150).astype(int)]  # noise crosses the mean too
+    coarse = known[np.linspace(0, known.size - 1, COARSE_ROWS).astype(int)]  # without noise
     turns = np.count_nonzero(np.diff(coarse > coarse.mean()))
-    return bool(2 <= turns < clock.base[0] * np.ptp(clock.numbers) / 2)
+    steps = np.abs(np.diff(coarse))
+    step_s = clock.base[0] * np.ptp(clock.numbers) / steps.size
+    # by the mean speed over the way, so that rests do not count
+    cycle_s = 2 * np.ptp(coarse) * steps.sum() / (steps @ steps) * step_s
+    return bool(turns >= 2 and cycle_s > SLOW_CYCLE_S)

@@ -82,7 +82,8 @@ def test_the_one_joint_that_a_recording_names_is_its_joint(tmp_path, names, join
     ("gait_baseline", "walking", {"perturbed": "false"}), ("calib", "static", {}),
     ("calibration", "ingest_only", {}), ("static 2", "ingest_only", {}),
     ("unloaded", "plate", {}),
-    ("_-.motor", "actuator", {}), 
+    ("_-.motor", "actuator", {}),
+    ("K100_B2_fixture", "ingest_only", {"K_d": "100", "B_d": "2"}),
 ])  # fmt: skip
 def test_the_name_of_a_file_tells_its_trial_and_nothing_more(name, experiment, told):
     is_capture = experiment in ("static", "plate")
@@ -358,6 +359,8 @@ def triangle(turns):
     (triangle, 0.1, "torque_angle"),
     (lambda turns: np.sin(2 * np.pi * turns), 0.1, "torque_angle"),
     (triangle, 0.3, "impedance"),
+    # quick strokes with rests, as of a hand
+    (lambda turns: np.clip(6 * triangle(turns), -1, 1), 0.2, "impedance"),
 ])  # fmt: skip
 def test_a_slow_triangle_or_sine_is_torque_over_angle_and_its_counts_begin_anew(
     tmp_path, wave, frequency_hz, experiment

@@ -287,9 +287,10 @@ def check_vertical(force: Array) -> None:
     sign = "-" if load[axis] < 0 else "+"
     raise InputError(
         f"the load on the plate acts along {sign}{AXES[axis]} (up to"
-        f" {np.abs(force[:, axis]).max():.0f} N), expected +z:"
-        " correct `sign` or the plate's corners in the source file, or state `axes`, as"
-        " [x, -z, y] where y points up"
+        f" {np.abs(force[:, axis]).max():.0f} N), expected +z; state `axes` in the source file, as"
+        " [x, -z, y] where y points up; else correct the plate's channels or corners, of a C3D file"
+        " in the recorder, and export again, of an exported plate by `sign` or `corners` in the"
+        " source file"
     )
 
 

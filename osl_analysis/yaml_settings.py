@@ -3,7 +3,7 @@ reason."""
 
 import json
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import lru_cache
 from itertools import pairwise
@@ -178,6 +178,26 @@ def dotted(place: Place) -> str:
     return ".".join(map(str, place))
 
 
+# what a draft leaves to the user
+UNKNOWN = "UNKNOWN"  # a value that the recordings do not tell
+NAME_OF_TIME = "NAME_OF_TIME"  # the column of time, if no column is named like a clock
+
+
+def open_places(content: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    """The places of a draft that the user must still edit: placeholder names and unknown values,
+    also in a list."""
+    if not isinstance(content, dict):
+        return
+    for key, value in content.items():
+        place = (*above, str(key))
+        values = value if isinstance(value, list) else [value]
+        is_open = UNKNOWN in values or NAME_OF_TIME in values
+        if is_open or re.fullmatch(r"NAME_\d+", str(key)):
+            yield place
+        else:
+            yield from open_places(value, place)
+
+
 def validated(
     content: Any,
     model: type[AnySettings],
@@ -185,7 +205,15 @@ def validated(
     files: Sequence[Path] | None = None,
 ) -> AnySettings:
     """The content of a configuration file as a model; for messages `path`, and `files` with
-    lines."""
+    lines. A draft with places to be edited is refused."""
+    yaml_files = [Path(path)] if files is None else files
+    if yaml_files:  # a cell of a sheet may have any text
+        unedited = [f"{located(yaml_files, at)}`{dotted(at)}`" for at in open_places(content)]
+        if unedited:
+            raise InputError(
+                f"{path}: a draft with places to be edited: {listing(unedited, 6)};"
+                " its comments say how"
+            )
     try:
         return model.model_validate(without_truth_values(content))
     except ValidationError as error:
@@ -199,16 +227,17 @@ def validated(
     first = max(problems_at, key=lambda at: (problems_at[at][0]["type"] == MISPLACED, len(at)))
     missing = [at for at in problems_at if problems_at[at][0]["type"] == "missing"]
     places = missing if first in missing else [first]
-    line = located([Path(path)] if files is None else files, first)
+    line = located(yaml_files, first)
     names = ", ".join(map(dotted, places)) or "the file"
     text = f"{path}: {line}{names}: {problem_text(problems_at[first])}"
     raise InputError(text, settings=[dotted(first)])
 
 
+NO_NUMBER = r"valid \w+, unable to parse string as an? \w+"
 WORDS = {
     "Value error, ": "",
     "Field required": "is missing; add it",
-    r"valid \w+, unable to parse string as an? \w+": "number without a unit (3 % is 0.03)",
+    r"\w+ should have (at (least|most) \d+ items?) after validation, not \d+": r"write \1",
     "Input should be": "write",
     "a valid tuple": "a list",
     r"a valid dictionary( or instance of \w+)?": "fields below it, each as `name: value`",
@@ -221,10 +250,13 @@ def problem_text(problems: Sequence[Mapping[str, Any]]) -> str:
     """What is wrong with one field, and what is allowed: by a check of ours, where there is one."""
     checks = [problem for problem in problems if problem["type"] == "value_error"]
     problems = checks or problems
+    value = problems[0]["input"]
     reason = ", or ".join(dict.fromkeys(str(problem["msg"]) for problem in problems))
+    begins_with_number = re.match(r"[-+.]?\d", str(value))
+    number = "number without a unit (3 % is 0.03)" if begins_with_number else "number"
+    reason = re.sub(NO_NUMBER, number, reason)
     for pydantics, plain in WORDS.items():
         reason = re.sub(pydantics, plain, reason)
-    value = problems[0]["input"]
     if isinstance(value, dict | list | BaseModel):
         return reason
     written = "null" if value is None else shortened(repr(value))

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
-from osl_analysis.ingest.raw_files import UNKNOWN
+from osl_analysis.yaml_settings import UNKNOWN
 
 SMALLEST_CLUSTER = 3  # markers that tell where a segment is
 

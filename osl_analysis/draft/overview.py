@@ -24,11 +24,11 @@ from osl_analysis.ingest.likely_clock import (
     ticks,
     time_unit,
 )
-from osl_analysis.ingest.raw_files import NAME_OF_TIME, UNKNOWN
 from osl_analysis.recording import SECOND_NS, Channel, Kind, Recording
 from osl_analysis.source_file import MarkerSource, Source
 from osl_analysis.trial import Array
 from osl_analysis.units import is_clock
+from osl_analysis.yaml_settings import NAME_OF_TIME, UNKNOWN
 
 MOST_NOTES = 20  # lines of a file's own text that are shown
 MOST_WORDS = 5  # words in place of numbers that are shown of a channel

@@ -3,8 +3,7 @@ samples."""
 
 import hashlib
 import os
-import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
 from importlib.metadata import version
@@ -15,7 +14,7 @@ import numpy as np
 import polars as pl
 
 from osl_analysis import formats
-from osl_analysis.errors import InputError, listing, naming, nearest, printable
+from osl_analysis.errors import InputError, naming, nearest, printable
 from osl_analysis.files import digest
 from osl_analysis.formats import known_formats
 from osl_analysis.formats._text import begins_with_rows
@@ -27,11 +26,7 @@ from osl_analysis.ingest.message_log import convert_messages, join_on_stamp
 from osl_analysis.ingest.table_log import convert_table
 from osl_analysis.source_file import MarkerSource, MessageSource, Source, TableSource
 from osl_analysis.trial import Trial
-from osl_analysis.yaml_settings import dotted, field_line, read_mapping, read_yaml
-
-# what a draft of a source file leaves to the user
-UNKNOWN = "UNKNOWN"  # a value that the file does not tell
-NAME_OF_TIME = "NAME_OF_TIME"  # the column of time, if no column is named like a clock
+from osl_analysis.yaml_settings import read_mapping, read_yaml
 
 ENDINGS_OF_ANY = ("", ".log", ".json")  # of recordings, and of much else
 
@@ -93,29 +88,9 @@ def read_source(path: Path) -> Source:
             f"{path}: format '{name}' is not known: write one of"
             f" {', '.join(known)}{nearest(name, known)}"
         )
-    places = [
-        f"`{dotted(place)}` in line {field_line(path, place)}" for place in open_places(content)
-    ]
-    if places:
-        raise InputError(
-            f"{path}: a draft of `osl-analysis inspect` with places to be edited:"
-            f" {listing(places, 6)}; its comments say how"
-        )
     source: Source = read_yaml(path, known[name].source)
     source.written_in(path)
     return source
-
-
-def open_places(content: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
-    """The places of a draft that the user must still edit: placeholder names and unknown values."""
-    if not isinstance(content, dict):
-        return
-    for key, value in content.items():
-        place = (*above, str(key))
-        if re.fullmatch(r"NAME_\d+", str(key)) or value in (UNKNOWN, NAME_OF_TIME):
-            yield place
-        else:
-            yield from open_places(value, place)
 
 
 def check_clocks(log: Source, mocap: Source) -> None:

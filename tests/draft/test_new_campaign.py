@@ -12,7 +12,7 @@ import yaml
 from bench_recordings import RECORDINGS
 from c3d_builder import UNITS_OF_PLATE, level_plates, write_c3d
 from command_line import call
-from conftest import ROOT
+from conftest import ROOT, refused_with
 from jsonschema import Draft202012Validator
 from log_builders import write_text, write_trc
 
@@ -416,7 +416,15 @@ def test_a_dry_run_names_the_one_source_file_of_two_that_is_to_be_edited(
 
     (problem,) = first_look()
 
-    assert re.search(r"sources/csv\.yaml: .*`channels\.torque\.unit`.* \d+", problem)
+    assert re.search(r"sources/csv\.yaml: .* \d+: `channels\.torque\.unit`", problem)
+
+
+def test_all_that_a_draft_of_a_configuration_leaves_open_is_named_at_once(tmp_path):
+    draft = "walking:\n  side: UNKNOWN\n  plate: UNKNOWN\n  markers: {foot: [A, UNKNOWN]}\n"
+    (tmp_path / "config.yaml").write_text(draft)
+
+    with refused_with(r"2: `walking\.side`, .*3: `walking\.plate`, .*4: `walking\.markers\.foot`"):
+        read_config(tmp_path / "config.yaml")
 
 
 def test_a_log_and_a_capture_whose_clocks_are_not_aligned_are_a_question(tmp_path, rec):

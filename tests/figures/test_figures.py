@@ -16,6 +16,7 @@ from osl_analysis.commands.figure import (
     write_captions,
     write_figure,
 )
+from osl_analysis.config.impedance_trajectory import STANCE_SHARE
 from osl_analysis.figures import (
     FIGURES,
     LINEAR_MODEL,
@@ -402,6 +403,7 @@ def test_fig9_shows_every_group_with_a_result_and_what_it_was_commanded():
 
 
 def test_fig8_shows_stance_alone():
+    assert f"the first {100 * STANCE_SHARE:g} % of" in FIGURES["fig8"].caption
     gains = stored("gains")
     swing = gains.tail(1).with_columns(phase=pl.lit(0.63), K_d=pl.lit(1e6))
 

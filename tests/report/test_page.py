@@ -15,6 +15,7 @@ from page_builder import ABOUT, PART, REMARK, ROW, WHOLE, page, view, worded
 from osl_analysis.commands.report import signals_of
 from osl_analysis.report import methods
 from osl_analysis.report.page import ShownFigure, trial_view, with_symbols, written_page
+from osl_analysis.report.paper_tables import Condition
 from osl_analysis.report.signals import measured_response, of_fit, of_recording
 from osl_analysis.report.verdicts import (
     LeftOut,
@@ -83,6 +84,16 @@ def test_a_page_without_figures_and_conditions_has_no_empty_frame():
 
     assert "<figure" not in html.partition("<script")[0]
     assert '<table class="sort conditions"' not in html
+
+
+@pytest.mark.parametrize(("shown", "model"), [
+    (("conditions",), "Iα + offset;"), (("groups",), "Iα;"),
+    (("conditions", "groups"), "Iα + offset (none while walking);"),
+])  # fmt: skip
+def test_the_page_has_the_offset_where_the_fit_has_it(shown, model):
+    rows = [Condition({"controller": "PD"}, ["a"], 1, False, [], {"K": "300"})]
+
+    assert model in written_page(page(view(), **dict.fromkeys(shown, rows)))
 
 
 def test_figures_are_drawn_inline_with_names_of_their_own_and_links_to_trials():

@@ -121,7 +121,7 @@ def reference(key: str) -> str:
     if "doi" in fields:
         fields["doi"] = f"https://doi.org/{fields['doi']}"
     names = ("author", "title", "journal", "year", "note", "doi", "url")
-    text = ". ".join(fields[name] for name in names if name in fields)
+    text = ". ".join(fields[name].rstrip(".") for name in names if name in fields)
     return re.sub("[{}]", "", text)
 
 

@@ -313,7 +313,7 @@ def crossing_features(crossings: Sequence[Crossing], settings: SelectionSettings
     load = curves(forces, middle)
     usual = float(np.median(load.mean(axis=1)))
     pressure = curves([crossing.load[1] for crossing in crossings], middle)
-    share = "of the usual load"
+    percent = "% of the usual load"
     unchanged = [
         Measure("foot forward", "m", forward, rule.placement_m),
         Measure("foot to the left", "m", left, rule.placement_m),
@@ -325,14 +325,19 @@ def crossing_features(crossings: Sequence[Crossing], settings: SelectionSettings
         ),
         Measure(
             "deviation in load before the onset",
-            share,
-            curves(forces, before) / usual,
-            rule.load_share,
+            percent,
+            100 * curves(forces, before) / usual,
+            100 * rule.load_share,
         ),
     ]
     changed = [
         Measure("stance", "s", stance, rule.stance_s),
-        Measure("deviation in load in single support", share, load / usual, rule.load_share),
+        Measure(
+            "deviation in load in single support",
+            percent,
+            100 * load / usual,
+            100 * rule.load_share,
+        ),
         Measure("deviation in pressure beside the ankle", "m", pressure, rule.pressure_m),
     ]
 

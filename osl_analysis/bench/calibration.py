@@ -153,7 +153,7 @@ def known_row(analysis: Analysis, known: Known, frame: GroupFit | None) -> Row:
             f"{{{to_state}, bench_stiffness: {{value: {stated.value}, standard_error:"
             f" {stated.standard_error}}}}}"
         )
-        of_frame.update(estimates_row(frame, "frame_stiffness"))
+        of_frame = estimates_row(frame, "frame_stiffness")
     return {
         **of_frame,
         "known_K": known.stiffness,

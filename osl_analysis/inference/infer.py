@@ -14,11 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from osl_analysis.errors import NotWeighedError
 from osl_analysis.inference.constants import BLOCKS, HARM_FLOOR, HARM_SHARE, LIKELY
 from osl_analysis.inference.rivals import EQ_15, RIVALS, Rival, Search, candidates
 from osl_analysis.inference.rounding_errors import rounding_torques
-from osl_analysis.inference.spectra import BenchSignals, Spectra, mostly_rests
+from osl_analysis.inference.spectra import BenchSignals, Spectra
 from osl_analysis.inference.unexplained import largest_shifts
 from osl_analysis.inference.weighing import Predicted, predict, weigh
 from osl_analysis.inference.whitening import Whitened
@@ -113,11 +112,9 @@ def infer_impedance(
     InputError
         The signals are not finite, or do not move.
     NotWeighedError
-        They are too short, or the joint mostly rests.
+        They are too short.
     """
     spectra = Spectra(signals)
-    if mostly_rests(spectra.omega[spectra.inside]):
-        raise NotWeighedError("the joint mostly rests, as under binary steps; vary its speed")
     data = Whitened(spectra)
     fits, rounding = fit_all(data, RIVALS)
     weighed, best_sound = weigh(fits, spectra.freedom)

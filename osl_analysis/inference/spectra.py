@@ -33,10 +33,6 @@ Spectrum = NDArray[np.complex128]
 WORKING_RATE = 3.4  # bands; there the roll-off has taken all but 1.4 % of a signal
 SPECTRUM_S = 2.0  # [s] of a segment of Welch's spectrum
 REST = 0.02  # SD of the angle that a joint at rest does not leave
-AT_REST = 0.1  # SD of the velocity, below which a joint rests
-# share of the rows at rest, above which it mostly rests: 0.77 to 0.87 under binary steps, of ramps
-# and a hand at most 0.56
-MOST_REST = 2 / 3
 DERIVATIVES = 5  # angle and its derivatives up to the fourth
 
 
@@ -341,10 +337,3 @@ def noise_and_band(theta: Array, rate_hz: float) -> tuple[float, float]:
     hidden = frequency[(frequency > 1.0) & (power < VISIBLE_ABOVE_NOISE * noise)]
     end = max(float(hidden.min(initial=limit)), min(2.0, limit))
     return noise, end
-
-
-def mostly_rests(velocity: Array) -> bool:
-    """Whether a joint with this velocity (n,) rests in most rows, as under steps between a few
-    levels. Each step then has the same speeds."""
-    rests = np.abs(velocity) < AT_REST * velocity.std()
-    return bool(np.mean(rests) > MOST_REST)

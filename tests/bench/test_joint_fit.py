@@ -149,7 +149,7 @@ def test_an_inertia_behind_a_soft_spring_does_not_drive_the_motion():
     assert row["K"] == pytest.approx(-30, rel=0.2)
 
 
-def test_where_it_mostly_rests_a_joint_is_fitted_and_no_fault_weighed():
+def test_above_the_cutoff_a_joint_is_fitted_and_no_fault_weighed():
     time, theta = binary_steps()
     trial = joint_trial(time, theta, 300 * theta)
 

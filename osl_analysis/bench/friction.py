@@ -17,7 +17,7 @@ import scipy
 
 from osl_analysis.bench.impedance import QUANTITIES, Analysis
 from osl_analysis.bench.record import Label, Record
-from osl_analysis.bench.regression import BenchFit, GroupFit, Model, Sums, with_effects
+from osl_analysis.bench.regression import BEYOND, BenchFit, GroupFit, Model, Sums, with_effects
 from osl_analysis.errors import IdentifiabilityError, NotWeighedError
 from osl_analysis.inference import (
     BenchSignals,
@@ -199,7 +199,7 @@ def inferred_of_joint(
 
     None is weighed of a motion above the cut-off: where the acceleration jumps, an inertia's torque
     jumps at one of the samples, which is like a delay that differs from jump to jump."""
-    if record.band_hz[1] > record.settings.cutoff_hz:
+    if record.band_hz[1] > BEYOND * record.settings.cutoff_hz:
         return None
     with suppress(NotWeighedError):
         return infer_impedance(raw_signals(record), accuracy)

@@ -80,7 +80,7 @@ def write_tables(tables: Mapping[Path, pl.DataFrame], data: str = "") -> None:
                 archive.writestr(zipfile.ZipInfo(name), content)
 
 
-def with_places(table: pl.DataFrame, places: Places, by: str = "trial") -> pl.DataFrame:
+def with_places(table: pl.DataFrame, places: Places | None, by: str = "trial") -> pl.DataFrame:
     """Add the columns `joint` and `side` behind the column `by`.
 
     They are null for a trial that is not in `places`. A table without the column `by`, and a column
@@ -89,6 +89,7 @@ def with_places(table: pl.DataFrame, places: Places, by: str = "trial") -> pl.Da
     if by not in table.columns:
         return table
     table = table.clone()
+    places = places or {}
     behind = table.columns.index(by) + 1
     for name in ("side", "joint"):
         if name not in table.columns:

@@ -110,7 +110,7 @@ def write_report(
         verdict=[verdict, *headline_sentences(numbers)],
         notes=[content["intervals"], left_out, note],
         conditions=of_conditions,
-        groups=list(of_groups),
+        groups=of_groups,
         numbers=numbers,
         findings=findings_in_summary(content),
         trials=views,

@@ -122,7 +122,7 @@ def gather(
         without = pl.DataFrame(list(reasons), schema=["trial", "reason"], orient="row")
         without = without.with_columns(status=pl.lit(NOT_ANALYSED))
         table = pl.concat([table, without], how="diagonal_relaxed")
-    write_table(with_places(table, places or {}), output, data)
+    write_table(with_places(table, places), output, data)
 
 
 def unpublished(table: pl.DataFrame, name: str) -> list[str]:
@@ -172,7 +172,7 @@ def judge(
     not_measured = rows_of_reasons(by_trial(refused), "refused")
     not_measured = not_measured.with_columns(verdict=pl.lit("refused"))
     table = pl.concat([verdicts, not_measured], how="diagonal_relaxed")
-    write_table(with_places(table, places or {}), output, data)
+    write_table(with_places(table, places), output, data)
 
 
 def write_findings(
@@ -217,7 +217,7 @@ def write_findings(
     of_refused = pl.col("trial").is_in(list(by_trial(refused)))
     used = read_table(verdicts).filter(~of_refused | (pl.col("verdict") == "exclude"))
     findings = campaign_findings(tables_by_name, used, limits)
-    write_table(with_places(findings_frame(findings), places or {}), output, data)
+    write_table(with_places(findings_frame(findings), places), output, data)
 
 
 def with_columns_of_fits(table: pl.DataFrame, name: str, fits: Sequence[Path]) -> pl.DataFrame:
@@ -271,7 +271,7 @@ def list_excluded(
     # what follows from another cause is none
     follows = pl.col("check").is_in([CROSSING, LACKING])
     listed = listed.filter(~follows | pl.col("trial").is_first_distinct())
-    write_table(with_places(listed, places or {}), output, data)
+    write_table(with_places(listed, places), output, data)
 
 
 def write_summary(
@@ -431,19 +431,15 @@ def columns_text() -> str:
         for file, rows, columns in table.sections:
             lines = [(column.name, column.unit, column.meaning) for column in columns]
             sections.append(f"{file}: {rows}\n\n{aligned(lines)}")
+    checks = [
+        (name, UNITS[name], f"{check.meaning}. Fails {check.fails} its threshold")
+        for name, check in CHECKS.items()
+    ]
     numbers = [(entry.name, entry.unit, entry.meaning) for entry in ENTRIES]
     return "\n".join(
         [
             *sections,
-            f"checks of quality control\n\n{aligned(described_checks())}",
+            f"checks of quality control\n\n{aligned(checks)}",
             f"numbers in summary.json\n\n{aligned(numbers)}",
         ]
     )
-
-
-def described_checks() -> list[tuple[str, str, str]]:
-    """Name, unit and meaning of every check of quality control."""
-    return [
-        (name, UNITS[name], f"{check.meaning}. Fails {check.fails} its threshold")
-        for name, check in CHECKS.items()
-    ]

@@ -276,7 +276,7 @@ def select_crossings(
     refused = {name: reason for name, reason in results.items() if isinstance(reason, str)}
     rows = selection_rows(analysed, refused, settings, sheet)
     table = pl.DataFrame([*rows.values()], infer_schema_length=None)
-    write_table(with_places(table, places or {}), output, data)
+    write_table(with_places(table, places), output, data)
 
 
 def average_unperturbed(

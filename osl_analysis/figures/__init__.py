@@ -123,4 +123,5 @@ def drawn(name: str, table: pl.DataFrame) -> "PaperFigure":
 
     with paper_style():
         figure: PaperFigure = module_of(name).draw(table)
+        figure.align_ylabels()
     return figure

@@ -80,7 +80,6 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     if marks.has_doubtful(table):
         keys.append(marks.key("Doubtful fit", **DOUBTFUL_TRIAL))
     marks.legend_above(figure, keys)
-    figure.align_ylabels()
     return figure
 
 

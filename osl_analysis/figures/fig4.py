@@ -111,7 +111,6 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
         )  # fmt: skip
         ax.margins(x=0.005)
     torque.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3)
-    figure.align_ylabels()
     return figure
 
 

@@ -77,7 +77,6 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     if style.has_values(table, "B_viscous"):
         keys.append(marks.key("Viscous damping", markersize=Layout.VISCOUS_SIZE, **VISCOUS_MARK))
     marks.legend_above(figure, keys)
-    figure.align_ylabels()
     return figure
 
 

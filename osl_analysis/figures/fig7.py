@@ -154,7 +154,6 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
         line = {"color": style.GREY, "linestyle": style.DASHED, "linewidth": Layout.MODEL_WIDTH}
         keys.append(marks.key(style.LINEAR_MODEL, **line))
     marks.legend_above(figure, keys)
-    figure.align_ylabels()
     return figure
 
 

@@ -27,7 +27,6 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     draw_gain(damping, table, "B")
     damping.set_ylabel("Damping (N·m·s/rad)")
     damping.set_xlabel("Stance (%)")
-    figure.align_ylabels()
     return figure
 
 

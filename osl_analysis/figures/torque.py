@@ -11,5 +11,4 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     figure, (torque, residual) = style.panels(style.DOUBLE_COLUMN, 3.4, rows=2, share_x=True)
     draw_torque(torque, residual, table, "Best-fit model")
     torque.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2)
-    figure.align_ylabels()
     return figure

@@ -71,5 +71,4 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     if len(trials) <= MOST_NAMED:
         keys += [marks.key(style.drawn_name(name), color=colours[name]) for name in trials]
     marks.legend_above(figure, keys)
-    figure.align_ylabels()
     return figure

@@ -49,7 +49,6 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
         for ax, panel in zip(axes[4 * number :], PANELS, strict=False):
             draw_panel(ax, rows, panel)
     marks.legend_above(figure, marks.labelled(axes))
-    figure.align_ylabels()
     return figure
 
 

@@ -481,7 +481,8 @@ def differences(
     """
     distances = {}
     before = passage.onset if passage.onset is not None else passage.stance.toe_off
-    stands = (passage.frames >= passage.stance.heel_strike) & (passage.frames <= before)
+    undisturbed = Stance(passage.stance.heel_strike, before)
+    stands = in_stance(passage.frames, undisturbed)
     for segment, names in settings.markers.clusters.items():
         poses = passage.recorded[segment]
         rows = stands & poses.seen() & ~poses.bridged
@@ -492,7 +493,7 @@ def differences(
         marker, distance_m = moved_marker(reference, tracks[rows], poses[rows])
         distances[f"marker {names[marker]} of the {segment}"] = distance_m
 
-    inside = (passage.time >= passage.stance.heel_strike) & (passage.time <= before)
+    inside = in_stance(passage.time, undisturbed)
     of_foot = passage.poses["foot"].point(calibration.ankle_centre)
     apart = 2 * (of_foot - ankle.centre)[inside]  # the shank's centre is as far on the other side
     in_foot = np.einsum("nji,nj->ni", passage.poses["foot"].rotation[inside], apart)

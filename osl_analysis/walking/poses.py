@@ -66,11 +66,11 @@ class Poses:
     def points(self, reference: Array) -> Array:
         """Positions (n, m, 3) [m], in each frame, of points at `reference` (m, 3) [m]."""
         R_transposed = np.swapaxes(self.rotation, 1, 2)
-        return np.asarray((reference - self.origin) @ R_transposed + self.position[:, None])
+        return (reference - self.origin) @ R_transposed + self.position[:, None]
 
     def point(self, reference: Array) -> Array:
         """Positions (n, 3) [m], in each frame, of the point at `reference` (3,) [m]."""
-        return np.asarray(self.points(reference[None])[:, 0])
+        return self.points(reference[None])[:, 0]
 
     def seen(self) -> Mask:
         """Frames (n,) that have a pose."""
@@ -154,7 +154,7 @@ def mean_positions(trial: Trial, names: Sequence[str]) -> dict[str, Array]:
                 f"trial {trial.name}: marker {name} is never seen in the static trial; label"
                 " it, or record the trial again"
             )
-        means[name] = np.asarray(track[seen].mean(axis=0))
+        means[name] = track[seen].mean(axis=0)
     return means
 
 

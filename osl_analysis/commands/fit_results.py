@@ -145,7 +145,7 @@ def finding_json(finding: Finding, row: Mapping[str, Any]) -> dict[str, Any]:
 def estimates_text(estimates: pl.DataFrame, findings: Sequence[Sequence[Finding]]) -> str:
     """The estimates as text: a line per fit and quantity, with 95 % interval and VAF, and the
     doubts about each row."""
-    lines: list[str] = []
+    lines = []
     for row, of_row in zip_longest(estimates.to_dicts(), findings, fillvalue=()):
         assert isinstance(row, dict)
         quality = f"VAF {written(row['VAF'], unit='%')} %" if "VAF" in row else "no VAF"

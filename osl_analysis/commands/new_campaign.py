@@ -152,7 +152,7 @@ def campaign_text(folder: Path, draft: Draft) -> str:
     """What is to be decided first, what the recordings were taken for, and the next command that
     can succeed."""
     questions, is_ready = left_to_decide(folder, draft)
-    lines: list[str] = []
+    lines = []
     if questions:
         lines.append("to be decided:")
         where = "in config.yaml and by `osl-analysis run -n`"
@@ -180,7 +180,7 @@ def source_lines(draft: Draft) -> list[str]:
     """The channels that each source file names, and for how many recordings."""
     cells = [trial.cells for trial in draft.trials]
     uses = Counter(row.get(role) for row in cells for role in ("log_source", "mocap_source"))
-    lines: list[str] = []
+    lines = []
     for name, source in draft.source_files.items():
         guesses = [entry.guess for entry in source.named.values()] or ["all markers"]
         lines.append(f"sources/{name}.yaml, {uses[name]} x: {listing(guesses, Most.LISTED)}")

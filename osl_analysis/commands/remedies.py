@@ -106,7 +106,7 @@ def diagnose(
 
     The changes of the lowest rank are returned with which it can be fitted to possible estimates,
     and about as well as with the best of them."""
-    expanded: list[Change] = []
+    expanded = []
     for change in changes:
         column = change.other_unit_of
         expanded += in_other_units(trial, [column]) if column else [change]

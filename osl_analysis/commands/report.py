@@ -202,8 +202,8 @@ def signals_of(
 
 def drawn_figures(figures: Mapping[str, Path]) -> tuple[list[ShownFigure], dict[str, str]]:
     """The figures with their captions, and, by title, why each of the others is not drawn."""
-    drawn: list[ShownFigure] = []
-    absent: dict[str, str] = {}
+    drawn = []
+    absent = {}
     for name, path in figures.items():
         title = figure_title(name)
         reasons = reasons_not_drawn(name, path.with_suffix(".csv"))

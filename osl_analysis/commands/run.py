@@ -64,7 +64,7 @@ def snakemake_arguments(arguments: Sequence[str]) -> list[str]:
         configurations = [CAMPAIGN, *configurations]  # later ones override earlier ones
     for file in configurations:
         read_mapping(file)  # of one that cannot be read, Snakemake shows a traceback
-    configured: list[str] = []
+    configured = []
     if configurations:
         configured = [CONFIGURED_BY[0], *map(str, configurations)]
     snakefile = ["--snakefile", str(shipped("Snakefile"))]
@@ -188,7 +188,7 @@ def start_campaign(stated: Mapping[str, Any], files: Sequence[Path]) -> tuple[Ca
     """
     config = campaign_config(over_default(stated), [default_config(), *files])
     planned = None
-    simulation_files: list[Path] = []
+    simulation_files = []
     if config.simulation is not None:
         from osl_analysis.commands.simulate import planned_sheet, settings_files
 
@@ -255,8 +255,8 @@ def source_problems(campaign: Campaign) -> dict[str, str]:
 
     Trials with the same source files are looked at once.
     """
-    problem_of: dict[tuple[object, ...], str] = {}
-    problems: dict[str, str] = {}
+    problem_of = {}
+    problems = {}
     for trial in campaign.trials():
         row = campaign.rows[trial]
         alike = (*campaign.sources(trial), row["log_part"], bool(row["log"] and row["mocap"]))
@@ -287,7 +287,7 @@ def left_out_recordings(campaign: Campaign) -> str:
     cannot be read no row."""
     config = campaign.config
     ingested = campaign.trials("ingest_only")
-    texts: list[str] = []
+    texts = []
     if ingested:
         names = listing(ingested, MOST_LISTED)
         texts.append(f"not analysed, as {config.sheet} has experiment ingest_only: {names}")

@@ -164,7 +164,7 @@ def folder_facts(folder: Path) -> dict[str, Any]:
     if not paths:
         endings = ", ".join(raw_files.suffixes())
         raise InputError(f"{folder}: no recordings below it ({endings}); name another folder")
-    facts: dict[str, Any] = {}
+    facts = {}
     for path in paths:
         name = str(path.relative_to(folder))
         try:

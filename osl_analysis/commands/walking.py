@@ -90,7 +90,7 @@ def write_crossing(crossing: Crossing, path: Path) -> None:
         "time": crossing.time,
         "phase": crossing.stance.phase(crossing.time),
     }
-    provenance: dict[str, Any] = {}
+    provenance = {}
     for name, value in ADAPTERS[Crossing].dump_python(crossing).items():
         if isinstance(value, np.ndarray):
             columns[name] = value.T
@@ -289,8 +289,8 @@ def average_unperturbed(
     rows = rows.filter(pl.col("trial").is_in([path.stem for path in crossings]))
     rows = rows.drop_nulls("group")
     selected = selected_crossings(crossings, selection)
-    gaits: dict[str, UnperturbedGait] = {}
-    problems: list[str] = []
+    gaits = {}
+    problems = []
     for name in dict.fromkeys(SEPARATOR.join(rows["group"]).split(SEPARATOR)):
         of_group = rows.filter(pl.col("group").str.split(SEPARATOR).list.contains(name))
         trials = of_group["trial"].to_list()

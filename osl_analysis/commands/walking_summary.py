@@ -104,10 +104,10 @@ def summarise_perturbations(
     commanded = commanded_trajectory(trajectory, data)
     files = {path.stem: path for path in crossings}
 
-    outcomes: list[GroupOutcome] = []
-    rows: list[dict[str, Any]] = []
-    of_responses: list[pl.DataFrame] = []
-    places_of: dict[str, dict[str, str | None]] = {}
+    outcomes = []
+    rows = []
+    of_responses = []
+    places_of = {}
     for group in dict.fromkeys(SEPARATOR.join(perturbed["group"].drop_nulls()).split(SEPARATOR)):
         trials = perturbed.filter(pl.col("reason").is_null(), group=group)["trial"].to_list()
         gait = gaits.get(group)

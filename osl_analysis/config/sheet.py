@@ -223,7 +223,7 @@ def read_sheet(path: Path) -> SheetRows:
     _, columns = lines[0]
     if len(set(columns)) < len(columns):
         raise InputError(f"{path}: a column stands twice in the header; remove one")
-    rows: SheetRows = {}
+    rows = {}
     spellings: dict[tuple[str, str], str] = {}
     for number, cells in lines[1:]:
         where = f"{path}: line {number}"

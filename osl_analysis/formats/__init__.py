@@ -44,7 +44,7 @@ FAULTS = (TypeError, AttributeError, NameError, LookupError, ArithmeticError, As
 @cache
 def known_formats() -> Mapping[str, Format]:
     """The formats by name; tables of any text come last."""
-    formats: list[Format] = []
+    formats = []
     for module in pkgutil.iter_modules(__path__):
         if not module.name.startswith("_"):
             members = vars(import_module(f"{__name__}.{module.name}")).values()

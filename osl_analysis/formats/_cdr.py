@@ -134,7 +134,7 @@ class Layout:
     ) -> dict[str, NDArray[Any]]:
         """Numbers of messages of this layout, (messages,) each, by path; a path that they lack is
         left out. None stands for all that are listed."""
-        columns: dict[str, NDArray[Any]] = {}
+        columns = {}
         for path in self.listed if paths is None else paths:
             if path in self.numbers:
                 kind, place = self.numbers[path]
@@ -149,8 +149,8 @@ class Layout:
         fields = self.definition[type_name]
         if not fields and not self.is_ros1:
             self._take(1)  # a message without fields has a byte in CDR
-        counts: dict[str, int] = {}  # of arrays of numbers, by path
-        texts_of: dict[str, tuple[list[str], slice]] = {}  # by field, with where they stand
+        counts = {}  # of arrays of numbers, by path
+        texts_of = {}  # by field, with where they stand
         for name, (kind, inner) in fields:
             path = f"{prefix}{name}"
             is_array = kind in (Nodetype.ARRAY, Nodetype.SEQUENCE)

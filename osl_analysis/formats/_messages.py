@@ -168,8 +168,8 @@ class Topic:
     def _as_objects(self, decode: Callable[[bytes], Any], messages: Bytes) -> Iterator[Decoded]:
         """Decode messages that become objects, one by one."""
         content, starts, lengths = messages
-        objects: list[dict[str, Any]] = []
-        places: list[int] = []
+        objects = []
+        places = []
         for place, start in enumerate(starts.tolist()):
             try:
                 values: dict[str, Any] = {}
@@ -178,7 +178,7 @@ class Topic:
                 places.append(place)
             except Exception as error:
                 self._note(error)
-        columns: dict[str, Any] = {}
+        columns = {}
         for path in dict.fromkeys(path for values in objects for path in values):
             numbers = [value.get(path) for value in objects]
             texts = [value for value in numbers if isinstance(value, str)]
@@ -231,7 +231,7 @@ class Topic:
     @cached_property
     def table(self) -> pl.DataFrame:
         """Its messages in the order of the file, with a column of each path that was read."""
-        tables: list[pl.DataFrame] = []
+        tables = []
         for paths, alike in groupby(self.parts, _types_by_path):
             parts = [*alike]
             columns = {path: _joined([part[path] for part in parts]) for path in paths}
@@ -276,7 +276,7 @@ class Topic:
         `address` is what stands before the field in that of a channel.
         """
         units = ROS_UNITS.get(self.schema.name.rpartition("/")[2], {})
-        channels: list[Channel] = []
+        channels = []
         paths = self.table.drop(PLACE, LOG_TIME).columns
         for path in paths:
             likely = next((unit for start, unit in units.items() if path.startswith(start)), "")
@@ -382,7 +382,7 @@ class Log:
             name: (count, self.expected[name] if expected else None)
             for name, count in sorted(self.read.items())
         }
-        channels: list[Channel] = []
+        channels = []
         for topic in self.topics.values():
             if topic.lost:
                 _, declared = by_topic[topic.name]
@@ -440,7 +440,7 @@ class Log:
 
 def _wanted_fields(source: Any) -> dict[str, dict[str, None]]:
     """The fields that a source file asks for, by topic."""
-    stamps: list[str] = []
+    stamps = []
     if source.time.source == "header":
         stamps = [path for parts in stamp_fields(source.time.field) for path in parts]
     wanted: dict[str, dict[str, None]] = {}  # in their order, each once
@@ -471,7 +471,7 @@ def _take_values(value: Any, path: str, values: dict[str, Any]) -> None:
 
 def _members_of(message: Any) -> dict[str, Any]:
     """The fields of a message of protobuf that are set, or always have a value."""
-    members: dict[str, Any] = {}
+    members = {}
     for field in message.DESCRIPTOR.fields:
         if not field.has_presence or message.HasField(field.name):
             value = getattr(message, field.name)

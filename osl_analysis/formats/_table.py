@@ -197,8 +197,8 @@ def _with_dropped_variables(
     cut = [data.pop()] if is_cut else []
     latest = dict(enumerate(data[0].cells if data else []))  # of every variable
     named = variables = [*latest]  # of the rows from here on
-    filled: list[Row] = []
-    remarks: list[str] = []
+    filled = []
+    remarks = []
     for row in data:
         if len(row.cells) != len(variables):
             failed = [variable for variable in variables if latest[variable] in missing]
@@ -286,7 +286,7 @@ def _head_of(
             for text in [*comments, *map(delimiter.join, candidates[-1:])]
         ]
         lists = [names for names in split if names]
-    units: list[str] = []
+    units = []
     if len(lists) > 1 and _are_units(lists[-1]):
         units = [cell.strip(BRACKETS) for cell in lists.pop()]
     for cells in candidates:  # `Y_Unit_Label` of LabVIEW
@@ -394,7 +394,7 @@ def recording_of_table(
         Units by convention, by name.
     """
     rows = Rows(count=len(table.lines), lines=table.lines, noun=noun)
-    channels: list[Channel] = []
+    channels = []
     for place, lasting in enumerate(lasting_names(table.names)):
         title, unit, cells = table.names[place], table.units[place], table.body.to_series(place)
         name = name_and_unit(title)[0]

@@ -164,7 +164,7 @@ def split_rows(lines: Sequence[Line], delimiter: str) -> list[Row]:
     InputError
         A quote is not closed on its line, or a cell is too long.
     """
-    rows: list[Row] = []
+    rows = []
     for number, text in lines:
         if delimiter == " ":
             text = re.sub(r"\s+", " ", text.strip())

@@ -77,7 +77,7 @@ def _read_workbook(path: Path, source: SheetSource | None) -> Recording:
     """Read the largest sheet of a workbook, by the rules of a table of text."""
     # from bytes: else it goes by the file's ending
     book = optional_module("fastexcel", "a workbook").read_excel(path.read_bytes())
-    sheets: dict[str, pl.DataFrame] = {}
+    sheets = {}
     for name in book.sheet_names:
         sheets[name] = book.load_sheet(name, header_row=None, dtypes="string").to_polars()
     largest = max(sheets, key=lambda name: sheets[name].height * sheets[name].width)
@@ -130,8 +130,8 @@ def _numpy_arrays(path: Path) -> dict[str, NDArray[Any]]:
 def _hdf5_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
     """Read the data sets and the attributes of the file, and the units that they state."""
     h5py = optional_module("h5py", "an HDF5 file")
-    arrays: dict[str, NDArray[Any]] = {}
-    units: dict[str, str] = {}
+    arrays = {}
+    units = {}
 
     def take(name: str, item: Any) -> None:
         if isinstance(item, h5py.Dataset):
@@ -150,9 +150,9 @@ def _hdf5_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
 def _recording_of_arrays(arrays: Mapping[str, NDArray[Any]], units: Mapping[str, str]) -> Recording:
     """Make a channel of each array (n,) and column of a matrix (n, m), whose longer axis is the
     rows. Single numbers, such as a rate, become notes."""
-    notes: list[str] = []
-    others: list[str] = []
-    columns: dict[str, NDArray[Any]] = {}
+    notes = []
+    others = []
+    columns = {}
     for name, array in arrays.items():
         if array.dtype.kind not in "biuf" or array.ndim > 2 or not array.size:
             others.append(name)
@@ -179,7 +179,7 @@ def _recording_of_arrays(arrays: Mapping[str, NDArray[Any]], units: Mapping[str,
 def channels_of(key: str, columns: Sequence[Column], noun: str = "row") -> list[Channel]:
     """Make a channel of each column, with its address under a key of the source file."""
     rows_by_place: dict[tuple[str, int], Rows] = {}
-    channels: list[Channel] = []
+    channels = []
     for column in columns:
         count = column.values.size
         rows = Rows(count, column.group, noun=noun)

@@ -206,8 +206,8 @@ def _long_frames(header: Header) -> int:
 
 def parse_parameters(data: bytes, position: int, end: int) -> Parameters:
     """Read the parameters by `GROUP:NAME`. Groups may follow their parameters."""
-    groups: dict[int, str] = {}
-    values: list[tuple[int, str, Array | list[str]]] = []
+    groups = {}
+    values = []
     while position < end and data[position] != 0:
         length, group = struct.unpack_from("bb", data, position)
         name_end = position + 2 + abs(length)
@@ -403,8 +403,8 @@ def plates_of(
     geometries = source.plate_geometry if source is not None else {}
     numbers = sorted({*range(1, count + 1), *geometries})
     wanted = numbers if source is None or source.plates == "all" else source.plates
-    plates: list[Plate] = []
-    questions: list[str] = []
+    plates = []
+    questions = []
     numbered = enumerate(channels, 1)
     alike = [place for place, channel in numbered if PLATE_LABEL.search(channel.name)]
     of_plate = alike[: len(MEASURED_BY_TYPE[2])]
@@ -462,7 +462,7 @@ def read(path: Path, source: C3dSource | None) -> Recording:
     labels = header.texts("POINT:LABELS")[: header.points]
     analog_labels = _filled(header.texts("ANALOG:LABELS"), header.channels, "")
     analog_labels = [label or f"analog {place}" for place, label in enumerate(analog_labels, 1)]
-    remarks: list[str] = []
+    remarks = []
     fast_rate_hz = header.rate_hz * header.samples_per_frame
     frames = _whole_frames(header, analogs)
     if frames < header.frames:
@@ -474,7 +474,7 @@ def read(path: Path, source: C3dSource | None) -> Recording:
     outputs = {label for group in groups for label in header.texts(f"POINT:{group.upper()}")}
     slow = Rows(frames, "points", header.rate_hz, noun="frame")
     fast = Rows(frames * header.samples_per_frame, "analogs", fast_rate_hz, noun="sample")
-    channels: list[Channel] = []
+    channels = []
     for place, (label, name) in enumerate(zip(labels, _names_of(labels), strict=True)):
         read_points = partial(np.asanyarray, points[:frames, place])
         point = Channel({"label": label}, slow, read_points, name, kind=Kind.MODEL_OUTPUT)
@@ -482,7 +482,7 @@ def read(path: Path, source: C3dSource | None) -> Recording:
             point = replace(point, unit=header.length_unit, kind=Kind.MARKER)
         channels.append(point)
     units = _filled(header.texts("ANALOG:UNITS"), header.channels, "")
-    analog_channels: list[Channel] = []
+    analog_channels = []
     for label, unit, samples in zip(analog_labels, units, analogs[: fast.count].T, strict=True):
         read_samples = partial(np.asanyarray, samples)
         analog_channels.append(Channel({"channel": label}, fast, read_samples, label, unit=unit))

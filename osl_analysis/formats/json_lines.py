@@ -38,7 +38,7 @@ def read(path: Path, source: JsonSource | None) -> Recording:
     lengths = np.array([len(text) for text in texts])
     starts = np.cumsum(lengths + 1) - lengths - 1
     lines = np.flatnonzero([bool(text.strip()) for text in texts])
-    remarks: list[str] = []
+    remarks = []
     end = End.UNKNOWN
     if texts[-1].strip() and not _is_json(texts[-1]):  # as a killed logger leaves it
         lines = lines[:-1]

@@ -91,7 +91,7 @@ class Section:
         """The columns of devices, or the points of three columns each."""
         rows = Rows(len(self.rows), self.title, self.rate_hz, start_s=self.start_s)
         kind = KINDS.get(self.title, Kind.SIGNAL)
-        channels: list[Channel] = []
+        channels = []
         for place, (name, component) in enumerate(zip(self.names, self.components, strict=True)):
             unit = self.units[place]
             short_name = name.rpartition(":")[2]  # without the subject
@@ -208,7 +208,7 @@ def exported_plate(
         Address of each column without its axis, which is added to the last key, and its unit; empty
         for that of the file.
     """
-    channels: list[Channel] = []
+    channels = []
     for address, unit in columns:
         for axis in AXES:
             key = [*address][-1]

@@ -93,8 +93,8 @@ def read(path: Path, source: MatSource | None) -> Recording:
     for name, value in raw.items():
         if not name.startswith("__"):
             variables |= {variable.address: variable for variable in _variables_in(value, "", name)}
-    remarks: list[str] = []
-    notes: list[str] = []
+    remarks = []
+    notes = []
     for variable in variables.values():
         if variable.numbers is None:
             remarks.append(_reason(variable))
@@ -108,7 +108,7 @@ def read(path: Path, source: MatSource | None) -> Recording:
         )
     part = "" if source is None else _plain(source.log_part)
     everywhere = channels_of("variable", columns, noun="sample")
-    channels: list[Channel] = []
+    channels = []
     for channel in everywhere:
         within = channel.key.removeprefix(part)
         if not part or (within != channel.key and within.startswith((".", "(", "{"))):
@@ -175,7 +175,7 @@ def _columns_of(variable: Variable) -> list[Column]:
     is_upright = numbers.shape[0] >= numbers.shape[1]
     form = "(:,{})" if is_upright else "({},:)"
     lines = numbers.T if is_upright else numbers
-    columns: list[Column] = []
+    columns = []
     for number, line in enumerate(lines, start=1):
         place = form.format(number) if len(lines) > 1 else ""
         columns.append(Column(group, address + place, place or name, line, variable.unit))

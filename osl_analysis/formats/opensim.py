@@ -105,7 +105,7 @@ def read(path: Path, source: OpenSimSource | None) -> Recording:
             )
         table = replace(table, end=End.WHOLE)
     angle = ANGLES.get(header.get("indegrees", "").casefold(), "")
-    likely: dict[str, str] = {}
+    likely = {}
     for name in table.names:
         units = (unit for form, unit in LIKELY_UNITS.items() if re.search(form, name, re.I))
         likely[name] = next(units, angle)
@@ -125,7 +125,7 @@ def read(path: Path, source: OpenSimSource | None) -> Recording:
     if source is None:
         return recording
     _check_angles(source, angle)
-    plates: list[Plate] = []
+    plates = []
     for number, plate in source.plates.items():
         columns = [
             ({"column": begin}, unit)

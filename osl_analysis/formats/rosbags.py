@@ -127,7 +127,7 @@ class Database(Log):
             ) from error
 
     def _take_rows(self, connection: sqlite3.Connection) -> None:
-        definitions: dict[str, tuple[str, str]] = {}
+        definitions = {}
         with suppress(sqlite3.OperationalError):  # bags have them since ROS 2 Iron
             for kind, encoding, text in connection.execute(DEFINITIONS):
                 definitions[kind] = (encoding, text)

@@ -73,7 +73,7 @@ def read(path: Path, source: TdmsSource | None) -> Recording:
         key = (channel.group_name, *_timing_of(channel), length)
         by_rows.setdefault(key, []).append(channel)
     first_ns = min((start_ns for _, start_ns, step_s, _ in by_rows if step_s), default=0)
-    channels: list[Channel] = []
+    channels = []
     for (group, start_ns, step_s, _), members in by_rows.items():
         rows = Rows(min(map(len, members)), group, noun="value")
         if step_s:

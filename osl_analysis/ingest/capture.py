@@ -113,8 +113,8 @@ def convert_markers(
         ]
     else:
         markers = [recording.find({"label": label}, "marker") for label in source.markers]
-    columns: dict[str, Array] = {}
-    origins: dict[str, dict[str, Any]] = {}
+    columns = {}
+    origins = {}
     for marker in markers:
         name = marker.name or marker.key
         unit = getattr(source, "point_unit", None) or marker.unit

@@ -141,9 +141,9 @@ def canonical_columns(
         Truth values in a column that is no level, infinity, or more failed readings than
         `most_missing`.
     """
-    columns: list[pl.Series] = []
-    origins: dict[str, dict[str, Any]] = {}
-    remarks: list[str] = []
+    columns = []
+    origins = {}
+    remarks = []
     for column, channel in channels.items():
         setting = source.channels[column]
         readings = np.ma.asarray(values[column])

@@ -46,8 +46,8 @@ def convert_plates(
     length_of_all = getattr(source, "point_unit", None)
     units: PlateUnits | None = getattr(source, "plate_units", None)
     columns: dict[str, Array] = {}
-    origins: dict[str, dict[str, Any]] = {}
-    facts: list[dict[str, Any]] = []
+    origins = {}
+    facts = []
     for plate in plates:
         with naming(f"plate {plate.number}", " (or name the others alone under `plates`)"):
             length = length_of_all or plate.length_unit
@@ -93,7 +93,7 @@ def to_newtons(plate: Plate, units: PlateUnits | None, length: str) -> Array:
         "; or state the units that hold for all plates, as in"
         f" `plate_units: {{force: N, moment: N*mm{about_lengths}}}`, in the source file"
     )
-    factors: list[float] = []
+    factors = []
     for channel, quantity in zip(plate.channels, MEASURED_BY_TYPE[plate.type], strict=False):
         unit = stated.get(quantity) or calibrated.get(quantity) or channel.unit
         with naming(f"analog channel '{channel.key}'", remedy):
@@ -161,7 +161,7 @@ def channel_facts(plate: Plate, raw: Array, load: Array, rate_hz: float) -> list
     """
     least = max(LIMITS.used_share * np.ptp(load), LIMITS.used_N)
     is_about_point = raw.shape[1] == 9
-    facts: list[dict[str, Any]] = []
+    facts = []
     for number, channel in enumerate(plate.channels[: 6 if is_about_point else None]):
         values = raw[:, number]
         if is_about_point and number >= 3 and not values.any():

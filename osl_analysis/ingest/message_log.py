@@ -46,7 +46,7 @@ def convert_messages(recording: Recording, source: MessageSource) -> Converted:
     for column, setting in source.channels.items():
         by_topic.setdefault(setting.topic, {})[column] = setting
     warnings = [*loss.remarks]
-    tables: dict[str, pl.DataFrame] = {}
+    tables = {}
     for name, settings in by_topic.items():
         share = loss_of(loss, name).share
         if share > source.largest_loss:

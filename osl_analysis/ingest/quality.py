@@ -141,7 +141,7 @@ def measure_clock(examined: Examined) -> dict[str, float]:
 
 
 def measure_damage(examined: Examined) -> dict[str, float]:
-    shares: dict[str, float] = {}
+    shares = {}
     for role, damage in examined.trial.provenance.get("damage", {}).items():
         remarks = "; ".join([f"{damage['lost']} lost", *damage["remarks"]])
         shares[f"{role}: {remarks}"] = 100 * damage["share_lost"]
@@ -198,7 +198,7 @@ def differences(runs: Sequence[Run], protocol: SteppedSineProtocol) -> list[str]
     """What a recorded stepped sine has otherwise than it was commanded, in words. Sizes are
     compared at the slowest frequency, where a bench loses least."""
     missing = set(itertools.product(protocol.amplitudes, protocol.frequencies_hz))
-    remarks: list[str] = []
+    remarks = []
     for run in runs:
         command = protocol.command_of(run)
         if command is None:
@@ -275,7 +275,7 @@ def measure_stuck(examined: Examined) -> dict[str, float]:
     command, which has levels."""
     trial = examined.trial
     experiment = examined.experiment
-    seconds: dict[str, float] = {}
+    seconds = {}
     motion = recorded(trial, examined.moved)
     at, angle = motion
     turns = (angle != angle[:1]).any()
@@ -344,7 +344,7 @@ def measure_marker_gaps(examined: Examined) -> dict[str, float]:
     """Longest time [s] that a cluster had fewer than three markers in sight, between two sightings
     of three, minus one step; the whole time if it never had. One that is not recorded is none."""
     samples = examined.trial.samples
-    seconds: dict[str, float] = {}
+    seconds = {}
     for segment, names in examined.commanded.clusters.items():
         columns = {f"marker_{name}_x" for name in names}.intersection(samples.columns)
         if columns:
@@ -361,7 +361,7 @@ def measure_marker_gaps(examined: Examined) -> dict[str, float]:
 def measure_unzeroed_plates(examined: Examined) -> dict[str, float]:
     """Level [N] of a bare plate: the mean over a part at rest that is nearest to zero. A larger
     positive level may be a load, unless the experiment leaves every plate bare at some time."""
-    levels: dict[str, float] = {}
+    levels = {}
     for plate, (time, force) in readings_of(examined.trial, "(plate.*)_force_z").items():
         length = max(round(LIMITS.part_s / (usual_step(time) or math.inf)), 1)
         parts = force[: force.size // length * length].reshape(-1, length)
@@ -403,7 +403,7 @@ def measure_pressure_centres(examined: Examined) -> dict[str, float]:
 
 def measure_pressure_travel(examined: Examined) -> dict[str, float]:
     """Distance [m] between the 5th and 95th percentiles of a centre of pressure."""
-    ways: dict[str, float] = {}
+    ways = {}
     if examined.experiment.tables:  # somebody walks
         for plate, _, points in pressed_plates(examined):
             low, high = np.percentile(points, [5, 95], axis=0)

@@ -237,7 +237,7 @@ def check_one_timing(
 def check_common_rows(table: Table, columns: Sequence[str]) -> None:
     """Refuse columns of which no row has readings of both, as where several devices write rows of
     their own into one log."""
-    lacking: dict[str, NDArray[np.bool_]] = {}
+    lacking = {}
     for column in columns:
         lacks = np.isnan(np.ma.getdata(table.values[column]).astype(float))
         if not lacks.all():
@@ -255,7 +255,7 @@ def at_clock(
 ) -> Table:
     """Give the rows that count at the times that a named clock tells."""
     what = source.time.title
-    remarks: list[str] = []
+    remarks = []
     raw = np.ma.asarray(clock.values[: rows.count])
     # those of a longer channel that is not asked, or lines of another device
     lacks = is_missing(raw)

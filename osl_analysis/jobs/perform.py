@@ -173,7 +173,7 @@ def without_missing(
     Returns the inputs that are left, the causes of all that was refused, and those of them that
     keep the job from running: of what it cannot run without (`without_trials`).
     """
-    causes_of: dict[str, Sequence[NotAnalysed]] = {}
+    causes_of = {}
     for files in inputs.values():
         for file in listed(files):
             if causes := not_analysed(file):

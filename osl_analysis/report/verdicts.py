@@ -71,7 +71,7 @@ def used_and_missing(
 ) -> dict[str, dict[str, Any]]:
     """By experiment: number `of` trials in the sheet, number `used`, and why others are
     `missing`."""
-    by_experiment: dict[str, dict[str, Any]] = {}
+    by_experiment = {}
     for experiment in EXPERIMENTS:
         trials = [trial for trial, row in sheet.items() if row["experiment"] == experiment]
         missing = {trial: left_out[trial].reasons[0] for trial in trials if trial in left_out}

@@ -60,7 +60,7 @@ def plan_trials(settings: SimulationSettings) -> SheetRows:
     InputError
         No trial is planned, or two have the same name.
     """
-    rows: dict[str, dict[str, Any]] = {}
+    rows = {}
     for trial, experiment, condition in planned_trials(settings):
         if trial in rows:
             raise InputError(

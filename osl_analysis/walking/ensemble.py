@@ -102,7 +102,7 @@ class PredictorChoice:
     def best(self, weights: Array) -> Predictors:
         """The best set where the crossings have these weights (c,), whose sum is 1."""
         is_drawn = weights > 0
-        errors: dict[Predictors, float] = {}
+        errors = {}
         for predictors in PREDICTOR_SETS:
             is_known = is_drawn.sum() > len(predictors) + 2
             if predictors and not (is_known and len(weights) >= 3 * len(predictors) + 4):

@@ -282,7 +282,7 @@ def headline_rows(headline: GroupHeadline, fits: pl.DataFrame) -> list[dict[str,
         The group's rows of `walking.csv`.
     """
     common = headline.errors.common
-    rows: list[dict[str, object]] = []
+    rows = []
     for quantity in GROUP_QUANTITIES:
         mean = over_repeats(fits[quantity].to_numpy(), common.get(quantity, ()))
         method = f"{mean.interval_method}"

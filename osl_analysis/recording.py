@@ -327,7 +327,7 @@ class Format:
 
     name: str
     suffixes: tuple[str, ...]
-    begins: Callable[[bytes], bool]
+    begins: Callable[[bytes], object]
     source: type[Any]
     read: Callable[[Path, Any], Recording]
     is_any_text: bool = False

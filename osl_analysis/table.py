@@ -136,6 +136,11 @@ def read_table(path: Path | str, required: Sequence[str] = (), name: str = "") -
     return table
 
 
+def read_by_name(paths: Mapping[str, Path]) -> dict[str, pl.DataFrame]:
+    """Read result tables, each by its name."""
+    return {name: read_table(path) for name, path in paths.items()}
+
+
 def read_tables(paths: Sequence[Path], name: str = "") -> pl.DataFrame:
     """Read tables below one another; arguments and errors as in `read_table`."""
     tables = [rows_of(path, name) for path in paths]

@@ -82,7 +82,7 @@ def plot_numbers(
 ) -> None:
     """Write what figure `name` plots, from the result table that it shows, and others beside it.
     `option` is the value of the setting that the list of figures names; None: not set."""
-    shown: list[Any] = [read_table(path) for path in others]
+    shown = [read_table(path) for path in others]
     if option is not None:
         shown.append(option)
     described = described_tables_by_name()[FIGURES[name].table].columns

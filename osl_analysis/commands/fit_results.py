@@ -107,7 +107,7 @@ PRINTED = (
 def printed_units() -> Mapping[str, str]:
     """Unit of each estimate that is printed: of `PRINTED`, and what an experiment calls K, B and I.
     Those with an interval are estimates."""
-    units: dict[str, str] = dict.fromkeys(PRINTED, "")
+    units = dict.fromkeys(PRINTED, "")
     for experiment in EXPERIMENTS.values():
         units.update(dict.fromkeys(filter(None, experiment.impedance), ""))
     for table in described_tables_by_name().values():

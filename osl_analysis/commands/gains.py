@@ -3,7 +3,6 @@ theory predicts."""
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import polars as pl
@@ -52,7 +51,7 @@ def gain_table(
     K_1 = compensator.stiffness_gain(K_d, p)
     optimum = compensator.optimal_damping(K_d, B_d, p, weight)
     B_1 = optimum.B_1
-    of_gains: dict[str, Any] = {
+    of_gains = {
         "K_d": K_d,
         "B_d": B_d,
         "K_1": K_1,

@@ -33,7 +33,7 @@ from osl_analysis.report.verdicts import (
     left_out_trials,
     verdicts_sentence,
 )
-from osl_analysis.table import NotAnalysed, read_table
+from osl_analysis.table import NotAnalysed, read_by_name, read_table
 from osl_analysis.yaml_settings import FilesByName
 
 
@@ -75,7 +75,7 @@ def write_report(
     left_out : str
         Tells recordings that are not analysed.
     """
-    results = {name: read_table(path) for name, path in tables.items()}
+    results = read_by_name(tables)
     content = read_summary(summary)
     missing = left_out_trials(read_table(excluded))
     findings_of = findings_by_trial(read_findings(findings))
@@ -151,7 +151,7 @@ def write_methods(
     facts = methods.MethodsFacts(
         about=about,
         settings=settings,
-        tables={name: read_table(path) for name, path in tables.items()},
+        tables=read_by_name(tables),
         sheet=list(sheet.values()),
         summary=read_summary(summary),
     )

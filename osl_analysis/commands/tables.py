@@ -68,6 +68,7 @@ from osl_analysis.table import (
     by_trial,
     check_analysed,
     check_schema,
+    read_by_name,
     read_table,
     read_tables,
     with_places,
@@ -150,7 +151,7 @@ def check_claims(
 ) -> None:
     """Write `claims.csv`: the paper's claims beside the result `tables`. `midstance` is the
     commanded stiffness [N*m/rad]."""
-    tables_by_name = {name: read_table(path) for name, path in tables.items()}
+    tables_by_name = read_by_name(tables)
     p = known_parameters(parameters, ["n_T"])
     ratios = {joint_of(parameters): p.n_T} if parameters and p else {}
     claims = claims_table(tables_by_name, settings, frequencies_hz, midstance, ratios)
@@ -249,7 +250,7 @@ def list_excluded(
     """Write `excluded.csv`: every trial that is not used, with why it was refused, the checks that
     exclude it, what the sheet says, or why no result contains it. All that counts trials counts by
     it."""
-    results = {name: read_table(path) for name, path in tables.items()}
+    results = read_by_name(tables)
     of_crossings = dict[str, str]()
     for table in results.keys() & {"walking_crossings", "walking"}:
         results[table] = results[table].filter(pl.col("status") != LEFT_OUT)
@@ -309,7 +310,7 @@ def write_summary(
     refused : Sequence of NotAnalysed
         The causes of missing tables.
     """
-    tables = {name: read_table(path) for name, path in table_paths.items()}
+    tables = read_by_name(table_paths)
     numbers = list(headline_numbers(tables, beside_draft))
     all_findings = read_findings(findings)
     left_out = left_out_trials(read_table(excluded))
@@ -341,7 +342,7 @@ def write_paper_table(
     """Write a table for a paper: K, B and I of each condition in `impedance.csv`, of each group in
     `walking_summary.csv`, or else the components in summaries of the bench and in the parameter
     file, with the draft's values if `beside_draft`."""
-    read = {name: read_table(path) for name, path in tables.items()}
+    read = read_by_name(tables)
     if "impedance" in read:
         rows = condition_rows(conditions(read["impedance"]))
     elif "walking_summary" in read:

@@ -73,7 +73,7 @@ def ingest_and_check(
     """Write the trial of one row of the sheet, and to `quality` a row for each check, without
     limits and verdicts."""
     record = ingest_trial(row, raw_folder, sources_folder, trial, needed_columns)
-    measured = measure_quality(record, str(row["experiment"]), commanded, row.get("windows") or "")
+    measured = measure_quality(record, row["experiment"], commanded, row.get("windows") or "")
     write_table(measured_table(record.name, measured), quality, data)
 
 

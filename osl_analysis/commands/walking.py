@@ -29,7 +29,6 @@ from osl_analysis.trial import (
     NAME_KEY,
     PROVENANCE_KEY,
     SCHEMA_KEY,
-    Array,
     Trial,
     metadata_of,
     read_trial,
@@ -86,7 +85,7 @@ def read_model(path: Path, kind: Any) -> Any:
 def write_crossing(crossing: Crossing, path: Path) -> None:
     """Write a crossing as a trial: arrays (..., n) as columns beside the phase of stance, the rest
     as provenance."""
-    columns: dict[str, Array] = {
+    columns = {
         "time": crossing.time,
         "phase": crossing.stance.phase(crossing.time),
     }
@@ -322,7 +321,7 @@ def fit_perturbation(
     reason, group = rows.filter(trial=crossing.stem).select("reason", "group").row(0)
     gait = gaits.get(group)
     # a campaign in which no perturbation can be used keeps its other results
-    row: dict[str, object] = dict.fromkeys(result_tables.GROUP_QUANTITIES)
+    row = dict.fromkeys(result_tables.GROUP_QUANTITIES)
     if gait is None:
         reason = reason or NO_GAIT
     elif reason is None:

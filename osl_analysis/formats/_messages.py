@@ -378,7 +378,7 @@ class Log:
         expected = self.expected.total() or None
         if expected not in (None, read):
             self.remarks.append(f"it declares {expected} messages and holds {read}")
-        by_topic: dict[str, tuple[int, int | None]] = {
+        by_topic = {
             name: (count, self.expected[name] if expected else None)
             for name, count in sorted(self.read.items())
         }

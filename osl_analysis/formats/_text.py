@@ -262,7 +262,7 @@ def decimal_of(rows: Sequence[Sequence[str]]) -> str:
     InputError
         Stops separate thousands: read as decimals, they would be silently wrong.
     """
-    cells: set[str] = set()
+    cells = set()
     columns = zip_longest(*rows[:FIRST_LINES], *rows[-LAST_LINES:], fillvalue="")
     for place, column in enumerate(columns, start=1):
         numbers = {cell for cell in column if re.fullmatch(r"[+-]?\d*[.,]?\d+", cell)}

@@ -197,17 +197,13 @@ def channels_of(key: str, columns: Sequence[Column], noun: str = "row") -> list[
     return channels
 
 
-def _begins(begin: bytes) -> bool:
-    return bool(kind_of(begin))
-
-
 FORMAT = Format(
     name="table",
     suffixes=(
         ".xlsx", ".xls", ".ods", ".parquet", ".feather", ".arrow", ".ipc", ".npy",
         ".npz", ".h5", ".hdf5",
     ),
-    begins=_begins,
+    begins=kind_of,
     source=SheetSource,
     read=read,
 )  # fmt: skip

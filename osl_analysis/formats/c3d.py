@@ -344,7 +344,7 @@ def plate_of(
     """
     calibration = None
     if geometry is not None:
-        kind = int(geometry.type)
+        kind: int = geometry.type
         corners, origin = np.array(geometry.corners), np.array(geometry.origin)
         listed = Recording("c3d", channels)
         found = [listed.find({"channel": label}) for label in geometry.channels]

@@ -130,7 +130,7 @@ def _timing_of(sections: Sequence[Section]) -> dict[str, object]:
         raise InputError(
             "nothing to read; name markers, outputs, analogs or plates in the source file"
         )
-    spans: set[tuple[int, float, float]] = set()
+    spans = set()
     samples_per_frame = 1
     for section in sections:
         sub_frame = section.values(1)

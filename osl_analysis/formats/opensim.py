@@ -13,7 +13,7 @@ from osl_analysis.formats._table import LISTING, SheetSource, recording_of_table
 from osl_analysis.formats._text import decoded, is_text, read_text
 from osl_analysis.formats.csv_table import table_of_text
 from osl_analysis.formats.marker_text import exported_plate
-from osl_analysis.recording import End, Format, Plate, Recording
+from osl_analysis.recording import End, Format, Recording
 from osl_analysis.source_file import (
     Axes,
     ColumnChannel,

@@ -209,10 +209,6 @@ def _check_finished(path: Path) -> None:
             )
 
 
-def _is_folder(path: Path) -> bool:
-    return (path / DESCRIPTION).is_file()
-
-
 def _files_in(path: Path) -> list[Path]:
     """The description of a folder and the files that it lists."""
     return [path / DESCRIPTION, *_described(path)[0]] if path.is_dir() else [path]
@@ -224,6 +220,6 @@ ROSBAG2 = Format(
     begins=methodcaller("startswith", SQLITE),
     source=MessageSource,
     read=read_database,
-    is_folder=_is_folder,
+    is_folder=lambda path: (path / DESCRIPTION).is_file(),
     files_in=_files_in,
 )

@@ -125,7 +125,7 @@ def stated_rate(texts: Sequence[str]) -> float | None:
     """The rate of the rows [Hz] that texts state, such as `Sample rate: 500 Hz` or LabVIEW's
     `Delta_X`. None if they state several, or mention a device or a decimation: the rate may then
     not be that of the rows."""
-    rates: set[float] = set()
+    rates = set()
     for text in texts:
         interval = re.search(INTERVAL, text)
         words = re.search(RATE_IN_WORDS, text)

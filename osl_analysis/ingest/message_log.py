@@ -3,7 +3,6 @@ different stamps have rows of their own, null in the columns of the others. Noth
 or held."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import polars as pl
@@ -61,7 +60,7 @@ def convert_messages(recording: Recording, source: MessageSource) -> Converted:
     joined = join_on_stamp([*tables.values()])
     start = joined["stamp"][0]
     time = ((joined["stamp"] - start) / SECOND_NS).alias("time")
-    facts: dict[str, Any] = {
+    facts = {
         **recording.facts,
         "time": {
             **source.time.model_dump(),

@@ -108,7 +108,7 @@ def convert_table(recording: Recording, source: TableSource) -> Converted:
     frame = frame.with_columns(*loads.samples)
     origins.update(loads.origins)
     frame, repeats = with_stamps_once(frame, source, rows.noun)
-    facts: dict[str, Any] = {
+    facts = {
         "time": {**source.time.model_dump(exclude_none=True), "start": table.start},
         "rates_hz": {"rows": rate_of(frame["time"].to_numpy())},
         **recording.facts,

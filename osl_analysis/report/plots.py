@@ -85,12 +85,11 @@ def plots(target: str) -> Mapping[str, Any]:
         over_frequency.scatter("frequency", measured, source=response, color=MEASURED)
         over_frequency.line("frequency", f"model_{measured}", source=response, color=MODEL)
     panels = [torque, residual, motion, loop, magnitude, phase]
-    item: Mapping[str, Any] = json_item(
+    return json_item(
         column(*panels, sizing_mode="stretch_width"),
         ID(target),
         theme=THEME,
     )
-    return item
 
 
 def panel(tag: str, x_label: str, y_label: str, height: int, **choices: Any) -> figure:

@@ -226,17 +226,15 @@ def simulate_bench_trial(
         As `recording_of` gives it.
     truth : dict
     """
-    trial = str(row["trial"])
+    trial = row["trial"]
     experiment = row["experiment"]
     p = parameters_of_trial(trial, experiment, settings, p)
     gains = None
     if experiment == "impedance" and settings.joint is None:
-        K_d = float(row["K_d"])
-        B_d = float(row["B_d"])
-        gains = select_gains(str(row["controller"]), K_d, B_d, p, settings.gain_weight)
+        gains = select_gains(row["controller"], row["K_d"], row["B_d"], p, settings.gain_weight)
     _, signals = true_signals(row, settings, p, gains)
     log, drawn = recorder.recording_of(trial, signals, settings)
-    truth: dict[str, object] = {
+    truth = {
         "trial": trial,
         "seed": settings.seed,
         "parameters": asdict(p),  # with this trial's K_s
@@ -344,7 +342,7 @@ def joint_command(row: Mapping[str, Any], settings: SimulationSettings) -> Joint
     rate = settings.dynamometer.rate_hz
     if experiment == "belt":
         return there_and_back(settings.belt, rate)
-    trial = str(row["trial"])
+    trial = row["trial"]
     if experiment == "impedance":
         name_without_number = trial.rpartition("_")[0]
         for excitation in settings.excitations:

@@ -112,7 +112,7 @@ def log_topic(
     stamps = np.rint(np.asarray(time) * 1e9).astype(np.int64)
     seconds, nanoseconds = np.divmod(stamps, 10**9)
     frame = frame_id.encode() + b"\0"
-    message: dict[str, tuple[str, Any]] = {
+    message = {
         "encapsulation": ("V4", LITTLE_ENDIAN_CDR),
         "sec": ("<i4", seconds),
         "nanosec": ("<u4", nanoseconds),

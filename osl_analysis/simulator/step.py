@@ -258,7 +258,10 @@ def unloaded_platform(trial: GaitTrial) -> PlatformMotion:
     size, slowness = trial.random("unloaded_ramp").uniform([0.85, 0.9], [1.15, 1.3])
     back = onset + UNLOADED.hold_s
     motion = ramped_platform(trial, command, onset, back, size, slowness)
-    if not has_full_motion(trial):
+    # some trials also shift and tilt, by their number
+    number = int(trial.name.rpartition("_")[2])
+    period = trial.walking.plate.full_motion_every
+    if not period or number % period:
         return motion
 
     # a shift along each axis in turn, as fast as the ramp, and a tilt about x that is three times
@@ -275,10 +278,3 @@ def unloaded_platform(trial: GaitTrial) -> PlatformMotion:
     )
     tilted = Pose(rotation_about(0, tilt), np.stack(shifts, axis=-1) * UNLOADED.shift)
     return replace(motion, pose=tilted.after(motion.pose))
-
-
-def has_full_motion(trial: GaitTrial) -> bool:
-    """Whether a trial of the unloaded plate also shifts and tilts, by its number."""
-    number = int(trial.name.rpartition("_")[2])
-    period = trial.walking.plate.full_motion_every
-    return bool(period) and number % period == 0

@@ -39,7 +39,7 @@ def direction_of(row: Mapping[str, Any], settings: SimulationSettings) -> str:
     """The direction, up or down, of a row of the sample sheet: the one that it states, else by the
     trial's name, which has a place in a random order of all directions."""
     directions = settings.experiments.directions
-    experiment, _, number = str(row["trial"]).rpartition("_")
+    experiment, _, number = row["trial"].rpartition("_")
     block, place = divmod(int(number) - 1, len(directions))
     generator = generator_of(settings.seed, f"{experiment}_{block}", "condition")
     order = generator.permutation(len(directions))

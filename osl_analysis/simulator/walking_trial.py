@@ -49,7 +49,7 @@ def simulate_walking_trial(
         walking trial, `leg/<trial>.mcap`.
     """
     trial = gait.GaitTrial(
-        name=str(row["trial"]),
+        name=row["trial"],
         seed=campaign.seed,
         walking=walking,
         direction=direction_of(row, campaign),

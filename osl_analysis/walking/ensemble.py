@@ -288,7 +288,7 @@ def shared_errors(responses: Sequence[PerturbationResponse]) -> SharedErrors:
     of_mean_gait = np.var(by_gait, axis=0, ddof=1) / len(by_gait)
     of_plate = np.diag(jackknife_covariance(by_plate))
     freedom = len(by_gait) - 1, max(len(by_plate) - 1, 1)
-    common: dict[str, list[CommonError]] = {
+    common = {
         name: [(of_mean_gait[k], freedom[0]), (of_plate[k], freedom[1])]
         for k, name in enumerate(ESTIMATED)
     }

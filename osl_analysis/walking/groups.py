@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError, listing
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import DOWN, UP, Crossing, phases_between
-from osl_analysis.walking.isolated_response import PHASES, signal_at, stance_times
+from osl_analysis.walking.isolated_response import PHASES, curves_of
 from osl_analysis.walking.plate import SINGLE_SUPPORT
 from osl_analysis.walking.platform import MAD_TO_SD
 from osl_analysis.walking.poses import FREE_FALL, Mask
@@ -294,39 +294,25 @@ def crossing_features(crossings: Sequence[Crossing], settings: SelectionSettings
     ]
     before = PHASES[min(guards, default=1.0) >= PHASES]
     middle = PHASES[phases_between(PHASES, SINGLE_SUPPORT)]
-
-    def curves(signals: Sequence[Array], phases: Array) -> Array:
-        """A signal of each crossing at phases (k,) of stance: (n, k)."""
-        sampled = [
-            signal_at(crossing, signal, stance_times(crossing, phases))
-            for crossing, signal in zip(crossings, signals, strict=True)
-        ]
-        return np.array(sampled)
-
     qualities = [crossing.quality for crossing in crossings]
     forward = np.array([quality.foot_forward_m or 0.0 for quality in qualities])
     left = np.array([quality.foot_left_m or 0.0 for quality in qualities])
     stance = np.array([crossing.stance.duration for crossing in crossings])
-    angles = [np.rad2deg(crossing.theta) for crossing in crossings]
-    torques = [crossing.torque for crossing in crossings]
-    forces = [crossing.load[0] for crossing in crossings]
-    load = curves(forces, middle)
-    usual = float(np.median(load.mean(axis=1)))
-    pressure = curves([crossing.load[1] for crossing in crossings], middle)
+    theta = curves_of(crossings, "theta", before)
+    torque = curves_of(crossings, "torque", before)
+    load_before = curves_of(crossings, "load", before)[0]
+    load, pressure = curves_of(crossings, "load", middle)[:2]
+    usual = np.median(load.mean(axis=1))
     percent = "% of the usual load"
     unchanged = [
         Measure("foot forward", "m", forward, rule.placement_m),
         Measure("foot to the left", "m", left, rule.placement_m),
-        Measure(
-            "deviation in angle before the onset", "deg", curves(angles, before), rule.angle_deg
-        ),
-        Measure(
-            "deviation in torque before the onset", "N*m", curves(torques, before), rule.torque_nm
-        ),
+        Measure("deviation in angle before the onset", "deg", np.rad2deg(theta), rule.angle_deg),
+        Measure("deviation in torque before the onset", "N*m", torque, rule.torque_nm),
         Measure(
             "deviation in load before the onset",
             percent,
-            100 * curves(forces, before) / usual,
+            100 * load_before / usual,
             100 * rule.load_share,
         ),
     ]

@@ -77,20 +77,21 @@ def unperturbed_gait(
             f" more; {remedy}"
         )
 
-    def on_grid(signals: Sequence[Array]) -> Array:
-        """Signals (..., n) of each crossing as (..., crossings, phases)."""
-        sampled = [
-            signal_at(crossing, signal, stance_times(crossing))
-            for crossing, signal in zip(crossings, signals, strict=True)
-        ]
-        return np.stack(sampled, axis=-2)
-
     return UnperturbedGait(
-        theta=on_grid([crossing.theta for crossing in crossings]),
-        torque=on_grid([crossing.torque for crossing in crossings]),
+        theta=curves_of(crossings, "theta"),
+        torque=curves_of(crossings, "torque"),
         stance=np.array([crossing.stance.duration for crossing in crossings]),
-        plate_errors=on_grid([crossing.plate_errors for crossing in crossings]),
+        plate_errors=curves_of(crossings, "plate_errors"),
     )
+
+
+def curves_of(crossings: Sequence[Crossing], signal: str, phases: Array = PHASES) -> Array:
+    """A signal of crossings at phases of stance, shape (..., crossings, phases)."""
+    curves = [
+        signal_at(crossing, getattr(crossing, signal), stance_times(crossing, phases))
+        for crossing in crossings
+    ]
+    return np.stack(curves, axis=-2)
 
 
 def stance_times(crossing: Crossing, phases: Array = PHASES) -> Array:

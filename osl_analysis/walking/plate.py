@@ -74,8 +74,9 @@ def only_stance(time: Array, force: Array, settings: CrossingSettings) -> Stance
     InputError
         There is none, or more than one.
     """
+    # half of the load that begins a stance ends it, so that noise ends none as it begins
     stances = find_stances(
-        time, force, settings.load_on_n, settings.load_off_n, settings.shortest_stance_s
+        time, force, settings.load_on_n, settings.load_on_n / 2, settings.shortest_stance_s
     )
     if len(stances) != 1:
         times = ", ".join(f"{s.heel_strike:.3f}-{s.toe_off:.3f} s" for s in stances) or "none"

@@ -151,7 +151,7 @@ def identify_plate_model(
         warnings.warn(f"excluded from the plate's model: {problem}", stacklevel=2)
 
     motions = unloaded_motions(usable)
-    lags = [float("nan")] * len(usable)
+    lags = [np.nan] * len(usable)
     for i, recording in enumerate(usable):
         with naming(f"trial {recording.track.name}"):
             lags[i] = plate_lag(motions[i][0], recording.wrench_at, recording.smooth)
@@ -228,7 +228,7 @@ def unloaded_recording(
     names = settings.markers.platform
     frames, poses = rigid.segment_poses(trial, names, calibration, settings)
     time, wrench = recorded_wrench(trial, settings.plate)
-    load = float(np.median(np.abs(wrench[:, 2])))
+    load = np.median(np.abs(wrench[:, 2]))
     if load > settings.largest_zero_n:
         raise InputError(
             f"trial {trial.name}: the plate carries {load:.0f} N, expected an unloaded plate and at"
@@ -272,7 +272,7 @@ def hides_a_motion(frames: Array, poses: Poses, settings: PlateModelSettings) ->
     """Whether the platform turned during a gap of its markers that is too long to be fitted."""
     turn = platform.rotation_from_rest(poses)
     for gap in runs(poses.bridged):
-        moved = abs(float(turn[gap.stop] - turn[gap.start - 1]))
+        moved = abs(turn[gap.stop] - turn[gap.start - 1])
         is_long = rigid.gap_duration(frames, gap) > settings.longest_fitted_gap_s
         if is_long and moved > np.deg2rad(PlateLimits.HIDDEN_TURN_DEG):
             return True
@@ -291,7 +291,7 @@ def whole_motions(track: platform.PlatformTrack) -> slice:
     for end in (slice(0, count), slice(n - count, n)):
         since = track.time[end] - track.time[end].mean()
         slopes = since @ track.measured[end] / (since @ since)
-        moved = float(np.abs(slopes).max() * np.sqrt(since @ since))
+        moved = np.abs(slopes).max() * np.sqrt(since @ since)
         moves[end] |= moved > platform.MotionLimits.STILL * track.noise
     rests = [
         run
@@ -318,7 +318,7 @@ def plate_model(
 
     Only what `whole`, from more recordings, shows is identified, and the rest stays as it is there.
     """
-    known_lags = tuple(float(lag) for lag in lags if np.isfinite(lag))
+    known_lags = tuple(lag for lag in lags if np.isfinite(lag))
     lag = float(np.mean(known_lags)) if known_lags else 0.0
     motions = unloaded_motions(recordings)
     model = identify_plate_inertia(
@@ -497,7 +497,7 @@ def plate_lag(
         PlateLimits.LARGEST_LAG_S + PlateLimits.LAG_STEP_S / 2,
         PlateLimits.LAG_STEP_S,
     )
-    wrenches = [wrench_at(float(lag)) for lag in lags]
+    wrenches = [wrench_at(lag) for lag in lags]
     directions = identify_plate_inertia([(motion, wrenches[len(lags) // 2])], smooth).directions
     # At the ends of a recording a low-pass passes more noise, and how much depends on the lag
     moves = np.any(motion.alpha != 0, axis=1) | np.any(motion.acceleration != 0, axis=1)
@@ -507,12 +507,12 @@ def plate_lag(
     misfit = []  # weighted mean square of what no parameters explain
     for wrench in wrenches:
         stacked = (without_mean(wrench[rows]) * WEIGHT).T.ravel()
-        misfit.append(float(6 * np.mean((stacked - basis @ (basis.T @ stacked)) ** 2)))
+        misfit.append(6 * np.mean((stacked - basis @ (basis.T @ stacked)) ** 2))
 
-    best = int(np.argmin(misfit))
-    square = float(np.sum((column_rms(without_mean(wrenches[best][rows])) * WEIGHT) ** 2))
+    best = np.argmin(misfit)
+    square = np.sum((column_rms(without_mean(wrenches[best][rows])) * WEIGHT) ** 2)
     if square < PlateLimits.LIGHT**2:
-        return float("nan")
+        return np.nan
     if misfit[best] > PlateLimits.LARGEST_LAG_MISFIT * square or best in (0, len(lags) - 1):
         raise InputError(
             "the unloaded plate's wrench does not follow its motion within"
@@ -568,13 +568,13 @@ def moments_below(directions: Array, columns_and_wrenches: Sequence[tuple[Array,
     other_columns = X[:, :-1]
     vertical = X[:, -1]
     unexplained = vertical - other_columns @ np.linalg.lstsq(other_columns, vertical, rcond=1e-4)[0]
-    mass = float(directions[0] @ estimates[: directions.shape[1]])
+    mass = directions[0] @ estimates[: directions.shape[1]]
     if (
         mass > PlateLimits.LIGHT_KG
         and np.linalg.norm(unexplained) > PlateLimits.SMALLEST_HEIGHT_COLUMN
     ):
         return float(estimates[-1] / mass)
-    return float("nan")
+    return np.nan
 
 
 def plate_table(model: PlateModel) -> pl.DataFrame:

@@ -120,7 +120,7 @@ def static_calibration(trial: Trial, settings: CalibrationSettings) -> StaticCal
     foot, shank = clusters["foot"], clusters["shank"]
     foot_height = np.mean([position[2] for position in foot.values()])
     shank_height = np.mean([position[2] for position in shank.values()])
-    above = float(foot_height - shank_height)
+    above = foot_height - shank_height
     if above > HIGHEST_FOOT_M:
         raise InputError(
             f"trial {trial.name}: the foot markers {', '.join(foot)} stand {100 * above:.0f} cm"

@@ -162,11 +162,6 @@ class CrossingSettings(PlatformSettings, TimingSettings):
     # Null: the foot's weight and inertia stay in the torque, so that I includes them
     foot: FootSettings | None = None
 
-    @property
-    def load_off_n(self) -> float:
-        """Vertical force [N] below which a stance ends, so that noise ends none as it begins."""
-        return self.load_on_n / 2
-
     _fits = require_at_most(
         "window_s + baseline_s + guard_s",
         "shortest_stance_s",

@@ -69,19 +69,13 @@ class MethodsFacts:
 
     @property
     def content(self) -> dict[str, Any]:
-        """All of it, by the names that the template uses."""
+        """What it asks for of the whole campaign, by the names that the template uses."""
         trials = self.summary["trials"].items()
         counts = [f"{facts['of']} {name.replace('_', ' ')}" for name, facts in trials]
         verdicts = [f"{n} {verdict}" for verdict, n in self.summary["verdicts"].items() if n]
         findings = findings_in_summary(self.summary)
         return {
-            "about": self.about,
-            "each": self.each,
-            "number": self.number,
-            "setting": self.setting,
             "counts": ", ".join(counts),
-            "calibration": self.calibration,
-            "delays": self.delays,
             "verdicts": ", ".join(verdicts),
             "doubts": [f.counts for f in findings if f.verdict in ("doubtful", "flagged")],
             "results": [f.counts for f in findings if f.is_result],
@@ -99,7 +93,7 @@ def paragraphs(facts: MethodsFacts) -> list[str]:
     environment = Environment(
         loader=FileSystemLoader(HERE / "templates"), undefined=StrictUndefined
     )
-    text = environment.get_template("methods.j2").render(facts.content)
+    text = environment.get_template("methods.j2").render(facts.content, facts=facts)
     return [" ".join(part.split()) for part in text.split("¶") if part.strip()]
 
 

@@ -26,7 +26,6 @@ TEMPLATES = Path(__file__).with_name("templates")
 NO_CONDITIONS = ("trial", "experiment", "log", "log_source", "mocap", "mocap_source", "exclude")
 RECORDINGS = ("log", "mocap")
 MAIN_FIGURES = ("fig5", "fig9", "fig3")  # in this order: bench, walking, belt
-ELEMENT_OF_PLOTS = "plots"
 
 
 @dataclass(frozen=True)
@@ -119,7 +118,7 @@ def written_page(page: Page) -> str:
         page=page,
         experiments=EXPERIMENTS,
         signals=signals,
-        plots=plots.plots(ELEMENT_OF_PLOTS),
+        plots=plots.plots(),
         library=Markup(plots.library()),
     )
 
@@ -170,7 +169,6 @@ def trial_view(
 
     of_whole = [worded for worded in findings if is_of_whole(worded.finding)]
     doubts = [worded for worded in findings if worded.finding.grade is Grade.DOUBTS]
-    doubts_of_parts = [worded for worded in doubts if worded not in of_whole]
     results = results_on(findings)
     notes = [w for w in of_whole if w.finding.grade in (Grade.UNCHECKED, Grade.NOTES)]
     last = fits.row(-1, named=True) if len(fits) else {}
@@ -183,7 +181,7 @@ def trial_view(
         verdict=verdict_on(experiment, findings, left_out),
         left_out=left_out.reasons if left_out else (),
         doubts=[worded for worded in doubts if worded in of_whole],
-        doubts_of_parts=doubts_of_parts,
+        doubts_of_parts=[worded for worded in doubts if worded not in of_whole],
         results=results,
         remarks=[worded for worded in notes if worded not in results],
         impedance={symbol: estimate_text(last, name) for symbol, name in names},

@@ -46,8 +46,8 @@ def library() -> str:
     return str(Resources(mode="inline", components=["bokeh"], log_level="error").render_js())
 
 
-def plots(target: str) -> Mapping[str, Any]:
-    """The plots as JSON, to be embedded in the page's element `target`.
+def plots() -> Mapping[str, Any]:
+    """The plots as JSON, to be embedded in the page's element `plots`.
 
     Panels over time zoom together, and so do those over frequency. A panel's tags are the columns
     without which the page hides it; an axis with the tag `motion` gets the name of what moves.
@@ -87,7 +87,7 @@ def plots(target: str) -> Mapping[str, Any]:
     panels = [torque, residual, motion, loop, magnitude, phase]
     return json_item(
         column(*panels, sizing_mode="stretch_width"),
-        ID(target),
+        ID("plots"),
         theme=THEME,
     )
 

@@ -24,7 +24,7 @@ class Signals:
 
     table: pl.DataFrame  # with some of `SIGNALS`, from the first sample on
     what: str  # they are, in a sentence
-    motion: str = "Joint angle (deg)"  # what moves, and its unit
+    motion: str  # what moves, and its unit
     response: pl.DataFrame = field(default_factory=pl.DataFrame)  # with columns of `RESPONSE`
 
     def packed(self) -> dict[str, Any]:

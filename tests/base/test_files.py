@@ -7,9 +7,10 @@ from pathlib import Path
 
 import polars as pl
 import pytest
+from conftest import refused_with
 from polars.testing import assert_frame_equal
 
-from osl_analysis.errors import InputError, WriteError
+from osl_analysis.errors import WriteError
 from osl_analysis.files import ROOT, atomic_path, default_config, seen_from
 from osl_analysis.memory import VARIABLE, allowed_memory
 from osl_analysis.table import read_table, read_tables
@@ -76,7 +77,7 @@ def test_of_tables_that_are_read_together_the_wrong_one_is_named(tmp_path):
     (tmp_path / "a.csv").write_text("K,B\n1,2\n")
     (tmp_path / "b.csv").write_text("K,B\n1,2,3\n")
 
-    with pytest.raises(InputError, match=r"b\.csv:.*a CSV table"):
+    with refused_with(r"b\.csv:.*a CSV table"):
         read_tables([tmp_path / "a.csv", tmp_path / "b.csv"])
 
 
@@ -90,7 +91,7 @@ def test_the_memory_that_is_stated_is_in_megabytes(monkeypatch):
 def test_memory_that_is_no_number_of_megabytes_is_refused(monkeypatch, text):
     monkeypatch.setenv(VARIABLE, text)
 
-    with pytest.raises(InputError, match=f"{VARIABLE}={text}:"):
+    with refused_with(f"{VARIABLE}={text}:"):
         allowed_memory()
 
 

@@ -6,13 +6,12 @@ from itertools import pairwise
 import numpy as np
 import polars as pl
 import pytest
-from conftest import marked, white_noise
+from conftest import marked, refused_with, white_noise
 from shipped import CONFIG
 
 from osl_analysis.bench.bench_settings import TorqueAngleAnalysis
 from osl_analysis.bench.cycles import find_loop
 from osl_analysis.bench.torque_angle import torque_angle_trial
-from osl_analysis.errors import InputError
 from osl_analysis.ingest.quality import saturated
 from osl_analysis.trial import Trial
 
@@ -189,7 +188,7 @@ NOISE = white_noise(FULL.size, 3)
      {"settle_cycles": 2}, " 2 .*settle_cycles"),
 ])  # fmt: skip
 def test_what_is_no_trial_of_torque_against_angle_is_refused(theta, torque, changes, message):
-    with pytest.raises(InputError, match=rf"^trial foot:.*{message}"):
+    with refused_with(rf"^trial foot:.*{message}"):
         fitted(theta, torque, **changes)
 
 
@@ -260,7 +259,7 @@ def test_a_desired_curve_stands_beside_the_measured_one():
 
 
 def test_a_desired_curve_that_no_setting_has_is_refused():
-    with pytest.raises(InputError, match=r"desired curve 'other'; torque_angle\.desired"):
+    with refused_with(r"desired curve 'other'; torque_angle\.desired"):
         fitted(FULL, K * FULL, "other")
 
 

@@ -20,7 +20,7 @@ import polars as pl
 import pytest
 import yaml
 from command_line import call
-from conftest import ROOT
+from conftest import ROOT, refused_with
 from shipped import SETTINGS
 
 from osl_analysis import memory
@@ -28,7 +28,6 @@ from osl_analysis.campaign.configuration import read_config
 from osl_analysis.cli import main
 from osl_analysis.commands import simulate as simulate_command
 from osl_analysis.commands.figure import write_figure
-from osl_analysis.errors import InputError
 from osl_analysis.figures import drawn
 from osl_analysis.memory import limited_memory
 from osl_analysis.table import write_table
@@ -287,7 +286,7 @@ def test_a_full_disk_is_one_line_and_leaves_the_older_file_as_it_was(tmp_path, s
     path = tmp_path / f"results.{suffix}"
     said = rf"results\.{suffix}: "
     path.write_text("older")
-    with pytest.raises(InputError, match=said), full_disk():
+    with refused_with(said), full_disk():
         WRITERS[suffix](TABLE, path)
     assert (path.read_text(), list(tmp_path.iterdir())) == ("older", [path])
 
@@ -311,7 +310,7 @@ def test_nothing_but_a_regular_file_is_replaced(
         path = tmp_path / f"{name}.csv"
         before = path.lstat()[:2]
         said = rf"{name}\.csv:"
-        with pytest.raises(InputError, match=said):
+        with refused_with(said):
             write_table(TABLE, path)
         assert path.lstat()[:2] == before  # kind and inode
     below = str(tmp_path / "mine.yaml/x.csv")

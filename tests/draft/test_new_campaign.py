@@ -24,7 +24,6 @@ from osl_analysis.draft.draft_campaign import draft_campaign
 from osl_analysis.draft.draft_sheet import draft_trials
 from osl_analysis.draft.draft_walking import segment_of
 from osl_analysis.draft.recorded_channel import name_and_ending
-from osl_analysis.errors import InputError
 from osl_analysis.files import shipped
 from osl_analysis.ingest.raw_files import read_source, recordings_in
 from osl_analysis.units import base_units, normalised
@@ -150,7 +149,7 @@ def test_an_empty_folder_becomes_a_campaign_where_one_stands(tmp_path, monkeypat
 
 def test_snakemake_is_given_the_campaign_of_the_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError, match="`osl-analysis init FOLDER`"):
+    with refused_with("`osl-analysis init FOLDER`"):
         snakemake_arguments([])
     (tmp_path / "config.yaml").write_text("campaign: mine\n")
 

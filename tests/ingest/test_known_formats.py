@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 import yaml
 from c3d_builder import write_c3d
+from conftest import refused_with
 from recognised_files import refusal_by
 
-from osl_analysis.errors import InputError
 from osl_analysis.formats import known_formats, recognise
 from osl_analysis.formats.mcap import MAGIC
 from osl_analysis.ingest.raw_files import read_source, trial_from_files
@@ -144,6 +144,6 @@ def test_a_source_file_of_another_format_is_refused_with_the_format_of_the_file(
         (capture, "`format: c3d`"),
         (b"\x01\x00\x02", r"a\.csv: "),
     ):
-        with pytest.raises(InputError, match=said):
+        with refused_with(said):
             ingested(tmp_path, "a.csv", content)
     assert ingested(tmp_path, "d.c3d", BENCH.encode())

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+from conftest import refused_with
 from mcap.writer import CompressionType
 from mcap_builder import SAMPLE, SAMPLE_NAME, stamped, write_log, write_topics
 from recognised_files import refusal_by
 
-from osl_analysis.errors import InputError
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest.conversion import Converted
 from osl_analysis.ingest.raw_files import read_converted
@@ -184,7 +184,7 @@ def test_a_topic_of_two_types_is_refused(tmp_path: Path) -> None:
     log = messages(range(20))
     other = ("lab_msgs/msg/Other", SAMPLE.replace("float32 angle", "float64 angle"), log)
 
-    with pytest.raises(InputError, match=r"topic '/lab'.*types;"):
+    with refused_with(r"topic '/lab'.*types;"):
         of_topics(tmp_path, {"/lab": log, "/lab#2": other})
 
 

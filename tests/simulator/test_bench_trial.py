@@ -7,12 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from conftest import ROOT
+from conftest import ROOT, refused_with
 from scipy.interpolate import CubicSpline
 from shipped import LEG as P
 
 from osl_analysis.commands.simulate import row_of_trial, simulate_campaign, simulate_trial
-from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import compensated_gains, uncompensated_gains
 from osl_analysis.model.rendered_impedance import predicted_impedance
 from osl_analysis.simulator import bench_trial
@@ -307,7 +306,7 @@ def test_without_a_compiler_one_line_says_what_to_install(monkeypatch, tmp_path,
     monkeypatch.setitem(sys.modules, "numba", None)
     message = r"numba,.*pip install 'osl-analysis\[simulator\]'"
 
-    with pytest.raises(InputError, match=message):
+    with refused_with(message):
         simulate_trial(TINY, tmp_path, "belt_01")
 
     assert list(tmp_path.iterdir()) == []

@@ -5,7 +5,7 @@ import importlib  # statsmodels takes half a second of each process that collect
 import numpy as np
 import polars as pl
 import pytest
-from conftest import white_noise
+from conftest import refused_with, white_noise
 from scipy.signal import lfilter
 from scipy.stats import t as student
 
@@ -205,5 +205,5 @@ def test_intervals_over_trials_are_students():
         (2, 2.0, pytest.approx(np.sqrt(2)), "Student"),
         (0, None, None, None),
     ]
-    with pytest.raises(InputError, match=r"repeat.*experiment"):
+    with refused_with(r"repeat.*experiment"):
         repeats.over_repeats([1.0])

@@ -4,7 +4,7 @@ hand."""
 import gc
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -151,6 +151,14 @@ def refused_with(said: str) -> Iterator[None]:
     with pytest.raises(InputError, match=said) as caught:
         yield
     assert str(caught.value).isprintable()
+
+
+def said_in_refusal(call: Callable[..., object], *given: object, **stated: object) -> str:
+    """The one printable line in which a call refuses what it is given."""
+    with pytest.raises(InputError) as caught:
+        call(*given, **stated)
+    assert str(caught.value).isprintable()
+    return str(caught.value)
 
 
 def joint_trial(time: np.ndarray, theta: np.ndarray, torque: np.ndarray) -> Trial:

@@ -4,7 +4,7 @@ import numpy as np
 import polars as pl
 import pytest
 from bench_synthetic import RATE, belt_cycle, belt_record, stepped_sine
-from conftest import least_squares_alone, refused_with
+from conftest import least_squares_alone, refused_with, white_noise
 
 from osl_analysis.bench import belt as belt_fits
 from osl_analysis.bench.bench_settings import BeltAnalysis
@@ -70,7 +70,7 @@ def test_a_locked_belt_on_a_bench_that_yields_has_its_stiffness_and_error():
 
 def test_belt_intervals_hold_what_a_drift_per_minute_makes_of_the_slope():
     theta_s, torque = belt_cycle()
-    noise = 0.05 * np.random.default_rng(19).standard_normal(len(theta_s) + 1000)
+    noise = 0.05 * white_noise(len(theta_s) + 1000, 19)
     torque = torque + LowPass(15)(noise, 1000.0)[500:-500]  # without its edges
     time = np.arange(len(theta_s)) / RATE
 

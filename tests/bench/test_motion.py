@@ -8,7 +8,7 @@ import pytest
 import scipy
 import statsmodels.api as sm
 from any_motion import RATE, TRUE, chirp, made_trial, multisine, noise
-from conftest import least_squares_alone, refused_with
+from conftest import least_squares_alone, refused_with, white_noise
 from scipy.ndimage import gaussian_filter1d
 from shipped import CONFIG
 from shipped import LEG as P
@@ -281,7 +281,7 @@ def test_too_few_rows_per_second_and_steps_of_the_encoder_are_named(motion, word
 @pytest.mark.parametrize("excitation", ["auto", "any"])
 def test_an_angle_of_noise_is_refused_as_noise(excitation):
     samples = moved(noise, 4).samples
-    white = 0.05 * np.random.default_rng(4).standard_normal(len(samples))
+    white = 0.05 * white_noise(len(samples), 4)
     with refused_with(r"theta.*torque_angle"):
         row_of(Trial("made", samples.with_columns(theta=white)), excitation=excitation)
 

@@ -117,11 +117,10 @@ SMALLER = (*(x for a in (6, 8, 10, 6, 8, 10) for x in (0, a, -a)), 0)
 
 @pytest.mark.parametrize(("angles", "counts"), [
     ((0, -10, 12, 0), (1, 0)),  # as the tests of the DESR foot
-    ((0, 10, 0, 10, 0, 10, 0), (3, 0)), ((0, -10, 10, -10, 10, -10, 10, 0), (3, 0)),
     ((6, 10, -10, 10, -10, 6), (2, 0)), ((0, 10, 0, 10, 0, 5), (2, 1)),
     ((0, -10, 10, -10, 10, 5), (1, 1)),
     ((0, 10, 1, 10, 1, 10, 0), (1, 2)),  # from a preload
-    ((0, 10, 0, 4, 0, 10, 0), (2, 1)), (SMALLER, (2, 4)),
+    (SMALLER, (2, 4)),
 ])  # fmt: skip
 def test_cycles_begin_and_end_where_the_angle_comes_back(angles, counts):
     """Whole ones, and others of a smaller amplitude or without the way back."""
@@ -174,7 +173,7 @@ NOISE = white_noise(FULL.size, 3)
     (OPEN, K * OPEN, {}, r" 0\.00 deg.* 0\.00 .*9\.97 deg.* 0\.70 deg"),
     (path(0, 10, 0, speed=20), K * path(0, 10, 0, speed=20),
      {}, r" 1 s.*shortest_cycle_s"),
-    (FULL, 0 * FULL + 2, {}, "torque .*2"), (0 * FULL, K * FULL,
+    (0 * FULL, K * FULL,
      {}, "theta .*0"),
     (FULL, -K * FULL, {}, "K = -200 "),
     (path(0, 10, 0, rest=0.2), K * path(0, 10, 0, rest=0.2),
@@ -183,17 +182,11 @@ NOISE = white_noise(FULL.size, 3)
      {"angle_step_deg": 5}, "angle_step_deg = 5 .* 5"),
     (FULL, K * FULL, {"bench_stiffness": {"value": "150 N*m/rad"}}, "K = -.*150 N"),
     (FULL, K * FULL,
-     {"bench_stiffness": {"value": "350 N*m/rad"}}, r"K = 466\.7 N\*m/rad"),
-    (FULL, K * FULL,
      {"settle_cycles": 2}, " 2 .*settle_cycles"),
 ])  # fmt: skip
 def test_what_is_no_trial_of_torque_against_angle_is_refused(theta, torque, changes, message):
     with refused_with(rf"^trial foot:.*{message}"):
         fitted(theta, torque, **changes)
-
-
-BOTH_WAYS = path(0, *(10, -10) * 2, 0)
-FAR = path(0, *(10, -10) * 2, 4)
 
 
 @pytest.mark.parametrize(("theta", "torque", "changes", "column", "cause"), [
@@ -208,8 +201,6 @@ FAR = path(0, *(10, -10) * 2, 4)
      {}, "remarks", "cycles that are smaller than the largest"),
     # no offset beside a wide loop
     (FULL, K * FULL + jenkins(FULL, 400, 4), {"zero": "start"}, "remarks", ""),
-    (BOTH_WAYS, K * BOTH_WAYS + 5, PLAIN, "remarks", ""), (FAR, K * FAR,
-     {"zero": "start"}, "remarks", "cycles that are smaller than the largest"),
 ])  # fmt: skip
 def test_drift_clipping_speed_and_energy_from_nothing_are_doubtful(
     theta, torque, changes, column, cause

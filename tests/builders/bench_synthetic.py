@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+from conftest import white_noise
 from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
@@ -81,7 +82,7 @@ def moved_by(protocol):
 def stepped_sine(torque_of, noise=0.0, protocol=PROTOCOL):
     """A stepped-sine record whose torque [N*m] is a function of its motion, with white noise."""
     time, theta, motion, segments = moved_by(protocol)
-    torque = torque_of(motion) + noise * np.random.default_rng(1).standard_normal(len(time))
+    torque = torque_of(motion) + noise * white_noise(len(time), 1)
     return record_of_sines(time, theta, torque, protocol, segments)
 
 

@@ -233,7 +233,7 @@ def walkway(folder, log=None, mocap=None, part="", plate=2):
     for name, content in (described | {"bench": CSV}).items():
         (folder / f"{name}.yaml").write_text(yaml.safe_dump(content))
     write_c3d(folder / "a.c3d", np.ones((2, 1, 4)))
-    write_c3d(folder / "b.c3d", np.ones((2, 1, 4)), FORCE_PLATFORM__USED=np.array([2]))
+    write_c3d(folder / "b.c3d", np.ones((2, 1, 4)), FORCE_PLATFORM__USED=2)
     (folder / "c.c3d").write_bytes(b"no capture")
     rows = ["trial,experiment,perturbed,log,log_source,mocap,mocap_source,log_part"]
     for n in range(9):

@@ -34,6 +34,7 @@ from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial
 
 pytestmark = pytest.mark.usefixtures("in_root")
+linux_alone = pytest.mark.skipif(sys.platform != "linux", reason="the limit is Linux's")
 TRIAL = "impedance_K300_B5.0_compensated"
 GAINS = ("gains", "--stiffness", "300", "--damping", "5")
 SYNTHETIC = "config/impedance/synthetic_walking.csv"
@@ -373,7 +374,7 @@ def test_ctrl_c_ends_a_command_quietly_and_leaves_nothing_half(tmp_path, monkeyp
     assert (list(tmp_path.iterdir()), signal.getsignal(signal.SIGTERM)) == ([], signal.SIG_DFL)
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="the limit is Linux's")
+@linux_alone
 def test_a_job_may_have_four_fifths_of_the_least_of_machine_and_batch_job(monkeypatch, tmp_path):
     """A machine of 4 GB whose batch job, a folder above, has 2 GB."""
     for name, text in (
@@ -408,7 +409,7 @@ def write_two_variables_of_8_gb(path):
         file.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="the limit is Linux's")
+@linux_alone
 def test_what_needs_more_memory_than_a_job_may_have_is_refused(monkeypatch, tmp_path):
     bomb = tmp_path / "bomb.mat"
     write_two_variables_of_8_gb(bomb)

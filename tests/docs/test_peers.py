@@ -105,7 +105,6 @@ def test_a_method_of_one_file_and_one_function_is_compared(tmp_path):
      {"silent": 1, "announced": 0, "bias_B": pytest.approx(20),
      "coverage": pytest.approx(200 / 3)}),
     (f"m,a,{OFF},late,,", {"silent": 0, "announced": 1, "false_alarms": 0}),
-    (f"m,a,{RIGHT},late,,", {"silent": 0, "announced": 0, "false_alarms": 1}),
     (f"m,b,{RIGHT},friction,,", {"false_alarms": 0}),
     ("m,a,,,,,,,,,,refused,,", {"answered": 0, "silent": 0, "false_alarms": 0, "coverage": None}),
     (f"m,a,{RIGHT},,,\nm,b,330,,,5,,,0.02,,,,,",

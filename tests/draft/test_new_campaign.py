@@ -485,7 +485,7 @@ def test_rotations_without_markers_are_a_question_before_a_run(tmp_path, rec):
     analogs = np.ones((80, 6))
     write_c3d(
         rec / "static_1.c3d", np.zeros((80, 0, 4)), analogs,
-        ROTATION__USED=np.array([3]),
+        ROTATION__USED=3,
     )  # fmt: skip
 
     questions, is_ready = drafted_of(tmp_path)

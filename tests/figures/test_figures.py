@@ -92,6 +92,13 @@ def plotted(name):
     return plotted_numbers(name, stored(FIGURES[name].table))
 
 
+def assert_whole(figure):
+    """No lettering is cut off."""
+    with paper_style():
+        inked, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
+    assert min(inked.x0, inked.y0, width - inked.x1, height - inked.y1) > -0.01
+
+
 def texts(figure):
     return " ".join(text.get_text() for text in figure.findobj(lambda a: hasattr(a, "get_text")))
 
@@ -255,12 +262,9 @@ def test_every_figure_fits_the_page_and_reads_at_8_points(name):
 
     texts_of_figure = figure.findobj(lambda artist: hasattr(artist, "get_fontsize"))
     sizes = {text.get_fontsize() for text in texts_of_figure if text.get_text()}
-    with paper_style():
-        inked, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
-    margins = (inked.x0, inked.y0, width - inked.x1, height - inked.y1)
-    assert width in (SINGLE_COLUMN, 7.16)
+    assert figure.get_size_inches()[0] in (SINGLE_COLUMN, 7.16)
     assert sizes == {8.0}
-    assert min(margins) > -0.01, "no lettering is cut off"
+    assert_whole(figure)
 
 
 DOUBT = pl.when(pl.col("trial").is_in(["belt_02", "belt_07", "w2"])).then(

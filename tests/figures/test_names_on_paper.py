@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-from test_figures import stored, texts
+from test_figures import assert_whole, stored, texts
 
 from osl_analysis.campaign.campaign_trials import open_campaign
 from osl_analysis.campaign.configuration import read_config
@@ -59,8 +59,7 @@ def test_hostile_names_are_drawn_letter_by_letter_without_a_warning():
         assert shown in written, shown
     with paper_style():
         figure.draw_without_rendering()
-        inked, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
-    assert min(inked.x0, inked.y0, width - inked.x1, height - inked.y1) > -0.01
+    assert_whole(figure)
     assert len({look.label for look, _ in by_controller(points)}) == len(HOSTILE)
 
 

@@ -51,7 +51,7 @@ def marker(recording: Converted, name: str) -> np.ndarray:
 
 
 def test_points_analogs_and_time_are_those_of_the_file(tmp_path: Path) -> None:
-    path = capture(tmp_path, PROCESSING__BODYMASS=np.array([72.5]))
+    path = capture(tmp_path, PROCESSING__BODYMASS=72.5)
     path.write_bytes(path.read_bytes()[:6] + b"\5\0\n\0" + path.read_bytes()[10:])  # frames 5 to 10
 
     recording = read(path, analogs={"sync": {"channel": "A2"}})
@@ -72,9 +72,9 @@ def test_points_analogs_and_time_are_those_of_the_file(tmp_path: Path) -> None:
     [
         (-300.0, False, {}, -300),
         (-300, True, {}, -300),
-        (100.0, False, {"OFFSET": np.array([20]), "SCALE": np.array([0.5]),
-                        "GEN_SCALE": np.array([0.1])}, 4),
-        (40_000, True, {"OFFSET": np.array([32_768]), "FORMAT": ["UNSIGNED"]}, 7232),
+        (100.0, False, {"OFFSET": 20, "SCALE": 0.5,
+                        "GEN_SCALE": 0.1}, 4),
+        (40_000, True, {"OFFSET": 32_768, "FORMAT": ["UNSIGNED"]}, 7232),
     ],
 )  # fmt: skip
 def test_a_sample_is_raw_minus_offset_times_both_scales(
@@ -132,7 +132,7 @@ def test_what_fills_the_last_block_is_not_looked_at_and_a_cut_file_is_refused(
 def test_a_capture_of_more_frames_than_its_header_counts_is_whole(tmp_path: Path) -> None:
     positions = np.zeros((70_000, 1, 4))
     positions[:, 0, 0] = np.arange(70_000)
-    path = write_c3d(tmp_path / "a.c3d", positions, POINT__FRAMES=np.array([70_000.0]))
+    path = write_c3d(tmp_path / "a.c3d", positions, POINT__FRAMES=70_000.0)
 
     (channel,) = formats.read(path).channels
 
@@ -306,10 +306,10 @@ def test_a_plate_is_in_si_units_and_laboratory_axes(tmp_path: Path) -> None:
         # of a single plate, without its dimension; and unused channels
         ({"FORCE_PLATFORM__CORNERS": LEVEL.T, "FORCE_PLATFORM__ORIGIN": np.zeros(3),
           "FORCE_PLATFORM__CHANNEL": np.array([1, 2, 3, 4, 5, 6, 0, 0])}, {}),
-        ({"FORCE_PLATFORM__USED": np.array([0])}, {"plate_geometry": {1: STATED}}),
-        ({"FORCE_PLATFORM__TYPE": np.array([6])}, {"plate_geometry": {1: STATED}}),
+        ({"FORCE_PLATFORM__USED": 0}, {"plate_geometry": {1: STATED}}),
+        ({"FORCE_PLATFORM__TYPE": 6}, {"plate_geometry": {1: STATED}}),
         ({}, {"plate_geometry": {1: {**STATED, "channels": [1, 2, 3, 4, 5, 6]}}}),
-        ({"FORCE_PLATFORM__TYPE": np.array([4]), "FORCE_PLATFORM__CAL_MATRIX": np.eye(6)}, {}),
+        ({"FORCE_PLATFORM__TYPE": 4, "FORCE_PLATFORM__CAL_MATRIX": np.eye(6)}, {}),
     ],
 )  # fmt: skip
 def test_one_plate_described_in_any_way_is_one_plate(
@@ -321,7 +321,7 @@ def test_one_plate_described_in_any_way_is_one_plate(
 
 
 def test_a_plate_that_cannot_be_read_is_a_question(tmp_path: Path) -> None:
-    path = plate_file(tmp_path, FORCE_PLATFORM__TYPE=np.array([6]))
+    path = plate_file(tmp_path, FORCE_PLATFORM__TYPE=6)
 
     listed = formats.read(path)
 
@@ -332,7 +332,7 @@ def test_a_plate_that_cannot_be_read_is_a_question(tmp_path: Path) -> None:
 
 def test_how_to_state_a_plate_works_also_where_two_have_the_same_labels(tmp_path: Path) -> None:
     path = plate_file(
-        tmp_path, np.hstack([READINGS, 0 * READINGS]), FORCE_PLATFORM__USED=np.array([0]),
+        tmp_path, np.hstack([READINGS, 0 * READINGS]), FORCE_PLATFORM__USED=0,
         ANALOG__LABELS=[label[:-1] for label in LABELS] * 2,
         ANALOG__UNITS=UNITS_OF_PLATE * 2,
     )  # fmt: skip
@@ -349,7 +349,7 @@ def test_how_to_state_a_plate_works_also_where_two_have_the_same_labels(tmp_path
 def test_a_type_1_plate_is_read_with_the_units_that_its_refusal_says(
     tmp_path: Path, unit: str
 ) -> None:
-    type_1 = {"FORCE_PLATFORM__TYPE": np.array([1])}
+    type_1 = {"FORCE_PLATFORM__TYPE": 1}
     path = plate_file(tmp_path, ANALOG__UNITS=[unit] * 6, **type_1)
 
     advised = refused(path).partition("`plate_units: ")[2].partition("`")[0]
@@ -373,7 +373,7 @@ def test_a_calibration_matrix_is_read_in_the_order_that_the_file_names(
     matrix = np.eye(6)
     matrix[0, 1] = 10.0  # Fx = c1 + 10 c2
     parameters = {
-        "FORCE_PLATFORM__TYPE": np.array([4]),
+        "FORCE_PLATFORM__TYPE": 4,
         "FORCE_PLATFORM__CAL_MATRIX": (matrix.T if store == "BYROW" else matrix)[:, :, None],
         "FORCE_PLATFORM__MATRIX_STORE": [store],
     }
@@ -409,9 +409,7 @@ def test_frames_at_the_end_without_forces_are_left_out(tmp_path: Path) -> None:
 
 
 def test_rotations_without_markers_are_named(tmp_path: Path) -> None:
-    path = write_c3d(
-        tmp_path / "a.c3d", np.zeros((8, 0, 4)), rate=85.0, ROTATION__USED=np.array([3])
-    )
+    path = write_c3d(tmp_path / "a.c3d", np.zeros((8, 0, 4)), rate=85.0, ROTATION__USED=3)
 
     assert "85 Hz" in refused(path)
 

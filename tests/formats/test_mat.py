@@ -4,6 +4,7 @@ import sys
 import warnings
 from collections.abc import Callable
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +13,10 @@ import numpy as np
 import pandas as pd
 import pytest
 import scipy.sparse
-from conftest import refused_with
+from conftest import refused_with, said_in_refusal
 from log_builders import write_mat, write_mat73
 
 from osl_analysis import formats
-from osl_analysis.errors import InputError
 from osl_analysis.recording import Channel, Recording
 
 with warnings.catch_warnings(action="ignore"):  # of the library's import
@@ -51,10 +51,7 @@ def at(recording: Recording, address: str) -> Channel:
     return recording.find({"variable": address})
 
 
-def refusal(recording: Recording, address: str) -> str:
-    with pytest.raises(InputError) as caught:
-        at(recording, address)
-    return str(caught.value)
+refusal = partial(said_in_refusal, at)
 
 
 NUMBERS = {

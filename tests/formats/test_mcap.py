@@ -477,9 +477,7 @@ def test_a_message_without_a_number_in_an_asked_field_has_no_value_there(
 @pytest.mark.parametrize(
     ("texts", "field", "said"),
     [
-        (['{"x": "on"}'], "x", "'x'.*text,.*'on',"),
         (['{"x": null}'], "x", r"'x' .*`field`"),
-        (['{"x": 1}'], "y", r"'y' .* x.*`field`"),
         (["{"], "x", "Expecting property name"),
     ],
 )
@@ -503,8 +501,6 @@ def test_a_field_without_numbers_is_blamed_on_the_source_file(
             ("protobuf", "l.S", "protobuf", b"\xff\xff"),
             "Error parsing message",
         ),
-        (b"\5", ("xml", "l.S", "dtd", b""), r"\(dtd\),.*cdr"),
-        (b"\0\1\0\0", ("cdr", "l/S", "ros2msg", b"Foo y"), "type 'l/msg/Foo'"),
     ],
 )
 def test_a_topic_that_cannot_be_decoded_is_refused_with_the_reason(

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import said_in_refusal
 from log_builders import table_text, written
 
 from osl_analysis import formats
@@ -33,9 +34,7 @@ def refusal(folder: Path, content: str | bytes, name: str = "a.csv", **stated: A
         for channel in read(folder, content, name, **stated).channels:
             channel.read()
 
-    with pytest.raises(InputError) as caught:
-        read_all()
-    return str(caught.value)
+    return said_in_refusal(read_all)
 
 
 def csv_source(**stated: Any) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from functools import cache, partial
 import numpy as np
 import pytest
 import scipy
+from conftest import white_noise
 
 from osl_analysis.inference import BenchSignals, ImpedanceInference, infer_impedance
 
@@ -31,7 +32,7 @@ def inferred(
 ) -> ImpedanceInference:
     """The inference beside white noise [N*m] and an encoder of 16 bits."""
     theta = driven()[2]
-    noisy = torque + noise * np.random.default_rng(6).normal(size=len(torque))
+    noisy = torque + noise * white_noise(len(torque), 6)
     read = np.round(theta / step) * step
     return infer_impedance(BenchSignals(read, noisy, RATE, encoder_step=step, **more))
 
@@ -68,9 +69,7 @@ def standing(torque):
 
 
 def with_slow_noise(torque):
-    noise = scipy.ndimage.gaussian_filter1d(
-        np.random.default_rng(3).normal(size=len(torque)), RATE / 8
-    )
+    noise = scipy.ndimage.gaussian_filter1d(white_noise(len(torque), 3), RATE / 8)
     return torque + 0.5 * noise / noise.std()
 
 

@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from conftest import white_noise
 
 from osl_analysis.inference import BenchSignals, LegInference, infer_leg
 from osl_analysis.inference.actuator import frictionless_actuator
@@ -118,7 +119,7 @@ def test_the_error_of_the_motion_without_friction_holds_its_scatter():
     angle = leg()["theta_m"]
     found = []
     for seed in range(6):
-        noisy = angle + 1e-3 * np.random.default_rng(seed).normal(size=len(angle))
+        noisy = angle + 1e-3 * white_noise(len(angle), seed)
         spectra = Spectra(signals(sliding_angle=noisy))
         found.append(frictionless_actuator(spectra, friction_torques(spectra)[-1]))
 

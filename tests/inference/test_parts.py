@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy
 import statsmodels.api as sm
-from conftest import refused_with
+from conftest import refused_with, white_noise
 
 from osl_analysis.inference import BenchSignals
 from osl_analysis.inference.friction_shapes import slipping_springs
@@ -45,7 +45,7 @@ def predicted(data: Whitened, rounding: np.ndarray) -> Predicted:
 
 
 def white(size: float = 0.1) -> np.ndarray:
-    return size * np.random.default_rng(2).normal(size=round(30 * RATE))
+    return size * white_noise(round(30 * RATE), 2)
 
 
 def coloured() -> np.ndarray:
@@ -87,7 +87,7 @@ def test_delay_in_the_spectrum_is_the_torque_at_a_later_time():
 
 
 def test_each_block_is_predicted_by_a_fit_that_has_not_seen_it():
-    rows = np.random.default_rng(3).normal(size=(4, 1001))  # three columns and the torque
+    rows = white_noise((4, 1001), 3)  # three columns and the torque
 
     fit = BlockFit(rows)
 
@@ -128,7 +128,7 @@ def test_noise_of_the_angle_leaves_a_share_of_rounding_to_repeat_itself():
 
 
 def test_slipping_spring_follows_prandtl_step_by_step():
-    angle = np.cumsum(np.random.default_rng(4).normal(size=300))
+    angle = np.cumsum(white_noise(300, 4))
     torque = [0.0]
     for step in np.diff(angle):
         torque.append(float(np.clip(torque[-1] + step / 2.0, -1, 1)))

@@ -64,7 +64,6 @@ TEXTS = {
     "LabVIEW with units": text("\t", ["X_Value", "Angle", "Torque", "Comment"], LVM
     + "Y_Unit_Label\tdeg\tNewton-meter\t\n***End_of_Header***\t\n"),
     "Windows": text(";", ["Zeit [s]", "Winkel [°]", "Moment [N·m]"]).encode("cp1252"),
-    "UTF-16": text("\t").encode("utf-16"),
     "Excel's days": text(head=["Time", *HEAD[1:]], t=[f"{45413.5 + x / 86400:.12f}" for x in TIME]),
     "counter of 32 bits": text(head=["t_us", *HEAD[1:]],
     t=[str(round(2**32 - 9e5 + 1e6 * x) % 2**32) for x in TIME]),

@@ -87,9 +87,7 @@ SHORT = irregular(3.0)
 LONG = irregular(30.0)
 SOUND = slave_edges(LONG, 30.0)
 # by more than a sample
-SCATTERED = SOUND._replace(
-    time=SOUND.time + np.random.default_rng(3).normal(0, 0.004, SOUND.time.size)
-)
+SCATTERED = SOUND._replace(time=SOUND.time + 0.004 * white_noise(SOUND.time.size, 3))
 
 
 @pytest.mark.parametrize(("in_log", "in_capture", "message"), [
@@ -162,7 +160,7 @@ def test_strides_that_differ_a_little_tell_the_lag() -> None:
 
 def test_a_lag_scatters_as_its_standard_error_says() -> None:
     seen = (WITHIN, MOVEMENT(WITHIN))
-    noise = np.random.default_rng(5).normal(0, 3, (20, WITHIN.size))
+    noise = 3 * white_noise((20, WITHIN.size), 5)
 
     fits = [correlate_clocks((WITHIN, seen[1] + each), seen) for each in noise]
 

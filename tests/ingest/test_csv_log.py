@@ -81,7 +81,7 @@ def assert_log(trial: Trial) -> None:
 
 @pytest.mark.parametrize(("text", "fields"), [
     (LOG.replace(",", "|").replace(".", ","), {}),
-    (LOG, {}), (LOG.replace("\n", "\r\n"), {}), (LOG.replace("\n", ",,,\n"), {}),
+    (LOG.replace("\n", "\r\n"), {}), (LOG.replace("\n", ",,,\n"), {}),
     (b"\xfe\xff" + LOG.encode("utf-16-be"), {}),
     (b"\xef\xbb\xbf" + LOG.encode(), {}),
     ("\n\n" + LOG + "\n\n", {}),
@@ -90,8 +90,6 @@ def assert_log(trial: Trial) -> None:
     (LOG.partition("\n")[2],
      {"time": {"column": 1, "unit": "s"}, "channels": NUMBERED}),
     ("t,angle,load,angle [V]\n10.0,0,1,7\n10.5,90,2,7\n11.0,-180,+3.5,7\n", {}),
-    (LOG.replace("t,angle,load", "load,t,angle").replace("10.0,0,1", "1,10.0,0").replace(
-        "10.5,90,2", "2,10.5,90").replace("11.0,-180,+3.5", "3.5,11.0,-180"), {}),
     (LOG.replace("t,angle,load", "t [s],angle (rad),load[N.m]"), UNITLESS),
     
 ])  # fmt: skip
@@ -388,7 +386,7 @@ def test_nanoseconds_since_1970_keep_their_last_digit(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("unit", "expected", "factor"), [
     ("Degrees", "rad", math.pi / 180), ("º", "rad", math.pi / 180),
     ("Newtonmeter/Grad", "N*m/rad", 180 / math.pi),
-    ("%", "1", 0.01), ("N·mm", "N*m", 1e-3), ("mNm", "N*m", 1e-3), ("N*mm/kg", "N*m/kg", 1e-3),
+    ("%", "1", 0.01), ("N·mm", "N*m", 1e-3), ("N*mm/kg", "N*m/kg", 1e-3),
     ("N*m/dps", "N*m*s/rad", 180 / math.pi), ("µs", "s", 1e-6), ("Milliseconds", "s", 1e-3),
     ("μV", "V", 1e-6), (" mA ", "A", 1e-3), ("ntmm", "N*m", 1e-3),
     ("N.m.", "N*m", 1.0), ("MS", "s", 1e-3),
@@ -412,7 +410,6 @@ def test_the_listed_units_are_those_of_pint() -> None:
     ("deg", "N", r"unit 'deg'.*0\.0174533 rad;.*N,"),
     (" ", "N", "unit"),
     ("Mm", "m", r"1e\+06 m;.*m"),
-    ("MN", "N", r"1e\+06 N;.*N"),
     ("pN", "N", "1e-12 N;.*N"),
     ("N*m/grad", "N*m/rad", "unknown.*deg"),
     # text of a file is never evaluated

@@ -172,7 +172,7 @@ def test_null_is_no_value_and_what_is_no_number_or_missing_is_refused(tmp_path: 
     for field, said in (
         ("variables.ankle_angel", "'variables.ankle_angel'.*'variables.ankle_angle'"),
         ("variables.on", "'variables.on'.* rad"),
-        ("variables.word", "'variables.word'.*'go'"),
+        ("variables.word", "'variables.word'.*text,.*'go'"),
     ):
         message = refused(whole, channels={"theta": {"field": field, "unit": "deg"}})
         assert re.search(said, message)

@@ -163,12 +163,10 @@ STOOD_ON = 800 + white_noise(2000, 1)
     ("saturation", bench(ANGLE.clip(-0.05, 0.05), torque=TORQUE)[:8000], "impedance", 123, "theta"),
     ("saturation", bench(ANGLE.clip(max=0.05), torque=TORQUE + np.linspace(0, 40, ANGLE.size)),
      "impedance", 123, "theta"),
-    ("dropout", bench(torque=with_piece(TORQUE, 1000, 1001, 2e6)), "impedance", 1, None),
     ("dropout", bench(torque=with_piece(TORQUE, BEYOND.start, BEYOND.start + 20, 0.0)), "impedance",
      2, f"torque .* {BEYOND.start / RATE:.3f} s.*`windows` 0.2-{BEYOND.start / RATE - 0.2:.1f} .*"),
     ("dropout", bench(ANGLE + 0.02 * AWAY), "impedance", 2,
      f"theta .* 2.001 s.*`windows` 2.7-{ANGLE.size / RATE - 0.2:.1f} .*"),
-    ("dropout", actuator_bench(), "actuator", 0.0, ""),
     ("stuck", bench(torque=with_piece(TORQUE, 2000, 3000)), "impedance", 0.999, "torque"),
     ("stuck", bench(with_piece(ANGLE, 6000, None), theta_command=ANGLE), "impedance",
      (ANGLE.size - 6001) / RATE, "theta"),
@@ -197,7 +195,6 @@ STOOD_ON = 800 + white_noise(2000, 1)
     *(("encoder_wrap", bench(**{c: ANGLE + 2 * np.pi * AWAY}), "belt", 2.0, c) for c in ("theta_m",
     "theta_command")),
     ("gap", bench().filter(pl.col("time") != 1.0), "impedance", 0.001, None),  # of one sample
-    ("unzeroed_plate", laboratory(plate1_force_z=BARE - 100), "walking", 98.0, None),
     *(("unzeroed_plate", laboratory(plate1_force_z=BARE + 60), experiment, 62.0, None)
       for experiment in ("walking", "plate")),
     ("unzeroed_plate", laboratory(plate1_force_z=BARE - 50.0 * (np.arange(2000) >= 1600)),

@@ -7,7 +7,7 @@ import numpy as np
 import polars as pl
 import pytest
 from bench_synthetic import table_of
-from conftest import joint_trial, least_squares_alone, refused_with
+from conftest import joint_trial, least_squares_alone, refused_with, white_noise
 from scipy.interpolate import CubicSpline
 from scipy.signal import lsim, lti
 
@@ -158,7 +158,7 @@ def test_a_bench_stiffness_without_number_or_unit_is_refused(text):
 # ---- Stamps
 
 
-SCATTERED = TIMES + np.random.default_rng(1).normal(0, 20e-6, len(TIMES))
+SCATTERED = TIMES + 20e-6 * white_noise(len(TIMES), 1)
 EVEN = {"theta": (True, 0.0, True, "even")}
 
 

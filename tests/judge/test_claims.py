@@ -121,7 +121,6 @@ UNSURE_WORSE = ((1.1, 0.3), (1.0, 0.4))
 @pytest.mark.parametrize(
     ("conditions", "verdict"),
     [
-        ([BETTER] * 3, "holds"),
         ([BETTER, BETTER, UNSURE], "holds"),
         ([BETTER, UNSURE, UNSURE], "undecided"),
         ([BETTER, BETTER, UNSURE_WORSE], "undecided"),

@@ -47,6 +47,7 @@ IMPEDANCE = pl.DataFrame(
     }
 )
 
+SOUND = IMPEDANCE.with_columns(doubtful=pl.lit(""))
 BELT = pl.DataFrame({"quantity": ["K_s"], "mean": 690.0, "low": 680.0, "high": 700.0, "n": 10})
 
 
@@ -95,7 +96,7 @@ def test_the_median_VAF_is_that_of_the_fits_that_Fig_6_draws():
 
 
 def test_one_trial_has_its_own_interval_and_several_have_that_of_their_mean():
-    numbers = numbers_of(impedance=IMPEDANCE.with_columns(doubtful=pl.lit("")))
+    numbers = numbers_of(impedance=SOUND)
 
     alone = numbers["K_PD_1_K_d_100_B_d_0"]
     several = numbers["K_PD_1_K_d_200_B_d_5"]
@@ -106,7 +107,7 @@ def test_one_trial_has_its_own_interval_and_several_have_that_of_their_mean():
 
 
 def test_a_number_that_is_no_estimate_has_the_range_of_its_values_with_the_digits_of_the_mean():
-    number = numbers_of(impedance=IMPEDANCE.with_columns(doubtful=pl.lit("")))["K_bias_PD_1"]
+    number = numbers_of(impedance=SOUND)["K_bias_PD_1"]
 
     assert (number.low, number.high) == pytest.approx((1, 3))
     assert number.texts == ["1.67", "1.00", "3.00"]
@@ -198,9 +199,7 @@ def rows_of(of_conditions):
 
 
 def test_conditions_are_rows_with_their_sound_trial_or_the_mean_of_several():
-    sound = IMPEDANCE.with_columns(doubtful=pl.lit(""))
-
-    one_of_two, mean_of_two = (rows_of(conditions(t))[-1] for t in (IMPEDANCE, sound))
+    one_of_two, mean_of_two = (rows_of(conditions(t))[-1] for t in (IMPEDANCE, SOUND))
     assert (one_of_two["K_d"], one_of_two["B_d"], one_of_two["n"]) == ("200", "5", "1")
     assert re.search(r"202\.0 .*200\.0 .*204\.0", one_of_two["K"])
     assert mean_of_two["n"] == "2"

@@ -45,18 +45,17 @@ def test_a_trial_that_is_left_out_says_why():
     assert (refused.verdict, refused.left_out) == ("refused", ["no torque"])
 
 
-def test_each_trial_counts_once():
-    sheet = {name: {**ROW, "trial": name} for name in "ab"}
+SHEET = {name: {**ROW, "trial": name} for name in "ab"}
 
-    counts, _ = verdict_counts(sheet, worded(WHOLE, PART), {})
+
+def test_each_trial_counts_once():
+    counts, _ = verdict_counts(SHEET, worded(WHOLE, PART), {})
 
     assert {verdict: n for verdict, n in counts.items() if n} == {"clear": 1, "doubtful": 1}
 
 
 def test_friction_is_told_of_a_clear_trial_and_counted():
-    sheet = {name: {**ROW, "trial": name} for name in "ab"}
-
-    counts = verdict_counts(sheet, worded(REMARK), {})
+    counts = verdict_counts(SHEET, worded(REMARK), {})
 
     assert (view(REMARK).verdict, view(REMARK).why) == ("clear", "friction")
     assert re.search("2 .*2 clear.* 1 .*friction", verdicts_sentence(*counts))

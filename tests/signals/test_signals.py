@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import refused_with
+from conftest import refused_with, white_noise
 
 from osl_analysis.errors import InputError
 from osl_analysis.model.multisine import odd_lines, odd_multisine
@@ -85,7 +85,7 @@ def test_derivatives_of_a_filtered_sine_are_its_own_at_any_rate(rate):
 
 def test_angle_and_torque_pass_the_same_filter():
     time = np.arange(2000) / 1000
-    theta = np.random.default_rng(1).standard_normal(2000)
+    theta = white_noise(2000, 1)
 
     motion, torque = filtered_motion(time, theta, 2 * theta, LowPass(15))
 

@@ -150,7 +150,7 @@ def test_a_variance_of_white_scores_scatters_as_its_freedom_says():
 
 
 @pytest.mark.parametrize(("variances", "freedom", "of_sum"), [
-    ([1.0, 1.0], [5, 5], 10), ([1.0, 2.0], [5, 10], 9 / (1 / 5 + 4 / 10)),
+    ([1.0, 2.0], [5, 10], 9 / (1 / 5 + 4 / 10)),
     ([[1.0, 0.0], [0.0, 3.0]], [5, 90], [5, 90]), ([[2.0, 0.0]], [5], [5, np.inf]),
     ([1e-40, 1.0], [5, np.inf], np.inf),  # a scatter that is rounding of a sum
     ([1e-4, 1.0], [5, np.inf], 5e8),

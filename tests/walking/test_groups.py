@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 import pytest
-from conftest import refused_with
+from conftest import refused_with, white_noise
 from scipy.spatial.transform import Rotation
 from scipy.stats import t
 from walking_crossings import (
@@ -227,7 +227,7 @@ def loaded(
 ) -> Crossing:
     """The crossing of 70 kg with a share of its load, and its centre of pressure [m] to the left of
     the ankle."""
-    force_noise, pressure_noise = np.random.default_rng(seed).standard_normal(2)
+    force_noise, pressure_noise = white_noise(2, seed)
     phase = np.clip(c.stance.phase(c.time), 0, 1)
     shape = np.clip(np.sin(np.pi * phase) * 1.15, 0, 0.95)
     force = share * (1 + 0.02 * force_noise) * 9.81 * 70 * shape

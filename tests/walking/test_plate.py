@@ -9,7 +9,7 @@ import polars as pl
 import pytest
 import walking_synthetic as synthetic
 from c3d_builder import FACE
-from conftest import refused_with
+from conftest import refused_with, white_noise
 from scipy.spatial.transform import Rotation
 from walking_synthetic import (
     PLATE_RATE,
@@ -311,7 +311,7 @@ def stepped(offset: float, noise: float = 0.4) -> Array:
     is_tilted = TIME > 1.75
     load = 800 * np.sin(np.pi * np.clip((TIME - 1) / 0.7, 0, 1)) + 5.0 * is_tilted
     noise_of_time = np.where(is_tilted, 0.5, 1.0)[:, None] * noise
-    random = np.random.default_rng(2).standard_normal((len(TIME), 3))
+    random = white_noise((len(TIME), 3), 2)
     force = np.outer(load, [0.1, 0.0, 1.0]) + offset + noise_of_time * random
     moment = 0.02 * offset + np.outer(load, [0.0, -0.1, 0.0])
     return np.hstack([force, moment])
@@ -448,7 +448,6 @@ def test_the_pressure_is_where_the_force_acts() -> None:
 @pytest.mark.parametrize(("force", "along"), [
     ([20.0, 700, 30], r"\+y .up to 700"),
     ([20.0, 30, -700], "-z .up to 700"),
-    ([-700.0, 30, 10], "-x .up to 700"),
 ])  # fmt: skip
 def test_a_load_that_does_not_act_upwards_is_refused(force: list[float], along: str) -> None:
     with refused_with(rf"{along}.*; .*`axes`.* C3D file in the recorder, .*`sign`"):
@@ -484,7 +483,6 @@ AXES = r"plate_1.*`axes`.*\[x, -z, y\]"
 
 
 @pytest.mark.parametrize(("trial", "plate", "message"), [
-    (with_corners(SURFACE[:, [2, 1, 0]]), 1, AXES),  # x up
     (with_corners(SURFACE[:, [0, 2, 1]]), 1, AXES),  # y up
     (with_corners(sloping(40.0)), 1, AXES),  # steeper than stairs
     (with_corners(SURFACE), 2, "plate 2;.*1"),

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 import pytest
-from conftest import refused_with
+from conftest import refused_with, white_noise
 from scipy.spatial.transform import Rotation
 from walking_synthetic import (
     FOOT,
@@ -111,7 +111,7 @@ def test_a_moved_marker_is_that_without_which_the_others_agree(
 
 def test_a_bridged_gap_of_a_resting_cluster_has_little_noise() -> None:
     """25 frames at 300 Hz, where a spline leaves by 10 standard deviations of noise."""
-    noise = np.random.default_rng(0).normal(0, 1e-4, (200, 100, *FOOT.shape))
+    noise = 1e-4 * white_noise((200, 100, *FOOT.shape), 0)
     noise[:, 25:50] = np.nan
 
     deviations = []

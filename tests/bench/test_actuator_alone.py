@@ -30,13 +30,6 @@ from osl_analysis.yaml_settings import read_yaml
 ANALYSIS = ActuatorAnalysis(cutoff_hz=15, order=4, sign_width=0.01)
 
 
-def settings(duration_s):
-    """The default campaign's bench, recorded by one node that samples evenly."""
-    found = read_yaml((ROOT / "config/simulation/default.yaml"), SimulationSettings)
-    shorter = found.actuator.model_copy(update={"duration_s": duration_s})
-    return found.model_copy(update={"actuator": shorter, "recorder": RecorderSettings()})
-
-
 def fit_log(time, theta_m, current, torque_m):
     samples = pl.DataFrame(
         {"time": time, "theta_m": theta_m, "current": current, "torque_m": torque_m}
@@ -45,10 +38,13 @@ def fit_log(time, theta_m, current, torque_m):
 
 
 def simulated(number=1, duration_s=20.0):
-    """The log of a simulated bench, and the fit to it."""
+    """The log of the default campaign's bench, recorded by one node that samples evenly, and the
+    fit to it."""
+    shipped = read_yaml((ROOT / "config/simulation/default.yaml"), SimulationSettings)
+    shorter = shipped.actuator.model_copy(update={"duration_s": duration_s})
     log, _ = simulate_bench_trial(
         {"trial": f"actuator_{number}", "experiment": "actuator"},
-        settings(duration_s),
+        shipped.model_copy(update={"actuator": shorter, "recorder": RecorderSettings()}),
         LEG,
     )
     return log, fit_log(

@@ -174,12 +174,6 @@ def stance_load(t: Array) -> Array:
     return np.asarray(held * (1 - 0.15 * np.cos(4 * np.pi * np.clip((t - 0.9) / 0.72, 0, 1))))
 
 
-def ankle_answer(t: Array, ramp: Ramp | None) -> Array:
-    """The ankle's torque (n,) [N*m]: load of stance, and the answer to the ramp."""
-    phi, w, z = angle_and_heave(t, ramp)[0]
-    return 40.0 * stance_load(t) + 340.0 * phi + 3.0 * w + 0.02 * z
-
-
 def carried(points: Array, t: Array, ramp: Ramp | None, rig: Rig) -> Array:
     """Points (m, 3) that ride on the platform: (n, m, 3)."""
     (phi, _, _), (lift, _, _) = angle_and_heave(t, ramp)
@@ -212,10 +206,14 @@ def walked_over(name: str, ramp: Ramp | None, rig: Rig, seed: int, loaded: bool 
 
 
 def wrench_of_foot(t: Array, ramp: Ramp | None) -> Array:
-    """A force through the ankle, and the ankle's torque (n, 6) [N, N*m], in the plate's axes."""
-    in_plate = about_y(-angle_and_heave(t, ramp)[0][0]).transpose(0, 2, 1)
-    force = np.einsum("nij,nj->ni", in_plate, np.outer(stance_load(t), [0, 0, 800.0]))
-    moment = np.cross(ANKLE, force) - np.outer(ankle_answer(t, ramp), LEFT)
+    """A force through the ankle, and the ankle's torque (n, 6) [N, N*m], in the plate's axes: load
+    of stance, and the answer to the ramp."""
+    load = stance_load(t)
+    phi, w, z = angle_and_heave(t, ramp)[0]
+    in_plate = about_y(-phi).transpose(0, 2, 1)
+    force = np.einsum("nij,nj->ni", in_plate, np.outer(load, [0, 0, 800.0]))
+    torque = 40.0 * load + 340.0 * phi + 3.0 * w + 0.02 * z
+    moment = np.cross(ANKLE, force) - np.outer(torque, LEFT)
     return np.hstack([force, moment])
 
 

@@ -348,16 +348,6 @@ def test_a_changed_file_is_read_anew(tmp_path, monkeypatch):
 PARAMETERS = ROOT / "config/parameters"
 
 
-def edited(tmp_path, **changes):
-    content = yaml.safe_load((PARAMETERS / "default.yaml").read_text())
-    for name, value in changes.items():
-        old = content["parameters"].pop(name, {"value": 1.0, "unit": "1", "source": "test"})
-        content["parameters"] |= {name: old | value} if value else {}
-    path = tmp_path / "edited.yaml"
-    path.write_text(yaml.safe_dump(content))
-    return path
-
-
 def test_the_shipped_parameters_are_those_of_hardware_and_publications():
     default, later = (
         read_parameters(PARAMETERS / f"{name}.yaml") for name in ("default", "osl-v2-published")
@@ -386,8 +376,15 @@ def test_the_shipped_parameters_are_those_of_hardware_and_publications():
     ({"f_G": {"value": 2}}, r"f_G = 2.0 N\*m/A.*k_tau n_m"),
 ])  # fmt: skip
 def test_a_wrong_quantity_is_named_with_its_file(tmp_path, changes, message):
+    content = yaml.safe_load((PARAMETERS / "default.yaml").read_text())
+    for name, value in changes.items():
+        old = content["parameters"].pop(name, {"value": 1.0, "unit": "1", "source": "test"})
+        content["parameters"] |= {name: old | value} if value else {}
+    path = tmp_path / "edited.yaml"
+    path.write_text(yaml.safe_dump(content))
+
     with refused_with(rf"edited.yaml.*{message}"):
-        read_parameters(edited(tmp_path, **changes))
+        read_parameters(path)
 
 
 # The simulator follows the configuration in what both use: device, gains, protocol, desired

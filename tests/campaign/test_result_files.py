@@ -10,20 +10,16 @@ from osl_analysis.campaign.result_files import ResultFiles, name_pattern
 from osl_analysis.config.sheet import read_sheet
 
 CONFIG = read_config(ROOT / "config/config.yaml")
-ON_ANKLE = "b1,belt,b1.mcap,dynamometer,ankle,,,\na1,actuator,a1.mcap,actuator,ankle,,,\n"
-
-
-def result_files(folder: Path, rows: str) -> ResultFiles:
-    """The results of a campaign with these rows of the sheet."""
-    sheet = folder / "trials.csv"
-    sheet.write_text("trial,experiment,log,log_source,joint,controller,K_d,B_d\n" + rows)
-    return ResultFiles(open_campaign(CONFIG, read_sheet(sheet)))
+SHEET = """trial,experiment,log,log_source,joint,controller,K_d,B_d
+b1,belt,b1.mcap,dynamometer,ankle,,,
+a1,actuator,a1.mcap,actuator,ankle,,,
+i1,impedance,i1.mcap,dynamometer,ankle,compensated,300,5
+"""
 
 
 def test_a_fit_has_a_file_of_rows_and_an_archive_of_its_other_tables(tmp_path: Path) -> None:
-    files = result_files(
-        tmp_path, ON_ANKLE + "i1,impedance,i1.mcap,dynamometer,ankle,compensated,300,5\n"
-    )
+    (tmp_path / "trials.csv").write_text(SHEET)
+    files = ResultFiles(open_campaign(CONFIG, read_sheet(tmp_path / "trials.csv")))
 
     fits = f"{CONFIG.results}/fits"
     assert files.rows("belt") == [f"{fits}/belt/b1.csv"]

@@ -398,12 +398,6 @@ def write_bench(path):
     write_text(path, {names[name]: values for name, values in RECORDINGS["impedance"].items()})
 
 
-def said_by_init(folder):
-    result = call("init", folder / "mine", "--from", folder / "rec")
-    assert result.exit_code == 0, result.output
-    return result.output.splitlines()
-
-
 def test_a_dry_run_names_the_one_source_file_of_two_that_is_to_be_edited(
     tmp_path, rec, monkeypatch
 ):
@@ -430,8 +424,10 @@ def test_a_log_and_a_capture_whose_clocks_are_not_aligned_are_a_question(tmp_pat
     capture(rec / "walk_pert_1.c3d", {**LEG, **MALLEOLI}, force=800)
     write_bench(rec / "walk_pert_1.csv")
 
-    lines = said_by_init(tmp_path)
+    result = call("init", tmp_path / "mine", "--from", rec)
 
+    assert result.exit_code == 0, result.output
+    lines = result.output.splitlines()
     assert any("`clock`" in line for line in lines)
     assert "osl-analysis run -n" in lines[-1]
 
@@ -494,12 +490,6 @@ def test_rotations_without_markers_are_a_question_before_a_run(tmp_path, rec):
     assert not is_ready
 
 
-def standing_with_y_up():
-    points = np.full((50, 4, 3), 10.0)
-    points[:, :, 1] = np.array([40.0, 80.0, 300.0, 450.0])
-    return points
-
-
 def test_a_file_without_a_signal_is_left_out_with_a_sentence(tmp_path, rec):
     write_bench(rec / "impedance_K150_B3.csv")
     write_text(rec / "clock.csv", {"time_s": np.arange(500) / 250})
@@ -512,7 +502,8 @@ def test_a_file_without_a_signal_is_left_out_with_a_sentence(tmp_path, rec):
 
 
 def test_a_trc_that_tells_which_axis_points_up_drafts_the_axes_of_all(tmp_path, rec):
-    points = standing_with_y_up()
+    points = np.full((50, 4, 3), 10.0)
+    points[:, :, 1] = [40.0, 80.0, 300.0, 450.0]
     write_trc(rec / "static_1.trc", points)
     points[:, :, 0] += np.linspace(0, 2000, 50)[:, None]  # walks along x
     write_trc(rec / "walk_2.trc", points)

@@ -370,13 +370,13 @@ def test_numbers_of_every_type_and_byte_order_are_exact(
     assert_decoded(path, "/lab", [dict(zip("abcd", expected, strict=True))])
 
 
-def write_joints(path: Path, *states: tuple[list[str], list[float]]) -> Path:
+def write_joints(folder: Path, *states: tuple[list[str], list[float]]) -> Path:
     written = [
         stamped(i, name=names, position=positions, velocity=[])
         for i, (names, positions) in enumerate(states)
     ]
     return write_log(
-        path,
+        folder / "log.mcap",
         written,
         (
             "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\n"
@@ -389,7 +389,7 @@ def write_joints(path: Path, *states: tuple[list[str], list[float]]) -> Path:
 def test_a_joint_is_found_by_name_beside_those_of_another_publisher(tmp_path: Path) -> None:
     leg = (["hip", "toe"], [1.0, 2.0])
     arm = (["hand"], [3.0])
-    path = write_joints(tmp_path / "log.mcap", leg, arm, leg)
+    path = write_joints(tmp_path, leg, arm, leg)
 
     recording = formats.read(path, source("position[name=toe]"))
 
@@ -401,7 +401,7 @@ def test_two_publishers_of_one_joint_are_refused_with_the_names_in_their_message
 ) -> None:
     ours = (["knee", "ankle"], [1.0, 2.0])
     others = (["ankle", "knee"], [0.0, 0.0])
-    path = write_joints(tmp_path / "log.mcap", ours, ours, others, ours)
+    path = write_joints(tmp_path, ours, ours, others, ours)
     said = r"'/lab'.* 2 .*\[knee, ankle\].*\[ankle, knee\]"
 
     assert any(re.search(said, remark) for remark in formats.read(path).loss.remarks)
@@ -410,14 +410,14 @@ def test_two_publishers_of_one_joint_are_refused_with_the_names_in_their_message
 
 
 def test_a_name_that_two_elements_have_is_refused(tmp_path: Path) -> None:
-    path = write_joints(tmp_path / "log.mcap", (["toe", "toe"], [1.0, 2.0]))
+    path = write_joints(tmp_path, (["toe", "toe"], [1.0, 2.0]))
 
     with refused_with(r"number.*position\[0\]"):
         column(formats.read(path, source("position[name=toe]")), "position[name=toe]")
 
 
 def test_a_unit_by_convention_is_likely_and_never_stated(tmp_path: Path) -> None:
-    path = write_joints(tmp_path / "log.mcap", (["toe"], [1.0]))
+    path = write_joints(tmp_path, (["toe"], [1.0]))
 
     found = formats.read(path).find({"topic": "/lab", "field": "position[name=toe]"})
 

@@ -279,23 +279,16 @@ def test_a_database_with_a_write_ahead_log_is_refused_and_no_file_is_changed(
     assert {path: path.read_bytes() for path in tmp_path.rglob("*.*")} == before
 
 
-def without_definitions(bag: Path) -> Path:
-    """A bag as it was before bags had definitions of their messages."""
-    return changed(bag / f"{bag.name}.db3", "DROP TABLE message_definitions").parent
-
-
-def standard_bag(folder: Path, kind: str, *fields: Any) -> Path:
-    """Two messages of a standard type in a bag without definitions."""
+def test_the_library_knows_standard_types(tmp_path: Path) -> None:
+    """Also in a bag as it was before bags had definitions of their messages."""
+    kind = "std_msgs/msg/Float64"
     store = get_typestore(Stores.ROS2_HUMBLE)
-    with Writer2(folder, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+    bag = tmp_path / "bag"
+    with Writer2(bag, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
         connection = writer.add_connection("/lab", kind, typestore=store)
         for time in (5, 9):
-            writer.write(connection, time, store.serialize_cdr(store.types[kind](*fields), kind))
-    return without_definitions(folder)
-
-
-def test_the_library_knows_standard_types(tmp_path: Path) -> None:
-    bag = standard_bag(tmp_path / "bag", "std_msgs/msg/Float64", 2.5)
+            writer.write(connection, time, store.serialize_cdr(store.types[kind](2.5), kind))
+    changed(bag / "bag.db3", "DROP TABLE message_definitions")
 
     assert column(read(bag, "data", time="log"), "data").tolist() == [2.5, 2.5]
 

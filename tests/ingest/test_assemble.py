@@ -266,14 +266,6 @@ CSV_LOG = "format: csv\ntime: {column: t, unit: s}\nchannels:\n  theta: {column:
 CSV_LOG += "  torque: {column: m, unit: N*m}\n"
 
 
-def log_of(folder: Path, angle: float, torque: float, unit: str = "rad") -> Trial:
-    """A log of four rows whose third has these values, trial_of."""
-    rows = [f"{k / 100},{angle if k == 2 else 0.1},{torque if k == 2 else k}" for k in range(4)]
-    (folder / "log.csv").write_text("\n".join(["t,a,m", *rows]) + "\n")
-    (folder / "s.yaml").write_text(CSV_LOG.replace("UNIT", unit))
-    return trial_of(folder, log="log.csv", log_source="s")
-
-
 def capture_of(folder: Path, points: np.ndarray, experiment: str, **parameters: object) -> Trial:
     """A capture without plates, trial_of."""
     write_c3d(folder / "a.c3d", points, **parameters)  # type: ignore[arg-type]
@@ -288,11 +280,6 @@ def trial_of(folder: Path, experiment: str = "ingest_only", **files: str) -> Tri
     return read_trial(folder / "a.parquet")
 
 
-def seen() -> np.ndarray:
-    """Two points that are seen, in mm."""
-    return np.concatenate([np.arange(1.0, 37).reshape(6, 2, 3), np.zeros((6, 2, 1))], axis=2)
-
-
 @pytest.mark.parametrize(("angle", "torque", "unit", "told"), [
     (-1.1e6, 0.0, "rad",
      r"theta.*-1\.1e\+06 rad.*0\.020 s,.*-1e\+06.*1e\+06"),
@@ -302,15 +289,18 @@ def seen() -> np.ndarray:
 def test_values_that_nothing_can_reach_are_refused_by_file_column_value_and_remedy(
     tmp_path, angle, torque, unit, told
 ):
+    rows = [f"{k / 100},{angle if k == 2 else 0.1},{torque if k == 2 else k}" for k in range(4)]
+    (tmp_path / "log.csv").write_text("\n".join(["t,a,m", *rows]) + "\n")
+    (tmp_path / "s.yaml").write_text(CSV_LOG.replace("UNIT", unit))
     with refused_with(rf"log\.csv: {told}.*;.*unit.*scale"):
-        log_of(tmp_path, angle, torque, unit)
+        trial_of(tmp_path, log="log.csv", log_source="s")
     assert not (tmp_path / "a.parquet").exists()
 
 
 def test_unseen_markers_are_refused_where_they_are_needed(
     tmp_path: Path,
 ) -> None:
-    hidden = seen()
+    hidden = np.arange(1.0, 49).reshape(6, 2, 4)
     hidden[:, :, 3] = -1.0
     for experiment in (name for name, facts in EXPERIMENTS.items() if facts.place == "walkway"):
         with refused_with(rf"marker.*experiment '{experiment}'"):

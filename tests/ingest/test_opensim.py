@@ -119,7 +119,6 @@ def test_rows_that_contradict_the_header_or_one_another_are_refused(
     ("old", "new", "reason"),
     [
         ("nRows=50", "nRows=60", "60 rows.*50"),
-        ("\t-12.250000000\n", "\t-12.25", "50 rows.*49"),
         ("endheader", "end", "csv.*`format: csv`"),
     ],
 )
@@ -173,17 +172,17 @@ MOMENTS = np.column_stack([0 * K, 2 * np.sin(K / 5), 0 * K])  # about the point 
 
 
 def write_forces(
-    path: Path, start: float = 0.0, names: tuple[str, ...] = ("R_v", "R_p", "R_m")
+    folder: Path, start: float = 0.0, names: tuple[str, ...] = ("R_v", "R_p", "R_m")
 ) -> Path:
     """Ground reactions in OpenSim's axes at 200 Hz."""
     columns = {"time": start + K / 200}
     for begin, values in zip(names, (FORCE, POINT, MOMENTS), strict=True):
         columns |= {f"{begin}{axis}": values[:, place] for place, axis in enumerate("xyz")}
-    return write_table(path, columns, "grf")
+    return write_table(folder / "grf.mot", columns, "grf")
 
 
 def test_a_plate_gives_the_moment_about_its_centre_in_our_axes(tmp_path: Path) -> None:
-    path = write_forces(tmp_path / "grf.mot")
+    path = write_forces(tmp_path)
     recording = read(path, plates={1: PLATE})
     pushed = read(path, plates={1: {**PLATE, "sign": -1}}).samples
 
@@ -197,7 +196,7 @@ def test_a_plate_gives_the_moment_about_its_centre_in_our_axes(tmp_path: Path) -
 
 def test_markers_and_ground_reactions_of_one_export_share_their_times(tmp_path: Path) -> None:
     write_trc(tmp_path / "walk.trc", start=2.0)
-    write_forces(tmp_path / "grf.mot", start=1.95)
+    write_forces(tmp_path, start=1.95)
     (tmp_path / "trc.yaml").write_text("format: trc\naxes: [x, -z, y]\n")
     (tmp_path / "mot.yaml").write_text(
         yaml.safe_dump({"format": "opensim", "clock": "common", "plates": {1: PLATE}})
@@ -231,7 +230,7 @@ def test_the_draft_of_ground_reactions_proposes_their_plates(
     tmp_path: Path, stem: str, moment: str
 ) -> None:
     names = (f"{stem}v", f"{stem}p", moment)
-    path = write_forces(tmp_path / "grf.mot", names=names)
+    path = write_forces(tmp_path, names=names)
 
     draft = draft_source(inspect_file(path), "grf.mot")
 
@@ -251,7 +250,7 @@ def test_the_draft_of_ground_reactions_proposes_their_plates(
 def test_plates_that_cannot_be_read_are_refused(
     tmp_path: Path, cells: dict[str, str], stated: dict[str, Any], told: str
 ) -> None:
-    path = write_forces(tmp_path / "grf.mot")
+    path = write_forces(tmp_path)
     for old, new in cells.items():
         path.write_text(path.read_text().replace(old, new, 1))
 
@@ -259,7 +258,7 @@ def test_plates_that_cannot_be_read_are_refused(
 
 
 def test_a_stamp_that_stands_twice_is_left_out_with_the_plates_of_its_row(tmp_path: Path) -> None:
-    path = write_forces(tmp_path / "grf.mot")
+    path = write_forces(tmp_path)
     whole = read(path, plates={1: PLATE}).samples
     path.write_text(path.read_text().replace("\n0.005", "\n0.000", 1))
 

@@ -54,10 +54,6 @@ def turned(column):
     return lambda signals: signals | {column: -signals[column]}
 
 
-def times(column, factor):
-    return lambda signals: signals | {column: factor * signals[column]}
-
-
 def swapped(signals):
     return signals | {"theta": signals["torque"], "torque": signals["theta"]}
 
@@ -105,7 +101,10 @@ def test_a_wrong_unit_is_refused_with_the_unit_that_makes_the_trial_fit(column, 
         ("impedance", joint, 150),
     ):
         assert_mended(
-            experiment, recording, times(column, factor), f"`unit: {unit}`.* {column}.*: K {true}"
+            experiment,
+            recording,
+            lambda signals: signals | {column: factor * signals[column]},
+            f"`unit: {unit}`.* {column}.*: K {true}",
         )
 
 

@@ -68,11 +68,6 @@ def clean():
     return log_of({})
 
 
-def settled(time):
-    """Rows well inside the motion."""
-    return (time - time[0] > 1.0) & (time < time[-1] - 1.2)
-
-
 PROTOCOL = {
     "frequencies_hz": (1, 3),
     "cycles": 4,
@@ -271,17 +266,13 @@ def test_an_exact_joint_answers_by_eq_15_to_what_the_bench_follows(clean, f, row
     assert -torque / theta == pytest.approx(300 - 0.02 * w**2 + 5j * w, rel=1e-4)
 
 
-def missing(**changes):
-    """Samples that are missing after each sample."""
-    time = log_of(node(**changes))["time"]
-    return np.rint(np.diff(time) * RATE).astype(int) - 1
-
-
 @pytest.mark.parametrize("share", [1e-3, 1e-6])
 def test_a_share_of_the_samples_is_dropped_at_least_one(clean, share):
     expected = max(round(share * len(clean["time"])), 1)
 
-    assert missing(dropped=on(share, "1")).sum() == expected
+    time = log_of(node(dropped=on(share, "1")))["time"]
+    missing = np.rint(np.diff(time) * RATE).astype(int) - 1
+    assert missing.sum() == expected
 
 
 def test_a_late_load_cell_reads_the_torque_of_two_samples_ago(clean):
@@ -294,7 +285,9 @@ def test_a_late_load_cell_reads_the_torque_of_two_samples_ago(clean):
 
 def test_coulomb_friction_turns_with_the_velocity(clean):
     omega = np.gradient(clean[ANGLE], 1e-3)
-    moving = settled(clean["time"]) & (np.abs(omega) > 0.02)
+    time = clean["time"]
+    is_inside = (time - time[0] > 1.0) & (time < time[-1] - 1.2)
+    moving = is_inside & (np.abs(omega) > 0.02)
 
     log = log_of({"joint": {**JOINT, "coulomb": on(3, "N*m")}})
 

@@ -65,17 +65,17 @@ def altered(setup, **fields):
     return Setup(setup.settings, setup.walking.model_copy(update=fields), setup.p)
 
 
-def write_trajectory(folder, header, *values):
+def write_trajectory(folder, *values):
     """A trajectory of the impedance that is the same at every phase."""
     path = folder / "impedance.csv"
     cells = ",".join(map(str, values))
-    path.write_text(f"phase,{header}\n0,{cells}\n1,{cells}\n")
+    path.write_text(f"phase,K_d,B_d\n0,{cells}\n1,{cells}\n")
     return path
 
 
 def test_a_crossing_has_the_commanded_stiffness(setup, tmp_path):
     """K_1 = K_d K_s / (K_s - K_d) / n_T^2: actuator and belt in series."""
-    own = altered(setup, impedance=write_trajectory(tmp_path, "K_d,B_d", 200, 4))
+    own = altered(setup, impedance=write_trajectory(tmp_path, 200, 4))
 
     own.record(tmp_path, PERTURBED)
 
@@ -266,7 +266,7 @@ def test_the_foot_s_place_scatters_forward_and_sideways_on_its_own(walked):
 
 
 def test_a_weight_of_the_gains_is_used(shipped, tmp_path):
-    path = write_trajectory(tmp_path, "K_d,B_d", 300, 5)
+    path = write_trajectory(tmp_path, 300, 5)
     weight = Weight(cutoff_hz=1, order=1)
     gains = compensated_gains(300, 5, shipped.p, weight)
     walking = altered(shipped, impedance=path, gain_weight=weight).walking
@@ -301,15 +301,15 @@ def test_a_perturbation_changes_nothing_before_its_onset(walked, calm):
     np.testing.assert_array_equal(walked.torque[unchanged], calm.torque[unchanged])
 
 
-def added_turn_deg(step, after_s):
-    """What the perturbation adds to the ankle's angle at a time after its onset."""
+def added_turn_deg(step):
+    """What the perturbation adds to the ankle's angle 0.25 s after its onset."""
     added = move(step, True)[0].theta - move(step, False)[0].theta
-    return np.degrees(added[np.searchsorted(step.trial.time, step.onset + after_s)])
+    return np.degrees(added[np.searchsorted(step.trial.time, step.onset + 0.25)])
 
 
 def test_a_perturbation_turns_the_ankle_by_its_size_in_its_direction(walked):
     """A foot that yields takes 4 % of 5 deg."""
     down = draw_step(replace(walked.step.trial, direction="down"))
 
-    assert added_turn_deg(walked.step, 0.25) == pytest.approx(0.96 * 5, abs=1e-6)
-    assert added_turn_deg(down, 0.25) == pytest.approx(-0.96 * 5, abs=1e-6)
+    assert added_turn_deg(walked.step) == pytest.approx(0.96 * 5, abs=1e-6)
+    assert added_turn_deg(down) == pytest.approx(-0.96 * 5, abs=1e-6)

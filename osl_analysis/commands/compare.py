@@ -13,7 +13,7 @@ from osl_analysis.campaign.origin import sentence
 from osl_analysis.commands.tables import read_summary
 from osl_analysis.errors import InputError
 from osl_analysis.measured import written
-from osl_analysis.report.numbers import Number, numbers_in_summary
+from osl_analysis.report.numbers import MOST_CONDITIONS, Number, first_of, numbers_in_summary
 from osl_analysis.report.typography import aligned
 from osl_analysis.stats.repeats import RANGE
 from osl_analysis.table import not_analysed, write_table
@@ -57,14 +57,17 @@ def compare_campaigns(folders: Sequence[Path], output: Path) -> tuple[pl.DataFra
     a, b = (read_summary(folder / "summary.json") for folder in folders)
     recordings_of_a, recordings_of_b = map(digests_of_recordings, folders)
     shared = recordings_of_a & recordings_of_b
-    numbers_of_b = {number.name: number for number in numbers_in_summary(b)}
+    # claims have texts and limits of their own
+    numbers_of_a, numbers_of_b = (
+        {number.name: number for number in numbers_in_summary(summary) if not number.verdict}
+        for summary in (a, b)
+    )
     rows = []
     cells = []
-    for of_a in numbers_in_summary(a):
-        of_b = numbers_of_b.get(of_a.name)
-        # claims have texts and limits of their own
-        if of_b is None or of_a.verdict:
+    for name, of_a in numbers_of_a.items():
+        if name not in numbers_of_b:
             continue
+        of_b = numbers_of_b[name]
         row = compared(of_a, of_b, not shared)
         rows.append(row)
         if shared and of_a.texts == of_b.texts:
@@ -82,12 +85,14 @@ def compare_campaigns(folders: Sequence[Path], output: Path) -> tuple[pl.DataFra
     write_table(table, path, " and ".join(dict.fromkeys([a["data"], b["data"]])))
     lines = [f"A, {folders[0]}: {sentence(a)}", f"B, {folders[1]}: {sentence(b)}"]
     lines += differing_settings(a["settings"], b["settings"])
+    lines += without_counterpart("A", numbers_of_a, numbers_of_b)
+    lines += without_counterpart("B", numbers_of_b, numbers_of_a)
     if shared:
         which = "the same" if recordings_of_a == recordings_of_b else f"{len(shared)} common"
         alike = len(rows) - len(cells)
         lines.append(
             f"A and B hold {which} recordings, so that a difference comes from settings, sheet or"
-            f" release, and has no interval; {alike} numbers are alike in all their digits"
+            f" release, and has no interval; equal, and not listed: {alike} of {len(rows)} numbers"
         )
     shown = aligned([["quantity", "A", "B", "B - A", "unit"], *cells])
     return table, "\n".join([*lines, "", shown, f"wrote {path}"])
@@ -108,6 +113,18 @@ def compared(a: Number, b: Number, are_independent: bool = True) -> dict[str, An
         half = math.hypot(*halves)
         row.update(difference_low=difference - half, difference_high=difference + half)
     return row
+
+
+def without_counterpart(
+    campaign: str, own: Mapping[str, Number], others: Mapping[str, Number]
+) -> list[str]:
+    """A line on the conditions and groups of numbers that a campaign alone has, or else on what
+    the numbers are; none without one."""
+    alone = [number for name, number in own.items() if name not in others]
+    told = [*dict.fromkeys(number.subject or number.meaning for number in alone)]
+    if not told:
+        return []
+    return [f"in {campaign} alone, so not compared: {'; '.join(first_of(told, MOST_CONDITIONS))}"]
 
 
 def differing_settings(a: Mapping[str, str], b: Mapping[str, str]) -> list[str]:

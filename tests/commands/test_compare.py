@@ -58,8 +58,8 @@ def write_recorded(folder, *digests):
 
 
 @pytest.mark.parametrize(("of_b", "K_of_b", "told"), [
-    ("1", 300.0, "the same recordings.* 1 numbers are alike"),
-    ("12", 310.0, "1 common recordings.* 0 numbers are alike"),
+    ("1", 300.0, "the same recordings.* listed: 1 of 1 numbers"),
+    ("12", 310.0, "1 common recordings.* listed: 0 of 1 numbers"),
     ("2", 300.0, ""),
 ])  # fmt: skip
 def test_differences_between_shared_recordings_have_no_interval(tmp_path, of_b, K_of_b, told):
@@ -72,8 +72,17 @@ def test_differences_between_shared_recordings_have_no_interval(tmp_path, of_b, 
 
     assert re.search(told, text)
     assert ("A and B hold" in text) == bool(told)
-    assert ("stiffness" in text) == ("1 numbers are alike" not in text), "what differs is shown"
+    assert ("stiffness" in text) == ("1 of 1 numbers" not in text), "what differs is shown"
     assert table["difference_low"].null_count() == bool(told)
+
+
+def test_groups_without_a_counterpart_are_named(tmp_path):
+    a = write_summary(tmp_path / "a", K, replace(K, name="K_slow", subject="slow"))
+    b = write_summary(tmp_path / "b", K, replace(K, name="K_s", meaning="belt"))
+
+    _, text = compare_campaigns((a, b), tmp_path / "out")
+
+    assert re.findall("in (.) alone, .*: (.*)", text) == [("A", "slow"), ("B", "belt")]
 
 
 def test_a_folder_is_not_compared_with_itself_nor_with_one_without_common_numbers(tmp_path):

@@ -15,7 +15,7 @@ from osl_analysis.figures import FIGURES, figure_title
 from osl_analysis.files import write_text
 from osl_analysis.judge.campaign import exclusion_report, findings_in_summary
 from osl_analysis.judge.finding import read_findings
-from osl_analysis.judge.recording_checks import REFUSED
+from osl_analysis.judge.recording_checks import BY_JOB
 from osl_analysis.report import methods
 from osl_analysis.report.numbers import headline_sentences, numbers_in_summary
 from osl_analysis.report.page import Page, ShownFigure, trial_view, written_page
@@ -252,7 +252,8 @@ def write_brief(
     """
     content = read_summary(summary)
     listed = read_table(excluded)
-    reasons = dict(listed.filter(check=REFUSED).select("trial", "remark").iter_rows())
+    by_job = listed.filter(pl.col("check").is_in(BY_JOB))
+    reasons = dict(by_job.select("trial", "remark").iter_rows())
     failures = failure_lines(reasons, content["missing_results"], recordings)
     lines = [
         *brief_lines(content),
@@ -278,7 +279,7 @@ def failure_lines(
     for trial, reason in sorted(reasons.items()):
         files = recordings[trial]
         file = next((file for file in files if file in reason), files[0])
-        text = reason.removeprefix(f"{file}: ")
+        text = reason.removeprefix(f"{file}: ").removeprefix(f"trial {trial}: ")
         cause = without_particulars(text.replace(file, "FILE"), trial)
         by_cause.setdefault(cause, {})[trial] = f"  trial {trial}, file {file}: {text}"
     lines = []

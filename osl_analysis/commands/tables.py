@@ -13,7 +13,7 @@ import polars as pl
 from osl_analysis.campaign.origin import sentence
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables, described_tables_by_name
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, listing
 from osl_analysis.files import atomic_path, write_text
 from osl_analysis.ingest.quality import UNITS
 from osl_analysis.jobs.job_log import read_log
@@ -53,9 +53,9 @@ from osl_analysis.report.paper_tables import (
 )
 from osl_analysis.report.typography import aligned, markdown_table
 from osl_analysis.report.verdicts import (
-    WHY_LACKING,
     left_out_trials,
     missing_lines,
+    serving_trials,
     trials_without_result,
     used_and_missing,
     verdict_counts,
@@ -266,8 +266,13 @@ def list_excluded(
             {t: row["exclude"] for t, row in sheet.items() if row["exclude"]}, BY_SHEET
         ),
         rows_of_reasons(of_crossings, CROSSING),
-        rows_of_reasons(dict.fromkeys(trials_without_result(sheet, results), WHY_LACKING), LACKING),
     ]
+    left_out = {*pl.concat(parts, how="diagonal_relaxed")["trial"]}
+    needed = [trial for trial in serving_trials(sheet) if trial in left_out]
+    causes = needed or [cause.text for cause in refused if not cause.trial]
+    why = f"it has no result, since what its fit needs was refused or excluded: {listing(causes)}"
+    without = dict.fromkeys(trials_without_result(sheet, results), why)
+    parts.append(rows_of_reasons(without, LACKING))
     listed = pl.concat(parts, how="diagonal_relaxed")
     # what follows from another cause is none
     follows = pl.col("check").is_in([CROSSING, LACKING])

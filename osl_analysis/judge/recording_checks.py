@@ -155,6 +155,7 @@ def read_measured(path: Path) -> list[dict[str, Any]]:
 # What excluded.csv has as `check` of a trial that no check excludes
 REFUSED = "refused"  # by the job that reads or fits it
 LACKING = "needs another"  # trial, which was refused or excluded
+BY_JOB = (REFUSED, LACKING)
 BY_SHEET = "sample sheet"
 CROSSING = "crossing"  # of the walkway, which cannot be used or stands out
 

@@ -15,7 +15,7 @@ from osl_analysis.judge.campaign import (
     is_of_whole,
 )
 from osl_analysis.judge.finding import Grade, WordedFinding
-from osl_analysis.judge.recording_checks import LACKING, REFUSED, exclusion_text
+from osl_analysis.judge.recording_checks import BY_JOB, REFUSED, exclusion_text
 from osl_analysis.report.numbers import headline_sentences, numbers_in_summary
 
 CLEAR = "clear"
@@ -27,8 +27,6 @@ NOT_JUDGED = "not judged"  # recordings that are read and not analysed
 MOST_FINDINGS = 3  # with verdicts, numbers and what was not checked a run tells itself in ten lines
 NOT_CHECKED = "not checked"
 VERDICTS = (CLEAR, FLAGGED, DOUBTFUL, IN_PART, REFUSED, EXCLUDED, NOT_JUDGED)
-
-WHY_LACKING = "it has no result, since a trial that its fit needs was refused or excluded"
 
 
 class LeftOut(NamedTuple):
@@ -42,7 +40,7 @@ def left_out_trials(excluded: pl.DataFrame) -> dict[str, LeftOut]:
     """The trials that are left out, by trial, from `excluded.csv`; each reason once."""
     left_out: dict[str, LeftOut] = {}
     for row in excluded.iter_rows(named=True):
-        by_job = row["check"] in (REFUSED, LACKING)
+        by_job = row["check"] in BY_JOB
         reason = exclusion_text(row)
         reasons = left_out.setdefault(row["trial"], LeftOut(by_job, [])).reasons
         if reason not in reasons:
@@ -64,6 +62,12 @@ def trials_without_result(
         if any(trial not in trials_of.get(name, ()) for name in filled):
             without.append(trial)
     return without
+
+
+def serving_trials(sheet: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """The trials that have no result of their own and that fits of others need, as static ones."""
+    experiment_of = {trial: EXPERIMENTS[row["experiment"]] for trial, row in sheet.items()}
+    return [trial for trial, facts in experiment_of.items() if facts.place and not facts.tables]
 
 
 def used_and_missing(

@@ -10,6 +10,7 @@ import sys
 import warnings
 import zipfile
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from pkgutil import resolve_name
 from types import SimpleNamespace
@@ -135,6 +136,17 @@ def test_where_the_input_is_at_fault_the_reason_replaces_an_old_result(tmp_path)
 
     assert outcome == "refused"
     assert cause.reason.startswith(f"{tmp_path}/b_1.csv: ")
+
+
+def test_a_job_over_several_trials_refuses_the_one_that_its_reason_names(tmp_path):
+    def refuse(trials: list[str], output: str) -> None:
+        raise InputError("trial b_2: no motion; record it again")
+
+    of_all = job(tmp_path, "tables.gather", {"trials": ["b_1.parquet", "b_2.parquet"]})
+
+    _, causes = ended(replace(of_all, command=refuse))
+
+    assert causes == (NotAnalysed("b_2", "trial b_2: no motion; record it again"),)
 
 
 def test_a_refused_trial_has_a_row_with_its_reason_and_without_estimates(tmp_path):
@@ -358,8 +370,12 @@ def test_who_was_left_out_is_listed_with_value_threshold_and_remedy(checked):
     lost = NotAnalysed("plate_9", "p.c3d: truncated; export it again")
     verdicts = folder / "quality.csv"
     excluded = folder / "excluded.csv"
-    sheet = {"b_2": {"experiment": "plate", "exclude": "stumbled"}}
-    for judged, names in (([], ["plate_9", "b_2"]), (checked, ["plate_9", "plate_2", "b_2"])):
+    sheet = {
+        "b_2": {"experiment": "plate", "exclude": "stumbled"},
+        "w_1": {"experiment": "walking", "exclude": None},
+    }
+    others = ["b_2", "w_1"]
+    for judged, names in (([], ["plate_9", *others]), (checked, ["plate_9", "plate_2", *others])):
         judge(judged, RULES, ACCEPT, verdicts, [lost])
         list_excluded({}, verdicts, sheet, excluded, [lost])
         listed = read_table(excluded, ["trial", "check", "value", "unit", "threshold", "remark"])
@@ -371,7 +387,9 @@ def test_who_was_left_out_is_listed_with_value_threshold_and_remedy(checked):
     outcomes = [("plate_1", "flag"), ("plate_2", "exclude"), ("plate_9", "refused")]
     assert judged.select("trial", "verdict").rows() == outcomes
     assert judged["value"].to_list()[1:] == [pytest.approx(80, abs=0.5), None]
-    assert listed["check"].to_list() == ["refused", "unzeroed_plate", "sample sheet"]
+    checks = ["refused", "unzeroed_plate", "sample sheet", "needs another"]
+    assert listed["check"].to_list() == checks
+    assert listed["remark"][-1].endswith(" was refused or excluded: b_2")
     said = exclusion_report(listed)
     assert "b_2 (stumbled)" in said
     assert "plate_2 (unzeroed_plate" in said

@@ -437,15 +437,19 @@ def columns_text() -> str:
         for file, rows, columns in table.sections:
             lines = [(column.name, column.unit, column.meaning) for column in columns]
             sections.append(f"{file}: {rows}\n\n{aligned(lines)}")
-    checks = [
-        (name, UNITS[name], f"{check.meaning}. Fails {check.fails} its threshold")
-        for name, check in CHECKS.items()
-    ]
     numbers = [(entry.name, entry.unit, entry.meaning) for entry in ENTRIES]
     return "\n".join(
         [
             *sections,
-            f"checks of quality control\n\n{aligned(checks)}",
+            f"checks of quality control\n\n{aligned(described_checks())}",
             f"numbers in summary.json\n\n{aligned(numbers)}",
         ]
     )
+
+
+def described_checks() -> list[tuple[str, str, str]]:
+    """Name, unit and meaning of every check of quality control."""
+    return [
+        (name, UNITS[name], f"{check.meaning}. Fails {check.fails} its threshold")
+        for name, check in CHECKS.items()
+    ]

@@ -102,8 +102,9 @@ def test_a_table_is_not_taken_for_another_format_whatever_it_is_called(tmp_path:
         "0   ,1\n",
         "a\tb\n1\t2\n",
     ):
-        (tmp_path / "a.xls").write_text(text)
-        assert recognise(tmp_path / "a.xls").name == "csv"
+        for name in ("a.xls", "a.log"):
+            (tmp_path / name).write_text(text)
+            assert recognise(tmp_path / name).name == "csv"
 
 
 SOURCE = "format: csv\ntime: {column: t, unit: s}\nchannels:\n  theta: {column: angle, unit: deg}\n"

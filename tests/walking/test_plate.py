@@ -448,6 +448,7 @@ def test_the_pressure_is_where_the_force_acts() -> None:
 @pytest.mark.parametrize(("force", "along"), [
     ([20.0, 700, 30], r"\+y .up to 700"),
     ([20.0, 30, -700], "-z .up to 700"),
+    ([-700.0, 30, 10], "-x .up to 700"),
 ])  # fmt: skip
 def test_a_load_that_does_not_act_upwards_is_refused(force: list[float], along: str) -> None:
     with refused_with(rf"{along}.*; .*`axes`.* C3D file in the recorder, .*`sign`"):
@@ -483,6 +484,7 @@ AXES = r"plate_1.*`axes`.*\[x, -z, y\]"
 
 
 @pytest.mark.parametrize(("trial", "plate", "message"), [
+    (with_corners(SURFACE[:, [2, 1, 0]]), 1, AXES),  # x up
     (with_corners(SURFACE[:, [0, 2, 1]]), 1, AXES),  # y up
     (with_corners(sloping(40.0)), 1, AXES),  # steeper than stairs
     (with_corners(SURFACE), 2, "plate 2;.*1"),

@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from conftest import refused_with
+from conftest import refused_with, white_noise
 
 from osl_analysis.measured import (
     check_measured,
@@ -21,7 +21,7 @@ from osl_analysis.walking.plate import furthest_outside
 
 @pytest.fixture
 def noise():
-    return np.random.default_rng(1).standard_normal((2, 2000))
+    return white_noise((2, 2000), 1)
 
 
 @pytest.mark.parametrize("step", [1e-3, 2 * np.pi / 2**14, 5.0])

@@ -142,6 +142,7 @@ def test_a_sound_recording_is_not_doubtful(experiment, changes):
       for factor, side in ((1.5**0.5, "near"), (2**0.5, "below"), (3**-0.5, "above"))),
     ("impedance", {"torque": 0.01}, "unlikely size", "K_ratio", "below"),
     ("impedance", {"torque": 4.4482}, "unlikely size", "K_over_K_s", "above"),
+    ("impedance", {"torque": clipped}, "clipped signal", "saturated_samples", "above"),
     ("actuator", {"current": clipped}, "clipped signal", "saturated_samples", "above"),
     ("belt", {"theta": lambda x: x.clip(max=0.9 * x.max())}, "clipped signal",
      "saturated_samples", "above"),

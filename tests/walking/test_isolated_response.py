@@ -80,13 +80,11 @@ def mean_gait(n: int = 4) -> UnperturbedGait:
     return unperturbed_gait([crossing(f"u{k}", stance=0.68 + 0.02 * k) for k in range(n)], 3)
 
 
-def shifted(crossing_: Crossing) -> Crossing:
-    """A crossing whose angle and torque have an offset."""
-    return replace(crossing_, theta=crossing_.theta + 0.02, torque=crossing_.torque + 3.0)
-
-
 def test_a_response_is_zero_on_average_over_the_baseline() -> None:
-    response = response_of(shifted(crossing("w", ONSET)), mean_gait())
+    plain = crossing("w", ONSET)
+    shifted = replace(plain, theta=plain.theta + 0.02, torque=plain.torque + 3.0)
+
+    response = response_of(shifted, mean_gait())
 
     baseline = (response.time >= -0.1 - 1e-9) & (response.time < -0.04 - 1e-9)
     assert np.mean(response.motion.theta[baseline]) == pytest.approx(0, abs=1e-9)

@@ -77,8 +77,8 @@ def test_a_spring_that_stiffens_makes_a_third_harmonic():
 
 @pytest.mark.parametrize("amplitudes", [1, 2])
 def test_few_cycles_cover_the_response_and_its_mean_over_amplitudes(amplitudes):
-    """95 % of 400 records of six cycles of Y = 1/(200 + 40 j) with a noisy torque; a normal quantile
-    would reach 90 %."""
+    """95 % of 400 records of six cycles of Y = 1/(200 + 40 j) with a noisy torque; a normal
+    quantile would reach 90 %."""
     Z = 200 + 40j
     theta = np.full(6, 0.05 + 0j)
     covered = []

@@ -104,6 +104,7 @@ def noise_beyond(removed: Array, rate_hz: float, cutoff_hz: float) -> float:
     """
     rows = min(round(rate_hz), len(removed))
     frequency, density = scipy.signal.welch(removed, rate_hz, nperseg=rows)
+    # an encoder's own filter ends near half of the rate
     is_above = frequency > min(2 * cutoff_hz, 0.35 * rate_hz)
     is_below = frequency < min(4 * cutoff_hz, 0.45 * rate_hz)
     return float(np.median(density[is_above & is_below]))

@@ -104,6 +104,7 @@ def test_a_run_ends_with_its_headline_numbers_and_the_page_also_where_nothing_is
 
     again = workspace.run("reproduce-all").stdout
 
+    assert {"K_s", "B_j", "k_tau_n_m", "walking_K"} <= set(summary["numbers"])
     assert "Nothing to be done" in again
     assert workspace.run("results/tables/belt.csv").stdout.endswith("up to date).\n")
     for said in (workspace.said, again):

@@ -368,7 +368,7 @@ def resampled(
         first, last = np.searchsorted(times, (inside[0], inside[-1]))
         rows = slice(max(first - reach, 0), last + reach)
         samples = np.array([signal[rows] for signal in values.values()])
-        spline = scipy.interpolate.make_interp_spline(times[rows], samples, 3, axis=1)
+        spline = scipy.interpolate.CubicSpline(times[rows], samples, axis=1)
         on_grid[:, begin : begin + SPLINED] = spline(inside)
     return dict(zip(values, on_grid, strict=True))
 

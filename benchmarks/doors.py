@@ -265,8 +265,8 @@ def show_fit(folder: Path) -> None:
     files = (folder / "trial.parquet", recording, folder / "csv.yaml")
     warm = python(folder, WARM, HERE, SCRIPT, *files)
     fit, of_student, stored, read, read_by_student = map(float, warm.printed.split()[-5:])
-    show("150 s at 1 kHz, warm: fit of the script's recording", fit, of_student, "0.10 s")
-    show("  read the trial of a leg (Parquet) and fit", stored, None, "0.15 s")
+    show("150 s at 1 kHz, warm: fit (script's file)", fit, of_student, "0.10 s")
+    show("  read a leg's trial (Parquet) and fit", stored, None, "0.15 s")
     show("  read the recording (CSV) and fit", read, read_by_student)
 
     student = least(folder, *STUDENT, str(recording))

@@ -262,6 +262,25 @@ def find_leaps(time: Array, values: Array) -> Array:
     return np.asarray(time[far[is_leap] + 2])
 
 
+def steps_by_friction(
+    leaps: Array, angle: tuple[Array, Array], torque: tuple[Array, Array]
+) -> NDArray[np.bool_]:
+    """Whether a torque leaps as by friction at times (k,) [s]: the joint turns there, and the
+    torque steps in the direction of the new motion. `angle` and `torque` are times [s] and
+    values."""
+    around = leaps + np.array(LIMITS.around_turn_s)  # (2, windows, k)
+    ways = np.interp(leaps, *angle) - np.interp(around, *angle)
+    lower, higher = np.sort(np.abs(ways), axis=0)
+    is_turn = lower > np.maximum(LIMITS.clear_turn * np.ptp(angle[1]), LIMITS.even_turn * higher)
+    time, values = torque
+    rows = np.searchsorted(time, leaps)[:, None] + np.arange(-LIMITS.step_rows, LIMITS.step_rows)
+    beside = values[np.clip(rows, 0, values.size - 1)]
+    step = beside[:, -1] - beside[:, 0]
+    is_step = 2 * np.abs(step) > np.ptp(beside, axis=1)  # a wrong number comes back
+    is_along = (ways * step < 0).all(axis=0)  # up in a trough, down at a peak
+    return np.asarray(is_step & (is_turn & is_along).any(axis=0))
+
+
 # Channels that repeat one value: a sensor at an end of its range, and one that stands still.
 
 

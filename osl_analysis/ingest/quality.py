@@ -24,6 +24,7 @@ from osl_analysis.ingest.guard import (
     repeats,
     run_at_extreme,
     standing_runs,
+    steps_by_friction,
 )
 from osl_analysis.measured import usual_step
 from osl_analysis.recording import beside, plate_axes
@@ -302,18 +303,31 @@ def longest_s(time: Array, edges: NDArray[np.intp]) -> float:
 
 
 def measure_leaps(examined: Examined) -> dict[str, float]:
-    """Number of leaps of the angle or the torque off its curve (`guard.find_leaps`). The torque of
-    an actuator may leap where its current does."""
+    """Number of leaps of the angle or the torque off its curve (`guard.find_leaps`). A torque may
+    leap by friction, where the joint turns, and that of an actuator where its current does."""
     trial = examined.fitted
     columns = [name for name in (examined.moved, examined.torque) if name in trial.columns]
     leaps = {column: find_leaps(*trial.arrays(column)) for column in columns}
+    angle = recorded(trial, examined.moved)
+    if "torque" in leaps and angle[0].size:
+        is_friction = steps_by_friction(leaps["torque"], angle, recorded(trial, "torque"))
+        faults = leaps["torque"][~is_friction]
+        # a step beside a fault is the other end of it
+        leaps["torque"] = leaps["torque"][
+            distances(leaps["torque"], faults) <= LIMITS.beside_leap_s
+        ]
     if "torque_m" in leaps:
         steps = find_leaps(*recorded(trial, "current"))
-        apart = np.abs(np.subtract.outer(leaps["torque_m"], steps)).min(axis=1, initial=np.inf)
+        apart = distances(leaps["torque_m"], steps)
         leaps["torque_m"] = leaps["torque_m"][apart > LIMITS.beside_leap_s]
     every = np.sort(np.concatenate([*leaps.values(), []]))
     remedy = remedy_of_leaps(examined, every) if every.size else ""
     return {f"{column} leaps{remedy}": times.size for column, times in leaps.items()}
+
+
+def distances(times: Array, others: Array) -> Array:
+    """Of times (n,), each one's distance to the nearest of others; infinite without any."""
+    return np.asarray(np.abs(np.subtract.outer(times, others)).min(axis=1, initial=np.inf))
 
 
 def remedy_of_leaps(examined: Examined, leaps: Array) -> str:

@@ -107,6 +107,20 @@ def test_the_torque_of_an_actuator_may_leap_where_its_current_does():
     assert results(stepped, "actuator")["dropout"].value == 1
 
 
+@pytest.mark.parametrize(
+    ("sign", "delay_s", "leaps"), [(1.0, 0.0, False), (-1.0, 0.0, True), (1.0, 0.3, True)]
+)
+def test_a_torque_may_step_by_friction_where_the_joint_turns(sign, delay_s, leaps):
+    time = np.arange(4000) / RATE
+    angle = np.sin(np.pi * time)
+    friction = sign * 3.0 * np.sign(np.cos(np.pi * (time - delay_s)))
+    torque = 10 * angle + friction + 0.01 * white_noise((4000,), 9)
+
+    counted = results(joint_trial(time, angle, torque).samples)["dropout"].value
+
+    assert (counted > 0) == leaps
+
+
 def with_piece(values, first, last, new=None):
     """The values with one value from `first` to `last`, that which they have there or another
     one."""

@@ -76,8 +76,8 @@ class OslAnalysisError(ValueError):
 
     The message is made printable. Up to the first semicolon outside brackets it is the `reason`,
     what is wrong. Behind that is the `remedy`, what to do; it may be empty. The `changes` are
-    tried, and those that help replace the remedy. `settings` are the names of those at fault, if
-    any.
+    tried, and those that help replace the remedy. `settings` are the names of those at fault, and
+    `trial` that of the one at fault where a job reads several; empty for none.
 
     Examples
     --------
@@ -89,26 +89,32 @@ class OslAnalysisError(ValueError):
     """
 
     def __init__(
-        self, message: str, changes: Sequence[Change] = (), settings: Sequence[str] = ()
+        self,
+        message: str,
+        changes: Sequence[Change] = (),
+        settings: Sequence[str] = (),
+        trial: str = "",
     ) -> None:
         super().__init__(printable(message))
         self.changes = tuple(changes)
         self.settings = tuple(settings)
+        self.trial = trial
         reason, *remedy = re.split(r"; (?![^(\[]*[)\]])", str(self), maxsplit=1)
         self.reason = reason
         self.remedy = "".join(remedy)
 
 
 @contextmanager
-def naming(what: object, behind: str = "") -> Iterator[None]:
-    """Within the block, a user's error gets the file or setting at fault before its message, and
-    `behind` after it. An error that names the file already stays as it is."""
+def naming(what: object, behind: str = "", trial: str = "") -> Iterator[None]:
+    """Within the block, a user's error gets the file or setting at fault before its message,
+    `behind` after it, and its `trial`. An error that names the file already stays as it is."""
     try:
         yield
     except OslAnalysisError as error:
         if isinstance(what, Path) and printable(str(what)) in str(error):
             raise
-        raise type(error)(f"{what}: {error}{behind}", error.changes, error.settings) from error
+        text = f"{what}: {error}{behind}"
+        raise type(error)(text, error.changes, error.settings, trial or error.trial) from error
 
 
 class InputError(OslAnalysisError):

@@ -110,19 +110,13 @@ def called(job: Job) -> dict[str, Any]:
         if not is_of_input(job, error):
             raise
         reason, remedy = words_of(job, error)
-        write_reasons(job, [NotAnalysed(trial_at_fault(job, reason), f"{reason}; {remedy}")])
+        trial = getattr(error, "trial", "") or job.trial  # an OSError knows none
+        write_reasons(job, [NotAnalysed(trial, f"{reason}; {remedy}")])
         return {"outcome": "refused", "error": reason, "remedy": remedy}
     if causes:
         write_reasons(job, causes)
         return {"outcome": "skipped", "error": "; ".join(cause.text for cause in causes)}
     return {"outcome": "done"}
-
-
-def trial_at_fault(job: Job, reason: str) -> str:
-    """The trial with which a reason begins, of those that the job reads; else the job's own."""
-    read = {Path(file).stem for file in chain(*map(listed, job.inputs.values()))}
-    named = reason.partition(":")[0].removeprefix("trial ")
-    return named if named in read else job.trial
 
 
 def words_of(job: Job, error: Exception) -> tuple[str, str]:

@@ -153,7 +153,7 @@ def identify_plate_model(
     motions = unloaded_motions(usable)
     lags = [np.nan] * len(usable)
     for i, recording in enumerate(usable):
-        with naming(f"trial {recording.track.name}"):
+        with naming(f"trial {recording.track.name}", trial=recording.track.name):
             lags[i] = plate_lag(motions[i][0], recording.wrench_at, recording.smooth)
 
     model = plate_model(usable, lags)
@@ -233,7 +233,8 @@ def unloaded_recording(
         raise InputError(
             f"trial {trial.name}: the plate carries {load:.0f} N, expected an unloaded plate and at"
             f" most {settings.largest_zero_n:g} N; zero the plate and record again, or correct the"
-            " experiment of this trial in the sheet, which is 'plate'"
+            " experiment of this trial in the sheet, which is 'plate'",
+            trial=trial.name,
         )
     rows = longest_run(poses.seen())
     shown = 0.0  # largest turn from rest to rest [rad]
@@ -250,7 +251,8 @@ def unloaded_recording(
             f" rest while its markers {', '.join(names)} are seen, expected"
             f" {settings.perturbation_deg:g} deg or more; correct labels in Nexus or"
             " the trial in the column static, or record a turn from rest to rest with markers in"
-            " sight"
+            " sight",
+            trial=trial.name,
         )
     track = platform.platform_track(trial.name, frames[rows], poses[rows], calibration, settings)
 

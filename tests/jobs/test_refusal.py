@@ -138,9 +138,9 @@ def test_where_the_input_is_at_fault_the_reason_replaces_an_old_result(tmp_path)
     assert cause.reason.startswith(f"{tmp_path}/b_1.csv: ")
 
 
-def test_a_job_over_several_trials_refuses_the_one_that_its_reason_names(tmp_path):
+def test_a_job_over_several_trials_refuses_the_one_at_fault(tmp_path):
     def refuse(trials: list[str], output: str) -> None:
-        raise InputError("trial b_2: no motion; record it again")
+        raise InputError("trial b_2: no motion; record it again", trial="b_2")
 
     of_all = job(tmp_path, "tables.gather", {"trials": ["b_1.parquet", "b_2.parquet"]})
 

@@ -57,11 +57,8 @@ def compare_campaigns(folders: Sequence[Path], output: Path) -> tuple[pl.DataFra
     a, b = (read_summary(folder / "summary.json") for folder in folders)
     recordings_of_a, recordings_of_b = map(digests_of_recordings, folders)
     shared = recordings_of_a & recordings_of_b
-    # claims have texts and limits of their own
-    numbers_of_a, numbers_of_b = (
-        {number.name: number for number in numbers_in_summary(summary) if not number.verdict}
-        for summary in (a, b)
-    )
+    numbers_of_a = compared_numbers(a)
+    numbers_of_b = compared_numbers(b)
     rows = []
     cells = []
     for name, of_a in numbers_of_a.items():
@@ -113,6 +110,12 @@ def compared(a: Number, b: Number, are_independent: bool = True) -> dict[str, An
         half = math.hypot(*halves)
         row.update(difference_low=difference - half, difference_high=difference + half)
     return row
+
+
+def compared_numbers(summary: Mapping[str, Any]) -> dict[str, Number]:
+    """The numbers of a campaign by name, without claims, which have texts and limits of their
+    own."""
+    return {number.name: number for number in numbers_in_summary(summary) if not number.verdict}
 
 
 def without_counterpart(

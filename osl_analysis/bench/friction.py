@@ -197,7 +197,7 @@ def inferred_of_joint(
     cannot be weighed, as in a short one. `accuracy` has the shares of K, B and I from which a fault
     matters.
 
-    None is weighed of a motion above the cut-off: where the acceleration jumps, an inertia's torque
+    None is weighed of a motion beyond `BEYOND` cut-offs: where the acceleration jumps, the torque
     jumps at one of the samples, which is like a delay that differs from jump to jump."""
     if record.band_hz[1] > BEYOND * record.settings.cutoff_hz:
         return None

@@ -130,14 +130,13 @@ def record_of_trial(
         record = recorded(signals)
         if not signals.is_decided:
             record = replace(record, with_other_stamps=recorded(signals.other()))
+    measured = signals.signals
     rate_hz = signals.rate_hz
     same = settings.low_pass
-    actuator = {
-        name: same(signals.signals[name], rate_hz) for name in beside if name in signals.signals
-    }
+    actuator = {name: same(measured[name], rate_hz) for name in beside if name in measured}
     if "theta_m" in actuator:  # behind a wide filter too, for the velocity's sign
         wide = replace(same, cutoff_hz=min(QUICK * same.cutoff_hz, 0.2 * rate_hz))
-        actuator["wide_band_theta_m"] = wide(signals.signals["theta_m"], rate_hz)
+        actuator["wide_band_theta_m"] = wide(measured["theta_m"], rate_hz)
     return replace(record, actuator=actuator)
 
 

@@ -103,7 +103,8 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis, moved: str)
     both drives and brakes: else sign(omega_m) |I_q| equals I_q. The drift is the torque
     transducer's; left in the residual, it would quadruple the standard error of f_G.
     """
-    measured, current = signals.signals["torque_m"], signals.signals["current"]
+    measured = signals.signals["torque_m"]
+    current = signals.signals["current"]
     check_changes("torque_m", measured)
     usable, time, rate = signals.usable, signals.time, signals.rate_hz
     low_pass = settings.low_pass

@@ -21,6 +21,8 @@ SMOOTH_BANDS = 4.0  # bands of the low-pass that gives the angle before its roun
 # errors where it turns, which read as friction: of 384 frictionless ones, 0.1 to 0.3 Hz, 12 and 14
 # bits, 19 have friction without, 10 with it
 SIZES_DRAWN = 0.1
+BESIDE_CUTOFF = (2.0, 4.0)  # cut-offs, between which a low-pass removes all, and motion is slower
+HIGHEST_OF_RATE = (0.35, 0.45)  # of the sampling rate: the highest frequencies of a slow recorder
 LEAST_REPEATED = 0.05  # share of the rounding that noise leaves, below which it is noise
 
 
@@ -104,10 +106,10 @@ def noise_beyond(removed: Array, rate_hz: float, cutoff_hz: float) -> float:
     """
     rows = min(round(rate_hz), len(removed))
     frequency, density = scipy.signal.welch(removed, rate_hz, nperseg=rows)
-    # an encoder's own filter ends near half of the rate
-    is_above = frequency > min(2 * cutoff_hz, 0.35 * rate_hz)
-    is_below = frequency < min(4 * cutoff_hz, 0.45 * rate_hz)
-    return float(np.median(density[is_above & is_below]))
+    above_hz = min(BESIDE_CUTOFF[0] * cutoff_hz, HIGHEST_OF_RATE[0] * rate_hz)
+    below_hz = min(BESIDE_CUTOFF[1] * cutoff_hz, HIGHEST_OF_RATE[1] * rate_hz)
+    is_beside = (frequency > above_hz) & (frequency < below_hz)
+    return float(np.median(density[is_beside]))
 
 
 def errors_by_steps(

@@ -146,10 +146,10 @@ def schemas_made_once(
 
 
 @contextmanager
-def refused_with(said: str) -> Iterator[None]:
+def refused_with(said: str) -> Iterator[pytest.ExceptionInfo[InputError]]:
     """The block refuses its input in one printable line, in which this pattern is found."""
     with pytest.raises(InputError, match=said) as caught:
-        yield
+        yield caught
     assert str(caught.value).isprintable()
 
 

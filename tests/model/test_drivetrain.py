@@ -15,8 +15,13 @@ from osl_analysis.commands.gains import gain_table
 from osl_analysis.errors import UnreachableImpedanceError
 from osl_analysis.model import compensator, drivetrain
 from osl_analysis.model.compensator import PAPER_WEIGHT
-from osl_analysis.model.drivetrain import joint_admittance, known_parameters, read_parameters
-from osl_analysis.model.rendered_impedance import rendering
+from osl_analysis.model.drivetrain import (
+    RationalFunction,
+    joint_admittance,
+    known_parameters,
+    read_parameters,
+)
+from osl_analysis.model.rendered_impedance import linear_torque, rendering
 
 
 def weight_of(cutoff_hz, order):
@@ -24,6 +29,16 @@ def weight_of(cutoff_hz, order):
 
 
 # ---- Equations of actuator and joint
+
+
+def test_the_linear_torque_is_that_of_a_spring_for_motion_below_a_frequency():
+    time = (np.arange(4000) + 0.5) / 1000  # a cosine is its own mirror image there
+    slow, fast = (np.cos(2 * np.pi * hz * time) for hz in (9, 11))
+    spring = RationalFunction(np.array([1.0]), np.array([200.0]))
+
+    torque = linear_torque(spring, slow + fast, 1000, 10)
+
+    assert torque == pytest.approx(200 * slow, abs=1e-9)
 
 
 def test_actuator_torque_is_the_sum_of_equation_1():

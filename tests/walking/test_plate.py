@@ -280,8 +280,10 @@ def test_a_lag_that_is_not_found_is_not_corrected() -> None:
 def test_a_recording_that_cannot_show_the_unloaded_plate_is_refused(
     changes: dict[str, float], reason: str
 ) -> None:
-    with refused_with(f"trial plate_1: .*{reason}"):
+    with refused_with(f"trial plate_1: .*{reason}") as refusal:
         model_of(unloaded("plate_1", **changes))
+
+    assert refusal.value.trial == "plate_1"
 
 
 def test_a_motion_that_the_recording_cuts_has_no_part_in_the_model() -> None:

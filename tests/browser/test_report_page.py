@@ -2,6 +2,7 @@
 
 import os
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import polars as pl
@@ -45,7 +46,7 @@ def trials():
     response = measured_response(measured, {"K": 100.0, "B": 2.0, "I": 0.1})
     fitted = of_fit(series, "Joint angle")
     signals = {
-        "fitted": type(fitted)(fitted.table, fitted.what, response=response),
+        "fitted": replace(fitted, response=response),
         "crossing": of_recording(pl.DataFrame({"time": time, "torque": torque}), ""),
         "unread": None,
     }

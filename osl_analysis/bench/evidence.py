@@ -333,8 +333,7 @@ def difference_of(analysis: Analysis, smallest: Label, largest: Label) -> GroupF
         if np.allclose(of_small[order_of_small], of_large[order_of_large], atol=0.05):
             apart = large.left_out[order_of_large] - small.left_out[order_of_small]
             noise = small.repeat + large.repeat
-            never = np.full(len(noise), np.inf)
-            covariance, freedom = combined(noise, never, scatter_of(apart), len(apart))
+            covariance, freedom = combined(noise, freedom, scatter_of(apart), len(apart))
     return replace(
         large,
         estimates=large.estimates - small.estimates,

@@ -13,7 +13,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 
 from osl_analysis.bench.impedance import QUANTITIES, Analysis
 from osl_analysis.bench.record import Label, Record
@@ -164,13 +163,12 @@ def raw_signals(record: Record, **actuator: Array | None) -> BenchSignals:
     itself; `actuator` has those of a leg's."""
     # the ends of fitted stretches are left out for the sake of the fit's own filter
     edge = round(2 * record.rate_hz / record.settings.cutoff_hz)
-    near = scipy.ndimage.maximum_filter1d(record.is_fitted(), 2 * edge + 1)
     return BenchSignals(
         theta=record.theta,
         torque=record.torque,
         rate_hz=record.rate_hz,
         encoder_step=record.encoder_step,
-        usable=record.usable & near,
+        usable=record.usable & record.is_fitted(edge=edge),
         **actuator,
     )
 

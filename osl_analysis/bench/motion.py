@@ -22,6 +22,7 @@ from osl_analysis.bench.record import (
     whole_rows,
 )
 from osl_analysis.errors import Change, InputError, naming
+from osl_analysis.measured import noise_of
 from osl_analysis.signals import runs
 from osl_analysis.signals.grid import (
     BRIDGE_MORE,
@@ -107,14 +108,15 @@ def record_of_trial(
         """The record of signals with one reading of their stamps."""
         theta = regular.signals["theta"]
         rate_hz = regular.rate_hz
-        moving = moving_bins(theta, rate_hz)
+        noise = noise_of(theta, 2)
+        moving = moving_bins(theta, rate_hz, noise)
         if not moving.any():
             raise standstill(theta, rate_hz)
         if excitation != "any":
             protocol = stated_protocol(
                 settings.amplitudes_deg, settings.frequencies_hz, settings.cycles
             )
-            sines, is_stepped = find_sines(theta, rate_hz, moving, protocol)
+            sines, is_stepped = find_sines(theta, rate_hz, noise, moving, protocol)
             if excitation == "stepped_sine" or is_stepped:
                 segments = find_segments(theta, rate_hz, sines, protocol)
                 groups = cycles_of(

@@ -139,11 +139,13 @@ class Record:
     def is_stepped_sine(self) -> bool:
         return self.groups.kind == "cycles"
 
-    def is_fitted(self, label: Label = None) -> NDArray[np.bool_]:
-        """Which rows (n,) lie, at least partly, in the groups of a label."""
+    def is_fitted(self, label: Label = None, edge: int = 0) -> NDArray[np.bool_]:
+        """Which rows (n,) lie, at least partly, in the groups of a label, or within `edge` rows of
+        these."""
         chosen = self.groups.of(label)
         fitted = np.zeros(len(self.time), dtype=bool)
-        for rows in whole_rows(self.groups.first[chosen], self.groups.stop[chosen]):
+        first = np.maximum(self.groups.first[chosen] - edge, 0)
+        for rows in whole_rows(first, self.groups.stop[chosen] + edge):
             fitted[rows] = True
         return fitted
 

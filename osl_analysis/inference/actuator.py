@@ -81,7 +81,7 @@ def frictionless_actuator(spectra: Spectra, hysteresis: Array) -> FrictionlessAc
     coefficients = np.vstack([fits[:, 0], fits[0, 1:]])
 
     # K, B, I per angle of the actuator as it moves, and as it would move without its friction
-    powers = spectra.s ** np.arange(3)[:, None]
+    powers = np.vander(spectra.s, 3, increasing=True).T
     moved = spectra.derivatives[0] / (coefficients[:, :3] @ powers)
     motion = scipy.fft.irfft(spectra.derivatives[:3] * spectra.roll_off, spectra.working_rows)
     motion -= motion[:, spectra.rows].mean(axis=1, keepdims=True)

@@ -238,7 +238,7 @@ def behind_spring(search: Search, compliance: float) -> Model:
     """
     data = search.data
     spectra = data.spectra
-    powers = spectra.s ** np.arange(3)[:, None]
+    powers = np.vander(spectra.s, 3, increasing=True).T
     impedance = search.impedance
     for _ in range(4):
         of_joint = impedance @ powers

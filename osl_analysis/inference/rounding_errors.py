@@ -58,7 +58,7 @@ def rounding_torques(data: Whitened, impedance: Array) -> Array:
     zeros = (draws + 0.5) / ROUNDING_DRAWS
     # sizes in another order than zeros, so that both are spread evenly
     sizes = 1 + SIZES_DRAWN * (2 * zeros[5 * draws % ROUNDING_DRAWS] - 1)
-    of_error = impedance @ spectra.s ** np.arange(3)[:, None]
+    of_error = impedance @ np.vander(spectra.s, 3, increasing=True).T
     of_error *= -repeated * step * spectra.working_rows / spectra.padded_rows
     torques = []
     for zero, size in zip(zeros, sizes, strict=True):

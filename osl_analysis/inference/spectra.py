@@ -197,7 +197,7 @@ class Spectra:
         self.frequency = np.arange(self.working_rows // 2 + 1) / self.padded_seconds
         self.s = 2j * np.pi * self.frequency
         self.roll_off = roll_off(self.frequency, self.band_hz)
-        powers = self.s ** np.arange(DERIVATIVES)[:, None]
+        powers = np.vander(self.s, DERIVATIVES, increasing=True).T
         self.derivatives: Spectrum = self._working(self.raw_angle) * powers
         self.raw_torque = self.transformed(self.signals.torque)
         self.torque = self._working(self.raw_torque[0])
@@ -262,7 +262,7 @@ class Spectra:
         spectrum = spectrum[: self.product_rows // 2 + 1]
         frequency = np.arange(len(spectrum)) / self.padded_seconds
         gain = roll_off(frequency, self.product_band_hz) * (self.product_rows / self.padded_rows)
-        powers = (2j * np.pi * frequency) ** np.arange(number)[:, None]
+        powers = np.vander(2j * np.pi * frequency, number, increasing=True).T
         return scipy.fft.irfft(powers * gain * spectrum, self.product_rows)
 
     def resampled(self, spectrum: Spectrum, ends: tuple[float, float]) -> Array:

@@ -68,7 +68,7 @@ class Whitened:
             self.actuator = frictionless_actuator(spectra, friction[-1])
             columns = [self.impedance_matrix, self.actuator.impedance_column]
             self.impedance_matrix = np.column_stack(columns)
-        products["slow"] = (spectra.relative_time - 0.5) ** np.arange(SLOW_POWERS)[:, None]
+        products["slow"] = np.vander(spectra.relative_time - 0.5, SLOW_POWERS, increasing=True).T
 
         parts = {"derivatives": spectra.derivatives, "actuator": spectra.motion[3:]}
         parts |= {name: spectra.spectrum_of(x) for name, x in products.items()}

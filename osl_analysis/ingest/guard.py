@@ -317,11 +317,9 @@ def run_at_extreme(values: Array, standing: NDArray[np.intp] | None = None) -> s
     """
     longest = slice(0, 0)
     span = np.ptp(values)
+    middle = np.median(values)
     for end in (values.min(), values.max()):
-        if (
-            abs(end) > LIMITS.no_extreme * span
-            and abs(end - np.median(values)) > LIMITS.middle * span
-        ):
+        if abs(end) > LIMITS.no_extreme * span and abs(end - middle) > LIMITS.middle * span:
             runs = run_edges(values == end)
             if standing is not None:
                 runs = standing[values[standing[:, 0]] == end]
@@ -381,7 +379,9 @@ def standing_runs(
     edges: NDArray[np.intp] = every[np.diff(every)[:, 0] > LIMITS.least_standing]
     if not edges.size or time[0] == time[-1]:
         return edges[:0]
-    followed = np.interp(time, *reference)
+    followed = reference[1]
+    if not np.array_equal(time, reference[0]):
+        followed = np.interp(time, *reference)
     sums = np.append(0.0, np.cumsum(followed - followed.mean()))
     rows = np.arange(sums.size)
     length = np.diff(edges)

@@ -26,7 +26,7 @@ from osl_analysis.ingest.guard import (
     standing_runs,
     steps_by_friction,
 )
-from osl_analysis.measured import usual_step
+from osl_analysis.measured import noise_of, usual_step
 from osl_analysis.recording import beside, plate_axes
 from osl_analysis.signals import longest_run
 from osl_analysis.signals.grid import GapLimits, devices_of, origin, uniform_signals
@@ -186,7 +186,9 @@ def measure_protocol(examined: Examined) -> CheckResult:
         return not_applicable(f"no time base, {error}")
     theta = angle.signals["theta"]
     rate_hz = angle.rate_hz
-    sines, is_stepped = find_sines(theta, rate_hz, moving_bins(theta, rate_hz), protocol)
+    noise = noise_of(theta, 2)
+    moving = moving_bins(theta, rate_hz, noise)
+    sines, is_stepped = find_sines(theta, rate_hz, noise, moving, protocol)
     if excitation == "auto" and not is_stepped:
         return CheckResult(0.0, "no stepped sine but another motion, which is fitted as such")
     if not (protocol.amplitudes and protocol.frequencies_hz):

@@ -9,13 +9,11 @@ import cmath
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from statistics import fmean
 
 import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.errors import Change, InputError
-from osl_analysis.measured import noise_of
 from osl_analysis.trial import Array
 
 # Relative differences of a recorded sine from the commanded one
@@ -42,9 +40,10 @@ MOVING_NOISES = 12
 DEAD_BAND_NOISES = 5
 
 SAMPLES_PER_CYCLE = 64  # tell all of a sine
-# of Gauss-Newton at most; an error of 0.03 rad at the ends falls below 1e-12 in four
-SINE_ROUNDS = 6
-SETTLED = 1e-8  # cycles over the run by which a round changes the sine, after which it is found
+SINE_ROUNDS = 6  # of Gauss-Newton at most
+# cycles over the run by which a round changes the sine, after which it is found: the next round
+# changes it by a thousandth of that
+SETTLED = 1e-5
 LARGEST_MISFIT = 0.3  # of the sine's RMS
 PURE_SINE = 0.08
 """Misfit of a pure sine, of its RMS; a triangle's is 0.12. An angle that deviates by so much of the
@@ -116,7 +115,11 @@ class Run:
 
 
 def find_sines(
-    theta: Array, rate_hz: float, moving: NDArray[np.bool_], protocol: SteppedSineProtocol
+    theta: Array,
+    rate_hz: float,
+    noise: float,
+    moving: NDArray[np.bool_],
+    protocol: SteppedSineProtocol,
 ) -> tuple[list[Run], bool]:
     """Find the sines in a joint angle.
 
@@ -126,6 +129,8 @@ def find_sines(
         Angles (n,) [rad].
     rate_hz : float
         Their rate.
+    noise : float
+        Standard deviation of their noise [rad].
     moving : Array
         Rows (n,) in which the joint moves (`moving_bins`).
     protocol : SteppedSineProtocol
@@ -145,7 +150,7 @@ def find_sines(
     whose sine is fitted. A run extends as far as the angle follows its sine, and no other run has
     begun. Rests, ramps, transients and disturbed cycles lie between the runs.
     """
-    stretches = [*similar_cycles(theta, moving), np.array([len(theta) - 1.0])]
+    stretches = [*similar_cycles(theta, noise, moving), np.array([len(theta) - 1.0])]
     fewest = min(np.min(protocol.cycles or FEWEST_RUN_CYCLES), FEWEST_RUN_CYCLES)
     found = []
     of_sines = 0.0
@@ -161,7 +166,7 @@ def find_sines(
     return found, bool(of_sines >= LEAST_SINES * moving.sum())
 
 
-def moving_bins(theta: Array, rate_hz: float) -> NDArray[np.bool_]:
+def moving_bins(theta: Array, rate_hz: float, noise: float) -> NDArray[np.bool_]:
     """Find the rows in which a joint moves, in bins of `BIN_S`.
 
     Parameters
@@ -169,20 +174,21 @@ def moving_bins(theta: Array, rate_hz: float) -> NDArray[np.bool_]:
     theta : Array
         (n,) [rad].
     rate_hz : float
+    noise : float
+        Standard deviation of its noise [rad].
 
     Returns
     -------
     Array
         Mask (n,). A bin with only rounding or noise of a sensor at rest does not count.
     """
-    bins = np.arange(len(theta)) // (BIN_S * rate_hz)
-    first_rows = np.flatnonzero(np.diff(bins, prepend=-1))
+    first_rows = np.ceil(np.arange(0, len(theta) - 1, BIN_S * rate_hz)).astype(np.intp)
     turn = np.maximum.reduceat(theta, first_rows) - np.minimum.reduceat(theta, first_rows)
-    moves = turn > max(MOVING_SHARE * np.ptp(theta), MOVING_NOISES * noise_of(theta, 2))
+    moves = turn > max(MOVING_SHARE * np.ptp(theta), MOVING_NOISES * noise)
     return np.repeat(moves, np.diff(first_rows, append=len(theta)))
 
 
-def similar_cycles(theta: Array, moving: NDArray[np.bool_]) -> Iterator[Array]:
+def similar_cycles(theta: Array, noise: float, moving: NDArray[np.bool_]) -> Iterator[Array]:
     """Find stretches of two or more consecutive cycles that are similar in frequency and amplitude;
     a single one may belong to a ramp or a rest.
 
@@ -196,7 +202,7 @@ def similar_cycles(theta: Array, moving: NDArray[np.bool_]) -> Iterator[Array]:
         Rows, not rounded, at which the cycles of a stretch begin and the last one ends.
     """
     x = theta - np.median(theta[moving] if moving.any() else theta)
-    dead_band = max(MOVING_SHARE * np.abs(x).max(), DEAD_BAND_NOISES * noise_of(theta, 2))
+    dead_band = max(MOVING_SHARE * np.abs(x).max(), DEAD_BAND_NOISES * noise)
     beyond = np.flatnonzero(np.abs(x) > dead_band)
     came_up = beyond[1:][np.diff(np.sign(x[beyond])) > 0]
     rises = np.flatnonzero(np.diff(x > 0) & (x[1:] > 0))
@@ -208,18 +214,18 @@ def similar_cycles(theta: Array, moving: NDArray[np.bool_]) -> Iterator[Array]:
     height = (np.maximum.reduceat(theta, rows) - np.minimum.reduceat(theta, rows))[:-1]
     lengths = np.diff(crossings).tolist()
     sizes = height.tolist()
-    stretches: list[list[int]] = [[]]
-    for number, (length, size) in enumerate(zip(lengths, sizes, strict=True)):
-        recent = stretches[-1][-RECENT_CYCLES:] or [number]
-        usual_length = fmean(lengths[k] for k in recent)
-        usual_size = fmean(sizes[k] for k in recent)
-        is_alike = abs(length / usual_length - 1) <= SAME_FREQUENCY
-        if not is_alike or abs(size / usual_size - 1) > SAME_AMPLITUDE:
-            stretches.append([])
-        stretches[-1].append(number)
-    for stretch in stretches:
-        of_median = height[stretch] / np.median(height[stretch])
-        usual = np.array(stretch)[np.abs(of_median - 1) < ONE_HEIGHT]  # a slow ramp stands outside
+    begins = [0]
+    for number in range(1, len(sizes)):
+        recent = slice(max(begins[-1], number - RECENT_CYCLES), number)
+        recent_cycles = recent.stop - recent.start
+        usual_length = sum(lengths[recent]) / recent_cycles
+        usual_size = sum(sizes[recent]) / recent_cycles
+        is_alike = abs(lengths[number] / usual_length - 1) <= SAME_FREQUENCY
+        if not is_alike or abs(sizes[number] / usual_size - 1) > SAME_AMPLITUDE:
+            begins.append(number)
+    for first, stop in pairwise([*begins, len(sizes)]):
+        of_median = height[first:stop] / np.median(height[first:stop])
+        usual = first + np.flatnonzero(np.abs(of_median - 1) < ONE_HEIGHT)  # outside: a slow ramp
         if len(usual) > 1:
             yield crossings[usual[0] : usual[-1] + 2]
 

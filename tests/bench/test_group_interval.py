@@ -77,9 +77,9 @@ def test_a_third_of_the_groups_is_predicted_by_a_line_through_the_others(moved):
     assert found == (pytest.approx(expected) if moved == slice(None) else None)
 
 
-@pytest.mark.parametrize(("noise", "misfit", "freedom"), [(1.0, 0.0, 20), (0.0, 1.0, 5)])
+@pytest.mark.parametrize(("noise", "misfit", "freedom"), [(1.0, 1.0, 25), (0.0, 1.0, 5)])
 def test_degrees_of_freedom_are_those_of_what_makes_the_variance(noise, misfit, freedom):
-    """Noise has its own, and the misfit of six units one fewer than these."""
+    """A larger misfit of six units has one fewer than these, else both are counted."""
     _, found = combined(np.diag([noise]), np.array([20.0]), np.diag([misfit]), 6)
 
     assert found[0] == pytest.approx(freedom)

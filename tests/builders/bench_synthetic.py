@@ -49,7 +49,8 @@ def unit_sines(sines, rate):
 
 def segments_of(time, theta, protocol):
     rate_hz = (len(time) - 1) / (time[-1] - time[0])
-    sines, _ = find_sines(theta, rate_hz, moving_bins(theta, rate_hz), protocol)
+    moving = moving_bins(theta, rate_hz, 0.0)
+    sines, _ = find_sines(theta, rate_hz, 0.0, moving, protocol)
     return find_segments(theta, rate_hz, sines, protocol)
 
 

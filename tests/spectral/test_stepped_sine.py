@@ -215,10 +215,14 @@ def test_cycles_near_a_gap_are_left_out():
 SIX = SteppedSineProtocol(tuple(np.deg2rad([2.0, 4.0, 6.0])), (1.0, 2.0, 3.0, 4.0, 5.0), 8)
 
 
+NOISE = 1e-5
+
+
 def is_stepped(theta, seed):
     """What a motion is taken for, with the noise of an encoder."""
-    noise = 1e-5 * white_noise(len(theta), seed)
-    return find_sines(theta + noise, FINE, moving_bins(theta + noise, FINE), SIX)[1]
+    noisy = theta + NOISE * white_noise(len(theta), seed)
+    moving = moving_bins(noisy, FINE, NOISE)
+    return find_sines(noisy, FINE, NOISE, moving, SIX)[1]
 
 
 SOUND = stepped(SIX, 1.0, (1.0, 1.0, 1.0), FINE)

@@ -112,7 +112,7 @@ def fit_branches(record: Record, drift: float = 0.0, model: Model | None = None)
         model = STRAIGHT_AND_DAMPED if varies else STRAIGHT
     fits: dict[Label, GroupFit] = {}
     for branch in BRANCHES:
-        of_branch = s.chosen(s.groups.of(branch))
+        of_branch = s.of(branch)
         of_ramp = of_branch.estimates([*model.values()], "ramp")
         fit = fit_groups(of_branch, model).with_shared_error(drift * of_ramp)
         if drift:
@@ -190,7 +190,7 @@ def belt_table(belt: Analysis) -> pl.DataFrame:
     record, sums = belt.record, belt.sums
     theta, torque = record.motion.theta, record.filtered_torque
     peak = np.max(np.abs(sums.columns["theta"]))
-    of_line, of_square, _ = sums.chosen(sums.groups.of("loading")).estimates([*QUADRATIC.values()])
+    of_line, of_square, _ = sums.of("loading").estimates([*QUADRATIC.values()])
 
     # the torque, and each error of it
     errors = loop_errors(torque, record.rate_hz, record.rows(), record.settings.calibration)

@@ -154,7 +154,7 @@ def impedance_table(
     of_trial: Row = {
         **vars(desired),
         **(fault_columns(joint, record) if joint else {}),
-        "excitation": "stepped sine" if record.is_stepped_sine else other_excitation,
+        "excitation": "stepped sine" if record.groups.kind == "cycles" else other_excitation,
         "band_low_hz": record.band_hz[0],
         "band_high_hz": record.band_hz[1],
         "cutoff_hz": record.settings.cutoff_hz,
@@ -176,7 +176,7 @@ def impedance_table(
     centre = record.motion.theta[record.is_fitted()].mean()
     rows: list[Row] = []
     for label, fit in analysis.fits.items():
-        variance = s.chosen(s.groups.of(label)).covariance(["theta"])
+        variance = s.of(label).covariance(["theta"])
         rows.append(
             {
                 **analysis.place(label),
@@ -273,7 +273,7 @@ def torque_error(s: Sums, label: Label, desired: DesiredImpedance) -> float | No
     known."""
     if desired.K_d is None or desired.B_d is None:
         return None
-    covariance = s.chosen(s.groups.of(label)).covariance(["theta", "omega", "ramp", "torque"])
+    covariance = s.of(label).covariance(["theta", "omega", "ramp", "torque"])
     weights = np.array([-desired.K_d, -desired.B_d, 0.0, 1.0])
     with_ramp = (covariance @ weights)[2]
     square = weights @ covariance @ weights - with_ramp**2 / covariance[2, 2]

@@ -95,10 +95,10 @@ def response_table(analysis: Analysis, **condition: float | str | None) -> pl.Da
     """
     record = analysis.record
     pieces = "periods" if record.periodic else "windows"
-    facts: Row = {"interval_method": "cycles" if record.is_stepped_sine else pieces, **condition}
+    is_stepped_sine = record.groups.kind == "cycles"
+    facts: Row = {"interval_method": "cycles" if is_stepped_sine else pieces, **condition}
     rows: list[Row] = []
-    of_all: list[Response] = []
-    if record.is_stepped_sine:
+    if is_stepped_sine:
         at_frequency: dict[float, list[Response]] = {}
         for number, stratum in enumerate(record.groups.strata):
             response, distortion = response_to_sine(analysis, number)
@@ -208,7 +208,7 @@ def responses_of_windows(analysis: Analysis) -> list[Response]:
     """
     record, fit = analysis.record, analysis.whole
     starts, unit, window = windows_of(record)
-    if not len(starts):  # the recording is shorter than a window
+    if not starts.size:  # the recording is shorter than a window
         return []
     signals = np.array([record.motion.theta, record.filtered_torque - analysis.modelled()])
     views = np.lib.stride_tricks.sliding_window_view(signals, len(window), axis=1)

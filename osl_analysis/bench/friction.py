@@ -92,7 +92,7 @@ def coulomb_fits(
     for label in sorted(analysis.fits, key=lambda each: each is not None):  # the whole trial first
         fit = analysis.fits[label]
         try:
-            sums = s.chosen(s.groups.of(label))
+            sums = s.of(label)
             # a controller may compensate friction that is not Coulomb's: the smaller of two answers
             # counts
             alone = with_effects(sums, model, "T_C")

@@ -157,10 +157,8 @@ class Analysis:
         """Torque (n,) [N*m] of the fit to a label; a label without a fit has that of the fit to
         all."""
         fit = self.fits.get(label, self.whole)
-        torque = np.zeros(len(self.record.time))
-        for name, column in self.model.items():
-            torque += fit[name] * self.sums.columns[column]
-        return torque
+        columns = [self.sums.columns[column] for column in self.model.values()]
+        return fit.estimates @ np.array(columns)
 
 
 def rendered_impedance(record: Record) -> Analysis:
@@ -185,7 +183,7 @@ def rendered_impedance(record: Record) -> Analysis:
     """
     with naming(f"trial {record.name}"):
         analysis = analysed(record, IMPEDANCE)
-        if record.is_stepped_sine:
+        if record.groups.kind == "cycles":
             return analysis
         errors = np.hypot(usual_errors(analysis), encoder_errors(analysis))
         whole = BenchFit(**vars(analysis.whole))
@@ -223,8 +221,8 @@ def fits_by_label(sums: Sums, model: Model) -> dict[Label, GroupFit]:
     tells_K_from_I = {"theta", "alpha"} <= set(model.values())
     fits: dict[Label, GroupFit] = {}
     for label in dict.fromkeys((*(stratum.label for stratum in sums.groups.strata), None)):
-        strata = [stratum for stratum in sums.groups.strata if label in (None, stratum.label)]
-        hz = [stratum.frequency_hz for stratum in strata]
+        strata = sums.groups.strata
+        hz = [each.frequency_hz for each in strata if label in (None, each.label)]
         try:
             if tells_K_from_I and max(hz) < SAME_FREQUENCY * min(hz):
                 raise IdentifiabilityError(
@@ -232,7 +230,7 @@ def fits_by_label(sums: Sums, model: Model) -> dict[Label, GroupFit]:
                     " one frequency K - I w^2 is one number; excite it below"
                     f" {hz[0] / 2:.2g} Hz or from {2 * hz[0]:.2g} Hz as well, {STIFFNESS_ALONE}"
                 )
-            fits[label] = fit_groups(sums.chosen(sums.groups.of(label)), model)
+            fits[label] = fit_groups(sums.of(label), model)
         except IdentifiabilityError:  # a drive may reach fewer frequencies at one amplitude
             if label is None:
                 raise

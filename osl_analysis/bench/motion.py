@@ -35,10 +35,10 @@ from osl_analysis.spectral.stepped_sine import (
     BIN_S,
     MOVING_SHARE,
     Segment,
+    SteppedSineProtocol,
     find_segments,
     find_sines,
     moving_bins,
-    stated_protocol,
 )
 from osl_analysis.trial import Array, Trial, stretches
 
@@ -113,8 +113,10 @@ def record_of_trial(
         if not moving.any():
             raise standstill(theta, rate_hz)
         if excitation != "any":
-            protocol = stated_protocol(
-                settings.amplitudes_deg, settings.frequencies_hz, settings.cycles
+            protocol = SteppedSineProtocol(
+                np.deg2rad(settings.amplitudes_deg or ()).tolist(),
+                settings.frequencies_hz or (),
+                settings.cycles,
             )
             sines, is_stepped = find_sines(theta, rate_hz, noise, moving, protocol)
             if excitation == "stepped_sine" or is_stepped:

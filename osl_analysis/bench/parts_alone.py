@@ -254,7 +254,7 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
     rows: list[Row] = []
     for label, fit in analysis.fits.items():
         # a weight acts as a spring: its torque grows with the angle
-        weight = with_effects(s.chosen(s.groups.of(label)), TRANSMISSION, "theta")
+        weight = with_effects(s.of(label), TRANSMISSION, "theta")
         has_weight = weight.certain("theta")
         viscous: GroupFit = analysis.calibrated[label]
         coulomb = friction.get(label)

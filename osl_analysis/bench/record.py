@@ -135,10 +135,6 @@ class Record:
         theta = part.stream.signals["theta"][part.present]
         return float(part.stream.resolutions.get("theta") or visible_step(theta) or 0.0)
 
-    @property
-    def is_stepped_sine(self) -> bool:
-        return self.groups.kind == "cycles"
-
     def is_fitted(self, label: Label = None, edge: int = 0) -> NDArray[np.bool_]:
         """Which rows (n,) lie, at least partly, in the groups of a label, or within `edge` rows of
         these."""

@@ -33,7 +33,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.bench.record import Groups, Record
+from osl_analysis.bench.record import Groups, Label, Record
 from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.measured import SMALLEST_SIGNAL, check_finite
 from osl_analysis.model.drivetrain import RationalFunction
@@ -114,6 +114,10 @@ class Sums:
         return replace(
             self, gram=self.gram[is_chosen], weighted=self.weighted[is_chosen], groups=groups
         )
+
+    def of(self, label: Label) -> "Sums":
+        """Those of a label's groups."""
+        return self.chosen(self.groups.of(label))
 
     def products(self, gram: Array, names: Sequence[str]) -> Array:
         """Products of some columns with one another in each group, (m, k, k), from `gram` or the

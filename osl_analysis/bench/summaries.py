@@ -88,7 +88,7 @@ def delay_table(rows: pl.DataFrame, name: str = "delay") -> pl.DataFrame:
     lags = rows.drop_nulls("lag_s")
     of_trials = of_whole_trials(lags)
     if name == "delay":
-        of_trials = of_trials.with_columns(lag_s_se_bench=pl.lit(BELT_ERROR))
+        of_trials = of_trials.with_columns(lag_s_se_bench=BELT_ERROR)
     if of_trials.is_empty():
         return table_of([], name)
     pooled = summary_row(of_trials, "lag_s")
@@ -100,15 +100,14 @@ def delay_table(rows: pl.DataFrame, name: str = "delay") -> pl.DataFrame:
         late = "torque" if delay_s > 0 else "theta"
         to_state = f"{late}: {{delay: {1e3 * abs(delay_s):.3g} ms}}"
     table = lags.with_columns(
-        trials=pl.lit(len(of_trials)),
-        delay_s=pl.lit(delay_s),
-        delay_s_low=pl.lit(low_s),
-        delay_s_high=pl.lit(high_s),
+        trials=len(of_trials),
+        delay_s=delay_s,
+        delay_s_low=low_s,
+        delay_s_high=high_s,
         to_state=pl.lit(to_state, pl.String),
     )
     if "K" in table.columns:
-        half_width_s = pl.lit((high_s - low_s) / 2)
-        table = table.with_columns(without_lag(pl.col("delay_s"), half_width_s))
+        table = table.with_columns(without_lag(pl.col("delay_s"), pl.lit((high_s - low_s) / 2)))
     described = table_of([], name)
     return pl.concat([described, table], how="diagonal_relaxed").select(described.columns)
 

@@ -35,7 +35,6 @@ from osl_analysis.spectral.stepped_sine import (
     SteppedSineProtocol,
     find_sines,
     moving_bins,
-    stated_protocol,
 )
 from osl_analysis.trial import Array, Trial, plate_columns
 
@@ -174,7 +173,8 @@ def measure_protocol(examined: Examined) -> CheckResult:
     stepped sine is remarked and counts 0."""
     experiment = examined.experiment
     commanded = examined.commanded
-    protocol = stated_protocol(commanded.amplitudes_deg, commanded.frequencies_hz, commanded.cycles)
+    amplitudes = np.deg2rad(commanded.amplitudes_deg or ()).tolist()
+    protocol = SteppedSineProtocol(amplitudes, commanded.frequencies_hz or (), commanded.cycles)
     if not experiment.stepped_sine or "theta" not in examined.trial.columns:
         return not_applicable("no stepped sine")
     excitation = commanded.excitation if experiment.any_motion else "stepped_sine"

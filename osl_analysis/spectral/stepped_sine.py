@@ -73,17 +73,6 @@ class SteppedSineProtocol:
         return (amplitude, frequency_hz) if amplitude and frequency_hz else None
 
 
-def stated_protocol(
-    amplitudes_deg: Sequence[float] | None,
-    frequencies_hz: Sequence[float] | None,
-    cycles: float | Sequence[float] | None,
-) -> SteppedSineProtocol:
-    """The protocol of amplitudes [deg], frequencies [Hz] and numbers of cycles; what is None is not
-    stated."""
-    amplitudes = np.deg2rad(amplitudes_deg or ()).tolist()
-    return SteppedSineProtocol(amplitudes, frequencies_hz or (), cycles)
-
-
 def followed(value: float, commanded: Sequence[float], tolerance: float) -> float | None:
     """The commanded value that is nearest by their ratio; None if they differ by more than the
     tolerance."""

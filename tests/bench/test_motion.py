@@ -38,7 +38,7 @@ def moving_record(trial, windows=None, **settings):
     record = record_of_trial(
         trial, SETTINGS.model_copy(update={"excitation": "any", **settings}), windows
     )
-    assert not record.is_stepped_sine
+    assert record.groups.kind != "cycles"
     return record
 
 

@@ -140,6 +140,8 @@ def draft_trial(name: str, files: Recordings, moved: Mapping[Path, str]) -> Draf
         question = f"{problem}; it stands as {UNNAMED}, which is not analysed"
         return DraftedTrial({**cells, **(stated if "impedance" in telling else {})}, question)
     cells["experiment"] = experiment
+    if experiment == "walking":
+        cells["body_mass_kg"] = ""  # may be filled in: it tells a wrong gain of the plate
     return DraftedTrial({**cells, **told})
 
 

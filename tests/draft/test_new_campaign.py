@@ -271,6 +271,7 @@ def test_a_capture_without_a_trigger_has_a_source_file_of_its_own(tmp_path, rec)
     source_of = {cells["trial"]: cells["mocap_source"] for cells, _ in draft.trials}
     perturbed = {cells["trial"]: cells["perturbed"] for cells, _ in draft.trials}
     assert perturbed == {"walk_pert_3": "true", "walk_unpert_6": "false"}
+    assert {cells["body_mass_kg"] for cells, _ in draft.trials} == {""}  # to be filled in
     assert analogs[source_of["walk_pert_3"]] == {
         name: {"channel": label, "unit": "V"}
         for name, label in zip(("sync", "trigger"), PULSES, strict=True)

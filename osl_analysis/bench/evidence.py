@@ -244,7 +244,7 @@ def beside_known(
     -------
     polars.DataFrame
         The table with `K_over_K_s`, and `K_ratio`, K over the predicted one, with `gain_error`, or
-        `K_over_K_d` and `B_over_B_d`. These take K without friction where that is known, and
+        `K_over_K_d` and `B_over_B_d`. These take K and B without friction where they are known, and
         `K_ratio`, else, K at the largest amplitude, where friction changes it least.
     """
     whole = table.row(-1, named=True)
@@ -259,7 +259,7 @@ def beside_known(
     elif desired.K_d:
         known["K_over_K_d"] = of_spring / desired.K_d
         if desired.B_d:
-            known["B_over_B_d"] = whole["B"] / desired.B_d
+            known["B_over_B_d"] = (whole["B_viscous"] or whole["B"]) / desired.B_d
     if p is not None:
         ratios = pl.col("K") / p.K_s
         is_leg_of_file = desired.controller or desired.K_d or whole["K_s_ratio"] is not None

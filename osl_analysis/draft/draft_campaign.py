@@ -16,7 +16,7 @@ from osl_analysis.draft.draft_walking import draft_walking
 from osl_analysis.draft.likelihood import Guess, joints_named, turns_slowly
 from osl_analysis.draft.overview import FEWEST_READINGS, inspect_recording
 from osl_analysis.draft.recorded_channel import Overview
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, listing
 from osl_analysis.ingest.raw_files import check_file, recordings_in
 
 
@@ -58,6 +58,13 @@ class Described:
     source: str
 
     @property
+    def torque_sign(self) -> int:
+        """1 or -1, if a torque is surely told, and its sign; else 0."""
+        return next(
+            (each.sign for each in self.guesses if each.is_sure and each.column == "torque"), 0
+        )
+
+    @property
     def tells(self) -> tuple[bool, int, int]:
         """How much it tells: whether a joint turns, whose spring has the torque's sign, and no
         fixture alone; channels; and those that may be signals, or whether its markers tell which
@@ -87,6 +94,10 @@ def draft_campaign(folder: Path) -> Draft:
     for name in dict.fromkeys(recording.source for recording in described):
         alike = [recording for recording in described if recording.source == name]
         best = max(alike, key=lambda recording: recording.tells)
+        turned = [str(each.file) for each in alike if each.torque_sign * best.torque_sign < 0]
+        if turned:
+            question = "the torque's `sign` differs from that of the other files of its source file"
+            draft.open.append((f"{question}; give these one of their own", listing(turned)))
         draft.source_files[name] = drafted_source(best.overview, best.file.name, best.guesses)
     draft.trials = trials_of(draft, described)
     align_clocks(draft)

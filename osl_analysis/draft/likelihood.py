@@ -40,7 +40,9 @@ DOUBTFUL = 0.2  # probability from which a channel may be a column
 JOINTS = ("ankle", "knee", "hip")
 FEWEST_READINGS = 100  # that show how a channel moves
 SPRING = 0.9  # correlation with an angle: a fifth of the torque's power may be damping or friction
-FALLING = -0.5  # correlation below which a torque falls as the angle rises
+FALLING = (
+    -0.5
+)  # correlation below which a torque falls as the angle rises; above the opposite it rises
 COARSE_ROWS = 600
 SLOW_CYCLE_S = 3.5  # that of a sine of 0.23 Hz by its mean speed; a hand takes 1 to 2.5 s
 TURN_UNITS = (ONE_TURN, 360.0, *2.0 ** np.arange(10, 25))  # ranges at which encoders wrap
@@ -217,7 +219,7 @@ class Guess:
     why
         The evidence for its column, in words.
     sign
-        Of the channel in the source file.
+        Of the channel in the source file; 0: the motion does not tell it.
     """
 
     channel: RecordedChannel
@@ -226,7 +228,7 @@ class Guess:
     why_not: str = ""
     is_sure: bool = False
     why: str = "guessed from its name"
-    sign: int = 1
+    sign: int = 0
 
     def __post_init__(self) -> None:
         self.likely = probabilities(self.channel, self.evidence)
@@ -290,9 +292,12 @@ def decide(guesses: Sequence[Guess]) -> None:
             angle.is_sure = torque.is_sure = False
         if "turns round" in angle.evidence:
             angle.why += ": more than a turn, are unit and names right?"
-        if r < FALLING:
-            torque.sign = -1  # because a joint resists
-            torque.why += ": it falls as the angle rises"
+        # a joint resists: the torque of an inertia falls, too, but its losses go with the speed
+        if r > -FALLING:
+            torque.sign = 1
+        elif r < FALLING and correlation(angle.channel, torque.channel, of_speed=True) < 0:
+            torque.sign = -1
+            torque.why += ": it falls as the angle rises, and drives the motion"
 
 
 def candidates(guesses: Sequence[Guess], column: str) -> list[Guess]:
@@ -317,15 +322,17 @@ def why_no_signal(guess: Guess) -> str:
     return ""
 
 
-def correlation(theta: RecordedChannel, torque: RecordedChannel) -> float:
-    """Correlation of the readings of two channels, by their times if they have any; 0 if they
-    cannot be compared."""
+def correlation(theta: RecordedChannel, torque: RecordedChannel, of_speed: bool = False) -> float:
+    """Correlation of the readings of two channels, or of the first one's speed, by their times if
+    they have any; 0 if they cannot be compared."""
     x = np.nan_to_num(theta.numbers, posinf=0.0, neginf=0.0)
     y = np.nan_to_num(torque.numbers, posinf=0.0, neginf=0.0)
     if theta.times is not None and torque.times is not None:
         x = np.interp(torque.times, theta.times, x)
     if len(x) != len(y) or len(x) <= FEWEST_READINGS or not (varies(x) and varies(y)):
         return 0.0
+    if of_speed:
+        x = np.gradient(x)
     return float(np.corrcoef(x, y)[0, 1])
 
 

@@ -533,6 +533,23 @@ def test_a_fixture_alone_is_a_calibration_and_does_not_tell_the_sign_of_the_torq
     assert "sign: -1" not in draft.sources["csv"]
 
 
+def test_files_of_one_source_file_with_torques_of_opposite_signs_are_named(tmp_path):
+    time = np.arange(2000) / 100
+    angle = 4 * np.sin(6 * time)
+    speed = np.gradient(angle, time)
+    for number, sign in enumerate((-1, 1, 1)):
+        rows = np.column_stack([time, angle, sign * (1.4 * angle + 0.02 * speed)])
+        path = tmp_path / f"K80_{number}.csv"
+        header = "time [s],joint angle [deg],torque [Nm]"
+        np.savetxt(path, rows, "%.5f", ",", header=header, comments="")
+
+    draft = draft_campaign(tmp_path)
+
+    assert "sign: -1" in draft.sources["csv"]  # of the first one
+    questions = {file: question for question, file in draft.open}
+    assert "`sign`" in questions["K80_1.csv, K80_2.csv"]
+
+
 def test_the_example_of_a_walkway_simulates_all_that_its_analysis_needs(tmp_path, monkeypatch):
     new_campaign(tmp_path / "walkway", example="walking")
     monkeypatch.chdir(tmp_path / "walkway")

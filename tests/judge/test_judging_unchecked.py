@@ -10,6 +10,7 @@ OWN_DEVICE = {"gain_error": None, "K_over_K_d": 0.9}
 LEG = {"controller": "compensated", "K_predicted": None, "K_over_K_s": 0.4}
 JOINT = {"fault_probability": 0.0, "lag_s": None, "delay_se_s": None}
 SHAFT = {"fault_probability": 0.0, "B_j": 1.0, "J_j": 0.1, "delay_se_s": 1e-3}
+AS_COMMANDED = {"K_over_K_d": 1.0}
 CLOCK = {"clock_ppm": None, "amplitude_deg": None}
 STIFF = {"K": 100.0, "I_high": -1e-5, "band_high_hz": 5.0}
 
@@ -33,9 +34,9 @@ STIFF = {"K": 100.0, "I_high": -1e-5, "band_high_hz": 5.0}
     ("zeros_disagree", "impedance", [HANGING], [HANGING | {"offset": 2.0}]),  # 0.4 N*m/rad
     # a damping unlike B_d beside a K of K_d
     ("damping_unlike_gains", "impedance",
-     [{"B": 6.1, "B_over_B_d": 2.03}, {"B": 1.4, "B_over_B_d": 0.47}],
-     [{"B": 3.1, "B_over_B_d": 1.03},
-      {"B": 6.1, "B_over_B_d": 2.03, "coulomb_share": 0.5, "amplitude_deg": None}]),
+     [AS_COMMANDED | {"B_over_B_d": 2.03}, AS_COMMANDED | {"B_over_B_d": 0.47}],
+     [AS_COMMANDED | {"B_over_B_d": 1.03}, {"K_over_K_d": 2.03, "B_over_B_d": 2.03},
+      AS_COMMANDED | {"B_over_B_d": 2.03, "coulomb_share": 0.5, "amplitude_deg": None}]),
     # a delay that may change J_j by a tenth
     ("late_torque_unseen", "transmission",
      [SHAFT | {"delay_se_s": 0.01}, SHAFT | {"fault_probability": None}], [SHAFT]),

@@ -206,7 +206,8 @@ def responses_of_windows(analysis: Analysis) -> list[Response]:
     the window would mix neighbouring frequencies, between which Z changes (2 % at 6 Hz), and what
     is left hardly changes.
     """
-    record, fit = analysis.record, analysis.whole
+    record = analysis.record
+    fit = analysis.whole
     starts, unit, window = windows_of(record)
     if not starts.size:  # the recording is shorter than a window
         return []

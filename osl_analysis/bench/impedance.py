@@ -267,7 +267,8 @@ def usual_errors(analysis: Analysis) -> Array:
     IdentifiabilityError
         The acceleration is mostly noise of the encoder.
     """
-    record, fit = analysis.record, analysis.whole
+    record = analysis.record
+    fit = analysis.whole
     moved = np.ptp(record.theta[record.rows()])
     if moved < FEWEST_STEPS * record.encoder_step:
         raise InputError(
@@ -312,7 +313,8 @@ def encoder_errors(analysis: Analysis) -> Array:
     analysis
         Eq. 15 of a motion that is no stepped sine.
     """
-    record, fit = analysis.record, analysis.whole
+    record = analysis.record
+    fit = analysis.whole
     step = record.encoder_step
     if not step:
         return np.zeros(len(IMPEDANCE))

@@ -208,7 +208,8 @@ def belt_of_leg(record: Record, p: DrivetrainParameters) -> Belt:
         # the torque per velocity of the joint is B_j
         of_inertia = p.J_j * motion.alpha
         fit, has_ended = late_fit(few, columns, model, prompt_torque=of_inertia)
-        K_s, B_j = fit["wound"], fit["omega"]
+        K_s = fit["wound"]
+        B_j = fit["omega"]
         belt = Belt(K_s / p.K_s)
         if not (LEAST_K_S < K_s / p.K_s < LARGEST_K_S and has_ended):
             return belt

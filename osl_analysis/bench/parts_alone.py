@@ -247,7 +247,8 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
 
     A late torque reduces J_j by B_j times the lag, and leaves a third derivative of the angle,
     which shows it."""
-    record, s = analysis.record, sums_of(analysis.record)
+    record = analysis.record
+    s = sums_of(analysis.record)
     friction = coulomb_fits(s, analysis)
     fault = suspected_fault_of_losses(record)
     VAF_held_out = held_out_vaf(analysis.sums, analysis.model)

@@ -434,7 +434,8 @@ def combined(
     freedom : Array (p,)
         Degrees of freedom of its variances.
     """
-    of_noise, of_misfit = np.diag(noise), np.diag(misfit)
+    of_noise = np.diag(noise)
+    of_misfit = np.diag(misfit)
     own = units - 1.0
     finite = np.minimum(freedom, MOST_FREEDOM)
     together = finite + own

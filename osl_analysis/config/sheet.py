@@ -179,7 +179,10 @@ class Row(Settings):
                 raise misplaced(f"it is empty; experiment {self.experiment} needs it", column)
         for column, other in NEEDED_BESIDE.items():
             if column in filled and not filled.get(other):
-                raise misplaced(f"it needs {other}; fill that in, or clear this cell", column)
+                raise misplaced(
+                    f"it needs {other}, neither empty nor false; correct that, or clear this cell",
+                    column,
+                )
         for column, users in USERS.items():
             if column in filled and self.experiment not in users:
                 raise misplaced(f"it is for {' or '.join(users)} alone; clear the cell", column)

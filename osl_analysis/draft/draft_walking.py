@@ -21,13 +21,13 @@ SEGMENTS = {
         r"(?=.*((?<!SH)ANK|MAL)).*(MED|(^|_)M(_|MAL|$))", "MED|MMA|MMAL|MANK|TAM|AM|MM"
     ),
     # a marker called `ankle` and no more is the lateral one in all of them
-    "ankle_lateral": ("(?<!SH)ANK|MAL", "LMA|LMAL|LANK|FAL|AL|LM"),
+    "ankle_lateral": ("(?<!SH)ANK|MAL", "LAT|LMA|LMAL|LANK|FAL|AL|LM"),
     "foot": (
         r"FOOT|SHOE|HEEL|CALC|TOE|META?\d", r"FCC|F[ML]\d?|FT\d|MT\d|MET|PM\d|HEE|CAL\d?|H"
     ),
     "shank": (
         r"SHANK|SHIN|TIB|PYLON|(?<!UP)(?<!UPPER)(?<!UPPER_)LEG",
-        r"SK\d|S\d|TTC|TTB?|TB\d|SHA|HF|FAX",
+        r"SH?K?\d|TTC|TTB?|TB\d|SHA|HF|FAX",
     ),
 }  # fmt: skip
 

@@ -229,7 +229,7 @@ def recorded_passage(
 
     wrench = zeroed_wrench(trial, frames, settings)
     force = wrench(lag)[:, :3]
-    check_vertical(force)
+    check_vertical(force, settings.load_on_n)
     stance = only_stance(frames, force[:, 2], settings)
     check_plate(trial, settings.plate, stance, force[:, 2])
     corners = recorded_corners(trial, settings.plate)

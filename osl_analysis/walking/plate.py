@@ -279,11 +279,11 @@ def check_no_other_is_loaded(trial: Trial, plate: int, load: float) -> None:
         )
 
 
-def check_vertical(force: Array) -> None:
-    """Refuse a load (n, 3) [N] that does not act along +z."""
+def check_vertical(force: Array, least: float) -> None:
+    """Refuse a load (n, 3) [N] of `least` [N] or more that does not act along +z."""
     load = force.T @ np.linalg.norm(force, axis=1)
     axis = np.argmax(np.abs(load))
-    if load[2] >= abs(load[axis]):
+    if load[2] >= abs(load[axis]) or np.abs(force).max() < least:
         return
     sign = "-" if load[axis] < 0 else "+"
     raise InputError(

@@ -206,11 +206,11 @@ def test_every_shipped_file_is_valid_by_its_schema_which_refuses_an_unknown_fiel
 @pytest.mark.parametrize(("names", "segment"), [
     ("RHEE RTOE R.Heel R.Toe.Tip R.Toe.Med R.MT5 R_FCC R_FM1 Sub:RHEE RFT1 HEEL_R Right.Foot.1"
      " RCAL", "R foot"),
-    ("LTIB R_SK1 L.Shank.Front R_TTC R.TT RSHA RS1 R.HF left_leg_2", "RL shank"),
+    ("LTIB R_SK1 L.Shank.Front R_TTC R.TT RSHA RS1 RSH3 R.HF left_leg_2", "RL shank"),
     ("FOOT1 S01:HEEL Shoe3", " foot"),
     ("RMED RMMA R_TAM RMMAL R.Ankle.Medial RAM R_med_mall", "R ankle_medial"),
     ("ANKLE_MED", " ankle_medial"),
-    ("LANK R_FAL RLMA L.Ankle.Lat R.Ankle RLMAL r_mall", "RL ankle_lateral"),
+    ("LANK R_FAL RLMA L.Ankle.Lat R.Ankle RLMAL r_mall RLAT", "RL ankle_lateral"),
     ("SHANK1 TIB_M Pylon2 LEG1", " shank"),
     ("RASI LTHI RKNE R.Knee.Med LFHD R_FTC R.Thigh.1 L_UPPER_LEG C7 RTIO LELB REARVIEW RLFC R.MT",
      " "),

@@ -43,6 +43,8 @@ STIFF = {"K": 100.0, "I_high": -1e-5, "band_high_hz": 5.0}
     ("late_torque_unseen", "impedance",
      [JOINT | {"delay_se_s": 1e-4}, JOINT | {"fault_probability": None}],
      [JOINT, JOINT | {"fault_probability": None, "lag_s": 0.0}]),
+    ("late_torque_unseen", "walking_groups", [{"K": 300.0, "plate_lag_sd_s": None}],
+     [{"K": 300.0, "plate_lag_sd_s": 2e-4}]),
     ("K_of_gains", "impedance", [LEG], [LEG | {"K_over_K_s": None}]),
     ("motion_above_cutoff", "impedance", [{"band_high_hz": 20.0, "cutoff_hz": 15.0}],
      [{"band_high_hz": 5.0, "cutoff_hz": 15.0}]),

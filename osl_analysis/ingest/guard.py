@@ -90,15 +90,12 @@ def unexplained_share(time: Array, torque: Array, signals: Mapping[str, Array]) 
             columns += [np.sign(values), np.sign(values) * abs(signals.get("current", 0.0))]
         elif name != "current":
             columns.append(np.gradient(values, time))
-    known = np.array(columns)
-    is_known = np.isfinite(known).all(axis=0)
-    if not is_known.all():
-        known = known[:, is_known]
     # sums over a short time: a formula still holds, and rounding of an angle hardly makes speed
-    rows = known.shape[1]
-    group = max(rows // int(np.ptp(time) / LIMITS.averaged_s + 1), 1)
-    sums = np.add.reduceat(known, np.arange(0, rows, group), axis=1)
-    y, *of_signals = sums[:, :-1]  # the last may be shorter
+    group = max(time.size // int(np.ptp(time) / LIMITS.averaged_s + 1), 1)
+    begins = np.arange(0, time.size, group)
+    sums = np.array([np.add.reduceat(column, begins) for column in columns])
+    sums = sums[:, :-1]  # the last may be shorter
+    y, *of_signals = sums[:, np.isfinite(sums).all(axis=0)]
     X = np.column_stack(of_signals)
     if len(y) < LIMITS.fewest_compared or not varies(y):
         return 1.0

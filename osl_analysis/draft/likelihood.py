@@ -40,9 +40,7 @@ DOUBTFUL = 0.2  # probability from which a channel may be a column
 JOINTS = ("ankle", "knee", "hip")
 FEWEST_READINGS = 100  # that show how a channel moves
 SPRING = 0.9  # correlation with an angle: a fifth of the torque's power may be damping or friction
-FALLING = (
-    -0.5
-)  # correlation below which a torque falls as the angle rises; above the opposite it rises
+FALLING = -0.5  # correlation below which a torque falls as the angle rises
 COARSE_ROWS = 600
 SLOW_CYCLE_S = 3.5  # that of a sine of 0.23 Hz by its mean speed; a hand takes 1 to 2.5 s
 TURN_UNITS = (ONE_TURN, 360.0, *2.0 ** np.arange(10, 25))  # ranges at which encoders wrap
@@ -293,9 +291,10 @@ def decide(guesses: Sequence[Guess]) -> None:
         if "turns round" in angle.evidence:
             angle.why += ": more than a turn, are unit and names right?"
         # a joint resists: the torque of an inertia falls, too, but its losses go with the speed
-        if r > -FALLING:
+        power = correlation(angle.channel, torque.channel, of_speed=True)
+        if min(r, power) > 0:
             torque.sign = 1
-        elif r < FALLING and correlation(angle.channel, torque.channel, of_speed=True) < 0:
+        elif r < FALLING and power < 0:
             torque.sign = -1
             torque.why += ": it falls as the angle rises, and drives the motion"
 

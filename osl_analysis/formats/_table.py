@@ -352,8 +352,8 @@ def _remark_on_widths(rows: Sequence[Row], width: int, layout: SheetSource) -> s
         share = math.ceil(1000 * len(odd) / len(rows)) / 1000
         raise InputError(
             f"{what}; write a name for each, and one sign between names and cells, repair these"
-            f" lines, or write `ragged: skip` and `most_missing: {share:g}` in the source file to"
-            " leave them out"
+            " lines, cut the file where another recording begins, or write `ragged: skip` and"
+            f" `most_missing: {share:g}` in the source file to leave them out"
         )
     return f"{what} and were skipped"
 

@@ -117,11 +117,14 @@ class DeviceClock:
         """
         far_off = 5  # standard deviations beyond which a stamp does not count for the line
         one_sided_skew = 0.5  # skewness of latency: late, never early
-        base = self.slow.stamps if self.slow.kinks else self.stamps - self.residual
+        no_scatter = 1e-6 * self.step
+        line = self.stamps - self.residual
+        if np.ptp(self.residual) < no_scatter:
+            return line
+        base = self.slow.stamps if self.slow.kinks else line
         late = self.stamps - base
         low, middle, high = np.quantile(late, (0.05, 0.5, 0.95))
         spread = (high - low) / NORMAL_90
-        no_scatter = 1e-6 * self.step
         is_near = np.abs(late - middle) <= far_off * spread + no_scatter
         place = self.count[is_near]
         late = late[is_near]

@@ -422,7 +422,8 @@ def exclusion_reason(
     return (
         f"{furthest.measure.name} is {value:.3g} {unit}, in other crossings {median:.3g} {unit}"
         f" (median): {distance:.1f} times their usual deviation of {furthest.scatter:.2g} {unit},"
-        f" expected at most {settings.outliers.limit:g}"
+        f" expected at most {settings.outliers.limit:g}; look for another foot on the plate, a late"
+        " trigger, or markers that jump"
     )
 
 

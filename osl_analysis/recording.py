@@ -199,11 +199,11 @@ class Plate:
 
     number: int
     type: int
-    corners: NDArray[np.float64]
-    origin: NDArray[np.float64]
+    corners: Array
+    origin: Array
     channels: Sequence[Channel]
     length_unit: str = "mm"
-    calibration: NDArray[np.float64] | None = None
+    calibration: Array | None = None
     sign: int = 1
     facts: Mapping[str, Any] = field(default_factory=dict)
 

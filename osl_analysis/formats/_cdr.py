@@ -18,13 +18,9 @@ from rosbags.typesys.base import TypesysError
 
 from osl_analysis.errors import InputError
 
-# types in NumPy's spelling; rosidl maps `char` to uint8
-# (design.ros2.org/articles/legacy_interface_definition.html)
-NUMBERS = {
-    "bool": "?", "byte": "u1", "char": "u1", "octet": "u1", "int8": "i1", "uint8": "u1",
-    "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "int64": "i8", "uint64": "u8",
-    "float32": "f4", "float64": "f8",
-}  # fmt: skip
+# types that are uint8 (design.ros2.org/articles/legacy_interface_definition.html); NumPy calls all
+# others as ROS does
+UNSIGNED_BYTES = ("byte", "char", "octet")
 BUILT_IN = get_typestore(Stores.EMPTY).fielddefs  # stamps and durations
 MOST_ELEMENTS = 64  # of an array that are read: longer ones are images, and no signals
 ENCAPSULATION = 4  # bytes before a CDR message; the second one tells the byte order
@@ -166,7 +162,7 @@ class Layout:
                 if is_array:
                     texts_of[name] = (texts, slice(begin, self.position))
             else:
-                self._take_numbers(path, NUMBERS[what[0]], count, is_array)
+                self._take_numbers(path, what[0], count, is_array)
                 if is_array:
                     counts[path] = count
         for name, (texts, stretch) in texts_of.items():
@@ -181,7 +177,7 @@ class Layout:
 
     def _take_numbers(self, path: str, kind: str, count: int, is_array: bool) -> None:
         """Note where numbers stand one after the other."""
-        number = np.dtype(kind)
+        number = np.dtype("uint8" if kind in UNSIGNED_BYTES else kind)
         size = number.itemsize
         begin = self._take(count * size, size if count else 1)
         for index in range(min(count, MOST_ELEMENTS)):

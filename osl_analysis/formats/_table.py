@@ -395,8 +395,9 @@ def recording_of_table(
     """
     rows = Rows(count=len(table.lines), lines=table.lines, noun=noun)
     channels = []
-    for place, lasting in enumerate(lasting_names(table.names)):
-        title, unit, cells = table.names[place], table.units[place], table.body.to_series(place)
+    for lasting, title, unit, cells in zip(
+        lasting_names(table.names), table.names, table.units, table.body, strict=True
+    ):
         name = name_and_unit(title)[0]
         channel = Channel(
             address={"column": lasting},

@@ -3,7 +3,7 @@ programs of all countries write."""
 
 import csv
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from itertools import zip_longest
 from pathlib import Path
 from statistics import mode
@@ -184,6 +184,11 @@ def unpadded(cells: Sequence[str], width: int = 0) -> list[str]:
     while len(kept) > width and not kept[-1]:
         kept.pop()
     return kept
+
+
+def of_length(length: int, values: Iterable[Any], filling: Any) -> list[Any]:
+    """The first values, with others for those that lack."""
+    return [*values, *[filling] * length][:length]
 
 
 def check_last_line(is_ended: bool, rows: Sequence[Row]) -> None:

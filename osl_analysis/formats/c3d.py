@@ -8,7 +8,7 @@ import math
 import re
 import struct
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, PositiveInt
 
 from osl_analysis.errors import InputError, listing
-from osl_analysis.formats._text import decoded
+from osl_analysis.formats._text import decoded, of_length
 from osl_analysis.recording import (
     EXPORTED,
     MEASURED_BY_TYPE,
@@ -41,6 +41,7 @@ from osl_analysis.source_file import (
     Name,
     PlateUnits,
 )
+from osl_analysis.trial import Array
 from osl_analysis.units import LengthUnit
 from osl_analysis.yaml_settings import Settings, check_distinct
 
@@ -60,7 +61,6 @@ STATE_PLATE = (
 )
 PLATE_LABEL = re.compile(r"(?i)(?:^|[^a-z])([FM][xyz])\d*$")  # `Force.Fx1`
 
-Array = NDArray[np.float64]
 Parameters = Mapping[str, "Array | list[str]"]
 
 
@@ -301,8 +301,8 @@ def frames_of(data: bytes, header: Header) -> tuple[Array, Array]:
 
 def _scaled(analogs: Array, header: Header) -> Array:
     scales = header.numbers("ANALOG:SCALE")
-    scale = np.array(_filled(scales, header.channels, math.nan if scales.size else 1.0))
-    offset = np.array(_filled(header.numbers("ANALOG:OFFSET"), header.channels, 0.0))
+    scale = np.array(of_length(header.channels, scales, math.nan if scales.size else 1.0))
+    offset = np.array(of_length(header.channels, header.numbers("ANALOG:OFFSET"), 0.0))
     if "UNSIGNED" in [text.upper() for text in header.texts("ANALOG:FORMAT")]:
         offset %= 65536
         if header.are_integers:
@@ -460,7 +460,7 @@ def read(path: Path, source: C3dSource | None) -> Recording:
     check_size(data, header)
     points, analogs = frames_of(data, header)
     labels = header.texts("POINT:LABELS")[: header.points]
-    analog_labels = _filled(header.texts("ANALOG:LABELS"), header.channels, "")
+    analog_labels = of_length(header.channels, header.texts("ANALOG:LABELS"), "")
     analog_labels = [label or f"analog {place}" for place, label in enumerate(analog_labels, 1)]
     remarks = []
     fast_rate_hz = header.rate_hz * header.samples_per_frame
@@ -481,7 +481,7 @@ def read(path: Path, source: C3dSource | None) -> Recording:
         if label not in outputs:
             point = replace(point, unit=header.length_unit, kind=Kind.MARKER)
         channels.append(point)
-    units = _filled(header.texts("ANALOG:UNITS"), header.channels, "")
+    units = of_length(header.channels, header.texts("ANALOG:UNITS"), "")
     analog_channels = []
     for label, unit, samples in zip(analog_labels, units, analogs[: fast.count].T, strict=True):
         read_samples = partial(np.asanyarray, samples)
@@ -507,11 +507,6 @@ def read(path: Path, source: C3dSource | None) -> Recording:
         plates=plates,
         facts=facts,
     )
-
-
-def _filled(values: Iterable[Any], count: int, filling: Any) -> list[Any]:
-    """The first values, with others for those that lack."""
-    return [*values, *[filling] * count][:count]
 
 
 def _begins(begin: bytes) -> bool:

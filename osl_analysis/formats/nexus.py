@@ -7,6 +7,7 @@ columns only, a header, a row of units, and samples.
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import accumulate
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from osl_analysis.formats._text import (
     is_number_cell,
     is_text,
     numbered,
+    of_length,
     read_text,
     split_rows,
     unpadded,
@@ -81,19 +83,16 @@ def read_sections(path: Path) -> list[Section]:
 
 def _section_of(rows: Sequence[Row], decimal: str) -> Section:
     title, rate = rows[0].cells[0], rows[1].cells[0].replace(",", ".")
-    samples = list(rows[HEAD_ROWS:])
+    samples = rows[HEAD_ROWS:]
     if not samples or not is_number_cell(rate) or float(rate) <= 0:
         raise InputError(
             f"line {rows[1].number}: section {title[:40]} at '{rate[:40]}' Hz has no samples or no"
             " rate; export the trial again, or without it"
         )
     components = unpadded(rows[3].cells)
-    above, units = (
-        [*row.cells, *[""] * len(components)][: len(components)] for row in (rows[2], rows[4])
-    )
-    names: list[str] = []  # of every column: the one above it, or else the nearest to the left
-    for name in above:
-        names.append(name or "".join(names[-1:]))
+    above, units = (of_length(len(components), row.cells, "") for row in (rows[2], rows[4]))
+    # of every column: the one above it, or else the nearest to the left
+    names: list[str] = [*accumulate(above, lambda left, name: name or left)]
     return Section(title, float(rate), samples, names, components, units, decimal)
 
 

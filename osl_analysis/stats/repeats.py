@@ -35,10 +35,7 @@ class Repeats:
 
 
 OWN_CONDITION = (
-    pl.when(pl.col("K_d").is_null())
-    .then(pl.col("trial"))
-    .otherwise(pl.lit(""))
-    .alias("own_condition")
+    pl.when(pl.col("K_d").is_null()).then("trial").otherwise(pl.lit("")).alias("own_condition")
 )
 """The names of trials without a stated K_d, each of which is a condition of its own: it may have
 been asked for another K than trials that are like it. Empty for other trials."""

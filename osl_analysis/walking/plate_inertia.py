@@ -151,10 +151,10 @@ def identify_plate_model(
         warnings.warn(f"excluded from the plate's model: {problem}", stacklevel=2)
 
     motions = unloaded_motions(usable)
-    lags = [np.nan] * len(usable)
-    for i, recording in enumerate(usable):
+    lags = []
+    for recording, (motion, _) in zip(usable, motions, strict=True):
         with naming(f"trial {recording.track.name}", trial=recording.track.name):
-            lags[i] = plate_lag(motions[i][0], recording.wrench_at, recording.smooth)
+            lags.append(plate_lag(motion, recording.wrench_at, recording.smooth))
 
     model = plate_model(usable, lags)
     if len(usable) == 1:

@@ -55,10 +55,10 @@ class Poses:
     bridged: Mask  # frames (n,) that were interpolated
 
     def __getitem__(self, rows: slice | Mask) -> "Poses":
-        return Poses(
+        return replace(
+            self,
             rotation=self.rotation[rows],
             position=self.position[rows],
-            origin=self.origin,
             residual=self.residual[rows],
             bridged=self.bridged[rows],
         )
@@ -363,13 +363,7 @@ class BodyMotion:
     acceleration: Array  # of the point (n, 3) [m/s^2]
 
     def __getitem__(self, rows: slice) -> "BodyMotion":
-        return BodyMotion(
-            rotation=self.rotation[rows],
-            omega=self.omega[rows],
-            alpha=self.alpha[rows],
-            point=self.point[rows],
-            acceleration=self.acceleration[rows],
-        )
+        return BodyMotion(**{name: values[rows] for name, values in vars(self).items()})
 
     def weighted(self, weights: Array) -> "BodyMotion":
         """Multiply angular velocity and accelerations by weights (n,), 0 where the body rests."""
@@ -402,6 +396,4 @@ def body_motion(time: Array, poses: Poses, point: Array) -> BodyMotion:
 
 def cross_matrix(v: Array) -> Array:
     """Matrices (n, 3, 3) whose product with a vector is the cross product of v (n, 3) with it."""
-    x, y, z = v.T
-    zero = np.zeros(len(v))
-    return np.moveaxis(np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]), 2, 0)
+    return np.cross(np.eye(3), v[:, None])

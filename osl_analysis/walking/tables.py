@@ -399,17 +399,15 @@ def walking_page_points(
     time_ms = (1e3 * pl.col("time")).alias("x")
     for panel, column in (("response angle", "theta_deg"), ("response torque", "torque")):
         frames.append(
-            responses.select(
-                "trial", "doubtful", time_ms, curve, mean=pl.col(column), panel=pl.lit(panel)
-            )
+            responses.select("trial", "doubtful", time_ms, curve, mean=column, panel=pl.lit(panel))
         )
-    fit = responses.filter(is_mean & pl.col("torque_model").is_not_null())
+    fit = responses.filter(is_mean).drop_nulls("torque_model")
     frames.append(
         fit.select(
             "trial",
             time_ms,
             curve=pl.lit("fit"),
-            mean=pl.col("torque_model"),
+            mean="torque_model",
             panel=pl.lit("response torque"),
         )
     )

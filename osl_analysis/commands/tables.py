@@ -256,7 +256,7 @@ def list_excluded(
         results[table] = results[table].filter(pl.col("status") != LEFT_OUT)
         unused = results[table].drop_nulls("reason")
         of_crossings |= dict(unused.select("trial", "reason").iter_rows())
-    failed = read_table(verdicts).filter(pl.col("verdict") == "exclude")
+    failed = read_table(verdicts).filter(verdict="exclude")
     failed = failed.drop("verdict", "joint", "side", strict=False)
     parts = [
         failed.clear(),  # with the columns in their order

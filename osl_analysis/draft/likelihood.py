@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from osl_analysis.draft.recorded_channel import RecordedChannel, name_and_ending
+from osl_analysis.files import own_yaml
 from osl_analysis.measured import varies
 from osl_analysis.trial import COLUMNS
 from osl_analysis.units import dimension
@@ -52,11 +52,9 @@ ATTRIBUTE = re.compile(
 )
 
 
-@cache
 def likelihoods() -> dict[str, Any]:
     """The table: `words` by what they tell, and `weights`, log-odds of columns by evidence."""
-    table: dict[str, Any] = yaml.safe_load(TABLE.read_text(encoding="utf-8"))
-    return table
+    return own_yaml(TABLE)
 
 
 @cache

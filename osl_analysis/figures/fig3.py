@@ -44,10 +44,10 @@ def points(curves: pl.DataFrame, table: pl.DataFrame, summary: pl.DataFrame) -> 
     joined = curves.join(doubts, "trial", how="left", maintain_order="left")
     numbers: list[str] = []
     for quantity in ("K_s", "hysteresis_area"):
-        names = {"mean": quantity, "low": f"{quantity}_low", "high": f"{quantity}_high"}
-        means = summary.filter(quantity=quantity).select(*PLACE, *names).rename(names)
+        names = {quantity: "mean", f"{quantity}_low": "low", f"{quantity}_high": "high"}
+        means = summary.filter(quantity=quantity).select(*PLACE, **names)
         joined = joined.join(means, PLACE, how="left", nulls_equal=True, maintain_order="left")
-        numbers += names.values()
+        numbers += names
     joined = joined.with_columns(slope=pl.coalesce("K_s", pl.col("slope").mean().over(PLACE)))
     on_slope = pl.col("slope") * pl.col("theta_s_deg").radians()
 

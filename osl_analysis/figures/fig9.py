@@ -73,8 +73,8 @@ def points(
     doubts = walking_groups.select("group", "doubtful")
     of_groups = of_groups.join(commanded, on=keys).join(doubts, on="group", how="left")
     for estimator, column, *_ in FITS:
-        names_of = {"mean": column, "low": f"{column}_low", "high": f"{column}_high"}
-        of_fit = summary.filter(estimator=estimator).select(*keys, *names_of).rename(names_of)
+        names_of = {column: "mean", f"{column}_low": "low", f"{column}_high": "high"}
+        of_fit = summary.filter(estimator=estimator).select(*keys, **names_of)
         of_groups = of_groups.join(of_fit, on=keys, how="left")
     vaf = walking_summary.filter(estimator="ensemble", quantity="VAF")
     of_groups = of_groups.join(vaf.select(group, vaf="mean"), on="group", how="left")

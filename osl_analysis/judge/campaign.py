@@ -215,7 +215,7 @@ def judged_tables_of(tables: Mapping[str, pl.DataFrame]) -> Iterator[JudgedTable
             rows = tables.get(name, pl.DataFrame())
             if DOUBTFUL not in rows.columns:
                 continue
-            of_judged = rows.filter(pl.col(DOUBTFUL).is_not_null()).to_dicts()
+            of_judged = rows.drop_nulls(DOUBTFUL).to_dicts()
             last_rows = {subject_of(row): row for row in of_judged}
             kind = "" if name in of_groups else " trials"
             subject = (origin or name).replace("_", " ") + kind

@@ -143,7 +143,7 @@ def with_margins(rows: pl.DataFrame, settings: Claims) -> pl.DataFrame:
 def rendered_claims(fits: pl.DataFrame, settings: Claims) -> Iterator[Claim]:
     """Whether each compensated trial renders K_d and B_d, and how many do; `fits` are the rows over
     all amplitudes. B_viscous is compared with B_d, too."""
-    trials = with_margins(fits.filter(pl.col("controller") == CONTROLLERS[0]), settings)
+    trials = with_margins(fits.filter(controller=CONTROLLERS[0]), settings)
     for entry in ENTRIES["trials"]:
         of_trials = claims_on(trials, entry)
         if not of_trials:
@@ -172,7 +172,7 @@ def walking_claims(
     that nothing on the walkway shows. `midstance` is the commanded one [N*m/rad] of a campaign with
     one group whose sheet states none."""
     rows = summary.join(groups.select("group", "offset_share"), on="group", how="left")
-    rows = rows.filter(pl.col("mean").is_not_null(), quantity="K", estimator="ensemble")
+    rows = rows.drop_nulls("mean").filter(quantity="K", estimator="ensemble")
     rows = with_margins(rows, settings).with_columns(
         midstance=pl.lit(midstance, pl.Float64), unseen=pl.lit(known_finding("walking_unseen").says)
     )

@@ -85,7 +85,7 @@ def of_recording(samples: pl.DataFrame, motion: str) -> Signals:
     thinned = samples.gather_every(max(-(-len(samples) // MOST_RECORDED), 1))
     columns = {"time": pl.col("time") - samples["time"][0]}
     if "torque" in samples.columns:
-        columns["torque"] = pl.col("torque")
+        columns["torque"] = "torque"
     if "theta" in samples.columns:
         columns["motion"] = pl.col("theta").degrees()
     return Signals(thinned.select(**columns), "Signals without a fit of their own.", motion)

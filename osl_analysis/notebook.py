@@ -203,7 +203,7 @@ def frequency_response(
     stated, device = choices(config, parameters)
     fitted = run_fit("impedance", recorded, device, stated, desired or UNSTATED, windows)
     tables = fitted.everything()
-    fits, response = (tables[name] for name in ("impedance", "response"))
+    fits, response = tables["impedance"], tables["response"]
 
     of_fits = judged(fits, stated.doubtful.of("impedance"), "impedance")
     own = judged(response, stated.doubtful.of("response"), "response")

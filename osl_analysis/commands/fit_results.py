@@ -48,10 +48,15 @@ class FitTables:
     streams: Sequence[Mapping[str, Any]] = ()
     compute_others: Callable[[], Mapping[str, pl.DataFrame]] = dict
 
+    @property
+    def row(self) -> Mapping[str, Any]:
+        """The last row of its first table: the fit to all of the trial."""
+        return next(iter(self.estimates.values())).row(-1, named=True)
+
     def everything(self) -> dict[str, pl.DataFrame]:
         """All tables: `estimates`, the thinned `series`, `timebase`, which has a row per stream and
         none where no grid was needed, and the others, which are computed now."""
-        trial = next(iter(self.estimates.values()))["trial"][0]
+        trial = self.row["trial"]
         return {
             **self.estimates,
             **self.compute_others(),

@@ -78,7 +78,7 @@ def check_not_swapped(
     """Refuse estimates that no joint has, with InputError, if angle and torque explain each other
     much better in exchanged channels. A late torque makes B negative, too, but no such
     difference."""
-    row = next(iter(tables.estimates.values())).row(-1, named=True)
+    row = tables.row
     if is_possible(row) or not {"theta", "torque"} <= set(trial.columns):
         return
     changes = swapped_channels(trial, "theta", "torque")
@@ -128,8 +128,7 @@ def outcome_of(
         tables = fit(trial=changed(trial, change), **arguments)
     except OslAnalysisError:
         return None
-    table = next(iter(tables.estimates.values()))
-    return Outcome(change, table.row(-1, named=True))
+    return Outcome(change, tables.row)
 
 
 def changed(trial: Trial, change: Change) -> Trial:

@@ -68,9 +68,10 @@ def points(fits: pl.DataFrame, analysis: Analysis, choice: Mapping[str, Any]) ->
         "torque": torque[last],
         "torque_model": modelled[last],
     }
-    return pl.DataFrame(samples, nan_to_null=True).with_columns(
-        **{name: pl.lit(text, pl.String) for name, text in texts.items()},
-        **{name: pl.lit(choice.get(name), pl.Float64) for name in ("K_d", "B_d")},
+    return pl.DataFrame(
+        {**samples, **texts, "K_d": choice.get("K_d"), "B_d": choice.get("B_d")},
+        schema_overrides={"K_d": pl.Float64, "B_d": pl.Float64},
+        nan_to_null=True,
     )
 
 

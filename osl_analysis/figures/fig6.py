@@ -55,7 +55,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
         x = place + marks.swarm_offsets(heights, Layout.POINT, Layout.REACH * unit) / unit
         marks.draw_fits(ax, rows, x, shares, look, marks.BEHIND_LINES)
         lines = [look.label, title, f"$n$ = {len(rows)}", draw_median(ax, rows, place)]
-        labels.append("\n".join(line for line in lines if line))
+        labels.append("\n".join(filter(None, lines)))
     ax.set_yscale("log")
     ax.set_xlim(-0.5, len(swarms) - 0.5)
     ax.set_xticks(range(len(swarms)), labels)

@@ -81,14 +81,16 @@ def points(
                     measured = measured.with_columns(model_error=error.otherwise("model_error"))
         for curve, controller, admittance in models:
             Y = admittance(2j * np.pi * frequency_hz)
-            texts = {"curve": curve, "controller": controller, "joint": place, "side": side}
             response = {
                 "frequency_hz": frequency_hz,
                 "magnitude": np.abs(Y),
                 "phase_deg": np.rad2deg(np.angle(Y)),
-                **{name: pl.lit(text, pl.String) for name, text in texts.items()},
+                "curve": curve,
+                "controller": controller,
+                "joint": place,
+                "side": side,
             }
-            curves.append(pl.select(**response))
+            curves.append(pl.DataFrame(response))
         observed.append(measured)
     looks = shown.select("controller", "look").unique()
     joined = pl.concat([*observed, *curves], how="diagonal_relaxed").drop("look")

@@ -170,7 +170,7 @@ def by_place(table: pl.DataFrame) -> list[tuple[str, pl.DataFrame]]:
         joint, side = part.select("joint", "side").row(0)
         name = drawn_name(joint or "")
         named = f"{name[:1].upper()}{name[1:]}"
-        titled.append((", ".join(word for word in (named, side) if word), part))
+        titled.append((", ".join(filter(None, (named, side))), part))
     return titled
 
 

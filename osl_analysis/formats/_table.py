@@ -269,7 +269,7 @@ def _head_of(
     above: Sequence[Row], comments: Sequence[str], delimiter: str, width: int
 ) -> tuple[list[str], list[str], list[str]]:
     """Names and units of the columns, and other text, in the rows above the data and comments."""
-    texts = [" ".join(cell for cell in row.cells if cell) for row in above]
+    texts = [" ".join(filter(None, row.cells)) for row in above]
     lists: list[list[str]] = []
     candidates = [
         row.cells for row, text in zip(above, texts, strict=True) if not STATED_ROWS.match(text)

@@ -211,8 +211,8 @@ def claims_table(
     places = [place for table in bench.values() for place in table.select("joint", "side").rows()]
     for joint, side in dict.fromkeys(places):
         at_place = [
-            pl.col("joint").eq_missing(pl.lit(joint, pl.String)),
-            pl.col("side").eq_missing(pl.lit(side, pl.String)),
+            pl.col("joint").eq_missing(joint),
+            pl.col("side").eq_missing(side),
         ]
         of_place = {name: table.filter(at_place) for name, table in bench.items()}
         for claim in claims_of_place(of_place, settings, frequencies_hz, ratios.get(joint)):

@@ -119,15 +119,17 @@ class WordedFinding:
     words: Words
 
 
-FINDING_COLUMNS: dict[str, type[pl.DataType]] = {
-    "finding": pl.Int64,
-    **dict.fromkeys(("table", "trial"), pl.String),
-    **dict.fromkeys(("amplitude_deg", "frequency_hz"), pl.Float64),
-    **dict.fromkeys(("grade", "name", "cause", "evidence"), pl.String),
-    **dict.fromkeys(("value", "limit"), pl.Float64),
-    "limit_side": pl.String,
-    **dict.fromkeys(("says", "size", "remedy"), pl.String),
-}
+FINDING_COLUMNS = pl.Schema(
+    {
+        "finding": pl.Int64,
+        **dict.fromkeys(("table", "trial"), pl.String),
+        **dict.fromkeys(("amplitude_deg", "frequency_hz"), pl.Float64),
+        **dict.fromkeys(("grade", "name", "cause", "evidence"), pl.String),
+        **dict.fromkeys(("value", "limit"), pl.Float64),
+        "limit_side": pl.String,
+        **dict.fromkeys(("says", "size", "remedy"), pl.String),
+    }
+)
 """Columns of `findings.csv`: a row per number of evidence; rows of one finding share the number
 `finding`."""
 
@@ -159,8 +161,8 @@ def read_findings(path: Path) -> list[WordedFinding]:
     """The findings of `findings.csv`; none where it was refused or is not there."""
     if not path.is_file() or not_analysed(path):
         return []
-    columns = [pl.col(name).cast(dtype) for name, dtype in FINDING_COLUMNS.items()]
-    return findings_of_frame(read_table(path, ["finding"]).select(columns))
+    table = read_table(path, ["finding"]).select(*FINDING_COLUMNS).cast(FINDING_COLUMNS)
+    return findings_of_frame(table)
 
 
 def findings_of_frame(frame: pl.DataFrame) -> list[WordedFinding]:

@@ -356,16 +356,17 @@ def response_table(group: str, headline: GroupHeadline) -> pl.DataFrame:
         model[window] = motion.columns[window] @ fit.estimates
         frame = pl.DataFrame(
             {
-                "trial": [name] * len(time),
+                "trial": name,
                 "time": time,
                 "theta_deg": np.rad2deg(motion.theta),
                 "torque": torque,
                 "torque_model": model,
-            }
+                "group": group,
+            },
+            nan_to_null=True,
         )
         frames.append(frame[: window.stop])
-    table = pl.concat(frames).with_columns(pl.col("torque_model").fill_nan(None))
-    return table.with_columns(group=pl.lit(group))
+    return pl.concat(frames)
 
 
 def walking_page_points(
@@ -417,9 +418,14 @@ def walking_page_points(
 def gait_points(panel: str, name: str, curves: Array) -> pl.DataFrame:
     """Mean and SD of curves (crossings, `PHASES`) over stance."""
     drawn = curves[:, ::DRAWN_STEP]
-    sd = drawn.std(axis=0, ddof=1) if len(drawn) > 1 else None
-    points = pl.DataFrame(
-        {"x": 100 * PHASES[::DRAWN_STEP], "mean": drawn.mean(axis=0), "sd": sd},
+    return pl.DataFrame(
+        {
+            "x": 100 * PHASES[::DRAWN_STEP],
+            "mean": drawn.mean(axis=0),
+            "sd": drawn.std(axis=0, ddof=1) if len(drawn) > 1 else None,
+            "panel": panel,
+            "curve": name,
+            "n": len(curves),
+        },
         schema_overrides={"sd": pl.Float64},
     )
-    return points.with_columns(panel=pl.lit(panel), curve=pl.lit(name), n=pl.lit(len(curves)))

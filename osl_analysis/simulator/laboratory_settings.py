@@ -14,6 +14,7 @@ from osl_analysis.model.compensator import PAPER_WEIGHT, Weight
 from osl_analysis.simulator.simulation_settings import (
     Count,
     Effect,
+    Share,
     Switches,
     effect,
 )
@@ -202,9 +203,6 @@ class Gait(Settings):
     )
 
 
-Share = Annotated[float, Field(ge=0, le=1)]
-
-
 class Perturbation(Settings):
     """Ramp of the platform about a mediolateral axis; toes up, if the conditions of the campaign do
     not say more."""
@@ -223,14 +221,14 @@ class Body(Settings):
     """The inertia of a body. Its mass is the size of an effect (`foot_inertia` or
     `plate_inertia`)."""
 
-    centre_of_mass_m: tuple[float, float, float]  # in the body's axes
+    centre_of_mass_m: Place  # in the body's axes
     gyration_m: tuple[Metres, Metres, Metres]  # principal radii about the centre of mass
 
 
 class MovingPlate(Body):
     """The force plate. Its centre of mass is given from the centre of its surface."""
 
-    centre_m: tuple[float, float, float]  # of the surface at rest, in laboratory axes
+    centre_m: Place  # of the surface at rest, in laboratory axes
     size_m: tuple[Metres, Metres]  # of the surface along the plate's x and y
     sensor_depth_m: Metres  # of the sensor origin below the surface
     # sensor origin from the surface's centre, along laboratory x and y

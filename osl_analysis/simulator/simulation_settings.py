@@ -166,6 +166,9 @@ class Tone(Settings):
     size: Positive
 
 
+Tones = Annotated[tuple[Tone, ...], Field(min_length=1)]
+
+
 class ActuatorBench(Settings):
     """The schedule of the actuator's own bench. Velocity and current have different frequencies, so
     that the current both drives and brakes: else gear friction and torque constant cannot be told
@@ -173,8 +176,8 @@ class ActuatorBench(Settings):
 
     duration_s: Positive
     fade_s: Positive  # in which velocity and current fade in and out
-    velocity: Annotated[tuple[Tone, ...], Field(min_length=1)]  # of the output [rad/s]
-    current: Annotated[tuple[Tone, ...], Field(min_length=1)]  # q-axis [A]
+    velocity: Tones  # of the output [rad/s]
+    current: Tones  # q-axis [A]
 
     _fits = refuse_if(
         lambda s: s.duration_s < 4 * s.fade_s,
@@ -203,6 +206,9 @@ class RecorderSettings(Settings):
     torque_node: NodeSettings | None = None
 
 
+Repeats = Annotated[int, Field(ge=1, le=1000)]
+
+
 class Excitation(Settings):
     """One motion of the joint, and how many trials of each impedance have it. A multisine has odd
     lines of a period with random phases, one in four left out; a chirp sweeps linearly; noise is
@@ -218,8 +224,8 @@ class Excitation(Settings):
     )  # a binary sequence has none
     duration_s: Positive = 60.0  # at full size; of a multisine see `periods`
     period_s: Positive = 8.0  # of a multisine
-    periods: Annotated[int, Field(ge=1, le=1000)] = 5  # of a multisine
-    trials: Annotated[int, Field(ge=1, le=1000)] = 1
+    periods: Repeats = 5  # of a multisine
+    trials: Repeats = 1
     clock_s: Positive = 0.1  # between two changes of a binary sequence
     smoothing_hz: Positive = 8.0  # cut-off of the low-pass over a binary sequence
     # in which the motion grows, and goes back to rest, in addition to its duration
@@ -245,6 +251,7 @@ class Excitation(Settings):
 
 
 Count = Annotated[int, Field(ge=0, le=100_000)]
+Share = Annotated[float, Field(ge=0, le=1)]
 
 
 class Experiments(Settings):
@@ -261,7 +268,7 @@ class Experiments(Settings):
     plate: Count = 0  # a perturbation of the unloaded platform
     walking: Count = 0  # crossings
     # probability that a crossing is perturbed
-    perturbed_share: Annotated[float, Field(ge=0, le=1)] = 0.5
+    perturbed_share: Share = 0.5
     # of successive crossings, in turn; the sheet says which, where several are. up: toes up,
     # dorsiflexion
     directions: Annotated[tuple[Literal["up", "down"], ...], Field(min_length=1)] = ("up",)
@@ -277,7 +284,7 @@ class Dynamometer(Settings):
 class DrivetrainSettings(Settings):
     """How the drivetrain is integrated and controlled."""
 
-    substeps: Annotated[int, Field(ge=1, le=1000)]  # integration steps per sample of the log
+    substeps: Repeats  # integration steps per sample of the log
     control_updates: Annotated[int, Field(ge=1)]  # updates of the controller per sample of the log
     # velocity [rad/s] of the actuator over which the controller smooths its sign
     sign_width: Positive

@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from c3d_builder import FACE
 from conftest import refused_with, white_noise
 
 from osl_analysis.measured import (
@@ -72,7 +73,7 @@ def test_a_ratio_near_no_unit_factor_names_none(ratio):
 # ---- Plates and windows
 
 
-FACE_DOWN = np.array([[0.3, 0.2, 0], [0.3, -0.2, 0], [-0.3, -0.2, 0], [-0.3, 0.2, 0]])
+FACE_DOWN = FACE[[0, 3, 2, 1]]
 
 
 @pytest.mark.parametrize(("axes_of", "up"), [(own_axes, -1), (plate_axes, 1)])

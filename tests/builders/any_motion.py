@@ -80,9 +80,7 @@ def chirp(rng, band=(0.5, 6.0), rms_deg=2.0, duration=30.0, rate=RATE):
     return time, faded(time, duration, tuple(np.deg2rad(rms_deg) * np.sqrt(2) * x for x in motion))
 
 
-def made_trial(
-    rng, motion, torque_noise=0.05, angle_noise=0.0, bits=18, late=0.0, more=0.0, **impedance
-):
+def made_trial(rng, motion, torque_noise=0.05, bits=18, late=0.0, more=0.0, **impedance):
     """A trial of a `TRUE` or another joint, noisy and rounded; `late` [s] lags its torque, `more`
     [N*m] adds to it."""
     true = {**TRUE, **impedance}
@@ -92,7 +90,6 @@ def made_trial(
         torque = CubicSpline(time, torque)(time - late)
     torque = torque + 0.4 + 1e-3 * time + torque_noise * rng.standard_normal(len(time))
     step = 2 * np.pi / 2**bits
-    theta = theta + (angle_noise * rng.standard_normal(len(time)) if angle_noise else 0.0)
     samples = {
         "time": time + 7.0,
         "theta": np.rint(theta / step + rng.uniform()) * step,

@@ -53,7 +53,7 @@ def crossing(
     theta = gait * (0.2 * np.sin(5 * phase) - 0.1 * phase**2)
     torque = gait * 90 * np.sin(np.pi * phase) ** 2 * (1 + phase)
     if onset is not None:
-        d, v, a = (turn * part for part in bump(time, onset + LEAD, RISE))
+        d, v, a = turn * bump(time, onset + LEAD, RISE)
         theta = theta + d
         torque = torque + impedance[0] * d + impedance[1] * v + impedance[2] * a
     span = Stance(0.3, 0.3 + stance)

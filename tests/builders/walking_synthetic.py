@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+from scipy.spatial.transform import Rotation
 from scipy.special import erf
 from shipped import SETTINGS
 
@@ -40,11 +41,7 @@ def settings(**changes: Any) -> WalkingAnalysis:
 
 def about_y(angle: Array) -> Array:
     """Rotations (n, 3, 3) about the axis to the left: +x, the toes, goes down."""
-    c = np.cos(angle)
-    s = np.sin(angle)
-    o = np.zeros_like(angle)
-    i = np.ones_like(angle)
-    return np.moveaxis(np.array([[c, o, s], [o, i, o], [-s, o, c]]), 2, 0)
+    return Rotation.from_euler("y", angle[:, None]).as_matrix()
 
 
 def pose(rotation: Array, position: Array) -> Poses:
@@ -100,11 +97,11 @@ def static_trial(ankle: Array = ANKLE) -> Trial:
     return recording("static", tracks, np.zeros((5 * RATE, 3)), np.zeros((5 * RATE, 3)))
 
 
-def bump(time: Array, centre: float, width: float) -> tuple[Array, Array, Array]:
+def bump(time: Array, centre: float, width: float) -> Array:
     """A smooth step from 0 to 1 (an error function) with its two derivatives."""
     u = (time - centre) / width
     first = np.exp(-(u**2)) / (width * np.sqrt(np.pi))
-    return 0.5 * (1 + erf(u)), first, -2 * u / width * first
+    return np.array([0.5 * (1 + erf(u)), first, -2 * u / width * first])
 
 
 @dataclass(frozen=True)
@@ -136,10 +133,8 @@ class Rig:
 def step(t: Array, start: float, duration: float) -> Array:
     """A minimum-jerk step from 0 to 1, with its two derivatives (3, n) in time."""
     x = np.clip((t - start) / duration, 0, 1)
-    value = x**3 * (10 - 15 * x + 6 * x**2)
-    first = 30 * x**2 * (1 - x) ** 2 / duration
-    second = 60 * x * (1 - x) * (1 - 2 * x) / duration**2
-    return np.array([value, first, second])
+    rise = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
+    return np.array([rise.deriv(order)(x) / duration**order for order in range(3)])
 
 
 def angle_and_heave(t: Array, ramp: Ramp | None) -> tuple[Array, Array]:

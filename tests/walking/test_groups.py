@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 import pytest
+from c3d_builder import FACE
 from conftest import refused_with, white_noise
 from scipy.spatial.transform import Rotation
 from scipy.stats import t
@@ -344,7 +345,7 @@ def test_a_difference_from_the_static_trial_counts_where_half_of_a_kind_of_cross
 @pytest.mark.parametrize(("beside_m", "outside_m"), [(0.0, 0.0), (0.05, 0.0), (0.13, 0.03)])
 def test_the_pressure_is_outside_as_far_as_it_is_from_the_foot(beside_m, outside_m):
     """A foot of 0.2 m that rests, and a centre of pressure to its left."""
-    corners = np.array([[0.1, 0.1, 0.0], [-0.1, 0.1, 0.0], [-0.1, -0.1, 0.0], [0.1, -0.1, 0.0]])
+    corners = FACE / [3, 2, 1]
     pressure = np.tile([0.02, beside_m, 0.0], (5, 1))
 
     assert pressure_outside(pressure, np.tile(corners, (5, 1, 1))) == pytest.approx(outside_m)

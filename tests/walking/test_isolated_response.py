@@ -248,7 +248,7 @@ def deviating(seed: int, perturbed: bool = False) -> Crossing:
 def isolated_all(usual: int = 10) -> list[PerturbationResponse]:
     gait = unperturbed_gait([deviating(seed) for seed in range(usual)], 3)
     walked = [deviating(100 + k, True) for k in range(6)]
-    return [isolate_response(c, gait, TIMING) for c in walked]
+    return [response_of(c, gait) for c in walked]
 
 
 def test_lasting_deviations_are_predicted() -> None:
@@ -397,7 +397,7 @@ def test_the_matched_stance_is_right_for_any_pace_and_any_end_of_stance(
     late = walked("p", slower, onset=0.3 + 0.42 * 0.72 * slower)
     late = replace(late, stance=Stance(0.3, 0.3 + lingers * 0.72 * slower))
 
-    response = isolate_response(late, usual(), TIMING)
+    response = response_of(late, usual())
 
     assert stance_of(late) == pytest.approx(0.72 * slower, rel=1e-4)
     assert response.stance_change == pytest.approx(lingers - 1, abs=1e-3)
@@ -411,8 +411,8 @@ def test_the_guard_before_the_onset_is_not_used(instant: float, is_used: bool) -
     bumped = plain.theta + 0.02 * bump(plain.time, plain.onset + instant, 0.003)[0]
 
     late = replace(plain, theta=bumped)
-    response = isolate_response(plain, usual(), TIMING)
-    other = isolate_response(late, usual(), TIMING)
+    response = response_of(plain, usual())
+    other = response_of(late, usual())
 
     assert (abs(stance_of(late) / stance_of(plain) - 1) > 1e-4) == is_used
     assert (np.abs(other.behaviour - response.behaviour)[0].max() > 1e-5) == is_used
@@ -438,4 +438,4 @@ def test_a_crossing_without_a_pace_is_refused() -> None:
 
     for walk in (far, at_heel_strike):
         with refused_with(r"trial p:.*angle.*onset"):
-            isolate_response(walk, usual(), TIMING)
+            response_of(walk, usual())

@@ -71,8 +71,7 @@ TRUE = np.array([MASS, *(MASS * COM), *np.diag(ABOUT_CENTRE), *ABOUT_CENTRE[[0, 
 
 def matrix(about: int, angle: Array) -> Array:
     """Rotations (n, 3, 3) about a laboratory axis."""
-    order = np.roll([0, 1, 2], about - 1)
-    return synthetic.about_y(angle)[:, order][:, :, order]
+    return Rotation.from_rotvec(np.outer(angle, np.eye(3)[about])).as_matrix()
 
 
 def plate_motion(about: int, height: float, scale: float) -> tuple[BodyMotion, Array]:
@@ -80,10 +79,7 @@ def plate_motion(about: int, height: float, scale: float) -> tuple[BodyMotion, A
     and Euler. All derivatives by hand: a = z x r + w x (w x r), and the force on the body is m
     (a_com - g)."""
     t = np.arange(RATE) / RATE
-    phi, omega, alpha = (
-        height * (a - 0.7 * b)
-        for a, b in zip(bump(t, 0.3, scale), bump(t, 0.6, scale), strict=True)
-    )
+    phi, omega, alpha = height * (bump(t, 0.3, scale) - 0.7 * bump(t, 0.6, scale))
     R = matrix(about, phi)
     n = np.eye(3)[about]
 

@@ -10,7 +10,7 @@ import polars as pl
 import pytest
 import yaml
 from bench_recordings import RECORDINGS
-from c3d_builder import UNITS_OF_PLATE, level_plates, write_c3d
+from c3d_builder import FACE, UNITS_OF_PLATE, level_plates, write_c3d
 from command_line import call
 from conftest import ROOT, refused_with
 from jsonschema import Draft202012Validator
@@ -231,8 +231,8 @@ LEG = {
     "R_FM5": (70, -30, 0),
     "R_SK1": (0, 0, 200),
     "R_SK2": (0, 40, 250),
+    "R_SK3": (30, 0, 300),
 }
-LEG |= {"R_SK3": (30, 0, 300)}
 MALLEOLI = {"R_TAM": (0, 40, 80), "R_FAL": (0, -40, 70)}
 PULSES = ["Sync.1", "Voltage.Trigger"]
 
@@ -246,7 +246,7 @@ def capture(path, of_leg, force=0.0, platform=("PLAT1", "PLAT2", "PLAT3"), label
     points[:, :, :3] = np.stack(list(tracks.values()), axis=1)
     analogs = np.zeros((480, 8))
     analogs[:, 2], analogs[::50, 6:] = -force * np.repeat(((FRAMES > 90) & (FRAMES < 160)), 2), 5.0
-    corners = np.array([[300.0, 250, 0], [-300, 250, 0], [-300, -250, 0], [300, -250, 0]])
+    corners = FACE * [1000, 1250, 1]
     named = {
         "POINT__LABELS": [*tracks],
         "ANALOG__LABELS": ["Fx", "Fy", "Fz", "Mx", "My", "Mz", *labels],
@@ -367,9 +367,9 @@ def test_a_slow_triangle_or_sine_is_torque_over_angle_and_its_counts_begin_anew(
 ):
     time = np.arange(4000) / 100
     angle = wave(frequency_hz * time)
-    columns = np.column_stack([time, np.rint(100 * angle) % 4096, 2 * angle])
-    table = pl.DataFrame(columns, ["time_s", "encoder [counts]", "torque_Nm"])
-    table.write_csv(tmp_path / "a.csv")
+    counts = np.rint(100 * angle) % 4096
+    columns = {"time_s": time, "encoder [counts]": counts, "torque_Nm": 2 * angle}
+    write_text(tmp_path / "a.csv", columns)
 
     draft = draft_campaign(tmp_path)
 
@@ -448,12 +448,12 @@ def test_a_laboratory_with_names_of_its_own_is_drafted_without_a_question(tmp_pa
     capture(rec / "hex_noload01_fwd.c3d", {}, platform=platform)
     crossings = ["hex_trip02_pert_fwd", "hex_trip06_pert_fwd"]
     crossings += [f"hex_trip{k}_nom_rev" for k in (3, 4, 5)]
+    rows = np.arange(400)
     for number, name in enumerate(crossings):
         capture(rec / f"{name}.c3d", leg, force=800 + number, platform=platform)
-        turn = 0.2 * np.sin(np.arange(400) / 40) + 0.01 * number
-        rows = [f"{k / 400},{turn[k]:.6f},{k // 30 % 2}" for k in range(400)]
-        head = "loop_time,ankle.output_position,sync_in"
-        (rec / f"{name}.csv").write_text("\n".join([head, *rows]))
+        turn = 0.2 * np.sin(rows / 40) + 0.01 * number
+        columns = {"loop_time": rows / 400, "ankle.output_position": turn}
+        write_text(rec / f"{name}.csv", {**columns, "sync_in": rows // 30 % 2})
 
     questions, is_ready = drafted_of(tmp_path)
 
@@ -521,9 +521,8 @@ def test_a_fixture_alone_is_a_calibration_and_does_not_tell_the_sign_of_the_torq
     angle = 4 * np.sin(6 * time)
     torque = {"fixture": -0.005 * angle, "impedance_K80": 1.4 * angle}
     for name, values in torque.items():
-        rows = np.column_stack([time, angle, values])
-        header = "time [s],joint angle [deg],torque [Nm]"
-        np.savetxt(tmp_path / f"{name}.csv", rows, "%.5f", ",", header=header, comments="")
+        columns = {"time [s]": time, "joint angle [deg]": angle, "torque [Nm]": values}
+        write_text(tmp_path / f"{name}.csv", columns)
 
     draft = draft_campaign(tmp_path)
 

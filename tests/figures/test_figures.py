@@ -29,7 +29,7 @@ from osl_analysis.figures.fig3 import MEAN_SLOPE
 from osl_analysis.figures.fig4 import shown_rows
 from osl_analysis.figures.style import LOOKS, SINGLE_COLUMN, paper_style
 from osl_analysis.model.compensator import PAPER_WEIGHT
-from osl_analysis.table import NOT_ANALYSED, NotAnalysed, read_table, write_table
+from osl_analysis.table import NOT_ANALYSED, read_table, write_table
 
 CAMS = [f"both_cams_{5 * number:02d}mm" for number in range(11)]
 NULL = pl.lit(None, pl.Float64)
@@ -44,13 +44,12 @@ def stored(name):
 def time_series():
     time = np.arange(0, 10, 0.01)
     torque = 30 * np.sin(8 * time)
-    table = pl.DataFrame(
-        {"time": time, "theta_deg": torque / 5, "torque": torque, "torque_model": 0.99 * torque}
-    )
-    model = pl.lit("second-order system")
-    table = table.with_columns(doubtful=pl.lit(""), trial=pl.lit("k300"), model=model)
-    condition = {"controller": pl.lit("compensated"), "K_d": 300.0, "B_d": 5.0}
-    return table.with_columns(joint=pl.lit("ankle"), side=NO_TEXT, **condition)
+    columns = {
+        "time": time, "theta_deg": torque / 5, "torque": torque, "torque_model": 0.99 * torque,
+        "doubtful": "", "trial": "k300", "model": "second-order system",
+        "controller": "compensated", "K_d": 300.0, "B_d": 5.0, "joint": "ankle", "side": None,
+    }  # fmt: skip
+    return pl.DataFrame(columns, schema_overrides={"side": pl.String})
 
 
 def response_table():
@@ -168,17 +167,18 @@ OF_GROUP = (
     "predicted_low",
     "predicted_high",
 )
+RESIDUAL = pl.col("torque") - pl.col("torque_model")
 WITHIN_SD = (pl.col("mean") - pl.col("sd"), pl.col("mean") + pl.col("sd"))
 SHOWN = [
     # figure, table (None: as stored), panel, its rows, horizontal axis (None: no numbers of the
     # table), vertical axis
     ("torque", None, 0, True, "time", ("torque", "torque_model")),
-    ("torque", None, 1, True, "time", (pl.col("torque") - pl.col("torque_model"),)),
+    ("torque", None, 1, True, "time", (RESIDUAL,)),
     ("fig3", both_branches, 0, True, "theta_s_deg", ("torque",)),
     ("fig3", both_branches, 1, pl.col("trial") != MEAN_SLOPE, "theta_s_deg", ("deviation",)),
     ("fig4", left_out, 0, True, "time", ("theta_deg",)),
     ("fig4", left_out, 1, True, "time", ("torque", "torque_model")),
-    ("fig4", left_out, 2, True, "time", (pl.col("torque") - pl.col("torque_model"),)),
+    ("fig4", left_out, 2, True, "time", (RESIDUAL,)),
     *(("fig5", in_amplitudes, k, True, None, [*(one.format(q) for one in OBSERVED), f"{q}_d"])
       for k, q in enumerate("KB")),
     ("fig5", in_amplitudes, 1, True, None, ("B_viscous",)),
@@ -391,7 +391,7 @@ def test_what_was_not_fitted_is_shaded():
 def test_fig9_shows_every_group_with_a_result_and_what_it_was_commanded():
     """The third has no result; crossings may have no fit or group."""
     of_first = stored("walking_summary").with_columns(group=pl.lit("K_d 200"), commanded=200.0)
-    of_second = of_first.with_columns(group=pl.lit("K_d 400"), commanded=pl.lit(400.0))
+    of_second = of_first.with_columns(group=pl.lit("K_d 400"), commanded=400.0)
     of_third = of_first.with_columns(mean=NULL, low=NULL, high=NULL, group=pl.lit("K_d 600"))
     lost = walking_fits(2).with_columns(K=pl.Series([None, np.nan]), group=NO_TEXT)
     fits = pl.concat([walking_fits(31, "K_d 200"), walking_fits(31, "K_d 400"), lost])
@@ -409,7 +409,7 @@ def test_fig9_shows_every_group_with_a_result_and_what_it_was_commanded():
 def test_fig8_shows_stance_alone():
     assert f"the first {100 * STANCE_SHARE:g} % of" in FIGURES["fig8"].caption
     gains = stored("gains")
-    swing = gains.tail(1).with_columns(phase=pl.lit(0.63), K_d=pl.lit(1e6))
+    swing = gains.tail(1).with_columns(phase=0.63, K_d=1e6)
 
     assert plotted_numbers("fig8", pl.concat([gains, swing])).equals(plotted_numbers("fig8", gains))
     assert len(plotted_numbers("fig8", swing.with_columns(phase=0.62))) == 1
@@ -443,12 +443,8 @@ def test_a_figure_is_the_same_whatever_the_users_matplotlib_settings(tmp_path):
 
 def write_lost(path):
     """Write a table of a trial that was not analysed."""
-    pl.DataFrame(
-        [
-            NotAnalysed("i_1", "raw/i_1.mcap: $no$ such_file^; copy it there")._asdict()
-            | {"status": NOT_ANALYSED}
-        ]
-    ).write_csv(path)
+    reason = "raw/i_1.mcap: $no$ such_file^; copy it there"
+    pl.DataFrame([{"trial": "i_1", "reason": reason, "status": NOT_ANALYSED}]).write_csv(path)
 
 
 def test_a_figure_without_numbers_says_so_with_trial_and_reason(tmp_path):

@@ -36,7 +36,7 @@ HOSTILE = (
 def of_controllers(*names, **place):
     """The table of the figures' tests with these controllers in place of its two, and a joint and
     side."""
-    parts = [stored("impedance").filter(pl.col("controller") == "compensated")] * len(names)
+    parts = [stored("impedance").filter(controller="compensated")] * len(names)
     named = [
         part.with_columns(controller=pl.lit(name, pl.String))
         for part, name in zip(parts, names, strict=True)
@@ -188,9 +188,7 @@ def test_responses_are_predicted_by_a_parameter_file_of_their_joint_alone(tmp_pa
 
 def test_fig_7_shows_the_desired_impedance_with_the_most_trials(tmp_path):
     table = stored("response").with_columns(joint=pl.lit("ankle"))
-    lone = table.filter(trial=table["trial"][0]).with_columns(
-        trial=pl.lit("lone"), K_d=pl.lit(77.0)
-    )
+    lone = table.filter(trial=table["trial"][0]).with_columns(trial=pl.lit("lone"), K_d=77.0)
     # rows than all others together
     more = (lone.with_columns(pl.col("frequency_hz") + k / 100) for k in range(4))
     write_table(pl.concat([*more, table]), tmp_path / "t.csv")

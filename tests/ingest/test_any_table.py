@@ -128,9 +128,12 @@ def read_by(path: Path, source: str):
     return trial_from_files(row, path.parent, path.parent)
 
 
-def read_by_draft(path: Path):
-    """The trial of a file, by the draft of its overview as it is."""
-    return read_by(path, draft_source(inspect_file(path), path.name))
+ASKED = '{"column": "NAME_OF_TIME", "unit": "UNKNOWN"}'
+
+
+def read_by_draft(path: Path, time: str = ASKED):
+    """The trial of a file, by the draft of its overview as it is, or with the time that it asks."""
+    return read_by(path, draft_source(inspect_file(path), path.name).replace(ASKED, time))
 
 
 ANGLE_ALONE = "channels:\n  theta: {column: Ankle angle, unit: deg}\n"
@@ -182,14 +185,10 @@ def test_two_clocks_that_disagree_are_a_question_and_a_doubt(tmp_path):
     fast = [f"{1.1 * x:.9f}" for x in TIME]
     stamps = [f"{time},{other}" for time, other in zip(T, fast, strict=True)]
     path.write_text(text(head=["time_s", "host_time", *HEAD[1:]], t=stamps))
-    overview = inspect_file(path)
-    answered = draft_source(overview, path.name).replace(
-        '{"column": "NAME_OF_TIME", "unit": "UNKNOWN"}', "{column: time_s, unit: s}"
-    )
 
-    trial = read_by(path, answered)
+    trial = read_by_draft(path, "{column: time_s, unit: s}")
 
-    (question,) = overview.open
+    (question,) = inspect_file(path).open
     assert "time_s" in question
     assert "host_time" in question
     assert_recording(trial)
@@ -293,14 +292,8 @@ def test_a_rate_beside_a_decimation_or_another_rate_is_a_question(tmp_path, abov
     """Read at 2000 Hz, rows of 500 Hz gave B = 1.25 for 5."""
     path = tmp_path / "a.csv"
     path.write_text(text(head=[*HEAD[1:], ""], t=A, a=M, m=[""] * ROWS, above=above))
-    overview = inspect_file(path)
-    answered = draft_source(overview, path.name).replace(
-        '{"column": "NAME_OF_TIME", "unit": "UNKNOWN"}', "{rate: 500}"
-    )
 
-    trial = read_by(path, answered)
-
-    assert_recording(trial)
+    assert_recording(read_by_draft(path, "{rate: 500}"))
 
 
 @pytest.mark.parametrize(("decimal", "thousands"), [(",", "."), (".", ","), (".", "\u202f")])

@@ -12,7 +12,7 @@ import polars as pl
 import pytest
 import yaml
 from bench_synthetic import unit_block
-from c3d_builder import level_plates, write_c3d
+from c3d_builder import FACE, level_plates, write_c3d
 from conftest import ROOT, joint_trial, refused_with, white_noise
 from scipy import signal
 from shipped import CONFIG, SETTINGS
@@ -203,7 +203,7 @@ STOOD_ON = 800 + white_noise(2000, 1)
     "walking")),
     ("stuck", STILL, "static", None, NOT_JUDGED),
     # the input shaft is locked
-    ("stuck", bench().with_columns(theta_m=pl.lit(0.2)), "belt", 0.0, ""),
+    ("stuck", bench(theta_m=0.2), "belt", 0.0, ""),
     *(("encoder_wrap", bench(ANGLE + k * AWAY), "impedance", 2.0, "theta") for k in (2 * np.pi,
     -2 * np.pi, 360.0)),
     *(("encoder_wrap", bench(**{c: ANGLE + 2 * np.pi * AWAY}), "belt", 2.0, c) for c in ("theta_m",
@@ -465,7 +465,7 @@ def force_and_moment(roll: Array = ROLL) -> tuple[Array, Array]:
 def plate_trial(path: Path, channels: Array, **source: Any) -> Trial:
     """The C3D of one level plate of 0.6 m by 0.4 m, as ingest reads it."""
     # z down: y to the right
-    corners = np.array([[300.0, -200, 0], [-300, -200, 0], [-300, 200, 0], [300, 200, 0]])
+    corners = FACE * [1000, -1000, 1]
     units = ["N"] * 3 + ["Nm"] * 3
     points = np.ones((FRAMES, 1, 4))
     write_c3d(path, points, channels, **level_plates(corners), ANALOG__UNITS=units)

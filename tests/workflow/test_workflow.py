@@ -436,11 +436,7 @@ def laboratory(workspace, tmp_path_factory):
     shutil.copy(logs / "belt_02.mcap", logs / "impedance_K200_B5.0_compensated.mcap")
     sheet = pl.read_csv(path, infer_schema=False)
     space.mistaken = sheet.filter(pl.col("perturbed").str.to_lowercase() == "true")["trial"][-1]
-    wrong = (
-        pl.when(pl.col("trial") == space.mistaken)
-        .then(pl.lit("false"))
-        .otherwise(pl.col("perturbed"))
-    )
+    wrong = pl.when(trial=space.mistaken).then(pl.lit("false")).otherwise("perturbed")
     sheet.with_columns(perturbed=wrong).write_csv(path)
     (space.folder / "unlucky").mkdir()
     (space.folder / "unlucky/walking_04.c3d.refused").touch()
@@ -504,7 +500,7 @@ def test_what_is_accepted_or_excluded_by_the_sheet_makes_the_run_a_success(labor
     is a success. What could not be read is made as soon as it can be."""
     raw = laboratory.folder / "raw_data/small"
     sheet = pl.read_csv(raw / "trials.csv", infer_schema=False)
-    lost = pl.when(pl.col("trial") == "belt_01").then(pl.lit("lost")).otherwise(pl.col("exclude"))
+    lost = pl.when(trial="belt_01").then(pl.lit("lost")).otherwise("exclude")
     sheet.with_columns(exclude=lost).write_csv(raw / "trials.csv")
     laboratory.configure({"simulation": None})
     assert laboratory.run("reproduce-all").returncode == 1

@@ -1,7 +1,7 @@
 """The shipped gait laboratory for tests: trials and crossings of it, with and without
 imperfections."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -38,14 +38,14 @@ class Setup:
     def ideal(self) -> "Setup":
         """Without any imperfection."""
         settings = self.settings.model_copy(update={"effects": self.settings.effects.without()})
-        return Setup(settings, self.walking, self.p).lacking()
+        return replace(self, settings=settings).lacking()
 
     def lacking(self, *effects: str) -> "Setup":
         """Without some imperfections of gait laboratory."""
         walking = self.walking.model_copy(
             update={"effects": self.walking.effects.without(*effects)}
         )
-        return Setup(self.settings, walking, self.p)
+        return replace(self, walking=walking)
 
     def crossing(self, perturbed: bool, trial: str = "walking_01") -> SimulatedCrossing:
         step = draw_step(GaitTrial(trial, self.settings.seed, self.walking))

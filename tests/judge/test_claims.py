@@ -51,6 +51,9 @@ def test_the_interval_of_load_friction_is_that_of_its_derivative_by_the_coulomb_
     assert claim["high"] - claim["value"] == pytest.approx(half_width, rel=1e-4)
 
 
+VISCOUS = {"B_viscous": 5.25, "B_viscous_low": 5.0, "B_viscous_high": 5.5}
+
+
 def fit(controller, B, half, **stated):
     """A fit of K = K_d with this B and the half-width of its interval."""
     row = {
@@ -94,9 +97,8 @@ def test_the_difference_of_a_pair_has_the_root_of_both_squared_half_widths():
 
 
 def test_damping_is_compared_with_friction_on_both_sides_and_without_it_only_where_both_have_it():
-    viscous = {"B_viscous": 5.25, "B_viscous_low": 5.0, "B_viscous_high": 5.5}
-    one_side = [fit("compensated", 6.0, 0.1), fit("uncompensated", 7.0, 0.1, **viscous)]
-    both = [fit("compensated", 6.0, 0.1, **viscous), one_side[1]]
+    one_side = [fit("compensated", 6.0, 0.1), fit("uncompensated", 7.0, 0.1, **VISCOUS)]
+    both = [fit("compensated", 6.0, 0.1, **VISCOUS), one_side[1]]
 
     assert of_damping(one_side).filter(of="trials")["uncompensated"].item() == pytest.approx(2)
     assert of_damping(one_side, "B_viscous_error").is_empty()
@@ -153,8 +155,7 @@ def test_more_torque_explained_is_better_and_counts_by_its_sign():
 
 
 def test_viscous_damping_is_a_claim_of_its_own_with_its_interval():
-    viscous = {"B_viscous": 5.25, "B_viscous_low": 5.0, "B_viscous_high": 5.5}
-    fits = pl.DataFrame([fit("compensated", 9.0, 0.1, **viscous)])
+    fits = pl.DataFrame([fit("compensated", 9.0, 0.1, **VISCOUS)])
 
     claims = {
         claim["name"]: claim for claim in rendered_claims(fits, Claims(K_percent=None, B=1.0))

@@ -37,6 +37,10 @@ def causes_of(table, limits):
     return [[one.cause for one in row] for row in judged(table, limits, "response")]
 
 
+UNCHECKED = pl.DataFrame(schema=["trial", "check", "verdict"])
+"""The verdicts of recordings of which nothing was checked."""
+
+
 def test_a_fit_is_doubtful_for_every_limit_that_it_passes():
     row = {"fit": 80.0, "lag": -0.7, "condition": 5.0, "held_out": None, "n": 3}
     found = doubts(row, {"lag": 0.5, "condition": 10, "n": 2}, {"fit": 90, "held_out": 80})
@@ -181,24 +185,22 @@ def friction(trial, share):
 
 def test_the_worst_trial_of_a_cause_is_that_of_the_largest_number_which_is_shown():
     """Friction makes 0.8 of a B of 0.6, and 0.5 of one of 2.0: 0.48 and 1.0 N*m*s/rad."""
-    fits = pl.DataFrame({"trial": ["a", "b"], "B": [0.6, 2.0], "doubtful": "friction"})
-    quality = pl.DataFrame(schema=["trial", "check"])
+    impedance = fits(B=[0.6, 2.0], doubtful="friction")
 
     findings = [friction("a", 0.8), friction("b", 0.5)]
-    (cause,) = causes_in_campaign(findings, {"impedance": fits}, quality)
+    (cause,) = causes_in_campaign(findings, {"impedance": impedance}, UNCHECKED)
 
     assert (cause.worst, cause.size) == ("b", "that of b")
 
 
 def test_what_is_not_checked_by_two_conditions_is_told_of_the_trials_of_each():
-    fits = pl.DataFrame(
-        {"trial": list("abc"), "fixture": [None, "of the sheet", None], "doubtful": ""},
-        schema_overrides={"fixture": pl.String},
-    )
-    quality = pl.DataFrame(schema=["trial", "check", "verdict"])
-    findings = campaign_findings({"impedance": fits}, quality, DoubtfulFits())
+    fixtures = [None, "of the sheet", None]
+    tables = {
+        "impedance": pl.DataFrame({"trial": list("abc"), "fixture": fixtures, "doubtful": ""})
+    }
+    findings = campaign_findings(tables, UNCHECKED, DoubtfulFits())
 
-    causes = causes_in_campaign(findings, {"impedance": fits}, quality)
+    causes = causes_in_campaign(findings, tables, UNCHECKED)
 
     remedies = {tuple(cause.trials): cause.remedy for cause in causes}
     assert "`fixture`" in remedies["a", "c"]
@@ -206,16 +208,17 @@ def test_what_is_not_checked_by_two_conditions_is_told_of_the_trials_of_each():
 
 
 def test_a_trial_that_is_doubtful_is_not_counted_again_as_doubtful_in_part():
-    fits = pl.DataFrame({"trial": ["a", "b"], "B": 1.0, "doubtful": ["friction", ""]})
-    phasors = pl.DataFrame({"trial": ["a", "b"], "doubtful": "friction"})
-    quality = pl.DataFrame(schema=["trial", "check"])
+    tables = {
+        "impedance": fits(B=1.0, doubtful=["friction", ""]),
+        "response": fits(doubtful="friction"),
+    }
     findings = [friction("a", 0.5)]
     for trial in "ab":
         evidence = (Beyond("theta_distortion", 0.5, 0.1, "above"),)
         of_phasor = Finding("distorted_motion", "response", trial, evidence=evidence)
         findings.append(WordedFinding(of_phasor, Words("", "", "")))
 
-    causes = causes_in_campaign(findings, {"impedance": fits, "response": phasors}, quality)
+    causes = causes_in_campaign(findings, tables, UNCHECKED)
 
     assert {cause.verdict: cause.trials for cause in causes} == {
         "doubtful": ["a"], "doubtful in part": ["b"]
@@ -223,11 +226,10 @@ def test_a_trial_that_is_doubtful_is_not_counted_again_as_doubtful_in_part():
 
 
 def test_a_fact_that_a_check_and_a_fit_tell_is_one_finding():
-    fits = pl.DataFrame({"trial": ["a", "b"], "saturated_samples": [9, 0]})
-    of_check = {"verdict": "flag", "value": 9.0, "unit": "samples", "remark": ""}
-    verdicts = pl.DataFrame({"trial": ["a", "b"], "check": "saturation", **of_check})
+    impedance = fits(saturated_samples=[9, 0])
+    verdicts = fits(check="saturation", verdict="flag", value=9.0, unit="samples", remark="")
 
-    told = campaign_findings({"impedance": fits}, verdicts, DoubtfulFits())
+    told = campaign_findings({"impedance": impedance}, verdicts, DoubtfulFits())
 
     clipped = [w.finding for w in told if w.finding.name == "clipped_signal"]
     assert [(finding.subject, finding.table) for finding in clipped] == [

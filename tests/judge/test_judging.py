@@ -27,9 +27,7 @@ row of `law`, of which no other number is asked."""
 
 def grades(row, **accuracy):
     limits = Limits(accuracy=Accuracy(**accuracy))
-    return [
-        (finding.cause, finding.grade) for finding in judged(pl.DataFrame([row]), limits, "law")[0]
-    ]
+    return [(finding.cause, finding.grade) for finding in findings_of(row, limits, "law")]
 
 
 @pytest.mark.parametrize(("column", "share", "cause"), [
@@ -49,7 +47,7 @@ def test_a_move_beyond_the_accuracy_of_any_one_estimate_is_a_doubt(column, share
 
 
 def test_a_path_that_moves_less_than_is_needed_is_told():
-    (findings,) = judged(pl.DataFrame([KNEE]), Limits(), "impedance")
+    findings = findings_of(KNEE, Limits(), "impedance")
 
     assert ("torque path", Grade.NOTES) in [(each.cause, each.grade) for each in findings]
 
@@ -66,14 +64,11 @@ def test_an_explanation_of_several_estimates_is_told_once():
 
 def test_other_causes_yield_to_a_fault_of_the_recording():
     row = KNEE | {"K_fault_share": 0.07, "VAF_held_out": 50.0, "B_unexplained_share": 0.5}
-    table = pl.DataFrame([row])
-    verdicts = pl.DataFrame({"trial": ["knee"], "check": ["dropout"], "verdict": ["flag"]})
+    table = pl.DataFrame([row, KNEE | {"trial": "unmoved", "VAF_held_out": 99.0}], infer_schema_length=None)
+    verdicts = pl.DataFrame({"trial": ["knee", "unmoved"], "check": "dropout", "verdict": "flag"})
     limits = Limits(below={"VAF_held_out": 90})
 
-    (findings,) = judged(table, limits, "impedance", spoiled_trials(verdicts))
-    (sound,) = judged(
-        pl.DataFrame([KNEE | {"VAF_held_out": 99.0}]), limits, "impedance", spoiled_trials(verdicts)
-    )
+    findings, sound = judged(table, limits, "impedance", spoiled_trials(verdicts))
 
     doubts = [each.name for each in findings if each.grade is Grade.DOUBTS]
     assert doubts == ["signal_jumps"]
@@ -155,7 +150,7 @@ def test_an_impossible_estimate_comes_before_what_it_may_have_caused():
     row = {"group": "all", "onset_phase_sd": 9.0, "K": -5.0, "B": 1.0, "I": 0.1}
     limits = Limits(above={"onset_phase_sd": 8}, below={"K": 0})
 
-    findings = judged(pl.DataFrame([row]), limits, "walking")[0]
+    findings = findings_of(row, limits, "walking")
 
     assert [finding.cause for finding in findings][:2] == [
         "impossible estimate",

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 from conftest import ROOT, refused_with
 from scipy.interpolate import CubicSpline
 from shipped import LEG as P
 
+from osl_analysis.campaign.configuration import overriding
 from osl_analysis.commands.simulate import row_of_trial, simulate_campaign, simulate_trial
 from osl_analysis.model.compensator import compensated_gains, uncompensated_gains
 from osl_analysis.model.rendered_impedance import predicted_impedance
@@ -22,7 +22,7 @@ from osl_analysis.simulator.bench_trial import (
     true_signals,
 )
 from osl_analysis.simulator.simulation_settings import SimulationSettings
-from osl_analysis.yaml_settings import read_yaml
+from osl_analysis.yaml_settings import read_mapping, read_yaml
 
 TINY = ROOT / "tests/tiny_simulation.yaml"
 RATE = 1000.0  # [Hz]
@@ -42,15 +42,11 @@ def node(**changes):
 
 def only(changes):
     """Settings of a campaign with an exact joint and no imperfection but some."""
-    content = yaml.safe_load(TINY.read_text())
+    content = read_mapping(TINY)
     for name, effect in content["effects"].items():
         effect["enabled"] = name == "dynamometer_bandwidth"
-    content["recorder"] = {}
-    content["joint"] = JOINT
-    for section, values in changes.items():
-        is_part = section in ("effects", "protocol", "dynamometer")
-        content[section] = {**content[section], **values} if is_part else values
-    return SimulationSettings.model_validate(content)
+    chosen = overriding(content | {"recorder": {}, "joint": JOINT}, changes)
+    return SimulationSettings.model_validate(chosen)
 
 
 def simulated(changes, trial=TRIAL):

@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 import pytest
 from conftest import ROOT, refused_with
-from walking_setup import PERTURBED, STATIC, Setup, leg_log, load_setup
+from walking_setup import PERTURBED, STATIC, leg_log, load_setup
 
 from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
 from osl_analysis.ingest.raw_files import trial_from_files
@@ -24,14 +24,6 @@ from osl_analysis.simulator.step import GaitTrial, draw_step
 from osl_analysis.simulator.trial_plan import direction_of, plan_trials
 
 G = 9.81  # [m/s^2]
-SENSORS = (
-    "marker_noise",
-    "marker_gaps",
-    "force_noise",
-    "moment_noise",
-    "force_offset",
-    "moment_offset",
-)
 
 
 @pytest.fixture(scope="module")
@@ -58,11 +50,11 @@ def calm(shipped):
 def with_experiments(setup, **numbers):
     experiments = setup.settings.experiments.model_copy(update=numbers)
     chosen = setup.settings.model_copy(update={"experiments": experiments})
-    return Setup(chosen, setup.walking, setup.p)
+    return replace(setup, settings=chosen)
 
 
 def altered(setup, **fields):
-    return Setup(setup.settings, setup.walking.model_copy(update=fields), setup.p)
+    return replace(setup, walking=setup.walking.model_copy(update=fields))
 
 
 def write_trajectory(folder, *values):
@@ -198,7 +190,8 @@ def test_the_leg_s_log_has_the_true_angle_in_steps_of_its_sensors(recorded, ship
 
 def test_the_plate_has_noise_and_offsets_of_the_set_sizes(recorded, shipped, tmp_path):
     """0.4 N and 80 N*mm, offsets of 2 N and 300 N*mm."""
-    quiet = shipped.lacking(*SENSORS[2:]).record(tmp_path, PERTURBED)["analogs"][0]
+    exact = shipped.lacking("force_noise", "moment_noise", "force_offset", "moment_offset")
+    quiet = exact.record(tmp_path, PERTURBED)["analogs"][0]
 
     error = (recorded.analogs - quiet)[:6]
 
@@ -217,7 +210,7 @@ def test_a_trial_depends_on_the_seed_and_its_name_only(shipped, tmp_path):
 
     shipped.record(tmp_path / "first", row)
     shipped.record(tmp_path / "again", row)
-    Setup(other_seed, shipped.walking, shipped.p).record(tmp_path / "other", row)
+    replace(shipped, settings=other_seed).record(tmp_path / "other", row)
 
     for file in (tmp_path / "first").rglob("walking_02.*"):
         place = file.relative_to(tmp_path / "first")

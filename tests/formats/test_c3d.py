@@ -43,8 +43,7 @@ def capture(folder: Path, **parameters: Any) -> Path:
 
 def marker(recording: Converted, name: str) -> np.ndarray:
     """Positions (frames, 3) [m]."""
-    columns = [f"marker_{name}_{axis}" for axis in "xyz"]
-    return recording.samples.select(columns).drop_nulls().to_numpy()
+    return recording.samples.select(f"^marker_{name}_[xyz]$").drop_nulls().to_numpy()
 
 
 # --- frames -------------------------------------------------------------------------------------
@@ -139,23 +138,18 @@ def test_a_capture_of_more_frames_than_its_header_counts_is_whole(tmp_path: Path
     assert channel.values[-1, 0] == 69_999
 
 
-HEADER = [
-    (16, b"\0\0", " -512"),
-    (12, b"\0\0\0\0", " 0.0"),
-    (8, b"\0\0", " 0 frames"),
-    (0, b"\0", "Intel"),
-]
-# behind its name stand the pointer of a parameter, its type, dimensions and sizes
-POINTER = [
-    (4, b"\1\0", "'RATE'"),
-    (6, b"\3", "'RATE'"),
-    (7, b"\3\xff\xff\xff", "parameter"),
-]
-
-
 @pytest.mark.parametrize(
     ("name", "offset", "value", "problem"),
-    [("", *row) for row in HEADER] + [("RATE", *row) for row in POINTER],
+    [
+        ("", 16, b"\0\0", " -512"),
+        ("", 12, b"\0\0\0\0", " 0.0"),
+        ("", 8, b"\0\0", " 0 frames"),
+        ("", 0, b"\0", "Intel"),
+        # behind its name stand the pointer of a parameter, its type, dimensions and sizes
+        ("RATE", 4, b"\1\0", "'RATE'"),
+        ("RATE", 6, b"\3", "'RATE'"),
+        ("RATE", 7, b"\3\xff\xff\xff", "parameter"),
+    ],
 )
 def test_an_absurd_header_or_a_damaged_parameter_is_refused(
     tmp_path: Path, name: str, offset: int, value: bytes, problem: str
@@ -252,14 +246,13 @@ WRENCH = pytest.approx([1, -2, -3, 4, -5, -6], rel=1e-12)  # N and N*m, z up
 def plate_file(folder: Path, readings: np.ndarray = READINGS, **parameters: Any) -> Path:
     """Channels in N, N, N, Nmm, Nmm, Nmm on one plate, by default forces 1 to 3 and moments 4000 to
     6000."""
-    units = {"ANALOG__UNITS": UNITS_OF_PLATE, "ANALOG__LABELS": LABELS}
-    arrays = {**units, **level_plates(LEVEL), **parameters}
-    return write_c3d(folder / "plate.c3d", POINTS, readings, **arrays)
+    channels = {"ANALOG__UNITS": UNITS_OF_PLATE, "ANALOG__LABELS": LABELS}
+    plate = channels | level_plates(LEVEL) | parameters
+    return write_c3d(folder / "plate.c3d", POINTS, readings, **plate)
 
 
-def wrench_of(path: Path, row: int = 3, **fields: Any) -> list[float]:
-    samples = read(path, **fields).samples
-    return [samples[f"plate1_{q}_{axis}"][row] for q in ("force", "moment") for axis in "xyz"]
+def wrench_of(path: Path, row: int = 3, **fields: Any) -> tuple[Any, ...]:
+    return read(path, **fields).samples.select("^plate1_(force|moment)_[xyz]$").row(row)
 
 
 @pytest.mark.parametrize(
@@ -349,8 +342,8 @@ def test_how_to_state_a_plate_works_also_where_two_have_the_same_labels(tmp_path
 def test_a_type_1_plate_is_read_with_the_units_that_its_refusal_says(
     tmp_path: Path, unit: str
 ) -> None:
-    type_1 = {"FORCE_PLATFORM__TYPE": 1}
-    path = plate_file(tmp_path, ANALOG__UNITS=[unit] * 6, **type_1)
+    type_1 = {"FORCE_PLATFORM__TYPE": 1, "ANALOG__UNITS": [unit] * 6}
+    path = plate_file(tmp_path, **type_1)
 
     advised = refused(path).partition("`plate_units: ")[2].partition("`")[0]
     stated = {"plate_units": yaml.safe_load(advised)}
@@ -362,7 +355,7 @@ def test_a_type_1_plate_is_read_with_the_units_that_its_refusal_says(
     # less the first frame: an unloaded plate has no centre of pressure
     loaded = READINGS.copy()
     loaded[4:] *= [2, 2, 2, 1, 1, 2]
-    path = plate_file(tmp_path, loaded, ANALOG__UNITS=[unit] * 6, **type_1)
+    path = plate_file(tmp_path, loaded, **type_1)
     assert wrench_of(path, -1, **stated, plate_zero=(1, 1)) == expected
 
 
@@ -443,7 +436,7 @@ def test_type_3_gives_the_wrench_of_its_four_sensors_back(depth_sign: int) -> No
     b = 0.2
     depth = 0.054
     # z down: under the surface
-    sensors = np.array([[a, b, depth], [-a, b, depth], [-a, -b, depth], [a, -b, depth]])
+    sensors = np.sign(FACE) * [a, b, 0] + [0, 0, depth]
     forces = RANDOM.normal(0, 100, (20, 4, 3))
     total = forces.sum(axis=1)
     moment = np.cross(sensors, forces).sum(axis=1)

@@ -40,6 +40,10 @@ def column(recording: Recording, field: str, topic: str = "/lab") -> list[Any]:
     return recording.find({"topic": topic, "field": field}).values.tolist()
 
 
+def read_field(path: Path, field: str) -> list[Any]:
+    return column(formats.read(path, source(field)), field)
+
+
 # --- files put together of records --------------------------------------------------------------
 
 
@@ -391,9 +395,7 @@ def test_a_joint_is_found_by_name_beside_those_of_another_publisher(tmp_path: Pa
     arm = (["hand"], [3.0])
     path = write_joints(tmp_path, leg, arm, leg)
 
-    recording = formats.read(path, source("position[name=toe]"))
-
-    assert column(recording, "position[name=toe]") == [2.0, None, 2.0]
+    assert read_field(path, "position[name=toe]") == [2.0, None, 2.0]
 
 
 def test_two_publishers_of_one_joint_are_refused_with_the_names_in_their_messages(
@@ -413,7 +415,7 @@ def test_a_name_that_two_elements_have_is_refused(tmp_path: Path) -> None:
     path = write_joints(tmp_path, (["toe", "toe"], [1.0, 2.0]))
 
     with refused_with(r"number.*position\[0\]"):
-        column(formats.read(path, source("position[name=toe]")), "position[name=toe]")
+        read_field(path, "position[name=toe]")
 
 
 def test_a_unit_by_convention_is_likely_and_never_stated(tmp_path: Path) -> None:
@@ -471,23 +473,19 @@ def test_a_message_without_a_number_in_an_asked_field_has_no_value_there(
 ) -> None:
     path = write_json(tmp_path, [right, wrong, right])
 
-    assert column(formats.read(path, source(field)), field) == [1.5, None, 1.5]
+    assert read_field(path, field) == [1.5, None, 1.5]
 
 
 @pytest.mark.parametrize(
-    ("texts", "field", "said"),
-    [
-        (['{"x": null}'], "x", r"'x' .*`field`"),
-        (["{"], "x", "Expecting property name"),
-    ],
+    ("text", "said"), [('{"x": null}', r"'x' .*`field`"), ("{", "Expecting property name")]
 )
 def test_a_field_without_numbers_is_blamed_on_the_source_file(
-    tmp_path: Path, texts: list[str], field: str, said: str
+    tmp_path: Path, text: str, said: str
 ) -> None:
-    path = write_json(tmp_path, texts)
+    path = write_json(tmp_path, [text])
 
     with refused_with(said):
-        column(formats.read(path, source(field)), field)
+        read_field(path, "x")
 
 
 @pytest.mark.parametrize(
@@ -509,7 +507,7 @@ def test_a_topic_that_cannot_be_decoded_is_refused_with_the_reason(
     path = write_payloads(tmp_path / "log.mcap", [payload], *packing)
 
     with refused_with(rf"topic '/lab'.*{said}"):
-        column(formats.read(path, source("y")), "y")
+        read_field(path, "y")
 
 
 def write_protobuf(folder: Path, contents: Sequence[Protobuf], cut_bytes: int = 0) -> Path:
@@ -548,7 +546,7 @@ def test_without_the_library_of_protobuf_the_extra_that_brings_it_is_named(
     monkeypatch.setitem(sys.modules, "mcap_protobuf.decoder", None)
 
     with refused_with(r"'/lab'.*; pip install 'osl-analysis\[protobuf\]'$"):
-        column(formats.read(path, source("seconds")), "seconds")
+        read_field(path, "seconds")
 
 
 def test_a_message_that_google_refuses_is_lost(tmp_path: Path) -> None:

@@ -285,15 +285,13 @@ def test_the_same_cause_in_many_trials_is_one_line_and_another_its_own():
 
 
 def test_a_trial_that_is_used_without_its_end_is_named_at_the_end_of_a_run():
-    said = {"check": "truncated", "value": 1.0, "unit": "logs", "remark": ""}
-    rows = [
-        {"trial": f"b_{n}", "verdict": verdict, **said}
-        for n, verdict in enumerate(("flag", "pass", "exclude"))
-    ]
-    for some, named in ((rows, ["b_0"]), (rows[1:], [])):
-        findings = findings_frame(campaign_findings({}, pl.DataFrame(some), DoubtfulFits()))
-        found = findings.filter(grade="doubts")
-        assert found.select("trial", "cause").rows() == [(trial, "damaged log") for trial in named]
+    verdicts = pl.DataFrame({
+        "trial": ["b_0", "b_1", "b_2"], "verdict": ["flag", "pass", "exclude"],
+        "check": "truncated", "value": 1.0, "unit": "logs", "remark": "",
+    })  # fmt: skip
+    for some, told in ((verdicts, [("b_0", "damaged log")]), (verdicts[1:], [])):
+        findings = findings_frame(campaign_findings({}, some, DoubtfulFits()))
+        assert findings.filter(grade="doubts").select("trial", "cause").rows() == told
 
 
 TABLES = {
@@ -406,9 +404,7 @@ def test_where_nothing_is_left_the_reason_is_one_line_with_a_remedy(inputs):
 
 
 def tell(handler, event=None, text="", level=logging.INFO, **more):
-    record = logging.LogRecord("snakemake", level, "", 0, text, (), None)
-    record.__dict__ |= {"event": event, **more}
-    handler.emit(record)
+    handler.emit(logging.makeLogRecord({"levelno": level, "msg": text, "event": event, **more}))
 
 
 def test_a_run_has_a_line_now_and_then_one_per_stage_and_what_is_refused_at_once(
@@ -435,8 +431,7 @@ def test_a_run_has_a_line_now_and_then_one_per_stage_and_what_is_refused_at_once
         )
         clock.now += 0.5
         tell(lines, LogEvent.JOB_FINISHED, job_id=job)
-    said = capsys.readouterr().err.splitlines()
-    first, *of_jobs, last = said
+    first, *of_jobs, last = capsys.readouterr().err.splitlines()
     assert re.search("21/40.* 10 s", first)
     assert [line.partition(":")[0] for line in of_jobs] == [*outcomes[:3]]
     assert re.search("40/40.* 20 s", last)

@@ -64,7 +64,9 @@ def test_an_explanation_of_several_estimates_is_told_once():
 
 def test_other_causes_yield_to_a_fault_of_the_recording():
     row = KNEE | {"K_fault_share": 0.07, "VAF_held_out": 50.0, "B_unexplained_share": 0.5}
-    table = pl.DataFrame([row, KNEE | {"trial": "unmoved", "VAF_held_out": 99.0}], infer_schema_length=None)
+    table = pl.DataFrame(
+        [row, KNEE | {"trial": "unmoved", "VAF_held_out": 99.0}], infer_schema_length=None
+    )
     verdicts = pl.DataFrame({"trial": ["knee", "unmoved"], "check": "dropout", "verdict": "flag"})
     limits = Limits(below={"VAF_held_out": 90})
 

@@ -8,15 +8,20 @@ from typing import Any
 
 from conftest import said_in_refusal
 
-from osl_analysis.formats import recognise
+from osl_analysis.formats import known_formats, recognise
 from osl_analysis.ingest.conversion import Converted
 from osl_analysis.ingest.raw_files import read_converted
+from osl_analysis.source_file import Source
+
+
+def source_of(name: str, **described: Any) -> Source:
+    """What a source file of a format says."""
+    return known_formats()[name].source.model_validate({"format": name, **described})
 
 
 def read_recognised(path: Path, **described: Any) -> Converted:
     """The canonical columns of a file or folder; `described` are the fields of its source file."""
-    known = recognise(path)
-    return read_converted(path, known.source.model_validate({"format": known.name, **described}))
+    return read_converted(path, source_of(recognise(path).name, **described))
 
 
 def refusal_by(read: Callable[..., object], path: Path, *given: object, **stated: object) -> str:

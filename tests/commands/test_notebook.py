@@ -92,10 +92,7 @@ def assert_same(table, path, folder):
     """A table in memory and a file of a campaign are the same to the last digit, but for what the
     sheet alone has."""
     write_table(table, folder / "mine.csv")
-    theirs = read_table(path)
-    theirs = theirs.drop(
-        [name for name in ("joint", "side") if name not in table.columns and name in theirs.columns]
-    )
+    theirs = read_table(path).drop({"joint", "side"} - {*table.columns}, strict=False)
     assert_frame_equal(
         read_table(folder / "mine.csv"), theirs, check_column_order=False, check_exact=True
     )
@@ -132,9 +129,7 @@ def test_the_fit_of_a_trial_is_the_row_of_the_campaign_to_the_last_digit(motion,
     last = fit.table.drop("doubtful", "remarks", strict=False).to_dicts()[-1]
     assert {name: getattr(fit, name) for name in last} == last
     for name in (one for one in last if f"{one}_low" in last):
-        ends = [
-            np.nan if end is None else end for end in (last[f"{name}_low"], last[f"{name}_high"])
-        ]
+        ends = np.array([last[f"{name}_low"], last[f"{name}_high"]], float)  # None: nan
         assert getattr(fit, f"{name}_interval") == pytest.approx(ends, abs=0, nan_ok=True)
 
 

@@ -13,13 +13,12 @@ import pytest
 import xlsxwriter
 from conftest import refused_with
 from log_builders import write_mat, write_mat73, write_tdms, write_text
-from recognised_files import refusal_by
+from recognised_files import refusal_by, source_of
 
 from osl_analysis import formats
 from osl_analysis.commands.trials import inspect_file, overview_text
 from osl_analysis.draft.draft_source import draft_source
 from osl_analysis.errors import InputError
-from osl_analysis.formats import known_formats
 from osl_analysis.ingest.raw_files import read_converted, read_source
 from osl_analysis.source_file import Source
 
@@ -78,14 +77,13 @@ def described(what: str, counter: str | None = None, unit: str = "deg", **fields
     """The source file of a log in a format, with other fields than the usual."""
     name, key, _ = WRITERS[what]
     content = {
-        "format": name,
         "time": {key: "t", "unit": "ms"},
         "channels": {
             "theta": {key: "angle", "unit": unit, "counter": counter},
             "torque": {key: "torque", "unit": "Nmm", "sign": -1},
         },
     }
-    return known_formats()[name].source.model_validate({**content, **fields})
+    return source_of(name, **content | fields)
 
 
 @EVERY

@@ -3,15 +3,15 @@ scored as they are."""
 
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
+from conftest import ROOT
 
 from osl_analysis.table import read_table
 
-PEERS = Path(__file__).parents[2] / "benchmarks/peers"
+PEERS = ROOT / "benchmarks/peers"
 TOY = """
 import numpy as np
 

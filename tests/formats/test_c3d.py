@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 import yaml
 from c3d_builder import FACE, UNITS_OF_PLATE, level_plates, write_c3d
-from recognised_files import refusal_by
+from recognised_files import refusal_by, source_of
 from scipy.spatial.transform import Rotation
 
 from osl_analysis import formats
 from osl_analysis.draft.overview import inspect_recording
-from osl_analysis.formats import known_formats
 from osl_analysis.ingest.conversion import Converted
 from osl_analysis.ingest.force_plates import wrench
 from osl_analysis.ingest.raw_files import read_converted
@@ -26,7 +25,7 @@ ANALOGS = np.arange(48.0).reshape(24, 2) - 7
 
 
 def source(**fields: Any) -> Source:
-    return known_formats()["c3d"].source.model_validate({"format": "c3d", **fields})
+    return source_of("c3d", **fields)
 
 
 def read(path: Path, **fields: Any) -> Converted:

@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-from recognised_files import refusal_by
+from recognised_files import refusal_by, source_of
 
-from osl_analysis.formats import known_formats
 from osl_analysis.ingest.raw_files import read_converted
 from osl_analysis.source_file import Source
 
@@ -43,12 +42,12 @@ FLOOR = [[500, 600, 0], [0, 600, 0], [0, 0, 0], [500, 0, 0]]
 
 def nexus_source(**fields: object) -> Source:
     usual = {
-        "format": "nexus_csv", "analogs": {"sync": {"device": "Sync - Voltage", "component": "1"}},
+        "analogs": {"sync": {"device": "Sync - Voltage", "component": "1"}},
         "outputs": {"reference_ankle_moment_left": {"label": "LAnkleMoment", "component": "x",
         "unit": "N*mm/kg"}},
         "plates": {1: {"device": "AMTI #1", "corners": FLOOR, "sign": -1}},
     }  # fmt: skip
-    return known_formats()["nexus_csv"].source.model_validate({**usual, **fields})
+    return source_of("nexus_csv", **usual | fields)
 
 
 def exported(tmp_path: Path, text: str, **fields: object) -> pl.DataFrame:
@@ -92,9 +91,9 @@ def test_a_plates_moment_is_about_its_centre_wherever_the_file_takes_it(tmp_path
     at_origin = exported(
         tmp_path, DEVICES.replace("1000,2000,3000", "0,0,0"), plates={1: plate}, outputs={}
     )
-    expected = np.cross([-0.25, -0.3, 0], at_origin.select(pl.col("^plate1_force_.$")).to_numpy())
+    expected = np.cross([-0.25, -0.3, 0], at_origin.select("^plate1_force_.$").to_numpy())
     np.testing.assert_allclose(
-        at_origin.select(pl.col("^plate1_moment_.$")).to_numpy(), expected, rtol=1e-12
+        at_origin.select("^plate1_moment_.$").to_numpy(), expected, rtol=1e-12
     )
 
 

@@ -33,15 +33,14 @@ from osl_analysis.trial import (
     write_trial,
 )
 
-THETA, SYNC = (
-    {"topic": "/lab", "field": name, "unit": unit}
-    for name, unit in (("angle", "deg"), ("sync", "V"))
-)
 LEG = {
     "format": "mcap",
     "clock": "sync",
     "time": {"source": "header"},
-    "channels": {"theta": THETA, "sync": SYNC},
+    "channels": {
+        "theta": {"topic": "/lab", "field": "angle", "unit": "deg"},
+        "sync": {"topic": "/lab", "field": "sync", "unit": "V"},
+    },
 }
 CAPTURE = {"format": "c3d", "analogs": {"sync": {"channel": "A1"}}}
 LEG_OFFSET = 4.321  # leg time = offset + (1 + drift) * motion capture's
@@ -75,8 +74,8 @@ def laboratory(tmp_path: Path) -> Path:
     log = [stamped(round(t * 1e9), angle=a, torque=0.0, sync=s > 0) for t, a, s in every]
     write_log(tmp_path / "leg.mcap", log, SAMPLE.replace("float32 angle", "float64 angle"))
     frames = int(DURATION * 300)
-    time = np.arange(frames)[:, None] / 300
-    positions = np.concatenate([100 + time, 200 - time, 1 + 0 * time, 0 * time], axis=1)[:, None, :]
+    time = np.arange(frames) / 300
+    positions = np.column_stack([100 + time, 200 - time, 1 + 0 * time, 0 * time])[:, None]
     write_c3d(
         tmp_path / "vicon.c3d",
         positions,

@@ -12,7 +12,7 @@ import numpy as np
 import pint
 import pytest
 import yaml
-from conftest import refused_with
+from conftest import ROOT, refused_with
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from recognised_files import refusal_by
@@ -35,29 +35,24 @@ SOURCE = {
 }  # fmt: skip
 
 
+ROW = {"trial": "a", "log": "log.csv", "log_source": "source"}
+
+
 def ingested(folder: Path, text: str | bytes, **fields: object) -> Trial:
     """The trial of a log, by a source file with other fields than the usual."""
     (folder / "log.csv").write_bytes(text if isinstance(text, bytes) else text.encode())
     (folder / "source.yaml").write_text(yaml.safe_dump({**SOURCE, **fields}, sort_keys=False))
-    return trial_from_files(
-        {"trial": "a", "log": "log.csv", "log_source": "source"}, folder, folder
-    )
+    return trial_from_files(ROW, folder, folder)
 
 
 def test_a_fixture_is_in_the_provenance_and_the_torque_as_recorded(
     tmp_path: Path,
 ) -> None:
-    ingested(tmp_path, LOG)
-    row = {
-        "trial": "a",
-        "log": "log.csv",
-        "log_source": "source",
-        "fixture_weight": 0.5,
-        "fixture_rest_deg": None,
-    }
+    bare = ingested(tmp_path, LOG)
+    row = ROW | {"fixture_weight": 0.5, "fixture_rest_deg": None}
     trial = trial_from_files(row, tmp_path, tmp_path)
     assert trial.provenance["columns"]["torque"]["fixture"] == {"weight": 0.5}
-    assert trial.samples["torque"].to_list() == ingested(tmp_path, LOG).samples["torque"].to_list()
+    assert trial.samples["torque"].equals(bare.samples["torque"])
 
 
 def refused(folder: Path, text: str | bytes, **fields: object) -> str:
@@ -177,7 +172,7 @@ def test_the_shipped_source_file_reads_what_the_logger_of_opensourceleg_wrote(
         logger.update()
     logger.close()
     logger.reset()
-    shipped = read_source(Path(__file__).parents[2] / "config/sources/opensourceleg.yaml")
+    shipped = read_source(ROOT / "config/sources/opensourceleg.yaml")
 
     samples = read_converted(tmp_path / "trial.csv", shipped).samples
 

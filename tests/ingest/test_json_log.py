@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from conftest import ROOT
 from log_builders import write_tdms
 from recognised_files import read_recognised, refusal_of
 
@@ -190,7 +191,7 @@ def test_the_shipped_source_file_for_the_recorder_in_rust_fits_its_lines(tmp_pat
         {"variables": {"time": k / 500, "sync": k % 50 < 25, **names}, "functions": {}}
         for k in range(100)
     ]
-    source = read_source(Path(__file__).parents[2] / "config" / "sources" / "osl_rust.yaml")
+    source = read_source(ROOT / "config/sources/osl_rust.yaml")
     samples = read_converted(write(tmp_path / "a", lines), source).samples
     assert samples.drop("time", "sync").row(7, named=True) == {
         "theta": 0.25,

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import yaml
 from c3d_builder import write_c3d
-from conftest import refused_with
+from conftest import ROOT, refused_with
 from recognised_files import refusal_by
 
 from osl_analysis.formats import known_formats, recognise
@@ -25,10 +25,7 @@ LOG = {"format": "mcap", "time": {"source": "header"}, "channels": {}}
 
 
 def test_every_shipped_source_file_is_valid() -> None:
-    formats = {
-        read_source(path).format
-        for path in (Path(__file__).parents[2] / "config/sources").glob("*.yaml")
-    }
+    formats = {read_source(path).format for path in (ROOT / "config/sources").glob("*.yaml")}
     assert {"csv", "mcap", "c3d", "nexus_csv", "mat"} <= formats
     for known in known_formats().values():
         if issubclass(known.source, MarkerSource):

@@ -14,9 +14,8 @@ import pytest
 from conftest import refused_with
 from mcap.writer import CompressionType
 from mcap_builder import SAMPLE, SAMPLE_NAME, stamped, write_log, write_topics
-from recognised_files import refusal_by
+from recognised_files import refusal_by, source_of
 
-from osl_analysis.formats import known_formats
 from osl_analysis.ingest.conversion import Converted
 from osl_analysis.ingest.raw_files import read_converted
 from osl_analysis.source_file import Source
@@ -32,9 +31,7 @@ def source(time: str = "header", loss: float = 0.01, **channels: dict[str, Any])
     """Channels on `/lab`; without any, theta from `angle` in degrees."""
     channels = channels or {"theta": {"field": "angle", "unit": "deg"}}
     full = {column: {"topic": "/lab", **channel} for column, channel in channels.items()}
-    return known_formats()["mcap"].source(
-        format="mcap", time={"source": time}, channels=full, largest_loss=loss
-    )
+    return source_of("mcap", time={"source": time}, channels=full, largest_loss=loss)
 
 
 def samples(count: int = 50) -> list[tuple[int, dict[str, Any]]]:

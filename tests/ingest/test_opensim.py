@@ -12,11 +12,11 @@ from conftest import refused_with
 from log_builders import FRAMES, WALK, write_trc
 from recognised_files import read_recognised as read
 from recognised_files import refusal_of as refused
+from recognised_files import source_of
 
 from osl_analysis.commands.trials import inspect_file
 from osl_analysis.draft.draft_sheet import draft_trials
 from osl_analysis.draft.draft_source import draft_source
-from osl_analysis.formats import known_formats
 from osl_analysis.formats import read as formats_read
 from osl_analysis.ingest.raw_files import check_clocks, trial_from_files
 
@@ -58,7 +58,7 @@ def test_markers_of_trc_are_metres_in_our_axes(tmp_path: Path) -> None:
     samples = read(write_trc(tmp_path / "walk.trc", positions), **UPRIGHT).samples
 
     np.testing.assert_allclose(samples["time"], np.arange(FRAMES) / 100)
-    toe = samples.select(f"marker_TOE_{axis}" for axis in "xyz").to_numpy()
+    toe = samples.select("^marker_TOE_[xyz]$").to_numpy()
     np.testing.assert_allclose(toe, WALK[:, 3, [0, 2, 1]] * [1, -1, 1] / 1000, atol=1e-8)
     assert np.flatnonzero(samples["marker_HIP_x"].is_nan()).tolist() == [3, 4, 5]
     assert np.flatnonzero(samples["marker_KNEE_z"].is_nan()).tolist() == [8]
@@ -127,10 +127,9 @@ def test_rows_that_the_header_contradicts_are_refused(
 ) -> None:
     path = write_mot(tmp_path / "a.mot")
     path.write_text(path.read_text().replace(old, new))
-    stated = known_formats()["opensim"].source.model_validate(MOT)
 
     with refused_with(reason):
-        formats_read(path, stated).channels[0].read()
+        formats_read(path, source_of("opensim", **MOT)).channels[0].read()
 
 
 @pytest.mark.parametrize("sign", ["\t", " ", "   "])
@@ -188,7 +187,7 @@ def test_a_plate_gives_the_moment_about_its_centre_in_our_axes(tmp_path: Path) -
 
     about_centre = MOMENTS + np.cross(POINT - [0.3, 0.0, -0.1], FORCE)
     for values, quantity in ((FORCE, "force"), (about_centre, "moment")):
-        names = [f"plate1_{quantity}_{axis}" for axis in "xyz"]
+        names = f"^plate1_{quantity}_[xyz]$"
         ours = values[:, [0, 2, 1]] * [1, -1, 1]  # forward x, left -z, up y
         np.testing.assert_allclose(recording.samples.select(names), ours, atol=1e-6)
         np.testing.assert_allclose(pushed.select(names), -ours, atol=1e-6)
@@ -284,12 +283,12 @@ def test_a_stamp_that_stands_twice_is_left_out_with_the_plates_of_its_row(tmp_pa
 )
 def test_a_source_file_that_cannot_be_is_refused(stated: dict[str, Any], told: str) -> None:
     with pytest.raises(ValueError, match=told):
-        known_formats()["opensim"].source.model_validate({"format": "opensim", **stated})
+        source_of("opensim", **stated)
 
 
 def test_only_trc_states_times_that_a_log_may_share() -> None:
-    common = known_formats()["opensim"].source.model_validate({**MOT, "clock": "common"})
+    common = source_of("opensim", **MOT, clock="common")
 
-    check_clocks(common, known_formats()["trc"].source(format="trc"))
+    check_clocks(common, source_of("trc"))
     with refused_with(r"'common'.*log"):
-        check_clocks(common, known_formats()["c3d"].source(format="c3d"))
+        check_clocks(common, source_of("c3d"))

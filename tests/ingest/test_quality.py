@@ -14,13 +14,13 @@ import yaml
 from bench_synthetic import unit_block
 from c3d_builder import FACE, level_plates, write_c3d
 from conftest import ROOT, joint_trial, refused_with, white_noise
+from recognised_files import source_of
 from scipy import signal
 from shipped import CONFIG, SETTINGS
 
 from osl_analysis.commands.fit import is_broken_outside
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.formats import known_formats
 from osl_analysis.ingest.guard import check_sizes, run_at_extreme
 from osl_analysis.ingest.quality import (
     UNITS,
@@ -469,7 +469,7 @@ def plate_trial(path: Path, channels: Array, **source: Any) -> Trial:
     units = ["N"] * 3 + ["Nm"] * 3
     points = np.ones((FRAMES, 1, 4))
     write_c3d(path, points, channels, **level_plates(corners), ANALOG__UNITS=units)
-    recording = read_converted(path, known_formats()["c3d"].source(format="c3d", **source))
+    recording = read_converted(path, source_of("c3d", **source))
     return Trial("walk", recording.samples, recording.facts)
 
 

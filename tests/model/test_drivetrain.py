@@ -220,6 +220,10 @@ def test_uncompensated_gains_are_reflected_through_the_belt():
     assert not gains.cancels_friction
 
 
+def rendered(gains, K_d, B_d):
+    return rendering(gains.K_1, gains.B_1, [K_d], [B_d], P)
+
+
 def stiffness_at(f, gains, J_j=0.0):
     """Dynamic stiffness of the joint at frequencies [Hz]."""
     return 1 / joint_admittance(gains.K_1, gains.B_1, P, J_j)(2j * np.pi * np.asarray(f))
@@ -245,7 +249,7 @@ def test_every_selected_impedance_is_stable_and_passive(K_d, B_d):
 def test_fidelity_ends_where_the_stiffness_is_ten_percent_off(K_d, B_d):
     gains = compensator.compensated_gains(K_d, B_d, P)
 
-    end = float(rendering(gains.K_1, gains.B_1, [K_d], [B_d], P).faithful_to_hz[0])
+    end = float(rendered(gains, K_d, B_d).faithful_to_hz[0])
 
     def error(f):
         return np.abs(stiffness_at(f, gains) / (K_d + 2j * np.pi * f * B_d) - 1)
@@ -257,7 +261,7 @@ def test_fidelity_ends_where_the_stiffness_is_ten_percent_off(K_d, B_d):
 def test_the_decay_rate_is_that_of_the_slowest_pole():
     gains = compensator.compensated_gains(300.0, 5.0, P)
 
-    decay_rate = rendering(gains.K_1, gains.B_1, [300.0], [5.0], P).decay_rate
+    decay_rate = rendered(gains, 300.0, 5.0).decay_rate
 
     poles = joint_admittance(gains.K_1, gains.B_1, P).poles()
     assert decay_rate[0] == pytest.approx(np.min(-poles.real))
@@ -268,7 +272,7 @@ def test_the_decay_rate_is_that_of_the_slowest_pole():
 def test_positive_real_is_decided_as_a_dense_grid_does(K_d, B_d):
     gains = compensator.compensated_gains(K_d, B_d, P)
 
-    decided = rendering(gains.K_1, gains.B_1, [K_d], [B_d], P).positive_real[0]
+    decided = rendered(gains, K_d, B_d).positive_real[0]
 
     grid = np.geomspace(1e-3, 1e3, 4000)
     assert decided == (stiffness_at(grid, gains).real >= 0).all()
@@ -281,7 +285,7 @@ def test_the_delay_margin_is_where_a_pole_reaches_the_axis():
     held_actuator = P.K_s / P.n_T**2 - P.J_m * w**2 + 1j * w * P.B_m
     loop = (gains.K_1 + 1j * w * gains.B_1) / held_actuator
 
-    margin = float(rendering(gains.K_1, gains.B_1, [300.0], [5.0], P).delay_margin[0])
+    margin = float(rendered(gains, 300.0, 5.0).delay_margin[0])
 
     def distance_from_the_axis(delay):
         return np.abs(1 + loop * np.exp(-1j * w * delay)).min()

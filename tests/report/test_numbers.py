@@ -77,7 +77,7 @@ def test_of_doubtful_trials_alone_there_is_no_number():
 
 def test_numbers_of_another_excitation_are_those_of_another_condition_as_in_the_table():
     excitation = pl.Series(["stepped sine"] * 3 + ["periodic"])
-    both = IMPEDANCE.with_columns(excitation=excitation, doubtful=pl.lit(""))
+    both = SOUND.with_columns(excitation=excitation)
 
     numbers = numbers_of(impedance=both)
     of_table = [row["K"].split()[0] for row in rows_of(conditions(both))]

@@ -21,6 +21,11 @@ def printable_lines(text: str) -> str:
     return "\n".join(map(printable, text.split("\n")))
 
 
+def on_one_line(fault: object) -> str:
+    """The words of a library, or of a file, without line breaks and repeated blanks."""
+    return " ".join(str(fault).split())
+
+
 def listing(names: Sequence[str], most: int = 40) -> str:
     """Names for a message to the user, at most `most` of them, each of at most 80 characters."""
     text = ", ".join(map(shortened, names[:most])) or "none"

@@ -13,7 +13,7 @@ import numpy as np
 import polars as pl
 from pydantic import TypeAdapter
 
-from osl_analysis.errors import InputError, OslAnalysisError
+from osl_analysis.errors import InputError, OslAnalysisError, on_one_line
 from osl_analysis.files import atomic_path, write_text
 from osl_analysis.judge.judging import EXCLUDED
 from osl_analysis.table import (
@@ -76,7 +76,7 @@ def read_model(path: Path, kind: Any) -> Any:
     try:
         return ADAPTERS[kind].validate_json(path.read_bytes())
     except (OSError, ValueError) as error:
-        why = " ".join(str(error).split())
+        why = on_one_line(error)
         raise InputError(
             f"{path}: not what a run writes ({why}); delete it and run again"
         ) from error

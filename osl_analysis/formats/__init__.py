@@ -29,7 +29,7 @@ from typing import Any
 
 import numpy as np
 
-from osl_analysis.errors import InputError, naming
+from osl_analysis.errors import InputError, naming, on_one_line
 from osl_analysis.formats._text import decoded
 from osl_analysis.recording import Format, Recording
 
@@ -128,7 +128,7 @@ def in_one_sentence() -> Iterator[None]:
             raise error.__context__ from error
         if not is_of_file(error):
             raise
-        reason = " ".join(str(error).split())[:100] or type(error).__name__
+        reason = on_one_line(error)[:100] or type(error).__name__
         raise InputError(f"cannot be read ({reason}); {COPY_AGAIN}") from error
 
 

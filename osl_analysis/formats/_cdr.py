@@ -16,7 +16,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.base import TypesysError
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, on_one_line
 
 # types that are uint8 (design.ros2.org/articles/legacy_interface_definition.html); NumPy calls all
 # others as ROS does
@@ -55,7 +55,7 @@ def definition_of(name: str, data: bytes) -> Mapping[str, Fields]:
     try:
         types = get_types_from_msg(text, full_name(name))
     except TypesysError as error:
-        reason = " ".join(str(error).split())[:100]
+        reason = on_one_line(error)[:100]
         raise InputError(f"schema {name} cannot be read ({reason}); {NEW_RECORDING}") from error
     return {owner: fields for owner, (_, fields) in {**BUILT_IN, **types}.items()}
 

@@ -22,7 +22,7 @@ import polars as pl
 from mcap.records import Schema
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError, listing, nearest, not_installed
+from osl_analysis.errors import InputError, listing, nearest, not_installed, on_one_line
 from osl_analysis.formats import is_of_file
 from osl_analysis.formats._cdr import MOST_ELEMENTS, Layout, definition_of, rows_at
 from osl_analysis.formats._text import is_number_cell
@@ -197,7 +197,7 @@ class Topic:
         """Note why messages are lost; a fault of this program is raised."""
         if not is_of_file(error):
             raise error
-        self.reason = self.reason or " ".join(str(error).split())[:200]
+        self.reason = self.reason or on_one_line(error)[:200]
 
     def refuse_text(self, address: Mapping[str, str]) -> None:
         """Refuse a field that holds text alone."""

@@ -18,7 +18,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Schema
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, on_one_line
 from osl_analysis.formats import _messages
 from osl_analysis.formats._cdr import rows_at
 from osl_analysis.recording import End, Format, Recording
@@ -121,7 +121,7 @@ class Log(_messages.Log):
                 raise ValueError(f"it holds no record at byte {end} of its {len(content)} bytes")
         except Exception as error:  # whatever the library meets in a damaged chunk
             self.chunks_lost += 1
-            reason = " ".join(str(error).split()) or type(error).__name__
+            reason = on_one_line(error) or type(error).__name__
             self.remarks.append(f"the chunk that ends at byte {end_of_chunk} is damaged: {reason}")
             return
         if chunk.uncompressed_crc:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from rosbags.rosbag1 import Reader
 from rosbags.typesys import Stores, get_typestore
 
-from osl_analysis.errors import InputError, listing, naming
+from osl_analysis.errors import InputError, listing, naming, on_one_line
 from osl_analysis.formats import beginning, is_of_file, mcap
 from osl_analysis.formats._cdr import rows_at
 from osl_analysis.formats._messages import Log
@@ -57,7 +57,7 @@ def read_bag(path: Path, source: MessageSource | None) -> Recording:
     except Exception as error:  # whatever the library meets in a damaged bag
         if not is_of_file(error):
             raise
-        reason = " ".join(str(error).split())
+        reason = on_one_line(error)
         raise InputError(
             f"no bag with a whole index ({reason}): the recorder did not finish, or the bag is"
             " damaged; run `rosbag reindex` on a copy (`rosbag fix` if it is older than version"
@@ -184,7 +184,7 @@ def _described(folder: Path) -> tuple[list[Path], Counter[str]]:
         for topic in about["topics_with_message_count"]:
             counts[str(topic["topic_metadata"]["name"])] += int(topic["message_count"])
     except (yaml.YAMLError, RecursionError, LookupError, TypeError, ValueError) as error:
-        reason = " ".join(str(error).split())[:120]
+        reason = on_one_line(error)[:120]
         raise InputError(
             f"{path}: not the description of a ROS 2 bag ({reason}); {REINDEX}"
         ) from error

@@ -340,7 +340,7 @@ def admittance_error(
     one = np.ones_like(K_d)
 
     # N = N0 + x N1
-    N0 = [p.J_m * one, zero, K_1 + p.K_s / p.n_T**2]
+    N0 = [p.J_m * one, zero, K_1 + p.K_s_at_actuator]
     N1 = [one, zero]
     P = [p.B_j * one, p.K_s * one]
     Q = [B_d, K_d]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator
 
-from osl_analysis.errors import InputError, nearest
+from osl_analysis.errors import InputError, nearest, on_one_line
 from osl_analysis.files import digest
 from osl_analysis.trial import Array
 from osl_analysis.yaml_settings import Settings, misplaced, read_yaml
@@ -48,6 +48,11 @@ class DrivetrainParameters:
     B_j: float  # viscous damping of the joint [N*m*s/rad]
     J_j: float  # inertia of the joint [kg*m^2]
     K_s2: float = 0.0  # quadratic stiffness of the belt [N*m/rad^2]
+
+    @property
+    def K_s_at_actuator(self) -> float:
+        """Stiffness of the belt at the actuator's output [N*m/rad]."""
+        return self.K_s / self.n_T**2
 
 
 class Quantity(Settings):
@@ -134,7 +139,7 @@ def known_parameters(
         return None
     file = file_of_state(path, digest(path))
     if file.warning:
-        warnings.warn(f"{path}: {' '.join(file.warning.split())}", stacklevel=3)
+        warnings.warn(f"{path}: {on_one_line(file.warning)}", stacklevel=3)
     if not file.parameters.keys() >= {*needed}:
         return None
     known = {name: quantity.value for name, quantity in file.parameters.items()}
@@ -275,7 +280,7 @@ def joint_admittance(
         P = J_j s^2 + B_j s + K_s      the joint that the belt holds
         D = N P - c                    c = (K_s/n_T)^2
     """
-    N = np.array([p.J_m, p.B_m + B_1, K_1 + p.K_s / p.n_T**2])
+    N = np.array([p.J_m, p.B_m + B_1, K_1 + p.K_s_at_actuator])
     P = np.array([J_j, p.B_j, p.K_s])
     D = np.convolve(N, P)
     D[-1] -= p.K_s**2 / p.n_T**2

@@ -77,7 +77,7 @@ def delay_margin(K_1: Array, B_1: Array, p: DrivetrainParameters) -> Array:
 
         J_m^2 v^2 + (B_m^2 - B_1^2 - 2 J_m k) v + k^2 - K_1^2 = 0,   k = K_s/n_T^2.
     """
-    k = p.K_s / p.n_T**2
+    k = p.K_s_at_actuator
     half = (2 * p.J_m * k + B_1**2 - p.B_m**2) / (2 * p.J_m**2)
     product = (k**2 - K_1**2) / p.J_m**2
     root = np.sqrt(np.maximum(half**2 - product, 0.0))
@@ -94,7 +94,7 @@ def delay_margin(K_1: Array, B_1: Array, p: DrivetrainParameters) -> Array:
 
 def is_positive_real(K_1: Array, B_1: Array, p: DrivetrainParameters) -> Array:
     """Whether Re Y >= 0 at every frequency, a quadratic in w^2, (pairs,)."""
-    kappa = K_1 + p.K_s / p.n_T**2
+    kappa = K_1 + p.K_s_at_actuator
     x = p.B_m + B_1
     quadratic = p.K_s * p.J_m**2
     linear = p.K_s * (x**2 - 2 * kappa * p.J_m) + p.J_m * (p.K_s / p.n_T) ** 2

@@ -79,7 +79,11 @@ def resampling_weights(random: np.random.Generator, samples: int, n: int) -> Arr
     """
     if n < 2:
         return np.ones((samples, n))
-    return random.multinomial(n - 1, np.full(n, 1 / n), size=samples) / (n - 1)
+    return random.multinomial(n - 1, equal_weights(n), size=samples) / (n - 1)
+
+
+def equal_weights(n: int) -> Array:
+    return np.full(n, 1 / n)
 
 
 @dataclass(frozen=True)
@@ -96,8 +100,7 @@ class PredictorChoice:
     @cached_property
     def of_all(self) -> Predictors:
         """The best set where all crossings count alike."""
-        crossings = len(self.curves)
-        return self.best(np.full(crossings, 1 / crossings))
+        return self.best(equal_weights(len(self.curves)))
 
     def best(self, weights: Array) -> Predictors:
         """The best set where the crossings have these weights (c,), whose sum is 1."""
@@ -173,9 +176,7 @@ class Ensemble:
     def fitted(self, predictors: Predictors = ()) -> EnsembleResponse:
         """Fit Eq. 15 to the mean response."""
         n, crossings = self.theta.shape[:2]
-        theta, torque = self.joined(
-            np.full(n, 1 / n), np.full(crossings, 1 / crossings), predictors
-        )
+        theta, torque = self.joined(equal_weights(n), equal_weights(crossings), predictors)
         motion = differentiate(self.time, theta)
         fit = fit_without_offset(motion[self.window], torque[self.window])
         return EnsembleResponse(motion, torque, fit)

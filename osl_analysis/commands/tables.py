@@ -119,9 +119,8 @@ def gather(
         table = marked(table, findings, output.stem)
     table = table.drop(unpublished(table, output.stem), strict=False)
     if "status" in table.columns:
-        reasons = by_trial(not_analysed).items()
-        without = pl.DataFrame(list(reasons), schema=["trial", "reason"], orient="row")
-        without = without.with_columns(status=pl.lit(NOT_ANALYSED))
+        without = rows_of_reasons(by_trial(not_analysed), NOT_ANALYSED)
+        without = without.rename({"check": "status", "remark": "reason"})
         table = pl.concat([table, without], how="diagonal_relaxed")
     write_table(with_places(table, places), output, data)
 

@@ -105,7 +105,7 @@ def position_loop(
     before, after = speed[:-1], speed[1:]  # each step
     curvature = 2.0 * (3.0 * mean - 2.0 * before - after) / step
     jerk = 6.0 * (before + after - 2.0 * mean) / step**2
-    forced = transition[:, 2:] @ np.array([angle[:-1], before, curvature, jerk])
+    forced = transition[:, 2:] @ [angle[:-1], before, curvature, jerk]
     (a, b), (c, d) = transition[:, :2]
     poles = [1, -(a + d), a * d - b * c]
     theta, omega = np.zeros((2, len(angle)))

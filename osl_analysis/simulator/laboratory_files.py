@@ -149,7 +149,7 @@ def plate_reading(
     mass = trial.walking.effects.plate_inertia.value
     rate = trial.walking.rates.motion_hz
     axes = platform.pose.rotation @ PLATE_AXES
-    sensor = np.array(plate.centre_m) + np.array([*plate.sensor_offset_m, -plate.sensor_depth_m])
+    sensor = np.add(plate.centre_m, [*plate.sensor_offset_m, -plate.sensor_depth_m])
     origin = platform.pose.point(sensor)
     centre_of_mass = np.add(plate.centre_m, plate.centre_of_mass_m)
     inertial = support(platform.pose, rate, mass, centre_of_mass, plate.gyration_m)
@@ -192,11 +192,10 @@ def capture_parameters(trial: GaitTrial, markers: list[str]) -> dict[str, dict[s
     half_size = 0.5 * np.array([*plate.size_m, 0.0])
     # corners in C3D's order, in the axes of the plate
     quadrants = np.array([(1, 1, 0), (-1, 1, 0), (-1, -1, 0), (1, -1, 0)])
-    corners = np.array(plate.centre_m) + quadrants @ PLATE_AXES.T * half_size
+    corners = np.add(plate.centre_m, quadrants @ PLATE_AXES.T * half_size)
     # of the sensor below the surface, z > 0: the sign of Vicon Nexus; that of the C3D manual is the
     # opposite
-    sensor = np.array([*plate.sensor_offset_m, -plate.sensor_depth_m])
-    origin = PLATE_AXES.T @ sensor
+    origin = PLATE_AXES.T @ [*plate.sensor_offset_m, -plate.sensor_depth_m]
     of_points = {
         "LABELS": markers,
         "UNITS": ["mm"],

@@ -307,7 +307,8 @@ def optimal_damping(
     # candidates are the minima in their brackets, then the two ends of the search
     lower_end = POINTS - 1
     upper_end = POINTS
-    candidates, norms = np.full((2, len(x), POINTS + 1), np.inf)
+    candidates = np.full((len(x), POINTS + 1), np.inf)
+    norms = np.full((len(x), POINTS + 1), np.inf)
     coefficients = tuple(c for part in of_bracket for c in part)
     candidates[pair, k] = find_root(slope_at, (x[pair, k], x[pair, k + 1]), args=coefficients).x
     norms[pair, k] = squared_norm(candidates[pair, k], *of_bracket)[0]

@@ -69,7 +69,9 @@ def support(
     transposed = pose.rotation.transpose(0, 2, 1)
     inertia = (pose.rotation * (mass * np.array(gyration) ** 2)) @ transposed
     W = time_derivative(pose.rotation, rate_hz) @ transposed  # dR/dt R^T
-    omega = 0.5 * np.stack([W[:, k - 1, k - 2] - W[:, k - 2, k - 1] for k in range(3)], axis=-1)
+    omega = 0.5 * np.stack(
+        [W[:, 2, 1] - W[:, 1, 2], W[:, 0, 2] - W[:, 2, 0], W[:, 1, 0] - W[:, 0, 1]], axis=-1
+    )
     momentum = np.einsum("nij,nj->ni", inertia, omega)
     return TrueWrench(
         force=mass * (acceleration - GRAVITY),

@@ -284,7 +284,7 @@ class Dynamometer(Settings):
 class DrivetrainSettings(Settings):
     """How the drivetrain is integrated and controlled."""
 
-    substeps: Repeats  # integration steps per sample of the log
+    substeps: Annotated[int, Field(ge=1, le=1000)]  # integration steps per sample of the log
     control_updates: Annotated[int, Field(ge=1)]  # updates of the controller per sample of the log
     # velocity [rad/s] of the actuator over which the controller smooths its sign
     sign_width: Positive

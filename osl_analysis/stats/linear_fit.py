@@ -138,8 +138,9 @@ def linear_fit(y: Array, columns: Mapping[str, Array]) -> LinearFit:
 def solved(A: Array, b: Array) -> tuple[Array, Array]:
     """Solve normal equations A x = b, (p, p) and (p,), for the estimates (p,); also the inverse of
     A. Directions of A that rounding alone fills are left out."""
-    values, vectors = np.linalg.eigh(scaled_to_one(A))
-    parts = vectors / column_sizes(A)[:, None]
+    scale = np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(A / np.outer(scale, scale))
+    parts = vectors / scale[:, None]
     is_known = values > SMALLEST_DIRECTION * values[-1]
     weights = np.divide(1, values, out=np.zeros_like(values), where=is_known)
     inverse = parts * weights @ parts.T
@@ -199,13 +200,8 @@ def condition_of(
 
 def scaled_to_one(A: Array) -> Array:
     """A symmetric matrix (p, p) with ones on its diagonal."""
-    scale = column_sizes(A)
+    scale = np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
     return np.asarray(A / np.outer(scale, scale))
-
-
-def column_sizes(A: Array) -> Array:
-    """Sizes (p,) of the columns whose products are A (p, p), above 0."""
-    return np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
 
 
 def hac(scores: Array, residual: Array) -> tuple[Array, Array]:

@@ -195,7 +195,8 @@ class Ensemble:
         of_gait = resampling_weights(random, samples, crossings)
         of_plate = resampling_weights(random, samples, trials)
 
-        thetas, torques = np.empty((2, len(self.time), samples))
+        thetas = np.empty((len(self.time), samples))
+        torques = np.empty((len(self.time), samples))
         for i in range(samples):
             predictors = choice.best(of_gait[i]) if choice is not None else ()
             theta, torque = self.joined(weights[i], of_gait[i], predictors)

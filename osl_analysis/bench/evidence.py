@@ -1,5 +1,5 @@
-"""Rendered impedance on the dynamometer (Figs. 4-6): the rows of Eq. 15, with the evidence on which
-its estimates are judged; and how a user gets at the tables of any fit on the bench."""
+"""Rendered impedance on the dynamometer (Figs. 4-6): the rows of Eq. 15, with the ends of their
+intervals as they are printed, and the evidence on which the estimates are judged."""
 
 from dataclasses import dataclass, replace
 

@@ -14,6 +14,7 @@ from osl_analysis.bench.record import STIFFNESS_ALONE, Label, Record
 from osl_analysis.bench.regression import (
     IMPEDANCE,
     NOT_WHITENED,
+    SIGN_WIDTHS,
     BenchFit,
     GroupFit,
     Model,
@@ -31,7 +32,6 @@ from osl_analysis.trial import Array
 
 QUANTITIES = ("K", "B", "I")  # parameters of Eq. 15
 OF_ANGLE = ("theta", "omega", "alpha", "B_m", "J_m")  # columns in proportion to the angle
-SIGN_WIDTH = 0.01  # rad/s; over which the sign of the velocity changes in the error of friction
 SAME_FREQUENCY = 1.02  # ratio of frequencies below which noise alone would tell K from I
 USUAL_ERROR = 1e-3  # of the torque's RMS, as calibrations and models leave
 LARGE_CHANGE_OF_K = 0.1  # share of K by which the usual error may change it
@@ -116,7 +116,7 @@ class Analysis:
         motion = record.motion
         columns = dict(self.sums.columns)
         if "T_C" in fit.names:
-            sign = np.tanh(motion.omega / SIGN_WIDTH)
+            sign = np.tanh(motion.omega / SIGN_WIDTHS["T_C"])
             columns["T_C"] = record.settings.low_pass(sign, record.rate_hz)
         estimates = dict.fromkeys((*fit.names, *self.model), 0.0)
         estimates |= dict(zip(fit.names, fit.estimates.tolist(), strict=True))

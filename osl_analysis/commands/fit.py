@@ -79,7 +79,7 @@ def fit_impedance_trial(
     if windows is not None:
         fitted, windows = without_broken_ends(of_joint, windows)
     record = record_of_trial(fitted, settings, windows, beside=("theta_m", "current"))
-    analysis = rendered_impedance(record)  # K, B and I, with their intervals
+    analysis = rendered_impedance(record)  # K, B and I, with what this motion tells of them
 
     # what else the recording tells, and what is to be expected of the device
     check_own_torque(trial)

@@ -14,7 +14,7 @@ from osl_analysis.draft.draft_source import (
 )
 from osl_analysis.draft.draft_walking import draft_walking
 from osl_analysis.draft.likelihood import Guess, joints_named, turns_slowly
-from osl_analysis.draft.overview import FEWEST_READINGS, inspect_recording
+from osl_analysis.draft.overview import FEWEST_NUMBERS, inspect_recording
 from osl_analysis.draft.recorded_channel import Overview
 from osl_analysis.errors import InputError, listing
 from osl_analysis.ingest.raw_files import check_file, recordings_in
@@ -148,7 +148,7 @@ def overview_of_recording(path: Path) -> Overview:
     """
     overview = inspect_recording(path)
     most = max((channel.count for channel in overview.channels), default=0)
-    if most < FEWEST_READINGS:
+    if most < FEWEST_NUMBERS:
         raise InputError(f"{path}: at most {most} rows of numbers, and no recording")
     if not overview.drafted and not overview.is_capture:
         raise InputError(f"{path}: no signal in it can be read; `osl-analysis inspect` lists it")

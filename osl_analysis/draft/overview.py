@@ -32,7 +32,7 @@ from osl_analysis.yaml_settings import NAME_OF_TIME, UNKNOWN
 
 MOST_NOTES = 20  # lines of a file's own text that are shown
 MOST_WORDS = 5  # words in place of numbers that are shown of a channel
-FEWEST_READINGS = 10  # a variable with fewer numbers is no signal
+FEWEST_NUMBERS = 10  # a variable with fewer numbers is no signal
 MOST_BACK = 0.1  # share of the steps of a clock that may go back
 # what a text says of a counter without a unit
 TICK = re.compile(r"(?i)\bticks?\b\D*(\d+) ?([nuµm]?s)\b")

@@ -16,7 +16,7 @@ Factor = Annotated[float, Field(gt=1)]  # How many times a number may be another
 
 
 class Accuracy(Settings):
-    """How well K, B and I have to be known, each as a share of itself.
+    """Changes of K, B and I that matter, each as a share of itself; no width of an interval.
 
     A finding that may move an estimate by more makes it doubtful; one that moves every estimate by
     less is a remark.

@@ -43,7 +43,7 @@ class LinearFit:
     # of the columns, each scaled to unit length, about their means beside an offset
     condition_number: float
     interval_method: str
-    """Source of the covariance: `HAC`, `cycles`, or the source that its own fit names."""
+    """Source of the covariance: `HAC`, or the source that its own fit names."""
     # degrees of freedom (p,) of the estimates' variances, for Student's quantile
     degrees_of_freedom: Array
     largest_correlation: float

@@ -218,8 +218,11 @@ class Feature:
 
     @property
     def distance(self) -> Array:
-        """Distance (n,) from the median, in scatters."""
-        return np.abs(self.values - self.median) / self.scatter
+        """Distance (n,) from the median, in scatters; of a curve, beyond it: none is too near."""
+        beyond = self.values - self.median
+        if self.measure.values.ndim == 1:
+            beyond = np.abs(beyond)
+        return beyond / self.scatter
 
 
 def selection_rows(
@@ -342,7 +345,7 @@ def among_sound(
 ) -> tuple[list[Feature], Mask]:
     """Compare crossings with the sound ones of their kind, until no further one is too far.
 
-    At least half stay, because fewer would be a selection.
+    It ends where fewer than half are left: these would be a selection.
 
     Parameters
     ----------

@@ -67,6 +67,11 @@ def test_whitened_fit_is_that_of_statsmodels_gls():
 
     # two estimators of one noise: they agree within a part of their common error
     assert np.all(np.abs(fit.impedances[0] - gls.params[:3]) < gls.bse[:3])
+    columns = np.vstack([data.motion, data.columns["slow"]])
+    left = data.torque - np.linalg.lstsq(columns.T, data.torque)[0] @ columns
+    hz, power = scipy.signal.periodogram(left, data.spectra.working_rate_hz)
+    slow, fast = power[(hz > 0.5) & (hz < 4)].mean(), power[(hz > 8) & (hz < 12)].mean()
+    assert 0.8 < slow / fast < 1.25, "the noise has one density; that of the torque falls by 4"
 
 
 def test_delay_in_the_spectrum_is_the_torque_at_a_later_time():

@@ -27,7 +27,7 @@ from walking_synthetic import pose, settings
 from osl_analysis.commands.walking_summary import commanded_trajectory, commanded_value
 from osl_analysis.walking.crossing import Crossing, CrossingQuality, platform_turn, pressure_outside
 from osl_analysis.walking.ensemble import group_headline
-from osl_analysis.walking.groups import crossing_features, places, split_keys
+from osl_analysis.walking.groups import Measure, crossing_features, feature_of, places, split_keys
 from osl_analysis.walking.isolated_response import unperturbed_gait
 from osl_analysis.walking.plate import Stance
 from osl_analysis.walking.tables import fitted_time, headline_rows, set_up_difference
@@ -349,3 +349,16 @@ def test_the_pressure_is_outside_as_far_as_it_is_from_the_foot(beside_m, outside
     pressure = np.tile([0.02, beside_m, 0.0], (5, 1))
 
     assert pressure_outside(pressure, np.tile(corners, (5, 1, 1))) == pytest.approx(outside_m)
+
+
+def test_a_curve_is_too_far_from_the_median_and_never_too_near():
+    """By hand: RMS deviations of 1, 1.1 and 0.9 from the median have a scatter of 1.48 * 0.1; the
+    curve on the median is no outlier, that of 10 is one."""
+    wave = np.sin(np.arange(100))
+    sizes = np.array([1.0, -1.1, 0.9, -1.0, 0.0, 10.0, -0.9])
+    curves = np.outer(sizes / np.sqrt(np.mean(wave**2)), wave)
+
+    feature = feature_of(Measure("x", "m", curves, 1e-9), np.zeros(7, int), np.ones(7, bool))
+
+    assert feature.distance[4] < 0
+    assert feature.distance[5] > 50

@@ -219,17 +219,16 @@ def predict(search: Search, candidate: Candidate, rounding: Array) -> Predicted:
 def log_prior(fits: Sequence[Predicted]) -> Array:
     """Logarithms (h,) of the prior probabilities.
 
-    Families share what is not sound evenly, and so do rivals within a family, and the candidates of
-    a rival. B and I are those of a body, and positive.
+    Families share what is not sound evenly, and so do rivals within a family. Each candidate of a
+    rival has the rival's own: if they shared it, 6 fewer of 977 planted causes would be named. B and
+    I are those of a body, and positive.
     """
     of_family = Counter(rival.family for rival in {fit.rival for fit in fits})
-    of_rival = Counter((fit.rival, fit.has_friction) for fit in fits)
     found = []
     for fit in fits:
         family = fit.rival.family
         prior = (1 - PRIOR_SOUND) / len(FAMILIES) if family else PRIOR_SOUND
         prior *= PRIOR_FRICTION if fit.has_friction else 1 - PRIOR_FRICTION
-        prior /= of_rival[fit.rival, fit.has_friction]
         deviations = fit.impedances[0] / np.sqrt(np.diag(fit.covariance))
         are_positive = np.sum(scipy.special.log_ndtr(deviations[1:]))
         found.append(np.log(prior / of_family[family]) + are_positive)

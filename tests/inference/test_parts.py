@@ -119,8 +119,6 @@ def test_the_odds_of_friction_are_the_ratio_of_both_likelihoods():
     ]
 
     assert weigh(fits, 24)[0][1][1] == pytest.approx(3 / 4)
-    of_two_minima = weigh([*fits, fits[1]], 24)[0]  # which share the prior of their rival
-    assert of_two_minima[1][1] + of_two_minima[2][1] == pytest.approx(3 / 4)
 
 
 def test_noise_of_the_angle_leaves_a_share_of_rounding_to_repeat_itself():

@@ -220,8 +220,8 @@ def log_prior(fits: Sequence[Predicted]) -> Array:
     """Logarithms (h,) of the prior probabilities.
 
     Families share what is not sound evenly, and so do rivals within a family. Each candidate of a
-    rival has the rival's own: if they shared it, 6 fewer of 977 planted causes would be named. B and
-    I are those of a body, and positive.
+    rival has the rival's own: if they shared it, 6 fewer of 977 planted causes would be named. B
+    and I are those of a body, and positive.
     """
     of_family = Counter(rival.family for rival in {fit.rival for fit in fits})
     found = []

@@ -173,7 +173,8 @@ def branches_of(record: Record, loaded_share: float = LOADED) -> Groups:
 def check_locked(theta: Array, theta_m: Array) -> None:
     """Refuse a shaft that turns if n_T is not known: its share of the deflection is unknown. Angles
     are (n,) [rad]."""
-    turned, whole = np.ptp(theta_m), np.ptp(theta)
+    turned = np.ptp(theta_m)
+    whole = np.ptp(theta)
     if turned > LARGEST_TURN * whole:
         raise InputError(
             f"theta_m turns by {turned:.3g} rad while theta turns by {whole:.3g} rad, and without a"
@@ -186,9 +187,12 @@ def belt_table(belt: Analysis) -> pl.DataFrame:
     """The trial's row of `belt.csv`: slopes of loading and unloading, area of the mean loop [J].
     `energy_lost` is this area over the energy K_s theta_s^2/2 at the peak.
     `stiffening` is the relative increase of the quadratic belt's slope from rest to the peak."""
-    loading, unloading = (belt.calibrated[branch] for branch in BRANCHES)
-    record, sums = belt.record, belt.sums
-    theta, torque = record.motion.theta, record.filtered_torque
+    loading = belt.calibrated["loading"]
+    unloading = belt.calibrated["unloading"]
+    record = belt.record
+    sums = belt.sums
+    theta = record.motion.theta
+    torque = record.filtered_torque
     peak = np.max(np.abs(sums.columns["theta"]))
     of_line, of_square, _ = sums.of("loading").estimates([*QUADRATIC.values()])
 
@@ -202,13 +206,13 @@ def belt_table(belt: Analysis) -> pl.DataFrame:
     turn = None  # of the actuator's shaft per turn of the joint, while the belt is loaded
     if record.actuator:
         rows = record.rows("loading")
-        theta_bench, theta_m = (record.actuator[name][rows] for name in ("theta", "theta_m"))
-        turn = np.polyfit(theta_bench, theta_m, 1)[0]
+        of_joint = record.actuator["theta"][rows]
+        turn = np.polyfit(of_joint, record.actuator["theta_m"][rows], 1)[0]
 
     row: Row = {
         "trial": record.name,
         **belt.row("loading", "K_s"),
-        **estimates_row(loading, *(name for name in ("B_loading",) if name in belt.model)),
+        **(estimates_row(loading, "B_loading") if "B_loading" in belt.model else {}),
         "unloading": unloading["K_s"],
         "unloading_se_bench": unloading.se_bench("K_s"),
         "hysteresis_area": area,
@@ -223,7 +227,8 @@ def belt_table(belt: Analysis) -> pl.DataFrame:
 def belt_curve(belt: Analysis) -> pl.DataFrame:
     """Deflection [deg] and torque [N*m] from rest, by branch, for Fig. 3."""
     record = belt.record
-    theta_s, torque = record.motion.theta, record.filtered_torque
+    theta_s = record.motion.theta
+    torque = record.filtered_torque
     unloads = np.zeros(len(theta_s), dtype=bool)
     unloads[loop_of(theta_s).rows(theta_s, "unloading")] = True
     columns = {

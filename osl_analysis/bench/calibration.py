@@ -144,7 +144,8 @@ def known_row(analysis: Analysis, known: Known, frame: GroupFit | None) -> Row:
 
     certain_lag_s = fit.beyond_interval("lag_s")
     fault = suspected_fault_of_losses(record) if certain_lag_s else None
-    delay, gain = error_to_state(fit, "lag_s"), error_to_state(fit, "gain")
+    delay = error_to_state(fit, "lag_s")
+    gain = error_to_state(fit, "gain")
     to_state = f"calibration: {{torque_gain: {gain:.2g}, delay: {delay:.2g}}}"
     of_frame: Row = {}
     if frame is not None:

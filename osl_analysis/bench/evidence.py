@@ -319,7 +319,8 @@ def difference_of(analysis: Analysis, smallest: Label, largest: Label) -> GroupF
     the model misses at both alike then is no error of the difference. Else their errors are
     independent.
     """
-    small, large = analysis.fits[smallest], analysis.fits[largest]
+    small = analysis.fits[smallest]
+    large = analysis.fits[largest]
     covariance = small.covariance + large.covariance
     freedom = np.minimum(small.degrees_of_freedom, large.degrees_of_freedom)
     strata = analysis.sums.groups.strata
@@ -329,11 +330,13 @@ def difference_of(analysis: Analysis, smallest: Label, largest: Label) -> GroupF
     )
     are_paired = len(of_small) == len(of_large) >= FEWEST_UNITS
     if are_paired and small.repeat is not None and large.repeat is not None:
-        order_of_small, order_of_large = np.argsort(of_small), np.argsort(of_large)
+        order_of_small = np.argsort(of_small)
+        order_of_large = np.argsort(of_large)
         if np.allclose(of_small[order_of_small], of_large[order_of_large], atol=0.05):
             apart = large.left_out[order_of_large] - small.left_out[order_of_small]
             noise = small.repeat + large.repeat
-            covariance, freedom = combined(noise, freedom, scatter_of(apart), len(apart))
+            of_noise = np.minimum(small.repeat_freedom, large.repeat_freedom)
+            covariance, freedom = combined(noise, of_noise, scatter_of(apart), len(apart))
     return replace(
         large,
         estimates=large.estimates - small.estimates,

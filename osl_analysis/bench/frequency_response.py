@@ -146,10 +146,13 @@ def with_errors(response: pl.DataFrame) -> pl.DataFrame:
 def response_to_sine(analysis: Analysis, number: int) -> tuple[Response, Row]:
     """The response to the sine of one stratum by its settled cycles, before the filter, and
     harmonics 2 to 5 of angle and torque over the fundamental."""
-    record, groups = analysis.record, analysis.record.groups
+    record = analysis.record
+    groups = analysis.record.groups
     drift = analysis.whole["drift"] * (record.time - record.time.mean())
     frequency_hz = groups.strata[number].frequency_hz
-    first, stop = (edges[groups.stratum == number] for edges in (groups.first, groups.stop))
+    is_of_sine = groups.stratum == number
+    first = groups.first[is_of_sine]
+    stop = groups.stop[is_of_sine]
     rows = slice(int(first.min()), int(np.ceil(stop.max())))
     harmonics_hz = frequency_hz * np.arange(1, HIGHEST_HARMONIC + 1)
     turns = np.exp(-2j * np.pi * np.outer(record.time[rows], harmonics_hz))
@@ -174,7 +177,8 @@ def response_of_pieces(
     belongs = unit == np.unique(unit)[:, None]
     power = belongs @ np.abs(theta) ** 2
     cross = belongs @ (theta.conj() * torque)
-    all_power, all_cross = power.sum(), cross.sum()
+    all_power = power.sum()
+    all_cross = cross.sum()
     freedom = all_power**2 / np.sum(power**2) - 1
     deviations = np.array([np.nan + 0j])
     if freedom > LEAST_FREEDOM:
@@ -236,7 +240,8 @@ def windows_of(record: Record) -> tuple[NDArray[np.intp], NDArray[np.intp], Arra
     the periods, and a realisation is a unit: its distortion by friction repeats in each period. So
     few realisations have wide intervals, and one has none.
     """
-    periodic, rate_hz = record.periodic, record.rate_hz
+    periodic = record.periodic
+    rate_hz = record.rate_hz
     if periodic is not None:
         n = round(periodic.period * rate_hz)
         starts = np.rint(periodic.begins * rate_hz).astype(np.intp)

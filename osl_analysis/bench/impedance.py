@@ -108,7 +108,8 @@ class Analysis:
         """
         fit = BenchFit(**vars(own))
         record = self.record
-        stated, fixture = record.settings.calibration, record.settings.fixture
+        stated = record.settings.calibration
+        fixture = record.settings.fixture
         bench = record.settings.bench_stiffness
         if stated == NOT_STATED and fixture is None and bench is None:
             return fit

@@ -194,7 +194,8 @@ def belt_of_leg(record: Record, p: DrivetrainParameters) -> Belt:
         Nothing is told where the motion cannot tell it.
     """
     few = record.coarse
-    motion, theta_m = few.motion, few.actuator["theta_m"]
+    motion = few.motion
+    theta_m = few.actuator["theta_m"]
     wound = belt_deflection(motion.theta, theta_m, p)
     of_belt = slipping_springs(wound, WOUND_UP)
     of_joint = slipping_springs(motion.theta, BRISTLES)

@@ -263,7 +263,8 @@ def cycles_of(
     """
     amplitudes_deg = np.rad2deg([segment.amplitude for segment in segments])
     commanded = np.array([segment.commanded for segment in segments])
-    cycles, strata = [], []
+    cycles = []
+    strata = []
     for segment in segments:
         before = min(settle_cycles, segment.cycles - 1)
         after = min(1, segment.cycles - before - 1)
@@ -272,7 +273,7 @@ def cycles_of(
         first = np.rint(segment.start + before * period) + period * number
         is_usable = [usable[rows].all() for rows in whole_rows(first, first + period)]
         first = first[is_usable]
-        if not len(first):
+        if not first.size:
             raise InputError(
                 f"no cycle of {np.rad2deg(segment.amplitude):.3g} deg at {segment.frequency_hz:g}"
                 " Hz is free of rows near a gap that is too long to be bridged; " + BRIDGE_MORE

@@ -110,9 +110,11 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis, moved: str)
     low_pass = settings.low_pass
     raw = signals.signals[moved]
     smooth = differentiate(time, low_pass(raw, rate))
-    omega, alpha = smooth.omega, smooth.alpha
+    omega = smooth.omega
+    alpha = smooth.alpha
     if moved == "omega_m":
-        omega, alpha = smooth.theta, smooth.omega
+        omega = smooth.theta
+        alpha = smooth.omega
 
     is_fast = np.abs(omega) > settings.slowest
     direction = np.tanh(omega / settings.sign_width)

@@ -267,11 +267,14 @@ class GroupFit(LinearFit):
     ----------
     repeat : Array (p, p) or None
         Covariance of the repeatability; None where nothing repeats.
+    repeat_freedom : Array (p,) or float
+        Degrees of freedom of its variances.
     left_out : Array (u, p)
         Estimates without one unit at a time.
     """
 
     repeat: Array | None = None
+    repeat_freedom: Array | float = np.inf
     left_out: Array = field(default_factory=lambda: np.empty((0, 0)))
 
     def half_width(self, name: str) -> float:
@@ -349,7 +352,8 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> GroupFi
     """
     columns = list(model.values())
     products = s.products(s.weighted, [*columns, "torque"])
-    A_g, b_g = products[:, :-1, :-1], products[:, :-1, -1]
+    A_g = products[:, :-1, :-1]
+    b_g = products[:, :-1, -1]
     A = A_g.sum(axis=0)
     estimates, inverse = solved(A, b_g.sum(axis=0))
     varies = [k for k, column in enumerate(columns) if column != "one"]
@@ -369,13 +373,15 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> GroupFi
     covariance = scatter_of(left_out)
     freedom = np.full(len(A), max(len(left_out) - 1.0, 1.0))
     noise = None
+    of_noise: Array | float = np.inf
     are_few = len(left_out) < FEWEST_UNITS  # without one of them the rest may tell nothing
     if has_repeats:
         # before the filter noise is independent from row to row
         raw_g = s.products(s.gram, [*columns, "raw torque"])[:, :-1, -1]
         noise, of_noise = between_cycles((raw_g - A_g @ estimates) @ inverse, stratum)
         if are_few:
-            covariance, freedom = noise, of_noise
+            covariance = noise
+            freedom = of_noise
         else:
             covariance, freedom = combined(noise, of_noise, covariance, len(left_out))
     elif are_few:  # to first order
@@ -391,6 +397,7 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> GroupFi
         degrees_of_freedom=freedom,
         largest_correlation=correlation,
         repeat=noise,
+        repeat_freedom=of_noise,
         left_out=left_out,
     )
 

@@ -67,7 +67,8 @@ def torque_angle_trial(
         message names the trial.
     """
     signals = signals_of(trial, ("theta", "torque"), settings)
-    measured, rate_hz = signals.signals, signals.rate_hz
+    measured = signals.signals
+    rate_hz = signals.rate_hz
     bench = settings.bench_stiffness
     with naming(f"trial {trial.name}"):
         if desired not in (None, *settings.desired):

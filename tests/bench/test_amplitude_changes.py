@@ -44,3 +44,19 @@ def test_the_interval_of_a_change_is_the_jackknife_over_frequencies():
     m = len(differences)
     se = np.sqrt((m - 1) / m * np.sum((differences - np.mean(differences)) ** 2))
     assert half_width == pytest.approx(stats.t.ppf(0.975, m - 1) * se, rel=0.03)
+
+
+def test_what_is_noise_alone_has_the_freedom_of_cycles_and_frequencies():
+    """Where noise and misfit are one variance, as of B here, their freedoms are added. By hand:
+    six cycles at each of five frequencies have that of 25 differences at most, five units 4."""
+    record = stepped_sine(
+        lambda motion: 200 * motion.theta + 4 * motion.omega, noise=1.0, protocol=FIVE
+    )
+    analysis = rendered_impedance(record)
+    smallest, largest = sorted(label for label in analysis.fits if label is not None)
+
+    freedom = difference_of(analysis, smallest, largest).freedom("B")
+
+    of_noise = min(analysis.fits[label].repeat_freedom[1] for label in (smallest, largest))
+    assert 15 < of_noise <= 25
+    assert freedom == pytest.approx(of_noise + 4)

@@ -77,12 +77,17 @@ def test_a_third_of_the_groups_is_predicted_by_a_line_through_the_others(moved):
     assert found == (pytest.approx(expected) if moved == slice(None) else None)
 
 
-@pytest.mark.parametrize(("noise", "misfit", "freedom"), [(1.0, 1.0, 25), (0.0, 1.0, 5)])
-def test_degrees_of_freedom_are_those_of_what_makes_the_variance(noise, misfit, freedom):
-    """A larger misfit of six units has one fewer than these, else both are counted."""
-    _, found = combined(np.diag([noise]), np.array([20.0]), np.diag([misfit]), 6)
+@pytest.mark.parametrize(("noise", "misfit", "variance", "freedom"), [
+    (1.0, 0.5, 0.9, 25), (0.0, 1.0, 1.0, 5), (1.0, 2.0, 2.0, 5),
+])  # fmt: skip
+def test_noise_and_misfit_are_one_variance_unless_the_misfit_is_larger(
+    noise, misfit, variance, freedom
+):
+    """By hand: (20 * 1 + 5 * 0.5) / 25 = 0.9. Of F with 5 and 20 degrees 1.45 is the upper quarter."""
+    found, degrees = combined(np.diag([noise]), np.array([20.0]), np.diag([misfit]), 6)
 
-    assert found[0] == pytest.approx(freedom)
+    assert found[0, 0] == pytest.approx(variance)
+    assert degrees[0] == pytest.approx(freedom)
 
 
 @pytest.mark.parametrize("units", [4, 5, 15])
@@ -105,3 +110,15 @@ def test_intervals_hold_the_truth_of_few_units_whose_misfit_is_small_or_large(un
     half_width = stdtrit(freedom, 0.975) * np.sqrt(np.diag(covariance))
     coverage = np.mean(abs(unit_means.mean(axis=-1)) < half_width)
     assert 0.92 <= coverage <= 0.995
+
+
+def test_rows_near_those_that_are_fitted_are_those_of_their_edges():
+    x = np.arange(30.0)
+    groups = unlike_groups(np.array([2.0, 15.0]), np.array([6.0, 20.0]))
+    record = Record(
+        "made", x, x, x, Motion(x, x, x), x, BenchAnalysis(cutoff_hz=15, order=4), x >= 0, groups
+    )
+
+    near = np.flatnonzero(record.is_fitted(edge=3))
+
+    assert near.tolist() == [*range(9), *range(12, 23)]

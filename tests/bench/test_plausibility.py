@@ -220,6 +220,16 @@ def test_a_gain_is_wrong_by_what_friction_and_a_sound_leg_do_not_explain(
     assert found["K_ratio"] == pytest.approx(K / 200)
 
 
+@pytest.mark.parametrize(("B_viscous", "ratio"), [(None, 0.9), (1.48, 0.74)])
+def test_damping_without_friction_is_compared_with_what_was_asked(B_viscous, ratio):
+    estimates = {"K": 147.0, "K_without_friction": None, "B": 1.8, "B_viscous": B_viscous}
+    row = {"amplitude_deg": None, "K_predicted": None, **estimates}
+
+    found = beside_known(pl.DataFrame([row]), None, DesiredImpedance("own", 200, 2))
+
+    assert found["B_over_B_d"].item() == pytest.approx(ratio)
+
+
 def leg():
     """The impedance recording with the actuator's angle that the belt leaves."""
     recording = RECORDINGS["impedance"]

@@ -88,6 +88,7 @@ def test_an_angle_that_stands_and_a_torque_of_noise_are_no_signals():
 @pytest.mark.parametrize(("torque", "sign"), [
     (READS["torque"], 1), (-READS["torque"], -1), (-READS["velocity"], 0),
     (0.05 * READS["velocity"] - READS["theta"], 0),
+    (READS["theta"] - 0.05 * READS["velocity"], 0),
 ])  # fmt: skip
 def test_a_torque_has_the_sign_by_which_a_joint_resists(torque, sign):
     """That of an inertia falls as the angle rises, and its losses go with the speed."""

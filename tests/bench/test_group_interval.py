@@ -83,7 +83,7 @@ def test_a_third_of_the_groups_is_predicted_by_a_line_through_the_others(moved):
 def test_noise_and_misfit_are_one_variance_unless_the_misfit_is_larger(
     noise, misfit, variance, freedom
 ):
-    """By hand: (20 * 1 + 5 * 0.5) / 25 = 0.9. Of F with 5 and 20 degrees 1.45 is the upper quarter."""
+    """By hand: (20 * 1 + 5 * 0.5) / 25 = 0.9. A quarter of F with 5 and 20 degrees is over 1.45."""
     found, degrees = combined(np.diag([noise]), np.array([20.0]), np.diag([misfit]), 6)
 
     assert found[0, 0] == pytest.approx(variance)

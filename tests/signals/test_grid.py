@@ -483,3 +483,13 @@ def test_values_that_are_missing_cost_nothing_and_split_no_device(jitter):
 
 
 # ---- The cache of a trial
+
+
+def test_latency_of_a_part_of_a_step_is_taken_off_as_far_as_it_is_always_there():
+    """Messages wait 0.05 steps on average, and some hardly: samples are as early as these."""
+    count = np.arange(2000)
+    stamps = 0.01 * count + np.random.default_rng(4).exponential(0.0005, 2000)
+
+    times = DeviceClock(stamps, count).times()
+
+    assert np.abs(times - 0.01 * count).max() < 0.0001

@@ -94,6 +94,7 @@ def unexplained_share(time: Array, torque: Array, signals: Mapping[str, Array]) 
     group = max(time.size // int(np.ptp(time) / LIMITS.averaged_s + 1), 1)
     begins = np.arange(0, time.size, group)
     sums = np.array([np.add.reduceat(column, begins) for column in columns])
+    sums = sums[:, :-1]  # the last is shorter, so that a constant torque would vary
     y, *of_signals = sums[:, np.isfinite(sums).all(axis=0)]
     X = np.column_stack(of_signals)
     if len(y) < LIMITS.fewest_compared or not varies(y):

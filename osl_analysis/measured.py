@@ -85,6 +85,13 @@ def usual_step(time: NDArray[Any]) -> float:
     return float(np.median(steps) or steps.mean()) if steps.size else 0.0
 
 
+def cycle_duration(angle: NDArray[np.float64], step_s: float) -> float:
+    """Duration [s] of a cycle of an angle (n,) that goes to and fro, by its mean speed over the
+    way, so that rests do not count. `step_s` [s] is from sample to sample."""
+    steps = np.abs(np.diff(angle))
+    return float(2 * np.ptp(angle) * steps.sum() / (steps @ steps) * step_s)
+
+
 def noise_of(values: NDArray[np.float64], order: int = 3) -> float:
     """Standard deviation of white noise in (n,) values, by their differences of an order, which a
     slower motion hardly has; 0 of too few."""

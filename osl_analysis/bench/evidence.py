@@ -335,8 +335,8 @@ def difference_of(analysis: Analysis, smallest: Label, largest: Label) -> GroupF
         if np.allclose(of_small[order_of_small], of_large[order_of_large], atol=0.05):
             apart = large.left_out[order_of_large] - small.left_out[order_of_small]
             noise = small.repeat + large.repeat
-            of_noise = np.minimum(small.repeat_freedom, large.repeat_freedom)
-            covariance, freedom = combined(noise, of_noise, scatter_of(apart), len(apart))
+            noise_freedom = np.minimum(small.repeat_freedom, large.repeat_freedom)
+            covariance, freedom = combined(noise, noise_freedom, scatter_of(apart), len(apart))
     return replace(
         large,
         estimates=large.estimates - small.estimates,

@@ -147,7 +147,7 @@ def response_to_sine(analysis: Analysis, number: int) -> tuple[Response, Row]:
     """The response to the sine of one stratum by its settled cycles, before the filter, and
     harmonics 2 to 5 of angle and torque over the fundamental."""
     record = analysis.record
-    groups = analysis.record.groups
+    groups = record.groups
     drift = analysis.whole["drift"] * (record.time - record.time.mean())
     frequency_hz = groups.strata[number].frequency_hz
     is_of_sine = groups.stratum == number

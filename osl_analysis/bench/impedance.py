@@ -221,8 +221,8 @@ def fits_by_label(sums: Sums, model: Model) -> dict[Label, GroupFit]:
     """Fits to each label that determines the model, and to all (None). Raises as `fit_groups`."""
     tells_K_from_I = {"theta", "alpha"} <= set(model.values())
     fits: dict[Label, GroupFit] = {}
-    for label in dict.fromkeys((*(stratum.label for stratum in sums.groups.strata), None)):
-        strata = sums.groups.strata
+    strata = sums.groups.strata
+    for label in dict.fromkeys((*(stratum.label for stratum in strata), None)):
         hz = [each.frequency_hz for each in strata if label in (None, each.label)]
         try:
             if tells_K_from_I and max(hz) < SAME_FREQUENCY * min(hz):

@@ -373,17 +373,17 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> GroupFi
     covariance = scatter_of(left_out)
     freedom = np.full(len(A), max(len(left_out) - 1.0, 1.0))
     noise = None
-    of_noise: Array | float = np.inf
+    noise_freedom: Array | float = np.inf
     are_few = len(left_out) < FEWEST_UNITS  # without one of them the rest may tell nothing
     if has_repeats:
         # before the filter noise is independent from row to row
         raw_g = s.products(s.gram, [*columns, "raw torque"])[:, :-1, -1]
-        noise, of_noise = between_cycles((raw_g - A_g @ estimates) @ inverse, stratum)
+        noise, noise_freedom = between_cycles((raw_g - A_g @ estimates) @ inverse, stratum)
         if are_few:
             covariance = noise
-            freedom = of_noise
+            freedom = noise_freedom
         else:
-            covariance, freedom = combined(noise, of_noise, covariance, len(left_out))
+            covariance, freedom = combined(noise, noise_freedom, covariance, len(left_out))
     elif are_few:  # to first order
         scores = (b_g - A_g @ estimates) @ inverse
         covariance = len(scores) / freedom[0] * scores.T @ scores
@@ -397,7 +397,7 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> GroupFi
         degrees_of_freedom=freedom,
         largest_correlation=correlation,
         repeat=noise,
-        repeat_freedom=of_noise,
+        repeat_freedom=noise_freedom,
         left_out=left_out,
     )
 
@@ -443,15 +443,16 @@ def combined(
     """
     of_noise = np.diag(noise)
     of_misfit = np.diag(misfit)
-    own = units - 1.0
-    finite = np.minimum(freedom, MOST_FREEDOM)
-    together = finite + own
-    mean = (finite * of_noise + own * of_misfit) / together
-    is_larger = of_misfit > scipy.special.fdtri(own, finite, 1 - POOLING) * of_noise
+    misfit_freedom = units - 1.0
+    noise_freedom = np.minimum(freedom, MOST_FREEDOM)
+    both_freedoms = noise_freedom + misfit_freedom
+    pooled = (noise_freedom * of_noise + misfit_freedom * of_misfit) / both_freedoms
+    largest_ratio = scipy.special.fdtri(misfit_freedom, noise_freedom, 1 - POOLING)
+    is_larger = of_misfit > largest_ratio * of_noise
     both = noise + misfit
     of_both = np.maximum(np.diag(both), np.finfo(float).tiny)
-    error = np.sqrt(np.where(is_larger, of_misfit, mean) / of_both)
-    return both * np.outer(error, error), np.where(is_larger, own, together)
+    error = np.sqrt(np.where(is_larger, of_misfit, pooled) / of_both)
+    return both * np.outer(error, error), np.where(is_larger, misfit_freedom, both_freedoms)
 
 
 def held_out_vaf(s: Sums, model: Model) -> float | None:

@@ -19,6 +19,7 @@ from osl_analysis.bench.motion import signals_of
 from osl_analysis.bench.plausibility import check_changes, check_resists, check_stiffer
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import Change, InputError, naming
+from osl_analysis.measured import cycle_duration
 from osl_analysis.stats.estimates import Row
 from osl_analysis.stats.linear_fit import variance_accounted_for
 from osl_analysis.stats.repeats import summary_row
@@ -195,10 +196,7 @@ def curve_of(
 def check_slow(theta: Array, cycles: Sequence[Cycle], shortest_s: float, rate_hz: float) -> None:
     """Refuse cycles that are not quasi-static."""
     for cycle in cycles:
-        angle = theta[whole(cycle)]
-        steps = np.abs(np.diff(angle))
-        # by the mean speed over the way, so that rests do not count
-        duration_s = 2 * np.ptp(angle) * steps.sum() / (steps @ steps * rate_hz)
+        duration_s = cycle_duration(theta[whole(cycle)], 1 / rate_hz)
         if duration_s < shortest_s:
             raise InputError(
                 f"a cycle takes {duration_s:.2g} s, which is not quasi-static: below"

@@ -21,7 +21,7 @@ import numpy as np
 
 from osl_analysis.draft.recorded_channel import RecordedChannel, name_and_ending
 from osl_analysis.files import own_yaml
-from osl_analysis.measured import varies
+from osl_analysis.measured import cycle_duration, varies
 from osl_analysis.trial import COLUMNS
 from osl_analysis.units import dimension
 
@@ -41,7 +41,7 @@ JOINTS = ("ankle", "knee", "hip")
 FEWEST_READINGS = 100  # that show how a channel moves
 SPRING = 0.9  # correlation with an angle: a fifth of the torque's power may be damping or friction
 FALLING = -0.5  # correlation below which a torque falls as the angle rises
-COARSE_ROWS = 600
+COARSE_ROWS = 600  # of a recording; from sample to sample noise passes for speed
 SLOW_CYCLE_S = 3.5  # that of a sine of 0.23 Hz by its mean speed; a hand takes 1 to 2.5 s
 TURN_UNITS = (ONE_TURN, 360.0, *2.0 ** np.arange(10, 25))  # ranges at which encoders wrap
 
@@ -360,8 +360,5 @@ def turns_slowly(guesses: Sequence[Guess], clock: RecordedChannel | None) -> boo
     known = angles[0].readings
     coarse = known[np.linspace(0, known.size - 1, COARSE_ROWS).astype(int)]  # without noise
     turns = np.count_nonzero(np.diff(coarse > coarse.mean()))
-    steps = np.abs(np.diff(coarse))
-    step_s = clock.base[0] * np.ptp(clock.numbers) / steps.size
-    # by the mean speed over the way, so that rests do not count
-    cycle_s = 2 * np.ptp(coarse) * steps.sum() / (steps @ steps) * step_s
-    return bool(turns >= 2 and cycle_s > SLOW_CYCLE_S)
+    step_s = clock.base[0] * np.ptp(clock.numbers) / (COARSE_ROWS - 1)
+    return bool(turns >= 2 and cycle_duration(coarse, step_s) > SLOW_CYCLE_S)

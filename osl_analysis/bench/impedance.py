@@ -36,6 +36,7 @@ SAME_FREQUENCY = 1.02  # ratio of frequencies below which noise alone would tell
 USUAL_ERROR = 1e-3  # of the torque's RMS, as calibrations and models leave
 LARGE_CHANGE_OF_K = 0.1  # share of K by which the usual error may change it
 FEWEST_STEPS = 20.0  # of the encoder; of fewer, rounding is no noise but part of the motion
+MANY_STEPS = 1000.0  # of the encoder, beyond which rounding of a sine moves K by less than 3e-5
 MOST_NOISE = 0.1  # of the power of the acceleration's own part that may be noise of the encoder
 
 
@@ -184,11 +185,15 @@ def rendered_impedance(record: Record) -> Analysis:
     """
     with naming(f"trial {record.name}"):
         analysis = analysed(record, IMPEDANCE)
-        if record.groups.kind == "cycles":
-            return analysis
-        errors = np.hypot(usual_errors(analysis), encoder_errors(analysis))
-        whole = BenchFit(**vars(analysis.whole))
-        return replace(analysis, fits={None: whole.with_bench_error(errors)})
+        fits: dict[Label, GroupFit] = {}
+        for label, own in analysis.fits.items():
+            errors = encoder_errors(analysis, label)
+            if record.groups.kind != "cycles":
+                errors = np.hypot(errors, usual_errors(analysis))
+            fits[label] = own
+            if errors.any():
+                fits[label] = BenchFit(**vars(own)).with_bench_error(errors)
+        return replace(analysis, fits=fits)
 
 
 def analysed(record: Record, model: Model, sums: Sums | None = None) -> Analysis:
@@ -253,7 +258,8 @@ def usual_errors(analysis: Analysis) -> Array:
     from I; 0 where it does.
 
     The criterion is the usual error of 0.1 % of the torque's RMS in the shape of the part of a
-    column that is orthogonal to the others. Slow motion has little of it. With a few steps of the
+    column that is orthogonal to the others. Slow motion has little of it. What it has beyond its
+    limit counts, in quadrature, so that no interval leaps at the limit. With a few steps of the
     encoder rounding is no noise, but part of the motion.
 
     Parameters
@@ -289,17 +295,16 @@ def usual_errors(analysis: Analysis) -> Array:
             " move the joint by more or faster, by 0.5 to 6 Hz, and check the unit of theta in the"
             f" source file, {STIFFNESS_ALONE}"
         )
-    error_of_K, error_of_I = USUAL_ERROR * np.sqrt(covariance[3, 3]) / [own_theta, own_alpha]
-    errors = dict.fromkeys(fit.names, 0.0)
+    usual_of_K, usual_of_I = USUAL_ERROR * np.sqrt(covariance[3, 3]) / [own_theta, own_alpha]
     # without stiffness a tenth of K is no limit
-    if error_of_K > max(LARGE_CHANGE_OF_K * abs(fit["K"]), fit.se("K")):
-        errors["K"] = error_of_K
-    if error_of_I > (getattr(record.settings, "largest_inertia_error", None) or np.inf):
-        errors["I"] = error_of_I
-    return np.array([*errors.values()])
+    limit_of_K = max(LARGE_CHANGE_OF_K * abs(fit["K"]), fit.se("K"))
+    limit_of_I = getattr(record.settings, "largest_inertia_error", None) or np.inf
+    excess_of_K = max(usual_of_K**2 - limit_of_K**2, 0.0)
+    excess_of_I = max(usual_of_I**2 - limit_of_I**2, 0.0)
+    return np.sqrt([excess_of_K, 0.0, excess_of_I, 0.0, 0.0])
 
 
-def encoder_errors(analysis: Analysis) -> Array:
+def encoder_errors(analysis: Analysis, label: Label) -> Array:
     """Standard errors (p,) of the estimates of Eq. 15 by the encoder's steps and noise, which no
     scatter shows.
 
@@ -312,15 +317,18 @@ def encoder_errors(analysis: Analysis) -> Array:
     Parameters
     ----------
     analysis
-        Eq. 15 of a motion that is no stepped sine.
+        Eq. 15.
+    label
+        Whose rows were fitted.
     """
     record = analysis.record
-    fit = analysis.whole
+    fit = analysis.fits[label]
     step = record.encoder_step
-    if not step:
+    most_turned = MANY_STEPS * step if record.groups.kind == "cycles" else np.inf
+    if not step or np.ptp(record.theta[record.rows(label)]) > most_turned:
         return np.zeros(len(IMPEDANCE))
     few = record.coarse
-    rows = few.transformed_rows * round(record.rate_hz / few.rate_hz)
+    rows = few.transformed_rows(label) * round(record.rate_hz / few.rate_hz)
     columns = np.array([analysis.sums.columns[column][rows] for column in IMPEDANCE.values()])
     # X' W W of `motion_sums`
     gain = analysis.sums.gain

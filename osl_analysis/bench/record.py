@@ -149,11 +149,10 @@ class Record:
         """The fitted rows (m,) of a label or of all."""
         return np.flatnonzero(self.is_fitted(label))
 
-    @property
-    def transformed_rows(self) -> NDArray[np.intp]:
-        """The fitted rows (m,) without a few at the end: the transform of a large prime number of
-        rows takes three times as long."""
-        rows = self.rows()
+    def transformed_rows(self, label: Label = None) -> NDArray[np.intp]:
+        """The fitted rows (m,) of a label without a few at the end: the transform of a large prime
+        number of rows takes three times as long."""
+        rows = self.rows(label)
         return rows[: scipy.fft.prev_fast_len(len(rows))]
 
     @cached_property

@@ -185,7 +185,7 @@ def motion_sums(record: Record, columns: Mapping[str, Array]) -> Sums:
     few = record.coarse
     step = round(record.rate_hz / few.rate_hz)
     signals = np.array([*columns.values(), record.filtered_torque]).T[::step]
-    rows = few.transformed_rows
+    rows = few.transformed_rows()
     spectra = scipy.fft.dct(signals[rows], axis=0, norm="ortho")
     lines_per_hz = 2 * len(rows) / few.rate_hz
     gain = whitening_gain(spectra, lines_per_hz, record.settings.cutoff_hz)

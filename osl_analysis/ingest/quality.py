@@ -28,7 +28,7 @@ from osl_analysis.ingest.guard import (
 )
 from osl_analysis.measured import noise_of, usual_step
 from osl_analysis.recording import beside, plate_axes
-from osl_analysis.signals import longest_run
+from osl_analysis.signals import longest_of, run_edges
 from osl_analysis.signals.grid import GapLimits, devices_of, origin, uniform_signals
 from osl_analysis.spectral.stepped_sine import (
     Run,
@@ -235,7 +235,7 @@ def samples_at_rail(trial: Trial, column: str, torque: str, angle: str = "theta"
         return 0
     low, high = origin(trial, column).get("range", (-math.inf, math.inf))
     near = LIMITS.near_end * (high - low) / 2
-    at_end = values[longest_run((values <= low + near) | (values >= high - near))].size
+    at_end = values[longest_of(run_edges((values <= low + near) | (values >= high - near)))].size
     is_angle = column.startswith("theta")
     standing = None
     if is_angle or has_levels(values):

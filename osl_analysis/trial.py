@@ -274,7 +274,7 @@ def check_time(name: str, time: Array) -> None:
     check_finite(f"{name}: time", time, latest_s)
     goes_back = np.diff(time) < 0
     if goes_back.any():
-        row = int(np.argmax(goes_back))
+        row = np.argmax(goes_back)
         raise InputError(
             f"{name}: time goes from {time[row]:.6f} s to {time[row + 1]:.6f} s at row {row + 1};"
             " delete rows that stand twice, sort rows that changed places by time, and where the"

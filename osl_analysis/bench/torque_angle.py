@@ -234,7 +234,7 @@ def means_row(
     of_angle = values[:, 0].mean() * (theta[last] - theta[first])
     drift_per_row = (torque[last] - torque[first] - of_angle) / (last - first)
     zero_row = len(torque) if settings.zero == "end" else 0
-    errors.append(drift_per_row * (zero_row - np.arange(float(len(torque)))))  # without it
+    errors.append(drift_per_row * (zero_row - np.arange(len(torque))))  # without it
     changed = [(theta, torque + error) for error in errors]
     changed.append((theta - (bench.compliance_error if bench else 0.0) * torque, torque))
     others = [measured(*signals, loop).mean(axis=0) for signals in changed]

@@ -98,7 +98,7 @@ def described_in(path: Path) -> tuple[DescribedTable, ...]:
         lines.append(("data", None))
 
         columns = described_lines(lines, shared)
-        of_fits = described_lines(list(table.get("of_fits", {}).items()), shared)
+        of_fits = described_lines(table.get("of_fits", {}).items(), shared)
         tables.append(DescribedTable(place, table.get("also", ""), table["rows"], columns, of_fits))
     return tuple(tables)
 

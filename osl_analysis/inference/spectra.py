@@ -84,11 +84,11 @@ class BenchSignals:
 
         A joint at rest shows one error of the encoder for seconds, and nothing else.
         """
-        least = max(FEWEST_STEPS * self.encoder_step, REST * float(self.theta.std()))
+        least = max(FEWEST_STEPS * self.encoder_step, REST * self.theta.std())
         from_start, from_end = np.abs(self.theta - self.theta[[0, -1], None]) > least
         edge = round(EDGE * self.rate_hz)
-        first = max(int(np.argmax(from_start)) - edge, 0)
-        stop = len(self.theta) - int(np.argmax(from_end[::-1])) + edge
+        first = max(np.argmax(from_start) - edge, 0)
+        stop = len(self.theta) - np.argmax(from_end[::-1]) + edge
         rows = slice(first, stop)
         if len(self.theta[rows]) < SHORTEST * self.rate_hz:
             return self

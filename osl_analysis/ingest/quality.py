@@ -301,7 +301,7 @@ def measure_stuck(examined: Examined) -> dict[str, float]:
 def longest_s(time: Array, edges: NDArray[np.intp]) -> float:
     """Time [s] from the first to the last sample of the longest of runs (k, 2) of rows; 0 of
     none."""
-    return (int(np.diff(edges).max()) - 1) * usual_step(time) if edges.size else 0.0
+    return (np.diff(edges).max() - 1) * usual_step(time) if edges.size else 0.0
 
 
 def measure_leaps(examined: Examined) -> dict[str, float]:

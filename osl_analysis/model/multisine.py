@@ -96,7 +96,7 @@ def odd_lines(period_s: float, band_hz: tuple[float, float], seed: int) -> NDArr
         is_first = start == 0
         is_last = start + GROUP >= len(odd)
         place = generator.integers(1 if is_first else 0, GROUP - 1 if is_last else GROUP)
-        left_out.append(int(odd[start + place]))
+        left_out.append(odd[start + place])
     excited = np.setdiff1d(odd, left_out)
     if len(excited) < FEWEST_LINES:
         raise InputError(

@@ -151,7 +151,7 @@ def predicted_impedance(
     storage = np.column_stack([np.ones_like(w), -(w**2)])
     (K, I), *_ = np.linalg.lstsq(storage * weight[:, None], Z.real * weight)
     B = np.sum(weight**2 * w * Z.imag) / np.sum(weight**2 * w**2)
-    return float(K), float(B), float(I)
+    return K, B, I
 
 
 def linear_torque(

@@ -148,7 +148,7 @@ def lower_edge(place: SampleCount, late: Array) -> tuple[float, float]:
     """
     left = 0
     right = len(place) - 1
-    middle = float(np.mean(place))
+    middle = np.mean(place)
     for _ in range(len(place)):
         step = float((late[right] - late[left]) / (place[right] - place[left]))
         above = late - late[left] - step * (place - place[left])
@@ -236,13 +236,13 @@ def rows_per_value(signal: Array, first_rows: NDArray[np.intp], step: float) -> 
     decisive = repeated[changes[:-1] > decisive_change * changes.min()]
     if len(decisive) <= FEWEST_STAMPS:
         return None
-    usual = float(np.median(decisive))
+    usual = np.median(decisive)
     periods = decisive / usual
     from_whole = np.abs(periods - np.maximum(np.rint(periods), 1)) * usual
     keeps_pace = from_whole <= 1 + 0.1 * usual
     if not 2 <= usual <= longest_hold_s / step or np.mean(keeps_pace) < least_in_pace:
         return None
 
-    period = float(np.mean(decisive[(periods > 0.5) & (periods < 1.75)]))
+    period = np.mean(decisive[(periods > 0.5) & (periods < 1.75)])
     short = repeated[repeated < pause * period]
     return float(short.sum() / np.maximum(np.rint(short / period), 1).sum())

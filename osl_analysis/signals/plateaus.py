@@ -61,7 +61,7 @@ def steady_rows(time: Array, current: Array, width: float) -> list[slice]:
     for run in runs(is_steady):
         if run.stop - run.start >= SHORTEST_LEVEL:
             last = run.stop - 1 - ENDING  # the last mean of the run is number run.stop
-            found.append(slice(int(begins[run.start + SETTLING]), int(stops[last])))
+            found.append(slice(begins[run.start + SETTLING], stops[last]))
     return found
 
 
@@ -114,7 +114,7 @@ def is_clamped(
         return True
     at_plateaus = np.concatenate([np.r_[rows] for rows in plateaus])
     share = fast_share(time[at_plateaus], motion[at_plateaus], is_angle, slowest)
-    return bool(share < MOST_FAST)
+    return share < MOST_FAST
 
 
 def fast_share(time: Array, motion: Array, is_angle: bool, slowest: float) -> float:

@@ -255,7 +255,7 @@ def parameters_of_trial(
     effects = settings.effects
     if experiment == "belt":
         draw = generator_of(settings.seed, trial, "belt_scatter").standard_normal()
-        return replace(p, K_s=p.K_s * float(1 + effects.belt_scatter.value * draw))
+        return replace(p, K_s=p.K_s * (1 + effects.belt_scatter.value * draw))
     if experiment == "actuator":
         return replace(p, f_C=effects.friction.value * p.f_C, f_G=effects.friction.value * p.f_G)
     return p

@@ -269,6 +269,6 @@ def leg_clock(walking: WalkingSettings, trial: gait.GaitTrial) -> tuple[float, f
     """Offset [s] and drift of the leg's clock, whose time is offset + (1 + drift) times Vicon's."""
     usual_offset = walking.effects.leg_clock_offset.value
     scatter = walking.effects.leg_clock_drift.value
-    offset = float(usual_offset * trial.random("leg_clock_offset").uniform(0.5, 1.5))
-    drift = float(1e-6 * scatter * trial.random("leg_clock_drift").standard_normal())
+    offset = usual_offset * trial.random("leg_clock_offset").uniform(0.5, 1.5)
+    drift = 1e-6 * scatter * trial.random("leg_clock_drift").standard_normal()
     return offset, drift

@@ -81,7 +81,7 @@ class Switches(Settings):
     def without(self, *names: str) -> Self:
         """These effects with the named ones off, or with all off if none is named."""
         switched_off = {}
-        for name in names or tuple(type(self).model_fields):
+        for name in names or type(self).model_fields:
             switched_off[name] = getattr(self, name).model_copy(update={"enabled": False})
         return self.model_copy(update=switched_off)
 

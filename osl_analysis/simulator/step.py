@@ -187,7 +187,7 @@ def draw_step(trial: GaitTrial) -> Step:
     walking = trial.walking
     stance = walking.gait.stance_s * (1 + trial.normal("stance_scatter", unit=0.01))
     heel_strike = walking.gait.heel_strike_s + trial.normal("heel_strike_scatter")
-    phase = float(trial.random("perturbation_phase").uniform(*walking.perturbation.stance_phase))
+    phase = trial.random("perturbation_phase").uniform(*walking.perturbation.stance_phase)
     command = heel_strike + phase * stance
     forward = trial.normal("placement_forward", unit=1e-3)
     sideways = trial.normal("placement_sideways", unit=1e-3)

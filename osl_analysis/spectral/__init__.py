@@ -154,7 +154,7 @@ def repetition_after(
         if not 1 <= lag < len(x) - 1:
             return None
 
-    median = float(np.median(mismatch[rows]))
+    median = np.median(mismatch[rows])
     settled = runs_of_a_lag(mismatch < max(SETTLED * median, FLOOR * size))
     covered = sum(run.stop - run.start + lag for run in settled) / moving.sum()
     return Repetition(lag, median / size, settled) if covered > LEAST_COVERED else None

@@ -93,23 +93,23 @@ def over_repeats(
         raise InputError(
             f"{len(values)} trial cannot give a scatter; repeat the experiment at least twice"
         )
-    mean = float(np.mean(values))
-    scatter = float(np.var(values, ddof=1))
+    mean = np.mean(values)
+    scatter = np.var(values, ddof=1)
     of_common = [variance for variance, _ in common]
     freedom_of_common = [degrees for _, degrees in common]
 
     variances = [scatter / len(values), *of_common]
-    se = float(np.sqrt(sum(variances)))
+    se = np.sqrt(sum(variances))
     degrees = welch_satterthwaite(variances, [len(values) - 1, *freedom_of_common])
-    by_scatter = float(scipy.special.stdtrit(degrees, 0.975)) * se
+    by_scatter = scipy.special.stdtrit(degrees, 0.975) * se
     by_trials = np.linalg.norm(halves) / len(values)
-    by_own = float(np.hypot(by_trials, NORMAL_HALF_WIDTH * np.sqrt(sum(of_common))))
+    by_own = np.hypot(by_trials, NORMAL_HALF_WIDTH * np.sqrt(sum(of_common)))
     method = "errors of the trials" if by_own > by_scatter and np.any(halves) else "Student"
     half = max(by_scatter, by_own)
     return Repeats(
         n=len(values),
         mean=mean,
-        sd=float(np.sqrt(scatter)),
+        sd=np.sqrt(scatter),
         se=max(se, by_own / NORMAL_HALF_WIDTH),
         low=mean - half,
         high=mean + half,

@@ -183,7 +183,7 @@ def places(crossings: Sequence[Crossing], sheet: Sheet) -> dict[str, dict[str, o
         for crossing in of_group:
             if crossing.onset is not None:
                 # a share of its own stance where there is no unperturbed one
-                stance = float(np.mean(stances or [crossing.stance.duration]))
+                stance = np.mean(stances or [crossing.stance.duration])
                 place_of[crossing.name] = {
                     "group": group,
                     "direction": crossing.direction,
@@ -377,7 +377,7 @@ def feature_of(measure: Measure, kinds: NDArray[np.int_], sound: Mask) -> Featur
         deviation = values - kind_medians(values, kinds, sound)
         values = np.sqrt(np.mean(deviation**2, axis=1))
     median = kind_medians(values, kinds, sound)
-    scatter = MAD_TO_SD * float(np.median(np.abs(values - median)[sound]))
+    scatter = MAD_TO_SD * np.median(np.abs(values - median)[sound])
     return Feature(measure, values, median, max(scatter, measure.smallest_scatter))
 
 
@@ -416,7 +416,7 @@ def exclusion_reason(
         )
     if settings.outliers is None:
         return None
-    furthest = max(features, key=lambda feature: float(feature.distance[index]))
+    furthest = max(features, key=lambda feature: feature.distance[index])
     distance = furthest.distance[index]
     if not distance > settings.outliers.limit:
         return None

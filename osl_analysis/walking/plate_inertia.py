@@ -109,7 +109,7 @@ class PlateModel:
     @property
     def lag_se(self) -> float | None:
         """Standard error [s] of the lag; None with fewer than two."""
-        return None if self.lag_sd is None else self.lag_sd / float(np.sqrt(len(self.lags)))
+        return None if self.lag_sd is None else self.lag_sd / np.sqrt(len(self.lags))
 
 
 NOT_REMOVED = "walking.plate_inertia is none"
@@ -244,7 +244,7 @@ def unloaded_recording(
         rows = slice(rows.start + whole.start, rows.start + whole.stop)
         is_long = rows.stop - rows.start >= platform.MotionLimits.FEWEST_FRAMES
         if is_long and not hides_a_motion(frames, poses, settings):
-            shown = float(np.ptp(platform.rotation_from_rest(poses[rows])))
+            shown = np.ptp(platform.rotation_from_rest(poses[rows]))
     if shown < settings.smallest_turn:
         raise InputError(
             f"trial {trial.name}: the platform turns by {np.rad2deg(shown):.2f} deg from rest to"
@@ -542,7 +542,7 @@ def with_height(
         moments_below(model.directions, [*columns_and_wrenches[:i], *columns_and_wrenches[i + 1 :]])
         for i in range(count)
     ]
-    se = float(np.sqrt((count - 1) * np.var(without_each)))
+    se = np.sqrt((count - 1) * np.var(without_each))
     return replace(
         model,
         height=height if se < PlateLimits.LARGEST_HEIGHT_SE_M else None,

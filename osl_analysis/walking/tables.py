@@ -120,8 +120,8 @@ def coherence_of(responses: Sequence[PerturbationResponse]) -> float:
     window = responses[0].window
     angles = np.array([response.fitted_motion.theta for response in responses])
     of_mean = rms(angles.mean(axis=0))
-    gait_variance = float(
-        np.mean([response.thetas[:, window].var(axis=0, ddof=1) for response in responses])
+    gait_variance = np.mean(
+        [response.thetas[:, window].var(axis=0, ddof=1) for response in responses]
     )
     of_singles = max(rms(angles) ** 2 - gait_variance, of_mean**2)
     return of_mean / float(np.sqrt(of_singles))
@@ -206,7 +206,7 @@ def conditions_of(
         stance_s=stance,
         unperturbed_stance_sd=stance_sd,
         onset_phase=onset_phase,
-        onset_phase_sd=float(np.std(phases, ddof=1)) if len(phases) > 1 else None,
+        onset_phase_sd=np.std(phases, ddof=1) if len(phases) > 1 else None,
         left_out_share=shares["reason"].max(),  # type: ignore[arg-type]
         different=different,
         different_mm=different_mm,
@@ -222,7 +222,7 @@ def set_up_difference(crossings: pl.DataFrame) -> tuple[str | None, float | None
     largest: tuple[str | None, float | None] = None, None
     for of_kind in crossings.drop_nulls("different").partition_by("perturbed"):
         for of_what in of_kind.partition_by("different"):
-            mean_mm = float(of_what["different_mm"].cast(pl.Float64).to_numpy().mean())
+            mean_mm = of_what["different_mm"].cast(pl.Float64).to_numpy().mean()
             if 2 * len(of_what) >= len(of_kind) and mean_mm > (largest[1] or 0.0):
                 largest = of_what["different"][0], mean_mm
     return largest
@@ -321,9 +321,9 @@ def bootstrap_row(
 
     common = headline.errors.common
     if quantity in common and n < FEWEST_FOR_BOOTSTRAP:
-        scatter = float(np.sqrt(headline.errors.of_one[quantity] / n))
+        scatter = np.sqrt(headline.errors.of_one[quantity] / n)
         freedom = common["K"][0][1]
-        half = float(-scipy.special.stdtrit(freedom, 0.025)) * scatter
+        half = -scipy.special.stdtrit(freedom, 0.025) * scatter
         low = min(low, value - half)
         high = max(high, value + half)
         se = max(se, scatter)

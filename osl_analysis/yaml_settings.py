@@ -32,6 +32,10 @@ from osl_analysis.files import shipped
 Positive = PositiveFloat
 NotNegative = NonNegativeFloat
 Degrees = Annotated[Positive, Field(le=180)]
+FilterOrder = Annotated[int, Field(ge=1, le=10)]
+CycleCount = Annotated[int, Field(ge=1, le=10_000)]
+Amplitudes = Annotated[tuple[Degrees, ...], Field(min_length=1)]
+Frequencies = Annotated[tuple[Positive, ...], Field(min_length=1)]
 JointDegrees = Annotated[Positive, Field(le=60)]  # by which an ankle can be turned
 Seconds = Annotated[Positive, Field(le=10)]  # within a crossing; a larger number is in ms
 Metres = Annotated[Positive, Field(le=10)]  # in a laboratory; a larger number is in mm

@@ -10,7 +10,10 @@ from osl_analysis.signals import LowPass
 from osl_analysis.trial import Array
 from osl_analysis.units import quantity
 from osl_analysis.yaml_settings import (
-    Degrees,
+    Amplitudes,
+    CycleCount,
+    FilterOrder,
+    Frequencies,
     NotNegative,
     Positive,
     Seconds,
@@ -21,7 +24,6 @@ from osl_analysis.yaml_settings import (
 )
 
 Angle = Annotated[float, Field(ge=-180, le=180)]
-CycleCount = Annotated[int, Field(ge=1, le=10_000)]
 # a standard uncertainty; what is larger is a percentage
 UncertainShare = Annotated[float, Field(ge=0, lt=0.5)]
 
@@ -47,7 +49,7 @@ class FilterSettings(Settings):
     """The time base and the one zero-phase Butterworth filter of all signals of a trial."""
 
     cutoff_hz: Annotated[float, Field(gt=0, le=1000)]  # cut-off [Hz] of one run of the filter
-    order: Annotated[int, Field(ge=1, le=10)]  # of one run
+    order: FilterOrder  # of one run
     time_base: TimeBase = TimeBase()  # the uniform grid on which the signals are filtered
 
     @property
@@ -139,7 +141,7 @@ class Fixture(Settings):
     @property
     def arguments(self) -> dict[str, float]:
         """Those of `signals.grid.fixture_torque`."""
-        return {"inertia": self.inertia, "weight": self.weight, "rest_deg": self.rest_deg}
+        return self.model_dump(include={"inertia", "weight", "rest_deg"})
 
 
 class BenchAnalysis(FilterSettings):
@@ -171,10 +173,10 @@ class BeltAnalysis(BenchAnalysis):
 class SteppedSineAnalysis(BenchAnalysis):
     """Choices for a stepped-sine trial, and its protocol."""
 
-    amplitudes_deg: Annotated[tuple[Degrees, ...], Field(min_length=1)] | None
+    amplitudes_deg: Amplitudes | None
     """Commanded amplitudes [deg], one block each, in the order of the protocol; null: not
     stated."""
-    frequencies_hz: Annotated[tuple[Positive, ...], Field(min_length=1)] | None
+    frequencies_hz: Frequencies | None
     """Frequencies [Hz] of a block, one segment each, in the order of the protocol; null: not
     stated."""
     cycles: CycleCount | tuple[CycleCount, ...] | None

@@ -46,8 +46,7 @@ class Known:
 
     stiffness: float | None  # [N*m/rad]
     inertia: float | None  # [kg*m^2]
-    share: float = 0.0  # their relative standard uncertainty
-    is_fixture_alone: bool = False  # nothing else turns: its own inertia and weight are measured
+    share: float  # their relative standard uncertainty
 
 
 def measured_frame(trial: Trial, record: Record) -> GroupFit | None:
@@ -94,7 +93,7 @@ def stiffness_to_state(frame: GroupFit) -> BenchStiffness:
 
 
 def calibration_table(
-    analysis: Analysis, known: Known, frame: GroupFit | None, stated: Fixture | None
+    analysis: Analysis, known: Known | None, frame: GroupFit | None, stated: Fixture | None
 ) -> pl.DataFrame:
     """The trial's row of `calibration.csv`: Eq. 15 of a known spring or inertia, with friction and
     a late torque, and what else than a delay may make the torque late.
@@ -102,8 +101,9 @@ def calibration_table(
     A spring has no damping beyond `SPRING_LOSS`, unless the fit that allows one, whose `B` is
     given, is certain of it: torque in phase with the velocity, beside friction, is a delay. For an
     inertia, higher derivatives tell a delay from the damping of its bearing. `gain` is the measured
-    K or I over the known one; the rest is the fixture's. `frame` is what yields between two angles,
-    and `stated` the fixture that one alone is compared with.
+    K or I over the known one; the rest is the fixture's. `known` is None where the fixture turns
+    alone: its own inertia and weight are measured. `frame` is what yields between two angles, and
+    `stated` the fixture that one alone is compared with.
 
     Raises
     ------
@@ -112,10 +112,9 @@ def calibration_table(
     IdentifiabilityError
         As `fit_groups`.
     """
-    alone = known.is_fixture_alone
     row: Row = {
         "trial": analysis.record.name,
-        **(fixture_row(analysis, stated) if alone else known_row(analysis, known, frame)),
+        **(known_row(analysis, known, frame) if known else fixture_row(analysis, stated)),
         **analysis.row(None),
         "time_base_shift": analysis.time_base_shift(None, QUANTITIES),
     }
@@ -275,8 +274,8 @@ def with_fixture(trial: Trial, fixture: Fixture | None) -> Trial:
     for this trial comes first."""
     if fixture is None or "torque" not in trial.columns or fixture_of(trial):
         return trial
-    columns = dict(trial.provenance.get("columns", {}))
-    columns["torque"] = {**columns.get("torque", {}), "fixture": fixture.arguments}
+    of_torque = {**origin(trial, "torque"), "fixture": fixture.arguments}
+    columns = {**trial.provenance.get("columns", {}), "torque": of_torque}
     return replace(trial, provenance={**trial.provenance, "columns": columns})
 
 

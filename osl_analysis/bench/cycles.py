@@ -91,12 +91,12 @@ def find_loop(angle: Array, settle_cycles: int = 0) -> Loop:
         elif range_of_stretch > swing:
             others += 1
     if not cycles:
-        first_deg, low_deg, high_deg, last_deg = (
-            np.rad2deg([angle[0], angle.min(), angle.max(), angle[-1]]).round(2) + 0.0
-        )  # without "-0.00"
-        raise InputError(
-            f"no whole cycle: the angle begins at {first_deg:.2f} deg, goes to {low_deg:.2f} and"
-            f" {high_deg:.2f} deg, and ends at {last_deg:.2f} deg; record the way back to the start"
+        extremes = [angle[0], angle.min(), angle.max(), angle[-1]]
+        first_deg, low_deg, high_deg, last_deg = np.rad2deg(extremes)
+        raise InputError(  # without "-0.00"
+            f"no whole cycle: the angle begins at {first_deg:z.2f} deg, goes to {low_deg:z.2f} and"
+            f" {high_deg:z.2f} deg, and ends at {last_deg:z.2f} deg; record the way back to the"
+            " start"
         )
     settled = cycles[settle_cycles:]
     if not settled:

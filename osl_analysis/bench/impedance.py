@@ -120,10 +120,9 @@ class Analysis:
         if "T_C" in fit.names:
             sign = np.tanh(motion.omega / SIGN_WIDTHS["T_C"])
             columns["T_C"] = record.settings.low_pass(sign, record.rate_hz)
-        estimates = dict.fromkeys((*fit.names, *self.model), 0.0)
-        estimates |= dict(zip(fit.names, fit.estimates.tolist(), strict=True))
-        of_estimates = [self.model.get(name, name) for name in estimates]
-        sizes = np.array([*estimates.values()])
+        missing = [name for name in self.model if name not in fit.names]
+        of_estimates = [self.model.get(name, name) for name in (*fit.names, *missing)]
+        sizes = np.append(fit.estimates, np.zeros(len(missing)))
         X = np.column_stack([columns[column] for column in of_estimates])
         is_of_angle = np.isin(of_estimates, OF_ANGLE)
 

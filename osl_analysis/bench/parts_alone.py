@@ -250,7 +250,7 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
     A late torque reduces J_j by B_j times the lag, and leaves a third derivative of the angle,
     which shows it."""
     record = analysis.record
-    s = sums_of(analysis.record)
+    s = sums_of(record)
     friction = coulomb_fits(s, analysis)
     fault = suspected_fault_of_losses(record)
     VAF_held_out = held_out_vaf(analysis.sums, analysis.model)

@@ -20,7 +20,7 @@ from osl_analysis.bench.plausibility import check_changes, check_resists, check_
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import Change, InputError, naming
 from osl_analysis.measured import cycle_duration
-from osl_analysis.stats.estimates import Row
+from osl_analysis.stats.estimates import Estimate, Row
 from osl_analysis.stats.linear_fit import variance_accounted_for
 from osl_analysis.stats.repeats import summary_row
 from osl_analysis.trial import Array, Trial
@@ -243,8 +243,7 @@ def means_row(
     row = dict[str, Any]()
     for name, of_cycles, error in zip(MEASURED, values.T, shared, strict=True):
         summary = summary_row(pl.DataFrame({name: of_cycles, f"{name}_se_bench": error}), name)
-        ends = {f"{name}_{end}": summary[end] for end in ("low", "high")}
-        row |= {name: summary["mean"], **ends}
+        row |= Estimate(summary["mean"], summary["low"], summary["high"]).columns(name)
     returned, stored = values.mean(axis=0)[[3, 2]]
     return {**row, "returned_share": returned / stored}
 

@@ -198,13 +198,12 @@ def fit_calibration_trial(
     `condition` has the columns `known_...` and `fixture`."""
     stated = condition or {}
     uncertainty = (stated.get("known_percent") or 0.0) / 100
-    is_fixture_alone = bool(stated.get("fixture"))
-    known = calibration.Known(
-        stated.get("known_K"), stated.get("known_I"), uncertainty, is_fixture_alone
-    )
+    known = None
     stated_fixture = settings.fixture
-    if is_fixture_alone:  # which nothing is taken off
+    if stated.get("fixture"):  # alone, which nothing is taken off
         settings = settings.model_copy(update={"fixture": None})
+    else:
+        known = calibration.Known(stated.get("known_K"), stated.get("known_I"), uncertainty)
     trial, rails = checked(trial, settings)
     record = record_of_trial(trial, settings)
     frame = calibration.measured_frame(trial, record)

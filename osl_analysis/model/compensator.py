@@ -22,7 +22,7 @@ from pydantic import Field
 from osl_analysis.errors import InputError, UnreachableImpedanceError, nearest
 from osl_analysis.model.drivetrain import DrivetrainParameters
 from osl_analysis.trial import Array
-from osl_analysis.yaml_settings import Settings
+from osl_analysis.yaml_settings import FilterOrder, Settings
 
 CONTROLLERS = ("compensated", "uncompensated")  # whose gains the draft states
 
@@ -45,7 +45,7 @@ class Weight(Settings):
     """
 
     cutoff_hz: Annotated[float, Field(ge=1e-3, le=1e4)]  # Cut-off [Hz].
-    order: Annotated[int, Field(ge=1, le=10)]  # Order.
+    order: FilterOrder  # Order.
 
 
 PAPER_WEIGHT = Weight(cutoff_hz=1.0, order=3)

@@ -15,7 +15,9 @@ from osl_analysis.model.compensator import PAPER_WEIGHT, Weight
 from osl_analysis.model.multisine import odd_lines
 from osl_analysis.yaml_settings import (
     IDENTIFIER,
-    Degrees,
+    Amplitudes,
+    CycleCount,
+    Frequencies,
     JointDegrees,
     NotNegative,
     Positive,
@@ -122,18 +124,14 @@ class SecondOrderJoint(Switches):
     coulomb: Effect = effect("N*m", off=0)  # Coulomb friction of the joint
 
 
-CyclesOfSine = Annotated[int, Field(ge=1, le=10_000)]
-
-
 class SteppedSineSchedule(Settings):
     """`lead_s` of rest, then a block per amplitude: each frequency in the given order, then
     `rest_s` of rest."""
 
-    frequencies_hz: Annotated[tuple[Positive, ...], Field(min_length=1)]
-    cycles: (
-        CyclesOfSine | tuple[CyclesOfSine, ...]
-    )  # at each frequency: one number, or one for each
-    amplitudes_deg: Annotated[tuple[Degrees, ...], Field(min_length=1)]
+    frequencies_hz: Frequencies
+    # at each frequency: one number, or one for each
+    cycles: CycleCount | tuple[CycleCount, ...]
+    amplitudes_deg: Amplitudes
     rest_s: NotNegative  # after each amplitude
     lead_s: NotNegative  # rest before the first amplitude
 

@@ -7,6 +7,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from osl_analysis.signals import LowPass
 from osl_analysis.yaml_settings import (
+    FilterOrder,
     JointDegrees,
     Newtons,
     NotNegative,
@@ -93,7 +94,7 @@ class WalkingFilter(Settings):
     """The one zero-phase Butterworth low-pass of markers and wrench."""
 
     cutoff_hz: Cutoff  # Cut-off [Hz] of one run of the filter
-    order: Annotated[int, Field(ge=1, le=10)]  # Order of one run of the filter
+    order: FilterOrder  # Order of one run of the filter
 
     @property
     def low_pass(self) -> LowPass:

@@ -28,10 +28,15 @@ def stiffness_without(record, label, left_out_hz):
     return np.linalg.lstsq(X, record.filtered_torque[rows])[0][0]
 
 
+def fitted(record):
+    """Eq. 15, and the labels of the smallest and the largest amplitude."""
+    analysis = rendered_impedance(record)
+    return analysis, *sorted(label for label in analysis.fits if label is not None)
+
+
 def test_the_interval_of_a_change_is_the_jackknife_over_frequencies():
     record = stepped_sine(faster_is_stiffer, protocol=FIVE)
-    analysis = rendered_impedance(record)
-    smallest, largest = sorted(label for label in analysis.fits if label is not None)
+    analysis, smallest, largest = fitted(record)
 
     change = difference_of(analysis, smallest, largest)
 
@@ -52,8 +57,7 @@ def test_what_is_noise_alone_has_the_freedom_of_cycles_and_frequencies():
     record = stepped_sine(
         lambda motion: 200 * motion.theta + 4 * motion.omega, noise=1.0, protocol=FIVE
     )
-    analysis = rendered_impedance(record)
-    smallest, largest = sorted(label for label in analysis.fits if label is not None)
+    analysis, smallest, largest = fitted(record)
 
     freedom = difference_of(analysis, smallest, largest).freedom("B")
 

@@ -96,7 +96,7 @@ def test_where_amplitudes_nest_in_frequencies_fig4_uses_the_largest_alone(tmp_pa
         (a, f, 1 if a == large else 0.5) for f in PROTOCOL.frequencies_hz for a in (small, large)
     ]
     trial = trial_of_steps(steps)
-    degrees = [round(float(np.rad2deg(a)), 9) for a in PROTOCOL.amplitudes]
+    degrees = [round(np.rad2deg(a), 9) for a in PROTOCOL.amplitudes]
     settings = sine_settings(degrees, (1, 3, 5), 9)
     record = record_of_trial(trial, settings)
     table = impedance_table(rendered_impedance(record))

@@ -13,7 +13,7 @@ def table_of(rows):
 
 
 def covered(table):
-    return float(((table["low"] <= table["truth"]) & (table["truth"] <= table["high"])).mean())
+    return ((table["low"] <= table["truth"]) & (table["truth"] <= table["high"])).mean()
 
 
 def ratio(table, size):
@@ -23,7 +23,7 @@ def ratio(table, size):
         (one["error"] ** 2).mean() / (one[size] ** 2).mean()
         for _, one in table.group_by("quantity")
     ]
-    return float(np.sqrt(np.mean(each)))
+    return np.sqrt(np.mean(each))
 
 
 def test_frequency_responses_are_as_precise_as_they_say_and_can_be(study):

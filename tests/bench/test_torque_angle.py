@@ -39,7 +39,7 @@ def fitted(theta, torque, curve=None, **changes):
 def row_of(theta, torque, **changes):
     """The row of the table, with causes of doubt and what is not checked by name, but that one
     speed does not tell a delay."""
-    rails = saturated(trial_of(theta, torque), "torque", "theta")
+    rails = saturated(trial_of(theta, torque))
     table = fitted(theta, torque, **changes).table.with_columns(rails)
     row = marked(table, CONFIG.doubtful.of("torque_angle"), "torque_angle").row(0, named=True)
     others = [item for item in (row.get("remarks") or "").split("; ") if item != LATENESS]

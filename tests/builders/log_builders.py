@@ -24,6 +24,12 @@ def written(values: Any) -> list[str]:
     return [f"{value:.9f}" for value in values]
 
 
+def ankle(rows: int) -> tuple[np.ndarray, ...]:
+    """Time [s], angle [deg] and torque [N*m] of a joint that swings, at 500 Hz."""
+    time = np.arange(rows) / 500
+    return time, 5 * np.sin(9 * time), 30 * np.sin(9 * time + 0.3)
+
+
 def table_text(
     sign: str = ",", head: list[str] = HEAD, above: str = "", below: str = "", *,
     t: list[str], a: list[str], m: list[str], decimal: str = ".",

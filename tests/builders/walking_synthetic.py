@@ -166,7 +166,7 @@ def plate_wrench(t: Array, ramp: Ramp | None, rig: Rig) -> Array:
 def stance_load(t: Array) -> Array:
     """Share of the load (n,), about 1 in stance from 0.9 to 1.62 s, with the two humps of gait."""
     held = step(t, 0.9, 0.15)[0] - step(t, 1.62 - 0.15, 0.15)[0]
-    return np.asarray(held * (1 - 0.15 * np.cos(4 * np.pi * np.clip((t - 0.9) / 0.72, 0, 1))))
+    return held * (1 - 0.15 * np.cos(4 * np.pi * np.clip((t - 0.9) / 0.72, 0, 1)))
 
 
 def carried(points: Array, t: Array, ramp: Ramp | None, rig: Rig) -> Array:
@@ -174,7 +174,7 @@ def carried(points: Array, t: Array, ramp: Ramp | None, rig: Rig) -> Array:
     (phi, _, _), (lift, _, _) = angle_and_heave(t, ramp)
     ridden = np.einsum("nij,mj->nmi", about_y(-phi), points - rig.pivot) + rig.pivot
     ridden[:, :, 2] += lift[:, None]
-    return np.asarray(ridden)
+    return ridden
 
 
 def walked_over(name: str, ramp: Ramp | None, rig: Rig, seed: int, loaded: bool = True) -> Trial:
@@ -215,7 +215,7 @@ def wrench_of_foot(t: Array, ramp: Ramp | None) -> Array:
 def plate_trials(rig: Rig, ramp: Ramp, seed: int, count: int = 4) -> list[Trial]:
     """Trials of the unloaded platform: the same ramp, at other times."""
     starts = 1.0 + np.random.default_rng(seed + 77).uniform(0, 0.05, count)
-    ramps = [replace(ramp, onset=float(start), returns=1.9) for start in starts]
+    ramps = [replace(ramp, onset=start, returns=1.9) for start in starts]
     return [
         walked_over(f"plate_{k}", each, rig, 1000 * seed + 900 + k, loaded=False)
         for k, each in enumerate(ramps)

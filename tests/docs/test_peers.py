@@ -40,24 +40,6 @@ def peers_are_importable(monkeypatch):
     monkeypatch.syspath_prepend(PEERS)
 
 
-@pytest.fixture
-def scored(tmp_path):
-    """The row over all cases of some lines of answers."""
-    from score import score_answers
-
-    def scores(*lines):
-        (tmp_path / "truth.csv").write_text(
-            "trial,group,K,B,I,cause\na,one,300,5,0.02,\nb,one,300,5,0.02,friction\n"
-        )
-        texts = "\n".join(lines).splitlines()
-        (tmp_path / "answers.csv").write_text(
-            HEAD + "".join(f"{text},mine 1.10\n" for text in texts)
-        )
-        return score_answers(tmp_path / "answers.csv", tmp_path / "truth.csv").row(0, named=True)
-
-    return scores
-
-
 def test_a_method_of_one_file_and_one_function_is_compared(tmp_path):
     import closed_form
     import generator
@@ -96,7 +78,7 @@ def test_a_method_of_one_file_and_one_function_is_compared(tmp_path):
     assert set(answers["version"]) == {f"pytest {pytest.__version__}, numpy {np.__version__}"}
 
 
-@pytest.mark.parametrize(("line", "expected"), [
+@pytest.mark.parametrize(("lines", "expected"), [
     # b, without a line, is not answered; B of ±2 % is as wide as what is off
     (f"m,a,{RIGHT},,,",
      {"silent": 0, "announced": 0, "false_alarms": 0, "coverage": 100, "trials": 2, "answered": 1,
@@ -116,5 +98,14 @@ def test_a_method_of_one_file_and_one_function_is_compared(tmp_path):
     # its interval says that B may be 5
     ("m,a,300,,,6,4,8,0.02,,,,,", {"silent": 0, "coverage": 100}),
 ])  # fmt: skip
-def test_a_miss_is_off_beyond_the_interval_and_silent_without_a_doubt(scored, line, expected):
-    assert {name: scored(line)[name] for name in expected} == expected
+def test_a_miss_is_off_beyond_the_interval_and_silent_without_a_doubt(tmp_path, lines, expected):
+    """The row over all cases of some lines of answers."""
+    from score import score_answers
+
+    answers, truth = tmp_path / "answers.csv", tmp_path / "truth.csv"
+    truth.write_text("trial,group,K,B,I,cause\na,one,300,5,0.02,\nb,one,300,5,0.02,friction\n")
+    answers.write_text(HEAD + "".join(f"{line},mine 1.10\n" for line in lines.splitlines()))
+
+    row = score_answers(answers, truth).row(0, named=True)
+
+    assert {name: row[name] for name in expected} == expected

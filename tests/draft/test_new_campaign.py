@@ -515,13 +515,15 @@ def test_a_trc_that_tells_which_axis_points_up_drafts_the_axes_of_all(tmp_path, 
     assert 'axes: ["x", "-z", "y"]' in source
 
 
+TIME = np.arange(2000) / 100
+ANGLE = 4 * np.sin(6 * TIME)
+
+
 def test_a_fixture_alone_is_a_calibration_and_does_not_tell_the_sign_of_the_torque(tmp_path):
     """Of its inertia alone, which comes first by its name, the torque falls as the angle rises."""
-    time = np.arange(2000) / 100
-    angle = 4 * np.sin(6 * time)
-    torque = {"fixture": -0.005 * angle, "impedance_K80": 1.4 * angle}
+    torque = {"fixture": -0.005 * ANGLE, "impedance_K80": 1.4 * ANGLE}
     for name, values in torque.items():
-        columns = {"time [s]": time, "joint angle [deg]": angle, "torque [Nm]": values}
+        columns = {"time [s]": TIME, "joint angle [deg]": ANGLE, "torque [Nm]": values}
         write_text(tmp_path / f"{name}.csv", columns)
 
     draft = draft_campaign(tmp_path)
@@ -533,11 +535,9 @@ def test_a_fixture_alone_is_a_calibration_and_does_not_tell_the_sign_of_the_torq
 
 
 def test_files_of_one_source_file_with_torques_of_opposite_signs_are_named(tmp_path):
-    time = np.arange(2000) / 100
-    angle = 4 * np.sin(6 * time)
-    speed = np.gradient(angle, time)
+    speed = np.gradient(ANGLE, TIME)
     for number, sign in enumerate((-1, 1, 1)):
-        rows = np.column_stack([time, angle, sign * (1.4 * angle + 0.02 * speed)])
+        rows = np.column_stack([TIME, ANGLE, sign * (1.4 * ANGLE + 0.02 * speed)])
         path = tmp_path / f"K80_{number}.csv"
         header = "time [s],joint angle [deg],torque [Nm]"
         np.savetxt(path, rows, "%.5f", ",", header=header, comments="")

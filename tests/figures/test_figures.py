@@ -432,10 +432,10 @@ def test_no_two_controllers_look_alike():
 
 def test_a_figure_is_the_same_whatever_the_users_matplotlib_settings(tmp_path):
     plain, other = ([tmp_path / f"{n}.{suffix}" for suffix in ("pdf", "svg")] for n in "ab")
-    write_figure(drawn("fig8", plotted("fig8")), plain, "Simulated data", footer=True)
+    write_figure(drawn("fig8", plotted("fig8")), plain, "Simulated data")
 
     with mpl.rc_context({"font.size": 20, "pdf.fonttype": 3, "savefig.bbox": "tight"}):
-        write_figure(drawn("fig8", plotted("fig8")), other, "Simulated data", footer=True)
+        write_figure(drawn("fig8", plotted("fig8")), other, "Simulated data")
 
     assert [path.read_bytes() for path in other] == [path.read_bytes() for path in plain]
     assert b"/Type3" not in plain[0].read_bytes()

@@ -82,7 +82,7 @@ def message(number: int, time_ns: int, payload: bytes) -> bytes:
 
 def messages(values: range, number: int = 1) -> bytes:
     """One per millisecond, each with its own value."""
-    return b"".join(message(number, i * MILLISECOND, cdr(float(i))) for i in values)
+    return b"".join(message(number, i * MILLISECOND, cdr(i)) for i in values)
 
 
 PACKINGS = {
@@ -139,7 +139,7 @@ def test_wherever_a_log_is_cut_its_whole_chunks_are_read(tmp_path: Path, packing
         recording = read(tmp_path, content[:cut])
 
         # the indexes behind the last chunk are not needed
-        least = 10 * int(np.count_nonzero(ends <= cut))
+        least = 10 * np.count_nonzero(ends <= cut)
         values = column(recording, "a")
         assert values == list(range(len(values)))
         assert least <= len(values) <= least + 10
@@ -248,7 +248,7 @@ def assert_decoded(path: Path, topic: str, expected: list[dict[str, float]]) -> 
         assert column(recording, name, topic) == wanted, name
     stamps = recording.channels[0].rows.stamps_ns
     assert stamps is not None
-    return [int(stamp) for stamp in stamps]
+    return stamps.tolist()
 
 
 words = st.text("abcé", max_size=6)

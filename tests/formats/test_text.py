@@ -8,16 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import said_in_refusal
-from log_builders import table_text, written
+from log_builders import ankle, table_text, written
 
 from osl_analysis import formats
 from osl_analysis.errors import InputError
 from osl_analysis.formats import known_formats
 from osl_analysis.recording import Kind, Recording
 
-TIME = np.arange(900) / 500  # s; long enough that polars splits the middle of the text
-TORQUE = 30 * np.sin(9 * TIME + 0.3)
-table = partial(table_text, t=written(TIME), a=written(5 * np.sin(9 * TIME)), m=written(TORQUE))
+TIME, ANGLE, TORQUE = ankle(900)  # long enough that polars splits the middle of the text
+table = partial(table_text, t=written(TIME), a=written(ANGLE), m=written(TORQUE))
 
 
 def read(folder: Path, content: str | bytes, name: str = "a.csv", **stated: Any) -> Recording:

@@ -39,7 +39,7 @@ def inferred(
 
 def velocity() -> np.ndarray:
     time, _, theta = driven()
-    return np.asarray(scipy.interpolate.make_interp_spline(time, theta, 5)(time, 1))
+    return scipy.interpolate.make_interp_spline(time, theta, 5)(time, 1)
 
 
 def changed(change) -> ImpedanceInference:

@@ -51,7 +51,7 @@ def white(size: float = 0.1) -> np.ndarray:
 def coloured() -> np.ndarray:
     """Noise through one lag of 30 ms, with SD 0.5 N*m."""
     x = scipy.signal.lfilter([1.0], [1.0, -np.exp(-1 / (RATE * 0.03))], white(1.0))
-    return np.asarray(0.5 * x / x.std())
+    return 0.5 * x / x.std()
 
 
 def test_whitened_fit_is_that_of_statsmodels_gls():
@@ -136,7 +136,7 @@ def test_slipping_spring_follows_prandtl_step_by_step():
     angle = np.cumsum(white_noise(300, 4))
     torque = [0.0]
     for step in np.diff(angle):
-        torque.append(float(np.clip(torque[-1] + step / 2.0, -1, 1)))
+        torque.append(np.clip(torque[-1] + step / 2.0, -1, 1))
 
     assert slipping_springs(angle, [2.0])[0] == pytest.approx(np.array(torque), abs=1e-12)
 

@@ -13,7 +13,7 @@ import pytest
 import scipy.io
 import xlsxwriter
 from conftest import refused_with
-from log_builders import HEAD, table_text, written
+from log_builders import HEAD, ankle, table_text, written
 
 from osl_analysis.commands.trials import inspect_file
 from osl_analysis.draft.draft_source import draft_source
@@ -22,9 +22,7 @@ from osl_analysis.ingest.likely_clock import ticks
 from osl_analysis.ingest.raw_files import trial_from_files
 
 ROWS = 480  # lines between the first 300 and the last 60 are split by polars
-TIME = np.arange(ROWS) / 500
-ANGLE = 5 * np.sin(9 * TIME)
-TORQUE = 30 * np.sin(9 * TIME + 0.3)
+TIME, ANGLE, TORQUE = ankle(ROWS)
 T, A, M = map(written, (TIME, ANGLE, TORQUE))
 CLOCK = [
     dt.datetime(2024, 5, 1, 23, 59, 59, 500_000) + dt.timedelta(microseconds=round(1e6 * x))

@@ -21,7 +21,7 @@ NOISE = white_noise((2, ROWS), 3)
 OMEGA = 2 * np.pi * 5.0  # rad/s; second differences of this motion are large, third ones small
 THETA = 0.1 * np.sin(OMEGA * TIME) + 1e-5 * NOISE[0]  # rad
 TORQUE = 30.0 * np.cos(OMEGA * TIME) + 0.01 * NOISE[1]  # N*m
-USUAL_BEND = float(np.quantile(np.abs(np.diff(TORQUE, 3)), 0.99))  # N*m
+USUAL_BEND = np.quantile(np.abs(np.diff(TORQUE, 3)), 0.99)  # N*m
 BESIDE_GAP = np.delete(np.arange(ROWS), np.arange(700, 730))
 SCATTERED = TIME + 0.4 / RATE_HZ * np.random.default_rng(4).uniform(-1, 1, ROWS)
 

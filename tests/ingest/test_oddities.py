@@ -8,6 +8,7 @@ import numpy as np
 import polars as pl
 import pytest
 from conftest import refused_with, white_noise
+from log_builders import ankle
 from mcap_builder import HEADER, stamped, write_log
 from recognised_files import read_recognised, refusal_of
 
@@ -15,9 +16,8 @@ from osl_analysis.ingest.clock import aligned_clock
 from osl_analysis.ingest.conversion import Converted, fresh_rows
 from osl_analysis.recording import Rows
 
-TIME = np.arange(4000) / 500
-TORQUE = 30 * np.sin(9 * TIME + 0.3)
-ROWS = np.column_stack([1e3 * TIME + 50_000, 5 * np.sin(9 * TIME), TORQUE])
+TIME, ANGLE, TORQUE = ankle(4000)
+ROWS = np.column_stack([1e3 * TIME + 50_000, ANGLE, TORQUE])
 CSV = {
     "time": {"column": "time", "unit": "ms"},
     "channels": {

@@ -5,7 +5,6 @@ import re
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import polars as pl
@@ -462,14 +461,15 @@ def force_and_moment(roll: Array = ROLL) -> tuple[Array, Array]:
     return force + rng.normal(0, 1.0, force.shape), moment + rng.normal(0, 0.1, moment.shape)
 
 
-def plate_trial(path: Path, channels: Array, **source: Any) -> Trial:
+def plate_trial(folder: Path, channels: Array) -> Trial:
     """The C3D of one level plate of 0.6 m by 0.4 m, as ingest reads it."""
+    path = folder / "a.c3d"
     # z down: y to the right
     corners = FACE * [1000, -1000, 1]
     units = ["N"] * 3 + ["Nm"] * 3
     points = np.ones((FRAMES, 1, 4))
     write_c3d(path, points, channels, **level_plates(corners), ANALOG__UNITS=units)
-    recording = read_converted(path, source_of("c3d", **source))
+    recording = read_converted(path, source_of("c3d"))
     return Trial("walk", recording.samples, recording.facts)
 
 
@@ -481,7 +481,7 @@ def test_a_sound_plate_passes(tmp_path: Path) -> None:
     # as far along the plate as it is not wide
     channels = np.hstack(force_and_moment(ROLL + 0.13))
 
-    checks = checked(plate_trial(tmp_path / "a.c3d", channels))
+    checks = checked(plate_trial(tmp_path, channels))
 
     assert (checks["saturation"].value or 0) < 5
     assert (checks["stuck"].value or 0) < 0.05
@@ -494,7 +494,7 @@ def test_3_samples_of_300_put_no_centre_of_pressure_outside(tmp_path: Path) -> N
     channels = np.hstack(force_and_moment())
     channels[[150, 250, 350], 4] += 3e3
 
-    checks = checked(plate_trial(tmp_path / "a.c3d", channels))
+    checks = checked(plate_trial(tmp_path, channels))
 
     assert checks["pressure_centre"].value == 0.0
 
@@ -502,7 +502,7 @@ def test_3_samples_of_300_put_no_centre_of_pressure_outside(tmp_path: Path) -> N
 def test_a_clipped_raw_channel_is_named_with_its_time(tmp_path: Path) -> None:
     channels = np.hstack(force_and_moment())
     channels[:, 4] = np.clip(channels[:, 4], -60.0, 60.0)
-    trial = plate_trial(tmp_path / "a.c3d", channels)
+    trial = plate_trial(tmp_path, channels)
 
     facts = trial.provenance["plates"][0]["channels"][4]
     assert abs(facts["clipped_at"]) == 60.0
@@ -520,7 +520,7 @@ def test_a_channel_stands_where_the_load_changes_by_a_fifth_and_50_newtons(
     channels = np.outer(load, [1e-4, 1e-4, -1, 1e-4, 1e-4, 1e-4])
     channels[: TIME.size * change // highest, 4] = 5.0
 
-    trial = plate_trial(tmp_path / "a.c3d", channels)
+    trial = plate_trial(tmp_path, channels)
 
     facts = trial.provenance["plates"][0]["channels"][4]
     assert facts["stands_to_s"] == (samples - 1) / PLATE_RATE
@@ -530,10 +530,8 @@ def test_dead_moments_put_the_centre_of_pressure_outside_or_at_rest(
     tmp_path: Path,
 ) -> None:
     force, moment = force_and_moment()
-    moments = {"a": 0 * moment + [0, 840.0, 0], "b": 0 * moment, "c": moment}
-    outside, dead, sound = (
-        plate_trial(tmp_path / f"{one}.c3d", np.hstack((force, x))) for one, x in moments.items()
-    )
+    moments = (0 * moment + [0, 840.0, 0], 0 * moment, moment)
+    outside, dead, sound = (plate_trial(tmp_path, np.hstack((force, each))) for each in moments)
     second = {
         name: name.replace("plate1", "plate2")
         for name in sound.samples.columns
@@ -555,7 +553,7 @@ def test_dead_moments_put_the_centre_of_pressure_outside_or_at_rest(
 
 def test_a_plate_on_which_nobody_stands_is_not_judged(tmp_path: Path) -> None:
     force, moment = force_and_moment()
-    trial = plate_trial(tmp_path / "a.c3d", 0.05 * np.hstack((force, moment)))
+    trial = plate_trial(tmp_path, 0.05 * np.hstack((force, moment)))
     for experiment in ("walking", "plate"):
         assert re.fullmatch(NOT_JUDGED, checked(trial, experiment)["pressure_centre"].remark)
 

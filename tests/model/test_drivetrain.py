@@ -54,9 +54,9 @@ def test_actuator_torque_is_the_sum_of_equation_1():
 @settings(max_examples=30)
 @given(u=st.floats(-20, 20), s=st.floats(-1, 1))
 def test_the_closed_form_of_equation_5_solves_the_implicit_equation(u, s):
-    current = float(compensator.motor_current(u, s, P))
+    current = compensator.motor_current(u, s, P)
 
-    friction = float(drivetrain.motor_friction(s, current, P))
+    friction = drivetrain.motor_friction(s, current, P)
     assert current * P.k_tau * P.n_m == pytest.approx(u + friction, abs=1e-12)
 
 
@@ -97,12 +97,12 @@ def norm(K_d, B_d, B_1, weight=PAPER_WEIGHT, J_j=0.0):
     pair = np.array([K_d], float), np.array([B_d], float)
     polynomials = compensator.admittance_error(*pair, P, weight, J_j)
     squared, _ = compensator.squared_norm(np.array([P.B_m + B_1]), *polynomials)
-    return float(np.sqrt(squared[0]))
+    return np.sqrt(squared[0])
 
 
 def norm_by_quadrature(K_d, B_d, B_1, weight, J_j):
     """An integral over frequency; |W|^2 of a Butterworth filter needs no filter design."""
-    Y = joint_admittance(float(compensator.stiffness_gain(K_d, P)), B_1, P, J_j)
+    Y = joint_admittance(compensator.stiffness_gain(K_d, P), B_1, P, J_j)
     Y_d = drivetrain.desired_admittance(K_d, B_d)
     corner = 2 * np.pi * weight.cutoff_hz
 
@@ -226,7 +226,7 @@ def rendered(gains, K_d, B_d):
 
 def stiffness_at(f, gains, J_j=0.0):
     """Dynamic stiffness of the joint at frequencies [Hz]."""
-    return 1 / joint_admittance(gains.K_1, gains.B_1, P, J_j)(2j * np.pi * np.asarray(f))
+    return 1 / joint_admittance(gains.K_1, gains.B_1, P, J_j)(2j * np.pi * f)
 
 
 @settings(max_examples=15, deadline=None)
@@ -249,7 +249,7 @@ def test_every_selected_impedance_is_stable_and_passive(K_d, B_d):
 def test_fidelity_ends_where_the_stiffness_is_ten_percent_off(K_d, B_d):
     gains = compensator.compensated_gains(K_d, B_d, P)
 
-    end = float(rendered(gains, K_d, B_d).faithful_to_hz[0])
+    end = rendered(gains, K_d, B_d).faithful_to_hz[0]
 
     def error(f):
         return np.abs(stiffness_at(f, gains) / (K_d + 2j * np.pi * f * B_d) - 1)
@@ -285,7 +285,7 @@ def test_the_delay_margin_is_where_a_pole_reaches_the_axis():
     held_actuator = P.K_s / P.n_T**2 - P.J_m * w**2 + 1j * w * P.B_m
     loop = (gains.K_1 + 1j * w * gains.B_1) / held_actuator
 
-    margin = float(rendered(gains, 300.0, 5.0).delay_margin[0])
+    margin = rendered(gains, 300.0, 5.0).delay_margin[0]
 
     def distance_from_the_axis(delay):
         return np.abs(1 + loop * np.exp(-1j * w * delay)).min()

@@ -86,7 +86,7 @@ class Session:
 
     def rendered(self, quantity: str) -> float:
         """Mean of what the simulated drivetrain rendered."""
-        return float(np.mean([self.truth(name)[f"{quantity}_rendered"] for name in self.perturbed]))
+        return np.mean([self.truth(name)[f"{quantity}_rendered"] for name in self.perturbed])
 
 
 def recorded(setup: Setup, folder: Path, **row: Any) -> None:
@@ -235,7 +235,7 @@ def test_what_cannot_be_used_is_listed_and_the_rest_goes_on(real: Session, tmp_p
 def test_doubtful_crossings_are_counted(real: Session, tmp_path: Path) -> None:
     session = real.copied(tmp_path)
 
-    limit = float(np.median(Tables(real.folder)["walking"]["K"]))
+    limit = np.median(Tables(real.folder)["walking"]["K"])
 
     tables = session.summarised(limits=Limits(above={"K": limit}))
 

@@ -16,7 +16,7 @@ ONSETS = 1.2 + np.random.default_rng(5).uniform(-0.05, 0.05, 20)
 
 
 def angle_of(onset: float, size_deg: float = 5.0, rise: float = 0.08) -> Array:
-    return np.asarray(np.deg2rad(size_deg) * step(TIME, onset, rise)[0])
+    return np.deg2rad(size_deg) * step(TIME, onset, rise)[0]
 
 
 def errors_of(angles: Sequence[Array], noise_deg: float) -> Array:

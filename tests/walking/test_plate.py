@@ -475,7 +475,7 @@ def with_corners(corners: Array) -> Trial:
 
 def sloping(angle_deg: float) -> Array:
     """Corners of a plate on a slope."""
-    return np.asarray(SURFACE @ matrix(0, np.deg2rad([angle_deg]))[0].T)
+    return SURFACE @ matrix(0, np.deg2rad([angle_deg]))[0].T
 
 
 AXES = r"plate_1.*`axes`.*\[x, -z, y\]"

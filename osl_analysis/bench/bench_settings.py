@@ -138,11 +138,6 @@ class Fixture(Settings):
     inertia_error: NotNegative = 0.0  # standard uncertainty [kg*m^2]; 0: not stated
     weight_error: NotNegative = 0.0  # standard uncertainty [N*m]; 0: not stated
 
-    @property
-    def arguments(self) -> dict[str, float]:
-        """Those of `signals.grid.fixture_torque`."""
-        return self.model_dump(include={"inertia", "weight", "rest_deg"})
-
 
 class BenchAnalysis(FilterSettings):
     """What the fits of all trials on the dynamometer share."""

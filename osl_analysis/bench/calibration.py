@@ -274,7 +274,9 @@ def with_fixture(trial: Trial, fixture: Fixture | None) -> Trial:
     for this trial comes first."""
     if fixture is None or "torque" not in trial.columns or fixture_of(trial):
         return trial
-    of_torque = {**origin(trial, "torque"), "fixture": fixture.arguments}
+    # arguments of `signals.grid.fixture_torque`
+    stated = fixture.model_dump(include={"inertia", "weight", "rest_deg"})
+    of_torque = {**origin(trial, "torque"), "fixture": stated}
     columns = {**trial.provenance.get("columns", {}), "torque": of_torque}
     return replace(trial, provenance={**trial.provenance, "columns": columns})
 

@@ -294,12 +294,12 @@ def usual_errors(analysis: Analysis) -> Array:
             " move the joint by more or faster, by 0.5 to 6 Hz, and check the unit of theta in the"
             f" source file, {STIFFNESS_ALONE}"
         )
-    usual_of_K, usual_of_I = USUAL_ERROR * np.sqrt(covariance[3, 3]) / [own_theta, own_alpha]
+    usual = USUAL_ERROR * np.sqrt(covariance[3, 3]) / [own_theta, own_alpha]
     # without stiffness a tenth of K is no limit
     limit_of_K = max(LARGE_CHANGE_OF_K * abs(fit["K"]), fit.se("K"))
     limit_of_I = getattr(record.settings, "largest_inertia_error", None) or np.inf
-    excess_of_K = max(usual_of_K**2 - limit_of_K**2, 0.0)
-    excess_of_I = max(usual_of_I**2 - limit_of_I**2, 0.0)
+    limits = np.array([limit_of_K, limit_of_I])
+    excess_of_K, excess_of_I = np.maximum(usual**2 - limits**2, 0.0)
     return np.sqrt([excess_of_K, 0.0, excess_of_I, 0.0, 0.0])
 
 

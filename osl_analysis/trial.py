@@ -219,7 +219,7 @@ class Trial:
         time = self.samples["time"]
         cut = self.within(f"{parts.min():.9f}-{parts.max():.9f}")
         shifted = np.maximum(parts - (cut.samples["time"][0] - time[0]), 0)
-        return cut, " ".join(f"{begin:.9f}-{end:.9f}" for begin, end in shifted.tolist())
+        return cut, " ".join(f"{begin:.9f}-{end:.9f}" for begin, end in shifted)
 
     def arrays(self, *columns: str) -> list[Array]:
         """Arrays (n,) of `time` [s] and the columns, over the rows in which all were sampled (NaN

@@ -211,7 +211,7 @@ def clamped_of(trial: Trial, settings: ActuatorAnalysis, levels: list[slice]) ->
         "ramp": time - time.mean(),
     }
     model = {"k_tau_n_m": "k_tau_n_m", "offset": "one"}
-    if {-1.0, 1.0} <= set(way.tolist()):
+    if {-1.0, 1.0} <= set(way):
         model |= {"hysteresis": "hysteresis", "drift": "ramp"}
 
     stops = np.cumsum(counts).astype(float)

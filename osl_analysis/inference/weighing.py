@@ -116,7 +116,7 @@ class BlockFit:
 
     def __init__(self, rows: Array) -> None:
         self.edges = -(-np.arange(BLOCKS + 1) * rows.shape[1] // BLOCKS)
-        parts = [rows[:, first:stop] for first, stop in pairwise(self.edges.tolist())]
+        parts = [rows[:, first:stop] for first, stop in pairwise(self.edges)]
         matrices = np.array([part @ part.T for part in parts])
         # the matrices are scaled and not the columns, of which an hour has hundreds of megabytes
         self.length = np.sqrt(matrices.sum(axis=0).diagonal()[:-1]) + TINY

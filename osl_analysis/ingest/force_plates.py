@@ -168,7 +168,7 @@ def channel_facts(plate: Plate, raw: Array, load: Array, rate_hz: float) -> list
             continue
         rail = run_at_extreme(values)
         runs = repeats(values)
-        changes = [np.ptp(load[first:stop]) > least for first, stop in runs.tolist()]
+        changes = [np.ptp(load[first:stop]) > least for first, stop in runs]
         longest = longest_of(runs[changes])
         facts.append(
             {

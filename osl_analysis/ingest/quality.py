@@ -382,7 +382,7 @@ def measure_unzeroed_plates(examined: Examined) -> dict[str, float]:
         length = max(round(LIMITS.part_s / (usual_step(time) or math.inf)), 1)
         parts = force[: force.size // length * length].reshape(-1, length)
         quiet = parts[parts.std(axis=1) < LIMITS.at_rest_N].mean(axis=1)
-        level = min(quiet.tolist(), key=abs, default=math.inf)
+        level = min(quiet, key=abs, default=math.inf)
         if level < LIMITS.at_rest_N or (quiet.size and examined.experiment.bare_plate):
             levels[plate] = abs(level)
     return levels

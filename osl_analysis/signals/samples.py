@@ -284,7 +284,7 @@ def held_taken(stream: Stream, name: str, held: HeldValues, row_times: Array, st
     stamps = np.interp(held.rows, np.arange(len(row_times)), row_times)
     clock = DeviceClock(stamps, np.arange(len(stamps)))
     late = stamps - clock.times()
-    low, high = np.quantile(late, (0.005, 0.995)).tolist()
+    low, high = np.quantile(late, (0.005, 0.995))
     is_even = high - low < 2 * step
 
     # time within a step of the log that the beat leaves open; less of it leaves no doubt

@@ -293,7 +293,7 @@ def shared_errors(responses: Sequence[PerturbationResponse]) -> SharedErrors:
         name: [(of_mean_gait[k], freedom[0]), (of_plate[k], freedom[1])]
         for k, name in enumerate(ESTIMATED)
     }
-    return SharedErrors(common, dict(zip(ESTIMATED, of_one.tolist(), strict=True)))
+    return SharedErrors(common, dict(zip(ESTIMATED, of_one, strict=True)))
 
 
 @dataclass(frozen=True)

@@ -90,7 +90,7 @@ LEAPS = {
 
 @pytest.mark.parametrize(("time", "values", "times"), LEAPS.values(), ids=LEAPS)
 def test_a_leap_is_told_with_its_time(time: Array, values: Array, times: list[float]) -> None:
-    assert find_leaps(time, values).tolist() == pytest.approx(times, abs=1.5 / RATE_HZ)
+    assert find_leaps(time, values) == pytest.approx(times, abs=1.5 / RATE_HZ)
 
 
 @pytest.mark.parametrize("share", [0.001, 0.01, 0.04])

@@ -12,7 +12,7 @@ from osl_analysis.bench.impedance import Analysis
 from osl_analysis.bench.motion import signals_of, stretches_of
 from osl_analysis.bench.plausibility import check_changes, check_stiffer
 from osl_analysis.bench.record import Groups, Label, Record, Stratum, record_of, unlike_groups
-from osl_analysis.bench.regression import GroupFit, Model, fit_groups, gram_sums
+from osl_analysis.bench.regression import GroupFit, Model, fit_groups, gram_sums, offset_and_drift
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError, naming
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
@@ -101,9 +101,8 @@ def fit_branches(record: Record, drift: float = 0.0, model: Model | None = None)
     columns = {
         "theta": deflection,
         "omega": motion.omega,
-        "one": np.ones_like(deflection),
         "square": deflection * np.abs(deflection),
-        "ramp": record.time - record.time.mean(),
+        **offset_and_drift(record.time),
     }
     s = gram_sums(record, columns)
     velocities = [motion.omega[record.rows(branch)] for branch in BRANCHES]

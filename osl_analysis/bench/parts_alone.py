@@ -26,6 +26,7 @@ from osl_analysis.bench.regression import (
     Model,
     gram_sums,
     held_out_vaf,
+    offset_and_drift,
     sums_of,
     with_effects,
 )
@@ -124,8 +125,7 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis, moved: str)
         "f_G": -low_pass(direction * np.abs(current), rate),
         "B_m": -omega,
         "J_m": -alpha,
-        "one": np.ones_like(time),
-        "ramp": time - time.mean(),
+        **offset_and_drift(time),
     }
     # below the settings' slowest velocity friction may have any value up to its limit
     moving = is_fast & usable
@@ -207,8 +207,7 @@ def clamped_of(trial: Trial, settings: ActuatorAnalysis, levels: list[slice]) ->
     columns = {
         "k_tau_n_m": np.repeat(means, counts),
         "hysteresis": np.repeat(-way, counts),
-        "one": np.ones_like(time),
-        "ramp": time - time.mean(),
+        **offset_and_drift(time),
     }
     model = {"k_tau_n_m": "k_tau_n_m", "offset": "one"}
     if {-1.0, 1.0} <= set(way):

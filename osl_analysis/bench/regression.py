@@ -219,6 +219,11 @@ def sums_of(record: Record, expected: RationalFunction | None = None) -> Sums:
     return motion_sums(record.coarse, effect_columns(record, expected))
 
 
+def offset_and_drift(time: Array) -> dict[str, Array]:
+    """Columns (n,) of a constant, and of a ramp over times (n,) [s] that is 0 on average."""
+    return {"one": np.ones_like(time), "ramp": time - time.mean()}
+
+
 def columns_of(record: Record) -> dict[str, Array]:
     """The columns (n,) of the models by name; `theta` is 0 in the middle of the fitted rows:
     verdicts do not depend on the encoder's zero."""

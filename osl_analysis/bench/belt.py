@@ -192,7 +192,7 @@ def belt_table(belt: Analysis) -> pl.DataFrame:
     sums = belt.sums
     theta = record.motion.theta
     torque = record.filtered_torque
-    peak = np.max(np.abs(sums.columns["theta"]))
+    peak = np.abs(sums.columns["theta"]).max()
     of_line, of_square, _ = sums.of("loading").estimates([*QUADRATIC.values()])
 
     # the torque, and each error of it

@@ -118,13 +118,13 @@ def cycle_edges(angle: Array, turns: list[int], span: float) -> list[int]:
             turn for turn in turns if abs(angle[turn] - start) < (AT_AN_END + CLOSED) * span
         ]
         return [0, *at_start, last_row]
-    between_turns = list(pairwise([0, *turns, last_row]))
-    direction = np.sign(angle[between_turns[0][1]] - start)
+    ends_of_ways = [0, *turns, last_row]
+    direction = np.sign(angle[ends_of_ways[1]] - start)
     if abs(angle[last_row] - start) <= CLOSED * span:  # the end counts, and is no crossing
-        between_turns = between_turns[:-1]
+        ends_of_ways = ends_of_ways[:-1]
     beyond_start = (angle - start) * direction
     edges = [0]
-    for first, last in between_turns[1:]:
+    for first, last in pairwise(ends_of_ways[1:]):
         if beyond_start[first] < 0 < beyond_start[last]:
             edges.append(first + int(np.argmax(beyond_start[first : last + 1] >= 0)))
     return [*edges, last_row]

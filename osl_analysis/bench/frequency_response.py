@@ -179,7 +179,7 @@ def response_of_pieces(
     cross = belongs @ (theta.conj() * torque)
     all_power = power.sum()
     all_cross = cross.sum()
-    freedom = all_power**2 / np.sum(power**2) - 1
+    freedom = all_power**2 / (power**2).sum() - 1
     deviations = np.array([np.nan + 0j])
     if freedom > LEAST_FREEDOM:
         without_unit = (all_power - power) / (all_cross - cross)
@@ -194,7 +194,7 @@ def mean_response(responses: Sequence[Response]) -> Response:
     It has no interval where the error of one of them is unknown.
     """
     deviations = [response.deviations for response in responses]
-    variances = np.array([np.sum(np.abs(errors) ** 2) for errors in deviations])
+    variances = np.array([(np.abs(errors) ** 2).sum() for errors in deviations])
     freedom = np.nan
     if np.isfinite(variances).all():
         freedom = float(welch_satterthwaite(variances, [each.freedom for each in responses]))
@@ -222,7 +222,7 @@ def responses_of_windows(analysis: Analysis) -> list[Response]:
     frequency_hz = np.fft.rfftfreq(len(window), 1 / record.rate_hz)
     s = 2j * np.pi * frequency_hz
     torque = (fit["K"] + fit["B"] * s + fit["I"] * s**2) * theta + left
-    power = np.sum(np.abs(theta) ** 2, axis=0)
+    power = (np.abs(theta) ** 2).sum(axis=0)
     highest_hz = min(record.band_hz[1], record.settings.cutoff_hz)
     moves = (frequency_hz <= highest_hz) & (power > LEAST_POWER * power.max())
     step = 1 if record.periodic else DISTINCT_LINES

@@ -46,7 +46,6 @@ CERTAIN_FRICTION = 0.9  # probability from which friction is taken off B: nine i
 # makes 0.012 of sound recordings
 SEEN_SHARE = 0.02
 NAMED_SHARE = 0.05  # of all faults' probability, below which an explanation is not named
-COLUMNS_OF_LOSSES = (None, "B_j", "J_j")  # of K, B and I in `transmission.csv`
 
 
 @dataclass(frozen=True)

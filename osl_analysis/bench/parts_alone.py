@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from osl_analysis.bench.bench_settings import ActuatorAnalysis
 from osl_analysis.bench.friction import (
-    COLUMNS_OF_LOSSES,
     coulomb_fits,
     fault_columns,
     suspected_fault_of_losses,
@@ -38,7 +37,7 @@ from osl_analysis.signals.plateaus import FEWEST_PLATEAUS, is_clamped, plateaus_
 from osl_analysis.stats.estimates import Estimate, Row
 from osl_analysis.trial import Array, Trial
 
-LOSSES = ("B_j", "J_j")  # of a transmission
+LOSSES = ("B_j", "J_j")  # of a transmission; its table has no K
 ACTUATOR_PARAMETERS = ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m")
 """Torque per current k_tau n_m [N*m/A], Coulomb friction [N*m], gear friction [N*m/A], damping,
 inertia."""
@@ -274,7 +273,7 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
                 "VAF_held_out": VAF_held_out,
                 "load_cell_drift": 60 * analysis.whole["drift"],
                 "time_base_shift": analysis.time_base_shift(label, LOSSES),
-                **(fault_columns(fault, record, COLUMNS_OF_LOSSES) if fault else {}),
+                **(fault_columns(fault, record, (None, *LOSSES)) if fault else {}),
             }
         )
     return table_of(rows, "transmission", complete=True)

@@ -360,7 +360,8 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> GroupFi
     A_g = products[:, :-1, :-1]
     b_g = products[:, :-1, -1]
     A = A_g.sum(axis=0)
-    estimates, inverse = solved(A, b_g.sum(axis=0))
+    b = b_g.sum(axis=0)
+    estimates, inverse = solved(A, b)
     varies = [k for k, column in enumerate(columns) if column != "one"]
     condition, correlation = condition_of(tuple(model), varies, A, inverse, limit)
 
@@ -373,7 +374,7 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> GroupFi
     scale = np.sqrt(np.diag(A))
     scaled = (A - np.tensordot(belongs, A_g, 1)) / np.outer(scale, scale)
     scaled += SMALLEST_DIRECTION * np.eye(len(A))
-    b_without = (b_g.sum(axis=0) - belongs @ b_g) / scale
+    b_without = (b - belongs @ b_g) / scale
     left_out = np.linalg.solve(scaled, b_without[..., None])[..., 0] / scale
     covariance = scatter_of(left_out)
     freedom = np.full(len(A), max(len(left_out) - 1.0, 1.0))

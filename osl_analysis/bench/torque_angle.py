@@ -123,7 +123,7 @@ def torque_angle_trial(
         "interval_method": "cycles" if len(cycles) > 1 else None,
         "VAF": variance_accounted_for(torque[fitted], torque[fitted] - model[fitted]),
         "closure_torque": np.ptp(torque[ends], axis=1).max() / np.ptp(torque),
-        "bridged_share": np.mean(~signals.usable[of_cycles]),
+        "bridged_share": (~signals.usable[of_cycles]).mean(),
         "desired": desired,
     }
     samples = {

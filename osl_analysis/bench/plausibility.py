@@ -99,7 +99,7 @@ def check_drives(row: Mapping[str, Any]) -> None:
     motion those of the losses alone."""
     losses = [name for name in ("f_C", "B_m", "J_m") if row[name] is not None]
     is_reversed = row["k_tau_n_m_high"] < 0
-    gains_energy = losses and all(row[f"{name}_high"] < 0 for name in losses)
+    gains_energy = bool(losses) and all(row[f"{name}_high"] < 0 for name in losses)
     if not is_reversed and not gains_energy:
         return
     columns = ["current", "torque_m"]

@@ -105,8 +105,8 @@ def read(path: Path, source: NexusSource | None) -> Recording:
     count = max(len(section.rows) for section in used)
     channels = [channel for section in used for channel in section.channels()]
     if source is not None:
-        has_points = source.markers or source.outputs
-        has_devices = source.analogs or source.plates
+        has_points = bool(source.markers or source.outputs)
+        has_devices = bool(source.analogs or source.plates)
         used = [part for part in used if (has_points if part.title in KINDS else has_devices)]
         facts |= _timing_of(used)
     # two sections would differ in an export that was cut

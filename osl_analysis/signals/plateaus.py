@@ -114,7 +114,7 @@ def is_clamped(
         return True
     at_plateaus = np.concatenate([np.r_[rows] for rows in plateaus])
     share = fast_share(time[at_plateaus], motion[at_plateaus], is_angle, slowest)
-    return share < MOST_FAST
+    return bool(share < MOST_FAST)
 
 
 def fast_share(time: Array, motion: Array, is_angle: bool, slowest: float) -> float:

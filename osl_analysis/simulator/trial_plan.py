@@ -124,7 +124,7 @@ def row_of(
     }
     if experiment == "walking":
         draw = generator_of(settings.seed, trial, "perturbed").random()
-        row["perturbed"] = draw < settings.experiments.perturbed_share
+        row["perturbed"] = bool(draw < settings.experiments.perturbed_share)
         if row["perturbed"] and len(settings.experiments.directions) > 1:
             row["direction"] = direction_of(row, settings)
     return row

@@ -152,7 +152,7 @@ def find_sines(
         earliest = run.stop
         if run.is_steady and (run.misfit < PURE_SINE or protocol.command_of(run)):
             of_sines += moving[run.start : run.stop].sum()
-    return found, of_sines >= LEAST_SINES * moving.sum()
+    return found, bool(of_sines >= LEAST_SINES * moving.sum())
 
 
 def moving_bins(theta: Array, rate_hz: float, noise: float) -> NDArray[np.bool_]:

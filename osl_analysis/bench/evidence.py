@@ -16,12 +16,13 @@ from osl_analysis.bench.friction import (
     with_other_stamps,
 )
 from osl_analysis.bench.impedance import QUANTITIES, Analysis
-from osl_analysis.bench.lags import Belt, Lag, belt_of_leg, is_leg, without_lag
+from osl_analysis.bench.lags import Belt, belt_of_leg, is_leg, without_lag
 from osl_analysis.bench.plausibility import check_resists, check_stiffer
 from osl_analysis.bench.record import Label
 from osl_analysis.bench.regression import (
     FEWEST_UNITS,
     IMPEDANCE,
+    BenchFit,
     GroupFit,
     Sums,
     combined,
@@ -32,7 +33,7 @@ from osl_analysis.bench.regression import (
 from osl_analysis.dictionary import table_of
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
 from osl_analysis.model.drivetrain import DrivetrainParameters, joint_admittance
-from osl_analysis.stats.estimates import Estimate, Row
+from osl_analysis.stats.estimates import Estimate, Row, estimates_row
 
 RENDERED = (0.94, 1.06)
 """K without friction over that of linear theory, from and to which a sound leg renders it. Legs of
@@ -192,7 +193,9 @@ def impedance_table(
                 **of_trial,
             }
         )
-    table = table_of(rows, "impedance", complete=True).with_columns(lag_columns(belt.lag))
+    table = table_of(rows, "impedance", complete=True)
+    if belt.lag:
+        table = with_lag(table, belt.lag)
     # a leg's friction hides it without compensation; Eq. 15 is of motion below the cut-off
     is_slow = record.band_hz[1] <= record.settings.cutoff_hz
     if gains and gains.cancels_friction and is_slow:
@@ -202,26 +205,22 @@ def impedance_table(
     return beside_known(table, p, desired)
 
 
-def lag_columns(lag: Lag | None) -> list[pl.Expr]:
-    """Lag of a leg's torque behind the angle by its belt, the shares of B and I that are due to a
-    lag that was found, and B and I without it; for a table with K, B and I.
+def with_lag(table: pl.DataFrame, lag: BenchFit) -> pl.DataFrame:
+    """A table with K, B and I, with the lag of a leg's torque behind the angle by its belt, the
+    shares of B and I that are due to a lag that was found, and B and I without it.
 
     exp(-s d) = 1 - s d + (s d)^2/2 takes K d off B, and (B + K d/2) d off I, with the fitted B.
     """
-    is_certain = lag is not None and lag.is_certain
-    numbers = (lag.seconds, lag.half_width) if lag else (None, None)
-    seconds, half_width = (pl.lit(number, pl.Float64) for number in numbers)
-    found_s = seconds * is_certain
-    K, B, I = pl.col("K"), pl.col("B"), pl.col("I")
-    size_of_I = (I**2 + LITTLE["I"] ** 2).sqrt()
-    return [
-        seconds.alias("lag_s"),
-        (seconds - half_width).alias("lag_s_low"),
-        (seconds + half_width).alias("lag_s_high"),
-        (K * found_s / B).abs().alias("lag_share"),
-        ((B + K * found_s / 2) * found_s / size_of_I).abs().alias("lag_inertia_share"),
-        *without_lag(pl.when(found_s != 0).then(found_s), half_width),
-    ]
+    found_s = lag["lag_s"] if lag.certain("lag_s") else None
+    without = without_lag(pl.lit(found_s, pl.Float64), lag.half_width("lag_s"))
+    size_of_I = (pl.col("I") ** 2 + LITTLE["I"] ** 2).sqrt()
+    of_belt = {**estimates_row(lag, "lag_s"), "lag_s_se_bench": lag.se_bench("lag_s")}
+    return table.with_columns(*without, **of_belt).with_columns(
+        lag_share=(pl.col("B_without_lag") / pl.col("B") - 1).abs().fill_null(0.0),
+        lag_inertia_share=((pl.col("I_without_lag") - pl.col("I")) / size_of_I)
+        .abs()
+        .fill_null(0.0),
+    )
 
 
 def beside_known(
@@ -260,7 +259,7 @@ def beside_known(
         known["K_over_K_d"] = of_spring / desired.K_d
         if desired.B_d:
             known["B_over_B_d"] = (whole["B_viscous"] or whole["B"]) / desired.B_d
-    if p is not None:
+    if p is not None and np.isfinite(p.K_s):
         ratios = pl.col("K") / p.K_s
         is_leg_of_file = desired.controller or desired.K_d or whole["K_s_ratio"] is not None
         known["K_over_K_s"] = ratios if is_leg_of_file else pl.when(ratios > 1).then(ratios)

@@ -4,6 +4,7 @@ of the torque and of theta_m."""
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import polars as pl
@@ -12,7 +13,8 @@ import scipy
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import (
     EFFECTS_LIMIT,
-    FALSE_ALARM,
+    TRANSMISSION,
+    BenchFit,
     GroupFit,
     Model,
     columns_of,
@@ -25,13 +27,11 @@ from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
 from osl_analysis.stats.estimates import INTERVAL_ENDS
 from osl_analysis.trial import Array
 
-NEXT = {"theta": "omega", "omega": "alpha", "alpha": "jerk"}  # derivative of each column
 LONGEST_LAG = 0.02  # s; the largest lag that is sought
 LAG_FOUND = 1e-6  # s; last step of a search that has come to its end
 LAG_CONVERGED = 1e-9  # s; the step after it would be a thousand times smaller
-# of a search for a lag: four shrink from 20 ms below `LAG_CONVERGED`, as each is about a thousandth
-# of the one before; one is to spare
-MOST_STEPS = 5
+# of a search for a lag: each is an eighth of the one before or less, of most a hundredth
+MOST_STEPS = 10
 # half-widths [rad] of the slipping springs that model a belt's hysteresis
 WOUND_UP = (0.5e-3, 1.5e-3, 4e-3)
 # the same for friction of the joint, beyond the belt: bristles and seals; and velocities [rad/s]
@@ -40,30 +40,26 @@ BRISTLES = (1.5e-4, 5e-4, 1.5e-3, 5e-3, 1.5e-2)
 SLIDES = np.array([[0.01], [0.05]])
 # SD [s] of a lag due to hysteresis that these do not model; simulated legs: 10 to 150
 BELT_ERROR = 80e-6
+LEAST_OWN_ERROR = 0.1  # of that error: what a fit has beside it
 # of the joint's angle: errors of encoders reach that, and a joint beside an idle motor is no leg
 LEAST_DEFLECTION = 0.05
 # of the file's K_s, beyond which the belt is another one
 LEAST_K_S = 0.7
 LARGEST_K_S = 1.4
-OF_JOINT = ("theta", "alpha")  # columns that the belt's torque has no part of
+ERROR_OF_J_J = 0.1  # SD of the file's J_j, as a share: drawings leave out screws and cables
 OTHER_B_J = 3.0  # factor by which losses vary from joint to joint about the parameter file's
 # the motion cannot tell effects apart
 CANNOT_TELL = (IdentifiabilityError, InputError, np.linalg.LinAlgError)
 
 
 def late_fit(
-    few: Record,
-    columns: Mapping[str, Array],
-    model: Model,
-    prompt_torque: Array | float = 0.0,
-    lag_s: float = 0.0,
+    few: Record, columns: Mapping[str, Array], model: Model, lag_s: float = 0.0
 ) -> tuple[GroupFit, bool]:
     """Fit a model to a torque that is late (Gauss-Newton).
 
     In each step the torque is advanced by the lag that is known so far. The slope of the torque is
-    a column, which gives the lag that remains. The slope is the model's, as far as its derivatives
-    are columns: that of a noisy torque would pull the lag to 0. It needs estimates, so that the
-    first step is a fit without a lag. A model without derivatives uses the torque's own slope.
+    a column, which gives the lag that remains. From the second step on it is that of the model's
+    torque: that of a noisy torque would pull the lag to 0.
 
     Parameters
     ----------
@@ -73,8 +69,6 @@ def late_fit(
         Columns by name.
     model : Mapping
         Column of each estimate.
-    prompt_torque : Array (n,) or float
-        Part of the torque that is not late, and is subtracted [N*m].
     lag_s : float
         Where the search starts [s].
 
@@ -90,29 +84,18 @@ def late_fit(
     InputError, IdentifiabilityError
         As `fit_groups`.
     """
-    torque_at = scipy.interpolate.make_interp_spline(few.time, few.filtered_torque, 5)
-    derivatives = {
-        name: columns[NEXT[column]] for name, column in model.items() if NEXT.get(column) in columns
-    }
-
-    def fit_at(times: Array, slope: Mapping[str, Array]) -> GroupFit:
-        """The model, with the torque's slope if it is given, for the torque at other times."""
-        torque = torque_at(times) - prompt_torque
-        advanced = replace(few, filtered_torque=torque, torque=torque)
-        sums = gram_sums(advanced, {**columns, **slope})
-        with_lag = {**model, "lag_s": "late"} if slope else model
-        return fit_groups(sums, with_lag, EFFECTS_LIMIT)
-
-    times = np.clip(few.time + lag_s, few.time[0], few.time[-1])
-    fit = fit_at(times, {})
+    of_model = np.column_stack([columns[name] for name in model.values()])
+    spline_of = partial(scipy.interpolate.make_interp_spline, few.time, k=5)
+    torque_at = spline_of(few.filtered_torque)
+    modelled = few.filtered_torque
     for _ in range(MOST_STEPS):
-        slope = torque_at(times, 1)
-        if derivatives:
-            slope = np.sum([fit[name] * column for name, column in derivatives.items()], axis=0)
-        fit = fit_at(times, {"late": -slope})
+        torque = torque_at(np.clip(few.time + lag_s, few.time[0], few.time[-1]))
+        in_time = replace(few, filtered_torque=torque, torque=torque)
+        sums = gram_sums(in_time, {**columns, "late": -spline_of(modelled)(few.time, 1)})
+        fit = fit_groups(sums, {**model, "lag_s": "late"}, EFFECTS_LIMIT)
+        modelled = of_model @ fit.estimates[:-1]
         step_s = fit["lag_s"]
         lag_s = np.clip(lag_s + step_s, -LONGEST_LAG, LONGEST_LAG)
-        times = np.clip(few.time + lag_s, few.time[0], few.time[-1])
         if abs(step_s) < LAG_CONVERGED:
             break
     with_lag = np.append(fit.estimates[:-1], lag_s)
@@ -120,32 +103,16 @@ def late_fit(
 
 
 @dataclass(frozen=True)
-class Lag:
-    """A lag of the torque behind the joint's angle."""
-
-    seconds: float  # [s]
-    half_width: float  # of its 95 % interval [s]
-    is_certain: bool  # whether it differs from 0
-
-    @classmethod
-    def of(cls, fit: GroupFit) -> "Lag":
-        """The lag `lag_s` of a fit, with the error by the belt's hysteresis; it is certain by a
-        two-sided test at the level `FALSE_ALARM`."""
-        se = np.hypot(fit.se("lag_s"), BELT_ERROR)
-        quantiles = scipy.special.stdtrit(fit.freedom("lag_s"), [0.975, 1 - FALSE_ALARM / 2])
-        half_width, least = (se * quantiles).tolist()
-        return cls(fit["lag_s"], half_width, abs(fit["lag_s"]) > least)
-
-
-@dataclass(frozen=True)
 class Belt:
     """The belt between theta_m and the joint, by a leg's recording."""
 
     K_s_ratio: float | None = None  # K_s over the parameter file's; None: not told
-    lag: Lag | None = None  # None: the belt is not the file's, or the search has not ended
+    # `lag_s` of the torque behind the joint's angle [s]; None: no belt is seen, it is not the
+    # file's, or no search has ended
+    lag: BenchFit | None = None
 
 
-def without_lag(lag_s: pl.Expr, half_width_s: pl.Expr) -> list[pl.Expr]:
+def without_lag(lag_s: pl.Expr, half_width_s: float) -> list[pl.Expr]:
     """B and I of the torque earlier by a lag, with 95 % intervals, of a table with K, B and I.
 
     exp(s d) (K + B s + I s^2) = K + (B + K d) s + (I + B d + K d^2/2) s^2 to second order.
@@ -178,15 +145,64 @@ def is_leg(record: Record, p: DrivetrainParameters | None) -> bool:
     return bool(min(others) >= LEAST_DEFLECTION * whole)
 
 
-def belt_of_leg(record: Record, p: DrivetrainParameters) -> Belt:
-    """The belt of a leg, and what it tells of lags.
+def fit_belt(
+    few: Record, p: DrivetrainParameters, theta_m_late_s: float = 0.0
+) -> tuple[GroupFit, bool]:
+    """Fit the belt of a leg.
 
     Whatever the controller and the actuator's friction do, torque - J_j alpha - B_j omega is the
     belt's torque (Eq. 4), a spring with slipping springs over theta - theta_m/n_T, and friction of
-    the joint, which would pass for a lag of a millisecond. A late theta_m looks like a smaller
-    B_j, so that B_j is free while it agrees with the file's; a wrong B_j then makes no lag.
-    Otherwise either theta_m is late and B_j the file's, or B_j differs and theta_m is on time. If
-    the joint may have that B_j, a lag that depends on this choice is not found.
+    the joint, which would pass for a lag of a millisecond. K_s and B_j are free, and J_j about the
+    file's: taken as exact, one that is a tenth off would make 0.3 ms. The covariance holds what
+    hysteresis of other shapes does, the more, the less the motion tells the lag from J_j.
+
+    Returns
+    -------
+    fit : GroupFit
+        With `K_s`, `B_j`, `J_j` and `lag_s`.
+    has_ended : bool
+        As `late_fit`, whose errors it raises.
+    """
+    motion = few.motion
+    theta_m_at = scipy.interpolate.CubicSpline(few.time, few.actuator["theta_m"])
+    wound = belt_deflection(motion.theta, theta_m_at(few.time + theta_m_late_s), p)
+    of_belt = slipping_springs(wound, WOUND_UP)
+    of_joint = slipping_springs(motion.theta, BRISTLES)
+    slips = np.vstack([of_belt, of_joint, np.tanh(motion.omega / SLIDES)])
+    slips = few.settings.low_pass(slips.T, few.rate_hz).T
+    of_slips = {f"slips_{k}": torque for k, torque in enumerate(slips)}
+    columns = {**columns_of(few), "theta": wound - wound.mean(), **of_slips}
+    model = {"K_s": "theta", **TRANSMISSION, **{name: name for name in of_slips}}
+    fit, has_ended = late_fit(few, columns, model)
+    k = fit.names.index("J_j")
+    of_J_j = fit.covariance[k]
+    # of the lag if J_j were known; of few units rounding may leave less than nothing
+    known = fit.covariance[-1, -1] - of_J_j[-1] ** 2 / of_J_j[k]
+    variance = max(known, (LEAST_OWN_ERROR * BELT_ERROR) ** 2)
+    fit = replace(fit, covariance=fit.covariance * (1 + BELT_ERROR**2 / variance))
+    if np.isfinite(p.J_j):
+        # of minimum variance beside the file's
+        of_J_j = fit.covariance[k]
+        gain = of_J_j / (of_J_j[k] + (ERROR_OF_J_J * p.J_j) ** 2)
+        estimates = fit.estimates + gain * (p.J_j - fit["J_j"])
+        covariance = fit.covariance - np.outer(gain, of_J_j)
+        fit = replace(fit, estimates=estimates, covariance=covariance)
+    return fit, has_ended
+
+
+def belt_of_leg(record: Record, p: DrivetrainParameters) -> Belt:
+    """The belt of a leg, and what it tells of lags.
+
+    A theta_m that is late by d takes K_s d off B_j, and d off the lag. While the joint may have the
+    B_j that is found, theta_m is on time, or off by its difference from the file's over K_s
+    at most; without a B_j of the file, from 0. Otherwise B_j is the file's, and theta_m late.
+
+    Parameters
+    ----------
+    record : Record
+        Of a leg (`is_leg`).
+    p : DrivetrainParameters
+        n_T, and what else is known.
 
     Returns
     -------
@@ -194,39 +210,35 @@ def belt_of_leg(record: Record, p: DrivetrainParameters) -> Belt:
         Nothing is told where the motion cannot tell it.
     """
     few = record.coarse
-    motion = few.motion
-    theta_m = few.actuator["theta_m"]
-    wound = belt_deflection(motion.theta, theta_m, p)
-    of_belt = slipping_springs(wound, WOUND_UP)
-    of_joint = slipping_springs(motion.theta, BRISTLES)
-    slips = np.vstack([of_belt, of_joint, np.tanh(motion.omega / SLIDES)])
-    slips = few.settings.low_pass(slips.T, few.rate_hz).T
-    columns = {name: column for name, column in columns_of(few).items() if name not in OF_JOINT}
-    columns |= {"wound": wound - wound.mean(), **{f"slips_{k}": x for k, x in enumerate(slips)}}
-    model = {name: name for name in columns}
     belt = Belt()
     with suppress(*CANNOT_TELL):
-        # the torque per velocity of the joint is B_j
-        of_inertia = p.J_j * motion.alpha
-        fit, has_ended = late_fit(few, columns, model, prompt_torque=of_inertia)
-        K_s = fit["wound"]
-        B_j = fit["omega"]
-        belt = Belt(K_s / p.K_s)
-        if not (LEAST_K_S < K_s / p.K_s < LARGEST_K_S and has_ended):
+        fit, has_ended = fit_belt(few, p)
+        K_s = fit["K_s"]
+        if np.isfinite(p.K_s):
+            belt = Belt(K_s / p.K_s)
+            is_belt = LEAST_K_S < K_s / p.K_s < LARGEST_K_S
+        else:
+            # a joint is softer than its belt
+            wound = belt_deflection(few.motion.theta, few.actuator["theta_m"], p)
+            is_belt = K_s > 0 and np.std(wound) < np.std(few.motion.theta)
+        if not (is_belt and has_ended):
             return belt
-        lag = Lag.of(fit)
-        of_motor = fit.derived({"lag_s": ((p.B_j - B_j) / K_s, {"omega": -1 / K_s})})
-        if not Lag.of(of_motor).is_certain:
-            return replace(belt, lag=lag)
 
-        # B_j is the file's, and the torque per velocity of the motor is its lag
-        of_losses = of_inertia + p.B_j * motion.omega
-        columns["omega"] = np.gradient(theta_m, 1 / few.rate_hz) / p.n_T
-        fit, has_ended = late_fit(few, columns, model, prompt_torque=of_losses)
-        if has_ended:
-            otherwise = Lag.of(fit)
-            agree = lag.is_certain and lag.seconds * otherwise.seconds > 0
-            joint_may_have_B_j = p.B_j / OTHER_B_J < B_j < p.B_j * OTHER_B_J
-            is_certain = otherwise.is_certain and (agree or not joint_may_have_B_j)
-            belt = replace(belt, lag=replace(otherwise, is_certain=is_certain))
+        of_file = np.nan_to_num(p.B_j)
+        late_s = (of_file - fit["B_j"]) / K_s
+        low, high = fit.interval("B_j")
+        lag_s = fit["lag_s"]
+        of_lag = {"lag_s": 1.0}
+        theta_m_error = abs(late_s) / np.sqrt(3)  # a rectangular distribution
+        if high < of_file / OTHER_B_J or low > of_file * OTHER_B_J > 0:
+            # B_j is the file's, and theta_m late
+            fit, has_ended = fit_belt(few, p, late_s)
+            if not (has_ended and of_file):
+                return belt
+            lag_s = fit["lag_s"] + (of_file - fit["B_j"]) / K_s
+            of_lag["B_j"] = -1 / K_s
+            theta_m_error = 0.0
+        lag = fit.derived({"lag_s": (lag_s, of_lag)}).with_shared_error(np.array([theta_m_error]))
+        shared = BELT_ERROR**2 + theta_m_error**2
+        belt = replace(belt, lag=BenchFit(**vars(lag), bench_variance=shared))
     return belt

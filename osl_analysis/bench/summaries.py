@@ -5,15 +5,14 @@ from collections.abc import Mapping
 
 import polars as pl
 
-from osl_analysis.bench.lags import BELT_ERROR, without_lag
+from osl_analysis.bench.lags import without_lag
 from osl_analysis.bench.parts_alone import ACTUATOR_PARAMETERS, LOSSES
 from osl_analysis.dictionary import described_tables_by_name, table_of
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.stats.repeats import alike_sizes, counted, summary_of_trials, summary_row
 
 PLACE = ("joint", "side")
-# half-widths of the interval of a trial that agrees with the mean; J_j of the file that is 10 % off
-# moves trials by one
+# half-widths of the interval of a trial that agrees with the mean
 MOST_APART = 2.0
 SUMMARISED = {
     "belt": ("K_s", "unloading", "hysteresis_area"),
@@ -87,11 +86,9 @@ def delay_table(rows: pl.DataFrame, name: str = "delay") -> pl.DataFrame:
     """
     lags = rows.drop_nulls("lag_s")
     of_trials = of_whole_trials(lags)
-    if name == "delay":
-        of_trials = of_trials.with_columns(lag_s_se_bench=BELT_ERROR)
     if of_trials.is_empty():
         return table_of([], name)
-    pooled = summary_row(of_trials, "lag_s")
+    pooled = summary_row(of_trials, "lag_s", is_weighted=True)
     delay_s, low_s, high_s = pooled["mean"], pooled["low"], pooled["high"]
     to_state = None
     half_widths = (pl.col("lag_s_high") - pl.col("lag_s_low")) / 2
@@ -107,7 +104,7 @@ def delay_table(rows: pl.DataFrame, name: str = "delay") -> pl.DataFrame:
         to_state=pl.lit(to_state, pl.String),
     )
     if "K" in table.columns:
-        table = table.with_columns(without_lag(pl.col("delay_s"), pl.lit((high_s - low_s) / 2)))
+        table = table.with_columns(without_lag(pl.col("delay_s"), (high_s - low_s) / 2))
     described = table_of([], name)
     return pl.concat([described, table], how="diagonal_relaxed").select(described.columns)
 

@@ -83,7 +83,7 @@ def fit_impedance_trial(
 
     # what else the recording tells, and what is to be expected of the device
     check_own_torque(trial)
-    p = known_parameters(parameters, ["n_T", "K_s", "B_j", "J_j"])
+    p = known_parameters(parameters, ["n_T"])
     stated = condition or UNSTATED
     gains = stated.gains(known_parameters(parameters), weight)
     table = impedance_table(analysis, p, stated, gains)

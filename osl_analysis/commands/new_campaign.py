@@ -42,6 +42,7 @@ class Most:
     LISTED = 4  # files or trials in a line
 
 
+OF_LEG = "config.yaml: `parameters`, a file with n_T; with it theta_m tells the delay of the torque"
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 
 Example = Literal["bench", "walking"]
@@ -135,6 +136,9 @@ def questions_of(draft: Draft) -> list[str]:
         if trial.question:
             name = trial.cells["trial"]
             concerned.setdefault(f"trials.csv: {trial.question}", []).append(name)
+    for name, source in draft.source_files.items():
+        if "theta_m" in source.named:
+            concerned.setdefault(OF_LEG, []).append(f"sources/{name}.yaml")
     return [f"{text} ({listing(names, Most.LISTED)})" for text, names in concerned.items()]
 
 

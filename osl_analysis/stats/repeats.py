@@ -68,7 +68,8 @@ squared unit of the estimate, and the degrees of freedom of this variance."""
 def over_repeats(
     values: ArrayLike,
     common: Sequence[CommonError] = (),
-    halves: ArrayLike = (),
+    halves: ArrayLike = 0.0,
+    weights: ArrayLike = 1.0,
 ) -> Repeats:
     """Summarise one estimate per trial.
 
@@ -81,6 +82,8 @@ def over_repeats(
     halves : (n,)
         Half-widths of the trials' own 95 % intervals without the common errors: trials that agree
         by luck do not know their mean better than these allow.
+    weights : (n,)
+        By which trials count in the mean; by default they count alike.
 
     Raises
     ------
@@ -93,23 +96,25 @@ def over_repeats(
         raise InputError(
             f"{len(values)} trial cannot give a scatter; repeat the experiment at least twice"
         )
-    mean = np.mean(values)
-    scatter = np.var(values, ddof=1)
+    shares = np.ones_like(values) * np.asarray(weights)
+    shares /= shares.sum()
+    mean = shares @ values
+    of_mean = shares @ (values - mean) ** 2 / (len(values) - 1)
     of_common = [variance for variance, _ in common]
     freedom_of_common = [degrees for _, degrees in common]
 
-    variances = [scatter / len(values), *of_common]
+    variances = [of_mean, *of_common]
     se = np.sqrt(sum(variances))
     degrees = welch_satterthwaite(variances, [len(values) - 1, *freedom_of_common])
     by_scatter = scipy.special.stdtrit(degrees, 0.975) * se
-    by_trials = np.linalg.norm(halves) / len(values)
+    by_trials = np.linalg.norm(shares * halves)
     by_own = np.hypot(by_trials, NORMAL_HALF_WIDTH * np.sqrt(sum(of_common)))
     method = "errors of the trials" if by_own > by_scatter and np.any(halves) else "Student"
     half = max(by_scatter, by_own)
     return Repeats(
         n=len(values),
         mean=mean,
-        sd=np.sqrt(scatter),
+        sd=np.sqrt(of_mean * len(values)),
         se=max(se, by_own / NORMAL_HALF_WIDTH),
         low=mean - half,
         high=mean + half,
@@ -117,10 +122,10 @@ def over_repeats(
     )
 
 
-def summary_row(table: pl.DataFrame, name: str) -> dict[str, Any]:
+def summary_row(table: pl.DataFrame, name: str, is_weighted: bool = False) -> dict[str, Any]:
     """n, mean, sd, se, low, high of one column, and the interval's source, with the shared error of
-    all rows (`NAME_se_bench`, if present) and their own intervals (`NAME_low`, `NAME_high`). One
-    trial has its own interval, without sd and se."""
+    all rows (`NAME_se_bench`, if present) and their own intervals (`NAME_low`, `NAME_high`), by the
+    squares of which rows may be weighted. One trial has its own interval, without sd and se."""
     used = table.filter(pl.col(name).cast(pl.Float64).is_not_nan())
     numbers = used[name].cast(pl.Float64)
     if len(numbers) < 2:
@@ -138,14 +143,17 @@ def summary_row(table: pl.DataFrame, name: str) -> dict[str, Any]:
     of_bench = np.zeros(len(used))
     if f"{name}_se_bench" in table.columns:
         of_bench = used[f"{name}_se_bench"].fill_null(0.0).to_numpy()
-    shared = float(np.mean(np.square(of_bench)))
-    halves: ArrayLike = ()
+    halves: ArrayLike = 0.0
+    weights: ArrayLike = 1.0
     if {f"{name}_low", f"{name}_high"} <= set(table.columns):
         widths = used[f"{name}_high"].to_numpy() - used[f"{name}_low"].to_numpy()
+        if is_weighted:
+            weights = 1 / np.square(widths)
         own_squares = np.nan_to_num(widths / 2) ** 2 - (NORMAL_HALF_WIDTH * of_bench) ** 2
         halves = np.sqrt(np.maximum(own_squares, 0.0))
+    shared = float(np.mean(np.square(of_bench)))
     common = [(shared, np.inf)] if shared else []
-    row = asdict(over_repeats(numbers.to_numpy(), common, halves=halves))
+    row = asdict(over_repeats(numbers.to_numpy(), common, halves, weights))
     if shared:
         row["interval_method"] = f"{row['interval_method']} + bench"
     return row

@@ -560,3 +560,14 @@ def test_the_example_of_a_walkway_simulates_all_that_its_analysis_needs(tmp_path
     assert {name: planned.count(name) for name in set(planned)} == {
         "static": 1, "plate": 3, "walking": 24,
     }  # fmt: skip
+
+
+def test_a_recorded_theta_m_asks_for_n_t_alone(tmp_path, rec):
+    angle = 10 * np.sin(np.arange(600) / 25)
+    columns = {"time_s": np.arange(600) / 100, "ankle_angle_deg": angle, "torque_Nm": 2 * angle}
+    write_text(rec / "a.csv", {**columns, "motor_angle_deg": 4.6 * angle})
+
+    questions, is_ready = drafted_of(tmp_path)
+
+    assert is_ready
+    assert any("n_T" in question for question in questions)

@@ -9,6 +9,14 @@ HANGING = {"K": 60.6, "offset": 4.503, "fixture_weight": 5.2}
 OWN_DEVICE = {"gain_error": None, "K_over_K_d": 0.9}
 LEG = {"controller": "compensated", "K_predicted": None, "K_over_K_s": 0.4}
 JOINT = {"fault_probability": 0.0, "lag_s": None, "delay_se_s": None}
+BELT = {
+    "lag_s": 0.0,
+    "lag_share": 0.0,
+    "lag_s_low": -1e-3,
+    "lag_s_high": 1e-3,
+    "K": 300.0,
+    "B": 5.0,
+}
 SHAFT = {"fault_probability": 0.0, "B_j": 1.0, "J_j": 0.1, "delay_se_s": 1e-3}
 AS_COMMANDED = {"K_over_K_d": 1.0}
 CLOCK = {"clock_ppm": None, "amplitude_deg": None}
@@ -43,6 +51,9 @@ STIFF = {"K": 100.0, "I_high": -1e-5, "band_high_hz": 5.0}
     ("late_torque_unseen", "impedance",
      [JOINT | {"delay_se_s": 1e-4}, JOINT | {"fault_probability": None}],
      [JOINT, JOINT | {"fault_probability": None, "lag_s": 0.0}]),
+    # a delay that the belt tells so badly that B may be off by 0.3 of 5 N*m*s/rad
+    ("late_torque_unseen", "impedance", [BELT | {"lag_s": 0.0}],
+     [BELT | {"lag_s": 0.0, "lag_s_high": -1e-4}, BELT | {"lag_s": 0.0, "lag_share": 0.5}]),
     ("late_torque_unseen", "walking_groups", [{"K": 300.0, "plate_lag_sd_s": None}],
      [{"K": 300.0, "plate_lag_sd_s": 2e-4}]),
     ("K_of_gains", "impedance", [LEG], [LEG | {"K_over_K_s": None}]),

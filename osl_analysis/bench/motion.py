@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from osl_analysis.bench.bench_settings import (
     FilterSettings,
-    ImpedanceAnalysis,
     SteppedSineAnalysis,
 )
 from osl_analysis.bench.record import (
@@ -21,6 +20,7 @@ from osl_analysis.bench.record import (
     unlike_groups,
     whole_rows,
 )
+from osl_analysis.bench.regression import FEWEST_UNITS
 from osl_analysis.errors import Change, InputError, naming
 from osl_analysis.measured import noise_of
 from osl_analysis.signals import runs
@@ -79,7 +79,8 @@ def record_of_trial(
 ) -> Record:
     """The record of a trial.
 
-    In a stepped sine a quarter of the moving time or more is sines, commanded or pure ones.
+    In a stepped sine a quarter of the moving time or more is sines, commanded or pure ones. One of
+    which fewer than `FEWEST_UNITS` cycles are settled, of a sine each, is fitted in stretches.
 
     Parameters
     ----------
@@ -112,6 +113,7 @@ def record_of_trial(
         moving = moving_bins(theta, rate_hz, noise)
         if not moving.any():
             raise standstill(theta, rate_hz)
+        is_stepped = False
         if excitation != "any":
             protocol = SteppedSineProtocol(
                 np.deg2rad(settings.amplitudes_deg or ()).tolist(),
@@ -124,11 +126,13 @@ def record_of_trial(
                 groups = cycles_of(
                     segments, settings.settle_cycles, regular.usable, bool(protocol.amplitudes)
                 )
-                hz = [stratum.frequency_hz for stratum in groups.strata]
-                band_hz = (min(hz), max(hz))
-                return replace(record_of(regular, settings, groups), band_hz=band_hz)
-        assert isinstance(settings, ImpedanceAnalysis)
-        return record_of_motion(regular, moving, settings, windows or settings.windows)
+                # fewer single cycles, of a sine each, tell no interval as cycles
+                if len(groups.first) >= FEWEST_UNITS or np.bincount(groups.stratum).min() > 1:
+                    hz = [stratum.frequency_hz for stratum in groups.strata]
+                    band_hz = (min(hz), max(hz))
+                    return replace(record_of(regular, settings, groups), band_hz=band_hz)
+        stated = windows or getattr(settings, "windows", None)
+        return record_of_motion(regular, moving, settings, stated, may_repeat=not is_stepped)
 
     with naming(f"trial {trial.name}"):
         record = recorded(signals)
@@ -165,10 +169,12 @@ def standstill(theta: Array, rate_hz: float) -> InputError:
 def record_of_motion(
     signals: UniformSignals,
     moving: NDArray[np.bool_],
-    settings: ImpedanceAnalysis,
+    settings: SteppedSineAnalysis,
     windows: str | None,
+    *,
+    may_repeat: bool,
 ) -> Record:
-    """The record of a motion that is no stepped sine, in groups of its periods or of stretches.
+    """The record of a motion in groups of its periods, if it `may_repeat` itself, or of stretches.
     `moving` are the rows (n,) in which the joint moves."""
     rate = signals.rate_hz
     time = signals.time - signals.time[0]
@@ -181,7 +187,8 @@ def record_of_motion(
     pieces = fitted_pieces(time, signals.usable, inside, EDGE_PERIODS / settings.cutoff_hz)
     record = record_of(signals, settings, stretches_of(pieces, rate))
     fitted = record.is_fitted()
-    periodic = periodic_motion(record.theta, rate, signals.usable & is_inside)
+    usable = signals.usable & is_inside
+    periodic = periodic_motion(record.theta, rate, usable) if may_repeat else None
     groups = periods_of(periodic, rate, fitted) if periodic else None
 
     # 1 % of the angle's power is below the band, 1 % of the acceleration's above it

@@ -385,10 +385,7 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> GroupFi
         # before the filter noise is independent from row to row
         raw_g = s.products(s.gram, [*columns, "raw torque"])[:, :-1, -1]
         noise, noise_freedom = between_cycles((raw_g - A_g @ estimates) @ inverse, stratum)
-        if are_few:
-            covariance = noise
-            freedom = noise_freedom
-        else:
+        if has_strata:
             covariance, freedom = combined(noise, noise_freedom, covariance, len(left_out))
     elif are_few:  # to first order
         scores = (b_g - A_g @ estimates) @ inverse

@@ -103,13 +103,15 @@ def is_positive_real(K_1: Array, B_1: Array, p: DrivetrainParameters) -> Array:
 
 
 def faithful_frequency(Y: RationalFunction, K_d: float, B_d: float) -> float:
-    """Frequency [Hz] up to which |Z - Z_d| <= 0.1 |Z_d|; infinite where Z never leaves this
-    range."""
+    """Frequency [Hz] up to which |Z - Z_d| <= 0.1 |Z_d|; infinite where Z never leaves this range,
+    0 where it is beyond it at rest."""
     desired = np.convolve(Y.numerator, [B_d, K_d])
     size = max(len(desired), len(Y.denominator))
     desired = np.pad(desired, (size - len(desired), 0))
     rendered = np.pad(Y.denominator, (size - len(Y.denominator), 0))
     excess = magnitude_squared(rendered - desired) - FAITHFUL**2 * magnitude_squared(desired)
+    if excess[-1] > 0:
+        return 0.0
     crossings = [
         v.real for v in np.roots(excess) if v.real > 0 and abs(v.imag) < REAL_ROOT * abs(v)
     ]

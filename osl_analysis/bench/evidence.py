@@ -136,9 +136,9 @@ def impedance_table(
     record = analysis.record
     whole = analysis.whole
     check_stiffer(record.name, "K", whole["K"], record.settings.bench_stiffness)
-    if whole.interval("B")[0] < 0:
-        # with the right sign K may be negative, as of an inertia behind a soft spring, but B is
-        # then certainly positive
+    if whole.interval("B")[0] < 0 and whole.interval("I")[0] <= 0:
+        # with the right sign K may be negative, as of a weight above the axis, but B or I is then
+        # certainly positive
         check_resists(record.name, "K", whole["K"], whole.interval("K")[1])
 
     expected = joint_admittance(gains.K_1, gains.B_1, p, p.J_j) if p and gains else None

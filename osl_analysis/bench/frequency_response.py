@@ -109,7 +109,9 @@ def response_table(analysis: Analysis, **condition: float | str | None) -> pl.Da
     else:
         of_all = responses_of_windows(analysis)
     rows += [{**analysis.place(None), **response.to_row(record), **facts} for response in of_all]
-    return table_of(rows, "response", complete=True).fill_nan(None)
+    table = table_of(rows, "response", complete=True).fill_nan(None)
+    has_interval = pl.col("magnitude_low").is_not_null()
+    return table.with_columns(interval_method=pl.when(has_interval).then("interval_method"))
 
 
 def measured_admittance(response: pl.DataFrame) -> Spectrum:

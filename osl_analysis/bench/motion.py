@@ -51,6 +51,7 @@ LARGE_DEG = 1.0  # deg, beyond the noise of any encoder
 SMALLER_UNITS_OF_TIME = (
     Change("take a 1000 times smaller `unit` of `time` (ms for s)", {"time": 1e-3}),
     Change("take a million times smaller `unit` of `time` (us for s)", {"time": 1e-6}),
+    Change("take a billion times smaller `unit` of `time` (ns for s)", {"time": 1e-9}),
 )
 
 STRETCH_S = 1.0  # s; duration of a stretch: 30 correlation times of a 15 Hz low-pass

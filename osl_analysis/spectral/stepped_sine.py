@@ -171,7 +171,8 @@ def moving_bins(theta: Array, rate_hz: float, noise: float) -> NDArray[np.bool_]
     Array
         Mask (n,). A bin with only rounding or noise of a sensor at rest does not count.
     """
-    first_rows = np.ceil(np.arange(0, len(theta) - 1, BIN_S * rate_hz)).astype(np.intp)
+    rows = max(BIN_S * rate_hz, 1.0)
+    first_rows = np.ceil(np.arange(0, len(theta) - 1, rows)).astype(np.intp)
     turn = np.maximum.reduceat(theta, first_rows) - np.minimum.reduceat(theta, first_rows)
     moves = turn > max(MOVING_SHARE * np.ptp(theta), MOVING_NOISES * noise)
     return np.repeat(moves, np.diff(first_rows, append=len(theta)))
@@ -363,7 +364,7 @@ def meant_amplitudes(
     """The amplitudes [rad] that runs were to have; one far from all of them is a warm-up.
 
     If not all commanded amplitudes were recorded, the protocol may have been another: other runs
-    then have their own amplitude to a tenth of a degree. A bench loses some of an amplitude: those
+    then have their own amplitude to a tenth of a degree, below one degree to a hundredth. A bench loses some of an amplitude: those
     up to 25 % below a larger one share its. Raises as `find_segments`.
     """
     sizes = list(commanded)
@@ -382,5 +383,7 @@ def meant_amplitudes(
                 " or the angle's unit in the source file",
                 [Change("", other_unit_of="theta")],
             )
-        sizes.append(np.deg2rad(np.round(np.rad2deg(run.amplitude), 1)))
+        size_deg = np.rad2deg(run.amplitude)
+        digits = 1 if size_deg >= 1 else 2
+        sizes.append(np.deg2rad(np.round(size_deg, digits)))
     return sizes

@@ -1,9 +1,8 @@
 """Least squares: estimates with a covariance, what the columns cannot tell apart, and VAF.
 
-The covariance comes from scores; a score is the part of the estimates' error due to one sample. It
-is computed from the spread between repeated cycles, whose edges may lie between two samples, or
-from the autocorrelation of the residual, with a correction for the degrees of freedom that the fit
-uses up. The bench fits groups of rows by the same rules (bench/regression.py).
+Fits of groups of rows have their covariance from the spread between repeated cycles, whose edges
+may lie between two samples (bench/regression.py), those of walking from gait and plate
+(walking/impedance_fit.py).
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,7 +26,6 @@ SMALLEST_DIRECTION = 1e-13  # eigenvalue over the largest one, below which it is
 # of the largest one: rounding can make the smallest 0 or negative; its condition number is then
 # 1e15, above every limit
 LEAST_EIGENVALUE = 1e-30
-LARGEST_AR1 = 0.9999  # autocorrelation of a residual after one sample, beyond which none is fitted
 SAME_ROW = 1e-9  # of a row, within which an edge lies on it
 MOST_FREEDOM = 1e12  # degrees of freedom
 
@@ -43,7 +41,7 @@ class LinearFit:
     # of the columns, each scaled to unit length, about their means beside an offset
     condition_number: float
     interval_method: str
-    """Source of the covariance: `HAC`, or the source that its own fit names."""
+    """Source of the covariance: `white noise`, or the source that its own fit names."""
     # degrees of freedom (p,) of the estimates' variances, for Student's quantile
     degrees_of_freedom: Array
     largest_correlation: float
@@ -87,7 +85,7 @@ class LinearFit:
 
 
 def linear_fit(y: Array, columns: Mapping[str, Array]) -> LinearFit:
-    """Fit columns to y by least squares, with standard errors for correlated residuals.
+    """Fit columns to y by least squares, with standard errors for white noise.
 
     Parameters
     ----------
@@ -99,7 +97,6 @@ def linear_fit(y: Array, columns: Mapping[str, Array]) -> LinearFit:
     Returns
     -------
     LinearFit
-        Degrees of freedom are infinite where a variance is 0, as that of an exact fit may be.
 
     Raises
     ------
@@ -122,15 +119,15 @@ def linear_fit(y: Array, columns: Mapping[str, Array]) -> LinearFit:
     varies = [k for k, column in enumerate(X.T) if np.ptp(column)]
     condition, correlation = condition_of(names, varies, A, inverse, CONDITION_LIMIT)
     residual = y - X @ estimates
-    covariance, freedom = hac(X @ inverse * residual[:, None], residual)
+    freedom = len(y) - len(names)
     return LinearFit(
         names=names,
         estimates=estimates,
-        covariance=covariance,
+        covariance=inverse * (residual @ residual) / freedom,
         vaf=variance_accounted_for(y, residual),
         condition_number=condition,
-        interval_method="HAC",
-        degrees_of_freedom=freedom,
+        interval_method="white noise",
+        degrees_of_freedom=np.full(len(names), float(freedom)),
         largest_correlation=correlation,
     )
 
@@ -202,58 +199,6 @@ def scaled_to_one(A: Array) -> Array:
     """A symmetric matrix (p, p) with ones on its diagonal."""
     scale = np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
     return np.asarray(A / np.outer(scale, scale))
-
-
-def hac(scores: Array, residual: Array) -> tuple[Array, Array]:
-    """Find the covariance from the autocorrelation of the residual (Newey and West, Econometrica
-    55, 1987).
-
-    The window is Andrews' plug-in bandwidth for the Bartlett kernel from an AR(1) fit (Econometrica
-    59, 1991), at most an eighth of the samples. Low-pass filtered noise is no AR(1) at the sampling
-    rate: 30 ms of correlation give a window of 2.5 s.
-
-    Parameters
-    ----------
-    scores : Array (n, p)
-        What each sample's residual changes the estimates by.
-    residual : Array (n,)
-        What the fit leaves.
-
-    Returns
-    -------
-    covariance : Array (p, p)
-        Of the estimates.
-    degrees_of_freedom : Array (p,)
-        Of its variances.
-
-    Raises
-    ------
-    InputError
-        A residual is not finite or cannot be measured.
-    """
-    check_measured("the residual", residual)
-    n = len(residual)
-    earlier = residual[:-1]
-    power = earlier @ earlier
-    rho = residual[1:] @ earlier / power if power > 0 else 0.0
-    rho = min(max(rho, 0.0), LARGEST_AR1)
-    alpha = 4 * rho**2 / (1 - rho**2) ** 2
-    window = int(np.clip(np.ceil(1.1447 * (alpha * n) ** (1 / 3)), 1, max(n // 8, 1)))
-    return moving_sums(scores, window)
-
-
-def moving_sums(scores: Array, window: int) -> tuple[Array, Array]:
-    """Long-run covariance (p, p) of the scores (n, p), and the degrees of freedom (p,) of its
-    variances, after Newey and West: Bartlett weights 1 - lag/window. The sum over all lags equals
-    the sum of squares of moving sums over `window` samples (zeros beyond the ends) divided by
-    `window`, and is therefore positive semi-definite. It has 1.5 n/window degrees of freedom
-    (Priestley, Spectral Analysis and Time Series, 1981, table 6.2, at frequency zero). The fit uses
-    up p of the n samples."""
-    n, p = scores.shape
-    cumulative = np.concatenate([np.zeros((window, p)), np.cumsum(scores, axis=0)])
-    cumulative = np.concatenate([cumulative, np.repeat(cumulative[-1:], window - 1, axis=0)])
-    sums = cumulative[window:] - cumulative[:-window]
-    return sums.T @ sums / window * n / (n - p), np.full(p, max(1.5 * n / window - p, 1.0))
 
 
 def between_cycles(sums: Array, stratum: NDArray[np.intp]) -> tuple[Array, Array]:

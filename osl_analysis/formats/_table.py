@@ -165,7 +165,7 @@ def table_of_rows(
     fitting = [row for row in data if len(row.cells) == width]
     skipped = len(data) - len(fitting)
     if skipped:
-        remarks.append(_remark_on_widths(data, width, layout))
+        remarks.append(_remark_on_widths(above, data, width, layout))
     cells_of_rows = [row.cells for row in fitting]
     columns = {str(place): pl.String for place in range(width)}
     return Table(
@@ -340,19 +340,28 @@ def _cut_row(rows: Sequence[Row], width: int, is_whole: bool) -> str:
     return ""
 
 
-def _remark_on_widths(rows: Sequence[Row], width: int, layout: SheetSource) -> str:
+def _remark_on_widths(
+    above: Sequence[Row], rows: Sequence[Row], width: int, layout: SheetSource
+) -> str:
     """Tell of rows that do not have a cell for each name; refuse them if they are not to be
-    skipped, or if all are such."""
+    skipped, or if all are such. Where lines `above` the table stand again, a recorder began anew.
+    """
     odd = [row for row in rows if len(row.cells) != width]
     what = (
         f"line {odd[0].number} has {len(odd[0].cells)} cells under {width} names, and {len(odd)} of"
         f" {len(rows)} rows do not fit"
     )
     if layout.ragged == "refuse" or len(odd) == len(rows):
+        if [row.cells for row in odd if row.cells in [head.cells for head in above]]:
+            raise InputError(
+                f"{what}: lines from above the table stand there again, where another recording"
+                f" begins; cut the file before line {odd[0].number}, and give each part a row of"
+                " the sheet"
+            )
         share = math.ceil(1000 * len(odd) / len(rows)) / 1000
         raise InputError(
             f"{what}; write a name for each, and one sign between names and cells, repair these"
-            " lines, cut the file where another recording begins, or write `ragged: skip` and"
+            " lines, or, where its time is named, write `ragged: skip` and"
             f" `most_missing: {share:g}` in the source file to leave them out"
         )
     return f"{what} and were skipped"

@@ -205,6 +205,7 @@ class Measure:
     unit: str
     values: Array
     smallest_scatter: float
+    of_plate: bool = False  # the plate's load tells it, and not the markers alone
 
 
 @dataclass(frozen=True)
@@ -311,12 +312,13 @@ def crossing_features(crossings: Sequence[Crossing], settings: SelectionSettings
         Measure("foot forward", "m", forward, rule.placement_m),
         Measure("foot to the left", "m", left, rule.placement_m),
         Measure("deviation in angle before the onset", "deg", np.rad2deg(theta), rule.angle_deg),
-        Measure("deviation in torque before the onset", "N*m", torque, rule.torque_nm),
+        Measure("deviation in torque before the onset", "N*m", torque, rule.torque_nm, True),
         Measure(
             "deviation in load before the onset",
             percent,
             100 * load_before / usual,
             100 * rule.load_share,
+            of_plate=True,
         ),
     ]
     changed = [
@@ -326,8 +328,9 @@ def crossing_features(crossings: Sequence[Crossing], settings: SelectionSettings
             percent,
             100 * load / usual,
             100 * rule.load_share,
+            of_plate=True,
         ),
-        Measure("deviation in pressure beside the ankle", "m", pressure, rule.pressure_m),
+        Measure("deviation in pressure beside the ankle", "m", pressure, rule.pressure_m, True),
     ]
 
     # What a perturbation changes is compared among those of each direction
@@ -420,13 +423,16 @@ def exclusion_reason(
     distance = furthest.distance[index]
     if not distance > settings.outliers.limit:
         return None
+    moved = [feature.distance[index] for feature in features if not feature.measure.of_plate]
+    cause = "look for a late trigger, markers that jump, or another foot on the plate"
+    if max(moved) <= settings.outliers.limit:
+        cause = "foot and ankle move as usual, so another foot, or a hand, loads the plate"
     unit = furthest.measure.unit
     value, median = furthest.values[index], furthest.median[index]
     return (
         f"{furthest.measure.name} is {value:.3g} {unit}, in other crossings {median:.3g} {unit}"
         f" (median): {distance:.1f} times their usual deviation of {furthest.scatter:.2g} {unit},"
-        f" expected at most {settings.outliers.limit:g}; look for another foot on the plate, a late"
-        " trigger, or markers that jump"
+        f" expected at most {settings.outliers.limit:g}; {cause}"
     )
 
 

@@ -2,6 +2,7 @@
 examined while they are in memory; and what files of any laboratory hold. Texts from files are
 untrusted: they are escaped when they are printed."""
 
+import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -74,6 +75,8 @@ def ingest_and_check(
     limits and verdicts."""
     record = ingest_trial(row, raw_folder, sources_folder, trial, needed_columns)
     measured = measure_quality(record, row["experiment"], commanded, row.get("windows") or "")
+    for text in record.provenance["warnings"]:
+        warnings.warn(text, stacklevel=2)
     write_table(measured_table(record.name, measured), quality, data)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from osl_analysis.errors import Change, InputError
@@ -61,14 +62,15 @@ CONFUSED_UNITS = {"rad": ("rad", "deg", "mrad"), "N*m": ("N*m", "N*mm", "N*cm")}
 
 
 def check_own_torque(trial: Trial, torque: str = "torque", angle: str | None = "theta") -> None:
-    """Refuse a torque that is a function of angle, current and the actuator's speed: a fit to it
-    would be circular."""
+    """Refuse a torque that is a function of angle, current and the actuator's speed, or that a
+    program filtered from them: a fit to it would be circular."""
     names = tuple(name for name in trial.columns if name in (angle, "current", "omega_m"))
     # each alone and all together, which may be sampled at different times
     for others in dict.fromkeys([*((name,) for name in names), names]):
         time, measured, *values = trial.arrays(torque, *others)
         signals = dict(zip(others, values, strict=True))
-        if unexplained_share(time, measured, signals) < LIMITS.least_of_sensor:
+        follows = unexplained_share(time, measured, signals) < LIMITS.least_of_sensor
+        if follows or is_filtered(measured, values):
             raise InputError(
                 f"trial {trial.name}: {torque} follows exactly from {' and '.join(others)}: it is"
                 " computed, not measured, and a fit gives the formula back; name the channel of a"
@@ -99,9 +101,28 @@ def unexplained_share(time: Array, torque: Array, signals: Mapping[str, Array]) 
     X = np.column_stack(of_signals)
     if len(y) < LIMITS.fewest_compared or not varies(y):
         return 1.0
+    return rest_of(y, X) / float(np.std(y))
+
+
+@np.errstate(all="ignore")
+def is_filtered(torque: Array, signals: Sequence[Array]) -> bool:
+    """Whether the noise of a torque (n,) follows from its row before and from four rows of signals
+    (n,), as a filter of first order gives it. A load cell has noise of its own, and a simulated
+    joint none."""
+    if torque.size < LIMITS.fewest_compared:
+        return False
+    rows = sliding_window_view(np.column_stack([torque, *signals]), 4, axis=0)
+    rows = rows[np.isfinite(rows).all(axis=(1, 2))]
+    before, y = rows[:, 0, 1:3].T
+    X = np.column_stack([np.ones_like(y), before, rows[:, 1:].reshape(len(y), -1)])
+    noise = min(noise_of(torque, LIMITS.order_of_noise), LIMITS.least_of_sensor * np.std(torque))
+    return rest_of(y, X) < LIMITS.least_of_noise * noise
+
+
+def rest_of(y: Array, X: Array) -> float:
+    """What columns (n, k) leave of y (n,) in most rows."""
     X = X / (np.abs(X).max(axis=0) + SMALLEST_SIGNAL)
-    rest = y - X @ np.linalg.lstsq(X, y)[0]
-    return float(np.quantile(np.abs(rest), LIMITS.most_rows) / np.std(y))
+    return float(np.quantile(np.abs(y - X @ np.linalg.lstsq(X, y)[0]), LIMITS.most_rows))
 
 
 def check_recording(

@@ -83,7 +83,9 @@ def test_rows_that_do_not_fit_are_refused_by_line_or_skipped_and_counted(tmp_pat
     said = refusal(tmp_path, odd, **csv_source())
     skipped = read(tmp_path, odd, **csv_source(ragged="skip"))
 
-    assert re.search("line 501 .* 2 .* 3 .* 1 .* 901 ", said)
+    assert re.search("line 501 .* 2 .* 3 .* 1 .* 901 .*repair these", said)
+    again = refusal(tmp_path, "".join(["Gain 4\n", *lines, "Gain 4\n", *lines[1:]]), **csv_source())
+    assert f"before line {len(lines) + 2}," in again
     assert (skipped.loss.read, skipped.loss.expected) == (900, 901)
     np.testing.assert_allclose(column(skipped, "Torque"), TORQUE, atol=1e-9)
 

@@ -4,6 +4,7 @@ import numpy as np
 import polars as pl
 import pytest
 from conftest import refused_with, white_noise
+from scipy.signal import lfilter
 
 from osl_analysis.ingest.guard import check_own_torque
 from osl_analysis.trial import Trial
@@ -23,6 +24,7 @@ NOISE = white_noise(TIME.size, 5)
     (150 * ANGLE, "theta"),
     (90 * ANGLE + 900 * ANGLE**3 + 7e5 * ANGLE**5 + 7, "theta"),
     (np.round(150 * THETA + 12 * OMEGA, 4), "theta"),
+    (np.round(150 * ANGLE + lfilter([0.9], [1, -0.7], np.gradient(ANGLE, TIME)), 5), "theta"),
     (1.7 * CURRENT, "current"),
     (0.8 * CURRENT - 20 * ANGLE, "theta.*current"),
     (0.8 * CURRENT - np.sign(SPEED) * (0.3 + 0.05 * abs(CURRENT)), "current and omega_m"),

@@ -299,6 +299,7 @@ DAMAGED_LOG = {
         **DAMAGED_LOG, "end_missing": False, "lost": 3, "share_lost": 0.05,
     }}}, {"damage", "truncated"}, "damage",
      5.0, "mocap: 3 .*chunk 3"),
+    ({"warnings": ["a.csv: 1 of 9 lines"]}, set(), "damage", 0.0, "a.csv: 1 of 9 lines"),
 ])  # fmt: skip
 def test_what_ingest_found_out_is_judged(provenance, beyond, check, value, remark):
     checks = results(bench(), **provenance)

@@ -282,6 +282,15 @@ def test_a_recording_that_cannot_show_the_unloaded_plate_is_refused(
     assert refusal.value.trial == "plate_1"
 
 
+def test_a_force_threshold_of_an_export_is_named() -> None:
+    """Vicon Nexus can set a plate's channels to 0 below a force."""
+    trial = unloaded("plate_1")
+    force = pl.col("plate1_force_z")
+
+    with refused_with(r"plate_1: .* between 0 and 2 N.*without a threshold"):
+        model_of(changed(trial, pl.when(force.abs() > 2).then(force).otherwise(0.0)))
+
+
 def test_a_motion_that_the_recording_cuts_has_no_part_in_the_model() -> None:
     """Half a motion made the lag 0.3 to 5 ms wrong and the mass 3 kg too small, with nothing
     said."""

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from osl_analysis.errors import Change, InputError
@@ -61,6 +60,7 @@ CONFUSED_UNITS = {"rad": ("rad", "deg", "mrad"), "N*m": ("N*m", "N*mm", "N*cm")}
 """By SI unit, the most usual ones first."""
 
 
+@np.errstate(all="ignore")  # values of damaged files may be of any size
 def check_own_torque(trial: Trial, torque: str = "torque", angle: str | None = "theta") -> None:
     """Refuse a torque that is a function of angle, current and the actuator's speed, or that a
     program filtered from them: a fit to it would be circular."""
@@ -68,9 +68,14 @@ def check_own_torque(trial: Trial, torque: str = "torque", angle: str | None = "
     # each alone and all together, which may be sampled at different times
     for others in dict.fromkeys([*((name,) for name in names), names]):
         time, measured, *values = trial.arrays(torque, *others)
-        signals = dict(zip(others, values, strict=True))
-        follows = unexplained_share(time, measured, signals) < LIMITS.least_of_sensor
-        if follows or is_filtered(measured, values):
+        if time.size < LIMITS.fewest_compared:
+            continue
+        least = LIMITS.least_of_sensor
+        sums = sums_of_formula(time, measured, dict(zip(others, values, strict=True)))
+        # a load cell has noise of its own, and a simulated joint none
+        noise = min(noise_of(measured, LIMITS.order_of_noise) / np.std(measured), least)
+        left = unexplained_share(rows_of_filter(measured, values))
+        if unexplained_share(sums) < least or left < LIMITS.least_of_noise * noise:
             raise InputError(
                 f"trial {trial.name}: {torque} follows exactly from {' and '.join(others)}: it is"
                 " computed, not measured, and a fit gives the formula back; name the channel of a"
@@ -78,13 +83,10 @@ def check_own_torque(trial: Trial, torque: str = "torque", angle: str | None = "
             )
 
 
-@np.errstate(all="ignore")  # values of damaged files may be of any size
-def unexplained_share(time: Array, torque: Array, signals: Mapping[str, Array]) -> float:
-    """What powers of signals (n,), the speed of an angle, and friction that a drive takes off by
-    its speed and current, leave of a torque (n,) in most rows, as a share of its SD; 1 if too short
-    to tell. An inertia is left: a simulated joint without noise is no circle."""
-    if time.size < LIMITS.fewest_compared:
-        return 1.0
+def sums_of_formula(time: Array, torque: Array, signals: Mapping[str, Array]) -> Array:
+    """Sums over a short time of a torque (n,), and of what a formula may hold: powers of signals
+    (n,), the speed of an angle, and friction that a drive takes off by its speed and current. An
+    inertia is left: a simulated joint without noise is no circle."""
     columns = [torque, np.ones_like(torque)]
     for name, values in signals.items():
         columns += accumulate([values] * LIMITS.highest_power, np.multiply)
@@ -92,37 +94,30 @@ def unexplained_share(time: Array, torque: Array, signals: Mapping[str, Array]) 
             columns += [np.sign(values), np.sign(values) * abs(signals.get("current", 0.0))]
         elif name != "current":
             columns.append(np.gradient(values, time))
-    # sums over a short time: a formula still holds, and rounding of an angle hardly makes speed
+    # a formula still holds for sums, and rounding of an angle hardly makes speed
     group = max(time.size // int(np.ptp(time) / LIMITS.averaged_s + 1), 1)
     begins = np.arange(0, time.size, group)
     sums = np.array([np.add.reduceat(column, begins) for column in columns])
-    sums = sums[:, :-1]  # the last is shorter, so that a constant torque would vary
-    y, *of_signals = sums[:, np.isfinite(sums).all(axis=0)]
-    X = np.column_stack(of_signals)
+    return sums[:, :-1]  # the last is shorter, so that a constant torque would vary
+
+
+def rows_of_filter(torque: Array, signals: Sequence[Array]) -> Array:
+    """The rows of a torque (n,) with what a program's filter of first order takes: the torque in
+    the row before, and four rows of each signal (n,)."""
+    around = [values[k : k - 3 or None] for values in signals for k in range(4)]
+    return np.array([torque[2:-1], np.ones(torque.size - 3), torque[1:-2], *around])
+
+
+def unexplained_share(columns: Array) -> float:
+    """What other columns leave of the first one, (columns, n), in most rows, as a share of its SD;
+    1 if too short to tell."""
+    y, *others = columns[:, np.isfinite(columns).all(axis=0)]
+    X = np.column_stack(others)
     if len(y) < LIMITS.fewest_compared or not varies(y):
         return 1.0
-    return rest_of(y, X) / float(np.std(y))
-
-
-@np.errstate(all="ignore")
-def is_filtered(torque: Array, signals: Sequence[Array]) -> bool:
-    """Whether the noise of a torque (n,) follows from its row before and from four rows of signals
-    (n,), as a filter of first order gives it. A load cell has noise of its own, and a simulated
-    joint none."""
-    if torque.size < LIMITS.fewest_compared:
-        return False
-    rows = sliding_window_view(np.column_stack([torque, *signals]), 4, axis=0)
-    rows = rows[np.isfinite(rows).all(axis=(1, 2))]
-    before, y = rows[:, 0, 1:3].T
-    X = np.column_stack([np.ones_like(y), before, rows[:, 1:].reshape(len(y), -1)])
-    noise = min(noise_of(torque, LIMITS.order_of_noise), LIMITS.least_of_sensor * np.std(torque))
-    return rest_of(y, X) < LIMITS.least_of_noise * noise
-
-
-def rest_of(y: Array, X: Array) -> float:
-    """What columns (n, k) leave of y (n,) in most rows."""
     X = X / (np.abs(X).max(axis=0) + SMALLEST_SIGNAL)
-    return float(np.quantile(np.abs(y - X @ np.linalg.lstsq(X, y)[0]), LIMITS.most_rows))
+    rest = y - X @ np.linalg.lstsq(X, y)[0]
+    return float(np.quantile(np.abs(rest), LIMITS.most_rows) / np.std(y))
 
 
 def check_recording(

@@ -287,7 +287,7 @@ def test_a_force_threshold_of_an_export_is_named() -> None:
     trial = unloaded("plate_1")
     force = pl.col("plate1_force_z")
 
-    with refused_with(r"plate_1: .* between 0 and 2 N.*without a threshold"):
+    with refused_with(r"plate_1: .* between 0 and 2.* N.*without a threshold"):
         model_of(changed(trial, pl.when(force.abs() > 2).then(force).otherwise(0.0)))
 
 

@@ -259,10 +259,14 @@ def fitted_draws(motion: Motion, torque: Array) -> dict[str, Array]:
 
 def predictor_choice(responses: Sequence[PerturbationResponse], fit: LinearFit) -> PredictorChoice:
     """The curves and the behaviour that predictors are chosen by, with the `fit` to the mean."""
-    window = responses[0].window
-    curves = np.mean([gait_torque(response, fit)[:, window] for response in responses], axis=0)
     behaviour = np.mean([response.behaviour for response in responses], axis=0)
-    return PredictorChoice(curves, behaviour)
+    return PredictorChoice(mean_gait_torque(responses, fit), behaviour)
+
+
+def mean_gait_torque(responses: Sequence[PerturbationResponse], fit: LinearFit) -> Array:
+    """Torque (crossings, window) [N*m] of ordinary gait beside a fit, the mean over responses."""
+    window = responses[0].window
+    return np.mean([gait_torque(response, fit)[:, window] for response in responses], axis=0)
 
 
 @dataclass(frozen=True)

@@ -223,19 +223,25 @@ def check_plate(trial: Trial, plate: int, stance: Stance, vertical: Array) -> No
     the plate changed. `vertical` is the force (n,) [N].
     """
     for facts in recorded_plate(trial, plate).get("channels", []):
-        name = f"channel {facts['label']} of force plate {plate}"
-        if time_in_stance(facts, "clipped", stance) >= CLIPPED_S:
-            raise InputError(
-                f"{name} stays at {facts['clipped_at']:.4g} from {facts['clipped_from_s']:.3f} s to"
-                f" {facts['clipped_to_s']:.3f} s: it has reached its limit; choose a larger range"
-                " and record again, or exclude the trial"
-            )
-        if time_in_stance(facts, "stands", stance) >= DEAD_S:
-            raise InputError(
-                f"{name} repeats one value from {facts['stands_from_s']:.3f} s to"
-                f" {facts['stands_to_s']:.3f} s while the force on the plate changes: it is dead;"
-                " mend the channel and record again, or exclude the trial"
-            )
+        faults = {
+            "clipped": (
+                CLIPPED_S,
+                f"stays at {facts['clipped_at']:.4g}",
+                "it has reached its limit; choose a larger range",
+            ),
+            "stands": (
+                DEAD_S,
+                "repeats one value",
+                "the force on the plate changes meanwhile, so it is dead; mend the channel",
+            ),
+        }
+        for run, (least_s, fault, remedy) in faults.items():
+            start, stop = facts[f"{run}_from_s"], facts[f"{run}_to_s"]
+            if min(stop, stance.toe_off) - max(start, stance.heel_strike) >= least_s:
+                raise InputError(
+                    f"channel {facts['label']} of force plate {plate} {fault} from {start:.3f} s to"
+                    f" {stop:.3f} s: {remedy} and record again, or exclude the trial"
+                )
     peak = vertical.max()
     if peak > LARGEST_LOAD_N:
         raise InputError(
@@ -243,13 +249,6 @@ def check_plate(trial: Trial, plate: int, stance: Stance, vertical: Array) -> No
             f" {LARGEST_LOAD_N:g} N under a person; correct the unit of its forces (`plate_units`"
             " in the source file)"
         )
-
-
-def time_in_stance(facts: Mapping[str, Any], run: str, stance: Stance) -> float:
-    """Time [s] that a run of a channel shares with a stance; negative if none."""
-    end = min(facts[f"{run}_to_s"], stance.toe_off)
-    start = max(facts[f"{run}_from_s"], stance.heel_strike)
-    return float(end - start)
 
 
 def check_type_on_platform(trial: Trial, plate: int) -> None:

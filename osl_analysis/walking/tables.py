@@ -22,7 +22,7 @@ from osl_analysis.stats.linear_fit import LinearFit
 from osl_analysis.stats.repeats import doubtful_row, over_repeats
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.ensemble import ESTIMATED, Bootstrap, GroupHeadline
+from osl_analysis.walking.ensemble import ESTIMATED, Bootstrap, GroupHeadline, mean_gait_torque
 from osl_analysis.walking.groups import SEPARATOR
 from osl_analysis.walking.impedance_fit import fit_response, gait_torque, offset_share
 from osl_analysis.walking.isolated_response import (
@@ -81,7 +81,7 @@ def check_fit(headline: GroupHeadline) -> FitChecks:
     window = responses[0].window
     motion = ensemble.motion[window]
     torque = ensemble.torque[window]
-    of_gait = np.mean([gait_torque(response, fit)[:, window] for response in responses], axis=0)
+    of_gait = mean_gait_torque(responses, fit)
     return FitChecks(
         coherence=coherence_of(responses),
         VAF=fit.vaf,

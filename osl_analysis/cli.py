@@ -12,7 +12,7 @@ import warnings
 from functools import partial
 from os.path import realpath
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import click
 from click import argument, option
@@ -21,9 +21,6 @@ from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import OslAnalysisError, printable, printable_lines
 from osl_analysis.files import CAMPAIGN, check_target, shipped, write_text
 from osl_analysis.memory import SET_TO_ONE, limited_memory
-
-if TYPE_CHECKING:
-    from osl_analysis.trial import Trial
 
 
 def numbers(value: str) -> list[float]:
@@ -57,12 +54,6 @@ def say(text: str, err: bool = False) -> None:
 
 def json_text(facts: Any) -> str:
     return json.dumps(facts, indent=2, ensure_ascii=False)
-
-
-def tell_warnings(trial: "Trial") -> None:
-    """Print what was remarkable while a recording was read."""
-    for warning in trial.provenance.get("warnings", []):
-        say(f"warning: {warning}", err=True)
 
 
 class KeepsItsInput(click.Command):
@@ -397,7 +388,6 @@ def fit(
         from osl_analysis.commands.trials import raw_trial
 
         recorded = raw_trial(trial, source, model)
-        tell_warnings(recorded)
     device = None if parameters == "none" else parameters or notebook.OF_CONFIG
     fitted = notebook.fit(recorded, model, desired, windows, config_path, device)
     if plot is not None:
@@ -444,8 +434,7 @@ def ingest(sources: Path, output: Path, **given: Any) -> None:
         raise click.UsageError("give --log, --mocap or both")
     cells = {name: None if value is None else str(value) for name, value in given.items()}
     row = {"trial": output.stem, "experiment": "ingest_only", **cells}
-    trial = ingest_trial(row=row, raw_folder=Path(), sources_folder=sources, output=output)
-    tell_warnings(trial)
+    ingest_trial(row=row, raw_folder=Path(), sources_folder=sources, output=output)
     say(f"wrote {output}")
 
 

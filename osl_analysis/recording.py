@@ -387,4 +387,4 @@ def beside(points: Array, corners: Array) -> Array:
     """
     half_sides = np.linalg.norm(corners[0] - corners[[1, 3]], axis=1) / 2
     excess = np.maximum(np.abs(points) - half_sides, 0.0)
-    return np.asarray(np.linalg.norm(excess, axis=1))
+    return np.linalg.norm(excess, axis=1)

@@ -343,7 +343,7 @@ def encoder_errors(analysis: Analysis, label: Label) -> Array:
     # the angle's noise and that of its second derivative go against one another
     by_noise = np.array([K * theta - I * omega, B * omega, I * alpha - K * omega])
     of_noise = inverse[:, :3] @ (len(rows) * by_noise)
-    return np.asarray(np.hypot(of_steps, of_noise))
+    return np.hypot(of_steps, of_noise)
 
 
 def motion_noise(record: Record, gain: Array) -> Array:
@@ -352,4 +352,4 @@ def motion_noise(record: Record, gain: Array) -> Array:
     f = np.linspace(0, record.coarse.rate_hz / 2, 2000)
     passed = record.angle_noise * record.settings.low_pass.gain(f) ** 2
     passed *= np.interp(f, np.linspace(0, f[-1], len(gain)), gain) ** 2
-    return np.asarray(np.trapezoid((2 * np.pi * f) ** np.array([[0], [2], [4]]) * passed, f))
+    return np.trapezoid((2 * np.pi * f) ** np.array([[0], [2], [4]]) * passed, f)

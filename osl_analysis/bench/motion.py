@@ -212,7 +212,7 @@ def within(
 ) -> NDArray[np.bool_]:
     """Whether times (n,) [s] lie in one of the windows [s], less an edge at both ends."""
     inside = [(time >= start + edge) & (time <= stop - edge) for start, stop in windows]
-    return np.asarray(np.any(inside, axis=0))
+    return np.any(inside, axis=0)
 
 
 def fitted_pieces(

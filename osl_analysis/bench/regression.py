@@ -135,7 +135,7 @@ class Sums:
         means = self.products(self.gram, [*names, "one"]).sum(axis=0)
         means /= means[-1, -1]
         of_one = means[-1, :-1]
-        return np.asarray(means[:-1, :-1] - np.outer(of_one, of_one))
+        return means[:-1, :-1] - np.outer(of_one, of_one)
 
     def vaf(self, columns: Sequence[str], estimates: Array) -> float:
         """VAF [percent] of estimates (p,) of columns, with an own offset. As
@@ -416,7 +416,7 @@ def scatter_of(left_out: Array) -> Array:
     noise, misfit and leverage (jackknife; Miller, Biometrika 61, 1974)."""
     u = len(left_out)
     scatter = left_out - left_out.mean(axis=0)
-    return np.asarray(scatter.T @ scatter * (u - 1) / u)
+    return scatter.T @ scatter * (u - 1) / u
 
 
 def combined(

@@ -45,7 +45,7 @@ def checked_trial(
 ) -> Trial:
     """The trial of one row of the sheet, from its files relative to `raw_folder`, with the
     `needed_columns`; of a bench trial with the clocks of its devices, and, if its fit takes no
-    windows, what lies within those of the sheet."""
+    windows, what lies within those of the sheet. Warns of what was remarkable while it was read."""
     trial = raw_files.trial_from_files(row, raw_folder, sources_folder)
     raw_files.check_columns(trial, row.get("experiment"), needed_columns)
     facts = EXPERIMENTS.get(str(row.get("experiment")))
@@ -58,6 +58,8 @@ def checked_trial(
     # those of the log tell all
     if facts is not None and facts.place == "walkway" and not needed_columns:
         raw_files.check_markers(trial, row["experiment"])
+    for text in trial.provenance["warnings"]:
+        warnings.warn(text, stacklevel=2)
     return trial
 
 
@@ -75,8 +77,6 @@ def ingest_and_check(
     limits and verdicts."""
     record = ingest_trial(row, raw_folder, sources_folder, trial, needed_columns)
     measured = measure_quality(record, row["experiment"], commanded, row.get("windows") or "")
-    for text in record.provenance["warnings"]:
-        warnings.warn(text, stacklevel=2)
     write_table(measured_table(record.name, measured), quality, data)
 
 

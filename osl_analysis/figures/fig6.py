@@ -69,7 +69,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
 
 def unexplained(rows: pl.DataFrame) -> Array:
     """100 − VAF of each fit (n,) [percent], as it is drawn."""
-    return np.asarray(np.maximum(100 - rows["VAF"].to_numpy(), LEAST_UNEXPLAINED))
+    return np.maximum(100 - rows["VAF"].to_numpy(), LEAST_UNEXPLAINED)
 
 
 def draw_median(ax: Axes, rows: pl.DataFrame, place: int) -> str:

@@ -123,7 +123,7 @@ class Layout:
         """Tell which messages of this length, shape (messages,), have this layout."""
         content = rows.view(np.uint8).reshape(rows.size, -1)[:, self.is_shared]
         shared = np.frombuffer(self.data, np.uint8)[self.is_shared]
-        return np.asarray((content == shared).all(axis=1))
+        return (content == shared).all(axis=1)
 
     def columns(
         self, rows: NDArray[np.void], paths: Collection[str] | None

@@ -384,4 +384,4 @@ def cell_stamps(cells: pl.Series) -> NDArray[np.int64]:
     )
     stamps = numbers.select(since_midnight.cast(pl.Int64)).to_series().to_numpy()
     begins_anew = np.diff(stamps, prepend=stamps[:1]) < -DAY_NS // 2
-    return np.asarray(stamps + DAY_NS * np.cumsum(begins_anew))
+    return stamps + DAY_NS * np.cumsum(begins_anew)

@@ -138,4 +138,4 @@ def sliding_fits(spectra: Spectra, columns: Array, share: float) -> Array:
     normal = np.concatenate([total[None], total - np.array(blocks)])
     ridge = RIDGE * np.eye(len(unit) - 1)
     solved = np.linalg.solve(normal[:, :-1, :-1] + ridge, normal[:, :-1, -1:])[..., 0]
-    return np.asarray(solved * length[-1] / length[:-1])
+    return solved * length[-1] / length[:-1]

@@ -230,7 +230,7 @@ def moved_by(faults: Sequence[tuple[Predicted, float]], best_sound: Predicted) -
     mean_change = sum(weight * np.abs(fit.impedance - sound) for fit, weight in faults) / total
     likely = [fit for fit, weight in faults if weight >= NAMED_FAMILY * total]
     changes = [np.abs(fit.impedances - sound) for fit in likely]
-    return np.asarray(np.max(np.vstack([mean_change, *changes]), axis=0))
+    return np.max(np.vstack([mean_change, *changes]), axis=0)
 
 
 def delay_error(data: Whitened, sound: Predicted, rounding: Array) -> float:

@@ -88,7 +88,7 @@ class Search:
 
     def rest(self, signals: Array) -> Array:
         """What friction, offset and drift leave of signals (..., m)."""
-        return np.asarray(signals - (signals @ self._shared) @ self._shared.T)
+        return signals - (signals @ self._shared) @ self._shared.T
 
     def is_worth_refining(self, left: float) -> bool:
         """Whether what is left of the torque is so much less than what Eq. 15 leaves, in noise of

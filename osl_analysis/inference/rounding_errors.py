@@ -144,4 +144,4 @@ def errors_by_steps(
     reading, of_row = np.unique(np.rint(theta[rows] / step), return_inverse=True)
     by_step = np.zeros((len(reading), len(by_row)), np.complex128)
     np.add.at(by_step, of_row, (by_row * np.exp(2j * np.pi * place)).T)
-    return np.asarray(step / np.sqrt(12) * np.linalg.norm(by_step, axis=0))
+    return step / np.sqrt(12) * np.linalg.norm(by_step, axis=0)

@@ -268,7 +268,7 @@ class Spectra:
     def resampled(self, spectrum: Spectrum, ends: tuple[float, float]) -> Array:
         """A signal at the product rate (p,), whose spectrum is `transformed`."""
         smooth = self._at_product_rate(spectrum, 1)[0]
-        return np.asarray(smooth + np.linspace(*ends, self.product_rows))
+        return smooth + np.linspace(*ends, self.product_rows)
 
     def _belt_deflection(self, actuator: Array) -> Array:
         """What turns a belt [rad] (p,): theta - theta_m/n_T, by the torque that it transmits."""
@@ -276,7 +276,7 @@ class Spectra:
         columns = np.array([self.angle, actuator, *others])
         torque = self.resampled(*self.raw_torque)
         of_torque = solve_scaled(columns[:, self.inside], torque[self.inside])
-        return np.asarray(self.angle + of_torque[1] / of_torque[0] * actuator)
+        return self.angle + of_torque[1] / of_torque[0] * actuator
 
     def _window(self) -> Array:
         """The weight (w,) of each working row, which rises over `TAPER` from edges and gaps."""

@@ -69,4 +69,4 @@ def largest_shifts(
 
     # squares of what the other two leave of a column are 1 over the diagonal of the inverse
     own = Search(data, best.has_friction).rest(data.motion)
-    return np.asarray(np.sqrt(unexplained * np.diag(np.linalg.inv(own @ own.T))))
+    return np.sqrt(unexplained * np.diag(np.linalg.inv(own @ own.T)))

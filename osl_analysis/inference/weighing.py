@@ -79,7 +79,7 @@ class Predicted:
     @property
     def impedance(self) -> Array:
         """Mean of the K, B, I (3,) that it has."""
-        return np.asarray(self.impedances.mean(axis=0))
+        return self.impedances.mean(axis=0)
 
 
 def all_columns(data: Whitened, candidate: Candidate, has_friction: bool) -> Array:
@@ -135,7 +135,7 @@ class BlockFit:
         ridge = RIDGE * np.eye(len(self.estimates))
         by_others = np.linalg.solve(others[:, :-1, :-1] + ridge, others[:, :-1, -1:])[..., 0]
         misses = np.hstack([by_others, -np.ones((BLOCKS, 1))])
-        return np.asarray(np.einsum("bp,bpq,bq->b", misses, self.blocks, misses))
+        return np.einsum("bp,bpq,bq->b", misses, self.blocks, misses)
 
     def covariance(self, freedom: float) -> Array:
         """Covariance (c, c) of the estimates, by noise.
@@ -150,7 +150,7 @@ class BlockFit:
         by_scatter = np.diag(scores.T @ scores) * BLOCKS / (BLOCKS - 1)
         by_likelihood = np.diag(self.inverse) * variance
         factor = np.sqrt(np.maximum(by_scatter, by_likelihood) / by_likelihood)
-        return np.asarray(self.inverse * variance * np.outer(factor, factor))
+        return self.inverse * variance * np.outer(factor, factor)
 
     def by_rounding(self, rounding: Array, columns: Array) -> tuple[Array, float]:
         """What rounding alone does to the estimates of its columns (c, m), by torques

@@ -52,7 +52,7 @@ class Converted:
 def to_si(conversion: Conversion, raw: NDArray[Any], factor: float) -> NDArray[np.float64]:
     """Convert recorded numbers, of any shape, to the SI unit, by the `factor` of their unit."""
     gain = conversion.sign * conversion.scale * factor
-    return np.asarray((raw + conversion.offset) * gain)
+    return (raw + conversion.offset) * gain
 
 
 def origin_of(conversion: Conversion, column: str, unit_of_file: str = "") -> dict[str, Any]:

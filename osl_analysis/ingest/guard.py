@@ -272,7 +272,7 @@ def find_leaps(time: Array, values: Array) -> Array:
         limit = max(LIMITS.largest_bend * usual, LIMITS.smallest_bend * np.ptp(values))
         is_leap &= sizes[far] > limit
     # of the samples k to k + 3 of the largest third difference, k + 2 leaps, or the one before
-    return np.asarray(time[far[is_leap] + 2])
+    return time[far[is_leap] + 2]
 
 
 def steps_by_friction(
@@ -291,7 +291,7 @@ def steps_by_friction(
     step = beside[:, -1] - beside[:, 0]
     is_step = 2 * np.abs(step) > np.ptp(beside, axis=1)  # a wrong number comes back
     is_along = (ways * step < 0).all(axis=0)  # up in a trough, down at a peak
-    return np.asarray(is_step & (is_turn & is_along).any(axis=0))
+    return is_step & (is_turn & is_along).any(axis=0)
 
 
 # Channels that repeat one value: a sensor at an end of its range, and one that stands still.
@@ -307,7 +307,7 @@ def repeats(values: Array) -> NDArray[np.intp]:
 def has_levels(values: Array) -> bool:
     """Whether a channel (n,) has levels without noise, apart from its longest run."""
     lengths = np.diff(repeats(values)) - 1
-    return bool(lengths.sum() - lengths.max(initial=0) > LIMITS.most_repeated * values.size)
+    return lengths.sum() - lengths.max(initial=0) > LIMITS.most_repeated * values.size
 
 
 def run_at_extreme(values: Array, standing: NDArray[np.intp] | None = None) -> slice:
@@ -363,7 +363,7 @@ def has_corners(values: Array, run: slice) -> bool:
         rows_of_ways.append(np.sum(first - 1 - last_away))
     last_fifth, whole_way = rows_of_ways
     is_fast = last_fifth <= LIMITS.last_share * whole_way + 1
-    return bool(is_fast and sides.min() > LIMITS.corner_steps * step)
+    return is_fast and sides.min() > LIMITS.corner_steps * step
 
 
 def standing_runs(
@@ -403,4 +403,4 @@ def standing_runs(
     means = (np.interp(begins + width, rows, sums) - np.interp(begins, rows, sums)) / width
     noise = noise_of(followed) / np.sqrt(np.maximum(width[:, 0], 1.0))
     changes = np.maximum(least * np.ptp(followed), LIMITS.noise_sds * noise)
-    return np.asarray(edges[np.ptp(means, axis=1) > changes])
+    return edges[np.ptp(means, axis=1) > changes]

@@ -332,7 +332,7 @@ def measure_leaps(examined: Examined) -> dict[str, float]:
 
 def distances(times: Array, others: Array) -> Array:
     """Of times (n,), each one's distance to the nearest of others; infinite without any."""
-    return np.asarray(np.abs(np.subtract.outer(times, others)).min(axis=1, initial=np.inf))
+    return np.abs(np.subtract.outer(times, others)).min(axis=1, initial=np.inf)
 
 
 def remedy_of_leaps(examined: Examined, leaps: Array) -> str:

@@ -292,7 +292,7 @@ def at_clock(
     if stale:
         numbers = numbers[fresh]
         rows, values = kept_rows(rows, values, fresh)
-    time = np.asarray((numbers - numbers[0]) * factor, dtype=float)
+    time = (numbers - numbers[0]) * factor
     check_time(what, time)
     check_clock_runs(rows, source, time, numbers[0] * factor)
     return Table(rows, time, numbers[0].item(), values, [*remarks, *stale])

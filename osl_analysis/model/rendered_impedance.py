@@ -125,7 +125,7 @@ def magnitude_squared(polynomial: Array) -> Array:
     ascending = polynomial[::-1]
     mirrored = ascending * (-1.0) ** np.arange(len(ascending))
     even = np.convolve(ascending, mirrored)[::2]
-    return np.asarray((even * (-1.0) ** np.arange(len(even)))[::-1])
+    return (even * (-1.0) ** np.arange(len(even)))[::-1]
 
 
 def predicted_impedance(

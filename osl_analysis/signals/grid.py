@@ -309,7 +309,7 @@ def fixture_torque(
     rate = (len(time) - 1) / (time[-1] - time[0])
     smooth = LowPass(min(2 * cutoff_hz, 0.45 * rate))(theta, rate)
     inertial = inertia * differentiate(time, smooth).alpha if inertia else 0.0
-    return np.asarray(inertial + weight * np.sin(theta - np.deg2rad(rest_deg)))
+    return inertial + weight * np.sin(theta - np.deg2rad(rest_deg))
 
 
 def gaps_of(part: Taken, time: Array, longest_s: float) -> tuple[Array, Array]:

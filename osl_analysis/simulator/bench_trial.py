@@ -144,7 +144,7 @@ def steady_angle(excitation: Excitation, time: Array, draws: np.random.Generator
         since_full = time - excitation.fade_s
         phase_deg = draws.uniform(0, 360) - 90  # of a cosine
         sweep = scipy.signal.chirp(since_full, low, excitation.full_s, high, phi=phase_deg)
-        return np.asarray(np.sqrt(2) * sweep)
+        return np.sqrt(2) * sweep
     if excitation.kind == "prbs":
         signs = draws.choice([-1.0, 1.0], steps[-1] + 1)
         low_pass = scipy.signal.butter(4, excitation.smoothing_hz, fs=1 / time[1], output="sos")

@@ -177,7 +177,7 @@ def plate_channels(
         offset_sd = getattr(effects, f"{name}_offset").value
         lag = 1e-3 * effects.plate_lag.value
         late = interpolated_at(values, trial.walking.rates.motion_hz, time - lag)
-        return np.asarray(late + noise_sd * noise + offset_sd * offset)
+        return late + noise_sd * noise + offset_sd * offset
 
     force = recorded("force", true_force)
     moment = recorded("moment", true_moment)

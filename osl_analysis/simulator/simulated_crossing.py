@@ -188,7 +188,7 @@ def ankle_angle(step: gait.Step, carried_angle: Array, platform: gait.PlatformMo
     course = gait.pulse(
         trial.time, platform.onset, NOMINAL.yield_s, step.toe_off, NOMINAL.release_s
     )
-    return np.asarray(theta - yielded * course)
+    return theta - yielded * course
 
 
 def react(step: gait.Step, foot: Pose, drivetrain_torque: Array) -> tuple[Array, TrueWrench]:

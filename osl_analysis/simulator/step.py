@@ -39,7 +39,7 @@ def pulse(time: Array, start: float, rise: float, back: float, fall: float) -> A
 def periodic_bumps(c: Array, bumps: tuple[tuple[float, float, float], ...]) -> Array:
     """Sum of size * exp(sharpness (cos 2 pi (c - peak) - 1)) over (size, peak, sharpness)."""
     waves = [a * np.exp(k * (np.cos(2 * np.pi * (c - peak)) - 1.0)) for a, peak, k in bumps]
-    return np.asarray(np.sum(waves, axis=0))
+    return np.sum(waves, axis=0)
 
 
 def nominal_ankle_angle(c: Array) -> Array:
@@ -153,7 +153,7 @@ class GaitTrial:
         sizes = random.standard_normal(6) * np.sqrt(2 / 6)
         frequencies = random.uniform(0.3, 4.0, 6)
         phases = random.uniform(0, 2 * np.pi, 6)
-        return np.asarray(np.cos(2 * np.pi * np.outer(self.time, frequencies) + phases) @ sizes)
+        return np.cos(2 * np.pi * np.outer(self.time, frequencies) + phases) @ sizes
 
 
 @dataclass(frozen=True)

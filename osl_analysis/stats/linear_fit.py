@@ -198,7 +198,7 @@ def condition_of(
 def scaled_to_one(A: Array) -> Array:
     """A symmetric matrix (p, p) with ones on its diagonal."""
     scale = np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
-    return np.asarray(A / np.outer(scale, scale))
+    return A / np.outer(scale, scale)
 
 
 def between_cycles(sums: Array, stratum: NDArray[np.intp]) -> tuple[Array, Array]:
@@ -261,7 +261,7 @@ def products_between(X: Array, Y: Array, first: Array, stop: Array) -> Array:
     lagrange = np.array([x * (x - 1) * (x - 2), x * (x + 1) * (5 - 2 * x), x * (x + 1) * (x - 1)])
     weights = lagrange / 6 * (around == inside)
     of_parts = (weights[:, :, None] * X[inside]).transpose(1, 2, 0) @ Y[inside].transpose(1, 0, 2)
-    return np.asarray(of_whole_rows + of_parts[1::2] - of_parts[::2])
+    return of_whole_rows + of_parts[1::2] - of_parts[::2]
 
 
 def welch_satterthwaite(
@@ -297,7 +297,7 @@ def welch_satterthwaite(
     square_of_sum = np.sum(summands, axis=0) ** 2
     is_finite = uncertainty > square_of_sum / MOST_FREEDOM
     infinite = np.full_like(square_of_sum, np.inf)
-    return np.asarray(np.divide(square_of_sum, uncertainty, out=infinite, where=is_finite))
+    return np.divide(square_of_sum, uncertainty, out=infinite, where=is_finite)
 
 
 def variance_accounted_for(y: Array, residual: Array) -> float:
@@ -318,4 +318,4 @@ def vaf_by_moments(unexplained: ArrayLike, variance: ArrayLike, mean_square: Arr
     rounding = EXACT_FIT_SHARE * np.asarray(mean_square)
     of_constant = np.where(unexplained > rounding, 1.0, 0.0)
     share = np.divide(unexplained, variance, out=of_constant, where=variance > rounding)
-    return np.asarray(100 * (1 - share))
+    return 100 * (1 - share)

@@ -85,7 +85,7 @@ class Ankle:
 
     def along(self, vectors: Array) -> Array:
         """Components (2, n) of vectors (n, 3) to the left and forward."""
-        return np.asarray(np.einsum("kni,ni->kn", (self.axis, self.forward), vectors))
+        return np.einsum("kni,ni->kn", (self.axis, self.forward), vectors)
 
 
 def ankle_between(foot: Poses, shank: Poses, calibration: StaticCalibration) -> Ankle:
@@ -130,7 +130,7 @@ def ankle_torque(reaction: Array, plate_centre: Array, ankle: Array, axis: Array
     """
     F, M = reaction[:, :3], reaction[:, 3:]
     about_ankle = M + np.cross(plate_centre - ankle, F)
-    return np.asarray(-np.sum(about_ankle * axis, axis=1))
+    return -np.sum(about_ankle * axis, axis=1)
 
 
 def load_on_foot(reaction: Array, centre: Array, ankle: Ankle) -> Array:
@@ -163,7 +163,7 @@ def moment_of_foot(
         (n,) [N*m]: axis . ((c - a) x m (c'' - g) + I alpha).
     """
     of_mass = np.cross(foot.point - ankle, mass * (foot.acceleration - FREE_FALL))
-    return np.asarray(np.sum(axis * (of_mass + inertia * foot.alpha), axis=1))
+    return np.sum(axis * (of_mass + inertia * foot.alpha), axis=1)
 
 
 @dataclass(frozen=True)

@@ -241,7 +241,7 @@ def predicting_weights(behaviour: Array, unperturbed: Array, predictors: Predict
     scaled = chosen / np.where(sizes > 0, sizes, 1.0)
     X = np.column_stack([np.ones_like(unperturbed), scaled.T])
     root = np.sqrt(unperturbed)
-    return np.asarray(root * np.linalg.pinv(root[:, None] * X)[0])
+    return root * np.linalg.pinv(root[:, None] * X)[0]
 
 
 def fitted_draws(motion: Motion, torque: Array) -> dict[str, Array]:

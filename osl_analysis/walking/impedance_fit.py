@@ -116,7 +116,7 @@ def jackknife_covariance(changes: Array) -> Array:
     m, p = changes.shape
     if m < 2:
         return np.zeros((p, p))
-    return np.asarray((m - 1) ** 2 / m * np.cov(changes, rowvar=False))
+    return (m - 1) ** 2 / m * np.cov(changes, rowvar=False)
 
 
 def offset_share(motion: Motion, torque: Array, K: float) -> float | None:

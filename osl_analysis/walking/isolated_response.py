@@ -136,7 +136,7 @@ def matched_scales(phase: Array, curves: Array, mean: Array) -> Array:
 
     def without_drift(curves: Array) -> Array:
         """Curves (orders, m, k) without the drift of each order."""
-        return np.asarray(curves - ((curves @ drift) * of_order) @ drift.T)
+        return curves - ((curves @ drift) * of_order) @ drift.T
 
     negligible = len(phase) * rounding_of(mean)
     scales = np.ones((len(DRIFT_ORDERS), len(curves)))
@@ -262,7 +262,7 @@ class PerturbationResponse:
     @property
     def torque(self) -> Array:
         """(k,) [N*m]."""
-        return np.asarray(self.torques.mean(axis=0))
+        return self.torques.mean(axis=0)
 
     @property
     def fitted_motion(self) -> Motion:
@@ -337,7 +337,7 @@ def isolate_response(
 
 def zeroed(curves: Array, baseline: slice) -> Array:
     """Curves (..., k) minus their means over the baseline."""
-    return np.asarray(curves - curves[..., baseline].mean(axis=-1, keepdims=True))
+    return curves - curves[..., baseline].mean(axis=-1, keepdims=True)
 
 
 def behaviour_before(time: Array, thetas: Array, torques: Array, guard_s: float) -> Array:

@@ -144,7 +144,8 @@ def identify_plate_model(
     problems = []
     for trial, calibration in pairs:
         try:
-            usable.append(unloaded_recording(trial, calibration, settings))
+            with naming(f"trial {trial.name}", trial=trial.name):
+                usable.append(unloaded_recording(trial, calibration, settings))
         except InputError as error:
             problems.append(error)
     if not usable:
@@ -234,10 +235,9 @@ def unloaded_recording(
     load = np.median(force)
     if load > settings.largest_zero_n:
         raise InputError(
-            f"trial {trial.name}: the plate carries {load:.0f} N, expected an unloaded plate and at"
+            f"the plate carries {load:.0f} N, expected an unloaded plate and at"
             f" most {settings.largest_zero_n:g} N; zero the plate and record again, or correct the"
             " experiment of this trial in the sheet, which is 'plate'",
-            trial=trial.name,
         )
     rows = longest_run(poses.seen())
     shown = 0.0  # largest turn from rest to rest [rad]
@@ -250,22 +250,20 @@ def unloaded_recording(
             shown = np.ptp(platform.rotation_from_rest(poses[rows]))
     if shown < settings.smallest_turn:
         raise InputError(
-            f"trial {trial.name}: the platform turns by {np.rad2deg(shown):.2f} deg from rest to"
+            f"the platform turns by {np.rad2deg(shown):.2f} deg from rest to"
             f" rest while its markers {', '.join(names)} are seen, expected"
             f" {settings.perturbation_deg:g} deg or more; correct labels in Nexus or"
             " the trial in the column static, or record a turn from rest to rest with markers in"
             " sight",
-            trial=trial.name,
         )
     blank = longest_run(force == 0)
     blank_s = (blank.stop - blank.start) / sampling_rate(time)
     smallest = np.min(force, initial=force.max(), where=force > 0)
     if blank_s > PlateLimits.LONGEST_BLANK_S and smallest > PlateLimits.LEAP * force.max():
         raise InputError(
-            f"trial {trial.name}: the plate reads 0 for {blank_s:.2f} s, and no force between 0 and"
+            f"the plate reads 0 for {blank_s:.2f} s, and no force between 0 and"
             f" {smallest:.2g} N: what lies below was set to 0; export the trials of the unloaded"
             " plate without a threshold",
-            trial=trial.name,
         )
     track = platform.platform_track(trial.name, frames[rows], poses[rows], calibration, settings)
 
@@ -469,20 +467,20 @@ def excited_directions(squares: Array, noise: Array, within: Array) -> Array:
             " shows it best, expected 50% or less; record larger or faster motions of the unloaded"
             " plate"
         )
-    return np.asarray(basis @ vectors[:, share <= PlateLimits.LARGEST_NOISE_SHARE])
+    return basis @ vectors[:, share <= PlateLimits.LARGEST_NOISE_SHARE]
 
 
 def stacked_columns(columns: Array) -> Array:
     """Weighted columns (6 n, p) out of (n, 6, p), component by component."""
-    return np.asarray((columns * WEIGHT[:, None]).transpose(1, 0, 2).reshape(-1, columns.shape[2]))
+    return (columns * WEIGHT[:, None]).transpose(1, 0, 2).reshape(-1, columns.shape[2])
 
 
 def without_mean(values: Array) -> Array:
-    return np.asarray(values - values.mean(axis=0))
+    return values - values.mean(axis=0)
 
 
 def column_rms(values: Array) -> Array:
-    return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
+    return np.sqrt(np.mean(values**2, axis=0))
 
 
 def plate_lag(

@@ -126,7 +126,7 @@ class PlatformTrack:
         inside = (self.time > first) & (self.time < last)
         speed = np.linalg.norm(self.velocity @ axes.T, axis=1)
         noise = self.noise * np.sqrt(noise_gain(self.low_pass, self.rate, 1))
-        return np.asarray(inside & (speed > MotionLimits.STILL * noise))
+        return inside & (speed > MotionLimits.STILL * noise)
 
     @cached_property
     def moving(self) -> Mask:
@@ -152,7 +152,7 @@ class PlatformTrack:
         before = (self.gate(self.moving) == 0) & (self.time < fastest)
         if before.sum() < MotionLimits.FEWEST_FRAMES:
             before = self.time <= self.time[0] + self.spread
-        return np.asarray(self.measured[before].mean(axis=0))
+        return self.measured[before].mean(axis=0)
 
     def measured_motion(
         self, axes: Array, centre: Array, rows: slice = slice(None)
@@ -407,9 +407,7 @@ def start_of_rise(time: Array, ramp: Array) -> float:
     def residuals(step: Array, p: int) -> Array:
         """Over noise, so that `cost` is half of chi-square."""
         since_start = np.clip((time[: end + 1] - step[0]) / step[1], 0, 1)
-        return np.asarray(
-            (height * scipy.special.betainc(p, p, since_start) - ramp[: end + 1]) / noise
-        )
+        return (height * scipy.special.betainc(p, p, since_start) - ramp[: end + 1]) / noise
 
     least_squares: Any = scipy.optimize.least_squares
     fits = {

@@ -150,6 +150,7 @@ def test_what_is_refused_of_an_option_is_told_by_the_option(folder, refused):
     assert said.startswith(f"error: {option}: ")
 
 
+@pytest.mark.filterwarnings("default")
 def test_a_lost_end_is_told_and_no_recording_is_written_over(folder, tmp_path):
     log = tmp_path / "cut.mcap"
     output = tmp_path / "cut.parquet"

@@ -452,14 +452,15 @@ STANCE = np.clip(np.minimum(TIME - 0.2, 0.8 - TIME) / 0.05, 0, 1)
 ROLL = np.interp(TIME, [0.2, 0.8], [-0.08, 0.14])  # centre of pressure along x [m]
 
 
-def force_and_moment(roll: Array = ROLL) -> tuple[Array, Array]:
-    """Force and moment (n, 3) on the plate in its axes (z down): 700 N that rolls along x, with
+def force_and_moment(roll: Array = ROLL) -> Array:
+    """Force and moment (n, 6) on the plate in its axes (z down): 700 N that rolls along x, with
     noise."""
     rng = np.random.default_rng(1)
     vertical = -700 * STANCE * (1 + 0.1 * np.sin(10 * TIME))
     force = np.column_stack([60 * STANCE * np.sin(10 * (TIME - 0.5)), 20 * STANCE, vertical])
     moment = np.column_stack([0.02 * vertical, -roll * vertical, 0.0 * TIME])
-    return force + rng.normal(0, 1.0, force.shape), moment + rng.normal(0, 0.1, moment.shape)
+    noise = rng.normal(0, 1.0, force.shape), rng.normal(0, 0.1, moment.shape)
+    return np.hstack([force, moment]) + np.hstack(noise)
 
 
 def plate_trial(folder: Path, channels: Array) -> Trial:
@@ -480,7 +481,7 @@ def checked(trial: Trial, experiment: str = "walking") -> dict[str, CheckResult]
 
 def test_a_sound_plate_passes(tmp_path: Path) -> None:
     # as far along the plate as it is not wide
-    channels = np.hstack(force_and_moment(ROLL + 0.13))
+    channels = force_and_moment(ROLL + 0.13)
 
     checks = checked(plate_trial(tmp_path, channels))
 
@@ -492,7 +493,7 @@ def test_a_sound_plate_passes(tmp_path: Path) -> None:
 
 
 def test_3_samples_of_300_put_no_centre_of_pressure_outside(tmp_path: Path) -> None:
-    channels = np.hstack(force_and_moment())
+    channels = force_and_moment()
     channels[[150, 250, 350], 4] += 3e3
 
     checks = checked(plate_trial(tmp_path, channels))
@@ -501,7 +502,7 @@ def test_3_samples_of_300_put_no_centre_of_pressure_outside(tmp_path: Path) -> N
 
 
 def test_a_clipped_raw_channel_is_named_with_its_time(tmp_path: Path) -> None:
-    channels = np.hstack(force_and_moment())
+    channels = force_and_moment()
     channels[:, 4] = np.clip(channels[:, 4], -60.0, 60.0)
     trial = plate_trial(tmp_path, channels)
 
@@ -530,9 +531,11 @@ def test_a_channel_stands_where_the_load_changes_by_a_fifth_and_50_newtons(
 def test_dead_moments_put_the_centre_of_pressure_outside_or_at_rest(
     tmp_path: Path,
 ) -> None:
-    force, moment = force_and_moment()
-    moments = (0 * moment + [0, 840.0, 0], 0 * moment, moment)
-    outside, dead, sound = (plate_trial(tmp_path, np.hstack((force, each))) for each in moments)
+    channels = force_and_moment()
+    without = channels * [1, 1, 1, 0, 0, 0]
+    outside, dead, sound = (
+        plate_trial(tmp_path, x) for x in (without + 840 * np.eye(6)[4], without, channels)
+    )
     second = {
         name: name.replace("plate1", "plate2")
         for name in sound.samples.columns
@@ -553,8 +556,7 @@ def test_dead_moments_put_the_centre_of_pressure_outside_or_at_rest(
 
 
 def test_a_plate_on_which_nobody_stands_is_not_judged(tmp_path: Path) -> None:
-    force, moment = force_and_moment()
-    trial = plate_trial(tmp_path, 0.05 * np.hstack((force, moment)))
+    trial = plate_trial(tmp_path, 0.05 * force_and_moment())
     for experiment in ("walking", "plate"):
         assert re.fullmatch(NOT_JUDGED, checked(trial, experiment)["pressure_centre"].remark)
 

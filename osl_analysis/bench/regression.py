@@ -380,14 +380,14 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> GroupFi
     freedom = np.full(len(A), max(len(left_out) - 1.0, 1.0))
     noise = None
     noise_freedom: Array | float = np.inf
-    are_few = len(left_out) < FEWEST_UNITS  # without one of them the rest may tell nothing
     if has_repeats:
         # before the filter noise is independent from row to row
         raw_g = s.products(s.gram, [*columns, "raw torque"])[:, :-1, -1]
         noise, noise_freedom = between_cycles((raw_g - A_g @ estimates) @ inverse, stratum)
         if has_strata:
             covariance, freedom = combined(noise, noise_freedom, covariance, len(left_out))
-    elif are_few:  # to first order
+    elif len(left_out) < FEWEST_UNITS:
+        # to first order: without one of them the rest may tell nothing
         scores = (b_g - A_g @ estimates) @ inverse
         covariance = len(scores) / freedom[0] * scores.T @ scores
     return GroupFit(

@@ -74,8 +74,8 @@ def check_own_torque(trial: Trial, torque: str = "torque", angle: str | None = "
         sums = sums_of_formula(time, measured, dict(zip(others, values, strict=True)))
         # a load cell has noise of its own, and a simulated joint none
         noise = min(noise_of(measured, LIMITS.order_of_noise) / np.std(measured), least)
-        left = unexplained_share(rows_of_filter(measured, values))
-        if unexplained_share(sums) < least or left < LIMITS.least_of_noise * noise:
+        of_noise = unexplained_share(rows_of_filter(measured, values)) / noise
+        if unexplained_share(sums) < least or of_noise < LIMITS.least_of_noise:
             raise InputError(
                 f"trial {trial.name}: {torque} follows exactly from {' and '.join(others)}: it is"
                 " computed, not measured, and a fit gives the formula back; name the channel of a"
@@ -307,7 +307,7 @@ def repeats(values: Array) -> NDArray[np.intp]:
 def has_levels(values: Array) -> bool:
     """Whether a channel (n,) has levels without noise, apart from its longest run."""
     lengths = np.diff(repeats(values)) - 1
-    return lengths.sum() - lengths.max(initial=0) > LIMITS.most_repeated * values.size
+    return bool(lengths.sum() - lengths.max(initial=0) > LIMITS.most_repeated * values.size)
 
 
 def run_at_extreme(values: Array, standing: NDArray[np.intp] | None = None) -> slice:
@@ -363,7 +363,7 @@ def has_corners(values: Array, run: slice) -> bool:
         rows_of_ways.append(np.sum(first - 1 - last_away))
     last_fifth, whole_way = rows_of_ways
     is_fast = last_fifth <= LIMITS.last_share * whole_way + 1
-    return is_fast and sides.min() > LIMITS.corner_steps * step
+    return bool(is_fast and sides.min() > LIMITS.corner_steps * step)
 
 
 def standing_runs(

@@ -155,7 +155,7 @@ def are_rounded(table: pl.DataFrame) -> bool:
         return False
     ticks = np.ptp(distinct) // np.diff(distinct).min() + 1
     is_even = messages[1:-1].max() - np.median(messages[1:-1]) <= 1
-    return is_even and ticks - distinct.size <= 0.5 * (len(table) - distinct.size)
+    return bool(is_even and ticks - distinct.size <= 0.5 * (len(table) - distinct.size))
 
 
 def join_on_stamp(tables: Sequence[pl.DataFrame]) -> pl.DataFrame:

@@ -35,11 +35,12 @@ def words_of(finding: Finding, row: AnyRow) -> Words:
 
 def size_text(finding: Finding, row: AnyRow) -> str:
     """How large a cause is in this row, by its numbers."""
-    details: list[str] = []
-    for number in finding.evidence:
-        # a misfit that another cause explains is told by that cause
-        if number.finding == finding.name:
-            details.append(filled(number.rule.says, cells_of(row, number)))
+    # a misfit that another cause explains is told by that cause
+    details = [
+        filled(number.rule.says, cells_of(row, number))
+        for number in finding.evidence
+        if number.finding == finding.name
+    ]
     first, *others = [*dict.fromkeys(filter(None, details)), ""]
     return ". ".join(filter(None, [first, *map(capital, others)]))
 

@@ -364,8 +364,9 @@ def meant_amplitudes(
     """The amplitudes [rad] that runs were to have; one far from all of them is a warm-up.
 
     If not all commanded amplitudes were recorded, the protocol may have been another: other runs
-    then have their own amplitude to a tenth of a degree, below one degree to a hundredth. A bench loses some of an amplitude: those
-    up to 25 % below a larger one share its. Raises as `find_segments`.
+    then have their own amplitude to a tenth of a degree, below one degree to a hundredth. A bench
+    loses some of an amplitude: those up to 25 % below a larger one share its. Raises as
+    `find_segments`.
     """
     sizes = list(commanded)
     recorded = {followed(run.amplitude, commanded, LOST_AMPLITUDE) for run in runs}

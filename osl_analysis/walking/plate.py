@@ -223,24 +223,17 @@ def check_plate(trial: Trial, plate: int, stance: Stance, vertical: Array) -> No
     the plate changed. `vertical` is the force (n,) [N].
     """
     for facts in recorded_plate(trial, plate).get("channels", []):
-        faults = {
-            "clipped": (
-                CLIPPED_S,
-                f"stays at {facts['clipped_at']:.4g}",
-                "it has reached its limit; choose a larger range",
-            ),
-            "stands": (
-                DEAD_S,
-                "repeats one value",
-                "the force on the plate changes meanwhile, so it is dead; mend the channel",
-            ),
-        }
-        for run, (least_s, fault, remedy) in faults.items():
+        at_limit = f"stays at {facts['clipped_at']:.4g}"
+        for run, least_s, fault, remedy in (
+            ("clipped", CLIPPED_S, at_limit, "it has reached its limit; choose a larger range"),
+            ("stands", DEAD_S, "repeats one value", "it is dead; mend the channel"),
+        ):
             start, stop = facts[f"{run}_from_s"], facts[f"{run}_to_s"]
             if min(stop, stance.toe_off) - max(start, stance.heel_strike) >= least_s:
                 raise InputError(
                     f"channel {facts['label']} of force plate {plate} {fault} from {start:.3f} s to"
-                    f" {stop:.3f} s: {remedy} and record again, or exclude the trial"
+                    f" {stop:.3f} s, while the force changes: {remedy} and record again, or exclude"
+                    " the trial"
                 )
     peak = vertical.max()
     if peak > LARGEST_LOAD_N:

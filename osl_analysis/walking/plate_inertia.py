@@ -256,8 +256,7 @@ def unloaded_recording(
             " the trial in the column static, or record a turn from rest to rest with markers in"
             " sight",
         )
-    blank = longest_run(force == 0)
-    blank_s = (blank.stop - blank.start) / sampling_rate(time)
+    blank_s = force[longest_run(force == 0)].size / sampling_rate(time)
     smallest = np.min(force, initial=force.max(), where=force > 0)
     if blank_s > PlateLimits.LONGEST_BLANK_S and smallest > PlateLimits.LEAP * force.max():
         raise InputError(

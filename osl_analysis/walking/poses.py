@@ -308,7 +308,7 @@ def spans_a_plane(points: Array) -> bool:
     if len(points) < FEWEST_MARKERS:
         return False
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return spread[1] > SMALLEST_WIDTH * spread[0]
+    return bool(spread[1] > SMALLEST_WIDTH * spread[0])
 
 
 def bridge_gaps(time: Array, poses: Poses, longest: float) -> Poses:

@@ -373,7 +373,7 @@ def test_a_force_that_peaks_or_rests_unloaded_is_within_range() -> None:
         check_range(TIME, force, axes, 30)
 
 
-RUNS = ("clipped_from_s", "clipped_to_s", "stands_from_s", "stands_to_s")
+RUNS = ("clipped_at", "clipped_from_s", "clipped_to_s", "stands_from_s", "stands_to_s")
 
 
 def examined(**channel: float) -> Trial:

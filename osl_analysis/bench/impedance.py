@@ -25,6 +25,7 @@ from osl_analysis.bench.regression import (
 )
 from osl_analysis.errors import IdentifiabilityError, InputError, naming
 from osl_analysis.inference.rounding_errors import errors_by_steps, repeated_share
+from osl_analysis.inference.spectra import noise_and_band
 from osl_analysis.signals import seven_point_motion
 from osl_analysis.stats.estimates import Row, estimates_row
 from osl_analysis.stats.linear_fit import LinearFit, solved
@@ -334,7 +335,9 @@ def encoder_errors(analysis: Analysis, label: Label) -> Array:
     weighted = scipy.fft.idct(gain**2 * scipy.fft.dct(columns))
     _, inverse = solved(weighted @ columns.T, np.zeros(len(columns)))
     by_row = fit["K"] * inverse @ weighted  # change of the estimates (p, m)
-    repeated = repeated_share(record.angle_noise, record.rate_hz, step)
+    # just beyond the filter a coarse sine has harmonics of its rounding
+    noise, _ = noise_and_band(record.theta, record.rate_hz)
+    repeated = repeated_share(noise, record.rate_hz, step)
     smooth_rows = record.rate_hz / (2 * np.pi * record.settings.cutoff_hz)
     of_steps = repeated * errors_by_steps(by_row, rows, record.theta, step, smooth_rows)
 

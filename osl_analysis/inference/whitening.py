@@ -132,7 +132,7 @@ def whitening_gain(spectra: Spectra, signals: Spectrum) -> Array:
     taken_of_motion = np.average(taken, weights=np.abs(signals[0]) ** 2)
     if taken_of_motion > MOST_TAKEN:
         raise NotWeighedError(
-            f"the recording is too short: the columns of rivals take up {taken_of_motion:.2f} of the"
+            f"the recording is too short: columns of rivals take up {taken_of_motion:.2f} of the"
             f" noise beside the motion, at most {MOST_TAKEN:g} is allowed; record for longer"
         )
     return gain

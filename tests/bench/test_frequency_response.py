@@ -171,6 +171,7 @@ def test_the_response_to_another_motion_is_the_joint_s_within_its_intervals(moti
 
         assert table["magnitude"].to_numpy() == pytest.approx(np.abs(Y), rel=2e-3)
         told = table.drop_nulls("magnitude_low")
+        assert table["interval_method"].count() == len(told)
         assert set(told["interval_method"]) == {pieces}
         of_told = eq15(told["frequency_hz"])
         covered.append(holds(told, "magnitude", np.abs(of_told)))

@@ -258,6 +258,12 @@ def test_fidelity_ends_where_the_stiffness_is_ten_percent_off(K_d, B_d):
     assert error(end) == pytest.approx(0.1, rel=1e-6)
 
 
+def test_fidelity_that_is_lost_at_rest_ends_at_zero():
+    """Without a compensator K is 0.7 of the desired one."""
+    gains = compensator.uncompensated_gains(300.0, 5.0, P)
+    assert rendered(gains, 300.0, 5.0).faithful_to_hz[0] == 0
+
+
 def test_the_decay_rate_is_that_of_the_slowest_pole():
     gains = compensator.compensated_gains(300.0, 5.0, P)
 

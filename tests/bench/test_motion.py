@@ -257,16 +257,21 @@ def test_a_weight_above_its_axis_is_no_torque_of_the_wrong_sign():
 
 
 def test_rounding_of_a_small_stepped_sine_is_in_the_interval_of_K():
-    """Of 23 steps of the encoder. Without it 7 of 12 hold K."""
-    parts = [np.sin(2 * np.pi * hz * np.arange(8 * RATE / hz) / RATE) for hz in (1, 2, 3, 4, 5)]
-    angle = np.deg2rad(2) * np.pad(np.concatenate(parts), int(RATE))
+    """Of 23 steps of the encoder, whose zero is any angle, or the centre of the sine. Without it 7
+    of 12 hold K."""
+    rate = 1000
+    parts = [np.sin(2 * np.pi * hz * np.arange(8 * rate / hz) / rate) for hz in (0.5, 0.75, 1, 2)]
+    angle = np.deg2rad(2) * np.pad(np.concatenate(parts), rate)
     motion = [
-        gaussian_filter1d(angle, 0.01 * RATE, order=n, truncate=8) * RATE**n for n in range(3)
+        gaussian_filter1d(angle, 0.01 * rate, order=n, truncate=8) * rate**n for n in range(3)
     ]
-    time = np.arange(len(angle)) / RATE
+    time = np.arange(len(angle)) / rate
     held = []
     for seed in range(12):
         trial = made_trial(np.random.default_rng(seed), (time, motion), 0.01, bits=11)
+        if seed < 6:
+            centred = np.rint(motion[0] * 2**11 / (2 * np.pi)) * 2 * np.pi / 2**11
+            trial = Trial("made", trial.samples.with_columns(theta=pl.Series(centred)))
         fits = rendered_impedance(record_of_trial(trial, SETTINGS)).fits
         for fit in fits.values():  # of its amplitude, and of all
             held.append(abs(fit["K"] - TRUE["K"]) < fit.half_width("K"))

@@ -270,7 +270,7 @@ def problem_text(problems: Sequence[Mapping[str, Any]]) -> str:
 def problem_place(problem: Mapping[str, Any], content: Any) -> Place:
     """The field of a problem, without the names that pydantic gives to kinds of values. A check of
     several fields gives the wrong one as `place` in its context."""
-    place: list[int | str] = []
+    place = []
     for name in problem["loc"]:
         with suppress(LookupError, TypeError):
             content = content[name]

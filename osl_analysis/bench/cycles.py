@@ -81,7 +81,7 @@ def find_loop(angle: Array, settle_cycles: int = 0) -> Loop:
     highest, _ = scipy.signal.find_peaks(angle, prominence=swing)
     lowest, _ = scipy.signal.find_peaks(-angle, prominence=swing)
     turns = np.sort(np.concatenate([highest, lowest])).tolist()
-    cycles: list[Cycle] = []
+    cycles = []
     others = 0
     for first, last in pairwise(cycle_edges(angle, turns, span)):
         range_of_stretch = np.ptp(angle[first : last + 1])

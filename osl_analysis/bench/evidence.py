@@ -175,7 +175,7 @@ def impedance_table(
         estimate = Estimate.of_fit(analysis.calibrated[None], name)
         of_whole |= with_other_stamps(analysis, estimate, name).columns(name)
     centre = record.motion.theta[record.is_fitted()].mean()
-    rows: list[Row] = []
+    rows = []
     for label, fit in analysis.fits.items():
         variance = s.of(label).covariance(["theta"])
         rows.append(

@@ -97,7 +97,7 @@ def response_table(analysis: Analysis, **condition: float | str | None) -> pl.Da
     pieces = "periods" if record.periodic else "windows"
     is_stepped_sine = record.groups.kind == "cycles"
     facts: Row = {"interval_method": "cycles" if is_stepped_sine else pieces, **condition}
-    rows: list[Row] = []
+    rows = []
     if is_stepped_sine:
         at_frequency: dict[float, list[Response]] = {}
         for number, stratum in enumerate(record.groups.strata):

@@ -252,7 +252,7 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
     friction = coulomb_fits(s, analysis)
     fault = suspected_fault_of_losses(record)
     VAF_held_out = held_out_vaf(analysis.sums, analysis.model)
-    rows: list[Row] = []
+    rows = []
     for label, fit in analysis.fits.items():
         # a weight acts as a spring: its torque grows with the angle
         weight = with_effects(s.of(label), TRANSMISSION, "theta")

@@ -90,7 +90,7 @@ def described_in(path: Path) -> tuple[DescribedTable, ...]:
     tables = []
     shared = own_yaml(SHARED)
     for place, table in own_yaml(path).items():
-        lines: list[tuple[str, str | None]] = []
+        lines = []
         for key, text in table["columns"].items():
             lines.append((key, text))
             if key == "trial" and place.startswith("tables/"):

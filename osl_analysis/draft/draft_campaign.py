@@ -117,7 +117,7 @@ def describe_recordings(folder: Path, draft: Draft) -> list[Described]:
     Files share a source file if one can describe them: format, clock, and the channels of a log.
     Captures of one laboratory have other markers in each trial, and may lack a pulse.
     """
-    described: list[Described] = []
+    described = []
     names: dict[tuple[object, ...], str] = {}
     for path in recordings_in(folder):
         try:

@@ -170,7 +170,7 @@ def entries_of(guesses: Sequence[Guess]) -> list[Entry]:
     """
     sure = {guess.column for guess in guesses if guess.is_sure}
     is_complete = {"theta", "torque"} <= sure or {"torque_m", "current"} <= sure
-    entries: list[Entry] = []
+    entries = []
     for number, guess in enumerate(guesses, start=1):
         has_unit = is_unit(guess.channel.unit or guess.channel.likely_unit)
         stands = guess.is_sure and (has_unit or guess.column in NAMED_ALWAYS)

@@ -61,7 +61,7 @@ def draft_walking(overviews: Sequence[Overview], is_needed: bool) -> tuple[str, 
     for label, (side, segment) in segments.items():
         if segment and (not leg or side in ("", leg)):
             clusters[segment].append(label)
-    questions: list[str] = []
+    questions = []
     if len(sides) > 1:
         questions.append("`walking.side`: both legs have markers; does the right one step on it?")
     lines = [

@@ -76,7 +76,7 @@ def describe_channel(channel: Channel, kind: str) -> RecordedChannel:
 
     times = None
     rate = rows.rate_hz
-    notes: list[str] = []
+    notes = []
     if rows.stamps_ns is not None:
         times = rows.stamps_ns / SECOND_NS
         since_start = (rows.stamps_ns - rows.stamps_ns[:1].sum()) / SECOND_NS
@@ -123,7 +123,7 @@ def facts_of(recording: Recording) -> dict[str, str]:
 
 def overview_of_capture(recording: Recording) -> Overview:
     """List markers, model outputs, analog channels and plates."""
-    channels: list[RecordedChannel] = []
+    channels = []
     for channel in recording.channels:
         kind = "analog" if channel.kind == Kind.SIGNAL else channel.kind
         channels.append(describe_channel(channel, kind))
@@ -190,7 +190,7 @@ def overview_of_table(recording: Recording) -> Overview:
     time_model = source_model(recording).model_fields["time"].annotation
     key = str(getattr(time_model, "ADDRESS", "")) or "column"
     remarks = [*recording.loss.remarks]
-    shown: list[RecordedChannel] = []
+    shown = []
     for channel in recording.channels:
         try:
             shown.append(describe_channel(channel, key))
@@ -243,7 +243,7 @@ def of_one_trial(
     parts = [part for part, names in names_in.items() if names == most]
     if len(parts) < 2:
         return [], [*channels]
-    within: list[RecordedChannel] = []
+    within = []
     for channel in channels:
         if channel.group not in parts:
             within.append(channel.at(f"/{channel.key}"))

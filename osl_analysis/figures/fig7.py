@@ -59,13 +59,13 @@ def points(
     """
     shown = over_amplitudes(responses).sort("frequency_hz", maintain_order=True)
     shown = shown.with_columns(curve=pl.lit(OBSERVED), model_error=pl.lit(None, pl.Float64))
-    observed: list[pl.DataFrame] = []
-    curves: list[pl.DataFrame] = []
+    observed = []
+    curves = []
     for measured in shown.partition_by(PLACE):
         place, side, K_d, B_d = measured.select(*PLACE, "K_d", "B_d").row(0)
         low_hz, high_hz = measured["frequency_hz"][0], measured["frequency_hz"][-1]
         frequency_hz = np.linspace(low_hz, high_hz, Layout.MODEL_POINTS)
-        models: list[tuple[str, str | None, Any]] = []
+        models = []
         if K_d is not None and B_d is not None:
             models.append((DESIRED, None, desired_admittance(K_d, B_d)))
         if p is not None and joint == place:

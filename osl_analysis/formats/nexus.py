@@ -112,7 +112,7 @@ def read(path: Path, source: NexusSource | None) -> Recording:
     # two sections would differ in an export that was cut
     loss = Loss(count, count, End.WHOLE if len(used) > 1 else End.UNKNOWN)
     recording = Recording("nexus_csv", channels, loss, facts=facts)
-    plates: list[Plate] = []
+    plates = []
     for number, plate in (source.plates if source is not None else {}).items():
         columns = [
             ({"device": f"{plate.device} - {quantity}", "component": quantity[0]}, "")

@@ -188,7 +188,7 @@ def check_other_clocks(
     key = source.time.ADDRESS
     rate = source.time.rate
     apart: dict[str, float] = {}
-    remarks: list[str] = []
+    remarks = []
     rates = [*rates_in_file(recording, asked)]
     clocks = [*clocks_beside(recording, source, clock, time.size, asked)]
     for name, other in rates:

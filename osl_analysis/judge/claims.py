@@ -84,7 +84,7 @@ def claims_on(rows: pl.DataFrame, entry: Entry) -> list[Claim]:
         if rows.is_empty() or not needed <= {*rows.columns}:
             return []
         rows = rows.with_columns(**expressions)
-    claims: list[Claim] = []
+    claims = []
     for row in rows.filter("where").to_dicts():
         claim = {name: row[name] for name in (*EXPRESSIONS, "verdict") if name in entry}
         for name in ("name", "claim", "quantity", "unit", "interval", "wanted"):
@@ -206,7 +206,7 @@ def claims_table(
     polars.DataFrame
         `claims.csv`: claims on the campaign first, then those on single trials and groups.
     """
-    claims: list[Claim] = []
+    claims = []
     bench = {name: table for name, table in tables.items() if not name.startswith("walking")}
     places = [place for table in bench.values() for place in table.select("joint", "side").rows()]
     for joint, side in dict.fromkeys(places):

@@ -136,7 +136,7 @@ FINDING_COLUMNS = pl.Schema(
 
 def findings_frame(findings: Iterable[WordedFinding]) -> pl.DataFrame:
     """`findings.csv` from findings with their words."""
-    rows: list[dict[str, object]] = []
+    rows = []
     for number, worded in enumerate(findings, start=1):
         finding = worded.finding
         shared = {

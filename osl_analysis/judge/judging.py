@@ -227,7 +227,7 @@ def with_effects(causes: list[Cause], fault: KnownFinding | None) -> list[Cause]
     `fault` is what a check of the recording found; None: what the row shows."""
     fault = fault or next((cause for cause, _ in causes if cause.spoils_estimates), None)
     effects: list[Beyond] = []
-    others: list[Cause] = []
+    others = []
     for cause, numbers in causes:
         if cause is fault or cause.explains_misfit or cause.is_misfit:
             effects += numbers

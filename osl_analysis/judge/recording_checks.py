@@ -108,7 +108,7 @@ def judged_table(
     polars.DataFrame
         With thresholds and verdicts, as in `quality.csv`.
     """
-    rows: list[tuple[Any, ...]] = []
+    rows = []
     of_known_checks = measured.filter(pl.col("check").is_in(list(CHECKS)))
     for trial, name, value, unit, remark in of_known_checks.iter_rows():
         limit = rules.limit(name)

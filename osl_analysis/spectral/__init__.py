@@ -90,7 +90,7 @@ def periodic_motion(
     lag, _, stretches = min(each for each in candidates if each.mismatch <= 2 * best + FLOOR)
     times = np.arange(lag)
     realisations: list[Array] = []
-    numbers: list[int] = []
+    numbers = []
     for stretch in stretches:
         # counted backwards from its end: the incomplete rest is where a transient is
         end = min(stretch.stop + lag, len(theta) / step)

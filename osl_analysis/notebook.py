@@ -15,9 +15,9 @@ from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.errors import InputError, listing
 from osl_analysis.figures import columns_of, drawn, look_numbers, plotted_numbers
 from osl_analysis.files import shipped
-from osl_analysis.ingest.quality import UNITS, Commanded, measure_quality, measured_table
+from osl_analysis.ingest.quality import Commanded, measure_quality
 from osl_analysis.judge.judging import judged, marked, with_inherited
-from osl_analysis.judge.recording_checks import judged_table, validate_rules
+from osl_analysis.judge.recording_checks import judged_table, measured_table, validate_rules
 from osl_analysis.model.drivetrain import joint_of
 from osl_analysis.result_table import read_table
 from osl_analysis.trial import Trial, read_trial
@@ -304,7 +304,7 @@ def check(
     check_known(EXPERIMENTS, "experiment", experiment)
     recorded = as_trial(trial)
     stated = config_for_trials(config)
-    validate_rules(stated.quality, UNITS)
+    validate_rules(stated.quality)
     commanded = Commanded(
         **{name: getattr(stated.dynamometer, name) for name in PROTOCOL},
         clusters=stated.walking.markers.clusters,

@@ -16,7 +16,6 @@ from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
 from osl_analysis.config.sheet import FIXTURE, SheetRows, read_sheet
 from osl_analysis.errors import InputError, naming
 from osl_analysis.files import shipped
-from osl_analysis.ingest.quality import UNITS
 from osl_analysis.ingest.raw_files import recorded_files
 from osl_analysis.judge.known_findings import CHECKS
 from osl_analysis.judge.recording_checks import unknown_check, validate_rules
@@ -233,7 +232,7 @@ def check_campaign(campaign: Campaign) -> None:
         check; two trials use one recording; or the analysis of walking trials lacks other trials.
     """
     check_files(campaign.config)
-    validate_rules(campaign.config.quality, UNITS)
+    validate_rules(campaign.config.quality)
     used_parts = dict[tuple[Any, ...], list[UsedPart]]()
     for trial, row in campaign.rows.items():
         recording = tuple(row[cell] for cell in RECORDING)

@@ -15,7 +15,6 @@ from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables, described_tables_by_name
 from osl_analysis.errors import InputError, listing
 from osl_analysis.files import atomic_path, write_text
-from osl_analysis.ingest.quality import UNITS
 from osl_analysis.jobs.job_log import read_log
 from osl_analysis.judge.campaign import (
     campaign_findings,
@@ -449,6 +448,6 @@ def columns_text() -> str:
 def described_checks() -> list[tuple[str, str, str]]:
     """Name, unit and meaning of every check of quality control."""
     return [
-        (name, UNITS[name], f"{check.meaning}. Fails {check.fails} its threshold")
+        (name, check.unit, f"{check.meaning}. Fails {check.fails} its threshold")
         for name, check in CHECKS.items()
     ]

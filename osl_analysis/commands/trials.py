@@ -13,7 +13,8 @@ from osl_analysis.draft.overview import inspect_recording
 from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
 from osl_analysis.errors import InputError, printable
 from osl_analysis.ingest import raw_files
-from osl_analysis.ingest.quality import Commanded, measure_quality, measured_table
+from osl_analysis.ingest.quality import Commanded, measure_quality
+from osl_analysis.judge.recording_checks import measured_table
 from osl_analysis.signals.grid import with_clocks
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial

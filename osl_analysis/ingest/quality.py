@@ -430,28 +430,27 @@ def measure_pressure_travel(examined: Examined) -> dict[str, float]:
     return ways
 
 
-MEASURES: dict[str, tuple[str, Callable[[Examined], CheckResult | Mapping[str, float]]]] = {
-    "rate": ("Hz", measure_rates),
-    "gap": ("s", measure_gaps),
-    "saturation": ("samples", measure_saturation),
-    "stuck": ("s", measure_stuck),
-    "dropout": ("samples", measure_leaps),
-    "unzeroed_plate": ("N", measure_unzeroed_plates),
-    "encoder_wrap": ("jumps", measure_turns),
-    "marker_gap": ("s", measure_marker_gaps),
-    "pressure_centre": ("m", measure_pressure_centres),
-    "pressure_travel": ("m", measure_pressure_travel),
-    "clock_residual": ("s", measure_clock),
-    "damage": ("%", measure_damage),
-    "truncated": ("logs", measure_truncation),
-    "unit": ("channels", measure_units),
-    "protocol": ("segments", measure_protocol),
+MEASURES: dict[str, Callable[[Examined], CheckResult | Mapping[str, float]]] = {
+    "rate": measure_rates,
+    "gap": measure_gaps,
+    "saturation": measure_saturation,
+    "stuck": measure_stuck,
+    "dropout": measure_leaps,
+    "unzeroed_plate": measure_unzeroed_plates,
+    "encoder_wrap": measure_turns,
+    "marker_gap": measure_marker_gaps,
+    "pressure_centre": measure_pressure_centres,
+    "pressure_travel": measure_pressure_travel,
+    "clock_residual": measure_clock,
+    "damage": measure_damage,
+    "truncated": measure_truncation,
+    "unit": measure_units,
+    "protocol": measure_protocol,
 }
-"""Unit and function of every check by name: it gives a value and a remark, or a value per channel,
-of which the worst counts. A new check also needs its entry and its finding in
+"""The function of every check by name: it gives a value and a remark, or a value per channel, of
+which the worst counts. A new check also needs its entry, with its unit, and its finding in
 `judge/findings.yaml`, its rule under `quality` in config/config.yaml, and a test."""
 LOWEST = ("rate", "pressure_travel")  # checks of which the lowest value is the worst
-UNITS = {name: unit for name, (unit, _) in MEASURES.items()}
 
 
 def measure_quality(
@@ -468,7 +467,7 @@ def measure_quality(
 
 def checked(name: str, examined: Examined) -> CheckResult:
     """The result of one check, with the worst channel."""
-    measured = MEASURES[name][1](examined)
+    measured = MEASURES[name](examined)
     if isinstance(measured, CheckResult):
         return measured
     if not measured:
@@ -476,12 +475,3 @@ def checked(name: str, examined: Examined) -> CheckResult:
     worst = min if name in LOWEST else max
     channel, value = worst(measured.items(), key=lambda item: item[1])
     return CheckResult(float(value), channel if value or name in LOWEST else "")
-
-
-def measured_table(trial: str, results: Mapping[str, CheckResult]) -> pl.DataFrame:
-    """What `measure_quality` found, a row per check: trial, check, value, unit, remark."""
-    rows = [
-        (trial, name, result.value, UNITS[name], result.remark) for name, result in results.items()
-    ]
-    columns = dict.fromkeys(("trial", "check", "value", "unit", "remark"), pl.String)
-    return pl.DataFrame(rows, columns | {"value": pl.Float64}, orient="row")

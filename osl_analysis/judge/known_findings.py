@@ -116,6 +116,7 @@ class Check:
 
     name: str
     finding: str
+    unit: str  # of its value and threshold
     meaning: str  # of its value
     fails: Literal["above", "below"] = "above"  # the side of its threshold on which it fails
 

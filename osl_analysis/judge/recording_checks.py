@@ -15,6 +15,7 @@ import polars as pl
 from pydantic import ConfigDict, Field, model_validator
 
 from osl_analysis.errors import InputError, nearest
+from osl_analysis.ingest.quality import CheckResult
 from osl_analysis.judge.known_findings import CHECKS, FINDINGS
 from osl_analysis.yaml_settings import Settings, misplaced
 
@@ -57,13 +58,14 @@ def unknown_check(name: str) -> str:
     )
 
 
-def validate_rules(rules: QualityRules, units: Mapping[str, str]) -> None:
+def validate_rules(rules: QualityRules) -> None:
     """Refuse a threshold that is no number in the unit of its check with InputError."""
     for name, threshold in (rules.__pydantic_extra__ or {}).items():
-        if not re.fullmatch(rf"\d+(\.\d*)?(e-?\d+)? +{re.escape(units[name])}", threshold):
+        unit = CHECKS[name].unit
+        if not re.fullmatch(rf"\d+(\.\d*)?(e-?\d+)? +{re.escape(unit)}", threshold):
             raise InputError(
                 f"configuration, quality.{name}: threshold '{threshold}' must be a number from 0"
-                f" and its unit, as in '1 {units[name]}'"
+                f" and its unit, as in '1 {unit}'"
             )
 
 
@@ -130,6 +132,15 @@ HOW_TO_USE = (
 MEASURED_COLUMNS = {
     name: dtype for name, dtype in VERDICT_COLUMNS.items() if name not in {"threshold", "verdict"}
 }
+
+
+def measured_table(trial: str, results: Mapping[str, CheckResult]) -> pl.DataFrame:
+    """What `measure_quality` found, a row per check: trial, check, value, unit, remark."""
+    rows = [
+        (trial, name, result.value, CHECKS[name].unit, result.remark)
+        for name, result in results.items()
+    ]
+    return pl.DataFrame(rows, MEASURED_COLUMNS, orient="row")
 
 
 def read_verdicts(

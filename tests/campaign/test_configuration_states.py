@@ -25,9 +25,9 @@ from osl_analysis.commands.run import left_out_recordings
 from osl_analysis.commands.walking import write_crossing
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.files import default_config
-from osl_analysis.ingest.quality import Commanded, measure_quality, measured_table
+from osl_analysis.ingest.quality import Commanded, measure_quality
 from osl_analysis.judge.finding import Grade
-from osl_analysis.judge.recording_checks import judged_table
+from osl_analysis.judge.recording_checks import judged_table, measured_table
 from osl_analysis.stats.repeats import alike_sizes
 from osl_analysis.yaml_settings import flat, read_mapping
 

@@ -23,8 +23,9 @@ from osl_analysis.campaign.configuration import FrequencyResponseFigure, read_co
 from osl_analysis.commands import figure, tables
 from osl_analysis.commands import fit as fits
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
-from osl_analysis.ingest.quality import Commanded, measure_quality, measured_table
+from osl_analysis.ingest.quality import Commanded, measure_quality
 from osl_analysis.judge.finding import Grade
+from osl_analysis.judge.recording_checks import measured_table
 from osl_analysis.judge.words import finding_text
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import write_trial

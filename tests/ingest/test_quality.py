@@ -22,16 +22,19 @@ from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.ingest.guard import check_sizes, run_at_extreme
 from osl_analysis.ingest.quality import (
-    UNITS,
     CheckResult,
     Commanded,
     measure_quality,
-    measured_table,
     samples_at_rail,
 )
 from osl_analysis.ingest.raw_files import read_converted
 from osl_analysis.judge.known_findings import CHECKS
-from osl_analysis.judge.recording_checks import QualityRules, judged_table, validate_rules
+from osl_analysis.judge.recording_checks import (
+    QualityRules,
+    judged_table,
+    measured_table,
+    validate_rules,
+)
 from osl_analysis.signals import longest_run
 from osl_analysis.trial import Array, Trial
 from osl_analysis.yaml_settings import Settings, validated
@@ -378,10 +381,10 @@ class OnlyQuality(Settings):
     ({"gap": {"threshold": "1 s"}}, "quality.gap"),
 ])  # fmt: skip
 def test_rules_and_checks_are_one_list_and_thresholds_have_their_units(changed, message):
-    validate_rules(RULES, UNITS)
+    validate_rules(RULES)
     there = SETTINGS["quality"] | changed
     with refused_with(message):
-        validate_rules(validated({"quality": there}, OnlyQuality, ROOT).quality, UNITS)
+        validate_rules(validated({"quality": there}, OnlyQuality, ROOT).quality)
 
 
 # Sensors at the end of their range: stated in the source file, or seen in the recording.

@@ -35,7 +35,7 @@ from osl_analysis.commands.walking import (
     read_unperturbed_gaits,
 )
 from osl_analysis.errors import InputError, MemoryLimitError, WriteError
-from osl_analysis.ingest.quality import Commanded, measure_quality, measured_table
+from osl_analysis.ingest.quality import Commanded, measure_quality
 from osl_analysis.jobs.job_log import Job, read_log, write_log
 from osl_analysis.jobs.perform import (
     perform,
@@ -47,7 +47,7 @@ from osl_analysis.jobs.progress import LogHandler
 from osl_analysis.judge.campaign import campaign_findings, exclusion_report
 from osl_analysis.judge.finding import findings_frame
 from osl_analysis.judge.limits import DoubtfulFits
-from osl_analysis.judge.recording_checks import QualityRules, read_verdicts
+from osl_analysis.judge.recording_checks import QualityRules, measured_table, read_verdicts
 from osl_analysis.table import NotAnalysed, not_analysed, read_table, write_table, write_tables
 from osl_analysis.trial import Trial, read_trial
 from osl_analysis.walking.poses import StaticCalibration

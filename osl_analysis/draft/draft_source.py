@@ -16,12 +16,13 @@ from osl_analysis.draft.likelihood import (
     with_documented_unit,
 )
 from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
-from osl_analysis.ingest.clock import MINIMUM_EDGES, find_edges
+from osl_analysis.ingest.clock import find_edges
 from osl_analysis.trial import COLUMNS
 from osl_analysis.units import dimension, is_unit
 from osl_analysis.yaml_settings import UNKNOWN
 
 NAMED_ALWAYS = ("theta", "torque", *LEVELS)  # columns that a draft names without a unit
+MINIMUM_EDGES = 6  # of pulses that align clocks
 MOST_BETWEEN = 0.02  # share of the samples of a pulse in the middle quarters of its range
 
 

@@ -29,7 +29,7 @@ from osl_analysis.formats._text import (
     unpadded,
 )
 from osl_analysis.formats.marker_text import KINDS, Section, exported_plate
-from osl_analysis.recording import End, Format, Loss, Plate, Recording
+from osl_analysis.recording import End, Format, Loss, Recording
 from osl_analysis.source_file import Channel as ChannelSettings
 from osl_analysis.source_file import Corner, ExportedPlate, LaboratorySource, Name
 

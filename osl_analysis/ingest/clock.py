@@ -19,8 +19,6 @@ from osl_analysis.measured import usual_step
 from osl_analysis.source_file import SharedAngle
 from osl_analysis.trial import Array, marker_columns
 
-MINIMUM_EDGES = 6  # of pulses that align clocks
-
 
 @dataclass(frozen=True)
 class ClockFit:

@@ -274,8 +274,6 @@ def fresh_rows(
     since_first = (stamps - stamps[0]).astype(float)
     steps = np.abs(np.diff(since_first, prepend=0.0))
     longest = steps.max()
-    if longest <= least:  # as of most clocks, which need no median
-        return every, []
     far = max(least, LIMITS.far_steps * np.median(steps))
     if longest <= far:
         return every, []

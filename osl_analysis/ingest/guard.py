@@ -28,11 +28,10 @@ def check_sizes(samples: pl.DataFrame, origins: Mapping[str, Mapping[str, Any]])
         bound = LIMITS.largest[unit]
         low, high = facts.get("range", (-bound, bound))
         slack = LIMITS.beyond_range * (high - low)
-        readings: Any = samples[column]
-        # None of a column without readings
-        if (readings.min() or 0.0) < low - slack or (readings.max() or 0.0) > high + slack:
-            values = readings.to_numpy()
-            row = int(np.argmax((values < low - slack) | (values > high + slack)))
+        values = samples[column].to_numpy()
+        is_beyond = (values < low - slack) | (values > high + slack)
+        if is_beyond.any():
+            row = int(np.argmax(is_beyond))
             what = "the `range` of its sensor" if "range" in facts else "what anything can reach"
             raise InputError(
                 f"{column} is {values[row]:.4g} {unit} at {samples['time'][row]:.3f} s, beyond"

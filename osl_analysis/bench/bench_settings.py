@@ -276,9 +276,6 @@ class TorqueAngleAnalysis(BenchAnalysis):
     rest_s: Positive  # duration [s] of this rest
     # step [deg] of the angles at which the curves stand
     angle_step_deg: Annotated[float, Field(gt=0, le=10)]
-    window_share: ClassVar[float] = 0.05
-    """Angle to each side of a point, as a share of the range of motion, over which its torque and
-    slope are fitted."""
     settle_cycles: Annotated[int, Field(ge=0, le=1000)]
     """Number of first cycles that are not analysed: a device with hysteresis begins another way
     than it goes on."""

@@ -5,7 +5,6 @@ that comes to rest on its way keeps a torque of up to half the width of its loop
 cannot tell this from an offset.
 """
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,20 +13,23 @@ import polars as pl
 import scipy
 
 from osl_analysis.bench.bench_settings import TorqueAngleAnalysis
-from osl_analysis.bench.cycles import BRANCHES, Cycle, Loop, find_loop, loop_errors, whole
+from osl_analysis.bench.cycles import BRANCHES, Loop, find_loop, loop_errors, whole
 from osl_analysis.bench.motion import signals_of
 from osl_analysis.bench.plausibility import check_changes, check_resists, check_stiffer
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import Change, InputError, naming
 from osl_analysis.measured import cycle_duration
+from osl_analysis.signals.grid import UniformSignals
 from osl_analysis.stats.estimates import Estimate, Row
 from osl_analysis.stats.linear_fit import variance_accounted_for
 from osl_analysis.stats.repeats import summary_row
 from osl_analysis.trial import Array, Trial
+from osl_analysis.yaml_settings import check_known
 
 MEASURED = ("K", "K_unloading", "energy_stored", "energy_returned", "energy_lost")
 FEWEST_ANGLES = 5  # of a curve
 FEWEST_SAMPLES = 10  # of a parabola
+WINDOW_SHARE = 0.05  # of the range of motion, to each side of the angle of a parabola
 RESTS = 0.01  # of the range of motion: the joint is at rest within it
 
 
@@ -36,7 +38,7 @@ class TorqueAngle:
     """What one trial tells."""
 
     samples: pl.DataFrame  # torque, and its curve over angle in the rows of all cycles
-    streams: Sequence[Mapping[str, Any]]  # how its signals came on their time base
+    signals: UniformSignals  # of the trial, on their time base
     table: pl.DataFrame  # the trial's row of `torque_angle.csv`
     curves: pl.DataFrame  # its rows of `torque_angle_curves.csv`
 
@@ -70,13 +72,9 @@ def torque_angle_trial(
     signals = signals_of(trial, ("theta", "torque"), settings)
     measured = signals.signals
     rate_hz = signals.rate_hz
-    bench = settings.bench_stiffness
     with naming(f"trial {trial.name}"):
-        if desired not in (None, *settings.desired):
-            raise InputError(
-                f"no desired curve '{desired}'; torque_angle.desired in the configuration has"
-                f" {', '.join(settings.desired) or 'none'}"
-            )
+        if desired is not None:
+            check_known(settings.desired, "curve of torque_angle.desired", desired)
         for column in ("torque", "theta"):
             check_changes(column, measured[column])
         bench_theta = settings.low_pass(measured["theta"], rate_hz)
@@ -87,17 +85,25 @@ def torque_angle_trial(
         angle_deg = angles_of_curves_deg(theta, settings.angle_step_deg)
         loop = find_loop(theta, settings.settle_cycles)
         cycles = loop.cycles
-        check_slow(theta, cycles, settings.shortest_cycle_s, rate_hz)
+        for cycle in cycles:
+            duration_s = cycle_duration(theta[whole(cycle)], 1 / rate_hz)
+            if duration_s < settings.shortest_cycle_s:
+                raise InputError(
+                    f"a cycle takes {duration_s:.2g} s, which is not quasi-static: below"
+                    f" {settings.shortest_cycle_s:g} s (shortest_cycle_s) inertia and damping are"
+                    " in the torque; record it slower, or take experiment 'impedance' in the sheet"
+                )
         estimates = means_row(theta, torque, loop, rate_hz, settings)
-    check_stiffer(trial.name, "K", estimates["K"], bench)
+    check_stiffer(trial.name, "K", estimates["K"], settings.bench_stiffness)
     check_resists(trial.name, "K", estimates["K"])
 
     angles = np.deg2rad(angle_deg)
+    theta_deg = np.rad2deg(theta)
     model = np.full(len(theta), np.nan)
     curves = []
     for branch in BRANCHES:
         rows = loop.rows(theta, branch)
-        curve, slope = curve_of(theta[rows], torque[rows], angles, settings.window_share)
+        curve, slope = curve_of(theta[rows], torque[rows], angles)
         model[rows] = np.interp(theta[rows], angles, curve, np.nan, np.nan)
         columns = {
             "trial": trial.name,
@@ -106,36 +112,37 @@ def torque_angle_trial(
             "torque": curve,
             "stiffness": slope,
             "desired_torque": settings.desired[desired].at(angle_deg) if desired else np.nan,
+            "desired": desired,
         }
-        curves.append(pl.DataFrame(columns).with_columns(desired=pl.lit(desired, pl.String)))
+        curves.append(pl.DataFrame(columns, schema_overrides={"desired": pl.String}))
     fitted = np.isfinite(model)
-    of_cycles = np.concatenate([np.r_[whole(cycle)] for cycle in cycles])
+    usable = np.concatenate([signals.usable[whole(cycle)] for cycle in cycles])
     ends = [[cycle[0], cycle[-1]] for cycle in cycles]
     row: Row = {
         "trial": trial.name,
         "cycles": len(cycles),
         "other_cycles": loop.others,
         "loading": "rising" if loop.loading == 1 else "falling",
-        "angle_min_deg": np.rad2deg(theta.min()),
-        "angle_max_deg": np.rad2deg(theta.max()),
+        "angle_min_deg": theta_deg.min(),
+        "angle_max_deg": theta_deg.max(),
         "torque_zero": zero,
         **estimates,
         "interval_method": "cycles" if len(cycles) > 1 else None,
         "VAF": variance_accounted_for(torque[fitted], torque[fitted] - model[fitted]),
         "closure_torque": np.ptp(torque[ends], axis=1).max() / np.ptp(torque),
-        "bridged_share": (~signals.usable[of_cycles]).mean(),
+        "bridged_share": (~usable).mean(),
         "desired": desired,
     }
     samples = {
         "time": signals.time,
-        "theta_deg": np.rad2deg(theta),
+        "theta_deg": theta_deg,
         "torque": torque,
         "torque_model": model,
         "is_fitted": fitted,
     }
     return TorqueAngle(
         pl.DataFrame(samples),
-        signals.streams,
+        signals,
         table_of([row], "torque_angle"),
         pl.concat(curves).fill_nan(None),
     )
@@ -174,16 +181,15 @@ def angles_of_curves_deg(theta: Array, step_deg: float) -> Array:
     return steps * step_deg
 
 
-def curve_of(
-    theta: Array, torque: Array, angles: Array, window_share: float
-) -> tuple[Array, Array]:
+def curve_of(theta: Array, torque: Array, angles: Array) -> tuple[Array, Array]:
     """Torque [N*m] and slope [N*m/rad] of a branch at angles (m,) [rad].
 
-    They are those of parabolas through the samples of angle and torque (n,) within a share of the
-    range to each side; NaN with too few of them, the slope also where a side is beyond the range.
+    They are those of parabolas through the samples of angle and torque (n,) within `WINDOW_SHARE`
+    of the range to each side; NaN with too few of them, the slope also where a side is beyond the
+    range.
     """
     low, high = theta.min(), theta.max()
-    window = window_share * (high - low)
+    window = WINDOW_SHARE * (high - low)
     value, slope = np.full((2, len(angles)), np.nan)
     for k, at in enumerate(angles):
         near = np.abs(theta - at) <= window
@@ -191,18 +197,6 @@ def curve_of(
             _, slope[k], value[k] = np.polyfit((theta[near] - at) / window, torque[near], 2)
     slope[(angles < low + window) | (angles > high - window)] = np.nan
     return value, slope / window
-
-
-def check_slow(theta: Array, cycles: Sequence[Cycle], shortest_s: float, rate_hz: float) -> None:
-    """Refuse cycles that are not quasi-static."""
-    for cycle in cycles:
-        duration_s = cycle_duration(theta[whole(cycle)], 1 / rate_hz)
-        if duration_s < shortest_s:
-            raise InputError(
-                f"a cycle takes {duration_s:.2g} s, which is not quasi-static: below"
-                f" {shortest_s:g} s (shortest_cycle_s) inertia and damping are in the torque;"
-                " record it slower, or take experiment 'impedance' in the sheet"
-            )
 
 
 def measured(theta: Array, torque: Array, loop: Loop) -> Array:
@@ -230,21 +224,22 @@ def means_row(
     bench = settings.bench_stiffness
     values = measured(theta, torque, loop)
     first, last = loop.cycles[0][0], loop.cycles[-1][-1]
+    means = values.mean(axis=0)
     errors = loop_errors(torque, rate_hz, np.r_[first:last], settings.calibration)
-    of_angle = values[:, 0].mean() * (theta[last] - theta[first])
+    of_angle = means[0] * (theta[last] - theta[first])
     drift_per_row = (torque[last] - torque[first] - of_angle) / (last - first)
     zero_row = len(torque) if settings.zero == "end" else 0
     errors.append(drift_per_row * (zero_row - np.arange(len(torque))))  # without it
-    changed = [(theta, torque + error) for error in errors]
-    changed.append((theta - (bench.compliance_error if bench else 0.0) * torque, torque))
-    others = [measured(*signals, loop).mean(axis=0) for signals in changed]
-    shared = np.linalg.norm(others - values.mean(axis=0), axis=0)
+    others = [measured(theta, torque + error, loop) for error in errors]
+    yielded = (bench.compliance_error if bench else 0.0) * torque
+    others.append(measured(theta - yielded, torque, loop))
+    shared = np.linalg.norm(np.mean(others, axis=1) - means, axis=0)
 
     row = dict[str, Any]()
     for name, of_cycles, error in zip(MEASURED, values.T, shared, strict=True):
         summary = summary_row(pl.DataFrame({name: of_cycles, f"{name}_se_bench": error}), name)
         row |= Estimate(summary["mean"], summary["low"], summary["high"]).columns(name)
-    returned, stored = values.mean(axis=0)[[3, 2]]
+    _, _, stored, returned, _ = means
     return {**row, "returned_share": returned / stored}
 
 

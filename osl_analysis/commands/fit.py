@@ -188,7 +188,7 @@ def fit_torque_angle_trial(
     fit = torque_angle_trial(trial, settings, desired)
     table = fit.table.with_columns(rails, fixture_column(trial))
     tables = {"torque_angle": table, "torque_angle_curves": fit.curves}
-    return FitTables(tables, fit.samples, fit.streams)
+    return FitTables(tables, fit.samples, fit.signals.streams)
 
 
 def fit_calibration_trial(

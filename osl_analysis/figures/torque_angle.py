@@ -5,11 +5,9 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 import polars as pl
-from matplotlib.colors import to_hex
 
-from osl_analysis.figures import columns_of, marks, style
+from osl_analysis.figures import marks, style
 
-FACTS = ("joint", "side", "doubtful")  # of trials, beside their curves
 WIDTHS = {"loading": 1.1, "unloading": 0.6}  # of curves [pt]
 DESIRED: dict[str, Any] = {
     "color": style.MAGENTA,
@@ -22,10 +20,9 @@ MOST_NAMED = 16  # trials in the legend; of more, none is named
 
 
 def points(curves: pl.DataFrame, trials: pl.DataFrame) -> pl.DataFrame:
-    """The curves, with joint, side and doubts of their trials."""
-    facts = trials.select("trial", *(name for name in FACTS if name in trials.columns))
-    curves = curves.select(name for name in columns_of("torque_angle") if name not in FACTS)
-    return curves.join(facts, on="trial", how="left", maintain_order="left")
+    """The curves, with the doubts of their trials."""
+    doubts = trials.select("trial", "doubtful")
+    return curves.join(doubts, on="trial", how="left", maintain_order="left")
 
 
 def draw(table: pl.DataFrame) -> style.PaperFigure:
@@ -36,15 +33,14 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     figure, axes = style.panels(style.DOUBLE_COLUMN, height, len(parts), 2, titles=titles)
     trials = table["trial"].unique(maintain_order=True).to_list()
     shades = mpl.colormaps["viridis"](np.linspace(0, DARK_ENOUGH, len(trials)))
-    colours = dict(zip(trials, map(to_hex, shades), strict=True))
-    for number, (_, part) in enumerate(parts):
-        torque, stiffness = axes[2 * number : 2 * number + 2]
-        for curve in part.partition_by("trial", "branch"):
-            trial, branch, doubtful = curve.select("trial", "branch", "doubtful").row(0)
+    colours = dict(zip(trials, shades, strict=True))
+    for (_, part), torque, stiffness in zip(parts, axes[::2], axes[1::2], strict=True):
+        of_branches = part.partition_by("trial", "branch", as_dict=True)
+        for (trial, branch), curve in of_branches.items():
             look: dict[str, Any] = {
                 "color": colours[trial],
                 "linewidth": WIDTHS[branch],
-                "linestyle": style.DOTTED if doubtful else "-",
+                "linestyle": style.DOTTED if marks.has_doubtful(curve) else "-",
                 "url": marks.place_in_report(trial),
             }
             torque.plot(curve["angle_deg"], curve["torque"], **look)

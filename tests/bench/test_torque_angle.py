@@ -250,7 +250,7 @@ def test_a_desired_curve_stands_beside_the_measured_one():
 
 
 def test_a_desired_curve_that_no_setting_has_is_refused():
-    with refused_with(r"desired curve 'other'; torque_angle\.desired"):
+    with refused_with(r"'other' is no curve of torque_angle\.desired; write"):
         fitted(FULL, K * FULL, "other")
 
 

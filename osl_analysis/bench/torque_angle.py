@@ -99,7 +99,7 @@ def torque_angle_trial(
 
     angles = np.deg2rad(angle_deg)
     theta_deg = np.rad2deg(theta)
-    model = np.full(len(theta), np.nan)
+    model = np.full_like(theta, np.nan)
     curves = []
     for branch in BRANCHES:
         rows = loop.rows(theta, branch)

@@ -31,7 +31,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     titles = np.repeat([title for title, _ in parts], 2).tolist()
     height = 3.0 * len(parts) + 0.3
     figure, axes = style.panels(style.DOUBLE_COLUMN, height, len(parts), 2, titles=titles)
-    trials = table["trial"].unique(maintain_order=True).to_list()
+    trials = table["trial"].unique(maintain_order=True)
     shades = mpl.colormaps["viridis"](np.linspace(0, DARK_ENOUGH, len(trials)))
     colours = dict(zip(trials, shades, strict=True))
     for (_, part), torque, stiffness in zip(parts, axes[::2], axes[1::2], strict=True):
@@ -50,11 +50,11 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
         desired = part.drop_nulls("desired_torque").unique(["desired", "angle_deg"])
         for curve in desired.sort("angle_deg").partition_by("desired"):
             torque.plot(curve["angle_deg"], curve["desired_torque"], **DESIRED)
-        for ax in (torque, stiffness):
-            marks.draw_zero_lines(ax)
-            ax.set_xlabel("Joint angle (deg)")
         torque.set_ylabel("Resisting torque (N·m)")
         stiffness.set_ylabel("Stiffness while loading (N·m/rad)")
+    for ax in axes:
+        marks.draw_zero_lines(ax)
+        ax.set_xlabel("Joint angle (deg)")
 
     keys = [
         marks.key(branch.capitalize(), color=style.BLACK, linewidth=width)

@@ -174,7 +174,7 @@ def canonical_columns(
         with naming(setting.title, f", as {source.place('channels', column, 'unit')}"):
             origin = origin_of(setting, column, channel.unit)
         series = pl.Series(column, to_si(setting, numbers, origin["factor"]))
-        columns.append(series.set(pl.Series(lacking), None) if lacking.any() else series)
+        columns.append(series.set(pl.Series(lacking), None))
         origins[column] = origin
         counter = column + COUNTER
         if counter in values:

@@ -315,12 +315,11 @@ def measure_leaps(examined: Examined) -> dict[str, float]:
     leaps = {column: find_leaps(*trial.arrays(column)) for column in columns}
     angle = recorded(trial, examined.moved)
     if "torque" in leaps and angle[0].size:
-        is_friction = steps_by_friction(leaps["torque"], angle, recorded(trial, "torque"))
-        faults = leaps["torque"][~is_friction]
+        times = leaps["torque"]
+        is_friction = steps_by_friction(times, angle, recorded(trial, "torque"))
+        faults = times[~is_friction]
         # a step beside a fault is the other end of it
-        leaps["torque"] = leaps["torque"][
-            distances(leaps["torque"], faults) <= LIMITS.beside_leap_s
-        ]
+        leaps["torque"] = times[distances(times, faults) <= LIMITS.beside_leap_s]
     if "torque_m" in leaps:
         steps = find_leaps(*recorded(trial, "current"))
         apart = distances(leaps["torque_m"], steps)

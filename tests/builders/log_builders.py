@@ -12,9 +12,16 @@ with warnings.catch_warnings(action="ignore"):  # of the library's import
     from matio import save_to_mat
 
 
-def write_text(path: Path, columns: dict[str, Any], sign: str = ",", head: str = "") -> None:
+def write_text(path: Path, columns: dict[str, Any], sign: str = ",", head: str = "") -> Path:
     rows = [columns, *zip(*columns.values(), strict=True)]
     path.write_text(head + "".join(sign.join(map(str, row)) + "\n" for row in rows))
+    return path
+
+
+def write_opensim(path: Path, columns: dict[str, Any], header: str = "grf") -> Path:
+    """A table of OpenSim with a line of its header."""
+    count = len(next(iter(columns.values())))
+    return write_text(path, columns, "\t", f"Table\n{header}\nnRows={count}\nendheader\n")
 
 
 HEAD = ["Time [s]", "Ankle angle [deg]", "Torque [Nm]"]

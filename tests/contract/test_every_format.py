@@ -12,7 +12,7 @@ import polars as pl
 import pytest
 import xlsxwriter
 from conftest import refused_with
-from log_builders import write_mat, write_mat73, write_tdms, write_text
+from log_builders import write_mat, write_mat73, write_opensim, write_tdms, write_text
 from recognised_files import refusal_by, source_of
 
 from osl_analysis import formats
@@ -26,10 +26,6 @@ TIME = np.arange(40) / 500
 ANGLE = np.sin(40 * TIME)
 TORQUE = 30 * np.sin(40 * TIME)
 LOG = {"t": 1e3 * TIME + 7, "angle": np.rad2deg(ANGLE), "torque": -1e3 * TORQUE}
-
-
-def write_opensim(path: Path, columns: dict[str, Any]) -> None:
-    write_text(path, columns, "\t", f"grf\nnRows={len(columns['torque'])}\nendheader\n")
 
 
 def write_json(path: Path, columns: dict[str, Any]) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 from conftest import refused_with
-from log_builders import FRAMES, WALK, write_trc
+from log_builders import FRAMES, WALK, write_opensim, write_trc
 from recognised_files import read_recognised as read
 from recognised_files import refusal_of as refused
 from recognised_files import source_of
@@ -23,21 +23,11 @@ from osl_analysis.ingest.raw_files import check_clocks, trial_from_files
 UPRIGHT = {"axes": ("x", "-z", "y")}
 
 
-def write_table(path: Path, columns: dict[str, Any], header: str = "inDegrees=yes") -> Path:
-    rows = zip(*columns.values(), strict=True)
-    count = len(next(iter(columns.values())))
-    lines = ["Coordinates", "version=1", f"nRows={count}", f"nColumns={len(columns)}", header]
-    lines += ["endheader", "\t".join(columns)]
-    lines += ["\t".join(f"{value:.9f}" for value in row) for row in rows]
-    path.write_text("\n".join(lines) + "\n")
-    return path
-
-
 def write_mot(path: Path, header: str = "inDegrees=yes") -> Path:
     """A table with an angle of k degrees and a moment of -k / 4."""
     k = np.arange(50.0)
     columns = {"time": 0.5 + k / 100, "ankle_angle_r": k, "ankle_moment": -k / 4}
-    return write_table(path, columns, header)
+    return write_opensim(path, columns, header)
 
 
 ANKLE = {"column": "ankle_angle_r", "unit": "deg"}
@@ -177,7 +167,7 @@ def write_forces(
     columns = {"time": start + K / 200}
     for begin, values in zip(names, (FORCE, POINT, MOMENTS), strict=True):
         columns |= {f"{begin}{axis}": values[:, place] for place, axis in enumerate("xyz")}
-    return write_table(folder / "grf.mot", columns, "grf")
+    return write_opensim(folder / "grf.mot", columns)
 
 
 def test_a_plate_gives_the_moment_about_its_centre_in_our_axes(tmp_path: Path) -> None:
@@ -243,7 +233,7 @@ def test_the_draft_of_ground_reactions_proposes_their_plates(
     ("cells", "stated", "told"),
     [
         ({}, {"plates": {1: {**PLATE, "force": "L_v"}}}, "'L_vx'"),
-        ({"700.000000000": "nan"}, {"plates": {1: PLATE}}, "'R_vy': nan .* 1 .* 80"),
+        ({"700.0": "nan"}, {"plates": {1: PLATE}}, "'R_vy': nan .* 1 .* 80"),
     ],
 )  # fmt: skip
 def test_plates_that_cannot_be_read_are_refused(

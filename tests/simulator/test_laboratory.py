@@ -2,8 +2,8 @@
 from written files."""
 
 import json
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import polars as pl
@@ -135,33 +135,14 @@ def test_half_a_person_stands_on_the_plate_in_the_static_trial(setup, tmp_path):
     np.testing.assert_allclose(wrench, expected, atol=1e-3)
 
 
-@dataclass(frozen=True)
-class Recorded:
-    """A crossing as shipped: what each recorder saw, and the truth."""
-
-    analogs: np.ndarray
-    points: np.ndarray
-    log: dict[str, np.ndarray]
-    facts: dict[str, Any]
-    truth: pl.DataFrame
-
-    @property
-    def log_time(self):
-        """Times [s] of the leg's log in the laboratory's clock."""
-        offset, drift = self.facts["leg_clock"].values()
-        return (self.log["time"] - offset) / (1 + drift)
-
-    def true_at_log(self, name):
-        return np.interp(self.log_time, self.truth["time"], self.truth[name])
-
-
 @pytest.fixture(scope="module")
 def recorded(shipped, tmp_path_factory):
+    """A crossing as shipped: what each recorder saw, and the truth."""
     folder = tmp_path_factory.mktemp("recorded")
-    data = shipped.record(folder, PERTURBED)
+    analogs = shipped.record(folder, PERTURBED)["analogs"][0]
     facts = json.loads((folder / "truth/walking_01.json").read_text())
     truth = pl.read_parquet(folder / "truth/walking_01.parquet")
-    return Recorded(data["analogs"][0], data["points"], leg_log(folder), facts, truth)
+    return SimpleNamespace(analogs=analogs, log=leg_log(folder), facts=facts, truth=truth)
 
 
 def test_the_leg_s_clock_has_an_offset_and_a_drift(recorded):
@@ -180,7 +161,10 @@ def test_the_leg_s_log_has_the_true_angle_in_steps_of_its_sensors(recorded, ship
         "motor_current": effects.current_quantisation.value,
     }
 
-    error = recorded.log["joint_angle"] - recorded.true_at_log("theta")
+    offset, drift = recorded.facts["leg_clock"].values()
+    time = (recorded.log["time"] - offset) / (1 + drift)  # [s] in the laboratory's clock
+    true = np.interp(time, recorded.truth["time"], recorded.truth["theta"])
+    error = recorded.log["joint_angle"] - true
 
     assert np.abs(error).max() < 0.51 * steps["joint_angle"] + 1e-5
     for name, size in steps.items():

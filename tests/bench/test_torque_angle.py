@@ -66,11 +66,13 @@ def jenkins(theta, stiffness, limit):
     return torque
 
 
+TURNS = W * clock(3 * PERIOD)
+CYCLED = A * np.sin(TURNS)
+OF_CYCLES = K * CYCLED + B * A * W * np.cos(TURNS)
+
+
 def test_an_elliptic_loop_has_the_energies_of_a_spring_with_damping():
-    turns = W * clock(3 * PERIOD)
-    theta = A * np.sin(turns)
-    torque = K * A * np.sin(turns) + B * A * W * np.cos(turns)
-    row = row_of(theta, torque, **PLAIN)
+    row = row_of(CYCLED, OF_CYCLES, **PLAIN)
     assert row["cycles"] == 3
     assert row["energy_lost"] == pytest.approx(np.pi * B * W * A**2, rel=1e-4)
     size = A * np.hypot(K, B * W)
@@ -257,15 +259,6 @@ def test_a_desired_curve_that_no_setting_has_is_refused():
 def of_cycles(theta, torque, **stated):
     settings = {"zero": "none", "calibration": stated}
     return fitted(theta, torque, **settings).table.row(0, named=True)
-
-
-TURNS = W * clock(3 * PERIOD)
-
-
-CYCLED = A * np.sin(TURNS)
-
-
-OF_CYCLES = 200 * CYCLED + 30 * A * W * np.cos(TURNS)
 
 
 def test_an_error_of_the_gain_is_in_the_estimates_of_quasi_static_cycles():

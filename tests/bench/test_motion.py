@@ -8,6 +8,7 @@ import pytest
 import scipy
 import statsmodels.api as sm
 from any_motion import RATE, TRUE, chirp, made_trial, multisine, noise
+from bench_synthetic import unit_sines
 from conftest import least_squares_alone, refused_with, white_noise
 from scipy.ndimage import gaussian_filter1d
 from shipped import CONFIG
@@ -45,6 +46,14 @@ def moving_record(trial, windows=None, **settings):
 def row_of(trial, windows=None, **settings):
     record = moving_record(trial, windows, **{"excitation": "auto", **settings})
     return impedance_table(rendered_impedance(record)).to_dicts()[0]
+
+
+def smoothed(angle, sd_s, rate=RATE):
+    """Times, and an angle (n,) behind a Gaussian filter, with its derivatives."""
+    motion = [
+        gaussian_filter1d(angle, sd_s * rate, order=n, truncate=8) * rate**n for n in range(3)
+    ]
+    return np.arange(len(angle)) / rate, motion
 
 
 def half_width(row, name):
@@ -234,10 +243,7 @@ def test_a_line_does_not_weigh_less_for_its_own_residual_nor_above_the_cutoff():
 def test_rounding_of_two_levels_is_in_the_interval_of_K_however_often_they_return():
     rng = np.random.default_rng(4)
     levels = np.repeat(np.tile(np.deg2rad([3, -3]), 40), rng.integers(100, 200, 80))
-    motion = [
-        gaussian_filter1d(levels, 0.03 * RATE, order=n, truncate=8) * RATE**n for n in range(3)
-    ]
-    trial = made_trial(rng, (np.arange(len(levels)) / RATE, motion), 0.01, bits=12)
+    trial = made_trial(rng, smoothed(levels, 0.03), 0.01, bits=12)
 
     whole = rendered_impedance(moving_record(trial)).whole
 
@@ -259,18 +265,15 @@ def test_a_weight_above_its_axis_is_no_torque_of_the_wrong_sign():
 def test_rounding_of_a_small_stepped_sine_is_in_the_interval_of_K():
     """Of 23 steps of the encoder, whose zero is any angle, or the centre of the sine. Without it 7
     of 12 hold K."""
-    rate = 1000
-    parts = [np.sin(2 * np.pi * hz * np.arange(8 * rate / hz) / rate) for hz in (0.5, 0.75, 1, 2)]
-    angle = np.deg2rad(2) * np.pad(np.concatenate(parts), rate)
-    motion = [
-        gaussian_filter1d(angle, 0.01 * rate, order=n, truncate=8) * rate**n for n in range(3)
-    ]
-    time = np.arange(len(angle)) / rate
+    rate = 1000.0
+    sines = unit_sines([(hz, 8) for hz in (0.5, 0.75, 1, 2)], rate)
+    motion = smoothed(np.deg2rad(2) * np.pad(sines, 1000), 0.01, rate)
+    step = 2 * np.pi / 2**11
     held = []
     for seed in range(12):
-        trial = made_trial(np.random.default_rng(seed), (time, motion), 0.01, bits=11)
+        trial = made_trial(np.random.default_rng(seed), motion, 0.01, bits=11)
         if seed < 6:
-            centred = np.rint(motion[0] * 2**11 / (2 * np.pi)) * 2 * np.pi / 2**11
+            centred = np.rint(motion[1][0] / step) * step
             trial = Trial("made", trial.samples.with_columns(theta=pl.Series(centred)))
         fits = rendered_impedance(record_of_trial(trial, SETTINGS)).fits
         for fit in fits.values():  # of its amplitude, and of all
@@ -282,14 +285,11 @@ def test_rounding_of_a_small_stepped_sine_is_in_the_interval_of_K():
 
 def test_two_sines_of_one_settled_cycle_are_fitted_in_stretches():
     """As cycles, two of five estimates' residuals are 0: K was held in one of seven."""
-    parts = [np.pad(np.sin(2 * np.pi * hz * np.arange(4 * RATE / hz) / RATE), 60) for hz in (1, 4)]
-    angle = np.deg2rad(4) * np.pad(np.concatenate(parts), int(RATE))
-    motion = [
-        gaussian_filter1d(angle, 0.01 * RATE, order=n, truncate=8) * RATE**n for n in range(3)
-    ]
+    parts = [np.pad(unit_sines([(hz, 4)], RATE), 60) for hz in (1, 4)]
+    motion = smoothed(np.deg2rad(4) * np.pad(np.concatenate(parts), int(RATE)), 0.01)
     held = []
     for seed in range(20):
-        trial = made_trial(np.random.default_rng(seed), (np.arange(len(angle)) / RATE, motion))
+        trial = made_trial(np.random.default_rng(seed), motion)
         record = record_of_trial(trial, SETTINGS)
         whole = rendered_impedance(record).whole
         held += [abs(whole[name] - true) < whole.half_width(name) for name, true in TRUE.items()]

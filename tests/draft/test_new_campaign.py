@@ -47,6 +47,8 @@ def rec(tmp_path):
     return folder
 
 
+TIME = np.arange(2000) / 100
+ANGLE = 4 * np.sin(6 * TIME)
 HEAD = "time_s,angle_deg,torque_Nm"
 ROWS = "\n".join([HEAD, *(f"{k / 100},{k % 7},{k % 5}" for k in range(30)), ""])
 
@@ -342,10 +344,7 @@ def test_the_end_of_a_name_states_its_unit_in_any_spelling():
 
 @pytest.mark.parametrize("name", ["torque", "torque_raw"])
 def test_a_unit_that_nothing_but_the_size_of_readings_tells_is_to_be_stated(tmp_path, rec, name):
-    rows = np.arange(600)
-    angle = 10 * np.sin(rows / 25)
-    columns = {"time_s": rows / 100, "ankle_angle_deg": angle, name: 2 * angle}
-    write_text(rec / "a.csv", columns)
+    write_text(rec / "a.csv", {"time_s": TIME, "ankle_angle_deg": ANGLE, name: 2 * ANGLE})
     draft = new_campaign(tmp_path / "mine", recordings=rec)
     assert yaml.safe_load(draft.sources["csv"])["channels"]["torque"]["unit"] == "UNKNOWN"
     assert "`channels.torque.unit`" in left_to_decide(tmp_path / "mine", draft)[0][0]
@@ -515,10 +514,6 @@ def test_a_trc_that_tells_which_axis_points_up_drafts_the_axes_of_all(tmp_path, 
     assert 'axes: ["x", "-z", "y"]' in source
 
 
-TIME = np.arange(2000) / 100
-ANGLE = 4 * np.sin(6 * TIME)
-
-
 def test_a_fixture_alone_is_a_calibration_and_does_not_tell_the_sign_of_the_torque(tmp_path):
     """Of its inertia alone, which comes first by its name, the torque falls as the angle rises."""
     torque = {"fixture": -0.005 * ANGLE, "impedance_K80": 1.4 * ANGLE}
@@ -563,9 +558,8 @@ def test_the_example_of_a_walkway_simulates_all_that_its_analysis_needs(tmp_path
 
 
 def test_a_recorded_theta_m_asks_for_n_t_alone(tmp_path, rec):
-    angle = 10 * np.sin(np.arange(600) / 25)
-    columns = {"time_s": np.arange(600) / 100, "ankle_angle_deg": angle, "torque_Nm": 2 * angle}
-    write_text(rec / "a.csv", {**columns, "motor_angle_deg": 4.6 * angle})
+    columns = {"time_s": TIME, "ankle_angle_deg": ANGLE, "torque_Nm": 2 * ANGLE}
+    write_text(rec / "a.csv", {**columns, "motor_angle_deg": 4.6 * ANGLE})
 
     questions, is_ready = drafted_of(tmp_path)
 

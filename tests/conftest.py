@@ -171,6 +171,11 @@ def white_noise(size: int | tuple[int, ...], seed: int) -> np.ndarray:
     return np.random.default_rng(seed).standard_normal(size)
 
 
+def half_width(row: dict[str, Any], name: str) -> float:
+    """Half of the interval of an estimate."""
+    return (row[f"{name}_high"] - row[f"{name}_low"]) / 2
+
+
 def marked(table: pl.DataFrame, limits: Limits, name: str) -> pl.DataFrame:
     """A table with the names of the causes of doubt about its rows, and of what could not be
     checked."""

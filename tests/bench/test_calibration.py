@@ -16,7 +16,7 @@ from bench_synthetic import (
     stepped_sine,
     with_settings,
 )
-from conftest import findings_of, marked, refused_with, white_noise
+from conftest import findings_of, half_width, marked, refused_with, white_noise
 from shipped import CONFIG
 
 from osl_analysis.bench.belt import belt_table, fit_branches
@@ -53,11 +53,9 @@ def fit_of(record=SOUND, **stated):
 LATE = np.interp(SOUND.time - 1e-3, SOUND.time, SOUND.torque)
 
 
-def looped(share):
-    """A load cell whose readings differ by a share of the range of torque between rising and
-    falling."""
-    rising = np.sign(differentiate(SOUND.time, SOUND.filtered_torque).omega)
-    return SOUND.torque + share / 2 * np.ptp(SOUND.filtered_torque) * rising
+RISING = np.sign(differentiate(SOUND.time, SOUND.filtered_torque).omega)
+# readings that differ by 1 % of the range of torque between rising and falling, over sqrt(3)
+LOOPED = SOUND.torque + 0.01 / np.sqrt(12) * np.ptp(SOUND.filtered_torque) * RISING
 
 
 @pytest.mark.parametrize(
@@ -84,7 +82,7 @@ def looped(share):
             0.01,
         ),
         # a rectangular distribution
-        ({"hysteresis": 0.01}, {"torque": looped(0.01 / np.sqrt(3))}, 0.03),
+        ({"hysteresis": 0.01}, {"torque": LOOPED}, 0.03),
     ],
 )
 def test_an_error_of_the_bench_moves_estimates_as_its_interval_says(stated, other, within):
@@ -122,20 +120,20 @@ def test_friction_has_it_too_and_a_loop_of_the_load_cell_is_friction():
     assert more[2] < 0.1 * fit_of(record, hysteresis=0.02).se_bench("B")
 
 
-def of_belt(theta_s, torque, **stated):
+THETA_S, BELT_TORQUE = belt_cycle()
+
+
+def of_belt(torque=BELT_TORQUE, **stated):
     settings = BeltAnalysis(cutoff_hz=15, order=4, calibration=Calibration(**stated))
-    return belt_table(fit_branches(replace(belt_record(theta_s, torque), settings=settings))).row(
-        0, named=True
-    )
+    record = replace(belt_record(THETA_S, torque), settings=settings)
+    return belt_table(fit_branches(record)).row(0, named=True)
 
 
 def test_an_error_of_the_gain_is_in_the_estimates_of_a_belt():
-    theta_s, torque = belt_cycle()
-    rise = 1.01 * (torque - torque[0]) + torque[0]
-    plain = of_belt(theta_s, torque)
-    other = of_belt(theta_s, rise)
+    plain = of_belt()
+    other = of_belt(1.01 * (BELT_TORQUE - BELT_TORQUE[0]) + BELT_TORQUE[0])
 
-    stated = of_belt(theta_s, torque, torque_gain=0.01)
+    stated = of_belt(torque_gain=0.01)
 
     for name in ("K_s", "unloading", "hysteresis_area"):
         change = abs(other[name] - plain[name])
@@ -144,9 +142,9 @@ def test_an_error_of_the_gain_is_in_the_estimates_of_a_belt():
 
 
 def test_a_loop_of_the_load_cell_is_in_the_area_of_a_belt():
-    theta_s, torque = belt_cycle()
-    area = of_belt(theta_s, torque, hysteresis=0.01)["hysteresis_area_se_bench"]
-    assert area == pytest.approx(0.01 / np.sqrt(12) * np.ptp(torque) * 2 * theta_s.max(), rel=0.1)
+    area = of_belt(hysteresis=0.01)["hysteresis_area_se_bench"]
+    size = np.ptp(BELT_TORQUE) * 2 * THETA_S.max()
+    assert area == pytest.approx(0.01 / np.sqrt(12) * size, rel=0.1)
 
 
 def spring(late_s=0.0, gain=1.0, K=300.0, damping=0.0, weight=0.0, I=0.004, seed=1):
@@ -165,7 +163,7 @@ def calibrated(trial, bench=CONFIG.dynamometer, **known):
 
 def standard_error(row, name):
     """By the interval of a row, as if it were normal: of few degrees of freedom it is larger."""
-    return (row[f"{name}_high"] - row[f"{name}_low"]) / (2 * 1.96)
+    return half_width(row, name) / 1.96
 
 
 def test_a_known_spring_tells_lateness_gain_fixture_and_what_to_write():

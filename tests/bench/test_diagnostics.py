@@ -10,7 +10,7 @@ import polars as pl
 import pytest
 from any_motion import multisine
 from bench_synthetic import FIVE, second_order, stepped_sine, table_of
-from conftest import findings_of, least_squares_alone, marked
+from conftest import findings_of, half_width, least_squares_alone, marked
 from scipy.interpolate import CubicSpline
 from shipped import CONFIG
 from shipped import LEG as P
@@ -242,12 +242,11 @@ def test_the_delay_of_a_bench_is_pooled_over_trials_with_what_all_of_them_share(
     row = table.row(0, named=True)
     assert (table.height, row["trials"], row["to_state"]) == (4, 3, "torque: {delay: 2 ms}")
     assert row["delay_s"] == pytest.approx(2e-3)
-    half_width = (row["delay_s_high"] - row["delay_s_low"]) / 2
-    assert 1.96 * 80e-6 < half_width < 1.96 * 100e-6
+    delay_half = half_width(row, "delay_s")
+    assert 1.96 * 80e-6 < delay_half < 1.96 * 100e-6
     assert row["B_without_lag"] == pytest.approx(4.4 + 300 * 2e-3)
     assert row["I_without_lag"] == pytest.approx(0.01 + 4.4 * 2e-3 + 300 * 2e-6)
-    B_half = (row["B_without_lag_high"] - row["B_without_lag_low"]) / 2
-    assert B_half == pytest.approx(np.hypot(0.1, 300 * half_width))
+    assert half_width(row, "B_without_lag") == pytest.approx(np.hypot(0.1, 300 * delay_half))
 
 
 @pytest.mark.parametrize(("half", "said"), [

@@ -9,7 +9,7 @@ import scipy
 import statsmodels.api as sm
 from any_motion import RATE, TRUE, chirp, made_trial, multisine, noise
 from bench_synthetic import unit_sines
-from conftest import least_squares_alone, refused_with, white_noise
+from conftest import half_width, least_squares_alone, refused_with, white_noise
 from scipy.ndimage import gaussian_filter1d
 from shipped import CONFIG
 from shipped import LEG as P
@@ -54,10 +54,6 @@ def smoothed(angle, sd_s, rate=RATE):
         gaussian_filter1d(angle, sd_s * rate, order=n, truncate=8) * rate**n for n in range(3)
     ]
     return np.arange(len(angle)) / rate, motion
-
-
-def half_width(row, name):
-    return (row[f"{name}_high"] - row[f"{name}_low"]) / 2
 
 
 @least_squares_alone

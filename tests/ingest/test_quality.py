@@ -16,6 +16,7 @@ from conftest import ROOT, joint_trial, refused_with, white_noise
 from recognised_files import source_of
 from scipy import signal
 from shipped import CONFIG, SETTINGS
+from stamp_recorders import rounded_to_bits
 
 from osl_analysis.commands.fit import is_broken_outside
 from osl_analysis.commands.trials import ingest_trial
@@ -36,7 +37,7 @@ from osl_analysis.judge.recording_checks import (
     validate_rules,
 )
 from osl_analysis.signals import longest_run
-from osl_analysis.trial import Array, Trial
+from osl_analysis.trial import Array, Trial, plate_columns
 from osl_analysis.yaml_settings import Settings, validated
 
 COMMANDED = Commanded((2.0, 4.0), (2.0, 5.0), 6, clusters={"foot": "ABCD"})
@@ -75,9 +76,8 @@ TORQUE = bench()["torque"].to_numpy()
 def laboratory(**changed):
     """A sound crossing: a plate at 1000 Hz that is stepped on, three markers at 200 Hz."""
     time = np.arange(2000) / RATE
-    rng = np.random.default_rng(6)
     load = 800 * np.clip(np.minimum(time - 0.7, 1.4 - time) / 0.02, 0, 1)
-    plate = {"plate1_force_z": load + 2 + rng.standard_normal(2000)}
+    plate = {"plate1_force_z": load + 2 + white_noise(2000, 6)}
     markers = {f"marker_{name}_x": every_fifth(0.1 * time[::5]) for name in "ABC"}
     return pl.DataFrame({"time": time, **plate, **markers, **changed})
 
@@ -402,10 +402,9 @@ def test_rest_at_a_level_is_no_rail_at_any_rate_though_the_torque_settles(rate, 
     omega = np.gradient(moved) * fine
     of_joint = 150 * moved + 3 * omega + 0.03 * np.gradient(omega) * fine
     behind = signal.butter(2, torque_hz, fs=fine, output="sos")
-    step = 2 * np.pi / 2**14
     columns = {
         "time": np.arange(30 * rate) / rate,
-        "theta": step * np.rint(moved[:: fine // rate] / step),
+        "theta": rounded_to_bits(moved[:: fine // rate], 14),
         "torque": np.round(signal.sosfilt(behind, of_joint)[:: fine // rate], 3),
     }
 
@@ -537,11 +536,7 @@ def test_dead_moments_put_the_centre_of_pressure_outside_or_at_rest(
     outside, dead, sound = (
         plate_trial(tmp_path, x) for x in (without + 840 * np.eye(6)[4], without, channels)
     )
-    second = {
-        name: name.replace("plate1", "plate2")
-        for name in sound.samples.columns
-        if name.startswith("plate1")
-    }
+    second = {name: name.replace("1", "2") for name in plate_columns(1)}
 
     def beside_a_sound_one(trial: Trial) -> Trial:
         both = trial.samples.hstack(sound.samples.select(*second).rename(second))

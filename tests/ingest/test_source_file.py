@@ -35,7 +35,7 @@ SETTINGS = {
     "cycles": CYCLES,
     "settle_cycles": 2,
     "amplitudes_deg": [4],
-    "frequencies_hz": list(FREQUENCIES),
+    "frequencies_hz": FREQUENCIES,
 }
 TIMES = np.arange(0, 13.0, 1 / RATE)
 
@@ -92,7 +92,7 @@ def fitted(trial, **fields):
 
 
 def errors_percent(row):
-    return np.array([100 * (row["K"] / K - 1), 100 * (row["B"] / B - 1), 100 * (row["I"] / I - 1)])
+    return 100 * (np.array([row[name] for name in "KBI"]) / [K, B, I] - 1)
 
 
 def assert_right(row):

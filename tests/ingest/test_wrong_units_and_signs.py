@@ -6,7 +6,7 @@ import re
 import numpy as np
 import polars as pl
 import pytest
-from conftest import white_noise
+from conftest import refused_with, white_noise
 from shipped import CONFIG
 
 from osl_analysis.commands.fit import run_fit
@@ -65,11 +65,18 @@ def swapped_in_deg(signals):
     return signals | {"theta": np.radians(torque), "torque": np.degrees(theta)}
 
 
+def remedy_of(call, *given, **stated):
+    """What is proposed where a call refuses what it is given."""
+    with pytest.raises(InputError) as refused:
+        call(*given, **stated)
+    return refused.value.remedy
+
+
 def test_channels_that_are_swapped_are_told_where_the_fit_is_accepted():
     of_theta = {"columns": {"theta": {"unit": "deg", "factor": np.radians(1)}}}
     wrong = Trial("wrong", pl.DataFrame(swapped_in_deg(joint(noise=0.01))), of_theta)
 
-    with pytest.raises(InputError, match=r"trial wrong: B = -0\.35 N·m·s/rad") as refused:
+    with refused_with(r"trial wrong: B = -0\.35 N·m·s/rad") as refused:
         run_fit("impedance", wrong, None, CONFIG)
 
     assert re.search(SWAP.replace("rad", "deg").removesuffix(" 150"), refused.value.remedy)
@@ -84,11 +91,10 @@ def assert_mended(experiment, recording, fault, remedy):
     one."""
     wrong = Trial("wrong", pl.DataFrame(fault(recording())))
 
-    with pytest.raises(InputError) as refused:
-        run_fit(experiment, wrong, None, CONFIG)
+    advised = remedy_of(run_fit, experiment, wrong, None, CONFIG)
 
     words, true = remedy.rsplit(" ", 1)
-    estimate = re.search(rf"{words} (\S+)", refused.value.remedy)
+    estimate = re.search(rf"{words} (\S+)", advised)
     assert float(estimate[1]) == pytest.approx(float(true), rel=1e-3)
 
 
@@ -133,10 +139,9 @@ def test_a_wrong_sign_or_swapped_channels_are_refused_with_what_makes_the_trial_
 def test_a_clamped_actuator_does_not_tell_whose_sign_is_wrong():
     wrong = Trial("wrong", pl.DataFrame(turned("torque_m")(clamped_actuator())))
 
-    with pytest.raises(InputError) as refused:
-        run_fit("actuator", wrong, None, CONFIG)
+    advised = remedy_of(run_fit, "actuator", wrong, None, CONFIG)
 
-    assert re.search("`sign`.* current.*`sign`.* torque_m", refused.value.remedy)
+    assert re.search("`sign`.* current.*`sign`.* torque_m", advised)
 
 
 def mean_as_stiffness(trial, K_d=None):
@@ -154,15 +159,13 @@ def constant_angle(value):
 
 
 def test_a_change_is_advised_with_what_it_gives():
-    with pytest.raises(InputError) as refused:
-        fit_or_advise(mean_as_stiffness, constant_angle(-8.0))
+    advised = remedy_of(fit_or_advise, mean_as_stiffness, constant_angle(-8.0))
 
-    assert re.search(r"^turn theta.* 8\.0 .*6\.0.*10\.0.* N·m/rad", refused.value.remedy)
+    assert re.search(r"^turn theta.* 8\.0 .*6\.0.*10\.0.* N·m/rad", advised)
 
 
-@pytest.mark.parametrize(("value", "K_d"), [(-1.0, None), (-6.0, 1.0)], ids=["not told", "K_d"])
+@pytest.mark.parametrize(("value", "K_d"), [(-1.0, None), (-6.0, 1.0)])
 def test_a_change_that_gives_an_impossible_estimate_is_not_advised(value, K_d):
-    with pytest.raises(InputError) as refused:
-        fit_or_advise(mean_as_stiffness, constant_angle(value), K_d=K_d)
+    advised = remedy_of(fit_or_advise, mean_as_stiffness, constant_angle(value), K_d=K_d)
 
-    assert refused.value.remedy == "do something"
+    assert advised == "do something"

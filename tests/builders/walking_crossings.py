@@ -107,11 +107,8 @@ class Tables:
         self, group: str, quantity: str = "K", estimator: str = "ensemble"
     ) -> dict[str, Any]:
         """One row of the summary."""
-        return dict(
-            self["summary"]
-            .filter(group=group, quantity=quantity, estimator=estimator)
-            .row(0, named=True)
-        )
+        rows = self["summary"].filter(group=group, quantity=quantity, estimator=estimator)
+        return rows.row(0, named=True)
 
 
 def run_jobs(

@@ -13,12 +13,12 @@ import osl_analysis as osl
 
 def test_a_pandas_frame_gives_the_numbers_of_a_polars_frame():
     rng = np.random.default_rng(3)
-    samples = made_trial(rng, multisine(rng, periods=3)).samples
-    of_pandas = osl.Trial("made", osl.to_pandas(samples))
+    trial = made_trial(rng, multisine(rng, periods=3))
+    of_pandas = osl.Trial("made", osl.to_pandas(trial.samples))
 
     fit = osl.fit(of_pandas, parameters=None)
 
-    expected = osl.fit(osl.Trial("made", samples), parameters=None)
+    expected = osl.fit(trial, parameters=None)
     assert_frame_equal(fit.table, expected.table)
 
 

@@ -53,11 +53,11 @@ def sines(rng, frequencies_hz, rms_deg=2.0, duration=30.0, rate=RATE):
     return time, faded(time, duration, tuple(motion))
 
 
-def multisine(rng, period=6.0, periods=5, band=(0.5, 6.0), rms_deg=2.0, rate=RATE):
+def multisine(rng, period=6.0, periods=5, band=(0.5, 6.0), rate=RATE):
     """Odd lines of a period, one in four left out."""
     lines = np.arange(1, round(band[1] * period) + 1, 2)
     lines = lines[(lines >= band[0] * period) & (np.arange(len(lines)) % 4 != 2)]
-    return sines(rng, lines / period, rms_deg, period * periods, rate)
+    return sines(rng, lines / period, 2.0, period * periods, rate)
 
 
 def noise(rng, band=(0.5, 6.0), rms_deg=2.0, duration=30.0, rate=RATE):

@@ -173,8 +173,8 @@ def test_gains_of_a_pair_a_grid_and_a_trajectory_are_those_of_the_paper(tmp_path
     short = tmp_path / "t.csv"
     (pair,) = json.loads(call(*GAINS, "--json").stdout)
     assert (pair["K_1"], pair["B_1"]) == pytest.approx((25.0867, 0.664687), rel=1e-5)
-    grid = of_gains("100,200,300,400", "0,0.1,0.2,0.3", "--output", table, "--json")
-    rows = json.loads(call(*grid).stdout)
+    grid = ("gains", "--stiffness", "100,200,300,400", "--damping", "0,0.1,0.2,0.3")
+    rows = json.loads(call(*grid, "--output", table, "--json").stdout)
     pairs = [(row["K_d"], round(row["B_d"], 9)) for row in rows]
     assert pairs == [(k, b) for k in (100, 200, 300, 400) for b in (0, 0.1, 0.2, 0.3)]
     assert pl.read_csv(table)["B_1"].to_list() == pytest.approx([r["B_1"] for r in rows], rel=1e-12)
@@ -184,11 +184,8 @@ def test_gains_of_a_pair_a_grid_and_a_trajectory_are_those_of_the_paper(tmp_path
         assert (max(row["K_d"] for row in rows), rows[0]["trajectory"]) == (largest, kind)
     short.write_text("phase,K_d,B_d\n0,300,5\n1,700,5\n")
     assert "t.csv: K_d = 700 " in one_line(call("gains", "--trajectory", short))
-    assert "--weight-hz" in call(*of_gains(600, 0, "--weight-hz", 50)).stdout
-
-
-def of_gains(stiffness, damping, *more):
-    return ("gains", "--stiffness", stiffness, "--damping", damping, *more)
+    beyond = ("gains", "--stiffness", 600, "--damping", 0, "--weight-hz", 50)
+    assert "--weight-hz" in call(*beyond).stdout
 
 
 MISTAKES = {
@@ -207,7 +204,7 @@ MISTAKES = {
 UNFIT = {
     "--trajectory": (*GAINS, "--trajectory", SYNTHETIC),
     "'watch'": ("watch", "."),
-    "'100:400:50'": of_gains("100:400:50", 5),
+    "'100:400:50'": ("gains", "--stiffness", "100:400:50", "--damping", 5),
     "--log-source": ("ingest", "--log", "x.mcap", "--output", "x.parquet"),
     "--mocap": ("ingest", "--output", "x.parquet"),
     "a.csv": (*GAINS, "--output", "a.csv", "--parameters", "a.csv"),

@@ -20,9 +20,9 @@ J_M = 0.009  # actuator and its controller
 B_M = 0.006
 K_1 = 14.0
 B_1 = 0.2
-CONSTANT = 0.4  # friction [N*m], and its growth with the current [N*m/A]
+# 1 N*m/A; friction [N*m], and its growth with the current [N*m/A]
+CONSTANT = 0.4
 OF_LOAD = 0.09
-TORQUE_CONSTANT = 1.0  # N*m/A
 HYSTERESIS = 0.25  # N*m
 
 
@@ -58,9 +58,9 @@ def leg() -> dict[str, np.ndarray]:
         deflection = theta[k] - angle / N_T
         wound = min(max(wound + (deflection - before) / 1e-3, -1.0), 1.0)
         belt[k] = K_S * deflection + HYSTERESIS * wound
-        current[k] = -(K_1 * angle + B_1 * speed) / TORQUE_CONSTANT
+        current[k] = -(K_1 * angle + B_1 * speed)
         theta_m[k], omega_m[k] = angle, speed
-        push = TORQUE_CONSTANT * current[k] + belt[k] / N_T - B_M * speed
+        push = current[k] + belt[k] / N_T - B_M * speed
         free = speed + step / J_M * push
         lost = step / J_M * (CONSTANT + OF_LOAD * abs(current[k]))
         speed = np.sign(free) * max(abs(free) - lost, 0.0)

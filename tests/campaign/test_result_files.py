@@ -1,7 +1,5 @@
 """Which results a campaign has, and from which files each is made."""
 
-from pathlib import Path
-
 from conftest import ROOT
 
 from osl_analysis.campaign.campaign_trials import open_campaign
@@ -17,7 +15,7 @@ i1,impedance,i1.mcap,dynamometer,ankle,compensated,300,5
 """
 
 
-def test_a_fit_has_a_file_of_rows_and_an_archive_of_its_other_tables(tmp_path: Path) -> None:
+def test_a_fit_has_a_file_of_rows_and_an_archive_of_its_other_tables(tmp_path):
     (tmp_path / "trials.csv").write_text(SHEET)
     files = ResultFiles(open_campaign(CONFIG, read_sheet(tmp_path / "trials.csv")))
 
@@ -29,6 +27,6 @@ def test_a_fit_has_a_file_of_rows_and_an_archive_of_its_other_tables(tmp_path: P
     ]
 
 
-def test_a_wildcard_of_no_name_matches_nothing() -> None:
+def test_a_wildcard_of_no_name_matches_nothing():
     assert name_pattern(["a.b", "c"]) == r"a\.b|c"
     assert name_pattern([]) == "(?!)"

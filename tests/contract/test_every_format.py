@@ -3,8 +3,6 @@
 import contextlib
 import json
 import re
-from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -20,7 +18,6 @@ from osl_analysis.commands.trials import inspect_file, overview_text
 from osl_analysis.draft.draft_source import draft_source
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.raw_files import read_converted, read_source
-from osl_analysis.source_file import Source
 
 TIME = np.arange(40) / 500
 ANGLE = np.sin(40 * TIME)
@@ -28,13 +25,13 @@ TORQUE = 30 * np.sin(40 * TIME)
 LOG = {"t": 1e3 * TIME + 7, "angle": np.rad2deg(ANGLE), "torque": -1e3 * TORQUE}
 
 
-def write_json(path: Path, columns: dict[str, Any]) -> None:
+def write_json(path, columns):
     rows = zip(*(np.asarray(column).tolist() for column in columns.values()), strict=True)
     lines = [json.dumps(dict(zip(columns, row, strict=True))) for row in rows]
     path.write_text("\n".join(lines) + "\n")
 
 
-def write_hdf5(path: Path, columns: dict[str, Any]) -> None:
+def write_hdf5(path, columns):
     with h5py.File(path, "w") as file:
         for name, values in columns.items():
             file[name] = values
@@ -62,14 +59,14 @@ EVERY = pytest.mark.parametrize("what", WRITERS)
 OTHERS = [what for what in WRITERS if what != "csv"]
 
 
-def written(folder: Path, what: str, columns: dict[str, Any]) -> Path:
+def written(folder, what, columns):
     """A log of these columns in a format."""
     path = folder / what
     WRITERS[what][2](path, columns)
     return path
 
 
-def described(what: str, counter: str | None = None, unit: str = "deg", **fields: object) -> Source:
+def described(what, counter=None, unit="deg", **fields):
     """The source file of a log in a format, with other fields than the usual."""
     name, key, _ = WRITERS[what]
     content = {
@@ -83,7 +80,7 @@ def described(what: str, counter: str | None = None, unit: str = "deg", **fields
 
 
 @EVERY
-def test_a_log_gives_the_same_columns_in_every_format(tmp_path: Path, what: str) -> None:
+def test_a_log_gives_the_same_columns_in_every_format(tmp_path, what):
     path = written(tmp_path, what, {**LOG, "count": np.arange(7, 47)})
 
     recording = read_converted(path, described(what, counter="count"))
@@ -98,7 +95,7 @@ def test_a_log_gives_the_same_columns_in_every_format(tmp_path: Path, what: str)
 
 
 @EVERY
-def test_rows_that_were_lost_are_a_gap_in_time_in_every_format(tmp_path: Path, what: str) -> None:
+def test_rows_that_were_lost_are_a_gap_in_time_in_every_format(tmp_path, what):
     kept = np.delete(np.arange(40), [10, 11, 12])
     path = written(tmp_path, what, {name: values[kept] for name, values in LOG.items()})
 
@@ -110,14 +107,14 @@ def test_rows_that_were_lost_are_a_gap_in_time_in_every_format(tmp_path: Path, w
 
 @EVERY
 @pytest.mark.parametrize("unit", ["N*m", "parsnip"])
-def test_a_unit_of_another_quantity_is_refused_in_every_format(what: str, unit: str) -> None:
+def test_a_unit_of_another_quantity_is_refused_in_every_format(what, unit):
     with pytest.raises(ValueError, match=re.escape(unit)):
         described(what, unit=unit)
 
 
 @EVERY
 @pytest.mark.parametrize("share", [0.3, 0.6, 0.99])
-def test_a_log_that_is_cut_is_never_read_as_whole(tmp_path: Path, what: str, share: float) -> None:
+def test_a_log_that_is_cut_is_never_read_as_whole(tmp_path, what, share):
     path = written(tmp_path, what, LOG)
     content = path.read_bytes()
     path.write_bytes(content[: int(share * len(content))])
@@ -218,7 +215,7 @@ def test_the_draft_of_several_trials_is_of_one_and_fits_the_other(write, tmp_pat
 # --- archives and workbooks ---------------------------------------------------------------------
 
 
-def test_a_workbook_is_its_largest_sheet_by_the_rules_of_text(tmp_path: Path) -> None:
+def test_a_workbook_is_its_largest_sheet_by_the_rules_of_text(tmp_path):
     with xlsxwriter.Workbook(tmp_path / "a.xlsx") as book:
         book.add_worksheet("notes").write_row(0, 0, ["Bench 3", "rig B"])
         sheet = book.add_worksheet("data")
@@ -237,7 +234,7 @@ def test_a_workbook_is_its_largest_sheet_by_the_rules_of_text(tmp_path: Path) ->
     assert recording.channels[0].rows.place(0) == "row 3"
 
 
-def test_a_part_of_an_archive_that_does_not_match_its_checksum_is_refused(tmp_path: Path) -> None:
+def test_a_part_of_an_archive_that_does_not_match_its_checksum_is_refused(tmp_path):
     path = written(tmp_path, "a.npz", LOG)
     content = bytearray(path.read_bytes())
     content[content.index(LOG["torque"].tobytes()) + 100] ^= 1

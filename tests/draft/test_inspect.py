@@ -3,8 +3,6 @@ as they come."""
 
 import re
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -30,7 +28,7 @@ JOINTS = (
 )
 
 
-def joint_log(path: Path, topic: str = "/joints", **options: Any) -> Path:
+def joint_log(path, topic="/joints", **options):
     """The angles of a knee and an ankle at 100 Hz, with a gap after 0.2 s."""
     log = []
     known = {"name": ["knee", "left ankle"], "effort": [], "bias": [1.0, 2.0, 3.0], "note": "x"}
@@ -46,8 +44,8 @@ def joint_log(path: Path, topic: str = "/joints", **options: Any) -> Path:
 
 
 def test_messages_are_listed_by_field_with_rate_and_gaps(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     path = joint_log(tmp_path / "a.mcap", chunk_size=1000)
     overview = module.inspect_file(path)
     assert {one.address["field"]: one.likely_unit for one in overview.channels} == {
@@ -73,9 +71,7 @@ BENCH = (
 
 
 @pytest.mark.parametrize("kind", ["mcap", "c3d", "csv", "nexus"])
-def test_nothing_of_a_file_reaches_the_terminal_raw_or_leaves_its_quotes(
-    tmp_path: Path, kind: str
-) -> None:
+def test_nothing_of_a_file_reaches_the_terminal_raw_or_leaves_its_quotes(tmp_path, kind):
     path = tmp_path / f"a.{kind}"
     if kind == "mcap":
         joint_log(path, NASTY)
@@ -97,7 +93,7 @@ def test_nothing_of_a_file_reaches_the_terminal_raw_or_leaves_its_quotes(
     assert isinstance(yaml.safe_load(f"format:{drafted}"), dict)
 
 
-def test_the_draft_is_written_where_it_is_asked_for_and_never_over_a_file(tmp_path: Path) -> None:
+def test_the_draft_is_written_where_it_is_asked_for_and_never_over_a_file(tmp_path):
     (tmp_path / "a.csv").write_text(BENCH)
     arguments = ("inspect", tmp_path / "a.csv", "--draft", tmp_path / "a.yaml")
     assert call(*arguments).exit_code == 0
@@ -164,7 +160,7 @@ def test_names_tell_clocks():
     assert [is_clock(name) for name in clocks.split()] == [True] * 20 + [False] * 6
 
 
-def test_a_folder_lists_what_each_recording_holds_or_why_it_is_refused(tmp_path: Path) -> None:
+def test_a_folder_lists_what_each_recording_holds_or_why_it_is_refused(tmp_path):
     write_c3d(
         tmp_path / "walk.c3d", np.ones((100, 1, 4)) * [1, 2, 3, 0], rate=100.0, POINT__LABELS=["a"]
     )

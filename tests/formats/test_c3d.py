@@ -1,8 +1,6 @@
 """C3D: frames, names and plates of whole, cut and odd files, against closed forms and ezc3d."""
 
 import re
-from pathlib import Path
-from typing import Any
 
 import ezc3d
 import numpy as np
@@ -14,33 +12,31 @@ from scipy.spatial.transform import Rotation
 
 from osl_analysis import formats
 from osl_analysis.draft.overview import inspect_recording
-from osl_analysis.ingest.conversion import Converted
 from osl_analysis.ingest.force_plates import wrench
 from osl_analysis.ingest.raw_files import read_converted
-from osl_analysis.source_file import Source
 
 # Whole numbers, all different, none zero: 6 frames of 3 points of residual 0, 4 samples a frame.
 POINTS = np.arange(1.0, 73).reshape(6, 3, 4) * [1, 1, 1, 0]
 ANALOGS = np.arange(48.0).reshape(24, 2) - 7
 
 
-def source(**fields: Any) -> Source:
+def source(**fields):
     return source_of("c3d", **fields)
 
 
-def read(path: Path, **fields: Any) -> Converted:
+def read(path, **fields):
     return read_converted(path, source(**fields))
 
 
-def refused(path: Path, **fields: Any) -> str:
+def refused(path, **fields):
     return refusal_by(read, path, **fields)
 
 
-def capture(folder: Path, **parameters: Any) -> Path:
+def capture(folder, **parameters):
     return write_c3d(folder / "a.c3d", POINTS, ANALOGS, **parameters)
 
 
-def marker(recording: Converted, name: str) -> np.ndarray:
+def marker(recording, name):
     """Positions (frames, 3) [m]."""
     return recording.samples.select(f"^marker_{name}_[xyz]$").drop_nulls().to_numpy()
 
@@ -48,7 +44,7 @@ def marker(recording: Converted, name: str) -> np.ndarray:
 # --- frames -------------------------------------------------------------------------------------
 
 
-def test_points_analogs_and_time_are_those_of_the_file(tmp_path: Path) -> None:
+def test_points_analogs_and_time_are_those_of_the_file(tmp_path):
     path = capture(tmp_path, PROCESSING__BODYMASS=72.5)
     path.write_bytes(path.read_bytes()[:6] + b"\5\0\n\0" + path.read_bytes()[10:])  # frames 5 to 10
 
@@ -76,8 +72,8 @@ def test_points_analogs_and_time_are_those_of_the_file(tmp_path: Path) -> None:
     ],
 )  # fmt: skip
 def test_a_sample_is_raw_minus_offset_times_both_scales(
-    tmp_path: Path, raw: float, is_integer: bool, parameters: dict[str, Any], expected: float
-) -> None:
+    tmp_path, raw, is_integer, parameters, expected
+):
     named = {f"ANALOG__{name}": value for name, value in parameters.items()}
     path = write_c3d(tmp_path / "a.c3d", POINTS, np.full((6, 1), raw), integers=is_integer, **named)
 
@@ -89,7 +85,7 @@ def test_a_sample_is_raw_minus_offset_times_both_scales(
     np.testing.assert_allclose(recording.find({"channel": "A1"}).values, expected, rtol=1e-6)
 
 
-def test_a_point_with_negative_residual_or_at_the_exact_origin_was_not_seen(tmp_path: Path) -> None:
+def test_a_point_with_negative_residual_or_at_the_exact_origin_was_not_seen(tmp_path):
     raw = POINTS.copy()
     raw[1, 0, 3], raw[2, 0, :3], raw[3, 0, 2], raw[4, 0, 0] = -1.0, 0.0, 0.0, np.inf
 
@@ -100,9 +96,7 @@ def test_a_point_with_negative_residual_or_at_the_exact_origin_was_not_seen(tmp_
 
 
 @pytest.mark.parametrize(("first_zero", "whole"), [(20, 24), (23, 20)])
-def test_a_single_last_sample_of_zeros_was_not_recorded(
-    tmp_path: Path, first_zero: int, whole: int
-) -> None:
+def test_a_single_last_sample_of_zeros_was_not_recorded(tmp_path, first_zero, whole):
     """A joint may be at rest at the end; of one sample alone the frame is left out."""
     recorded = ANALOGS + 8
     recorded[first_zero:] = 0.0
@@ -116,8 +110,8 @@ def test_a_single_last_sample_of_zeros_was_not_recorded(
 
 
 def test_what_fills_the_last_block_is_not_looked_at_and_a_cut_file_is_refused(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     path = write_c3d(tmp_path / "a.c3d", np.ones((50, 3, 4)))
     content = path.read_bytes()
     path.write_bytes(content[:-16] + b"left in a buffer")
@@ -127,7 +121,7 @@ def test_what_fills_the_last_block_is_not_looked_at_and_a_cut_file_is_refused(
     assert " 50 " in refused(path)
 
 
-def test_a_capture_of_more_frames_than_its_header_counts_is_whole(tmp_path: Path) -> None:
+def test_a_capture_of_more_frames_than_its_header_counts_is_whole(tmp_path):
     positions = np.zeros((70_000, 1, 4))
     positions[:, 0, 0] = np.arange(70_000)
     path = write_c3d(tmp_path / "a.c3d", positions, POINT__FRAMES=70_000.0)
@@ -150,9 +144,7 @@ def test_a_capture_of_more_frames_than_its_header_counts_is_whole(tmp_path: Path
         ("RATE", 7, b"\3\xff\xff\xff", "parameter"),
     ],
 )
-def test_an_absurd_header_or_a_damaged_parameter_is_refused(
-    tmp_path: Path, name: str, offset: int, value: bytes, problem: str
-) -> None:
+def test_an_absurd_header_or_a_damaged_parameter_is_refused(tmp_path, name, offset, value, problem):
     path = capture(tmp_path)
     whole = path.read_bytes()
     place = offset + (whole.index(name.encode(), 512) if name else 0)
@@ -173,15 +165,13 @@ def test_an_absurd_header_or_a_damaged_parameter_is_refused(
         (["P07:RANK", "RANK", "M3"], ["P07:RANK", "RANK", "M3"]),
     ],
 )
-def test_the_subject_of_markers_is_left_out_where_there_is_one(
-    tmp_path: Path, labels: list[str], names: list[str]
-) -> None:
+def test_the_subject_of_markers_is_left_out_where_there_is_one(tmp_path, labels, names):
     columns = read(capture(tmp_path, POINT__LABELS=labels)).samples.columns
 
     assert [name for name in columns if name.endswith("_x")] == [f"marker_{n}_x" for n in names]
 
 
-def test_a_second_parameter_goes_on_with_the_labels_of_the_first(tmp_path: Path) -> None:
+def test_a_second_parameter_goes_on_with_the_labels_of_the_first(tmp_path):
     path = capture(tmp_path, POINT__LABELS=["A", "B"], POINT__LABELS2=["C"])
 
     labels = [channel.address.get("label") for channel in formats.read(path).channels]
@@ -189,7 +179,7 @@ def test_a_second_parameter_goes_on_with_the_labels_of_the_first(tmp_path: Path)
     assert labels[:3] == ["A", "B", "C"]
 
 
-def test_one_of_two_channels_of_one_name_is_read_by_its_number(tmp_path: Path) -> None:
+def test_one_of_two_channels_of_one_name_is_read_by_its_number(tmp_path):
     path = capture(tmp_path, POINT__LABELS=["TOE", "HEEL", "TOE"], ANALOG__LABELS=["Sync", "Sync"])
 
     recording = read(path, markers=["HEEL", "3"], analogs={"sync": {"channel": "2"}})
@@ -200,7 +190,7 @@ def test_one_of_two_channels_of_one_name_is_read_by_its_number(tmp_path: Path) -
     assert "'Sync'" in refused(path, markers=[], analogs={"sync": {"channel": "Sync"}})
 
 
-def test_model_outputs_take_unit_and_sign_from_the_source_file(tmp_path: Path) -> None:
+def test_model_outputs_take_unit_and_sign_from_the_source_file(tmp_path):
     groups = ["POWERS", "POWER", "Moments", "MOMENT"]
     path = capture(
         tmp_path,
@@ -225,9 +215,7 @@ def test_model_outputs_take_unit_and_sign_from_the_source_file(tmp_path: Path) -
         ({"POINT__UNITS": ["m"]}, {}, POINTS[:, 1, :3]),
     ],
 )
-def test_positions_are_in_metres_and_in_the_stated_axes(
-    tmp_path: Path, parameters: dict[str, Any], stated: dict[str, Any], expected: np.ndarray
-) -> None:
+def test_positions_are_in_metres_and_in_the_stated_axes(tmp_path, parameters, stated, expected):
     recording = read(capture(tmp_path, **parameters), **stated)
 
     np.testing.assert_allclose(marker(recording, "M2"), expected, rtol=1e-12)
@@ -242,7 +230,7 @@ READINGS = np.tile([1.0, 2, 3, 4000, 5000, 6000], (24, 1))
 WRENCH = pytest.approx([1, -2, -3, 4, -5, -6], rel=1e-12)  # N and N*m, z up
 
 
-def plate_file(folder: Path, readings: np.ndarray = READINGS, **parameters: Any) -> Path:
+def plate_file(folder, readings=READINGS, **parameters):
     """Channels in N, N, N, Nmm, Nmm, Nmm on one plate, by default forces 1 to 3 and moments 4000 to
     6000."""
     channels = {"ANALOG__UNITS": UNITS_OF_PLATE, "ANALOG__LABELS": LABELS}
@@ -250,7 +238,7 @@ def plate_file(folder: Path, readings: np.ndarray = READINGS, **parameters: Any)
     return write_c3d(folder / "plate.c3d", POINTS, readings, **plate)
 
 
-def wrench_of(path: Path, row: int = 3, **fields: Any) -> tuple[Any, ...]:
+def wrench_of(path, row=3, **fields):
     return read(path, **fields).samples.select("^plate1_(force|moment)_[xyz]$").row(row)
 
 
@@ -273,9 +261,7 @@ def wrench_of(path: Path, row: int = 3, **fields: Any) -> tuple[Any, ...]:
          "'Mz'"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_is_refused(
-    tmp_path: Path, parameters: dict[str, Any], stated: dict[str, Any], told: str
-) -> None:
+def test_what_cannot_be_is_refused(tmp_path, parameters, stated, told):
     arrays = {
         name: value if "UNITS" in name else np.array(value) for name, value in parameters.items()
     }
@@ -283,7 +269,7 @@ def test_what_cannot_be_is_refused(
     assert told in refused(plate_file(tmp_path, **arrays), **stated)
 
 
-def test_a_plate_is_in_si_units_and_laboratory_axes(tmp_path: Path) -> None:
+def test_a_plate_is_in_si_units_and_laboratory_axes(tmp_path):
     path = plate_file(tmp_path)
 
     assert wrench_of(path) == WRENCH
@@ -304,15 +290,13 @@ def test_a_plate_is_in_si_units_and_laboratory_axes(tmp_path: Path) -> None:
         ({"FORCE_PLATFORM__TYPE": 4, "FORCE_PLATFORM__CAL_MATRIX": np.eye(6)}, {}),
     ],
 )  # fmt: skip
-def test_one_plate_described_in_any_way_is_one_plate(
-    tmp_path: Path, parameters: dict[str, Any], stated: dict[str, Any]
-) -> None:
+def test_one_plate_described_in_any_way_is_one_plate(tmp_path, parameters, stated):
     path = plate_file(tmp_path, **parameters)
 
     assert wrench_of(path, **stated) == WRENCH
 
 
-def test_a_plate_that_cannot_be_read_is_a_question(tmp_path: Path) -> None:
+def test_a_plate_that_cannot_be_read_is_a_question(tmp_path):
     path = plate_file(tmp_path, FORCE_PLATFORM__TYPE=6)
 
     listed = formats.read(path)
@@ -322,7 +306,7 @@ def test_a_plate_that_cannot_be_read_is_a_question(tmp_path: Path) -> None:
     assert not formats.read(path, source(plates=[])).plates
 
 
-def test_how_to_state_a_plate_works_also_where_two_have_the_same_labels(tmp_path: Path) -> None:
+def test_how_to_state_a_plate_works_also_where_two_have_the_same_labels(tmp_path):
     path = plate_file(
         tmp_path, np.hstack([READINGS, 0 * READINGS]), FORCE_PLATFORM__USED=0,
         ANALOG__LABELS=[label[:-1] for label in LABELS] * 2,
@@ -338,9 +322,7 @@ def test_how_to_state_a_plate_works_also_where_two_have_the_same_labels(tmp_path
 
 
 @pytest.mark.parametrize("unit", ["V", "N"])
-def test_a_type_1_plate_is_read_with_the_units_that_its_refusal_says(
-    tmp_path: Path, unit: str
-) -> None:
+def test_a_type_1_plate_is_read_with_the_units_that_its_refusal_says(tmp_path, unit):
     type_1 = {"FORCE_PLATFORM__TYPE": 1, "ANALOG__UNITS": [unit] * 6}
     path = plate_file(tmp_path, **type_1)
 
@@ -359,9 +341,7 @@ def test_a_type_1_plate_is_read_with_the_units_that_its_refusal_says(
 
 
 @pytest.mark.parametrize("store", ["BYCOLUMN", "BYROW"])
-def test_a_calibration_matrix_is_read_in_the_order_that_the_file_names(
-    tmp_path: Path, store: str
-) -> None:
+def test_a_calibration_matrix_is_read_in_the_order_that_the_file_names(tmp_path, store):
     matrix = np.eye(6)
     matrix[0, 1] = 10.0  # Fx = c1 + 10 c2
     parameters = {
@@ -375,7 +355,7 @@ def test_a_calibration_matrix_is_read_in_the_order_that_the_file_names(
 
 
 @pytest.mark.parametrize("zero", ["file", [2, 3]])
-def test_the_baseline_that_is_asked_for_is_subtracted(tmp_path: Path, zero: Any) -> None:
+def test_the_baseline_that_is_asked_for_is_subtracted(tmp_path, zero):
     readings = np.arange(144.0).reshape(24, 6)
     path = plate_file(tmp_path, readings, FORCE_PLATFORM__ZERO=np.array([2, 3]))
 
@@ -389,7 +369,7 @@ def test_the_baseline_that_is_asked_for_is_subtracted(tmp_path: Path, zero: Any)
         np.testing.assert_allclose(zeroed.samples[column], expected, atol=1e-9)
 
 
-def test_frames_at_the_end_without_forces_are_left_out(tmp_path: Path) -> None:
+def test_frames_at_the_end_without_forces_are_left_out(tmp_path):
     forces = READINGS.copy()
     forces[17:] = np.nan
 
@@ -400,7 +380,7 @@ def test_frames_at_the_end_without_forces_are_left_out(tmp_path: Path) -> None:
     assert " 2 frames" in recording.loss.remarks[0]
 
 
-def test_rotations_without_markers_are_named(tmp_path: Path) -> None:
+def test_rotations_without_markers_are_named(tmp_path):
     path = write_c3d(tmp_path / "a.c3d", np.zeros((8, 0, 4)), rate=85.0, ROTATION__USED=3)
 
     assert "85 Hz" in refused(path)
@@ -418,7 +398,7 @@ SURFACE = np.array([0.004, -0.007, -0.045])
 
 
 @pytest.mark.parametrize("stored", [1, -1])
-def test_type_2_gives_the_wrench_back_whichever_way_origin_points(stored: int) -> None:
+def test_type_2_gives_the_wrench_back_whichever_way_origin_points(stored):
     force, moment = (FORCE @ AXES, MOMENT @ AXES)
     # moments about the plate's origin: M + r x F
     channels = np.hstack([force, moment + np.cross(SURFACE, force)])
@@ -430,7 +410,7 @@ def test_type_2_gives_the_wrench_back_whichever_way_origin_points(stored: int) -
 
 
 @pytest.mark.parametrize("depth_sign", [1, -1])
-def test_type_3_gives_the_wrench_of_its_four_sensors_back(depth_sign: int) -> None:
+def test_type_3_gives_the_wrench_of_its_four_sensors_back(depth_sign):
     a = 0.12
     b = 0.2
     depth = 0.054
@@ -461,7 +441,7 @@ def test_type_3_gives_the_wrench_of_its_four_sensors_back(depth_sign: int) -> No
         "Eb015pr.c3d",
     ],
 )
-def test_points_and_analogs_of_real_files_equal_ezc3ds(recordings: Path, name: str) -> None:
+def test_points_and_analogs_of_real_files_equal_ezc3ds(recordings, name):
     path = recordings / "c3d" / name
 
     recording = formats.read(path)

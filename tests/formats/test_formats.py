@@ -1,8 +1,6 @@
 """All formats: which one a file is of, and how another one is added."""
 
 from importlib.metadata import EntryPoint, EntryPoints
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,9 +16,9 @@ class ToySource(LogSource):
     """The source file of a toy format."""
 
 
-def read_toy(path: Path, source: ToySource | None) -> Recording:
+def read_toy(path, source):
     if path.stem == "ours":
-        Recording("toy", None).find({})  # type: ignore[arg-type]
+        Recording("toy", None).find({})
     values = np.array([float(cell) for cell in path.read_text()[4:].split()])
     if values.size < 2:
         raise KeyError("end")
@@ -38,12 +36,12 @@ TOY = Format(
 
 
 @pytest.fixture
-def with_toy(monkeypatch: pytest.MonkeyPatch) -> Any:
+def with_toy(monkeypatch):
     """A package that offers a format by the entry point group."""
     point = EntryPoint("toy", "toy_package:FORMAT", GROUP)
     monkeypatch.setattr(EntryPoint, "load", lambda self: TOY)
 
-    def entry_points(group: str) -> EntryPoints:
+    def entry_points(group):
         return EntryPoints([point] if group == GROUP else [])
 
     monkeypatch.setattr(formats, "entry_points", entry_points)
@@ -53,7 +51,7 @@ def with_toy(monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 @pytest.mark.usefixtures("with_toy")
-def test_another_package_adds_a_format_by_an_entry_point(tmp_path: Path) -> None:
+def test_another_package_adds_a_format_by_an_entry_point(tmp_path):
     (tmp_path / "a.dat").write_text("TOY11 2 3")
 
     recording = formats.read(tmp_path / "a.dat")
@@ -63,7 +61,7 @@ def test_another_package_adds_a_format_by_an_entry_point(tmp_path: Path) -> None
 
 
 @pytest.mark.usefixtures("with_toy")
-def test_a_fault_of_this_package_is_no_damage_of_the_file(tmp_path: Path) -> None:
+def test_a_fault_of_this_package_is_no_damage_of_the_file(tmp_path):
     (tmp_path / "ours.toy").write_text("TOY1")
 
     with pytest.raises(TypeError):
@@ -71,7 +69,7 @@ def test_a_fault_of_this_package_is_no_damage_of_the_file(tmp_path: Path) -> Non
 
 
 @pytest.mark.usefixtures("with_toy")
-def test_any_error_of_a_reader_is_one_sentence_with_file_and_remedy(tmp_path: Path) -> None:
+def test_any_error_of_a_reader_is_one_sentence_with_file_and_remedy(tmp_path):
     path = tmp_path / "a.toy"
     path.write_text("TOY1")
 
@@ -79,7 +77,7 @@ def test_any_error_of_a_reader_is_one_sentence_with_file_and_remedy(tmp_path: Pa
         formats.read(path)
 
 
-def test_an_empty_file_is_named(tmp_path: Path) -> None:
+def test_an_empty_file_is_named(tmp_path):
     (tmp_path / "a.c3d").touch()
 
     with refused_with(r"a\.c3d:.*file"):

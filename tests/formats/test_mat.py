@@ -2,11 +2,8 @@
 
 import sys
 import warnings
-from collections.abc import Callable
 from datetime import UTC, datetime
 from functools import partial
-from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -17,7 +14,6 @@ from conftest import refused_with, said_in_refusal
 from log_builders import write_mat, write_mat73
 
 from osl_analysis import formats
-from osl_analysis.recording import Channel, Recording
 
 with warnings.catch_warnings(action="ignore"):  # of the library's import
     from matio import save_to_mat
@@ -37,7 +33,7 @@ CONTENT = {
 RUNS = [{"name": "slow", "torque": RISING}, {"name": "fast", "torque": 2 * RISING}]
 
 
-def trials(write: Callable[..., Path], path: Path) -> Path:
+def trials(write, path):
     cell = np.empty((1, 2), dtype=object)
     cell[0, 0] = RISING
     cell[0, 1] = {"torque": -RISING}
@@ -47,7 +43,7 @@ def trials(write: Callable[..., Path], path: Path) -> Path:
     return write(path, **CONTENT, runs=runs, cells=cell)
 
 
-def at(recording: Recording, address: str) -> Channel:
+def at(recording, address):
     return recording.find({"variable": address})
 
 
@@ -79,9 +75,7 @@ both_versions = pytest.mark.parametrize("write", [write_mat, write_mat73])
 
 @both_versions
 @pytest.mark.parametrize(("address", "expected"), NUMBERS.items())
-def test_an_address_in_matlabs_notation_leads_to_the_numbers(
-    write: Callable[..., Path], address: str, expected: Any, tmp_path: Path
-) -> None:
+def test_an_address_in_matlabs_notation_leads_to_the_numbers(write, address, expected, tmp_path):
     recording = formats.read(trials(write, tmp_path / "a.mat"))
 
     np.testing.assert_array_equal(np.ma.asarray(at(recording, address).read()), expected)
@@ -89,9 +83,7 @@ def test_an_address_in_matlabs_notation_leads_to_the_numbers(
 
 @both_versions
 @pytest.mark.parametrize(("address", "said"), NOWHERE.items())
-def test_an_address_that_leads_nowhere_says_what_is_there(
-    write: Callable[..., Path], address: str, said: str, tmp_path: Path
-) -> None:
+def test_an_address_that_leads_nowhere_says_what_is_there(write, address, said, tmp_path):
     recording = formats.read(trials(write, tmp_path / "a.mat"))
 
     assert said in refusal(recording, address)
@@ -100,7 +92,7 @@ def test_an_address_that_leads_nowhere_says_what_is_there(
 # --- what programs write ------------------------------------------------------------------------
 
 
-def written_by_matio(path: Path, version: str) -> Path:
+def written_by_matio(path, version):
     """Tables, timetables and other objects, as MATLAB stores them. mat-io writes the times of a
     timetable and no units: a rate, a step, units and what a time has below the ms are put in by
     hand."""
@@ -162,9 +154,7 @@ UNITS = {
 
 @pytest.mark.filterwarnings("ignore:duration_to_mat")
 @pytest.mark.parametrize("version", ["v7", "v7.3"])
-def test_tables_their_clocks_and_the_properties_of_objects_are_read_as_written(
-    version: str, tmp_path: Path
-) -> None:
+def test_tables_their_clocks_and_the_properties_of_objects_are_read_as_written(version, tmp_path):
     recording = formats.read(written_by_matio(tmp_path / "a.mat", version))
 
     for address, expected in OBJECTS.items():
@@ -180,9 +170,7 @@ def test_tables_their_clocks_and_the_properties_of_objects_are_read_as_written(
 
 
 @both_versions
-def test_what_is_no_row_of_real_numbers_is_refused_and_a_cut_file_too(
-    write: Callable[..., Path], tmp_path: Path
-) -> None:
+def test_what_is_no_row_of_real_numbers_is_refused_and_a_cut_file_too(write, tmp_path):
     odd = {"complex": RISING + 1j, "cube": np.ones((2, 3, 4)), "empty": np.zeros((0, 3))}
     if write is write_mat:
         odd["sparse"] = scipy.sparse.eye(3)
@@ -197,9 +185,7 @@ def test_what_is_no_row_of_real_numbers_is_refused_and_a_cut_file_too(
         formats.read(path)
 
 
-def test_without_the_library_the_extra_that_brings_it_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_the_library_the_extra_that_brings_it_is_named(tmp_path, monkeypatch):
     path = write_mat(tmp_path / "a.mat", x=RISING)
     monkeypatch.setitem(sys.modules, "matio", None)
 

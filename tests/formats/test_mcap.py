@@ -5,10 +5,7 @@ import re
 import struct
 import sys
 import zlib
-from collections.abc import Sequence
 from io import BytesIO
-from pathlib import Path
-from typing import Any
 
 import lz4.frame
 import numpy as np
@@ -16,7 +13,6 @@ import pytest
 import zstandard
 from conftest import refused_with
 from google.protobuf.descriptor_pb2 import FileDescriptorSet, UninterpretedOption
-from google.protobuf.message import Message as Protobuf
 from google.protobuf.timestamp_pb2 import Timestamp
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -29,32 +25,32 @@ from mcap_ros2.decoder import DecoderFactory
 
 from osl_analysis import formats
 from osl_analysis.formats import mcap
-from osl_analysis.recording import End, Recording
+from osl_analysis.recording import End
 
 MAGIC = mcap.MAGIC
 MILLISECOND = 1_000_000  # ns
 
 
-def column(recording: Recording, field: str, topic: str = "/lab") -> list[Any]:
+def column(recording, field, topic="/lab"):
     """The numbers of a field; None where a message has none."""
     return recording.find({"topic": topic, "field": field}).values.tolist()
 
 
-def read_field(path: Path, field: str) -> list[Any]:
+def read_field(path, field):
     return column(formats.read(path, source(field)), field)
 
 
 # --- files put together of records --------------------------------------------------------------
 
 
-def raw(record: records.McapRecord) -> bytes:
+def raw(record):
     """A record as the official library writes it."""
     builder = RecordBuilder()
     record.write(builder)
     return builder.end()
 
 
-def longer(record: bytes, opcode: int | None = None) -> bytes:
+def longer(record, opcode=None):
     """A record with more bytes than its specification says, as of a later version."""
     return struct.pack("<BQ", opcode or record[0], len(record) - 4) + record[9:] + b"\1\2\3\4\5"
 
@@ -62,17 +58,17 @@ def longer(record: bytes, opcode: int | None = None) -> bytes:
 SCHEMA = raw(records.Schema(id=1, name="lab_msgs/msg/S", encoding="ros2msg", data=b"float64 a"))
 
 
-def channel(number: int, topic: str) -> bytes:
+def channel(number, topic):
     return raw(
         records.Channel(id=number, topic=topic, message_encoding="cdr", metadata={}, schema_id=1)
     )
 
 
-def cdr(value: float) -> bytes:
+def cdr(value):
     return b"\0\1\0\0" + struct.pack("<d", value)
 
 
-def message(number: int, time_ns: int, payload: bytes) -> bytes:
+def message(number, time_ns, payload):
     return raw(
         records.Message(
             channel_id=number, log_time=time_ns, data=payload, publish_time=7, sequence=0
@@ -80,7 +76,7 @@ def message(number: int, time_ns: int, payload: bytes) -> bytes:
     )
 
 
-def messages(values: range, number: int = 1) -> bytes:
+def messages(values, number=1):
     """One per millisecond, each with its own value."""
     return b"".join(message(number, i * MILLISECOND, cdr(i)) for i in values)
 
@@ -93,13 +89,13 @@ PACKINGS = {
 any_packing = pytest.mark.parametrize("packing", PACKINGS)
 
 
-def chunk(content: bytes, packing: str = "zstd", has_checksum: bool = True) -> bytes:
+def chunk(content, packing="zstd", has_checksum=True):
     checksum = zlib.crc32(content) if has_checksum else 0
     packed = PACKINGS[packing](content)
     return raw(records.Chunk(packing, packed, 1 << 62, 0, checksum, len(content)))
 
 
-def statistics(count: int) -> bytes:
+def statistics(count):
     return raw(records.Statistics(0, 1, {1: count}, 1, count, 0, 0, 0, 1))
 
 
@@ -107,7 +103,7 @@ HEAD = raw(records.Header("", ""))
 INDEX = raw(records.MessageIndex(1, [(0, 0)] * 10))
 
 
-def log(*parts: bytes, summary: bytes = b"") -> bytes:
+def log(*parts, summary=b""):
     """A whole file of these parts."""
     data = MAGIC + HEAD + b"".join(parts) + raw(records.DataEnd(0))
     return data + summary + raw(records.Footer(len(data) if summary else 0, 0, 0)) + MAGIC
@@ -120,7 +116,7 @@ ONE_MESSAGE = len(TEN) // 10
 PRIVATE = longer(HEAD, 0x85) + longer(HEAD, 0x40)  # and one of a later version
 
 
-def read(folder: Path, content: bytes) -> Recording:
+def read(folder, content):
     (folder / "log.mcap").write_bytes(content)
     return formats.read(folder / "log.mcap", source("a"))
 
@@ -129,7 +125,7 @@ def read(folder: Path, content: bytes) -> Recording:
 
 
 @any_packing
-def test_wherever_a_log_is_cut_its_whole_chunks_are_read(tmp_path: Path, packing: str) -> None:
+def test_wherever_a_log_is_cut_its_whole_chunks_are_read(tmp_path, packing):
     parts = [chunk(messages(range(k, k + 10)), packing) + INDEX for k in range(0, 60, 10)]
     content = log(DECLARED, *parts, summary=DECLARED + statistics(60))
     begin = len(MAGIC + HEAD + DECLARED)
@@ -149,9 +145,7 @@ def test_wherever_a_log_is_cut_its_whole_chunks_are_read(tmp_path: Path, packing
 
 
 @any_packing
-def test_a_chunk_that_does_not_match_its_checksum_is_lost_and_counted(
-    tmp_path: Path, packing: str
-) -> None:
+def test_a_chunk_that_does_not_match_its_checksum_is_lost_and_counted(tmp_path, packing):
     damaged = bytearray(chunk(TWENTY, packing))
     damaged[-30] ^= 1
 
@@ -164,20 +158,20 @@ def test_a_chunk_that_does_not_match_its_checksum_is_lost_and_counted(
     assert recording.facts["chunks_lost"] == 1
 
 
-def test_a_log_is_read_up_to_a_message_that_is_no_whole_one(tmp_path: Path) -> None:
+def test_a_log_is_read_up_to_a_message_that_is_no_whole_one(tmp_path):
     for behind in (struct.pack("<BQ", 5, 3) + b"abc" + TWENTY, TWENTY[: ONE_MESSAGE - 1]):
         recording = read(tmp_path, MAGIC + HEAD + DECLARED + TEN + behind)
 
         assert column(recording, "a") == list(range(10))
 
 
-def test_two_logs_in_one_file_are_refused_with_the_byte_where_to_split_them(tmp_path: Path) -> None:
+def test_two_logs_in_one_file_are_refused_with_the_byte_where_to_split_them(tmp_path):
     first = log(DECLARED, chunk(TEN))
     with refused_with(rf"log.*byte {len(first)};"):
         read(tmp_path, first + first)
 
 
-def test_a_checksum_of_zero_is_none(tmp_path: Path) -> None:
+def test_a_checksum_of_zero_is_none(tmp_path):
     covered = read(tmp_path, log(DECLARED, chunk(TEN), chunk(TWENTY), summary=statistics(20)))
     mixed = read(tmp_path, log(DECLARED, chunk(TEN), chunk(TWENTY, has_checksum=False)))
     bare = read(tmp_path, log(DECLARED, TEN, TWENTY))
@@ -211,9 +205,7 @@ LEGAL = {
 
 @pytest.mark.parametrize("part_bytes", [mcap.PART_BYTES, 3 * ONE_MESSAGE - 1])
 @pytest.mark.parametrize("content", LEGAL.values(), ids=LEGAL)
-def test_a_legal_log_is_read_as_by_the_official_reader(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: bytes, part_bytes: int
-) -> None:
+def test_a_legal_log_is_read_as_by_the_official_reader(tmp_path, monkeypatch, content, part_bytes):
     monkeypatch.setattr(mcap, "PART_BYTES", part_bytes)
     official = [
         struct.unpack("<d", one.data[4:])[0]
@@ -224,9 +216,7 @@ def test_a_legal_log_is_read_as_by_the_official_reader(
 
 
 @pytest.mark.parametrize("offset", [0, 20])
-def test_two_channels_of_one_topic_are_refused_where_they_write_at_the_same_time(
-    tmp_path: Path, offset: int
-) -> None:
+def test_two_channels_of_one_topic_are_refused_where_they_write_at_the_same_time(tmp_path, offset):
     both = log(DECLARED + channel(2, "/lab"), chunk(TEN + messages(range(5 + offset, 30), 2)))
 
     if offset:  # a publisher that was started again
@@ -239,7 +229,7 @@ def test_two_channels_of_one_topic_are_refused_where_they_write_at_the_same_time
 # --- numbers of messages ------------------------------------------------------------------------
 
 
-def assert_decoded(path: Path, expected: list[dict[str, float]], topic: str = "/lab") -> list[int]:
+def assert_decoded(path, expected, topic="/lab"):
     """Compare every number of every message of a topic; gives the log times [ns]."""
     paths = sorted({name for values in expected for name in values})
     recording = formats.read(path, source(*paths, topic=topic))
@@ -284,7 +274,7 @@ MIXED = "\n".join(
 )
 
 
-def numbers_in(value: Any, path: str = "") -> dict[str, float]:
+def numbers_in(value, path=""):
     """Every number in a message of the reference decoder by its path; of long arrays a few."""
     if isinstance(value, bool | int | float):
         return {path: value}
@@ -300,7 +290,7 @@ def numbers_in(value: Any, path: str = "") -> dict[str, float]:
     return found
 
 
-def assert_equal_to_reference(path: Path) -> int:
+def assert_equal_to_reference(path):
     """Compare every topic with the reference decoder; gives how many numbers were compared."""
     topics = {}
     with path.open("rb") as file:
@@ -327,9 +317,7 @@ def assert_equal_to_reference(path: Path) -> int:
         "pj_test_empty_channel",
     ],
 )
-def test_every_number_of_a_real_log_equals_the_reference_decoders(
-    recordings: Path, name: str
-) -> None:
+def test_every_number_of_a_real_log_equals_the_reference_decoders(recordings, name):
     assert assert_equal_to_reference(recordings / f"mcap/{name}.mcap") > 50
 
 
@@ -337,9 +325,7 @@ def test_every_number_of_a_real_log_equals_the_reference_decoders(
     max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(contents=st.lists(mixed, min_size=1, max_size=8))
-def test_messages_of_any_shape_equal_the_reference_decoders(
-    tmp_path: Path, contents: list[dict[str, Any]]
-) -> None:
+def test_messages_of_any_shape_equal_the_reference_decoders(tmp_path, contents):
     stamped_messages = [stamped(10**9 + i * 10**6, **one) for i, one in enumerate(contents)]
     path = write_log(tmp_path / "log.mcap", stamped_messages, MIXED, "lab_msgs/msg/Mixed")
 
@@ -363,16 +349,14 @@ def test_messages_of_any_shape_equal_the_reference_decoders(
         ),
     ],
 )
-def test_numbers_of_every_type_and_byte_order_are_exact(
-    tmp_path: Path, text: str, payload: bytes, expected: list[float]
-) -> None:
+def test_numbers_of_every_type_and_byte_order_are_exact(tmp_path, text, payload, expected):
     schema_of_all = ("l/S", "ros2msg", text.encode())
     path = write_payloads(tmp_path / "log.mcap", [payload], "cdr", *schema_of_all)
 
     assert_decoded(path, [dict(zip("abcd", expected, strict=True))])
 
 
-def write_joints(folder: Path, *states: tuple[list[str], list[float]]) -> Path:
+def write_joints(folder, *states):
     written = [
         stamped(i, name=names, position=positions, velocity=[])
         for i, (names, positions) in enumerate(states)
@@ -388,7 +372,7 @@ def write_joints(folder: Path, *states: tuple[list[str], list[float]]) -> Path:
     )
 
 
-def test_a_joint_is_found_by_name_beside_those_of_another_publisher(tmp_path: Path) -> None:
+def test_a_joint_is_found_by_name_beside_those_of_another_publisher(tmp_path):
     leg = (["hip", "toe"], [1.0, 2.0])
     arm = (["hand"], [3.0])
     path = write_joints(tmp_path, leg, arm, leg)
@@ -397,8 +381,8 @@ def test_a_joint_is_found_by_name_beside_those_of_another_publisher(tmp_path: Pa
 
 
 def test_two_publishers_of_one_joint_are_refused_with_the_names_in_their_messages(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     ours = (["knee", "ankle"], [1.0, 2.0])
     others = (["ankle", "knee"], [0.0, 0.0])
     path = write_joints(tmp_path, ours, ours, others, ours)
@@ -409,14 +393,14 @@ def test_two_publishers_of_one_joint_are_refused_with_the_names_in_their_message
         formats.read(path, source("position[name=knee]"))
 
 
-def test_a_name_that_two_elements_have_is_refused(tmp_path: Path) -> None:
+def test_a_name_that_two_elements_have_is_refused(tmp_path):
     path = write_joints(tmp_path, (["toe", "toe"], [1.0, 2.0]))
 
     with refused_with(r"number.*position\[0\]"):
         read_field(path, "position[name=toe]")
 
 
-def test_a_unit_by_convention_is_likely_and_never_stated(tmp_path: Path) -> None:
+def test_a_unit_by_convention_is_likely_and_never_stated(tmp_path):
     path = write_joints(tmp_path, (["toe"], [1.0]))
 
     found = formats.read(path).find({"topic": "/lab", "field": "position[name=toe]"})
@@ -427,7 +411,7 @@ def test_a_unit_by_convention_is_likely_and_never_stated(tmp_path: Path) -> None
 ONE = cdr(1.0)
 
 
-def test_messages_that_do_not_fit_are_lost_and_others_keep_their_numbers(tmp_path: Path) -> None:
+def test_messages_that_do_not_fit_are_lost_and_others_keep_their_numbers(tmp_path):
     payloads = [ONE, ONE + b"\0\0\0\7", cdr(2.0), ONE[:9], cdr(3.0)]
     content = b"".join(message(1, i * MILLISECOND, one) for i, one in enumerate(payloads))
 
@@ -443,13 +427,13 @@ def test_messages_that_do_not_fit_are_lost_and_others_keep_their_numbers(tmp_pat
 # --- JSON and protobuf --------------------------------------------------------------------------
 
 
-def write_json(folder: Path, texts: Sequence[str], chunk_size: int = 1 << 20) -> Path:
+def write_json(folder, texts, chunk_size=1 << 20):
     payloads = [text.encode() for text in texts]
     return write_payloads(folder / "log.mcap", payloads, "json", chunk_size=chunk_size)
 
 
 @pytest.mark.parametrize("base", [2**53, -(2**53)])
-def test_a_whole_number_beyond_a_floats_reach_is_exact(tmp_path: Path, base: int) -> None:
+def test_a_whole_number_beyond_a_floats_reach_is_exact(tmp_path, base):
     contents = [{"a": base + 1 + 2 * i if i % 7 else i} for i in range(60)]
     path = write_json(tmp_path, [json.dumps(one) for one in contents], chunk_size=400)
 
@@ -466,8 +450,8 @@ def test_a_whole_number_beyond_a_floats_reach_is_exact(tmp_path: Path, base: int
     ],
 )
 def test_a_message_without_a_number_in_an_asked_field_has_no_value_there(
-    tmp_path: Path, field: str, right: str, wrong: str
-) -> None:
+    tmp_path, field, right, wrong
+):
     path = write_json(tmp_path, [right, wrong, right])
 
     assert read_field(path, field) == [1.5, None, 1.5]
@@ -476,9 +460,7 @@ def test_a_message_without_a_number_in_an_asked_field_has_no_value_there(
 @pytest.mark.parametrize(
     ("text", "said"), [('{"x": null}', r"'x' .*`field`"), ("{", "Expecting property name")]
 )
-def test_a_field_without_numbers_is_blamed_on_the_source_file(
-    tmp_path: Path, text: str, said: str
-) -> None:
+def test_a_field_without_numbers_is_blamed_on_the_source_file(tmp_path, text, said):
     path = write_json(tmp_path, [text])
 
     with refused_with(said):
@@ -499,15 +481,15 @@ def test_a_field_without_numbers_is_blamed_on_the_source_file(
     ],
 )
 def test_a_topic_that_cannot_be_decoded_is_refused_with_the_reason(
-    tmp_path: Path, payload: bytes, packing: tuple[Any, ...], said: str
-) -> None:
+    tmp_path, payload, packing, said
+):
     path = write_payloads(tmp_path / "log.mcap", [payload], *packing)
 
     with refused_with(rf"topic '/lab'.*{said}"):
         read_field(path, "y")
 
 
-def write_protobuf(folder: Path, contents: Sequence[Protobuf], cut_bytes: int = 0) -> Path:
+def write_protobuf(folder, contents, cut_bytes=0):
     """Messages of a type of google's own; of the last one so many bytes are cut off."""
     described = FileDescriptorSet()
     file = contents[0].DESCRIPTOR.file
@@ -519,7 +501,7 @@ def write_protobuf(folder: Path, contents: Sequence[Protobuf], cut_bytes: int = 
     return write_payloads(folder / "log.mcap", payloads, "protobuf", *own_schema, chunk_size=100)
 
 
-def test_what_google_wrote_is_read(tmp_path: Path) -> None:
+def test_what_google_wrote_is_read(tmp_path):
     expected = {
         "positive_int_value": 2**64 - 1,
         "negative_int_value": -(2**63),
@@ -530,15 +512,13 @@ def test_what_google_wrote_is_read(tmp_path: Path) -> None:
     assert_decoded(path, [expected, {}])
 
 
-def test_what_is_absent_in_a_message_of_google_and_not_optional_is_zero(tmp_path: Path) -> None:
+def test_what_is_absent_in_a_message_of_google_and_not_optional_is_zero(tmp_path):
     path = write_protobuf(tmp_path, [Timestamp(), Timestamp(seconds=2**40)])
 
     assert_decoded(path, [{"seconds": 0, "nanos": 0}, {"seconds": 2**40, "nanos": 0}])
 
 
-def test_without_the_library_of_protobuf_the_extra_that_brings_it_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_the_library_of_protobuf_the_extra_that_brings_it_is_named(tmp_path, monkeypatch):
     path = write_protobuf(tmp_path, [Timestamp(seconds=5)] * 3)
     monkeypatch.setitem(sys.modules, "mcap_protobuf.decoder", None)
 
@@ -546,7 +526,7 @@ def test_without_the_library_of_protobuf_the_extra_that_brings_it_is_named(
         read_field(path, "seconds")
 
 
-def test_a_message_that_google_refuses_is_lost(tmp_path: Path) -> None:
+def test_a_message_that_google_refuses_is_lost(tmp_path):
     path = write_protobuf(tmp_path, [Timestamp(seconds=5, nanos=2**30)] * 3, cut_bytes=2)
 
     recording = formats.read(path, source("seconds"))

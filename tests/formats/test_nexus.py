@@ -1,15 +1,12 @@
 """Exports of Nexus: what the file means comes out; what cannot be trusted is refused."""
 
 import re
-from pathlib import Path
 
 import numpy as np
-import polars as pl
 import pytest
 from recognised_files import refusal_by, source_of
 
 from osl_analysis.ingest.raw_files import read_converted
-from osl_analysis.source_file import Source
 
 DEVICES = """Devices
 200
@@ -40,7 +37,7 @@ Frame,Sub Frame,X,Y,Z
 FLOOR = [[500, 600, 0], [0, 600, 0], [0, 0, 0], [500, 0, 0]]
 
 
-def nexus_source(**fields: object) -> Source:
+def nexus_source(**fields):
     usual = {
         "analogs": {"sync": {"device": "Sync - Voltage", "component": "1"}},
         "outputs": {"reference_ankle_moment_left": {"label": "LAnkleMoment", "component": "x",
@@ -50,13 +47,13 @@ def nexus_source(**fields: object) -> Source:
     return source_of("nexus_csv", **usual | fields)
 
 
-def exported(tmp_path: Path, text: str, **fields: object) -> pl.DataFrame:
+def exported(tmp_path, text, **fields):
     path = tmp_path / "trial.csv"
     path.write_text(text)
     return read_converted(path, nexus_source(**fields)).samples
 
 
-def padded(text: str) -> str:
+def padded(text):
     return "".join(line + "," * (20 - line.count(",")) + "\n" for line in text.splitlines())
 
 
@@ -74,7 +71,7 @@ DRESSES = {
 
 
 @pytest.mark.parametrize("text", DRESSES.values(), ids=DRESSES)
-def test_one_export_in_any_dress_is_one_recording(tmp_path: Path, text: str) -> None:
+def test_one_export_in_any_dress_is_one_recording(tmp_path, text):
     samples = exported(tmp_path, text)
     np.testing.assert_allclose(samples["time"], [0, 0.005, 0.01, 0.015], rtol=1e-12)
     np.testing.assert_allclose(samples["sync"], [0.5, 0.6, 0.7, 0.8])
@@ -85,7 +82,7 @@ def test_one_export_in_any_dress_is_one_recording(tmp_path: Path, text: str) -> 
     assert not [column for column in samples.columns if "12" in column]
 
 
-def test_a_plates_moment_is_about_its_centre_wherever_the_file_takes_it(tmp_path: Path) -> None:
+def test_a_plates_moment_is_about_its_centre_wherever_the_file_takes_it(tmp_path):
     """A force F at p turns with (p - c) x F about c: here p is the laboratory's origin."""
     plate = {"device": "AMTI #1", "corners": FLOOR, "sign": -1, "moment_about": [0, 0, 0]}
     at_origin = exported(

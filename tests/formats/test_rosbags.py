@@ -3,11 +3,8 @@
 import re
 import shutil
 import sqlite3
-from collections.abc import Callable, Iterable
 from contextlib import closing
 from functools import partial
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +18,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from osl_analysis import formats
 from osl_analysis.formats import known_formats, recognise
-from osl_analysis.recording import End, Recording
+from osl_analysis.recording import End
 
 KIND = "lab_msgs/msg/Sample"
 STEP_NS = 1_000_000
@@ -30,7 +27,7 @@ LATE_NS = 250_000  # a message is received after its stamp
 DESCRIBED = "metadata.yaml"
 
 
-def write_rows(writer: Any, ros: int, rows: Iterable[float]) -> None:
+def write_rows(writer, ros, rows):
     """A message per row on /lab: `row` degrees, torques -row / 2 and row."""
     store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
     store.register(
@@ -55,9 +52,7 @@ def write_rows(writer: Any, ros: int, rows: Iterable[float]) -> None:
             writer.write(connection, received, encode(message, KIND))
 
 
-def write_bag1(
-    path: Path, rows: Iterable[float] = range(50), compression: str = "", chunk: int = 0
-) -> Path:
+def write_bag1(path, rows=range(50), compression="", chunk=0):
     """A bag of ROS 1; `chunk` is the size of its chunks [bytes]."""
     writer = Writer1(path)
     if compression:
@@ -67,9 +62,7 @@ def write_bag1(
     return path
 
 
-def write_bag2(
-    folder: Path, rows: Iterable[float] = range(50), storage: str = "SQLITE3", packed: str = ""
-) -> Path:
+def write_bag2(folder, rows=range(50), storage="SQLITE3", packed=""):
     """A folder with a bag of ROS 2."""
     writer = Writer2(folder, version=9, storage_plugin=StoragePlugin[storage])
     if packed:
@@ -78,7 +71,7 @@ def write_bag2(
     return folder
 
 
-def write_split(folder: Path, storage: str = "SQLITE3") -> Path:
+def write_split(folder, storage="SQLITE3"):
     """A recording of 50 messages in two parts, as `ros2 bag record --max-bag-size` leaves it."""
     whole = write_bag2(folder.with_name(f"{folder.name}_0"), range(30), storage)
     other = write_bag2(folder.with_name(f"{folder.name}_1"), range(30, 50), storage)
@@ -92,7 +85,7 @@ def write_split(folder: Path, storage: str = "SQLITE3") -> Path:
     return whole
 
 
-def changed(path: Path, *queries: str) -> Path:
+def changed(path, *queries):
     """A database after SQL queries."""
     with closing(sqlite3.connect(path)) as connection, connection:
         for query in queries:
@@ -100,25 +93,25 @@ def changed(path: Path, *queries: str) -> Path:
     return path
 
 
-def rewritten(path: Path, content: bytes) -> Path:
+def rewritten(path, content):
     path.write_bytes(content)
     return path
 
 
-def read(path: Path, *fields: str, time: str = "header") -> Recording:
+def read(path, *fields, time="header"):
     """The fields that a source file asks for."""
     asked = fields or ("angle", "torque[0]", "sync")
     return formats.read(path, message_source(*asked, kind=recognise(path).name, time=time))
 
 
-def column(recording: Recording, field: str) -> np.ndarray:
+def column(recording, field):
     return recording.find({"topic": "/lab", "field": field}).values
 
 
 refusal = partial(said_in_refusal, lambda path: column(read(path, "angle"), "angle"))
 
 
-def assert_rows(recording: Recording) -> None:
+def assert_rows(recording):
     """The numbers of the rows that were written, and their stamps."""
     row = np.arange(50)
     found = recording.find({"topic": "/lab", "field": "angle"})
@@ -139,9 +132,7 @@ def assert_rows(recording: Recording) -> None:
         (write_bag2, {"storage": "MCAP"}),
     ],
 )
-def test_a_bag_gives_what_was_written_and_reading_writes_nothing(
-    tmp_path: Path, write: Callable[..., Path], options: dict[str, Any]
-) -> None:
+def test_a_bag_gives_what_was_written_and_reading_writes_nothing(tmp_path, write, options):
     path = write(tmp_path / "a.bag", **options)
     before = sorted(tmp_path.rglob("*"))
 
@@ -154,7 +145,7 @@ def test_a_bag_gives_what_was_written_and_reading_writes_nothing(
 
 
 @pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
-def test_the_parts_of_a_folder_are_one_log(tmp_path: Path, storage: str) -> None:
+def test_the_parts_of_a_folder_are_one_log(tmp_path, storage):
     folder = write_split(tmp_path / "bag", storage)
 
     recording = read(folder)
@@ -166,7 +157,7 @@ def test_the_parts_of_a_folder_are_one_log(tmp_path: Path, storage: str) -> None
     assert files == [DESCRIBED, f"bag_0{suffix}", f"bag_1{suffix}"]
 
 
-def test_the_description_tells_what_a_cut_part_held(tmp_path: Path) -> None:
+def test_the_description_tells_what_a_cut_part_held(tmp_path):
     folder = write_split(tmp_path / "bag", "MCAP")
     content = (folder / "bag_1.mcap").read_bytes()
 
@@ -181,7 +172,7 @@ def test_the_description_tells_what_a_cut_part_held(tmp_path: Path) -> None:
     assert without_footer.loss.by_topic == {"/lab": (50, 50)}
 
 
-def test_messages_that_the_description_has_and_the_bag_lacks_are_lost(tmp_path: Path) -> None:
+def test_messages_that_the_description_has_and_the_bag_lacks_are_lost(tmp_path):
     bag = write_bag2(tmp_path / "bag", range(1000))
     database = changed(bag / "bag.db3", "DELETE FROM messages WHERE id % 200 = 7")
 
@@ -198,8 +189,8 @@ def test_messages_that_the_description_has_and_the_bag_lacks_are_lost(tmp_path: 
 
 
 def test_without_its_description_a_database_is_read_and_what_is_lost_is_unknown(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     bag = write_bag2(tmp_path / "bag")
     (bag / DESCRIBED).unlink()
 
@@ -211,7 +202,7 @@ def test_without_its_description_a_database_is_read_and_what_is_lost_is_unknown(
         recognise(bag)
 
 
-def without_a_part(folder: Path) -> Path:
+def without_a_part(folder):
     whole = write_split(folder)
     (whole / "bag_1.db3").unlink()
     return whole
@@ -251,17 +242,15 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("make", "said"), REFUSED)
-def test_a_ros_2_bag_that_cannot_be_read_is_refused_with_what_helps(
-    tmp_path: Path, make: Callable[[Path], Path], said: str
-) -> None:
+def test_a_ros_2_bag_that_cannot_be_read_is_refused_with_what_helps(tmp_path, make, said):
     path = make(write_bag2(tmp_path / "bag"))
 
     assert re.search(said, refusal(path))
 
 
 def test_a_database_with_a_write_ahead_log_is_refused_and_no_file_is_changed(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     closed = write_bag2(tmp_path / "bag")
     killed = tmp_path / "killed"
     changed(closed / "bag.db3", "PRAGMA journal_mode = WAL")
@@ -278,7 +267,7 @@ def test_a_database_with_a_write_ahead_log_is_refused_and_no_file_is_changed(
     assert {path: path.read_bytes() for path in tmp_path.rglob("*.*")} == before
 
 
-def test_the_library_knows_standard_types(tmp_path: Path) -> None:
+def test_the_library_knows_standard_types(tmp_path):
     """Also in a bag as it was before bags had definitions of their messages."""
     kind = "std_msgs/msg/Float64"
     store = get_typestore(Stores.ROS2_HUMBLE)
@@ -293,8 +282,8 @@ def test_the_library_knows_standard_types(tmp_path: Path) -> None:
 
 
 def test_a_ros_1_bag_without_its_index_is_refused_with_the_command_that_makes_it(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     path = write_bag1(tmp_path / "a.bag", chunk=500)
     whole = path.read_bytes()
     place = whole.index(b"index_pos=") + len(b"index_pos=")
@@ -306,7 +295,7 @@ def test_a_ros_1_bag_without_its_index_is_refused_with_the_command_that_makes_it
         assert "`rosbag reindex`" in said
 
 
-def test_two_bags_in_one_file_old_ones_and_other_messages_are_refused(tmp_path: Path) -> None:
+def test_two_bags_in_one_file_old_ones_and_other_messages_are_refused(tmp_path):
     path = write_bag1(tmp_path / "a.bag")
     whole = path.read_bytes()
 
@@ -319,7 +308,7 @@ def test_two_bags_in_one_file_old_ones_and_other_messages_are_refused(tmp_path: 
 
 
 @pytest.mark.parametrize("packing", ["", "LZ4"])
-def test_a_damaged_chunk_of_a_ros_1_bag_is_lost_and_counted(tmp_path: Path, packing: str) -> None:
+def test_a_damaged_chunk_of_a_ros_1_bag_is_lost_and_counted(tmp_path, packing):
     path = write_bag1(tmp_path / "a.bag", range(2000), packing, 500)
     content = bytearray(path.read_bytes())
     mark = b"\x04\x22\x4d\x18" if packing else b"time="
@@ -339,9 +328,7 @@ def test_a_damaged_chunk_of_a_ros_1_bag_is_lost_and_counted(tmp_path: Path, pack
 
 
 @pytest.mark.parametrize("write", [write_bag1, write_bag2])
-def test_messages_stand_in_the_order_of_the_file_though_the_clock_was_set_back(
-    tmp_path: Path, write: Callable[..., Path]
-) -> None:
+def test_messages_stand_in_the_order_of_the_file_though_the_clock_was_set_back(tmp_path, write):
     rows = [*range(100), *(20.3 + np.arange(100))]
     path = write(tmp_path / "a.bag", rows)
 

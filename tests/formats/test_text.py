@@ -2,8 +2,6 @@
 
 import re
 from functools import partial
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,13 +11,13 @@ from log_builders import ankle, table_text, written
 from osl_analysis import formats
 from osl_analysis.errors import InputError
 from osl_analysis.formats import known_formats
-from osl_analysis.recording import Kind, Recording
+from osl_analysis.recording import Kind
 
 TIME, ANGLE, TORQUE = ankle(900)  # long enough that polars splits the middle of the text
 table = partial(table_text, t=written(TIME), a=written(ANGLE), m=written(TORQUE))
 
 
-def read(folder: Path, content: str | bytes, name: str = "a.csv", **stated: Any) -> Recording:
+def read(folder, content, name="a.csv", **stated):
     """A recording, by a source file if fields of one are stated."""
     path = folder / name
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
@@ -28,21 +26,21 @@ def read(folder: Path, content: str | bytes, name: str = "a.csv", **stated: Any)
     return formats.read(path, known_formats()[stated["format"]].source.model_validate(stated))
 
 
-def refusal(folder: Path, content: str | bytes, name: str = "a.csv", **stated: Any) -> str:
-    def read_all() -> None:
+def refusal(folder, content, name="a.csv", **stated):
+    def read_all():
         for channel in read(folder, content, name, **stated).channels:
             channel.read()
 
     return said_in_refusal(read_all)
 
 
-def csv_source(**stated: Any) -> dict[str, Any]:
+def csv_source(**stated):
     """A source file of a table in CSV."""
     channels = {"theta": {"column": "Ankle angle", "unit": "deg"}}
     return {"format": "csv", "time": {"column": "Time"}, "channels": channels, **stated}
 
 
-def column(recording: Recording, name: str, key: str = "column") -> np.ndarray:
+def column(recording, name, key="column"):
     return recording.find({key: name}).values
 
 
@@ -60,13 +58,13 @@ def column(recording: Recording, name: str, key: str = "column") -> np.ndarray:
         ("0.5 sec", "1.75 sec"),
     ],
 )
-def test_times_of_any_writing_are_on_one_clock(tmp_path: Path, first: str, second: str) -> None:
+def test_times_of_any_writing_are_on_one_clock(tmp_path, first, second):
     clock = read(tmp_path, f"time;a\n{first};1.5\n{second};2.5\n").find({"column": "time"})
 
     assert np.diff(clock.values).tolist() == [1_250_000_000]
 
 
-def test_a_truth_value_that_is_no_pulse_is_refused(tmp_path: Path) -> None:
+def test_a_truth_value_that_is_no_pulse_is_refused(tmp_path):
     content = "t;a\n0;1.5\n1;True\n2;2.5\n3;2.0\n"
     stated = csv_source(channels={"theta": {"column": "a", "unit": "deg"}},
                         time={"column": "t", "unit": "s"})  # fmt: skip
@@ -76,7 +74,7 @@ def test_a_truth_value_that_is_no_pulse_is_refused(tmp_path: Path) -> None:
     assert "'True'" in said
 
 
-def test_rows_that_do_not_fit_are_refused_by_line_or_skipped_and_counted(tmp_path: Path) -> None:
+def test_rows_that_do_not_fit_are_refused_by_line_or_skipped_and_counted(tmp_path):
     lines = table().splitlines(keepends=True)
     odd = "".join([*lines[:500], "0.5,1\n", *lines[500:]])
 
@@ -110,16 +108,14 @@ def test_rows_that_do_not_fit_are_refused_by_line_or_skipped_and_counted(tmp_pat
         "1 2",
     ],
 )
-def test_a_cell_amid_a_long_text_is_read_as_in_a_short_one(
-    tmp_path: Path, sign: str, decimal: str, missing: list[str], amid: str
-) -> None:
+def test_a_cell_amid_a_long_text_is_read_as_in_a_short_one(tmp_path, sign, decimal, missing, amid):
     """Polars reads the middle of a long text."""
     lines = table(sign, decimal=decimal).splitlines(keepends=True)
     cells = lines[450].split(sign)
     lines[450] = sign.join([cells[0], amid.replace("@", decimal), cells[2]])
     stated = csv_source(missing=missing, most_missing=0.5)
 
-    def angle(text: str) -> list[float] | str:
+    def angle(text):
         try:
             return column(read(tmp_path, text, **stated), "Ankle angle").tolist()
         except InputError:
@@ -133,9 +129,7 @@ def test_a_cell_amid_a_long_text_is_read_as_in_a_short_one(
 
 
 @pytest.mark.parametrize("amid", ["-7", "-7.5"])
-def test_numbers_of_a_long_text_keep_their_last_digit_and_their_line(
-    tmp_path: Path, amid: str
-) -> None:
+def test_numbers_of_a_long_text_keep_their_last_digit_and_their_line(tmp_path, amid):
     stamps = [str(1_700_000_000_000_000_000 + 2_000_001 * row) for row in range(900)]
     other = ["8"] * 450 + [amid] + ["8"] * 449
     rows = [f"{stamp},{number}\n" for stamp, number in zip(stamps, other, strict=True)]
@@ -151,8 +145,8 @@ def test_numbers_of_a_long_text_keep_their_last_digit_and_their_line(
 
 
 def test_a_labview_file_of_several_segments_is_refused_with_the_setting_of_labview(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     segment = "Channels\t2\t\n***End_of_Header***\t\nX_Value\tAngle\tTorque\n0.0\t1.0\t2.0\n\n"
 
     said = refusal(
@@ -168,7 +162,7 @@ def test_a_labview_file_of_several_segments_is_refused_with_the_setting_of_labvi
 # --- Qualisys ---------------------------------------------------------------------------
 
 
-def qualisys(columns: int = 2, rows: int = 3) -> str:
+def qualisys(columns=2, rows=3):
     """An export with frame numbers and times, or without."""
     text = (
         "NO_OF_FRAMES\t3\nNO_OF_CAMERAS\t8\nNO_OF_MARKERS\t2\nFREQUENCY\t200\n"
@@ -185,9 +179,7 @@ def qualisys(columns: int = 2, rows: int = 3) -> str:
 
 
 @pytest.mark.parametrize("columns", [0, 1, 2])
-def test_markers_of_qualisys_are_read_with_or_without_frame_numbers(
-    tmp_path: Path, columns: int
-) -> None:
+def test_markers_of_qualisys_are_read_with_or_without_frame_numbers(tmp_path, columns):
     recording = read(tmp_path, qualisys(columns=columns), "a.tsv")
     toe = recording.find({"label": "Toe"})
 
@@ -199,7 +191,7 @@ def test_markers_of_qualisys_are_read_with_or_without_frame_numbers(
     )
 
 
-def test_a_qualisys_export_that_is_cut_is_refused(tmp_path: Path) -> None:
+def test_a_qualisys_export_that_is_cut_is_refused(tmp_path):
     said = refusal(tmp_path, qualisys(rows=2), "a.tsv")
 
     assert re.search("NO_OF_FRAMES '3'.* 2 rows", said)

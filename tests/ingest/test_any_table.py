@@ -4,7 +4,6 @@ overview makes."""
 import datetime as dt
 from functools import partial
 from itertools import zip_longest
-from pathlib import Path
 
 import h5py
 import numpy as np
@@ -89,7 +88,7 @@ TEXTS = {
 }  # fmt: skip
 
 
-def made(path: Path, kind: str) -> Path:
+def made(path, kind):
     """The recording as programs write it, with what a table of numbers alone does not have."""
     if kind == "parquet":
         stamped = {"timestamp": CLOCK, "ankle_angle_deg": ANGLE, "torque_Nm": TORQUE}
@@ -119,7 +118,7 @@ def made(path: Path, kind: str) -> Path:
     return path
 
 
-def read_by(path: Path, source: str):
+def read_by(path, source):
     """The trial of a file, by the text of a source file."""
     (path.parent / "source.yaml").write_text(source)
     row = {"trial": "a", "log": path.name, "log_source": "source"}
@@ -129,7 +128,7 @@ def read_by(path: Path, source: str):
 ASKED = '{"column": "NAME_OF_TIME", "unit": "UNKNOWN"}'
 
 
-def read_by_draft(path: Path, time: str = ASKED):
+def read_by_draft(path, time=ASKED):
     """The trial of a file, by the draft of its overview as it is, or with the time that it asks."""
     return read_by(path, draft_source(inspect_file(path), path.name).replace(ASKED, time))
 

@@ -4,10 +4,8 @@ and refusals."""
 import hashlib
 import os
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import polars as pl
@@ -24,7 +22,6 @@ from osl_analysis.formats import known_formats
 from osl_analysis.ingest.clock import ClockFit, aligned_clock
 from osl_analysis.ingest.conversion import Converted
 from osl_analysis.ingest.raw_files import merged
-from osl_analysis.recording import Recording
 from osl_analysis.source_file import SharedAngle
 from osl_analysis.trial import (
     Trial,
@@ -48,7 +45,7 @@ LEG_DRIFT = 40e-6
 DURATION = 5.0
 
 
-def level(time: np.ndarray) -> np.ndarray:
+def level(time):
     return (
         np.searchsorted(
             np.cumsum(np.random.default_rng(0).uniform(0.06, 0.25, 40)), time, side="right"
@@ -57,13 +54,13 @@ def level(time: np.ndarray) -> np.ndarray:
     ).astype(float)
 
 
-def angle(time: np.ndarray) -> np.ndarray:
+def angle(time):
     """A joint angle [deg] at motion capture's time [s]."""
     return 10 * np.sin(2 * np.pi * 0.7 * time)
 
 
 @pytest.fixture
-def laboratory(tmp_path: Path) -> Path:
+def laboratory(tmp_path):
     """Raw files of one trial, `leg.mcap` at 500 Hz and `vicon.c3d` at 300 and 1500 Hz, and their
     source files."""
     leg_time = np.arange(np.ceil((LEG_OFFSET - 1) * 500), (LEG_OFFSET + DURATION + 1) * 500) / 500
@@ -90,17 +87,17 @@ def laboratory(tmp_path: Path) -> Path:
 OUT = Path("out") / "walk_1.parquet"
 
 
-def row(**fields: object) -> dict[str, object]:
+def row(**fields):
     known = {"log": "leg.mcap", "log_source": "leg", "mocap": "vicon.c3d", "mocap_source": "vicon"}
     return {"trial": "walk_1", **known, **fields}
 
 
-def ingested(folder: Path, **fields: object) -> Trial:
+def ingested(folder, **fields):
     ingest_trial(row(**fields), folder, folder, folder / OUT)
     return read_trial(folder / OUT)
 
 
-def refused(folder: Path, **fields: object) -> str:
+def refused(folder, **fields):
     said = said_in_refusal(ingested, folder, **fields)
     assert not (folder / OUT).parent.exists()
     return said
@@ -128,7 +125,7 @@ def test_log_and_capture_share_one_clock_and_provenance_names_their_files(
     assert columns["sync"]["file"] == "mocap"
 
 
-def test_without_sync_edges_the_joints_angle_aligns_the_log_and_the_trial_says_so() -> None:
+def test_without_sync_edges_the_joints_angle_aligns_the_log_and_the_trial_says_so():
     knots = np.arange(-5.0, 40.0, 0.2)
     course = make_interp_spline(knots, 0.3 * white_noise(knots.size, 4))
     leg_time = np.arange(0, 30, 1 / 500)
@@ -150,7 +147,7 @@ def test_without_sync_edges_the_joints_angle_aligns_the_log_and_the_trial_says_s
     assert re.search("'theta'.* B", warning)
 
 
-def test_rows_within_a_nanosecond_become_one_and_clocks_that_do_not_overlap_are_refused() -> None:
+def test_rows_within_a_nanosecond_become_one_and_clocks_that_do_not_overlap_are_refused():
     mocap = Converted(pl.DataFrame({"time": [0.0, 2 / 3, 0.9], "trigger": [1.0, 2.0, 3.0]}), {})
     log = Converted(pl.DataFrame({"time": [0.05, 2 / 3 + 3e-10], "theta": [7.0, 8.0]}), {})
 
@@ -163,7 +160,7 @@ def test_rows_within_a_nanosecond_become_one_and_clocks_that_do_not_overlap_are_
         merged(log, mocap, ClockFit(5.0))
 
 
-def rewritten(path: Path) -> None:
+def rewritten(path):
     """The same size and the same times, and one byte that differs."""
     times = path.stat()
     content = path.read_bytes()
@@ -175,7 +172,7 @@ def rewritten(path: Path) -> None:
 def test_a_file_that_changes_while_it_is_read_is_refused(laboratory, monkeypatch, change):
     mcap = known_formats()["mcap"]
 
-    def read_and_change(path: Path, source: Any) -> Recording:
+    def read_and_change(path, source):
         recording = mcap.read(path, source)
         change(path)
         return recording
@@ -194,7 +191,7 @@ PERIODIC = [
 ]
 
 
-def stating(name: str, content: dict[str, Any]) -> Callable[[Path], object]:
+def stating(name, content):
     return lambda folder: (folder / name).write_text(yaml.safe_dump(content))
 
 
@@ -215,19 +212,19 @@ MISTAKES = [
 
 @pytest.mark.parametrize(("change", "fields", "told"), MISTAKES)
 def test_a_mistake_is_told_and_leaves_nothing_behind(
-    laboratory: Path,
-    change: Callable[[Path], object] | None,
-    fields: dict[str, object],
-    told: str,
-) -> None:
+    laboratory,
+    change,
+    fields,
+    told,
+):
     if change is not None:
         change(laboratory)
     assert told in refused(laboratory, **fields)
 
 
 def test_a_trial_file_keeps_every_bit_and_what_is_none_is_refused(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     path = tmp_path / "t.parquet"
     samples = pl.DataFrame({"time": [0.1, 0.2, 0.3], "theta": [None, float("nan"), 1 / 3]})
     with refused_with(r"t\.parquet: .*ingest"):
@@ -251,8 +248,8 @@ def test_a_trial_file_keeps_every_bit_and_what_is_none_is_refused(
 
 
 def test_a_trial_without_a_column_that_its_experiment_needs_is_refused_by_name(
-    laboratory: Path,
-) -> None:
+    laboratory,
+):
     needed = EXPERIMENTS["belt"].needed_columns
     with refused_with(r"trial walk_1:.*column torque, theta_m,.*experiment 'belt'"):
         ingest_trial(
@@ -265,14 +262,14 @@ CSV_LOG = "format: csv\ntime: {column: t, unit: s}\nchannels:\n  theta: {column:
 CSV_LOG += "  torque: {column: m, unit: N*m}\n"
 
 
-def capture_of(folder: Path, points: np.ndarray, experiment: str, **parameters: object) -> Trial:
+def capture_of(folder, points, experiment, **parameters):
     """A capture without plates, trial_of."""
-    write_c3d(folder / "a.c3d", points, **parameters)  # type: ignore[arg-type]
+    write_c3d(folder / "a.c3d", points, **parameters)
     (folder / "s.yaml").write_text("format: c3d\nmarkers: all\nplates: []\n")
     return trial_of(folder, experiment, mocap="a.c3d", mocap_source="s")
 
 
-def trial_of(folder: Path, experiment: str = "ingest_only", **files: str) -> Trial:
+def trial_of(folder, experiment="ingest_only", **files):
     ingest_trial(
         {"trial": "a", "experiment": experiment, **files}, folder, folder, folder / "a.parquet"
     )
@@ -297,8 +294,8 @@ def test_values_that_nothing_can_reach_are_refused_by_file_column_value_and_reme
 
 
 def test_unseen_markers_are_refused_where_they_are_needed(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     hidden = np.arange(1.0, 49).reshape(6, 2, 4)
     hidden[:, :, 3] = -1.0
     for experiment in (name for name, facts in EXPERIMENTS.items() if facts.place == "walkway"):

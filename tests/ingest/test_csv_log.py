@@ -5,8 +5,6 @@ import contextlib
 import json
 import math
 import re
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pint
@@ -19,7 +17,6 @@ from recognised_files import refusal_by
 
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.raw_files import read_converted, read_source, trial_from_files
-from osl_analysis.trial import Trial
 from osl_analysis.units import (
     EXAMPLES,
     NAME,
@@ -38,7 +35,7 @@ SOURCE = {
 ROW = {"trial": "a", "log": "log.csv", "log_source": "source"}
 
 
-def ingested(folder: Path, text: str | bytes, **fields: object) -> Trial:
+def ingested(folder, text, **fields):
     """The trial of a log, by a source file with other fields than the usual."""
     (folder / "log.csv").write_bytes(text if isinstance(text, bytes) else text.encode())
     (folder / "source.yaml").write_text(yaml.safe_dump({**SOURCE, **fields}, sort_keys=False))
@@ -46,8 +43,8 @@ def ingested(folder: Path, text: str | bytes, **fields: object) -> Trial:
 
 
 def test_a_fixture_is_in_the_provenance_and_the_torque_as_recorded(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     bare = ingested(tmp_path, LOG)
     row = ROW | {"fixture_weight": 0.5, "fixture_rest_deg": None}
     trial = trial_from_files(row, tmp_path, tmp_path)
@@ -55,7 +52,7 @@ def test_a_fixture_is_in_the_provenance_and_the_torque_as_recorded(
     assert trial.samples["torque"].equals(bare.samples["torque"])
 
 
-def refused(folder: Path, text: str | bytes, **fields: object) -> str:
+def refused(folder, text, **fields):
     """What is said to a log, in one printable line."""
     return refusal_by(ingested, folder, text, **fields)
 
@@ -68,7 +65,7 @@ NUMBERED = {"theta": {"column": 2, "unit": "rad"}, "torque": {"column": 3, "unit
 LOG = "t,angle,load\n10.0,0,1\n10.5,90,2\n11.0,-180,+3.5\n"
 
 
-def assert_log(trial: Trial) -> None:
+def assert_log(trial):
     np.testing.assert_allclose(trial.samples["time"], [0, 0.5, 1.0], rtol=1e-12)
     np.testing.assert_allclose(trial.samples["theta"], [0, 90, -180], rtol=1e-12)
     np.testing.assert_allclose(trial.samples["torque"], [1, 2, 3.5], rtol=1e-12)
@@ -88,9 +85,7 @@ def assert_log(trial: Trial) -> None:
     (LOG.replace("t,angle,load", "t [s],angle (rad),load[N.m]"), UNITLESS),
     
 ])  # fmt: skip
-def test_one_log_in_any_dress_is_one_log(
-    tmp_path: Path, text: str | bytes, fields: dict[str, object]
-) -> None:
+def test_one_log_in_any_dress_is_one_log(tmp_path, text, fields):
     assert_log(ingested(tmp_path, text, **fields))
 
 
@@ -151,8 +146,8 @@ def test_a_row_that_no_dropped_variable_explains_is_refused(tmp_path):
 
 
 def test_the_shipped_source_file_reads_what_the_logger_of_opensourceleg_wrote(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     """Recorded with the package's own logger, row k at k ms."""
     osl_logging = pytest.importorskip(
         "opensourceleg.logging", reason="the package opensourceleg is not installed"
@@ -209,8 +204,8 @@ def test_a_cut_last_line_is_told(tmp_path, text, warning):
     ({"unit": "N*m", "scale": 12.5}, "V", False),
 ])  # fmt: skip
 def test_a_unit_that_contradicts_the_file_is_told_from_a_calibration(
-    tmp_path: Path, stated: dict[str, Any], in_file: str, is_told: bool
-) -> None:
+    tmp_path, stated, in_file, is_told
+):
     text = LOG.replace("load", f"load [{in_file}]")
 
     name = "theta" if stated["unit"] == "rad" else "torque"
@@ -219,7 +214,7 @@ def test_a_unit_that_contradicts_the_file_is_told_from_a_calibration(
     assert ("unit_of_file" in trial.provenance["columns"][name]) == is_told
 
 
-def test_what_is_stated_of_a_sensor_is_in_si_units_in_the_provenance(tmp_path: Path) -> None:
+def test_what_is_stated_of_a_sensor_is_in_si_units_in_the_provenance(tmp_path):
     stated = {
         "delay": "2 ms",
         "low_pass": {"cutoff": "0.1 kHz", "order": 2},
@@ -240,7 +235,7 @@ def test_what_is_stated_of_a_sensor_is_in_si_units_in_the_provenance(tmp_path: P
     assert trial.samples["torque"].to_list() == [-12, -14, -17]
 
 
-def advised(message: str) -> dict[str, object]:
+def advised(message):
     """The fields that a message says to write, as `name: value` in backquotes."""
     written = re.findall(r"`(\w+: [^`]+)`", message)
     return {key: value for text in written for key, value in yaml.safe_load(text).items()}
@@ -250,7 +245,7 @@ TABLE = "t,angle,load\n0,1,5\n0.01,2,6\n0.02,3,7\n0.03,4,8\n"
 SAMPLES = {"theta": [1, 2, 3, 4], "torque": [5, 6, 7, 8]}
 
 
-def assert_samples(trial: Trial, **columns: list[float]) -> None:
+def assert_samples(trial, **columns):
     for name, values in (columns or SAMPLES).items():
         np.testing.assert_array_equal(trial.samples[name], values)
 
@@ -323,7 +318,7 @@ def test_a_pattern_finds_a_column_whose_name_changes_from_run_to_run(
         assert (origin["column"], origin["found"]) == ("*.output_position", found)
 
 
-def test_repeated_stamps_are_kept_with_a_warning_and_dropped_as_it_says(tmp_path: Path) -> None:
+def test_repeated_stamps_are_kept_with_a_warning_and_dropped_as_it_says(tmp_path):
     text = TABLE.replace("0.02,3,7", "0.01,2,6.5\n0.02,3,7")
     kept = ingested(tmp_path, text)
     (warning,) = kept.provenance["warnings"]
@@ -334,8 +329,8 @@ def test_repeated_stamps_are_kept_with_a_warning_and_dropped_as_it_says(tmp_path
 
 
 def test_rows_that_stand_twice_are_read_once_as_the_refusal_says(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     rows = [f"{k / 500},{k % 7},{k % 5}\n" for k in range(100)]
     twice = "t,angle,load\n" + "".join(2 * row for row in rows)
     message = refused(tmp_path, twice)
@@ -344,7 +339,7 @@ def test_rows_that_stand_twice_are_read_once_as_the_refusal_says(
     np.testing.assert_allclose(read.samples["time"], np.arange(100) / 500)
 
 
-def load(**stated: object) -> dict[str, object]:
+def load(**stated):
     """A source file's channel of the torque, of whose sensor something is stated."""
     return {"channels": {"torque": {"column": "load", "unit": "Nm", **stated}}}
 
@@ -370,7 +365,7 @@ def test_a_mistake_in_a_source_file_is_answered_with_what_to_write(tmp_path, fie
     assert re.search(told, refused(tmp_path, TABLE, **fields))
 
 
-def test_nanoseconds_since_1970_keep_their_last_digit(tmp_path: Path) -> None:
+def test_nanoseconds_since_1970_keep_their_last_digit(tmp_path):
     stamps = [1_700_000_000_000_000_001 + 1_000_003 * n for n in range(4)]
     rows = "".join(f"{stamp},{n},{n}\n" for n, stamp in enumerate(stamps))
     trial = ingested(tmp_path, f"t,angle,load\n{rows}", time={"column": "t", "unit": "ns"})
@@ -386,11 +381,11 @@ def test_nanoseconds_since_1970_keep_their_last_digit(tmp_path: Path) -> None:
     ("μV", "V", 1e-6), (" mA ", "A", 1e-3), ("ntmm", "N*m", 1e-3),
     ("N.m.", "N*m", 1.0), ("MS", "s", 1e-3),
 ])  # fmt: skip
-def test_a_laboratorys_spelling_has_its_factor(unit: str, expected: str, factor: float) -> None:
+def test_a_laboratorys_spelling_has_its_factor(unit, expected, factor):
     assert si_factor(unit, expected) == pytest.approx(factor, rel=1e-15)
 
 
-def test_the_listed_units_are_those_of_pint() -> None:
+def test_the_listed_units_are_those_of_pint():
     for units in EXAMPLES.values():
         for unit in units:
             text = re.sub(NAME, name_for_pint, unit)
@@ -412,15 +407,13 @@ def test_the_listed_units_are_those_of_pint() -> None:
         "9**9**9**9", "[1]*999", "(m)", "m;n", "m**2", "1e3*m", "m" * 5000, "m*" * 5000,
     )),
 ])  # fmt: skip
-def test_a_unit_that_cannot_be_is_refused_with_what_would_do(
-    unit: str, expected: str, told: str
-) -> None:
+def test_a_unit_that_cannot_be_is_refused_with_what_would_do(unit, expected, told):
     with refused_with(told):
         si_factor(unit, expected)
 
 
 @given(st.text(max_size=20))
 @settings(max_examples=25, deadline=None)
-def test_any_text_is_a_factor_or_a_sentence(text: str) -> None:
+def test_any_text_is_a_factor_or_a_sentence(text):
     with contextlib.suppress(InputError):
         assert 0 < si_factor(text, "N*m") < math.inf

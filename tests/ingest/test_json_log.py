@@ -6,8 +6,6 @@ import math
 import re
 import struct
 from functools import partial
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -29,7 +27,7 @@ SOURCE = {
 }
 
 
-def rust_lines() -> list[dict[str, Any]]:
+def rust_lines():
     """Objects as the recorder of the Open-Source Leg in Rust writes them: an angle of k degrees, a
     torque of -k / 2."""
     variables = [
@@ -38,7 +36,7 @@ def rust_lines() -> list[dict[str, Any]]:
     return [{"variables": one, "functions": {"torque": -k / 2}} for k, one in enumerate(variables)]
 
 
-def write(path: Path, lines: list[Any], end: str = "\n") -> Path:
+def write(path, lines, end="\n"):
     path.write_text(
         "\n".join(one if isinstance(one, str) else json.dumps(one) for one in lines) + end
     )
@@ -49,7 +47,7 @@ read = partial(read_recognised, **SOURCE)
 refused = partial(refusal_of, **SOURCE)
 
 
-def test_a_number_may_be_whole_in_one_part_of_a_log_alone(tmp_path, monkeypatch) -> None:
+def test_a_number_may_be_whole_in_one_part_of_a_log_alone(tmp_path, monkeypatch):
     monkeypatch.setattr("osl_analysis.formats.json_lines.LINES_AT_ONCE", 2)
     path = write(tmp_path / "a.jsonl", [{"t": k, "x": x} for k, x in enumerate((1, 2, 3.5, 4.5))])
     channels = {"theta": {"field": "x", "unit": "rad"}}
@@ -58,7 +56,7 @@ def test_a_number_may_be_whole_in_one_part_of_a_log_alone(tmp_path, monkeypatch)
     assert samples["theta"].to_list() == [1, 2, 3.5, 4.5]
 
 
-def test_a_name_with_a_dot_is_quoted_and_never_taken_for_a_level(tmp_path: Path) -> None:
+def test_a_name_with_a_dot_is_quoted_and_never_taken_for_a_level(tmp_path):
     k = np.arange(20)
     lines = [
         {"t": 0.01 * n, "f": {"cell.mz": n + 0.5, "cell": {"mz": -n}, 'a"[b]': [0, 3 * n]}}
@@ -76,7 +74,7 @@ def test_a_name_with_a_dot_is_quoted_and_never_taken_for_a_level(tmp_path: Path)
     np.testing.assert_array_equal(samples["signal_load"], 3 * k)
 
 
-def test_the_unit_of_a_clock_is_guessed_from_its_rate_and_never_for_a_count(tmp_path: Path) -> None:
+def test_the_unit_of_a_clock_is_guessed_from_its_rate_and_never_for_a_count(tmp_path):
     steps = {
         1: "UNKNOWN",
         1.5e-4: "UNKNOWN",
@@ -95,7 +93,7 @@ def test_the_unit_of_a_clock_is_guessed_from_its_rate_and_never_for_a_count(tmp_
         assert ("# time: " in drafted) == (unit != "UNKNOWN")
 
 
-def stamped_lines(seconds: str, nanoseconds: str) -> list[Any]:
+def stamped_lines(seconds, nanoseconds):
     """Lines behind a header, with stamps that count up by 20.000001 ms across whole seconds."""
     ns = [1_700_000_000_990_000_000 + 20_000_001 * k for k in range(50)]
     stamps = [{seconds: one // 10**9, nanoseconds: one % 10**9} for one in ns]
@@ -111,9 +109,7 @@ BY_STAMP = {"time": {"field": "h.stamp"}, "channels": {"theta": {"field": "q", "
 @pytest.mark.parametrize(
     "parts", [("sec", "nanosec"), ("secs", "nsecs"), ("seconds", "nanos"), ("sec", "nsec")]
 )
-def test_a_stamp_of_seconds_and_nanoseconds_is_time_and_exact(
-    tmp_path: Path, parts: tuple[str, str]
-) -> None:
+def test_a_stamp_of_seconds_and_nanoseconds_is_time_and_exact(tmp_path, parts):
     path = write(tmp_path / "a", stamped_lines(*parts))
     recording = read(path, **BY_STAMP)
     np.testing.assert_allclose(
@@ -135,7 +131,7 @@ def test_a_stamp_of_seconds_and_nanoseconds_is_time_and_exact(
         assert re.search(told, refused(write(tmp_path / "a", lines), **BY_STAMP))
 
 
-def test_a_last_line_that_breaks_off_is_left_out_with_a_warning(tmp_path: Path) -> None:
+def test_a_last_line_that_breaks_off_is_left_out_with_a_warning(tmp_path):
     lines = [json.dumps(one) for one in rust_lines()]
     for encoding in ("utf-8-sig", "utf-16"):
         (tmp_path / "a").write_text("\n".join(lines), encoding=encoding)
@@ -147,8 +143,8 @@ def test_a_last_line_that_breaks_off_is_left_out_with_a_warning(tmp_path: Path) 
 
 
 def test_a_line_that_cannot_be_used_is_skipped_within_a_share_and_else_refused(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     line = '{"variables": {"time": 39.0, "ankle_an'
     lines = rust_lines()
     lines[11] = line
@@ -163,7 +159,7 @@ def test_a_line_that_cannot_be_used_is_skipped_within_a_share_and_else_refused(
     assert re.search(f"3 .*{ROWS}", refused(write(path, lines)))
 
 
-def test_null_is_no_value_and_what_is_no_number_or_missing_is_refused(tmp_path: Path) -> None:
+def test_null_is_no_value_and_what_is_no_number_or_missing_is_refused(tmp_path):
     whole = write(tmp_path / "a", rust_lines())
     lines = rust_lines()
     for line in lines:
@@ -187,7 +183,7 @@ def test_null_is_no_value_and_what_is_no_number_or_missing_is_refused(tmp_path: 
     assert re.search("'variables.time'.* line 5", refused(write(tmp_path / "b", lines)))
 
 
-def test_the_shipped_source_file_for_the_recorder_in_rust_fits_its_lines(tmp_path: Path) -> None:
+def test_the_shipped_source_file_for_the_recorder_in_rust_fits_its_lines(tmp_path):
     names = {"joint_position": 0.25, "output_position": 0.5, "motor_current": 1500}
     lines = [
         {"variables": {"time": k / 500, "sync": k % 50 < 25, **names}, "functions": {}}
@@ -216,7 +212,7 @@ BENCH = {
 }
 
 
-def timing(step: float = 1e-3, offset: float = 0.0, **more: Any) -> dict[str, Any]:
+def timing(step=1e-3, offset=0.0, **more):
     return {
         "wf_increment": step,
         "wf_start_offset": offset,
@@ -226,7 +222,7 @@ def timing(step: float = 1e-3, offset: float = 0.0, **more: Any) -> dict[str, An
     }
 
 
-def bench(path: Path, segments: int = 1, **options: Any) -> Path:
+def bench(path, segments=1, **options):
     angle = ("Angle", ANGLE, timing(unit_string="Degrees", **options))
     return write_tdms(
         path, [angle, ("Torque", np.float32(TORQUE), timing(unit_string="Volts"))], segments
@@ -247,7 +243,7 @@ refused_tdms = partial(refusal_of, **BENCH)
 
 
 @pytest.mark.parametrize("segments", [1, 7])
-def test_channels_with_timing_give_canonical_columns(tmp_path: Path, segments: int) -> None:
+def test_channels_with_timing_give_canonical_columns(tmp_path, segments):
     recording = read_tdms(bench(tmp_path / "a.tdms", segments))
     newton_metres = 4.4482216152605 * 0.0254  # lbf and in by definition
     torque = -np.float32(TORQUE).astype(float) * newton_metres
@@ -260,14 +256,14 @@ def test_channels_with_timing_give_canonical_columns(tmp_path: Path, segments: i
     assert recording.origins["theta"]["unit"] == "Degrees"
 
 
-def test_channels_of_other_timing_are_refused_with_what_to_save(tmp_path: Path) -> None:
+def test_channels_of_other_timing_are_refused_with_what_to_save(tmp_path):
     angle = ("Angle", ANGLE, timing(unit_string="deg"))
     for other in (timing(5e-3), timing(1e-3, 60.0)):
         path = write_tdms(tmp_path / "a.tdms", [angle, ("Torque", TORQUE, other)])
         assert "`interp1`" in refused_tdms(path)
 
 
-def test_without_timing_the_file_is_refused_until_the_source_file_tells_it(tmp_path: Path) -> None:
+def test_without_timing_the_file_is_refused_until_the_source_file_tells_it(tmp_path):
     k = np.arange(SAMPLES)
     signals = [("Angle", ANGLE, {"NI_UnitDescription": "deg"}), ("Torque", TORQUE, {})]
     stamped = START + k * np.timedelta64(2, "ms")
@@ -293,7 +289,7 @@ def test_without_timing_the_file_is_refused_until_the_source_file_tells_it(tmp_p
     assert big.samples["theta"].to_list() == ANGLE.tolist()
 
 
-def test_a_channel_that_cannot_be_a_signal_is_refused(tmp_path: Path) -> None:
+def test_a_channel_that_cannot_be_a_signal_is_refused(tmp_path):
     angle = ("Angle", ANGLE, timing(unit_string="deg"))
     torque = ("Torque", TORQUE, timing())
     for channels, reason in (
@@ -312,8 +308,8 @@ def test_a_channel_that_cannot_be_a_signal_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_file_that_is_cut_off_is_read_up_to_there_with_a_warning_or_refused(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     path = bench(tmp_path / "a.tdms", 4)
     whole = path.read_bytes()
     path.write_bytes(whole[:-100])
@@ -341,7 +337,7 @@ def test_a_file_that_is_cut_off_is_read_up_to_there_with_a_warning_or_refused(
 
 
 @pytest.mark.recordings
-def test_a_real_file_of_daqmx_is_scaled_as_its_properties_say(recordings: Path) -> None:
+def test_a_real_file_of_daqmx_is_scaled_as_its_properties_say(recordings):
     """Rows of seven 16-bit integers stand before its last segment; they are decoded here by
     hand."""
     path = recordings / "tdms" / "raw1.tdms"

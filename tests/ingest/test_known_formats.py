@@ -5,8 +5,6 @@ it is and what to do."""
 import gzip
 import json
 import re
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,23 +17,22 @@ from osl_analysis.formats import known_formats, recognise
 from osl_analysis.formats.mcap import MAGIC
 from osl_analysis.ingest.raw_files import read_source, trial_from_files
 from osl_analysis.source_file import MarkerSource
-from osl_analysis.trial import Trial
 
 LOG = {"format": "mcap", "time": {"source": "header"}, "channels": {}}
 
 
-def test_every_shipped_source_file_is_valid() -> None:
+def test_every_shipped_source_file_is_valid():
     formats = {read_source(path).format for path in (ROOT / "config/sources").glob("*.yaml")}
     assert {"csv", "mcap", "c3d", "nexus_csv", "mat"} <= formats
     for known in known_formats().values():
         if issubclass(known.source, MarkerSource):
             continue
-        channel: Any = known.source.model_fields["channels"].annotation
+        channel = known.source.model_fields["channels"].annotation
         setting = channel.__args__[1]
         assert {"counter", setting.ADDRESS} <= {*setting.model_fields}, known.name
 
 
-def channel(column: str, **fields: object) -> dict[str, object]:
+def channel(column, **fields):
     """A source file of a log with one channel."""
     return {**LOG, "channels": {column: {"topic": "/lab", "field": "angle", **fields}}}
 
@@ -58,9 +55,7 @@ MISTAKES = [
 
 
 @pytest.mark.parametrize(("content", "told"), MISTAKES)
-def test_a_mistake_in_a_source_is_refused_by_its_field(
-    tmp_path: Path, content: dict[str, object], told: str
-) -> None:
+def test_a_mistake_in_a_source_is_refused_by_its_field(tmp_path, content, told):
     (tmp_path / "source.yaml").write_text(yaml.safe_dump(content))
     assert re.search(told, refusal_by(read_source, tmp_path / "source.yaml"))
 
@@ -80,15 +75,13 @@ BENCH = "t,angle\n0,1\n0.01,2\n0.02,3\n"
     ("", gzip.compress(BENCH.encode(), mtime=0)),
     ("", bytes(2000)),
 ])  # fmt: skip
-def test_a_file_of_another_format_is_named_whatever_it_is_called(
-    tmp_path: Path, what: str, content: bytes
-) -> None:
+def test_a_file_of_another_format_is_named_whatever_it_is_called(tmp_path, what, content):
     for name in ("log.csv", "log.c3d"):
         (tmp_path / name).write_bytes(content)
         assert re.search(rf"{name}: .*{what}", refusal_by(recognise, tmp_path / name))
 
 
-def test_a_table_is_not_taken_for_another_format_whatever_it_is_called(tmp_path: Path) -> None:
+def test_a_table_is_not_taken_for_another_format_whatever_it_is_called(tmp_path):
     python = "<__main__.Joint object at 0x7fe6>.output_position,time\n1,0\n"
     for text in (
         BENCH,
@@ -107,7 +100,7 @@ def test_a_table_is_not_taken_for_another_format_whatever_it_is_called(tmp_path:
 SOURCE = "format: csv\ntime: {column: t, unit: s}\nchannels:\n  theta: {column: angle, unit: deg}\n"
 
 
-def ingested(folder: Path, name: str, content: bytes) -> Trial:
+def ingested(folder, name, content):
     """A trial from one file, by a source file."""
     (folder / name).write_bytes(content)
     (folder / "source.yaml").write_text(SOURCE)
@@ -115,8 +108,8 @@ def ingested(folder: Path, name: str, content: bytes) -> Trial:
 
 
 def test_a_source_file_of_another_format_is_refused_with_the_format_of_the_file(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     capture = write_c3d(tmp_path / "b.csv", np.ones((4, 2, 4)), np.ones((8, 1))).read_bytes()
     for content, said in (
         (MAGIC + bytes(100), "`format: mcap`"),

@@ -1,8 +1,6 @@
 """The guard of angle and torque: it tells a number that leaves its curve, and accuses no sound
 recording."""
 
-from pathlib import Path
-
 import numpy as np
 import polars as pl
 import pytest
@@ -12,7 +10,6 @@ from recognised_files import read_recognised
 from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.guard import find_leaps
 from osl_analysis.ingest.raw_files import read_source
-from osl_analysis.trial import Array
 
 ROWS = 2000
 RATE_HZ = 200.0
@@ -26,7 +23,7 @@ BESIDE_GAP = np.delete(np.arange(ROWS), np.arange(700, 730))
 SCATTERED = TIME + 0.4 / RATE_HZ * np.random.default_rng(4).uniform(-1, 1, ROWS)
 
 
-def changed(values: Array, rows: object, new: object) -> Array:
+def changed(values, rows, new):
     leaping = values.copy()
     leaping[rows] = new
     return leaping
@@ -60,11 +57,11 @@ SOUND = {
 
 
 @pytest.mark.parametrize("values", SOUND.values(), ids=SOUND)
-def test_a_steady_a_noisy_and_a_coarse_channel_are_not_accused(values: Array) -> None:
+def test_a_steady_a_noisy_and_a_coarse_channel_are_not_accused(values):
     assert find_leaps(TIME[: values.size], values).size == 0
 
 
-def test_rows_that_are_missing_are_a_gap_and_no_leap() -> None:
+def test_rows_that_are_missing_are_a_gap_and_no_leap():
     assert np.abs(np.diff(TORQUE[BESIDE_GAP], 3)).max() > LIMITS.largest_bend * USUAL_BEND
     assert find_leaps(TIME[BESIDE_GAP], TORQUE[BESIDE_GAP]).size == 0
 
@@ -89,12 +86,12 @@ LEAPS = {
 
 
 @pytest.mark.parametrize(("time", "values", "times"), LEAPS.values(), ids=LEAPS)
-def test_a_leap_is_told_with_its_time(time: Array, values: Array, times: list[float]) -> None:
+def test_a_leap_is_told_with_its_time(time, values, times):
     assert find_leaps(time, values) == pytest.approx(times, abs=1.5 / RATE_HZ)
 
 
 @pytest.mark.parametrize("share", [0.001, 0.01, 0.04])
-def test_readings_that_are_zero_now_and_then_are_told_however_many_they_are(share: float) -> None:
+def test_readings_that_are_zero_now_and_then_are_told_however_many_they_are(share):
     is_zero = np.random.default_rng(7).random(ROWS) < share
 
     times = find_leaps(TIME, np.where(is_zero, 0.0, TORQUE))
@@ -106,7 +103,7 @@ def test_readings_that_are_zero_now_and_then_are_told_however_many_they_are(shar
 
 
 @pytest.mark.recordings
-def test_no_human_ankle_is_accused(recordings: Path) -> None:
+def test_no_human_ankle_is_accused(recordings):
     """Moved by binary steps, which no smooth curve describes."""
     with np.load(recordings / "human/human_ankles.npz") as records:
         ankles = {name: records[name].astype(float) for name in records if name != "sv"}
@@ -118,7 +115,7 @@ def test_no_human_ankle_is_accused(recordings: Path) -> None:
 
 
 @pytest.mark.recordings
-def test_no_test_of_the_desr_foot_is_accused(recordings: Path) -> None:
+def test_no_test_of_the_desr_foot_is_accused(recordings):
     source = read_source(ROOT / "config/sources/desr.yaml")
     sheet = pl.read_csv(ROOT / "config/campaigns/desr/trials.csv")
     path = recordings / "mat/DESR_Characterization_Data.mat"

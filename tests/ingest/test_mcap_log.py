@@ -3,22 +3,16 @@ errors."""
 
 import math
 import re
-from collections.abc import Iterable
 from functools import partial
-from pathlib import Path
-from typing import Any
 
 import numpy as np
-import polars as pl
 import pytest
 from conftest import refused_with
 from mcap.writer import CompressionType
 from mcap_builder import SAMPLE, SAMPLE_NAME, stamped, write_log, write_topics
 from recognised_files import refusal_by, source_of
 
-from osl_analysis.ingest.conversion import Converted
 from osl_analysis.ingest.raw_files import read_converted
-from osl_analysis.source_file import Source
 
 MILLISECOND = 1_000_000
 START = 1_700_000_000 * 10**9
@@ -27,14 +21,14 @@ OTHER = {"field": "angle", "unit": "rad", "topic": "/other"}
 COUNT = 200
 
 
-def source(time: str = "header", loss: float = 0.01, **channels: dict[str, Any]) -> Source:
+def source(time="header", loss=0.01, **channels):
     """Channels on `/lab`; without any, theta from `angle` in degrees."""
     channels = channels or {"theta": {"field": "angle", "unit": "deg"}}
     full = {column: {"topic": "/lab", **channel} for column, channel in channels.items()}
     return source_of("mcap", time={"source": time}, channels=full, largest_loss=loss)
 
 
-def samples(count: int = 50) -> list[tuple[int, dict[str, Any]]]:
+def samples(count=50):
     """Angle i deg, torque i^2 / 8, one message per millisecond."""
     return [
         stamped(START + i * MILLISECOND, angle=float(i), torque=i * i / 8, sync=i % 7 == 0)
@@ -42,7 +36,7 @@ def samples(count: int = 50) -> list[tuple[int, dict[str, Any]]]:
     ]
 
 
-def messages(stamps: Iterable[int], count: bool = False) -> list[tuple[int, dict[str, Any]]]:
+def messages(stamps, count=False):
     """Logged a millisecond apart, stamped as given [ms]; the angle is the stamp, or counts the
     messages."""
     made = [(s, stamped(s * MILLISECOND, torque=0.0, sync=False)[1]) for s in stamps]
@@ -56,11 +50,11 @@ read = read_converted
 refused = partial(refusal_by, read)
 
 
-def of_stamps(folder: Path, stamps: Iterable[int], loss: float = 0.01) -> Converted:
+def of_stamps(folder, stamps, loss=0.01):
     return read(write_log(folder / "log.mcap", messages(stamps)), source(loss=loss, **RADIANS))
 
 
-def of_topics(folder: Path, topics: dict[str, Any], **channels: dict[str, Any]) -> pl.DataFrame:
+def of_topics(folder, topics, **channels):
     """The samples of topics, written as (type, schema, messages) or as messages of the usual
     type."""
     full = {
@@ -70,7 +64,7 @@ def of_topics(folder: Path, topics: dict[str, Any], **channels: dict[str, Any]) 
     return read(write_topics(folder / "log.mcap", full), source(**(channels or RADIANS))).samples
 
 
-def test_time_is_the_header_stamp_from_its_first_exact_to_the_nanosecond(tmp_path: Path) -> None:
+def test_time_is_the_header_stamp_from_its_first_exact_to_the_nanosecond(tmp_path):
     stamps = [0, 1, 2_000_000, 999_999_999, 1_000_000_001]
     recording = read(
         write_log(tmp_path / "log.mcap", [stamped(START + s, angle=0.0) for s in stamps]), source()
@@ -97,7 +91,7 @@ def test_a_clock_that_is_set_back_while_recording_is_refused(tmp_path, by, time)
     assert re.search("'/lab'.* 101 .* 200", message)
 
 
-def test_a_topic_that_gives_no_samples_is_refused(tmp_path: Path) -> None:
+def test_a_topic_that_gives_no_samples_is_refused(tmp_path):
     infinite = samples()
     path = tmp_path / "log.mcap"
     infinite[17][1]["angle"] = math.inf
@@ -116,7 +110,7 @@ def test_a_topic_that_gives_no_samples_is_refused(tmp_path: Path) -> None:
     assert re.search("'/leg'.* /lab", refused(path, source(theta=leg)))
 
 
-def test_a_message_that_comes_late_is_put_in_the_order_of_the_stamps(tmp_path: Path) -> None:
+def test_a_message_that_comes_late_is_put_in_the_order_of_the_stamps(tmp_path):
     stamps = list(range(COUNT))
     stamps[7], stamps[8] = stamps[8], stamps[7]
     stamps.insert(150, stamps.pop(90))
@@ -126,7 +120,7 @@ def test_a_message_that_comes_late_is_put_in_the_order_of_the_stamps(tmp_path: P
     assert re.search("log.mcap: .*'/lab'.* 2 ", warning)
 
 
-def test_more_than_the_stated_share_of_lost_messages_is_refused(tmp_path: Path) -> None:
+def test_more_than_the_stated_share_of_lost_messages_is_refused(tmp_path):
     path = write_log(
         tmp_path / "log.mcap", samples(60), chunk_size=400, compression=CompressionType.NONE
     )
@@ -142,7 +136,7 @@ def test_more_than_the_stated_share_of_lost_messages_is_refused(tmp_path: Path) 
     assert re.search(said, refused(path, source()))
 
 
-def test_a_message_that_is_repeated_counts_once(tmp_path: Path) -> None:
+def test_a_message_that_is_repeated_counts_once(tmp_path):
     found = of_stamps(tmp_path, sorted([*range(COUNT), 5, 20]))
     np.testing.assert_array_equal(found.samples["theta"], np.arange(COUNT))
     assert " 2 " in found.warnings[-1]
@@ -151,7 +145,7 @@ def test_a_message_that_is_repeated_counts_once(tmp_path: Path) -> None:
     assert " 12 " in sent_twice.warnings[-1]
 
 
-def test_stamps_that_stand_still_are_refused_and_are_not_taken_for_rounded(tmp_path: Path) -> None:
+def test_stamps_that_stand_still_are_refused_and_are_not_taken_for_rounded(tmp_path):
     path = tmp_path / "log.mcap"
     for stamps, told in (
         ([0] * COUNT, " 199 .* 200 "),
@@ -166,8 +160,8 @@ def test_stamps_that_stand_still_are_refused_and_are_not_taken_for_rounded(tmp_p
 
 
 def test_of_few_contradicting_messages_the_first_holds(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     path = write_log(
         tmp_path / "log.mcap", messages([*range(17), 16, *range(18, COUNT)], count=True)
     )
@@ -177,7 +171,7 @@ def test_of_few_contradicting_messages_the_first_holds(
     assert re.search(" 1 .* 200 ", refused(path, source(loss=0.0, **RADIANS)))
 
 
-def test_a_topic_of_two_types_is_refused(tmp_path: Path) -> None:
+def test_a_topic_of_two_types_is_refused(tmp_path):
     log = messages(range(20))
     other = ("lab_msgs/msg/Other", SAMPLE.replace("float32 angle", "float64 angle"), log)
 
@@ -186,8 +180,8 @@ def test_a_topic_of_two_types_is_refused(tmp_path: Path) -> None:
 
 
 def test_topics_of_different_rates_keep_their_own_rows_and_nothing_is_invented(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     topics = {"/lab": messages(range(0, 60, 2)), "/other": messages([*range(1, 60, 10), 58])}
     found = of_topics(tmp_path, topics, **RADIANS, theta_m=OTHER)
     assert found["theta"].drop_nulls().to_list() == list(range(0, 60, 2))
@@ -196,8 +190,8 @@ def test_topics_of_different_rates_keep_their_own_rows_and_nothing_is_invented(
 
 
 def test_stamps_rounded_to_more_than_a_sampling_step_are_kept_for_the_time_base(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     stamps = [round(1000 * i / 1024) for i in range(COUNT)]
     log = messages(stamps, count=True)
     found = read(write_log(tmp_path / "log.mcap", log), source(loss=0.0, **RADIANS))

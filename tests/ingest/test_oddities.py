@@ -1,8 +1,6 @@
 """Oddities that recordings of others have: a stale row, a gate, a copied topic."""
 
 import re
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import polars as pl
@@ -27,7 +25,7 @@ CSV = {
 }
 
 
-def write_rows(path: Path, rows: np.ndarray[Any, Any]) -> Path:
+def write_rows(path, rows):
     lines = [f"{t:.0f},{a:.9f},{f:.9f}" for t, a, f in rows]
     path.write_text("\n".join(["time,angle,torque", *lines, ""]))
     return path
@@ -37,7 +35,7 @@ def write_rows(path: Path, rows: np.ndarray[Any, Any]) -> Path:
 
 
 @pytest.mark.parametrize("row", [0, 1800, 3999])
-def test_a_stale_row_is_left_out_and_named(tmp_path: Path, row: int) -> None:
+def test_a_stale_row_is_left_out_and_named(tmp_path, row):
     rows = ROWS.copy()
     rows[row] = rows[1200] + [1, 0, 0]
 
@@ -51,7 +49,7 @@ def test_a_stale_row_is_left_out_and_named(tmp_path: Path, row: int) -> None:
 
 
 @pytest.mark.parametrize("back", [slice(2000, None), slice(300, 3900, 30)])
-def test_a_clock_that_stays_or_goes_back_often_is_refused(tmp_path: Path, back: slice) -> None:
+def test_a_clock_that_stays_or_goes_back_often_is_refused(tmp_path, back):
     rows = ROWS.copy()
     rows[back, 0] -= 1000
 
@@ -60,14 +58,14 @@ def test_a_clock_that_stays_or_goes_back_often_is_refused(tmp_path: Path, back: 
     assert "'time'" in message
 
 
-def test_a_gap_in_a_recording_makes_no_row_stale() -> None:
+def test_a_gap_in_a_recording_makes_no_row_stale():
     clock = np.arange(2000) * 0.002
     clock[10:] += 5
 
     assert fresh_rows(Rows(2000), clock)[0].size == 2000
 
 
-def test_a_stale_message_is_left_out_and_named(tmp_path: Path) -> None:
+def test_a_stale_message_is_left_out_and_named(tmp_path):
     stamps = 10**10 + np.arange(2000) * 2_000_000
     stamps[1200] -= 3 * 10**9
     text = "std_msgs/Header header\nfloat64 force\n" + HEADER
@@ -84,11 +82,11 @@ def test_a_stale_message_is_left_out_and_named(tmp_path: Path) -> None:
 # A gate in place of pulses.
 
 
-def recorded(time: np.ndarray[Any, Any], level: np.ndarray[Any, Any]) -> Converted:
+def recorded(time, level):
     return Converted(pl.DataFrame({"time": time, "sync": level}), {})
 
 
-def test_a_gate_is_the_one_pulse_that_is_as_long_as_the_capture() -> None:
+def test_a_gate_is_the_one_pulse_that_is_as_long_as_the_capture():
     session = np.arange(0, 60, 0.002)
     level = ((session > 10) & (session < 14)) | ((session > 30) & (session < 37))
     noise = 0.01 * white_noise(7000, 1)
@@ -105,7 +103,7 @@ def test_a_gate_is_the_one_pulse_that_is_as_long_as_the_capture() -> None:
     assert fit.residual == pytest.approx(uniform, rel=1e-3)
 
 
-def test_noise_of_a_steady_level_is_no_edge() -> None:
+def test_noise_of_a_steady_level_is_no_edge():
     session = np.arange(0, 60, 0.002)
     level = (session % 10 > 5).astype(float)
     noise = 0.01 * white_noise(5000, 1)

@@ -3,7 +3,6 @@ that says why not."""
 
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -23,7 +22,7 @@ from osl_analysis.ingest.raw_files import check_clocks, trial_from_files
 UPRIGHT = {"axes": ("x", "-z", "y")}
 
 
-def write_mot(path: Path, header: str = "inDegrees=yes") -> Path:
+def write_mot(path, header="inDegrees=yes"):
     """A table with an angle of k degrees and a moment of -k / 4."""
     k = np.arange(50.0)
     columns = {"time": 0.5 + k / 100, "ankle_angle_r": k, "ankle_moment": -k / 4}
@@ -40,7 +39,7 @@ MOT = {
 # --- markers ------------------------------------------------------------------------------------
 
 
-def test_markers_of_trc_are_metres_in_our_axes(tmp_path: Path) -> None:
+def test_markers_of_trc_are_metres_in_our_axes(tmp_path):
     positions = WALK.copy()
     positions[3:6, 1] = np.nan
     positions[8, 2] = 0.0
@@ -54,7 +53,7 @@ def test_markers_of_trc_are_metres_in_our_axes(tmp_path: Path) -> None:
     assert np.flatnonzero(samples["marker_KNEE_z"].is_nan()).tolist() == [8]
 
 
-def test_axes_that_do_not_point_up_are_doubted_and_drafted(tmp_path: Path) -> None:
+def test_axes_that_do_not_point_up_are_doubted_and_drafted(tmp_path):
     path = write_trc(tmp_path / "walk.trc", start=2.5, first=7)
 
     assert [*inspect_file(path).facts.values()] == ["40", "7", "100.0", "1", "mm", "2.5"]
@@ -75,9 +74,7 @@ def test_axes_that_do_not_point_up_are_doubted_and_drafted(tmp_path: Path) -> No
         ({"Units": "parsnip"}, "'parsnip'"),
     ],
 )
-def test_a_header_that_cannot_be_is_refused(
-    tmp_path: Path, header: dict[str, Any], reason: str
-) -> None:
+def test_a_header_that_cannot_be_is_refused(tmp_path, header, reason):
     assert re.search(reason, refused(write_trc(tmp_path / "walk.trc", **header)))
 
 
@@ -91,9 +88,7 @@ def test_a_header_that_cannot_be_is_refused(
         ("\n21\t0.200", "\n21\t0.206", "line 27: .* 0.206 s"),
     ],
 )
-def test_rows_that_contradict_the_header_or_one_another_are_refused(
-    tmp_path: Path, old: str, new: str, reason: str
-) -> None:
+def test_rows_that_contradict_the_header_or_one_another_are_refused(tmp_path, old, new, reason):
     path = write_trc(tmp_path / "walk.trc")
     text = path.read_text()
     assert old in text
@@ -112,9 +107,7 @@ def test_rows_that_contradict_the_header_or_one_another_are_refused(
         ("endheader", "end", "csv.*`format: csv`"),
     ],
 )
-def test_rows_that_the_header_contradicts_are_refused(
-    tmp_path: Path, old: str, new: str, reason: str
-) -> None:
+def test_rows_that_the_header_contradicts_are_refused(tmp_path, old, new, reason):
     path = write_mot(tmp_path / "a.mot")
     path.write_text(path.read_text().replace(old, new))
 
@@ -124,7 +117,7 @@ def test_rows_that_the_header_contradicts_are_refused(
 
 @pytest.mark.parametrize("sign", ["\t", " ", "   "])
 @pytest.mark.parametrize("header", ["inDegrees=yes", "range 0 1"])
-def test_a_table_is_read_with_any_blank_and_header(tmp_path: Path, sign: str, header: str) -> None:
+def test_a_table_is_read_with_any_blank_and_header(tmp_path, sign, header):
     path = write_mot(tmp_path / "a.mot", header)
     path.write_text(path.read_text().replace("\t", sign))
 
@@ -143,8 +136,8 @@ def test_a_table_is_read_with_any_blank_and_header(tmp_path: Path, sign: str, he
     ],
 )
 def test_a_unit_of_angles_that_the_header_contradicts_is_refused(
-    tmp_path: Path, header: str, column: str, unit: str, told: str
-) -> None:
+    tmp_path, header, column, unit, told
+):
     path = write_mot(tmp_path / "a.sto", header)
 
     assert told in refused(path, channels={column: {**ANKLE, "unit": unit}})
@@ -160,9 +153,7 @@ POINT = np.column_stack([0.1 + 0.004 * K, 0 * K, np.full(80, -0.12)])  # m
 MOMENTS = np.column_stack([0 * K, 2 * np.sin(K / 5), 0 * K])  # about the point [N*m]
 
 
-def write_forces(
-    folder: Path, start: float = 0.0, names: tuple[str, ...] = ("R_v", "R_p", "R_m")
-) -> Path:
+def write_forces(folder, start=0.0, names=("R_v", "R_p", "R_m")):
     """Ground reactions in OpenSim's axes at 200 Hz."""
     columns = {"time": start + K / 200}
     for begin, values in zip(names, (FORCE, POINT, MOMENTS), strict=True):
@@ -170,7 +161,7 @@ def write_forces(
     return write_opensim(folder / "grf.mot", columns)
 
 
-def test_a_plate_gives_the_moment_about_its_centre_in_our_axes(tmp_path: Path) -> None:
+def test_a_plate_gives_the_moment_about_its_centre_in_our_axes(tmp_path):
     path = write_forces(tmp_path)
     recording = read(path, plates={1: PLATE})
     pushed = read(path, plates={1: {**PLATE, "sign": -1}}).samples
@@ -183,7 +174,7 @@ def test_a_plate_gives_the_moment_about_its_centre_in_our_axes(tmp_path: Path) -
         np.testing.assert_allclose(pushed.select(names), -ours, atol=1e-6)
 
 
-def test_markers_and_ground_reactions_of_one_export_share_their_times(tmp_path: Path) -> None:
+def test_markers_and_ground_reactions_of_one_export_share_their_times(tmp_path):
     write_trc(tmp_path / "walk.trc", start=2.0)
     write_forces(tmp_path, start=1.95)
     (tmp_path / "trc.yaml").write_text("format: trc\naxes: [x, -z, y]\n")
@@ -203,7 +194,7 @@ def test_markers_and_ground_reactions_of_one_export_share_their_times(tmp_path: 
 
 
 @pytest.mark.parametrize("name", ["walk.mot", "walk_grf.mot", "walk_forces.mot", "walk-GRF.sto"])
-def test_a_trc_finds_its_table_of_forces(name: str) -> None:
+def test_a_trc_finds_its_table_of_forces(name):
     recordings = [(Path(name), "opensim", False), (Path("walk.trc"), "trc", True)]
 
     (trial,) = draft_trials(recordings)
@@ -215,9 +206,7 @@ def test_a_trc_finds_its_table_of_forces(name: str) -> None:
     ("stem", "moment"),
     [("R_ground_force_", "R_ground_torque_"), ("ground_force_1_", "ground_moment_1_")],
 )
-def test_the_draft_of_ground_reactions_proposes_their_plates(
-    tmp_path: Path, stem: str, moment: str
-) -> None:
+def test_the_draft_of_ground_reactions_proposes_their_plates(tmp_path, stem, moment):
     names = (f"{stem}v", f"{stem}p", moment)
     path = write_forces(tmp_path, names=names)
 
@@ -236,9 +225,7 @@ def test_the_draft_of_ground_reactions_proposes_their_plates(
         ({"700.0": "nan"}, {"plates": {1: PLATE}}, "'R_vy': nan .* 1 .* 80"),
     ],
 )  # fmt: skip
-def test_plates_that_cannot_be_read_are_refused(
-    tmp_path: Path, cells: dict[str, str], stated: dict[str, Any], told: str
-) -> None:
+def test_plates_that_cannot_be_read_are_refused(tmp_path, cells, stated, told):
     path = write_forces(tmp_path)
     for old, new in cells.items():
         path.write_text(path.read_text().replace(old, new, 1))
@@ -246,7 +233,7 @@ def test_plates_that_cannot_be_read_are_refused(
     assert re.search(told, refused(path, **stated))
 
 
-def test_a_stamp_that_stands_twice_is_left_out_with_the_plates_of_its_row(tmp_path: Path) -> None:
+def test_a_stamp_that_stands_twice_is_left_out_with_the_plates_of_its_row(tmp_path):
     path = write_forces(tmp_path)
     whole = read(path, plates={1: PLATE}).samples
     path.write_text(path.read_text().replace("\n0.005", "\n0.000", 1))
@@ -271,12 +258,12 @@ def test_a_stamp_that_stands_twice_is_left_out_with_the_plates_of_its_row(tmp_pa
         ),
     ],
 )
-def test_a_source_file_that_cannot_be_is_refused(stated: dict[str, Any], told: str) -> None:
+def test_a_source_file_that_cannot_be_is_refused(stated, told):
     with pytest.raises(ValueError, match=told):
         source_of("opensim", **stated)
 
 
-def test_only_trc_states_times_that_a_log_may_share() -> None:
+def test_only_trc_states_times_that_a_log_may_share():
     common = source_of("opensim", **MOT, clock="common")
 
     check_clocks(common, source_of("trc"))

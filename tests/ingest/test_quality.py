@@ -4,7 +4,6 @@ channels of force plates before any rotation, and the centre of pressure under l
 import re
 from contextlib import nullcontext
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -37,7 +36,7 @@ from osl_analysis.judge.recording_checks import (
     validate_rules,
 )
 from osl_analysis.signals import longest_run
-from osl_analysis.trial import Array, Trial, plate_columns
+from osl_analysis.trial import Trial, plate_columns
 from osl_analysis.yaml_settings import Settings, validated
 
 COMMANDED = Commanded((2.0, 4.0), (2.0, 5.0), 6, clusters={"foot": "ABCD"})
@@ -454,7 +453,7 @@ STANCE = np.clip(np.minimum(TIME - 0.2, 0.8 - TIME) / 0.05, 0, 1)
 ROLL = np.interp(TIME, [0.2, 0.8], [-0.08, 0.14])  # centre of pressure along x [m]
 
 
-def force_and_moment(roll: Array = ROLL) -> Array:
+def force_and_moment(roll=ROLL):
     """Force and moment (n, 6) on the plate in its axes (z down): 700 N that rolls along x, with
     noise."""
     rng = np.random.default_rng(1)
@@ -465,7 +464,7 @@ def force_and_moment(roll: Array = ROLL) -> Array:
     return np.hstack([force, moment]) + np.hstack(noise)
 
 
-def plate_trial(folder: Path, channels: Array) -> Trial:
+def plate_trial(folder, channels):
     """The C3D of one level plate of 0.6 m by 0.4 m, as ingest reads it."""
     path = folder / "a.c3d"
     # z down: y to the right
@@ -477,11 +476,11 @@ def plate_trial(folder: Path, channels: Array) -> Trial:
     return Trial("walk", recording.samples, recording.facts)
 
 
-def checked(trial: Trial, experiment: str = "walking") -> dict[str, CheckResult]:
+def checked(trial, experiment="walking"):
     return measure_quality(trial, experiment, Commanded((2,), (1,), 3))
 
 
-def test_a_sound_plate_passes(tmp_path: Path) -> None:
+def test_a_sound_plate_passes(tmp_path):
     # as far along the plate as it is not wide
     channels = force_and_moment(ROLL + 0.13)
 
@@ -494,14 +493,14 @@ def test_a_sound_plate_passes(tmp_path: Path) -> None:
     assert checks["pressure_travel"].value == pytest.approx(0.9 * 0.22, rel=0.08)
 
 
-def test_3_samples_of_300_put_no_centre_of_pressure_outside(tmp_path: Path) -> None:
+def test_3_samples_of_300_put_no_centre_of_pressure_outside(tmp_path):
     channels = force_and_moment()
     channels[[150, 250, 350], 4] += 3e3
 
     assert checked(plate_trial(tmp_path, channels))["pressure_centre"].value == 0.0
 
 
-def test_a_clipped_raw_channel_is_named_with_its_time(tmp_path: Path) -> None:
+def test_a_clipped_raw_channel_is_named_with_its_time(tmp_path):
     channels = force_and_moment()
     channels[:, 4] = np.clip(channels[:, 4], -60.0, 60.0)
     trial = plate_trial(tmp_path, channels)
@@ -516,8 +515,8 @@ def test_a_clipped_raw_channel_is_named_with_its_time(tmp_path: Path) -> None:
     [(1000, 150, 0), (1000, 250, 250), (100, 40, 0), (100, 60, 600)],
 )
 def test_a_channel_stands_where_the_load_changes_by_a_fifth_and_50_newtons(
-    tmp_path: Path, highest: int, change: int, samples: int
-) -> None:
+    tmp_path, highest, change, samples
+):
     load = np.linspace(0, highest, TIME.size)
     channels = np.outer(load, [1e-4, 1e-4, -1, 1e-4, 1e-4, 1e-4])
     channels[: TIME.size * change // highest, 4] = 5.0
@@ -529,8 +528,8 @@ def test_a_channel_stands_where_the_load_changes_by_a_fifth_and_50_newtons(
 
 
 def test_dead_moments_put_the_centre_of_pressure_outside_or_at_rest(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     channels = force_and_moment()
     without = channels * [1, 1, 1, 0, 0, 0]
     outside, dead, sound = (
@@ -538,7 +537,7 @@ def test_dead_moments_put_the_centre_of_pressure_outside_or_at_rest(
     )
     second = {name: name.replace("1", "2") for name in plate_columns(1)}
 
-    def beside_a_sound_one(trial: Trial) -> Trial:
+    def beside_a_sound_one(trial):
         both = trial.samples.hstack(sound.samples.select(*second).rename(second))
         plates = [trial.provenance["plates"][0], sound.provenance["plates"][0] | {"plate": 2}]
         return Trial("t", both, trial.provenance | {"plates": plates})
@@ -551,7 +550,7 @@ def test_dead_moments_put_the_centre_of_pressure_outside_or_at_rest(
         assert (still.value, still.remark[:6]) == (pytest.approx(0, abs=0.005), "plate1")
 
 
-def test_a_plate_on_which_nobody_stands_is_not_judged(tmp_path: Path) -> None:
+def test_a_plate_on_which_nobody_stands_is_not_judged(tmp_path):
     trial = plate_trial(tmp_path, 0.05 * force_and_moment())
     for experiment in ("walking", "plate"):
         assert re.fullmatch(NOT_JUDGED, checked(trial, experiment)["pressure_centre"].remark)

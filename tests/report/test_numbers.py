@@ -5,7 +5,6 @@ import json
 import math
 import re
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import polars as pl
@@ -51,7 +50,7 @@ SOUND = IMPEDANCE.with_columns(doubtful=pl.lit(""))
 BELT = pl.DataFrame({"quantity": ["K_s"], "mean": 690.0, "low": 680.0, "high": 700.0, "n": 10})
 
 
-def numbers_of(**tables: pl.DataFrame) -> dict[str, SimpleNamespace]:
+def numbers_of(**tables):
     return {number.name: number for number in headline_numbers(tables)}
 
 

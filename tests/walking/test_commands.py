@@ -3,18 +3,16 @@
 import json
 import re
 import shutil
-from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import polars as pl
 import pytest
 from conftest import ROOT, refused_with
 from walking_crossings import Tables, run_jobs
-from walking_setup import Setup, load_setup
+from walking_setup import load_setup
 from walking_synthetic import changed, hidden, settings, static_trial
 
 from osl_analysis.commands import walking
@@ -22,7 +20,7 @@ from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.errors import InputError
 from osl_analysis.judge.limits import Limits
 from osl_analysis.trial import read_trial, write_trial
-from osl_analysis.walking.crossing import Crossing, body_mass
+from osl_analysis.walking.crossing import body_mass
 from osl_analysis.walking.plate_inertia import PlateModel
 from osl_analysis.walking.walking_settings import WalkingAnalysis
 
@@ -40,31 +38,31 @@ class Session:
     unloaded: list[str]  # trials of the plate alone
     chosen: WalkingAnalysis
 
-    def trial(self, name: str) -> Path:
+    def trial(self, name):
         return self.folder / f"trials/{name}.parquet"
 
-    def crossing(self, name: str) -> Path:
+    def crossing(self, name):
         return self.folder / f"crossings/{name}.parquet"
 
-    def read(self, names: list[str]) -> list[Crossing]:
+    def read(self, names):
         return [walking.read_crossing(self.crossing(name)) for name in names]
 
-    def truth(self, name: str) -> dict[str, Any]:
+    def truth(self, name):
         return json.loads((self.folder / f"truth/{name}.json").read_text())
 
-    def analyse(self, trial: Path, perturbed: bool, output: Path, *direction: str) -> None:
+    def analyse(self, trial, perturbed, output, *direction):
         names = ("calibration", "plate", "onsets")
         files = [self.folder / f"{name}.json" for name in names]
         walking.analyse(trial, *files, perturbed, self.chosen, output, *direction)
 
-    def share(self, job: Any, names: list[str], output: str, *tables: str) -> None:
+    def share(self, job, names, output, *tables):
         """What several trials tell together."""
         calibration = self.folder / "calibration.json"
         static = dict.fromkeys(names, "calibration")
         outputs = [self.folder / name for name in (f"{output}.json", *tables)]
         job([self.trial(name) for name in names], [calibration], static, self.chosen, *outputs)
 
-    def analysed(self) -> "Session":
+    def analysed(self):
         """Run every step."""
         walking.calibrate(self.trial("static_1"), self.chosen, self.folder / "calibration.json")
         self.share(walking.identify_plate, self.unloaded, "plate", "plate.csv")
@@ -74,21 +72,21 @@ class Session:
         self.summarised()
         return self
 
-    def summarised(self, **limits: Limits) -> Tables:
+    def summarised(self, **limits):
         """The jobs from the crossings to the summary."""
         return run_jobs(self.folder, self.perturbed, self.unperturbed, self.chosen, **limits)
 
-    def copied(self, folder: Path) -> "Session":
+    def copied(self, folder):
         """The session with its crossings alone, which may be changed."""
         shutil.copytree(self.folder / "crossings", folder / "crossings")
         return replace(self, folder=folder)
 
-    def rendered(self, quantity: str) -> float:
+    def rendered(self, quantity):
         """Mean of what the simulated drivetrain rendered."""
         return np.mean([self.truth(name)[f"{quantity}_rendered"] for name in self.perturbed])
 
 
-def recorded(setup: Setup, folder: Path, **row: Any) -> None:
+def recorded(setup, folder, **row):
     """Simulate a trial, write C3D, ingest."""
     trial = row["trial"]
     setup.record(folder, row)
@@ -96,9 +94,7 @@ def recorded(setup: Setup, folder: Path, **row: Any) -> None:
     ingest_trial(row | files, folder, ROOT / "config/sources", folder / f"trials/{trial}.parquet")
 
 
-def record_session(
-    setup: Setup, folder: Path, perturbed: int, unperturbed: int, unloaded: int, **choices: Any
-) -> Session:
+def record_session(setup, folder, perturbed, unperturbed, unloaded, **choices):
     names = [f"walking_{k:02d}" for k in range(1, perturbed + unperturbed + 1)]
     plates = [f"plate_{k:02d}" for k in range(1, unloaded + 1)]
     recorded(setup, folder, trial="static_1", experiment="static")
@@ -111,19 +107,19 @@ def record_session(
 
 
 @pytest.fixture(scope="module")
-def ideal(tmp_path_factory: pytest.TempPathFactory) -> Session:
+def ideal(tmp_path_factory):
     """No imperfection anywhere."""
     return record_session(load_setup().ideal(), tmp_path_factory.mktemp("ideal"), 2, 3, 1)
 
 
 @pytest.fixture(scope="module")
-def real(tmp_path_factory: pytest.TempPathFactory) -> Session:
+def real(tmp_path_factory):
     """Every imperfection as shipped; the foot's inertia is known."""
     return record_session(load_setup(), tmp_path_factory.mktemp("real"), 5, 4, 3, foot=FOOT)
 
 
 @contextmanager
-def refused(output: Path, reason: str) -> Iterator[None]:
+def refused(output, reason):
     """The crossing is refused for a reason like this, with a warning, and its file says so."""
     with pytest.warns(UserWarning, match=reason), suppress(InputError):
         yield
@@ -134,7 +130,7 @@ def refused(output: Path, reason: str) -> Iterator[None]:
         walking.read_crossing(output)
 
 
-def test_a_turn_of_the_toes_down_has_its_sign(ideal: Session, tmp_path: Path) -> None:
+def test_a_turn_of_the_toes_down_has_its_sign(ideal, tmp_path):
     row = {"experiment": "walking", "perturbed": True, "direction": "down"}
     recorded(load_setup().ideal(), tmp_path, trial="walking_77", **row)
     trial = tmp_path / "trials/walking_77.parquet"
@@ -150,9 +146,7 @@ def test_a_turn_of_the_toes_down_has_its_sign(ideal: Session, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("estimator", ["mean of perturbations", "ensemble"])
-def test_the_rendered_impedance_comes_out_with_all_imperfections(
-    real: Session, estimator: str
-) -> None:
+def test_the_rendered_impedance_comes_out_with_all_imperfections(real, estimator):
     """5 + 4 crossings of which each pace is uncertain: the standard error is 5 %."""
     K, B, I = (Tables(real.folder).estimate("all", name, estimator) for name in "KBI")
 
@@ -163,7 +157,7 @@ def test_the_rendered_impedance_comes_out_with_all_imperfections(
     assert 1 < K["se"] < 20
 
 
-def test_the_plate_s_lag_and_its_own_wrench_come_out(real: Session) -> None:
+def test_the_plate_s_lag_and_its_own_wrench_come_out(real):
     effects = real.truth("plate_01")["gait_laboratory"]["effects"]
 
     plate = Tables(real.folder)["plate"]
@@ -175,7 +169,7 @@ def test_the_plate_s_lag_and_its_own_wrench_come_out(real: Session) -> None:
     assert (moving["rms_after"] < 0.1 * moving["rms_before"]).all()
 
 
-def test_without_imperfections_angle_and_torque_are_the_true_ones(ideal: Session) -> None:
+def test_without_imperfections_angle_and_torque_are_the_true_ones(ideal):
     """What is left is the file's single precision, and a low-pass of products that is not the
     product of low-passes."""
     for crossing in ideal.read([*ideal.perturbed, *ideal.unperturbed]):
@@ -193,7 +187,7 @@ def test_without_imperfections_angle_and_torque_are_the_true_ones(ideal: Session
         assert np.abs(crossing.torque - torque)[inside].max() < 0.2
 
 
-def test_what_cannot_be_used_is_listed_and_the_rest_goes_on(real: Session, tmp_path: Path) -> None:
+def test_what_cannot_be_used_is_listed_and_the_rest_goes_on(real, tmp_path):
     """A hidden cluster, a platform that did not move, a plate at its limit, a foot put down
     elsewhere."""
     session = real.copied(tmp_path)
@@ -225,7 +219,7 @@ def test_what_cannot_be_used_is_listed_and_the_rest_goes_on(real: Session, tmp_p
     assert tables.estimate("all")["mean"] == pytest.approx(real.rendered("K"), rel=0.05)
 
 
-def test_doubtful_crossings_are_counted(real: Session, tmp_path: Path) -> None:
+def test_doubtful_crossings_are_counted(real, tmp_path):
     session = real.copied(tmp_path)
 
     limit = np.median(Tables(real.folder)["walking"]["K"])
@@ -236,15 +230,13 @@ def test_doubtful_crossings_are_counted(real: Session, tmp_path: Path) -> None:
     assert tables["summary"]["n_doubtful"].drop_nulls().unique().to_list() == [2]
 
 
-def test_while_the_perturbation_is_fitted_7_ms_are_bridged_and_30_ms_refused(
-    ideal: Session, tmp_path: Path
-) -> None:
+def test_while_the_perturbation_is_fitted_7_ms_are_bridged_and_30_ms_refused(ideal, tmp_path):
     name = ideal.perturbed[0]
     onset = ideal.read([name])[0].onset
     foot = ("FOOT1", "FOOT2")
     output = tmp_path / "crossing.parquet"
 
-    def analyse(markers: tuple[str, ...], start: float, end: float) -> None:
+    def analyse(markers, start, end):
         """Analyse the trial with markers hidden between two times after the onset [s]."""
         trial = hidden(read_trial(ideal.trial(name)), markers, onset + start, onset + end)
         write_trial(trial, tmp_path / "hidden.parquet")
@@ -259,14 +251,12 @@ def test_while_the_perturbation_is_fitted_7_ms_are_bridged_and_30_ms_refused(
             analyse(markers, 0.03, 0.06)
 
 
-def test_a_crossing_knows_what_each_trial_of_the_plate_does_to_its_torque(
-    real: Session, tmp_path: Path
-) -> None:
+def test_a_crossing_knows_what_each_trial_of_the_plate_does_to_its_torque(real, tmp_path):
     plate = walking.read_model(real.folder / "plate.json", PlateModel)
     files = (real.trial(real.perturbed[0]), real.folder / "calibration.json")
     onsets = real.folder / "onsets.json"
 
-    def crossing_with(model: PlateModel) -> Crossing:
+    def crossing_with(model):
         walking.write_model(model, tmp_path / "plate.json")
         output = tmp_path / "crossing.parquet"
         walking.analyse(
@@ -285,9 +275,7 @@ def test_a_crossing_knows_what_each_trial_of_the_plate_does_to_its_torque(
     assert crossing.body_mass == 77.0
 
 
-def test_what_contradicts_the_sheet_or_the_markers_is_refused_by_name(
-    ideal: Session, tmp_path: Path
-) -> None:
+def test_what_contradicts_the_sheet_or_the_markers_is_refused_by_name(ideal, tmp_path):
     turning = ideal.perturbed[0]
     still = ideal.unperturbed[0]
     trial = read_trial(ideal.trial(still))
@@ -301,9 +289,7 @@ def test_what_contradicts_the_sheet_or_the_markers_is_refused_by_name(
         ideal.analyse(tmp_path / "unlabelled.parquet", False, output)
 
 
-def test_each_trial_has_the_static_calibration_that_it_names(
-    ideal: Session, tmp_path: Path
-) -> None:
+def test_each_trial_has_the_static_calibration_that_it_names(ideal, tmp_path):
     calibration = ideal.folder / "calibration.json"
     content = json.loads(calibration.read_text())
     del content["markers"]["FOOT2"]
@@ -320,14 +306,14 @@ def test_each_trial_has_the_static_calibration_that_it_names(
 
 
 @pytest.mark.parametrize("content", ["{", "{}", "[]"])
-def test_a_damaged_model_names_the_step(tmp_path: Path, content: str) -> None:
+def test_a_damaged_model_names_the_step(tmp_path, content):
     (tmp_path / "plate.json").write_text(content)
 
     with refused_with(r"plate\.json:"):
         walking.read_model(tmp_path / "plate.json", PlateModel)
 
 
-def mass_of(sheet: float | None, recorded: float | None) -> float | None:
+def mass_of(sheet, recorded):
     trial = replace(static_trial(), provenance={"mocap": {"body_mass_kg": recorded}})
     return body_mass(trial, sheet)
 
@@ -335,12 +321,10 @@ def mass_of(sheet: float | None, recorded: float | None) -> float | None:
 @pytest.mark.parametrize(
     ("sheet", "recorded", "mass"), [(70.0, 76.0, 70.0), (None, 74.0, 74.0), (None, 0.0, None)]
 )
-def test_the_mass_is_the_sheet_s_else_the_recording_s(
-    sheet: float | None, recorded: float | None, mass: float | None
-) -> None:
+def test_the_mass_is_the_sheet_s_else_the_recording_s(sheet, recorded, mass):
     assert mass_of(sheet, recorded) == mass
 
 
-def test_a_mass_that_contradicts_the_recording_is_refused() -> None:
+def test_a_mass_that_contradicts_the_recording_is_refused():
     with refused_with(r"body_mass_kg.*70.*sheet.*79.*recording"):
         mass_of(70.0, 79.0)

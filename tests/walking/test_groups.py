@@ -1,7 +1,6 @@
 """Crossings under different conditions have results of their own."""
 
 import re
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +12,6 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import t
 from walking_crossings import (
     TURN,
-    Tables,
     Walk,
     campaign,
     crossing,
@@ -25,7 +23,7 @@ from walking_crossings import (
 from walking_synthetic import pose, settings
 
 from osl_analysis.commands.walking_summary import commanded_trajectory, commanded_value
-from osl_analysis.walking.crossing import Crossing, CrossingQuality, platform_turn, pressure_outside
+from osl_analysis.walking.crossing import CrossingQuality, platform_turn, pressure_outside
 from osl_analysis.walking.ensemble import group_headline
 from osl_analysis.walking.groups import Measure, crossing_features, feature_of, places, split_keys
 from osl_analysis.walking.isolated_response import unperturbed_gait
@@ -104,7 +102,7 @@ def of_stiffness(values):
 
 
 @pytest.fixture(scope="module")
-def three_legs(tmp_path_factory: pytest.TempPathFactory) -> Tables:
+def three_legs(tmp_path_factory):
     walks, cells = of_stiffness((200.0, 340.0, 480.0))
     cells["fell"] = {"perturbed": True, "K_d": 340.0, "exclude": "he fell"}
     return campaign(tmp_path_factory.mktemp("legs"), walks, cells)
@@ -206,7 +204,7 @@ def test_a_stiffness_that_changes_linearly_is_read_at_the_fitted_time():
     assert 0.05 < fitted_time(result) < 0.1
 
 
-def session(**changed: object) -> list[Crossing]:
+def session(**changed):
     """Eleven crossings that hardly differ, the last of which is changed."""
     random = np.random.default_rng(6)
     crossings = []
@@ -215,17 +213,15 @@ def session(**changed: object) -> list[Crossing]:
         stance = 0.72 + 0.01 * random.standard_normal()
         plain = crossing(f"w{k}", onset=0.6 if k % 2 else None, stance=stance)
         crossings.append(replace(plain, quality=place))
-    return [*crossings[:-1], replace(crossings[-1], **changed)]  # type: ignore[arg-type]
+    return [*crossings[:-1], replace(crossings[-1], **changed)]
 
 
-def reasons(crossings: list[Crossing]) -> dict[str, str]:
+def reasons(crossings):
     rows = selected(crossings, settings())
     return {name: str(row["reason"]) for name, row in rows.items() if row["reason"] is not None}
 
 
-def loaded(
-    c: Crossing, share: float = 1.0, left: float = 0.01, mass: float | None = None, seed: int = 0
-) -> Crossing:
+def loaded(c, share=1.0, left=0.01, mass=None, seed=0):
     """The crossing of 70 kg with a share of its load, and its centre of pressure [m] to the left of
     the ankle."""
     force_noise, pressure_noise = white_noise(2, seed)
@@ -245,38 +241,38 @@ LAST = session()[-1]
     ({"stance": replace(LAST.stance, toe_off=1.3)}, "stance is 1 s"),
     ({"theta": LAST.theta + 0.3 * np.sin(9 * LAST.time)}, "look for a late trigger"),
 ])  # fmt: skip
-def test_an_outlier_is_named_with_the_reason(changes, message) -> None:
+def test_an_outlier_is_named_with_the_reason(changes, message):
     ((name, reason),) = reasons(session(**changes)).items()
 
     assert name == "w10"
     assert message in reason
 
 
-def loaded_session(shares: Mapping[str, float] | None = None, **last: float) -> list[Crossing]:
+def loaded_session(shares=None, **last):
     """The session with shares of its load, by name, and a last crossing of its own."""
     shares = shares or {}
     crossings = [loaded(c, share=shares.get(c.name, 1.0), seed=k) for k, c in enumerate(session())]
     return [*crossings[:-1], loaded(session()[-1], seed=10, **last)]
 
 
-def test_crossings_that_hardly_differ_exclude_nobody() -> None:
+def test_crossings_that_hardly_differ_exclude_nobody():
     assert reasons(session()) == {}
     assert reasons(loaded_session()) == {}
 
 
-def test_another_load_and_a_second_foot_are_named() -> None:
+def test_another_load_and_a_second_foot_are_named():
     light = reasons(loaded_session(share=0.7))["w10"]
     assert re.search(r"load .* 3\d(\.\d)? % of.*move as usual, so another foot", light)
     assert " m " in reasons(loaded_session(left=0.04))["w10"]
 
 
-def test_four_of_twelve_do_not_hide_in_the_scatter_that_they_make() -> None:
+def test_four_of_twelve_do_not_hide_in_the_scatter_that_they_make():
     light = {"w0": 0.7, "w2": 0.72, "w4": 0.78, "w8": 0.6}
 
     assert set(reasons(loaded_session(light))) == set(light)
 
 
-def test_a_crossing_is_not_judged_by_its_turn() -> None:
+def test_a_crossing_is_not_judged_by_its_turn():
     """The earliest onset tells until when crossings are compared."""
     crossings = [replace(c, onset=0.5) if c.name == "w1" else c for c in session()]
     turned = [
@@ -287,7 +283,7 @@ def test_a_crossing_is_not_judged_by_its_turn() -> None:
     assert reasons(turned) == {}
 
 
-def test_a_stance_is_compared_among_those_of_its_direction() -> None:
+def test_a_stance_is_compared_among_those_of_its_direction():
     """Of eleven, three stances are prolonged by a turn up by 0.2 s, one by a turn down by 0.4 s."""
     crossings = [replace(c, onset=None) for c in session()]
     for k, turn, longer_s in ((1, TURN, 0.2), (5, TURN, 0.2), (9, TURN, 0.2), (3, -TURN, 0.4)):
@@ -303,7 +299,7 @@ def test_a_stance_is_compared_among_those_of_its_direction() -> None:
 LONG = ("w1", "w3", "w5")  # three of five perturbed ones, beside their place
 
 
-def test_crossings_beside_their_place_do_not_tell_a_usual_stance() -> None:
+def test_crossings_beside_their_place_do_not_tell_a_usual_stance():
     """Three of five perturbed ones: their median would make outliers of the two sound ones."""
     crossings = []
     for plain in session():

@@ -4,7 +4,6 @@ one that made it."""
 import zlib
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,12 +13,9 @@ from walking_crossings import LEAD, RISE, TURN, crossing
 from walking_synthetic import RATE, bump, settings
 
 from osl_analysis.errors import IdentifiabilityError
-from osl_analysis.trial import Array
-from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.ensemble import (
     Bootstrap,
     Ensemble,
-    GroupHeadline,
     group_headline,
     predictor_choice,
     resampling_weights,
@@ -29,8 +25,6 @@ from osl_analysis.walking.impedance_fit import fit_response, offset_share
 from osl_analysis.walking.isolated_response import (
     BEHAVIOUR,
     PHASES,
-    PerturbationResponse,
-    UnperturbedGait,
     aligned_gait,
     isolate_response,
     matched_scales,
@@ -52,15 +46,15 @@ EARLY = PHASES[PHASES <= 0.36]
 TIME = np.arange(900) / 300
 
 
-def angle(phase: Array) -> Array:
+def angle(phase):
     """Ankle angle [rad]: plantarflexion after heel strike, then slow dorsiflexion."""
     return 0.2 * np.sin(2.4 * phase) - 0.12 * np.exp(-(((phase - 0.09) / 0.06) ** 2))
 
 
 def walked(
-    name: str, scale: float = 1.0, slow: float = 0.0, onset: float | None = None,
-    impedance: tuple[float, float, float] = (K, B, I),
-) -> Crossing:  # fmt: skip
+    name, scale = 1.0, slow = 0.0, onset = None,
+    impedance = (K, B, I),
+) :  # fmt: skip
     """A crossing at a pace; its name gives slow deviations: angle `slow` [rad] below 4 Hz, torque
     300 N*m/rad of it."""
     random = np.random.default_rng(zlib.crc32(name.encode()))
@@ -72,15 +66,15 @@ def walked(
     return replace(plain, theta=theta, torque=plain.torque + 300 * deviation)
 
 
-def usual(slow: float = 0.0, n: int = 10) -> UnperturbedGait:
+def usual(slow=0.0, n=10):
     return unperturbed_gait([walked(f"u{k}", 1 + 0.02 * np.sin(k), slow) for k in range(n)], 3)
 
 
-def mean_gait(n: int = 4) -> UnperturbedGait:
+def mean_gait(n=4):
     return unperturbed_gait([crossing(f"u{k}", stance=0.68 + 0.02 * k) for k in range(n)], 3)
 
 
-def test_a_response_is_zero_on_average_over_the_baseline() -> None:
+def test_a_response_is_zero_on_average_over_the_baseline():
     plain = crossing("w", ONSET)
     shifted = replace(plain, theta=plain.theta + 0.02, torque=plain.torque + 3.0)
 
@@ -93,8 +87,8 @@ def test_a_response_is_zero_on_average_over_the_baseline() -> None:
 
 @pytest.mark.parametrize("onset", [0.6, 0.6017])
 def test_the_window_is_a_tenth_of_a_second_from_the_onset_also_between_frames(
-    onset: float,
-) -> None:
+    onset,
+):
     response = response_of(crossing("p", onset), mean_gait())
 
     window = response.time[response.window]
@@ -113,9 +107,7 @@ def test_the_window_is_a_tenth_of_a_second_from_the_onset_also_between_frames(
         (0.8, (600.0, 12.0, 0.2)),
     ],
 )
-def test_the_impedance_comes_out_whatever_the_pace(
-    stance: float, truth: tuple[float, float, float]
-) -> None:
+def test_the_impedance_comes_out_whatever_the_pace(stance, truth):
     perturbed_crossings = [
         crossing(f"p{k}", 0.3 + 0.4 * (stance + k / 100), stance + k / 100, impedance=truth)
         for k in range(3)
@@ -130,7 +122,7 @@ def test_the_impedance_comes_out_whatever_the_pace(
     assert single.vaf > 99.999
 
 
-def test_an_offset_of_the_fit_lowers_K_by_its_share() -> None:
+def test_an_offset_of_the_fit_lowers_K_by_its_share():
     response = response_of(crossing("p", ONSET), mean_gait())
 
     share = offset_share(response.fitted_motion, response.fitted_torque + 3, 2 * K)
@@ -139,19 +131,17 @@ def test_an_offset_of_the_fit_lowers_K_by_its_share() -> None:
 
 
 @pytest.mark.parametrize(("onset", "told"), [(None, "onset"), (0.96, "baseline.*window.*0-1")])
-def test_a_crossing_without_an_onset_and_a_response_that_leaves_stance_are_refused(
-    onset: float | None, told: str
-) -> None:
+def test_a_crossing_without_an_onset_and_a_response_that_leaves_stance_are_refused(onset, told):
     with refused_with(f"trial p:.*{told}"):
         response_of(crossing("p", onset), mean_gait())
 
 
-def test_one_response_is_no_ensemble() -> None:
+def test_one_response_is_no_ensemble():
     with refused_with(r"ensemble: 1,.*2"):
         Ensemble([response_of(crossing("p0", ONSET), mean_gait())])
 
 
-def test_a_response_whose_columns_are_one_is_refused_by_name() -> None:
+def test_a_response_whose_columns_are_one_is_refused_by_name():
     """Of an exponential, angle, velocity and acceleration are one column."""
     response = response_of(crossing("p0", ONSET), mean_gait())
     exponential = replace(response, thetas=np.exp(20 * response.time)[None])
@@ -160,7 +150,7 @@ def test_a_response_whose_columns_are_one_is_refused_by_name() -> None:
         fit_response(exponential)
 
 
-def test_the_common_variance_is_what_drawing_the_unperturbed_crossings_anew_gives() -> None:
+def test_the_common_variance_is_what_drawing_the_unperturbed_crossings_anew_gives():
     """The bootstrap of the unperturbed crossings alone, of equal responses: the ensemble is then
     their mean. Six crossings leave a bootstrap of 2000 a Monte Carlo error of 3 %, and first order
     10 % of what is not."""
@@ -178,8 +168,8 @@ def test_the_common_variance_is_what_drawing_the_unperturbed_crossings_anew_give
     assert fit_response(response).se("K") ** 2 == pytest.approx(7 * variance)
 
 
-def test_plate_errors_that_a_crossing_shares_with_the_mean_gait_cancel() -> None:
-    def with_errors(plain: Crossing, size: float) -> Crossing:
+def test_plate_errors_that_a_crossing_shares_with_the_mean_gait_cancel():
+    def with_errors(plain, size):
         errors = size * np.vander(plain.stance.phase(plain.time), 3).T
         return replace(plain, plate_errors=errors)
 
@@ -193,7 +183,7 @@ def test_plate_errors_that_a_crossing_shares_with_the_mean_gait_cancel() -> None
     np.testing.assert_allclose(response.plate_errors, 0, atol=1e-9)
 
 
-def test_the_plate_s_share_is_the_same_in_every_interval() -> None:
+def test_the_plate_s_share_is_the_same_in_every_interval():
     """One perturbation, one mean and the bootstrap's spread, without any scatter of gait. The
     errors are smooth."""
     random = np.random.default_rng(21)
@@ -214,7 +204,7 @@ def test_the_plate_s_share_is_the_same_in_every_interval() -> None:
     assert np.std(drawn.draws["K"]) == pytest.approx(np.sqrt(variance), rel=0.05)
 
 
-def test_resampled_means_spread_as_means_do() -> None:
+def test_resampled_means_spread_as_means_do():
     """Drawing n - 1 of n: the variance of a mean, s^2/n with the unbiased s^2; drawing n would give
     5/6 of it."""
     values = np.array([1.0, 4.0, 2.0, 8.0, 5.0, 7.0])
@@ -225,7 +215,7 @@ def test_resampled_means_spread_as_means_do() -> None:
     assert np.var(weights @ values) == pytest.approx(np.var(values, ddof=1) / len(values), rel=0.04)
 
 
-def test_the_interval_of_normal_draws_is_student_s() -> None:
+def test_the_interval_of_normal_draws_is_student_s():
     draws = norm.ppf((np.arange(20_000) + 0.5) / 20_000, loc=300, scale=2)
 
     interval = Bootstrap({"K": draws}, degrees_of_freedom=9).interval("K")
@@ -233,7 +223,7 @@ def test_the_interval_of_normal_draws_is_student_s() -> None:
     assert interval == pytest.approx(300 + 2 * t.ppf([0.025, 0.975], 9), abs=0.01)
 
 
-def deviating(seed: int, perturbed: bool = False) -> Crossing:
+def deviating(seed, perturbed=False):
     """Deviations of angle and torque grow from heel strike."""
     random = np.random.default_rng(seed)
     plain = crossing(f"c{seed}", ONSET if perturbed else None)
@@ -245,13 +235,13 @@ def deviating(seed: int, perturbed: bool = False) -> Crossing:
     )
 
 
-def isolated_all(usual: int = 10) -> list[PerturbationResponse]:
+def isolated_all(usual=10):
     gait = unperturbed_gait([deviating(seed) for seed in range(usual)], 3)
     walked = [deviating(100 + k, True) for k in range(6)]
     return [response_of(c, gait) for c in walked]
 
 
-def test_lasting_deviations_are_predicted() -> None:
+def test_lasting_deviations_are_predicted():
     """They cost the mean baseline 2 % of K or more, noise is left. The interval is narrower and
     holds the truth."""
     isolated = isolated_all()
@@ -271,7 +261,7 @@ def test_lasting_deviations_are_predicted() -> None:
     assert predicted_draws.se("K") < 0.5 * mean_draws.se("K")
 
 
-def test_predictors_cost_degrees_of_freedom() -> None:
+def test_predictors_cost_degrees_of_freedom():
     isolated = 2 * isolated_all()
     ensemble = Ensemble(isolated)
 
@@ -281,7 +271,7 @@ def test_predictors_cost_degrees_of_freedom() -> None:
     assert ensemble.resampled(100, choice).degrees_of_freedom == 9 - len(choice.of_all)
 
 
-def test_two_unperturbed_crossings_predict_nothing() -> None:
+def test_two_unperturbed_crossings_predict_nothing():
     ensemble = Ensemble(isolated_all())
     two = np.eye(10)[:2].mean(axis=0)
     weights = np.full(6, 1 / 6)
@@ -292,7 +282,7 @@ def test_two_unperturbed_crossings_predict_nothing() -> None:
     np.testing.assert_allclose(mean, predicted, atol=1e-12)
 
 
-def test_six_unperturbed_crossings_predict_nothing() -> None:
+def test_six_unperturbed_crossings_predict_nothing():
     isolated = isolated_all(usual=6)
 
     chosen = predictor_choice(isolated, Ensemble(isolated).fitted().fit).of_all
@@ -301,18 +291,18 @@ def test_six_unperturbed_crossings_predict_nothing() -> None:
 
 
 @pytest.fixture(scope="module")
-def headline() -> GroupHeadline:
+def headline():
     """Of eight sound crossings."""
     perturbed = [walked(f"p{k}", 1.0, 2e-3, ONSET, (K, 3.0, 0.02)) for k in range(8)]
     return group_headline(perturbed, usual(2e-3, 8), settings(window_s=0.1))
 
 
 @pytest.fixture(scope="module")
-def sound(headline: GroupHeadline) -> Any:
+def sound(headline):
     return check_fit(headline)
 
 
-def test_sound_crossings_are_far_from_every_limit(sound: Any) -> None:
+def test_sound_crossings_are_far_from_every_limit(sound):
     assert sound.residual_over_gait is None
     assert abs(sound.offset_share) < 0.1
     assert sound.estimator_difference < 0.5
@@ -323,9 +313,7 @@ def test_sound_crossings_are_far_from_every_limit(sound: Any) -> None:
     assert sound.B_high > 2
 
 
-def test_the_difference_of_the_two_estimators_is_over_the_halves_of_both_intervals(
-    headline: GroupHeadline, sound: Any
-) -> None:
+def test_the_difference_of_the_two_estimators_is_over_the_halves_of_both_intervals(headline, sound):
     """Student's interval of eight single fits, which what they share widens."""
     distances = []
     for name in "KBI":
@@ -338,13 +326,13 @@ def test_the_difference_of_the_two_estimators_is_over_the_halves_of_both_interva
     assert sound.estimator_difference == pytest.approx(max(distances), rel=0.3)
 
 
-def trapezoid(start: float, end: float) -> np.ndarray:
+def trapezoid(start, end):
     """A vertical force [N] that rises and falls by 8 N/ms from and to zero at `start` and `end`
     [s]."""
     return np.clip(np.minimum(TIME - start, end - TIME) * 8000, 0, 800)
 
 
-def stances(force: Array, shortest: float = 0.3) -> list[tuple[float, float]]:
+def stances(force, shortest=0.3):
     return [(s.heel_strike, s.toe_off) for s in find_stances(TIME, force, 40, 20, shortest)]
 
 
@@ -354,7 +342,7 @@ LATE_STEP = trapezoid(2.5, 4.0)
 SHORT_STEP = trapezoid(2.2, 2.3)
 
 
-def test_heel_strike_and_toe_off_lie_between_frames() -> None:
+def test_heel_strike_and_toe_off_lie_between_frames():
     """A rise of 8 N/ms passes 40 N 5 ms after contact, the fall passes 20 N 2.5 ms before it
     ends."""
     (stance,) = stances(trapezoid(0.9012, 1.6187))
@@ -373,25 +361,23 @@ def test_heel_strike_and_toe_off_lie_between_frames() -> None:
         EARLY_STEP + WHOLE + LATE_STEP,  # cut stances
     ],
 )
-def test_one_whole_stance_is_found_among_what_is_none(force: Array) -> None:
+def test_one_whole_stance_is_found_among_what_is_none(force):
     (stance,) = stances(force)
 
     assert stance == pytest.approx((0.905, 1.5975), abs=1e-6)
 
 
-def test_a_contact_that_is_long_enough_is_a_stance() -> None:
+def test_a_contact_that_is_long_enough_is_a_stance():
     assert len(stances(WHOLE + SHORT_STEP, shortest=0.05)) == 2
 
 
-def stance_of(crossing: Crossing) -> float:
+def stance_of(crossing):
     """The duration of stance of the crossing's pace on the mean gait."""
     return aligned_gait(crossing, usual(), crossing.onset - TIMING.guard_s).stance
 
 
 @pytest.mark.parametrize(("slower", "lingers"), [(0.85, 1.08), (1.0, 0.92), (1.15, 1.0)])
-def test_the_matched_stance_is_right_for_any_pace_and_any_end_of_stance(
-    slower: float, lingers: float
-) -> None:
+def test_the_matched_stance_is_right_for_any_pace_and_any_end_of_stance(slower, lingers):
     """The crossing is slower throughout, its toe-off comes late, or both."""
     late = walked("p", slower, onset=0.3 + 0.42 * 0.72 * slower)
     late = replace(late, stance=Stance(0.3, 0.3 + lingers * 0.72 * slower))
@@ -404,7 +390,7 @@ def test_the_matched_stance_is_right_for_any_pace_and_any_end_of_stance(
 
 
 @pytest.mark.parametrize(("instant", "is_used"), [(-0.034, False), (-0.05, True)])
-def test_the_guard_before_the_onset_is_not_used(instant: float, is_used: bool) -> None:
+def test_the_guard_before_the_onset_is_not_used(instant, is_used):
     """The filter spreads the response into its 40 ms."""
     plain = walked("p", onset=0.3 + 0.42 * 0.72)
     bumped = plain.theta + 0.02 * bump(plain.time, plain.onset + instant, 0.003)[0]
@@ -425,13 +411,13 @@ def test_the_guard_before_the_onset_is_not_used(instant: float, is_used: bool) -
         0.3 - 0.1 * PHASES,  # it drifts
     ],
 )
-def test_a_gait_that_tells_no_pace_has_no_scale(mean: Array) -> None:
+def test_a_gait_that_tells_no_pace_has_no_scale(mean):
     curves = np.array([mean[: len(EARLY)]] * 3)
 
     assert np.isnan(matched_scales(EARLY, curves, mean)).all()
 
 
-def test_a_crossing_without_a_pace_is_refused() -> None:
+def test_a_crossing_without_a_pace_is_refused():
     far = replace(walked("p", onset=0.6), stance=Stance(0.3, 0.3 + 0.45))
     at_heel_strike = replace(walked("p", onset=0.6), onset=0.33)
 

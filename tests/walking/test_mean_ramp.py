@@ -1,25 +1,21 @@
 """Onsets by the mean ramp, against ramps whose start is known."""
 
-from collections.abc import Sequence
-
 import numpy as np
 import pytest
 from conftest import refused_with
 from walking_synthetic import RATE, about_y, pose, step
 
-from osl_analysis.trial import Array
 from osl_analysis.walking.platform import Ramp, ramp_of, ramp_onsets
-from osl_analysis.walking.poses import Poses
 
 TIME = np.arange(3 * RATE) / RATE
 ONSETS = 1.2 + np.random.default_rng(5).uniform(-0.05, 0.05, 20)
 
 
-def angle_of(onset: float, size_deg: float = 5.0, rise: float = 0.08) -> Array:
+def angle_of(onset, size_deg=5.0, rise=0.08):
     return np.deg2rad(size_deg) * step(TIME, onset, rise)[0]
 
 
-def errors_of(angles: Sequence[Array], noise_deg: float) -> Array:
+def errors_of(angles, noise_deg):
     """Errors (n,) [s] of the onsets of ramps that start at `ONSETS`."""
     random = np.random.default_rng(8)
     ramps = {
@@ -32,14 +28,14 @@ def errors_of(angles: Sequence[Array], noise_deg: float) -> Array:
 
 
 @pytest.mark.parametrize("noise_deg", [0.0, 0.03])
-def test_onsets_are_found_to_half_a_millisecond(noise_deg: float) -> None:
+def test_onsets_are_found_to_half_a_millisecond(noise_deg):
     errors = errors_of([angle_of(onset) for onset in ONSETS], noise_deg)
 
     assert errors.std(ddof=1) < 2e-4
     assert abs(errors.mean()) < 1e-3
 
 
-def test_ramps_of_mixed_sizes_share_one_shape() -> None:
+def test_ramps_of_mixed_sizes_share_one_shape():
     sizes = np.tile([5.0, 2.5, 4.0, 3.0], 5)
 
     errors = errors_of([angle_of(o, d) for o, d in zip(ONSETS, sizes, strict=True)], 0.03)
@@ -47,7 +43,7 @@ def test_ramps_of_mixed_sizes_share_one_shape() -> None:
     assert errors.std(ddof=1) < 5e-4
 
 
-def test_ramps_of_another_duration_have_onsets_of_their_own() -> None:
+def test_ramps_of_another_duration_have_onsets_of_their_own():
     """Half of the difference of the durations would be taken for a time shift."""
     rises = np.tile([0.07, 0.09], 10)
 
@@ -58,17 +54,17 @@ def test_ramps_of_another_duration_have_onsets_of_their_own() -> None:
     assert np.abs(errors).max() < 8e-3
 
 
-def test_a_single_ramp_has_an_onset_by_itself() -> None:
+def test_a_single_ramp_has_an_onset_by_itself():
     assert abs(errors_of([angle_of(ONSETS[0])], 0.015)[0]) < 2e-3
 
 
-def test_a_straight_ramp_starts_where_it_bends() -> None:
+def test_a_straight_ramp_starts_where_it_bends():
     straight = [np.deg2rad(5 * np.clip((TIME - onset) / 0.08, 0, 1)) for onset in ONSETS]
 
     assert np.abs(errors_of(straight, 0.01)).max() < 1.5e-3
 
 
-def test_a_ramp_unlike_the_others_leaves_their_onsets_as_they_are() -> None:
+def test_a_ramp_unlike_the_others_leaves_their_onsets_as_they_are():
     angles = [angle_of(onset) for onset in ONSETS]
     angles[0] = angles[0] + np.deg2rad(1.5) * np.exp(-(((TIME - ONSETS[0] - 0.05) / 0.01) ** 2))
 
@@ -78,24 +74,24 @@ def test_a_ramp_unlike_the_others_leaves_their_onsets_as_they_are() -> None:
     assert np.abs(errors[1:]).max() < 1e-3
 
 
-def turned(angle: Array) -> Poses:
+def turned(angle):
     """A platform that turns about an axis to the left."""
     return pose(about_y(angle), np.zeros((len(angle), 3)))
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_a_turn_in_either_direction_is_a_ramp(sign: int) -> None:
+def test_a_turn_in_either_direction_is_a_ramp(sign):
     ramp = ramp_of(TIME, turned(sign * angle_of(1.2)), np.deg2rad(1))
 
     assert ramp is not None
     assert ramp_onsets({"a": ramp})["a"] == pytest.approx(1.2, abs=5e-4)
 
 
-def test_a_platform_that_hardly_turns_has_no_ramp() -> None:
+def test_a_platform_that_hardly_turns_has_no_ramp():
     assert ramp_of(TIME, turned(angle_of(1.2, 0.5)), np.deg2rad(1)) is None
 
 
-def test_a_platform_that_turns_at_once_is_refused() -> None:
+def test_a_platform_that_turns_at_once_is_refused():
     recorded = TIME > 1.18
 
     with refused_with(r"\d\.\d+ s.* 0\.2 s"):

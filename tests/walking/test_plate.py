@@ -2,7 +2,6 @@
 it."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import polars as pl
@@ -26,7 +25,7 @@ from walking_synthetic import (
 
 from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.recording import plate_axes
-from osl_analysis.trial import Array, Trial, plate_columns
+from osl_analysis.trial import Trial, plate_columns
 from osl_analysis.walking.crossing import (
     Ankle,
     analyse_crossing,
@@ -69,12 +68,12 @@ RAMP = Ramp(angle=5, onset=1.0, returns=2.0)
 TRUE = np.array([MASS, *(MASS * COM), *np.diag(ABOUT_CENTRE), *ABOUT_CENTRE[[0, 0, 1], [1, 2, 2]]])
 
 
-def matrix(about: int, angle: Array) -> Array:
+def matrix(about, angle):
     """Rotations (n, 3, 3) about a laboratory axis."""
     return Rotation.from_rotvec(np.outer(angle, np.eye(3)[about])).as_matrix()
 
 
-def plate_motion(about: int, height: float, scale: float) -> tuple[BodyMotion, Array]:
+def plate_motion(about, height, scale):
     """The plate turns about a laboratory axis through the pivot by two bumps; its wrench by Newton
     and Euler. All derivatives by hand: a = z x r + w x (w x r), and the force on the body is m
     (a_com - g)."""
@@ -86,7 +85,7 @@ def plate_motion(about: int, height: float, scale: float) -> tuple[BodyMotion, A
     w = omega[:, None] * n
     z = alpha[:, None] * n
 
-    def swung(point: Array) -> tuple[Array, Array]:
+    def swung(point):
         r = R @ (point - PIVOT)
         return r + PIVOT, np.cross(z, r) + np.cross(w, np.cross(w, r))
 
@@ -106,11 +105,7 @@ def plate_motion(about: int, height: float, scale: float) -> tuple[BodyMotion, A
     return BodyMotion(R, w, z, centre, acceleration), np.hstack(parts)
 
 
-Recording = tuple[BodyMotion, Array]
-"""Motion of the plate's centre, and the plate's wrench (n, 6)."""
-
-
-def test_all_ten_parameters_come_out_where_all_axes_turn() -> None:
+def test_all_ten_parameters_come_out_where_all_axes_turn():
     recordings = []
     for about in range(3):
         motion, wrench = plate_motion(about, 0.15, 0.04)
@@ -124,7 +119,7 @@ def test_all_ten_parameters_come_out_where_all_axes_turn() -> None:
     assert model.rms_after.max() < 1e-8
 
 
-def headed(recording: Recording, heading: float) -> Recording:
+def headed(recording, heading):
     """The same recording with a laboratory, and a plate's own axes, that stand turned about the
     vertical."""
     motion, wrench = recording
@@ -140,7 +135,7 @@ def headed(recording: Recording, heading: float) -> Recording:
 
 
 @pytest.mark.parametrize("heading", [0.0, 0.08, np.pi / 6, 2.0])
-def test_the_wrench_of_a_motion_like_those_of_the_trials_is_known(heading: float) -> None:
+def test_the_wrench_of_a_motion_like_those_of_the_trials_is_known(heading):
     """Trials that turn about one axis show no single parameter about the others, whichever way the
     laboratory lies."""
     trials = [headed(plate_motion(1, size, 0.03), heading) for size in (0.09, 0.05)]
@@ -154,12 +149,12 @@ def test_the_wrench_of_a_motion_like_those_of_the_trials_is_known(heading: float
     assert model.directions.shape[1] == in_x.directions.shape[1] < 10
 
 
-def about_two_axes() -> list[Recording]:
+def about_two_axes():
     """Of which the second hardly turns."""
     return [plate_motion(1, 0.09, 0.03), plate_motion(0, 0.004, 0.04)]
 
 
-def test_the_error_of_the_corners_height_is_that_of_a_mean_over_the_recordings() -> None:
+def test_the_error_of_the_corners_height_is_that_of_a_mean_over_the_recordings():
     """Recordings of one motion weigh alike, so that the height is the mean of theirs. Its standard
     error is then s/sqrt(m)."""
     heights = np.array([0.020, 0.021, 0.017, 0.024, 0.018])
@@ -180,7 +175,7 @@ def test_the_error_of_the_corners_height_is_that_of_a_mean_over_the_recordings()
     assert raised.height_se == pytest.approx(heights.std(ddof=1) / np.sqrt(len(heights)), rel=1e-6)
 
 
-def test_what_recordings_do_not_show_stays_as_it_is_known() -> None:
+def test_what_recordings_do_not_show_stays_as_it_is_known():
     """A jackknife without the only trial about x must not call I_xx zero."""
     recordings = about_two_axes()
     whole = identify_plate_inertia(recordings)
@@ -191,7 +186,7 @@ def test_what_recordings_do_not_show_stays_as_it_is_known() -> None:
     assert 0 < without_x.directions.shape[1] < whole.directions.shape[1]
 
 
-def test_a_direction_that_is_mostly_noise_is_not_identified() -> None:
+def test_a_direction_that_is_mostly_noise_is_not_identified():
     recordings = about_two_axes()
     columns = np.vstack([stacked_columns(without_mean(inertial_columns(m))) for m, _ in recordings])
 
@@ -210,9 +205,7 @@ def test_a_direction_that_is_mostly_noise_is_not_identified() -> None:
         (290, 0.0, 0.0, 3e-3),  # no aliasing: 290 Hz at 300 Hz would be 10 Hz
     ],
 )
-def test_a_wrench_is_brought_to_the_markers_frames(
-    frequency: float, lag: float, gain: float, error: float
-) -> None:
+def test_a_wrench_is_brought_to_the_markers_frames(frequency, lag, gain, error):
     fast = np.arange(4500) / PLATE_RATE
     slow = np.arange(900) / RATE
     tone = np.sin(2 * np.pi * frequency * (fast - lag))[:, None] * [1.0, 2.0, 3.0]
@@ -225,9 +218,7 @@ def test_a_wrench_is_brought_to_the_markers_frames(
     np.testing.assert_allclose(sampled[:, 3:], sampled[:, :3])
 
 
-def unloaded(
-    name: str, load: float = 0.0, angle: float = 5.0, threshold: float = 0.0, **changes: float
-) -> Trial:
+def unloaded(name, load=0.0, angle=5.0, threshold=0.0, **changes):
     """A recording of a plate that turns and returns, with noise on all; `changes` of its rig. Below
     a threshold an export wrote 0."""
     trial = walked_over(name, replace(RAMP, angle=angle), replace(RIG, **changes), 7, loaded=False)
@@ -235,17 +226,17 @@ def unloaded(
     return changed(trial, (force + load) * (force.abs() > threshold))
 
 
-def between(trial: Trial, start: float, end: float) -> Trial:
+def between(trial, start, end):
     """The part of a recording between two times [s]."""
     rows = pl.col("time").is_between(start, end)
     return replace(trial, samples=trial.samples.filter(rows))
 
 
-def model_of(*trials: Trial, **choices: Any) -> PlateModel:
+def model_of(*trials, **choices):
     return identify_plate_model([(trial, CALIBRATION) for trial in trials], settings(**choices))
 
 
-def test_the_models_without_a_trial_know_nothing_of_it() -> None:
+def test_the_models_without_a_trial_know_nothing_of_it():
     trials = [unloaded(f"plate_{k}", lag=0.001 * (1 + k), mass=MASS + k) for k in range(3)]
     motion, wrench = plate_motion(1, 0.09, 0.03)
 
@@ -261,7 +252,7 @@ def test_the_models_without_a_trial_know_nothing_of_it() -> None:
     assert np.abs(inertial_columns(motion) @ difference).max() < 0.02 * np.abs(wrench).max()
 
 
-def test_a_lag_that_is_not_found_is_not_corrected() -> None:
+def test_a_lag_that_is_not_found_is_not_corrected():
     model = model_of(unloaded("plate_1", lag=0.002, mass=0.0))
 
     assert model.lag is None
@@ -278,16 +269,14 @@ def test_a_lag_that_is_not_found_is_not_corrected() -> None:
         ({"threshold": 2.0}, r"between 0 and 2.* N.*without a threshold"),
     ],
 )
-def test_a_recording_that_cannot_show_the_unloaded_plate_is_refused(
-    changes: dict[str, float], reason: str
-) -> None:
+def test_a_recording_that_cannot_show_the_unloaded_plate_is_refused(changes, reason):
     with refused_with(f"trial plate_1: .*{reason}") as refusal:
         model_of(unloaded("plate_1", **changes))
 
     assert refusal.value.trial == "plate_1"
 
 
-def test_a_motion_that_the_recording_cuts_has_no_part_in_the_model() -> None:
+def test_a_motion_that_the_recording_cuts_has_no_part_in_the_model():
     """Half a motion made the lag 0.3 to 5 ms wrong and the mass 3 kg too small, with nothing
     said."""
     early = between(unloaded("plate_1", lag=0.0015), 0.0, 2.0)
@@ -298,7 +287,7 @@ def test_a_motion_that_the_recording_cuts_has_no_part_in_the_model() -> None:
     assert model.parameters[0] == pytest.approx(MASS, rel=0.02)
 
 
-def test_recordings_without_a_whole_motion_are_refused() -> None:
+def test_recordings_without_a_whole_motion_are_refused():
     late = between(unloaded("plate_2", lag=0.0015), 2.0, 3.0)
     slow = walked_over("plate_2", replace(RAMP, rise=1.2, returns=2.5), RIG, 7, loaded=False)
     never_still = between(slow, 1.2, 2.0)
@@ -308,7 +297,7 @@ def test_recordings_without_a_whole_motion_are_refused() -> None:
             model_of(cut)
 
 
-def stepped(offset: float, noise: float = 0.4) -> Array:
+def stepped(offset, noise=0.4):
     """A step of 0.7 s and 800 N from 1 s; then the tilted plate reads 5 N more with half the
     noise."""
     is_tilted = TIME > 1.75
@@ -320,7 +309,7 @@ def stepped(offset: float, noise: float = 0.4) -> Array:
     return np.hstack([force, moment])
 
 
-def standing_on(wrench: Array, first: int = 0) -> Trial:
+def standing_on(wrench, first=0):
     """A recording of this wrench from a row on."""
     frames = len(wrench[first:]) // 5
     markers = synthetic.labelled("PLAT", np.tile(synthetic.PLATFORM, (frames, 1, 1)))
@@ -328,7 +317,7 @@ def standing_on(wrench: Array, first: int = 0) -> Trial:
 
 
 @pytest.mark.parametrize("unloaded_s", [0.9, 0.2])
-def test_the_zero_is_read_before_the_foot_comes(unloaded_s: float) -> None:
+def test_the_zero_is_read_before_the_foot_comes(unloaded_s):
     """Of 1 s before it, and not after the platform tilted. 0.2 s of noise of 0.4 N: the mean's
     standard deviation is 0.02 N."""
     trial = standing_on(stepped(-60.0))
@@ -339,17 +328,17 @@ def test_the_zero_is_read_before_the_foot_comes(unloaded_s: float) -> None:
 
 
 @pytest.mark.parametrize("zero", [-713.0, 713.0])
-def test_a_plate_that_was_not_zeroed_is_refused(zero: float) -> None:
+def test_a_plate_that_was_not_zeroed_is_refused(zero):
     with refused_with(rf"plate.*{zero:.0f} N,.*100 N"):
         zeroed_wrench(standing_on(stepped(zero)), TIME[::5], settings())
 
 
-def test_a_plate_that_is_loaded_from_the_start_is_refused() -> None:
+def test_a_plate_that_is_loaded_from_the_start_is_refused():
     with refused_with(r"0\.2 s.*recording's"):
         zeroed_wrench(standing_on(stepped(0.0), 2000), TIME[:-2000:5], settings())
 
 
-def askew() -> tuple[Array, Array]:
+def askew():
     """Force (n, 3) [N] of a plate that stands turned by 20 degrees and whose Fx is at its limit,
     and the plate's axes: Fx is a mixture in the laboratory, and neither of its parts is flat."""
     turn = Rotation.from_euler("z", 20, degrees=True).as_matrix()
@@ -358,14 +347,14 @@ def askew() -> tuple[Array, Array]:
     return in_plate @ turn.T, plate_axes(np.array(synthetic.CORNERS) @ turn.T)
 
 
-def test_a_plate_at_its_limit_is_refused_also_where_it_stands_askew() -> None:
+def test_a_plate_at_its_limit_is_refused_also_where_it_stands_askew():
     force, axes = askew()
 
     with refused_with("250 N"):
         check_range(TIME, force, axes, 30)
 
 
-def test_a_force_that_peaks_or_rests_unloaded_is_within_range() -> None:
+def test_a_force_that_peaks_or_rests_unloaded_is_within_range():
     axes = plate_axes(np.array(synthetic.CORNERS))
     one_value = stepped(0.0, noise=0.0)[:1400, :3]
 
@@ -376,7 +365,7 @@ def test_a_force_that_peaks_or_rests_unloaded_is_within_range() -> None:
 RUNS = ("clipped_at", "clipped_from_s", "clipped_to_s", "stands_from_s", "stands_to_s")
 
 
-def examined(**channel: float) -> Trial:
+def examined(**channel):
     """A recording of a plate of which ingest found this in a channel."""
     facts = {"label": "A3", **dict.fromkeys(RUNS, 0.0), **channel}
     plate = {"plate": 1, "channels": [facts]}
@@ -393,7 +382,7 @@ PERSON = np.array([0.0, 700.0])  # [N]
     (CLIPPED, r"A3.*force plate 1.*-200.*0\.300 s.*0\.325 s"),
     (DEAD, r"A3.*force plate 1.*0\.100"),
 ])  # fmt: skip
-def test_a_channel_that_fails_in_stance_is_refused(trial: Trial, message: str) -> None:
+def test_a_channel_that_fails_in_stance_is_refused(trial, message):
     with refused_with(message):
         check_plate(trial, 1, STANCE, PERSON)
 
@@ -407,18 +396,16 @@ def test_a_channel_that_fails_in_stance_is_refused(trial: Trial, message: str) -
         (DEAD, 1, Stance(0.22, 0.8)),  # for 90 ms
     ],
 )
-def test_a_channel_that_fails_elsewhere_does_not_matter(
-    trial: Trial, plate: int, stance: Stance
-) -> None:
+def test_a_channel_that_fails_elsewhere_does_not_matter(trial, plate, stance):
     check_plate(trial, plate, stance, PERSON)
 
 
-def test_a_force_beyond_a_person_s_is_refused() -> None:
+def test_a_force_beyond_a_person_s_is_refused():
     with refused_with(r"plate 1.*8\.4e\+03 N,.*8000 N"):
         check_plate(examined(), 1, STANCE, 12 * PERSON)
 
 
-def test_a_moving_plate_without_moments_is_refused() -> None:
+def test_a_moving_plate_without_moments_is_refused():
     alone = unloaded("plate_1")
     walked = walked_over("p", Ramp(), Rig(), 1)
     for trial in (alone, walked):
@@ -433,7 +420,7 @@ def test_a_moving_plate_without_moments_is_refused() -> None:
 CENTRE = np.array([[1.0, 2.0, 0.1]])  # of the plate
 
 
-def test_the_pressure_is_where_the_force_acts() -> None:
+def test_the_pressure_is_where_the_force_acts():
     """A force through a known point of the surface, the ankle 0.1 m above it; the axis points along
     -x, heading +y."""
     force = np.array([[30.0, -20.0, 700.0]])
@@ -453,17 +440,17 @@ def test_the_pressure_is_where_the_force_acts() -> None:
     ([20.0, 30, -700], "-z .up to 700"),
     ([-700.0, 30, 10], "-x .up to 700"),
 ])  # fmt: skip
-def test_a_load_that_does_not_act_upwards_is_refused(force: list[float], along: str) -> None:
+def test_a_load_that_does_not_act_upwards_is_refused(force, along):
     with refused_with(rf"{along}.*; .*`axes`.* C3D file in the recorder, .*`sign`"):
         check_vertical(np.outer(PHASE, force), 20.0)
 
 
-def test_a_load_that_acts_upwards_and_noise_of_an_empty_plate_are_sound() -> None:
+def test_a_load_that_acts_upwards_and_noise_of_an_empty_plate_are_sound():
     check_vertical(np.outer(PHASE, [200.0, 100, 700]), 20.0)
     check_vertical(np.outer(PHASE, [-1.0, 0.3, 0.2]), 20.0)
 
 
-def test_an_empty_plate_beside_a_loaded_one_is_refused() -> None:
+def test_an_empty_plate_beside_a_loaded_one_is_refused():
     trial = standing_on(stepped(0.0))
     two = {column.replace("1", "2"): 0 * pl.col(column) for column in plate_columns(1)}
     trial = changed(trial, **two)
@@ -473,12 +460,12 @@ def test_an_empty_plate_beside_a_loaded_one_is_refused() -> None:
         zeroed_wrench(trial, TIME[::5], settings(plate=2))
 
 
-def with_corners(corners: Array) -> Trial:
+def with_corners(corners):
     facts = {"plates": [{"plate": 1, "type": 2, "corners": corners.tolist()}]}
     return Trial("plate_1", pl.DataFrame({"time": [0.0]}), facts)
 
 
-def sloping(angle_deg: float) -> Array:
+def sloping(angle_deg):
     """Corners of a plate on a slope."""
     return SURFACE @ matrix(0, np.deg2rad([angle_deg]))[0].T
 
@@ -493,20 +480,18 @@ AXES = r"plate_1.*`axes`.*\[x, -z, y\]"
     (with_corners(SURFACE), 2, "plate 2;.*1"),
     (replace(with_corners(SURFACE), provenance={}), 1, "`plate`"),
 ])  # fmt: skip
-def test_a_plate_on_edge_or_without_corners_is_refused(
-    trial: Trial, plate: int, message: str
-) -> None:
+def test_a_plate_on_edge_or_without_corners_is_refused(trial, plate, message):
     with refused_with(message):
         recorded_corners(trial, plate)
 
 
-def test_a_ramp_is_no_edge() -> None:
+def test_a_ramp_is_no_edge():
     corners = sloping(33.0)
 
     assert recorded_corners(with_corners(corners), 1).tolist() == corners.tolist()
 
 
-def test_a_shank_that_moves_backwards_is_refused() -> None:
+def test_a_shank_that_moves_backwards_is_refused():
     ahead = -0.1 + 0.25 * PHASE
 
     check_side(PHASE, ahead)
@@ -514,7 +499,7 @@ def test_a_shank_that_moves_backwards_is_refused() -> None:
         check_side(PHASE, -ahead)
 
 
-def rolled(roll_m: float, roll_deg: float, push_deg: float, torque: float) -> None:
+def rolled(roll_m, roll_deg, push_deg, torque):
     """A load of 700 N that rolls and pushes at angles from forward in stance, checked."""
     turns = np.deg2rad([roll_deg, push_deg])
     roll, push = np.stack([np.sin(turns), np.cos(turns)], axis=1)[:, :, None] * PHASE
@@ -523,7 +508,7 @@ def rolled(roll_m: float, roll_deg: float, push_deg: float, torque: float) -> No
 
 
 @pytest.mark.parametrize("sound", [(0.2, 0, 0, 80), (0.2, 20, 40, 0), (0.02, 90, 0, 80)])
-def test_a_load_that_rolls_forward_or_hardly_moves_is_sound(sound: tuple[float, ...]) -> None:
+def test_a_load_that_rolls_forward_or_hardly_moves_is_sound(sound):
     rolled(*sound)
 
 
@@ -534,8 +519,6 @@ def test_a_load_that_rolls_forward_or_hardly_moves_is_sound(sound: tuple[float, 
     ((0, 180, 80), "0 deg.*180 deg.*wrong sign"),  # and the corners were turned for it
     ((0, 0, -80), r"toes up with 56\.0 N\*m.*another foot"),
 ])  # fmt: skip
-def test_a_plate_that_is_turned_and_a_second_foot_are_refused(
-    turned: tuple[float, ...], message: str
-) -> None:
+def test_a_plate_that_is_turned_and_a_second_foot_are_refused(turned, message):
     with refused_with(message):
         rolled(0.2, *turned)

@@ -3,8 +3,6 @@ shifts."""
 
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import polars as pl
@@ -15,16 +13,14 @@ from walking_synthetic import Ramp, Rig, changed, plate_trials, settings, static
 
 from osl_analysis.commands.walking import average_unperturbed, write_refusal
 from osl_analysis.table import write_table
-from osl_analysis.trial import Trial
-from osl_analysis.walking.crossing import Crossing, analyse_crossing, check_onset
+from osl_analysis.walking.crossing import analyse_crossing, check_onset
 from osl_analysis.walking.groups import static_of
 from osl_analysis.walking.plate import Stance
 from osl_analysis.walking.plate_inertia import (
     NO_CORRECTION,
-    PlateModel,
     identify_plate_model,
 )
-from osl_analysis.walking.poses import StaticCalibration, static_calibration
+from osl_analysis.walking.poses import static_calibration
 
 CALIBRATION = static_calibration(static_trial(), settings())
 RIG = Rig()
@@ -32,25 +28,25 @@ HEAVE = 0.003
 WALK = walked_over("walk_1", None, RIG, 1)
 
 
-def calibrated(trials: list[Trial]) -> list[tuple[Trial, StaticCalibration]]:
+def calibrated(trials):
     return [(trial, CALIBRATION) for trial in trials]
 
 
 @cache
-def plate(heave: float = 0.0) -> PlateModel:
+def plate(heave=0.0):
     return identify_plate_model(calibrated(plate_trials(RIG, Ramp(heave=heave), 3, 2)), settings())
 
 
-def unperturbed(trial: Trial, model: PlateModel = NO_CORRECTION, **choices: Any) -> Crossing:
+def unperturbed(trial, model=NO_CORRECTION, **choices):
     return analyse_crossing(trial, CALIBRATION, model, False, settings(**choices))
 
 
-def moved(trial: Trial, *markers: str, by: float = 0.01) -> Trial:
+def moved(trial, *markers, by=0.01):
     """The trial with markers [m] further to the left."""
     return changed(trial, *[pl.col(f"marker_{marker}_y") + by for marker in markers])
 
 
-def raised(trial: Trial, by: list[float]) -> Trial:
+def raised(trial, by):
     """The trial whose recording states the corners elsewhere [m]."""
     plate = {"plate": 1, "type": 2, "corners": np.add(synthetic.CORNERS, by).tolist()}
     return replace(trial, provenance={"plates": [plate]})
@@ -65,9 +61,7 @@ def raised(trial: Trial, by: list[float]) -> Trial:
         (raised(WALK, [0.03, 0, 0]), "the corners of force plate 1", 30.0),
     ],
 )
-def test_what_is_not_where_it_was_in_the_static_trial_is_named_by_itself(
-    trial: Trial, what: str, distance_mm: float
-) -> None:
+def test_what_is_not_where_it_was_in_the_static_trial_is_named_by_itself(trial, what, distance_mm):
     quality = unperturbed(trial).quality
 
     assert quality.different == what
@@ -76,7 +70,7 @@ def test_what_is_not_where_it_was_in_the_static_trial_is_named_by_itself(
 
 
 @pytest.mark.parametrize("heave", [0.0, HEAVE])
-def test_the_mass_of_a_heavy_plate_is_inside_its_interval(heave: float) -> None:
+def test_the_mass_of_a_heavy_plate_is_inside_its_interval(heave):
     """25 kg, 0.3 mm, 2.5 deg: all six coordinates at 8 Hz read 22.9 +- 0.2 kg. Over 12 seeds -0.02
     +- 0.06 (0.06)."""
     model = plate(heave)
@@ -85,7 +79,7 @@ def test_the_mass_of_a_heavy_plate_is_inside_its_interval(heave: float) -> None:
     assert abs(model.parameters[3] - RIG.mass * RIG.com[2]) < 0.04
 
 
-def test_noise_that_the_low_pass_spread_into_rest_is_not_subtracted() -> None:
+def test_noise_that_the_low_pass_spread_into_rest_is_not_subtracted():
     """5 deg in 80 ms, 0.1 mm: noise that is read from columns in which the low-pass of 8 Hz spread
     the motion made the mass 25.06. Over 8 seeds it is 25.000 with a scatter of 0.014 (moment
     0.0022, I_yy 0.0006): three of them here."""
@@ -101,7 +95,7 @@ def test_noise_that_the_low_pass_spread_into_rest_is_not_subtracted() -> None:
     assert inertia == pytest.approx(I_yy, abs=0.0018)
 
 
-def test_a_cluster_that_was_put_on_again_asks_for_a_static_trial() -> None:
+def test_a_cluster_that_was_put_on_again_asks_for_a_static_trial():
     with refused_with("shank markers"):
         unperturbed(moved(WALK, "SHANK1", by=0.07), plate())
 
@@ -114,9 +108,7 @@ def test_a_cluster_that_was_put_on_again_asks_for_a_static_trial() -> None:
     ({"side": "left"}, {"s1": {"side": "right"}, "s2": {"side": "left"}}, "s2"),
     ({"subject": "A"}, {"s1": {}}, "s1"),
 ])  # fmt: skip
-def test_the_static_trial_is_the_named_one_else_the_subject_s_else_the_only(
-    cells: dict[str, str], statics: dict[str, dict[str, str]], own: str
-) -> None:
+def test_the_static_trial_is_the_named_one_else_the_subject_s_else_the_only(cells, statics, own):
     assert static_of("w", cells, statics) == own
 
 
@@ -128,14 +120,12 @@ def test_the_static_trial_is_the_named_one_else_the_subject_s_else_the_only(
     ({"static": "w1"},
      {"s1": {}}, "static: 'w1'.*trial.*experiment 'static'.*s1"),
 ])  # fmt: skip
-def test_a_crossing_without_a_static_trial_of_its_own_is_refused(
-    cells: dict[str, str], statics: dict[str, dict[str, str]], message: str
-) -> None:
+def test_a_crossing_without_a_static_trial_of_its_own_is_refused(cells, statics, message):
     with refused_with(rf"trial 'w'.*{message}"):
         static_of("w", cells, statics)
 
 
-def test_each_unloaded_trial_is_read_with_the_cluster_of_its_session() -> None:
+def test_each_unloaded_trial_is_read_with_the_cluster_of_its_session():
     """With the first static trial the residual of the second session exceeds the limit."""
     trials = plate_trials(Rig(marker=1e-5), Ramp(), 2, 2)
     later = moved(trials[1], "PLAT1", by=0.03)
@@ -154,7 +144,7 @@ def test_each_unloaded_trial_is_read_with_the_cluster_of_its_session() -> None:
         identify_plate_model(calibrated([later]), settings())
 
 
-def test_the_unloaded_plate_shows_the_height_of_its_corners_to_2_mm() -> None:
+def test_the_unloaded_plate_shows_the_height_of_its_corners_to_2_mm():
     trials = [raised(trial, [0, 0, 0.02]) for trial in plate_trials(RIG, Ramp(), 3, 2)]
 
     high = identify_plate_model(calibrated(trials), settings())
@@ -164,7 +154,7 @@ def test_the_unloaded_plate_shows_the_height_of_its_corners_to_2_mm() -> None:
     assert high.height_se == pytest.approx(0, abs=2e-3)
 
 
-def test_a_resting_plate_adds_nothing() -> None:
+def test_a_resting_plate_adds_nothing():
     weightless = replace(plate(), parameters=np.zeros(10))
 
     difference = unperturbed(WALK, plate()).torque - unperturbed(WALK, weightless).torque
@@ -172,7 +162,7 @@ def test_a_resting_plate_adds_nothing() -> None:
     assert np.sqrt(np.mean(difference**2)) < 0.05
 
 
-def test_a_platform_that_yields_a_little_is_no_perturbation() -> None:
+def test_a_platform_that_yields_a_little_is_no_perturbation():
     """It moves forward, with what stands on it, by 5 mm within 0.1 s in mid-stance."""
     yields = 0.05 * (pl.col("time") - 1.2).clip(0, 0.1)
 
@@ -187,7 +177,7 @@ def test_a_platform_that_yields_a_little_is_no_perturbation() -> None:
 BESIDE = raised(WALK, [0.2, -0.02, 0])  # corners further forward and to the right
 
 
-def test_a_foot_beside_the_plate_has_its_place_and_its_load() -> None:
+def test_a_foot_beside_the_plate_has_its_place_and_its_load():
     crossing = unperturbed(BESIDE)
 
     quality = crossing.quality
@@ -198,7 +188,7 @@ def test_a_foot_beside_the_plate_has_its_place_and_its_load() -> None:
     assert crossing.load[:, middle] == pytest.approx([680, -0.02, 0.25], rel=0.02)
 
 
-def test_a_late_plate_is_read_later() -> None:
+def test_a_late_plate_is_read_later():
     crossing = unperturbed(BESIDE)
 
     late = unperturbed(BESIDE, replace(NO_CORRECTION, lags=(0.01,)))
@@ -218,20 +208,18 @@ IN_STANCE = pl.col("time").is_between(1.0, 1.6).cast(pl.Float64)
     ({}, {"plate1_moment_y": pl.col("plate1_moment_y") + IN_STANCE * 120}, "0 cm.*toes up"),
     ({}, {"plate1_force_x": -100 * pl.col("time") * IN_STANCE}, "N, 179 deg.*wrong sign"),
 ])  # fmt: skip
-def test_none_or_several_stances_or_one_that_lifts_or_brakes_are_refused(
-    more: dict[str, float], changes: dict[str, pl.Expr], told: str
-) -> None:
+def test_none_or_several_stances_or_one_that_lifts_or_brakes_are_refused(more, changes, told):
     with refused_with(told):
         unperturbed(changed(WALK, **changes), **more)
 
 
 @pytest.mark.parametrize("onset", [1.75, 0.8, 1.02, 1.53])
-def test_an_onset_whose_response_leaves_stance_is_refused(onset: float) -> None:
+def test_an_onset_whose_response_leaves_stance_is_refused(onset):
     with refused_with(r"baseline.*window.*0\.930-1\.590 s"):
         check_onset(onset, True, Stance(0.93, 1.59), settings())
 
 
-def test_too_few_unperturbed_crossings_say_how_many_and_a_reason(tmp_path: Path) -> None:
+def test_too_few_unperturbed_crossings_say_how_many_and_a_reason(tmp_path):
     reason = "trial u0:.*shank.*20 cm.*foot"
     write_refusal("u0", reason, tmp_path / "u0.parquet")
     row = {"trial": "u0", "reason": reason, "perturbed": False, "group": "all", "direction": None}

@@ -1,13 +1,11 @@
 """The ankle torque of published overground gait, beside the laboratory's own moment."""
 
-from pathlib import Path
-
 import numpy as np
 import polars as pl
 import pytest
 
 from osl_analysis.commands.trials import ingest_trial
-from osl_analysis.trial import Array, Trial, read_trial
+from osl_analysis.trial import read_trial
 from osl_analysis.walking.crossing import ankle_torque
 from osl_analysis.walking.plate import (
     find_stances,
@@ -30,7 +28,7 @@ LOADED_N = 50.0
 
 
 @pytest.fixture(scope="module")
-def recorded(recordings: Path, tmp_path_factory: pytest.TempPathFactory) -> Trial:
+def recorded(recordings, tmp_path_factory):
     folder = tmp_path_factory.mktemp("published")
     (folder / "plug_in_gait.yaml").write_text(SOURCE)
     row = {"trial": "pig", "mocap": "btk_PiG_Motion3_FF.c3d", "mocap_source": "plug_in_gait"}
@@ -38,7 +36,7 @@ def recorded(recordings: Path, tmp_path_factory: pytest.TempPathFactory) -> Tria
     return read_trial(folder / "pig.parquet")
 
 
-def moments_over_stance(trial: Trial, side: str, plate: int) -> tuple[Array, Array]:
+def moments_over_stance(trial, side, plate):
     """Our moment and the laboratory's [N*m/kg], while the foot loads a plate.
 
     Plug-in Gait stores the ankle's centre (TIO), and a point to its left on the tibia's
@@ -61,8 +59,8 @@ def moments_over_stance(trial: Trial, side: str, plate: int) -> tuple[Array, Arr
 @pytest.mark.recordings
 @pytest.mark.parametrize(("side", "plate"), [("left", 1), ("left", 3), ("right", 2)])
 def test_agrees_with_plug_in_gait_as_the_published_reference_does(
-    recordings: Path, recorded: Trial, side: str, plate: int
-) -> None:
+    recordings, recorded, side, plate
+):
     """The reference is half a frame late: without delay slope and peak move by below 1 %."""
     table = pl.read_csv(recordings / "reference/ankle_moment.csv")
     (published,) = table.filter(side=side[0].upper(), plate=plate - 1).to_dicts()

@@ -96,7 +96,7 @@ def test_noise_beside_the_motion_is_taken_for_as_large_as_far_from_it(monkeypatc
 
 def test_a_recording_that_the_columns_of_rivals_fill_is_not_weighed():
     with refused_with("too short.*record for longer"):
-        part_of(8)
+        part_of(10)
 
 
 def test_delay_in_the_spectrum_is_the_torque_at_a_later_time():

@@ -14,6 +14,7 @@ import polars as pl
 
 from osl_analysis.commands.fit_results import FitTables, estimated, printed_units
 from osl_analysis.errors import Change, InputError, OslAnalysisError
+from osl_analysis.inference.constants import LIKELY
 from osl_analysis.ingest.guard import in_other_units, swapped_channels
 from osl_analysis.measured import written
 from osl_analysis.trial import Trial
@@ -76,16 +77,17 @@ def check_not_swapped(
     fit: Callable[..., FitTables], trial: Trial, arguments: Mapping[str, Any], tables: FitTables
 ) -> None:
     """Refuse estimates that no joint has, with InputError, if angle and torque explain each other
-    much better in exchanged channels. A late torque makes B negative, too, but no such
-    difference."""
+    much better in exchanged channels, and without a fault. A late torque makes B negative, too, and
+    is late in exchanged channels as well."""
     row = tables.row
     if is_possible(row) or not {"theta", "torque"} <= set(trial.columns):
         return
     changes = swapped_channels(trial, "theta", "torque")
-    least = min(
-        (outcome.unexplained for outcome in diagnose(fit, trial, arguments, changes)),
-        default=math.inf,
-    )
+    least = math.inf
+    for outcome in diagnose(fit, trial, arguments, changes):
+        probability = outcome.row.get("fault_probability")
+        if probability is not None and probability < LIKELY:
+            least = min(least, outcome.unexplained)
     if FITS_WORSE * least < Outcome(changes[0], row).unexplained:
         name = "B" if (row.get("B_high") or 0.0) < 0 else estimated(row)[0]
         raise InputError(

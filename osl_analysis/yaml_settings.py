@@ -19,6 +19,7 @@ from pydantic import (
     Field,
     NonNegativeFloat,
     PositiveFloat,
+    PositiveInt,
     ValidationError,
     model_validator,
 )
@@ -32,10 +33,11 @@ from osl_analysis.files import shipped
 Positive = PositiveFloat
 NotNegative = NonNegativeFloat
 Degrees = Annotated[Positive, Field(le=180)]
-FilterOrder = Annotated[int, Field(ge=1, le=10)]
-CycleCount = Annotated[int, Field(ge=1, le=10_000)]
-Amplitudes = Annotated[tuple[Degrees, ...], Field(min_length=1)]
-Frequencies = Annotated[tuple[Positive, ...], Field(min_length=1)]
+FilterOrder = Annotated[PositiveInt, Field(le=10)]
+CycleCount = Annotated[PositiveInt, Field(le=10_000)]
+NotEmpty = Field(min_length=1)
+Amplitudes = Annotated[tuple[Degrees, ...], NotEmpty]
+Frequencies = Annotated[tuple[Positive, ...], NotEmpty]
 JointDegrees = Annotated[Positive, Field(le=60)]  # by which an ankle can be turned
 Seconds = Annotated[Positive, Field(le=10)]  # within a crossing; a larger number is in ms
 Metres = Annotated[Positive, Field(le=10)]  # in a laboratory; a larger number is in mm

@@ -40,7 +40,6 @@ BRISTLES = (1.5e-4, 5e-4, 1.5e-3, 5e-3, 1.5e-2)
 SLIDES = np.array([[0.01], [0.05]])
 # SD [s] of a lag due to hysteresis that these do not model; simulated legs: 10 to 150
 BELT_ERROR = 80e-6
-LEAST_OWN_ERROR = 0.1  # of that error: what a fit has beside it
 # of the joint's angle: errors of encoders reach that, and a joint beside an idle motor is no leg
 LEAST_DEFLECTION = 0.05
 # of the file's K_s, beyond which the belt is another one
@@ -178,7 +177,8 @@ def fit_belt(
     of_J_j = fit.covariance[k]
     # of the lag if J_j were known; of few units rounding may leave less than nothing
     known = fit.covariance[-1, -1] - of_J_j[-1] ** 2 / of_J_j[k]
-    variance = max(known, (LEAST_OWN_ERROR * BELT_ERROR) ** 2)
+    least_share = 0.1  # of the belt's error: what a fit has beside it
+    variance = max(known, (least_share * BELT_ERROR) ** 2)
     fit = replace(fit, covariance=fit.covariance * (1 + BELT_ERROR**2 / variance))
     if np.isfinite(p.J_j):
         # of minimum variance beside the file's

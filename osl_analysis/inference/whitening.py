@@ -25,7 +25,6 @@ LEAST_NOISE = 1e-20
 # of the recording, beside its middle, after which stiffness and damping may be others in the rich
 # model; each adds two columns
 OTHER_MOMENTS = (0.25, 0.375, 0.625, 0.75)
-LEAST_LEFT = 0.1  # of the noise, by which what is left of it is divided at least
 # of the noise beside the motion, that columns may take up: of sound sines and multisines of 8 to
 # 60 s none of 84 is accused below that, one of six above
 MOST_TAKEN = 0.42
@@ -115,6 +114,7 @@ def whitening_gain(spectra: Spectra, signals: Spectrum) -> Array:
     passed = rows * np.maximum(spectra.roll_off**2, LEAST_GAIN)
     torque_variance = float(np.mean(np.abs(signals[-1]) ** 2)) / rows
     least = LEAST_NOISE * max(torque_variance, np.finfo(float).tiny)
+    least_left = 0.1  # of the noise, by which what is left of it is divided at least
     lines = max(round(COLOUR_BAND * spectra.padded_seconds), 1)
     gain = np.ones_like(spectra.frequency)
     for _ in range(ROUNDS):
@@ -127,7 +127,7 @@ def whitening_gain(spectra: Spectra, signals: Spectrum) -> Array:
         # rows in the window
         taken = leverage(weighed[:-1]) * spectra.working_rows / rows
         taken = scipy.ndimage.uniform_filter1d(taken, lines, mode="nearest")
-        power /= np.maximum(1 - taken, LEAST_LEFT)
+        power /= np.maximum(1 - taken, least_left)
         gain = 1 / np.sqrt(np.maximum(power, least))
     taken_of_motion = np.average(taken, weights=np.abs(signals[0]) ** 2)
     if taken_of_motion > MOST_TAKEN:

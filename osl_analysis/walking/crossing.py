@@ -641,6 +641,14 @@ def analyse_crossing(
 
     # Angle
     ankle = ankle_between(foot, shank, calibration)
+    half_a_foot_m = 0.15  # an ankle that is farther beside the plate does not load it
+    stands = phases_between(phase, (0.1, 0.9))
+    outside_m = furthest_outside(ankle.centre[stands], passage.corners)
+    if outside_m > half_a_foot_m:
+        raise InputError(
+            f"the ankle is {100 * outside_m:.0f} cm beside force plate {settings.plate} while it is"
+            " loaded: another foot stands on it; state the plate under this foot as `walking.plate`"
+        )
     _, ahead = ankle.along(shank.position - ankle.centre)
     check_side(phase, ahead)
 

@@ -61,8 +61,6 @@ class PlateLimits:
     CERTAIN_SES = 4.0  # standard errors beyond which a height is certain
     SMALLEST_HEIGHT_COLUMN = 0.02  # share of its column that no other explains
     LIGHT_KG = 0.1  # mass below which a centre of mass is not known
-    LONGEST_BLANK_S = 0.1  # of no force: with noise it is 0 in single samples
-    LEAP = 0.01  # of the largest force, from 0 to the smallest: a motion begins with less
     SPREAD_FRAMES = 30  # by which the low-pass of the identification spreads a motion
     # at rest noise gives 0.03 deg; 11 frames at 300 Hz change the lag by 2 ms
     HIDDEN_TURN_DEG = 0.2
@@ -256,9 +254,11 @@ def unloaded_recording(
             " the trial in the column static, or record a turn from rest to rest with markers in"
             " sight",
         )
+    longest_blank_s = 0.1  # of no force: with noise it is 0 in single samples
+    leap = 0.01  # of the largest force, from 0 to the smallest: a motion begins with less
     blank_s = force[longest_run(force == 0)].size / sampling_rate(time)
     smallest = np.min(force, initial=force.max(), where=force > 0)
-    if blank_s > PlateLimits.LONGEST_BLANK_S and smallest > PlateLimits.LEAP * force.max():
+    if blank_s > longest_blank_s and smallest > leap * force.max():
         raise InputError(
             f"the plate reads 0 for {blank_s:.2f} s, and no force between 0 and"
             f" {smallest:.2g} N: what lies below was set to 0; export the trials of the unloaded"

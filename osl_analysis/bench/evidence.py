@@ -136,9 +136,10 @@ def impedance_table(
     record = analysis.record
     whole = analysis.whole
     check_stiffer(record.name, "K", whole["K"], record.settings.bench_stiffness)
-    if whole.interval("B")[0] < 0 and whole.interval("I")[0] <= 0:
-        # with the right sign K may be negative, as of a weight above the axis, but B or I is then
-        # certainly positive
+    has_losses = whole.interval("B")[0] >= 0 or whole.interval("I")[0] > 0
+    if whole["K"] < 0 and (desired.K_d or not has_losses):
+        # with the right sign K may be negative, as of a weight above the axis, if none is stated;
+        # B or I is then certainly positive
         check_resists(record.name, "K", whole["K"], whole.interval("K")[1])
 
     expected = joint_admittance(gains.K_1, gains.B_1, p, p.J_j) if p and gains else None

@@ -65,13 +65,14 @@ class Described:
         )
 
     @property
-    def tells(self) -> tuple[bool, int, int]:
+    def tells(self) -> tuple[bool, int, bool, int]:
         """How much it tells: whether a joint turns, whose spring has the torque's sign, and no
-        fixture alone; channels; and those that may be signals, or whether its markers tell which
-        axis points up."""
+        fixture alone; channels; that sign; and channels that may be signals, or whether its markers
+        tell which axis points up."""
         details = sum(not guess.why_not for guess in self.guesses)
         details += "axes" in self.overview.settings
-        return not is_fixture_alone(self.file), len(self.overview.channels), details
+        turns = not is_fixture_alone(self.file)
+        return turns, len(self.overview.channels), self.torque_sign != 0, details
 
 
 def draft_campaign(folder: Path) -> Draft:
@@ -158,7 +159,7 @@ def overview_of_recording(path: Path) -> Overview:
 def trials_of(draft: Draft, described: Sequence[Described]) -> list[DraftedTrial]:
     """Draft the trials, by the names of files, or else by what the source file of a log has: angle
     and torque of a joint, or current and torque of an actuator."""
-    moved: dict[Path, str] = {}
+    moved = {}
     joints: dict[str, list[str]] = {}  # by file
     for recording in described:
         columns = draft.source_files[recording.source].named.keys()

@@ -159,7 +159,7 @@ def stated_perturbation(words: str) -> str:
 
 def stated_impedance(name: str) -> dict[str, str]:
     """K_d and B_d as a name states them, once each: `K300_B2.5`."""
-    stated: dict[str, str] = {}
+    stated = {}
     behind = r"(?=$|[_\s-]|[.,](?!\d)|[BbKk]_?d?[_=-]?\d)"
     for column, letter, smallest in (("K_d", "K", SMALLEST_K), ("B_d", "B", 0.0)):
         pattern = rf"(?<![A-Za-z]){letter}_?d?[_=-]?(\d+(?:\.\d+)?){behind}"

@@ -139,7 +139,7 @@ def pulse_channels(overview: Overview) -> dict[str, RecordedChannel]:
     """The analog channels of a capture that are called like `sync` and `trigger`, where one alone
     is; or the only one with a train of pulses as `sync`."""
     analogs = [channel for channel in overview.channels if channel.kind == "analog"]
-    pulses: dict[str, RecordedChannel] = {}
+    pulses = {}
     for column in LEVELS:
         alike = [channel for channel in analogs if likely_level(channel) == column]
         if column == "sync" and len(alike) != 1:

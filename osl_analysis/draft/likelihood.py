@@ -60,7 +60,7 @@ def likelihoods() -> dict[str, Any]:
 @cache
 def word_patterns() -> dict[str, re.Pattern[str]]:
     """A pattern for the words of each kind; `*` stands for any letters, `_` for the next word."""
-    patterns: dict[str, re.Pattern[str]] = {}
+    patterns = {}
     for kind, words in likelihoods()["words"].items():
         spelled = words.replace("*", "[a-z]*").replace("_", " ").split(", ")
         patterns[kind] = re.compile(rf"(?<![a-z])(?:{'|'.join(spelled)})(?![a-z])")
@@ -177,7 +177,7 @@ def probabilities(channel: RecordedChannel, evidence: Set[str]) -> dict[str, flo
     """The probability that a channel is each of the columns that its unit does not contradict; the
     rest is that it is none."""
     weights: Mapping[str, Mapping[str, float]] = likelihoods()["weights"]
-    odds: dict[str, float] = {}
+    odds = {}
     for column in allowed_columns(channel):
         kinds = ("always", *sorted(evidence))
         odds[column] = math.exp(sum(weights.get(kind, {}).get(column, 0.0) for kind in kinds))

@@ -145,7 +145,7 @@ def uniform_signals(
         A column is missing, or its stamps cannot be brought on a grid; the message names the trial.
     """
     with naming(f"trial {trial.name}"):
-        along = list[str]()
+        along = []
         for name in beside:
             with suppress(InputError):  # it is missing, or broken
                 stream_of(trial, [name])
@@ -211,7 +211,7 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
     margin_s = 3 / limits.cutoff_hz
     margins = np.array([-margin_s, margin_s])
     usable = np.ones(len(time), dtype=bool)
-    signals = dict[str, Array]()
+    signals = {}
     gaps = []
     for part in leading:
         ends, length = gaps_of(part, time, limits.longest_s)

@@ -249,7 +249,7 @@ def take_stream(recorded: Stream) -> list[Taken]:
             held[name] = values
 
     row_times = stream.stamps
-    of_rows = list[Taken]()
+    of_rows = []
     if groups:
         own = {name: values for name, values in stream.signals.items() if name not in held}
         reading = stream.reading or decide(own, clock)

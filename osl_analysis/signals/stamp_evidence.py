@@ -90,8 +90,8 @@ def evidence_by_signal(
     block_s = 0.08  # in which the signals tell how the stamps scatter
     fewest_rows, most_rows = 9, 24
     size = int(np.clip(round(block_s / clock.step), fewest_rows, most_rows))
-    by_signal = dict[str, StampEvidence]()
-    stamps_by_rows = dict[bytes, StampsOfValues]()
+    by_signal = {}
+    stamps_by_rows = {}
     for name, values in signals.items():
         has_value = ~np.isnan(values)
         if np.count_nonzero(has_value) < FEWEST_BLOCKS * size:

@@ -531,17 +531,18 @@ def test_a_fixture_alone_is_a_calibration_and_does_not_tell_the_sign_of_the_torq
 
 def test_files_of_one_source_file_with_torques_of_opposite_signs_are_named(tmp_path):
     speed = np.gradient(ANGLE, TIME)
-    for number, sign in enumerate((-1, 1, 1)):
-        rows = np.column_stack([TIME, ANGLE, sign * (1.4 * ANGLE + 0.02 * speed)])
-        path = tmp_path / f"K80_{number}.csv"
+    signs = {"K70": (-1, -0.1), "K80": (-1, 0.02), "K81": (1, 0.02), "K82": (1, 0.02)}
+    for name, (sign, B) in signs.items():  # the first torque is late: it has a negative B
+        rows = np.column_stack([TIME, ANGLE, sign * (1.4 * ANGLE + B * speed)])
+        path = tmp_path / f"{name}.csv"
         header = "time [s],joint angle [deg],torque [Nm]"
         np.savetxt(path, rows, "%.5f", ",", header=header, comments="")
 
     draft = draft_campaign(tmp_path)
 
-    assert "sign: -1" in draft.sources["csv"]  # of the first one
+    assert "sign: -1" in draft.sources["csv"]  # of the first one that tells it
     questions = {file: question for question, file in draft.open}
-    assert "`sign`" in questions["K80_1.csv, K80_2.csv"]
+    assert "`sign`" in questions["K81.csv, K82.csv"]
 
 
 def test_the_example_of_a_walkway_simulates_all_that_its_analysis_needs(tmp_path, monkeypatch):

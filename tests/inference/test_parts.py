@@ -33,9 +33,9 @@ def random_motion() -> np.ndarray:
 
 
 def whitened(torque_noise: np.ndarray) -> Whitened:
-    motion = random_motion()
-    rng = np.random.default_rng(101)
-    theta = motion[0] + 1e-6 * rng.normal(size=motion.shape[1])
+    """A sound joint for as long as the noise."""
+    motion = random_motion()[:, : len(torque_noise)]
+    theta = motion[0] + 1e-6 * np.random.default_rng(101).normal(size=len(torque_noise))
     return Whitened(Spectra(BenchSignals(theta, TRUE @ motion + torque_noise, RATE)))
 
 
@@ -74,20 +74,12 @@ def test_whitened_fit_is_that_of_statsmodels_gls():
     assert 0.8 < slow / fast < 1.25, "the noise has one density; that of the torque falls by 4"
 
 
-def part_of(seconds: float, seed: int = 1) -> Whitened:
-    """The first seconds of a sound joint with white noise."""
-    n = round(seconds * RATE)
-    motion = random_motion()[:, :n]
-    theta = motion[0] + 1e-6 * white_noise(n, 5)
-    return Whitened(Spectra(BenchSignals(theta, TRUE @ motion + 0.1 * white_noise(n, seed), RATE)))
-
-
 def test_noise_beside_the_motion_is_taken_for_as_large_as_far_from_it(monkeypatch):
     """Without their leverage 34 columns leave a quarter less of it in 15 s."""
     monkeypatch.setattr(whitening, "MOST_TAKEN", 1.0)
     ratios = []
     for seed in range(6):
-        data = part_of(15, 10 + seed)
+        data = whitened(0.1 * white_noise(round(15 * RATE), 10 + seed))
         f = data.spectra.frequency
         near, far = ((f > low) & (f < high) for low, high in ((0.5, 5), (9, 14)))
         ratios.append(np.mean(data.gain[near] ** 2) / np.mean(data.gain[far] ** 2))
@@ -96,7 +88,7 @@ def test_noise_beside_the_motion_is_taken_for_as_large_as_far_from_it(monkeypatc
 
 def test_a_recording_that_the_columns_of_rivals_fill_is_not_weighed():
     with refused_with("too short.*record for longer"):
-        part_of(10)
+        whitened(0.1 * white_noise(round(10 * RATE), 1))
 
 
 def test_delay_in_the_spectrum_is_the_torque_at_a_later_time():

@@ -216,12 +216,11 @@ def with_lag(table: pl.DataFrame, lag: BenchFit) -> pl.DataFrame:
     without = without_lag(pl.lit(found_s, pl.Float64), lag.half_width("lag_s"))
     size_of_I = (pl.col("I") ** 2 + LITTLE["I"] ** 2).sqrt()
     of_belt = {**estimates_row(lag, "lag_s"), "lag_s_se_bench": lag.se_bench("lag_s")}
-    return table.with_columns(*without, **of_belt).with_columns(
-        lag_share=(pl.col("B_without_lag") / pl.col("B") - 1).abs().fill_null(0.0),
-        lag_inertia_share=((pl.col("I_without_lag") - pl.col("I")) / size_of_I)
-        .abs()
-        .fill_null(0.0),
+    shares = table.with_columns(*without, **of_belt).with_columns(
+        lag_share=pl.col("B_without_lag") / pl.col("B") - 1,
+        lag_inertia_share=(pl.col("I_without_lag") - pl.col("I")) / size_of_I,
     )
+    return shares.with_columns(pl.col("lag_share", "lag_inertia_share").abs().fill_null(0.0))
 
 
 def beside_known(

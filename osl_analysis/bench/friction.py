@@ -231,7 +231,7 @@ def friction_columns(
         Whether a belt and an actuator render the joint.
     """
     share = coulomb.share if coulomb else None
-    estimates: dict[str, Estimate] = {}
+    estimates = {}
     if coulomb and coulomb.certain:
         estimates = {name: Estimate.of_fit(coulomb.certain, name) for name in WITHOUT_FRICTION}
     if label is None and inferred is not None:

@@ -185,7 +185,7 @@ def rendered_impedance(record: Record) -> Analysis:
     """
     with naming(f"trial {record.name}"):
         analysis = analysed(record, IMPEDANCE)
-        fits: dict[Label, GroupFit] = {}
+        fits = {}
         for label, own in analysis.fits.items():
             errors = encoder_errors(analysis, label)
             if record.groups.kind != "cycles":
@@ -225,7 +225,7 @@ def analysed(record: Record, model: Model, sums: Sums | None = None) -> Analysis
 def fits_by_label(sums: Sums, model: Model) -> dict[Label, GroupFit]:
     """Fits to each label that determines the model, and to all (None). Raises as `fit_groups`."""
     tells_K_from_I = {"theta", "alpha"} <= set(model.values())
-    fits: dict[Label, GroupFit] = {}
+    fits = {}
     strata = sums.groups.strata
     for label in dict.fromkeys((*(stratum.label for stratum in strata), None)):
         hz = [each.frequency_hz for each in strata if label in (None, each.label)]

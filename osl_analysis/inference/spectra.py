@@ -323,7 +323,7 @@ def noise_and_band(theta: Array, rate_hz: float) -> tuple[float, float]:
     highest frequencies (above 100 Hz where there are such). The band ends at the first frequency
     above 1 Hz at which the power falls below `VISIBLE_ABOVE_NOISE` times the noise.
     """
-    length = round(SPECTRUM_S * rate_hz)
+    length = min(round(SPECTRUM_S * rate_hz), len(theta))
     window = scipy.signal.windows.hann(length, sym=False)
     segments = np.lib.stride_tricks.sliding_window_view(theta, length)[:: length // 2]
     about_mean = segments - segments.mean(axis=1, keepdims=True)

@@ -12,7 +12,7 @@ from osl_analysis.inference import BenchSignals, whitening
 from osl_analysis.inference.friction_shapes import slipping_springs
 from osl_analysis.inference.rivals import EQ_15, Candidate, Search, behind_spring, late, low_passed
 from osl_analysis.inference.rounding_errors import repeated_share
-from osl_analysis.inference.spectra import Spectra
+from osl_analysis.inference.spectra import Spectra, noise_and_band
 from osl_analysis.inference.unexplained import largest_shifts
 from osl_analysis.inference.weighing import BlockFit, Predicted, predict, weigh
 from osl_analysis.inference.whitening import Whitened
@@ -147,6 +147,11 @@ def test_noise_of_the_angle_leaves_a_share_of_rounding_to_repeat_itself():
     share = repeated_share(spectra.angle_noise, RATE, 1e-3)
 
     assert share == pytest.approx(np.exp(-2 * (np.pi / 4) ** 2), rel=0.2)
+
+
+def test_a_second_of_noise_tells_its_density():
+    density, _ = noise_and_band(white_noise(500, 3), RATE)
+    assert density * RATE / 2 == pytest.approx(1, rel=0.5)
 
 
 def test_slipping_spring_follows_prandtl_step_by_step():

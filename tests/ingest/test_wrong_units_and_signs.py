@@ -116,12 +116,10 @@ def test_a_wrong_unit_is_refused_with_the_unit_that_makes_the_trial_fit(column, 
 
 @pytest.mark.parametrize(("factor", "unit"), [(1e3, "ms"), (1e6, "us"), (1e9, "ns")])
 def test_stamps_of_a_smaller_unit_are_refused_with_it(factor, unit):
-    assert_mended(
-        "impedance",
-        joint,
-        lambda signals: signals | {"time": factor * signals["time"]},
-        rf"`time` \({unit} for s\): K 150",
-    )
+    def stamped(signals):
+        return signals | {"time": factor * signals["time"]}
+
+    assert_mended("impedance", joint, stamped, rf"`time` \({unit} for s\): K 150")
 
 
 @pytest.mark.parametrize(("experiment", "recording", "fault", "remedy"), [

@@ -25,9 +25,9 @@ LEAST_NOISE = 1e-20
 # of the recording, beside its middle, after which stiffness and damping may be others in the rich
 # model; each adds two columns
 OTHER_MOMENTS = (0.25, 0.375, 0.625, 0.75)
-# of the noise beside the motion, that columns may take up: of sound sines and multisines of 8 to
-# 60 s none of 84 is accused below that, one of six above
-MOST_TAKEN = 0.42
+# of the noise beside the motion, that columns may take up: of sound multisines of 0.3 to 2.5 Hz
+# half are accused at 0.4 (10 s), one of ten at 0.2 (20 s)
+MOST_TAKEN = 0.3
 SLOW_POWERS = 4  # offset and drift: powers of time from 0
 
 
@@ -129,7 +129,11 @@ def whitening_gain(spectra: Spectra, signals: Spectrum) -> Array:
         taken = scipy.ndimage.uniform_filter1d(taken, lines, mode="nearest")
         power /= np.maximum(1 - taken, least_left)
         gain = 1 / np.sqrt(np.maximum(power, least))
-    taken_of_motion = np.average(taken, weights=np.abs(signals[0]) ** 2)
+    # in the lines that hold 95 % of the angle's power
+    power_up_to = np.cumsum(np.abs(signals[0]) ** 2)
+    is_motion = power_up_to < 0.95 * power_up_to[-1]
+    is_motion[0] = True
+    taken_of_motion = taken[is_motion].mean()
     if taken_of_motion > MOST_TAKEN:
         raise NotWeighedError(
             f"the recording is too short: columns of rivals take up {taken_of_motion:.2f} of the"

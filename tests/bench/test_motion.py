@@ -253,9 +253,7 @@ def test_a_weight_above_its_axis_is_no_torque_of_the_wrong_sign():
         np.random.default_rng(1), multisine(np.random.default_rng(2)), K=-20.0, B=0.0
     )
 
-    row = impedance_table(rendered_impedance(moving_record(trial))).row(-1, named=True)
-
-    assert row["K"] == pytest.approx(-20, rel=1e-2)
+    assert row_of(trial)["K"] == pytest.approx(-20, rel=1e-2)
 
 
 def test_rounding_of_a_small_stepped_sine_is_in_the_interval_of_K():

@@ -70,9 +70,12 @@ def test_what_cannot_be_is_refused_with_its_cause(experiment, changes, words):
 
 def test_a_negative_stiffness_where_one_is_stated_is_a_sign_though_losses_come_out_positive():
     """The torque is late, too, which would make B negative with the right sign."""
-    late = np.roll(RECORDINGS["impedance"]["torque"], 20)
     with refused_with("K = -198.* drives the motion"):
-        judged("impedance", changed("impedance", torque=lambda _: -late), asked=KNOWN)
+        judged(
+            "impedance",
+            changed("impedance", torque=lambda torque: -np.roll(torque, 20)),
+            asked=KNOWN,
+        )
 
 
 TURNING = np.sin(np.arange(1000) / 10)

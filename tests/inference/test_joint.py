@@ -20,7 +20,7 @@ def driven() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Time, torque and angle of the joint that a random torque moves (scipy.signal.lsim)."""
     rng = np.random.default_rng(5)
     fine = 4 * RATE  # lsim joins torques by straight lines, which loses 0.3 % at 15 Hz and 500 Hz
-    time = np.arange(round(36 * fine)) / fine
+    time = np.arange(round(20 * fine)) / fine
     torque = scipy.ndimage.gaussian_filter1d(rng.normal(size=len(time)), fine / 25)
     torque = 12.0 * torque / torque.std()
     _, theta, _ = scipy.signal.lsim(([1.0], [0.02, B, K]), torque, time)
@@ -124,11 +124,11 @@ def test_rounding_that_every_cycle_repeats_is_neither_fault_nor_friction(wave, m
     """An encoder of 12 bits reads a slow sine, which turns at the same place in each cycle, or
     where the joint rests at both ends, so that neither friction nor a cut torque is told there."""
     rng = np.random.default_rng(1)
-    time = np.arange(80_000) / 1000
-    theta = np.deg2rad(10) * wave(2 * np.pi * 0.1 * time)
+    time = np.arange(160_000) / 1000
+    theta = np.deg2rad(10) * wave(2 * np.pi * 0.2 * time)
     moved = scipy.interpolate.make_interp_spline(time, theta, 5)
     torque = (
-        100 * theta + 2 * moved(time, 1) + 0.02 * moved(time, 2) + 0.1 * rng.normal(size=80_000)
+        100 * theta + 2 * moved(time, 1) + 0.02 * moved(time, 2) + 0.1 * rng.normal(size=160_000)
     )
     step = 2 * np.pi / 2**12
     read = np.round(theta / step + rng.uniform()) * step

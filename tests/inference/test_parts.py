@@ -8,7 +8,7 @@ import scipy
 import statsmodels.api as sm
 from conftest import refused_with, white_noise
 
-from osl_analysis.inference import BenchSignals, whitening
+from osl_analysis.inference import BenchSignals
 from osl_analysis.inference.friction_shapes import slipping_springs
 from osl_analysis.inference.rivals import EQ_15, Candidate, Search, behind_spring, late, low_passed
 from osl_analysis.inference.rounding_errors import repeated_share
@@ -74,9 +74,8 @@ def test_whitened_fit_is_that_of_statsmodels_gls():
     assert 0.8 < slow / fast < 1.25, "the noise has one density; that of the torque falls by 4"
 
 
-def test_noise_beside_the_motion_is_taken_for_as_large_as_far_from_it(monkeypatch):
+def test_noise_beside_the_motion_is_taken_for_as_large_as_far_from_it():
     """Without their leverage 34 columns leave a quarter less of it in 15 s."""
-    monkeypatch.setattr(whitening, "MOST_TAKEN", 1.0)
     ratios = []
     for seed in range(6):
         data = whitened(0.1 * white_noise(round(15 * RATE), 10 + seed))
@@ -88,7 +87,7 @@ def test_noise_beside_the_motion_is_taken_for_as_large_as_far_from_it(monkeypatc
 
 def test_a_recording_that_the_columns_of_rivals_fill_is_not_weighed():
     with refused_with("too short.*record for longer"):
-        whitened(0.1 * white_noise(round(10 * RATE), 1))
+        whitened(0.1 * white_noise(round(8 * RATE), 1))
 
 
 def test_delay_in_the_spectrum_is_the_torque_at_a_later_time():

@@ -130,7 +130,7 @@ def record_of_trial(
                 # fewer single cycles, of a sine each, tell no interval as cycles
                 if len(groups.first) >= FEWEST_UNITS or np.bincount(groups.stratum).min() > 1:
                     hz = [stratum.frequency_hz for stratum in groups.strata]
-                    band_hz = (min(hz), max(hz))
+                    band_hz = min(hz), max(hz)
                     return replace(record_of(regular, settings, groups), band_hz=band_hz)
         stated = windows or getattr(settings, "windows", None)
         return record_of_motion(regular, moving, settings, stated, may_repeat=not is_stepped)

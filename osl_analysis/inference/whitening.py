@@ -114,7 +114,6 @@ def whitening_gain(spectra: Spectra, signals: Spectrum) -> Array:
     passed = rows * np.maximum(spectra.roll_off**2, LEAST_GAIN)
     torque_variance = float(np.mean(np.abs(signals[-1]) ** 2)) / rows
     least = LEAST_NOISE * max(torque_variance, np.finfo(float).tiny)
-    least_left = 0.1  # of the noise, by which what is left of it is divided at least
     lines = max(round(COLOUR_BAND * spectra.padded_seconds), 1)
     gain = np.ones_like(spectra.frequency)
     for _ in range(ROUNDS):
@@ -123,12 +122,12 @@ def whitening_gain(spectra: Spectra, signals: Spectrum) -> Array:
         estimates = solve_scaled(weighed[:-1], weighed[-1])
         left = np.abs(signals[-1] - estimates @ signals[:-1]) ** 2
         power = scipy.ndimage.uniform_filter1d(left / passed, lines, mode="nearest")
-        # the columns take up their share of the noise, of as many independent lines as there are
-        # rows in the window
-        taken = leverage(weighed[:-1]) * spectra.working_rows / rows
-        taken = scipy.ndimage.uniform_filter1d(taken, lines, mode="nearest")
-        power /= np.maximum(1 - taken, least_left)
         gain = 1 / np.sqrt(np.maximum(power, least))
+    # the columns take up their share of the noise, of as many independent lines as there are rows
+    # in the window
+    taken = leverage(weighed[:-1]) * spectra.working_rows / rows
+    taken = scipy.ndimage.uniform_filter1d(taken, lines, mode="nearest")
+    gain *= np.sqrt(np.maximum(1 - taken, 0.1))  # where they take up nearly all, it is not known
     # in the lines that hold 95 % of the angle's power
     power_up_to = np.cumsum(np.abs(signals[0]) ** 2)
     is_motion = power_up_to < 0.95 * power_up_to[-1]
@@ -148,7 +147,7 @@ def leverage(columns: Array) -> Array:
     unit = columns / (np.linalg.norm(columns, axis=1, keepdims=True) + TINY)
     normal = unit @ unit.T + RIDGE * np.eye(len(unit))
     of_parts = np.sum(unit * np.linalg.solve(normal, unit), axis=0)
-    return np.asarray(of_parts.reshape(-1, 2).mean(axis=1))
+    return of_parts.reshape(-1, 2).mean(axis=1)
 
 
 def products_of_rivals(spectra: Spectra, sign: Array) -> dict[str, Array]:

@@ -103,8 +103,10 @@ def sums_of_formula(time: Array, torque: Array, signals: Mapping[str, Array]) ->
 def rows_of_filter(torque: Array, signals: Sequence[Array]) -> Array:
     """The rows of a torque (n,) with what a program's filter of first order takes: the torque in
     the row before, and four rows of each signal (n,)."""
-    around = [values[k : k - 3 or None] for values in signals for k in range(4)]
-    return np.array([torque[2:-1], np.ones(torque.size - 3), torque[1:-2], *around])
+    step = max(torque.size // LIMITS.rows_of_filter, 1)
+    around = [values[k : k - 3 or None : step] for values in signals for k in range(4)]
+    now = torque[2:-1:step]
+    return np.array([now, np.ones_like(now), torque[1:-2:step], *around])
 
 
 def unexplained_share(columns: Array) -> float:

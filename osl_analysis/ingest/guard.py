@@ -139,7 +139,7 @@ def check_recording(
         )
     turn = half_range(trial, angle)
     measured = recorded(trial, torque)[1]
-    if turn and measured.size > 1 and not np.ptp(measured):
+    if turn and measured.size > 1 and measured.min() == measured.max():
         raise InputError(
             f"{who} {torque} is {measured[0]:.4g} N*m in all samples while {angle} turns; is this"
             " the channel of the load cell? Correct it in the source file"

@@ -208,9 +208,6 @@ class ImpedanceAnalysis(SteppedSineAnalysis):
     """Stretches [s] of a recording that are fitted, from its start, as `2-30 40-62`, where the
     motion is no stepped sine and the sample sheet states none; null: from the first to the last
     motion."""
-    largest_inertia_error: Positive | None = 0.01
-    """Change of I [kg*m^2] by a torque error of 0.1 %, beyond which the interval of I includes it,
-    because the motion hardly tells K from I; null: none."""
 
     _passes = refuse_if(
         lambda s: s.excitation != "any" and max(s.frequencies_hz or (0,)) >= s.cutoff_hz,

@@ -20,14 +20,11 @@ from osl_analysis.bench.lags import Belt, belt_of_leg, is_leg, without_lag
 from osl_analysis.bench.plausibility import check_resists, check_stiffer
 from osl_analysis.bench.record import Label
 from osl_analysis.bench.regression import (
-    FEWEST_UNITS,
     IMPEDANCE,
     BenchFit,
     GroupFit,
     Sums,
-    combined,
     held_out_vaf,
-    scatter_of,
     sums_of,
 )
 from osl_analysis.dictionary import table_of
@@ -301,7 +298,7 @@ def amplitudes_row(analysis: Analysis) -> Row:
     if len(labels) < 2:
         return {}
     row: Row = {}
-    change = difference_of(analysis, labels[0], labels[-1])
+    change = difference_of(analysis.fits[labels[0]], analysis.fits[labels[-1]])
     for name in CHANGING:
         certain = change.beyond_interval(name)
         of_single = [analysis.fits[label][name] for label in labels]
@@ -311,34 +308,11 @@ def amplitudes_row(analysis: Analysis) -> Row:
     return row
 
 
-def difference_of(analysis: Analysis, smallest: Label, largest: Label) -> GroupFit:
-    """The estimates of one amplitude less those of another.
-
-    If both amplitudes have the same frequencies, each frequency is left out of both in turn: what
-    the model misses at both alike then is no error of the difference. Else their errors are
-    independent.
-    """
-    small = analysis.fits[smallest]
-    large = analysis.fits[largest]
-    covariance = small.covariance + large.covariance
-    freedom = np.minimum(small.degrees_of_freedom, large.degrees_of_freedom)
-    strata = analysis.sums.groups.strata
-    of_small, of_large = (
-        np.array([each.frequency_hz for each in strata if each.label == label])
-        for label in (smallest, largest)
-    )
-    are_paired = len(of_small) == len(of_large) >= FEWEST_UNITS
-    if are_paired and small.repeat is not None and large.repeat is not None:
-        order_of_small = np.argsort(of_small)
-        order_of_large = np.argsort(of_large)
-        if np.allclose(of_small[order_of_small], of_large[order_of_large], atol=0.05):
-            apart = large.left_out[order_of_large] - small.left_out[order_of_small]
-            noise = small.repeat + large.repeat
-            noise_freedom = np.minimum(small.repeat_freedom, large.repeat_freedom)
-            covariance, freedom = combined(noise, noise_freedom, scatter_of(apart), len(apart))
+def difference_of(small: GroupFit, large: GroupFit) -> GroupFit:
+    """The estimates of one amplitude less those of another, whose errors are independent."""
     return replace(
         large,
         estimates=large.estimates - small.estimates,
-        covariance=covariance,
-        degrees_of_freedom=freedom,
+        covariance=small.covariance + large.covariance,
+        degrees_of_freedom=np.minimum(small.degrees_of_freedom, large.degrees_of_freedom),
     )

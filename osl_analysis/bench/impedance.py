@@ -1,19 +1,17 @@
 """Eq. 15 fitted to a record, or another model of the bench: to each amplitude and to all of it,
-with the stated errors of the bench, and those that a motion which hardly tells K from I adds."""
+with the stated errors of the bench and those of the encoder's steps."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.bench.bench_settings import NOT_STATED, Calibration
 from osl_analysis.bench.record import STIFFNESS_ALONE, Label, Record
 from osl_analysis.bench.regression import (
     IMPEDANCE,
-    NOT_WHITENED,
     SIGN_WIDTHS,
     BenchFit,
     GroupFit,
@@ -34,10 +32,7 @@ from osl_analysis.trial import Array
 QUANTITIES = ("K", "B", "I")  # parameters of Eq. 15
 OF_ANGLE = ("theta", "omega", "alpha", "B_m", "J_m")  # columns in proportion to the angle
 SAME_FREQUENCY = 1.02  # ratio of frequencies below which noise alone would tell K from I
-USUAL_ERROR = 1e-3  # of the torque's RMS, as calibrations and models leave
-LARGE_CHANGE_OF_K = 0.1  # share of K by which the usual error may change it
 FEWEST_STEPS = 20.0  # of the encoder; of fewer, rounding is no noise but part of the motion
-MANY_STEPS = 1000.0  # of the encoder, beyond which rounding of a sine moves K by less than 3e-5
 MOST_NOISE = 0.1  # of the power of the acceleration's own part that may be noise of the encoder
 
 
@@ -186,10 +181,10 @@ def rendered_impedance(record: Record) -> Analysis:
     with naming(f"trial {record.name}"):
         analysis = analysed(record, IMPEDANCE)
         fits = {}
+        if record.groups.kind != "cycles":
+            check_encoder(analysis)
         for label, own in analysis.fits.items():
             errors = encoder_errors(analysis, label)
-            if record.groups.kind != "cycles":
-                errors = np.hypot(errors, usual_errors(analysis))
             fits[label] = own
             if errors.any():
                 fits[label] = BenchFit(**vars(own)).with_bench_error(errors)
@@ -216,10 +211,15 @@ def analysed(record: Record, model: Model, sums: Sums | None = None) -> Analysis
     others: Mapping[Label, GroupFit] = {}
     if record.with_other_stamps is not None:
         other = record.with_other_stamps
-        others = fits_by_label(motion_sums(other, columns_of(other)), model)
+        others = fits_by_label(sums_of_motion(other), model)
     if sums is None:
-        sums = motion_sums(record, columns_of(record))
+        sums = sums_of_motion(record)
     return Analysis(record, sums, model, fits_by_label(sums, model), others)
+
+
+def sums_of_motion(record: Record) -> Sums:
+    """The sums of the columns of Eq. 15."""
+    return motion_sums(record, columns_of(record), record.angle_noise)
 
 
 def fits_by_label(sums: Sums, model: Model) -> dict[Label, GroupFit]:
@@ -253,19 +253,9 @@ def torque_errors(
     return np.array([stated.slip * np.ptp(torque[rows]) * np.sign(rate), stated.delay * rate])
 
 
-def usual_errors(analysis: Analysis) -> Array:
-    """Errors (p,) of estimates that their intervals must include, since the motion hardly tells K
-    from I; 0 where it does.
-
-    The criterion is the usual error of 0.1 % of the torque's RMS in the shape of the part of a
-    column that is orthogonal to the others. Slow motion has little of it. What it has beyond its
-    limit counts, in quadrature, so that no interval leaps at the limit. With a few steps of the
-    encoder rounding is no noise, but part of the motion.
-
-    Parameters
-    ----------
-    analysis
-        Eq. 15.
+def check_encoder(analysis: Analysis) -> None:
+    """Refuse a motion that the encoder does not resolve: with a few of its steps rounding is no
+    noise, but part of the motion.
 
     Raises
     ------
@@ -275,7 +265,6 @@ def usual_errors(analysis: Analysis) -> Array:
         The acceleration is mostly noise of the encoder.
     """
     record = analysis.record
-    fit = analysis.whole
     moved = np.ptp(record.theta[record.rows()])
     if moved < FEWEST_STEPS * record.encoder_step:
         raise InputError(
@@ -283,9 +272,9 @@ def usual_errors(analysis: Analysis) -> Array:
             f" {moved / record.encoder_step:.0f} steps of its encoder, {FEWEST_STEPS:g} are needed;"
             " move it by more, and check the unit of theta in the source file"
         )
-    covariance = analysis.sums.covariance(["theta", "omega", "alpha", "torque"])
-    own_theta, _, own_alpha = 1 / np.sqrt(np.diag(np.linalg.inv(covariance[:3, :3])))
-    noise_share = motion_noise(record, NOT_WHITENED)[2] / own_alpha**2
+    covariance = analysis.sums.covariance(["theta", "omega", "alpha"])
+    own_alpha = 1 / np.linalg.inv(covariance)[2, 2]
+    noise_share = analysis.sums.noise[2, 2] / own_alpha
     if noise_share > MOST_NOISE:
         low_hz, high_hz = record.band_hz
         raise IdentifiabilityError(
@@ -295,24 +284,14 @@ def usual_errors(analysis: Analysis) -> Array:
             " move the joint by more or faster, by 0.5 to 6 Hz, and check the unit of theta in the"
             f" source file, {STIFFNESS_ALONE}"
         )
-    usual = USUAL_ERROR * np.sqrt(covariance[3, 3]) / [own_theta, own_alpha]
-    # without stiffness a tenth of K is no limit
-    limit_of_K = max(LARGE_CHANGE_OF_K * abs(fit["K"]), fit.se("K"))
-    limit_of_I = getattr(record.settings, "largest_inertia_error", None) or np.inf
-    limits = np.array([limit_of_K, limit_of_I])
-    excess_of_K, excess_of_I = np.maximum(usual**2 - limits**2, 0.0)
-    return np.sqrt([excess_of_K, 0.0, excess_of_I, 0.0, 0.0])
 
 
 def encoder_errors(analysis: Analysis, label: Label) -> Array:
-    """Standard errors (p,) of the estimates of Eq. 15 by the encoder's steps and noise, which no
-    scatter shows.
+    """Standard errors (p,) of the estimates of Eq. 15 by the encoder's steps, which no scatter
+    shows where a motion repeats itself.
 
     An error of the angle is one of the torque by K; noise leaves a share of what rounding to steps
     makes of it.
-
-    Noise, though it averages out, lengthens the columns: with its covariance N of the columns the
-    estimates x are off by A^-1 N x (errors in variables; Fuller, Measurement Error Models, 1987).
 
     Parameters
     ----------
@@ -324,35 +303,15 @@ def encoder_errors(analysis: Analysis, label: Label) -> Array:
     record = analysis.record
     fit = analysis.fits[label]
     step = record.encoder_step
-    most_turned = MANY_STEPS * step if record.groups.kind == "cycles" else np.inf
-    if not step or np.ptp(record.theta[record.rows(label)]) > most_turned:
+    if not step:
         return np.zeros(len(IMPEDANCE))
     few = record.coarse
-    rows = few.transformed_rows(label) * round(record.rate_hz / few.rate_hz)
+    rows = few.rows(label) * round(record.rate_hz / few.rate_hz)
     columns = np.array([analysis.sums.columns[column][rows] for column in IMPEDANCE.values()])
-    # X' W W of `motion_sums`
-    gain = analysis.sums.gain
-    weighted = scipy.fft.idct(gain**2 * scipy.fft.dct(columns))
-    _, inverse = solved(weighted @ columns.T, np.zeros(len(columns)))
-    by_row = fit["K"] * inverse @ weighted  # change of the estimates (p, m)
+    _, inverse = solved(columns @ columns.T, np.zeros(len(columns)))
+    by_row = fit["K"] * inverse @ columns  # change of the estimates (p, m)
     # just beyond the filter a coarse sine has harmonics of its rounding
     noise, _ = noise_and_band(record.theta, record.rate_hz)
     repeated = repeated_share(noise, record.rate_hz, step)
     smooth_rows = record.rate_hz / (2 * np.pi * record.settings.cutoff_hz)
-    of_steps = repeated * errors_by_steps(by_row, rows, record.theta, step, smooth_rows)
-
-    K, B, I = fit.estimates[:3]
-    theta, omega, alpha = motion_noise(record, gain)
-    # the angle's noise and that of its second derivative go against one another
-    by_noise = np.array([K * theta - I * omega, B * omega, I * alpha - K * omega])
-    of_noise = inverse[:, :3] @ (len(rows) * by_noise)
-    return np.hypot(of_steps, of_noise)
-
-
-def motion_noise(record: Record, gain: Array) -> Array:
-    """Variances (3,) that white noise of the angle leaves in the filtered angle [rad^2], velocity
-    and acceleration behind the `gain` (m,) of `Sums`."""
-    f = np.linspace(0, record.coarse.rate_hz / 2, 2000)
-    passed = record.angle_noise * record.settings.low_pass.gain(f) ** 2
-    passed *= np.interp(f, np.linspace(0, f[-1], len(gain)), gain) ** 2
-    return np.trapezoid((2 * np.pi * f) ** np.array([[0], [2], [4]]) * passed, f)
+    return repeated * errors_by_steps(by_row, rows, record.theta, step, smooth_rows)

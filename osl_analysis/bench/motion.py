@@ -20,7 +20,6 @@ from osl_analysis.bench.record import (
     unlike_groups,
     whole_rows,
 )
-from osl_analysis.bench.regression import FEWEST_UNITS
 from osl_analysis.errors import Change, InputError, naming
 from osl_analysis.measured import noise_of
 from osl_analysis.signals import runs
@@ -80,8 +79,8 @@ def record_of_trial(
 ) -> Record:
     """The record of a trial.
 
-    In a stepped sine a quarter of the moving time or more is sines, commanded or pure ones. One of
-    which fewer than `FEWEST_UNITS` cycles are settled, of a sine each, is fitted in stretches.
+    Of a stepped sine, nearly all of whose motion is sines, settled cycles are fitted; of any other
+    motion, and of a sine of one settled cycle each, all of it.
 
     Parameters
     ----------
@@ -114,26 +113,25 @@ def record_of_trial(
         moving = moving_bins(theta, rate_hz, noise)
         if not moving.any():
             raise standstill(theta, rate_hz)
-        is_stepped = False
-        if excitation != "any":
-            protocol = SteppedSineProtocol(
-                np.deg2rad(settings.amplitudes_deg or ()).tolist(),
-                settings.frequencies_hz or (),
-                settings.cycles,
-            )
-            sines, is_stepped = find_sines(theta, rate_hz, noise, moving, protocol)
-            if excitation == "stepped_sine" or is_stepped:
-                segments = find_segments(theta, rate_hz, sines, protocol)
-                groups = cycles_of(
-                    segments, settings.settle_cycles, regular.usable, bool(protocol.amplitudes)
-                )
-                # fewer single cycles, of a sine each, tell no interval as cycles
-                if len(groups.first) >= FEWEST_UNITS or np.bincount(groups.stratum).min() > 1:
-                    hz = [stratum.frequency_hz for stratum in groups.strata]
-                    band_hz = min(hz), max(hz)
-                    return replace(record_of(regular, settings, groups), band_hz=band_hz)
-        stated = windows or getattr(settings, "windows", None)
-        return record_of_motion(regular, moving, settings, stated, may_repeat=not is_stepped)
+        stated_windows = windows or getattr(settings, "windows", None)
+        if excitation == "any":
+            return record_of_motion(regular, moving, settings, stated_windows)
+        protocol = SteppedSineProtocol(
+            np.deg2rad(settings.amplitudes_deg or ()).tolist(),
+            settings.frequencies_hz or (),
+            settings.cycles,
+        )
+        sines, is_stepped = find_sines(theta, rate_hz, noise, moving, protocol)
+        if not is_stepped and excitation == "auto":
+            return record_of_motion(regular, moving, settings, stated_windows)
+        segments = find_segments(theta, rate_hz, sines, protocol)
+        groups = cycles_of(
+            segments, settings.settle_cycles, regular.usable, bool(protocol.amplitudes)
+        )
+        if not groups.repeat().any() and excitation == "auto":
+            return record_of_motion(regular, moving, settings, stated_windows)
+        hz = [stratum.frequency_hz for stratum in groups.strata]
+        return replace(record_of(regular, settings, groups), band_hz=(min(hz), max(hz)))
 
     with naming(f"trial {trial.name}"):
         record = recorded(signals)
@@ -172,10 +170,8 @@ def record_of_motion(
     moving: NDArray[np.bool_],
     settings: SteppedSineAnalysis,
     windows: str | None,
-    *,
-    may_repeat: bool,
 ) -> Record:
-    """The record of a motion in groups of its periods, if it `may_repeat` itself, or of stretches.
+    """The record of a motion in groups of its periods, if it repeats itself, or of stretches.
     `moving` are the rows (n,) in which the joint moves."""
     rate = signals.rate_hz
     time = signals.time - signals.time[0]
@@ -187,24 +183,23 @@ def record_of_motion(
         is_inside = within(time, inside)
     pieces = fitted_pieces(time, signals.usable, inside, EDGE_PERIODS / settings.cutoff_hz)
     record = record_of(signals, settings, stretches_of(pieces, rate))
-    fitted = record.is_fitted()
-    usable = signals.usable & is_inside
-    periodic = periodic_motion(record.theta, rate, usable) if may_repeat else None
-    groups = periods_of(periodic, rate, fitted) if periodic else None
+    periodic = periodic_motion(record.theta, rate, signals.usable & is_inside)
+    groups = periods_of(periodic, rate, record.is_fitted()) if periodic else None
+    return replace(
+        record, band_hz=band_of(record), periodic=periodic, groups=groups or record.groups
+    )
 
-    # 1 % of the angle's power is below the band, 1 % of the acceleration's above it
-    derivatives = np.array([record.motion.theta, record.motion.alpha])[:, fitted]
+
+def band_of(record: Record) -> tuple[float, float]:
+    """Lowest and highest frequency [Hz] of a motion: 1 % of the angle's power is below the band,
+    1 % of the acceleration's above it."""
+    derivatives = np.array([record.motion.theta, record.motion.alpha])[:, record.is_fitted()]
     length = min(round(SPECTRUM_S * record.rate_hz), derivatives.shape[1])
     frequency_hz, power = scipy.signal.welch(derivatives, record.rate_hz, nperseg=length)
     below, up_to = np.cumsum(power[:, 1:], axis=1)
     lowest = np.argmax(below > OUTSIDE_BAND * below[-1])
     highest = np.argmax(up_to > (1 - OUTSIDE_BAND) * up_to[-1])
-    return replace(
-        record,
-        band_hz=(frequency_hz[1:][lowest], frequency_hz[1:][highest]),
-        periodic=periodic,
-        groups=groups or record.groups,
-    )
+    return frequency_hz[1:][lowest], frequency_hz[1:][highest]
 
 
 def within(

@@ -7,7 +7,6 @@ from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.bench.bench_settings import BenchAnalysis
@@ -30,12 +29,13 @@ Label = float | str | None
 
 
 class Stratum(NamedTuple):
-    """A set of groups that repeat one another; if nothing repeats, the set of all groups."""
+    """A set of groups that repeat one another, or of all that do not."""
 
     label: Label = None
     # of a sine
     frequency_hz: float = np.nan  # [Hz]
     commanded_deg: float | None = None  # amplitude [deg] in the protocol
+    repeats: bool = True  # whether its groups repeat one another
 
 
 @dataclass(frozen=True)
@@ -58,6 +58,20 @@ class Groups:
     stop: Array
     stratum: NDArray[np.intp]
     strata: tuple[Stratum, ...]
+
+    def repeat(self) -> NDArray[np.bool_]:
+        """Which groups (m,) repeat others; a group alone in its stratum repeats none."""
+        may_repeat = np.array([stratum.repeats for stratum in self.strata])
+        members = np.bincount(self.stratum, minlength=len(self.strata))
+        return (may_repeat & (members > 1))[self.stratum]
+
+    def unlike_runs(self) -> list[slice]:
+        """Rows of groups that repeat no other, joined where they follow one another."""
+        is_unlike = ~self.repeat()
+        first, stop = self.first[is_unlike], self.stop[is_unlike]
+        begins = np.append(True, first[1:] > stop[:-1] + EDGE_ROUNDING)[: len(first)]
+        ends = np.append(begins[1:], True)[: len(first)]
+        return whole_rows(first[begins], stop[ends])
 
     def of(self, label: Label) -> NDArray[np.bool_]:
         """Which groups (m,) have a label; all for None."""
@@ -149,12 +163,6 @@ class Record:
         """The fitted rows (m,) of a label or of all."""
         return np.flatnonzero(self.is_fitted(label))
 
-    def transformed_rows(self, label: Label = None) -> NDArray[np.intp]:
-        """The fitted rows (m,) of a label without a few at the end: the transform of a large prime
-        number of rows takes three times as long."""
-        rows = self.rows(label)
-        return rows[: scipy.fft.prev_fast_len(len(rows))]
-
     @cached_property
     def angle_noise(self) -> float:
         """Density [rad^2/Hz] of the angle's noise, taken as white."""
@@ -187,7 +195,9 @@ class Record:
 
 def unlike_groups(first: Array, stop: Array) -> Groups:
     """Groups of rows between edges (m,) that do not repeat one another."""
-    return Groups("stretches", first, stop, np.zeros(len(first), dtype=np.intp), (Stratum(),))
+    return Groups(
+        "stretches", first, stop, np.zeros(len(first), dtype=np.intp), (Stratum(repeats=False),)
+    )
 
 
 def whole_rows(first: Array, stop: Array) -> list[slice]:

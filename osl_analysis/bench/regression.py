@@ -6,33 +6,24 @@ algebra on these sums: the fit to a label or to all, its interval, how well it p
 not seen, and each effect, which is one more column beside the model's.
 
 * A *group* is a few consecutive rows, such as the third cycle of 2 Hz at 5 deg.
-* A *stratum* is a set of groups that repeat one another: all cycles of 2 Hz at 5 deg.
+* A *stratum* is a set of groups: all cycles of 2 Hz at 5 deg, which repeat one another, or all
+  seconds of a motion that does not repeat itself.
 * A *label* is what has a fit of its own: 5 deg. None stands for the whole recording.
-* A *unit* is what is left out at a time to see the scatter: a stratum, or a group where strata are
-  few.
 
-The interval covers the estimate from this motion on this joint (docs/method.md). For each estimate
-the variance is that of noise and misfit together, or of the misfit where it is the larger.
-
-* *Noise* is what another recording of the same motion would change: the spread of groups that
-  repeat one another. Where nothing repeats, the rows of a motion are whitened, and the misfit alone
-  is the variance.
-* *Misfit* is the scatter when one unit is left out at a time (jackknife). It holds the noise, too,
-  and what the model misses from unit to unit. Amplitudes and frequencies are chosen, not drawn: it
-  need not hold the estimate at others.
-
-The *score* of a group is by how much it moves the estimates: the products of its residual with the
-columns, times the inverse of the normal equations.
+Each estimate is that of least squares, whatever the motion. Its interval (`interval`) is that of
+the same motion again, with other noise.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from itertools import product
 from typing import Self
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from osl_analysis.bench.interval import left_out, spread
 from osl_analysis.bench.record import Groups, Label, Record
 from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.measured import SMALLEST_SIGNAL, check_finite
@@ -41,10 +32,7 @@ from osl_analysis.model.rendered_impedance import linear_torque
 from osl_analysis.signals import seven_point_motion
 from osl_analysis.stats.linear_fit import (
     CONDITION_LIMIT,
-    MOST_FREEDOM,
-    SMALLEST_DIRECTION,
     LinearFit,
-    between_cycles,
     condition_of,
     products_between,
     solved,
@@ -58,21 +46,17 @@ IMPEDANCE: Model = {"K": "theta", "B": "omega", "I": "alpha", "offset": "one", "
 # Eq. 4 without a belt
 TRANSMISSION: Model = {"B_j": "omega", "J_j": "alpha", "offset": "one", "drift": "ramp"}
 FALSE_ALARM = 1e-3  # probability of a false alarm for one effect
-# level of the test below which noise and misfit are one variance; Bancroft's: at 5 % a misfit of
-# the noise's size is missed so often that 87 % hold the truth
-POOLING = 0.25
 SIGN_WIDTHS = {"T_C_sharp": 1e-3, "T_C": 1e-2}
 """Columns of Coulomb friction, by the velocity [rad/s] over which it changes sign; the larger is
 ten times the velocity noise of 14 bits."""
 BEYOND = 1.1  # cut-offs above which the band's end is motion, not the tail of a faster step
 # largest scaled condition number with effects, whose columns may be nearly collinear
 EFFECTS_LIMIT = 1e5
-FEWEST_UNITS = 4  # with fewer strata the groups are left out instead
-# width over which the spectrum of a residual is smooth; it has at least so many lines
-SMOOTHING_HZ = 0.5
-FEWEST_LINES = 20
-NOT_WHITENED = np.ones(1)  # gain
-LEAST_POWER = 1e-20  # of the torque's mean square, below which a residual is rounding
+# share of what is slower that is left, so that offset and drift are told beside the motion
+LEFT_OF_SLOWER = 1e-3
+EDGE_ROWS = 2  # beside the fitted ones, from which a fraction of a row is read
+SPECTRUM_POINTS = 2000  # of an integral over the spectrum of noise
+DERIVATIVE = {"theta": 0, "omega": 1, "alpha": 2, "jerk": 3, "snap": 4}
 
 
 @dataclass(frozen=True)
@@ -91,9 +75,9 @@ class Sums:
     columns : Mapping of Array (n,)
         The columns themselves, without torques.
     weighted : Array (m, q, q)
-        The products that are fitted: of whitened columns, or `gram`.
-    gain : Array (r,)
-        Of the whitening, by frequency from 0 to half the coarse rate; 1: nothing is whitened.
+        The products that are fitted: of a motion without what is slower, or `gram`.
+    noise : Array (q, q)
+        Part of the noise of the angle in the products of a row, which is taken off.
     """
 
     names: tuple[str, ...]
@@ -101,7 +85,7 @@ class Sums:
     groups: Groups
     columns: Mapping[str, Array]
     weighted: Array
-    gain: Array
+    noise: Array
 
     def chosen(self, is_chosen: NDArray[np.bool_]) -> "Sums":
         """Those of some groups, by a mask (m,)."""
@@ -162,61 +146,66 @@ def gram_sums(record: Record, columns: Mapping[str, Array]) -> Sums:
         check_finite(f"column '{name}'", row, least=SMALLEST_SIGNAL)
     products = np.array([*signals.values()]).T
     gram = products_between(products, products, record.groups.first, record.groups.stop)
-    return Sums(tuple(signals), gram, record.groups, columns, gram, NOT_WHITENED)
+    return Sums(tuple(signals), gram, record.groups, columns, gram, np.zeros_like(gram[0]))
 
 
-def motion_sums(record: Record, columns: Mapping[str, Array]) -> Sums:
-    """The sums of a motion of the joint, of whitened columns where nothing repeats.
+def motion_sums(record: Record, columns: Mapping[str, Array], angle_noise: float) -> Sums:
+    """The sums of a motion of the joint, without what is slower than it, and without the noise of
+    its angle.
 
-    The residual of a first fit, of all columns, has the spectrum S(f), from the squares of its
-    discrete cosine transform (DCT). Generalised least squares solves
-
-        (X' W W X) x = X' W W torque,   W = DCT^-1 S(f)^-1/2 DCT,
-
-    whose whitened rows have independent errors. A slow error, as of a person who leans on the
-    handle, cancels between neighbouring groups, which a jackknife of these does not know. Above the
-    cut-off S is that at the cut-off, so that the low-pass stays (Aitken, Proc. R. Soc. Edinburgh
-    55, 1936; with an estimated spectrum Hannan, Multiple Time Series, 1970, ch. VII). Raises as
-    `gram_sums`.
+    Columns and torque pass the same high-pass over the whole record, and only then are rows chosen.
+    Noise of the angle lengthens the columns: its part of the products, by its `angle_noise`
+    [rad^2/Hz], is taken off (errors in variables; Fuller, Measurement Error Models, 1987). Raises
+    as `gram_sums`.
     """
     sums = gram_sums(record, columns)
-    if record.groups.kind != "stretches":
-        return sums
-    few = record.coarse
-    step = round(record.rate_hz / few.rate_hz)
-    signals = np.array([*columns.values(), record.filtered_torque]).T[::step]
-    rows = few.transformed_rows()
-    spectra = scipy.fft.dct(signals[rows], axis=0, norm="ortho")
-    lines_per_hz = 2 * len(rows) / few.rate_hz
-    gain = whitening_gain(spectra, lines_per_hz, record.settings.cutoff_hz)
-    white = np.zeros_like(signals)
-    white[rows] = scipy.fft.idct(gain[:, None] * spectra, axis=0, norm="ortho")
-    weighted = products_between(white, white, few.groups.first, few.groups.stop)
-    return replace(sums, weighted=weighted, gain=gain)
+    slow_hz = record.band_hz[0]
+    signals = np.array([*columns.values(), record.filtered_torque, record.torque])
+    groups = record.groups
+    fast = without_slower(signals, groups.unlike_runs(), slow_hz / record.rate_hz).T
+    weighted = products_between(fast, fast, groups.first, groups.stop)
+    of_noise = noise_moments(sums.names, record, slow_hz, angle_noise)
+    weighted -= (groups.stop - groups.first)[:, None, None] * of_noise
+    return replace(sums, weighted=weighted, noise=of_noise)
 
 
-def whitening_gain(spectra: Array, lines_per_hz: float, cutoff_hz: float) -> Array:
-    """Gain (r,) that whitens what columns leave of a torque, whose DCT (r, p + 1) has the torque
-    last.
+def without_slower(signals: Array, runs: Sequence[slice], slow: float) -> Array:
+    """Signals (q, n) without what is slower than `slow` [cycles per row] in some runs of rows: the
+    lines of the run's discrete cosine transform below it (band-spectrum regression; Engle, Int.
+    Econ. Review 15, 1974)."""
+    fast = signals.copy()
+    for run in runs:
+        # a fraction of a row at its ends is read from the rows beside it
+        rows = slice(max(run.start - EDGE_ROWS, 0), run.stop + EDGE_ROWS)
+        lines = scipy.fft.dct(signals[:, rows], norm="ortho")
+        lines[:, : int(2 * slow * lines.shape[1]) + 1] *= LEFT_OF_SLOWER
+        fast[:, rows] = scipy.fft.idct(lines, norm="ortho")
+    return fast
 
-    The spectrum of the residual is the mean of the squares of neighbouring lines without the line
-    itself: with it, a line whose residual is large by chance would weigh less, and the interval be
-    too narrow.
+
+def noise_moments(
+    names: Sequence[str], record: Record, slow_hz: float, angle_noise: float
+) -> Array:
+    """Mean products (q, q), of a row, of what white noise of the angle makes of its derivatives.
+
+    The n-th derivative has the spectrum (i w)^n of the noise, so that those of orders n and m have
+    the product w^(n + m) cos((n - m) pi/2), times the square of the filter's gain.
     """
-    X = spectra[:, :-1]
-    torque = spectra[:, -1]
-    squares = (torque - X @ solved(X.T @ X, X.T @ torque)[0]) ** 2
-    lines = max(round(SMOOTHING_HZ * lines_per_hz), FEWEST_LINES)
-    means = scipy.ndimage.uniform_filter1d(squares, lines, mode="mirror")
-    power = (lines * means - squares) / (lines - 1)
-    cutoff = round(cutoff_hz * lines_per_hz)
-    power[cutoff:] = power[cutoff : cutoff + 1]
-    return 1 / np.sqrt(np.maximum(power, LEAST_POWER * np.mean(torque**2)))
+    f = np.linspace(slow_hz, record.rate_hz / 2, SPECTRUM_POINTS)
+    gain = record.settings.low_pass.gain(f)
+    w = 2 * np.pi * f
+    moments = np.zeros((len(names), len(names)))
+    of_angle = [(k, DERIVATIVE[name]) for k, name in enumerate(names) if name in DERIVATIVE]
+    for (k, n), (l, m) in product(of_angle, of_angle):
+        if (n - m) % 2 == 0:
+            sign = (-1) ** ((n - m) // 2)
+            moments[k, l] = sign * np.trapezoid(w ** (n + m) * angle_noise * gain**2, f)
+    return moments
 
 
 def sums_of(record: Record, expected: RationalFunction | None = None) -> Sums:
     """The sums of a coarse record with all effects; the arguments are those of `effect_columns`."""
-    return motion_sums(record.coarse, effect_columns(record, expected))
+    return motion_sums(record.coarse, effect_columns(record, expected), record.angle_noise)
 
 
 def offset_and_drift(time: Array) -> dict[str, Array]:
@@ -266,21 +255,7 @@ def effect_columns(record: Record, expected: RationalFunction | None = None) -> 
 
 @dataclass(frozen=True)
 class GroupFit(LinearFit):
-    """A fit whose interval covers the estimate from this motion (docs/method.md).
-
-    Attributes
-    ----------
-    repeat : Array (p, p) or None
-        Covariance of the repeatability; None where nothing repeats.
-    repeat_freedom : Array (p,) or float
-        Degrees of freedom of its variances.
-    left_out : Array (u, p)
-        Estimates without one unit at a time.
-    """
-
-    repeat: Array | None = None
-    repeat_freedom: Array | float = np.inf
-    left_out: Array = field(default_factory=lambda: np.empty((0, 0)))
+    """A fit whose interval is that of the same motion again (docs/method.md)."""
 
     def half_width(self, name: str) -> float:
         """Half of the 95 % interval of one estimate."""
@@ -338,8 +313,7 @@ class BenchFit(GroupFit):
 
 
 def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> GroupFit:
-    """Fit the torque by least squares (Eq. 15), generalised ones where the sums are of whitened
-    rows, with an interval that covers this motion.
+    """Fit the torque by least squares (Eq. 15), with the interval of the same motion again.
 
     Parameters
     ----------
@@ -356,106 +330,43 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> GroupFi
         A column is 0 throughout, or the condition number is above the limit.
     """
     columns = list(model.values())
-    products = s.products(s.weighted, [*columns, "torque"])
-    A_g = products[:, :-1, :-1]
-    b_g = products[:, :-1, -1]
+    products = s.products(s.weighted, [*columns, "torque", "raw torque"])
+    A_g = products[:, :-2, :-2]
+    b_g = products[:, :-2, -2]
     A = A_g.sum(axis=0)
     b = b_g.sum(axis=0)
     estimates, inverse = solved(A, b)
     varies = [k for k, column in enumerate(columns) if column != "one"]
     condition, correlation = condition_of(tuple(model), varies, A, inverse, limit)
 
-    stratum = np.unique(s.groups.stratum, return_inverse=True)[1]
-    has_strata = stratum.max() + 1 >= FEWEST_UNITS
-    has_repeats = s.groups.kind != "stretches" and np.bincount(stratum).min() > 1
-    # estimates (u, p) without one of u units at a time
-    unit = stratum if has_strata else np.arange(len(A_g))
-    belongs = unit == np.unique(unit)[:, None]
-    scale = np.sqrt(np.diag(A))
-    scaled = (A - np.tensordot(belongs, A_g, 1)) / np.outer(scale, scale)
-    scaled += SMALLEST_DIRECTION * np.eye(len(A))
-    b_without = (b - belongs @ b_g) / scale
-    left_out = np.linalg.solve(scaled, b_without[..., None])[..., 0] / scale
-    covariance = scatter_of(left_out)
-    freedom = np.full(len(A), max(len(left_out) - 1.0, 1.0))
-    noise = None
-    noise_freedom: Array | float = np.inf
-    if has_repeats:
-        # before the filter noise is independent from row to row
-        raw_g = s.products(s.gram, [*columns, "raw torque"])[:, :-1, -1]
-        noise, noise_freedom = between_cycles((raw_g - A_g @ estimates) @ inverse, stratum)
-        if has_strata:
-            covariance, freedom = combined(noise, noise_freedom, covariance, len(left_out))
-    elif len(left_out) < FEWEST_UNITS:
-        # to first order: without one of them the rest may tell nothing
-        scores = (b_g - A_g @ estimates) @ inverse
-        covariance = len(scores) / freedom[0] * scores.T @ scores
+    repeat = s.groups.repeat()
+    # before the low-pass, noise is independent from row to row
+    noise_g = products[:, :-2, -1] - A_g @ estimates
+    of_repeats = spread(noise_g[repeat] @ inverse, s.groups.stratum[repeat])
+    scatter = of_repeats + left_out(A, b, A_g[~repeat], b_g[~repeat], len(A_g))
     return GroupFit(
         names=tuple(model),
         estimates=estimates,
-        covariance=covariance,
+        covariance=scatter.covariance,
         vaf=s.vaf(columns, estimates),
         condition_number=condition,
-        interval_method="repeats" if has_repeats and not has_strata else "units",
-        degrees_of_freedom=freedom,
+        interval_method=method_of(repeat),
+        degrees_of_freedom=scatter.freedom,
         largest_correlation=correlation,
-        repeat=noise,
-        repeat_freedom=noise_freedom,
-        left_out=left_out,
     )
+
+
+def method_of(repeat: NDArray[np.bool_]) -> str:
+    """What makes an interval, of groups (m,) that repeat one another, or do not."""
+    if repeat.all():
+        return "repeats"
+    return "repeats + blocks" if repeat.any() else "blocks"
 
 
 def with_effects(s: Sums, model: Model, *effects: str) -> GroupFit:
     """Fit of a model with the columns of effects. Raises as `fit_groups`."""
     with_columns = {**model, **{name: name for name in effects}}
     return fit_groups(s, with_columns, EFFECTS_LIMIT)
-
-
-def scatter_of(left_out: Array) -> Array:
-    """Covariance (p, p) of estimates by the scatter of those without one unit at a time (u, p):
-    noise, misfit and leverage (jackknife; Miller, Biometrika 61, 1974)."""
-    u = len(left_out)
-    scatter = left_out - left_out.mean(axis=0)
-    return scatter.T @ scatter * (u - 1) / u
-
-
-def combined(
-    noise: Array,
-    freedom: Array,
-    misfit: Array,
-    units: int,
-) -> tuple[Array, Array]:
-    """Combine what noise and misfit do to p estimates.
-
-    The misfit holds the noise. Where a test (F) does not tell one from the other, both are
-    estimates of one variance, and their mean is taken; else the misfit (Bancroft, Biometrics 20,
-    1964). Correlations are those of the sum of noise and misfit.
-
-    Parameters
-    ----------
-    noise : Array (p, p)
-        Covariance by noise, with `freedom` (p,) degrees of freedom.
-    misfit : Array (p, p)
-        Covariance by the scatter of two `units` or more.
-
-    Returns
-    -------
-    covariance : Array (p, p)
-    freedom : Array (p,)
-        Degrees of freedom of its variances.
-    """
-    of_noise = np.diag(noise)
-    of_misfit = np.diag(misfit)
-    misfit_freedom = units - 1.0
-    noise_freedom = np.minimum(freedom, MOST_FREEDOM)
-    both_freedoms = noise_freedom + misfit_freedom
-    pooled = (noise_freedom * of_noise + misfit_freedom * of_misfit) / both_freedoms
-    largest_ratio = scipy.special.fdtri(misfit_freedom, noise_freedom, 1 - POOLING)
-    is_larger = of_misfit > largest_ratio * of_noise
-    both = noise + misfit
-    of_both = np.maximum(np.diag(both), np.finfo(float).tiny)
-    error = np.sqrt(np.where(is_larger, of_misfit, pooled) / of_both)
-    return both * np.outer(error, error), np.where(is_larger, misfit_freedom, both_freedoms)
 
 
 def held_out_vaf(s: Sums, model: Model) -> float | None:

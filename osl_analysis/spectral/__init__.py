@@ -26,7 +26,6 @@ SIMILAR = 0.25  # share by which a motion may differ from itself in a window
 WHOLE_LAG = 0.98  # windows and averages blur the ends of a stretch of two periods
 SETTLED = 5.0  # median mismatches; more is a transient
 LEAST_COVERED = 0.5  # share of the moving time that must repeat itself
-LARGEST_SCATTER = 0.03  # of periods about their mean: a bench leaves 1 %, a hand 5 to 10 %
 LAG_ROUNDS = 2
 UNCERTAIN_ROWS = 3.0  # by which the ends of a stretch are uncertain, at `COARSE_HZ`
 
@@ -64,7 +63,7 @@ def periodic_motion(
     Returns
     -------
     PeriodicMotion or None
-        None if the motion does not repeat itself as well as a bench does.
+        None if the motion does not repeat itself.
 
     Notes
     -----
@@ -88,7 +87,6 @@ def periodic_motion(
     # the shortest lag with a mismatch within a factor of two of the best is the period, not a
     # multiple of it
     lag, _, stretches = min(each for each in candidates if each.mismatch <= 2 * best + FLOOR)
-    times = np.arange(lag)
     realisations: list[Array] = []
     numbers = []
     for stretch in stretches:
@@ -96,10 +94,6 @@ def periodic_motion(
         end = min(stretch.stop + lag, len(theta) / step)
         length = min(end - stretch.start + UNCERTAIN_ROWS, end)
         begins = end - lag * np.arange(length // lag, 0, -1)
-        periods = spline(begins[:, None] + times)
-        periods -= periods.mean(axis=1, keepdims=True)  # the joint may settle
-        if (periods - periods.mean(axis=0)).std() > LARGEST_SCATTER * periods.std():
-            return None
         numbers += len(begins) * [len(realisations)]
         realisations.append(begins / rate_hz)
     return PeriodicMotion(lag / rate_hz, np.concatenate(realisations), np.array(numbers))

@@ -22,7 +22,6 @@ from osl_analysis.bench.record import Label
 from osl_analysis.bench.regression import (
     FEWEST_UNITS,
     IMPEDANCE,
-    BenchFit,
     GroupFit,
     Sums,
     combined,
@@ -206,7 +205,7 @@ def impedance_table(
     return beside_known(table, p, desired)
 
 
-def with_lag(table: pl.DataFrame, lag: BenchFit) -> pl.DataFrame:
+def with_lag(table: pl.DataFrame, lag: GroupFit) -> pl.DataFrame:
     """A table with K, B and I, with the lag of a leg's torque behind the angle by its belt, the
     shares of B and I that are due to a lag that was found, and B and I without it.
 
@@ -321,6 +320,7 @@ def difference_of(analysis: Analysis, smallest: Label, largest: Label) -> GroupF
     small = analysis.fits[smallest]
     large = analysis.fits[largest]
     covariance = small.covariance + large.covariance
+    known_errors = (*small.known_errors, *large.known_errors)
     freedom = np.minimum(small.degrees_of_freedom, large.degrees_of_freedom)
     strata = analysis.sums.groups.strata
     of_small, of_large = (
@@ -336,9 +336,11 @@ def difference_of(analysis: Analysis, smallest: Label, largest: Label) -> GroupF
             noise = small.repeat + large.repeat
             noise_freedom = np.minimum(small.repeat_freedom, large.repeat_freedom)
             covariance, freedom = combined(noise, noise_freedom, scatter_of(apart), len(apart))
+            known_errors = ()
     return replace(
         large,
         estimates=large.estimates - small.estimates,
         covariance=covariance,
         degrees_of_freedom=freedom,
+        known_errors=known_errors,
     )

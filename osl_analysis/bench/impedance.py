@@ -15,7 +15,6 @@ from osl_analysis.bench.regression import (
     IMPEDANCE,
     NOT_WHITENED,
     SIGN_WIDTHS,
-    BenchFit,
     GroupFit,
     Model,
     Sums,
@@ -92,12 +91,12 @@ class Analysis:
         }
 
     @cached_property
-    def calibrated(self) -> Mapping[Label, BenchFit]:
+    def calibrated(self) -> Mapping[Label, GroupFit]:
         """The fits with what is stated of the bench in their intervals; comparisons within a trial
         do not include it."""
         return {label: self.with_bench_errors(fit, label) for label, fit in self.fits.items()}
 
-    def with_bench_errors(self, own: GroupFit, label: Label) -> BenchFit:
+    def with_bench_errors(self, own: GroupFit, label: Label) -> GroupFit:
         """Add what is stated of the bench to the intervals of a fit: the errors of its calibration,
         its stiffness and its fixture, to first order.
 
@@ -108,42 +107,47 @@ class Analysis:
         label
             Whose rows were fitted.
         """
-        fit = BenchFit(**vars(own))
         record = self.record
         stated = record.settings.calibration
         fixture = record.settings.fixture
         bench = record.settings.bench_stiffness
         if stated == NOT_STATED and fixture is None and bench is None:
-            return fit
+            return own
         rows = record.rows(label)
         motion = record.motion
         columns = dict(self.sums.columns)
-        if "T_C" in fit.names:
+        if "T_C" in own.names:
             sign = np.tanh(motion.omega / SIGN_WIDTHS["T_C"])
             columns["T_C"] = record.settings.low_pass(sign, record.rate_hz)
-        missing = [name for name in self.model if name not in fit.names]
-        of_estimates = [self.model.get(name, name) for name in (*fit.names, *missing)]
-        sizes = np.append(fit.estimates, np.zeros(len(missing)))
+        missing = [name for name in self.model if name not in own.names]
+        of_estimates = [self.model.get(name, name) for name in (*own.names, *missing)]
+        sizes = np.append(own.estimates, np.zeros(len(missing)))
         X = np.column_stack([columns[column] for column in of_estimates])
         is_of_angle = np.isin(of_estimates, OF_ANGLE)
 
+        hysteresis, delay = torque_errors(record.filtered_torque, record.rate_hz, rows, stated)
         torques = [
-            stated.torque * (X @ sizes),
-            stated.angle_gain * (X @ (sizes * is_of_angle)),
-            *torque_errors(record.filtered_torque, record.rate_hz, rows, stated),
+            ("torque_gain", stated.torque * (X @ sizes)),
+            ("angle_gain", stated.angle_gain * (X @ (sizes * is_of_angle))),
+            ("hysteresis", hysteresis),
+            ("delay", delay),
         ]
         if fixture is not None:
             sine = np.sin(motion.theta - np.deg2rad(fixture.rest_deg))
-            torques += [fixture.inertia_error * motion.alpha, fixture.weight_error * sine]
+            torques.append(("fixture", fixture.inertia_error * motion.alpha))
+            torques.append(("fixture", fixture.weight_error * sine))
         if bench is not None:
             # a frame that yields more turns the joint by so much less
             yielded = bench.compliance_error * record.filtered_torque
             of_frame = vars(seven_point_motion(yielded, record.rate_hz))
             still = np.zeros_like(yielded)
-            torques.append(sizes @ np.array([of_frame.get(name, still) for name in of_estimates]))
-        changes = np.linalg.lstsq(X[rows], np.column_stack(torques)[rows])[0]
-        for change in changes[: len(fit.names)].T:
-            fit = fit.with_bench_error(change)
+            of_bench = sizes @ np.array([of_frame.get(name, still) for name in of_estimates])
+            torques.append(("bench_stiffness", of_bench))
+        errors = np.column_stack([error for _, error in torques])
+        changes = np.linalg.lstsq(X[rows], errors[rows])[0][: len(own.names)]
+        fit = own
+        for (source, _), change in zip(torques, changes.T, strict=True):
+            fit = fit.with_known_error(source, change, shared=True)
         return fit
 
     def time_base_shift(self, label: Label, names: Sequence[str]) -> float | None:
@@ -187,12 +191,11 @@ def rendered_impedance(record: Record) -> Analysis:
         analysis = analysed(record, IMPEDANCE)
         fits = {}
         for label, own in analysis.fits.items():
-            errors = encoder_errors(analysis, label)
+            of_encoder = encoder_errors(analysis, label)
+            fits[label] = own.with_known_error("encoder", of_encoder, shared=True)
             if record.groups.kind != "cycles":
-                errors = np.hypot(errors, usual_errors(analysis))
-            fits[label] = own
-            if errors.any():
-                fits[label] = BenchFit(**vars(own)).with_bench_error(errors)
+                usual = usual_errors(analysis)
+                fits[label] = fits[label].with_known_error("usual_error", usual, shared=True)
         return replace(analysis, fits=fits)
 
 

@@ -27,7 +27,6 @@ columns, times the inverse of the normal equations.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Self
 
 import numpy as np
 import scipy
@@ -39,9 +38,9 @@ from osl_analysis.measured import SMALLEST_SIGNAL, check_finite
 from osl_analysis.model.drivetrain import RationalFunction
 from osl_analysis.model.rendered_impedance import linear_torque
 from osl_analysis.signals import seven_point_motion
+from osl_analysis.stats.budget import MOST_FREEDOM, KnownError
 from osl_analysis.stats.linear_fit import (
     CONDITION_LIMIT,
-    MOST_FREEDOM,
     SMALLEST_DIRECTION,
     LinearFit,
     between_cycles,
@@ -282,10 +281,6 @@ class GroupFit(LinearFit):
     repeat_freedom: Array | float = np.inf
     left_out: Array = field(default_factory=lambda: np.empty((0, 0)))
 
-    def half_width(self, name: str) -> float:
-        """Half of the 95 % interval of one estimate."""
-        return self.interval(name)[1] - self[name]
-
     def beyond_interval(self, name: str, expected: float = 0.0) -> float:
         """By how much an estimate differs from what is expected, less the half-width of its
         interval; 0 within it."""
@@ -298,8 +293,8 @@ class GroupFit(LinearFit):
         Parameters
         ----------
         functions
-            By name the value of each, and its derivatives by the estimates that it is of; it has
-            the degrees of freedom of the first of these.
+            By name the value of each, and its derivatives by the estimates that it is of; its
+            scatter has the degrees of freedom of the first of these.
         """
         gradients = [gradient for _, gradient in functions.values()]
         J = np.array([[each.get(name, 0.0) for name in self.names] for each in gradients])
@@ -311,30 +306,19 @@ class GroupFit(LinearFit):
             condition_number=self.condition_number,
             interval_method=self.interval_method,
             largest_correlation=self.largest_correlation,
-            degrees_of_freedom=np.array([self.freedom(next(iter(each))) for each in gradients]),
+            degrees_of_freedom=np.array(
+                [self.degrees_of_freedom[self.names.index(next(iter(each)))] for each in gradients]
+            ),
+            known_errors=tuple(
+                KnownError(error.source, J @ error.change, error.shared)
+                for error in self.known_errors
+            ),
         )
 
     def certain(self, name: str) -> bool:
         """Whether an estimate differs from 0 by a two-sided test at the level `FALSE_ALARM`."""
         quantile = float(scipy.special.stdtrit(self.freedom(name), 1 - FALSE_ALARM / 2))
         return abs(self[name]) > quantile * self.se(name)
-
-
-@dataclass(frozen=True)
-class BenchFit(GroupFit):
-    """A fit whose intervals hold the errors of type B that all trials on a bench share."""
-
-    bench_variance: Array | float = 0.0  # (p,) part of the variances that is theirs
-
-    def with_bench_error(self, change: Array) -> Self:
-        """The fit with an error that changes the estimates by `change` (p,) per SD."""
-        bench_variance = self.bench_variance + change**2
-        return replace(self.with_shared_error(change), bench_variance=bench_variance)
-
-    def se_bench(self, name: str) -> float:
-        """Part of the standard error that all trials on a bench share."""
-        variances = np.broadcast_to(self.bench_variance, len(self.names))
-        return float(np.sqrt(variances[self.names.index(name)]))
 
 
 def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> GroupFit:

@@ -75,7 +75,9 @@ def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnaly
             analyses.append(fit_branches(loaded, settings.load_cell_drift / 60, model))
     belt, early, late = analyses
     fits = {
-        label: fit.with_shared_error((late.fits[label].estimates - early.fits[label].estimates) / 2)
+        label: fit.with_known_error(
+            "loading_begins", (late.fits[label].estimates - early.fits[label].estimates) / 2
+        )
         for label, fit in belt.fits.items()
     }
     check_stiffer(signals.trial, "K_s", belt.whole["K_s"], settings.bench_stiffness)
@@ -113,7 +115,7 @@ def fit_branches(record: Record, drift: float = 0.0, model: Model | None = None)
     for branch in BRANCHES:
         of_branch = s.of(branch)
         of_ramp = of_branch.estimates([*model.values()], "ramp")
-        fit = fit_groups(of_branch, model).with_shared_error(drift * of_ramp)
+        fit = fit_groups(of_branch, model).with_known_error("load_cell_drift", drift * of_ramp)
         if drift:
             fit = replace(fit, interval_method=f"{fit.interval_method} + drift")
         fits[branch] = fit

@@ -9,14 +9,13 @@ import polars as pl
 
 from osl_analysis.bench.bench_settings import BenchStiffness, Fixture
 from osl_analysis.bench.friction import explanations_of, suspected_fault_of_losses
-from osl_analysis.bench.impedance import QUANTITIES, Analysis
+from osl_analysis.bench.impedance import QUANTITIES, Analysis, encoder_errors
 from osl_analysis.bench.lags import late_fit
 from osl_analysis.bench.motion import signals_of
 from osl_analysis.bench.plausibility import check_resists
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import (
     IMPEDANCE,
-    BenchFit,
     GroupFit,
     effect_columns,
     fit_groups,
@@ -25,8 +24,8 @@ from osl_analysis.bench.regression import (
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError
 from osl_analysis.signals.grid import origin
+from osl_analysis.stats.budget import NORMAL_HALF_WIDTH
 from osl_analysis.stats.estimates import Row, estimates_row
-from osl_analysis.stats.linear_fit import NORMAL_HALF_WIDTH
 from osl_analysis.trial import Trial
 
 JOINT_SIDE = "theta_joint"  # column of the angle between frame and joint
@@ -139,7 +138,8 @@ def known_row(analysis: Analysis, known: Known, frame: GroupFit | None) -> Row:
         # phase of d at f is a lag of d/(2 pi f)
         middle_hz = np.sqrt(record.band_hz[0] * record.band_hz[1])
         lag_of_loss_s = SPRING_LOSS / (2 * np.pi * middle_hz) / np.sqrt(3)
-        fit = fit.with_bench_error(np.array([lag_of_loss_s, 0.0, 0.0]))
+        loss = np.array([lag_of_loss_s, 0.0, 0.0])
+        fit = fit.with_known_error("spring_loss", loss, shared=True)
 
     certain_lag_s = fit.beyond_interval("lag_s")
     fault = suspected_fault_of_losses(record) if certain_lag_s else None
@@ -179,19 +179,29 @@ def late_fits(record: Record, is_spring: bool) -> tuple[GroupFit, GroupFit | Non
     damped : GroupFit or None
         The fit that allows damping; None for a spring with too little inertia to tell it.
     """
-    fit_late = partial(late_fit, record.coarse, effect_columns(record))
+    columns = effect_columns(record)
+    fit_late = partial(late_fit, record.coarse, columns)
     model = {**IMPEDANCE, "T_C": "T_C"}
+
+    def with_steps(fit: GroupFit) -> GroupFit:
+        """The fit with the error of the encoder's steps, of a torque that is as late as it finds."""
+        slope = -np.gradient(record.coarse.filtered_torque, 1 / record.coarse.rate_hz)
+        of_fit = {name: model.get(name, "late") for name in fit.names}
+        errors = encoder_errors(record, {**columns, "late": slope}, of_fit, fit)
+        return fit.with_known_error("encoder", errors, shared=True)
+
     if not is_spring:
-        fit, _ = fit_late(model=model)
+        fit = with_steps(fit_late(model=model)[0])
         return fit, fit
 
-    undamped, _ = fit_late(model={name: model[name] for name in model if name != "B"})
+    undamped = with_steps(fit_late(model={name: model[name] for name in model if name != "B"})[0])
     fastest = 2 * np.pi * record.band_hz[1]
     if abs(undamped["I"]) * fastest**2 < LEAST_INERTIA_SHARE * undamped["K"]:
         return undamped, None
     damped = undamped
     for lag_s in (undamped["lag_s"], 0.0):
-        fit, has_ended = fit_late(model=model, lag_s=lag_s)
+        damped_fit, has_ended = fit_late(model=model, lag_s=lag_s)
+        fit = with_steps(damped_fit)
         # a delay has a false minimum beside a negative damping
         is_likely = has_ended and fit.interval("B")[1] >= 0
         if is_likely or damped is undamped:
@@ -200,7 +210,7 @@ def late_fits(record: Record, is_spring: bool) -> tuple[GroupFit, GroupFit | Non
     return (damped if is_damped else undamped), damped
 
 
-def bench_estimates(fit: GroupFit, known: Known) -> BenchFit:
+def bench_estimates(fit: GroupFit, known: Known) -> GroupFit:
     """Lag, gain, and the fixture's inertia or weight, from Eq. 15 of what is known."""
     main, beside, name = ("K", "I", "inertia") if known.stiffness else ("I", "K", "weight")
     size = known.stiffness or known.inertia or np.nan
@@ -214,8 +224,7 @@ def bench_estimates(fit: GroupFit, known: Known) -> BenchFit:
             name: (other - taken, {beside: 1 / gain, main: -other / fit[main]}),
         }
     )
-    of_known = found.with_shared_error(known.share * np.array([0.0, gain, other - taken]))
-    return BenchFit(**vars(of_known))
+    return found.with_known_error("known_part", known.share * np.array([0.0, gain, other - taken]))
 
 
 def error_to_state(fit: GroupFit, name: str) -> float:

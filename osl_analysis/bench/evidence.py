@@ -21,7 +21,6 @@ from osl_analysis.bench.plausibility import check_resists, check_stiffer
 from osl_analysis.bench.record import Label
 from osl_analysis.bench.regression import (
     IMPEDANCE,
-    BenchFit,
     GroupFit,
     Sums,
     held_out_vaf,
@@ -203,7 +202,7 @@ def impedance_table(
     return beside_known(table, p, desired)
 
 
-def with_lag(table: pl.DataFrame, lag: BenchFit) -> pl.DataFrame:
+def with_lag(table: pl.DataFrame, lag: GroupFit) -> pl.DataFrame:
     """A table with K, B and I, with the lag of a leg's torque behind the angle by its belt, the
     shares of B and I that are due to a lag that was found, and B and I without it.
 
@@ -315,4 +314,5 @@ def difference_of(small: GroupFit, large: GroupFit) -> GroupFit:
         estimates=large.estimates - small.estimates,
         covariance=small.covariance + large.covariance,
         degrees_of_freedom=np.minimum(small.degrees_of_freedom, large.degrees_of_freedom),
+        known_errors=(*small.known_errors, *large.known_errors),
     )

@@ -21,8 +21,9 @@ from osl_analysis.bench.record import Record
 from osl_analysis.dictionary import table_of
 from osl_analysis.model.rendered_impedance import FAITHFUL
 from osl_analysis.signals import runs
+from osl_analysis.stats.budget import NORMAL_HALF_WIDTH, welch_satterthwaite
 from osl_analysis.stats.estimates import Estimate, Row
-from osl_analysis.stats.linear_fit import NORMAL_HALF_WIDTH, products_between, welch_satterthwaite
+from osl_analysis.stats.linear_fit import products_between
 from osl_analysis.trial import Array
 
 Spectrum = NDArray[np.complex128]

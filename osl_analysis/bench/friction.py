@@ -16,7 +16,7 @@ import numpy as np
 
 from osl_analysis.bench.impedance import QUANTITIES, Analysis
 from osl_analysis.bench.record import Label, Record
-from osl_analysis.bench.regression import BEYOND, BenchFit, GroupFit, Model, Sums, with_effects
+from osl_analysis.bench.regression import BEYOND, GroupFit, Model, Sums, with_effects
 from osl_analysis.errors import IdentifiabilityError, NotWeighedError
 from osl_analysis.inference import (
     BenchSignals,
@@ -107,9 +107,11 @@ def coulomb_fits(
                 sharp_alone = with_effects(sums, model, "T_C_sharp")
                 sharp = without_friction(sums, model, sharp_alone)
                 of_width = (sharp.estimates - smooth.estimates) / np.sqrt(3)
-                own = BenchFit(**vars(fit))
-                of_bench = [own.se_bench(name) for name in smooth.names[:-1]]
-                certain = smooth.with_shared_error(np.hypot(of_width, [*of_bench, 0.0]))
+                certain = smooth.with_known_error("friction_sign", of_width)
+                at = [fit.names.index(name) for name in smooth.names[:-1]]
+                for error in fit.known_errors:
+                    change = np.append(error.change[at], 0.0)
+                    certain = certain.with_known_error(error.source, change)
                 certain = analysis.with_bench_errors(certain, label)
         except IdentifiabilityError:
             continue

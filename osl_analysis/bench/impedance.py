@@ -2,7 +2,7 @@
 with the stated errors of the bench and those of the encoder's steps."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from osl_analysis.bench.bench_settings import NOT_STATED, Calibration
 from osl_analysis.bench.record import STIFFNESS_ALONE, Label, Record
 from osl_analysis.bench.regression import (
+    DERIVATIVE,
     IMPEDANCE,
     SIGN_WIDTHS,
-    BenchFit,
     GroupFit,
     Model,
     Sums,
@@ -87,12 +87,12 @@ class Analysis:
         }
 
     @cached_property
-    def calibrated(self) -> Mapping[Label, BenchFit]:
+    def calibrated(self) -> Mapping[Label, GroupFit]:
         """The fits with what is stated of the bench in their intervals; comparisons within a trial
         do not include it."""
         return {label: self.with_bench_errors(fit, label) for label, fit in self.fits.items()}
 
-    def with_bench_errors(self, own: GroupFit, label: Label) -> BenchFit:
+    def with_bench_errors(self, own: GroupFit, label: Label) -> GroupFit:
         """Add what is stated of the bench to the intervals of a fit: the errors of its calibration,
         its stiffness and its fixture, to first order.
 
@@ -103,42 +103,47 @@ class Analysis:
         label
             Whose rows were fitted.
         """
-        fit = BenchFit(**vars(own))
         record = self.record
         stated = record.settings.calibration
         fixture = record.settings.fixture
         bench = record.settings.bench_stiffness
         if stated == NOT_STATED and fixture is None and bench is None:
-            return fit
+            return own
         rows = record.rows(label)
         motion = record.motion
         columns = dict(self.sums.columns)
-        if "T_C" in fit.names:
+        if "T_C" in own.names:
             sign = np.tanh(motion.omega / SIGN_WIDTHS["T_C"])
             columns["T_C"] = record.settings.low_pass(sign, record.rate_hz)
-        missing = [name for name in self.model if name not in fit.names]
-        of_estimates = [self.model.get(name, name) for name in (*fit.names, *missing)]
-        sizes = np.append(fit.estimates, np.zeros(len(missing)))
+        missing = [name for name in self.model if name not in own.names]
+        of_estimates = [self.model.get(name, name) for name in (*own.names, *missing)]
+        sizes = np.append(own.estimates, np.zeros(len(missing)))
         X = np.column_stack([columns[column] for column in of_estimates])
         is_of_angle = np.isin(of_estimates, OF_ANGLE)
 
+        hysteresis, delay = torque_errors(record.filtered_torque, record.rate_hz, rows, stated)
         torques = [
-            stated.torque * (X @ sizes),
-            stated.angle_gain * (X @ (sizes * is_of_angle)),
-            *torque_errors(record.filtered_torque, record.rate_hz, rows, stated),
+            ("torque_gain", stated.torque * (X @ sizes)),
+            ("angle_gain", stated.angle_gain * (X @ (sizes * is_of_angle))),
+            ("hysteresis", hysteresis),
+            ("delay", delay),
         ]
         if fixture is not None:
             sine = np.sin(motion.theta - np.deg2rad(fixture.rest_deg))
-            torques += [fixture.inertia_error * motion.alpha, fixture.weight_error * sine]
+            torques.append(("fixture", fixture.inertia_error * motion.alpha))
+            torques.append(("fixture", fixture.weight_error * sine))
         if bench is not None:
             # a frame that yields more turns the joint by so much less
             yielded = bench.compliance_error * record.filtered_torque
             of_frame = vars(seven_point_motion(yielded, record.rate_hz))
             still = np.zeros_like(yielded)
-            torques.append(sizes @ np.array([of_frame.get(name, still) for name in of_estimates]))
-        changes = np.linalg.lstsq(X[rows], np.column_stack(torques)[rows])[0]
-        for change in changes[: len(fit.names)].T:
-            fit = fit.with_bench_error(change)
+            of_bench = sizes @ np.array([of_frame.get(name, still) for name in of_estimates])
+            torques.append(("bench_stiffness", of_bench))
+        errors = np.column_stack([error for _, error in torques])
+        changes = np.linalg.lstsq(X[rows], errors[rows])[0][: len(own.names)]
+        fit = own
+        for (source, _), change in zip(torques, changes.T, strict=True):
+            fit = fit.with_known_error(source, change, shared=True)
         return fit
 
     def time_base_shift(self, label: Label, names: Sequence[str]) -> float | None:
@@ -180,15 +185,9 @@ def rendered_impedance(record: Record) -> Analysis:
     """
     with naming(f"trial {record.name}"):
         analysis = analysed(record, IMPEDANCE)
-        fits = {}
         if record.groups.kind != "cycles":
             check_encoder(analysis)
-        for label, own in analysis.fits.items():
-            errors = encoder_errors(analysis, label)
-            fits[label] = own
-            if errors.any():
-                fits[label] = BenchFit(**vars(own)).with_bench_error(errors)
-        return replace(analysis, fits=fits)
+        return analysis
 
 
 def analysed(record: Record, model: Model, sums: Sums | None = None) -> Analysis:
@@ -214,7 +213,11 @@ def analysed(record: Record, model: Model, sums: Sums | None = None) -> Analysis
         others = fits_by_label(sums_of_motion(other), model)
     if sums is None:
         sums = sums_of_motion(record)
-    return Analysis(record, sums, model, fits_by_label(sums, model), others)
+    fits = {}
+    for label, fit in fits_by_label(sums, model).items():
+        of_encoder = encoder_errors(record, sums.columns, model, fit, label)
+        fits[label] = fit.with_known_error("encoder", of_encoder, shared=True)
+    return Analysis(record, sums, model, fits, others)
 
 
 def sums_of_motion(record: Record) -> Sums:
@@ -286,32 +289,48 @@ def check_encoder(analysis: Analysis) -> None:
         )
 
 
-def encoder_errors(analysis: Analysis, label: Label) -> Array:
-    """Standard errors (p,) of the estimates of Eq. 15 by the encoder's steps, which no scatter
-    shows where a motion repeats itself.
+def encoder_errors(
+    record: Record, columns: Mapping[str, Array], model: Model, fit: GroupFit, label: Label = None
+) -> Array:
+    """Standard errors (p,) of estimates by the encoder's steps, which no scatter shows where a
+    motion repeats itself.
 
-    An error of the angle is one of the torque by K; noise leaves a share of what rounding to steps
-    makes of it.
+    An error e of the angle is one of the torque by K e + B e' + I e''. Its product with what a row
+    of the torque adds to an estimate, r, is that of e with K r - B r' + I r''. Noise leaves a share
+    of what rounding to steps makes of it.
 
     Parameters
     ----------
-    analysis
-        Eq. 15.
+    record
+        What was recorded.
+    columns
+        Columns of the model, at the rate of the record or of its coarse one.
+    model, fit
+        What was fitted.
     label
-        Whose rows were fitted.
+        Whose rows.
     """
-    record = analysis.record
-    fit = analysis.fits[label]
     step = record.encoder_step
-    if not step:
-        return np.zeros(len(IMPEDANCE))
+    if not (step and set(DERIVATIVE) & set(model.values())):
+        return np.zeros(len(fit.names))
     few = record.coarse
-    rows = few.rows(label) * round(record.rate_hz / few.rate_hz)
-    columns = np.array([analysis.sums.columns[column][rows] for column in IMPEDANCE.values()])
-    _, inverse = solved(columns @ columns.T, np.zeros(len(columns)))
-    by_row = fit["K"] * inverse @ columns  # change of the estimates (p, m)
+    ratio = round(record.rate_hz / few.rate_hz)
+    X = np.array([columns[column] for column in model.values()])
+    X = X[:, :: 1 if X.shape[1] == len(few.time) else ratio]
+    rows = few.rows(label)
+    _, inverse = solved(X[:, rows] @ X[:, rows].T, np.zeros(len(X)))
+    by_torque = inverse @ X
+    of_derivative = np.zeros(len(DERIVATIVE))
+    for name, column in model.items():
+        if column in DERIVATIVE:
+            of_derivative[DERIVATIVE[column]] = fit[name]
+    slope = np.gradient(by_torque, 1 / few.rate_hz, axis=1)
+    bend = np.gradient(slope, 1 / few.rate_hz, axis=1)
+    stiffness, damping, inertia, *_ = of_derivative
+    by_angle = stiffness * by_torque - damping * slope + inertia * bend
     # just beyond the filter a coarse sine has harmonics of its rounding
     noise, _ = noise_and_band(record.theta, record.rate_hz)
     repeated = repeated_share(noise, record.rate_hz, step)
     smooth_rows = record.rate_hz / (2 * np.pi * record.settings.cutoff_hz)
-    return repeated * errors_by_steps(by_row, rows, record.theta, step, smooth_rows)
+    of_steps = errors_by_steps(by_angle[:, rows], ratio * rows, record.theta, step, smooth_rows)
+    return repeated * of_steps

@@ -1,64 +1,65 @@
 """The interval of estimates by least squares, for any motion: how the same motion again would
 scatter them, with other noise.
 
-Least squares x = A^-1 b is of sums A and b over groups of rows. What a group adds to the error is
-told in one of two ways, and both parts add where a recording has both:
+Least squares x = A^-1 b is of sums A and b over groups of rows, which tell its error in one of two
+ways:
 
 * *Groups that repeat one another*, cycles of a sine or periods of a motion: by their spread
-  (`between_cycles`). It holds noise alone, since what Eq. 15 misses is the same in each of them.
+  (`spread`). It holds noise alone, since what Eq. 15 misses is the same in each of them.
 * *Groups that do not*, seconds of any other motion: by leaving out one at a time (`left_out`). It
   holds what Eq. 15 misses from second to second, too, which no recording tells from noise there.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.stats.linear_fit import (
-    SMALLEST_DIRECTION,
-    between_cycles,
-    welch_satterthwaite,
-)
+from osl_analysis.stats.linear_fit import SMALLEST_DIRECTION, between_cycles
 from osl_analysis.trial import Array
 
 
-@dataclass(frozen=True)
-class Scatter:
-    """Covariance (p, p) of estimates, and the degrees of freedom (p,) of their variances."""
-
-    covariance: Array
-    freedom: Array
-
-    def __add__(self, other: "Scatter") -> "Scatter":
-        """The scatter by two independent parts of a recording."""
-        variances = np.array([np.diag(self.covariance), np.diag(other.covariance)])
-        freedom = welch_satterthwaite(variances, np.array([self.freedom, other.freedom]))
-        return Scatter(self.covariance + other.covariance, freedom)
-
-
-def no_scatter(p: int) -> Scatter:
-    """The scatter of p estimates by no groups."""
-    return Scatter(np.zeros((p, p)), np.full(p, np.inf))
-
-
-def spread(scores: Array, stratum: NDArray[np.intp]) -> Scatter:
+def spread(
+    noise_g: Array,
+    A_g: Array,
+    inverse: Array,
+    stratum: NDArray[np.intp],
+    repeat: NDArray[np.bool_],
+) -> tuple[Array, Array]:
     """The scatter by groups that repeat one another.
+
+    A group that repeats no other, as the one settled cycle of a sine, is taken to scatter as the
+    others do: by the share that its columns have in what white noise of the torque does to each
+    estimate.
 
     Parameters
     ----------
-    scores : Array (m, p)
-        By how much the noise of each group moves the estimates.
+    noise_g : Array (m, p)
+        Products of the columns with the residual of the torque, in each group.
+    A_g : Array (m, p, p)
+        Products of the columns in each group.
+    inverse : Array (p, p)
+        Of the normal equations of all groups.
     stratum : Array (m,)
-        Which groups repeat one another, two or more; rising.
+        Which groups repeat one another; rising.
+    repeat : Array (m,)
+        Which repeat any.
+
+    Returns
+    -------
+    covariance : Array (p, p)
+        Of the estimates.
+    freedom : Array (p,)
+        Degrees of freedom of its variances.
     """
-    if not len(scores):
-        return no_scatter(scores.shape[1])
-    number = np.unique(stratum, return_inverse=True)[1]
-    return Scatter(*between_cycles(scores, number))
+    number = np.unique(stratum[repeat], return_inverse=True)[1]
+    covariance, freedom = between_cycles(noise_g[repeat] @ inverse, number)
+    of_repeats, of_all = (
+        np.diag(inverse @ groups.sum(axis=0) @ inverse) for groups in (A_g[repeat], A_g)
+    )
+    more = np.sqrt(of_all / of_repeats)
+    return covariance * np.outer(more, more), freedom
 
 
-def left_out(A: Array, b: Array, A_g: Array, b_g: Array, groups: int) -> Scatter:
+def left_out(A: Array, b: Array, A_g: Array, b_g: Array) -> tuple[Array, Array]:
     """The scatter by groups that do not repeat one another, each left out in turn.
 
     It is the cluster jackknife CV3 of MacKinnon, Nielsen and Webb (J. Appl. Econometrics 38, 2023)
@@ -77,15 +78,17 @@ def left_out(A: Array, b: Array, A_g: Array, b_g: Array, groups: int) -> Scatter
         Normal equations of all rows.
     b : Array (p,)
         Products of all rows with the torque.
-    A_g : Array (m, p, p)
+    A_g : Array (n, p, p)
         Normal equations of each group.
-    b_g : Array (m, p)
+    b_g : Array (n, p)
         Its products with the torque.
-    groups : int
-        Number n of all groups, with those that repeat one another.
+
+    Returns
+    -------
+    covariance, freedom
+        As `spread`.
     """
-    if not len(A_g):
-        return no_scatter(len(b))
+    n = len(A_g)
     scale = np.sqrt(np.diag(A))
     units = np.outer(scale, scale)
     # without a group the rest may tell nothing: the interval is then very wide
@@ -103,4 +106,4 @@ def left_out(A: Array, b: Array, A_g: Array, b_g: Array, groups: int) -> Scatter
     of_pairs = np.sum(inner**2, axis=(1, 2)) - np.sum(np.sum(e**2, axis=1) ** 2, axis=0)
     sum_of_squares = np.sum(own**2, axis=0) + of_pairs
     freedom = np.sum(own, axis=0) ** 2 / np.maximum(sum_of_squares, np.finfo(float).tiny)
-    return Scatter((groups - 1) / groups * u.T @ u, freedom)
+    return (n - 1) / n * u.T @ u, freedom

@@ -14,7 +14,6 @@ from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import (
     EFFECTS_LIMIT,
     TRANSMISSION,
-    BenchFit,
     GroupFit,
     Model,
     columns_of,
@@ -108,7 +107,7 @@ class Belt:
     K_s_ratio: float | None = None  # K_s over the parameter file's; None: not told
     # `lag_s` of the torque behind the joint's angle [s]; None: no belt is seen, it is not the
     # file's, or no search has ended
-    lag: BenchFit | None = None
+    lag: GroupFit | None = None
 
 
 def without_lag(lag_s: pl.Expr, half_width_s: float) -> list[pl.Expr]:
@@ -238,7 +237,11 @@ def belt_of_leg(record: Record, p: DrivetrainParameters) -> Belt:
             lag_s = fit["lag_s"] + (of_file - fit["B_j"]) / K_s
             of_lag["B_j"] = -1 / K_s
             theta_m_error = 0.0
-        lag = fit.derived({"lag_s": (lag_s, of_lag)}).with_shared_error(np.array([theta_m_error]))
-        shared = BELT_ERROR**2 + theta_m_error**2
-        belt = replace(belt, lag=BenchFit(**vars(lag), bench_variance=shared))
+        lag = fit.derived({"lag_s": (lag_s, of_lag)})
+        # the covariance holds the belt's error, too, which is no scatter
+        of_scatter = np.maximum(lag.covariance - BELT_ERROR**2, 0.0)
+        lag = replace(lag, covariance=of_scatter)
+        lag = lag.with_known_error("belt_error", np.array([BELT_ERROR]), shared=True)
+        lag = lag.with_known_error("theta_m_delay", np.array([theta_m_error]), shared=True)
+        belt = replace(belt, lag=lag)
     return belt

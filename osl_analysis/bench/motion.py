@@ -55,6 +55,9 @@ SMALLER_UNITS_OF_TIME = (
 
 STRETCH_S = 1.0  # s; duration of a stretch: 30 correlation times of a 15 Hz low-pass
 FEWEST_STRETCHES = 8  # of a recording, whose scores give an interval
+# of periods about their mean, above which a motion is not called periodic: a bench leaves 0.01, a
+# hand 0.05 to 0.1. Its interval is by the spread of its periods in any case
+BENCH_SCATTER = 0.03
 ALIKE_S = 0.25  # s; time over which a model's misfit is correlated
 
 
@@ -185,6 +188,8 @@ def record_of_motion(
     record = record_of(signals, settings, stretches_of(pieces, rate))
     periodic = periodic_motion(record.theta, rate, signals.usable & is_inside)
     groups = periods_of(periodic, rate, record.is_fitted()) if periodic else None
+    if periodic and periodic.scatter > BENCH_SCATTER:
+        periodic = None
     return replace(
         record, band_hz=band_of(record), periodic=periodic, groups=groups or record.groups
     )

@@ -17,7 +17,6 @@ the same motion again, with other noise.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Self
 
 import numpy as np
 import scipy
@@ -30,6 +29,7 @@ from osl_analysis.measured import SMALLEST_SIGNAL, check_finite
 from osl_analysis.model.drivetrain import RationalFunction
 from osl_analysis.model.rendered_impedance import linear_torque
 from osl_analysis.signals import seven_point_motion
+from osl_analysis.stats.budget import KnownError
 from osl_analysis.stats.linear_fit import (
     CONDITION_LIMIT,
     LinearFit,
@@ -257,10 +257,6 @@ def effect_columns(record: Record, expected: RationalFunction | None = None) -> 
 class GroupFit(LinearFit):
     """A fit whose interval is that of the same motion again (docs/method.md)."""
 
-    def half_width(self, name: str) -> float:
-        """Half of the 95 % interval of one estimate."""
-        return self.interval(name)[1] - self[name]
-
     def beyond_interval(self, name: str, expected: float = 0.0) -> float:
         """By how much an estimate differs from what is expected, less the half-width of its
         interval; 0 within it."""
@@ -273,8 +269,8 @@ class GroupFit(LinearFit):
         Parameters
         ----------
         functions
-            By name the value of each, and its derivatives by the estimates that it is of; it has
-            the degrees of freedom of the first of these.
+            By name the value of each, and its derivatives by the estimates that it is of; its
+            scatter has the degrees of freedom of the first of these.
         """
         gradients = [gradient for _, gradient in functions.values()]
         J = np.array([[each.get(name, 0.0) for name in self.names] for each in gradients])
@@ -286,30 +282,19 @@ class GroupFit(LinearFit):
             condition_number=self.condition_number,
             interval_method=self.interval_method,
             largest_correlation=self.largest_correlation,
-            degrees_of_freedom=np.array([self.freedom(next(iter(each))) for each in gradients]),
+            degrees_of_freedom=np.array(
+                [self.degrees_of_freedom[self.names.index(next(iter(each)))] for each in gradients]
+            ),
+            known_errors=tuple(
+                KnownError(error.source, J @ error.change, error.shared)
+                for error in self.known_errors
+            ),
         )
 
     def certain(self, name: str) -> bool:
         """Whether an estimate differs from 0 by a two-sided test at the level `FALSE_ALARM`."""
         quantile = float(scipy.special.stdtrit(self.freedom(name), 1 - FALSE_ALARM / 2))
         return abs(self[name]) > quantile * self.se(name)
-
-
-@dataclass(frozen=True)
-class BenchFit(GroupFit):
-    """A fit whose intervals hold the errors of type B that all trials on a bench share."""
-
-    bench_variance: Array | float = 0.0  # (p,) part of the variances that is theirs
-
-    def with_bench_error(self, change: Array) -> Self:
-        """The fit with an error that changes the estimates by `change` (p,) per SD."""
-        bench_variance = self.bench_variance + change**2
-        return replace(self.with_shared_error(change), bench_variance=bench_variance)
-
-    def se_bench(self, name: str) -> float:
-        """Part of the standard error that all trials on a bench share."""
-        variances = np.broadcast_to(self.bench_variance, len(self.names))
-        return float(np.sqrt(variances[self.names.index(name)]))
 
 
 def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> GroupFit:
@@ -340,27 +325,22 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> GroupFi
     condition, correlation = condition_of(tuple(model), varies, A, inverse, limit)
 
     repeat = s.groups.repeat()
-    # before the low-pass, noise is independent from row to row
-    noise_g = products[:, :-2, -1] - A_g @ estimates
-    of_repeats = spread(noise_g[repeat] @ inverse, s.groups.stratum[repeat])
-    scatter = of_repeats + left_out(A, b, A_g[~repeat], b_g[~repeat], len(A_g))
+    if repeat.any():
+        # before the low-pass, noise is independent from row to row
+        noise_g = products[:, :-2, -1] - A_g @ estimates
+        covariance, freedom = spread(noise_g, A_g, inverse, s.groups.stratum, repeat)
+    else:
+        covariance, freedom = left_out(A, b, A_g, b_g)
     return GroupFit(
         names=tuple(model),
         estimates=estimates,
-        covariance=scatter.covariance,
+        covariance=covariance,
         vaf=s.vaf(columns, estimates),
         condition_number=condition,
-        interval_method=method_of(repeat),
-        degrees_of_freedom=scatter.freedom,
+        interval_method="repeats" if repeat.any() else "blocks",
+        degrees_of_freedom=freedom,
         largest_correlation=correlation,
     )
-
-
-def method_of(repeat: NDArray[np.bool_]) -> str:
-    """What makes an interval, of groups (m,) that repeat one another, or do not."""
-    if repeat.all():
-        return "repeats"
-    return "repeats + blocks" if repeat.any() else "blocks"
 
 
 def with_effects(s: Sums, model: Model, *effects: str) -> GroupFit:

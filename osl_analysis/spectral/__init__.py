@@ -36,6 +36,7 @@ class PeriodicMotion(NamedTuple):
     period: float  # [s]
     begins: Array  # time [s] at which each of k periods begins, from the first sample of the record
     realisation: NDArray[np.intp]  # number of the realisation (k,) that it belongs to
+    scatter: float  # of periods about their mean, as a share of the angle's
 
 
 class Repetition(NamedTuple):
@@ -87,6 +88,8 @@ def periodic_motion(
     # the shortest lag with a mismatch within a factor of two of the best is the period, not a
     # multiple of it
     lag, _, stretches = min(each for each in candidates if each.mismatch <= 2 * best + FLOOR)
+    times = np.arange(lag)
+    scatters = []
     realisations: list[Array] = []
     numbers = []
     for stretch in stretches:
@@ -94,9 +97,14 @@ def periodic_motion(
         end = min(stretch.stop + lag, len(theta) / step)
         length = min(end - stretch.start + UNCERTAIN_ROWS, end)
         begins = end - lag * np.arange(length // lag, 0, -1)
+        periods = spline(begins[:, None] + times)
+        periods -= periods.mean(axis=1, keepdims=True)  # the joint may settle
+        scatters.append((periods - periods.mean(axis=0)).std() / periods.std())
         numbers += len(begins) * [len(realisations)]
         realisations.append(begins / rate_hz)
-    return PeriodicMotion(lag / rate_hz, np.concatenate(realisations), np.array(numbers))
+    return PeriodicMotion(
+        lag / rate_hz, np.concatenate(realisations), np.array(numbers), max(scatters)
+    )
 
 
 def likely_lags(x: Array) -> NDArray[np.signedinteger]:

@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from osl_analysis.stats.linear_fit import NORMAL_HALF_WIDTH, LinearFit
+from osl_analysis.stats.budget import NORMAL_HALF_WIDTH
+from osl_analysis.stats.linear_fit import LinearFit
 
 # one row of a result table, by column. None becomes an empty field.
 Row = dict[str, float | str | None]

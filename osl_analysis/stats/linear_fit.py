@@ -10,24 +10,27 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.measured import EXACT_FIT_SHARE, LARGEST_VARIANCE, check_finite, check_measured
+from osl_analysis.measured import EXACT_FIT_SHARE, check_finite, check_measured
+from osl_analysis.stats.budget import (
+    Contribution,
+    KnownError,
+    half_width,
+    welch_satterthwaite,
+)
 from osl_analysis.trial import Array
 
 CONDITION_LIMIT = 1e3
 """Largest scaled condition number that is accepted. At this limit an error of 0.1 % in a column can
 cause an error of 100 % in an estimate."""
-NORMAL_HALF_WIDTH = 1.959964  # standard errors of a 95 % interval where their size is known
 ROUNDED = 1e6  # condition number above which rounding destroys the inverse of the normal equations
 SMALLEST_DIRECTION = 1e-13  # eigenvalue over the largest one, below which it is rounding
 # of the largest one: rounding can make the smallest 0 or negative; its condition number is then
 # 1e15, above every limit
 LEAST_EIGENVALUE = 1e-30
 SAME_ROW = 1e-9  # of a row, within which an edge lies on it
-MOST_FREEDOM = 1e12  # degrees of freedom
 
 
 @dataclass(frozen=True)
@@ -36,52 +39,80 @@ class LinearFit:
 
     names: tuple[str, ...]  # names of the p columns
     estimates: Array  # estimates (p,) [unit of y per unit of the column]
-    covariance: Array  # covariance of the estimates (p, p)
+    covariance: Array  # of the estimates (p, p), as the scatter of these data shows it
     vaf: float  # 100 (1 - var(residual)/var(y)) [percent]. An offset does not change it.
     # of the columns, each scaled to unit length, about their means beside an offset
     condition_number: float
     interval_method: str
     """Source of the covariance: `white noise`, or the source that its own fit names."""
-    # degrees of freedom (p,) of the estimates' variances, for Student's quantile
+    # degrees of freedom (p,) of the variances in the covariance
     degrees_of_freedom: Array
     largest_correlation: float
     """Largest absolute correlation of two estimates under white noise, without an offset's. It is
     computed from the columns: a few noisy cycles do not change it. 0 if there is only one; near 1
     only a combination is known."""
+    known_errors: tuple[KnownError, ...] = ()  # beside the scatter
 
     def __getitem__(self, name: str) -> float:
         return float(self.estimates[self.names.index(name)])
 
+    def contributions(self, name: str) -> list[Contribution]:
+        """What contributes to the uncertainty of one estimate: its scatter, and each known
+        error."""
+        k = self.names.index(name)
+        scatter = float(np.sqrt(self.covariance[k, k]))
+        freedom = float(self.degrees_of_freedom[k])
+        of_scatter = Contribution(
+            "repeatability", scatter, freedom, basis="measured", part="repeatability"
+        )
+        return [
+            of_scatter,
+            *(
+                Contribution(error.source, abs(float(error.change[k])), shared=error.shared)
+                for error in self.known_errors
+            ),
+        ]
+
     def se(self, name: str) -> float:
         """Standard error of one estimate, in its unit."""
-        index = self.names.index(name)
-        return float(np.sqrt(self.covariance[index, index]))
+        return float(np.linalg.norm([each.standard for each in self.contributions(name)]))
+
+    def se_bench(self, name: str) -> float:
+        """Part of the standard error that all trials on a bench share."""
+        shared = [each.standard for each in self.contributions(name) if each.shared]
+        return float(np.linalg.norm(shared))
 
     def freedom(self, name: str) -> float:
         """Degrees of freedom of one estimate's variance."""
-        return float(self.degrees_of_freedom[self.names.index(name)])
+        parts = self.contributions(name)
+        variances = [each.standard**2 for each in parts]
+        return float(welch_satterthwaite(variances, [each.freedom for each in parts]))
+
+    def half_width(self, name: str) -> float:
+        """Half of the 95 % interval of one estimate, in its unit."""
+        return half_width(self.contributions(name))
 
     def interval(self, name: str) -> tuple[float, float]:
-        """Bounds of the 95 % interval of one estimate, in its unit (Student's quantile)."""
-        half_width = float(scipy.special.stdtrit(self.freedom(name), 0.975)) * self.se(name)
-        return self[name] - half_width, self[name] + half_width
+        """Bounds of the 95 % interval of one estimate, in its unit."""
+        half = self.half_width(name)
+        return self[name] - half, self[name] + half
 
-    def with_shared_error(self, change: Array) -> Self:
-        """The fit with an error that all of its data share.
+    def with_known_error(self, source: str, change: Array, shared: bool = False) -> Self:
+        """The fit with an error that no scatter shows.
 
         Parameters
         ----------
+        source : str
+            What makes it.
         change : Array (p,)
-            Effect on the estimates of one standard error of a known quantity, such as a
+            Effect on the estimates of one standard uncertainty of a known quantity, such as a
             calibration, with infinite degrees of freedom (type B).
+        shared : bool
+            Whether all trials on a bench have it.
         """
-        random = np.diag(self.covariance)
-        covariance = self.covariance + np.outer(change, change)
-        total = np.diag(covariance)
-        share = np.divide(random, total, out=np.ones_like(random), where=total > 0)
-        infinite = np.full_like(share, np.inf)
-        freedom = np.divide(self.degrees_of_freedom, share**2, out=infinite, where=share > 0)
-        return replace(self, covariance=covariance, degrees_of_freedom=freedom)
+        if not np.any(change):
+            return self
+        return replace(self, known_errors=(*self.known_errors, KnownError(source, change, shared)))
 
 
 def linear_fit(y: Array, columns: Mapping[str, Array]) -> LinearFit:
@@ -262,42 +293,6 @@ def products_between(X: Array, Y: Array, first: Array, stop: Array) -> Array:
     weights = lagrange / 6 * (around == inside)
     of_parts = (weights[:, :, None] * X[inside]).transpose(1, 2, 0) @ Y[inside].transpose(1, 0, 2)
     return of_whole_rows + of_parts[1::2] - of_parts[::2]
-
-
-def welch_satterthwaite(
-    variances: Sequence[ArrayLike] | Array, degrees_of_freedom: ArrayLike
-) -> Array:
-    """Find the degrees of freedom of a sum of k independent variances (Satterthwaite, Biometrics
-    Bulletin 2, 1946; Welch, Biometrika 34, 1947).
-
-    Parameters
-    ----------
-    variances : (k, ...)
-        The summands.
-    degrees_of_freedom : (k,) or (k, ...)
-        Of each.
-
-    Returns
-    -------
-    Array (...)
-        Infinite where all variances are zero, or the uncertain ones vanish beside the others: the
-        rounding of a sum would decide on more than `MOST_FREEDOM`.
-
-    Raises
-    ------
-    InputError
-        A variance is not finite or beyond `LARGEST_VARIANCE`.
-    """
-    summands = np.asarray(variances, dtype=float)
-    check_finite("the variance", summands, LARGEST_VARIANCE)
-    certainty = 1 / np.asarray(degrees_of_freedom, dtype=float)
-    if certainty.ndim < summands.ndim:
-        certainty = certainty.reshape(-1, *[1] * (summands.ndim - 1))
-    uncertainty = np.sum(certainty * summands**2, axis=0)
-    square_of_sum = np.sum(summands, axis=0) ** 2
-    is_finite = uncertainty > square_of_sum / MOST_FREEDOM
-    infinite = np.full_like(square_of_sum, np.inf)
-    return np.divide(square_of_sum, uncertainty, out=infinite, where=is_finite)
 
 
 def variance_accounted_for(y: Array, residual: Array) -> float:

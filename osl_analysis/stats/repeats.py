@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from osl_analysis.errors import InputError
 from osl_analysis.measured import check_measured
-from osl_analysis.stats.linear_fit import NORMAL_HALF_WIDTH, welch_satterthwaite
+from osl_analysis.stats.budget import NORMAL_HALF_WIDTH, welch_satterthwaite
 
 # column with the causes of doubt: empty if the fit is not doubtful, null in a row without a fit
 DOUBTFUL = "doubtful"

@@ -13,7 +13,8 @@ import numpy as np
 
 from osl_analysis.errors import IdentifiabilityError, naming
 from osl_analysis.signals import Motion, differentiate
-from osl_analysis.stats.linear_fit import LinearFit, linear_fit, welch_satterthwaite
+from osl_analysis.stats.budget import welch_satterthwaite
+from osl_analysis.stats.linear_fit import LinearFit, linear_fit
 from osl_analysis.trial import Array
 from osl_analysis.walking.isolated_response import PerturbationResponse
 

@@ -19,7 +19,7 @@ from osl_analysis.bench.evidence import impedance_table, with_lag
 from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.lags import belt_of_leg, is_leg
 from osl_analysis.bench.motion import record_of_trial
-from osl_analysis.bench.regression import BenchFit
+from osl_analysis.bench.regression import GroupFit
 from osl_analysis.bench.summaries import delay_table
 from osl_analysis.commands.fit import run_fit
 from osl_analysis.inference.friction_shapes import slipping_springs
@@ -199,7 +199,7 @@ def test_the_shares_of_a_lag_are_what_it_takes_off_damping_and_inertia():
     exact = {"B_low": 2.0, "B_high": 2.0, "I_low": 0.165, "I_high": 0.165}
     fit = pl.DataFrame({"K": 300.0, "B": 2.0, "I": 0.165, **exact})
     numbers = (np.array([0.01]), np.array([[2.5e-9]]), 100.0, 1.0, "units", np.array([9.0]), 0.0)
-    row = with_lag(fit, BenchFit(("lag_s",), *numbers)).row(0, named=True)
+    row = with_lag(fit, GroupFit(("lag_s",), *numbers)).row(0, named=True)
 
     assert row["lag_share"] == pytest.approx(3 / 2)
     assert row["lag_inertia_share"] == pytest.approx(0.035 / 0.165, rel=1e-3)

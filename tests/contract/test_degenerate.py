@@ -115,7 +115,7 @@ def asked(y, x):
     """A fit with everything that is computed from it."""
     fit = linear_fit(y, {"a": x, "offset": np.ones_like(x)})
     one = linear_fit(y, {"a": x})
-    shared = one.with_shared_error(np.array([0.1]))
+    shared = one.with_known_error("known", np.array([0.1]))
     return fit, fit.se("a"), fit.interval("a"), one, shared
 
 

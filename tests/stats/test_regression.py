@@ -13,10 +13,10 @@ from osl_analysis.model.multisine import odd_multisine
 from osl_analysis.signals import Motion
 from osl_analysis.stats import linear_fit as regression
 from osl_analysis.stats import repeats
+from osl_analysis.stats.budget import welch_satterthwaite
 from osl_analysis.stats.linear_fit import (
     between_cycles,
     products_between,
-    welch_satterthwaite,
 )
 from osl_analysis.walking.impedance_fit import impedance_columns
 
@@ -143,9 +143,9 @@ def test_freedom_of_a_sum_is_that_of_welch_and_satterthwaite(variances, freedom,
 def test_a_known_error_as_large_as_that_by_chance_doubles_the_variance():
     x = np.arange(12.0)
     fit = regression.linear_fit(x + np.cos(x), {"a": x})
-    shared = fit.with_shared_error(np.array([fit.se("a")]))
+    shared = fit.with_known_error("known", np.array([fit.se("a")]))
     assert shared.se("a") == pytest.approx(np.sqrt(2) * fit.se("a"))
-    assert shared.degrees_of_freedom[0] == pytest.approx(4 * fit.degrees_of_freedom[0])
+    assert shared.freedom("a") == pytest.approx(4 * fit.freedom("a"))
 
 
 @pytest.mark.parametrize("between", [0.0, 3.0])

@@ -184,8 +184,9 @@ def late_fits(record: Record, is_spring: bool) -> tuple[GroupFit, GroupFit | Non
     model = {**IMPEDANCE, "T_C": "T_C"}
 
     def with_steps(fit: GroupFit) -> GroupFit:
-        """The fit with the error of the encoder's steps, of a torque that is as late as it finds."""
-        slope = -np.gradient(record.coarse.filtered_torque, 1 / record.coarse.rate_hz)
+        """The fit with the error of the encoder's steps, to first order in the lag."""
+        in_time = sum(fit[name] * columns[model[name]] for name in fit.names[:-1])
+        slope = -np.gradient(in_time, 1 / record.coarse.rate_hz)
         of_fit = {name: model.get(name, "late") for name in fit.names}
         errors = encoder_errors(record, {**columns, "late": slope}, of_fit, fit)
         return fit.with_known_error("encoder", errors, shared=True)

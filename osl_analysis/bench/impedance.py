@@ -310,8 +310,9 @@ def encoder_errors(
     label
         Whose rows.
     """
-    step = record.encoder_step
-    if not (step and set(DERIVATIVE) & set(model.values())):
+    is_of_joint = not set(DERIVATIVE).isdisjoint(model.values())
+    step = record.encoder_step if is_of_joint else 0.0
+    if not step:
         return np.zeros(len(fit.names))
     few = record.coarse
     ratio = round(record.rate_hz / few.rate_hz)

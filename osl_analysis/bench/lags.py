@@ -37,8 +37,9 @@ WOUND_UP = (0.5e-3, 1.5e-3, 4e-3)
 # over which sliding friction changes its sign
 BRISTLES = (1.5e-4, 5e-4, 1.5e-3, 5e-3, 1.5e-2)
 SLIDES = np.array([[0.01], [0.05]])
-# SD [s] of a lag due to hysteresis that these do not model; simulated legs: 10 to 150
-BELT_ERROR = 80e-6
+# SD [s] of a lag due to hysteresis that these do not model; simulated legs: 10 to 310, as of a
+# rectangular distribution
+BELT_ERROR = 180e-6
 # of the joint's angle: errors of encoders reach that, and a joint beside an idle motor is no leg
 LEAST_DEFLECTION = 0.05
 # of the file's K_s, beyond which the belt is another one

@@ -2,6 +2,7 @@
 intervals as they are printed, and the evidence on which the estimates are judged."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import polars as pl
@@ -14,17 +15,21 @@ from osl_analysis.bench.friction import (
     inferred_of_joint,
     inferred_of_leg,
     with_other_stamps,
+    without_friction,
 )
 from osl_analysis.bench.impedance import QUANTITIES, Analysis
 from osl_analysis.bench.lags import Belt, belt_of_leg, is_leg, without_lag
+from osl_analysis.bench.motion_range import parts_of, range_over
 from osl_analysis.bench.plausibility import check_resists, check_stiffer
 from osl_analysis.bench.record import Label
 from osl_analysis.bench.regression import (
     IMPEDANCE,
     GroupFit,
     Sums,
+    fit_groups,
     held_out_vaf,
     sums_of,
+    with_effects,
 )
 from osl_analysis.dictionary import table_of
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
@@ -168,6 +173,13 @@ def impedance_table(
         of_gains = s.estimates([*IMPEDANCE.values()], "linear")
         of_trial |= {"K_predicted": of_gains[0], "B_predicted": of_gains[1]}
     of_whole = amplitudes_row(analysis)
+    parts = list(parts_of(record, s))
+    of_parts = range_over(parts, partial(fit_groups, model=IMPEDANCE), whole, QUANTITIES)
+    of_whole |= of_parts
+    friction = coulomb.get(None)
+    if friction and friction.certain and not of_leg:
+        of_viscous = range_over(parts, viscous_fit, friction.certain, ["B"])
+        of_whole |= {name.replace("B_", "B_viscous_"): x for name, x in of_viscous.items()}
     for name in QUANTITIES:
         estimate = Estimate.of_fit(analysis.calibrated[None], name)
         of_whole |= with_other_stamps(analysis, estimate, name).columns(name)
@@ -200,6 +212,11 @@ def impedance_table(
         certain = (apart.abs() - (pl.col("B_high") - pl.col("B_low")) / 2).clip(0)
         table = table.with_columns(B_gap_s=apart.sign() * certain / pl.col("K").abs())
     return beside_known(table, p, desired)
+
+
+def viscous_fit(s: Sums) -> GroupFit:
+    """Eq. 15 for the torque less its friction. Raises as `fit_groups`."""
+    return without_friction(s, IMPEDANCE, with_effects(s, IMPEDANCE, "T_C"))
 
 
 def with_lag(table: pl.DataFrame, lag: GroupFit) -> pl.DataFrame:
@@ -290,8 +307,8 @@ def amplitudes_row(analysis: Analysis) -> Row:
     Returns
     -------
     dict
-        The relative changes `K_change` and `B_change` from the smallest to the largest amplitude,
-        and the lowest and the highest estimates; empty for fewer than two amplitudes.
+        The relative changes `K_change` and `B_change` from the smallest to the largest amplitude;
+        empty for fewer than two amplitudes.
     """
     labels = sorted(label for label in analysis.fits if isinstance(label, float))
     if len(labels) < 2:
@@ -300,10 +317,7 @@ def amplitudes_row(analysis: Analysis) -> Row:
     change = difference_of(analysis.fits[labels[0]], analysis.fits[labels[-1]])
     for name in CHANGING:
         certain = change.beyond_interval(name)
-        of_single = [analysis.fits[label][name] for label in labels]
         row[f"{name}_change"] = certain / np.hypot(analysis.whole[name], LITTLE[name])
-        row[f"{name}_amplitudes_low"] = min(of_single)
-        row[f"{name}_amplitudes_high"] = max(of_single)
     return row
 
 

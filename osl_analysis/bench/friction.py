@@ -71,7 +71,7 @@ def coulomb_fits(
     noise. Then all labels are absent.
 
     No recording shows over which velocity the sign changes: what a tenth of the width changes is
-    the half-width of a rectangular distribution (JCGM 100:2008, 4.3.7).
+    taken for a standard uncertainty.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def coulomb_fits(
             if is_certain and whole_is_certain:
                 sharp_alone = with_effects(sums, model, "T_C_sharp")
                 sharp = without_friction(sums, model, sharp_alone)
-                of_width = (sharp.estimates - smooth.estimates) / np.sqrt(3)
+                of_width = sharp.estimates - smooth.estimates
                 certain = smooth.with_known_error("friction_sign", of_width)
                 at = [fit.names.index(name) for name in smooth.names[:-1]]
                 for error in fit.known_errors:

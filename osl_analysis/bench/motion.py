@@ -132,7 +132,7 @@ def record_of_trial(
             segments, settings.settle_cycles, regular.usable, bool(protocol.amplitudes)
         )
         if not groups.repeat().any() and excitation == "auto":
-            return record_of_motion(regular, moving, settings, stated_windows)
+            return record_of_motion(regular, moving, settings, stated_windows, may_repeat=False)
         hz = [stratum.frequency_hz for stratum in groups.strata]
         return replace(record_of(regular, settings, groups), band_hz=(min(hz), max(hz)))
 
@@ -173,8 +173,9 @@ def record_of_motion(
     moving: NDArray[np.bool_],
     settings: SteppedSineAnalysis,
     windows: str | None,
+    may_repeat: bool = True,
 ) -> Record:
-    """The record of a motion in groups of its periods, if it repeats itself, or of stretches.
+    """The record of a motion in groups of its periods, if it `may_repeat` itself, or of stretches.
     `moving` are the rows (n,) in which the joint moves."""
     rate = signals.rate_hz
     time = signals.time - signals.time[0]
@@ -186,7 +187,8 @@ def record_of_motion(
         is_inside = within(time, inside)
     pieces = fitted_pieces(time, signals.usable, inside, EDGE_PERIODS / settings.cutoff_hz)
     record = record_of(signals, settings, stretches_of(pieces, rate))
-    periodic = periodic_motion(record.theta, rate, signals.usable & is_inside)
+    usable = signals.usable & is_inside
+    periodic = periodic_motion(record.theta, rate, usable) if may_repeat else None
     groups = periods_of(periodic, rate, record.is_fitted()) if periodic else None
     if periodic and periodic.scatter > BENCH_SCATTER:
         periodic = None

@@ -331,6 +331,7 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> GroupFi
         covariance, freedom = spread(noise_g, A_g, inverse, s.groups.stratum, repeat)
     else:
         covariance, freedom = left_out(A, b, A_g, b_g)
+    estimates = with_slow_parts(s, columns, estimates)
     return GroupFit(
         names=tuple(model),
         estimates=estimates,
@@ -341,6 +342,19 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> GroupFi
         degrees_of_freedom=freedom,
         largest_correlation=correlation,
     )
+
+
+def with_slow_parts(s: Sums, columns: Sequence[str], estimates: Array) -> Array:
+    """Estimates (p,) with the offset and the drift that the others leave: what is slower than a
+    motion hardly counts beside it, and tells these."""
+    is_slow = np.isin(columns, ["one", "ramp"])
+    products = s.products(s.gram, [*columns, "torque"]).sum(axis=0)
+    of_slow = products[:-1][is_slow]
+    left = of_slow[:, -1] - of_slow[:, :-1][:, ~is_slow] @ estimates[~is_slow]
+    slow, _ = solved(of_slow[:, :-1][:, is_slow], left)
+    together = estimates.copy()
+    together[is_slow] = slow
+    return together
 
 
 def with_effects(s: Sums, model: Model, *effects: str) -> GroupFit:

@@ -183,14 +183,14 @@ def fitted_motion(row: Mapping[str, Any]) -> str:
 
 
 def estimate_line(row: Mapping[str, Any], name: str) -> str:
-    """One estimate with its interval and its range over single amplitudes."""
+    """One estimate with its interval, and its range over amplitudes and frequencies."""
     value, low, high = row[name], row.get(f"{name}_low"), row.get(f"{name}_high")
     line = f"  {name:<18} {written(value, low, high):<30} {printed_units().get(name, '')}"
-    lowest = row.get(f"{name}_amplitudes_low")
+    lowest = row.get(f"{name}_range_low")
     if lowest is not None:
         places = decimal_places(value, low, high)
-        ends = " to ".join(with_places(places, lowest, row[f"{name}_amplitudes_high"]))
-        line += f", single amplitudes {ends}"
+        ends = " to ".join(with_places(places, lowest, row[f"{name}_range_high"]))
+        line += f", {ends} over amplitudes and frequencies"
     return line
 
 

@@ -109,8 +109,8 @@ def over_amplitudes(response: pl.DataFrame) -> pl.DataFrame:
     doubts = pl.col("doubtful").filter(pl.col("doubtful") != "")
     quantities = pl.col("magnitude", "phase_deg")
     ranges = single.group_by(keys).agg(
-        quantities.min().name.suffix("_amplitudes_low"),
-        quantities.max().name.suffix("_amplitudes_high"),
+        quantities.min().name.suffix("_range_low"),
+        quantities.max().name.suffix("_range_high"),
         doubts=doubts.unique(maintain_order=True).str.join("; "),
     )
     joined = whole.join(ranges, on=keys, how="left", maintain_order="left")

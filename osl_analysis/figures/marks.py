@@ -29,7 +29,7 @@ from osl_analysis.stats.repeats import IS_DOUBTFUL
 from osl_analysis.trial import Array
 
 # bars of an estimate: ending of its columns, label, width [pt]
-BARS = (("", "95 % interval", THICK), ("_amplitudes", "Range over amplitudes", THIN))
+BARS = (("", "95 % interval", THICK), ("_range", "Range", THIN))
 BAR_LENGTH = 8.0  # of a bar in a legend [pt]
 TOUCHING = 1e-9  # relative difference of two places that are one, by rounding
 STEPS_PER_POINT = 8  # of the offsets that a point of a swarm tries
@@ -77,7 +77,7 @@ def draw_fits(
 
 def draw_estimates(ax: Axes, rows: pl.DataFrame, x: str, y: str, look: Look) -> None:
     """Draw the column `y` over `x` as `draw_fits`, before thin bars for the range over single
-    amplitudes and thick ones for the 95 % interval, where these are known."""
+    motion and thick ones for the 95 % interval, where these are known."""
     for ending, _, width in BARS:
         ends = [f"{y}{ending}_low", f"{y}{ending}_high"]
         known = rows.drop_nulls(ends)

@@ -1,12 +1,17 @@
-"""How K, B and I change with the amplitude (`impedance.difference_of`)."""
+"""How K, B and I change over the amplitudes and frequencies of a motion (`motion_range`)."""
 
 import numpy as np
+import polars as pl
 import pytest
+from any_motion import made_trial, noise
 from bench_synthetic import FIVE, stepped_sine
-from scipy import stats
+from shipped import CONFIG
 
-from osl_analysis.bench.evidence import difference_of
+from osl_analysis.bench.evidence import impedance_table
 from osl_analysis.bench.impedance import rendered_impedance
+from osl_analysis.bench.motion import record_of_trial
+from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
+from osl_analysis.trial import Trial
 
 
 def faster_is_stiffer(motion):
@@ -15,12 +20,27 @@ def faster_is_stiffer(motion):
     return (200 + 20 * np.abs(motion.omega)) * motion.theta + 4 * motion.omega
 
 
-def stiffness_without(record, label, left_out_hz):
-    """K of an amplitude by NumPy's least squares, without the rows of one frequency."""
+def test_the_range_is_over_amplitudes_and_both_parts_of_the_band():
+    """By NumPy's least squares on the rows of each part."""
+    record = stepped_sine(faster_is_stiffer, protocol=FIVE)
+    row = impedance_table(rendered_impedance(record)).row(-1, named=True)
     groups = record.groups
     hz = np.array([stratum.frequency_hz for stratum in groups.strata])[groups.stratum]
-    is_kept = groups.of(label) & (np.abs(hz - left_out_hz) > 0.1)
-    edges = np.rint([groups.first, groups.stop]).astype(int).T[is_kept]
+    labels = {stratum.label for stratum in groups.strata}
+    middle = np.median(hz)
+    parts = [*(groups.of(label) for label in labels), hz < middle + 0.1, hz > middle - 0.1]
+
+    found = [stiffness_of(record, part) for part in [*parts, hz > 0]]
+
+    assert row["K_range_low"] == pytest.approx(min(found), rel=1e-5)
+    assert row["K_range_high"] == pytest.approx(max(found), rel=1e-5)
+    assert row["K_range_low"] < row["K"] - 10 * (row["K_high"] - row["K"])
+
+
+def stiffness_of(record, is_part):
+    """K by NumPy's least squares in some groups."""
+    groups = record.groups
+    edges = np.rint([groups.first, groups.stop]).astype(int).T[is_part]
     rows = np.concatenate([np.arange(first, stop) for first, stop in edges])
     motion = record.motion
     columns = [motion.theta, motion.omega, motion.alpha, np.ones_like(motion.theta), record.time]
@@ -28,39 +48,30 @@ def stiffness_without(record, label, left_out_hz):
     return np.linalg.lstsq(X, record.filtered_torque[rows])[0][0]
 
 
-def fitted(record):
-    """Eq. 15, and the labels of the smallest and the largest amplitude."""
-    analysis = rendered_impedance(record)
-    return analysis, *sorted(label for label in analysis.fits if label is not None)
+@pytest.mark.parametrize("half", [0, 1])
+def test_the_range_of_a_motion_without_sines_is_over_its_blocks_and_its_band(half):
+    """A spring that is stiffer at large angles, or in fast motion: one end of the range is that of
+    the large blocks, or of the upper part of the band."""
+    rng = np.random.default_rng(1)
+    motion = noise(rng, duration=40.0)
+    trial = made_trial(rng, motion, torque_noise=0.01)
+    theta, omega, _ = motion[1]
+    more = (3e4 * theta**3, 20 * np.abs(omega) * theta)[half]
+    trial = Trial("made", trial.samples.with_columns(torque=pl.col("torque") + more))
+
+    row = impedance_table(rendered_impedance(record_of_trial(trial, CONFIG.dynamometer)))
+    row = row.row(-1, named=True)
+
+    assert row["K_range_high"] - row["K_range_low"] > 1.2 * (row["K_high"] - row["K_low"])
+    assert row["K_range_low"] < row["K"] < row["K_range_high"]
 
 
-def test_the_interval_of_a_change_is_the_jackknife_over_frequencies():
-    record = stepped_sine(faster_is_stiffer, protocol=FIVE)
-    analysis, smallest, largest = fitted(record)
-
-    change = difference_of(analysis, smallest, largest)
-
-    half_width = change.interval("K")[1] - change["K"]
-
-    differences = [
-        stiffness_without(record, largest, hz) - stiffness_without(record, smallest, hz)
-        for hz in FIVE.frequencies_hz
-    ]
-    m = len(differences)
-    se = np.sqrt((m - 1) / m * np.sum((differences - np.mean(differences)) ** 2))
-    assert half_width == pytest.approx(stats.t.ppf(0.975, m - 1) * se, rel=0.03)
-
-
-def test_what_is_noise_alone_has_the_freedom_of_cycles_and_frequencies():
-    """Where noise and misfit are one variance, as of B here, their freedoms are added. By hand:
-    six cycles at each of five frequencies have that of 25 differences at most, five units 4."""
+def test_one_amplitude_of_two_sines_has_no_range():
     record = stepped_sine(
-        lambda motion: 200 * motion.theta + 4 * motion.omega, noise=1.0, protocol=FIVE
+        faster_is_stiffer,
+        protocol=SteppedSineProtocol((0.1,), (1.0, 3.0), 9),
     )
-    analysis, smallest, largest = fitted(record)
 
-    freedom = difference_of(analysis, smallest, largest).freedom("B")
+    row = impedance_table(rendered_impedance(record)).row(-1, named=True)
 
-    of_noise = min(analysis.fits[label].repeat_freedom[1] for label in (smallest, largest))
-    assert 15 < of_noise <= 25
-    assert freedom == pytest.approx(of_noise + 4)
+    assert row["K_range_low"] is None

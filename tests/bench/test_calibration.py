@@ -97,7 +97,7 @@ def test_an_error_of_the_bench_moves_estimates_as_its_interval_says(stated, othe
         assert of_bench == pytest.approx(abs(change), rel=within, abs=least), name
         assert fit.se(name) ** 2 == pytest.approx(plain.se(name) ** 2 + of_bench**2)
         assert plain.se_bench(name) == 0
-    np.testing.assert_array_equal(fit.repeat, plain.repeat)  # it repeats itself
+    np.testing.assert_array_equal(fit.covariance, plain.covariance)  # it repeats itself
 
 
 def test_friction_has_it_too_and_a_loop_of_the_load_cell_is_friction():

@@ -154,7 +154,7 @@ def test_friction_of_the_joint_beyond_the_belt_makes_no_lag(bristle):
     lag = belt_of_leg(record_of_leg(leg(bristles=[bristle])), P).lag
 
     assert not lag.certain("lag_s")
-    assert abs(lag["lag_s"]) < lag.half_width("lag_s") < 3e-4
+    assert abs(lag["lag_s"]) < lag.half_width("lag_s") < 4e-4
 
 
 def bench_of_legs(file, known, **of_leg):

@@ -132,7 +132,7 @@ def in_amplitudes():
     """Fig. 5 of fits with ranges over amplitudes, viscous damping, and doubts of the two trials of
     one condition."""
     ends = {
-        f"{q}_amplitudes_{end}": pl.col(q) + step
+        f"{q}_range_{end}": pl.col(q) + step
         for q in "KB"
         for end, step in (("low", -7.0), ("high", 5.0))
     }
@@ -155,7 +155,7 @@ def left_out():
     return time_series().with_columns(torque_model=pl.when(~outside).then("torque_model"))
 
 
-OBSERVED = ("{}", "{}_low", "{}_high", "{}_amplitudes_low", "{}_amplitudes_high")
+OBSERVED = ("{}", "{}_low", "{}_high", "{}_range_low", "{}_range_high")
 OF_GROUP = (
     "estimate",
     "ensemble",

@@ -231,6 +231,8 @@ class Fit:
         experiment.
     findings : Sequence of Sequence of Finding
         What was judged of each row: doubts, what could not be checked, notes.
+    budget : polars.DataFrame or None
+        What contributes to the uncertainty of each estimate, as in `budget.csv`.
 
     Examples
     --------
@@ -244,6 +246,7 @@ class Fit:
     series: pl.DataFrame
     curves: pl.DataFrame | None
     findings: Sequence[Sequence[Finding]] = ()
+    budget: pl.DataFrame | None = None
 
     @property
     def row(self) -> Mapping[str, Any]:

@@ -85,6 +85,7 @@ def gather(
     limits_of_fits: Limits | None = None,
     places: Places | None = None,
     faults: Mapping[str, str] | None = None,
+    budget: Path | None = None,
     not_analysed: Sequence[NotAnalysed] = (),
     data: str = "",
 ) -> None:
@@ -102,7 +103,9 @@ def gather(
     places : Places or None
         Joint and side of each trial.
     faults : Mapping of str to str or None
-        By trial, the finding of a fault of its recording that spoils the estimates.
+        By trial, the finding of a failed check, which names the cause of a doubt.
+    budget : Path or None
+        `budget.csv`.
     not_analysed : Sequence of NotAnalysed
         Trials that have a row each without estimates, in the table of their fits.
     data : str
@@ -110,10 +113,12 @@ def gather(
     """
     table = read_tables(rows, output.stem)
     if limits is not None:
-        findings = judged(table, limits, output.stem, faults)
+        contributions = read_table(budget) if budget else None
+        findings = judged(table, limits, output.stem, faults, contributions)
         if limits_of_fits is not None and fits:
             origin = read_tables(fits)
-            findings_of_fits = judged(origin, limits_of_fits, fits[0].parent.name, faults)
+            name = fits[0].parent.name
+            findings_of_fits = judged(origin, limits_of_fits, name, faults, contributions)
             findings = with_inherited(table, findings, origin, findings_of_fits)
         table = marked(table, findings, output.stem)
     table = table.drop(unpublished(table, output.stem), strict=False)
@@ -180,6 +185,7 @@ def write_findings(
     limits: DoubtfulFits,
     output: Path,
     fits: Sequence[Path] = (),
+    budget: Path | None = None,
     refused: Sequence[NotAnalysed] = (),
     places: Places | None = None,
     data: str = "",
@@ -198,6 +204,8 @@ def write_findings(
         `findings.csv`.
     fits : Sequence of Path
         Tables of single trials, for columns that only findings read.
+    budget : Path or None
+        `budget.csv`.
     refused : Sequence of NotAnalysed
         Of these tables. What else was flagged of such a recording may follow from why it was
         refused, as a slow clock does from a wrong unit.
@@ -215,7 +223,8 @@ def write_findings(
         tables_by_name[name] = with_columns_of_fits(read_table(path), name, of_fits)
     of_refused = pl.col("trial").is_in(list(by_trial(refused)))
     used = read_table(verdicts).filter(~of_refused | (pl.col("verdict") == "exclude"))
-    findings = campaign_findings(tables_by_name, used, limits)
+    contributions = read_table(budget) if budget else None
+    findings = campaign_findings(tables_by_name, used, limits, contributions)
     write_table(with_places(findings_frame(findings), places), output, data)
 
 

@@ -17,14 +17,6 @@ PRIOR_FRICTION = 0.5
 # Share of its own torque that a named mechanism misses, since none is exactly its formula;
 # prototype: at 0 and 0.2 69 and 85 % of I's ranges hold under a fault; 0.4 names a quarter
 INEXACTNESS = 0.2
-# Probability above which a fault, or friction, is named; more likely than not
-LIKELY = 0.5
-# Relative change of K, B, I that matters, if the user states none; release 0.4.0, so that both
-# inferences are compared by the same rule
-HARM_SHARE = (0.003, 0.01, 0.02)
-# Sizes added in quadrature to K, B, I before the share is taken: 0 has no relative change
-# [N*m/rad, N*m*s/rad, kg*m^2]; release 0.4.0 (HARM), with I as in the prototype
-HARM_FLOOR = (2.0, 0.1, 1e-3)
 
 # How the recording is cut
 

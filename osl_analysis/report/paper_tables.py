@@ -53,25 +53,28 @@ def conditions(impedance: pl.DataFrame) -> list[Condition]:
         keys = [name for name in present if whole[name][0] not in (None, "")]
     symbols = [name for name in ESTIMATED if whole[name].count()]
     parts = whole.sort(keys).partition_by(keys) if keys else [whole]
-    rows = []
+    of_conditions = []
     for fits in parts:
-        sound = counted(fits)
-        used = fits if len(fits) == 1 else sound
+        sound = {symbol: counted(fits, [symbol]) for symbol in symbols}
+        used = fits if len(fits) == 1 else counted(fits)
         first = fits.row(0, named=True)
         results = chain.from_iterable(map(results_in, used["remarks"]))
         # of one trial, or means of several; of none there is nothing
-        estimates = {symbol: mean_text(summary_row(used, symbol), symbol) for symbol in symbols}
-        rows.append(
+        estimates = {
+            symbol: mean_text(summary_row(fits if len(fits) == 1 else rows, symbol), symbol)
+            for symbol, rows in sound.items()
+        }
+        of_conditions.append(
             Condition(
                 stated={key: stated_text(first[key]) for key in keys},
                 trials=fits["trial"].to_list(),
-                n=len(sound),
-                is_doubtful=sound.is_empty(),
+                n=max(map(len, sound.values())),
+                is_doubtful=any(map(pl.DataFrame.is_empty, sound.values())),
                 results=list(dict.fromkeys(results)),
                 estimates=estimates,
             )
         )
-    return rows
+    return of_conditions
 
 
 def stated_text(cell: object) -> str:

@@ -14,12 +14,12 @@ from osl_analysis.inference import ImpedanceInference
 from osl_analysis.measured import significant
 from osl_analysis.stats.budget import LIKELY, Contribution
 
-PROPERTY = "size"  # family of rivals that are a property of the joint, and no fault
+PROPERTIES = ("hardening", "K by side", "damping by speed")  # of a joint, and no faults
 SOURCES = {
     "path": "torque_path",
     "time": "change_over_time",
     "speed": "play_or_speed",
-    PROPERTY: "nonlinear_spring",
+    "size": "nonlinear_spring",
     "direction": "play_or_speed",
     "clipping": "clipped_signal",
 }
@@ -58,7 +58,7 @@ def alternatives(
     for each in joint.alternatives:
         if each.name in stated or each.probability < LEAST_PROBABILITY:
             continue
-        is_property = each.family == PROPERTY
+        is_property = each.name in PROPERTIES
         rows = of_property if is_property else found
         rows.append(
             Contribution(

@@ -78,7 +78,7 @@ class Rule:
 
     def concerns(self, table: str, columns: Collection[str]) -> bool:
         """Whether the rule is about a table with these columns."""
-        needed = {*self.within, *self.given, *filter(None, [self.column])}
+        needed = {*self.within, *self.given, *self.without, *filter(None, [self.column])}
         return (not self.tables or table in self.tables) and needed <= set(columns)
 
     def holds(self, row: Mapping[str, object]) -> bool:

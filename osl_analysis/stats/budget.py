@@ -160,8 +160,8 @@ class Budget:
         """Judge the estimate.
 
         It is doubtful where a fault would change it by more than `needed`, and by more than its
-        half-width and half-range together; or where one is likely, and these themselves exceed
-        what is needed: the misfit is then the fault's.
+        half-width and half-range together; or where one is likely, and the half-width itself
+        exceeds what is needed: the misfit in it is then the fault's.
         """
         half, own = self.half_width(), math.hypot(self.half_width(), self.half_range)
         limit = max(needed, own)
@@ -170,7 +170,7 @@ class Budget:
         if sum(each.probability for each in harmful) <= DOUBT:
             harmful = [each for each in faults if each.basis == "weighed"]
             is_likely = sum(each.probability for each in harmful) > LIKELY
-            if not is_likely or own <= needed:
+            if not is_likely or half <= needed:
                 return Verdict(WIDE if half > needed else CLEAR, limit)
         # a named cause before what nothing explains
         by_source: dict[str, float] = {}

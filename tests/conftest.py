@@ -114,7 +114,7 @@ def without_inference(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a test of least squares alone: the inference takes nine tenths of a fit."""
     monkeypatch.setattr("osl_analysis.bench.evidence.inferred_of_joint", lambda *_: None)
     monkeypatch.setattr("osl_analysis.bench.evidence.inferred_of_leg", lambda *_: None)
-    monkeypatch.setattr("osl_analysis.bench.parts_alone.suspected_fault_of_losses", lambda *_: None)
+    monkeypatch.setattr("osl_analysis.bench.parts_alone.inferred_of_joint", lambda *_: None)
 
 
 least_squares_alone = pytest.mark.usefixtures("without_inference")
@@ -185,6 +185,12 @@ def marked(table: pl.DataFrame, limits: Limits, name: str) -> pl.DataFrame:
 def findings_of(row: dict[str, object], limits: Limits, name: str) -> list[Finding]:
     """The findings about one row of a table."""
     return judging.judged(pl.DataFrame([row], infer_schema_length=None), limits, name)[0]
+
+
+def findings_on(tables: dict[str, pl.DataFrame], limits: Limits) -> list[Finding]:
+    """The findings about the last row of an impedance trial, by its tables."""
+    table, budget = tables["impedance"], tables["budget"]
+    return judging.judged(table, limits, "impedance", budget=budget)[-1]
 
 
 def noted_in(table: str, row: dict[str, object]) -> list[Finding]:

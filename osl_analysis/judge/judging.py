@@ -30,6 +30,7 @@ EXCLUDED = "reason"  # column: why a row has no fit; null in rows with a fit
 BETWEEN = "; "  # titles of findings in a cell
 FAR_BEYOND = 1.15  # of a limit: a cause of others that is farther beyond it precedes them
 SYMBOLS = ("K", "B", "I")
+UNEXPLAINED = "unexplained_torque"
 WITHOUT_FRICTION = {"K": "K_without_friction", "B": "B_viscous", "I": "I_without_friction"}
 """The estimates that are judged where friction is certain."""
 
@@ -150,7 +151,7 @@ def findings_of_row(
 ) -> list[Finding]:
     """What a row is doubted for, what is worth knowing of it, and what could not be checked."""
     numbers = numbers_beyond(row, [rule for rule in rules if rule.column and rule.holds(row)])
-    are_weighed = any(e.budget.of_source("unexplained_torque") for e in estimates)
+    are_weighed = any(e.budget.of_source(UNEXPLAINED) for e in estimates)
     by_estimate = {estimate.symbol: estimate for estimate in estimates}
     for column, number in list(numbers.items()):
         estimate = by_estimate.get(number.rule.explained_by)
@@ -201,6 +202,10 @@ def doubts_of(estimates: Sequence[Judged], fault: KnownFinding | None) -> list[F
     for estimate in estimates:
         if estimate.verdict.worst is not None:
             by_source.setdefault(estimate.verdict.name, []).append(estimate)
+    if len(by_source) > 1 and UNEXPLAINED in by_source:
+        # of a trial with a named cause it is what this leaves
+        left = by_source.pop(UNEXPLAINED)
+        max(by_source.values(), key=len).extend(left)
     found = []
     for source, doubted in by_source.items():
         name = fault.name if fault else source
@@ -217,19 +222,19 @@ def doubts_of(estimates: Sequence[Judged], fault: KnownFinding | None) -> list[F
 def doubt_text(source: str, doubted: Sequence[Judged]) -> str:
     """What a source would do to estimates: their names and sizes, and what it leaves unexplained
     where that matters, too."""
-    details = dict.fromkeys(detail for e in doubted for detail in e.verdict.details if detail)
-    moved = ", ".join(e.moved(e.verdict.size) for e in doubted)
+    moved = [estimate for estimate in doubted if estimate.verdict.name == source]
+    details = dict.fromkeys(detail for each in moved for detail in each.verdict.details if detail)
     what = ", ".join(details) or "it"
-    text = f"{what} would change {moved}"
+    sizes = ", ".join(estimate.moved(estimate.verdict.size) for estimate in moved)
+    text = f"{what} would change {sizes}"
     left = [
-        (estimate, each)
+        estimate.moved(each.standard)
         for estimate in doubted
-        for each in estimate.budget.of_source("unexplained_torque")
-        if source != "unexplained_torque" and (each.standard or 0.0) > estimate.verdict.limit
+        for each in estimate.budget.of_source(UNEXPLAINED)
+        if source != UNEXPLAINED and (each.standard or 0.0) > estimate.verdict.limit
     ]
     if left:
-        further = ", ".join(estimate.moved(each.standard) for estimate, each in left)
-        text += f". Torque that it leaves unexplained could change {further}"
+        text += f". Torque that it leaves unexplained could change {', '.join(left)}"
     return text
 
 

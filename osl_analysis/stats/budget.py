@@ -117,6 +117,8 @@ class Budget:
         chosen = self.of_parts(*(parts or IN_INTERVAL))
         if not chosen:
             return 0.0
+        if any(math.isnan(each.standard or 0.0) for each in chosen):
+            return math.nan  # nothing repeats
         variances = [(each.standard or 0.0) ** 2 for each in chosen]
         freedom = welch_satterthwaite(variances, [each.freedom for each in chosen])
         return float(scipy.special.stdtrit(freedom, 0.975) * np.sqrt(sum(variances)))

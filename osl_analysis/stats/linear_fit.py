@@ -93,7 +93,9 @@ class LinearFit:
 
     def freedom(self, name: str) -> float:
         """Degrees of freedom of one estimate's variance."""
-        own = self.degrees_of_freedom[self.names.index(name)]
+        own = float(self.degrees_of_freedom[self.names.index(name)])
+        if not self.known_errors:
+            return own
         infinite = [np.inf] * len(self.known_errors)
         return float(welch_satterthwaite(self.variances(name), [own, *infinite]))
 

@@ -86,7 +86,9 @@ def other_stamps(analysis: Analysis, label: Label, name: str) -> list[Contributi
     return [Contribution("undecided_time_stamps", moved, basis="bound", part="fault")]
 
 
-def unknown(source: str, per: Mapping[str, str], detail: str = "") -> dict[str, Contribution]:
+def unknown(
+    source: str, per: Mapping[str, str | None], detail: str | None = None
+) -> dict[str, Contribution]:
     """What nobody has measured, by the estimates that it would change; `per` says by how much."""
     return {
         name: Contribution(source, None, basis="assumed", part="fault", detail=detail, per=text)

@@ -25,6 +25,7 @@ ON_PAPER = {
     "conditions": ["impedance"],
     "walking": ["walking_summary", "walking_groups"],
     "components": [f"{component}_summary" for component in COMPONENTS],
+    "budget": ["budget", "impedance"],
 }
 """Tables for a paper, and the tables of results that each is made of."""
 FIGURE_SUFFIXES = ("csv", "pdf", "svg", "png")  # plotted numbers, and the figure

@@ -16,7 +16,7 @@ from osl_analysis.commands.fit_results import FitTables, estimated, printed_unit
 from osl_analysis.errors import Change, InputError, OslAnalysisError
 from osl_analysis.ingest.guard import in_other_units, swapped_channels
 from osl_analysis.measured import written
-from osl_analysis.stats.budget import LIKELY, fault_probability
+from osl_analysis.stats.budget import LIKELY
 from osl_analysis.trial import Trial
 
 FITS_WORSE = 2.0  # times what the best change leaves of the torque, from which one is no remedy
@@ -30,7 +30,7 @@ class Outcome:
 
     change: Change
     row: Mapping[str, Any]
-    fault_probability: float = 1.0  # of the recording; 1 where none was weighed
+    fault_probability: float = 0.0  # of the recording
 
     @property
     def unexplained(self) -> float:
@@ -130,9 +130,8 @@ def outcome_of(
         tables = fit(trial=changed(trial, change), **arguments)
     except OslAnalysisError:
         return None
-    budget = tables.estimates.get("budget")
-    likely = 1.0 if budget is None else fault_probability(budget.to_dicts())
-    return Outcome(change, tables.row, likely)
+    faults = tables.estimates["budget"].filter(estimate="K", part="fault", basis="weighed")
+    return Outcome(change, tables.row, float(faults["probability"].sum()))
 
 
 def changed(trial: Trial, change: Change) -> Trial:

@@ -43,6 +43,7 @@ from osl_analysis.report.numbers import (
     to_json,
 )
 from osl_analysis.report.paper_tables import (
+    budget_table,
     component_rows,
     condition_rows,
     conditions,
@@ -351,11 +352,14 @@ def write_paper_table(
     tex: Path,
     markdown: Path,
 ) -> None:
-    """Write a table for a paper: K, B and I of each condition in `impedance.csv`, of each group in
+    """Write a table for a paper: the budgets in `budget.csv`; else K, B and I of each condition in
+    `impedance.csv`, of each group in
     `walking_summary.csv`, or else the components in summaries of the bench and in the parameter
     file, with the draft's values if `beside_draft`."""
     read = read_by_name(tables)
-    if "impedance" in read:
+    if "budget" in read:
+        rows = budget_table(read["budget"], read.get("impedance", pl.DataFrame()))
+    elif "impedance" in read:
         rows = condition_rows(conditions(read["impedance"]))
     elif "walking_summary" in read:
         rows = condition_rows(list(groups(read["walking_summary"], read["walking_groups"])))

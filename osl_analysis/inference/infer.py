@@ -50,8 +50,6 @@ class ImpedanceInference:
         Probability of dry friction.
     alternatives : tuple of Alternative
         Each rival, the most probable first.
-    delay_se_s : float
-        Standard error to which the recording itself tells a delay between angle and torque [s].
     unexplained : Array (3,)
         By how much torque that no rival explains could move K, B and I at most [SI].
     """
@@ -59,7 +57,6 @@ class ImpedanceInference:
     without_friction: Impedance
     friction_probability: float
     alternatives: tuple[Alternative, ...]
-    delay_se_s: float
     unexplained: Array
 
     def probability_of(self, family: str) -> float:
@@ -124,7 +121,6 @@ def infer_impedance(signals: BenchSignals) -> ImpedanceInference:
         without_friction=impedance_of(best_sound),
         friction_probability=sum(weight for fit, weight in weighed if fit.has_friction),
         alternatives=tuple(sorted(alternatives, key=lambda each: -each.probability)),
-        delay_se_s=delay_error(data, best_sound, rounding),
         unexplained=largest_shifts(data, best, fits[0].left, best_sound.impedance, rounding),
     )
 
@@ -193,32 +189,3 @@ def impedance_of(fit: Predicted) -> Impedance:
         name: Budget(value, (scatter(error, BLOCKS - 1.0),))
         for name, value, error in zip(("K", "B", "I"), values, errors, strict=True)
     }
-
-
-def delay_error(data: Whitened, sound: Predicted, rounding: Array) -> float:
-    """Standard error to which a recording tells a delay between angle and torque [s].
-
-    A torque late by d adds -d (K omega + B alpha + I jerk) to Eq. 15, so that B moves by K d, and I
-    by B d. How well the recording tells d is the slope's length beside the model, and what rounding
-    of the angle makes of d.
-
-    Parameters
-    ----------
-    data : Whitened
-        The recording.
-    sound : Predicted
-        The best joint without a fault.
-    rounding : Array (draws, m)
-        Torques that rounding alone makes.
-    """
-    impedance = sound.impedances[0]
-    derivatives = data.spectra.derivatives
-    slope = data.column(-impedance @ derivatives[1:4])
-    search = Search(data, sound.has_friction)
-    columns = sound.candidate.columns
-    left, estimates = search.fit(columns, slope)
-    # of a slope that the columns make up, rounding alone is left
-    left = max(left, np.finfo(float).eps * float(slope @ slope))
-    of_slope = search.rest(slope - estimates @ columns)
-    by_rounding = np.mean((rounding @ of_slope / left) ** 2)
-    return float(np.sqrt(1 / left + by_rounding))

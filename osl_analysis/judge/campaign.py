@@ -3,7 +3,6 @@ causes with their trials, in the same words at the end of a run, by `results` an
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from statistics import mode
 from typing import Any
 
 import polars as pl
@@ -307,10 +306,9 @@ def flags_by_check(
         yield from by_cause(failed, "flagged", "trials", checked)
 
 
-def shown_size(finding: Finding, column: str) -> float:
-    """How large a finding is by the number with which its sentence begins, beyond its limit; 0
-    where it begins with another column."""
-    return finding.evidence[0].excess if column and first_column(finding) == column else 0.0
+def excess_of(finding: Finding) -> float:
+    """By how much its first number is beyond its limit; 0 without any."""
+    return finding.evidence[0].excess if finding.evidence else 0.0
 
 
 def first_column(finding: Finding) -> str:
@@ -331,11 +329,7 @@ def by_cause(
         key = (worded.finding.name, str(rule.says) if rule else "")
         causes.setdefault(key, {})[worded.finding.subject] = worded
     for (name, _), by_trial in causes.items():
-        column = mode(first_column(of_trial.finding) for of_trial in by_trial.values())
-        worst = max(
-            by_trial,
-            key=lambda trial: shown_size(by_trial[trial].finding, column),
-        )
+        worst = max(by_trial, key=lambda trial: excess_of(by_trial[trial].finding))
         words = by_trial[worst].words
         if words.says and len({of_trial.words.says for of_trial in by_trial.values()}) > 1:
             words = words._replace(says=f"{words.says} (in {worst})")

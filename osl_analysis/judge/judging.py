@@ -223,7 +223,7 @@ def doubt_text(source: str, doubted: Sequence[Judged]) -> str:
     """What a source would do to estimates: their names and sizes, and what it leaves unexplained
     where that matters, too."""
     moved = [estimate for estimate in doubted if estimate.verdict.name == source]
-    details = dict.fromkeys(detail for each in moved for detail in each.verdict.details if detail)
+    details = dict.fromkeys(row.detail for each in moved for row in each.verdict.rows if row.detail)
     what = ", ".join(details) or "it"
     sizes = ", ".join(estimate.moved(estimate.verdict.size) for estimate in moved)
     text = f"{what} would change {sizes}"
@@ -275,23 +275,15 @@ def properties_of(estimates: Sequence[Judged]) -> list[Finding]:
 
 def not_checked(estimates: Sequence[Judged]) -> list[Finding]:
     """What nobody has measured, with what it would change per unit."""
-    texts: dict[str, list[str]] = {}
-    details: dict[str, str] = {}
+    sizes: dict[str, list[str]] = {}
     for estimate in estimates:
         for each in estimate.budget.unknown:
-            texts.setdefault(each.source, [])
-            details[each.source] = each.detail
+            of_source = sizes.setdefault(each.source, [])
             if each.per:
-                texts[each.source].append(f"{estimate.name} {each.per}")
+                of_source.append(f"{estimate.name} {each.per}{each.detail or ''}")
     return [
-        Finding(
-            source,
-            "",
-            "",
-            Grade.UNCHECKED,
-            size="; ".join(filter(None, [", ".join(of_source), details[source]])),
-        )
-        for source, of_source in texts.items()
+        Finding(source, "", "", Grade.UNCHECKED, size=", ".join(texts))
+        for source, texts in sizes.items()
     ]
 
 
@@ -410,24 +402,14 @@ def marked(table: pl.DataFrame, findings: RowFindings, name: str) -> pl.DataFram
     and, if the table has them, with a verdict on K, B and I, and with `remarks`, which also says
     what could not be checked."""
     described = described_tables_by_name()[name].columns
-    has_fit = pl.Series(dtype=pl.Boolean, values=[True] * len(table))
-    if EXCLUDED in table.columns:
-        has_fit = table[EXCLUDED].is_null()
-    doubts = pl.Series(map(short_list, findings), dtype=pl.String)
-    columns = {DOUBTFUL: doubts}
+    columns: dict[str, list[str | None]] = {DOUBTFUL: [short_list(row) for row in findings]}
     for symbol in SYMBOLS:
         if f"{symbol}_verdict" in described:
-            verdicts = pl.Series([verdicts_of(row)[symbol] for row in findings], dtype=pl.String)
-            columns[f"{symbol}_verdict"] = verdicts.zip_with(
-                has_fit, pl.repeat(None, len(table), dtype=pl.String, eager=True)
-            )
+            columns[f"{symbol}_verdict"] = [verdicts_of(row)[symbol] for row in findings]
     if "remarks" in described:
-        others = [
-            BETWEEN.join(dict.fromkeys(f.cause for f in row if f.grade is not Grade.DOUBTS))
-            for row in findings
-        ]
-        columns["remarks"] = pl.Series(others, dtype=pl.String).replace("", None)
-    return table.with_columns(**columns)
+        others = [[f.cause for f in row if f.grade is not Grade.DOUBTS] for row in findings]
+        columns["remarks"] = [BETWEEN.join(dict.fromkeys(row)) or None for row in others]
+    return table.with_columns(pl.Series(name, of, pl.String) for name, of in columns.items())
 
 
 def results_in(remarks: str | None) -> list[str]:

@@ -6,7 +6,7 @@ as variances (5.1.2), and Student's quantile has the degrees of freedom of their
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -63,13 +63,16 @@ class Contribution:
     # standard uncertainty; of a part in no interval, by how much the estimate would be another;
     # None: not known
     standard: float | None
-    freedom: float = math.inf  # degrees of freedom of its variance
+    freedom: float | None = None  # degrees of freedom of its variance; None: infinitely many
     basis: Basis = "stated"
     part: Part = "bench"
     shared: bool = False  # whether all trials on a bench have it
     probability: float = 1.0  # of a fault
-    detail: str = ""
-    per: str = ""  # of one that is not known: what it does, as `0.09 N*m*s/rad per ms`
+    detail: str | None = None
+    per: str | None = None  # of one that is not known: what it does, as `0.09 N*m*s/rad per ms`
+
+
+FIELDS = [field.name for field in fields(Contribution)]
 
 
 def scatter(standard: float, freedom: float) -> Contribution:
@@ -95,11 +98,6 @@ class Verdict:
         """The largest change by the source."""
         return max((each.standard or 0.0 for each in self.rows), default=0.0)
 
-    @property
-    def details(self) -> list[str]:
-        """What the source may be, the most probable first."""
-        return list(dict.fromkeys(each.detail for each in self.rows))
-
 
 @dataclass(frozen=True)
 class Budget:
@@ -120,7 +118,8 @@ class Budget:
         if any(math.isnan(each.standard or 0.0) for each in chosen):
             return math.nan  # nothing repeats
         variances = [(each.standard or 0.0) ** 2 for each in chosen]
-        freedom = welch_satterthwaite(variances, [each.freedom for each in chosen])
+        freedoms = [math.inf if each.freedom is None else each.freedom for each in chosen]
+        freedom = welch_satterthwaite(variances, freedoms)
         return float(scipy.special.stdtrit(freedom, 0.975) * np.sqrt(sum(variances)))
 
     def of_source(self, source: str) -> list[Contribution]:
@@ -190,35 +189,15 @@ Impedance = Mapping[str, Budget]
 
 
 def budget_rows(place: Mapping[str, Any], estimates: Mapping[str, Budget]) -> list[dict[str, Any]]:
-    """The rows of `budget.csv` of some estimates; `place` has the trial and the amplitude. An
-    infinite number of degrees of freedom is null."""
+    """The rows of `budget.csv` of some estimates; `place` has the trial and the amplitude. A bound
+    of 0 says that rivals were weighed."""
+    of_place = {name: place.get(name) for name in ("trial", "amplitude_deg")}
     return [
-        {
-            "trial": place["trial"],
-            "amplitude_deg": place.get("amplitude_deg"),
-            "estimate": name,
-            **vars(each),
-            "freedom": each.freedom if math.isfinite(each.freedom) else None,
-            "detail": each.detail or None,
-            "per": each.per or None,
-        }
+        {**of_place, "estimate": name, **vars(each)}
         for name, budget in estimates.items()
         for each in budget.contributions
         if each.standard != 0.0 or each.basis == "bound"
     ]
-
-
-def fault_probability(rows: Sequence[Mapping[str, Any]]) -> float:
-    """Probability of a fault by rows of `budget.csv` of one trial; 1 where none was weighed."""
-    faults = [row for row in rows if row["part"] == "fault"]
-    if not any(row["source"] == "unexplained_torque" for row in faults):
-        return 1.0
-    by_estimate: dict[str, float] = {}
-    for row in faults:
-        if row["basis"] == "weighed":
-            name = row["estimate"]
-            by_estimate[name] = by_estimate.get(name, 0.0) + row["probability"]
-    return max(by_estimate.values(), default=0.0)
 
 
 def budgets_in(rows: Sequence[Mapping[str, Any]], values: Mapping[str, Any]) -> dict[str, Budget]:
@@ -227,20 +206,9 @@ def budgets_in(rows: Sequence[Mapping[str, Any]], values: Mapping[str, Any]) -> 
     budgets: dict[str, Budget] = {}
     for row in rows:
         name = row["estimate"]
-        value = values.get(name)
-        if value is not None:
-            found = Contribution(
-                source=row["source"],
-                standard=row["standard"],
-                freedom=math.inf if row["freedom"] is None else row["freedom"],
-                basis=row["basis"],
-                part=row["part"],
-                shared=row["shared"],
-                probability=row["probability"],
-                detail=row["detail"] or "",
-                per=row["per"] or "",
-            )
-            budgets[name] = budgets.get(name, Budget(value)).plus(found)
+        if values.get(name) is not None:
+            found = Contribution(**{field: row[field] for field in FIELDS})
+            budgets[name] = budgets.get(name, Budget(values[name])).plus(found)
     return budgets
 
 

@@ -52,16 +52,6 @@ def changed(change) -> ImpedanceInference:
     return inferred(change(driven()[1]))
 
 
-def test_noise_and_a_coarse_encoder_hide_a_delay():
-    """By their sizes: rounding by a step of K gives the torque a noise of K step/sqrt(12)."""
-    torque = driven()[1]
-
-    usual = inferred(torque).delay_se_s
-
-    assert inferred(torque, noise=0.2).delay_se_s == pytest.approx(4 * usual, rel=0.05)
-    assert inferred(torque, step=16 * STEP).delay_se_s > 3 * usual
-
-
 def with_lost_rows(torque):
     """60 rows are lost after a third, from which the torque is early."""
     first = len(torque) // 3

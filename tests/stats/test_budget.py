@@ -62,3 +62,4 @@ def test_a_budget_is_read_as_it_was_written():
     rows = budget_rows({"trial": "a", "amplitude_deg": None}, {"K": budget})
 
     assert budgets_in(rows, {"K": 100.0}) == {"K": budget}
+    assert budgets_in(rows, {"K": None}) == {}

@@ -14,7 +14,9 @@ from osl_analysis.inference import ImpedanceInference
 from osl_analysis.measured import significant
 from osl_analysis.stats.budget import LIKELY, Contribution
 
-PROPERTIES = ("hardening", "K by side", "damping by speed")  # of a joint, and no faults
+VISCOELASTIC = "viscoelastic branch"
+# rivals that are properties of a joint, and no faults
+PROPERTIES = ("hardening", "K by side", "damping by speed", VISCOELASTIC)
 SOURCES = {
     "path": "torque_path",
     "time": "change_over_time",
@@ -62,7 +64,7 @@ def alternatives(
         rows = of_property if is_property else found
         rows.append(
             Contribution(
-                source=SOURCES[each.family],
+                source="viscoelastic" if each.name == VISCOELASTIC else SOURCES[each.family],
                 standard=float(each.change[k]),
                 basis="weighed",
                 part="motion" if is_property else "fault",

@@ -86,7 +86,7 @@ def gather(
     limits_of_fits: Limits | None = None,
     places: Places | None = None,
     faults: Mapping[str, str] | None = None,
-    budget: Path | None = None,
+    budget: Sequence[Path] = (),
     not_analysed: Sequence[NotAnalysed] = (),
     data: str = "",
 ) -> None:
@@ -105,8 +105,8 @@ def gather(
         Joint and side of each trial.
     faults : Mapping of str to str or None
         By trial, the finding of a failed check, which names the cause of a doubt.
-    budget : Path or None
-        `budget.csv`.
+    budget : Sequence of Path
+        `budget.csv`, if the campaign has one.
     not_analysed : Sequence of NotAnalysed
         Trials that have a row each without estimates, in the table of their fits.
     data : str
@@ -114,7 +114,7 @@ def gather(
     """
     table = read_tables(rows, output.stem)
     if limits is not None:
-        contributions = read_table(budget) if budget else None
+        contributions = read_tables(budget) if budget else None
         findings = judged(table, limits, output.stem, faults, contributions)
         if limits_of_fits is not None and fits:
             origin = read_tables(fits)
@@ -186,7 +186,7 @@ def write_findings(
     limits: DoubtfulFits,
     output: Path,
     fits: Sequence[Path] = (),
-    budget: Path | None = None,
+    budget: Sequence[Path] = (),
     refused: Sequence[NotAnalysed] = (),
     places: Places | None = None,
     data: str = "",
@@ -205,8 +205,8 @@ def write_findings(
         `findings.csv`.
     fits : Sequence of Path
         Tables of single trials, for columns that only findings read.
-    budget : Path or None
-        `budget.csv`.
+    budget : Sequence of Path
+        `budget.csv`, if the campaign has one.
     refused : Sequence of NotAnalysed
         Of these tables. What else was flagged of such a recording may follow from why it was
         refused, as a slow clock does from a wrong unit.
@@ -224,7 +224,7 @@ def write_findings(
         tables_by_name[name] = with_columns_of_fits(read_table(path), name, of_fits)
     of_refused = pl.col("trial").is_in(list(by_trial(refused)))
     used = read_table(verdicts).filter(~of_refused | (pl.col("verdict") == "exclude"))
-    contributions = read_table(budget) if budget else None
+    contributions = read_tables(budget) if budget else None
     findings = campaign_findings(tables_by_name, used, limits, contributions)
     write_table(with_places(findings_frame(findings), places), output, data)
 

@@ -85,6 +85,8 @@ class Ranges:
     LAG_S = (3e-4, 0.05)
     # Spring in series with the joint [rad/(N*m)]; a frame of 100 kN*m/rad to a belt of 250 N*m/rad
     COMPLIANCE = (1e-5, 4e-3)
+    # Relaxation of a viscoelastic branch [s]; faster than the band it is a damper, slower a spring
+    BRANCH_S = (5e-3, 0.5)
     # Play [rad]; 0.03 to 1.1 deg
     PLAY = (5e-4, 2e-2)
     # Angles over which friction builds up before it slides [rad]; bristles of 3e-5 to 1e-3 rad are

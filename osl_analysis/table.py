@@ -29,7 +29,7 @@ TEXT_COLUMNS = (
     "remarks", "K_verdict", "B_verdict", "I_verdict",
     "excitation", "desired", "loading", "joint", "scope",
     "data", "chosen", "trajectory", "table", "grade",
-    "name", "cause", "evidence", "says", "size", "remedy", "explanations",
+    "name", "cause", "evidence", "says", "size", "remedy",
     "estimate", "source", "part", "basis", "detail", "per",
 )  # fmt: skip
 

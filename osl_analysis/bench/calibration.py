@@ -8,8 +8,6 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench.bench_settings import BenchStiffness, Fixture
-from osl_analysis.bench.budgets import LEAST_PROBABILITY
-from osl_analysis.bench.friction import inferred_of_joint
 from osl_analysis.bench.impedance import Analysis
 from osl_analysis.bench.lags import late_fit
 from osl_analysis.bench.motion import signals_of
@@ -24,7 +22,6 @@ from osl_analysis.bench.regression import (
 )
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError
-from osl_analysis.inference import ImpedanceInference
 from osl_analysis.signals.grid import origin
 from osl_analysis.stats.budget import NORMAL_HALF_WIDTH, Budget, budget_rows
 from osl_analysis.stats.estimates import Row
@@ -97,7 +94,7 @@ def calibration_table(
     analysis: Analysis, known: Known | None, frame: GroupFit | None, stated: Fixture | None
 ) -> dict[str, pl.DataFrame]:
     """The trial's row of `calibration.csv`, and its rows of `budget.csv`: Eq. 15 of a known spring
-    or inertia, with friction and a late torque, and what else may make the torque late.
+    or inertia, with friction and a late torque.
 
     A spring has no damping beyond `SPRING_LOSS`, unless the fit that allows one, whose `B` is
     given, is certain of it: torque in phase with the velocity, beside friction, is a delay. For an
@@ -149,7 +146,6 @@ def known_row(
         fit = fit.with_known_error("spring_loss", loss, shared=True)
 
     certain_lag_s = fit.beyond_interval("lag_s")
-    fault = inferred_of_joint(record) if certain_lag_s else None
     delay = error_to_state(fit, "lag_s")
     gain = error_to_state(fit, "gain")
     to_state = f"calibration: {{torque_gain: {gain:.2g}, delay: {delay:.2g}}}"
@@ -171,19 +167,8 @@ def known_row(
         "certain_lag_s": certain_lag_s,
         "certain_gain_error": fit.beyond_interval("gain", 1.0),
         "to_state": to_state,
-        "explanations": likely_paths(fault) if fault else None,
     }
     return row, budgets
-
-
-def likely_paths(joint: ImpedanceInference) -> str | None:
-    """The rivals that may make the torque late, the most probable first."""
-    names = [
-        each.name
-        for each in joint.alternatives
-        if each.family == "path" and each.probability > LEAST_PROBABILITY
-    ]
-    return ", ".join(dict.fromkeys(names)) or None
 
 
 def late_fits(record: Record, is_spring: bool) -> tuple[GroupFit, GroupFit | None]:

@@ -26,6 +26,7 @@ from osl_analysis.bench.regression import (
     TRANSMISSION,
     GroupFit,
     Model,
+    Sums,
     gram_sums,
     held_out_vaf,
     offset_and_drift,
@@ -37,10 +38,11 @@ from osl_analysis.errors import InputError, naming
 from osl_analysis.signals import Motion, differentiate, runs
 from osl_analysis.signals.grid import UniformSignals
 from osl_analysis.signals.plateaus import FEWEST_PLATEAUS, is_clamped, plateaus_of
-from osl_analysis.stats.budget import Contribution, budget_rows
+from osl_analysis.stats.budget import Budget, Contribution, budget_rows
 from osl_analysis.stats.estimates import Row
 from osl_analysis.trial import Array, Trial
 
+PROPERTIES_OF_LOSSES = {"B_j": "friction", "J_j": "weight_on_joint"}
 LOSSES = ("B_j", "J_j")  # of a transmission; its table has no K
 ACTUATOR_PARAMETERS = ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m")
 """Torque per current k_tau n_m [N*m/A], Coulomb friction [N*m], gear friction [N*m/A], damping,
@@ -253,6 +255,28 @@ def actuator_table(actuator: Analysis) -> dict[str, pl.DataFrame]:
     }
 
 
+def with_faults(analysis: Analysis, budgets: Mapping[str, Budget], s: Sums) -> dict[str, Budget]:
+    """The losses of a whole trial with what friction and a weight, which acts as a spring, change,
+    and what a fault would."""
+    joint = inferred_of_joint(analysis.record)
+    stated = stated_rivals(analysis.record)
+    weight = with_effects(s, TRANSMISSION, "theta")
+    others = {"B_j": budgets["B_j_viscous"].value, "J_j": budgets["J_j"].value}
+    if weight.certain("theta"):
+        others["J_j"] = weight["J_j"]
+    of_delay = unknown("late_torque", late_torque(budgets["B_j"].value, 0.0, ("J_j", "")))
+    complete = {}
+    for k, (name, source) in enumerate(PROPERTIES_OF_LOSSES.items(), start=1):
+        moved = abs(budgets[name].value - others[name])
+        complete[name] = budgets[name].plus(
+            Contribution(source, moved, basis="measured", part="motion"),
+            *other_stamps(analysis, None, name),
+            *alternatives(joint, stated, k),
+            *(each for each in [of_delay.get(name)] if each and "delay" not in stated),
+        )
+    return complete
+
+
 def transmission_table(analysis: Analysis) -> dict[str, pl.DataFrame]:
     """The trial's rows of `transmission.csv`, one per amplitude [deg] and one for all of them
     (amplitude null), and of `budget.csv`.
@@ -262,12 +286,10 @@ def transmission_table(analysis: Analysis) -> dict[str, pl.DataFrame]:
     record = analysis.record
     s = sums_of(record)
     friction = coulomb_fits(s, analysis)
-    joint = inferred_of_joint(record)
-    stated = stated_rivals(record)
     VAF_held_out = held_out_vaf(analysis.sums, analysis.model)
     rows = []
     of_budgets = []
-    for label, fit in analysis.fits.items():
+    for label in analysis.fits:
         place = analysis.place(label)
         budgets = analysis.budgets(label, *LOSSES)
         coulomb = friction.get(label)
@@ -275,21 +297,7 @@ def transmission_table(analysis: Analysis) -> dict[str, pl.DataFrame]:
         viscous: GroupFit = certain or analysis.calibrated[label]
         budgets["B_j_viscous"] = viscous.budget("B_j")
         if label is None:
-            # a weight acts as a spring: its torque grows with the angle
-            weight = with_effects(s, TRANSMISSION, "theta")
-            changes = {"B_j": "friction", "J_j": "weight_on_joint"}
-            by_weight = abs(fit["J_j"] - weight["J_j"]) if weight.certain("theta") else 0.0
-            by_friction = abs(fit["B_j"] - viscous["B_j"])
-            not_checked = unknown("late_torque", late_torque(fit["B_j"], 0.0, ("J_j", "")))
-            if "delay" in stated:
-                not_checked = {}
-            for k, (name, moved) in enumerate((("B_j", by_friction), ("J_j", by_weight)), start=1):
-                budgets[name] = budgets[name].plus(
-                    Contribution(changes[name], moved, basis="measured", part="motion"),
-                    *other_stamps(analysis, None, name),
-                    *alternatives(joint, stated, k),
-                    *filter(None, [not_checked.get(name)]),
-                )
+            budgets |= with_faults(analysis, budgets, s)
         rows.append(
             {
                 **place,

@@ -16,7 +16,7 @@ from osl_analysis.measured import check_measured
 from osl_analysis.stats.budget import NORMAL_HALF_WIDTH, welch_satterthwaite
 
 DOUBTFUL = "doubtful"  # column with the causes of doubt; null without any
-OTHER_ESTIMATES = ("K", "B", "I", "B_j", "J_j")  # of a table in which one is doubtful
+OTHER_ESTIMATES = ("K_", "B_", "I_", "J_j_")  # begins of estimates that have a verdict
 
 
 @dataclass(frozen=True)
@@ -170,14 +170,13 @@ def doubts_of_trials(table: pl.DataFrame) -> pl.DataFrame:
 def concerns(doubts: str | None, names: Collection[str]) -> bool:
     """Whether a cell of `DOUBTFUL`, as `K, B: torque path; unlikely size`, is about one of the
     columns `names`; it is where one of these is no estimate, or none is named."""
+    columns = [f"{name}_" for name in names]
     for doubt in filter(None, (doubts or "").split("; ")):
-        estimates, colon, _ = doubt.partition(": ")
-        own = [f"{estimate}_" for estimate in (*estimates.split(", "), *OTHER_ESTIMATES)]
-        is_of_estimates = [f"{name}_".startswith(tuple(own)) for name in names]
-        doubted = [f"{estimate}_" for estimate in estimates.split(", ")]
-        if not colon or not all(is_of_estimates) or not names:
-            return True
-        if any(f"{name}_".startswith(tuple(doubted)) for name in names):
+        estimates, is_of_estimates, _ = doubt.partition(": ")
+        doubted = tuple(f"{estimate}_" for estimate in estimates.split(", "))
+        are_others = all(column.startswith(OTHER_ESTIMATES) for column in columns)
+        is_doubted = any(column.startswith(doubted) for column in columns)
+        if is_doubted or not (is_of_estimates and are_others and columns):
             return True
     return False
 

@@ -149,7 +149,7 @@ def judged(
         unchecked = {*findings_of(fit, Grade.UNCHECKED, Grade.NOTES)} - (
             usually_unchecked(motion, gains) - {cause.told}
         )
-        is_weighed = fit.table.row(-1, named=True)["fault_probability"] is not None
+        is_weighed = not fit.budget.filter(source="unexplained_torque").is_empty()
         outcome = "not checked" if unchecked or not is_weighed else "silent"
     return {**of, "outcome": outcome, "named": named, "worst": worst, "miss": float(f"{miss:.3g}")}
 

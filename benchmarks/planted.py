@@ -474,8 +474,8 @@ TIME = ("stiffness that changes", "clocks that drift apart", "change over time")
 SLOW = {"slow_noise": 0.03}
 FRICTION = ("friction",)
 WEIGHT = "what turns with the joint behind the load cell"
-LATENESS = "whether the torque is late"
-UNTOLD = "how much of B is friction"
+LATENESS = "late torque"
+UNTOLD = "friction"
 CAUSES = [
     Cause("late torque", late_torque, 2e-3, PATH, "s", told=LATENESS),
     Cause("late angle", late_angle, 2e-3, PATH, "s", told=LATENESS),
@@ -544,14 +544,14 @@ CAUSES = [
         "play with hysteresis",
         play_with_hysteresis,
         0.15 * DEG,
-        ("backlash", "play or speed", *FRICTION),
+        ("backlash", "play, speed or direction", *FRICTION),
         "rad",
     ),
     Cause(
         "play with hysteresis, slow noise",
         play_with_hysteresis,
         6e-3,
-        ("backlash", "play or speed", *FRICTION),
+        ("backlash", "play, speed or direction", *FRICTION),
         "rad",
         sized=False,
         recorder=SLOW,
@@ -582,21 +582,21 @@ CAUSES = [
         "quadratic damping",
         quadratic_damping,
         1.5,
-        ("damping that depends on speed", "play or speed"),
+        ("damping that depends on speed", "play, speed or direction"),
         "N*m*s^2/rad^2",
     ),
     Cause(
         "K by direction",
         stiffness_by_direction,
         0.3,
-        ("asymmetric torque", "spring that is not linear"),
+        ("play, speed or direction", "spring that is not linear"),
         "of K",
     ),
     Cause(
         "B by direction",
         damping_by_direction,
         0.3,
-        ("asymmetric torque",),
+        ("play, speed or direction",),
         "of B",
     ),
     Cause("torque held at 50 Hz", held_torque, 50.0, PATH, "Hz", sized=False),

@@ -50,7 +50,7 @@ from osl_analysis.simulator.simulation_settings import (
 from osl_analysis.simulator.step import GaitTrial, draw_step
 from osl_analysis.simulator.trial_plan import generator_of
 from osl_analysis.simulator.walking_trial import simulate_walking_trial
-from osl_analysis.stats.estimates import INTERVAL_ENDS
+from osl_analysis.stats.budget import INTERVAL_ENDS
 from osl_analysis.stats.linear_fit import LinearFit
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.trial import Array, Trial

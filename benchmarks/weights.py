@@ -19,11 +19,12 @@ import causes
 import numpy as np
 import planted
 
+from osl_analysis.bench.budgets import PROPERTIES, SOURCES
 from osl_analysis.inference import infer, weighing
-from osl_analysis.inference.constants import HARM_FLOOR, LIKELY
 from osl_analysis.inference.rivals import EQ_15, Candidate
 from osl_analysis.inference.weighing import Predicted
-from osl_analysis.judge.known_findings import FAMILIES, FINDINGS
+from osl_analysis.judge.known_findings import FINDINGS
+from osl_analysis.stats.budget import DOUBT, FLOOR
 
 NAMES = ("PRIOR_SOUND", "PRIOR_FRICTION", "INEXACTNESS")
 GRID = ((0.9, 0.95, 0.98, 0.995), (0.2, 0.5, 0.8), (0.1, 0.2, 0.3))
@@ -69,21 +70,19 @@ def recordings() -> Iterator[Weighed]:
 
 
 def named(recording: Weighed) -> str | None:
-    """The finding of the family that is named, by the rule of `infer_impedance` and the accuracies
-    that the configuration states."""
+    """The finding of the source that is named, by the accuracies that the configuration states."""
     weighed, best_sound = weighing.weigh(recording.fits, recording.freedom)
-    faults = [(fit, weight) for fit, weight in weighed if fit.rival is not EQ_15]
-    if sum(weight for _, weight in faults) <= LIKELY:
+    sound_with = {fit.has_friction: fit for fit in recording.fits if fit.rival is EQ_15}
+    needed = np.hypot(best_sound.impedance, [*FLOOR.values()]) * [*causes.ACCURACY.values()]
+    of_sources: dict[str, float] = {}
+    for fit, weight in weighed:
+        change = np.abs(fit.impedances - sound_with[fit.has_friction].impedance).max(axis=0)
+        if fit.rival is not EQ_15 and fit.rival.name not in PROPERTIES and np.any(change > needed):
+            source = SOURCES[fit.rival.family]
+            of_sources[source] = of_sources.get(source, 0.0) + weight
+    if sum(of_sources.values()) <= DOUBT:
         return None
-    sizes = np.hypot(best_sound.impedance, HARM_FLOOR)
-    moved = infer.moved_by(faults, best_sound) / sizes
-    if np.all(moved <= list(causes.ACCURACY.values())):
-        return None
-    of_families = dict.fromkeys((fit.rival.family for fit, _ in faults), 0.0)
-    for fit, weight in faults:
-        of_families[fit.rival.family] += weight
-    family = max(of_families, key=lambda name: of_families[name])
-    return FINDINGS[FAMILIES[family]].title
+    return FINDINGS[max(of_sources, key=lambda name: of_sources[name])].title
 
 
 def counts(found: Sequence[Weighed], numbers: Sequence[float]) -> tuple[int, int]:

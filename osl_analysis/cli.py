@@ -397,7 +397,7 @@ def fit(
     if as_json:
         say(rows_json(fitted.table, fitted.findings))
     else:
-        say(estimates_text(fitted.table, fitted.findings))
+        say(estimates_text(fitted.table, fitted.findings, fitted.budget))
     if fitted.remarks:
         say(fitted.remarks, err=True)
 

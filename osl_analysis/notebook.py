@@ -205,7 +205,7 @@ def frequency_response(
     tables = fitted.everything()
     fits, response = tables["impedance"], tables["response"]
 
-    of_fits = judged(fits, stated.doubtful.of("impedance"), "impedance")
+    of_fits = judged(fits, stated.doubtful.of("impedance"), "impedance", budget=tables["budget"])
     own = judged(response, stated.doubtful.of("response"), "response")
     table = marked(response, with_inherited(response, own, fits, of_fits), "response")
     rows = table.with_columns(

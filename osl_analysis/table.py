@@ -26,9 +26,11 @@ TEXT_COLUMNS = (
     "trial", "controller", "branch", "quantity", "estimator", "check", "unit", "verdict", "remark",
     "status", "reason", "panel", "curve", "interval_method", "method", "doubtful", "model",
     "motion", "group", "direction", "subject", "side", "different",
-    "remarks", "excitation", "desired", "loading", "joint", "scope",
+    "remarks", "K_verdict", "B_verdict", "I_verdict",
+    "excitation", "desired", "loading", "joint", "scope",
     "data", "chosen", "trajectory", "table", "grade",
-    "name", "cause", "evidence", "says", "size", "remedy", "fault_family", "explanations",
+    "name", "cause", "evidence", "says", "size", "remedy",
+    "estimate", "source", "part", "basis", "detail", "per",
 )  # fmt: skip
 
 # `joint` and `side` by the name of a trial or group

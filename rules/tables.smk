@@ -19,6 +19,7 @@ rule table:
         lambda wildcards: FILES.checks(FILES.places_in(wildcards.table)),
         rows=lambda wildcards: FILES.rows(wildcards.table),
         fits=lambda wildcards: FILES.rows(DOUBTS_OF.get(wildcards.table, "")),
+        budget=lambda wildcards: FILES.budget_of(wildcards.table),
     output:
         output="<results>/tables/{table}.csv",
     log:
@@ -135,6 +136,7 @@ rule findings:
         FILES.checks(FILES.trials_for_findings),
         tables=FILES.tables(*JUDGED_TABLES),
         fits=FILES.fits_for_findings,
+        budget=FILES.tables("budget"),
         verdicts=QUALITY,
     output:
         output="<results>/tables/findings.csv",

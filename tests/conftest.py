@@ -114,7 +114,7 @@ def without_inference(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a test of least squares alone: the inference takes nine tenths of a fit."""
     monkeypatch.setattr("osl_analysis.bench.evidence.inferred_of_joint", lambda *_: None)
     monkeypatch.setattr("osl_analysis.bench.evidence.inferred_of_leg", lambda *_: None)
-    monkeypatch.setattr("osl_analysis.bench.parts_alone.suspected_fault_of_losses", lambda *_: None)
+    monkeypatch.setattr("osl_analysis.bench.parts_alone.inferred_of_joint", lambda *_: None)
 
 
 least_squares_alone = pytest.mark.usefixtures("without_inference")
@@ -187,10 +187,15 @@ def findings_of(row: dict[str, object], limits: Limits, name: str) -> list[Findi
     return judging.judged(pl.DataFrame([row], infer_schema_length=None), limits, name)[0]
 
 
+def findings_on(tables: dict[str, pl.DataFrame], limits: Limits) -> list[Finding]:
+    """The findings about the last row of an impedance trial, by its tables."""
+    table, budget = tables["impedance"], tables["budget"]
+    return judging.judged(table, limits, "impedance", budget=budget)[-1]
+
+
 def noted_in(table: str, row: dict[str, object]) -> list[Finding]:
     """What could not be checked of a row of a table, or is worth knowing of it."""
-    findings = findings_of({"trial": "a", **row}, Limits(), table)
-    return [finding for finding in findings if finding.rule is not None]
+    return findings_of({"trial": "a", **row}, Limits(), table)
 
 
 def beyond_in(findings: list[Finding]) -> dict[str, str]:

@@ -18,6 +18,7 @@ from osl_analysis.errors import InputError, naming
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
 from osl_analysis.signals import runs
 from osl_analysis.signals.grid import BRIDGE_MORE
+from osl_analysis.stats.budget import Contribution, budget_rows
 from osl_analysis.stats.estimates import Row, estimates_row
 from osl_analysis.trial import Array, Trial
 
@@ -184,10 +185,12 @@ def check_locked(theta: Array, theta_m: Array) -> None:
         )
 
 
-def belt_table(belt: Analysis) -> pl.DataFrame:
-    """The trial's row of `belt.csv`: slopes of loading and unloading, area of the mean loop [J].
-    `energy_lost` is this area over the energy K_s theta_s^2/2 at the peak.
-    `stiffening` is the relative increase of the quadratic belt's slope from rest to the peak."""
+def belt_table(belt: Analysis) -> dict[str, pl.DataFrame]:
+    """The trial's row of `belt.csv`, and its rows of `budget.csv`.
+
+    The row has slopes of loading and unloading, and the area of the mean loop [J]. `energy_lost`
+    is this area over the energy K_s theta_s^2/2 at the peak, `stiffening` the relative increase of
+    the quadratic belt's slope from rest to the peak."""
     loading = belt.calibrated["loading"]
     unloading = belt.calibrated["unloading"]
     record = belt.record
@@ -210,19 +213,28 @@ def belt_table(belt: Analysis) -> pl.DataFrame:
         of_joint = record.actuator["theta"][rows]
         turn = np.polyfit(of_joint, record.actuator["theta_m"][rows], 1)[0]
 
+    names = [name for name in ("K_s", "B_loading") if name in belt.model]
+    budgets = belt.budgets("loading", *names)
+    stiffening = 2 * of_square * peak / of_line
+    curved = abs(stiffening) * loading["K_s"] / 2  # half of the slopes' range
+    curvature = Contribution("nonlinear_spring", curved, basis="measured", part="motion")
+    budgets["K_s"] = budgets["K_s"].plus(curvature)
     row: Row = {
         "trial": record.name,
         **belt.row("loading", "K_s"),
-        **(estimates_row(loading, "B_loading") if "B_loading" in belt.model else {}),
+        **estimates_row(loading, *names[1:]),
         "unloading": unloading["K_s"],
         "unloading_se_bench": unloading.se_bench("K_s"),
         "hysteresis_area": area,
         "hysteresis_area_se_bench": float(np.linalg.norm(area_errors)),
         "energy_lost": area / (loading["K_s"] * peak**2 / 2),
         "shaft_turn": turn,
-        "stiffening": 2 * of_square * peak / of_line,
+        "stiffening": stiffening,
     }
-    return table_of([row], "belt", complete=True)
+    return {
+        "belt": table_of([row], "belt", complete=True),
+        "budget": table_of(budget_rows(row, budgets), "budget", complete=True),
+    }
 
 
 def belt_curve(belt: Analysis) -> pl.DataFrame:

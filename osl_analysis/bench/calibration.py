@@ -8,8 +8,7 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench.bench_settings import BenchStiffness, Fixture
-from osl_analysis.bench.friction import explanations_of, suspected_fault_of_losses
-from osl_analysis.bench.impedance import QUANTITIES, Analysis, encoder_errors
+from osl_analysis.bench.impedance import Analysis, encoder_errors
 from osl_analysis.bench.lags import late_fit
 from osl_analysis.bench.motion import signals_of
 from osl_analysis.bench.plausibility import check_resists
@@ -24,8 +23,8 @@ from osl_analysis.bench.regression import (
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError
 from osl_analysis.signals.grid import origin
-from osl_analysis.stats.budget import NORMAL_HALF_WIDTH
-from osl_analysis.stats.estimates import Row, estimates_row
+from osl_analysis.stats.budget import NORMAL_HALF_WIDTH, Budget, budget_rows
+from osl_analysis.stats.estimates import Row
 from osl_analysis.trial import Trial
 
 JOINT_SIDE = "theta_joint"  # column of the angle between frame and joint
@@ -93,9 +92,9 @@ def stiffness_to_state(frame: GroupFit) -> BenchStiffness:
 
 def calibration_table(
     analysis: Analysis, known: Known | None, frame: GroupFit | None, stated: Fixture | None
-) -> pl.DataFrame:
-    """The trial's row of `calibration.csv`: Eq. 15 of a known spring or inertia, with friction and
-    a late torque, and what else than a delay may make the torque late.
+) -> dict[str, pl.DataFrame]:
+    """The trial's row of `calibration.csv`, and its rows of `budget.csv`: Eq. 15 of a known spring
+    or inertia, with friction and a late torque.
 
     A spring has no damping beyond `SPRING_LOSS`, unless the fit that allows one, whose `B` is
     given, is certain of it: torque in phase with the velocity, beside friction, is a delay. For an
@@ -111,16 +110,21 @@ def calibration_table(
     IdentifiabilityError
         As `fit_groups`.
     """
-    row: Row = {
-        "trial": analysis.record.name,
-        **(known_row(analysis, known, frame) if known else fixture_row(analysis, stated)),
-        **analysis.row(None),
-        "time_base_shift": analysis.time_base_shift(None, QUANTITIES),
+    place = {"trial": analysis.record.name}
+    row, budgets = known_row(analysis, known, frame) if known else fixture_row(analysis, stated)
+    estimates: Row = {}
+    for name, budget in budgets.items():
+        estimates |= budget.columns(name)
+    row = {**place, **estimates, **row, **analysis.row(None)}
+    return {
+        "calibration": table_of([row], "calibration", complete=True),
+        "budget": table_of(budget_rows(place, budgets), "budget", complete=True),
     }
-    return table_of([row], "calibration", complete=True)
 
 
-def known_row(analysis: Analysis, known: Known, frame: GroupFit | None) -> Row:
+def known_row(
+    analysis: Analysis, known: Known, frame: GroupFit | None
+) -> tuple[Row, dict[str, Budget]]:
     """What a known spring or inertia tells of the bench; raises as `calibration_table`."""
     record = analysis.record
     size = known.stiffness or known.inertia
@@ -142,31 +146,29 @@ def known_row(analysis: Analysis, known: Known, frame: GroupFit | None) -> Row:
         fit = fit.with_known_error("spring_loss", loss, shared=True)
 
     certain_lag_s = fit.beyond_interval("lag_s")
-    fault = suspected_fault_of_losses(record) if certain_lag_s else None
     delay = error_to_state(fit, "lag_s")
     gain = error_to_state(fit, "gain")
     to_state = f"calibration: {{torque_gain: {gain:.2g}, delay: {delay:.2g}}}"
-    of_frame: Row = {}
+    budgets = {name: fit.budget(name) for name in fit.names}
     if frame is not None:
         stated = stiffness_to_state(frame)
         to_state = (
             f"{{{to_state}, bench_stiffness: {{value: {stated.value}, standard_error:"
             f" {stated.standard_error}}}}}"
         )
-        of_frame = estimates_row(frame, "frame_stiffness")
-    return {
-        **of_frame,
+        budgets["frame_stiffness"] = frame.budget("frame_stiffness")
+    if damped:
+        budgets["B"] = damped.budget("B")
+    budgets["T_C"] = counted.budget("T_C")
+    row: Row = {
         "known_K": known.stiffness,
         "known_I": known.inertia,
-        **estimates_row(fit, *fit.names),
         "lag_s_se_bench": fit.se_bench("lag_s"),
-        **(estimates_row(damped, "B") if damped else {}),
-        **estimates_row(counted, "T_C"),
         "certain_lag_s": certain_lag_s,
         "certain_gain_error": fit.beyond_interval("gain", 1.0),
         "to_state": to_state,
-        "explanations": explanations_of(fault) if fault else None,
     }
+    return row, budgets
 
 
 def late_fits(record: Record, is_spring: bool) -> tuple[GroupFit, GroupFit | None]:
@@ -234,7 +236,7 @@ def error_to_state(fit: GroupFit, name: str) -> float:
     return fit.half_width(name) / NORMAL_HALF_WIDTH
 
 
-def fixture_row(analysis: Analysis, stated: Fixture | None) -> Row:
+def fixture_row(analysis: Analysis, stated: Fixture | None) -> tuple[Row, dict[str, Budget]]:
     """Inertia and weight of a fixture that turns alone, the angle at which it hangs, and how far a
     stated fixture is from them.
 
@@ -261,7 +263,6 @@ def fixture_row(analysis: Analysis, stated: Fixture | None) -> Row:
         }
     )
     row: Row = {
-        **estimates_row(fit, "inertia", "weight"),
         "rest_deg": rest_deg,
         "to_state": (
             f"fixture: {{inertia: {max(fit['inertia'], 0.0):.4g}, weight: {fit['weight']:.4g},"
@@ -276,7 +277,7 @@ def fixture_row(analysis: Analysis, stated: Fixture | None) -> Row:
             half_widths = (fit.half_width(name), 2 * getattr(stated, f"{name}_error"))
             multiples.append(abs(off) / max(np.hypot(*half_widths), SAME_FIXTURE * abs(fit[name])))
         row["fixture_error"] = max(multiples)
-    return row
+    return row, {name: fit.budget(name) for name in fit.names}
 
 
 def with_fixture(trial: Trial, fixture: Fixture | None) -> Trial:

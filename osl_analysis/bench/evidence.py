@@ -1,49 +1,51 @@
-"""Rendered impedance on the dynamometer (Figs. 4-6): the rows of Eq. 15, with the ends of their
-intervals as they are printed, and the evidence on which the estimates are judged."""
+"""Rendered impedance on the dynamometer (Figs. 4-6): the rows of Eq. 15, the budget of each
+estimate, and what else the plausibility of a trial is judged by."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 import polars as pl
 
+from osl_analysis.bench.budgets import (
+    alternatives,
+    in_percent,
+    late_torque,
+    other_stamps,
+    stated_rivals,
+    unknown,
+)
 from osl_analysis.bench.friction import (
     CERTAIN_FRICTION,
+    WITHOUT_FRICTION,
+    CoulombFit,
     coulomb_fits,
-    fault_columns,
-    friction_columns,
     inferred_of_joint,
     inferred_of_leg,
-    with_other_stamps,
-    without_friction,
+    is_friction_untold,
+    viscous_fit,
+    without_dry_friction,
 )
 from osl_analysis.bench.impedance import QUANTITIES, Analysis
-from osl_analysis.bench.lags import Belt, belt_of_leg, is_leg, without_lag
+from osl_analysis.bench.lags import Belt, belt_of_leg, is_leg
 from osl_analysis.bench.motion_range import parts_of, range_over
 from osl_analysis.bench.plausibility import check_resists, check_stiffer
 from osl_analysis.bench.record import Label
-from osl_analysis.bench.regression import (
-    IMPEDANCE,
-    GroupFit,
-    Sums,
-    fit_groups,
-    held_out_vaf,
-    sums_of,
-    with_effects,
-)
+from osl_analysis.bench.regression import IMPEDANCE, Sums, fit_groups, held_out_vaf, sums_of
 from osl_analysis.dictionary import table_of
+from osl_analysis.inference import ImpedanceInference, LegInference
+from osl_analysis.measured import significant
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
 from osl_analysis.model.drivetrain import DrivetrainParameters, joint_admittance
-from osl_analysis.stats.estimates import Estimate, Row, estimates_row
+from osl_analysis.stats.budget import LIKELY, Budget, Contribution, budget_rows
+from osl_analysis.stats.estimates import Row
 
 RENDERED = (0.94, 1.06)
 """K without friction over that of linear theory, from and to which a sound leg renders it. Legs of
 the default device: 0.98 to 1.01. The rest is two standard deviations, of 2 %, of a device from its
 parameter file."""
-LITTLE = {"K": 0.0, "B": 2.0, "I": 5e-3}
-"""Sizes of K, B [N*m*s/rad] and I [kg*m^2], added in quadrature to the divisor of a relative
-change."""
-CHANGING = ("K", "B")  # with the amplitude, by play, a stiffening spring or friction
+LARGE_DELAY = 0.1  # share of B that an uncertain delay of a leg may make before it is told
 
 
 @dataclass(frozen=True)
@@ -103,9 +105,8 @@ def impedance_table(
     p: DrivetrainParameters | None = None,
     desired: DesiredImpedance = UNSTATED,
     gains: Gains | None = None,
-) -> pl.DataFrame:
-    """Put together the trial's rows of `impedance.csv`: the estimates, and beside them all that the
-    verdicts on them need.
+) -> dict[str, pl.DataFrame]:
+    """Put together the trial's rows of `impedance.csv`, and of `budget.csv`.
 
     A motion that is no stepped sine has one row. What describes the motion is the same in every
     row: the estimates of a device that is not of second order depend on band and weights.
@@ -126,8 +127,9 @@ def impedance_table(
 
     Returns
     -------
-    polars.DataFrame
-        A row per amplitude [deg], and one over all of them (amplitude null).
+    dict of polars.DataFrame
+        `impedance`: a row per amplitude [deg], and one over all of them (amplitude null).
+        `budget`: what contributes to each of their estimates.
 
     Raises
     ------
@@ -145,25 +147,16 @@ def impedance_table(
 
     expected = joint_admittance(gains.K_1, gains.B_1, p, p.J_j) if p and gains else None
     s = sums_of(record, expected)
-    of_leg = is_leg(record, p)
-    belt = belt_of_leg(record, p) if p and of_leg else Belt()
-    joint = None if of_leg else inferred_of_joint(record)
-    inferred = inferred_of_leg(record) if of_leg else joint
-    is_certain = inferred.friction_probability > CERTAIN_FRICTION if inferred else None
-    coulomb = coulomb_fits(s, analysis, is_certain)
+    found = what_else(analysis, s, p)
 
-    ppm = [stream["ppm"] for stream in record.streams if stream["ppm"] is not None]
     other_excitation = "periodic" if record.periodic else "other"
     of_trial: Row = {
         **vars(desired),
-        **(fault_columns(joint, record) if joint else {}),
         "excitation": "stepped sine" if record.groups.kind == "cycles" else other_excitation,
         "band_low_hz": record.band_hz[0],
         "band_high_hz": record.band_hz[1],
         "cutoff_hz": record.settings.cutoff_hz,
-        # channels of one clock have the same rate
-        "clock_ppm": np.ptp(ppm or [0.0]) or None,
-        "K_s_ratio": belt.K_s_ratio,
+        "K_s_ratio": found.belt.K_s_ratio,
         "VAF_held_out": held_out_vaf(analysis.sums, analysis.model),
         # a known spring holds it
         "gain_error": 0.0 if record.settings.calibration.torque_gain else None,
@@ -172,68 +165,190 @@ def impedance_table(
         # a drivetrain is of higher order: Eq. 15 fitted to the linear model's torque
         of_gains = s.estimates([*IMPEDANCE.values()], "linear")
         of_trial |= {"K_predicted": of_gains[0], "B_predicted": of_gains[1]}
-    of_whole = amplitudes_row(analysis)
-    parts = list(parts_of(record, s))
-    of_parts = range_over(parts, partial(fit_groups, model=IMPEDANCE), whole, QUANTITIES)
-    of_whole |= of_parts
-    friction = coulomb.get(None)
-    if friction and friction.certain and not of_leg:
-        of_viscous = range_over(parts, viscous_fit, friction.certain, ["B"])
-        of_whole |= {name.replace("B_", "B_viscous_"): x for name, x in of_viscous.items()}
-    for name in QUANTITIES:
-        estimate = Estimate.of_fit(analysis.calibrated[None], name)
-        of_whole |= with_other_stamps(analysis, estimate, name).columns(name)
-    centre = record.motion.theta[record.is_fitted()].mean()
     rows = []
-    for label, fit in analysis.fits.items():
+    of_budgets = []
+    for label in analysis.fits:
         variance = s.of(label).covariance(["theta"])
+        place = analysis.place(label)
+        budgets = estimates_of(analysis, found, label)
+        if label is None:
+            budgets = with_other_contributions(analysis, found, budgets, bool(gains))
+        estimates: Row = {}
+        for name, budget in budgets.items():
+            estimates |= budget.columns(name)
         rows.append(
             {
-                **analysis.place(label),
+                **place,
                 **analysis.row(label, *QUANTITIES),
-                **(of_whole if label is None else {}),
+                **(found.ranges if label is None else {}),
                 **{f"{name}_se": analysis.calibrated[label].se(name) for name in QUANTITIES},
-                **friction_columns(analysis, inferred, coulomb.get(label), label, of_leg),
-                "offset": fit["offset"] - fit["K"] * centre,
+                **estimates,
                 "torque_error": torque_error(analysis.sums, label, desired),
-                "time_base_shift": analysis.time_base_shift(label, QUANTITIES),
                 "theta_rms_deg": np.rad2deg(np.sqrt(variance[0, 0])),
                 "fitted_s": record.is_fitted(label).sum() / record.rate_hz,
+                "lag_s_se_bench": found.belt.lag.se_bench("lag_s") if found.belt.lag else None,
                 **of_trial,
             }
         )
+        of_budgets += budget_rows(place, budgets)
     table = table_of(rows, "impedance", complete=True)
-    if belt.lag:
-        table = with_lag(table, belt.lag)
     # a leg's friction hides it without compensation; Eq. 15 is of motion below the cut-off
     is_slow = record.band_hz[1] <= record.settings.cutoff_hz
     if gains and gains.cancels_friction and is_slow:
         apart = pl.col("B_predicted") - pl.col("B")
         certain = (apart.abs() - (pl.col("B_high") - pl.col("B_low")) / 2).clip(0)
         table = table.with_columns(B_gap_s=apart.sign() * certain / pl.col("K").abs())
-    return beside_known(table, p, desired)
+    return {
+        "impedance": beside_known(table, p, desired),
+        "budget": table_of(of_budgets, "budget", complete=True),
+    }
 
 
-def viscous_fit(s: Sums) -> GroupFit:
-    """Eq. 15 for the torque less its friction. Raises as `fit_groups`."""
-    return without_friction(s, IMPEDANCE, with_effects(s, IMPEDANCE, "T_C"))
+@dataclass(frozen=True)
+class WhatElse:
+    """What a recording tells beside Eq. 15."""
+
+    is_leg: bool
+    belt: Belt  # of a leg
+    joint: ImpedanceInference | None  # of a joint: the rivals; None: not weighed
+    inferred: ImpedanceInference | LegInference | None  # of its friction
+    coulomb: Mapping[Label, CoulombFit]
+    ranges: Row  # the range of estimates over amplitudes and frequencies
 
 
-def with_lag(table: pl.DataFrame, lag: GroupFit) -> pl.DataFrame:
-    """A table with K, B and I, with the lag of a leg's torque behind the angle by its belt, the
-    shares of B and I that are due to a lag that was found, and B and I without it.
+def what_else(analysis: Analysis, s: Sums, p: DrivetrainParameters | None) -> WhatElse:
+    """Weigh the rivals of a joint or look at the belt of a leg, and fit dry friction."""
+    record = analysis.record
+    of_leg = is_leg(record, p)
+    joint = None if of_leg else inferred_of_joint(record)
+    inferred = inferred_of_leg(record) if of_leg else joint
+    is_certain = inferred.friction_probability > CERTAIN_FRICTION if inferred else None
+    coulomb = coulomb_fits(s, analysis, is_certain)
+    parts = list(parts_of(record, s))
+    fit_part = partial(fit_groups, model=IMPEDANCE)
+    ranges = range_over(parts, fit_part, analysis.whole, {name: name for name in QUANTITIES})
+    friction = coulomb.get(None)
+    if friction and friction.certain and not of_leg:
+        ranges |= range_over(parts, viscous_fit, friction.certain, {"B": "B_viscous"})
+    return WhatElse(
+        is_leg=of_leg,
+        belt=belt_of_leg(record, p) if p and of_leg else Belt(),
+        joint=joint,
+        inferred=inferred,
+        coulomb=coulomb,
+        ranges=ranges,
+    )
+
+
+def estimates_of(analysis: Analysis, found: WhatElse, label: Label) -> dict[str, Budget]:
+    """The estimates of a label with their own budgets: of Eq. 15, without friction where this is
+    certain, and the lag of a leg."""
+    budgets = analysis.budgets(label, *QUANTITIES)
+    coulomb = found.coulomb.get(label)
+    without = without_dry_friction(analysis, found.inferred, coulomb, label, found.is_leg)
+    budgets |= {WITHOUT_FRICTION[name]: budget for name, budget in without.items()}
+    if found.belt.lag:
+        budgets["lag_s"] = found.belt.lag.budget("lag_s")
+    return budgets
+
+
+def with_other_contributions(
+    analysis: Analysis, found: WhatElse, budgets: dict[str, Budget], gains_are_known: bool
+) -> dict[str, Budget]:
+    """The estimates of a whole trial with what another motion, a fault, and what was not checked
+    would change."""
+    stated = stated_rivals(analysis.record)
+    of_lag = moved_by_lag(found.belt, budgets)
+    not_checked = unchecked(analysis, found, budgets, stated, gains_are_known)
+    complete = dict(budgets)
+    for k, name in enumerate(QUANTITIES):
+        common = [
+            *over_motion(analysis, found.ranges, name),
+            *other_stamps(analysis, None, name),
+            *of_lag.get(name, ()),
+            *alternatives(found.joint, stated, k),
+            *(of_source[name] for of_source in not_checked if name in of_source),
+        ]
+        without = WITHOUT_FRICTION[name]
+        own = budgets[name]
+        if without in budgets:
+            complete[without] = budgets[without].plus(*common)
+            moved = abs(own.value - budgets[without].value)
+            own = own.plus(Contribution("friction", moved, basis="measured", part="motion"))
+        complete[name] = own.plus(*common)
+    return complete
+
+
+def over_motion(analysis: Analysis, ranges: Row, name: str) -> list[Contribution]:
+    """Half of the range of an estimate over the motion; a stiffening spring, or play, raises K with
+    the amplitude, and friction lowers K and B."""
+    low, high = ranges.get(f"{name}_range_low"), ranges.get(f"{name}_range_high")
+    if not (isinstance(low, float) and isinstance(high, float)):
+        return []
+    source = "amplitude"
+    labels = sorted(label for label in analysis.fits if isinstance(label, float))
+    if len(labels) > 1:
+        small, large = analysis.fits[labels[0]], analysis.fits[labels[-1]]
+        change = large[name] - small[name]
+        if abs(change) > np.hypot(small.half_width(name), large.half_width(name)):
+            source = "nonlinear_spring" if name == "K" and change > 0 else "friction"
+    detail = "over amplitudes and frequencies"
+    return [Contribution(source, (high - low) / 2, basis="measured", part="motion", detail=detail)]
+
+
+def moved_by_lag(belt: Belt, budgets: Mapping[str, Budget]) -> dict[str, list[Contribution]]:
+    """What the certain lag of a leg's torque takes off B and I.
 
     exp(-s d) = 1 - s d + (s d)^2/2 takes K d off B, and (B + K d/2) d off I, with the fitted B.
     """
-    found_s = lag["lag_s"] if lag.certain("lag_s") else None
-    without = without_lag(pl.lit(found_s, pl.Float64), lag.half_width("lag_s"))
-    size_of_I = (pl.col("I") ** 2 + LITTLE["I"] ** 2).sqrt()
-    of_belt = {**estimates_row(lag, "lag_s"), "lag_s_se_bench": lag.se_bench("lag_s")}
-    shares = table.with_columns(*without, **of_belt).with_columns(
-        lag_share=pl.col("B_without_lag") / pl.col("B") - 1,
-        lag_inertia_share=(pl.col("I_without_lag") - pl.col("I")) / size_of_I,
-    )
-    return shares.with_columns(pl.col("lag_share", "lag_inertia_share").abs().fill_null(0.0))
+    if belt.lag is None or not belt.lag.certain("lag_s"):
+        return {}
+    lag_s = belt.lag["lag_s"]
+    K, B = budgets["K"].value, budgets["B"].value
+    detail = f"the torque lags the angle by {significant(1e3 * lag_s, 3)} ms"
+    moved = {"B": K * lag_s, "I": (B + K * lag_s / 2) * lag_s}
+    return {
+        name: [Contribution("late_torque", abs(by), basis="measured", part="fault", detail=detail)]
+        for name, by in moved.items()
+    }
+
+
+def unchecked(
+    analysis: Analysis,
+    found: WhatElse,
+    budgets: Mapping[str, Budget],
+    stated: set[str],
+    gains_are_known: bool,
+) -> list[dict[str, Contribution]]:
+    """What this recording does not tell, by source and estimate."""
+    record = analysis.record
+    settings = record.settings
+    K, B, I = (budgets[name].value for name in QUANTITIES)
+    sizes = {"K": K, "B": B, "I": I}
+    of_delay = late_torque(K, B)
+    rows = []
+    of_path = found.joint.probability_of("path") if found.joint else 0.0
+    if found.belt.lag is None and "delay" not in stated and of_path < LIKELY:
+        rows.append(unknown("late_torque", of_delay))
+    elif found.belt.lag is not None and not found.belt.lag.certain("lag_s"):
+        low, high = found.belt.lag.interval("lag_s")
+        if K * (high - low) > LARGE_DELAY * abs(B):
+            ends = f" ({significant(1e3 * low)} to {significant(1e3 * high)} ms by the belt)"
+            rows.append(unknown("late_torque", of_delay, ends))
+    if not settings.calibration.torque_gain and not gains_are_known:
+        rows.append(unknown("wrong_gain", in_percent(sizes, K=1, B=1, I=1)))
+    # channels of one clock have the same rate
+    rates = [stream["ppm"] for stream in record.streams if stream["ppm"] is not None]
+    if not np.ptp(rates or [0.0]):
+        rows.append(unknown("clocks_disagree", in_percent(sizes, B=1, I=2)))
+    if settings.fixture is None:
+        per = {"K": "up to 1 N*m/rad per N*m", "I": "1 kg*m^2 per kg*m^2"}
+        rows.append(unknown("fixture_inertia", per))
+    if found.joint is None:
+        rows.append(unknown("change_over_time", {"K": None}))
+    if is_friction_untold(found.inferred, found.coulomb.get(None), found.is_leg):
+        rows.append(unknown("friction", {"B": None}))
+    return rows
 
 
 def beside_known(
@@ -290,43 +405,3 @@ def torque_error(s: Sums, label: Label, desired: DesiredImpedance) -> float | No
     with_ramp = (covariance @ weights)[2]
     square = weights @ covariance @ weights - with_ramp**2 / covariance[2, 2]
     return float(np.sqrt(max(square, 0.0)))
-
-
-def amplitudes_row(analysis: Analysis) -> Row:
-    """Compare the fits to single amplitudes.
-
-    A stiffening spring, or play, changes K with the amplitude; friction changes K and B. A change
-    is reduced by the half-width of its 95 % interval, at most to 0: noise is no change. Its divisor
-    has `LITTLE` added in quadrature.
-
-    Parameters
-    ----------
-    analysis
-        Eq. 15 of a trial, for each amplitude and for all.
-
-    Returns
-    -------
-    dict
-        The relative changes `K_change` and `B_change` from the smallest to the largest amplitude;
-        empty for fewer than two amplitudes.
-    """
-    labels = sorted(label for label in analysis.fits if isinstance(label, float))
-    if len(labels) < 2:
-        return {}
-    row: Row = {}
-    change = difference_of(analysis.fits[labels[0]], analysis.fits[labels[-1]])
-    for name in CHANGING:
-        certain = change.beyond_interval(name)
-        row[f"{name}_change"] = certain / np.hypot(analysis.whole[name], LITTLE[name])
-    return row
-
-
-def difference_of(small: GroupFit, large: GroupFit) -> GroupFit:
-    """The estimates of one amplitude less those of another, whose errors are independent."""
-    return replace(
-        large,
-        estimates=large.estimates - small.estimates,
-        covariance=small.covariance + large.covariance,
-        degrees_of_freedom=np.minimum(small.degrees_of_freedom, large.degrees_of_freedom),
-        known_errors=(*small.known_errors, *large.known_errors),
-    )

@@ -21,8 +21,8 @@ from osl_analysis.bench.record import Record
 from osl_analysis.dictionary import table_of
 from osl_analysis.model.rendered_impedance import FAITHFUL
 from osl_analysis.signals import runs
-from osl_analysis.stats.budget import NORMAL_HALF_WIDTH, welch_satterthwaite
-from osl_analysis.stats.estimates import Estimate, Row
+from osl_analysis.stats.budget import Budget, Contribution, scatter, welch_satterthwaite
+from osl_analysis.stats.estimates import Row
 from osl_analysis.stats.linear_fit import products_between
 from osl_analysis.trial import Array
 
@@ -65,8 +65,7 @@ class Response:
         bench = record.settings.bench_stiffness
         compliance = bench.compliance_error if bench else 0.0
         of_bench = np.array([compliance, gain * self.Y, 1j * phase * self.Y])
-        quantile = scipy.special.stdtrit(self.freedom, 0.975)
-        errors = np.append(quantile * self.deviations, NORMAL_HALF_WIDTH * of_bench) / self.Y
+        errors = np.append(self.deviations, of_bench) / self.Y
 
         w = 2 * np.pi * self.frequency_hz
         size = abs(self.Y)
@@ -76,8 +75,10 @@ class Response:
             ("phase_deg", np.rad2deg(np.angle(self.Y)), np.rad2deg(errors.imag)),
             ("damping", (1 / self.Y).imag / w, (errors / self.Y).imag / w),
         ):
-            half_width = float(np.linalg.norm(changes))
-            row |= Estimate(value, value - half_width, value + half_width).columns(name)
+            own = float(np.linalg.norm(changes[: -len(of_bench)]))
+            shared = float(np.linalg.norm(changes[-len(of_bench) :]))
+            parts = (scatter(own, self.freedom), Contribution("bench", shared, shared=True))
+            row |= Budget(value, parts).columns(name)
         return row
 
 

@@ -2,21 +2,19 @@
 
 The inference (`osl_analysis/inference`) says whether dry friction is certain and what may be wrong.
 Where friction is certain, K, B and I of a joint without it are those of Eq. 15 with a Coulomb
-column, a torque that has the velocity's sign. The inference weighs friction of other shapes too:
-where its estimate lies outside the column's interval, as with bristles, the interval is widened to
-hold both. A leg's friction acts behind a spring, so that the inference tells its effect, by the
-actuator's angle.
+column, a torque that has the velocity's sign. The inference weighs friction of other shapes too,
+as of bristles: what these change is in the budget of the estimates. A leg's friction acts behind
+a spring, so that the inference tells its effect, by the actuator's angle.
 """
 
-from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from osl_analysis.bench.impedance import QUANTITIES, Analysis
+from osl_analysis.bench.impedance import Analysis
 from osl_analysis.bench.record import Label, Record
-from osl_analysis.bench.regression import BEYOND, GroupFit, Model, Sums, with_effects
+from osl_analysis.bench.regression import BEYOND, IMPEDANCE, GroupFit, Model, Sums, with_effects
 from osl_analysis.errors import IdentifiabilityError, NotWeighedError
 from osl_analysis.inference import (
     BenchSignals,
@@ -25,9 +23,7 @@ from osl_analysis.inference import (
     infer_impedance,
     infer_leg,
 )
-from osl_analysis.inference.constants import HARM_SHARE, LIKELY
-from osl_analysis.inference.infer import Explanation
-from osl_analysis.stats.estimates import Estimate, Row
+from osl_analysis.stats.budget import Budget, Contribution
 from osl_analysis.trial import Array
 
 WITHOUT_FRICTION = {
@@ -45,16 +41,12 @@ CERTAIN_FRICTION = 0.9  # probability from which friction is taken off B: nine i
 # share of B from which friction counts that the column sees and the inference does not; rounding
 # makes 0.012 of sound recordings
 SEEN_SHARE = 0.02
-NAMED_SHARE = 0.05  # of all faults' probability, below which an explanation is not named
 
 
 @dataclass(frozen=True)
 class CoulombFit:
     """Coulomb friction in the rows of a label."""
 
-    # part of the damping that it makes, the smaller of those beside higher derivatives and without;
-    # 0 where none is certain over all of the trial
-    share: float
     # the model's estimates for the torque less its friction, and the friction `T_C` [N*m]; None
     # where it is not certain in these rows
     certain: GroupFit | None
@@ -92,16 +84,12 @@ def coulomb_fits(
         fit = analysis.fits[label]
         try:
             sums = s.of(label)
-            # a controller may compensate friction that is not Coulomb's: the smaller of two answers
-            # counts
             alone = with_effects(sums, model, "T_C")
             smooth = without_friction(sums, model, alone)
             is_seen = smooth.certain("T_C")
             is_certain = is_seen and smooth["T_C"] > 0
             if whole_is_certain is None:
                 whole_is_certain = is_certain
-            viscous = max(smooth[damping], alone[damping])
-            share = max(1 - viscous / fit[damping], 0.0) if whole_is_certain else 0.0
             certain = None
             if is_certain and whole_is_certain:
                 sharp_alone = with_effects(sums, model, "T_C_sharp")
@@ -116,7 +104,7 @@ def coulomb_fits(
         except IdentifiabilityError:
             continue
         taken = abs(1 - smooth[damping] / fit[damping])
-        fits[label] = CoulombFit(share, certain, is_seen and taken > SEEN_SHARE)
+        fits[label] = CoulombFit(certain, is_seen and taken > SEEN_SHARE)
     return fits
 
 
@@ -159,6 +147,11 @@ def without_friction(s: Sums, model: Model, alone: GroupFit) -> GroupFit:
     )
 
 
+def viscous_fit(s: Sums) -> GroupFit:
+    """Eq. 15 for the torque less its Coulomb friction. Raises as `fit_groups`."""
+    return without_friction(s, IMPEDANCE, with_effects(s, IMPEDANCE, "T_C"))
+
+
 def raw_signals(record: Record, **actuator: Array | None) -> BenchSignals:
     """The raw signals of a record near the fitted rows, since the inference finds their band
     itself; `actuator` has those of a leg's."""
@@ -189,35 +182,33 @@ def inferred_of_leg(record: Record) -> LegInference | None:
     return None
 
 
-def inferred_of_joint(
-    record: Record, accuracy: tuple[float, float, float] = HARM_SHARE
-) -> ImpedanceInference | None:
+def inferred_of_joint(record: Record) -> ImpedanceInference | None:
     """What may be wrong with the recording of a joint that no actuator renders; None where rivals
-    cannot be weighed, as in a short one. `accuracy` has the shares of K, B and I from which a fault
-    matters.
+    cannot be weighed, as in a short one.
 
     None is weighed of a motion beyond `BEYOND` cut-offs: where the acceleration jumps, the torque
     jumps at one of the samples, which is like a delay that differs from jump to jump."""
     if record.band_hz[1] > BEYOND * record.settings.cutoff_hz:
         return None
     with suppress(NotWeighedError):
-        return infer_impedance(raw_signals(record), accuracy)
+        return infer_impedance(raw_signals(record))
     return None
 
 
-def friction_columns(
+def without_dry_friction(
     analysis: Analysis,
     inferred: ImpedanceInference | LegInference | None,
     coulomb: CoulombFit | None,
     label: Label,
     is_leg: bool,
-) -> Row:
-    """The columns of friction, as far as the motion tells it from damping.
+) -> dict[str, Budget]:
+    """K, B and I without friction, and the friction `T_C`; empty where it is not certain.
 
     Of a whole trial the inference tells whether there is friction. Of a joint least squares tells
-    its size and effect; where its size is not certain, none is taken off. Its intervals hold those
-    of the inference where both disagree. Friction of a leg acts behind its belt, where its size
-    need not show, so that the inference tells its effect.
+    its size and effect; where its size is not certain, none is taken off. Friction of another shape
+    would make other estimates, as the inference tells: a rectangular distribution (JCGM 100:2008,
+    4.3.7). Friction of a leg acts behind its belt, where its size need not show, so that the
+    inference tells its effect.
 
     Parameters
     ----------
@@ -232,90 +223,31 @@ def friction_columns(
     is_leg : bool
         Whether a belt and an actuator render the joint.
     """
-    share = coulomb.share if coulomb else None
     estimates = {}
     if coulomb and coulomb.certain:
-        estimates = {name: Estimate.of_fit(coulomb.certain, name) for name in WITHOUT_FRICTION}
-    if label is None and inferred is not None:
-        if inferred.friction_probability > CERTAIN_FRICTION and (is_leg or estimates):
+        estimates = {name: coulomb.certain.budget(name) for name in WITHOUT_FRICTION}
+    is_certain = inferred is not None and inferred.friction_probability > CERTAIN_FRICTION
+    if label is not None or inferred is None or not is_certain:
+        return estimates
+    for name, weighed in inferred.without_friction.items():
+        if is_leg:
             # what is stated of the bench, and a band that hardly tells them, no scatter shows
-            for name, of_other_shapes in inferred.without_friction.items():
-                weighed = of_other_shapes.widened_by(analysis.calibrated[None].se_bench(name))
-                estimates[name] = weighed if is_leg else widened_to(estimates[name], weighed)
-        # the column sees what the inference does not: the motion does not tell it from damping
-        share = 0.0 if is_leg or (coulomb and not coulomb.is_seen) else None
-        if estimates:
-            share = max(1 - estimates["B"].value / analysis.whole["B"], 0.0)
-    row: Row = {"coulomb_share": share}
-    for name, estimate in estimates.items():
-        moved = with_other_stamps(analysis, estimate, name, label)
-        row |= moved.columns(WITHOUT_FRICTION[name])
-    return row
+            of_bench = [
+                each for each in analysis.calibrated[None].budget(name).contributions if each.shared
+            ]
+            estimates[name] = weighed.plus(*of_bench)
+        elif estimates:
+            by_shape = abs(weighed.value - estimates[name].value) / np.sqrt(3)
+            of_shape = Contribution("friction_shape", by_shape, basis="weighed", part="sensor")
+            estimates[name] = estimates[name].plus(of_shape)
+    return estimates
 
 
-def widened_to(estimate: Estimate, weighed: Estimate) -> Estimate:
-    """An estimate whose interval also holds another one of other shapes of friction, where that
-    lies outside it."""
-    if estimate.low <= weighed.value <= estimate.high:
-        return estimate
-    return replace(
-        estimate, low=min(estimate.low, weighed.low), high=max(estimate.high, weighed.high)
-    )
-
-
-def with_other_stamps(
-    analysis: Analysis, estimate: Estimate, name: str, label: Label = None
-) -> Estimate:
-    """K, B or I of all of a trial, with an interval that also holds it moved as the other reading
-    of undecided stamps moves Eq. 15. Of single amplitudes, and of the friction, the estimate."""
-    other = analysis.fits_with_other_stamps.get(None)
-    if other is None or label is not None or name not in other.names:
-        return estimate
-    by = other[name] - analysis.whole[name]
-    return replace(estimate, low=estimate.low + min(by, 0), high=estimate.high + max(by, 0))
-
-
-def suspected_fault_of_losses(record: Record) -> ImpedanceInference | None:
-    """What may be wrong with a recording of losses, whose stiffness nobody asks for."""
-    return inferred_of_joint(record, accuracy=(np.inf, *HARM_SHARE[1:]))
-
-
-def probable_fault(joint: ImpedanceInference) -> Explanation | None:
-    """The most probable fault; None where the recording is probably sound."""
-    if joint.doubt is None and joint.fault_probability > LIKELY:
-        return joint.explanations[0]
-    return joint.doubt
-
-
-def explanations_of(joint: ImpedanceInference) -> str | None:
-    """All faults that are not improbable beside each other, the most probable first; None where no
-    fault is probable."""
-    if probable_fault(joint) is None:
-        return None
-    least = NAMED_SHARE * joint.fault_probability
-    names = [each.name for each in joint.explanations if each.probability > least]
-    return ", ".join(dict.fromkeys(names))
-
-
-def fault_columns(
-    joint: ImpedanceInference, record: Record, names: Sequence[str | None] = QUANTITIES
-) -> Row:
-    """The columns of a fault. `names` are those of K, B and I in the table; None: it has no such
-    column."""
-    fault = probable_fault(joint)
-    family = fault.family if fault else None
-    # a delay between angle and torque that nobody states, and that is not found
-    stated_s = [record.settings.calibration.delay, *(each["delay_s"] for each in record.streams)]
-    is_told = any(stated_s) or family == "path"
-    row: Row = {
-        "fault_probability": joint.fault_probability,
-        "fault_family": family,
-        "explanations": explanations_of(joint),
-        "delay_se_s": None if is_told else joint.delay_se_s,
-    }
-    moved = joint.fault_shares if fault else (0.0, 0.0, 0.0)
-    for name, by_fault, left in zip(names, moved, joint.unexplained_shares, strict=True):
-        if name is not None:
-            row[f"{name}_fault_share"] = by_fault
-            row[f"{name}_unexplained_share"] = left
-    return row
+def is_friction_untold(
+    inferred: ImpedanceInference | LegInference | None, coulomb: CoulombFit | None, is_leg: bool
+) -> bool:
+    """Whether the motion of a trial does not tell friction from damping: the column is collinear
+    with it, or sees what the inference does not."""
+    if is_leg and inferred is not None:
+        return False
+    return coulomb is None or (inferred is not None and coulomb.is_seen and not coulomb.certain)

@@ -1,7 +1,7 @@
 """Eq. 15 fitted to a record, or another model of the bench: to each amplitude and to all of it,
 with the stated errors of the bench and those of the encoder's steps."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -25,6 +25,7 @@ from osl_analysis.errors import IdentifiabilityError, InputError, naming
 from osl_analysis.inference.rounding_errors import errors_by_steps, repeated_share
 from osl_analysis.inference.spectra import noise_and_band
 from osl_analysis.signals import seven_point_motion
+from osl_analysis.stats.budget import Budget
 from osl_analysis.stats.estimates import Row, estimates_row
 from osl_analysis.stats.linear_fit import LinearFit, solved
 from osl_analysis.trial import Array
@@ -82,9 +83,11 @@ class Analysis:
             **{f"{name}_se_bench": fit.se_bench(name) for name in names},
             "interval_method": fit.interval_method,
             "VAF": fit.vaf,
-            "condition_number": fit.condition_number,
-            "largest_correlation": fit.largest_correlation,
         }
+
+    def budgets(self, label: Label, *names: str) -> dict[str, Budget]:
+        """The estimates with what contributes to their uncertainty."""
+        return {name: self.calibrated[label].budget(name) for name in names}
 
     @cached_property
     def calibrated(self) -> Mapping[Label, GroupFit]:
@@ -145,15 +148,6 @@ class Analysis:
         for (source, _), change in zip(torques, changes.T, strict=True):
             fit = fit.with_known_error(source, change, shared=True)
         return fit
-
-    def time_base_shift(self, label: Label, names: Sequence[str]) -> float | None:
-        """The largest change of an estimate by the other reading of undecided stamps, in
-        half-widths of its 95 % interval; None if the stamps are decided."""
-        fit = self.fits[label]
-        other = self.fits_with_other_stamps.get(label)
-        if other is None:
-            return None
-        return max(abs(other[name] - fit[name]) / fit.half_width(name) for name in names)
 
     def modelled(self, label: Label = None) -> Array:
         """Torque (n,) [N*m] of the fit to a label; a label without a fit has that of the fit to

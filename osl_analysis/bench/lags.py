@@ -23,7 +23,6 @@ from osl_analysis.bench.regression import (
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.inference.friction_shapes import slipping_springs
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
-from osl_analysis.stats.estimates import INTERVAL_ENDS
 from osl_analysis.trial import Array
 
 LONGEST_LAG = 0.02  # s; the largest lag that is sought
@@ -111,22 +110,16 @@ class Belt:
     lag: GroupFit | None = None
 
 
-def without_lag(lag_s: pl.Expr, half_width_s: float) -> list[pl.Expr]:
-    """B and I of the torque earlier by a lag, with 95 % intervals, of a table with K, B and I.
+def without_lag(lag_s: pl.Expr) -> dict[str, pl.Expr]:
+    """B and I of the torque earlier by a lag, of a table with K, B and I.
 
     exp(s d) (K + B s + I s^2) = K + (B + K d) s + (I + B d + K d^2/2) s^2 to second order.
     """
     K, B, I = pl.col("K"), pl.col("B"), pl.col("I")
-    earlier_B = B + K * lag_s
-    earlier_I = I + B * lag_s + K * lag_s**2 / 2
-    columns = []
-    for name, value, per_second in (("B", earlier_B, K), ("I", earlier_I, earlier_B)):
-        of_fit = (pl.col(f"{name}_high") - pl.col(f"{name}_low")) / 2
-        half_width = (of_fit**2 + (per_second * half_width_s) ** 2).sqrt()
-        bounds = (value, value - half_width, value + half_width)
-        for end, bound in zip(INTERVAL_ENDS, bounds, strict=True):
-            columns.append(bound.alias(f"{name}_without_lag{end}"))
-    return columns
+    return {
+        "B_without_lag": B + K * lag_s,
+        "I_without_lag": I + B * lag_s + K * lag_s**2 / 2,
+    }
 
 
 def is_leg(record: Record, p: DrivetrainParameters | None) -> bool:

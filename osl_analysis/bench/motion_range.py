@@ -5,7 +5,7 @@ lowest and the highest of them over the amplitudes, and over the lower and the u
 band, say how much: the interval, which is that of the same motion again, does not.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -71,18 +71,21 @@ def parts_of_band(few: Record, sums: Sums, split_hz: float) -> Iterator[Sums]:
 
 
 def range_over(
-    parts: Sequence[Sums], fit: Callable[[Sums], LinearFit], whole: LinearFit, names: Sequence[str]
+    parts: Sequence[Sums],
+    fit: Callable[[Sums], LinearFit],
+    whole: LinearFit,
+    columns: Mapping[str, str],
 ) -> Row:
-    """Columns of the lowest and the highest of some estimates of the whole motion and of its parts;
-    empty where no part tells them."""
+    """The lowest and the highest of some estimates of the whole motion and of its parts, in
+    `columns` by their names; empty where no part tells them."""
     fits = [whole]
     for part in parts:
         with suppress(IdentifiabilityError):
             fits.append(fit(part))
     row: Row = {}
     if len(fits) > 1:
-        for name in names:
+        for name, column in columns.items():
             values = [each[name] for each in fits]
-            row[f"{name}_range_low"] = min(values)
-            row[f"{name}_range_high"] = max(values)
+            row[f"{column}_range_low"] = min(values)
+            row[f"{column}_range_high"] = max(values)
     return row

@@ -10,11 +10,14 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.bench.bench_settings import ActuatorAnalysis
-from osl_analysis.bench.friction import (
-    coulomb_fits,
-    fault_columns,
-    suspected_fault_of_losses,
+from osl_analysis.bench.budgets import (
+    alternatives,
+    late_torque,
+    other_stamps,
+    stated_rivals,
+    unknown,
 )
+from osl_analysis.bench.friction import coulomb_fits, inferred_of_joint
 from osl_analysis.bench.impedance import Analysis, analysed
 from osl_analysis.bench.motion import signals_of, stretches_of
 from osl_analysis.bench.plausibility import check_changes
@@ -23,6 +26,7 @@ from osl_analysis.bench.regression import (
     TRANSMISSION,
     GroupFit,
     Model,
+    Sums,
     gram_sums,
     held_out_vaf,
     offset_and_drift,
@@ -34,9 +38,11 @@ from osl_analysis.errors import InputError, naming
 from osl_analysis.signals import Motion, differentiate, runs
 from osl_analysis.signals.grid import UniformSignals
 from osl_analysis.signals.plateaus import FEWEST_PLATEAUS, is_clamped, plateaus_of
-from osl_analysis.stats.estimates import Estimate, Row
+from osl_analysis.stats.budget import Budget, Contribution, budget_rows
+from osl_analysis.stats.estimates import Row
 from osl_analysis.trial import Array, Trial
 
+PROPERTIES_OF_LOSSES = {"B_j": "friction", "J_j": "weight_on_joint"}
 LOSSES = ("B_j", "J_j")  # of a transmission; its table has no K
 ACTUATOR_PARAMETERS = ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m")
 """Torque per current k_tau n_m [N*m/A], Coulomb friction [N*m], gear friction [N*m/A], damping,
@@ -229,51 +235,81 @@ def clamped_of(trial: Trial, settings: ActuatorAnalysis, levels: list[slice]) ->
     return analysed(record, model, gram_sums(record, columns))
 
 
-def actuator_table(actuator: Analysis) -> pl.DataFrame:
-    """The trial's row of `actuator.csv`; what an actuator at rest does not tell is null."""
+def actuator_table(actuator: Analysis) -> dict[str, pl.DataFrame]:
+    """The trial's row of `actuator.csv`, what an actuator at rest does not tell is null, and its
+    rows of `budget.csv`."""
     told = [name for name in ACTUATOR_PARAMETERS if name in actuator.whole.names]
+    place = {"trial": actuator.record.name}
     row: Row = {
-        "trial": actuator.record.name,
+        **place,
         "motion": next(iter(actuator.record.actuator), None),
         **actuator.row(None, *told),
-        "time_base_shift": actuator.time_base_shift(None, told),
     }
-    return table_of([row], "actuator", complete=True)
+    budgets = {
+        name: budget.plus(*other_stamps(actuator, None, name))
+        for name, budget in actuator.budgets(None, *told).items()
+    }
+    return {
+        "actuator": table_of([row], "actuator", complete=True),
+        "budget": table_of(budget_rows(place, budgets), "budget", complete=True),
+    }
 
 
-def transmission_table(analysis: Analysis) -> pl.DataFrame:
-    """The trial's rows of `transmission.csv`: one per amplitude [deg], and one for all of them
-    (amplitude null).
+def with_faults(analysis: Analysis, budgets: Mapping[str, Budget], s: Sums) -> dict[str, Budget]:
+    """The losses of a whole trial with what friction and a weight, which acts as a spring, change,
+    and what a fault would."""
+    joint = inferred_of_joint(analysis.record)
+    stated = stated_rivals(analysis.record)
+    weight = with_effects(s, TRANSMISSION, "theta")
+    others = {"B_j": budgets["B_j_viscous"].value, "J_j": budgets["J_j"].value}
+    if weight.certain("theta"):
+        others["J_j"] = weight["J_j"]
+    of_delay = unknown("late_torque", late_torque(budgets["B_j"].value, 0.0, ("J_j", "")))
+    complete = {}
+    for k, (name, source) in enumerate(PROPERTIES_OF_LOSSES.items(), start=1):
+        moved = abs(budgets[name].value - others[name])
+        complete[name] = budgets[name].plus(
+            Contribution(source, moved, basis="measured", part="motion"),
+            *other_stamps(analysis, None, name),
+            *alternatives(joint, stated, k),
+            *(each for each in [of_delay.get(name)] if each and "delay" not in stated),
+        )
+    return complete
+
+
+def transmission_table(analysis: Analysis) -> dict[str, pl.DataFrame]:
+    """The trial's rows of `transmission.csv`, one per amplitude [deg] and one for all of them
+    (amplitude null), and of `budget.csv`.
 
     A late torque reduces J_j by B_j times the lag, and leaves a third derivative of the angle,
     which shows it."""
     record = analysis.record
     s = sums_of(record)
     friction = coulomb_fits(s, analysis)
-    fault = suspected_fault_of_losses(record)
     VAF_held_out = held_out_vaf(analysis.sums, analysis.model)
     rows = []
-    for label, fit in analysis.fits.items():
-        # a weight acts as a spring: its torque grows with the angle
-        weight = with_effects(s.of(label), TRANSMISSION, "theta")
-        has_weight = weight.certain("theta")
-        viscous: GroupFit = analysis.calibrated[label]
+    of_budgets = []
+    for label in analysis.fits:
+        place = analysis.place(label)
+        budgets = analysis.budgets(label, *LOSSES)
         coulomb = friction.get(label)
-        of_friction: Row = {"coulomb_share": coulomb.share} if coulomb else {}
-        if coulomb and coulomb.certain:
-            viscous = coulomb.certain
-            of_friction["T_C"] = viscous["T_C"]
-        of_friction |= Estimate.of_fit(viscous, "B_j").columns("B_j_viscous")
+        certain = coulomb.certain if coulomb else None
+        viscous: GroupFit = certain or analysis.calibrated[label]
+        budgets["B_j_viscous"] = viscous.budget("B_j")
+        if label is None:
+            budgets |= with_faults(analysis, budgets, s)
         rows.append(
             {
-                **analysis.place(label),
+                **place,
                 **analysis.row(label, *LOSSES),
-                **of_friction,
-                "weight_share": 1 - fit["J_j"] / weight["J_j"] if has_weight else 0.0,
+                **budgets["B_j_viscous"].columns("B_j_viscous"),
                 "VAF_held_out": VAF_held_out,
                 "load_cell_drift": 60 * analysis.whole["drift"],
-                "time_base_shift": analysis.time_base_shift(label, LOSSES),
-                **(fault_columns(fault, record, (None, *LOSSES)) if fault else {}),
+                "T_C": certain["T_C"] if certain else None,
             }
         )
-    return table_of(rows, "transmission", complete=True)
+        of_budgets += budget_rows(place, budgets)
+    return {
+        "transmission": table_of(rows, "transmission", complete=True),
+        "budget": table_of(of_budgets, "budget", complete=True),
+    }

@@ -9,7 +9,7 @@ from osl_analysis.bench.lags import without_lag
 from osl_analysis.bench.parts_alone import ACTUATOR_PARAMETERS, LOSSES
 from osl_analysis.dictionary import described_tables_by_name, table_of
 from osl_analysis.model.compensator import CONTROLLERS
-from osl_analysis.stats.repeats import alike_sizes, counted, summary_of_trials, summary_row
+from osl_analysis.stats.repeats import alike_sizes, is_doubtful, summary_of_trials, summary_row
 
 PLACE = ("joint", "side")
 # half-widths of the interval of a trial that agrees with the mean
@@ -104,14 +104,13 @@ def delay_table(rows: pl.DataFrame, name: str = "delay") -> pl.DataFrame:
         to_state=pl.lit(to_state, pl.String),
     )
     if "K" in table.columns:
-        table = table.with_columns(without_lag(pl.col("delay_s"), (high_s - low_s) / 2))
+        table = table.with_columns(**without_lag(pl.col("delay_s")))
     described = table_of([], name)
     return pl.concat([described, table], how="diagonal_relaxed").select(described.columns)
 
 
 def compensation_table(impedance: pl.DataFrame) -> pl.DataFrame:
-    """`compensation.csv` from the rows of `impedance.csv`, of the trials that a mean counts
-    (`counted`).
+    """`compensation.csv` from the rows of `impedance.csv`, of estimates that are not doubtful.
 
     A row over all pairs has the mean difference and the lowest and highest of them: conditions are
     chosen and no sample, so that no interval of their mean is known. A row of one pair has its own
@@ -119,11 +118,15 @@ def compensation_table(impedance: pl.DataFrame) -> pl.DataFrame:
     condition count as their mean, with the mean of their half-widths. Amplitudes are the commanded
     ones; where none is stated, the measured ones that are alike."""
     size = pl.coalesce(pl.col("commanded_deg", "amplitude_deg").cast(pl.Float64))
-    known = counted(impedance).with_columns(amplitude_deg=size)
+    counts = {
+        f"{name}_counts": ~is_doubtful(impedance, pl.sql_expr(value).meta.root_names())
+        for name, (_, value, _) in COMPARED.items()
+    }
+    known = impedance.with_columns(amplitude_deg=size, **counts)
     known = known.with_columns(alike_sizes(known["amplitude_deg"])).sort(CONDITION)
     known = known.filter(pl.col("K_d") != 0, pl.col("B_d").is_not_null())
     values = pl.concat(
-        known.select(
+        known.filter(f"{name}_counts").select(
             *CONDITION,
             "controller",
             quantity=pl.lit(name),

@@ -20,9 +20,9 @@ from osl_analysis.dictionary import table_of
 from osl_analysis.errors import Change, InputError, naming
 from osl_analysis.measured import cycle_duration
 from osl_analysis.signals.grid import UniformSignals
-from osl_analysis.stats.estimates import Estimate, Row
+from osl_analysis.stats.budget import Budget, Contribution, scatter
+from osl_analysis.stats.estimates import Row
 from osl_analysis.stats.linear_fit import variance_accounted_for
-from osl_analysis.stats.repeats import summary_row
 from osl_analysis.trial import Array, Trial
 from osl_analysis.yaml_settings import check_known
 
@@ -237,8 +237,13 @@ def means_row(
 
     row = dict[str, Any]()
     for name, of_cycles, error in zip(MEASURED, values.T, shared, strict=True):
-        summary = summary_row(pl.DataFrame({name: of_cycles, f"{name}_se_bench": error}), name)
-        row |= Estimate(summary["mean"], summary["low"], summary["high"]).columns(name)
+        n = len(of_cycles)
+        own = scatter(of_cycles.std(ddof=1) / np.sqrt(n), n - 1.0) if n > 1 else None
+        if own is None:
+            row |= {name: of_cycles[0], f"{name}_low": None, f"{name}_high": None}
+        else:
+            shared = Contribution("bench", error, shared=True)
+            row |= Budget(of_cycles.mean(), (own, shared)).columns(name)
     _, _, stored, returned, _ = means
     return {**row, "returned_share": returned / stored}
 

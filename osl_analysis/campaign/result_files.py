@@ -13,7 +13,7 @@ from typing import Any
 
 from osl_analysis.campaign.campaign_trials import Campaign
 from osl_analysis.campaign.configuration import FrequencyResponseFigure
-from osl_analysis.config.experiments import EXPERIMENTS, TABLES_OF_TRIALS
+from osl_analysis.config.experiments import EXPERIMENTS, JUDGED_TABLES, TABLES_OF_TRIALS
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.figures import FIGURES
 from osl_analysis.judge.claims import CLAIMED
@@ -25,6 +25,7 @@ ON_PAPER = {
     "conditions": ["impedance"],
     "walking": ["walking_summary", "walking_groups"],
     "components": [f"{component}_summary" for component in COMPONENTS],
+    "budget": ["budget", "impedance"],
 }
 """Tables for a paper, and the tables of results that each is made of."""
 FIGURE_SUFFIXES = ("csv", "pdf", "svg", "png")  # plotted numbers, and the figure
@@ -130,6 +131,11 @@ class ResultFiles:
         """By the name of a table for a paper, the tables of results that it is made of."""
         made_of = {name: self.tables(*tables) for name, tables in ON_PAPER.items()}
         return {name: tables for name, tables in made_of.items() if tables}
+
+    def budget_of(self, table: str) -> list[str]:
+        """The table with the budgets of the estimates of a judged table, if the campaign has
+        one."""
+        return self.tables("budget") if table in JUDGED_TABLES else []
 
     @cached_property
     def fits_for_findings(self) -> list[str]:

@@ -16,7 +16,7 @@ import polars as pl
 from osl_analysis.bench import bench_settings as choices
 from osl_analysis.bench import calibration
 from osl_analysis.bench.belt import belt_curve, belt_table, belt_trial
-from osl_analysis.bench.calibration import fixture_column, fixture_of, with_fixture
+from osl_analysis.bench.calibration import fixture_column, with_fixture
 from osl_analysis.bench.evidence import (
     UNSTATED,
     DesiredImpedance,
@@ -86,16 +86,14 @@ def fit_impedance_trial(
     p = known_parameters(parameters, ["n_T"])
     stated = condition or UNSTATED
     gains = stated.gains(known_parameters(parameters), weight)
-    table = impedance_table(analysis, p, stated, gains)
-    weight_taken_off = pl.lit(fixture_of(of_joint).get("weight") or None, pl.Float64)
-    table = table.with_columns(
-        saturated(trial), fixture_column(of_joint), fixture_weight=weight_taken_off
-    )
+    tables = impedance_table(analysis, p, stated, gains)
+    table = tables["impedance"].with_columns(saturated(trial), fixture_column(of_joint))
 
     def others() -> dict[str, pl.DataFrame]:
         return {"response": with_errors(response_table(analysis, **vars(stated)))}
 
-    return FitTables({"impedance": table}, samples_of(analysis), record.streams, others)
+    tables = {**tables, "impedance": table}
+    return FitTables(tables, samples_of(analysis), record.streams, others)
 
 
 def without_broken_ends(trial: Trial, windows: str) -> tuple[Trial, str]:
@@ -133,10 +131,11 @@ def fit_belt_trial(
     p = known_parameters(parameters, ["n_T"])
     trial, rails = checked(trial, settings)
     belt = belt_trial(trial, p, settings)
-    table = plausible(belt_table(belt), rails, p, "K_s")
+    tables = belt_table(belt)
+    table = plausible(tables["belt"], rails, p, "K_s")
     # against the deflection
     samples = samples_of(belt, theta_deg=np.rad2deg(belt.sums.columns["theta"]))
-    tables = {"belt": table, "belt_curves": belt_curve(belt)}
+    tables = {**tables, "belt": table, "belt_curves": belt_curve(belt)}
     return FitTables(tables, samples, belt.record.streams)
 
 
@@ -157,9 +156,10 @@ def fit_transmission_trial(
     trial, rails = checked(trial, settings)
     record = record_of_trial(trial, settings, excitation="stepped_sine")
     analysis = analysed(record, TRANSMISSION)
-    table = plausible(transmission_table(analysis), rails, p, "B_j", "J_j")
-    table = table.with_columns(fixture_column(trial))
-    return FitTables({"transmission": table}, samples_of(analysis), record.streams)
+    tables = transmission_table(analysis)
+    table = plausible(tables["transmission"], rails, p, "B_j", "J_j")
+    tables = {**tables, "transmission": table.with_columns(fixture_column(trial))}
+    return FitTables(tables, samples_of(analysis), record.streams)
 
 
 def fit_actuator_trial(
@@ -171,11 +171,13 @@ def fit_actuator_trial(
     check_own_torque(trial, "torque_m", angle=None)
     rails = saturated(trial, "torque_m", "current")
     actuator = actuator_trial(trial, settings)
-    table = plausible(actuator_table(actuator), rails, p, "k_tau_n_m", "f_C", "J_m")
+    tables = actuator_table(actuator)
+    table = plausible(tables["actuator"], rails, p, "k_tau_n_m", "f_C", "J_m")
     record = actuator.record
     is_velocity = table["motion"][0] == "omega_m"
     motion = {"omega": record.theta} if is_velocity else {"theta_deg": np.rad2deg(record.theta)}
-    return FitTables({"actuator": table}, samples_of(actuator, **motion), record.streams)
+    tables = {**tables, "actuator": table}
+    return FitTables(tables, samples_of(actuator, **motion), record.streams)
 
 
 def fit_torque_angle_trial(
@@ -212,9 +214,10 @@ def fit_calibration_trial(
         settings = settings.model_copy(update={"bench_stiffness": stiffness})
         record = record_of_trial(trial, settings)
     analysis = analysed(record, IMPEDANCE)
-    table = calibration.calibration_table(analysis, known, frame, stated_fixture)
-    table = table.with_columns(rails, fixture_column(trial))
-    return FitTables({"calibration": table}, samples_of(analysis), record.streams)
+    tables = calibration.calibration_table(analysis, known, frame, stated_fixture)
+    table = tables["calibration"].with_columns(rails, fixture_column(trial))
+    tables = {**tables, "calibration": table}
+    return FitTables(tables, samples_of(analysis), record.streams)
 
 
 def derive(table: Path, output: Path, data: str = "") -> None:
@@ -302,7 +305,8 @@ def fit_trial(
     tables = run_fit(experiment, trial, parameters, config, condition, windows)
     name = EXPERIMENTS[experiment].tables[0].name
     table = tables.estimates[name]
-    findings = judged(table, config.doubtful.of(name), name)
+    budget = tables.estimates.get("budget")
+    findings = judged(table, config.doubtful.of(name), name, budget=budget)
     curves = [table for name, table in tables.estimates.items() if name.endswith("_curves")]
     of_model = tables.samples.filter(pl.col("torque_model").is_finite())
     series = of_model.select(pl.col("time") - pl.col("time").first(), "torque", "torque_model")
@@ -312,4 +316,5 @@ def fit_trial(
         series=series,
         curves=curves[0] if curves else None,
         findings=findings,
+        budget=budget,
     )

@@ -20,8 +20,10 @@ from osl_analysis.dictionary import described_tables_by_name, table_of
 from osl_analysis.errors import nearest, printable_lines
 from osl_analysis.figures import drawn
 from osl_analysis.judge.finding import Finding, Grade
+from osl_analysis.judge.judging import fit_of, rows_by_fit
 from osl_analysis.judge.words import finding_text, words_of
-from osl_analysis.measured import decimal_places, with_places, written
+from osl_analysis.measured import decimal_places, significant, with_places, written
+from osl_analysis.stats.budget import IN_INTERVAL, Budget, budgets_in
 from osl_analysis.trial import Array
 
 MOST_SHOWN = 10_000  # rows of a series; two minutes of a stepped sine have 15 per fastest period
@@ -147,22 +149,37 @@ def finding_json(finding: Finding, row: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def estimates_text(estimates: pl.DataFrame, findings: Sequence[Sequence[Finding]]) -> str:
-    """The estimates as text: a line per fit and quantity, with 95 % interval and VAF, and the
-    doubts about each row."""
+def estimates_text(
+    estimates: pl.DataFrame, findings: Sequence[Sequence[Finding]], budget: pl.DataFrame | None
+) -> str:
+    """The estimates as text: a line per fit and quantity, with 95 % interval, its parts and the
+    verdict, and the doubts about each row."""
     lines = []
+    rows_of = rows_by_fit(budget)
     for row, of_row in zip_longest(estimates.to_dicts(), findings, fillvalue=()):
         assert isinstance(row, dict)
         quality = f"VAF {written(row['VAF'], unit='%')} %" if "VAF" in row else "no VAF"
-        if "condition_number" in row:
-            quality += f", condition {row['condition_number']:.1f}"
         lines.append(f"{row['trial']}, {fitted_motion(row)}: {quality}")
-        lines += [estimate_line(row, name) for name in estimated(row)]
+        budgets = budgets_in(rows_of.get(fit_of(row), ()), row)
+        for name in estimated(row):
+            line = estimate_line(row, name)
+            parts = parts_text(budgets[name]) if name in budgets else ""
+            verdict = row.get(f"{name}_verdict") or ""
+            lines.append(": ".join(filter(None, [line, verdict, parts])))
         for finding in of_row:
             if finding.grade is Grade.DOUBTS:
                 lines.append(f"  doubtful: {finding_text(finding, row)}")
-    lines.append("in brackets: the 95 % interval, by the method that interval_method names")
+    lines.append("in brackets: the 95 % interval; behind it, what its parts alone would make")
     return "\n".join(lines)
+
+
+def parts_text(budget: Budget) -> str:
+    """The half-widths of the parts of an interval, and the range over motions beside it."""
+    widths = {part: budget.half_width(part) for part in IN_INTERVAL}
+    texts = [f"{part} {significant(width)}" for part, width in widths.items() if width]
+    if budget.half_range:
+        texts.append(f"other motion {significant(budget.half_range)}")
+    return ", ".join(texts)
 
 
 def fitted_motion(row: Mapping[str, Any]) -> str:
@@ -231,6 +248,8 @@ class Fit:
         experiment.
     findings : Sequence of Sequence of Finding
         What was judged of each row: doubts, what could not be checked, notes.
+    budget : polars.DataFrame or None
+        What contributes to the uncertainty of each estimate, as in `budget.csv`.
 
     Examples
     --------
@@ -244,6 +263,7 @@ class Fit:
     series: pl.DataFrame
     curves: pl.DataFrame | None
     findings: Sequence[Sequence[Finding]] = ()
+    budget: pl.DataFrame | None = None
 
     @property
     def row(self) -> Mapping[str, Any]:
@@ -297,7 +317,8 @@ class Fit:
         return sorted({*super().__dir__(), *self.row, *intervals})
 
     def __repr__(self) -> str:
-        text = f"{self.experiment}, {estimates_text(self.table.tail(1), self.findings[-1:])}"
+        estimates = estimates_text(self.table.tail(1), self.findings[-1:], self.budget)
+        text = f"{self.experiment}, {estimates}"
         if self.remarks:
             text += f"\n{self.remarks}"
         return printable_lines(text)

@@ -14,9 +14,9 @@ import polars as pl
 
 from osl_analysis.commands.fit_results import FitTables, estimated, printed_units
 from osl_analysis.errors import Change, InputError, OslAnalysisError
-from osl_analysis.inference.constants import LIKELY
 from osl_analysis.ingest.guard import in_other_units, swapped_channels
 from osl_analysis.measured import written
+from osl_analysis.stats.budget import LIKELY
 from osl_analysis.trial import Trial
 
 FITS_WORSE = 2.0  # times what the best change leaves of the torque, from which one is no remedy
@@ -30,6 +30,7 @@ class Outcome:
 
     change: Change
     row: Mapping[str, Any]
+    fault_probability: float = 0.0  # of the recording
 
     @property
     def unexplained(self) -> float:
@@ -85,8 +86,7 @@ def check_not_swapped(
     changes = swapped_channels(trial, "theta", "torque")
     least = math.inf
     for outcome in diagnose(fit, trial, arguments, changes):
-        probability = outcome.row.get("fault_probability")
-        if probability is not None and probability < LIKELY:
+        if outcome.fault_probability < LIKELY:
             least = min(least, outcome.unexplained)
     if FITS_WORSE * least < Outcome(changes[0], row).unexplained:
         name = "B" if (row.get("B_high") or 0.0) < 0 else estimated(row)[0]
@@ -130,7 +130,8 @@ def outcome_of(
         tables = fit(trial=changed(trial, change), **arguments)
     except OslAnalysisError:
         return None
-    return Outcome(change, tables.row)
+    faults = tables.estimates["budget"].filter(estimate="K", part="fault", basis="weighed")
+    return Outcome(change, tables.row, float(faults["probability"].sum()))
 
 
 def changed(trial: Trial, change: Change) -> Trial:

@@ -43,6 +43,7 @@ from osl_analysis.report.numbers import (
     to_json,
 )
 from osl_analysis.report.paper_tables import (
+    budget_table,
     component_rows,
     condition_rows,
     conditions,
@@ -85,6 +86,7 @@ def gather(
     limits_of_fits: Limits | None = None,
     places: Places | None = None,
     faults: Mapping[str, str] | None = None,
+    budget: Sequence[Path] = (),
     not_analysed: Sequence[NotAnalysed] = (),
     data: str = "",
 ) -> None:
@@ -102,7 +104,9 @@ def gather(
     places : Places or None
         Joint and side of each trial.
     faults : Mapping of str to str or None
-        By trial, the finding of a fault of its recording that spoils the estimates.
+        By trial, the finding of a failed check, which names the cause of a doubt.
+    budget : Sequence of Path
+        `budget.csv`, if the campaign has one.
     not_analysed : Sequence of NotAnalysed
         Trials that have a row each without estimates, in the table of their fits.
     data : str
@@ -110,10 +114,12 @@ def gather(
     """
     table = read_tables(rows, output.stem)
     if limits is not None:
-        findings = judged(table, limits, output.stem, faults)
+        contributions = read_tables(budget) if budget else None
+        findings = judged(table, limits, output.stem, faults, contributions)
         if limits_of_fits is not None and fits:
             origin = read_tables(fits)
-            findings_of_fits = judged(origin, limits_of_fits, fits[0].parent.name, faults)
+            name = fits[0].parent.name
+            findings_of_fits = judged(origin, limits_of_fits, name, faults, contributions)
             findings = with_inherited(table, findings, origin, findings_of_fits)
         table = marked(table, findings, output.stem)
     table = table.drop(unpublished(table, output.stem), strict=False)
@@ -180,6 +186,7 @@ def write_findings(
     limits: DoubtfulFits,
     output: Path,
     fits: Sequence[Path] = (),
+    budget: Sequence[Path] = (),
     refused: Sequence[NotAnalysed] = (),
     places: Places | None = None,
     data: str = "",
@@ -198,6 +205,8 @@ def write_findings(
         `findings.csv`.
     fits : Sequence of Path
         Tables of single trials, for columns that only findings read.
+    budget : Sequence of Path
+        `budget.csv`, if the campaign has one.
     refused : Sequence of NotAnalysed
         Of these tables. What else was flagged of such a recording may follow from why it was
         refused, as a slow clock does from a wrong unit.
@@ -215,7 +224,8 @@ def write_findings(
         tables_by_name[name] = with_columns_of_fits(read_table(path), name, of_fits)
     of_refused = pl.col("trial").is_in(list(by_trial(refused)))
     used = read_table(verdicts).filter(~of_refused | (pl.col("verdict") == "exclude"))
-    findings = campaign_findings(tables_by_name, used, limits)
+    contributions = read_tables(budget) if budget else None
+    findings = campaign_findings(tables_by_name, used, limits, contributions)
     write_table(with_places(findings_frame(findings), places), output, data)
 
 
@@ -342,11 +352,14 @@ def write_paper_table(
     tex: Path,
     markdown: Path,
 ) -> None:
-    """Write a table for a paper: K, B and I of each condition in `impedance.csv`, of each group in
+    """Write a table for a paper: the budgets in `budget.csv`; else K, B and I of each condition in
+    `impedance.csv`, of each group in
     `walking_summary.csv`, or else the components in summaries of the bench and in the parameter
     file, with the draft's values if `beside_draft`."""
     read = read_by_name(tables)
-    if "impedance" in read:
+    if "budget" in read:
+        rows = budget_table(read["budget"], read.get("impedance", pl.DataFrame()))
+    elif "impedance" in read:
         rows = condition_rows(conditions(read["impedance"]))
     elif "walking_summary" in read:
         rows = condition_rows(list(groups(read["walking_summary"], read["walking_groups"])))

@@ -138,7 +138,10 @@ TYPES: Mapping[str, type[pl.DataType]] = {
     "count": pl.Int64,
 }
 """By unit; any other column holds numbers."""
-ADDED_TO_ALL = {"joint", "side", "doubtful", "remarks", "status", "reason", "data"}
+ADDED_TO_ALL = {
+    "joint", "side", "doubtful", "remarks", "status", "reason", "data",
+    "K_verdict", "B_verdict", "I_verdict",
+}  # fmt: skip
 """Columns that rows of single trials get where a table is gathered from them."""
 
 

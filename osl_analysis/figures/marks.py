@@ -1,7 +1,7 @@
 """What several figures draw: markers that lead to trials, bars, swarms, legends, and logarithmic
 axes."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 from urllib.parse import quote
 
@@ -25,7 +25,7 @@ from osl_analysis.figures.style import (
     by_controller,
     has_values,
 )
-from osl_analysis.stats.repeats import IS_DOUBTFUL
+from osl_analysis.stats.repeats import is_doubtful
 from osl_analysis.trial import Array
 
 # bars of an estimate: ending of its columns, label, width [pt]
@@ -42,7 +42,7 @@ BEHIND_LINES = 1
 
 def has_doubtful(table: pl.DataFrame) -> bool:
     """Whether a fit of a table is doubtful."""
-    return bool(table.select(IS_DOUBTFUL.any()).item())
+    return bool(is_doubtful(table).any())
 
 
 def place_in_report(trial: str) -> str:
@@ -51,7 +51,13 @@ def place_in_report(trial: str) -> str:
 
 
 def draw_fits(
-    ax: Axes, rows: pl.DataFrame, x: ArrayLike, y: ArrayLike, look: Look, zorder: int = BEFORE_BARS
+    ax: Axes,
+    rows: pl.DataFrame,
+    x: ArrayLike,
+    y: ArrayLike,
+    look: Look,
+    zorder: int = BEFORE_BARS,
+    names: Collection[str] = (),
 ) -> None:
     """Draw a marker for each fit, which leads to its trial.
 
@@ -65,9 +71,10 @@ def draw_fits(
     look : Look
     zorder : int
         `BEFORE_BARS` or `BEHIND_LINES`.
+    names : Collection of str
+        Estimates whose doubts open a marker; by default those of any do.
     """
-    is_doubtful = rows.select(IS_DOUBTFUL).to_series()
-    faces = [WHITE if doubtful else look.colour for doubtful in is_doubtful]
+    faces = [WHITE if doubtful else look.colour for doubtful in is_doubtful(rows, names)]
     drawn = ax.scatter(
         x, y, look.size**2, marker=look.marker, label=look.label, facecolors=faces,
         edgecolors=look.colour, linewidths=look.edge, zorder=zorder,
@@ -82,7 +89,7 @@ def draw_estimates(ax: Axes, rows: pl.DataFrame, x: str, y: str, look: Look) -> 
         ends = [f"{y}{ending}_low", f"{y}{ending}_high"]
         known = rows.drop_nulls(ends)
         ax.vlines(known[x], *known.select(ends), color=look.colour, linewidth=width)
-    draw_fits(ax, rows, rows[x], rows[y], look)
+    draw_fits(ax, rows, rows[x], rows[y], look, names=[y])
 
 
 # Legends

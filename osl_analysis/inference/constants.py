@@ -17,14 +17,6 @@ PRIOR_FRICTION = 0.5
 # Share of its own torque that a named mechanism misses, since none is exactly its formula;
 # prototype: at 0 and 0.2 69 and 85 % of I's ranges hold under a fault; 0.4 names a quarter
 INEXACTNESS = 0.2
-# Probability above which a fault, or friction, is named; more likely than not
-LIKELY = 0.5
-# Relative change of K, B, I that matters, if the user states none; release 0.4.0, so that both
-# inferences are compared by the same rule
-HARM_SHARE = (0.003, 0.01, 0.02)
-# Sizes added in quadrature to K, B, I before the share is taken: 0 has no relative change
-# [N*m/rad, N*m*s/rad, kg*m^2]; release 0.4.0 (HARM), with I as in the prototype
-HARM_FLOOR = (2.0, 0.1, 1e-3)
 
 # How the recording is cut
 
@@ -93,6 +85,8 @@ class Ranges:
     LAG_S = (3e-4, 0.05)
     # Spring in series with the joint [rad/(N*m)]; a frame of 100 kN*m/rad to a belt of 250 N*m/rad
     COMPLIANCE = (1e-5, 4e-3)
+    # Relaxation of a viscoelastic branch [s]; faster than the band it is a damper, slower a spring
+    BRANCH_S = (5e-3, 0.5)
     # Play [rad]; 0.03 to 1.1 deg
     PLAY = (5e-4, 2e-2)
     # Angles over which friction builds up before it slides [rad]; bristles of 3e-5 to 1e-3 rad are

@@ -12,31 +12,30 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 
-from osl_analysis.inference.constants import BLOCKS, HARM_FLOOR, HARM_SHARE, LIKELY
+from osl_analysis.inference.constants import BLOCKS
 from osl_analysis.inference.rivals import EQ_15, RIVALS, Rival, Search, candidates
 from osl_analysis.inference.rounding_errors import rounding_torques
 from osl_analysis.inference.spectra import BenchSignals, Spectra
 from osl_analysis.inference.unexplained import largest_shifts
 from osl_analysis.inference.weighing import Predicted, predict, weigh
 from osl_analysis.inference.whitening import Whitened
-from osl_analysis.stats.estimates import Estimate, Impedance
+from osl_analysis.stats.budget import Budget, Impedance, scatter
 from osl_analysis.trial import Array
 
-NAMED_FAMILY = 0.1  # share of all faults, above which what a rival does counts as harm
 # variance of what Eq. 15 leaves over the noise's; above it something is missing, whatever it is
 MOST_UNEXPLAINED = 1.5
 SCREEN_DEVIATIONS = 3.0  # beyond chance, that all columns together must gain: once in 700 times
 
 
 @dataclass(frozen=True)
-class Explanation:
+class Alternative:
     """A rival that may be why the torque is not that of Eq. 15 alone."""
 
     family: str
     name: str
     probability: float  # given that one of the rivals is right
+    change: Array  # (3,) by how much K, B and I would be others at most, by it [SI]
 
 
 @dataclass(frozen=True)
@@ -47,30 +46,22 @@ class ImpedanceInference:
     ----------
     without_friction : Impedance
         K, B and I of the best joint without a fault, less its friction.
-    fault_probability : float
-        Probability of a fault of any size.
     friction_probability : float
         Probability of dry friction.
-    fault_shares : tuple of float
-        Shares of K, B and I by which the faults move them at most.
-    doubt : Explanation or None
-        The most probable fault, if a fault is likely and does harm.
-    explanations : tuple of Explanation
-        Faults by their probability, the most probable first.
-    delay_se_s : float
-        Standard error to which the recording itself tells a delay between angle and torque [s].
-    unexplained_shares : tuple of float
-        Shares of K, B and I by which torque that no rival explains could move them at most.
+    alternatives : tuple of Alternative
+        Each rival, the most probable first.
+    unexplained : Array (3,)
+        By how much torque that no rival explains could move K, B and I at most [SI].
     """
 
     without_friction: Impedance
-    fault_probability: float
     friction_probability: float
-    fault_shares: tuple[float, ...]
-    doubt: Explanation | None
-    explanations: tuple[Explanation, ...]
-    delay_se_s: float
-    unexplained_shares: tuple[float, ...]
+    alternatives: tuple[Alternative, ...]
+    unexplained: Array
+
+    def probability_of(self, family: str) -> float:
+        """Probability that a rival of a family is right."""
+        return sum(each.probability for each in self.alternatives if each.family == family)
 
 
 @dataclass(frozen=True)
@@ -89,23 +80,18 @@ class LegInference:
     without_friction: Impedance
 
 
-def infer_impedance(
-    signals: BenchSignals,
-    accuracy: tuple[float, float, float] = HARM_SHARE,
-) -> ImpedanceInference:
+def infer_impedance(signals: BenchSignals) -> ImpedanceInference:
     """Weigh what may be wrong with a recording of a joint.
 
     Parameters
     ----------
     signals : BenchSignals
         Angle and torque on one time base.
-    accuracy : tuple of float
-        Relative changes of K, B and I that matter to the user.
 
     Returns
     -------
     ImpedanceInference
-        Explanations with their probabilities.
+        Alternatives with their probabilities, and what each would change.
 
     Raises
     ------
@@ -118,37 +104,24 @@ def infer_impedance(
     data = Whitened(spectra)
     fits, rounding = fit_all(data, RIVALS)
     weighed, best_sound = weigh(fits, spectra.freedom)
-    sizes = np.hypot(best_sound.impedance, HARM_FLOOR)
-
-    faults = [(fit, weight) for fit, weight in weighed if fit.rival is not EQ_15]
-    faults.sort(key=lambda each: -each[1])
-    fault_probability = sum(weight for _, weight in faults)
-    explanations = tuple(
-        Explanation(fit.rival.family, fit.rival.name, weight) for fit, weight in faults
-    )
-    moved = moved_by(faults, best_sound)
-    doubt = None
-    if fault_probability > LIKELY and np.any(moved > np.array(accuracy) * sizes):
-        # the most probable rival of the most probable family
-        doubt = max(
-            explanations,
-            key=lambda each: sum(o.probability for o in explanations if o.family == each.family),
+    # a rival is compared with the sound joint that has friction as it has
+    sound_with = {fit.has_friction: fit for fit in fits if fit.rival is EQ_15}
+    alternatives = [
+        Alternative(
+            family=fit.rival.family,
+            name=fit.rival.name,
+            probability=weight,
+            change=np.abs(fit.impedances - sound_with[fit.has_friction].impedance).max(axis=0),
         )
-
+        for fit, weight in weighed
+        if fit.rival is not EQ_15
+    ]
     best, _ = max(weighed, key=lambda each: each[1])
-    shifts = largest_shifts(data, best, fits[0].left, best_sound.impedance, rounding)
-    sound = impedance_of(best_sound)
-    # an estimate that is not told from 0 has the size of its half-width, if that is larger
-    own_sizes = np.maximum(sizes, [each.high - each.value for each in sound.values()])
     return ImpedanceInference(
-        without_friction=sound,
-        fault_probability=fault_probability,
+        without_friction=impedance_of(best_sound),
         friction_probability=sum(weight for fit, weight in weighed if fit.has_friction),
-        fault_shares=tuple((moved / own_sizes).tolist()),
-        doubt=doubt,
-        explanations=explanations,
-        delay_se_s=delay_error(data, best_sound, rounding),
-        unexplained_shares=tuple((shifts / sizes).tolist()),
+        alternatives=tuple(sorted(alternatives, key=lambda each: -each.probability)),
+        unexplained=largest_shifts(data, best, fits[0].left, best_sound.impedance, rounding),
     )
 
 
@@ -209,54 +182,10 @@ def is_explained_by_eq15(plain: Search) -> bool:
 
 
 def impedance_of(fit: Predicted) -> Impedance:
-    """K, B and I of a fit, with 95 % intervals by the scatter of the blocks (Student)."""
-    standard_errors = np.sqrt(np.diag(fit.covariance))
-    half_widths = scipy.special.stdtrit(BLOCKS - 1, 0.975) * standard_errors
-    values = fit.impedances[0]
-    columns = np.column_stack([values, values - half_widths, values + half_widths]).tolist()
-    return {name: Estimate(*row) for name, row in zip(("K", "B", "I"), columns, strict=True)}
-
-
-def moved_by(faults: Sequence[tuple[Predicted, float]], best_sound: Predicted) -> Array:
-    """By how much (3,) faults, each with its weight, move K, B and I at most [SI].
-
-    It is the mean change of all faults, or the largest one of those that are not improbable among
-    them.
-    """
-    total = sum(weight for _, weight in faults)
-    if total == 0.0:
-        return np.zeros(3)
-    sound = best_sound.impedance
-    mean_change = sum(weight * np.abs(fit.impedance - sound) for fit, weight in faults) / total
-    likely = [fit for fit, weight in faults if weight >= NAMED_FAMILY * total]
-    changes = [np.abs(fit.impedances - sound) for fit in likely]
-    return np.max(np.vstack([mean_change, *changes]), axis=0)
-
-
-def delay_error(data: Whitened, sound: Predicted, rounding: Array) -> float:
-    """Standard error to which a recording tells a delay between angle and torque [s].
-
-    A torque late by d adds -d (K omega + B alpha + I jerk) to Eq. 15, so that B moves by K d, and I
-    by B d. How well the recording tells d is the slope's length beside the model, and what rounding
-    of the angle makes of d.
-
-    Parameters
-    ----------
-    data : Whitened
-        The recording.
-    sound : Predicted
-        The best joint without a fault.
-    rounding : Array (draws, m)
-        Torques that rounding alone makes.
-    """
-    impedance = sound.impedances[0]
-    derivatives = data.spectra.derivatives
-    slope = data.column(-impedance @ derivatives[1:4])
-    search = Search(data, sound.has_friction)
-    columns = sound.candidate.columns
-    left, estimates = search.fit(columns, slope)
-    # of a slope that the columns make up, rounding alone is left
-    left = max(left, np.finfo(float).eps * float(slope @ slope))
-    of_slope = search.rest(slope - estimates @ columns)
-    by_rounding = np.mean((rounding @ of_slope / left) ** 2)
-    return float(np.sqrt(1 / left + by_rounding))
+    """K, B and I of a fit, with their errors by the scatter of the blocks."""
+    errors = np.sqrt(np.diag(fit.covariance)).tolist()
+    values = fit.impedances[0].tolist()
+    return {
+        name: Budget(value, (scatter(error, BLOCKS - 1.0),))
+        for name, value, error in zip(("K", "B", "I"), values, errors, strict=True)
+    }

@@ -6,7 +6,7 @@
 | path | the torque is delayed or filtered on its way to the record |
 | time | stiffness, damping or inertia changes during the recording |
 | speed | damping depends on speed, or there is play |
-| size | stiffness depends on the angle |
+| size | stiffness depends on the angle, or on the frequency |
 | direction | stiffness or damping depends on the direction of motion |
 | clipping | the largest torques are cut |
 
@@ -250,6 +250,16 @@ def behind_spring(search: Search, compliance: float) -> Model:
     return columns, torque
 
 
+def with_branch(search: Search, relaxation_s: float) -> Model:
+    """A spring that a damper of its own lets go, beside K, B and I (Maxwell): K rises with the
+    frequency. It relaxes within a time."""
+    data = search.data
+    spectra = data.spectra
+    high_pass = relaxation_s * spectra.s / (1 + relaxation_s * spectra.s)
+    branch = data.column(spectra.derivatives[0] * high_pass)
+    return np.vstack([data.motion[:3], branch]), data.torque
+
+
 def behind_gap(search: Search, width: float) -> Model:
     """Play before spring and damper, which follow the angle when a gap [rad] is taken up."""
     data = search.data
@@ -313,6 +323,7 @@ RIVALS = (
     Rival("speed", "damping by speed"),
     Rival("size", "hardening"),
     Rival("size", "K by side", shares=(0.0, 1.0, -1.0)),
+    Rival("size", "viscoelastic branch", with_branch, lambda _: np.geomspace(*Ranges.BRANCH_S, 9)),
     Rival("direction", "K and B by direction", shares=(0.0, 1.0, -1.0)),
     Rival("speed", "play", behind_gap, gap_widths),
     Rival("clipping", "clipping", cut),

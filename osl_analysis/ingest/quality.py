@@ -325,7 +325,7 @@ def measure_leaps(examined: Examined) -> dict[str, float]:
         apart = distances(leaps["torque_m"], steps)
         leaps["torque_m"] = leaps["torque_m"][apart > LIMITS.beside_leap_s]
     every = np.sort(np.concatenate([*leaps.values(), []]))
-    remedy = remedy_of_leaps(examined, every) if every.size else ""
+    remedy = remedy_of_leaps(examined, every, cause_of_leaps(leaps, angle)) if every.size else ""
     return {f"{column} leaps{remedy}": times.size for column, times in leaps.items()}
 
 
@@ -334,7 +334,21 @@ def distances(times: Array, others: Array) -> Array:
     return np.abs(np.subtract.outer(times, others)).min(axis=1, initial=np.inf)
 
 
-def remedy_of_leaps(examined: Examined, leaps: Array) -> str:
+def cause_of_leaps(leaps: Mapping[str, Array], angle: tuple[Array, Array]) -> str:
+    """Why a signal leaps: a torque that leaps at one angle again and again does at a stop; where
+    the angle leaps, too, rows are missing."""
+    times = leaps.get("torque", np.empty(0))
+    of_angle = sum(len(of_column) for of_column in leaps.values()) - len(times)
+    if of_angle:
+        return "rows were lost or doubled"
+    if times.size >= LIMITS.fewest_at_stop:
+        at = np.interp(times, *angle)
+        if np.std(at) < LIMITS.one_angle * np.ptp(angle[1]):
+            return f"the joint runs into a stop at {np.rad2deg(at.mean()):.3g} deg, move it by less"
+    return "a sensor failed"
+
+
+def remedy_of_leaps(examined: Examined, leaps: Array, cause: str) -> str:
     """Say where leaps at rising times (n,) [s] are, and what leaves them out: the longest window
     without any."""
     time = examined.fitted.samples["time"]
@@ -345,7 +359,7 @@ def remedy_of_leaps(examined: Examined, leaps: Array) -> str:
     remedy = "exclude the trial"
     if examined.experiment.place == "bench" and last - first > LIMITS.shortest_window_s:
         remedy = f"state `windows` {first:.1f}-{last:.1f} in the sheet"
-    return f", first at {leaps[0]:.3f} s: rows were lost or doubled, or a sensor failed; {remedy}"
+    return f", first at {leaps[0]:.3f} s: {cause}; {remedy}"
 
 
 def measure_turns(examined: Examined) -> dict[str, float]:

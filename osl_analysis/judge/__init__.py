@@ -1,24 +1,22 @@
-"""Numbers of a fit become findings, and findings become sentences.
+"""Budgets and numbers of a fit become findings, and findings become sentences.
 
-The way of one number, the share of Coulomb friction in the damping of a trial, to the page:
+The way of one estimate, the damping of a trial whose torque is late, to the page:
 
-1. `bench` measures it: the column `coulomb_share` of `fits/impedance/TRIAL.csv`, here 0.31.
-2. `findings.yaml` says under `rules` that it is evidence of the finding `friction` above the
-   accuracy of B. `judging.rules_on` gathers the rules on a table, those of the configuration, too.
-3. `judging.numbers_beyond` compares it with 0.05 (`doubtful.accuracy.B`):
-   `Beyond("coulomb_share", 0.31, 0.05, "above", "friction")`.
-4. `judging.causes_in` gathers the numbers of a row by what they are evidence of.
-5. `judging.judged` makes of them `Finding("friction", "impedance", trial, Grade.NOTES, ...)`, a
-   remark, since friction is a property of the device; a fault of the recording is a doubt. A fit
-   has one table, `impedance`, which is written as two files. What the row could not show, rules
-   with a condition find.
-6. `words.words_of` fills the sentences that `findings.yaml` has under `findings`: what is wrong,
+1. `bench` puts its budget together (`bench/budgets.py`): a rival, `delay`, has the probability 0.9
+   and would change B by 0.3 N*m*s/rad, a row with the part `fault` and the source `torque_path`.
+2. `stats.budget.Budget.verdict` compares it with what B needs (`doubtful.accuracy.B`, here 0.14)
+   and with its half-width and range: B is doubtful by its source `torque_path`.
+3. `judging.judged` makes of the verdicts of a row `Finding("torque_path", ..., Grade.DOUBTS)`, with
+   all estimates that it moves; a failed check of the recording gives it its own name. What the
+   budget knows of another motion is a remark, what nobody has measured is not checked.
+4. What no budget tells, such as a wrong unit, the `rules` of `findings.yaml` find by a number
+   beyond its limit (`judging.numbers_beyond`), in any table.
+5. `words.words_of` fills the sentences that `findings.yaml` has under `findings`: what is wrong,
    how large it is, what to do.
-7. `judging.marked` writes its title into the column `remarks` of the table, that of a doubt into
-   `doubtful`.
-   `campaign.campaign_findings` gathers all findings for `findings.csv`, from which
-   `campaign.causes_in_campaign` counts trials for `summary.json`, and `report.trial_page` shows
-   each trial its own.
+6. `judging.marked` writes the verdicts into `K_verdict`, `B_verdict` and `I_verdict`, doubts into
+   `doubtful`, and the rest into `remarks`. `campaign.campaign_findings` gathers all findings for
+   `findings.csv`, from which `campaign.causes_in_campaign` counts trials for `summary.json`, and
+   `report.trial_page` shows each trial its own.
 
-The code says `friction`; readers see the title of `findings.yaml`. Words decide nothing.
+The code says `torque_path`; readers see the title of `findings.yaml`. Words decide nothing.
 """

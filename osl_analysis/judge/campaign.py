@@ -3,7 +3,6 @@ causes with their trials, in the same words at the end of a run, by `results` an
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from statistics import mode
 from typing import Any
 
 import polars as pl
@@ -17,11 +16,10 @@ from osl_analysis.judge.finding import (
     Grade,
     WordedFinding,
     Words,
-    cell_number,
     subject_of,
 )
-from osl_analysis.judge.judging import estimate_column, judged
-from osl_analysis.judge.known_findings import CHECKS, FINDINGS, known_finding, rule_of
+from osl_analysis.judge.judging import EXCLUDED, judged
+from osl_analysis.judge.known_findings import CHECKS, FINDINGS, known_finding
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.judge.recording_checks import (
     BY_SHEET,
@@ -40,7 +38,10 @@ QUALITY = "quality"
 
 
 def campaign_findings(
-    tables: Mapping[str, pl.DataFrame], verdicts: pl.DataFrame, limits: DoubtfulFits
+    tables: Mapping[str, pl.DataFrame],
+    verdicts: pl.DataFrame,
+    limits: DoubtfulFits,
+    budget: pl.DataFrame | None = None,
 ) -> list[WordedFinding]:
     """Judge all trials of a campaign.
 
@@ -52,6 +53,8 @@ def campaign_findings(
         `quality.csv`.
     limits : DoubtfulFits
         Accuracy and limits of the configuration.
+    budget : polars.DataFrame, optional
+        `budget.csv`.
 
     Returns
     -------
@@ -68,7 +71,7 @@ def campaign_findings(
     faults = spoiled_trials(verdicts)
     fits = {name: table for name, table in tables.items() if name in JUDGED_TABLES}
     for name, table in fits.items():
-        by_row = judged(table, limits.of(name), name, faults)
+        by_row = judged(table, limits.of(name), name, faults, budget)
         for row, of_row in zip(table.iter_rows(named=True), by_row, strict=True):
             of_fits.extend(WordedFinding(finding, words_of(finding, row)) for finding in of_row)
     doubts = [worded for worded in of_fits if worded.finding.grade is Grade.DOUBTS]
@@ -215,7 +218,7 @@ def judged_tables_of(tables: Mapping[str, pl.DataFrame]) -> Iterator[JudgedTable
             rows = tables.get(name, pl.DataFrame())
             if DOUBTFUL not in rows.columns:
                 continue
-            of_judged = rows.drop_nulls(DOUBTFUL).to_dicts()
+            of_judged = [row for row in rows.to_dicts() if row.get(EXCLUDED) is None]
             last_rows = {subject_of(row): row for row in of_judged}
             kind = "" if name in of_groups else " trials"
             subject = (origin or name).replace("_", " ") + kind
@@ -303,16 +306,9 @@ def flags_by_check(
         yield from by_cause(failed, "flagged", "trials", checked)
 
 
-def shown_size(finding: Finding, column: str, row: AnyRow) -> float:
-    """How large a finding is by the number with which its sentence begins, beyond its limit; in the
-    unit of its estimate where the sentence has that. 0 where it begins with another column."""
-    if first_column(finding) != column or not column:
-        return 0.0
-    size = finding.evidence[0].excess
-    rule = rule_of(column)
-    if not rule.in_unit:
-        return size
-    return size * abs(cell_number(row, estimate_column(finding.table, str(rule.above))) or 0.0)
+def excess_of(finding: Finding) -> float:
+    """By how much its first number is beyond its limit; 0 without any."""
+    return finding.evidence[0].excess if finding.evidence else 0.0
 
 
 def first_column(finding: Finding) -> str:
@@ -330,14 +326,10 @@ def by_cause(
     causes: dict[tuple[str, str], dict[str, WordedFinding]] = {}
     for worded in findings:
         rule = worded.finding.rule
-        key = (worded.finding.name, rule.when if rule else "")
+        key = (worded.finding.name, str(rule.says) if rule else "")
         causes.setdefault(key, {})[worded.finding.subject] = worded
     for (name, _), by_trial in causes.items():
-        column = mode(first_column(of_trial.finding) for of_trial in by_trial.values())
-        worst = max(
-            by_trial,
-            key=lambda trial: shown_size(by_trial[trial].finding, column, rows.get(trial, NO_ROW)),
-        )
+        worst = max(by_trial, key=lambda trial: excess_of(by_trial[trial].finding))
         words = by_trial[worst].words
         if words.says and len({of_trial.words.says for of_trial in by_trial.values()}) > 1:
             words = words._replace(says=f"{words.says} (in {worst})")

@@ -69,7 +69,9 @@ class Finding:
     amplitude_deg, frequency_hz
         Those of the row; None: all.
     rule
-        That of a condition, which may have words of its own; None: its evidence decides.
+        That of what is missing, which may have words of its own; None: its evidence decides.
+    size
+        How large it is, in words, where a budget tells it.
 
     Examples
     --------
@@ -86,6 +88,7 @@ class Finding:
     amplitude_deg: float | None = None
     frequency_hz: float | None = None
     rule: Rule | None = None
+    size: str = ""
 
     @property
     def cause(self) -> str:

@@ -1,21 +1,17 @@
-"""Findings about the rows of result tables, from the rules and the configured limits, and the
-tables with them.
-
-What a known cause explains, such as a low VAF due to friction, is no finding of its own.
-"""
+"""Findings about the rows of result tables, from the budgets of their estimates, from the rules and
+the configured limits, and the tables with them."""
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
 from typing import Any
 
 import polars as pl
 
+from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.judge.finding import AnyRow, Beyond, Finding, Grade, cell_number, subject_of
 from osl_analysis.judge.known_findings import (
-    FAMILIES,
     FINDINGS,
     RULES,
     SIDES,
@@ -25,12 +21,18 @@ from osl_analysis.judge.known_findings import (
     rule_of,
 )
 from osl_analysis.judge.limits import Limits
+from osl_analysis.measured import significant
+from osl_analysis.stats.budget import CLEAR, FLOOR, WIDE, Budget, Verdict, budgets_in
 from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.units import known_factor
 
 EXCLUDED = "reason"  # column: why a row has no fit; null in rows with a fit
 BETWEEN = "; "  # titles of findings in a cell
 FAR_BEYOND = 1.15  # of a limit: a cause of others that is farther beyond it precedes them
+SYMBOLS = ("K", "B", "I")
+UNEXPLAINED = "unexplained_torque"
+WITHOUT_FRICTION = {"K": "K_without_friction", "B": "B_viscous", "I": "I_without_friction"}
+"""The estimates that are judged where friction is certain."""
 
 
 class NearUnit:
@@ -47,11 +49,30 @@ class NearUnit:
 
 RowFindings = list[list[Finding]]  # for each row of a table
 Numbers = dict[str, Beyond]  # numbers of a row beyond their limits, by column
-Cause = tuple[KnownFinding, tuple[Beyond, ...]]  # a cause of doubt with its evidence
+
+
+@dataclass(frozen=True)
+class Judged:
+    """An estimate with its budget and its verdict."""
+
+    symbol: str  # K, B or I, whose accuracy it needs
+    name: str  # its column
+    unit: str
+    budget: Budget
+    verdict: Verdict
+    needed: float
+
+    def moved(self, by: float | None) -> str:
+        """What a source would change, in words."""
+        return f"{self.name} by up to {significant(by or 0.0)} {self.unit}"
 
 
 def judged(
-    table: pl.DataFrame, limits: Limits, name: str, faults: Mapping[str, str] | None = None
+    table: pl.DataFrame,
+    limits: Limits,
+    name: str,
+    faults: Mapping[str, str] | None = None,
+    budget: pl.DataFrame | None = None,
 ) -> RowFindings:
     """Judge each row of a table.
 
@@ -64,70 +85,221 @@ def judged(
     name : str
         The name of the table.
     faults : Mapping of str to str, optional
-        By trial, the finding of a failed check of its recording beside which no estimate can be
-        trusted (`recording_checks.spoiled_trials`).
+        By trial, the finding of a failed check of its recording, which names the cause where an
+        estimate is doubtful (`recording_checks.spoiled_trials`).
+    budget : polars.DataFrame, optional
+        `budget.csv`.
 
     Returns
     -------
     list of list of Finding
-        For each row doubts in the order of their limits, remarks on the device, then what could
-        not be checked; nothing of faults that move the estimates by less than their accuracy. Rows
-        without a fit have none.
+        For each row doubts, remarks, then what could not be checked. Rows without a fit have none.
     """
-    accuracy = limits.accuracy.model_dump()
-    needed = {f"accuracy_{symbol}": pl.lit(share) for symbol, share in accuracy.items()}
-    table = table.with_columns(**needed)
     rules = rules_on(name, table.columns, limits)
-    conditions = [rule.condition.alias(str(k)) for k, rule in enumerate(rules) if rule.when]
-    holds = table.select(conditions).to_dict(as_series=False)
-    rows = table.to_dicts()
-    met = [
-        [
-            rule
-            for k, rule in enumerate(rules)
-            if row.get(EXCLUDED) is None and (not rule.when or holds[str(k)][at])
-        ]
-        for at, row in enumerate(rows)
-    ]
-    beyond = [numbers_beyond(row, of_row, accuracy) for row, of_row in zip(rows, met, strict=True)]
-    # fits to whole trials, beside fits to single amplitudes
-    are_whole = [row.get("amplitude_deg", "") is None for row in rows]
-    of_whole = {row.get("trial"): beyond[k] for k, row in enumerate(rows) if are_whole[k]}
-    # at one amplitude friction looks like a fault of the recording; over all amplitudes it does not
-    for numbers, row in zip(beyond, rows, strict=True):
-        shown = of_whole.get(row.get("trial"), numbers)
-        for column, number in list(numbers.items()):
-            if known_finding(number.finding).of_recording and column not in shown:
-                del numbers[column]
-
-    # what explains the misfit of a trial, by the fit to all of it before those to its amplitudes
-    misfit_by: dict[object, KnownFinding | None] = {}
-    for k in sorted(range(len(rows)), key=lambda k: not are_whole[k]):
-        trial = rows[k].get("trial")
-        misfit_by[trial] = misfit_by.get(trial) or explaining(beyond[k])
-
+    budgets_of = rows_by_fit(budget)
     findings: RowFindings = []
-    for row, numbers, of_row in zip(rows, beyond, met, strict=True):
-        causes = causes_in(numbers, misfit_by[row.get("trial")])
+    for row in table.to_dicts():
+        if row.get(EXCLUDED) is not None:
+            findings.append([])
+            continue
+        budgets = budgets_in(budgets_of.get(fit_of(row), ()), row)
+        estimates = judged_estimates(name, budgets, limits)
         fault = FINDINGS.get((faults or {}).get(str(row.get("trial")), ""))
-        without_number = [rule for rule in of_row if not rule.column]
-        findings.append(findings_of_row(name, row, with_effects(causes, fault), without_number))
+        findings.append(findings_of_row(name, row, estimates, rules, fault))
     return findings
 
 
+def fit_of(row: AnyRow) -> tuple[object, object]:
+    """What tells the fit of a row: trial and amplitude."""
+    return row.get("trial"), row.get("amplitude_deg")
+
+
+def rows_by_fit(budget: pl.DataFrame | None) -> dict[tuple[object, object], list[dict[str, Any]]]:
+    """The rows of `budget.csv` by trial and amplitude."""
+    by_fit: dict[tuple[object, object], list[dict[str, Any]]] = {}
+    for row in [] if budget is None else budget.to_dicts():
+        by_fit.setdefault(fit_of(row), []).append(row)
+    return by_fit
+
+
+def judged_estimates(table: str, budgets: Mapping[str, Budget], limits: Limits) -> list[Judged]:
+    """The estimates of a row with their verdicts: those without friction where this is certain."""
+    experiment = next(
+        (e for e in EXPERIMENTS.values() if table in [t.name for t in e.tables]), None
+    )
+    columns = experiment.impedance if experiment else ()
+    accuracy = limits.accuracy.model_dump()
+    described = described_tables_by_name()[table]
+    units = {**described.columns, **described.of_fits}
+    found = []
+    for symbol, own in zip(SYMBOLS, columns, strict=False):
+        name = WITHOUT_FRICTION[symbol] if WITHOUT_FRICTION[symbol] in budgets else own
+        if name in budgets:
+            budget = budgets[name]
+            needed = accuracy[symbol] * math.hypot(budget.value, FLOOR[symbol])
+            verdict = budget.verdict(needed)
+            found.append(Judged(symbol, own, units[name].unit, budget, verdict, needed))
+    return found
+
+
+def findings_of_row(
+    table: str,
+    row: AnyRow,
+    estimates: Sequence[Judged],
+    rules: Sequence[Rule],
+    fault: KnownFinding | None,
+) -> list[Finding]:
+    """What a row is doubted for, what is worth knowing of it, and what could not be checked."""
+    numbers = numbers_beyond(row, [rule for rule in rules if rule.column and rule.holds(row)])
+    are_weighed = any(e.budget.of_source(UNEXPLAINED) for e in estimates)
+    by_estimate = {estimate.symbol: estimate for estimate in estimates}
+    for column, number in list(numbers.items()):
+        estimate = by_estimate.get(number.rule.explained_by)
+        if known_finding(number.finding).spoils_estimates and are_weighed:
+            fault = fault or known_finding(number.finding)
+            del numbers[column]
+        elif estimate and explains(estimate, number):
+            del numbers[column]
+
+    found = [*doubts_of(estimates, fault), *of_numbers(numbers, row)]
+    found += properties_of(estimates)
+    names = {finding.name for finding in found}
+    found = [
+        finding
+        for finding in found
+        if not any(names & set(number.rule.unless) for number in finding.evidence)
+    ]
+    found += not_checked(estimates)
+    for rule in rules:
+        if not rule.column and rule.holds(row) and not names & set(rule.unless):
+            found.append(Finding(rule.finding, "", "", Grade(rule.grade), rule=rule))
+    order = list(Grade)
+    found.sort(key=lambda finding: order.index(finding.grade))
+    return [
+        replace(
+            finding,
+            table=table,
+            subject=subject_of(row),
+            amplitude_deg=cell_number(row, "amplitude_deg"),
+            frequency_hz=cell_number(row, "frequency_hz") if finding.evidence else None,
+        )
+        for finding in found
+    ]
+
+
+def explains(estimate: Judged, number: Beyond) -> bool:
+    """Whether the doubt about an estimate explains its ratio to a known value: it moves the
+    estimate by half as much."""
+    worst = estimate.verdict.worst
+    moved = 2 * (worst.standard or 0.0) if worst else 0.0
+    return moved >= abs(number.value - 1) * abs(estimate.budget.value)
+
+
+def doubts_of(estimates: Sequence[Judged], fault: KnownFinding | None) -> list[Finding]:
+    """The doubts that budgets tell, by their source; `fault` is what a check of the recording
+    found, and names them."""
+    by_source: dict[str, list[Judged]] = {}
+    for estimate in estimates:
+        if estimate.verdict.worst is not None:
+            by_source.setdefault(estimate.verdict.name, []).append(estimate)
+    if len(by_source) > 1 and UNEXPLAINED in by_source:
+        # of a trial with a named cause it is what this leaves
+        left = by_source.pop(UNEXPLAINED)
+        max(by_source.values(), key=len).extend(left)
+    found = []
+    for source, doubted in by_source.items():
+        name = fault.name if fault else source
+        evidence = tuple(
+            Beyond(estimate.name, estimate.verdict.size, estimate.verdict.limit, "above", name)
+            for estimate in doubted
+        )
+        found.append(
+            Finding(name, "", "", Grade.DOUBTS, evidence, size=doubt_text(source, doubted))
+        )
+    return found
+
+
+def doubt_text(source: str, doubted: Sequence[Judged]) -> str:
+    """What a source would do to estimates: their names and sizes, and what it leaves unexplained
+    where that matters, too."""
+    moved = [estimate for estimate in doubted if estimate.verdict.name == source]
+    details = dict.fromkeys(row.detail for each in moved for row in each.verdict.rows if row.detail)
+    what = ", ".join(details) or "it"
+    sizes = ", ".join(estimate.moved(estimate.verdict.size) for estimate in moved)
+    text = f"{what} would change {sizes}"
+    left = [
+        estimate.moved(each.standard)
+        for estimate in doubted
+        for each in estimate.budget.of_source(UNEXPLAINED)
+        if source != UNEXPLAINED and (each.standard or 0.0) > estimate.verdict.limit
+    ]
+    if left:
+        text += f". Torque that it leaves unexplained could change {', '.join(left)}"
+    return text
+
+
+def of_numbers(numbers: Numbers, row: AnyRow) -> list[Finding]:
+    """The numbers beyond their limits by their causes: causes of others first, unknown last."""
+    by_cause: dict[tuple[str, str], list[Beyond]] = {}
+    for number in sorted(numbers.values(), key=rank_of):
+        grade = "notes" if known_finding(number.finding).is_result else number.rule.grade
+        by_cause.setdefault((number.finding, grade), []).append(number)
+    return [
+        Finding(name, "", "", Grade(grade), tuple(evidence))
+        for (name, grade), evidence in by_cause.items()
+    ]
+
+
+def properties_of(estimates: Sequence[Judged]) -> list[Finding]:
+    """Remarks: properties of the device that change an estimate by more than is needed, and
+    intervals that are wider."""
+    by_source: dict[str, list[tuple[Judged, float]]] = {}
+    for estimate in estimates:
+        for each in estimate.budget.of_parts("motion"):
+            change = 2 * (each.standard or 0.0)  # from one end of the range to the other
+            if each.source in FINDINGS and change > estimate.needed:
+                by_source.setdefault(each.source, []).append((estimate, change))
+        if estimate.verdict.name == WIDE:
+            half = estimate.budget.half_width()
+            by_source.setdefault("wide_interval", []).append((estimate, half))
+    found = []
+    for source, changes in by_source.items():
+        sizes = dict.fromkeys(estimate.moved(change) for estimate, change in changes)
+        evidence = tuple(
+            Beyond(estimate.name, change, estimate.needed, "above", source)
+            for estimate, change in changes
+        )
+        found.append(Finding(source, "", "", Grade.NOTES, evidence, size=", ".join(sizes)))
+    return found
+
+
+def not_checked(estimates: Sequence[Judged]) -> list[Finding]:
+    """What nobody has measured, with what it would change per unit."""
+    sizes: dict[str, list[str]] = {}
+    for estimate in estimates:
+        for each in estimate.budget.unknown:
+            of_source = sizes.setdefault(each.source, [])
+            if each.per:
+                of_source.append(f"{estimate.name} {each.per}{each.detail or ''}")
+    return [
+        Finding(source, "", "", Grade.UNCHECKED, size=", ".join(texts))
+        for source, texts in sizes.items()
+    ]
+
+
 def rules_on(table: str, columns: Collection[str], limits: Limits) -> list[Rule]:
-    """The rules on a table with these columns: those of `findings.yaml`, and those whose limits the
-    configuration states."""
-    rules = [rule for rule in RULES if rule.concerns(table, columns)]
+    """The rules on a table with these columns: those whose limits the configuration states, and
+    those of `findings.yaml`."""
+    rules = []
     for side in SIDES:
         for column, value in getattr(limits, side).items():
             if column in columns:
                 no_other = dict.fromkeys(SIDES)
                 rules.append(replace(rule_of(column, side), **{**no_other, side: value}))
-    return rules
+    return [*rules, *(rule for rule in RULES if rule.concerns(table, columns))]
 
 
-def numbers_beyond(row: AnyRow, rules: Sequence[Rule], accuracy: Mapping[str, float]) -> Numbers:
+def numbers_beyond(row: AnyRow, rules: Sequence[Rule]) -> Numbers:
     """Find the numbers of a row that are beyond their limits.
 
     Parameters
@@ -135,9 +307,7 @@ def numbers_beyond(row: AnyRow, rules: Sequence[Rule], accuracy: Mapping[str, fl
     row : AnyRow
         A null is not checked.
     rules : Sequence of Rule
-        Those on its table (`rules_on`) whose conditions it meets.
-    accuracy : Mapping of str to float
-        That K, B and I need.
+        Those on its table (`rules_on`).
 
     Returns
     -------
@@ -148,8 +318,9 @@ def numbers_beyond(row: AnyRow, rules: Sequence[Rule], accuracy: Mapping[str, fl
     for rule in rules:
         column = rule.column
         value = cell_number(row, column)
-        low, high = rule.ends(accuracy)
-        if value is None or math.isinf(low) or column in numbers:  # without a limit, or judged
+        low, high = rule.ends
+        has_limit = math.isfinite(low) or math.isfinite(high)
+        if value is None or not has_limit or column in numbers:
             continue
         unit, is_unit = unit_of_ratio(rule, value, row)
         if math.isnan(value):
@@ -162,11 +333,9 @@ def numbers_beyond(row: AnyRow, rules: Sequence[Rule], accuracy: Mapping[str, fl
             side = "near"
         else:
             continue
-        finding = FAMILIES.get(str(row.get(rule.finding)), rule.finding)
         limit = low if side == "below" or math.isinf(high) else high
-        numbers[column] = Beyond(
-            column, value, limit, side, "wrong_unit" if is_unit else finding, unit, rule
-        )
+        finding = "wrong_unit" if is_unit else rule.finding
+        numbers[column] = Beyond(column, value, limit, side, finding, unit, rule)
     return numbers
 
 
@@ -198,13 +367,6 @@ def unit_of_ratio(rule: Rule, ratio: float, row: AnyRow) -> tuple[str, bool]:
     return known_factor(ratio, rule.units, near), False
 
 
-def explaining(numbers: Numbers) -> KnownFinding | None:
-    """The first cause in a row that makes its fit worse; harmonics alone count as friction."""
-    by_misfit = sorted(numbers.values(), key=lambda number: number.rule.misfit)
-    causes = (known_finding(number.finding) for number in by_misfit)
-    return next((cause for cause in causes if cause.explains_misfit), None)
-
-
 def rank_of(number: Beyond) -> int:
     """The place of evidence among that of its row: causes of others first, unknown ones last."""
     if number.finding not in FINDINGS:
@@ -212,81 +374,42 @@ def rank_of(number: Beyond) -> int:
     return 0 if FINDINGS[number.finding].causes_others and number.excess > FAR_BEYOND else 1
 
 
-def causes_in(numbers: Numbers, misfit_by: KnownFinding | None) -> list[Cause]:
-    """Order the numbers of a row by their causes: causes of others first, unknown ones last.
-    `misfit_by` explains the misfit of the trial, and takes the columns that show it."""
-    numbers_of: dict[str, list[Beyond]] = {}
-    for number in sorted(numbers.values(), key=rank_of):
-        name = misfit_by.name if misfit_by and number.rule.misfit else number.finding
-        numbers_of.setdefault(name, []).append(number)
-    return [(known_finding(name), tuple(of)) for name, of in numbers_of.items()]
+def short_list(findings: Sequence[Finding]) -> str | None:
+    """The doubts about a row in one cell, with the estimates that they are about where a budget
+    tells it; None without any."""
+    texts = []
+    for finding in findings:
+        if finding.grade is Grade.DOUBTS:
+            names = ", ".join(e.column for e in finding.evidence) if finding.size else ""
+            texts.append(f"{names}: {finding.cause}" if names else finding.cause)
+    return BETWEEN.join(dict.fromkeys(texts)) or None
 
 
-def with_effects(causes: list[Cause], fault: KnownFinding | None) -> list[Cause]:
-    """Causes of which those that may be effects of a fault of the recording are evidence of it.
-    `fault` is what a check of the recording found; None: what the row shows."""
-    fault = fault or next((cause for cause, _ in causes if cause.spoils_estimates), None)
-    effects: list[Beyond] = []
-    others = []
-    for cause, numbers in causes:
-        if cause is fault or cause.explains_misfit or cause.is_misfit:
-            effects += numbers
-        else:
-            others.append((cause, numbers))
-    return [(fault, tuple(effects)), *others] if fault and effects else causes
-
-
-def findings_of_row(
-    table: str, row: AnyRow, causes: Sequence[Cause], conditions: Sequence[Rule]
-) -> list[Finding]:
-    """The doubts about a row by their causes, remarks on properties of the device, and what could
-    not be checked."""
-    finding = partial(
-        Finding,
-        table=table,
-        subject=subject_of(row),
-        amplitude_deg=cell_number(row, "amplitude_deg"),
-    )
-    doubts = [cause for cause, _ in causes if not cause.is_result]
-    are_explained = any(doubt.explains_misfit for doubt in doubts)
-    findings = [
-        finding(
-            name=cause.name,
-            grade=Grade.NOTES if cause.is_result else Grade.DOUBTS,
-            evidence=numbers,
-            frequency_hz=cell_number(row, "frequency_hz"),
-        )
-        for cause, numbers in sorted(causes, key=lambda cause: cause[0].is_result)
-        if not (are_explained and cause.is_misfit)
-    ]
-    names = {cause.name for cause, _ in causes}
-    findings += [
-        finding(name=rule.finding, grade=Grade(rule.grade), rule=rule)
-        for rule in conditions
-        if not names & set(rule.unless)
-    ]
-    return findings
-
-
-def cell_of_causes(findings: Sequence[Finding], are_doubts: bool) -> str:
-    """The causes of doubt about a row in one cell, or those of its other findings."""
-    causes = [
-        finding.cause for finding in findings if (finding.grade is Grade.DOUBTS) == are_doubts
-    ]
-    return BETWEEN.join(dict.fromkeys(causes))
+def verdicts_of(findings: Sequence[Finding]) -> dict[str, str]:
+    """The verdict on K, B and I of a row by its findings."""
+    verdicts = dict.fromkeys(SYMBOLS, CLEAR)
+    for finding in reversed(findings):
+        concerned = [each.column for each in finding.evidence] if finding.size else SYMBOLS
+        if finding.grade is Grade.DOUBTS:
+            verdicts |= dict.fromkeys(concerned, finding.cause)
+        elif finding.name == "wide_interval":
+            verdicts |= dict.fromkeys(concerned, WIDE)
+    return verdicts
 
 
 def marked(table: pl.DataFrame, findings: RowFindings, name: str) -> pl.DataFrame:
-    """The table `name` with the column `DOUBTFUL`, the causes of doubt about each row (empty: none;
-    null: no fit), and with `remarks`, which also says what could not be checked, if the table has
-    it."""
-    is_fit = pl.col(EXCLUDED).is_null() if EXCLUDED in table.columns else pl.lit(True)
-    doubts = pl.Series([cell_of_causes(row, True) for row in findings], dtype=pl.String)
-    other_causes = pl.Series([cell_of_causes(row, False) for row in findings], dtype=pl.String)
-    table = table.with_columns(pl.when(is_fit).then(doubts).alias(DOUBTFUL))
-    if "remarks" not in described_tables_by_name()[name].columns:
-        return table
-    return table.with_columns(remarks=other_causes.replace("", None))
+    """The table `name` with the column `DOUBTFUL`, the causes of doubt about each row (null: none),
+    and, if the table has them, with a verdict on K, B and I, and with `remarks`, which also says
+    what could not be checked."""
+    described = described_tables_by_name()[name].columns
+    columns: dict[str, list[str | None]] = {DOUBTFUL: [short_list(row) for row in findings]}
+    for symbol in SYMBOLS:
+        if f"{symbol}_verdict" in described:
+            columns[f"{symbol}_verdict"] = [verdicts_of(row)[symbol] for row in findings]
+    if "remarks" in described:
+        others = [[f.cause for f in row if f.grade is not Grade.DOUBTS] for row in findings]
+        columns["remarks"] = [BETWEEN.join(dict.fromkeys(row)) or None for row in others]
+    return table.with_columns(pl.Series(name, of, pl.String) for name, of in columns.items())
 
 
 def results_in(remarks: str | None) -> list[str]:
@@ -312,25 +435,17 @@ def with_inherited(
     origin, findings_of_origin
         The rows of the other table, and the findings about them.
     """
-    doubts_by_fit: dict[tuple[Any, ...], list[Finding]] = {}
-    for fit, of_row in zip(trials_and_amplitudes(origin), findings_of_origin, strict=True):
+    doubts_by_fit: dict[object, list[Finding]] = {}
+    for fit, of_row in zip(map(fit_of, origin.to_dicts()), findings_of_origin, strict=True):
         doubts_by_fit[fit] = [finding for finding in of_row if finding.grade is Grade.DOUBTS]
-    extended: RowFindings = []
-    for fit, of_row in zip(trials_and_amplitudes(table), findings, strict=True):
-        extended.append([*of_row, *doubts_by_fit.get(fit, ())])
-    return extended
-
-
-def trials_and_amplitudes(table: pl.DataFrame) -> list[tuple[Any, ...]]:
-    """The trial and the amplitude of each row; None for the amplitude of a whole trial."""
-    amplitude = pl.col("amplitude_deg") if "amplitude_deg" in table.columns else pl.lit(None)
-    return table.select("trial", amplitude=amplitude).rows()
-
-
-NAMES_IN_TABLE = {("belt", "K"): "K_s", ("transmission", "B"): "B_j", ("transmission", "I"): "J_j"}
-"""Columns of the stiffness, damping and inertia of tables that do not call them K, B and I."""
-
-
-def estimate_column(table: str, symbol: str) -> str:
-    """The column of K, B or I in a table."""
-    return NAMES_IN_TABLE.get((table, symbol), symbol)
+    return [
+        [
+            *of_row,
+            *(
+                doubt
+                for fit in {(trial, at), (trial, None)}
+                for doubt in doubts_by_fit.get(fit, ())
+            ),
+        ]
+        for (trial, at), of_row in zip(map(fit_of, table.to_dicts()), findings, strict=True)
+    ]

@@ -1,13 +1,10 @@
 """The findings that a trial can have, and the rules that find them (`findings.yaml`)."""
 
 import math
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
-
-import polars as pl
 
 from osl_analysis.files import own_yaml
 
@@ -28,20 +25,15 @@ class KnownFinding:
         What is wrong, and what to do, with columns of the row in braces.
     brief
         The remedy in a few words, where it has many.
-    explains_misfit
-        Whether it makes a fit worse, so that the misfit of the same trial is no finding of its own.
-    of_recording
-        Whether it is a fault of the recording, which does not depend on amplitude: the fit to all
-        of a trial must show it, too.
+    unseen, unseen_remedy
+        The same, where it could not be checked.
     causes_others
         Whether it brings about other findings, as a wrong unit or sign does.
     is_result
         Whether it is a property of the device, which is then not of second order: the fit is what
         it says, and not doubtful.
     spoils_estimates
-        Whether no estimate can be told beside it: other causes of a misfit may be its effect.
-    is_misfit
-        Whether it is a misfit without a known cause.
+        Whether it names the cause where an estimate is doubtful.
     """
 
     name: str
@@ -49,12 +41,11 @@ class KnownFinding:
     says: Texts
     remedy: Texts = ""
     brief: str = ""
-    explains_misfit: bool = False
-    of_recording: bool = False
+    unseen: str = ""
+    unseen_remedy: str = ""
     causes_others: bool = False
     is_result: bool = False
     spoils_estimates: bool = False
-    is_misfit: bool = False
 
 
 SIDES = ("above", "below", "ratio")  # of limits
@@ -62,49 +53,61 @@ SIDES = ("above", "below", "ratio")  # of limits
 
 @dataclass(frozen=True)
 class Rule:
-    """When a row of a result table has a finding: a number is beyond a limit, a condition holds, or
-    both.
+    """When a row of a result table has a finding: a number is beyond a limit, or is missing.
 
     `findings.yaml` says what each field means.
     """
 
     finding: str
     column: str = ""
-    above: float | Literal["K", "B", "I"] | None = None
+    above: float | None = None
     below: float | None = None
     ratio: float | None = None
-    when: str = ""
+    within: Mapping[str, float] = field(default_factory=dict)
+    without: Collection[str] = ()
+    given: Collection[str] = ()
     tables: Collection[str] = ()
-    in_unit: bool = False
-    misfit: bool = False
     units: Sequence[str] = ()
     second: str = ""
     to_stated: bool = False
+    explained_by: str = ""
     unless: Collection[str] = ()
-    grade: Literal["not checked", "notes", "doubts"] = "not checked"
+    grade: Literal["not checked", "notes", "doubts"] = "doubts"
     says: Texts = ""
     remedy: Texts = ""
 
-    @cached_property
-    def condition(self) -> pl.Expr:
-        """The condition `when`; a null is none."""
-        return pl.sql_expr(self.when).fill_null(value=False)
-
     def concerns(self, table: str, columns: Collection[str]) -> bool:
         """Whether the rule is about a table with these columns."""
-        needed = self.condition.meta.root_names() if self.when else []
-        if self.column:
-            needed.append(self.column)
-        return (not self.tables or table in self.tables) and set(needed) <= set(columns)
+        needed = {*self.within, *self.given, *self.without, *filter(None, [self.column])}
+        return (not self.tables or table in self.tables) and needed <= set(columns)
 
-    def ends(self, accuracy: Mapping[str, float]) -> tuple[float, float]:
-        """The lowest and the highest number that are not beyond its limit, by the accuracy that K,
-        B and I need."""
+    def holds(self, row: Mapping[str, object]) -> bool:
+        """Whether a row is within all limits of `within`, and has what it should."""
+        sizes = [row.get(column) for column in self.within]
+        limits = self.within.values()
+        return (
+            all(row.get(column) is None for column in self.without)
+            and all(row.get(column) is not None for column in self.given)
+            and all(
+                isinstance(size, int | float) and abs(size) < limit
+                for size, limit in zip(sizes, limits, strict=True)
+            )
+        )
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The lowest and the highest number that are not beyond its limit."""
         if self.ratio is not None:
             return 1 / self.ratio, self.ratio
-        above = accuracy[self.above] if isinstance(self.above, str) else self.above
-        high = math.inf if above is None else above
+        high = math.inf if self.above is None else self.above
         return -high if self.below is None else self.below, high
+
+
+def rules_of(fields: Mapping[str, Any]) -> Iterator[Rule]:
+    """A rule on each of the columns that an entry of `findings.yaml` names."""
+    others = {name: value for name, value in fields.items() if name != "columns"}
+    for column in fields.get("columns", [fields.get("column", "")]):
+        yield Rule(**{**others, "column": column})
 
 
 TOLERANCE = 1e-3  # of a threshold: clocks of 100 Hz that nobody set run at 99.99 Hz
@@ -133,19 +136,18 @@ class Check:
 
 CONTENT: dict[str, Any] = own_yaml(Path(__file__).with_name("findings.yaml"))
 FINDINGS = {name: KnownFinding(name, **fields) for name, fields in CONTENT["findings"].items()}
-RULES = [Rule(**fields) for fields in CONTENT["rules"]]
+RULES = [rule for fields in CONTENT["rules"] for rule in rules_of(fields)]
 CHECKS = {name: Check(name, **fields) for name, fields in CONTENT["checks"].items()}
-FAMILIES: dict[str, str] = CONTENT["families"]
-"""Findings by family of the rivals that the inference weighs."""
 
 
 def rule_of(column: str, side: str = "above", table: str = "") -> Rule:
-    """The rule on a number beyond a limit on this side, of any table if none is named, with its
-    words; of a column that has none, one without words."""
+    """The rule by which a number beyond a limit on this side is a doubt, of any table if none is
+    named, with its words; of a column that has none, one without words."""
     of_column = [
         rule
         for rule in RULES
-        if rule.column == column and (not table or not rule.tables or table in rule.tables)
+        if (rule.column, rule.grade) == (column, "doubts")
+        and (not table or not rule.tables or table in rule.tables)
     ]
     on_side = [rule for rule in of_column if getattr(rule, side) is not None]
     return next(iter([*on_side, *of_column]), Rule(finding=column, column=column))

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from string import Formatter
 from typing import Any
 
-from osl_analysis.judge.finding import AnyRow, Beyond, Finding, Words, cell_number
+from osl_analysis.judge.finding import AnyRow, Beyond, Finding, Grade, Words, cell_number
 from osl_analysis.judge.known_findings import FINDINGS, Texts, known_finding
 from osl_analysis.measured import decimal_places, significant, with_places
 
@@ -27,15 +27,19 @@ def words_of(finding: Finding, row: AnyRow) -> Words:
         return Words(evidence_text(finding), "", "")
     kind = known_finding(finding.name)
     rule = finding.rule
-    says = (rule.says if rule else "") or kind.says
-    remedy = (rule.remedy if rule else "") or kind.remedy
+    says, remedy = kind.says, kind.remedy
+    if finding.grade is Grade.UNCHECKED:
+        says, remedy = kind.unseen or says, kind.unseen_remedy or remedy
+    says = (rule.says if rule else "") or says
+    remedy = (rule.remedy if rule else "") or remedy
     cells = cells_of(row)
     return Words(filled(says, cells), size_text(finding, row), capital(filled(remedy, cells)))
 
 
 def size_text(finding: Finding, row: AnyRow) -> str:
-    """How large a cause is in this row, by its numbers."""
-    # a misfit that another cause explains is told by that cause
+    """How large a cause is in this row, by its budget or its numbers."""
+    if finding.size:
+        return finding.size
     details = [
         filled(number.rule.says, cells_of(row, number))
         for number in finding.evidence

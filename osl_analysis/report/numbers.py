@@ -19,8 +19,7 @@ from osl_analysis.report.typography import in_latex
 from osl_analysis.stats.repeats import (
     OWN_CONDITION,
     RANGE,
-    counted,
-    doubts_of_trials,
+    is_doubtful,
     summary_row,
 )
 from osl_analysis.table import SCHEMA, SCHEMA_FIELD
@@ -144,7 +143,7 @@ def headline_numbers(
     for entry in ENTRIES:
         says = "" if entry.unless in present else entry.says
         for part, keys in parts_of[entry.name]:
-            if len(counted(part)):
+            if not part["left_out"].all():
                 yield number_of(entry, part, keys, says, beside_draft)
 
 
@@ -152,12 +151,17 @@ def parts(entry: Entry, table: pl.DataFrame) -> list[tuple[pl.DataFrame, list[st
     """The rows of each number of an entry, with the number and its interval, and the columns in
     which they agree; none where the table lacks a column that the entry asks for."""
     try:
-        rows = doubts_of_trials(table).filter(pl.sql_expr(entry.where))
-        rows = rows.with_columns(
-            number=pl.sql_expr(entry.value).cast(pl.Float64),
-            number_low=pl.sql_expr(entry.low).cast(pl.Float64),
-            number_high=pl.sql_expr(entry.high).cast(pl.Float64),
-        ).rename({f"{entry.value}_se_bench": "number_se_bench"}, strict=False)
+        names = pl.sql_expr(entry.value).meta.root_names()
+        rows = table.with_columns(left_out=is_doubtful(table, names))
+        rows = (
+            rows.filter(pl.sql_expr(entry.where))
+            .with_columns(
+                number=pl.sql_expr(entry.value).cast(pl.Float64),
+                number_low=pl.sql_expr(entry.low).cast(pl.Float64),
+                number_high=pl.sql_expr(entry.high).cast(pl.Float64),
+            )
+            .rename({f"{entry.value}_se_bench": "number_se_bench"}, strict=False)
+        )
     except pl.exceptions.ColumnNotFoundError:
         return []
     rows = rows.filter(pl.col("number").is_finite())
@@ -175,7 +179,7 @@ def number_of(
     entry: Entry, rows: pl.DataFrame, keys: Sequence[str], says: str, beside_draft: bool
 ) -> Number:
     """One number from its rows, which agree in the columns `keys`."""
-    used = counted(rows)
+    used = rows.remove(pl.col("left_out"))
     first = used.row(0, named=True)
     values = used["number"]
     value = float(getattr(values, entry.reduce)())

@@ -15,12 +15,14 @@ from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.judge.campaign import CampaignFinding, is_of_whole
 from osl_analysis.judge.finding import Grade, WordedFinding
+from osl_analysis.judge.judging import fit_of, rows_by_fit
 from osl_analysis.judge.recording_checks import NOT_APPLICABLE
 from osl_analysis.report.numbers import Number
 from osl_analysis.report.paper_tables import Condition, estimate_text, stated_text
 from osl_analysis.report.signals import Signals
 from osl_analysis.report.typography import printed
 from osl_analysis.report.verdicts import LeftOut, results_on, verdict_on
+from osl_analysis.stats.budget import IN_INTERVAL, budgets_in
 
 TEMPLATES = Path(__file__).with_name("templates")
 NO_CONDITIONS = ("trial", "experiment", "log", "log_source", "mocap", "mocap_source", "exclude")
@@ -47,6 +49,17 @@ class ShownFigure:
         return Markup(svg.replace("<svg", f'<svg role="img" aria-label="{self.title}"', 1))
 
 
+@dataclass(frozen=True)
+class ShownBudget:
+    """An estimate with its verdict, and the parts of its interval as a bar."""
+
+    name: str
+    text: str
+    verdict: str
+    parts: Mapping[str, float]  # shares of the squares of its half-widths [percent], by part
+    not_known: str  # what nobody has checked would change
+
+
 @dataclass(frozen=True, kw_only=True)
 class TrialView:
     """What the page shows of one trial."""
@@ -63,6 +76,7 @@ class TrialView:
     remarks: Sequence[WordedFinding]  # others, and what was not checked
     impedance: Mapping[str, str]  # K, B and I of the fit to all of it
     estimates: Sequence[Sequence[str]]  # a row per fit; heads first
+    budgets: Sequence["ShownBudget"]  # of the fit to all of it
     checks: Sequence[Sequence[str]]  # of its recording
     signals: Signals | None = None
 
@@ -186,9 +200,28 @@ def trial_view(
         remarks=[worded for worded in notes if worded not in results],
         impedance={symbol: estimate_text(last, name) for symbol, name in names},
         estimates=estimate_rows(fits, main) if len(fits) else (),
+        budgets=shown_budgets(last, tables.get("budget")),
         checks=check_rows(checks),
         signals=signals,
     )
+
+
+def shown_budgets(row: Mapping[str, Any], budget: pl.DataFrame | None) -> list[ShownBudget]:
+    """The budgets of the estimates of the fit to all of a trial."""
+    shown = []
+    for name, of_name in budgets_in(rows_by_fit(budget).get(fit_of(row), ()), row).items():
+        squares = {part: of_name.half_width(part) ** 2 for part in IN_INTERVAL}
+        total = sum(squares.values()) or 1.0
+        shown.append(
+            ShownBudget(
+                name=name,
+                text=estimate_text(row, name),
+                verdict=row.get(f"{name}_verdict") or "",
+                parts={part: 100 * square / total for part, square in squares.items()},
+                not_known=", ".join(each.per for each in of_name.unknown if each.per),
+            )
+        )
+    return shown
 
 
 def condition_text(row: Mapping[str, Any]) -> str:

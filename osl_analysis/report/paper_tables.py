@@ -5,18 +5,21 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import polars as pl
 
 from osl_analysis.files import own_yaml
 from osl_analysis.judge.judging import results_in
-from osl_analysis.measured import NOTHING, written
+from osl_analysis.measured import NOTHING, significant, written
 from osl_analysis.report.typography import latex_table, markdown_table
+from osl_analysis.stats.budget import IN_INTERVAL, budgets_in
 from osl_analysis.stats.repeats import OWN_CONDITION, counted, summary_row
 
 CONDITION = ("joint", "side", "excitation", "controller", "K_d", "B_d", "own_condition")
 LATEX, COMPONENTS = own_yaml(Path(__file__).with_suffix(".yaml")).values()
+STATED = ("controller", "K_d", "B_d")
 ESTIMATED = ("K", "B", "B_viscous", "I", "VAF")
 UNITS = {"VAF": "%"}  # of what is rounded as a share
 SUBTRACTED = {"ensemble": "mean unperturbed gait", "ensemble, predicted gait": "predicted gait"}
@@ -53,25 +56,28 @@ def conditions(impedance: pl.DataFrame) -> list[Condition]:
         keys = [name for name in present if whole[name][0] not in (None, "")]
     symbols = [name for name in ESTIMATED if whole[name].count()]
     parts = whole.sort(keys).partition_by(keys) if keys else [whole]
-    rows = []
+    of_conditions = []
     for fits in parts:
-        sound = counted(fits)
-        used = fits if len(fits) == 1 else sound
+        sound = {symbol: counted(fits, [symbol]) for symbol in symbols}
+        used = fits if len(fits) == 1 else counted(fits)
         first = fits.row(0, named=True)
         results = chain.from_iterable(map(results_in, used["remarks"]))
         # of one trial, or means of several; of none there is nothing
-        estimates = {symbol: mean_text(summary_row(used, symbol), symbol) for symbol in symbols}
-        rows.append(
+        estimates = {
+            symbol: mean_text(summary_row(fits if len(fits) == 1 else rows, symbol), symbol)
+            for symbol, rows in sound.items()
+        }
+        of_conditions.append(
             Condition(
                 stated={key: stated_text(first[key]) for key in keys},
                 trials=fits["trial"].to_list(),
-                n=len(sound),
-                is_doubtful=sound.is_empty(),
+                n=max(map(len, sound.values())),
+                is_doubtful=any(map(pl.DataFrame.is_empty, sound.values())),
                 results=list(dict.fromkeys(results)),
                 estimates=estimates,
             )
         )
-    return rows
+    return of_conditions
 
 
 def stated_text(cell: object) -> str:
@@ -123,6 +129,40 @@ def condition_rows(of_conditions: Sequence[Condition]) -> list[list[str]]:
         texts = [text if condition.n else NOTHING for text in condition.estimates.values()]
         rows.append([*marked, str(condition.n), *texts])
     return rows
+
+
+def budget_table(budget: pl.DataFrame, impedance: pl.DataFrame) -> list[list[str]]:
+    """What makes the intervals of the estimates of whole trials: half-widths by part and of all of
+    it, and half of the range over motions; the median over the trials of a condition."""
+    stated = impedance.select(pl.col("trial"), *(n for n in STATED if n in impedance.columns))
+    whole = budget.filter(pl.col("amplitude_deg").is_null())
+    rows: dict[tuple[str, str], list[list[float]]] = {}
+    conditions_of = {row["trial"]: row for row in stated.to_dicts()}
+    for (trial, name), of_estimate in whole.group_by("trial", "estimate", maintain_order=True):
+        cells = [conditions_of.get(str(trial), {}).get(column) for column in STATED]
+        condition = ", ".join(stated_text(cell) for cell in cells if cell not in (None, ""))
+        found = budgets_in(of_estimate.to_dicts(), {str(name): 0.0})[str(name)]
+        parts = [found.half_width(part) for part in IN_INTERVAL]
+        widths = [*parts, found.half_width(), found.half_range]
+        rows.setdefault((condition, str(name)), []).append(widths)
+    heads = ["condition", "estimate", "n", *IN_INTERVAL, "all", "range"]
+    return [
+        heads,
+        *(
+            [
+                condition or NOTHING,
+                name,
+                str(len(widths)),
+                *map(short, map(median, zip(*widths, strict=True))),
+            ]
+            for (condition, name), widths in rows.items()
+        ),
+    ]
+
+
+def short(width: float) -> str:
+    """A half-width with two digits."""
+    return significant(width) if width else NOTHING
 
 
 def component_rows(

@@ -4,9 +4,10 @@ Every printed 95 % interval of a fit is made here, by JCGM 100:2008: independent
 as variances (5.1.2), and Student's quantile has the degrees of freedom of their sum (G.4).
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal
 
 import numpy as np
 import scipy
@@ -17,13 +18,32 @@ from osl_analysis.trial import Array
 
 MOST_FREEDOM = 1e12  # degrees of freedom
 NORMAL_HALF_WIDTH = 1.959964  # standard errors of a 95 % interval where their size is known
+INTERVAL_ENDS = ("", "_low", "_high")
+"""Endings of the columns of an estimate: its value and the ends of its 95 % interval."""
 
 Part = Literal["repeatability", "sensor", "bench", "motion", "fault"]
 """repeatability: the scatter of this recording; sensor: encoder and rounding; bench: what is stated
-or assumed of it; motion: half of the range over amplitudes and frequencies; fault: what a fault of
-the recording would do. The last two are in no interval."""
+or assumed of it; motion: what another amplitude or frequency would change; fault: what a fault of
+the recording would change. The last two are in no interval."""
+IN_INTERVAL: tuple[Part, ...] = ("repeatability", "sensor", "bench")
 Basis = Literal["measured", "stated", "assumed", "bound", "weighed"]
-NOT_IN_INTERVAL = ("motion", "fault")
+OF_SOURCE: Mapping[str, tuple[Part, Basis]] = {
+    "encoder": ("sensor", "measured"),
+    "usual_error": ("sensor", "assumed"),
+    "friction_sign": ("repeatability", "assumed"),
+    "loading_begins": ("repeatability", "assumed"),
+    "spring_loss": ("bench", "assumed"),
+    "belt_error": ("bench", "assumed"),
+    "theta_m_delay": ("bench", "assumed"),
+}
+"""Part and basis of known errors; others are stated of the bench."""
+
+DOUBT = 0.2  # probability of a change beyond the limit, from which an estimate is doubtful
+LIKELY = 0.5  # probability above which a fault is named; more likely than not
+CLEAR, WIDE = "clear", "wide"  # verdicts; any other is the cause of a doubt
+# sizes that are added in quadrature to K, B, I before a share is taken: 0 has no relative change
+# [N*m/rad, N*m*s/rad, kg*m^2]
+FLOOR = {"K": 2.0, "B": 0.1, "I": 1e-3}
 
 
 @dataclass(frozen=True)
@@ -40,21 +60,156 @@ class Contribution:
     """What one source does to one estimate, in its unit; a row of `budget.csv`."""
 
     source: str
-    standard: float  # standard uncertainty
-    freedom: float = np.inf  # degrees of freedom of its variance
+    # standard uncertainty; of a part in no interval, by how much the estimate would be another;
+    # None: not known
+    standard: float | None
+    freedom: float | None = None  # degrees of freedom of its variance; None: infinitely many
     basis: Basis = "stated"
     part: Part = "bench"
     shared: bool = False  # whether all trials on a bench have it
+    probability: float = 1.0  # of a fault
+    detail: str | None = None
+    per: str | None = None  # of one that is not known: what it does, as `0.09 N*m*s/rad per ms`
 
 
-def half_width(contributions: Sequence[Contribution]) -> float:
-    """Half of the 95 % interval of an estimate, by what contributes to it."""
-    variances = [each.standard**2 for each in contributions if each.part not in NOT_IN_INTERVAL]
-    freedoms = [each.freedom for each in contributions if each.part not in NOT_IN_INTERVAL]
-    if not variances:
-        return 0.0
-    quantile = scipy.special.stdtrit(welch_satterthwaite(variances, freedoms), 0.975)
-    return float(quantile * np.sqrt(sum(variances)))
+FIELDS = [field.name for field in fields(Contribution)]
+
+
+def scatter(standard: float, freedom: float) -> Contribution:
+    """What the scatter of a recording shows."""
+    return Contribution("repeatability", standard, freedom, "measured", "repeatability")
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a budget says of its estimate."""
+
+    name: str  # `CLEAR`, `WIDE`, or the source of the doubt
+    limit: float  # beyond which a change matters, in the unit of the estimate
+    rows: tuple[Contribution, ...] = ()  # of the source, the most probable first
+
+    @property
+    def worst(self) -> Contribution | None:
+        """What the source does most probably."""
+        return self.rows[0] if self.rows else None
+
+    @property
+    def size(self) -> float:
+        """The largest change by the source."""
+        return max((each.standard or 0.0 for each in self.rows), default=0.0)
+
+
+@dataclass(frozen=True)
+class Budget:
+    """An estimate with all that contributes to its uncertainty, in its SI unit."""
+
+    value: float
+    contributions: tuple[Contribution, ...] = ()
+
+    def of_parts(self, *parts: Part) -> list[Contribution]:
+        """The contributions of some parts whose size is known."""
+        return [each for each in self.contributions if each.part in parts and each.standard]
+
+    def half_width(self, *parts: Part) -> float:
+        """Half of the 95 % interval: of all that is in it, or by some parts alone."""
+        chosen = self.of_parts(*(parts or IN_INTERVAL))
+        if not chosen:
+            return 0.0
+        if any(math.isnan(each.standard or 0.0) for each in chosen):
+            return math.nan  # nothing repeats
+        variances = [(each.standard or 0.0) ** 2 for each in chosen]
+        freedoms = [math.inf if each.freedom is None else each.freedom for each in chosen]
+        freedom = welch_satterthwaite(variances, freedoms)
+        return float(scipy.special.stdtrit(freedom, 0.975) * np.sqrt(sum(variances)))
+
+    def of_source(self, source: str) -> list[Contribution]:
+        """The contributions of a source, of known size."""
+        return [
+            each
+            for each in self.contributions
+            if each.source == source and each.standard is not None
+        ]
+
+    @property
+    def half_range(self) -> float:
+        """What another motion would change."""
+        return math.hypot(*(each.standard or 0.0 for each in self.of_parts("motion")))
+
+    @property
+    def unknown(self) -> list[Contribution]:
+        """The contributions of which this recording does not tell the size."""
+        return [each for each in self.contributions if each.standard is None]
+
+    @property
+    def low(self) -> float:
+        return self.value - self.half_width()
+
+    @property
+    def high(self) -> float:
+        return self.value + self.half_width()
+
+    def plus(self, *contributions: Contribution) -> "Budget":
+        """The estimate with further contributions."""
+        return replace(self, contributions=(*self.contributions, *contributions))
+
+    def columns(self, name: str) -> dict[str, Any]:
+        """`name`, and the ends of its interval."""
+        values = (self.value, self.low, self.high)
+        return {f"{name}{end}": x for end, x in zip(INTERVAL_ENDS, values, strict=True)}
+
+    def verdict(self, needed: float) -> Verdict:
+        """Judge the estimate.
+
+        It is doubtful where a fault would change it by more than `needed`, and by more than its
+        half-width and half-range together; or where one is likely, and the half-width itself
+        exceeds what is needed: the misfit in it is then the fault's.
+        """
+        half, own = self.half_width(), math.hypot(self.half_width(), self.half_range)
+        limit = max(needed, own)
+        faults = self.of_parts("fault")
+        harmful = [each for each in faults if (each.standard or 0.0) > limit]
+        if sum(each.probability for each in harmful) <= DOUBT:
+            harmful = [each for each in faults if each.basis == "weighed"]
+            is_likely = sum(each.probability for each in harmful) > LIKELY
+            if not is_likely or half <= needed:
+                return Verdict(WIDE if half > needed else CLEAR, limit)
+        # a named cause before what nothing explains
+        by_source: dict[str, float] = {}
+        for each in harmful:
+            weight = each.probability if each.basis != "bound" else DOUBT
+            by_source[each.source] = by_source.get(each.source, 0.0) + weight
+        source = max(by_source, key=by_source.__getitem__)
+        of_source = [each for each in harmful if each.source == source]
+        of_source.sort(key=lambda each: -each.probability)
+        return Verdict(source, limit, tuple(of_source))
+
+
+Impedance = Mapping[str, Budget]
+"""Stiffness K [N*m/rad], damping B [N*m*s/rad] and inertia I [kg*m^2] of a joint (Eq. 15)."""
+
+
+def budget_rows(place: Mapping[str, Any], estimates: Mapping[str, Budget]) -> list[dict[str, Any]]:
+    """The rows of `budget.csv` of some estimates; `place` has the trial and the amplitude. A bound
+    of 0 says that rivals were weighed."""
+    of_place = {name: place.get(name) for name in ("trial", "amplitude_deg")}
+    return [
+        {**of_place, "estimate": name, **vars(each)}
+        for name, budget in estimates.items()
+        for each in budget.contributions
+        if each.standard != 0.0 or each.basis == "bound"
+    ]
+
+
+def budgets_in(rows: Sequence[Mapping[str, Any]], values: Mapping[str, Any]) -> dict[str, Budget]:
+    """The budgets of the estimates of one fit from its rows of `budget.csv`; `values` has the
+    estimates by name."""
+    budgets: dict[str, Budget] = {}
+    for row in rows:
+        name = row["estimate"]
+        if values.get(name) is not None:
+            found = Contribution(**{field: row[field] for field in FIELDS})
+            budgets[name] = budgets.get(name, Budget(values[name])).plus(found)
+    return budgets
 
 
 def welch_satterthwaite(

@@ -15,9 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.measured import EXACT_FIT_SHARE, check_finite, check_measured
 from osl_analysis.stats.budget import (
+    OF_SOURCE,
+    Budget,
     Contribution,
     KnownError,
-    half_width,
+    scatter,
     welch_satterthwaite,
 )
 from osl_analysis.trial import Array
@@ -56,46 +58,55 @@ class LinearFit:
     def __getitem__(self, name: str) -> float:
         return float(self.estimates[self.names.index(name)])
 
-    def contributions(self, name: str) -> list[Contribution]:
-        """What contributes to the uncertainty of one estimate: its scatter, and each known
+    def budget(self, name: str) -> Budget:
+        """One estimate with what contributes to its uncertainty: its scatter, and each known
         error."""
         k = self.names.index(name)
-        scatter = float(np.sqrt(self.covariance[k, k]))
-        freedom = float(self.degrees_of_freedom[k])
-        of_scatter = Contribution(
-            "repeatability", scatter, freedom, basis="measured", part="repeatability"
-        )
-        return [
-            of_scatter,
-            *(
-                Contribution(error.source, abs(float(error.change[k])), shared=error.shared)
-                for error in self.known_errors
-            ),
-        ]
+        own = scatter(float(np.sqrt(self.covariance[k, k])), float(self.degrees_of_freedom[k]))
+        found = [own]
+        for error in self.known_errors:
+            part, basis = OF_SOURCE.get(error.source, ("bench", "stated"))
+            found.append(
+                Contribution(
+                    source=error.source,
+                    standard=abs(float(error.change[k])),
+                    basis=basis,
+                    part=part,
+                    shared=error.shared,
+                )
+            )
+        return Budget(self[name], tuple(found))
 
     def se(self, name: str) -> float:
         """Standard error of one estimate, in its unit."""
-        return float(np.linalg.norm([each.standard for each in self.contributions(name)]))
+        return float(np.sqrt(np.sum(self.variances(name))))
+
+    def variances(self, name: str) -> Array:
+        """Variances of one estimate, by its scatter and by each known error."""
+        k = self.names.index(name)
+        return np.array([self.covariance[k, k], *(e.change[k] ** 2 for e in self.known_errors)])
 
     def se_bench(self, name: str) -> float:
         """Part of the standard error that all trials on a bench share."""
-        shared = [each.standard for each in self.contributions(name) if each.shared]
-        return float(np.linalg.norm(shared))
+        is_shared = [False, *(error.shared for error in self.known_errors)]
+        return float(np.sqrt(np.sum(self.variances(name)[is_shared])))
 
     def freedom(self, name: str) -> float:
         """Degrees of freedom of one estimate's variance."""
-        parts = self.contributions(name)
-        variances = [each.standard**2 for each in parts]
-        return float(welch_satterthwaite(variances, [each.freedom for each in parts]))
+        own = float(self.degrees_of_freedom[self.names.index(name)])
+        if not self.known_errors:
+            return own
+        infinite = [np.inf] * len(self.known_errors)
+        return float(welch_satterthwaite(self.variances(name), [own, *infinite]))
 
     def half_width(self, name: str) -> float:
         """Half of the 95 % interval of one estimate, in its unit."""
-        return half_width(self.contributions(name))
+        return self.budget(name).half_width()
 
     def interval(self, name: str) -> tuple[float, float]:
         """Bounds of the 95 % interval of one estimate, in its unit."""
-        half = self.half_width(name)
-        return self[name] - half, self[name] + half
+        budget = self.budget(name)
+        return budget.low, budget.high
 
     def with_known_error(self, source: str, change: Array, shared: bool = False) -> Self:
         """The fit with an error that no scatter shows.

@@ -1,7 +1,7 @@
 """Mean, scatter and interval over repeated trials, and the verdict on a number with an interval."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass
 from statistics import median
 from typing import Any
@@ -15,9 +15,8 @@ from osl_analysis.errors import InputError
 from osl_analysis.measured import check_measured
 from osl_analysis.stats.budget import NORMAL_HALF_WIDTH, welch_satterthwaite
 
-# column with the causes of doubt: empty if the fit is not doubtful, null in a row without a fit
-DOUBTFUL = "doubtful"
-IS_DOUBTFUL = pl.col(DOUBTFUL).fill_null("") != ""
+DOUBTFUL = "doubtful"  # column with the causes of doubt; null without any
+OTHER_ESTIMATES = ("K_", "B_", "I_", "J_j_")  # begins of estimates that have a verdict
 
 
 @dataclass(frozen=True)
@@ -168,29 +167,50 @@ def doubts_of_trials(table: pl.DataFrame) -> pl.DataFrame:
     return table.with_columns(pl.coalesce(of_whole, DOUBTFUL).alias(DOUBTFUL))
 
 
-def counted(table: pl.DataFrame) -> pl.DataFrame:
-    """Rows of the trials that a mean counts: those that are not doubtful, however few."""
+def concerns(doubts: str | None, names: Collection[str]) -> bool:
+    """Whether a cell of `DOUBTFUL`, as `K, B: torque path; unlikely size`, is about one of the
+    columns `names`; it is where one of these is no estimate, or none is named."""
+    columns = [f"{name}_" for name in names]
+    for doubt in filter(None, (doubts or "").split("; ")):
+        estimates, is_of_estimates, _ = doubt.partition(": ")
+        doubted = tuple(f"{estimate}_" for estimate in estimates.split(", "))
+        are_others = all(column.startswith(OTHER_ESTIMATES) for column in columns)
+        is_doubted = any(column.startswith(doubted) for column in columns)
+        if is_doubted or not (is_of_estimates and are_others and columns):
+            return True
+    return False
+
+
+def is_doubtful(table: pl.DataFrame, names: Collection[str] = ()) -> pl.Series:
+    """Whether the estimates in some columns are doubtful, by row; without names whether any is."""
     if DOUBTFUL not in table.columns:
-        return table
-    return table.filter(~doubts_of_trials(table).select(IS_DOUBTFUL).to_series())
+        return pl.repeat(False, len(table), eager=True)
+    cells = doubts_of_trials(table)[DOUBTFUL]
+    return pl.Series([concerns(cell, names) for cell in cells], dtype=pl.Boolean)
 
 
-def doubtful_row(table: pl.DataFrame) -> dict[str, int]:
+def counted(table: pl.DataFrame, names: Collection[str] = ()) -> pl.DataFrame:
+    """Rows that a mean of the columns `names` counts: those whose estimates in them are not
+    doubtful, however few."""
+    return table.filter(~is_doubtful(table, names))
+
+
+def doubtful_row(table: pl.DataFrame, *names: str) -> dict[str, int]:
     """`n_doubtful` for a row that summarises a table; empty for a table without the column
     `DOUBTFUL`."""
     if DOUBTFUL not in table.columns:
         return {}
-    return {"n_doubtful": table.filter(IS_DOUBTFUL).height}
+    return {"n_doubtful": int(is_doubtful(table, names).sum())}
 
 
 def summary_of_trials(table: pl.DataFrame, quantities: Sequence[str]) -> pl.DataFrame:
     """A row per quantity (a column of `table`): `summary_row` over the trials that count
     (`counted`), with `n_doubtful`, how many are left out. Where none counts, there is no mean, and
     `interval_method` says why."""
-    used = counted(table)
     rows = []
     for name in quantities:
-        row = {"quantity": name, **summary_row(used, name), **doubtful_row(table)}
+        used = counted(table, [name])
+        row = {"quantity": name, **summary_row(used, name), **doubtful_row(table, name)}
         if used.is_empty():
             row["interval_method"] = NONE_COUNTS
         rows.append(row)

@@ -23,7 +23,7 @@ def faster_is_stiffer(motion):
 def test_the_range_is_over_amplitudes_and_both_parts_of_the_band():
     """By NumPy's least squares on the rows of each part."""
     record = stepped_sine(faster_is_stiffer, protocol=FIVE)
-    row = impedance_table(rendered_impedance(record)).row(-1, named=True)
+    row = impedance_table(rendered_impedance(record))["impedance"].row(-1, named=True)
     groups = record.groups
     hz = np.array([stratum.frequency_hz for stratum in groups.strata])[groups.stratum]
     labels = {stratum.label for stratum in groups.strata}
@@ -59,8 +59,8 @@ def test_the_range_of_a_motion_without_sines_is_over_its_blocks_and_its_band(hal
     more = (3e4 * theta**3, 20 * np.abs(omega) * theta)[half]
     trial = Trial("made", trial.samples.with_columns(torque=pl.col("torque") + more))
 
-    row = impedance_table(rendered_impedance(record_of_trial(trial, CONFIG.dynamometer)))
-    row = row.row(-1, named=True)
+    analysis = rendered_impedance(record_of_trial(trial, CONFIG.dynamometer))
+    row = impedance_table(analysis)["impedance"].row(-1, named=True)
 
     assert row["K_range_high"] - row["K_range_low"] > 1.2 * (row["K_high"] - row["K_low"])
     assert row["K_range_low"] < row["K"] < row["K_range_high"]
@@ -72,6 +72,6 @@ def test_one_amplitude_of_two_sines_has_no_range():
         protocol=SteppedSineProtocol((0.1,), (1.0, 3.0), 9),
     )
 
-    row = impedance_table(rendered_impedance(record)).row(-1, named=True)
+    row = impedance_table(rendered_impedance(record))["impedance"].row(-1, named=True)
 
     assert row["K_range_low"] is None

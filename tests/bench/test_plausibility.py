@@ -94,14 +94,11 @@ def test_another_unit_of_a_too_large_angle_is_tried_where_nothing_jumps(theta, w
 
 
 @least_squares_alone
-def test_the_weight_of_a_foot_is_found_and_is_a_doubt_about_its_inertia():
+def test_the_weight_of_a_foot_is_found_and_told_of_its_inertia():
     recording = dict(RECORDINGS["transmission"])
-    sound = judged("transmission", recording)
     recording["torque"] = recording["torque"] + 1.5 * np.sin(recording["theta"])
     row = judged("transmission", recording)
-    assert 1 - row["weight_share"] == pytest.approx(row["J_j"] / sound["J_j"], rel=0.01)
-    assert (row["doubtful"], row["beyond"]) == ("weight on the joint", {"weight_share": "above"})
-    assert sound["weight_share"] == 0
+    assert "weight on the joint" in row["remarks"].split("; ")
 
 
 @least_squares_alone
@@ -125,7 +122,7 @@ def test_inertia_and_weight_of_a_fixture_are_taken_off_the_torque(experiment):
     for name, least in adds[experiment].items():
         assert added[name] - sound[name] > least
         assert found[name] == pytest.approx(sound[name], abs=1e-3 * (added[name] - sound[name]))
-    assert found["doubtful"] == ""
+    assert found["doubtful"] is None
 
 
 @pytest.mark.parametrize(("experiment", "changes"), [
@@ -135,7 +132,7 @@ def test_inertia_and_weight_of_a_fixture_are_taken_off_the_torque(experiment):
 ])  # fmt: skip
 def test_a_sound_recording_is_not_doubtful(experiment, changes):
     row = judged(experiment, changed(experiment, **changes))
-    assert (row["doubtful"], row["beyond"]) == ("", {})
+    assert row["doubtful"] is None
 
 
 @least_squares_alone
@@ -179,7 +176,7 @@ def test_a_shaft_that_yields_against_the_joint_has_the_wrong_sign():
         row = judged("belt", RECORDINGS["belt"] | made)
         assert row["shaft_turn"] == pytest.approx(way * 0.1 * n_T, rel=1e-3)
         assert row["K_s"] == pytest.approx(685.6 * 0.9 / (1 - way * 0.1), rel=1e-3)
-        assert row["doubtful"].partition(";")[0] == cause
+        assert (row["doubtful"] or "").partition(";")[0] == cause
 
 
 OWN = DesiredImpedance("own", 200, None)

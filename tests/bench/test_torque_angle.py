@@ -15,7 +15,7 @@ from osl_analysis.bench.torque_angle import torque_angle_trial
 from osl_analysis.ingest.quality import saturated
 from osl_analysis.trial import Trial
 
-LATENESS = "whether the torque is late"
+LATENESS = "late torque"
 
 RATE = 250.0
 PERIOD = 8.0
@@ -142,7 +142,7 @@ def test_a_device_that_starts_within_its_loop_is_doubtful_until_its_first_cycle_
     later = row_of(theta, torque, zero="start", settle_cycles=1)
 
     assert (whole["cycles"], whole["doubtful"]) == (4, "loop that does not close")
-    assert (later["cycles"], later["other_cycles"], later["doubtful"]) == (3, 0, "")
+    assert (later["cycles"], later["other_cycles"], later["doubtful"]) == (3, 0, None)
     assert later["energy_lost"] == pytest.approx(4 * limit * (A - limit / slip), rel=1e-3)
 
 
@@ -199,15 +199,13 @@ def test_what_is_no_trial_of_torque_against_angle_is_refused(theta, torque, chan
     (FULL, 1e3 * K * FULL, {}, "doubtful", "unlikely size"),
     (FULL, np.roll(K * FULL, 30) + 0.01 * NOISE,
      {}, "doubtful", "loop that does not close"),
-    (path(*SMALLER), K * path(*SMALLER),
-     {}, "remarks", "cycles that are smaller than the largest"),
     # no offset beside a wide loop
     (FULL, K * FULL + jenkins(FULL, 400, 4), {"zero": "start"}, "remarks", ""),
 ])  # fmt: skip
 def test_drift_clipping_speed_and_energy_from_nothing_are_doubtful(
     theta, torque, changes, column, cause
 ):
-    assert cause in row_of(theta, torque, **changes)[column].split("; ")
+    assert cause in (row_of(theta, torque, **changes)[column] or "").split("; ")
 
 
 def test_intervals_hold_what_a_drift_that_leaves_the_loop_open_makes_of_slopes_and_energies():
@@ -217,7 +215,7 @@ def test_intervals_hold_what_a_drift_that_leaves_the_loop_open_makes_of_slopes_a
 
     sound, drifting = (row_of(theta, K * theta + error, zero="end") for error in (0, drift))
 
-    assert drifting["doubtful"] == ""
+    assert drifting["doubtful"] is None
     for name in ("K", "K_unloading", "energy_stored", "energy_returned"):
         assert drifting[f"{name}_low"] < sound[name] < drifting[f"{name}_high"], name
 

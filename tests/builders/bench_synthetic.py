@@ -115,7 +115,7 @@ def belt_record(theta_s, torque, rate=RATE, unusable=()):
 
 def table_of(record):
     """Its rows of `impedance.csv`."""
-    return impedance_table(rendered_impedance(record))
+    return impedance_table(rendered_impedance(record))["impedance"]
 
 
 def second_order(motion: Motion):

@@ -42,18 +42,14 @@ def velocity() -> np.ndarray:
     return scipy.interpolate.make_interp_spline(time, theta, 5)(time, 1)
 
 
+def family_of(found: ImpedanceInference) -> str | None:
+    """The family of the most probable fault; None where none is likely."""
+    likely = sum(each.probability for each in found.alternatives) > 0.5
+    return found.alternatives[0].family if likely else None
+
+
 def changed(change) -> ImpedanceInference:
     return inferred(change(driven()[1]))
-
-
-def test_noise_and_a_coarse_encoder_hide_a_delay():
-    """By their sizes: rounding by a step of K gives the torque a noise of K step/sqrt(12)."""
-    torque = driven()[1]
-
-    usual = inferred(torque).delay_se_s
-
-    assert inferred(torque, noise=0.2).delay_se_s == pytest.approx(4 * usual, rel=0.05)
-    assert inferred(torque, step=16 * STEP).delay_se_s > 3 * usual
 
 
 def with_lost_rows(torque):
@@ -91,18 +87,18 @@ def rubbing(torque, size):
 def test_a_fault_is_named_by_its_family_and_a_sound_joint_has_none(change, family):
     found = changed(change)
 
-    assert (found.doubt and found.doubt.family) == family
+    assert family_of(found) == family
 
 
 @pytest.mark.parametrize(("size", "families"), [(0.0, []), (0.15, ["direction"])])
 def test_rivals_are_tried_only_where_all_together_gain_something(size, families):
     found = changed(partial(stiffer_forwards, size=size))
 
-    assert [fault.family for fault in found.explanations[:1]] == families
+    assert [fault.family for fault in found.alternatives[:1]] == families
 
 
 def test_rows_that_the_torque_lost_are_no_sound_joint():
-    assert changed(with_lost_rows).doubt is not None
+    assert family_of(changed(with_lost_rows)) is not None
 
 
 @pytest.mark.parametrize(("size", "least", "most"), [(0.4, 0.9, 1.01), (-0.4, 0.0, 0.1)])
@@ -113,8 +109,8 @@ def test_friction_opposes_the_motion(size, least, most):
 
 
 def test_what_no_rival_explains_is_bounded_by_what_it_could_move():
-    assert changed(standing).unexplained_shares[0] > 0.02
-    assert max(changed(with_slow_noise).unexplained_shares) == 0.0
+    assert changed(standing).unexplained[0] > 0.02 * K
+    assert max(changed(with_slow_noise).unexplained) == 0.0
 
 
 @pytest.mark.parametrize(
@@ -136,7 +132,7 @@ def test_rounding_that_every_cycle_repeats_is_neither_fault_nor_friction(wave, m
     found = infer_impedance(BenchSignals(read, torque, 1000.0, step))
 
     assert found.friction_probability < most
-    assert found.fault_probability < 0.5
+    assert family_of(found) is None
 
 
 def test_gap_is_left_out():
@@ -146,16 +142,10 @@ def test_gap_is_left_out():
 
     found = inferred(broken, usable=usable)
 
-    assert found.doubt is None
+    assert family_of(found) is None
 
 
-def test_stiffness_that_differs_by_direction_is_harm_of_its_half_difference():
-    found = changed(stiffer_forwards)
+def test_stiffness_that_differs_by_direction_is_a_change_of_its_half_difference():
+    (most_probable, *_) = changed(stiffer_forwards).alternatives
 
-    assert found.fault_shares[0] == pytest.approx(20 / K, rel=0.25)
-
-
-def test_an_inertia_of_0_is_no_measure_of_what_moves_it():
-    found = inferred(stiffer_forwards(K * driven()[2] + B * velocity(), 1.0), noise=0.01)
-
-    assert found.fault_shares[2] < 0.2
+    assert most_probable.change[0] == pytest.approx(20, rel=0.25)

@@ -122,6 +122,22 @@ def test_a_torque_may_step_by_friction_where_the_joint_turns(sign, delay_s, leap
     assert (counted > 0) == leaps
 
 
+@pytest.mark.parametrize(("angle_jumps", "stiffness", "cause"), [
+    (0.0, 3000.0, r"runs into a stop at 34\.\d deg"),
+    (0.02, 0.0, "rows were lost"),
+])  # fmt: skip
+def test_where_signals_leap_tells_why(angle_jumps, stiffness, cause):
+    """At 0.6 rad a stop begins, so stiff that the torque bends there; or both leap on the way."""
+    time = np.arange(4000) / RATE
+    angle = np.sin(np.pi * time) + angle_jumps * (time > 1.7)
+    over = angle > 0.6
+    torque = 10 * angle + 3 * over * np.sign(stiffness) + 0.01 * white_noise((4000,), 9)
+
+    remark = results(joint_trial(time, angle, torque).samples)["dropout"].remark
+
+    assert re.search(cause, remark)
+
+
 def with_piece(values, first, last, new=None):
     """The values with one value from `first` to `last`, that which they have there or another
     one."""

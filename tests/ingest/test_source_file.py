@@ -1,8 +1,6 @@
 """Stamps and sensors as a source file states them give the right K, B, I of trials in closed
 form."""
 
-from dataclasses import replace
-
 import numpy as np
 import polars as pl
 import pytest
@@ -12,6 +10,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import lsim, lti
 
 from osl_analysis.bench.bench_settings import DynamometerAnalysis
+from osl_analysis.bench.budgets import other_stamps
 from osl_analysis.bench.impedance import analysed
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.regression import IMPEDANCE
@@ -207,27 +206,17 @@ def test_stamps_that_cannot_be_decided_are_told_with_the_change_of_estimates(und
     analysis = analysed(undecided, IMPEDANCE)
 
     assert not undecided.streams[0]["firm"]
-    assert analysis.time_base_shift(None, ("K", "B", "I")) > 0
-
-
-def test_intervals_reach_to_the_fit_with_other_stamps(undecided):
-    one_reading = table_of(replace(undecided, with_other_stamps=None)).row(-1, named=True)
-    other = table_of(undecided.with_other_stamps).row(-1, named=True)
-
-    row = table_of(undecided).row(-1, named=True)
-
-    assert 0 < row["time_base_shift"] < 3
-    for name in "KBI":
-        moved = other[name] - one_reading[name]
-        assert row[f"{name}_low"] == pytest.approx(one_reading[f"{name}_low"] + min(moved, 0))
-        assert row[f"{name}_high"] == pytest.approx(one_reading[f"{name}_high"] + max(moved, 0))
+    (moved,) = other_stamps(analysis, None, "B")
+    assert moved.standard > 0
 
 
 @least_squares_alone
 def test_decided_stamps_shift_nothing():
-    decided = trial_of(angle(TIMES), torque(TIMES))
+    decided = record_of_trial(
+        trial_of(angle(TIMES), torque(TIMES)), DynamometerAnalysis(**SETTINGS)
+    )
 
-    assert fitted(decided)["time_base_shift"] is None
+    assert other_stamps(analysed(decided, IMPEDANCE), None, "B") == []
 
 
 # ---- A late host that loses samples

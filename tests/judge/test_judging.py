@@ -1,4 +1,4 @@
-"""A doubt may move an estimate by more than the accuracy that it needs; of less nothing is said."""
+"""An estimate is doubtful where a fault would move it by more than it needs."""
 
 import re
 
@@ -6,75 +6,126 @@ import polars as pl
 import pytest
 from conftest import beyond_in, findings_of
 
+from osl_analysis.dictionary import table_of
 from osl_analysis.judge.finding import Grade
-from osl_analysis.judge.judging import judged
+from osl_analysis.judge.judging import judged, verdicts_of
 from osl_analysis.judge.known_findings import CHECKS
 from osl_analysis.judge.limits import Accuracy, DoubtfulFits, Limits
-from osl_analysis.judge.recording_checks import spoiled_trials
 from osl_analysis.judge.words import finding_text
-from osl_analysis.stats.repeats import doubts_of_trials
+from osl_analysis.stats.budget import Budget, Contribution, budget_rows, scatter
+from osl_analysis.stats.repeats import concerns, is_doubtful
 
-KNEE = {
-    "trial": "knee", "fault_family": "path",
-    "K_fault_share": 0.0006, "B_fault_share": 0.01, "I_fault_share": 0.003,
-    "K": 150.0, "K_low": 149.85, "K_high": 150.15,
-    "B": 3.0, "B_low": 2.97, "B_high": 3.03,
-    "I": 0.03, "I_low": 0.0299, "I_high": 0.0301,
-}  # fmt: skip
-"""A sound knee: K is known to 0.1 %, and a torque path would move it by 0.06 %. It is judged as a
-row of `law`, of which no other number is asked."""
+KNEE = {"trial": "knee", "amplitude_deg": None, "K": 150.0, "B": 3.0, "I": 0.03}
+NEEDED = {"K": 3.0, "B": 0.15, "I": 0.006}
+"""What a knee needs of K, B and I by the default accuracy, to a thousandth."""
 
 
-def grades(row, **accuracy):
-    limits = Limits(accuracy=Accuracy(**accuracy))
-    return [(finding.cause, finding.grade) for finding in findings_of(row, limits, "law")]
+def fault(by, source="torque_path", detail="delay", **of):
+    return Contribution(source, by, **{"basis": "weighed", "part": "fault", **of}, detail=detail)
 
 
-@pytest.mark.parametrize(("column", "share", "cause"), [
-    ("K_fault_share", 0.02, "torque path"),
-    ("B_fault_share", 0.05, "torque path"),
-    ("I_fault_share", 0.2, "torque path"),
-    ("B_j_fault_share", 0.05, "torque path"),
-    ("K_unexplained_share", 0.02, "torque that nothing explains"),
-    ("I_unexplained_share", 0.2, "torque that nothing explains"),
-])  # fmt: skip
-def test_a_move_beyond_the_accuracy_of_any_one_estimate_is_a_doubt(column, share, cause):
-    beyond = KNEE | {column: 1.05 * share}
-
-    assert grades(beyond) == [(cause, Grade.DOUBTS)]
-    assert grades(KNEE | {column: 0.95 * share}) == []
-    assert grades(beyond, K=0.1, B=0.2, I=0.5) == []
+def of_knee(contributions, limits=None, faults=None, **columns):
+    """What is found on a knee whose estimates have these contributions, but what is not checked."""
+    budgets = {name: Budget(KNEE[name], tuple(rows)) for name, rows in contributions.items()}
+    budget = table_of(budget_rows(KNEE, budgets), "budget", complete=True)
+    table = pl.DataFrame([{**KNEE, **columns}], infer_schema_length=None)
+    (found,) = judged(table, limits or Limits(), "impedance", faults, budget)
+    return [each for each in found if each.grade is not Grade.UNCHECKED]
 
 
-def test_a_path_that_moves_less_than_is_needed_is_told():
-    findings = findings_of(KNEE, Limits(), "impedance")
+@pytest.mark.parametrize("name", ["K", "B", "I"])
+def test_a_fault_is_a_doubt_about_the_estimates_that_it_moves_by_more_than_they_need(name):
+    rows = {symbol: [fault(0.9 * needed)] for symbol, needed in NEEDED.items()}
 
-    assert ("torque path", Grade.NOTES) in [(each.cause, each.grade) for each in findings]
+    (doubt,) = of_knee(rows | {name: [fault(1.1 * NEEDED[name])]})
 
-
-def test_an_explanation_of_several_estimates_is_told_once():
-    row = KNEE | {"K_fault_share": 0.07, "B_fault_share": 0.2, "explanations": "delay"}
-
-    (doubt,) = findings_of(row, Limits(), "impedance")
-
-    text = finding_text(doubt, row)
-    assert text.lower().count("explained by delay") == 1
-    assert "It would move B by up to 20 %" in text
+    assert (doubt.cause, doubt.grade) == ("torque path", Grade.DOUBTS)
+    assert [each.column for each in doubt.evidence] == [name]
+    assert of_knee(rows) == []
+    assert verdicts_of([doubt]) == dict.fromkeys("KBI", "clear") | {name: "torque path"}
 
 
-def test_other_causes_yield_to_a_fault_of_the_recording():
-    row = KNEE | {"K_fault_share": 0.07, "VAF_held_out": 50.0, "B_unexplained_share": 0.5}
-    table = pl.DataFrame(
-        [row, KNEE | {"trial": "unmoved", "VAF_held_out": 99.0}], infer_schema_length=None
+def test_an_accuracy_of_the_user_is_what_an_estimate_needs():
+    rows = {"K": [fault(3.3)]}
+
+    assert of_knee(rows, Limits(accuracy=Accuracy(K=0.03))) == []
+
+
+def test_a_doubt_names_its_rivals_sizes_and_what_they_leave():
+    left = fault(4.0, "unexplained_torque", "", basis="bound")
+    rows = {"K": [fault(10.0, probability=0.6), fault(9.0, detail="low-pass", probability=0.3)]}
+
+    (alone,) = of_knee(rows)
+    (beside,) = of_knee({"K": [*rows["K"], left]})
+
+    text = "delay, low-pass would change K by up to 10 N*m/rad"
+    assert alone.size == text
+    assert (
+        beside.size == f"{text}. Torque that it leaves unexplained could change"
+        " K by up to 4 N*m/rad"
     )
-    verdicts = pl.DataFrame({"trial": ["knee", "unmoved"], "check": "dropout", "verdict": "flag"})
-    limits = Limits(below={"VAF_held_out": 90})
 
-    findings, sound = judged(table, limits, "impedance", spoiled_trials(verdicts))
 
-    doubts = [each.name for each in findings if each.grade is Grade.DOUBTS]
-    assert doubts == ["signal_jumps"]
-    assert not any(each.grade is Grade.DOUBTS for each in sound), "it moves nothing"
+def test_a_check_of_the_recording_names_the_cause_of_a_doubt_and_makes_none():
+    check = {"knee": "signal_jumps"}
+
+    (doubt,) = of_knee({"K": [fault(10.0)]}, faults=check)
+
+    assert (doubt.name, [each.column for each in doubt.evidence]) == ("signal_jumps", ["K"])
+    assert of_knee({"K": [fault(0.1)]}, faults=check) == []
+
+
+@pytest.mark.parametrize("are_weighed", [True, False])
+def test_a_clipped_torque_decides_alone_where_no_rivals_were_weighed(are_weighed):
+    left = [fault(0.0, "unexplained_torque", "", basis="bound")] if are_weighed else []
+
+    found = of_knee({"K": [scatter(0.1, 9), *left]}, saturated_samples=9)
+
+    assert [each.name for each in found] == ["clipped_signal"] * (not are_weighed)
+
+
+def test_what_another_motion_changes_is_a_remark_with_its_size():
+    stiffening = fault(4.0, "nonlinear_spring", "over amplitudes", part="motion")
+
+    (remark,) = of_knee({"K": [stiffening]})
+
+    assert (remark.grade, remark.is_result, remark.size) == (
+        Grade.NOTES, True, "K by up to 8 N*m/rad",
+    )  # fmt: skip
+
+
+def test_a_wide_interval_is_told_and_is_no_doubt():
+    (remark,) = of_knee({"B": [scatter(0.1, 1e9)]})
+
+    assert (remark.name, remark.size) == ("wide_interval", "B by up to 0.2 N*m*s/rad")
+    assert verdicts_of([remark])["B"] == "wide"
+
+
+def test_what_is_not_known_is_told_once_with_its_size_per_unit():
+    gain = {name: Contribution("wrong_gain", None, part="fault", per="x per %") for name in "KB"}
+    rows = table_of(
+        budget_rows(KNEE, {name: Budget(1.0, (each,)) for name, each in gain.items()}),
+        "budget", complete=True,
+    )  # fmt: skip
+
+    (found,) = judged(pl.DataFrame([KNEE]), Limits(), "impedance", budget=rows)
+
+    sizes = [each.size for each in found if each.name == "wrong_gain"]
+    assert sizes == ["K x per %, B x per %"]
+
+
+@pytest.mark.parametrize(("doubts", "names", "is_concerned"), [
+    ("K, B: torque path", ["K"], True),
+    ("K, B: torque path", ["B_viscous"], True),
+    ("K, B: torque path", ["I"], False),
+    ("K, B: torque path", ["K_d", "I"], True),
+    ("I: late torque; unlikely size", ["K"], True),
+    ("I: late torque", ["VAF"], True),
+    ("B_j: late torque", ["J_j"], False),
+    (None, ["K"], False),
+])  # fmt: skip
+def test_a_mean_leaves_out_the_estimates_that_are_doubtful(doubts, names, is_concerned):
+    assert concerns(doubts, names) == is_concerned
 
 
 @pytest.mark.parametrize(("B_over_B_d", "is_told"), [(0.738, True), (0.544, False)])
@@ -88,46 +139,11 @@ def test_one_factor_of_both_gains_names_its_unit(B_over_B_d, is_told):
     assert [bool(re.search(r"lbf\*ft.*N\*m", text)) for text in texts] == [True] * is_told
 
 
-@pytest.mark.parametrize(("moved_by", "name"), [(0.0, "unlikely_size"), (0.1, "nonlinear_spring")])
+@pytest.mark.parametrize(("moved_by", "name"), [(5.0, "unlikely_size"), (20.0, "torque_path")])
 def test_no_unit_is_asked_for_where_a_cause_explains_the_ratio_to_K_d(moved_by, name):
-    row = {"trial": "a", "K_over_K_d": 1.2, "K_fault_share": moved_by, "fault_family": "size"}
-    unexplained = dict.fromkeys(("K_unexplained_share", "B_unexplained_share"), 0.0)
+    found = of_knee({"K": [fault(moved_by)]}, K_over_K_d=1.2)
 
-    findings = findings_of({**row, **unexplained}, Limits(), "impedance")
-
-    (first, *_) = [each.name for each in findings if each.grade is not Grade.UNCHECKED]
-    assert first == name
-
-
-@pytest.mark.parametrize(("K_over_K_d", "is_doubted"), [(1.0, False), (None, True)])
-def test_no_unit_of_a_small_angle_is_asked_for_where_K_is_the_desired_one(K_over_K_d, is_doubted):
-    row = {"trial": "a", "theta_rms_deg": 0.1, "K": 300.0, "K_ratio": None}
-
-    findings = findings_of({**row, "K_over_K_d": K_over_K_d}, Limits(), "impedance")
-
-    assert ("unlikely_size" in [each.name for each in findings]) == is_doubted
-
-
-@pytest.mark.parametrize(("row", "shift", "is_doubted"), [
-    # of 300 +- 3 N*m/rad, 2 half-widths are 2 %
-    ({"K": 300.0, "K_low": 297.0, "K_high": 303.0}, 2.01, True),
-    ({"K": 300.0, "K_low": 297.0, "K_high": 303.0}, 1.99, False),
-    # an estimate that is not told from zero is moved by any number of half-widths
-    ({"I": 0.0, "I_low": -0.01, "I_high": 0.01}, 1.01, True),
-    # what is within the interval is none, whatever it moves
-    ({"I": 0.0, "I_low": -0.01, "I_high": 0.01}, 0.99, False),
-])  # fmt: skip
-def test_other_time_stamps_move_an_estimate_by_half_widths_of_its_interval(row, shift, is_doubted):
-    row = {
-        "trial": "a",
-        **{f"{symbol}{end}": 1.0 for symbol in "KBI" for end in ("", "_low", "_high")},
-        **row,
-        "time_base_shift": shift,
-    }
-
-    doubts = [each.name for each in findings_of(row, Limits(), "impedance")]
-
-    assert doubts == ["undecided_time_stamps"] * is_doubted
+    assert ("unlikely_size" in [each.name for each in found]) == (name == "unlikely_size")
 
 
 @pytest.mark.parametrize(("ratio", "is_beyond"), [(2.1, True), (0.49, True), (0.51, False)])
@@ -135,17 +151,6 @@ def test_a_ratio_has_one_limit_for_both_sides(ratio, is_beyond):
     found = findings_of({"some_ratio": ratio}, Limits(ratio={"some_ratio": 2}), "belt")
 
     assert [finding.name for finding in found] == ["some_ratio"] * is_beyond
-
-
-@pytest.mark.parametrize(("change", "family", "finding"), [
-    (0.03, None, "nonlinear_spring"),
-    (-0.03, "size", "nonlinear_spring"),
-    (-0.03, None, "friction"),
-])  # fmt: skip
-def test_of_several_rules_on_a_number_the_first_that_is_met_counts(change, family, finding):
-    row = {"trial": "a", "K_change": change, "fault_family": family}
-
-    assert [each.name for each in findings_of(row, Limits(), "response")] == [finding]
 
 
 def test_an_impossible_estimate_comes_before_what_it_may_have_caused():
@@ -172,17 +177,17 @@ def test_a_clock_of_99_99_hz_passes_a_limit_of_100_hz_and_99_does_not():
 def test_limits_of_every_table_stand_on_the_columns_that_a_table_has():
     limits = DoubtfulFits.model_validate({"actuator": {"above": {"f_C_ratio": 2}}}).of("actuator")
 
-    found = findings_of({"f_C_ratio": 3.0, "condition_number": 101.0}, limits, "actuator")
+    found = findings_of({"f_C_ratio": 3.0, "saturated_samples": 6}, limits, "actuator")
 
-    assert beyond_in(found) == {"f_C_ratio": "above", "condition_number": "above"}
-    with pytest.raises(ValueError, match=r"condition_number"):
-        DoubtfulFits.model_validate({"belt": {"above": {"condition_number": 10}}})
+    assert beyond_in(found) == {"f_C_ratio": "above", "saturated_samples": "above"}
+    with pytest.raises(ValueError, match=r"saturated_samples"):
+        DoubtfulFits.model_validate({"belt": {"above": {"saturated_samples": 10}}})
 
 
 def test_rows_of_single_amplitudes_share_the_doubt_of_their_trial():
     table = pl.DataFrame({
         "trial": ["a", "a", "b", "b"], "amplitude_deg": [2.0, None, 2.0, None],
-        "doubtful": ["", "friction", "friction", ""],
+        "doubtful": [None, "late torque", "late torque", None],
     })  # fmt: skip
 
-    assert doubts_of_trials(table)["doubtful"].to_list() == ["friction", "friction", "", ""]
+    assert is_doubtful(table).to_list() == [True, True, True, False]

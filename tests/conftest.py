@@ -113,7 +113,7 @@ def in_root(monkeypatch: pytest.MonkeyPatch) -> None:
 def without_inference(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a test of least squares alone: the inference takes nine tenths of a fit."""
     monkeypatch.setattr("osl_analysis.bench.evidence.inferred_of_joint", lambda *_: None)
-    monkeypatch.setattr("osl_analysis.bench.evidence.inferred_of_leg", lambda *_: None)
+    monkeypatch.setattr("osl_analysis.bench.evidence.actuator_of_leg", lambda *_: None)
     monkeypatch.setattr("osl_analysis.bench.parts_alone.inferred_of_joint", lambda *_: None)
 
 

@@ -20,10 +20,13 @@ from osl_analysis.bench.friction import (
     CERTAIN_FRICTION,
     WITHOUT_FRICTION,
     CoulombFit,
+    FrictionlessLeg,
+    actuator_of_leg,
     coulomb_fits,
+    frictionless_leg,
     inferred_of_joint,
-    inferred_of_leg,
     is_friction_untold,
+    less_friction,
     viscous_fit,
     without_dry_friction,
 )
@@ -34,7 +37,7 @@ from osl_analysis.bench.plausibility import check_resists, check_stiffer
 from osl_analysis.bench.record import Label
 from osl_analysis.bench.regression import IMPEDANCE, Sums, fit_groups, held_out_vaf, sums_of
 from osl_analysis.dictionary import table_of
-from osl_analysis.inference import ImpedanceInference, LegInference
+from osl_analysis.inference import FrictionlessActuator, ImpedanceInference
 from osl_analysis.measured import significant
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
 from osl_analysis.model.drivetrain import DrivetrainParameters, joint_admittance
@@ -208,10 +211,10 @@ def impedance_table(
 class WhatElse:
     """What a recording tells beside Eq. 15."""
 
-    is_leg: bool
     belt: Belt  # of a leg
     joint: ImpedanceInference | None  # of a joint: the rivals; None: not weighed
-    inferred: ImpedanceInference | LegInference | None  # of its friction
+    leg: FrictionlessLeg | None  # of a leg, the friction of whose actuator is certain
+    is_friction_untold: bool  # whether the motion does not tell friction from damping
     coulomb: Mapping[Label, CoulombFit]
     ranges: Row  # the range of estimates over amplitudes and frequencies
 
@@ -221,23 +224,35 @@ def what_else(analysis: Analysis, s: Sums, p: DrivetrainParameters | None) -> Wh
     record = analysis.record
     of_leg = is_leg(record, p)
     joint = None if of_leg else inferred_of_joint(record)
-    inferred = inferred_of_leg(record) if of_leg else joint
+    inferred = actuator_of_leg(record) if of_leg else joint
     is_certain = inferred.friction_probability > CERTAIN_FRICTION if inferred else None
     coulomb = coulomb_fits(s, analysis, is_certain)
-    parts = list(parts_of(record, s))
-    fit_part = partial(fit_groups, model=IMPEDANCE)
-    ranges = range_over(parts, fit_part, analysis.whole, {name: name for name in QUANTITIES})
-    friction = coulomb.get(None)
-    if friction and friction.certain and not of_leg:
-        ranges |= range_over(parts, viscous_fit, friction.certain, {"B": "B_viscous"})
+    leg = None
+    if isinstance(inferred, FrictionlessActuator) and is_certain:
+        leg = frictionless_leg(analysis, inferred)
     return WhatElse(
-        is_leg=of_leg,
         belt=belt_of_leg(record, p) if p and of_leg else Belt(),
         joint=joint,
-        inferred=inferred,
+        leg=leg,
+        is_friction_untold=is_friction_untold(inferred, coulomb.get(None), of_leg),
         coulomb=coulomb,
-        ranges=ranges,
+        ranges=ranges_of(analysis, leg.sums if leg else s, coulomb.get(None), leg),
     )
+
+
+def ranges_of(
+    analysis: Analysis, s: Sums, coulomb: CoulombFit | None, leg: FrictionlessLeg | None
+) -> Row:
+    """The ranges of the estimates over amplitudes and frequencies, and of B without friction."""
+    parts = list(parts_of(analysis.record, s))
+    fit_part = partial(fit_groups, model=IMPEDANCE)
+    ranges = range_over(parts, fit_part, analysis.whole, {name: name for name in QUANTITIES})
+    viscous = {"B": "B_viscous"}
+    if leg is not None:
+        return {**ranges, **range_over(parts, less_friction, leg.fit, viscous)}
+    if coulomb and coulomb.certain:
+        return {**ranges, **range_over(parts, viscous_fit, coulomb.certain, viscous)}
+    return ranges
 
 
 def estimates_of(analysis: Analysis, found: WhatElse, label: Label) -> dict[str, Budget]:
@@ -245,7 +260,7 @@ def estimates_of(analysis: Analysis, found: WhatElse, label: Label) -> dict[str,
     certain, and the lag of a leg."""
     budgets = analysis.budgets(label, *QUANTITIES)
     coulomb = found.coulomb.get(label)
-    without = without_dry_friction(analysis, found.inferred, coulomb, label, found.is_leg)
+    without = without_dry_friction(analysis, found.joint, coulomb, found.leg, label)
     budgets |= {WITHOUT_FRICTION[name]: budget for name, budget in without.items()}
     if found.belt.lag:
         budgets["lag_s"] = found.belt.lag.budget("lag_s")
@@ -346,7 +361,7 @@ def unchecked(
         rows.append(unknown("fixture_inertia", per))
     if found.joint is None:
         rows.append(unknown("change_over_time", {"K": None}))
-    if is_friction_untold(found.inferred, found.coulomb.get(None), found.is_leg):
+    if found.is_friction_untold:
         rows.append(unknown("friction", {"B": None}))
     return rows
 

@@ -4,7 +4,7 @@ The inference (`osl_analysis/inference`) says whether dry friction is certain an
 Where friction is certain, K, B and I of a joint without it are those of Eq. 15 with a Coulomb
 column, a torque that has the velocity's sign. The inference weighs friction of other shapes too,
 as of bristles: what these change is in the budget of the estimates. A leg's friction acts behind
-a spring, so that the inference tells its effect, by the actuator's angle.
+a spring: its effect is told by the actuator's angle.
 """
 
 from contextlib import suppress
@@ -12,17 +12,30 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from osl_analysis.bench.impedance import Analysis
+from osl_analysis.bench.impedance import QUANTITIES, Analysis
 from osl_analysis.bench.record import Label, Record
-from osl_analysis.bench.regression import BEYOND, IMPEDANCE, GroupFit, Model, Sums, with_effects
+from osl_analysis.bench.regression import (
+    BEYOND,
+    IMPEDANCE,
+    GroupFit,
+    Model,
+    Sums,
+    columns_of,
+    fit_groups,
+    motion_sums,
+    with_effects,
+)
 from osl_analysis.errors import IdentifiabilityError, NotWeighedError
 from osl_analysis.inference import (
     BenchSignals,
+    FrictionlessActuator,
     ImpedanceInference,
-    LegInference,
+    frictionless_actuator,
     infer_impedance,
-    infer_leg,
 )
+from osl_analysis.inference.actuator import Sliding, deviations
+from osl_analysis.inference.constants import Ranges
+from osl_analysis.inference.friction_shapes import slipping_springs
 from osl_analysis.stats.budget import Budget, Contribution
 from osl_analysis.trial import Array
 
@@ -167,12 +180,12 @@ def raw_signals(record: Record, **actuator: Array | None) -> BenchSignals:
     )
 
 
-def inferred_of_leg(record: Record) -> LegInference | None:
-    """The friction in a leg's actuator, which opposes its velocity and grows with the current; None
-    where the recording cannot tell it."""
+def actuator_of_leg(record: Record) -> FrictionlessActuator | None:
+    """How a leg's actuator, whose friction opposes its velocity and grows with the current, moves
+    without it; None where the recording cannot tell it."""
     actuator = record.actuator
     with suppress(NotWeighedError):
-        return infer_leg(
+        return frictionless_actuator(
             raw_signals(
                 record,
                 sliding_angle=actuator["wide_band_theta_m"],
@@ -180,6 +193,62 @@ def inferred_of_leg(record: Record) -> LegInference | None:
             )
         )
     return None
+
+
+@dataclass(frozen=True)
+class FrictionlessLeg:
+    """Eq. 15 of a leg for the torque less what its actuator's friction makes of it.
+
+    Attributes
+    ----------
+    sums : Sums
+        Of a coarse record, with that torque in the column `friction`.
+    fit : GroupFit
+        Of all of it.
+    """
+
+    sums: Sums
+    fit: GroupFit
+
+
+def frictionless_leg(analysis: Analysis, actuator: FrictionlessActuator) -> FrictionlessLeg:
+    """Fit Eq. 15 to the torque that a leg would have without the friction of its actuator.
+
+    Friction turns the actuator to theta_m instead of theta_m0, and the belt makes a torque of it:
+    kappa (theta_m - theta_m0), where kappa is the slope of the torque over theta_m beside the
+    joint's motion. The estimates of this torque, in the same rows, come off those of all of it.
+    """
+    record = analysis.record
+    few = record.coarse
+    columns = columns_of(few)
+    X = np.array([columns[column] for column in IMPEDANCE.values()])
+    rows = few.rows()
+    theta_m = few.actuator["theta_m"]
+    beside = np.vstack([X, theta_m])[:, rows]
+    stiffness, *_, kappa = np.linalg.lstsq(beside.T, few.filtered_torque[rows])[0]
+    theta = few.motion.theta
+    wound = theta + kappa / stiffness * theta_m
+    hysteresis = slipping_springs(wound, Ranges.FRICTION_WINDS)[-1]
+    # friction and the belt's hysteresis look alike: how much is whose is told within these bounds
+    bounds = np.array([actuator.angles(theta, z, few.rate_hz) for z in (hysteresis, 0 * theta)])
+    torques = kappa * (theta_m - bounds.mean(axis=0))
+    of_hysteresis = kappa * (bounds[0, 0] - bounds[1, 0]) / 2
+    sums = motion_sums(few, {**columns, "friction": torques[0]}, record.angle_noise)
+    fit = less_friction(sums)
+    by_torque = np.linalg.pinv(X[:, rows].T)
+    of_blocks = deviations(torques[:, rows] @ by_torque.T)
+    of_formula = Sliding.INEXACTNESS * (analysis.whole.estimates - fit.estimates)
+    of_bounds = by_torque @ of_hysteresis[rows] / np.sqrt(3)  # a rectangular distribution
+    errors = np.vstack([of_blocks, of_formula, of_bounds])
+    fit = fit.with_known_error("friction_shape", np.linalg.norm(errors, axis=0))
+    return FrictionlessLeg(sums, fit)
+
+
+def less_friction(s: Sums) -> GroupFit:
+    """Eq. 15 for the torque less that of the column `friction`. Raises as `fit_groups`."""
+    fit = fit_groups(s, IMPEDANCE)
+    of_friction = s.estimates([*IMPEDANCE.values()], "friction")
+    return replace(fit, estimates=fit.estimates - of_friction)
 
 
 def inferred_of_joint(record: Record) -> ImpedanceInference | None:
@@ -197,54 +266,53 @@ def inferred_of_joint(record: Record) -> ImpedanceInference | None:
 
 def without_dry_friction(
     analysis: Analysis,
-    inferred: ImpedanceInference | LegInference | None,
+    joint: ImpedanceInference | None,
     coulomb: CoulombFit | None,
+    leg: FrictionlessLeg | None,
     label: Label,
-    is_leg: bool,
 ) -> dict[str, Budget]:
     """K, B and I without friction, and the friction `T_C`; empty where it is not certain.
 
     Of a whole trial the inference tells whether there is friction. Of a joint least squares tells
     its size and effect; where its size is not certain, none is taken off. Friction of another shape
     would make other estimates, as the inference tells: a rectangular distribution (JCGM 100:2008,
-    4.3.7). Friction of a leg acts behind its belt, where its size need not show, so that the
-    inference tells its effect.
+    4.3.7). Friction of a leg acts behind its belt, where its size need not show.
 
     Parameters
     ----------
     analysis : Analysis
         Eq. 15.
-    inferred : ImpedanceInference or LegInference or None
-        What the inference says of the recording.
+    joint : ImpedanceInference or None
+        What the inference says of a joint.
     coulomb : CoulombFit or None
         Of the label, as of `coulomb_fits`.
+    leg : FrictionlessLeg or None
+        Where the friction of its actuator is certain.
     label : Label
         The row's.
-    is_leg : bool
-        Whether a belt and an actuator render the joint.
     """
+    if label is None and leg is not None:
+        fit = analysis.with_bench_errors(leg.fit, None)
+        for error in analysis.whole.known_errors:
+            fit = fit.with_known_error(error.source, error.change, error.shared)
+        return {name: fit.budget(name) for name in QUANTITIES}
     estimates = {}
     if coulomb and coulomb.certain:
         estimates = {name: coulomb.certain.budget(name) for name in WITHOUT_FRICTION}
-    is_certain = inferred is not None and inferred.friction_probability > CERTAIN_FRICTION
-    if label is not None or inferred is None or not is_certain:
+    is_certain = joint is not None and joint.friction_probability > CERTAIN_FRICTION
+    if label is not None or joint is None or not is_certain or not estimates:
         return estimates
-    for name, weighed in inferred.without_friction.items():
-        if is_leg:
-            # what is stated of the bench, and a band that hardly tells them, no scatter shows
-            of_bench = [
-                each for each in analysis.calibrated[None].budget(name).contributions if each.shared
-            ]
-            estimates[name] = weighed.plus(*of_bench)
-        elif estimates:
-            by_shape = abs(weighed.value - estimates[name].value) / np.sqrt(3)
-            of_shape = Contribution("friction_shape", by_shape, basis="weighed", part="sensor")
-            estimates[name] = estimates[name].plus(of_shape)
+    for name, weighed in joint.without_friction.items():
+        by_shape = abs(weighed.value - estimates[name].value) / np.sqrt(3)
+        of_shape = Contribution("friction_shape", by_shape, basis="weighed", part="sensor")
+        estimates[name] = estimates[name].plus(of_shape)
     return estimates
 
 
 def is_friction_untold(
-    inferred: ImpedanceInference | LegInference | None, coulomb: CoulombFit | None, is_leg: bool
+    inferred: ImpedanceInference | FrictionlessActuator | None,
+    coulomb: CoulombFit | None,
+    is_leg: bool,
 ) -> bool:
     """Whether the motion of a trial does not tell friction from damping: the column is collinear
     with it, or sees what the inference does not."""

@@ -7,12 +7,14 @@ Read `infer.py` first; it names the other modules in their order. Equations stan
 computed, and every number that decides in `constants.py`.
 """
 
-from osl_analysis.inference.infer import (
-    ImpedanceInference,
-    LegInference,
-    infer_impedance,
-    infer_leg,
-)
+from osl_analysis.inference.actuator import FrictionlessActuator, frictionless_actuator
+from osl_analysis.inference.infer import ImpedanceInference, infer_impedance
 from osl_analysis.inference.spectra import BenchSignals
 
-__all__ = ["BenchSignals", "ImpedanceInference", "LegInference", "infer_impedance", "infer_leg"]
+__all__ = [
+    "BenchSignals",
+    "FrictionlessActuator",
+    "ImpedanceInference",
+    "frictionless_actuator",
+    "infer_impedance",
+]

@@ -8,10 +8,11 @@ does in the actuator, it does to theta_m, so that the torque (Eqs. 3-4, 8)
 needs no friction of the actuator. K, B and I of the leg without that friction need the theta_m that
 there would be without it. While the actuator slides, Eqs. 1, 2 and 7 are linear in
 
-    theta = c_0 theta_m + c_1 omega_m + c_2 alpha_m + sign(omega_m) (f_0 + f_1 |current|) + offset,
+    theta = c_0 theta_m + c_1 omega_m + c_2 alpha_m + sign(omega_m) (f_0 + f_1 |current|) + h z
 
-so that theta/(c_0 + c_1 s + c_2 s^2) is the motion without friction. While it sticks, friction is
-whatever holds it: those rows tell nothing and are left out.
+with an offset, where z is the hysteresis of the belt: (theta - h z)/(c_0 + c_1 s + c_2 s^2) is the
+motion without friction. While it sticks, friction is whatever holds it: those rows tell nothing and
+are left out.
 """
 
 from dataclasses import dataclass
@@ -26,7 +27,8 @@ from osl_analysis.inference.constants import (
     RIDGE,
     TINY,
 )
-from osl_analysis.inference.spectra import Spectra
+from osl_analysis.inference.friction_shapes import friction_torques
+from osl_analysis.inference.spectra import BenchSignals, Spectra
 from osl_analysis.trial import Array
 
 
@@ -40,72 +42,84 @@ class Sliding:
     # time about a standstill that is left out, since filters spread it [s]; 16 legs, sliding above
     # 0.05 SD: B is off by 0.028 with 0.01 s, 0.037 with 0.02 s (RMS)
     SETTLING = 0.02
-    # share of what friction does to K, B, I that its formula misses; 32 legs of other seeds: B is
-    # held in 28 without it, in 31 with it
-    INEXACTNESS = 0.005
+    # share of what friction does to K, B, I that its formula misses; seven legs of the simulator: B
+    # is off by 0.02 of it (RMS)
+    INEXACTNESS = 0.02
 
 
 FRICTION = slice(3, 5)  # coefficients f_0 and f_1
+HYSTERESIS = 5  # coefficient h
+BEYOND_ENDS_S = 2.0  # odd extension of a motion at both ends [s]: 30 periods of its low-pass
 
 
 @dataclass(frozen=True)
 class FrictionlessActuator:
-    """The motion of an actuator without friction, as that of its joint.
+    """How an actuator follows its joint without friction.
 
     Attributes
     ----------
-    impedance_column : Array (3,)
-        Its angle without friction, projected on angle, velocity and acceleration of the joint.
-    covariance : Array (3, 3)
-        Covariance of `impedance_column`.
+    coefficients : Array (1 + 2 + BLOCKS, 4)
+        c_0, c_1, c_2 and h; then by the other speeds above which it slides, and without each block.
     friction_probability : float
         Probability that the actuator's friction, as far as no controller cancels it, opposes its
         motion.
     """
 
-    impedance_column: Array
-    covariance: Array
+    coefficients: Array
     friction_probability: float
 
+    def angles(self, theta: Array, hysteresis: Array, rate_hz: float) -> Array:
+        """Angles (1 + 2 + BLOCKS, n) of the actuator without friction, of a joint's angle (n,) and
+        the hysteresis z (n,) of its belt, by each row of the coefficients."""
+        pad = min(round(BEYOND_ENDS_S * rate_hz), len(theta) - 1)
+        signals = np.array([theta - theta.mean(), hysteresis])
+        extended = np.pad(signals, ((0, 0), (pad, pad)), "reflect", reflect_type="odd")
+        n = extended.shape[1]
+        of_theta, of_hysteresis = scipy.fft.rfft(extended)
+        s = 2j * np.pi * scipy.fft.rfftfreq(n, 1 / rate_hz)
+        pushed = of_theta - self.coefficients[:, 3:] * of_hysteresis
+        moved = pushed / (self.coefficients[:, :3] @ s ** np.arange(3)[:, None])
+        return scipy.fft.irfft(moved, n)[:, pad : pad + len(theta)]
 
-def frictionless_actuator(spectra: Spectra, hysteresis: Array) -> FrictionlessActuator:
-    """Estimate the motion of an actuator without friction from its sliding motion.
 
-    The error has three parts: the scatter of estimates that leave out one block each (jackknife),
-    what changes if other speeds part sliding from sticking, and a share of what friction does. The
-    `hysteresis` (p,) is that of its belt.
+def frictionless_actuator(signals: BenchSignals) -> FrictionlessActuator:
+    """Estimate how an actuator follows its joint while it slides.
+
+    Parameters
+    ----------
+    signals : BenchSignals
+        Angle, torque and the actuator's angle on one time base.
+
+    Raises
+    ------
+    InputError
+        The signals are not finite, or do not move.
+    NotWeighedError
+        They are too short.
     """
-    columns = equation_of_sliding(spectra, hysteresis)
+    spectra = Spectra(signals)
+    columns = equation_of_sliding(spectra, friction_torques(spectra)[-1])
     # (3, 1 + BLOCKS, 8); without a block at the first speed only
     fits = np.array([sliding_fits(spectra, columns, share) for share in Sliding.SPEEDS])
     coefficients = np.vstack([fits[:, 0], fits[0, 1:]])
 
-    # K, B, I per angle of the actuator as it moves, and as it would move without its friction
-    powers = np.vander(spectra.s, 3, increasing=True).T
-    moved = spectra.derivatives[0] / (coefficients[:, :3] @ powers)
-    motion = scipy.fft.irfft(spectra.derivatives[:3] * spectra.roll_off, spectra.working_rows)
-    motion -= motion[:, spectra.rows].mean(axis=1, keepdims=True)
-    motion *= spectra.rows
-    # sums over the rows, by Parseval: 28 motions of the actuator need no transform
-    weights = np.conj(scipy.fft.rfft(motion)) * spectra.roll_off * 2 / spectra.working_rows
-    products = np.column_stack([weights @ spectra.motion[3], weights @ moved.T]).real
-    with_friction, *per_angle = np.linalg.solve(motion @ motion.T, products).T
-    # and its friction at the mean load
+    # its friction at the mean load
     load = spectra.signals.load
     mean_load = 0.0 if load is None else np.mean(np.abs(load))
-    of_all_fits = np.column_stack([per_angle, coefficients[:, FRICTION] @ [1.0, mean_load]])
-    result = of_all_fits[0]
-    by_speed = of_all_fits[1 : len(Sliding.SPEEDS)] - result
-    by_block = np.cov(of_all_fits[len(Sliding.SPEEDS) :].T, ddof=0) * (BLOCKS - 1)
-    covariance = by_speed.T @ by_speed + by_block
+    friction = coefficients[:, FRICTION] @ [1.0, mean_load]
+    deviation = np.linalg.norm(deviations(friction))
+    probability = scipy.special.ndtr(friction[0] / (deviation + TINY))
+    told = coefficients[:, [0, 1, 2, HYSTERESIS]]
+    return FrictionlessActuator(told, float(probability))
 
-    # its formula misses a share of what friction does
-    by_friction = Sliding.INEXACTNESS * np.append(result[:3] - with_friction, 0.0)
-    covariance = covariance + np.outer(by_friction, by_friction)
 
-    deviation = np.sqrt(covariance[3, 3] + np.finfo(float).tiny)
-    probability = scipy.special.ndtr(result[3] / deviation)
-    return FrictionlessActuator(result[:3], covariance[:3, :3], probability)
+def deviations(values: Array) -> Array:
+    """Independent errors of the first of values (1 + 2 + BLOCKS, ...) by each row of the
+    coefficients: what the other speeds change, and by the jackknife what each block does."""
+    speeds = len(Sliding.SPEEDS)
+    by_speed = values[1:speeds] - values[0]
+    by_block = values[speeds:] - values[speeds:].mean(axis=0)
+    return np.concatenate([by_speed, np.sqrt((BLOCKS - 1) / BLOCKS) * by_block])
 
 
 def equation_of_sliding(spectra: Spectra, hysteresis: Array) -> Array:

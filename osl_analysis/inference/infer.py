@@ -64,22 +64,6 @@ class ImpedanceInference:
         return sum(each.probability for each in self.alternatives if each.family == family)
 
 
-@dataclass(frozen=True)
-class LegInference:
-    """What a recording tells of the friction in a leg's actuator.
-
-    Attributes
-    ----------
-    friction_probability : float
-        Probability of dry friction.
-    without_friction : Impedance
-        K, B and I as they would be without it.
-    """
-
-    friction_probability: float
-    without_friction: Impedance
-
-
 def infer_impedance(signals: BenchSignals) -> ImpedanceInference:
     """Weigh what may be wrong with a recording of a joint.
 
@@ -125,29 +109,6 @@ def infer_impedance(signals: BenchSignals) -> ImpedanceInference:
     )
 
 
-def infer_leg(signals: BenchSignals) -> LegInference:
-    """Tell the friction in a leg's actuator.
-
-    A leg is of fourth order or higher: it delays and filters the torque by itself, so that no
-    rival is a fault of the recording.
-
-    Parameters
-    ----------
-    signals : BenchSignals
-        Angle, torque and the actuator's angle on one time base.
-
-    Raises
-    ------
-    InputError, NotWeighedError
-        As `infer_impedance`, but for the acceleration.
-    """
-    data = Whitened(Spectra(signals))
-    assert data.actuator is not None
-    fits, _ = fit_all(data, [EQ_15])
-    _, best_sound = weigh(fits, data.spectra.freedom)
-    return LegInference(data.actuator.friction_probability, impedance_of(best_sound))
-
-
 def fit_all(data: Whitened, rivals: Sequence[Rival]) -> tuple[list[Predicted], Array]:
     """Fit rivals without and with friction, and let each predict all blocks; with the torques of
     rounding."""
@@ -155,7 +116,7 @@ def fit_all(data: Whitened, rivals: Sequence[Rival]) -> tuple[list[Predicted], A
     without_friction = searches[0]
     if len(rivals) > 1 and is_explained_by_eq15(without_friction):
         rivals = [EQ_15]
-    rounding = rounding_torques(data, without_friction.coefficients[:3])
+    rounding = rounding_torques(data, without_friction.impedance)
     fits = [
         predict(search, candidate, rounding)
         for search in searches

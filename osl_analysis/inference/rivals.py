@@ -64,8 +64,6 @@ class Search:
         Whether the joint has friction.
     left : float
         What Eq. 15 alone leaves of the torque.
-    coefficients : Array (3,) or (4,)
-        Those of its motion's columns.
     impedance : Array (3,)
         Its K, B, I.
     """
@@ -74,8 +72,7 @@ class Search:
         self.data = data
         self.has_friction = has_friction
         self._shared = np.linalg.qr(data.shared(has_friction).T)[0]
-        self.left, self.coefficients = self.fit(data.motion)
-        self.impedance = data.impedance_matrix @ self.coefficients
+        self.left, self.impedance = self.fit(data.motion)
 
     def fit(self, columns: Array, torque: Array | None = None) -> tuple[float, Array]:
         """Residual sum of squares and coefficients (k,) of columns (k, m) for a torque (m,), by
@@ -290,7 +287,7 @@ def cut(search: Search, _: float) -> Model | None:
     recorded = spectra.resampled(*spectra.raw_torque)[inside]
     low, high = np.quantile(recorded, Cut.OUTERMOST)
     missing = np.zeros(spectra.product_rows)
-    coefficients = search.coefficients
+    coefficients = search.impedance
     for _step in range(Cut.STEPS):
         modelled = coefficients @ motion
         # with the offset of its smaller half, in which nothing is cut

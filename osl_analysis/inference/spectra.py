@@ -164,11 +164,9 @@ class Spectra:
     sliding : Array (p,)
         Angle whose velocity friction opposes, with its line [rad]; the deflection of a
         drivetrain's belt, whose hysteresis it is.
-    motion : Spectrum (3, f) or (4, f)
-        Angle, velocity and acceleration; the angle of a drivetrain's actuator, less the line
-        between its ends, is the fourth.
     actuator_derivatives : Array (3, p) or None
-        That angle, its velocity and acceleration, for products.
+        The angle of a drivetrain's actuator less the line between its ends, its velocity and
+        acceleration, for products.
     inside : Array (p,) of bool
         Rows of the recording, not of its padding.
     """
@@ -220,12 +218,10 @@ class Spectra:
         self.angle = with_line - with_line[self.inside].mean()
 
         # the other side of a drivetrain's belt
-        self.motion = self.derivatives[:3]
         self.actuator_derivatives: Array | None = None
         self.sliding = self.angle
         if self.signals.sliding_angle is not None:
             raw_actuator, ends = self.transformed(self.signals.sliding_angle)
-            self.motion = np.vstack([self.motion, self._working(raw_actuator)])
             self.actuator_derivatives = self._at_product_rate(raw_actuator, 3)
             actuator = self.actuator_derivatives[0] + np.linspace(*ends, self.product_rows)
             self.sliding = self._belt_deflection(actuator)

@@ -192,12 +192,9 @@ def predict(search: Search, candidate: Candidate, rounding: Array) -> Predicted:
     width = len(candidate.columns)
     coefficients = estimates[:width]
     # what turns the coefficients into K, B and I
-    of_motion = data.impedance_matrix
-    of_added = np.eye(3, width - of_motion.shape[1])
-    matrices = [np.hstack([of_motion, share * of_added]) for share in candidate.rival.shares]
+    of_added = np.eye(3, width - 3)
+    matrices = [np.hstack([np.eye(3), share * of_added]) for share in candidate.rival.shares]
     of_impedance = matrices[0] @ covariance[:width, :width] @ matrices[0].T
-    if data.actuator is not None:
-        of_impedance = of_impedance + coefficients[3] ** 2 * data.actuator.covariance
 
     friction_torque = 0.0
     if search.has_friction:

@@ -11,7 +11,6 @@ import numpy as np
 import scipy
 
 from osl_analysis.errors import NotWeighedError
-from osl_analysis.inference.actuator import frictionless_actuator
 from osl_analysis.inference.constants import COLOUR_BAND, RIDGE, TINY
 from osl_analysis.inference.friction_shapes import friction_torques
 from osl_analysis.inference.spectra import Spectra, Spectrum, solve_scaled
@@ -41,18 +40,12 @@ class Whitened:
     torque : Array (m,)
         Whitened torque.
     columns : dict
-        Whitened columns (k, m) by their names: `derivatives` of the angle, the `actuator`'s angle
-        in a drivetrain, shapes of dry `friction`, `slow` ones of offset and drift, and what rivals
-        of Eq. 15 add to it; of a leg there are no rivals.
-    motion : Array (3, m) or (4, m)
-        Whitened angle, velocity, acceleration, whose coefficients are K, B and I. The angle of a
-        drivetrain's actuator is the fourth.
+        Whitened columns (k, m) by their names: `derivatives` of the angle, shapes of dry
+        `friction`, `slow` ones of offset and drift, and what rivals of Eq. 15 add to it.
+    motion : Array (3, m)
+        Whitened angle, velocity, acceleration, whose coefficients are K, B and I.
     rich : Array (k, m)
         Whitened columns of what any rival may add to the torque, to first order.
-    actuator : FrictionlessActuator or None
-        What that actuator would do without its friction.
-    impedance_matrix : Array (3, 3) or (3, 4)
-        Turns the coefficients of `motion` into K, B and I.
     gain : Array (f,)
         By which the spectra of windowed signals are whitened [1/(N*m)].
     mean_friction : Array (k,)
@@ -63,18 +56,10 @@ class Whitened:
         self.spectra = spectra
         friction = friction_torques(spectra)
         self.mean_friction = np.abs(friction[:, spectra.inside]).mean(axis=1)
-        products = {"friction": friction}
-        self.actuator = None
-        self.impedance_matrix = np.eye(3)
-        if spectra.actuator_derivatives is None:
-            products |= products_of_rivals(spectra, friction[0])
-        else:
-            self.actuator = frictionless_actuator(spectra, friction[-1])
-            columns = [self.impedance_matrix, self.actuator.impedance_column]
-            self.impedance_matrix = np.column_stack(columns)
+        products = {"friction": friction, **products_of_rivals(spectra, friction[0])}
         products["slow"] = np.vander(spectra.relative_time - 0.5, SLOW_POWERS, increasing=True).T
 
-        parts = {"derivatives": spectra.derivatives, "actuator": spectra.motion[3:]}
+        parts = {"derivatives": spectra.derivatives}
         parts |= {name: spectra.spectrum_of(x) for name, x in products.items()}
         signals = spectra.windowed(np.concatenate([*parts.values(), spectra.torque[None]]))
         self.gain = whitening_gain(spectra, signals)
@@ -83,7 +68,7 @@ class Whitened:
         self.rich = rows[: -1 - SLOW_POWERS]
         ends = np.cumsum([len(part) for part in parts.values()])
         self.columns = dict(zip(parts, np.split(rows, ends), strict=False))
-        self.motion = np.vstack([self.columns["derivatives"][:3], self.columns["actuator"]])
+        self.motion = self.columns["derivatives"][:3]
 
     def shared(self, has_friction: bool) -> Array:
         """Columns (k, m) that all rivals share: of friction, offset and drift."""

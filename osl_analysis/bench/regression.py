@@ -52,8 +52,6 @@ ten times the velocity noise of 14 bits."""
 BEYOND = 1.1  # cut-offs above which the band's end is motion, not the tail of a faster step
 # largest scaled condition number with effects, whose columns may be nearly collinear
 EFFECTS_LIMIT = 1e5
-# share of what is slower that is left, so that offset and drift are told beside the motion
-LEFT_OF_SLOWER = 1e-3
 EDGE_ROWS = 2  # beside the fitted ones, from which a fraction of a row is read
 SPECTRUM_POINTS = 2000  # of an integral over the spectrum of noise
 DERIVATIVE = {"theta": 0, "omega": 1, "alpha": 2, "jerk": 3, "snap": 4}
@@ -153,10 +151,11 @@ def motion_sums(record: Record, columns: Mapping[str, Array], angle_noise: float
     """The sums of a motion of the joint, without what is slower than it, and without the noise of
     its angle.
 
-    Columns and torque pass the same high-pass over the whole record, and only then are rows chosen.
-    Noise of the angle lengthens the columns: its part of the products, by its `angle_noise`
-    [rad^2/Hz], is taken off (errors in variables; Fuller, Measurement Error Models, 1987). Raises
-    as `gram_sums`.
+    Where nothing repeats, columns and torque of each run of rows pass the same high-pass, whose
+    corner is the lowest frequency of the motion. Of whole cycles and periods what is slower
+    averages out, and what remains is in their spread. Noise of the angle lengthens the columns: its
+    part of the products, by its `angle_noise` [rad^2/Hz], is taken off (errors in variables;
+    Fuller, Measurement Error Models, 1987). Raises as `gram_sums`.
     """
     sums = gram_sums(record, columns)
     slow_hz = record.band_hz[0]
@@ -171,16 +170,23 @@ def motion_sums(record: Record, columns: Mapping[str, Array], angle_noise: float
 
 def without_slower(signals: Array, runs: Sequence[slice], slow: float) -> Array:
     """Signals (q, n) without what is slower than `slow` [cycles per row] in some runs of rows: the
-    lines of the run's discrete cosine transform below it (band-spectrum regression; Engle, Int.
-    Econ. Review 15, 1974)."""
+    lines of the run's discrete cosine transform behind a high-pass (band-spectrum regression;
+    Engle, Int. Econ. Review 15, 1974)."""
     fast = signals.copy()
     for run in runs:
         # a fraction of a row at its ends is read from the rows beside it
         rows = slice(max(run.start - EDGE_ROWS, 0), run.stop + EDGE_ROWS)
         lines = scipy.fft.dct(signals[:, rows], norm="ortho")
-        lines[:, : int(2 * slow * lines.shape[1]) + 1] *= LEFT_OF_SLOWER
-        fast[:, rows] = scipy.fft.idct(lines, norm="ortho")
+        frequency = np.arange(lines.shape[1]) / (2 * lines.shape[1])
+        frequency[0] = frequency[1] / 4  # a constant is told, too
+        fast[:, rows] = scipy.fft.idct(high_pass_gain(frequency, slow) * lines, norm="ortho")
     return fast
+
+
+def high_pass_gain(frequency: Array, slow: float) -> Array:
+    """Gain (n,) at frequencies (n,) above 0, of which the power falls as that of a person's lean
+    rises: with the fourth power below `slow`."""
+    return 1 / np.sqrt(1 + (slow / frequency) ** 4)
 
 
 def noise_moments(
@@ -191,8 +197,10 @@ def noise_moments(
     The n-th derivative has the spectrum (i w)^n of the noise, so that those of orders n and m have
     the product w^(n + m) cos((n - m) pi/2), times the square of the filter's gain.
     """
-    f = np.linspace(slow_hz, record.rate_hz / 2, SPECTRUM_POINTS)
+    f = np.linspace(0, record.rate_hz / 2, SPECTRUM_POINTS + 1)[1:]
     gain = record.settings.low_pass.gain(f)
+    if not record.groups.repeat().any():
+        gain = gain * high_pass_gain(f, slow_hz)
     w = 2 * np.pi * f
     moments = np.zeros((len(names), len(names)))
     of_angle = [(k, DERIVATIVE[name]) for k, name in enumerate(names) if name in DERIVATIVE]

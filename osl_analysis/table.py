@@ -179,12 +179,12 @@ def rows_of(path: Path, name: str) -> pl.DataFrame:
 UNREADABLE = (OSError, LookupError, zipfile.BadZipFile)  # errors of `content_of`
 
 
-def content_of(path: Path, name: str | None) -> bytes:
-    """A table as CSV: in an archive that of this name, or the first one for None."""
+def content_of(path: Path, name: str) -> bytes:
+    """A table as CSV, in an archive that of this name."""
     if path.suffix != ARCHIVE_SUFFIX:
         return path.read_bytes()
     with zipfile.ZipFile(path) as archive:
-        return archive.read(archive.namelist()[0] if name is None else f"{name}.csv")
+        return archive.read(f"{name}.csv")
 
 
 def with_usual_types(table: pl.DataFrame) -> pl.DataFrame:
@@ -279,7 +279,7 @@ def not_analysed(path: Path | str) -> tuple[NotAnalysed, ...]:
                 causes = json.loads(text)[NOT_ANALYSED_KEY]
         elif path.suffix in (".csv", ARCHIVE_SUFFIX):
             stated = ("status", "trial", "reason")
-            content = content_of(path, None)
+            content = content_of(path, NOT_ANALYSED_KEY)
             if NOT_ANALYSED.encode() in content:  # most hold results, and need not be read
                 rows = pl.read_csv(content, columns=stated, infer_schema=False)
                 if (rows["status"] == NOT_ANALYSED).all():

@@ -3,6 +3,7 @@ must fulfil before anything runs."""
 
 import filecmp
 import os
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -34,6 +35,7 @@ INGESTED = (
 RECORDING = ("experiment", "log", "log_source", "log_part", "mocap")
 WHOLE_RECORDING = "0-1000000"  # [s] as windows
 FEWEST_PERTURBED = 2
+PATTERN = re.compile("[{}<>]")  # signs for which Snakemake takes a path for that of many files
 ROUNDING_S = 1e-6  # of differences of times that are written with milliseconds
 
 
@@ -162,10 +164,19 @@ class Campaign:
         is_simulated = self.config.simulation is not None
         return [log for log in self.logs(trial) if is_simulated or os.access(log, os.R_OK)]
 
-    def log_sizes(self, trial: str) -> list[int]:
-        """The sizes of the recorded files [bytes]: another one is seen even if its date is
-        older."""
-        return [log.stat().st_size for log in self.readable_logs(trial) if log.exists()]
+    def followed_files(self, trial: str) -> list[Path]:
+        """The files that a trial is made of and whose dates Snakemake compares."""
+        sources = [file for file in self.sources(trial) if file.is_file()]
+        files = [*self.readable_logs(trial), *sources]
+        return [file for file in files if not PATTERN.search(str(file))]
+
+    def states(self, trial: str) -> list[int]:
+        """The sizes of the recorded files [bytes]: another one is seen even if its date is older.
+        Then the dates [ns] of files that Snakemake cannot follow."""
+        logs = [log for log in self.readable_logs(trial) if log.exists()]
+        files = [*logs, *filter(Path.is_file, self.sources(trial))]
+        dates = [file.stat().st_mtime_ns for file in files if PATTERN.search(str(file))]
+        return [*(log.stat().st_size for log in logs), *dates]
 
     def sources(self, trial: str) -> list[Path]:
         """The source files of a trial."""
@@ -294,6 +305,15 @@ def check_files(config: Config) -> None:
     if config.impedance_trajectory is not None:
         with naming("impedance_trajectory"):
             read_impedance_trajectory(config.impedance_trajectory)
+    followed = ["results", "parameters", "impedance_trajectory", "simulation"]
+    if config.simulation is not None:
+        followed += ["raw_data", "sheet"]
+    for field in followed:
+        if PATTERN.search(str(getattr(config, field))):
+            raise InputError(
+                f"configuration: {field} = {getattr(config, field)} has one of the signs {{}}<>,"
+                " which mean several files to Snakemake; choose a name without them"
+            )
     results = config.results.resolve()
     if any(
         path.resolve().is_relative_to(results)

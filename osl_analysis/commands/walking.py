@@ -13,6 +13,7 @@ import numpy as np
 import polars as pl
 from pydantic import TypeAdapter
 
+from osl_analysis.dictionary import columns_of_trial
 from osl_analysis.errors import InputError, OslAnalysisError, on_one_line
 from osl_analysis.files import atomic_path, write_text
 from osl_analysis.judge.judging import EXCLUDED
@@ -332,4 +333,5 @@ def fit_perturbation(
             warnings.warn(f"excluded: {reason}", stacklevel=2)
     place = {"trial": crossing.stem, "group": group}
     status = ANALYSED if reason is None else "excluded"
-    write_table(pl.DataFrame([{**place, **row, "status": status, EXCLUDED: reason}]), output, data)
+    table = pl.DataFrame([{**place, **row, "status": status, EXCLUDED: reason}])
+    write_table(table.select(columns_of_trial("walking")), output, data)

@@ -142,6 +142,14 @@ ADDED_TO_ALL = {"joint", "side", "doubtful", "remarks", "status", "reason", "dat
 """Columns that rows of single trials get where a table is gathered from them."""
 
 
+def columns_of_trial(name: str) -> list[str]:
+    """The columns of the result table `name` in a file of a single trial, in their order, but for
+    `data`. One that was not analysed has the same."""
+    table = described_tables_by_name()[name]
+    own = [name for name in (*table.columns, *table.of_fits) if name not in ADDED_TO_ALL]
+    return [*own, "status", "reason"]
+
+
 def table_of(rows: Sequence[Mapping[str, Any]], name: str, complete: bool = False) -> pl.DataFrame:
     """Rows of the result table `name`, with the types that its description gives.
 

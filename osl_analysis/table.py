@@ -7,6 +7,7 @@ columns; jobs that need it pass the reason on.
 """
 
 import json
+import re
 import zipfile
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -31,6 +32,9 @@ TEXT_COLUMNS = (
     "name", "cause", "evidence", "says", "size", "remedy", "fault_family", "explanations",
 )  # fmt: skip
 
+FORMULA = "^[=+@'\t\r-]"  # how a text begins that a spreadsheet computes, or that is written quoted
+QUOTED = re.compile(r"^'(?=[=+@'\t\r-])")  # what stands before it in a file
+
 # `joint` and `side` by the name of a trial or group
 Places = Mapping[str, Mapping[str, str | None]]
 
@@ -45,8 +49,10 @@ SCHEMA_FIELD = "tables_schema"  # of `summary.json`
 
 
 def marked_data(frame: pl.DataFrame, data: str) -> pl.DataFrame:
-    """A table as it is written: without a `side` that is all null, and with `data` as last column
-    (`SIMULATED` or `MEASURED`; none if empty)."""
+    """A table as it is written: without a `side` that is all null, with texts that no spreadsheet
+    takes for a formula, and with `data` as last column (`SIMULATED` or `MEASURED`; none if
+    empty)."""
+    frame = frame.with_columns(pl.col(pl.String).str.replace(FORMULA, "'$0"))
     if "side" in frame.columns and frame["side"].null_count() == len(frame):
         frame = frame.drop("side")
     if not data:
@@ -167,6 +173,7 @@ def rows_of(path: Path, name: str) -> pl.DataFrame:
         raise InputError(
             f"{path}: not a CSV table ({reason}); correct it, or make it again"
         ) from error
+    table = unquoted(table)
     if all(column.null_count() for column in table):  # else no line is blank, as of an editor
         table = table.filter(~pl.all_horizontal(pl.all().is_null()))
     if "status" in table.columns:
@@ -174,6 +181,11 @@ def rows_of(path: Path, name: str) -> pl.DataFrame:
     return table.with_columns(
         column.cast(pl.Null) for column in table if column.null_count() == len(table)
     )
+
+
+def unquoted(table: pl.DataFrame) -> pl.DataFrame:
+    """A table that was read, with its texts as they were before they were written."""
+    return table.with_columns(pl.col(pl.String).str.replace("^'([=+@'\t\r-])", "$1"))
 
 
 UNREADABLE = (OSError, LookupError, zipfile.BadZipFile)  # errors of `content_of`
@@ -281,7 +293,7 @@ def not_analysed(path: Path | str) -> tuple[NotAnalysed, ...]:
             stated = ("status", "trial", "reason")
             content = content_of(path, NOT_ANALYSED_KEY)
             if NOT_ANALYSED.encode() in content:  # most hold results, and need not be read
-                rows = pl.read_csv(content, columns=stated, infer_schema=False)
+                rows = unquoted(pl.read_csv(content, columns=stated, infer_schema=False))
                 if (rows["status"] == NOT_ANALYSED).all():
                     causes = rows.select(pl.col("trial", "reason").fill_null("")).rows()
     except (*UNREADABLE, ValueError, pl.exceptions.PolarsError):

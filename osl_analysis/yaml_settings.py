@@ -173,8 +173,8 @@ def check_size(text: str) -> None:
             size_of[anchor] = nodes - before
         if nodes > MOST_NODES or len(begun) > MOST_LEVELS or len(text) > MOST_LETTERS:
             raise InputError(
-                f"YAML of more than {MOST_NODES} values, with those that aliases repeat, {MOST_LEVELS}"
-                f" levels or {MOST_LETTERS} letters; write less, without aliases"
+                f"YAML of more than {MOST_NODES} values, with those that aliases repeat,"
+                f" {MOST_LEVELS} levels or {MOST_LETTERS} letters; write less, without aliases"
             )
 
 

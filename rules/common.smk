@@ -10,7 +10,7 @@ its arguments, but for these (`osl_analysis/jobs/perform.py`):
   keeps it from being drawn is read.
 * `fitted`: an input of which the function only gets the reasons of what was not analysed. Which
   argument gets the reasons of all inputs stands behind `log`: `refused`, or `not_analysed`.
-* `states`, `made_by`, `excluded`: params. Snakemake compares the first, every rule has the second,
+* `file_states`, `made_by`, `excluded`: params. Snakemake compares the first, every rule has the second,
   and the trials of the third, by the checks among the inputs without a name, are taken out.
 
 A param is a value, or a function of `wildcards`: Snakemake does not compare a function of `input`.

@@ -20,7 +20,7 @@ rule ingest:
         sources_folder=lambda wildcards: str(CONFIG.sources),
         needed_columns=lambda wildcards: experiment(wildcards).needed_columns,
         commanded=lambda wildcards: CAMPAIGN.commanded(wildcards.trial),
-        states=lambda wildcards: CAMPAIGN.states(wildcards.trial),
+        file_states=lambda wildcards: CAMPAIGN.file_states(wildcards.trial),
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:

@@ -170,7 +170,7 @@ class Campaign:
         files = [*self.readable_logs(trial), *sources]
         return [file for file in files if not PATTERN.search(str(file))]
 
-    def states(self, trial: str) -> list[int]:
+    def file_states(self, trial: str) -> list[int]:
         """The sizes of the recorded files [bytes]: another one is seen even if its date is older.
         Then the dates [ns] of files that Snakemake cannot follow."""
         logs = [log for log in self.readable_logs(trial) if log.exists()]

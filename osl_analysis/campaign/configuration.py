@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from osl_analysis.bench.bench_settings import (
     ActuatorAnalysis,
     DynamometerAnalysis,
     TorqueAngleAnalysis,
 )
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, on_one_line
 from osl_analysis.files import CAMPAIGN, ROOT, default_config, own_yaml
 from osl_analysis.judge.claims import Claims
 from osl_analysis.judge.limits import DoubtfulFits
@@ -89,7 +89,7 @@ class Config(Settings):
     data: Literal["simulated", "measured"] | None = None
     """What the recordings are, as figures, tables and summary say; null: simulated where the
     simulator made them."""
-    recorded: date | Annotated[str, Field(max_length=40)] | None = None
+    recorded: date | Annotated[str, Field(max_length=40), AfterValidator(on_one_line)] | None = None
     """When the recordings were made, as the figures say, such as 2026-03-14; null: the dates of the
     files."""
     parameters: ShippedPath | None

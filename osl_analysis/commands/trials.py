@@ -2,7 +2,6 @@
 examined while they are in memory; and what files of any laboratory hold. Texts from files are
 untrusted: they are escaped when they are printed."""
 
-import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,7 +12,7 @@ import polars as pl
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.draft.overview import inspect_recording
 from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
-from osl_analysis.errors import InputError, printable
+from osl_analysis.errors import InputError, advise, printable
 from osl_analysis.ingest import raw_files
 from osl_analysis.ingest.quality import Commanded, measure_quality
 from osl_analysis.judge.recording_checks import measured_table
@@ -62,7 +61,7 @@ def checked_trial(
     if facts is not None and facts.place == "walkway" and not needed_columns:
         raw_files.check_markers(trial, row["experiment"])
     for text in trial.provenance["warnings"]:
-        warnings.warn(text, stacklevel=2)
+        advise(text)
     return trial
 
 

@@ -171,5 +171,6 @@ def table_of(rows: Sequence[Mapping[str, Any]], name: str, complete: bool = Fals
     names = list(rows[0]) if rows else []
     if complete or not rows:
         names += [name for name in described if name not in {*ADDED_TO_ALL, *names}]
+        names.sort(key=[*described].index)
     types = {name: TYPES.get(described[name].unit, pl.Float64) for name in names}
     return pl.DataFrame(rows, schema=types)

@@ -28,7 +28,9 @@ from osl_analysis.errors import (
     MemoryLimitError,
     OslAnalysisError,
     WriteError,
+    on_one_line,
     printable,
+    show_advice_alone,
     unexpected,
 )
 from osl_analysis.files import atomic_path, write_text
@@ -47,7 +49,7 @@ from osl_analysis.trial import read_trial
 
 ONLY_CHECKED = {"fitted"}
 """Inputs that no command reads: it gets the refusals among them, as `refused`."""
-OF_EVERY_JOB = {"made_by", "excluded", "states"}
+OF_EVERY_JOB = {"made_by", "excluded", "file_states"}
 """Params that are no arguments of a command: what made the data, the trials that quality control
 excludes, and what Snakemake only compares with the last run."""
 
@@ -90,7 +92,7 @@ def perform(job: Job) -> None:
     """
     start = time.perf_counter()
     with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("default")
+        show_advice_alone()
         try:
             ending = called(job)
         except Exception as error:
@@ -264,7 +266,8 @@ def write_reasons(job: Job, causes: Sequence[NotAnalysed]) -> None:
         elif file.suffix == ".json":
             write_text(file, json.dumps({NOT_ANALYSED_KEY: causes}))
         else:  # a comment of LaTeX
-            write_text(file, f"% not made: {'; '.join(cause.reason for cause in causes)}\n")
+            reasons = on_one_line("; ".join(cause.reason for cause in causes))
+            write_text(file, f"% not made: {reasons}\n")
     write_tables(tables, job.params["made_by"]["data"])
 
 

@@ -1,7 +1,8 @@
 """Warm workers: processes that have imported what jobs need, and do one job after another.
 
-A `run:` block of a rule calls `do_job`, as `job`, in a thread of Snakemake, which waits until a worker has done
-it. To import anew for each job would take 1.4 s. A worker ends with Snakemake, however that ends.
+A `run:` block of a rule calls `do_job`, as `job`, in a thread of Snakemake, which waits until a
+worker has done it. To import anew for each job would take 1.4 s. A worker ends with Snakemake,
+however that ends.
 """
 
 import gc

@@ -17,6 +17,7 @@ from pydantic import ConfigDict, Field, model_validator
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.ingest.quality import CheckResult
 from osl_analysis.judge.known_findings import CHECKS, FINDINGS
+from osl_analysis.table import unquoted
 from osl_analysis.yaml_settings import Settings, misplaced, text_in
 
 
@@ -157,7 +158,7 @@ def read_verdicts(
             rows += csv.DictReader(file)
     for row in rows:
         row["value"] = float(row["value"]) if row["value"] else None
-    return judged_table(pl.DataFrame(rows, MEASURED_COLUMNS), rules, accept)
+    return judged_table(unquoted(pl.DataFrame(rows, MEASURED_COLUMNS)), rules, accept)
 
 
 # What excluded.csv has as `check` of a trial that no check excludes

@@ -3,7 +3,6 @@ must fulfil before anything runs."""
 
 import filecmp
 import os
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -35,12 +34,16 @@ INGESTED = (
 RECORDING = ("experiment", "log", "log_source", "log_part", "mocap")
 WHOLE_RECORDING = "0-1000000"  # [s] as windows
 FEWEST_PERTURBED = 2
-PATTERN = re.compile("[{}<>]")  # signs for which Snakemake takes a path for that of many files
 ROUNDING_S = 1e-6  # of differences of times that are written with milliseconds
 
 
 UsedPart = tuple[float, float, str]
 """Begin and end [s] of a part of a recording, and the trial that uses it."""
+
+
+def means_several(path: Path) -> bool:
+    """Whether Snakemake takes a path for a pattern of several files."""
+    return not {*str(path)}.isdisjoint("{}<>")
 
 
 @dataclass(frozen=True)
@@ -164,19 +167,22 @@ class Campaign:
         is_simulated = self.config.simulation is not None
         return [log for log in self.logs(trial) if is_simulated or os.access(log, os.R_OK)]
 
+    def files(self, trial: str) -> list[Path]:
+        """The files that a trial is made of and that can be read."""
+        return [*self.readable_logs(trial), *filter(Path.is_file, self.sources(trial))]
+
     def followed_files(self, trial: str) -> list[Path]:
-        """The files that a trial is made of and whose dates Snakemake compares."""
-        sources = [file for file in self.sources(trial) if file.is_file()]
-        files = [*self.readable_logs(trial), *sources]
-        return [file for file in files if not PATTERN.search(str(file))]
+        """Those of them whose dates Snakemake compares."""
+        return [file for file in self.files(trial) if not means_several(file)]
 
     def file_states(self, trial: str) -> list[int]:
-        """The sizes of the recorded files [bytes]: another one is seen even if its date is older.
-        Then the dates [ns] of files that Snakemake cannot follow."""
-        logs = [log for log in self.readable_logs(trial) if log.exists()]
-        files = [*logs, *filter(Path.is_file, self.sources(trial))]
-        dates = [file.stat().st_mtime_ns for file in files if PATTERN.search(str(file))]
-        return [*(log.stat().st_size for log in logs), *dates]
+        """The sizes [bytes] of all of them: another one is seen even if its date is older. Of those
+        that Snakemake does not follow the dates [ns]."""
+        states = []
+        for file in filter(Path.exists, self.files(trial)):
+            facts = file.stat()
+            states.append(facts.st_mtime_ns if means_several(file) else facts.st_size)
+        return states
 
     def sources(self, trial: str) -> list[Path]:
         """The source files of a trial."""
@@ -305,14 +311,14 @@ def check_files(config: Config) -> None:
     if config.impedance_trajectory is not None:
         with naming("impedance_trajectory"):
             read_impedance_trajectory(config.impedance_trajectory)
-    followed = ["results", "parameters", "impedance_trajectory", "simulation"]
+    followed = {"results", "parameters", "impedance_trajectory", "simulation"}
     if config.simulation is not None:
-        followed += ["raw_data", "sheet"]
-    for field in followed:
-        if PATTERN.search(str(getattr(config, field))):
+        followed |= {"raw_data", "sheet"}
+    for field, path in config.model_dump(include=followed).items():
+        if means_several(path):
             raise InputError(
-                f"configuration: {field} = {getattr(config, field)} has one of the signs {{}}<>,"
-                " which mean several files to Snakemake; choose a name without them"
+                f"configuration: {field} = {path} has one of the signs {{}}<>, which mean several"
+                " files to Snakemake; choose a name without them"
             )
     results = config.results.resolve()
     if any(

@@ -196,7 +196,9 @@ def signals_of(
         return of_fit(tables["walking_responses"], motion, ISOLATED)
     for recording in recordings:
         shown = sorted(SHOWN & pl.read_parquet_schema(recording).keys())
-        samples = pl.read_parquet(recording, columns=shown)  # none of a crossing that is excluded
+        samples = pl.read_parquet(
+            recording, columns=shown, glob=False
+        )  # none of a crossing that is excluded
         if len(samples) and len(shown) > 1:
             return of_recording(samples, f"{motion} (deg)")
     return None

@@ -74,8 +74,8 @@ def read(path: Path, source: SheetSource | None) -> Recording:
         case "npy" | "npz":
             return _recording_of_arrays(_numpy_arrays(path), {})
         case "parquet":
-            return _recording_of_frame(_frame(pl.scan_parquet(path), path))
-    return _recording_of_frame(_frame(pl.scan_ipc(path), path))
+            return _recording_of_frame(_frame(pl.scan_parquet(path.read_bytes()), path))
+    return _recording_of_frame(_frame(pl.scan_ipc(path.read_bytes()), path))
 
 
 def _read_workbook(path: Path, source: SheetSource | None) -> Recording:
@@ -134,8 +134,8 @@ def check_hdf5(path: Path) -> None:
     """Refuse HDF5 that leads to other files of this machine, or that unpacks to too much, before
     any of it is read."""
     h5py = optional_module("h5py", "an HDF5 file")
-    elsewhere = []
-    sizes = []
+    elsewhere: list[str] = []
+    sizes: list[int] = []
 
     def look(name: str, link: Any) -> None:
         item = file[name] if isinstance(link, h5py.HardLink) else None

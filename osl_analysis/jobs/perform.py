@@ -64,19 +64,8 @@ HOLDING_A_REASON = {".csv", ".zip", ".parquet", ".json", ".tex", ".md"}
 OF_A_FILE = (FileNotFoundError, PermissionError, IsADirectoryError, NotADirectoryError)
 """Errors of the system that are those of one file; a bad disk or too many open files are not."""
 
-TABLES_OF_FIT = {
-    facts.fit.job: [table.name for table in facts.tables]
-    for facts in EXPERIMENTS.values()
-    if facts.fit is not None
-}
-"""The tables of the fit of an experiment, by its command, in the order in which it writes them."""
-
-OTHER_MOTION = {
-    facts.fit.job: "theta_deg" if facts.motion == "omega" else "omega"
-    for facts in EXPERIMENTS.values()
-    if facts.fit is not None
-}
-"""The motion that a bench does not measure, by the command of its fit."""
+FITTED = {facts.fit.job: facts for facts in EXPERIMENTS.values() if facts.fit is not None}
+"""The experiment that a command fits, whose tables it writes in their order."""
 
 CONVERTING: Any = cache(validate_call(config=ConfigDict(arbitrary_types_allowed=True)))
 """A command that converts what it is given to the types that it declares."""
@@ -169,7 +158,7 @@ def call(job: Job) -> Sequence[NotAnalysed]:
         arguments[job.tell] = refused
     command = CONVERTING(job.command)
     with limited_memory(job.recordings, job.at_once):
-        if job.name in TABLES_OF_FIT:
+        if job.name in FITTED:
             write_fit(job, command, arguments)
         else:
             command(**arguments, **job.outputs)
@@ -239,7 +228,7 @@ def write_fit(job: Job, fit: Any, arguments: dict[str, Any]) -> None:
     """Fit a trial, and write the first of its tables to a file, the others into an archive."""
     trial = read_trial(Path(arguments.pop("trial")))
     tables = fit_or_advise(fit, trial, **arguments).everything()
-    first, *further = TABLES_OF_FIT[job.name]
+    first, *further = [table.name for table in FITTED[job.name].tables]
     file, archive = job.files
     by_place = {archive / f"{name}.csv": tables[name] for name in further}
     outcome = {"status": pl.lit(ANALYSED), "reason": pl.lit(None, pl.String)}
@@ -255,9 +244,10 @@ def write_reasons(job: Job, causes: Sequence[NotAnalysed]) -> None:
             tables[file] = rows_of(causes, columns_of_file(file))
         elif file.suffix == ".zip":
             tables[file / f"{NOT_ANALYSED_KEY}.csv"] = rows_of(causes, ["trial"])
-            for name in TABLES_OF_FIT[job.name][1:]:
-                columns = dict.fromkeys(columns_in_archive(name, job.name), pl.String)
-                tables[file / f"{name}.csv"] = pl.DataFrame(schema=columns)
+            for table in FITTED[job.name].tables[1:]:
+                columns = columns_in_archive(table.name, FITTED[job.name].motion)
+                empty = pl.DataFrame(schema=dict.fromkeys(columns, pl.String))
+                tables[file / f"{table.name}.csv"] = empty
         elif file.suffix == ".parquet":
             names = ["time", *job.params.get("needed_columns", ("theta", "torque"))]
             empty = pl.DataFrame(schema=dict.fromkeys(names, pl.Float64))
@@ -281,15 +271,11 @@ def columns_of_file(file: Path) -> list[str]:
     return [*described[file.stem].columns] if file.stem in described else ["trial"]
 
 
-def columns_in_archive(name: str, command: str) -> list[str]:
-    """The columns of a further table of a fit. Signals over time have the motion of their
-    bench."""
+def columns_in_archive(name: str, motion: str | None) -> list[str]:
+    """The columns of a further table of a fit. Signals over time have one motion."""
     described = {Path(table.also or table.place).name: table for table in described_tables()}
-    return [
-        column
-        for column in described[name].columns
-        if column not in {*ADDED_TO_ALL, OTHER_MOTION[command]}
-    ]
+    left_out = {*ADDED_TO_ALL, "theta_deg" if motion == "omega" else "omega"}
+    return [column for column in described[name].columns if column not in left_out]
 
 
 def rows_of(causes: Sequence[NotAnalysed], columns: Sequence[str]) -> pl.DataFrame:

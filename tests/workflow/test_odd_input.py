@@ -32,7 +32,7 @@ NAMES = {
     "long": f"{'n' * 200}.csv",
 }
 """The recordings, by trial."""
-RESULTS = "out 'é' #%&$, \"x"
+RESULTS = "out 'é' #%&$, \"x [1]*?"
 MODULE = f"""
 configfile: "config.yaml"
 

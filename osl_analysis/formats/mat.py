@@ -140,12 +140,11 @@ def _stated_size(data: bytes) -> int:
     """The bytes to which the variables of a file of version 5 say that they unpack."""
     order = "<" if data[126:128] == b"IM" else ">"
     tag = struct.Struct(f"{order}II")  # kind, and bytes that follow
-    size = 0
+    size = len(data)
     position = HEADER_BYTES
     while position + tag.size <= len(data):
         kind, length = tag.unpack_from(data, position)
         position += tag.size
-        size += length
         if kind == COMPRESSED:
             begin = zlib.decompressobj().decompress(data[position : position + length], tag.size)
             size += tag.unpack(begin)[1] - length

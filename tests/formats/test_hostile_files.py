@@ -132,3 +132,10 @@ def test_jobs_share_the_memory_of_the_machine(monkeypatch):
 
     assert memory.allowed_memory(4) == 4 * 10**9
     assert memory.allowed_memory(1000) == 10**9
+
+
+def test_a_line_that_no_row_of_a_log_has_is_refused_at_once(tmp_path):
+    (tmp_path / "a.csv").write_text("1," * 10**6)
+
+    with refused_with(r"a\.csv: has a line of more than 1000000 letters"):
+        formats.read(tmp_path / "a.csv")

@@ -180,12 +180,15 @@ def _described(folder: Path) -> tuple[list[Path], Counter[str]]:
     counts: Counter[str] = Counter()
     try:
         text = path.read_text(encoding="utf-8")
-        check_size(text)
+        with naming(path):
+            check_size(text)
         about = yaml.load(text, yaml.CSafeLoader)["rosbag2_bagfile_information"]
         # older ones begin with the folder
         files = [folder / Path(name).name for name in about["relative_file_paths"]]
         for topic in about["topics_with_message_count"]:
             counts[text_in(topic["topic_metadata"]["name"])] += int(topic["message_count"])
+    except InputError:
+        raise
     except (yaml.YAMLError, RecursionError, LookupError, TypeError, ValueError) as error:
         reason = on_one_line(error)[:120]
         raise InputError(

@@ -265,10 +265,10 @@ def columns_of_file(file: Path) -> list[str]:
     """The columns of a table, by its place in the results."""
     if file.parent.name == QUALITY:
         return CHECKED
-    described = described_tables_by_name()
-    if file.parent.name in described:
+    if file.parent.name in described_tables_by_name():
         return columns_of_trial(file.parent.name)
-    return [*described[file.stem].columns] if file.stem in described else ["trial"]
+    columns = {table.place: [*table.columns] for table in described_tables()}
+    return columns.get(f"{file.parent.name}/{file.stem}", ["trial"])
 
 
 def columns_in_archive(name: str, motion: str | None) -> list[str]:

@@ -113,7 +113,7 @@ def test_yaml_of_more_values_than_any_file_has_is_refused_within_a_second(tmp_pa
 
     with refused_with(r"metadata\.yaml: YAML of more than 100000 values, with those that aliases"):
         read_mapping(bag / "metadata.yaml")
-    with refused_with(r"metadata\.yaml: .*YAML of more than 100000 values"):
+    with refused_with(r"metadata\.yaml: YAML of more than 100000 values"):
         formats.read(bag)
 
     assert time.process_time() - start_s < 2

@@ -62,6 +62,7 @@ FILE_NAME = r"^[A-Za-z0-9_-]+$"
 IDENTIFIER = r"^[A-Za-z][A-Za-z0-9]{0,30}$"
 MOST_NODES = 100_000  # of a file, with those that aliases repeat; our largest has 354
 MOST_LEVELS = 100  # of values in one another; the reader in C takes a time with their square
+MOST_DIGITS = 1000  # of a number; Python writes none of 4,300
 MOST_LETTERS = 2_000_000  # of a file; the description of a ROS 2 bag of 1,000 topics has as many
 MISPLACED = "misplaced"  # type of a problem that a check of ours finds
 OF_EARLIER_RELEASE = "the changelog says what replaces settings of 1.0.0"
@@ -171,6 +172,10 @@ def check_size(text: str) -> None:
         if isinstance(event, yaml.ScalarEvent | yaml.CollectionEndEvent):
             anchor, before = begun.pop()
             size_of[anchor] = nodes - before
+        if isinstance(event, yaml.ScalarEvent) and event.value[MOST_DIGITS:].isalnum():
+            raise InputError(
+                f"YAML with a number of over {MOST_DIGITS} digits; write a smaller one"
+            )
         if nodes > MOST_NODES or len(begun) > MOST_LEVELS or len(text) > MOST_LETTERS:
             raise InputError(
                 f"YAML of more than {MOST_NODES} values, with those that aliases repeat,"

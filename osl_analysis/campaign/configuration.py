@@ -23,6 +23,7 @@ from osl_analysis.model.compensator import Weight
 from osl_analysis.walking.walking_settings import WalkingAnalysis
 from osl_analysis.yaml_settings import (
     FILE_NAME,
+    NOT_YAML,
     Settings,
     ShippedPath,
     Stiffness,
@@ -175,7 +176,12 @@ def read_campaign_file(path: Path) -> dict[str, Any]:
     """The fields of a configuration. Raises InputError: Snakemake, which reads YAML 1.1, takes a
     value for another one."""
     content = read_mapping(path)
-    by_snakemake = flat(yaml.safe_load(path.read_text(encoding="utf-8-sig")))
+    try:
+        by_snakemake = flat(yaml.safe_load(path.read_text(encoding="utf-8-sig")))
+    except NOT_YAML as error:
+        raise InputError(
+            f"{path}: Snakemake cannot read it ({on_one_line(error)}); write a name before each `:`"
+        ) from error
     for name, value in flat(content).items():
         # of a text as 1e3, fields of numbers make the number
         read = by_snakemake.get(name, "")

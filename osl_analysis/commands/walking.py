@@ -319,7 +319,7 @@ def fit_perturbation(
     reason, group = rows.filter(trial=crossing.stem).select("reason", "group").row(0)
     gait = gaits.get(group)
     # a campaign in which no perturbation can be used keeps its other results
-    row = dict.fromkeys(result_tables.GROUP_QUANTITIES)
+    row: dict[str, object] = {}
     if gait is None:
         reason = reason or NO_GAIT
     elif reason is None:
@@ -330,5 +330,6 @@ def fit_perturbation(
             advise(f"excluded: {reason}")
     place = {"trial": crossing.stem, "group": group}
     status = ANALYSED if reason is None else "excluded"
-    table = pl.DataFrame([{**place, **row, "status": status, EXCLUDED: reason}])
-    write_table(table.select(columns_of_trial("walking")), output, data)
+    columns = dict.fromkeys(columns_of_trial("walking"))
+    ending = {"status": status, EXCLUDED: reason}
+    write_table(pl.DataFrame([{**columns, **place, **row, **ending}]), output, data)

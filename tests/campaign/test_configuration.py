@@ -89,6 +89,7 @@ class Outer(Settings):
     ("inner: {rate: 1e999}", "line 2: inner.rate: inf .*finite"),
     ("a: " + "[" * 2000 + "]" * 2000, ".*YAML"),
     ("\tinner: 1", "line 2: .*YAML"),
+    ("inner: {rate: 0x" + "f" * 5000 + "}", ".*YAML with a number"),
     ('"\\e31mkey": 3', r"line 2: \\x1b31mkey: "),
 ])  # fmt: skip
 def test_what_is_wrong_in_a_file_is_told_by_line_field_value_and_remedy(tmp_path, text, said):

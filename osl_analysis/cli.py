@@ -18,7 +18,13 @@ import click
 from click import argument, option
 
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.errors import OslAnalysisError, printable, printable_lines
+from osl_analysis.errors import (
+    OslAnalysisError,
+    listing,
+    printable,
+    printable_lines,
+    show_advice_alone,
+)
 from osl_analysis.files import CAMPAIGN, check_target, shipped, write_text
 from osl_analysis.memory import SET_TO_ONE, limited_memory
 
@@ -106,6 +112,7 @@ class OneLineErrors(click.Group):
         return list(self.commands)
 
     def invoke(self, ctx: click.Context) -> Any:
+        show_advice_alone()
         warnings.showwarning = lambda message, *_, **__: click.echo(
             f"warning: {printable(str(message))}", err=True
         )
@@ -563,5 +570,7 @@ def bundle(folder: Path, output: Path) -> None:
     its files."""
     from osl_analysis.commands.bundle import write_bundle
 
-    write_bundle(folder, output)
+    outside = write_bundle(folder, output)
     say(f"wrote {output}")
+    if outside:
+        say(f"! with files from outside of {folder}: {listing(outside, 5)}", err=True)

@@ -1,6 +1,9 @@
 """Errors that the user can correct. Every message is one line with the cause and the remedy."""
 
 import re
+import shlex
+import sys
+import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -22,8 +25,8 @@ def printable_lines(text: str) -> str:
 
 
 def on_one_line(fault: object) -> str:
-    """The words of a library, or of a file, without line breaks and repeated blanks."""
-    return " ".join(str(fault).split())
+    """The words of a library, a file or a person, without line breaks and repeated blanks."""
+    return printable(" ".join(str(fault).split()))
 
 
 def listing(names: Sequence[str], most: int = 40) -> str:
@@ -146,18 +149,9 @@ class MemoryLimitError(InputError):
     """A file needs more memory than the job may have."""
 
 
-EXTRAS = {
-    "ezc3d": "simulator", "fastexcel": "excel", "h5py": "mat73", "mat-io": "matlab",
-    "mcap-protobuf-support": "protobuf",
-    "nptdms": "tdms", "numba": "simulator",
-    "snakemake-executor-plugin-slurm": "cluster",
-}  # fmt: skip
-"""The extra of the package that installs a library which most campaigns do not need."""
-
-
 def optional_module(name: str, what: str) -> Any:
-    """The module `name` of a library in `EXTRAS`. Raises InputError: it, or a library that it
-    needs, is not installed, and `what` needs it."""
+    """The module `name` of a library that most campaigns do not need. Raises InputError: it, or a
+    library that it needs, is not installed, and `what` needs it."""
     try:
         return import_module(name)
     except ModuleNotFoundError as error:
@@ -165,10 +159,27 @@ def optional_module(name: str, what: str) -> Any:
 
 
 def not_installed(what: str, library: str) -> InputError:
+    """An error whose remedy is that of this very Python. By the name of this package and an extra,
+    pip may fetch a stranger's package of that name."""
     return InputError(
-        f"{what} needs {library}, which is not installed; pip install"
-        f" 'osl-analysis[{EXTRAS[library]}]'"
+        f"{what} needs {library}, which is not installed;"
+        f" {shlex.quote(sys.executable)} -m pip install {library}"
     )
+
+
+class Advice(UserWarning):
+    """A warning of this package."""
+
+
+def advise(text: str) -> None:
+    """Warn of what the user may want to change."""
+    warnings.warn(text, Advice, stacklevel=3)
+
+
+def show_advice_alone() -> None:
+    """Show no warnings of libraries, on which a user cannot act."""
+    warnings.simplefilter("ignore")
+    warnings.simplefilter("default", Advice)
 
 
 class IdentifiabilityError(OslAnalysisError):

@@ -23,22 +23,28 @@ SET_TO_ONE = (
 
 
 NAMED_FILES = 3  # in the message
+USUAL_SHARE = 0.8  # of the memory of the machine that jobs may have
+LEAST_BYTES = 10**9  # of a job, also beside many; the longest trials of the bench take 400 MB
+HARMLESS_BYTES = 50 * 10**6  # that any file may unpack to
+MOST_UNPACKED = 200  # times the size of a file; of 20 channels, 19 of them dead, some 20
 
 
 @contextmanager
-def limited_memory(files: Sequence[Path | str]) -> Iterator[None]:
+def limited_memory(files: Sequence[Path | str], at_once: int = 1) -> Iterator[None]:
     """Limit the memory of this process within the block. Linux only.
 
     Parameters
     ----------
     files : Sequence of Path or str
         Those that are read, for the message.
+    at_once : int
+        How many processes share the memory of the machine or batch job.
 
     Raises
     ------
     MemoryLimitError
-        More than `OSL_MEMORY_MB` is needed, else than 0.8 of the memory of the machine or batch
-        job. A lower limit set before stays.
+        More than `OSL_MEMORY_MB` is needed, else than its part of `USUAL_SHARE`. A lower limit set
+        before stays.
     InputError
         The variable is no number of megabytes.
     """
@@ -46,7 +52,7 @@ def limited_memory(files: Sequence[Path | str]) -> Iterator[None]:
         import resource
 
         soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
-        limit = allowed_memory()
+        limit = allowed_memory(at_once)
         if soft != resource.RLIM_INFINITY:
             limit = min(limit, soft)
         resource.setrlimit(resource.RLIMIT_DATA, (limit, hard))
@@ -54,22 +60,47 @@ def limited_memory(files: Sequence[Path | str]) -> Iterator[None]:
             yield
         except MemoryError as error:
             resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))  # the message needs some, too
-            raise MemoryLimitError(
-                f"{', '.join(map(str, files[:NAMED_FILES]))}: not enough memory, a job may have"
-                f" {limit / 1e6:.0f} MB here; cut the recording, or ask for fewer samples, or allow"
-                f" more by {VARIABLE} or on a larger machine"
-            ) from error
+            raise too_large(files, limit) from error
         finally:
             resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
     else:
         yield
 
 
-def allowed_memory() -> int:
-    """Memory [bytes] that a process may have: what is stated, else a share of the machine's."""
+def too_large(files: Sequence[Path | str], limit: float) -> MemoryLimitError:
+    return MemoryLimitError(
+        f"{', '.join(map(str, files[:NAMED_FILES]))}: not enough memory, a job may have"
+        f" {limit / 1e6:.0f} MB here; cut the recording, or ask for fewer samples, or allow"
+        f" more by {VARIABLE} or on a larger machine"
+    )
+
+
+def check_unpacked(path: Path, size: int) -> None:
+    """Refuse a file by the `size` [bytes] to which it says that it unpacks, before it does.
+
+    Raises
+    ------
+    InputError
+        It is more than `MOST_UNPACKED` times the file.
+    MemoryLimitError
+        It is more than this process may have.
+    """
+    if size > max(MOST_UNPACKED * path.stat().st_size, HARMLESS_BYTES):
+        raise InputError(
+            f"{path}: would unpack to {size / 1e6:.0f} MB, more than {MOST_UNPACKED} times its"
+            " size, as no recording does; record it again, or save it without compression"
+        )
+    if size > allowed_memory():
+        raise too_large([path], allowed_memory())
+
+
+def allowed_memory(at_once: int = 1) -> int:
+    """Memory [bytes] that a process may have beside others: what is stated, else a share of the
+    machine's."""
     text = os.environ.get(VARIABLE, "")
     if not text:
-        return int(0.8 * min(memory_limits()))
+        usual = USUAL_SHARE * min(memory_limits())
+        return int(max(usual / at_once, min(usual, LEAST_BYTES)))
     if not re.fullmatch(r"0*[1-9]\d{0,11}", text):
         raise InputError(
             f"{VARIABLE}={text}: write a whole number of megabytes above 0, or unset it"

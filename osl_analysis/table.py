@@ -7,6 +7,7 @@ columns; jobs that need it pass the reason on.
 """
 
 import json
+import re
 import zipfile
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -33,6 +34,9 @@ TEXT_COLUMNS = (
     "estimate", "source", "part", "basis", "detail", "per",
 )  # fmt: skip
 
+FORMULA = "^[=+@'\t\r-]"  # how a text begins that a spreadsheet computes, or that is written quoted
+QUOTED = re.compile(r"^'(?=[=+@'\t\r-])")  # what stands before it in a file
+
 # `joint` and `side` by the name of a trial or group
 Places = Mapping[str, Mapping[str, str | None]]
 
@@ -47,8 +51,10 @@ SCHEMA_FIELD = "tables_schema"  # of `summary.json`
 
 
 def marked_data(frame: pl.DataFrame, data: str) -> pl.DataFrame:
-    """A table as it is written: without a `side` that is all null, and with `data` as last column
-    (`SIMULATED` or `MEASURED`; none if empty)."""
+    """A table as it is written: without a `side` that is all null, with texts that no spreadsheet
+    takes for a formula, and with `data` as last column (`SIMULATED` or `MEASURED`; none if
+    empty)."""
+    frame = frame.with_columns(pl.col(pl.String).str.replace(FORMULA, "'$0"))
     if "side" in frame.columns and frame["side"].null_count() == len(frame):
         frame = frame.drop("side")
     if not data:
@@ -169,6 +175,7 @@ def rows_of(path: Path, name: str) -> pl.DataFrame:
         raise InputError(
             f"{path}: not a CSV table ({reason}); correct it, or make it again"
         ) from error
+    table = unquoted(table)
     if all(column.null_count() for column in table):  # else no line is blank, as of an editor
         table = table.filter(~pl.all_horizontal(pl.all().is_null()))
     if "status" in table.columns:
@@ -178,15 +185,20 @@ def rows_of(path: Path, name: str) -> pl.DataFrame:
     )
 
 
+def unquoted(table: pl.DataFrame) -> pl.DataFrame:
+    """A table that was read, with its texts as they were before they were written."""
+    return table.with_columns(pl.col(pl.String).str.replace("^'([=+@'\t\r-])", "$1"))
+
+
 UNREADABLE = (OSError, LookupError, zipfile.BadZipFile)  # errors of `content_of`
 
 
-def content_of(path: Path, name: str | None) -> bytes:
-    """A table as CSV: in an archive that of this name, or the first one for None."""
+def content_of(path: Path, name: str) -> bytes:
+    """A table as CSV, in an archive that of this name."""
     if path.suffix != ARCHIVE_SUFFIX:
         return path.read_bytes()
     with zipfile.ZipFile(path) as archive:
-        return archive.read(archive.namelist()[0] if name is None else f"{name}.csv")
+        return archive.read(f"{name}.csv")
 
 
 def with_usual_types(table: pl.DataFrame) -> pl.DataFrame:
@@ -281,9 +293,9 @@ def not_analysed(path: Path | str) -> tuple[NotAnalysed, ...]:
                 causes = json.loads(text)[NOT_ANALYSED_KEY]
         elif path.suffix in (".csv", ARCHIVE_SUFFIX):
             stated = ("status", "trial", "reason")
-            content = content_of(path, None)
+            content = content_of(path, NOT_ANALYSED_KEY)
             if NOT_ANALYSED.encode() in content:  # most hold results, and need not be read
-                rows = pl.read_csv(content, columns=stated, infer_schema=False)
+                rows = unquoted(pl.read_csv(content, columns=stated, infer_schema=False))
                 if (rows["status"] == NOT_ANALYSED).all():
                     causes = rows.select(pl.col("trial", "reason").fill_null("")).rows()
     except (*UNREADABLE, ValueError, pl.exceptions.PolarsError):

@@ -334,7 +334,7 @@ def read_trial(path: Path | str) -> Trial:
     path = Path(path)
     name, provenance = metadata_of(path)
     with told_as_parquet(path):
-        samples = pl.read_parquet(path)
+        samples = pl.read_parquet(path, glob=False)
         metadata = pl.read_parquet_metadata(path)
         checksum = checksum_of(samples, name, metadata[PROVENANCE_KEY])
         if metadata.get(CHECKSUM_KEY, checksum) != checksum:

@@ -11,6 +11,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
+import yaml
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -27,7 +28,7 @@ from pydantic_core import PydanticCustomError
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from osl_analysis.errors import InputError, listing, nearest, shortened
+from osl_analysis.errors import InputError, listing, naming, nearest, shortened
 from osl_analysis.files import shipped
 
 Positive = PositiveFloat
@@ -59,6 +60,10 @@ FilesByName = Annotated[Mapping[str, Path], BeforeValidator(by_stem)]
 Place = tuple[int | str, ...]
 FILE_NAME = r"^[A-Za-z0-9_-]+$"
 IDENTIFIER = r"^[A-Za-z][A-Za-z0-9]{0,30}$"
+MOST_NODES = 100_000  # of a file, with those that aliases repeat; our largest has 354
+MOST_LEVELS = 100  # of values in one another; the reader in C takes a time with their square
+MOST_DIGITS = 1000  # of a number; Python writes none of 4,300
+MOST_LETTERS = 2_000_000  # of a file; the description of a ROS 2 bag of 1,000 topics has as many
 MISPLACED = "misplaced"  # type of a problem that a check of ours finds
 OF_EARLIER_RELEASE = "the changelog says what replaces settings of 1.0.0"
 
@@ -77,7 +82,7 @@ class Settings(BaseModel):
             if name not in known and cls.model_config["extra"] == "forbid":
                 raise misplaced(
                     f"unknown field; the known ones are {', '.join(known)} ({OF_EARLIER_RELEASE})"
-                    f"{nearest(str(name), known)}",
+                    f"{nearest(text_in(name), known)}",
                     name,
                 )
         return content
@@ -119,12 +124,15 @@ def read_mapping(path: Path) -> dict[str, Any]:
         beside_it = (file.stem for file in path.parent.glob(f"*{path.suffix}"))
         raise InputError(f"{path}: no such file; check the path{nearest(path.stem, beside_it)}")
     try:
-        content = parsed_yaml(path.read_text(encoding="utf-8-sig"))
+        with naming(path):
+            content = parsed_yaml(path.read_text(encoding="utf-8-sig"))
+    except InputError:
+        raise
     except OSError as error:
         raise InputError(
             f"{path}: cannot be read ({error.strerror}); check its permissions"
         ) from error
-    except (YAMLError, ValueError, RecursionError) as error:  # ValueError: it is not UTF-8
+    except (*NOT_YAML, ValueError) as error:  # ValueError: it is not UTF-8
         mark = getattr(error, "problem_mark", None)
         line = f"line {mark.line + 1}: " if mark else ""
         problem = getattr(error, "problem", None) or str(error)
@@ -140,15 +148,52 @@ def read_mapping(path: Path) -> dict[str, Any]:
 @lru_cache(maxsize=64)
 def parsed_yaml(text: str, kind: str = "safe") -> Any:
     """The content of a YAML text; of kind `rt` it knows the lines of its fields."""
+    check_size(text)
     return YAML(typ=kind, pure=True).load(text)  # the parser in C reads YAML 1.1
+
+
+NOT_YAML = (YAMLError, yaml.YAMLError, RecursionError)
+"""Errors of both readers."""
+
+
+def check_size(text: str) -> None:
+    """Refuse YAML of more nodes than any file of ours has, before they are made: by a few aliases
+    of aliases, a kilobyte is a billion nodes."""
+    size_of: dict[str | None, int] = {}  # nodes below an anchor, with itself
+    begun: list[tuple[str | None, int]] = []  # anchors that are not ended, and nodes before them
+    nodes = 0
+    for event in yaml.parse(text[: MOST_LETTERS + 1], yaml.CSafeLoader):
+        if isinstance(event, yaml.AliasEvent):
+            nodes += size_of.get(event.anchor, 1)
+        elif isinstance(event, yaml.NodeEvent):
+            size_of[event.anchor] = MOST_NODES  # of an alias within itself
+            begun.append((event.anchor, nodes))
+            nodes += 1
+        if isinstance(event, yaml.ScalarEvent | yaml.CollectionEndEvent):
+            anchor, before = begun.pop()
+            size_of[anchor] = nodes - before
+        if isinstance(event, yaml.ScalarEvent) and event.value[MOST_DIGITS:].isalnum():
+            raise InputError(
+                f"YAML with a number of over {MOST_DIGITS} digits; write a smaller one"
+            )
+        if nodes > MOST_NODES or len(begun) > MOST_LEVELS or len(text) > MOST_LETTERS:
+            raise InputError(
+                f"YAML of more than {MOST_NODES} values, with those that aliases repeat,"
+                f" {MOST_LEVELS} levels or {MOST_LETTERS} letters; write less, without aliases"
+            )
+
+
+def text_in(value: object) -> str:
+    """A text of a file; empty for what is none, which may be of any size."""
+    return value if isinstance(value, str) else ""
 
 
 def field_line(path: Path, place: Place) -> int | None:
     """Line, counted from 1, of a field, or of the innermost field above it in the file; None if
     there is none."""
     line = None
-    not_read = (OSError, YAMLError, ValueError, RecursionError)
-    with suppress(*not_read, LookupError, TypeError, AttributeError):
+    not_read = (OSError, *NOT_YAML, ValueError, LookupError, TypeError, AttributeError)
+    with suppress(*not_read):
         content = parsed_yaml(path.read_text(encoding="utf-8-sig"), "rt")
         for name in place:
             # mappings and lists know the line and column of each entry
@@ -195,10 +240,10 @@ def open_places(content: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str
     if not isinstance(content, dict):
         return
     for key, value in content.items():
-        place = (*above, str(key))
+        place = (*above, text_in(key))
         values = value if isinstance(value, list) else [value]
         is_open = UNKNOWN in values or NAME_OF_TIME in values
-        if is_open or re.fullmatch(r"NAME_\d+", str(key)):
+        if is_open or re.fullmatch(r"NAME_\d+", text_in(key)):
             yield place
         else:
             yield from open_places(value, place)
@@ -258,7 +303,7 @@ def problem_text(problems: Sequence[Mapping[str, Any]]) -> str:
     problems = checks or problems
     value = problems[0]["input"]
     reason = ", or ".join(dict.fromkeys(str(problem["msg"]) for problem in problems))
-    begins_with_number = re.match(r"[-+.]?\d", str(value))
+    begins_with_number = re.match(r"[-+.]?\d", text_in(value))
     number = "number without a unit (3 % is 0.03)" if begins_with_number else "number"
     reason = re.sub(NO_NUMBER, number, reason)
     for pydantics, plain in WORDS.items():

@@ -10,10 +10,12 @@ its arguments, but for these (`osl_analysis/jobs/perform.py`):
   keeps it from being drawn is read.
 * `fitted`: an input of which the function only gets the reasons of what was not analysed. Which
   argument gets the reasons of all inputs stands behind `log`: `refused`, or `not_analysed`.
-* `sizes`, `made_by`, `excluded`: params. Snakemake compares the first, every rule has the second,
+* `file_states`, `made_by`, `excluded`: params. Snakemake compares the first, every rule has the second,
   and the trials of the third, by the checks among the inputs without a name, are taken out.
 
 A param is a value, or a function of `wildcards`: Snakemake does not compare a function of `input`.
+Text that a person wrote is one of a function, too: in a plain text Snakemake replaces what stands
+in braces.
 
 A recording that the function refuses is a row without estimates and with a reason in each output.
 Any other error is one of the job. The longest jobs, and those before them, have a `priority`: at the
@@ -22,7 +24,6 @@ the longest trials of the bench: no rule states resources, and profiles/slurm st
 """
 
 import gc
-import os
 from functools import partial
 from operator import attrgetter
 from pathlib import Path
@@ -51,7 +52,14 @@ from osl_analysis.config.sheet import ON_DYNAMOMETER
 from osl_analysis.errors import OslAnalysisError, listing, nearest
 from osl_analysis.figures import FIGURES
 from osl_analysis.jobs.progress import LogHandler
-from osl_analysis.jobs.workers import job
+from osl_analysis.jobs.snakemake_attributes import (
+    configuration_files,
+    do_jobs_in_threads,
+    has_prefix,
+    jobs_at_once,
+    look_for_jobs_at_once,
+)
+from osl_analysis.jobs.workers import do_job
 from osl_analysis.judge.claims import CLAIMED
 from osl_analysis.judge.recording_checks import read_verdicts, spoiled_trials
 from osl_analysis.yaml_settings import as_json
@@ -59,23 +67,16 @@ from osl_analysis.yaml_settings import as_json
 # to look for garbage among all that is imported and planned takes a fifth of the planning
 gc.set_threshold(100_000)
 
-# `config` does not tell which file a field is from, as a message does, with its line: only these
-# attributes do, which Snakemake does not document. Without them messages name the field alone. Files
-# that a workflow names come first, as it merges them.
-OF_COMMAND_LINE = getattr(workflow, "overwrite_configfiles", [])
-BY_PRECEDENCE = sorted(getattr(workflow, "configfiles", []), key=OF_COMMAND_LINE.__contains__)
-CONFIG_FILES = [Path(os.path.relpath(file)) for file in BY_PRECEDENCE]
-
-# Not documented either. Without these attributes a run with a prefix says that a recording is missing.
-MODIFIER = getattr(getattr(workflow, "modifier", None), "path_modifier", None)
-if getattr(MODIFIER, "prefix", None):
+do_jobs_in_threads()
+job = partial(do_job, at_once=jobs_at_once(workflow))
+if has_prefix(workflow):
     raise WorkflowError(
         "a module of this workflow takes no `prefix`: jobs find recordings and results by the"
         " configuration; state `results` in its `config` for another place of all results"
     )
 
 try:  # what is wrong in a file of the campaign is told without a traceback
-    CAMPAIGN, SIMULATION_FILES = start_campaign(config, CONFIG_FILES)
+    CAMPAIGN, SIMULATION_FILES = start_campaign(config, configuration_files(workflow))
 except OslAnalysisError as error:
     raise WorkflowError(str(error)) from None
 CONFIG = CAMPAIGN.config
@@ -114,11 +115,7 @@ ACCEPTED = {trial: CAMPAIGN.accepted(trial) for trial in TRIALS}
 
 
 onstart:
-    # By Snakemake's limit of 100 jobs a second each look for jobs asks for another one a second later:
-    # N jobs make N looks a second, a tenth of all core-seconds. Only its command line sets a limit.
-    limit = workflow.scheduling_settings.max_jobs_per_timespan
-    if workflow.local_exec and limit and (limit.max_jobs, limit.timespan) == (100, 1):
-        workflow.scheduler.job_rate_limiter = None
+    look_for_jobs_at_once(workflow)
 
 
 def of_trials(trials, files="<results>/trials/{trial}.parquet".format):

@@ -143,7 +143,7 @@ rule draw_figure:
     localrule: True
     params:
         name="{figure}",
-        origin=sentence(ABOUT, below_figure=True),
+        origin=lambda wildcards: sentence(ABOUT, below_figure=True),
         footer=CONFIG.figures.footer,
         made_by=MADE_BY,
     run:
@@ -161,7 +161,7 @@ rule captions:
     localrule: True
     params:
         tables=NUMBERS_OF_FIGURES,
-        footer=sentence(ABOUT),
+        footer=lambda wildcards: sentence(ABOUT),
         made_by=MADE_BY,
     run:
         job(write_captions, input, output, params, log)
@@ -189,7 +189,7 @@ rule report_page:
     params:
         about=ABOUT,
         sheet=CAMPAIGN.sheet,
-        left_out=LEFT_OUT,
+        left_out=lambda wildcards: LEFT_OUT,
         made_by=MADE_BY,
     run:
         job(write_report, input, output, params, log, "refused")
@@ -229,7 +229,7 @@ rule brief:
     localrule: True
     params:
         recordings={trial: [str(log) for log in CAMPAIGN.logs(trial)] for trial in TRIALS},
-        left_out=LEFT_OUT,
+        left_out=lambda wildcards: LEFT_OUT,
         failed_trials=CONFIG.failed_trials,
         made_by=MADE_BY,
     run:

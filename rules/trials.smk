@@ -7,8 +7,7 @@ from osl_analysis.commands.trials import ingest_and_check
 rule ingest:
     """The trial of a recording, in SI units on one clock, and what is measured for each check."""
     input:
-        of_trials(TRIALS, CAMPAIGN.readable_logs),
-        lambda wildcards: filter(Path.is_file, CAMPAIGN.sources(wildcards.trial)),
+        of_trials(TRIALS, CAMPAIGN.followed_files),
     output:
         trial="<results>/trials/{trial}.parquet",
         quality="<results>/quality/{trial}.csv",
@@ -17,11 +16,11 @@ rule ingest:
     priority: 1
     params:
         row=lambda wildcards: CAMPAIGN.recording(wildcards.trial),
-        raw_folder=str(CONFIG.raw_data),
-        sources_folder=str(CONFIG.sources),
+        raw_folder=lambda wildcards: str(CONFIG.raw_data),
+        sources_folder=lambda wildcards: str(CONFIG.sources),
         needed_columns=lambda wildcards: experiment(wildcards).needed_columns,
         commanded=lambda wildcards: CAMPAIGN.commanded(wildcards.trial),
-        sizes=lambda wildcards: CAMPAIGN.log_sizes(wildcards.trial),
+        file_states=lambda wildcards: CAMPAIGN.file_states(wildcards.trial),
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:

@@ -41,6 +41,11 @@ UsedPart = tuple[float, float, str]
 """Begin and end [s] of a part of a recording, and the trial that uses it."""
 
 
+def means_several(path: Path) -> bool:
+    """Whether Snakemake takes a path for a pattern of several files."""
+    return not {*str(path)}.isdisjoint("{}<>")
+
+
 @dataclass(frozen=True)
 class Campaign:
     """The trials of a configuration."""
@@ -162,10 +167,22 @@ class Campaign:
         is_simulated = self.config.simulation is not None
         return [log for log in self.logs(trial) if is_simulated or os.access(log, os.R_OK)]
 
-    def log_sizes(self, trial: str) -> list[int]:
-        """The sizes of the recorded files [bytes]: another one is seen even if its date is
-        older."""
-        return [log.stat().st_size for log in self.readable_logs(trial) if log.exists()]
+    def files(self, trial: str) -> list[Path]:
+        """The files that a trial is made of and that can be read."""
+        return [*self.readable_logs(trial), *filter(Path.is_file, self.sources(trial))]
+
+    def followed_files(self, trial: str) -> list[Path]:
+        """Those of them whose dates Snakemake compares."""
+        return [file for file in self.files(trial) if not means_several(file)]
+
+    def file_states(self, trial: str) -> list[int]:
+        """The sizes [bytes] of all of them: another one is seen even if its date is older. Of those
+        that Snakemake does not follow the dates [ns]."""
+        states = []
+        for file in filter(Path.exists, self.files(trial)):
+            facts = file.stat()
+            states.append(facts.st_mtime_ns if means_several(file) else facts.st_size)
+        return states
 
     def sources(self, trial: str) -> list[Path]:
         """The source files of a trial."""
@@ -294,6 +311,15 @@ def check_files(config: Config) -> None:
     if config.impedance_trajectory is not None:
         with naming("impedance_trajectory"):
             read_impedance_trajectory(config.impedance_trajectory)
+    followed = {"results", "parameters", "impedance_trajectory", "simulation"}
+    if config.simulation is not None:
+        followed |= {"raw_data", "sheet"}
+    for field, path in config.model_dump(include=followed).items():
+        if means_several(path):
+            raise InputError(
+                f"configuration: {field} = {path} has one of the signs {{}}<>, which mean several"
+                " files to Snakemake; choose a name without them"
+            )
     results = config.results.resolve()
     if any(
         path.resolve().is_relative_to(results)

@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from osl_analysis.bench.bench_settings import (
     ActuatorAnalysis,
     DynamometerAnalysis,
     TorqueAngleAnalysis,
 )
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, on_one_line
 from osl_analysis.files import CAMPAIGN, ROOT, default_config, own_yaml
 from osl_analysis.judge.claims import Claims
 from osl_analysis.judge.limits import DoubtfulFits
@@ -23,6 +23,7 @@ from osl_analysis.model.compensator import Weight
 from osl_analysis.walking.walking_settings import WalkingAnalysis
 from osl_analysis.yaml_settings import (
     FILE_NAME,
+    NOT_YAML,
     Settings,
     ShippedPath,
     Stiffness,
@@ -89,7 +90,7 @@ class Config(Settings):
     data: Literal["simulated", "measured"] | None = None
     """What the recordings are, as figures, tables and summary say; null: simulated where the
     simulator made them."""
-    recorded: date | Annotated[str, Field(max_length=40)] | None = None
+    recorded: date | Annotated[str, Field(max_length=40), AfterValidator(on_one_line)] | None = None
     """When the recordings were made, as the figures say, such as 2026-03-14; null: the dates of the
     files."""
     parameters: ShippedPath | None
@@ -175,7 +176,12 @@ def read_campaign_file(path: Path) -> dict[str, Any]:
     """The fields of a configuration. Raises InputError: Snakemake, which reads YAML 1.1, takes a
     value for another one."""
     content = read_mapping(path)
-    by_snakemake = flat(yaml.safe_load(path.read_text(encoding="utf-8-sig")))
+    try:
+        by_snakemake = flat(yaml.safe_load(path.read_text(encoding="utf-8-sig")))
+    except NOT_YAML as error:
+        raise InputError(
+            f"{path}: Snakemake cannot read it ({on_one_line(error)}); write a name before each `:`"
+        ) from error
     for name, value in flat(content).items():
         # of a text as 1e3, fields of numbers make the number
         read = by_snakemake.get(name, "")

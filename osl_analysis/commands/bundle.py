@@ -14,10 +14,10 @@ from osl_analysis.campaign.result_files import ResultFiles
 from osl_analysis.commands.simulate import TRUTH, settings_files
 from osl_analysis.commands.tables import read_summary
 from osl_analysis.errors import InputError
-from osl_analysis.files import CAMPAIGN, atomic_path, default_config
+from osl_analysis.files import CAMPAIGN, ROOT, atomic_path, default_config
 
 
-def write_bundle(folder: Path, output: Path) -> None:
+def write_bundle(folder: Path, output: Path) -> list[str]:
     """Write a campaign with its results as a ZIP file, which `osl-analysis run` analyses again
     wherever it is unpacked.
 
@@ -28,6 +28,11 @@ def write_bundle(folder: Path, output: Path) -> None:
     output : Path
         Holds configuration, sheet, source and parameter files, recordings, results, and
         `SHA256SUMS` of all of them, which `sha256sum -c` checks.
+
+    Returns
+    -------
+    list of str
+        The files that it holds from outside of the campaign's folder, as links may lead to.
 
     Raises
     ------
@@ -64,6 +69,12 @@ def write_bundle(folder: Path, output: Path) -> None:
                 f"{sha256(archive.read(name)).hexdigest()}  {name}\n" for name in archive.namelist()
             ]
             archive.writestr("SHA256SUMS", "".join(sums))
+        inside = (Path.cwd(), ROOT)
+        return [
+            str(file)
+            for file in files.values()
+            if not any(map(file.resolve().is_relative_to, map(Path.resolve, inside)))
+        ]
 
 
 def inputs_of(campaign: Campaign, content: Any) -> dict[str, Path]:

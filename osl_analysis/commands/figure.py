@@ -36,6 +36,7 @@ from osl_analysis.model.drivetrain import (
     joint_of,
     known_parameters,
 )
+from osl_analysis.report.typography import in_markdown
 from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.table import (
     NotAnalysed,
@@ -182,12 +183,12 @@ def write_captions(*, tables: Mapping[str, Path], footer: str, output: Path) -> 
     """Write a section per figure: its title, and its caption or why it is not drawn. `tables` are
     the plotted numbers by the name of the figure."""
     sections = [
-        f"# Captions\n\n{footer}. Why a fit is doubtful stands in the column `doubtful` of the"
-        " figure's CSV file.\n"
+        f"# Captions\n\n{in_markdown(footer)}. Why a fit is doubtful stands in the column"
+        " `doubtful` of the figure's CSV file.\n"
     ]
     for name, table in tables.items():
-        reasons = reasons_not_drawn(name, table)
-        text = f"Not drawn: {'; '.join(reasons)}." if reasons else FIGURES[name].caption
+        reasons = in_markdown("; ".join(reasons_not_drawn(name, table)))
+        text = f"Not drawn: {reasons}." if reasons else FIGURES[name].caption
         sections.append(f"## {figure_title(name)}\n\n{text}\n")
     write_text(output, "\n".join(sections))
 

@@ -16,7 +16,7 @@ import polars as pl
 from pydantic.json_schema import models_json_schema
 
 from osl_analysis.campaign.configuration import Config
-from osl_analysis.commands.run import first_look
+from osl_analysis.commands.run import check_simulator, first_look
 from osl_analysis.draft.draft_campaign import Draft, draft_campaign
 from osl_analysis.draft.draft_sheet import UNNAMED
 from osl_analysis.errors import InputError, listing, printable
@@ -68,9 +68,16 @@ def new_campaign(
         A folder of recordings, for which sheet and source files are drafted. They stay there.
     example
         A small simulated campaign instead, of the bench or of a walkway.
+
+    Raises
+    ------
+    InputError
+        The folder is not empty, or a library of the simulator is not installed.
     """
     if os.path.lexists(folder) and not (folder.is_dir() and not any(folder.iterdir())):
         raise InputError(f"{folder}: is no empty folder; name a new one, nothing is overwritten")
+    if example:
+        check_simulator()
     draft = Draft() if recordings is None else draft_campaign(recordings)
     sources = dict(draft.sources)
     for name in RECORDERS[example] if example else ():

@@ -10,7 +10,7 @@ import polars as pl
 from osl_analysis.campaign.origin import sentence
 from osl_analysis.commands.figure import reasons_not_drawn
 from osl_analysis.commands.tables import read_summary
-from osl_analysis.errors import listing, without_particulars
+from osl_analysis.errors import listing, printable_lines, without_particulars
 from osl_analysis.figures import FIGURES, figure_title
 from osl_analysis.files import write_text
 from osl_analysis.judge.campaign import exclusion_report, findings_in_summary
@@ -196,7 +196,9 @@ def signals_of(
         return of_fit(tables["walking_responses"], motion, ISOLATED)
     for recording in recordings:
         shown = sorted(SHOWN & pl.read_parquet_schema(recording).keys())
-        samples = pl.read_parquet(recording, columns=shown)  # none of a crossing that is excluded
+        samples = pl.read_parquet(
+            recording, columns=shown, glob=False
+        )  # none of a crossing that is excluded
         if len(samples) and len(shown) > 1:
             return of_recording(samples, f"{motion} (deg)")
     return None
@@ -265,7 +267,7 @@ def write_brief(
         accepted = "accepted: `failed_trials: accept` in the configuration"
         lines.append(accepted if failed_trials == "accept" else REMEDY)
     lines.append(f"open {page} in a browser: every number, figure and trial")
-    write_text(output, "\n".join(filter(None, lines)) + "\n")
+    write_text(output, printable_lines("\n".join(filter(None, lines))) + "\n")
 
 
 def failure_lines(

@@ -15,7 +15,6 @@ from typing import Any
 from osl_analysis.campaign.campaign_trials import Campaign, check_campaign, open_campaign
 from osl_analysis.campaign.configuration import campaign_config, over_default, read_config
 from osl_analysis.errors import (
-    EXTRAS,
     InputError,
     OslAnalysisError,
     listing,
@@ -231,7 +230,9 @@ def check_start(campaign: Campaign) -> None:
     if config.simulation is None:
         folders["raw_data"] = config.raw_data
     else:
-        check_simulator(campaign)
+        logs = [log for trial in campaign.trials() for log in campaign.logs(trial)]
+        if not all(map(Path.exists, logs)):
+            check_simulator()
     for setting, folder in folders.items():
         if not folder.is_dir():
             raise InputError(f"{folder}: no such folder; correct `{setting}` in the configuration")
@@ -241,12 +242,10 @@ def check_start(campaign: Campaign) -> None:
         raise InputError(next(iter(problems.values())))
 
 
-def check_simulator(campaign: Campaign) -> None:
-    """Refuse to simulate recordings that are missing without the libraries of the simulator."""
-    if all(log.exists() for trial in campaign.trials() for log in campaign.logs(trial)):
-        return
-    for library, extra in EXTRAS.items():
-        if extra == "simulator" and find_spec(library) is None:
+def check_simulator() -> None:
+    """Refuse to simulate without the libraries of the simulator."""
+    for library in ("ezc3d", "numba"):
+        if find_spec(library) is None:
             raise not_installed("the simulator", library)
 
 

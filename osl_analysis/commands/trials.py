@@ -2,21 +2,22 @@
 examined while they are in memory; and what files of any laboratory hold. Texts from files are
 untrusted: they are escaped when they are printed."""
 
-import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import polars as pl
+
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.draft.overview import inspect_recording
 from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
-from osl_analysis.errors import InputError, printable
+from osl_analysis.errors import InputError, advise, printable
 from osl_analysis.ingest import raw_files
 from osl_analysis.ingest.quality import Commanded, measure_quality
 from osl_analysis.judge.recording_checks import measured_table
 from osl_analysis.signals.grid import with_clocks
-from osl_analysis.table import write_table
+from osl_analysis.table import ANALYSED, write_table
 from osl_analysis.trial import Trial, write_trial
 
 MOST_CHANNELS = 200  # that are printed of a file
@@ -60,7 +61,7 @@ def checked_trial(
     if facts is not None and facts.place == "walkway" and not needed_columns:
         raw_files.check_markers(trial, row["experiment"])
     for text in trial.provenance["warnings"]:
-        warnings.warn(text, stacklevel=2)
+        advise(text)
     return trial
 
 
@@ -78,7 +79,8 @@ def ingest_and_check(
     limits and verdicts."""
     record = ingest_trial(row, raw_folder, sources_folder, trial, needed_columns)
     measured = measure_quality(record, row["experiment"], commanded, row.get("windows") or "")
-    write_table(measured_table(record.name, measured), quality, data)
+    outcome = {"status": pl.lit(ANALYSED), "reason": pl.lit(None, pl.String)}
+    write_table(measured_table(record.name, measured).with_columns(**outcome), quality, data)
 
 
 def raw_trial(recording: Path, source: Path, experiment: str) -> Trial:

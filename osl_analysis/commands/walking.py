@@ -2,7 +2,6 @@
 files between them."""
 
 import json
-import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -13,7 +12,8 @@ import numpy as np
 import polars as pl
 from pydantic import TypeAdapter
 
-from osl_analysis.errors import InputError, OslAnalysisError, on_one_line
+from osl_analysis.dictionary import columns_of_trial
+from osl_analysis.errors import InputError, OslAnalysisError, advise, on_one_line
 from osl_analysis.files import atomic_path, write_text
 from osl_analysis.judge.judging import EXCLUDED
 from osl_analysis.table import (
@@ -181,9 +181,7 @@ def identify_plate(
     `comparison` shows the unloaded plate's wrench before and after both are removed. A warning says
     so where the settings remove nothing."""
     if settings.plate_inertia == "none":
-        warnings.warn(
-            f"the plate's own inertia and lag stay in the torque: {NOT_REMOVED}", stacklevel=2
-        )
+        advise(f"the plate's own inertia and lag stay in the torque: {NOT_REMOVED}")
         model = NO_CORRECTION
     else:
         model = identify_plate_model(calibrated_trials(trials, calibrations, statics), settings)
@@ -255,7 +253,7 @@ def analyse(
         reason = str(error)
         if f"trial {walked.name}" not in reason:
             reason = f"trial {walked.name}: {reason}"
-        warnings.warn(f"excluded: {reason}", stacklevel=2)
+        advise(f"excluded: {reason}")
         write_refusal(walked.name, reason, output)
     else:
         write_crossing(crossing, output)
@@ -302,7 +300,7 @@ def average_unperturbed(
     if not gaits:
         raise InputError("; ".join(problems))
     for problem in problems:
-        warnings.warn(problem, stacklevel=2)
+        advise(problem)
     write_model(gaits, output)
 
 
@@ -321,7 +319,7 @@ def fit_perturbation(
     reason, group = rows.filter(trial=crossing.stem).select("reason", "group").row(0)
     gait = gaits.get(group)
     # a campaign in which no perturbation can be used keeps its other results
-    row = dict.fromkeys(result_tables.GROUP_QUANTITIES)
+    row: dict[str, object] = {}
     if gait is None:
         reason = reason or NO_GAIT
     elif reason is None:
@@ -329,7 +327,9 @@ def fit_perturbation(
             row = result_tables.perturbation_row(read_crossing(crossing), gait, settings)
         except OslAnalysisError as error:
             reason = str(error)
-            warnings.warn(f"excluded: {reason}", stacklevel=2)
+            advise(f"excluded: {reason}")
     place = {"trial": crossing.stem, "group": group}
     status = ANALYSED if reason is None else "excluded"
-    write_table(pl.DataFrame([{**place, **row, "status": status, EXCLUDED: reason}]), output, data)
+    columns = dict.fromkeys(columns_of_trial("walking"))
+    ending = {"status": status, EXCLUDED: reason}
+    write_table(pl.DataFrame([{**columns, **place, **row, **ending}]), output, data)

@@ -1,6 +1,5 @@
 """K, B and I of groups of perturbed crossings (Fig. 9)."""
 
-import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,7 @@ from osl_analysis.config.impedance_trajectory import (
     read_impedance_trajectory,
 )
 from osl_analysis.config.sheet import JOINT
-from osl_analysis.errors import InputError, OslAnalysisError
+from osl_analysis.errors import InputError, OslAnalysisError, advise
 from osl_analysis.judge.judging import EXCLUDED, judged, marked
 from osl_analysis.judge.limits import Limits
 from osl_analysis.table import MEASURED, Places, read_table, with_places, write_table
@@ -116,7 +115,7 @@ def summarise_perturbations(
         try:
             headline = headline_of(of_group, gait, files, settings)
         except OslAnalysisError as error:
-            warnings.warn(f"no result of {group}: {error}", stacklevel=2)
+            advise(f"no result of {group}: {error}")
             outcome = GroupOutcome(conditions, reason=str(error))
             without = {"estimator": result_tables.ENSEMBLE, "n": len(of_group), "mean": None}
             summary = [{"quantity": name, **without} for name in result_tables.GROUP_QUANTITIES]

@@ -1,14 +1,13 @@
 """The desired impedance over the gait cycle, from a CSV file, validated when it is read."""
 
 import re
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 
-from osl_analysis.errors import InputError, listing
+from osl_analysis.errors import InputError, advise, listing
 from osl_analysis.table import read_table
 from osl_analysis.trial import Array
 
@@ -55,7 +54,7 @@ def read_impedance_trajectory(path: Path) -> ImpedanceTrajectory:
     table = read_table(path, REQUIRED)
     unused = [name for name in table.columns if name not in REQUIRED]
     if unused:
-        warnings.warn(f"{path}: not used: {listing(unused)}; delete these columns", stacklevel=2)
+        advise(f"{path}: not used: {listing(unused)}; delete these columns")
     columns = {name: table[name].cast(pl.Float64).to_numpy() for name in REQUIRED}
     for name, column in columns.items():
         if not np.isfinite(column).all():

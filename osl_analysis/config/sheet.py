@@ -11,8 +11,9 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.errors import InputError, nearest
+from osl_analysis.errors import InputError, nearest, on_one_line
 from osl_analysis.model.compensator import CONTROLLERS
+from osl_analysis.table import QUOTED
 from osl_analysis.trial import stretches
 from osl_analysis.yaml_settings import (
     NotNegative,
@@ -78,7 +79,7 @@ def check_reason(text: str) -> str:
     """The check that a trial is excluded for a reason, and not by an answer to whether it is."""
     if text.lower() in ANSWERS:
         raise ValueError("it is no reason; clear the cell to analyse the trial, or say why not")
-    return text
+    return on_one_line(text)
 
 
 Windows = Annotated[str, AfterValidator(lambda text: stretches(text) and text)]
@@ -277,7 +278,7 @@ def numbered_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
         separator = ";" if header and ";" in header[0] else ","
         reader = csv.reader(text.splitlines(keepends=True), delimiter=separator, strict=True)
         for row in reader:
-            cells = [BLANKS.sub("", cell) for cell in row]
+            cells = [QUOTED.sub("", BLANKS.sub("", cell)) for cell in row]
             if separator == ";":
                 cells = [
                     cell.replace(",", ".") if NUMBERS.fullmatch(cell) else cell for cell in cells

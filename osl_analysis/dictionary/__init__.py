@@ -145,6 +145,14 @@ ADDED_TO_ALL = {
 """Columns that rows of single trials get where a table is gathered from them."""
 
 
+def columns_of_trial(name: str) -> list[str]:
+    """The columns of the result table `name` in a file of a single trial, in their order, but for
+    `data`. One that was not analysed has the same."""
+    table = described_tables_by_name()[name]
+    own = [name for name in (*table.columns, *table.of_fits) if name not in ADDED_TO_ALL]
+    return [*own, "status", "reason"]
+
+
 def table_of(rows: Sequence[Mapping[str, Any]], name: str, complete: bool = False) -> pl.DataFrame:
     """Rows of the result table `name`, with the types that its description gives.
 
@@ -166,5 +174,6 @@ def table_of(rows: Sequence[Mapping[str, Any]], name: str, complete: bool = Fals
     names = list(rows[0]) if rows else []
     if complete or not rows:
         names += [name for name in described if name not in {*ADDED_TO_ALL, *names}]
+        names.sort(key=[*described].index)
     types = {name: TYPES.get(described[name].unit, pl.Float64) for name in names}
     return pl.DataFrame(rows, schema=types)

@@ -21,6 +21,7 @@ CONTROL = re.compile(rb"[\x00-\x08\x0e-\x19]")
 UTF_16 = (b"\xff\xfe", b"\xfe\xff")  # its marks
 MINUS = "\u2212"  # a minus sign that is no hyphen
 # lines of a text that tell its header, the sign between cells and the decimal sign, and its footer
+LONGEST_LINE = 1_000_000  # letters; 10,000 columns of 100 letters each
 FIRST_LINES, LAST_LINES = 300, 60
 FEWEST_ROWS = 8  # lines of numbers that make a text without an ending a table
 LEAST_SCORE = 0.8  # share of them that are rows of numbers
@@ -127,6 +128,8 @@ def delimiter_of(lines: Sequence[Line]) -> str:
     every line has, or else `,`.
     """
     sample = [line.text.strip() for line in lines[:FIRST_LINES]]
+    if any(len(text) > LONGEST_LINE for text in sample):
+        raise InputError(f"has a line of more than {LONGEST_LINE} letters; write a row per sample")
     scores = {sign: _score(sample, sign) for sign in "\t;|, "}
     scores[" "] *= 0.98  # a blank also splits at tabs
     best = max(scores, key=lambda sign: scores[sign])

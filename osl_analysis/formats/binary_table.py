@@ -12,6 +12,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
+from zipfile import ZipFile, is_zipfile
 
 import numpy as np
 import polars as pl
@@ -29,6 +30,7 @@ from osl_analysis.formats._table import (
 )
 from osl_analysis.formats._text import Text, name_and_unit
 from osl_analysis.formats.csv_table import table_of_text
+from osl_analysis.memory import check_unpacked
 from osl_analysis.recording import Channel, End, Format, Loss, Recording, Rows
 
 BEGINNINGS = {
@@ -61,6 +63,9 @@ def kind_of(begin: bytes) -> str:
 
 def read(path: Path, source: SheetSource | None) -> Recording:
     """Read a table in a program's own format."""
+    if is_zipfile(path):
+        with ZipFile(path) as archive:
+            check_unpacked(path, sum(part.file_size for part in archive.infolist()))
     match kind_of(beginning(path)):
         case "sheet":
             return _read_workbook(path, source)
@@ -69,8 +74,8 @@ def read(path: Path, source: SheetSource | None) -> Recording:
         case "npy" | "npz":
             return _recording_of_arrays(_numpy_arrays(path), {})
         case "parquet":
-            return _recording_of_frame(pl.read_parquet(path))
-    return _recording_of_frame(pl.read_ipc(path))
+            return _recording_of_frame(_frame(pl.scan_parquet(path.read_bytes()), path))
+    return _recording_of_frame(_frame(pl.scan_ipc(path.read_bytes()), path))
 
 
 def _read_workbook(path: Path, source: SheetSource | None) -> Recording:
@@ -111,11 +116,43 @@ def _recording_of_frame(frame: pl.DataFrame) -> Recording:
     return recording_of_table("table", table, LISTING, noun="row", facts={"rows": frame.height})
 
 
+def _frame(rows: pl.LazyFrame, path: Path) -> pl.DataFrame:
+    """Read a table that does not say its size [bytes], with numbers of 8 bytes."""
+    count = rows.select(pl.len()).collect().item()
+    check_unpacked(path, 8 * count * len(rows.collect_schema()))
+    return rows.collect()
+
+
 def remarks_on(others: Sequence[str], are_all: bool) -> list[str]:
     """Say what of a file is not read. Raises InputError: it is all of it."""
     if are_all:
         raise InputError("holds no column of numbers; name a recording")
     return [f"not read, as they are no columns of numbers: {listing(others, 8)}"] if others else []
+
+
+def check_hdf5(path: Path) -> None:
+    """Refuse HDF5 that leads to other files of this machine, or that unpacks to too much, before
+    any of it is read."""
+    h5py = optional_module("h5py", "an HDF5 file")
+    elsewhere: list[str] = []
+    sizes: list[int] = []
+
+    def look(name: str, link: Any) -> None:
+        item = file[name] if isinstance(link, h5py.HardLink) else None
+        is_elsewhere = isinstance(link, h5py.ExternalLink)
+        if isinstance(item, h5py.Dataset):
+            sizes.append(item.nbytes)
+            is_elsewhere = bool(item.external or item.is_virtual)
+        if is_elsewhere:
+            elsewhere.append(name)
+
+    with h5py.File(path, "r") as file:
+        file.visititems_links(look)
+    if elsewhere:
+        raise InputError(
+            f"{path}: {listing(elsewhere, 5)} is stored in other files; save it in this one"
+        )
+    check_unpacked(path, sum(sizes))
 
 
 def _numpy_arrays(path: Path) -> dict[str, NDArray[Any]]:
@@ -129,6 +166,7 @@ def _numpy_arrays(path: Path) -> dict[str, NDArray[Any]]:
 
 def _hdf5_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
     """Read the data sets and the attributes of the file, and the units that they state."""
+    check_hdf5(path)
     h5py = optional_module("h5py", "an HDF5 file")
     arrays = {}
     units = {}

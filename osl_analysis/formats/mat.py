@@ -4,7 +4,9 @@ An address is written as in MATLAB: `Test.Slow(2).data(:,3)`, `runs{2}.torque`.
 """
 
 import re
+import struct
 import warnings
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -18,11 +20,17 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from osl_analysis.errors import InputError, listing, nearest, not_installed
-from osl_analysis.formats.binary_table import Column, channels_of
+from osl_analysis.formats import beginning
+from osl_analysis.formats.binary_table import Column, channels_of, check_hdf5
+from osl_analysis.memory import check_unpacked
 from osl_analysis.recording import Channel, Format, Loss, Recording
 from osl_analysis.source_file import LogChannel, Name, RowTime, TableSource
 
 FEWEST_SAMPLES = 10  # of a signal
+VERSION = slice(124, 126)  # bytes that hold it, in either order
+OF_HDF5 = 2  # version
+HEADER_BYTES = 128  # of a file of version 5
+COMPRESSED = 15  # kind of a variable of version 5
 COLUMN = re.compile(r"\((\d+,:|:,\d+)\)$")  # or a row, of a matrix
 
 
@@ -83,6 +91,10 @@ class Variable:
 
 def read(path: Path, source: MatSource | None) -> Recording:
     """Read the variables of a file; with a `log_part` those in it, by their addresses there."""
+    if OF_HDF5 in beginning(path)[VERSION]:
+        check_hdf5(path)
+    else:
+        check_unpacked(path, _stated_size(path.read_bytes()))
     with warnings.catch_warnings(action="ignore"):  # of the library's import, and of odd objects
         try:
             from matio import load_from_mat
@@ -122,6 +134,22 @@ def read(path: Path, source: MatSource | None) -> Recording:
         facts={"variables": len(variables)},
         find_unlisted=partial(_find, variables, part, everywhere),
     )
+
+
+def _stated_size(data: bytes) -> int:
+    """The bytes to which the variables of a file of version 5 say that they unpack."""
+    order = "<" if data[126:128] == b"IM" else ">"
+    tag = struct.Struct(f"{order}II")  # kind, and bytes that follow
+    size = len(data)
+    position = HEADER_BYTES
+    while position + tag.size <= len(data):
+        kind, length = tag.unpack_from(data, position)
+        position += tag.size
+        if kind == COMPRESSED:
+            begin = zlib.decompressobj().decompress(data[position : position + length], tag.size)
+            size += tag.unpack(begin)[1] - length
+        position += length
+    return size
 
 
 def _variables_in(value: Any, group: str, name: str, unit: str = "") -> Iterator[Variable]:

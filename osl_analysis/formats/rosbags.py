@@ -26,6 +26,7 @@ from osl_analysis.formats._cdr import rows_at
 from osl_analysis.formats._messages import Log
 from osl_analysis.recording import Format, Recording
 from osl_analysis.source_file import MessageSource
+from osl_analysis.yaml_settings import check_size, text_in
 
 ROS1 = b"#ROSBAG V"
 DESCRIPTION = "metadata.yaml"
@@ -178,11 +179,16 @@ def _described(folder: Path) -> tuple[list[Path], Counter[str]]:
     path = folder / DESCRIPTION
     counts: Counter[str] = Counter()
     try:
-        about = yaml.safe_load(path.read_bytes())["rosbag2_bagfile_information"]
+        text = path.read_text(encoding="utf-8")
+        with naming(path):
+            check_size(text)
+        about = yaml.load(text, yaml.CSafeLoader)["rosbag2_bagfile_information"]
         # older ones begin with the folder
-        files = [folder / Path(str(name)).name for name in about["relative_file_paths"]]
+        files = [folder / Path(name).name for name in about["relative_file_paths"]]
         for topic in about["topics_with_message_count"]:
-            counts[str(topic["topic_metadata"]["name"])] += int(topic["message_count"])
+            counts[text_in(topic["topic_metadata"]["name"])] += int(topic["message_count"])
+    except InputError:
+        raise
     except (yaml.YAMLError, RecursionError, LookupError, TypeError, ValueError) as error:
         reason = on_one_line(error)[:120]
         raise InputError(

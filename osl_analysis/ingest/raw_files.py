@@ -26,7 +26,7 @@ from osl_analysis.ingest.message_log import convert_messages, join_on_stamp
 from osl_analysis.ingest.table_log import convert_table
 from osl_analysis.source_file import MarkerSource, MessageSource, Source, TableSource
 from osl_analysis.trial import Trial
-from osl_analysis.yaml_settings import read_mapping, read_yaml
+from osl_analysis.yaml_settings import read_mapping, read_yaml, text_in
 
 ENDINGS_OF_ANY = ("", ".log", ".json")  # of recordings, and of much else
 
@@ -81,7 +81,7 @@ def read_source(path: Path) -> Source:
         Its format is unknown, a field is wrong, or it is a draft with places to be edited.
     """
     content = read_mapping(path)
-    name = str(content.get("format", ""))
+    name = text_in(content.get("format"))
     known = known_formats()
     if name not in known:
         raise InputError(

@@ -31,6 +31,7 @@ class Job:
     files: Sequence[Path]  # all outputs
     log: Path
     tell: str = ""  # `refused` or `not_analysed`: the argument that gets the refusals among inputs
+    at_once: int = 1  # jobs that share the memory of the machine
 
     @property
     def name(self) -> str:

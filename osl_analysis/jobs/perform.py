@@ -17,18 +17,25 @@ from pydantic import ConfigDict, validate_call
 
 from osl_analysis.commands.remedies import fit_or_advise
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.dictionary import described_tables
+from osl_analysis.dictionary import (
+    ADDED_TO_ALL,
+    columns_of_trial,
+    described_tables,
+    described_tables_by_name,
+)
 from osl_analysis.errors import (
     InputError,
     MemoryLimitError,
     OslAnalysisError,
     WriteError,
+    on_one_line,
     printable,
+    show_advice_alone,
     unexpected,
 )
 from osl_analysis.files import atomic_path, write_text
 from osl_analysis.jobs.job_log import Files, Job, listed, write_log
-from osl_analysis.judge.recording_checks import HOW_TO_USE
+from osl_analysis.judge.recording_checks import CHECKED, HOW_TO_USE
 from osl_analysis.memory import limited_memory
 from osl_analysis.table import (
     ANALYSED,
@@ -42,7 +49,7 @@ from osl_analysis.trial import read_trial
 
 ONLY_CHECKED = {"fitted"}
 """Inputs that no command reads: it gets the refusals among them, as `refused`."""
-OF_EVERY_JOB = {"made_by", "excluded", "sizes"}
+OF_EVERY_JOB = {"made_by", "excluded", "file_states"}
 """Params that are no arguments of a command: what made the data, the trials that quality control
 excludes, and what Snakemake only compares with the last run."""
 
@@ -50,18 +57,15 @@ REMEDY = (
     "correct or replace the file, or its source file, or give a reason under `exclude` in the"
     " sample sheet, or change the settings of this analysis in the configuration"
 )
+QUALITY = "quality"  # folder of what was measured for the checks of each trial
 HOLDING_A_REASON = {".csv", ".zip", ".parquet", ".json", ".tex", ".md"}
 """Suffixes of files that can say why there is no result."""
 
 OF_A_FILE = (FileNotFoundError, PermissionError, IsADirectoryError, NotADirectoryError)
 """Errors of the system that are those of one file; a bad disk or too many open files are not."""
 
-TABLES_OF_FIT = {
-    facts.fit.job: [table.name for table in facts.tables]
-    for facts in EXPERIMENTS.values()
-    if facts.fit is not None
-}
-"""The tables of the fit of an experiment, by its command, in the order in which it writes them."""
+FITTED = {facts.fit.job: facts for facts in EXPERIMENTS.values() if facts.fit is not None}
+"""The experiment that a command fits, whose tables it writes in their order."""
 
 CONVERTING: Any = cache(validate_call(config=ConfigDict(arbitrary_types_allowed=True)))
 """A command that converts what it is given to the types that it declares."""
@@ -77,7 +81,7 @@ def perform(job: Job) -> None:
     """
     start = time.perf_counter()
     with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("default")
+        show_advice_alone()
         try:
             ending = called(job)
         except Exception as error:
@@ -153,8 +157,8 @@ def call(job: Job) -> Sequence[NotAnalysed]:
     if job.tell:
         arguments[job.tell] = refused
     command = CONVERTING(job.command)
-    with limited_memory(job.recordings):
-        if job.name in TABLES_OF_FIT:
+    with limited_memory(job.recordings, job.at_once):
+        if job.name in FITTED:
             write_fit(job, command, arguments)
         else:
             command(**arguments, **job.outputs)
@@ -224,25 +228,26 @@ def write_fit(job: Job, fit: Any, arguments: dict[str, Any]) -> None:
     """Fit a trial, and write the first of its tables to a file, the others into an archive."""
     trial = read_trial(Path(arguments.pop("trial")))
     tables = fit_or_advise(fit, trial, **arguments).everything()
-    first, *further = TABLES_OF_FIT[job.name]
+    first, *further = [table.name for table in FITTED[job.name].tables]
     file, archive = job.files
     by_place = {archive / f"{name}.csv": tables[name] for name in further}
-    by_place[file] = tables[first].with_columns(
-        status=pl.lit(ANALYSED), reason=pl.lit(None, pl.String)
-    )
+    outcome = {"status": pl.lit(ANALYSED), "reason": pl.lit(None, pl.String)}
+    by_place[file] = tables[first].with_columns(**outcome).select(columns_of_trial(first))
     write_tables(by_place, job.params["made_by"]["data"])
 
 
 def write_reasons(job: Job, causes: Sequence[NotAnalysed]) -> None:
-    """Write each output with its columns and why there is nothing in it."""
+    """Write each output with the columns that it has else, and why there is nothing in it."""
     tables = {}
     for file in job.files:
-        folder = file.parent.name
         if file.suffix == ".csv":
-            tables[file] = rows_of(causes, folder, file.stem)
+            tables[file] = rows_of(causes, columns_of_file(file))
         elif file.suffix == ".zip":
-            for name in TABLES_OF_FIT[job.name]:
-                tables[file / f"{name}.csv"] = rows_of(causes, name)
+            tables[file / f"{NOT_ANALYSED_KEY}.csv"] = rows_of(causes, ["trial"])
+            for table in FITTED[job.name].tables[1:]:
+                columns = columns_in_archive(table.name, FITTED[job.name].motion)
+                empty = pl.DataFrame(schema=dict.fromkeys(columns, pl.String))
+                tables[file / f"{table.name}.csv"] = empty
         elif file.suffix == ".parquet":
             names = ["time", *job.params.get("needed_columns", ("theta", "torque"))]
             empty = pl.DataFrame(schema=dict.fromkeys(names, pl.Float64))
@@ -251,14 +256,30 @@ def write_reasons(job: Job, causes: Sequence[NotAnalysed]) -> None:
         elif file.suffix == ".json":
             write_text(file, json.dumps({NOT_ANALYSED_KEY: causes}))
         else:  # a comment of LaTeX
-            write_text(file, f"% not made: {'; '.join(cause.reason for cause in causes)}\n")
+            reasons = on_one_line("; ".join(cause.reason for cause in causes))
+            write_text(file, f"% not made: {reasons}\n")
     write_tables(tables, job.params["made_by"]["data"])
 
 
-def rows_of(causes: Sequence[NotAnalysed], *names: str) -> pl.DataFrame:
-    """A row for each cause, with the columns of the first of these tables that is described."""
-    described = {Path(table.place).name: table.columns for table in described_tables()}
-    columns = next((described[name] for name in names if name in described), ["trial"])
+def columns_of_file(file: Path) -> list[str]:
+    """The columns of a table, by its place in the results."""
+    if file.parent.name == QUALITY:
+        return CHECKED
+    if file.parent.name in described_tables_by_name():
+        return columns_of_trial(file.parent.name)
+    columns = {table.place: [*table.columns] for table in described_tables()}
+    return columns.get(f"{file.parent.name}/{file.stem}", ["trial"])
+
+
+def columns_in_archive(name: str, motion: str | None) -> list[str]:
+    """The columns of a further table of a fit. Signals over time have one motion."""
+    described = {Path(table.also or table.place).name: table for table in described_tables()}
+    left_out = {*ADDED_TO_ALL, "theta_deg" if motion == "omega" else "omega"}
+    return [column for column in described[name].columns if column not in left_out]
+
+
+def rows_of(causes: Sequence[NotAnalysed], columns: Sequence[str]) -> pl.DataFrame:
+    """A row for each cause, with these columns."""
     without = {**dict.fromkeys(columns), "status": NOT_ANALYSED}
     return pl.DataFrame(
         [{**without, "trial": cause.trial or None, "reason": cause.reason} for cause in causes]

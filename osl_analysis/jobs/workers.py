@@ -1,7 +1,8 @@
 """Warm workers: processes that have imported what jobs need, and do one job after another.
 
-A `run:` block of a rule calls `job`, in a thread of Snakemake, which waits until a worker has done
-it. To import anew for each job would take 1.4 s. A worker ends with Snakemake, however that ends.
+A `run:` block of a rule calls `do_job`, as `job`, in a thread of Snakemake, which waits until a
+worker has done it. To import anew for each job would take 1.4 s. A worker ends with Snakemake,
+however that ends.
 """
 
 import gc
@@ -100,8 +101,14 @@ def serve(connection: Connection) -> None:
                 connection.send(error)
 
 
-def job(
-    command: Callable[..., Any], input: Any, output: Any, params: Any, log: Any, tell: str = ""
+def do_job(
+    command: Callable[..., Any],
+    input: Any,
+    output: Any,
+    params: Any,
+    log: Any,
+    tell: str = "",
+    at_once: int = 1,
 ) -> None:
     """Have a job of a rule done by a worker.
 
@@ -115,6 +122,8 @@ def job(
     tell
         The name of an argument that gets the causes of what was not analysed of the inputs:
         `refused` of a function that is called whatever is missing, `not_analysed` of another one.
+    at_once
+        How many jobs share the memory of the machine.
 
     Raises
     ------
@@ -130,6 +139,7 @@ def job(
             files=[*map(Path, output)],
             log=Path(log[0]),
             tell=tell,
+            at_once=at_once,
         )
     )
 

@@ -17,7 +17,8 @@ from pydantic import ConfigDict, Field, model_validator
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.ingest.quality import CheckResult
 from osl_analysis.judge.known_findings import CHECKS, FINDINGS
-from osl_analysis.yaml_settings import Settings, misplaced
+from osl_analysis.table import unquoted
+from osl_analysis.yaml_settings import Settings, misplaced, text_in
 
 
 class QualityRules(Settings):
@@ -33,15 +34,14 @@ class QualityRules(Settings):
     @model_validator(mode="before")
     @classmethod
     def _checks_are_known(cls, content: Any) -> Any:
-        thresholds = (
-            dict(content) if isinstance(content, Mapping) else {}
-        )  # else it is refused next
-        for name in thresholds.pop("exclude", ()):
+        if not isinstance(content, Mapping):
+            return content  # it is refused next
+        places = {name: name for name in content if name != "exclude"}
+        if isinstance(content.get("exclude"), list):
+            places |= dict.fromkeys(map(text_in, content["exclude"]), "exclude")
+        for name, place in places.items():
             if name not in CHECKS:
-                raise misplaced(unknown_check(str(name)), "exclude")
-        for name in thresholds:
-            if name not in CHECKS:
-                raise misplaced(unknown_check(str(name)), name)
+                raise misplaced(unknown_check(text_in(name)), place)
         return content
 
     def limit(self, check: str) -> float:
@@ -134,6 +134,10 @@ MEASURED_COLUMNS = {
 }
 
 
+CHECKED = [*MEASURED_COLUMNS, "status", "reason"]
+"""The columns of the file of a trial, also of one that could not be measured."""
+
+
 def measured_table(trial: str, results: Mapping[str, CheckResult]) -> pl.DataFrame:
     """What `measure_quality` found, a row per check: trial, check, value, unit, remark."""
     rows = [
@@ -154,7 +158,7 @@ def read_verdicts(
             rows += csv.DictReader(file)
     for row in rows:
         row["value"] = float(row["value"]) if row["value"] else None
-    return judged_table(pl.DataFrame(rows, MEASURED_COLUMNS), rules, accept)
+    return judged_table(unquoted(pl.DataFrame(rows, MEASURED_COLUMNS)), rules, accept)
 
 
 # What excluded.csv has as `check` of a trial that no check excludes

@@ -2,7 +2,6 @@
 `config/parameters/`; actuator (Eqs. 1-2), belt transmission (Eqs. 3-4), joint admittance (Eqs.
 8-11), in the paper's signs."""
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator
 
-from osl_analysis.errors import InputError, nearest, on_one_line
+from osl_analysis.errors import InputError, advise, nearest, on_one_line
 from osl_analysis.files import digest
 from osl_analysis.trial import Array
 from osl_analysis.yaml_settings import Settings, misplaced, read_yaml
@@ -139,7 +138,7 @@ def known_parameters(
         return None
     file = file_of_state(path, digest(path))
     if file.warning:
-        warnings.warn(f"{path}: {on_one_line(file.warning)}", stacklevel=3)
+        advise(f"{path}: {on_one_line(file.warning)}")
     if not file.parameters.keys() >= {*needed}:
         return None
     known = {name: quantity.value for name, quantity in file.parameters.items()}

@@ -14,7 +14,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from osl_analysis.judge.campaign import findings_in_summary
 from osl_analysis.measured import significant
-from osl_analysis.report.typography import in_latex, printed
+from osl_analysis.report.typography import in_latex, in_markdown, printed
 from osl_analysis.report.verdicts import causes_not_checked
 
 HERE = Path(__file__).parent
@@ -88,10 +88,15 @@ def value_text(value: object) -> str:
     return significant(value, 3) if isinstance(value, float) else str(value)
 
 
+def unmarked(value: object) -> str:
+    """A value in a sentence, in which no sign of a person is one of the template's marks."""
+    return str(value).replace("$", r"\$").replace("[@", "(@").replace("¶", "")
+
+
 def paragraphs(facts: MethodsFacts) -> list[str]:
     """The paragraphs, with the marks of the template for symbols and citations."""
     environment = Environment(
-        loader=FileSystemLoader(HERE / "templates"), undefined=StrictUndefined
+        loader=FileSystemLoader(HERE / "templates"), undefined=StrictUndefined, finalize=unmarked
     )
     text = environment.get_template("methods.j2").render(facts.content, facts=facts)
     return [" ".join(part.split()) for part in text.split("¶") if part.strip()]
@@ -101,7 +106,7 @@ def to_markdown(marked: Sequence[str]) -> str:
     """The text in Markdown, with a list of what it cites."""
     cited = list(dict.fromkeys(CITATION.findall(" ".join(marked))))
     texts = [
-        CITATION.sub(lambda match: f"[{cited.index(match[1]) + 1}]", printed(text))
+        CITATION.sub(lambda match: f"[{cited.index(match[1]) + 1}]", printed(in_markdown(text)))
         for text in marked
     ]
     references = [f"{number}. {reference(key)}" for number, key in enumerate(cited, 1)]
@@ -127,6 +132,9 @@ def to_tex(marked: Sequence[str]) -> str:
 
 def paragraph_tex(marked: str) -> str:
     """A paragraph in LaTeX: symbols stay, other signs are escaped."""
-    parts = re.split(r"(\$.+?\$|\[@\w+\])", marked)
-    words = [part if part.startswith(("$", "[@")) else in_latex(part) for part in parts]
+    parts = re.split(r"((?<!\\)\$.+?(?<!\\)\$|\[@\w+\])", marked)
+    words = [
+        part if part.startswith(("$", "[@")) else in_latex(part.replace(r"\$", "$"))
+        for part in parts
+    ]
     return re.sub(r" ?\[@(\w+)\]", r"~\\cite{\1}", "".join(words))

@@ -13,6 +13,7 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.campaign.origin import ABOUT_MEANING, sentence
+from osl_analysis.errors import on_one_line
 from osl_analysis.files import own_yaml
 from osl_analysis.measured import decimal_places, with_places
 from osl_analysis.report.typography import in_latex
@@ -285,4 +286,4 @@ def macros_tex(about: Mapping[str, str], numbers: Iterable[Number], remarks: Ite
             if text:
                 macro = f"\\newcommand{{\\osl{macro_name(number.name)}{ending}}}"
                 lines.append(f"{macro}{{\\ensuremath{{{text}}}}}% {number.unit}, {number.meaning}")
-    return "\n".join(lines) + "\n"
+    return "\n".join(map(on_one_line, lines)) + "\n"

@@ -13,7 +13,7 @@ import polars as pl
 from osl_analysis.files import own_yaml
 from osl_analysis.judge.judging import results_in
 from osl_analysis.measured import NOTHING, significant, written
-from osl_analysis.report.typography import latex_table, markdown_table
+from osl_analysis.report.typography import in_markdown, latex_table, markdown_table
 from osl_analysis.stats.budget import IN_INTERVAL, budgets_in
 from osl_analysis.stats.repeats import OWN_CONDITION, counted, summary_row
 
@@ -188,4 +188,4 @@ def to_tex(rows: list[list[str]], origin: str) -> str:
 
 def to_markdown(rows: list[list[str]], origin: str) -> str:
     """The table in Markdown, and what it is made of."""
-    return f"{markdown_table(rows)}\n{origin}. {DAGGER}\n"
+    return f"{markdown_table(rows)}\n{in_markdown(origin)}. {DAGGER}\n"

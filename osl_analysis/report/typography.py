@@ -39,6 +39,11 @@ def in_latex(text: str) -> str:
     return text.translate(LATEX_SIGNS)
 
 
+def in_markdown(text: str) -> str:
+    """A text without what Markdown reads as HTML, a link or the end of a cell."""
+    return text.replace("<", "&lt;").replace("](", r"]\(").replace("|", r"\|")
+
+
 def aligned(rows: Sequence[Sequence[str]]) -> str:
     """Rows as lines with aligned columns."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
@@ -49,7 +54,7 @@ def aligned(rows: Sequence[Sequence[str]]) -> str:
 def markdown_table(rows: Sequence[Sequence[str]]) -> str:
     """Rows as a table in Markdown."""
     rule = ["---"] * len(rows[0])
-    lines = [f"| {' | '.join(row)} |\n" for row in (rows[0], rule, *rows[1:])]
+    lines = [f"| {' | '.join(map(in_markdown, row))} |\n" for row in (rows[0], rule, *rows[1:])]
     return "".join(lines)
 
 

@@ -13,7 +13,6 @@ because the VAF does not change. The unloaded plate shows it: its inertial force
 acceleration must peak at the same time.
 """
 
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -21,7 +20,7 @@ import numpy as np
 import polars as pl
 import scipy
 
-from osl_analysis.errors import IdentifiabilityError, InputError, naming
+from osl_analysis.errors import IdentifiabilityError, InputError, advise, naming
 from osl_analysis.signals import LowPass, longest_run, runs, sampling_rate
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking import platform
@@ -149,7 +148,7 @@ def identify_plate_model(
     if not usable:
         raise problems[0]
     for problem in problems:
-        warnings.warn(f"excluded from the plate's model: {problem}", stacklevel=2)
+        advise(f"excluded from the plate's model: {problem}")
 
     motions = unloaded_motions(usable)
     lags = []

@@ -10,7 +10,6 @@ each crossing against it is known to a tenth of a millisecond. The start of the 
 same in all crossings: an error of it shifts all onsets alike.
 """
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,7 +18,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, advise
 from osl_analysis.signals import LowPass, runs, sampling_rate
 from osl_analysis.trial import Array
 from osl_analysis.walking import poses as rigid
@@ -344,10 +343,9 @@ def ramp_onsets(ramps: Mapping[str, Ramp]) -> dict[str, float]:
     onsets = dict(zip(ramps, starts.tolist(), strict=True))
     for (name, ramp), follows in zip(ramps.items(), follow, strict=True):
         if not follows:
-            warnings.warn(
+            advise(
                 f"trial {name}: the platform does not turn as in the other crossings: the onset is"
-                " that of its own ramp, which may be some ms off",
-                stacklevel=2,
+                " that of its own ramp, which may be some ms off"
             )
             onsets[name] = align([ramp])[0][0]
     return onsets

@@ -9,8 +9,6 @@ import tomllib
 import pytest
 from conftest import ROOT
 
-from osl_analysis.errors import EXTRAS
-
 
 def test_the_simulator_shares_nothing_with_what_it_is_used_to_check():
     """A package that is not named here would be wrong in the same way."""
@@ -21,15 +19,6 @@ def test_the_simulator_shares_nothing_with_what_it_is_used_to_check():
     used = set(re.findall(r"(?:from|import) osl_analysis\.(\w+)", code))
 
     assert used - allowed == set()
-
-
-def test_what_is_to_be_installed_for_a_library_brings_it():
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
-        "optional-dependencies"
-    ]
-
-    for library, extra in EXTRAS.items():
-        assert any(need.lower().startswith(library) for need in extras[extra]), library
 
 
 def test_the_container_has_the_lock_and_all_that_the_package_is_built_from():

@@ -3,6 +3,7 @@
 import json
 import re
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -13,9 +14,10 @@ import pytest
 import yaml
 from c3d_builder import write_c3d
 from conftest import ROOT, refused_with
-from pydantic import Field
+from pydantic import Field, ValidationError
 from shipped import SETTINGS as SHIPPED
 
+from osl_analysis import formats
 from osl_analysis.campaign.campaign_trials import open_campaign
 from osl_analysis.campaign.configuration import (
     campaign_config,
@@ -33,6 +35,8 @@ from osl_analysis.commands.simulate import (
 )
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.sheet import read_sheet
+from osl_analysis.ingest.raw_files import read_source
+from osl_analysis.judge.recording_checks import QualityRules
 from osl_analysis.model.compensator import Weight, select_gains
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.simulator.laboratory_settings import WalkingSettings
@@ -85,12 +89,45 @@ class Outer(Settings):
     ("inner: {rate: 1e999}", "line 2: inner.rate: inf .*finite"),
     ("a: " + "[" * 2000 + "]" * 2000, ".*YAML"),
     ("\tinner: 1", "line 2: .*YAML"),
+    ("inner: {rate: 0x" + "f" * 5000 + "}", ".*YAML with a number"),
     ('"\\e31mkey": 3', r"line 2: \\x1b31mkey: "),
 ])  # fmt: skip
 def test_what_is_wrong_in_a_file_is_told_by_line_field_value_and_remedy(tmp_path, text, said):
     (tmp_path / "a.yaml").write_bytes(f"first: 1\n{text}".encode("latin-1"))
     with refused_with(f"^{tmp_path}/a.yaml: {said}"):
         read_yaml(tmp_path / "a.yaml", Outer)
+
+
+NINE = range(1, 10)
+ALIASES = "a0: &a0 [x]\n" + "".join(f"a{n}: &a{n} [{f'*a{n - 1}, ' * 9}]\n" for n in NINE)
+MERGED = "a0: &a0 {x: 1}\n" + "".join(f"a{n}: &a{n}\n  <<: [{f'*a{n - 1}, ' * 9}]\n" for n in NINE)
+
+
+@pytest.mark.parametrize("text", [
+    ALIASES, MERGED, "a: &a [*a]", f"a: [{'1,' * 200_000}]", f"a: {'[' * 50_000}", "x" * 3 * 10**6,
+])  # fmt: skip
+def test_yaml_of_more_values_than_any_file_has_is_refused_within_a_second(tmp_path, text):
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    (bag / "metadata.yaml").write_text(text)
+    start_s = time.process_time()
+
+    with refused_with(r"metadata\.yaml: YAML of more than 100000 values, with those that aliases"):
+        read_mapping(bag / "metadata.yaml")
+    with refused_with(r"metadata\.yaml: YAML of more than 100000 values"):
+        formats.read(bag)
+
+    assert time.process_time() - start_s < 2
+
+
+def test_what_is_no_text_is_no_name(tmp_path):
+    (tmp_path / "a.yaml").write_text("format: [csv]")
+
+    with refused_with("format '' is not known"):
+        read_source(tmp_path / "a.yaml")
+    for exclude in ([["gap"]], {"gap": 1}, 5):
+        with pytest.raises(ValidationError):
+            QualityRules.model_validate({"exclude": exclude})
 
 
 def test_a_file_without_fields_or_that_cannot_be_read_is_one_line(tmp_path, monkeypatch):
@@ -285,7 +322,7 @@ def test_settings_at_their_bounds_and_two_dates_are_allowed(in_root):
 def test_a_simulation_without_its_libraries_is_refused_before_any_job(monkeypatch, in_root):
     monkeypatch.setitem(sys.modules, "ezc3d", None)
     monkeypatch.setattr(Path, "exists", lambda path: path.suffix != ".c3d")
-    with refused_with(r"ezc3d.* pip install 'osl-analysis\[simulator\]'$"):
+    with refused_with(rf"ezc3d.*; {sys.executable} -m pip install ezc3d$"):
         started(SHIPPED)
     monkeypatch.setattr(Path, "exists", lambda _: True)
     started(SHIPPED)

@@ -118,6 +118,19 @@ def test_a_log_outside_the_folder_of_recordings_is_refused(campaign, tmp_path, l
     assert re.search(r"error: trials\.csv: trial 'first': log .*\.csv .*raw_data", result.stderr)
 
 
+def test_what_a_link_brings_from_elsewhere_is_named(campaign, tmp_path):
+    recordings = campaign / "recordings"
+    recordings.mkdir()
+    write(campaign / "config.yaml", CONFIG.replace("../session", "recordings"))
+    write(tmp_path / "secret", "t,angle,torque,motor\n0,0,0,0\n")
+    write(campaign / "trials.csv", SHEET.format("first.csv"))
+    (recordings / "first.csv").symlink_to(tmp_path / "secret")
+
+    result = call("bundle", campaign, tmp_path / "all.zip")
+
+    assert re.search("from outside of .*first.csv", result.stderr)
+
+
 def test_no_file_of_the_campaign_is_overwritten(campaign, tmp_path):
     log = tmp_path / "session/day/first.zip"
     write(log, "a recording")

@@ -413,6 +413,7 @@ def test_what_needs_more_memory_than_a_job_may_have_is_refused(monkeypatch, tmp_
     write_two_variables_of_8_gb(bomb)
     before = resource.getrlimit(resource.RLIMIT_DATA)
     monkeypatch.setenv("OSL_MEMORY_MB", "2000")
+    monkeypatch.setattr(memory, "MOST_UNPACKED", 2000)
 
     said = one_line(call("inspect", bomb))
 

@@ -1,6 +1,7 @@
 """Tables read back as they were written, and every column has a unit and a meaning in the data
 dictionary."""
 
+import csv
 from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
@@ -8,7 +9,7 @@ from types import SimpleNamespace
 import polars as pl
 import pytest
 from conftest import refused_with
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from polars.testing import assert_frame_equal
 
@@ -36,6 +37,19 @@ def test_every_number_null_and_nan_reads_back_to_the_last_bit(tmp_path_factory, 
     table = pl.DataFrame({"n": range(len(numbers)), "value": pl.Series(numbers, dtype=pl.Float64)})
     write_table(table, path)
     assert_frame_equal(read_table(path), table, check_column_order=False, check_exact=True)
+
+
+@given(st.lists(st.text(st.characters(codec="utf-8", exclude_characters="\x00\r")), min_size=1))
+@example(["=1+2", "+1", "-x", "@a", "'=b", "''c", "\t1", "-5 %", "'d"])
+def test_no_text_is_a_formula_of_a_spreadsheet_and_each_reads_back(tmp_path_factory, texts):
+    path = tmp_path_factory.mktemp("tables") / "t.csv"
+    table = pl.DataFrame({"n": range(len(texts)), "remark": texts})
+
+    write_table(table, path)
+
+    with path.open(newline="", encoding="utf-8") as file:
+        assert not any(row["remark"].startswith(tuple("=+-@\t")) for row in csv.DictReader(file))
+    assert read_table(path)["remark"].fill_null("").to_list() == texts
 
 
 @pytest.mark.parametrize("late", [["1"] * 4999 + ["1.5"], [None] * 4999 + [1.5]])

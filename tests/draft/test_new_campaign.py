@@ -3,6 +3,7 @@ its files."""
 
 import json
 import re
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -543,6 +544,17 @@ def test_files_of_one_source_file_with_torques_of_opposite_signs_are_named(tmp_p
     assert "sign: -1" in draft.sources["csv"]  # of the first one that tells it
     questions = {file: question for question, file in draft.open}
     assert "`sign`" in questions["K81.csv, K82.csv"]
+
+
+def test_an_example_without_the_simulators_libraries_is_refused_and_nothing_is_written(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setitem(sys.modules, "numba", None)
+
+    with refused_with("-m pip install numba$"):
+        new_campaign(tmp_path / "demo", example="bench")
+
+    assert not (tmp_path / "demo").exists()
 
 
 def test_the_example_of_a_walkway_simulates_all_that_its_analysis_needs(tmp_path, monkeypatch):

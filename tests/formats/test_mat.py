@@ -185,9 +185,9 @@ def test_what_is_no_row_of_real_numbers_is_refused_and_a_cut_file_too(write, tmp
         formats.read(path)
 
 
-def test_without_the_library_the_extra_that_brings_it_is_named(tmp_path, monkeypatch):
+def test_without_the_library_it_is_named(tmp_path, monkeypatch):
     path = write_mat(tmp_path / "a.mat", x=RISING)
     monkeypatch.setitem(sys.modules, "matio", None)
 
-    with refused_with(r"pip install 'osl-analysis\[matlab\]'"):
+    with refused_with("-m pip install mat-io$"):
         formats.read(path)

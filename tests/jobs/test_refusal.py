@@ -34,7 +34,7 @@ from osl_analysis.commands.walking import (
     read_model,
     read_unperturbed_gaits,
 )
-from osl_analysis.errors import InputError, MemoryLimitError, WriteError
+from osl_analysis.errors import InputError, MemoryLimitError, WriteError, advise
 from osl_analysis.ingest.quality import Commanded, measure_quality
 from osl_analysis.jobs.job_log import Job, read_log, write_log
 from osl_analysis.jobs.perform import (
@@ -200,7 +200,7 @@ def test_of_ingest_and_quality_control_both_results_stand_or_none(tmp_path, monk
     monkeypatch.setattr(trials, "measure_quality", refuse)
     monkeypatch.setattr(
         "osl_analysis.jobs.perform.limited_memory",
-        lambda files: limited.append(files) or nullcontext(),
+        lambda files, at_once: limited.append(files) or nullcontext(),
     )
     settings = {
         "row": {"trial": "b_1", "experiment": "belt", "log": "b_1.mcap"},
@@ -327,8 +327,9 @@ def test_what_the_machine_lacks_is_an_error_of_the_run_and_no_refusal(tmp_path, 
     """The next run tries again."""
 
     def lacking(_):
-        warnings.warn("late\x1b", stacklevel=1)
-        warnings.warn("late\x1b", stacklevel=1)
+        warnings.warn("of a library", stacklevel=1)
+        advise("late\x1b")
+        advise("late\x1b")
         raise error
 
     monkeypatch.setattr("osl_analysis.jobs.perform.call", lacking)

@@ -65,7 +65,7 @@ def alternatives(
         rows.append(
             Contribution(
                 source="viscoelastic" if each.name == VISCOELASTIC else SOURCES[each.family],
-                standard=float(each.change[k]),
+                standard=float(each.change[k] / (2 if is_property else 1)),  # half of a range
                 basis="weighed",
                 part="motion" if is_property else "fault",
                 probability=each.probability,

@@ -262,8 +262,8 @@ def with_other_contributions(
         own = budgets[name]
         if without in budgets:
             complete[without] = budgets[without].plus(*common)
-            moved = abs(own.value - budgets[without].value)
-            own = own.plus(Contribution("friction", moved, basis="measured", part="motion"))
+            half = abs(own.value - budgets[without].value) / 2
+            own = own.plus(Contribution("friction", half, basis="measured", part="motion"))
         complete[name] = own.plus(*common)
     return complete
 

@@ -267,9 +267,9 @@ def with_faults(analysis: Analysis, budgets: Mapping[str, Budget], s: Sums) -> d
     of_delay = unknown("late_torque", late_torque(budgets["B_j"].value, 0.0, ("J_j", "")))
     complete = {}
     for k, (name, source) in enumerate(PROPERTIES_OF_LOSSES.items(), start=1):
-        moved = abs(budgets[name].value - others[name])
+        half = abs(budgets[name].value - others[name]) / 2
         complete[name] = budgets[name].plus(
-            Contribution(source, moved, basis="measured", part="motion"),
+            Contribution(source, half, basis="measured", part="motion"),
             *other_stamps(analysis, None, name),
             *alternatives(joint, stated, k),
             *(each for each in [of_delay.get(name)] if each and "delay" not in stated),

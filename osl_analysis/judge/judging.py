@@ -61,6 +61,7 @@ class Judged:
     budget: Budget
     verdict: Verdict
     needed: float
+    own: Budget  # with what friction changes, where this is taken off the judged estimate
 
     def moved(self, by: float | None) -> str:
         """What a source would change, in words."""
@@ -138,7 +139,8 @@ def judged_estimates(table: str, budgets: Mapping[str, Budget], limits: Limits) 
             budget = budgets[name]
             needed = accuracy[symbol] * math.hypot(budget.value, FLOOR[symbol])
             verdict = budget.verdict(needed)
-            found.append(Judged(symbol, own, units[name].unit, budget, verdict, needed))
+            unit = units[name].unit
+            found.append(Judged(symbol, own, unit, budget, verdict, needed, budgets[own]))
     return found
 
 
@@ -255,7 +257,7 @@ def properties_of(estimates: Sequence[Judged]) -> list[Finding]:
     intervals that are wider."""
     by_source: dict[str, list[tuple[Judged, float]]] = {}
     for estimate in estimates:
-        for each in estimate.budget.of_parts("motion"):
+        for each in estimate.own.of_parts("motion"):
             change = 2 * (each.standard or 0.0)  # from one end of the range to the other
             if each.source in FINDINGS and change > estimate.needed:
                 by_source.setdefault(each.source, []).append((estimate, change))

@@ -119,7 +119,7 @@ def test_a_torque_that_is_too_large_may_be_of_several_units():
 
     advised = remedy_of(run_fit, "impedance", wrong, None, CONFIG)
 
-    assert re.search(r"N\*mm`.*: K 150.*; or .*N\*cm`.*: K 1500", advised)
+    assert re.search(r"N\*mm`.*: K 149\.9.*; or .*N\*cm`.*: K 1499\.", advised)
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(1e3, "ms"), (1e6, "us"), (1e9, "ns")])

@@ -9,8 +9,6 @@ import polars as pl
 
 from osl_analysis.bench.budgets import (
     alternatives,
-    in_percent,
-    late_torque,
     other_stamps,
     stated_rivals,
     unknown,
@@ -43,7 +41,7 @@ RENDERED = (0.94, 1.06)
 the default device: 0.98 to 1.01. The rest is two standard deviations, of 2 %, of a device from its
 parameter file."""
 CHANGING = ("K", "B")  # with the amplitude, by play, a stiffening spring or friction
-LARGE_DELAY = 0.1  # share of B that an uncertain delay of a leg may make before it is told
+LARGE_DELAY = 0.05  # share of B that the half-width of a leg's delay may make before it is told
 
 
 @dataclass(frozen=True)
@@ -312,30 +310,26 @@ def unchecked(
     record = analysis.record
     settings = record.settings
     K, B, I = (budgets[name].value for name in QUANTITIES)
-    sizes = {"K": K, "B": B, "I": I}
-    of_delay = late_torque(K, B)
     rows = []
     of_path = found.joint.probability_of("path") if found.joint else 0.0
-    if found.belt.lag is None and "delay" not in stated and of_path < LIKELY:
-        rows.append(unknown("late_torque", of_delay))
-    elif found.belt.lag is not None and not found.belt.lag.certain("lag_s"):
-        low, high = found.belt.lag.interval("lag_s")
-        if K * (high - low) > LARGE_DELAY * abs(B):
-            ends = f" ({significant(1e3 * low)} to {significant(1e3 * high)} ms by the belt)"
-            rows.append(unknown("late_torque", of_delay, ends))
+    lag = found.belt.lag
+    # a belt that tells the lag so badly that it may be a tenth of B
+    is_untold = lag is None or K * lag.half_width("lag_s") > LARGE_DELAY * abs(B)
+    if is_untold and "delay" not in stated and of_path < LIKELY:
+        rows.append(unknown("late_torque", "ms", B=1e-3 * K, I=1e-3 * B))
     if not settings.calibration.torque_gain and not gains_are_known:
-        rows.append(unknown("wrong_gain", in_percent(sizes, K=1, B=1, I=1)))
+        rows.append(unknown("wrong_gain", "%", K=0.01 * K, B=0.01 * B, I=0.01 * I))
     # channels of one clock have the same rate
     rates = [stream["ppm"] for stream in record.streams if stream["ppm"] is not None]
     if not np.ptp(rates or [0.0]):
-        rows.append(unknown("clocks_disagree", in_percent(sizes, B=1, I=2)))
+        rows.append(unknown("clocks_disagree", "%", B=0.01 * B, I=0.02 * I))
     if settings.fixture is None:
-        per = {"K": "up to 1 N*m/rad per N*m", "I": "1 kg*m^2 per kg*m^2"}
-        rows.append(unknown("fixture_inertia", per))
+        rows.append(unknown("fixture_inertia", "N*m", K=1.0))
+        rows.append(unknown("fixture_inertia", "kg*m^2", I=1.0))
     if found.joint is None:
-        rows.append(unknown("change_over_time", {"K": None}))
+        rows.append(unknown("change_over_time", K=0.0))
     if is_friction_untold(found.inferred, found.coulomb.get(None), found.is_leg):
-        rows.append(unknown("friction", {"B": None}))
+        rows.append(unknown("friction", B=0.0))
     return rows
 
 

@@ -282,7 +282,7 @@ def not_checked(estimates: Sequence[Judged]) -> list[Finding]:
         for each in estimate.budget.unknown:
             of_source = sizes.setdefault(each.source, [])
             if each.per:
-                of_source.append(f"{estimate.name} {each.per}{each.detail or ''}")
+                of_source.append(f"{estimate.name} {each.per}")
     return [
         Finding(source, "", "", Grade.UNCHECKED, size=", ".join(texts))
         for source, texts in sizes.items()

@@ -67,6 +67,11 @@ class Judged:
         """What a source would change, in words."""
         return f"{self.name} by up to {significant(by or 0.0)} {self.unit}"
 
+    def width(self, half: float) -> str:
+        """How wide its interval is, beside what is needed, in words."""
+        needed = significant(self.needed)
+        return f"{self.name} is known to {significant(half)} {self.unit}, {needed} is needed"
+
 
 def judged(
     table: pl.DataFrame,
@@ -266,7 +271,8 @@ def properties_of(estimates: Sequence[Judged]) -> list[Finding]:
             by_source.setdefault("wide_interval", []).append((estimate, half))
     found = []
     for source, changes in by_source.items():
-        sizes = dict.fromkeys(estimate.moved(change) for estimate, change in changes)
+        said = Judged.width if source == "wide_interval" else Judged.moved
+        sizes = dict.fromkeys(said(estimate, change) for estimate, change in changes)
         evidence = tuple(
             Beyond(estimate.name, change, estimate.needed, "above", source)
             for estimate, change in changes

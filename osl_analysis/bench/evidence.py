@@ -25,7 +25,7 @@ from osl_analysis.bench.friction import (
 )
 from osl_analysis.bench.impedance import QUANTITIES, Analysis
 from osl_analysis.bench.lags import Belt, belt_of_leg, is_leg
-from osl_analysis.bench.plausibility import check_resists, check_stiffer
+from osl_analysis.bench.plausibility import check_resists, check_stiffer, unit_of_step
 from osl_analysis.bench.record import Label
 from osl_analysis.bench.regression import IMPEDANCE, Sums, held_out_vaf, sums_of
 from osl_analysis.dictionary import table_of
@@ -153,6 +153,7 @@ def impedance_table(
         "band_high_hz": record.band_hz[1],
         "cutoff_hz": record.settings.cutoff_hz,
         "K_s_ratio": found.belt.K_s_ratio,
+        "angle_too_small": unit_of_step(record.encoder_step),
         "VAF_held_out": held_out_vaf(analysis.sums, analysis.model),
         # a known spring holds it
         "gain_error": 0.0 if record.settings.calibration.torque_gain else None,

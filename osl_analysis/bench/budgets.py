@@ -4,7 +4,7 @@ another motion, and what nobody has checked would change.
 The sources have their words in `judge/findings.yaml`.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 
 import numpy as np
 
@@ -65,7 +65,7 @@ def alternatives(
         rows.append(
             Contribution(
                 source="viscoelastic" if each.name == VISCOELASTIC else SOURCES[each.family],
-                standard=float(each.change[k]),
+                standard=float(each.change[k] / (2 if is_property else 1)),  # half of a range
                 basis="weighed",
                 part="motion" if is_property else "fault",
                 probability=each.probability,
@@ -88,27 +88,16 @@ def other_stamps(analysis: Analysis, label: Label, name: str) -> list[Contributi
     return [Contribution("undecided_time_stamps", moved, basis="bound", part="fault")]
 
 
-def unknown(
-    source: str, per: Mapping[str, str | None], detail: str | None = None
-) -> dict[str, Contribution]:
-    """What nobody has measured, by the estimates that it would change; `per` says by how much."""
+def unknown(source: str, unit: str = "", **changes: float) -> dict[str, Contribution]:
+    """What nobody has measured, by the estimates that it would change by so much per unit; 0: by
+    nobody knows how much."""
     return {
-        name: Contribution(source, None, basis="assumed", part="fault", detail=detail, per=text)
-        for name, text in per.items()
-    }
-
-
-def late_torque(K: float, B: float, names: tuple[str, str] = ("B", "I")) -> dict[str, str]:
-    """What a millisecond of delay takes off the damping and the inertia of a joint."""
-    changes = zip(names, (K, B), strict=True)
-    return {
-        name: f"{significant(1e-3 * abs(by))} {UNITS[name]} per ms" for name, by in changes if by
-    }
-
-
-def in_percent(row: Mapping[str, float], **shares: float) -> dict[str, str]:
-    """What a percent of a gain or a clock is of some estimates, as a share per percent."""
-    return {
-        name: f"{significant(0.01 * share * abs(row[name]))} {UNITS[name]} per %"
-        for name, share in shares.items()
+        name: Contribution(
+            source=source,
+            standard=None,
+            basis="assumed",
+            part="fault",
+            per=f"{significant(abs(change))} {UNITS[name]} per {unit}" if change else None,
+        )
+        for name, change in changes.items()
     }

@@ -10,8 +10,6 @@ import polars as pl
 
 from osl_analysis.bench.budgets import (
     alternatives,
-    in_percent,
-    late_torque,
     other_stamps,
     stated_rivals,
     unknown,
@@ -33,7 +31,7 @@ from osl_analysis.bench.friction import (
 from osl_analysis.bench.impedance import QUANTITIES, Analysis
 from osl_analysis.bench.lags import Belt, belt_of_leg, is_leg
 from osl_analysis.bench.motion_range import parts_of, range_over
-from osl_analysis.bench.plausibility import check_resists, check_stiffer
+from osl_analysis.bench.plausibility import check_resists, check_stiffer, unit_of_step
 from osl_analysis.bench.record import Label
 from osl_analysis.bench.regression import IMPEDANCE, Sums, fit_groups, held_out_vaf, sums_of
 from osl_analysis.dictionary import table_of
@@ -48,7 +46,7 @@ RENDERED = (0.94, 1.06)
 """K without friction over that of linear theory, from and to which a sound leg renders it. Legs of
 the default device: 0.98 to 1.01. The rest is two standard deviations, of 2 %, of a device from its
 parameter file."""
-LARGE_DELAY = 0.1  # share of B that an uncertain delay of a leg may make before it is told
+LARGE_DELAY = 0.05  # share of B that the half-width of a leg's delay may make before it is told
 
 
 @dataclass(frozen=True)
@@ -160,6 +158,7 @@ def impedance_table(
         "band_high_hz": record.band_hz[1],
         "cutoff_hz": record.settings.cutoff_hz,
         "K_s_ratio": found.belt.K_s_ratio,
+        "angle_too_small": unit_of_step(record.encoder_step),
         "VAF_held_out": held_out_vaf(analysis.sums, analysis.model),
         # a known spring holds it
         "gain_error": 0.0 if record.settings.calibration.torque_gain else None,
@@ -288,8 +287,8 @@ def with_other_contributions(
         own = budgets[name]
         if without in budgets:
             complete[without] = budgets[without].plus(*common)
-            moved = abs(own.value - budgets[without].value)
-            own = own.plus(Contribution("friction", moved, basis="measured", part="motion"))
+            half = abs(own.value - budgets[without].value) / 2
+            own = own.plus(Contribution("friction", half, basis="measured", part="motion"))
         complete[name] = own.plus(*common)
     return complete
 
@@ -339,30 +338,26 @@ def unchecked(
     record = analysis.record
     settings = record.settings
     K, B, I = (budgets[name].value for name in QUANTITIES)
-    sizes = {"K": K, "B": B, "I": I}
-    of_delay = late_torque(K, B)
     rows = []
     of_path = found.joint.probability_of("path") if found.joint else 0.0
-    if found.belt.lag is None and "delay" not in stated and of_path < LIKELY:
-        rows.append(unknown("late_torque", of_delay))
-    elif found.belt.lag is not None and not found.belt.lag.certain("lag_s"):
-        low, high = found.belt.lag.interval("lag_s")
-        if K * (high - low) > LARGE_DELAY * abs(B):
-            ends = f" ({significant(1e3 * low)} to {significant(1e3 * high)} ms by the belt)"
-            rows.append(unknown("late_torque", of_delay, ends))
+    lag = found.belt.lag
+    # a belt that tells the lag so badly that it may be a tenth of B
+    is_untold = lag is None or K * lag.half_width("lag_s") > LARGE_DELAY * abs(B)
+    if is_untold and "delay" not in stated and of_path < LIKELY:
+        rows.append(unknown("late_torque", "ms", B=1e-3 * K, I=1e-3 * B))
     if not settings.calibration.torque_gain and not gains_are_known:
-        rows.append(unknown("wrong_gain", in_percent(sizes, K=1, B=1, I=1)))
+        rows.append(unknown("wrong_gain", "%", K=0.01 * K, B=0.01 * B, I=0.01 * I))
     # channels of one clock have the same rate
     rates = [stream["ppm"] for stream in record.streams if stream["ppm"] is not None]
     if not np.ptp(rates or [0.0]):
-        rows.append(unknown("clocks_disagree", in_percent(sizes, B=1, I=2)))
+        rows.append(unknown("clocks_disagree", "%", B=0.01 * B, I=0.02 * I))
     if settings.fixture is None:
-        per = {"K": "up to 1 N*m/rad per N*m", "I": "1 kg*m^2 per kg*m^2"}
-        rows.append(unknown("fixture_inertia", per))
+        rows.append(unknown("fixture_inertia", "N*m", K=1.0))
+        rows.append(unknown("fixture_inertia", "kg*m^2", I=1.0))
     if found.joint is None:
-        rows.append(unknown("change_over_time", {"K": None}))
+        rows.append(unknown("change_over_time", K=0.0))
     if found.is_friction_untold:
-        rows.append(unknown("friction", {"B": None}))
+        rows.append(unknown("friction", B=0.0))
     return rows
 
 

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from osl_analysis.bench.bench_settings import ActuatorAnalysis
 from osl_analysis.bench.budgets import (
     alternatives,
-    late_torque,
     other_stamps,
     stated_rivals,
     unknown,
@@ -264,12 +263,12 @@ def with_faults(analysis: Analysis, budgets: Mapping[str, Budget], s: Sums) -> d
     others = {"B_j": budgets["B_j_viscous"].value, "J_j": budgets["J_j"].value}
     if weight.certain("theta"):
         others["J_j"] = weight["J_j"]
-    of_delay = unknown("late_torque", late_torque(budgets["B_j"].value, 0.0, ("J_j", "")))
+    of_delay = unknown("late_torque", "ms", J_j=1e-3 * budgets["B_j"].value)
     complete = {}
     for k, (name, source) in enumerate(PROPERTIES_OF_LOSSES.items(), start=1):
-        moved = abs(budgets[name].value - others[name])
+        half = abs(budgets[name].value - others[name]) / 2
         complete[name] = budgets[name].plus(
-            Contribution(source, moved, basis="measured", part="motion"),
+            Contribution(source, half, basis="measured", part="motion"),
             *other_stamps(analysis, None, name),
             *alternatives(joint, stated, k),
             *(each for each in [of_delay.get(name)] if each and "delay" not in stated),

@@ -18,6 +18,21 @@ TURN_TORQUE = Change(
 )
 
 
+OFF_WHOLE = 0.005  # of a number of bits; 3600 and 7200 steps a turn are 0.03 off
+
+
+def unit_of_step(step: float) -> float | None:
+    """The factor by which an angle is too small by the step of its encoder [rad]: a turn has 2^n of
+    them, where radians are read as degrees 180/pi times as many. None where neither holds."""
+    if not step:
+        return None
+    for factor in (1.0, 180 / np.pi):
+        bits = np.log2(2 * np.pi / (factor * step))
+        if abs(bits - round(bits)) < OFF_WHOLE:
+            return factor
+    return None
+
+
 def check_changes(column: str, values: Array) -> None:
     """Refuse a signal (n,) that never changes, such as that of a dead sensor."""
     check_measured(column, values)

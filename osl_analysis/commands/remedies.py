@@ -13,6 +13,7 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.commands.fit_results import FitTables, estimated, printed_units
+from osl_analysis.dictionary import table_of
 from osl_analysis.errors import Change, InputError, OslAnalysisError
 from osl_analysis.ingest.guard import in_other_units, swapped_channels
 from osl_analysis.measured import written
@@ -130,8 +131,11 @@ def outcome_of(
         tables = fit(trial=changed(trial, change), **arguments)
     except OslAnalysisError:
         return None
-    faults = tables.estimates["budget"].filter(estimate="K", part="fault", basis="weighed")
-    return Outcome(change, tables.row, float(faults["probability"].sum()))
+    budget = tables.estimates.get("budget", table_of([], "budget"))
+    faults = budget.filter(estimate="K", part="fault").drop_nulls("standard")
+    weighed = faults.filter(basis="weighed")["probability"]
+    # where none was weighed, a fault is not ruled out
+    return Outcome(change, tables.row, float(weighed.sum()) if len(faults) else 1.0)
 
 
 def changed(trial: Trial, change: Change) -> Trial:

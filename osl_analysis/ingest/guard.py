@@ -204,8 +204,9 @@ def half_range(trial: Trial, column: str | None) -> float:
 
 
 def in_other_units(trial: Trial, columns: Sequence[str]) -> list[Change]:
-    """The changes that take columns for numbers of another unit than they are declared in, the more
-    usual unit first. A unit with which the joint hardly moves is none of them."""
+    """The changes that take columns for numbers of another unit than they are declared in: of an
+    angle the more usual unit first, of a torque all alike, since nothing tells N*mm from N*cm. A
+    unit with which the joint hardly moves is none of them."""
     si_unit = unit_of(columns[0])
     declared = origin(trial, columns[0]).get("factor", 1)
     turn = 2 * half_range(trial, "theta") if "theta" in trial.columns else math.inf
@@ -215,7 +216,8 @@ def in_other_units(trial: Trial, columns: Sequence[str]) -> list[Change]:
         moves = turn * (factor if "theta" in columns else 1) > LIMITS.smallest_motion
         if moves and not math.isclose(factor, 1):
             words = f"state `unit: {unit}` of {' and '.join(columns)} in the source file"
-            changes.append(Change(words, dict.fromkeys(columns, factor), rank=len(changes)))
+            rank = len(changes) if si_unit == "rad" else 0
+            changes.append(Change(words, dict.fromkeys(columns, factor), rank=rank))
     return changes
 
 

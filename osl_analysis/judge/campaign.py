@@ -35,6 +35,7 @@ from osl_analysis.stats.repeats import DOUBTFUL
 
 MOST_NAMED = 3  # number of trials that a line names
 QUALITY = "quality"
+SHOWN_BY_SPRING = ("late_torque", "wrong_gain", "fixture_inertia")
 
 
 def campaign_findings(
@@ -74,9 +75,20 @@ def campaign_findings(
         by_row = judged(table, limits.of(name), name, faults, budget)
         for row, of_row in zip(table.iter_rows(named=True), by_row, strict=True):
             of_fits.extend(WordedFinding(finding, words_of(finding, row)) for finding in of_row)
+    if len(tables.get("calibration", ())):
+        of_fits = [with_its_calibration(worded) for worded in of_fits]
     doubts = [worded for worded in of_fits if worded.finding.grade is Grade.DOUBTS]
     told = {fact_of(doubt) for doubt in doubts if is_of_whole(doubt.finding)}
     return [*(w for w in failed_checks(verdicts) if fact_of(w) not in told), *of_fits]
+
+
+def with_its_calibration(worded: WordedFinding) -> WordedFinding:
+    """A campaign that has recorded a known spring is told to state what this says."""
+    finding = worded.finding
+    if finding.grade is not Grade.UNCHECKED or finding.name not in SHOWN_BY_SPRING:
+        return worded
+    remedy = "State what calibration.csv says of this bench (`to_state`), and run again"
+    return WordedFinding(finding, worded.words._replace(remedy=remedy))
 
 
 def fact_of(worded: WordedFinding) -> tuple[str, str]:

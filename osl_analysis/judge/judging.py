@@ -61,10 +61,16 @@ class Judged:
     budget: Budget
     verdict: Verdict
     needed: float
+    own: Budget  # with what friction changes, where this is taken off the judged estimate
 
     def moved(self, by: float | None) -> str:
         """What a source would change, in words."""
         return f"{self.name} by up to {significant(by or 0.0)} {self.unit}"
+
+    def width(self, half: float) -> str:
+        """How wide its interval is, beside what is needed, in words."""
+        needed = significant(self.needed)
+        return f"{self.name} is known to {significant(half)} {self.unit}, {needed} is needed"
 
 
 def judged(
@@ -138,7 +144,8 @@ def judged_estimates(table: str, budgets: Mapping[str, Budget], limits: Limits) 
             budget = budgets[name]
             needed = accuracy[symbol] * math.hypot(budget.value, FLOOR[symbol])
             verdict = budget.verdict(needed)
-            found.append(Judged(symbol, own, units[name].unit, budget, verdict, needed))
+            unit = units[name].unit
+            found.append(Judged(symbol, own, unit, budget, verdict, needed, budgets[own]))
     return found
 
 
@@ -255,7 +262,7 @@ def properties_of(estimates: Sequence[Judged]) -> list[Finding]:
     intervals that are wider."""
     by_source: dict[str, list[tuple[Judged, float]]] = {}
     for estimate in estimates:
-        for each in estimate.budget.of_parts("motion"):
+        for each in estimate.own.of_parts("motion"):
             change = 2 * (each.standard or 0.0)  # from one end of the range to the other
             if each.source in FINDINGS and change > estimate.needed:
                 by_source.setdefault(each.source, []).append((estimate, change))
@@ -264,7 +271,8 @@ def properties_of(estimates: Sequence[Judged]) -> list[Finding]:
             by_source.setdefault("wide_interval", []).append((estimate, half))
     found = []
     for source, changes in by_source.items():
-        sizes = dict.fromkeys(estimate.moved(change) for estimate, change in changes)
+        said = Judged.width if source == "wide_interval" else Judged.moved
+        sizes = dict.fromkeys(said(estimate, change) for estimate, change in changes)
         evidence = tuple(
             Beyond(estimate.name, change, estimate.needed, "above", source)
             for estimate, change in changes
@@ -280,7 +288,7 @@ def not_checked(estimates: Sequence[Judged]) -> list[Finding]:
         for each in estimate.budget.unknown:
             of_source = sizes.setdefault(each.source, [])
             if each.per:
-                of_source.append(f"{estimate.name} {each.per}{each.detail or ''}")
+                of_source.append(f"{estimate.name} {each.per}")
     return [
         Finding(source, "", "", Grade.UNCHECKED, size=", ".join(texts))
         for source, texts in sizes.items()

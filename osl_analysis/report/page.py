@@ -16,6 +16,7 @@ from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.judge.campaign import CampaignFinding, is_of_whole
 from osl_analysis.judge.finding import Grade, WordedFinding
 from osl_analysis.judge.judging import fit_of, rows_by_fit
+from osl_analysis.judge.known_findings import known_finding
 from osl_analysis.judge.recording_checks import NOT_APPLICABLE
 from osl_analysis.report.numbers import Number
 from osl_analysis.report.paper_tables import Condition, estimate_text, stated_text
@@ -218,7 +219,11 @@ def shown_budgets(row: Mapping[str, Any], budget: pl.DataFrame | None) -> list[S
                 text=estimate_text(row, name),
                 verdict=row.get(f"{name}_verdict") or "",
                 parts={part: 100 * square / total for part, square in squares.items()},
-                not_known=", ".join(each.per for each in of_name.unknown if each.per),
+                not_known="; ".join(
+                    f"{known_finding(each.source).title}: {each.per}"
+                    for each in of_name.unknown
+                    if each.per
+                ),
             )
         )
     return shown

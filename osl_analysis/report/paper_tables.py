@@ -141,6 +141,8 @@ def budget_table(budget: pl.DataFrame, impedance: pl.DataFrame) -> list[list[str
     for (trial, name), of_estimate in whole.group_by("trial", "estimate", maintain_order=True):
         cells = [conditions_of.get(str(trial), {}).get(column) for column in STATED]
         condition = ", ".join(stated_text(cell) for cell in cells if cell not in (None, ""))
+        if not condition and trial in conditions_of:
+            condition = str(trial)  # it may have been asked for another K than trials like it
         found = budgets_in(of_estimate.to_dicts(), {str(name): 0.0})[str(name)]
         parts = [found.half_width(part) for part in IN_INTERVAL]
         widths = [*parts, found.half_width(), found.half_range]

@@ -60,8 +60,8 @@ class Contribution:
     """What one source does to one estimate, in its unit; a row of `budget.csv`."""
 
     source: str
-    # standard uncertainty; of a part in no interval, by how much the estimate would be another;
-    # None: not known
+    # standard uncertainty; of a fault by how much the estimate would be another, of motion half of
+    # the range; None: not known
     standard: float | None
     freedom: float | None = None  # degrees of freedom of its variance; None: infinitely many
     basis: Basis = "stated"

@@ -15,7 +15,7 @@ from osl_analysis.bench.bench_settings import (
     BenchStiffness,
 )
 from osl_analysis.bench.evidence import DesiredImpedance, beside_known
-from osl_analysis.bench.plausibility import check_stiffer
+from osl_analysis.bench.plausibility import check_stiffer, unit_of_step
 from osl_analysis.commands.fit import fit_trial
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.guard import check_recording
@@ -91,6 +91,14 @@ def test_another_unit_of_a_too_large_angle_is_tried_where_nothing_jumps(theta, w
         check_recording(trial, BENCH)
     tried = [change.factors["theta"] for change in refused.value.changes]
     assert tried == (pytest.approx([np.pi / 180, 1e-3]) if is_tried else [])  # deg, mrad
+
+
+@pytest.mark.parametrize(("step", "factor"), [
+    (2 * np.pi / 2**14, 1.0), (np.radians(2 * np.pi / 2**14), 180 / np.pi), (0.0, None),
+    (1e-3, None),
+])  # fmt: skip
+def test_the_step_of_an_encoder_tells_radians_from_degrees(step, factor):
+    assert unit_of_step(step) == factor
 
 
 @least_squares_alone

@@ -117,7 +117,9 @@ def test_the_fit_of_a_trial_is_the_row_of_the_campaign_to_the_last_digit(motion,
     fit = osl.fit(bench_trial(motion), experiment, config=short, **CONDITIONS[motion])
 
     made = tmp_path / f"tables/{fit.experiment}.csv"
-    tables.gather([files[fit.experiment]], made, read_config(short).doubtful.of(fit.experiment))
+    limits = read_config(short).doubtful.of(fit.experiment)
+    budget = [file for name, file in files.items() if name == "budget"]
+    tables.gather([files[fit.experiment]], made, limits, budget=budget)
     of_findings = tables.unpublished(fit.table, fit.experiment)
     assert_same(fit.table.drop(of_findings, strict=False), made, tmp_path)
     if fit.curves is not None:

@@ -110,8 +110,16 @@ def test_a_wrong_unit_is_refused_with_the_unit_that_makes_the_trial_fit(column, 
             experiment,
             recording,
             lambda signals: signals | {column: factor * signals[column]},
-            f"`unit: {unit}`.* {column}.*: K {true}",
+            f"`unit: {unit}`.*? {column}.*?: K {true}",
         )
+
+
+def test_a_torque_that_is_too_large_may_be_of_several_units():
+    wrong = Trial("wrong", pl.DataFrame(joint() | {"torque": 1000 * joint()["torque"]}))
+
+    advised = remedy_of(run_fit, "impedance", wrong, None, CONFIG)
+
+    assert re.search(r"N\*mm`.*: K 149\.9.*; or .*N\*cm`.*: K 1499\.", advised)
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(1e3, "ms"), (1e6, "us"), (1e9, "ns")])

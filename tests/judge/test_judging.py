@@ -97,7 +97,10 @@ def test_what_another_motion_changes_is_a_remark_with_its_size():
 def test_a_wide_interval_is_told_and_is_no_doubt():
     (remark,) = of_knee({"B": [scatter(0.1, 1e9)]})
 
-    assert (remark.name, remark.size) == ("wide_interval", "B by up to 0.2 N*m*s/rad")
+    assert (remark.name, remark.size) == (
+        "wide_interval",
+        "B is known to 0.2 N*m*s/rad, 0.15 is needed",
+    )
     assert verdicts_of([remark])["B"] == "wide"
 
 

@@ -13,9 +13,10 @@ import pytest
 from page_builder import ABOUT, PART, REMARK, ROW, WHOLE, page, view, worded
 
 from osl_analysis.commands.report import signals_of
+from osl_analysis.dictionary import table_of
 from osl_analysis.report import methods
 from osl_analysis.report.page import ShownFigure, trial_view, with_symbols, written_page
-from osl_analysis.report.paper_tables import Condition
+from osl_analysis.report.paper_tables import Condition, budget_table
 from osl_analysis.report.signals import measured_response, of_fit, of_recording
 from osl_analysis.report.verdicts import (
     LeftOut,
@@ -23,6 +24,7 @@ from osl_analysis.report.verdicts import (
     verdict_counts,
     verdicts_sentence,
 )
+from osl_analysis.stats.budget import Budget, Contribution, budget_rows, scatter
 
 
 @pytest.mark.parametrize(
@@ -43,6 +45,38 @@ def test_a_trial_that_is_left_out_says_why():
     refused = view(WHOLE, left_out=LeftOut(True, ["no torque"]))
 
     assert (refused.verdict, refused.left_out) == ("refused", ["no torque"])
+
+
+PLACE = {"trial": ROW["trial"], "amplitude_deg": None}
+PARTS = (
+    scatter(3.0, 9.0),
+    Contribution("torque_gain", 4.0, shared=True),
+    Contribution("wrong_gain", None, part="fault", per="3 N*m/rad per %"),
+)
+BUDGET = table_of(budget_rows(PLACE, {"K": Budget(300.0, PARTS)}), "budget", complete=True)
+
+
+def test_an_estimate_has_its_verdict_the_parts_of_its_interval_and_what_is_not_known():
+    fit = pl.DataFrame([{**PLACE, "K": 300.0, "K_verdict": "torque path"}])
+
+    (shown,) = trial_view(
+        ROW, {"impedance": fit, "budget": BUDGET}, [], None, pl.DataFrame(), None
+    ).budgets
+
+    assert (shown.verdict, shown.not_known) == ("torque path", "wrong gain: 3 N*m/rad per %")
+    repeatability, bench = (2.262157 * 3) ** 2, (1.959964 * 4) ** 2  # Student's, by hand
+    share = 100 * repeatability / (repeatability + bench)
+    assert shown.parts["repeatability"] == pytest.approx(share, rel=1e-5)
+    assert shown.parts["sensor"] == 0
+
+
+def test_a_table_for_a_paper_has_the_parts_of_each_condition():
+    stated = pl.DataFrame([{"trial": ROW["trial"], "K_d": 300.0}])
+
+    head, (condition, name, n, *widths) = budget_table(BUDGET, stated)
+
+    assert head[3:] == ["repeatability", "sensor", "bench", "all", "range"]
+    assert (condition, name, n, widths) == ("300", "K", "1", ["6.8", "–", "7.8", "10", "–"])
 
 
 SHEET = {name: {**ROW, "trial": name} for name in "ab"}

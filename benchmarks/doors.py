@@ -31,6 +31,7 @@ from pathlib import Path
 
 import yaml
 
+from osl_analysis.files import DISTRIBUTION
 from osl_analysis.jobs.workers import ENVIRONMENT
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -381,7 +382,7 @@ def main() -> None:
         if asked.most is not None:
             check_memory(folder, asked.most)
             return
-        begin = f"osl-analysis {version('osl-analysis')}; processor s"
+        begin = f"{DISTRIBUTION} {version(DISTRIBUTION)}; processor s"
         print(f"{begin:42}{'product':>9}{'script':>9}{'ratio':>8}  allowed")
         if "fit" in parts:
             show_fit(folder)

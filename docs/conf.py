@@ -13,9 +13,9 @@ from osl_analysis.commands.tables import described_checks
 from osl_analysis.dictionary import described_tables
 from osl_analysis.report.typography import markdown_table
 
-project = "osl-analysis"
-author = copyright = "the osl-analysis developers"
-release = metadata.version("osl-analysis")
+project = "osl-impedance"
+author = copyright = "the osl-impedance developers"
+release = metadata.version(project)
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_click"]
 default_role = "code"  # what docstrings have in single backticks
 highlight_language = "none"
@@ -31,7 +31,7 @@ python_use_unqualified_type_names = True
 napoleon_google_docstring = False
 
 html_theme = "furo"
-html_title = "osl-analysis"
+html_title = project
 html_static_path = ["static"]
 html_css_files = ["site.css"]
 html_copy_source = False

@@ -25,7 +25,7 @@ from osl_analysis.errors import (
     printable_lines,
     show_advice_alone,
 )
-from osl_analysis.files import CAMPAIGN, check_target, shipped, write_text
+from osl_analysis.files import CAMPAIGN, DISTRIBUTION, check_target, shipped, write_text
 from osl_analysis.memory import SET_TO_ONE, limited_memory
 
 
@@ -146,7 +146,7 @@ class OneLineErrors(click.Group):
     cls=OneLineErrors,
     context_settings={"help_option_names": ["-h", "--help"], "show_default": True},
 )
-@click.version_option(package_name="osl-analysis")
+@click.version_option(package_name=DISTRIBUTION)
 def main() -> None:
     """From the logs of a powered prosthesis to stiffness [N·m/rad], damping [N·m·s/rad] and inertia
     [kg·m²].

@@ -105,6 +105,9 @@ def digest(path: Path) -> str | None:
     return None
 
 
+DISTRIBUTION = "osl-impedance"
+"""What `pip` calls this package: on the package index `osl-analysis` is another project's."""
+
 PACKAGE = Path(__file__).parent
 IN_PACKAGE = PACKAGE / "shipped"
 ROOT = IN_PACKAGE if IN_PACKAGE.is_dir() else PACKAGE.parent

@@ -254,7 +254,7 @@ def check_schema(stated: object, path: Path, release: object = None) -> None:
     path : Path
         The file, for the message.
     release : object
-        Version of osl-analysis that wrote it; None: not known.
+        Version of osl-impedance that wrote it; None: not known.
 
     Raises
     ------

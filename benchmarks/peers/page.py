@@ -29,7 +29,7 @@ PAGE, FIGURE = ROOT / "docs/peers.md", ROOT / "docs/peers.png"
 SENT = Path(__file__).with_name("sent")
 OURS = "osl_analysis_fit"
 NAMES = {
-    OURS: "osl-analysis",
+    OURS: "osl-impedance",
     "filtered_least_squares": "usual script",
     "pandas_curve_fit": "curve_fit",
     "statsmodels_hac": "statsmodels",
@@ -39,7 +39,7 @@ NAMES = {
     "sippy_subspace": "sippy",
 }
 UNSEEN = [case.case for case in closed_form.CASES]
-SEEN = ["generator", "simulator"]  # on whose recordings limits of osl-analysis were chosen
+SEEN = ["generator", "simulator"]  # on whose recordings limits of osl-impedance were chosen
 CASES = [*sorted({case.case for case in generator.CASES + laboratory.CASES}), *UNSEEN]
 NEARER = 0.5  # times our median error or seconds, from which a peer is called better
 HOLDS_MORE = 10.0  # percent more intervals that hold, from which a peer is called better
@@ -140,7 +140,7 @@ def better(scores, worst):
                     size = " to ".join(dict.fromkeys(map(rounded, (min(theirs), max(theirs)))))
                     where = name_of_case(case, ours["trials"])
                     rows.append([where, text, named(found, peers), size, of_us])
-    head = ["recordings", "in", "better", "theirs", f"osl-analysis, {row_of[OURS]['version']}"]
+    head = ["recordings", "in", "better", "theirs", f"osl-impedance, {row_of[OURS]['version']}"]
     return table(head, rows) if rows else "Nowhere."
 
 

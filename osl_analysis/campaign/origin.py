@@ -14,14 +14,14 @@ from typing import Any
 
 from osl_analysis.campaign.campaign_trials import Campaign
 from osl_analysis.campaign.configuration import Config
-from osl_analysis.files import ROOT, digest, own_yaml
+from osl_analysis.files import DISTRIBUTION, ROOT, digest, own_yaml
 from osl_analysis.yaml_settings import flat, read_mapping
 
 # facts on the origin of results
 ABOUT_MEANING = {
     "campaign": "name of the campaign",
     "data": "simulated or measured",
-    "version": "version of osl-analysis",
+    "version": f"version of {DISTRIBUTION}",
     "configuration": (
         "first digits of the SHA-256 of the configuration and of the files that it names"
     ),
@@ -58,7 +58,7 @@ def about(campaign: Campaign, simulation: Sequence[Path]) -> dict[str, str]:
     return {
         "campaign": campaign.config.campaign,
         "data": campaign.data,
-        "version": version("osl-analysis"),
+        "version": version(DISTRIBUTION),
         "configuration": hashlib.sha256(hashed).hexdigest()[:HASH_DIGITS],
         "recorded": date_of_data(campaign),
     }
@@ -92,7 +92,7 @@ def date_of_data(campaign: Campaign) -> str:
 def sentence(about: Mapping[str, str], below_figure: bool = False) -> str:
     """Say the origin of results (`about`) in a sentence. Below a figure, without the hash of
     settings that it may not even use."""
-    made_by = f"osl-analysis {about['version']}"
+    made_by = f"{DISTRIBUTION} {about['version']}"
     if not below_figure:
         made_by += f", configuration {about['configuration']}"
     return (

@@ -22,7 +22,7 @@ from osl_analysis.errors import (
     nearest,
     not_installed,
 )
-from osl_analysis.files import CAMPAIGN, default_config, shipped, write_text
+from osl_analysis.files import CAMPAIGN, DISTRIBUTION, default_config, shipped, write_text
 from osl_analysis.ingest.raw_files import (
     check_clocks,
     read_source,
@@ -158,7 +158,7 @@ def end_run(summary: Path, brief: Path, verdict: Path, failed_trials: str) -> No
 
 def made_by(campaign: Campaign) -> dict[str, str]:
     """What makes the results: the version of the package; and whether the data are simulated."""
-    return {"version": version("osl-analysis"), "data": campaign.data}
+    return {"version": version(DISTRIBUTION), "data": campaign.data}
 
 
 MOST_LISTED = 5  # recordings that are named in one message

@@ -15,7 +15,7 @@ import polars as pl
 
 from osl_analysis import formats
 from osl_analysis.errors import InputError, naming, nearest, printable
-from osl_analysis.files import digest
+from osl_analysis.files import DISTRIBUTION, digest
 from osl_analysis.formats import known_formats
 from osl_analysis.formats._text import begins_with_rows
 from osl_analysis.ingest.capture import convert_capture
@@ -166,7 +166,7 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
         check_clocks(sources["log"], sources["mocap"])
 
     provenance: dict[str, Any] = {
-        "software": {"osl-analysis": version("osl-analysis")},
+        "software": {DISTRIBUTION: version(DISTRIBUTION)},
         "files": {},
         "columns": {},
         "plates": [],

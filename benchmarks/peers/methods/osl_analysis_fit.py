@@ -6,9 +6,10 @@ from pathlib import Path
 import polars as pl
 
 import osl_analysis as osl
+from osl_analysis.files import DISTRIBUTION
 from osl_analysis.judge.finding import Grade
 
-PACKAGES = ("osl-analysis",)
+PACKAGES = (DISTRIBUTION,)
 
 
 def fitted(t, theta, torque, person):

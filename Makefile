@@ -1,11 +1,12 @@
+# SPDX-License-Identifier: Apache-2.0
 PYTHON ?= python3
 VENV := .venv
-BIN := $(VENV)/bin
+BIN := $(VENV)/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 READY := $(VENV)/ready
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 unexport PYTHONDONTWRITEBYTECODE # each process would compile anew what the tests have changed, which takes 10 s
 
-.PHONY: reproduce-all test test-kernels test-browser test-ingest test-package test-slurm test-speed peers setup check docs lock dist release
+.PHONY: reproduce-all test test-kernels test-browser test-ingest test-package test-slurm test-speed peers setup check docs public paper five-minutes sbom lock dist release
 
 reproduce-all: $(READY)
 	$(BIN)/snakemake reproduce-all
@@ -46,8 +47,9 @@ peers: $(READY)
 
 # All that a release has, in dist/: wheel, sdist, the page of the default campaign, the documentation, checksums. It needs
 # no network and attaches nothing.
-release: dist docs reproduce-all
+release: dist docs sbom reproduce-all
 	cp results/report.html dist/demo-report.html
+	cp build/sbom.cdx.json dist
 	$(PYTHON) -m zipfile --create dist/docs.zip build/docs
 	cd dist && sha256sum * > SHA256SUMS
 
@@ -70,6 +72,34 @@ build/cluster: cluster.lock $(READY)
 test-speed: $(READY)
 	$(BIN)/python benchmarks/against.py 8a386c44 --short --rounds 1 --most 1.0
 	$(BIN)/python benchmarks/doors.py --most 900
+
+# What the project has beside its code: that the files parse, agree and lead somewhere. uv fetches the checkers.
+public: dist sbom five-minutes
+	$(BIN)/python tools/public.py
+	$(CHECKER) cffconvert==2.0.0 --validate
+	$(CHECKER) twine==7.0.0 check --strict dist/*.whl dist/*.tar.gz
+	$(SCHEMA).github-workflows .github/workflows/*.yml
+	$(SCHEMA).github-issue-config .github/ISSUE_TEMPLATE/config.yml
+	$(SCHEMA).github-issue-forms $(filter-out %/config.yml,$(wildcard .github/ISSUE_TEMPLATE/*.yml))
+	$(SCHEMA).readthedocs .readthedocs.yaml
+	$(CHECKER) pre-commit==4.7.0 validate-config .pre-commit-config.yaml
+
+CHECKER := $(BIN)/uvx --quiet
+SCHEMA := $(CHECKER) check-jsonschema==0.39.0 --builtin-schema vendor
+
+# What docs/five_minutes.md says is typed, typed in a new folder.
+five-minutes: $(READY)
+	$(BIN)/python tools/typed_page.py docs/five_minutes.md
+
+# The libraries of the environment, which are those of the lock, with version and licence, as CycloneDX.
+sbom: $(READY)
+	mkdir -p build
+	$(CHECKER) --from cyclonedx-bom==7.5.0 cyclonedx-py environment --pyproject pyproject.toml --output-reproducible \
+		--validate --output-file build/sbom.cdx.json $(BIN)/python
+
+# The paper for the Journal of Open Source Software, with the numbers of the documentation's tables.
+paper: $(READY)
+	$(BIN)/python paper/paper.py
 
 setup: $(READY)
 

@@ -24,6 +24,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import tomllib
 from pathlib import Path
 
 import yaml
@@ -71,6 +72,17 @@ def checked_out(revision: str, folder: Path) -> str:
     ).stdout
     subprocess.run(["tar", "-x", "-C", folder], input=archive, check=True)
     return name
+
+
+def describe(tree: Path) -> str:
+    """Let a tree be found as the distribution that it is, which other revisions call by another
+    name; its name and version."""
+    project = tomllib.loads((tree / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    name, version = project["name"], project["version"]
+    described = tree / f"{name.replace('-', '_')}-{version}.dist-info"
+    described.mkdir()
+    (described / "METADATA").write_text(f"Name: {name}\nVersion: {version}\n", encoding="utf-8")
+    return f"{name} {version}"
 
 
 def pinned(tree: Path) -> set[str]:
@@ -206,6 +218,7 @@ def main() -> None:
         then, now = Path(name, "then"), Path(name, "now")
         revision = checked_out(asked.revision, then)
         shutil.copytree(ROOT, now, ignore=NOT_COPIED)
+        releases = [describe(tree) for tree in (now, then)]
         pythons = {then: interpreter(then), now: sys.executable}
         for tree, python in pythons.items():
             settings = (tree / SIMULATION).read_text(encoding="utf-8")
@@ -220,8 +233,8 @@ def main() -> None:
                 taken.setdefault(tree.name, []).append(measured(python, tree, asked.short))
         lines_on_jobs = longest_jobs(now, Path(name, "empty"))
     print(
-        f"this checkout against {revision[:12]}, {asked.rounds} rounds; {os.cpu_count()} cores"
-        f" ({platform.machine()}),"
+        f"this checkout, after {releases[0]}, against commit {revision[:8]}, {releases[1]};"
+        f" {asked.rounds} rounds; {os.cpu_count()} cores ({platform.machine()}),"
     )
     print(
         f"Python {platform.python_version()}; medians of wall time, core-seconds, memory of the"

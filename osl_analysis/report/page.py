@@ -31,6 +31,10 @@ RECORDINGS = ("log", "mocap")
 MAIN_FIGURES = ("fig5", "fig9", "fig3")  # in this order: bench, walking, belt
 
 
+GLYPH_NAME = r"[A-Za-z]+-?[A-Za-z]*-[0-9a-f]+"  # as Matplotlib names them: font and number
+GLYPH = re.compile(rf'<path id="{GLYPH_NAME}" .*?/>', re.DOTALL)
+
+
 @dataclass(frozen=True)
 class ShownFigure:
     """A figure of the page."""
@@ -44,8 +48,8 @@ class ShownFigure:
     def drawing(self) -> Markup:
         """The drawing as part of a page, whose names are no other figure's, and whose points lead
         to their trials."""
-        svg = self.svg[self.svg.index("<svg") :]
-        svg = re.sub(r'(\bid="|href="#|url\(#)', rf"\1{self.name}-", svg)
+        svg = GLYPH.sub("", self.svg[self.svg.index("<svg") :])
+        svg = re.sub(rf'(\bid="|href="#|url\(#)(?!{GLYPH_NAME}")', rf"\1{self.name}-", svg)
         svg = svg.replace('"../report.html#', '"#')
         return Markup(svg.replace("<svg", f'<svg role="img" aria-label="{self.title}"', 1))
 
@@ -105,6 +109,12 @@ class Page:
     figures: Sequence[ShownFigure]
     absent_figures: Mapping[str, str]  # why others are not drawn
     missing_results: Mapping[str, str]
+
+    @property
+    def glyphs(self) -> Markup:
+        """The letters of all figures, each once: they are two fifths of a figure."""
+        glyphs = GLYPH.findall("".join(figure.svg for figure in self.figures))
+        return Markup("".join(dict.fromkeys(glyphs)))
 
     @property
     def main_figure(self) -> ShownFigure | None:

@@ -300,7 +300,8 @@ def recording_of(
     others = {name: signal for name, signal in signals.items() if name not in torque}
     log = bench.recording("node", recorder.node, others)
     name = "node" if recorder.torque_node is None else "torque_node"
-    log_of_torque = bench.recording(name, getattr(recorder, name), torque)
+    age_s = settings.effects.load_cell_delay.value
+    log_of_torque = bench.recording(name, getattr(recorder, name), torque, age_s)
     torque_time = log_of_torque.pop("time")
     return {**log, "torque_time": torque_time, **log_of_torque}, drawn
 
@@ -333,17 +334,19 @@ class Bench:
         return generator_of(self.settings.seed, self.trial, name)
 
     def recording(
-        self, name: str, node: NodeSettings, signals: Mapping[str, TrueSignal]
+        self, name: str, node: NodeSettings, signals: Mapping[str, TrueSignal], age_s: float = 0.0
     ) -> dict[str, Array]:
-        """Record signals with one node: its stamps [s], as `time`, and the channels, (n,) each."""
+        """Record signals of some age with one node: its stamps [s], as `time`, and the channels,
+        (n,) each."""
         instants = self.instants(name, node)
         time = self.drawn["clock_start_s"] + instants
         if node.decimals.enabled:
             time = np.round(time, int(node.decimals.size))
         written = self.written_rows(name, node, len(instants))
+        values = self.values_at(signals, np.maximum(instants - age_s, 0.0))
         log = {"time": time[written]}
-        for channel, signal in signals.items():
-            log[channel] = self.reading(channel, signal, instants)[written]
+        for channel in signals:
+            log[channel] = self.reading(channel, values[channel], instants)[written]
         return log
 
     def written_rows(self, name: str, node: NodeSettings, n: int) -> NDArray[np.bool_] | slice:
@@ -372,26 +375,27 @@ class Bench:
         stop = np.searchsorted(scattered, duration - 1 / simulated_hz, side="right")
         return scattered[first:stop]
 
-    def values_at(self, signal: TrueSignal, instants: Array) -> Array:
-        """True values (n,) at instants [s]."""
-        if callable(signal):
-            return signal(instants)
+    def values_at(self, signals: Mapping[str, TrueSignal], instants: Array) -> dict[str, Array]:
+        """True values (n,) of signals at instants [s]."""
+        values = {name: signal(instants) for name, signal in signals.items() if callable(signal)}
+        columns = {name: signal for name, signal in signals.items() if not callable(signal)}
         simulated = np.arange(self.samples) / self.settings.dynamometer.rate_hz
         if np.array_equal(instants, simulated):
-            return signal
-        return scipy.interpolate.CubicSpline(simulated, signal)(instants)
+            return {**values, **columns}
+        if columns:  # one spline through all of them, whose intervals are found once
+            splines = scipy.interpolate.CubicSpline(simulated, np.column_stack([*columns.values()]))
+            values.update(zip(columns, splines(instants).T, strict=True))
+        return values
 
-    def reading(self, channel: str, signal: TrueSignal, sampled: Array) -> Array:
-        """What the sensor of a channel reads at the sampled instants (n,): errors, noise and steps;
-        what a load cell reads is older."""
+    def reading(self, channel: str, values: Array, sampled: Array) -> Array:
+        """What the sensor of a channel reads of true values (n,) at the sampled instants (n,):
+        errors, noise and steps."""
         effects = self.settings.effects
         noise, resolution = SENSORS[channel]
+        reading = values
         if is_torque(channel):
-            instants = np.maximum(sampled - effects.load_cell_delay.value, 0.0)
             drift = self.drawn["load_cell_drift"] * sampled / 60
-            reading = self.values_at(signal, instants) + (self.drawn["load_cell_offset"] + drift)
-        else:
-            reading = self.values_at(signal, sampled)
+            reading = values + (self.drawn["load_cell_offset"] + drift)
         if noise is not None:
             deviates = self.random(noise).standard_normal(len(sampled))
             reading = reading + getattr(effects, noise).value * deviates

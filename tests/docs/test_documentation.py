@@ -1,4 +1,4 @@
-"""The pages of the documentation: their links, their code, and the functions that they name."""
+"""The pages of the documentation: their code, and the functions that they name."""
 
 import ast
 import re
@@ -15,18 +15,7 @@ from conftest import ROOT
 
 import osl_analysis as osl
 
-LINK = re.compile(r"\]\((?!https?:|#)([^)#]+)(?:#[^)]*)?\)")
 BLOCK = re.compile(r"^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```\n)?", re.MULTILINE | re.DOTALL)
-
-
-@pytest.mark.parametrize(
-    "page",
-    [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").glob("*.md"))],
-    ids=lambda page: page.name,
-)
-def test_every_link_leads_to_a_file(page):
-    links = LINK.findall(page.read_text(encoding="utf-8"))
-    assert [link for link in links if not (page.parent / link).exists()] == []
 
 
 def test_every_equation_of_the_method_leads_to_its_function():

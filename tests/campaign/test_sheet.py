@@ -271,8 +271,7 @@ def test_two_trials_of_one_log_have_parts_or_windows_of_their_own(tmp_path, seco
 
 @pytest.mark.parametrize("windows", ["4-6.1", "0-99", None])
 def test_two_trials_of_the_same_samples_are_refused(tmp_path, windows):
-    said = "trial 'j': trial 'k'.*part.*log 'k.csv'"
-    with refused_with(said):
+    with refused_with("trial 'j': trial 'k'.*part.*log 'k.csv'"):
         check_campaign(opened(tmp_path, rows=two_of_one_log(tmp_path, windows=windows)))
 
 
@@ -292,8 +291,7 @@ def test_a_copy_of_a_log_is_no_second_trial_of_its_experiment(tmp_path, monkeypa
 
     (tmp_path / "k.csv").write_bytes(row * 6000)
 
-    said = "trial 'j':.*j.csv.*k.csv,"
-    with refused_with(said):
+    with refused_with("trial 'j':.*j.csv.*k.csv,"):
         check_campaign(campaign)
     belt = two_of_one_log(tmp_path, **copy, experiment="belt")
     check_campaign(opened(tmp_path, rows=belt, **recorded))
@@ -303,8 +301,7 @@ def test_a_copy_of_a_capture_is_no_second_crossing(tmp_path):
     for name in ("u0", "u1"):
         (tmp_path / f"{name}.c3d").write_bytes(b"1 2 3")
 
-    said = "trial 'u1':.*u1.c3d.*u0.c3d,"
-    with refused_with(said):
+    with refused_with("trial 'u1':.*u1.c3d.*u0.c3d,"):
         check_campaign(opened(tmp_path, simulation=None, raw_data=tmp_path))
 
 
@@ -314,8 +311,7 @@ def test_excluded_trials_have_their_reason_and_some_trial_must_be_left(tmp_path)
     every |= {trial: cells(tmp_path, trial, exclude="he fell")[trial] for trial in ("u0", "u1")}
 
     assert "w" not in opened(tmp_path, rows=fell).rows
-    said = "trials.csv:.*trial.*`exclude`"
-    with refused_with(said):
+    with refused_with("trials.csv:.*trial.*`exclude`"):
         opened(tmp_path, rows=every)
 
 

@@ -212,7 +212,7 @@ def conditions_of(
         different_mm=different_mm,
         pressure_outside_m=outside.mean(),  # type: ignore[arg-type]
         plate_height_m=plate.certain_height,
-        plate_lag_sd_s=plate.lag_sd,
+        plate_lag_sd_s=plate.lag_scatter,
     )
 
 

@@ -31,6 +31,7 @@ from osl_analysis.walking.ensemble import GroupHeadline, group_headline
 from osl_analysis.walking.groups import SEPARATOR
 from osl_analysis.walking.isolated_response import UnperturbedGait
 from osl_analysis.walking.plate_inertia import PlateModel
+from osl_analysis.walking.plate_lag import PlateTiming
 from osl_analysis.walking.tables import (
     GroupConditions,
     GroupOutcome,
@@ -55,6 +56,7 @@ def summarise_perturbations(
     groups: Path,
     sheet: Mapping[str, Mapping[str, Any]],
     plate: Path,
+    timing: Path,
     limits: Limits,
     places: Places,
     trajectory: Sequence[Path] = (),
@@ -79,8 +81,8 @@ def summarise_perturbations(
         The conditions of each group.
     sheet : Mapping
         Cells of the sample sheet of each crossing.
-    plate : Path
-        The plate's model.
+    plate, timing : Path
+        The plate's model, and its lags in the crossings.
     limits : Limits
         Beyond which a group is doubtful.
     places : Places
@@ -101,6 +103,7 @@ def summarise_perturbations(
     perturbed = selected.filter("perturbed")
     gaits = read_unperturbed_gaits(unperturbed)
     model = read_model(plate, PlateModel)
+    lags = read_model(timing, PlateTiming)
     commanded = commanded_trajectory(trajectory, data)
     files = {path.stem: path for path in crossings}
 
@@ -111,7 +114,7 @@ def summarise_perturbations(
     for group in dict.fromkeys(SEPARATOR.join(perturbed["group"].drop_nulls()).split(SEPARATOR)):
         trials = perturbed.filter(pl.col("reason").is_null(), group=group)["trial"].to_list()
         gait = gaits.get(group)
-        conditions = conditions_of(group, selected, gait, model)
+        conditions = conditions_of(group, selected, gait, model, lags)
         of_group = fitted.filter(pl.col("trial").is_in(trials))
         try:
             headline = headline_of(of_group, gait, files, settings)

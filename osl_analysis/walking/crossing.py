@@ -346,12 +346,14 @@ def check_onset(
 def reactions_on_foot(
     passage: Passage,
     models: list[PlateModel],
+    lag: float,
     calibration: StaticCalibration,
     settings: CrossingSettings,
 ) -> tuple[list[Array], Array]:
     """Compute the ground reaction on the foot, without the plate's own wrench.
 
-    The plate's own wrench is that of its measured motion, without accelerations at rest.
+    The plate's own wrench is that of its measured motion, without accelerations at rest. The first
+    model has the `lag` [s], others as much more as in the unloaded recordings.
 
     Returns
     -------
@@ -376,7 +378,8 @@ def reactions_on_foot(
     rate = sampling_rate(passage.frames)
     reactions = []
     for model in models:
-        wrench = settings.low_pass(passage.wrench(model.lag or 0.0), rate)[rows]
+        later = (model.lag or 0.0) - (models[0].lag or 0.0)
+        wrench = settings.low_pass(passage.wrench(lag + later), rate)[rows]
         of_foot = wrench - columns @ model.parameters
         reactions.append((of_foot.reshape(-1, 2, 3) @ R_transposed).reshape(-1, 6))
     return reactions, plate.point(middle)
@@ -615,6 +618,7 @@ def analyse_crossing(
     perturbed: bool,
     settings: CrossingSettings,
     onset: float | None = None,
+    lag: float | None = None,
 ) -> Crossing:
     """Compute angle and torque of a crossing, through one low-pass at one rate.
 
@@ -628,6 +632,8 @@ def analyse_crossing(
         What the sheet says.
     onset : float or None
         Of the perturbation [s], by the mean ramp of all crossings; None: by its own ramp.
+    lag : float or None
+        Of the plate in this crossing [s]; None: that of the unloaded plate.
 
     Raises
     ------
@@ -635,7 +641,8 @@ def analyse_crossing(
         The recording, or the laboratory's set-up, does not allow it.
     """
     # Poses, stance and onset
-    passage = recorded_passage(trial, calibration, unloaded.lag or 0.0, perturbed, settings, onset)
+    lag = (unloaded.lag or 0.0) if lag is None else lag
+    passage = recorded_passage(trial, calibration, lag, perturbed, settings, onset)
     foot, shank = passage.poses["foot"], passage.poses["shank"]
     phase = passage.stance.phase(passage.time)
 
@@ -654,7 +661,7 @@ def analyse_crossing(
 
     # Torque, and its changes without each plate trial
     models = [unloaded, *unloaded.leave_one_out]
-    reactions, centre = reactions_on_foot(passage, models, calibration, settings)
+    reactions, centre = reactions_on_foot(passage, models, lag, calibration, settings)
     torques = np.array(
         [ankle_torque(reaction, centre, ankle.centre, ankle.axis) for reaction in reactions]
     )

@@ -247,9 +247,13 @@ class UnloadedRecording:
     # The longest run of frames in which it was seen, without a motion that the run cuts
     track: platform.PlatformTrack
     centre: Array  # the plate's centre (3,) [m] at rest
-    wrench_at: WrenchReader  # in the track's frames, through both low-passes
+    read: WrenchReader  # in the track's frames
     # The further low-pass of the identification, after that of the crossings
     plate_low_pass: LowPass
+
+    def wrench_at(self, lag: float) -> Array:
+        """Wrench (n, 6) a lag [s] later, through both low-passes."""
+        return self.smooth(self.track.low_pass(self.read(lag), self.track.rate))
 
     def smooth(self, values: Array) -> Array:
         """Pass values (n, ...) in the track's frames through the low-pass of the identification."""
@@ -323,16 +327,10 @@ def unloaded_recording(
         )
     track = platform.platform_track(trial.name, frames[rows], poses[rows], calibration, settings)
 
-    read = wrench_reader(time, wrench, frames)
-
-    def wrench_at(lag: float) -> Array:
-        low_passed = settings.low_pass(read(lag), sampling_rate(frames))
-        return settings.plate_low_pass(low_passed[rows], track.rate)
-
     return UnloadedRecording(
         track,
         centre=recorded_corners(trial, settings.plate).mean(axis=0),
-        wrench_at=wrench_at,
+        read=wrench_reader(time, wrench, track.time),
         plate_low_pass=settings.plate_low_pass,
     )
 
@@ -529,7 +527,7 @@ def unloaded_turns(motion: UnloadedMotion, model: PlateModel) -> list[TurnLag]:
         The wrench does not follow the motion.
     """
     turns = turn_lags(motion, model, resting_noise(motion, model))
-    if turns is None or any(abs(turn.lag) > PlateLimits.LARGEST_LAG_S for turn in turns):
+    if turns is None or (turns and abs(mean_lag(turns)[0]) > PlateLimits.LARGEST_LAG_S):
         late = f", but comes {1e3 * mean_lag(turns)[0]:.0f} ms later" if turns else ""
         raise InputError(
             f"trial {motion.name}: the unloaded plate's wrench does not follow its motion within"

@@ -32,6 +32,7 @@ from osl_analysis.walking.isolated_response import (
     isolate_response,
 )
 from osl_analysis.walking.plate_inertia import PlateModel
+from osl_analysis.walking.plate_lag import PlateTiming
 from osl_analysis.walking.walking_settings import TimingSettings
 
 SMALLEST_RESIDUAL_SHARE = 0.03  # of the torque, for a residual to count
@@ -145,6 +146,8 @@ class GroupConditions:
     pressure_outside_m: float | None  # mean of the perturbed crossings
     plate_height_m: float | None
     plate_lag_sd_s: float | None
+    plate_lag_change_s: float | None
+    plate_drift: float | None
 
 
 @dataclass(frozen=True)
@@ -171,6 +174,7 @@ def conditions_of(
     selection: pl.DataFrame,
     gait: UnperturbedGait | None,
     plate: PlateModel,
+    timing: PlateTiming,
 ) -> GroupConditions:
     """Gather the conditions of a group.
 
@@ -180,8 +184,8 @@ def conditions_of(
         `walking_crossings.csv`.
     gait : UnperturbedGait or None
         The mean gait of the group, if there is one.
-    plate : PlateModel
-        Of the unloaded plate.
+    plate, timing : PlateModel, PlateTiming
+        Of the unloaded plate, and its lags in the crossings.
     """
     of_group = selection.filter(pl.col("group").str.split(SEPARATOR).list.contains(group))
     used = of_group.filter(pl.col("perturbed"), pl.col("reason").is_null())
@@ -212,7 +216,9 @@ def conditions_of(
         different_mm=different_mm,
         pressure_outside_m=outside.mean(),  # type: ignore[arg-type]
         plate_height_m=plate.certain_height,
-        plate_lag_sd_s=plate.lag_scatter,
+        plate_lag_sd_s=timing.scatter,
+        plate_lag_change_s=timing.change,
+        plate_drift=timing.drift,
     )
 
 

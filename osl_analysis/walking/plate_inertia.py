@@ -23,7 +23,6 @@ import scipy
 
 from osl_analysis.errors import IdentifiabilityError, InputError, naming
 from osl_analysis.signals import LowPass, longest_run, runs, sampling_rate
-from osl_analysis.stats.repeats import scatter_beyond_noise
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking import platform
 from osl_analysis.walking import poses as rigid
@@ -87,20 +86,6 @@ class TurnLag:
     )
 
 
-def mean_lag(turns: Sequence[TurnLag]) -> tuple[float, float]:
-    """Mean lag [s] of turns, and its standard error by their own."""
-    shares = np.array([turn.weight for turn in turns])
-    shares /= shares.sum()
-    lag = float(shares @ [turn.lag for turn in turns])
-    return lag, float(np.linalg.norm(shares * [turn.se for turn in turns]))
-
-
-def lags_of_trials(turns: Sequence[TurnLag]) -> list[tuple[float, float]]:
-    """Of each trial, the mean lag of its turns and its standard error [s]."""
-    trials = dict.fromkeys(turn.trial for turn in turns)
-    return [mean_lag([turn for turn in turns if turn.trial == trial]) for trial in trials]
-
-
 @dataclass(frozen=True)
 class PlateModel:
     """The plate's inertial parameters, and its lag behind the markers."""
@@ -126,28 +111,16 @@ class PlateModel:
         return self.height * is_certain
 
     @property
-    def lags(self) -> list[tuple[float, float]]:
-        """Of each trial that shows it, the lag and its standard error [s]."""
-        return lags_of_trials(self.turns)
-
-    @property
     def lag(self) -> float | None:
         """The mean of the lags [s]; None where it is unknown, and then not corrected."""
-        return float(np.mean(self.lags, axis=0)[0]) if self.turns else None
+        return mean_lag(self.turns)
 
-    @property
-    def lag_scatter(self) -> float | None:
-        """Scatter [s] of the lags beyond their noise; None with fewer than two."""
-        return scatter_beyond_noise(*np.transpose(self.lags)) if self.turns else None
 
-    @property
-    def lag_se(self) -> float | None:
-        """Standard error [s] of the lag, by the larger of noise and scatter."""
-        if not self.turns:
-            return None
-        lags, ses = np.transpose(self.lags)
-        of_scatter = np.var(lags, ddof=1) if len(lags) > 1 else 0.0
-        return float(np.sqrt(max(of_scatter, np.mean(ses**2)) / len(lags)))
+def mean_lag(turns: Sequence[TurnLag]) -> float | None:
+    """The lag [s] that fits all turns best; None without one."""
+    if not turns:
+        return None
+    return float(np.average([t.lag for t in turns], weights=[t.weight for t in turns]))
 
 
 NOT_REMOVED = "walking.plate_inertia is none"
@@ -385,7 +358,7 @@ def plate_model(
 
     Only what `whole`, from more recordings, shows is identified, and the rest stays as it is there.
     """
-    lag = float(np.mean(lags_of_trials(turns), axis=0)[0]) if turns else 0.0
+    lag = mean_lag(turns) or 0.0
     model = identify_plate_inertia([motion.shown(lag) for motion in motions], whole)
     return replace(model, turns=tuple(turns))
 
@@ -527,8 +500,8 @@ def unloaded_turns(motion: UnloadedMotion, model: PlateModel) -> list[TurnLag]:
         The wrench does not follow the motion.
     """
     turns = turn_lags(motion, model, resting_noise(motion, model))
-    if turns is None or (turns and abs(mean_lag(turns)[0]) > PlateLimits.LARGEST_LAG_S):
-        late = f", but comes {1e3 * mean_lag(turns)[0]:.0f} ms later" if turns else ""
+    if turns is None or abs(mean_lag(turns) or 0.0) > PlateLimits.LARGEST_LAG_S:
+        late = f", but comes {1e3 * (mean_lag(turns) or 0.0):.0f} ms later" if turns else ""
         raise InputError(
             f"trial {motion.name}: the unloaded plate's wrench does not follow its motion within"
             f" {PlateLimits.LARGEST_LAG_S * 1e3:g} ms{late}; name the plate that moves under"
@@ -649,5 +622,5 @@ def plate_table(model: PlateModel) -> pl.DataFrame:
             "rms_after": model.rms_after,
         }
     )
-    facts = {"lag_s": model.lag, "lag_se_s": model.lag_se, "height_m": model.height}
+    facts = {"lag_s": model.lag, "height_m": model.height}
     return table.with_columns(pl.lit(fact, pl.Float64).alias(name) for name, fact in facts.items())

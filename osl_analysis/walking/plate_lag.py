@@ -14,7 +14,7 @@ import numpy as np
 from osl_analysis.errors import InputError
 from osl_analysis.signals import longest_run, sampling_rate
 from osl_analysis.stats.repeats import scatter_beyond_noise
-from osl_analysis.trial import Trial
+from osl_analysis.trial import Array, Trial
 from osl_analysis.walking import platform
 from osl_analysis.walking import poses as rigid
 from osl_analysis.walking.plate import (
@@ -29,13 +29,14 @@ from osl_analysis.walking.plate_inertia import (
     TurnLag,
     UnloadedMotion,
     UnloadedRecording,
-    mean_lag,
     resting_noise,
     turn_lags,
     without_mean,
 )
 from osl_analysis.walking.poses import StaticCalibration
 from osl_analysis.walking.walking_settings import CrossingSettings
+
+Turns = Mapping[str, Sequence[TurnLag]]  # of crossings, by trial
 
 
 class LagLimits:
@@ -46,7 +47,6 @@ class LagLimits:
     CERTAIN_SES = 3.0  # standard errors beyond which two lags differ
     LARGEST_MASS_KG = 1.0  # of a plate that is light or compensates its own inertia
     LEAST_SE_S = 1e-6  # of a lag: rounding
-    LEAST_SQUARE = 1e-12  # of a drift's normal equation: nothing is known
 
 
 @dataclass(frozen=True)
@@ -155,68 +155,50 @@ def check_no_mass(parts: Sequence[UnloadedMotion]) -> None:
         )
 
 
-def drift_of(turns: Sequence[TurnLag]) -> tuple[float, float]:
-    """Change of the lag per time within recordings, and its standard error."""
-    product, square = 0.0, LagLimits.LEAST_SQUARE
-    for trial in dict.fromkeys(turn.trial for turn in turns):
-        of_trial = [turn for turn in turns if turn.trial == trial]
-        time, lag, se = np.transpose([(turn.time, turn.lag, turn.se) for turn in of_trial])
-        weights = 1 / np.maximum(se, LagLimits.LEAST_SE_S) ** 2
-        since = time - np.average(time, weights=weights)
-        product += np.sum(weights * since * lag)
-        square += np.sum(weights * since**2)
-    return product / square, 1 / np.sqrt(square)
+def weighted_fit(X: Array, y: Array, weights: Array) -> tuple[Array, Array]:
+    """Coefficients (p,) and their standard errors, 0 of a column that is 0."""
+    covariance = np.linalg.pinv(X.T * weights @ X, hermitian=True)
+    return covariance @ X.T @ (weights * y), np.sqrt(np.diag(covariance))
 
 
-def certain(value: float, se: float) -> float:
-    """What is left of a value without two standard errors; 0 within `CERTAIN_SES`."""
-    return float(np.copysign(abs(value) - 2 * se, value)) * (
-        abs(value) > LagLimits.CERTAIN_SES * se
-    )
+def plate_timing(model: PlateModel, crossings: Turns, onsets: Mapping[str, float]) -> PlateTiming:
+    """Find the lag of each crossing from the turns of all recordings.
 
-
-def plate_timing(
-    model: PlateModel, crossings: Mapping[str, Sequence[TurnLag]], onsets: Mapping[str, float]
-) -> PlateTiming:
-    """Find the lag of each crossing from its own turns, the others' and the unloaded plate's.
-
-    A lag that grows within recordings grows in all alike. The mean of the crossings counts where it
-    is not that of the unloaded plate, and each one's own as far as they scatter beyond noise.
+    Notes
+    -----
+    The lag of a turn at the time t is a + b [in a crossing] + c t, of which b and c count where
+    they are certain. What a crossing's own turns leave counts as far as such rests scatter beyond
+    noise (shrinkage, James and Stein, 1961).
     """
-    if model.lag is None or model.lag_se is None:
+    of_crossings = [turn for name in onsets for turn in crossings.get(name, ())]
+    turns = [*model.turns, *of_crossings]
+    if model.lag is None:
         return PlateTiming(dict(onsets), {})
-    own = {name: list(turns) for name, turns in crossings.items() if turns and name in onsets}
-    every = [turn for turns in own.values() for turn in turns]
-    drift, drift_se = drift_of([*model.turns, *every])
-    certain_drift = certain(drift, drift_se)
-    drift *= certain_drift != 0
-    weights = [turn.weight for turn in model.turns]
-    middle = np.average([turn.time for turn in model.turns], weights=weights)
-
-    lag, se = model.lag, model.lag_se
-    scatter, change = model.lag_scatter, None
-    lags = dict.fromkeys(onsets, lag)
-    if len(own) > 1:
-        values, ses = np.transpose([mean_lag(turns) for turns in own.values()])
-        times = [np.mean([turn.time for turn in turns]) for turns in own.values()]
-        values = values - drift * (np.array(times) - middle)
-        spread = scatter_beyond_noise(values, ses) or 0.0
-        scatter = max(scatter or 0.0, spread)
-        se_of_own = np.sqrt(max(np.var(values, ddof=1), np.mean(ses**2)) / len(values))
-        change = certain(values.mean() - lag, np.hypot(se, se_of_own))
-        if change:
-            lag, se = float(values.mean()), float(se_of_own)
-        shares = spread**2 / (spread**2 + ses**2 + LagLimits.LEAST_SE_S**2)
-        lags = dict.fromkeys(onsets, lag) | dict(
-            zip(own, lag + shares * (values - lag), strict=True)
-        )
-    since = {name: onset - middle for name, onset in onsets.items()}
+    is_crossing = np.arange(len(turns)) >= len(model.turns)
+    time, lag, se = np.transpose([(turn.time, turn.lag, turn.se) for turn in turns])
+    se = np.hypot(se, LagLimits.LEAST_SE_S)
+    usual = scatter_beyond_noise(lag[~is_crossing], se[~is_crossing]) or 0.0
+    middle = np.average(time, weights=1 / se**2)
+    X = np.column_stack([np.ones_like(time), is_crossing, time - middle])
+    weights = 1 / (se**2 + usual**2)
+    estimates, ses = weighted_fit(X, lag, weights)
+    is_certain = np.abs(estimates) > LagLimits.CERTAIN_SES * ses
+    estimates, ses = weighted_fit(X * [True, *is_certain[1:]], lag, weights)
+    certain = is_certain * (estimates - np.copysign(2 * ses, estimates))
+    unexplained = lag - X @ estimates
+    scatter = scatter_beyond_noise(unexplained, se) or 0.0
+    shares = scatter**2 / (scatter**2 + se**2)
+    own = {turn.trial: shares[k] * unexplained[k] for k, turn in enumerate(turns)}
+    in_crossings = estimates[0] + estimates[1]
     return PlateTiming(
         dict(onsets),
-        {name: float(value + drift * since[name]) for name, value in lags.items()},
-        lag=lag + drift * float(np.mean(list(since.values()) or 0.0)),
-        se=se,
-        change=change,
-        scatter=scatter,
-        drift=certain_drift,
+        {
+            name: float(in_crossings + estimates[2] * (onset - middle) + own.get(name, 0.0))
+            for name, onset in onsets.items()
+        },
+        lag=float(in_crossings + estimates[2] * (np.mean([*onsets.values()] or middle) - middle)),
+        se=float(np.hypot(ses[0], ses[1])),
+        change=float(certain[1]) if of_crossings else None,
+        scatter=scatter if len(turns) > 1 else None,
+        drift=float(certain[2]),
     )

@@ -166,7 +166,6 @@ def test_the_plate_s_lag_and_its_own_wrench_come_out(real):
     plate = Tables(real.folder)["plate"]
 
     assert plate["lag_s"][0] == pytest.approx(1e-3 * effects["plate_lag"]["size"], abs=1e-4)
-    assert 0 < plate["lag_se_s"][0] < 1e-4
     assert plate["height_m"][0] == pytest.approx(0, abs=1e-3)
     moving = plate.filter(pl.col("component").is_in(["F_x", "F_z", "M_y"]))
     assert (moving["rms_after"] < 0.1 * moving["rms_before"]).all()

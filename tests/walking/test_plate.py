@@ -49,6 +49,7 @@ from osl_analysis.walking.plate_inertia import (
     identify_plate_inertia,
     identify_plate_model,
     inertial_columns,
+    mean_lag,
     with_height,
     without_mean,
 )
@@ -247,11 +248,12 @@ def test_the_models_without_a_trial_know_nothing_of_it():
 
     model = model_of(*trials)
 
-    first, second, third = (lag for lag, _ in model.lags)
-    assert [without.lag for without in model.leave_one_out] == pytest.approx(
-        [(second + third) / 2, (first + third) / 2, (first + second) / 2]
+    first, second, third = (
+        mean_lag([turn for turn in model.turns if turn.trial == trial.name]) for trial in trials
     )
-    assert model.lag_se == pytest.approx(np.std([first, second, third], ddof=1) / np.sqrt(3))
+    assert [without.lag for without in model.leave_one_out] == pytest.approx(
+        [(second + third) / 2, (first + third) / 2, (first + second) / 2], rel=1e-2
+    )
     from_others = model_of(*trials[1:])
     difference = model.leave_one_out[0].parameters - from_others.parameters
     assert np.abs(inertial_columns(motion) @ difference).max() < 0.02 * np.abs(wrench).max()
@@ -261,7 +263,6 @@ def test_a_lag_that_is_not_found_is_not_corrected():
     model = model_of(unloaded("plate_1", lag=0.002, mass=0.0))
 
     assert model.lag is None
-    assert model.lag_se is None
 
 
 @pytest.mark.parametrize(

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing
 from osl_analysis.trial import Array
-from osl_analysis.walking.crossing import DOWN, UP, Crossing, phases_between
+from osl_analysis.walking.crossing import DOWN, UP, Crossing
 from osl_analysis.walking.isolated_response import PHASES, curves_of
-from osl_analysis.walking.plate import SINGLE_SUPPORT
+from osl_analysis.walking.plate import SINGLE_SUPPORT, phases_between
 from osl_analysis.walking.platform import MAD_TO_SD
 from osl_analysis.walking.poses import FREE_FALL, Mask
 from osl_analysis.walking.walking_settings import SelectionSettings
@@ -446,4 +446,7 @@ def crossing_row(crossing: Crossing, reason: str | None) -> dict[str, object]:
         "pressure_outside_m": quality.pressure_outside_m,
         "different": quality.different,
         "different_mm": quality.different_mm,
+        "marker_noise_ratio": quality.marker_noise_ratio,
+        "foot_residual_ratio": quality.foot_residual_ratio,
+        "turn_share": quality.turn_share,
     }

@@ -167,10 +167,11 @@ def identify_plate_model(
     for _ in range(PlateLimits.LAG_ROUNDS):
         turns = [turn for motion in motions for turn in unloaded_turns(motion, model)]
         model = plate_model(motions, turns)
+    shown = [motion.shown(model.lag or 0.0) for motion in motions]
     if len(motions) == 1:
-        return model
+        return with_height(model, shown[0].parts(motions[0].moves))
 
-    model = with_height(model, [motion.shown(model.lag or 0.0) for motion in motions])
+    model = with_height(model, shown)
     without_each = []
     for left_out in motions:
         others = [motion for motion in motions if motion is not left_out]
@@ -187,6 +188,16 @@ class Shown:
     columns: Array
     noise: Array
     wrench: Array
+
+    def parts(self, moves: Mask) -> "list[Shown]":
+        """One part for each motion, of which the frames (n,) are given; both share the noise."""
+        starts = [run.start for run in runs(moves)][1:]
+        columns, wrenches = np.split(self.columns, starts), np.split(self.wrench, starts)
+        share = 1 / np.sqrt(len(columns))
+        return [
+            Shown(columns_of, share * self.noise, wrench)
+            for columns_of, wrench in zip(columns, wrenches, strict=True)
+        ]
 
 
 @dataclass(frozen=True)

@@ -143,7 +143,11 @@ class GroupConditions:
     # What stands most otherwise in the crossings than in the static trial, and by how much
     different: str | None
     different_mm: float | None
-    pressure_outside_m: float | None  # mean of the perturbed crossings
+    # Means of the perturbed crossings
+    pressure_outside_m: float | None
+    marker_noise_ratio: float | None
+    foot_residual_ratio: float | None
+    turn_share: float | None
     plate_height_m: float | None
     plate_lag_sd_s: float | None
     plate_lag_change_s: float | None
@@ -202,7 +206,13 @@ def conditions_of(
         stance_sd = float(np.std(stances, ddof=1)) / stance
         onset_phase = float(np.mean(phases)) if len(phases) else None
     different, different_mm = set_up_difference(of_group)
-    outside = used["pressure_outside_m"].cast(pl.Float64)
+    measured = (
+        "pressure_outside_m",
+        "marker_noise_ratio",
+        "foot_residual_ratio",
+        "turn_share",
+    )
+    means = used.select(pl.col(measured).cast(pl.Float64).mean()).row(0, named=True)
     return GroupConditions(
         group=group,
         n=len(used),
@@ -214,7 +224,7 @@ def conditions_of(
         left_out_share=shares["reason"].max(),  # type: ignore[arg-type]
         different=different,
         different_mm=different_mm,
-        pressure_outside_m=outside.mean(),  # type: ignore[arg-type]
+        **means,
         plate_height_m=plate.certain_height,
         plate_lag_sd_s=timing.scatter,
         plate_lag_change_s=timing.change,

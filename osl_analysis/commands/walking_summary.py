@@ -24,6 +24,7 @@ from osl_analysis.config.sheet import JOINT
 from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.judge.judging import EXCLUDED, judged, marked
 from osl_analysis.judge.limits import Limits
+from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.table import MEASURED, Places, read_table, with_places, write_table
 from osl_analysis.walking import tables as result_tables
 from osl_analysis.walking import walking_settings as choices
@@ -145,8 +146,10 @@ def summarise_perturbations(
     group_table = pl.DataFrame([outcome.row() for outcome in outcomes], infer_schema_length=None)
     doubts = judged(group_table, limits, "walking_groups")
     group_table = marked(group_table, doubts, "walking_groups")
+    of_group = group_table.select("group", group_doubtful=DOUBTFUL)
+    summaries = pl.DataFrame(rows, infer_schema_length=None)
     tables = {
-        output: pl.DataFrame(rows, infer_schema_length=None),
+        output: summaries.join(of_group, on="group", how="left", maintain_order="left"),
         groups: group_table,
         responses: pl.concat(of_responses),
     }

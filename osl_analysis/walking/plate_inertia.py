@@ -577,6 +577,8 @@ def with_height(model: PlateModel, recordings: Sequence[Shown]) -> PlateModel:
     Its standard error is from leaving out each recording (jackknife).
     """
     count = len(recordings)
+    if count < 2:
+        return model
     height = moments_below(model.directions, recordings)
     without_each = [
         moments_below(model.directions, [*recordings[:i], *recordings[i + 1 :]])

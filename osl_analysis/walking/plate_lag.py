@@ -156,9 +156,15 @@ def check_no_mass(parts: Sequence[UnloadedMotion]) -> None:
 
 
 def weighted_fit(X: Array, y: Array, weights: Array) -> tuple[Array, Array]:
-    """Coefficients (p,) and their standard errors, 0 of a column that is 0."""
-    covariance = np.linalg.pinv(X.T * weights @ X, hermitian=True)
-    return covariance @ X.T @ (weights * y), np.sqrt(np.diag(covariance))
+    """Coefficients (p,) and their covariance (p, p), 0 of a column that is 0."""
+    covariance = np.asarray(np.linalg.pinv(X.T * weights @ X, hermitian=True), float)
+    return covariance @ X.T @ (weights * y), covariance
+
+
+def certain_part(estimates: Array, covariance: Array) -> Array:
+    """What is left of estimates (p,) without `CERTAIN_SES` standard errors; 0 within them."""
+    least = np.abs(estimates) - LagLimits.CERTAIN_SES * np.sqrt(np.diag(covariance))
+    return np.sign(estimates) * np.maximum(least, 0.0)
 
 
 def plate_timing(model: PlateModel, crossings: Turns, onsets: Mapping[str, float]) -> PlateTiming:
@@ -181,10 +187,11 @@ def plate_timing(model: PlateModel, crossings: Turns, onsets: Mapping[str, float
     middle = np.average(time, weights=1 / se**2)
     X = np.column_stack([np.ones_like(time), is_crossing, time - middle])
     weights = 1 / (se**2 + usual**2)
-    estimates, ses = weighted_fit(X, lag, weights)
-    is_certain = np.abs(estimates) > LagLimits.CERTAIN_SES * ses
-    estimates, ses = weighted_fit(X * [True, *is_certain[1:]], lag, weights)
-    certain = is_certain * (estimates - np.copysign(2 * ses, estimates))
+    estimates, covariance = weighted_fit(X, lag, weights)
+    is_certain = certain_part(estimates, covariance) != 0
+    X = X * [True, *is_certain[1:]]
+    estimates, covariance = weighted_fit(X, lag, weights)
+    _, change, drift = certain_part(estimates, covariance)
     unexplained = lag - X @ estimates
     scatter = scatter_beyond_noise(unexplained, se) or 0.0
     shares = scatter**2 / (scatter**2 + se**2)
@@ -197,8 +204,8 @@ def plate_timing(model: PlateModel, crossings: Turns, onsets: Mapping[str, float
             for name, onset in onsets.items()
         },
         lag=float(in_crossings + estimates[2] * (np.mean([*onsets.values()] or middle) - middle)),
-        se=float(np.hypot(ses[0], ses[1])),
-        change=float(certain[1]) if of_crossings else None,
+        se=float(np.sqrt(covariance[:2, :2].sum())),
+        change=float(change) if of_crossings else None,
         scatter=scatter if len(turns) > 1 else None,
-        drift=float(certain[2]),
+        drift=float(drift),
     )

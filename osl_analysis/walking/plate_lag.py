@@ -143,9 +143,10 @@ def check_no_mass(parts: Sequence[UnloadedMotion]) -> None:
     """Refuse a plate without a model whose force follows the acceleration of its centre."""
     product = square = 0.0
     for part in parts:
-        acceleration = without_mean(part.columns[part.moves, :3, 0])
-        product += np.sum(acceleration * without_mean(part.wrench_at(0.0)[part.moves, :3]))
-        square += np.sum(acceleration**2)
+        if part.moves.any():
+            acceleration = without_mean(part.columns[part.moves, :3, 0])
+            product += np.sum(acceleration * without_mean(part.wrench_at(0.0)[part.moves, :3]))
+            square += np.sum(acceleration**2)
     mass = product / square if square else 0.0
     if mass > LagLimits.LARGEST_MASS_KG:
         raise InputError(

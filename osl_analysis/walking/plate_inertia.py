@@ -42,7 +42,7 @@ from osl_analysis.walking.poses import (
     StoredArray,
     cross_matrix,
 )
-from osl_analysis.walking.walking_settings import PlateModelSettings
+from osl_analysis.walking.walking_settings import PlateModelSettings, PlatformSettings
 
 PARAMETERS = 10  # m, mc (x, y, z), I (xx, yy, zz, xy, xz, yz)
 # Weights of forces [m] and moments: a force's lever about the ankle is about 0.1 m
@@ -65,6 +65,7 @@ class PlateLimits:
     SPREAD_S = 0.1  # by which the low-pass of the identification spreads a motion
     # at rest noise gives 0.03 deg; 11 frames at 300 Hz change the lag by 2 ms
     HIDDEN_TURN_DEG = 0.2
+    SHORTEST_S = 0.4  # of a recording, for the low-pass of the identification
     END_S = 0.05  # at both ends of a track, whose slopes tell a motion that the recording cuts
     FEWEST_END_FRAMES = 5
 
@@ -210,7 +211,6 @@ class UnloadedMotion:
     noisy_columns: Array  # (n, 6, 10), with the noise of markers at rest
     moves: Mask  # frames (n,) into which a low-pass spreads a motion
     rests: list[slice]  # runs of others, without the recording's ends
-    is_cut: bool  # whether it moves in the first or last frame
     wrench_at: WrenchReader
 
     def at_rest(self, values: Array) -> Array:
@@ -261,7 +261,6 @@ class UnloadedRecording:
             noisy_columns=noisy_columns,
             moves=moves,
             rests=[run for run in runs(at_rest) if run.stop - run.start > spread],
-            is_cut=bool(track.moving[[0, -1]].any()),
             wrench_at=self.wrench_at,
         )
 
@@ -282,16 +281,13 @@ def unloaded_recording(
             f" most {settings.largest_zero_n:g} N; zero the plate and record again, or correct the"
             " experiment of this trial in the sheet, which is 'plate'",
         )
-    rows = longest_run(poses.seen())
+    recording = whole_recording(trial, calibration, frames, poses, poses.seen(), settings)
     shown = 0.0  # largest turn from rest to rest [rad]
-    if rows.stop - rows.start >= platform.MotionLimits.FEWEST_FRAMES:
-        seen = platform.platform_track(trial.name, frames[rows], poses[rows], calibration, settings)
-        whole = whole_motions(seen)
-        rows = slice(rows.start + whole.start, rows.start + whole.stop)
-        is_long = rows.stop - rows.start >= platform.MotionLimits.FEWEST_FRAMES
-        if is_long and not hides_a_motion(frames, poses, settings):
-            shown = np.ptp(platform.rotation_from_rest(poses[rows]))
-    if shown < settings.smallest_turn:
+    if recording is not None and not hides_a_motion(frames, poses, settings):
+        start, end = recording.track.time[[0, -1]]
+        whole = poses[(frames >= start) & (frames <= end)]
+        shown = np.ptp(platform.rotation_from_rest(whole))
+    if recording is None or shown < settings.smallest_turn:
         raise InputError(
             f"the platform turns by {np.rad2deg(shown):.2f} deg from rest to"
             f" rest while its markers {', '.join(names)} are seen, expected"
@@ -309,12 +305,34 @@ def unloaded_recording(
             f" {smallest:.2g} N: what lies below was set to 0; export the trials of the unloaded"
             " plate without a threshold",
         )
-    track = platform.platform_track(trial.name, frames[rows], poses[rows], calibration, settings)
+    return recording
 
+
+def whole_recording(
+    trial: Trial,
+    calibration: StaticCalibration,
+    frames: Array,
+    poses: Poses,
+    usable: Mask,
+    settings: PlatformSettings,
+) -> UnloadedRecording | None:
+    """The longest run of usable frames (n,), without a motion that it cuts, and the wrench in it,
+    cut before any filter; None if it is too short."""
+    rows = longest_run(usable)
+    for _ in range(2):  # as it is, and without half motions
+        if rows.stop - rows.start < PlateLimits.SHORTEST_S * sampling_rate(frames):
+            return None
+        track = platform.platform_track(
+            trial.name, frames[rows], poses[rows], calibration, settings
+        )
+        whole = whole_motions(track)
+        rows = slice(rows.start + whole.start, rows.start + whole.stop)
+    time, wrench = recorded_wrench(trial, settings.plate)
+    inside = (time >= track.time[0]) & (time <= track.time[-1])
     return UnloadedRecording(
         track,
         centre=recorded_corners(trial, settings.plate).mean(axis=0),
-        read=wrench_reader(time, wrench, track.time),
+        read=wrench_reader(time[inside], wrench[inside], track.time),
         plate_low_pass=settings.plate_low_pass,
     )
 
@@ -538,14 +556,14 @@ def turn_lags(motion: UnloadedMotion, model: PlateModel, noise: Array) -> list[T
     Returns
     -------
     list of TurnLag or None
-        Without turns that the recording cuts or that hardly change the wrench; None if the wrench
+        Without turns that hardly change the wrench; None if the wrench
         of one does not follow the motion.
     """
     rate = sampling_rate(motion.time)
     turns = []
     for rows in runs(motion.moves):
         expected = without_mean(motion.columns[rows] @ model.parameters) * WEIGHT
-        if motion.is_cut or column_rms(expected) @ column_rms(expected) < PlateLimits.LIGHT**2:
+        if column_rms(expected) @ column_rms(expected) < PlateLimits.LIGHT**2:
             continue
         by_lag = without_mean(-np.gradient(expected, 1 / rate, axis=0))
         square = np.sum(by_lag**2)

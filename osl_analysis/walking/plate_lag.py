@@ -12,25 +12,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from osl_analysis.errors import InputError
-from osl_analysis.signals import longest_run, sampling_rate
 from osl_analysis.stats.repeats import scatter_beyond_noise
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking import platform
 from osl_analysis.walking import poses as rigid
-from osl_analysis.walking.plate import (
-    only_stance,
-    recorded_corners,
-    recorded_wrench,
-    wrench_reader,
-    zeroed_wrench,
-)
+from osl_analysis.walking.plate import only_stance, zeroed_wrench
 from osl_analysis.walking.plate_inertia import (
     PlateModel,
     TurnLag,
     UnloadedMotion,
-    UnloadedRecording,
     resting_noise,
     turn_lags,
+    whole_recording,
     without_mean,
 )
 from osl_analysis.walking.poses import StaticCalibration
@@ -43,7 +36,6 @@ class LagLimits:
     """When a lag of the crossings replaces that of the unloaded plate."""
 
     SPARE_S = 0.03  # from a stance to the frames in which nobody stands on the plate
-    SHORTEST_S = 0.4  # of these frames, for the low-pass of the identification
     CERTAIN_SES = 3.0  # standard errors beyond which two lags differ
     LARGEST_MASS_KG = 1.0  # of a plate that is light or compensates its own inertia
     LEAST_SE_S = 1e-6  # of a lag: rounding
@@ -106,22 +98,14 @@ def parts_without_load(
     frames, poses = rigid.segment_poses(trial, settings.markers.platform, calibration, settings)
     force = zeroed_wrench(trial, frames, settings)(lag)[:, 2]
     stance = only_stance(frames, force, settings)
-    time, wrench = recorded_wrench(trial, settings.plate)
-    centre = recorded_corners(trial, settings.plate).mean(axis=0)
-    parts: list[UnloadedRecording] = []
-    for free in (
-        frames < stance.heel_strike - LagLimits.SPARE_S,
-        frames > stance.toe_off + LagLimits.SPARE_S,
-    ):
-        rows = longest_run(free & poses.seen())
-        if rows.stop - rows.start < LagLimits.SHORTEST_S * sampling_rate(frames):
-            continue
-        track = platform.platform_track(
-            trial.name, frames[rows], poses[rows], calibration, settings
+    found = [
+        whole_recording(trial, calibration, frames, poses, poses.seen() & free, settings)
+        for free in (
+            frames < stance.heel_strike - LagLimits.SPARE_S,
+            frames > stance.toe_off + LagLimits.SPARE_S,
         )
-        inside = (time >= track.time[0]) & (time <= track.time[-1])
-        read = wrench_reader(time[inside], wrench[inside], track.time)
-        parts.append(UnloadedRecording(track, centre, read, settings.plate_low_pass))
+    ]
+    parts = [part for part in found if part is not None]
     if not parts:
         return []
     axes = platform.moving_directions([part.track for part in parts])

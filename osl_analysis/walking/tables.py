@@ -7,7 +7,7 @@ from their mean, fitted with the same columns. One that is a small share of the 
 count, however regular the gait.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -26,7 +26,6 @@ from osl_analysis.walking.ensemble import ESTIMATED, Bootstrap, GroupHeadline, m
 from osl_analysis.walking.groups import SEPARATOR
 from osl_analysis.walking.impedance_fit import fit_response, gait_torque, offset_share
 from osl_analysis.walking.isolated_response import (
-    PHASES,
     PerturbationResponse,
     UnperturbedGait,
     isolate_response,
@@ -64,7 +63,6 @@ class FitChecks:
     VAF: float
     residual_over_gait: float | None
     offset_share: float | None
-    estimator_difference: float
     K: float
     K_se_share: float | None
     B_high: float
@@ -88,28 +86,12 @@ def check_fit(headline: GroupHeadline) -> FitChecks:
         VAF=fit.vaf,
         residual_over_gait=residual_over_gait(motion, torque, of_gait),
         offset_share=offset_share(motion, torque, K),
-        estimator_difference=estimator_difference(headline),
         K=K,
         K_se_share=resampled.se("K") / abs(K) if K else None,
         B_high=resampled.interval("B")[1],
         I_high=resampled.interval("I")[1],
         stance_change=float(np.mean([response.stance_change for response in responses])),
     )
-
-
-def estimator_difference(headline: GroupHeadline) -> float:
-    """Largest distance of ensemble and mean of perturbations, in halves of both intervals."""
-    fit = headline.ensemble.fit
-    single_fits = [fit_response(response) for response in headline.responses]
-    distances = [0.0]
-    for name in ESTIMATED:
-        low, high = headline.resampled.interval(name)
-        singles = [single[name] for single in single_fits]
-        mean = over_repeats(singles, headline.errors.common.get(name, ()))
-        width = high - low + mean.high - mean.low
-        if width > 1e-9 * abs(fit[name]):  # intervals of crossings that are all equal have no width
-            distances.append(2 * abs(fit[name] - mean.mean) / width)
-    return max(distances)
 
 
 def coherence_of(responses: Sequence[PerturbationResponse]) -> float:
@@ -262,7 +244,6 @@ PREDICTED = "ensemble, predicted gait"
 # A bootstrap of fewer crossings does not leave their range, outside of which the mean of all lies
 # with a probability of 2^(1 - n): more than 5 %
 FEWEST_FOR_BOOTSTRAP = 6
-DRAWN_STEP = 4  # a hundred points of stance are enough for a curve
 
 
 def perturbation_row(
@@ -383,65 +364,3 @@ def response_table(group: str, headline: GroupHeadline) -> pl.DataFrame:
         )
         frames.append(frame[: window.stop])
     return pl.concat(frames)
-
-
-def walking_page_points(
-    gaits: Mapping[str, UnperturbedGait], responses: pl.DataFrame, timing: TimingSettings
-) -> pl.DataFrame:
-    """Points of the walking page.
-
-    Gaits over stance [%] with their SD; responses over time [ms], with the column `doubtful`, and
-    their mean with its fit; window and baseline as times from the onset [ms].
-
-    Parameters
-    ----------
-    responses : DataFrame
-        `walking_responses.csv`.
-    """
-    frames = []
-    for name, gait in gaits.items():
-        frames.append(gait_points("angle", name, np.rad2deg(gait.theta)))
-        frames.append(gait_points("torque", name, gait.torque))
-
-    spans = {
-        "window": (0.0, timing.window_s),
-        "baseline": (-timing.guard_s - timing.baseline_s, -timing.guard_s),
-    }
-    for name, bounds in spans.items():
-        ends = {"panel": "response angle", "curve": name, "x": 1e3 * np.array(bounds)}
-        frames.append(pl.DataFrame(ends))
-
-    is_mean = pl.col("trial") == ENSEMBLE
-    curve = pl.when(is_mean).then(pl.lit("mean")).otherwise(pl.lit("each")).alias("curve")
-    time_ms = (1e3 * pl.col("time")).alias("x")
-    for panel, column in (("response angle", "theta_deg"), ("response torque", "torque")):
-        frames.append(
-            responses.select("trial", "doubtful", time_ms, curve, mean=column, panel=pl.lit(panel))
-        )
-    fit = responses.filter(is_mean).drop_nulls("torque_model")
-    frames.append(
-        fit.select(
-            "trial",
-            time_ms,
-            curve=pl.lit("fit"),
-            mean="torque_model",
-            panel=pl.lit("response torque"),
-        )
-    )
-    return pl.concat(frames, how="diagonal")
-
-
-def gait_points(panel: str, name: str, curves: Array) -> pl.DataFrame:
-    """Mean and SD of curves (crossings, `PHASES`) over stance."""
-    drawn = curves[:, ::DRAWN_STEP]
-    return pl.DataFrame(
-        {
-            "x": 100 * PHASES[::DRAWN_STEP],
-            "mean": drawn.mean(axis=0),
-            "sd": drawn.std(axis=0, ddof=1) if len(drawn) > 1 else None,
-            "panel": panel,
-            "curve": name,
-            "n": len(curves),
-        },
-        schema_overrides={"sd": pl.Float64},
-    )

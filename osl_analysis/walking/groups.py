@@ -25,6 +25,8 @@ OF_PERSON = ("subject", "session", "side", "speed")  # those that an unperturbed
 OF_STATIC = ("subject", "session", "side")  # those in which a crossing agrees with a static trial
 ALL = "all"  # name of the group of a campaign that is not split
 LEFT_OUT = "left out"  # status of a crossing that was not read, or that sheet or quality exclude
+# Measures of a crossing's set-up that a group has the mean of
+MEASURED_IN_CROSSINGS = ("marker_noise_ratio", "foot_residual_ratio", "turn_share")
 SEPARATOR = "; "  # between the names of groups in one cell; no name has a semicolon
 
 Cells = Mapping[str, object]
@@ -438,15 +440,10 @@ def exclusion_reason(
 
 def crossing_row(crossing: Crossing, reason: str | None) -> dict[str, object]:
     """What one row of `walking_crossings.csv` says of a crossing's quality."""
-    quality = crossing.quality
+    shown = ("pressure_outside_m", "different", "different_mm", *MEASURED_IN_CROSSINGS)
     return {
         "status": "used" if reason is None else "outlier",
         "reason": reason,
         "stance_s": crossing.stance.duration,
-        "pressure_outside_m": quality.pressure_outside_m,
-        "different": quality.different,
-        "different_mm": quality.different_mm,
-        "marker_noise_ratio": quality.marker_noise_ratio,
-        "foot_residual_ratio": quality.foot_residual_ratio,
-        "turn_share": quality.turn_share,
+        **{name: getattr(crossing.quality, name) for name in shown},
     }

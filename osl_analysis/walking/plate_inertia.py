@@ -112,6 +112,11 @@ class PlateModel:
         return self.height * is_certain
 
     @property
+    def mass(self) -> float | None:
+        """[kg]; None where the motion does not show it."""
+        return float(self.parameters[0]) if self.directions[0].any() else None
+
+    @property
     def lag(self) -> float | None:
         """The mean of the lags [s]; None where it is unknown, and then not corrected."""
         return mean_lag(self.turns)

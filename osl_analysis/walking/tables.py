@@ -23,7 +23,7 @@ from osl_analysis.stats.repeats import doubtful_row, over_repeats
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.ensemble import ESTIMATED, Bootstrap, GroupHeadline, mean_gait_torque
-from osl_analysis.walking.groups import SEPARATOR
+from osl_analysis.walking.groups import MEASURED_IN_CROSSINGS, SEPARATOR
 from osl_analysis.walking.impedance_fit import fit_response, gait_torque, offset_share
 from osl_analysis.walking.isolated_response import (
     PerturbationResponse,
@@ -68,6 +68,7 @@ class FitChecks:
     B_high: float
     I_high: float
     stance_change: float
+    pace_change: float
 
 
 def check_fit(headline: GroupHeadline) -> FitChecks:
@@ -91,6 +92,7 @@ def check_fit(headline: GroupHeadline) -> FitChecks:
         B_high=resampled.interval("B")[1],
         I_high=resampled.interval("I")[1],
         stance_change=float(np.mean([response.stance_change for response in responses])),
+        pace_change=float(np.mean([response.pace_change for response in responses])),
     )
 
 
@@ -131,6 +133,8 @@ class GroupConditions:
     foot_residual_ratio: float | None
     turn_share: float | None
     plate_height_m: float | None
+    plate_mass_kg: float | None
+    plate_lag_s: float | None  # mean of the perturbed crossings
     plate_lag_sd_s: float | None
     plate_lag_change_s: float | None
     plate_drift: float | None
@@ -188,12 +192,7 @@ def conditions_of(
         stance_sd = float(np.std(stances, ddof=1)) / stance
         onset_phase = float(np.mean(phases)) if len(phases) else None
     different, different_mm = set_up_difference(of_group)
-    measured = (
-        "pressure_outside_m",
-        "marker_noise_ratio",
-        "foot_residual_ratio",
-        "turn_share",
-    )
+    measured = ("pressure_outside_m", *MEASURED_IN_CROSSINGS)
     means = used.select(pl.col(measured).cast(pl.Float64).mean()).row(0, named=True)
     return GroupConditions(
         group=group,
@@ -208,6 +207,8 @@ def conditions_of(
         different_mm=different_mm,
         **means,
         plate_height_m=plate.certain_height,
+        plate_mass_kg=plate.mass,
+        plate_lag_s=timing.lag,
         plate_lag_sd_s=timing.scatter,
         plate_lag_change_s=timing.change,
         plate_drift=timing.drift,

@@ -42,6 +42,7 @@ from osl_analysis.walking.poses import (
     StoredArray,
     cross_matrix,
 )
+from osl_analysis.walking.set_up import check_place
 from osl_analysis.walking.walking_settings import PlateModelSettings, PlatformSettings
 
 PARAMETERS = 10  # m, mc (x, y, z), I (xx, yy, zz, xy, xz, yz)
@@ -275,6 +276,7 @@ def unloaded_recording(
 ) -> UnloadedRecording:
     """Read the platform over the longest run of frames in which it was seen, and the wrench."""
     check_type_on_platform(trial, settings.plate)
+    check_place(recorded_corners(trial, settings.plate), settings.plate, calibration.corners)
     names = settings.markers.platform
     frames, poses = rigid.segment_poses(trial, names, calibration, settings)
     time, wrench = recorded_wrench(trial, settings.plate)

@@ -6,7 +6,16 @@ import numpy as np
 import polars as pl
 import pytest
 from conftest import refused_with
-from walking_synthetic import CORNERS, Ramp, Rig, plate_trials, settings, static_trial, walked_over
+from walking_synthetic import (
+    CORNERS,
+    Ramp,
+    Rig,
+    changed,
+    plate_trials,
+    settings,
+    static_trial,
+    walked_over,
+)
 
 from osl_analysis.signals import LowPass
 from osl_analysis.walking.crossing import analyse_crossing
@@ -120,3 +129,10 @@ def test_a_plate_that_stands_where_another_stood_is_refused():
     check_place(here, 1, {1: here + 0.01, 2: beside})
     with refused_with(r"plate 1 stands where plate 2 stood.*60 cm"):
         check_place(beside, 1, {1: here, 2: beside + 0.01})
+
+
+def test_metres_that_are_labelled_as_millimetres_are_refused_for_their_unit():
+    too_small = changed(static_trial(), pl.col("^marker_.*$") / 1000)
+
+    with refused_with(r"foot and shank are 0\.000\d+ m apart.*point_unit"):
+        static_calibration(too_small, settings())

@@ -12,7 +12,7 @@ walkway, y to the left, z up. A person walks along x, or back.
 """
 
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -29,8 +29,8 @@ from osl_analysis.walking.crossing import analyse_crossing
 from osl_analysis.walking.ensemble import ESTIMATED, GroupHeadline, group_headline
 from osl_analysis.walking.isolated_response import unperturbed_gait
 from osl_analysis.walking.plate_inertia import identify_plate_model
-from osl_analysis.walking.platform import ramp_of, ramp_onsets
-from osl_analysis.walking.poses import StaticCalibration, segment_poses, static_calibration
+from osl_analysis.walking.plate_lag import timing_of
+from osl_analysis.walking.poses import static_calibration
 from osl_analysis.walking.walking_settings import WalkingAnalysis
 
 Array = NDArray[np.float64]
@@ -349,34 +349,19 @@ LABORATORIES = {
 }
 
 
-def onsets_of(
-    trials: Iterable[Trial], calibration: StaticCalibration, settings: WalkingAnalysis
-) -> dict[str, float]:
-    """Find the onsets [s] of crossings by the mean ramp of the platform, by trial."""
-    ramps = {}
-    for trial in trials:
-        with suppress(OslAnalysisError):
-            markers = settings.markers.platform
-            time, platform = segment_poses(trial, markers, calibration, settings)
-            ramp = ramp_of(time, platform, settings.smallest_turn)
-            if ramp is not None:
-                ramps[trial.name] = ramp
-    return ramp_onsets(ramps)
-
-
 def headline_of(campaign: Campaign, settings: WalkingAnalysis) -> GroupHeadline:
     """Analyse a campaign. Crossings that are refused have no part."""
     calibration = static_calibration(campaign.static, settings)
     plate = identify_plate_model([(trial, calibration) for trial in campaign.plates], settings)
-    onsets = onsets_of(
-        [trial for trial, turned in campaign.crossings if turned], calibration, settings
-    )
+    turned = [(trial, calibration) for trial, turned in campaign.crossings if turned]
+    timing = timing_of(turned, plate, settings)
     crossings = []
     for trial, is_perturbed in campaign.crossings:
-        onset = onsets.get(trial.name)
+        onset = timing.onsets.get(trial.name)
+        lag = timing.lags.get(trial.name, timing.lag)
         with suppress(OslAnalysisError):
             crossings.append(
-                analyse_crossing(trial, calibration, plate, is_perturbed, settings, onset)
+                analyse_crossing(trial, calibration, plate, is_perturbed, settings, onset, lag)
             )
     unperturbed = [crossing for crossing in crossings if crossing.onset is None]
     perturbed = [crossing for crossing in crossings if crossing.onset is not None]

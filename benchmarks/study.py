@@ -21,7 +21,6 @@ from typing import Any, TypeVar
 import numpy as np
 import polars as pl
 from causes import ROOT, markdown, write_between
-from planted_gait import onsets_of
 
 from osl_analysis.bench.bench_settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import config_for_trials
@@ -60,6 +59,7 @@ from osl_analysis.walking.impedance_fit import fit_response, fit_without_offset
 from osl_analysis.walking.isolated_response import isolate_response, unperturbed_gait
 from osl_analysis.walking.plate import Stance
 from osl_analysis.walking.plate_inertia import identify_plate_model
+from osl_analysis.walking.plate_lag import timing_of
 from osl_analysis.walking.poses import static_calibration
 from osl_analysis.walking.walking_settings import FootSettings, WalkingAnalysis
 from osl_analysis.yaml_settings import read_yaml
@@ -427,15 +427,16 @@ def recording(of: StudyLaboratory, folder: Path, perturbed: Sequence[str]) -> St
     for name in perturbed:
         write_crossing(of.walk(name, True))
         with suppress(OslAnalysisError):
-            turned.append(ingested(name))
-    onsets = onsets_of(turned, calibration, analysis)
+            turned.append((ingested(name), calibration))
+    timing = timing_of(turned, plate, analysis)
 
     def analysed(name: str, walked: SimulatedCrossing) -> Crossing:
         is_perturbed = walked.platform.onset is not None
         if not is_perturbed:
             write_crossing(walked)
-        trial, onset = ingested(name), onsets.get(name)
-        return analyse_crossing(trial, calibration, plate, is_perturbed, analysis, onset)
+        trial, onset = ingested(name), timing.onsets.get(name)
+        lag = timing.lags.get(name, timing.lag)
+        return analyse_crossing(trial, calibration, plate, is_perturbed, analysis, onset, lag)
 
     return replace(of, analysis=analysis, recorded=analysed)
 

@@ -4,7 +4,7 @@ from osl_analysis.commands.walking import (
     analyse,
     average_unperturbed,
     calibrate,
-    find_onsets,
+    find_timing,
     fit_perturbation,
     identify_plate,
     select_crossings,
@@ -61,16 +61,17 @@ rule identify_plate:
         job(identify_plate, input, output, params, log)
 
 
-rule find_onsets:
-    """Onsets of all perturbed crossings, by the mean ramp of the platform."""
+rule find_timing:
+    """Onsets of all perturbed crossings, by the mean ramp of the platform, and the plate's lag."""
     input:
         FILES.checks(PERTURBED),
         trials=expand("<results>/trials/{trial}.parquet", trial=PERTURBED),
         calibrations=FILES.calibrations(PERTURBED),
+        plate="<results>/fits/plate.json",
     output:
-        output="<results>/fits/onsets.json",
+        output="<results>/fits/timing.json",
     log:
-        "<logs>/find_onsets.log",
+        "<logs>/find_timing.log",
     localrule: True
     params:
         statics={trial: CAMPAIGN.static_of[trial] for trial in PERTURBED},
@@ -78,7 +79,7 @@ rule find_onsets:
         excluded=lambda wildcards: excluded(PERTURBED),
         made_by=MADE_BY,
     run:
-        job(find_onsets, input, output, params, log)
+        job(find_timing, input, output, params, log)
 
 
 rule analyse_crossing:
@@ -87,7 +88,7 @@ rule analyse_crossing:
         trial=of_trials(WALKED),
         calibration=lambda wildcards: FILES.calibrations([wildcards.trial])[0],
         plate="<results>/fits/plate.json",
-        onsets="<results>/fits/onsets.json",
+        timing="<results>/fits/timing.json",
     output:
         output="<results>/crossings/{trial}.parquet",
     log:
@@ -169,6 +170,7 @@ rule summarise_walking:
         selection="<results>/tables/walking_crossings.csv",
         unperturbed="<results>/fits/unperturbed.json",
         plate="<results>/fits/plate.json",
+        timing="<results>/fits/timing.json",
         trajectory=TRAJECTORY,
     output:
         output="<results>/tables/walking_summary.csv",

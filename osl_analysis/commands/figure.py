@@ -48,7 +48,6 @@ from osl_analysis.table import (
 )
 from osl_analysis.trial import read_trial
 from osl_analysis.walking.isolated_response import unperturbed_gait
-from osl_analysis.walking.tables import walking_page_points
 from osl_analysis.walking.walking_settings import TimingSettings
 
 if TYPE_CHECKING:
@@ -289,6 +288,8 @@ def plot_walking_page(
     """Write the numbers that the walking page plots. `crossings` are the perturbed ones,
     `selection` is `walking_crossings.csv`, `responses` `walking_responses.csv`, `table`
     `walking.csv`."""
+    from osl_analysis.figures.walking_page import walking_page_points
+
     isolated = read_table(
         responses, ["group", "trial", "time", "theta_deg", "torque", "torque_model"]
     )

@@ -3,7 +3,6 @@ files between them."""
 
 import json
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -46,13 +45,13 @@ from osl_analysis.walking.plate_inertia import (
     identify_plate_model,
     plate_table,
 )
-from osl_analysis.walking.platform import ramp_of, ramp_onsets
-from osl_analysis.walking.poses import StaticCalibration, segment_poses, static_calibration
+from osl_analysis.walking.plate_lag import PlateTiming, timing_of
+from osl_analysis.walking.poses import StaticCalibration, static_calibration
 
 Gaits = dict[str, UnperturbedGait]
-Onsets = dict[str, float]  # [s], by trial
 ADAPTERS: dict[Any, TypeAdapter[Any]] = {
-    kind: TypeAdapter(kind) for kind in (StaticCalibration, PlateModel, Gaits, Onsets, Crossing)
+    kind: TypeAdapter(kind)
+    for kind in (StaticCalibration, PlateModel, Gaits, PlateTiming, Crossing)
 }
 """What reads and writes each kind of result: to make one takes as long as to use it."""
 NO_GAIT = (
@@ -70,8 +69,7 @@ def write_model(model: Any, path: Path) -> None:
 
 
 def read_model(path: Path, kind: Any) -> Any:
-    """Read a model, or the onsets [s] of crossings by trial. Raises InputError where the file is
-    missing or is of another kind."""
+    """Read a model. Raises InputError where the file is missing or is of another kind."""
     check_analysed(path)
     try:
         return ADAPTERS[kind].validate_json(path.read_bytes())
@@ -189,32 +187,25 @@ def identify_plate(
     write_table(plate_table(model).fill_nan(None), comparison, data)
 
 
-def find_onsets(
+def find_timing(
     trials: Sequence[Path],
     calibrations: Sequence[Path],
     statics: Mapping[str, str],
+    plate: Path,
     settings: choices.CrossingSettings,
     output: Path,
 ) -> None:
-    """The onsets [s] of all perturbed crossings by the mean ramp of the platform, to a JSON file.
-
-    A crossing whose ramp cannot be followed has none; its own analysis says why."""
-    ramps = {}
-    markers = settings.markers.platform
-    for trial, static in calibrated_trials(trials, calibrations, statics):
-        with suppress(InputError):
-            time, platform = segment_poses(trial, markers, static, settings)
-            ramp = ramp_of(time, platform, settings.smallest_turn)
-            if ramp is not None:
-                ramps[trial.name] = ramp
-    write_text(output, json.dumps(ramp_onsets(ramps), indent=1) + "\n")
+    """The onsets [s] of all perturbed crossings by the mean ramp of the platform, and the plate's
+    lag in each, to a JSON file."""
+    crossings = calibrated_trials(trials, calibrations, statics)
+    write_model(timing_of(crossings, read_model(plate, PlateModel), settings), output)
 
 
 def analyse(
     trial: Path,
     calibration: Path,
     plate: Path,
-    onsets: Path,
+    timing: Path,
     perturbed: bool,
     settings: choices.CrossingSettings,
     output: Path,
@@ -228,7 +219,7 @@ def analyse(
     ----------
     trial : Path
         The recording.
-    calibration, plate, onsets : Path
+    calibration, plate, timing : Path
         Those of its static trial, of the plate and of all perturbed crossings.
     perturbed, direction, body_mass_kg
         What the sheet states.
@@ -239,9 +230,11 @@ def analyse(
     walked = read_trial(trial)
     static = read_model(calibration, StaticCalibration)
     model = read_model(plate, PlateModel)
-    onset = read_model(onsets, Onsets).get(walked.name)
+    timings = read_model(timing, PlateTiming)
+    onset = timings.onsets.get(walked.name)
+    lag = timings.lags.get(walked.name, timings.lag)
     try:
-        crossing = analyse_crossing(walked, static, model, perturbed, settings, onset)
+        crossing = analyse_crossing(walked, static, model, perturbed, settings, onset, lag)
         if direction is not None and crossing.direction not in (None, direction):
             raise InputError(
                 f"trial {crossing.name}: the platform turned by"

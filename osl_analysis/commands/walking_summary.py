@@ -23,6 +23,7 @@ from osl_analysis.config.sheet import JOINT
 from osl_analysis.errors import InputError, OslAnalysisError, advise
 from osl_analysis.judge.judging import EXCLUDED, judged, marked
 from osl_analysis.judge.limits import Limits
+from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.table import MEASURED, Places, read_table, with_places, write_table
 from osl_analysis.walking import tables as result_tables
 from osl_analysis.walking import walking_settings as choices
@@ -30,6 +31,7 @@ from osl_analysis.walking.ensemble import GroupHeadline, group_headline
 from osl_analysis.walking.groups import SEPARATOR
 from osl_analysis.walking.isolated_response import UnperturbedGait
 from osl_analysis.walking.plate_inertia import PlateModel
+from osl_analysis.walking.plate_lag import PlateTiming
 from osl_analysis.walking.tables import (
     GroupConditions,
     GroupOutcome,
@@ -54,6 +56,7 @@ def summarise_perturbations(
     groups: Path,
     sheet: Mapping[str, Mapping[str, Any]],
     plate: Path,
+    timing: Path,
     limits: Limits,
     places: Places,
     trajectory: Sequence[Path] = (),
@@ -78,8 +81,8 @@ def summarise_perturbations(
         The conditions of each group.
     sheet : Mapping
         Cells of the sample sheet of each crossing.
-    plate : Path
-        The plate's model.
+    plate, timing : Path
+        The plate's model, and its lags in the crossings.
     limits : Limits
         Beyond which a group is doubtful.
     places : Places
@@ -100,6 +103,7 @@ def summarise_perturbations(
     perturbed = selected.filter("perturbed")
     gaits = read_unperturbed_gaits(unperturbed)
     model = read_model(plate, PlateModel)
+    lags = read_model(timing, PlateTiming)
     commanded = commanded_trajectory(trajectory, data)
     files = {path.stem: path for path in crossings}
 
@@ -110,7 +114,7 @@ def summarise_perturbations(
     for group in dict.fromkeys(SEPARATOR.join(perturbed["group"].drop_nulls()).split(SEPARATOR)):
         trials = perturbed.filter(pl.col("reason").is_null(), group=group)["trial"].to_list()
         gait = gaits.get(group)
-        conditions = conditions_of(group, selected, gait, model)
+        conditions = conditions_of(group, selected, gait, model, lags)
         of_group = fitted.filter(pl.col("trial").is_in(trials))
         try:
             headline = headline_of(of_group, gait, files, settings)
@@ -141,8 +145,10 @@ def summarise_perturbations(
     group_table = pl.DataFrame([outcome.row() for outcome in outcomes], infer_schema_length=None)
     doubts = judged(group_table, limits, "walking_groups")
     group_table = marked(group_table, doubts, "walking_groups")
+    of_group = group_table.select("group", group_doubtful=DOUBTFUL)
+    summaries = pl.DataFrame(rows, infer_schema_length=None)
     tables = {
-        output: pl.DataFrame(rows, infer_schema_length=None),
+        output: summaries.join(of_group, on="group", how="left", maintain_order="left"),
         groups: group_table,
         responses: pl.concat(of_responses),
     }

@@ -41,10 +41,23 @@ def segment_of(label: str) -> tuple[str, str]:
     forms.append(("", name))
     for side, rest in forms:
         for segment, (begins, codes) in SEGMENTS.items():
-            pattern = rf"(^|_)({begins})|^({codes})$" if side else begins
+            is_letter = len(side) == 1  # which may belong to the word, as in LEG
+            pattern = rf"(^|_)({begins})|^({codes})$" if is_letter else begins
             if re.search(pattern, rest):
                 return side[:1], segment
     return "", ""
+
+
+def with_side(label: str, labels: Sequence[str]) -> tuple[str, str]:
+    """Side and segment of a marker, of whose side its mirror image tells where its name does not:
+    `RMIDFOOT` beside `LMIDFOOT`."""
+    side, segment = segment_of(label)
+    if segment and not side:
+        subject, sign, name = label.rpartition(":")
+        for own, other in (("R", "L"), ("L", "R")):
+            if name.startswith(own) and f"{subject}{sign}{other}{name[1:]}" in labels:
+                return own, segment
+    return side, segment
 
 
 def draft_walking(overviews: Sequence[Overview], is_needed: bool) -> tuple[str, list[str]]:
@@ -52,7 +65,7 @@ def draft_walking(overviews: Sequence[Overview], is_needed: bool) -> tuple[str, 
     unknown, unless a trial needs it. And what the user has to decide."""
     channels = [channel for overview in overviews for channel in overview.channels]
     labels = [channel.name for channel in channels if channel.kind == "marker"]
-    segments = {label: segment_of(label) for label in labels}
+    segments = {label: with_side(label, labels) for label in labels}
     platform = [label for label, (_, segment) in segments.items() if segment == "platform"]
     plate, why_plate = stepped_plate(channels, platform)
     sides = {side for side, segment in segments.values() if segment in ("foot", "shank")} - {""}

@@ -134,11 +134,12 @@ def overview_of_capture(recording: Recording) -> Overview:
         channels.append(RecordedChannel("plate", address, note=note, numbers=plate.corners))
     settings = dict(recording.settings)
     markers = [channel for channel in recording.channels if channel.kind == Kind.MARKER]
-    if (
-        not recording.facts.get("vertical_on_screen")
-        and vertical_axis(markers, recording.plates) == "y"
-    ):
-        settings["axes"] = ["x", "-z", "y"]
+    if not recording.facts.get("vertical_on_screen"):
+        up = vertical_axis(markers, recording.plates)
+        if up == "y":
+            settings["axes"] = ["x", "-z", "y"]
+        elif up == "z" and recording.format == "trc":  # whose default has y up
+            settings["axes"] = ["x", "y", "z"]
     return Overview(
         format=recording.format,
         facts=facts_of(recording),

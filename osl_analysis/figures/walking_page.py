@@ -1,11 +1,17 @@
 """The walking page: from crossings of the walkway to the responses that Fig. 9 fits."""
 
+from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
 
 from osl_analysis.figures import marks, style
+from osl_analysis.trial import Array
+from osl_analysis.walking.isolated_response import PHASES, UnperturbedGait
+from osl_analysis.walking.tables import ENSEMBLE
+from osl_analysis.walking.walking_settings import TimingSettings
 
 GAIT: dict[str, tuple[str, style.Dash]] = {  # colour and line style of a mean
     "unperturbed": (style.PURPLE, "-"),
@@ -33,6 +39,71 @@ PANELS = {
     "response torque": "Isolated torque (N·m)",
 }
 PAGE_HEIGHT = 4.4  # of a group [in]
+
+
+DRAWN_STEP = 4  # a hundred points of stance are enough for a curve
+
+
+def walking_page_points(
+    gaits: Mapping[str, UnperturbedGait], responses: pl.DataFrame, timing: TimingSettings
+) -> pl.DataFrame:
+    """Points of the walking page.
+
+    Gaits over stance [%] with their SD; responses over time [ms], with the column `doubtful`, and
+    their mean with its fit; window and baseline as times from the onset [ms].
+
+    Parameters
+    ----------
+    responses : DataFrame
+        `walking_responses.csv`.
+    """
+    frames = []
+    for name, gait in gaits.items():
+        frames.append(gait_points("angle", name, np.rad2deg(gait.theta)))
+        frames.append(gait_points("torque", name, gait.torque))
+
+    spans = {
+        "window": (0.0, timing.window_s),
+        "baseline": (-timing.guard_s - timing.baseline_s, -timing.guard_s),
+    }
+    for name, bounds in spans.items():
+        ends = {"panel": "response angle", "curve": name, "x": 1e3 * np.array(bounds)}
+        frames.append(pl.DataFrame(ends))
+
+    is_mean = pl.col("trial") == ENSEMBLE
+    curve = pl.when(is_mean).then(pl.lit("mean")).otherwise(pl.lit("each")).alias("curve")
+    time_ms = (1e3 * pl.col("time")).alias("x")
+    for panel, column in (("response angle", "theta_deg"), ("response torque", "torque")):
+        frames.append(
+            responses.select("trial", "doubtful", time_ms, curve, mean=column, panel=pl.lit(panel))
+        )
+    fit = responses.filter(is_mean).drop_nulls("torque_model")
+    frames.append(
+        fit.select(
+            "trial",
+            time_ms,
+            curve=pl.lit("fit"),
+            mean="torque_model",
+            panel=pl.lit("response torque"),
+        )
+    )
+    return pl.concat(frames, how="diagonal")
+
+
+def gait_points(panel: str, name: str, curves: Array) -> pl.DataFrame:
+    """Mean and SD of curves (crossings, `PHASES`) over stance."""
+    drawn = curves[:, ::DRAWN_STEP]
+    return pl.DataFrame(
+        {
+            "x": 100 * PHASES[::DRAWN_STEP],
+            "mean": drawn.mean(axis=0),
+            "sd": drawn.std(axis=0, ddof=1) if len(drawn) > 1 else None,
+            "panel": panel,
+            "curve": name,
+            "n": len(curves),
+        },
+        schema_overrides={"sd": pl.Float64},
+    )
 
 
 def draw(table: pl.DataFrame) -> style.PaperFigure:

@@ -147,6 +147,9 @@ def wrench(kind: int, corners: Array, origin: Array, channels: Array) -> tuple[A
     return force @ axes.T, (moment - np.cross(centre, force)) @ axes.T
 
 
+LEAST_LEVER_M = 1e-3  # of a force about a point that is not its centre of pressure
+
+
 def channel_facts(plate: Plate, raw: Array, load: Array, rate_hz: float) -> list[dict[str, Any]]:
     """Tell of each channel of a plate its longest run at an extreme (`clipped_...`) and of one
     value while the force changes (`stands_...`): the rotation hides them.
@@ -155,7 +158,7 @@ def channel_facts(plate: Plate, raw: Array, load: Array, rate_hz: float) -> list
     ----------
     raw
         Shape (samples, channels). The last three of nine are a point, no channels; moments about
-        it may be zero by definition.
+        it are zero by definition, up to rounding, if it is the centre of pressure.
     load
         Size of the force (samples,) [N].
     """
@@ -164,7 +167,7 @@ def channel_facts(plate: Plate, raw: Array, load: Array, rate_hz: float) -> list
     facts = []
     for number, channel in enumerate(plate.channels[: 6 if is_about_point else None]):
         values = raw[:, number]
-        if is_about_point and number >= 3 and not values.any():
+        if is_about_point and number >= 3 and np.ptp(values) <= LEAST_LEVER_M * load.max(initial=0):
             continue
         rail = run_at_extreme(values)
         runs = repeats(values)

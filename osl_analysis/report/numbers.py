@@ -76,6 +76,7 @@ class Number:
     symbol: str = ""  # before it in the sentence
     subject: str = ""  # controller, condition, group, joint and side that it is of
     verdict: str | None = None  # on the paper's claim about it
+    doubtful: str = ""  # why the number itself is; empty if it is not
 
     @property
     def texts(self) -> list[str]:
@@ -101,7 +102,9 @@ class Number:
 
     @property
     def doubts(self) -> str:
-        """How many of its trials are doubtful; empty for none."""
+        """Why it is doubtful, or how many of its trials are; empty for none."""
+        if self.doubtful:
+            return f"doubtful: {self.doubtful}"
         if not self.n_doubtful:
             return ""
         return f"{self.n_doubtful} of {self.n + self.n_doubtful} left out as doubtful"
@@ -215,6 +218,7 @@ def number_of(
         symbol=entry.symbol,
         subject=", ".join(subject),
         verdict=first.get("verdict"),
+        doubtful=first.get("group_doubtful") or "",
     )
 
 
@@ -286,4 +290,7 @@ def macros_tex(about: Mapping[str, str], numbers: Iterable[Number], remarks: Ite
             if text:
                 macro = f"\\newcommand{{\\osl{macro_name(number.name)}{ending}}}"
                 lines.append(f"{macro}{{\\ensuremath{{{text}}}}}% {number.unit}, {number.meaning}")
+        if number.doubtful:
+            macro = f"\\newcommand{{\\osl{macro_name(number.name)}Doubtful}}"
+            lines.append(f"{macro}{{{in_latex(number.doubtful)}}}% why this number is doubtful")
     return "\n".join(map(on_one_line, lines)) + "\n"

@@ -24,7 +24,10 @@ ESTIMATED = ("K", "B", "B_viscous", "I", "VAF")
 UNITS = {"VAF": "%"}  # of what is rounded as a share
 SUBTRACTED = {"ensemble": "mean unperturbed gait", "ensemble, predicted gait": "predicted gait"}
 """What each estimator of a group subtracts from the perturbed crossings."""
-DAGGER = "†: doubtful. A number is of trials that are not doubtful; where all are, there is none."
+DAGGER = (
+    "†: doubtful. A number is of trials that are not doubtful; where all are, there is none. The"
+    " number of a group of crossings is of all of them, and doubtful itself."
+)
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from osl_analysis.errors import InputError
 from osl_analysis.measured import check_measured
 from osl_analysis.stats.budget import NORMAL_HALF_WIDTH, welch_satterthwaite
+from osl_analysis.trial import Array
 
 DOUBTFUL = "doubtful"  # column with the causes of doubt; null without any
 OTHER_ESTIMATES = ("K_", "B_", "I_", "J_j_")  # begins of estimates that have a verdict
@@ -31,6 +32,22 @@ class Repeats:
     low: float
     high: float  # upper bound
     interval_method: str | None = None  # which of the two; None without an interval
+
+
+CHANCE = 0.01  # of a scatter that is told and is noise
+
+
+def scatter_beyond_noise(values: Array, ses: Array) -> float | None:
+    """Standard deviation of values (n,) that their standard errors (n,) do not explain.
+
+    It is the lower bound that chance passes in `CHANCE` of cases, 0 where noise explains all, and
+    None of fewer than two.
+    """
+    n = len(values)
+    if n < 2:
+        return None
+    least = (n - 1) * np.var(values, ddof=1) / scipy.special.chdtri(n - 1, CHANCE)
+    return float(np.sqrt(max(least - np.mean(np.square(ses)), 0.0)))
 
 
 OWN_CONDITION = (

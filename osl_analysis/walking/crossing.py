@@ -4,9 +4,8 @@ The torque is computed from force and moment at the plate's origin, never from a
 which is undefined while the plate is unloaded. Its changes without each plate trial follow it
 through all later steps.
 
-Axes, side, corners, sheet and body mass are checked. What stays the same from the static trial on
-is compared directly: the markers of each cluster, the ankle between foot and shank, the platform at
-rest and the corners of the plate. What differs is named by itself, whatever it does to the torque.
+Axes, side, sheet and body mass are checked here; what the static trial and markers alone tell, in
+`set_up`.
 """
 
 from collections.abc import Mapping
@@ -22,6 +21,7 @@ from osl_analysis.trial import Array, Trial
 from osl_analysis.walking import platform
 from osl_analysis.walking import poses as rigid
 from osl_analysis.walking.plate import (
+    FLAT,
     Stance,
     WrenchReader,
     check_plate,
@@ -29,6 +29,7 @@ from osl_analysis.walking.plate import (
     check_vertical,
     furthest_outside,
     only_stance,
+    phases_between,
     recorded_corners,
     zeroed_wrench,
 )
@@ -40,9 +41,8 @@ from osl_analysis.walking.poses import (
     Poses,
     StaticCalibration,
     StoredArray,
-    marker_tracks,
-    moved_marker,
 )
+from osl_analysis.walking.set_up import CrossingQuality, check_place, crossing_quality
 from osl_analysis.walking.walking_settings import CrossingSettings
 
 
@@ -51,7 +51,6 @@ class StanceLimits:
 
     PRESSED_N = 100.0  # vertical force above which a centre of pressure is defined
     SPARE_S = 0.1  # before and after stance, for the low-pass
-    FLAT = (0.15, 0.35)  # phases of stance in which the foot is flat, before a perturbation
     LATE = (0.6, 0.85)  # phases of stance in which a walker pushes off
     PUSH = (0.5, 0.9)  # phases of stance in which every foot pushes the toes down
     # of roll [m] and push [N] that have a direction, and its largest angle from forward: a foot
@@ -60,7 +59,6 @@ class StanceLimits:
     LARGEST_TURN_DEG = (45.0, 60.0)
     LARGEST_MASS_DIFFERENCE = 0.1  # clothes, shoes and leg weigh something
     FEWEST_SAMPLES = 6  # for a quintic spline
-    FEWEST_FRAMES = 10  # at rest, that tell where the platform stands
 
 
 VERTICAL = np.array([0.0, 0.0, 1.0])
@@ -190,11 +188,7 @@ class Passage:
     @property
     def inside(self) -> Mask:
         """Which of `rows` are in stance."""
-        return in_stance(self.time, self.stance)
-
-
-def in_stance(time: Array, stance: Stance) -> Mask:
-    return (time >= stance.heel_strike) & (time <= stance.toe_off)
+        return self.stance.contains(self.time)
 
 
 def recorded_passage(
@@ -233,6 +227,7 @@ def recorded_passage(
     stance = only_stance(frames, force[:, 2], settings)
     check_plate(trial, settings.plate, stance, force[:, 2])
     corners = recorded_corners(trial, settings.plate)
+    check_place(corners, settings.plate, calibration.corners)
 
     for segment, pose in recorded.items():
         check_followed(segment, frames, pose, stance, settings.largest_residual_mm)
@@ -251,7 +246,7 @@ def check_followed(
     segment: str, frames: Array, pose: Poses, stance: Stance, largest_residual_mm: float
 ) -> None:
     """Refuse a cluster that is hidden in stance, or was put on again since the static trial."""
-    hidden = np.flatnonzero(in_stance(frames, stance) & ~pose.seen())
+    hidden = np.flatnonzero(stance.contains(frames) & ~pose.seen())
     if len(hidden):
         raise InputError(
             f"the {segment} markers cannot be followed at {frames[hidden[0]]:.3f} s, in"
@@ -270,7 +265,7 @@ def rows_about_stance(frames: Array, recorded: Mapping[str, Poses], stance: Stan
         & (frames >= stance.heel_strike - StanceLimits.SPARE_S)
         & (frames <= stance.toe_off + StanceLimits.SPARE_S)
     )
-    first = np.argmax(in_stance(frames, stance))
+    first = np.argmax(stance.contains(frames))
     return next(run for run in runs(near) if run.start <= first < run.stop)
 
 
@@ -346,12 +341,14 @@ def check_onset(
 def reactions_on_foot(
     passage: Passage,
     models: list[PlateModel],
+    lag: float,
     calibration: StaticCalibration,
     settings: CrossingSettings,
 ) -> tuple[list[Array], Array]:
     """Compute the ground reaction on the foot, without the plate's own wrench.
 
-    The plate's own wrench is that of its measured motion, without accelerations at rest.
+    The plate's own wrench is that of its measured motion, without accelerations at rest. The first
+    model has the `lag` [s], others as much more as in the unloaded recordings.
 
     Returns
     -------
@@ -376,14 +373,11 @@ def reactions_on_foot(
     rate = sampling_rate(passage.frames)
     reactions = []
     for model in models:
-        wrench = settings.low_pass(passage.wrench(model.lag or 0.0), rate)[rows]
+        later = (model.lag or 0.0) - (models[0].lag or 0.0)
+        wrench = settings.low_pass(passage.wrench(lag + later), rate)[rows]
         of_foot = wrench - columns @ model.parameters
         reactions.append((of_foot.reshape(-1, 2, 3) @ R_transposed).reshape(-1, 6))
     return reactions, plate.point(middle)
-
-
-def phases_between(phase: Array, bounds: tuple[float, float]) -> Mask:
-    return (phase >= bounds[0]) & (phase <= bounds[1])
 
 
 def check_side(phase: Array, ahead: Array) -> None:
@@ -419,7 +413,7 @@ def check_roll(phase: Array, load: Array, push: Array, torque: Array) -> None:
     """
     both = np.vstack([load[1:], push])
     late = both[:, phases_between(phase, StanceLimits.LATE)].mean(axis=1)
-    flat = both[:, phases_between(phase, StanceLimits.FLAT)].mean(axis=1)
+    flat = both[:, phases_between(phase, FLAT)].mean(axis=1)
     left, forward = (late - flat).reshape(2, 2).T
     size = np.hypot(left, forward)
     deg = np.abs(np.rad2deg(np.arctan2(left, forward)))
@@ -465,113 +459,6 @@ def body_mass(trial: Trial, sheet: float | None) -> float | None:
     return None if mass is None else float(mass)
 
 
-def differences(
-    trial: Trial,
-    passage: Passage,
-    ankle: Ankle,
-    calibration: StaticCalibration,
-    settings: CrossingSettings,
-) -> dict[str, float]:
-    """Tell by how much [m] each thing stands otherwise in a crossing than in the static trial.
-
-    Parameters
-    ----------
-    ankle : Ankle
-        In the rows of the passage; its centre is the mean of the foot's and the shank's.
-    """
-    distances = {}
-    before = passage.onset if passage.onset is not None else passage.stance.toe_off
-    undisturbed = Stance(passage.stance.heel_strike, before)
-    stands = in_stance(passage.frames, undisturbed)
-    for segment, names in settings.markers.clusters.items():
-        poses = passage.recorded[segment]
-        rows = stands & poses.seen() & ~poses.bridged
-        if not rows.any():
-            continue
-        _, tracks = marker_tracks(trial, names)
-        reference = calibration.positions(names, trial.name)
-        marker, distance_m = moved_marker(reference, tracks[rows], poses[rows])
-        distances[f"marker {names[marker]} of the {segment}"] = distance_m
-
-    inside = in_stance(passage.time, undisturbed)
-    of_foot = passage.poses["foot"].point(calibration.ankle_centre)
-    apart = 2 * (of_foot - ankle.centre)[inside]  # the shank's centre is as far on the other side
-    in_foot = np.einsum("nji,nj->ni", passage.poses["foot"].rotation[inside], apart)
-    distances["the ankle between foot and shank"] = float(np.linalg.norm(in_foot.mean(axis=0)))
-
-    in_static = calibration.corners.get(settings.plate)
-    if in_static is not None:
-        shift = passage.corners - in_static
-        distances[f"the corners of force plate {settings.plate}"] = root_mean_square(shift)
-
-    platform = passage.recorded["platform"]
-    rests = (passage.frames < passage.stance.heel_strike) & platform.seen()
-    if rests.sum() >= StanceLimits.FEWEST_FRAMES:
-        reference = calibration.positions(settings.markers.platform, trial.name)
-        place = np.median(platform[rests].points(reference), axis=0)
-        distances["the platform at rest"] = root_mean_square(place - reference)
-    return distances
-
-
-def root_mean_square(distances: Array) -> float:
-    """RMS length of vectors (k, 3)."""
-    return float(np.sqrt(np.mean(np.sum(distances**2, axis=1))))
-
-
-@dataclass(frozen=True)
-class CrossingQuality:
-    """Measures of one crossing; None where unknown. The dictionary says what each is."""
-
-    foot_forward_m: float | None = None
-    foot_left_m: float | None = None
-    foot_outside_m: float | None = None
-    pressure_outside_m: float | None = None
-    different: str | None = None
-    different_mm: float | None = None
-
-
-def crossing_quality(
-    trial: Trial,
-    passage: Passage,
-    ankle: Ankle,
-    load: Array,
-    calibration: StaticCalibration,
-    settings: CrossingSettings,
-) -> CrossingQuality:
-    """Measure the quality of a crossing that markers and plate recorded."""
-    flat = phases_between(passage.stance.phase(passage.time), StanceLimits.FLAT)
-    foot = passage.poses["foot"][flat]
-    plate_centre = passage.corners.mean(axis=0)
-    from_plate = passage.poses["foot"].point(calibration.ankle_centre) - plate_centre
-    foot_left_m, foot_forward_m = ankle.along(from_plate)[:, flat].mean(axis=1)
-    markers = foot.points(calibration.positions(settings.markers.foot, "static"))
-
-    _, left_m, forward_m = load[:, :, None]
-    pressure = (ankle.centre + left_m * ankle.axis + forward_m * ankle.forward)[flat]
-    unlike_static = differences(trial, passage, ankle, calibration, settings)
-    different = max(unlike_static, key=lambda what: unlike_static[what])
-    return CrossingQuality(
-        foot_forward_m=float(foot_forward_m),
-        foot_left_m=float(foot_left_m),
-        foot_outside_m=furthest_outside(markers.reshape(-1, 3), passage.corners),
-        pressure_outside_m=pressure_outside(pressure, markers),
-        different=different,
-        different_mm=1e3 * unlike_static[different],
-    )
-
-
-def pressure_outside(pressure: Array, markers: Array) -> float:
-    """Mean distance [m] of the centre of pressure (n, 3) [m] beyond the edges of the area between
-    foot markers.
-
-    Both are seen from above, the markers (n, m, 3) [m] at their mean place.
-    """
-    on_mean_foot = pressure - markers.mean(axis=1) + markers.mean(axis=(0, 1))
-    hull = scipy.spatial.ConvexHull(markers.mean(axis=0)[:, :2])
-    beyond = on_mean_foot[:, :2] @ hull.equations[:, :2].T + hull.equations[:, 2]
-    return float(np.mean(np.maximum(beyond.max(axis=1), 0.0)))
-
-
 @dataclass(frozen=True)
 class Crossing:
     """Ankle angle and torque of one crossing, n samples at the marker rate."""
@@ -615,6 +502,7 @@ def analyse_crossing(
     perturbed: bool,
     settings: CrossingSettings,
     onset: float | None = None,
+    lag: float | None = None,
 ) -> Crossing:
     """Compute angle and torque of a crossing, through one low-pass at one rate.
 
@@ -628,6 +516,8 @@ def analyse_crossing(
         What the sheet says.
     onset : float or None
         Of the perturbation [s], by the mean ramp of all crossings; None: by its own ramp.
+    lag : float or None
+        Of the plate in this crossing [s]; None: that of the unloaded plate.
 
     Raises
     ------
@@ -635,7 +525,8 @@ def analyse_crossing(
         The recording, or the laboratory's set-up, does not allow it.
     """
     # Poses, stance and onset
-    passage = recorded_passage(trial, calibration, unloaded.lag or 0.0, perturbed, settings, onset)
+    lag = (unloaded.lag or 0.0) if lag is None else lag
+    passage = recorded_passage(trial, calibration, lag, perturbed, settings, onset)
     foot, shank = passage.poses["foot"], passage.poses["shank"]
     phase = passage.stance.phase(passage.time)
 
@@ -654,7 +545,7 @@ def analyse_crossing(
 
     # Torque, and its changes without each plate trial
     models = [unloaded, *unloaded.leave_one_out]
-    reactions, centre = reactions_on_foot(passage, models, calibration, settings)
+    reactions, centre = reactions_on_foot(passage, models, lag, calibration, settings)
     torques = np.array(
         [ankle_torque(reaction, centre, ankle.centre, ankle.axis) for reaction in reactions]
     )

@@ -273,10 +273,17 @@ def mean_gait_torque(responses: Sequence[PerturbationResponse], fit: LinearFit) 
 class SharedErrors:
     """Errors of K, B and I by gait and plate."""
 
-    # Variances that all perturbations share (mean gait, plate), with their degrees of freedom
-    common: Mapping[str, Sequence[CommonError]]
+    # By source and quantity, variances that all perturbations share, with degrees of freedom
+    by_source: Mapping[str, Mapping[str, CommonError]]
     # Variance of one perturbation as unperturbed crossings scatter
     of_one: Mapping[str, float]
+
+    @property
+    def common(self) -> dict[str, list[CommonError]]:
+        """By quantity, those of all sources."""
+        return {
+            name: [of_source[name] for of_source in self.by_source.values()] for name in self.of_one
+        }
 
 
 def shared_errors(responses: Sequence[PerturbationResponse]) -> SharedErrors:
@@ -292,12 +299,15 @@ def shared_errors(responses: Sequence[PerturbationResponse]) -> SharedErrors:
     by_plate = np.mean([change.by_plate for change in changes], axis=0)
     of_mean_gait = np.var(by_gait, axis=0, ddof=1) / len(by_gait)
     of_plate = np.diag(jackknife_covariance(by_plate))
-    freedom = len(by_gait) - 1, max(len(by_plate) - 1, 1)
-    common = {
-        name: [(of_mean_gait[k], freedom[0]), (of_plate[k], freedom[1])]
-        for k, name in enumerate(ESTIMATED)
+    sources = {
+        "mean gait": (of_mean_gait, len(by_gait) - 1),
+        "plate inertia": (of_plate, max(len(by_plate) - 1, 1)),
     }
-    return SharedErrors(common, dict(zip(ESTIMATED, of_one, strict=True)))
+    by_source = {
+        source: {name: (variances[k], freedom) for k, name in enumerate(ESTIMATED)}
+        for source, (variances, freedom) in sources.items()
+    }
+    return SharedErrors(by_source, dict(zip(ESTIMATED, of_one, strict=True)))
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing
 from osl_analysis.trial import Array
-from osl_analysis.walking.crossing import DOWN, UP, Crossing, phases_between
+from osl_analysis.walking.crossing import DOWN, UP, Crossing
 from osl_analysis.walking.isolated_response import PHASES, curves_of
-from osl_analysis.walking.plate import SINGLE_SUPPORT
+from osl_analysis.walking.plate import SINGLE_SUPPORT, phases_between
 from osl_analysis.walking.platform import MAD_TO_SD
 from osl_analysis.walking.poses import FREE_FALL, Mask
 from osl_analysis.walking.walking_settings import SelectionSettings
@@ -25,6 +25,8 @@ OF_PERSON = ("subject", "session", "side", "speed")  # those that an unperturbed
 OF_STATIC = ("subject", "session", "side")  # those in which a crossing agrees with a static trial
 ALL = "all"  # name of the group of a campaign that is not split
 LEFT_OUT = "left out"  # status of a crossing that was not read, or that sheet or quality exclude
+# Measures of a crossing's set-up that a group has the mean of
+MEASURED_IN_CROSSINGS = ("marker_noise_ratio", "foot_residual_ratio", "turn_share")
 SEPARATOR = "; "  # between the names of groups in one cell; no name has a semicolon
 
 Cells = Mapping[str, object]
@@ -438,12 +440,10 @@ def exclusion_reason(
 
 def crossing_row(crossing: Crossing, reason: str | None) -> dict[str, object]:
     """What one row of `walking_crossings.csv` says of a crossing's quality."""
-    quality = crossing.quality
+    shown = ("pressure_outside_m", "different", "different_mm", *MEASURED_IN_CROSSINGS)
     return {
         "status": "used" if reason is None else "outlier",
         "reason": reason,
         "stance_s": crossing.stance.duration,
-        "pressure_outside_m": quality.pressure_outside_m,
-        "different": quality.different,
-        "different_mm": quality.different_mm,
+        **{name: getattr(crossing.quality, name) for name in shown},
     }

@@ -253,6 +253,7 @@ class PerturbationResponse:
     # Samples of the fitted window, from the onset, without its end: 30 for 0.1 s at 300 Hz
     window: slice
     stance_change: float = 0.0  # duration of stance over that of the matched pace, minus 1
+    pace_change: float = 0.0  # this over that of the unperturbed crossings, minus 1
 
     @cached_property
     def motion(self) -> Motion:
@@ -323,6 +324,7 @@ def isolate_response(
 
     baseline = slice(MARGIN, MARGIN + round(timing.baseline_s * rate))
     window = slice(before, before + round(timing.window_s * rate))
+    expected_stance = aligned.stance * aligned.scales.mean()
     return PerturbationResponse(
         name=crossing.name,
         time=time,
@@ -331,7 +333,8 @@ def isolate_response(
         plate_errors=zeroed(plate_errors, baseline),
         behaviour=behaviour_before(time, thetas, torques, timing.guard_s),
         window=window,
-        stance_change=crossing.stance.duration / (aligned.stance * aligned.scales.mean()) - 1,
+        stance_change=crossing.stance.duration / expected_stance - 1,
+        pace_change=expected_stance / gait.stance.mean() - 1,
     )
 
 

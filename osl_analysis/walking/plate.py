@@ -15,8 +15,10 @@ from osl_analysis.errors import InputError
 from osl_analysis.recording import beside, plate_axes
 from osl_analysis.signals import LowPass, longest_run, runs, sampling_rate
 from osl_analysis.trial import AXES, Array, Trial, plate_columns
+from osl_analysis.walking.poses import Mask
 from osl_analysis.walking.walking_settings import CrossingSettings
 
+FLAT = (0.15, 0.35)  # phases of stance in which the foot is flat, before a perturbation
 SINGLE_SUPPORT = (0.2, 0.8)  # phases of stance between which one foot carries the body
 
 
@@ -34,6 +36,13 @@ class Stance:
     def phase(self, time: Array) -> Array:
         """Times [s] as shares of the stance."""
         return (time - self.heel_strike) / self.duration
+
+    def contains(self, time: Array) -> Mask:
+        return (time >= self.heel_strike) & (time <= self.toe_off)
+
+
+def phases_between(phase: Array, bounds: tuple[float, float]) -> Mask:
+    return (phase >= bounds[0]) & (phase <= bounds[1])
 
 
 def find_stances(time: Array, force: Array, on: float, off: float, shortest: float) -> list[Stance]:

@@ -13,7 +13,7 @@ because the VAF does not change. The unloaded plate shows it: its inertial force
 acceleration must peak at the same time.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -35,12 +35,14 @@ from osl_analysis.walking.plate import (
 from osl_analysis.walking.poses import (
     FREE_FALL,
     BodyMotion,
+    Mask,
     Poses,
     StaticCalibration,
     StoredArray,
     cross_matrix,
 )
-from osl_analysis.walking.walking_settings import PlateModelSettings
+from osl_analysis.walking.set_up import check_place
+from osl_analysis.walking.walking_settings import PlateModelSettings, PlatformSettings
 
 PARAMETERS = 10  # m, mc (x, y, z), I (xx, yy, zz, xy, xz, yz)
 # Weights of forces [m] and moments: a force's lever about the ankle is about 0.1 m
@@ -54,21 +56,35 @@ class PlateLimits:
     SMALLEST_WRENCH = 0.01  # of a direction, as a share of the largest, for it to be identified
     LARGEST_NOISE_SHARE = 0.5  # of a direction's power in the columns
     LARGEST_LAG_S = 0.012
-    LAG_STEP_S = 0.002  # a parabola between the steps is exact to 1 % below 20 Hz
+    LAG_ROUNDS = 4  # of lag and inertia in turn, and of a lag to first order
     LARGEST_LAG_MISFIT = 0.5  # of the wrench's mean square, for the wrench to follow the motion
     LARGEST_HEIGHT_SE_M = 0.005  # of a height that is reported
     CERTAIN_SES = 4.0  # standard errors beyond which a height is certain
     SMALLEST_HEIGHT_COLUMN = 0.02  # share of its column that no other explains
     LIGHT_KG = 0.1  # mass below which a centre of mass is not known
-    SPREAD_FRAMES = 30  # by which the low-pass of the identification spreads a motion
+    SPREAD_S = 0.1  # by which the low-pass of the identification spreads a motion
     # at rest noise gives 0.03 deg; 11 frames at 300 Hz change the lag by 2 ms
     HIDDEN_TURN_DEG = 0.2
+    SHORTEST_S = 0.4  # of a recording, for the low-pass of the identification
     END_S = 0.05  # at both ends of a track, whose slopes tell a motion that the recording cuts
     FEWEST_END_FRAMES = 5
 
 
 # Scales of the parameters for a plate of 1 kg whose half is 0.3 m long
 TYPICAL_PLATE = np.array([[1.0]] + [[0.3]] * 3 + [[0.3**2]] * 6)
+
+
+@dataclass(frozen=True)
+class TurnLag:
+    """The plate's lag behind the markers in one turn of the platform with nobody on it."""
+
+    trial: str
+    time: float  # of the turn [s]
+    lag: float  # [s]
+    se: float  # its standard error [s], by the noise of markers and plate
+    weight: (
+        float  # in a mean over turns: sum of squares by which a second of lag changes the wrench
+    )
 
 
 @dataclass(frozen=True)
@@ -80,7 +96,7 @@ class PlateModel:
     directions: StoredArray  # (10, r) of the parameters that the motion shows
     rms_before: StoredArray  # RMS wrench (6,) [N, N*m] of the unloaded plate, minus its mean
     rms_after: StoredArray  # the same without the plate's own wrench
-    lags: tuple[float, ...] = ()  # [s] of the trials that show one
+    turns: tuple[TurnLag, ...] = ()  # those that show a lag
     # The model without each trial, for the jackknife; empty with one
     leave_one_out: "tuple[PlateModel, ...]" = ()
     # [m] of the corners' centre above the point of the moments; None where it is not seen
@@ -96,19 +112,21 @@ class PlateModel:
         return self.height * is_certain
 
     @property
+    def mass(self) -> float | None:
+        """[kg]; None where the motion does not show it."""
+        return float(self.parameters[0]) if self.directions[0].any() else None
+
+    @property
     def lag(self) -> float | None:
         """The mean of the lags [s]; None where it is unknown, and then not corrected."""
-        return float(np.mean(self.lags)) if self.lags else None
+        return mean_lag(self.turns)
 
-    @property
-    def lag_sd(self) -> float | None:
-        """Scatter [s] of the lags; None with fewer than two."""
-        return float(np.std(self.lags, ddof=1)) if len(self.lags) > 1 else None
 
-    @property
-    def lag_se(self) -> float | None:
-        """Standard error [s] of the lag; None with fewer than two."""
-        return None if self.lag_sd is None else self.lag_sd / np.sqrt(len(self.lags))
+def mean_lag(turns: Sequence[TurnLag]) -> float | None:
+    """The lag [s] that fits all turns best; None without one."""
+    if not turns:
+        return None
+    return float(np.average([t.lag for t in turns], weights=[t.weight for t in turns]))
 
 
 NOT_REMOVED = "walking.plate_inertia is none"
@@ -151,25 +169,64 @@ def identify_plate_model(
         advise(f"excluded from the plate's model: {problem}")
 
     motions = unloaded_motions(usable)
-    lags = []
-    for recording, (motion, _) in zip(usable, motions, strict=True):
-        with naming(f"trial {recording.track.name}", trial=recording.track.name):
-            lags.append(plate_lag(motion, recording.wrench_at, recording.smooth))
+    model = plate_model(motions)
+    for _ in range(PlateLimits.LAG_ROUNDS):
+        turns = [turn for motion in motions for turn in unloaded_turns(motion, model)]
+        model = plate_model(motions, turns)
+    shown = [motion.shown(model.lag or 0.0) for motion in motions]
+    if len(motions) == 1:
+        return with_height(model, shown[0].parts(motions[0].moves))
 
-    model = plate_model(usable, lags)
-    if len(usable) == 1:
-        return model
-
-    columns_and_wrenches = [
-        (recording.smooth(inertial_columns(motion)), recording.wrench_at(model.lag or 0.0))
-        for recording, (motion, _) in zip(usable, motions, strict=True)
-    ]
-    model = with_height(model, columns_and_wrenches)
-    without_each = [
-        plate_model(usable[:i] + usable[i + 1 :], lags[:i] + lags[i + 1 :], model)
-        for i in range(len(usable))
-    ]
+    model = with_height(model, shown)
+    without_each = []
+    for left_out in motions:
+        others = [motion for motion in motions if motion is not left_out]
+        turns = [turn for turn in model.turns if turn.trial != left_out.name]
+        without_each.append(plate_model(others, turns, model))
     return replace(model, leave_one_out=tuple(without_each))
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What n frames of an unloaded plate show, low-passed: columns (n, 6, 10) and wrench
+    (n, 6), and columns of marker noise alone, with the squares of the noise in `columns`."""
+
+    columns: Array
+    noise: Array
+    wrench: Array
+
+    def parts(self, moves: Mask) -> "list[Shown]":
+        """One part for each motion, of which the frames (n,) are given; both share the noise."""
+        starts = [run.start for run in runs(moves)][1:]
+        columns, wrenches = np.split(self.columns, starts), np.split(self.wrench, starts)
+        share = 1 / np.sqrt(len(columns))
+        return [
+            Shown(columns_of, share * self.noise, wrench)
+            for columns_of, wrench in zip(columns, wrenches, strict=True)
+        ]
+
+
+@dataclass(frozen=True)
+class UnloadedMotion:
+    """The motion of the unloaded plate in n frames along some directions, low-passed."""
+
+    name: str
+    time: Array  # (n,) [s]
+    columns: Array  # (n, 6, 10), without accelerations at rest
+    noisy_columns: Array  # (n, 6, 10), with the noise of markers at rest
+    moves: Mask  # frames (n,) into which a low-pass spreads a motion
+    rests: list[slice]  # runs of others, without the recording's ends
+    wrench_at: WrenchReader
+
+    def at_rest(self, values: Array) -> Array:
+        """Values (n, ...) in its rests, minus their mean in each."""
+        return np.concatenate([values[:0], *[without_mean(values[rest]) for rest in self.rests]])
+
+    def shown(self, lag: float) -> Shown:
+        """What it shows with a plate that lags by `lag` [s]."""
+        noise = self.at_rest(self.noisy_columns)
+        scale = np.sqrt(self.moves.sum() / max(len(noise), 1))
+        return Shown(self.columns, scale * noise, self.wrench_at(lag))
 
 
 @dataclass(frozen=True)
@@ -179,45 +236,38 @@ class UnloadedRecording:
     # The longest run of frames in which it was seen, without a motion that the run cuts
     track: platform.PlatformTrack
     centre: Array  # the plate's centre (3,) [m] at rest
-    wrench_at: WrenchReader  # in the track's frames, through both low-passes
+    read: WrenchReader  # in the track's frames
     # The further low-pass of the identification, after that of the crossings
     plate_low_pass: LowPass
+
+    def wrench_at(self, lag: float) -> Array:
+        """Wrench (n, 6) a lag [s] later, through both low-passes."""
+        return self.smooth(self.track.low_pass(self.read(lag), self.track.rate))
 
     def smooth(self, values: Array) -> Array:
         """Pass values (n, ...) in the track's frames through the low-pass of the identification."""
         return self.plate_low_pass(values, self.track.rate)
 
-    def along(self, axes: Array) -> tuple[BodyMotion, Array]:
-        """Motion of the plate's centre along directions (r, 6), weighted by the track's gate, and
-        squares (10, 10) of marker noise in its columns.
-
-        The noise is that of frames at rest before `smooth`, which spreads the motions into them.
-        """
-        motion, weights = self.track.measured_motion(axes, self.centre)
-        columns = inertial_columns(motion)
-        squares = np.zeros((PARAMETERS, PARAMETERS))
-        count = 0
-        for run in runs(weights == 0):
-            if run.stop - run.start < platform.MotionLimits.FEWEST_FRAMES:
-                continue
-            still = stacked_columns(without_mean(columns[run]))
-            squares = squares + still.T @ still
-            count += run.stop - run.start
-        return motion.weighted(weights), squares / max(count, 1) * self.noise_sum(weights)
-
-    def noise_sum(self, weights: Array) -> float:
-        """The noise's sum of squares after weights and `smooth`, over its mean square before them.
-
-        It is the sum over all lags of A r q, with the autocorrelations r of low-passed noise that
-        is differentiated twice (1 at lag 0), q of the further filter's response and A of the
-        weights.
-        """
-        n = 2 * len(weights)  # padded, so that nothing wraps
-        f: Array = np.fft.rfftfreq(n, 1 / self.track.rate).astype(float)
-        r = np.fft.irfft(self.track.low_pass.gain(f) ** 2 * f**4, n)
-        q = np.fft.irfft(self.plate_low_pass.gain(f) ** 2, n)
-        A = np.fft.irfft(np.abs(np.fft.rfft(weights, n)) ** 2, n)
-        return float(np.sum(A * r / r[0] * q))
+    def along(self, axes: Array) -> UnloadedMotion:
+        """Motion of the plate's centre along directions (r, 6), of which noise counts in motion
+        only: gated before the low-pass, its high frequencies would become low ones."""
+        track = self.track
+        motion, weights = track.measured_motion(axes, self.centre)
+        noisy_columns = self.smooth(inertial_columns(motion))
+        still_columns = self.smooth(inertial_columns(motion.weighted(weights)))
+        spread = round(PlateLimits.SPREAD_S * track.rate)
+        moves = scipy.ndimage.binary_dilation(weights > 0, iterations=spread)
+        at_rest = ~moves
+        at_rest[:spread] = at_rest[-spread:] = False  # where a low-pass passes more noise
+        return UnloadedMotion(
+            track.name,
+            track.time,
+            columns=np.where(moves[:, None, None], noisy_columns, still_columns),
+            noisy_columns=noisy_columns,
+            moves=moves,
+            rests=[run for run in runs(at_rest) if run.stop - run.start > spread],
+            wrench_at=self.wrench_at,
+        )
 
 
 def unloaded_recording(
@@ -225,6 +275,7 @@ def unloaded_recording(
 ) -> UnloadedRecording:
     """Read the platform over the longest run of frames in which it was seen, and the wrench."""
     check_type_on_platform(trial, settings.plate)
+    check_place(recorded_corners(trial, settings.plate), settings.plate, calibration.corners)
     names = settings.markers.platform
     frames, poses = rigid.segment_poses(trial, names, calibration, settings)
     time, wrench = recorded_wrench(trial, settings.plate)
@@ -236,16 +287,13 @@ def unloaded_recording(
             f" most {settings.largest_zero_n:g} N; zero the plate and record again, or correct the"
             " experiment of this trial in the sheet, which is 'plate'",
         )
-    rows = longest_run(poses.seen())
+    recording = whole_recording(trial, calibration, frames, poses, poses.seen(), settings)
     shown = 0.0  # largest turn from rest to rest [rad]
-    if rows.stop - rows.start >= platform.MotionLimits.FEWEST_FRAMES:
-        seen = platform.platform_track(trial.name, frames[rows], poses[rows], calibration, settings)
-        whole = whole_motions(seen)
-        rows = slice(rows.start + whole.start, rows.start + whole.stop)
-        is_long = rows.stop - rows.start >= platform.MotionLimits.FEWEST_FRAMES
-        if is_long and not hides_a_motion(frames, poses, settings):
-            shown = np.ptp(platform.rotation_from_rest(poses[rows]))
-    if shown < settings.smallest_turn:
+    if recording is not None and not hides_a_motion(frames, poses, settings):
+        start, end = recording.track.time[[0, -1]]
+        whole = poses[(frames >= start) & (frames <= end)]
+        shown = np.ptp(platform.rotation_from_rest(whole))
+    if recording is None or shown < settings.smallest_turn:
         raise InputError(
             f"the platform turns by {np.rad2deg(shown):.2f} deg from rest to"
             f" rest while its markers {', '.join(names)} are seen, expected"
@@ -263,18 +311,34 @@ def unloaded_recording(
             f" {smallest:.2g} N: what lies below was set to 0; export the trials of the unloaded"
             " plate without a threshold",
         )
-    track = platform.platform_track(trial.name, frames[rows], poses[rows], calibration, settings)
+    return recording
 
-    read = wrench_reader(time, wrench, frames)
 
-    def wrench_at(lag: float) -> Array:
-        low_passed = settings.low_pass(read(lag), sampling_rate(frames))
-        return settings.plate_low_pass(low_passed[rows], track.rate)
-
+def whole_recording(
+    trial: Trial,
+    calibration: StaticCalibration,
+    frames: Array,
+    poses: Poses,
+    usable: Mask,
+    settings: PlatformSettings,
+) -> UnloadedRecording | None:
+    """The longest run of usable frames (n,), without a motion that it cuts, and the wrench in it,
+    cut before any filter; None if it is too short."""
+    rows = longest_run(usable)
+    for _ in range(2):  # as it is, and without half motions
+        if rows.stop - rows.start < PlateLimits.SHORTEST_S * sampling_rate(frames):
+            return None
+        track = platform.platform_track(
+            trial.name, frames[rows], poses[rows], calibration, settings
+        )
+        whole = whole_motions(track)
+        rows = slice(rows.start + whole.start, rows.start + whole.stop)
+    time, wrench = recorded_wrench(trial, settings.plate)
+    inside = (time >= track.time[0]) & (time <= track.time[-1])
     return UnloadedRecording(
         track,
         centre=recorded_corners(trial, settings.plate).mean(axis=0),
-        wrench_at=wrench_at,
+        read=wrench_reader(time[inside], wrench[inside], track.time),
         plate_low_pass=settings.plate_low_pass,
     )
 
@@ -314,35 +378,24 @@ def whole_motions(track: platform.PlatformTrack) -> slice:
     return slice(rests[0].start if moves[0] else 0, rests[-1].stop if moves[-1] else n)
 
 
-def unloaded_motions(
-    recordings: Sequence[UnloadedRecording],
-) -> list[tuple[BodyMotion, Array]]:
-    """The motion and noise of each recording along the directions that they share."""
+def unloaded_motions(recordings: Sequence[UnloadedRecording]) -> list[UnloadedMotion]:
+    """The motion of each recording along the directions that they share."""
     axes_of_each = platform.shared_directions([recording.track for recording in recordings])
     return [recording.along(axes) for recording, axes in zip(recordings, axes_of_each, strict=True)]
 
 
 def plate_model(
-    recordings: Sequence[UnloadedRecording], lags: Sequence[float], whole: PlateModel | None = None
+    motions: Sequence[UnloadedMotion],
+    turns: Sequence[TurnLag] = (),
+    whole: PlateModel | None = None,
 ) -> PlateModel:
-    """One inertia from all recordings at the mean of their lags [s], NaN where one shows none.
+    """One inertia from all recordings at the mean of the lags of their turns.
 
     Only what `whole`, from more recordings, shows is identified, and the rest stays as it is there.
     """
-    known_lags = tuple(lag for lag in lags if np.isfinite(lag))
-    lag = float(np.mean(known_lags)) if known_lags else 0.0
-    motions = unloaded_motions(recordings)
-    model = identify_plate_inertia(
-        [
-            (motion, recording.wrench_at(lag))
-            for recording, (motion, _) in zip(recordings, motions, strict=True)
-        ],
-        recordings[0].smooth,
-        within=None if whole is None else whole.directions,
-        noise=np.sum([noise for _, noise in motions], axis=0),
-        known=None if whole is None else whole.parameters,
-    )
-    return replace(model, lags=known_lags)
+    lag = mean_lag(turns) or 0.0
+    model = identify_plate_inertia([motion.shown(lag) for motion in motions], whole)
+    return replace(model, turns=tuple(turns))
 
 
 def inertial_columns(motion: BodyMotion) -> Array:
@@ -381,31 +434,23 @@ def inertia_columns(v: Array) -> Array:
 
 
 def identify_plate_inertia(
-    recordings: Sequence[tuple[BodyMotion, Array]],
-    smooth: Callable[[Array], Array] = np.asarray,
-    within: Array | None = None,
-    noise: Array | None = None,
-    known: Array | None = None,
+    recordings: Sequence[Shown], whole: PlateModel | None = None
 ) -> PlateModel:
     """Identify the inertial parameters by least squares, corrected for marker noise.
 
     Only directions that the motion shows are identified. So a plate may turn about any axis: its
     wrench is known for motions in crossings like those here, even if single parameters are not.
+    With G and N the Gram matrices of the columns and of their noise, estimates are corrected by
+    (G - N)^-1 G.
 
     Parameters
     ----------
-    recordings : sequence of (BodyMotion, Array)
-        Motion of the plate's centre, and wrench (n, 6), each with its own zero.
-    smooth : callable
-        The low-pass that the wrench has passed. It is applied to the columns, which are products of
-        motions; with filtered motions instead, 8 Hz would make the lag 0.05 ms too small.
-    within : Array, optional
-        Directions (10, q) to which the identified ones are confined.
-    noise : Array, optional
-        Gram matrix N (10, 10) of marker noise in the columns. With G that of the columns, estimates
-        are corrected by (G - N)^-1 G.
-    known : Array, optional
-        Parameters (10,) that stay where nothing is identified; 0 by default.
+    recordings : sequence of Shown
+        Each wrench has its own zero. The columns have passed the low-pass of the wrench: with
+        filtered motions instead, 8 Hz would make the lag 0.05 ms too small.
+    whole : PlateModel, optional
+        To whose directions the identified ones are confined, and whose parameters stay where
+        nothing is identified; all directions and 0 by default.
 
     Raises
     ------
@@ -416,16 +461,16 @@ def identify_plate_inertia(
     ----------
     Fuller, Measurement Error Models, 1987, section 1.4.
     """
-    columns = np.concatenate(
-        [without_mean(smooth(inertial_columns(motion))) for motion, _ in recordings]
-    )
-    wrench = np.concatenate([without_mean(recorded) for _, recorded in recordings])
-    start = np.zeros(PARAMETERS) if known is None else known
-    N = np.zeros((PARAMETERS, PARAMETERS)) if noise is None else noise
+    columns = np.concatenate([without_mean(recording.columns) for recording in recordings])
+    wrench = np.concatenate([without_mean(recording.wrench) for recording in recordings])
+    start = np.zeros(PARAMETERS) if whole is None else whole.parameters
+    within = np.eye(PARAMETERS) if whole is None else whole.directions
 
     X = stacked_columns(columns)
     G = X.T @ X
-    basis = excited_directions(G, N, np.eye(PARAMETERS) if within is None else within)
+    noise = stacked_columns(np.concatenate([recording.noise for recording in recordings]))
+    N = noise.T @ noise
+    basis = excited_directions(G, N, within)
     unexplained = (wrench * WEIGHT).T.ravel() - X @ start
     right = X.T @ unexplained + N @ start
     change = np.linalg.solve(basis.T @ (G - N) @ basis, basis.T @ right)
@@ -481,74 +526,86 @@ def column_rms(values: Array) -> Array:
     return np.sqrt(np.mean(values**2, axis=0))
 
 
-def plate_lag(
-    motion: BodyMotion, wrench_at: WrenchReader, smooth: Callable[[Array], Array]
-) -> float:
-    """Find the lag of the plate behind the markers with the least misfit, in one recording.
-
-    Parameters
-    ----------
-    motion : BodyMotion
-        Of the plate's centre, n frames, not passed through `smooth`.
-    wrench_at : callable
-        The wrench (n, 6) a lag [s] later, passed through `smooth`.
-
-    Returns
-    -------
-    float
-        [s]; NaN if the plate is too light.
+def unloaded_turns(motion: UnloadedMotion, model: PlateModel) -> list[TurnLag]:
+    """The lag in each turn of a recording of the unloaded plate; none if the plate is too light.
 
     Raises
     ------
     InputError
-        The wrench does not follow the motion at any lag.
+        The wrench does not follow the motion.
     """
-    lags = np.arange(
-        -PlateLimits.LARGEST_LAG_S,
-        PlateLimits.LARGEST_LAG_S + PlateLimits.LAG_STEP_S / 2,
-        PlateLimits.LAG_STEP_S,
-    )
-    wrenches = [wrench_at(lag) for lag in lags]
-    directions = identify_plate_inertia([(motion, wrenches[len(lags) // 2])], smooth).directions
-    # At the ends of a recording a low-pass passes more noise, and how much depends on the lag
-    moves = np.any(motion.alpha != 0, axis=1) | np.any(motion.acceleration != 0, axis=1)
-    rows = scipy.ndimage.binary_dilation(moves, iterations=PlateLimits.SPREAD_FRAMES)
-    columns = stacked_columns(without_mean(smooth(inertial_columns(motion))[rows]))
-    basis = np.linalg.qr(columns @ directions)[0]
-    misfit = []  # weighted mean square of what no parameters explain
-    for wrench in wrenches:
-        stacked = (without_mean(wrench[rows]) * WEIGHT).T.ravel()
-        misfit.append(6 * np.mean((stacked - basis @ (basis.T @ stacked)) ** 2))
-
-    best = np.argmin(misfit)
-    square = np.sum((column_rms(without_mean(wrenches[best][rows])) * WEIGHT) ** 2)
-    if square < PlateLimits.LIGHT**2:
-        return np.nan
-    if misfit[best] > PlateLimits.LARGEST_LAG_MISFIT * square or best in (0, len(lags) - 1):
+    turns = turn_lags(motion, model, resting_noise(motion, model))
+    if turns is None or abs(mean_lag(turns) or 0.0) > PlateLimits.LARGEST_LAG_S:
+        late = f", but comes {1e3 * (mean_lag(turns) or 0.0):.0f} ms later" if turns else ""
         raise InputError(
-            "the unloaded plate's wrench does not follow its motion within"
-            f" {PlateLimits.LARGEST_LAG_S * 1e3:g} ms; name the plate that moves under"
-            " `walking.plate`, synchronise the recorders, or check markers and channels"
+            f"trial {motion.name}: the unloaded plate's wrench does not follow its motion within"
+            f" {PlateLimits.LARGEST_LAG_S * 1e3:g} ms{late}; name the plate that moves under"
+            " `walking.plate`, synchronise the recorders, or check markers, channels and low-passes"
+            " of the amplifier",
+            trial=motion.name,
         )
-    before, smallest, after = misfit[best - 1 : best + 2]
-    return float(
-        lags[best]
-        + 0.5 * PlateLimits.LAG_STEP_S * (before - after) / (before - 2 * smallest + after)
-    )
+    return turns
 
 
-def with_height(
-    model: PlateModel, columns_and_wrenches: Sequence[tuple[Array, Array]]
-) -> PlateModel:
+def resting_noise(motion: UnloadedMotion, model: PlateModel) -> Array:
+    """Weighted noise (k, 6) of the wrench minus the plate's own, at rest."""
+    own = motion.noisy_columns @ model.parameters
+    return motion.at_rest(motion.wrench_at(model.lag or 0.0) - own) * WEIGHT
+
+
+def turn_lags(motion: UnloadedMotion, model: PlateModel, noise: Array) -> list[TurnLag] | None:
+    """Find the lag in each turn, to first order about that of the model, in `LAG_ROUNDS` steps.
+
+    Noise (k, 6) that is met by chance at any time of a turn gives the standard error: of any colour
+    and shared by the components.
+
+    Returns
+    -------
+    list of TurnLag or None
+        Without turns that hardly change the wrench; None if the wrench
+        of one does not follow the motion.
+    """
+    rate = sampling_rate(motion.time)
+    turns = []
+    for rows in runs(motion.moves):
+        expected = without_mean(motion.columns[rows] @ model.parameters) * WEIGHT
+        if column_rms(expected) @ column_rms(expected) < PlateLimits.LIGHT**2:
+            continue
+        by_lag = without_mean(-np.gradient(expected, 1 / rate, axis=0))
+        square = np.sum(by_lag**2)
+        lag = model.lag or 0.0
+        for _ in range(PlateLimits.LAG_ROUNDS):
+            wrench = without_mean(motion.wrench_at(lag)[rows]) * WEIGHT
+            lag += np.sum(by_lag * (wrench - expected)) / square
+        if np.sum((wrench - expected) ** 2) > PlateLimits.LARGEST_LAG_MISFIT * np.sum(wrench**2):
+            return None
+
+        n = 2 * (len(noise) + len(by_lag))  # padded, so that nothing wraps
+        spectra = np.fft.fft(by_lag, n, axis=0).conj() * np.fft.fft(noise, n, axis=0)
+        by_noise = np.sum(np.abs(spectra.sum(axis=1)) ** 2) / n  # over all times of the noise
+        turns.append(
+            TurnLag(
+                motion.name,
+                time=float(motion.time[rows] @ np.sum(by_lag**2, axis=1) / square),
+                lag=float(lag),
+                se=float(np.sqrt(by_noise / max(len(noise), 1)) / square),
+                weight=float(square),
+            )
+        )
+    return turns
+
+
+def with_height(model: PlateModel, recordings: Sequence[Shown]) -> PlateModel:
     """Add the height of the corners' centre above the point of the moments, where it is seen.
 
-    From columns (n, 6, 10) and wrench (n, 6) of each recording; its standard error is from leaving
-    out each (jackknife).
+    Its standard error is from leaving out each recording (jackknife).
     """
-    count = len(columns_and_wrenches)
-    height = moments_below(model.directions, columns_and_wrenches)
+    count = len(recordings)
+    if count < 2:
+        return model
+    height = moments_below(model.directions, recordings)
     without_each = [
-        moments_below(model.directions, [*columns_and_wrenches[:i], *columns_and_wrenches[i + 1 :]])
+        moments_below(model.directions, [*recordings[:i], *recordings[i + 1 :]])
         for i in range(count)
     ]
     se = np.sqrt((count - 1) * np.var(without_each))
@@ -559,21 +616,26 @@ def with_height(
     )
 
 
-def moments_below(directions: Array, columns_and_wrenches: Sequence[tuple[Array, Array]]) -> float:
+def moments_below(directions: Array, recordings: Sequence[Shown]) -> float:
     """Height [m] from the two centres of mass that the unloaded plate shows.
 
     Forces show that from the corners' centre, moments that from their own point: mc gets another
     value in the moments. NaN if only moments show one, as if the plate does not turn, or without a
-    mass.
+    mass. Estimates are corrected for marker noise, as in `identify_plate_inertia`.
     """
-    columns = np.concatenate([without_mean(columns) for columns, _ in columns_and_wrenches])
-    wrench = np.concatenate([without_mean(wrench) for _, wrench in columns_and_wrenches])
     is_moment = (np.arange(6) > 2)[:, None]
-    mc_of_moments = stacked_columns(columns[:, :, 1:4] * is_moment)
-    X = np.column_stack([stacked_columns(columns) @ directions, mc_of_moments])
+
+    def design(columns: Array) -> Array:
+        mc_of_moments = stacked_columns(columns[:, :, 1:4] * is_moment)
+        return np.column_stack([stacked_columns(columns) @ directions, mc_of_moments])
+
+    X = design(np.concatenate([without_mean(recording.columns) for recording in recordings]))
+    wrench = np.concatenate([without_mean(recording.wrench) for recording in recordings])
     size = np.maximum(np.linalg.norm(X, axis=0), 1e-12)
     X = X / size
-    estimates = np.linalg.lstsq(X, (wrench * WEIGHT).T.ravel(), rcond=1e-4)[0] / size
+    noise = design(np.concatenate([recording.noise for recording in recordings])) / size
+    squares = np.linalg.pinv(X.T @ X - noise.T @ noise, rcond=1e-8, hermitian=True)
+    estimates = squares @ X.T @ (wrench * WEIGHT).T.ravel() / size
 
     # The last column is mc_z of the moments: is it told apart from the others?
     other_columns = X[:, :-1]
@@ -597,5 +659,5 @@ def plate_table(model: PlateModel) -> pl.DataFrame:
             "rms_after": model.rms_after,
         }
     )
-    facts = {"lag_s": model.lag, "lag_se_s": model.lag_se, "height_m": model.height}
+    facts = {"lag_s": model.lag, "height_m": model.height}
     return table.with_columns(pl.lit(fact, pl.Float64).alias(name) for name, fact in facts.items())

@@ -11,7 +11,7 @@ same in all crossings: an error of it shifts all onsets alike.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -41,6 +41,7 @@ class MotionLimits:
 
 
 MAD_TO_SD = 1.4826  # from the median absolute deviation to the standard deviation of normal noise
+QUARTILE_TO_SD = 3.1383  # from the lower quartile of absolute deviations of normal noise
 
 
 def rotation_from_rest(platform: Poses) -> Array:
@@ -201,7 +202,8 @@ def platform_track(
 
     Gaps of 15 ms and more, which never hide a turn, become straight lines: a cubic would amplify
     the noise beside them into a motion. The noise is read from the median of second differences,
-    whose variance is 6 times that of a frame.
+    whose variance is 6 times that of a frame; coloured or smoothed noise, which is larger at low
+    frequencies, from what the speed leaves of straight lines at rest.
     """
     reference = calibration.positions(settings.markers.platform, trial)
     rate = sampling_rate(time)
@@ -226,14 +228,16 @@ def platform_track(
 
     second = np.diff(straight[~poses.bridged], n=2, axis=0)
     noise = MAD_TO_SD * np.median(np.abs(second)) / np.sqrt(6.0) if second.size else 0.0
-    return PlatformTrack(
-        trial,
-        time,
-        reference,
-        straight,
-        settings.low_pass,
-        max(noise, MotionLimits.LEAST_NOISE_M),
+    noise = max(noise, MotionLimits.LEAST_NOISE_M)
+    track = PlatformTrack(trial, time, reference, straight, settings.low_pass, noise)
+    step = round(2 * track.spread * rate)  # speeds so far apart hardly share noise
+    bends = (
+        track.velocity[step:-step] - (track.velocity[: -2 * step] + track.velocity[2 * step :]) / 2
     )
+    of_speed = (
+        QUARTILE_TO_SD * np.quantile(np.abs(bends), 0.25) / np.sqrt(1.5) if bends.size else 0.0
+    )
+    return replace(track, noise=max(noise, of_speed / np.sqrt(noise_gain(track.low_pass, rate, 1))))
 
 
 def shared_directions(tracks: Sequence[PlatformTrack]) -> list[Array]:

@@ -35,6 +35,7 @@ StoredArray = Annotated[
 FREE_FALL = np.array([0.0, 0.0, -9.80665])
 FEWEST_MARKERS = 3  # that determine an orientation
 SMALLEST_WIDTH = 0.1  # of a cluster beside its longest line, as a share of its length
+LEG_SIZES_M = (0.03, 1.5)  # between the clusters of a foot and of its shank
 HIGHEST_FOOT_M = 0.05  # of the foot's markers above the shank's; standing, they are 0.1 m below
 
 # A gap is bridged by a cubic through the frames on either side of it
@@ -118,6 +119,14 @@ def static_calibration(trial: Trial, settings: CalibrationSettings) -> StaticCal
             )
 
     foot, shank = clusters["foot"], clusters["shank"]
+    centres = [np.mean(list(cluster.values()), axis=0) for cluster in (foot, shank)]
+    apart = np.linalg.norm(centres[1] - centres[0])
+    if not LEG_SIZES_M[0] < apart < LEG_SIZES_M[1]:
+        raise InputError(
+            f"trial {trial.name}: the markers of foot and shank are {apart:.2g} m apart, expected"
+            f" {LEG_SIZES_M[0]:g} to {LEG_SIZES_M[1]:g} m; state the unit of the points as"
+            " `point_unit` in the source file"
+        )
     foot_height = np.mean([position[2] for position in foot.values()])
     shank_height = np.mean([position[2] for position in shank.values()])
     above = foot_height - shank_height

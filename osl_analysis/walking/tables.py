@@ -7,7 +7,7 @@ from their mean, fitted with the same columns. One that is a small share of the 
 count, however regular the gait.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -23,15 +23,15 @@ from osl_analysis.stats.repeats import doubtful_row, over_repeats
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.ensemble import ESTIMATED, Bootstrap, GroupHeadline, mean_gait_torque
-from osl_analysis.walking.groups import SEPARATOR
+from osl_analysis.walking.groups import MEASURED_IN_CROSSINGS, SEPARATOR
 from osl_analysis.walking.impedance_fit import fit_response, gait_torque, offset_share
 from osl_analysis.walking.isolated_response import (
-    PHASES,
     PerturbationResponse,
     UnperturbedGait,
     isolate_response,
 )
 from osl_analysis.walking.plate_inertia import PlateModel
+from osl_analysis.walking.plate_lag import PlateTiming
 from osl_analysis.walking.walking_settings import TimingSettings
 
 SMALLEST_RESIDUAL_SHARE = 0.03  # of the torque, for a residual to count
@@ -63,12 +63,12 @@ class FitChecks:
     VAF: float
     residual_over_gait: float | None
     offset_share: float | None
-    estimator_difference: float
     K: float
     K_se_share: float | None
     B_high: float
     I_high: float
     stance_change: float
+    pace_change: float
 
 
 def check_fit(headline: GroupHeadline) -> FitChecks:
@@ -87,28 +87,13 @@ def check_fit(headline: GroupHeadline) -> FitChecks:
         VAF=fit.vaf,
         residual_over_gait=residual_over_gait(motion, torque, of_gait),
         offset_share=offset_share(motion, torque, K),
-        estimator_difference=estimator_difference(headline),
         K=K,
         K_se_share=resampled.se("K") / abs(K) if K else None,
         B_high=resampled.interval("B")[1],
         I_high=resampled.interval("I")[1],
         stance_change=float(np.mean([response.stance_change for response in responses])),
+        pace_change=float(np.mean([response.pace_change for response in responses])),
     )
-
-
-def estimator_difference(headline: GroupHeadline) -> float:
-    """Largest distance of ensemble and mean of perturbations, in halves of both intervals."""
-    fit = headline.ensemble.fit
-    single_fits = [fit_response(response) for response in headline.responses]
-    distances = [0.0]
-    for name in ESTIMATED:
-        low, high = headline.resampled.interval(name)
-        singles = [single[name] for single in single_fits]
-        mean = over_repeats(singles, headline.errors.common.get(name, ()))
-        width = high - low + mean.high - mean.low
-        if width > 1e-9 * abs(fit[name]):  # intervals of crossings that are all equal have no width
-            distances.append(2 * abs(fit[name] - mean.mean) / width)
-    return max(distances)
 
 
 def coherence_of(responses: Sequence[PerturbationResponse]) -> float:
@@ -142,9 +127,17 @@ class GroupConditions:
     # What stands most otherwise in the crossings than in the static trial, and by how much
     different: str | None
     different_mm: float | None
-    pressure_outside_m: float | None  # mean of the perturbed crossings
+    # Means of the perturbed crossings
+    pressure_outside_m: float | None
+    marker_noise_ratio: float | None
+    foot_residual_ratio: float | None
+    turn_share: float | None
     plate_height_m: float | None
+    plate_mass_kg: float | None
+    plate_lag_s: float | None  # mean of the perturbed crossings
     plate_lag_sd_s: float | None
+    plate_lag_change_s: float | None
+    plate_drift: float | None
 
 
 @dataclass(frozen=True)
@@ -171,6 +164,7 @@ def conditions_of(
     selection: pl.DataFrame,
     gait: UnperturbedGait | None,
     plate: PlateModel,
+    timing: PlateTiming,
 ) -> GroupConditions:
     """Gather the conditions of a group.
 
@@ -180,8 +174,8 @@ def conditions_of(
         `walking_crossings.csv`.
     gait : UnperturbedGait or None
         The mean gait of the group, if there is one.
-    plate : PlateModel
-        Of the unloaded plate.
+    plate, timing : PlateModel, PlateTiming
+        Of the unloaded plate, and its lags in the crossings.
     """
     of_group = selection.filter(pl.col("group").str.split(SEPARATOR).list.contains(group))
     used = of_group.filter(pl.col("perturbed"), pl.col("reason").is_null())
@@ -198,7 +192,8 @@ def conditions_of(
         stance_sd = float(np.std(stances, ddof=1)) / stance
         onset_phase = float(np.mean(phases)) if len(phases) else None
     different, different_mm = set_up_difference(of_group)
-    outside = used["pressure_outside_m"].cast(pl.Float64)
+    measured = ("pressure_outside_m", *MEASURED_IN_CROSSINGS)
+    means = used.select(pl.col(measured).cast(pl.Float64).mean()).row(0, named=True)
     return GroupConditions(
         group=group,
         n=len(used),
@@ -210,9 +205,13 @@ def conditions_of(
         left_out_share=shares["reason"].max(),  # type: ignore[arg-type]
         different=different,
         different_mm=different_mm,
-        pressure_outside_m=outside.mean(),  # type: ignore[arg-type]
+        **means,
         plate_height_m=plate.certain_height,
-        plate_lag_sd_s=plate.lag_sd,
+        plate_mass_kg=plate.mass,
+        plate_lag_s=timing.lag,
+        plate_lag_sd_s=timing.scatter,
+        plate_lag_change_s=timing.change,
+        plate_drift=timing.drift,
     )
 
 
@@ -246,7 +245,6 @@ PREDICTED = "ensemble, predicted gait"
 # A bootstrap of fewer crossings does not leave their range, outside of which the mean of all lies
 # with a probability of 2^(1 - n): more than 5 %
 FEWEST_FOR_BOOTSTRAP = 6
-DRAWN_STEP = 4  # a hundred points of stance are enough for a curve
 
 
 def perturbation_row(
@@ -367,65 +365,3 @@ def response_table(group: str, headline: GroupHeadline) -> pl.DataFrame:
         )
         frames.append(frame[: window.stop])
     return pl.concat(frames)
-
-
-def walking_page_points(
-    gaits: Mapping[str, UnperturbedGait], responses: pl.DataFrame, timing: TimingSettings
-) -> pl.DataFrame:
-    """Points of the walking page.
-
-    Gaits over stance [%] with their SD; responses over time [ms], with the column `doubtful`, and
-    their mean with its fit; window and baseline as times from the onset [ms].
-
-    Parameters
-    ----------
-    responses : DataFrame
-        `walking_responses.csv`.
-    """
-    frames = []
-    for name, gait in gaits.items():
-        frames.append(gait_points("angle", name, np.rad2deg(gait.theta)))
-        frames.append(gait_points("torque", name, gait.torque))
-
-    spans = {
-        "window": (0.0, timing.window_s),
-        "baseline": (-timing.guard_s - timing.baseline_s, -timing.guard_s),
-    }
-    for name, bounds in spans.items():
-        ends = {"panel": "response angle", "curve": name, "x": 1e3 * np.array(bounds)}
-        frames.append(pl.DataFrame(ends))
-
-    is_mean = pl.col("trial") == ENSEMBLE
-    curve = pl.when(is_mean).then(pl.lit("mean")).otherwise(pl.lit("each")).alias("curve")
-    time_ms = (1e3 * pl.col("time")).alias("x")
-    for panel, column in (("response angle", "theta_deg"), ("response torque", "torque")):
-        frames.append(
-            responses.select("trial", "doubtful", time_ms, curve, mean=column, panel=pl.lit(panel))
-        )
-    fit = responses.filter(is_mean).drop_nulls("torque_model")
-    frames.append(
-        fit.select(
-            "trial",
-            time_ms,
-            curve=pl.lit("fit"),
-            mean="torque_model",
-            panel=pl.lit("response torque"),
-        )
-    )
-    return pl.concat(frames, how="diagonal")
-
-
-def gait_points(panel: str, name: str, curves: Array) -> pl.DataFrame:
-    """Mean and SD of curves (crossings, `PHASES`) over stance."""
-    drawn = curves[:, ::DRAWN_STEP]
-    return pl.DataFrame(
-        {
-            "x": 100 * PHASES[::DRAWN_STEP],
-            "mean": drawn.mean(axis=0),
-            "sd": drawn.std(axis=0, ddof=1) if len(drawn) > 1 else None,
-            "panel": panel,
-            "curve": name,
-            "n": len(curves),
-        },
-        schema_overrides={"sd": pl.Float64},
-    )

@@ -121,6 +121,12 @@ class PlatformSettings(MarkerSettings, WalkingFilter):
     perturbation_deg: JointDegrees
     # Longest gap [s] where the motion is fitted: after an onset, in an unloaded turn
     longest_fitted_gap_s: NotNegative
+    # Cut-off [Hz] of the plate's inertia and lag: 12 kg are 10.8 kg at 20 Hz, 12.0 kg at 8 Hz
+    plate_cutoff_hz: ClassVar[float] = 8.0
+
+    @property
+    def plate_low_pass(self) -> LowPass:
+        return LowPass(self.plate_cutoff_hz, self.order)
 
     @property
     def smallest_turn(self) -> float:
@@ -144,12 +150,6 @@ class PlateModelSettings(PlatformSettings):
 
     # From the plate trials; `none`: nothing is removed from the wrench
     plate_inertia: Literal["identified", "none"] = "identified"
-    # Cut-off [Hz] with which it is identified: 12 kg are 10.8 kg at 20 Hz, 12.0 kg at 8 Hz
-    plate_cutoff_hz: ClassVar[float] = 8.0
-
-    @property
-    def plate_low_pass(self) -> LowPass:
-        return LowPass(self.plate_cutoff_hz, self.order)
 
 
 class CrossingSettings(PlatformSettings, TimingSettings):

@@ -19,6 +19,7 @@ from osl_analysis.walking.crossing import Crossing, CrossingQuality
 from osl_analysis.walking.groups import selection_rows
 from osl_analysis.walking.plate import Stance
 from osl_analysis.walking.plate_inertia import NO_CORRECTION
+from osl_analysis.walking.plate_lag import PlateTiming
 from osl_analysis.walking.walking_settings import WalkingAnalysis
 
 LEAD = 0.045
@@ -129,6 +130,7 @@ def run_jobs(
 
     if not (folder / "plate.json").exists():
         walking.write_model(NO_CORRECTION, folder / "plate.json")
+        walking.write_model(PlateTiming({}, {}), folder / "timing.json")
     walking.select_crossings([*turned, *at_rest], chosen, selection, sheet)
     walking.average_unperturbed(at_rest, selection, chosen.fewest_unperturbed, gait)
     fits = [folder / f"fits/{name}.csv" for name in perturbed]
@@ -148,6 +150,7 @@ def run_jobs(
         responses=folder / "responses.csv",
         groups=folder / "groups.csv",
         plate=folder / "plate.json",
+        timing=folder / "timing.json",
     )
     return Tables(folder)
 

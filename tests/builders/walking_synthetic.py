@@ -207,7 +207,8 @@ def wrench_of_foot(t: Array, ramp: Ramp | None) -> Array:
     phi, w, z = angle_and_heave(t, ramp)[0]
     in_plate = about_y(-phi).transpose(0, 2, 1)
     force = np.einsum("nij,nj->ni", in_plate, np.outer(load, [0, 0, 800.0]))
-    torque = 40.0 * load + 340.0 * phi + 3.0 * w + 0.02 * z
+    stands = step(t, 0.9, 0.05)[0] - step(t, 1.57, 0.05)[0]
+    torque = 40.0 * load + stands * (340.0 * phi + 3.0 * w + 0.02 * z)
     moment = np.cross(ANKLE, force) - np.outer(torque, LEFT)
     return np.hstack([force, moment])
 

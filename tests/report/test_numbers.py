@@ -54,6 +54,20 @@ def numbers_of(**tables):
     return {number.name: number for number in headline_numbers(tables)}
 
 
+def test_a_group_s_doubt_stands_on_its_number_and_in_a_macro_of_its_own():
+    of_group = {"group": "all", "estimator": "ensemble", "n": 12}
+    summary = pl.DataFrame(
+        [of_group | {"quantity": "K", "mean": 300.0, "low": 270.0, "high": 330.0}]
+    )
+    doubted = summary.with_columns(group_doubtful=pl.lit("clocks"))
+
+    number = numbers_of(walking_summary=doubted)["walking_K"]
+
+    assert number.in_sentence == "K = 300 N*m/rad (95 %: 270 to 330; doubtful: clocks)"
+    assert "\\oslWalkingKDoubtful}{clocks}" in macros_tex(ABOUT, [number], ())
+    assert "Doubtful" not in macros_tex(ABOUT, [*numbers_of(walking_summary=summary).values()], ())
+
+
 def test_a_mean_over_trials_leaves_out_amplitudes_and_the_doubtful_trial_beside_sound_ones():
     bias = numbers_of(impedance=IMPEDANCE)["K_bias_PD_1"]
 

@@ -23,11 +23,12 @@ from walking_crossings import (
 from walking_synthetic import pose, settings
 
 from osl_analysis.commands.walking_summary import commanded_trajectory, commanded_value
-from osl_analysis.walking.crossing import CrossingQuality, platform_turn, pressure_outside
+from osl_analysis.walking.crossing import platform_turn
 from osl_analysis.walking.ensemble import group_headline
 from osl_analysis.walking.groups import Measure, crossing_features, feature_of, places, split_keys
 from osl_analysis.walking.isolated_response import unperturbed_gait
 from osl_analysis.walking.plate import Stance
+from osl_analysis.walking.set_up import CrossingQuality, pressure_outside
 from osl_analysis.walking.tables import fitted_time, headline_rows, set_up_difference
 
 MIDSTANCE = Walk(0.4)

@@ -257,7 +257,7 @@ def test_changed_settings_give_the_bytes_of_a_fresh_run_and_redo_what_uses_them_
     assert {"judge", "table"} <= set(planned)
     kept = {
         "ingest", "fit_belt", "fit_transmission", "fit_impedance", "fit_actuator",
-        "identify_plate", "find_onsets", "analyse_crossing", "select_crossings",
+        "identify_plate", "find_timing", "analyse_crossing", "select_crossings",
         "average_unperturbed", "fit_perturbation", "summarise_walking",
     }  # fmt: skip
     assert not kept & set(planned)

@@ -1,0 +1,196 @@
+"""Step 3, plate lag: how late the plate is in each crossing.
+
+The platform turns back after each step, and then nobody stands on it: each crossing shows its own
+lag. Together with those of the unloaded recordings they tell whether one lag holds for all, whether
+it changes from recording to recording, and whether it grows within one: two clocks that run apart.
+"""
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+
+from osl_analysis.errors import InputError
+from osl_analysis.stats.repeats import scatter_beyond_noise
+from osl_analysis.trial import Array, Trial
+from osl_analysis.walking import platform
+from osl_analysis.walking import poses as rigid
+from osl_analysis.walking.plate import only_stance, zeroed_wrench
+from osl_analysis.walking.plate_inertia import (
+    PlateModel,
+    TurnLag,
+    UnloadedMotion,
+    resting_noise,
+    turn_lags,
+    whole_recording,
+    without_mean,
+)
+from osl_analysis.walking.poses import StaticCalibration
+from osl_analysis.walking.walking_settings import CrossingSettings
+
+Turns = Mapping[str, Sequence[TurnLag]]  # of crossings, by trial
+
+
+class LagLimits:
+    """When a lag of the crossings replaces that of the unloaded plate."""
+
+    SPARE_S = 0.03  # from a stance to the frames in which nobody stands on the plate
+    CERTAIN_SES = 3.0  # standard errors beyond which two lags differ
+    LARGEST_MASS_KG = 1.0  # of a plate that is light or compensates its own inertia
+    LEAST_SE_S = 1e-6  # of a lag: rounding
+
+
+@dataclass(frozen=True)
+class PlateTiming:
+    """The plate's lag in each crossing; all None or empty where it is not known."""
+
+    onsets: dict[str, float]  # of perturbations [s], by trial
+    lags: dict[str, float]  # of perturbed crossings [s], by trial
+    lag: float | None = None  # of the other crossings [s]
+    se: float | None = None  # standard error [s] of the mean of `lags`
+    # [s] by which the crossings are later than the unloaded plate, beyond the uncertainty of both
+    change: float | None = None
+    scatter: float | None = None  # [s] from recording to recording, beyond noise
+    drift: float | None = None  # change per time within a recording, beyond noise
+
+
+def timing_of(
+    crossings: Sequence[tuple[Trial, StaticCalibration]],
+    model: PlateModel,
+    settings: CrossingSettings,
+) -> PlateTiming:
+    """Find onsets and lags of the perturbed crossings.
+
+    One whose ramp or stance cannot be followed has none; its own analysis says why.
+
+    Raises
+    ------
+    InputError
+        The plate has a mass, and no model.
+    """
+    markers = settings.markers.platform
+    ramps = {}
+    parts = {}
+    for trial, calibration in crossings:
+        with suppress(InputError):
+            time, poses = rigid.segment_poses(trial, markers, calibration, settings)
+            ramp = platform.ramp_of(time, poses, settings.smallest_turn)
+            if ramp is not None:
+                ramps[trial.name] = ramp
+            parts[trial.name] = parts_without_load(trial, calibration, model.lag or 0.0, settings)
+    if not model.directions.size:
+        check_no_mass([part for of_trial in parts.values() for part in of_trial])
+    turns = {name: turns_without_load(of_trial, model) for name, of_trial in parts.items()}
+    return plate_timing(model, turns, platform.ramp_onsets(ramps))
+
+
+def parts_without_load(
+    trial: Trial, calibration: StaticCalibration, lag: float, settings: CrossingSettings
+) -> list[UnloadedMotion]:
+    """A crossing before heel strike and after toe-off, cut before any filter.
+
+    Raises
+    ------
+    InputError
+        The recording is not one crossing, or its plate or markers cannot be used.
+    """
+    frames, poses = rigid.segment_poses(trial, settings.markers.platform, calibration, settings)
+    force = zeroed_wrench(trial, frames, settings)(lag)[:, 2]
+    stance = only_stance(frames, force, settings)
+    found = [
+        whole_recording(trial, calibration, frames, poses, poses.seen() & free, settings)
+        for free in (
+            frames < stance.heel_strike - LagLimits.SPARE_S,
+            frames > stance.toe_off + LagLimits.SPARE_S,
+        )
+    ]
+    parts = [part for part in found if part is not None]
+    if not parts:
+        return []
+    axes = platform.moving_directions([part.track for part in parts])
+    return [part.along(axes) for part in parts]
+
+
+def turns_without_load(parts: Sequence[UnloadedMotion], model: PlateModel) -> list[TurnLag]:
+    """The lag in each turn of a crossing's parts, with the noise of the longest rest."""
+    if not parts:
+        return []
+    noise = max((resting_noise(part, model) for part in parts), key=len)
+    turns = []
+    for part in parts:
+        turns += (turn_lags(part, model, noise) or []) if len(noise) else []
+    return turns
+
+
+def check_no_mass(parts: Sequence[UnloadedMotion]) -> None:
+    """Refuse a plate without a model whose force follows the acceleration of its centre."""
+    product = square = 0.0
+    for part in parts:
+        if part.moves.any():
+            acceleration = without_mean(part.columns[part.moves, :3, 0])
+            product += np.sum(acceleration * without_mean(part.wrench_at(0.0)[part.moves, :3]))
+            square += np.sum(acceleration**2)
+    mass = product / square if square else 0.0
+    if mass > LagLimits.LARGEST_MASS_KG:
+        raise InputError(
+            f"the unloaded plate's force follows its acceleration with {mass:.1f} kg, expected"
+            f" {LagLimits.LARGEST_MASS_KG:g} kg or less with `walking.plate_inertia: none`; record"
+            " the platform turning unloaded (`plate`), and state `plate_inertia: identified`"
+        )
+
+
+def weighted_fit(X: Array, y: Array, weights: Array) -> tuple[Array, Array]:
+    """Coefficients (p,) and their covariance (p, p), 0 of a column that is 0."""
+    covariance = np.asarray(np.linalg.pinv(X.T * weights @ X, hermitian=True), float)
+    return covariance @ X.T @ (weights * y), covariance
+
+
+def certain_part(estimates: Array, covariance: Array) -> Array:
+    """What is left of estimates (p,) without `CERTAIN_SES` standard errors; 0 within them."""
+    least = np.abs(estimates) - LagLimits.CERTAIN_SES * np.sqrt(np.diag(covariance))
+    return np.sign(estimates) * np.maximum(least, 0.0)
+
+
+def plate_timing(model: PlateModel, crossings: Turns, onsets: Mapping[str, float]) -> PlateTiming:
+    """Find the lag of each crossing from the turns of all recordings.
+
+    Notes
+    -----
+    The lag of a turn at the time t is a + b [in a crossing] + c t, of which b and c count where
+    they are certain. What a crossing's own turns leave counts as far as such rests scatter beyond
+    noise (shrinkage, James and Stein, 1961).
+    """
+    of_crossings = [turn for name in onsets for turn in crossings.get(name, ())]
+    turns = [*model.turns, *of_crossings]
+    if model.lag is None:
+        return PlateTiming(dict(onsets), {})
+    is_crossing = np.arange(len(turns)) >= len(model.turns)
+    time, lag, se = np.transpose([(turn.time, turn.lag, turn.se) for turn in turns])
+    se = np.hypot(se, LagLimits.LEAST_SE_S)
+    usual = scatter_beyond_noise(lag[~is_crossing], se[~is_crossing]) or 0.0
+    middle = np.average(time, weights=1 / se**2)
+    X = np.column_stack([np.ones_like(time), is_crossing, time - middle])
+    weights = 1 / (se**2 + usual**2)
+    estimates, covariance = weighted_fit(X, lag, weights)
+    is_certain = certain_part(estimates, covariance) != 0
+    X = X * [True, *is_certain[1:]]
+    estimates, covariance = weighted_fit(X, lag, weights)
+    _, change, drift = certain_part(estimates, covariance)
+    unexplained = lag - X @ estimates
+    scatter = scatter_beyond_noise(unexplained, se) or 0.0
+    shares = scatter**2 / (scatter**2 + se**2)
+    own = {turn.trial: shares[k] * unexplained[k] for k, turn in enumerate(turns)}
+    in_crossings = estimates[0] + estimates[1]
+    return PlateTiming(
+        dict(onsets),
+        {
+            name: float(in_crossings + estimates[2] * (onset - middle) + own.get(name, 0.0))
+            for name, onset in onsets.items()
+        },
+        lag=float(in_crossings + estimates[2] * (np.mean([*onsets.values()] or middle) - middle)),
+        se=float(np.sqrt(covariance[:2, :2].sum())),
+        change=float(change) if of_crossings else None,
+        scatter=scatter if len(turns) > 1 else None,
+        drift=float(drift),
+    )

@@ -1,0 +1,206 @@
+"""What shows that the set-up of a crossing is right, whatever it does to the torque.
+
+What stays the same from the static trial on is compared directly: the plate, the markers of each
+cluster, the ankle between foot and shank, the platform at rest and the corners.
+What differs is named by itself. Markers alone tell whether they were smoothed or filled.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import scipy
+
+from osl_analysis.errors import InputError
+from osl_analysis.signals import longest_run
+from osl_analysis.trial import Array, Trial
+from osl_analysis.walking import platform
+from osl_analysis.walking.plate import FLAT, Stance, furthest_outside, phases_between
+from osl_analysis.walking.poses import StaticCalibration, marker_tracks, moved_marker
+from osl_analysis.walking.walking_settings import CrossingSettings
+
+if TYPE_CHECKING:
+    from osl_analysis.walking.crossing import Ankle, Passage
+
+
+class SetUpLimits:
+    """Of what is compared."""
+
+    FEWEST_FRAMES = 10  # at rest, that tell where the platform stands
+    FRAMES_OF_SPECTRUM = 128  # of markers: 0.4 s at 300 Hz
+    SLOW, FAST = (0.05, 0.12), (0.4, 0.5)  # frequencies of marker noise, as shares of their rate
+    LEAST_RESIDUAL_M = 1e-5  # of a foot's rigid body: what is less is no measured one
+    OTHER_PLACE_M = 0.1  # between the centres of two plates
+
+
+def differences(
+    trial: Trial,
+    passage: "Passage",
+    ankle: "Ankle",
+    calibration: StaticCalibration,
+    settings: CrossingSettings,
+) -> dict[str, float]:
+    """Tell by how much [m] each thing stands otherwise in a crossing than in the static trial.
+
+    Parameters
+    ----------
+    ankle : Ankle
+        In the rows of the passage; its centre is the mean of the foot's and the shank's.
+    """
+    distances = {}
+    before = passage.onset if passage.onset is not None else passage.stance.toe_off
+    undisturbed = Stance(passage.stance.heel_strike, before)
+    stands = undisturbed.contains(passage.frames)
+    for segment, names in settings.markers.clusters.items():
+        poses = passage.recorded[segment]
+        rows = stands & poses.seen() & ~poses.bridged
+        if not rows.any():
+            continue
+        _, tracks = marker_tracks(trial, names)
+        reference = calibration.positions(names, trial.name)
+        marker, distance_m = moved_marker(reference, tracks[rows], poses[rows])
+        distances[f"marker {names[marker]} of the {segment}"] = distance_m
+
+    inside = undisturbed.contains(passage.time)
+    of_foot = passage.poses["foot"].point(calibration.ankle_centre)
+    apart = 2 * (of_foot - ankle.centre)[inside]  # the shank's centre is as far on the other side
+    in_foot = np.einsum("nji,nj->ni", passage.poses["foot"].rotation[inside], apart)
+    distances["the ankle between foot and shank"] = float(np.linalg.norm(in_foot.mean(axis=0)))
+
+    in_static = calibration.corners.get(settings.plate)
+    if in_static is not None:
+        shift = passage.corners - in_static
+        distances[f"the corners of force plate {settings.plate}"] = root_mean_square(shift)
+
+    platform = passage.recorded["platform"]
+    rests = (passage.frames < passage.stance.heel_strike) & platform.seen()
+    if rests.sum() >= SetUpLimits.FEWEST_FRAMES:
+        reference = calibration.positions(settings.markers.platform, trial.name)
+        place = np.median(platform[rests].points(reference), axis=0)
+        distances["the platform at rest"] = root_mean_square(place - reference)
+    return distances
+
+
+def root_mean_square(distances: Array) -> float:
+    """RMS length of vectors (k, 3)."""
+    return float(np.sqrt(np.mean(np.sum(distances**2, axis=1))))
+
+
+@dataclass(frozen=True)
+class CrossingQuality:
+    """Measures of one crossing; None where unknown. The dictionary says what each is."""
+
+    foot_forward_m: float | None = None
+    foot_left_m: float | None = None
+    foot_outside_m: float | None = None
+    pressure_outside_m: float | None = None
+    different: str | None = None
+    different_mm: float | None = None
+    marker_noise_ratio: float | None = None
+    foot_residual_ratio: float | None = None
+    turn_share: float | None = None
+
+
+def crossing_quality(
+    trial: Trial,
+    passage: "Passage",
+    ankle: "Ankle",
+    load: Array,
+    calibration: StaticCalibration,
+    settings: CrossingSettings,
+) -> CrossingQuality:
+    """Measure the quality of a crossing that markers and plate recorded."""
+    flat = phases_between(passage.stance.phase(passage.time), FLAT)
+    foot = passage.poses["foot"][flat]
+    plate_centre = passage.corners.mean(axis=0)
+    from_plate = passage.poses["foot"].point(calibration.ankle_centre) - plate_centre
+    foot_left_m, foot_forward_m = ankle.along(from_plate)[:, flat].mean(axis=1)
+    markers = foot.points(calibration.positions(settings.markers.foot, "static"))
+
+    _, left_m, forward_m = load[:, :, None]
+    pressure = (ankle.centre + left_m * ankle.axis + forward_m * ankle.forward)[flat]
+    unlike_static = differences(trial, passage, ankle, calibration, settings)
+    different = max(unlike_static, key=lambda what: unlike_static[what])
+    return CrossingQuality(
+        foot_forward_m=float(foot_forward_m),
+        foot_left_m=float(foot_left_m),
+        foot_outside_m=furthest_outside(markers.reshape(-1, 3), passage.corners),
+        pressure_outside_m=pressure_outside(pressure, markers),
+        different=different,
+        different_mm=1e3 * unlike_static[different],
+        marker_noise_ratio=marker_noise_ratio(trial, settings.markers.platform),
+        **window_quality(passage, settings.window_s),
+    )
+
+
+def marker_noise_ratio(trial: Trial, names: Sequence[str]) -> float | None:
+    """Power of the noise of markers near half their rate, over that where feet hardly move.
+
+    Of raw markers it is 0.07 to 1, also where their noise is coloured. A low-pass leaves nothing.
+    """
+    _, tracks = marker_tracks(trial, names)
+    rows = longest_run(np.asarray(np.isfinite(tracks).all(axis=(1, 2))))
+    if rows.stop - rows.start < SetUpLimits.FRAMES_OF_SPECTRUM:
+        return None
+    welch: Any = scipy.signal.welch
+    f, power = welch(
+        tracks[rows].reshape(-1, 3 * len(names)),
+        nperseg=SetUpLimits.FRAMES_OF_SPECTRUM,
+        detrend="linear",
+        average="median",
+        axis=0,
+    )
+    high, low = (
+        power[(f >= first) & (f <= last)].mean()
+        for first, last in (SetUpLimits.FAST, SetUpLimits.SLOW)
+    )
+    return float(high / low) if low else None
+
+
+def window_quality(passage: "Passage", window_s: float) -> dict[str, float]:
+    """Residual of the foot's rigid body in the window over that of stance before, which filled
+    markers raise; and how much of the platform's turn the window shows."""
+    if passage.onset is None:
+        return {}
+    time = passage.frames
+    window = (time >= passage.onset) & (time <= passage.onset + window_s)
+    before = (time >= passage.stance.heel_strike) & (time < passage.onset)
+    residual = passage.recorded["foot"].residual
+    in_window, usual = (np.sqrt(np.nanmean(residual[rows] ** 2)) for rows in (window, before))
+    turn = platform.rotation_from_rest(passage.recorded["platform"])
+    ratios = {"turn_share": float(np.nanmax(turn[window]) / np.nanmax(turn))}
+    if usual > SetUpLimits.LEAST_RESIDUAL_M:
+        ratios["foot_residual_ratio"] = float(in_window / usual)
+    return ratios
+
+
+def check_place(corners: Array, plate: int, in_static: Mapping[int, Array]) -> None:
+    """Refuse a plate that stands where another one stood in the static trial.
+
+    `corners` (4, 3) [m] are those of the plate with the number `plate`.
+    """
+    centre = corners.mean(axis=0)
+    moved_m = {
+        number: np.linalg.norm(static.mean(axis=0) - centre) for number, static in in_static.items()
+    }
+    nearest = min(moved_m, key=lambda number: moved_m[number], default=plate)
+    if moved_m.get(plate, 0.0) > SetUpLimits.OTHER_PLACE_M > moved_m.get(nearest, 0.0):
+        raise InputError(
+            f"force plate {plate} stands where plate {nearest} stood in the static trial,"
+            f" {100 * moved_m[plate]:.0f} cm from its own place: the recorder has numbered the"
+            f" plates anew. Number them as before and export again, or analyse these trials with"
+            f" their static and plate trials alone, with `walking.plate: {nearest}`"
+        )
+
+
+def pressure_outside(pressure: Array, markers: Array) -> float:
+    """Mean distance [m] of the centre of pressure (n, 3) [m] beyond the edges of the area between
+    foot markers.
+
+    Both are seen from above, the markers (n, m, 3) [m] at their mean place.
+    """
+    on_mean_foot = pressure - markers.mean(axis=1) + markers.mean(axis=(0, 1))
+    hull = scipy.spatial.ConvexHull(markers.mean(axis=0)[:, :2])
+    beyond = on_mean_foot[:, :2] @ hull.equations[:, :2].T + hull.equations[:, 2]
+    return float(np.mean(np.maximum(beyond.max(axis=1), 0.0)))

@@ -133,9 +133,10 @@ class ResultFiles:
         return {name: tables for name, tables in made_of.items() if tables}
 
     def budget_of(self, table: str) -> list[str]:
-        """The table with the budgets of the estimates of a judged table, if the campaign has
-        one."""
-        return self.tables("budget") if table in JUDGED_TABLES else []
+        """The table with the budgets of the estimates of a table, if it has some."""
+        of_experiments = [[each.name for each in facts.tables] for facts in EXPERIMENTS.values()]
+        has_budget = any({table, "budget"} <= set(names) for names in of_experiments)
+        return self.tables("budget") if has_budget and table in JUDGED_TABLES else []
 
     @cached_property
     def fits_for_findings(self) -> list[str]:

@@ -410,6 +410,9 @@ def marked(table: pl.DataFrame, findings: RowFindings, name: str) -> pl.DataFram
     and, if the table has them, with a verdict on K, B and I, and with `remarks`, which also says
     what could not be checked."""
     described = described_tables_by_name()[name].columns
+    if "K_verdict" in described:
+        # a doubt about the fit to all of a trial concerns its single amplitudes
+        findings = with_inherited(table, findings, table, findings)
     columns: dict[str, list[str | None]] = {DOUBTFUL: [short_list(row) for row in findings]}
     for symbol in SYMBOLS:
         if f"{symbol}_verdict" in described:

@@ -137,10 +137,9 @@ def condition_rows(of_conditions: Sequence[Condition]) -> list[list[str]]:
 def budget_table(budget: pl.DataFrame, impedance: pl.DataFrame) -> list[list[str]]:
     """What makes the intervals of the estimates of whole trials: half-widths by part and of all of
     it, and half of the range over motions; the median over the trials of a condition."""
-    stated = impedance.select(pl.col("trial"), *(n for n in STATED if n in impedance.columns))
     whole = budget.filter(pl.col("amplitude_deg").is_null())
     rows: dict[tuple[str, str], list[list[float]]] = {}
-    conditions_of = {row["trial"]: row for row in stated.to_dicts()}
+    conditions_of = {row["trial"]: row for row in impedance.to_dicts()}
     for (trial, name), of_estimate in whole.group_by("trial", "estimate", maintain_order=True):
         cells = [conditions_of.get(str(trial), {}).get(column) for column in STATED]
         condition = ", ".join(stated_text(cell) for cell in cells if cell not in (None, ""))

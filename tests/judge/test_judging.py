@@ -8,7 +8,7 @@ from conftest import beyond_in, findings_of
 
 from osl_analysis.dictionary import table_of
 from osl_analysis.judge.finding import Grade
-from osl_analysis.judge.judging import judged, verdicts_of
+from osl_analysis.judge.judging import judged, marked, verdicts_of
 from osl_analysis.judge.known_findings import CHECKS
 from osl_analysis.judge.limits import Accuracy, DoubtfulFits, Limits
 from osl_analysis.judge.words import finding_text
@@ -43,6 +43,19 @@ def test_a_fault_is_a_doubt_about_the_estimates_that_it_moves_by_more_than_they_
     assert [each.column for each in doubt.evidence] == [name]
     assert of_knee(rows) == []
     assert verdicts_of([doubt]) == dict.fromkeys("KBI", "clear") | {name: "torque path"}
+
+
+def test_a_doubt_about_all_of_a_trial_is_one_about_its_amplitudes():
+    single = {**KNEE, "amplitude_deg": 2.0}
+    budget = Budget(KNEE["K"], (fault(10.0),))
+    rows = table_of(budget_rows(KNEE, {"K": budget}), "budget", complete=True)
+    table = pl.DataFrame([single, KNEE])
+
+    found = marked(table, judged(table, Limits(), "impedance", budget=rows), "impedance")
+
+    assert found["K_verdict"].to_list() == ["torque path"] * 2
+    assert found["doubtful"].to_list() == ["K: torque path"] * 2
+    assert found["B_verdict"].to_list() == ["clear"] * 2
 
 
 def test_an_accuracy_of_the_user_is_what_an_estimate_needs():

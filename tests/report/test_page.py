@@ -77,6 +77,7 @@ def test_a_table_for_a_paper_has_the_parts_of_each_condition():
 
     assert head[3:] == ["repeatability", "sensor", "bench", "all", "range"]
     assert (condition, name, n, widths) == ("300", "K", "1", ["6.8", "–", "7.8", "10", "–"])
+    assert budget_table(BUDGET, pl.DataFrame())[1][:2] == ["–", "K"]
 
 
 SHEET = {name: {**ROW, "trial": name} for name in "ab"}

@@ -52,7 +52,6 @@ from osl_analysis.errors import OslAnalysisError, listing, nearest
 from osl_analysis.figures import FIGURES
 from osl_analysis.jobs.progress import LogHandler
 from osl_analysis.jobs.workers import job
-from osl_analysis.judge.claims import CLAIMED
 from osl_analysis.judge.recording_checks import read_verdicts, spoiled_trials
 from osl_analysis.yaml_settings import as_json
 

@@ -135,7 +135,7 @@ def test_two_joints_have_numbers_of_their_own():
 def test_every_claim_has_its_verdict():
     claims = pl.DataFrame(
         {
-            "name": "K_ok", "subject": [None, "a"], "value": 1.0, "low": 0.5, "high": 1.5,
+            "name": "K_ok", "at": "Fig. 5", "value": [None, 1.0], "low": 0.5, "high": 1.5,
             "interval": "95 %", "unit": "%", "claim": "K is right", "quantity": "error",
             "verdict": "holds",
         }

@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING, Any
 import polars as pl
 
 from osl_analysis.bench.bench_settings import ImpedanceAnalysis
-from osl_analysis.bench.impedance import analysed
-from osl_analysis.bench.motion import record_of_trial
-from osl_analysis.bench.regression import IMPEDANCE
+from osl_analysis.bench.calibration import with_fixture
+from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.summaries import PLACE
 from osl_analysis.campaign.configuration import FrequencyResponseFigure
-from osl_analysis.commands.fit import without_broken_ends
+from osl_analysis.commands.fit import fitted_record
 from osl_analysis.commands.walking import read_unperturbed_gaits, selected_crossings
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import InputError, listing
@@ -231,11 +230,8 @@ def fig4(
     data
         What the data are.
     """
-    recorded = read_trial(trial)
-    if windows is not None:
-        recorded, windows = without_broken_ends(recorded, windows)
-    record = record_of_trial(recorded, settings, windows)
-    analysis = analysed(record, IMPEDANCE)
+    of_joint = with_fixture(read_trial(trial), settings.fixture)
+    analysis = rendered_impedance(fitted_record(of_joint, settings, windows))
     fits = read_table(fit)
     fits = marked(fits, judged(fits, limits, "impedance"), "impedance")
     write_table(plotted_numbers("fig4", fits, analysis, choice), output, data)

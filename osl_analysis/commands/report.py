@@ -8,10 +8,10 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.campaign.origin import sentence
-from osl_analysis.commands.figure import reasons_not_drawn
+from osl_analysis.commands.figure import caption, reasons_not_drawn
 from osl_analysis.commands.tables import read_summary
 from osl_analysis.errors import listing, without_particulars
-from osl_analysis.figures import FIGURES, figure_title
+from osl_analysis.figures import figure_title
 from osl_analysis.files import write_text
 from osl_analysis.judge.campaign import exclusion_report, findings_in_summary
 from osl_analysis.judge.finding import read_findings
@@ -213,7 +213,8 @@ def drawn_figures(figures: Mapping[str, Path]) -> tuple[list[ShownFigure], dict[
             absent[title] = "; ".join(reasons)
         else:
             svg = path.read_text(encoding="utf-8")
-            drawn.append(ShownFigure(name, title, FIGURES[name].caption, svg))
+            numbers = path.with_suffix(".csv")
+            drawn.append(ShownFigure(name, title, caption(name, numbers), svg))
     return drawn, absent
 
 

@@ -5,10 +5,11 @@ from typing import Any
 import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 
 from osl_analysis.figures import marks, style
 from osl_analysis.measured import written
-from osl_analysis.stats.repeats import counted, doubts_of_trials
+from osl_analysis.stats.repeats import alike_sizes, counted, doubts_of_trials
 from osl_analysis.trial import Array
 
 LEAST_UNEXPLAINED = 1e-4  # smaller unexplained shares are drawn here [percent]
@@ -25,8 +26,11 @@ class Layout:
     MEDIAN_REACH = 0.3  # of the line at its median to either side
     MOST_IN_COLUMN = 2  # swarms in one column of the page
     MOST_TICKS = 12
+    SMALLEST = 0.5  # size of the marker of the smallest amplitude, of that of the largest
+    MOST_SIZES = 4  # that the legend explains; of more the smallest and the largest
 
 
+LARGEST_MARKER = 3.8  # of a legend [pt]
 MEDIAN_LINE: dict[str, Any] = {"color": style.BLACK, "linewidth": 1.2}
 
 
@@ -53,7 +57,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
         shares = unexplained(rows)
         heights = np.log10(shares) / spread * Layout.SWARM_HEIGHT
         x = place + marks.swarm_offsets(heights, Layout.POINT, Layout.REACH * unit) / unit
-        marks.draw_fits(ax, rows, x, shares, look, marks.BEHIND_LINES)
+        marks.draw_fits(ax, rows, x, shares, look, marks.BEHIND_LINES, sizes(rows, table))
         lines = [look.label, title, f"$n$ = {len(rows)}", draw_median(ax, rows, place)]
         labels.append("\n".join(filter(None, lines)))
     ax.set_yscale("log")
@@ -63,8 +67,33 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     marks.label_log_axis(ax.yaxis, Layout.MOST_TICKS, lambda share: f"{100 - share:.7g}")
     ax.invert_yaxis()
     ax.set_ylabel("VAF (%), log scale of 100 − VAF")
-    marks.legend_above(figure, [marks.key("Median", **MEDIAN_LINE), *marks.open_keys(table)])
+    keys = [marks.key("Median", **MEDIAN_LINE), *amplitude_keys(table)]
+    marks.legend_above(figure, [*keys, *marks.open_keys(table)])
     return figure
+
+
+def sizes(rows: pl.DataFrame, table: pl.DataFrame) -> Array:
+    """Size of each fit's marker (n,), of the usual one, by its amplitude among those of the
+    table."""
+    known = table["amplitude_deg"].drop_nulls().to_numpy()
+    smallest, span = (known.min(), np.ptp(known)) if len(known) else (0.0, 0.0)
+    amplitudes = rows["amplitude_deg"].fill_null(smallest + span).to_numpy()
+    share = (amplitudes - smallest) / span if span else np.ones(len(rows))
+    return Layout.SMALLEST + (1 - Layout.SMALLEST) * share
+
+
+def amplitude_keys(table: pl.DataFrame) -> list[Line2D]:
+    """What the sizes of markers say, where there are several amplitudes."""
+    labels = alike_sizes(table["amplitude_deg"].cast(pl.Float64)).drop_nulls().unique().sort()
+    if len(labels) < 2:
+        return []
+    if len(labels) > Layout.MOST_SIZES:
+        labels = labels.gather([0, -1])
+    shown = sizes(labels.to_frame("amplitude_deg"), table)
+    return [
+        marks.key(f"{label:.2g}°", marker="o", color=style.GREY, markersize=size * LARGEST_MARKER)
+        for label, size in zip(labels, shown, strict=True)
+    ]
 
 
 def unexplained(rows: pl.DataFrame) -> Array:

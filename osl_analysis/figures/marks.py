@@ -51,7 +51,13 @@ def place_in_report(trial: str) -> str:
 
 
 def draw_fits(
-    ax: Axes, rows: pl.DataFrame, x: ArrayLike, y: ArrayLike, look: Look, zorder: int = BEFORE_BARS
+    ax: Axes,
+    rows: pl.DataFrame,
+    x: ArrayLike,
+    y: ArrayLike,
+    look: Look,
+    zorder: int = BEFORE_BARS,
+    sizes: ArrayLike = 1.0,
 ) -> None:
     """Draw a marker for each fit, which leads to its trial.
 
@@ -65,12 +71,14 @@ def draw_fits(
     look : Look
     zorder : int
         `BEFORE_BARS` or `BEHIND_LINES`.
+    sizes : (n,)
+        Of the markers, of that of the look.
     """
     is_doubtful = rows.select(IS_DOUBTFUL).to_series()
     faces = [WHITE if doubtful else look.colour for doubtful in is_doubtful]
     drawn = ax.scatter(
-        x, y, look.size**2, marker=look.marker, label=look.label, facecolors=faces,
-        edgecolors=look.colour, linewidths=look.edge, zorder=zorder,
+        x, y, np.square(look.size * np.asarray(sizes)), marker=look.marker, label=look.label,
+        facecolors=faces, edgecolors=look.colour, linewidths=look.edge, zorder=zorder,
     )  # fmt: skip
     drawn.set_urls([place_in_report(trial) for trial in rows["trial"]])
 
@@ -129,12 +137,13 @@ def labelled(axes: Sequence[Axes]) -> list[Any]:
     return list(entries.values())
 
 
-def legend_above(figure: Figure, keys: Sequence[Any]) -> None:
+def legend_above(figure: Figure, keys: Sequence[Any], title: str = "") -> None:
     """Put a legend above all panels, in as many columns as the page has room for."""
     for columns in range(len(keys), 0, -1):
         legend = figure.legend(
-            handles=keys, loc="outside upper center", ncols=columns, columnspacing=1.0
-        )
+            handles=keys, loc="outside upper center", ncols=columns, columnspacing=1.0,
+            title=title or None, alignment="left",
+        )  # fmt: skip
         if legend.get_window_extent().width <= figure.bbox.width:
             break
         if columns > 1:

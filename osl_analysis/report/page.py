@@ -34,7 +34,7 @@ class ShownFigure:
 
     name: str
     title: str
-    caption: str  # what it shows, and how to read it
+    caption: Sequence[str]  # sentences: what it shows, and how to read it
     svg: str
 
     @property

@@ -17,7 +17,7 @@ from osl_analysis.judge.campaign import exclusion_report, findings_in_summary
 from osl_analysis.judge.finding import read_findings
 from osl_analysis.judge.recording_checks import BY_JOB
 from osl_analysis.report import methods
-from osl_analysis.report.numbers import headline_sentences, numbers_in_summary
+from osl_analysis.report.numbers import BY_CONDITION, headline_sentences, numbers_in_summary
 from osl_analysis.report.page import Page, ShownFigure, trial_view, written_page
 from osl_analysis.report.paper_tables import conditions, groups
 from osl_analysis.report.signals import (
@@ -96,7 +96,10 @@ def write_report(
             )
         )
     numbers = numbers_in_summary(content)
-    verdict = verdicts_sentence(content["verdicts"], content["results_of_clear"])
+    counts = verdicts_sentence(content["verdicts"], content["results_of_clear"])
+    # K and B of each condition stand in its table
+    told = [n for n in numbers if n.says != BY_CONDITION or not content["answer"]]
+    texts = list(filter(None, [content["answer"], *headline_sentences(told)]))
     drawn, absent = drawn_figures(figures)
     unstated = read_table(states).cast(pl.String).filter(state="assumed")
     assumed = [f"{name} {value}" for name, value in unstated.select("setting", "value").rows()]
@@ -109,7 +112,8 @@ def write_report(
     page = Page(
         about=about,
         made_of=sentence(about),
-        verdict=[verdict, *headline_sentences(numbers)],
+        answer=texts[0] if texts else "",
+        sentences=[counts, *texts[1:MOST_SENTENCES]],
         notes=[content["intervals"], left_out, note],
         conditions=of_conditions,
         groups=of_groups,
@@ -218,6 +222,8 @@ def drawn_figures(figures: Mapping[str, Path]) -> tuple[list[ShownFigure], dict[
     return drawn, absent
 
 
+MOST_SENTENCES = 3
+"""Of the page, the first of which answers, beside how many trials are doubtful and what to do."""
 MOST_TOLD = 12
 """Trials that are named in a line."""
 REMEDY = (
@@ -265,7 +271,9 @@ def write_brief(
     if failures:
         accepted = "accepted: `failed_trials: accept` in the configuration"
         lines.append(accepted if failed_trials == "accept" else REMEDY)
-    lines.append(f"open {page} in a browser: every number, figure and trial")
+    lines.append(
+        f"open {page} in a browser: every number with its 95 % interval (±), figure and trial"
+    )
     write_text(output, "\n".join(filter(None, lines)) + "\n")
 
 

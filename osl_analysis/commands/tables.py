@@ -35,6 +35,7 @@ from osl_analysis.judge.recording_checks import (
     read_verdicts,
 )
 from osl_analysis.model.drivetrain import FileOrNone, known_parameters
+from osl_analysis.report.answer import answer
 from osl_analysis.report.numbers import (
     ENTRIES,
     headline_numbers,
@@ -311,6 +312,7 @@ def write_summary(
         "trials": used_and_missing(sheet, left_out),
         "verdicts": verdict_count,
         "results_of_clear": results_of_clear,
+        "answer": answer(tables),
         "missing_results": {file: reason for file, _, reason in of_files},
         "intervals": intervals_text(tables),
         "findings": [vars(finding) for finding in findings_told],

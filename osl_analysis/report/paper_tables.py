@@ -2,7 +2,7 @@
 (Table I): rows for the page and for tables of a paper."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ import polars as pl
 
 from osl_analysis.files import own_yaml
 from osl_analysis.judge.judging import results_in
-from osl_analysis.measured import NOTHING, written
+from osl_analysis.measured import NOTHING, with_places, written
 from osl_analysis.report.typography import latex_table, markdown_table
 from osl_analysis.stats.repeats import OWN_CONDITION, counted, summary_row
 
@@ -34,6 +34,7 @@ class Condition:
     is_doubtful: bool  # the only trial, whose estimates these are, or all of several
     results: Sequence[str]  # why the device is not of second order, as friction
     estimates: Mapping[str, str]  # with their intervals, by symbol
+    ranges: Mapping[str, str] = field(default_factory=dict)  # of single amplitudes, by symbol
 
 
 def conditions(impedance: pl.DataFrame) -> list[Condition]:
@@ -69,9 +70,23 @@ def conditions(impedance: pl.DataFrame) -> list[Condition]:
                 is_doubtful=sound.is_empty(),
                 results=list(dict.fromkeys(results)),
                 estimates=estimates,
+                ranges={name: range_text(used, name, text) for name, text in estimates.items()},
             )
         )
     return rows
+
+
+def range_text(fits: pl.DataFrame, symbol: str, estimate: str) -> str:
+    """The range of an estimate over single amplitudes, in all of these fits, with the decimal
+    places of its text; empty without one."""
+    ends = [f"{symbol}_amplitudes_low", f"{symbol}_amplitudes_high"]
+    if not {*ends} <= {*fits.columns}:
+        return ""
+    low, high = fits.select(pl.min(ends[0]), pl.max(ends[1])).row(0)
+    if low is None:
+        return ""
+    places = len(estimate.split()[0].partition(".")[2])
+    return " to ".join(with_places(places, low, high))
 
 
 def stated_text(cell: object) -> str:

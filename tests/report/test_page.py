@@ -58,7 +58,7 @@ def test_friction_is_told_of_a_clear_trial_and_counted():
     counts = verdict_counts(SHEET, worded(REMARK), {})
 
     assert (view(REMARK).verdict, view(REMARK).why) == ("clear", "friction")
-    assert re.search("2 .*2 clear.* 1 .*friction", verdicts_sentence(*counts))
+    assert re.search("2 .*none doubtful.* 1 .*friction", verdicts_sentence(*counts))
 
 
 def test_a_view_has_estimates_with_intervals_and_units():

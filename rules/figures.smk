@@ -201,6 +201,7 @@ rule methods:
     input:
         tables=FILES.all_tables,
         summary="<results>/summary.json",
+        captures=expand("<results>/trials/{trial}.parquet", trial=[*WALKED][:1]),
     output:
         markdown="<results>/methods.md",
         tex="<results>/methods.tex",

@@ -18,7 +18,7 @@ from osl_analysis.stats.repeats import OWN_CONDITION, counted, summary_row
 CONDITION = ("joint", "side", "excitation", "controller", "K_d", "B_d", "own_condition")
 LATEX, COMPONENTS = own_yaml(Path(__file__).with_suffix(".yaml")).values()
 ESTIMATED = ("K", "B", "B_viscous", "I", "VAF")
-UNITS = {"VAF": "%"}  # of what is rounded as a share
+LARGEST_VAF = 99.99  # [%] that is printed: none is rounded to 100
 SUBTRACTED = {"ensemble": "mean unperturbed gait", "ensemble, predicted gait": "predicted gait"}
 """What each estimator of a group subtracts from the perturbed crossings."""
 DAGGER = "†: doubtful. A number is of trials that are not doubtful; where all are, there is none."
@@ -96,7 +96,9 @@ def stated_text(cell: object) -> str:
 
 def mean_text(row: Mapping[str, Any], symbol: str = "") -> str:
     """A mean over trials or crossings with its 95 % interval."""
-    return written(row["mean"], row["low"], row["high"], UNITS.get(symbol, ""))
+    if symbol == "VAF" and row["mean"] is not None:  # whose interval is a formality
+        return f"{min(row['mean'], LARGEST_VAF):.2f}"
+    return written(row["mean"], row["low"], row["high"])
 
 
 def estimate_text(row: Mapping[str, Any], name: str, unit: str = "") -> str:

@@ -229,7 +229,7 @@ def test_latex_fits_a_column_turned_or_else_a_page_and_escapes_what_users_write(
 
     assert r"controller & PD\_1 a (1 to 2) & " in turned
     assert r"}$-$2.0\\{}[$-$3.0, $-$1.0]\end{tabular}" in turned
-    assert r"PD\_1 a (1 to 2) & 9 & $-$2.0 [$-$3.0, $-$1.0] & 5 & 1 \\" in wide
+    assert r"PD\_1 a (1 to 2) & 9 & $-$2.0 $\pm$ 1.0 & 5 & 1 \\" in wide
 
 
 def test_groups_of_crossings_are_rows_of_both_ensembles():
@@ -244,8 +244,8 @@ def test_groups_of_crossings_are_rows_of_both_ensembles():
     )
 
     of_mean, predicted = rows_of(list(paper_tables.groups(summary, summary)))
-    assert (of_mean["n"], of_mean["K"][:3], of_mean["VAF"]) == ("30", "336", "99.9960")
-    assert (predicted["n"], predicted["K"][:3], predicted["VAF"]) == ("30", "333", "98")
+    assert (of_mean["n"], of_mean["K"][:3], of_mean["VAF"]) == ("30", "336", "99.99")
+    assert (predicted["n"], predicted["K"][:3], predicted["VAF"]) == ("30", "333", "98.00")
     doubted = paper_tables.groups(summary, summary.with_columns(doubtful=pl.lit("VAF")))
     assert [group.is_doubtful for group in doubted] == [True, True]
 

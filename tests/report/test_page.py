@@ -192,7 +192,10 @@ def paragraphs(sheet=(ROW,), **tables):
             "torque 0.002 s",
         ),
         ({"torque_angle": {"K": [40.0], "cycles": [3]}}, "12000 N·m/rad"),
-        ({"torque_angle": {"K": [40.0], "cycles": [3]}}, "1 % of the torque's gain, 0.1 ms of the torque's delay"),
+        (
+            {"torque_angle": {"K": [40.0], "cycles": [3]}},
+            "1 % of the torque's gain, 0.1 ms of the torque's delay",
+        ),
         ({"impedance": {"K_d": [100.0, 200.0, 100.0]}}, "100 and 200 N·m/rad"),
         ({"plate": {"lag_s": [-0.00001239]}}, "-0.012 ms"),
         ({"response": {"interval_method": ["periods"]}}, "whole periods"),

@@ -9,7 +9,7 @@ from matplotlib.lines import Line2D
 
 from osl_analysis.figures import marks, style
 from osl_analysis.measured import written
-from osl_analysis.stats.repeats import alike_sizes, counted, doubts_of_trials
+from osl_analysis.stats.repeats import counted, doubts_of_trials
 from osl_analysis.trial import Array
 
 LEAST_UNEXPLAINED = 1e-4  # smaller unexplained shares are drawn here [percent]
@@ -26,8 +26,7 @@ class Layout:
     MEDIAN_REACH = 0.3  # of the line at its median to either side
     MOST_IN_COLUMN = 2  # swarms in one column of the page
     MOST_TICKS = 12
-    SMALLEST = 0.5  # size of the marker of the smallest amplitude, of that of the largest
-    MOST_SIZES = 4  # that the legend explains; of more the smallest and the largest
+    SMALLEST = 0.4  # size of a marker, of that of the largest amplitude
 
 
 LARGEST_MARKER = 3.8  # of a legend [pt]
@@ -73,26 +72,20 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
 
 
 def sizes(rows: pl.DataFrame, table: pl.DataFrame) -> Array:
-    """Size of each fit's marker (n,), of the usual one, by its amplitude among those of the
-    table."""
-    known = table["amplitude_deg"].drop_nulls().to_numpy()
-    smallest, span = (known.min(), np.ptp(known)) if len(known) else (0.0, 0.0)
-    amplitudes = rows["amplitude_deg"].fill_null(smallest + span).to_numpy()
-    share = (amplitudes - smallest) / span if span else np.ones(len(rows))
-    return Layout.SMALLEST + (1 - Layout.SMALLEST) * share
+    """Size of each fit's marker (n,), of the usual one: its amplitude, of the table's largest."""
+    largest = table["amplitude_deg"].cast(pl.Float64).max() or 1.0
+    share = rows["amplitude_deg"].cast(pl.Float64).fill_null(largest) / largest
+    return np.maximum(share.to_numpy(), Layout.SMALLEST)
 
 
 def amplitude_keys(table: pl.DataFrame) -> list[Line2D]:
-    """What the sizes of markers say, where there are several amplitudes."""
-    labels = alike_sizes(table["amplitude_deg"].cast(pl.Float64)).drop_nulls().unique().sort()
-    if len(labels) < 2:
-        return []
-    if len(labels) > Layout.MOST_SIZES:
-        labels = labels.gather([0, -1])
-    shown = sizes(labels.to_frame("amplitude_deg"), table)
+    """The markers of the smallest and of the largest amplitude, where there are several."""
+    known = table.drop_nulls("amplitude_deg").sort("amplitude_deg")
+    ends = known[[0, -1]] if len(known) else known
+    look = {"marker": "o", "color": style.GREY}
     return [
-        marks.key(f"{label:.2g}°", marker="o", color=style.GREY, markersize=size * LARGEST_MARKER)
-        for label, size in zip(labels, shown, strict=True)
+        marks.key(f"{row['amplitude_deg']:.2g}°", markersize=LARGEST_MARKER * size, **look)
+        for row, size in zip(ends.to_dicts(), sizes(ends, table), strict=True)
     ]
 
 

@@ -37,14 +37,14 @@ FITS = (
     ("ensemble", "ensemble", 0.85, style.PURPLE, "Fit to the mean response, 95 % interval"),
     ("ensemble, predicted gait", "predicted", Layout.LAST_AT, style.WHITE, "Minus predicted gait"),
 )
-# Numbers of a group above the panels: column, text, and factor of the number
-OF_RESPONSE = (
-    ("n", "$n$ = {} perturbed", 1),
-    ("n_unperturbed", "{} unperturbed crossings", 1),
-    ("vaf", "VAF {} %", 1),
-    ("onset_phase", "onset at {} % of stance", 100),
-    ("window_s", "fitted for {} ms", 1000),
-)
+# Numbers of a group above the panels by column: factor, decimal places, words
+OF_RESPONSE = {
+    "n": (1, 0, "$n$ = {} perturbed, "),
+    "n_unperturbed": (1, 0, "{} unperturbed crossings,\n"),
+    "onset_phase": (100, 0, "onset at {} % of stance, "),
+    "window_s": (1000, 0, "fitted for {} ms, "),
+    "vaf": (1, 2, "VAF {} %"),
+}
 PERTURBATION = style.Look(style.GREY, "o", 2.6, "One perturbation", edge=0.6)
 IN_BLACK: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.8}
 
@@ -148,14 +148,13 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
 def of_response(of_groups: pl.DataFrame) -> str:
     """What the fits to the mean responses are made of, and the VAF of these; of several groups from
     the smallest to the largest number."""
-    texts = []
-    for column, text, factor in OF_RESPONSE:
+    text = ""
+    for column, (factor, places, words) in OF_RESPONSE.items():
         if style.has_values(of_groups, column):
             ends = of_groups.select(low=pl.min(column), high=pl.max(column)).row(0)
-            places = 2 if column == "vaf" else 0
             number = " to ".join(dict.fromkeys(f"{factor * end:.{places}f}" for end in ends))
-            texts.append(text.format(number))
-    return "\n".join(filter(None, (", ".join(texts[:3]), ", ".join(texts[3:]))))
+            text += words.format(number)
+    return text.removesuffix(", ")
 
 
 def draw_group(ax: Axes, rows: pl.DataFrame, place: float, height: float, unit: float) -> None:

@@ -192,11 +192,20 @@ def with_outcomes(rows: pl.DataFrame) -> pl.DataFrame:
 
 def summary_of(compared: pl.DataFrame, among: int, claim: Claim) -> dict[str, Any]:
     """Counts, mean and verdict of the outcomes of `among` conditions that could be compared."""
-    n, met, certain, missed = compared.select(
-        pl.len(), pl.col("is_met").sum(), pl.col("is_certain").sum(), pl.col("is_missed").sum()
-    ).row(0)
+    n = len(compared)
+    outcomes = compared.select(pl.col("is_met", "is_certain", "is_missed").sum()).row(0)
+    counts = dict(zip(("met", "certain", "missed"), outcomes, strict=True))
+    counts |= {"n": n, "among": among}
     if not n:
-        return {"n": 0, "among": among, "verdict": NOT_TESTED}
+        return {**counts, "verdict": NOT_TESTED}
+    text = "nearer"
+    if not claim.than:
+        text = f"within {compared['target'][0]:g} ± {claim.margin:g} {claim.unit}"
+    text += " in {met} of {n}"
+    if compared["low"].count():
+        text += ", certainly in {certain}, certainly not in {missed}"
+    if n < among:
+        text += "; {among} were to be compared"
     values = compared["value"]
     low, high = values.min(), values.max()
     interval: str | None = RANGE
@@ -204,26 +213,10 @@ def summary_of(compared: pl.DataFrame, among: int, claim: Claim) -> dict[str, An
         low, high = compared.select("low", "high").row(0)
         interval = "95 %" if low is not None else None
     return {
-        "quantity": counts_text(compared, claim, n, met, certain, missed, among),
+        "quantity": text.format(**counts),
         "value": values.mean(), "low": low, "high": high, "interval": interval,
-        "n": n, "among": among, "met": met, "certain": certain, "missed": missed,
-        "verdict": verdict_of(n, among, met, certain, missed),
+        **counts, "verdict": verdict_of(**counts),
     }  # fmt: skip
-
-
-def counts_text(
-    compared: pl.DataFrame, claim: Claim, n: int, met: int, certain: int, missed: int, among: int
-) -> str:
-    """What is compared and how often it meets the claim."""
-    target = f"{compared['target'][0]:g} ± {claim.margin:g} {claim.unit}" if not claim.than else ""
-    if n == 1 and target:
-        return f"wanted {target}"
-    text = f"{f'within {target}' if target else 'mean difference; nearer'} in {met} of {n}"
-    if compared["low"].count():
-        text += f", certainly in {certain}, certainly not in {missed}"
-    if n < among:
-        text += f"; {among - n} of {among} cannot be compared"
-    return text
 
 
 def verdict_of(n: int, among: int, met: int, certain: int, missed: int) -> str:

@@ -13,6 +13,7 @@ MOST_CONTROLLERS = 3  # in a sentence
 WORST_K = 100 * (pl.col("K") / pl.col("K_d") - 1).abs()
 WORST_B = (pl.col("B") - pl.col("B_d")).abs()
 COMPARED = {"K_error": "K", "B_error": "B"}
+FIRST = "{}K is within {} % of K_d and B within {} N*m*s/rad of B_d"
 
 
 def answer(tables: Mapping[str, pl.DataFrame]) -> str:
@@ -27,22 +28,21 @@ def answer(tables: Mapping[str, pl.DataFrame]) -> str:
     if "impedance" not in tables:
         return ""
     whole = counted(tables["impedance"]).filter(pl.col("amplitude_deg").is_null())
-    asked = whole.filter(pl.col("K_d") > 0).with_columns(K_error=WORST_K, B_error=WORST_B)
+    is_asked = (pl.col("K_d") > 0) & pl.col("B_d").is_not_null()
+    asked = whole.filter(is_asked).with_columns(K_error=WORST_K, B_error=WORST_B)
     worst = asked.group_by("controller").agg(pl.max("K_error", "B_error"))
     order = dict(zip(CONTROLLERS, range(len(CONTROLLERS)), strict=True))
     rows = worst.sort(pl.col("controller").replace_strict(order, default=len(order)), "controller")
     texts: list[str] = []
     for row in rows.head(MOST_CONTROLLERS).to_dicts():
+        K, B = (significant(row[name] or 0.0) for name in COMPARED)
         # what and in which unit is said once
-        what = ("", "", "") if texts else ("K is ", " of K_d", " N*m*s/rad of B_d")
-        text = f"{row['controller'] or 'controller not stated'}, {what[0]}within"
-        text += f" {significant(row['K_error'])} %{what[1]}"
-        if row["B_error"] is not None:
-            text += f" and {'' if texts else 'B within '}{significant(row['B_error'])}{what[2]}"
-        texts.append(text)
-    if texts and "compensation" in tables:
-        pairs = tables["compensation"].filter(of="trials").group_by("quantity")
-        counts = {row["quantity"]: row for row in pairs.agg(pl.sum("better", "pairs")).to_dicts()}
+        words = "{}within {} % and {}" if texts else FIRST
+        texts.append(words.format(f"{row['controller']}, " if row["controller"] else "", K, B))
+    pairs = tables.get("compensation", pl.DataFrame())
+    if texts and len(pairs):  # an empty file has no types
+        of_quantity = pairs.filter(of="trials").group_by("quantity").agg(pl.sum("better", "pairs"))
+        counts = {row["quantity"]: row for row in of_quantity.to_dicts()}
         nearer = [
             f"in {symbol} in {counts[name]['better']} of {counts[name]['pairs']} pairs"
             for name, symbol in COMPARED.items()

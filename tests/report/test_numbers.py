@@ -297,6 +297,7 @@ def test_the_answer_counts_the_pairs_in_which_compensation_is_nearer(of_arm, sen
     pairs = pl.DataFrame({"of": "trials", "quantity": ["K_error", "B_error"], **of_arm})
 
     assert sentence in answer({"impedance": SOUND, "compensation": pairs})
+    assert "pairs" not in answer({"impedance": SOUND, "compensation": pl.DataFrame({"of": []})})
     assert answer({"impedance": SOUND.with_columns(K_d=pl.lit(None, pl.Float64))}) == ""
 
 

@@ -138,7 +138,7 @@ def result_of(claim: Claim, table: pl.DataFrame) -> dict[str, Any]:
         if claim.controller is not None:
             rows = rows.filter(controller=claim.controller)
         compared = with_outcomes(
-            rows.drop_nulls("number").with_columns(
+            rows.drop_nulls(["number", "target"]).with_columns(
                 value=pl.col("number"),
                 below=pl.col("target") - claim.margin,
                 above=pl.col("target") + claim.margin,
@@ -201,11 +201,11 @@ def summary_of(compared: pl.DataFrame, among: int, claim: Claim) -> dict[str, An
     text = "nearer"
     if not claim.than:
         text = f"within {compared['target'][0]:g} ± {claim.margin:g} {claim.unit}"
-    text += " in {met} of {n}"
+    text += f" in {counts['met']} of {n}"
     if compared["low"].count():
-        text += ", certainly in {certain}, certainly not in {missed}"
+        text += f", certainly in {counts['certain']}, certainly not in {counts['missed']}"
     if n < among:
-        text += "; {among} were to be compared"
+        text += f"; {among} were to be compared"
     values = compared["value"]
     low, high = values.min(), values.max()
     interval: str | None = RANGE
@@ -213,7 +213,7 @@ def summary_of(compared: pl.DataFrame, among: int, claim: Claim) -> dict[str, An
         low, high = compared.select("low", "high").row(0)
         interval = "95 %" if low is not None else None
     return {
-        "quantity": text.format(**counts),
+        "quantity": text,
         "value": values.mean(), "low": low, "high": high, "interval": interval,
         **counts, "verdict": verdict_of(**counts),
     }  # fmt: skip

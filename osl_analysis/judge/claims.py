@@ -206,6 +206,8 @@ def summary_of(compared: pl.DataFrame, among: int, claim: Claim) -> dict[str, An
         text += f", certainly in {counts['certain']}, certainly not in {counts['missed']}"
     if n < among:
         text += f"; {among} were to be compared"
+    if claim.condition:
+        text += f" ({claim.condition})"
     values = compared["value"]
     low, high = values.min(), values.max()
     interval: str | None = RANGE

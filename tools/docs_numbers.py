@@ -23,7 +23,7 @@ NUMBERS = Path(__file__).with_suffix(".yaml")
 
 
 SESSION = "tutorial.md"
-BLOCK = re.compile(r"^```(python|)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 FIGURE = "my_campaign/results/figures/fig5.png"
 
 

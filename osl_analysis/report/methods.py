@@ -95,7 +95,9 @@ class MethodsFacts:
             "counts": ", ".join(counts),
             "verdicts": ", ".join(verdicts),
             "doubts": [f.counts for f in findings if f.verdict in ("doubtful", "flagged")],
-            "results": "; ".join(f.counts for f in findings if f.is_result),
+            "results": "; ".join(
+                f.counts.replace(": ", " in ", 1) for f in findings if f.is_result
+            ),
             "version": version,
             "not_checked": "; ".join(causes_not_checked(findings)),
         }

@@ -5,7 +5,7 @@ READY := $(VENV)/ready
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 unexport PYTHONDONTWRITEBYTECODE # each process would compile anew what the tests have changed, which takes 10 s
 
-.PHONY: reproduce-all test test-kernels test-browser test-ingest test-package test-slurm test-speed peers setup check docs lock dist release
+.PHONY: reproduce-all test test-kernels test-browser test-ingest test-package test-slurm test-speed peers docs-numbers docs-pictures setup check docs lock dist release
 
 reproduce-all: $(READY)
 	$(BIN)/snakemake reproduce-all
@@ -56,6 +56,16 @@ docs: $(READY)
 	rm -rf build/docs build/doctrees
 	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --doctree-dir build/doctrees docs build/docs
 
+# Numbers of pages beside those that their commands print; the results of `make reproduce-all` must be there.
+docs-numbers: $(READY)
+	$(BIN)/python tools/docs_numbers.py
+
+# The pictures of README and tutorial, of the results that `make reproduce-all` has made. It needs Chromium.
+docs-pictures: $(READY)
+	cp results/figures/fig5.png docs/fig5.png
+	chromium --headless --no-sandbox --hide-scrollbars --window-size=1280,900 --screenshot=docs/report.png results/report.html
+	$(BIN)/python tools/docs_numbers.py docs
+
 # A campaign of 24 trials through a SLURM that exists for this test alone: Debian, as root.
 test-slurm: build/cluster
 	PYTHONPATH=$(CURDIR)/build/cluster tests/slurm/one_node.sh $(BIN)/python -m pytest -m slurm -n0 -s tests/slurm
@@ -66,7 +76,7 @@ build/cluster: cluster.lock $(READY)
 	rm -rf $@
 	$(PIP) --require-hashes --no-deps --target $@ -r cluster.lock
 
-# Core-seconds of a campaign of 17 trials, beside release 0.4.0. Nothing else may run meanwhile.
+# Core-seconds of a campaign of 17 trials, beside release 1.0.0. Nothing else may run meanwhile.
 test-speed: $(READY)
 	$(BIN)/python benchmarks/against.py 8a386c44 --short --rounds 1 --most 1.0
 	$(BIN)/python benchmarks/doors.py --most 900

@@ -128,10 +128,17 @@ def test_what_one_of_a_pair_lacks_is_not_compared_and_a_minority_decides_nothing
 
 def test_a_doubtful_trial_and_another_controller_are_in_no_pair():
     rows = pairs(BETTER, BETTER)
-    rows[0]["doubtful"] = "late torque"
+    rows[0]["doubtful"] = "K, B: torque path"
     rows[3]["controller"] = "other"
 
     assert verdict_on(rows)["verdict"] == "not tested"
+
+
+def test_a_doubt_about_another_estimate_takes_none_out():
+    rows = pairs(BETTER, BETTER)
+    rows[0]["doubtful"] = "I: torque path"
+
+    assert verdict_on(rows)["n"] == 2
 
 
 @pytest.mark.parametrize(

@@ -301,6 +301,18 @@ def test_the_answer_counts_the_pairs_in_which_compensation_is_nearer(of_arm, sen
     assert answer({"impedance": SOUND.with_columns(K_d=pl.lit(None, pl.Float64))}) == ""
 
 
+@pytest.mark.parametrize(
+    ("doubted", "told"), [("K", "PD 1, B is within"), ("B", "PD 1, K is within"), ("K, B", None)]
+)
+def test_the_answer_leaves_out_an_estimate_that_is_doubtful(doubted, told):
+    fits = SOUND.with_columns(doubtful=pl.lit(f"{doubted}: friction"))
+
+    sentence = answer({"impedance": fits})
+
+    assert sentence.startswith(told) if told else sentence == ""
+    assert sentence.count("within") == (told is not None)
+
+
 def test_every_number_is_of_a_table_that_the_dictionary_describes():
     from osl_analysis.dictionary import described_tables_by_name
 

@@ -6,7 +6,7 @@ READY := $(VENV)/ready
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 unexport PYTHONDONTWRITEBYTECODE # each process would compile anew what the tests have changed, which takes 10 s
 
-.PHONY: reproduce-all test test-kernels test-browser test-ingest test-package test-slurm test-speed peers setup check docs public paper five-minutes sbom lock dist release
+.PHONY: reproduce-all test test-kernels test-browser test-ingest test-package test-slurm test-speed peers setup check docs public paper five-minutes sbom docs-numbers docs-pictures lock dist release
 
 reproduce-all: $(READY)
 	$(BIN)/snakemake reproduce-all
@@ -57,6 +57,16 @@ release: dist docs sbom reproduce-all
 docs: $(READY)
 	rm -rf build/docs build/doctrees
 	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --doctree-dir build/doctrees docs build/docs
+
+# Numbers of pages beside those that their commands print; the results of `make reproduce-all` must be there.
+docs-numbers: $(READY)
+	$(BIN)/python tools/docs_numbers.py
+
+# The pictures of README and tutorial, of the results that `make reproduce-all` has made. It needs Chromium.
+docs-pictures: $(READY)
+	cp results/figures/fig5.png docs/fig5.png
+	chromium --headless --no-sandbox --hide-scrollbars --window-size=1280,900 --screenshot=docs/report.png results/report.html
+	$(BIN)/python tools/docs_numbers.py docs
 
 # A campaign of 24 trials through a SLURM that exists for this test alone: Debian, as root.
 test-slurm: build/cluster

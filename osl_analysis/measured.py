@@ -177,6 +177,20 @@ def with_places(places: int, *numbers: float | None) -> list[str]:
 NOTHING = "–"
 
 
+LARGEST_ASYMMETRY = 0.1  # of half of an interval, by which its middle may be beside the number
+
+
+def plus_minus(value: str, low: str, high: str) -> str:
+    """A number with the ends of its interval as `300.1 ± 1.4`; with both ends where the number is
+    not in their middle, and alone without them."""
+    if not low or not high:
+        return value
+    half = (float(high) - float(low)) / 2
+    if abs(float(value) - float(low) - half) > LARGEST_ASYMMETRY * half:
+        return f"{value} ({low} to {high})"
+    return f"{value} ± {half:.{len(value.partition('.')[2])}f}"
+
+
 class WithInterval(str):
     """A number and the ends of its interval, as one text and as `parts`, which tables of LaTeX set
     their own way."""

@@ -60,7 +60,6 @@ from osl_analysis.jobs.snakemake_attributes import (
     look_for_jobs_at_once,
 )
 from osl_analysis.jobs.workers import do_job
-from osl_analysis.judge.claims import CLAIMED
 from osl_analysis.judge.recording_checks import read_verdicts, spoiled_trials
 from osl_analysis.yaml_settings import as_json
 

@@ -154,6 +154,7 @@ rule captions:
     """A caption for each figure, or why it is not drawn."""
     input:
         NUMBERS_OF_FIGURES.values(),
+        expand("<results>/figures/{figure}.svg", figure=FILES.figure_names),
     output:
         output="<results>/figures/captions.md",
     log:
@@ -200,6 +201,7 @@ rule methods:
     input:
         tables=FILES.all_tables,
         summary="<results>/summary.json",
+        captures=expand("<results>/trials/{trial}.parquet", trial=[*WALKED][:1]),
     output:
         markdown="<results>/methods.md",
         tex="<results>/methods.tex",

@@ -76,19 +76,16 @@ rule gains_table:
 
 
 rule check_claims:
-    """The claims of the paper's text, compared with the campaign's numbers."""
+    """The claims of the author's text, compared with the campaign's numbers."""
     input:
-        tables=FILES.tables(*CLAIMED),
-        parameters=PARAMETERS,
+        tables=FILES.tables(*FILES.claimed_tables),
+        claims=CONFIG.claims or [],
     output:
         output="<results>/tables/claims.csv",
     log:
         "<logs>/tables/claims.log",
     localrule: True
     params:
-        settings=as_json(CONFIG.claims),
-        frequencies_hz=CONFIG.dynamometer.frequencies_hz or (),
-        midstance=CONFIG.figures.midstance_stiffness,
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:

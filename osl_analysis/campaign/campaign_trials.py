@@ -18,6 +18,7 @@ from osl_analysis.config.sheet import FIXTURE, SheetRows, read_sheet
 from osl_analysis.errors import InputError, naming
 from osl_analysis.files import shipped
 from osl_analysis.ingest.raw_files import recorded_files
+from osl_analysis.judge.claims import read_claims
 from osl_analysis.judge.known_findings import CHECKS
 from osl_analysis.judge.recording_checks import unknown_check, validate_rules
 from osl_analysis.model.drivetrain import joint_of, known_parameters
@@ -324,7 +325,7 @@ def check_files(config: Config) -> None:
     if config.impedance_trajectory is not None:
         with naming("impedance_trajectory"):
             read_impedance_trajectory(config.impedance_trajectory)
-    followed = {"results", "parameters", "impedance_trajectory", "simulation"}
+    followed = {"results", "parameters", "impedance_trajectory", "claims", "simulation"}
     if config.simulation is not None:
         followed |= {"raw_data", "sheet"}
     for field, path in config.model_dump(include=followed).items():
@@ -333,6 +334,8 @@ def check_files(config: Config) -> None:
                 f"configuration: {field} = {path} has one of the signs {{}}<>, which mean several"
                 " files to Snakemake; choose a name without them"
             )
+    if config.claims is not None:
+        read_claims(config.claims)
     results = config.results.resolve()
     if any(
         path.resolve().is_relative_to(results)

@@ -16,7 +16,6 @@ from osl_analysis.bench.bench_settings import (
 )
 from osl_analysis.errors import InputError, on_one_line
 from osl_analysis.files import CAMPAIGN, ROOT, default_config, own_yaml
-from osl_analysis.judge.claims import Claims
 from osl_analysis.judge.limits import DoubtfulFits
 from osl_analysis.judge.recording_checks import QualityRules
 from osl_analysis.model.compensator import Weight
@@ -101,7 +100,7 @@ class Config(Settings):
     actuator: ActuatorAnalysis  # Analysis of the trials on the actuator's own bench.
     torque_angle: TorqueAngleAnalysis  # Analysis of the trials of torque against angle.
     doubtful: DoubtfulFits  # Limits beyond which a fit is doubtful, by table.
-    claims: Claims  # What the paper's text claims, and the margins of its verdicts.
+    claims: ShippedPath | None  # File of what the text claims, with margins; null: none.
     impedance_trajectory: ShippedPath | None
     """CSV file of the impedance over the gait cycle, for Fig. 8; null: no Fig. 8."""
     gain_weight: Weight  # W of Eq. 14.
@@ -148,7 +147,7 @@ FACTS_OF_DEFAULT = {
     "impedance_trajectory": None,
     "dynamometer": {"amplitudes_deg": None, "frequencies_hz": None, "cycles": None},
     "figures": {"midstance_stiffness": None},
-    "claims": {"K_percent": None},
+    "claims": None,
     "torque_angle": {"zero": None},
 }
 # the damping that gains should give depends on a weight that only its device has

@@ -69,7 +69,7 @@ def settings_of(campaign: Campaign) -> dict[str, str]:
     SHA-256 of files that they name."""
     config = campaign.config
     settings = flat(config.model_dump(mode="json", exclude=NOT_HASHED))
-    for name in ("parameters", "impedance_trajectory"):
+    for name in ("parameters", "impedance_trajectory", "claims"):
         path = getattr(config, name)
         if path is not None:
             settings[name] = f"{path.name} ({str(digest(path))[:HASH_DIGITS]})"

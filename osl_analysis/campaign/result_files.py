@@ -16,7 +16,7 @@ from osl_analysis.campaign.configuration import FrequencyResponseFigure
 from osl_analysis.config.experiments import EXPERIMENTS, JUDGED_TABLES, TABLES_OF_TRIALS
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.figures import FIGURES
-from osl_analysis.judge.claims import CLAIMED
+from osl_analysis.judge.claims import read_claims
 from osl_analysis.table import ARCHIVE_SUFFIX
 
 # Experiments that measure the components of the drivetrain
@@ -112,9 +112,15 @@ class ResultFiles:
                 names += facts.further_tables
         if self.campaign.config.impedance_trajectory:
             names.append("gains")
-        if any(name in names for name in CLAIMED):
+        if any(table in names for table in self.claimed_tables):
             names.append("claims")
         return names
+
+    @cached_property
+    def claimed_tables(self) -> list[str]:
+        """The tables with whose numbers claims are compared."""
+        file = self.campaign.config.claims
+        return [claim.table for claim in read_claims(file).values()] if file else []
 
     @cached_property
     def all_tables(self) -> list[str]:

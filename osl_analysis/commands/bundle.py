@@ -83,7 +83,7 @@ def inputs_of(campaign: Campaign, content: Any) -> dict[str, Path]:
     config = campaign.config
     content.update(raw_data="recordings", sources="sources", results="results")
     files = dict[str, Path]()
-    for field in ("parameters", "impedance_trajectory", "simulation"):
+    for field in ("parameters", "impedance_trajectory", "claims", "simulation"):
         file: Path | None = getattr(config, field)
         if file is not None:
             content[field] = f"{field}/{file.name}"

@@ -1,6 +1,7 @@
 """Figures: the numbers to be plotted from result tables, the drawn page from those numbers, and the
 captions."""
 
+import re
 import textwrap
 from collections.abc import Mapping, Sequence
 from io import BytesIO
@@ -10,17 +11,17 @@ from typing import TYPE_CHECKING, Any
 import polars as pl
 
 from osl_analysis.bench.bench_settings import ImpedanceAnalysis
-from osl_analysis.bench.impedance import analysed
-from osl_analysis.bench.motion import record_of_trial
-from osl_analysis.bench.regression import IMPEDANCE
+from osl_analysis.bench.calibration import with_fixture
+from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.summaries import PLACE
 from osl_analysis.campaign.configuration import FrequencyResponseFigure
-from osl_analysis.commands.fit import without_broken_ends
+from osl_analysis.commands.fit import fitted_record
 from osl_analysis.commands.walking import read_unperturbed_gaits, selected_crossings
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import InputError, listing
 from osl_analysis.figures import (
     FIGURES,
+    caption_of,
     columns_of,
     drawn,
     figure_title,
@@ -60,6 +61,10 @@ METADATA: dict[str, dict[str, None]] = {
     ".svg": {"Date": None},
     ".png": {},
 }
+
+
+LETTERS_OF_HEAD = 1000  # of an SVG file, with its size
+POINTS_PER_INCH = 72.0
 
 
 class Footer:
@@ -178,16 +183,34 @@ def write_figure(
             temporary.write_bytes(page.getvalue())
 
 
+def caption(name: str, table_csv: Path) -> list[str]:
+    """The sentences of the caption of a figure that is drawn from these plotted numbers."""
+    return caption_of(name, read_table(table_csv, list(columns_of(name))))
+
+
+def width_text(drawing: Path) -> str:
+    """How wide an SVG file is on a page of two columns, in words."""
+    from osl_analysis.figures.style import SINGLE_COLUMN
+
+    begin = drawing.read_text(encoding="utf-8")[:LETTERS_OF_HEAD]
+    inches = float(re.findall(r'<svg [^>]*width="([\d.]+)pt"', begin)[0]) / POINTS_PER_INCH
+    columns = "one column" if inches <= SINGLE_COLUMN else "two columns"
+    return f"{columns.capitalize()} wide ({inches:.2f} in)"
+
+
 def write_captions(*, tables: Mapping[str, Path], footer: str, output: Path) -> None:
-    """Write a section per figure: its title, and its caption or why it is not drawn. `tables` are
-    the plotted numbers by the name of the figure."""
+    """Write a section per figure: its title, its width, and its caption or why it is not drawn.
+    `tables` are the plotted numbers by the name of the figure, beside which its SVG file stands."""
     sections = [
         f"# Captions\n\n{in_markdown(footer)}. Why a fit is doubtful stands in the column"
         " `doubtful` of the figure's CSV file.\n"
     ]
     for name, table in tables.items():
         reasons = in_markdown("; ".join(reasons_not_drawn(name, table)))
-        text = f"Not drawn: {reasons}." if reasons else FIGURES[name].caption
+        text = f"Not drawn: {reasons}."
+        if not reasons:
+            text = " ".join(caption(name, table))
+            text = f"{text}\n\n{width_text(table.with_suffix('.svg'))}."
         sections.append(f"## {figure_title(name)}\n\n{text}\n")
     write_text(output, "\n".join(sections))
 
@@ -231,11 +254,8 @@ def fig4(
     data
         What the data are.
     """
-    recorded = read_trial(trial)
-    if windows is not None:
-        recorded, windows = without_broken_ends(recorded, windows)
-    record = record_of_trial(recorded, settings, windows)
-    analysis = analysed(record, IMPEDANCE)
+    of_joint = with_fixture(read_trial(trial), settings.fixture)
+    analysis = rendered_impedance(fitted_record(of_joint, settings, windows))
     fits = read_table(fit)
     fits = marked(fits, judged(fits, limits, "impedance"), "impedance")
     write_table(plotted_numbers("fig4", fits, analysis, choice), output, data)

@@ -27,6 +27,7 @@ from osl_analysis.bench.impedance import analysed, rendered_impedance
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.parts_alone import actuator_table, actuator_trial, transmission_table
 from osl_analysis.bench.plausibility import plausible
+from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import IMPEDANCE, TRANSMISSION
 from osl_analysis.bench.summaries import compensation_table, delay_table, part_summary
 from osl_analysis.bench.torque_angle import torque_angle_trial
@@ -75,10 +76,7 @@ def fit_impedance_trial(
     """
     check_recording(trial, settings)
     of_joint = with_fixture(trial, settings.fixture)
-    fitted = of_joint
-    if windows is not None:
-        fitted, windows = without_broken_ends(of_joint, windows)
-    record = record_of_trial(fitted, settings, windows, beside=("theta_m", "current"))
+    record = fitted_record(of_joint, settings, windows)
     analysis = rendered_impedance(record)  # K, B and I, with what this motion tells of them
 
     # what else the recording tells, and what is to be expected of the device
@@ -94,6 +92,17 @@ def fit_impedance_trial(
 
     tables = {**tables, "impedance": table}
     return FitTables(tables, samples_of(analysis), record.streams, others)
+
+
+def fitted_record(
+    of_joint: Trial, settings: choices.ImpedanceAnalysis, windows: str | None
+) -> Record:
+    """The record of an impedance trial, without its fixture, that K, B and I are fitted to, and
+    that Fig. 4 shows."""
+    fitted = of_joint
+    if windows is not None:
+        fitted, windows = without_broken_ends(of_joint, windows)
+    return record_of_trial(fitted, settings, windows, beside=("theta_m", "current"))
 
 
 def without_broken_ends(trial: Trial, windows: str) -> tuple[Trial, str]:

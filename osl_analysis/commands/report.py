@@ -5,19 +5,21 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import polars as pl
 
 from osl_analysis.campaign.origin import sentence
-from osl_analysis.commands.figure import reasons_not_drawn
+from osl_analysis.commands.figure import caption, reasons_not_drawn
 from osl_analysis.commands.tables import read_summary
 from osl_analysis.errors import listing, printable_lines, without_particulars
-from osl_analysis.figures import FIGURES, figure_title
+from osl_analysis.figures import figure_title
 from osl_analysis.files import write_text
 from osl_analysis.judge.campaign import exclusion_report, findings_in_summary
 from osl_analysis.judge.finding import read_findings
 from osl_analysis.judge.recording_checks import BY_JOB
+from osl_analysis.measured import significant
 from osl_analysis.report import methods
-from osl_analysis.report.numbers import headline_sentences, numbers_in_summary
+from osl_analysis.report.numbers import BY_CONDITION, headline_sentences, numbers_in_summary
 from osl_analysis.report.page import Page, ShownFigure, trial_view, written_page
 from osl_analysis.report.paper_tables import conditions, groups
 from osl_analysis.report.signals import (
@@ -96,7 +98,10 @@ def write_report(
             )
         )
     numbers = numbers_in_summary(content)
-    verdict = verdicts_sentence(content["verdicts"], content["results_of_clear"])
+    counts = verdicts_sentence(content["verdicts"], content["results_of_clear"])
+    # K and B of each condition stand in its table
+    told = [n for n in numbers if n.says != BY_CONDITION or not content["answer"]]
+    texts = list(filter(None, [content["answer"], *headline_sentences(told)]))
     drawn, absent = drawn_figures(figures)
     unstated = read_table(states).cast(pl.String).filter(state="assumed")
     assumed = [f"{name} {value}" for name, value in unstated.select("setting", "value").rows()]
@@ -109,7 +114,8 @@ def write_report(
     page = Page(
         about=about,
         made_of=sentence(about),
-        verdict=[verdict, *headline_sentences(numbers)],
+        answer=texts[0] if texts else "",
+        sentences=[counts, *texts[1:MOST_SENTENCES]],
         notes=[content["intervals"], left_out, note],
         conditions=of_conditions,
         groups=of_groups,
@@ -132,6 +138,7 @@ def write_methods(
     markdown: Path,
     tex: Path,
     bib: Path,
+    captures: Sequence[Path] = (),
 ) -> None:
     """Write what the campaign did as the text of a methods section.
 
@@ -149,6 +156,8 @@ def write_methods(
         `summary.json`.
     markdown, tex, bib : Path
         The files to write.
+    captures : Sequence of Path
+        Crossings, the first of which tells the rates of markers and plate.
     """
     facts = methods.MethodsFacts(
         about=about,
@@ -156,11 +165,24 @@ def write_methods(
         tables=read_by_name(tables),
         sheet=list(sheet.values()),
         summary=read_summary(summary),
+        rates_hz=rates_of(captures[0]) if captures else {},
     )
     marked = methods.paragraphs(facts)
     write_text(markdown, methods.to_markdown(marked))
     write_text(tex, methods.to_tex(marked))
     write_text(bib, methods.BIBTEX)
+
+
+def rates_of(crossing: Path) -> dict[str, str]:
+    """The rates [Hz] of markers and force plate of a recording, as far as it has them."""
+    rates = {}
+    for signals, begin in CAPTURED.items():
+        names = [name for name in pl.read_parquet_schema(crossing) if name.startswith(begin)]
+        if names:
+            time = pl.read_parquet(crossing, columns=["time", names[0]]).drop_nulls()["time"]
+            if len(time) > 1:
+                rates[signals] = significant(1 / float(np.median(np.diff(time.to_numpy()))), 4)
+    return rates
 
 
 def rows_by_trial(table: pl.DataFrame) -> dict[str, pl.DataFrame]:
@@ -215,17 +237,20 @@ def drawn_figures(figures: Mapping[str, Path]) -> tuple[list[ShownFigure], dict[
             absent[title] = "; ".join(reasons)
         else:
             svg = path.read_text(encoding="utf-8")
-            drawn.append(ShownFigure(name, title, FIGURES[name].caption, svg))
+            numbers = path.with_suffix(".csv")
+            drawn.append(ShownFigure(name, title, caption(name, numbers), svg))
     return drawn, absent
 
 
+CAPTURED = {"markers": "marker_", "the force plate": "plate"}
+"""Signals of a crossing, and how their columns begin."""
+MOST_SENTENCES = 3
+"""Of the page, the first of which answers, beside how many trials are doubtful and what to do."""
 MOST_TOLD = 12
 """Trials that are named in a line."""
 REMEDY = (
-    "Correct these and run again. To change a source file for some of its trials, change a copy,"
-    " and name that in the sample sheet. To go on without a trial, give a reason under `exclude`"
-    " in the sample sheet; without all of these, write `failed_trials: accept` in the"
-    " configuration."
+    "Correct these and run again. To go on without a trial, give a reason under `exclude` in the\n"
+    "sample sheet; without all of these, write `failed_trials: accept` in the configuration."
 )
 
 
@@ -266,7 +291,9 @@ def write_brief(
     if failures:
         accepted = "accepted: `failed_trials: accept` in the configuration"
         lines.append(accepted if failed_trials == "accept" else REMEDY)
-    lines.append(f"open {page} in a browser: every number, figure and trial")
+    lines.append(
+        f"open {page} in a browser: every number with its 95 % interval (±), figure and trial"
+    )
     write_text(output, printable_lines("\n".join(filter(None, lines))) + "\n")
 
 

@@ -21,7 +21,7 @@ from osl_analysis.judge.campaign import (
     causes_in_campaign,
     findings_in_summary,
 )
-from osl_analysis.judge.claims import Claims, claims_table
+from osl_analysis.judge.claims import claims_table, read_claims
 from osl_analysis.judge.finding import findings_frame, read_findings
 from osl_analysis.judge.judging import judged, marked, with_inherited
 from osl_analysis.judge.known_findings import CHECKS
@@ -34,7 +34,8 @@ from osl_analysis.judge.recording_checks import (
     QualityRules,
     read_verdicts,
 )
-from osl_analysis.model.drivetrain import FileOrNone, joint_of, known_parameters
+from osl_analysis.model.drivetrain import FileOrNone, known_parameters
+from osl_analysis.report.answer import answer
 from osl_analysis.report.numbers import (
     ENTRIES,
     headline_numbers,
@@ -144,22 +145,9 @@ def write_settings(states: Sequence[Mapping[str, Any]], output: Path, data: str 
     write_table(pl.DataFrame(states, schema=columns), output, data)
 
 
-def check_claims(
-    tables: FilesByName,
-    settings: Claims,
-    frequencies_hz: Sequence[float],
-    midstance: float | None,
-    output: Path,
-    parameters: FileOrNone = None,
-    data: str = "",
-) -> None:
-    """Write `claims.csv`: the paper's claims beside the result `tables`. `midstance` is the
-    commanded stiffness [N*m/rad]."""
-    tables_by_name = read_by_name(tables)
-    p = known_parameters(parameters, ["n_T"])
-    ratios = {joint_of(parameters): p.n_T} if parameters and p else {}
-    claims = claims_table(tables_by_name, settings, frequencies_hz, midstance, ratios)
-    write_table(claims, output, data)
+def check_claims(tables: FilesByName, claims: Path, output: Path, data: str = "") -> None:
+    """Write `claims.csv`: the claims of a file beside the result `tables`."""
+    write_table(claims_table(read_by_name(tables), read_claims(claims)), output, data)
 
 
 def judge(
@@ -334,6 +322,7 @@ def write_summary(
         "trials": used_and_missing(sheet, left_out),
         "verdicts": verdict_count,
         "results_of_clear": results_of_clear,
+        "answer": answer(tables),
         "missing_results": {file: reason for file, _, reason in of_files},
         "intervals": intervals_text(tables),
         "findings": [vars(finding) for finding in findings_told],

@@ -28,7 +28,7 @@ class CampaignFigure:
     `figures.yaml`."""
 
     table: str
-    caption: str
+    caption: Sequence[str]
     rows: str
     columns: Mapping[str, str]
     beside: Sequence[str] = ()
@@ -107,6 +107,16 @@ def plotted_numbers(name: str, table: pl.DataFrame, *others: Any) -> pl.DataFram
     absent = [name for name in columns if name not in points.columns]
     points = points.with_columns(pl.lit(None, columns[name]).alias(name) for name in absent)
     return points.select(*columns)
+
+
+def caption_of(name: str, numbers: pl.DataFrame) -> list[str]:
+    """The sentences of a figure's caption that speak of what is drawn of these plotted numbers."""
+    sentences = []
+    for text in FIGURES[name].caption:
+        *condition, sentence = text.split(" => ")
+        if all(numbers.select(pl.sql_expr(each).any()).item() for each in condition):
+            sentences.append(sentence)
+    return sentences
 
 
 def look_numbers(controllers: pl.Series) -> pl.Series:

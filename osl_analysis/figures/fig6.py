@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 
 from osl_analysis.figures import marks, style
 from osl_analysis.measured import written
@@ -25,8 +26,10 @@ class Layout:
     MEDIAN_REACH = 0.3  # of the line at its median to either side
     MOST_IN_COLUMN = 2  # swarms in one column of the page
     MOST_TICKS = 12
+    SMALLEST = 0.4  # size of a marker, of that of the largest amplitude
 
 
+LARGEST_MARKER = 3.8  # of a legend [pt]
 MEDIAN_LINE: dict[str, Any] = {"color": style.BLACK, "linewidth": 1.2}
 
 
@@ -53,7 +56,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
         shares = unexplained(rows)
         heights = np.log10(shares) / spread * Layout.SWARM_HEIGHT
         x = place + marks.swarm_offsets(heights, Layout.POINT, Layout.REACH * unit) / unit
-        marks.draw_fits(ax, rows, x, shares, look, marks.BEHIND_LINES)
+        marks.draw_fits(ax, rows, x, shares, look, marks.BEHIND_LINES, sizes=sizes(rows, table))
         lines = [look.label, title, f"$n$ = {len(rows)}", draw_median(ax, rows, place)]
         labels.append("\n".join(filter(None, lines)))
     ax.set_yscale("log")
@@ -63,8 +66,27 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     marks.label_log_axis(ax.yaxis, Layout.MOST_TICKS, lambda share: f"{100 - share:.7g}")
     ax.invert_yaxis()
     ax.set_ylabel("VAF (%), log scale of 100 − VAF")
-    marks.legend_above(figure, [marks.key("Median", **MEDIAN_LINE), *marks.open_keys(table)])
+    keys = [marks.key("Median", **MEDIAN_LINE), *amplitude_keys(table)]
+    marks.legend_above(figure, [*keys, *marks.open_keys(table)])
     return figure
+
+
+def sizes(rows: pl.DataFrame, table: pl.DataFrame) -> Array:
+    """Size of each fit's marker (n,), of the usual one: its amplitude, of the table's largest."""
+    largest = table["amplitude_deg"].cast(pl.Float64).max() or 1.0
+    share = rows["amplitude_deg"].cast(pl.Float64).fill_null(largest) / largest
+    return np.maximum(share.to_numpy(), Layout.SMALLEST)
+
+
+def amplitude_keys(table: pl.DataFrame) -> list[Line2D]:
+    """The markers of the smallest and of the largest amplitude, where there are several."""
+    known = table.drop_nulls("amplitude_deg").sort("amplitude_deg")
+    ends = known[[0, -1]] if len(known) else known
+    look = {"marker": "o", "color": style.GREY}
+    return [
+        marks.key(f"{row['amplitude_deg']:.2g}°", markersize=LARGEST_MARKER * size, **look)
+        for row, size in zip(ends.to_dicts(), sizes(ends, table), strict=True)
+    ]
 
 
 def unexplained(rows: pl.DataFrame) -> Array:

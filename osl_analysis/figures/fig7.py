@@ -1,5 +1,5 @@
 """Fig. 7: admittance of the joint over frequency, measured, desired, and of the linear model, and
-how far the measured impedance is from these."""
+how far the measured impedance is from the desired one."""
 
 from typing import Any
 
@@ -9,7 +9,6 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from osl_analysis.bench.evidence import DesiredImpedance
-from osl_analysis.bench.frequency_response import measured_admittance
 from osl_analysis.bench.summaries import PLACE
 from osl_analysis.figures import DESIRED, LINEAR_MODEL, OBSERVED, marks, style
 from osl_analysis.model.compensator import Weight
@@ -53,13 +52,11 @@ def points(
     Returns
     -------
     DataFrame
-        The measured responses over all amplitudes with their distance from the linear model
-        (Eq. 9), if the gains are known; the desired response (Eq. 11), if K_d and B_d are; and that
-        of the model.
+        The measured responses over all amplitudes; the desired response (Eq. 11), if K_d and B_d
+        are known; and that of the linear model (Eq. 9), if the gains are.
     """
     shown = over_amplitudes(responses).sort("frequency_hz", maintain_order=True)
-    shown = shown.with_columns(curve=pl.lit(OBSERVED), model_error=pl.lit(None, pl.Float64))
-    observed = []
+    shown = shown.with_columns(curve=pl.lit(OBSERVED))
     curves = []
     for measured in shown.partition_by(PLACE):
         place, side, K_d, B_d = measured.select(*PLACE, "K_d", "B_d").row(0)
@@ -74,11 +71,6 @@ def points(
                 if gains is not None:
                     rendered = joint_admittance(gains.K_1, gains.B_1, p, p.J_j)
                     models.append((LINEAR_MODEL, controller, rendered))
-                    s = 2j * np.pi * measured["frequency_hz"].to_numpy()
-                    ratio = rendered(s) / measured_admittance(measured)
-                    is_of_controller = pl.col("controller").eq_missing(controller)
-                    error = pl.when(is_of_controller).then(pl.Series(100 * np.abs(ratio - 1)))
-                    measured = measured.with_columns(model_error=error.otherwise("model_error"))
         for curve, controller, admittance in models:
             Y = admittance(2j * np.pi * frequency_hz)
             response = {
@@ -91,15 +83,15 @@ def points(
                 "side": side,
             }
             curves.append(pl.DataFrame(response))
-        observed.append(measured)
     looks = shown.select("controller", "look").unique()
-    joined = pl.concat([*observed, *curves], how="diagonal_relaxed").drop("look")
+    joined = pl.concat([shown, *curves], how="diagonal_relaxed").drop("look")
     return joined.join(looks, on="controller", how="left", maintain_order="left")
 
 
 def over_amplitudes(response: pl.DataFrame) -> pl.DataFrame:
-    """The rows of `response.csv` over all amplitudes, with the doubts about single ones, and with
-    the range of their magnitudes and phases, which are counted from that of all."""
+    """The rows of `response.csv` over all amplitudes, with the doubts about single ones, with the
+    range of their magnitudes, phases, which are counted from that of all, and distances from the
+    desired impedance, and with the interval of this distance."""
     keys = ["trial", "frequency_hz"]
     whole = response.filter(scope="all")
     of_whole = whole.select(*keys, phase_of_whole="phase_deg")
@@ -107,14 +99,23 @@ def over_amplitudes(response: pl.DataFrame) -> pl.DataFrame:
     apart = (pl.col("phase_deg") - pl.col("phase_of_whole") + 180) % 360 - 180
     single = single.with_columns(phase_deg=pl.col("phase_of_whole") + apart)
     doubts = pl.col("doubtful").filter(pl.col("doubtful") != "")
-    quantities = pl.col("magnitude", "phase_deg")
+    quantities = pl.col("magnitude", "phase_deg", "Z_error")
     ranges = single.group_by(keys).agg(
         quantities.min().name.suffix("_range_low"),
         quantities.max().name.suffix("_range_high"),
         doubts=doubts.unique(maintain_order=True).str.join("; "),
     )
     joined = whole.join(ranges, on=keys, how="left", maintain_order="left")
-    return joined.with_columns(doubtful=pl.coalesce("doubts", "doubtful")).drop("doubts")
+    # Z moves along its direction as its magnitude, across it as its phase
+    size = 1 + pl.col("magnitude_error") / 100
+    along = (pl.col("magnitude_high") - pl.col("magnitude_low")) / 2 / pl.col("magnitude")
+    across = (pl.col("phase_deg_high") - pl.col("phase_deg_low")).radians() / 2
+    half = 100 * size * (along.pow(2) + across.pow(2)).sqrt()
+    return joined.with_columns(
+        doubtful=pl.coalesce("doubts", "doubtful"),
+        Z_error_low=(pl.col("Z_error") - half).clip(0),
+        Z_error_high=pl.col("Z_error") + half,
+    ).drop("doubts")
 
 
 def draw(table: pl.DataFrame) -> style.PaperFigure:
@@ -127,10 +128,8 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
         titles = [", ".join(style.condition(of_curve[OBSERVED].with_columns(controller=None)))]
     width = style.SINGLE_COLUMN if len(parts) == 1 else style.DOUBLE_COLUMN
     labels = ["Magnitude (mrad/(N·m))", "Phase (deg)"]
-    distances_from = {"Z_error": "desired (points)", "model_error": "model (lines)"}
-    known = [name for column, name in distances_from.items() if style.has_values(table, column)]
-    if known:
-        labels.append("$Z$ from " + ",\nfrom ".join(known) + " (%)")
+    if style.has_values(table, "Z_error"):
+        labels.append("$|Z - Z_d|/|Z_d|$ (%)")
     height = Layout.PANEL_HEIGHT * len(labels)
     figure, axes = style.panels(width, height, len(labels), len(parts), titles=titles, share_x=True)
     for column, (_, part) in enumerate(parts):
@@ -155,6 +154,9 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     if not of_curve[LINEAR_MODEL].is_empty():
         line = {"color": style.GREY, "linestyle": style.DASHED, "linewidth": Layout.MODEL_WIDTH}
         keys.append(marks.key(style.LINEAR_MODEL, **line))
+    if style.has_values(table, "Z_error"):
+        line = {"color": style.BLACK, "linestyle": style.DOTTED, "linewidth": style.THIN}
+        keys.append(marks.key(f"{100 * FAITHFUL:g} % from desired", **line))
     marks.legend_above(figure, keys)
     return figure
 
@@ -166,20 +168,15 @@ def draw_part(ax: Axes, part: pl.DataFrame, quantity: str) -> None:
     for look, model in style.by_controller(part.filter(curve=LINEAR_MODEL)):
         ax.plot(
             model["frequency_hz"], model[quantity],
-            color=look.colour, linestyle=look.dash, linewidth=Layout.MODEL_WIDTH,
+            color=look.colour, linestyle=style.DASHED, linewidth=Layout.MODEL_WIDTH,
         )  # fmt: skip
     for look, observed in style.by_controller(part.filter(curve=OBSERVED)):
         marks.draw_estimates(ax, observed, "frequency_hz", quantity, look)
 
 
 def draw_distances(ax: Axes, part: pl.DataFrame) -> None:
-    """How far the measured impedance of one joint is from the desired one, a marker, and from that
-    of the linear model, a line."""
+    """How far the measured impedance of one joint is from the desired one."""
     for look, observed in style.by_controller(part.filter(curve=OBSERVED)):
-        marks.draw_fits(ax, observed, observed["frequency_hz"], observed["Z_error"], look)
-        ax.plot(
-            observed["frequency_hz"], observed["model_error"],
-            color=look.colour, linestyle=look.dash, linewidth=Layout.MODEL_WIDTH,
-        )  # fmt: skip
-    ax.axhline(100 * FAITHFUL, color=style.BLACK, linewidth=style.HAIRLINE, zorder=0)
+        marks.draw_estimates(ax, observed, "frequency_hz", "Z_error", look)
+    ax.axhline(100 * FAITHFUL, color=style.BLACK, linestyle=style.DOTTED, linewidth=style.THIN)
     ax.set_ylim(bottom=0)

@@ -10,12 +10,14 @@ from matplotlib.ticker import FuncFormatter
 from osl_analysis.figures import marks, style
 
 QUANTITIES = ("K", "B", "I")
+MEAN_RESPONSE = "ensemble"  # `trial` of the mean response
 
 
 class Layout:
     """Places in a group, from its middle, and sizes."""
 
     # distances on the axis from the middle of a group
+    HEIGHT = 2.9  # of the figure [in]
     REACH = 0.32  # of its points, to either side
     MEAN_AT = 0.55  # its mean
     LAST_AT = 1.15  # the last of its fits
@@ -35,6 +37,14 @@ FITS = (
     ("ensemble", "ensemble", 0.85, style.PURPLE, "Fit to the mean response, 95 % interval"),
     ("ensemble, predicted gait", "predicted", Layout.LAST_AT, style.WHITE, "Minus predicted gait"),
 )
+# Numbers of a group above the panels by column: factor, decimal places, words
+OF_RESPONSE = {
+    "n": (1, 0, "$n$ = {} perturbed, "),
+    "n_unperturbed": (1, 0, "{} unperturbed crossings,\n"),
+    "onset_phase": (100, 0, "onset at {} % of stance, "),
+    "window_s": (1000, 0, "fitted for {} ms, "),
+    "vaf": (1, 2, "VAF {} %"),
+}
 PERTURBATION = style.Look(style.GREY, "o", 2.6, "One perturbation", edge=0.6)
 IN_BLACK: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.8}
 
@@ -43,6 +53,7 @@ def points(
     walking_summary: pl.DataFrame,
     walking: pl.DataFrame,
     walking_groups: pl.DataFrame,
+    walking_responses: pl.DataFrame,
     commanded_K: float | None = None,
 ) -> pl.DataFrame:
     """Gather what Fig. 9 shows of each group of crossings.
@@ -54,7 +65,9 @@ def points(
     walking : DataFrame
         Fits of single perturbations.
     walking_groups : DataFrame
-        The doubts about each group.
+        The doubts about each group, its unperturbed crossings and its onset.
+    walking_responses : DataFrame
+        Whose modelled torque shows the fitted window.
     commanded_K : float or None
         Commanded stiffness of the configuration [N·m/rad]; used in a campaign of one group.
 
@@ -70,8 +83,13 @@ def points(
     summary = summary.with_columns(group)
     of_groups = summary.filter(estimator="mean of perturbations").select(*keys, "n", "mean", "sd")
     commanded = summary.filter(estimator="ensemble").select(*keys, "commanded")
-    doubts = walking_groups.select("group", "doubtful")
-    of_groups = of_groups.join(commanded, on=keys).join(doubts, on="group", how="left")
+    of_crossings = walking_groups.select(group, "doubtful", "n_unperturbed", "onset_phase")
+    fitted = walking_responses.filter(trial=MEAN_RESPONSE).drop_nulls("torque_model")
+    span = (pl.col("time").max() - pl.col("time").min()) * pl.len() / (pl.len() - 1)
+    windows = fitted.group_by(group).agg(window_s=span)
+    of_groups = of_groups.join(commanded, on=keys)
+    for of_group in (of_crossings, windows):
+        of_groups = of_groups.join(of_group, on="group", how="left")
     for estimator, column, *_ in FITS:
         names_of = {column: "mean", f"{column}_low": "low", f"{column}_high": "high"}
         of_fit = summary.filter(estimator=estimator).select(*keys, **names_of)
@@ -101,7 +119,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     """(a) K, (b) B, (c) I, side by side, each with all groups."""
     of_groups = table.filter(pl.col("trial").is_null(), quantity="K")
     width = style.SINGLE_COLUMN if len(of_groups) == 1 else style.DOUBLE_COLUMN
-    figure, axes = style.panels(width, 2.6, 1, 3)
+    figure, axes = style.panels(width, Layout.HEIGHT, 1, 3)
     left = -Layout.REACH - Layout.BESIDE
     right = (len(of_groups) - 1) * Layout.NEXT_GROUP + Layout.LAST_AT + Layout.BESIDE
     unit = (width / 3 - Layout.MARGIN) / (right - left)
@@ -122,12 +140,21 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     axes[-1].yaxis.set_major_formatter(
         FuncFormatter(lambda value, _: f"{1e3 * value:.6g}".replace("-", "−"))
     )
-    if style.has_values(of_groups, "vaf"):
-        ends = of_groups.select(low=pl.min("vaf"), high=pl.max("vaf")).row(0)
-        percents = " to ".join(dict.fromkeys(f"{end:.2f}" for end in ends))
-        axes[1].set_xlabel(f"VAF of the fit to the mean response {percents} %")
-    marks.legend_above(figure, [*marks.labelled(axes[:1]), *marks.open_keys(table)])
+    keys = [*marks.labelled(axes[:1]), *marks.open_keys(table)]
+    marks.legend_above(figure, keys, of_response(of_groups))
     return figure
+
+
+def of_response(of_groups: pl.DataFrame) -> str:
+    """What the fits to the mean responses are made of, and the VAF of these; of several groups from
+    the smallest to the largest number."""
+    text = ""
+    for column, (factor, places, words) in OF_RESPONSE.items():
+        if style.has_values(of_groups, column):
+            ends = of_groups.select(low=pl.min(column), high=pl.max(column)).row(0)
+            number = " to ".join(dict.fromkeys(f"{factor * end:.{places}f}" for end in ends))
+            text += words.format(number)
+    return text.removesuffix(", ")
 
 
 def draw_group(ax: Axes, rows: pl.DataFrame, place: float, height: float, unit: float) -> None:

@@ -58,6 +58,7 @@ def draw_fits(
     look: Look,
     zorder: int = BEFORE_BARS,
     names: Collection[str] = (),
+    sizes: ArrayLike = 1.0,
 ) -> None:
     """Draw a marker for each fit, which leads to its trial.
 
@@ -73,11 +74,13 @@ def draw_fits(
         `BEFORE_BARS` or `BEHIND_LINES`.
     names : Collection of str
         Estimates whose doubts open a marker; by default those of any do.
+    sizes : (n,)
+        Of the markers, of that of the look.
     """
     faces = [WHITE if doubtful else look.colour for doubtful in is_doubtful(rows, names)]
     drawn = ax.scatter(
-        x, y, look.size**2, marker=look.marker, label=look.label, facecolors=faces,
-        edgecolors=look.colour, linewidths=look.edge, zorder=zorder,
+        x, y, np.square(look.size * np.asarray(sizes)), marker=look.marker, label=look.label,
+        facecolors=faces, edgecolors=look.colour, linewidths=look.edge, zorder=zorder,
     )  # fmt: skip
     drawn.set_urls([place_in_report(trial) for trial in rows["trial"]])
 
@@ -136,12 +139,13 @@ def labelled(axes: Sequence[Axes]) -> list[Any]:
     return list(entries.values())
 
 
-def legend_above(figure: Figure, keys: Sequence[Any]) -> None:
+def legend_above(figure: Figure, keys: Sequence[Any], title: str = "") -> None:
     """Put a legend above all panels, in as many columns as the page has room for."""
     for columns in range(len(keys), 0, -1):
         legend = figure.legend(
-            handles=keys, loc="outside upper center", ncols=columns, columnspacing=1.0
-        )
+            handles=keys, loc="outside upper center", ncols=columns, columnspacing=1.0,
+            title=title or None, alignment="left",
+        )  # fmt: skip
         if legend.get_window_extent().width <= figure.bbox.width:
             break
         if columns > 1:

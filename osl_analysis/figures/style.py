@@ -4,7 +4,7 @@ them."""
 
 import textwrap
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
@@ -20,6 +20,7 @@ from matplotlib.figure import Figure
 SINGLE_COLUMN = 3.5  # width of a column of an IEEE two-column page [in]
 DOUBLE_COLUMN = 7.16  # width of its text block [in]
 TALLEST = 9.4  # figure that fits this block [in]
+NARROW = 0.55  # height of a narrow panel, of that of another
 
 BLACK = "#000000"
 WHITE = "#FFFFFF"
@@ -53,7 +54,6 @@ class Look:
     marker: str
     size: float  # of the marker [pt]
     label: str  # name in the legend
-    dash: Dash = "-"
     edge: float = 0.8  # width of the marker's edge [pt]
 
 
@@ -89,6 +89,7 @@ def panels(
     *,
     titles: Sequence[str] = (),
     share_x: bool = False,
+    narrow: Collection[int] = (),
 ) -> tuple[PaperFigure, list[Axes]]:
     """Make a figure and its panels.
 
@@ -102,6 +103,8 @@ def panels(
     share_x : bool
         Whether the panels of a column share the horizontal axis. Only the lowest then has tick
         labels.
+    narrow : collection of int
+        Rows of panels that are less high, and belong to those above them: they have no letter.
 
     Returns
     -------
@@ -110,9 +113,13 @@ def panels(
         Row by row. Several panels are lettered (a), (b) ...
     """
     figure = PaperFigure(figsize=(width, height), layout="constrained")
-    grid = figure.subplots(rows, columns, squeeze=False, sharex="col" if share_x else False)
+    heights = [NARROW if row in narrow else 1.0 for row in range(rows)]
+    grid = figure.subplots(
+        rows, columns, squeeze=False, height_ratios=heights, sharex="col" if share_x else False
+    )
     axes = list(grid.flat)
-    for number, ax in enumerate(axes):
+    lettered = [ax for number, ax in enumerate(axes) if number // columns not in narrow]
+    for number, ax in enumerate(lettered):
         letter = f"({ascii_lowercase[number % 26]})" if len(axes) > 1 else ""
         title = titles[number] if number < len(titles) else ""
         ax.set_title(f"{letter} {title}".strip(), loc="left")
@@ -129,14 +136,14 @@ AXIS_LABELS = {  # one name per quantity, in every figure
 LINEAR_MODEL = "Linear model"  # drivetrain with a controller's gains, without friction (Eq. 9)
 
 LOOKS = {  # of the controllers of the draft
-    "compensated": Look(ORANGE, "o", 3.8, "Compensated", (0, (4, 1.5))),
-    "uncompensated": Look(PURPLE, "D", 3.4, "Uncompensated", (0, (5, 1.5, 1, 1.5))),
+    "compensated": Look(ORANGE, "o", 3.8, "Compensated"),
+    "uncompensated": Look(PURPLE, "D", 3.4, "Uncompensated"),
 }
 # of other controllers by their numbers: with these two and black, colours are 20 or more apart
 # (CIE 1976) for readers without long- or medium-wavelength cones
 COLOURS = ("#3F8FBF", "#6B3A0A", "#2F5555", "#B98860", "#2B46F0")
 MARKERS = ("s", "^", "v", "P", "X", "p", "h")
-NO_CONTROLLER = Look("#757575", ">", 3.6, "Controller not stated", (0, (1, 0.8)))
+NO_CONTROLLER = Look("#757575", ">", 3.6, "Controller not stated")
 
 
 def drawn_name(name: str, letters: int = 22) -> str:
@@ -185,7 +192,7 @@ def by_controller(table: pl.DataFrame) -> list[tuple[Look, pl.DataFrame]]:
         if number is not None:
             look = Look(
                 COLOURS[number % len(COLOURS)], MARKERS[number % len(MARKERS)], NO_CONTROLLER.size,
-                drawn_name(name), NO_CONTROLLER.dash,
+                drawn_name(name),
             )  # fmt: skip
         parts.append((look, rows))
     return parts

@@ -36,6 +36,12 @@ LOCKED = (
 )
 SHOWN = ("Nothing to be done", "Terminating processes", "Will exit after finishing")
 """How messages of Snakemake begin that are shown; the last two answer Ctrl-C and SIGTERM."""
+FOLLOWING = ("Exiting because a job", "At least one job did not", "WorkflowError")
+"""How messages of Snakemake begin that follow a job's own error."""
+FRAMES = re.compile(r'WorkflowError in file "[^"]+", line \d+:\n(.+)(\n *File ".+)*')
+"""An error in a file of the user, and where in our rules it was found."""
+FEWEST_DONE = 4  # jobs of a stage, and ...
+SHARE_DONE = 0.2  # ... share of them, that tell how long the others take
 SHORTEST_WAIT_S = 10.0  # between two lines on the same stage
 
 
@@ -65,6 +71,7 @@ class LogHandler(LogHandlerBase):
         self.started_s: dict[str, float] = {}  # when the first job of a stage began
         self.jobs: dict[int, Any] = {}  # stage and logs, by their numbers
         self.told = set[str]()  # lines, or their causes
+        self.has_told_error = False  # of a job of ours
         self.last_line_s = time.monotonic()  # when something was printed last
 
     @property
@@ -102,8 +109,10 @@ class LogHandler(LogHandlerBase):
             self.print_once(LOCKED)
         elif exception and any(told in message for told in errors_in(running)):
             pass  # of a job of ours, whose JOB_ERROR follows
+        elif self.has_told_error and message.startswith(FOLLOWING):
+            pass  # it says no more
         elif record.levelno >= WARNING or message.startswith(SHOWN):
-            self.print_once(self.format(record))
+            self.print_once(FRAMES.sub(r"error: \1", self.format(record)))
             if message.startswith(SHOWN[0]):
                 self.print_outcome("", ())
 
@@ -120,8 +129,9 @@ class LogHandler(LogHandlerBase):
         if done == total:
             self.print_once(f"{stage} {done}/{total} in {spent_s:.0f} s")
         elif time.monotonic() - self.last_line_s > SHORTEST_WAIT_S:
-            left_s = (total - done) * spent_s / done
-            self.print_once(f"{stage} {done}/{total}, {left_s:.0f} s left")
+            left = f", {(total - done) * spent_s / done:.0f} s left"
+            is_known = done >= FEWEST_DONE and done >= SHARE_DONE * total
+            self.print_once(f"{stage} {done}/{total}{left if is_known else ''}")
 
     def print_outcome(self, stage: str, logs: Sequence[str]) -> None:
         """Of what ends the run, its brief. A line on each warning of a job, and on one that was
@@ -133,6 +143,7 @@ class LogHandler(LogHandlerBase):
             job_log = read_log(log)
             lines = [("warning", warning) for warning in job_log.get("warnings", ())]
             if "remedy" in job_log:
+                self.has_told_error = True
                 lines.append((job_log["outcome"], f"{job_log['error']}; {job_log['remedy']}"))
             for kind, text in lines:
                 self.print_once(

@@ -1,254 +1,231 @@
-"""The claims of the paper's text (`claims.yaml`), each compared with a number of the campaign: a
-row with number and verdict for each.
+"""The claims of a paper, a file of its author's (`config/claims/draft.yaml` explains the fields),
+each compared with the numbers of a campaign.
 
-`equivalent`, `different` and `undecided` compare a number with its target (`stats.repeats`). That a
-number is beyond a limit `holds` if its whole interval is, `fails` if none of it is, and is
-`undecided` otherwise. Without an interval there is no verdict. What is claimed over conditions
-rests on the interval of each: it `holds` where every pair is better and the intervals of most lie
-wholly on that side, and `fails` where none is better and those of most lie on the other side.
+A number, or a pair of numbers of two controllers, meets its claim if it lies within the margin of
+its target, or is nearer to it by more than the margin. It does so certainly if its whole interval
+does, and certainly not if none of it does; a number without an interval counts by its value.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from math import pi
+import math
+from collections.abc import Mapping
 from pathlib import Path
-from string import Formatter
-from typing import Any
+from typing import Annotated, Any
 
-import numpy as np
 import polars as pl
-import scipy
+from pydantic import AfterValidator, Field
 
-from osl_analysis.files import own_yaml
-from osl_analysis.judge.known_findings import known_finding
-from osl_analysis.model.compensator import CONTROLLERS
-from osl_analysis.stats.repeats import equivalence
-from osl_analysis.yaml_settings import Positive, Settings
+from osl_analysis.bench.summaries import PLACE
+from osl_analysis.dictionary import described_tables_by_name, table_of
+from osl_analysis.errors import InputError, listing, nearest
+from osl_analysis.stats.repeats import RANGE, counted
+from osl_analysis.yaml_settings import Settings, read_mapping, refuse_if, validated
 
-EXPRESSIONS = ("value", "low", "high", "target", "margin", "n", "subject", "joint", "side")
-CLAIM_COLUMNS = {
-    **dict.fromkeys(("joint", "side", "name", "subject", "claim", "quantity"), pl.String),
-    **dict.fromkeys(("value", "low", "high"), pl.Float64),
-    **dict.fromkeys(("unit", "interval", "wanted"), pl.String),
-    **dict.fromkeys(("target", "margin", "n"), pl.Float64),
-    "verdict": pl.String,
-}
-Claim = dict[str, Any]  # a row of `claims.csv`, by `CLAIM_COLUMNS`; what it has not is null
-Entry = Mapping[str, Any]
-ENTRIES: Mapping[str, Sequence[Entry]] = own_yaml(Path(__file__).with_name("claims.yaml"))
-"""The claims, by the rows on which they are made."""
-CLAIMED = (
-    "belt_summary",
-    "transmission_summary",
-    "actuator_summary",
-    "impedance",
-    "compensation",
-    "response",
-    "walking_summary",
-    "walking_groups",
-)
-"""The result tables with whose numbers claims are compared."""
-STEP = 1e-4  # of a standard error, over which a derivative by a mean is taken
+NOT_TESTED = "not tested"
+ENOUGH_COMPARED = 0.5  # of the conditions: fewer do not stand for all of them
 
 
-class Claims(Settings):
-    """Margins and limits of the verdicts on what the text claims."""
-
-    K_percent: Positive | None = 5.0
-    """Margin [%] within which a stiffness is the desired one, on the bench and while walking; null:
-    no verdict."""
-    B: Positive | None = None
-    """Margin [N*m*s/rad] within which a damping is the desired one; null: no verdict."""
-
-
-def text_of(parts: str | Sequence[str], row: Mapping[str, Any]) -> str:
-    """The parts of a text of which the row knows all numbers."""
-    text = ""
-    for part in [parts] if isinstance(parts, str) else parts:
-        names = [name for _, name, _, _ in Formatter().parse(part) if name]
-        if all(row.get(name) is not None for name in names):
-            text += part.format(**row)
-    return text
+def parsed(text: str | float) -> str:
+    """An expression of columns, which is one."""
+    try:
+        pl.sql_expr(str(text))
+    except pl.exceptions.PolarsError as error:
+        raise ValueError(f"no expression of columns ({error})") from error
+    return str(text)
 
 
-def claims_on(rows: pl.DataFrame, entry: Entry) -> list[Claim]:
-    """The claim of an entry on each row that has its columns and meets its condition."""
-    steps = [
-        *entry.get("columns", ()),
-        {"where": "TRUE"}
-        | {name: entry[name] for name in ("where", *EXPRESSIONS) if name in entry},
-        {name: entry[name] for name in ("verdict",) if name in entry},
-    ]
-    for step in steps:
-        expressions = {name: pl.sql_expr(text) for name, text in step.items()}
-        needed = {name for each in expressions.values() for name in each.meta.root_names()}
-        if rows.is_empty() or not needed <= {*rows.columns}:
-            return []
-        rows = rows.with_columns(**expressions)
-    claims = []
-    for row in rows.filter("where").to_dicts():
-        claim = {name: row[name] for name in (*EXPRESSIONS, "verdict") if name in entry}
-        for name in ("name", "claim", "quantity", "unit", "interval", "wanted"):
-            if name in entry:
-                claim[name] = text_of(entry[name], row) or None
-        if claim["low"] is None:
-            claim["interval"] = None
-        if "verdict" not in entry:
-            ends = claim["low"], claim["high"]
-            claim["verdict"] = equivalence(*ends, claim["target"], claim["margin"])
-        claims.append(claim)
+Expression = Annotated[str | float, AfterValidator(parsed)]
+
+
+class Claim(Settings):
+    """A sentence of the text, and what it is compared with."""
+
+    says: str  # The sentence.
+    at: str  # Where it stands in the text.
+    table: str  # Result table with the numbers.
+    rows: Expression = "TRUE"  # Condition on its rows.
+    number: Expression  # What is compared.
+    low: Expression = "NULL"  # Lower end of its 95 % interval.
+    high: Expression = "NULL"  # Upper end.
+    unit: str  # Of number and margin.
+    target: Expression  # What the number should be.
+    margin: Annotated[float, Field(ge=0)]  # By how much it may differ, or must be nearer.
+    controller: str | None = None  # Whose trials; null: all rows.
+    than: str | None = None  # Controller that is to be farther from the target.
+    pairs: tuple[str, ...] = ()  # Columns in which the two of a pair agree.
+    condition: str = ""  # Under which the claim is tested.
+
+    _has_pairs = refuse_if(
+        lambda s: s.than is not None and not (s.pairs and s.controller),
+        "`than` compares two controllers; write `controller` and `pairs`, such as [K_d, B_d]",
+        "than",
+    )
+
+
+def read_claims(path: Path) -> dict[str, Claim]:
+    """The claims of a file by name. InputError: as `read_yaml`, or a claim asks for a table or a
+    column that there is not."""
+    claims = {
+        name: validated(fields, Claim, f"{path}: {name}", ())
+        for name, fields in read_mapping(path).items()
+    }
+    tables = {
+        name: table
+        for name, table in described_tables_by_name().items()
+        if table.place.startswith("tables/")
+    }
+    for name, claim in claims.items():
+        if claim.table not in tables:
+            raise InputError(
+                f"{path}: {name}.table: there is no table '{claim.table}'; write one of"
+                f" {listing([*tables])}{nearest(claim.table, tables)}"
+            )
+        columns = tables[claim.table].columns
+        needed = {*claim.pairs, *(["controller"] if claim.controller else [])}
+        for text in (claim.rows, claim.number, claim.low, claim.high, claim.target):
+            needed.update(pl.sql_expr(str(text)).meta.root_names())
+        for column in sorted(needed - {*columns}):
+            raise InputError(
+                f"{path}: {name}: the table {claim.table} has no column '{column}'; it has"
+                f" {listing([*columns])}{nearest(column, columns)}"
+            )
     return claims
 
 
-def claims_of(kind: str, rows: pl.DataFrame) -> list[Claim]:
-    """The claims on one kind of rows."""
-    return [claim for entry in ENTRIES[kind] for claim in claims_on(rows, entry)]
-
-
-def share_claims(
-    means: Mapping[str, Mapping[str, Any]], known: Mapping[str, float]
-) -> Iterator[Claim]:
-    """The claims on shares that follow from the rows of the components' summaries by quantity, and
-    from what is `known` without error. Their intervals are Student's, of the standard errors of the
-    means."""
-    for entry in ENTRIES["shares"]:
-        formula = pl.sql_expr(entry["formula"])
-        names = set(formula.meta.root_names())
-        if not names <= means.keys() | known.keys():
-            continue
-        parts = sorted(names & means.keys())
-        at_means = {**known, **{part: means[part]["mean"] for part in parts}}
-        moved = [
-            at_means | {part: at_means[part] + step * (means[part]["se"] or 0.0)}
-            for part in parts
-            for step in (STEP, -STEP)
-        ]
-        percents = pl.DataFrame([at_means, *moved]).select(formula).to_series().to_numpy()
-        error = np.linalg.norm((percents[1::2] - percents[2::2]) / 2 / STEP)
-        trials = min(means[part]["n"] for part in parts)
-        # not a number for one trial, whose scatter is not known
-        half_width = error * scipy.special.stdtrit(trials - 1, 0.975)
-        rows = pl.DataFrame([at_means]).with_columns(
-            share=pl.lit(percents[0]), trials=trials, half_width=pl.lit(half_width).fill_nan(None)
-        )
-        yield from claims_on(rows, entry)
-
-
-def with_margins(rows: pl.DataFrame, settings: Claims) -> pl.DataFrame:
-    """The rows with the margins of the settings as columns."""
-    return rows.with_columns(
-        K_percent=pl.lit(settings.K_percent, pl.Float64), B_margin=pl.lit(settings.B, pl.Float64)
-    )
-
-
-def rendered_claims(fits: pl.DataFrame, settings: Claims) -> Iterator[Claim]:
-    """Whether each compensated trial renders K_d and B_d, and how many do; `fits` are the rows over
-    all amplitudes. B_viscous is compared with B_d, too."""
-    trials = with_margins(fits.filter(controller=CONTROLLERS[0]), settings)
-    for entry in ENTRIES["trials"]:
-        of_trials = claims_on(trials, entry)
-        if not of_trials:
-            continue
-        verdicts = [claim["verdict"] for claim in of_trials]
-        equivalent = verdicts.count("equivalent")
-        verdict = "fails" if "different" in verdicts else "undecided"
-        yield {
-            "name": f"{entry['name']}_equivalent",
-            "claim": text_of(entry["all"], trials.row(0, named=True)),
-            "quantity": "trials whose whole interval lies within",
-            "unit": "trials",
-            "value": equivalent,
-            "interval": "count",
-            "target": float(len(of_trials)),
-            "n": len(of_trials),
-            "verdict": "holds" if equivalent == len(of_trials) else verdict,
-        }
-        yield from of_trials
-
-
-def walking_claims(
-    summary: pl.DataFrame, groups: pl.DataFrame, midstance: float | None, settings: Claims
-) -> list[Claim]:
-    """Whether the stiffness while walking is the commanded one, by group, if nothing is at work
-    that nothing on the walkway shows. `midstance` is the commanded one [N*m/rad] of a campaign with
-    one group whose sheet states none."""
-    rows = summary.join(groups.select("group", "offset_share"), on="group", how="left")
-    rows = rows.drop_nulls("mean").filter(quantity="K", estimator="ensemble")
-    rows = with_margins(rows, settings).with_columns(
-        midstance=pl.lit(midstance, pl.Float64), unseen=pl.lit(known_finding("walking_unseen").says)
-    )
-    return claims_of("walking", rows)
-
-
-def claims_table(
-    tables: Mapping[str, pl.DataFrame],
-    settings: Claims,
-    frequencies_hz: Sequence[float],
-    midstance: float | None,
-    ratios: Mapping[str, float],
-) -> pl.DataFrame:
-    """Compare the claims of the paper's text with the numbers of a campaign.
+def claims_table(tables: Mapping[str, pl.DataFrame], claims: Mapping[str, Claim]) -> pl.DataFrame:
+    """Compare the claims of a text with the numbers of a campaign.
 
     Parameters
     ----------
     tables
         The campaign's result tables, by name.
-    settings
-        Margins and limits.
-    frequencies_hz
-        Those of the stepped sine; empty: not stated.
-    midstance
-        The stiffness that is commanded there [N*m/rad].
-    ratios
-        n_T by joint.
+    claims
+        By name.
 
     Returns
     -------
     polars.DataFrame
-        `claims.csv`: claims on the campaign first, then those on single trials and groups.
+        `claims.csv`: a row per claim, and for each joint and side that its table has.
     """
-    claims = []
-    bench = {name: table for name, table in tables.items() if not name.startswith("walking")}
-    places = [place for table in bench.values() for place in table.select("joint", "side").rows()]
-    for joint, side in dict.fromkeys(places):
-        at_place = [
-            pl.col("joint").eq_missing(joint),
-            pl.col("side").eq_missing(side),
-        ]
-        of_place = {name: table.filter(at_place) for name, table in bench.items()}
-        for claim in claims_of_place(of_place, settings, frequencies_hz, ratios.get(joint)):
-            claims.append({**claim, "joint": joint, "side": side})
-    if "walking_summary" in tables:
-        groups = tables["walking_groups"]
-        claims += walking_claims(tables["walking_summary"], groups, midstance, settings)
-    table = pl.DataFrame(claims, schema=CLAIM_COLUMNS)
-    return table.sort(pl.col("subject").is_not_null(), maintain_order=True)
+    tested = []
+    for name, claim in claims.items():
+        stated = {
+            "name": name, "claim": claim.says, "at": claim.at, "condition": claim.condition or None,
+            "unit": claim.unit, "margin": claim.margin,
+        }  # fmt: skip
+        rows = tables.get(claim.table, pl.DataFrame())
+        places = [place for place in PLACE if place in rows.columns]
+        for part in rows.partition_by(places) if places else [rows]:
+            place = dict.fromkeys(PLACE)
+            if places:
+                place.update(part.select(places).row(0, named=True))
+            tested.append({**place, **stated, **result_of(claim, part)})
+    return table_of(tested, "claims", complete=True)
 
 
-def claims_of_place(
-    tables: Mapping[str, pl.DataFrame],
-    settings: Claims,
-    frequencies_hz: Sequence[float],
-    n_T: float | None,
-) -> Iterator[Claim]:
-    """The claims on one joint and side of the bench."""
-    means: dict[str, Mapping[str, Any]] = {}
-    for name, table in tables.items():
-        if name.endswith("_summary"):
-            for row in table.drop_nulls("mean").to_dicts():
-                means[row["quantity"]] = row
-    if frequencies_hz:
-        for hz in dict.fromkeys((min(frequencies_hz), max(frequencies_hz))):
-            yield from share_claims(means, {"hz": hz, "omega": 2 * pi * hz})
-    if "impedance" in tables:
-        fits = tables["impedance"].filter(pl.col("amplitude_deg").is_null())
-        known = fits.filter(pl.col("K_d") > 0).sort("K_d")
-        ends = {row["K_d"]: row for row in (*known.head(1).to_dicts(), *known.tail(1).to_dicts())}
-        for K_d, row in ends.items():
-            turn = np.deg2rad(row["theta_rms_deg"])
-            if n_T:
-                yield from share_claims(means, {"K_d": K_d, "turn": turn, "n_T": n_T})
-        yield from rendered_claims(fits, settings)
-    if "compensation" in tables:
-        yield from claims_of("pairs", tables["compensation"])
-    if "response" in tables:
-        yield from claims_of("response", tables["response"].filter(scope="all").sort("controller"))
+def result_of(claim: Claim, table: pl.DataFrame) -> dict[str, Any]:
+    """Numbers, counts and verdict of a claim on the rows of one joint and side."""
+    if table.is_empty():
+        return {"n": 0, "verdict": NOT_TESTED}
+    expressions = {
+        name: pl.sql_expr(str(getattr(claim, name))).cast(pl.Float64)
+        for name in ("number", "low", "high", "target")
+    }
+    kept = counted(table, pl.sql_expr(str(claim.number)).meta.root_names())
+    rows = kept.filter(pl.sql_expr(str(claim.rows))).with_columns(**expressions)
+    if claim.than is None:
+        if claim.controller is not None:
+            rows = rows.filter(controller=claim.controller)
+        compared = with_outcomes(
+            rows.drop_nulls(["number", "target"]).with_columns(
+                value=pl.col("number"),
+                below=pl.col("target") - claim.margin,
+                above=pl.col("target") + claim.margin,
+            )
+        )
+        among = len(rows)
+    else:
+        pairs = paired(claim, rows)
+        among = len(pairs)
+        compared = with_outcomes(pairs.drop_nulls("value"))
+    return summary_of(compared, among, claim)
+
+
+def paired(claim: Claim, rows: pl.DataFrame) -> pl.DataFrame:
+    """A row per pair of both controllers: `value`, how much nearer to its target than that of the
+    other (negative) a number is, with the root of the sum of both squared half-widths; null where
+    one of them has no number."""
+    distances = rows.with_columns(
+        distance=(pl.col("number") - pl.col("target")).abs(),
+        half=(pl.col("high") - pl.col("low")) / 2,
+    )
+    of_arm = [
+        distances.filter(controller=name)
+        .group_by(claim.pairs, maintain_order=True)
+        .agg(pl.col("distance", "half").mean())
+        for name in (claim.controller, claim.than)
+    ]
+    pairs = of_arm[0].join(of_arm[1], on=claim.pairs, nulls_equal=True, suffix="_of_other")
+    value = pl.col("distance") - pl.col("distance_of_other")
+    half = (pl.col("half").pow(2) + pl.col("half_of_other").pow(2)).sqrt()
+    return pairs.with_columns(
+        value=value,
+        low=value - half,
+        high=value + half,
+        below=pl.lit(-math.inf),
+        above=pl.lit(-claim.margin),
+    )
+
+
+def with_outcomes(rows: pl.DataFrame) -> pl.DataFrame:
+    """Whether `value` meets the claim, from `below` to `above`, and whether its interval does, or
+    is beyond, as a whole."""
+    low, high = pl.coalesce("low", "value"), pl.coalesce("high", "value")
+    below, above = pl.col("below"), pl.col("above")
+    return rows.with_columns(
+        is_met=(pl.col("value") >= below) & (pl.col("value") <= above),
+        is_certain=(low >= below) & (high <= above),
+        is_missed=(low > above) | (high < below),
+    )
+
+
+def summary_of(compared: pl.DataFrame, among: int, claim: Claim) -> dict[str, Any]:
+    """Counts, mean and verdict of the outcomes of `among` conditions that could be compared."""
+    n = len(compared)
+    outcomes = compared.select(pl.col("is_met", "is_certain", "is_missed").sum()).row(0)
+    counts = dict(zip(("met", "certain", "missed"), outcomes, strict=True))
+    counts |= {"n": n, "among": among}
+    if not n:
+        return {**counts, "verdict": NOT_TESTED}
+    text = "nearer"
+    if not claim.than:
+        text = f"within {compared['target'][0]:g} ± {claim.margin:g} {claim.unit}"
+    text += f" in {counts['met']} of {n}"
+    if compared["low"].count():
+        text += f", certainly in {counts['certain']}, certainly not in {counts['missed']}"
+    if n < among:
+        text += f"; {among} were to be compared"
+    if claim.condition:
+        text += f" ({claim.condition})"
+    values = compared["value"]
+    low, high = values.min(), values.max()
+    interval: str | None = RANGE
+    if n == 1:
+        low, high = compared.select("low", "high").row(0)
+        interval = "95 %" if low is not None else None
+    return {
+        "quantity": text,
+        "value": values.mean(), "low": low, "high": high, "interval": interval,
+        **counts, "verdict": verdict_of(**counts),
+    }  # fmt: skip
+
+
+def verdict_of(n: int, among: int, met: int, certain: int, missed: int) -> str:
+    """`holds`, `fails`, `mixed` or `undecided`, by how many of n meet a claim, do so certainly, and
+    certainly do not."""
+    if n < ENOUGH_COMPARED * among:
+        return "undecided"
+    if met == n and 2 * certain > n:
+        return "holds"
+    if met == 0 and 2 * missed > n:
+        return "fails"
+    return "mixed" if certain and missed else "undecided"

@@ -5,6 +5,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
+from importlib.metadata import version
 from operator import getitem
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,16 @@ CITATION = re.compile(r"\[@(\w+)\]")
 MOST_LISTED = 8  # values in a sentence; of more it has the first and the last
 
 
+UNCERTAINTIES: Mapping[str, tuple[float, str]] = {
+    "torque_gain": (100.0, "{} % of the torque's gain"),
+    "angle_gain": (100.0, "{} % of the angle's gain"),
+    "misalignment_deg": (1.0, "{}° between the axes of joint and load cell"),
+    "hysteresis": (100.0, "{} % of the range of torque by hysteresis of the load cell"),
+    "delay": (1000.0, "{} ms of the torque's delay"),
+}
+"""Standard uncertainties of a bench in words, with the factor of their number."""
+
+
 @dataclass(frozen=True)
 class MethodsFacts:
     """What the template asks for."""
@@ -32,6 +43,7 @@ class MethodsFacts:
     tables: Mapping[str, pl.DataFrame]  # result tables, by name
     sheet: Sequence[Mapping[str, Any]]  # rows of the trials
     summary: Mapping[str, Any]
+    rates_hz: Mapping[str, str]  # of markers and force plate
 
     def each(self, table: str, column: str) -> str:
         """The values of a column as `1, 2 and 3`; empty where there are none."""
@@ -55,8 +67,13 @@ class MethodsFacts:
 
     def calibration(self, section: str) -> str:
         """The uncertainties of the bench that a section of the settings states; empty for none."""
-        stated = self.setting(f"{section}.calibration").items()
-        return ", ".join(f"{name} {size:g}" for name, size in stated if size)
+        stated = self.setting(f"{section}.calibration")
+        texts = [
+            words.format(value_text(factor * stated[name]))
+            for name, (factor, words) in UNCERTAINTIES.items()
+            if stated[name]
+        ]
+        return ", ".join(texts)
 
     @property
     def delays(self) -> str:
@@ -78,7 +95,10 @@ class MethodsFacts:
             "counts": ", ".join(counts),
             "verdicts": ", ".join(verdicts),
             "doubts": [f.counts for f in findings if f.verdict in ("doubtful", "flagged")],
-            "results": [f.counts for f in findings if f.is_result],
+            "results": "; ".join(
+                f.counts.replace(": ", " in ", 1) for f in findings if f.is_result
+            ),
+            "version": version,
             "not_checked": "; ".join(causes_not_checked(findings)),
         }
 

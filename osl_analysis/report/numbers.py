@@ -9,13 +9,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import polars as pl
 
 from osl_analysis.campaign.origin import ABOUT_MEANING, sentence
 from osl_analysis.errors import on_one_line
 from osl_analysis.files import own_yaml
-from osl_analysis.measured import decimal_places, with_places
+from osl_analysis.measured import decimal_places, plus_minus, with_places
 from osl_analysis.report.typography import in_latex
 from osl_analysis.stats.repeats import (
     OWN_CONDITION,
@@ -28,10 +27,10 @@ from osl_analysis.table import SCHEMA, SCHEMA_FIELD
 # by which numbers of trials are told apart where a campaign has several
 PLACE = ("joint", "side")
 OF_CONDITION = (*PLACE, "excitation")
-MOST_IN_SENTENCE = 4  # numbers of a sentence: a terminal shows two lines of them
+MOST_IN_SENTENCE = 3  # numbers of a sentence, which a line of a terminal holds
 BY_CONDITION = "by condition"  # `says` of the entries that these lines hold
-CONDITION_LINES = 4  # of K and B by condition
-MOST_CONDITIONS = 16  # in these lines; of more with commanded gains the averages are told
+CONDITION_LINES = 3  # of K and B by condition
+MOST_CONDITIONS = 16  # that are named in a line
 
 
 @dataclass(frozen=True)
@@ -96,6 +95,13 @@ class Number:
         return f"{value} ({' to '.join(ends)})" if all(ends) else value
 
     @property
+    def brief(self) -> str:
+        """The number as a sentence has it: ± half of its 95 % interval, and its unit."""
+        value, *ends = self.texts
+        text = value if self.kind == RANGE else plus_minus(value, *ends)
+        return f"{text} {self.unit}"
+
+    @property
     def kind(self) -> str | None:
         """What the interval is, for a reader; None without one."""
         return self.interval if self.interval in (None, RANGE) else "95 %"
@@ -111,15 +117,14 @@ class Number:
 
     @property
     def in_sentence(self) -> str:
-        """The number with what it is of, its interval and the doubts about it in brackets."""
-        value, *ends = self.texts
+        """The number with what it is of, the range of its trials and the doubts about it in
+        brackets."""
         facts = [self.subject]
-        if all(ends):
-            kind = "trials" if self.kind == RANGE else "95 %:"
-            facts.append(f"{kind} {' to '.join(ends)}")
+        if self.kind == RANGE:
+            facts.append(f"trials {' to '.join(self.texts[1:])}")
         in_brackets = "; ".join(filter(None, [*facts, self.doubts]))
         symbol = f"{self.symbol} = " if self.symbol else ""
-        return f"{symbol}{value} {self.unit}{f' ({in_brackets})' if in_brackets else ''}"
+        return f"{symbol}{self.brief}{f' ({in_brackets})' if in_brackets else ''}"
 
 
 def headline_numbers(
@@ -140,10 +145,6 @@ def headline_numbers(
         entry.name: parts(entry, tables.get(entry.table, pl.DataFrame())) for entry in ENTRIES
     }
     present = {name for name, of_entry in parts_of.items() if of_entry}
-    if len(parts_of["K"]) <= MOST_CONDITIONS:
-        present.add("few conditions")
-    elif "K_bias" in present:
-        present.add("averages")
     for entry in ENTRIES:
         says = "" if entry.unless in present else entry.says
         for part, keys in parts_of[entry.name]:
@@ -223,23 +224,19 @@ def number_of(
 
 
 def headline_sentences(numbers: Iterable[Number]) -> Iterator[str]:
-    """The sentences that a run ends with and the page begins with, each on alike numbers: K and B
-    by condition in at most `CONDITION_LINES`, then all others."""
+    """The sentences that a run ends with, each on alike numbers: K and B of the first conditions,
+    then all others."""
     texts_of: dict[str, list[str]] = {}
     of_conditions: dict[str, list[str]] = {}
     for number in numbers:
         if number.says == BY_CONDITION:
             condition = f"{number.subject}, {number.doubts}".removesuffix(", ")
-            text = f"{number.symbol} {number.text}"
+            text = f"{number.symbol} = {number.brief}"
             of_conditions.setdefault(condition, []).append(text)
         elif number.says:
             texts_of.setdefault(number.says, []).append(number.in_sentence)
     conditions = [f"{name}: {', '.join(texts)}" for name, texts in of_conditions.items()]
-    shown = first_of(conditions, MOST_CONDITIONS)
-    begin = "K in N*m/rad, B in N*m*s/rad: "
-    for line in filter(len, np.array_split(shown, CONDITION_LINES)):
-        yield f"{begin}{'; '.join(line)}."
-        begin = ""
+    yield from first_of(conditions, CONDITION_LINES)
     for begin, texts in texts_of.items():
         yield f"{begin} {', '.join(first_of(texts, MOST_IN_SENTENCE))}."
 

@@ -18,6 +18,7 @@ from osl_analysis.judge.finding import Grade, WordedFinding
 from osl_analysis.judge.judging import fit_of, rows_by_fit
 from osl_analysis.judge.known_findings import known_finding
 from osl_analysis.judge.recording_checks import NOT_APPLICABLE
+from osl_analysis.measured import WithInterval, plus_minus
 from osl_analysis.report.numbers import Number
 from osl_analysis.report.paper_tables import Condition, estimate_text, stated_text
 from osl_analysis.report.signals import Signals
@@ -28,6 +29,8 @@ from osl_analysis.stats.budget import IN_INTERVAL, budgets_in
 TEMPLATES = Path(__file__).with_name("templates")
 NO_CONDITIONS = ("trial", "experiment", "log", "log_source", "mocap", "mocap_source", "exclude")
 RECORDINGS = ("log", "mocap")
+# symbols that are set with their subscripts, and are no part of a name
+SYMBOLS = re.compile(r"\$.+?\$|(?<![\w-])[KBJknf]_(?:viscous|tau|[dsjm1CGT])(?![\w-])")
 MAIN_FIGURES = ("fig5", "fig9", "fig3")  # in this order: bench, walking, belt
 
 
@@ -41,7 +44,7 @@ class ShownFigure:
 
     name: str
     title: str
-    caption: str  # what it shows, and how to read it
+    caption: Sequence[str]  # sentences: what it shows, and how to read it
     svg: str
 
     @property
@@ -99,7 +102,8 @@ class Page:
 
     about: Mapping[str, str]
     made_of: str
-    verdict: Sequence[str]  # sentences
+    answer: str  # the sentence that it begins with
+    sentences: Sequence[str]  # further ones
     notes: Sequence[str]  # on intervals, settings that nobody stated, recordings without a row
     conditions: Sequence[Condition]
     groups: Sequence[Condition]
@@ -137,7 +141,12 @@ def written_page(page: Page) -> str:
     )
     # models of Bokeh are read in the order in which they refer to each other
     environment.policies["json.dumps_kwargs"] = {"sort_keys": False}
-    environment.filters["printed"] = lambda text: with_symbols(printed(text))
+    environment.filters["printed"] = lambda text: with_symbols(
+        SYMBOLS.sub(in_dollars, printed(text))
+    )
+    environment.filters["plus_minus"] = lambda text: (
+        plus_minus(*text.parts) if isinstance(text, WithInterval) else text
+    )
     signals = {trial.name: trial.signals.packed() for trial in page.trials if trial.signals}
     return environment.get_template("page.html.j2").render(
         page=page,
@@ -148,6 +157,11 @@ def written_page(page: Page) -> str:
     )
 
 
+def in_dollars(match: re.Match[str]) -> str:
+    """A symbol as `with_symbols` sets it; one that stands between dollar signs as it is."""
+    return match[0] if match[0].startswith("$") else f"${match[0]}$"
+
+
 def with_symbols(text: str) -> Markup:
     """A text whose symbols between dollar signs, as `$K_d$` and `$\\hat{K}$`, are set in HTML; a
     dollar sign behind a backslash is one."""
@@ -156,7 +170,7 @@ def with_symbols(text: str) -> Markup:
         letters = re.sub(r"\\hat\{(\w)\}", "\\1\u0302", match[1])
         letters = re.sub(r"\\\w+\{(\w+)\}", r"\1", letters)
         letters = re.sub(r"_\{?([A-Za-z0-9]+)\}?", r"<sub>\1</sub>", letters)
-        return f"<i>{re.sub(r'[{}^]', '', letters)}</i>"
+        return f"<i>{re.sub(r'[{}^]', '', letters).replace('tau', 'τ')}</i>"
 
     in_html = re.sub(r"(?<!\\)\$(.+?)(?<!\\)\$", symbol, str(escape(text)))
     return Markup(in_html.replace("\\$", "$"))

@@ -2,7 +2,7 @@
 (Table I): rows for the page and for tables of a paper."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 from statistics import median
@@ -12,7 +12,7 @@ import polars as pl
 
 from osl_analysis.files import own_yaml
 from osl_analysis.judge.judging import results_in
-from osl_analysis.measured import NOTHING, significant, written
+from osl_analysis.measured import NOTHING, significant, with_places, written
 from osl_analysis.report.typography import in_markdown, latex_table, markdown_table
 from osl_analysis.stats.budget import IN_INTERVAL, budgets_in
 from osl_analysis.stats.repeats import OWN_CONDITION, counted, summary_row
@@ -21,7 +21,7 @@ CONDITION = ("joint", "side", "excitation", "controller", "K_d", "B_d", "own_con
 LATEX, COMPONENTS = own_yaml(Path(__file__).with_suffix(".yaml")).values()
 STATED = ("controller", "K_d", "B_d")
 ESTIMATED = ("K", "B", "B_viscous", "I", "VAF")
-UNITS = {"VAF": "%"}  # of what is rounded as a share
+LARGEST_VAF = 99.99  # [%] that is printed: none is rounded to 100
 SUBTRACTED = {"ensemble": "mean unperturbed gait", "ensemble, predicted gait": "predicted gait"}
 """What each estimator of a group subtracts from the perturbed crossings."""
 DAGGER = (
@@ -40,6 +40,7 @@ class Condition:
     is_doubtful: bool  # the only trial, whose estimates these are, or all of several
     results: Sequence[str]  # why the device is not of second order, as friction
     estimates: Mapping[str, str]  # with their intervals, by symbol
+    ranges: Mapping[str, str] = field(default_factory=dict)  # over their motion, by symbol
 
 
 def conditions(impedance: pl.DataFrame) -> list[Condition]:
@@ -63,12 +64,13 @@ def conditions(impedance: pl.DataFrame) -> list[Condition]:
     for fits in parts:
         sound = {symbol: counted(fits, [symbol]) for symbol in symbols}
         used = fits if len(fits) == 1 else counted(fits)
+        # of one trial, or of several that are not doubtful; of none there is nothing
+        counting = dict.fromkeys(symbols, fits) if len(fits) == 1 else sound
         first = fits.row(0, named=True)
         results = chain.from_iterable(map(results_in, used["remarks"]))
-        # of one trial, or means of several; of none there is nothing
         estimates = {
-            symbol: mean_text(summary_row(fits if len(fits) == 1 else rows, symbol), symbol)
-            for symbol, rows in sound.items()
+            symbol: mean_text(summary_row(rows, symbol), symbol)
+            for symbol, rows in counting.items()
         }
         of_conditions.append(
             Condition(
@@ -78,9 +80,26 @@ def conditions(impedance: pl.DataFrame) -> list[Condition]:
                 is_doubtful=any(map(pl.DataFrame.is_empty, sound.values())),
                 results=list(dict.fromkeys(results)),
                 estimates=estimates,
+                ranges={
+                    symbol: range_text(rows, symbol, estimates[symbol])
+                    for symbol, rows in counting.items()
+                },
             )
         )
     return of_conditions
+
+
+def range_text(fits: pl.DataFrame, symbol: str, estimate: str) -> str:
+    """The range of an estimate over amplitudes and frequencies, in all of these fits, with the
+    decimal places of its text; empty without one."""
+    ends = [f"{symbol}_range_low", f"{symbol}_range_high"]
+    if not {*ends} <= {*fits.columns}:
+        return ""
+    low, high = fits.select(pl.min(ends[0]), pl.max(ends[1])).row(0)
+    if low is None:
+        return ""
+    places = len(estimate.split()[0].partition(".")[2])
+    return " to ".join(with_places(places, low, high))
 
 
 def stated_text(cell: object) -> str:
@@ -90,7 +109,9 @@ def stated_text(cell: object) -> str:
 
 def mean_text(row: Mapping[str, Any], symbol: str = "") -> str:
     """A mean over trials or crossings with its 95 % interval."""
-    return written(row["mean"], row["low"], row["high"], UNITS.get(symbol, ""))
+    if symbol == "VAF" and row["mean"] is not None:  # whose interval is a formality
+        return f"{min(row['mean'], LARGEST_VAF):.2f}"
+    return written(row["mean"], row["low"], row["high"])
 
 
 def estimate_text(row: Mapping[str, Any], name: str, unit: str = "") -> str:

@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 
 from osl_analysis.files import own_yaml
-from osl_analysis.measured import WithInterval
+from osl_analysis.measured import WithInterval, plus_minus
 
 SIGNS: dict[str, str] = own_yaml(Path(__file__).with_suffix(".yaml"))
 ANY_SIGN = re.compile("|".join(SIGNS))  # few of a page's numbers have one
@@ -60,7 +60,7 @@ def markdown_table(rows: Sequence[Sequence[str]]) -> str:
 
 MOST_IN_COLUMN = 4  # columns of a table that a column of two holds, with intervals below the values
 INTERVAL_BELOW = r"\begin{tabular}[t]{@{}l@{}}%s\\{}[%s, %s]\end{tabular}"
-INTERVAL_BESIDE = "%s [%s, %s]"
+UNIT_BELOW = r"\\begin{tabular}[t]{@{}l@{}}\1\\\\(\2\\end{tabular}"
 
 
 def latex_table(rows: Sequence[Sequence[str]], heads: Mapping[str, str]) -> str:
@@ -68,10 +68,16 @@ def latex_table(rows: Sequence[Sequence[str]], heads: Mapping[str, str]) -> str:
     the width of two. `heads` has those heads, of columns and of rows, that are LaTeX."""
     if len(rows) <= MOST_IN_COLUMN < len(rows[0]):
         rows = [*zip(*rows, strict=True)]
-    interval = INTERVAL_BELOW if len(rows[0]) <= MOST_IN_COLUMN else INTERVAL_BESIDE
+    is_wide = len(rows[0]) > MOST_IN_COLUMN
+    if is_wide:
+        heads = {name: re.sub(r"(.+) \((.+)", UNIT_BELOW, head) for name, head in heads.items()}
 
     def in_cell(text: str) -> str:
-        return interval % text.parts if isinstance(text, WithInterval) else in_latex(text)
+        if not isinstance(text, WithInterval):
+            return in_latex(text)
+        if is_wide:
+            return plus_minus(*text.parts).replace("±", r"$\pm$")
+        return INTERVAL_BELOW % text.parts
 
     lines = [" & ".join(heads.get(cell, in_cell(cell)) for cell in row) for row in rows]
     head, *body = [re.sub(r"(?<!\w)-(?=\d)", "$-$", line) + r" \\" for line in lines]

@@ -1,6 +1,7 @@
 """The trials of a campaign that have no result, and why; the verdict on each trial, which page,
 summary and terminal count alike; and what a run found, in about ten lines for a terminal."""
 
+import textwrap
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -8,6 +9,7 @@ from typing import Any, NamedTuple
 import polars as pl
 
 from osl_analysis.config.experiments import EXPERIMENTS
+from osl_analysis.errors import shortened
 from osl_analysis.judge.campaign import (
     QUALITY,
     CampaignFinding,
@@ -26,6 +28,8 @@ EXCLUDED = "excluded"
 NOT_JUDGED = "not judged"  # recordings that are read and not analysed
 MOST_FINDINGS = 3  # with verdicts, numbers and what was not checked a run tells itself in ten lines
 NOT_CHECKED = "not checked"
+LINE = 110  # letters of a line at the end of a run
+CUT = " ..."  # behind a longer one
 VERDICTS = (CLEAR, FLAGGED, DOUBTFUL, IN_PART, REFUSED, EXCLUDED, NOT_JUDGED)
 
 
@@ -164,47 +168,45 @@ def verdict_counts(
 
 
 def verdicts_sentence(counts: Mapping[str, int], results: Mapping[str, int]) -> str:
-    """`9 trials: 6 clear, of them 4 with friction, 3 doubtful, none refused or excluded.`"""
+    """`9 trials, 3 doubtful, none refused; 4 show friction.`"""
     total = sum(counts.values())
-    parts = [f"{n} {verdict}" for verdict, n in counts.items() if n or verdict == CLEAR]
-    if results:
-        with_results = " and ".join(f"{n} with {cause}" for cause, n in results.items())
-        parts[0] += f", of them {with_results}"
-    if not counts[REFUSED] + counts[EXCLUDED]:
-        parts.append("none refused or excluded")
-    return f"{total} trial{'s' if total != 1 else ''}: {', '.join(parts)}."
+    others = [f"{n} {verdict}" for verdict, n in counts.items() if n and verdict != CLEAR]
+    text = ", ".join([f"{total} trial{'s' if total != 1 else ''}", *(others or ["none doubtful"])])
+    shown = [f"{n} {'shows' if n == 1 else 'show'} {cause}" for cause, n in results.items()]
+    return "; ".join([text, *shown]) + "."
 
 
 def brief_lines(summary: Mapping[str, Any]) -> list[str]:
-    """How many trials are clear, doubtful and left out, the headline numbers, and each finding with
-    its size and what to do, from a `summary.json`."""
-    return [
+    """The answer, how many trials are doubtful or left out, the headline numbers, and each finding
+    with what to do, from a `summary.json`, in lines of a terminal."""
+    numbers = numbers_in_summary(summary)
+    lines = [
+        *textwrap.wrap(summary["answer"], LINE),
         verdicts_sentence(summary["verdicts"], summary["results_of_clear"]),
-        *headline_sentences(numbers_in_summary(summary)),
+        *headline_sentences(numbers),
         *findings_lines(findings_in_summary(summary)),
     ]
+    return [line if len(line) <= LINE else shortened(line, LINE - len(CUT)) for line in lines]
 
 
 def findings_lines(findings: Sequence[CampaignFinding]) -> list[str]:
-    """The first findings, and all that could not be checked."""
+    """The first findings, and how much could not be checked."""
     doubts = [finding for finding in findings if finding.verdict != NOT_CHECKED]
     lines = [finding_line(finding) for finding in doubts[:MOST_FINDINGS]]
+    rest = []
     if len(doubts) > MOST_FINDINGS:
-        lines[-1] += f" (the page lists {len(doubts) - MOST_FINDINGS} more)"
+        rest.append(f"{len(doubts) - MOST_FINDINGS} more on the page")
     unchecked = causes_not_checked(findings)
     if unchecked:
-        lines.append(
-            "not checked, so that “clear” and intervals say nothing of it: " + "; ".join(unchecked)
-        )
-    return lines
+        also = f" and {len(unchecked) - 1} more" if len(unchecked) > 1 else ""
+        rest.append(f"not checked: {unchecked[0]}{also}")
+    return [*lines, *filter(None, ["; ".join(rest)])]
 
 
 def finding_line(finding: CampaignFinding) -> str:
-    """A finding with its size in the worst trial and what to do."""
+    """A finding and what to do."""
     mark = "·" if finding.verdict == "remark" else "⚠"
     line = f"{mark} {finding.counts}"
-    if finding.size:
-        line += f", {finding.at_worst.partition('. ')[0]}"
     return f"{line} → {finding.brief}" if finding.brief else line
 
 

@@ -1,6 +1,5 @@
-"""Mean, scatter and interval over repeated trials, and the verdict on a number with an interval."""
+"""Mean, scatter and interval over repeated trials."""
 
-import math
 from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass
 from statistics import median
@@ -232,25 +231,3 @@ def summary_of_trials(table: pl.DataFrame, quantities: Sequence[str]) -> pl.Data
             row["interval_method"] = NONE_COUNTS
         rows.append(row)
     return pl.DataFrame(rows)
-
-
-def equivalence(
-    low: float | None, high: float | None, target: float, margin: float | None
-) -> str | None:
-    """'equivalent', 'different' or 'undecided': whether a number with this 95 % interval is target
-    +- margin, all in one unit; None without an interval or margin.
-
-    It is equivalent if the whole interval lies within target +- margin, different if the whole
-    interval lies beyond it on one side, else undecided. Two one-sided tests at 5 % need only the 90
-    % interval (Schuirmann, J. Pharmacokinet. Biopharm. 15, 1987); the 95 % interval is
-    conservative: each test is at 2.5 %."""
-    if (
-        low is None
-        or high is None
-        or margin is None
-        or not all(map(math.isfinite, (low, high, target, margin)))
-    ):
-        return None
-    if margin and target - margin <= low and high <= target + margin:
-        return "equivalent"
-    return "different" if high < target - margin or low > target + margin else "undecided"

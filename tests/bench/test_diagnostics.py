@@ -228,7 +228,7 @@ def test_the_delay_of_a_bench_is_pooled_over_trials_with_what_all_of_them_share(
 
 
 @pytest.mark.parametrize(("half", "said"), [
-    (0.24e-3, r"Write .*{delay: 1.03 ms}.*1\.03 ms"),
+    (0.24e-3, r"Write .*{delay: 1.03 ms}.*1\.03 ± 0\.94 ms"),
     (0.20e-3, r"not .*delay.*1\.03 ms .*0\.60 to 1\.30"),
 ])  # fmt: skip
 def test_a_delay_is_proposed_where_trials_agree_within_twice_their_intervals(half, said):

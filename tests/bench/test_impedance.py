@@ -19,14 +19,16 @@ from bench_synthetic import (
 from conftest import joint_trial, least_squares_alone, white_noise
 from shipped import CONFIG
 
-from osl_analysis.bench.bench_settings import Calibration
+from osl_analysis.bench.bench_settings import Calibration, Fixture
 from osl_analysis.bench.evidence import DesiredImpedance, impedance_table
 from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.commands.figure import fig4
+from osl_analysis.commands.fit import fit_impedance_trial
 from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.judge import judging
 from osl_analysis.judge.limits import Limits
+from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import write_trial
 
@@ -117,6 +119,27 @@ def test_where_amplitudes_nest_in_frequencies_fig4_uses_the_largest_alone(tmp_pa
     left = shown["torque"] - shown["torque_model"]
     assert left.var() < 5e-4 * shown["torque"].var()
     assert shown["theta_deg"].null_count() == shown["torque"].null_count() > 0.1 * RATE
+
+
+def test_fig4_shows_the_reported_fit_without_the_fixture(tmp_path):
+    record = stepped_sine(second_order, 0.01)
+    trial = joint_trial(record.time, record.theta, record.torque)
+    settings = sine_settings([round(np.rad2deg(a), 9) for a in PROTOCOL.amplitudes], (1, 3, 5), 9)
+    settings = settings.model_copy(update={"fixture": Fixture(inertia=0.02, weight=40.0)})
+    tables = fit_impedance_trial(trial, None, None, PAPER_WEIGHT, settings)
+    write_trial(trial, tmp_path / "made.parquet")
+    write_table(tables.estimates["impedance"], tmp_path / "fit.csv")
+
+    files = tmp_path / "made.parquet", tmp_path / "fit.csv"
+    fig4(*files, settings, {}, Limits(), tmp_path / "fig4.csv")
+
+    shown = read_table(tmp_path / "fig4.csv").drop_nulls(["theta_deg", "torque_model"])
+    theta = np.deg2rad(shown["theta_deg"].to_numpy())
+    velocity = np.gradient(theta, 1 / RATE)
+    columns = [theta, velocity, np.gradient(velocity, 1 / RATE), np.ones_like(theta)]
+    drawn, *_ = np.linalg.lstsq(np.array(columns).T, shown["torque_model"].to_numpy())
+    reported = tables.estimates["impedance"]["K"][-2]
+    assert drawn[0] == pytest.approx(reported, rel=0.01) != pytest.approx(200, rel=0.1)
 
 
 def judged(torque_of, noise=0.01, **stated):

@@ -47,7 +47,8 @@ def view(*findings, left_out=None, **changed):
 
 def page(*trials, **changed):
     facts = {
-        "about": ABOUT, "made_of": "made of <i>", "verdict": ["1 trial."], "notes": [],
+        "about": ABOUT, "made_of": "made of <i>", "answer": "K is 300.",
+        "sentences": ["1 trial."], "notes": [],
         "conditions": (), "groups": (), "numbers": (), "findings": (), "trials": trials,
         "figures": (), "absent_figures": {}, "missing_results": {},
     }  # fmt: skip

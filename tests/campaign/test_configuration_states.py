@@ -34,7 +34,7 @@ from osl_analysis.yaml_settings import flat, read_mapping
 OTHERS = {
     "parameters": "config/parameters/osl-v2-published.yaml", "impedance_trajectory": "other.csv",
     "dynamometer.amplitudes_deg": [20], "dynamometer.frequencies_hz": [7], "dynamometer.cycles": 9,
-    "figures.midstance_stiffness": 1.0, "claims.K_percent": 0.1,
+    "figures.midstance_stiffness": 1.0, "claims": "config/config.yaml",
     "torque_angle.zero": "start",
 }  # fmt: skip
 

@@ -149,7 +149,7 @@ def test_what_a_simulation_names_is_in_the_bundle_too(campaign, tmp_path):
     write(campaign / "leg.yaml", (tmp_path / "device.yaml").read_text())
     simulated = CONFIG.replace("simulation: null", "simulation: own.yaml")
     simulated = simulated.replace("../device.yaml", "null")
-    write(campaign / "config.yaml", f"{simulated}impedance_trajectory: null\n")
+    write(campaign / "config.yaml", f"{simulated}impedance_trajectory: null\nclaims: null\n")
 
     result = call("bundle", campaign, tmp_path / "all.zip")
 

@@ -10,6 +10,7 @@ import polars as pl
 import pytest
 from conftest import ROOT, refused_with
 
+from osl_analysis.bench.frequency_response import with_errors
 from osl_analysis.commands.figure import (
     draw_figure,
     plot_numbers,
@@ -52,10 +53,14 @@ def time_series():
     return pl.DataFrame(columns, schema_overrides={"side": pl.String})
 
 
+def responses():
+    return with_errors(stored("response"))
+
+
 def response_table():
     """Measured responses beside the desired one, and linear models of 3.5 - 2j mrad/(N·m)."""
     looks = look_numbers(stored("response")["controller"])
-    placed = stored("response").with_columns(looks, joint=NO_TEXT, side=NO_TEXT, Z_error=7.0)
+    placed = responses().with_columns(looks, joint=NO_TEXT, side=NO_TEXT)
     Y = 3.5e-3 - 2e-3j
     model = {
         "curve": LINEAR_MODEL, "frequency_hz": np.arange(1.0, 6.0), "magnitude": abs(Y),
@@ -76,7 +81,7 @@ PLOTTED = {
     "fig4": time_series, "torque": time_series, "fig7": response_table,
     "torque_angle": torque_angle_table,
     "fig9": lambda: plotted_numbers(
-        "fig9", stored("walking_summary"), walking_fits(), SOUND, 340.0
+        "fig9", stored("walking_summary"), walking_fits(), SOUND, RESPONSES, 340.0
     ),
 }  # fmt: skip
 
@@ -124,8 +129,14 @@ def walking_fits(n=31, group="all"):
     return pl.DataFrame(rows | {"I": 1e-3 * number, "group": group, "doubtful": doubtful})
 
 
-SOUND = stored("walking_summary").clear()
+SOUND = pl.DataFrame(
+    {"group": "all", "doubtful": "", "n_unperturbed": 12, "onset_phase": 0.386, "n": 31}
+)
 """Groups without a doubt."""
+RESPONSES = pl.DataFrame(
+    {"group": "all", "trial": "ensemble", "time": np.arange(-3, 40) / 300, "torque_model": 1.0}
+).with_columns(torque_model=pl.when(pl.col("time").is_between(0, 0.099)).then("torque_model"))
+"""The mean response, fitted for 100 ms."""
 
 
 def in_amplitudes():
@@ -180,13 +191,15 @@ SHOWN = [
     ("fig4", left_out, 1, True, "time", ("torque", "torque_model")),
     ("fig4", left_out, 2, True, "time", (RESIDUAL,)),
     *(("fig5", in_amplitudes, k, True, None, [*(one.format(q) for one in OBSERVED), f"{q}_d"])
-      for k, q in enumerate("KB")),
-    ("fig5", in_amplitudes, 1, True, None, ("B_viscous",)),
+      for k, q in ((0, "K"), (2, "B"))),
+    ("fig5", in_amplitudes, 1, pl.col("K_d") > 0, None,
+     [100 * (pl.col(one.format("K")) / pl.col("K_d") - 1) for one in OBSERVED]),
+    ("fig5", in_amplitudes, 2, True, None, ("B_viscous",)),
     ("fig6", None, 0, True, None,
      (100 - pl.col("VAF"), 100 - pl.col("VAF").median().over("controller"))),
     *(("fig7", response_table, k, True, "frequency_hz", [one.format(q) for one in OBSERVED])
       for k, q in enumerate(("magnitude", "phase_deg"))),
-    ("fig7", response_table, 2, True, "frequency_hz", ("Z_error",)),
+    ("fig7", response_table, 2, True, "frequency_hz", [one.format("Z_error") for one in OBSERVED]),
     *(("fig8", None, k, True, "stance", (f"{q}_d", f"{q}_1_joint")) for k, q in enumerate("KB")),
     *(("fig9", None, k, pl.col("quantity") == q, None, OF_GROUP) for k, q in enumerate("KBI")),
     *(("fig9", None, k, pl.col("quantity") == q, None,
@@ -302,7 +315,7 @@ def test_fig3_prints_the_mean_area_of_the_loops_between_the_ends_of_its_interval
 
 
 @pytest.mark.parametrize(("name", "panel", "order"), [
-    ("fig5", 0, ("K_d", "B_d")), ("fig5", 1, ("B_d", "K_d")), ("fig6", 0, ()), ("fig7", 0, ()),
+    ("fig5", 0, ("K_d", "B_d")), ("fig5", 2, ("B_d", "K_d")), ("fig6", 0, ()), ("fig7", 0, ()),
     ("fig7", 1, ()),
 ])  # fmt: skip
 def test_a_marker_leads_to_its_trial_and_is_open_where_its_fit_is_doubtful(name, panel, order):
@@ -395,8 +408,9 @@ def test_fig9_shows_every_group_with_a_result_and_what_it_was_commanded():
     of_third = of_first.with_columns(mean=NULL, low=NULL, high=NULL, group=pl.lit("K_d 600"))
     lost = walking_fits(2).with_columns(K=pl.Series([None, np.nan]), group=NO_TEXT)
     fits = pl.concat([walking_fits(31, "K_d 200"), walking_fits(31, "K_d 400"), lost])
+    groups = pl.concat([of_first, of_second, of_third])
 
-    table = plotted_numbers("fig9", pl.concat([of_first, of_second, of_third]), fits, SOUND, 340.0)
+    table = plotted_numbers("fig9", groups, fits, SOUND, RESPONSES, 340.0)
 
     panel, _, lowest = drawn("fig9", table).axes
     commands = [line.get_ydata()[0] for line in panel.lines if line.get_label() == "Commanded"]
@@ -407,7 +421,7 @@ def test_fig9_shows_every_group_with_a_result_and_what_it_was_commanded():
 
 
 def test_fig8_shows_stance_alone():
-    assert f"the first {100 * STANCE_SHARE:g} % of" in FIGURES["fig8"].caption
+    assert f"the first {100 * STANCE_SHARE:g} % of" in " ".join(FIGURES["fig8"].caption)
     gains = stored("gains")
     swing = gains.tail(1).with_columns(phase=0.63, K_d=1e6)
 
@@ -457,21 +471,58 @@ def test_a_figure_without_numbers_says_so_with_trial_and_reason(tmp_path):
     assert "i_1: raw/i_1.mcap: $no$ such_file^" in drawing
 
 
-def test_each_figure_has_its_caption_and_a_missing_one_its_reason(tmp_path):
+def test_each_figure_has_its_width_and_its_caption_of_what_is_drawn(tmp_path):
     tables = {name: tmp_path / f"{name}.csv" for name in ("fig4", "fig5")}
     write_lost(tables["fig4"])
-    write_table(plotted("fig5"), tables["fig5"])
+    write_table(plotted("fig5").with_columns(B_viscous=NULL), tables["fig5"])
+    draw_figure("fig5", tables["fig5"], [tmp_path / "fig5.svg"])
 
     write_captions(tables=tables, footer="Simulated data", output=tmp_path / "c.md")
 
     _, of_lost, of_drawn = (tmp_path / "c.md").read_text(encoding="utf-8").split("\n## ")
     assert "i_1: raw/i_1.mcap" in of_lost
-    assert FIGURES["fig5"].caption in of_drawn
+    assert "One column wide (3.50 in)" in of_drawn
+    assert "Black lines" in of_drawn
+    assert "Crosses" not in of_drawn
+
+
+def test_viscous_damping_is_drawn_where_every_controller_has_it():
+    fits = stored("impedance").with_columns(
+        B_viscous=pl.when((pl.col("controller") == "uncompensated") | (pl.col("B_d") == 5)).then(
+            1.0
+        )
+    )
+
+    shown = plotted_numbers("fig5", fits).drop_nulls("B_viscous")
+
+    assert {*shown["B_d"]} == {5.0}
+    assert shown["controller"].n_unique() == 2
+    alone = plotted_numbers("fig5", fits.filter(controller="uncompensated"))
+    assert alone["B_viscous"].null_count() == 0
+
+
+def test_the_larger_the_amplitude_the_larger_the_marker_of_fig6():
+    table, figure = drawn_once("fig6", None)
+
+    (points,) = [c for c in figure.axes[0].collections if c.get_label() == "Compensated"]
+
+    rows = table.filter(controller="compensated")
+    order = np.argsort(rows["amplitude_deg"].to_numpy(), kind="stable")
+    assert np.all(np.diff(points.get_sizes()[order]) >= 0)
+    assert np.ptp(points.get_sizes()) > 0
+
+
+def test_fig9_says_how_many_crossings_at_which_phase_are_fitted_for_how_long():
+    lettering = texts(drawn_once("fig9", None)[1])
+
+    for part in ("31 perturbed", "12 unperturbed", "39 % of stance", "100 ms", "VAF"):
+        assert part in lettering
 
 
 @pytest.mark.parametrize(("name", "table", "others"), [
     ("fig6", stored("impedance").with_columns(VAF=float("nan")), []),
-    ("fig9", stored("walking_summary").with_columns(mean=NULL), [walking_fits(0), SOUND]),
+    ("fig9", stored("walking_summary").with_columns(mean=NULL),
+     [walking_fits(0), SOUND, RESPONSES]),
 ])  # fmt: skip
 def test_a_table_without_what_a_figure_shows_gives_no_points(name, table, others):
     assert plotted_numbers(name, table, *others).is_empty()

@@ -439,6 +439,46 @@ def test_a_run_has_a_line_now_and_then_one_per_stage_and_what_is_refused_at_once
     assert r"no such file\x1b[31m" in of_jobs[0]
 
 
+def test_an_error_in_a_file_of_the_user_is_one_sentence(capsys):
+    lines = LogHandler(SimpleNamespace(verbose=False, dryrun=False), None)
+    frames = (
+        'WorkflowError in file "/a/rules/common.smk", line 79:\n{}\n  File "/a/x", line 79, in b'
+    )
+
+    tell(lines, LogEvent.ERROR, frames.format("c.yaml: line 9: no"), logging.ERROR)
+
+    assert capsys.readouterr().err == "error: c.yaml: line 9: no\n"
+
+
+def test_no_line_of_snakemake_follows_the_error_of_a_job(tmp_path, capsys):
+    write_log(tmp_path / "verdict.log", {"outcome": "failed", "error": "1 trial", "remedy": "mend"})
+    lines = LogHandler(SimpleNamespace(verbose=False, dryrun=False), None)
+    log = [f"{tmp_path}/verdict.log"]
+    following = "Exiting because a job execution failed."
+
+    tell(lines, text=following, level=logging.ERROR)
+    tell(lines, LogEvent.JOB_INFO, jobid=1, rule_name="verdict", log=log)
+    tell(lines, LogEvent.JOB_ERROR, jobid=1, log=log)
+    tell(lines, text=following, level=logging.ERROR)
+
+    assert capsys.readouterr().err.splitlines() == [following, "failed: verdict: 1 trial; mend"]
+
+
+def test_the_time_left_is_told_once_enough_jobs_tell_it(monkeypatch, capsys):
+    clock = SimpleNamespace(now=100.0)
+    monkeypatch.setattr("time.monotonic", lambda: clock.now)
+    lines = LogHandler(SimpleNamespace(verbose=False, dryrun=False), None)
+    tell(lines, LogEvent.RUN_INFO, stats={"ingest": 10})
+    for job in range(6):
+        tell(lines, LogEvent.JOB_INFO, jobid=job, rule_name="ingest", log=[])
+        clock.now += 11
+        tell(lines, LogEvent.JOB_FINISHED, job_id=job)
+
+    shown = [line.partition(", ")[2] for line in capsys.readouterr().err.splitlines()]
+    assert shown[:3] == ["", "", ""]
+    assert shown[3] == "66 s left"
+
+
 def test_a_lock_is_one_line(capsys):
     lines = LogHandler(SimpleNamespace(verbose=False, dryrun=False), None)
     text = format_exception_to_string(LockException())

@@ -1,55 +1,14 @@
-"""The claims of the paper's text: verdicts of single claims (`judge/claims.py`)."""
+"""The claims of a text (`judge/claims.py`), and the pairs of trials of `compensation.csv`."""
 
-import re
+from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
-from scipy import stats
 
 from osl_analysis.bench.summaries import compensation_table
-from osl_analysis.judge.claims import (
-    Claims,
-    claims_of,
-    rendered_claims,
-    share_claims,
-    walking_claims,
-)
-
-
-def mean(value, se):
-    return {"mean": value, "se": se, "n": 3}
-
-
-def fits(*K_intervals):
-    """Compensated trials of K_d = 300 with these intervals of K."""
-    rows = [
-        {"trial": f"t{k}", "controller": "compensated", "K_d": 300.0, "B_d": None,
-         "K": (low + high) / 2, "K_low": low, "K_high": high, "theta_rms_deg": 3.0}
-        for k, (low, high) in enumerate(K_intervals)
-    ]  # fmt: skip
-    return pl.DataFrame(rows, schema_overrides={"B_d": pl.Float64})
-
-
-def test_the_interval_of_load_friction_is_that_of_its_derivative_by_the_coulomb_friction():
-    f_C = 0.377
-    f_C_se = 0.01
-    n_T = 4.6
-    means = {
-        "f_C": mean(f_C, f_C_se),
-        "f_G": mean(0.0896, 0.0),
-        "k_tau_n_m": mean(1.02, 0.0),
-    }
-
-    known = {"K_d": 300.0, "turn": np.deg2rad(3.0), "n_T": n_T}
-    (claim,) = share_claims(means, known)
-
-    of_load = 0.0896 * 300 * np.deg2rad(3.0) / (n_T * 1.02)
-    shares = [100 * of_load / (coulomb + of_load) for coulomb in (f_C - 1e-6, f_C + 1e-6)]
-    slope = (shares[1] - shares[0]) / 2e-6
-    half_width = stats.t.ppf(0.975, 2) * abs(slope) * f_C_se
-    assert claim["high"] - claim["value"] == pytest.approx(half_width, rel=1e-4)
-
+from osl_analysis.errors import InputError
+from osl_analysis.judge.claims import Claim, claims_table, read_claims
 
 VISCOUS = {"B_viscous": 5.25, "B_viscous_low": 5.0, "B_viscous_high": 5.5}
 
@@ -118,6 +77,17 @@ BETTER = ((1.0, 0.3), (2.0, 0.4))
 WORSE = ((2.0, 0.3), (1.0, 0.4))
 UNSURE = ((1.0, 0.3), (1.1, 0.4))
 UNSURE_WORSE = ((1.1, 0.3), (1.0, 0.4))
+CLOSER = {
+    "says": "damping is closer", "at": "Fig. 5", "table": "impedance", "number": "B",
+    "low": "B_low", "high": "B_high", "unit": "N*m*s/rad", "target": "B_d", "margin": 0,
+    "controller": "compensated", "than": "uncompensated", "pairs": ("K_d", "B_d"),
+}  # fmt: skip
+
+
+def verdict_on(rows, **stated):
+    claims = {"c": Claim.model_validate(CLOSER | stated)}
+    table = pl.DataFrame(rows, infer_schema_length=None)
+    return claims_table({"impedance": table}, claims).row(0, named=True)
 
 
 @pytest.mark.parametrize(
@@ -126,108 +96,67 @@ UNSURE_WORSE = ((1.1, 0.3), (1.0, 0.4))
         ([BETTER, BETTER, UNSURE], "holds"),
         ([BETTER, UNSURE, UNSURE], "undecided"),
         ([BETTER, BETTER, UNSURE_WORSE], "undecided"),
-        ([BETTER] * 9 + [WORSE], "undecided"),
+        ([BETTER] * 9 + [WORSE], "mixed"),
         ([WORSE, WORSE, UNSURE_WORSE], "fails"),
         ([WORSE, WORSE, UNSURE], "undecided"),
     ],
 )
 def test_a_verdict_over_conditions_rests_on_the_interval_of_each(conditions, verdict):
-    table = of_damping(pairs(*conditions))
+    row = verdict_on(pairs(*conditions))
 
-    (claim,) = claims_of("pairs", table)
-
-    assert (claim["verdict"], claim["n"], claim["interval"]) == (
-        verdict,
-        len(conditions),
-        "lowest to highest",
-    )
     n_better = len(conditions) - conditions.count(WORSE) - conditions.count(UNSURE_WORSE)
-    assert re.search(f" {n_better} .*{len(conditions)} ", claim["quantity"])
+    assert (row["verdict"], row["n"], row["met"]) == (verdict, len(conditions), n_better)
+    assert row["missed"] == conditions.count(WORSE)
 
 
-def test_more_torque_explained_is_better_and_counts_by_its_sign():
-    fits = [fit("compensated", 6.0, 0.1, VAF=99.0), fit("uncompensated", 6.0, 0.1, VAF=98.0)]
-    table = compensation_table(pl.DataFrame(fits)).filter(quantity="VAF")
+def test_a_pair_is_nearer_only_by_more_than_the_margin():
+    by_one = pairs(((1.0, 0.1), (2.0, 0.1)))
 
-    (claim,) = claims_of("pairs", table)
-
-    assert (claim["value"], claim["wanted"], claim["verdict"]) == (1.0, "above", "holds")
+    assert verdict_on(by_one, margin=0.5)["verdict"] == "holds"
+    assert verdict_on(by_one, margin=1.5)["verdict"] == "fails"
 
 
-def test_viscous_damping_is_a_claim_of_its_own_with_its_interval():
-    fits = pl.DataFrame([fit("compensated", 9.0, 0.1, **VISCOUS)])
+def test_what_one_of_a_pair_lacks_is_not_compared_and_a_minority_decides_nothing():
+    rows = pairs(BETTER, BETTER, BETTER)
+    for row in rows[2:]:
+        row["B"] = None
 
-    claims = {
-        claim["name"]: claim for claim in rendered_claims(fits, Claims(K_percent=None, B=1.0))
-    }
+    row = verdict_on(rows)
 
-    assert (claims["B"]["value"], claims["B"]["verdict"]) == (9.0, "different")
-    of_viscous = claims["B_viscous"]
-    assert (of_viscous["low"], of_viscous["target"], of_viscous["high"]) == (5.0, 5.0, 5.5)
-    assert of_viscous["verdict"] == "equivalent"
+    assert (row["n"], row["among"], row["verdict"]) == (1, 3, "undecided")
+
+
+def test_a_doubtful_trial_and_another_controller_are_in_no_pair():
+    rows = pairs(BETTER, BETTER)
+    rows[0]["doubtful"] = "K, B: torque path"
+    rows[3]["controller"] = "other"
+
+    assert verdict_on(rows)["verdict"] == "not tested"
+
+
+def test_a_doubt_about_another_estimate_takes_none_out():
+    rows = pairs(BETTER, BETTER)
+    rows[0]["doubtful"] = "I: torque path"
+
+    assert verdict_on(rows)["n"] == 2
 
 
 @pytest.mark.parametrize(
-    ("intervals", "count", "verdict"),
-    [
-        ([(298.0, 302.0), (299.0, 301.0)], 2, "holds"),
-        ([(298.0, 302.0), (200.0, 210.0)], 1, "fails"),
-        ([(298.0, 302.0), (270.0, 310.0)], 1, "undecided"),
-    ],
+    ("B", "verdict"), [(5.2, "holds"), (5.9, "undecided"), (6.5, "fails"), (3.5, "fails")]
 )
-def test_trials_render_what_was_asked_if_all_of_them_do(intervals, count, verdict):
-    of_all, *of_trials = rendered_claims(fits(*intervals), Claims())
+def test_a_number_is_its_target_if_its_whole_interval_is_within_the_margin(B, verdict):
+    row = verdict_on([fit("compensated", B, 0.3)], margin=1.0, than=None)
 
-    assert (of_all["value"], of_all["verdict"]) == (count, verdict)
-    assert len(of_trials) == len(intervals)
-
-
-@pytest.mark.parametrize(
-    ("offset_share", "ends", "verdict"),
-    [
-        (0.0, (330.0, 345.0), "equivalent"),
-        (0.06, (330.0 - 0.06 * 338, 345.0), "undecided"),
-        (-0.06, (330.0, 345.0 + 0.06 * 338), "undecided"),
-    ],
-)
-def test_the_claim_on_walking_holds_its_offset_and_names_its_conditions(
-    offset_share, ends, verdict
-):
-    row = {
-        "group": "all", "estimator": "ensemble", "quantity": "K", "mean": 338.0, "low": 330.0,
-        "high": 345.0, "n": 30, "interval_method": "bootstrap", "commanded": 340.0,
-        "joint": "ankle", "side": None,
-    }  # fmt: skip
-    groups = pl.DataFrame({"group": ["all"], "offset_share": [offset_share]})
-
-    (claim,) = walking_claims(pl.DataFrame([row]), groups, None, Claims())
-
-    assert (claim["low"], claim["high"]) == pytest.approx(ends)
-    assert claim["verdict"] == verdict
-    assert "plate" in claim["claim"]
+    assert (row["verdict"], row["low"], row["value"]) == (verdict, B - 0.3, B)
 
 
-@pytest.mark.parametrize(
-    ("lows", "highs", "verdict"),
-    [([0.1, 0.9], [0.3, 2.0], "holds"), ([0.1, -0.1], [0.3, 2.0], "undecided"),
-     ([-0.3, 0.9], [-0.1, 2.0], "fails")],
-)  # fmt: skip
-def test_a_joint_is_passive_if_the_intervals_of_all_frequencies_are(lows, highs, verdict):
-    rows = pl.DataFrame({
-        "controller": "compensated", "trial": "a", "frequency_hz": [1.0, 2.0],
-        "damping": [0.2, 1.0], "damping_low": lows, "damping_high": highs,
-    })  # fmt: skip
+def test_the_claims_of_the_draft_can_be_tested_and_a_wrong_column_is_named(tmp_path):
+    shipped = read_claims(Path("config/claims/draft.yaml"))
+    assert {claim.margin for claim in shipped.values() if claim.than} == {0}
 
-    (claim,) = claims_of("response", rows)
-
-    assert (claim["value"], claim["n"], claim["verdict"]) == (0.2, 2, verdict)
-
-
-def test_a_share_is_beyond_its_limit_if_its_whole_interval_is():
-    known = {"hz": 1.0, "omega": 1.0}
-    verdicts = []
-    for J_j in (9.0, 9.9, 11.0):
-        means = {"J_j": mean(J_j, 0.05), "B_j": mean(100.0, 0.0)}
-        verdicts += [claim["verdict"] for claim in share_claims(means, known)]
-
-    assert verdicts == ["holds", "undecided", "fails"]
+    wrong = tmp_path / "own.yaml"
+    wrong.write_text(
+        Path("config/claims/draft.yaml").read_text().replace("number: B\n", "number: Bd\n")
+    )
+    with pytest.raises(InputError, match=r"damping_closer.*no column 'Bd'.*did you mean 'B_d'"):
+        read_claims(wrong)

@@ -13,9 +13,10 @@ from conftest import ROOT
 
 from osl_analysis.commands.tables import write_paper_table
 from osl_analysis.figures import fig6
-from osl_analysis.judge.campaign import CampaignFinding, findings_in_summary
+from osl_analysis.judge.campaign import CampaignFinding
 from osl_analysis.measured import written
 from osl_analysis.report import paper_tables
+from osl_analysis.report.answer import answer
 from osl_analysis.report.numbers import (
     ENTRIES,
     headline_numbers,
@@ -149,7 +150,7 @@ def test_two_joints_have_numbers_of_their_own():
 def test_every_claim_has_its_verdict():
     claims = pl.DataFrame(
         {
-            "name": "K_ok", "subject": [None, "a"], "value": 1.0, "low": 0.5, "high": 1.5,
+            "name": "K_ok", "at": "Fig. 5", "value": [None, 1.0], "low": 0.5, "high": 1.5,
             "interval": "95 %", "unit": "%", "claim": "K is right", "quantity": "error",
             "verdict": "holds",
         }
@@ -242,7 +243,7 @@ def test_latex_fits_a_column_turned_or_else_a_page_and_escapes_what_users_write(
 
     assert r"controller & PD\_1 a (1 to 2) & " in turned
     assert r"}$-$2.0\\{}[$-$3.0, $-$1.0]\end{tabular}" in turned
-    assert r"PD\_1 a (1 to 2) & 9 & $-$2.0 [$-$3.0, $-$1.0] & 5 & 1 \\" in wide
+    assert r"PD\_1 a (1 to 2) & 9 & $-$2.0 $\pm$ 1.0 & 5 & 1 \\" in wide
 
 
 def test_groups_of_crossings_are_rows_of_both_ensembles():
@@ -257,8 +258,8 @@ def test_groups_of_crossings_are_rows_of_both_ensembles():
     )
 
     of_mean, predicted = rows_of(list(paper_tables.groups(summary, summary)))
-    assert (of_mean["n"], of_mean["K"][:3], of_mean["VAF"]) == ("30", "336", "99.9960")
-    assert (predicted["n"], predicted["K"][:3], predicted["VAF"]) == ("30", "333", "98")
+    assert (of_mean["n"], of_mean["K"][:3], of_mean["VAF"]) == ("30", "336", "99.99")
+    assert (predicted["n"], predicted["K"][:3], predicted["VAF"]) == ("30", "333", "98.00")
     doubted = paper_tables.groups(summary, summary.with_columns(doubtful=pl.lit("VAF")))
     assert [group.is_doubtful for group in doubted] == [True, True]
 
@@ -275,23 +276,55 @@ def test_table_1_has_what_is_measured_and_else_what_is_stated(beside_draft, draf
     assert "| k_tau [N*m/A] | 0.120 (0.110 to 0.130) | 3 |" in page.read_text()
 
 
-def test_a_run_ends_with_verdicts_sentences_findings_and_what_was_not_checked():
+def test_a_run_ends_with_at_most_ten_lines_of_answer_counts_numbers_and_findings():
     finding = CampaignFinding(
         verdict="doubtful", subject="impedance trials", name="friction", cause="friction",
-        says="", size="B 2.1. More", remedy="", n=3, brief="report B",
+        says="", size="B 2.1. More", remedy="", n=3, brief="report B " + 20 * "once more ",
         trials=["c"], worst="c",
     )  # fmt: skip
     unchecked = replace(finding, verdict="not checked", cause="the fixture")
-    summary = json.loads(to_json(ABOUT, headline_numbers({"impedance": IMPEDANCE}), {}))
+    many = pl.concat(IMPEDANCE.with_columns(controller=pl.lit(f"PD {k}")) for k in range(9))
+    summary = json.loads(to_json(ABOUT, headline_numbers({"impedance": many}), {}))
+    summary["answer"] = answer({"impedance": many})
     summary["results_of_clear"] = {}
     summary["verdicts"] = {"clear": 1, "doubtful": 1, "refused": 1, "excluded": 0}
-    summary["findings"] = [vars(finding), vars(unchecked)]
+    summary["findings"] = [vars(finding)] * 5 + [vars(unchecked)]
 
-    assert findings_in_summary(summary) == [finding, unchecked]
-    first, *_, doubt, last = brief_lines(summary)
-    assert re.search("3 .*1 clear.*1 doubtful.*1 refused", first)
-    assert re.search(r"friction.* 1 .*3 impedance trials.*B 2\.1.*report B", doubt)
-    assert last.endswith("the fixture")
+    lines = brief_lines(summary)
+
+    assert len(lines) < 10
+    assert max(map(len, lines)) <= 110
+    assert re.search("K is within 1 % of K_d and B is within 0.3 N.m.s/rad of B_d", lines[0])
+    assert any(re.search("3 .*1 doubtful.*1 refused", line) for line in lines)
+    assert re.search(r"friction.* 1 .*3 impedance trials.*report B", lines[-2])
+    assert re.search("2 more.*the fixture", lines[-1])
+
+
+@pytest.mark.parametrize(
+    ("of_arm", "sentence"),
+    [
+        ({"better": [16, 14], "pairs": [16, 16]}, "in K in 16 of 16 pairs, in B in 14 of 16"),
+        ({"better": [3, 2], "pairs": [4, 4]}, "in K in 3 of 4 pairs, in B in 2 of 4"),
+    ],
+)
+def test_the_answer_counts_the_pairs_in_which_compensation_is_nearer(of_arm, sentence):
+    pairs = pl.DataFrame({"of": "trials", "quantity": ["K_error", "B_error"], **of_arm})
+
+    assert sentence in answer({"impedance": SOUND, "compensation": pairs})
+    assert "pairs" not in answer({"impedance": SOUND, "compensation": pl.DataFrame({"of": []})})
+    assert answer({"impedance": SOUND.with_columns(K_d=pl.lit(None, pl.Float64))}) == ""
+
+
+@pytest.mark.parametrize(
+    ("doubted", "told"), [("K", "PD 1, B is within"), ("B", "PD 1, K is within"), ("K, B", None)]
+)
+def test_the_answer_leaves_out_an_estimate_that_is_doubtful(doubted, told):
+    fits = SOUND.with_columns(doubtful=pl.lit(f"{doubted}: friction"))
+
+    sentence = answer({"impedance": fits})
+
+    assert sentence.startswith(told) if told else sentence == ""
+    assert sentence.count("within") == (told is not None)
 
 
 def test_every_number_is_of_a_table_that_the_dictionary_describes():

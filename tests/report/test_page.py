@@ -12,7 +12,8 @@ import polars as pl
 import pytest
 from page_builder import ABOUT, PART, REMARK, ROW, WHOLE, page, view, worded
 
-from osl_analysis.commands.report import signals_of
+from osl_analysis.bench.bench_settings import NOT_STATED, Calibration
+from osl_analysis.commands.report import rates_of, signals_of
 from osl_analysis.dictionary import table_of
 from osl_analysis.report import methods
 from osl_analysis.report.page import ShownFigure, trial_view, with_symbols, written_page
@@ -93,7 +94,7 @@ def test_friction_is_told_of_a_clear_trial_and_counted():
     counts = verdict_counts(SHEET, worded(REMARK), {})
 
     assert (view(REMARK).verdict, view(REMARK).why) == ("clear", "friction")
-    assert re.search("2 .*2 clear.* 1 .*friction", verdicts_sentence(*counts))
+    assert re.search("2 .*none doubtful.* 1 .*friction", verdicts_sentence(*counts))
 
 
 def test_a_view_has_estimates_with_intervals_and_units():
@@ -204,14 +205,15 @@ def test_the_model_of_a_response_is_equation_15():
     assert at_5_hz["model_phase"] == pytest.approx(np.rad2deg(np.angle(Y)), rel=1e-4)
 
 
+UNCERTAIN = Calibration(torque_gain=0.01, delay=1e-4).model_dump()
 SETTINGS = {
     "dynamometer": {
         "order": 4, "cutoff_hz": 15.0, "bench_stiffness": None, "fixture": None,
-        "settle_cycles": 2, "calibration": {}, "load_cell_drift": 0.05,
+        "settle_cycles": 2, "calibration": NOT_STATED.model_dump(), "load_cell_drift": 0.05,
     },
     "torque_angle": {
         "order": 4, "cutoff_hz": 15.0, "bench_stiffness": {"value": "12000 N*m/rad"},
-        "calibration": {"torque_gain": 0.01}, "zero": "start", "rest_s": 1.0,
+        "calibration": UNCERTAIN, "zero": "start", "rest_s": 1.0,
     },
     "parameters": None,
     "walking": {"correct_plate_lag": True, "baseline": "mean", "bootstrap_samples": 1000},
@@ -220,7 +222,7 @@ SETTINGS = {
 
 def paragraphs(sheet=(ROW,), **tables):
     summary = {"trials": {}, "verdicts": {"clear": 1}, "findings": []}
-    return methods.paragraphs(methods.MethodsFacts(ABOUT, SETTINGS, tables, sheet, summary))
+    return methods.paragraphs(methods.MethodsFacts(ABOUT, SETTINGS, tables, sheet, summary, {}))
 
 
 @pytest.mark.parametrize(
@@ -231,7 +233,10 @@ def paragraphs(sheet=(ROW,), **tables):
             "torque 0.002 s",
         ),
         ({"torque_angle": {"K": [40.0], "cycles": [3]}}, "12000 N·m/rad"),
-        ({"torque_angle": {"K": [40.0], "cycles": [3]}}, "torque_gain 0.01"),
+        (
+            {"torque_angle": {"K": [40.0], "cycles": [3]}},
+            "1 % of the torque's gain, 0.1 ms of the torque's delay",
+        ),
         ({"impedance": {"K_d": [100.0, 200.0, 100.0]}}, "100 and 200 N·m/rad"),
         ({"plate": {"lag_s": [-0.00001239]}}, "-0.012 ms"),
         ({"response": {"interval_method": ["periods"]}}, "whole periods"),
@@ -242,6 +247,16 @@ def test_a_sentence_of_the_methods_is_printed_where_its_fact_is_recorded(tables,
 
     assert fact in " ".join(paragraphs(**recorded))
     assert fact not in " ".join(paragraphs())
+
+
+def test_the_methods_have_the_rates_of_markers_and_plate(tmp_path):
+    time = np.arange(0, 2, 1 / 1500)
+    force = pl.DataFrame({"time": time, "plate1_force_z": 1.0})
+    markers = pl.DataFrame({"time": time[::5], "marker_FOOT1_x": 1.0})
+    both = force.join(markers, on="time", how="left")
+    both.write_parquet(tmp_path / "w.parquet")
+
+    assert rates_of(tmp_path / "w.parquet") == {"markers": "300", "the force plate": "1500"}
 
 
 def test_the_methods_say_nothing_of_experiments_that_the_campaign_has_not():

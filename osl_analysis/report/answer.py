@@ -1,0 +1,67 @@
+"""The sentence that a page and a run begin with: does the joint render what was asked for, and
+better with compensation than without."""
+
+from collections.abc import Mapping
+
+import polars as pl
+
+from osl_analysis.measured import significant
+from osl_analysis.model.compensator import CONTROLLERS
+from osl_analysis.stats.repeats import counted
+
+MOST_CONTROLLERS = 3  # in a sentence
+ERRORS = {
+    "K": 100 * (pl.col("K") / pl.col("K_d") - 1).abs(),
+    "B": (pl.col("B") - pl.col("B_d")).abs(),
+}
+UNITS = {"K": "%", "B": "N*m*s/rad"}  # of these errors
+COMPARED = {"K_error": "K", "B_error": "B"}
+
+
+def answer(tables: Mapping[str, pl.DataFrame]) -> str:
+    """How far K and B of the trials are at most from what was asked for, by controller, and in how
+    many pairs compensation is nearer; empty where nothing was asked for, or all is doubtful.
+
+    Parameters
+    ----------
+    tables
+        `impedance` and `compensation`, as far as the campaign has them.
+    """
+    if "impedance" not in tables:
+        return ""
+    whole = tables["impedance"].filter(
+        pl.col("amplitude_deg").is_null() & (pl.col("K_d") > 0) & pl.col("B_d").is_not_null()
+    )
+    worst = {
+        symbol: dict(counted(whole, [symbol]).group_by("controller").agg(error.max()).iter_rows())
+        for symbol, error in ERRORS.items()
+    }
+    order = {name: place for place, name in enumerate(CONTROLLERS)}
+    names = sorted(
+        whole["controller"].unique(), key=lambda name: (order.get(name, len(order)), name or "")
+    )
+    texts: list[str] = []
+    for name in names[:MOST_CONTROLLERS]:
+        known = {symbol: errors.get(name) for symbol, errors in worst.items()}
+        clauses = [
+            f"{symbol} is within {significant(error)} {UNITS[symbol]} of {symbol}_d"
+            for symbol, error in known.items()
+            if error is not None
+        ]
+        if clauses:
+            texts.append(f"{name}, {' and '.join(clauses)}" if name else " and ".join(clauses))
+    pairs = tables.get("compensation", pl.DataFrame())
+    if texts and len(pairs):  # an empty file has no types
+        of_quantity = pairs.filter(of="trials").group_by("quantity").agg(pl.sum("better", "pairs"))
+        counts = {row["quantity"]: row for row in of_quantity.to_dicts()}
+        nearer = [
+            f"in {symbol} in {counts[name]['better']} of {counts[name]['pairs']} pairs"
+            for name, symbol in COMPARED.items()
+            if name in counts
+        ]
+        if nearer:
+            texts.append(f"compensation is nearer {', '.join(nearer)}")
+    if not texts:
+        return ""
+    sentence = "; ".join(texts)
+    return f"{sentence[0].upper()}{sentence[1:]}."

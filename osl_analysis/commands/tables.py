@@ -20,10 +20,11 @@ from osl_analysis.judge.campaign import (
     campaign_findings,
     causes_in_campaign,
     findings_in_summary,
+    judged_together,
 )
 from osl_analysis.judge.claims import Claims, claims_table
 from osl_analysis.judge.finding import findings_frame, read_findings
-from osl_analysis.judge.judging import judged, marked, with_inherited
+from osl_analysis.judge.judging import marked, with_inherited
 from osl_analysis.judge.known_findings import CHECKS
 from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.judge.recording_checks import (
@@ -108,12 +109,13 @@ def gather(
     data : str
         Whether the recordings are simulated or measured.
     """
-    table = read_tables(rows, output.stem)
+    table = with_places(read_tables(rows, output.stem), places)
     if limits is not None:
-        findings = judged(table, limits, output.stem, faults)
+        findings = judged_together(table, limits, output.stem, faults)
         if limits_of_fits is not None and fits:
-            origin = read_tables(fits)
-            findings_of_fits = judged(origin, limits_of_fits, fits[0].parent.name, faults)
+            origin = with_places(read_tables(fits), places)
+            of_table = fits[0].parent.name
+            findings_of_fits = judged_together(origin, limits_of_fits, of_table, faults)
             findings = with_inherited(table, findings, origin, findings_of_fits)
         table = marked(table, findings, output.stem)
     table = table.drop(unpublished(table, output.stem), strict=False)

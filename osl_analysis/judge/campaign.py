@@ -10,6 +10,7 @@ import polars as pl
 
 from osl_analysis.config.experiments import DOUBTS_OF, EXPERIMENTS, JUDGED_TABLES
 from osl_analysis.errors import listing
+from osl_analysis.judge.agreement import disagreements
 from osl_analysis.judge.finding import (
     AnyRow,
     Beyond,
@@ -20,9 +21,9 @@ from osl_analysis.judge.finding import (
     cell_number,
     subject_of,
 )
-from osl_analysis.judge.judging import estimate_column, judged
+from osl_analysis.judge.judging import EXCLUDED, RowFindings, estimate_column, judged
 from osl_analysis.judge.known_findings import CHECKS, FINDINGS, known_finding, rule_of
-from osl_analysis.judge.limits import DoubtfulFits
+from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.judge.recording_checks import (
     BY_SHEET,
     CROSSING,
@@ -68,12 +69,35 @@ def campaign_findings(
     faults = spoiled_trials(verdicts)
     fits = {name: table for name, table in tables.items() if name in JUDGED_TABLES}
     for name, table in fits.items():
-        by_row = judged(table, limits.of(name), name, faults)
+        by_row = judged_together(table, limits.of(name), name, faults)
         for row, of_row in zip(table.iter_rows(named=True), by_row, strict=True):
             of_fits.extend(WordedFinding(finding, words_of(finding, row)) for finding in of_row)
     doubts = [worded for worded in of_fits if worded.finding.grade is Grade.DOUBTS]
     told = {fact_of(doubt) for doubt in doubts if is_of_whole(doubt.finding)}
     return [*(w for w in failed_checks(verdicts) if fact_of(w) not in told), *of_fits]
+
+
+def judged_together(
+    table: pl.DataFrame, limits: Limits, name: str, faults: Mapping[str, str] | None = None
+) -> RowFindings:
+    """Judge each row of a table over trials: what `judged` finds, and, of trials of impedance, that
+    they do not agree with others."""
+    findings = judged(table, limits, name, faults)
+    if name == "impedance":
+        row_of = {
+            row["trial"]: (row, of_row)
+            for row, of_row in zip(table.to_dicts(), findings, strict=True)
+            if row.get("amplitude_deg") is None and row.get(EXCLUDED) is None
+        }
+        doubtful = [
+            trial
+            for trial, (_, of_row) in row_of.items()
+            if any(finding.grade is Grade.DOUBTS for finding in of_row)
+        ]
+        rows = [row for row, _ in row_of.values()]
+        for finding in disagreements(rows, limits.accuracy.model_dump(), doubtful):
+            row_of[finding.subject][1].append(finding)
+    return findings
 
 
 def fact_of(worded: WordedFinding) -> tuple[str, str]:

@@ -8,7 +8,6 @@ rule ingest:
     """The trial of a recording, in SI units on one clock, and what is measured for each check."""
     input:
         of_trials(TRIALS, CAMPAIGN.readable_logs),
-        lambda wildcards: filter(Path.is_file, CAMPAIGN.sources(wildcards.trial)),
     output:
         trial="<results>/trials/{trial}.parquet",
         quality="<results>/quality/{trial}.csv",
@@ -22,6 +21,7 @@ rule ingest:
         needed_columns=lambda wildcards: experiment(wildcards).needed_columns,
         commanded=lambda wildcards: CAMPAIGN.commanded(wildcards.trial),
         sizes=lambda wildcards: CAMPAIGN.log_sizes(wildcards.trial),
+        sources=lambda wildcards: source_values(wildcards.trial),
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:

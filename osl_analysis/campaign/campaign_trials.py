@@ -11,6 +11,7 @@ from typing import Any
 from warnings import catch_warnings
 
 from osl_analysis.campaign.configuration import Config
+from osl_analysis.campaign.trace import digest_of_source
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
 from osl_analysis.config.sheet import FIXTURE, SheetRows, read_sheet
@@ -171,6 +172,12 @@ class Campaign:
         """The source files of a trial."""
         named = filter(None, map(self.rows[trial].get, ("log_source", "mocap_source")))
         return [self.config.sources / f"{name}.yaml" for name in named]
+
+    @cached_property
+    def source_digests(self) -> dict[Path, str | None]:
+        """The digests of what the source files state, by file."""
+        files = {path for trial in self.trials() for path in self.sources(trial)}
+        return {path: digest_of_source(path) for path in sorted(files)}
 
     @property
     def data(self) -> str:

@@ -4,14 +4,15 @@ their columns mean."""
 import json
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import polars as pl
 
 from osl_analysis.campaign.origin import sentence
-from osl_analysis.config.experiments import EXPERIMENTS
+from osl_analysis.campaign.trace import DIGITS, digest_of, trace
+from osl_analysis.config.experiments import EXPERIMENTS, experiments_of
 from osl_analysis.dictionary import described_tables, described_tables_by_name
 from osl_analysis.errors import InputError, listing
 from osl_analysis.files import atomic_path, write_text
@@ -36,8 +37,10 @@ from osl_analysis.judge.recording_checks import (
     read_verdicts,
 )
 from osl_analysis.model.drivetrain import FileOrNone, joint_of, known_parameters
+from osl_analysis.report.compensation import compensation_text
 from osl_analysis.report.numbers import (
     ENTRIES,
+    Number,
     headline_numbers,
     macros_tex,
     numbers_in_summary,
@@ -136,7 +139,7 @@ def unpublished(table: pl.DataFrame, name: str) -> list[str]:
 
 def write_settings(states: Sequence[Mapping[str, Any]], output: Path, data: str = "") -> None:
     """Write the settings that judge or label with their states."""
-    columns = dict.fromkeys(("setting", "value", "state"), pl.String)
+    columns = dict.fromkeys(("setting", "value", "default", "state"), pl.String)
     write_table(pl.DataFrame(states, schema=columns), output, data)
 
 
@@ -292,6 +295,9 @@ def write_summary(
     findings: Path,
     beside_draft: bool,
     settings: Mapping[str, str],
+    stated: Mapping[str, str | None],
+    changed: Sequence[Mapping[str, Any]] = (),
+    trials: Sequence[Path] = (),
     refused: Sequence[NotAnalysed] = (),
 ) -> None:
     """Write headline numbers of a campaign, and what a reader must know of them.
@@ -312,28 +318,50 @@ def write_summary(
         Whether the numbers of the paper's draft stand beside them.
     settings : Mapping of str to str
         The settings that results depend on, by dotted name, for a comparison of two campaigns.
+    stated : Mapping of str to str or None
+        The digests of what is stated.
+    changed : Sequence of Mapping
+        What decides verdicts and is not the shipped default.
+    trials : Sequence of Path
+        The trials (Parquet), which have the digests of recordings.
     refused : Sequence of NotAnalysed
         The causes of missing tables.
     """
     tables = read_by_name(table_paths)
-    numbers = list(headline_numbers(tables, beside_draft))
+    numbers = [with_trials(number, sheet) for number in headline_numbers(tables, beside_draft)]
     all_findings = read_findings(findings)
     left_out = left_out_trials(read_table(excluded))
     of_files = [cause.reason.partition(": ") for cause in refused if not cause.trial]
     verdict_count, results_of_clear = verdict_counts(sheet, all_findings, left_out)
     findings_told = causes_in_campaign(all_findings, tables, read_table(verdicts))
+    decides = trace(stated, trials)
+    about = {**about, "digest": digest_of(decides)[:DIGITS]}
     content = {
         "trials": used_and_missing(sheet, left_out),
         "verdicts": verdict_count,
         "results_of_clear": results_of_clear,
         "missing_results": {file: reason for file, _, reason in of_files},
+        "compensation": compensation_text(tables),
         "intervals": intervals_text(tables),
         "findings": [vars(finding) for finding in findings_told],
         "settings": settings,
+        "changed": changed,
+        "trace": decides,
     }
     with atomic_path(summary_json) as json_path, atomic_path(numbers_tex) as tex_path:
         json_path.write_text(to_json(about, numbers, content), encoding="utf-8")
         tex_path.write_text(macros_tex(about, numbers, missing_lines(content)), encoding="utf-8")
+
+
+def with_trials(number: Number, sheet: Mapping[str, Mapping[str, Any]]) -> Number:
+    """A number with the trials of its table where its rows name none."""
+    experiments = experiments_of(number.table)
+    trials = [
+        trial
+        for trial, row in sheet.items()
+        if row["experiment"] in experiments and not row["exclude"]
+    ]
+    return replace(number, trials=number.trials or trials)
 
 
 def write_paper_table(

@@ -76,6 +76,8 @@ class Number:
     symbol: str = ""  # before it in the sentence
     subject: str = ""  # controller, condition, group, joint and side that it is of
     verdict: str | None = None  # on the paper's claim about it
+    table: str = ""  # of results, of which it is computed
+    trials: Sequence[str] = ()  # in its rows; empty where the table has none
 
     @property
     def texts(self) -> list[str]:
@@ -210,6 +212,8 @@ def number_of(
         symbol=entry.symbol,
         subject=", ".join(subject),
         verdict=first.get("verdict"),
+        table=entry.table,
+        trials=used.get_column("trial", default=pl.Series()).unique(maintain_order=True).to_list(),
     )
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from osl_analysis.campaign.campaign_trials import Campaign
 from osl_analysis.campaign.configuration import LIMIT_BY_WEIGHT, Config
-from osl_analysis.campaign.trace import DIGITS, code, digest_of, values_in
+from osl_analysis.campaign.trace import code, digest_of, values_in
 from osl_analysis.files import ROOT, own_yaml
 from osl_analysis.yaml_settings import flat, read_mapping
 
@@ -62,7 +62,7 @@ def about(campaign: Campaign, simulation: Sequence[Path]) -> dict[str, str]:
         "campaign": campaign.config.campaign,
         "data": campaign.data,
         "version": version("osl-analysis"),
-        "configuration": digest_of(stated_digests(campaign, simulation))[:DIGITS],
+        "configuration": digest_of(stated_digests(campaign, simulation)),
         "recorded": date_of_data(campaign),
     }
 
@@ -81,18 +81,21 @@ def settings_of(campaign: Campaign) -> dict[str, str]:
     for name in ("parameters", "impedance_trajectory"):
         path = getattr(config, name)
         if path is not None:
-            settings[name] = f"{path.name} ({digest_of(values_in(path))[:DIGITS]})"
+            settings[name] = f"{path.name} ({digest_of(values_in(path))})"
     return settings
 
 
 def stated_digests(campaign: Campaign, simulation: Sequence[Path]) -> dict[str, str | None]:
     """The digests of what is stated, by its values."""
-    of_sources = {f"source {path.stem}": text for path, text in campaign.source_digests.items()}
-    return of_sources | {
+    digests: dict[str, str | None] = {
         "configuration": digest_of(settings_of(campaign)),
         "sheet": digest_of(campaign.sheet),
-        **{f"simulation {path.name}": digest_of(values_in(path)) for path in simulation},
     }
+    for path, text in campaign.source_digests.items():
+        digests[f"source {path.stem}"] = text
+    for path in simulation:
+        digests[f"simulation {path.name}"] = digest_of(values_in(path))
+    return digests
 
 
 def date_of_data(campaign: Campaign) -> str:
@@ -125,7 +128,7 @@ def sentence(about: Mapping[str, str], below_figure: bool = False) -> str:
 # ---- Which settings are stated, and which decide otherwise than the defaults
 
 
-def changed_settings(campaign: Campaign) -> list[dict[str, str]]:
+def changed_settings(campaign: Campaign) -> list[dict[str, Any]]:
     """What decides verdicts and differs from the shipped defaults, which may be edited in a clone:
     `setting`, `value`, `default` and `state`."""
     config = campaign.config
@@ -133,7 +136,9 @@ def changed_settings(campaign: Campaign) -> list[dict[str, str]]:
     defaults = flat(own_yaml(Path(__file__).with_name("deciding_defaults.yaml")))
     if config.simulation is None:
         defaults |= flat(LIMIT_BY_WEIGHT)
-    pairs = {name: (own.get(name), defaults.get(name)) for name in sorted({*own, *defaults})}
+    pairs: dict[str, Any] = {
+        name: (own.get(name), defaults.get(name)) for name in sorted({*own, *defaults})
+    }
     for column in ("accept", "exclude"):
         of_trials = {f"{column} of {trial}": row[column] for trial, row in campaign.sheet.items()}
         pairs |= {name: (text, None) for name, text in of_trials.items() if text}

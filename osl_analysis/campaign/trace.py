@@ -21,13 +21,14 @@ from osl_analysis.ingest.raw_files import read_source
 from osl_analysis.trial import metadata_of
 from osl_analysis.yaml_settings import read_mapping
 
-DIGITS = 8  # of a digest that is shown
+DIGITS = 12  # of the digest of values: one that is equal by chance is not met
 CODE = {".py", ".yaml", ".j2", ".smk"}  # suffixes of what computes, judges and words
 
 
 def digest_of(content: Any) -> str:
-    """The digest of values, whatever the order of their names."""
-    return hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()
+    """The first digits of the digest of values, whatever the order of their names."""
+    text = json.dumps(content, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:DIGITS]
 
 
 def values_in(path: Path) -> Any:

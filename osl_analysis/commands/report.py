@@ -110,7 +110,7 @@ def write_report(
     page = Page(
         about=about,
         made_of=sentence(content),
-        verdict=[*filter(None, [verdict, content["compensation"]]), *headline_sentences(numbers)],
+        verdict=[verdict, *headline_sentences(numbers)],
         notes=[content["intervals"], left_out, note, *changed_lines(content)],
         conditions=of_conditions,
         groups=of_groups,

@@ -11,7 +11,7 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.campaign.origin import sentence
-from osl_analysis.campaign.trace import DIGITS, digest_of, trace
+from osl_analysis.campaign.trace import digest_of, trace
 from osl_analysis.config.experiments import EXPERIMENTS, experiments_of
 from osl_analysis.dictionary import described_tables, described_tables_by_name
 from osl_analysis.errors import InputError, listing
@@ -37,7 +37,6 @@ from osl_analysis.judge.recording_checks import (
     read_verdicts,
 )
 from osl_analysis.model.drivetrain import FileOrNone, joint_of, known_parameters
-from osl_analysis.report.compensation import compensation_text
 from osl_analysis.report.numbers import (
     ENTRIES,
     Number,
@@ -335,13 +334,12 @@ def write_summary(
     verdict_count, results_of_clear = verdict_counts(sheet, all_findings, left_out)
     findings_told = causes_in_campaign(all_findings, tables, read_table(verdicts))
     decides = trace(stated, trials)
-    about = {**about, "digest": digest_of(decides)[:DIGITS]}
+    about = {**about, "digest": digest_of(decides)}
     content = {
         "trials": used_and_missing(sheet, left_out),
         "verdicts": verdict_count,
         "results_of_clear": results_of_clear,
         "missing_results": {file: reason for file, _, reason in of_files},
-        "compensation": compensation_text(tables),
         "intervals": intervals_text(tables),
         "findings": [vars(finding) for finding in findings_told],
         "settings": settings,

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import polars as pl
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
 from osl_analysis.judge.campaign import findings_in_summary
 from osl_analysis.measured import significant
@@ -88,12 +88,15 @@ def value_text(value: object) -> str:
     return significant(value, 3) if isinstance(value, float) else str(value)
 
 
+def template(name: str) -> Template:
+    """A template of text, which refuses names that it does not know."""
+    loader = FileSystemLoader(HERE / "templates")
+    return Environment(loader=loader, undefined=StrictUndefined).get_template(name)
+
+
 def paragraphs(facts: MethodsFacts) -> list[str]:
     """The paragraphs, with the marks of the template for symbols and citations."""
-    environment = Environment(
-        loader=FileSystemLoader(HERE / "templates"), undefined=StrictUndefined
-    )
-    text = environment.get_template("methods.j2").render(facts.content, facts=facts)
+    text = template("methods.j2").render(facts.content, facts=facts)
     return [" ".join(part.split()) for part in text.split("¶") if part.strip()]
 
 

@@ -52,6 +52,7 @@ class Entry:
     symbol: str = ""
     unless: str = ""
     draft: float | None = None
+    interval: str = ""
 
 
 LISTED: Any = own_yaml(Path(__file__).with_name("numbers.yaml"))  # a mapping per number
@@ -183,8 +184,10 @@ def number_of(
     value = float(getattr(values, entry.reduce)())
     mean = summary_row(used, "number")
     low, high = mean["low"], mean["high"]
-    interval = mean["interval_method"] or first.get("interval") or "95 %"
-    if entry.low == "NULL" and len(used) > 1:
+    interval = entry.interval or mean["interval_method"] or first.get("interval") or "95 %"
+    if entry.reduce == "sum":
+        low = high = None
+    elif entry.low == "NULL" and len(used) > 1:
         low, high, interval = values.min(), values.max(), RANGE
     stated = [
         f"{key} {first[key]:g}" if isinstance(first[key], float) else str(first[key])
@@ -196,7 +199,7 @@ def number_of(
     n = len(used)
     n_doubtful = len(rows) - n
     if n == 1:  # it may stand for several
-        n = int(first.get("n") or 1)
+        n = int(first.get("n") or first.get("pairs") or 1)
     return Number(
         name="_".join([name, *subject]).replace(" ", "_"),
         value=value,
@@ -208,7 +211,7 @@ def number_of(
         draft=entry.draft if beside_draft else None,
         n=n,
         n_doubtful=n_doubtful or int(first.get("n_doubtful") or 0),
-        says=says.format(**first),
+        says=says.format(**{"n": n, **first}),
         symbol=entry.symbol,
         subject=", ".join(subject),
         verdict=first.get("verdict"),

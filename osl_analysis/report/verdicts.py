@@ -187,7 +187,6 @@ def brief_lines(summary: Mapping[str, Any]) -> list[str]:
     its size and what to do, from a `summary.json`."""
     return [
         verdicts_sentence(summary["verdicts"], summary["results_of_clear"]),
-        *filter(None, [summary["compensation"]]),
         *headline_sentences(numbers_in_summary(summary)),
         *findings_lines(findings_in_summary(summary)),
         *changed_lines(summary),

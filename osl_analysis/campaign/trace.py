@@ -70,16 +70,19 @@ def commit() -> str | None:
     return None
 
 
-def trace(stated: Mapping[str, str | None], trials: Iterable[Path]) -> dict[str, Any]:
-    """What decides results: the digests of what is `stated`, the recordings, and, by trial
-    (Parquet), which of both are its own; code and libraries."""
+def trace(
+    stated: Mapping[str, str | None], trials: Iterable[Path], experiments: Mapping[str, str]
+) -> dict[str, Any]:
+    """What decides results: the digests of what is `stated` and of recordings; by trial (Parquet),
+    its experiment, and which of both are its own; code and libraries."""
     recordings: dict[str, str] = {}
-    of_trials: dict[str, list[str]] = {}
+    of_trials: dict[str, dict[str, Any]] = {}
     for path in trials:
         trial, provenance = metadata_of(path)
+        files = of_trials[trial] = {"experiment": experiments[trial], "files": []}
         for file in provenance["files"].values():
             recordings[file["path"]] = file["sha256"]
-            of_trials.setdefault(trial, []).extend([file["path"], f"source {file['source']}"])
+            files["files"] += [file["path"], f"source {file['source']}"]
     made = {"version": version("osl-analysis"), "commit": commit(), "digest": code()}
     return {
         "stated": stated,

@@ -4,15 +4,15 @@ their columns mean."""
 import json
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import polars as pl
 
 from osl_analysis.campaign.origin import sentence
-from osl_analysis.campaign.trace import digest_of, trace
-from osl_analysis.config.experiments import EXPERIMENTS, experiments_of
+from osl_analysis.campaign.trace import code, digest_of, trace
+from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables, described_tables_by_name
 from osl_analysis.errors import InputError, listing
 from osl_analysis.files import atomic_path, write_text
@@ -39,7 +39,6 @@ from osl_analysis.judge.recording_checks import (
 from osl_analysis.model.drivetrain import FileOrNone, joint_of, known_parameters
 from osl_analysis.report.numbers import (
     ENTRIES,
-    Number,
     headline_numbers,
     macros_tex,
     numbers_in_summary,
@@ -327,14 +326,14 @@ def write_summary(
         The causes of missing tables.
     """
     tables = read_by_name(table_paths)
-    numbers = [with_trials(number, sheet) for number in headline_numbers(tables, beside_draft)]
+    numbers = list(headline_numbers(tables, beside_draft))
     all_findings = read_findings(findings)
     left_out = left_out_trials(read_table(excluded))
     of_files = [cause.reason.partition(": ") for cause in refused if not cause.trial]
     verdict_count, results_of_clear = verdict_counts(sheet, all_findings, left_out)
     findings_told = causes_in_campaign(all_findings, tables, read_table(verdicts))
-    decides = trace(stated, trials)
-    about = {**about, "digest": digest_of(decides)}
+    decides = trace(stated, trials, {name: row["experiment"] for name, row in sheet.items()})
+    about = {**about, "digest": digest_of([stated, decides["recordings"], code()])}
     content = {
         "trials": used_and_missing(sheet, left_out),
         "verdicts": verdict_count,
@@ -349,17 +348,6 @@ def write_summary(
     with atomic_path(summary_json) as json_path, atomic_path(numbers_tex) as tex_path:
         json_path.write_text(to_json(about, numbers, content), encoding="utf-8")
         tex_path.write_text(macros_tex(about, numbers, missing_lines(content)), encoding="utf-8")
-
-
-def with_trials(number: Number, sheet: Mapping[str, Mapping[str, Any]]) -> Number:
-    """A number with the trials of its table where its rows name none."""
-    experiments = experiments_of(number.table)
-    trials = [
-        trial
-        for trial, row in sheet.items()
-        if row["experiment"] in experiments and not row["exclude"]
-    ]
-    return replace(number, trials=number.trials or trials)
 
 
 def write_paper_table(

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from typing import Any
 
 from osl_analysis.campaign.origin import EXPERIMENTS_BY_SETTING
-from osl_analysis.config.experiments import experiments_of
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.report.methods import template
 from osl_analysis.report.numbers import macro_name, numbers_in_summary
@@ -39,9 +38,10 @@ def trace_text(summary: Mapping[str, Any], asked: str) -> str:
             f"{asked}: no number of these results; name one as summary.json does, or its macro or"
             f" value{nearest(asked, names)}"
         )
+    trace = summary["trace"]
     texts = []
     for number in meant:
-        experiments = experiments_of(number.table)
+        experiments = {trace["trials"][trial]["experiment"] for trial in number.trials}
         decide = [name for name, of in EXPERIMENTS_BY_SETTING.items() if experiments & {*of}]
         settings = {
             name: value
@@ -49,5 +49,5 @@ def trace_text(summary: Mapping[str, Any], asked: str) -> str:
             if name.startswith((*decide,))
         }
         facts = {"number": number, "settings": settings, "changed": changed_lines(summary)}
-        texts.append(template("trace.j2").render(facts, summary=summary, trace=summary["trace"]))
+        texts.append(template("trace.j2").render(facts, summary=summary, trace=trace))
     return "\n\n".join(texts)

@@ -113,19 +113,6 @@ LISTED = own_yaml(Path(__file__).with_suffix(".yaml"))
 EXPERIMENTS = {name: experiment_of(facts) for name, facts in LISTED.items()}
 TABLES_OF_TRIALS = {table.name: table for facts in EXPERIMENTS.values() for table in facts.tables}
 """The tables with rows of single trials, by name."""
-
-
-def experiments_of(table: str) -> set[str]:
-    """The experiments whose trials a result table, or one that is computed from it, is made of."""
-    origins = {derived: t.name for t in TABLES_OF_TRIALS.values() for derived in t.derived}
-    return {
-        name
-        for name, facts in EXPERIMENTS.items()
-        if table in facts.further_tables
-        or origins.get(table, table) in [t.name for t in facts.tables]
-    }
-
-
 DOUBTS_OF = {name: table.doubts_of for name, table in TABLES_OF_TRIALS.items() if table.doubts_of}
 """By table, the table of the same trials whose doubts its rows share."""
 JUDGED_TABLES = (

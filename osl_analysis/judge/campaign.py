@@ -84,19 +84,16 @@ def judged_together(
     they do not agree with others."""
     findings = judged(table, limits, name, faults)
     if name == "impedance":
-        row_of = {
+        of_trials = {
             row["trial"]: (row, of_row)
             for row, of_row in zip(table.to_dicts(), findings, strict=True)
             if row.get("amplitude_deg") is None and row.get(EXCLUDED) is None
         }
-        doubtful = [
-            trial
-            for trial, (_, of_row) in row_of.items()
-            if any(finding.grade is Grade.DOUBTS for finding in of_row)
-        ]
-        rows = [row for row, _ in row_of.values()]
+        rows = [row for row, _ in of_trials.values()]
+        doubts = (f for _, of_row in of_trials.values() for f in of_row if f.grade is Grade.DOUBTS)
+        doubtful = {doubt.subject for doubt in doubts}
         for finding in disagreements(rows, limits.accuracy.model_dump(), doubtful):
-            row_of[finding.subject][1].append(finding)
+            of_trials[finding.subject][1].append(finding)
     return findings
 
 

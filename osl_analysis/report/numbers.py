@@ -5,7 +5,7 @@ import json
 import re
 import unicodedata
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +53,7 @@ class Entry:
     unless: str = ""
     draft: float | None = None
     interval: str = ""
+    origin: str = ""
 
 
 LISTED: Any = own_yaml(Path(__file__).with_name("numbers.yaml"))  # a mapping per number
@@ -146,9 +147,16 @@ def headline_numbers(
         present.add("averages")
     for entry in ENTRIES:
         says = "" if entry.unless in present else entry.says
+        origin = tables.get(entry.origin or entry.table.removesuffix("_summary"), pl.DataFrame())
+        trials = counted(origin).get_column("trial", default=pl.Series())
         for part, keys in parts_of[entry.name]:
             if len(counted(part)):
-                yield number_of(entry, part, keys, says, beside_draft)
+                number = number_of(entry, part, keys, says, beside_draft)
+                yield (
+                    number
+                    if number.trials
+                    else replace(number, trials=[*trials.unique(maintain_order=True)])
+                )
 
 
 def parts(entry: Entry, table: pl.DataFrame) -> list[tuple[pl.DataFrame, list[str]]]:
@@ -221,25 +229,33 @@ def number_of(
 
 
 def headline_sentences(numbers: Iterable[Number]) -> Iterator[str]:
-    """The sentences that a run ends with and the page begins with, each on alike numbers: K and B
-    by condition in at most `CONDITION_LINES`, then all others."""
+    """The sentences that a run ends with and the page begins with, each on alike numbers, in
+    the order of `numbers.yaml`: K and B by condition in at most `CONDITION_LINES`."""
     texts_of: dict[str, list[str]] = {}
     of_conditions: dict[str, list[str]] = {}
     for number in numbers:
+        texts = texts_of.setdefault(number.says, [])
         if number.says == BY_CONDITION:
             condition = f"{number.subject}, {number.doubts}".removesuffix(", ")
-            text = f"{number.symbol} {number.text}"
-            of_conditions.setdefault(condition, []).append(text)
-        elif number.says:
-            texts_of.setdefault(number.says, []).append(number.in_sentence)
-    conditions = [f"{name}: {', '.join(texts)}" for name, texts in of_conditions.items()]
+            of_conditions.setdefault(condition, []).append(f"{number.symbol} {number.text}")
+        else:
+            texts.append(number.in_sentence)
+    texts_of.pop("", None)
+    for begin, texts in texts_of.items():
+        if begin == BY_CONDITION:
+            yield from condition_sentences(of_conditions)
+        else:
+            yield f"{begin} {', '.join(first_of(texts, MOST_IN_SENTENCE))}."
+
+
+def condition_sentences(texts_of: Mapping[str, Sequence[str]]) -> Iterator[str]:
+    """Sentences on K and B by condition."""
+    conditions = [f"{name}: {', '.join(texts)}" for name, texts in texts_of.items()]
     shown = first_of(conditions, MOST_CONDITIONS)
     begin = "K in N*m/rad, B in N*m*s/rad: "
     for line in filter(len, np.array_split(shown, CONDITION_LINES)):
         yield f"{begin}{'; '.join(line)}."
         begin = ""
-    for begin, texts in texts_of.items():
-        yield f"{begin} {', '.join(first_of(texts, MOST_IN_SENTENCE))}."
 
 
 def first_of(texts: list[str], most: int) -> list[str]:

@@ -193,7 +193,7 @@ def test_what_a_rule_names_are_the_arguments_of_its_function_and_none_is_left_ou
 def test_every_job_says_what_made_it(every_job):
     for job in every_job:
         if job["rule"] != "reproduce-all":
-            assert {"version", "data"} == job["params"]["made_by"].keys(), job["rule"]
+            assert {"version", "code", "data"} == job["params"]["made_by"].keys(), job["rule"]
 
 
 def test_responses_are_beside_fits_that_are_judged_by_limits_of_their_own(every_job):

@@ -25,7 +25,7 @@ ARM = ("joint", "side", "controller")
 CONDITION = (*ARM, "K_d", "B_d", "excitation")
 
 SMALL = {"K": 2.0, "B": 0.1, "I": 5e-3}  # SI; of a smaller estimate a share of itself is no size
-MOST_SCATTERS = 6.0  # times the median standard deviation of conditions, from the median of one
+MOST_SCATTERS = 7.0  # times the median standard deviation of conditions, from the median of one
 FEWEST_SCATTERS = 4  # conditions with repeats from which their scatter is known
 UNKNOWN_SCATTER = 3.0  # times what is needed: by how much repeats may differ where it is not
 MOST_HALF_WIDTHS = 2.0  # of the difference of two trials

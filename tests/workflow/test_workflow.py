@@ -303,6 +303,20 @@ def test_a_threshold_that_excludes_nobody_makes_only_the_judgement_again(workspa
     assert not re.findall("(?m)^(?:simulate|ingest|fit|plot)", "\n".join(space.planned()))
 
 
+def test_a_comment_in_a_source_file_makes_nothing_again_and_a_value_its_trials(
+    workspace, tmp_path
+):
+    space = Workspace(tmp_path, workspace)
+    source = tmp_path / "config/sources/dynamometer.yaml"
+
+    source.write_text(f"# of the new bench\n{source.read_text()}")
+    assert space.planned() == {}
+
+    source.write_text(f"{source.read_text()}\nmost_missing: 0.02\n")
+    assert {"ingest", "fit_impedance", "headline_numbers"} <= space.planned().keys()
+    assert space.planned("results/tables/actuator.csv") == {}
+
+
 def test_another_release_makes_everything_again(workspace, every_job, tmp_path):
     space = Workspace(tmp_path, workspace)
     every = {job["rule"] for job in every_job}

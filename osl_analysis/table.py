@@ -27,7 +27,7 @@ TEXT_COLUMNS = (
     "status", "reason", "panel", "curve", "interval_method", "method", "doubtful", "model",
     "motion", "group", "direction", "subject", "side", "different",
     "remarks", "excitation", "desired", "loading", "joint", "scope",
-    "data", "chosen", "trajectory", "table", "grade",
+    "data", "chosen", "trajectory", "table", "grade", "of",
     "name", "cause", "evidence", "says", "size", "remedy", "fault_family", "explanations",
 )  # fmt: skip
 

@@ -177,7 +177,7 @@ def differing_repeats(
 def first_cause(rows: Sequence[Row], row: Row, symbol: str) -> str:
     """What to look at first: a gain where K and B of a trial differ from its repeats by one
     factor."""
-    of_K, of_B = (row[name] / np.median(numbers(rows, name)) for name in ("K", "B"))
+    of_K, of_B = (numbers([row], name)[0] / np.median(numbers(rows, name)) for name in "KB")
     if symbol == "K" and abs(of_K / of_B - 1) < SAME_FACTOR:
         return f"is the torque's gain or unit right: K and B are {of_K:.3g} times the others?"
     return FIRST_CAUSES[symbol]
@@ -213,14 +213,16 @@ def by_others(K_d: Array, K: Array, i: int) -> tuple[float, float]:
     """K [N*m/rad] that the other trials let expect of the i-th, and the median deviation by which
     they are beside their line themselves, as a share.
 
-    The line 1/K = a/K_d + c has the median of all slopes (Theil, 1950; Sen, 1968); of two
-    conditions, or with a negative c, it goes through 0.
+    The line 1/K = a/K_d + c has the median of all slopes between the medians of conditions (Theil,
+    1950; Sen, 1968); of two conditions, or with a negative c, it goes through 0.
     """
     x, y = 1 / np.delete(K_d, i), 1 / np.delete(K, i)
     a, c = np.median(y / x), 0.0
-    first, second = np.nonzero(x[:, None] < x)
-    if len(np.unique(x)) > 2:
-        slope = np.median((y[second] - y[first]) / (x[second] - x[first]))
+    levels = np.unique(x)
+    if len(levels) > 2:
+        medians = np.array([np.median(y[x == level]) for level in levels])
+        first, second = np.triu_indices(len(levels), 1)
+        slope = np.median((medians[second] - medians[first]) / (levels[second] - levels[first]))
         compliance = np.median(y - slope * x)
         if compliance > 0:
             a, c = slope, compliance

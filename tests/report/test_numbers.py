@@ -25,6 +25,7 @@ from osl_analysis.report.numbers import (
 )
 from osl_analysis.report.paper_tables import condition_rows, conditions
 from osl_analysis.report.verdicts import brief_lines
+from osl_analysis.table import read_table
 
 ABOUT = dict.fromkeys(("campaign", "data", "version", "configuration", "recorded", "digest"), "x")
 IMPEDANCE = pl.DataFrame(
@@ -313,6 +314,15 @@ def test_whether_compensation_is_better_is_told_first_with_pairs_and_range():
     assert of_Z.startswith("Of 6 pairs at one frequency")
     assert of_Z.endswith("smaller in 4 pairs.")
     assert (numbers[0].n, numbers[0].trials) == (2, [*"ab"])
+
+
+def test_a_campaign_without_pairs_does_not_tell_whether_compensation_is_better(tmp_path):
+    columns = "joint,quantity,unit,of,pairs,better,difference,difference_low,difference_high"
+    (tmp_path / "compensation.csv").write_text(f"{columns}\n")
+
+    tables = {"compensation": read_table(tmp_path / "compensation.csv"), "impedance": IMPEDANCE}
+
+    assert not any(number.name.startswith("nearer") for number in headline_numbers(tables))
 
 
 def test_every_number_is_of_a_table_that_the_dictionary_describes():

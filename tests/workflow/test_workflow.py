@@ -303,9 +303,7 @@ def test_a_threshold_that_excludes_nobody_makes_only_the_judgement_again(workspa
     assert not re.findall("(?m)^(?:simulate|ingest|fit|plot)", "\n".join(space.planned()))
 
 
-def test_a_comment_in_a_source_file_makes_nothing_again_and_a_value_its_trials(
-    workspace, tmp_path
-):
+def test_a_comment_in_a_source_file_makes_nothing_again_and_a_value_its_trials(workspace, tmp_path):
     space = Workspace(tmp_path, workspace)
     source = tmp_path / "config/sources/dynamometer.yaml"
 

@@ -305,13 +305,13 @@ def test_a_threshold_that_excludes_nobody_makes_only_the_judgement_again(workspa
 
 def test_a_comment_in_a_source_file_makes_nothing_again_and_a_value_its_trials(workspace, tmp_path):
     space = Workspace(tmp_path, workspace)
-    source = tmp_path / "config/sources/dynamometer.yaml"
+    source = tmp_path / "config/sources/dynamometer_nodes.yaml"
 
     source.write_text(f"# of the new bench\n{source.read_text()}")
     assert space.planned() == {}
 
     source.write_text(f"{source.read_text()}\nmost_missing: 0.02\n")
-    assert {"ingest", "fit_impedance", "headline_numbers"} <= space.planned().keys()
+    assert {"ingest", "fit_belt", "headline_numbers"} <= space.planned().keys()
     assert space.planned("results/tables/actuator.csv") == {}
 
 

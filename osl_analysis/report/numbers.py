@@ -5,7 +5,7 @@ import json
 import re
 import unicodedata
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +52,8 @@ class Entry:
     symbol: str = ""
     unless: str = ""
     draft: float | None = None
+    interval: str = ""
+    origin: str = ""
 
 
 LISTED: Any = own_yaml(Path(__file__).with_name("numbers.yaml"))  # a mapping per number
@@ -76,6 +78,8 @@ class Number:
     symbol: str = ""  # before it in the sentence
     subject: str = ""  # controller, condition, group, joint and side that it is of
     verdict: str | None = None  # on the paper's claim about it
+    table: str = ""  # of results, of which it is computed
+    trials: Sequence[str] = ()  # in its rows; empty where the table has none
 
     @property
     def texts(self) -> list[str]:
@@ -143,9 +147,12 @@ def headline_numbers(
         present.add("averages")
     for entry in ENTRIES:
         says = "" if entry.unless in present else entry.says
+        origin = tables.get(entry.origin or entry.table.removesuffix("_summary"), pl.DataFrame())
+        trials = trials_in(origin)
         for part, keys in parts_of[entry.name]:
             if not part["left_out"].all():
-                yield number_of(entry, part, keys, says, beside_draft)
+                number = number_of(entry, part, keys, says, beside_draft)
+                yield number if number.trials else replace(number, trials=trials)
 
 
 def parts(entry: Entry, table: pl.DataFrame) -> list[tuple[pl.DataFrame, list[str]]]:
@@ -186,8 +193,10 @@ def number_of(
     value = float(getattr(values, entry.reduce)())
     mean = summary_row(used, "number")
     low, high = mean["low"], mean["high"]
-    interval = mean["interval_method"] or first.get("interval") or "95 %"
-    if entry.low == "NULL" and len(used) > 1:
+    interval = entry.interval or mean["interval_method"] or first.get("interval") or "95 %"
+    if entry.reduce == "sum":
+        low = high = None
+    elif entry.low == "NULL" and len(used) > 1:
         low, high, interval = values.min(), values.max(), RANGE
     stated = [
         f"{key} {first[key]:g}" if isinstance(first[key], float) else str(first[key])
@@ -199,7 +208,7 @@ def number_of(
     n = len(used)
     n_doubtful = len(rows) - n
     if n == 1:  # it may stand for several
-        n = int(first.get("n") or 1)
+        n = int(first.get("n") or first.get("pairs") or 1)
     return Number(
         name="_".join([name, *subject]).replace(" ", "_"),
         value=value,
@@ -211,33 +220,48 @@ def number_of(
         draft=entry.draft if beside_draft else None,
         n=n,
         n_doubtful=n_doubtful or int(first.get("n_doubtful") or 0),
-        says=says.format(**first),
+        says=says.format(**{"n": n, **first}),
         symbol=entry.symbol,
         subject=", ".join(subject),
         verdict=first.get("verdict"),
+        table=entry.table,
+        trials=trials_in(used),
     )
 
 
+def trials_in(table: pl.DataFrame) -> list[str]:
+    """The trials of a table's rows; none where it does not name them."""
+    return table["trial"].unique(maintain_order=True).to_list() if "trial" in table.columns else []
+
+
 def headline_sentences(numbers: Iterable[Number]) -> Iterator[str]:
-    """The sentences that a run ends with and the page begins with, each on alike numbers: K and B
-    by condition in at most `CONDITION_LINES`, then all others."""
+    """The sentences that a run ends with and the page begins with, each on alike numbers, in
+    the order of `numbers.yaml`: K and B by condition in at most `CONDITION_LINES`."""
     texts_of: dict[str, list[str]] = {}
     of_conditions: dict[str, list[str]] = {}
     for number in numbers:
+        texts = texts_of.setdefault(number.says, [])
         if number.says == BY_CONDITION:
             condition = f"{number.subject}, {number.doubts}".removesuffix(", ")
-            text = f"{number.symbol} {number.text}"
-            of_conditions.setdefault(condition, []).append(text)
-        elif number.says:
-            texts_of.setdefault(number.says, []).append(number.in_sentence)
-    conditions = [f"{name}: {', '.join(texts)}" for name, texts in of_conditions.items()]
+            of_conditions.setdefault(condition, []).append(f"{number.symbol} {number.text}")
+        else:
+            texts.append(number.in_sentence)
+    texts_of.pop("", None)
+    for begin, texts in texts_of.items():
+        if begin == BY_CONDITION:
+            yield from condition_sentences(of_conditions)
+        else:
+            yield f"{begin} {', '.join(first_of(texts, MOST_IN_SENTENCE))}."
+
+
+def condition_sentences(texts_of: Mapping[str, Sequence[str]]) -> Iterator[str]:
+    """Sentences on K and B by condition."""
+    conditions = [f"{name}: {', '.join(texts)}" for name, texts in texts_of.items()]
     shown = first_of(conditions, MOST_CONDITIONS)
     begin = "K in N*m/rad, B in N*m*s/rad: "
     for line in filter(len, np.array_split(shown, CONDITION_LINES)):
         yield f"{begin}{'; '.join(line)}."
         begin = ""
-    for begin, texts in texts_of.items():
-        yield f"{begin} {', '.join(first_of(texts, MOST_IN_SENTENCE))}."
 
 
 def first_of(texts: list[str], most: int) -> list[str]:

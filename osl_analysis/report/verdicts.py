@@ -175,6 +175,13 @@ def verdicts_sentence(counts: Mapping[str, int], results: Mapping[str, int]) -> 
     return f"{total} trial{'s' if total != 1 else ''}: {', '.join(parts)}."
 
 
+def changed_lines(summary: Mapping[str, Any]) -> list[str]:
+    """What decides verdicts and differs from the shipped defaults, in a line; none without any."""
+    texts = [f"{row['setting']} {row['value']} ({row['default']})" for row in summary["changed"]]
+    begin = "not as shipped, and decides verdicts (default in brackets): "
+    return [begin + ", ".join(texts)] if texts else []
+
+
 def brief_lines(summary: Mapping[str, Any]) -> list[str]:
     """How many trials are clear, doubtful and left out, the headline numbers, and each finding with
     its size and what to do, from a `summary.json`."""
@@ -182,6 +189,7 @@ def brief_lines(summary: Mapping[str, Any]) -> list[str]:
         verdicts_sentence(summary["verdicts"], summary["results_of_clear"]),
         *headline_sentences(numbers_in_summary(summary)),
         *findings_lines(findings_in_summary(summary)),
+        *changed_lines(summary),
     ]
 
 

@@ -19,13 +19,15 @@ from osl_analysis.report import paper_tables
 from osl_analysis.report.numbers import (
     ENTRIES,
     headline_numbers,
+    headline_sentences,
     macros_tex,
     to_json,
 )
 from osl_analysis.report.paper_tables import condition_rows, conditions
 from osl_analysis.report.verdicts import brief_lines
+from osl_analysis.table import read_table
 
-ABOUT = dict.fromkeys(("campaign", "data", "version", "configuration", "recorded"), "x")
+ABOUT = dict.fromkeys(("campaign", "data", "version", "configuration", "recorded", "digest"), "x")
 IMPEDANCE = pl.DataFrame(
     {
         "trial": [*"aabc"],
@@ -270,14 +272,57 @@ def test_a_run_ends_with_verdicts_sentences_findings_and_what_was_not_checked():
     unchecked = replace(finding, verdict="not checked", cause="the fixture")
     summary = json.loads(to_json(ABOUT, headline_numbers({"impedance": IMPEDANCE}), {}))
     summary["results_of_clear"] = {}
+    summary["changed"] = [{"setting": "doubtful.accuracy.K", "value": "0.1", "default": "0.02"}]
     summary["verdicts"] = {"clear": 1, "doubtful": 1, "refused": 1, "excluded": 0}
     summary["findings"] = [vars(finding), vars(unchecked)]
 
     assert findings_in_summary(summary) == [finding, unchecked]
-    first, *_, doubt, last = brief_lines(summary)
+    first, *_, doubt, last, changed = brief_lines(summary)
     assert re.search("3 .*1 clear.*1 doubtful.*1 refused", first)
     assert re.search(r"friction.* 1 .*3 impedance trials.*B 2\.1.*report B", doubt)
     assert last.endswith("the fixture")
+    assert "doubtful.accuracy.K 0.1 (0.02)" in changed
+
+
+def test_whether_compensation_is_better_is_told_first_with_pairs_and_range():
+    compensation = pl.DataFrame(
+        {
+            "of": "trials", "quantity": ["K_error", "B_error"], "pairs": 2, "better": [2, 0],
+            "difference": [-19.0, 0.3], "difference_low": [-20.0, 0.2],
+            "difference_high": [-18.0, 0.4],
+        }
+    )  # fmt: skip
+    responses = [
+        {"trial": f"{controller}{K_d:g}", "joint": "knee", "side": None, "controller": controller,
+         "K_d": K_d, "B_d": 1.0, "scope": "all", "frequency_hz": hz, "doubtful": None,
+         "Z_error": 10.0 if controller == "compensated" else 5.0 + 10 * hz}
+        for controller in ("compensated", "uncompensated")
+        for K_d in (100.0, 200.0) for hz in (0.25, 1.0, 2.0)
+    ]  # fmt: skip
+    tables = {
+        "impedance": IMPEDANCE,
+        "compensation": compensation,
+        "response": pl.DataFrame(responses),
+    }
+
+    numbers = list(headline_numbers(tables))
+
+    of_K, of_B, of_Z = list(headline_sentences(numbers))[:3]
+    assert of_K.startswith("Is compensation better? K is nearer to K_d in 2 of 2 pairs")
+    assert of_K.endswith("on average by 19.0 % (trials 18.0 to 20.0).")
+    assert "in 0 of 2 pairs of trials, on average by -0.300 N*m*s/rad" in of_B
+    assert of_Z.startswith("Of 6 pairs at one frequency")
+    assert of_Z.endswith("smaller in 4 pairs.")
+    assert (numbers[0].n, numbers[0].trials) == (2, [*"ab"])
+
+
+def test_a_campaign_without_pairs_does_not_tell_whether_compensation_is_better(tmp_path):
+    columns = "joint,quantity,unit,of,pairs,better,difference,difference_low,difference_high"
+    (tmp_path / "compensation.csv").write_text(f"{columns}\n")
+
+    tables = {"compensation": read_table(tmp_path / "compensation.csv"), "impedance": IMPEDANCE}
+
+    assert not any(number.name.startswith("nearer") for number in headline_numbers(tables))
 
 
 def test_every_number_is_of_a_table_that_the_dictionary_describes():

@@ -31,7 +31,7 @@ TEXT_COLUMNS = (
     "excitation", "desired", "loading", "joint", "scope",
     "data", "chosen", "trajectory", "table", "grade", "of",
     "name", "cause", "evidence", "says", "size", "remedy",
-    "estimate", "source", "part", "basis", "detail", "per",
+    "source", "part", "basis", "detail", "per",
 )  # fmt: skip
 
 FORMULA = "^[=+@'\t\r-]"  # how a text begins that a spreadsheet computes, or that is written quoted

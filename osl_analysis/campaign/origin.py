@@ -136,16 +136,14 @@ def changed_settings(campaign: Campaign) -> list[dict[str, Any]]:
     defaults = flat(own_yaml(Path(__file__).with_name("deciding_defaults.yaml")))
     if config.simulation is None:
         defaults |= flat(LIMIT_BY_WEIGHT)
-    pairs: dict[str, Any] = {
-        name: (own.get(name), defaults.get(name)) for name in sorted({*own, *defaults})
-    }
+    settings = [(name, own.get(name), defaults.get(name)) for name in sorted({*own, *defaults})]
     for column in ("accept", "exclude"):
-        of_trials = {f"{column} of {trial}": row[column] for trial, row in campaign.sheet.items()}
-        pairs |= {name: (text, None) for name, text in of_trials.items() if text}
+        for trial, row in campaign.sheet.items():
+            settings.append((f"{column} of {trial}", row[column], None))
     return [
         {"setting": name, "value": value, "default": default, "state": "changed"}
-        for name, (value, default) in pairs.items()
-        if value != default and {value, default} - {None, "{}"}
+        for name, value, default in settings
+        if value != default and {value, default} - {None, "", "{}"}
     ]
 
 

@@ -5,7 +5,6 @@ values, so that a comment changes nothing; recordings by their bytes; the code w
 import hashlib
 import json
 import re
-import subprocess
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from functools import cache
@@ -60,16 +59,6 @@ def libraries() -> dict[str, str]:
     return {name: version(name) for name in names}
 
 
-def commit() -> str | None:
-    """The commit of a clone, with `-dirty` where its files differ; None where there is none."""
-    if not (ROOT / ".git").exists():
-        return None
-    command = ["git", "-C", str(ROOT), "describe", "--always", "--dirty", "--exclude=*"]
-    with suppress(OSError):
-        return subprocess.run(command, capture_output=True, text=True).stdout.strip() or None
-    return None
-
-
 def trace(
     stated: Mapping[str, str | None], trials: Iterable[Path], experiments: Mapping[str, str]
 ) -> dict[str, Any]:
@@ -83,11 +72,10 @@ def trace(
         for file in provenance["files"].values():
             recordings[file["path"]] = file["sha256"]
             files["files"] += [file["path"], f"source {file['source']}"]
-    made = {"version": version("osl-analysis"), "commit": commit(), "digest": code()}
     return {
         "stated": stated,
         "recordings": recordings,
         "trials": of_trials,
-        "code": made,
+        "code": {"version": version("osl-analysis"), "digest": code()},
         "libraries": libraries(),
     }

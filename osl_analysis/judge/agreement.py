@@ -39,13 +39,6 @@ OF_GAINS = 0.06  # by which a controller may miss what it was asked for
 MOST_SPREAD = 0.02  # median deviation of K/K_d in an arm: a spring in series spreads it
 CERTAIN_FACTOR = 1.2  # no torque constant is as wrong
 GAIN_BESIDE_UNIT = 0.12  # by which a gain may be wrong beside a unit
-FIRST_CAUSES = {
-    "K": "is K_d right in the sheet?",
-    "B": "was the joint as warm, and is B_d right in the sheet?",
-    "I": "was the same clamp or weight on it?",
-}
-"""What to look at first where one estimate differs."""
-OF_GAIN = "is the torque's gain or unit right, or the motor's torque constant?"
 
 
 def disagreements(rows: Iterable[Row], needed: Mapping[str, float]) -> list[Finding]:
@@ -113,26 +106,17 @@ def half_widths(rows: Sequence[Row], symbol: str) -> Array:
 
 
 def finding_on(
-    row: Row, name: str, symbol: str, expected: float, limit: float, size: str, remedy: str
+    row: Row, name: str, symbol: str, expected: float, most: float, size: str
 ) -> Finding:
-    """The finding that an estimate of a trial is not what is `expected`, but beyond `limit`, with
-    its words. One on K is about all of the trial."""
-    side = "above" if row[symbol] > expected else "below"
+    """The finding that an estimate of a trial is beside what is `expected` by more than `most`.
+    One on K is about all of the trial."""
+    difference = row[symbol] - expected
+    side = "above" if difference > 0 else "below"
+    limit = expected + math.copysign(most, difference)
     says = size.replace("{", "{{").replace("}", "}}")  # a name may have braces
     evidence = Beyond(symbol, row[symbol], limit, side, name, rule=Rule(name, says=says))
-    return Finding(
-        name,
-        "impedance",
-        row["trial"],
-        evidence=(evidence,),
-        rule=Rule(name, remedy=remedy),
-        size="" if symbol == "K" else size,
-    )
-
-
-def beyond(value: Array, expected: float, most: Array) -> Array:
-    """The limits on the side of the values."""
-    return expected + np.copysign(most, value - expected)
+    of_estimate = "" if symbol == "K" else size
+    return Finding(name, "impedance", row["trial"], evidence=(evidence,), size=of_estimate)
 
 
 def condition_text(row: Row) -> str:
@@ -166,21 +150,14 @@ def differing_repeats(
         halves = half_widths(rows, symbol)
         most = np.maximum(shares * size, MOST_HALF_WIDTHS * np.hypot(halves, np.median(halves)))
         median = float(np.median(values))
-        limits = beyond(values, median, most)
         texts = ", ".join(with_places(places_of(size, 3), *values))
         said = f"{symbol} {texts} of {condition_text(rows[0])}"
         yield [
             finding_on(
-                row,
-                "repeats_disagree",
-                symbol,
-                median,
-                float(limit),
-                f"{said}: {row['trial']}",
-                FIRST_CAUSES[symbol],
+                row, f"{symbol}_of_repeats", symbol, median, limit, f"{said}: {row['trial']}"
             )
-            for row, limit, is_off in zip(rows, limits, abs(values - median) > most, strict=True)
-            if is_off
+            for row, limit in zip(rows, most.tolist(), strict=True)
+            if abs(row[symbol] - median) > limit
         ]
 
 
@@ -194,36 +171,29 @@ def beside_line(arm: Sequence[Row]) -> tuple[float, list[Finding]]:
     expected, scatters = np.transpose([by_others(K_d, K, i) for i in range(len(K))])
     shares = np.maximum(NEEDED_OF_ARM, MOST_DEVIATIONS * scatters)
     most = np.maximum(shares * expected, MOST_HALF_WIDTHS * half_widths(rows, "K"))
-    excess = np.abs(K - expected) / most
-    worst = int(np.argmax(excess))
-    scatter = float(np.median(scatters))
-    if excess[worst] <= 1:
-        return scatter, []
-    by_line = float(expected[worst])
+    worst = int(np.argmax(np.abs(K - expected) / most))
+    row, by_line, limit = rows[worst], float(expected[worst]), float(most[worst])
     size = (
-        f"K {significant(K[worst], 3)} of {condition_text(rows[worst])}, where the other trials let"
-        f" expect {significant(by_line, 3)} N*m/rad"
+        f"K {significant(row['K'], 3)} of {condition_text(row)}, where the other trials let expect"
+        f" {significant(by_line, 3)} N*m/rad"
     )
-    limit = float(beyond(K, by_line, most)[worst])
-    return scatter, [
-        finding_on(rows[worst], "unlike_its_arm", "K", by_line, limit, size, FIRST_CAUSES["K"])
-    ]
+    found = finding_on(row, "unlike_its_arm", "K", by_line, limit, size)
+    is_off = abs(row["K"] - by_line) > limit
+    return float(np.median(scatters)), [found] if is_off else []
 
 
 def by_others(K_d: Array, K: Array, i: int) -> tuple[float, float]:
     """K [N*m/rad] that the other trials let expect of the i-th, and the median deviation by which
     they are beside their line themselves, as a share.
 
-    The line 1/K = a/K_d + c has the median of all slopes between the medians of conditions (Theil,
-    1950; Sen, 1968); of two conditions, or with a negative c, it goes through 0.
+    The line 1/K = a/K_d + c has the median of all slopes between trials (Theil, 1950; Sen, 1968);
+    of two conditions, or with a negative c, it goes through 0.
     """
     x, y = 1 / np.delete(K_d, i), 1 / np.delete(K, i)
     a, c = np.median(y / x), 0.0
-    levels = np.unique(x)
-    if len(levels) > 2:
-        medians = np.array([np.median(y[x == level]) for level in levels])
-        first, second = np.triu_indices(len(levels), 1)
-        slope = np.median((medians[second] - medians[first]) / (levels[second] - levels[first]))
+    if len(np.unique(x)) > 2:
+        first, second = np.nonzero(np.subtract.outer(x, x))
+        slope = np.median((y[first] - y[second]) / (x[first] - x[second]))
         compliance = np.median(y - slope * x)
         if compliance > 0:
             a, c = slope, compliance
@@ -247,6 +217,5 @@ def common_factor(arm: Sequence[Row]) -> Iterator[Finding]:
     is_possible_gain = 1 / CERTAIN_FACTOR < factor < CERTAIN_FACTOR
     grade = Grade.NOTES if is_possible_gain else Grade.DOUBTS
     for row in rows:
-        limit = row["K_d"] * (1 + math.copysign(OF_GAINS, factor - 1))
-        finding = finding_on(row, "common_factor", "K", row["K_d"], limit, size, OF_GAIN)
-        yield replace(finding, grade=grade)
+        K_d = row["K_d"]
+        yield replace(finding_on(row, "common_factor", "K", K_d, OF_GAINS * K_d, size), grade=grade)

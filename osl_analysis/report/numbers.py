@@ -5,7 +5,7 @@ import json
 import re
 import unicodedata
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from osl_analysis.report.typography import in_latex
 from osl_analysis.stats.repeats import (
     OWN_CONDITION,
     RANGE,
+    counted,
     is_doubtful,
     summary_row,
 )
@@ -148,11 +149,11 @@ def headline_numbers(
     for entry in ENTRIES:
         says = "" if entry.unless in present else entry.says
         origin = tables.get(entry.origin or entry.table.removesuffix("_summary"), pl.DataFrame())
-        trials = trials_in(origin)
+        estimate = entry.name.rpartition("_")[2]  # ends the names of numbers over trials
+        trials = trials_in(counted(origin, [estimate]))
         for part, keys in parts_of[entry.name]:
             if not part["left_out"].all():
-                number = number_of(entry, part, keys, says, beside_draft)
-                yield number if number.trials else replace(number, trials=trials)
+                yield number_of(entry, part, keys, says, beside_draft, trials)
 
 
 def parts(entry: Entry, table: pl.DataFrame) -> list[tuple[pl.DataFrame, list[str]]]:
@@ -184,9 +185,15 @@ def parts(entry: Entry, table: pl.DataFrame) -> list[tuple[pl.DataFrame, list[st
 
 
 def number_of(
-    entry: Entry, rows: pl.DataFrame, keys: Sequence[str], says: str, beside_draft: bool
+    entry: Entry,
+    rows: pl.DataFrame,
+    keys: Sequence[str],
+    says: str,
+    beside_draft: bool,
+    trials: Sequence[str],
 ) -> Number:
-    """One number from its rows, which agree in the columns `keys`."""
+    """One number from its rows, which agree in the columns `keys`; `trials` are those behind it
+    where its rows name none."""
     used = rows.remove(pl.col("left_out"))
     first = used.row(0, named=True)
     values = used["number"]
@@ -225,7 +232,7 @@ def number_of(
         subject=", ".join(subject),
         verdict=first.get("verdict"),
         table=entry.table,
-        trials=trials_in(used),
+        trials=trials_in(used) or trials,
     )
 
 

@@ -113,7 +113,7 @@ def summary_of(folder):
                 "a": {"experiment": "impedance", "files": ["a.csv", "source bench"]},
                 "b": {"experiment": "impedance", "files": ["b.csv", "source bench"]},
             },
-            "code": {"version": "3.0.0", "commit": None, "digest": "c0de"},
+            "code": {"version": "3.0.0", "digest": "c0de"},
             "libraries": {"numpy": "2.0"},
         },
     }

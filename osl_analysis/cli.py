@@ -241,7 +241,15 @@ def run_campaign(arguments: tuple[str, ...]) -> None:
     is_flag=True,
     help="Unit and meaning of every column of every table in place of the numbers.",
 )
-def results(folder: Path, everything: bool, markdown: bool, columns: bool) -> None:
+@option(
+    "--trace",
+    "number",
+    metavar="NUMBER",
+    help="Files, trials and settings from which this number comes: its name, macro or value.",
+)
+def results(
+    folder: Path, everything: bool, markdown: bool, columns: bool, number: str | None
+) -> None:
     """Print what the results in FOLDER are: trials that are clear, doubtful and left out, K and B
     with intervals, and each doubt with what to do; with --all every number, and the draft's."""
     from osl_analysis.campaign.origin import sentence
@@ -257,7 +265,11 @@ def results(folder: Path, everything: bool, markdown: bool, columns: bool) -> No
         say(columns_text())
         return
     summary = read_summary(folder / "summary.json")
-    if everything or markdown:
+    if number is not None:
+        from osl_analysis.commands.trace_number import trace_text
+
+        say(trace_text(summary, number))
+    elif everything or markdown:
         say(format_results_table(summary, markdown))
     else:
         rest = "every number, and findings in full: osl-analysis results --all"

@@ -173,12 +173,22 @@ def known_factor(ratio: float, signals: Sequence[str], near: float) -> str:
     str
         The factor and which units may be confused, to be appended; empty if no factor is near.
     """
+    return next((f", {text}" for text in factors_near(ratio, signals, near)), "")
+
+
+def factors_near(ratio: float, signals: Sequence[str], near: float) -> list[str]:
+    """All factors between confused units near a ratio, the nearest first; arguments as of
+    `known_factor`."""
     known = [pair for signal in signals for pair in UNIT_FACTORS[signal].items()]
     size = max(abs(ratio), 1 / abs(ratio))
-    name, factor = min(
-        known, key=lambda pair: abs(math.log(size / pair[1])), default=("", math.inf)
+    sorted_by_distance = sorted(
+        (abs(math.log(size / factor)), name, factor) for name, factor in known
     )
-    return f", {factor:.3g} is the factor {name}" if abs(size / factor - 1) < near else ""
+    return [
+        f"{factor:.3g} is the factor {name}"
+        for _, name, factor in sorted_by_distance
+        if abs(size / factor - 1) < near
+    ]
 
 
 CLOCK_NAMES = (

@@ -10,8 +10,9 @@ its arguments, but for these (`osl_analysis/jobs/perform.py`):
   keeps it from being drawn is read.
 * `fitted`: an input of which the function only gets the reasons of what was not analysed. Which
   argument gets the reasons of all inputs stands behind `log`: `refused`, or `not_analysed`.
-* `file_states`, `made_by`, `excluded`: params. Snakemake compares the first, every rule has the second,
-  and the trials of the third, by the checks among the inputs without a name, are taken out.
+* `file_states`, `sources`, `made_by`, `excluded`: params. Snakemake compares the first two, every rule
+  has the third, and the trials of the last, by the checks among the inputs without a name, are taken
+  out.
 
 A param is a value, or a function of `wildcards`: Snakemake does not compare a function of `input`.
 Text that a person wrote is one of a function, too: in a plain text Snakemake replaces what stands
@@ -38,7 +39,15 @@ except ImportError as error:
         " is installed, by `pip install .` in a copy of the repository of the release of these rules"
     ) from None
 
-from osl_analysis.campaign.origin import about, sentence, settings_of, states_of
+from osl_analysis.campaign.origin import (
+    about,
+    changed_settings,
+    made_by,
+    sentence,
+    settings_of,
+    stated_digests,
+    states_of,
+)
 from osl_analysis.campaign.result_files import (
     DERIVED,
     ResultFiles,
@@ -46,7 +55,7 @@ from osl_analysis.campaign.result_files import (
     response_example,
     time_series_example,
 )
-from osl_analysis.commands.run import left_out_recordings, made_by, start_campaign
+from osl_analysis.commands.run import left_out_recordings, start_campaign
 from osl_analysis.config.experiments import DOUBTS_OF, EXPERIMENTS, JUDGED_TABLES
 from osl_analysis.config.sheet import ON_DYNAMOMETER
 from osl_analysis.errors import OslAnalysisError, listing, nearest
@@ -100,8 +109,11 @@ PLACES = CAMPAIGN.places
 ABOUT = about(CAMPAIGN, SIMULATION_FILES)
 """Where the results come from, as figures and page say."""
 MADE_BY = made_by(CAMPAIGN)
-"""Version of the package, and kind of the data. All rules have it as a param: another release makes
-all again. While you work on code, `-R RULE` or a clean folder does."""
+"""Version and digest of the code, and kind of the data. All rules have it as a param: another release
+makes all again, and so does another line of code or another library, since results say which made
+them. While you work on code, `--rerun-triggers mtime input` keeps what is made."""
+CHANGED = changed_settings(CAMPAIGN)
+"""What decides verdicts, and is not the shipped default."""
 PARAMETERS = CONFIG.parameters or []
 TRAJECTORY = [CONFIG.impedance_trajectory] if CONFIG.impedance_trajectory else []
 TIME_SERIES = time_series_example(CAMPAIGN)
@@ -145,6 +157,12 @@ def shown_at_the_end(file):
         return file
 
     return announced
+
+
+def source_values(trial):
+    """A param: the digests of what the source files of a trial state. As inputs, the files would make
+    a trial anew for a comment."""
+    return [CAMPAIGN.source_digests[path] for path in CAMPAIGN.sources(trial)]
 
 
 def experiment(wildcards):

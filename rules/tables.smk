@@ -100,7 +100,8 @@ rule settings_table:
         "<logs>/tables/settings.log",
     localrule: True
     params:
-        states=states_of(CONFIG, config, [name for name in EXPERIMENTS if CAMPAIGN.trials(name)]),
+        states=states_of(CONFIG, config, [name for name in EXPERIMENTS if CAMPAIGN.trials(name)])
+        + CHANGED,
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
@@ -154,6 +155,7 @@ rule headline_numbers:
     """The numbers of the paper's text, for programs and for LaTeX."""
     input:
         table_paths=FILES.all_tables,
+        trials=expand("<results>/trials/{trial}.parquet", trial=TRIALS),
         excluded="<results>/tables/excluded.csv",
         findings="<results>/tables/findings.csv",
         verdicts=QUALITY,
@@ -168,6 +170,8 @@ rule headline_numbers:
         sheet=CAMPAIGN.sheet,
         beside_draft=CAMPAIGN.beside_draft,
         settings=settings_of(CAMPAIGN),
+        stated=stated_digests(CAMPAIGN, SIMULATION_FILES),
+        changed=CHANGED,
         made_by=MADE_BY,
     run:
         job(write_summary, input, output, params, log, "refused")

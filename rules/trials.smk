@@ -7,7 +7,7 @@ from osl_analysis.commands.trials import ingest_and_check
 rule ingest:
     """The trial of a recording, in SI units on one clock, and what is measured for each check."""
     input:
-        of_trials(TRIALS, CAMPAIGN.followed_files),
+        of_trials(TRIALS, CAMPAIGN.followed_logs),
     output:
         trial="<results>/trials/{trial}.parquet",
         quality="<results>/quality/{trial}.csv",
@@ -21,6 +21,7 @@ rule ingest:
         needed_columns=lambda wildcards: experiment(wildcards).needed_columns,
         commanded=lambda wildcards: CAMPAIGN.commanded(wildcards.trial),
         file_states=lambda wildcards: CAMPAIGN.file_states(wildcards.trial),
+        sources=lambda wildcards: source_values(wildcards.trial),
         data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:

@@ -12,6 +12,7 @@ from typing import Any
 from warnings import catch_warnings
 
 from osl_analysis.campaign.configuration import Config
+from osl_analysis.campaign.trace import digest_of_source
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
 from osl_analysis.config.sheet import FIXTURE, SheetRows, read_sheet
@@ -169,19 +170,15 @@ class Campaign:
         is_simulated = self.config.simulation is not None
         return [log for log in self.logs(trial) if is_simulated or os.access(log, os.R_OK)]
 
-    def files(self, trial: str) -> list[Path]:
-        """The files that a trial is made of and that can be read."""
-        return [*self.readable_logs(trial), *filter(Path.is_file, self.sources(trial))]
-
-    def followed_files(self, trial: str) -> list[Path]:
+    def followed_logs(self, trial: str) -> list[Path]:
         """Those of them whose dates Snakemake compares."""
-        return [file for file in self.files(trial) if not means_several(file)]
+        return [log for log in self.readable_logs(trial) if not means_several(log)]
 
     def file_states(self, trial: str) -> list[int]:
         """The sizes [bytes] of all of them: another one is seen even if its date is older. Of those
         that Snakemake does not follow the dates [ns]."""
         states = []
-        for file in filter(Path.exists, self.files(trial)):
+        for file in filter(Path.exists, self.readable_logs(trial)):
             facts = file.stat()
             states.append(facts.st_mtime_ns if means_several(file) else facts.st_size)
         return states
@@ -190,6 +187,12 @@ class Campaign:
         """The source files of a trial."""
         named = filter(None, map(self.rows[trial].get, ("log_source", "mocap_source")))
         return [self.config.sources / f"{name}.yaml" for name in named]
+
+    @cached_property
+    def source_digests(self) -> dict[Path, str | None]:
+        """The digests of what the source files state, by file."""
+        files = {path for trial in self.trials() for path in self.sources(trial)}
+        return {path: digest_of_source(path) for path in sorted(files)}
 
     @property
     def data(self) -> str:

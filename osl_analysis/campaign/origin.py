@@ -4,7 +4,6 @@ each setting that judges or labels results: stated, assumed or none.
 What nobody stated neither judges nor labels a recording in silence: the page tells what is assumed.
 """
 
-import hashlib
 import json
 from collections.abc import Collection, Mapping, Sequence
 from datetime import UTC, datetime
@@ -13,8 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from osl_analysis.campaign.campaign_trials import Campaign
-from osl_analysis.campaign.configuration import Config
-from osl_analysis.files import DISTRIBUTION, ROOT, digest, own_yaml
+from osl_analysis.campaign.configuration import LIMIT_BY_WEIGHT, Config
+from osl_analysis.campaign.trace import code, digest_of, values_in
+from osl_analysis.files import DISTRIBUTION, ROOT, own_yaml
 from osl_analysis.yaml_settings import flat, read_mapping
 
 # facts on the origin of results
@@ -23,15 +23,19 @@ ABOUT_MEANING = {
     "data": "simulated or measured",
     "version": f"version of {DISTRIBUTION}",
     "configuration": (
-        "first digits of the SHA-256 of the configuration and of the files that it names"
+        "first digits of the SHA-256 of all that is stated: configuration, sheet, source files and"
+        " the files that they name, by their values"
     ),
     "recorded": "date of the data, or what is known in its place",
+    "digest": (
+        "first digits of the SHA-256 of all that decides: what is stated, recordings, code and"
+        " libraries"
+    ),
 }
 # settings that do not change results, or stand beside the hash
 NOT_HASHED = {
     "campaign", "raw_data", "sheet", "results", "sources", "failed_trials", "data", "recorded",
 }  # fmt: skip
-HASH_DIGITS = 8
 # experiments that a setting judges, labels or enters
 EXPERIMENTS_BY_SETTING: dict[str, list[str]] = own_yaml(
     Path(__file__).with_name("setting_states.yaml")
@@ -50,30 +54,48 @@ def about(campaign: Campaign, simulation: Sequence[Path]) -> dict[str, str]:
     Returns
     -------
     dict
-        By `ABOUT_MEANING`. The data are dated by the configuration, else by the seed of the
-        simulation, else by the recordings (UTC).
+        By `ABOUT_MEANING`, without the digest, for which recordings must be read. The data are
+        dated by the configuration, else by the seed of the simulation, else by the recordings
+        (UTC).
     """
-    digests = sorted(str(digest(path)) for path in simulation)
-    hashed = json.dumps([settings_of(campaign), digests], sort_keys=True).encode()
     return {
         "campaign": campaign.config.campaign,
         "data": campaign.data,
         "version": version(DISTRIBUTION),
-        "configuration": hashlib.sha256(hashed).hexdigest()[:HASH_DIGITS],
+        "configuration": digest_of(stated_digests(campaign, simulation)),
         "recorded": date_of_data(campaign),
     }
 
 
+def made_by(campaign: Campaign) -> dict[str, str]:
+    """What makes the results: the version of the package, the digest of its code; and whether the
+    data are simulated."""
+    return {"version": version(DISTRIBUTION), "code": code(), "data": campaign.data}
+
+
 def settings_of(campaign: Campaign) -> dict[str, str]:
     """The settings that results depend on, as JSON by dotted name, and the first digits of the
-    SHA-256 of files that they name."""
+    digest of files that they name."""
     config = campaign.config
     settings = flat(config.model_dump(mode="json", exclude=NOT_HASHED))
     for name in ("parameters", "impedance_trajectory", "claims"):
         path = getattr(config, name)
         if path is not None:
-            settings[name] = f"{path.name} ({str(digest(path))[:HASH_DIGITS]})"
+            settings[name] = f"{path.name} ({digest_of(values_in(path))})"
     return settings
+
+
+def stated_digests(campaign: Campaign, simulation: Sequence[Path]) -> dict[str, str | None]:
+    """The digests of what is stated, by its values."""
+    digests: dict[str, str | None] = {
+        "configuration": digest_of(settings_of(campaign)),
+        "sheet": digest_of(campaign.sheet),
+    }
+    for path, text in campaign.source_digests.items():
+        digests[f"source {path.stem}"] = text
+    for path in simulation:
+        digests[f"simulation {path.name}"] = digest_of(values_in(path))
+    return digests
 
 
 def date_of_data(campaign: Campaign) -> str:
@@ -95,13 +117,34 @@ def sentence(about: Mapping[str, str], below_figure: bool = False) -> str:
     made_by = f"{DISTRIBUTION} {about['version']}"
     if not below_figure:
         made_by += f", configuration {about['configuration']}"
+    if "digest" in about:
+        made_by += f", digest {about['digest']}"
     return (
         f"{about['data'].capitalize()} data: campaign {about['campaign']}, {made_by},"
         f" {about['recorded']}"
     )
 
 
-# ---- Which settings are stated
+# ---- Which settings are stated, and which decide otherwise than the defaults
+
+
+def changed_settings(campaign: Campaign) -> list[dict[str, Any]]:
+    """What decides verdicts and differs from the shipped defaults, which may be edited in a clone:
+    `setting`, `value`, `default` and `state`."""
+    config = campaign.config
+    own = flat(config.model_dump(mode="json", include={"doubtful", "quality"}))
+    defaults = flat(own_yaml(Path(__file__).with_name("deciding_defaults.yaml")))
+    if config.simulation is None:
+        defaults |= flat(LIMIT_BY_WEIGHT)
+    settings = [(name, own.get(name), defaults.get(name)) for name in sorted({*own, *defaults})]
+    for column in ("accept", "exclude"):
+        for trial, row in campaign.sheet.items():
+            settings.append((f"{column} of {trial}", row[column], None))
+    return [
+        {"setting": name, "value": value, "default": default, "state": "changed"}
+        for name, value, default in settings
+        if value != default and {value, default} - {None, "", "{}"}
+    ]
 
 
 def named_in(settings: Any, name: str) -> Any:

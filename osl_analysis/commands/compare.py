@@ -16,8 +16,7 @@ from osl_analysis.measured import written
 from osl_analysis.report.numbers import MOST_CONDITIONS, Number, first_of, numbers_in_summary
 from osl_analysis.report.typography import aligned
 from osl_analysis.stats.repeats import RANGE
-from osl_analysis.table import not_analysed, write_table
-from osl_analysis.trial import metadata_of
+from osl_analysis.table import write_table
 
 COLUMNS = {
     **dict.fromkeys(("quantity", "meaning", "unit"), pl.String),
@@ -55,7 +54,7 @@ def compare_campaigns(folders: Sequence[Path], output: Path) -> tuple[pl.DataFra
             f"{folders[1]}: A and B are the same folder; name the results of another campaign"
         )
     a, b = (read_summary(folder / "summary.json") for folder in folders)
-    recordings_of_a, recordings_of_b = map(digests_of_recordings, folders)
+    recordings_of_a, recordings_of_b = ({*each["trace"]["recordings"].values()} for each in (a, b))
     shared = recordings_of_a & recordings_of_b
     numbers_of_a = compared_numbers(a)
     numbers_of_b = compared_numbers(b)
@@ -136,13 +135,3 @@ def differing_settings(a: Mapping[str, str], b: Mapping[str, str]) -> list[str]:
     if not names:
         return ["all settings are the same"]
     return [f"{name}: {a.get(name, 'none')} in A, {b.get(name, 'none')} in B" for name in names]
-
-
-def digests_of_recordings(results: Path) -> set[str]:
-    """The SHA-256 of the recordings that a campaign has ingested."""
-    digests: set[str] = set()
-    for trial in results.glob("trials/*.parquet"):
-        if not not_analysed(trial):
-            _, provenance = metadata_of(trial)
-            digests.update(file["sha256"] for file in provenance.get("files", {}).values())
-    return digests

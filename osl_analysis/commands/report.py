@@ -31,6 +31,7 @@ from osl_analysis.report.signals import (
 )
 from osl_analysis.report.verdicts import (
     brief_lines,
+    changed_lines,
     findings_by_trial,
     left_out_trials,
     verdicts_sentence,
@@ -113,10 +114,10 @@ def write_report(
     )
     page = Page(
         about=about,
-        made_of=sentence(about),
+        made_of=sentence(content),
         answer=texts[0] if texts else "",
         sentences=[counts, *texts[1:MOST_SENTENCES]],
-        notes=[content["intervals"], left_out, note],
+        notes=[content["intervals"], left_out, note, *changed_lines(content)],
         conditions=of_conditions,
         groups=of_groups,
         numbers=numbers,

@@ -6,7 +6,6 @@ import os
 import shutil
 from argparse import ArgumentParser
 from collections.abc import Iterator, Mapping, Sequence
-from importlib.metadata import version
 from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
@@ -22,7 +21,7 @@ from osl_analysis.errors import (
     nearest,
     not_installed,
 )
-from osl_analysis.files import CAMPAIGN, DISTRIBUTION, default_config, shipped, write_text
+from osl_analysis.files import CAMPAIGN, default_config, shipped, write_text
 from osl_analysis.ingest.raw_files import (
     check_clocks,
     read_source,
@@ -154,11 +153,6 @@ def end_run(summary: Path, brief: Path, verdict: Path, failed_trials: str) -> No
     if has_failed and failed_trials != "accept":
         raise InputError(f"trials could not be analysed; {brief} says which, and what to do")
     write_text(verdict, brief.read_text(encoding="utf-8"))
-
-
-def made_by(campaign: Campaign) -> dict[str, str]:
-    """What makes the results: the version of the package; and whether the data are simulated."""
-    return {"version": version(DISTRIBUTION), "data": campaign.data}
 
 
 MOST_LISTED = 5  # recordings that are named in one message

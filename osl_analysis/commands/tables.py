@@ -11,6 +11,7 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.campaign.origin import sentence
+from osl_analysis.campaign.trace import code, digest_of, trace
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables, described_tables_by_name
 from osl_analysis.errors import InputError, listing
@@ -20,10 +21,11 @@ from osl_analysis.judge.campaign import (
     campaign_findings,
     causes_in_campaign,
     findings_in_summary,
+    judged_together,
 )
 from osl_analysis.judge.claims import claims_table, read_claims
 from osl_analysis.judge.finding import findings_frame, read_findings
-from osl_analysis.judge.judging import judged, marked, with_inherited
+from osl_analysis.judge.judging import marked, with_inherited
 from osl_analysis.judge.known_findings import CHECKS
 from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.judge.recording_checks import (
@@ -113,14 +115,14 @@ def gather(
     data : str
         Whether the recordings are simulated or measured.
     """
-    table = read_tables(rows, output.stem)
+    table = with_places(read_tables(rows, output.stem), places)
     if limits is not None:
         contributions = read_tables(budget) if budget else None
-        findings = judged(table, limits, output.stem, faults, contributions)
+        findings = judged_together(table, limits, output.stem, faults, contributions)
         if limits_of_fits is not None and fits:
-            origin = read_tables(fits)
+            origin = with_places(read_tables(fits), places)
             name = fits[0].parent.name
-            findings_of_fits = judged(origin, limits_of_fits, name, faults, contributions)
+            findings_of_fits = judged_together(origin, limits_of_fits, name, faults, contributions)
             findings = with_inherited(table, findings, origin, findings_of_fits)
         table = marked(table, findings, output.stem)
     table = table.drop(unpublished(table, output.stem), strict=False)
@@ -141,7 +143,7 @@ def unpublished(table: pl.DataFrame, name: str) -> list[str]:
 
 def write_settings(states: Sequence[Mapping[str, Any]], output: Path, data: str = "") -> None:
     """Write the settings that judge or label with their states."""
-    columns = dict.fromkeys(("setting", "value", "state"), pl.String)
+    columns = dict.fromkeys(("setting", "value", "default", "state"), pl.String)
     write_table(pl.DataFrame(states, schema=columns), output, data)
 
 
@@ -288,6 +290,9 @@ def write_summary(
     findings: Path,
     beside_draft: bool,
     settings: Mapping[str, str],
+    stated: Mapping[str, str | None],
+    changed: Sequence[Mapping[str, Any]] = (),
+    trials: Sequence[Path] = (),
     refused: Sequence[NotAnalysed] = (),
 ) -> None:
     """Write headline numbers of a campaign, and what a reader must know of them.
@@ -308,6 +313,12 @@ def write_summary(
         Whether the numbers of the paper's draft stand beside them.
     settings : Mapping of str to str
         The settings that results depend on, by dotted name, for a comparison of two campaigns.
+    stated : Mapping of str to str or None
+        The digests of what is stated.
+    changed : Sequence of Mapping
+        What decides verdicts and is not the shipped default.
+    trials : Sequence of Path
+        The trials (Parquet), which have the digests of recordings.
     refused : Sequence of NotAnalysed
         The causes of missing tables.
     """
@@ -318,6 +329,8 @@ def write_summary(
     of_files = [cause.reason.partition(": ") for cause in refused if not cause.trial]
     verdict_count, results_of_clear = verdict_counts(sheet, all_findings, left_out)
     findings_told = causes_in_campaign(all_findings, tables, read_table(verdicts))
+    decides = trace(stated, trials, {name: row["experiment"] for name, row in sheet.items()})
+    about = {**about, "digest": digest_of([stated, decides["recordings"], code()])}
     content = {
         "trials": used_and_missing(sheet, left_out),
         "verdicts": verdict_count,
@@ -327,6 +340,8 @@ def write_summary(
         "intervals": intervals_text(tables),
         "findings": [vars(finding) for finding in findings_told],
         "settings": settings,
+        "changed": changed,
+        "trace": decides,
     }
     with atomic_path(summary_json) as json_path, atomic_path(numbers_tex) as tex_path:
         json_path.write_text(to_json(about, numbers, content), encoding="utf-8")

@@ -37,7 +37,13 @@ LONGEST_NAME = 90  # signs of a trial's name
 SMALLEST_K = 10.0  # N*m/rad; `K1` is the number of a file
 UNPERTURBED = r"\b(unperturbed|unpert|baseline|normal|nominal|nom|level|free|no ?pert)\b"
 PERTURBED = r"\b(perturb|perturbed|perturbation|pert)\b"
-CONTROLLER = re.compile(r"(?<![A-Za-z])(un|non[-_]?)?comp(?:ensated)?(?![A-Za-z])", re.IGNORECASE)
+CONTROLLER = re.compile(
+    r"(?<![A-Za-z])(un|(?:non?|without|ohne)[-_]?)?comp(?:ensated)?(?![A-Za-z])", re.IGNORECASE
+)
+NO_CONTROLLER = (
+    "the names tell no `controller`: write compensated, uncompensated or a name of your own, by"
+    " which trials are told apart and means are made"
+)
 
 # file and name of the source file of a trial's `log` and of its capture, `mocap`
 Recordings = Mapping[str, tuple[Path, str]]
@@ -142,7 +148,8 @@ def draft_trial(name: str, files: Recordings, moved: Mapping[Path, str]) -> Draf
     cells["experiment"] = experiment
     if experiment == "walking":
         cells["body_mass_kg"] = ""  # may be filled in: it tells a wrong gain of the plate
-    return DraftedTrial({**cells, **told})
+    is_open = experiment == "impedance" and not controller
+    return DraftedTrial({**cells, **told}, NO_CONTROLLER if is_open else "")
 
 
 def is_fixture_alone(path: Path) -> bool:

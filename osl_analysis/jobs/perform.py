@@ -49,7 +49,7 @@ from osl_analysis.trial import read_trial
 
 ONLY_CHECKED = {"fitted"}
 """Inputs that no command reads: it gets the refusals among them, as `refused`."""
-OF_EVERY_JOB = {"made_by", "excluded", "file_states"}
+OF_EVERY_JOB = {"made_by", "excluded", "file_states", "sources"}
 """Params that are no arguments of a command: what made the data, the trials that quality control
 excludes, and what Snakemake only compares with the last run."""
 

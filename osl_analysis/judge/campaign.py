@@ -9,6 +9,7 @@ import polars as pl
 
 from osl_analysis.config.experiments import DOUBTS_OF, EXPERIMENTS, JUDGED_TABLES
 from osl_analysis.errors import listing
+from osl_analysis.judge.agreement import disagreements
 from osl_analysis.judge.finding import (
     AnyRow,
     Beyond,
@@ -18,9 +19,9 @@ from osl_analysis.judge.finding import (
     Words,
     subject_of,
 )
-from osl_analysis.judge.judging import EXCLUDED, judged
+from osl_analysis.judge.judging import EXCLUDED, SYMBOLS, RowFindings, judged, verdicts_of
 from osl_analysis.judge.known_findings import CHECKS, FINDINGS, known_finding
-from osl_analysis.judge.limits import DoubtfulFits
+from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.judge.recording_checks import (
     BY_SHEET,
     CROSSING,
@@ -31,6 +32,7 @@ from osl_analysis.judge.recording_checks import (
 )
 from osl_analysis.judge.words import sentence_of, words_of
 from osl_analysis.measured import significant
+from osl_analysis.stats.budget import CLEAR, WIDE
 from osl_analysis.stats.repeats import DOUBTFUL
 
 MOST_NAMED = 3  # number of trials that a line names
@@ -72,7 +74,7 @@ def campaign_findings(
     faults = spoiled_trials(verdicts)
     fits = {name: table for name, table in tables.items() if name in JUDGED_TABLES}
     for name, table in fits.items():
-        by_row = judged(table, limits.of(name), name, faults, budget)
+        by_row = judged_together(table, limits.of(name), name, faults, budget)
         for row, of_row in zip(table.iter_rows(named=True), by_row, strict=True):
             of_fits.extend(WordedFinding(finding, words_of(finding, row)) for finding in of_row)
     if len(tables.get("calibration", ())):
@@ -80,6 +82,31 @@ def campaign_findings(
     doubts = [worded for worded in of_fits if worded.finding.grade is Grade.DOUBTS]
     told = {fact_of(doubt) for doubt in doubts if is_of_whole(doubt.finding)}
     return [*(w for w in failed_checks(verdicts) if fact_of(w) not in told), *of_fits]
+
+
+def judged_together(
+    table: pl.DataFrame,
+    limits: Limits,
+    name: str,
+    faults: Mapping[str, str] | None = None,
+    budget: pl.DataFrame | None = None,
+) -> RowFindings:
+    """Judge each row of a table over trials: what `judged` finds, and, of trials of impedance, that
+    they do not agree with others."""
+    findings = judged(table, limits, name, faults, budget)
+    if name != "impedance":
+        return findings
+    of_trials: dict[str, list[Finding]] = {}
+    rows = []
+    for row, of_row in zip(table.to_dicts(), findings, strict=True):
+        if row.get("amplitude_deg") is None and row.get(EXCLUDED) is None:
+            verdicts = verdicts_of(of_row)
+            doubtful = [symbol for symbol in SYMBOLS if verdicts[symbol] not in (CLEAR, WIDE)]
+            rows.append({**row, DOUBTFUL: doubtful})
+            of_trials[row["trial"]] = of_row
+    for finding in disagreements(rows, limits.accuracy.model_dump()):
+        of_trials[finding.subject].append(finding)
+    return findings
 
 
 def with_its_calibration(worded: WordedFinding) -> WordedFinding:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import polars as pl
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
 from osl_analysis.judge.campaign import findings_in_summary
 from osl_analysis.measured import significant
@@ -113,12 +113,16 @@ def unmarked(value: object) -> str:
     return str(value).replace("$", r"\$").replace("[@", "(@").replace("¶", "")
 
 
+def template(name: str) -> Template:
+    """A template of text, which refuses names that it does not know."""
+    loader = FileSystemLoader(HERE / "templates")
+    environment = Environment(loader=loader, undefined=StrictUndefined, finalize=unmarked)
+    return environment.get_template(name)
+
+
 def paragraphs(facts: MethodsFacts) -> list[str]:
     """The paragraphs, with the marks of the template for symbols and citations."""
-    environment = Environment(
-        loader=FileSystemLoader(HERE / "templates"), undefined=StrictUndefined, finalize=unmarked
-    )
-    text = environment.get_template("methods.j2").render(facts.content, facts=facts)
+    text = template("methods.j2").render(facts.content, facts=facts)
     return [" ".join(part.split()) for part in text.split("¶") if part.strip()]
 
 

@@ -19,6 +19,7 @@ from osl_analysis.report.typography import in_latex
 from osl_analysis.stats.repeats import (
     OWN_CONDITION,
     RANGE,
+    counted,
     is_doubtful,
     summary_row,
 )
@@ -51,6 +52,8 @@ class Entry:
     symbol: str = ""
     unless: str = ""
     draft: float | None = None
+    interval: str = ""
+    origin: str = ""
 
 
 LISTED: Any = own_yaml(Path(__file__).with_name("numbers.yaml"))  # a mapping per number
@@ -76,6 +79,8 @@ class Number:
     subject: str = ""  # controller, condition, group, joint and side that it is of
     verdict: str | None = None  # on the paper's claim about it
     doubtful: str = ""  # why the number itself is; empty if it is not
+    table: str = ""  # of results, of which it is computed
+    trials: Sequence[str] = ()  # in its rows; empty where the table has none
 
     @property
     def texts(self) -> list[str]:
@@ -147,9 +152,12 @@ def headline_numbers(
     present = {name for name, of_entry in parts_of.items() if of_entry}
     for entry in ENTRIES:
         says = "" if entry.unless in present else entry.says
+        origin = tables.get(entry.origin or entry.table.removesuffix("_summary"), pl.DataFrame())
+        estimate = entry.name.rpartition("_")[2]  # ends the names of numbers over trials
+        trials = trials_in(counted(origin, [estimate]))
         for part, keys in parts_of[entry.name]:
             if not part["left_out"].all():
-                yield number_of(entry, part, keys, says, beside_draft)
+                yield number_of(entry, part, keys, says, beside_draft, trials)
 
 
 def parts(entry: Entry, table: pl.DataFrame) -> list[tuple[pl.DataFrame, list[str]]]:
@@ -181,17 +189,25 @@ def parts(entry: Entry, table: pl.DataFrame) -> list[tuple[pl.DataFrame, list[st
 
 
 def number_of(
-    entry: Entry, rows: pl.DataFrame, keys: Sequence[str], says: str, beside_draft: bool
+    entry: Entry,
+    rows: pl.DataFrame,
+    keys: Sequence[str],
+    says: str,
+    beside_draft: bool,
+    trials: Sequence[str],
 ) -> Number:
-    """One number from its rows, which agree in the columns `keys`."""
+    """One number from its rows, which agree in the columns `keys`; `trials` are those behind it
+    where its rows name none."""
     used = rows.remove(pl.col("left_out"))
     first = used.row(0, named=True)
     values = used["number"]
     value = float(getattr(values, entry.reduce)())
     mean = summary_row(used, "number")
     low, high = mean["low"], mean["high"]
-    interval = mean["interval_method"] or first.get("interval") or "95 %"
-    if entry.low == "NULL" and len(used) > 1:
+    interval = entry.interval or mean["interval_method"] or first.get("interval") or "95 %"
+    if entry.reduce == "sum":
+        low = high = None
+    elif entry.low == "NULL" and len(used) > 1:
         low, high, interval = values.min(), values.max(), RANGE
     stated = [
         f"{key} {first[key]:g}" if isinstance(first[key], float) else str(first[key])
@@ -203,7 +219,7 @@ def number_of(
     n = len(used)
     n_doubtful = len(rows) - n
     if n == 1:  # it may stand for several
-        n = int(first.get("n") or 1)
+        n = int(first.get("n") or first.get("pairs") or 1)
     return Number(
         name="_".join([name, *subject]).replace(" ", "_"),
         value=value,
@@ -215,12 +231,19 @@ def number_of(
         draft=entry.draft if beside_draft else None,
         n=n,
         n_doubtful=n_doubtful or int(first.get("n_doubtful") or 0),
-        says=says.format(**first),
+        says=says.format(**{"n": n, **first}),
         symbol=entry.symbol,
         subject=", ".join(subject),
         verdict=first.get("verdict"),
         doubtful=first.get("group_doubtful") or "",
+        table=entry.table,
+        trials=trials_in(used) or trials,
     )
+
+
+def trials_in(table: pl.DataFrame) -> list[str]:
+    """The trials of a table's rows; none where it does not name them."""
+    return table["trial"].unique(maintain_order=True).to_list() if "trial" in table.columns else []
 
 
 def headline_sentences(numbers: Iterable[Number]) -> Iterator[str]:

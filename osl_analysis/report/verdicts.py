@@ -176,6 +176,13 @@ def verdicts_sentence(counts: Mapping[str, int], results: Mapping[str, int]) -> 
     return "; ".join([text, *shown]) + "."
 
 
+def changed_lines(summary: Mapping[str, Any]) -> list[str]:
+    """What decides verdicts and differs from the shipped defaults, in a line; none without any."""
+    texts = [f"{row['setting']} {row['value']} ({row['default']})" for row in summary["changed"]]
+    begin = "not as shipped, and decides verdicts (default in brackets): "
+    return [begin + ", ".join(texts)] if texts else []
+
+
 def brief_lines(summary: Mapping[str, Any]) -> list[str]:
     """The answer, how many trials are doubtful or left out, the headline numbers, and each finding
     with what to do, from a `summary.json`, in lines of a terminal."""
@@ -185,6 +192,7 @@ def brief_lines(summary: Mapping[str, Any]) -> list[str]:
         verdicts_sentence(summary["verdicts"], summary["results_of_clear"]),
         *headline_sentences(numbers),
         *findings_lines(findings_in_summary(summary)),
+        *changed_lines(summary),
     ]
     return [line if len(line) <= LINE else shortened(line, LINE - len(CUT)) for line in lines]
 

@@ -4,22 +4,23 @@ import math
 import re
 from dataclasses import replace
 
-import polars as pl
 import pytest
 from conftest import refused_with
 
 from osl_analysis.commands.compare import compare_campaigns, compared
 from osl_analysis.report.numbers import RANGE, Number, to_json
 from osl_analysis.table import read_table
-from osl_analysis.trial import Trial, write_trial
 
 ABOUT = dict.fromkeys(("campaign", "version", "configuration", "recorded"), "x")
 ABOUT["data"] = "simulated"
 K = Number("K", 300.0, 297.0, 303.0, "units", "N*m/rad", "stiffness", None, 1, 0, 0)
 
 
-def write_summary(folder, *numbers, **settings):
-    text = to_json(ABOUT, numbers, {"settings": settings})
+def write_summary(folder, *numbers, recorded="", **settings):
+    """The summary of a campaign with recordings of these SHA-256."""
+    recordings = {f"file {digest}": digest for digest in recorded}
+    content = {"settings": settings, "trace": {"recordings": recordings}}
+    text = to_json(ABOUT, numbers, content)
     folder.mkdir()
     (folder / "summary.json").write_text(text)
     return folder
@@ -50,23 +51,14 @@ def test_the_settings_that_differ_are_named_and_the_table_is_written(tmp_path):
     assert written.select("quantity", "A_low", "B", "difference").rows() == [("K", 297, 310, 10)]
 
 
-def write_recorded(folder, *digests):
-    """A trial of a campaign's results, of files of these SHA-256."""
-    files = {f"file {digest}": {"sha256": digest} for digest in digests}
-    samples = pl.DataFrame({"time": [0.0]})
-    write_trial(Trial("a", samples, {"files": files}), folder / "trials/a.parquet")
-
-
 @pytest.mark.parametrize(("of_b", "K_of_b", "told"), [
     ("1", 300.0, "the same recordings.* listed: 1 of 1 numbers"),
     ("12", 310.0, "1 common recordings.* listed: 0 of 1 numbers"),
     ("2", 300.0, ""),
 ])  # fmt: skip
 def test_differences_between_shared_recordings_have_no_interval(tmp_path, of_b, K_of_b, told):
-    a = write_summary(tmp_path / "a", K)
-    b = write_summary(tmp_path / "b", replace(K, value=K_of_b))
-    write_recorded(a, "1")
-    write_recorded(b, *of_b)
+    a = write_summary(tmp_path / "a", K, recorded="1")
+    b = write_summary(tmp_path / "b", replace(K, value=K_of_b), recorded=of_b)
 
     table, text = compare_campaigns((a, b), tmp_path / "out")
 

@@ -75,7 +75,9 @@ def test_the_one_joint_that_a_recording_names_is_its_joint(tmp_path, names, join
      {"K_d": "300", "B_d": "5.0", "controller": "uncompensated"}),
     ("walk_pert_03", "walking", {"perturbed": "true"}),
     ("k300b5_comp", "impedance", {"K_d": "300", "B_d": "5", "controller": "compensated"}),
-    ("k9_sines", "impedance", {}),
+    ("k9_comp_sines", "impedance", {"controller": "compensated"}),
+    ("k90_b1_nocomp_1", "impedance",
+     {"K_d": "90", "B_d": "1", "controller": "uncompensated"}),
     ("gait_K300_unpert", "walking", {"perturbed": "false"}),
     ("2026-11-21_K300_B7.5_uncomp", "impedance",
      {"K_d": "300", "B_d": "7.5", "controller": "uncompensated"}),
@@ -578,3 +580,9 @@ def test_a_recorded_theta_m_asks_for_n_t_alone(tmp_path, rec):
 
     assert is_ready
     assert any("n_T" in question for question in questions)
+
+
+def test_a_controller_that_no_name_tells_is_asked():
+    trials = draft_trials([(Path(f"{name}.csv"), "csv", False) for name in ("k90_b1", "k60_comp")])
+
+    assert ["controller" in question for _, question in trials] == [True, False]

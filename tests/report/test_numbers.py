@@ -26,7 +26,7 @@ from osl_analysis.report.numbers import (
 from osl_analysis.report.paper_tables import condition_rows, conditions
 from osl_analysis.report.verdicts import brief_lines
 
-ABOUT = dict.fromkeys(("campaign", "data", "version", "configuration", "recorded"), "x")
+ABOUT = dict.fromkeys(("campaign", "data", "version", "configuration", "recorded", "digest"), "x")
 IMPEDANCE = pl.DataFrame(
     {
         "trial": [*"aabc"],
@@ -287,6 +287,7 @@ def test_a_run_ends_with_at_most_ten_lines_of_answer_counts_numbers_and_findings
     summary = json.loads(to_json(ABOUT, headline_numbers({"impedance": many}), {}))
     summary["answer"] = answer({"impedance": many})
     summary["results_of_clear"] = {}
+    summary["changed"] = [{"setting": "doubtful.accuracy.K", "value": "0.1", "default": "0.02"}]
     summary["verdicts"] = {"clear": 1, "doubtful": 1, "refused": 1, "excluded": 0}
     summary["findings"] = [vars(finding)] * 5 + [vars(unchecked)]
 

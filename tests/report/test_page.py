@@ -221,7 +221,13 @@ SETTINGS = {
 
 
 def paragraphs(sheet=(ROW,), **tables):
-    summary = {"trials": {}, "verdicts": {"clear": 1}, "findings": []}
+    summary = {
+        "trials": {},
+        "verdicts": {"clear": 1},
+        "findings": [],
+        "digest": "d1",
+        "changed": [],
+    }
     return methods.paragraphs(methods.MethodsFacts(ABOUT, SETTINGS, tables, sheet, summary, {}))
 
 

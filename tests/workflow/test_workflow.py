@@ -193,7 +193,7 @@ def test_what_a_rule_names_are_the_arguments_of_its_function_and_none_is_left_ou
 def test_every_job_says_what_made_it(every_job):
     for job in every_job:
         if job["rule"] != "reproduce-all":
-            assert {"version", "data"} == job["params"]["made_by"].keys(), job["rule"]
+            assert {"version", "code", "data"} == job["params"]["made_by"].keys(), job["rule"]
 
 
 def test_responses_are_beside_fits_that_are_judged_by_limits_of_their_own(every_job):
@@ -301,6 +301,18 @@ def test_a_threshold_that_excludes_nobody_makes_only_the_judgement_again(workspa
     space = Workspace(tmp_path, workspace)
     space.configure({"quality": {"gap": "0.06 s", "exclude": ["gap"]}})
     assert not re.findall("(?m)^(?:simulate|ingest|fit|plot)", "\n".join(space.planned()))
+
+
+def test_a_comment_in_a_source_file_makes_nothing_again_and_a_value_its_trials(workspace, tmp_path):
+    space = Workspace(tmp_path, workspace)
+    source = tmp_path / "config/sources/dynamometer_nodes.yaml"
+
+    source.write_text(f"# of the new bench\n{source.read_text()}")
+    assert space.planned() == {}
+
+    source.write_text(f"{source.read_text()}\nmost_missing: 0.02\n")
+    assert {"ingest", "fit_belt", "headline_numbers"} <= space.planned().keys()
+    assert space.planned("results/tables/actuator.csv") == {}
 
 
 def test_another_release_makes_everything_again(workspace, every_job, tmp_path):

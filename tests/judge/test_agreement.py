@@ -1,0 +1,133 @@
+"""Trials of a campaign that do not agree are told, and no others."""
+
+import numpy as np
+import pytest
+
+from osl_analysis.judge.agreement import disagreements
+from osl_analysis.judge.finding import Grade
+from osl_analysis.judge.judging import verdicts_of
+from osl_analysis.judge.words import words_of
+from osl_analysis.stats.budget import CLEAR
+
+NEEDED = {"K": 0.02, "B": 0.05, "I": 0.2}
+
+
+def trial(name, K_d, K, B=1.2, controller="compensated", half=0.001, **cells):
+    """The row of a trial with half-widths that are a share of each estimate."""
+    row = {
+        "trial": name,
+        "controller": controller,
+        "K_d": K_d,
+        "B_d": 1.0,
+        "K": K,
+        "B": B,
+        "I": 0.08,
+    }
+    for symbol in "KBI":
+        row[f"{symbol}_low"] = row[symbol] * (1 - half)
+        row[f"{symbol}_high"] = row[symbol] * (1 + half)
+    return row | cells
+
+
+def campaign(rng, repeats, scatter, spring=None):
+    """Sound trials of five K_d; a spring in series lowers K."""
+    rows = []
+    for K_d in (60.0, 100.0, 150.0, 200.0, 300.0):
+        for repeat in range(repeats):
+            K = K_d if spring is None else 1 / (1 / K_d + 1 / spring)
+            K, B = (x * (1 + scatter * rng.standard_normal()) for x in (K, 1.2))
+            controller = "compensated" if spring is None else "uncompensated"
+            rows.append(trial(f"{controller}{K_d:g}_{repeat}", K_d, K, B, controller))
+    return rows
+
+
+def told(rows):
+    return [(found.name, found.subject) for found in disagreements(rows, NEEDED)]
+
+
+def words(found):
+    """What a reader is told: the size, and the first cause to look at."""
+    return words_of(found, {})[1:]
+
+
+def test_a_mistyped_repeat_is_told_with_values_trial_and_what_to_look_at():
+    rows = [trial("k90_1", 90.0, 90.1), trial("k90_2", 90.0, 90.3), trial("k90_3", 90.0, 60.0)]
+
+    (found,) = disagreements(rows, NEEDED)
+
+    size, remedy = words(found)
+    assert "K 90.1, 90.3, 60.0" in size
+    assert size.endswith(": k90_3")
+    assert remedy.startswith("Is K_d right in the sheet?")
+
+
+@pytest.mark.parametrize("repeats", [1, 2, 3])
+@pytest.mark.parametrize("scatter", [0.0, 0.005, 0.01])
+def test_sound_campaigns_are_not_told_and_a_mistyped_trial_is(repeats, scatter):
+    rng = np.random.default_rng(7)
+    for _ in range(10):
+        rows = [*campaign(rng, repeats, scatter), *campaign(rng, repeats, scatter, 700.0)]
+        assert told(rows) == []
+
+        rows[1]["K_d"] = 200.0
+        assert {found[1] for found in told(rows)} == {rows[1]["trial"]}
+
+
+def test_two_repeats_that_differ_are_both_told_where_the_arm_tells_neither():
+    rows = [
+        *campaign(np.random.default_rng(1), 2, 0.0),
+        trial("a", 80.0, 80.0),
+        trial("b", 80.0, 86.0),
+    ]
+
+    assert told(rows) == [("K_of_repeats", "a"), ("K_of_repeats", "b")]
+
+
+def test_trials_that_do_not_know_their_K_contradict_none():
+    wide = trial("wide", 90.0, 60.0, half=0.4)
+
+    assert told([trial("k90_1", 90.0, 90.1), trial("k90_2", 90.0, 90.3), wide]) == []
+    assert told([*campaign(np.random.default_rng(1), 1, 0.0), wide]) == []
+
+
+def test_a_doubtful_estimate_beside_a_clear_one_that_differs_is_told():
+    def pair(K, doubtful):
+        return [trial("clear", 90.0, 90.0), trial("late", 90.0, K, doubtful=doubtful)]
+
+    assert told(pair(94.0, [])) == []
+    assert told(pair(94.0, ["B"])) == []
+    assert told(pair(94.0, ["K"])) == [("K_of_repeats", "late")]
+    assert told(pair(90.5, ["K"])) == []
+
+
+def test_a_repeat_that_differs_in_B_alone_leaves_its_K():
+    rows = [trial("1", 90.0, 90.0), trial("2{}", 90.0, 90.0, B=2.4), trial("3", 90.0, 90.0)]
+
+    (found,) = disagreements(rows, NEEDED)
+
+    assert verdicts_of([found]) == {"K": CLEAR, "B": "repeats that differ in B", "I": CLEAR}
+    assert "B 1.20, 2.40, 1.20" in words(found)[0]
+    rows[1] |= {"K": 60.0, "K_low": 59.9, "K_high": 60.1}
+    (found,) = disagreements(rows, NEEDED)
+    assert set(verdicts_of([found]).values()) == {"repeats that differ in K"}
+    assert words(found)[0].endswith(": 2{}")
+
+
+@pytest.mark.parametrize(("factor", "units", "is_doubt"), [
+    (0.9, [], False), (1.35582, ["lbf*ft"], True), (9.5, ["kgf*m", "kgf*cm", "lbf*in"], True),
+])  # fmt: skip
+def test_a_factor_of_K_and_B_is_told_with_all_units_that_fit(factor, units, is_doubt):
+    rows = [trial(f"{K_d:g}", K_d, factor * K_d, factor) for K_d in (60.0, 100.0, 150.0)]
+
+    found = disagreements(rows, NEEDED)
+
+    assert told(rows) == [("common_factor", row["trial"]) for row in rows]
+    assert (found[0].grade is Grade.DOUBTS) == is_doubt
+    assert all(unit in words(found[0])[0] for unit in units)
+    assert ("factor" in words(found[0])[0]) == bool(units)
+
+
+def test_a_spring_in_series_is_no_common_factor():
+    rows = campaign(np.random.default_rng(1), 1, 0.0, spring=500.0)
+
+    assert told([row | {"B": row["K"] / row["K_d"]} for row in rows]) == []

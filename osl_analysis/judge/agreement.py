@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from osl_analysis.judge.finding import Beyond, Finding, Grade
 from osl_analysis.judge.known_findings import Rule
 from osl_analysis.measured import places_of, significant, with_places
-from osl_analysis.stats.budget import FLOOR
-from osl_analysis.stats.repeats import DOUBTFUL
+from osl_analysis.stats.budget import CLEAR, FLOOR, WIDE
 from osl_analysis.units import factors_near
 
 Row = Mapping[str, Any]  # of `impedance.csv`, of the fit to all of a trial
@@ -47,8 +46,7 @@ def disagreements(rows: Iterable[Row], needed: Mapping[str, float]) -> list[Find
     Parameters
     ----------
     rows : Iterable of Row
-        One per trial, with K, B, I, the ends of their intervals, and in `DOUBTFUL` which of them
-        are doubtful by themselves.
+        One per trial, with K, B, I, the ends of their intervals, and the verdicts on them.
     needed : Mapping of str to float
         The change of K, B and I that matters, as a share of itself.
 
@@ -143,7 +141,7 @@ def differing_repeats(
         scatters = [np.std(values, ddof=1) / size for _, values, size in conditions]
         usual = max(needed, MOST_SCATTERS * float(np.median(scatters)))
     for rows, values, size in conditions:
-        are_doubtful = np.array([symbol in row.get(DOUBTFUL, ()) for row in rows])
+        are_doubtful = np.array([row[f"{symbol}_verdict"] not in (CLEAR, WIDE) for row in rows])
         shares = np.where(are_doubtful & ~are_doubtful.all(), needed, usual)
         if len(rows) == 2:
             shares = np.maximum(shares, MOST_DEVIATIONS * of_arm.get(rows[0]["trial"], 0.0))

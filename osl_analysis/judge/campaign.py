@@ -19,7 +19,7 @@ from osl_analysis.judge.finding import (
     Words,
     subject_of,
 )
-from osl_analysis.judge.judging import EXCLUDED, SYMBOLS, RowFindings, judged, verdicts_of
+from osl_analysis.judge.judging import EXCLUDED, RowFindings, judged, marked
 from osl_analysis.judge.known_findings import CHECKS, FINDINGS, known_finding
 from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.judge.recording_checks import (
@@ -32,7 +32,6 @@ from osl_analysis.judge.recording_checks import (
 )
 from osl_analysis.judge.words import sentence_of, words_of
 from osl_analysis.measured import significant
-from osl_analysis.stats.budget import CLEAR, WIDE
 from osl_analysis.stats.repeats import DOUBTFUL
 
 MOST_NAMED = 3  # number of trials that a line names
@@ -96,16 +95,15 @@ def judged_together(
     findings = judged(table, limits, name, faults, budget)
     if name != "impedance":
         return findings
-    of_trials: dict[str, list[Finding]] = {}
-    rows = []
-    for row, of_row in zip(table.to_dicts(), findings, strict=True):
-        if row.get("amplitude_deg") is None and row.get(EXCLUDED) is None:
-            verdicts = verdicts_of(of_row)
-            doubtful = [symbol for symbol in SYMBOLS if verdicts[symbol] not in (CLEAR, WIDE)]
-            rows.append({**row, DOUBTFUL: doubtful})
-            of_trials[row["trial"]] = of_row
-    for finding in disagreements(rows, limits.accuracy.model_dump()):
-        of_trials[finding.subject].append(finding)
+    rows = marked(table, findings, name).to_dicts()
+    place_of = {
+        row["trial"]: place
+        for place, row in enumerate(rows)
+        if row.get("amplitude_deg") is None and row.get(EXCLUDED) is None
+    }
+    of_trials = [rows[place] for place in place_of.values()]
+    for finding in disagreements(of_trials, limits.accuracy.model_dump()):
+        findings[place_of[finding.subject]].append(finding)
     return findings
 
 

@@ -24,6 +24,7 @@ def trial(name, K_d, K, B=1.2, controller="compensated", half=0.001, **cells):
         "I": 0.08,
     }
     for symbol in "KBI":
+        row[f"{symbol}_verdict"] = CLEAR
         row[f"{symbol}_low"] = row[symbol] * (1 - half)
         row[f"{symbol}_high"] = row[symbol] * (1 + half)
     return row | cells
@@ -92,12 +93,13 @@ def test_trials_that_do_not_know_their_K_contradict_none():
 
 def test_a_doubtful_estimate_beside_a_clear_one_that_differs_is_told():
     def pair(K, doubtful):
-        return [trial("clear", 90.0, 90.0), trial("late", 90.0, K, doubtful=doubtful)]
+        late = trial("late", 90.0, K, **{f"{doubtful}_verdict": "late torque"})
+        return [trial("clear", 90.0, 90.0), late]
 
-    assert told(pair(94.0, [])) == []
-    assert told(pair(94.0, ["B"])) == []
-    assert told(pair(94.0, ["K"])) == [("K_of_repeats", "late")]
-    assert told(pair(90.5, ["K"])) == []
+    assert told(pair(94.0, "I")) == []
+    assert told(pair(94.0, "B")) == []
+    assert told(pair(94.0, "K")) == [("K_of_repeats", "late")]
+    assert told(pair(90.5, "K")) == []
 
 
 def test_a_repeat_that_differs_in_B_alone_leaves_its_K():

@@ -31,7 +31,7 @@ class Layout:
     LETTERS = 14  # of a line of such a name
 
 
-DRAWN = ("single", "mean", "ensemble_low", "ensemble_high", "commanded")
+DRAWN = ("perturbation", "mean", "ensemble_low", "ensemble_high", "commanded")
 # Fits to the mean response: estimator, column, distance from the middle, face and name of a marker
 FITS = (
     ("ensemble", "ensemble", 0.85, style.PURPLE, "Fit to the mean response, 95 % interval"),
@@ -100,7 +100,7 @@ def points(
     fits = walking.with_columns(group).filter(is_fitted)
     perturbations = fits.unpivot(
         QUANTITIES, index=["group", "trial", "doubtful"],
-        variable_name="quantity", value_name="single",
+        variable_name="quantity", value_name="perturbation",
     )  # fmt: skip
     groups = of_groups["group"].unique(maintain_order=True).to_list()
     if len(groups) == 1:
@@ -163,10 +163,10 @@ def draw_group(ax: Axes, rows: pl.DataFrame, place: float, height: float, unit: 
     horizontal axis [in]."""
     fits = rows.drop_nulls("trial")
     offsets = marks.swarm_offsets(
-        fits["single"].to_numpy() * height, Layout.POINT, Layout.REACH * unit
+        fits["perturbation"].to_numpy() * height, Layout.POINT, Layout.REACH * unit
     )
     marks.draw_fits(
-        ax, fits, place + offsets / unit, fits["single"], PERTURBATION, marks.BEHIND_LINES
+        ax, fits, place + offsets / unit, fits["perturbation"], PERTURBATION, marks.BEHIND_LINES
     )
     group = rows.row(0, named=True)
     ax.errorbar(

@@ -69,8 +69,9 @@ def latex_table(rows: Sequence[Sequence[str]], heads: Mapping[str, str]) -> str:
     if len(rows) <= MOST_IN_COLUMN < len(rows[0]):
         rows = [*zip(*rows, strict=True)]
     is_wide = len(rows[0]) > MOST_IN_COLUMN
+    on_top = dict(heads)
     if is_wide:
-        heads = {name: re.sub(r"(.+) \((.+)", UNIT_BELOW, head) for name, head in heads.items()}
+        on_top = {name: re.sub(r"(.+) \((.+)", UNIT_BELOW, head) for name, head in heads.items()}
 
     def in_cell(text: str) -> str:
         if not isinstance(text, WithInterval):
@@ -79,7 +80,8 @@ def latex_table(rows: Sequence[Sequence[str]], heads: Mapping[str, str]) -> str:
             return plus_minus(*text.parts).replace("±", r"$\pm$")
         return INTERVAL_BELOW % text.parts
 
-    lines = [" & ".join(heads.get(cell, in_cell(cell)) for cell in row) for row in rows]
+    lines = [" & ".join(on_top.get(cell, in_cell(cell)) for cell in rows[0])]
+    lines += [" & ".join(heads.get(cell, in_cell(cell)) for cell in row) for row in rows[1:]]
     head, *body = [re.sub(r"(?<!\w)-(?=\d)", "$-$", line) + r" \\" for line in lines]
     begin = rf"\begin{{tabular}}{{@{{}}{'l' * len(rows[0])}@{{}}}}\toprule"
     parts = [

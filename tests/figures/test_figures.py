@@ -168,7 +168,7 @@ def left_out():
 
 OBSERVED = ("{}", "{}_low", "{}_high", "{}_range_low", "{}_range_high")
 OF_GROUP = (
-    "single",
+    "perturbation",
     "ensemble",
     "ensemble_low",
     "ensemble_high",
@@ -415,9 +415,19 @@ def test_fig9_shows_every_group_with_a_result_and_what_it_was_commanded():
     panel, _, lowest = drawn("fig9", table).axes
     commands = [line.get_ydata()[0] for line in panel.lines if line.get_label() == "Commanded"]
     groups = [label.get_text() for label in lowest.get_xticklabels()]
-    assert table["single"].count() == table["single"].is_finite().sum() == 3 * 62
+    assert table["perturbation"].count() == table["perturbation"].is_finite().sum() == 3 * 62
     assert commands == [200.0, 400.0]
     assert groups == ["K_d 200\n(31)", "K_d 400\n(31)"]
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_a_figure_reads_the_numbers_that_it_has_written(name, tmp_path):
+    write_table(plotted(name), tmp_path / "f.csv")
+
+    read = read_table(tmp_path / "f.csv")
+
+    numbers = [column.name for column in plotted(name) if column.dtype.is_numeric()]
+    assert all(read[column].dtype.is_numeric() for column in numbers)
 
 
 def test_fig8_shows_stance_alone():

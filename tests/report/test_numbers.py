@@ -246,6 +246,15 @@ def test_latex_fits_a_column_turned_or_else_a_page_and_escapes_what_users_write(
     assert r"PD\_1 a (1 to 2) & 9 & $-$2.0 $\pm$ 1.0 & 5 & 1 \\" in wide
 
 
+def test_units_stand_below_the_heads_of_columns_and_beside_those_of_rows():
+    of_K = paper_tables.to_tex([["estimate", "K", "B", "n", "all"], *[["K", *"1234"]] * 4], "")
+
+    head, body = of_K.split(r"\midrule")
+    assert head.count(r"\begin{tabular}[t]") == 2
+    assert r"$K$ (\unit{" in body
+    assert "tabular}[t]" not in body
+
+
 def test_groups_of_crossings_are_rows_of_both_ensembles():
     """A VAF is not rounded to 100 %."""
     columns = ["quantity", "estimator", "mean", "low", "high"]

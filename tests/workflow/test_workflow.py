@@ -525,8 +525,7 @@ def test_another_recording_is_seen_by_its_size_with_whatever_date_and_a_touched_
     assert laboratory.planned(table) == {}
     log.write_bytes(log.read_bytes() + b"more")
     os.utime(log, (10**8, 10**8))
-    # the budget of all trials, which judges this table, is the other one
-    assert laboratory.planned(table) == {"ingest": 1, "fit_belt": 1, "table": 2}
+    assert laboratory.planned(table) == {"ingest": 1, "fit_belt": 1, "table": 2}, "and its budget"
 
 
 def test_a_library_that_crashes_on_a_recording_is_an_error_and_writes_nothing(workspace, tmp_path):

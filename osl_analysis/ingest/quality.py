@@ -167,6 +167,12 @@ def measure_units(examined: Examined) -> dict[str, float]:
     return {"; ".join(remarks): len(remarks)}
 
 
+def measure_contradiction(examined: Examined) -> dict[str, float]:
+    """By how much [%] a speed is not the derivative of the angle of its body."""
+    factors = examined.trial.provenance.get("log", {}).get("speed_factors", {})
+    return {words: 100 * abs(factor - 1) for words, factor in factors.items()}
+
+
 # The motion that was commanded.
 
 
@@ -444,6 +450,7 @@ MEASURES: dict[str, Callable[[Examined], CheckResult | Mapping[str, float]]] = {
     "damage": measure_damage,
     "truncated": measure_truncation,
     "unit": measure_units,
+    "contradiction": measure_contradiction,
     "protocol": measure_protocol,
 }
 """The function of every check by name: it gives a value and a remark, or a value per channel, of

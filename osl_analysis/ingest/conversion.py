@@ -11,16 +11,22 @@ import polars as pl
 import scipy
 from numpy.typing import NDArray
 
+from osl_analysis.draft.likelihood import parted_name, word_patterns
+from osl_analysis.draft.recorded_channel import likely_unit, name_and_ending
 from osl_analysis.errors import InputError, naming, printable
 from osl_analysis.ingest import LIMITS
 from osl_analysis.recording import Channel, End, Loss, Recording, Rows
+from osl_analysis.signals.agreement import speed_factor
 from osl_analysis.source_file import LEVEL_UNIT, Conversion, LogChannel, LogSource
 from osl_analysis.trial import COUNTER, Array, unit_of
-from osl_analysis.units import quantity, si_factor
+from osl_analysis.units import EXAMPLES, quantity, si_factor
 
 # facts on a sensor, which the provenance has in SI units
 OF_SENSOR = {"delay", "low_pass", "resolution", "range"}
 LARGEST_COUNT = 2.0**53  # floats hold whole numbers exactly below it
+BESIDE = "_beside"  # ends the key of the speed of a column's body, or of its angle
+# by how columns begin: what stands beside them, and in which unit
+OTHER_OF_BODY = {"theta": ("speed", "rad/s"), "omega": ("angle", "rad")}
 
 
 @dataclass(frozen=True)
@@ -123,8 +129,8 @@ def canonical_columns(
     Parameters
     ----------
     channels, values
-        Channels, and readings (n,) of them and of their counters, by canonical column: NaN where
-        one failed, masked where there is none.
+        Channels, and readings (n,) of them, of their counters and of what is beside them, by
+        canonical column: NaN where one failed, masked where there is none.
 
     Returns
     -------
@@ -145,6 +151,8 @@ def canonical_columns(
     origins = {}
     remarks = []
     for column, channel in channels.items():
+        if column not in source.channels:
+            continue
         setting = source.channels[column]
         readings = np.ma.asarray(values[column])
         if readings.dtype == bool and unit_of(column) != LEVEL_UNIT:
@@ -173,7 +181,10 @@ def canonical_columns(
             numbers[known] = np.unwrap(numbers[known], period=setting.wraps_at)
         with naming(setting.title, f", as {source.place('channels', column, 'unit')}"):
             origin = origin_of(setting, column, channel.unit)
-        series = pl.Series(column, to_si(setting, numbers, origin["factor"]))
+        in_si = to_si(setting, numbers, origin["factor"])
+        series = pl.Series(column, in_si)
+        if column + BESIDE in channels:
+            origin |= factor_beside(column, time, in_si, channels[column + BESIDE], values)
         columns.append(series.set(pl.Series(lacking), None))
         origins[column] = origin
         counter = column + COUNTER
@@ -245,14 +256,60 @@ def asked_channels(
     recording: Recording, settings: Mapping[str, LogChannel]
 ) -> tuple[dict[str, Channel], dict[str, Channel]]:
     """The channels of a log that settings name, by canonical column; and the same with the counters
-    beside them."""
+    beside them, and the speed of an angle or the angle of a speed, as far as names tell."""
     channels = {column: recording.find(setting.address) for column, setting in settings.items()}
     asked = dict(channels)
     for column, setting in settings.items():
+        rows = channels[column].rows
+        kind, _ = OTHER_OF_BODY.get(column[:5], ("", ""))
+        wanted = (kind, body_of(channels[column])[1], rows.name, rows.count)
+        for channel in recording.channels if kind else ():
+            if (*body_of(channel), channel.rows.name, channel.rows.count) == wanted:
+                asked[column + BESIDE] = channel
         if setting.counter is not None:
             address = {**setting.address, setting.ADDRESS: setting.counter}
             asked[column + COUNTER] = recording.find(address)
     return channels, asked
+
+
+def body_of(channel: Channel) -> tuple[str, list[str]]:
+    """Whether a channel is called like a `speed` or an `angle`, and the other words of its name."""
+    name = channel.address.get("field", channel.name or channel.key)
+    words = parted_name(name_and_ending(name)[0])
+    kind = ""
+    for known in ("angle", "speed"):
+        without = word_patterns()[known].sub("", words)
+        if without != words:
+            kind, words = known, without
+    return kind, words.split()
+
+
+def factor_beside(
+    column: str, time: Array, in_si: Array, beside: Channel, values: Mapping[str, NDArray[Any]]
+) -> dict[str, Any]:
+    """The size of a speed over that of the change of its angle, for the provenance: of a column
+    (n,) and what is beside it. A unit that nobody states is the usual one that fits best."""
+    readings: Array = np.ma.filled(np.ma.asarray(values[column + BESIDE], float), np.nan)
+    known = np.isfinite(readings + in_si)
+    pair = [in_si[known], readings[known]]
+    _, unit = OTHER_OF_BODY[column[:5]]
+    is_angle = unit == "rad/s"
+    factor = speed_factor(time[known], *(pair if is_angle else pair[::-1]))
+    spelled = beside.unit or beside.likely_unit or likely_unit(beside.name)
+    units = [factor_or_nan(spelled, unit)] if spelled else [*EXAMPLES[unit].values()]
+    if factor is None or np.isnan(units).any():
+        return {}
+    possible = factor * np.array(units) ** (1 if is_angle else -1)
+    return {"beside": beside.key, "speed_factor": possible[np.abs(np.log(possible)).argmin()]}
+
+
+def factor_or_nan(unit: str, si_unit: str) -> float:
+    """The factor of a file's unit; NaN where that is not known, as of the raw channel that `scale`
+    converts."""
+    try:
+        return si_factor(unit, si_unit)
+    except InputError:
+        return np.nan
 
 
 def fresh_rows(

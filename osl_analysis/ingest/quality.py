@@ -29,6 +29,7 @@ from osl_analysis.ingest.guard import (
 from osl_analysis.measured import noise_of, usual_step
 from osl_analysis.recording import beside, plate_axes
 from osl_analysis.signals import longest_of, run_edges
+from osl_analysis.signals.agreement import speed_factor
 from osl_analysis.signals.grid import GapLimits, devices_of, origin, uniform_signals
 from osl_analysis.spectral.stepped_sine import (
     Run,
@@ -169,8 +170,20 @@ def measure_units(examined: Examined) -> dict[str, float]:
 
 def measure_contradiction(examined: Examined) -> dict[str, float]:
     """By how much [%] a speed is not the derivative of the angle of its body."""
-    factors = examined.trial.provenance.get("log", {}).get("speed_factors", {})
-    return {words: 100 * abs(factor - 1) for words, factor in factors.items()}
+    trial = examined.trial
+    factors = {
+        f"{column} and '{facts['beside']}'": facts["speed_factor"]
+        for column, facts in trial.provenance.get("columns", {}).items()
+        if "speed_factor" in facts
+    }
+    if {"theta_m", "omega_m"} <= {*trial.columns}:
+        factors["theta_m and omega_m"] = speed_factor(*trial.arrays("theta_m", "omega_m"))
+    return {
+        f"of {both} the speed is {factor:.3g} times the derivative of the angle": 100
+        * abs(factor - 1)
+        for both, factor in factors.items()
+        if factor is not None
+    }
 
 
 # The motion that was commanded.

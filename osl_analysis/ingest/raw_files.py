@@ -18,14 +18,13 @@ from osl_analysis.errors import InputError, naming, nearest, printable
 from osl_analysis.files import digest
 from osl_analysis.formats import known_formats
 from osl_analysis.formats._text import begins_with_rows
-from osl_analysis.ingest.agreement import speed_factors
 from osl_analysis.ingest.capture import convert_capture
 from osl_analysis.ingest.clock import ClockFit, aligned_clock
 from osl_analysis.ingest.conversion import Converted
 from osl_analysis.ingest.guard import check_sizes
 from osl_analysis.ingest.message_log import convert_messages, join_on_stamp
 from osl_analysis.ingest.table_log import convert_table
-from osl_analysis.source_file import LogSource, MarkerSource, MessageSource, Source, TableSource
+from osl_analysis.source_file import MarkerSource, MessageSource, Source, TableSource
 from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import read_mapping, read_yaml
 
@@ -135,9 +134,6 @@ def read_converted(path: Path, source: Source) -> Converted:
             assert isinstance(source, MarkerSource)
             converted = convert_capture(recording, source)
         check_sizes(converted.samples, converted.origins)
-        if isinstance(source, LogSource):
-            factors = speed_factors(recording, source, converted)
-            converted = replace(converted, facts={**converted.facts, "speed_factors": factors})
     warnings = [f"{printable(path.name)}: {text}" for text in converted.warnings]
     return replace(converted, warnings=warnings)
 

@@ -17,6 +17,7 @@ from osl_analysis.ingest.conversion import (
     asked_channels,
     canonical_columns,
     checked_counts,
+    factor_or_nan,
     fresh_rows,
     losses_of,
     share_above,
@@ -84,7 +85,7 @@ def convert_table(recording: Recording, source: TableSource) -> Converted:
     apart, remarks = check_other_clocks(recording, source, clock, time, channels)
     check_common_rows(table, [*channels])
 
-    columns, origins, gaps = canonical_columns(source, channels, table.values, rows, time)
+    columns, origins, gaps = canonical_columns(source, asked, table.values, rows, time)
     frame = pl.DataFrame([pl.Series("time", time), *columns])
     warnings = [*recording.loss.remarks, *table.remarks, *remarks, *gaps]
     for column, origin in origins.items():
@@ -165,15 +166,6 @@ def with_stamps_once(
         f"{begin} are taken for samples whose stamps were rounded; if the device was read faster"
         f" than it sampled, {advice}"
     ]
-
-
-def factor_or_nan(unit: str, si_unit: str) -> float:
-    """The factor of a file's unit; NaN where that is not known, as of the raw channel that `scale`
-    converts."""
-    try:
-        return si_factor(unit, si_unit)
-    except InputError:
-        return np.nan
 
 
 def read_table(

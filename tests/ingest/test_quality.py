@@ -301,8 +301,8 @@ DAMAGED_LOG = {
         **DAMAGED_LOG, "end_missing": False, "lost": 3, "share_lost": 0.05,
     }}}, {"damage", "truncated"}, "damage",
      5.0, "mocap: 3 .*chunk 3"),
-    ({"log": {"speed_factors": {"'v' is half": 0.5, "'w' is right": 1.02}}}, {"contradiction"},
-     "contradiction", 50.0, "'v' is half"),
+    ({"columns": {"torque": {"unit": "N*m"}, "theta": {"beside": "v", "speed_factor": 0.5}}},
+     {"contradiction"}, "contradiction", 50.0, "of theta and 'v' .* 0.5 times.*"),
     ({"warnings": ["a.csv: 1 of 9 lines"]}, set(), "damage", 0.0, "a.csv: 1 of 9 lines"),
 ])  # fmt: skip
 def test_what_ingest_found_out_is_judged(provenance, beyond, check, value, remark):

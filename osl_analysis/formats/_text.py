@@ -22,8 +22,6 @@ UTF_16 = (b"\xff\xfe", b"\xfe\xff")  # its marks
 MINUS = "\u2212"  # a minus sign that is no hyphen
 # lines of a text that tell its header, the sign between cells and the decimal sign, and its footer
 FIRST_LINES, LAST_LINES = 300, 60
-FEWEST_ROWS = 8  # lines of numbers that make a text without an ending a table
-LEAST_SCORE = 0.8  # share of them that are rows of numbers
 MISSING = (
     "", "nan", "NaN", "NAN", "NA", "N/A", "#N/A", "null", "NULL", "None", "<NA>", "NaT",
     "-nan", "nan(ind)", "-nan(ind)",
@@ -144,16 +142,6 @@ def _score(sample: Sequence[str], sign: str) -> float:
     typical = [row for row in rows if len(row) == width]
     filled = [cell.strip(' "') for row in typical for cell in row if cell.strip(' "')]
     return len(typical) / len(rows) * sum(map(is_value, filled)) / max(1, len(filled))
-
-
-def begins_with_rows(begin: bytes) -> bool:
-    """Tell whether most of the last lines in the beginning of a text are rows of two or more
-    numbers or times."""
-    if not is_text(begin):
-        return False
-    lines = numbered(decoded(begin).encode().rpartition(b"\n")[0])[-20:]
-    score = _score([line.text for line in lines], delimiter_of(lines))
-    return len(lines) > FEWEST_ROWS and score > LEAST_SCORE
 
 
 def split_rows(lines: Sequence[Line], delimiter: str) -> list[Row]:

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.draft.likelihood import parted_name, word_patterns
@@ -315,9 +314,9 @@ def factor_or_nan(unit: str, si_unit: str) -> float:
 def fresh_rows(
     rows: Rows, stamps: NDArray[Any], least: float = 0.0
 ) -> tuple[NDArray[np.int64], list[str]]:
-    """Leave out few rows whose stamp (n,) is far from the running median, as of a packet that
-    waited in a buffer, and by `least` in its unit. A gap moves the median, too: the rows beside it
-    are near to it.
+    """Leave out few rows whose stamp (n,) is of another time, as of a packet that waited in a
+    buffer, by `least` in its unit: time goes back before or behind it, and the row after it
+    continues the one before.
 
     Returns
     -------
@@ -328,14 +327,14 @@ def fresh_rows(
         A sentence if some are left out.
     """
     every = np.arange(stamps.size)
-    since_first = (stamps - stamps[0]).astype(float)
-    steps = np.abs(np.diff(since_first, prepend=0.0))
-    longest = steps.max()
-    far = max(least, LIMITS.far_steps * np.median(steps))
-    if longest <= far:
+    if every.size < 3:
         return every, []
-    usual = scipy.ndimage.median_filter(since_first, LIMITS.median_rows, mode="mirror")
-    stale = np.flatnonzero(np.abs(since_first - usual) > far)
+    steps = np.diff(stamps).astype(float)
+    far = max(least, LIMITS.far_steps * np.median(np.abs(steps)))
+    beyond = np.copysign(np.inf, steps[[0, -1]])  # an end continues whatever time does
+    around = np.concatenate([-beyond[:1], steps, -beyond[1:]])
+    is_back = np.minimum(around[:-1], around[1:]) < -far
+    stale = np.flatnonzero(is_back & (around[:-1] + around[1:] >= 0))
     if not 0 < stale.size <= LIMITS.largest_stale_share * stamps.size:
         return every, []
     return np.delete(every, stale), [

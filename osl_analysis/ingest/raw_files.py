@@ -17,10 +17,9 @@ from osl_analysis import formats
 from osl_analysis.errors import InputError, naming, nearest, printable
 from osl_analysis.files import digest
 from osl_analysis.formats import known_formats
-from osl_analysis.formats._text import begins_with_rows
 from osl_analysis.ingest.capture import convert_capture
 from osl_analysis.ingest.clock import ClockFit, aligned_clock
-from osl_analysis.ingest.conversion import Converted
+from osl_analysis.ingest.conversion import Converted, numbers_of
 from osl_analysis.ingest.guard import check_sizes
 from osl_analysis.ingest.message_log import convert_messages, join_on_stamp
 from osl_analysis.ingest.table_log import convert_table
@@ -58,18 +57,18 @@ def recordings_in(folder: Path) -> list[Path]:
 
 
 def may_be_recording(path: Path) -> bool:
-    """Whether a file may be a recording, by its ending or by what it begins with."""
+    """Whether a file may be a recording, by its ending or by what it begins with, or, of a text
+    that may be anything, by two columns of numbers that it holds."""
     suffix = path.suffix.lower()
-    if suffix in suffixes():
-        return True
-    if suffix not in ENDINGS_OF_ANY:
-        return False
+    if suffix in suffixes() or suffix not in ENDINGS_OF_ANY:
+        return suffix in suffixes()
     try:
-        begin = formats.beginning(path)
-    except OSError:
+        if any(not one.is_any_text for one in formats.formats_of(path)):
+            return True
+        channels = formats.read(path).channels
+    except (OSError, InputError):
         return False
-    of_format = any(one.begins(begin) for one in known_formats().values() if not one.is_any_text)
-    return of_format or begins_with_rows(begin)
+    return sum(bool(np.isfinite(numbers_of(channel)).any()) for channel in channels) > 1
 
 
 def read_source(path: Path) -> Source:

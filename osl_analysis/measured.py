@@ -102,6 +102,42 @@ def noise_of(values: NDArray[np.float64], order: int = 3) -> float:
     return float(np.median(np.abs(np.diff(values, order)))) / of_white
 
 
+SPIKE_BENDS = 20.0  # usual second differences that a value leaps off its neighbours and back
+SPIKE_SHARE = 0.3  # least size of such a leap, of the range of most values
+SPIKE_STEPS = 3.0  # steps before and behind a spike, which is larger
+FEWEST_RECURRING = 3  # spikes of one value, as of bits that stood high: it is none of the sensor
+MOST_SPOILED = 0.1  # share of the values; of more, the channel itself is like this
+SAMPLED = 10_000  # values that tell what is usual; all of an hour take as long as reading them
+
+
+def spoiled(values: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether values (n,) are none of a sensor: each leaps off both neighbours and back, or is a
+    value that recurs in such leaps. A wrap and a step of a command are none."""
+    is_spoiled = np.zeros(values.size, bool)
+    every = slice(None, None, max(values.size // SAMPLED, 1))
+    usual = values[every]
+    usual = usual[np.isfinite(usual)]
+    if usual.size < FEWEST_RECURRING:
+        return is_spoiled
+    steps = np.diff(values)
+    sizes = np.abs(np.diff(steps)) / 2
+    low, high = np.quantile(usual, (0.05, 0.95))
+    limit = max(
+        SPIKE_SHARE * (high - low), SPIKE_BENDS * np.quantile(np.nan_to_num(sizes[every]), 0.75)
+    )
+    far = np.flatnonzero(sizes > limit)
+    before, into, out, after = np.pad(steps, 1)[far + np.arange(4)[:, None]]
+    around = np.maximum(np.abs(before), np.abs(after))  # as large beside the tip of a blow
+    smaller = np.minimum(np.abs(into), np.abs(out))
+    is_alone = (into * out < 0) & (smaller > np.maximum(limit / 2, SPIKE_STEPS * around))
+    spikes = far[is_alone & (high > low)] + 1
+    if spikes.size:
+        found, counts = np.unique(values[spikes], return_counts=True)
+        is_spoiled = np.isin(values, found[counts >= FEWEST_RECURRING])
+        is_spoiled[spikes] = True
+    return is_spoiled & (is_spoiled.mean() <= MOST_SPOILED)
+
+
 def significant(value: float, digits: int = 2) -> str:
     """Write a number with `digits` significant digits for a sentence: -720 and 0.00012, never
     -7.2e+02."""

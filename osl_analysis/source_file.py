@@ -36,6 +36,7 @@ from osl_analysis.yaml_settings import Settings, check_distinct, check_rising, f
 SampleShare = Annotated[float, Field(ge=0, le=1)]
 LEVEL_UNIT = "V"  # of the columns that may be read from truth values: `sync` and `trigger`
 Name = Annotated[str, Field(min_length=1)]
+MOST_DAMAGED = 0.1  # share of the rows that may be left out as damaged; of more, the log is no log
 
 
 ColumnName = Annotated[Name, Field(coerce_numbers_to_str=True)]
@@ -354,6 +355,16 @@ class LogSource(Source):
     time: Time  # Where the time of a row or message comes from.
     # Largest share of a channel's numbers, and of the rows, that may be missing.
     most_missing: SampleShare = 0.01
+    damaged: Literal["refuse", "skip"] = "refuse"
+    """What is none of a sensor, or no row. `refuse`: the file is refused, or a check tells it.
+    `skip`: it is left out, at most a tenth of the rows: lines with another number of cells, without
+    a time or with one that goes back, cells that are no numbers, and values that leap off their
+    neighbours and back or recur in such leaps, as 8388607."""
+
+    @property
+    def allowed_missing(self) -> float:
+        """The share of numbers and rows that may be missing."""
+        return max(self.most_missing, MOST_DAMAGED) if self.damaged == "skip" else self.most_missing
 
 
 class MessageSource(LogSource):

@@ -351,7 +351,7 @@ def _remark_on_widths(
         f"line {odd[0].number} has {len(odd[0].cells)} cells under {width} names, and {len(odd)} of"
         f" {len(rows)} rows do not fit"
     )
-    if layout.ragged == "refuse" or len(odd) == len(rows):
+    if "skip" not in (layout.ragged, layout.damaged) or len(odd) == len(rows):
         if [row.cells for row in odd if row.cells in [head.cells for head in above]]:
             raise InputError(
                 f"{what}: lines from above the table stand there again, where another recording"
@@ -361,10 +361,10 @@ def _remark_on_widths(
         share = math.ceil(1000 * len(odd) / len(rows)) / 1000
         raise InputError(
             f"{what}; write a name for each, and one sign between names and cells, repair these"
-            " lines, or, where its time is named, write `ragged: skip` and"
+            " lines, or, where its time is named, write `damaged: skip` and"
             f" `most_missing: {share:g}` in the source file to leave them out"
         )
-    return f"{what} and were skipped"
+    return what
 
 
 def lasting_names(titles: Sequence[str]) -> list[str]:
@@ -436,7 +436,7 @@ def _values_of(
     is_missing = np.isin(values, numbers)
     if is_missing.any():
         values = np.where(is_missing, np.nan, values)
-    if not layout.channels:
+    if not layout.channels or layout.damaged == "skip":
         return values
     if values.dtype != bool:
         _check_placeholder(values, title, rows)

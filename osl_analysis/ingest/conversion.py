@@ -14,9 +14,10 @@ from osl_analysis.draft.likelihood import parted_name, word_patterns
 from osl_analysis.draft.recorded_channel import likely_unit, name_and_ending
 from osl_analysis.errors import InputError, naming, printable
 from osl_analysis.ingest import LIMITS
+from osl_analysis.measured import spoiled
 from osl_analysis.recording import Channel, End, Loss, Recording, Rows
 from osl_analysis.signals.agreement import speed_factor
-from osl_analysis.source_file import LEVEL_UNIT, Conversion, LogChannel, LogSource
+from osl_analysis.source_file import LEVEL_UNIT, MOST_DAMAGED, Conversion, LogChannel, LogSource
 from osl_analysis.trial import COUNTER, Array, unit_of
 from osl_analysis.units import EXAMPLES, quantity, si_factor
 
@@ -163,20 +164,24 @@ def canonical_columns(
         numbers = np.ma.filled(readings.astype(float), 0.0)
         missing = np.isnan(numbers)
         check_finite_values(setting.title, np.where(missing, 0.0, numbers), time)
-        for what, lacks in (("has no value", lacking), ("is missing", missing)):
+        leaps = spoiled(numbers) if source.damaged == "skip" else missing
+        told = {"has no value": lacking, "is missing": missing}
+        told[f"leaps or recurs, as {numbers[np.argmax(leaps)]:.12g},"] = leaps & ~missing
+        for what, lacks in told.items():
             if lacks.any():
                 remarks.append(
                     f"{setting.title} {what} in {lacks.sum()} of {rows.count} {rows.noun}s, first"
                     f" {rows.place(np.argmax(lacks))}"
                 )
-        if missing.sum() > source.most_missing * missing.size:
+        numbers[leaps] = np.nan
+        if missing.sum() > source.allowed_missing * missing.size:
             raise InputError(
-                f"{remarks[-1]}; more than the {source.most_missing:.1%} of `most_missing`: repair"
-                " the recording, or write `most_missing:"
+                f"{remarks[-1]}; more than the {source.allowed_missing:.1%} of `most_missing`:"
+                " repair the recording, or write `most_missing:"
                 f" {share_above(missing.sum(), missing.size):g}` in the source file"
             )
         if setting.wraps_at is not None:
-            known = ~(missing | lacking)
+            known = ~(leaps | missing | lacking)
             numbers[known] = np.unwrap(numbers[known], period=setting.wraps_at)
         with naming(setting.title, f", as {source.place('channels', column, 'unit')}"):
             origin = origin_of(setting, column, channel.unit)
@@ -312,32 +317,34 @@ def factor_or_nan(unit: str, si_unit: str) -> float:
 
 
 def fresh_rows(
-    rows: Rows, stamps: NDArray[Any], least: float = 0.0
+    rows: Rows, stamps: NDArray[Any], least: float = 0.0, skips: bool = False
 ) -> tuple[NDArray[np.int64], list[str]]:
     """Leave out few rows whose stamp (n,) is of another time, as of a packet that waited in a
-    buffer, by `least` in its unit: time goes back before or behind it, and the row after it
-    continues the one before.
+    buffer: without them time goes on.
+
+    Parameters
+    ----------
+    least
+        By how much at least, in the unit of the stamps.
+    skips
+        Whether more rows are left out, and by however little their stamp goes back.
 
     Returns
     -------
     places
-        Of the rows that are kept, from 0: all of a clock that goes back in more than
-        `largest_stale_share`.
+        Of the rows that are kept, from 0: all of a clock that goes back in more of them.
     remarks
         A sentence if some are left out.
     """
-    every = np.arange(stamps.size)
-    if every.size < 3:
-        return every, []
-    steps = np.diff(stamps).astype(float)
-    far = max(least, LIMITS.far_steps * np.median(np.abs(steps)))
-    beyond = np.copysign(np.inf, steps[[0, -1]])  # an end continues whatever time does
-    around = np.concatenate([-beyond[:1], steps, -beyond[1:]])
-    is_back = np.minimum(around[:-1], around[1:]) < -far
-    stale = np.flatnonzero(is_back & (around[:-1] + around[1:] >= 0))
-    if not 0 < stale.size <= LIMITS.largest_stale_share * stamps.size:
-        return every, []
-    return np.delete(every, stale), [
-        f"{stale.size} of {rows.count} {rows.noun}s have a stamp of another time, as of a packet"
-        f" that waited in a buffer, and were left out, first {rows.place(stale[0])}"
+    late = np.maximum.accumulate(stamps) - stamps
+    early = stamps - np.minimum.accumulate(stamps[::-1])[::-1]
+    back = min(late, early, key=np.count_nonzero)
+    far = max(least, LIMITS.far_steps * np.median(np.abs(np.diff(stamps)))) if back.any() else 0.0
+    is_stale = back > (0.0 if skips else far)
+    share = MOST_DAMAGED if skips else LIMITS.largest_stale_share
+    if not 0 < is_stale.sum() <= share * stamps.size:
+        return np.arange(stamps.size), []
+    return np.flatnonzero(~is_stale), [
+        f"{is_stale.sum()} of {rows.count} {rows.noun}s have a stamp of another time, and were"
+        f" left out, first {rows.place(is_stale.argmax())}"
     ]

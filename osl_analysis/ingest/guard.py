@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import Change, InputError
 from osl_analysis.ingest import LIMITS
-from osl_analysis.measured import SMALLEST_SIGNAL, noise_of, varies
+from osl_analysis.measured import SMALLEST_SIGNAL, noise_of, spoiled, varies
 from osl_analysis.signals import longest_of, run_edges
 from osl_analysis.signals.grid import origin
 from osl_analysis.trial import Array, Trial, unit_of
@@ -227,9 +227,8 @@ def find_leaps(time: Array, values: Array) -> Array:
     """Find the samples of a channel that leap off the curve of their neighbours.
 
     The curve is told by third differences, which a smooth motion hardly has. They are compared
-    with the channel's own usual one, so that neither noise nor a coarse sensor is accused; and with
-    that of three quarters of the samples, where samples that leap there and back alone make most of
-    the large ones.
+    with the channel's own usual one, so that neither noise nor a coarse sensor is accused. Samples
+    that leap there and back alone are told before (`measured.spoiled`).
 
     Parameters
     ----------
@@ -249,31 +248,28 @@ def find_leaps(time: Array, values: Array) -> Array:
     if values.size < LIMITS.fewest_samples:
         return time[:0]
 
+    is_spoiled = spoiled(values)
+    single = time[is_spoiled]
+    rows = np.flatnonzero(~is_spoiled)
+    time, values = time[rows], values[rows]
     bends = np.diff(values, 3)
+    bends[rows[3:] - rows[:-3] > 3] = 0.0
     spans = time[3:] - time[:-3]
     is_gap = spans > LIMITS.longest_span * np.median(spans)
     if np.mean(is_gap) <= LIMITS.most_gaps:  # stamps that scatter tell no gaps
         bends[is_gap] = 0.0
     sizes = np.abs(bends)
-    sound, usual = np.quantile(sizes, (LIMITS.sound_bend, LIMITS.usual_bend))
+    usual = np.quantile(sizes, LIMITS.usual_bend)
     if usual == 0.0:
-        return time[:0]
-    far = np.flatnonzero(sizes > LIMITS.largest_bend * sound)
+        return single
+    limit = max(LIMITS.largest_bend * usual, LIMITS.smallest_bend * np.ptp(values))
+    far = np.flatnonzero(sizes > limit)
     five_around = np.pad(bends, 2)[far[:, None] + np.arange(5)]
     turns = np.cumsum(five_around, axis=1).sum(axis=1)  # change of slope over five samples
     is_straight_on = np.abs(turns) < LIMITS.largest_turn * sizes[far]
     is_middle = sizes[far] == np.abs(five_around).max(axis=1)  # others are of the same leap
-    is_leap = is_straight_on & is_middle
-
-    opposite = -np.sign(bends[far])[:, None] * five_around[:, [1, 3]]
-    is_single = is_leap & (opposite.max(axis=1) > LIMITS.both_ways * sizes[far])
-    spoiled = LIMITS.spoiled * np.count_nonzero(is_single)
-    are_usual = spoiled > max(LIMITS.most_of_large * far.size, (1 - LIMITS.usual_bend) * sizes.size)
-    if sound == 0.0 or not are_usual:
-        limit = max(LIMITS.largest_bend * usual, LIMITS.smallest_bend * np.ptp(values))
-        is_leap &= sizes[far] > limit
     # of the samples k to k + 3 of the largest third difference, k + 2 leaps, or the one before
-    return time[far[is_leap] + 2]
+    return np.sort(np.append(single, time[far[is_straight_on & is_middle] + 2]))
 
 
 def steps_by_friction(
@@ -393,9 +389,8 @@ def standing_runs(
     edges: NDArray[np.intp] = every[np.diff(every)[:, 0] > LIMITS.least_standing]
     if not edges.size or time[0] == time[-1]:
         return edges[:0]
-    followed = reference[1]
-    if not np.array_equal(time, reference[0]):
-        followed = np.interp(time, *reference)
+    is_sound = ~spoiled(reference[1])
+    followed = np.interp(time, reference[0][is_sound], reference[1][is_sound])
     sums = np.append(0.0, np.cumsum(followed - followed.mean()))
     rows = np.arange(sums.size)
     length = np.diff(edges)

@@ -26,7 +26,7 @@ from osl_analysis.ingest.guard import (
     standing_runs,
     steps_by_friction,
 )
-from osl_analysis.measured import noise_of, usual_step
+from osl_analysis.measured import noise_of, spoiled, usual_step
 from osl_analysis.recording import beside, plate_axes
 from osl_analysis.signals import longest_of, run_edges
 from osl_analysis.signals.agreement import speed_factor
@@ -72,6 +72,11 @@ class Examined:
     def torque(self) -> str:
         """The column of the torque."""
         return self.experiment.torque or "torque"
+
+    @property
+    def fitted_columns(self) -> list[str]:
+        """The columns of motion and torque that the trial has."""
+        return [name for name in (self.moved, self.torque) if name in self.fitted.columns]
 
     @cached_property
     def stamps(self) -> dict[str, Array]:
@@ -330,8 +335,7 @@ def measure_leaps(examined: Examined) -> dict[str, float]:
     """Number of leaps of the angle or the torque off its curve (`guard.find_leaps`). A torque may
     leap by friction, where the joint turns, and that of an actuator where its current does."""
     trial = examined.fitted
-    columns = [name for name in (examined.moved, examined.torque) if name in trial.columns]
-    leaps = {column: find_leaps(*trial.arrays(column)) for column in columns}
+    leaps = {column: find_leaps(*trial.arrays(column)) for column in examined.fitted_columns}
     angle = recorded(trial, examined.moved)
     if "torque" in leaps and angle[0].size:
         times = leaps["torque"]
@@ -354,16 +358,24 @@ def distances(times: Array, others: Array) -> Array:
 
 
 def remedy_of_leaps(examined: Examined, leaps: Array) -> str:
-    """Say where leaps at rising times (n,) [s] are, and what leaves them out: the longest window
-    without any."""
-    time = examined.fitted.samples["time"]
+    """Say where leaps at rising times (n,) [s] are, and what leaves them out, at which cost: values
+    that leap alone; or what is outside of the longest window without any."""
+    trial = examined.fitted
+    time = trial.samples["time"]
+    alone = sum(spoiled(trial.arrays(name)[1]).sum() for name in examined.fitted_columns)
     edges = np.array([time[0], *leaps, time[-1]])
     longest = np.argmax(np.diff(edges))
     first = edges[longest] + LIMITS.beside_leap_s
     last = edges[longest + 1] - LIMITS.beside_leap_s
     remedy = "exclude the trial"
-    if examined.experiment.place == "bench" and last - first > LIMITS.shortest_window_s:
-        remedy = f"state `windows` {first:.1f}-{last:.1f} in the sheet"
+    if alone >= LIMITS.least_alone * leaps.size:
+        remedy = (
+            f"write `damaged: skip` in the source file, which leaves out {alone} values of"
+            f" {time.len()} rows"
+        )
+    elif examined.experiment.place == "bench" and last - first > LIMITS.shortest_window_s:
+        kept = time.is_between(first, last).sum()
+        remedy = f"state `windows` {first:.1f}-{last:.1f} in the sheet, {kept} of {time.len()} rows"
     return f", first at {leaps[0]:.3f} s: rows were lost or doubled, or a sensor failed; {remedy}"
 
 

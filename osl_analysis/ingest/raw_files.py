@@ -121,8 +121,33 @@ def read_converted(path: Path, source: Source) -> Converted:
     Raises
     ------
     InputError
-        The message names the file.
+        The message names the file, and all of its damage.
     """
+    try:
+        converted = converted_as_stated(path, source)
+    except InputError as error:
+        if getattr(source, "damaged", "skip") == "skip":
+            raise
+        try:  # what else is damaged, and whether all of it can be left out
+            skipping = source.model_copy(update={"damaged": "skip"})
+            told = converted_as_stated(path, skipping)
+        except InputError:
+            raise error from None
+        damage = told.facts.get("damage", told.warnings)
+        if not damage:
+            raise
+        raise InputError(
+            f"{error.reason} (in all: {', '.join(damage)}); write `damaged: skip` in the source"
+            f" file, which leaves all of this out, or {error.remedy}",
+            error.changes,
+        ) from error
+    warnings = [f"{printable(path.name)}: {text}" for text in converted.warnings]
+    return replace(converted, warnings=warnings)
+
+
+def converted_as_stated(path: Path, source: Source) -> Converted:
+    """A file as canonical columns, with what is damaged in it refused or left out as the source
+    file says."""
     recording = formats.read(path, source)
     with naming(path):
         if isinstance(source, MessageSource):
@@ -133,8 +158,7 @@ def read_converted(path: Path, source: Source) -> Converted:
             assert isinstance(source, MarkerSource)
             converted = convert_capture(recording, source)
         check_sizes(converted.samples, converted.origins)
-    warnings = [f"{printable(path.name)}: {text}" for text in converted.warnings]
-    return replace(converted, warnings=warnings)
+    return converted
 
 
 def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: Path) -> Trial:

@@ -115,6 +115,7 @@ def convert_table(recording: Recording, source: TableSource) -> Converted:
         **recording.facts,
         **loads.facts,
         "clocks_apart": apart,
+        "damage": [*recording.loss.remarks, *table.remarks, *gaps],
     }
     return Converted(frame, origins, facts, [*warnings, *repeats], losses_of(recording.loss))
 
@@ -124,7 +125,7 @@ def check_loss(recording: Recording, source: TableSource) -> None:
     nothing: nobody knows what it held."""
     loss = recording.loss
     by_rate = source.time.rate is not None and not source.time.name
-    allowed = 0.0 if by_rate else source.most_missing
+    allowed = 0.0 if by_rate else source.allowed_missing
     if loss.end == End.MISSING or not loss.lost or loss.share <= allowed:
         return
     share = share_above(loss.lost, loss.expected or 1)
@@ -247,18 +248,21 @@ def at_clock(
 ) -> Table:
     """Give the rows that count at the times that a named clock tells."""
     what = source.time.title
+    skips = source.damaged == "skip"
     remarks = []
     raw = np.ma.asarray(clock.values[: rows.count])
     # those of a longer channel that is not asked, or lines of another device
     lacks = is_missing(raw)
     if lacks.any():
-        is_empty = np.all([lacks, *map(is_missing, values.values())], axis=0)
+        others = [] if skips else map(is_missing, values.values())
+        is_empty = np.all([lacks, *others], axis=0)
         places = np.flatnonzero(~is_empty | is_empty.all())
         left_out = rows.count - places.size
         if left_out:
             remarks.append(
-                f"{left_out} of {rows.count} {rows.noun}s have none of the asked values and were"
-                f" left out, first {rows.place(np.argmax(is_empty))}"
+                f"{left_out} of {rows.count} {rows.noun}s have no time"
+                f"{'' if skips else ' and none of the asked values'} and were left out, first"
+                f" {rows.place(np.argmax(is_empty))}"
             )
         rows, values = kept_rows(rows, values, places)
         raw, lacks = raw[places], lacks[places]
@@ -280,7 +284,7 @@ def at_clock(
     numbers, bits = unwrapped(numbers)
     if bits:
         remarks.append(f"{what} counts to 2**{bits} and began anew; it is taken to go on")
-    fresh, stale = fresh_rows(rows, numbers)
+    fresh, stale = fresh_rows(rows, numbers, skips=skips)
     if stale:
         numbers = numbers[fresh]
         rows, values = kept_rows(rows, values, fresh)

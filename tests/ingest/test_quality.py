@@ -568,7 +568,7 @@ def test_stamps_of_which_most_are_repeated_are_examined_by_their_mean_step():
 @pytest.mark.parametrize("experiment", ["impedance", "torque_angle"])
 def test_the_window_that_the_remark_on_a_leap_names_leaves_it_and_gaps_out(experiment):
     trial = Trial(
-        "a", bench(torque=with_piece(TORQUE, 1000, 1001, 2e6)).filter(pl.col("time") != 0.5)
+        "a", bench(torque=with_piece(TORQUE, 1000, 1002, 2e6)).filter(pl.col("time") != 0.5)
     )
     windows = EXPERIMENTS[experiment].fit.windows
 

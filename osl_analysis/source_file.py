@@ -50,8 +50,13 @@ def stated_between(low: float, high: float, unit: str) -> AfterValidator:
     """The check that a number with its unit, as `2 ms`, lies between bounds [unit]."""
 
     def checked(text: str) -> str:
-        if not low <= quantity(text, unit) <= high:
-            raise ValueError(f"write {low:g} to {high:g} {unit}, and check sign and unit")
+        stated = quantity(text, unit)
+        if not low <= stated <= high:
+            other = "the other channels are late, state it there, without a sign, or "
+            raise ValueError(
+                f"{other if low == 0 > stated else ''}write {low:g} to {high:g} {unit}, and check"
+                " sign and unit"
+            )
         return text
 
     return AfterValidator(checked)
@@ -193,6 +198,8 @@ class RowTime(Time):
     # Unit of the numbers that are time. Without it, the file's unit is used.
     unit: TimeUnit | None = None
     rate: PositiveFloat | None = None  # Rows per second [Hz], for a file without time.
+    # What the numbers are: times, or the `interval` since the row before.
+    each: Literal["stamp", "interval"] = "stamp"
     repeated: Literal["keep", "drop"] = "keep"
     """Rows whose stamp is that of the row before. `keep`: they are samples whose stamps were
     rounded. `drop`: the recorder read a device faster than it sampled; only the first row of each

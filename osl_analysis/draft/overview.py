@@ -23,6 +23,7 @@ from osl_analysis.ingest.likely_clock import (
     stated_rate,
     ticks,
     time_unit,
+    unwrapped,
 )
 from osl_analysis.recording import SECOND_NS, Channel, Kind, Recording
 from osl_analysis.source_file import MarkerSource, Source
@@ -35,6 +36,7 @@ MOST_WORDS = 5  # words in place of numbers that are shown of a channel
 FEWEST_NUMBERS = 10  # a variable with fewer numbers is no signal
 MOST_BACK = 0.1  # share of the steps of a clock that may go back
 # what a text says of a counter without a unit
+INTERVALS = r"(?i)interval|^dt|delta|period|since"  # in the name of a column of them
 TICK = re.compile(r"(?i)\bticks?\b\D*(\d+) ?([nuµm]?s)\b")
 
 
@@ -173,8 +175,12 @@ def overview_of_messages(recording: Recording) -> Overview:
     ]
     facts = facts_of(recording)
     facts["topics"] = listing([*recording.loss.by_topic], MOST_NOTES)
-    has_stamp = any(channel.kind == Kind.CLOCK for channel in recording.channels)
-    time = {"source": "header" if has_stamp else "log"}
+    stamps = [channel for channel in recording.channels if channel.kind == Kind.CLOCK]
+    zero = [channel.key for channel in stamps if not np.ma.getdata(channel.values).any()]
+    time = {"source": "header" if stamps and not zero else "log"}
+    questions = (
+        [f"stamps are zero, so that time is the recorder's: {listing(zero)}"] if zero else []
+    )
     return Overview(
         recording.format,
         facts,
@@ -182,6 +188,7 @@ def overview_of_messages(recording: Recording) -> Overview:
         recording.loss.remarks,
         {"clock": "master", "time": time, **recording.settings},
         channels,
+        open=questions,
     )
 
 
@@ -260,6 +267,13 @@ def drafted_time(
     choice = choose_clock(channels)
     clock = choice.channel
     questions = [*choice.questions]
+    intervals = [channel for channel in channels if are_intervals(channel)]
+    if len(intervals) == 1 and (clock is None or not runs(clock)):
+        (steps,) = intervals
+        clock = as_clock(replace(steps, numbers=np.cumsum(steps.numbers)), recording.notes)
+        unit = clock.unit or clock.likely_unit
+        question = f"time is a guess: the sum of the intervals in {printable(clock.key)}"
+        return {key: clock.key, "unit": unit, "each": "interval"}, clock, [question]
     if clock is None:
         rate = None if questions else stated_rate(recording.notes)
         if rate is not None:
@@ -273,6 +287,16 @@ def drafted_time(
     return time, clock, questions
 
 
+def are_intervals(channel: RecordedChannel) -> bool:
+    """Whether a channel holds the time since the row before."""
+    is_named = re.search(INTERVALS, channel.name) and is_of_time(
+        channel.unit or channel.likely_unit
+    )
+    return bool(
+        is_named and (channel.numbers[1:] > 0).all() and (np.diff(channel.numbers) <= 0).any()
+    )
+
+
 def as_clock(channel: RecordedChannel, notes: Sequence[str]) -> RecordedChannel:
     """A channel as the clock of its table, with its rate and gaps as note and its likely unit: one
     that the file's text tells, as `tick of 10 us`, or that of its name or rate."""
@@ -281,7 +305,7 @@ def as_clock(channel: RecordedChannel, notes: Sequence[str]) -> RecordedChannel:
         told = next((f"{tick[1]} {tick[2]}" for tick in ticks), "")
         channel = replace(channel, likely_unit=told or time_unit(channel.readings))
     factor, _ = channel.base
-    seconds = (channel.readings - channel.readings[:1].sum()) * factor
+    seconds = (unwrapped(channel.readings)[0] - channel.readings[:1].sum()) * factor
     rate = rate_of(seconds)
     notes = [f"{rate:.6g} Hz", gaps_text(seconds)] if rate else ["of no known unit"]
     return replace(channel, note=", ".join(filter(None, notes)))

@@ -40,7 +40,7 @@ from osl_analysis.units import is_unit
 
 MOST_COLUMNS = 10_000  # a table with more columns is transposed, or no recording
 BRACKETS = "[](){}- "  # around a unit, or in its place
-MOST_HEADERS = 3  # rows of names and units above the numbers
+MOST_HEADERS = 4  # rows of names and units above the numbers
 LEAST_VALUES = 0.5  # share of the cells of a column of numbers that are numbers
 FAR_BEYOND = 5.0  # times the next largest value: a number of nines is none that was measured
 COMMENT_SIGNS = ("#", "%", "//")  # at the beginning of a line
@@ -277,9 +277,18 @@ def _head_of(
     for cells in reversed(candidates[-MOST_HEADERS:]):
         filled = sum(map(bool, cells))
         is_wide = filled >= width / 2 and len(unpadded(cells)) <= width + 1
-        if not is_wide or filled == 1 < width or (width == 1 and lists):
+        is_aligned = bool(lists) and len(unpadded(cells)) == width
+        if not (is_wide or is_aligned) or filled == 1 < width or (width == 1 and lists):
             break
         lists.insert(0, cells)
+    # `TraceName,ANGLE,TORQUE` among lines of a name and values, as oscilloscopes write them
+    keyed = [
+        ["", *cells[1:]][-width:]
+        for cells in candidates
+        if re.search("(?i)name|label", cells[0]) and len(unpadded(cells)) in (width, width + 1)
+    ]
+    if keyed and all(map(is_value, lists[-1][1:] if lists else [])):
+        lists = keyed[-1:]
     if not lists:  # names in a comment, or with another sign between them than the rows have
         split = [
             _split_names(text, width, delimiter)
@@ -297,6 +306,11 @@ def _head_of(
     names = [str(place + 1) for place in range(width)]
     if lists:
         names = unpadded(lists[-1])
+        if len(lists) > 1 and not all(names):  # the rest of the names is above
+            words = [
+                [text for text in over if not is_value(text)] for over in zip(*lists, strict=False)
+            ]
+            names = [" ".join(over) for over in words]
     if len(names) == width + 1 and names[-1].casefold() == "comment":
         names = names[:width]  # LabVIEW's last column is empty
     if len(names) > width:

@@ -19,6 +19,7 @@ from osl_analysis.recording import SECOND_NS
 # bytes that no text has; byte 26 is allowed, it ends files of DOS
 CONTROL = re.compile(rb"[\x00-\x08\x0e-\x19]")
 UTF_16 = (b"\xff\xfe", b"\xfe\xff")  # its marks
+SPOILED = re.compile("Â(?=[°µ·²±])")  # which UTF-8 becomes as read in a western code page
 MINUS = "\u2212"  # a minus sign that is no hyphen
 # lines of a text that tell its header, the sign between cells and the decimal sign, and its footer
 FIRST_LINES, LAST_LINES = 300, 60
@@ -75,9 +76,10 @@ def is_text(begin: bytes) -> bool:
 def decoded(data: bytes) -> str:
     """Decode text in UTF-8, UTF-16 with its mark, or else the western code page of Windows."""
     try:
-        return in_utf8(data).decode()
+        text = in_utf8(data).decode()
     except UnicodeDecodeError:
-        return data.decode("cp1252", errors="replace")
+        text = data.decode("cp1252", errors="replace")
+    return SPOILED.sub("", text)
 
 
 def in_utf8(data: bytes) -> bytes:

@@ -131,6 +131,11 @@ def stamps_of(recording: Recording, source: MessageSource, rows: Rows) -> NDArra
         raise InputError(
             f"{lacking} of {rows.count} messages have no '{source.time.field}'; write source: log"
         )
+    if not np.ma.getdata(stamps).any():
+        raise InputError(
+            f"'{source.time.field}' is zero in all {rows.count} messages, which the driver never"
+            " fills; write `time: {source: log}`, the recorder's own"
+        )
     return np.ma.getdata(stamps)
 
 

@@ -281,9 +281,11 @@ def at_clock(
     else:
         factor = 1 / source.time.rate
         numbers = checked_counts(what, numbers, rows, "state its unit in place of the rate")
-    numbers, bits = unwrapped(numbers)
-    if bits:
-        remarks.append(f"{what} counts to 2**{bits} and began anew; it is taken to go on")
+    if source.time.each == "interval":
+        numbers = np.cumsum(numbers)
+    numbers, period = unwrapped(numbers)
+    if period:
+        remarks.append(f"{what} fell by {period} and is taken to go on")
     fresh, stale = fresh_rows(rows, numbers, skips=skips)
     if stale:
         numbers = numbers[fresh]

@@ -5,7 +5,9 @@ its own, a subclass of one of these, so that a key of another format is refused 
 settings and their checks alone: `ingest` reads recordings by them.
 """
 
+import re
 from collections.abc import Callable, Mapping
+from fractions import Fraction
 from functools import partial
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, Self
@@ -14,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import (
     AfterValidator,
+    BeforeValidator,
     Field,
     PositiveFloat,
     PrivateAttr,
@@ -62,6 +65,11 @@ def stated_between(low: float, high: float, unit: str) -> AfterValidator:
     return AfterValidator(checked)
 
 
+def of_fraction(value: object) -> object:
+    """A number that may be written as `1/4096`."""
+    return float(Fraction(value)) if isinstance(value, str) else value
+
+
 class SensorFilter(Settings):
     """The low-pass of a sensor or its amplifier, an analogue Butterworth that ran once while
     recording."""
@@ -87,8 +95,8 @@ class Conversion(Settings):
     # Unit of the numbers, as laboratories spell it. Without it, the one that the file states.
     unit: str | None = None
     sign: Literal[1, -1] = 1  # -1 if the recorder has the opposite direction as positive.
-    # Units per count: 1 / 16384 with the unit rev for an encoder of 14 bits.
-    scale: PositiveFloat = 1.0
+    # Units per count, a number or a fraction: 1/16384 with the unit rev for an encoder of 14 bits.
+    scale: Annotated[PositiveFloat, BeforeValidator(of_fraction)] = 1.0
     # Offset that is added to the raw numbers before the scale, in the raw unit.
     offset: float = 0.0
 
@@ -134,8 +142,15 @@ class Channel(Conversion, Addressed):
     """The recorded channel of a canonical column, and its conversion."""
 
 
+# in the name or unit of a torque that a program computed, as `effort [A]` and `torque_from_current`
+COMPUTED = re.compile(r"(?i)effort|current|strom|estimat|observer|computed|model|\[m?A\]")
+
+
 class LogChannel(Channel):
     """A channel of a log."""
+
+    # Whether a sensor measured it, where a torque's name says otherwise.
+    measured: bool | None = None
 
     # Where the device counts its samples, which tells the missing ones.
     counter: ColumnName | None = None

@@ -105,7 +105,7 @@ def torque_spelled(match: re.Match[str]) -> str:
 
 # ---- Dimensions
 
-NAME = r"(?:[^\W\d_]\w{0,30}|°|%|1)"  # of one unit within a product
+NAME = r"(?:[^\W\d_]\w{0,30}|°|%|‰|1)"  # of one unit within a product
 
 
 # all units of pint, which take 0.2 s, are read once

@@ -26,7 +26,7 @@ from osl_analysis.bench.frequency_response import response_table, with_errors
 from osl_analysis.bench.impedance import analysed, rendered_impedance
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.parts_alone import actuator_table, actuator_trial, transmission_table
-from osl_analysis.bench.plausibility import plausible
+from osl_analysis.bench.plausibility import computed_torque, plausible
 from osl_analysis.bench.regression import IMPEDANCE, TRANSMISSION
 from osl_analysis.bench.summaries import compensation_table, delay_table, part_summary
 from osl_analysis.bench.torque_angle import torque_angle_trial
@@ -89,7 +89,10 @@ def fit_impedance_trial(
     table = impedance_table(analysis, p, stated, gains)
     weight_taken_off = pl.lit(fixture_of(of_joint).get("weight") or None, pl.Float64)
     table = table.with_columns(
-        saturated(trial), fixture_column(of_joint), fixture_weight=weight_taken_off
+        saturated(trial),
+        fixture_column(of_joint),
+        computed_torque(trial),
+        fixture_weight=weight_taken_off,
     )
 
     def others() -> dict[str, pl.DataFrame]:
@@ -172,6 +175,7 @@ def fit_actuator_trial(
     rails = saturated(trial, "torque_m", "current")
     actuator = actuator_trial(trial, settings)
     table = plausible(actuator_table(actuator), rails, p, "k_tau_n_m", "f_C", "J_m")
+    table = table.with_columns(computed_torque(trial, "torque_m"))
     record = actuator.record
     is_velocity = table["motion"][0] == "omega_m"
     motion = {"omega": record.theta} if is_velocity else {"theta_deg": np.rad2deg(record.theta)}
@@ -186,7 +190,7 @@ def fit_torque_angle_trial(
     desired = (condition or {}).get("desired")
     trial, rails = checked(trial, settings)
     fit = torque_angle_trial(trial, settings, desired)
-    table = fit.table.with_columns(rails, fixture_column(trial))
+    table = fit.table.with_columns(rails, fixture_column(trial), computed_torque(trial))
     tables = {"torque_angle": table, "torque_angle_curves": fit.curves}
     return FitTables(tables, fit.samples, fit.signals.streams)
 

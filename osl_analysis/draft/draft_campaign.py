@@ -99,7 +99,9 @@ def draft_campaign(folder: Path) -> Draft:
         if turned:
             question = "the torque's `sign` differs from that of the other files of its source file"
             draft.open.append((f"{question}; give these one of their own", listing(turned)))
-        draft.source_files[name] = drafted_source(best.overview, best.file.name, best.guesses)
+        source = drafted_source(best.overview, best.file.name, best.guesses)
+        draft.source_files[name] = source
+        draft.open += [(question, f"sources/{name}.yaml") for question in source.computed]
     draft.trials = trials_of(draft, described)
     align_clocks(draft)
     captures = [recording.overview for recording in described if recording.overview.is_capture]

@@ -17,6 +17,7 @@ from osl_analysis.draft.likelihood import (
 )
 from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
 from osl_analysis.ingest.clock import find_edges
+from osl_analysis.source_file import COMPUTED
 from osl_analysis.trial import COLUMNS
 from osl_analysis.units import dimension, is_unit
 from osl_analysis.yaml_settings import UNKNOWN
@@ -77,10 +78,21 @@ class DraftedSource:
         return {entry.name: entry for entry in self.entries if not entry.is_comment}
 
     @property
+    def computed(self) -> list[str]:
+        """A question on a torque whose name or unit is of none that was measured."""
+        torques = [entry for name, entry in self.named.items() if name.startswith("torque")]
+        return [
+            f"{entry.name} is called like a current or an estimate: name that of a load cell, or"
+            " state `measured: true`, and of a current `scale` in N*m per A"
+            for entry in torques
+            if COMPUTED.search(f"{entry.fields}")
+        ]
+
+    @property
     def text(self) -> str:
         """The source file."""
         lines = [f"{key}: {json.dumps(value)}" for key, value in self.settings.items()]
-        lines += [f"# {text}" for text in self.questions]
+        lines += [f"# {text}" for text in (*self.questions, *self.computed)]
         if self.entries:
             lines += [f"{self.key}:", *(entry.line for entry in self.entries)]
         return "\n".join([*lines, ""])
@@ -184,6 +196,11 @@ def entries_of(guesses: Sequence[Guess]) -> list[Entry]:
     return entries
 
 
+def are_counts(channel: RecordedChannel) -> bool:
+    """Whether a channel reads whole numbers, as of an encoder."""
+    return bool((channel.readings == np.rint(channel.readings)).all())
+
+
 def entry_of(number: int, guess: Guess, is_comment: bool) -> Entry:
     """The entry of a channel by what it may be, with the column's name where that is sure."""
     channel = guess.channel
@@ -194,9 +211,14 @@ def entry_of(number: int, guess: Guess, is_comment: bool) -> Entry:
     if channel.base[1] in COUNTS:
         remarks.append(f"no known unit: {json.dumps(unit)}" if unit else "no unit is stated")
         unit = "V" if guess.column in LEVELS else UNKNOWN
+        if channel.base[1] == "dimensionless":
+            remarks.append("of what? state its unit, and `scale` by the rated value")
     elif not channel.unit:
         remarks.append("the unit is guessed: check it")
     fields: dict[str, object] = {**channel.address, "unit": unit}
+    if unit == UNKNOWN and guess.column.startswith("theta") and are_counts(channel):
+        fields |= {"unit": "rev", "scale": UNKNOWN}
+        remarks.append("counts: `scale` is 1/COUNTS of a turn, as 1/4096")
     if guess.sign < 0:
         fields["sign"] = guess.sign
     if guess.wraps_at and guess.column.startswith("theta"):

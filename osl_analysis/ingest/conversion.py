@@ -182,10 +182,19 @@ def canonical_columns(
             )
         if setting.wraps_at is not None:
             known = ~(leaps | missing | lacking)
-            numbers[known] = np.unwrap(numbers[known], period=setting.wraps_at)
+            whole = np.unwrap(numbers[known], period=setting.wraps_at)
+            if np.array_equal(whole, numbers[known]):
+                remarks.append(f"{setting.title}: `wraps_at` had no effect, nothing begins anew")
+            numbers[known] = whole
         with naming(setting.title, f", as {source.place('channels', column, 'unit')}"):
             origin = origin_of(setting, column, channel.unit)
         in_si = to_si(setting, numbers, origin["factor"])
+        if setting.offset:
+            shift = setting.offset * setting.scale * origin["factor"]
+            remarks.append(
+                f"{setting.title}: `offset` is added before `scale`, which shifts {column} by"
+                f" {shift:.4g} {unit_of(column)}"
+            )
         series = pl.Series(column, in_si)
         if column + BESIDE in channels:
             origin |= factor_beside(column, time, in_si, channels[column + BESIDE], values)

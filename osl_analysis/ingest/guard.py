@@ -70,11 +70,17 @@ def check_own_torque(trial: Trial, torque: str = "torque", angle: str | None = "
         if time.size < LIMITS.fewest_compared:
             continue
         least = LIMITS.least_of_sensor
-        sums = sums_of_formula(time, measured, dict(zip(others, values, strict=True)))
+        signals = dict(zip(others, values, strict=True))
+        formula = unexplained_share(short_sums(time, terms_of_formula(time, measured, signals)))
         # a load cell has noise of its own, and a simulated joint none
         noise = min(noise_of(measured, LIMITS.order_of_noise) / np.std(measured), least)
         of_noise = unexplained_share(rows_of_filter(measured, values)) / noise
-        if unexplained_share(sums) < least or of_noise < LIMITS.least_of_noise:
+        of_current = 1.0
+        if "current" in signals:
+            terms = terms_of_current(time, measured, signals, angle)
+            of_current = unexplained_share(short_sums(time, terms))
+        is_formula = formula < least or of_current < LIMITS.least_beside_current
+        if is_formula or of_noise < LIMITS.least_of_noise:
             raise InputError(
                 f"trial {trial.name}: {torque} follows exactly from {' and '.join(others)}: it is"
                 " computed, not measured, and a fit gives the formula back; name the channel of a"
@@ -82,10 +88,10 @@ def check_own_torque(trial: Trial, torque: str = "torque", angle: str | None = "
             )
 
 
-def sums_of_formula(time: Array, torque: Array, signals: Mapping[str, Array]) -> Array:
-    """Sums over a short time of a torque (n,), and of what a formula may hold: powers of signals
-    (n,), the speed of an angle, and friction that a drive takes off by its speed and current. An
-    inertia is left: a simulated joint without noise is no circle."""
+def terms_of_formula(time: Array, torque: Array, signals: Mapping[str, Array]) -> list[Array]:
+    """A torque (n,) and what a formula may hold: powers of signals (n,), the speed of an angle, and
+    friction that a drive takes off by its speed and current. An inertia is left: a simulated joint
+    without noise is no circle."""
     columns = [torque, np.ones_like(torque)]
     for name, values in signals.items():
         columns += accumulate([values] * LIMITS.highest_power, np.multiply)
@@ -93,6 +99,23 @@ def sums_of_formula(time: Array, torque: Array, signals: Mapping[str, Array]) ->
             columns += [np.sign(values), np.sign(values) * abs(signals.get("current", 0.0))]
         elif name != "current":
             columns.append(np.gradient(values, time))
+    return columns
+
+
+def terms_of_current(
+    time: Array, torque: Array, signals: Mapping[str, Array], angle: str | None
+) -> list[Array]:
+    """A torque (n,) and what a linkage makes of a current: its arm changes with the angle, and the
+    friction has the way of the motion."""
+    current = signals["current"]
+    turned = signals.get(angle or "", 0.0 * time)
+    way = np.sign(signals.get("omega_m", np.gradient(turned, time)))
+    arm = [current * turned**power for power in range(3)]
+    return [torque, np.ones_like(torque), *arm, way, way * abs(current)]
+
+
+def short_sums(time: Array, columns: Sequence[Array]) -> Array:
+    """Sums of columns (n,) over a short time."""
     # a formula still holds for sums, and rounding of an angle hardly makes speed
     group = max(time.size // int(np.ptp(time) / LIMITS.averaged_s + 1), 1)
     begins = np.arange(0, time.size, group)

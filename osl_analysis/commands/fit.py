@@ -36,13 +36,14 @@ from osl_analysis.commands.remedies import fit_or_advise
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.sheet import Asked
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.guard import check_own_torque, check_recording, find_leaps
+from osl_analysis.ingest.guard import check_own_torque, check_recording
 from osl_analysis.ingest.quality import saturated
 from osl_analysis.judge.judging import judged, marked
 from osl_analysis.judge.known_findings import known_finding
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import FileOrNone, known_parameters
 from osl_analysis.signals.grid import GapLimits
+from osl_analysis.signals.leaps import find_leaps
 from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial

@@ -1,6 +1,5 @@
 """The guard of a trial's numbers. Sizes that nothing can reach, values beyond a stated range, and
-recordings of a bench that no fit can use are refused; samples that leap, and runs of one value, are
-found."""
+recordings of a bench that no fit can use are refused; runs of one value are found."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -71,15 +70,15 @@ def check_own_torque(trial: Trial, torque: str = "torque", angle: str | None = "
             continue
         least = LIMITS.least_of_sensor
         signals = dict(zip(others, values, strict=True))
-        formula = unexplained_share(short_sums(time, terms_of_formula(time, measured, signals)))
+        sums = sums_of_formula(time, measured, signals)
         # a load cell has noise of its own, and a simulated joint none
         noise = min(noise_of(measured, LIMITS.order_of_noise) / np.std(measured), least)
         of_noise = unexplained_share(rows_of_filter(measured, values)) / noise
         of_current = 1.0
         if "current" in signals:
-            terms = terms_of_current(time, measured, signals, angle)
-            of_current = unexplained_share(short_sums(time, terms))
-        is_formula = formula < least or of_current < LIMITS.least_beside_current
+            turned = signals.get(angle or "", signals.get("omega_m", measured))
+            of_current = unexplained_share(rows_of_current(measured, signals["current"], turned))
+        is_formula = unexplained_share(sums) < least or of_current < LIMITS.least_beside_current
         if is_formula or of_noise < LIMITS.least_of_noise:
             raise InputError(
                 f"trial {trial.name}: {torque} follows exactly from {' and '.join(others)}: it is"
@@ -88,10 +87,10 @@ def check_own_torque(trial: Trial, torque: str = "torque", angle: str | None = "
             )
 
 
-def terms_of_formula(time: Array, torque: Array, signals: Mapping[str, Array]) -> list[Array]:
-    """A torque (n,) and what a formula may hold: powers of signals (n,), the speed of an angle, and
-    friction that a drive takes off by its speed and current. An inertia is left: a simulated joint
-    without noise is no circle."""
+def sums_of_formula(time: Array, torque: Array, signals: Mapping[str, Array]) -> Array:
+    """Sums over a short time of a torque (n,), and of what a formula may hold: powers of signals
+    (n,), the speed of an angle, and friction that a drive takes off by its speed and current. An
+    inertia is left: a simulated joint without noise is no circle."""
     columns = [torque, np.ones_like(torque)]
     for name, values in signals.items():
         columns += accumulate([values] * LIMITS.highest_power, np.multiply)
@@ -99,28 +98,19 @@ def terms_of_formula(time: Array, torque: Array, signals: Mapping[str, Array]) -
             columns += [np.sign(values), np.sign(values) * abs(signals.get("current", 0.0))]
         elif name != "current":
             columns.append(np.gradient(values, time))
-    return columns
-
-
-def terms_of_current(
-    time: Array, torque: Array, signals: Mapping[str, Array], angle: str | None
-) -> list[Array]:
-    """A torque (n,) and what a linkage makes of a current: its arm changes with the angle, and the
-    friction has the way of the motion."""
-    current = signals["current"]
-    turned = signals.get(angle or "", 0.0 * time)
-    way = np.sign(signals.get("omega_m", np.gradient(turned, time)))
-    arm = [current * turned**power for power in range(3)]
-    return [torque, np.ones_like(torque), *arm, way, way * abs(current)]
-
-
-def short_sums(time: Array, columns: Sequence[Array]) -> Array:
-    """Sums of columns (n,) over a short time."""
     # a formula still holds for sums, and rounding of an angle hardly makes speed
     group = max(time.size // int(np.ptp(time) / LIMITS.averaged_s + 1), 1)
     begins = np.arange(0, time.size, group)
     sums = np.array([np.add.reduceat(column, begins) for column in columns])
     return sums[:, :-1]  # the last is shorter, so that a constant torque would vary
+
+
+def rows_of_current(torque: Array, current: Array, turned: Array) -> Array:
+    """Rows of a torque (n,) and what a linkage makes of a current (n,): its arm changes with the
+    angle (n,), and friction has the way of the motion."""
+    way = np.sign(np.gradient(turned))
+    arms = [current, current * turned, current * turned**2]
+    return np.array([torque, np.ones_like(torque), *arms, way, way * abs(current)])
 
 
 def rows_of_filter(torque: Array, signals: Sequence[Array]) -> Array:
@@ -240,78 +230,6 @@ def in_other_units(trial: Trial, columns: Sequence[str]) -> list[Change]:
             words = f"state `unit: {unit}` of {' and '.join(columns)} in the source file"
             changes.append(Change(words, dict.fromkeys(columns, factor), rank=len(changes)))
     return changes
-
-
-# Samples that leap off the curve of their neighbours. A flipped bit, a lost or an exchanged block
-# of a file, and a sensor that fails look alike in them.
-
-
-def find_leaps(time: Array, values: Array) -> Array:
-    """Find the samples of a channel that leap off the curve of their neighbours.
-
-    The curve is told by third differences, which a smooth motion hardly has. They are compared
-    with the channel's own usual one, so that neither noise nor a coarse sensor is accused. Samples
-    that leap there and back alone are told before (`measured.spoiled`).
-
-    Parameters
-    ----------
-    time : Array
-        Times of the samples [s], shape (n,).
-    values : Array
-        The samples in any unit, shape (n,). NaN is left out.
-
-    Returns
-    -------
-    Array
-        Times of the leaps [s]: a single wrong number is one, a block of them two. None if the
-        channel is short or hardly ever moves.
-    """
-    seen = np.isfinite(values)
-    time, values = time[seen], values[seen]
-    if values.size < LIMITS.fewest_samples:
-        return time[:0]
-
-    is_spoiled = spoiled(values)
-    single = time[is_spoiled]
-    rows = np.flatnonzero(~is_spoiled)
-    time, values = time[rows], values[rows]
-    bends = np.diff(values, 3)
-    bends[rows[3:] - rows[:-3] > 3] = 0.0
-    spans = time[3:] - time[:-3]
-    is_gap = spans > LIMITS.longest_span * np.median(spans)
-    if np.mean(is_gap) <= LIMITS.most_gaps:  # stamps that scatter tell no gaps
-        bends[is_gap] = 0.0
-    sizes = np.abs(bends)
-    usual = np.quantile(sizes, LIMITS.usual_bend)
-    if usual == 0.0:
-        return single
-    limit = max(LIMITS.largest_bend * usual, LIMITS.smallest_bend * np.ptp(values))
-    far = np.flatnonzero(sizes > limit)
-    five_around = np.pad(bends, 2)[far[:, None] + np.arange(5)]
-    turns = np.cumsum(five_around, axis=1).sum(axis=1)  # change of slope over five samples
-    is_straight_on = np.abs(turns) < LIMITS.largest_turn * sizes[far]
-    is_middle = sizes[far] == np.abs(five_around).max(axis=1)  # others are of the same leap
-    # of the samples k to k + 3 of the largest third difference, k + 2 leaps, or the one before
-    return np.sort(np.append(single, time[far[is_straight_on & is_middle] + 2]))
-
-
-def steps_by_friction(
-    leaps: Array, angle: tuple[Array, Array], torque: tuple[Array, Array]
-) -> NDArray[np.bool_]:
-    """Whether a torque leaps as by friction at times (k,) [s]: the joint turns there, and the
-    torque steps in the direction of the new motion. `angle` and `torque` are times [s] and
-    values."""
-    around = leaps + np.array(LIMITS.around_turn_s)  # (2, windows, k)
-    ways = np.interp(leaps, *angle) - np.interp(around, *angle)
-    lower, higher = np.sort(np.abs(ways), axis=0)
-    is_turn = lower > np.maximum(LIMITS.clear_turn * np.ptp(angle[1]), LIMITS.even_turn * higher)
-    time, values = torque
-    rows = np.searchsorted(time, leaps)[:, None] + np.arange(-LIMITS.step_rows, LIMITS.step_rows)
-    beside = values[np.clip(rows, 0, values.size - 1)]
-    step = beside[:, -1] - beside[:, 0]
-    is_step = 2 * np.abs(step) > np.ptp(beside, axis=1)  # a wrong number comes back
-    is_along = (ways * step < 0).all(axis=0)  # up in a trough, down at a peak
-    return is_step & (is_turn & is_along).any(axis=0)
 
 
 # Channels that repeat one value: a sensor at an end of its range, and one that stands still.

@@ -18,19 +18,18 @@ from osl_analysis.errors import InputError, listing
 from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.guard import (
     ANGLES,
-    find_leaps,
     has_levels,
     recorded,
     repeats,
     run_at_extreme,
     standing_runs,
-    steps_by_friction,
 )
 from osl_analysis.measured import noise_of, spoiled, usual_step
 from osl_analysis.recording import beside, plate_axes
 from osl_analysis.signals import longest_of, run_edges
 from osl_analysis.signals.agreement import speed_factor
 from osl_analysis.signals.grid import GapLimits, devices_of, origin, uniform_signals
+from osl_analysis.signals.leaps import find_leaps, steps_by_friction
 from osl_analysis.spectral.stepped_sine import (
     Run,
     SteppedSineProtocol,
@@ -332,7 +331,7 @@ def longest_s(time: Array, edges: NDArray[np.intp]) -> float:
 
 
 def measure_leaps(examined: Examined) -> dict[str, float]:
-    """Number of leaps of the angle or the torque off its curve (`guard.find_leaps`). A torque may
+    """Number of leaps of the angle or the torque off its curve (`leaps.find_leaps`). A torque may
     leap by friction, where the joint turns, and that of an actuator where its current does."""
     trial = examined.fitted
     leaps = {column: find_leaps(*trial.arrays(column)) for column in examined.fitted_columns}

@@ -267,12 +267,11 @@ def drafted_time(
     choice = choose_clock(channels)
     clock = choice.channel
     questions = [*choice.questions]
-    intervals = [channel for channel in channels if are_intervals(channel)]
-    if len(intervals) == 1 and (clock is None or not runs(clock)):
-        (steps,) = intervals
+    steps = next(filter(are_intervals, channels), None)
+    if steps is not None and (clock is None or not runs(clock)):
+        question = f"time is a guess: the sum of the intervals in {printable(steps.key)}"
         clock = as_clock(replace(steps, numbers=np.cumsum(steps.numbers)), recording.notes)
         unit = clock.unit or clock.likely_unit
-        question = f"time is a guess: the sum of the intervals in {printable(clock.key)}"
         return {key: clock.key, "unit": unit, "each": "interval"}, clock, [question]
     if clock is None:
         rate = None if questions else stated_rate(recording.notes)
@@ -289,12 +288,8 @@ def drafted_time(
 
 def are_intervals(channel: RecordedChannel) -> bool:
     """Whether a channel holds the time since the row before."""
-    is_named = re.search(INTERVALS, channel.name) and is_of_time(
-        channel.unit or channel.likely_unit
-    )
-    return bool(
-        is_named and (channel.numbers[1:] > 0).all() and (np.diff(channel.numbers) <= 0).any()
-    )
+    is_named = re.search(INTERVALS, channel.name) and not runs(channel)
+    return bool(is_named) and is_of_time(channel.unit or channel.likely_unit)
 
 
 def as_clock(channel: RecordedChannel, notes: Sequence[str]) -> RecordedChannel:

@@ -42,7 +42,6 @@ MOST_COLUMNS = 10_000  # a table with more columns is transposed, or no recordin
 BRACKETS = "[](){}- "  # around a unit, or in its place
 MOST_HEADERS = 4  # rows of names and units above the numbers
 LEAST_VALUES = 0.5  # share of the cells of a column of numbers that are numbers
-FAR_BEYOND = 5.0  # times the next largest value: a number of nines is none that was measured
 COMMENT_SIGNS = ("#", "%", "//")  # at the beginning of a line
 STATED_ROWS = re.compile(
     r"(?i)\W*(?:total |(?:number|no\.?) of )?(?:samples|rows|frames|length|data"
@@ -452,8 +451,6 @@ def _values_of(
         values = np.where(is_missing, np.nan, values)
     if not layout.channels or layout.damaged == "skip":
         return values
-    if values.dtype != bool:
-        _check_placeholder(values, title, rows)
     if not unread.size:
         return values
     place = int(unread[0])
@@ -463,22 +460,6 @@ def _values_of(
         " write numbers as 1234.5e-3, none between thousands, and times as 12:00:00.500 in"
         f" every row, or add {json.dumps(cell, ensure_ascii=False)} to `missing` in the source file"
     )
-
-
-def _check_placeholder(values: NDArray[Any], title: str, rows: Rows) -> None:
-    """Refuse a number of nines far beyond all others, which loggers write for a failed reading."""
-    furthest = max(np.fmin.reduce(values, initial=0), np.fmax.reduce(values, initial=0), key=abs)
-    placeholder = f"{furthest:.12g}"
-    if not re.fullmatch(r"-?9{3,}(\.9+)?", placeholder):
-        return
-    sizes = np.abs(values)
-    is_largest = sizes == abs(furthest)
-    if abs(furthest) > FAR_BEYOND * np.fmax.reduce(sizes, where=~is_largest, initial=0):
-        raise InputError(
-            f"column '{title}': {placeholder} stands in {is_largest.sum()} of {rows.count}"
-            f" {rows.noun}s, as for a failed reading, and all other values are far smaller; add"
-            f' "{placeholder}" to `missing` in the source file'
-        )
 
 
 def _count_words(cells: pl.Series, layout: SheetSource, decimal: str) -> Mapping[str, int]:

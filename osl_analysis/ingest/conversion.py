@@ -197,7 +197,8 @@ def canonical_columns(
             )
         series = pl.Series(column, in_si)
         if column + BESIDE in channels:
-            origin |= factor_beside(column, time, in_si, channels[column + BESIDE], values)
+            beside = channels[column + BESIDE]
+            origin |= factor_beside(column, time, in_si, beside, values[column + BESIDE])
         columns.append(series.set(pl.Series(lacking), None))
         origins[column] = origin
         counter = column + COUNTER
@@ -273,11 +274,10 @@ def asked_channels(
     channels = {column: recording.find(setting.address) for column, setting in settings.items()}
     asked = dict(channels)
     for column, setting in settings.items():
-        rows = channels[column].rows
         kind, _ = OTHER_OF_BODY.get(column[:5], ("", ""))
-        wanted = (kind, body_of(channels[column])[1], rows.name, rows.count)
+        wanted = (kind, *body_of(channels[column])[1:])
         for channel in recording.channels if kind else ():
-            if (*body_of(channel), channel.rows.name, channel.rows.count) == wanted:
+            if body_of(channel) == wanted:
                 asked[column + BESIDE] = channel
         if setting.counter is not None:
             address = {**setting.address, setting.ADDRESS: setting.counter}
@@ -285,35 +285,30 @@ def asked_channels(
     return channels, asked
 
 
-def body_of(channel: Channel) -> tuple[str, list[str]]:
-    """Whether a channel is called like a `speed` or an `angle`, and the other words of its name."""
+def body_of(channel: Channel) -> tuple[str, str, str, int]:
+    """Whether a channel is called like a `speed` or an `angle`, the rest of its name, its rows."""
     name = channel.address.get("field", channel.name or channel.key)
     words = parted_name(name_and_ending(name)[0])
     kind = ""
     for known in ("angle", "speed"):
-        without = word_patterns()[known].sub("", words)
-        if without != words:
-            kind, words = known, without
-    return kind, words.split()
+        if word_patterns()[known].search(words):
+            kind, words = known, word_patterns()[known].sub("", words)
+    return kind, " ".join(words.split()), channel.rows.name, channel.rows.count
 
 
-def factor_beside(
-    column: str, time: Array, in_si: Array, beside: Channel, values: Mapping[str, NDArray[Any]]
-) -> dict[str, Any]:
+def factor_beside(column: str, time: Array, in_si: Array, beside: Channel, other: Any) -> Any:
     """The size of a speed over that of the change of its angle, for the provenance: of a column
-    (n,) and what is beside it. A unit that nobody states is the usual one that fits best."""
-    readings: Array = np.ma.filled(np.ma.asarray(values[column + BESIDE], float), np.nan)
-    known = np.isfinite(readings + in_si)
-    pair = [in_si[known], readings[known]]
+    (n,) and readings (n,) beside it. A unit that nobody states is the usual one that fits best."""
+    readings: Array = np.ma.filled(np.ma.asarray(other, float), np.nan)
     _, unit = OTHER_OF_BODY[column[:5]]
-    is_angle = unit == "rad/s"
-    factor = speed_factor(time[known], *(pair if is_angle else pair[::-1]))
     spelled = beside.unit or beside.likely_unit or likely_unit(beside.name)
-    units = [factor_or_nan(spelled, unit)] if spelled else [*EXAMPLES[unit].values()]
-    if factor is None or np.isnan(units).any():
-        return {}
-    possible = factor * np.array(units) ** (1 if is_angle else -1)
-    return {"beside": beside.key, "speed_factor": possible[np.abs(np.log(possible)).argmin()]}
+    factors = [factor_or_nan(spelled, unit)] if spelled else [*EXAMPLES[unit].values()]
+    if unit == "rad/s":
+        possible = speed_factor(time, in_si, readings) * np.array(factors)
+    else:
+        possible = speed_factor(time, readings, in_si) / np.array(factors)
+    nearest = possible[np.abs(np.log(possible)).argmin()]
+    return {"beside": beside.key, "speed_factor": nearest} if nearest > 0 else {}
 
 
 def factor_or_nan(unit: str, si_unit: str) -> float:

@@ -16,20 +16,14 @@ from numpy.typing import NDArray
 from osl_analysis.config.experiments import EXPERIMENTS, Experiment
 from osl_analysis.errors import InputError, listing
 from osl_analysis.ingest import LIMITS
-from osl_analysis.ingest.guard import (
-    ANGLES,
-    has_levels,
-    recorded,
-    repeats,
-    run_at_extreme,
-    standing_runs,
-)
+from osl_analysis.ingest.guard import ANGLES, recorded
 from osl_analysis.measured import noise_of, spoiled, usual_step
 from osl_analysis.recording import beside, plate_axes
 from osl_analysis.signals import longest_of, run_edges
 from osl_analysis.signals.agreement import speed_factor
 from osl_analysis.signals.grid import GapLimits, devices_of, origin, uniform_signals
 from osl_analysis.signals.leaps import find_leaps, steps_by_friction
+from osl_analysis.signals.standing import has_levels, repeats, run_at_extreme, standing_runs
 from osl_analysis.spectral.stepped_sine import (
     Run,
     SteppedSineProtocol,
@@ -71,11 +65,6 @@ class Examined:
     def torque(self) -> str:
         """The column of the torque."""
         return self.experiment.torque or "torque"
-
-    @property
-    def fitted_columns(self) -> list[str]:
-        """The columns of motion and torque that the trial has."""
-        return [name for name in (self.moved, self.torque) if name in self.fitted.columns]
 
     @cached_property
     def stamps(self) -> dict[str, Array]:
@@ -175,18 +164,16 @@ def measure_units(examined: Examined) -> dict[str, float]:
 def measure_contradiction(examined: Examined) -> dict[str, float]:
     """By how much [%] a speed is not the derivative of the angle of its body."""
     trial = examined.trial
-    factors = {
-        f"{column} and '{facts['beside']}'": facts["speed_factor"]
-        for column, facts in trial.provenance.get("columns", {}).items()
-        if "speed_factor" in facts
-    }
+    factors = {}
+    for column, facts in trial.provenance.get("columns", {}).items():
+        if "beside" in facts:
+            factors[f"{column} and '{facts['beside']}'"] = facts["speed_factor"]
     if {"theta_m", "omega_m"} <= {*trial.columns}:
         factors["theta_m and omega_m"] = speed_factor(*trial.arrays("theta_m", "omega_m"))
     return {
-        f"of {both} the speed is {factor:.3g} times the derivative of the angle": 100
-        * abs(factor - 1)
+        f"of {both} the speed is {factor:.3g} times the change of the angle": 100 * abs(factor - 1)
         for both, factor in factors.items()
-        if factor is not None
+        if factor > 0
     }
 
 
@@ -334,7 +321,9 @@ def measure_leaps(examined: Examined) -> dict[str, float]:
     """Number of leaps of the angle or the torque off its curve (`leaps.find_leaps`). A torque may
     leap by friction, where the joint turns, and that of an actuator where its current does."""
     trial = examined.fitted
-    leaps = {column: find_leaps(*trial.arrays(column)) for column in examined.fitted_columns}
+    columns = [name for name in (examined.moved, examined.torque) if name in trial.columns]
+    leaps = {column: find_leaps(*trial.arrays(column)) for column in columns}
+    alone = sum(int(spoiled(trial.arrays(column)[1]).sum()) for column in columns)
     angle = recorded(trial, examined.moved)
     if "torque" in leaps and angle[0].size:
         times = leaps["torque"]
@@ -347,7 +336,7 @@ def measure_leaps(examined: Examined) -> dict[str, float]:
         apart = distances(leaps["torque_m"], steps)
         leaps["torque_m"] = leaps["torque_m"][apart > LIMITS.beside_leap_s]
     every = np.sort(np.concatenate([*leaps.values(), []]))
-    remedy = remedy_of_leaps(examined, every) if every.size else ""
+    remedy = remedy_of_leaps(examined, every, alone) if every.size else ""
     return {f"{column} leaps{remedy}": times.size for column, times in leaps.items()}
 
 
@@ -356,22 +345,17 @@ def distances(times: Array, others: Array) -> Array:
     return np.abs(np.subtract.outer(times, others)).min(axis=1, initial=np.inf)
 
 
-def remedy_of_leaps(examined: Examined, leaps: Array) -> str:
+def remedy_of_leaps(examined: Examined, leaps: Array, alone: int) -> str:
     """Say where leaps at rising times (n,) [s] are, and what leaves them out, at which cost: values
-    that leap alone; or what is outside of the longest window without any."""
-    trial = examined.fitted
-    time = trial.samples["time"]
-    alone = sum(spoiled(trial.arrays(name)[1]).sum() for name in examined.fitted_columns)
+    that leap `alone`, so many; or what is outside of the longest window without any."""
+    time = examined.fitted.samples["time"]
     edges = np.array([time[0], *leaps, time[-1]])
     longest = np.argmax(np.diff(edges))
     first = edges[longest] + LIMITS.beside_leap_s
     last = edges[longest + 1] - LIMITS.beside_leap_s
     remedy = "exclude the trial"
     if alone >= LIMITS.least_alone * leaps.size:
-        remedy = (
-            f"write `damaged: skip` in the source file, which leaves out {alone} values of"
-            f" {time.len()} rows"
-        )
+        remedy = f"write `damaged: skip` in the source file: {alone} values of {time.len()} rows"
     elif examined.experiment.place == "bench" and last - first > LIMITS.shortest_window_s:
         kept = time.is_between(first, last).sum()
         remedy = f"state `windows` {first:.1f}-{last:.1f} in the sheet, {kept} of {time.len()} rows"

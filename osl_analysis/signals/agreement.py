@@ -12,27 +12,28 @@ LEAST_FOLLOWED = 0.9  # correlation of a speed with its angle's change; less is 
 FEWEST_COMPARED = 100  # samples
 
 
-def speed_factor(time: Array, angle: Array, speed: Array) -> float | None:
+def speed_factor(time: Array, angle: Array, speed: Array) -> float:
     """The size of a speed over that of the change of an angle: 1 where both are right.
 
     Parameters
     ----------
     time, angle, speed
-        Shape (n,) [s, rad, rad/s], finite.
+        Shape (n,) [s, rad, rad/s]; NaN is left out.
 
     Returns
     -------
-    float or None
-        Without a sign; None where the speed does not follow the angle.
+    float
+        Without a sign; NaN where the speed does not follow the angle.
     """
-    if time.size < FEWEST_COMPARED or time[-1] == time[0]:
-        return None
-    step_s = (time[-1] - time[0]) / (time.size - 1)
-    rows = max(round(WINDOW_S / step_s), 1)
-    way = np.cumsum(speed[1:] * np.diff(time))
-    turns = (angle[1 + rows :] - angle[1:-rows]) if rows < time.size - 1 else angle[:0]
+    known = np.isfinite(angle + speed)
+    time, angle, speed = time[known], angle[known], speed[known]
+    if time.size < FEWEST_COMPARED or not np.ptp(time):
+        return np.nan
+    rows = max(round(WINDOW_S * time.size / float(np.ptp(time))), 1)
+    way = np.append(0.0, np.cumsum(speed[1:] * np.diff(time)))
+    turns = angle[rows:] - angle[:-rows]
     ways = way[rows:] - way[:-rows]
     if not (varies(turns) and varies(ways)):
-        return None
+        return np.nan
     is_followed = abs(np.corrcoef(turns, ways)[0, 1]) > LEAST_FOLLOWED
-    return float(ways.std() / turns.std()) if is_followed else None
+    return float(ways.std() / turns.std()) if is_followed else np.nan

@@ -94,4 +94,4 @@ def test_noise_of_the_angle_and_a_filter_of_the_speed_change_the_factor_by_less_
 
 
 def test_a_speed_that_does_not_follow_is_not_judged():
-    assert speed_factor(TIME, ANGLE, white_noise(TIME.size, 4)) is None
+    assert np.isnan(speed_factor(TIME, ANGLE, white_noise(TIME.size, 4)))

@@ -264,8 +264,6 @@ def test_devices_with_rows_of_their_own_are_refused_with_what_to_export(tmp_path
     (TABLE.replace("0.02,3,7", "0.02,3"), {"ragged": "skip"}, "line 4 ", {"theta": [1, 2, 4]}),
     (TABLE.replace("0,1,5", "0,1").replace("0.03,4,8\n", ""), {"ragged": "skip"}, "line 2 ",
      {"theta": [2, 3]}),
-    (TABLE.replace("2,6", "-9999.0,6"), {"most_missing": 0.5},
-     "-9999 .* 1 .* 4 ", {}),
     (TABLE.replace("2,6", "-9999.0,6"), {"missing": ["-9999"]}, "'angle'.* 1 ",
      {"theta": [1, np.nan, 3, 4]}),
     (TABLE.replace("2,6", "nan(ind),6"), {}, "'angle'.* 1 ", {"theta": [1, np.nan, 3, 4]}),

@@ -69,6 +69,12 @@ def test_values_that_recur_are_none_of_the_sensor_also_side_by_side(bad):
     assert np.array_equal(np.flatnonzero(is_spoiled), np.sort(rows))
 
 
+def test_a_number_far_off_that_recurs_is_none_of_the_sensor_also_in_a_row():
+    is_bad = (TIME > 3) & (TIME < 3.4)
+
+    assert np.array_equal(spoiled(np.where(is_bad, 9999.0, TORQUE)), is_bad)
+
+
 WRAPPED = np.round(40 * TORQUE) % 4096
 
 

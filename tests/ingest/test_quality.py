@@ -20,7 +20,7 @@ from stamp_recorders import rounded_to_bits
 from osl_analysis.commands.fit import is_broken_outside
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.ingest.guard import check_sizes, run_at_extreme
+from osl_analysis.ingest.guard import check_sizes
 from osl_analysis.ingest.quality import (
     CheckResult,
     Commanded,
@@ -36,6 +36,7 @@ from osl_analysis.judge.recording_checks import (
     validate_rules,
 )
 from osl_analysis.signals import longest_run
+from osl_analysis.signals.standing import run_at_extreme
 from osl_analysis.trial import Trial, plate_columns
 from osl_analysis.yaml_settings import Settings, validated
 

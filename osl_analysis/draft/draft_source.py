@@ -2,6 +2,7 @@
 not tell is left to the user, questions first."""
 
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -23,6 +24,7 @@ from osl_analysis.units import dimension, is_unit
 from osl_analysis.yaml_settings import UNKNOWN
 
 NAMED_ALWAYS = ("theta", "torque", *LEVELS)  # columns that a draft names without a unit
+TORQUE = re.compile("(?i)torque|moment|effort|tau")  # in the name of one
 MINIMUM_EDGES = 6  # of pulses that align clocks
 MOST_BETWEEN = 0.02  # share of the samples of a pulse in the middle quarters of its range
 
@@ -81,12 +83,18 @@ class DraftedSource:
     def computed(self) -> list[str]:
         """A question on a torque whose name or unit is of none that was measured."""
         torques = [entry for name, entry in self.named.items() if name.startswith("torque")]
-        return [
-            f"{entry.name} is called like a current or an estimate: name that of a load cell, or"
-            " state `measured: true`, and of a current `scale` in N*m per A"
-            for entry in torques
-            if COMPUTED.search(f"{entry.fields}")
-        ]
+        if not torques:  # the only one may be no measurement
+            torques = [one for one in self.entries if TORQUE.search(f"{one.fields}")]
+        questions = []
+        for entry in torques:
+            keys = [*entry.fields]
+            if COMPUTED.search(f"{entry.fields}"):
+                questions.append(
+                    f"{entry.fields[keys[keys.index('unit') - 1]]} is called like a current or an"
+                    " estimate: name the torque of a load cell, or state `measured: true` of it,"
+                    " and of a current `scale`"
+                )
+        return questions
 
     @property
     def text(self) -> str:

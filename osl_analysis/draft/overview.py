@@ -300,7 +300,8 @@ def as_clock(channel: RecordedChannel, notes: Sequence[str]) -> RecordedChannel:
         told = next((f"{tick[1]} {tick[2]}" for tick in ticks), "")
         channel = replace(channel, likely_unit=told or time_unit(channel.readings))
     factor, _ = channel.base
-    seconds = (unwrapped(channel.readings)[0] - channel.readings[:1].sum()) * factor
+    channel = replace(channel, numbers=unwrapped(channel.numbers)[0])
+    seconds = (channel.readings - channel.readings[:1].sum()) * factor
     rate = rate_of(seconds)
     notes = [f"{rate:.6g} Hz", gaps_text(seconds)] if rate else ["of no known unit"]
     return replace(channel, note=", ".join(filter(None, notes)))

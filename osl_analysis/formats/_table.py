@@ -305,7 +305,10 @@ def _head_of(
     names = [str(place + 1) for place in range(width)]
     if lists:
         names = unpadded(lists[-1])
-        if len(lists) > 1 and not all(names):  # the rest of the names is above
+        above_units = [cells for cells in lists if units and len({*cells}) == len(cells) == width]
+        if above_units and not any(map(is_value, above_units[0])):
+            names = above_units[0]  # those below them are remarks
+        elif len(lists) > 1 and not all(names):  # the rest of the names is above
             words = [
                 [text for text in over if not is_value(text)] for over in zip(*lists, strict=False)
             ]
@@ -364,7 +367,14 @@ def _remark_on_widths(
         f"line {odd[0].number} has {len(odd[0].cells)} cells under {width} names, and {len(odd)} of"
         f" {len(rows)} rows do not fit"
     )
-    if "skip" not in (layout.ragged, layout.damaged) or len(odd) == len(rows):
+    if len(odd) == len(rows):
+        cells = [cell for row in odd[:FIRST_LINES] for cell in row.cells]
+        cell = next((cell for cell in cells if not is_value(cell)), cells[0])
+        raise InputError(
+            f"every row has {len(odd[0].cells)} cells under {width} names, as if a sign between two"
+            f" cells lacked, see '{cell[:40]}'; write one between all cells, and a name for each"
+        )
+    if "skip" not in (layout.ragged, layout.damaged):
         if [row.cells for row in odd if row.cells in [head.cells for head in above]]:
             raise InputError(
                 f"{what}: lines from above the table stand there again, where another recording"

@@ -2,6 +2,7 @@
 them."""
 
 import math
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -25,6 +26,7 @@ from osl_analysis.units import EXAMPLES, quantity, si_factor
 OF_SENSOR = {"delay", "low_pass", "resolution", "range"}
 LARGEST_COUNT = 2.0**53  # floats hold whole numbers exactly below it
 BESIDE = "_beside"  # ends the key of the speed of a column's body, or of its angle
+NO_BODY = re.compile(r"\b(counts?|ticks?|raw|meas\w*|actual|value|filtered)\b")  # in a name
 # by how columns begin: what stands beside them, and in which unit
 OTHER_OF_BODY = {"theta": ("speed", "rad/s"), "omega": ("angle", "rad")}
 
@@ -288,7 +290,7 @@ def asked_channels(
 def body_of(channel: Channel) -> tuple[str, str, str, int]:
     """Whether a channel is called like a `speed` or an `angle`, the rest of its name, its rows."""
     name = channel.address.get("field", channel.name or channel.key)
-    words = parted_name(name_and_ending(name)[0])
+    words = NO_BODY.sub("", parted_name(name_and_ending(name)[0]))
     kind = ""
     for known in ("angle", "speed"):
         if word_patterns()[known].search(words):

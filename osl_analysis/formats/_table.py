@@ -252,7 +252,9 @@ def _first_row_of_data(rows: Sequence[Row], shape: Shape) -> int:
         cells = rows[first - 1].cells
         filled = [cell for cell in cells if cell]
         are_numbers = sum(map(is_number_cell, filled)) > len(filled) / 2
-        if len(cells) <= max(1, shape.width / 2) or not are_numbers or _counts(cells):
+        is_keyed = shape.is_blank_before and any(cells[: shape.first_value])
+        is_short = len(cells) <= max(1, shape.width / 2)
+        if is_short or is_keyed or not are_numbers or _counts(cells):
             break
         first -= 1
     return first
@@ -270,8 +272,11 @@ def _head_of(
     """Names and units of the columns, and other text, in the rows above the data and comments."""
     texts = [" ".join(filter(None, row.cells)) for row in above]
     lists: list[list[str]] = []
+    decimals = re.compile(r"[+-]?\d+[.,]\d\S*")  # `Delta_X,0.004` and the like are no names
     candidates = [
-        row.cells for row, text in zip(above, texts, strict=True) if not STATED_ROWS.match(text)
+        row.cells
+        for row, text in zip(above, texts, strict=True)
+        if not (STATED_ROWS.match(text) or any(map(decimals.fullmatch, row.cells)))
     ]
     for cells in reversed(candidates[-MOST_HEADERS:]):
         filled = sum(map(bool, cells))

@@ -119,15 +119,18 @@ def spoiled(values: NDArray[np.float64]) -> NDArray[np.bool_]:
     low, middle, high = np.quantile(usual, (0.05, 0.5, 0.95)) if usual.size else (0.0, 0.0, 0.0)
     if high == low or values.size < FEWEST_RECURRING:
         return np.zeros(values.size, bool)
-    bend = np.quantile(np.nan_to_num(np.abs(np.diff(values, 2))[every]), 0.75)
     steps = np.pad(np.diff(values), 2)
     sizes = np.abs(steps)
+    bends = np.abs(steps[1:][every] - steps[:-1][every])
+    bend = np.quantile(np.nan_to_num(bends), 0.75)
     smaller = np.minimum(sizes[1:-2], sizes[2:-1])
     around = np.maximum(sizes[:-3], sizes[3:])
     limit = max(SPIKE_SHARE * (high - low), SPIKE_BENDS * bend)
     comes_back = steps[1:-2] * steps[2:-1] < 0
     is_alone = comes_back & (smaller > np.maximum(limit, SPIKE_AROUND * around))
     may_recur = is_alone | (np.abs(values - middle) > FAR_OFF * (high - low))
+    if not may_recur.any():
+        return may_recur
     found, counts = np.unique(values[may_recur], return_counts=True)
     is_spoiled = is_alone | np.isin(values, found[counts >= FEWEST_RECURRING])
     return is_spoiled & (is_spoiled.mean() <= MOST_SPOILED)

@@ -342,10 +342,12 @@ def fresh_rows(
     remarks
         A sentence if some are left out.
     """
+    if (stamps[1:] >= stamps[:-1]).all():
+        return np.arange(stamps.size), []
     late = np.maximum.accumulate(stamps) - stamps
     early = stamps - np.minimum.accumulate(stamps[::-1])[::-1]
     back = min(late, early, key=np.count_nonzero)
-    far = max(least, LIMITS.far_steps * np.median(np.abs(np.diff(stamps)))) if back.any() else 0.0
+    far = max(least, LIMITS.far_steps * np.median(np.abs(np.diff(stamps))))
     is_stale = back > (0.0 if skips else far)
     share = MOST_DAMAGED if skips else LIMITS.largest_stale_share
     if not 0 < is_stale.sum() <= share * stamps.size:

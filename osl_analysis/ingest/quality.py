@@ -323,7 +323,6 @@ def measure_leaps(examined: Examined) -> dict[str, float]:
     trial = examined.fitted
     columns = [name for name in (examined.moved, examined.torque) if name in trial.columns]
     leaps = {column: find_leaps(*trial.arrays(column)) for column in columns}
-    alone = sum(int(spoiled(trial.arrays(column)[1]).sum()) for column in columns)
     angle = recorded(trial, examined.moved)
     if "torque" in leaps and angle[0].size:
         times = leaps["torque"]
@@ -336,7 +335,10 @@ def measure_leaps(examined: Examined) -> dict[str, float]:
         apart = distances(leaps["torque_m"], steps)
         leaps["torque_m"] = leaps["torque_m"][apart > LIMITS.beside_leap_s]
     every = np.sort(np.concatenate([*leaps.values(), []]))
-    remedy = remedy_of_leaps(examined, every, alone) if every.size else ""
+    remedy = ""
+    if every.size:
+        alone = sum(int(spoiled(trial.arrays(column)[1]).sum()) for column in columns)
+        remedy = remedy_of_leaps(examined, every, alone)
     return {f"{column} leaps{remedy}": times.size for column, times in leaps.items()}
 
 

@@ -26,11 +26,15 @@ def speed_factor(time: Array, angle: Array, speed: Array) -> float:
         Without a sign; NaN where the speed does not follow the angle.
     """
     known = np.isfinite(angle + speed)
-    time, angle, speed = time[known], angle[known], speed[known]
-    if time.size < FEWEST_COMPARED or not np.ptp(time):
+    if not known.all():
+        time, angle, speed = time[known], angle[known], speed[known]
+    if time.size < FEWEST_COMPARED or time[-1] == time[0]:
         return np.nan
-    rows = max(round(WINDOW_S * time.size / float(np.ptp(time))), 1)
     way = np.append(0.0, np.cumsum(speed[1:] * np.diff(time)))
+    per_window = WINDOW_S * time.size / abs(time[-1] - time[0])
+    step = max(int(per_window / 10), 1)  # a tenth of the window tells as much as every sample
+    rows = max(round(per_window / step), 1)
+    angle, way = angle[::step], way[::step]
     turns = angle[rows:] - angle[:-rows]
     ways = way[rows:] - way[:-rows]
     if not (varies(turns) and varies(ways)):

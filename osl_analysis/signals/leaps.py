@@ -57,10 +57,11 @@ def find_leaps(time: Array, values: Array) -> Array:
 
     is_spoiled = spoiled(values)
     single = time[is_spoiled]
-    rows = np.flatnonzero(~is_spoiled)
-    time, values = time[rows], values[rows]
-    bends = np.diff(values, 3)
-    bends[rows[3:] - rows[:-3] > 3] = 0.0
+    bends = np.diff(values[~is_spoiled], 3)
+    if single.size:
+        rows = np.flatnonzero(~is_spoiled)
+        time, values = time[rows], values[rows]
+        bends[rows[3:] - rows[:-3] > 3] = 0.0
     spans = time[3:] - time[:-3]
     is_gap = spans > LONGEST_SPAN * np.median(spans)
     if np.mean(is_gap) <= MOST_GAPS:  # stamps that scatter tell no gaps

@@ -281,7 +281,7 @@ def _head_of(
     for cells in reversed(candidates[-MOST_HEADERS:]):
         filled = sum(map(bool, cells))
         is_wide = filled >= width / 2 and len(unpadded(cells)) <= width + 1
-        is_aligned = bool(lists) and len(unpadded(cells)) == width
+        is_aligned = lists and len(unpadded(cells)) == width
         if not (is_wide or is_aligned) or filled == 1 < width or (width == 1 and lists):
             break
         lists.insert(0, cells)
@@ -377,7 +377,7 @@ def _remark_on_widths(
         cell = next((cell for cell in cells if not is_value(cell)), cells[0])
         raise InputError(
             f"every row has {len(odd[0].cells)} cells under {width} names, as if a sign between two"
-            f" cells lacked, see '{cell[:40]}'; write one between all cells, and a name for each"
+            f" cells lacked, see '{cell}'; write one between all cells, and a name for each"
         )
     if "skip" not in (layout.ragged, layout.damaged):
         if [row.cells for row in odd if row.cells in [head.cells for head in above]]:

@@ -159,6 +159,7 @@ class ColumnChannel(LogChannel):
     """A column of a table."""
 
     ADDRESS = "column"
+    time: "ColumnTime | None" = None  # Its own time, where it is not that of the others.
     column: ColumnName
     """Name in the header, with or without its unit (`torque` finds `torque [Nm]`); a pattern in
     which `*` stands for any text, which must fit one column (`"*.output_position"`); or the
@@ -192,6 +193,8 @@ class RowTime(Time):
     # Unit of the numbers that are time. Without it, the file's unit is used.
     unit: TimeUnit | None = None
     rate: PositiveFloat | None = None  # Rows per second [Hz], for a file without time.
+    # By how many parts per million this clock runs fast, such as a calibration tells.
+    drift_ppm: Annotated[float, Field(ge=-1000, le=1000)] = 0.0
     repeated: Literal["keep", "drop"] = "keep"
     """Rows whose stamp is that of the row before. `keep`: they are samples whose stamps were
     rounded. `drop`: the recorder read a device faster than it sampled; only the first row of each

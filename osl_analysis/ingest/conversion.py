@@ -18,8 +18,8 @@ from osl_analysis.source_file import LEVEL_UNIT, Conversion, LogChannel, LogSour
 from osl_analysis.trial import COUNTER, Array, unit_of
 from osl_analysis.units import quantity, si_factor
 
-# facts on a sensor, which the provenance has in SI units
-OF_SENSOR = {"delay", "low_pass", "resolution", "range"}
+# facts on a sensor, which the provenance has in SI units, and a clock of its own
+OF_SENSOR = {"delay", "low_pass", "resolution", "range", "time"}
 LARGEST_COUNT = 2.0**53  # floats hold whole numbers exactly below it
 
 
@@ -117,6 +117,7 @@ def canonical_columns(
     values: Mapping[str, NDArray[Any]],
     rows: Rows,
     time: Array,
+    told: Collection[str] = (),
 ) -> tuple[list[pl.Series], dict[str, dict[str, Any]], list[str]]:
     """Convert the channels of some rows at times (n,) [s], and the counters beside them.
 
@@ -125,6 +126,8 @@ def canonical_columns(
     channels, values
         Channels, and readings (n,) of them and of their counters, by canonical column: NaN where
         one failed, masked where there is none.
+    told
+        Columns of which a remark tells already where they have a value.
 
     Returns
     -------
@@ -157,7 +160,7 @@ def canonical_columns(
         missing = np.isnan(numbers)
         check_finite_values(setting.title, np.where(missing, 0.0, numbers), time)
         for what, lacks in (("has no value", lacking), ("is missing", missing)):
-            if lacks.any():
+            if lacks.any() and not (lacks is lacking and column in told):
                 remarks.append(
                     f"{setting.title} {what} in {lacks.sum()} of {rows.count} {rows.noun}s, first"
                     f" {rows.place(np.argmax(lacks))}"

@@ -387,8 +387,9 @@ def stream_of(trial: Trial, names: Sequence[str], beside: Collection[str] = ()) 
     stamps, *values = trial.arrays(*names)
     described = trial.provenance.get("columns", {})
     origins = {name: described.get(name, {}) for name in names}
-    file = origins[names[0]].get("file", "")
-    choice = trial.provenance.get(file, {}).get("time", {}).get("stamps", "auto")
+    of_file = trial.provenance.get(origins[names[0]].get("file", ""), {})
+    time = origins[names[0]].get("time") or of_file.get("time", {})
+    choice = time.get("stamps", "auto")
     reading = next((Reading(*trial.clocks[name]) for name in names if name in trial.clocks), None)
     if choice != "auto":
         reading = Reading(choice == "even", 0.0, True, f"stated: {choice}")

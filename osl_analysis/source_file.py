@@ -348,10 +348,12 @@ class InAxes(Source):
 class LogSource(Source):
     """The source file of a log."""
 
-    clock: Literal["master", "sync", "shared"] = "master"
-    """How the log's clock is aligned to motion capture's. `master`: not; the log is the only file.
-    `sync`: by the edges of the column `sync`. `shared`: by the signal that motion capture's source
-    file names under `shared`."""
+    clock: Literal["master", "sync", "shared", "common", "start"] = "master"
+    """How the log's clock is aligned to motion capture's, or that of a second log to the first.
+    `master`: not; the log is the only file, or the first. `sync`: by the edges of the column
+    `sync`. `shared`: by the signal that motion capture's source file names under `shared`, or by
+    the column that both logs have. `common`: both count from one time. `start`: both begin at one
+    instant."""
     # The recorded channel of each canonical column.
     channels: Annotated[Mapping[str, LogChannel], Field(min_length=1)]
     time: Time  # Where the time of a row or message comes from.

@@ -1,11 +1,13 @@
 """Calibration of a bench: a known spring or inertia, which gives its lag and gain; its fixture,
 measured alone and taken off the torque of every other trial; and the frame between two angles."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 import polars as pl
+import scipy
 
 from osl_analysis.bench.bench_settings import BenchStiffness, Fixture
 from osl_analysis.bench.friction import explanations_of, suspected_fault_of_losses
@@ -18,6 +20,7 @@ from osl_analysis.bench.regression import (
     IMPEDANCE,
     BenchFit,
     GroupFit,
+    Model,
     effect_columns,
     fit_groups,
     gram_sums,
@@ -27,7 +30,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.signals.grid import origin
 from osl_analysis.stats.estimates import Row, estimates_row
 from osl_analysis.stats.linear_fit import NORMAL_HALF_WIDTH
-from osl_analysis.trial import Trial
+from osl_analysis.trial import Array, Trial
 
 JOINT_SIDE = "theta_joint"  # column of the angle between frame and joint
 SPRING_LOSS = 1e-3
@@ -37,6 +40,8 @@ LEAST_INERTIA_SHARE = 0.01
 """Torque of the inertia over that of the spring, at the fastest motion, from which damping is told
 from a delay. They differ by the inertia's torque alone, and 0.001 of the torque are usually
 wrong."""
+DRIFT_STEPS = 4  # of a search for a drift, each a tenth of the one before or less
+LEAST_DRIFT_SHARE = 0.01  # of a torque, below which a negative friction is what a model leaves
 SAME_FIXTURE = 0.02  # share by which a stated fixture may differ, as rounding does
 
 
@@ -139,7 +144,7 @@ def known_row(analysis: Analysis, known: Known, frame: GroupFit | None) -> Row:
         # phase of d at f is a lag of d/(2 pi f)
         middle_hz = np.sqrt(record.band_hz[0] * record.band_hz[1])
         lag_of_loss_s = SPRING_LOSS / (2 * np.pi * middle_hz) / np.sqrt(3)
-        fit = fit.with_bench_error(np.array([lag_of_loss_s, 0.0, 0.0]))
+        fit = fit.with_bench_error(np.array([lag_of_loss_s, 0.0, 0.0, 0.0]))
 
     certain_lag_s = fit.beyond_interval("lag_s")
     fault = suspected_fault_of_losses(record) if certain_lag_s else None
@@ -179,7 +184,7 @@ def late_fits(record: Record, is_spring: bool) -> tuple[GroupFit, GroupFit | Non
     damped : GroupFit or None
         The fit that allows damping; None for a spring with too little inertia to tell it.
     """
-    fit_late = partial(late_fit, record.coarse, effect_columns(record))
+    fit_late = partial(drifting_fit, record.coarse, effect_columns(record))
     model = {**IMPEDANCE, "T_C": "T_C"}
     if not is_spring:
         fit, _ = fit_late(model=model)
@@ -200,6 +205,39 @@ def late_fits(record: Record, is_spring: bool) -> tuple[GroupFit, GroupFit | Non
     return (damped if is_damped else undamped), damped
 
 
+def drifting_fit(
+    few: Record, columns: Mapping[str, Array], model: Model, lag_s: float = 0.0
+) -> tuple[GroupFit, bool]:
+    """Fit a model to a torque whose lag goes on with time, as between two clocks.
+
+    Without the drift, friction and damping take its place. The lag is that in the middle, where its
+    errors are not those of the drift: rows count by how fast the torque changes.
+
+    Parameters and results are those of `late_fit`; the fit has the `clock_drift`, too.
+    """
+    spline_of = partial(scipy.interpolate.make_interp_spline, few.time, k=5)
+    torque_at = spline_of(few.filtered_torque)
+    of_model = np.column_stack([columns[name] for name in model.values()])
+    slope = torque_at(few.time, 1)
+    weights = np.where(few.is_fitted(), slope, 0.0) ** 2
+    since = few.time - np.average(few.time, weights=weights)
+    drift = 0.0
+    for _ in range(DRIFT_STEPS):
+        torque = torque_at(np.clip(few.time + drift * since, few.time[0], few.time[-1]))
+        in_time = replace(few, filtered_torque=torque, torque=torque)
+        fit, has_ended = late_fit(
+            in_time,
+            {**columns, "drifting": -slope * since},
+            {**model, "clock_drift": "drifting"},
+            lag_s,
+        )
+        drift += fit["clock_drift"]
+        lag_s = fit["lag_s"]
+        slope = spline_of(of_model @ fit.estimates[: len(model)])(few.time, 1)
+    estimates = np.array([*fit.estimates[:-2], drift, lag_s])
+    return replace(fit, estimates=estimates), has_ended
+
+
 def bench_estimates(fit: GroupFit, known: Known) -> BenchFit:
     """Lag, gain, and the fixture's inertia or weight, from Eq. 15 of what is known."""
     main, beside, name = ("K", "I", "inertia") if known.stiffness else ("I", "K", "weight")
@@ -212,9 +250,10 @@ def bench_estimates(fit: GroupFit, known: Known) -> BenchFit:
             "lag_s": (fit["lag_s"], {"lag_s": 1.0}),
             "gain": (gain, {main: 1 / size}),
             name: (other - taken, {beside: 1 / gain, main: -other / fit[main]}),
+            "clock_drift_ppm": (1e6 * fit["clock_drift"], {"clock_drift": 1e6}),
         }
     )
-    of_known = found.with_shared_error(known.share * np.array([0.0, gain, other - taken]))
+    of_known = found.with_shared_error(known.share * np.array([0.0, gain, other - taken, 0.0]))
     return BenchFit(**vars(of_known))
 
 

@@ -1,10 +1,12 @@
 """A draft of a campaign from a folder of recordings: a source file for each kind of them, a sample
 sheet, the section `walking` of the configuration, and what the user has to decide."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from osl_analysis.config.sheet import SOURCES
+from osl_analysis.draft.draft_pairs import Log, paired_logs
 from osl_analysis.draft.draft_sheet import UNNAMED, DraftedTrial, draft_trials, is_fixture_alone
 from osl_analysis.draft.draft_source import (
     DraftedSource,
@@ -18,6 +20,11 @@ from osl_analysis.draft.overview import FEWEST_NUMBERS, inspect_recording
 from osl_analysis.draft.recorded_channel import Overview
 from osl_analysis.errors import InputError, listing
 from osl_analysis.ingest.raw_files import check_file, recordings_in
+
+ASK_CLOCK = (
+    "`clock: start` in sources/{source}.yaml: both files of a trial are taken to begin at one"
+    " instant; check it, or write sync, shared or common (docs/own_data.md)"
+)
 
 
 @dataclass
@@ -86,7 +93,7 @@ def draft_campaign(folder: Path) -> Draft:
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder of recordings; check the path")
     draft = Draft()
-    described = describe_recordings(folder, draft)
+    described, seconds = paired(describe_recordings(folder, draft), draft)
     if not described:
         why = "; name the folder of the recordings"
         if draft.refused:
@@ -100,7 +107,7 @@ def draft_campaign(folder: Path) -> Draft:
             question = "the torque's `sign` differs from that of the other files of its source file"
             draft.open.append((f"{question}; give these one of their own", listing(turned)))
         draft.source_files[name] = drafted_source(best.overview, best.file.name, best.guesses)
-    draft.trials = trials_of(draft, described)
+    draft.trials = trials_of(draft, described, seconds)
     align_clocks(draft)
     captures = [recording.overview for recording in described if recording.overview.is_capture]
     experiments = {trial.cells["experiment"] for trial in draft.trials if "mocap" in trial.cells}
@@ -110,6 +117,21 @@ def draft_campaign(folder: Path) -> Draft:
     for recording in described:
         draft.open += [(question, str(recording.file)) for question in recording.overview.open]
     return draft
+
+
+def paired(described: list[Described], draft: Draft) -> tuple[list[Described], dict[Path, Path]]:
+    """Pair the logs of two recorders of one trial, and guess anew what their channels are, from
+    both; questions go into the draft. Second logs come by the first."""
+    logs = [
+        Log(each.file, each.overview, each.guesses)
+        for each in described
+        if not each.overview.is_capture
+    ]
+    pairs, questions = paired_logs(logs)
+    draft.open += questions
+    guesses = {log.file: log.guesses for pair in pairs for log in pair}
+    known = [replace(each, guesses=guesses.get(each.file, each.guesses)) for each in described]
+    return known, {first.file: second.file for first, second in pairs}
 
 
 def describe_recordings(folder: Path, draft: Draft) -> list[Described]:
@@ -156,13 +178,19 @@ def overview_of_recording(path: Path) -> Overview:
     return overview
 
 
-def trials_of(draft: Draft, described: Sequence[Described]) -> list[DraftedTrial]:
-    """Draft the trials, by the names of files, or else by what the source file of a log has: angle
-    and torque of a joint, or current and torque of an actuator."""
+def trials_of(
+    draft: Draft, described: Sequence[Described], seconds: Mapping[Path, Path]
+) -> list[DraftedTrial]:
+    """Draft the trials, by the names of files, or else by what the source files of its logs have:
+    angle and torque of a joint, or current and torque of an actuator. `seconds` are the second logs
+    of trials, by the first."""
+    source_of = {each.file: each.source for each in described}
     moved = {}
     joints: dict[str, list[str]] = {}  # by file
     for recording in described:
-        columns = draft.source_files[recording.source].named.keys()
+        columns = {*draft.source_files[recording.source].named}
+        if recording.file in seconds:
+            columns |= {*draft.source_files[source_of[seconds[recording.file]]].named}
         if {"theta", "torque"} <= columns:
             is_slow = turns_slowly(recording.guesses, recording.overview.clock)
             moved[recording.file] = "torque_angle" if is_slow else "impedance"
@@ -170,7 +198,7 @@ def trials_of(draft: Draft, described: Sequence[Described]) -> list[DraftedTrial
         elif {"torque_m", "current"} <= columns:
             moved[recording.file] = "actuator"
     files = [(each.file, each.source, each.overview.is_capture) for each in described]
-    trials = draft_trials(files, moved)
+    trials = draft_trials(files, moved, {second: first for first, second in seconds.items()})
     for trial in trials:
         named = joints.get(trial.cells.get("log", ""), [])
         if len(named) == 1:
@@ -179,9 +207,17 @@ def trials_of(draft: Draft, described: Sequence[Described]) -> list[DraftedTrial
 
 
 def align_clocks(draft: Draft) -> None:
-    """State `clock: sync` for logs with pulses beside captures with pulses, and `clock: common` for
+    """State `clock: start` for the second logs of trials, and ask whether it is so; `clock: sync`
+    for logs with pulses beside others or captures with pulses, and `clock: common` for
     OpenSim's tables beside its markers."""
     for trial in draft.trials:
+        if "log_2" in trial.cells:
+            log, second = (draft.source_files[trial.cells[name]] for name in SOURCES[:2])
+            is_pulsed = "sync" in log.named and "sync" in second.named
+            second.settings["clock"] = "sync" if is_pulsed else "start"
+            question = ASK_CLOCK.format(source=trial.cells["log_2_source"])
+            if not is_pulsed:
+                draft.open.append((question, trial.cells["trial"]))
         if not trial.cells.keys() >= {"log_source", "mocap_source"}:
             continue
         log = draft.source_files[trial.cells["log_source"]]

@@ -14,6 +14,7 @@ import numpy as np
 import polars as pl
 
 from osl_analysis import formats
+from osl_analysis.config.sheet import RECORDINGS
 from osl_analysis.errors import InputError, naming, nearest, printable
 from osl_analysis.files import digest
 from osl_analysis.formats import known_formats
@@ -23,6 +24,7 @@ from osl_analysis.ingest.clock import ClockFit, aligned_clock
 from osl_analysis.ingest.conversion import Converted
 from osl_analysis.ingest.guard import check_sizes
 from osl_analysis.ingest.message_log import convert_messages, join_on_stamp
+from osl_analysis.ingest.second_log import check_second_clock, joined_logs
 from osl_analysis.ingest.table_log import convert_table
 from osl_analysis.source_file import MarkerSource, MessageSource, Source, TableSource
 from osl_analysis.trial import Trial
@@ -94,8 +96,11 @@ def read_source(path: Path) -> Source:
 
 
 def check_clocks(log: Source, mocap: Source) -> None:
-    """Refuse source files of a log and of motion capture that do not state how the log's clock is
-    aligned."""
+    """Refuse source files of a log and of motion capture, or of two logs, that do not state how the
+    clock of the log, or of the second one, is aligned."""
+    if not isinstance(mocap, MarkerSource):
+        check_second_clock(log, mocap)
+        return
     shared = getattr(mocap, "shared", None)
     has_angle = shared is not None and shared.column in getattr(log, "channels", {})
     # what is no capture with analog channels tells when it is read whether it has the column
@@ -157,13 +162,13 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
     """
     cells = {column: value.strip() for column, value in row.items() if isinstance(value, str)}
     name = cells.get("trial", "")
-    files = {role: cells[role] for role in ("log", "mocap") if cells.get(role)}
+    files = {role: cells[role] for role in RECORDINGS if cells.get(role)}
     sources: dict[str, Source] = {}
     for role, file in files.items():
         check_file(raw_folder / file)
         sources[role] = read_source(sources_folder / f"{cells[f'{role}_source']}.yaml")
     if len(sources) == 2:
-        check_clocks(sources["log"], sources["mocap"])
+        check_clocks(*sources.values())
 
     provenance: dict[str, Any] = {
         "software": {"osl-analysis": version("osl-analysis")},
@@ -184,12 +189,17 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
         provenance["warnings"] += [printable(text) for text in recording.warnings]
         provenance[role] = facts
         for column, origin in recording.origins.items():
-            provenance["columns"][column] = {"file": role, **origin}
+            if role != "log_2" or column not in provenance["columns"]:
+                provenance["columns"][column] = {"file": role, **origin}
         if recording.losses:
             provenance.setdefault("damage", {})[role] = recording.losses
     samples = recording.samples
     with naming(f"trial {name} ({', '.join(files.values())})"):
-        if len(recordings) == 2:
+        if "log_2" in files:
+            pair = joined_logs([*recordings.values()], [*files.values()], sources["log_2"])
+            samples, provenance["clock"], warnings = pair
+            provenance["warnings"] += warnings
+        elif len(recordings) == 2:
             shared = getattr(sources["mocap"], "shared", None)
             is_common = getattr(sources["log"], "clock", "") == "common"
             fit, warnings = aligned_clock(recordings["log"], recordings["mocap"], shared, is_common)

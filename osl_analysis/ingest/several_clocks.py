@@ -19,7 +19,7 @@ def joined_clocks(parts: Sequence[Converted]) -> Converted:
     tables = [part.samples for part in parts]
     origins = {}
     rates = {}
-    remarks = []
+    remarks: list[str] = []
     for part in parts:
         time = part.facts["time"]
         origins.update(

@@ -394,8 +394,12 @@ def stream_of(trial: Trial, names: Sequence[str], beside: Collection[str] = ()) 
     if choice != "auto":
         reading = Reading(choice == "even", 0.0, True, f"stated: {choice}")
     counters = [name + COUNTER for name in names if name + COUNTER in trial.samples]
+    name = ", ".join(names)
+    files = trial.provenance.get("files", {})
+    if "log_2" in files:
+        name += f" of {files[origins[names[0]]['file']]['path']}"
     return Stream(
-        name=", ".join(names),
+        name=name,
         stamps=stamps,
         signals=dict(zip(names, values, strict=True)),
         reading=reading,

@@ -41,7 +41,7 @@ LEAST_INERTIA_SHARE = 0.01
 from a delay. They differ by the inertia's torque alone, and 0.001 of the torque are usually
 wrong."""
 DRIFT_STEPS = 4  # of a search for a drift, each a tenth of the one before or less
-LEAST_DRIFT_SHARE = 0.01  # of a torque, below which a negative friction is what a model leaves
+LEAST_FRICTION = 1e-3  # of the torque's SD; what a sound calibration's friction is negative by
 SAME_FIXTURE = 0.02  # share by which a stated fixture may differ, as rounding does
 
 
@@ -146,8 +146,11 @@ def known_row(analysis: Analysis, known: Known, frame: GroupFit | None) -> Row:
         lag_of_loss_s = SPRING_LOSS / (2 * np.pi * middle_hz) / np.sqrt(3)
         fit = fit.with_bench_error(np.array([lag_of_loss_s, 0.0, 0.0, 0.0]))
 
+    check_friction(record, counted)
     certain_lag_s = fit.beyond_interval("lag_s")
     fault = suspected_fault_of_losses(record) if certain_lag_s else None
+    middle_s = record.time[record.is_fitted()].mean()
+    lag_at_start_s = fit["lag_s"] - counted["clock_drift"] * middle_s
     delay = error_to_state(fit, "lag_s")
     gain = error_to_state(fit, "gain")
     to_state = f"calibration: {{torque_gain: {gain:.2g}, delay: {delay:.2g}}}"
@@ -167,11 +170,24 @@ def known_row(analysis: Analysis, known: Known, frame: GroupFit | None) -> Row:
         "lag_s_se_bench": fit.se_bench("lag_s"),
         **(estimates_row(damped, "B") if damped else {}),
         **estimates_row(counted, "T_C"),
+        "lag_at_start_s": lag_at_start_s,
         "certain_lag_s": certain_lag_s,
         "certain_gain_error": fit.beyond_interval("gain", 1.0),
         "to_state": to_state,
         "explanations": explanations_of(fault) if fault else None,
     }
+
+
+def check_friction(record: Record, fit: GroupFit) -> None:
+    """Refuse a calibration whose friction certainly drives the motion, as none does: the lag of its
+    torque is no delay, and no clock that drifts."""
+    low, high = fit.interval("T_C")
+    if high < -LEAST_FRICTION * np.std(record.filtered_torque):
+        raise InputError(
+            f"trial {record.name}: friction T_C = {fit['T_C']:.3g} N*m ({low:.3g} to {high:.3g}) is"
+            " certainly negative, as where the torque is late by what changes; see that nothing"
+            " slips or filters it, and record angle and torque by one device"
+        )
 
 
 def late_fits(record: Record, is_spring: bool) -> tuple[GroupFit, GroupFit | None]:
@@ -210,8 +226,8 @@ def drifting_fit(
 ) -> tuple[GroupFit, bool]:
     """Fit a model to a torque whose lag goes on with time, as between two clocks.
 
-    Without the drift, friction and damping take its place. The lag is that in the middle, where its
-    errors are not those of the drift: rows count by how fast the torque changes.
+    Without the drift, friction and damping take its place. The lag is the mean over the fitted
+    rows.
 
     Parameters and results are those of `late_fit`; the fit has the `clock_drift`, too.
     """
@@ -219,8 +235,7 @@ def drifting_fit(
     torque_at = spline_of(few.filtered_torque)
     of_model = np.column_stack([columns[name] for name in model.values()])
     slope = torque_at(few.time, 1)
-    weights = np.where(few.is_fitted(), slope, 0.0) ** 2
-    since = few.time - np.average(few.time, weights=weights)
+    since = few.time - few.time[few.is_fitted()].mean()
     drift = 0.0
     for _ in range(DRIFT_STEPS):
         torque = torque_at(np.clip(few.time + drift * since, few.time[0], few.time[-1]))

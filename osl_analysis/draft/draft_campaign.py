@@ -2,12 +2,12 @@
 sheet, the section `walking` of the configuration, and what the user has to decide."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from osl_analysis.config.sheet import SOURCES
-from osl_analysis.draft.draft_pairs import Log, paired_logs
-from osl_analysis.draft.draft_sheet import UNNAMED, DraftedTrial, draft_trials, is_fixture_alone
+from osl_analysis.draft.draft_pairs import Described, second_logs, with_common_guesses
+from osl_analysis.draft.draft_sheet import UNNAMED, DraftedTrial, draft_trials
 from osl_analysis.draft.draft_source import (
     DraftedSource,
     drafted_source,
@@ -15,7 +15,7 @@ from osl_analysis.draft.draft_source import (
     pulse_channels,
 )
 from osl_analysis.draft.draft_walking import draft_walking
-from osl_analysis.draft.likelihood import Guess, joints_named, turns_slowly
+from osl_analysis.draft.likelihood import joints_named, turns_slowly
 from osl_analysis.draft.overview import FEWEST_NUMBERS, inspect_recording
 from osl_analysis.draft.recorded_channel import Overview
 from osl_analysis.errors import InputError, listing
@@ -55,33 +55,6 @@ class Draft:
         return {name: source.text for name, source in self.source_files.items()}
 
 
-@dataclass(frozen=True)
-class Described:
-    """A recording of a folder, and the source file that it shares with others like it."""
-
-    file: Path  # relative to the folder
-    overview: Overview
-    guesses: Sequence[Guess]
-    source: str
-
-    @property
-    def torque_sign(self) -> int:
-        """1 or -1, if a torque is surely told, and its sign; else 0."""
-        return next(
-            (each.sign for each in self.guesses if each.is_sure and each.column == "torque"), 0
-        )
-
-    @property
-    def tells(self) -> tuple[bool, int, bool, int]:
-        """How much it tells: whether a joint turns, whose spring has the torque's sign, and no
-        fixture alone; channels; that sign; and channels that may be signals, or whether its markers
-        tell which axis points up."""
-        details = sum(not guess.why_not for guess in self.guesses)
-        details += "axes" in self.overview.settings
-        turns = not is_fixture_alone(self.file)
-        return turns, len(self.overview.channels), self.torque_sign != 0, details
-
-
 def draft_campaign(folder: Path) -> Draft:
     """Say what the recordings below a folder are.
 
@@ -119,19 +92,19 @@ def draft_campaign(folder: Path) -> Draft:
     return draft
 
 
-def paired(described: list[Described], draft: Draft) -> tuple[list[Described], dict[Path, Path]]:
-    """Pair the logs of two recorders of one trial, and guess anew what their channels are, from
-    both; questions go into the draft. Second logs come by the first."""
-    logs = [
-        Log(each.file, each.overview, each.guesses)
-        for each in described
-        if not each.overview.is_capture
-    ]
-    pairs, questions = paired_logs(logs)
-    draft.open += questions
-    guesses = {log.file: log.guesses for pair in pairs for log in pair}
-    known = [replace(each, guesses=guesses.get(each.file, each.guesses)) for each in described]
-    return known, {first.file: second.file for first, second in pairs}
+def paired(
+    described: Sequence[Described], draft: Draft
+) -> tuple[list[Described], dict[Path, Path]]:
+    """The recordings, with what the logs of two recorders of one trial tell together, and the
+    second log by the first; questions go into the draft."""
+    logs = {each.file: each for each in described if not each.overview.is_capture}
+    seconds, questions = second_logs([*logs.values()])
+    for files, why in questions.items():
+        draft.open.append((f"{why}: name both files of a trial as `log` and `log_2`", files))
+    for first, second in seconds.items():
+        for log in with_common_guesses(logs[first], logs[second]):
+            logs[log.file] = log
+    return [logs.get(each.file, each) for each in described], seconds
 
 
 def describe_recordings(folder: Path, draft: Draft) -> list[Described]:

@@ -1,126 +1,120 @@
-"""Logs of two recorders of one trial: of names that differ by one word, of which one has an angle
-and the other a torque."""
+"""Recordings as a draft describes them, and pairs of logs that two recorders wrote of one trial."""
 
 import re
-from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from osl_analysis.draft.draft_sheet import stem_of
-from osl_analysis.draft.likelihood import Guess, guessed_columns, with_documented_unit
+from osl_analysis.draft.draft_sheet import is_fixture_alone, stem_of
+from osl_analysis.draft.draft_source import guesses_of
+from osl_analysis.draft.likelihood import Guess, correlation
 from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
 from osl_analysis.errors import listing
-from osl_analysis.ingest.likely_clock import unwrapped
 
 SHORTEST = 0.5  # of the longer log; one that is shorter is of another trial
-LEAST_COMMON = 0.3  # share of the torque's variance that follows a motion; of another one's 0.1
-COARSE_HZ = 50.0  # rate at which motion and torque are compared, without noise of derivatives
+LEAST_COMMON = 0.3  # correlation of a torque with angle and velocity of its trial; of others 0.1
 
 
 @dataclass(frozen=True)
-class Log:
-    """A log of one recorder, and what its channels may be."""
+class Described:
+    """A recording of a folder, and the source file that it shares with others like it."""
 
-    file: Path
+    file: Path  # relative to the folder
     overview: Overview
     guesses: Sequence[Guess]
-
-    def has(self, column: str) -> bool:
-        """Whether a channel is taken for a column."""
-        return any(guess.column == column for guess in self.guesses)
+    source: str
 
     @property
-    def channels(self) -> list[RecordedChannel]:
-        """Its channels with their times [s] from its first row on."""
-        clock = self.overview.clock
-        signals = [with_documented_unit(one) for one in self.overview.drafted if one.count]
-        if clock is None:
-            return signals
-        readings, _ = unwrapped(clock.numbers)
-        times = (readings - readings[0]) * clock.base[0]
-        return [replace(signal, times=times) for signal in signals]
+    def torque_sign(self) -> int:
+        """1 or -1, if a torque is surely told, and its sign; else 0."""
+        return next(
+            (each.sign for each in self.guesses if each.is_sure and each.column == "torque"), 0
+        )
+
+    @property
+    def tells(self) -> tuple[bool, int, bool, int]:
+        """How much it tells: whether a joint turns, whose spring has the torque's sign, and no
+        fixture alone; channels; that sign; and channels that may be signals, or whether its markers
+        tell which axis points up."""
+        details = sum(not guess.why_not for guess in self.guesses)
+        details += "axes" in self.overview.settings
+        turns = not is_fixture_alone(self.file)
+        return turns, len(self.overview.channels), self.torque_sign != 0, details
+
+    @property
+    def likely(self) -> dict[str, RecordedChannel]:
+        """Its channels by the columns that they are taken for."""
+        return {guess.column: guess.channel for guess in self.guesses}
 
 
-def paired_logs(logs: Sequence[Log]) -> tuple[list[tuple[Log, Log]], list[tuple[str, str]]]:
+def second_logs(logs: Sequence[Described]) -> tuple[dict[Path, Path], dict[str, str]]:
     """Pair logs by name and by what they hold.
 
     Returns
     -------
-    pairs
-        With the angle and with the torque, whose guesses are made from both.
+    seconds
+        File with the torque, by that with the angle: their names differ by a word.
     questions
-        Question and file of those that may belong together, and are not paired.
+        Why others are not paired, by the files.
     """
-    angles = [log for log in logs if log.has("theta") and not log.has("torque")]
-    torques: dict[tuple[object, ...], dict[Path, Log]] = {}
-    for log in logs:
-        if log.has("torque") and not log.has("theta"):
-            for rest in names_but_a_word(log.file):
-                torques.setdefault(rest, {})[log.file] = log
-    partners = {
-        angle.file: {
-            file: log
-            for rest in names_but_a_word(angle.file)
-            for file, log in torques.get(rest, {}).items()
-        }
+    measured = {log.file: log.likely.keys() & {"theta", "torque"} for log in logs}
+    by_file = {log.file: log for log in logs}
+    angles = [file for file, columns in measured.items() if columns == {"theta"}]
+    torques = [file for file, columns in measured.items() if columns == {"torque"}]
+    alike: dict[object, list[Path]] = {}
+    for file in torques:
+        for name in names_but_a_word(file):
+            alike.setdefault(name, []).append(file)
+    of_angle = {
+        angle: {file for name in names_but_a_word(angle) for file in alike.get(name, ())}
         for angle in angles
     }
-    uses = Counter(file for found in partners.values() for file in found)
-    pairs = []
-    questions = []
-    for angle in angles:
-        found = partners[angle.file]
-        names = f"{angle.file} and {listing([str(file) for file in found])}"
-        if len(found) != 1 or max(uses[file] for file in found) > 1:
-            why = "several files may be a trial's other one" if found else ""
-        else:
-            first, second = with_common_guesses(angle, *found.values())
-            why = why_no_pair(first, second)
+    seconds = {}
+    questions = {}
+    for angle, partners in of_angle.items():
+        rivals = [other for other in angles if of_angle[other] & partners]
+        files = sorted({*rivals, *partners})
+        if len(files) == 2:
+            (torque,) = partners
+            why = why_no_pair(by_file[angle].likely, by_file[torque].likely)
             if not why:
-                pairs.append((first, second))
+                seconds[angle] = torque
+        else:
+            why = "the torque of no file, or of several, may be its own" if torques else ""
         if why:
-            questions.append((f"{why}: if they are one trial, name `log` and `log_2`", names))
-    alone = [log for log in angles if not partners[log.file]]
-    alone += [log for found in torques.values() for log in found.values() if not uses[log.file]]
-    if pairs:
-        lack = "no file with the other of angle and torque belongs to it: copy it, or exclude it"
-        questions += [(lack, str(file)) for file in dict.fromkeys(log.file for log in alone)]
-    return pairs, questions
+            questions[listing([str(file) for file in files or [angle]])] = why
+    return seconds, questions
 
 
-def names_but_a_word(file: Path) -> list[tuple[object, ...]]:
+def names_but_a_word(file: Path) -> list[object]:
     """Folder and words of a file's name, all of them and without one."""
     words = re.split(r"[\W_]+", stem_of(file))
-    return [(file.parent, *words[:place], *words[place + 1 :]) for place in range(len(words) + 1)]
+    places = range(len(words) + 1)
+    return [(file.parent, *words[:place], *words[place + 1 :]) for place in places]
 
 
-def with_common_guesses(angle: Log, torque: Log) -> tuple[Log, Log]:
-    """Both logs with what their channels are, by all of them."""
-    guesses = guessed_columns([*angle.channels, *torque.channels])
-    count = len(angle.channels)
-    return replace(angle, guesses=guesses[:count]), replace(torque, guesses=guesses[count:])
-
-
-def why_no_pair(angle: Log, torque: Log) -> str:
-    """Why two logs are of different trials, in words; empty if they may be of one."""
-    theta = next(guess.channel for guess in angle.guesses if guess.column == "theta")
-    load = next(guess.channel for guess in torque.guesses if guess.column == "torque")
-    if theta.times is None or load.times is None:
+def why_no_pair(
+    angles: Mapping[str, RecordedChannel], torques: Mapping[str, RecordedChannel]
+) -> str:
+    """Why two logs, by likely columns, are of different trials; empty if they may be of one."""
+    theta, torque = angles["theta"], torques["torque"]
+    if theta.times is None or torque.times is None:
         return ""
-    ends_s = [float(theta.times[-1]), float(load.times[-1])]
-    if min(ends_s) < SHORTEST * max(ends_s):
-        return f"they last {ends_s[0]:.4g} and {ends_s[1]:.4g} s"
-    if angle.has("sync") and torque.has("sync"):
-        return ""
-    time = np.arange(0.0, min(ends_s), 1 / COARSE_HZ)
-    motion = np.interp(time, theta.times, np.nan_to_num(theta.numbers))
-    omega = np.gradient(motion)
-    X = np.column_stack([motion, omega, np.gradient(omega), np.ones_like(time)])
-    y = np.interp(time, load.times, np.nan_to_num(load.numbers))
-    left = y - X @ np.linalg.lstsq(X, y)[0]
-    if np.var(left) > (1 - LEAST_COMMON) * np.var(y):
+    shorter_s, longer_s = sorted([theta.times[-1], torque.times[-1]])
+    if shorter_s < SHORTEST * longer_s:
+        return f"one lasts {longer_s:.4g} s, and the other {shorter_s:.4g}"
+    if angles.keys() & torques.keys() - {""}:
+        return ""  # what both recorded aligns them
+    follows = correlation(theta, torque), correlation(theta, torque, of_speed=True)
+    if np.hypot(*follows) < LEAST_COMMON:
         return "the torque does not follow the angle, if both begin at one instant"
     return ""
+
+
+def with_common_guesses(log: Described, second: Described) -> list[Described]:
+    """Both logs of a trial with what their channels are, by the channels of both."""
+    guesses = guesses_of(log.overview, second.overview)
+    count = len(log.guesses)
+    return [replace(log, guesses=guesses[:count]), replace(second, guesses=guesses[count:])]

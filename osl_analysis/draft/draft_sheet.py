@@ -38,7 +38,7 @@ LONGEST_NAME = 90  # signs of a trial's name
 SMALLEST_K = 10.0  # N*m/rad; `K1` is the number of a file
 UNPERTURBED = r"\b(unperturbed|unpert|baseline|normal|nominal|nom|level|free|no ?pert)\b"
 PERTURBED = r"\b(perturb|perturbed|perturbation|pert)\b"
-CONTROLLER = re.compile(r"(?<![A-Za-z])(un|non[-_]?)?comp(?:ensated)?(?![A-Za-z])", re.IGNORECASE)
+CONTROLLER = re.compile(r"(?<![A-Za-z])(un|non?[-_]?)?comp(?:ensated)?(?![A-Za-z])", re.IGNORECASE)
 
 # file and name of the source file of a trial's `log` and of its capture, `mocap`
 Recordings = Mapping[str, tuple[Path, str]]

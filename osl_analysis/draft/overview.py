@@ -23,6 +23,7 @@ from osl_analysis.ingest.likely_clock import (
     stated_rate,
     ticks,
     time_unit,
+    unwrapped,
 )
 from osl_analysis.recording import SECOND_NS, Channel, Kind, Recording
 from osl_analysis.source_file import MarkerSource, Source
@@ -218,8 +219,15 @@ def overview_of_table(recording: Recording) -> Overview:
         questions += of_time
     if clock is not None:
         signals = [channel for channel in drafted if channel.address != clock.address]
-        drafted = [channel for channel in signals if channel.numbers.size == clock.numbers.size]
-        untimed = [printable(channel.key) for channel in signals if channel not in drafted]
+        readings, _ = unwrapped(clock.numbers)
+        times = (readings - readings[:1].sum()) * clock.base[0]
+        drafted = [
+            replace(channel, times=times)
+            for channel in signals
+            if channel.numbers.size == clock.numbers.size
+        ]
+        timed = [channel.key for channel in drafted]
+        untimed = [printable(channel.key) for channel in signals if channel.key not in timed]
         if untimed:
             questions.append(
                 f"{', '.join(untimed)}: of another length than the clock; interpolate them to its"

@@ -24,7 +24,7 @@ from osl_analysis.ingest.clock import ClockFit, aligned_clock
 from osl_analysis.ingest.conversion import Converted
 from osl_analysis.ingest.guard import check_sizes
 from osl_analysis.ingest.message_log import convert_messages, join_on_stamp
-from osl_analysis.ingest.second_log import check_second_clock, joined_logs
+from osl_analysis.ingest.second_log import joined_logs
 from osl_analysis.ingest.table_log import convert_table
 from osl_analysis.source_file import MarkerSource, MessageSource, Source, TableSource
 from osl_analysis.trial import Trial
@@ -95,28 +95,34 @@ def read_source(path: Path) -> Source:
     return source
 
 
-def check_clocks(log: Source, mocap: Source) -> None:
+def check_clocks(first: Source, second: Source) -> None:
     """Refuse source files of a log and of motion capture, or of two logs, that do not state how the
     clock of the log, or of the second one, is aligned."""
-    if not isinstance(mocap, MarkerSource):
-        check_second_clock(log, mocap)
-        return
-    shared = getattr(mocap, "shared", None)
-    has_angle = shared is not None and shared.column in getattr(log, "channels", {})
-    # what is no capture with analog channels tells when it is read whether it has the column
-    has_edges = "sync" in getattr(mocap, "analogs", ["sync"])
-    aligns = {
-        "sync": has_edges or has_angle,
-        "shared": has_angle,
-        "common": mocap.format == "trc",
-    }
+    log = first
+    columns = getattr(first, "channels", {}).keys()
+    if isinstance(second, MarkerSource):
+        shared = second.shared
+        has_angle = shared is not None and shared.column in columns
+        # what is no capture with analog channels tells when it is read whether it has the column
+        has_edges = "sync" in getattr(second, "analogs", ["sync"])
+        aligns = {
+            "sync": has_edges or has_angle,
+            "shared": has_angle,
+            "common": second.format == "trc",
+        }
+    else:
+        log = second
+        both = columns & getattr(second, "channels", {}).keys()
+        aligns = {"sync": "sync" in both, "shared": bool(both), "common": True, "start": True}
     clock = getattr(log, "clock", "")
     if aligns.get(clock):
         return
     raise InputError(
-        f"{log.place('clock')}: '{clock}' does not align the log with motion capture of"
-        " this trial; write clock: sync and map the column sync in both source files, or clock:"
-        " shared and name an angle of the log under `shared` in that of motion capture"
+        f"{log.place('clock')}: '{clock}' does not align both recordings of the trial; write clock:"
+        " sync and map the column sync in both source files, or clock: shared and map a signal of"
+        " both logs in both, or name an angle of the log under `shared` in that of motion capture;"
+        " of two logs also common, if they count from one time, or start, if they begin at one"
+        " instant"
     )
 
 
@@ -196,8 +202,9 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
     samples = recording.samples
     with naming(f"trial {name} ({', '.join(files.values())})"):
         if "log_2" in files:
-            pair = joined_logs([*recordings.values()], [*files.values()], sources["log_2"])
-            samples, provenance["clock"], warnings = pair
+            clock = getattr(sources["log_2"], "clock", "")
+            samples, fit, warnings = joined_logs(recordings, clock)
+            provenance["clock"] = asdict(fit)
             provenance["warnings"] += warnings
         elif len(recordings) == 2:
             shared = getattr(sources["mocap"], "shared", None)

@@ -121,7 +121,7 @@ def convert_rows(
             " it"
         )
     apart, remarks = check_other_clocks(recording, source, clock, time, channels, clocks)
-    values, at_own_rate = with_own_rows(table.values, source, rows, time)
+    values, at_own_rate = with_own_rows(table.values, rows, time)
 
     columns, origins, gaps = canonical_columns(source, channels, values, rows, time, at_own_rate)
     frame = pl.DataFrame([pl.Series("time", time), *columns])

@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 import scipy
 
-from osl_analysis.bench.bench_settings import BenchStiffness, Fixture
+from osl_analysis.bench.bench_settings import BenchStiffness, Fixture, ImpedanceAnalysis
 from osl_analysis.bench.friction import explanations_of, suspected_fault_of_losses
 from osl_analysis.bench.impedance import QUANTITIES, Analysis
 from osl_analysis.bench.lags import late_fit
@@ -333,6 +333,18 @@ def with_fixture(trial: Trial, fixture: Fixture | None) -> Trial:
     of_torque = {**origin(trial, "torque"), "fixture": stated}
     columns = {**trial.provenance.get("columns", {}), "torque": of_torque}
     return replace(trial, provenance={**trial.provenance, "columns": columns})
+
+
+def with_clock_error(settings: ImpedanceAnalysis, trial: Trial) -> ImpedanceAnalysis:
+    """Settings whose `calibration.delay` holds the standard error of the fit of a trial's second
+    clock to the first, in the middle of the trial."""
+    clock = trial.provenance.get("clock") or {}
+    if clock.get("drift_error") is None:
+        return settings
+    error_s = clock["residual"] / np.sqrt(max(clock["edges"], 1))
+    delay_s = np.hypot(settings.calibration.delay, error_s)
+    calibration = settings.calibration.model_copy(update={"delay": delay_s})
+    return settings.model_copy(update={"calibration": calibration})
 
 
 def fixture_of(trial: Trial) -> dict[str, float]:

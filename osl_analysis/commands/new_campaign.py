@@ -170,6 +170,9 @@ def campaign_text(folder: Path, draft: Draft) -> str:
     lines += some_of(source_lines(draft), Most.SOURCES, "in sources/")
     experiments = Counter(trial.cells["experiment"] for trial in draft.trials)
     counts = [f"{count} {experiment}" for experiment, count in experiments.items()]
+    pairs = sum("log_2" in trial.cells for trial in draft.trials)
+    if pairs:
+        counts.append(f"{pairs} of them of two files")
     lines.append(f"trials.csv: {', '.join(counts)}")
     refused = [f"not read: {why}" for why in draft.refused]
     lines += some_of(refused, Most.REFUSED, "that `osl-analysis inspect` of their folder tells")

@@ -59,40 +59,44 @@ def second_logs(logs: Sequence[Described]) -> tuple[dict[Path, Path], dict[str, 
     questions
         Why others are not paired, by the files.
     """
-    measured = {log.file: log.likely.keys() & {"theta", "torque"} for log in logs}
-    by_file = {log.file: log for log in logs}
-    angles = [file for file, columns in measured.items() if columns == {"theta"}]
-    torques = [file for file, columns in measured.items() if columns == {"torque"}]
+    likely = {log.file: log.likely for log in logs}
+    halves = [file for file in likely if len(likely[file].keys() & {"theta", "torque"}) == 1]
     alike: dict[object, list[Path]] = {}
-    for file in torques:
+    for file in halves:
         for name in names_but_a_word(file):
             alike.setdefault(name, []).append(file)
-    of_angle = {
-        angle: {file for name in names_but_a_word(angle) for file in alike.get(name, ())}
-        for angle in angles
+    partners = {
+        file: {
+            other
+            for name in names_but_a_word(file)
+            for other in alike[name]
+            if ("theta" in likely[other]) != ("theta" in likely[file])
+        }
+        for file in halves
     }
     seconds = {}
     questions = {}
-    for angle, partners in of_angle.items():
-        rivals = [other for other in angles if of_angle[other] & partners]
-        files = sorted({*rivals, *partners})
-        if len(files) == 2:
-            (torque,) = partners
-            why = why_no_pair(by_file[angle].likely, by_file[torque].likely)
+    for file, others in partners.items():
+        group = {file}.union(others, *(partners[other] for other in others))
+        why = "the other file of the trial is missing, or one of several"
+        if len(group) == 2:
+            first, second = sorted(group, key=lambda each: "torque" in likely[each])
+            why = why_no_pair(likely[first], likely[second])
             if not why:
-                seconds[angle] = torque
-        else:
-            why = "the torque of no file, or of several, may be its own" if torques else ""
-        if why:
-            questions[listing([str(file) for file in files or [angle]])] = why
+                seconds[first] = second
+        if why and len({"theta" in likely[half] for half in halves}) == 2:
+            questions[listing([str(each) for each in sorted(group)])] = why
     return seconds, questions
 
 
 def names_but_a_word(file: Path) -> list[object]:
-    """Folder and words of a file's name, all of them and without one."""
+    """Folder and words of a file's name, all of them and without one that is no number or date."""
     words = re.split(r"[\W_]+", stem_of(file))
-    places = range(len(words) + 1)
-    return [(file.parent, *words[:place], *words[place + 1 :]) for place in places]
+    names: list[object] = [(file.parent, *words)]
+    for place, word in enumerate(words):
+        if not re.search(r"\d", word):
+            names.append((file.parent, *words[:place], *words[place + 1 :]))
+    return names
 
 
 def why_no_pair(

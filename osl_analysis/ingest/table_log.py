@@ -265,9 +265,9 @@ def check_one_timing(
         if is_whole and rows.count != shared.count:
             raise InputError(
                 f"channel '{first.key}' has {shared.count} values and '{channel.key}' has"
-                f" {rows.count} for one time, and nothing tells which are lost: save channels of"
-                " one length, as `torque = interp1(t_torque, torque, t_angle)`, and never cut to"
-                " one length"
+                f" {rows.count} for one time, and nothing tells which are lost: state with each"
+                f" channel its own time, as `time: {{{key}: NAME, unit: s}}`, or save both at"
+                " common times, as `interp1` gives, and never cut to one length"
             )
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from osl_analysis.config.sheet import SOURCES
-from osl_analysis.draft.draft_pairs import Described, second_logs, with_common_guesses
+from osl_analysis.draft.draft_pairs import Described, pair_logs
 from osl_analysis.draft.draft_sheet import UNNAMED, DraftedTrial, draft_trials
 from osl_analysis.draft.draft_source import (
     DraftedSource,
@@ -66,7 +66,9 @@ def draft_campaign(folder: Path) -> Draft:
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder of recordings; check the path")
     draft = Draft()
-    described, seconds = paired(describe_recordings(folder, draft), draft)
+    described = describe_recordings(folder, draft)
+    first_of, unpaired = pair_logs(described)
+    draft.open += unpaired
     if not described:
         why = "; name the folder of the recordings"
         if draft.refused:
@@ -80,7 +82,7 @@ def draft_campaign(folder: Path) -> Draft:
             question = "the torque's `sign` differs from that of the other files of its source file"
             draft.open.append((f"{question}; give these one of their own", listing(turned)))
         draft.source_files[name] = drafted_source(best.overview, best.file.name, best.guesses)
-    draft.trials = trials_of(draft, described, seconds)
+    draft.trials = trials_of(draft, described, first_of)
     align_clocks(draft)
     captures = [recording.overview for recording in described if recording.overview.is_capture]
     experiments = {trial.cells["experiment"] for trial in draft.trials if "mocap" in trial.cells}
@@ -90,21 +92,6 @@ def draft_campaign(folder: Path) -> Draft:
     for recording in described:
         draft.open += [(question, str(recording.file)) for question in recording.overview.open]
     return draft
-
-
-def paired(
-    described: Sequence[Described], draft: Draft
-) -> tuple[list[Described], dict[Path, Path]]:
-    """The recordings, with what the logs of two recorders of one trial tell together, and the
-    second log by the first; questions go into the draft."""
-    logs = {each.file: each for each in described if not each.overview.is_capture}
-    seconds, questions = second_logs([*logs.values()])
-    for files, why in questions.items():
-        draft.open.append((f"{why}: name both files of a trial as `log` and `log_2`", files))
-    for first, second in seconds.items():
-        for log in with_common_guesses(logs[first], logs[second]):
-            logs[log.file] = log
-    return [logs.get(each.file, each) for each in described], seconds
 
 
 def describe_recordings(folder: Path, draft: Draft) -> list[Described]:
@@ -152,18 +139,19 @@ def overview_of_recording(path: Path) -> Overview:
 
 
 def trials_of(
-    draft: Draft, described: Sequence[Described], seconds: Mapping[Path, Path]
+    draft: Draft, described: Sequence[Described], first_of: Mapping[Path, Path]
 ) -> list[DraftedTrial]:
     """Draft the trials, by the names of files, or else by what the source files of its logs have:
-    angle and torque of a joint, or current and torque of an actuator. `seconds` are the second logs
-    of trials, by the first."""
-    source_of = {each.file: each.source for each in described}
+    angle and torque of a joint, or current and torque of an actuator. `first_of` are the first logs
+    of trials, by the second."""
+    columns_of: dict[Path, set[str]] = {}
+    for recording in described:
+        log = first_of.get(recording.file, recording.file)
+        columns_of.setdefault(log, set()).update(draft.source_files[recording.source].named)
     moved = {}
     joints: dict[str, list[str]] = {}  # by file
     for recording in described:
-        columns = {*draft.source_files[recording.source].named}
-        if recording.file in seconds:
-            columns |= {*draft.source_files[source_of[seconds[recording.file]]].named}
+        columns = columns_of.get(recording.file, set())
         if {"theta", "torque"} <= columns:
             is_slow = turns_slowly(recording.guesses, recording.overview.clock)
             moved[recording.file] = "torque_angle" if is_slow else "impedance"
@@ -171,7 +159,7 @@ def trials_of(
         elif {"torque_m", "current"} <= columns:
             moved[recording.file] = "actuator"
     files = [(each.file, each.source, each.overview.is_capture) for each in described]
-    trials = draft_trials(files, moved, {second: first for first, second in seconds.items()})
+    trials = draft_trials(files, moved, first_of)
     for trial in trials:
         named = joints.get(trial.cells.get("log", ""), [])
         if len(named) == 1:
@@ -184,18 +172,17 @@ def align_clocks(draft: Draft) -> None:
     for logs with pulses beside others or captures with pulses, and `clock: common` for
     OpenSim's tables beside its markers."""
     for trial in draft.trials:
-        if "log_2" in trial.cells:
-            log, second = (draft.source_files[trial.cells[name]] for name in SOURCES[:2])
-            is_pulsed = "sync" in log.named and "sync" in second.named
-            second.settings["clock"] = "sync" if is_pulsed else "start"
-            question = ASK_CLOCK.format(source=trial.cells["log_2_source"])
-            if not is_pulsed:
-                draft.open.append((question, trial.cells["trial"]))
-        if not trial.cells.keys() >= {"log_source", "mocap_source"}:
+        sources = [draft.source_files[trial.cells[name]] for name in SOURCES if name in trial.cells]
+        if len(sources) == 1:
             continue
-        log = draft.source_files[trial.cells["log_source"]]
-        capture = draft.source_files[trial.cells["mocap_source"]]
-        if "sync" in log.named and "sync" in capture.named:
-            log.settings["clock"] = "sync"
-        if (log.settings["format"], capture.settings["format"]) == ("opensim", "trc"):
+        log, other = sources
+        is_second = "log_2" in trial.cells
+        aligned = other if is_second else log
+        if all("sync" in source.named for source in sources):
+            aligned.settings["clock"] = "sync"
+        elif is_second:
+            aligned.settings["clock"] = "start"
+            question = ASK_CLOCK.format(source=trial.cells["log_2_source"])
+            draft.open.append((question, trial.cells["trial"]))
+        if (log.settings["format"], other.settings["format"]) == ("opensim", "trc"):
             log.settings["clock"] = "common"

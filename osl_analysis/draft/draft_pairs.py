@@ -1,8 +1,10 @@
 """Recordings as a draft describes them, and pairs of logs that two recorders wrote of one trial."""
 
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import chain, product
 from pathlib import Path
 
 import numpy as np
@@ -11,13 +13,17 @@ from osl_analysis.draft.draft_sheet import is_fixture_alone, stem_of
 from osl_analysis.draft.draft_source import guesses_of
 from osl_analysis.draft.likelihood import Guess, correlation
 from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
-from osl_analysis.errors import listing
 
+PARTS = {"theta", "torque"}  # of which each log of a pair has one
+MOST_APART = 2  # words of which one of two names has each
+NAME_BOTH = "name both files of a trial as `log` and `log_2`"
+MISSING = f"the file with the other of angle and torque is missing: copy it, or {NAME_BOTH}"
+SEVERAL = "one of several files may be the other one"
 SHORTEST = 0.5  # of the longer log; one that is shorter is of another trial
 LEAST_COMMON = 0.3  # correlation of a torque with angle and velocity of its trial; of others 0.1
 
 
-@dataclass(frozen=True)
+@dataclass
 class Described:
     """A recording of a folder, and the source file that it shares with others like it."""
 
@@ -49,54 +55,41 @@ class Described:
         return {guess.column: guess.channel for guess in self.guesses}
 
 
-def second_logs(logs: Sequence[Described]) -> tuple[dict[Path, Path], dict[str, str]]:
-    """Pair logs by name and by what they hold.
+def pair_logs(recordings: Sequence[Described]) -> tuple[dict[Path, Path], list[tuple[str, str]]]:
+    """Pair logs by name and by what they hold; the channels of a pair are guessed from both.
 
     Returns
     -------
-    seconds
-        File with the torque, by that with the angle: their names differ by a word.
+    first_of
+        File with the angle, by that with the torque: words of their names and folders are the same
+        but for one, which is no number.
     questions
-        Why others are not paired, by the files.
+        Why others are not paired, and which files.
     """
-    likely = {log.file: log.likely for log in logs}
-    halves = [file for file in likely if len(likely[file].keys() & {"theta", "torque"}) == 1]
-    alike: dict[object, list[Path]] = {}
-    for file in halves:
-        for name in names_but_a_word(file):
-            alike.setdefault(name, []).append(file)
-    partners = {
-        file: {
-            other
-            for name in names_but_a_word(file)
-            for other in alike[name]
-            if ("theta" in likely[other]) != ("theta" in likely[file])
-        }
-        for file in halves
-    }
-    seconds = {}
-    questions = {}
-    for file, others in partners.items():
-        group = {file}.union(others, *(partners[other] for other in others))
-        why = "the other file of the trial is missing, or one of several"
-        if len(group) == 2:
-            first, second = sorted(group, key=lambda each: "torque" in likely[each])
-            why = why_no_pair(likely[first], likely[second])
-            if not why:
-                seconds[first] = second
-        if why and len({"theta" in likely[half] for half in halves}) == 2:
-            questions[listing([str(each) for each in sorted(group)])] = why
-    return seconds, questions
-
-
-def names_but_a_word(file: Path) -> list[object]:
-    """Folder and words of a file's name, all of them and without one that is no number or date."""
-    words = re.split(r"[\W_]+", stem_of(file))
-    names: list[object] = [(file.parent, *words)]
-    for place, word in enumerate(words):
-        if not re.search(r"\d", word):
-            names.append((file.parent, *words[:place], *words[place + 1 :]))
-    return names
+    logs = {each.file: each for each in recordings if not each.overview.is_capture}
+    angles = [file for file, log in logs.items() if {*log.likely} & PARTS == {"theta"}]
+    torques = [file for file, log in logs.items() if {*log.likely} & PARTS == {"torque"}]
+    words = {file: {*re.split(r"[\W_]+", f"{file.parent}/{stem_of(file)}")} for file in logs}
+    alike = []
+    for angle, torque in product(angles, torques):
+        apart = words[angle] ^ words[torque]
+        if len(apart) <= MOST_APART and not re.search(r"\d", "".join(apart)):
+            alike.append((angle, torque))
+    uses = Counter(chain.from_iterable(alike))
+    first_of = {}
+    questions = [(MISSING, str(file)) for file in [*angles, *torques] if not uses[file]]
+    for angle, torque in alike:
+        why = SEVERAL
+        if uses[angle] == uses[torque] == 1:
+            why = why_no_pair(logs[angle].likely, logs[torque].likely)
+        if why:
+            questions.append((f"{why}: {NAME_BOTH}", f"{angle} and {torque}"))
+            continue
+        first_of[torque] = angle
+        guesses = guesses_of(logs[angle].overview, logs[torque].overview)
+        count = len(logs[angle].guesses)
+        logs[angle].guesses, logs[torque].guesses = guesses[:count], guesses[count:]
+    return first_of, questions if angles and torques else []
 
 
 def why_no_pair(
@@ -115,10 +108,3 @@ def why_no_pair(
     if np.hypot(*follows) < LEAST_COMMON:
         return "the torque does not follow the angle, if both begin at one instant"
     return ""
-
-
-def with_common_guesses(log: Described, second: Described) -> list[Described]:
-    """Both logs of a trial with what their channels are, by the channels of both."""
-    guesses = guesses_of(log.overview, second.overview)
-    count = len(log.guesses)
-    return [replace(log, guesses=guesses[:count]), replace(second, guesses=guesses[count:])]

@@ -88,20 +88,17 @@ def convert_table(recording: Recording, source: TableSource) -> Converted:
 def of_each_clock(recording: Recording, source: TableSource) -> list[TableSource]:
     """The source file for the channels of each clock of a table: of the channels that share a
     stated time, or the timing that the file tells of them."""
-    by_clock: dict[str, list[str]] = {}
+    parts: dict[str, TableSource] = {}
     for column, setting in source.channels.items():
         time = getattr(setting, "time", None) or source.time
         clock = repr(time)
         if not time.name and time.rate is None:
             rows = recording.find(setting.address).rows
             clock += f" {rows.rate_hz} {rows.start_s}"
-        by_clock.setdefault(clock, []).append(column)
-    parts = []
-    for columns in by_clock.values():
-        channels = {column: source.channels[column] for column in columns}
-        time = getattr(channels[columns[0]], "time", None) or source.time
-        parts.append(source.model_copy(update={"time": time, "channels": channels}))
-    return parts or [source]  # force plates alone
+        known = parts[clock].channels if clock in parts else {}
+        update = {"time": time, "channels": {**known, column: setting}}
+        parts[clock] = source.model_copy(update=update)
+    return [*parts.values()] or [source]  # force plates alone
 
 
 def convert_rows(

@@ -36,6 +36,10 @@ def with_own_rows(
     for column, readings in values.items():
         numbers = np.ma.filled(np.ma.asarray(readings, np.float64), np.nan)
         is_sampled = ~np.isnan(numbers)
+        few = slice(LIMITS.rows_of_filter)  # all rows of an hour would take as long as reading it
+        are_lines = on_line(time[few], numbers[few]).mean() > LIMITS.most_irregular
+        if is_sampled.all() and not are_lines:
+            continue
         is_sampled[is_sampled] = ~interpolated(time[is_sampled], numbers[is_sampled])
         count = is_sampled.sum()
         if rows.count - count > LIMITS.most_irregular * rows.count and keeps_step(time[is_sampled]):
@@ -61,13 +65,10 @@ def keeps_step(stamps: Array) -> bool:
 def interpolated(time: Array, values: Array) -> NDArray[np.bool_]:
     """Rows (n,) that change, and lie on the line through their neighbours; none where the others do
     not keep step, as those of a coarse or smooth channel."""
-    tried = slice(LIMITS.rows_of_filter)
-    none = np.zeros(time.size, bool)
-    few = on_line(time[tried], values[tried]).sum()
-    if few < LIMITS.most_irregular * time[tried].size:
-        return none
     is_on_line = on_line(time, values)
-    return is_on_line & (np.diff(values, prepend=0) != 0) if keeps_step(time[~is_on_line]) else none
+    if not keeps_step(time[~is_on_line]):
+        return np.zeros_like(is_on_line)
+    return is_on_line & (np.diff(values, prepend=0) != 0)
 
 
 def on_line(time: Array, values: Array) -> NDArray[np.bool_]:
@@ -78,4 +79,4 @@ def on_line(time: Array, values: Array) -> NDArray[np.bool_]:
     slope = (values[2:] - values[:-2]) / np.maximum(time[2:] - time[:-2], LIMITS.shortest_step_s)
     off = np.abs(values[1:-1] - values[:-2] - slope * (time[1:-1] - time[:-2]))
     is_near = off <= printed + np.abs(slope) * LIMITS.printed_s
-    return np.pad(is_near, (values.size - is_near.size) // 2)
+    return np.concatenate([[False], is_near, [False]])[: values.size]

@@ -6,8 +6,9 @@ from conftest import refused_with
 from shipped import CONFIG
 
 from osl_analysis.bench.calibration import with_clock_error
-from osl_analysis.ingest.own_rows import interpolated
+from osl_analysis.ingest.own_rows import with_own_rows
 from osl_analysis.ingest.raw_files import trial_from_files
+from osl_analysis.recording import Rows
 from osl_analysis.signals.grid import stream_of
 
 FAST = np.arange(0, 20, 0.004)
@@ -167,4 +168,6 @@ def test_a_channel_that_was_interpolated_is_read_at_its_own_samples(tmp_path):
     np.repeat(NOISY[::5], 5),
 ])  # fmt: skip
 def test_a_coarse_smooth_or_held_channel_is_not_taken_for_an_interpolated_one(values):
-    assert not interpolated(FAST, values).any()
+    _, remarks = with_own_rows({"theta": values}, Rows(values.size), FAST)
+
+    assert not remarks

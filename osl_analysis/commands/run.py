@@ -279,7 +279,7 @@ def problem_of_sources(campaign: Campaign, trial: str) -> str:
         sources = [read_source(path) for path in campaign.sources(trial)]
         with naming(f"{campaign.config.sheet}: trial '{trial}'"):
             sources[0].of_part(row["log_part"] or "")
-        if len(sources) == 2:
+        if row["log"] and (row["log_2"] or row["mocap"]):
             check_clocks(*sources)
     except OslAnalysisError as error:
         return str(error)

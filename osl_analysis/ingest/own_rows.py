@@ -66,7 +66,7 @@ def interpolated(time: Array, values: Array) -> NDArray[np.bool_]:
     """Rows (n,) that change, and lie on the line through their neighbours; none where the others do
     not keep step, as those of a coarse or smooth channel."""
     is_on_line = on_line(time, values)
-    if not keeps_step(time[~is_on_line]):
+    if is_on_line.mean() <= LIMITS.most_irregular or not keeps_step(time[~is_on_line]):
         return np.zeros_like(is_on_line)
     return is_on_line & (np.diff(values, prepend=0) != 0)
 

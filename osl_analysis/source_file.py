@@ -180,6 +180,7 @@ class ColumnChannel(LogChannel):
     """A column of a table."""
 
     ADDRESS = "column"
+    time: "ColumnTime | None" = None  # Its own time, where it is not that of the others.
     column: ColumnName
     """Name in the header, with or without its unit (`torque` finds `torque [Nm]`); a pattern in
     which `*` stands for any text, which must fit one column (`"*.output_position"`); or the
@@ -215,6 +216,8 @@ class RowTime(Time):
     rate: PositiveFloat | None = None  # Rows per second [Hz], for a file without time.
     # What the numbers are: times, or the `interval` since the row before.
     each: Literal["stamp", "interval"] = "stamp"
+    # By how many parts per million this clock runs fast, such as a calibration tells.
+    drift_ppm: Annotated[float, Field(ge=-1000, le=1000)] = 0.0
     repeated: Literal["keep", "drop"] = "keep"
     """Rows whose stamp is that of the row before. `keep`: they are samples whose stamps were
     rounded. `drop`: the recorder read a device faster than it sampled; only the first row of each
@@ -368,10 +371,12 @@ class InAxes(Source):
 class LogSource(Source):
     """The source file of a log."""
 
-    clock: Literal["master", "sync", "shared"] = "master"
-    """How the log's clock is aligned to motion capture's. `master`: not; the log is the only file.
-    `sync`: by the edges of the column `sync`. `shared`: by the signal that motion capture's source
-    file names under `shared`."""
+    clock: Literal["master", "sync", "shared", "common", "start"] = "master"
+    """How the log's clock is aligned to motion capture's, or that of a second log to the first.
+    `master`: not; the log is the only file, or the first. `sync`: by the edges of the column
+    `sync`. `shared`: by the signal that motion capture's source file names under `shared`, or by
+    the column that both logs have. `common`: both count from one time. `start`: both begin at one
+    instant."""
     # The recorded channel of each canonical column.
     channels: Annotated[Mapping[str, LogChannel], Field(min_length=1)]
     time: Time  # Where the time of a row or message comes from.

@@ -182,7 +182,7 @@ def known_factor(ratio: float, signals: Sequence[str], near: float) -> str:
 
 
 CLOCK_NAMES = (
-    "time|t|timestamp|stamp|(state|loop|pi|sys|ros|elapsed)_time|elapsed|clock|seconds?"
+    "time|t|timestamps?|stamp|(state|loop|pi|sys|ros|elapsed)_time|elapsed|clock|seconds?"
     "|time_since_start|x_value|millis|micros|[mu]s|(date_?)?time|datetime|date_and_time"
     "|time_of_day|(uhr)?zeit|tijd|temps|tiempo|tempo"
 )

@@ -16,7 +16,12 @@ import polars as pl
 from osl_analysis.bench import bench_settings as choices
 from osl_analysis.bench import calibration
 from osl_analysis.bench.belt import belt_curve, belt_table, belt_trial
-from osl_analysis.bench.calibration import fixture_column, fixture_of, with_fixture
+from osl_analysis.bench.calibration import (
+    fixture_column,
+    fixture_of,
+    with_clock_error,
+    with_fixture,
+)
 from osl_analysis.bench.evidence import (
     UNSTATED,
     DesiredImpedance,
@@ -79,6 +84,7 @@ def fit_impedance_trial(
     fitted = of_joint
     if windows is not None:
         fitted, windows = without_broken_ends(of_joint, windows)
+    settings = with_clock_error(settings, trial)
     record = record_of_trial(fitted, settings, windows, beside=("theta_m", "current"))
     analysis = rendered_impedance(record)  # K, B and I, with what this motion tells of them
 

@@ -107,9 +107,9 @@ class DraftedSource:
 
 
 @np.errstate(all="ignore")  # what a damaged file holds may be of any size
-def guesses_of(overview: Overview) -> list[Guess]:
-    """Guess what the channels of a log are."""
-    signals = [channel for channel in overview.drafted if channel.count]
+def guesses_of(*overviews: Overview) -> list[Guess]:
+    """Guess what the channels of a log, or of both logs of a trial, are."""
+    signals = [channel for overview in overviews for channel in overview.drafted if channel.count]
     return guessed_columns([with_documented_unit(channel) for channel in signals])
 
 

@@ -328,7 +328,7 @@ def correlation(theta: RecordedChannel, torque: RecordedChannel, of_speed: bool 
     they have any; 0 if they cannot be compared."""
     x = np.nan_to_num(theta.numbers, posinf=0.0, neginf=0.0)
     y = np.nan_to_num(torque.numbers, posinf=0.0, neginf=0.0)
-    if theta.times is not None and torque.times is not None:
+    if theta.times is not torque.times and theta.times is not None and torque.times is not None:
         x = np.interp(torque.times, theta.times, x)
     if len(x) != len(y) or len(x) <= FEWEST_READINGS or not (varies(x) and varies(y)):
         return 0.0

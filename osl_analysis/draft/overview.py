@@ -225,12 +225,19 @@ def overview_of_table(recording: Recording) -> Overview:
         questions += of_time
     if clock is not None:
         signals = [channel for channel in drafted if channel.address != clock.address]
-        drafted = [channel for channel in signals if channel.numbers.size == clock.numbers.size]
-        untimed = [printable(channel.key) for channel in signals if channel not in drafted]
+        readings, _ = unwrapped(clock.numbers)
+        times = (readings - readings[:1].sum()) * clock.base[0]
+        drafted = [
+            replace(channel, times=times)
+            for channel in signals
+            if channel.numbers.size == clock.numbers.size
+        ]
+        timed = [channel.key for channel in drafted]
+        untimed = [printable(channel.key) for channel in signals if channel.key not in timed]
         if untimed:
             questions.append(
-                f"{', '.join(untimed)}: of another length than the clock; interpolate them to its"
-                " times, or leave them out"
+                f"{', '.join(untimed)}: of another length than the clock; state the `time` of"
+                " each with it, or leave them out"
             )
         facts["clock"] = f"{clock.key}, {clock.note}"
     return Overview(recording.format, facts, shown, remarks, settings, drafted, clock, questions)
@@ -353,7 +360,10 @@ def choose_clock(channels: Sequence[RecordedChannel]) -> ClockChoice:
         spans = [f"{printable(clock.key)} spans {np.ptp(clock.readings):.6g}" for clock in asked]
         what = f"{printable(first.key)} is taken, check it"
         if rivals:
-            what = "they contradict each other, name the one by which the signals were sampled"
+            what = (
+                "they contradict each other, name the one by which the signals were sampled, or"
+                " `time` with each channel"
+            )
         question = f"{len(asked)} {first.kind}s may be the clock: {listing(spans)}; {what}"
         return ClockChoice(None if rivals else first, [question])
     if named:

@@ -22,8 +22,8 @@ from osl_analysis.source_file import LEVEL_UNIT, MOST_DAMAGED, Conversion, LogCh
 from osl_analysis.trial import COUNTER, Array, unit_of
 from osl_analysis.units import EXAMPLES, quantity, si_factor
 
-# facts on a sensor, which the provenance has in SI units
-OF_SENSOR = {"delay", "low_pass", "resolution", "range"}
+# facts on a sensor, which the provenance has in SI units, and a clock of its own
+OF_SENSOR = {"delay", "low_pass", "resolution", "range", "time"}
 LARGEST_COUNT = 2.0**53  # floats hold whole numbers exactly below it
 BESIDE = "_beside"  # ends the key of the speed of a column's body, or of its angle
 NO_BODY = re.compile(r"\b(counts?|ticks?|raw|meas\w*|actual|value|filtered)\b")  # in a name
@@ -125,6 +125,7 @@ def canonical_columns(
     values: Mapping[str, NDArray[Any]],
     rows: Rows,
     time: Array,
+    told: Collection[str] = (),
 ) -> tuple[list[pl.Series], dict[str, dict[str, Any]], list[str]]:
     """Convert the channels of some rows at times (n,) [s], and the counters beside them.
 
@@ -133,6 +134,8 @@ def canonical_columns(
     channels, values
         Channels, and readings (n,) of them, of their counters and of what is beside them, by
         canonical column: NaN where one failed, masked where there is none.
+    told
+        Columns of which a remark tells already where they have a value.
 
     Returns
     -------
@@ -167,10 +170,10 @@ def canonical_columns(
         missing = np.isnan(numbers)
         check_finite_values(setting.title, np.where(missing, 0.0, numbers), time)
         leaps = spoiled(numbers) if source.damaged == "skip" else missing
-        told = {"has no value": lacking, "is missing": missing}
-        told[f"leaps or recurs, as {numbers[np.argmax(leaps)]:.12g},"] = leaps & ~missing
-        for what, lacks in told.items():
-            if lacks.any():
+        told_here = {"has no value": lacking, "is missing": missing}
+        told_here[f"leaps or recurs, as {numbers[np.argmax(leaps)]:.12g},"] = leaps & ~missing
+        for what, lacks in told_here.items():
+            if lacks.any() and not (lacks is lacking and column in told):
                 remarks.append(
                     f"{setting.title} {what} in {lacks.sum()} of {rows.count} {rows.noun}s, first"
                     f" {rows.place(np.argmax(lacks))}"

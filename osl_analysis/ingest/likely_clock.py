@@ -173,6 +173,7 @@ def check_other_clocks(
     clock: Channel | None,
     time: Array,
     asked: Mapping[str, Channel],
+    clocks_asked: Collection[Channel | None] = (),
 ) -> tuple[dict[str, float], list[str]]:
     """Hold the time of a table against the other clocks in it.
 
@@ -184,6 +185,8 @@ def check_other_clocks(
         Of the rows that are used [s], (rows,).
     asked
         The channels of signals by column.
+    clocks_asked
+        The clocks of all channels of the table, of which each tells the time of its own.
 
     Returns
     -------
@@ -202,7 +205,11 @@ def check_other_clocks(
     apart: dict[str, float] = {}
     remarks = []
     rates = [*rates_in_file(recording, asked)]
-    clocks = [*clocks_beside(recording, source, clock, time.size, asked)]
+    clocks = [
+        found
+        for found in clocks_beside(recording, source, clock, time.size, asked)
+        if found[0] not in clocks_asked
+    ]
     for name, other in rates:
         if rate is not None and abs(rate / other - 1) > LIMITS.other_rate:
             raise InputError(
@@ -214,8 +221,8 @@ def check_other_clocks(
             late = np.nanmedian(np.abs(readings - numbers_of(clock)[: readings.size]))
             if late > 0.5 * np.median(steps):
                 raise InputError(
-                    f"{key} '{channel.key}' tells another time for what stands beside it; export"
-                    " the channels of each rate on their own, or each with the time of all"
+                    f"{key} '{channel.key}' tells another time for what stands beside it; state"
+                    f" it with that channel, as `time: {{{key}: {channel.key}, unit: s}}`"
                 )
         span = np.ptp(time[np.isfinite(readings)])
         ratio = span_ratio(steps.sum(), span)

@@ -14,6 +14,7 @@ import numpy as np
 import polars as pl
 
 from osl_analysis import formats
+from osl_analysis.config.sheet import RECORDINGS
 from osl_analysis.errors import InputError, naming, nearest, printable
 from osl_analysis.files import digest
 from osl_analysis.formats import known_formats
@@ -22,6 +23,7 @@ from osl_analysis.ingest.clock import ClockFit, aligned_clock
 from osl_analysis.ingest.conversion import Converted, numbers_of
 from osl_analysis.ingest.guard import check_sizes
 from osl_analysis.ingest.message_log import convert_messages, join_on_stamp
+from osl_analysis.ingest.second_log import joined_logs
 from osl_analysis.ingest.table_log import convert_table
 from osl_analysis.source_file import MarkerSource, MessageSource, Source, TableSource
 from osl_analysis.trial import Trial
@@ -92,25 +94,34 @@ def read_source(path: Path) -> Source:
     return source
 
 
-def check_clocks(log: Source, mocap: Source) -> None:
-    """Refuse source files of a log and of motion capture that do not state how the log's clock is
-    aligned."""
-    shared = getattr(mocap, "shared", None)
-    has_angle = shared is not None and shared.column in getattr(log, "channels", {})
-    # what is no capture with analog channels tells when it is read whether it has the column
-    has_edges = "sync" in getattr(mocap, "analogs", ["sync"])
-    aligns = {
-        "sync": has_edges or has_angle,
-        "shared": has_angle,
-        "common": mocap.format == "trc",
-    }
+def check_clocks(first: Source, second: Source) -> None:
+    """Refuse source files of a log and of motion capture, or of two logs, that do not state how the
+    clock of the log, or of the second one, is aligned."""
+    log = first
+    columns = getattr(first, "channels", {}).keys()
+    if isinstance(second, MarkerSource):
+        shared = second.shared
+        has_angle = shared is not None and shared.column in columns
+        # what is no capture with analog channels tells when it is read whether it has the column
+        has_edges = "sync" in getattr(second, "analogs", ["sync"])
+        aligns = {
+            "sync": has_edges or has_angle,
+            "shared": has_angle,
+            "common": second.format == "trc",
+        }
+    else:
+        log = second
+        both = columns & getattr(second, "channels", {}).keys()
+        aligns = {"sync": "sync" in both, "shared": bool(both), "common": True, "start": True}
     clock = getattr(log, "clock", "")
     if aligns.get(clock):
         return
     raise InputError(
-        f"{log.place('clock')}: '{clock}' does not align the log with motion capture of"
-        " this trial; write clock: sync and map the column sync in both source files, or clock:"
-        " shared and name an angle of the log under `shared` in that of motion capture"
+        f"{log.place('clock')}: '{clock}' does not align both recordings of the trial; write clock:"
+        " sync and map the column sync in both source files, or clock: shared and map a signal of"
+        " both logs in both, or name an angle of the log under `shared` in that of motion capture;"
+        " of two logs also common, if they count from one time, or start, if they begin at one"
+        " instant"
     )
 
 
@@ -180,13 +191,13 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
     """
     cells = {column: value.strip() for column, value in row.items() if isinstance(value, str)}
     name = cells.get("trial", "")
-    files = {role: cells[role] for role in ("log", "mocap") if cells.get(role)}
+    files = {role: cells[role] for role in RECORDINGS if cells.get(role)}
     sources: dict[str, Source] = {}
     for role, file in files.items():
         check_file(raw_folder / file)
         sources[role] = read_source(sources_folder / f"{cells[f'{role}_source']}.yaml")
     if len(sources) == 2:
-        check_clocks(sources["log"], sources["mocap"])
+        check_clocks(*sources.values())
 
     provenance: dict[str, Any] = {
         "software": {"osl-analysis": version("osl-analysis")},
@@ -207,12 +218,18 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
         provenance["warnings"] += [printable(text) for text in recording.warnings]
         provenance[role] = facts
         for column, origin in recording.origins.items():
-            provenance["columns"][column] = {"file": role, **origin}
+            if role != "log_2" or column not in provenance["columns"]:
+                provenance["columns"][column] = {"file": role, **origin}
         if recording.losses:
             provenance.setdefault("damage", {})[role] = recording.losses
     samples = recording.samples
     with naming(f"trial {name} ({', '.join(files.values())})"):
-        if len(recordings) == 2:
+        if "log_2" in files:
+            clock = getattr(sources["log_2"], "clock", "")
+            samples, fit, warnings = joined_logs(recordings, clock)
+            provenance["clock"] = asdict(fit)
+            provenance["warnings"] += warnings
+        elif len(recordings) == 2:
             shared = getattr(sources["mocap"], "shared", None)
             is_common = getattr(sources["log"], "clock", "") == "common"
             fit, warnings = aligned_clock(recordings["log"], recordings["mocap"], shared, is_common)

@@ -250,12 +250,15 @@ def assert_samples(trial, **columns):
         np.testing.assert_array_equal(trial.samples[name], values)
 
 
-def test_devices_with_rows_of_their_own_are_refused_with_what_to_export(tmp_path):
+def test_devices_with_rows_of_their_own_are_joined_as_topics_are(tmp_path):
     rows = "".join(f"{k / 100},{k},\n{k / 100 + 0.0031},,{2 * k}\n" for k in range(50))
 
-    said = refused(tmp_path, "t,angle,load\n" + rows)
+    trial = ingested(tmp_path, "t,angle,load\n" + rows)
 
-    assert re.search("theta.* torque", said)
+    for column, late in (("theta", 0.0), ("torque", 0.0031)):
+        time, values = trial.arrays(column)
+        np.testing.assert_allclose(time, np.arange(50) / 100 + late, atol=1e-9)
+        assert np.ptp(np.diff(values)) == pytest.approx(0, abs=1e-9)
 
 
 @pytest.mark.parametrize(("text", "stated", "told", "samples"), [

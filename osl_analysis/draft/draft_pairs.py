@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 from itertools import chain, product
 from pathlib import Path
@@ -13,12 +13,13 @@ from osl_analysis.draft.draft_sheet import is_fixture_alone, stem_of
 from osl_analysis.draft.draft_source import guesses_of
 from osl_analysis.draft.likelihood import Guess, correlation
 from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
+from osl_analysis.errors import listing
 
 PARTS = {"theta", "torque"}  # of which each log of a pair has one
 MOST_APART = 2  # words of which one of two names has each
 NAME_BOTH = "name both files of a trial as `log` and `log_2`"
 MISSING = f"the file with the other of angle and torque is missing: copy it, or {NAME_BOTH}"
-SEVERAL = "one of several files may be the other one"
+SEVERAL = f"one of several files may be the other one of these: {NAME_BOTH}"
 SHORTEST = 0.5  # of the longer log; one that is shorter is of another trial
 LEAST_COMMON = 0.3  # correlation of a torque with angle and velocity of its trial; of others 0.1
 
@@ -67,21 +68,19 @@ def pair_logs(recordings: Sequence[Described]) -> tuple[dict[Path, Path], list[t
         Why others are not paired, and which files.
     """
     logs = {each.file: each for each in recordings if not each.overview.is_capture}
-    angles = [file for file, log in logs.items() if {*log.likely} & PARTS == {"theta"}]
-    torques = [file for file, log in logs.items() if {*log.likely} & PARTS == {"torque"}]
-    words = {file: {*re.split(r"[\W_]+", f"{file.parent}/{stem_of(file)}")} for file in logs}
-    alike = []
-    for angle, torque in product(angles, torques):
-        apart = words[angle] ^ words[torque]
-        if len(apart) <= MOST_APART and not re.search(r"\d", "".join(apart)):
-            alike.append((angle, torque))
+    angles = {file for file, log in logs.items() if {*log.likely} & PARTS == {"theta"}}
+    torques = {file for file, log in logs.items() if {*log.likely} & PARTS == {"torque"}}
+    alike = names_alike(angles, torques)
     uses = Counter(chain.from_iterable(alike))
     first_of = {}
-    questions = [(MISSING, str(file)) for file in [*angles, *torques] if not uses[file]]
+    questions = [(MISSING, str(file)) for file in sorted(angles | torques) if not uses[file]]
+    several = [str(file) for file in sorted(uses) if uses[file] > 1]
+    if several:
+        questions.append((SEVERAL, listing(several)))
     for angle, torque in alike:
-        why = SEVERAL
-        if uses[angle] == uses[torque] == 1:
-            why = why_no_pair(logs[angle].likely, logs[torque].likely)
+        if uses[angle] > 1 or uses[torque] > 1:
+            continue
+        why = why_no_pair(logs[angle].likely, logs[torque].likely)
         if why:
             questions.append((f"{why}: {NAME_BOTH}", f"{angle} and {torque}"))
             continue
@@ -90,6 +89,19 @@ def pair_logs(recordings: Sequence[Described]) -> tuple[dict[Path, Path], list[t
         count = len(logs[angle].guesses)
         logs[angle].guesses, logs[torque].guesses = guesses[:count], guesses[count:]
     return first_of, questions if angles and torques else []
+
+
+def names_alike(angles: Set[Path], torques: Set[Path]) -> list[tuple[Path, Path]]:
+    """Pairs of files whose words, of name and folders, are the same but for `MOST_APART`, none of
+    which has a digit."""
+    words = {}
+    files_with: dict[Set[str], set[Path]] = {}  # by words with a digit
+    for file in angles | torques:
+        words[file] = {*re.split(r"[\W_]+", f"{file.parent}/{stem_of(file)}")}
+        numbers = frozenset(filter(re.compile(r"\d").search, words[file]))
+        files_with.setdefault(numbers, set()).add(file)
+    pairs = chain(*(product(files & angles, files & torques) for files in files_with.values()))
+    return sorted(pair for pair in pairs if len(words[pair[0]] ^ words[pair[1]]) <= MOST_APART)
 
 
 def why_no_pair(

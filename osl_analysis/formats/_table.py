@@ -36,7 +36,7 @@ from osl_analysis.formats._text import (
 )
 from osl_analysis.recording import Channel, End, Kind, Loss, Recording, Rows
 from osl_analysis.source_file import ColumnChannel, ColumnTime, TableSource
-from osl_analysis.units import is_unit
+from osl_analysis.units import is_clock, is_unit
 
 MOST_COLUMNS = 10_000  # a table with more columns is transposed, or no recording
 BRACKETS = "[](){}- "  # around a unit, or in its place
@@ -299,9 +299,11 @@ def _head_of(
             for text in [*comments, *map(delimiter.join, candidates[-1:])]
         ]
         lists = [names for names in split if names]
-    units = []
-    if len(lists) > 1 and _are_units(lists[-1]):
-        units = [cell.strip(BRACKETS) for cell in lists.pop()]
+    units: list[str] = []
+    for place in range(len(lists) - 1, 0, -1):  # below them may stand remarks
+        if not units and _are_units(lists[place]):
+            units = [cell.strip(BRACKETS) for cell in lists[place]]
+            lists = lists[:place]
     for cells in candidates:  # `Y_Unit_Label` of LabVIEW
         if not units and re.search(r"(?i)unit", cells[0]) and _are_units(cells[1:]):
             units = ["", *cells[1:width]]
@@ -311,6 +313,7 @@ def _head_of(
     if lists:
         names = unpadded(lists[-1])
         above_units = [cells for cells in lists if units and len({*cells}) == len(cells) == width]
+        above_units.sort(key=lambda cells: not any(map(is_clock, cells)))  # else of devices
         if above_units and not any(map(is_value, above_units[0])):
             names = above_units[0]  # those below them are remarks
         elif len(lists) > 1 and not all(names):  # the rest of the names is above

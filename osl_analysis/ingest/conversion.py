@@ -166,13 +166,16 @@ def canonical_columns(
                 f" number as `{setting.ADDRESS}` in the source file"
             )
         lacking = np.ma.getmaskarray(readings)
-        numbers = np.ma.filled(readings.astype(float), 0.0)
-        missing = np.isnan(numbers)
-        check_finite_values(setting.title, np.where(missing, 0.0, numbers), time)
-        leaps = spoiled(numbers) if source.damaged == "skip" else missing
-        told_here = {"has no value": lacking, "is missing": missing}
-        told_here[f"leaps or recurs, as {numbers[np.argmax(leaps)]:.12g},"] = leaps & ~missing
-        for what, lacks in told_here.items():
+        numbers = np.ma.filled(readings.astype(float), np.nan)
+        known = ~np.isnan(numbers)
+        missing = ~known & ~lacking
+        check_finite_values(setting.title, np.where(known, numbers, 0.0), time)
+        leaps = np.zeros_like(known)
+        if source.damaged == "skip":
+            leaps[known] = spoiled(numbers[known])
+        what_lacks = {"has no value": lacking, "is missing": missing}
+        what_lacks[f"leaps or recurs, as {numbers[np.argmax(leaps)]:.12g},"] = leaps
+        for what, lacks in what_lacks.items():
             if lacks.any() and not (lacks is lacking and column in told):
                 remarks.append(
                     f"{setting.title} {what} in {lacks.sum()} of {rows.count} {rows.noun}s, first"
@@ -186,7 +189,7 @@ def canonical_columns(
                 f" {share_above(missing.sum(), missing.size):g}` in the source file"
             )
         if setting.wraps_at is not None:
-            known = ~(leaps | missing | lacking)
+            known &= ~leaps
             whole = np.unwrap(numbers[known], period=setting.wraps_at)
             if np.array_equal(whole, numbers[known]):
                 remarks.append(f"{setting.title}: `wraps_at` had no effect, nothing begins anew")

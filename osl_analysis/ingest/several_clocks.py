@@ -19,14 +19,18 @@ def joined_clocks(parts: Sequence[Converted]) -> Converted:
     fits = [ClockFit(start_s - first_s) for start_s in starts_s]
     origins = {}
     remarks: list[str] = []
+    damage: list[str] = []
     for part in parts:
         time = part.facts["time"]
         origins.update({name: {**origin, "time": time} for name, origin in part.origins.items()})
         remarks.extend(part.warnings)
+        damage.extend(part.facts["damage"])
+    first = parts[starts_s.index(first_s)]
     return replace(
-        parts[starts_s.index(first_s)],
+        first,
         samples=on_one_clock([part.samples for part in parts], fits),
         origins=origins,
+        facts={**first.facts, "damage": [*dict.fromkeys(damage)]},
         warnings=[*dict.fromkeys(remarks)],
     )
 

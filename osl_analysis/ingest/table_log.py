@@ -123,7 +123,8 @@ def convert_rows(
 
     columns, origins, gaps = canonical_columns(source, asked, values, rows, time, at_own_rate)
     frame = pl.DataFrame([pl.Series("time", time), *columns])
-    warnings = [*recording.loss.remarks, *table.remarks, *remarks, *at_own_rate.values(), *gaps]
+    rates = [text for column, text in at_own_rate.items() if column in channels]
+    warnings = [*recording.loss.remarks, *table.remarks, *remarks, *rates, *gaps]
     for column, origin in origins.items():
         channel = channels[column]
         origin["found"] = channel.title or channel.key

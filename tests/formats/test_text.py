@@ -206,6 +206,8 @@ NUMBERS = [f"{k / 100},{k % 7},{k % 5}" for k in range(40)]
      ["Time", "ANGLE joint", "TORQUE shaft"], ["s", "deg", "Nm"]),
     (["t,Position,Torque", "clock,encoder 1,object 6077h", "(s),(deg),(Nm)"],
      ["t", "Position", "Torque"], ["s", "deg", "Nm"]),
+    (["Device,Encoder,Load cell", "Time,Angle,Torque", "s,deg,Nm", "raw,raw,scaled"],
+     ["Time", "Angle", "Torque"], ["s", "deg", "Nm"]),
     (["Model,DLM4058", "TraceName,ANGLE,TORQUE", "VUnit,V,V", "Time,09:15:41.25,09:15:41.25"],
      ["1", "ANGLE", "TORQUE"], ["", "V", "V"]),
 ])  # fmt: skip

@@ -67,7 +67,10 @@ def stated_between(low: float, high: float, unit: str) -> AfterValidator:
 
 def of_fraction(value: object) -> object:
     """A number that may be written as `1/4096`."""
-    return float(Fraction(value)) if isinstance(value, str) else value
+    try:
+        return float(Fraction(value)) if isinstance(value, str) else value
+    except ArithmeticError as error:
+        raise ValueError(f"{value} is no number; write 1/COUNTS, as 1/4096") from error
 
 
 class SensorFilter(Settings):

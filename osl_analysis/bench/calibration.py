@@ -1,18 +1,16 @@
 """Calibration of a bench: a known spring or inertia, which gives its lag and gain; its fixture,
 measured alone and taken off the torque of every other trial; and the frame between two angles."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 import polars as pl
-import scipy
 
-from osl_analysis.bench.bench_settings import BenchStiffness, Fixture, ImpedanceAnalysis
+from osl_analysis.bench.bench_settings import BenchStiffness, Fixture
+from osl_analysis.bench.clock_drift import check_friction, drifting_fit
 from osl_analysis.bench.friction import explanations_of, suspected_fault_of_losses
 from osl_analysis.bench.impedance import QUANTITIES, Analysis
-from osl_analysis.bench.lags import late_fit
 from osl_analysis.bench.motion import signals_of
 from osl_analysis.bench.plausibility import check_resists
 from osl_analysis.bench.record import Record
@@ -20,7 +18,6 @@ from osl_analysis.bench.regression import (
     IMPEDANCE,
     BenchFit,
     GroupFit,
-    Model,
     effect_columns,
     fit_groups,
     gram_sums,
@@ -30,7 +27,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.signals.grid import origin
 from osl_analysis.stats.estimates import Row, estimates_row
 from osl_analysis.stats.linear_fit import NORMAL_HALF_WIDTH
-from osl_analysis.trial import Array, Trial
+from osl_analysis.trial import Trial
 
 JOINT_SIDE = "theta_joint"  # column of the angle between frame and joint
 SPRING_LOSS = 1e-3
@@ -40,8 +37,6 @@ LEAST_INERTIA_SHARE = 0.01
 """Torque of the inertia over that of the spring, at the fastest motion, from which damping is told
 from a delay. They differ by the inertia's torque alone, and 0.001 of the torque are usually
 wrong."""
-DRIFT_STEPS = 4  # of a search for a drift, each a tenth of the one before or less
-LEAST_FRICTION = 1e-3  # of the torque's SD; what a sound calibration's friction is negative by
 SAME_FIXTURE = 0.02  # share by which a stated fixture may differ, as rounding does
 
 
@@ -178,18 +173,6 @@ def known_row(analysis: Analysis, known: Known, frame: GroupFit | None) -> Row:
     }
 
 
-def check_friction(record: Record, fit: GroupFit) -> None:
-    """Refuse a calibration whose friction certainly drives the motion, as none does: the lag of its
-    torque is no delay, and no clock that drifts."""
-    low, high = fit.interval("T_C")
-    if high < -LEAST_FRICTION * np.std(record.filtered_torque):
-        raise InputError(
-            f"trial {record.name}: friction T_C = {fit['T_C']:.3g} N*m ({low:.3g} to {high:.3g}) is"
-            " certainly negative, as where the torque is late by what changes; see that nothing"
-            " slips or filters it, and record angle and torque by one device"
-        )
-
-
 def late_fits(record: Record, is_spring: bool) -> tuple[GroupFit, GroupFit | None]:
     """Fit Eq. 15 with friction and a late torque.
 
@@ -219,38 +202,6 @@ def late_fits(record: Record, is_spring: bool) -> tuple[GroupFit, GroupFit | Non
             damped = fit
     is_damped = damped["B"] > 0 and damped.certain("B")
     return (damped if is_damped else undamped), damped
-
-
-def drifting_fit(
-    few: Record, columns: Mapping[str, Array], model: Model, lag_s: float = 0.0
-) -> tuple[GroupFit, bool]:
-    """Fit a model to a torque whose lag goes on with time, as between two clocks.
-
-    Without the drift, friction and damping take its place. The lag is the mean over the fitted
-    rows.
-
-    Parameters and results are those of `late_fit`; the fit has the `clock_drift`, too.
-    """
-    spline_of = partial(scipy.interpolate.make_interp_spline, few.time, k=5)
-    torque_at = spline_of(few.filtered_torque)
-    of_model = np.column_stack([columns[name] for name in model.values()])
-    slope = torque_at(few.time, 1)
-    since = few.time - few.time[few.is_fitted()].mean()
-    drift = 0.0
-    for _ in range(DRIFT_STEPS):
-        torque = torque_at(np.clip(few.time + drift * since, few.time[0], few.time[-1]))
-        in_time = replace(few, filtered_torque=torque, torque=torque)
-        fit, has_ended = late_fit(
-            in_time,
-            {**columns, "drifting": -slope * since},
-            {**model, "clock_drift": "drifting"},
-            lag_s,
-        )
-        drift += fit["clock_drift"]
-        lag_s = fit["lag_s"]
-        slope = spline_of(of_model @ fit.estimates[: len(model)])(few.time, 1)
-    estimates = np.array([*fit.estimates[:-2], drift, lag_s])
-    return replace(fit, estimates=estimates), has_ended
 
 
 def bench_estimates(fit: GroupFit, known: Known) -> BenchFit:
@@ -333,18 +284,6 @@ def with_fixture(trial: Trial, fixture: Fixture | None) -> Trial:
     of_torque = {**origin(trial, "torque"), "fixture": stated}
     columns = {**trial.provenance.get("columns", {}), "torque": of_torque}
     return replace(trial, provenance={**trial.provenance, "columns": columns})
-
-
-def with_clock_error(settings: ImpedanceAnalysis, trial: Trial) -> ImpedanceAnalysis:
-    """Settings whose `calibration.delay` holds the standard error of the fit of a trial's second
-    clock to the first, in the middle of the trial."""
-    clock = trial.provenance.get("clock") or {}
-    if clock.get("drift_error") is None:
-        return settings
-    error_s = clock["residual"] / np.sqrt(max(clock["edges"], 1))
-    delay_s = np.hypot(settings.calibration.delay, error_s)
-    calibration = settings.calibration.model_copy(update={"delay": delay_s})
-    return settings.model_copy(update={"calibration": calibration})
 
 
 def fixture_of(trial: Trial) -> dict[str, float]:

@@ -19,9 +19,9 @@ from osl_analysis.bench.belt import belt_curve, belt_table, belt_trial
 from osl_analysis.bench.calibration import (
     fixture_column,
     fixture_of,
-    with_clock_error,
     with_fixture,
 )
+from osl_analysis.bench.clock_drift import with_clock_error
 from osl_analysis.bench.evidence import (
     UNSTATED,
     DesiredImpedance,

@@ -15,6 +15,7 @@ from osl_analysis.errors import InputError, listing, naming, printable
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.capture import is_labelled, vertical_axis
+from osl_analysis.ingest.conversion import floats_of
 from osl_analysis.ingest.likely_clock import (
     is_like_clock,
     is_of_time,
@@ -71,7 +72,7 @@ def describe_channel(channel: Channel, kind: str) -> RecordedChannel:
     is_stamp = channel.kind == Kind.CLOCK
     if is_stamp:  # since the first, as a float tells days to 0.2 us alone
         values = (values - values.min()) / SECOND_NS
-    numbers = np.ma.filled(values.astype(float), np.nan)
+    numbers = floats_of(values)
     # a marker has three numbers in each row
     is_read = np.isfinite(numbers).all(axis=tuple(range(1, numbers.ndim)))
     count = int(is_read.sum())

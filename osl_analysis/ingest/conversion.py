@@ -92,14 +92,19 @@ def origin_of(conversion: Conversion, column: str, unit_of_file: str = "") -> di
     return origin
 
 
+def floats_of(readings: Any) -> Array:
+    """Readings of any shape as numbers, NaN where one is masked."""
+    numbers: Array = np.ma.filled(np.ma.asarray(readings, np.float64), np.nan)
+    return numbers
+
+
 def numbers_of(channel: Channel) -> Array:
     """The readings of a channel (n,); NaN where one is missing, or if they are no numbers."""
     count = channel.rows.count
     try:
-        values = np.ma.asarray(channel.values, dtype=np.float64).reshape(count)
+        return floats_of(channel.values).reshape(count)
     except (InputError, ValueError):  # words, or several numbers in a row
         return np.full(count, np.nan)
-    return values.filled(np.nan)
 
 
 def share_above(count: int, total: int) -> float:
@@ -166,7 +171,7 @@ def canonical_columns(
                 f" number as `{setting.ADDRESS}` in the source file"
             )
         lacking = np.ma.getmaskarray(readings)
-        numbers = np.ma.filled(readings.astype(float), np.nan)
+        numbers = floats_of(readings).copy()
         known = ~np.isnan(numbers)
         missing = ~known & ~lacking
         check_finite_values(setting.title, np.where(known, numbers, 0.0), time)
@@ -229,7 +234,7 @@ def checked_counts(what: str, raw: NDArray[Any], rows: Rows, remedy: str) -> NDA
     InputError
         A count is missing, or is no whole number.
     """
-    counts = np.ma.filled(raw.astype(float), np.nan)
+    counts = floats_of(raw)
     is_count = (counts == np.rint(counts)) & (np.abs(counts) < LARGEST_COUNT)
     if raw.dtype == bool or not is_count.all():
         row = np.argmin(is_count)
@@ -307,7 +312,7 @@ def body_of(channel: Channel) -> tuple[str, str, str, int]:
 def factor_beside(column: str, time: Array, in_si: Array, beside: Channel, other: Any) -> Any:
     """The size of a speed over that of the change of its angle, for the provenance: of a column
     (n,) and readings (n,) beside it. A unit that nobody states is the usual one that fits best."""
-    readings: Array = np.ma.filled(np.ma.asarray(other, float), np.nan)
+    readings = floats_of(other)
     _, unit = OTHER_OF_BODY[column[:5]]
     spelled = beside.unit or beside.likely_unit or likely_unit(beside.name)
     factors = [factor_or_nan(spelled, unit)] if spelled else [*EXAMPLES[unit].values()]

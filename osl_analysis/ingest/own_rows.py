@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.ingest import LIMITS
+from osl_analysis.ingest.conversion import floats_of
 from osl_analysis.recording import Rows
 from osl_analysis.trial import Array
 
@@ -34,7 +35,7 @@ def with_own_rows(
     own = dict(values)
     remarks = {}
     for column, readings in values.items():
-        numbers = np.ma.filled(np.ma.asarray(readings, np.float64), np.nan)
+        numbers = floats_of(readings)
         is_sampled = ~np.isnan(numbers)
         few = slice(LIMITS.rows_of_filter)  # all rows of an hour would take as long as reading it
         are_lines = on_line(time[few], numbers[few]).mean() > LIMITS.most_irregular

@@ -18,6 +18,7 @@ from osl_analysis.ingest.conversion import (
     canonical_columns,
     checked_counts,
     factor_or_nan,
+    floats_of,
     fresh_rows,
     losses_of,
     share_above,
@@ -271,10 +272,11 @@ def at_clock(
     remarks = []
     raw = np.ma.asarray(clock.values[: rows.count])
     # those of a longer channel that is not asked, or lines of another device
-    lacks = is_missing(raw)
+    lacks = np.isnan(floats_of(raw))
     if lacks.any():
-        others = [] if skips else map(is_missing, values.values())
-        is_empty = np.all([lacks, *others], axis=0)
+        is_empty = lacks.copy()
+        for readings in () if skips else values.values():
+            is_empty &= np.isnan(floats_of(readings))
         places = np.flatnonzero(~is_empty | is_empty.all())
         left_out = rows.count - places.size
         if left_out:
@@ -315,12 +317,6 @@ def at_clock(
     check_clock_runs(rows, source, time, numbers[0] * factor)
     start_s = numbers[0] * factor
     return Table(rows, time, numbers[0].item(), start_s, values, [*remarks, *stale])
-
-
-def is_missing(readings: NDArray[Any]) -> NDArray[np.bool_]:
-    """Whether readings (n,) are masked or NaN."""
-    known = np.ma.filled(np.ma.asarray(readings, np.float64), np.nan)
-    return np.isnan(known)
 
 
 def kept_rows(

@@ -85,16 +85,16 @@ class DraftedSource:
         torques = [entry for name, entry in self.named.items() if name.startswith("torque")]
         if not torques:  # the only one may be no measurement
             torques = [one for one in self.entries if TORQUE.search(f"{one.fields}")]
-        questions = []
-        for entry in torques:
-            keys = [*entry.fields]
-            if COMPUTED.search(f"{entry.fields}"):
-                questions.append(
-                    f"{entry.fields[keys[keys.index('unit') - 1]]} is called like a current or an"
-                    " estimate: name the torque of a load cell, or state `measured: true` of it,"
-                    " and of a current `scale`"
-                )
-        return questions
+        named = [
+            [*entry.fields.values()][[*entry.fields].index("unit") - 1]
+            for entry in torques
+            if COMPUTED.search(f"{entry.fields}")
+        ]
+        return [
+            f"{name} is called like a current or an estimate: name the torque of a load cell, or"
+            " state `measured: true` of it, and of a current `scale`"
+            for name in named
+        ]
 
     @property
     def text(self) -> str:

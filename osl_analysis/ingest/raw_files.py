@@ -224,18 +224,18 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
             provenance.setdefault("damage", {})[role] = recording.losses
     samples = recording.samples
     with naming(f"trial {name} ({', '.join(files.values())})"):
-        if "log_2" in files:
-            clock = getattr(sources["log_2"], "clock", "")
-            samples, fit, warnings = joined_logs(recordings, clock)
+        if len(recordings) == 2:
+            if "log_2" in files:
+                clock = getattr(sources["log_2"], "clock", "")
+                samples, fit, warnings = joined_logs(recordings, clock)
+            else:
+                log, mocap = recordings.values()
+                shared = getattr(sources["mocap"], "shared", None)
+                is_common = getattr(sources["log"], "clock", "") == "common"
+                fit, warnings = aligned_clock(log, mocap, shared, is_common)
+                samples = merged(log, mocap, fit)
             provenance["clock"] = asdict(fit)
             provenance["warnings"] += warnings
-        elif len(recordings) == 2:
-            shared = getattr(sources["mocap"], "shared", None)
-            is_common = getattr(sources["log"], "clock", "") == "common"
-            fit, warnings = aligned_clock(recordings["log"], recordings["mocap"], shared, is_common)
-            provenance["clock"] = asdict(fit)
-            provenance["warnings"] += warnings
-            samples = merged(recordings["log"], recordings["mocap"], fit)
         trial = Trial(name, samples, provenance)
     fixture = {
         column.removeprefix("fixture_"): value

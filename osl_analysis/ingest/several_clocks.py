@@ -3,6 +3,7 @@ topics are: each with its own rows."""
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain
 
 import polars as pl
 
@@ -17,15 +18,13 @@ def joined_clocks(parts: Sequence[Converted]) -> Converted:
     starts_s = [part.facts["time"]["start_s"] for part in parts]
     first_s = min(starts_s)
     fits = [ClockFit(start_s - first_s) for start_s in starts_s]
+    first = parts[starts_s.index(first_s)]
     origins = {}
-    remarks: list[str] = []
-    damage: list[str] = []
     for part in parts:
         time = part.facts["time"]
         origins.update({name: {**origin, "time": time} for name, origin in part.origins.items()})
-        remarks.extend(part.warnings)
-        damage.extend(part.facts["damage"])
-    first = parts[starts_s.index(first_s)]
+    damage = chain(*(part.facts["damage"] for part in parts))
+    remarks = chain(*(part.warnings for part in parts))
     return replace(
         first,
         samples=on_one_clock([part.samples for part in parts], fits),

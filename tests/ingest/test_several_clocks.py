@@ -171,3 +171,23 @@ def test_a_coarse_smooth_or_held_channel_is_not_taken_for_an_interpolated_one(va
     _, remarks = with_own_rows({"theta": values}, Rows(values.size), FAST)
 
     assert not remarks
+
+
+def test_damage_between_blank_cells_and_of_each_clock_is_told_at_once_and_left_out(tmp_path):
+    wrong = turned(FAST) + NOISE
+    wrong[[500, 900, 2000]] = 8388607
+    lacks = np.full(FAST.size - SLOW.size, np.nan)
+    load = turned(SLOW)
+    load[[70, 300]] = 1e6
+    columns = (np.append(SLOW, lacks), np.append(load, lacks))
+    write(tmp_path / "a.csv", "t,angle,t_load,load", FAST, wrong, *columns)
+    text = (tmp_path / "a.csv").read_text().replace("1000000.000000", "ERR", 1)
+    channels = "  theta: {column: angle, unit: deg}\n"
+    channels += "  torque: {column: load, unit: Nm, time: {column: t_load, unit: s}}\n"
+
+    with refused_with(r"ERR.*'angle' leaps.*'load' leaps.*`damaged: skip`"):
+        read_table(tmp_path, text, channels)
+    trial = read_table(tmp_path, text, channels + "damaged: skip\n")
+
+    assert np.isnan(trial.arrays("theta")[1]).sum() == 3
+    assert np.isnan(trial.arrays("torque")[1]).sum() == 2

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 import scipy
 
-from osl_analysis.bench.bench_settings import ImpedanceAnalysis
+from osl_analysis.bench.bench_settings import Calibration, ImpedanceAnalysis
 from osl_analysis.bench.lags import late_fit
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import GroupFit, Model
@@ -63,6 +63,18 @@ def check_friction(record: Record, fit: GroupFit) -> None:
         )
 
 
+class CalibrationOfTwoClocks(Calibration):
+    """A calibration whose `delay` holds the error of a clock that was fitted, too, which tells
+    nothing of what delays the torque itself."""
+
+    is_stated: bool
+
+    @property
+    def tells_delay(self) -> bool:
+        """Whether the delay was measured, too."""
+        return self.is_stated
+
+
 def with_clock_error(settings: ImpedanceAnalysis, trial: Trial) -> ImpedanceAnalysis:
     """Settings whose `calibration.delay` holds the standard error of the fit of a trial's second
     clock to the first, in the middle of the trial."""
@@ -70,6 +82,7 @@ def with_clock_error(settings: ImpedanceAnalysis, trial: Trial) -> ImpedanceAnal
     if clock.get("drift_error") is None:
         return settings
     error_s = clock["residual"] / np.sqrt(max(clock["edges"], 1))
-    delay_s = np.hypot(settings.calibration.delay, error_s)
-    calibration = settings.calibration.model_copy(update={"delay": delay_s})
+    stated = settings.calibration
+    with_clock = {**stated.model_dump(), "delay": np.hypot(stated.delay, error_s)}
+    calibration = CalibrationOfTwoClocks(**with_clock, is_stated=stated.tells_delay)
     return settings.model_copy(update={"calibration": calibration})

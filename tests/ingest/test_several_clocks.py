@@ -90,9 +90,10 @@ def test_the_error_of_a_fitted_clock_is_one_of_the_torque_s_delay(tmp_path):
     write_pair(tmp_path)
     trial = trial_of_two(tmp_path, "shared", **BOTH["shared"])
 
-    delay_s = with_clock_error(CONFIG.dynamometer, trial).calibration.delay
+    calibration = with_clock_error(CONFIG.dynamometer, trial).calibration
 
-    assert delay_s == trial.provenance["clock"]["residual"] > 0
+    assert calibration.delay == trial.provenance["clock"]["residual"] > 0
+    assert not calibration.tells_delay
 
 
 @pytest.mark.parametrize(("clock", "second", "late_s"), [

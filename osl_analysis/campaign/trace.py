@@ -15,7 +15,7 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.errors import OslAnalysisError
-from osl_analysis.files import PACKAGE, ROOT, digest
+from osl_analysis.files import DISTRIBUTION, PACKAGE, ROOT, digest
 from osl_analysis.ingest.raw_files import read_source
 from osl_analysis.trial import metadata_of
 from osl_analysis.yaml_settings import read_mapping
@@ -54,7 +54,7 @@ def code() -> str:
 
 def libraries() -> dict[str, str]:
     """The versions of the libraries that this package needs."""
-    needed = [line for line in requires("osl-analysis") or () if "extra ==" not in line]
+    needed = [line for line in requires(DISTRIBUTION) or () if "extra ==" not in line]
     names = [re.split(r"[^\w.-]", line)[0] for line in needed]
     return {name: version(name) for name in names}
 
@@ -76,6 +76,6 @@ def trace(
         "stated": stated,
         "recordings": recordings,
         "trials": of_trials,
-        "code": {"version": version("osl-analysis"), "digest": code()},
+        "code": {"version": version(DISTRIBUTION), "digest": code()},
         "libraries": libraries(),
     }

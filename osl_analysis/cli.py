@@ -81,7 +81,7 @@ class KeepsItsInput(click.Command):
                     f"{path}: `{ctx.info_name}` writes {suffix} files; choose this suffix"
                 )
             check_target(path)
-        read = [files[name] for name in ("log", "mocap", "file", "trial") if name in files]
+        read = [files[name] for name in ("log", "log_2", "mocap", "file", "trial") if name in files]
         try:
             with limited_memory(read):
                 return super().invoke(ctx)
@@ -434,6 +434,8 @@ def fit(
     "--log-part",
     help="Part of a log that holds several trials: in a MATLAB file a struct, as Test.run(2).",
 )
+@file_option("--log-2", help="Second log of the trial, of another recorder.")
+@option("--log-2-source", help="Name of the file in the sources folder that describes it.")
 @file_option("--mocap", help="File of the motion-capture system (C3D, or a CSV export of Nexus).")
 @option("--mocap-source", help="Name of the file in the sources folder that describes it.")
 @file_option(
@@ -446,9 +448,10 @@ def ingest(sources: Path, output: Path, **given: Any) -> None:
     """Convert the raw logs of one trial into one canonical Parquet file, with provenance inside."""
     from osl_analysis.commands.trials import ingest_trial
 
-    for role in ("log", "mocap"):
+    for role in ("log", "log_2", "mocap"):
         if (given[role] is None) != (given[f"{role}_source"] is None):
-            raise click.UsageError(f"--{role} and --{role}-source go together")
+            option_name = role.replace("_", "-")
+            raise click.UsageError(f"--{option_name} and --{option_name}-source go together")
     if not (given["log"] or given["mocap"]):
         raise click.UsageError("give --log, --mocap or both")
     cells = {name: None if value is None else str(value) for name, value in given.items()}

@@ -102,6 +102,40 @@ def noise_of(values: NDArray[np.float64], order: int = 3) -> float:
     return float(np.median(np.abs(np.diff(values, order)))) / of_white
 
 
+SPIKE_SHARE = 0.15  # least size of a spike, of the range of most values
+SPIKE_BENDS = 10.0  # usual second differences, of which a spike has more
+SPIKE_AROUND = 3.0  # steps before and behind a spike, which is larger
+FAR_OFF = 5.0  # ranges beyond which a number that recurs is of no sensor, also in a row
+FEWEST_RECURRING = 3  # spikes of one value, as of bits that stood high
+MOST_SPOILED = 0.1  # share of the values; of more, the channel itself is like this
+SAMPLED = 10_000  # values that tell what is usual; all of an hour take as long as reading them
+
+
+def spoiled(values: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether values (n,) are none of a sensor: each leaps off both neighbours and back, or is a
+    value that recurs in such leaps, or far off. A wrap and a step of a command are none."""
+    every = slice(None, None, max(values.size // SAMPLED, 1))
+    usual = values[every][np.isfinite(values[every])]
+    low, middle, high = np.quantile(usual, (0.05, 0.5, 0.95)) if usual.size else (0.0, 0.0, 0.0)
+    if high == low or values.size < FEWEST_RECURRING:
+        return np.zeros(values.size, bool)
+    steps = np.pad(np.diff(values), 2)
+    sizes = np.abs(steps)
+    bends = np.abs(steps[1:][every] - steps[:-1][every])
+    bend = np.quantile(np.nan_to_num(bends), 0.75)
+    smaller = np.minimum(sizes[1:-2], sizes[2:-1])
+    around = np.maximum(sizes[:-3], sizes[3:])
+    limit = max(SPIKE_SHARE * (high - low), SPIKE_BENDS * bend)
+    comes_back = steps[1:-2] * steps[2:-1] < 0
+    is_alone = comes_back & (smaller > np.maximum(limit, SPIKE_AROUND * around))
+    may_recur = is_alone | (np.abs(values - middle) > FAR_OFF * (high - low))
+    if not may_recur.any():
+        return may_recur
+    found, counts = np.unique(values[may_recur], return_counts=True)
+    is_spoiled = is_alone | np.isin(values, found[counts >= FEWEST_RECURRING])
+    return is_spoiled & (is_spoiled.mean() <= MOST_SPOILED)
+
+
 def significant(value: float, digits: int = 2) -> str:
     """Write a number with `digits` significant digits for a sentence: -720 and 0.00012, never
     -7.2e+02."""

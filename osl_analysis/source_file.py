@@ -5,7 +5,9 @@ its own, a subclass of one of these, so that a key of another format is refused 
 settings and their checks alone: `ingest` reads recordings by them.
 """
 
+import re
 from collections.abc import Callable, Mapping
+from fractions import Fraction
 from functools import partial
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, Self
@@ -14,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import (
     AfterValidator,
+    BeforeValidator,
     Field,
     PositiveFloat,
     PrivateAttr,
@@ -36,6 +39,7 @@ from osl_analysis.yaml_settings import Settings, check_distinct, check_rising, f
 SampleShare = Annotated[float, Field(ge=0, le=1)]
 LEVEL_UNIT = "V"  # of the columns that may be read from truth values: `sync` and `trigger`
 Name = Annotated[str, Field(min_length=1)]
+MOST_DAMAGED = 0.1  # share of the rows that may be left out as damaged; of more, the log is no log
 
 
 ColumnName = Annotated[Name, Field(coerce_numbers_to_str=True)]
@@ -49,11 +53,24 @@ def stated_between(low: float, high: float, unit: str) -> AfterValidator:
     """The check that a number with its unit, as `2 ms`, lies between bounds [unit]."""
 
     def checked(text: str) -> str:
-        if not low <= quantity(text, unit) <= high:
-            raise ValueError(f"write {low:g} to {high:g} {unit}, and check sign and unit")
+        stated = quantity(text, unit)
+        if not low <= stated <= high:
+            other = "the other channels are late, state it there, without a sign, or "
+            raise ValueError(
+                f"{other if low == 0 > stated else ''}write {low:g} to {high:g} {unit}, and check"
+                " sign and unit"
+            )
         return text
 
     return AfterValidator(checked)
+
+
+def of_fraction(value: object) -> object:
+    """A number that may be written as `1/4096`."""
+    try:
+        return float(Fraction(value)) if isinstance(value, str) else value
+    except ArithmeticError as error:
+        raise ValueError(f"{value} is no number; write 1/COUNTS, as 1/4096") from error
 
 
 class SensorFilter(Settings):
@@ -81,8 +98,8 @@ class Conversion(Settings):
     # Unit of the numbers, as laboratories spell it. Without it, the one that the file states.
     unit: str | None = None
     sign: Literal[1, -1] = 1  # -1 if the recorder has the opposite direction as positive.
-    # Units per count: 1 / 16384 with the unit rev for an encoder of 14 bits.
-    scale: PositiveFloat = 1.0
+    # Units per count, a number or a fraction: 1/16384 with the unit rev for an encoder of 14 bits.
+    scale: Annotated[PositiveFloat, BeforeValidator(of_fraction)] = 1.0
     # Offset that is added to the raw numbers before the scale, in the raw unit.
     offset: float = 0.0
 
@@ -128,8 +145,15 @@ class Channel(Conversion, Addressed):
     """The recorded channel of a canonical column, and its conversion."""
 
 
+# in the name or unit of a torque that a program computed, as `effort [A]` and `torque_from_current`
+COMPUTED = re.compile(r"(?i)effort|current|strom|estimat|observer|computed|model|\[m?A\]")
+
+
 class LogChannel(Channel):
     """A channel of a log."""
+
+    # Whether a sensor measured it, where a torque's name says otherwise.
+    measured: bool | None = None
 
     # Where the device counts its samples, which tells the missing ones.
     counter: ColumnName | None = None
@@ -159,6 +183,7 @@ class ColumnChannel(LogChannel):
     """A column of a table."""
 
     ADDRESS = "column"
+    time: "ColumnTime | None" = None  # Its own time, where it is not that of the others.
     column: ColumnName
     """Name in the header, with or without its unit (`torque` finds `torque [Nm]`); a pattern in
     which `*` stands for any text, which must fit one column (`"*.output_position"`); or the
@@ -192,6 +217,10 @@ class RowTime(Time):
     # Unit of the numbers that are time. Without it, the file's unit is used.
     unit: TimeUnit | None = None
     rate: PositiveFloat | None = None  # Rows per second [Hz], for a file without time.
+    # What the numbers are: times, or the `interval` since the row before.
+    each: Literal["stamp", "interval"] = "stamp"
+    # By how many parts per million this clock runs fast, such as a calibration tells.
+    drift_ppm: Annotated[float, Field(ge=-1000, le=1000)] = 0.0
     repeated: Literal["keep", "drop"] = "keep"
     """Rows whose stamp is that of the row before. `keep`: they are samples whose stamps were
     rounded. `drop`: the recorder read a device faster than it sampled; only the first row of each
@@ -345,15 +374,27 @@ class InAxes(Source):
 class LogSource(Source):
     """The source file of a log."""
 
-    clock: Literal["master", "sync", "shared"] = "master"
-    """How the log's clock is aligned to motion capture's. `master`: not; the log is the only file.
-    `sync`: by the edges of the column `sync`. `shared`: by the signal that motion capture's source
-    file names under `shared`."""
+    clock: Literal["master", "sync", "shared", "common", "start"] = "master"
+    """How the log's clock is aligned to motion capture's, or that of a second log to the first.
+    `master`: not; the log is the only file, or the first. `sync`: by the edges of the column
+    `sync`. `shared`: by the signal that motion capture's source file names under `shared`, or by
+    the column that both logs have. `common`: both count from one time. `start`: both begin at one
+    instant."""
     # The recorded channel of each canonical column.
     channels: Annotated[Mapping[str, LogChannel], Field(min_length=1)]
     time: Time  # Where the time of a row or message comes from.
     # Largest share of a channel's numbers, and of the rows, that may be missing.
     most_missing: SampleShare = 0.01
+    damaged: Literal["refuse", "skip"] = "refuse"
+    """What is none of a sensor, or no row. `refuse`: the file is refused, or a check tells it.
+    `skip`: it is left out, at most a tenth of the rows: lines with another number of cells, without
+    a time or with one that goes back, cells that are no numbers, and values that leap off their
+    neighbours and back or recur in such leaps, as 8388607."""
+
+    @property
+    def allowed_missing(self) -> float:
+        """The share of numbers and rows that may be missing."""
+        return max(self.most_missing, MOST_DAMAGED) if self.damaged == "skip" else self.most_missing
 
 
 class MessageSource(LogSource):

@@ -105,7 +105,7 @@ def torque_spelled(match: re.Match[str]) -> str:
 
 # ---- Dimensions
 
-NAME = r"(?:[^\W\d_]\w{0,30}|°|%|1)"  # of one unit within a product
+NAME = r"(?:[^\W\d_]\w{0,30}|°|%|‰|1)"  # of one unit within a product
 
 
 # all units of pint, which take 0.2 s, are read once
@@ -192,7 +192,7 @@ def factors_near(ratio: float, signals: Sequence[str], near: float) -> list[str]
 
 
 CLOCK_NAMES = (
-    "time|t|timestamp|stamp|(state|loop|pi|sys|ros|elapsed)_time|elapsed|clock|seconds?"
+    "time|t|timestamps?|stamp|(state|loop|pi|sys|ros|elapsed)_time|elapsed|clock|seconds?"
     "|time_since_start|x_value|millis|micros|[mu]s|(date_?)?time|datetime|date_and_time"
     "|time_of_day|(uhr)?zeit|tijd|temps|tiempo|tempo"
 )

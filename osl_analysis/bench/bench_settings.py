@@ -108,6 +108,11 @@ class Calibration(Settings):
     delay: UncertainShare = 0.0
 
     @property
+    def tells_delay(self) -> bool:
+        """Whether the delay was measured, as by a known spring."""
+        return self.delay > 0
+
+    @property
     def torque(self) -> float:
         """Relative standard uncertainty of the torque."""
         return float(np.hypot(self.torque_gain, 1 - np.cos(np.deg2rad(self.misalignment_deg))))

@@ -39,7 +39,7 @@ def stated_rivals(record: Record) -> set[str]:
         stated |= {"delay"}
     if settings.bench_stiffness is not None:
         stated |= {"spring in series"}
-    if settings.calibration.delay:
+    if settings.calibration.tells_delay:
         stated |= {"delay", "low-pass", "spring in series"}
     taken = record.signals.taken if record.signals else ()
     if any(part.stream.low_passes for part in taken):

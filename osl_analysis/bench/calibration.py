@@ -8,8 +8,8 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench.bench_settings import BenchStiffness, Fixture
+from osl_analysis.bench.clock_drift import check_friction, drifting_fit
 from osl_analysis.bench.impedance import Analysis, encoder_errors
-from osl_analysis.bench.lags import late_fit
 from osl_analysis.bench.motion import signals_of
 from osl_analysis.bench.plausibility import check_resists
 from osl_analysis.bench.record import Record
@@ -142,10 +142,13 @@ def known_row(
         # phase of d at f is a lag of d/(2 pi f)
         middle_hz = np.sqrt(record.band_hz[0] * record.band_hz[1])
         lag_of_loss_s = SPRING_LOSS / (2 * np.pi * middle_hz) / np.sqrt(3)
-        loss = np.array([lag_of_loss_s, 0.0, 0.0])
+        loss = np.array([lag_of_loss_s, 0.0, 0.0, 0.0])
         fit = fit.with_known_error("spring_loss", loss, shared=True)
 
+    check_friction(record, counted)
     certain_lag_s = fit.beyond_interval("lag_s")
+    middle_s = record.time[record.is_fitted()].mean()
+    lag_at_start_s = fit["lag_s"] - counted["clock_drift"] * middle_s
     delay = error_to_state(fit, "lag_s")
     gain = error_to_state(fit, "gain")
     to_state = f"calibration: {{torque_gain: {gain:.2g}, delay: {delay:.2g}}}"
@@ -164,6 +167,8 @@ def known_row(
         "known_K": known.stiffness,
         "known_I": known.inertia,
         "lag_s_se_bench": fit.se_bench("lag_s"),
+        "lag_at_start_s": lag_at_start_s,
+        "certain_clock_drift_ppm": fit.beyond_interval("clock_drift_ppm"),
         "certain_lag_s": certain_lag_s,
         "certain_gain_error": fit.beyond_interval("gain", 1.0),
         "to_state": to_state,
@@ -182,15 +187,18 @@ def late_fits(record: Record, is_spring: bool) -> tuple[GroupFit, GroupFit | Non
         The fit that allows damping; None for a spring with too little inertia to tell it.
     """
     columns = effect_columns(record)
-    fit_late = partial(late_fit, record.coarse, columns)
+    fit_late = partial(drifting_fit, record.coarse, columns)
     model = {**IMPEDANCE, "T_C": "T_C"}
 
     def with_steps(fit: GroupFit) -> GroupFit:
-        """The fit with the error of the encoder's steps, to first order in the lag."""
-        in_time = sum(fit[name] * columns[model[name]] for name in fit.names[:-1])
-        slope = -np.gradient(in_time, 1 / record.coarse.rate_hz)
-        of_fit = {name: model.get(name, "late") for name in fit.names}
-        errors = encoder_errors(record, {**columns, "late": slope}, of_fit, fit)
+        """The fit with the error of the encoder's steps, to first order in the lags."""
+        few = record.coarse
+        in_time = sum(fit[name] * columns[model[name]] for name in fit.names if name in model)
+        slope = -np.gradient(in_time, 1 / few.rate_hz)
+        since = few.time - few.time[few.is_fitted()].mean()
+        of_lags = {"lag_s": slope, "clock_drift": slope * since}
+        of_fit = {name: model.get(name, name) for name in fit.names}
+        errors = encoder_errors(record, {**columns, **of_lags}, of_fit, fit)
         return fit.with_known_error("encoder", errors, shared=True)
 
     if not is_spring:
@@ -225,9 +233,11 @@ def bench_estimates(fit: GroupFit, known: Known) -> GroupFit:
             "lag_s": (fit["lag_s"], {"lag_s": 1.0}),
             "gain": (gain, {main: 1 / size}),
             name: (other - taken, {beside: 1 / gain, main: -other / fit[main]}),
+            "clock_drift_ppm": (1e6 * fit["clock_drift"], {"clock_drift": 1e6}),
         }
     )
-    return found.with_known_error("known_part", known.share * np.array([0.0, gain, other - taken]))
+    of_known = known.share * np.array([0.0, gain, other - taken, 0.0])
+    return found.with_known_error("known_part", of_known)
 
 
 def error_to_state(fit: GroupFit, name: str) -> float:

@@ -11,7 +11,9 @@ from osl_analysis.bench.bench_settings import BenchStiffness
 from osl_analysis.errors import Change, InputError
 from osl_analysis.measured import check_measured
 from osl_analysis.model.drivetrain import DrivetrainParameters
-from osl_analysis.trial import Array
+from osl_analysis.signals.grid import origin
+from osl_analysis.source_file import COMPUTED
+from osl_analysis.trial import Array, Trial
 
 TURN_TORQUE = Change(
     "turn the `sign` of the torque, or of all angles, in the source file", {"torque": -1.0}
@@ -31,6 +33,22 @@ def unit_of_step(step: float) -> float | None:
         if abs(bits - round(bits)) < OFF_WHOLE:
             return factor
     return None
+
+
+def computed_torque(trial: Trial, torque: str = "torque") -> pl.Expr:
+    """The column `torque_from`: the channel of a torque whose name or unit is of none that was
+    measured; null where the source file says `measured: true`, or the name nothing."""
+    facts = origin(trial, torque)
+    names = [facts.get(key) or "" for key in ("found", "field", "column", "variable", "channel")]
+    called = next(filter(COMPUTED.search, names), None)
+    return pl.lit(None if facts.get("measured") else called, pl.String).alias("torque_from")
+
+
+def speed_alone(trial: Trial) -> pl.Expr:
+    """The column `speed_alone`: the speed of an actuator without an angle, which would tell its
+    scale; null beside one."""
+    name = None if "theta_m" in trial.columns else "omega_m"
+    return pl.lit(name, pl.String).alias("speed_alone")
 
 
 def check_changes(column: str, values: Array) -> None:

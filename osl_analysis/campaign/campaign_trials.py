@@ -15,7 +15,7 @@ from osl_analysis.campaign.configuration import Config
 from osl_analysis.campaign.trace import digest_of_source
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
-from osl_analysis.config.sheet import FIXTURE, SheetRows, read_sheet
+from osl_analysis.config.sheet import FIXTURE, RECORDINGS, SOURCES, SheetRows, read_sheet
 from osl_analysis.errors import InputError, naming
 from osl_analysis.files import shipped
 from osl_analysis.ingest.raw_files import recorded_files
@@ -30,8 +30,7 @@ from osl_analysis.yaml_settings import check_known
 
 # Cells of a row that ingest uses. A change of other cells does not cause a new ingest.
 INGESTED = (
-    "trial", "experiment", "log", "log_source", "log_part", "mocap", "mocap_source", *FIXTURE,
-    "windows",
+    "trial", "experiment", "log_part", *RECORDINGS, *SOURCES, *FIXTURE, "windows",
 )  # fmt: skip
 # cells of a row that name a recording
 RECORDING = ("experiment", "log", "log_source", "log_part", "mocap")
@@ -160,7 +159,7 @@ class Campaign:
 
     def logs(self, trial: str) -> list[Path]:
         """The recorded files of a trial."""
-        named = filter(None, map(self.rows[trial].get, ("log", "mocap")))
+        named = filter(None, map(self.rows[trial].get, RECORDINGS))
         return [file for name in named for file in recorded_files(self.config.raw_data / name)]
 
     def readable_logs(self, trial: str) -> list[Path]:
@@ -185,7 +184,7 @@ class Campaign:
 
     def sources(self, trial: str) -> list[Path]:
         """The source files of a trial."""
-        named = filter(None, map(self.rows[trial].get, ("log_source", "mocap_source")))
+        named = filter(None, map(self.rows[trial].get, SOURCES))
         return [self.config.sources / f"{name}.yaml" for name in named]
 
     @cached_property

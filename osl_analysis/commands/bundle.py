@@ -13,6 +13,7 @@ from osl_analysis.campaign.configuration import read_config
 from osl_analysis.campaign.result_files import ResultFiles
 from osl_analysis.commands.simulate import TRUTH, settings_files
 from osl_analysis.commands.tables import read_summary
+from osl_analysis.config.sheet import RECORDINGS, SOURCES
 from osl_analysis.errors import InputError
 from osl_analysis.files import CAMPAIGN, ROOT, atomic_path, default_config
 
@@ -99,7 +100,7 @@ def inputs_of(campaign: Campaign, content: Any) -> dict[str, Path]:
     content["sheet"] = f"{folder}/{config.sheet.name}"
     files[content["sheet"]] = config.sheet
     for trial in campaign.trials():
-        for cell in ("log", "mocap", "log_source", "mocap_source"):
+        for cell in (*RECORDINGS, *SOURCES):
             name = Path(campaign.rows[trial][cell] or "")
             check_within(f"{config.sheet}: trial '{trial}': {cell}", name)
         for file in (*campaign.logs(trial), *config.raw_data.glob(f"{TRUTH}/{trial}.*")):

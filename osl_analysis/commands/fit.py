@@ -17,6 +17,7 @@ from osl_analysis.bench import bench_settings as choices
 from osl_analysis.bench import calibration
 from osl_analysis.bench.belt import belt_curve, belt_table, belt_trial
 from osl_analysis.bench.calibration import fixture_column, with_fixture
+from osl_analysis.bench.clock_drift import with_clock_error
 from osl_analysis.bench.evidence import (
     UNSTATED,
     DesiredImpedance,
@@ -26,7 +27,7 @@ from osl_analysis.bench.frequency_response import response_table, with_errors
 from osl_analysis.bench.impedance import analysed, rendered_impedance
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.parts_alone import actuator_table, actuator_trial, transmission_table
-from osl_analysis.bench.plausibility import plausible
+from osl_analysis.bench.plausibility import computed_torque, plausible, speed_alone
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import IMPEDANCE, TRANSMISSION
 from osl_analysis.bench.summaries import compensation_table, delay_table, part_summary
@@ -37,13 +38,14 @@ from osl_analysis.commands.remedies import fit_or_advise
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.sheet import Asked
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.guard import check_own_torque, check_recording, find_leaps
+from osl_analysis.ingest.guard import check_own_torque, check_recording
 from osl_analysis.ingest.quality import saturated
 from osl_analysis.judge.judging import judged, marked
 from osl_analysis.judge.known_findings import known_finding
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import FileOrNone, known_parameters
 from osl_analysis.signals.grid import GapLimits
+from osl_analysis.signals.leaps import find_leaps
 from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial
@@ -76,6 +78,7 @@ def fit_impedance_trial(
     """
     check_recording(trial, settings)
     of_joint = with_fixture(trial, settings.fixture)
+    settings = with_clock_error(settings, trial)
     record = fitted_record(of_joint, settings, windows)
     analysis = rendered_impedance(record)  # K, B and I, with what this motion tells of them
 
@@ -85,7 +88,9 @@ def fit_impedance_trial(
     stated = condition or UNSTATED
     gains = stated.gains(known_parameters(parameters), weight)
     tables = impedance_table(analysis, p, stated, gains)
-    table = tables["impedance"].with_columns(saturated(trial), fixture_column(of_joint))
+    table = tables["impedance"].with_columns(
+        saturated(trial), fixture_column(of_joint), computed_torque(trial)
+    )
 
     def others() -> dict[str, pl.DataFrame]:
         return {"response": with_errors(response_table(analysis, **vars(stated)))}
@@ -182,6 +187,7 @@ def fit_actuator_trial(
     actuator = actuator_trial(trial, settings)
     tables = actuator_table(actuator)
     table = plausible(tables["actuator"], rails, p, "k_tau_n_m", "f_C", "J_m")
+    table = table.with_columns(computed_torque(trial, "torque_m"), speed_alone(trial))
     record = actuator.record
     is_velocity = table["motion"][0] == "omega_m"
     motion = {"omega": record.theta} if is_velocity else {"theta_deg": np.rad2deg(record.theta)}
@@ -197,7 +203,7 @@ def fit_torque_angle_trial(
     desired = (condition or {}).get("desired")
     trial, rails = checked(trial, settings)
     fit = torque_angle_trial(trial, settings, desired)
-    table = fit.table.with_columns(rails, fixture_column(trial))
+    table = fit.table.with_columns(rails, fixture_column(trial), computed_torque(trial))
     tables = {"torque_angle": table, "torque_angle_curves": fit.curves}
     return FitTables(tables, fit.samples, fit.signals.streams)
 

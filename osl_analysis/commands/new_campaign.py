@@ -17,6 +17,7 @@ from pydantic.json_schema import models_json_schema
 
 from osl_analysis.campaign.configuration import Config
 from osl_analysis.commands.run import check_simulator, first_look
+from osl_analysis.config.sheet import SOURCES
 from osl_analysis.draft.draft_campaign import Draft, draft_campaign
 from osl_analysis.draft.draft_sheet import UNNAMED
 from osl_analysis.errors import InputError, listing, printable
@@ -30,7 +31,12 @@ COLUMNS = (
     *("trial", "experiment", "controller", "K_d", "B_d", "perturbed"),
     *("log", "log_source", "mocap", "mocap_source", "exclude"),
 )
-SELDOM = ("joint", "fixture")  # columns of a drafted sheet only where a trial has them
+SELDOM = (
+    "log_2",
+    "log_2_source",
+    "joint",
+    "fixture",
+)  # columns of a drafted sheet only where a trial has them
 
 
 class Most:
@@ -171,6 +177,9 @@ def campaign_text(folder: Path, draft: Draft) -> str:
     lines += some_of(source_lines(draft), Most.SOURCES, "in sources/")
     experiments = Counter(trial.cells["experiment"] for trial in draft.trials)
     counts = [f"{count} {experiment}" for experiment, count in experiments.items()]
+    pairs = sum("log_2" in trial.cells for trial in draft.trials)
+    if pairs:
+        counts.append(f"{pairs} of them of two files")
     lines.append(f"trials.csv: {', '.join(counts)}")
     refused = [f"not read: {why}" for why in draft.refused]
     lines += some_of(refused, Most.REFUSED, "that `osl-analysis inspect` of their folder tells")
@@ -190,7 +199,7 @@ def some_of(lines: Sequence[str], most: int, where: str) -> list[str]:
 def source_lines(draft: Draft) -> list[str]:
     """The channels that each source file names, and for how many recordings."""
     cells = [trial.cells for trial in draft.trials]
-    uses = Counter(row.get(role) for row in cells for role in ("log_source", "mocap_source"))
+    uses = Counter(row.get(role) for row in cells for role in SOURCES)
     lines = []
     for name, source in draft.source_files.items():
         guesses = [entry.guess for entry in source.named.values()] or ["all markers"]

@@ -13,6 +13,7 @@ from typing import Any
 
 from osl_analysis.campaign.campaign_trials import Campaign, check_campaign, open_campaign
 from osl_analysis.campaign.configuration import campaign_config, over_default, read_config
+from osl_analysis.config.sheet import RECORDINGS
 from osl_analysis.errors import (
     InputError,
     OslAnalysisError,
@@ -252,7 +253,11 @@ def source_problems(campaign: Campaign) -> dict[str, str]:
     problems = {}
     for trial in campaign.trials():
         row = campaign.rows[trial]
-        alike = (*campaign.sources(trial), row["log_part"], bool(row["log"] and row["mocap"]))
+        alike = (
+            *campaign.sources(trial),
+            row["log_part"],
+            *(bool(row[role]) for role in RECORDINGS),
+        )
         if alike not in problem_of:
             problem_of[alike] = problem_of_sources(campaign, trial)
         if problem_of[alike]:
@@ -267,7 +272,7 @@ def problem_of_sources(campaign: Campaign, trial: str) -> str:
         sources = [read_source(path) for path in campaign.sources(trial)]
         with naming(f"{campaign.config.sheet}: trial '{trial}'"):
             sources[0].of_part(row["log_part"] or "")
-        if row["log"] and row["mocap"]:
+        if row["log"] and (row["log_2"] or row["mocap"]):
             check_clocks(*sources)
     except OslAnalysisError as error:
         return str(error)
@@ -299,7 +304,7 @@ def unnamed_files(campaign: Campaign) -> list[str]:
     config = campaign.config
     named = {config.sheet.resolve()}
     for row in campaign.sheet.values():
-        for file in filter(None, (row["log"], row["mocap"])):
+        for file in filter(None, map(row.get, RECORDINGS)):
             named.add((config.raw_data / file).resolve())
     results = config.results.resolve()
     return [

@@ -51,11 +51,15 @@ USERS = {
 # by column: the one that has to be filled, and not `false`, beside it
 NEEDED_BESIDE = {
     "log": "log_source",
+    "log_2": "log_2_source",
+    "log_2_source": "log",
     "mocap": "mocap_source",
     "log_part": "log",
     "fixture_rest_deg": "fixture_weight",
     "direction": "perturbed",
 }
+RECORDINGS = ("log", "log_2", "mocap")  # cells that name a file
+SOURCES = ("log_source", "log_2_source", "mocap_source")  # of these, the name of its source file
 # blanks at the ends of a cell, of which some cannot be seen
 BLANKS = re.compile(r"^[\s\u200b-\u200f\u2060\ufeff]+|[\s\u200b-\u200f\u2060\ufeff]+$")
 # the first line that is neither empty nor a comment
@@ -115,6 +119,8 @@ class Row(Settings):
     perturbed: bool | None = None
     log: Text = None
     log_source: Text = None
+    log_2: Text = None  # of another recorder, which has a clock of its own
+    log_2_source: Text = None
     mocap: Text = None
     mocap_source: Text = None
     log_part: Text = None
@@ -154,6 +160,9 @@ class Row(Settings):
         return cell
 
     _has_file = refuse_if(lambda row: not row.log and not row.mocap, "fill in log or mocap", "log")
+    _has_two_clocks = refuse_if(
+        lambda row: row.log_2 and row.mocap, "a trial has log_2 or mocap; clear one", "log_2"
+    )
     _walkway_has_ankle = refuse_if(
         lambda row: (
             EXPERIMENTS[row.experiment].place == "walkway" and row.joint not in (None, JOINT)

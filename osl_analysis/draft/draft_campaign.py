@@ -1,11 +1,13 @@
 """A draft of a campaign from a folder of recordings: a source file for each kind of them, a sample
 sheet, the section `walking` of the configuration, and what the user has to decide."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from osl_analysis.draft.draft_sheet import UNNAMED, DraftedTrial, draft_trials, is_fixture_alone
+from osl_analysis.config.sheet import SOURCES
+from osl_analysis.draft.draft_pairs import Described, pair_logs
+from osl_analysis.draft.draft_sheet import UNNAMED, DraftedTrial, draft_trials
 from osl_analysis.draft.draft_source import (
     DraftedSource,
     drafted_source,
@@ -13,11 +15,16 @@ from osl_analysis.draft.draft_source import (
     pulse_channels,
 )
 from osl_analysis.draft.draft_walking import draft_walking
-from osl_analysis.draft.likelihood import Guess, joints_named, turns_slowly
+from osl_analysis.draft.likelihood import joints_named, turns_slowly
 from osl_analysis.draft.overview import FEWEST_NUMBERS, inspect_recording
 from osl_analysis.draft.recorded_channel import Overview
 from osl_analysis.errors import InputError, listing
 from osl_analysis.ingest.raw_files import check_file, recordings_in
+
+ASK_CLOCK = (
+    "`clock: start` in sources/{source}.yaml: both files of a trial are taken to begin at one"
+    " instant; check it, or write sync, shared or common (docs/own_data.md)"
+)
 
 
 @dataclass
@@ -48,33 +55,6 @@ class Draft:
         return {name: source.text for name, source in self.source_files.items()}
 
 
-@dataclass(frozen=True)
-class Described:
-    """A recording of a folder, and the source file that it shares with others like it."""
-
-    file: Path  # relative to the folder
-    overview: Overview
-    guesses: Sequence[Guess]
-    source: str
-
-    @property
-    def torque_sign(self) -> int:
-        """1 or -1, if a torque is surely told, and its sign; else 0."""
-        return next(
-            (each.sign for each in self.guesses if each.is_sure and each.column == "torque"), 0
-        )
-
-    @property
-    def tells(self) -> tuple[bool, int, bool, int]:
-        """How much it tells: whether a joint turns, whose spring has the torque's sign, and no
-        fixture alone; channels; that sign; and channels that may be signals, or whether its markers
-        tell which axis points up."""
-        details = sum(not guess.why_not for guess in self.guesses)
-        details += "axes" in self.overview.settings
-        turns = not is_fixture_alone(self.file)
-        return turns, len(self.overview.channels), self.torque_sign != 0, details
-
-
 def draft_campaign(folder: Path) -> Draft:
     """Say what the recordings below a folder are.
 
@@ -87,6 +67,8 @@ def draft_campaign(folder: Path) -> Draft:
         raise InputError(f"{folder}: no such folder of recordings; check the path")
     draft = Draft()
     described = describe_recordings(folder, draft)
+    first_of, unpaired = pair_logs(described)
+    draft.open += unpaired
     if not described:
         why = "; name the folder of the recordings"
         if draft.refused:
@@ -99,8 +81,10 @@ def draft_campaign(folder: Path) -> Draft:
         if turned:
             question = "the torque's `sign` differs from that of the other files of its source file"
             draft.open.append((f"{question}; give these one of their own", listing(turned)))
-        draft.source_files[name] = drafted_source(best.overview, best.file.name, best.guesses)
-    draft.trials = trials_of(draft, described)
+        source = drafted_source(best.overview, best.file.name, best.guesses)
+        draft.source_files[name] = source
+        draft.open += [(question, f"sources/{name}.yaml") for question in source.computed]
+    draft.trials = trials_of(draft, described, first_of)
     align_clocks(draft)
     captures = [recording.overview for recording in described if recording.overview.is_capture]
     experiments = {trial.cells["experiment"] for trial in draft.trials if "mocap" in trial.cells}
@@ -156,13 +140,20 @@ def overview_of_recording(path: Path) -> Overview:
     return overview
 
 
-def trials_of(draft: Draft, described: Sequence[Described]) -> list[DraftedTrial]:
-    """Draft the trials, by the names of files, or else by what the source file of a log has: angle
-    and torque of a joint, or current and torque of an actuator."""
+def trials_of(
+    draft: Draft, described: Sequence[Described], first_of: Mapping[Path, Path]
+) -> list[DraftedTrial]:
+    """Draft the trials, by the names of files, or else by what the source files of its logs have:
+    angle and torque of a joint, or current and torque of an actuator. `first_of` are the first logs
+    of trials, by the second."""
+    columns_of: dict[Path, set[str]] = {}
+    for recording in described:
+        log = first_of.get(recording.file, recording.file)
+        columns_of.setdefault(log, set()).update(draft.source_files[recording.source].named)
     moved = {}
     joints: dict[str, list[str]] = {}  # by file
     for recording in described:
-        columns = draft.source_files[recording.source].named.keys()
+        columns = columns_of.get(recording.file, set())
         if {"theta", "torque"} <= columns:
             is_slow = turns_slowly(recording.guesses, recording.overview.clock)
             moved[recording.file] = "torque_angle" if is_slow else "impedance"
@@ -170,7 +161,7 @@ def trials_of(draft: Draft, described: Sequence[Described]) -> list[DraftedTrial
         elif {"torque_m", "current"} <= columns:
             moved[recording.file] = "actuator"
     files = [(each.file, each.source, each.overview.is_capture) for each in described]
-    trials = draft_trials(files, moved)
+    trials = draft_trials(files, moved, first_of)
     for trial in trials:
         named = joints.get(trial.cells.get("log", ""), [])
         if len(named) == 1:
@@ -179,14 +170,21 @@ def trials_of(draft: Draft, described: Sequence[Described]) -> list[DraftedTrial
 
 
 def align_clocks(draft: Draft) -> None:
-    """State `clock: sync` for logs with pulses beside captures with pulses, and `clock: common` for
+    """State `clock: start` for the second logs of trials, and ask whether it is so; `clock: sync`
+    for logs with pulses beside others or captures with pulses, and `clock: common` for
     OpenSim's tables beside its markers."""
     for trial in draft.trials:
-        if not trial.cells.keys() >= {"log_source", "mocap_source"}:
+        sources = [draft.source_files[trial.cells[name]] for name in SOURCES if name in trial.cells]
+        if len(sources) == 1:
             continue
-        log = draft.source_files[trial.cells["log_source"]]
-        capture = draft.source_files[trial.cells["mocap_source"]]
-        if "sync" in log.named and "sync" in capture.named:
-            log.settings["clock"] = "sync"
-        if (log.settings["format"], capture.settings["format"]) == ("opensim", "trc"):
+        log, other = sources
+        is_second = "log_2" in trial.cells
+        aligned = other if is_second else log
+        if all("sync" in source.named for source in sources):
+            aligned.settings["clock"] = "sync"
+        elif is_second:
+            aligned.settings["clock"] = "start"
+            question = ASK_CLOCK.format(source=trial.cells["log_2_source"])
+            draft.open.append((question, trial.cells["trial"]))
+        if (log.settings["format"], other.settings["format"]) == ("opensim", "trc"):
             log.settings["clock"] = "common"

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 from osl_analysis.draft.likelihood import parted_name
@@ -73,6 +74,7 @@ def trial_name(path: Path) -> str:
 def draft_trials(
     recordings: Sequence[tuple[Path, str, bool]],
     moved: Mapping[Path, str] | None = None,
+    first_of: Mapping[Path, Path] = MappingProxyType({}),
 ) -> list[DraftedTrial]:
     """Draft the trials that recordings are, by what the words of their names tell.
 
@@ -86,10 +88,16 @@ def draft_trials(
         whether it comes from motion capture; in the order of the sheet.
     moved
         The experiment of a log by what moves in it, where its name tells none.
+    first_of
+        The first log of a trial by the second.
     """
     by_name: dict[str, dict[str, tuple[Path, str]]] = {}
     captures = {trial_name(path) for path, _, from_capture in recordings if from_capture}
-    for path, source, from_capture in recordings:
+    name_of: dict[Path, str] = {}
+    for path, source, from_capture in sorted(recordings, key=lambda each: each[0] in first_of):
+        if path in first_of:
+            by_name[name_of[first_of[path]]]["log_2"] = (path, source)
+            continue
         role = "mocap" if from_capture else "log"
         name = trial_name(path)
         of_markers = OF_FORCES.sub("", name)
@@ -100,6 +108,7 @@ def draft_trials(
         while role in by_name.get(free_name, {}):
             number += 1
             free_name = f"{name}_{number}"
+        name_of[path] = free_name
         by_name.setdefault(free_name, {})[role] = (path, source)
     return [draft_trial(name, files, moved or {}) for name, files in by_name.items()]
 

@@ -2,6 +2,7 @@
 not tell is left to the user, questions first."""
 
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -17,11 +18,13 @@ from osl_analysis.draft.likelihood import (
 )
 from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
 from osl_analysis.ingest.clock import find_edges
+from osl_analysis.source_file import COMPUTED
 from osl_analysis.trial import COLUMNS
 from osl_analysis.units import dimension, is_unit
 from osl_analysis.yaml_settings import UNKNOWN
 
 NAMED_ALWAYS = ("theta", "torque", *LEVELS)  # columns that a draft names without a unit
+TORQUE = re.compile("(?i)torque|moment|effort|tau")  # in the name of one
 MINIMUM_EDGES = 6  # of pulses that align clocks
 MOST_BETWEEN = 0.02  # share of the samples of a pulse in the middle quarters of its range
 
@@ -77,19 +80,36 @@ class DraftedSource:
         return {entry.name: entry for entry in self.entries if not entry.is_comment}
 
     @property
+    def computed(self) -> list[str]:
+        """A question on a torque whose name or unit is of none that was measured."""
+        torques = [entry for name, entry in self.named.items() if name.startswith("torque")]
+        if not torques:  # the only one may be no measurement
+            torques = [one for one in self.entries if TORQUE.search(f"{one.fields}")]
+        named = [
+            [*entry.fields.values()][[*entry.fields].index("unit") - 1]
+            for entry in torques
+            if COMPUTED.search(f"{entry.fields}")
+        ]
+        return [
+            f"{name} is called like a current or an estimate: name the torque of a load cell, or"
+            " state `measured: true` of it, and of a current `scale`"
+            for name in named
+        ]
+
+    @property
     def text(self) -> str:
         """The source file."""
         lines = [f"{key}: {json.dumps(value)}" for key, value in self.settings.items()]
-        lines += [f"# {text}" for text in self.questions]
+        lines += [f"# {text}" for text in (*self.questions, *self.computed)]
         if self.entries:
             lines += [f"{self.key}:", *(entry.line for entry in self.entries)]
         return "\n".join([*lines, ""])
 
 
 @np.errstate(all="ignore")  # what a damaged file holds may be of any size
-def guesses_of(overview: Overview) -> list[Guess]:
-    """Guess what the channels of a log are."""
-    signals = [channel for channel in overview.drafted if channel.count]
+def guesses_of(*overviews: Overview) -> list[Guess]:
+    """Guess what the channels of a log, or of both logs of a trial, are."""
+    signals = [channel for overview in overviews for channel in overview.drafted if channel.count]
     return guessed_columns([with_documented_unit(channel) for channel in signals])
 
 
@@ -184,6 +204,11 @@ def entries_of(guesses: Sequence[Guess]) -> list[Entry]:
     return entries
 
 
+def are_counts(channel: RecordedChannel) -> bool:
+    """Whether a channel reads whole numbers, as of an encoder."""
+    return bool((channel.readings == np.rint(channel.readings)).all())
+
+
 def entry_of(number: int, guess: Guess, is_comment: bool) -> Entry:
     """The entry of a channel by what it may be, with the column's name where that is sure."""
     channel = guess.channel
@@ -194,9 +219,14 @@ def entry_of(number: int, guess: Guess, is_comment: bool) -> Entry:
     if channel.base[1] in COUNTS:
         remarks.append(f"no known unit: {json.dumps(unit)}" if unit else "no unit is stated")
         unit = "V" if guess.column in LEVELS else UNKNOWN
+        if channel.base[1] == "dimensionless":
+            remarks.append("of what? state its unit, and `scale` by the rated value")
     elif not channel.unit:
         remarks.append("the unit is guessed: check it")
     fields: dict[str, object] = {**channel.address, "unit": unit}
+    if unit == UNKNOWN and guess.column.startswith("theta") and are_counts(channel):
+        fields |= {"unit": "rev", "scale": UNKNOWN}
+        remarks.append("counts: `scale` is 1/COUNTS of a turn, as 1/4096")
     if guess.sign < 0:
         fields["sign"] = guess.sign
     if guess.wraps_at and guess.column.startswith("theta"):

@@ -21,7 +21,7 @@ import numpy as np
 
 from osl_analysis.draft.recorded_channel import RecordedChannel, name_and_ending
 from osl_analysis.files import own_yaml
-from osl_analysis.measured import cycle_duration, varies
+from osl_analysis.measured import cycle_duration, spoiled, varies
 from osl_analysis.trial import COLUMNS
 from osl_analysis.units import dimension
 
@@ -241,7 +241,11 @@ class Guess:
 
 
 def guessed_columns(channels: Sequence[RecordedChannel]) -> list[Guess]:
-    """Guess what each channel of a log is, the same for every recorder."""
+    """Guess what each channel of a log is, the same for every recorder, by its sound readings."""
+    channels = [
+        replace(channel, numbers=np.where(spoiled(channel.numbers), np.nan, channel.numbers))
+        for channel in channels
+    ]
     wraps = [wrapping_range(channel) for channel in channels]
     channels = [
         replace(channel, numbers=np.unwrap(channel.readings, period=at)) if at else channel
@@ -324,7 +328,7 @@ def correlation(theta: RecordedChannel, torque: RecordedChannel, of_speed: bool 
     they have any; 0 if they cannot be compared."""
     x = np.nan_to_num(theta.numbers, posinf=0.0, neginf=0.0)
     y = np.nan_to_num(torque.numbers, posinf=0.0, neginf=0.0)
-    if theta.times is not None and torque.times is not None:
+    if theta.times is not torque.times and theta.times is not None and torque.times is not None:
         x = np.interp(torque.times, theta.times, x)
     if len(x) != len(y) or len(x) <= FEWEST_READINGS or not (varies(x) and varies(y)):
         return 0.0

@@ -15,6 +15,7 @@ from osl_analysis.errors import InputError, listing, naming, printable
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.capture import is_labelled, vertical_axis
+from osl_analysis.ingest.conversion import floats_of
 from osl_analysis.ingest.likely_clock import (
     is_like_clock,
     is_of_time,
@@ -23,6 +24,7 @@ from osl_analysis.ingest.likely_clock import (
     stated_rate,
     ticks,
     time_unit,
+    unwrapped,
 )
 from osl_analysis.recording import SECOND_NS, Channel, Kind, Recording
 from osl_analysis.source_file import MarkerSource, Source
@@ -35,6 +37,7 @@ MOST_WORDS = 5  # words in place of numbers that are shown of a channel
 FEWEST_NUMBERS = 10  # a variable with fewer numbers is no signal
 MOST_BACK = 0.1  # share of the steps of a clock that may go back
 # what a text says of a counter without a unit
+INTERVALS = r"(?i)interval|^dt|delta|period|since"  # in the name of a column of them
 TICK = re.compile(r"(?i)\bticks?\b\D*(\d+) ?([nuµm]?s)\b")
 
 
@@ -69,7 +72,7 @@ def describe_channel(channel: Channel, kind: str) -> RecordedChannel:
     is_stamp = channel.kind == Kind.CLOCK
     if is_stamp:  # since the first, as a float tells days to 0.2 us alone
         values = (values - values.min()) / SECOND_NS
-    numbers = np.ma.filled(values.astype(float), np.nan)
+    numbers = floats_of(values)
     # a marker has three numbers in each row
     is_read = np.isfinite(numbers).all(axis=tuple(range(1, numbers.ndim)))
     count = int(is_read.sum())
@@ -174,8 +177,12 @@ def overview_of_messages(recording: Recording) -> Overview:
     ]
     facts = facts_of(recording)
     facts["topics"] = listing([*recording.loss.by_topic], MOST_NOTES)
-    has_stamp = any(channel.kind == Kind.CLOCK for channel in recording.channels)
-    time = {"source": "header" if has_stamp else "log"}
+    stamps = [channel for channel in recording.channels if channel.kind == Kind.CLOCK]
+    zero = [channel.key for channel in stamps if not np.ma.getdata(channel.values).any()]
+    time = {"source": "header" if stamps and not zero else "log"}
+    questions = (
+        [f"stamps are zero, so that time is the recorder's: {listing(zero)}"] if zero else []
+    )
     return Overview(
         recording.format,
         facts,
@@ -183,6 +190,7 @@ def overview_of_messages(recording: Recording) -> Overview:
         recording.loss.remarks,
         {"clock": "master", "time": time, **recording.settings},
         channels,
+        open=questions,
     )
 
 
@@ -219,12 +227,19 @@ def overview_of_table(recording: Recording) -> Overview:
         questions += of_time
     if clock is not None:
         signals = [channel for channel in drafted if channel.address != clock.address]
-        drafted = [channel for channel in signals if channel.numbers.size == clock.numbers.size]
-        untimed = [printable(channel.key) for channel in signals if channel not in drafted]
+        readings, _ = unwrapped(clock.numbers)
+        times = (readings - readings[:1].sum()) * clock.base[0]
+        drafted = [
+            replace(channel, times=times)
+            for channel in signals
+            if channel.numbers.size == clock.numbers.size
+        ]
+        timed = [channel.key for channel in drafted]
+        untimed = [printable(channel.key) for channel in signals if channel.key not in timed]
         if untimed:
             questions.append(
-                f"{', '.join(untimed)}: of another length than the clock; interpolate them to its"
-                " times, or leave them out"
+                f"{', '.join(untimed)}: of another length than the clock; state the `time` of"
+                " each with it, or leave them out"
             )
         facts["clock"] = f"{clock.key}, {clock.note}"
     return Overview(recording.format, facts, shown, remarks, settings, drafted, clock, questions)
@@ -261,6 +276,12 @@ def drafted_time(
     choice = choose_clock(channels)
     clock = choice.channel
     questions = [*choice.questions]
+    steps = next(filter(are_intervals, channels), None)
+    if steps is not None and (clock is None or not runs(clock)):
+        question = f"time is a guess: the sum of the intervals in {printable(steps.key)}"
+        clock = as_clock(replace(steps, numbers=np.cumsum(steps.numbers)), recording.notes)
+        unit = clock.unit or clock.likely_unit
+        return {key: clock.key, "unit": unit, "each": "interval"}, clock, [question]
     if clock is None:
         rate = None if questions else stated_rate(recording.notes)
         if rate is not None:
@@ -274,6 +295,12 @@ def drafted_time(
     return time, clock, questions
 
 
+def are_intervals(channel: RecordedChannel) -> bool:
+    """Whether a channel holds the time since the row before."""
+    is_named = re.search(INTERVALS, channel.name) and not runs(channel)
+    return bool(is_named) and is_of_time(channel.unit or channel.likely_unit)
+
+
 def as_clock(channel: RecordedChannel, notes: Sequence[str]) -> RecordedChannel:
     """A channel as the clock of its table, with its rate and gaps as note and its likely unit: one
     that the file's text tells, as `tick of 10 us`, or that of its name or rate."""
@@ -282,6 +309,7 @@ def as_clock(channel: RecordedChannel, notes: Sequence[str]) -> RecordedChannel:
         told = next((f"{tick[1]} {tick[2]}" for tick in ticks), "")
         channel = replace(channel, likely_unit=told or time_unit(channel.readings))
     factor, _ = channel.base
+    channel = replace(channel, numbers=unwrapped(channel.numbers)[0])
     seconds = (channel.readings - channel.readings[:1].sum()) * factor
     rate = rate_of(seconds)
     notes = [f"{rate:.6g} Hz", gaps_text(seconds)] if rate else ["of no known unit"]
@@ -334,7 +362,10 @@ def choose_clock(channels: Sequence[RecordedChannel]) -> ClockChoice:
         spans = [f"{printable(clock.key)} spans {np.ptp(clock.readings):.6g}" for clock in asked]
         what = f"{printable(first.key)} is taken, check it"
         if rivals:
-            what = "they contradict each other, name the one by which the signals were sampled"
+            what = (
+                "they contradict each other, name the one by which the signals were sampled, or"
+                " `time` with each channel"
+            )
         question = f"{len(asked)} {first.kind}s may be the clock: {listing(spans)}; {what}"
         return ClockChoice(None if rivals else first, [question])
     if named:

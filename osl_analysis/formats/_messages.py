@@ -439,13 +439,14 @@ class Log:
 
 
 def _wanted_fields(source: Any) -> dict[str, dict[str, None]]:
-    """The fields that a source file asks for, by topic."""
+    """The fields that a source file asks for, by topic, and the velocity beside each position."""
     stamps = []
     if source.time.source == "header":
         stamps = [path for parts in stamp_fields(source.time.field) for path in parts]
     wanted: dict[str, dict[str, None]] = {}  # in their order, each once
     for channel in source.channels.values():
-        paths = filter(None, (channel.field, channel.counter, *stamps))
+        beside = channel.field.replace("position", "velocity")
+        paths = filter(None, (channel.field, channel.counter, beside, *stamps))
         wanted.setdefault(channel.topic, {}).update(dict.fromkeys(paths))
     return wanted
 

@@ -36,13 +36,12 @@ from osl_analysis.formats._text import (
 )
 from osl_analysis.recording import Channel, End, Kind, Loss, Recording, Rows
 from osl_analysis.source_file import ColumnChannel, ColumnTime, TableSource
-from osl_analysis.units import is_unit
+from osl_analysis.units import is_clock, is_unit
 
 MOST_COLUMNS = 10_000  # a table with more columns is transposed, or no recording
 BRACKETS = "[](){}- "  # around a unit, or in its place
-MOST_HEADERS = 3  # rows of names and units above the numbers
+MOST_HEADERS = 4  # rows of names and units above the numbers
 LEAST_VALUES = 0.5  # share of the cells of a column of numbers that are numbers
-FAR_BEYOND = 5.0  # times the next largest value: a number of nines is none that was measured
 COMMENT_SIGNS = ("#", "%", "//")  # at the beginning of a line
 STATED_ROWS = re.compile(
     r"(?i)\W*(?:total |(?:number|no\.?) of )?(?:samples|rows|frames|length|data"
@@ -253,7 +252,9 @@ def _first_row_of_data(rows: Sequence[Row], shape: Shape) -> int:
         cells = rows[first - 1].cells
         filled = [cell for cell in cells if cell]
         are_numbers = sum(map(is_number_cell, filled)) > len(filled) / 2
-        if len(cells) <= max(1, shape.width / 2) or not are_numbers or _counts(cells):
+        is_keyed = shape.is_blank_before and any(cells[: shape.first_value])
+        is_short = len(cells) <= max(1, shape.width / 2)
+        if is_short or is_keyed or not are_numbers or _counts(cells):
             break
         first -= 1
     return first
@@ -271,24 +272,38 @@ def _head_of(
     """Names and units of the columns, and other text, in the rows above the data and comments."""
     texts = [" ".join(filter(None, row.cells)) for row in above]
     lists: list[list[str]] = []
+    decimals = re.compile(r"[+-]?\d+[.,]\d\S*")  # `Delta_X,0.004` and the like are no names
     candidates = [
-        row.cells for row, text in zip(above, texts, strict=True) if not STATED_ROWS.match(text)
+        row.cells
+        for row, text in zip(above, texts, strict=True)
+        if not (STATED_ROWS.match(text) or any(map(decimals.fullmatch, row.cells)))
     ]
     for cells in reversed(candidates[-MOST_HEADERS:]):
         filled = sum(map(bool, cells))
         is_wide = filled >= width / 2 and len(unpadded(cells)) <= width + 1
-        if not is_wide or filled == 1 < width or (width == 1 and lists):
+        is_aligned = lists and len(unpadded(cells)) == width
+        if not (is_wide or is_aligned) or filled == 1 < width or (width == 1 and lists):
             break
         lists.insert(0, cells)
+    # `TraceName,ANGLE,TORQUE` among lines of a name and values, as oscilloscopes write them
+    keyed = [
+        ["", *cells[1:]][-width:]
+        for cells in candidates
+        if re.search("(?i)name|label", cells[0]) and len(unpadded(cells)) in (width, width + 1)
+    ]
+    if keyed and all(map(is_value, lists[-1][1:] if lists else [])):
+        lists = keyed[-1:]
     if not lists:  # names in a comment, or with another sign between them than the rows have
         split = [
             _split_names(text, width, delimiter)
             for text in [*comments, *map(delimiter.join, candidates[-1:])]
         ]
         lists = [names for names in split if names]
-    units = []
-    if len(lists) > 1 and _are_units(lists[-1]):
-        units = [cell.strip(BRACKETS) for cell in lists.pop()]
+    units: list[str] = []
+    for place in range(len(lists) - 1, 0, -1):  # below them may stand remarks
+        if not units and _are_units(lists[place]):
+            units = [cell.strip(BRACKETS) for cell in lists[place]]
+            lists = lists[:place]
     for cells in candidates:  # `Y_Unit_Label` of LabVIEW
         if not units and re.search(r"(?i)unit", cells[0]) and _are_units(cells[1:]):
             units = ["", *cells[1:width]]
@@ -297,6 +312,15 @@ def _head_of(
     names = [str(place + 1) for place in range(width)]
     if lists:
         names = unpadded(lists[-1])
+        above_units = [cells for cells in lists if units and len({*cells}) == len(cells) == width]
+        above_units.sort(key=lambda cells: not any(map(is_clock, cells)))  # else of devices
+        if above_units and not any(map(is_value, above_units[0])):
+            names = above_units[0]  # those below them are remarks
+        elif len(lists) > 1 and not all(names):  # the rest of the names is above
+            words = [
+                [text for text in over if not is_value(text)] for over in zip(*lists, strict=False)
+            ]
+            names = [" ".join(over) for over in words]
     if len(names) == width + 1 and names[-1].casefold() == "comment":
         names = names[:width]  # LabVIEW's last column is empty
     if len(names) > width:
@@ -351,7 +375,14 @@ def _remark_on_widths(
         f"line {odd[0].number} has {len(odd[0].cells)} cells under {width} names, and {len(odd)} of"
         f" {len(rows)} rows do not fit"
     )
-    if layout.ragged == "refuse" or len(odd) == len(rows):
+    if len(odd) == len(rows):
+        cells = [cell for row in odd[:FIRST_LINES] for cell in row.cells]
+        cell = next((cell for cell in cells if not is_value(cell)), cells[0])
+        raise InputError(
+            f"every row has {len(odd[0].cells)} cells under {width} names, as if a sign between two"
+            f" cells lacked, see '{cell}'; write one between all cells, and a name for each"
+        )
+    if "skip" not in (layout.ragged, layout.damaged):
         if [row.cells for row in odd if row.cells in [head.cells for head in above]]:
             raise InputError(
                 f"{what}: lines from above the table stand there again, where another recording"
@@ -361,10 +392,10 @@ def _remark_on_widths(
         share = math.ceil(1000 * len(odd) / len(rows)) / 1000
         raise InputError(
             f"{what}; write a name for each, and one sign between names and cells, repair these"
-            " lines, or, where its time is named, write `ragged: skip` and"
+            " lines, or, where its time is named, write `damaged: skip` and"
             f" `most_missing: {share:g}` in the source file to leave them out"
         )
-    return f"{what} and were skipped"
+    return what
 
 
 def lasting_names(titles: Sequence[str]) -> list[str]:
@@ -436,10 +467,8 @@ def _values_of(
     is_missing = np.isin(values, numbers)
     if is_missing.any():
         values = np.where(is_missing, np.nan, values)
-    if not layout.channels:
+    if not layout.channels or layout.damaged == "skip":
         return values
-    if values.dtype != bool:
-        _check_placeholder(values, title, rows)
     if not unread.size:
         return values
     place = int(unread[0])
@@ -449,22 +478,6 @@ def _values_of(
         " write numbers as 1234.5e-3, none between thousands, and times as 12:00:00.500 in"
         f" every row, or add {json.dumps(cell, ensure_ascii=False)} to `missing` in the source file"
     )
-
-
-def _check_placeholder(values: NDArray[Any], title: str, rows: Rows) -> None:
-    """Refuse a number of nines far beyond all others, which loggers write for a failed reading."""
-    furthest = max(np.fmin.reduce(values, initial=0), np.fmax.reduce(values, initial=0), key=abs)
-    placeholder = f"{furthest:.12g}"
-    if not re.fullmatch(r"-?9{3,}(\.9+)?", placeholder):
-        return
-    sizes = np.abs(values)
-    is_largest = sizes == abs(furthest)
-    if abs(furthest) > FAR_BEYOND * np.fmax.reduce(sizes, where=~is_largest, initial=0):
-        raise InputError(
-            f"column '{title}': {placeholder} stands in {is_largest.sum()} of {rows.count}"
-            f" {rows.noun}s, as for a failed reading, and all other values are far smaller; add"
-            f' "{placeholder}" to `missing` in the source file'
-        )
 
 
 def _count_words(cells: pl.Series, layout: SheetSource, decimal: str) -> Mapping[str, int]:

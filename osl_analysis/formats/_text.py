@@ -19,12 +19,11 @@ from osl_analysis.recording import SECOND_NS
 # bytes that no text has; byte 26 is allowed, it ends files of DOS
 CONTROL = re.compile(rb"[\x00-\x08\x0e-\x19]")
 UTF_16 = (b"\xff\xfe", b"\xfe\xff")  # its marks
+SPOILED = re.compile("Â(?=[°µ·²±])")  # which UTF-8 becomes as read in a western code page
 MINUS = "\u2212"  # a minus sign that is no hyphen
 # lines of a text that tell its header, the sign between cells and the decimal sign, and its footer
 LONGEST_LINE = 1_000_000  # letters; 10,000 columns of 100 letters each
 FIRST_LINES, LAST_LINES = 300, 60
-FEWEST_ROWS = 8  # lines of numbers that make a text without an ending a table
-LEAST_SCORE = 0.8  # share of them that are rows of numbers
 MISSING = (
     "", "nan", "NaN", "NAN", "NA", "N/A", "#N/A", "null", "NULL", "None", "<NA>", "NaT",
     "-nan", "nan(ind)", "-nan(ind)",
@@ -78,9 +77,10 @@ def is_text(begin: bytes) -> bool:
 def decoded(data: bytes) -> str:
     """Decode text in UTF-8, UTF-16 with its mark, or else the western code page of Windows."""
     try:
-        return in_utf8(data).decode()
+        text = in_utf8(data).decode()
     except UnicodeDecodeError:
-        return data.decode("cp1252", errors="replace")
+        text = data.decode("cp1252", errors="replace")
+    return SPOILED.sub("", text)
 
 
 def in_utf8(data: bytes) -> bytes:
@@ -147,16 +147,6 @@ def _score(sample: Sequence[str], sign: str) -> float:
     typical = [row for row in rows if len(row) == width]
     filled = [cell.strip(' "') for row in typical for cell in row if cell.strip(' "')]
     return len(typical) / len(rows) * sum(map(is_value, filled)) / max(1, len(filled))
-
-
-def begins_with_rows(begin: bytes) -> bool:
-    """Tell whether most of the last lines in the beginning of a text are rows of two or more
-    numbers or times."""
-    if not is_text(begin):
-        return False
-    lines = numbered(decoded(begin).encode().rpartition(b"\n")[0])[-20:]
-    score = _score([line.text for line in lines], delimiter_of(lines))
-    return len(lines) > FEWEST_ROWS and score > LEAST_SCORE
 
 
 def split_rows(lines: Sequence[Line], delimiter: str) -> list[Row]:

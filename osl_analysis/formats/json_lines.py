@@ -24,10 +24,16 @@ class FieldTime(RowTime):
     field: str | None = None
 
 
+class JsonChannel(FieldChannel):
+    """A number of a line."""
+
+    time: FieldTime | None = None  # Its own time, where it is not that of the others.
+
+
 class JsonSource(TableSource):
     """The source file of JSON lines."""
 
-    channels: Mapping[str, FieldChannel] = Field(min_length=1)
+    channels: Mapping[str, JsonChannel] = Field(min_length=1)
     time: FieldTime
 
 

@@ -44,6 +44,7 @@ class VariableChannel(LogChannel):
     # Where the device counts its samples, which tells the missing ones.
     counter: Name | None = None
     unit: str  # Unit of the numbers, as laboratories spell it.
+    time: "VariableTime | None" = None  # Its own time, where it is not that of the others.
 
 
 class VariableTime(RowTime):

@@ -66,9 +66,6 @@ class OpenSimPlate(ExportedPlate):
 class OpenSimSource(SheetSource, InAxes):
     """The source file of tables of OpenSim."""
 
-    clock: Literal["master", "sync", "shared", "common"] = "master"  # type: ignore[assignment]
-    """How the log's clock is aligned to motion capture's. `common`: its times are those of the TRC
-    beside it."""
     channels: Mapping[str, OpenSimChannel] = Field(default={})
     time: OpenSimTime = Field(default_factory=OpenSimTime)
     # Force plates by number, from 1.
@@ -81,7 +78,7 @@ class OpenSimSource(SheetSource, InAxes):
             raise misplaced(
                 "name the columns to read under `channels`, or plates under `plates`", "channels"
             )
-        if str(self.clock) == "common" and (not self.time.name or self.time.unit != "s"):
+        if self.clock == "common" and (not self.time.name or self.time.unit != "s"):
             raise misplaced(
                 "`clock: common` needs the column of time in s, as {column: time, unit: s}", "time"
             )

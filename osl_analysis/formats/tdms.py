@@ -24,6 +24,7 @@ class TdmsChannel(LogChannel):
 
     ADDRESS = "channel"
     channel: Name  # Group and name, as `Measured Data/Torque`, or the name where one group has it.
+    time: "TdmsTime | None" = None  # Its own time, where it is not that of the others.
 
 
 class TdmsTime(RowTime):

@@ -28,8 +28,9 @@ class ClockFit:
     drift: float = 0.0  # relative difference of the clocks' rates [1]
     residual: float = 0.0  # RMS of the residuals [s]; by correlation, standard error of the times
     edges: int = 0  # pairs of edges that were used
-    # `edges`, `gate`, `correlation` of a signal, or `common`: the files share one time
+    # `edges`, `gate`, `correlation` of a signal, or what is stated: `common`, `start`
     method: str = "edges"
+    drift_error: float | None = None  # standard error of the drift; None: no signal tells it
 
     def to_master(self, time: Array) -> Array:
         """Times [s] of the slave on the master's clock [s]."""
@@ -110,9 +111,9 @@ def pairs_alike(slave: Edges, master: Edges) -> tuple[Array, Array]:
     rival = count[abs(votes - peak) > width].max(initial=0)
     if best < LIMITS.fewest_alike or rival > best // 2:
         raise InputError(
-            f"{best} runs of three sync edges of the log agree with motion capture's on one offset"
+            f"{best} runs of three sync edges agree with the other recorder's on one offset"
             f" and {rival} on another, {LIMITS.fewest_alike} and twice as many are needed; check"
-            " the sync cable and whether the log is this capture's, let the pulses vary in length,"
+            " the sync cable and whether both files are of one trial, let the pulses vary,"
             " or record longer"
         )
     agrees = (offsets >= peak) & (offsets <= peak + width)
@@ -156,6 +157,7 @@ def robust_line(first: Array, second: Array, noise: float) -> ClockFit:
         drift,
         residual=np.sqrt((residuals[used] ** 2).mean()),
         edges=int(used.sum()),
+        drift_error=noise / np.sqrt(information),
     )
 
 
@@ -226,7 +228,7 @@ def correlate_clocks(slave: Signal, master: Signal) -> ClockFit:
     elsewhere = np.sqrt(1 - shared[others].max(initial=0.0))
     if misfit > LIMITS.most_alike * elsewhere:
         raise InputError(
-            f"the shared angle fits at a lag of {offset:.2f} s, where {misfit:.2g} of its SD is"
+            f"the shared signal fits at a lag of {offset:.2f} s, where {misfit:.2g} of its SD is"
             f" left, hardly better than elsewhere, {elsewhere:.2g}; check that both channels show"
             " the same movement, and record longer, with one that does not repeat"
         )

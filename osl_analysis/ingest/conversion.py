@@ -2,25 +2,33 @@
 them."""
 
 import math
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import polars as pl
-import scipy
 from numpy.typing import NDArray
 
+from osl_analysis.draft.likelihood import parted_name, word_patterns
+from osl_analysis.draft.recorded_channel import likely_unit, name_and_ending
 from osl_analysis.errors import InputError, naming, printable
 from osl_analysis.ingest import LIMITS
+from osl_analysis.measured import spoiled
 from osl_analysis.recording import Channel, End, Loss, Recording, Rows
-from osl_analysis.source_file import LEVEL_UNIT, Conversion, LogChannel, LogSource
+from osl_analysis.signals.agreement import speed_factor
+from osl_analysis.source_file import LEVEL_UNIT, MOST_DAMAGED, Conversion, LogChannel, LogSource
 from osl_analysis.trial import COUNTER, Array, unit_of
-from osl_analysis.units import quantity, si_factor
+from osl_analysis.units import EXAMPLES, quantity, si_factor
 
-# facts on a sensor, which the provenance has in SI units
-OF_SENSOR = {"delay", "low_pass", "resolution", "range"}
+# facts on a sensor, which the provenance has in SI units, and a clock of its own
+OF_SENSOR = {"delay", "low_pass", "resolution", "range", "time"}
 LARGEST_COUNT = 2.0**53  # floats hold whole numbers exactly below it
+BESIDE = "_beside"  # ends the key of the speed of a column's body, or of its angle
+NO_BODY = re.compile(r"\b(counts?|ticks?|raw|meas\w*|actual|value|filtered)\b")  # in a name
+# by how columns begin: what stands beside them, and in which unit
+OTHER_OF_BODY = {"theta": ("speed", "rad/s"), "omega": ("angle", "rad")}
 
 
 @dataclass(frozen=True)
@@ -84,14 +92,19 @@ def origin_of(conversion: Conversion, column: str, unit_of_file: str = "") -> di
     return origin
 
 
+def floats_of(readings: Any) -> Array:
+    """Readings of any shape as numbers, NaN where one is masked."""
+    numbers: Array = np.ma.filled(np.ma.asarray(readings, np.float64), np.nan)
+    return numbers
+
+
 def numbers_of(channel: Channel) -> Array:
     """The readings of a channel (n,); NaN where one is missing, or if they are no numbers."""
     count = channel.rows.count
     try:
-        values = np.ma.asarray(channel.values, dtype=np.float64).reshape(count)
+        return floats_of(channel.values).reshape(count)
     except (InputError, ValueError):  # words, or several numbers in a row
         return np.full(count, np.nan)
-    return values.filled(np.nan)
 
 
 def share_above(count: int, total: int) -> float:
@@ -117,14 +130,17 @@ def canonical_columns(
     values: Mapping[str, NDArray[Any]],
     rows: Rows,
     time: Array,
+    told: Collection[str] = (),
 ) -> tuple[list[pl.Series], dict[str, dict[str, Any]], list[str]]:
     """Convert the channels of some rows at times (n,) [s], and the counters beside them.
 
     Parameters
     ----------
     channels, values
-        Channels, and readings (n,) of them and of their counters, by canonical column: NaN where
-        one failed, masked where there is none.
+        Channels, and readings (n,) of them, of their counters and of what is beside them, by
+        canonical column: NaN where one failed, masked where there is none.
+    told
+        Columns of which a remark tells already where they have a value.
 
     Returns
     -------
@@ -145,6 +161,8 @@ def canonical_columns(
     origins = {}
     remarks = []
     for column, channel in channels.items():
+        if column not in source.channels:
+            continue
         setting = source.channels[column]
         readings = np.ma.asarray(values[column])
         if readings.dtype == bool and unit_of(column) != LEVEL_UNIT:
@@ -153,27 +171,47 @@ def canonical_columns(
                 f" number as `{setting.ADDRESS}` in the source file"
             )
         lacking = np.ma.getmaskarray(readings)
-        numbers = np.ma.filled(readings.astype(float), 0.0)
-        missing = np.isnan(numbers)
-        check_finite_values(setting.title, np.where(missing, 0.0, numbers), time)
-        for what, lacks in (("has no value", lacking), ("is missing", missing)):
-            if lacks.any():
+        numbers = floats_of(readings).copy()
+        known = ~np.isnan(numbers)
+        missing = ~known & ~lacking
+        check_finite_values(setting.title, np.where(known, numbers, 0.0), time)
+        leaps = np.zeros_like(known)
+        if source.damaged == "skip":
+            leaps[known] = spoiled(numbers[known])
+        what_lacks = {"has no value": lacking, "is missing": missing}
+        what_lacks[f"leaps or recurs, as {numbers[np.argmax(leaps)]:.12g},"] = leaps
+        for what, lacks in what_lacks.items():
+            if lacks.any() and not (lacks is lacking and column in told):
                 remarks.append(
                     f"{setting.title} {what} in {lacks.sum()} of {rows.count} {rows.noun}s, first"
                     f" {rows.place(np.argmax(lacks))}"
                 )
-        if missing.sum() > source.most_missing * missing.size:
+        numbers[leaps] = np.nan
+        if missing.sum() > source.allowed_missing * missing.size:
             raise InputError(
-                f"{remarks[-1]}; more than the {source.most_missing:.1%} of `most_missing`: repair"
-                " the recording, or write `most_missing:"
+                f"{remarks[-1]}; more than the {source.allowed_missing:.1%} of `most_missing`:"
+                " repair the recording, or write `most_missing:"
                 f" {share_above(missing.sum(), missing.size):g}` in the source file"
             )
         if setting.wraps_at is not None:
-            known = ~(missing | lacking)
-            numbers[known] = np.unwrap(numbers[known], period=setting.wraps_at)
+            known &= ~leaps
+            whole = np.unwrap(numbers[known], period=setting.wraps_at)
+            if np.array_equal(whole, numbers[known]):
+                remarks.append(f"{setting.title}: `wraps_at` had no effect, nothing begins anew")
+            numbers[known] = whole
         with naming(setting.title, f", as {source.place('channels', column, 'unit')}"):
             origin = origin_of(setting, column, channel.unit)
-        series = pl.Series(column, to_si(setting, numbers, origin["factor"]))
+        in_si = to_si(setting, numbers, origin["factor"])
+        if setting.offset:
+            shift = setting.offset * setting.scale * origin["factor"]
+            remarks.append(
+                f"{setting.title}: `offset` is added before `scale`, which shifts {column} by"
+                f" {shift:.4g} {unit_of(column)}"
+            )
+        series = pl.Series(column, in_si)
+        if column + BESIDE in channels:
+            beside = channels[column + BESIDE]
+            origin |= factor_beside(column, time, in_si, beside, values[column + BESIDE])
         columns.append(series.set(pl.Series(lacking), None))
         origins[column] = origin
         counter = column + COUNTER
@@ -196,7 +234,7 @@ def checked_counts(what: str, raw: NDArray[Any], rows: Rows, remedy: str) -> NDA
     InputError
         A count is missing, or is no whole number.
     """
-    counts = np.ma.filled(raw.astype(float), np.nan)
+    counts = floats_of(raw)
     is_count = (counts == np.rint(counts)) & (np.abs(counts) < LARGEST_COUNT)
     if raw.dtype == bool or not is_count.all():
         row = np.argmin(is_count)
@@ -245,43 +283,87 @@ def asked_channels(
     recording: Recording, settings: Mapping[str, LogChannel]
 ) -> tuple[dict[str, Channel], dict[str, Channel]]:
     """The channels of a log that settings name, by canonical column; and the same with the counters
-    beside them."""
+    beside them, and the speed of an angle or the angle of a speed, as far as names tell."""
     channels = {column: recording.find(setting.address) for column, setting in settings.items()}
     asked = dict(channels)
     for column, setting in settings.items():
+        kind, _ = OTHER_OF_BODY.get(column[:5], ("", ""))
+        wanted = (kind, *body_of(channels[column])[1:])
+        for channel in recording.channels if kind else ():
+            if body_of(channel) == wanted:
+                asked[column + BESIDE] = channel
         if setting.counter is not None:
             address = {**setting.address, setting.ADDRESS: setting.counter}
             asked[column + COUNTER] = recording.find(address)
     return channels, asked
 
 
+def body_of(channel: Channel) -> tuple[str, str, str, int]:
+    """Whether a channel is called like a `speed` or an `angle`, the rest of its name, its rows."""
+    name = channel.address.get("field", channel.name or channel.key)
+    words = NO_BODY.sub("", parted_name(name_and_ending(name)[0]))
+    kind = ""
+    for known in ("angle", "speed"):
+        if word_patterns()[known].search(words):
+            kind, words = known, word_patterns()[known].sub("", words)
+    return kind, " ".join(words.split()), channel.rows.name, channel.rows.count
+
+
+def factor_beside(column: str, time: Array, in_si: Array, beside: Channel, other: Any) -> Any:
+    """The size of a speed over that of the change of its angle, for the provenance: of a column
+    (n,) and readings (n,) beside it. A unit that nobody states is the usual one that fits best."""
+    readings = floats_of(other)
+    _, unit = OTHER_OF_BODY[column[:5]]
+    spelled = beside.unit or beside.likely_unit or likely_unit(beside.name)
+    factors = [factor_or_nan(spelled, unit)] if spelled else [*EXAMPLES[unit].values()]
+    if unit == "rad/s":
+        possible = speed_factor(time, in_si, readings) * np.array(factors)
+    else:
+        possible = speed_factor(time, readings, in_si) / np.array(factors)
+    nearest = possible[np.abs(np.log(possible)).argmin()]
+    return {"beside": beside.key, "speed_factor": nearest} if nearest > 0 else {}
+
+
+def factor_or_nan(unit: str, si_unit: str) -> float:
+    """The factor of a file's unit; NaN where that is not known, as of the raw channel that `scale`
+    converts."""
+    try:
+        return si_factor(unit, si_unit)
+    except InputError:
+        return np.nan
+
+
 def fresh_rows(
-    rows: Rows, stamps: NDArray[Any], least: float = 0.0
+    rows: Rows, stamps: NDArray[Any], least: float = 0.0, skips: bool = False
 ) -> tuple[NDArray[np.int64], list[str]]:
-    """Leave out few rows whose stamp (n,) is far from the running median, as of a packet that
-    waited in a buffer, and by `least` in its unit. A gap moves the median, too: the rows beside it
-    are near to it.
+    """Leave out few rows whose stamp (n,) is of another time, as of a packet that waited in a
+    buffer: without them time goes on.
+
+    Parameters
+    ----------
+    least
+        By how much at least, in the unit of the stamps.
+    skips
+        Whether more rows are left out, and by however little their stamp goes back.
 
     Returns
     -------
     places
-        Of the rows that are kept, from 0: all of a clock that goes back in more than
-        `largest_stale_share`.
+        Of the rows that are kept, from 0: all of a clock that goes back in more of them.
     remarks
         A sentence if some are left out.
     """
-    every = np.arange(stamps.size)
-    since_first = (stamps - stamps[0]).astype(float)
-    steps = np.abs(np.diff(since_first, prepend=0.0))
-    longest = steps.max()
-    far = max(least, LIMITS.far_steps * np.median(steps))
-    if longest <= far:
-        return every, []
-    usual = scipy.ndimage.median_filter(since_first, LIMITS.median_rows, mode="mirror")
-    stale = np.flatnonzero(np.abs(since_first - usual) > far)
-    if not 0 < stale.size <= LIMITS.largest_stale_share * stamps.size:
-        return every, []
-    return np.delete(every, stale), [
-        f"{stale.size} of {rows.count} {rows.noun}s have a stamp of another time, as of a packet"
-        f" that waited in a buffer, and were left out, first {rows.place(stale[0])}"
+    if (stamps[1:] >= stamps[:-1]).all():
+        return np.arange(stamps.size), []
+    late = np.maximum.accumulate(stamps) - stamps
+    early = stamps - np.minimum.accumulate(stamps[::-1])[::-1]
+    back = min(late, early, key=np.count_nonzero)
+    far = max(least, LIMITS.far_steps * np.median(np.abs(np.diff(stamps))))
+    is_stale = back > (0.0 if skips else far)
+    share = MOST_DAMAGED if skips else LIMITS.largest_stale_share
+    if not 0 < is_stale.sum() <= share * stamps.size:
+        return np.arange(stamps.size), []
+    return np.flatnonzero(~is_stale), [
+        f"{is_stale.sum()} of {rows.count} {rows.noun}s have a stamp of another time, and were"
+        f" left out, first {rows.place(is_stale.argmax())}"
     ]

@@ -1,6 +1,5 @@
 """The guard of a trial's numbers. Sizes that nothing can reach, values beyond a stated range, and
-recordings of a bench that no fit can use are refused; samples that leap, and runs of one value, are
-found."""
+recordings of a bench that no fit can use are refused."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -9,12 +8,10 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from osl_analysis.errors import Change, InputError
 from osl_analysis.ingest import LIMITS
 from osl_analysis.measured import SMALLEST_SIGNAL, noise_of, varies
-from osl_analysis.signals import longest_of, run_edges
 from osl_analysis.signals.grid import origin
 from osl_analysis.trial import Array, Trial, unit_of
 from osl_analysis.units import si_factor
@@ -70,11 +67,17 @@ def check_own_torque(trial: Trial, torque: str = "torque", angle: str | None = "
         if time.size < LIMITS.fewest_compared:
             continue
         least = LIMITS.least_of_sensor
-        sums = sums_of_formula(time, measured, dict(zip(others, values, strict=True)))
+        signals = dict(zip(others, values, strict=True))
+        sums = sums_of_formula(time, measured, signals)
         # a load cell has noise of its own, and a simulated joint none
         noise = min(noise_of(measured, LIMITS.order_of_noise) / np.std(measured), least)
         of_noise = unexplained_share(rows_of_filter(measured, values)) / noise
-        if unexplained_share(sums) < least or of_noise < LIMITS.least_of_noise:
+        of_current = 1.0
+        if "current" in signals:
+            turned = signals.get(angle or "", signals.get("omega_m", measured))
+            of_current = unexplained_share(rows_of_current(measured, signals["current"], turned))
+        is_formula = unexplained_share(sums) < least or of_current < LIMITS.least_beside_current
+        if is_formula or of_noise < LIMITS.least_of_noise:
             raise InputError(
                 f"trial {trial.name}: {torque} follows exactly from {' and '.join(others)}: it is"
                 " computed, not measured, and a fit gives the formula back; name the channel of a"
@@ -98,6 +101,14 @@ def sums_of_formula(time: Array, torque: Array, signals: Mapping[str, Array]) ->
     begins = np.arange(0, time.size, group)
     sums = np.array([np.add.reduceat(column, begins) for column in columns])
     return sums[:, :-1]  # the last is shorter, so that a constant torque would vary
+
+
+def rows_of_current(torque: Array, current: Array, turned: Array) -> Array:
+    """Rows of a torque (n,) and what a linkage makes of a current (n,): its arm changes with the
+    angle (n,), and friction has the way of the motion."""
+    way = np.sign(np.gradient(turned))
+    arms = [current, current * turned, current * turned**2]
+    return np.array([torque, np.ones_like(torque), *arms, way, way * abs(current)])
 
 
 def rows_of_filter(torque: Array, signals: Sequence[Array]) -> Array:
@@ -219,191 +230,3 @@ def in_other_units(trial: Trial, columns: Sequence[str]) -> list[Change]:
             rank = len(changes) if si_unit == "rad" else 0
             changes.append(Change(words, dict.fromkeys(columns, factor), rank=rank))
     return changes
-
-
-# Samples that leap off the curve of their neighbours. A flipped bit, a lost or an exchanged block
-# of a file, and a sensor that fails look alike in them.
-
-
-def find_leaps(time: Array, values: Array) -> Array:
-    """Find the samples of a channel that leap off the curve of their neighbours.
-
-    The curve is told by third differences, which a smooth motion hardly has. They are compared
-    with the channel's own usual one, so that neither noise nor a coarse sensor is accused; and with
-    that of three quarters of the samples, where samples that leap there and back alone make most of
-    the large ones.
-
-    Parameters
-    ----------
-    time : Array
-        Times of the samples [s], shape (n,).
-    values : Array
-        The samples in any unit, shape (n,). NaN is left out.
-
-    Returns
-    -------
-    Array
-        Times of the leaps [s]: a single wrong number is one, a block of them two. None if the
-        channel is short or hardly ever moves.
-    """
-    seen = np.isfinite(values)
-    time, values = time[seen], values[seen]
-    if values.size < LIMITS.fewest_samples:
-        return time[:0]
-
-    bends = np.diff(values, 3)
-    spans = time[3:] - time[:-3]
-    is_gap = spans > LIMITS.longest_span * np.median(spans)
-    if np.mean(is_gap) <= LIMITS.most_gaps:  # stamps that scatter tell no gaps
-        bends[is_gap] = 0.0
-    sizes = np.abs(bends)
-    sound, usual = np.quantile(sizes, (LIMITS.sound_bend, LIMITS.usual_bend))
-    if usual == 0.0:
-        return time[:0]
-    far = np.flatnonzero(sizes > LIMITS.largest_bend * sound)
-    five_around = np.pad(bends, 2)[far[:, None] + np.arange(5)]
-    turns = np.cumsum(five_around, axis=1).sum(axis=1)  # change of slope over five samples
-    is_straight_on = np.abs(turns) < LIMITS.largest_turn * sizes[far]
-    is_middle = sizes[far] == np.abs(five_around).max(axis=1)  # others are of the same leap
-    is_leap = is_straight_on & is_middle
-
-    opposite = -np.sign(bends[far])[:, None] * five_around[:, [1, 3]]
-    is_single = is_leap & (opposite.max(axis=1) > LIMITS.both_ways * sizes[far])
-    spoiled = LIMITS.spoiled * np.count_nonzero(is_single)
-    are_usual = spoiled > max(LIMITS.most_of_large * far.size, (1 - LIMITS.usual_bend) * sizes.size)
-    if sound == 0.0 or not are_usual:
-        limit = max(LIMITS.largest_bend * usual, LIMITS.smallest_bend * np.ptp(values))
-        is_leap &= sizes[far] > limit
-    # of the samples k to k + 3 of the largest third difference, k + 2 leaps, or the one before
-    return time[far[is_leap] + 2]
-
-
-def steps_by_friction(
-    leaps: Array, angle: tuple[Array, Array], torque: tuple[Array, Array]
-) -> NDArray[np.bool_]:
-    """Whether a torque leaps as by friction at times (k,) [s]: the joint turns there, and the
-    torque steps in the direction of the new motion. `angle` and `torque` are times [s] and
-    values."""
-    around = leaps + np.array(LIMITS.around_turn_s)  # (2, windows, k)
-    ways = np.interp(leaps, *angle) - np.interp(around, *angle)
-    lower, higher = np.sort(np.abs(ways), axis=0)
-    is_turn = lower > np.maximum(LIMITS.clear_turn * np.ptp(angle[1]), LIMITS.even_turn * higher)
-    time, values = torque
-    rows = np.searchsorted(time, leaps)[:, None] + np.arange(-LIMITS.step_rows, LIMITS.step_rows)
-    beside = values[np.clip(rows, 0, values.size - 1)]
-    step = beside[:, -1] - beside[:, 0]
-    is_step = 2 * np.abs(step) > np.ptp(beside, axis=1)  # a wrong number comes back
-    is_along = (ways * step < 0).all(axis=0)  # up in a trough, down at a peak
-    return is_step & (is_turn & is_along).any(axis=0)
-
-
-# Channels that repeat one value: a sensor at an end of its range, and one that stands still.
-
-
-def repeats(values: Array) -> NDArray[np.intp]:
-    """First row and row after the last, (k, 2), of each run of two or more equal values (n,)."""
-    edges = run_edges(np.diff(values) == 0)
-    edges[:, 1] += 1
-    return edges
-
-
-def has_levels(values: Array) -> bool:
-    """Whether a channel (n,) has levels without noise, apart from its longest run."""
-    lengths = np.diff(repeats(values)) - 1
-    return bool(lengths.sum() - lengths.max(initial=0) > LIMITS.most_repeated * values.size)
-
-
-def run_at_extreme(values: Array, standing: NDArray[np.intp] | None = None) -> slice:
-    """Find the longest run of a channel at its lowest or highest value.
-
-    It is one sample, or many if the channel is clipped. Values near zero (an unloaded sensor) or
-    near the median do not count, nor the peak of a slow signal, which repeats a value, too.
-
-    Parameters
-    ----------
-    values : Array
-        (n,).
-    standing : Array, optional
-        (k, 2), the only runs that count (`standing_runs`), of a channel without noise.
-
-    Returns
-    -------
-    slice
-        Rows of the run; empty if there is none, or if a value is not finite.
-    """
-    longest = slice(0, 0)
-    span = np.ptp(values)
-    middle = np.median(values)
-    for end in (values.min(), values.max()):
-        if abs(end) > LIMITS.no_extreme * span and abs(end - middle) > LIMITS.middle * span:
-            runs = run_edges(values == end)
-            if standing is not None:
-                runs = standing[values[standing[:, 0]] == end]
-            run = longest_of(runs)
-            if values[run].size > values[longest].size and has_corners(values, run):
-                longest = run
-    return longest
-
-
-def has_corners(values: Array, run: slice) -> bool:
-    """Whether a channel (n,) is far from a run of equal values, half as long before and after, and
-    comes to all such runs at speed. What comes to rest slows down: of its way to there, the last
-    fifth takes more than its share of the time. A single value has no duration."""
-    half = (run.stop - run.start) // 2
-    if half == 0:
-        return True
-    distance = np.abs(values - values[run.start])
-    around = np.pad(distance, half, constant_values=np.inf)
-    sides = around[[run.start, run.stop - 1 + 2 * half]]
-    steps = np.abs(np.diff(values))
-    step = steps[steps > 0].min(initial=np.inf)
-    runs = run_edges(distance == 0)
-    first = runs[np.diff(runs)[:, 0] > half, 0]
-    rows_of_ways = []  # of its last fifth, and of all of it
-    for way in LIMITS.approach_steps:
-        away = np.append(-1, np.flatnonzero(distance > way * step))
-        last_away = away[np.searchsorted(away, first) - 1]
-        rows_of_ways.append(np.sum(first - 1 - last_away))
-    last_fifth, whole_way = rows_of_ways
-    is_fast = last_fifth <= LIMITS.last_share * whole_way + 1
-    return bool(is_fast and sides.min() > LIMITS.corner_steps * step)
-
-
-def standing_runs(
-    time: Array, values: Array, reference: tuple[Array, Array], least: float = LIMITS.least_change
-) -> NDArray[np.intp]:
-    """Find where a channel repeats one value although a reference changes.
-
-    Parameters
-    ----------
-    time : Array
-        (n,) [s].
-    values : Array
-        (n,).
-    reference : (Array, Array)
-        Times [s] and values of another channel.
-    least : float
-        By which share of its range the reference changes.
-
-    Returns
-    -------
-    Array
-        First row and row after the last of each run, (k, 2). The reference changes in the third
-        quarter of it: at rest it settles, and it may be earlier or later at both ends.
-    """
-    every = repeats(values)
-    edges: NDArray[np.intp] = every[np.diff(every)[:, 0] > LIMITS.least_standing]
-    if not edges.size or time[0] == time[-1]:
-        return edges[:0]
-    followed = reference[1]
-    if not np.array_equal(time, reference[0]):
-        followed = np.interp(time, *reference)
-    sums = np.append(0.0, np.cumsum(followed - followed.mean()))
-    rows = np.arange(sums.size)
-    length = np.diff(edges)
-    width = np.minimum(length / LIMITS.means, LIMITS.mean_s * time.size / np.ptp(time))
-    begins = edges[:, :1] + length / 2 + (length / 4 - width) * np.linspace(0, 1, LIMITS.means)
-    means = (np.interp(begins + width, rows, sums) - np.interp(begins, rows, sums)) / width
-    noise = noise_of(followed) / np.sqrt(np.maximum(width[:, 0], 1.0))
-    changes = np.maximum(least * np.ptp(followed), LIMITS.noise_sds * noise)
-    return edges[np.ptp(means, axis=1) > changes]

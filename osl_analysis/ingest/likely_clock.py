@@ -4,6 +4,7 @@ Names and readings make a clock likely, for a draft and for a check beside the s
 them is ever taken for the time of a recording unasked. Where one contradicts the stated time, B and
 I depend on which of them is right."""
 
+import math
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, listing
 from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.conversion import numbers_of
 from osl_analysis.measured import usual_step
@@ -36,16 +37,21 @@ def is_like_clock(name: str) -> bool:
     return is_clock(last) or bool(re.search(r"(?i)time|date|clock|stamp|zeit|^[mu]?secs?$", last))
 
 
+def is_called_clock(channel: Channel) -> bool:
+    """Whether a channel holds times of day, or may be a clock by its name."""
+    return channel.kind == Kind.CLOCK or is_like_clock(channel.name or channel.key)
+
+
 def is_of_time(unit: str) -> bool:
     """Whether a unit is a unit of time, or a multiple of one, such as `second` and `10 us`."""
     return dimension(normalised(unit)) == dimension("s")
 
 
-def unwrapped(readings: NDArray[Any]) -> tuple[NDArray[Any], int]:
-    """Let a counter that overflowed at a power of two go on.
+def unwrapped(readings: NDArray[Any]) -> tuple[NDArray[Any], str]:
+    """Let a counter that overflowed at a power of two of its ticks go on.
 
-    A step back is an overflow if adding the smallest power that the counter does not reach makes it
-    about as short as the other steps.
+    A step back is an overflow if adding the smallest such power beyond it makes it about as short
+    as the other steps.
 
     Parameters
     ----------
@@ -56,18 +62,21 @@ def unwrapped(readings: NDArray[Any]) -> tuple[NDArray[Any], int]:
     -------
     readings
         Shape (n,), without overflows.
-    bits
-        Size of the counter; 0 if it did not overflow.
+    period
+        By what it fell, in words; empty if it did not overflow.
     """
     steps = np.diff(np.asarray(readings, float))
-    goes_back = steps < 0
-    if goes_back.any() and (readings == np.rint(readings)).all():
-        bits = next((bits for bits in LIMITS.overflow_bits if readings.max() < 2**bits), 0)
-        across = steps[goes_back] + 2.0**bits
-        if across.max() <= LIMITS.overflow_step * np.abs(steps).mean():
-            turns = np.append(0, np.cumsum(goes_back))
-            return readings.astype(np.int64) + turns * 2**bits, bits
-    return readings, 0
+    falls = -steps[steps < 0]
+    longest = LIMITS.overflow_step * usual_step(readings)
+    turns = np.append(0, np.cumsum(steps < 0))
+    for tick, fewest_bits in LIMITS.overflow_bits.items() if falls.size else ():
+        bits = math.ceil(math.log2(falls.max() / tick))
+        period = 2**bits * tick
+        is_counter = tick < 1 or (readings == np.rint(readings)).all()
+        if is_counter and bits >= fewest_bits and period - falls.min() <= longest:
+            whole = readings.astype(np.int64) if tick == 1 else readings
+            return whole + turns * period, f"2**{bits} ticks of {tick:g}"
+    return readings, ""
 
 
 def ticks(values: NDArray[Any], unit: str) -> bool:
@@ -111,13 +120,16 @@ OF_ROWS = (
     r"|abtast(?:rate|frequenz)|fr\w+ d.\w*chantillonnage"
 )
 INTERVAL = (
-    rf"(?i)\b(?:delta_x|dt|(?:sampl\w*[ _]*)?(?:interval|period))\b\D*?{NUMBER}(?:\s*([mu]?)s\b)?"
+    r"(?i)\b(?:delta_x|dt|h_?resolution|x_?increment|(?:sampl\w*[ _]*)?(?:interval|period))\b"
+    rf"\D*?{NUMBER}(?:\s*([mu]?)s\b)?"
 )
 NOT_OF_ROWS = (
     r"(?i)decimat|(down|sub|over)-?sampl|\bevery\W+(\d|other|second|n)|averag(ing|ed)|\bthinn"
     r"|\b(device|internal|sensor|adc|emg|hardware)\b.*(rate|freq)"
 )
-RATE_ALONE = r"[\s:=\x22[]*(\d{2,5}(?:\.\d*)?)(?:$|[\]};]|, )"
+RATE_ALONE = (
+    r"[\s:=\x22[]*(?P<alone>\d{2,5}(?:\.\d*)?|\d\.\d+e[+-]?\d+)(?: (?P=alone))*(?:$|[\]};]|, )"
+)
 RATE_IN_WORDS = rf"(?i)\b(?:{OF_ROWS})(?:\D*?{NUMBER}\s*(k?)(?:hz|s/s|sps)|{RATE_ALONE})"
 
 
@@ -161,6 +173,7 @@ def check_other_clocks(
     clock: Channel | None,
     time: Array,
     asked: Mapping[str, Channel],
+    clocks_asked: Collection[Channel | None] = (),
 ) -> tuple[dict[str, float], list[str]]:
     """Hold the time of a table against the other clocks in it.
 
@@ -172,6 +185,8 @@ def check_other_clocks(
         Of the rows that are used [s], (rows,).
     asked
         The channels of signals by column.
+    clocks_asked
+        The clocks of all channels of the table, of which each tells the time of its own.
 
     Returns
     -------
@@ -190,7 +205,11 @@ def check_other_clocks(
     apart: dict[str, float] = {}
     remarks = []
     rates = [*rates_in_file(recording, asked)]
-    clocks = [*clocks_beside(recording, source, clock, time.size, asked)]
+    clocks = [
+        found
+        for found in clocks_beside(recording, source, clock, time.size, asked)
+        if found[0] not in clocks_asked
+    ]
     for name, other in rates:
         if rate is not None and abs(rate / other - 1) > LIMITS.other_rate:
             raise InputError(
@@ -202,8 +221,8 @@ def check_other_clocks(
             late = np.nanmedian(np.abs(readings - numbers_of(clock)[: readings.size]))
             if late > 0.5 * np.median(steps):
                 raise InputError(
-                    f"{key} '{channel.key}' tells another time for what stands beside it; export"
-                    " the channels of each rate on their own, or each with the time of all"
+                    f"{key} '{channel.key}' tells another time for what stands beside it; state"
+                    f" it with that channel, as `time: {{{key}: {channel.key}, unit: s}}`"
                 )
         span = np.ptp(time[np.isfinite(readings)])
         ratio = span_ratio(steps.sum(), span)
@@ -221,9 +240,11 @@ def check_other_clocks(
                 f" ({source.time.title}): B and I depend on which of them is right"
             )
     if rate is not None and not (rates or clocks):
+        called = [channel.key for channel in recording.channels if is_called_clock(channel)]
+        why = f"{listing(called)} does not go on" if called else "no clock and no rate stand in it"
         remarks.append(
-            f"`rate: {rate:g}` of time is compared with nothing: no clock and no rate stand in the"
-            " file; by one that is 10 % wrong B is 10 % and I 21 % wrong"
+            f"`rate: {rate:g}` of time is compared with nothing in the file: {why}; by one that is"
+            " 10 % wrong B is 10 % and I 21 % wrong"
         )
     return apart, remarks
 
@@ -239,8 +260,7 @@ def clocks_beside(
     steps. An asked signal may be one only by its name, and beside a clock only what tells time: a
     signal may rise as evenly."""
     for channel in recording.channels:
-        name = channel.name or channel.key
-        is_named = channel.kind == Kind.CLOCK or is_like_clock(name)
+        is_named = is_called_clock(channel)
         unit = channel.unit or channel.likely_unit
         may_be = is_named or (
             channel not in asked.values() and (source.time.rate is not None or is_of_time(unit))

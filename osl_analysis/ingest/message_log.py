@@ -3,6 +3,7 @@ different stamps have rows of their own, null in the columns of the others. Noth
 or held."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -16,7 +17,6 @@ from osl_analysis.ingest.conversion import (
     fresh_rows,
     loss_of,
     losses_of,
-    origin_of,
 )
 from osl_analysis.ingest.likely_clock import rate_of
 from osl_analysis.recording import SECOND_NS, Recording, Rows
@@ -46,6 +46,7 @@ def convert_messages(recording: Recording, source: MessageSource) -> Converted:
         by_topic.setdefault(setting.topic, {})[column] = setting
     warnings = [*loss.remarks]
     tables = {}
+    origins = {}
     for name, settings in by_topic.items():
         share = loss_of(loss, name).share
         if share > source.largest_loss:
@@ -55,7 +56,8 @@ def convert_messages(recording: Recording, source: MessageSource) -> Converted:
                 f" {'; '.join(loss.remarks)}; record again"
             )
         with naming(f"topic '{name}'"):
-            tables[name], remarks = convert_topic(recording, source, settings)
+            tables[name], of_topic, remarks = convert_topic(recording, source, settings)
+        origins.update(of_topic)
         warnings += [f"topic '{name}': {text}" for text in remarks]
     joined = join_on_stamp([*tables.values()])
     start = joined["stamp"][0]
@@ -72,7 +74,7 @@ def convert_messages(recording: Recording, source: MessageSource) -> Converted:
     }
     return Converted(
         samples=pl.DataFrame([time, *joined.drop("stamp")]),
-        origins={column: origin_of(one, column) for column, one in source.channels.items()},
+        origins={column: origins[column] for column in source.channels},
         facts=facts,
         warnings=warnings,
         losses=losses_of(loss, [*by_topic]),
@@ -81,21 +83,21 @@ def convert_messages(recording: Recording, source: MessageSource) -> Converted:
 
 def convert_topic(
     recording: Recording, source: MessageSource, settings: Mapping[str, MessageChannel]
-) -> tuple[pl.DataFrame, list[str]]:
+) -> tuple[pl.DataFrame, dict[str, Any], list[str]]:
     """Convert the asked fields of one topic, by canonical column: a table of `stamp` [ns], sorted,
-    and columns, and remarks on messages that came late, or are left out."""
+    and columns, their origins, and remarks on messages that came late, or are left out."""
     channels, asked = asked_channels(recording, settings)
     values = {column: channel.values for column, channel in asked.items()}
     rows = next(iter(channels.values())).rows
     stamps = stamps_of(recording, source, rows)
     time = (stamps - stamps[0]) / SECOND_NS
-    columns, _, remarks = canonical_columns(source, channels, values, rows, time)
+    columns, origins, remarks = canonical_columns(source, asked, values, rows, time)
     # a message that is later than others by more was not only late
     fresh, stale = fresh_rows(rows, stamps, least=SECOND_NS)
     table = pl.DataFrame([pl.Series("stamp", stamps), *columns])[fresh]
     remarks += stale
     if (table["stamp"].diff() > 0).all():
-        return table, remarks
+        return table, origins, remarks
 
     late = count_late(table.unique(maintain_order=True)["stamp"].to_numpy())
     if late:
@@ -104,13 +106,17 @@ def convert_topic(
     once = table.unique(subset="stamp", keep="first", maintain_order=True)
     repeated = len(table) - len(once)
     if not repeated or are_rounded(table):
-        return table, remarks
+        return table, origins, remarks
     if repeated > source.largest_loss * len(table):
         raise InputError(
             f"{repeated} of {len(table)} messages have the stamp of an earlier one; stamps must be"
             " their own: check the recorder's clock or the time source in the source file"
         )
-    return once, [*remarks, f"{repeated} messages have the stamp of an earlier one: left out"]
+    return (
+        once,
+        origins,
+        [*remarks, f"{repeated} messages have the stamp of an earlier one: left out"],
+    )
 
 
 def stamps_of(recording: Recording, source: MessageSource, rows: Rows) -> NDArray[np.int64]:
@@ -124,6 +130,11 @@ def stamps_of(recording: Recording, source: MessageSource, rows: Rows) -> NDArra
     if lacking:
         raise InputError(
             f"{lacking} of {rows.count} messages have no '{source.time.field}'; write source: log"
+        )
+    if not np.ma.getdata(stamps).any():
+        raise InputError(
+            f"'{source.time.field}' is zero in all {rows.count} messages, which the driver never"
+            " fills; write `time: {source: log}`, the recorder's own"
         )
     return np.ma.getdata(stamps)
 

@@ -16,20 +16,14 @@ from numpy.typing import NDArray
 from osl_analysis.config.experiments import EXPERIMENTS, Experiment
 from osl_analysis.errors import InputError, listing
 from osl_analysis.ingest import LIMITS
-from osl_analysis.ingest.guard import (
-    ANGLES,
-    find_leaps,
-    has_levels,
-    recorded,
-    repeats,
-    run_at_extreme,
-    standing_runs,
-    steps_by_friction,
-)
-from osl_analysis.measured import noise_of, usual_step
+from osl_analysis.ingest.guard import ANGLES, recorded
+from osl_analysis.measured import noise_of, spoiled, usual_step
 from osl_analysis.recording import beside, plate_axes
 from osl_analysis.signals import longest_of, run_edges
+from osl_analysis.signals.agreement import speed_factor
 from osl_analysis.signals.grid import GapLimits, devices_of, origin, uniform_signals
+from osl_analysis.signals.leaps import find_leaps, steps_by_friction
+from osl_analysis.signals.standing import has_levels, repeats, run_at_extreme, standing_runs
 from osl_analysis.spectral.stepped_sine import (
     Run,
     SteppedSineProtocol,
@@ -165,6 +159,22 @@ def measure_units(examined: Examined) -> dict[str, float]:
         if "unit_of_file" in facts
     ]
     return {"; ".join(remarks): len(remarks)}
+
+
+def measure_contradiction(examined: Examined) -> dict[str, float]:
+    """By how much [%] a speed is not the derivative of the angle of its body."""
+    trial = examined.trial
+    factors = {}
+    for column, facts in trial.provenance.get("columns", {}).items():
+        if "beside" in facts:
+            factors[f"{column} and '{facts['beside']}'"] = facts["speed_factor"]
+    if {"theta_m", "omega_m"} <= {*trial.columns}:
+        factors["theta_m and omega_m"] = speed_factor(*trial.arrays("theta_m", "omega_m"))
+    return {
+        f"of {both} the speed is {factor:.3g} times the change of the angle": 100 * abs(factor - 1)
+        for both, factor in factors.items()
+        if factor > 0
+    }
 
 
 # The motion that was commanded.
@@ -308,7 +318,7 @@ def longest_s(time: Array, edges: NDArray[np.intp]) -> float:
 
 
 def measure_leaps(examined: Examined) -> dict[str, float]:
-    """Number of leaps of the angle or the torque off its curve (`guard.find_leaps`). A torque may
+    """Number of leaps of the angle or the torque off its curve (`leaps.find_leaps`). A torque may
     leap by friction, where the joint turns, and that of an actuator where its current does."""
     trial = examined.fitted
     columns = [name for name in (examined.moved, examined.torque) if name in trial.columns]
@@ -325,7 +335,10 @@ def measure_leaps(examined: Examined) -> dict[str, float]:
         apart = distances(leaps["torque_m"], steps)
         leaps["torque_m"] = leaps["torque_m"][apart > LIMITS.beside_leap_s]
     every = np.sort(np.concatenate([*leaps.values(), []]))
-    remedy = remedy_of_leaps(examined, every, cause_of_leaps(leaps, angle)) if every.size else ""
+    remedy = ""
+    if every.size:
+        alone = sum(int(spoiled(trial.arrays(column)[1]).sum()) for column in columns)
+        remedy = remedy_of_leaps(examined, every, cause_of_leaps(leaps, angle), alone)
     return {f"{column} leaps{remedy}": times.size for column, times in leaps.items()}
 
 
@@ -348,17 +361,20 @@ def cause_of_leaps(leaps: Mapping[str, Array], angle: tuple[Array, Array]) -> st
     return "a sensor failed"
 
 
-def remedy_of_leaps(examined: Examined, leaps: Array, cause: str) -> str:
-    """Say where leaps at rising times (n,) [s] are, and what leaves them out: the longest window
-    without any."""
+def remedy_of_leaps(examined: Examined, leaps: Array, cause: str, alone: int) -> str:
+    """Say where leaps at rising times (n,) [s] are, and what leaves them out, at which cost: values
+    that leap `alone`, so many; or what is outside of the longest window without any."""
     time = examined.fitted.samples["time"]
     edges = np.array([time[0], *leaps, time[-1]])
     longest = np.argmax(np.diff(edges))
     first = edges[longest] + LIMITS.beside_leap_s
     last = edges[longest + 1] - LIMITS.beside_leap_s
     remedy = "exclude the trial"
-    if examined.experiment.place == "bench" and last - first > LIMITS.shortest_window_s:
-        remedy = f"state `windows` {first:.1f}-{last:.1f} in the sheet"
+    if alone >= LIMITS.least_alone * leaps.size:
+        remedy = f"write `damaged: skip` in the source file: {alone} values of {time.len()} rows"
+    elif examined.experiment.place == "bench" and last - first > LIMITS.shortest_window_s:
+        kept = time.is_between(first, last).sum()
+        remedy = f"state `windows` {first:.1f}-{last:.1f} in the sheet, {kept} of {time.len()} rows"
     return f", first at {leaps[0]:.3f} s: {cause}; {remedy}"
 
 
@@ -458,6 +474,7 @@ MEASURES: dict[str, Callable[[Examined], CheckResult | Mapping[str, float]]] = {
     "damage": measure_damage,
     "truncated": measure_truncation,
     "unit": measure_units,
+    "contradiction": measure_contradiction,
     "protocol": measure_protocol,
 }
 """The function of every check by name: it gives a value and a remark, or a value per channel, of

@@ -14,15 +14,16 @@ import numpy as np
 import polars as pl
 
 from osl_analysis import formats
+from osl_analysis.config.sheet import RECORDINGS
 from osl_analysis.errors import InputError, naming, nearest, printable
 from osl_analysis.files import DISTRIBUTION, digest
 from osl_analysis.formats import known_formats
-from osl_analysis.formats._text import begins_with_rows
 from osl_analysis.ingest.capture import convert_capture
 from osl_analysis.ingest.clock import ClockFit, aligned_clock
-from osl_analysis.ingest.conversion import Converted
+from osl_analysis.ingest.conversion import Converted, numbers_of
 from osl_analysis.ingest.guard import check_sizes
 from osl_analysis.ingest.message_log import convert_messages, join_on_stamp
+from osl_analysis.ingest.second_log import joined_logs
 from osl_analysis.ingest.table_log import convert_table
 from osl_analysis.source_file import MarkerSource, MessageSource, Source, TableSource
 from osl_analysis.trial import Trial
@@ -58,18 +59,18 @@ def recordings_in(folder: Path) -> list[Path]:
 
 
 def may_be_recording(path: Path) -> bool:
-    """Whether a file may be a recording, by its ending or by what it begins with."""
+    """Whether a file may be a recording, by its ending or by what it begins with, or, of a text
+    that may be anything, by two columns of numbers that it holds."""
     suffix = path.suffix.lower()
-    if suffix in suffixes():
-        return True
-    if suffix not in ENDINGS_OF_ANY:
-        return False
+    if suffix in suffixes() or suffix not in ENDINGS_OF_ANY:
+        return suffix in suffixes()
     try:
-        begin = formats.beginning(path)
-    except OSError:
+        if any(not one.is_any_text for one in formats.formats_of(path)):
+            return True
+        channels = formats.read(path).channels
+    except (OSError, InputError):
         return False
-    of_format = any(one.begins(begin) for one in known_formats().values() if not one.is_any_text)
-    return of_format or begins_with_rows(begin)
+    return sum(bool(np.isfinite(numbers_of(channel)).any()) for channel in channels) > 1
 
 
 def read_source(path: Path) -> Source:
@@ -93,25 +94,34 @@ def read_source(path: Path) -> Source:
     return source
 
 
-def check_clocks(log: Source, mocap: Source) -> None:
-    """Refuse source files of a log and of motion capture that do not state how the log's clock is
-    aligned."""
-    shared = getattr(mocap, "shared", None)
-    has_angle = shared is not None and shared.column in getattr(log, "channels", {})
-    # what is no capture with analog channels tells when it is read whether it has the column
-    has_edges = "sync" in getattr(mocap, "analogs", ["sync"])
-    aligns = {
-        "sync": has_edges or has_angle,
-        "shared": has_angle,
-        "common": mocap.format == "trc",
-    }
+def check_clocks(first: Source, second: Source) -> None:
+    """Refuse source files of a log and of motion capture, or of two logs, that do not state how the
+    clock of the log, or of the second one, is aligned."""
+    log = first
+    columns = getattr(first, "channels", {}).keys()
+    if isinstance(second, MarkerSource):
+        shared = second.shared
+        has_angle = shared is not None and shared.column in columns
+        # what is no capture with analog channels tells when it is read whether it has the column
+        has_edges = "sync" in getattr(second, "analogs", ["sync"])
+        aligns = {
+            "sync": has_edges or has_angle,
+            "shared": has_angle,
+            "common": second.format == "trc",
+        }
+    else:
+        log = second
+        both = columns & getattr(second, "channels", {}).keys()
+        aligns = {"sync": "sync" in both, "shared": bool(both), "common": True, "start": True}
     clock = getattr(log, "clock", "")
     if aligns.get(clock):
         return
     raise InputError(
-        f"{log.place('clock')}: '{clock}' does not align the log with motion capture of"
-        " this trial; write clock: sync and map the column sync in both source files, or clock:"
-        " shared and name an angle of the log under `shared` in that of motion capture"
+        f"{log.place('clock')}: '{clock}' does not align both recordings of the trial; write clock:"
+        " sync and map the column sync in both source files, or clock: shared and map a signal of"
+        " both logs in both, or name an angle of the log under `shared` in that of motion capture;"
+        " of two logs also common, if they count from one time, or start, if they begin at one"
+        " instant"
     )
 
 
@@ -122,8 +132,33 @@ def read_converted(path: Path, source: Source) -> Converted:
     Raises
     ------
     InputError
-        The message names the file.
+        The message names the file, and all of its damage.
     """
+    try:
+        converted = converted_as_stated(path, source)
+    except InputError as error:
+        if getattr(source, "damaged", "skip") == "skip":
+            raise
+        try:  # what else is damaged, and whether all of it can be left out
+            skipping = source.model_copy(update={"damaged": "skip"})
+            told = converted_as_stated(path, skipping)
+        except InputError:
+            raise error from None
+        damage = told.facts.get("damage", told.warnings)
+        if not damage:
+            raise
+        raise InputError(
+            f"{error.reason} (in all: {', '.join(damage)}); write `damaged: skip` in the source"
+            f" file, which leaves all of this out, or {error.remedy}",
+            error.changes,
+        ) from error
+    warnings = [f"{printable(path.name)}: {text}" for text in converted.warnings]
+    return replace(converted, warnings=warnings)
+
+
+def converted_as_stated(path: Path, source: Source) -> Converted:
+    """A file as canonical columns, with what is damaged in it refused or left out as the source
+    file says."""
     recording = formats.read(path, source)
     with naming(path):
         if isinstance(source, MessageSource):
@@ -134,8 +169,7 @@ def read_converted(path: Path, source: Source) -> Converted:
             assert isinstance(source, MarkerSource)
             converted = convert_capture(recording, source)
         check_sizes(converted.samples, converted.origins)
-    warnings = [f"{printable(path.name)}: {text}" for text in converted.warnings]
-    return replace(converted, warnings=warnings)
+    return converted
 
 
 def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: Path) -> Trial:
@@ -157,13 +191,13 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
     """
     cells = {column: value.strip() for column, value in row.items() if isinstance(value, str)}
     name = cells.get("trial", "")
-    files = {role: cells[role] for role in ("log", "mocap") if cells.get(role)}
+    files = {role: cells[role] for role in RECORDINGS if cells.get(role)}
     sources: dict[str, Source] = {}
     for role, file in files.items():
         check_file(raw_folder / file)
         sources[role] = read_source(sources_folder / f"{cells[f'{role}_source']}.yaml")
     if len(sources) == 2:
-        check_clocks(sources["log"], sources["mocap"])
+        check_clocks(*sources.values())
 
     provenance: dict[str, Any] = {
         "software": {DISTRIBUTION: version(DISTRIBUTION)},
@@ -184,18 +218,24 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
         provenance["warnings"] += [printable(text) for text in recording.warnings]
         provenance[role] = facts
         for column, origin in recording.origins.items():
-            provenance["columns"][column] = {"file": role, **origin}
+            if role != "log_2" or column not in provenance["columns"]:
+                provenance["columns"][column] = {"file": role, **origin}
         if recording.losses:
             provenance.setdefault("damage", {})[role] = recording.losses
     samples = recording.samples
     with naming(f"trial {name} ({', '.join(files.values())})"):
         if len(recordings) == 2:
-            shared = getattr(sources["mocap"], "shared", None)
-            is_common = getattr(sources["log"], "clock", "") == "common"
-            fit, warnings = aligned_clock(recordings["log"], recordings["mocap"], shared, is_common)
+            if "log_2" in files:
+                clock = getattr(sources["log_2"], "clock", "")
+                samples, fit, warnings = joined_logs(recordings, clock)
+            else:
+                log, mocap = recordings.values()
+                shared = getattr(sources["mocap"], "shared", None)
+                is_common = getattr(sources["log"], "clock", "") == "common"
+                fit, warnings = aligned_clock(log, mocap, shared, is_common)
+                samples = merged(log, mocap, fit)
             provenance["clock"] = asdict(fit)
             provenance["warnings"] += warnings
-            samples = merged(recordings["log"], recordings["mocap"], fit)
         trial = Trial(name, samples, provenance)
     fixture = {
         column.removeprefix("fixture_"): value

@@ -1,9 +1,9 @@
 """A log that is a table of rows as canonical columns. Its time is a channel, a stated rate, or the
-timing that the file itself tells. Nothing is interpolated or held."""
+timing that the file itself tells; channels may have times of their own. Nothing is interpolated or
+held."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -17,12 +17,16 @@ from osl_analysis.ingest.conversion import (
     asked_channels,
     canonical_columns,
     checked_counts,
+    factor_or_nan,
+    floats_of,
     fresh_rows,
     losses_of,
     share_above,
 )
 from osl_analysis.ingest.force_plates import convert_plates
 from osl_analysis.ingest.likely_clock import check_other_clocks, rate_of, unwrapped
+from osl_analysis.ingest.own_rows import with_own_rows
+from osl_analysis.ingest.several_clocks import joined_clocks
 from osl_analysis.recording import Channel, End, Kind, Recording, Rows
 from osl_analysis.source_file import TableSource
 from osl_analysis.trial import Array, check_time, unit_of
@@ -43,6 +47,8 @@ class Table:
         Times [s] (n,), from 0 on.
     start
         Reading of the clock in the first row; its time [s] for rows at a rate.
+    start_s
+        That time [s].
     values
         Readings (n,) by canonical column, NaN where one failed, masked where there is none.
     remarks
@@ -52,12 +58,13 @@ class Table:
     rows: Rows
     time: Array
     start: float
+    start_s: float
     values: Mapping[str, NDArray[Any]]
     remarks: Sequence[str] = ()
 
 
 def convert_table(recording: Recording, source: TableSource) -> Converted:
-    """Convert the channels of a table that a source file asks for.
+    """Convert the channels of a table that a source file asks for, each by its own clock.
 
     Returns
     -------
@@ -71,7 +78,38 @@ def convert_table(recording: Recording, source: TableSource) -> Converted:
         them are missing than the source file allows.
     """
     check_loss(recording, source)
-    clock = recording.find(source.time.address) if source.time.name else None
+    parts = of_each_clock(recording, source)
+    clocks = [recording.find(part.time.address) if part.time.name else None for part in parts]
+    converted = [
+        convert_rows(recording, part, clock, clocks)
+        for part, clock in zip(parts, clocks, strict=True)
+    ]
+    return converted[0] if len(converted) == 1 else joined_clocks(converted)
+
+
+def of_each_clock(recording: Recording, source: TableSource) -> list[TableSource]:
+    """The source file for the channels of each clock of a table: of the channels that share a
+    stated time, or the timing that the file tells of them."""
+    parts: dict[str, TableSource] = {}
+    for column, setting in source.channels.items():
+        time = getattr(setting, "time", None) or source.time
+        clock = repr(time)
+        if not time.name and time.rate is None:
+            rows = recording.find(setting.address).rows
+            clock += f" {rows.rate_hz} {rows.start_s}"
+        known = parts[clock].channels if clock in parts else {}
+        update = {"time": time, "channels": {**known, column: setting}}
+        parts[clock] = source.model_copy(update=update)
+    return [*parts.values()] or [source]  # force plates alone
+
+
+def convert_rows(
+    recording: Recording,
+    source: TableSource,
+    clock: Channel | None,
+    clocks: Sequence[Channel | None],
+) -> Converted:
+    """Convert the channels of one clock of a table, of `clocks` in all; None are rows at a rate."""
     channels, asked = asked_channels(recording, source.channels)
     table = read_table(recording, source, asked, clock)
     rows = table.rows
@@ -81,12 +119,13 @@ def convert_table(recording: Recording, source: TableSource) -> Converted:
             f"holds one {rows.noun} of data: nothing to analyse; record the trial again, or exclude"
             " it"
         )
-    apart, remarks = check_other_clocks(recording, source, clock, time, channels)
-    check_common_rows(table, [*channels])
+    apart, remarks = check_other_clocks(recording, source, clock, time, channels, clocks)
+    values, at_own_rate = with_own_rows(table.values, rows, time)
 
-    columns, origins, gaps = canonical_columns(source, channels, table.values, rows, time)
+    columns, origins, gaps = canonical_columns(source, asked, values, rows, time, at_own_rate)
     frame = pl.DataFrame([pl.Series("time", time), *columns])
-    warnings = [*recording.loss.remarks, *table.remarks, *remarks, *gaps]
+    rates = [text for column, text in at_own_rate.items() if column in channels]
+    warnings = [*recording.loss.remarks, *table.remarks, *remarks, *rates, *gaps]
     for column, origin in origins.items():
         channel = channels[column]
         origin["found"] = channel.title or channel.key
@@ -109,11 +148,16 @@ def convert_table(recording: Recording, source: TableSource) -> Converted:
     origins.update(loads.origins)
     frame, repeats = with_stamps_once(frame, source, rows.noun)
     facts = {
-        "time": {**source.time.model_dump(exclude_none=True), "start": table.start},
+        "time": {
+            **source.time.model_dump(exclude_none=True),
+            "start": table.start,
+            "start_s": table.start_s,
+        },
         "rates_hz": {"rows": rate_of(frame["time"].to_numpy())},
         **recording.facts,
         **loads.facts,
         "clocks_apart": apart,
+        "damage": [*recording.loss.remarks, *table.remarks, *gaps],
     }
     return Converted(frame, origins, facts, [*warnings, *repeats], losses_of(recording.loss))
 
@@ -123,7 +167,7 @@ def check_loss(recording: Recording, source: TableSource) -> None:
     nothing: nobody knows what it held."""
     loss = recording.loss
     by_rate = source.time.rate is not None and not source.time.name
-    allowed = 0.0 if by_rate else source.most_missing
+    allowed = 0.0 if by_rate else source.allowed_missing
     if loss.end == End.MISSING or not loss.lost or loss.share <= allowed:
         return
     share = share_above(loss.lost, loss.expected or 1)
@@ -167,15 +211,6 @@ def with_stamps_once(
     ]
 
 
-def factor_or_nan(unit: str, si_unit: str) -> float:
-    """The factor of a file's unit; NaN where that is not known, as of the raw channel that `scale`
-    converts."""
-    try:
-        return si_factor(unit, si_unit)
-    except InputError:
-        return np.nan
-
-
 def read_table(
     recording: Recording,
     source: TableSource,
@@ -200,15 +235,15 @@ def read_table(
     if clock is not None:
         return at_clock(rows, values, clock, source)
     rate_hz, start_s = (rows.rate_hz, rows.start_s) if is_own else (source.time.rate, 0.0)
-    return Table(rows, np.arange(rows.count) / (rate_hz or 1.0), start_s, values)
+    return Table(rows, np.arange(rows.count) / (rate_hz or 1.0), start_s, start_s, values)
 
 
 def check_one_timing(
     channels: Sequence[Channel], source: TableSource, is_own: bool, is_whole: bool
 ) -> None:
-    """Refuse channels whose own timing the file does not tell, or that have several timings; and of
-    a whole file unequal counts. Some have then lost values, nothing tells where, and all later ones
-    would be early against the other channels."""
+    """Refuse channels whose own timing the file does not tell; and of a whole file unequal counts.
+    Some have then lost values, nothing tells where, and all later ones would be early against the
+    other channels."""
     key = source.time.ADDRESS
     first = channels[0]
     shared = first.rows
@@ -219,34 +254,12 @@ def check_one_timing(
                 f"{key} '{channel.key}' has no timing of its own; name the {key} of"
                 f" time, as `time: {{{key}: NAME, unit: s}}`, or {STATE_RATE}"
             )
-        if is_own and (rows.rate_hz, rows.start_s) != (shared.rate_hz, shared.start_s):
-            raise InputError(
-                f"'{channel.key}' is at {rows.rate_hz:g} Hz from {rows.start_s:g} s on, and"
-                f" '{first.key}' at {shared.rate_hz:g} Hz from {shared.start_s:g} s on:"
-                " save channels at common times, as `interp1` gives"
-            )
         if is_whole and rows.count != shared.count:
             raise InputError(
                 f"channel '{first.key}' has {shared.count} values and '{channel.key}' has"
-                f" {rows.count} for one time, and nothing tells which are lost: save channels of"
-                " one length, as `torque = interp1(t_torque, torque, t_angle)`, and never cut to"
-                " one length"
-            )
-
-
-def check_common_rows(table: Table, columns: Sequence[str]) -> None:
-    """Refuse columns of which no row has readings of both, as where several devices write rows of
-    their own into one log."""
-    lacking = {}
-    for column in columns:
-        lacks = np.isnan(np.ma.getdata(table.values[column]).astype(float))
-        if not lacks.all():
-            lacking[column] = lacks
-    for column, other in combinations(lacking, 2):
-        if (lacking[column] | lacking[other]).all():
-            raise InputError(
-                f"no {table.rows.noun} has both {column} and {other}, as of two devices; export"
-                " both at common times, such as `interp1` gives, or record one log of messages"
+                f" {rows.count} for one time, and nothing tells which are lost: state with each"
+                f" channel its own time, as `time: {{{key}: NAME, unit: s}}`, or save both at"
+                " common times, as `interp1` gives, and never cut to one length"
             )
 
 
@@ -255,18 +268,22 @@ def at_clock(
 ) -> Table:
     """Give the rows that count at the times that a named clock tells."""
     what = source.time.title
+    skips = source.damaged == "skip"
     remarks = []
     raw = np.ma.asarray(clock.values[: rows.count])
     # those of a longer channel that is not asked, or lines of another device
-    lacks = is_missing(raw)
+    lacks = np.isnan(floats_of(raw))
     if lacks.any():
-        is_empty = np.all([lacks, *map(is_missing, values.values())], axis=0)
+        is_empty = lacks.copy()
+        for readings in () if skips else values.values():
+            is_empty &= np.isnan(floats_of(readings))
         places = np.flatnonzero(~is_empty | is_empty.all())
         left_out = rows.count - places.size
         if left_out:
             remarks.append(
-                f"{left_out} of {rows.count} {rows.noun}s have none of the asked values and were"
-                f" left out, first {rows.place(np.argmax(is_empty))}"
+                f"{left_out} of {rows.count} {rows.noun}s have no time"
+                f"{'' if skips else ' and none of the asked values'} and were left out, first"
+                f" {rows.place(np.argmax(is_empty))}"
             )
         rows, values = kept_rows(rows, values, places)
         raw, lacks = raw[places], lacks[places]
@@ -285,23 +302,21 @@ def at_clock(
     else:
         factor = 1 / source.time.rate
         numbers = checked_counts(what, numbers, rows, "state its unit in place of the rate")
-    numbers, bits = unwrapped(numbers)
-    if bits:
-        remarks.append(f"{what} counts to 2**{bits} and began anew; it is taken to go on")
-    fresh, stale = fresh_rows(rows, numbers)
+    if source.time.each == "interval":
+        numbers = np.cumsum(numbers)
+    numbers, period = unwrapped(numbers)
+    if period:
+        remarks.append(f"{what} fell by {period} and is taken to go on")
+    fresh, stale = fresh_rows(rows, numbers, skips=skips)
     if stale:
         numbers = numbers[fresh]
         rows, values = kept_rows(rows, values, fresh)
+    factor /= 1 + 1e-6 * source.time.drift_ppm
     time = (numbers - numbers[0]) * factor
     check_time(what, time)
     check_clock_runs(rows, source, time, numbers[0] * factor)
-    return Table(rows, time, numbers[0].item(), values, [*remarks, *stale])
-
-
-def is_missing(readings: NDArray[Any]) -> NDArray[np.bool_]:
-    """Whether readings (n,) are masked or NaN."""
-    known = np.ma.filled(np.ma.asarray(readings, np.float64), np.nan)
-    return np.isnan(known)
+    start_s = numbers[0] * factor
+    return Table(rows, time, numbers[0].item(), start_s, values, [*remarks, *stale])
 
 
 def kept_rows(

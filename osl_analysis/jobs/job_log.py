@@ -9,6 +9,7 @@ from typing import Any
 
 import yaml
 
+from osl_analysis.config.sheet import RECORDINGS
 from osl_analysis.files import write_text
 
 Files = str | list[str]
@@ -48,7 +49,7 @@ class Job:
         """The recordings of a trial that the job ingests, else the file of the trial that it
         reads."""
         if "row" in self.params:  # of the sheet
-            named = filter(None, map(self.params["row"].get, ("log", "mocap")))
+            named = filter(None, map(self.params["row"].get, RECORDINGS))
             return [str(Path(self.params["raw_folder"], name)) for name in named]
         return [str(self.inputs[name]) for name in ("trial", "crossing") if name in self.inputs]
 

@@ -12,6 +12,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from osl_analysis.config.experiments import EXPERIMENTS
+from osl_analysis.config.sheet import RECORDINGS, SOURCES
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.judge.campaign import CampaignFinding, is_of_whole
 from osl_analysis.judge.finding import Grade, WordedFinding
@@ -27,8 +28,7 @@ from osl_analysis.report.verdicts import LeftOut, results_on, verdict_on
 from osl_analysis.stats.budget import IN_INTERVAL, budgets_in
 
 TEMPLATES = Path(__file__).with_name("templates")
-NO_CONDITIONS = ("trial", "experiment", "log", "log_source", "mocap", "mocap_source", "exclude")
-RECORDINGS = ("log", "mocap")
+NO_CONDITIONS = ("trial", "experiment", "exclude", *RECORDINGS, *SOURCES)
 # symbols that are set with their subscripts, and are no part of a name
 SYMBOLS = re.compile(r"\$.+?\$|(?<![\w-])[KBJknf]_(?:viscous|tau|[dsjm1CGT])(?![\w-])")
 MAIN_FIGURES = ("fig5", "fig9", "fig3")  # in this order: bench, walking, belt

@@ -387,14 +387,19 @@ def stream_of(trial: Trial, names: Sequence[str], beside: Collection[str] = ()) 
     stamps, *values = trial.arrays(*names)
     described = trial.provenance.get("columns", {})
     origins = {name: described.get(name, {}) for name in names}
-    file = origins[names[0]].get("file", "")
-    choice = trial.provenance.get(file, {}).get("time", {}).get("stamps", "auto")
+    of_file = trial.provenance.get(origins[names[0]].get("file", ""), {})
+    time = origins[names[0]].get("time") or of_file.get("time", {})
+    choice = time.get("stamps", "auto")
     reading = next((Reading(*trial.clocks[name]) for name in names if name in trial.clocks), None)
     if choice != "auto":
         reading = Reading(choice == "even", 0.0, True, f"stated: {choice}")
     counters = [name + COUNTER for name in names if name + COUNTER in trial.samples]
+    name = ", ".join(names)
+    files = trial.provenance.get("files", {})
+    if "log_2" in files:
+        name += f" of {files[origins[names[0]]['file']]['path']}"
     return Stream(
-        name=", ".join(names),
+        name=name,
         stamps=stamps,
         signals=dict(zip(names, values, strict=True)),
         reading=reading,

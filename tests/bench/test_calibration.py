@@ -17,6 +17,7 @@ from bench_synthetic import (
     with_settings,
 )
 from conftest import findings_of, half_width, marked, refused_with, white_noise
+from scipy.interpolate import CubicSpline
 from shipped import CONFIG
 
 from osl_analysis.bench.belt import belt_table, fit_branches
@@ -300,3 +301,32 @@ def test_a_fixture_of_the_sheet_comes_before_that_of_the_settings():
     trial = Trial("a", spring().samples, provenance)
 
     assert fixture_of(with_fixture(trial, Fixture(inertia=0.012))) == {"inertia": 0.02}
+
+
+@pytest.mark.parametrize("ppm", [-15.0, 15.0])
+def test_a_clock_that_drifts_is_told_from_lag_and_friction(ppm):
+    """Without the drift the lag was 0.4 ms off, and a friction stood in its place."""
+    trial = spring(3e-3)
+    stamps, torque = trial.arrays("torque")
+    fast = 1 + 1e-6 * ppm
+    drifting = CubicSpline(stamps, torque)(np.clip(stamps / fast, stamps[0], stamps[-1]))
+    trial = Trial("spring", trial.samples.with_columns(torque=pl.Series(drifting)))
+
+    row = calibrated(trial, known_K=300.0)
+
+    middle_s = (row["lag_s"] - row["lag_at_start_s"]) / (1e-6 * row["clock_drift_ppm"])
+    for name, true in (("clock_drift_ppm", ppm), ("lag_s", 3e-3 + 1e-6 * ppm * middle_s)):
+        assert abs(row[name] - true) < 4 * standard_error(row, name), name
+    assert standard_error(row, "clock_drift_ppm") < 3
+    assert "clocks that do not fit" in row["doubtful"]
+    assert "late torque" not in row["doubtful"]
+
+
+def test_a_friction_that_drives_the_motion_is_refused():
+    trial = spring()
+    theta, torque = (trial.arrays(name)[1] for name in ("theta", "torque"))
+    velocity = differentiate(trial.arrays("theta")[0], LowPass(20.0)(theta, 500.0)).omega
+    driven = trial.samples.with_columns(torque=pl.Series(torque - 0.5 * np.sign(velocity)))
+
+    with refused_with(r"spring: friction T_C = -0\.\d+ N\*m"):
+        calibrated(Trial("spring", driven), known_K=300.0)

@@ -381,7 +381,8 @@ def test_a_slow_triangle_or_sine_is_torque_over_angle_and_its_counts_begin_anew(
 
 def test_a_recording_without_an_ending_is_found_by_its_first_bytes(tmp_path):
     lines = "".join(f'{{"time": {k / 100}, "angle_deg": {k % 7}}}\n' for k in range(30))
-    read = {"recording": ROWS, "a.log": ROWS, "a.json": lines}
+    console = "boot\n".join([*"12345", ""]) + ROWS  # of a serial line
+    read = {"recording": ROWS, "a.log": ROWS, "c.log": console, "a.json": lines}
     others = {
         "README": "12 rows\n" * 30,
         "b.log": "2024-05-01 12:00:00 started\n" * 30,

@@ -5,13 +5,14 @@ from functools import partial
 
 import numpy as np
 import pytest
-from conftest import said_in_refusal
+from conftest import refused_with, said_in_refusal
 from log_builders import ankle, table_text, written
 
 from osl_analysis import formats
 from osl_analysis.errors import InputError
 from osl_analysis.formats import known_formats
 from osl_analysis.recording import Kind
+from osl_analysis.units import base_units, normalised
 
 TIME, ANGLE, TORQUE = ankle(900)  # long enough that polars splits the middle of the text
 table = partial(table_text, t=written(TIME), a=written(ANGLE), m=written(TORQUE))
@@ -195,3 +196,49 @@ def test_a_qualisys_export_that_is_cut_is_refused(tmp_path):
     said = refusal(tmp_path, qualisys(rows=2), "a.tsv")
 
     assert re.search("NO_OF_FRAMES '3'.* 2 rows", said)
+
+
+NUMBERS = [f"{k / 100},{k % 7},{k % 5}" for k in range(40)]
+
+
+@pytest.mark.parametrize(("head", "names", "units"), [
+    (["Time,1,2", ",ANGLE,TORQUE", ",joint,shaft", "s,deg,Nm"],
+     ["Time", "ANGLE joint", "TORQUE shaft"], ["s", "deg", "Nm"]),
+    (["t,Position,Torque", "clock,encoder 1,object 6077h", "(s),(deg),(Nm)"],
+     ["t", "Position", "Torque"], ["s", "deg", "Nm"]),
+    (["Device,Encoder,Load cell", "Time,Angle,Torque", "s,deg,Nm", "raw,raw,scaled"],
+     ["Time", "Angle", "Torque"], ["s", "deg", "Nm"]),
+    (["Model,DLM4058", "TraceName,ANGLE,TORQUE", "VUnit,V,V", "Time,09:15:41.25,09:15:41.25"],
+     ["1", "ANGLE", "TORQUE"], ["", "V", "V"]),
+])  # fmt: skip
+def test_names_stand_over_units_or_behind_their_key(tmp_path, head, names, units):
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join([*head, *NUMBERS, ""]))
+
+    channels = formats.read(path).channels
+
+    assert [channel.name for channel in channels] == names
+    assert [channel.unit for channel in channels] == units
+
+
+def test_a_degree_that_was_spoiled_on_the_way_is_one(tmp_path):
+    (tmp_path / "a.csv").write_text("\n".join(["t [s],a [Â°],q [NÂ·m]", *NUMBERS, ""]))
+    (tmp_path / "b.csv").write_bytes(
+        "\n".join(["t [s],a [Ä],q [Nm]", *NUMBERS, ""]).encode("latin-1")
+    )
+
+    units = [
+        [base_units(normalised(channel.unit)) for channel in formats.read(tmp_path / name).channels]
+        for name in ("a.csv", "b.csv")
+    ]
+
+    assert units == 2 * [[base_units(unit) for unit in ("s", "deg", "N*m")]]
+
+
+def test_rows_that_all_lack_a_sign_between_two_cells_are_refused_with_one_of_them(tmp_path):
+    (tmp_path / "a.csv").write_text(
+        "\n".join(["t,a,q", *(f"{k}-0.04,{k % 5}" for k in range(40)), ""])
+    )
+
+    with refused_with("every row has 2 cells under 3 names.*'0-0.04'"):
+        formats.read(tmp_path / "a.csv")

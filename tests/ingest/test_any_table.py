@@ -2,6 +2,7 @@
 overview makes."""
 
 import datetime as dt
+import re
 from functools import partial
 from itertools import zip_longest
 
@@ -13,6 +14,7 @@ import scipy.io
 import xlsxwriter
 from conftest import refused_with
 from log_builders import HEAD, ankle, table_text, written
+from recognised_files import read_recognised
 
 from osl_analysis.commands.trials import inspect_file
 from osl_analysis.draft.draft_source import draft_source
@@ -359,3 +361,50 @@ def test_columns_of_no_numbers_are_told(tmp_path):
     pl.DataFrame({"t": [0.0, 1.0], "pairs": [[1], [2]]}).write_parquet(tmp_path / "a.parquet")
 
     assert "pairs" in " ".join(inspect_file(tmp_path / "a.parquet").remarks)
+
+
+SOURCE = {"theta": {"column": "a", "unit": "rad"}, "torque": {"column": "q", "unit": "N*m"}}
+SWEEP = np.sin(np.arange(400) / 20)
+
+
+@pytest.mark.parametrize(("stamps", "time", "told"), [
+    ((np.arange(400) * 4 + 65_000) % 2**16, {"unit": "ms"}, r"2\*\*16 ticks of 1 "),
+    ((np.arange(400) * 4000 + 2**31 - 9000) % 2**31 / 1e6, {"unit": "s"},
+     r"2\*\*31 ticks of 1e-06"),
+    (np.full(400, 4.0), {"unit": "ms", "each": "interval"}, ""),
+])  # fmt: skip
+def test_a_counter_that_falls_goes_on_and_intervals_are_summed(tmp_path, stamps, time, told):
+    rows = np.column_stack([stamps, SWEEP, SWEEP])
+    path = tmp_path / "a.csv"
+    np.savetxt(path, rows, "%.10g", ",", header="t,a,q", comments="")
+
+    recording = read_recognised(path, time={"column": "t", **time}, channels=SOURCE)
+
+    np.testing.assert_allclose(recording.samples["time"], np.arange(400) * 0.004, atol=1e-9)
+    assert bool(told) == bool(re.search(told or "ticks", " ".join(recording.warnings)))
+
+
+@pytest.mark.parametrize(
+    "line", ["SampleRate,4.000000E+02,4.000000E+02", "HResolution,2.5E-03,2.5E-03"]
+)
+def test_a_rate_or_a_resolution_of_an_oscilloscopes_header_is_used(tmp_path, line):
+    rows = [f",{a:+.5E},{a:+.5E}" for a in SWEEP]
+    (tmp_path / "a.csv").write_text("\n".join(["VUnit,V,V", line, "", *rows, ""]))
+
+    assert inspect_recording(tmp_path / "a.csv").settings["time"] == {"rate": 400.0}
+
+
+def test_what_offset_and_wraps_at_do_is_told(tmp_path):
+    rows = np.column_stack([np.arange(400) / 100, SWEEP, SWEEP])
+    np.savetxt(tmp_path / "a.csv", rows, "%.6f", ",", header="t,a,q", comments="")
+    angle = {"column": "a", "unit": "rev", "scale": "1/4", "offset": 2, "wraps_at": 360}
+
+    recording = read_recognised(
+        tmp_path / "a.csv",
+        time={"column": "t", "unit": "s"},
+        channels={**SOURCE, "theta": angle},
+    )
+
+    told = " ".join(recording.warnings)
+    assert re.search("`wraps_at` had no effect", told)
+    assert re.search("before `scale`, which shifts theta by 3.142 rad", told)

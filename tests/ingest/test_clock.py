@@ -91,12 +91,12 @@ SCATTERED = SOUND._replace(time=SOUND.time + 0.004 * white_noise(SOUND.time.size
 
 
 @pytest.mark.parametrize(("in_log", "in_capture", "message"), [
-    (slave_edges(PERIODIC, 10.0), master_edges(PERIODIC, 10.0), "pulses.*length"),
+    (slave_edges(PERIODIC, 10.0), master_edges(PERIODIC, 10.0), "pulses vary"),
     (slave_edges(irregular(3.0, 4), 3.0), master_edges(irregular(3.0, 5), 3.0),
-     "0 runs.* log"),
+     "0 runs.* "),
     (slave_edges(SHORT, 3.0), master_edges(SHORT[:4], 3.0),
-     "[0-4] runs.* log"),
-    (slave_edges(SHORT[:0], 3.0), master_edges(SHORT, 3.0), "0 runs.* log"),
+     "[0-4] runs.* "),
+    (slave_edges(SHORT[:0], 3.0), master_edges(SHORT, 3.0), "0 runs.* "),
     (SCATTERED, master_edges(LONG, 30.0), r" 2\.00 ms"),
 ])  # fmt: skip
 def test_pulses_that_tell_no_one_clock_are_refused(

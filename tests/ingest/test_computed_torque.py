@@ -6,6 +6,7 @@ import pytest
 from conftest import refused_with, white_noise
 from scipy.signal import lfilter
 
+from osl_analysis.bench.plausibility import computed_torque
 from osl_analysis.ingest.guard import check_own_torque
 from osl_analysis.trial import Trial
 
@@ -27,6 +28,8 @@ NOISE = white_noise(TIME.size, 5)
     (np.round(150 * ANGLE + lfilter([0.9], [1, -0.7], np.gradient(ANGLE, TIME)), 5), "theta"),
     (1.7 * CURRENT, "current"),
     (0.8 * CURRENT - 20 * ANGLE, "theta.*current"),
+    (4 * CURRENT * (1 + 0.8 * ANGLE - 2 * ANGLE**2) - 0.4 * np.sign(OMEGA) + 0.003 * NOISE,
+     "theta and current"),
     (0.8 * CURRENT - np.sign(SPEED) * (0.3 + 0.05 * abs(CURRENT)), "current and omega_m"),
 ])  # fmt: skip
 def test_a_torque_that_follows_from_angle_and_current_is_refused(torque, names):
@@ -43,6 +46,20 @@ def test_a_torque_that_follows_from_angle_and_current_is_refused(torque, names):
 ])  # fmt: skip
 def test_a_torque_of_a_sensor_is_taken(torque):
     check_own_torque(trial_of(torque))
+
+
+@pytest.mark.parametrize(("stated", "told"), [
+    ({"column": "effort"}, "effort"),
+    ({"column": "1", "found": "torque [A]"}, "torque [A]"),
+    ({"column": "torque_from_current"}, "torque_from_current"),
+    ({"column": "torque_from_current", "measured": True}, None),
+    ({"topic": "/currents", "field": "wrench.torque.z"}, None),
+])  # fmt: skip
+def test_a_torque_that_is_called_so_is_not_measured_until_it_is_stated(stated, told):
+    trial = trial_of(150 * THETA)
+    trial.provenance["columns"] = {"torque": stated}
+
+    assert pl.select(computed_torque(trial)).item() == told
 
 
 def trial_of(torque):

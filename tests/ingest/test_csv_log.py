@@ -250,12 +250,15 @@ def assert_samples(trial, **columns):
         np.testing.assert_array_equal(trial.samples[name], values)
 
 
-def test_devices_with_rows_of_their_own_are_refused_with_what_to_export(tmp_path):
+def test_devices_with_rows_of_their_own_are_joined_as_topics_are(tmp_path):
     rows = "".join(f"{k / 100},{k},\n{k / 100 + 0.0031},,{2 * k}\n" for k in range(50))
 
-    said = refused(tmp_path, "t,angle,load\n" + rows)
+    trial = ingested(tmp_path, "t,angle,load\n" + rows)
 
-    assert re.search("theta.* torque", said)
+    for column, late in (("theta", 0.0), ("torque", 0.0031)):
+        time, values = trial.arrays(column)
+        np.testing.assert_allclose(time, np.arange(50) / 100 + late, atol=1e-9)
+        assert np.ptp(np.diff(values)) == pytest.approx(0, abs=1e-9)
 
 
 @pytest.mark.parametrize(("text", "stated", "told", "samples"), [
@@ -264,8 +267,6 @@ def test_devices_with_rows_of_their_own_are_refused_with_what_to_export(tmp_path
     (TABLE.replace("0.02,3,7", "0.02,3"), {"ragged": "skip"}, "line 4 ", {"theta": [1, 2, 4]}),
     (TABLE.replace("0,1,5", "0,1").replace("0.03,4,8\n", ""), {"ragged": "skip"}, "line 2 ",
      {"theta": [2, 3]}),
-    (TABLE.replace("2,6", "-9999.0,6"), {"most_missing": 0.5},
-     "-9999 .* 1 .* 4 ", {}),
     (TABLE.replace("2,6", "-9999.0,6"), {"missing": ["-9999"]}, "'angle'.* 1 ",
      {"theta": [1, np.nan, 3, 4]}),
     (TABLE.replace("2,6", "nan(ind),6"), {}, "'angle'.* 1 ", {"theta": [1, np.nan, 3, 4]}),

@@ -7,9 +7,8 @@ import pytest
 from conftest import ROOT, white_noise
 from recognised_files import read_recognised
 
-from osl_analysis.ingest import LIMITS
-from osl_analysis.ingest.guard import find_leaps
 from osl_analysis.ingest.raw_files import read_source
+from osl_analysis.signals.leaps import LARGEST_BEND, find_leaps
 
 ROWS = 2000
 RATE_HZ = 200.0
@@ -33,9 +32,7 @@ SOUND = {
     "sine": TORQUE,
     "failed reading": changed(TORQUE, 700, np.nan),
     # the largest third difference is three times the leap
-    "leap below the limit": changed(
-        TORQUE, 700, TORQUE[700] + (0.25 * LIMITS.largest_bend * USUAL_BEND)
-    ),
+    "leap below the limit": changed(TORQUE, 700, TORQUE[700] + (0.25 * LARGEST_BEND * USUAL_BEND)),
     "flickering at rest": np.where(NOISE[0] > 2.0, 0.1, 0.0),
     "constant": np.full(ROWS, 3.0),
     "resting, with one step": np.where(TIME < 5.0, 0.0, 1.0),
@@ -62,7 +59,7 @@ def test_a_steady_a_noisy_and_a_coarse_channel_are_not_accused(values):
 
 
 def test_rows_that_are_missing_are_a_gap_and_no_leap():
-    assert np.abs(np.diff(TORQUE[BESIDE_GAP], 3)).max() > LIMITS.largest_bend * USUAL_BEND
+    assert np.abs(np.diff(TORQUE[BESIDE_GAP], 3)).max() > LARGEST_BEND * USUAL_BEND
     assert find_leaps(TIME[BESIDE_GAP], TORQUE[BESIDE_GAP]).size == 0
 
 

@@ -148,7 +148,8 @@ def test_a_message_that_is_repeated_counts_once(tmp_path):
 def test_stamps_that_stand_still_are_refused_and_are_not_taken_for_rounded(tmp_path):
     path = tmp_path / "log.mcap"
     for stamps, told in (
-        ([0] * COUNT, " 199 .* 200 "),
+        ([0] * COUNT, "zero .* 200 .*source: log"),
+        ([7] * COUNT, " 199 .* 200 "),
         (
             [*range(100), *[100] * 10, *range(110, COUNT)],
             " 9 .* 200 ",

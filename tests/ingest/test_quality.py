@@ -20,7 +20,7 @@ from stamp_recorders import rounded_to_bits
 from osl_analysis.commands.fit import is_broken_outside
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.ingest.guard import check_sizes, run_at_extreme
+from osl_analysis.ingest.guard import check_sizes
 from osl_analysis.ingest.quality import (
     CheckResult,
     Commanded,
@@ -36,6 +36,7 @@ from osl_analysis.judge.recording_checks import (
     validate_rules,
 )
 from osl_analysis.signals import longest_run
+from osl_analysis.signals.standing import run_at_extreme
 from osl_analysis.trial import Trial, plate_columns
 from osl_analysis.yaml_settings import Settings, validated
 
@@ -317,6 +318,8 @@ DAMAGED_LOG = {
         **DAMAGED_LOG, "end_missing": False, "lost": 3, "share_lost": 0.05,
     }}}, {"damage", "truncated"}, "damage",
      5.0, "mocap: 3 .*chunk 3"),
+    ({"columns": {"torque": {"unit": "N*m"}, "theta": {"beside": "v", "speed_factor": 0.5}}},
+     {"contradiction"}, "contradiction", 50.0, "of theta and 'v' .* 0.5 times.*"),
     ({"warnings": ["a.csv: 1 of 9 lines"]}, set(), "damage", 0.0, "a.csv: 1 of 9 lines"),
 ])  # fmt: skip
 def test_what_ingest_found_out_is_judged(provenance, beyond, check, value, remark):
@@ -582,7 +585,7 @@ def test_stamps_of_which_most_are_repeated_are_examined_by_their_mean_step():
 @pytest.mark.parametrize("experiment", ["impedance", "torque_angle"])
 def test_the_window_that_the_remark_on_a_leap_names_leaves_it_and_gaps_out(experiment):
     trial = Trial(
-        "a", bench(torque=with_piece(TORQUE, 1000, 1001, 2e6)).filter(pl.col("time") != 0.5)
+        "a", bench(torque=with_piece(TORQUE, 1000, 1002, 2e6)).filter(pl.col("time") != 0.5)
     )
     windows = EXPERIMENTS[experiment].fit.windows
 

@@ -1,0 +1,43 @@
+"""Whether a speed is that of an angle: one of both may have a wrong scale, or be of another side of
+a gear."""
+
+import numpy as np
+
+from osl_analysis.measured import varies
+from osl_analysis.trial import Array
+
+# s, over which both are compared: a filter of 20 Hz takes 1 % of what moves so slowly
+WINDOW_S = 0.25
+LEAST_FOLLOWED = 0.9  # correlation of a speed with its angle's change; less is of another, or noise
+FEWEST_COMPARED = 100  # samples
+
+
+def speed_factor(time: Array, angle: Array, speed: Array) -> float:
+    """The size of a speed over that of the change of an angle: 1 where both are right.
+
+    Parameters
+    ----------
+    time, angle, speed
+        Shape (n,) [s, rad, rad/s]; NaN is left out.
+
+    Returns
+    -------
+    float
+        Without a sign; NaN where the speed does not follow the angle.
+    """
+    known = np.isfinite(angle + speed)
+    if not known.all():
+        time, angle, speed = time[known], angle[known], speed[known]
+    if time.size < FEWEST_COMPARED or time[-1] == time[0]:
+        return np.nan
+    way = np.append(0.0, np.cumsum(speed[1:] * np.diff(time)))
+    per_window = WINDOW_S * time.size / abs(time[-1] - time[0])
+    step = max(int(per_window / 10), 1)  # a tenth of the window tells as much as every sample
+    rows = max(round(per_window / step), 1)
+    angle, way = angle[::step], way[::step]
+    turns = angle[rows:] - angle[:-rows]
+    ways = way[rows:] - way[:-rows]
+    if not (varies(turns) and varies(ways)):
+        return np.nan
+    is_followed = abs(np.corrcoef(turns, ways)[0, 1]) > LEAST_FOLLOWED
+    return float(ways.std() / turns.std()) if is_followed else np.nan

@@ -1,0 +1,130 @@
+"""Channels that repeat one value: a sensor at an end of its range, and one that stands still."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from osl_analysis.measured import noise_of, spoiled
+from osl_analysis.signals import longest_of, run_edges
+from osl_analysis.trial import Array
+
+NO_EXTREME = 0.05  # share of the range: an extreme nearer to zero is an unloaded sensor
+MIDDLE = 0.25  # share of the range: a value nearer to the median is no extreme
+CORNER_STEPS = 5.0  # a peak that is rounded to steps moves by four within half of its standing time
+APPROACH_STEPS = (5.0, 25.0)  # the last fifth of a channel's way to where it stands, and all of it
+# Of the time for this way: the last fifth takes 0.2 at an even speed, 0.29 to a rail five steps
+# below a peak, and 0.36 or more where the channel slows down to rest.
+LAST_SHARE = 0.33
+LEAST_CHANGE = 0.005  # share of a reference's range; one at rest creeps by less
+LEAST_STANDING = 5  # samples; a peak may have as many
+MEANS = 16  # of a reference during a run, over `MEAN_S` at most, which scatter less than samples
+MEAN_S = 0.05  # a sine of 5 Hz keeps nine tenths of its amplitude
+NOISE_SDS = 8.0  # of such a mean, that are a change
+MOST_REPEATED = 0.3  # share of a channel's samples; a command, whose levels have no noise, has more
+
+
+def repeats(values: Array) -> NDArray[np.intp]:
+    """First row and row after the last, (k, 2), of each run of two or more equal values (n,)."""
+    edges = run_edges(np.diff(values) == 0)
+    edges[:, 1] += 1
+    return edges
+
+
+def has_levels(values: Array) -> bool:
+    """Whether a channel (n,) has levels without noise, apart from its longest run."""
+    lengths = np.diff(repeats(values)) - 1
+    return bool(lengths.sum() - lengths.max(initial=0) > MOST_REPEATED * values.size)
+
+
+def run_at_extreme(values: Array, standing: NDArray[np.intp] | None = None) -> slice:
+    """Find the longest run of a channel at its lowest or highest value.
+
+    It is one sample, or many if the channel is clipped. Values near zero (an unloaded sensor) or
+    near the median do not count, nor the peak of a slow signal, which repeats a value, too.
+
+    Parameters
+    ----------
+    values : Array
+        (n,).
+    standing : Array, optional
+        (k, 2), the only runs that count (`standing_runs`), of a channel without noise.
+
+    Returns
+    -------
+    slice
+        Rows of the run; empty if there is none, or if a value is not finite.
+    """
+    longest = slice(0, 0)
+    span = np.ptp(values)
+    middle = np.median(values)
+    for end in (values.min(), values.max()):
+        if abs(end) > NO_EXTREME * span and abs(end - middle) > MIDDLE * span:
+            runs = run_edges(values == end)
+            if standing is not None:
+                runs = standing[values[standing[:, 0]] == end]
+            run = longest_of(runs)
+            if values[run].size > values[longest].size and has_corners(values, run):
+                longest = run
+    return longest
+
+
+def has_corners(values: Array, run: slice) -> bool:
+    """Whether a channel (n,) is far from a run of equal values, half as long before and after, and
+    comes to all such runs at speed. What comes to rest slows down: of its way to there, the last
+    fifth takes more than its share of the time. A single value has no duration."""
+    half = (run.stop - run.start) // 2
+    if half == 0:
+        return True
+    distance = np.abs(values - values[run.start])
+    around = np.pad(distance, half, constant_values=np.inf)
+    sides = around[[run.start, run.stop - 1 + 2 * half]]
+    steps = np.abs(np.diff(values))
+    step = steps[steps > 0].min(initial=np.inf)
+    runs = run_edges(distance == 0)
+    first = runs[np.diff(runs)[:, 0] > half, 0]
+    rows_of_ways = []  # of its last fifth, and of all of it
+    for way in APPROACH_STEPS:
+        away = np.append(-1, np.flatnonzero(distance > way * step))
+        last_away = away[np.searchsorted(away, first) - 1]
+        rows_of_ways.append(np.sum(first - 1 - last_away))
+    last_fifth, whole_way = rows_of_ways
+    is_fast = last_fifth <= LAST_SHARE * whole_way + 1
+    return bool(is_fast and sides.min() > CORNER_STEPS * step)
+
+
+def standing_runs(
+    time: Array, values: Array, reference: tuple[Array, Array], least: float = LEAST_CHANGE
+) -> NDArray[np.intp]:
+    """Find where a channel repeats one value although a reference changes.
+
+    Parameters
+    ----------
+    time : Array
+        (n,) [s].
+    values : Array
+        (n,).
+    reference : (Array, Array)
+        Times [s] and values of another channel.
+    least : float
+        By which share of its range the reference changes.
+
+    Returns
+    -------
+    Array
+        First row and row after the last of each run, (k, 2). The reference changes in the third
+        quarter of it: at rest it settles, and it may be earlier or later at both ends.
+    """
+    every = repeats(values)
+    edges: NDArray[np.intp] = every[np.diff(every)[:, 0] > LEAST_STANDING]
+    if not edges.size or time[0] == time[-1]:
+        return edges[:0]
+    is_sound = ~spoiled(reference[1])
+    followed = np.interp(time, reference[0][is_sound], reference[1][is_sound])
+    sums = np.append(0.0, np.cumsum(followed - followed.mean()))
+    rows = np.arange(sums.size)
+    length = np.diff(edges)
+    width = np.minimum(length / MEANS, MEAN_S * time.size / np.ptp(time))
+    begins = edges[:, :1] + length / 2 + (length / 4 - width) * np.linspace(0, 1, MEANS)
+    means = (np.interp(begins + width, rows, sums) - np.interp(begins, rows, sums)) / width
+    noise = noise_of(followed) / np.sqrt(np.maximum(width[:, 0], 1.0))
+    changes = np.maximum(least * np.ptp(followed), NOISE_SDS * noise)
+    return edges[np.ptp(means, axis=1) > changes]

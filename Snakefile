@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From raw logs to Figures 3-9: recording -> trial -> fit -> table -> figure.
 
 `snakemake reproduce-all` runs the campaign of config/config.yaml; `--configfile FILE` overrides

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """This checkout against another revision, alternately: ratios of wall time, core-seconds and peak
 memory.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The confusion matrix of the bench: which cause is planted, and which is named first.
 
 Run from the repository: `python benchmarks/causes.py`. The recordings are those of `planted.py`, an

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the product costs beside a student's script: one table.
 
     python benchmarks/doors.py [PART ... | all] [--recordings N ...] [--most MB]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fit the weights of `osl_analysis/draft/likelihoods.yaml` on one half of the labelled recordings
 of `draft_labels.yaml`, and judge them by the other half:
 

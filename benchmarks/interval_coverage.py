@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How often the 95 % intervals of K, B and I hold: 19 motions with five disturbances each.
 
 Run from the repository: `python benchmarks/interval_coverage.py [seeds] [rows.csv]`, 40 seeds by

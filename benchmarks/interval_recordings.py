@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recordings of a joint that an exact servo moves, for `interval_coverage.py`. They share no code
 with the package, its simulator or the other benchmarks.
 

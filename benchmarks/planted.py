@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recordings of a joint whose K, B and I are known, with one cause of error planted: numpy and
 splines, nothing of the project, neither its simulator nor its fits.
 

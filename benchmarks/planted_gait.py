@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Crossings of a walkway with a known ankle, from rigid-body mechanics alone, and what the analysis
 makes of them.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Cost of reading recordings: processor seconds, and the largest memory.
 
 Run from the repository: `python benchmarks/reading.py [--campaign FOLDER] [--against FOLDER]`. The

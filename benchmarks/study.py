@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The Monte Carlo study: bias, error and coverage of the estimators on simulated trials, for
 `docs/study.md`.
 

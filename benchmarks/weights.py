@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Prior weights of the inference, fitted on one half of the recordings of `causes.py` and reported
 on the other.
 

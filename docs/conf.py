@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sphinx builds the documentation: `make docs`, into build/docs, without a network.
 
 Warnings are errors. MyST warns of each link that leads to no file or heading, Sphinx of each page

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Write the identified leg for MuJoCo (MJCF): python leg_to_mujoco.py RESULTS PARAMETERS > leg.xml
 
 Joint, motor and the belt between them have the means over the component trials, in SI units. The

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From the recordings of a powered prosthesis to its stiffness, damping and inertia.
 
 Data flow one way: recording (`formats`, `ingest`) -> trial -> fit (`bench`, `walking`) -> table ->

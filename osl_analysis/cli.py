@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command line `osl-analysis`: one trial, or one pair of gains, at a time; `snakemake` runs
 whole campaigns."""
 

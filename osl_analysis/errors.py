@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Errors that the user can correct. Every message is one line with the cause and the remedy."""
 
 import re

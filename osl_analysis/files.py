@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Results are written completely or not at all: write to a temporary file beside the target, then
 rename it."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which numbers can be a measurement, to which step a signal is rounded, and how a result is.
 
 A fit refuses a number that no sensor can give, before it overflows, underflows or becomes NaN.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Limits of memory and cores of a job. A file that needs more memory ends in an error, not by the
 OOM killer."""
 

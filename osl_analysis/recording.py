@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a recording holds, whatever its format: channels, rows, losses, plates and text.
 
 Every format reads its files to one `Recording`. Ingest, `inspect` and `init` take nothing else, and

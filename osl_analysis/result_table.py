@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Read a result table of a campaign that this release has made."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a source file may say, whatever the format: channels, conversions, clocks, markers.
 
 A source file describes the recordings of one recorder. Each format has a model with the keys of

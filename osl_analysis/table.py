@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tidy result tables as CSV, with full precision. A table is written completely or not at all.
 
 A trial that cannot be analysed has its row in the table of its fits, without estimates: `status` is

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A trial: the canonical samples of one recording, checked at construction, and its file (Parquet).
 
 Here stands the nomenclature: name, unit and sign of each column.

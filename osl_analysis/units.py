@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Units as laboratories spell them, their factors to SI, and the factors that are often confused.
 
 The texts come from files: only names joined by `*` and `/` are given to pint, whose parser would

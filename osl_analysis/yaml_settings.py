@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Validated YAML files (YAML 1.2): a wrong field becomes one line with file, line, field, value and
 reason."""
 

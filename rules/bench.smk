@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Trial -> rows of its fit, by experiment.
 
 The first file has the estimates, `others` is an archive of the other tables of the trial. The line

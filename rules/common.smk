@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The campaign, and what the rules of several files look up in it.
 
 Rules have one line of code, `job(FUNCTION, input, output, params, log)`. It calls that function in a

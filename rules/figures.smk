@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tables -> the numbers that a figure plots (CSV) -> the figure; all of it -> `report.html`."""
 
 from osl_analysis.commands.figure import (

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recordings of a simulated campaign, where the configuration names a `simulation`."""
 
 from osl_analysis.commands.simulate import simulate_trial, write_sheet

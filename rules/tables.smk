@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rows of single trials -> tables over trials -> findings and headline numbers."""
 
 from osl_analysis.commands.fit import derive

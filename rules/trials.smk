@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recording -> trial, and what quality control measures on it."""
 
 from osl_analysis.commands.tables import judge

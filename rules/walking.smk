@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ankle impedance of a walking person, from perturbed and unperturbed crossings (Fig. 9)."""
 
 from osl_analysis.commands.walking import (

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What several tests share: the shipped parameters, and motions with derivatives written by
 hand."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ingested trials of the default campaign, bit by bit.
 
 `make test-ingest` compares results/trials with ingested_trials.csv after `make reproduce-all`;

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Kernels of OpenBLAS differ by processor in rounding: an exact fit leaves 1e-16 with one and may
 leave 0 with another.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The package as a stranger installs it: wheel, then sdist in a new environment, in folders with
 blanks and umlauts. `make test-package` runs it in some two minutes, with `uv` and `build` of the
 project's environment."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Numbers that the last commit left, right or not, so that none changes unnoticed.
 
 reference_numbers.csv has a row for each headline, table, figure and text of a small campaign.

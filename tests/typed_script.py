@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A user's script, as `mypy --strict` sees it: every public name has its type.
 
 It is among the files that `mypy` checks (`pyproject.toml`), and `test_public_names.py` sees that it

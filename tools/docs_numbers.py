@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether the numbers of the documentation are those that its commands print.
 
 `docs_numbers.yaml` has, by page and command, texts of the page and what the command prints there.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Contact sheets of figures as others see them: in grey and with deuteranopia, at the width of one
 and two columns.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The answers of methods to all recordings of a folder, FOLDER/answers.csv:
 python benchmarks/peers/answers.py FOLDER [METHOD.py ...]
 

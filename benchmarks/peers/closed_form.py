@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recordings of joints whose truth is known, by formulas alone: a second generator, on whose
 recordings no method here was tuned.
 

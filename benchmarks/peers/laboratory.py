@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recordings of joints whose truth is known, made by the project's own simulator of a bench."""
 
 from copy import deepcopy

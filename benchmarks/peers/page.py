@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The tables of docs/peers.md and its figure: python benchmarks/peers/page.py [FOLDER]
 
 Without a folder recordings and answers are made anew in build/peers, which takes half an hour of

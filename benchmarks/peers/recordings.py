@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recordings whose truth is known, as a CSV file each (t [s], theta [rad], torque [N*m]) and
 `truth.csv` about them: python benchmarks/peers/recordings.py FOLDER [SEED ...]
 

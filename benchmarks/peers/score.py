@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Score the answers of any method against the truth of the recordings:
 python benchmarks/peers/score.py ANSWERS [TRUTH]
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The dynamometer and the actuator's bench.
 
 From a recording to K: `commands/fit.py` calls, in this order, `motion`, which tells what moved and

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The belt alone on its bench: a line through torque over deflection while loading and unloading
 (Fig. 3)."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Choices of the analysis on the benches, each with its unit, as `config.yaml` has them."""
 
 from typing import Annotated, ClassVar, Literal

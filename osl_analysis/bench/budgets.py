@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What contributes to an estimate of the bench beside its own fit: what faults of the recording,
 another motion, and what nobody has checked would change.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Calibration of a bench: a known spring or inertia, which gives its lag and gain; its fixture,
 measured alone and taken off the torque of every other trial; and the frame between two angles."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What two clocks do to a fit of a bench: the torque's lag behind the angle goes on with time, and
 the error of a clock that was fitted while the logs were joined."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The cycles of a slow motion to and fro, of a belt or a passive joint: where each begins, turns
 and ends, and its branches."""
 

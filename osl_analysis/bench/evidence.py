@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rendered impedance on the dynamometer (Figs. 4-6): the rows of Eq. 15, the budget of each
 estimate, and what else the plausibility of a trial is judged by."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Frequency response of a joint to a stepped sine or any other motion (`response.csv`, Fig. 7).
 
 A piece is a settled cycle of a sine, a period of a motion that repeats itself, or a window of any

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Friction beside K, B and I of Eq. 15, and what else the torque of a recording may hold.
 
 The inference (`osl_analysis/inference`) says whether dry friction is certain and what may be wrong.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Eq. 15 fitted to a record, or another model of the bench: to each amplitude and to all of it,
 with the stated errors of the bench and those of the encoder's steps."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The interval of estimates by least squares, for any motion: how the same motion again would
 scatter them, with other noise.
 

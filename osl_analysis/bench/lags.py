@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A lag of the torque behind the angle beside any model, and what the belt of a leg tells of lags
 of the torque and of theta_m."""
 

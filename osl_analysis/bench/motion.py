@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The record of a trial: what kind of motion it is, and which rows are fitted."""
 
 from collections.abc import Collection, Sequence

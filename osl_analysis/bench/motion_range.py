@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The range of estimates over parts of a motion: what the motion decides, and no noise.
 
 A joint that is not of second order has another K, B and I at another amplitude or frequency. The

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parts of the drivetrain alone on their benches: the actuator (Eqs. 1-2), turning or clamped, and
 the transmission, with the motor detached (Eq. 4)."""
 

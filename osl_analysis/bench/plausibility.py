@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What an estimate or a signal cannot be: negative where it resists, beyond the bench in series, or
 a constant."""
 

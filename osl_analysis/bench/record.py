@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One record for every motion: uniform signals, the motion behind one low-pass, and groups of
 rows."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One regression for every motion on the bench, from sums over groups of rows.
 
 One pass over the samples sums the products of all columns in each group: of the model, and of what

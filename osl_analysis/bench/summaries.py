@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Summaries over trials: of the components of the drivetrain, of the delay of a bench, and of
 controllers beside each other."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Torque against angle, quasi-static, of passive feet, springs and series elastic elements.
 
 The torque's zero and the deflection of the bench are subtracted first. A device with hysteresis

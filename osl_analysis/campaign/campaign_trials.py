@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A campaign: the trials of its sample sheet, what the rules ask about each of them, and what it
 must fulfil before anything runs."""
 

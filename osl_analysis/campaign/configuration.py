@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The configuration of a campaign: choices with units, validated when they are read."""
 
 from collections.abc import Collection, Hashable, Mapping, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The origin of a campaign's results: what figures, tables and summary say of it, and the state of
 each setting that judges or labels results: stated, assumed or none.
 

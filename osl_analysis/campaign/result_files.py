@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The files of a campaign's results: which it has, which of them each is made from, and the trials
 that figures show as examples.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What decides the results of a campaign, and a digest (SHA-256) of each: what is stated, by its
 values, so that a comment changes nothing; recordings by their bytes; the code with its libraries.
 """

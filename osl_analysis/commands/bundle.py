@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`osl-analysis bundle`: a campaign with its results as one ZIP file."""
 
 from contextlib import chdir

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The comparison of two campaigns: headline numbers and conditions side by side, the settings that
 differ, and whether both hold the same recordings."""
 

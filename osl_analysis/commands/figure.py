@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figures: the numbers to be plotted from result tables, the drawn page from those numbers, and the
 captions."""
 

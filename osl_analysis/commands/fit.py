@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From a recording to its estimates: the fit of each kind of trial on the bench, as the jobs of a
 campaign, the command line and notebooks call it, and what its tables tell together.
 

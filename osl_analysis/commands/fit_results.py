@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the fit of one trial gives: its tables, and its estimates as attributes, as text and as
 JSON."""
 

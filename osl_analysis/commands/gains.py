@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Gain selection for one pair, a grid or a trajectory of desired impedances, and the behaviour that
 theory predicts."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`osl-analysis init`: the folder of a new campaign, drafted from recordings if there are any, and
 what the user has to decide before it runs; and the JSON schemas of its YAML files."""
 

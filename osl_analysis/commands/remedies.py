@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What may mend a recording whose fit is refused, by a wrong sign, unit or channel.
 
 The error names the changes of the source file that may mend it (`errors.Change`). They are tried on

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The report of a run: its page, its methods section, and what a user must know at its end."""
 
 from collections.abc import Mapping, Sequence

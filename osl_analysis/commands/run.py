@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`osl-analysis run`: Snakemake on the campaign in this folder, and what is refused, or said, of it
 before its first job."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Simulate a campaign, or one trial of it, into a raw-data folder."""
 
 import csv

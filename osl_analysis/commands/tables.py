@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Result tables from the tables of single trials, the summary with the headline numbers, and what
 their columns mean."""
 

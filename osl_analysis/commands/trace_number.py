@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From which files, trials and settings a headline number comes, by the trace of `summary.json`."""
 
 from collections.abc import Mapping

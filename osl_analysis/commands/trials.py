@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recordings on their way in: ingest and quality control of one trial in one job, the samples being
 examined while they are in memory; and what files of any laboratory hold. Texts from files are
 untrusted: they are escaped when they are printed."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Jobs of the walkway: calibration, plate, crossings, and the fit of each perturbation; and the
 files between them."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """K, B and I of groups of perturbed crossings (Fig. 9)."""
 
 from collections.abc import Mapping, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The experiments: one table of facts that sheet, quality control, simulator, rules and command
 line read (`experiments.yaml`)."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The desired impedance over the gait cycle, from a CSV file, validated when it is read."""
 
 import re

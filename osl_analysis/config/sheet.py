@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The sample sheet `trials.csv` of a campaign, one row per trial, validated when it is read."""
 
 import csv

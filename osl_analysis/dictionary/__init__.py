@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The data dictionary: meaning and unit of every column of every table that the pipeline writes.
 
 The YAML files beside this module and `figures/figures.yaml` have a section per table, and in it a

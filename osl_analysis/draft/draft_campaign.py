@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A draft of a campaign from a folder of recordings: a source file for each kind of them, a sample
 sheet, the section `walking` of the configuration, and what the user has to decide."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recordings as a draft describes them, and pairs of logs that two recorders wrote of one trial."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A draft of a sample sheet: the trials that recordings are, by the words of their names."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Drafts of source files. Texts from files are quoted as JSON, which is valid YAML. What files do
 not tell is left to the user, questions first."""
 

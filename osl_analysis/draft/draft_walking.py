@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A draft of the section `walking` of a configuration, from the names of markers in captures, and
 from where the plates lie. What these do not tell is left to the user."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What each channel of a log is taken for. A guess is shown as one, and what leaves a doubt is
 asked.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a recording holds, of any format: channels with ranges, rates and gaps, what is odd, and
 what of a source file it tells."""
 

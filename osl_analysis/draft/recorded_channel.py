@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A channel of a recording as a user is shown it, with the unit that its name implies, and what
 else a recording holds."""
 

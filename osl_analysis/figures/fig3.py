@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fig. 3: torque against deflection of the belt."""
 
 from collections.abc import Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fig. 4: torque of one trial over time, measured and modelled."""
 
 from collections.abc import Mapping

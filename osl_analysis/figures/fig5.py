@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fig. 5: the stiffness and damping that the joint renders, against those that were asked for.
 
 Desired values are few, and many trials have the same one. On a scale their markers would cover one

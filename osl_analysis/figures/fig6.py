@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fig. 6: the variance of the torque that a second-order system accounts for."""
 
 from typing import Any

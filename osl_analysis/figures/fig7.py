@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fig. 7: admittance of the joint over frequency, measured, desired, and of the linear model, and
 how far the measured impedance is from the desired one."""
 

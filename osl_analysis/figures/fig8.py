@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fig. 8: desired impedance and control gains over stance."""
 
 import polars as pl

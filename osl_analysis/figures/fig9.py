@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fig. 9: stiffness, damping and inertia of the ankle while walking."""
 
 from typing import Any

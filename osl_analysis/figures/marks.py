@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What several figures draw: markers that lead to trials, bars, swarms, legends, and logarithmic
 axes."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The style of all figures: size of a page, colours, looks of controllers, panels and settings, and
 words: labels of quantities, titles by condition, and names of a campaign as matplotlib draws
 them."""

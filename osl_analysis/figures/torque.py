@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Torque over time of any fitted trial, for a notebook."""
 
 import polars as pl

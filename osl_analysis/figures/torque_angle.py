@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figure `torque_angle`: torque against angle of a joint that is moved slowly."""
 
 from typing import Any

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The walking page: from crossings of the walkway to the responses that Fig. 9 fits."""
 
 from collections.abc import Mapping

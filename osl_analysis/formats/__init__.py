@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """File formats. Each module of this folder is one, and gives its files as one `Recording`.
 
 To add a format, add one module with

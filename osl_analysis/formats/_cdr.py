@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the numbers of a ROS message stand, by its definition.
 
 The numbers stand at the same places in all messages of one layout: of one length, and with the same

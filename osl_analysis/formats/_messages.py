@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Messages by topic as channels of numbers: CDR, ROS 1, JSON and protobuf.
 
 A container gives its messages part by part. The wanted fields are decoded at once and the bytes

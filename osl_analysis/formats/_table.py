@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tables of numbers in rows of cells, from text or from a sheet: header, units, rows, footer. All
 is found from the content."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Text: its encoding, lines, the sign between cells, and cells as the numbers and times that
 programs of all countries write."""
 

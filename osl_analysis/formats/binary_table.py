@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tables in formats of programs.
 
 Sheets of Excel and OpenDocument are read by fastexcel, Parquet and Arrow by polars, arrays by

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """C3D (https://www.c3d.org/HTML): points, analog samples and force plates of motion capture.
 
 Written by hand: `ezc3d` misplaces frames where ANALOG:RATE and the header disagree, ignores

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tables of numbers in text files of any program: CSV, TSV, LabVIEW's LVM, printed columns.
 
 By hand: `polars.read_csv` and `pandas.read_csv` find neither header nor units, decimal sign or

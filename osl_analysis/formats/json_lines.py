@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """JSON lines: one object of JSON per line, with numbers at any depth."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Text of motion capture: a header of keys, names of columns, and a row of numbers a frame.
 
 Here are the markers that Qualisys Track Manager exports as TSV, and those in TRC; `nexus.py` has

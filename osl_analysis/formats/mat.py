@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """MATLAB files of version 5 and 7.3, with tables and objects in them, by mat-io.
 
 An address is written as in MATLAB: `Test.Slow(2).data(:,3)`, `runs{2}.torque`.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """MCAP (https://mcap.dev/spec), also what an interrupted recorder left.
 
 The records are walked from the front, so that a log without its end is read as far as it goes. A

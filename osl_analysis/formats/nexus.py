@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The CSV export of Vicon Nexus: devices, trajectories and model outputs in sections.
 
 Sections stand in any order. Each has a title, a rate, a row of names, each above the first of its

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tables of OpenSim (.mot, .sto): a header down to `endheader`, then names and rows."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bags of ROS 1, by the library `rosbags`, and of ROS 2: a database of sqlite3, or the folder of a
 recording in sqlite3 or MCAP.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """LabVIEW's TDMS, by npTDMS."""
 
 import logging

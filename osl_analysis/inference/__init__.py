@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One inference for a bench recording: rival torque models, weighed by prediction.
 
 It says what may be wrong with the recording of a whole trial of a joint, and whether friction is

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a leg's actuator would do without its friction.
 
 A belt of stiffness K_s joins joint and actuator, whose angle theta_m is recorded. Whatever friction

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The numbers by which rivals are weighed, with unit, meaning and evidence.
 
 Tolerances of numerical methods, and what only saves time, stand where they are used.

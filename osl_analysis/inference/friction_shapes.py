@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Shapes of dry friction: torques of 1 N*m that oppose a motion.
 
 Friction either changes sign with the velocity, or builds up over an angle before it slides, like a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The inference: from angle and torque of a recording to what may be wrong with it.
 
 1. `spectra`: signals in the band of the motion.

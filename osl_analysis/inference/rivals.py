@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The rivals of Eq. 15 that may explain a torque, as one table, and how each is fitted.
 
 | family | what is not as Eq. 15 has it |

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Torques that rounding of the angle makes, drawn for other zeros of the encoder and sizes of the
 motion.
 

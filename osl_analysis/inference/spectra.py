@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Angle and torque of one recording in the band of its motion, as spectra and as signals.
 
 Derivatives and filters are exact in the frequency domain. What a Fourier transform assumes about

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How far a torque that no rival explains could move K, B and I.
 
 A sensor's noise is normally distributed, and does not know the motion. So the median of its squares

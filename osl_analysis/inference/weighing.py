@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Weights of the rivals, by how each predicts parts of a recording that it was not fitted to.
 
 A model with more parameters always fits better; it predicts better only if it is closer to what

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whitening by the noise's own spectrum: after it, least squares is maximum likelihood.
 
 Load cells drift, persons lean on benches, and amplifiers hum: the noise of a torque is not white.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Captures of a motion-capture laboratory as canonical columns: markers, force plates, analog
 channels and model outputs, in our axes.
 

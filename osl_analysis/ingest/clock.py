@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One recorder's clock fitted to another's, t_master = offset + (1 + drift) * t_slave: by the edges
 of a pulse train that both recorded; by a gate that is high while the other one records; or else by
 one lag, at which a joint's encoder follows an angle between markers, whose scale, offset and sign

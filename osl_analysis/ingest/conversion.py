@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recorded numbers as canonical columns in SI units, and what the provenance of a trial says of
 them."""
 

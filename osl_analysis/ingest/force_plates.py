@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Force plates of any format: force and moment on the foot, about the centre of their surface.
 
 There is no centre of pressure, so that they are valid for an unloaded plate (C3D manual, Kistler).

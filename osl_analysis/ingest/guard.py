@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The guard of a trial's numbers. Sizes that nothing can reach, values beyond a stated range, and
 recordings of a bench that no fit can use are refused."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What tells a clock: its name, its readings, its unit, and what the text of a file says of rates.
 
 Names and readings make a clock likely, for a draft and for a check beside the stated time. None of

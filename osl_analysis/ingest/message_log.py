@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A log of messages by topic as canonical columns, in the order of their stamps. Topics with
 different stamps have rows of their own, null in the columns of the others. Nothing is interpolated
 or held."""

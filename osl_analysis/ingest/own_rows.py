@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rows of a table in which a channel has a sample of its own: a channel of another rate leaves the
 others blank, or was interpolated between its samples."""
 

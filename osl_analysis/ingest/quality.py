@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The checks of a recording's quality: `MEASURES` lists them. They are numbers; limits and verdicts
 come later (`judge`)."""
 

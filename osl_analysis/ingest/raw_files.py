@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The raw files of one trial: found, held against their source files, read, and joined to canonical
 samples."""
 

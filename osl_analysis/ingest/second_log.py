@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A second log of a trial on the clock of the first, t_first = offset + (1 + drift) * t_second."""
 
 from collections.abc import Mapping, Sequence

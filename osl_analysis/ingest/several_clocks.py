@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Channels with clocks of their own, of one table or of two logs of one trial, on one clock, as
 topics are: each with its own rows."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A log that is a table of rows as canonical columns. Its time is a channel, a stated rate, or the
 timing that the file itself tells; channels may have times of their own. Nothing is interpolated or
 held."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A job as its rule gives it, and its log: outcome, warnings and duration. The lines of a run are
 read from the logs, so that they are complete also on a cluster."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Do a job of the workflow in this process: call its command with what its rule names, but without
 the inputs that were refused or excluded, and write the reason into its outputs where the input is
 at fault."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The progress of a run: a line per stage with count, rate and time left, and each refusal as soon
 as it happens.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the workflow uses of Snakemake that its documentation does not promise.
 
 A test compares the installed release with `TRIED`: with a newer one, try the workflow, also as a

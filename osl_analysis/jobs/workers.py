@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Warm workers: processes that have imported what jobs need, and do one job after another.
 
 A `run:` block of a rule calls `do_job`, as `job`, in a thread of Snakemake, which waits until a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Budgets and numbers of a fit become findings, and findings become sentences.
 
 The way of one estimate, the damping of a trial whose torque is late, to the page:

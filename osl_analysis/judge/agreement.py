@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether the trials of a campaign agree: repeats of a condition with one another, a condition with
 the others of its arm (joint, side, controller), and all of an arm with what was commanded.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The findings on all trials of a campaign, `findings.csv`, and what a reader must know of them:
 causes with their trials, in the same words at the end of a run, by `results` and on the page."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The claims of a paper, a file of its author's (`config/claims/draft.yaml` explains the fields),
 each compared with the numbers of a campaign.
 

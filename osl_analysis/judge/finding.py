@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A judgement on a trial or a fit as a value. Tables, summary, page and tests are views of it."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Findings about the rows of result tables, from the budgets of their estimates, from the rules and
 the configured limits, and the tables with them."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The findings that a trial can have, and the rules that find them (`findings.yaml`)."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The limits of the configuration on columns of result tables, and the accuracy that estimates
 need."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The thresholds of the configuration for checks of recordings, verdicts by them on the measured
 values (`ingest/quality.py`), and which trials these exclude.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The words of findings. Nothing here decides whether something is a doubt.
 
 The sentences stand in `findings.yaml`, with names in braces for numbers. A sentence whose numbers

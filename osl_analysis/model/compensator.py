@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The compensator: friction feedforward (Eqs. 5-7), and the choice of K_1 and B_1 (Eqs. 12-14).
 
 Eq. 14, in the letters of `drivetrain.joint_admittance`, with Q = B_d s + K_d and K_1 from Eq. 13:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The drivetrain: physical parameters of one device (Table I), each with unit and source, from
 `config/parameters/`; actuator (Eqs. 1-2), belt transmission (Eqs. 3-4), joint admittance (Eqs.
 8-11), in the paper's signs."""

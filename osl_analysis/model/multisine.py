@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An odd random-phase multisine: a periodic motion that shows noise, odd and even distortion
 separately.
 

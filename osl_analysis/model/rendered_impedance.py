@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What gains render: stability, delay margin, how far the impedance is the desired one.
 
 The joint's dynamic stiffness is Z = 1/Y = P - c/N, in the letters of `drivetrain.joint_admittance`.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The sentence that a page and a run begin with: does the joint render what was asked for, and
 better with compensation than without."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The text of a methods section: sentences of `templates/methods.j2`, each of which is printed only
 where the fact that it rests on is recorded, in Markdown and in LaTeX."""
 

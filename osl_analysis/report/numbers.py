@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Headline numbers of a campaign: computed from result tables as `numbers.yaml` lists them, and
 written as JSON, as macros of LaTeX and as sentences."""
 

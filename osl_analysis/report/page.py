@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The page of a run: one HTML file with verdict, conditions, findings, figures and a view of each
 trial, which opens without a network."""
 

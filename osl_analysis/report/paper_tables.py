@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """K, B and I of each condition and each group of crossings, and the components of the drivetrain
 (Table I): rows for the page and for tables of a paper."""
 

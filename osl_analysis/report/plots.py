@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The plots of the page's trials: one document of Bokeh, into which the page puts the signals of
 the trial that is open."""
 

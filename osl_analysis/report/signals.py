@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The signals of a trial that the page plots, and how they are packed into it."""
 
 import zlib

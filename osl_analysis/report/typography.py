@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How a text is set: units, symbols, powers and minus signs on the page, and signs of LaTeX; rows
 of texts as a table in Markdown, in LaTeX or in aligned columns, of which the first is the head."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The trials of a campaign that have no result, and why; the verdict on each trial, which page,
 summary and terminal count alike; and what a run found, in about ten lines for a terminal."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One zero-phase filter for every signal of a trial, then derivatives.
 
 Never filter angle and torque differently: if only the angle is filtered at 15 Hz, B is 3.43 instead

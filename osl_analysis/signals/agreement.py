@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether a speed is that of an angle: one of both may have a wrong scale, or be of another side of
 a gear."""
 

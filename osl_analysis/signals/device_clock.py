@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The clock of a device: its stamps against the straight line on which even samples would lie, and
 the rows in which a log shows the values of a slower source."""
 

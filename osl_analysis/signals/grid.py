@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The only way from a trial to uniform signals: its columns on one grid, corrected for their
 sensors as the source file states, with a report.
 

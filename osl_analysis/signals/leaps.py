@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Samples that leap off the curve of their neighbours. A flipped bit, a lost or an exchanged block
 of a file, and a sensor that fails look alike in them."""
 

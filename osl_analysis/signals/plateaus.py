@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Plateaus of a stepped current, and whether the shaft stands meanwhile: a clamped actuator."""
 
 from collections.abc import Sequence

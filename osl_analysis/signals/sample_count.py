@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which samples of a stream are missing: the place of every sample in the device's count.
 
 Without a counter, the place of a sample in the count comes from its stamp. A late sample and a

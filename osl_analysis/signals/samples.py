@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The signals that one device recorded at the same stamps, and when their samples were taken: at
 true stamps, on the even clock of the device, or on the clock of a slower source whose values the
 log repeats."""

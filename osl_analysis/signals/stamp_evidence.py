@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How stamps are read: as even samples of a device, or as true times of some age.
 
 The signal itself decides among three hypotheses. Even: the device samples evenly, and the stamps

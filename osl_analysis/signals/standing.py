@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Channels that repeat one value: a sensor at an end of its range, and one that stands still."""
 
 import numpy as np

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Simulated laboratories: trials with known truth, recorded in the file formats of real ones."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One trial of a bench, the dynamometer's or the actuator's own: commanded motion, the motor that
 follows it with finite bandwidth, true torque, recorded log, truth."""
 

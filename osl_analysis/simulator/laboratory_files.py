@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the recorders of the gait laboratory write: the capture of Vicon (C3D) and the leg's log
 (MCAP)."""
 

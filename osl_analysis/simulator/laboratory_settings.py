@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The simulated gait laboratory as a validated file, such as `config/simulation/walking.yaml`:
 choices only; and what is the same in all of them: places of markers, curves of gait, recorders.
 

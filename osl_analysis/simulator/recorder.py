@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The effects of recorders on true signals: sampling instants, sensors and stamps.
 
 With all effects off, samples are at the even instants of the simulation.

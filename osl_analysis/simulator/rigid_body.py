@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Poses, wrenches and Newton-Euler for the bodies of a crossing, on a regular time grid, in
 laboratory axes: x forward, y left, z up, in metres."""
 

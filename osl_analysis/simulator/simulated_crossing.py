@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A crossing of the gait laboratory in rigid-body mechanics.
 
 The foot's path and the ankle's angle are prescribed. The drivetrain's torque is simulated for this

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The simulated campaign as a validated file, such as `config/simulation/default.yaml`: choices
 only.
 

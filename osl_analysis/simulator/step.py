@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One step on the platform: the nominal curves of gait, their random variations, and the motion of
 the platform.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The plan of a simulated campaign: its random numbers, the rows of its sample sheet, and the
 direction of each crossing."""
 

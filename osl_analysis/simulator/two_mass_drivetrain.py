@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The two-mass drivetrain in time: prescribed joint motion, actuator with friction, sampled
 controller.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One trial of the gait laboratory, from the row of the sample sheet to its files."""
 
 from collections.abc import Mapping

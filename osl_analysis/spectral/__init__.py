@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a motion repeats: the period of any motion, and where whole periods stand. The sines of a
 stepped sine are found in `stepped_sine`.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The stepped sine: what was commanded, the sines that the joint did, and the cycles of them that
 are fitted.
 

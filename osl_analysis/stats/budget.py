@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The uncertainty of one estimate: what contributes to it, and the half-width of all of it.
 
 Every printed 95 % interval of a fit is made here, by JCGM 100:2008: independent contributions add

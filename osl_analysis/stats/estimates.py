@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Estimates of a fit as columns of tables."""
 
 from osl_analysis.stats.linear_fit import LinearFit

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Least squares: estimates with a covariance, what the columns cannot tell apart, and VAF.
 
 Fits of groups of rows have their covariance from the spread between repeated cycles, whose edges

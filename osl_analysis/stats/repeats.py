@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Mean, scatter and interval over repeated trials."""
 
 from collections.abc import Collection, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From markers and a moving force plate to the ankle's angle and torque, and to its impedance.
 
 It reads as the experiment goes:

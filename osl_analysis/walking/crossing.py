@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Step 4, crossing: angle and torque of one crossing, and whether its set-up allows them.
 
 The torque is computed from force and moment at the plate's origin, never from a centre of pressure,

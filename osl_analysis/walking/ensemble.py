@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Step 7 for a group of crossings: the mean response, its fit, and a bootstrap interval.
 
 The headline subtracts the mean unperturbed gait, as the paper does. Predicted gait stands beside

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """To which result each crossing belongs, by the conditions of the sheet, and which are used.
 
 Each group of perturbed crossings has a result and a mean unperturbed gait of its own. A crossing is

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Step 7, K, B, I: Eq. 15 fitted to one isolated response in the window.
 
     torque = K theta + B omega + I alpha

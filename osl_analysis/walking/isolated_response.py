@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Steps 5 and 6, isolated response: a perturbed crossing minus unperturbed gait at the same phase.
 
 A perturbation may change the duration of stance. The duration to be expected comes from the ankle's

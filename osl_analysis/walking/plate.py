@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Step 3, plate: the recorded wrench of a force plate, its zero, its range, and the stance on it.
 
 A wrench (n, 6) is force [N] and moment [N*m] about the centre of the plate's surface, in axes that

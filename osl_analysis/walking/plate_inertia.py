@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Step 3, plate inertia: the plate's own inertia and lag, from its trials without a load.
 
 The plate's own inertia causes a wrench in its sensors, which is linear in its inertial parameters.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Step 3, plate lag: how late the plate is in each crossing.
 
 The platform turns back after each step, and then nobody stands on it: each crossing shows its own

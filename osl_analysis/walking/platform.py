@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Step 2, platform: how it moves in one trial, and when it starts to turn.
 
 A pose has six coordinates: the screw (logarithm in SE(3)) from the cluster's pose in the static

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Step 1, poses: from marker clusters to rigid bodies, and their motion.
 
 The static trial fixes a reference position of every marker. In each frame of another trial a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What shows that the set-up of a crossing is right, whatever it does to the torque.
 
 What stays the same from the static trial on is compared directly: the plate, the markers of each

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tables of the results: single perturbations, headlines, responses, figures, groups.
 
 `walking_groups.csv` has what shows whether the result of a group can be trusted: fields of the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Choices of the walking analysis in `config.yaml`, each with its unit."""
 
 from typing import Annotated, ClassVar, Literal, Self

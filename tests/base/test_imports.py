@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is imported where: the simulator shares nothing with what it is used to check, and a door
 opens without what only some of its rooms need."""
 

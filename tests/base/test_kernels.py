@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The kernel that a run asks for is taken: else `make test-kernels` would test one kernel three
 times."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What can be a measurement, what is computed from another signal, and to which step it is
 rounded."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Data frames of pandas at the doors of a notebook."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The actuator's own bench: what is simulated obeys Eqs. 1-2, and the five parameters come back
 from its log."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How K, B and I change over the amplitudes and frequencies of a motion (`motion_range`)."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Belt stiffness: recovery, refusals, intervals, and what a straight line lacks."""
 
 import numpy as np

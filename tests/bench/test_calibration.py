@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a laboratory states of its bench's calibration is in every interval of the bench."""
 
 from dataclasses import replace

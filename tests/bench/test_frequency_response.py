@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Frequency response of a joint: of sines by their cycles, of any other motion by windows."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The interval of a fit to groups: the spread of what repeats, or the jackknife over the rest."""
 
 import numpy as np

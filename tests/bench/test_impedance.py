@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rendered impedance of a stepped sine, and its lag."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Intervals hold the truth as often as they say, over many simulated recordings of
 benchmarks/study.py."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """K, B, I, friction and faults of an impedance recording, as the table tells them."""
 
 from dataclasses import replace

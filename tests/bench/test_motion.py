@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Impedance from motions that are no stepped sine, against joints whose torque is a formula."""
 
 from dataclasses import replace

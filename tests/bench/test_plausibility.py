@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Signs, sizes and units that cannot be right: refused or doubtful with the cause, in `fit` as in a
 campaign."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Torque against angle: loops whose area, slopes and energies are known in closed form, and what is
 no such trial."""
 

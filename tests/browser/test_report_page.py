@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The page in headless Chromium: a bench trial, a crossing, and a trial named in markup."""
 
 import os

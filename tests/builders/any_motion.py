@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Motions of a joint that are no stepped sine, with derivatives written by hand, and trials made of
 them."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A sound recording of each experiment of the bench, by column."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A stepped-sine record whose torque is a function of its motion, for the tests of the bench."""
 
 from dataclasses import replace

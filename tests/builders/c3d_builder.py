@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """C3D files byte by byte, independent of every reader: floats or integers, any
 parameters."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command line, in this process."""
 
 from click.testing import CliRunner, Result

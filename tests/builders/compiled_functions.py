@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Importing it loads what numba has compiled, once for all campaigns that the tests run."""
 
 from pathlib import Path

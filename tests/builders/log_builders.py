@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recordings in formats of several rooms, written by other libraries or letter by letter."""
 
 import warnings

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Small ROS 2 logs in MCAP, encoded by mcap_ros2's own writer, independent of the decoder under
 test."""
 

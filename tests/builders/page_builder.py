@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A page, and a trial on it, with what a test changes."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The jobs that Snakemake plans, with their params, which none of its options prints: `planned
 SNAKEFILE CONFIGFILE TARGET ...` writes them as JSON to `planned.json` in the working folder."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A file of any format, read as a user's is: its content says the format, a source file says the
 rest."""
 

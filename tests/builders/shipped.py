@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The default configuration and device, as they are shipped."""
 
 import yaml

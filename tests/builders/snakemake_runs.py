@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A small campaign, and runs in forks of one process with all imports, which takes 2 s less."""
 
 import atexit

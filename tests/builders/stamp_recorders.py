@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A laboratory of recorders: motions with derivatives written by hand, how stamps come about, and a
 plain fit. It shares no code with the package but the value `Stream`."""
 

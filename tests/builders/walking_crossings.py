@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Crossings by formula, with a turn up or down, for tests of groups: their files, and every job on
 them."""
 

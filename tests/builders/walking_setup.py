@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The shipped gait laboratory for tests: trials and crossings of it, with and without
 imperfections."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A walk over a force plate by formula: rigid bodies in numpy, which share no code with analysis or
 simulator. The platform turns about a mediolateral axis below its surface by a minimum-jerk ramp,
 and may heave or be slower. The foot rides on it flat, so that the ankle turns by its angle and the

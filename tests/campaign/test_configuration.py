@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The configuration: what is wrong in it is one line, and the simulator follows it."""
 
 import json

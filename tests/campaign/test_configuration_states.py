@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What nobody stated neither labels nor judges a recording (campaign/configuration.py)."""
 
 from functools import reduce

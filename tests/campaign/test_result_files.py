@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which results a campaign has, and from which files each is made."""
 
 from conftest import ROOT

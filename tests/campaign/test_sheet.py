@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The sample sheet: what is valid is typed, what is not is named by line and column; the planned
 sheet."""
 

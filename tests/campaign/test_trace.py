@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Results say what decides them, by values: a comment changes nothing, a value does."""
 
 import shutil

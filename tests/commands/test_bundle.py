@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A bundle: a campaign that can be checked and analysed wherever it is unpacked."""
 
 import json

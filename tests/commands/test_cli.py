@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command line from simulation to fit, and what a machine does to it: one line each, nothing
 lost, nothing half."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Two campaigns side by side: numbers, settings and recordings."""
 
 import math

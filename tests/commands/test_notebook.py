@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`import osl_analysis as osl`: the numbers of a campaign's tables, results that cannot change,
 errors of one line."""
 

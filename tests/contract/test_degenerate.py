@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Degenerate input to every fit gives numbers or an `OslAnalysisError`; never a warning, or a NaN
 not in `STATED`."""
 

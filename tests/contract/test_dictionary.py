@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tables read back as they were written, and every column has a unit and a meaning in the data
 dictionary."""
 

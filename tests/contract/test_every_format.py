@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One log in every format of rows: the same columns, and what is refused in every one of them."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The names of `osl_analysis`: each has its docstring, whose example runs, and its types."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The five examples of CONTRIBUTING.md, which stand as patches in tests/changes: a rule, a fit, a
 format, a figure and a finding, applied together to a copy of the project."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The pages of the documentation: their code, and the functions that they name."""
 
 import ast

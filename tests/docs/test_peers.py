@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The comparison with peers: a method of ten lines goes through the whole, and its answers are
 scored as they are."""
 

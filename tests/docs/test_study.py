@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The Monte Carlo study of benchmarks/study.py: its bounds and its figures of merit."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a draft takes each channel for, over recordings of many laboratories."""
 
 import sys

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Inspect and watch: what files hold is listed, drafts become source files, recordings are examined
 as they come."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A new campaign: what is drafted from recordings, what is not overwritten, and how editors check
 its files."""
 

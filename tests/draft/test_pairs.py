@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Logs of two recorders of one trial, as a draft pairs them."""
 
 import numpy as np

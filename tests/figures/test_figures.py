@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figures show the numbers of their tables, with ticks within their limits and looks that are told
 apart in grey."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Any controller, joint and side: told apart in figures, means, headlines and macros, and written
 as they are."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """C3D: frames, names and plates of whole, cut and odd files, against closed forms and ezc3d."""
 
 import re

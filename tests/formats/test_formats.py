@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """All formats: which one a file is of, and how another one is added."""
 
 from importlib.metadata import EntryPoint, EntryPoints

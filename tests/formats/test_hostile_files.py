@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Files that lead to other files of the reader's machine, or that unpack to more than they seem."""
 
 import struct

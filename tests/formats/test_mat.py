@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """MATLAB files of every version: numbers at addresses, tables, objects, and what is refused."""
 
 import sys

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """MCAP: cut, damaged and rare files, and the numbers of messages in every encoding."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Exports of Nexus: what the file means comes out; what cannot be trusted is refused."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bags of ROS 1 and ROS 2 give what the library `rosbags` wrote."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recordings as text: tables, LabVIEW, Nexus, Qualisys, OpenSim."""
 
 import re

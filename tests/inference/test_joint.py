@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The one inference of joints that are known: exact ones, by scipy's `lsim`, with one fault."""
 
 from functools import cache, partial

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The inference of a leg: two masses with friction that grows with the current, integrated here."""
 
 from functools import cache

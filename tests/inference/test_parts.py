@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The parts of the one inference, against mathematics and other libraries."""
 
 from types import SimpleNamespace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Any table of a laboratory: one recording in many dialects is read by the draft that its own
 overview makes."""
 

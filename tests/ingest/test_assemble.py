@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From the sheet's row to the trial's file, and one log in every format of rows: the same columns
 and refusals."""
 

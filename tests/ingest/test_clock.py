@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Two clocks: offset and drift of a log against motion capture, by edges of a shared line or by a
 shared movement."""
 

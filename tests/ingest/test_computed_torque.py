@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A torque that was computed from angle and current of its trial is no measurement."""
 
 import numpy as np

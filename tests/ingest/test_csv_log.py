@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """CSV logs and units: what others' loggers write is read, repaired by a stated rule, or refused by
 its line."""
 

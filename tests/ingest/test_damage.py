@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is damaged in a log is told at once, and one setting leaves all of it out."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Logs in JSON lines and TDMS: numbers at any depth and of any timing, and nothing is lost without
 a word."""
 

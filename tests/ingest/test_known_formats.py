@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Known formats: one table leads to everything; a mistake in a source file is refused by field,
 with the remedy. Files of formats that are not read are told by what they hold: one line with what
 it is and what to do."""

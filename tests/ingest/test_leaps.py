@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The guard of angle and torque: it tells a number that leaves its curve, and accuses no sound
 recording."""
 

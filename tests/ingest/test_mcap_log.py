@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """MCAP logs: canonical columns out, whatever the file's build; damage and mistakes are one-line
 errors."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Oddities that recordings of others have: a stale row, a gate, a copied topic."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Files of OpenSim: markers in TRC and tables in .mot and .sto give canonical columns, or a line
 that says why not."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Quality control: every check sees the fault it is for, and nothing in a sound recording; raw
 channels of force plates before any rotation, and the centre of pressure under load."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Channels of several clocks: in one table, and in two files of one trial."""
 
 import numpy as np

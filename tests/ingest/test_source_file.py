@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Stamps and sensors as a source file states them give the right K, B, I of trials in closed
 form."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Wrong units, signs and swapped channels: what would mend them is tried on the recording before it
 is printed."""
 

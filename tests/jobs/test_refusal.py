@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is refused is a row with its reason and stops nothing else; and the lines of a run: one per
 stage, the right counts."""
 

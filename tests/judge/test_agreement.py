@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Trials of a campaign that do not agree are told, and no others."""
 
 import numpy as np

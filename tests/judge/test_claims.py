@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The claims of a text (`judge/claims.py`), and the pairs of trials of `compensation.csv`."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Doubts and headline numbers: limits on any column, the mark on its way to the reader, JSON, LaTeX
 and Markdown."""
 

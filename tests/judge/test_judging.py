@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An estimate is doubtful where a fault would move it by more than it needs."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is told to be unchecked in a row, or to be known: only what could change K much."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The words of findings: each cause has some, numbers of a row fill them, and they decide
 nothing."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Eqs. 1-4 and 8-14: equations solved anew, norm and minimum of Eq. 14, what gains render."""
 
 from itertools import pairwise

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The page, its signals and the methods text: what they say of trials that are written here by
 hand."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One time base: stamps of real recorders, the truth written by hand, the joint's K, B, I at the
 end."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Filter and derivatives: no phase, known gain, known derivative, clear refusals."""
 
 import numpy as np

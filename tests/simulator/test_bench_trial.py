@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The simulated bench: its motions, its experiments, each imperfection with its stated size, and
 the written log."""
 

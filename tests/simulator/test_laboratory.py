@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The simulated gait laboratory: plate, capture, conditions, gait, platform, recorders; measured
 from written files."""
 

@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # Runs a command beside a SLURM of one node and no accounting database: one_node.sh COMMAND ... (Debian, as root)
 # NODES=2 makes two nodes of this machine, each with a daemon of its own; CPUS is of one. REQUEUE=1: a job whose node is
 # lost starts again, as SLURM does by default.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Campaigns through SLURM on this machine: `make test-slurm`, as root on Debian (`one_node.sh`).
 SLURM analyses some of a local run's recordings as several submissions by the plug-in of Snakemake,
 of which one is cancelled."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The period of a motion that repeats itself, and its realisations."""
 
 import numpy as np

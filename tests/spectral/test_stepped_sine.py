@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The stepped sine is found as it was recorded, told from every other motion, and refused for its
 true reason."""
 

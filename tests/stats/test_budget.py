@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The budget of an estimate: one half-width of all that contributes, and the verdict from it."""
 
 import numpy as np

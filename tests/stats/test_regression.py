@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The regression under every fit, covariance of correlated residuals, and means over trials."""
 
 import importlib  # statsmodels takes half a second of each process that collects tests

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From C3D files to the walking tables: what the simulated leg rendered comes out."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Crossings under different conditions have results of their own."""
 
 import re

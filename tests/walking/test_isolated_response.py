@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Stance, onset and the phase of gait; a response is isolated and predicted, its impedance is the
 one that made it."""
 

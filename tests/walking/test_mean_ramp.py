@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Onsets by the mean ramp, against ramps whose start is known."""
 
 import numpy as np

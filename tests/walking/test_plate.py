@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The moving force plate: its axes, its own mass, its lateness, its faults, and how the foot loads
 it."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The plate's lag in each crossing, and what shows that the set-up is right."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The platform's motion, its onset and a heavy plate; static trials of crossings, exchanged labels,
 shifts."""
 

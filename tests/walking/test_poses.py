@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Marker clusters and the ankle: the pose that moved them comes out, signs are a clinician's."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The ankle torque of published overground gait, beside the laboratory's own moment."""
 
 import numpy as np

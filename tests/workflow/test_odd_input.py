@@ -1,8 +1,10 @@
+# SPDX-License-Identifier: Apache-2.0
 """A campaign of odd names and hostile texts, run as a module of another workflow and without an
 option that only some know."""
 
 import csv
 import io
+import os
 import re
 import shutil
 from importlib.metadata import version
@@ -98,7 +100,9 @@ def test_a_second_run_as_a_module_has_nothing_to_do(odd):
 @pytest.mark.parametrize("file", ["raw{1}<z>/k{trial}.csv", "sources{2}/s{3}.yaml"])
 def test_a_change_of_a_file_that_snakemake_takes_for_a_pattern_is_seen(odd, tmp_path, file):
     shutil.copytree(odd, tmp_path / "odd")
-    (tmp_path / "odd" / file).touch()
+    changed = tmp_path / "odd" / file
+    changed.write_text(changed.read_text().replace("N*m", "N*cm").replace("\n1.0,", "\n1.00,", 1))
+    os.utime(changed)
 
     said = asked(tmp_path / "odd", "-n", "osl_reproduce-all").stdout
 

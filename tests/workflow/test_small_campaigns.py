@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Campaigns of one or two recordings: all trials of an experiment are refused, and a system that
 lacks what Linux has."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A small campaign through the real Snakefile: everything is made, and a change reruns what depends
 on it, no more."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The usual script: a zero-phase low-pass of 15 Hz on both signals, differences at the stamps,
 linear least squares.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """lmfit: the angle that the measured torque would make, simulated, is fitted to the measured angle
 (output error).
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`mujoco.sysid`: torque as control, angle as a sensor that may be late; K, B, I, friction and the
 rest angle of a hinge are fitted. A gain cannot be told from them.
 

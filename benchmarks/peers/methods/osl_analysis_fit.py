@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """osl-analysis: `osl.fit` (docs/notebook.md)."""
 
 import tempfile

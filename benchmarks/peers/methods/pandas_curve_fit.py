@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """pandas and `scipy.optimize.curve_fit`: a centred rolling mean, differences at the stamps, a fit
 with its covariance.
 

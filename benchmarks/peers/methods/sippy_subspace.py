@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """sippy-unipi: a state-space model by N4SID from angle to torque; its frequency response in the
 band gives K, B and I.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """statsmodels: ordinary least squares on smoothed derivatives with a covariance that allows for
 autocorrelation (HAC).
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """sysidentpy: torque as a finite response to the angle by FROLS, whose frequency response in the
 band gives K, B and I.
 

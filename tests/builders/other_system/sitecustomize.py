@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A system that lacks what Windows and macOS lack, for a process with this folder in its path.
 
 Names of POSIX are gone. A file cannot be replaced, renamed or deleted while this process has it

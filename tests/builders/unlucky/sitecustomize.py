@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What befalls the workers of a campaign in the tests, by two places in its folder.
 
 `unlucky/`: a file `NAME.refused` in it refuses the recording NAME to each worker, since tests may

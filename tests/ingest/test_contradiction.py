@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A speed and the angle of its body contradict each other where one of both has a wrong scale."""
 
 import numpy as np

@@ -23,6 +23,7 @@ from osl_analysis.ingest.several_clocks import on_one_clock
 from osl_analysis.measured import usual_step
 from osl_analysis.recording import SECOND_NS
 from osl_analysis.signals.plateaus import means_from
+from osl_analysis.stats.budget import NORMAL_HALF_WIDTH
 from osl_analysis.stats.linear_fit import linear_fit
 
 STEPS = 6  # of a search for offset and drift, each a tenth of the one before or less
@@ -70,9 +71,11 @@ def joined_logs(
     samples = on_one_clock([log.samples, second.samples.drop(both)], [ClockFit(0.0), fit])
     remarks = [UNKNOWN_CLOCK]
     if fit.drift_error is not None:
+        fast_ppm = -1e6 * fit.drift
+        half_width_ppm = 1e6 * NORMAL_HALF_WIDTH * fit.drift_error
         remarks = [
-            f"log_2 begins {1e3 * fit.offset:.3f} ms after log, and runs {-1e6 * fit.drift:.2f} ppm"
-            f" fast (within {1.96e6 * fit.drift_error:.2g}), by {both[0]}"
+            f"log_2 begins {1e3 * fit.offset:.3f} ms after log, and runs {fast_ppm:.2f} ppm"
+            f" fast (within {half_width_ppm:.2g}), by {both[0]}"
         ]
     longer_s = fit.to_master(second.samples["time"][-1]) - log.samples["time"][-1]
     if abs(longer_s) > LIMITS.longest_cut_s:

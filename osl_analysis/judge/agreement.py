@@ -13,6 +13,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.judge.finding import Beyond, Finding, Grade
@@ -185,18 +186,21 @@ def by_others(K_d: Array, K: Array, i: int) -> tuple[float, float]:
     """K [N*m/rad] that the other trials let expect of the i-th, and the median deviation by which
     they are beside their line themselves, as a share.
 
-    The line 1/K = a/K_d + c has the median of all slopes between trials (Theil, 1950; Sen, 1968);
-    of two conditions, or with a negative c, it goes through 0.
+    The line 1/K = slope/K_d + compliance has the median of all slopes between trials (Theil, 1950;
+    Sen, 1968); of two conditions, or with a negative compliance, it goes through 0.
     """
-    x, y = 1 / np.delete(K_d, i), 1 / np.delete(K, i)
-    a, c = np.median(y / x), 0.0
+    x = 1 / np.delete(K_d, i)
+    y = 1 / np.delete(K, i)
+    slope = np.median(y / x)
+    compliance = 0.0
     if len(np.unique(x)) > 2:
-        first, second = np.nonzero(np.subtract.outer(x, x))
-        slope = np.median((y[first] - y[second]) / (x[first] - x[second]))
-        compliance = np.median(y - slope * x)
-        if compliance > 0:
-            a, c = slope, compliance
-    return 1 / (a / K_d[i] + c), float(np.median(np.abs((a * x + c) / y - 1)))
+        slope_of_all = scipy.stats.theilslopes(y, x).slope
+        intercept = np.median(y - slope_of_all * x)
+        if intercept > 0:
+            slope = slope_of_all
+            compliance = intercept
+    expected = 1 / (slope / K_d[i] + compliance)
+    return expected, float(np.median(np.abs((slope * x + compliance) / y - 1)))
 
 
 def common_factor(arm: Sequence[Row]) -> Iterator[Finding]:

@@ -12,7 +12,6 @@ import numpy as np
 from osl_analysis.bench.impedance import Analysis
 from osl_analysis.bench.record import Label, Record
 from osl_analysis.inference import ImpedanceInference
-from osl_analysis.measured import significant
 from osl_analysis.stats.budget import LIKELY, Contribution
 
 VISCOELASTIC = "viscoelastic branch"
@@ -28,7 +27,6 @@ SOURCES = {
 }
 """By family of rivals, the source."""
 LEAST_PROBABILITY = 0.005  # of a rival that has a row: 40 of them do not make a doubt
-UNITS = {"K": "N*m/rad", "B": "N*m*s/rad", "I": "kg*m^2", "B_j": "N*m*s/rad", "J_j": "kg*m^2"}
 
 
 def stated_rivals(record: Record) -> set[str]:
@@ -87,18 +85,3 @@ def other_stamps(analysis: Analysis, label: Label, name: str) -> list[Contributi
         return []
     moved = abs(other[name] - analysis.fits[label][name])
     return [Contribution("undecided_time_stamps", moved, basis="bound", part="fault")]
-
-
-def unknown(source: str, unit: str = "", **changes: float) -> dict[str, Contribution]:
-    """What nobody has measured, by the estimates that it would change by so much per unit; 0: by
-    nobody knows how much."""
-    return {
-        name: Contribution(
-            source=source,
-            standard=None,
-            basis="assumed",
-            part="fault",
-            per=f"{significant(abs(change))} {UNITS[name]} per {unit}" if change else None,
-        )
-        for name, change in changes.items()
-    }

@@ -9,12 +9,7 @@ from functools import partial
 import numpy as np
 import polars as pl
 
-from osl_analysis.bench.budgets import (
-    alternatives,
-    other_stamps,
-    stated_rivals,
-    unknown,
-)
+from osl_analysis.bench.budgets import alternatives, other_stamps, stated_rivals
 from osl_analysis.bench.friction import (
     CERTAIN_FRICTION,
     WITHOUT_FRICTION,
@@ -40,7 +35,7 @@ from osl_analysis.inference import FrictionlessActuator, ImpedanceInference
 from osl_analysis.measured import significant
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
 from osl_analysis.model.drivetrain import DrivetrainParameters, joint_admittance
-from osl_analysis.stats.budget import LIKELY, Budget, Contribution, budget_rows
+from osl_analysis.stats.budget import LIKELY, Budget, Contribution, budget_rows, unknown
 from osl_analysis.stats.estimates import Row
 
 RENDERED = (0.94, 1.06)

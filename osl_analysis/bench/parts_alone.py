@@ -11,12 +11,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.bench.bench_settings import ActuatorAnalysis
-from osl_analysis.bench.budgets import (
-    alternatives,
-    other_stamps,
-    stated_rivals,
-    unknown,
-)
+from osl_analysis.bench.budgets import alternatives, other_stamps, stated_rivals
 from osl_analysis.bench.friction import coulomb_fits, inferred_of_joint
 from osl_analysis.bench.impedance import Analysis, analysed
 from osl_analysis.bench.motion import signals_of, stretches_of
@@ -38,7 +33,7 @@ from osl_analysis.errors import InputError, naming
 from osl_analysis.signals import Motion, differentiate, runs
 from osl_analysis.signals.grid import UniformSignals
 from osl_analysis.signals.plateaus import FEWEST_PLATEAUS, is_clamped, plateaus_of
-from osl_analysis.stats.budget import Budget, Contribution, budget_rows
+from osl_analysis.stats.budget import Budget, Contribution, budget_rows, unknown
 from osl_analysis.stats.estimates import Row
 from osl_analysis.trial import Array, Trial
 

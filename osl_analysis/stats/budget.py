@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from osl_analysis.measured import LARGEST_VARIANCE, check_finite
+from osl_analysis.measured import LARGEST_VARIANCE, check_finite, significant
 from osl_analysis.trial import Array
 
 MOST_FREEDOM = 1e12  # degrees of freedom
@@ -74,11 +74,27 @@ class Contribution:
 
 
 FIELDS = [field.name for field in fields(Contribution)]
+UNITS = {"K": "N*m/rad", "B": "N*m*s/rad", "I": "kg*m^2", "B_j": "N*m*s/rad", "J_j": "kg*m^2"}
 
 
 def scatter(standard: float, freedom: float) -> Contribution:
     """What the scatter of a recording shows."""
     return Contribution("repeatability", standard, freedom, "measured", "repeatability")
+
+
+def unknown(source: str, unit: str = "", **changes: float) -> dict[str, Contribution]:
+    """What nobody has measured, by the estimates that it would change by so much per unit; 0: by
+    nobody knows how much."""
+    return {
+        name: Contribution(
+            source=source,
+            standard=None,
+            basis="assumed",
+            part="fault",
+            per=f"{significant(abs(change))} {UNITS[name]} per {unit}" if change else None,
+        )
+        for name, change in changes.items()
+    }
 
 
 @dataclass(frozen=True)

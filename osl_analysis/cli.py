@@ -220,10 +220,9 @@ def run_campaign(arguments: tuple[str, ...]) -> None:
     The same as `snakemake --snakefile ... --configfile config.yaml`. Write files before options."""
     from snakemake.cli import main as snakemake
 
-    from osl_analysis.commands.run import check_submission, first_look, snakemake_arguments
+    from osl_analysis.commands.run import first_look, snakemake_arguments
 
     given = snakemake_arguments(arguments)
-    check_submission(given)
     if CAMPAIGN.is_file() and {"-n", "--dry-run"} & {*given}:
         for problem in first_look():
             say(f"to be mended: {problem}", err=True)
@@ -257,9 +256,9 @@ def results(
     from osl_analysis.commands.tables import (
         columns_text,
         format_results_table,
-        later_failures,
         read_summary,
     )
+    from osl_analysis.jobs.job_log import later_failures
     from osl_analysis.report.verdicts import brief_lines
 
     if columns:

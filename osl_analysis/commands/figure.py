@@ -2,7 +2,6 @@
 """Figures: the numbers to be plotted from result tables, the drawn page from those numbers, and the
 captions."""
 
-import re
 import textwrap
 from collections.abc import Mapping, Sequence
 from io import BytesIO
@@ -63,19 +62,10 @@ METADATA: dict[str, dict[str, None]] = {
     ".png": {},
 }
 
-
-LETTERS_OF_HEAD = 1000  # of an SVG file, with its size
-POINTS_PER_INCH = 72.0
-
-
-class Footer:
-    """Below each figure, where it comes from; or why it is not drawn."""
-
-    SIZE = 5.5  # of the letters below a figure [pt]
-    LINE = 0.1  # height of a line [in]
-    LETTERS = 28  # per inch
-    REASON_LETTERS = 120  # in a line of the page that stands for a missing figure
-    REASON_LINE = 0.16  # height of such a line [in]
+# of the lines below a figure, which say where it comes from
+FOOTER_POINTS = 5.5  # size of the letters
+FOOTER_LINE_IN = 0.1  # height of a line
+FOOTER_LETTERS = 28  # per inch
 
 
 def plot_numbers(
@@ -147,10 +137,11 @@ def page_of_reasons(name: str, reasons: Sequence[str]) -> "PaperFigure":
 
     lines = [f"{figure_title(name)} is not drawn"]
     for reason in reasons:
-        lines += textwrap.wrap(reason, Footer.REASON_LETTERS)
+        lines += textwrap.wrap(reason)
     with paper_style():
-        figure = PaperFigure(figsize=(DOUBLE_COLUMN, 0.5 + Footer.REASON_LINE * len(lines)))
-        figure.text(0.02, 0.9, "\n".join(lines), va="top", parse_math=False)
+        height = 2 * FOOTER_LINE_IN * (1 + len(lines))  # letters twice as large as in a footer
+        figure = PaperFigure(figsize=(DOUBLE_COLUMN, height))
+        figure.suptitle("\n".join(lines), parse_math=False)
     return figure
 
 
@@ -169,10 +160,9 @@ def write_figure(
         )
     with paper_style():
         if origin and footer:
-            lines = textwrap.wrap(origin, int(figure.get_figwidth() * Footer.LETTERS))
-            figure.set_figheight(figure.get_figheight() + Footer.LINE * (1 + len(lines)))
-            words: dict[str, Any] = {"fontsize": Footer.SIZE, "linespacing": 1.1, "color": GREY}
-            figure.supxlabel("\n".join(lines), parse_math=False, **words)
+            lines = textwrap.wrap(origin, int(figure.get_figwidth() * FOOTER_LETTERS))
+            figure.set_figheight(figure.get_figheight() + FOOTER_LINE_IN * (1 + len(lines)))
+            figure.supxlabel("\n".join(lines), parse_math=False, fontsize=FOOTER_POINTS, color=GREY)
         figure.draw_without_rendering()
     # every format has the places that were just found, and is drawn once: "none" draws it twice
     figure.set_layout_engine(None)
@@ -189,19 +179,9 @@ def caption(name: str, table_csv: Path) -> list[str]:
     return caption_of(name, read_table(table_csv, list(columns_of(name))))
 
 
-def width_text(drawing: Path) -> str:
-    """How wide an SVG file is on a page of two columns, in words."""
-    from osl_analysis.figures.style import SINGLE_COLUMN
-
-    begin = drawing.read_text(encoding="utf-8")[:LETTERS_OF_HEAD]
-    inches = float(re.findall(r'<svg [^>]*width="([\d.]+)pt"', begin)[0]) / POINTS_PER_INCH
-    columns = "one column" if inches <= SINGLE_COLUMN else "two columns"
-    return f"{columns.capitalize()} wide ({inches:.2f} in)"
-
-
 def write_captions(*, tables: Mapping[str, Path], footer: str, output: Path) -> None:
-    """Write a section per figure: its title, its width, and its caption or why it is not drawn.
-    `tables` are the plotted numbers by the name of the figure, beside which its SVG file stands."""
+    """Write a section per figure: its title, and its caption or why it is not drawn. `tables` are
+    the plotted numbers by the name of the figure."""
     sections = [
         f"# Captions\n\n{in_markdown(footer)}. Why a fit is doubtful stands in the column"
         " `doubtful` of the figure's CSV file.\n"
@@ -211,7 +191,6 @@ def write_captions(*, tables: Mapping[str, Path], footer: str, output: Path) -> 
         text = f"Not drawn: {reasons}."
         if not reasons:
             text = " ".join(caption(name, table))
-            text = f"{text}\n\n{width_text(table.with_suffix('.svg'))}."
         sections.append(f"## {figure_title(name)}\n\n{text}\n")
     write_text(output, "\n".join(sections))
 

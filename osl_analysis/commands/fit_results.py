@@ -16,7 +16,6 @@ import polars as pl
 from pydantic_core import to_json
 
 from osl_analysis.bench.impedance import Analysis
-from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables_by_name, table_of
 from osl_analysis.errors import nearest, printable_lines
 from osl_analysis.figures import drawn
@@ -102,28 +101,14 @@ def thinned(samples: pl.DataFrame) -> pl.DataFrame:
     return parts.select(pl.exclude("part").round_sig_figs(7))
 
 
-# estimates in the order in which they are printed
-PRINTED = (
-    "K", "K_without_friction", "B", "B_viscous", "I", "I_without_friction", "K_s", "B_j",
-    "B_j_viscous", "J_j", "T_C", "k_tau_n_m", "f_C",
-    "f_G", "B_m", "J_m", "lag_s", "gain", "inertia", "weight",
-    "K_unloading", "energy_stored", "energy_returned", "energy_lost",
-)  # fmt: skip
-
-
 @cache
 def printed_units() -> Mapping[str, str]:
-    """Unit of each estimate that is printed: of `PRINTED`, and what an experiment calls K, B and I.
-    Those with an interval are estimates."""
-    units = dict.fromkeys(PRINTED, "")
-    for experiment in EXPERIMENTS.values():
-        units.update(dict.fromkeys(filter(None, experiment.impedance), ""))
+    """Unit of each column of result tables, as it is printed."""
+    units = {}
     for table in described_tables_by_name().values():
-        columns = {**table.columns, **table.of_fits}
-        for name in units.keys() & columns.keys():
-            if f"{name}_low" in columns:
-                unit = columns[name].unit
-                units[name] = "" if unit == "1" else unit.replace("*", "·").replace("^2", "²")
+        for name, column in {**table.columns, **table.of_fits}.items():
+            unit = "" if column.unit == "1" else column.unit
+            units[name] = unit.replace("*", "·").replace("^2", "²")
     return units
 
 
@@ -213,15 +198,10 @@ def estimate_line(row: Mapping[str, Any], name: str) -> str:
 
 
 def estimated(row: Mapping[str, Any]) -> list[str]:
-    """The quantities that a fit estimates (a joint without friction has no B_viscous), or all its
-    numbers."""
-    quantities = [
-        name for name in printed_units() if f"{name}_low" in row and row[name] is not None
-    ]
+    """The quantities that a fit estimates, those with an interval (a joint without friction has no
+    B_viscous), or all its numbers."""
+    quantities = [name for name in row if f"{name}_low" in row and row[name] is not None]
     return quantities or [name for name, value in row.items() if isinstance(value, float)]
-
-
-DOTS_PER_INCH = 100  # of the picture in a notebook
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -327,7 +307,7 @@ class Fit:
     def _repr_html_(self) -> str:
         html = f"<pre>{escape(repr(self))}</pre>"
         if not self.series.is_empty():
-            picture = b64encode(drawn("torque", self.series)._repr_png_(DOTS_PER_INCH)).decode()
+            picture = b64encode(drawn("torque", self.series)._repr_png_()).decode()
             html += (
                 '<img alt="Torque over time" style="max-width: 100%"'
                 f' src="data:image/png;base64,{picture}">'

@@ -19,7 +19,7 @@ from osl_analysis.report.typography import aligned
 from osl_analysis.table import write_table
 
 # frequencies of Section III-B, at which the fit of Eq. 15 is predicted
-TESTED_HZ = (1.0, 2.0, 3.0, 4.0, 5.0)
+TESTED_HZ = range(1, 6)
 PRINTED = (  # columns of the text
     "phase", "K_d", "B_d", "K_1", "B_1", "error", "minima", "K_predicted", "B_predicted",
     "I_predicted", "faithful_to_hz", "decay_rate", "delay_margin",
@@ -37,14 +37,13 @@ def gain_table(
     B_d: ArrayLike,
     p: drivetrain.DrivetrainParameters,
     weight: Weight,
-    frequencies_hz: Sequence[float],
 ) -> pl.DataFrame:
     """A row per pair K_d [N*m/rad], B_d [N*m*s/rad], arrays of shape (pairs,); `results
     --columns` explains the columns.
 
     They are the gains at the actuator's output and at the joint (times n_T^2), the norm of Eq. 14,
     the flags of `optimal_damping`, the fit of Eq. 15 that linear theory predicts at
-    `frequencies_hz`, and the stability, passivity and fidelity of the impedance (`rendering`);
+    `TESTED_HZ`, and the stability, passivity and fidelity of the impedance (`rendering`);
     these are null where no finite B_1 is best."""
     compensator.check_request(K_d, B_d, p)
     K_d = np.asarray(K_d, dtype=float)
@@ -67,7 +66,7 @@ def gain_table(
     fits = np.empty((len(finite), 3))
     for k, pair in enumerate(finite):
         gains = compensator.Gains(K_1[pair], B_1[pair], True)
-        fits[k] = predicted_impedance(gains, p, frequencies_hz)
+        fits[k] = predicted_impedance(gains, p, TESTED_HZ)
     rendered = rendering(K_1[finite], B_1[finite], K_d[finite], B_d[finite], p)
     behaviour = pl.DataFrame(
         {
@@ -92,7 +91,7 @@ def requested_gains(
     if trajectory is not None:
         return trajectory_table(trajectory, p, weight)
     K_d, B_d = np.meshgrid(stiffness, damping, indexing="ij")
-    return gain_table(K_d.ravel(), B_d.ravel(), p, weight, TESTED_HZ)
+    return gain_table(K_d.ravel(), B_d.ravel(), p, weight)
 
 
 def trajectory_table(
@@ -108,7 +107,7 @@ def trajectory_table(
             table = pl.DataFrame({"K_d": desired.K_d, "B_d": desired.B_d})
             table = table.with_columns(K_1_joint=no_gain, B_1_joint=no_gain)
         else:
-            table = gain_table(desired.K_d, desired.B_d, p, weight, TESTED_HZ)
+            table = gain_table(desired.K_d, desired.B_d, p, weight)
     kind = pl.lit(desired.kind, pl.String).alias("trajectory")
     return table.select(pl.Series("phase", desired.phase), kind, pl.all())
 

@@ -38,16 +38,7 @@ SELDOM = (
     "joint",
     "fixture",
 )  # columns of a drafted sheet only where a trial has them
-
-
-class Most:
-    """What the text of `init` tells, which has 15 lines at most."""
-
-    QUESTIONS = 5
-    SOURCES = 3
-    REFUSED = 1
-    LISTED = 4  # files or trials in a line
-
+MOST_TOLD = 4  # questions, source files, or names in a line, that the text of `init` tells
 
 OF_LEG = "config.yaml: `parameters`, a file with n_T; with it theta_m tells the delay of the torque"
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
@@ -153,7 +144,7 @@ def questions_of(draft: Draft) -> list[str]:
     for name, source in draft.source_files.items():
         if "theta_m" in source.named:
             concerned.setdefault(OF_LEG, []).append(f"sources/{name}.yaml")
-    return [f"{text} ({listing(names, Most.LISTED)})" for text, names in concerned.items()]
+    return [f"{text} ({listing(names, MOST_TOLD)})" for text, names in concerned.items()]
 
 
 def left_to_decide(folder: Path, draft: Draft) -> tuple[list[str], bool]:
@@ -174,8 +165,8 @@ def campaign_text(folder: Path, draft: Draft) -> str:
     if questions:
         lines.append("to be decided:")
         where = "in config.yaml and by `osl-analysis run -n`"
-        lines += some_of([f"  {text}" for text in questions], Most.QUESTIONS, where)
-    lines += some_of(source_lines(draft), Most.SOURCES, "in sources/")
+        lines += some_of([f"  {text}" for text in questions], where)
+    lines += some_of(source_lines(draft), "in sources/")
     experiments = Counter(trial.cells["experiment"] for trial in draft.trials)
     counts = [f"{count} {experiment}" for experiment, count in experiments.items()]
     pairs = sum("log_2" in trial.cells for trial in draft.trials)
@@ -183,7 +174,7 @@ def campaign_text(folder: Path, draft: Draft) -> str:
         counts.append(f"{pairs} of them of two files")
     lines.append(f"trials.csv: {', '.join(counts)}")
     refused = [f"not read: {why}" for why in draft.refused]
-    lines += some_of(refused, Most.REFUSED, "that `osl-analysis inspect` of their folder tells")
+    lines += some_of(refused, "that `osl-analysis inspect` of their folder tells")
     command = f"cd {shlex.quote(str(folder))} && osl-analysis run"
     if not is_ready:
         command = f"edit what is named above; {command} -n says what is left"
@@ -191,10 +182,10 @@ def campaign_text(folder: Path, draft: Draft) -> str:
     return "\n".join(lines)
 
 
-def some_of(lines: Sequence[str], most: int, where: str) -> list[str]:
+def some_of(lines: Sequence[str], where: str) -> list[str]:
     """The first lines, and how many there are more."""
-    more = [f"  and {len(lines) - most} more {where}"] if len(lines) > most else []
-    return [*lines[:most], *more]
+    more = len(lines) - MOST_TOLD
+    return [*lines[:MOST_TOLD], f"  and {more} more {where}"] if more > 0 else [*lines]
 
 
 def source_lines(draft: Draft) -> list[str]:
@@ -204,7 +195,7 @@ def source_lines(draft: Draft) -> list[str]:
     lines = []
     for name, source in draft.source_files.items():
         guesses = [entry.guess for entry in source.named.values()] or ["all markers"]
-        lines.append(f"sources/{name}.yaml, {uses[name]} x: {listing(guesses, Most.LISTED)}")
+        lines.append(f"sources/{name}.yaml, {uses[name]} x: {listing(guesses, MOST_TOLD)}")
     return lines
 
 

@@ -6,9 +6,8 @@ import json
 import os
 import shutil
 from argparse import ArgumentParser
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -46,11 +45,12 @@ def snakemake_arguments(arguments: Sequence[str]) -> list[str]:
     Raises
     ------
     InputError
-        There is no campaign, the folder cannot be written to, or a configuration or profile is
-        missing.
+        There is no campaign, the folder cannot be written to, a configuration or a profile is
+        missing, or nothing can be submitted as the profile says.
     """
     parser = ArgumentParser(add_help=False, allow_abbrev=False)
     parser.add_argument(*CONFIGURED_BY, nargs="+", action="extend", type=Path, default=[])
+    parser.add_argument(PROFILE, dest="profile")
     given, others = parser.parse_known_args(arguments)
     configurations: list[Path] = given.configfile
     is_clone = Path("Snakefile").is_file() and Path("config/config.yaml").is_file()
@@ -67,8 +67,11 @@ def snakemake_arguments(arguments: Sequence[str]) -> list[str]:
     configured = []
     if configurations:
         configured = [CONFIGURED_BY[0], *map(str, configurations)]
-    snakefile = ["--snakefile", str(shipped("Snakefile"))]
-    return [*with_shipped_profile(others), *configured, *snakefile]
+    if given.profile:
+        folder = profile_folder(given.profile)
+        check_submission(folder)
+        others += [PROFILE, str(folder)]
+    return [*others, *configured, "--snakefile", str(shipped("Snakefile"))]
 
 
 def check_working_folder(results: Path = Path(".snakemake")) -> None:
@@ -89,56 +92,32 @@ def check_working_folder(results: Path = Path(".snakemake")) -> None:
         )
 
 
-def check_submission(arguments: Sequence[str]) -> None:
-    """Refuse a profile of SLURM where nothing can be submitted: Snakemake would wait without an
-    end.
-
-    Parameters
-    ----------
-    arguments
-        As `snakemake_arguments` gives them.
-    """
-    for argument in arguments:
-        folder = argument.removeprefix(f"{PROFILE}=")
-        file = Path(folder) / "profile.yaml"
-        if not file.is_file() or read_mapping(file).get("executor") != "slurm":
-            continue
-        if find_spec("snakemake_executor_plugin_slurm") is None:
-            raise not_installed(folder, "snakemake-executor-plugin-slurm")
-        if shutil.which("sbatch") is None:
-            raise InputError(
-                f"{folder}: there is no `sbatch` here; start the run where you submit jobs, as on"
-                " the head node"
-            )
-
-
-def with_shipped_profile(arguments: Sequence[str]) -> Iterator[str]:
-    """The arguments, with the folder of a shipped profile where it is named, as `profiles/slurm`,
-    and none here has its name.
-
-    Raises
-    ------
-    InputError
-        There is no such profile: Snakemake would go on without one.
-    """
-    for before, argument in pairwise(("", *arguments)):
-        if argument.startswith(f"{PROFILE}="):
-            yield f"{PROFILE}={profile(argument.removeprefix(f'{PROFILE}='))}"
-        elif before == PROFILE:
-            yield profile(argument)
-        else:
-            yield argument
-
-
-def profile(name: str) -> str:
-    """The folder of a profile."""
-    if name == "none" or shipped(name).is_dir():
-        return str(shipped(name))
-    known = sorted(f"profiles/{folder.name}" for folder in shipped("profiles").iterdir())
+def profile_folder(name: str) -> Path:
+    """The folder of a profile, a shipped one, as `profiles/slurm`, where none here has its name.
+    Raises InputError: there is none, and Snakemake would go on without."""
+    folder = shipped(name)
+    if name == "none" or folder.is_dir():
+        return folder
+    known = sorted(f"profiles/{other.name}" for other in shipped("profiles").iterdir())
     raise InputError(
         f"{PROFILE} {name}: no such folder; correct it: there are"
         f" {', '.join(known)}{nearest(name, known)}"
     )
+
+
+def check_submission(profile: Path) -> None:
+    """Refuse a profile of SLURM where nothing can be submitted: Snakemake would wait without an
+    end."""
+    file = profile / "profile.yaml"
+    if not file.is_file() or read_mapping(file).get("executor") != "slurm":
+        return
+    if find_spec("snakemake_executor_plugin_slurm") is None:
+        raise not_installed(str(profile), "snakemake-executor-plugin-slurm")
+    if shutil.which("sbatch") is None:
+        raise InputError(
+            f"{profile}: there is no `sbatch` here; start the run where you submit jobs, as on the"
+            " head node"
+        )
 
 
 def end_run(summary: Path, brief: Path, verdict: Path, failed_trials: str) -> None:

@@ -17,7 +17,6 @@ from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables, described_tables_by_name
 from osl_analysis.errors import InputError, listing
 from osl_analysis.files import atomic_path, write_text
-from osl_analysis.jobs.job_log import read_log
 from osl_analysis.judge.campaign import (
     campaign_findings,
     causes_in_campaign,
@@ -428,21 +427,6 @@ def format_results_table(summary: Mapping[str, Any], markdown: bool) -> str:
     lines = [summary["intervals"], *(finding.sentence for finding in findings_in_summary(summary))]
     lines += missing_lines(summary)
     return "\n\n".join([sentence(summary), table, *filter(None, lines)])
-
-
-def later_failures(summary_json: Path) -> str:
-    """Whether jobs of a later run than that of a summary were refused, failed or killed; a line,
-    empty if none were."""
-    written = summary_json.stat().st_mtime
-    paths = sorted((summary_json.parent / "logs").rglob("*.log"))
-    logs = [read_log(path) for path in paths if path.stat().st_mtime > written]
-    failures = [log["error"] for log in logs if "error" in log]
-    if not failures:
-        return ""
-    return (
-        f"A LATER JOB FAILED: after these numbers were written, {len(failures)} jobs were refused"
-        f" or failed, first: {failures[0]}; correct it and run again: what they make is older"
-    )
 
 
 def columns_text() -> str:

@@ -13,7 +13,7 @@ import polars as pl
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.draft.overview import inspect_recording
 from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
-from osl_analysis.errors import InputError, advise, printable
+from osl_analysis.errors import InputError, advise, printable, shortened
 from osl_analysis.ingest import raw_files
 from osl_analysis.ingest.quality import Commanded, measure_quality
 from osl_analysis.judge.recording_checks import measured_table
@@ -22,8 +22,6 @@ from osl_analysis.table import ANALYSED, write_table
 from osl_analysis.trial import Trial, write_trial
 
 MOST_CHANNELS = 200  # that are printed of a file
-LONGEST_TEXT = 60  # signs of a file's text that a line of the terminal can hold
-LONGEST_FACT = 160  # signs, of a name and what is said of it
 
 
 def ingest_trial(
@@ -112,7 +110,7 @@ def inspect_file(path: Path) -> Overview:
 def overview_text(overview: Overview) -> str:
     """The facts on a file, a line per channel (kind, name, unit, samples, rate, note, type) of the
     first `MOST_CHANNELS`, and the remarks."""
-    facts = [f"{name}: {shortened(fact, LONGEST_FACT)}" for name, fact in overview.facts.items()]
+    facts = [f"{name}: {short(fact)}" for name, fact in overview.facts.items()]
     lines = [channel_line(channel) for channel in overview.channels[:MOST_CHANNELS]]
     if len(overview.channels) > MOST_CHANNELS:
         lines.append(f"and {len(overview.channels) - MOST_CHANNELS} more, which --json lists")
@@ -145,10 +143,9 @@ def overview_facts(overview: Overview) -> dict[str, Any]:
 def channel_line(channel: RecordedChannel) -> str:
     """A channel in one line."""
     parts = [channel.name] if channel.kind == "marker" else channel.address.values()
-    name = " ".join(map(shortened, parts))
-    text = f"{shortened(channel.kind):<14} {name}"
+    text = f"{short(channel.kind):<14} {' '.join(map(short, parts))}"
     if channel.unit:
-        text += f" [{shortened(channel.unit)}]"
+        text += f" [{short(channel.unit)}]"
     if channel.kind != "plate":
         text += f"  {channel.count} samples"
     if channel.rate:
@@ -158,10 +155,9 @@ def channel_line(channel: RecordedChannel) -> str:
     return text
 
 
-def shortened(text: str, longest: int = LONGEST_TEXT) -> str:
+def short(text: str) -> str:
     """Text of a file for the terminal: printable, and not longer than a line can hold."""
-    safe = printable(text)
-    return safe if len(safe) <= longest else f"{safe[:longest]}..."
+    return shortened(printable(text))
 
 
 def folder_facts(folder: Path) -> dict[str, Any]:
@@ -190,7 +186,7 @@ def folder_text(folder: Path) -> str:
             lines.append(f"{printable(name)}: refused: {facts['refused']}")
             continue
         counts = Counter(
-            (shortened(channel.get("topic", channel["kind"])), channel["rate_hz"])
+            (short(channel.get("topic", channel["kind"])), channel["rate_hz"])
             for channel in facts["channels"]
         )
         holds = [facts["format"]]

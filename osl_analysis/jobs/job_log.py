@@ -83,3 +83,18 @@ def read_log(path: Path) -> dict[str, Any]:
     with suppress(OSError, ValueError, TypeError, yaml.YAMLError):
         return {**yaml.load(path.read_bytes(), yaml.CSafeLoader)}
     return {}
+
+
+def later_failures(summary_json: Path) -> str:
+    """Whether jobs of a later run than that of a summary were refused, failed or killed; a line,
+    empty if none were."""
+    written = summary_json.stat().st_mtime
+    paths = sorted((summary_json.parent / "logs").rglob("*.log"))
+    logs = [read_log(path) for path in paths if path.stat().st_mtime > written]
+    failures = [log["error"] for log in logs if "error" in log]
+    if not failures:
+        return ""
+    return (
+        f"A LATER JOB FAILED: after these numbers were written, {len(failures)} jobs were refused"
+        f" or failed, first: {failures[0]}; correct it and run again: what they make is older"
+    )

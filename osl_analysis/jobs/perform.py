@@ -48,11 +48,10 @@ from osl_analysis.table import (
 )
 from osl_analysis.trial import read_trial
 
-ONLY_CHECKED = {"fitted"}
-"""Inputs that no command reads: it gets the refusals among them, as `refused`."""
-OF_EVERY_JOB = {"made_by", "excluded", "file_states", "sources"}
-"""Params that are no arguments of a command: what made the data, the trials that quality control
-excludes, and what Snakemake only compares with the last run."""
+NO_ARGUMENTS = {"fitted", "made_by", "excluded", "file_states", "sources"}
+"""Inputs and params that are no arguments of a command: it gets the refusals among what was
+`fitted`, as `refused`; what made the data; the trials that quality control excludes; and what
+Snakemake only compares with the last run."""
 
 REMEDY = (
     "correct or replace the file, or its source file, or give a reason under `exclude` in the"
@@ -154,7 +153,8 @@ def call(job: Job) -> Sequence[NotAnalysed]:
         return missing
 
     inputs = without_excluded(inputs, job.params.get("excluded", ()))
-    arguments = others(inputs, ONLY_CHECKED) | others(job.params, OF_EVERY_JOB)
+    given = {**inputs, **job.params}
+    arguments = {name: given[name] for name in given if name not in NO_ARGUMENTS}
     if job.tell:
         arguments[job.tell] = refused
     command = CONVERTING(job.command)
@@ -164,11 +164,6 @@ def call(job: Job) -> Sequence[NotAnalysed]:
         else:
             command(**arguments, **job.outputs)
     return ()
-
-
-def others(given: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
-    """What is given by other names than these."""
-    return {name: given[name] for name in given if name not in names}
 
 
 def without_missing(

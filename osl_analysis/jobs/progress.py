@@ -41,8 +41,6 @@ FOLLOWING = ("Exiting because a job", "At least one job did not", "WorkflowError
 """How messages of Snakemake begin that follow a job's own error."""
 FRAMES = re.compile(r'WorkflowError in file "[^"]+", line \d+:\n(.+)(\n *File ".+)*')
 """An error in a file of the user, and where in our rules it was found."""
-FEWEST_DONE = 4  # jobs of a stage, and ...
-SHARE_DONE = 0.2  # ... share of them, that tell how long the others take
 SHORTEST_WAIT_S = 10.0  # between two lines on the same stage
 
 
@@ -130,9 +128,8 @@ class LogHandler(LogHandlerBase):
         if done == total:
             self.print_once(f"{stage} {done}/{total} in {spent_s:.0f} s")
         elif time.monotonic() - self.last_line_s > SHORTEST_WAIT_S:
-            left = f", {(total - done) * spent_s / done:.0f} s left"
-            is_known = done >= FEWEST_DONE and done >= SHARE_DONE * total
-            self.print_once(f"{stage} {done}/{total}{left if is_known else ''}")
+            left_s = (total - done) * spent_s / done
+            self.print_once(f"{stage} {done}/{total}, about {left_s:.0f} s left")
 
     def print_outcome(self, stage: str, logs: Sequence[str]) -> None:
         """Of what ends the run, its brief. A line on each warning of a job, and on one that was

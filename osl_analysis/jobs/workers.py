@@ -18,6 +18,7 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 from osl_analysis.files import temporary_path
 from osl_analysis.jobs.job_log import Files, Job, write_log
@@ -60,14 +61,8 @@ class Worker:
         context.set_forkserver_preload(PRELOADED)
         self.connection, far_end = context.Pipe()
         self.process = context.Process(target=serve, args=(far_end,), daemon=True)
-        with ASKING:
-            before = dict(os.environ)
-            os.environ.update(ENVIRONMENT)
-            try:
-                self.process.start()
-            finally:
-                os.environ.clear()
-                os.environ.update(before)
+        with ASKING, patch.dict(os.environ, ENVIRONMENT):
+            self.process.start()
         far_end.close()  # so that the end of the process ends the connection
 
     def end(self) -> str:
@@ -129,25 +124,19 @@ def do_job(
     Raises
     ------
     RuntimeError
-        There is no result, and the input is not at fault.
+        There is no result, and the input is not at fault. Of a worker that was killed, this writes
+        the log.
     """
-    do_in_worker(
-        Job(
-            command,
-            plain_files(input),
-            plain_files(output),
-            dict(params.items()),
-            files=[*map(Path, output)],
-            log=Path(log[0]),
-            tell=tell,
-            at_once=at_once,
-        )
+    given = Job(
+        command,
+        plain_files(input),
+        plain_files(output),
+        dict(params.items()),
+        files=[*map(Path, output)],
+        log=Path(log[0]),
+        tell=tell,
+        at_once=at_once,
     )
-
-
-def do_in_worker(given: Job) -> None:
-    """Do a job in a worker. Raises RuntimeError: there is no result, and the input is not at fault;
-    of a worker that was killed, this writes the log."""
     idle = IDLE[given.simulates]
     try:
         worker = idle.pop()

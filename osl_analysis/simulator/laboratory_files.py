@@ -116,7 +116,7 @@ def write_capture(
     """
     rates = trial.walking.rates
     centre = trial.walking.plate.centre_m
-    places = {label: np.add(centre, place) for label, place in MARKERS.platform.items()}
+    places = {label: np.add(centre, place) for label, place in MARKERS["platform"].items()}
     markers = {**leg, **on_body(platform.pose, places)}
     stride = rates.motion_hz // rates.points_hz
     exact = np.stack(list(markers.values()), axis=1)[::stride]
@@ -271,7 +271,7 @@ def write_c3d(
 
 def leg_markers(foot: Pose, shank: Pose) -> dict[str, Array]:
     """Exact paths (n, 3) [m] of the markers that foot and shank always carry."""
-    return {**on_body(foot, MARKERS.foot), **on_body(shank, MARKERS.shank)}
+    return {**on_body(foot, MARKERS["foot"]), **on_body(shank, MARKERS["shank"])}
 
 
 def on_body(body: Pose, places: Mapping[str, Point]) -> dict[str, Array]:

@@ -6,11 +6,13 @@ Effects of the leg's controller are the campaign's.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Annotated
 
 from pydantic import AfterValidator, Field
 
+from osl_analysis.files import own_yaml
 from osl_analysis.model.compensator import PAPER_WEIGHT, Weight
 from osl_analysis.simulator.simulation_settings import (
     Count,
@@ -40,69 +42,28 @@ FASTEST_MOTION_HZ = 100_000  # rate [Hz] at which a crossing can still be comput
 Place = tuple[float, float, float]  # [m]
 Bump = tuple[float, float, float]  # size, phase of the peak, sharpness
 
-
-class MarkerPlaces(Settings):
-    """Where the markers are; the right leg's outer side is -y."""
-
-    # from the ankle's centre, in the axes of foot and shank when standing
-    foot: Mapping[str, Place] = {
-        "FOOT1": (-0.075, 0.012, -0.030),
-        "FOOT2": (0.160, 0.020, -0.050),
-        "FOOT3": (0.105, -0.050, -0.045),
-        "FOOT4": (0.060, 0.008, 0.035),
-    }
-    shank: Mapping[str, Place] = {
-        "SHANK1": (0.055, -0.020, 0.100),
-        "SHANK2": (0.010, -0.065, 0.190),
-        "SHANK3": (-0.035, 0.050, 0.255),
-        "SHANK4": (0.060, 0.025, 0.330),
-    }
-    ankle_axis: Mapping[str, Place] = {
-        "ANKLE_MED": (0.0, 0.042, 0.0),
-        "ANKLE_LAT": (0.0, -0.042, 0.0),
-    }
-    # from the centre of the plate's surface; one is on a post, so that the four do not lie in a
-    # plane
-    platform: Mapping[str, Place] = {
-        "PLAT1": (0.285, 0.235, 0.004),
-        "PLAT2": (-0.285, 0.230, 0.004),
-        "PLAT3": (-0.280, -0.235, 0.060),
-        "PLAT4": (0.285, -0.230, 0.004),
-    }
+WALKER = own_yaml(Path(__file__).with_name("walker.yaml"))
+MARKERS: Mapping[str, Mapping[str, Place]] = WALKER["markers"]
+ANKLE_ANGLE: Sequence[Bump] = WALKER["ankle_angle"]
+ANKLE_MOMENT: Sequence[Bump] = WALKER["ankle_moment"]
+PLATE_SHIFT: Place = WALKER["plate_shift"]
 
 
 class NominalGait(Settings):
-    """The curves of gait, which resemble published ones of level walking with a prosthetic ankle.
-    They are the same in every campaign."""
+    """Numbers of level walking that are the same in every campaign."""
 
-    stance_fraction: float = 0.62  # of the gait cycle
     ankle_height: float = 0.08  # [m] of the ankle's centre above the floor
-    heel: Place = (-0.06, 0.0, -0.08)  # pivot from the ankle's centre
-    ball: Place = (0.13, 0.0, -0.08)  # pivot from the ankle's centre
+    ankle_half_width: float = 0.042  # [m] from the ankle's centre to the markers on its axis
+    heel: float = -0.06  # [m] place of the pivot on the floor, forward of the ankle's centre
+    ball: float = 0.13  # [m] as of the heel
     pitch_at_strike_deg: float = 18.0  # toes up
     pitch_at_toe_off_deg: float = -58.0
     foot_flat: tuple[float, float] = (0.12, 0.60)  # phases of stance between which it lies flat
     clearance: float = 0.04  # [m] by which the ankle is lifted in mid-swing
-    ankle_angle: tuple[Bump, ...] = ((-7.0, 0.06, 20.0), (12.0, 0.40, 3.5), (-18.0, 0.63, 11.0))
-    """Against cycle phase [deg]."""
-    ankle_moment: tuple[Bump, ...] = (
-        (0.45, 0.28, 6.0), (0.35, 0.37, 14.0), (1.35, 0.475, 11.0), (-0.15, 0.05, 30.0),
-    )  # fmt: skip
-    """Internal plantarflexion moment [N*m/kg]: 0.5 at midstance, 1.4 at push-off, 0 in swing."""
     roll_lever: float = 0.004  # [m] of the load about the foot's forward axis
     spin_moment: float = 0.03  # [N*m/kg] about the foot's upward axis
     release_s: float = 0.3  # after toe-off in which the foot leaves the platform's motion
     yield_s: float = 0.2  # after the onset within which the shank yields
-    standing_share: float = 0.5  # of the body that the foot on the plate carries in quiet standing
-
-
-class UnloadedMotion(Settings):
-    """The perturbation of an unloaded platform."""
-
-    command_s: float = 0.5
-    hold_s: float = 0.5
-    tilt_deg: float = 2.0
-    shift: Place = (0.012, 0.008, 0.006)  # along each axis
 
 
 class Recorders(Settings):
@@ -121,9 +82,7 @@ class Recorders(Settings):
     clock_margin: float = 1e-6
 
 
-MARKERS = MarkerPlaces()
 NOMINAL = NominalGait()
-UNLOADED = UnloadedMotion()
 RECORDERS = Recorders()
 
 

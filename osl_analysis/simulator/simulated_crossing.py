@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
+from osl_analysis.config.impedance_trajectory import STANCE_SHARE, read_impedance_trajectory
 from osl_analysis.model.compensator import Weight, check_request, optimal_damping, stiffness_gain
 from osl_analysis.model.drivetrain import DrivetrainParameters
 from osl_analysis.simulator import step as gait
 from osl_analysis.simulator.bench_trial import JointMotion
-from osl_analysis.simulator.laboratory_settings import NOMINAL, WalkingSettings
+from osl_analysis.simulator.laboratory_settings import ANKLE_MOMENT, NOMINAL, WalkingSettings
 from osl_analysis.simulator.rigid_body import (
     GRAVITY,
     Pose,
@@ -71,8 +71,8 @@ def walking_commands(step: gait.Step, p: DrivetrainParameters) -> Array:
     grid, damping = compensated_damping(walking.impedance, p, walking.gain_weight)
     K_1 = stiffness_gain(K_d, p)
     B_1 = np.interp(np.mod(c, 1.0), grid, damping)
-    window = gait.stance_window(np.mod(c, 1.0) / NOMINAL.stance_fraction)
-    moment = walking.gait.body_mass_kg * (gait.periodic_bumps(c, NOMINAL.ankle_moment) * window)
+    window = gait.stance_window(np.mod(c, 1.0) / STANCE_SHARE)
+    moment = walking.gait.body_mass_kg * (gait.periodic_bumps(c, ANKLE_MOMENT) * window)
     angle = gait.nominal_ankle_angle(c)
     velocity = time_derivative(angle, walking.rates.controller_hz)
     theta_eq = angle - (moment - B_d * velocity) / K_d

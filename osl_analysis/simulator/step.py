@@ -7,16 +7,25 @@ or more continuous derivatives. Cycle phase c: 0 at heel strike, 1 at the next o
 0 at heel strike, 1 at toe-off.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from osl_analysis.simulator.laboratory_settings import NOMINAL, UNLOADED, Place, WalkingSettings
+from osl_analysis.config.impedance_trajectory import STANCE_SHARE
+from osl_analysis.simulator.laboratory_settings import (
+    ANKLE_ANGLE,
+    NOMINAL,
+    PLATE_SHIFT,
+    Bump,
+    WalkingSettings,
+)
 from osl_analysis.simulator.rigid_body import Pose, rotation_about
 from osl_analysis.simulator.trial_plan import generator_of
 from osl_analysis.trial import Array
 
+TILT_DEG = 2.0  # of the unloaded platform, about its forward axis
 RENDERED_S = 0.1  # time [s] after the onset in which the rendered impedance is fitted
 
 
@@ -37,7 +46,7 @@ def pulse(time: Array, start: float, rise: float, back: float, fall: float) -> A
     return rising - falling
 
 
-def periodic_bumps(c: Array, bumps: tuple[tuple[float, float, float], ...]) -> Array:
+def periodic_bumps(c: Array, bumps: Sequence[Bump]) -> Array:
     """Sum of size * exp(sharpness (cos 2 pi (c - peak) - 1)) over (size, peak, sharpness)."""
     waves = [a * np.exp(k * (np.cos(2 * np.pi * (c - peak)) - 1.0)) for a, peak, k in bumps]
     return np.sum(waves, axis=0)
@@ -45,12 +54,13 @@ def periodic_bumps(c: Array, bumps: tuple[tuple[float, float, float], ...]) -> A
 
 def nominal_ankle_angle(c: Array) -> Array:
     """Ankle angle [rad], dorsiflexion positive, against cycle phase."""
-    return np.radians(periodic_bumps(c, NOMINAL.ankle_angle))
+    return np.radians(periodic_bumps(c, ANKLE_ANGLE))
 
 
 def stance_window(p: Array) -> Array:
     """1 from 8 % to 92 % of stance, 0 outside stance, smooth between."""
-    return smooth_step(p / 0.08) * smooth_step((1.0 - p) / 0.08)
+    edge = 0.08
+    return smooth_step(p / edge) * smooth_step((1.0 - p) / edge)
 
 
 def ground_reaction(p: Array) -> Array:
@@ -90,8 +100,8 @@ def foot_path(c: Array, stride: float) -> tuple[Array, Array]:
     flat_from, flat_to = NOMINAL.foot_flat
     at_strike = np.radians(NOMINAL.pitch_at_strike_deg)
     at_toe_off = np.radians(NOMINAL.pitch_at_toe_off_deg)
-    heel_rocker = at_strike * (1.0 - smooth_step(phase / (flat_from * NOMINAL.stance_fraction)))
-    heel_off = at_toe_off * smooth_step((phase - flat_to * NOMINAL.stance_fraction) / 0.29)
+    heel_rocker = at_strike * (1.0 - smooth_step(phase / (flat_from * STANCE_SHARE)))
+    heel_off = at_toe_off * smooth_step((phase - flat_to * STANCE_SHARE) / 0.29)
     return_in_swing = (at_strike - at_toe_off) * smooth_step((phase - 0.67) / 0.33)
     pitch = heel_rocker + heel_off + return_in_swing
 
@@ -100,18 +110,17 @@ def foot_path(c: Array, stride: float) -> tuple[Array, Array]:
     over_ball = rolled_over(NOMINAL.ball, pitch)
     ankle = (1.0 - on_ball)[:, None] * over_heel + on_ball[:, None] * over_ball
 
-    swing_phase = np.clip(
-        (phase - NOMINAL.stance_fraction) / (1.0 - NOMINAL.stance_fraction), 0.0, 1.0
-    )
+    swing_phase = np.clip((phase - STANCE_SHARE) / (1.0 - STANCE_SHARE), 0.0, 1.0)
     ankle[:, 0] += stride * (np.floor(c) + smooth_step(swing_phase))
     ankle[:, 2] += NOMINAL.clearance * 256.0 * (swing_phase * (1.0 - swing_phase)) ** 4
     return ankle, pitch
 
 
-def rolled_over(pivot: Place, pitch: Array) -> Array:
-    """Place of the ankle (n, 3) [m] of a foot that rolls over a pivot, which stays where it is when
-    the foot is flat; seen from the ankle it turns by -pitch about y."""
-    x, _, z = pivot
+def rolled_over(x: float, pitch: Array) -> Array:
+    """Place of the ankle (n, 3) [m] of a foot that rolls over a pivot on the floor, x [m] forward
+    of the ankle, which stays where it is when the foot is flat; seen from the ankle it turns by
+    -pitch about y."""
+    z = -NOMINAL.ankle_height
     cos = np.cos(pitch)
     sin = np.sin(pitch)
     return np.stack([x - (cos * x - sin * z), np.zeros_like(pitch), z - (sin * x + cos * z)], -1)
@@ -151,10 +160,13 @@ class GaitTrial:
         """A smooth deviation of unit standard deviation, (n,): six waves of random size, frequency
         [Hz] and phase."""
         random = self.random(effect)
-        sizes = random.standard_normal(6) * np.sqrt(2 / 6)
-        frequencies = random.uniform(0.3, 4.0, 6)
-        phases = random.uniform(0, 2 * np.pi, 6)
-        return np.cos(2 * np.pi * np.outer(self.time, frequencies) + phases) @ sizes
+        sizes = random.standard_normal(6)
+        waves = len(sizes)
+        frequencies = random.uniform(0.3, 4.0, waves)
+        phases = random.uniform(0, 2 * np.pi, waves)
+        return np.cos(2 * np.pi * np.outer(self.time, frequencies) + phases) @ (
+            sizes * np.sqrt(2 / waves)
+        )
 
 
 @dataclass(frozen=True)
@@ -180,7 +192,7 @@ class Step:
     def cycle_phase(self, time: Array) -> Array:
         """Phase of the gait cycle at times [s]: 0 at the heel strike on the platform, 1 at the
         next."""
-        return NOMINAL.stance_fraction * self.stance_phase(time)
+        return STANCE_SHARE * self.stance_phase(time)
 
 
 def draw_step(trial: GaitTrial) -> Step:
@@ -254,10 +266,10 @@ def unloaded_platform(trial: GaitTrial) -> PlatformMotion:
     that all inertial parameters can be estimated.
     """
     ramp = trial.walking.perturbation
-    command = UNLOADED.command_s
+    command = 0.5  # [s] after the start
     onset = command + ramp.latency_s
     size, slowness = trial.random("unloaded_ramp").uniform([0.85, 0.9], [1.15, 1.3])
-    back = onset + UNLOADED.hold_s
+    back = onset + 0.5
     motion = ramped_platform(trial, command, onset, back, size, slowness)
     # some trials also shift and tilt, by their number
     number = int(trial.name.rpartition("_")[2])
@@ -270,12 +282,12 @@ def unloaded_platform(trial: GaitTrial) -> PlatformMotion:
     time = trial.time
     start = back + ramp.return_s
     fast = ramp.rise_s
+    rise = 1.5 * fast
     shifts = [
-        pulse(time, start + k * 3 * fast, 1.5 * fast, start + (k * 3 + 2) * fast, 1.5 * fast)
-        for k in range(3)
+        pulse(time, start + k * 3 * fast, rise, start + (k * 3 + 2) * fast, rise) for k in range(3)
     ]
-    tilt = np.radians(UNLOADED.tilt_deg) * pulse(
-        time, start + 9 * fast, 3 * fast, start + 13 * fast, 3 * fast
+    tilt = pulse(time, start + 9 * fast, 3 * fast, start + 13 * fast, 3 * fast)
+    tilted = Pose(
+        rotation_about(0, np.radians(TILT_DEG) * tilt), np.stack(shifts, axis=-1) * PLATE_SHIFT
     )
-    tilted = Pose(rotation_about(0, tilt), np.stack(shifts, axis=-1) * UNLOADED.shift)
     return replace(motion, pose=tilted.after(motion.pose))

@@ -16,7 +16,7 @@ from osl_analysis.simulator.laboratory_files import (
     write_capture,
     write_leg_log,
 )
-from osl_analysis.simulator.laboratory_settings import MARKERS, NOMINAL, WalkingSettings
+from osl_analysis.simulator.laboratory_settings import NOMINAL, WalkingSettings
 from osl_analysis.simulator.recorder import write_truth
 from osl_analysis.simulator.rigid_body import GRAVITY, Pose, TrueWrench
 from osl_analysis.simulator.simulated_crossing import (
@@ -142,6 +142,9 @@ def standing(trial: gait.GaitTrial) -> tuple[dict[str, Array], TrueWrench]:
     rows = len(trial.time)
     ankle = np.tile(gait.nominal_ankle(trial.walking), (rows, 1))
     leg = Pose(np.tile(np.eye(3), (rows, 1, 1)), ankle)
-    force = np.tile(-NOMINAL.standing_share * trial.walking.gait.body_mass_kg * GRAVITY, (rows, 1))
-    markers = {**leg_markers(leg, leg), **on_body(leg, MARKERS.ankle_axis)}
+    half_a_body_kg = trial.walking.gait.body_mass_kg / 2
+    force = np.tile(-half_a_body_kg * GRAVITY, (rows, 1))
+    half_width = NOMINAL.ankle_half_width
+    axis = {"ANKLE_MED": (0.0, half_width, 0.0), "ANKLE_LAT": (0.0, -half_width, 0.0)}
+    markers = {**leg_markers(leg, leg), **on_body(leg, axis)}
     return markers, TrueWrench(force, np.zeros((rows, 3)), ankle)

@@ -8,9 +8,8 @@ import polars as pl
 import pytest
 from conftest import beyond_in, findings_of, marked
 
-from osl_analysis.commands import tables
 from osl_analysis.commands.tables import gather
-from osl_analysis.jobs.job_log import write_log
+from osl_analysis.jobs.job_log import later_failures, write_log
 from osl_analysis.judge.campaign import campaign_findings, causes_in_campaign
 from osl_analysis.judge.finding import (
     Beyond,
@@ -118,7 +117,7 @@ def test_numbers_that_a_failed_run_left_behind_are_said_to_be_old(tmp_path):
         log = tmp_path / f"logs/{job}.log"
         write_log(log, {"job": f"osl_analysis.commands.{job}", **ending})
         os.utime(log, (summary.stat().st_mtime + later,) * 2)
-        assert ("b_1.mcap: no such file" in tables.later_failures(summary)) == old
+        assert ("b_1.mcap: no such file" in later_failures(summary)) == old
 
 
 def test_a_finding_in_the_table_is_the_finding_that_was_made():

@@ -156,9 +156,9 @@ def test_a_request_for_a_locked_motor_is_refused():
 def test_a_locked_motor_leaves_other_rows_of_the_table_as_they_are_alone():
     weight = weight_of(50, 3)
 
-    both = gain_table([600.0, 300.0], [0.0, 5.0], P, weight, (1.0, 5.0))
+    both = gain_table([600.0, 300.0], [0.0, 5.0], P, weight)
 
-    alone = gain_table([300.0], [5.0], P, weight, (1.0, 5.0))
+    alone = gain_table([300.0], [5.0], P, weight)
     assert both["unbounded"].to_list() == [True, False]
     assert both["K_predicted"][0] is None
     assert both.row(1) == pytest.approx(alone.row(0))

@@ -21,7 +21,7 @@ from snakemake_runs import FILES, OVERRIDES, Workspace, run_forked
 
 from osl_analysis.campaign.configuration import overriding
 from osl_analysis.figures import FIGURES
-from osl_analysis.jobs.perform import OF_EVERY_JOB, ONLY_CHECKED
+from osl_analysis.jobs.perform import NO_ARGUMENTS
 from osl_analysis.judge.known_findings import FINDINGS
 from osl_analysis.report.verdicts import brief_lines
 from osl_analysis.table import not_analysed
@@ -181,9 +181,7 @@ def test_what_a_rule_names_are_the_arguments_of_its_function_and_none_is_left_ou
             continue
         seen.add(rule)
         outputs = set() if "others" in job["output"] else {*job["output"]}
-        inputs = {*job["input"]} - ONLY_CHECKED
-        params = {*job["params"]} - OF_EVERY_JOB
-        given = inputs | params | outputs
+        given = {*job["input"], *job["params"]} - NO_ARGUMENTS | outputs
         arguments = {*inspect.signature(function).parameters}
         told = {"refused", "not_analysed"}  # named in the call of the job
         assert given <= arguments, rule

@@ -233,8 +233,8 @@ def belt_table(belt: Analysis) -> dict[str, pl.DataFrame]:
         "stiffening": stiffening,
     }
     return {
-        "belt": table_of([row], "belt", complete=True),
-        "budget": table_of(budget_rows(row, budgets), "budget", complete=True),
+        "belt": table_of([row], "belt"),
+        "budget": table_of(budget_rows(row, budgets), "budget"),
     }
 
 

@@ -118,8 +118,8 @@ def calibration_table(
         estimates |= budget.columns(name)
     row = {**place, **estimates, **row, **analysis.row(None)}
     return {
-        "calibration": table_of([row], "calibration", complete=True),
-        "budget": table_of(budget_rows(place, budgets), "budget", complete=True),
+        "calibration": table_of([row], "calibration"),
+        "budget": table_of(budget_rows(place, budgets), "budget"),
     }
 
 

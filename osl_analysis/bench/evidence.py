@@ -189,7 +189,7 @@ def impedance_table(
             }
         )
         of_budgets += budget_rows(place, budgets)
-    table = table_of(rows, "impedance", complete=True)
+    table = table_of(rows, "impedance")
     # a leg's friction hides it without compensation; Eq. 15 is of motion below the cut-off
     is_slow = record.band_hz[1] <= record.settings.cutoff_hz
     if gains and gains.cancels_friction and is_slow:
@@ -198,7 +198,7 @@ def impedance_table(
         table = table.with_columns(B_gap_s=apart.sign() * certain / pl.col("K").abs())
     return {
         "impedance": beside_known(table, p, desired),
-        "budget": table_of(of_budgets, "budget", complete=True),
+        "budget": table_of(of_budgets, "budget"),
     }
 
 

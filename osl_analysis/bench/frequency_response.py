@@ -29,7 +29,6 @@ from osl_analysis.trial import Array
 
 Spectrum = NDArray[np.complex128]
 
-HIGHEST_HARMONIC = 5
 """Friction makes odd harmonics, which fall as 1/k or faster; asymmetry makes even ones."""
 LEAST_FREEDOM = 0.9  # of an interval: two cycles have one degree
 WINDOW_S = 4.0  # s; of a motion that is no stepped sine
@@ -104,15 +103,15 @@ def response_table(analysis: Analysis, **condition: float | str | None) -> pl.Da
     if is_stepped_sine:
         at_frequency: dict[float, list[Response]] = {}
         for number, stratum in enumerate(record.groups.strata):
-            response, distortion = response_to_sine(analysis, number)
+            response = response_to_sine(analysis, number)
             place = analysis.place(stratum.label)
-            rows.append({**place, **response.to_row(record), **distortion, **facts})
+            rows.append({**place, **response.to_row(record), **facts})
             at_frequency.setdefault(stratum.frequency_hz, []).append(response)
         of_all = [mean_response(responses) for responses in at_frequency.values()]
     else:
         of_all = responses_of_windows(analysis)
     rows += [{**analysis.place(None), **response.to_row(record), **facts} for response in of_all]
-    table = table_of(rows, "response", complete=True).fill_nan(None)
+    table = table_of(rows, "response").fill_nan(None)
     has_interval = pl.col("magnitude_low").is_not_null()
     return table.with_columns(interval_method=pl.when(has_interval).then("interval_method"))
 
@@ -148,9 +147,8 @@ def with_errors(response: pl.DataFrame) -> pl.DataFrame:
     )
 
 
-def response_to_sine(analysis: Analysis, number: int) -> tuple[Response, Row]:
-    """The response to the sine of one stratum by its settled cycles, before the filter, and
-    harmonics 2 to 5 of angle and torque over the fundamental."""
+def response_to_sine(analysis: Analysis, number: int) -> Response:
+    """The response to the sine of one stratum by its settled cycles, before the filter."""
     record = analysis.record
     groups = record.groups
     drift = analysis.whole["drift"] * (record.time - record.time.mean())
@@ -159,17 +157,11 @@ def response_to_sine(analysis: Analysis, number: int) -> tuple[Response, Row]:
     first = groups.first[is_of_sine]
     stop = groups.stop[is_of_sine]
     rows = slice(int(first.min()), int(np.ceil(stop.max())))
-    harmonics_hz = frequency_hz * np.arange(1, HIGHEST_HARMONIC + 1)
-    turns = np.exp(-2j * np.pi * np.outer(record.time[rows], harmonics_hz))
+    turn = np.exp(-2j * np.pi * frequency_hz * record.time[rows, None])
     signals = np.column_stack([record.theta, record.torque - drift])[rows]
-    sums = products_between(turns, signals, first - rows.start, stop - rows.start)
-    amplitudes = sums / (stop - first)[:, None, None]  # cycles, harmonics, signals
-
-    sizes = np.abs(amplitudes.mean(axis=0))
-    of_theta, of_torque = np.linalg.norm(sizes[1:], axis=0) / sizes[0]
-    theta, torque = amplitudes[:, 0].T
-    response = response_of_pieces(frequency_hz, theta, torque, np.arange(len(first)))
-    return response, {"theta_distortion": of_theta, "torque_distortion": of_torque}
+    sums = products_between(turn, signals, first - rows.start, stop - rows.start)
+    theta, torque = (sums[:, 0] / (stop - first)[:, None]).T
+    return response_of_pieces(frequency_hz, theta, torque, np.arange(len(first)))
 
 
 def response_of_pieces(

@@ -245,8 +245,8 @@ def actuator_table(actuator: Analysis) -> dict[str, pl.DataFrame]:
         for name, budget in actuator.budgets(None, *told).items()
     }
     return {
-        "actuator": table_of([row], "actuator", complete=True),
-        "budget": table_of(budget_rows(place, budgets), "budget", complete=True),
+        "actuator": table_of([row], "actuator"),
+        "budget": table_of(budget_rows(place, budgets), "budget"),
     }
 
 
@@ -305,6 +305,6 @@ def transmission_table(analysis: Analysis) -> dict[str, pl.DataFrame]:
         )
         of_budgets += budget_rows(place, budgets)
     return {
-        "transmission": table_of(rows, "transmission", complete=True),
-        "budget": table_of(of_budgets, "budget", complete=True),
+        "transmission": table_of(rows, "transmission"),
+        "budget": table_of(of_budgets, "budget"),
     }

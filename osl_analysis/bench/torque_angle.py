@@ -116,7 +116,6 @@ def torque_angle_trial(
         }
         curves.append(pl.DataFrame(columns, schema_overrides={"desired": pl.String}))
     fitted = np.isfinite(model)
-    usable = np.concatenate([signals.usable[whole(cycle)] for cycle in cycles])
     ends = [[cycle[0], cycle[-1]] for cycle in cycles]
     row: Row = {
         "trial": trial.name,
@@ -130,7 +129,6 @@ def torque_angle_trial(
         "interval_method": "cycles" if len(cycles) > 1 else None,
         "VAF": variance_accounted_for(torque[fitted], torque[fitted] - model[fitted]),
         "closure_torque": np.ptp(torque[ends], axis=1).max() / np.ptp(torque),
-        "bridged_share": (~usable).mean(),
         "desired": desired,
     }
     samples = {

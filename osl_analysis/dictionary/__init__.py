@@ -154,27 +154,12 @@ def columns_of_trial(name: str) -> list[str]:
     return [*own, "status", "reason"]
 
 
-def table_of(rows: Sequence[Mapping[str, Any]], name: str, complete: bool = False) -> pl.DataFrame:
-    """Rows of the result table `name`, with the types that its description gives.
-
-    Parameters
-    ----------
-    rows
-    name
-    complete
-        Whether the table has all columns that a fit may give, null where no row has them. By
-        default it has those of the first row.
-
-    Raises
-    ------
-    KeyError
-        A column is not described.
-    """
+def table_of(rows: Sequence[Mapping[str, Any]], name: str) -> pl.DataFrame:
+    """Rows of the result table `name` with all columns that a fit may give, null where no row has
+    them, and the types that its description gives. Raises ValueError: a column is not described."""
     table = described_tables_by_name()[name]
     described = {**table.columns, **table.of_fits}
-    names = list(rows[0]) if rows else []
-    if complete or not rows:
-        names += [name for name in described if name not in {*ADDED_TO_ALL, *names}]
-        names.sort(key=[*described].index)
+    given = rows[0].keys() if rows else set()
+    names = sorted({*given, *(described.keys() - ADDED_TO_ALL)}, key=[*described].index)
     types = {name: TYPES.get(described[name].unit, pl.Float64) for name in names}
     return pl.DataFrame(rows, schema=types)

@@ -9,7 +9,6 @@ the campaign's own repeats is the measure.
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.judge.finding import Beyond, Finding, Grade
-from osl_analysis.judge.known_findings import Rule
+from osl_analysis.judge.known_findings import Rule, rule_of
 from osl_analysis.measured import places_of, significant, with_places
 from osl_analysis.stats.budget import CLEAR, FLOOR, WIDE
 from osl_analysis.units import factors_near
@@ -28,18 +27,17 @@ Array = NDArray[np.float64]
 ARM = ("joint", "side", "controller")
 CONDITION = (*ARM, "K_d", "B_d", "excitation")
 
+UNLIKE = "unlike_other_trials"
+FACTOR = "common_factor"
+
 MOST_SCATTERS = 7.0  # times the median standard deviation of conditions, from the median of one
-FEWEST_SCATTERS = 4  # conditions with repeats from which their scatter is known
 UNKNOWN_SCATTER = 3.0  # times what is needed: by how much repeats may differ where it is not
+FEWEST = 3  # conditions with repeats, or trials of an arm, from which their scatter is known
 MOST_HALF_WIDTHS = 2.0  # of the difference of two trials
-FEWEST_OF_ARM = 3  # trials
 NEEDED_OF_ARM = 0.1  # of K; what friction and a bending frame move it off a spring's line
 MOST_DEVIATIONS = 6.0  # median deviations of an arm: four standard deviations
-SAME_FACTOR = 0.05  # by which K/K_d and B/B_d may differ
-OF_GAINS = 0.06  # by which a controller may miss what it was asked for
-MOST_SPREAD = 0.02  # median deviation of K/K_d in an arm: a spring in series spreads it
-CERTAIN_FACTOR = 1.2  # no torque constant is as wrong
 GAIN_BESIDE_UNIT = 0.12  # by which a gain may be wrong beside a unit
+MOST_OF_GAINS = rule_of("K_over_K_d").ends[1] - 1  # by which a controller may miss what was asked
 
 
 def disagreements(rows: Iterable[Row], needed: Mapping[str, float]) -> list[Finding]:
@@ -60,31 +58,21 @@ def disagreements(rows: Iterable[Row], needed: Mapping[str, float]) -> list[Find
     """
     comparable = [row for row in rows if row.get("K_d") and row.get("K")]
     told: dict[str, Finding] = {}  # on K, by trial
-    factors: list[Finding] = []
+    others: list[Finding] = []
     scatters: dict[str, float] = {}  # of the arm, by trial
     for arm in grouped(comparable, ARM):
         scatter, off_line = beside_line(arm)
-        told |= by_trial(off_line)
+        told |= off_line
         scatters |= dict.fromkeys([row["trial"] for row in arm], scatter)
-        factors += common_factor(arm)
+        others += common_factor(arm, needed)
     repeats = [rows for rows in grouped(comparable, CONDITION) if len(rows) > 1]
-    for differing in differing_repeats(repeats, "K", needed["K"], scatters):
-        of_condition = by_trial(differing)
+    for of_condition in differing_repeats(repeats, "K", needed["K"], scatters):
         of_line = {trial: of_condition[trial] for trial in of_condition if trial in told}
         told |= of_line or of_condition
-    others = [
-        finding
-        for symbol in "BI"
-        for differing in differing_repeats(repeats, symbol, needed[symbol], {})
-        for finding in differing
-        if finding.subject not in told
-    ]
-    return [*told.values(), *others, *factors]
-
-
-def by_trial(findings: Iterable[Finding]) -> dict[str, Finding]:
-    """Findings by their trials."""
-    return {finding.subject: finding for finding in findings}
+    for symbol in "BI":
+        for of_condition in differing_repeats(repeats, symbol, needed[symbol], {}):
+            others += [of_condition[trial] for trial in of_condition if trial not in told]
+    return [*told.values(), *others]
 
 
 def grouped(rows: Iterable[Row], columns: Sequence[str]) -> list[list[Row]]:
@@ -105,18 +93,16 @@ def half_widths(rows: Sequence[Row], symbol: str) -> Array:
     return np.nan_to_num(numbers(rows, f"{symbol}_high") - numbers(rows, f"{symbol}_low")) / 2
 
 
-def finding_on(
-    row: Row, name: str, symbol: str, expected: float, most: float, size: str
-) -> Finding:
+def finding_on(row: Row, symbol: str, expected: float, most: float, size: str) -> Finding:
     """The finding that an estimate of a trial is beside what is `expected` by more than `most`.
     One on K is about all of the trial."""
     difference = row[symbol] - expected
     side = "above" if difference > 0 else "below"
     limit = expected + math.copysign(most, difference)
     says = size.replace("{", "{{").replace("}", "}}")  # a name may have braces
-    evidence = Beyond(symbol, row[symbol], limit, side, name, rule=Rule(name, says=says))
+    evidence = Beyond(symbol, row[symbol], limit, side, UNLIKE, rule=Rule(UNLIKE, says=says))
     of_estimate = "" if symbol == "K" else size
-    return Finding(name, "impedance", row["trial"], evidence=(evidence,), size=of_estimate)
+    return Finding(UNLIKE, "impedance", row["trial"], evidence=(evidence,), size=of_estimate)
 
 
 def condition_text(row: Row) -> str:
@@ -126,9 +112,9 @@ def condition_text(row: Row) -> str:
 
 def differing_repeats(
     repeats: Iterable[Sequence[Row]], symbol: str, needed: float, of_arm: Mapping[str, float]
-) -> Iterator[list[Finding]]:
-    """The repeats of each condition that are farther from their median than is needed, than other
-    repeats of the campaign scatter, and than their intervals; of two, both.
+) -> Iterator[dict[str, Finding]]:
+    """The repeats of each condition, by trial, that are farther from their median than is needed,
+    than other repeats of the campaign scatter, and than their intervals; of two, both.
 
     Two must differ by more than the trials of their arm scatter about its line (`of_arm`), too. A
     doubtful estimate beside clear ones need not differ by more than others do.
@@ -139,7 +125,7 @@ def differing_repeats(
         if np.isfinite(values).all():
             conditions.append((rows, values, float(np.hypot(np.median(values), FLOOR[symbol]))))
     usual = UNKNOWN_SCATTER * needed
-    if len(conditions) >= FEWEST_SCATTERS:
+    if len(conditions) >= FEWEST:
         scatters = [np.std(values, ddof=1) / size for _, values, size in conditions]
         usual = max(needed, MOST_SCATTERS * float(np.median(scatters)))
     for rows, values, size in conditions:
@@ -152,34 +138,36 @@ def differing_repeats(
         median = float(np.median(values))
         texts = ", ".join(with_places(places_of(size, 3), *values))
         said = f"{symbol} {texts} of {condition_text(rows[0])}"
-        yield [
-            finding_on(
-                row, f"{symbol}_of_repeats", symbol, median, limit, f"{said}: {row['trial']}"
-            )
-            for row, limit in zip(rows, most.tolist(), strict=True)
-            if abs(row[symbol] - median) > limit
-        ]
+        found = {}
+        for row, limit in zip(rows, most.tolist(), strict=True):
+            if abs(row[symbol] - median) > limit:
+                size_text = f"{said}: {row['trial']}"
+                found[row["trial"]] = finding_on(row, symbol, median, limit, size_text)
+        yield found
 
 
-def beside_line(arm: Sequence[Row]) -> tuple[float, list[Finding]]:
-    """How the trials of an arm scatter about its line, as a median deviation, and the one whose K
-    is farthest from what the others, as a spring K_d in series with another one, let expect."""
+def beside_line(arm: Sequence[Row]) -> tuple[float, dict[str, Finding]]:
+    """How the trials of an arm scatter about its line, as a median deviation, and the one, by its
+    name, whose K is farthest from what the others, as a spring K_d in series with another one, let
+    expect."""
     rows = [row for row in arm if row["K"] > 0]
-    if len(rows) < FEWEST_OF_ARM:
-        return 0.0, []
-    K_d, K = numbers(rows, "K_d"), numbers(rows, "K")
+    if len(rows) < FEWEST:
+        return 0.0, {}
+    K_d = numbers(rows, "K_d")
+    K = numbers(rows, "K")
     expected, scatters = np.transpose([by_others(K_d, K, i) for i in range(len(K))])
     shares = np.maximum(NEEDED_OF_ARM, MOST_DEVIATIONS * scatters)
     most = np.maximum(shares * expected, MOST_HALF_WIDTHS * half_widths(rows, "K"))
-    worst = int(np.argmax(np.abs(K - expected) / most))
-    row, by_line, limit = rows[worst], float(expected[worst]), float(most[worst])
+    excess = np.abs(K - expected) / most
+    worst = int(np.argmax(excess))
+    row = rows[worst]
+    by_line = float(expected[worst])
     size = (
         f"K {significant(row['K'], 3)} of {condition_text(row)}, where the other trials let expect"
         f" {significant(by_line, 3)} N*m/rad"
     )
-    found = finding_on(row, "unlike_its_arm", "K", by_line, limit, size)
-    is_off = abs(row["K"] - by_line) > limit
-    return float(np.median(scatters)), [found] if is_off else []
+    found = {row["trial"]: finding_on(row, "K", by_line, float(most[worst]), size)}
+    return float(np.median(scatters)), found if excess[worst] > 1 else {}
 
 
 def by_others(K_d: Array, K: Array, i: int) -> tuple[float, float]:
@@ -203,22 +191,24 @@ def by_others(K_d: Array, K: Array, i: int) -> tuple[float, float]:
     return expected, float(np.median(np.abs((slope * x + compliance) / y - 1)))
 
 
-def common_factor(arm: Sequence[Row]) -> Iterator[Finding]:
-    """The factor that K/K_d and B/B_d of an arm share: a gain or a unit of the torque."""
+def common_factor(arm: Sequence[Row], needed: Mapping[str, float]) -> Iterator[Finding]:
+    """The factor that K/K_d and B/B_d of an arm share, to what is needed of them: a gain, or a unit
+    of the torque, which is a doubt. A spring in series would spread K/K_d."""
     rows = [row for row in arm if row.get("B_d") and row.get("B")]
-    if len(rows) < FEWEST_OF_ARM:
+    if len(rows) < FEWEST:
         return
     of_K = numbers(rows, "K") / numbers(rows, "K_d")
     B = np.array([row.get("B_viscous") or row["B"] for row in rows])
-    factor, factor_of_B = np.median(of_K), np.median(B / numbers(rows, "B_d"))
+    factor = np.median(of_K)
+    factor_of_B = np.median(B / numbers(rows, "B_d"))
     spread = np.median(np.abs(of_K / factor - 1))
-    is_common = abs(factor_of_B / factor - 1) < SAME_FACTOR and spread < MOST_SPREAD
-    if not is_common or abs(factor - 1) < OF_GAINS:
+    is_common = abs(factor_of_B / factor - 1) < needed["B"] and spread < needed["K"]
+    if not is_common or abs(factor - 1) < MOST_OF_GAINS:
         return
-    units = "; ".join(["", *factors_near(factor, ["torque"], GAIN_BESIDE_UNIT)])
-    size = f"K is {factor:.3g} times K_d, and B {factor_of_B:.3g} times B_d{units}"
-    is_possible_gain = 1 / CERTAIN_FACTOR < factor < CERTAIN_FACTOR
-    grade = Grade.NOTES if is_possible_gain else Grade.DOUBTS
+    units = factors_near(factor, ["torque"], GAIN_BESIDE_UNIT)
+    said = f"K is {factor:.3g} times K_d, and B {factor_of_B:.3g} times B_d"
+    size = "; ".join([said, *units])
+    grade = Grade.DOUBTS if units else Grade.NOTES
     for row in rows:
-        K_d = row["K_d"]
-        yield replace(finding_on(row, "common_factor", "K", K_d, OF_GAINS * K_d, size), grade=grade)
+        evidence = Beyond("K", row["K"], row["K_d"], "above", FACTOR, rule=Rule(FACTOR, says=size))
+        yield Finding(FACTOR, "impedance", row["trial"], grade, (evidence,))

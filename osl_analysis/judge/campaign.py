@@ -12,7 +12,6 @@ from osl_analysis.config.experiments import DOUBTS_OF, EXPERIMENTS, JUDGED_TABLE
 from osl_analysis.errors import listing
 from osl_analysis.judge.agreement import disagreements
 from osl_analysis.judge.finding import (
-    AnyRow,
     Beyond,
     Finding,
     Grade,
@@ -241,26 +240,30 @@ def findings_in_summary(summary: Mapping[str, Any]) -> list[CampaignFinding]:
 class JudgedTable:
     """A result table with the column `DOUBTFUL`, and what its findings are about."""
 
-    name: str
     subject: str  # what was judged, such as `impedance trials`
-    rows: Mapping[str, AnyRow]  # of those that were judged: the last, the fit to all of a trial
+    n: int  # trials or groups that were judged
     doubts_of: str  # the table of the same trials whose doubts its rows share; empty for none
 
+    def subject_in_part(self, name: str) -> str:
+        """What a doubt about some rows of the table `name` is about."""
+        where = f"in {name}" if self.doubts_of else "at single amplitudes"
+        return f"{self.subject}, {where} alone"
 
-def judged_tables_of(tables: Mapping[str, pl.DataFrame]) -> Iterator[JudgedTable]:
-    """The judged tables of a campaign, in the order of the experiments."""
+
+def judged_tables_of(tables: Mapping[str, pl.DataFrame]) -> dict[str, JudgedTable]:
+    """The judged tables of a campaign by name, in the order of the experiments."""
+    judged = {}
     for facts in EXPERIMENTS.values():
         origins = {table.name: table.doubts_of for table in facts.tables if table.judged}
         of_groups = dict.fromkeys(facts.judged_further, "")
         for name, origin in {**origins, **of_groups}.items():
             rows = tables.get(name, pl.DataFrame())
-            if DOUBTFUL not in rows.columns:
-                continue
-            of_judged = [row for row in rows.to_dicts() if row.get(EXCLUDED) is None]
-            last_rows = {subject_of(row): row for row in of_judged}
-            kind = "" if name in of_groups else " trials"
-            subject = (origin or name).replace("_", " ") + kind
-            yield JudgedTable(name, subject, last_rows, origin)
+            if DOUBTFUL in rows.columns:
+                subjects = {subject_of(row) for row in rows.to_dicts() if row.get(EXCLUDED) is None}
+                kind = "" if name in of_groups else " trials"
+                subject = (origin or name).replace("_", " ") + kind
+                judged[name] = JudgedTable(subject, len(subjects), origin)
+    return judged
 
 
 def causes_in_campaign(
@@ -286,28 +289,32 @@ def causes_in_campaign(
         that are used, remarks, and what could not be checked; in each, the most frequent cause
         first. A trial that is doubtful is not among those that are doubtful in part.
     """
-    whole = [worded for worded in findings if not worded.finding.is_of_part]
-    in_doubt = [worded for worded in findings if worded.finding.grade is Grade.DOUBTS]
-    doubtful = {worded.finding.subject for worded in in_doubt if is_of_whole(worded.finding)}
-    of_part = [
-        worded
-        for worded in in_doubt
-        if not is_of_whole(worded.finding) and worded.finding.subject not in doubtful
-    ]
+    judged = judged_tables_of(tables)
+    of_fits = [worded for worded in findings if worded.finding.table in judged]
+    doubts = [worded.finding for worded in findings if worded.finding.grade is Grade.DOUBTS]
+    doubtful = {finding.subject for finding in doubts if is_of_whole(finding)}
+    in_part = {(f.table, f.name, f.subject) for f in doubts if not is_of_whole(f)}
 
-    def about(grade: Grade, table: str) -> list[WordedFinding]:
-        return [w for w in whole if (w.finding.grade, w.finding.table) == (grade, table)]
-
-    causes: list[CampaignFinding] = []
-    for table in judged_tables_of(tables):
-        name, rows, subject = table.name, table.rows, table.subject
-        if name not in DOUBTS_OF:
-            causes += by_cause(about(Grade.DOUBTS, name), "doubtful", subject, rows)
-        causes += doubts_in_part(table, of_part)
-        causes += by_cause(about(Grade.NOTES, name), "remark", subject, rows)
-        causes += by_cause(about(Grade.UNCHECKED, name), "not checked", subject, rows)
-    causes += flags_by_check(about(Grade.DOUBTS, QUALITY), verdicts)
-    return sorted(causes, key=lambda cause: (RANKS[cause.verdict], -len(cause.trials)))
+    causes = Causes()
+    for worded in of_fits:
+        finding = worded.finding
+        table = judged[finding.table]
+        if finding.grade is not Grade.DOUBTS:
+            if not finding.is_of_part:
+                verdict = "remark" if finding.grade is Grade.NOTES else "not checked"
+                causes.add(worded, verdict, table.subject, table.n)
+        elif is_of_whole(finding):
+            causes.add(worded, "doubtful", table.subject, table.n)
+        elif finding.subject not in doubtful:
+            is_shared = (table.doubts_of, finding.name, finding.subject) in in_part
+            if not is_shared:
+                subject = table.subject_in_part(finding.table)
+                causes.add(worded, "doubtful in part", subject, table.n)
+    for worded in findings:
+        if (worded.finding.table, worded.finding.grade) == (QUALITY, Grade.DOUBTS):
+            checked = verdicts.filter(check=worded.finding.evidence[0].column)
+            causes.add(worded, "flagged", "trials", checked["trial"].n_unique())
+    return sorted(causes.told(), key=lambda cause: (RANKS[cause.verdict], -len(cause.trials)))
 
 
 def is_of_whole(finding: Finding) -> bool:
@@ -316,70 +323,43 @@ def is_of_whole(finding: Finding) -> bool:
     return not finding.is_of_part and finding.table not in DOUBTS_OF
 
 
-def doubts_in_part(
-    table: JudgedTable, findings: Sequence[WordedFinding]
-) -> Iterator[CampaignFinding]:
-    """The causes of doubt about single amplitudes or frequencies of trials that are not
-    doubtful as a whole. Those that a table shares with that of the fits to the same trials are left
-    out."""
-    in_origin = {fact_of(w) for w in findings if w.finding.table == table.doubts_of}
-    of_table = [worded for worded in findings if worded.finding.table == table.name]
-    own = [worded for worded in of_table if fact_of(worded) not in in_origin]
-    where = f"in {table.name}" if table.doubts_of else "at single amplitudes"
-    return by_cause(own, "doubtful in part", f"{table.subject}, {where} alone", table.rows)
-
-
-NO_ROW: AnyRow = {}
 IN_PART = {"doubtful in part": "leave out rows marked doubtful"}
 """What to do about doubts that are not on all of a trial."""
 
 
-def flags_by_check(
-    failed_checks: Sequence[WordedFinding], verdicts: pl.DataFrame
-) -> Iterator[CampaignFinding]:
-    """The failed checks of trials that are used, in the order of the checks."""
-    for check in CHECKS:
-        failed = [worded for worded in failed_checks if first_column(worded.finding) == check]
-        checked = dict.fromkeys(verdicts.filter(check=check)["trial"], NO_ROW)
-        yield from by_cause(failed, "flagged", "trials", checked)
+class Causes:
+    """Findings by their cause, or by what could not be checked. What holds by another condition, or
+    another check, is told by itself, with its own sentence."""
 
+    def __init__(self) -> None:
+        self.of_trials: dict[tuple[Any, ...], dict[str, WordedFinding]] = {}
 
-def excess_of(finding: Finding) -> float:
-    """By how much its first number is beyond its limit; 0 without any."""
-    return finding.evidence[0].excess if finding.evidence else 0.0
+    def add(self, worded: WordedFinding, verdict: str, subject: str, n: int) -> None:
+        """Add a finding on one of n `subject`; the last on a trial counts, which is on all of
+        it."""
+        finding = worded.finding
+        told_by = str(finding.rule.says) if finding.rule else ""
+        if verdict == "flagged":
+            told_by = finding.evidence[0].column
+        cause = (verdict, subject, n, finding.name, told_by)
+        self.of_trials.setdefault(cause, {})[finding.subject] = worded
 
-
-def first_column(finding: Finding) -> str:
-    """The column of the first evidence; empty without any."""
-    return finding.evidence[0].column if finding.evidence else ""
-
-
-def by_cause(
-    findings: Sequence[WordedFinding], verdict: str, subject: str, rows: Mapping[str, AnyRow]
-) -> Iterator[CampaignFinding]:
-    """What a reader must know of each cause, or of each thing that could not be checked, with its
-    size in the trial where this is largest, of the trials whose `rows` were judged. The last row of
-    a trial counts, which is its fit to all. What holds by another condition is told by itself, with
-    its own sentence."""
-    causes: dict[tuple[str, str], dict[str, WordedFinding]] = {}
-    for worded in findings:
-        rule = worded.finding.rule
-        key = (worded.finding.name, str(rule.says) if rule else "")
-        causes.setdefault(key, {})[worded.finding.subject] = worded
-    for (name, _), by_trial in causes.items():
-        worst = max(by_trial, key=lambda trial: excess_of(by_trial[trial].finding))
-        words = by_trial[worst].words
-        if words.says and len({of_trial.words.says for of_trial in by_trial.values()}) > 1:
-            words = words._replace(says=f"{words.says} (in {worst})")
-        kind = known_finding(name)
-        yield CampaignFinding(
-            verdict=verdict,
-            subject=subject,
-            name=name,
-            cause=kind.title,
-            n=len(rows),
-            brief=IN_PART.get(verdict) or kind.brief or words.remedy,
-            trials=list(by_trial),
-            worst=worst,
-            **words._asdict(),
-        )
+    def told(self) -> Iterator[CampaignFinding]:
+        """What a reader must know of each, with its size in the trial where this is largest."""
+        for (verdict, subject, n, name, _), by_trial in self.of_trials.items():
+            worst = max(by_trial, key=lambda trial: by_trial[trial].finding.excess)
+            words = by_trial[worst].words
+            if words.says and len({of_trial.words.says for of_trial in by_trial.values()}) > 1:
+                words = words._replace(says=f"{words.says} (in {worst})")
+            kind = known_finding(name)
+            yield CampaignFinding(
+                verdict=verdict,
+                subject=subject,
+                name=name,
+                cause=kind.title,
+                n=n,
+                brief=IN_PART.get(verdict) or kind.brief or words.remedy,
+                trials=list(by_trial),
+                worst=worst,
+                **words._asdict(),
+            )

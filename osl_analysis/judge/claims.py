@@ -120,7 +120,7 @@ def claims_table(tables: Mapping[str, pl.DataFrame], claims: Mapping[str, Claim]
             if places:
                 place.update(part.select(places).row(0, named=True))
             tested.append({**place, **stated, **result_of(claim, part)})
-    return table_of(tested, "claims", complete=True)
+    return table_of(tested, "claims")
 
 
 def result_of(claim: Claim, table: pl.DataFrame) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import polars as pl
 
+from osl_analysis.dictionary import described_tables_by_name, table_of
 from osl_analysis.judge.known_findings import Rule, known_finding
 from osl_analysis.table import not_analysed, read_table
 
@@ -82,8 +83,8 @@ class Finding:
     """
 
     name: str
-    table: str
-    subject: str
+    table: str = ""
+    subject: str = ""
     grade: Grade = Grade.DOUBTS
     evidence: tuple[Beyond, ...] = ()
     amplitude_deg: float | None = None
@@ -95,6 +96,11 @@ class Finding:
     def cause(self) -> str:
         """What users call it in every table and on the page."""
         return known_finding(self.name).title
+
+    @property
+    def excess(self) -> float:
+        """By how much its first number is beyond its limit; 0 without any."""
+        return self.evidence[0].excess if self.evidence else 0.0
 
     @property
     def is_result(self) -> bool:
@@ -123,24 +129,11 @@ class WordedFinding:
     words: Words
 
 
-FINDING_COLUMNS = pl.Schema(
-    {
-        "finding": pl.Int64,
-        **dict.fromkeys(("table", "trial"), pl.String),
-        **dict.fromkeys(("amplitude_deg", "frequency_hz"), pl.Float64),
-        **dict.fromkeys(("grade", "name", "cause", "evidence"), pl.String),
-        **dict.fromkeys(("value", "limit"), pl.Float64),
-        "limit_side": pl.String,
-        **dict.fromkeys(("says", "size", "remedy"), pl.String),
-    }
-)
-"""Columns of `findings.csv`: a row per number of evidence; rows of one finding share the number
-`finding`."""
-
-
 def findings_frame(findings: Iterable[WordedFinding]) -> pl.DataFrame:
-    """`findings.csv` from findings with their words."""
+    """`findings.csv` from findings with their words: a row per number of evidence; rows of one
+    finding share the number `finding`."""
     rows = []
+    columns = described_tables_by_name()["findings"].columns
     for number, worded in enumerate(findings, start=1):
         finding = worded.finding
         shared = {
@@ -156,8 +149,8 @@ def findings_frame(findings: Iterable[WordedFinding]) -> pl.DataFrame:
         ]
         for of_number in numbers or [{}]:
             row = {**shared, **of_number, "finding": number}
-            rows.append({name: row.get(name) for name in FINDING_COLUMNS})
-    table = pl.DataFrame(rows, schema=FINDING_COLUMNS)
+            rows.append({name: row.get(name) for name in columns})
+    table = table_of(rows, "findings").drop("joint", "side", "data", strict=False)
     return table.with_columns(pl.col("says", "size", "remedy").replace("", None))
 
 
@@ -165,8 +158,7 @@ def read_findings(path: Path) -> list[WordedFinding]:
     """The findings of `findings.csv`; none where it was refused or is not there."""
     if not path.is_file() or not_analysed(path):
         return []
-    table = read_table(path, ["finding"]).select(*FINDING_COLUMNS).cast(FINDING_COLUMNS)
-    return findings_of_frame(table)
+    return findings_of_frame(read_table(path, ["finding"]))
 
 
 def findings_of_frame(frame: pl.DataFrame) -> list[WordedFinding]:

@@ -29,25 +29,14 @@ from osl_analysis.units import known_factor
 
 EXCLUDED = "reason"  # column: why a row has no fit; null in rows with a fit
 BETWEEN = "; "  # titles of findings in a cell
-FAR_BEYOND = 1.15  # of a limit: a cause of others that is farther beyond it precedes them
 SYMBOLS = ("K", "B", "I")
 UNEXPLAINED = "unexplained_torque"
 WITHOUT_FRICTION = {"K": "K_without_friction", "B": "B_viscous", "I": "I_without_friction"}
 """The estimates that are judged where friction is certain."""
 
 
-class NearUnit:
-    """How near a ratio to a known value must be to the factor between two units."""
-
-    # relative differences between components and their file have a standard deviation of 2 %
-    OF_RATIO = 0.04
-    OF_LARGE_RATIO = 0.08  # of a ratio beyond its limit, above `LARGE`
-    LARGE = 2.0  # between units; other devices and gains are as far off, so it must be met well
-    OF_STATED = 0.015  # of a ratio to stated gains, and of a second ratio to the first
-    OF_SECOND = 0.1  # of the second ratio to what another unit would make of it
-    MOST_UNCERTAIN = 1.05  # upper end over estimate, above which a ratio tells no unit
-
-
+# relative differences between components and their file have a standard deviation of 2 %
+NEAR_UNIT = 0.04  # relative difference of a ratio to a known value from the factor between units
 RowFindings = list[list[Finding]]  # for each row of a table
 Numbers = dict[str, Beyond]  # numbers of a row beyond their limits, by column
 
@@ -121,12 +110,12 @@ def fit_of(row: AnyRow) -> tuple[object, object]:
     return row.get("trial"), row.get("amplitude_deg")
 
 
-def rows_by_fit(budget: pl.DataFrame | None) -> dict[tuple[object, object], list[dict[str, Any]]]:
+def rows_by_fit(budget: pl.DataFrame | None) -> dict[tuple[object, ...], list[dict[str, Any]]]:
     """The rows of `budget.csv` by trial and amplitude."""
-    by_fit: dict[tuple[object, object], list[dict[str, Any]]] = {}
-    for row in [] if budget is None else budget.to_dicts():
-        by_fit.setdefault(fit_of(row), []).append(row)
-    return by_fit
+    if budget is None:
+        return {}
+    parts = budget.partition_by("trial", "amplitude_deg", as_dict=True)
+    return {fit: part.to_dicts() for fit, part in parts.items()}
 
 
 def judged_estimates(table: str, budgets: Mapping[str, Budget], limits: Limits) -> list[Judged]:
@@ -160,17 +149,12 @@ def findings_of_row(
     """What a row is doubted for, what is worth knowing of it, and what could not be checked."""
     numbers = numbers_beyond(row, [rule for rule in rules if rule.column and rule.holds(row)])
     are_weighed = any(e.budget.of_source(UNEXPLAINED) for e in estimates)
-    by_estimate = {estimate.symbol: estimate for estimate in estimates}
     for column, number in list(numbers.items()):
-        estimate = by_estimate.get(number.rule.explained_by)
         if known_finding(number.finding).spoils_estimates and are_weighed:
             fault = fault or known_finding(number.finding)
             del numbers[column]
-        elif estimate and explains(estimate, number):
-            del numbers[column]
 
-    found = [*doubts_of(estimates, fault), *of_numbers(numbers, row)]
-    found += properties_of(estimates)
+    found = [*doubts_of(estimates, fault), *of_numbers(numbers), *properties_of(estimates)]
     names = {finding.name for finding in found}
     found = [
         finding
@@ -180,7 +164,7 @@ def findings_of_row(
     found += not_checked(estimates)
     for rule in rules:
         if not rule.column and rule.holds(row) and not names & set(rule.unless):
-            found.append(Finding(rule.finding, "", "", Grade(rule.grade), rule=rule))
+            found.append(Finding(rule.finding, grade=Grade(rule.grade), rule=rule))
     order = list(Grade)
     found.sort(key=lambda finding: order.index(finding.grade))
     return [
@@ -193,14 +177,6 @@ def findings_of_row(
         )
         for finding in found
     ]
-
-
-def explains(estimate: Judged, number: Beyond) -> bool:
-    """Whether the doubt about an estimate explains its ratio to a known value: it moves the
-    estimate by half as much."""
-    worst = estimate.verdict.worst
-    moved = 2 * (worst.standard or 0.0) if worst else 0.0
-    return moved >= abs(number.value - 1) * abs(estimate.budget.value)
 
 
 def doubts_of(estimates: Sequence[Judged], fault: KnownFinding | None) -> list[Finding]:
@@ -221,9 +197,7 @@ def doubts_of(estimates: Sequence[Judged], fault: KnownFinding | None) -> list[F
             Beyond(estimate.name, estimate.verdict.size, estimate.verdict.limit, "above", name)
             for estimate in doubted
         )
-        found.append(
-            Finding(name, "", "", Grade.DOUBTS, evidence, size=doubt_text(source, doubted))
-        )
+        found.append(Finding(name, evidence=evidence, size=doubt_text(source, doubted)))
     return found
 
 
@@ -246,16 +220,21 @@ def doubt_text(source: str, doubted: Sequence[Judged]) -> str:
     return text
 
 
-def of_numbers(numbers: Numbers, row: AnyRow) -> list[Finding]:
-    """The numbers beyond their limits by their causes: causes of others first, unknown last."""
+def of_numbers(numbers: Numbers) -> list[Finding]:
+    """The numbers beyond their limits by their causes: causes of others first."""
     by_cause: dict[tuple[str, str], list[Beyond]] = {}
-    for number in sorted(numbers.values(), key=rank_of):
+    for number in sorted(numbers.values(), key=is_caused):
         grade = "notes" if known_finding(number.finding).is_result else number.rule.grade
         by_cause.setdefault((number.finding, grade), []).append(number)
     return [
-        Finding(name, "", "", Grade(grade), tuple(evidence))
+        Finding(name, grade=Grade(grade), evidence=tuple(evidence))
         for (name, grade), evidence in by_cause.items()
     ]
+
+
+def is_caused(number: Beyond) -> bool:
+    """Whether a number does not bring about other findings."""
+    return not known_finding(number.finding).causes_others
 
 
 def properties_of(estimates: Sequence[Judged]) -> list[Finding]:
@@ -278,7 +257,7 @@ def properties_of(estimates: Sequence[Judged]) -> list[Finding]:
             Beyond(estimate.name, change, estimate.needed, "above", source)
             for estimate, change in changes
         )
-        found.append(Finding(source, "", "", Grade.NOTES, evidence, size=", ".join(sizes)))
+        found.append(Finding(source, grade=Grade.NOTES, evidence=evidence, size=", ".join(sizes)))
     return found
 
 
@@ -291,7 +270,7 @@ def not_checked(estimates: Sequence[Judged]) -> list[Finding]:
             if each.per:
                 of_source.append(f"{estimate.name} {each.per}")
     return [
-        Finding(source, "", "", Grade.UNCHECKED, size=", ".join(texts))
+        Finding(source, grade=Grade.UNCHECKED, size=", ".join(texts))
         for source, texts in sizes.items()
     ]
 
@@ -356,31 +335,16 @@ def unit_of_ratio(rule: Rule, ratio: float, row: AnyRow) -> tuple[str, bool]:
     if not rule.units or not ratio:
         return "", False
     second = cell_number(row, rule.second)
-    symbol = rule.column.removesuffix("_ratio")
-    estimate, high = cell_number(row, symbol), cell_number(row, f"{symbol}_high")
-    is_known = not (estimate and high) or high <= NearUnit.MOST_UNCERTAIN * estimate
-    if second and is_known:
-        near, near_second = NearUnit.OF_RATIO, NearUnit.OF_SECOND
-        if rule.to_stated:
-            near = near_second = NearUnit.OF_STATED
+    likely = []
+    if second:
+        of_signals = {"current": second}
         likely = [
             signal
             for signal in rule.units
-            if abs((second if signal == "current" else second / ratio) - 1) < near_second
+            if abs(of_signals.get(signal, second / ratio) - 1) < NEAR_UNIT
         ]
-        unit = known_factor(ratio, likely, near)
-        if unit:
-            return unit, True
-    size = max(abs(ratio), 1 / abs(ratio))
-    near = NearUnit.OF_LARGE_RATIO if size > NearUnit.LARGE else NearUnit.OF_STATED
-    return known_factor(ratio, rule.units, near), False
-
-
-def rank_of(number: Beyond) -> int:
-    """The place of evidence among that of its row: causes of others first, unknown ones last."""
-    if number.finding not in FINDINGS:
-        return 2
-    return 0 if FINDINGS[number.finding].causes_others and number.excess > FAR_BEYOND else 1
+    unit = known_factor(ratio, likely, NEAR_UNIT)
+    return unit or known_factor(ratio, rule.units, NEAR_UNIT), bool(unit)
 
 
 def short_list(findings: Sequence[Finding]) -> str | None:

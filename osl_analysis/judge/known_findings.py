@@ -70,8 +70,6 @@ class Rule:
     tables: Collection[str] = ()
     units: Sequence[str] = ()
     second: str = ""
-    to_stated: bool = False
-    explained_by: str = ""
     unless: Collection[str] = ()
     grade: Literal["not checked", "notes", "doubts"] = "doubts"
     says: Texts = ""

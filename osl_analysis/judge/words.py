@@ -32,7 +32,10 @@ def words_of(finding: Finding, row: AnyRow) -> Words:
     if finding.grade is Grade.UNCHECKED:
         says, remedy = kind.unseen or says, kind.unseen_remedy or remedy
     says = (rule.says if rule else "") or says
-    remedy = (rule.remedy if rule else "") or remedy
+    own_remedies = [number.rule.remedy for number in finding.evidence]
+    if rule:
+        own_remedies.append(rule.remedy)
+    remedy = next(filter(None, own_remedies), remedy)
     cells = cells_of(row)
     return Words(filled(says, cells), size_text(finding, row), capital(filled(remedy, cells)))
 

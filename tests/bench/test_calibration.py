@@ -236,8 +236,8 @@ def test_a_spring_without_inertia_tells_its_gain_and_no_damping():
 
 @pytest.mark.parametrize(("stated", "doubt"), [
     ({"inertia": 0.012, "weight": 0.8, "weight_error": 0.05}, ""),
-    ({"inertia": 0.014, "weight": 0.8, "weight_error": 0.05}, "fixture unlike the stated one"),
-    ({"inertia": 0.012, "weight": 1.6, "weight_error": 0.05}, "fixture unlike the stated one"),
+    ({"inertia": 0.014, "weight": 0.8, "weight_error": 0.05}, "fixture"),
+    ({"inertia": 0.012, "weight": 1.6, "weight_error": 0.05}, "fixture"),
 ])  # fmt: skip
 def test_a_stated_fixture_is_compared_with_the_recorded_one(stated, doubt):
     bench = CONFIG.dynamometer.model_copy(update={"fixture": Fixture(**stated)})

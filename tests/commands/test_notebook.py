@@ -216,9 +216,7 @@ def test_a_fit_shows_its_doubts_and_runs_nothing_of_a_name(
     )
     page = fit._repr_html_()
     assert ("oubtful" in page, "\x1b" in page, "<script" in page) == (False, False, False)
-    assert (
-        "weight and inertia of clamps or plates beyond a stated fixture" in fit.remarks
-    )  # which no recording tells
+    assert "fixture" in fit.remarks  # which no recording tells
     assert "<img" not in replace(fit, series=fit.series.clear())._repr_html_()
 
 

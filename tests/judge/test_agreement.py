@@ -82,7 +82,7 @@ def test_two_repeats_that_differ_are_both_told_where_the_arm_tells_neither():
         trial("b", 80.0, 86.0),
     ]
 
-    assert told(rows) == [("K_of_repeats", "a"), ("K_of_repeats", "b")]
+    assert told(rows) == [("unlike_other_trials", "a"), ("unlike_other_trials", "b")]
 
 
 def test_trials_that_do_not_know_their_K_contradict_none():
@@ -99,7 +99,7 @@ def test_a_doubtful_estimate_beside_a_clear_one_that_differs_is_told():
 
     assert told(pair(94.0, "I")) == []
     assert told(pair(94.0, "B")) == []
-    assert told(pair(94.0, "K")) == [("K_of_repeats", "late")]
+    assert told(pair(94.0, "K")) == [("unlike_other_trials", "late")]
     assert told(pair(90.5, "K")) == []
 
 
@@ -108,11 +108,11 @@ def test_a_repeat_that_differs_in_B_alone_leaves_its_K():
 
     (found,) = disagreements(rows, NEEDED)
 
-    assert verdicts_of([found]) == {"K": CLEAR, "B": "repeats that differ in B", "I": CLEAR}
+    assert verdicts_of([found]) == {"K": CLEAR, "B": "unlike other trials", "I": CLEAR}
     assert "B 1.20, 2.40, 1.20" in words(found)[0]
     rows[1] |= {"K": 60.0, "K_low": 59.9, "K_high": 60.1}
     (found,) = disagreements(rows, NEEDED)
-    assert set(verdicts_of([found]).values()) == {"repeats that differ in K"}
+    assert set(verdicts_of([found]).values()) == {"unlike other trials"}
     assert words(found)[0].endswith(": 2{}")
 
 

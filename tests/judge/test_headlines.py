@@ -156,7 +156,7 @@ def test_a_trial_that_is_doubtful_is_not_counted_again_as_doubtful_in_part():
     }
     findings = [friction("a", 0.5)]
     for trial in "ab":
-        evidence = (Beyond("theta_distortion", 0.5, 0.1, "above"),)
+        evidence = (Beyond("Z_error", 0.5, 0.1, "above"),)
         of_phasor = Finding("other_motion", "response", trial, evidence=evidence)
         findings.append(WordedFinding(of_phasor, Words("", "", "")))
 

@@ -7,6 +7,7 @@ import re
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 
 from osl_analysis.errors import InputError, MemoryLimitError
@@ -109,6 +110,7 @@ def allowed_memory(at_once: int = 1) -> int:
     return 10**6 * int(text)
 
 
+@cache
 def memory_limits() -> list[int]:
     """Memory [bytes] of the machine, and of the control groups of a container or batch job."""
     limits = [sys.maxsize]

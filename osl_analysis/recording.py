@@ -146,9 +146,6 @@ class Loss:
         Number that the file declares; None where it does not tell. It is never 0 for "unknown".
     by_topic
         Messages read and expected of each topic, where counts exist.
-    checksums
-        Whether checksums cover what was read: `checked`, `mixed`, `absent`, or empty where the
-        format has none.
     remarks
         A sentence for each lost part.
     """
@@ -157,7 +154,6 @@ class Loss:
     expected: int | None = None
     end: End = End.WHOLE
     by_topic: Mapping[str, tuple[int, int | None]] = field(default_factory=dict)
-    checksums: str = ""
     remarks: Sequence[str] = ()
 
     @property

@@ -115,8 +115,6 @@ def describe_channel(channel: Channel, kind: str) -> RecordedChannel:
 def facts_of(recording: Recording) -> dict[str, str]:
     """The facts on a recording, in words."""
     facts = {name.replace("_", " "): str(value) for name, value in recording.facts.items()}
-    if recording.loss.checksums:
-        facts["checksums"] = recording.loss.checksums
     if recording.loss.by_topic:
         lost = recording.loss.lost
         facts["messages lost"] = "the file does not tell" if lost is None else str(lost)

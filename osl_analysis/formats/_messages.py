@@ -15,7 +15,7 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, cached_property, partial
-from itertools import groupby, pairwise
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -97,7 +97,7 @@ class Topic:
             lambda: defaultdict(list)
         )
         self.layouts: dict[int, Layout] = {}  # the last one, by length of the messages
-        self.parts: list[Mapping[str, Any]] = []  # columns by path
+        self.parts: list[pl.DataFrame] = []  # with a column of each path
         self.decode: Callable[[Bytes], Iterator[Decoded]] | None = None
         try:
             self.decode = self._decoder()
@@ -112,7 +112,8 @@ class Topic:
                 publisher = f"channel {channel} of the recorder{names}"
                 for path in columns:
                     self.spans[path][publisher] += [int(times_ns.min()), int(times_ns.max())]
-                self.parts.append({PLACE: self.count + places, LOG_TIME: times_ns, **columns})
+                beside = {PLACE: self.count + places, LOG_TIME: times_ns}
+                self.parts.append(pl.DataFrame({**beside, **columns}))
         self.count += log_times_ns.size
 
     def _decoder(self) -> Callable[[Bytes], Iterator[Decoded]]:
@@ -232,14 +233,9 @@ class Topic:
     @cached_property
     def table(self) -> pl.DataFrame:
         """Its messages in the order of the file, with a column of each path that was read."""
-        tables = []
-        for paths, alike in groupby(self.parts, _types_by_path):
-            parts = [*alike]
-            columns = {path: _joined([part[path] for part in parts]) for path in paths}
-            tables.append(pl.DataFrame(columns))
-        self.parts = []  # an hour need not be held twice
         empty = pl.DataFrame(schema={PLACE: pl.Int64, LOG_TIME: pl.Int64})
-        table = pl.concat(tables or [empty], how="diagonal_relaxed", rechunk=True)
+        table = pl.concat([empty, *self.parts], how="diagonal_relaxed", rechunk=True)
+        self.parts = []  # an hour need not be held twice
         return table if table[PLACE].is_sorted() else table.sort(PLACE)
 
     @property
@@ -306,16 +302,6 @@ class Topic:
         return SECOND_NS * seconds.astype(np.int64) + rest
 
 
-def _types_by_path(part: Mapping[str, Any]) -> dict[str, Any]:
-    """The types of the columns of a part."""
-    return {path: values.dtype for path, values in part.items()}
-
-
-def _joined(parts: Sequence[Any]) -> Any:
-    """One column of those of several parts, of one type."""
-    return pl.concat(parts) if isinstance(parts[0], pl.Series) else np.concatenate(parts)
-
-
 def stamp_fields(path: str) -> list[tuple[str, str]]:
     """Paths of the seconds and nanoseconds of a stamp, as programs call them."""
     return [(f"{path}.{seconds}", f"{path}.{rest}") for seconds, rest in STAMP_PARTS]
@@ -340,7 +326,6 @@ class Log:
         self.expected: Counter[str] = Counter()  # those that the file declares; empty: unknown
         self.chunks_lost = 0
         self.end = End.WHOLE
-        self.checksums = "absent"
         self.remarks: list[str] = []
 
     def declare(self, channel: int, name: str, encoding: str, schema: Schema) -> None:
@@ -409,7 +394,7 @@ class Log:
         return Recording(
             format=format_name,
             channels=channels,
-            loss=Loss(read, expected, self.end, by_topic, self.checksums, self.remarks),
+            loss=Loss(read, expected, self.end, by_topic, self.remarks),
             facts={
                 "chunks_lost": self.chunks_lost,
                 "messages": read,

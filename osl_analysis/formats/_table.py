@@ -6,12 +6,12 @@ import json
 import math
 import re
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from statistics import mode
 from types import MappingProxyType
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import polars as pl
@@ -58,14 +58,10 @@ class SheetSource(TableSource):
     time: ColumnTime
     # Cells that become NaN: what a logger writes if a reading failed.
     missing: tuple[str, ...] = MISSING
-    ragged: Literal["refuse", "skip", "dropped_variable"] = "refuse"
-    """Rows whose length differs from the header's: the file is refused, or they are skipped.
-    `dropped_variable`, for a logger that omits a variable after it failed: from there on it is
-    missing; a row that this does not explain is refused."""
 
 
 # to list what a file holds: rows that do not fit are left out, words are NaN, and both are told
-LISTING = SheetSource.model_construct(channels={}, ragged="skip", most_missing=1.0)
+LISTING = SheetSource.model_construct(channels={}, damaged="skip", most_missing=1.0)
 
 
 @dataclass(frozen=True)
@@ -134,8 +130,6 @@ def table_of_rows(
         There is no table of numbers, or rows do not fit the header.
     """
     remarks: list[str] = []
-    if layout.ragged == "dropped_variable" and rows:
-        rows, remarks = _with_dropped_variables(rows, layout.missing)
     shape = _shape_of(rows)
     first = _first_row_of_data(rows, shape)
     last = len(rows) - 1  # it may be text, as of a footer
@@ -180,44 +174,6 @@ def table_of_rows(
         delimiter=delimiter,
         decimal=decimal_of(cells_of_rows),
     )
-
-
-def _with_dropped_variables(
-    rows: Sequence[Row], missing: Collection[str]
-) -> tuple[list[Row], list[str]]:
-    """Fill the rows of a logger that omits failed variables; a variable that is omitted keeps the
-    word of its failure.
-
-    The omitted variables are those missing in the row before. The logger of `opensourceleg` writes
-    its header late, with the first thousand rows: variables that failed before have no name in it,
-    and their cells are left out.
-    """
-    header, *data = rows
-    is_cut = len(data) > 1 and len(data[-1].cells) < len(data[-2].cells)
-    cut = [data.pop()] if is_cut else []
-    latest = dict(enumerate(data[0].cells if data else []))  # of every variable
-    named = variables = [*latest]  # of the rows from here on
-    filled = []
-    remarks = []
-    for row in data:
-        if len(row.cells) != len(variables):
-            failed = [variable for variable in variables if latest[variable] in missing]
-            variables = [variable for variable in variables if latest[variable] not in missing]
-            if len(row.cells) != len(variables):
-                raise InputError(
-                    f"line {row.number} lacks cells, and {len(failed)} were missing in the line"
-                    " before: it is unknown which column was omitted; cut the file off there"
-                )
-            remarks.append(
-                f"from line {row.number} on, {len(failed)} of the cells of the lines before are"
-                " missing"
-            )
-            if len(named) != len(header.cells):
-                named = variables
-        latest.update(zip(variables, row.cells, strict=True))
-        filled.append(Row(row.number, [*latest.values()]))
-    named_rows = [Row(row.number, [row.cells[place] for place in named]) for row in filled]
-    return [header, *named_rows, *cut], remarks
 
 
 def _shape_of(rows: Sequence[Row]) -> Shape:
@@ -383,7 +339,7 @@ def _remark_on_widths(
             f"every row has {len(odd[0].cells)} cells under {width} names, as if a sign between two"
             f" cells lacked, see '{cell}'; write one between all cells, and a name for each"
         )
-    if "skip" not in (layout.ragged, layout.damaged):
+    if layout.damaged != "skip":
         if [row.cells for row in odd if row.cells in [head.cells for head in above]]:
             raise InputError(
                 f"{what}: lines from above the table stand there again, where another recording"
@@ -468,9 +424,7 @@ def _values_of(
     is_missing = np.isin(values, numbers)
     if is_missing.any():
         values = np.where(is_missing, np.nan, values)
-    if not layout.channels or layout.damaged == "skip":
-        return values
-    if not unread.size:
+    if layout.damaged == "skip" or not unread.size:
         return values
     place = int(unread[0])
     cell = str(cells[place])[:40]

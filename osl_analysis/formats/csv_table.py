@@ -9,12 +9,10 @@ import re
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import polars as pl
-from polars import selectors
 from polars.exceptions import PolarsError
 
 from osl_analysis.errors import InputError
@@ -29,7 +27,6 @@ from osl_analysis.formats._table import (
 from osl_analysis.formats._text import (
     FIRST_LINES,
     LAST_LINES,
-    WHOLE,
     Line,
     Text,
     delimiter_of,
@@ -59,8 +56,7 @@ def table_of_text(text: Text, layout: SheetSource) -> Table:
             lines = numbered(first[0]) + numbered(end, FIRST_LINES + count + 1)
             with suppress(InputError, PolarsError):  # the whole text then tells what is wrong
                 ends = _table_of_lines(lines, layout, text.is_ended)
-                has_dropped = layout.ragged == "dropped_variable" and ends.remarks
-                if not ends.skipped and not has_dropped:
+                if not ends.skipped:
                     return _with_rows_between(ends, between, count)
     return _table_of_lines(numbered(data), layout, text.is_ended)
 
@@ -77,8 +73,7 @@ def _table_of_lines(lines: Sequence[Line], layout: SheetSource, is_ended: bool) 
 
 
 def _with_rows_between(ends: Table, text: bytes, count: int) -> Table:
-    """Add the lines between the first and the last ones. Columns of which all cells are numbers are
-    read as such, others as text.
+    """Add the lines between the first and the last ones.
 
     Raises
     ------
@@ -90,40 +85,24 @@ def _with_rows_between(ends: Table, text: bytes, count: int) -> Table:
         text = re.sub(rb"(?m)^[ \t]+|[ \t]+$", b"", text)
         text = re.sub(rb"[ \t]+", b"\t", text)
         delimiter = "\t"
-    read_csv = partial(pl.read_csv, text, has_header=False, separator=delimiter, quote_char=None)
-    kinds = {cells.name: _kind_of(cells, ends.decimal) for cells in ends.body}
-    between = read_csv(schema=kinds, ignore_errors=True)
-    for cells in between.select(selectors.numeric()):
-        if not cells.is_finite().all(ignore_nulls=False):
-            kinds[cells.name] = pl.String
-    if kinds != between.schema:
-        between = read_csv(schema=kinds)
-    if pl.String in kinds.values():
-        between = between.with_columns(pl.col(pl.String).fill_null("").str.strip_chars(PADDING))
-        # polars refuses a line with more cells than names, so that as many cells in all as names
-        # times lines say that no line has fewer
-        are_whole = text.count(delimiter.encode()) == count * (between.width - 1)
-        has_comment = any(sign.encode() in text for sign in COMMENT_SIGNS)
-        is_blank = pl.all_horizontal(pl.col(pl.String) == "").any()
-        has_blank = {*kinds.values()} == {pl.String} and between.select(is_blank).item()
-        if not are_whole or has_comment or has_blank:
-            raise InputError("lines are not alike")
+    between = pl.read_csv(
+        text, has_header=False, separator=delimiter, quote_char=None, schema=ends.body.schema
+    )
+    between = between.with_columns(pl.all().fill_null("").str.strip_chars(PADDING))
+    # polars refuses a line with more cells than names, so that as many cells in all as names times
+    # lines say that no line has fewer
+    are_whole = text.count(delimiter.encode()) == count * (between.width - 1)
+    has_comment = any(sign.encode() in text for sign in COMMENT_SIGNS)
+    has_blank = between.select(pl.all_horizontal(pl.all() == "").any()).item()
+    if not are_whole or has_comment or has_blank:
+        raise InputError("lines are not alike")
     above = int((ends.lines <= FIRST_LINES).sum())
     lines = np.arange(FIRST_LINES + 1, FIRST_LINES + 1 + count)
-    outer = ends.body.cast(between.schema)
     return replace(
         ends,
         lines=np.concatenate([ends.lines[:above], lines, ends.lines[above:]]),
-        body=pl.concat([outer[:above], between, outer[above:]]),
+        body=pl.concat([ends.body[:above], between, ends.body[above:]]),
     )
-
-
-def _kind_of(cells: pl.Series, decimal: str) -> type[pl.DataType]:
-    """The type of a column of text: floats would round nanoseconds since 1970."""
-    numbers = cells.cast(pl.Float64, strict=False)
-    if decimal == "," or not numbers.is_finite().all(ignore_nulls=False):
-        return pl.String
-    return pl.Int64 if cells.str.contains(WHOLE).all() else pl.Float64
 
 
 def read(path: Path, source: SheetSource | None) -> Recording:

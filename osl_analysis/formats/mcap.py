@@ -52,7 +52,6 @@ class Log(_messages.Log):
         super().__init__(source)
         self.schemas: dict[int, Schema] = {}
         self.counts: Counter[str] = Counter()  # messages by topic, as the summary declares them
-        self.checked = 0  # messages that a checksum covers
         self.path = Path()  # of the file that is read
         self.unpacked = 0  # bytes of its chunks
 
@@ -86,8 +85,6 @@ class Log(_messages.Log):
         if summary is not None and summary.statistics is not None:
             for number, count in summary.statistics.channel_message_counts.items():
                 self.counts[self.name_of.get(number, "")] += count
-        if self.checked:
-            self.checksums = "checked" if self.checked == self.read.total() else "mixed"
 
     def _take_records(self, data: bytes, position: int) -> int:
         """Read the records from a place on, as far as they go, and give where the last one ends."""
@@ -96,23 +93,21 @@ class Log(_messages.Log):
             opcode, length = RECORD.unpack_from(data, position)
             begin = position + RECORD.size
             end = begin + length
-            if (
-                opcode == 0
-                or end > len(data)
-                or (opcode == Opcode.MESSAGE and length < MESSAGE_HEAD)
-            ):
+            is_short = opcode == Opcode.MESSAGE and length < MESSAGE_HEAD
+            if opcode == 0 or end > len(data) or is_short:
                 break
             content = ReadDataStream(BytesIO(data[begin:end]))
-            if opcode == Opcode.MESSAGE:
-                messages, end = _chain(data, position, end)
-                places.append(messages)
-            elif opcode == Opcode.SCHEMA:
-                schema = Schema.read(content)
-                self.schemas[schema.id] = schema
-            elif opcode == Opcode.CHANNEL:
-                self._declare_channel(Channel.read(content))
-            elif opcode == Opcode.CHUNK:
-                self._take_chunk(Chunk.read(content), end)
+            match opcode:
+                case Opcode.MESSAGE:
+                    messages, end = _chain(data, position, end)
+                    places.append(messages)
+                case Opcode.SCHEMA:
+                    schema = Schema.read(content)
+                    self.schemas[schema.id] = schema
+                case Opcode.CHANNEL:
+                    self._declare_channel(Channel.read(content))
+                case Opcode.CHUNK:
+                    self._take_chunk(Chunk.read(content), end)
             position = end
         self._take_messages(data, np.concatenate(places))
         return position
@@ -121,7 +116,6 @@ class Log(_messages.Log):
         """Read the records of a chunk that ends at a place; one that is damaged is lost."""
         self.unpacked += chunk.uncompressed_size
         check_unpacked(self.path, self.unpacked)
-        before = self.read.total()
         try:
             content = _unpacked(chunk)
             end = self._take_records(content, 0)
@@ -131,9 +125,6 @@ class Log(_messages.Log):
             self.chunks_lost += 1
             reason = on_one_line(error) or type(error).__name__
             self.remarks.append(f"the chunk that ends at byte {end_of_chunk} is damaged: {reason}")
-            return
-        if chunk.uncompressed_crc:
-            self.checked += self.read.total() - before
 
     def _take_messages(self, content: bytes, places: NDArray[np.int64]) -> None:
         """Give messages at places in some bytes to their topics."""

@@ -81,7 +81,7 @@ def test_rows_that_do_not_fit_are_refused_by_line_or_skipped_and_counted(tmp_pat
     odd = "".join([*lines[:500], "0.5,1\n", *lines[500:]])
 
     said = refusal(tmp_path, odd, **csv_source())
-    skipped = read(tmp_path, odd, **csv_source(ragged="skip"))
+    skipped = read(tmp_path, odd, **csv_source(damaged="skip"))
 
     assert re.search("line 501 .* 2 .* 3 .* 1 .* 901 .*repair these", said)
     again = refusal(tmp_path, "".join(["Gain 4\n", *lines, "Gain 4\n", *lines[1:]]), **csv_source())

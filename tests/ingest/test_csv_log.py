@@ -106,44 +106,11 @@ def test_one_log_in_any_dress_is_one_log(tmp_path, text, fields):
     (LOG.replace("90", '"90'), {}, "line 3: "),
     (LOG, {"channels": {"theta": {"column": "angle"}}},
      "column 'angle': .*rad"),
-    ("t,angle,load\n1,2\n", {"ragged": "skip", "most_missing": 1.0}, "log.csv: "),
+    ("t,angle,load\n1,2\n", {"damaged": "skip", "most_missing": 1.0}, "log.csv: "),
     (LOG.replace("\n", ",0\n").replace("load,0", "load"), {}, "log.csv: "),
 ])  # fmt: skip
 def test_what_cannot_be_read_is_refused_by_line_or_column(tmp_path, text, fields, problem):
     assert re.search(problem, refused(tmp_path, text, **fields))
-
-
-DROPPED = "t,angle,load\n0,1,5\n1,ERROR,6\n2,ERROR,7\n3,8\n4,9\n"
-
-
-@pytest.mark.parametrize(
-    ("text", "angle"),
-    [
-        (DROPPED, [1, np.nan, np.nan, np.nan, np.nan]),
-        # before the header, which is written with the first rows
-        (DROPPED.replace("angle,", "").replace("0,1,", "0,ERROR,"), None),
-    ],
-)
-def test_a_variable_that_the_logger_dropped_is_missing_from_there_on(tmp_path, text, angle):
-    channels = dict(SOURCE["channels"])
-    if angle is None:
-        del channels["theta"]
-
-    trial = ingested(
-        tmp_path, text, channels=channels, missing=["ERROR"], most_missing=0.8,
-        ragged="dropped_variable",
-    )  # fmt: skip
-
-    np.testing.assert_allclose(trial.samples["torque"], [5, 6, 7, 8, 9])
-    if angle is not None:
-        np.testing.assert_array_equal(trial.samples["theta"], angle)
-    assert re.search("log.csv: .*line 5 .* 1 ", trial.provenance["warnings"][0])
-
-
-def test_a_row_that_no_dropped_variable_explains_is_refused(tmp_path):
-    said = refused(tmp_path, DROPPED.replace("2,ERROR", "2,3"), ragged="dropped_variable")
-
-    assert re.search("line 5.* 0 ", said)
 
 
 def test_the_shipped_source_file_reads_what_the_logger_of_opensourceleg_wrote(
@@ -265,8 +232,8 @@ def test_devices_with_rows_of_their_own_are_joined_as_topics_are(tmp_path):
 @pytest.mark.parametrize(("text", "stated", "told", "samples"), [
     (TABLE.replace("0.02,", "0.015,9\n0.02,"), {}, "line 4 ", SAMPLES),
     (TABLE.replace("0.02,", "0.015,9,9,9\n0.02,"), {}, "line 4 ", SAMPLES),
-    (TABLE.replace("0.02,3,7", "0.02,3"), {"ragged": "skip"}, "line 4 ", {"theta": [1, 2, 4]}),
-    (TABLE.replace("0,1,5", "0,1").replace("0.03,4,8\n", ""), {"ragged": "skip"}, "line 2 ",
+    (TABLE.replace("0.02,3,7", "0.02,3"), {"damaged": "skip"}, "line 4 ", {"theta": [1, 2, 4]}),
+    (TABLE.replace("0,1,5", "0,1").replace("0.03,4,8\n", ""), {"damaged": "skip"}, "line 2 ",
      {"theta": [2, 3]}),
     (TABLE.replace("2,6", "-9999.0,6"), {"missing": ["-9999"]}, "'angle'.* 1 ",
      {"theta": [1, np.nan, 3, 4]}),

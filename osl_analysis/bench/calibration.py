@@ -9,8 +9,9 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench.bench_settings import BenchStiffness, Fixture
-from osl_analysis.bench.clock_drift import check_friction, drifting_fit
+from osl_analysis.bench.clock_drift import check_friction
 from osl_analysis.bench.impedance import Analysis, encoder_errors
+from osl_analysis.bench.lags import late_fit
 from osl_analysis.bench.motion import signals_of
 from osl_analysis.bench.plausibility import check_resists
 from osl_analysis.bench.record import Record
@@ -188,7 +189,7 @@ def late_fits(record: Record, is_spring: bool) -> tuple[GroupFit, GroupFit | Non
         The fit that allows damping; None for a spring with too little inertia to tell it.
     """
     columns = effect_columns(record)
-    fit_late = partial(drifting_fit, record.coarse, columns)
+    fit_late = partial(late_fit, record.coarse, columns, drifts=True)
     model = {**IMPEDANCE, "T_C": "T_C"}
 
     def with_steps(fit: GroupFit) -> GroupFit:
@@ -212,7 +213,7 @@ def late_fits(record: Record, is_spring: bool) -> tuple[GroupFit, GroupFit | Non
         return undamped, None
     damped = undamped
     for lag_s in (undamped["lag_s"], 0.0):
-        damped_fit, has_ended = fit_late(model=model, lag_s=lag_s)
+        damped_fit, has_ended = fit_late(model=model, start_s=lag_s)
         fit = with_steps(damped_fit)
         # a delay has a false minimum beside a negative damping
         is_likely = has_ended and fit.interval("B")[1] >= 0

@@ -2,54 +2,15 @@
 """What two clocks do to a fit of a bench: the torque's lag behind the angle goes on with time, and
 the error of a clock that was fitted while the logs were joined."""
 
-from collections.abc import Mapping
-from dataclasses import replace
-from functools import partial
-
 import numpy as np
-import scipy
 
 from osl_analysis.bench.bench_settings import Calibration, ImpedanceAnalysis
-from osl_analysis.bench.lags import late_fit
 from osl_analysis.bench.record import Record
-from osl_analysis.bench.regression import GroupFit, Model
+from osl_analysis.bench.regression import GroupFit
 from osl_analysis.errors import InputError
-from osl_analysis.trial import Array, Trial
+from osl_analysis.trial import Trial
 
-DRIFT_STEPS = 4  # of a search for a drift, each a tenth of the one before or less
 LEAST_FRICTION = 1e-3  # of the torque's SD; what a sound calibration's friction is negative by
-
-
-def drifting_fit(
-    few: Record, columns: Mapping[str, Array], model: Model, lag_s: float = 0.0
-) -> tuple[GroupFit, bool]:
-    """Fit a model to a torque whose lag goes on with time, as between two clocks.
-
-    Without the drift, friction and damping take its place. The lag is the mean over the fitted
-    rows.
-
-    Parameters and results are those of `late_fit`; the fit has the `clock_drift`, too.
-    """
-    spline_of = partial(scipy.interpolate.make_interp_spline, few.time, k=5)
-    torque_at = spline_of(few.filtered_torque)
-    of_model = np.column_stack([columns[name] for name in model.values()])
-    slope = torque_at(few.time, 1)
-    since = few.time - few.time[few.is_fitted()].mean()
-    drift = 0.0
-    for _ in range(DRIFT_STEPS):
-        torque = torque_at(np.clip(few.time + drift * since, few.time[0], few.time[-1]))
-        in_time = replace(few, filtered_torque=torque, torque=torque)
-        fit, has_ended = late_fit(
-            in_time,
-            {**columns, "drifting": -slope * since},
-            {**model, "clock_drift": "drifting"},
-            lag_s,
-        )
-        drift += fit["clock_drift"]
-        lag_s = fit["lag_s"]
-        slope = spline_of(of_model @ fit.estimates[: len(model)])(few.time, 1)
-    estimates = np.array([*fit.estimates[:-2], drift, lag_s])
-    return replace(fit, estimates=estimates), has_ended
 
 
 def check_friction(record: Record, fit: GroupFit) -> None:

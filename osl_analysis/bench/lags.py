@@ -27,8 +27,7 @@ from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
 from osl_analysis.trial import Array
 
 LONGEST_LAG = 0.02  # s; the largest lag that is sought
-LAG_FOUND = 1e-6  # s; last step of a search that has come to its end
-LAG_CONVERGED = 1e-9  # s; the step after it would be a thousand times smaller
+LAG_FOUND = 1e-9  # s; last step of a search that has come to its end
 # of a search for a lag: each is an eighth of the one before or less, of most a hundredth
 MOST_STEPS = 10
 # half-widths [rad] of the slipping springs that model a belt's hysteresis
@@ -52,7 +51,11 @@ CANNOT_TELL = (IdentifiabilityError, InputError, np.linalg.LinAlgError)
 
 
 def late_fit(
-    few: Record, columns: Mapping[str, Array], model: Model, lag_s: float = 0.0
+    few: Record,
+    columns: Mapping[str, Array],
+    model: Model,
+    start_s: float = 0.0,
+    drifts: bool = False,
 ) -> tuple[GroupFit, bool]:
     """Fit a model to a torque that is late (Gauss-Newton).
 
@@ -68,13 +71,16 @@ def late_fit(
         Columns by name.
     model : Mapping
         Column of each estimate.
-    lag_s : float
+    start_s : float
         Where the search starts [s].
+    drifts : bool
+        Whether the lag goes on with time, as between two clocks. Without the drift, friction and
+        damping take its place. The lag is then the mean over the fitted rows.
 
     Returns
     -------
     fit : GroupFit
-        Its last estimate is the lag, `lag_s` [s].
+        Its last estimates are the `clock_drift`, if any, and the lag, `lag_s` [s].
     has_ended : bool
         Whether the search has come to its end.
 
@@ -84,21 +90,30 @@ def late_fit(
         As `fit_groups`.
     """
     of_model = np.column_stack([columns[name] for name in model.values()])
+    since = few.time - few.time[few.is_fitted()].mean()
+    shapes = {"lag_s": np.ones_like(since)}
+    if drifts:
+        shapes = {"clock_drift": since, **shapes}
+    late_model = {**model, **{name: name for name in shapes}}
+    lags = np.zeros(len(shapes))
+    lags[-1] = start_s
     spline_of = partial(scipy.interpolate.make_interp_spline, few.time, k=5)
     torque_at = spline_of(few.filtered_torque)
     modelled = few.filtered_torque
     for _ in range(MOST_STEPS):
-        torque = torque_at(np.clip(few.time + lag_s, few.time[0], few.time[-1]))
+        lag = lags @ np.array([*shapes.values()])
+        torque = torque_at(np.clip(few.time + lag, few.time[0], few.time[-1]))
         in_time = replace(few, filtered_torque=torque, torque=torque)
-        sums = gram_sums(in_time, {**columns, "late": -spline_of(modelled)(few.time, 1)})
-        fit = fit_groups(sums, {**model, "lag_s": "late"}, EFFECTS_LIMIT)
-        modelled = of_model @ fit.estimates[:-1]
-        step_s = fit["lag_s"]
-        lag_s = np.clip(lag_s + step_s, -LONGEST_LAG, LONGEST_LAG)
-        if abs(step_s) < LAG_CONVERGED:
+        slope = spline_of(modelled)(few.time, 1)
+        late = {name: -slope * shape for name, shape in shapes.items()}
+        fit = fit_groups(gram_sums(in_time, {**columns, **late}), late_model, EFFECTS_LIMIT)
+        modelled = of_model @ fit.estimates[: len(model)]
+        lags = np.clip(lags + fit.estimates[len(model) :], -LONGEST_LAG, LONGEST_LAG)
+        has_ended = abs(fit["lag_s"]) < LAG_FOUND
+        if has_ended:
             break
-    with_lag = np.append(fit.estimates[:-1], lag_s)
-    return replace(fit, estimates=with_lag), abs(step_s) <= LAG_FOUND
+    estimates = np.append(fit.estimates[: len(model)], lags)
+    return replace(fit, estimates=estimates), has_ended
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ in x is exact. Its changes of sign on a logarithmic grid bracket the minima, of 
 docs/gain_selection.md says how many there are.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
@@ -21,15 +20,15 @@ from numpy.typing import ArrayLike
 from pydantic import Field
 
 from osl_analysis.errors import InputError, UnreachableImpedanceError, nearest
-from osl_analysis.model.drivetrain import DrivetrainParameters
+from osl_analysis.model.drivetrain import (
+    LARGEST_PARAMETER,
+    SMALLEST_PARAMETER,
+    DrivetrainParameters,
+)
 from osl_analysis.trial import Array
 from osl_analysis.yaml_settings import FilterOrder, Settings
 
 CONTROLLERS = ("compensated", "uncompensated")  # whose gains the draft states
-
-# Smallest and largest K_d [N*m/rad] and B_d [N*m*s/rad] that are taken: others have a wrong unit
-SMALLEST_REQUEST = 1e-9
-LARGEST_REQUEST = 1e6
 
 # The search for x = B_m + B_1, in the scale (K_1 J_m)^1/2 of the actuator's damping. The points are
 # a factor of 1.8 apart; the closest two minima that were found are a factor of 4 apart.
@@ -74,16 +73,6 @@ class OptimalDamping(NamedTuple):
     unbounded: Array
 
 
-class ErrorPolynomials(NamedTuple):
-    """Coefficients of a = a0 + x a1 and b = b0 + x b1 in s [rad/s], highest power first, (pairs,)
-    each."""
-
-    a0: Sequence[Array]
-    a1: Sequence[Array]
-    b0: Sequence[Array]
-    b1: Sequence[Array]
-
-
 def motor_current(u: ArrayLike, direction: ArrayLike, p: DrivetrainParameters) -> Array:
     """Find the current that makes the actuator's torque: Eq. 5, which has I_q on both sides, solved
     for I_q.
@@ -115,7 +104,7 @@ def motor_current(u: ArrayLike, direction: ArrayLike, p: DrivetrainParameters) -
 
 def check_request(K_d: ArrayLike, B_d: ArrayLike, p: DrivetrainParameters) -> None:
     """Refuse a desired impedance that no gains can render: the belt is in series, so K_d is between
-    0 and K_s.
+    0 and K_s. Sizes that only a wrong unit has are refused, too.
 
     Parameters
     ----------
@@ -129,33 +118,19 @@ def check_request(K_d: ArrayLike, B_d: ArrayLike, p: DrivetrainParameters) -> No
     """
     stiffness = np.ravel(np.asarray(K_d, dtype=float))
     damping = np.ravel(np.asarray(B_d, dtype=float))
-    for value in stiffness[~((stiffness > 0) & (stiffness < p.K_s))]:
-        remedy = "more than 0"
-        if value >= p.K_s:
-            remedy = f"less than {p.K_s:g} (99 % of it: {0.99 * p.K_s:.4g})"
+    for value in stiffness[~((stiffness >= SMALLEST_PARAMETER) & (stiffness < p.K_s))]:
         raise UnreachableImpedanceError(
             f"K_d = {value:g} N*m/rad cannot be rendered: the actuator acts in series with a belt"
-            f" of K_s = {p.K_s:g} N*m/rad; ask for {remedy}",
+            f" of K_s = {p.K_s:g} N*m/rad; ask for {SMALLEST_PARAMETER:g} or more, and less than"
+            " K_s",
             settings=["K_d"],
         )
-    for value in damping[~((damping >= 0) & (damping < np.inf))]:
+    is_possible = (damping >= SMALLEST_PARAMETER) & (damping <= LARGEST_PARAMETER)
+    for value in damping[~((damping == 0) | is_possible)]:
         raise UnreachableImpedanceError(
-            f"B_d = {value:g} N*m*s/rad cannot be rendered: a desired damping must be finite and"
-            " not negative; ask for 0 or more",
+            f"B_d = {value:g} N*m*s/rad cannot be rendered; ask for 0, or"
+            f" {SMALLEST_PARAMETER:g} to {LARGEST_PARAMETER:g} N*m*s/rad",
             settings=["B_d"],
-        )
-    check_size("K_d", "N*m/rad", stiffness)
-    check_size("B_d", "N*m*s/rad", damping)
-
-
-def check_size(name: str, unit: str, values: Array) -> None:
-    """Refuse values (n,), other than 0, of a size that a wrong unit has."""
-    is_outside = (values < SMALLEST_REQUEST) | (values > LARGEST_REQUEST)
-    for value in values[is_outside & (values != 0)]:
-        raise UnreachableImpedanceError(
-            f"{name} = {value:g} {unit} is outside the accepted range; ask for"
-            f" {SMALLEST_REQUEST:g} to {LARGEST_REQUEST:g} {unit}",
-            settings=[name],
         )
 
 
@@ -264,7 +239,7 @@ def select_gains(
 
 
 def optimal_damping(
-    K_d: ArrayLike, B_d: ArrayLike, p: DrivetrainParameters, weight: Weight, J_j: float = 0.0
+    K_d: ArrayLike, B_d: ArrayLike, p: DrivetrainParameters, weight: Weight
 ) -> OptimalDamping:
     """Minimise ||W (Y - Y_d)||_2 over B_1 with B_m + B_1 > 0 (Eq. 14).
 
@@ -275,8 +250,6 @@ def optimal_damping(
     p : DrivetrainParameters
     weight : Weight
         W.
-    J_j : float
-        Inertia of the joint [kg*m^2], which the paper neglects.
 
     Returns
     -------
@@ -285,36 +258,33 @@ def optimal_damping(
     from scipy.optimize.elementwise import find_root  # 0.2 s, for the few that select gains
 
     K_d, B_d = np.broadcast_arrays(np.asarray(K_d, dtype=float), np.asarray(B_d, dtype=float))
-    polynomials = admittance_error(K_d, B_d, p, weight, J_j)
     K_1 = stiffness_gain(K_d, p)
+    W = scipy.signal.butter(weight.order, 2 * np.pi * weight.cutoff_hz, analog=True)
+    pairs = [admittance_error(*pair, p, W) for pair in zip(K_d, B_d, K_1, strict=True)]
+    polynomials = np.stack(pairs, axis=-1)
     scale = np.sqrt(K_1 * p.J_m)
     x = scale[:, None] * np.geomspace(SMALLEST_SEARCHED, LARGEST_SEARCHED, POINTS)
-    in_columns = ErrorPolynomials(*([c[:, None] for c in part] for part in polynomials))
-    J, slope = squared_norm(x, *in_columns)
-
-    is_bracket = (slope[:, :-1] < 0) & (slope[:, 1:] >= 0)
-    pair, k = np.nonzero(is_bracket)
-    of_bracket = ErrorPolynomials(*([c[pair] for c in part] for part in polynomials))
-    borders = np.cumsum([len(part) for part in of_bracket])[:-1]
-
-    def slope_at(x: Array, *coefficients: Array) -> Array:
-        """The slope by bracket; scipy passes only those that have not converged."""
-        parts = [
-            [coefficients[i] for i in part]
-            for part in np.split(np.arange(len(coefficients)), borders)
-        ]
-        return squared_norm(x, *parts)[1]
+    J, slope = squared_norm(x, polynomials[..., None])
 
     # candidates are the minima in their brackets, then the two ends of the search
+    is_bracket = (slope[:, :-1] < 0) & (slope[:, 1:] >= 0)
+    pair, k = np.nonzero(is_bracket)
+    bracket = x[pair, k], x[pair, k + 1]
+
+    def slope_at(x: Array, *pairs: Array) -> Array:
+        """The slope by bracket; scipy passes only those that have not converged."""
+        return squared_norm(x, polynomials[..., pairs[0].astype(np.intp)])[1]
+
+    of_bracket: tuple[Array, ...] = (pair.astype(float),)
+    minima = find_root(slope_at, bracket, args=of_bracket).x
     lower_end = POINTS - 1
     upper_end = POINTS
     candidates = np.full((len(x), POINTS + 1), np.inf)
     norms = np.full((len(x), POINTS + 1), np.inf)
-    coefficients = tuple(c for part in of_bracket for c in part)
-    candidates[pair, k] = find_root(slope_at, (x[pair, k], x[pair, k + 1]), args=coefficients).x
-    norms[pair, k] = squared_norm(candidates[pair, k], *of_bracket)[0]
-    candidates[:, [lower_end, upper_end]] = x[:, [0, -1]]
-    norms[:, [lower_end, upper_end]] = J[:, [0, -1]]
+    candidates[pair, k] = minima
+    norms[pair, k] = squared_norm(minima, polynomials[..., pair])[0]
+    candidates[:, lower_end:] = x[:, [0, -1]]
+    norms[:, lower_end:] = J[:, [0, -1]]
 
     best = np.argmin(norms, axis=1)
     rows = np.arange(len(x))
@@ -329,70 +299,53 @@ def optimal_damping(
 
 
 def admittance_error(
-    K_d: Array, B_d: Array, p: DrivetrainParameters, weight: Weight, J_j: float = 0.0
-) -> ErrorPolynomials:
-    """Expand W (Y - Y_d) = b/a for each pair K_d [N*m/rad], B_d [N*m*s/rad], shape (pairs,).
+    K_d: float, B_d: float, K_1: float, p: DrivetrainParameters, W: tuple[Array, Array]
+) -> Array:
+    """Expand W (Y - Y_d) = b/a of a pair K_d [N*m/rad], B_d [N*m*s/rad] with the gain K_1; W is the
+    weight's numerator, a constant, and denominator.
 
     N Q - D is computed as N (Q - P) + c, so that no nearly equal numbers are subtracted; by Eq. 12
     its constant term is exactly 0.
+
+    Returns
+    -------
+    Array (4, n + 1)
+        Coefficients in s [rad/s] of a0, a1, b0 and b1, where a = a0 + x a1 and b = b0 + x b1;
+        highest power first, with zeros as missing higher powers.
     """
-    K_1 = stiffness_gain(K_d, p)
-    W_num, W_den = scipy.signal.butter(weight.order, 2 * np.pi * weight.cutoff_hz, analog=True)
-    zero = np.zeros_like(K_d)
-    one = np.ones_like(K_d)
-
+    gain, W_den = W
     # N = N0 + x N1
-    N0 = [p.J_m * one, zero, K_1 + p.K_s_at_actuator]
-    N1 = [one, zero]
-    P = [p.B_j * one, p.K_s * one]
+    N0 = [p.J_m, 0.0, K_1 + p.K_s_at_actuator]
+    N1 = [1.0, 0.0]
+    P = [p.B_j, p.K_s]
     Q = [B_d, K_d]
-    if J_j:
-        P = [J_j * one, *P]
-    Q_minus_P = [q - c for q, c in zip([zero, *Q] if J_j else Q, P, strict=True)]
-
-    D0 = polynomial_product(N0, P)
-    b0 = polynomial_product(N0, Q_minus_P)
+    Q_minus_P = np.subtract(Q, P)
+    D0 = np.convolve(N0, P)
+    b0 = np.convolve(N0, Q_minus_P)
     D0[-1] = K_1 * p.K_s  # kappa K_s - c
-    b0[-1] = zero  # kappa (K_d - K_s) + c = 0 (Eq. 12)
+    b0[-1] = 0.0  # kappa (K_d - K_s) + c = 0 (Eq. 12)
 
-    W_den_Q = polynomial_product(Q, [w * one for w in W_den])
-    a0 = polynomial_product(D0, W_den_Q)
-    a1 = polynomial_product(polynomial_product(N1, P), W_den_Q)
-    b1 = polynomial_product(N1, Q_minus_P)
-    gain = W_num[-1]  # of a Butterworth low-pass, whose numerator is a constant
-    # with zeros as missing higher powers
-    length = len(a0)
-    return ErrorPolynomials(
-        a0=a0,
-        a1=[zero] * (length - len(a1)) + a1,
-        b0=[zero] * (length - 1 - len(b0)) + [gain * c for c in b0],
-        b1=[zero] * (length - 1 - len(b1)) + [gain * c for c in b1],
-    )
+    W_den_Q = np.convolve(Q, W_den)
+    a0 = np.convolve(D0, W_den_Q)
+    a1 = np.convolve(np.convolve(N1, P), W_den_Q)
+    b1 = np.convolve(N1, Q_minus_P)
+    parts = (a0, a1, gain * b0, gain * b1)
+    return np.array([np.pad(part, (len(a0) - len(part), 0)) for part in parts])
 
 
-def polynomial_product(u: Sequence[Array], v: Sequence[Array]) -> list[Array]:
-    """Multiply two polynomials whose coefficients are arrays."""
-    product = [np.zeros_like(u[0])] * (len(u) + len(v) - 1)
-    for i, u_i in enumerate(u):
-        for j, v_j in enumerate(v):
-            product[i + j] = product[i + j] + u_i * v_j
-    return product
-
-
-def squared_norm(
-    x: Array, a0: Sequence[Array], a1: Sequence[Array], b0: Sequence[Array], b1: Sequence[Array]
-) -> tuple[Array, Array]:
-    """||b/a||^2 [(rad/(N*m))^2/s] at x [N*m*s/rad], and its derivative in x; coefficients broadcast
-    with x.
+def squared_norm(x: Array, polynomials: Array) -> tuple[Array, Array]:
+    """||b/a||^2 [(rad/(N*m))^2/s] at x [N*m*s/rad], and its derivative in x, by the coefficients of
+    `admittance_error`, whose further dimensions broadcast with x.
 
     Each row of the recursion loses its first coefficient, and every second one of those that stay
     is reduced. A row's part of the sum, beta^2/(2 alpha), is 0 where beta is 0, even if alpha is 0
     too (B_d = 0).
     """
-    a = [c + x * d for c, d in zip(a0, a1, strict=True)]
-    b = [c + x * d for c, d in zip(b0, b1, strict=True)]
-    da = list(a1)
-    db = list(b1)
+    a0, a1, b0, b1 = polynomials
+    a = a0 + x * a1
+    b = (b0 + x * b1)[1:]  # its first coefficient is 0
+    da = a1 + np.zeros_like(a)
+    db = b1[1:] + np.zeros_like(b)
     total = np.zeros_like(x)
     slope = np.zeros_like(x)
     n = len(b)
@@ -404,13 +357,13 @@ def squared_norm(
         dbeta = (db[r] - beta * da[r + 1]) / next_a
         twice_alpha = 2 * np.where(beta == 0, 1.0, alpha)
         part = beta * beta / twice_alpha
-        total = total + part
-        slope = slope + 2 * (beta * dbeta - part * dalpha) / twice_alpha
-        for i in range(r + 2, n, 2):
-            c = a[i + 1]
-            dc = da[i + 1]
-            a[i] = a[i] - alpha * c
-            da[i] = da[i] - (dalpha * c + alpha * dc)
-            b[i] = b[i] - beta * c
-            db[i] = db[i] - (dbeta * c + beta * dc)
+        total += part
+        slope += 2 * (beta * dbeta - part * dalpha) / twice_alpha
+        reduced = slice(r + 2, n, 2)
+        c = a[r + 3 :: 2]
+        dc = da[r + 3 :: 2]
+        a[reduced] -= alpha * c
+        b[reduced] -= beta * c
+        da[reduced] -= dalpha * c + alpha * dc
+        db[reduced] -= dbeta * c + beta * dc
     return total, slope

@@ -28,8 +28,6 @@ REQUIRED = tuple(name for name in PARAMETER_UNITS if name != "K_s2")  # of the d
 # a parameter outside, in SI units, has a wrong exponent
 SMALLEST_PARAMETER = 1e-9
 LARGEST_PARAMETER = 1e9
-# K_d/B_d [rad/s] beyond which B_d counts as 0
-FASTEST_DESIRED = 1e9
 
 
 @dataclass(frozen=True)
@@ -246,10 +244,8 @@ def belt_torque(theta_s: ArrayLike, p: DrivetrainParameters) -> Array:
 
 
 def desired_admittance(K_d: float, B_d: float) -> RationalFunction:
-    """Y_d = 1/Q = 1/(B_d s + K_d) [rad/(N*m)] (Eq. 11). If K_d/B_d is above 1e9 rad/s, B_d counts
-    as 0."""
-    Q = [B_d, K_d] if B_d > K_d / FASTEST_DESIRED else [K_d]
-    return RationalFunction(np.array([1.0]), np.array(Q))
+    """Y_d = 1/Q = 1/(B_d s + K_d) [rad/(N*m)] (Eq. 11)."""
+    return RationalFunction(np.array([1.0]), np.array([B_d, K_d]))
 
 
 def joint_admittance(

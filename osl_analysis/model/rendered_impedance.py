@@ -29,9 +29,6 @@ class Rendering(NamedTuple):
     # smallest delay [s] in the control loop that makes the held actuator unstable; infinite if it
     # is stable with any delay
     delay_margin: Array
-    # whether Re Y >= 0 at every frequency, so that Y itself, and not only s Y, is positive real;
-    # this can only hold where J_j is neglected
-    positive_real: Array
     # frequency [Hz] up to which |Z - Z_d| <= 0.1 |Z_d|; infinite where Z never leaves this range
     faithful_to_hz: Array
 
@@ -65,7 +62,6 @@ def rendering(
     return Rendering(
         decay_rate=decay_rate,
         delay_margin=delay_margin(K_1, B_1, p),
-        positive_real=is_positive_real(K_1, B_1, p),
         faithful_to_hz=faithful_to_hz,
     )
 
@@ -91,16 +87,6 @@ def delay_margin(K_1: Array, B_1: Array, p: DrivetrainParameters) -> Array:
         phase_margin = np.mod(np.pi + np.angle(loop), 2 * np.pi)
         margin = np.where(crosses, np.minimum(margin, phase_margin / w), margin)
     return margin
-
-
-def is_positive_real(K_1: Array, B_1: Array, p: DrivetrainParameters) -> Array:
-    """Whether Re Y >= 0 at every frequency, a quadratic in w^2, (pairs,)."""
-    kappa = K_1 + p.K_s_at_actuator
-    x = p.B_m + B_1
-    quadratic = p.K_s * p.J_m**2
-    linear = p.K_s * (x**2 - 2 * kappa * p.J_m) + p.J_m * (p.K_s / p.n_T) ** 2
-    constant = kappa * p.K_s * K_1
-    return np.asarray(linear >= -2 * np.sqrt(quadratic * constant))
 
 
 def faithful_frequency(Y: RationalFunction, K_d: float, B_d: float) -> float:

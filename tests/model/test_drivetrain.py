@@ -81,29 +81,18 @@ def test_the_admittance_solves_the_equations_of_motion(frequency, J_j, K_1, B_1)
 
 
 # All minima B_1 of the default device by Sturm's theorem in rational arithmetic (release 0.2.0):
-# K_d, B_d, W, whether J_j counts.
+# K_d, B_d, W.
 PROVED = [
-    (300, 5, PAPER_WEIGHT, False, [0.664686846657257]),
-    (31.4159265358979, 5.0, PAPER_WEIGHT, True, [0.2336021263447045]),
-    (250, 1e-7, weight_of(7, 3), False, [0.7027444066679175]),
-    (1, 0, weight_of(50, 1), False, [16.83962680009294]),
-    (0.99 * 685.6, 20, weight_of(0.1, 5), True, [4699.7192679253]),
-    (600, 0, PAPER_WEIGHT, False, []),
-    (641, 7.4, weight_of(1, 1), True, [2.5755454822996087, 11.0603951499571]),
+    (300, 5, PAPER_WEIGHT, [0.664686846657257]),
+    (250, 1e-7, weight_of(7, 3), [0.7027444066679175]),
+    (1, 0, weight_of(50, 1), [16.83962680009294]),
+    (600, 0, PAPER_WEIGHT, []),
 ]
 
 
-def norm(K_d, B_d, B_1, weight=PAPER_WEIGHT, J_j=0.0):
-    """By the product's own recursion."""
-    pair = np.array([K_d], float), np.array([B_d], float)
-    polynomials = compensator.admittance_error(*pair, P, weight, J_j)
-    squared, _ = compensator.squared_norm(np.array([P.B_m + B_1]), *polynomials)
-    return np.sqrt(squared[0])
-
-
-def norm_by_quadrature(K_d, B_d, B_1, weight, J_j):
+def norm_by_quadrature(K_d, B_d, B_1, weight):
     """An integral over frequency; |W|^2 of a Butterworth filter needs no filter design."""
-    Y = joint_admittance(compensator.stiffness_gain(K_d, P), B_1, P, J_j)
+    Y = joint_admittance(compensator.stiffness_gain(K_d, P), B_1, P)
     Y_d = drivetrain.desired_admittance(K_d, B_d)
     corner = 2 * np.pi * weight.cutoff_hz
 
@@ -122,27 +111,21 @@ def norm_by_quadrature(K_d, B_d, B_1, weight, J_j):
 @pytest.mark.parametrize("weight", [PAPER_WEIGHT, weight_of(0.1, 5), weight_of(50, 1)], ids=str)
 @pytest.mark.parametrize(("K_d", "B_d"), [(300, 5), (100, 0), (340, 1e-7)])
 def test_the_norm_is_the_integral_over_frequency(K_d, B_d, weight):
-    J_j = P.J_j if B_d > 2 else 0.0
+    optimum = compensator.optimal_damping([K_d], [B_d], P, weight)
 
-    by_recursion = norm(K_d, B_d, 0.4, weight, J_j)
-
-    by_quadrature = norm_by_quadrature(K_d, B_d, 0.4, weight, J_j)
-    assert by_recursion == pytest.approx(by_quadrature, rel=1e-6)
+    by_quadrature = norm_by_quadrature(K_d, B_d, optimum.B_1[0], weight)
+    assert optimum.error[0] == pytest.approx(by_quadrature, rel=1e-6)
 
 
-@pytest.mark.parametrize(("K_d", "B_d", "weight", "with_inertia", "minima"), PROVED)
-def test_minima_are_those_proved_in_rational_arithmetic(K_d, B_d, weight, with_inertia, minima):
-    """The lowest of two; none where the error falls towards no damping at all."""
-    J_j = P.J_j if with_inertia else 0.0
-
-    optimum = compensator.optimal_damping([K_d], [B_d], P, weight, J_j)
+@pytest.mark.parametrize(("K_d", "B_d", "weight", "minima"), PROVED)
+def test_minima_are_those_proved_in_rational_arithmetic(K_d, B_d, weight, minima):
+    """None where the error falls towards no damping at all."""
+    optimum = compensator.optimal_damping([K_d], [B_d], P, weight)
 
     assert optimum.minima[0] == len(minima)
     assert optimum.at_lower_bound[0] == (not minima)
     assert optimum.B_1[0] + P.B_m > 0
-    if minima:
-        lowest = min(minima, key=lambda B_1: norm(K_d, B_d, B_1, weight, J_j))
-        assert optimum.B_1[0] + P.B_m == pytest.approx(lowest + P.B_m, rel=1e-8)
+    assert optimum.B_1[0] == pytest.approx(minima[0] if minima else -P.B_m, rel=1e-6)
 
 
 # ---- What is refused
@@ -174,13 +157,12 @@ def test_a_weight_that_weighs_nothing_is_refused(cutoff_hz, order):
 
 
 @pytest.mark.parametrize(("K_d", "B_d", "message"), [
-    (685.6, 5, r"K_d = 685\.6.*685\.6.*99 %.*678\.7"),
-    (0, 5, "K_d = 0 "),
+    (685.6, 5, r"K_d = 685\.6.*685\.6.*less than K_s"),
+    (0, 5, "K_d = 0 .*1e-09"),
     (float("nan"), 5, "K_d = nan"),
     (300, -1, "B_d = -1.*0"),
-    (300, 1e300,
-     r"B_d = 1e\+300 N\*m\*s/rad.*range;.*1e-09.*1e\+06 N"),
-    (1e-300, 5, "K_d = 1e-300 N.*range"),
+    (300, 1e300, r"B_d = 1e\+300 N\*m\*s/rad.*1e-09.*1e\+09 N"),
+    (1e-300, 5, "K_d = 1e-300 N"),
 ])  # fmt: skip
 def test_an_impossible_request_is_refused_with_the_reason(K_d, B_d, message):
     with pytest.raises(UnreachableImpedanceError, match=message):
@@ -272,17 +254,6 @@ def test_the_decay_rate_is_that_of_the_slowest_pole():
 
     poles = joint_admittance(gains.K_1, gains.B_1, P).poles()
     assert decay_rate[0] == pytest.approx(np.min(-poles.real))
-
-
-@pytest.mark.parametrize("B_d", [0.0, 7.5])
-@pytest.mark.parametrize("K_d", [50.0, 300.0, 600.0])
-def test_positive_real_is_decided_as_a_dense_grid_does(K_d, B_d):
-    gains = compensator.compensated_gains(K_d, B_d, P)
-
-    decided = rendered(gains, K_d, B_d).positive_real[0]
-
-    grid = np.geomspace(1e-3, 1e3, 4000)
-    assert decided == (stiffness_at(grid, gains).real >= 0).all()
 
 
 def test_the_delay_margin_is_where_a_pole_reaches_the_axis():

@@ -29,7 +29,7 @@ from osl_analysis.bench.lags import Belt, belt_of_leg, is_leg
 from osl_analysis.bench.motion_range import parts_of, range_over
 from osl_analysis.bench.plausibility import check_resists, check_stiffer, unit_of_step
 from osl_analysis.bench.record import Label
-from osl_analysis.bench.regression import IMPEDANCE, Sums, fit_groups, held_out_vaf, sums_of
+from osl_analysis.bench.regression import IMPEDANCE, Sums, fit_groups, sums_of
 from osl_analysis.dictionary import table_of
 from osl_analysis.inference import FrictionlessActuator, ImpedanceInference
 from osl_analysis.measured import significant
@@ -38,10 +38,6 @@ from osl_analysis.model.drivetrain import DrivetrainParameters, joint_admittance
 from osl_analysis.stats.budget import LIKELY, Budget, Contribution, budget_rows, unknown
 from osl_analysis.stats.estimates import Row
 
-RENDERED = (0.94, 1.06)
-"""K without friction over that of linear theory, from and to which a sound leg renders it. Legs of
-the default device: 0.98 to 1.01. The rest is two standard deviations, of 2 %, of a device from its
-parameter file."""
 LARGE_DELAY = 0.05  # share of B that the half-width of a leg's delay may make before it is told
 
 
@@ -155,9 +151,6 @@ def impedance_table(
         "cutoff_hz": record.settings.cutoff_hz,
         "K_s_ratio": found.belt.K_s_ratio,
         "angle_too_small": unit_of_step(record.encoder_step),
-        "VAF_held_out": held_out_vaf(analysis.sums, analysis.model),
-        # a known spring holds it
-        "gain_error": 0.0 if record.settings.calibration.torque_gain else None,
     }
     if expected:
         # a drivetrain is of higher order: Eq. 15 fitted to the linear model's torque
@@ -376,9 +369,9 @@ def beside_known(
     Returns
     -------
     polars.DataFrame
-        The table with `K_over_K_s`, and `K_ratio`, K over the predicted one, with `gain_error`, or
-        `K_over_K_d` and `B_over_B_d`. These take K and B without friction where they are known, and
-        `K_ratio`, else, K at the largest amplitude, where friction changes it least.
+        The table with `K_over_K_s`, and `K_ratio`, K over the predicted one, or `K_over_K_d` and
+        `B_over_B_d`. These take K and B without friction where they are known, else K at the
+        largest amplitude, where friction changes it least.
     """
     whole = table.row(-1, named=True)
     largest = table.sort("amplitude_deg")["K"][-1]
@@ -386,9 +379,7 @@ def beside_known(
     known = dict[str, float | pl.Expr]()
     predicted = whole["K_predicted"]
     if predicted:
-        ratio = of_spring / predicted
-        known["K_ratio"] = largest / predicted
-        known["gain_error"] = max(ratio / RENDERED[1] - 1, 0) + min(ratio / RENDERED[0] - 1, 0)
+        known["K_ratio"] = of_spring / predicted
     elif desired.K_d:
         known["K_over_K_d"] = of_spring / desired.K_d
         if desired.B_d:

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from osl_analysis.bench.impedance import Analysis
 from osl_analysis.bench.record import Record
 from osl_analysis.dictionary import table_of
-from osl_analysis.model.rendered_impedance import FAITHFUL
 from osl_analysis.signals import runs
 from osl_analysis.stats.budget import Budget, Contribution, scatter, welch_satterthwaite
 from osl_analysis.stats.estimates import Row
@@ -125,8 +124,7 @@ def measured_admittance(response: pl.DataFrame) -> Spectrum:
 
 def with_errors(response: pl.DataFrame) -> pl.DataFrame:
     """Add to rows of `response.csv` how far the impedance Z = 1/Y is from the desired one, Z_d =
-    K_d + j w B_d: in magnitude [%], in phase [deg], and as |Z - Z_d| / |Z_d| [%]; and up to which
-    frequency this is at most `FAITHFUL`."""
+    K_d + j w B_d: in magnitude [%], in phase [deg], and as |Z - Z_d| / |Z_d| [%]."""
     frequency_hz, K_d, B_d = response.select("frequency_hz", "K_d", "B_d").to_numpy().T
     Z_d = K_d + 2j * np.pi * frequency_hz * B_d
     with np.errstate(invalid="ignore"):  # what is not stated is not a number
@@ -138,13 +136,7 @@ def with_errors(response: pl.DataFrame) -> pl.DataFrame:
             "Z_error": 100 * np.abs(ratio - 1),
         }
     ).fill_nan(None)
-    in_order = response.with_columns(errors).sort("amplitude_deg", "frequency_hz", nulls_last=True)
-    so_far = pl.col("Z_error").cum_max() <= 100 * FAITHFUL
-    faithful_to_hz = pl.col("frequency_hz").filter(so_far).max().fill_null(0.0)
-    is_known = pl.col("Z_error").is_not_null()
-    return in_order.with_columns(
-        faithful_to_hz=pl.when(is_known).then(faithful_to_hz.over("amplitude_deg"))
-    )
+    return response.with_columns(errors).sort("amplitude_deg", "frequency_hz", nulls_last=True)
 
 
 def response_to_sine(analysis: Analysis, number: int) -> Response:

@@ -4,10 +4,12 @@ the transmission, with the motor detached (Eq. 4)."""
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 import polars as pl
+import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.bench.bench_settings import ActuatorAnalysis
@@ -23,7 +25,6 @@ from osl_analysis.bench.regression import (
     Model,
     Sums,
     gram_sums,
-    held_out_vaf,
     offset_and_drift,
     sums_of,
     with_effects,
@@ -50,9 +51,7 @@ ACTUATOR_ALONE: Model = {
 """torque_m = k_tau n_m I_q - f - B_m omega_m - J_m alpha_m + offset + drift (Eqs. 1-2)"""
 FEWEST_MOVING_S = 1.0  # s; shortest total duration of the fitted samples
 EDGE_PERIODS = 3.0  # of the cut-off at both ends, where the filter extrapolates
-SOUGHT_LAGS_S = np.arange(-60, 61) / 200  # s; of the current behind the torque
 FAR_BETTER = 0.5  # of what is left of the torque, with the current at another time
-MOST_TRIED = 10_000  # rows of the search for a late current
 SMALLEST_STEP = 0.02  # of the current's range: a smaller one has no direction
 
 
@@ -151,29 +150,34 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis, moved: str)
         settings=settings,
         actuator={moved: raw},
     )
-    check_prompt(columns, record.filtered_torque, fitted, rate)
+    check_prompt(columns, record.filtered_torque, moving, rate)
     return analysed(record, ACTUATOR_ALONE, gram_sums(record, columns))
 
 
 def check_prompt(
-    columns: Mapping[str, Array], torque: Array, moving: NDArray[np.intp], rate_hz: float
+    columns: Mapping[str, Array], torque: Array, moving: NDArray[np.bool_], rate_hz: float
 ) -> None:
     """Refuse a late or early current, which makes the torque per current too small, or negative
-    like a wrong sign."""
-    rows = moving[:: max(len(moving) // MOST_TRIED, 1)]
-    fixed = np.array([columns[name][rows] for name in ("f_C", "B_m", "J_m", "one", "ramp")])
-    unexplained = np.empty_like(SOUGHT_LAGS_S)
-    for k, lag in enumerate(SOUGHT_LAGS_S):
-        current = np.roll(columns["k_tau_n_m"], -round(lag * rate_hz))[rows]
-        X = np.vstack([fixed, current]).T
-        unexplained[k] = np.sum((torque[rows] - X @ np.linalg.lstsq(X, torque[rows])[0]) ** 2)
-    lag_s = SOUGHT_LAGS_S[np.argmin(unexplained)]
-    if unexplained.min() < FAR_BETTER * unexplained[SOUGHT_LAGS_S == 0]:
-        way, late = ("earlier", "current") if lag_s > 0 else ("later", "torque_m")
-        lag = f"{1e3 * abs(lag_s):.0f} ms"
+    like a wrong sign. By correlations: what the torque (n,) in the rows `moving` gains from the
+    current at each lag beside the motion's columns."""
+    torque = np.where(moving, torque, 0.0)
+    names = ("f_C", "B_m", "J_m", "one", "ramp")
+    of_motion = np.zeros((len(names), len(torque)))
+    of_motion[:, moving] = np.linalg.qr(np.array([columns[name][moving] for name in names]).T)[0].T
+    left = torque - of_motion.T @ (of_motion @ torque)
+    current = columns["k_tau_n_m"]
+    at_lags = partial(scipy.signal.correlate, mode="same")  # half of the rows overlap, or more
+    in_motion = np.array([at_lags(column, current) for column in of_motion])
+    own = at_lags(moving.astype(float), current**2) - np.sum(in_motion**2, axis=0)
+    unexplained = left @ left - at_lags(left, current) ** 2 / own
+    lags = scipy.signal.correlation_lags(len(torque), len(torque), mode="same")
+    lag = -lags[np.argmin(unexplained)]
+    if unexplained.min() < FAR_BETTER * unexplained[lags == 0]:
+        way, late = ("earlier", "current") if lag > 0 else ("later", "torque_m")
+        size = f"{1e3 * abs(lag) / rate_hz:.0f} ms"
         raise InputError(
-            f"the current fits the torque far better {lag} {way}; state"
-            f" `delay: {lag}` of {late} in the source file"
+            f"the current fits the torque far better {size} {way}; state"
+            f" `delay: {size}` of {late} in the source file"
         )
 
 
@@ -281,7 +285,6 @@ def transmission_table(analysis: Analysis) -> dict[str, pl.DataFrame]:
     record = analysis.record
     s = sums_of(record)
     friction = coulomb_fits(s, analysis)
-    VAF_held_out = held_out_vaf(analysis.sums, analysis.model)
     rows = []
     of_budgets = []
     for label in analysis.fits:
@@ -298,7 +301,6 @@ def transmission_table(analysis: Analysis) -> dict[str, pl.DataFrame]:
                 **place,
                 **analysis.row(label, *LOSSES),
                 **budgets["B_j_viscous"].columns("B_j_viscous"),
-                "VAF_held_out": VAF_held_out,
                 "load_cell_drift": 60 * analysis.whole["drift"],
                 "T_C": certain["T_C"] if certain else None,
             }

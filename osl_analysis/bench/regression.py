@@ -370,17 +370,3 @@ def with_effects(s: Sums, model: Model, *effects: str) -> GroupFit:
     """Fit of a model with the columns of effects. Raises as `fit_groups`."""
     with_columns = {**model, **{name: name for name in effects}}
     return fit_groups(s, with_columns, EFFECTS_LIMIT)
-
-
-def held_out_vaf(s: Sums, model: Model) -> float | None:
-    """Lowest VAF [percent] of a third of the groups, as of every third cycle, by the fit to the
-    others, with its own offset. None where two thirds do not tell the estimates."""
-    place = np.argsort(np.argsort(s.groups.first)) % 3
-    vafs = []
-    for third in np.unique(place):
-        try:
-            estimates = fit_groups(s.chosen(place != third), model).estimates
-        except IdentifiabilityError:
-            return None
-        vafs.append(s.chosen(place == third).vaf([*model.values()], estimates))
-    return min(vafs)

@@ -172,6 +172,5 @@ def test_transmission_tells_how_much_of_its_damping_is_coulomb_friction():
     assert smooth[-1]["B_j_viscous"] == pytest.approx(smooth[-1]["B_j"])
     row = rough[-1]
     assert row["B_j_viscous"] == pytest.approx(0.3, abs=0.03)
-    assert smooth[-1]["VAF_held_out"] > 99.9 > rough[0]["VAF_held_out"]
     assert row["T_C"] == pytest.approx(0.15, rel=0.02)
     assert row["B_j_viscous_low"] < 0.3 < row["B_j_viscous_high"] < row["B_j"]

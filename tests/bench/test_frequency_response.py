@@ -203,4 +203,3 @@ def test_a_response_tells_how_far_it_is_from_the_desired_impedance():
     assert errors["magnitude_error"].to_list() == pytest.approx([5, -2, 20])
     assert errors["phase_error"].to_list() == pytest.approx([0, np.degrees(0.05), 0], abs=1e-9)
     assert errors["Z_error"][2] == pytest.approx(20)
-    assert set(errors["faithful_to_hz"]) == {2.0}

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-import polars as pl
 import scipy
 
 from osl_analysis.bench.record import Record
@@ -41,9 +40,7 @@ SLIDES = np.array([[0.01], [0.05]])
 BELT_ERROR = 180e-6
 # of the joint's angle: errors of encoders reach that, and a joint beside an idle motor is no leg
 LEAST_DEFLECTION = 0.05
-# of the file's K_s, beyond which the belt is another one
-LEAST_K_S = 0.7
-LARGEST_K_S = 1.4
+OTHER_K_S = 1.4  # of the file's K_s, or 1 over it, beyond which the belt is another one
 ERROR_OF_J_J = 0.1  # SD of the file's J_j, as a share: drawings leave out screws and cables
 OTHER_B_J = 3.0  # factor by which losses vary from joint to joint about the parameter file's
 # the motion cannot tell effects apart
@@ -126,18 +123,6 @@ class Belt:
     lag: GroupFit | None = None
 
 
-def without_lag(lag_s: pl.Expr) -> dict[str, pl.Expr]:
-    """B and I of the torque earlier by a lag, of a table with K, B and I.
-
-    exp(s d) (K + B s + I s^2) = K + (B + K d) s + (I + B d + K d^2/2) s^2 to second order.
-    """
-    K, B, I = pl.col("K"), pl.col("B"), pl.col("I")
-    return {
-        "B_without_lag": B + K * lag_s,
-        "I_without_lag": I + B * lag_s + K * lag_s**2 / 2,
-    }
-
-
 def is_leg(record: Record, p: DrivetrainParameters | None) -> bool:
     """Whether a drivetrain renders the joint: its motor turns, and winds up the belt. A joint
     beside an idle motor is no leg. Without a parameter file the motor's turning has to do."""
@@ -172,8 +157,8 @@ def fit_belt(
         As `late_fit`, whose errors it raises.
     """
     motion = few.motion
-    theta_m_at = scipy.interpolate.CubicSpline(few.time, few.actuator["theta_m"])
-    wound = belt_deflection(motion.theta, theta_m_at(few.time + theta_m_late_s), p)
+    theta_m = np.interp(few.time + theta_m_late_s, few.time, few.actuator["theta_m"])
+    wound = belt_deflection(motion.theta, theta_m, p)
     of_belt = slipping_springs(wound, WOUND_UP)
     of_joint = slipping_springs(motion.theta, BRISTLES)
     slips = np.vstack([of_belt, of_joint, np.tanh(motion.omega / SLIDES)])
@@ -225,7 +210,7 @@ def belt_of_leg(record: Record, p: DrivetrainParameters) -> Belt:
         K_s = fit["K_s"]
         if np.isfinite(p.K_s):
             belt = Belt(K_s / p.K_s)
-            is_belt = LEAST_K_S < K_s / p.K_s < LARGEST_K_S
+            is_belt = 1 / OTHER_K_S < K_s / p.K_s < OTHER_K_S
         else:
             # a joint is softer than its belt
             wound = belt_deflection(few.motion.theta, few.actuator["theta_m"], p)

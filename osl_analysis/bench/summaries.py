@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 import polars as pl
 
-from osl_analysis.bench.lags import without_lag
 from osl_analysis.bench.parts_alone import ACTUATOR_PARAMETERS, LOSSES
 from osl_analysis.dictionary import described_tables_by_name, table_of
 from osl_analysis.model.compensator import CONTROLLERS
@@ -69,7 +68,7 @@ def part_summary(part: str, table: pl.DataFrame) -> pl.DataFrame:
 
 
 def delay_table(rows: pl.DataFrame, name: str = "delay") -> pl.DataFrame:
-    """The delay of a bench, pooled over trials: one number, and what it changes. It is to be stated
+    """The delay of a bench, pooled over trials: one number. It is to be stated
     where the trials agree within `MOST_APART`.
 
     Parameters
@@ -78,7 +77,7 @@ def delay_table(rows: pl.DataFrame, name: str = "delay") -> pl.DataFrame:
         `impedance.csv`, of which belts of legs tell `lag_s`, or
         `calibration.csv`. Doubtful rows count: a late torque is a cause of doubt.
     name : str
-        Of the table: `delay`, or `calibration_delay`, which has no B and I.
+        Of the table: `delay`, or `calibration_delay`.
 
     Returns
     -------
@@ -104,8 +103,6 @@ def delay_table(rows: pl.DataFrame, name: str = "delay") -> pl.DataFrame:
         delay_s_high=high_s,
         to_state=pl.lit(to_state, pl.String),
     )
-    if "K" in table.columns:
-        table = table.with_columns(**without_lag(pl.col("delay_s")))
     described = table_of([], name)
     return pl.concat([described, table], how="diagonal_relaxed").select(described.columns)
 

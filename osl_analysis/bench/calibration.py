@@ -3,7 +3,6 @@
 measured alone and taken off the torque of every other trial; and the frame between two angles."""
 
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 import polars as pl
@@ -18,6 +17,7 @@ from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import (
     IMPEDANCE,
     GroupFit,
+    Model,
     effect_columns,
     fit_groups,
     gram_sums,
@@ -189,36 +189,29 @@ def late_fits(record: Record, is_spring: bool) -> tuple[GroupFit, GroupFit | Non
         The fit that allows damping; None for a spring with too little inertia to tell it.
     """
     columns = effect_columns(record)
-    fit_late = partial(late_fit, record.coarse, columns, drifts=True)
+    few = record.coarse
     model = {**IMPEDANCE, "T_C": "T_C"}
 
-    def with_steps(fit: GroupFit) -> GroupFit:
+    def fitted(model: Model) -> GroupFit:
         """The fit with the error of the encoder's steps, to first order in the lags."""
-        few = record.coarse
-        in_time = sum(fit[name] * columns[model[name]] for name in fit.names if name in model)
+        fit, _ = late_fit(few, columns, model, drifts=True)
+        in_time = sum(fit[name] * columns[column] for name, column in model.items())
         slope = -np.gradient(in_time, 1 / few.rate_hz)
         since = few.time - few.time[few.is_fitted()].mean()
-        of_lags = {"lag_s": slope, "clock_drift": slope * since}
-        of_fit = {name: model.get(name, name) for name in fit.names}
+        of_lags = {"clock_drift": slope * since, "lag_s": slope}
+        of_fit = {**model, **{name: name for name in of_lags}}  # in the order of the fit
         errors = encoder_errors(record, {**columns, **of_lags}, of_fit, fit)
         return fit.with_known_error("encoder", errors, shared=True)
 
     if not is_spring:
-        fit = with_steps(fit_late(model=model)[0])
+        fit = fitted(model)
         return fit, fit
 
-    undamped = with_steps(fit_late(model={name: model[name] for name in model if name != "B"})[0])
+    undamped = fitted({name: column for name, column in model.items() if name != "B"})
     fastest = 2 * np.pi * record.band_hz[1]
     if abs(undamped["I"]) * fastest**2 < LEAST_INERTIA_SHARE * undamped["K"]:
         return undamped, None
-    damped = undamped
-    for lag_s in (undamped["lag_s"], 0.0):
-        damped_fit, has_ended = fit_late(model=model, start_s=lag_s)
-        fit = with_steps(damped_fit)
-        # a delay has a false minimum beside a negative damping
-        is_likely = has_ended and fit.interval("B")[1] >= 0
-        if is_likely or damped is undamped:
-            damped = fit
+    damped = fitted(model)
     is_damped = damped["B"] > 0 and damped.certain("B")
     return (damped if is_damped else undamped), damped
 

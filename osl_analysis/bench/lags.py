@@ -48,11 +48,7 @@ CANNOT_TELL = (IdentifiabilityError, InputError, np.linalg.LinAlgError)
 
 
 def late_fit(
-    few: Record,
-    columns: Mapping[str, Array],
-    model: Model,
-    start_s: float = 0.0,
-    drifts: bool = False,
+    few: Record, columns: Mapping[str, Array], model: Model, drifts: bool = False
 ) -> tuple[GroupFit, bool]:
     """Fit a model to a torque that is late (Gauss-Newton).
 
@@ -68,8 +64,6 @@ def late_fit(
         Columns by name.
     model : Mapping
         Column of each estimate.
-    start_s : float
-        Where the search starts [s].
     drifts : bool
         Whether the lag goes on with time, as between two clocks. Without the drift, friction and
         damping take its place. The lag is then the mean over the fitted rows.
@@ -93,7 +87,6 @@ def late_fit(
         shapes = {"clock_drift": since, **shapes}
     late_model = {**model, **{name: name for name in shapes}}
     lags = np.zeros(len(shapes))
-    lags[-1] = start_s
     spline_of = partial(scipy.interpolate.make_interp_spline, few.time, k=5)
     torque_at = spline_of(few.filtered_torque)
     modelled = few.filtered_torque

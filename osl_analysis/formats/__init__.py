@@ -155,9 +155,15 @@ _OTHERS = (
         "export the trial as C3D",
     ),
     (
-        "an export of force plates by Qualisys",
-        r"\ANO_OF_SAMPLES\t",
+        "an export of Qualisys in TSV",
+        r"\ANO_OF_(SAMPLES|FRAMES)\t",
         "export the trial as C3D, with its plates",
+    ),
+    (
+        "a bag of ROS 1",
+        r"\A#ROSBAG V",
+        "convert it with `rosbags-convert --src BAG --dst FOLDER`, which stands beside"
+        " `osl-analysis`, and name the folder",
     ),
     (
         "an export of D-Flow",

@@ -40,7 +40,7 @@ def full_name(name: str) -> str:
 
 @lru_cache(64)
 def definition_of(name: str, data: bytes) -> Mapping[str, Fields]:
-    """Parse a definition in ros2msg or ros1msg, followed by those of the types in it.
+    """Parse a definition in ros2msg, followed by those of the types in it.
 
     Returns
     -------
@@ -93,25 +93,23 @@ class Layout:
         The message is not what its definition says.
     """
 
-    def __init__(self, name: str, definition: bytes, is_ros1: bool, data: bytes) -> None:
-        if not is_ros1 and not data.startswith((b"\0\0", b"\0\1")):
+    def __init__(self, name: str, definition: bytes, data: bytes) -> None:
+        if not data.startswith((b"\0\0", b"\0\1")):
             raise InputError(
                 f"encapsulation {data[:4].hex()} is not plain CDR; record with the default encoding"
                 " and without compression of messages"
             )
         self.definition = definition_of(name, definition)
         self.data = data
-        self.is_ros1 = is_ros1  # little-endian, not aligned, no zero at the end of texts
-        self.begin = 0 if is_ros1 else ENCAPSULATION
-        self.position = self.begin
-        self.byte_order: Literal["little", "big"] = "little" if is_ros1 or data[1] else "big"
+        self.position = ENCAPSULATION
+        self.byte_order: Literal["little", "big"] = "little" if data[1] else "big"
         self.numbers: dict[str, tuple[np.dtype[Any], int]] = {}
         self.names = ""
         self.is_shared = np.zeros(len(data), bool)  # bytes that all messages of the layout share
-        self.is_shared[: self.begin // 2] = True  # the mark of plain CDR
+        self.is_shared[:2] = True  # the mark of plain CDR
         self._walk_message(full_name(name), "")
         more = len(data) - self.position
-        if more > (0 if is_ros1 else MOST_PADDING):
+        if more > MOST_PADDING:
             raise InputError(
                 f"a message of {len(data)} bytes has {more} more than its schema describes;"
                 f" {NEW_RECORDING}"
@@ -144,7 +142,7 @@ class Layout:
         if type_name not in self.definition:
             raise InputError(f"type '{type_name}' is not defined; {NEW_RECORDING}")
         fields = self.definition[type_name]
-        if not fields and not self.is_ros1:
+        if not fields:
             self._take(1)  # a message without fields has a byte in CDR
         counts = {}  # of arrays of numbers, by path
         texts_of = {}  # by field, with where they stand
@@ -197,11 +195,9 @@ class Layout:
         return int.from_bytes(self.data[begin : begin + 4], self.byte_order)
 
     def _take(self, size: int, multiple: int = 1) -> int:
-        """Go on by some bytes, in CDR from a multiple of others, and give where they begin."""
-        if not self.is_ros1:
-            self.position += (self.begin - self.position) % multiple
-        begin = self.position
-        self.position += size
+        """Go on by some bytes, from a multiple of others, and give where they begin."""
+        begin = self.position + (ENCAPSULATION - self.position) % multiple
+        self.position = begin + size
         if self.position > len(self.data):
             raise InputError(
                 f"a message of {len(self.data)} bytes is too short for its schema; {NEW_RECORDING}"

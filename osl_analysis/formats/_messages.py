@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages by topic as channels of numbers: CDR, ROS 1, JSON and protobuf.
+"""Messages by topic as channels of numbers: CDR, JSON and protobuf.
 
 A container gives its messages part by part. The wanted fields are decoded at once and the bytes
 dropped: an hour of messages at 1 kHz is a gigabyte, its numbers are a tenth.
@@ -131,13 +131,13 @@ class Topic:
                 decode: Any = DecoderFactory().decoder_for("protobuf", schema)
                 decode(b"")
                 return partial(self._as_objects, decode)
-            case ("cdr", "ros2msg") | ("ros1", "ros1msg"):
+            case "cdr", "ros2msg":
                 definition_of(schema.name, schema.data)  # refused here once, not by message
                 return self._by_layout
         raise InputError(
             f"encoded as {self.encoding or 'nothing'} ({schema.encoding or 'no schema'}), and read"
-            " are cdr (ros2msg), ros1 (ros1msg), protobuf (protobuf) and json; convert the log, as"
-            " with `ros2 bag convert` to MCAP"
+            " are cdr (ros2msg), protobuf (protobuf) and json; convert the log, as with `ros2 bag"
+            " convert` to MCAP, or of ROS 1 with `rosbags-convert`"
         )
 
     def _by_layout(self, messages: Bytes) -> Iterator[Decoded]:
@@ -150,9 +150,7 @@ class Topic:
                 layout = self.layouts.get(length)
                 if layout is None or not layout.fits(rows[:1])[0]:
                     try:
-                        is_ros1 = self.encoding == "ros1"
-                        first = rows[0].tobytes()
-                        layout = Layout(self.schema.name, self.schema.data, is_ros1, first)
+                        layout = Layout(self.schema.name, self.schema.data, rows[0].tobytes())
                     except Exception as error:
                         self._note(error)
                         places = places[1:]

@@ -143,6 +143,10 @@ class Header:
         """The first number of a parameter; 0 where the file has none that is finite."""
         return float(np.nan_to_num(self.numbers(name)[:1], posinf=0.0, neginf=0.0).sum())
 
+    def numbers_of_plates(self, name: str) -> Array:
+        """A parameter of FORCE_PLATFORM in its dimensions; empty where there is none."""
+        return np.asarray(self.parameters.get(f"FORCE_PLATFORM:{name}", ()), float)
+
     @property
     def length_unit(self) -> str:
         """Unit of positions; empty where the file has none."""
@@ -316,21 +320,21 @@ def _scaled(analogs: Array, header: Header) -> Array:
     return analogs
 
 
-def _plate_parameter(header: Header, name: str, number: int, shape: tuple[int, ...] = ()) -> Array:
-    """Read one plate's part, of a shape (0: any size), of a FORCE_PLATFORM parameter.
+def _plate_parameter(header: Header, name: str, number: int, shape: Sequence[int] = ()) -> Array:
+    """Read one plate's part, of a shape, of a FORCE_PLATFORM parameter.
 
     The last dimension counts plates. Some writers omit it if there is a single plate.
     """
-    table = np.asarray(header.parameters.get(f"FORCE_PLATFORM:{name}", np.zeros(0)))
-    whole = table[..., None] if table.ndim == len(shape) else table
-    sizes = zip(shape, whole.shape, strict=False)
-    fits = whole.ndim == len(shape) + 1 and all(wanted in (0, size) for wanted, size in sizes)
-    if not fits or whole.shape[-1] < number or not np.isfinite(table).all():
+    table = header.numbers_of_plates(name)
+    parts = np.zeros(0)
+    if table.shape[: len(shape)] == tuple(shape):
+        parts = table.reshape(*shape, -1, order="F")
+    if parts.shape[-1] < number or not np.isfinite(table).all():
         raise InputError(
             f"plate {number}: FORCE_PLATFORM:{name} has dimensions {table.shape}, or values that"
             " are not finite; correct or remove it"
         )
-    return np.asarray(whole[..., number - 1])
+    return parts[..., number - 1]
 
 
 def plate_of(
@@ -347,8 +351,8 @@ def plate_of(
     if geometry is not None:
         kind: int = geometry.type
         corners, origin = np.array(geometry.corners), np.array(geometry.origin)
-        listed = Recording("c3d", channels)
-        found = [listed.find({"channel": label}) for label in geometry.channels]
+        recording = Recording("c3d", channels)
+        found = [recording.find({"channel": label}) for label in geometry.channels]
         analogs = [channels.index(channel) + 1 for channel in found]
     else:
         kind = int(_plate_parameter(header, "TYPE", number))
@@ -364,8 +368,9 @@ def plate_of(
             calibration = _plate_parameter(header, "CAL_MATRIX", number, (6, 6))
             if header.texts("FORCE_PLATFORM:MATRIX_STORE") == ["BYROW"]:
                 calibration = calibration.T
-        listed_channels = _plate_parameter(header, "CHANNEL", number, (0,))  # some have more
-        analogs = listed_channels[: len(MEASURED_BY_TYPE[kind])].astype(int).tolist()
+        most = header.numbers_of_plates("CHANNEL").shape[:1]  # some list more than they use
+        listed = _plate_parameter(header, "CHANNEL", number, most)
+        analogs = listed[: len(MEASURED_BY_TYPE[kind])].astype(int).tolist()
     if kind == 3 and not origin[:2].all():
         raise InputError(
             f"plate {number} of type 3 has ORIGIN {origin.tolist()}; without its sensors' distances"

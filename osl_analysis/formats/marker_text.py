@@ -1,15 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Text of motion capture: a header of keys, names of columns, and a row of numbers a frame.
 
-Here are the markers that Qualisys Track Manager exports as TSV, and those in TRC; `nexus.py` has
-the exports of Vicon.
-
-Qualisys: lines of keys stand above the frames: NO_OF_FRAMES, FREQUENCY, MARKER_NAMES. Then a header
-may name the columns, and each line holds one frame: maybe its number and time, then x, y, z of each
-marker [mm] (QTM user manual, "TSV file formats").
-
-TRC, as Motion Analysis defined it: a header of five lines, then a row per frame. No maintained
-library reads it alone.
+Here are the markers in TRC, as Motion Analysis defined it: a header of five lines, then a row per
+frame. No maintained library reads it alone. `nexus.py` has the exports of Vicon.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,7 +16,6 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError
 from osl_analysis.formats._text import (
     Row,
-    Text,
     check_last_line,
     column_of,
     decoded,
@@ -45,8 +37,6 @@ CORRECT = "export it again, or correct the header"
 TRAJECTORIES = "Trajectories"
 MODEL_OUTPUTS = "Model Outputs"
 KINDS = {TRAJECTORIES: Kind.MARKER, MODEL_OUTPUTS: Kind.MODEL_OUTPUT}  # of points, by title
-QUALISYS = "NO_OF_FRAMES"
-TRC = "PathFileType"
 HEADER_LINES = 5
 
 
@@ -109,89 +99,6 @@ class Section:
         return channels
 
 
-def begins_with_key(begin: bytes, key: str) -> bool:
-    """Tell whether a file is text whose first word begins with a key, in any case."""
-    return is_text(begin) and decoded(begin[:200]).lstrip().casefold().startswith(key.casefold())
-
-
-def rows_of(text: Text) -> list[Row]:
-    """Split the lines of a text into stripped cells at tabs, or at blanks where it has none."""
-    return split_rows(numbered(text.data), "\t" if b"\t" in text.data else " ")
-
-
-def recording_of_markers(
-    format_name: str,
-    labels: Sequence[str],
-    rows: Sequence[Row],
-    first: int,
-    header: Mapping[str, str],
-    keys: tuple[str, str],
-    unit: str,
-) -> Recording:
-    """Make a channel of each marker.
-
-    Parameters
-    ----------
-    rows
-        The number of the frame where `first` is 1, its time too where it is 2; x, y and z of each
-        marker.
-    keys
-        Those of the number of frames and of the rate in the header.
-
-    Raises
-    ------
-    InputError
-        Rows contradict the header or one another, or a cell is no number.
-    """
-    frames, rate = (header.get(key.casefold(), "") for key in keys)
-    are_numbers = is_number_cell(frames) and is_number_cell(rate)
-    if not are_numbers or float(frames) != len(rows) or float(rate) <= 0:
-        raise InputError(
-            f"its header says {keys[0]} {frames[:40]!r} and {keys[1]} {rate[:40]!r}, and the file"
-            f" holds {len(rows)} rows: its end is missing, or the header is wrong; {CORRECT}"
-        )
-    for row in rows:
-        count = len(unpadded(row.cells)) - first
-        if first not in (0, 1, 2) or count > 3 * len(labels) or count % 3:
-            raise InputError(
-                f"line {row.number} has {count} coordinates, its header names {len(labels)}"
-                f" markers; {CORRECT}"
-            )
-    section = Section(
-        title=TRAJECTORIES,
-        rate_hz=float(rate),
-        rows=rows,
-        names=[""] * first + [label for label in labels for _ in AXES],
-        components=["frame", "time"][:first] + [*"XYZ"] * len(labels),
-        units=[unit] * (first + 3 * len(labels)),
-    )
-    if first == 2:
-        section = replace(section, start_s=_start(section))
-    facts = {
-        "frames": len(rows),
-        "first_frame": section.first_frame() if first else 1,
-        "frame_rate_hz": section.rate_hz,
-        "samples_per_frame": 1,
-        "length_unit": unit,
-        "start_s": section.start_s,
-    }
-    return Recording(format_name, section.channels(), Loss(len(rows), len(rows)), facts=facts)
-
-
-def _start(section: Section) -> float:
-    """Time of the first frame [s]; refused if times do not fit the rate."""
-    time = section.values(1)
-    frames = (time - time[0]) * section.rate_hz
-    is_off = np.abs(frames - np.arange(time.size)) > MOST_OFF
-    if is_off.any():
-        row = int(np.argmax(is_off))
-        raise InputError(
-            f"line {section.rows[row].number}: time {time[row]:g} s does not fit the rate of"
-            f" {section.rate_hz:g} Hz from {time[0]:g} s on; correct the header or the times"
-        )
-    return float(time[0])
-
-
 def exported_plate(
     recording: Recording,
     number: int,
@@ -228,75 +135,76 @@ def exported_plate(
     )
 
 
-def read_qualisys(path: Path, source: MarkerSource | None) -> Recording:
-    """Read the markers; refused if the keys contradict the frames."""
-    text = read_text(path)
-    rows = rows_of(text)
-    keys = {row.cells[0].casefold(): row.cells[1:] for row in rows}
-    header = {key: "".join(values[:1]) for key, values in keys.items()}
-    frames = [row for row in rows if is_number_cell(row.cells[0])]
-    labels = unpadded(keys.get("marker_names", []))
-    if not labels or not frames:
-        raise InputError(
-            f"it has {len(labels)} names under MARKER_NAMES and {len(frames)} frames; export the"
-            " trial again"
-        )
-    check_last_line(text.is_ended, frames)
-    return recording_of_markers(
-        "qualisys",
-        labels,
-        frames,
-        # a frame may begin with its number, or number and time
-        first=max(len(unpadded(row.cells)) for row in frames) - 3 * len(labels),
-        header=header,
-        keys=(QUALISYS, "FREQUENCY"),
-        unit="mm",  # the export has no other one
-    )
-
-
-QUALISYS_FORMAT = Format(
-    name="qualisys",
-    suffixes=(),
-    begins=partial(begins_with_key, key=QUALISYS),
-    source=MarkerSource,
-    read=read_qualisys,
-)
-
-
 class TrcSource(MarkerSource):
     """The source file of markers in TRC."""
 
     point_unit: LengthUnit | None = None  # Unit of length, where the file's own is absent or wrong.
 
 
-def read_trc(path: Path, source: TrcSource | None) -> Recording:
-    """Read the markers; refused if the header is not that of TRC, or contradicts the rows."""
+def read(path: Path, source: TrcSource | None) -> Recording:
+    """Read the markers of TRC; refused if its header contradicts the rows."""
     text = read_text(path)
-    rows = rows_of(text)
+    rows = split_rows(numbered(text.data), "\t" if b"\t" in text.data else " ")
     if len(rows) <= HEADER_LINES:
         raise InputError(f"holds no frames, only {len(rows)} lines of a header; export it again")
     keys, values, names = ([cell for cell in row.cells if cell] for row in rows[1:4])
     header = dict(zip([key.casefold() for key in keys], values, strict=False))
-    body = rows[HEADER_LINES:]
-    check_last_line(text.is_ended, body)
+    frames = rows[HEADER_LINES:]
+    check_last_line(text.is_ended, frames)
+    stated, rate = header.get("numframes", ""), header.get("datarate", "")
+    are_numbers = is_number_cell(stated) and is_number_cell(rate)
+    if not are_numbers or float(stated) != len(frames) or float(rate) <= 0:
+        raise InputError(
+            f"its header says NumFrames {stated[:40]!r} and DataRate {rate[:40]!r}, and the file"
+            f" holds {len(frames)} rows: its end is missing, or the header is wrong; {CORRECT}"
+        )
     markers = header.get("nummarkers", "")
     # Cortex names its virtual markers behind the others, and leaves them out
     labels = names[2:][: int(markers) if markers.isdecimal() else None]
-    return recording_of_markers(
-        "trc",
-        labels,
-        body,
-        first=2,
-        header=header,
-        keys=("NumFrames", "DataRate"),
-        unit=header.get("units", ""),
+    for row in frames:
+        count = len(unpadded(row.cells)) - 2  # behind the number of the frame and its time
+        if count > 3 * len(labels) or count % 3:
+            raise InputError(
+                f"line {row.number} has {count} coordinates, its header names {len(labels)}"
+                f" markers; {CORRECT}"
+            )
+    unit = header.get("units", "")
+    section = Section(
+        title=TRAJECTORIES,
+        rate_hz=float(rate),
+        rows=frames,
+        names=["", "", *(label for label in labels for _ in AXES)],
+        components=["frame", "time", *(axis for _ in labels for axis in "XYZ")],
+        units=[unit] * (2 + 3 * len(labels)),
     )
+    section = replace(section, start_s=_start(section))
+    facts = {
+        "frames": len(frames),
+        "first_frame": section.first_frame(),
+        "frame_rate_hz": section.rate_hz,
+        "samples_per_frame": 1,
+        "length_unit": unit,
+        "start_s": section.start_s,
+    }
+    return Recording("trc", section.channels(), Loss(len(frames), len(frames)), facts=facts)
 
 
-TRC_FORMAT = Format(
-    name="trc",
-    suffixes=(".trc",),
-    begins=partial(begins_with_key, key=TRC),
-    source=TrcSource,
-    read=read_trc,
-)
+def _start(section: Section) -> float:
+    """Time of the first frame [s]; refused if times do not fit the rate."""
+    time = section.values(1)
+    frames = (time - time[0]) * section.rate_hz
+    is_off = np.abs(frames - np.arange(time.size)) > MOST_OFF
+    if is_off.any():
+        row = int(np.argmax(is_off))
+        raise InputError(
+            f"line {section.rows[row].number}: time {time[row]:g} s does not fit the rate of"
+            f" {section.rate_hz:g} Hz from {time[0]:g} s on; correct the header or the times"
+        )
+    return float(time[0])
+
+
+def _begins(begin: bytes) -> bool:
+    return is_text(begin) and decoded(begin).lstrip().casefold().startswith("pathfiletype")
+
+
+FORMAT = Format(name="trc", suffixes=(".trc",), begins=_begins, source=TrcSource, read=read)

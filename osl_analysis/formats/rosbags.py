@@ -1,11 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bags of ROS 1, by the library `rosbags`, and of ROS 2: a database of sqlite3, or the folder of a
-recording in sqlite3 or MCAP.
+"""Bags of ROS 2: a database of sqlite3, or the folder of a recording in sqlite3 or MCAP.
 
-`rosbags` gives messages in the order of their times, which would hide a clock that was set back.
-Here they are read in the order in which they were recorded: of ROS 1 by the index, which tells
-their places, of ROS 2 by the rows of the database. The library knows the definitions of standard
-messages.
+The library `rosbags` gives messages in the order of their times, which would hide a clock that was
+set back. Here they are read in the order in which they were recorded, by the rows of the database.
+The library knows the definitions of standard messages.
 """
 
 import sqlite3
@@ -17,19 +15,15 @@ from pathlib import Path
 import numpy as np
 import yaml
 from mcap.records import Schema
-from numpy.typing import NDArray
-from rosbags.rosbag1 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 from osl_analysis.errors import InputError, listing, naming, on_one_line
-from osl_analysis.formats import beginning, is_of_file, mcap
-from osl_analysis.formats._cdr import rows_at
+from osl_analysis.formats import beginning, mcap
 from osl_analysis.formats._messages import Log
 from osl_analysis.recording import Format, Recording
 from osl_analysis.source_file import MessageSource
 from osl_analysis.yaml_settings import check_size, text_in
 
-ROS1 = b"#ROSBAG V"
 DESCRIPTION = "metadata.yaml"
 SQLITE = b"SQLite format 3\0"
 ROWS_AT_ONCE = 16_384
@@ -45,69 +39,6 @@ MESSAGES = (
     " typeof(data) = 'blob' ORDER BY id"
 )
 DEFINITIONS = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
-
-
-def read_bag(path: Path, source: MessageSource | None) -> Recording:
-    """Read a bag; refused if it has no index."""
-    log = Log(source)
-    data = path.read_bytes()
-    if data.find(ROS1, 1) > 0:
-        raise InputError("holds two bags; cut it in two (`head -c`, `tail -c`), a trial each")
-    try:
-        with Reader(path) as reader:
-            _take_bag(log, reader, data)
-    except Exception as error:  # whatever the library meets in a damaged bag
-        if not is_of_file(error):
-            raise
-        reason = on_one_line(error)
-        raise InputError(
-            f"no bag with a whole index ({reason}): the recorder did not finish, or the bag is"
-            " damaged; run `rosbag reindex` on a copy (`rosbag fix` if it is older than version"
-            " 2.0, `rosbag decrypt` if it is encrypted), or record again"
-        ) from error
-    return log.recording("rosbag1")
-
-
-def _take_bag(log: Log, reader: Reader, data: bytes) -> None:
-    """Read the messages of every chunk in the order of the file."""
-    for connection in reader.connections:
-        schema = Schema(0, connection.msgdef.data.encode(), "ros1msg", connection.msgtype)
-        log.declare(connection.id, connection.topic, "ros1", schema)
-    for info in reader.chunk_infos:
-        for channel, count in info.connection_counts.items():
-            log.expected[log.name_of[channel]] += count
-    index: dict[int, list[tuple[int, int, int]]] = {place: [] for place in reader.chunks}
-    for channel, entries in reader.indexes.items():
-        for entry in entries:
-            index[entry.chunk_pos].append((entry.offset, channel, entry.time))
-    for place, chunk in sorted(reader.chunks.items()):
-        places, channels, log_times_ns = np.array(sorted(index[place])).reshape(-1, 3).T
-        try:
-            content = chunk.decompressor(data[chunk.datapos : chunk.datapos + chunk.datasize])
-            # each message stands behind a head of its own
-            starts = places + 4 + _lengths_at(content, places) + 4
-            lengths = _lengths_at(content, starts - 4)
-            if (starts + lengths > len(content)).any():
-                raise ValueError("a message reaches beyond it")
-        except Exception as error:  # whatever the library meets in a damaged chunk
-            log.chunks_lost += 1
-            log.remarks.append(f"the chunk at byte {place} is damaged: {error}")
-            continue
-        log.add(channels, (content, starts, lengths), log_times_ns)
-
-
-def _lengths_at(content: bytes, places: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The lengths that stand at some places [bytes]."""
-    return rows_at(content, places, 4).view("<u4").astype(np.int64)
-
-
-ROSBAG1 = Format(
-    name="rosbag1",
-    suffixes=(".bag",),
-    begins=methodcaller("startswith", ROS1),
-    source=MessageSource,
-    read=read_bag,
-)
 
 
 class Database(Log):
@@ -223,7 +154,7 @@ def _files_in(path: Path) -> list[Path]:
 
 ROSBAG2 = Format(
     name="rosbag2",
-    suffixes=(".db3",),
+    suffixes=(".db3", ".bag"),  # of ROS 1, to say how they are converted
     begins=methodcaller("startswith", SQLITE),
     source=MessageSource,
     read=read_database,

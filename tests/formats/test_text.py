@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings as text: tables, LabVIEW, Nexus, Qualisys, OpenSim."""
+"""Recordings as text: tables, LabVIEW."""
 
 import re
 from functools import partial
@@ -12,7 +12,6 @@ from log_builders import ankle, table_text, written
 from osl_analysis import formats
 from osl_analysis.errors import InputError
 from osl_analysis.formats import known_formats
-from osl_analysis.recording import Kind
 from osl_analysis.units import base_units, normalised
 
 TIME, ANGLE, TORQUE = ankle(900)  # long enough that polars splits the middle of the text
@@ -42,8 +41,8 @@ def csv_source(**stated):
     return {"format": "csv", "time": {"column": "Time"}, "channels": channels, **stated}
 
 
-def column(recording, name, key="column"):
-    return recording.find({key: name}).values
+def column(recording, name):
+    return recording.find({"column": name}).values
 
 
 # --- tables of text -----------------------------------------------------------------------------
@@ -159,44 +158,6 @@ def test_a_labview_file_of_several_segments_is_refused_with_the_setting_of_labvi
     )
 
     assert re.search("3 .*`Segment Headers: One header only`", said)
-
-
-# --- Qualisys ---------------------------------------------------------------------------
-
-
-def qualisys(columns=2, rows=3):
-    """An export with frame numbers and times, or without."""
-    text = (
-        "NO_OF_FRAMES\t3\nNO_OF_CAMERAS\t8\nNO_OF_MARKERS\t2\nFREQUENCY\t200\n"
-        "NO_OF_ANALOG\t0\nTIME_STAMP\t2026-03-14, 10:12:13\nDATA_INCLUDED\t3D\n"
-        "MARKER_NAMES\tHeel\tToe\t\n"
-    )
-    if columns:
-        text += "Frame\tTime\tHeel X\tHeel Y\tHeel Z\tToe X\tToe Y\tToe Z\n"
-    for k in range(rows):
-        toe = ["0.000"] * 3 if k == 1 else [f"{k}.5", "7.5", "8.5"]
-        before = [str(k + 1), f"{k / 200:.5f}"][:columns]
-        text += "\t".join([*before, f"{k}.25", "2.25", "0.000", *toe]) + "\n"
-    return text
-
-
-@pytest.mark.parametrize("columns", [0, 1, 2])
-def test_markers_of_qualisys_are_read_with_or_without_frame_numbers(tmp_path, columns):
-    recording = read(tmp_path, qualisys(columns=columns), "a.tsv")
-    toe = recording.find({"label": "Toe"})
-
-    assert recording.format == "qualisys"
-    assert (toe.unit, toe.rows.rate_hz, toe.kind) == ("mm", 200.0, Kind.MARKER)
-    np.testing.assert_array_equal(toe.values, [[0.5, 7.5, 8.5], [np.nan] * 3, [2.5, 7.5, 8.5]])
-    np.testing.assert_array_equal(
-        column(recording, "Heel", "label"), [[k + 0.25, 2.25, 0] for k in range(3)]
-    )
-
-
-def test_a_qualisys_export_that_is_cut_is_refused(tmp_path):
-    said = refusal(tmp_path, qualisys(rows=2), "a.tsv")
-
-    assert re.search("NO_OF_FRAMES '3'.* 2 rows", said)
 
 
 NUMBERS = [f"{k / 100},{k % 7},{k % 5}" for k in range(40)]

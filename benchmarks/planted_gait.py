@@ -26,8 +26,9 @@ from numpy.typing import NDArray
 from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.trial import Trial, marker_columns, plate_columns
+from osl_analysis.walking.contributions import GroupHeadline, group_headline
 from osl_analysis.walking.crossing import analyse_crossing
-from osl_analysis.walking.ensemble import ESTIMATED, GroupHeadline, group_headline
+from osl_analysis.walking.ensemble import ESTIMATED
 from osl_analysis.walking.isolated_response import unperturbed_gait
 from osl_analysis.walking.plate_inertia import identify_plate_model
 from osl_analysis.walking.plate_lag import timing_of
@@ -367,13 +368,12 @@ def headline_of(campaign: Campaign, settings: WalkingAnalysis) -> GroupHeadline:
     unperturbed = [crossing for crossing in crossings if crossing.onset is None]
     perturbed = [crossing for crossing in crossings if crossing.onset is not None]
     gait = unperturbed_gait(unperturbed, settings.fewest_unperturbed)
-    return group_headline(perturbed, gait, settings)
+    return group_headline(perturbed, gait, settings, plate, timing)
 
 
 def main() -> None:
     pairs = int(sys.argv[1]) if len(sys.argv) > 1 else 5
-    shipped = config_for_trials(ROOT / "config/config.yaml").walking
-    settings = shipped.model_copy(update={"bootstrap_samples": 300})
+    settings = config_for_trials(ROOT / "config/config.yaml").walking
     rows = []
     for label, walkway in LABORATORIES.items():
         errors = []  # of each campaign: relative errors (3,) of K, B and I [%]
@@ -383,8 +383,10 @@ def main() -> None:
                 campaign = Laboratory(walkway, seed, is_mirrored).campaign()
                 headline = headline_of(campaign, settings)
                 true = np.array([getattr(walkway, name) for name in ESTIMATED])
-                found = np.array([headline.ensemble.fit[name] for name in ESTIMATED])
-                low, high = np.transpose([headline.resampled.interval(n) for n in ESTIMATED])
+                budgets = [headline.ensemble.budgets[name] for name in ESTIMATED]
+                found = np.array([budget.value for budget in budgets])
+                low = np.array([budget.low for budget in budgets])
+                high = np.array([budget.high for budget in budgets])
                 errors.append(100 * (found / true - 1))
                 held.append((low <= true) & (true <= high))
         of_pairs = np.mean(np.reshape(errors, (-1, 2, 3)), axis=1)

@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -50,18 +50,18 @@ from osl_analysis.simulator.simulation_settings import (
 from osl_analysis.simulator.step import GaitTrial, draw_step
 from osl_analysis.simulator.trial_plan import generator_of
 from osl_analysis.simulator.walking_trial import simulate_walking_trial
-from osl_analysis.stats.budget import INTERVAL_ENDS
+from osl_analysis.stats.budget import IN_INTERVAL, INTERVAL_ENDS, Budget
 from osl_analysis.stats.linear_fit import LinearFit
-from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.trial import Array, Trial
-from osl_analysis.walking.crossing import Crossing, analyse_crossing
-from osl_analysis.walking.ensemble import Ensemble, shared_errors
+from osl_analysis.walking.contributions import group_headline
+from osl_analysis.walking.crossing import PER_UNIT, Crossing, analyse_crossing
 from osl_analysis.walking.impedance_fit import fit_response, fit_without_offset
 from osl_analysis.walking.isolated_response import isolate_response, unperturbed_gait
 from osl_analysis.walking.plate import Stance
-from osl_analysis.walking.plate_inertia import identify_plate_model
-from osl_analysis.walking.plate_lag import timing_of
+from osl_analysis.walking.plate_inertia import NO_CORRECTION, PlateModel, identify_plate_model
+from osl_analysis.walking.plate_lag import PlateTiming, timing_of
 from osl_analysis.walking.poses import static_calibration
+from osl_analysis.walking.tables import ENSEMBLE, MEAN, budgets_of
 from osl_analysis.walking.walking_settings import FootSettings, WalkingAnalysis
 from osl_analysis.yaml_settings import read_yaml
 
@@ -329,6 +329,8 @@ class StudyLaboratory:
     gait: WalkingSettings
     p: DrivetrainParameters
     analysis: WalkingAnalysis
+    plate: PlateModel = NO_CORRECTION
+    timing: PlateTiming = field(default_factory=lambda: PlateTiming({}, {}))
     recorded: Callable[[str, SimulatedCrossing], Crossing] | None = None
     """How a crossing that was recorded by markers and plate is analysed; None: angle and torque
     themselves are seen."""
@@ -387,7 +389,8 @@ class StudyLaboratory:
         load = np.zeros((3, len(found[0])))
         stance = Stance(step.heel_strike, step.toe_off)
         seen = walked.time[::every], found[0], found[1], load
-        return Crossing(name, *seen, stance, platform.onset, bridged=0.0)
+        changes = np.zeros((len(PER_UNIT), len(load[0])))
+        return Crossing(name, *seen, stance, platform.onset, bridged=0.0, changes=changes)
 
 
 def gait_laboratory() -> StudyLaboratory:
@@ -439,7 +442,7 @@ def recording(of: StudyLaboratory, folder: Path, perturbed: Sequence[str]) -> St
         lag = timing.lags.get(name, timing.lag)
         return analyse_crossing(trial, calibration, plate, is_perturbed, analysis, onset, lag)
 
-    return replace(of, analysis=analysis, recorded=analysed)
+    return replace(of, analysis=analysis, recorded=analysed, plate=plate, timing=timing)
 
 
 def campaign_rows(names: Sequence[str], of: StudyLaboratory) -> Iterator[Row]:
@@ -449,23 +452,22 @@ def campaign_rows(names: Sequence[str], of: StudyLaboratory) -> Iterator[Row]:
     the impedance that the leg rendered."""
     gait = unperturbed_gait(usable(of.unperturbed, names[::2]), of.analysis.fewest_unperturbed)
     perturbed = usable(of.perturbed, names[1::2])
-    responses = [isolate_response(one, gait, of.analysis) for one, *_ in perturbed]
-    fits, joined = [fit_response(response) for response in responses], Ensemble(responses)
-    resampled, ensemble = joined.resampled(300), joined.fitted().fit
-    common = shared_errors(responses).common
+    crossings = [one for one, *_ in perturbed]
+    headline = group_headline(crossings, gait, of.analysis, of.plate, of.timing)
+    fits = [fit_response(response) for response in headline.responses]
+    table = pl.DataFrame([{name: fit[name] for name in JOINT} for fit in fits])
+    estimators = budgets_of(headline, table)
     for quantity in JOINT:
         truths = np.array([exact[quantity] for _, exact, _ in perturbed])
         rendered = np.array([leg[f"{quantity}_rendered"] for *_, leg in perturbed])
-        single, mean = fits[0], over_repeats([fit[quantity] for fit in fits], common[quantity])
-        made: list[tuple[str, str, int, Sequence[float]]] = [
-            ("single perturbation", single.interval_method, 1,
-             (single[quantity], single.se(quantity), *single.interval(quantity))),
-            ("mean of perturbations", "Student", len(fits),
-             (mean.mean, mean.se, mean.low, mean.high)),
-            ("ensemble", "bootstrap", len(fits),
-             (ensemble[quantity], resampled.se(quantity), *resampled.interval(quantity))),
-        ]  # fmt: skip
-        for estimator, method, first, numbers in made:
+        made: list[tuple[str, str, int, Budget]] = [
+            ("single perturbation", fits[0].interval_method, 1, fits[0].budget(quantity)),
+            ("mean of perturbations", "budget", len(fits), estimators[MEAN][quantity]),
+            ("ensemble", "budget", len(fits), estimators[ENSEMBLE][quantity]),
+        ]
+        for estimator, method, first, budget in made:
+            own = [each.standard or 0.0 for each in budget.of_parts(*IN_INTERVAL)]
+            numbers = (budget.value, np.linalg.norm(own), budget.low, budget.high)
             truth = float(np.mean(truths[:first]))
             row: Row = {
                 "estimator": estimator,

@@ -135,7 +135,7 @@ rule findings:
         FILES.checks(FILES.trials_for_findings),
         tables=FILES.tables(*JUDGED_TABLES),
         fits=FILES.fits_for_findings,
-        budget=FILES.tables("budget"),
+        budget=FILES.tables("budget", "walking_budget"),
         verdicts=QUALITY,
     output:
         output="<results>/tables/findings.csv",

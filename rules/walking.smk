@@ -177,11 +177,12 @@ rule summarise_walking:
         output="<results>/tables/walking_summary.csv",
         responses="<results>/tables/walking_responses.csv",
         groups="<results>/tables/walking_groups.csv",
+        budget="<results>/tables/walking_budget.csv",
     log:
         "<logs>/walking/summary.log",
     localrule: True
     params:
-        settings=CONFIG.walking.part("EnsembleSettings"),
+        settings=CONFIG.walking.part("TimingSettings"),
         limits=limits("walking_groups"),
         sheet=CAMPAIGN.conditions(),
         places=WALKED,

@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 
 from osl_analysis.bench.interval import left_out, spread
 from osl_analysis.bench.record import Groups, Label, Record
-from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.measured import SMALLEST_SIGNAL, check_finite
 from osl_analysis.model.drivetrain import RationalFunction
 from osl_analysis.model.rendered_impedance import linear_torque

@@ -24,7 +24,7 @@ from osl_analysis.table import ARCHIVE_SUFFIX
 COMPONENTS = ("actuator", "belt", "transmission")
 ON_PAPER = {
     "conditions": ["impedance"],
-    "walking": ["walking_summary", "walking_groups"],
+    "walking": ["walking_summary"],
     "components": [f"{component}_summary" for component in COMPONENTS],
     "budget": ["budget", "impedance"],
 }

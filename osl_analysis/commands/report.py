@@ -110,9 +110,7 @@ def write_report(
     note = f"Assumed, since nobody stated it: {', '.join(assumed)}." if assumed else ""
     of_conditions = conditions(results["impedance"]) if "impedance" in results else []
     is_walking = "walking_summary" in results
-    of_groups = (
-        list(groups(results["walking_summary"], results["walking_groups"])) if is_walking else []
-    )
+    of_groups = list(groups(results["walking_summary"])) if is_walking else []
     page = Page(
         about=about,
         made_of=sentence(content),

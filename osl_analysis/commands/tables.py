@@ -366,7 +366,7 @@ def write_paper_table(
     elif "impedance" in read:
         rows = condition_rows(conditions(read["impedance"]))
     elif "walking_summary" in read:
-        rows = condition_rows(list(groups(read["walking_summary"], read["walking_groups"])))
+        rows = condition_rows(list(groups(read["walking_summary"])))
     else:
         known = known_parameters(parameters, [])
         stated = {} if known is None else asdict(known)

@@ -36,7 +36,7 @@ from osl_analysis.trial import (
 )
 from osl_analysis.walking import tables as result_tables
 from osl_analysis.walking import walking_settings as choices
-from osl_analysis.walking.crossing import Crossing, analyse_crossing, body_mass
+from osl_analysis.walking.crossing import Crossing, analyse_crossing
 from osl_analysis.walking.groups import ALL, SEPARATOR, selection_rows
 from osl_analysis.walking.isolated_response import UnperturbedGait, unperturbed_gait
 from osl_analysis.walking.plate_inertia import (
@@ -48,6 +48,7 @@ from osl_analysis.walking.plate_inertia import (
 )
 from osl_analysis.walking.plate_lag import PlateTiming, timing_of
 from osl_analysis.walking.poses import StaticCalibration, static_calibration
+from osl_analysis.walking.set_up import body_mass
 
 Gaits = dict[str, UnperturbedGait]
 ADAPTERS: dict[Any, TypeAdapter[Any]] = {
@@ -141,10 +142,6 @@ def read_unperturbed_gaits(path: Path) -> dict[str, UnperturbedGait]:
     """Read what `average_unperturbed` wrote: gaits with fewer crossings than the least are not
     among them."""
     gaits: Gaits = read_model(path, Gaits)
-    for name, gait in gaits.items():
-        # without errors the list is empty and has no shape
-        errors = gait.plate_errors.reshape(-1, *gait.theta.shape)
-        gaits[name] = replace(gait, plate_errors=errors)
     return gaits
 
 

@@ -24,11 +24,11 @@ from osl_analysis.config.sheet import JOINT
 from osl_analysis.errors import InputError, OslAnalysisError, advise
 from osl_analysis.judge.judging import EXCLUDED, judged, marked
 from osl_analysis.judge.limits import Limits
-from osl_analysis.stats.repeats import DOUBTFUL
+from osl_analysis.stats.repeats import DOUBTFUL, concerns
 from osl_analysis.table import MEASURED, Places, read_table, with_places, write_table
 from osl_analysis.walking import tables as result_tables
 from osl_analysis.walking import walking_settings as choices
-from osl_analysis.walking.ensemble import GroupHeadline, group_headline
+from osl_analysis.walking.contributions import GroupHeadline, group_headline
 from osl_analysis.walking.groups import SEPARATOR
 from osl_analysis.walking.isolated_response import UnperturbedGait
 from osl_analysis.walking.plate_inertia import PlateModel
@@ -51,10 +51,11 @@ def summarise_perturbations(
     crossings: Sequence[Path],
     selection: Path,
     unperturbed: Path,
-    settings: choices.EnsembleSettings,
+    settings: choices.TimingSettings,
     output: Path,
     responses: Path,
     groups: Path,
+    budget: Path,
     sheet: Mapping[str, Mapping[str, Any]],
     plate: Path,
     timing: Path,
@@ -73,13 +74,15 @@ def summarise_perturbations(
         The perturbed ones.
     selection, unperturbed : Path
         What `select_crossings` and `average_unperturbed` wrote.
-    settings : EnsembleSettings
+    settings : TimingSettings
     output : Path
         The mean over perturbations, and the ensemble fit.
     responses : Path
         Responses in their window.
     groups : Path
         The conditions of each group.
+    budget : Path
+        What contributes to the uncertainty of each estimate.
     sheet : Mapping
         Cells of the sample sheet of each crossing.
     plate, timing : Path
@@ -111,6 +114,7 @@ def summarise_perturbations(
     outcomes = []
     rows = []
     of_responses = []
+    of_budgets = []
     places_of = {}
     for group in dict.fromkeys(SEPARATOR.join(perturbed["group"].drop_nulls()).split(SEPARATOR)):
         trials = perturbed.filter(pl.col("reason").is_null(), group=group)["trial"].to_list()
@@ -118,7 +122,7 @@ def summarise_perturbations(
         conditions = conditions_of(group, selected, gait, model, lags)
         of_group = fitted.filter(pl.col("trial").is_in(trials))
         try:
-            headline = headline_of(of_group, gait, files, settings)
+            headline = headline_of(of_group, gait, files, settings, model, lags)
         except OslAnalysisError as error:
             advise(f"no result of {group}: {error}")
             outcome = GroupOutcome(conditions, reason=str(error))
@@ -128,6 +132,8 @@ def summarise_perturbations(
             outcome = outcome_of(conditions, headline)
             summary = result_tables.headline_rows(headline, of_group)
             of_responses.append(result_tables.response_table(group, headline))
+            estimators = result_tables.budgets_of(headline, of_group)
+            of_budgets.append(result_tables.budget_table(group, estimators))
         outcomes.append(outcome)
         sides = {places[trial]["side"] for trial in trials}
         side = sides.pop() if len(sides) == 1 else None
@@ -144,17 +150,30 @@ def summarise_perturbations(
         raise InputError(f"{table}: no result of any group: {why}")
 
     group_table = pl.DataFrame([outcome.row() for outcome in outcomes], infer_schema_length=None)
-    doubts = judged(group_table, limits, "walking_groups")
+    contributions = pl.concat(of_budgets)
+    doubts = judged(group_table, limits, "walking_groups", budget=contributions)
     group_table = marked(group_table, doubts, "walking_groups")
-    of_group = group_table.select("group", group_doubtful=DOUBTFUL)
-    summaries = pl.DataFrame(rows, infer_schema_length=None)
     tables = {
-        output: summaries.join(of_group, on="group", how="left", maintain_order="left"),
+        output: with_verdicts(rows, group_table),
         groups: group_table,
         responses: pl.concat(of_responses),
+        budget: contributions,
     }
     for path, of_groups in tables.items():
         write_table(with_places(of_groups, places_of, "group"), path, data)
+
+
+def with_verdicts(rows: Sequence[dict[str, Any]], groups: pl.DataFrame) -> pl.DataFrame:
+    """The rows of a summary with the verdict on each estimate of its group, and why it is doubtful;
+    one about VAF concerns all."""
+    group_of = {row["group"]: row for row in groups.to_dicts()}
+    for row in rows:
+        of_group = group_of[row["group"]]
+        quantity = row["quantity"]
+        row["verdict"] = of_group.get(f"{quantity}_verdict")
+        doubts = of_group[DOUBTFUL]
+        row["group_doubtful"] = doubts if concerns(doubts, [quantity]) else None
+    return pl.DataFrame(rows, infer_schema_length=None)
 
 
 def read_fits(table: Path) -> pl.DataFrame:
@@ -182,14 +201,17 @@ def outcome_of(conditions: GroupConditions, headline: GroupHeadline) -> GroupOut
     phase = None
     if conditions.onset_phase is not None and conditions.stance_s is not None:
         phase = conditions.onset_phase + fitted_time(headline) / conditions.stance_s
-    return GroupOutcome(conditions, fitted_phase=phase, checks=check_fit(headline))
+    budgets = headline.ensemble.budgets
+    return GroupOutcome(conditions, phase, checks=check_fit(headline), budgets=budgets)
 
 
 def headline_of(
     fits: pl.DataFrame,
     gait: UnperturbedGait | None,
     files: Mapping[str, Path],
-    settings: choices.EnsembleSettings,
+    settings: choices.TimingSettings,
+    plate: PlateModel,
+    timing: PlateTiming,
 ) -> GroupHeadline:
     """The ensemble fit to the crossings of a group that have a fit of their own."""
     if gait is None:
@@ -197,7 +219,7 @@ def headline_of(
     if len(fits) < FEWEST_FITS:
         raise InputError(f"{len(fits)} {TOO_FEW} walking_crossings.csv, or record more")
     crossings = [read_crossing(files[trial]) for trial in fits["trial"]]
-    return group_headline(crossings, gait, settings)
+    return group_headline(crossings, gait, settings, plate, timing)
 
 
 def commanded_trajectory(trajectory: Sequence[Path], data: str) -> ImpedanceTrajectory | None:

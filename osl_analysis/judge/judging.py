@@ -106,8 +106,8 @@ def judged(
 
 
 def fit_of(row: AnyRow) -> tuple[object, object]:
-    """What tells the fit of a row: trial and amplitude."""
-    return row.get("trial"), row.get("amplitude_deg")
+    """What tells the fit of a row: trial, or group of crossings, and amplitude."""
+    return subject_of(row), row.get("amplitude_deg")
 
 
 def rows_by_fit(budget: pl.DataFrame | None) -> dict[tuple[object, ...], list[dict[str, Any]]]:
@@ -120,10 +120,9 @@ def rows_by_fit(budget: pl.DataFrame | None) -> dict[tuple[object, ...], list[di
 
 def judged_estimates(table: str, budgets: Mapping[str, Budget], limits: Limits) -> list[Judged]:
     """The estimates of a row with their verdicts: those without friction where this is certain."""
-    experiment = next(
-        (e for e in EXPERIMENTS.values() if table in [t.name for t in e.tables]), None
-    )
-    columns = experiment.impedance if experiment else ()
+    experiments = EXPERIMENTS.values()
+    of_trials = (e.impedance for e in experiments if table in [t.name for t in e.tables])
+    columns = next(of_trials, SYMBOLS)
     accuracy = limits.accuracy.model_dump()
     described = described_tables_by_name()[table]
     units = {**described.columns, **described.of_fits}

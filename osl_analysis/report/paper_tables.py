@@ -120,15 +120,14 @@ def estimate_text(row: Mapping[str, Any], name: str, unit: str = "") -> str:
     return written(row.get(name), row.get(f"{name}_low"), row.get(f"{name}_high"), unit)
 
 
-def groups(summary: pl.DataFrame, of_groups: pl.DataFrame) -> Iterator[Condition]:
+def groups(summary: pl.DataFrame) -> Iterator[Condition]:
     """K, B and I of each group of crossings, of all perturbations together, from
-    `walking_summary.csv`: minus the mean unperturbed gait, and minus predicted gait. A doubt of
-    `walking_groups.csv` concerns both."""
-    doubts = dict(of_groups.select("group", "doubtful").rows())
+    `walking_summary.csv`: minus the mean unperturbed gait, and minus predicted gait. † marks a
+    doubtful estimate."""
     for (group,), of_group in summary.group_by("group", maintain_order=True):
         for estimator, subtracted in SUBTRACTED.items():
             rows = of_group.filter(estimator=estimator).to_dicts()
-            estimates = {row["quantity"]: mean_text(row, row["quantity"]) for row in rows}
+            estimates = {row["quantity"]: marked_text(row) for row in rows}
             if rows:
                 yield Condition(
                     stated={
@@ -137,10 +136,15 @@ def groups(summary: pl.DataFrame, of_groups: pl.DataFrame) -> Iterator[Condition
                     },
                     trials=(),
                     n=rows[0]["n"],
-                    is_doubtful=bool(doubts.get(group)),
+                    is_doubtful=any(row["group_doubtful"] for row in rows),
                     results=(),
                     estimates=estimates,
                 )
+
+
+def marked_text(row: Mapping[str, Any]) -> str:
+    """An estimate of a group, with † where it is doubtful."""
+    return mean_text(row, row["quantity"]) + ("†" if row["group_doubtful"] else "")
 
 
 def condition_rows(of_conditions: Sequence[Condition]) -> list[list[str]]:

@@ -2,14 +2,12 @@
 """Step 4, crossing: angle and torque of one crossing, and whether its set-up allows them.
 
 The torque is computed from force and moment at the plate's origin, never from a centre of pressure,
-which is undefined while the plate is unloaded. Its changes without each plate trial follow it
-through all later steps.
-
-Axes, side, sheet and body mass are checked here; what the static trial and markers alone tell, in
-`set_up`.
+which is undefined while the plate is unloaded. Its changes without each plate trial, and by errors
+of the plate's lag, height, place and mass, follow it through all later steps. What is checked
+stands in `set_up`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -22,7 +20,7 @@ from osl_analysis.trial import Array, Trial
 from osl_analysis.walking import platform
 from osl_analysis.walking import poses as rigid
 from osl_analysis.walking.plate import (
-    FLAT,
+    SINGLE_SUPPORT,
     Stance,
     WrenchReader,
     check_plate,
@@ -43,30 +41,28 @@ from osl_analysis.walking.poses import (
     StaticCalibration,
     StoredArray,
 )
-from osl_analysis.walking.set_up import CrossingQuality, check_place, crossing_quality
+from osl_analysis.walking.set_up import (
+    CrossingQuality,
+    check_followed,
+    check_onset,
+    check_place,
+    check_roll,
+    check_side,
+    crossing_quality,
+)
 from osl_analysis.walking.walking_settings import CrossingSettings
 
-
-class StanceLimits:
-    """Of what a stance shows."""
-
-    PRESSED_N = 100.0  # vertical force above which a centre of pressure is defined
-    SPARE_S = 0.1  # before and after stance, for the low-pass
-    LATE = (0.6, 0.85)  # phases of stance in which a walker pushes off
-    PUSH = (0.5, 0.9)  # phases of stance in which every foot pushes the toes down
-    # of roll [m] and push [N] that have a direction, and its largest angle from forward: a foot
-    # out-toes by 20 deg, and the side force of slow gait changes nearly as much as its push
-    SMALLEST_CHANGE = (0.03, 20.0)
-    LARGEST_TURN_DEG = (45.0, 60.0)
-    LARGEST_MASS_DIFFERENCE = 0.1  # clothes, shoes and leg weigh something
-    FEWEST_SAMPLES = 6  # for a quintic spline
-
+PRESSED_N = 100.0  # vertical force above which a centre of pressure is defined
+SPARE_S = 0.1  # before and after stance, for the low-pass
+BESIDE_M = 0.15  # half a foot: an ankle that is farther beside the plate does not load it
 
 VERTICAL = np.array([0.0, 0.0, 1.0])
 
+UP = "up"  # direction of a perturbation in sheet and tables: toes up (dorsiflexion)
+DOWN = "down"
 
-# Directions of a perturbation in sheet and tables: toes up (dorsiflexion), and toes down
-UP, DOWN = "up", "down"
+PER_UNIT = ("plate_lag", "plate_height", "foot_place", "plate_mass")
+"""Errors by whose ms, mm, mm and kg the last rows of `Crossing.changes` are."""
 
 
 @dataclass(frozen=True)
@@ -136,7 +132,7 @@ def load_on_foot(reaction: Array, centre: Array, ankle: Ankle) -> Array:
     """Vertical force [N], and centre of pressure [m] to the left of the ankle and before it, 0 if
     hardly pressed: (3, n), from the reaction (n, 6) about `centre` (n, 3) [m]."""
     vertical = reaction[:, 2]
-    pressed = vertical > StanceLimits.PRESSED_N
+    pressed = vertical > PRESSED_N
     divisor = np.where(pressed, vertical, 1.0)[:, None]
     from_ankle = centre + np.cross(VERTICAL, reaction[:, 3:]) / divisor - ankle.centre
     return np.vstack([vertical, pressed * ankle.along(from_ankle)])
@@ -243,29 +239,10 @@ def recorded_passage(
     return Passage(trial.name, frames, recorded, wrench, corners, stance, onset, rows, low_passed)
 
 
-def check_followed(
-    segment: str, frames: Array, pose: Poses, stance: Stance, largest_residual_mm: float
-) -> None:
-    """Refuse a cluster that is hidden in stance, or was put on again since the static trial."""
-    hidden = np.flatnonzero(stance.contains(frames) & ~pose.seen())
-    if len(hidden):
-        raise InputError(
-            f"the {segment} markers cannot be followed at {frames[hidden[0]]:.3f} s, in"
-            f" {len(hidden)} frames of stance: fewer than three are seen, or they stand more than"
-            f" {largest_residual_mm:g} mm (RMS) otherwise than in the static trial; correct"
-            " exchanged labels in Nexus, record a static trial after they were put on again and"
-            " name it in the column static, or exclude the trial"
-        )
-
-
 def rows_about_stance(frames: Array, recorded: Mapping[str, Poses], stance: Stance) -> slice:
     """Stance and the frames about it in which all clusters were seen."""
     seen = np.all([pose.seen() for pose in recorded.values()], axis=0)
-    near = (
-        seen
-        & (frames >= stance.heel_strike - StanceLimits.SPARE_S)
-        & (frames <= stance.toe_off + StanceLimits.SPARE_S)
-    )
+    near = seen & (frames >= stance.heel_strike - SPARE_S) & (frames <= stance.toe_off + SPARE_S)
     first = np.argmax(stance.contains(frames))
     return next(run for run in runs(near) if run.start <= first < run.stop)
 
@@ -296,7 +273,7 @@ def onset_of(
     if ramp is not None:
         onset = of_mean_ramp
         if onset is None:
-            onset = platform.ramp_onsets({trial.name: ramp})[trial.name]
+            onset = platform.ramp_onsets({trial.name: ramp})[0][trial.name]
     check_onset(onset, perturbed, stance, settings)
     if onset is None:
         return None
@@ -317,45 +294,22 @@ def onset_of(
     return onset
 
 
-def check_onset(
-    onset: float | None, perturbed: bool, stance: Stance, settings: CrossingSettings
-) -> None:
-    """Refuse an onset [s] that the sheet contradicts, or whose response leaves stance."""
-    if (onset is not None) != perturbed:
-        raise InputError(
-            f"the platform {'does not turn' if perturbed else 'turns'}, but the sheet says"
-            f" perturbed = {str(perturbed).lower()}; correct the sheet, perturbation_deg or the"
-            " platform markers, or exclude the trial"
-        )
-    if onset is None:
-        return
-    first = onset - settings.guard_s - settings.baseline_s
-    last = onset + settings.window_s
-    if first < stance.heel_strike or last > stance.toe_off:
-        raise InputError(
-            f"baseline and window of the perturbation, {first:.3f}-{last:.3f} s, leave stance"
-            f" {stance.heel_strike:.3f}-{stance.toe_off:.3f} s; exclude the trial, or shorten"
-            " window_s, baseline_s or guard_s"
-        )
-
-
 def reactions_on_foot(
     passage: Passage,
-    models: list[PlateModel],
-    lag: float,
+    readings: Sequence[tuple[Array, float]],
     calibration: StaticCalibration,
     settings: CrossingSettings,
 ) -> tuple[list[Array], Array]:
     """Compute the ground reaction on the foot, without the plate's own wrench.
 
-    The plate's own wrench is that of its measured motion, without accelerations at rest. The first
-    model has the `lag` [s], others as much more as in the unloaded recordings.
+    The plate's own wrench is that of its measured motion, without accelerations at rest. In each of
+    the `readings` it has other inertial parameters (10,) and another lag [s].
 
     Returns
     -------
     tuple of list of Array and Array
-        Reactions (n, 6) [N, N*m] by each model of the unloaded plate, in laboratory axes, and the
-        plate's centre (n, 3) [m], about which they are.
+        Reactions (n, 6) [N, N*m] by each reading, in laboratory axes, and the plate's centre (n, 3)
+        [m], about which they are.
     """
     rows = passage.rows
     poses_of_plate = passage.recorded["platform"]
@@ -373,91 +327,23 @@ def reactions_on_foot(
     R_transposed = np.swapaxes(plate.rotation, 1, 2)
     rate = sampling_rate(passage.frames)
     reactions = []
-    for model in models:
-        later = (model.lag or 0.0) - (models[0].lag or 0.0)
-        wrench = settings.low_pass(passage.wrench(lag + later), rate)[rows]
-        of_foot = wrench - columns @ model.parameters
+    for parameters, lag in readings:
+        wrench = settings.low_pass(passage.wrench(lag), rate)[rows]
+        of_foot = wrench - columns @ parameters
         reactions.append((of_foot.reshape(-1, 2, 3) @ R_transposed).reshape(-1, 6))
     return reactions, plate.point(middle)
 
 
-def check_side(phase: Array, ahead: Array) -> None:
-    """Refuse an ankle's axis that points to the right.
-
-    The shank, which is `ahead` (n,) [m] of the ankle, then leans backwards in stance.
-    """
-    first, last = np.interp((0.1, 0.9), phase, ahead)
-    if last <= first:
-        raise InputError(
-            f"the shank moves {100 * (first - last):.0f} cm backwards over the foot"
-            " in stance: the ankle's axis points to the wrong side; correct `side`, exchange"
-            " ankle_medial and ankle_lateral, or correct the labels of the static trial's markers"
-        )
-
-
-def check_roll(phase: Array, load: Array, push: Array, torque: Array) -> None:
-    """Refuse a load that does not roll and push forward over the foot, or pulls the toes up.
-
-    Turned corners turn both. A channel of the wrong sign turns one, and corners that are turned to
-    make up for it turn the other.
-
-    Parameters
-    ----------
-    phase : Array
-        Of stance (n,).
-    load : Array
-        (3, n), as in `Crossing`.
-    push : Array
-        Horizontal force [N] to the left and forward (2, n), which brakes before it pushes.
-    torque : Array
-        Undisturbed torque (n,) [N*m], else 0; in late stance every foot pushes the toes down.
-    """
-    both = np.vstack([load[1:], push])
-    late = both[:, phases_between(phase, StanceLimits.LATE)].mean(axis=1)
-    flat = both[:, phases_between(phase, FLAT)].mean(axis=1)
-    left, forward = (late - flat).reshape(2, 2).T
-    size = np.hypot(left, forward)
-    deg = np.abs(np.rad2deg(np.arctan2(left, forward)))
-    turned = (deg > StanceLimits.LARGEST_TURN_DEG) & (size > StanceLimits.SMALLEST_CHANGE)
-    moment = torque[phases_between(phase, StanceLimits.PUSH)].mean()
-    if moment >= 0 and not turned.any():
-        return
-    cause = (
-        "a channel of the plate, of a moment or of a horizontal force, has the wrong sign: correct"
-        " it in the recorder and export again; the source file cannot reverse one channel, and"
-        " corners that are turned in its place give a wrong K"
-    )
-    if turned.all():
-        cause = (
-            "the plate's corners or axes are turned: correct the corners' order, the first lies in"
-            " +x and +y of the plate's own axes, or `axes` in the source file"
-        )
-    pulls = f", and the ankle pulls the toes up with {-moment:.1f} N*m" if moment < 0 else ""
-    raise InputError(
-        "from the flat foot to late stance the centre of pressure moves by"
-        f" {100 * size[0]:.0f} cm, {deg[0]:.0f} deg from forward, and the horizontal force changes"
-        f" by {size[1]:.0f} N, {deg[1]:.0f} deg from forward{pulls}. If it is so in all trials,"
-        f" {cause}; else another foot stands on the plate: exclude the trial"
-    )
-
-
-def body_mass(trial: Trial, sheet: float | None) -> float | None:
-    """Body mass [kg] of a trial: the sheet's, else the recording's.
-
-    Raises
-    ------
-    InputError
-        Sheet and recording differ.
-    """
-    # a recording that does not know it has 0
-    recorded = trial.provenance.get("mocap", {}).get("body_mass_kg") or None
-    if sheet and recorded and abs(sheet / recorded - 1) > StanceLimits.LARGEST_MASS_DIFFERENCE:
-        raise InputError(
-            f"trial {trial.name}: body_mass_kg is {sheet:g} in the sheet and {recorded:g} in the"
-            " recording; correct the sheet, or leave its cell empty to use the recording's"
-        )
-    mass = sheet or recorded
-    return None if mass is None else float(mass)
+def readings_of(plate: PlateModel, lag: float) -> list[tuple[Array, float]]:
+    """Parameters and lag [s] of a plate as they are, without each plate trial, a ms later, and with
+    a kg more."""
+    readings = [(plate.parameters, lag)]
+    for model in plate.leave_one_out:
+        later = (model.lag or 0.0) - (plate.lag or 0.0)
+        readings.append((model.parameters, lag + later))
+    heavier = plate.parameters.copy()
+    heavier[0] += 1.0
+    return [*readings, (plate.parameters, lag + 1e-3), (heavier, lag)]
 
 
 @dataclass(frozen=True)
@@ -473,20 +359,17 @@ class Crossing:
     stance: Stance
     onset: float | None  # of the perturbation [s]; None without one
     bridged: float  # fraction of the frames in stance in which a hidden cluster was interpolated
-    # Changes (m, n) [N*m] of the torque without the i-th of m plate trials; m = 0 with one
-    plate_errors: StoredArray = field(default_factory=lambda: np.zeros((0, 0)))
+    # Changes (m + 4, n) [N*m] of the torque without the i-th of m plate trials, m = 0 with one, and
+    # by `PER_UNIT`
+    changes: StoredArray
     quality: CrossingQuality = field(default_factory=CrossingQuality)
     # Largest turn [rad] of the platform about the ankle in the window, toes up; None without one
     turn: float | None = None
     body_mass: float | None = None  # [kg]; None if nobody states it
 
     def __post_init__(self) -> None:
-        if not self.plate_errors.size:
-            object.__setattr__(self, "plate_errors", np.zeros((0, len(self.time))))
-        for signal in ("time", "theta", "torque", "load", "plate_errors"):
+        for signal in ("time", "theta", "torque", "load", "changes"):
             check_measured(f"trial {self.name}: {signal}", getattr(self, signal))
-        if len(self.time) < StanceLimits.FEWEST_SAMPLES:
-            raise InputError(f"trial {self.name}: {len(self.time)} samples; exclude the trial")
         sampling_rate(self.time)  # which refuses stamps that do not go forward
 
     @property
@@ -533,10 +416,9 @@ def analyse_crossing(
 
     # Angle
     ankle = ankle_between(foot, shank, calibration)
-    half_a_foot_m = 0.15  # an ankle that is farther beside the plate does not load it
-    stands = phases_between(phase, (0.1, 0.9))
+    stands = phases_between(phase, SINGLE_SUPPORT)
     outside_m = furthest_outside(ankle.centre[stands], passage.corners)
-    if outside_m > half_a_foot_m:
+    if outside_m > BESIDE_M:
         raise InputError(
             f"the ankle is {100 * outside_m:.0f} cm beside force plate {settings.plate} while it is"
             " loaded: another foot stands on it; state the plate under this foot as `walking.plate`"
@@ -544,12 +426,22 @@ def analyse_crossing(
     _, ahead = ankle.along(shank.position - ankle.centre)
     check_side(phase, ahead)
 
-    # Torque, and its changes without each plate trial
-    models = [unloaded, *unloaded.leave_one_out]
-    reactions, centre = reactions_on_foot(passage, models, lag, calibration, settings)
+    # Torque, and its changes
+    readings = readings_of(unloaded, lag)
+    reactions, centre = reactions_on_foot(passage, readings, calibration, settings)
     torques = np.array(
         [ankle_torque(reaction, centre, ankle.centre, ankle.axis) for reaction in reactions]
     )
+    load = load_on_foot(reactions[0], centre, ankle)
+    push = ankle.along(reactions[0][:, :3])
+    *without_trials, later, heavier = torques - torques[0]
+    turned = passage.poses["platform"].rotation  # with which an error of the plate's place turns
+    force = np.hstack([reactions[0][:, :3], np.zeros_like(centre)])
+    higher, further = (
+        ankle_torque(force, 1e-3 * turned @ direction, np.zeros(3), ankle.axis)
+        for direction in (VERTICAL, ankle.forward.mean(axis=0))
+    )
+    changes = np.array([*without_trials[1:], later, higher, further, heavier])
     torque = torques[0]
     if settings.foot is not None:
         of_foot = settings.foot
@@ -561,8 +453,6 @@ def analyse_crossing(
         )
 
     # What shows that the set-up is right
-    load = load_on_foot(reactions[0], centre, ankle)
-    push = ankle.along(reactions[0][:, :3])
     undisturbed_torque = torque if passage.onset is None else np.zeros_like(torque)
     check_roll(phase, load, push, undisturbed_torque)
     clusters = passage.recorded.values()
@@ -581,7 +471,7 @@ def analyse_crossing(
         stance=passage.stance,
         onset=passage.onset,
         bridged=float(np.mean(bridged[passage.inside])),
-        plate_errors=torques[1:] - torques[0],
+        changes=changes,
         quality=crossing_quality(trial, passage, ankle, load, calibration, settings),
         turn=turn,
     )

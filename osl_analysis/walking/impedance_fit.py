@@ -12,11 +12,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from osl_analysis.errors import IdentifiabilityError, naming
+from osl_analysis.errors import naming
 from osl_analysis.signals import Motion, differentiate
 from osl_analysis.stats.budget import welch_satterthwaite
 from osl_analysis.stats.linear_fit import LinearFit, linear_fit
 from osl_analysis.trial import Array
+from osl_analysis.walking.crossing import PER_UNIT
 from osl_analysis.walking.isolated_response import PerturbationResponse
 
 
@@ -101,7 +102,7 @@ def estimate_changes(response: PerturbationResponse, fit: LinearFit) -> Estimate
     columns = response.fitted_motion.columns
     return EstimateChanges(
         fitted_changes(columns, gait_torque(response, fit), response.window),
-        fitted_changes(columns, response.plate_errors, response.window),
+        fitted_changes(columns, response.changes[: -len(PER_UNIT)], response.window),
     )
 
 
@@ -119,15 +120,3 @@ def jackknife_covariance(changes: Array) -> Array:
     if m < 2:
         return np.zeros((p, p))
     return (m - 1) ** 2 / m * np.cov(changes, rowvar=False)
-
-
-def offset_share(motion: Motion, torque: Array, K: float) -> float | None:
-    """By how much K is lower, as a share, if Eq. 15 gets an offset; None if it cannot be fitted.
-
-    It is much if the response (n,) is not of second order.
-    """
-    try:
-        fit = linear_fit(torque, {**impedance_columns(motion), "offset": np.ones_like(torque)})
-    except IdentifiabilityError:
-        return None
-    return 1 - fit["K"] / K if K else None

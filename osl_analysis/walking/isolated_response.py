@@ -46,7 +46,7 @@ class UnperturbedGait:
     theta: StoredArray  # angle of the ankle (crossings, phases) [rad]
     torque: StoredArray  # (crossings, phases) [N*m]
     stance: StoredArray  # duration of stance (crossings,) [s]
-    plate_errors: StoredArray  # (m, crossings, phases) [N*m], as in `Crossing`
+    changes: StoredArray  # of the torque (m + 4, crossings, phases) [N*m], as in `Crossing`
 
 
 def unperturbed_gait(
@@ -82,7 +82,7 @@ def unperturbed_gait(
         theta=curves_of(crossings, "theta"),
         torque=curves_of(crossings, "torque"),
         stance=np.array([crossing.stance.duration for crossing in crossings]),
-        plate_errors=curves_of(crossings, "plate_errors"),
+        changes=curves_of(crossings, "changes"),
     )
 
 
@@ -247,8 +247,7 @@ class PerturbationResponse:
     time: Array  # (k,) [s] from the onset
     thetas: Array  # (crossings, k) [rad]
     torques: Array  # (crossings, k) [N*m]
-    # Changes (m, k) [N*m] of the torque without each of m plate trials in the plate's model
-    plate_errors: Array
+    changes: Array  # of the torque (m + 4, k) [N*m], as in `Crossing`
     # (4, crossings): `BEHAVIOUR` before the onset minus that of each unperturbed crossing
     behaviour: Array
     # Samples of the fitted window, from the onset, without its end: 30 for 0.1 s at 300 Hz
@@ -313,15 +312,14 @@ def isolate_response(
         )
     phase = np.clip(phase, 0.0, 1.0)
 
-    # The crossing minus each unperturbed one, or for errors minus their mean
+    # The crossing minus each unperturbed one, or for changes minus their mean
     theta = signal_at(crossing, crossing.theta, crossing_time)
     torque = signal_at(crossing, crossing.torque, crossing_time)
-    plate_errors = signal_at(crossing, crossing.plate_errors, crossing_time)
+    changes = signal_at(crossing, crossing.changes, crossing_time)
     thetas = theta - aligned.curves(gait.theta, phase)
     torques = torque - aligned.curves(gait.torque, phase)
-    errors_of_gait = gait.plate_errors.mean(axis=1)
-    mean_errors = scipy.interpolate.make_interp_spline(PHASES, errors_of_gait, axis=-1)
-    plate_errors = plate_errors - mean_errors(phase)
+    of_gait = scipy.interpolate.make_interp_spline(PHASES, gait.changes.mean(axis=1), axis=-1)
+    changes = changes - of_gait(phase)
 
     baseline = slice(MARGIN, MARGIN + round(timing.baseline_s * rate))
     window = slice(before, before + round(timing.window_s * rate))
@@ -331,7 +329,7 @@ def isolate_response(
         time=time,
         thetas=zeroed(thetas, baseline),
         torques=zeroed(torques, baseline),
-        plate_errors=zeroed(plate_errors, baseline),
+        changes=zeroed(changes, baseline),
         behaviour=behaviour_before(time, thetas, torques, timing.guard_s),
         window=window,
         stance_change=crossing.stance.duration / expected_stance - 1,

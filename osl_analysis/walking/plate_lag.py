@@ -8,7 +8,7 @@ it changes from recording to recording, and whether it grows within one: two clo
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -54,6 +54,7 @@ class PlateTiming:
     change: float | None = None
     scatter: float | None = None  # [s] from recording to recording, beyond noise
     drift: float | None = None  # change per time within a recording, beyond noise
+    onset_se: float | None = None  # standard error [s] that all onsets share
 
 
 def timing_of(
@@ -83,7 +84,8 @@ def timing_of(
     if not model.directions.size:
         check_no_mass([part for of_trial in parts.values() for part in of_trial])
     turns = {name: turns_without_load(of_trial, model) for name, of_trial in parts.items()}
-    return plate_timing(model, turns, platform.ramp_onsets(ramps))
+    onsets, onset_se = platform.ramp_onsets(ramps)
+    return replace(plate_timing(model, turns, onsets), onset_se=onset_se)
 
 
 def parts_without_load(

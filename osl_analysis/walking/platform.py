@@ -337,14 +337,15 @@ def ramp_of(time: Array, platform: Poses, smallest_turn: float) -> Ramp | None:
     return Ramp(time, angle)
 
 
-def ramp_onsets(ramps: Mapping[str, Ramp]) -> dict[str, float]:
+def ramp_onsets(ramps: Mapping[str, Ramp]) -> tuple[dict[str, float], float | None]:
     """Find the onsets [s] of ramps, by trial, from their time shifts against the mean ramp.
 
-    A ramp may have any height. One that does not follow the mean has an onset by itself.
+    A ramp may have any height. One that does not follow the mean has an onset by itself. The second
+    result is the standard error [s] that all share; None without ramps.
     """
     if not ramps:
-        return {}
-    starts, follow = align(list(ramps.values()))
+        return {}, None
+    starts, se, follow = align(list(ramps.values()))
     onsets = dict(zip(ramps, starts.tolist(), strict=True))
     for (name, ramp), follows in zip(ramps.items(), follow, strict=True):
         if not follows:
@@ -352,11 +353,11 @@ def ramp_onsets(ramps: Mapping[str, Ramp]) -> dict[str, float]:
                 f"trial {name}: the platform does not turn as in the other crossings: the onset is"
                 " that of its own ramp, which may be some ms off"
             )
-            onsets[name] = align([ramp])[0][0]
-    return onsets
+            onsets[name] = float(align([ramp])[0][0])
+    return onsets, se
 
 
-def align(ramps: list[Ramp]) -> tuple[Array, Mask]:
+def align(ramps: list[Ramp]) -> tuple[Array, float, Mask]:
     """Fit height and time shift of each ramp to the mean of all.
 
     Mean and alignment are found in turn, to first order. Ramps that do not follow are left out of
@@ -364,8 +365,9 @@ def align(ramps: list[Ramp]) -> tuple[Array, Mask]:
 
     Returns
     -------
-    tuple of Array and Mask
-        Starts (n,) [s], and whether noise explains the difference from the mean (n,).
+    tuple of Array, float and Mask
+        Starts (n,) [s], the standard error [s] that they share, and whether noise explains the
+        difference from the mean (n,).
     """
     middles = np.array([ramp.middle for ramp in ramps])
     heights = np.array([ramp.angle.max() for ramp in ramps])
@@ -391,11 +393,14 @@ def align(ramps: list[Ramp]) -> tuple[Array, Mask]:
         misfit = np.sqrt(np.mean((angles - (X @ estimates).T) ** 2, axis=1)) / noise
         # The better half is always in the mean
         follows = misfit <= max(RampLimits.LARGEST_MISFIT, np.median(misfit))
-    return middles + start_of_rise(SINCE_MIDDLE, mean), misfit <= RampLimits.LARGEST_MISFIT
+    start, se = start_of_rise(SINCE_MIDDLE, mean)
+    return middles + start, se, misfit <= RampLimits.LARGEST_MISFIT
 
 
-def start_of_rise(time: Array, ramp: Array) -> float:
-    """Find the start [s] of a ramp (n,) at times (n,) [s], from a smooth step fitted to its rise.
+def start_of_rise(time: Array, ramp: Array) -> tuple[float, float]:
+    """Find the start [s] of a ramp (n,) at times (n,) [s], from a smooth step fitted to its rise,
+    and its standard error [s]: by noise, and by how far the starts of all steps are from it, by
+    their likelihoods.
 
     Steps are the incomplete beta functions I(x; p, p): a straight ramp for p = 1, a cubic for 2,
     minimum jerk for 3, degree seven for 4. Minimum jerk is taken unless another is far more likely:
@@ -421,4 +426,8 @@ def start_of_rise(time: Array, ramp: Array) -> float:
     is_certain = (
         2 * (fits[RampLimits.USUAL_STEP].cost - fits[best].cost) > RampLimits.FAR_MORE_LIKELY
     )
-    return float(fits[best if is_certain else RampLimits.USUAL_STEP].x[0])
+    start = fits[best if is_certain else RampLimits.USUAL_STEP].x[0]
+    likelihoods = [np.exp(fits[best].cost - fit.cost) for fit in fits.values()]
+    squares = [(fit.x[0] - start) ** 2 for fit in fits.values()]
+    of_noise = np.linalg.inv(fits[best].jac.T @ fits[best].jac)[0, 0]
+    return float(start), float(np.sqrt(np.average(squares, weights=likelihoods) + of_noise))

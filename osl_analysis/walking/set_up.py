@@ -17,22 +17,32 @@ from osl_analysis.errors import InputError
 from osl_analysis.signals import longest_run
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking import platform
-from osl_analysis.walking.plate import FLAT, Stance, furthest_outside, phases_between
-from osl_analysis.walking.poses import StaticCalibration, marker_tracks, moved_marker
+from osl_analysis.walking.plate import (
+    FLAT,
+    SINGLE_SUPPORT,
+    Stance,
+    furthest_outside,
+    phases_between,
+)
+from osl_analysis.walking.poses import Poses, StaticCalibration, marker_tracks, moved_marker
 from osl_analysis.walking.walking_settings import CrossingSettings
 
 if TYPE_CHECKING:
     from osl_analysis.walking.crossing import Ankle, Passage
 
 
-class SetUpLimits:
-    """Of what is compared."""
-
-    FEWEST_FRAMES = 10  # at rest, that tell where the platform stands
-    FRAMES_OF_SPECTRUM = 128  # of markers: 0.4 s at 300 Hz
-    SLOW, FAST = (0.05, 0.12), (0.4, 0.5)  # frequencies of marker noise, as shares of their rate
-    LEAST_RESIDUAL_M = 1e-5  # of a foot's rigid body: what is less is no measured one
-    OTHER_PLACE_M = 0.1  # between the centres of two plates
+FEWEST_FRAMES = 10  # at rest, that tell where the platform stands
+FRAMES_OF_SPECTRUM = 128  # of markers: 0.4 s at 300 Hz
+SLOW = (0.05, 0.12)  # frequencies of marker noise, as shares of their rate
+FAST = (0.4, 0.5)
+LEAST_RESIDUAL_M = 1e-5  # of a foot's rigid body: what is less is no measured one
+OTHER_PLACE_M = 0.1  # between the centres of two plates
+LATE = (0.6, 0.85)  # phases of stance in which every foot pushes off, the toes down
+SMALLEST_CHANGE = np.array([0.03, 20.0])  # of roll [m] and push [N] that have a direction
+# its largest angle from forward: a foot out-toes by 20 deg, and the side force of slow gait changes
+# nearly as much as its push
+LARGEST_TURN_DEG = 60.0
+LARGEST_MASS_DIFFERENCE = 0.1  # clothes, shoes and leg weigh something
 
 
 def differences(
@@ -76,7 +86,7 @@ def differences(
 
     platform = passage.recorded["platform"]
     rests = (passage.frames < passage.stance.heel_strike) & platform.seen()
-    if rests.sum() >= SetUpLimits.FEWEST_FRAMES:
+    if rests.sum() >= FEWEST_FRAMES:
         reference = calibration.positions(settings.markers.platform, trial.name)
         place = np.median(platform[rests].points(reference), axis=0)
         distances["the platform at rest"] = root_mean_square(place - reference)
@@ -142,20 +152,17 @@ def marker_noise_ratio(trial: Trial, names: Sequence[str]) -> float | None:
     """
     _, tracks = marker_tracks(trial, names)
     rows = longest_run(np.asarray(np.isfinite(tracks).all(axis=(1, 2))))
-    if rows.stop - rows.start < SetUpLimits.FRAMES_OF_SPECTRUM:
+    if rows.stop - rows.start < FRAMES_OF_SPECTRUM:
         return None
     welch: Any = scipy.signal.welch
     f, power = welch(
         tracks[rows].reshape(-1, 3 * len(names)),
-        nperseg=SetUpLimits.FRAMES_OF_SPECTRUM,
+        nperseg=FRAMES_OF_SPECTRUM,
         detrend="linear",
         average="median",
         axis=0,
     )
-    high, low = (
-        power[(f >= first) & (f <= last)].mean()
-        for first, last in (SetUpLimits.FAST, SetUpLimits.SLOW)
-    )
+    high, low = (power[(f >= first) & (f <= last)].mean() for first, last in (FAST, SLOW))
     return float(high / low) if low else None
 
 
@@ -171,7 +178,7 @@ def window_quality(passage: "Passage", window_s: float) -> dict[str, float]:
     in_window, usual = (np.sqrt(np.nanmean(residual[rows] ** 2)) for rows in (window, before))
     turn = platform.rotation_from_rest(passage.recorded["platform"])
     ratios = {"turn_share": float(np.nanmax(turn[window]) / np.nanmax(turn))}
-    if usual > SetUpLimits.LEAST_RESIDUAL_M:
+    if usual > LEAST_RESIDUAL_M:
         ratios["foot_residual_ratio"] = float(in_window / usual)
     return ratios
 
@@ -186,13 +193,129 @@ def check_place(corners: Array, plate: int, in_static: Mapping[int, Array]) -> N
         number: np.linalg.norm(static.mean(axis=0) - centre) for number, static in in_static.items()
     }
     nearest = min(moved_m, key=lambda number: moved_m[number], default=plate)
-    if moved_m.get(plate, 0.0) > SetUpLimits.OTHER_PLACE_M > moved_m.get(nearest, 0.0):
+    if moved_m.get(plate, 0.0) > OTHER_PLACE_M > moved_m.get(nearest, 0.0):
         raise InputError(
             f"force plate {plate} stands where plate {nearest} stood in the static trial,"
             f" {100 * moved_m[plate]:.0f} cm from its own place: the recorder has numbered the"
             f" plates anew. Number them as before and export again, or analyse these trials with"
             f" their static and plate trials alone, with `walking.plate: {nearest}`"
         )
+
+
+def check_followed(
+    segment: str, frames: Array, pose: Poses, stance: Stance, largest_residual_mm: float
+) -> None:
+    """Refuse a cluster that is hidden in stance, or was put on again since the static trial."""
+    hidden = np.flatnonzero(stance.contains(frames) & ~pose.seen())
+    if len(hidden):
+        raise InputError(
+            f"the {segment} markers cannot be followed at {frames[hidden[0]]:.3f} s, in"
+            f" {len(hidden)} frames of stance: fewer than three are seen, or they stand more than"
+            f" {largest_residual_mm:g} mm (RMS) otherwise than in the static trial; correct"
+            " exchanged labels in Nexus, record a static trial after they were put on again and"
+            " name it in the column static, or exclude the trial"
+        )
+
+
+def check_onset(
+    onset: float | None, perturbed: bool, stance: Stance, settings: CrossingSettings
+) -> None:
+    """Refuse an onset [s] that the sheet contradicts, or whose response leaves stance."""
+    if (onset is not None) != perturbed:
+        raise InputError(
+            f"the platform {'does not turn' if perturbed else 'turns'}, but the sheet says"
+            f" perturbed = {str(perturbed).lower()}; correct the sheet, perturbation_deg or the"
+            " platform markers, or exclude the trial"
+        )
+    if onset is None:
+        return
+    first = onset - settings.guard_s - settings.baseline_s
+    last = onset + settings.window_s
+    if first < stance.heel_strike or last > stance.toe_off:
+        raise InputError(
+            f"baseline and window of the perturbation, {first:.3f}-{last:.3f} s, leave stance"
+            f" {stance.heel_strike:.3f}-{stance.toe_off:.3f} s; exclude the trial, or shorten"
+            " window_s, baseline_s or guard_s"
+        )
+
+
+def check_side(phase: Array, ahead: Array) -> None:
+    """Refuse an ankle's axis that points to the right.
+
+    The shank, which is `ahead` (n,) [m] of the ankle, then leans backwards in stance.
+    """
+    first, last = np.interp(SINGLE_SUPPORT, phase, ahead)
+    if last <= first:
+        raise InputError(
+            f"the shank moves {100 * (first - last):.0f} cm backwards over the foot"
+            " in stance: the ankle's axis points to the wrong side; correct `side`, exchange"
+            " ankle_medial and ankle_lateral, or correct the labels of the static trial's markers"
+        )
+
+
+def check_roll(phase: Array, load: Array, push: Array, torque: Array) -> None:
+    """Refuse a load that does not roll and push forward over the foot, or pulls the toes up.
+
+    Turned corners turn both. A channel of the wrong sign turns one, and corners that are turned to
+    make up for it turn the other.
+
+    Parameters
+    ----------
+    phase : Array
+        Of stance (n,).
+    load : Array
+        (3, n), as in `Crossing`.
+    push : Array
+        Horizontal force [N] to the left and forward (2, n), which brakes before it pushes.
+    torque : Array
+        Undisturbed torque (n,) [N*m], else 0; in late stance every foot pushes the toes down.
+    """
+    both = np.vstack([load[1:], push])
+    late = both[:, phases_between(phase, LATE)].mean(axis=1)
+    flat = both[:, phases_between(phase, FLAT)].mean(axis=1)
+    left, forward = (late - flat).reshape(2, 2).T
+    size = np.hypot(left, forward)
+    deg = np.abs(np.rad2deg(np.arctan2(left, forward)))
+    turned = (deg > LARGEST_TURN_DEG) & (size > SMALLEST_CHANGE)
+    moment = torque[phases_between(phase, LATE)].mean()
+    if moment >= 0 and not turned.any():
+        return
+    cause = (
+        "a channel of the plate, of a moment or of a horizontal force, has the wrong sign: correct"
+        " it in the recorder and export again; the source file cannot reverse one channel, and"
+        " corners that are turned in its place give a wrong K"
+    )
+    if turned.all():
+        cause = (
+            "the plate's corners or axes are turned: correct the corners' order, the first lies in"
+            " +x and +y of the plate's own axes, or `axes` in the source file"
+        )
+    pulls = f", and the ankle pulls the toes up with {-moment:.1f} N*m" if moment < 0 else ""
+    raise InputError(
+        "from the flat foot to late stance the centre of pressure moves by"
+        f" {100 * size[0]:.0f} cm, {deg[0]:.0f} deg from forward, and the horizontal force changes"
+        f" by {size[1]:.0f} N, {deg[1]:.0f} deg from forward{pulls}. If it is so in all trials,"
+        f" {cause}; else another foot stands on the plate: exclude the trial"
+    )
+
+
+def body_mass(trial: Trial, sheet: float | None) -> float | None:
+    """Body mass [kg] of a trial: the sheet's, else the recording's.
+
+    Raises
+    ------
+    InputError
+        Sheet and recording differ.
+    """
+    # a recording that does not know it has 0
+    recorded = trial.provenance.get("mocap", {}).get("body_mass_kg") or None
+    if sheet and recorded and abs(sheet / recorded - 1) > LARGEST_MASS_DIFFERENCE:
+        raise InputError(
+            f"trial {trial.name}: body_mass_kg is {sheet:g} in the sheet and {recorded:g} in the"
+            " recording; correct the sheet, or leave its cell empty to use the recording's"
+        )
+    mass = sheet or recorded
+    return None if mass is None else float(mass)
 
 
 def pressure_outside(pressure: Array, markers: Array) -> float:

@@ -8,24 +8,24 @@ from their mean, fitted with the same columns. One that is a small share of the 
 count, however regular the gait.
 """
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 import polars as pl
-import scipy
 
 from osl_analysis.measured import rms
 from osl_analysis.signals import Motion
+from osl_analysis.stats.budget import Budget, budget_rows
 from osl_analysis.stats.estimates import estimates_row
-from osl_analysis.stats.linear_fit import LinearFit
-from osl_analysis.stats.repeats import doubtful_row, over_repeats
+from osl_analysis.stats.repeats import doubtful_row
 from osl_analysis.trial import Array
+from osl_analysis.walking.contributions import Budgets, GroupHeadline, measured
 from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.ensemble import ESTIMATED, Bootstrap, GroupHeadline, mean_gait_torque
+from osl_analysis.walking.ensemble import ESTIMATED, mean_gait_torque
 from osl_analysis.walking.groups import MEASURED_IN_CROSSINGS, SEPARATOR
-from osl_analysis.walking.impedance_fit import fit_response, gait_torque, offset_share
+from osl_analysis.walking.impedance_fit import fit_response, gait_torque
 from osl_analysis.walking.isolated_response import (
     PerturbationResponse,
     UnperturbedGait,
@@ -64,10 +64,6 @@ class FitChecks:
     VAF: float
     residual_over_gait: float | None
     offset_share: float | None
-    K: float
-    K_se_share: float | None
-    B_high: float
-    I_high: float
     stance_change: float
     pace_change: float
 
@@ -75,23 +71,18 @@ class FitChecks:
 def check_fit(headline: GroupHeadline) -> FitChecks:
     """Compare the fit to the mean response with single fits and with ordinary gait."""
     responses = headline.responses
-    ensemble = headline.ensemble
-    resampled = headline.resampled
-    fit = ensemble.fit
-    K = fit["K"]
-    window = responses[0].window
-    motion = ensemble.motion[window]
-    torque = ensemble.torque[window]
-    of_gait = mean_gait_torque(responses, fit)
+    mean = headline.ensemble.response
+    K = headline.ensemble.budgets["K"]
+    of_offset = sum(each.standard or 0.0 for each in K.of_source("offset"))
     return FitChecks(
         coherence=coherence_of(responses),
-        VAF=fit.vaf,
-        residual_over_gait=residual_over_gait(motion, torque, of_gait),
-        offset_share=offset_share(motion, torque, K),
-        K=K,
-        K_se_share=resampled.se("K") / abs(K) if K else None,
-        B_high=resampled.interval("B")[1],
-        I_high=resampled.interval("I")[1],
+        VAF=mean.fit.vaf,
+        residual_over_gait=residual_over_gait(
+            mean.motion[mean.window],
+            mean.torque[mean.window],
+            mean_gait_torque(responses, mean.fit),
+        ),
+        offset_share=2 * of_offset / abs(K.value) if K.value else None,
         stance_change=float(np.mean([response.stance_change for response in responses])),
         pace_change=float(np.mean([response.pace_change for response in responses])),
     )
@@ -149,15 +140,15 @@ class GroupOutcome:
     fitted_phase: float | None = None  # of stance, that the fit reads
     reason: str | None = None  # why there is no result
     checks: FitChecks | None = None
+    budgets: Budgets = field(default_factory=dict)  # of the fit to the mean response
 
     def row(self) -> dict[str, Any]:
-        checks = {} if self.checks is None else asdict(self.checks)
-        return {
-            **asdict(self.conditions),
-            "fitted_phase": self.fitted_phase,
-            **checks,
-            "reason": self.reason,
-        }
+        row = {**asdict(self.conditions), "fitted_phase": self.fitted_phase}
+        for name, budget in self.budgets.items():
+            row.update(budget.columns(name))
+        if self.checks is not None:
+            row.update(asdict(self.checks))
+        return {**row, "reason": self.reason}
 
 
 def conditions_of(
@@ -235,17 +226,16 @@ def fitted_time(headline: GroupHeadline) -> float:
     w theta t, after the middle of the window.
     """
     response = headline.responses[0]
-    motion = headline.ensemble.motion[response.window]
+    motion = headline.ensemble.response.motion[response.window]
     w: Array = np.linalg.pinv(motion.columns)[0]
     return float(w @ (motion.theta * response.time[response.window]))
 
 
 GROUP_QUANTITIES = ("K", "B", "I", "VAF")
+MEAN = "mean of perturbations"
 ENSEMBLE = "ensemble"
 PREDICTED = "ensemble, predicted gait"
-# A bootstrap of fewer crossings does not leave their range, outside of which the mean of all lies
-# with a probability of 2^(1 - n): more than 5 %
-FEWEST_FOR_BOOTSTRAP = 6
+ENDINGS = {MEAN: "_mean", ENSEMBLE: "", PREDICTED: "_predicted"}  # of estimates in the budget
 
 
 def perturbation_row(
@@ -272,71 +262,53 @@ def perturbation_row(
 def headline_rows(headline: GroupHeadline, fits: pl.DataFrame) -> list[dict[str, object]]:
     """Make the rows of `walking_summary.csv` of one group.
 
-    They are the mean over perturbations with the errors that all share, and the ensemble minus mean
-    and minus predicted gait.
+    They are the mean over perturbations, and the ensemble minus mean and minus predicted gait.
 
     Parameters
     ----------
     fits : DataFrame
         The group's rows of `walking.csv`.
     """
-    common = headline.errors.common
     rows = []
-    for quantity in GROUP_QUANTITIES:
-        mean = over_repeats(fits[quantity].to_numpy(), common.get(quantity, ()))
-        method = f"{mean.interval_method}"
-        if quantity in common:
-            method += " + shared errors"
-        rows.append(
-            {
-                "quantity": quantity,
-                "estimator": "mean of perturbations",
-                **asdict(replace(mean, interval_method=method)),
-                **doubtful_row(fits),
-            }
-        )
-    for estimator, fit, resampled in (
-        (ENSEMBLE, headline.ensemble.fit, headline.resampled),
-        (PREDICTED, headline.predicted.fit, headline.predicted_resampled),
-    ):
+    for estimator, estimates in budgets_of(headline, fits).items():
+        vaf = fits["VAF"].mean()
+        if estimator != MEAN:
+            vaf = headline.ensemble.VAF if estimator == ENSEMBLE else headline.predicted.VAF
         for quantity in GROUP_QUANTITIES:
-            row = bootstrap_row(headline, fit, resampled, quantity)
-            rows.append({"estimator": estimator, **row})
+            row = {"estimator": estimator, "quantity": quantity, "n": len(fits), "mean": vaf}
+            if quantity in estimates:
+                budget = estimates[quantity]
+                row.update(mean=budget.value, low=budget.low, high=budget.high)
+            if estimator == MEAN:
+                row.update(sd=fits[quantity].std(), **doubtful_row(fits))
+            rows.append(row)
     return rows
 
 
-def bootstrap_row(
-    headline: GroupHeadline, fit: LinearFit, resampled: Bootstrap, quantity: str
-) -> dict[str, object]:
-    """One row with an interval from resamples.
-
-    Of few crossings it is at least that of the unperturbed ones' scatter.
-    """
-    value = fit.vaf if quantity == "VAF" else fit[quantity]
-    se = resampled.se(quantity)
-    low, high = resampled.interval(quantity)
-    n = len(headline.responses)
-    method = "bootstrap"
-
-    common = headline.errors.common
-    if quantity in common and n < FEWEST_FOR_BOOTSTRAP:
-        scatter = np.sqrt(headline.errors.of_one[quantity] / n)
-        freedom = common["K"][0][1]
-        half = -scipy.special.stdtrit(freedom, 0.025) * scatter
-        low = min(low, value - half)
-        high = max(high, value + half)
-        se = max(se, scatter)
-        method = "bootstrap, scatter of unperturbed crossings"
+def budgets_of(headline: GroupHeadline, fits: pl.DataFrame) -> dict[str, Budgets]:
+    """The budgets of K, B and I by estimator. What a mean of single fits shares with the fit to the
+    mean response is taken from that, and its scatter from the fits."""
+    of_mean = {}
+    for name, budget in headline.ensemble.budgets.items():
+        values = fits[name].to_numpy()
+        own = measured("crossings", np.std(values, ddof=1) / np.sqrt(len(values)), len(values) - 1)
+        others = [each for each in budget.contributions if each.source != own.source]
+        of_mean[name] = Budget(float(values.mean()), (own, *others))
     return {
-        "quantity": quantity,
-        "n": n,
-        "mean": value,
-        "sd": None,
-        "se": se,
-        "low": low,
-        "high": high,
-        "interval_method": method,
+        MEAN: of_mean,
+        ENSEMBLE: headline.ensemble.budgets,
+        PREDICTED: headline.predicted.budgets,
     }
+
+
+def budget_table(group: str, estimators: Mapping[str, Budgets]) -> pl.DataFrame:
+    """Tabulate `walking_budget.csv`: what contributes to the estimates of a group."""
+    rows = []
+    for estimator, budgets in estimators.items():
+        estimates = {f"{name}{ENDINGS[estimator]}": budget for name, budget in budgets.items()}
+        rows += budget_rows({}, estimates)
+    table = pl.DataFrame(rows, infer_schema_length=None).drop("trial", "amplitude_deg")
+    return table.select(pl.lit(group).alias("group"), pl.all())
 
 
 def response_table(group: str, headline: GroupHeadline) -> pl.DataFrame:
@@ -348,7 +320,7 @@ def response_table(group: str, headline: GroupHeadline) -> pl.DataFrame:
         (response.name, response.motion, response.torque, fit_response(response))
         for response in headline.responses
     ]
-    mean = headline.ensemble
+    mean = headline.ensemble.response
     frames = []
     for name, motion, torque, fit in [*fitted, (ENSEMBLE, mean.motion, mean.torque, mean.fit)]:
         model = np.full(len(time), np.nan)

@@ -182,16 +182,7 @@ class SelectionSettings(TimingSettings):
     largest_outside_m: ClassVar[float] = 0.02
 
 
-class EnsembleSettings(TimingSettings):
-    """How the ensemble of all responses is fitted."""
-
-    # Number of bootstrap samples of the ensemble
-    bootstrap_samples: Annotated[int, Field(ge=100, le=100_000)]
-
-
-class WalkingAnalysis(
-    CalibrationSettings, PlateModelSettings, CrossingSettings, SelectionSettings, EnsembleSettings
-):
+class WalkingAnalysis(CalibrationSettings, PlateModelSettings, CrossingSettings, SelectionSettings):
     """All choices of the walking analysis."""
 
     # Fewest unperturbed crossings from which a mean gait is computed

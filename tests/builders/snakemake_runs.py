@@ -22,7 +22,6 @@ PROTOCOL = {"frequencies_hz": [2, 5], "cycles": 5, "amplitudes_deg": [2, 4]}
 OVERRIDES = {
     "campaign": "small", "raw_data": "raw_data/small", "sheet": "raw_data/small/trials.csv",
     "simulation": "config/simulation/small.yaml", "dynamometer": PROTOCOL,
-    "walking": {"bootstrap_samples": 100},
     "figures": {"frequency_response": {"K_d": 300, "B_d": 5}},
 }  # fmt: skip
 """Its configuration."""

@@ -16,7 +16,7 @@ from osl_analysis.commands import walking, walking_summary
 from osl_analysis.commands.tables import gather
 from osl_analysis.judge.limits import Limits
 from osl_analysis.table import read_table
-from osl_analysis.walking.crossing import Crossing, CrossingQuality
+from osl_analysis.walking.crossing import PER_UNIT, Crossing, CrossingQuality
 from osl_analysis.walking.groups import selection_rows
 from osl_analysis.walking.plate import Stance
 from osl_analysis.walking.plate_inertia import NO_CORRECTION
@@ -59,11 +59,11 @@ def crossing(
         theta = theta + d
         torque = torque + impedance[0] * d + impedance[1] * v + impedance[2] * a
     span = Stance(0.3, 0.3 + stance)
-    no_plate = np.zeros((0, len(time)))
+    no_change = np.zeros((len(PER_UNIT), len(time)))
     turned = None if onset is None else turn
     force = 700 * np.clip(np.sin(np.pi * np.clip(phase, 0, 1)) * 1.15, 0, 0.95)
     load = np.array([force, 0 * time, 0 * time])
-    return Crossing(name, time, theta, torque, load, span, onset, 0.0, no_plate, turn=turned)
+    return Crossing(name, time, theta, torque, load, span, onset, 0.0, no_change, turn=turned)
 
 
 def selected(
@@ -150,6 +150,7 @@ def run_jobs(
         output=folder / "summary.csv",
         responses=folder / "responses.csv",
         groups=folder / "groups.csv",
+        budget=folder / "budget.csv",
         plate=folder / "plate.json",
         timing=folder / "timing.json",
     )

@@ -137,9 +137,8 @@ def test_unstated_settings_make_no_finding_on_sound_gait(tmp_path, with_default)
         for still in (False, True)
     )
     limits = (config.doubtful.of(table) for table in ("walking", "walking_groups"))
-    analysis = config.walking.model_copy(update={"bootstrap_samples": 100})
 
-    tables = run_jobs(tmp_path, perturbed, unperturbed, analysis, None, *limits)
+    tables = run_jobs(tmp_path, perturbed, unperturbed, config.walking, None, *limits)
 
     for table in (tables["walking"], tables["groups"]):
         doubts = table.get_column("doubtful", default=pl.Series(dtype=pl.String)).drop_nulls()

@@ -23,11 +23,8 @@ NO_FIXTURE = {"fixture": None}
     ("damping_unlike_gains", "impedance",
      [{"K_over_K_d": 1.0, "B_over_B_d": 2.03}, {"K_over_K_d": 1.0, "B_over_B_d": 0.47}],
      [{"K_over_K_d": 1.0, "B_over_B_d": 1.03}, {"K_over_K_d": 2.03, "B_over_B_d": 2.03}]),
-    ("plate_height", "walking_groups", [{"K": 300.0, "plate_lag_sd_s": None}],
-     [{"K": 300.0, "plate_lag_sd_s": 2e-4}]),
     # N*m read as N*mm, without gains to compare with; and a pure damper
     ("unlikely_size", "impedance", [{"K": 0.15, "B": 0.003}], [{"K": 0.15, "B": 3.0}]),
-    ("walking_unseen", "walking_groups", [{"K": 340.0}], [{"K": None}]),
 ])  # fmt: skip
 def test_what_a_row_does_not_show_is_told(name, table, told, not_told):
     def is_told(row):

@@ -256,7 +256,7 @@ def test_units_stand_below_the_heads_of_columns_and_beside_those_of_rows():
     assert "tabular}[t]" not in body
 
 
-def test_groups_of_crossings_are_rows_of_both_ensembles():
+def test_groups_of_crossings_are_rows_of_both_ensembles_with_their_doubts():
     """A VAF is not rounded to 100 %."""
     columns = ["quantity", "estimator", "mean", "low", "high"]
     rows = [("K", "ensemble", 336.0, 323.0, 348.0), ("VAF", "ensemble", 99.996, None, None),
@@ -264,14 +264,16 @@ def test_groups_of_crossings_are_rows_of_both_ensembles():
             ("K", "ensemble, predicted gait", 333.0, 321.0, 345.0),
             ("VAF", "ensemble, predicted gait", 98.0, None, None)]  # fmt: skip
     summary = pl.DataFrame(rows, columns, orient="row").with_columns(
-        group=pl.lit("all"), doubtful=None, n=30
+        group=pl.lit("all"), group_doubtful=None, n=30
     )
 
-    of_mean, predicted = rows_of(list(paper_tables.groups(summary, summary)))
+    of_mean, predicted = rows_of(list(paper_tables.groups(summary)))
     assert (of_mean["n"], of_mean["K"][:3], of_mean["VAF"]) == ("30", "336", "99.99")
     assert (predicted["n"], predicted["K"][:3], predicted["VAF"]) == ("30", "333", "98.00")
-    doubted = paper_tables.groups(summary, summary.with_columns(doubtful=pl.lit("VAF")))
+    doubt_of_K = pl.when(quantity="K").then(pl.lit("clocks"))
+    doubted = [*paper_tables.groups(summary.with_columns(group_doubtful=doubt_of_K))]
     assert [group.is_doubtful for group in doubted] == [True, True]
+    assert doubted[0].estimates == {"K": "336 (323 to 348)†", "VAF": "99.99"}
 
 
 @pytest.mark.parametrize(("beside_draft", "draft"), [(True, " 83/11 |"), (False, "")])

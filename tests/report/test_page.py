@@ -217,7 +217,7 @@ SETTINGS = {
         "calibration": UNCERTAIN, "zero": "start", "rest_s": 1.0,
     },
     "parameters": None,
-    "walking": {"correct_plate_lag": True, "baseline": "mean", "bootstrap_samples": 1000},
+    "walking": {"correct_plate_lag": True, "baseline": "mean"},
 }  # fmt: skip
 
 

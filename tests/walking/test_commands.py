@@ -21,9 +21,10 @@ from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.errors import InputError
 from osl_analysis.judge.limits import Limits
 from osl_analysis.trial import read_trial, write_trial
-from osl_analysis.walking.crossing import body_mass
+from osl_analysis.walking.crossing import PER_UNIT
 from osl_analysis.walking.plate_inertia import PlateModel
 from osl_analysis.walking.plate_lag import PlateTiming
+from osl_analysis.walking.set_up import body_mass
 from osl_analysis.walking.walking_settings import WalkingAnalysis
 
 FOOT = {"mass_kg": 1.0, "centre_of_mass_m": [0.045, 0.0, -0.045], "inertia_kg_m2": 0.085**2}
@@ -158,7 +159,7 @@ def test_the_rendered_impedance_comes_out_with_all_imperfections(real, estimator
     assert B["mean"] == pytest.approx(real.rendered("B"), rel=0.1)
     assert I["mean"] == pytest.approx(real.rendered("I"), abs=0.015)
     assert K["low"] < real.rendered("K") < K["high"]
-    assert 1 < K["se"] < 20
+    assert 4 < K["high"] - K["low"] < 100
 
 
 def test_the_plate_s_lag_and_its_own_wrench_come_out(real):
@@ -272,11 +273,11 @@ def test_a_crossing_knows_what_each_trial_of_the_plate_does_to_its_torque(real, 
     crossing = crossing_with(plate)
     without = crossing_with(plate.leave_one_out[1])
 
-    assert len(crossing.plate_errors) == 3
-    assert np.abs(crossing.plate_errors[1]).max() > 1e-3
+    assert len(crossing.changes) == 3 + len(PER_UNIT)
+    assert np.abs(crossing.changes[1]).max() > 1e-3
     change = without.torque - crossing.torque
-    np.testing.assert_allclose(crossing.plate_errors[1], change, atol=1e-9)
-    assert without.plate_errors.shape == (0, len(without.time))
+    np.testing.assert_allclose(crossing.changes[1], change, atol=1e-9)
+    assert without.changes.shape == (len(PER_UNIT), len(without.time))
     assert crossing.body_mass == 77.0
 
 

@@ -10,7 +10,6 @@ import pytest
 from c3d_builder import FACE
 from conftest import refused_with, white_noise
 from scipy.spatial.transform import Rotation
-from scipy.stats import t
 from walking_crossings import (
     TURN,
     Walk,
@@ -24,13 +23,15 @@ from walking_crossings import (
 from walking_synthetic import pose, settings
 
 from osl_analysis.commands.walking_summary import commanded_trajectory, commanded_value
+from osl_analysis.walking.contributions import group_headline
 from osl_analysis.walking.crossing import platform_turn
-from osl_analysis.walking.ensemble import group_headline
 from osl_analysis.walking.groups import Measure, crossing_features, feature_of, places, split_keys
 from osl_analysis.walking.isolated_response import unperturbed_gait
 from osl_analysis.walking.plate import Stance
+from osl_analysis.walking.plate_inertia import NO_CORRECTION
+from osl_analysis.walking.plate_lag import PlateTiming
 from osl_analysis.walking.set_up import CrossingQuality, pressure_outside
-from osl_analysis.walking.tables import fitted_time, headline_rows, set_up_difference
+from osl_analysis.walking.tables import fitted_time, set_up_difference
 
 MIDSTANCE = Walk(0.4)
 
@@ -41,22 +42,9 @@ def crossings(walks):
 
 def headline(walks, **choices):
     gait = unperturbed_gait(crossings(several("u", 8, Walk())), 3)
-    return group_headline(crossings(walks), gait, settings(**choices))
-
-
-def test_few_crossings_that_agree_by_luck_have_the_scatter_of_unperturbed_ones():
-    """A bootstrap of few crossings does not leave their range."""
-    fits = pl.DataFrame([dict.fromkeys(("K", "B", "I", "VAF"), float(n)) for n in range(5)])
-    covers = []
-    for k in range(4):
-        few = several(f"{k}p", 3, MIDSTANCE)
-        rows = headline_rows(headline(few), fits)
-        (K,) = [row for row in rows if row["estimator"] == "ensemble" and row["quantity"] == "K"]
-        covers.append(K["low"] < 340.0 < K["high"])
-
-    assert sum(covers) >= 3
-    # the last three agree by luck
-    assert K["high"] - K["mean"] == pytest.approx(t.ppf(0.975, 8 - 1) * K["se"])
+    return group_headline(
+        crossings(walks), gait, settings(**choices), NO_CORRECTION, PlateTiming({}, {})
+    )
 
 
 @pytest.mark.parametrize("is_stated", [True, False])
@@ -196,13 +184,14 @@ def test_a_stiffness_that_changes_linearly_is_read_at_the_fitted_time():
     result = headline(several("p", 4, MIDSTANCE, noise=0.0))
     time = result.responses[0].time
     window = result.responses[0].window
-    motion = result.ensemble.motion
+    mean = result.ensemble.response
+    motion = mean.motion
     slope = 1000.0  # [N*m/rad per second]
-    torque = result.ensemble.torque + slope * time * motion.theta
+    torque = mean.torque + slope * time * motion.theta
 
     K = np.linalg.lstsq(motion[window].columns, torque[window])[0][0]
 
-    assert K - result.ensemble.fit["K"] == pytest.approx(slope * fitted_time(result), rel=1e-9)
+    assert K - mean.fit["K"] == pytest.approx(slope * fitted_time(result), rel=1e-9)
     assert 0.05 < fitted_time(result) < 0.1
 
 

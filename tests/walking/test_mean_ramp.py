@@ -25,7 +25,7 @@ def errors_of(angles, noise_deg):
         )
         for k, angle in enumerate(angles)
     }
-    return np.array(list(ramp_onsets(ramps).values())) - ONSETS[: len(angles)]
+    return np.array(list(ramp_onsets(ramps)[0].values())) - ONSETS[: len(angles)]
 
 
 @pytest.mark.parametrize("noise_deg", [0.0, 0.03])
@@ -85,7 +85,7 @@ def test_a_turn_in_either_direction_is_a_ramp(sign):
     ramp = ramp_of(TIME, turned(sign * angle_of(1.2)), np.deg2rad(1))
 
     assert ramp is not None
-    assert ramp_onsets({"a": ramp})["a"] == pytest.approx(1.2, abs=5e-4)
+    assert ramp_onsets({"a": ramp})[0]["a"] == pytest.approx(1.2, abs=5e-4)
 
 
 def test_a_platform_that_hardly_turns_has_no_ramp():

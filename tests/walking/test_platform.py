@@ -14,7 +14,7 @@ from walking_synthetic import Ramp, Rig, changed, plate_trials, settings, static
 
 from osl_analysis.commands.walking import average_unperturbed, write_refusal
 from osl_analysis.table import write_table
-from osl_analysis.walking.crossing import analyse_crossing, check_onset
+from osl_analysis.walking.crossing import analyse_crossing
 from osl_analysis.walking.groups import static_of
 from osl_analysis.walking.plate import Stance
 from osl_analysis.walking.plate_inertia import (
@@ -23,6 +23,7 @@ from osl_analysis.walking.plate_inertia import (
     identify_plate_model,
 )
 from osl_analysis.walking.poses import static_calibration
+from osl_analysis.walking.set_up import check_onset
 
 CALIBRATION = static_calibration(static_trial(), settings())
 RIG = Rig()

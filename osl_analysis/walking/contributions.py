@@ -1,0 +1,251 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What contributes to K, B and I of a group of crossings: the walkway's rows of the budget.
+
+| source | how large |
+|---|---|
+| crossings, mean gait | the jackknife: the fit without each perturbed, or unperturbed, crossing |
+| plate inertia | the jackknife over the trials of the unloaded plate |
+| plate lag, plate height | the torque of 1 ms or 1 mm through the fit, times standard errors |
+| onset | the window a frame earlier and later, per frame, times its standard error |
+| offset, window | what a fit with an offset, or a window 10 % shorter or longer, would change |
+
+The last ones are a choice of the fit, as another motion is on the bench, and in no interval. What
+nobody has measured is listed with its size per unit.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from osl_analysis.errors import IdentifiabilityError
+from osl_analysis.stats.budget import Budget, Contribution, unknown
+from osl_analysis.stats.linear_fit import linear_fit
+from osl_analysis.trial import Array
+from osl_analysis.walking.crossing import PER_UNIT, Crossing
+from osl_analysis.walking.ensemble import (
+    ESTIMATED,
+    Ensemble,
+    EnsembleResponse,
+    PredictorChoice,
+    weights_without_each,
+)
+from osl_analysis.walking.impedance_fit import (
+    fitted_changes,
+    impedance_columns,
+    jackknife_covariance,
+)
+from osl_analysis.walking.isolated_response import (
+    PerturbationResponse,
+    UnperturbedGait,
+    isolate_response,
+)
+from osl_analysis.walking.plate_inertia import PlateModel
+from osl_analysis.walking.plate_lag import PlateTiming
+from osl_analysis.walking.walking_settings import TimingSettings
+
+WINDOW_SHARE = 10  # a tenth of the window, by which another laboratory may choose it otherwise
+
+Budgets = Mapping[str, Budget]
+
+
+@dataclass(frozen=True)
+class GroupFit:
+    """Eq. 15 fitted to the mean response of a group, with the budgets of K, B and I."""
+
+    response: EnsembleResponse
+    budgets: Budgets
+
+    @property
+    def VAF(self) -> float:
+        """[percent]."""
+        return self.response.fit.vaf
+
+
+@dataclass(frozen=True)
+class GroupHeadline:
+    """The result of one group of perturbed crossings."""
+
+    responses: Sequence[PerturbationResponse]
+    ensemble: GroupFit  # minus the mean unperturbed gait
+    predicted: GroupFit  # minus predicted gait
+
+
+def group_headline(
+    perturbed: Sequence[Crossing],
+    gait: UnperturbedGait,
+    settings: TimingSettings,
+    plate: PlateModel,
+    timing: PlateTiming,
+) -> GroupHeadline:
+    """Compute the result of the perturbed crossings of one group, whose unperturbed gait is `gait`.
+
+    `plate` and `timing` tell how well its height, its lag and the onsets are known.
+
+    Raises
+    ------
+    InputError
+        A response cannot be isolated, or there are too few.
+    """
+    responses = [isolate_response(crossing, gait, settings) for crossing in perturbed]
+    return headline_of_responses(responses, plate, timing)
+
+
+def headline_of_responses(
+    responses: Sequence[PerturbationResponse], plate: PlateModel, timing: PlateTiming
+) -> GroupHeadline:
+    """Fit Eq. 15 to the mean of two or more responses, minus mean and minus predicted gait."""
+    stacked = Ensemble(responses)
+    choice = stacked.choice
+    return GroupHeadline(
+        responses,
+        ensemble=with_budgets(stacked, stacked.fitted(), None, plate, timing),
+        predicted=with_budgets(stacked, stacked.fitted(choice.of_all), choice, plate, timing),
+    )
+
+
+def with_budgets(
+    stacked: Ensemble,
+    response: EnsembleResponse,
+    choice: PredictorChoice | None,
+    plate: PlateModel,
+    timing: PlateTiming,
+) -> GroupFit:
+    """The fit of a group with the budgets of its estimates.
+
+    With a `choice` gait is predicted, and predictors are chosen anew without each unperturbed
+    crossing, since another campaign would.
+    """
+    n, crossings = stacked.theta.shape[:2]
+    predictors = () if choice is None else choice.of_all
+    without_perturbed = [
+        stacked.fitted(predictors, weights).fit.estimates for weights in weights_without_each(n)
+    ]
+    without_unperturbed = []
+    for weights in weights_without_each(crossings):
+        chosen = () if choice is None else choice.best(weights)
+        without_unperturbed.append(stacked.fitted(chosen, None, weights).fit.estimates)
+    of_crossings = jackknife_ses(without_perturbed)
+    of_gait = jackknife_ses(without_unperturbed)
+
+    found: dict[str, list[Contribution]] = {}
+    for k, name in enumerate(ESTIMATED):
+        found[name] = [
+            measured("crossings", of_crossings[k], n - 1),
+            measured("mean_gait", of_gait[k], crossings - 1 - len(predictors)),
+        ]
+    errors = [
+        *of_set_up(stacked, response, plate, timing),
+        *of_onset(stacked, response, timing),
+        *of_choices(response),
+    ]
+    for error in errors:
+        for name, contribution in error.items():
+            found[name].append(contribution)
+    fit = response.fit
+    return GroupFit(response, {name: Budget(fit[name], tuple(found[name])) for name in ESTIMATED})
+
+
+def jackknife_ses(without_each: Sequence[Array]) -> Array:
+    """Standard errors (3,) from estimates (3,) without each of m items."""
+    return np.sqrt(np.diag(jackknife_covariance(np.array(without_each))))
+
+
+def measured(source: str, standard: float, freedom: float) -> Contribution:
+    """What scatters in this campaign."""
+    return Contribution(source, float(standard), float(freedom), "measured", "repeatability")
+
+
+def shared(source: str, standards: Array, freedom: float | None = None) -> dict[str, Contribution]:
+    """What all crossings share, by its standard uncertainties (3,) of K, B and I."""
+    sizes = zip(ESTIMATED, np.abs(standards), strict=True)
+    return {
+        name: Contribution(source, float(size), freedom, "measured", shared=True)
+        for name, size in sizes
+    }
+
+
+def of_set_up(
+    stacked: Ensemble, response: EnsembleResponse, plate: PlateModel, timing: PlateTiming
+) -> list[dict[str, Contribution]]:
+    """What the plate's model, lag, height and gain, and the foot's place contribute."""
+    columns = response.motion[response.window].columns
+    torques = np.mean([each.changes for each in stacked.responses], axis=0)
+    changes = fitted_changes(columns, torques, response.window)
+    by_trial, by_unit = np.split(changes, [-len(PER_UNIT)])
+    of_lag, of_height, of_place, of_mass = by_unit
+
+    rows = [
+        unknown("walking_unseen", "% of the plate's gain", K=response.fit["K"] / 100),
+        unknown("walking_unseen", "mm of the foot's place", K=of_place[0]),
+    ]
+    if len(by_trial) > 1:
+        ses = np.sqrt(np.diag(jackknife_covariance(by_trial)))
+        rows.append(shared("plate_inertia", ses, len(by_trial) - 1.0))
+    else:
+        rows.append(in_units("plate_unseen", "kg", of_mass))
+    if timing.se is None:
+        rows.append(in_units("plate_unseen", "ms", of_lag))
+    else:
+        rows.append(shared("plate_lag", 1e3 * timing.se * of_lag))
+    if plate.height_se is None:
+        rows.append(in_units("plate_unseen", "mm", of_height))
+    else:
+        rows.append(shared("plate_height", 1e3 * plate.height_se * of_height))
+    return rows
+
+
+def in_units(source: str, unit: str, changes: Array) -> dict[str, Contribution]:
+    """What nobody has measured, with the changes (3,) of K, B and I by a unit of it."""
+    return unknown(source, unit, **dict(zip(ESTIMATED, changes, strict=True)))
+
+
+def of_choices(response: EnsembleResponse) -> list[dict[str, Contribution]]:
+    """Half of what an offset of the fit, and the length of the window, would change."""
+    first = response.window.start
+    last = response.window.stop
+    step = round((last - first) / WINDOW_SHARE)
+    shorter = response.estimates_in(slice(first, last - step))
+    longer = response.estimates_in(slice(first, last + step))
+    rows = [chosen("window", longer - shorter)]
+    with_offset = estimates_with_offset(response)
+    if with_offset is not None:
+        rows.append(chosen("offset", with_offset - response.fit.estimates))
+    return rows
+
+
+def chosen(source: str, ranges: Array) -> dict[str, Contribution]:
+    """What another choice changes, by the ranges (3,) of K, B and I."""
+    sizes = zip(ESTIMATED, np.abs(ranges) / 2, strict=True)
+    return {
+        name: Contribution(source, float(size), basis="assumed", part="motion")
+        for name, size in sizes
+    }
+
+
+def of_onset(
+    stacked: Ensemble, response: EnsembleResponse, timing: PlateTiming
+) -> list[dict[str, Contribution]]:
+    """What an error of all onsets contributes; none where they are not of a mean ramp."""
+    if timing.onset_se is None:
+        return []
+    first = response.window.start
+    last = response.window.stop
+    earlier = response.estimates_in(slice(first - 1, last - 1))
+    later = response.estimates_in(slice(first + 1, last + 1))
+    frames = timing.onset_se / (stacked.time[1] - stacked.time[0])
+    return [shared("onset", frames * (later - earlier) / 2)]
+
+
+def estimates_with_offset(response: EnsembleResponse) -> Array | None:
+    """K, B and I (3,) if Eq. 15 gets an offset; None if it cannot be fitted.
+
+    They are far off if the response is not of second order.
+    """
+    motion = response.motion[response.window]
+    torque = response.torque[response.window]
+    columns = {**impedance_columns(motion), "offset": np.ones_like(torque)}
+    try:
+        return linear_fit(torque, columns).estimates[:-1]
+    except IdentifiabilityError:
+        return None

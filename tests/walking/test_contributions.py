@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The mean response has one budget: its interval is the sum of what is measured, and what is not is
+listed with its size."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import refused_with
+from scipy.stats import t
+from walking_crossings import Walk, crossing, several, walked
+from walking_synthetic import settings
+
+from osl_analysis.walking.contributions import headline_of_responses
+from osl_analysis.walking.crossing import PER_UNIT
+from osl_analysis.walking.ensemble import Ensemble
+from osl_analysis.walking.impedance_fit import fit_response
+from osl_analysis.walking.isolated_response import isolate_response, unperturbed_gait
+from osl_analysis.walking.plate_inertia import NO_CORRECTION
+from osl_analysis.walking.plate_lag import PlateTiming
+from osl_analysis.walking.tables import check_fit
+
+K, B, I = 340.0, 5.0, 0.03
+UNKNOWN = PlateTiming({}, {})
+ONSET = 0.6
+TIMING = settings(window_s=0.1)
+
+
+def responses(perturbed=8, unperturbed=8):
+    """Isolated responses of crossings by formula, each with its own gait."""
+    gait = [walked(name, walk) for name, walk in several("u", unperturbed, Walk()).items()]
+    turned = [walked(name, walk) for name, walk in several("p", perturbed, Walk(0.4)).items()]
+    mean = unperturbed_gait(gait, 3)
+    return [isolate_response(each, mean, TIMING) for each in turned]
+
+
+def of_source(budget, source):
+    (found,) = budget.of_source(source)
+    return found
+
+
+def test_the_scatter_of_the_crossings_is_that_of_their_single_fits():
+    isolated = responses()
+
+    budget = headline_of_responses(isolated, NO_CORRECTION, UNKNOWN).ensemble.budgets["K"]
+
+    singles = [fit_response(response)["K"] for response in isolated]
+    of_crossings = of_source(budget, "crossings")
+    assert of_crossings.standard == pytest.approx(np.std(singles, ddof=1) / np.sqrt(8), rel=0.05)
+    assert of_crossings.freedom == 7
+
+
+def test_the_scatter_of_the_mean_gait_is_that_of_unperturbed_crossings():
+    """Of equal responses; a single one has it 1 + 6 times, its own with that of the mean."""
+    (response,) = responses(1, 6)
+
+    budget = headline_of_responses([response] * 2, NO_CORRECTION, UNKNOWN).ensemble.budgets["K"]
+
+    of_gait = of_source(budget, "mean_gait")
+    assert fit_response(response).se("K") == pytest.approx(np.sqrt(7) * of_gait.standard, rel=0.05)
+    assert of_gait.freedom == 5
+    assert budget.half_width() == pytest.approx(t.ppf(0.975, 5) * of_gait.standard)
+
+
+def test_trials_of_the_plate_count_alike_for_one_response_and_for_the_mean():
+    (response,) = responses(1, 6)
+    waves = np.sin(2 * np.pi * np.linspace(2, 8, 4)[:, None] * response.time)
+    changes = np.vstack([waves, response.changes])
+    still = replace(response, changes=changes, torques=response.torques[:1].repeat(6, axis=0))
+    still = replace(still, thetas=response.thetas[:1].repeat(6, axis=0))
+
+    budget = headline_of_responses([still] * 2, NO_CORRECTION, UNKNOWN).ensemble.budgets["K"]
+
+    of_plate = of_source(budget, "plate_inertia")
+    assert of_plate.freedom == 3
+    assert fit_response(still).se("K") == pytest.approx(of_plate.standard, rel=0.01)
+
+
+@pytest.mark.parametrize("name", ["K", "B", "I"])
+def test_an_uncertain_lag_changes_estimates_as_a_late_torque_does(name):
+    (response,) = responses(1, 6)
+    later = np.gradient(response.torque, response.time)
+    changes = np.zeros((len(PER_UNIT), len(response.time)))
+    changes[PER_UNIT.index("plate_lag")] = 1e-3 * later
+    uncertain = replace(response, changes=changes)
+    timing = replace(UNKNOWN, se=0.5e-3)
+
+    budget = headline_of_responses([uncertain] * 2, NO_CORRECTION, timing).ensemble.budgets[name]
+
+    late = fit_response(replace(response, torques=response.torques + 0.5e-3 * later))
+    assert of_source(budget, "plate_lag").standard == pytest.approx(abs(late[name] - budget.value))
+
+
+def test_what_nobody_has_measured_is_listed_with_its_size_per_unit():
+    (response,) = responses(1, 6)
+    of_theta = np.ones((len(PER_UNIT), 1)) * response.motion.theta  # a change of K by 1 N*m/rad
+    changed = replace(response, changes=of_theta)
+
+    budgets = headline_of_responses([changed] * 2, NO_CORRECTION, UNKNOWN).ensemble.budgets
+
+    assert [(each.source, each.per) for each in budgets["K"].unknown[1:]] == [
+        ("walking_unseen", "1 N*m/rad per mm of the foot's place"),
+        ("plate_unseen", "1 N*m/rad per kg"),
+        ("plate_unseen", "1 N*m/rad per ms"),
+        ("plate_unseen", "1 N*m/rad per mm"),
+    ]
+
+
+def test_a_window_and_an_offset_are_in_no_interval():
+    budget = headline_of_responses(responses(), NO_CORRECTION, UNKNOWN).ensemble.budgets["K"]
+
+    chosen = [each.source for each in budget.of_parts("motion")]
+    assert chosen == ["window", "offset"]
+    others = replace(budget, contributions=tuple(budget.of_parts("repeatability", "bench")))
+    assert budget.half_width() == others.half_width()
+
+
+@pytest.mark.parametrize("frames", [1, 2])
+def test_an_onset_that_is_uncertain_by_so_many_frames_moves_the_window(frames):
+    timing = replace(UNKNOWN, onset_se=frames / 300)
+    isolated = responses()
+
+    budget = headline_of_responses(isolated, NO_CORRECTION, timing).ensemble.budgets["K"]
+
+    mean = Ensemble(isolated).fitted()
+    later = slice(mean.window.start + frames, mean.window.stop + frames)
+    moved = abs(mean.estimates_in(later)[0] - budget.value)
+    assert of_source(budget, "onset").standard == pytest.approx(moved, rel=0.5)
+
+
+def deviating(seed, perturbed=False):
+    """Deviations of angle and torque grow from heel strike."""
+    random = np.random.default_rng(seed)
+    plain = crossing(f"c{seed}", ONSET if perturbed else None)
+    sizes, _ = random.standard_normal((2, 2))
+    angle, torque = sizes[:, None] * (1 + 4 * (plain.time - 0.3))
+    noise = 0.05 * random.standard_normal(len(plain.time))
+    return replace(
+        plain, theta=plain.theta + 0.004 * angle, torque=plain.torque + 2.0 * torque + noise
+    )
+
+
+def isolated_all(usual=10):
+    gait = unperturbed_gait([deviating(seed) for seed in range(usual)], 3)
+    walked = [deviating(100 + k, True) for k in range(6)]
+    return [isolate_response(c, gait, TIMING) for c in walked]
+
+
+def headline(isolated):
+    return headline_of_responses(isolated, NO_CORRECTION, UNKNOWN)
+
+
+def test_lasting_deviations_are_predicted():
+    """They cost the mean baseline 2 % of K or more, noise is left. The interval is narrower and
+    holds the truth."""
+    found = headline(isolated_all())
+
+    mean, predicted = found.ensemble.budgets["K"], found.predicted.budgets["K"]
+    assert predicted.value == pytest.approx(K, rel=0.01)
+    assert abs(mean.value / K - 1) > 2 * abs(predicted.value / K - 1)
+    assert predicted.low < K < predicted.high
+    assert predicted.half_width() < 0.5 * mean.half_width()
+
+
+def test_predictors_cost_degrees_of_freedom():
+    isolated = 2 * isolated_all()
+    used = len(Ensemble(isolated).choice.of_all)
+
+    freedom = of_source(headline(isolated).predicted.budgets["K"], "mean_gait").freedom
+
+    assert used
+    assert freedom == 9 - used
+
+
+def test_six_unperturbed_crossings_predict_nothing():
+    assert Ensemble(isolated_all(usual=6)).choice.of_all == ()
+
+
+def test_one_response_is_no_ensemble():
+    with refused_with(r"ensemble: 1,.*2"):
+        Ensemble(responses(1))
+
+
+def test_sound_crossings_are_far_from_every_limit():
+    found = headline(responses())
+
+    sound = check_fit(found)
+    assert sound.residual_over_gait is None
+    assert abs(sound.offset_share) < 0.1
+    assert abs(sound.stance_change) < 0.015
+    assert sound.coherence > 0.95
+    assert sound.VAF > 99
+    assert found.ensemble.budgets["B"].high > 2

@@ -111,11 +111,11 @@ def fit_of(row: AnyRow) -> tuple[object, object]:
 
 
 def rows_by_fit(budget: pl.DataFrame | None) -> dict[tuple[object, ...], list[dict[str, Any]]]:
-    """The rows of `budget.csv` by trial and amplitude."""
-    if budget is None:
-        return {}
-    parts = budget.partition_by("trial", "amplitude_deg", as_dict=True)
-    return {fit: part.to_dicts() for fit, part in parts.items()}
+    """The rows of `budget.csv` by trial, or group of crossings, and amplitude."""
+    by_fit: dict[tuple[object, ...], list[dict[str, Any]]] = {}
+    for row in [] if budget is None else budget.to_dicts():
+        by_fit.setdefault(fit_of(row), []).append(row)
+    return by_fit
 
 
 def judged_estimates(table: str, budgets: Mapping[str, Budget], limits: Limits) -> list[Judged]:

@@ -289,7 +289,6 @@ class GroupFit(LinearFit):
             vaf=self.vaf,
             condition_number=self.condition_number,
             interval_method=self.interval_method,
-            largest_correlation=self.largest_correlation,
             degrees_of_freedom=np.array(
                 [self.degrees_of_freedom[self.names.index(next(iter(each)))] for each in gradients]
             ),
@@ -330,7 +329,7 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> GroupFi
     b = b_g.sum(axis=0)
     estimates, inverse = solved(A, b)
     varies = [k for k, column in enumerate(columns) if column != "one"]
-    condition, correlation = condition_of(tuple(model), varies, A, inverse, limit)
+    condition = condition_of(tuple(model), varies, A, inverse, limit)
 
     repeat = s.groups.repeat()
     if repeat.any():
@@ -348,7 +347,6 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> GroupFi
         condition_number=condition,
         interval_method="repeats" if repeat.any() else "blocks",
         degrees_of_freedom=freedom,
-        largest_correlation=correlation,
     )
 
 

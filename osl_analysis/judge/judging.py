@@ -212,7 +212,7 @@ def doubt_text(source: str, doubted: Sequence[Judged]) -> str:
         estimate.moved(each.standard)
         for estimate in doubted
         for each in estimate.budget.of_source(UNEXPLAINED)
-        if source != UNEXPLAINED and (each.standard or 0.0) > estimate.verdict.limit
+        if source != UNEXPLAINED and each.size > estimate.verdict.limit
     ]
     if left:
         text += f". Torque that it leaves unexplained could change {', '.join(left)}"
@@ -242,7 +242,7 @@ def properties_of(estimates: Sequence[Judged]) -> list[Finding]:
     by_source: dict[str, list[tuple[Judged, float]]] = {}
     for estimate in estimates:
         for each in estimate.own.of_parts("motion"):
-            change = 2 * (each.standard or 0.0)  # from one end of the range to the other
+            change = 2 * each.size  # from one end of the range to the other
             if each.source in FINDINGS and change > estimate.needed:
                 by_source.setdefault(each.source, []).append((estimate, change))
         if estimate.verdict.name == WIDE:

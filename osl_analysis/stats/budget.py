@@ -18,7 +18,8 @@ from osl_analysis.measured import LARGEST_VARIANCE, check_finite, significant
 from osl_analysis.trial import Array
 
 MOST_FREEDOM = 1e12  # degrees of freedom
-NORMAL_HALF_WIDTH = 1.959964  # standard errors of a 95 % interval where their size is known
+# standard errors of a 95 % interval where their size is known
+NORMAL_HALF_WIDTH = float(scipy.special.stdtrit(np.inf, 0.975))
 INTERVAL_ENDS = ("", "_low", "_high")
 """Endings of the columns of an estimate: its value and the ends of its 95 % interval."""
 
@@ -72,6 +73,11 @@ class Contribution:
     detail: str | None = None
     per: str | None = None  # of one that is not known: what it does, as `0.09 N*m*s/rad per ms`
 
+    @property
+    def size(self) -> float:
+        """Its standard uncertainty; 0 where it is not known."""
+        return self.standard or 0.0
+
 
 FIELDS = [field.name for field in fields(Contribution)]
 UNITS = {"K": "N*m/rad", "B": "N*m*s/rad", "I": "kg*m^2", "B_j": "N*m*s/rad", "J_j": "kg*m^2"}
@@ -113,7 +119,7 @@ class Verdict:
     @property
     def size(self) -> float:
         """The largest change by the source."""
-        return max((each.standard or 0.0 for each in self.rows), default=0.0)
+        return max((each.size for each in self.rows), default=0.0)
 
 
 @dataclass(frozen=True)
@@ -127,30 +133,30 @@ class Budget:
         """The contributions of some parts whose size is known."""
         return [each for each in self.contributions if each.part in parts and each.standard]
 
+    def spread(self, *parts: Part) -> tuple[float, float]:
+        """Standard uncertainty and its degrees of freedom, of all that is in the interval, or by
+        some parts alone; NaN where nothing repeats."""
+        chosen = self.of_parts(*(parts or IN_INTERVAL))
+        variances = [each.size**2 for each in chosen]
+        if any(map(math.isnan, variances)):
+            return math.nan, math.nan
+        freedoms = [math.inf if each.freedom is None else each.freedom for each in chosen]
+        return math.sqrt(sum(variances)), float(welch_satterthwaite(variances, freedoms))
+
     def half_width(self, *parts: Part) -> float:
         """Half of the 95 % interval: of all that is in it, or by some parts alone."""
-        chosen = self.of_parts(*(parts or IN_INTERVAL))
-        if not chosen:
-            return 0.0
-        if any(math.isnan(each.standard or 0.0) for each in chosen):
-            return math.nan  # nothing repeats
-        variances = [(each.standard or 0.0) ** 2 for each in chosen]
-        freedoms = [math.inf if each.freedom is None else each.freedom for each in chosen]
-        freedom = welch_satterthwaite(variances, freedoms)
-        return float(scipy.special.stdtrit(freedom, 0.975) * np.sqrt(sum(variances)))
+        standard, freedom = self.spread(*parts)
+        return float(scipy.special.stdtrit(freedom, 0.975) * standard)
 
     def of_source(self, source: str) -> list[Contribution]:
         """The contributions of a source, of known size."""
-        return [
-            each
-            for each in self.contributions
-            if each.source == source and each.standard is not None
-        ]
+        known = [each for each in self.contributions if each.standard is not None]
+        return [each for each in known if each.source == source]
 
     @property
     def half_range(self) -> float:
         """What another motion would change."""
-        return math.hypot(*(each.standard or 0.0 for each in self.of_parts("motion")))
+        return math.hypot(*(each.size for each in self.of_parts("motion")))
 
     @property
     def unknown(self) -> list[Contribution]:
@@ -181,10 +187,10 @@ class Budget:
         half-width and half-range together; or where one is likely, and the half-width itself
         exceeds what is needed: the misfit in it is then the fault's.
         """
-        half, own = self.half_width(), math.hypot(self.half_width(), self.half_range)
-        limit = max(needed, own)
+        half = self.half_width()
+        limit = max(needed, math.hypot(half, self.half_range))
         faults = self.of_parts("fault")
-        harmful = [each for each in faults if (each.standard or 0.0) > limit]
+        harmful = [each for each in faults if each.size > limit]
         if sum(each.probability for each in harmful) <= DOUBT:
             harmful = [each for each in faults if each.basis == "weighed"]
             is_likely = sum(each.probability for each in harmful) > LIKELY

@@ -50,10 +50,6 @@ class LinearFit:
     """Source of the covariance: `white noise`, or the source that its own fit names."""
     # degrees of freedom (p,) of the variances in the covariance
     degrees_of_freedom: Array
-    largest_correlation: float
-    """Largest absolute correlation of two estimates under white noise, without an offset's. It is
-    computed from the columns: a few noisy cycles do not change it. 0 if there is only one; near 1
-    only a combination is known."""
     known_errors: tuple[KnownError, ...] = ()  # beside the scatter
 
     def __getitem__(self, name: str) -> float:
@@ -80,25 +76,16 @@ class LinearFit:
 
     def se(self, name: str) -> float:
         """Standard error of one estimate, in its unit."""
-        return float(np.sqrt(np.sum(self.variances(name))))
-
-    def variances(self, name: str) -> Array:
-        """Variances of one estimate, by its scatter and by each known error."""
-        k = self.names.index(name)
-        return np.array([self.covariance[k, k], *(e.change[k] ** 2 for e in self.known_errors)])
+        return self.budget(name).spread()[0]
 
     def se_bench(self, name: str) -> float:
         """Part of the standard error that all trials on a bench share."""
-        is_shared = [False, *(error.shared for error in self.known_errors)]
-        return float(np.sqrt(np.sum(self.variances(name)[is_shared])))
+        shared = [each.size for each in self.budget(name).contributions if each.shared]
+        return float(np.linalg.norm(shared))
 
     def freedom(self, name: str) -> float:
         """Degrees of freedom of one estimate's variance."""
-        own = float(self.degrees_of_freedom[self.names.index(name)])
-        if not self.known_errors:
-            return own
-        infinite = [np.inf] * len(self.known_errors)
-        return float(welch_satterthwaite(self.variances(name), [own, *infinite]))
+        return self.budget(name).spread()[1]
 
     def half_width(self, name: str) -> float:
         """Half of the 95 % interval of one estimate, in its unit."""
@@ -160,7 +147,6 @@ def linear_fit(y: Array, columns: Mapping[str, Array]) -> LinearFit:
     A = X.T @ X
     estimates, inverse = solved(A, X.T @ y)
     varies = [k for k, column in enumerate(X.T) if np.ptp(column)]
-    condition, correlation = condition_of(names, varies, A, inverse, CONDITION_LIMIT)
     residual = y - X @ estimates
     freedom = len(y) - len(names)
     return LinearFit(
@@ -168,19 +154,17 @@ def linear_fit(y: Array, columns: Mapping[str, Array]) -> LinearFit:
         estimates=estimates,
         covariance=inverse * (residual @ residual) / freedom,
         vaf=variance_accounted_for(y, residual),
-        condition_number=condition,
+        condition_number=condition_of(names, varies, A, inverse, CONDITION_LIMIT),
         interval_method="white noise",
         degrees_of_freedom=np.full(len(names), float(freedom)),
-        largest_correlation=correlation,
     )
 
 
 def solved(A: Array, b: Array) -> tuple[Array, Array]:
     """Solve normal equations A x = b, (p, p) and (p,), for the estimates (p,); also the inverse of
     A. Directions of A that rounding alone fills are left out."""
-    scale = np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(A / np.outer(scale, scale))
-    parts = vectors / scale[:, None]
+    values, vectors = np.linalg.eigh(scaled_to_one(A))
+    parts = vectors / sizes_of(A)[:, None]
     is_known = values > SMALLEST_DIRECTION * values[-1]
     weights = np.divide(1, values, out=np.zeros_like(values), where=is_known)
     inverse = parts * weights @ parts.T
@@ -191,8 +175,8 @@ def solved(A: Array, b: Array) -> tuple[Array, Array]:
 
 def condition_of(
     names: Sequence[str], varies: Sequence[int], A: Array, inverse: Array, limit: float
-) -> tuple[float, float]:
-    """What p columns cannot tell apart, by their normal equations A (p, p) and its inverse.
+) -> float:
+    """How badly p columns can be told apart, by their normal equations A (p, p) and its inverse.
 
     Parameters
     ----------
@@ -206,10 +190,8 @@ def condition_of(
 
     Returns
     -------
-    condition : float
+    float
         Condition number of the columns, each scaled to unit length.
-    correlation : float
-        The largest absolute correlation of two estimates.
 
     Raises
     ------
@@ -222,9 +204,9 @@ def condition_of(
             " throughout"
         )
     values, vectors = np.linalg.eigh(scaled_to_one(A))
-    of_varying = inverse[np.ix_(varies, varies)]
     squares = values
     if len(varies) > 1 and values[0] * ROUNDED**2 > values[-1]:
+        of_varying = inverse[np.ix_(varies, varies)]
         squares = np.linalg.eigvalsh(scaled_to_one(np.asarray(np.linalg.inv(of_varying))))
     condition = np.sqrt(squares[-1] / max(squares[0], LEAST_EIGENVALUE * squares[-1]))
     if condition > limit:
@@ -234,14 +216,17 @@ def condition_of(
             f"{first} and {second} cannot be told apart in these data (scaled condition number"
             f" {condition:.3g}); excite more frequencies, lengthen the window or fix one of them"
         )
-    correlations = np.triu(scaled_to_one(of_varying), 1)
-    return condition, np.max(np.abs(correlations), initial=0.0)
+    return float(condition)
 
 
 def scaled_to_one(A: Array) -> Array:
     """A symmetric matrix (p, p) with ones on its diagonal."""
-    scale = np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
-    return A / np.outer(scale, scale)
+    return A / np.outer(sizes_of(A), sizes_of(A))
+
+
+def sizes_of(A: Array) -> Array:
+    """Roots of the diagonal of A (p, p)."""
+    return np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
 
 
 def between_cycles(sums: Array, stratum: NDArray[np.intp]) -> tuple[Array, Array]:

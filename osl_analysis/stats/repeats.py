@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Mean, scatter and interval over repeated trials."""
 
+import math
 from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass
 from statistics import median
@@ -13,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from osl_analysis.errors import InputError
 from osl_analysis.measured import check_measured
-from osl_analysis.stats.budget import NORMAL_HALF_WIDTH, welch_satterthwaite
+from osl_analysis.stats.budget import NORMAL_HALF_WIDTH, Budget, Contribution, scatter
 from osl_analysis.trial import Array
 
 DOUBTFUL = "doubtful"  # column with the causes of doubt; null without any
@@ -115,26 +116,20 @@ def over_repeats(
     shares = np.ones_like(values) * np.asarray(weights)
     shares /= shares.sum()
     mean = shares @ values
-    of_mean = shares @ (values - mean) ** 2 / (len(values) - 1)
-    of_common = [variance for variance, _ in common]
-    freedom_of_common = [degrees for _, degrees in common]
-
-    variances = [of_mean, *of_common]
-    se = np.sqrt(sum(variances))
-    degrees = welch_satterthwaite(variances, [len(values) - 1, *freedom_of_common])
-    by_scatter = scipy.special.stdtrit(degrees, 0.975) * se
-    by_trials = np.linalg.norm(shares * halves)
-    by_own = np.hypot(by_trials, NORMAL_HALF_WIDTH * np.sqrt(sum(of_common)))
-    method = "errors of the trials" if by_own > by_scatter and np.any(halves) else "Student"
-    half = max(by_scatter, by_own)
+    of_mean = float(np.sqrt(shares @ (values - mean) ** 2 / (len(values) - 1)))
+    shared = [Contribution("bench", math.sqrt(x), freedom) for x, freedom in common]
+    own = float(np.linalg.norm(shares * halves)) / NORMAL_HALF_WIDTH
+    by_scatter = Budget(mean, (scatter(of_mean, len(values) - 1), *shared))
+    by_trials = Budget(mean, (scatter(own, math.inf), *shared))
+    wider = max(by_scatter, by_trials, key=Budget.half_width)
     return Repeats(
         n=len(values),
         mean=mean,
-        sd=np.sqrt(of_mean * len(values)),
-        se=max(se, by_own / NORMAL_HALF_WIDTH),
-        low=mean - half,
-        high=mean + half,
-        interval_method=method,
+        sd=of_mean * math.sqrt(len(values)),
+        se=max(by_scatter.spread()[0], by_trials.spread()[0]),
+        low=wider.low,
+        high=wider.high,
+        interval_method="Student" if wider is by_scatter else "errors of the trials",
     )
 
 
@@ -156,19 +151,16 @@ def summary_row(table: pl.DataFrame, name: str, is_weighted: bool = False) -> di
             "interval_method": first.get("interval_method"),
         }
 
-    of_bench = np.zeros(len(used))
-    if f"{name}_se_bench" in table.columns:
-        of_bench = used[f"{name}_se_bench"].fill_null(0.0).to_numpy()
-    halves: ArrayLike = 0.0
-    weights: ArrayLike = 1.0
-    if {f"{name}_low", f"{name}_high"} <= set(table.columns):
-        widths = used[f"{name}_high"].to_numpy() - used[f"{name}_low"].to_numpy()
-        if is_weighted:
-            weights = 1 / np.square(widths)
-        own_squares = np.nan_to_num(widths / 2) ** 2 - (NORMAL_HALF_WIDTH * of_bench) ** 2
-        halves = np.sqrt(np.maximum(own_squares, 0.0))
+    low, high, of_bench = (
+        used[f"{name}{end}"].to_numpy() if f"{name}{end}" in used.columns else np.zeros(len(used))
+        for end in ("_low", "_high", "_se_bench")
+    )
+    of_bench = np.nan_to_num(of_bench)
+    own_squares = np.nan_to_num(high - low) ** 2 / 4 - (NORMAL_HALF_WIDTH * of_bench) ** 2
+    halves = np.sqrt(np.maximum(own_squares, 0.0))
     shared = float(np.mean(np.square(of_bench)))
     common = [(shared, np.inf)] if shared else []
+    weights = 1 / np.square(high - low) if is_weighted else 1.0
     row = asdict(over_repeats(numbers.to_numpy(), common, halves, weights))
     if shared:
         row["interval_method"] = f"{row['interval_method']} + bench"

@@ -17,12 +17,17 @@ from pydantic import AfterValidator, Field
 
 from osl_analysis.bench.summaries import PLACE
 from osl_analysis.dictionary import described_tables_by_name, table_of
-from osl_analysis.errors import InputError, listing, nearest
+from osl_analysis.errors import naming
 from osl_analysis.stats.repeats import RANGE, counted
-from osl_analysis.yaml_settings import Settings, read_mapping, refuse_if, validated
+from osl_analysis.yaml_settings import (
+    Settings,
+    check_known,
+    read_mapping,
+    refuse_if,
+    validated,
+)
 
 NOT_TESTED = "not tested"
-ENOUGH_COMPARED = 0.5  # of the conditions: fewer do not stand for all of them
 
 
 def parsed(text: str | float) -> str:
@@ -69,26 +74,16 @@ def read_claims(path: Path) -> dict[str, Claim]:
         name: validated(fields, Claim, f"{path}: {name}", ())
         for name, fields in read_mapping(path).items()
     }
-    tables = {
-        name: table
-        for name, table in described_tables_by_name().items()
-        if table.place.startswith("tables/")
-    }
+    tables = described_tables_by_name()
     for name, claim in claims.items():
-        if claim.table not in tables:
-            raise InputError(
-                f"{path}: {name}.table: there is no table '{claim.table}'; write one of"
-                f" {listing([*tables])}{nearest(claim.table, tables)}"
-            )
-        columns = tables[claim.table].columns
-        needed = {*claim.pairs, *(["controller"] if claim.controller else [])}
-        for text in (claim.rows, claim.number, claim.low, claim.high, claim.target):
-            needed.update(pl.sql_expr(str(text)).meta.root_names())
-        for column in sorted(needed - {*columns}):
-            raise InputError(
-                f"{path}: {name}: the table {claim.table} has no column '{column}'; it has"
-                f" {listing([*columns])}{nearest(column, columns)}"
-            )
+        with naming(f"{path}: {name}"):
+            check_known(tables, "table", claim.table)
+            columns = tables[claim.table].columns
+            needed = [*claim.pairs, *(["controller"] if claim.controller else [])]
+            for text in (claim.rows, claim.number, claim.low, claim.high, claim.target):
+                needed += pl.sql_expr(str(text)).meta.root_names()
+            for column in needed:
+                check_known(columns, f"column of the table {claim.table}", column)
     return claims
 
 
@@ -116,10 +111,8 @@ def claims_table(tables: Mapping[str, pl.DataFrame], claims: Mapping[str, Claim]
         rows = tables.get(claim.table, pl.DataFrame())
         places = [place for place in PLACE if place in rows.columns]
         for part in rows.partition_by(places) if places else [rows]:
-            place = dict.fromkeys(PLACE)
-            if places:
-                place.update(part.select(places).row(0, named=True))
-            tested.append({**place, **stated, **result_of(claim, part)})
+            place = part.select(places).row(0, named=True) if places else {}
+            tested.append({**dict.fromkeys(PLACE), **place, **stated, **result_of(claim, part)})
     return table_of(tested, "claims")
 
 
@@ -133,22 +126,17 @@ def result_of(claim: Claim, table: pl.DataFrame) -> dict[str, Any]:
     }
     kept = counted(table, pl.sql_expr(str(claim.number)).meta.root_names())
     rows = kept.filter(pl.sql_expr(str(claim.rows))).with_columns(**expressions)
-    if claim.than is None:
+    if claim.than is not None:
+        rows = paired(claim, rows)
+    else:
         if claim.controller is not None:
             rows = rows.filter(controller=claim.controller)
-        compared = with_outcomes(
-            rows.drop_nulls(["number", "target"]).with_columns(
-                value=pl.col("number"),
-                below=pl.col("target") - claim.margin,
-                above=pl.col("target") + claim.margin,
-            )
+        rows = rows.with_columns(
+            value=pl.when(pl.col("target").is_not_null()).then("number"),
+            below=pl.col("target") - claim.margin,
+            above=pl.col("target") + claim.margin,
         )
-        among = len(rows)
-    else:
-        pairs = paired(claim, rows)
-        among = len(pairs)
-        compared = with_outcomes(pairs.drop_nulls("value"))
-    return summary_of(compared, among, claim)
+    return summary_of(rows.drop_nulls("value"), len(rows), claim)
 
 
 def paired(claim: Claim, rows: pl.DataFrame) -> pl.DataFrame:
@@ -177,24 +165,17 @@ def paired(claim: Claim, rows: pl.DataFrame) -> pl.DataFrame:
     )
 
 
-def with_outcomes(rows: pl.DataFrame) -> pl.DataFrame:
-    """Whether `value` meets the claim, from `below` to `above`, and whether its interval does, or
-    is beyond, as a whole."""
-    low, high = pl.coalesce("low", "value"), pl.coalesce("high", "value")
-    below, above = pl.col("below"), pl.col("above")
-    return rows.with_columns(
-        is_met=(pl.col("value") >= below) & (pl.col("value") <= above),
-        is_certain=(low >= below) & (high <= above),
-        is_missed=(low > above) | (high < below),
-    )
-
-
 def summary_of(compared: pl.DataFrame, among: int, claim: Claim) -> dict[str, Any]:
     """Counts, mean and verdict of the outcomes of `among` conditions that could be compared."""
     n = len(compared)
-    outcomes = compared.select(pl.col("is_met", "is_certain", "is_missed").sum()).row(0)
-    counts = dict(zip(("met", "certain", "missed"), outcomes, strict=True))
-    counts |= {"n": n, "among": among}
+    low, high = pl.coalesce("low", "value"), pl.coalesce("high", "value")
+    below, above = pl.col("below"), pl.col("above")
+    outcomes = compared.select(
+        met=pl.col("value").is_between(below, above).sum(),
+        certain=((low >= below) & (high <= above)).sum(),
+        missed=((low > above) | (high < below)).sum(),
+    )
+    counts = {**outcomes.row(0, named=True), "n": n, "among": among}
     if not n:
         return {**counts, "verdict": NOT_TESTED}
     text = "nearer"
@@ -208,14 +189,14 @@ def summary_of(compared: pl.DataFrame, among: int, claim: Claim) -> dict[str, An
     if claim.condition:
         text += f" ({claim.condition})"
     values = compared["value"]
-    low, high = values.min(), values.max()
+    ends: tuple[Any, Any] = (values.min(), values.max())
     interval: str | None = RANGE
     if n == 1:
-        low, high = compared.select("low", "high").row(0)
-        interval = "95 %" if low is not None else None
+        ends = compared.select("low", "high").row(0)
+        interval = "95 %" if ends[0] is not None else None
     return {
         "quantity": text,
-        "value": values.mean(), "low": low, "high": high, "interval": interval,
+        "value": values.mean(), "low": ends[0], "high": ends[1], "interval": interval,
         **counts, "verdict": verdict_of(**counts),
     }  # fmt: skip
 
@@ -223,7 +204,7 @@ def summary_of(compared: pl.DataFrame, among: int, claim: Claim) -> dict[str, An
 def verdict_of(n: int, among: int, met: int, certain: int, missed: int) -> str:
     """`holds`, `fails`, `mixed` or `undecided`, by how many of n meet a claim, do so certainly, and
     certainly do not."""
-    if n < ENOUGH_COMPARED * among:
+    if 2 * n < among:  # they do not stand for all of them
         return "undecided"
     if met == n and 2 * certain > n:
         return "holds"

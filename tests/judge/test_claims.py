@@ -159,5 +159,5 @@ def test_the_claims_of_the_draft_can_be_tested_and_a_wrong_column_is_named(tmp_p
     wrong.write_text(
         Path("config/claims/draft.yaml").read_text().replace("number: B\n", "number: Bd\n")
     )
-    with pytest.raises(InputError, match=r"damping_closer.*no column 'Bd'.*did you mean 'B_d'"):
+    with pytest.raises(InputError, match=r"damping_closer.*'Bd' is no column.*did you mean 'B_d'"):
         read_claims(wrong)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which numbers can be a measurement, to which step a signal is rounded, and how a result is.
+"""Which numbers can be a measurement, and to which step a signal is rounded.
 
 A fit refuses a number that no sensor can give, before it overflows, underflows or becomes NaN.
 """
@@ -17,7 +17,7 @@ from osl_analysis.errors import InputError
 # underflows: the highest power that one needs is the squared variance of a quotient of two signals.
 LARGEST_SIGNAL = 1e30
 SMALLEST_SIGNAL = 1e-30
-LARGEST_VARIANCE = 1e150  # its square is finite
+LARGEST_VARIANCE = LARGEST_SIGNAL**5  # its square is finite
 
 # Mean square of an exact fit's rounding error, as a share of the mean square of y. The processor
 # decides whether an exact fit leaves 0 or 1e-16. No result may depend on it.
@@ -109,21 +109,18 @@ SPIKE_AROUND = 3.0  # steps before and behind a spike, which is larger
 FAR_OFF = 5.0  # ranges beyond which a number that recurs is of no sensor, also in a row
 FEWEST_RECURRING = 3  # spikes of one value, as of bits that stood high
 MOST_SPOILED = 0.1  # share of the values; of more, the channel itself is like this
-SAMPLED = 10_000  # values that tell what is usual; all of an hour take as long as reading them
 
 
 def spoiled(values: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Whether values (n,) are none of a sensor: each leaps off both neighbours and back, or is a
     value that recurs in such leaps, or far off. A wrap and a step of a command are none."""
-    every = slice(None, None, max(values.size // SAMPLED, 1))
-    usual = values[every][np.isfinite(values[every])]
+    usual = values[np.isfinite(values)]
     low, middle, high = np.quantile(usual, (0.05, 0.5, 0.95)) if usual.size else (0.0, 0.0, 0.0)
     if high == low or values.size < FEWEST_RECURRING:
         return np.zeros(values.size, bool)
     steps = np.pad(np.diff(values), 2)
     sizes = np.abs(steps)
-    bends = np.abs(steps[1:][every] - steps[:-1][every])
-    bend = np.quantile(np.nan_to_num(bends), 0.75)
+    bend = np.quantile(np.nan_to_num(np.abs(np.diff(steps))), 0.75)
     smaller = np.minimum(sizes[1:-2], sizes[2:-1])
     around = np.maximum(sizes[:-3], sizes[3:])
     limit = max(SPIKE_SHARE * (high - low), SPIKE_BENDS * bend)
@@ -135,12 +132,6 @@ def spoiled(values: NDArray[np.float64]) -> NDArray[np.bool_]:
     found, counts = np.unique(values[may_recur], return_counts=True)
     is_spoiled = is_alone | np.isin(values, found[counts >= FEWEST_RECURRING])
     return is_spoiled & (is_spoiled.mean() <= MOST_SPOILED)
-
-
-def significant(value: float, digits: int = 2) -> str:
-    """Write a number with `digits` significant digits for a sentence: -720 and 0.00012, never
-    -7.2e+02."""
-    return np.format_float_positional(value, digits, unique=False, fractional=False, trim="-")
 
 
 def visible_step(values: NDArray[np.float64]) -> float | None:
@@ -177,71 +168,3 @@ def visible_step(values: NDArray[np.float64]) -> float | None:
     from_whole, whole_share = 0.02, 0.99
     is_whole = np.abs(steps - np.rint(steps)) < from_whole
     return step if np.mean(is_whole) >= whole_share else None
-
-
-# ---- How a number is rounded, everywhere alike: as its interval allows
-
-
-def decimal_places(
-    value: float, low: float | None = None, high: float | None = None, unit: str = ""
-) -> int:
-    """Decimal places that leave two digits of half of the interval. Without one they leave three
-    digits of the number, of a percentage near 100 two of what it leaves to 100, and of a whole
-    number none."""
-    half = 0.0 if low is None or high is None else abs(high - low) / 2
-    if half > 1e-9 * abs(value):
-        return places_of(half, 2)
-    if value == round(value):
-        return 0
-    rest = 100 - value
-    if unit == "%" and 1e-6 < rest < 1:  # less is rounding, of more three digits show two
-        return places_of(rest, 2)
-    return places_of(abs(value), 3)
-
-
-def places_of(size: float, digits: int) -> int:
-    """Decimal places that leave so many significant digits of a size."""
-    return max(digits - 1 - math.floor(math.log10(size)), 0)
-
-
-def with_places(places: int, *numbers: float | None) -> list[str]:
-    """Numbers with so many decimal places; empty for none."""
-    return ["" if number is None else f"{number:z.{places}f}" for number in numbers]
-
-
-NOTHING = "–"
-
-
-LARGEST_ASYMMETRY = 0.1  # of half of an interval, by which its middle may be beside the number
-
-
-def plus_minus(value: str, low: str, high: str) -> str:
-    """A number with the ends of its interval as `300.1 ± 1.4`; with both ends where the number is
-    not in their middle, and alone without them."""
-    if not low or not high:
-        return value
-    half = (float(high) - float(low)) / 2
-    if abs(float(value) - float(low) - half) > LARGEST_ASYMMETRY * half:
-        return f"{value} ({low} to {high})"
-    return f"{value} ± {half:.{len(value.partition('.')[2])}f}"
-
-
-class WithInterval(str):
-    """A number and the ends of its interval, as one text and as `parts`, which tables of LaTeX set
-    their own way."""
-
-    parts: tuple[str, ...]
-
-
-def written(
-    value: float | None, low: float | None = None, high: float | None = None, unit: str = ""
-) -> str:
-    """A number as `300.1 (298.7 to 301.6)`, or a dash for none."""
-    if value is None:
-        return NOTHING
-    parts = with_places(decimal_places(value, low, high, unit), value, low, high)
-    if not all(parts):
-        return parts[0]
-    text = WithInterval("{} ({} to {})".format(*parts))
-    text.parts = tuple(parts)
-    return text

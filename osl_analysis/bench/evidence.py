@@ -32,11 +32,11 @@ from osl_analysis.bench.record import Label
 from osl_analysis.bench.regression import IMPEDANCE, Sums, fit_groups, sums_of
 from osl_analysis.dictionary import table_of
 from osl_analysis.inference import FrictionlessActuator, ImpedanceInference
-from osl_analysis.measured import significant
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
 from osl_analysis.model.drivetrain import DrivetrainParameters, joint_admittance
 from osl_analysis.stats.budget import LIKELY, Budget, Contribution, budget_rows, unknown
 from osl_analysis.stats.estimates import Row
+from osl_analysis.stats.rounding import significant
 
 LARGE_DELAY = 0.05  # share of B that the half-width of a leg's delay may make before it is told
 

@@ -16,6 +16,7 @@ from osl_analysis.campaign.campaign_trials import Campaign
 from osl_analysis.campaign.configuration import LIMIT_BY_WEIGHT, Config
 from osl_analysis.campaign.trace import code, digest_of, values_in
 from osl_analysis.files import DISTRIBUTION, ROOT, own_yaml
+from osl_analysis.judge.limits import SHIPPED
 from osl_analysis.yaml_settings import flat, read_mapping
 
 # facts on the origin of results
@@ -134,7 +135,7 @@ def changed_settings(campaign: Campaign) -> list[dict[str, Any]]:
     `setting`, `value`, `default` and `state`."""
     config = campaign.config
     own = flat(config.model_dump(mode="json", include={"doubtful", "quality"}))
-    defaults = flat(own_yaml(Path(__file__).with_name("deciding_defaults.yaml")))
+    defaults = flat(SHIPPED)
     if config.simulation is None:
         defaults |= flat(LIMIT_BY_WEIGHT)
     settings = [(name, own.get(name), defaults.get(name)) for name in sorted({*own, *defaults})]

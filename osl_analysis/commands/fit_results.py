@@ -22,8 +22,8 @@ from osl_analysis.figures import drawn
 from osl_analysis.judge.finding import Finding, Grade
 from osl_analysis.judge.judging import fit_of, rows_by_fit
 from osl_analysis.judge.words import finding_text, words_of
-from osl_analysis.measured import decimal_places, significant, with_places, written
 from osl_analysis.stats.budget import IN_INTERVAL, Budget, budgets_in
+from osl_analysis.stats.rounding import decimal_places, significant, with_places, written
 from osl_analysis.trial import Array
 
 MOST_SHOWN = 10_000  # rows of a series; two minutes of a stepped sine have 15 per fastest period

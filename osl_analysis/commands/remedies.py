@@ -17,8 +17,8 @@ from osl_analysis.commands.fit_results import FitTables, estimated, printed_unit
 from osl_analysis.dictionary import table_of
 from osl_analysis.errors import Change, InputError, OslAnalysisError
 from osl_analysis.ingest.guard import in_other_units, swapped_channels
-from osl_analysis.measured import written
 from osl_analysis.stats.budget import LIKELY
+from osl_analysis.stats.rounding import written
 from osl_analysis.trial import Trial
 
 FITS_WORSE = 2.0  # times what the best change leaves of the torque, from which one is no remedy

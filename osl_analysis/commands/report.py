@@ -18,7 +18,6 @@ from osl_analysis.files import write_text
 from osl_analysis.judge.campaign import exclusion_report, findings_in_summary
 from osl_analysis.judge.finding import read_findings
 from osl_analysis.judge.recording_checks import BY_JOB
-from osl_analysis.measured import significant
 from osl_analysis.report import methods
 from osl_analysis.report.numbers import BY_CONDITION, headline_sentences, numbers_in_summary
 from osl_analysis.report.page import Page, ShownFigure, trial_view, written_page
@@ -37,6 +36,7 @@ from osl_analysis.report.verdicts import (
     left_out_trials,
     verdicts_sentence,
 )
+from osl_analysis.stats.rounding import significant
 from osl_analysis.table import NotAnalysed, read_by_name, read_table
 from osl_analysis.yaml_settings import FilesByName
 

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 
 from osl_analysis.bench.summaries import PLACE
 from osl_analysis.figures import marks, style
-from osl_analysis.measured import written
+from osl_analysis.stats.rounding import written
 
 # name that takes the place of the trial in the two rows that carry the mean slope
 MEAN_SLOPE = "mean slope"

@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from osl_analysis.figures import marks, style
-from osl_analysis.measured import written
 from osl_analysis.stats.repeats import counted, doubts_of_trials
+from osl_analysis.stats.rounding import written
 from osl_analysis.trial import Array
 
 LEAST_UNEXPLAINED = 1e-4  # smaller unexplained shares are drawn here [percent]

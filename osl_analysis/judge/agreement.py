@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from osl_analysis.judge.finding import Beyond, Finding, Grade
 from osl_analysis.judge.known_findings import Rule, rule_of
-from osl_analysis.measured import places_of, significant, with_places
 from osl_analysis.stats.budget import CLEAR, FLOOR, WIDE
+from osl_analysis.stats.rounding import places_of, significant, with_places
 from osl_analysis.units import factors_near
 
 Row = Mapping[str, Any]  # of `impedance.csv`, of the fit to all of a trial
@@ -34,9 +34,8 @@ MOST_SCATTERS = 7.0  # times the median standard deviation of conditions, from t
 UNKNOWN_SCATTER = 3.0  # times what is needed: by how much repeats may differ where it is not
 FEWEST = 3  # conditions with repeats, or trials of an arm, from which their scatter is known
 MOST_HALF_WIDTHS = 2.0  # of the difference of two trials
-NEEDED_OF_ARM = 0.1  # of K; what friction and a bending frame move it off a spring's line
+MOST_BESIDE = 0.1  # of K; what friction, a bending frame and a gain move it
 MOST_DEVIATIONS = 6.0  # median deviations of an arm: four standard deviations
-GAIN_BESIDE_UNIT = 0.12  # by which a gain may be wrong beside a unit
 MOST_OF_GAINS = rule_of("K_over_K_d").ends[1] - 1  # by which a controller may miss what was asked
 
 
@@ -156,7 +155,7 @@ def beside_line(arm: Sequence[Row]) -> tuple[float, dict[str, Finding]]:
     K_d = numbers(rows, "K_d")
     K = numbers(rows, "K")
     expected, scatters = np.transpose([by_others(K_d, K, i) for i in range(len(K))])
-    shares = np.maximum(NEEDED_OF_ARM, MOST_DEVIATIONS * scatters)
+    shares = np.maximum(MOST_BESIDE, MOST_DEVIATIONS * scatters)
     most = np.maximum(shares * expected, MOST_HALF_WIDTHS * half_widths(rows, "K"))
     excess = np.abs(K - expected) / most
     worst = int(np.argmax(excess))
@@ -205,7 +204,7 @@ def common_factor(arm: Sequence[Row], needed: Mapping[str, float]) -> Iterator[F
     is_common = abs(factor_of_B / factor - 1) < needed["B"] and spread < needed["K"]
     if not is_common or abs(factor - 1) < MOST_OF_GAINS:
         return
-    units = factors_near(factor, ["torque"], GAIN_BESIDE_UNIT)
+    units = factors_near(factor, ["torque"], MOST_BESIDE)
     said = f"K is {factor:.3g} times K_d, and B {factor_of_B:.3g} times B_d"
     size = "; ".join([said, *units])
     grade = Grade.DOUBTS if units else Grade.NOTES

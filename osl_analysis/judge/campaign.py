@@ -31,8 +31,8 @@ from osl_analysis.judge.recording_checks import (
     spoiled_trials,
 )
 from osl_analysis.judge.words import sentence_of, words_of
-from osl_analysis.measured import significant
 from osl_analysis.stats.repeats import DOUBTFUL
+from osl_analysis.stats.rounding import significant
 
 MOST_NAMED = 3  # number of trials that a line names
 QUALITY = "quality"
@@ -166,8 +166,8 @@ def exclusion_report(excluded: pl.DataFrame) -> str:
     return "\n".join(lines)
 
 
-RANKS = {"doubtful": 0, "doubtful in part": 0, "flagged": 1, "remark": 2, "not checked": 3}
-"""The order in which verdicts are told."""
+RANKS = ("doubtful", "doubtful in part", "flagged", "remark", "not checked")
+"""Verdicts in the order in which they are told."""
 
 
 @dataclass(frozen=True)
@@ -314,7 +314,7 @@ def causes_in_campaign(
         if (worded.finding.table, worded.finding.grade) == (QUALITY, Grade.DOUBTS):
             checked = verdicts.filter(check=worded.finding.evidence[0].column)
             causes.add(worded, "flagged", "trials", checked["trial"].n_unique())
-    return sorted(causes.told(), key=lambda cause: (RANKS[cause.verdict], -len(cause.trials)))
+    return sorted(causes.told(), key=lambda cause: (RANKS.index(cause.verdict), -len(cause.trials)))
 
 
 def is_of_whole(finding: Finding) -> bool:

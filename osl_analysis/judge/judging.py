@@ -22,9 +22,9 @@ from osl_analysis.judge.known_findings import (
     rule_of,
 )
 from osl_analysis.judge.limits import Limits
-from osl_analysis.measured import significant
 from osl_analysis.stats.budget import CLEAR, FLOOR, WIDE, Budget, Verdict, budgets_in
 from osl_analysis.stats.repeats import DOUBTFUL
+from osl_analysis.stats.rounding import significant
 from osl_analysis.units import known_factor
 
 EXCLUDED = "reason"  # column: why a row has no fit; null in rows with a fit

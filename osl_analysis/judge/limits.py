@@ -2,16 +2,20 @@
 """The limits of the configuration on columns of result tables, and the accuracy that estimates
 need."""
 
-from typing import Annotated, Self
+from pathlib import Path
+from typing import Annotated, Any, Self
 
 from pydantic import ConfigDict, Field, model_validator
 
 from osl_analysis.config.experiments import JUDGED_TABLES
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import nearest
+from osl_analysis.files import own_yaml
 from osl_analysis.judge.known_findings import SIDES, rule_of
 from osl_analysis.yaml_settings import OF_EARLIER_RELEASE, NotNegative, Settings, misplaced
 
+SHIPPED: dict[str, Any] = own_yaml(Path(__file__).with_name("deciding_defaults.yaml"))
+"""What of the shipped configuration decides verdicts."""
 Share = Annotated[float, Field(gt=0, lt=1)]  # A part of a whole; a larger number is in percent.
 Factor = Annotated[float, Field(gt=1)]  # How many times a number may be another one.
 
@@ -23,9 +27,11 @@ class Accuracy(Settings):
     less is a remark.
     """
 
-    K: Share = 0.02  # Of stiffnesses; benches that agree on one spring differ by 1 to 2 %.
-    B: Share = 0.05  # Of dampings; loads and temperatures change a joint's damping by as much.
-    I: Share = 0.2  # Of inertias, which are hardly seen below 5 Hz.
+    # Of stiffnesses; benches that agree on one spring differ by 1 to 2 %.
+    K: Share = SHIPPED["doubtful"]["accuracy"]["K"]
+    # Of dampings; loads and temperatures change a joint's damping by as much.
+    B: Share = SHIPPED["doubtful"]["accuracy"]["B"]
+    I: Share = SHIPPED["doubtful"]["accuracy"]["I"]  # Of inertias, hardly seen below 5 Hz.
 
 
 class ColumnLimits(Settings):

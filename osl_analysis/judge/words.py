@@ -10,9 +10,9 @@ from collections.abc import Mapping
 from string import Formatter
 from typing import Any
 
-from osl_analysis.judge.finding import AnyRow, Beyond, Finding, Grade, Words, cell_number
+from osl_analysis.judge.finding import AnyRow, Beyond, Finding, Grade, Words
 from osl_analysis.judge.known_findings import FINDINGS, Texts, known_finding
-from osl_analysis.measured import decimal_places, significant, with_places
+from osl_analysis.stats.rounding import significant
 
 
 def words_of(finding: Finding, row: AnyRow) -> Words:
@@ -87,15 +87,10 @@ def capital(text: str) -> str:
 
 
 class Number(float):
-    """A number shown with some significant digits, times a factor: `~2*1e3`, `~+2` with its sign;
-    or as its interval rounds it: `r`."""
-
-    low: float | None = None  # end of its interval
-    high: float | None = None
+    """A number shown with some significant digits, times a factor: `~2*1e3`, `~+2` with its
+    sign."""
 
     def __format__(self, spec: str) -> str:
-        if spec == "r":
-            return with_places(decimal_places(self, self.low, self.high), self)[0]
         if not spec.startswith("~"):
             return super().__format__(spec)
         digits, _, factor = spec.removeprefix("~").partition("*")
@@ -107,15 +102,11 @@ class Number(float):
 def cells_of(row: AnyRow, number: Beyond | None = None) -> dict[str, Any]:
     """What names in braces stand for: the cells of a row that are filled, by column, and what is
     said of the number that a finding is about."""
-    cells: dict[str, Any] = {}
-    for column, cell in row.items():
-        if isinstance(cell, int | float):
-            shown = Number(cell)
-            shown.low = cell_number(row, f"{column}_low")
-            shown.high = cell_number(row, f"{column}_high")
-            cells[column] = shown
-        elif cell is not None:
-            cells[column] = cell
+    cells: dict[str, Any] = {
+        column: Number(cell) if isinstance(cell, int | float) else cell
+        for column, cell in row.items()
+        if cell is not None
+    }
     if number is not None:
         cells["value"] = significant(number.value, 3)
         cells["percent"] = f"{significant(100 * abs(number.value))} %"

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import polars as pl
 
-from osl_analysis.measured import significant
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.stats.repeats import counted
+from osl_analysis.stats.rounding import significant
 
 MOST_CONTROLLERS = 3  # in a sentence
 ERRORS = {

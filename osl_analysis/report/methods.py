@@ -15,9 +15,9 @@ import polars as pl
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
 from osl_analysis.judge.campaign import findings_in_summary
-from osl_analysis.measured import significant
 from osl_analysis.report.typography import in_latex, in_markdown, printed
 from osl_analysis.report.verdicts import causes_not_checked
+from osl_analysis.stats.rounding import significant
 
 HERE = Path(__file__).parent
 BIBTEX = (HERE / "sources.bib").read_text(encoding="utf-8")

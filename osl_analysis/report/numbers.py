@@ -15,7 +15,6 @@ import polars as pl
 from osl_analysis.campaign.origin import ABOUT_MEANING, sentence
 from osl_analysis.errors import on_one_line
 from osl_analysis.files import own_yaml
-from osl_analysis.measured import decimal_places, plus_minus, with_places
 from osl_analysis.report.typography import in_latex
 from osl_analysis.stats.repeats import (
     OWN_CONDITION,
@@ -24,6 +23,7 @@ from osl_analysis.stats.repeats import (
     is_doubtful,
     summary_row,
 )
+from osl_analysis.stats.rounding import decimal_places, plus_minus, with_places
 from osl_analysis.table import SCHEMA, SCHEMA_FIELD
 
 # by which numbers of trials are told apart where a campaign has several

@@ -20,13 +20,13 @@ from osl_analysis.judge.finding import Grade, WordedFinding
 from osl_analysis.judge.judging import fit_of, rows_by_fit
 from osl_analysis.judge.known_findings import known_finding
 from osl_analysis.judge.recording_checks import NOT_APPLICABLE
-from osl_analysis.measured import WithInterval, plus_minus
 from osl_analysis.report.numbers import Number
 from osl_analysis.report.paper_tables import Condition, estimate_text, stated_text
 from osl_analysis.report.signals import Signals
 from osl_analysis.report.typography import printed
 from osl_analysis.report.verdicts import LeftOut, results_on, verdict_on
 from osl_analysis.stats.budget import IN_INTERVAL, budgets_in
+from osl_analysis.stats.rounding import WithInterval, plus_minus
 
 TEMPLATES = Path(__file__).with_name("templates")
 NO_CONDITIONS = ("trial", "experiment", "exclude", *RECORDINGS, *SOURCES)

@@ -13,10 +13,10 @@ import polars as pl
 
 from osl_analysis.files import own_yaml
 from osl_analysis.judge.judging import results_in
-from osl_analysis.measured import NOTHING, significant, with_places, written
 from osl_analysis.report.typography import in_markdown, latex_table, markdown_table
 from osl_analysis.stats.budget import IN_INTERVAL, budgets_in
 from osl_analysis.stats.repeats import OWN_CONDITION, counted, summary_row
+from osl_analysis.stats.rounding import NOTHING, significant, with_places, written
 
 CONDITION = ("joint", "side", "excitation", "controller", "K_d", "B_d", "own_condition")
 LATEX, COMPONENTS = own_yaml(Path(__file__).with_suffix(".yaml")).values()

@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 
 from osl_analysis.files import own_yaml
-from osl_analysis.measured import WithInterval, plus_minus
+from osl_analysis.stats.rounding import WithInterval, plus_minus
 
 SIGNS: dict[str, str] = own_yaml(Path(__file__).with_suffix(".yaml"))
 ANY_SIGN = re.compile("|".join(SIGNS))  # few of a page's numbers have one

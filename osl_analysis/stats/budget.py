@@ -8,18 +8,20 @@ as variances (5.1.2), and Student's quantile has the degrees of freedom of their
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from statistics import NormalDist
 from typing import Any, Literal
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from osl_analysis.measured import LARGEST_VARIANCE, check_finite, significant
+from osl_analysis.measured import LARGEST_VARIANCE, check_finite
+from osl_analysis.stats.rounding import significant
 from osl_analysis.trial import Array
 
-MOST_FREEDOM = 1e12  # degrees of freedom
+MOST_FREEDOM = 1 / np.finfo(float).eps  # degrees of freedom; rounding of the sum decides on more
 # standard errors of a 95 % interval where their size is known
-NORMAL_HALF_WIDTH = float(scipy.special.stdtrit(np.inf, 0.975))
+NORMAL_HALF_WIDTH = NormalDist().inv_cdf(0.975)
 INTERVAL_ENDS = ("", "_low", "_high")
 """Endings of the columns of an estimate: its value and the ends of its 95 % interval."""
 

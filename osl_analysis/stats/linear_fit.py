@@ -28,11 +28,7 @@ from osl_analysis.trial import Array
 CONDITION_LIMIT = 1e3
 """Largest scaled condition number that is accepted. At this limit an error of 0.1 % in a column can
 cause an error of 100 % in an estimate."""
-ROUNDED = 1e6  # condition number above which rounding destroys the inverse of the normal equations
 SMALLEST_DIRECTION = 1e-13  # eigenvalue over the largest one, below which it is rounding
-# of the largest one: rounding can make the smallest 0 or negative; its condition number is then
-# 1e15, above every limit
-LEAST_EIGENVALUE = 1e-30
 SAME_ROW = 1e-9  # of a row, within which an edge lies on it
 
 
@@ -205,10 +201,10 @@ def condition_of(
         )
     values, vectors = np.linalg.eigh(scaled_to_one(A))
     squares = values
-    if len(varies) > 1 and values[0] * ROUNDED**2 > values[-1]:
+    if len(varies) > 1 and values[0] > SMALLEST_DIRECTION * values[-1]:
         of_varying = inverse[np.ix_(varies, varies)]
         squares = np.linalg.eigvalsh(scaled_to_one(np.asarray(np.linalg.inv(of_varying))))
-    condition = np.sqrt(squares[-1] / max(squares[0], LEAST_EIGENVALUE * squares[-1]))
+    condition = np.sqrt(squares[-1] / max(squares[0], SMALLEST_DIRECTION * squares[-1]))
     if condition > limit:
         worst = sorted(np.argsort(np.abs(vectors[:, 0]))[-2:])
         first, second = (names[k] for k in worst)

@@ -176,7 +176,7 @@ def test_an_early_theta_m_is_no_late_torque_where_b_j_is_not_known(tmp_path):
 
 def test_a_lag_of_a_leg_is_what_it_takes_off_damping_and_inertia():
     """exp(-s/100) (300 + 5 s + 0.2 s^2) = 300 + 2 s + 0.165 s^2 to second order."""
-    numbers = (np.array([0.01]), np.array([[2.5e-9]]), 100.0, 1.0, "units", np.array([9.0]), 0.0)
+    numbers = (np.array([0.01]), np.array([[2.5e-9]]), 100.0, 1.0, "units", np.array([9.0]))
     lag = GroupFit(("lag_s",), *numbers)
 
     moved = moved_by_lag(Belt(lag=lag), {"K": Budget(300.0), "B": Budget(2.0)})

@@ -89,7 +89,7 @@ def test_what_decides_verdicts_and_is_not_shipped_is_listed_with_old_and_new_val
 
 def test_the_shipped_configuration_decides_by_its_defaults():
     config = read_config(Path("config/config.yaml"))
-    defaults = yaml.safe_load(Path("osl_analysis/campaign/deciding_defaults.yaml").read_text())
+    defaults = yaml.safe_load(Path("osl_analysis/judge/deciding_defaults.yaml").read_text())
 
     assert config.model_dump(mode="json", include={*defaults}) == defaults
 

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How a result is rounded, everywhere alike: as its interval allows."""
+
+import math
+
+import numpy as np
+
+
+def significant(value: float, digits: int = 2) -> str:
+    """Write a number with `digits` significant digits for a sentence: -720 and 0.00012, never
+    -7.2e+02."""
+    return np.format_float_positional(value, digits, unique=False, fractional=False, trim="-")
+
+
+def decimal_places(
+    value: float, low: float | None = None, high: float | None = None, unit: str = ""
+) -> int:
+    """Decimal places that leave two digits of half of the interval. Without one they leave three
+    digits of the number, of a percentage near 100 two of what it leaves to 100, and of a whole
+    number none."""
+    half = 0.0 if low is None or high is None else abs(high - low) / 2
+    if half > 1e-9 * abs(value):
+        return places_of(half, 2)
+    if value == round(value):
+        return 0
+    rest = 100 - value
+    if unit == "%" and 1e-6 < rest < 1:  # less is rounding, of more three digits show two
+        return places_of(rest, 2)
+    return places_of(abs(value), 3)
+
+
+def places_of(size: float, digits: int) -> int:
+    """Decimal places that leave so many significant digits of a size."""
+    return max(digits - 1 - math.floor(math.log10(size)), 0)
+
+
+def with_places(places: int, *numbers: float | None) -> list[str]:
+    """Numbers with so many decimal places; empty for none."""
+    return ["" if number is None else f"{number:z.{places}f}" for number in numbers]
+
+
+NOTHING = "–"
+
+
+def plus_minus(value: str, low: str, high: str) -> str:
+    """A number with the ends of its interval, all to the same place, as `300.1 ± 1.4`; with both
+    ends where the number is not in their middle, and alone without them."""
+    if not low or not high:
+        return value
+    half = (float(high) - float(low)) / 2
+    places = len(value.partition(".")[2])
+    beside = float(value) - float(low) - half
+    if abs(round(beside, places)) > 10**-places:  # more than rounding makes of a middle
+        return f"{value} ({low} to {high})"
+    return f"{value} ± {half:.{places}f}"
+
+
+class WithInterval(str):
+    """A number and the ends of its interval, as one text and as `parts`, which tables of LaTeX set
+    their own way."""
+
+    parts: tuple[str, ...]
+
+
+def written(
+    value: float | None, low: float | None = None, high: float | None = None, unit: str = ""
+) -> str:
+    """A number as `300.1 (298.7 to 301.6)`, or a dash for none."""
+    if value is None:
+        return NOTHING
+    parts = with_places(decimal_places(value, low, high, unit), value, low, high)
+    if not all(parts):
+        return parts[0]
+    text = WithInterval("{} ({} to {})".format(*parts))
+    text.parts = tuple(parts)
+    return text

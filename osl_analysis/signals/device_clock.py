@@ -12,15 +12,20 @@ from numpy.typing import NDArray
 from osl_analysis.signals.sample_count import (
     FEWEST_STAMPS,
     SampleCount,
-    SlowPart,
-    in_blocks,
     line_through,
-    slow_part,
 )
 from osl_analysis.trial import Array
 
 # standard deviations between the 5 % and the 95 % quantile of a normal distribution
 NORMAL_90 = 3.29
+SETTLING_S = 2.0  # s within which latency comes back to its usual value
+FEWEST_AVERAGED = 51  # rows over which jitter averages out
+FAR_OFF = 5  # standard deviations beyond which a stamp does not count for the line
+ONE_SIDED = 0.5  # skewness of latency: late, never early
+IN_BATCH = 0.4  # steps within which a sample follows another of its batch
+LEAST_FOLLOWING = 0.4  # share of the rows that follow another of their batch
+ALIKE_WAITS = 0.1  # scatter of waits over that of sizes, of stamps that are ticks and no batches
+CONFIRMED = 0.6  # scatter of waits about the sizes behind them, over that about those before
 
 
 @dataclass(frozen=True)
@@ -42,23 +47,17 @@ class DeviceClock:
         step, start = line_through(self.count, self.stamps)
         return self.stamps - step * self.count - start
 
-    @property
-    def wander(self) -> float:
-        """Standard deviation [s] of the residual averaged over 50 samples. Jitter averages out."""
-        samples = 50  # over which jitter averages out
-        blocks = in_blocks(self.residual, samples)
-        return float(np.std(blocks.mean(axis=1) if len(blocks) > 1 else self.residual))
-
     @cached_property
-    def slow(self) -> SlowPart:
-        """The slow part of the stamps."""
-        return slow_part(self.stamps, self.count)
+    def creep(self) -> Array:
+        """The residual averaged over 2 s, (n,) [s], in which jitter and latency average out."""
+        rows = int(np.clip(SETTLING_S / self.step, FEWEST_AVERAGED, len(self.stamps)))
+        return scipy.ndimage.uniform_filter1d(self.residual, rows, mode="nearest")
 
     @cached_property
     def scatter(self) -> float:
-        """Robust standard deviation [s] of the stamps about their slow part, from quantiles: a few
-        late stamps do not count."""
-        low, high = np.quantile(self.stamps - self.slow.stamps, (0.05, 0.95))
+        """Robust standard deviation [s] of the stamps about their creep, from quantiles: a few late
+        stamps do not count."""
+        low, high = np.quantile(self.residual - self.creep, (0.05, 0.95))
         return float(high - low) / NORMAL_90
 
     @cached_property
@@ -81,28 +80,20 @@ class DeviceClock:
         Stamps rounded to decimals, or to ticks of a slow clock, are no batches: these waits are
         alike, whatever their numbers of samples.
         """
-        in_batch_step = 0.4  # steps within which a sample follows another of its batch
-        least_following = 0.4  # share of the rows that follow another of their batch
-        follows = np.diff(self.stamps) <= in_batch_step * self.step
-        if np.mean(follows) < least_following or self.decimal > 0.5 * self.step:
+        follows = np.diff(self.stamps) <= IN_BATCH * self.step
+        if np.mean(follows) < LEAST_FOLLOWING or self.decimal > 0.5 * self.step:
             return None
         begins = np.flatnonzero(~np.append(False, follows))
         waits = np.diff(self.stamps[begins]) / self.step
         sizes = np.diff(begins)
-        if np.std(waits) <= 0.1 * np.std(sizes):
+        if np.std(waits) <= ALIKE_WAITS * np.std(sizes):
             return None
-        return bool(np.std(waits[:-1] - sizes[1:]) < 0.6 * np.std(waits - sizes))
+        return bool(np.std(waits[:-1] - sizes[1:]) < CONFIRMED * np.std(waits - sizes))
 
     @cached_property
     def settles(self) -> bool:
-        """Whether the stamps come back to their line, or to the line of each rate, within 2 s, as
-        with latency."""
-        settling_s = 2.0  # within which latency comes back to its usual value
-        length = int(np.clip(settling_s / self.step, 51, max(len(self.stamps) // 4, 1)))
-        above = self.stamps - self.slow.stamps if self.slow.kinks else self.residual
-        sums = np.cumsum(np.append(0.0, above))
-        creep = np.abs(sums[length:] - sums[:-length]).max() / length
-        return bool(creep <= max(self.step, 2 * self.scatter))
+        """Whether the stamps come back to their line within 2 s, as with latency."""
+        return bool(np.abs(self.creep).max() <= max(self.step, 2 * self.scatter))
 
     @property
     def missing(self) -> int:
@@ -113,26 +104,22 @@ class DeviceClock:
         """When the samples were taken, (n,) [s], if the device samples evenly.
 
         They lie on the least-squares line, without the few stamps that lie far off. If the rest is
-        one-sided or in batches, the line is its lower edge instead, because a host's stamp is late
-        by the message's wait. A device whose rate changes has a line for each rate.
+        one-sided or in batches, the line is moved to its promptest stamp.
         """
-        far_off = 5  # standard deviations beyond which a stamp does not count for the line
-        one_sided_skew = 0.5  # skewness of latency: late, never early
         no_scatter = 1e-6 * self.step
         line = self.stamps - self.residual
         if np.ptp(self.residual) < no_scatter:
             return line
-        base = self.slow.stamps if self.slow.kinks else line
-        late = self.stamps - base
-        low, middle, high = np.quantile(late, (0.05, 0.5, 0.95))
+        low, middle, high = np.quantile(self.residual, (0.05, 0.5, 0.95))
         spread = (high - low) / NORMAL_90
-        is_near = np.abs(late - middle) <= far_off * spread + no_scatter
-        place = self.count[is_near]
-        late = late[is_near]
-        is_one_sided = spread > no_scatter and scipy.stats.skew(late) > one_sided_skew
-        takes_edge = self.has_prompt_batches is not None or is_one_sided
-        step, start = (lower_edge if takes_edge else line_through)(place, late)
-        return base + step * self.count + start
+        is_near = np.abs(self.residual - middle) <= FAR_OFF * spread + no_scatter
+        late = self.residual[is_near]
+        step, start = line_through(self.count[is_near], late)
+        times = line + step * self.count + start
+        is_one_sided = spread > no_scatter and scipy.stats.skew(late) > ONE_SIDED
+        if self.has_prompt_batches is not None or is_one_sided:
+            times += np.min((self.stamps - times)[is_near])
+        return times
 
 
 def is_multiple(times: Array, decimal: float) -> bool:
@@ -141,31 +128,14 @@ def is_multiple(times: Array, decimal: float) -> bool:
     return bool(np.max(np.abs(multiples - np.rint(multiples))) < 1e-3)
 
 
-def lower_edge(place: SampleCount, late: Array) -> tuple[float, float]:
-    """Find slope and start of the highest line below all points (n,).
-
-    The line goes through one point on each side of the mean count. The lowest point below the line
-    replaces the point on its side, until none lies below.
-    """
-    left = 0
-    right = len(place) - 1
-    middle = np.mean(place)
-    for _ in range(len(place)):
-        step = float((late[right] - late[left]) / (place[right] - place[left]))
-        above = late - late[left] - step * (place - place[left])
-        lowest = int(np.argmin(above))
-        if above[lowest] >= 0 or lowest in (left, right):
-            break
-        if place[lowest] <= middle:
-            left = lowest
-        else:
-            right = lowest
-    return step, float(late[left] - step * place[left])
-
-
 # ---- Values that a log repeats, because their source is slower than the log
 
 WITHIN_A_ROW = 1.2  # range of rows about even places, which is no chance
+# smallest changes; a slow signal of coarse resolution hardly changes by more from one value
+DECISIVE_CHANGE = 2.5
+LONGEST_HOLD_S = 0.1  # s; a source slower than 10 Hz is taken for a coarse signal
+LEAST_IN_PACE = 0.95  # share of the repetitions that must fit the source's pace
+PAUSE = 50  # periods; a longer repetition is a standing signal, which does not tell the pace
 
 
 @dataclass(frozen=True)
@@ -227,23 +197,17 @@ def held_values(signal: Array, step: float) -> HeldValues | None:
 
 def rows_per_value(signal: Array, first_rows: NDArray[np.intp], step: float) -> float | None:
     """Usual rows per value of a signal (n,) that changes at these rows; None if it has no pace."""
-    # smallest changes; a slow signal of coarse resolution hardly changes by more from one value
-    decisive_change = 2.5
-    longest_hold_s = 0.1  # a source slower than 10 Hz is taken for a coarse signal
-    least_in_pace = 0.95  # share of the repetitions that must fit the source's pace
-    pause = 50  # periods; a longer repetition is a standing signal, which does not tell the pace
     changes = np.abs(signal[first_rows] - signal[first_rows - 1])
     repeated = np.diff(first_rows)
-    decisive = repeated[changes[:-1] > decisive_change * changes.min()]
+    decisive = repeated[changes[:-1] > DECISIVE_CHANGE * changes.min()]
     if len(decisive) <= FEWEST_STAMPS:
         return None
     usual = np.median(decisive)
     periods = decisive / usual
     from_whole = np.abs(periods - np.maximum(np.rint(periods), 1)) * usual
     keeps_pace = from_whole <= 1 + 0.1 * usual
-    if not 2 <= usual <= longest_hold_s / step or np.mean(keeps_pace) < least_in_pace:
+    if not 2 <= usual <= LONGEST_HOLD_S / step or np.mean(keeps_pace) < LEAST_IN_PACE:
         return None
 
-    period = np.mean(decisive[(periods > 0.5) & (periods < 1.75)])
-    short = repeated[repeated < pause * period]
-    return float(short.sum() / np.maximum(np.rint(short / period), 1).sum())
+    short = repeated[repeated < PAUSE * usual]
+    return float(short.sum() / np.maximum(np.rint(short / usual), 1).sum())

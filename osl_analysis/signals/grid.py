@@ -29,7 +29,9 @@ BRIDGE_MORE = (  # remedy if gaps leave nothing to fit
     " 0.1/highest_hz: 50 ms bridged in every cycle change I by about 1 %"
 )
 
-ON_GRID = 1e-6  # distance, in steps, up to which a sample lies on the grid
+# distance, in steps, up to which a sample lies on the grid: the rounding of a step, 1e-13 of it,
+# adds up to it in 1e8 rows
+ON_GRID = 1e-5
 # Grid rows per spline, which fit into a processor's cache: one spline for an hour takes 0.7 GB
 SPLINED = 1 << 14
 
@@ -355,11 +357,9 @@ def resampled(
         (m,) by signal: the samples if they lie on the grid, else a cubic spline. Nothing is
         extrapolated: a last row that lies behind the last sample by rounding has its value.
     """
-    rows_of_rounding = 1e6  # over more, the rounding of a step, 1e-13 of it, adds up to `ON_GRID`
     row = np.searchsorted(times, grid[0] - ON_GRID * step)
     nearby = times[row : row + len(grid)]
-    tolerance = ON_GRID * step * max(len(grid) / rows_of_rounding, 1.0)
-    if len(nearby) == len(grid) and np.max(np.abs(nearby - grid)) < tolerance:
+    if len(nearby) == len(grid) and np.max(np.abs(nearby - grid)) < ON_GRID * step:
         return {name: signal[row : row + len(grid)] for name, signal in values.items()}
 
     reach = 64  # samples beyond a spline's ends, whose effect falls by 0.27 per sample

@@ -24,6 +24,12 @@ from osl_analysis.signals.sample_count import (
 from osl_analysis.signals.stamp_evidence import Reading, decide
 from osl_analysis.trial import Array
 
+CLOSE = 0.5  # steps between two true stamps; closer knots of a spline amplify noise
+COUNTABLE = 0.1  # steps of scatter, beyond which a missing sample may be taken for a late one
+NEVER_PROMPT = 3  # steps of scatter (SD), beyond which hardly a sample is prompt
+RARELY = 0.005  # share of the values of a slow source at either end, which do not tell its beat
+SAME_BEAT = 0.05  # steps of the log, within which the beat of two rates leaves no doubt
+
 
 @dataclass(frozen=True)
 class SensorLowPass:
@@ -180,8 +186,7 @@ class Taken:
         values = {name: signal[self.present] for name, signal in self.stream.signals.items()}
         times = self.reading.times(self.clock)[self.present]
         if not self.reading.even:
-            close = 0.5  # steps; close knots of a spline amplify noise
-            closest = close * self.step
+            closest = CLOSE * self.step
             if np.diff(times).min() < closest:
                 begins = begins_of_groups(times, closest)
                 values = {name: means_from(begins, signal) for name, signal in values.items()}
@@ -223,9 +228,8 @@ def take(streams: Sequence[Stream]) -> list[Taken]:
     leading = [part for part in taken if part.stream.leads]
     are_several = sum(stream.leads for stream in streams) > 1
     if are_several or len({part.reading.even for part in leading}) > 1:
-        fastest = max(1 / part.clock.step for part in leading)
         for part in leading:
-            check_countable(part, fastest)
+            check_countable(part)
     return taken
 
 
@@ -285,13 +289,12 @@ def held_taken(stream: Stream, name: str, held: HeldValues, row_times: Array, st
     stamps = np.interp(held.rows, np.arange(len(row_times)), row_times)
     clock = DeviceClock(stamps, np.arange(len(stamps)))
     late = stamps - clock.times()
-    low, high = np.quantile(late, (0.005, 0.995))
+    low, high = np.quantile(late, (RARELY, 1 - RARELY))
     is_even = high - low < 2 * step
 
     # time within a step of the log that the beat leaves open; less of it leaves no doubt
     open_s = step - (high - low)
-    same_beat = 0.05  # steps of the log
-    unsure = open_s if open_s > same_beat * step and name not in stream.delays else 0.0
+    unsure = open_s if open_s > SAME_BEAT * step and name not in stream.delays else 0.0
     if unsure:
         when = f"the first of them, or up to {unsure * 1e3:.3g} ms before"
     else:
@@ -320,31 +323,23 @@ def held_taken(stream: Stream, name: str, held: HeldValues, row_times: Array, st
     )
 
 
-def check_countable(taken: Taken, fastest_hz: float) -> None:
+def check_countable(taken: Taken) -> None:
     """Refuse one of several devices if its host is late and loses samples, and no counter tells
     which.
 
-    If waits hide the rhythm of the stamps, it is refused if samples seem to be missing, or if its
-    rate is below the fastest one by a share too large for clocks and too small to be intended. If
-    even stamps are late by more than three steps (SD), it is always refused: hardly a sample is
-    prompt, and all times are late by an unknown wait.
+    If waits hide the rhythm of the stamps, it is refused if samples seem to be missing, or if even
+    stamps are late by more than three steps (SD): hardly a sample is prompt, and all times are late
+    by an unknown wait.
     """
-    countable = 0.1  # steps of scatter, beyond which a missing sample may be taken for a late one
-    never_prompt = 3  # steps of scatter (SD), beyond which hardly a sample is prompt
-    # of the rates of two devices: too large for clocks, too small for intent
-    smallest_difference, largest_difference = 2e-4, 0.1
     clock = taken.clock
-    reading = taken.reading
-    is_even = reading.even if reading.g is None else reading.g <= 0.5
-    if not is_even or taken.held or clock.counted or clock.scatter <= countable * clock.step:
+    is_true = taken.reading.firm and not taken.reading.even
+    if is_true or taken.held or clock.counted or clock.scatter <= COUNTABLE * clock.step:
         return
 
     missing = missing_by_rhythm(clock.stamps)
-    slower = 1 - 1 / clock.step / fastest_hz
-    seems_to_miss = clock.missing or smallest_difference < slower < largest_difference
     if missing or (missing is not None and clock.missing):
         loss = f"about {missing or clock.missing} samples are missing"
-    elif clock.scatter > never_prompt * clock.step or (missing is None and seems_to_miss):
+    elif missing is None and (clock.missing or clock.scatter > NEVER_PROMPT * clock.step):
         loss = "it cannot be seen whether samples are missing"
     else:
         return

@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
-from osl_analysis.errors import InputError, MemoryLimitError
+from osl_analysis.errors import InputError, MemoryLimitError, listing
 
 VARIABLE = "OSL_MEMORY_MB"  # memory that one job, or one call of the command line, may have [MB]
 # Matrix libraries get one thread: products are small, two threads take three times as long on a
@@ -24,7 +24,6 @@ SET_TO_ONE = (
 )
 
 
-NAMED_FILES = 3  # in the message
 USUAL_SHARE = 0.8  # of the memory of the machine that jobs may have
 LEAST_BYTES = 10**9  # of a job, also beside many; the longest trials of the bench take 400 MB
 HARMLESS_BYTES = 50 * 10**6  # that any file may unpack to
@@ -71,7 +70,7 @@ def limited_memory(files: Sequence[Path | str], at_once: int = 1) -> Iterator[No
 
 def too_large(files: Sequence[Path | str], limit: float) -> MemoryLimitError:
     return MemoryLimitError(
-        f"{', '.join(map(str, files[:NAMED_FILES]))}: not enough memory, a job may have"
+        f"{listing([*map(str, files)], 3)}: not enough memory, a job may have"
         f" {limit / 1e6:.0f} MB here; cut the recording, or ask for fewer samples, or allow"
         f" more by {VARIABLE} or on a larger machine"
     )

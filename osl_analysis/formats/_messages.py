@@ -36,6 +36,7 @@ ROS_UNITS = {
 }
 """Units of standard messages (REP 103) by the beginning of the field. They are likely and no more:
 a laboratory's effort may be a current, and a joint that slides has other ones."""
+AT_ONCE = 16_384  # lines or rows whose content is held in memory
 PLAIN_NAME = re.compile(r"[^.\[\]]+")
 CHOICES = re.compile(r"(\[[^\]\"]*\])+$")  # an index, or the name of an element
 NUMBER = int | float  # built once: a log has a million of them

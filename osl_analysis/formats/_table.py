@@ -39,7 +39,6 @@ from osl_analysis.recording import Channel, End, Kind, Loss, Recording, Rows
 from osl_analysis.source_file import ColumnChannel, ColumnTime, TableSource
 from osl_analysis.units import is_clock, is_unit
 
-MOST_COLUMNS = 10_000  # a table with more columns is transposed, or no recording
 BRACKETS = "[](){}- "  # around a unit, or in its place
 MOST_HEADERS = 4  # rows of names and units above the numbers
 LEAST_VALUES = 0.5  # share of the cells of a column of numbers that are numbers
@@ -140,10 +139,6 @@ def table_of_rows(
     comment_texts = [line.text.strip(" \t#%/") for line in comments]
     names, units, notes = _head_of(above, comment_texts, delimiter, shape.width)
     width = len(names)
-    if width > MOST_COLUMNS:
-        raise InputError(
-            f"has {width} columns, at most {MOST_COLUMNS} are read; write a row per sample"
-        )
     data = [Row(row.number, unpadded(row.cells, width)) for row in rows[first : last + 1]]
     if not data:
         raise InputError("no rows of data; record it again, or exclude the trial")

@@ -43,7 +43,6 @@ TIME = (
 )
 TIME_OF_CELL = re.compile(TIME)
 DAY_NS = 86_400 * SECOND_NS
-FIRST_TRIED = 9  # cells that are looked at before a whole column is
 
 
 class Line(NamedTuple):
@@ -311,7 +310,7 @@ def cell_values(
         if not cells.null_count() and cells.dtype != pl.Float32:
             return cells.to_numpy(), none_unread
         return cells.cast(pl.Float64).fill_null(np.nan).to_numpy(), none_unread
-    first = cells[:FIRST_TRIED]
+    first = cells[:FIRST_LINES]
     if first.str.to_lowercase().is_in(TRUTHS).any():
         is_missing = cells.is_null() | cells.is_in(list(missing))
         words = cells.str.to_lowercase()
@@ -345,7 +344,7 @@ def are_times(cells: pl.Series) -> bool:
         return cells.null_count() == 0
     if cells.dtype != pl.String or not len(cells):
         return False
-    parts = (cells[:FIRST_TRIED], cells)
+    parts = (cells[:FIRST_LINES], cells)
     return all(part.str.contains(TIME).fill_null(False).all() for part in parts)
 
 

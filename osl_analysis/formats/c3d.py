@@ -53,7 +53,6 @@ TEXT = -1
 TYPES = {1: "u1", 2: "<i2", 4: "<f4"}  # of numbers in parameters
 # a parameter holds 255 values; more follow in NAME2, NAME3, ...
 CONTINUATIONS = ("", *"23456789")
-MOST_PLATES = 99
 STATE_PLATE = (
     "state it in the source file, as `plate_geometry: {{1: {{type: 2, channels: {numbers}, origin:"
     " [0, 0, 0], corners: [[x, y, z], ...]}}}}`, with the numbers from 1 of its channels Fx, Fy,"
@@ -405,7 +404,7 @@ def plates_of(
     questions
         What is wrong with plates that are not asked for by a source file.
     """
-    count = min(int(header.number("FORCE_PLATFORM:USED")), MOST_PLATES)
+    count = min(int(header.number("FORCE_PLATFORM:USED")), header.channels)
     geometries = source.plate_geometry if source is not None else {}
     numbers = sorted({*range(1, count + 1), *geometries})
     wanted = numbers if source is None or source.plates == "all" else source.plates

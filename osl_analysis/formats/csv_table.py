@@ -9,10 +9,12 @@ import re
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import polars as pl
+from polars import selectors
 from polars.exceptions import PolarsError
 
 from osl_analysis.errors import InputError
@@ -27,6 +29,7 @@ from osl_analysis.formats._table import (
 from osl_analysis.formats._text import (
     FIRST_LINES,
     LAST_LINES,
+    WHOLE,
     Line,
     Text,
     delimiter_of,
@@ -37,27 +40,23 @@ from osl_analysis.formats._text import (
 )
 from osl_analysis.recording import Format, Recording
 
-LAST_BYTES = 1_000_000  # in which the last lines are
-PADDING = ' \t\v\f"'  # of cells
-LABVIEW = b"LabVIEW Measurement"
 END_OF_HEADER = b"***End_of_Header***"
+PADDING = ' \t\v\f"'  # of cells
 
 
 def table_of_text(text: Text, layout: SheetSource) -> Table:
     """Find the table in a text: in a long one by its first and last lines."""
     data = text.data
     first = re.match(rb"(?:.*\n){%d}" % FIRST_LINES, data)
-    _, *last = data[-LAST_BYTES:].rsplit(b"\n", LAST_LINES)
-    if first and last:
-        end = b"\n".join(last)
-        between = data[first.end() : len(data) - len(end) - 1]
+    above, *last = data.rsplit(b"\n", LAST_LINES)
+    if first and first.end() < len(above):
+        between = above[first.end() :]
         count = between.count(b"\n") + 1
-        if count > FIRST_LINES:
-            lines = numbered(first[0]) + numbered(end, FIRST_LINES + count + 1)
-            with suppress(InputError, PolarsError):  # the whole text then tells what is wrong
-                ends = _table_of_lines(lines, layout, text.is_ended)
-                if not ends.skipped:
-                    return _with_rows_between(ends, between, count)
+        end = numbered(b"\n".join(last), FIRST_LINES + count + 1)
+        with suppress(InputError, PolarsError):  # the whole text then tells what is wrong
+            ends = _table_of_lines(numbered(first[0]) + end, layout, text.is_ended)
+            if not ends.skipped:
+                return _with_rows_between(ends, between, count)
     return _table_of_lines(numbered(data), layout, text.is_ended)
 
 
@@ -73,7 +72,8 @@ def _table_of_lines(lines: Sequence[Line], layout: SheetSource, is_ended: bool) 
 
 
 def _with_rows_between(ends: Table, text: bytes, count: int) -> Table:
-    """Add the lines between the first and the last ones.
+    """Add the lines between the first and the last ones. Columns are read as numbers where all
+    cells of them are, else as text.
 
     Raises
     ------
@@ -85,37 +85,49 @@ def _with_rows_between(ends: Table, text: bytes, count: int) -> Table:
         text = re.sub(rb"(?m)^[ \t]+|[ \t]+$", b"", text)
         text = re.sub(rb"[ \t]+", b"\t", text)
         delimiter = "\t"
-    between = pl.read_csv(
-        text, has_header=False, separator=delimiter, quote_char=None, schema=ends.body.schema
-    )
-    between = between.with_columns(pl.all().fill_null("").str.strip_chars(PADDING))
-    # polars refuses a line with more cells than names, so that as many cells in all as names times
-    # lines say that no line has fewer
-    are_whole = text.count(delimiter.encode()) == count * (between.width - 1)
-    has_comment = any(sign.encode() in text for sign in COMMENT_SIGNS)
-    has_blank = between.select(pl.all_horizontal(pl.all() == "").any()).item()
-    if not are_whole or has_comment or has_blank:
-        raise InputError("lines are not alike")
+    read_csv = partial(pl.read_csv, text, has_header=False, separator=delimiter, quote_char=None)
+    kinds = {cells.name: _kind_of(cells, ends.decimal) for cells in ends.body}
+    between = read_csv(schema=kinds, ignore_errors=True)
+    are_numbers = selectors.numeric().is_finite().all(ignore_nulls=False)
+    if not all(between.select(are_numbers).row(0)):
+        between = read_csv(schema=ends.body.schema)
+    if pl.String in between.dtypes:
+        between = between.with_columns(pl.col(pl.String).fill_null("").str.strip_chars(PADDING))
+        # polars refuses a line with more cells than names, so that as many cells in all as names
+        # times lines say that no line has fewer
+        are_whole = text.count(delimiter.encode()) == count * (between.width - 1)
+        has_comment = any(sign.encode() in text for sign in COMMENT_SIGNS)
+        is_blank = pl.all_horizontal(pl.col(pl.String) == "").any()
+        has_blank = {*between.dtypes} == {pl.String} and between.select(is_blank).item()
+        if not are_whole or has_comment or has_blank:
+            raise InputError("lines are not alike")
     above = int((ends.lines <= FIRST_LINES).sum())
     lines = np.arange(FIRST_LINES + 1, FIRST_LINES + 1 + count)
+    outer = ends.body.cast(between.schema)
     return replace(
         ends,
         lines=np.concatenate([ends.lines[:above], lines, ends.lines[above:]]),
-        body=pl.concat([ends.body[:above], between, ends.body[above:]]),
+        body=pl.concat([outer[:above], between, outer[above:]]),
     )
+
+
+def _kind_of(cells: pl.Series, decimal: str) -> type[pl.DataType]:
+    """The type of a column of text: floats would round nanoseconds since 1970."""
+    numbers = cells.cast(pl.Float64, strict=False)
+    if decimal == "," or not numbers.is_finite().all(ignore_nulls=False):
+        return pl.String
+    return pl.Int64 if cells.str.contains(WHOLE).all() else pl.Float64
 
 
 def read(path: Path, source: SheetSource | None) -> Recording:
     """Read a table of text."""
     text = read_text(path)
-    if text.data.startswith(LABVIEW):
-        segments = text.data.count(END_OF_HEADER) - 1  # the file itself has a header, too
-        if segments > 1:
-            raise InputError(
-                f"LabVIEW wrote a header for each of its {segments} segments; choose `Segment"
-                " Headers: One header only` in Write To Measurement File, or delete the headers but"
-                " the first"
-            )
+    segments = text.data.count(END_OF_HEADER) - 1  # a file of LabVIEW itself has a header, too
+    if segments > 1:
+        raise InputError(
+            f"LabVIEW wrote a header for each of its {segments} segments; choose `Segment Headers:"
+            " One header only` in Write To Measurement File, or delete the headers but the first"
+        )
     layout = source or LISTING
     table = table_of_text(text, layout)
     return recording_of_table(

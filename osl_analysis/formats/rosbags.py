@@ -19,14 +19,13 @@ from rosbags.typesys import Stores, get_typestore
 
 from osl_analysis.errors import InputError, listing, naming, on_one_line
 from osl_analysis.formats import beginning, mcap
-from osl_analysis.formats._messages import Log
+from osl_analysis.formats._messages import AT_ONCE, Log
 from osl_analysis.recording import Format, Recording
 from osl_analysis.source_file import MessageSource
 from osl_analysis.yaml_settings import check_size, text_in
 
 DESCRIPTION = "metadata.yaml"
 SQLITE = b"SQLite format 3\0"
-ROWS_AT_ONCE = 16_384
 REINDEX = "write it again with `ros2 bag reindex`, or name one file of the recording"
 RECOVER = (
     "if it is packed, unpack it with `zstd -d`; save what it holds with `sqlite3 BAG .recover |"
@@ -69,7 +68,7 @@ class Database(Log):
             encoding, text = definitions.get(kind) or _standard_definition(kind)
             self.declare(number, name, form, Schema(0, text.encode(), encoding, kind))
             cursor = connection.execute(MESSAGES, (key,))
-            while rows := cursor.fetchmany(ROWS_AT_ONCE):
+            while rows := cursor.fetchmany(AT_ONCE):
                 times_ns, payloads = zip(*rows, strict=True)
                 lengths = np.array([len(payload) for payload in payloads])
                 messages = (b"".join(payloads), np.cumsum(lengths) - lengths, lengths)

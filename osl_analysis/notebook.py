@@ -394,7 +394,7 @@ def read_summary(folder: File = "results") -> pl.DataFrame:
 
 
 def plot_torque(fit: Fit) -> "Figure":
-    """Draw measured and modelled torque [N*m] of a fit over time [s], and below the residual.
+    """Draw angle [deg], measured and modelled torque, and residual [N*m] of a fit over time [s].
 
     Parameters
     ----------
@@ -412,7 +412,7 @@ def plot_torque(fit: Fit) -> "Figure":
     """
     if fit.series.is_empty():
         raise InputError(f"a fit of {fit.experiment} has no modelled torque to draw")
-    return drawn("torque", fit.series)
+    return fit.drawing
 
 
 def plot_frequency_response(response: FrequencyResponse) -> "Figure":
@@ -499,7 +499,7 @@ def plot_figure(numbers: File) -> "Figure":
 
     Examples
     --------
-    >>> figure = osl.plot_figure("results/figures/torque.csv")
+    >>> figure = osl.plot_figure("results/figures/fig8.csv")
     >>> figure.axes[0].set_title("Day 1")
     Text(0.5, 1.0, 'Day 1')
     """

@@ -67,18 +67,15 @@ if TIME_SERIES:
         """The last seconds of one impedance trial, measured and modelled."""
         input:
             FILES.checks([TIME_SERIES["trial"]]),
-            trial=f"<results>/trials/{TIME_SERIES['trial']}.parquet",
-            fit=f"<results>/fits/impedance/{TIME_SERIES['trial']}.csv",
+            series=f"<results>/fits/impedance/{TIME_SERIES['trial']}.zip",
+            table="<results>/tables/impedance.csv",
         output:
             output="<results>/figures/fig4.csv",
         log:
             "<logs>/figures/fig4_numbers.log",
         localrule: True
         params:
-            settings=CONFIG.dynamometer.part("ImpedanceAnalysis"),
-            choice=TIME_SERIES,
-            limits=limits("impedance"),
-            windows=CAMPAIGN.rows[TIME_SERIES["trial"]]["windows"],
+            chosen=TIME_SERIES["chosen"],
             excluded=lambda wildcards: excluded([TIME_SERIES["trial"]]),
             data=CAMPAIGN.data,
             made_by=MADE_BY,

@@ -10,7 +10,6 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 from osl_analysis.campaign.campaign_trials import Campaign
 from osl_analysis.campaign.configuration import FrequencyResponseFigure
@@ -209,14 +208,14 @@ class ResultFiles:
 # ---- The trials that figures show as examples
 
 
-def time_series_example(campaign: Campaign) -> dict[str, Any] | None:
+def time_series_example(campaign: Campaign) -> dict[str, str] | None:
     """Choose the trial that Fig. 4 shows.
 
     Returns
     -------
     dict or None
-        `trial`; its `joint` and `side`; its condition, `controller`, `K_d` and `B_d`; and `chosen`,
-        why this trial, if the configuration does not name it. None without impedance trials.
+        `trial`, and `chosen`, why this one, if the configuration does not name it. None without
+        impedance trials.
     """
     trials = campaign.trials("impedance")
     if not trials:
@@ -228,10 +227,7 @@ def time_series_example(campaign: Campaign) -> dict[str, Any] | None:
         chosen += "; the example of the configuration is not in it"
     elif stated:
         chosen = ""
-    trial = (named or trials)[0]
-    row = campaign.rows[trial]
-    condition = {name: row[name] for name in ("controller", "K_d", "B_d")}
-    return {"trial": trial, **campaign.places[trial], **condition, "chosen": chosen}
+    return {"trial": (named or trials)[0], "chosen": chosen}
 
 
 def response_example(campaign: Campaign) -> FrequencyResponseFigure | None:

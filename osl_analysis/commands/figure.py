@@ -10,12 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
-from osl_analysis.bench.bench_settings import ImpedanceAnalysis
-from osl_analysis.bench.calibration import with_fixture
-from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.summaries import PLACE
 from osl_analysis.campaign.configuration import FrequencyResponseFigure
-from osl_analysis.commands.fit import fitted_record
 from osl_analysis.commands.walking import read_unperturbed_gaits, selected_crossings
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.errors import InputError, listing
@@ -29,8 +25,6 @@ from osl_analysis.figures import (
     plotted_numbers,
 )
 from osl_analysis.files import atomic_path, digest, write_text
-from osl_analysis.judge.judging import judged, marked
-from osl_analysis.judge.limits import Limits
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import (
     FileOrNone,
@@ -47,7 +41,6 @@ from osl_analysis.table import (
     read_tables,
     write_table,
 )
-from osl_analysis.trial import read_trial
 from osl_analysis.walking.isolated_response import unperturbed_gait
 from osl_analysis.walking.walking_settings import TimingSettings
 
@@ -202,43 +195,13 @@ def fig3(curves: Sequence[Path], table: Path, summary: Path, output: Path, data:
     write_table(plotted_numbers("fig3", drawn, judged, read_table(summary)), output, data)
 
 
-def fig4(
-    trial: Path,
-    fit: Path,
-    settings: ImpedanceAnalysis,
-    choice: Mapping[str, Any],
-    limits: Limits,
-    output: Path,
-    windows: str | None = None,
-    data: str = "",
-) -> None:
-    """Write the numbers of Fig. 4: a part of a trial at its largest amplitude, measured and by the
-    best second-order fit.
-
-    Parameters
-    ----------
-    trial
-        The recording.
-    fit
-        The trial's own table of fits.
-    settings
-        Of the fit.
-    choice
-        That of `time_series_example`.
-    limits
-        By which the fit may be doubtful.
-    output
-        The table of plotted numbers.
-    windows
-        As in `fit.fit_impedance_trial`.
-    data
-        What the data are.
-    """
-    of_joint = with_fixture(read_trial(trial), settings.fixture)
-    analysis = rendered_impedance(fitted_record(of_joint, settings, windows))
-    fits = read_table(fit)
-    fits = marked(fits, judged(fits, limits, "impedance"), "impedance")
-    write_table(plotted_numbers("fig4", fits, analysis, choice), output, data)
+def fig4(series: Path, table: Path, chosen: str, output: Path, data: str = "") -> None:
+    """The numbers of Fig. 4: a part of the trial of these `series`, which are those of its reported
+    fit, and its row of `impedance.csv`; `chosen` says why it is this trial."""
+    of_trial = read_table(table).filter(pl.col("amplitude_deg").is_null(), trial=series.stem)
+    samples = read_table(series, name="series").join(of_trial, how="cross")
+    samples = samples.with_columns(chosen=pl.lit(chosen or None, pl.String))
+    write_table(plotted_numbers("fig4", samples), output, data)
 
 
 def fig7(

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cache
 from html import escape
 from itertools import zip_longest
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import polars as pl
@@ -18,7 +18,7 @@ from pydantic_core import to_json
 from osl_analysis.bench.impedance import Analysis
 from osl_analysis.dictionary import described_tables_by_name, table_of
 from osl_analysis.errors import nearest, printable_lines
-from osl_analysis.figures import drawn
+from osl_analysis.figures import completed, drawn
 from osl_analysis.judge.finding import Finding, Grade
 from osl_analysis.judge.judging import fit_of, rows_by_fit
 from osl_analysis.judge.words import finding_text, words_of
@@ -26,7 +26,10 @@ from osl_analysis.stats.budget import IN_INTERVAL, Budget, budgets_in
 from osl_analysis.stats.rounding import decimal_places, significant, with_places, written
 from osl_analysis.trial import Array
 
-MOST_SHOWN = 10_000  # rows of a series; two minutes of a stepped sine have 15 per fastest period
+if TYPE_CHECKING:
+    from osl_analysis.figures.style import PaperFigure
+
+MOST_SHOWN = 20_000  # rows of a series; two minutes of a stepped sine have 30 per fastest period
 
 
 @dataclass(frozen=True)
@@ -270,6 +273,12 @@ class Fit:
         lines += [f"remark: {text}" for text in self.sentences(Grade.NOTES)]
         return "\n".join(lines)
 
+    @property
+    def drawing(self) -> "PaperFigure":
+        """Its series as Fig. 4 shows those of a campaign's trial."""
+        of_trial = self.series.with_columns(trial=pl.lit(self.trial))
+        return drawn("fig4", completed("fig4", of_trial))
+
     def sentences(self, *grades: Grade) -> list[str]:
         """The findings of some grades about the fit to all data, in words."""
         of_whole = self.findings[-1] if self.findings else ()
@@ -307,7 +316,7 @@ class Fit:
     def _repr_html_(self) -> str:
         html = f"<pre>{escape(repr(self))}</pre>"
         if not self.series.is_empty():
-            picture = b64encode(drawn("torque", self.series)._repr_png_()).decode()
+            picture = b64encode(self.drawing._repr_png_()).decode()
             html += (
                 '<img alt="Torque over time" style="max-width: 100%"'
                 f' src="data:image/png;base64,{picture}">'

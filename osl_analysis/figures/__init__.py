@@ -18,6 +18,7 @@ import polars as pl
 from osl_analysis.dictionary import TYPES, described_in
 from osl_analysis.errors import InputError
 from osl_analysis.files import own_yaml
+from osl_analysis.model.compensator import CONTROLLERS
 
 if TYPE_CHECKING:
     from osl_analysis.figures.style import PaperFigure
@@ -42,15 +43,10 @@ FIGURES = {
     place.removeprefix("figures/"): CampaignFigure(**entry)
     for place, entry in own_yaml(DESCRIBED).items()
 }
-OTHER_FIGURES = {  # of no campaign, with their columns
-    "torque": ("time", "torque", "torque_model"),
-}
 # kinds of `curve` in Fig. 7
 OBSERVED = "observed"
 DESIRED = "desired"
 LINEAR_MODEL = "linear model"
-# controllers with a look of their own; others are numbered
-DRAFT_CONTROLLERS = ("compensated", "uncompensated")
 
 
 def figure_title(figure: str) -> str:
@@ -67,10 +63,8 @@ def columns_of(name: str) -> dict[str, type[pl.DataType]]:
     InputError
         There is no such figure.
     """
-    if name in OTHER_FIGURES:
-        return dict.fromkeys(OTHER_FIGURES[name], pl.Float64)
     if name not in FIGURES:
-        raise InputError(f"no figure '{name}'; there are {', '.join([*FIGURES, *OTHER_FIGURES])}")
+        raise InputError(f"no figure '{name}'; there are {', '.join(FIGURES)}")
     (table,) = [table for table in described_in(DESCRIBED) if table.place == f"figures/{name}"]
     units = {column.name: column.unit for column in table.columns.values()}
     del units["data"]  # which the writer adds
@@ -105,8 +99,14 @@ def plotted_numbers(name: str, table: pl.DataFrame, *others: Any) -> pl.DataFram
     points: pl.DataFrame = module.points(table, *others) if hasattr(module, "points") else table
     if "look" in columns and "look" not in points.columns:
         points = points.with_columns(look_numbers(points["controller"]))
-    absent = [name for name in columns if name not in points.columns]
-    points = points.with_columns(pl.lit(None, columns[name]).alias(name) for name in absent)
+    return completed(name, points)
+
+
+def completed(name: str, points: pl.DataFrame) -> pl.DataFrame:
+    """The columns of a figure's plotted numbers; one that the points have not is null."""
+    columns = columns_of(name)
+    absent = [column for column in columns if column not in points.columns]
+    points = points.with_columns(pl.lit(None, columns[column]).alias(column) for column in absent)
     return points.select(*columns)
 
 
@@ -121,11 +121,11 @@ def caption_of(name: str, numbers: pl.DataFrame) -> list[str]:
 
 
 def look_numbers(controllers: pl.Series) -> pl.Series:
-    """The number of each controller (n,) among those that are not the draft's; a campaign's colours
-    mean one thing."""
-    others = sorted(set(controllers.drop_nulls()) - set(DRAFT_CONTROLLERS))
-    numbers = {name: number for number, name in enumerate(others)}
-    return pl.Series("look", [numbers.get(name) for name in controllers], dtype=pl.Int64)
+    """The number of each controller (n,), first those of the draft; a campaign's colours mean one
+    thing."""
+    others = sorted({*controllers.drop_nulls()} - {*CONTROLLERS})
+    numbers = {name: number for number, name in enumerate([*CONTROLLERS, *others])}
+    return controllers.replace_strict(numbers, default=None, return_dtype=pl.Int64).alias("look")
 
 
 def drawn(name: str, table: pl.DataFrame) -> "PaperFigure":

@@ -7,47 +7,22 @@ by controller, then by the other desired value.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
 import polars as pl
 from matplotlib.axes import Axes
+from matplotlib.ticker import ScalarFormatter, SymmetricalLogLocator
 
 from osl_analysis.figures import marks, style
 
-
-class Layout:
-    """Places of trials along the axis, and sizes."""
-
-    # distances of the places of two neighbouring trials
-    NEXT_TRIAL = 1.0  # of one controller
-    NEXT_CONTROLLER = 1.8  # of two controllers
-    NEXT_VALUE = 3.2  # of two desired values
-    EDGE = 1.2  # free at either end
-    # the axis has room for so many, that one trial does not stand in its middle
-    FEWEST_PLACES = 8.0
-    MARGIN = 0.55  # of a panel, for the labels of its vertical axis [in]
-    WIDEST_MARKER = 4.6 / 72  # with its edge [in]
-    SMALLEST_SHARE = 0.3  # of a marker's size
-    PANEL_HEIGHT = 1.9  # [in]
-    LEGEND_HEIGHT = 0.6  # [in]
-    # of upright names of trials, where these stand in place of desired values [in]
-    NAME_HEIGHT = 0.6
-    LONGEST_NAME = 15  # letters of a name, from its end
-    BESIDE_TRIALS = 0.8  # by which a desired value's line is longer than its trials on either side
-    VISCOUS_SIZE = 3.2  # of this mark [pt]
-    LINEAR_PERCENT = 5.0  # of an error, on either side of 0: the margin of a stiffness
-    LINEAR_SHARE = 0.6  # of a decade, that is as long as either half of the linear part
-    ERROR_TICKS = (-50, -20, -5, 0, 5, 20, 50, 200)  # [%]
-
-
+MOST_IN_COLUMN = 50  # markers side by side, or letters of labels, on the axis of a single column
 OTHER = {"K": "B_d", "B": "K_d"}  # desired value by which trials of one K_d, of one B_d are sorted
 CONDITION = ("joint", "side", "K_d", "B_d")
 STIFFNESS = ("K", "K_low", "K_high", "K_range_low", "K_range_high")
-DESIRED_LINE: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.8}
+DESIRED_LINE: dict[str, Any] = {"color": style.BLACK}
 # black, because it may stand on a marker
-VISCOUS_MARK: dict[str, Any] = {"marker": "x", "mew": 0.8, "color": style.BLACK}
+VISCOUS_MARK: dict[str, Any] = {"marker": "x", "color": style.BLACK}
 
 
 def points(impedance: pl.DataFrame) -> pl.DataFrame:
@@ -64,39 +39,40 @@ def points(impedance: pl.DataFrame) -> pl.DataFrame:
 
 
 def draw(table: pl.DataFrame) -> style.PaperFigure:
-    """Stiffness over desired stiffness with its error in a narrow panel, and damping over desired
-    damping, one above the other; several joints stand side by side."""
+    """(a) stiffness over desired stiffness, (b) its error in a narrow panel, and (c) damping over
+    desired damping, one above the other; several joints stand side by side."""
     parts = style.by_place(table)
-    placed = [{symbol: with_places(part, symbol) for symbol in "KB"} for _, part in parts]
-    has_error = bool((table["K_d"] > 0).any())
-    longest = max(span_of(trials) for of_part in placed for trials in of_part.values())
-    width = style.DOUBLE_COLUMN
-    if len(parts) == 1 and longest * Layout.WIDEST_MARKER <= style.SINGLE_COLUMN - Layout.MARGIN:
-        width = style.SINGLE_COLUMN
-    inches = width / len(parts) - Layout.MARGIN
-    has_desired = style.has_values(table, "K_d") or style.has_values(table, "B_d")
-    panel_height = Layout.PANEL_HEIGHT if has_desired else Layout.PANEL_HEIGHT + Layout.NAME_HEIGHT
-    height = Layout.LEGEND_HEIGHT + panel_height * (2 + style.NARROW * has_error)
-    titles = [title for title, _ in parts]
+    heights = [1, 0.5, 1] if has_error(table) else [1, 1]
+    placed = [[with_places(part, symbol) for symbol in "KB"] for _, part in parts]
+    longest = max(trials["x"][-1] for of_part in placed for trials in of_part)
+    columns = 1 if len(parts) == 1 and longest <= MOST_IN_COLUMN else 2
+    width = (style.SINGLE_COLUMN, style.DOUBLE_COLUMN)[columns - 1]
+    most = MOST_IN_COLUMN * columns / len(parts)
     figure, axes = style.panels(
-        width, height, 2 + has_error, len(parts), titles=titles, narrow=[1] if has_error else []
-    )
-    for column, trials in enumerate(placed):
-        stiffness, *errors, damping = axes[column :: len(parts)]
-        draw_trials(stiffness, "K", trials["K"], inches)
-        draw_axis(stiffness, "K", trials["K"], inches, is_labelled=not has_error)
+        width, 0.5 + 2 * sum(heights), len(heights), len(parts),
+        [title for title, _ in parts], height_ratios=heights,
+    )  # fmt: skip
+    for column, (stiffness, damping) in enumerate(placed):
+        first, *errors, last = axes[column :: len(parts)]
+        draw_trials(first, "K", stiffness, most)
         for error in errors:
-            draw_errors(error, trials["K"], inches)
-        draw_trials(damping, "B", trials["B"], inches)
-        draw_axis(damping, "B", trials["B"], inches)
+            draw_errors(error, stiffness, most)
+            first.set_xlabel("")
+            first.set_xticks([])
+        draw_trials(last, "B", damping, most)
 
     keys = marks.estimate_keys(table, "K")
-    if has_desired:
+    if style.has_values(table, "K_d") or style.has_values(table, "B_d"):
         keys.append(marks.key("Desired", **DESIRED_LINE))
     if style.has_values(table, "B_viscous"):
-        keys.append(marks.key("Viscous damping", markersize=Layout.VISCOUS_SIZE, **VISCOUS_MARK))
+        keys.append(marks.key("Viscous damping", **VISCOUS_MARK))
     marks.legend_above(figure, keys)
     return figure
+
+
+def has_error(table: pl.DataFrame) -> bool:
+    """Whether a trial was asked for a stiffness."""
+    return bool((table["K_d"] > 0).any())
 
 
 def with_places(trials: pl.DataFrame, symbol: str) -> pl.DataFrame:
@@ -112,111 +88,76 @@ def with_places(trials: pl.DataFrame, symbol: str) -> pl.DataFrame:
     Returns
     -------
     DataFrame
-        The rows in order, with `x`, their places from 0 on. Trials without a desired value stand
-        last.
+        The rows in order, with `x`, their places from 0 on: the next trial of a controller stands
+        at a distance of 1, that of another one of 2, that of another value of 3. Trials without
+        a desired value stand last.
     """
     desired = f"{symbol}_d"
-    numbered = [
-        rows.with_columns(number=pl.lit(number))
-        for number, (_, rows) in enumerate(style.by_controller(trials))
-    ]
-    rows = pl.concat(numbered).sort(
-        desired, "number", OTHER[symbol], nulls_last=True, maintain_order=True
+    rows = trials.sort(
+        desired, "look", "controller", OTHER[symbol], nulls_last=True, maintain_order=True
     )
-
-    def is_new(column: str) -> pl.Expr:
-        """Whether a trial differs from the one before it."""
-        return pl.col(column).ne_missing(pl.col(column).shift())
-
-    of_controllers = (
-        pl.when(is_new("number")).then(Layout.NEXT_CONTROLLER).otherwise(Layout.NEXT_TRIAL)
-    )
-    place = pl.when(is_new(desired)).then(Layout.NEXT_VALUE).otherwise(of_controllers).cum_sum()
-    return rows.with_columns(x=place - place.first())
+    steps = pl.int_range(pl.len()) + pl.col(desired).rle_id() + pl.struct(desired, "look").rle_id()
+    return rows.with_columns(x=steps.cast(pl.Float64))
 
 
-def span_of(placed: pl.DataFrame) -> float:
-    """Length of the axis of these trials, in its unit."""
-    return max(float(placed["x"][-1]) + 2 * Layout.EDGE, Layout.FEWEST_PLACES)
-
-
-def draw_trials(ax: Axes, symbol: str, placed: pl.DataFrame, inches: float) -> None:
-    """One quantity of the trials at their places `x` on an axis of this length [in]: estimates with
-    their bars, the viscous damping beside the damping, and a black line at each desired value."""
-    share = marker_share(placed, inches)
-    for look, trials in style.by_controller(placed):
-        marks.draw_estimates(ax, trials, "x", symbol, replace(look, size=share * look.size))
+def draw_trials(ax: Axes, symbol: str, placed: pl.DataFrame, most: float) -> None:
+    """One quantity of the trials at their places `x`: estimates with their bars, the viscous
+    damping beside the damping, and a black line at each desired value."""
+    draw_controllers(ax, placed, symbol, most)
     if symbol == "B":
-        ax.plot(
-            placed["x"], placed["B_viscous"],
-            linestyle="", markersize=Layout.VISCOUS_SIZE * share, zorder=4, **VISCOUS_MARK,
-        )  # fmt: skip
+        ax.plot(placed["x"], placed["B_viscous"], linestyle="", zorder=4, **VISCOUS_MARK)
     ax.set_ylabel(style.AXIS_LABELS[symbol])
-    for group in placed.partition_by(f"{symbol}_d"):
-        value = group[f"{symbol}_d"][0]
-        if value is not None:
-            ends = (group["x"][0] - Layout.BESIDE_TRIALS, group["x"][-1] + Layout.BESIDE_TRIALS)
-            ax.hlines(value, *ends, **DESIRED_LINE)
+    for group in placed.drop_nulls(f"{symbol}_d").partition_by(f"{symbol}_d"):
+        ends = (group["x"][0] - 1, group["x"][-1] + 1)
+        ax.hlines(group[f"{symbol}_d"][0], *ends, **DESIRED_LINE)
+    draw_axis(ax, symbol, placed, most)
 
 
-def marker_share(placed: pl.DataFrame, inches: float) -> float:
-    """Size of the markers at which those of neighbours are apart, of the usual one."""
-    unit = inches / span_of(placed)
-    return max(min(unit / Layout.WIDEST_MARKER, 1.0), Layout.SMALLEST_SHARE)
+def draw_controllers(ax: Axes, placed: pl.DataFrame, quantity: str, most: float) -> None:
+    """The estimates of each controller, with smaller markers where the axis has more than `most`
+    places."""
+    area = min(1.0, most / max(placed["x"][-1], 1.0)) ** 2
+    for look, trials in style.by_controller(placed):
+        marks.draw_estimates(ax, trials, "x", quantity, look, area)
 
 
-def draw_errors(ax: Axes, placed: pl.DataFrame, inches: float) -> None:
+def draw_errors(ax: Axes, placed: pl.DataFrame, most: float) -> None:
     """By how many percent the stiffness of the trials differs from the desired one, on an axis that
-    is linear about 0 and logarithmic beyond."""
+    is linear within ±10 % and logarithmic beyond."""
     percent = (pl.col(STIFFNESS) / pl.col("K_d") - 1) * 100
-    rows = placed.filter(pl.col("K_d") > 0).with_columns(percent)
-    share = marker_share(placed, inches)
-    for look, trials in style.by_controller(rows):
-        marks.draw_estimates(ax, trials, "x", "K", replace(look, size=share * look.size))
+    draw_controllers(ax, placed.filter(pl.col("K_d") > 0).with_columns(percent), "K", most)
     ax.axhline(0, **DESIRED_LINE)
-    ax.set_yscale("symlog", linthresh=Layout.LINEAR_PERCENT, linscale=Layout.LINEAR_SHARE)
+    ax.set_yscale("symlog", linthresh=10)
+    ax.yaxis.set_major_locator(SymmetricalLogLocator(ax.yaxis.get_transform(), (1, 3)))
+    ax.yaxis.set_major_formatter(ScalarFormatter())
     ax.margins(y=0.1)
-    low, high = ax.get_ylim()
-    ticks = [tick for tick in Layout.ERROR_TICKS if low <= tick <= high]
-    ax.set_yticks(ticks, [f"{tick:g}".replace("-", "−") for tick in ticks])
-    ax.set_yticks([], minor=True)
     ax.set_ylabel("Error (%)")
-    draw_axis(ax, "K", placed, inches)
+    draw_axis(ax, "K", placed, most)
 
 
-def draw_axis(
-    ax: Axes, symbol: str, placed: pl.DataFrame, inches: float, is_labelled: bool = True
-) -> None:
+def draw_axis(ax: Axes, symbol: str, placed: pl.DataFrame, most: float) -> None:
     """The axis of desired values, or else of trials, with a line between two of them."""
-    desired = f"{symbol}_d"
-    groups = placed.partition_by(desired)
+    column = f"{symbol}_d" if style.has_values(placed, f"{symbol}_d") else "trial"
+    groups = placed.partition_by(column)
     for left, right in pairwise(groups):
         ax.axvline((left["x"][-1] + right["x"][0]) / 2, color=style.GRID_GREY, linewidth=0.5)
-    free = span_of(placed) - placed["x"][-1]
-    ax.set_xlim(-free / 2, span_of(placed) - free / 2)
+    ax.set_xlim(-2, placed["x"][-1] + 2)
     ax.tick_params(axis="x", length=0)
-    if not is_labelled:
-        ax.set_xticks([])
-    elif style.has_values(placed, desired):
-        ax.set_xlabel(style.AXIS_LABELS[desired])
-        values = [group[desired][0] for group in groups]
-        labels = [f"{value:g}" if value is not None else "not stated" for value in values]
-        label_groups(ax, groups, labels, inches)
+    ax.set_xlabel(style.AXIS_LABELS.get(column, "Trial"))
+    if column == "trial":
+        labels = [style.drawn_name(rows["trial"][0]) for rows in groups]
     else:
-        ax.set_xlabel("Trial")
-        groups = placed.partition_by("trial")
-        ends_of_names = [
-            style.drawn_name(rows["trial"][0][-Layout.LONGEST_NAME :]) for rows in groups
-        ]
-        label_groups(ax, groups, ends_of_names, inches)
+        values = [rows[column][0] for rows in groups]
+        labels = [f"{value:g}" if value is not None else "not stated" for value in values]
+    label_groups(ax, groups, labels, most)
 
 
 def label_groups(
-    ax: Axes, groups: Sequence[pl.DataFrame], labels: Sequence[str], inches: float
+    ax: Axes, groups: Sequence[pl.DataFrame], labels: Sequence[str], most: float
 ) -> None:
     """Write below the middle of each group its label: upright where the axis is too short for all,
     and only some of very many."""
-    middles = [group["x"].to_numpy().mean() for group in groups]
-    is_long = sum(len(label) + 2 for label in labels) > style.LETTERS_PER_INCH * inches
-    every = 1 + int(len(labels) / (style.LETTERS_PER_INCH / 2 * inches)) if is_long else 1
+    middles = [rows["x"].to_numpy().mean() for rows in groups]
+    is_long = sum(len(label) + 2 for label in labels) > most
+    every = 1 + int(2 * len(labels) / most) if is_long else 1
     ax.set_xticks(middles[::every], labels[::every], rotation=90 if is_long else 0)

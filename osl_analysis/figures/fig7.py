@@ -2,12 +2,12 @@
 """Fig. 7: admittance of the joint over frequency, measured, desired, and of the linear model, and
 how far the measured impedance is from the desired one."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
-from matplotlib.ticker import MaxNLocator
 
 from osl_analysis.bench.evidence import DesiredImpedance
 from osl_analysis.bench.summaries import PLACE
@@ -20,18 +20,13 @@ from osl_analysis.model.drivetrain import (
 )
 from osl_analysis.model.rendered_impedance import FAITHFUL
 
-
-class Layout:
-    """Ticks, the width of a line, and the height of a panel."""
-
-    MOST_TICKS = 8  # of frequency
-    USUAL_PHASES = (1, 1.5, 3, 4.5, 9, 10)  # steps between ticks, times a power of ten [deg]
-    MODEL_POINTS = 101  # of a response by a model
-    MODEL_WIDTH = 0.9  # of a line [pt]
-    PANEL_HEIGHT = 1.85  # with its share of legend and axis [in]
-
-
 DESIRED_LINE: dict[str, Any] = {"color": style.BLACK, "zorder": 1}
+LIMIT_LINE: dict[str, Any] = {"color": style.BLACK, "linestyle": ":"}
+LABELS = {
+    "magnitude": "Magnitude (mrad/(N·m))",
+    "phase_deg": "Phase (deg)",
+    "Z_error": "$|Z - Z_d|/|Z_d|$ (%)",
+}
 
 
 def points(
@@ -57,36 +52,36 @@ def points(
         are known; and that of the linear model (Eq. 9), if the gains are.
     """
     shown = over_amplitudes(responses).sort("frequency_hz", maintain_order=True)
-    shown = shown.with_columns(curve=pl.lit(OBSERVED))
-    curves = []
+    curves = [shown.with_columns(curve=pl.lit(OBSERVED))]
     for measured in shown.partition_by(PLACE):
-        place, side, K_d, B_d = measured.select(*PLACE, "K_d", "B_d").row(0)
-        low_hz, high_hz = measured["frequency_hz"][0], measured["frequency_hz"][-1]
-        frequency_hz = np.linspace(low_hz, high_hz, Layout.MODEL_POINTS)
-        models = []
+        place, K_d, B_d = measured.select("joint", "K_d", "B_d").row(0)
         if K_d is not None and B_d is not None:
-            models.append((DESIRED, None, desired_admittance(K_d, B_d)))
-        if p is not None and joint == place:
-            for controller in measured["controller"].unique(maintain_order=True):
-                gains = DesiredImpedance(controller, K_d, B_d).gains(p, weight)
-                if gains is not None:
-                    rendered = joint_admittance(gains.K_1, gains.B_1, p, p.J_j)
-                    models.append((LINEAR_MODEL, controller, rendered))
-        for curve, controller, admittance in models:
-            Y = admittance(2j * np.pi * frequency_hz)
-            response = {
-                "frequency_hz": frequency_hz,
-                "magnitude": np.abs(Y),
-                "phase_deg": np.rad2deg(np.angle(Y)),
-                "curve": curve,
-                "controller": controller,
-                "joint": place,
-                "side": side,
-            }
-            curves.append(pl.DataFrame(response))
-    looks = shown.select("controller", "look").unique()
-    joined = pl.concat([shown, *curves], how="diagonal_relaxed").drop("look")
-    return joined.join(looks, on="controller", how="left", maintain_order="left")
+            of_all = measured.with_columns(controller=None, look=None)
+            curves.append(modelled(of_all, DESIRED, desired_admittance(K_d, B_d)))
+        if p is None or joint != place:
+            continue
+        for rows in measured.partition_by("controller"):
+            gains = DesiredImpedance(rows["controller"][0], K_d, B_d).gains(p, weight)
+            if gains is not None:
+                rendered = joint_admittance(gains.K_1, gains.B_1, p, p.J_j)
+                curves.append(modelled(rows, LINEAR_MODEL, rendered))
+    return pl.concat(curves, how="diagonal_relaxed")
+
+
+def modelled(measured: pl.DataFrame, curve: str, admittance: Callable[[Any], Any]) -> pl.DataFrame:
+    """The response by a model over the range of the measured frequencies."""
+    measured_hz = measured["frequency_hz"]
+    frequency_hz = np.linspace(measured_hz[0], measured_hz[-1], 100)
+    Y = admittance(2j * np.pi * frequency_hz)
+    response = {
+        "frequency_hz": frequency_hz,
+        "magnitude": np.abs(Y),
+        "phase_deg": np.rad2deg(np.angle(Y)),
+        "curve": curve,
+    }
+    return pl.DataFrame(response).join(
+        measured.select(*PLACE, "controller", "look").head(1), how="cross"
+    )
 
 
 def over_amplitudes(response: pl.DataFrame) -> pl.DataFrame:
@@ -123,61 +118,48 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     """(a) magnitude, (b) phase, (c) known distances over frequency; several joints stand side by
     side."""
     parts = style.by_place(table)
-    of_curve = {kind: table.filter(curve=kind) for kind in (OBSERVED, DESIRED, LINEAR_MODEL)}
+    observed = table.filter(curve=OBSERVED)
     titles = [title for title, _ in parts]
-    if len(parts) == 1 and not of_curve[OBSERVED].is_empty():
-        titles = [", ".join(style.condition(of_curve[OBSERVED].with_columns(controller=None)))]
+    if len(parts) == 1 and len(observed):
+        titles = [", ".join(style.condition(observed.with_columns(controller=None)))]
     width = style.SINGLE_COLUMN if len(parts) == 1 else style.DOUBLE_COLUMN
-    labels = ["Magnitude (mrad/(N·m))", "Phase (deg)"]
-    if style.has_values(table, "Z_error"):
-        labels.append("$|Z - Z_d|/|Z_d|$ (%)")
-    height = Layout.PANEL_HEIGHT * len(labels)
-    figure, axes = style.panels(width, height, len(labels), len(parts), titles=titles, share_x=True)
+    quantities = [name for name in LABELS if style.has_values(table, name)]
+    rows = len(quantities)
+    figure, axes = style.panels(width, 2 * rows, rows, len(parts), titles, sharex="col")
     for column, (_, part) in enumerate(parts):
-        magnitude, phase, *distances = axes[column :: len(parts)]
-        draw_part(magnitude, part, "magnitude")
-        draw_part(phase, part, "phase_deg")
-        magnitude.set_yscale("log")
-        marks.label_log_axis(magnitude.yaxis, 6, lambda value: f"{1e3 * value:.4g}")
-        phase.axhline(0, color=style.BLACK, linewidth=style.HAIRLINE, zorder=0)
-        phase.yaxis.set_major_locator(MaxNLocator(5, steps=Layout.USUAL_PHASES))
-        for distance in distances:
-            draw_distances(distance, part)
-        phase.set_xscale("log")
-        marks.label_log_axis(phase.xaxis, Layout.MOST_TICKS // len(parts))
-        axes[column - len(parts)].set_xlabel("Frequency (Hz)")
-    for ax, label in zip(axes[:: len(parts)], labels, strict=True):
-        ax.set_ylabel(label)
+        of_part = axes[column :: len(parts)]
+        for ax, quantity in zip(of_part, quantities, strict=True):
+            draw_part(ax, part, quantity)
+        of_part[-1].set_xscale("log")
+        marks.label_log_axis(of_part[-1].xaxis)
+        of_part[-1].set_xlabel("Frequency (Hz)")
+    for ax, quantity in zip(axes[:: len(parts)], quantities, strict=True):
+        ax.set_ylabel(LABELS[quantity])
 
-    keys = marks.estimate_keys(of_curve[OBSERVED], "magnitude")
-    if not of_curve[DESIRED].is_empty():
+    keys = marks.estimate_keys(observed, "magnitude")
+    if len(table.filter(curve=DESIRED)):
         keys.append(marks.key("Desired", **DESIRED_LINE))
-    if not of_curve[LINEAR_MODEL].is_empty():
-        line = {"color": style.GREY, "linestyle": style.DASHED, "linewidth": Layout.MODEL_WIDTH}
-        keys.append(marks.key(style.LINEAR_MODEL, **line))
-    if style.has_values(table, "Z_error"):
-        line = {"color": style.BLACK, "linestyle": style.DOTTED, "linewidth": style.THIN}
-        keys.append(marks.key(f"{100 * FAITHFUL:g} % from desired", **line))
+    if len(table.filter(curve=LINEAR_MODEL)):
+        keys.append(marks.key("Linear model", color=style.GREY, linestyle="--"))
+    if "Z_error" in quantities:
+        keys.append(marks.key(f"{100 * FAITHFUL:g} % from desired", **LIMIT_LINE))
     marks.legend_above(figure, keys)
     return figure
 
 
 def draw_part(ax: Axes, part: pl.DataFrame, quantity: str) -> None:
-    """Magnitude or phase of one joint: measured, of linear models, and desired."""
+    """One quantity of one joint: measured, of linear models, and desired."""
     desired = part.filter(curve=DESIRED)
     ax.plot(desired["frequency_hz"], desired[quantity], **DESIRED_LINE)
     for look, model in style.by_controller(part.filter(curve=LINEAR_MODEL)):
-        ax.plot(
-            model["frequency_hz"], model[quantity],
-            color=look.colour, linestyle=style.DASHED, linewidth=Layout.MODEL_WIDTH,
-        )  # fmt: skip
+        ax.plot(model["frequency_hz"], model[quantity], "--", color=look.colour)
     for look, observed in style.by_controller(part.filter(curve=OBSERVED)):
         marks.draw_estimates(ax, observed, "frequency_hz", quantity, look)
-
-
-def draw_distances(ax: Axes, part: pl.DataFrame) -> None:
-    """How far the measured impedance of one joint is from the desired one."""
-    for look, observed in style.by_controller(part.filter(curve=OBSERVED)):
-        marks.draw_estimates(ax, observed, "frequency_hz", "Z_error", look)
-    ax.axhline(100 * FAITHFUL, color=style.BLACK, linestyle=style.DOTTED, linewidth=style.THIN)
-    ax.set_ylim(bottom=0)
+    if quantity == "magnitude":
+        ax.set_yscale("log")
+        marks.label_log_axis(ax.yaxis, lambda value: f"{1e3 * value:.4g}")
+    elif quantity == "phase_deg":
+        ax.axhline(0, color=style.BLACK, linewidth=0.5, zorder=0)
+    else:
+        ax.axhline(100 * FAITHFUL, **LIMIT_LINE)
+        ax.set_ylim(bottom=0)

@@ -7,21 +7,19 @@ from matplotlib.axes import Axes
 from osl_analysis.config.impedance_trajectory import STANCE_SHARE
 from osl_analysis.figures import style
 
-AS_PRINTED = 1e-9  # [%], to which phases are compared
-
 
 def points(gains: pl.DataFrame) -> pl.DataFrame:
     """The desired impedance and the gains in stance: in swing the walking controller renders no
     impedance (Section IV)."""
-    stance_percent = 100 * pl.col("phase") / STANCE_SHARE
-    return gains.with_columns(stance=stance_percent).filter(stance_percent <= 100 + AS_PRINTED)
+    phase = pl.col("phase")
+    return gains.filter(phase <= STANCE_SHARE).with_columns(stance=100 * phase / STANCE_SHARE)
 
 
 def draw(table: pl.DataFrame) -> style.PaperFigure:
     """(a) stiffness, (b) damping over stance: desired, and the gain."""
     kind = table["trajectory"][0]
     title = f"Trajectory: {style.drawn_name(kind)}" if kind else ""
-    figure, axes = style.panels(style.SINGLE_COLUMN, 3.0, rows=2, titles=[title], share_x=True)
+    figure, axes = style.panels(style.SINGLE_COLUMN, 3, 2, titles=[title], sharex="col")
     stiffness, damping = axes
     draw_gain(stiffness, table, "K")
     stiffness.set_ylabel("Stiffness (N·m/rad)")
@@ -36,11 +34,8 @@ def draw_gain(ax: Axes, table: pl.DataFrame, symbol: str) -> None:
     ax.plot(table["stance"], table[f"{symbol}_d"], color=style.BLACK, label=f"Desired ${symbol}_d$")
     gain = f"{symbol}_1_joint"
     if style.has_values(table, gain):
-        ax.plot(
-            table["stance"], table[gain],
-            color=style.ORANGE, linewidth=1.3, linestyle=(0, (5, 1.5)),
-            label=f"Gain ${symbol}_1\\,n_T^2$",
-        )  # fmt: skip
+        label = f"Gain ${symbol}_1\\,n_T^2$"
+        ax.plot(table["stance"], table[gain], "--", color=style.ORANGE, label=label)
     ax.update_datalim([(table["stance"][0], 0)])
     ax.margins(x=0)
     ax.legend(loc="best")

@@ -1,53 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fig. 9: stiffness, damping and inertia of the ankle while walking."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
-from matplotlib.ticker import FuncFormatter
 
 from osl_analysis.figures import marks, style
+from osl_analysis.walking.tables import ENSEMBLE
 
 QUANTITIES = ("K", "B", "I")
-MEAN_RESPONSE = "ensemble"  # `trial` of the mean response
-
-
-class Layout:
-    """Places in a group, from its middle, and sizes."""
-
-    # distances on the axis from the middle of a group
-    HEIGHT = 2.9  # of the figure [in]
-    REACH = 0.32  # of its points, to either side
-    MEAN_AT = 0.55  # its mean
-    LAST_AT = 1.15  # the last of its fits
-    NEXT_GROUP = 2.1  # the middle of the next group
-    BESIDE = 0.4  # free beside the first and the last group
-    MARGIN = 0.45  # of a panel, for the labels of its vertical axis [in]
-    SWARM_HEIGHT = 1.2  # over which the values of a panel spread [in]
-    POINT = 3.4 / 72  # diameter of a point with a small gap [in]
-    CAP = 2.5  # half of the bar's end [pt]
-    MOST_LEVEL = 2  # groups whose names stand level
-    LETTERS = 14  # of a line of such a name
-
-
-DRAWN = ("perturbation", "mean", "ensemble_low", "ensemble_high", "commanded")
-# Fits to the mean response: estimator, column, distance from the middle, face and name of a marker
+# Fits to the mean response: estimator, column, face and name of a marker
 FITS = (
-    ("ensemble", "ensemble", 0.85, style.PURPLE, "Fit to the mean response, 95 % interval"),
-    ("ensemble, predicted gait", "predicted", Layout.LAST_AT, style.WHITE, "Minus predicted gait"),
+    ("ensemble", "ensemble", style.PURPLE, "Fit to the mean response, 95 % interval"),
+    ("ensemble, predicted gait", "predicted", style.WHITE, "Minus predicted gait"),
 )
-# Numbers of a group above the panels by column: factor, decimal places, words
-OF_RESPONSE = {
-    "n": (1, 0, "$n$ = {} perturbed, "),
-    "n_unperturbed": (1, 0, "{} unperturbed crossings,\n"),
-    "onset_phase": (100, 0, "onset at {} % of stance, "),
-    "window_s": (1000, 0, "fitted for {} ms, "),
-    "vaf": (1, 2, "VAF {} %"),
-}
-PERTURBATION = style.Look(style.GREY, "o", 2.6, "One perturbation", edge=0.6)
-IN_BLACK: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.8}
+NEXT_GROUP = 3  # distance of the middles of two groups, of which each perturbation is within 0.5
+PERTURBATION = style.Look(style.GREY, "o", "One perturbation")
 
 
 def points(
@@ -79,110 +50,95 @@ def points(
         perturbation.
     """
     keys = ["group", "quantity"]
-    summary = walking_summary.drop_nulls("mean").filter(pl.col("quantity").is_in(QUANTITIES))
     group = pl.col("group").cast(pl.String)  # without entries it is a column of numbers
-    summary = summary.with_columns(group)
-    of_groups = summary.filter(estimator="mean of perturbations").select(*keys, "n", "mean", "sd")
-    commanded = summary.filter(estimator="ensemble").select(*keys, "commanded")
-    of_crossings = walking_groups.select(group, "doubtful", "n_unperturbed", "onset_phase")
-    fitted = walking_responses.filter(trial=MEAN_RESPONSE).drop_nulls("torque_model")
-    span = (pl.col("time").max() - pl.col("time").min()) * pl.len() / (pl.len() - 1)
-    windows = fitted.group_by(group).agg(window_s=span)
+    estimates = walking_summary.with_columns(group).drop_nulls("mean")
+    vaf = estimates.filter(estimator="ensemble", quantity="VAF").select("group", vaf="mean")
+    estimates = estimates.filter(pl.col("quantity").is_in(QUANTITIES))
+    of_groups = estimates.filter(estimator="mean of perturbations").select(*keys, "n", "mean", "sd")
+    commanded = estimates.filter(estimator="ensemble").select(*keys, "commanded")
     of_groups = of_groups.join(commanded, on=keys)
-    for of_group in (of_crossings, windows):
-        of_groups = of_groups.join(of_group, on="group", how="left")
     for estimator, column, *_ in FITS:
         names_of = {column: "mean", f"{column}_low": "low", f"{column}_high": "high"}
-        of_fit = summary.filter(estimator=estimator).select(*keys, **names_of)
+        of_fit = estimates.filter(estimator=estimator).select(*keys, **names_of)
         of_groups = of_groups.join(of_fit, on=keys, how="left")
-    vaf = walking_summary.filter(estimator="ensemble", quantity="VAF")
-    of_groups = of_groups.join(vaf.select(group, vaf="mean"), on="group", how="left")
+
+    of_crossings = walking_groups.select(group, "doubtful", "n_unperturbed", "onset_phase")
+    fitted = walking_responses.filter(trial=ENSEMBLE).drop_nulls("torque_model")
+    span = (pl.col("time").max() - pl.col("time").min()) * pl.len() / (pl.len() - 1)
+    windows = fitted.group_by(group).agg(window_s=span)
+    for of_group in (of_crossings, windows, vaf):
+        of_groups = of_groups.join(of_group, on="group", how="left")
+    groups = of_groups["group"].unique(maintain_order=True)
+    if len(groups) == 1:
+        of_configuration = pl.when(quantity="K").then(pl.lit(commanded_K, pl.Float64))
+        of_groups = of_groups.with_columns(commanded=pl.coalesce("commanded", of_configuration))
+
     is_fitted = pl.all_horizontal(pl.col(QUANTITIES).is_finite())
-    fits = walking.with_columns(group).filter(is_fitted)
+    fits = walking.with_columns(group).filter(is_fitted, pl.col("group").is_in(groups.implode()))
     perturbations = fits.unpivot(
         QUANTITIES, index=["group", "trial", "doubtful"],
         variable_name="quantity", value_name="perturbation",
     )  # fmt: skip
-    groups = of_groups["group"].unique(maintain_order=True).to_list()
-    if len(groups) == 1:
-        of_configuration = pl.when(quantity="K").then(pl.lit(commanded_K, pl.Float64))
-        of_groups = of_groups.with_columns(commanded=pl.coalesce("commanded", of_configuration))
-    perturbations = perturbations.filter(pl.col("group").is_in(groups))
     rows = pl.concat([of_groups, perturbations], how="diagonal_relaxed")
-    return rows.sort(
-        pl.col("group").replace_strict(groups, range(len(groups))),
-        pl.col("quantity").replace_strict(QUANTITIES, range(3)),
-        maintain_order=True,
-    )
+    order = [pl.col("group").cast(pl.Enum(groups)), pl.col("quantity").cast(pl.Enum(QUANTITIES))]
+    return rows.sort(order, maintain_order=True)
 
 
 def draw(table: pl.DataFrame) -> style.PaperFigure:
     """(a) K, (b) B, (c) I, side by side, each with all groups."""
     of_groups = table.filter(pl.col("trial").is_null(), quantity="K")
-    width = style.SINGLE_COLUMN if len(of_groups) == 1 else style.DOUBLE_COLUMN
-    figure, axes = style.panels(width, Layout.HEIGHT, 1, 3)
-    left = -Layout.REACH - Layout.BESIDE
-    right = (len(of_groups) - 1) * Layout.NEXT_GROUP + Layout.LAST_AT + Layout.BESIDE
-    unit = (width / 3 - Layout.MARGIN) / (right - left)
-    groups = of_groups.select("group", "n").rows() if len(of_groups) > 1 else []
-    labels = [f"{style.drawn_name(name, Layout.LETTERS)}\n({n})" for name, n in groups]
-    places = [number * Layout.NEXT_GROUP + Layout.MEAN_AT / 2 for number in range(len(labels))]
+    width = style.DOUBLE_COLUMN if len(of_groups) > 1 else style.SINGLE_COLUMN
+    figure, axes = style.panels(width, 3, 1, 3)
     for ax, quantity in zip(axes, QUANTITIES, strict=True):
-        rows = table.filter(quantity=quantity)
-        values = rows.select(DRAWN).unpivot()["value"].drop_nulls().to_numpy()
-        height = Layout.SWARM_HEIGHT / max(np.ptp(values), 1e-9)
-        for number, group in enumerate(rows.partition_by("group")):
-            draw_group(ax, group, number * Layout.NEXT_GROUP, height, unit)
-        ax.set_xlim(left, right)
-        ax.set_xticks(places, labels, rotation=0 if len(labels) <= Layout.MOST_LEVEL else 90)
+        of_quantity = table.filter(quantity=quantity)
+        span = float(np.ptp(of_quantity["perturbation"].drop_nulls().to_numpy()))
+        for number, rows in enumerate(of_quantity.partition_by("group")):
+            draw_group(ax, rows, NEXT_GROUP * number, span)
+        ax.set_xlim(-1, NEXT_GROUP * len(of_groups) - 0.5)
+        ax.set_xticks([])
         ax.set_ylabel(style.AXIS_LABELS[quantity])
         if quantity == "I" or ax.dataLim.y0 < 0:
             ax.axhline(0, color=style.BLACK, linewidth=0.5, zorder=0)
-    axes[-1].yaxis.set_major_formatter(
-        FuncFormatter(lambda value, _: f"{1e3 * value:.6g}".replace("-", "−"))
-    )
+    axes[-1].yaxis.set_major_formatter(lambda inertia, _: f"{1e3 * inertia:.6g}".replace("-", "−"))
+    texts = [of_response(group) for group in of_groups.to_dicts()]
+    if len(of_groups) > 1:
+        names = [style.drawn_name(name) for name in of_groups["group"]]
+        places = [NEXT_GROUP * number + 0.5 for number in range(len(names))]
+        for ax in axes:
+            ax.set_xticks(places, names, rotation=90 if len(names) > 2 else 0)
+        texts = [f"{name}: {text}" for name, text in zip(names, texts, strict=True)]
     keys = [*marks.labelled(axes[:1]), *marks.open_keys(table)]
-    marks.legend_above(figure, keys, of_response(of_groups))
+    marks.legend_above(figure, keys, "\n".join(texts))
     return figure
 
 
-def of_response(of_groups: pl.DataFrame) -> str:
-    """What the fits to the mean responses are made of, and the VAF of these; of several groups from
-    the smallest to the largest number."""
-    text = ""
-    for column, (factor, places, words) in OF_RESPONSE.items():
-        if style.has_values(of_groups, column):
-            ends = of_groups.select(low=pl.min(column), high=pl.max(column)).row(0)
-            number = " to ".join(dict.fromkeys(f"{factor * end:.{places}f}" for end in ends))
-            text += words.format(number)
-    return text.removesuffix(", ")
+def of_response(group: Mapping[str, Any]) -> str:
+    """What the fit to the mean response of a group is made of, and its VAF."""
+    return (
+        f"$n$ = {group['n']} perturbed, {group['n_unperturbed']} unperturbed crossings,\n"
+        f"onset at {100 * group['onset_phase']:.0f} % of stance,"
+        f" fitted for {1000 * group['window_s']:.0f} ms, VAF {group['vaf']:.2f} %"
+    )
 
 
-def draw_group(ax: Axes, rows: pl.DataFrame, place: float, height: float, unit: float) -> None:
+def draw_group(ax: Axes, rows: pl.DataFrame, place: float, span: float) -> None:
     """One quantity of a group around its place: perturbations, their mean, the fits to the mean
-    response, and the command. `height` is the length of a unit of the quantity, `unit` that of the
-    horizontal axis [in]."""
+    response, and the command. `span` is the range of all perturbations."""
     fits = rows.drop_nulls("trial")
-    offsets = marks.swarm_offsets(
-        fits["perturbation"].to_numpy() * height, Layout.POINT, Layout.REACH * unit
-    )
-    marks.draw_fits(
-        ax, fits, place + offsets / unit, fits["perturbation"], PERTURBATION, marks.BEHIND_LINES
-    )
+    values = fits["perturbation"].to_numpy()
+    x = place + marks.swarm_offsets(values, span, 4)
+    marks.draw_fits(ax, fits, x, values, PERTURBATION, areas=0.5)
     group = rows.row(0, named=True)
     ax.errorbar(
-        place + Layout.MEAN_AT, group["mean"], yerr=group["sd"],
-        fmt="s", markersize=3, capsize=Layout.CAP, label="Mean ± SD", **IN_BLACK,
-    )  # fmt: skip
-    for _, column, beside, face, label in FITS:
+        place + 1, group["mean"], yerr=group["sd"], fmt="s", color=style.BLACK, label="Mean ± SD"
+    )
+    for number, (_, column, face, label) in enumerate(FITS, 3):
         # an interval of percentiles, which may lie on one side of the estimate
-        x, ends = [place + beside] * 2, [group[f"{column}_low"], group[f"{column}_high"]]
-        ax.plot(x, ends, color=style.PURPLE, linewidth=1.2, marker="_", markersize=2 * Layout.CAP)
-        ax.plot(
-            x[:1], [group[column]], "D", color=style.PURPLE, mfc=face, markersize=3.2, label=label
-        )
+        beside = place + number / 2
+        ends = [group[f"{column}_low"], group[f"{column}_high"]]
+        ax.plot([beside, beside], ends, color=style.PURPLE, marker="_")
+        ax.plot(beside, group[column], "D", color=style.PURPLE, mfc=face, label=label)
     if group["commanded"] is not None:
-        ax.plot(
-            [place - Layout.REACH - 0.1, place + Layout.LAST_AT + 0.15], [group["commanded"]] * 2,
-            linestyle=style.DASHED, zorder=0, label="Commanded", **IN_BLACK,
-        )  # fmt: skip
+        ends = [place - 0.5, place + 2]
+        command = [group["commanded"]] * 2
+        ax.plot(ends, command, "--", color=style.BLACK, zorder=0, label="Commanded")

@@ -9,14 +9,8 @@ import polars as pl
 
 from osl_analysis.figures import marks, style
 
-WIDTHS = {"loading": 1.1, "unloading": 0.6}  # of curves [pt]
-DESIRED: dict[str, Any] = {
-    "color": style.MAGENTA,
-    "linewidth": WIDTHS["loading"],
-    "linestyle": style.DASHED,
-}
-# share of a colour map from its dark end on: beyond, it stands out from white by less than 3 to 1
-DARK_ENOUGH = 0.6
+WIDTHS = {"loading": 1.0, "unloading": 0.5}  # of curves [pt]
+DESIRED: dict[str, Any] = {"color": style.MAGENTA, "linestyle": "--"}
 MOST_NAMED = 16  # trials in the legend; of more, none is named
 
 
@@ -30,10 +24,10 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     """(a) torque over angle, (b) stiffness while loading; two panels for each joint."""
     parts = style.by_place(table)
     titles = np.repeat([title for title, _ in parts], 2).tolist()
-    height = 3.0 * len(parts) + 0.3
-    figure, axes = style.panels(style.DOUBLE_COLUMN, height, len(parts), 2, titles=titles)
+    figure, axes = style.panels(style.DOUBLE_COLUMN, 3 * len(parts), len(parts), 2, titles)
     trials = table["trial"].unique(maintain_order=True)
-    shades = mpl.colormaps["viridis"](np.linspace(0, DARK_ENOUGH, len(trials)))
+    # the dark half of a colour map: the other stands out from white by less than 3 to 1
+    shades = mpl.colormaps["viridis"](np.linspace(0, 0.5, len(trials)))
     colours = dict(zip(trials, shades, strict=True))
     for (_, part), torque, stiffness in zip(parts, axes[::2], axes[1::2], strict=True):
         of_branches = part.partition_by("trial", "branch", as_dict=True)
@@ -41,7 +35,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
             look: dict[str, Any] = {
                 "color": colours[trial],
                 "linewidth": WIDTHS[branch],
-                "linestyle": style.DOTTED if marks.has_doubtful(curve) else "-",
+                "linestyle": ":" if marks.has_doubtful(curve) else "-",
                 "url": marks.place_in_report(trial),
             }
             torque.plot(curve["angle_deg"], curve["torque"], **look)
@@ -64,7 +58,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     if style.has_values(table, "desired_torque"):
         keys.append(marks.key("Desired", **DESIRED))
     if marks.has_doubtful(table):
-        keys.append(marks.key("Doubtful trial", color=style.BLACK, linestyle=style.DOTTED))
+        keys.append(marks.key("Doubtful trial", color=style.BLACK, linestyle=":"))
     if len(trials) <= MOST_NAMED:
         keys += [marks.key(style.drawn_name(name), color=colours[name]) for name in trials]
     marks.legend_above(figure, keys)

@@ -14,35 +14,16 @@ from osl_analysis.walking.isolated_response import PHASES, UnperturbedGait
 from osl_analysis.walking.tables import ENSEMBLE
 from osl_analysis.walking.walking_settings import TimingSettings
 
-GAIT: dict[str, tuple[str, style.Dash]] = {  # colour and line style of a mean
-    "unperturbed": (style.PURPLE, "-"),
-    "perturbed": (style.ORANGE, (0, (5.0, 1.5))),
-}
-SHADED: dict[str, dict[str, Any]] = {  # intervals of time
-    "baseline": {
-        "facecolor": "none", "edgecolor": "#C4C4C4", "hatch": "////", "label": "Baseline",
-    },
-    "window": {"color": "#F5C09A", "alpha": 0.5, "label": "Fitted window"},
-}  # fmt: skip
-ISOLATED: dict[str, dict[str, Any]] = {  # lines over time
-    "mean": {"color": style.BLACK, "label": "Mean response"},
-    "fit": {
-        "color": style.ORANGE, "linestyle": style.DASHED,
-        "label": r"Fit of $K\theta + B\dot\theta + I\ddot\theta$",
-    },
-}  # fmt: skip
-EACH_LINE: dict[str, Any] = {"color": style.GREY, "alpha": 0.45, "linewidth": 0.5}
-DOUBTFUL_LINE: dict[str, Any] = {"color": style.BLACK, "linestyle": style.DOTTED, "linewidth": 0.7}
 PANELS = {
     "angle": "Ankle angle, dorsiflexion up (deg)",
     "torque": "Ankle torque (N·m)",
     "response angle": "Isolated angle (deg)",
     "response torque": "Isolated torque (N·m)",
 }
-PAGE_HEIGHT = 4.4  # of a group [in]
-
-
-DRAWN_STEP = 4  # a hundred points of stance are enough for a curve
+EACH: dict[str, Any] = {"color": style.GREY, "label": "Each perturbation"}
+DOUBTFUL: dict[str, Any] = {"color": style.BLACK, "linestyle": ":", "label": "Doubtful fit"}
+SHADED = "#F9DFCD"  # of the fitted window
+HATCHED = "#C4C4C4"  # of the baseline
 
 
 def walking_page_points(
@@ -63,40 +44,28 @@ def walking_page_points(
         frames.append(gait_points("angle", name, np.rad2deg(gait.theta)))
         frames.append(gait_points("torque", name, gait.torque))
 
-    spans = {
-        "window": (0.0, timing.window_s),
-        "baseline": (-timing.guard_s - timing.baseline_s, -timing.guard_s),
-    }
-    for name, bounds in spans.items():
-        ends = {"panel": "response angle", "curve": name, "x": 1e3 * np.array(bounds)}
-        frames.append(pl.DataFrame(ends))
-
-    is_mean = pl.col("trial") == ENSEMBLE
-    curve = pl.when(is_mean).then(pl.lit("mean")).otherwise(pl.lit("each")).alias("curve")
-    time_ms = (1e3 * pl.col("time")).alias("x")
+    begin_s = -timing.guard_s - timing.baseline_s
+    spans = {"window": [0.0, timing.window_s], "baseline": [begin_s, -timing.guard_s]}
+    curve = pl.when(trial=ENSEMBLE).then(pl.lit("mean")).otherwise(pl.lit("each"))
     for panel, column in (("response angle", "theta_deg"), ("response torque", "torque")):
-        frames.append(
-            responses.select("trial", "doubtful", time_ms, curve, mean=column, panel=pl.lit(panel))
-        )
-    fit = responses.filter(is_mean).drop_nulls("torque_model")
-    frames.append(
-        fit.select(
-            "trial",
-            time_ms,
-            curve=pl.lit("fit"),
-            mean="torque_model",
-            panel=pl.lit("response torque"),
-        )
-    )
+        for name, ends_s in spans.items():
+            ends = {"panel": panel, "curve": name, "x": 1000 * np.array(ends_s)}
+            frames.append(pl.DataFrame(ends))
+        of_panel = responses.with_columns(x=1000 * pl.col("time"), panel=pl.lit(panel))
+        shown = ["panel", "trial", "doubtful", "x"]
+        frames.append(of_panel.select(*shown, curve=curve, mean=column))
+    fit = of_panel.filter(trial=ENSEMBLE).drop_nulls("torque_model")
+    frames.append(fit.select(*shown, curve=pl.lit("fit"), mean="torque_model"))
     return pl.concat(frames, how="diagonal")
 
 
 def gait_points(panel: str, name: str, curves: Array) -> pl.DataFrame:
-    """Mean and SD of curves (crossings, `PHASES`) over stance."""
-    drawn = curves[:, ::DRAWN_STEP]
+    """Mean and SD of curves (crossings, `PHASES`) over stance, of every fourth phase: a hundred
+    points are enough for a curve."""
+    drawn = curves[:, ::4]
     return pl.DataFrame(
         {
-            "x": 100 * PHASES[::DRAWN_STEP],
+            "x": 100 * PHASES[::4],
             "mean": drawn.mean(axis=0),
             "sd": drawn.std(axis=0, ddof=1) if len(drawn) > 1 else None,
             "panel": panel,
@@ -115,49 +84,49 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     for rows in groups:
         name = style.drawn_name(rows["group"][0], 60) if len(groups) > 1 else ""
         titles += [name, "", "", ""]
-    height = PAGE_HEIGHT * len(groups)
-    figure, axes = style.panels(style.DOUBLE_COLUMN, height, 2 * len(groups), 2, titles=titles)
+    height = 4 * len(groups)
+    figure, axes = style.panels(style.DOUBLE_COLUMN, height, 2 * len(groups), 2, titles)
     for number, rows in enumerate(groups):
-        for ax, panel in zip(axes[4 * number :], PANELS, strict=False):
-            draw_panel(ax, rows, panel)
+        for ax, (panel, label) in zip(axes[4 * number :], PANELS.items(), strict=False):
+            draw_panel = draw_response if panel.startswith("response") else draw_stance
+            draw_panel(ax, rows.filter(panel=panel))
+            ax.set_ylabel(label)
+            ax.margins(x=0)
     marks.legend_above(figure, marks.labelled(axes))
     return figure
 
 
-def draw_panel(ax: Axes, rows: pl.DataFrame, panel: str) -> None:
-    """One panel of a group."""
-
-    def curve(name: str) -> pl.DataFrame:
-        """The points of one curve of a panel."""
-        return rows.filter(panel=panel, curve=name)
-
-    for name, (colour, dash) in GAIT.items():
-        points = curve(name)
-        if points.is_empty():
-            continue
-        mean, sd = points["mean"], points["sd"]
+def draw_stance(ax: Axes, rows: pl.DataFrame) -> None:
+    """Mean and SD of unperturbed and of perturbed crossings over stance."""
+    for name, colour, dash in (
+        ("unperturbed", style.PURPLE, "-"),
+        ("perturbed", style.ORANGE, "--"),
+    ):
+        curve = rows.filter(curve=name)
+        mean = curve["mean"]
         ax.fill_between(
-            points["x"], mean - sd, mean + sd, color=colour, alpha=style.BAND_ALPHA, linewidth=0,
-            label="± SD of crossings",
+            curve["x"], mean - curve["sd"], mean + curve["sd"], color=colour, alpha=0.25,
+            linewidth=0, label="± SD of crossings",
         )  # fmt: skip
-        ax.plot(points["x"], mean, color=colour, linestyle=dash, label=name.capitalize())
-    for trial in curve("each").partition_by("trial"):
-        is_doubtful = marks.has_doubtful(trial)
-        look = DOUBTFUL_LINE if is_doubtful else EACH_LINE
-        label = "Doubtful fit" if is_doubtful else "Each perturbation"
-        (line,) = ax.plot(trial["x"], trial["mean"], label=label, **look)
-        line.set_url(marks.place_in_report(trial["trial"][0]))
-    for name, look in ISOLATED.items():
-        if not curve(name).is_empty():
-            ax.plot(curve(name)["x"], curve(name)["mean"], linewidth=1.4, **look)
+        ax.plot(curve["x"], mean, dash, color=colour, label=name.capitalize())
+    ax.set_xlabel("Stance (%)")
 
-    ax.set_ylabel(PANELS[panel])
-    ax.margins(x=0)
-    if panel.startswith("response"):
-        for name, look in SHADED.items():
-            ends = rows.filter(panel="response angle", curve=name)["x"]
-            ax.axvspan(ends[0], ends[1], linewidth=0, zorder=0, **look)
-        marks.draw_zero_lines(ax)
-        ax.set_xlabel("Time from the perturbation’s onset (ms)")
-    else:
-        ax.set_xlabel("Stance (%)")
+
+def draw_response(ax: Axes, rows: pl.DataFrame) -> None:
+    """Every response to the perturbation over time, their mean and its fit."""
+    for trial in rows.filter(curve="each").partition_by("trial"):
+        look = DOUBTFUL if marks.has_doubtful(trial) else EACH
+        (line,) = ax.plot(trial["x"], trial["mean"], linewidth=0.5, **look)
+        line.set_url(marks.place_in_report(trial["trial"][0]))
+    mean = rows.filter(curve="mean")
+    ax.plot(mean["x"], mean["mean"], color=style.BLACK, linewidth=2, label="Mean response")
+    fit = rows.filter(curve="fit")
+    if len(fit):
+        label = r"Fit of $K\theta + B\dot\theta + I\ddot\theta$"
+        ax.plot(fit["x"], fit["mean"], "--", color=style.ORANGE, linewidth=2, label=label)
+    baseline = rows.filter(curve="baseline")["x"]
+    ax.axvspan(*baseline, fc="none", ec=HATCHED, hatch="////", lw=0, zorder=0, label="Baseline")
+    window = rows.filter(curve="window")["x"]
+    ax.axvspan(*window, color=SHADED, linewidth=0, zorder=0, label="Fitted window")
+    marks.draw_zero_lines(ax)
+    ax.set_xlabel("Time from the perturbation’s onset (ms)")

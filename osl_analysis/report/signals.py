@@ -16,7 +16,7 @@ QUICK = 3  # level of zlib: a quarter of the time of the usual 6, and 8 % more b
 STEPS = 2000  # to which a signal's range is rounded: half of a pixel of the plots
 TIME_STEPS = 10**7
 CURVE_POINTS = 60  # of a model over frequency
-MOST_RECORDED = 5000  # samples that are drawn of a recording without a fit
+MOST_DRAWN = 10_000  # samples of a trial
 
 
 @dataclass(frozen=True)
@@ -75,21 +75,27 @@ def of_fit(series: pl.DataFrame, motion: str, what: str = FITTED) -> Signals:
     motion_column = "omega" if "omega" in series.columns else "theta_deg"
     unit = "rad/s" if motion_column == "omega" else "deg"
     residual = pl.col("torque") - pl.col("torque_model")
-    table = series.select(
+    table = thinned(series).select(
         "time", "torque", model="torque_model", residual=residual, motion=motion_column
     )
     return Signals(table, what, f"{motion} ({unit})")
 
 
+def thinned(samples: pl.DataFrame) -> pl.DataFrame:
+    """Every k-th sample, so that they are `MOST_DRAWN` or fewer."""
+    return samples.gather_every(-(-len(samples) // MOST_DRAWN) or 1)
+
+
 def of_recording(samples: pl.DataFrame, motion: str) -> Signals:
     """Torque and angle of a crossing or of a recording without a fit, as far as it has them."""
-    thinned = samples.gather_every(max(-(-len(samples) // MOST_RECORDED), 1))
     columns = {"time": pl.col("time") - samples["time"][0]}
     if "torque" in samples.columns:
         columns["torque"] = "torque"
     if "theta" in samples.columns:
         columns["motion"] = pl.col("theta").degrees()
-    return Signals(thinned.select(**columns), "Signals without a fit of their own.", motion)
+    return Signals(
+        thinned(samples).select(**columns), "Signals without a fit of their own.", motion
+    )
 
 
 def measured_response(response: pl.DataFrame, fit: Mapping[str, Any]) -> pl.DataFrame:

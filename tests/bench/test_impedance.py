@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rendered impedance of a stepped sine, and its lag."""
 
-from dataclasses import replace
-
 import bench_synthetic
 import numpy as np
 import polars as pl
@@ -28,10 +26,8 @@ from osl_analysis.commands.figure import fig4
 from osl_analysis.commands.fit import fit_impedance_trial
 from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.judge import judging
-from osl_analysis.judge.limits import Limits
 from osl_analysis.model.compensator import PAPER_WEIGHT
-from osl_analysis.table import read_table, write_table
-from osl_analysis.trial import write_trial
+from osl_analysis.table import read_table, write_tables
 
 LATENESS = "late torque"
 
@@ -92,34 +88,19 @@ def test_amplitudes_of_one_frequency_are_refused_with_what_is_missing():
 
 
 @least_squares_alone
-def test_where_amplitudes_nest_in_frequencies_fig4_uses_the_largest_alone(tmp_path):
+def test_amplitudes_that_nest_in_frequencies_are_fitted_alone():
     """A fit to both amplitudes leaves several percent: the small one has half of the stiffness of
     the large one."""
     small, large = PROTOCOL.amplitudes
     steps = [
         (a, f, 1 if a == large else 0.5) for f in PROTOCOL.frequencies_hz for a in (small, large)
     ]
-    trial = trial_of_steps(steps)
     degrees = [round(np.rad2deg(a), 9) for a in PROTOCOL.amplitudes]
-    settings = sine_settings(degrees, (1, 3, 5), 9)
-    record = record_of_trial(trial, settings)
-    table = impedance_table(rendered_impedance(record))["impedance"]
-    assert table["K"].to_list()[:2] == pytest.approx([100, 200], rel=1e-3)
 
-    with_gap = trial.samples.filter(~pl.col("time").is_between(17, 17.1))
-    write_trial(replace(trial, samples=with_gap), tmp_path / "made.parquet")
-    write_table(table, tmp_path / "fit.csv")
-    files = tmp_path / "made.parquet", tmp_path / "fit.csv"
-    choice = {"trial": "made", "joint": "ankle", "side": None, "chosen": ""}
-    output = tmp_path / "fig4.csv"
-    for limit, cause in ((150, ""), (250, "impossible estimate")):  # of K, which is 200
-        fig4(*files, settings, choice, Limits(below={"K": limit}), output)
-        shown = read_table(output)
-        assert set(shown["doubtful"].fill_null("")) == {cause}
-    assert shown["theta_deg"].abs().max() == pytest.approx(degrees[-1], rel=0.02)
-    left = shown["torque"] - shown["torque_model"]
-    assert left.var() < 5e-4 * shown["torque"].var()
-    assert shown["theta_deg"].null_count() == shown["torque"].null_count() > 0.1 * RATE
+    record = record_of_trial(trial_of_steps(steps), sine_settings(degrees, (1, 3, 5), 9))
+    table = impedance_table(rendered_impedance(record))["impedance"]
+
+    assert table["K"].to_list()[:2] == pytest.approx([100, 200], rel=1e-3)
 
 
 def test_fig4_shows_the_reported_fit_without_the_fixture(tmp_path):
@@ -127,20 +108,23 @@ def test_fig4_shows_the_reported_fit_without_the_fixture(tmp_path):
     trial = joint_trial(record.time, record.theta, record.torque)
     settings = sine_settings([round(np.rad2deg(a), 9) for a in PROTOCOL.amplitudes], (1, 3, 5), 9)
     settings = settings.model_copy(update={"fixture": Fixture(inertia=0.02, weight=40.0)})
-    tables = fit_impedance_trial(trial, None, None, PAPER_WEIGHT, settings)
-    write_trial(trial, tmp_path / "made.parquet")
-    write_table(tables.estimates["impedance"], tmp_path / "fit.csv")
+    tables = fit_impedance_trial(trial, None, None, PAPER_WEIGHT, settings).everything()
+    table = tables["impedance"].with_columns(doubtful=pl.lit("K: friction"))
+    series = tmp_path / f"{trial.name}.zip"
+    write_tables({series / "series.csv": tables["series"], tmp_path / "impedance.csv": table})
 
-    files = tmp_path / "made.parquet", tmp_path / "fit.csv"
-    fig4(*files, settings, {}, Limits(), tmp_path / "fig4.csv")
+    fig4(series, tmp_path / "impedance.csv", "the first", tmp_path / "fig4.csv")
 
-    shown = read_table(tmp_path / "fig4.csv").drop_nulls(["theta_deg", "torque_model"])
-    theta = np.deg2rad(shown["theta_deg"].to_numpy())
-    velocity = np.gradient(theta, 1 / RATE)
-    columns = [theta, velocity, np.gradient(velocity, 1 / RATE), np.ones_like(theta)]
-    drawn, *_ = np.linalg.lstsq(np.array(columns).T, shown["torque_model"].to_numpy())
-    reported = tables.estimates["impedance"]["K"][-2]
-    assert drawn[0] == pytest.approx(reported, rel=0.01) != pytest.approx(200, rel=0.1)
+    shown = read_table(tmp_path / "fig4.csv")
+    theta, torque = shown.drop_nulls("torque_model").select("theta_deg", "torque_model")
+    theta = np.deg2rad(theta.to_numpy())
+    step = shown["time"][1]
+    velocity = np.gradient(theta, step)
+    columns = [theta, velocity, np.gradient(velocity, step), np.ones_like(theta)]
+    drawn, *_ = np.linalg.lstsq(np.array(columns).T, torque.to_numpy())
+    assert drawn[0] == pytest.approx(table["K"][-1], rel=0.01) != pytest.approx(200, rel=0.1)
+    assert set(shown["doubtful"]) == {"K: friction"}
+    assert shown["time"][-1] == pytest.approx(10, abs=step)
 
 
 def judged(torque_of, noise=0.01, **stated):

@@ -17,6 +17,7 @@ from bench_recordings import RECORDINGS
 from conftest import ROOT, joint_trial, refused_with, white_noise
 
 import osl_analysis as osl
+from osl_analysis.figures import completed
 from osl_analysis.table import SCHEMA, write_table
 from osl_analysis.trial import SCHEMA_KEY, write_trial
 
@@ -77,8 +78,8 @@ def laboratory(tmp_path, monkeypatch, names_of_examples):
     write_table(
         pl.DataFrame({"trial": ["a"], "K_s": [685.6]}), tmp_path / "results/tables/belt.csv"
     )
-    series = pl.DataFrame({"time": [0.0, 1, 2], "torque": [0.0, 1, 0], "torque_model": [0.0, 1, 0]})
-    write_table(series, tmp_path / "results/figures/torque.csv")
+    stance = pl.DataFrame({"stance": [0.0, 100.0], "K_d": [80.0, 340.0], "B_d": [1.0, 5.0]})
+    write_table(completed("fig8", stance), tmp_path / "results/figures/fig8.csv")
     number = dict.fromkeys(("low", "high", "interval", "draft", "n_doubtful"))
     number |= {"value": 685.6, "unit": "N*m/rad", "n": 3, "meaning": "stiffness of the belt"}
     summary = {"tables_schema": SCHEMA, "numbers": {"K_s": number}}

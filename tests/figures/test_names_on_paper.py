@@ -127,7 +127,7 @@ def test_a_parameter_file_is_used_for_its_own_joint_only(tmp_path):
 
 def test_examples_are_those_of_the_configuration_or_chosen_and_said(tmp_path):
     shown = time_series_example(campaign(tmp_path, TWO_JOINTS))
-    assert (shown["trial"], shown["joint"], shown["chosen"]) == ("a", "ankle", ""), "of two"
+    assert (shown["trial"], shown["chosen"]) == ("a", ""), "of two"
     knee = "k,impedance,pd,,,knee,k.csv,bench_csv\n"
     belt = campaign(tmp_path, "b,belt,,,,,b.csv,bench_csv\n")
     assert (time_series_example(belt), response_example(belt)) == (None, None)

@@ -30,6 +30,7 @@ from osl_analysis.bench.motion_range import parts_of, range_over
 from osl_analysis.bench.plausibility import check_resists, check_stiffer, unit_of_step
 from osl_analysis.bench.record import Label
 from osl_analysis.bench.regression import IMPEDANCE, Sums, fit_groups, sums_of
+from osl_analysis.bench.rendered_gains import rendered_gains
 from osl_analysis.dictionary import table_of
 from osl_analysis.inference import FrictionlessActuator, ImpedanceInference
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
@@ -98,6 +99,7 @@ def impedance_table(
     p: DrivetrainParameters | None = None,
     desired: DesiredImpedance = UNSTATED,
     gains: Gains | None = None,
+    uncertainties: Mapping[str, float] | None = None,
 ) -> dict[str, pl.DataFrame]:
     """Put together the trial's rows of `impedance.csv`, and of `budget.csv`.
 
@@ -117,6 +119,8 @@ def impedance_table(
         What the leg was asked to render.
     gains
         Those that ran.
+    uncertainties
+        Those of components of the drivetrain, by name; None: none is stated.
 
     Returns
     -------
@@ -156,6 +160,9 @@ def impedance_table(
         # a drivetrain is of higher order: Eq. 15 fitted to the linear model's torque
         of_gains = s.estimates([*IMPEDANCE.values()], "linear")
         of_trial |= {"K_predicted": of_gains[0], "B_predicted": of_gains[1]}
+    rendered = None
+    if p and desired.controller:
+        rendered = rendered_gains(analysis, p, uncertainties or {})
     rows = []
     of_budgets = []
     for label in analysis.fits:
@@ -164,6 +171,7 @@ def impedance_table(
         budgets = estimates_of(analysis, found, label)
         if label is None:
             budgets = with_other_contributions(analysis, found, budgets, bool(gains))
+            budgets |= rendered.budgets if rendered else {}
         estimates: Row = {}
         for name, budget in budgets.items():
             estimates |= budget.columns(name)
@@ -174,6 +182,7 @@ def impedance_table(
                 **(found.ranges if label is None else {}),
                 **{f"{name}_se": analysis.calibrated[label].se(name) for name in QUANTITIES},
                 **estimates,
+                "VAF_rendered": rendered.VAF if rendered and label is None else None,
                 "torque_error": torque_error(analysis.sums, label, desired),
                 "theta_rms_deg": np.rad2deg(np.sqrt(variance[0, 0])),
                 "fitted_s": record.is_fitted(label).sum() / record.rate_hz,

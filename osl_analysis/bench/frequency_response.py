@@ -55,10 +55,11 @@ class Response:
     freedom: float
 
     def to_row(self, record: Record) -> Row:
-        """Magnitude, phase and damping with 95 % intervals (Student), to first order.
+        """Magnitude, phase, stiffness and damping with 95 % intervals (Student), to first order.
 
-        The intervals include what is stated of the bench, which all amplitudes share. The damping
-        is the real part of the impedance torque/velocity, Im(1/Y)/w.
+        The intervals include what is stated of the bench, which all amplitudes share. Stiffness
+        and damping at the frequency are K = Re Z and B = Im Z/w of Z = 1/Y: of a joint of second
+        order K - I w^2 and B.
         """
         gain, phase = record.settings.calibration.polar(self.frequency_hz)
         bench = record.settings.bench_stiffness
@@ -72,6 +73,7 @@ class Response:
         for name, value, changes in (
             ("magnitude", size, size * errors.real),
             ("phase_deg", np.rad2deg(np.angle(self.Y)), np.rad2deg(errors.imag)),
+            ("stiffness", (1 / self.Y).real, (errors / self.Y).real),
             ("damping", (1 / self.Y).imag / w, (errors / self.Y).imag / w),
         ):
             own = float(np.linalg.norm(changes[: -len(of_bench)]))

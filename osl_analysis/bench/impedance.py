@@ -2,7 +2,7 @@
 """Eq. 15 fitted to a record, or another model of the bench: to each amplitude and to all of it,
 with the stated errors of the bench and those of the encoder's steps."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -125,24 +125,14 @@ class Analysis:
         X = np.column_stack([columns[column] for column in of_estimates])
         is_of_angle = np.isin(of_estimates, OF_ANGLE)
 
-        hysteresis, delay = torque_errors(record.filtered_torque, record.rate_hz, rows, stated)
-        torques = [
-            ("torque_gain", stated.torque * (X @ sizes)),
-            ("angle_gain", stated.angle_gain * (X @ (sizes * is_of_angle))),
-            ("hysteresis", hysteresis),
-            ("delay", delay),
-        ]
-        if fixture is not None:
-            sine = np.sin(motion.theta - np.deg2rad(fixture.rest_deg))
-            torques.append(("fixture", fixture.inertia_error * motion.alpha))
-            torques.append(("fixture", fixture.weight_error * sine))
-        if bench is not None:
-            # a frame that yields more turns the joint by so much less
-            yielded = bench.compliance_error * record.filtered_torque
-            of_frame = vars(seven_point_motion(yielded, record.rate_hz))
-            still = np.zeros_like(yielded)
-            of_bench = sizes @ np.array([of_frame.get(name, still) for name in of_estimates])
-            torques.append(("bench_stiffness", of_bench))
+        angle_sizes = sizes * is_of_angle
+
+        def passed(angle: Array) -> Array:
+            of_frame = vars(seven_point_motion(angle, record.rate_hz))
+            still = np.zeros_like(angle)
+            return sizes @ np.array([of_frame.get(name, still) for name in of_estimates])
+
+        torques = bench_torques(record, X @ sizes, X @ angle_sizes, passed, rows)
         errors = np.column_stack([error for _, error in torques])
         changes = np.linalg.lstsq(X[rows], errors[rows])[0][: len(own.names)]
         fit = own
@@ -239,6 +229,48 @@ def fits_by_label(sums: Sums, model: Model) -> dict[Label, GroupFit]:
             if label is None:
                 raise
     return fits
+
+
+def bench_torques(
+    record: Record,
+    modelled: Array,
+    of_angle: Array,
+    passed: Callable[[Array], Array],
+    rows: NDArray[np.intp],
+) -> list[tuple[str, Array]]:
+    """Errors of the torque (n,) [N*m] by one standard uncertainty of what is stated of the bench,
+    with their sources.
+
+    Parameters
+    ----------
+    record
+        What was recorded.
+    modelled, of_angle
+        Torque (n,) of the model, and the part that is in proportion to the angle [N*m].
+    passed
+        Torque of the model for an angle (n,) [rad].
+    rows
+        Which are fitted.
+    """
+    stated = record.settings.calibration
+    fixture = record.settings.fixture
+    bench = record.settings.bench_stiffness
+    motion = record.motion
+    hysteresis, delay = torque_errors(record.filtered_torque, record.rate_hz, rows, stated)
+    torques = [
+        ("torque_gain", stated.torque * modelled),
+        ("angle_gain", stated.angle_gain * of_angle),
+        ("hysteresis", hysteresis),
+        ("delay", delay),
+    ]
+    if fixture is not None:
+        sine = np.sin(motion.theta - np.deg2rad(fixture.rest_deg))
+        torques.append(("fixture", fixture.inertia_error * motion.alpha))
+        torques.append(("fixture", fixture.weight_error * sine))
+    if bench is not None:
+        # a frame that yields more turns the joint by so much less
+        torques.append(("bench_stiffness", passed(bench.compliance_error * record.filtered_torque)))
+    return torques
 
 
 def torque_errors(

@@ -59,6 +59,8 @@ class Quantity(Settings):
     value: Annotated[float, WithJsonSchema({"type": ["number", "string"]})]
     unit: Annotated[str, WithJsonSchema({"enum": sorted(set(PARAMETER_UNITS.values()))})]
     source: str = Field(min_length=1)
+    standard_error: Annotated[float | None, Field(ge=0)] = None
+    """Standard uncertainty, in the same unit; null: not stated."""
 
     @field_validator("value", mode="before")
     @classmethod
@@ -142,6 +144,19 @@ def known_parameters(
         return None
     known = {name: quantity.value for name, quantity in file.parameters.items()}
     return DrivetrainParameters(**dict.fromkeys(REQUIRED, np.nan) | known)
+
+
+def stated_errors(path: Path | None) -> dict[str, float]:
+    """Standard uncertainties that a parameter file states, by parameter. Raises as
+    `read_parameters`."""
+    if path is None:
+        return {}
+    quantities = file_of_state(path, digest(path)).parameters
+    return {
+        name: quantity.standard_error
+        for name, quantity in quantities.items()
+        if quantity.standard_error is not None
+    }
 
 
 def read_parameters(path: Path) -> DrivetrainParameters:

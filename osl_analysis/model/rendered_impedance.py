@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What gains render: stability, delay margin, how far the impedance is the desired one.
+"""What gains render: stability, delays that it bears, how far the impedance is the desired one.
 
 The joint's dynamic stiffness is Z = 1/Y = P - c/N, in the letters of `drivetrain.joint_admittance`.
-Passivity needs no test: at s = j w the joint takes in energy at the rate of Im Z = w (B_j + c
-x/|N|^2), positive for every x = B_m + B_1 > 0. The rendered impedance is therefore passive with
-every gain that Eq. 14 selects.
+At s = j w the joint takes in energy at the rate of Im Z = w (B_j + c x/|N|^2), which is positive
+for every x = B_m + B_1 > 0: without a delay it is passive with every gain that Eq. 14 selects.
 """
 
 from collections.abc import Sequence
@@ -17,6 +16,9 @@ from osl_analysis.model.compensator import Gains
 from osl_analysis.model.drivetrain import DrivetrainParameters, RationalFunction, joint_admittance
 from osl_analysis.trial import Array
 
+PASSIVE_TO_HZ = 10.0  # twice the fastest motion of the draft's protocol
+DELAY_STEP = 1e-4  # s, to which a delay is told
+LONGEST_DELAY = 0.05  # s; of a loop that is closed at 20 Hz
 FAITHFUL = 0.1  # largest |Z - Z_d|, as a share of |Z_d|, of a faithful impedance
 REAL_ROOT = 1e-9  # imaginary part, as a share of the size, that rounding leaves in a real root
 
@@ -29,6 +31,9 @@ class Rendering(NamedTuple):
     # smallest delay [s] in the control loop that makes the held actuator unstable; infinite if it
     # is stable with any delay
     delay_margin: Array
+    # smallest delay [s] in the control loop with which the joint is not passive up to
+    # `PASSIVE_TO_HZ`
+    passive_delay: Array
     # frequency [Hz] up to which |Z - Z_d| <= 0.1 |Z_d|; infinite where Z never leaves this range
     faithful_to_hz: Array
 
@@ -62,6 +67,7 @@ def rendering(
     return Rendering(
         decay_rate=decay_rate,
         delay_margin=delay_margin(K_1, B_1, p),
+        passive_delay=passive_delay(K_1, B_1, p),
         faithful_to_hz=faithful_to_hz,
     )
 
@@ -87,6 +93,27 @@ def delay_margin(K_1: Array, B_1: Array, p: DrivetrainParameters) -> Array:
         phase_margin = np.mod(np.pi + np.angle(loop), 2 * np.pi)
         margin = np.where(crosses, np.minimum(margin, phase_margin / w), margin)
     return margin
+
+
+def passive_delay(
+    K_1: Array, B_1: Array, p: DrivetrainParameters, highest_hz: float = PASSIVE_TO_HZ
+) -> Array:
+    """Smallest delay T (pairs,) [s] of the control loop with which the joint gives away energy at
+    some frequency up to `highest_hz`; infinite where none up to `LONGEST_DELAY` does.
+
+    A delayed controller makes N = J_m s^2 + B_m s + K_s/n_T^2 + (K_1 + B_1 s) e^(-s T). The joint
+    takes in energy at s = j w where Im Z = w B_j - Im(c/N) is positive.
+    """
+    w = 2 * np.pi * np.geomspace(highest_hz / 1e3, highest_hz, 60)
+    s = 1j * w
+    held = p.J_m * s**2 + p.B_m * s + p.K_s_at_actuator
+    c = p.K_s**2 / p.n_T**2
+    smallest = np.full(K_1.shape, np.inf)
+    for delay in np.arange(LONGEST_DELAY, 0, -DELAY_STEP):
+        N = held + (K_1[:, None] + B_1[:, None] * s) * np.exp(-s * delay)
+        gives_energy = (w * p.B_j - (c / N).imag < 0).any(axis=1)
+        smallest[gives_energy] = delay
+    return smallest
 
 
 def faithful_frequency(Y: RationalFunction, K_d: float, B_d: float) -> float:

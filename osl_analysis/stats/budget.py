@@ -82,7 +82,10 @@ class Contribution:
 
 
 FIELDS = [field.name for field in fields(Contribution)]
-UNITS = {"K": "N*m/rad", "B": "N*m*s/rad", "I": "kg*m^2", "B_j": "N*m*s/rad", "J_j": "kg*m^2"}
+UNITS = {
+    "K": "N*m/rad", "B": "N*m*s/rad", "I": "kg*m^2", "B_j": "N*m*s/rad", "J_j": "kg*m^2",
+    "K_d_rendered": "N*m/rad", "B_d_rendered": "N*m*s/rad",
+}  # fmt: skip
 
 
 def scatter(standard: float, freedom: float) -> Contribution:

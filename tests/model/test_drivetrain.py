@@ -22,7 +22,7 @@ from osl_analysis.model.drivetrain import (
     known_parameters,
     read_parameters,
 )
-from osl_analysis.model.rendered_impedance import linear_torque, rendering
+from osl_analysis.model.rendered_impedance import linear_torque, passive_delay, rendering
 
 
 def weight_of(cutoff_hz, order):
@@ -254,6 +254,19 @@ def test_the_decay_rate_is_that_of_the_slowest_pole():
 
     poles = joint_admittance(gains.K_1, gains.B_1, P).poles()
     assert decay_rate[0] == pytest.approx(np.min(-poles.real))
+
+
+@pytest.mark.parametrize(("K_d", "B_d"), [(300.0, 5.0), (100.0, 2.5)])
+def test_slow_motion_loses_no_energy_up_to_the_delay_of_its_damping(K_d, B_d):
+    """A delay T turns K_1 into a negative damping K_1 T, which damper and joint make up for."""
+    gains = compensator.compensated_gains(K_d, B_d, P)
+    kappa = gains.K_1 + P.K_s / P.n_T**2
+    of_joint = P.B_j * (kappa * P.n_T / P.K_s) ** 2
+
+    delay = passive_delay(np.array([gains.K_1]), np.array([gains.B_1]), P, highest_hz=0.01)
+
+    expected = (P.B_m + gains.B_1 + of_joint) / gains.K_1
+    assert delay[0] == pytest.approx(expected, abs=1.1e-4)
 
 
 def test_the_delay_margin_is_where_a_pole_reaches_the_axis():

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The gains that a leg renders, from recordings made by its equations of motion, one for the motor
+and one for the joint, at each frequency."""
+
+import numpy as np
+import polars as pl
+import pytest
+from shipped import DEVICE, LEG
+
+import osl_analysis as osl
+
+RATE_HZ = 500.0
+DURATION_S = 60.0
+SINES_HZ = np.array([0.4, 0.9, 1.7, 2.6, 3.7, 5.1, 6.8])
+
+
+def recorded_leg(K_1, B_1, noise=0.05, seed=0, **changes):
+    """Angle and torque of a leg with these gains, whose components differ by `changes`."""
+    p = {**vars(LEG), **changes}
+    random = np.random.default_rng(seed)
+    time = np.arange(0, DURATION_S, 1 / RATE_HZ)
+    theta, torque = np.zeros_like(time), random.normal(0, noise, len(time))
+    for w in 2 * np.pi * SINES_HZ:
+        s = 1j * w
+        joint = 0.02 * np.exp(1j * random.uniform(0, 2 * np.pi))
+        # J_m s^2 motor = belt's pull - B_m s motor - (K_1 + B_1 s) motor
+        belt = p["K_s"] / p["n_T"]
+        held = p["J_m"] * s**2 + (p["B_m"] + B_1) * s + K_1 + belt / p["n_T"]
+        motor = belt * joint / held
+        pull = p["K_s"] * (joint - motor / p["n_T"]) + (p["B_j"] * s + p["J_j"] * s**2) * joint
+        turn = np.exp(s * time)
+        theta += (joint * turn).imag
+        torque += (pull * turn).imag
+    return osl.Trial("leg", pl.DataFrame({"time": time, "theta": theta, "torque": torque}))
+
+
+def fitted(trial, controller="compensated", parameters=DEVICE):
+    desired = osl.DesiredImpedance(controller, K_d=300.0, B_d=5.0)
+    return osl.fit(trial, desired=desired, parameters=parameters)
+
+
+def at_rest(K_1, B_1):
+    """Stiffness and damping of springs and dampers in series, for slow motion."""
+    K_m = K_1 * LEG.n_T**2
+    share = LEG.K_s / (LEG.K_s + K_m)
+    return K_m * share, LEG.B_j + (LEG.B_m + B_1) * LEG.n_T**2 * share**2
+
+
+@pytest.mark.parametrize(("K_1", "B_1"), [(25.0, 0.66), (21.0, 0.45), (5.5, 0.03)])
+def test_gains_behind_a_belt_are_told_where_eq_15_does_not_fit(K_1, B_1):
+    held = []
+    for seed in range(12):
+        fit = fitted(recorded_leg(K_1, B_1, seed=seed))
+        for name, true in zip(("K_d_rendered", "B_d_rendered"), at_rest(K_1, B_1), strict=True):
+            low, high = getattr(fit, f"{name}_interval")
+            held.append(low <= true <= high)
+        assert fit.VAF_rendered >= fit.VAF - 1e-3
+
+    assert np.mean(held) >= 0.85  # 95 % of 24
+
+
+def test_a_leg_without_compensation_renders_less_than_its_gain():
+    K_1, B_1 = 300 / LEG.n_T**2, 5 / LEG.n_T**2
+
+    fit = fitted(recorded_leg(K_1, B_1), "uncompensated")
+
+    K_d, B_d = at_rest(K_1, B_1)
+    assert fit.K_d_rendered == pytest.approx(K_d, rel=1e-3)
+    assert fit.B_d_rendered == pytest.approx(B_d, rel=5e-3)
+
+
+def rewritten(folder, old, new):
+    """The parameter file of the default device with another line."""
+    text = DEVICE.read_text()
+    assert old in text
+    file = folder / "leg.yaml"
+    file.write_text(text.replace(old, new))
+    return file
+
+
+def test_the_most_harmful_component_says_what_a_percent_of_it_changes(tmp_path):
+    trial = recorded_leg(25.0, 0.66)
+    fit = fitted(trial)
+    of_file = fit.budget.filter(source="parameter_differs", estimate="K_d_rendered")
+    per = of_file["per"].item()
+    assert per.endswith("N*m/rad per % of K_s")
+    size = float(per.split()[0])
+
+    other = fitted(trial, parameters=rewritten(tmp_path, "value: 685.6", "value: 692.456"))
+
+    assert abs(other.K_d_rendered - fit.K_d_rendered) == pytest.approx(size, rel=0.1)
+
+
+def test_a_stated_error_of_a_component_is_in_the_interval(tmp_path):
+    trial = recorded_leg(25.0, 0.66)
+    fit = fitted(trial)
+    stated = rewritten(tmp_path, "value: 685.6", "standard_error: 7, value: 685.6")
+
+    low, high = fitted(trial, parameters=stated).K_d_rendered_interval
+
+    other = fitted(trial, parameters=rewritten(tmp_path, "value: 685.6", "value: 692.6"))
+    expected = 1.96 * abs(other.K_d_rendered - fit.K_d_rendered)
+    assert (high - low) / 2 == pytest.approx(expected, rel=0.1)

@@ -210,6 +210,9 @@ class ImpedanceAnalysis(SteppedSineAnalysis):
     excitation: Literal["auto", "stepped_sine", "any"] = "auto"
     """What moves the joint in impedance trials: the stepped sine, any other motion, or what each
     recording shows."""
+    at_hz: Annotated[float | None, Field(gt=0)] = None
+    """Frequency [Hz] at which K and B of the response are headline numbers, too: those of Eq. 15
+    depend on the motion, of a joint that is not of second order. null: none."""
     windows: Windows | None = None
     """Stretches [s] of a recording that are fitted, from its start, as `2-30 40-62`, where the
     motion is no stepped sine and the sample sheet states none; null: from the first to the last

@@ -17,7 +17,7 @@ import polars as pl
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.bench.impedance import Analysis
+from osl_analysis.bench.impedance import SAME_FREQUENCY, Analysis
 from osl_analysis.bench.record import Record
 from osl_analysis.dictionary import table_of
 from osl_analysis.signals import runs
@@ -83,7 +83,9 @@ class Response:
         return row
 
 
-def response_table(analysis: Analysis, **condition: float | str | None) -> pl.DataFrame:
+def response_table(
+    analysis: Analysis, at_hz: float | None = None, **condition: float | str | None
+) -> pl.DataFrame:
     """The trial's rows of `response.csv`.
 
     Of a stepped sine a row per amplitude and frequency, and one of the mean of Y over the
@@ -93,6 +95,8 @@ def response_table(analysis: Analysis, **condition: float | str | None) -> pl.Da
     ----------
     analysis : Analysis
         Eq. 15 of a recording of the bench.
+    at_hz
+        Frequency of which K and B are headline numbers; None: of none.
     **condition
         What the leg was asked to render, by column.
     """
@@ -110,9 +114,13 @@ def response_table(analysis: Analysis, **condition: float | str | None) -> pl.Da
             at_frequency.setdefault(stratum.frequency_hz, []).append(response)
         of_all = [mean_response(responses) for responses in at_frequency.values()]
     else:
-        of_all = responses_of_windows(analysis)
+        of_all = responses_of_windows(analysis, at_hz)
     rows += [{**analysis.place(None), **response.to_row(record), **facts} for response in of_all]
     table = table_of(rows, "response").fill_nan(None)
+    if at_hz is not None:
+        apart = pl.max_horizontal(pl.col("frequency_hz") / at_hz, at_hz / pl.col("frequency_hz"))
+        is_whole = pl.col("scope") == "all"
+        table = table.with_columns(is_headline=is_whole & (apart < SAME_FREQUENCY))
     has_interval = pl.col("magnitude_low").is_not_null()
     return table.with_columns(interval_method=pl.when(has_interval).then("interval_method"))
 
@@ -194,8 +202,9 @@ def mean_response(responses: Sequence[Response]) -> Response:
     return Response(responses[0].frequency_hz, Y, errors, freedom)
 
 
-def responses_of_windows(analysis: Analysis) -> list[Response]:
-    """The responses of a motion that is no stepped sine, at the lines of windows.
+def responses_of_windows(analysis: Analysis, at_hz: float | None) -> list[Response]:
+    """The responses of a motion that is no stepped sine, at the lines of windows, and, of one that
+    is not periodic, at a stated frequency within its band.
 
     The torque's amplitude in a window is that of Eq. 15 plus the window's of what Eq. 15 leaves:
     the window would mix neighbouring frequencies, between which Z changes (2 % at 6 Hz), and what
@@ -209,18 +218,27 @@ def responses_of_windows(analysis: Analysis) -> list[Response]:
     signals = np.array([record.motion.theta, record.filtered_torque - analysis.modelled()])
     views = np.lib.stride_tricks.sliding_window_view(signals, len(window), axis=1)
     pieces = views[:, starts]
-    theta, left = np.fft.rfft(window * (pieces - pieces.mean(axis=2, keepdims=True)))
-    frequency_hz = np.fft.rfftfreq(len(window), 1 / record.rate_hz)
-    s = 2j * np.pi * frequency_hz
-    torque = (fit["K"] + fit["B"] * s + fit["I"] * s**2) * theta + left
-    power = (np.abs(theta) ** 2).sum(axis=0)
+    windows = window * (pieces - pieces.mean(axis=2, keepdims=True))
+    spectra = np.fft.rfft(windows)
+    lines_hz = np.fft.rfftfreq(len(window), 1 / record.rate_hz)
+    power = (np.abs(spectra[0]) ** 2).sum(axis=0)
     highest_hz = min(record.band_hz[1], record.settings.cutoff_hz)
-    moves = (frequency_hz <= highest_hz) & (power > LEAST_POWER * power.max())
+    moves = (lines_hz <= highest_hz) & (power > LEAST_POWER * power.max())
     step = 1 if record.periodic else DISTINCT_LINES
     distinct = np.arange(step, len(moves), step)
+    chosen = distinct[moves[distinct]]
+    frequency_hz = lines_hz[chosen]
+    amplitudes = spectra[:, :, chosen]
+    if at_hz is not None and not record.periodic and record.band_hz[0] <= at_hz <= highest_hz:
+        turns = np.exp(-2j * np.pi * at_hz * np.arange(len(window)) / record.rate_hz)
+        frequency_hz = np.append(frequency_hz, at_hz)
+        amplitudes = np.append(amplitudes, (windows @ turns)[:, :, None], axis=2)
+
+    theta, left = amplitudes
+    s = 2j * np.pi * frequency_hz
+    torque = (fit["K"] + fit["B"] * s + fit["I"] * s**2) * theta + left
     return [
-        response_of_pieces(frequency_hz[k], theta[:, k], torque[:, k], unit)
-        for k in distinct[moves[distinct]]
+        response_of_pieces(hz, theta[:, k], torque[:, k], unit) for k, hz in enumerate(frequency_hz)
     ]
 
 

@@ -94,7 +94,7 @@ def fit_impedance_trial(
     )
 
     def others() -> dict[str, pl.DataFrame]:
-        return {"response": with_errors(response_table(analysis, **vars(stated)))}
+        return {"response": with_errors(response_table(analysis, settings.at_hz, **vars(stated)))}
 
     tables = {**tables, "impedance": table}
     return FitTables(tables, samples_of(analysis), record.streams, others)

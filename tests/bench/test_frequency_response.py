@@ -60,6 +60,7 @@ def test_the_response_to_sines_is_the_joint_s_at_each_amplitude_and_over_all():
     assert table["magnitude"].to_numpy() == pytest.approx(np.abs(Y), rel=1e-4)
     assert table["phase_deg"].to_numpy() == pytest.approx(np.rad2deg(np.angle(Y)), abs=0.01)
     assert table["damping"].to_numpy() == pytest.approx(B, rel=5e-3)
+    assert table["stiffness"].to_numpy() == pytest.approx((1 / Y).real, rel=1e-3)
 
 
 @pytest.mark.parametrize("amplitudes", [1, 2])
@@ -80,6 +81,7 @@ def test_few_cycles_cover_the_response_and_its_mean_over_amplitudes(amplitudes):
         truths = {
             "magnitude": abs(1 / Z),
             "phase_deg": -np.rad2deg(np.angle(Z)),
+            "stiffness": Z.real,
             "damping": Z.imag / (2 * np.pi),
         }
         covered.append([row[f"{n}_low"] <= t <= row[f"{n}_high"] for n, t in truths.items()])
@@ -165,6 +167,19 @@ def test_the_response_to_another_motion_is_the_joint_s_within_its_intervals(moti
         covered.append(holds(told, "phase_deg", np.rad2deg(np.angle(of_told))))
 
     assert 0.9 < np.mean(covered) <= 1
+
+
+def test_stiffness_and_damping_stand_at_a_stated_frequency():
+    """Between the lines of four seconds; of a joint of second order K is K - I w^2."""
+    rng = np.random.default_rng(1)
+    record = recorded(rng, chirp(rng, band=(0.4, 6.4))[1])
+
+    table = response_table(analysed(record, IMPEDANCE), 3.3)
+
+    row = table.filter("is_headline").row(0, named=True)
+    assert row["frequency_hz"] == 3.3
+    assert row["stiffness"] == pytest.approx(K - I * (2 * np.pi * 3.3) ** 2, rel=2e-3)
+    assert row["damping"] == pytest.approx(B, rel=5e-3)
 
 
 def test_intervals_beside_friction_hold_what_other_phases_would_give():

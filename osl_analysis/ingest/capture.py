@@ -79,7 +79,7 @@ def convert_capture(recording: Recording, source: MarkerSource) -> Converted:
         check_finite_values(column, of_samples[column], samples["time"].to_numpy())
     facts = {
         **recording.facts,
-        "time": {"start": min(channel.rows.start_s for channel in used)},
+
         "axes": source.axes,
         "plate_zero_frames": baseline,
         **loads.facts,
@@ -92,7 +92,8 @@ def convert_capture(recording: Recording, source: MarkerSource) -> Converted:
         warnings.append(
             f"its vertical axis seems to be {printable(up)}; state {axes} in the source file"
         )
-    return Converted(samples, origins, facts, warnings, losses_of(recording.loss))
+    start_s = min(channel.rows.start_s for channel in used)
+    return Converted(samples, origins, facts, warnings, losses_of(recording.loss), start_s)
 
 
 def is_labelled(label: str) -> bool:

@@ -20,6 +20,8 @@ from osl_analysis.measured import usual_step
 from osl_analysis.source_file import SharedAngle
 from osl_analysis.trial import Array, marker_columns
 
+UNIFORM_WIDTH = np.sqrt(12)  # standard deviations that a uniform distribution is wide
+
 
 @dataclass(frozen=True)
 class ClockFit:
@@ -75,7 +77,7 @@ def find_edges(time: Array, level: Array) -> Edges:
 def fit_clock(slave: Edges, master: Edges) -> ClockFit:
     """Match the edges by the pattern of their intervals, and fit offset and drift without outliers.
     An edge has the error of sampling, uniform within one interval."""
-    noise = np.hypot(slave.step, master.step) / np.sqrt(12)
+    noise = np.hypot(slave.step, master.step) / UNIFORM_WIDTH
     limit = max(slave.step, master.step)
     rough = robust_line(*pairs_alike(slave, master), noise)
     line = robust_line(*pairs_near(rough, slave, master), noise)
@@ -151,7 +153,7 @@ def robust_line(first: Array, second: Array, noise: float) -> ClockFit:
         information = ((first[used] - centre) ** 2).sum() + (noise / LIMITS.usual_drift) ** 2
         drift = ((first[used] - centre) * (difference[used] - level)).sum() / information
         residuals = difference - (level + drift * (first - centre))
-        spread = 1.4826 * np.median(abs(residuals[used]))
+        spread = scipy.stats.median_abs_deviation(residuals[used], scale="normal")
         used = abs(residuals) <= LIMITS.outlier * max(spread, noise)
     return ClockFit(
         level - drift * centre,
@@ -190,7 +192,7 @@ def gate_fit(pulses: Edges, time: Array) -> ClockFit:
             " align the clocks by an angle that both recorded, `shared` in the capture's source"
             " file"
         )
-    uniform = np.hypot(step, capture_step) / np.sqrt(12)
+    uniform = np.hypot(step, capture_step) / UNIFORM_WIDTH
     return ClockFit(-starts[0], residual=uniform, edges=2, method="gate")
 
 
@@ -236,12 +238,8 @@ def correlate_clocks(slave: Signal, master: Signal) -> ClockFit:
     # a lag is told by the bend of the parabola and the number of means that do not overlap
     duration = step * min(each.size for each in means)
     error = step * misfit / np.sqrt(-bend / 2 * duration / LIMITS.mean_s)
-    of_drift = LIMITS.usual_drift * duration / np.sqrt(12)
-    return ClockFit(
-        offset,
-        residual=np.hypot(error, of_drift),
-        method="correlation",
-    )
+    of_drift = LIMITS.usual_drift * duration / UNIFORM_WIDTH
+    return ClockFit(offset, residual=np.hypot(error, of_drift), method="correlation")
 
 
 def shared_variance(ours: Array, theirs: Array) -> Array:
@@ -262,8 +260,13 @@ def shared_variance(ours: Array, theirs: Array) -> Array:
     return np.where(overlaps, covariance**2 / (our_power * their_power), 0.0)
 
 
+def common_clock(slave: Converted, master: Converted) -> ClockFit:
+    """The clock of a recording that counts from the same time as another (`clock: common`)."""
+    return ClockFit(slave.start_s - master.start_s, method="common")
+
+
 def aligned_clock(
-    log: Converted, mocap: Converted, shared: SharedAngle | None, is_common: bool = False
+    log: Converted, mocap: Converted, shared: SharedAngle | None
 ) -> tuple[ClockFit, list[str]]:
     """Fit the log's clock to motion capture's.
 
@@ -274,8 +277,6 @@ def aligned_clock(
     ----------
     shared
         What motion capture's source file names under `shared`.
-    is_common
-        Whether the log has the capture's times (`clock: common`).
 
     Returns
     -------
@@ -288,9 +289,7 @@ def aligned_clock(
     InputError
         Neither edges nor a shared angle align the clocks.
     """
-    if is_common:
-        start = log.facts["time"]["start"] - mocap.facts["time"]["start"]
-        return ClockFit(start, method="common"), []
+
     missing = "the clocks cannot be aligned; map the channel in its source file"
     try:
         pulses = find_edges(*values_of(log, f"log: {missing}", "sync"))

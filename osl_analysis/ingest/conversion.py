@@ -49,6 +49,8 @@ class Converted:
         A sentence each.
     losses
         Lost messages or rows, for the provenance; empty for a complete table.
+    start_s
+        The recorder's own time [s] at `time` 0.
     """
 
     samples: pl.DataFrame
@@ -56,6 +58,7 @@ class Converted:
     facts: Mapping[str, Any] = field(default_factory=dict)
     warnings: Sequence[str] = ()
     losses: Mapping[str, Any] = field(default_factory=dict)
+    start_s: float = 0.0
 
 
 def to_si(conversion: Conversion, raw: NDArray[Any], factor: float) -> NDArray[np.float64]:

@@ -79,6 +79,7 @@ def convert_messages(recording: Recording, source: MessageSource) -> Converted:
         facts=facts,
         warnings=warnings,
         losses=losses_of(loss, [*by_topic]),
+        start_s=start / SECOND_NS,
     )
 
 

@@ -20,11 +20,12 @@ from osl_analysis.errors import InputError, naming, nearest, printable
 from osl_analysis.files import DISTRIBUTION, digest
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest.capture import convert_capture
-from osl_analysis.ingest.clock import ClockFit, aligned_clock
+from osl_analysis.ingest.clock import ClockFit, aligned_clock, common_clock
 from osl_analysis.ingest.conversion import Converted, numbers_of
 from osl_analysis.ingest.guard import check_sizes
-from osl_analysis.ingest.message_log import convert_messages, join_on_stamp
+from osl_analysis.ingest.message_log import convert_messages
 from osl_analysis.ingest.second_log import joined_logs
+from osl_analysis.ingest.several_clocks import on_one_clock
 from osl_analysis.ingest.table_log import convert_table
 from osl_analysis.source_file import MarkerSource, MessageSource, Source, TableSource
 from osl_analysis.trial import Trial
@@ -232,8 +233,10 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
             else:
                 log, mocap = recordings.values()
                 shared = getattr(sources["mocap"], "shared", None)
-                is_common = getattr(sources["log"], "clock", "") == "common"
-                fit, warnings = aligned_clock(log, mocap, shared, is_common)
+                if getattr(sources["log"], "clock", "") == "common":
+                    fit, warnings = common_clock(log, mocap), []
+                else:
+                    fit, warnings = aligned_clock(log, mocap, shared)
                 samples = merged(log, mocap, fit)
             provenance["clock"] = asdict(fit)
             provenance["warnings"] += warnings
@@ -258,20 +261,14 @@ def merged(log: Converted, mocap: Converted, fit: ClockFit) -> pl.DataFrame:
             f"column '{twice[0]}' is mapped in log and motion capture; remove it from one source"
             " file"
         )
-    log_time = pl.Series("log_time", fit.to_master(log.samples["time"].to_numpy()))
-    own = log.samples.drop("time", "sync", strict=False).insert_column(0, log_time)
-    rows = own.filter(log_time.is_between(0.0, mocap.samples["time"][-1]))
+    time = pl.Series(fit.to_master(log.samples["time"].to_numpy()))
+    own = log.samples.drop("sync", strict=False)
+    rows = own.filter(time.is_between(0.0, mocap.samples["time"][-1]))
     if rows.is_empty():
         raise InputError(
             "log and motion capture do not overlap in time; check that they are of the same trial"
         )
-    # by whole nanoseconds, on which tables can be joined; floats would not match
-    tables = [
-        table.with_columns(stamp=(pl.col(time) / 1e-9).round().cast(pl.Int64))
-        for time, table in (("time", mocap.samples), ("log_time", rows))
-    ]
-    joined = join_on_stamp(tables).with_columns(time=pl.coalesce("time", "log_time"))
-    return joined.drop("stamp", "log_time")
+    return on_one_clock([mocap.samples, rows], [ClockFit(0.0), fit])
 
 
 def read_raw_file(path: Path, source: Source) -> tuple[Converted, dict[str, Any]]:

@@ -13,6 +13,7 @@ from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.clock import (
     ClockFit,
     Signal,
+    common_clock,
     correlate_clocks,
     find_edges,
     fit_clock,
@@ -21,7 +22,7 @@ from osl_analysis.ingest.clock import (
 from osl_analysis.ingest.conversion import Converted
 from osl_analysis.ingest.several_clocks import on_one_clock
 from osl_analysis.measured import usual_step
-from osl_analysis.recording import SECOND_NS
+
 from osl_analysis.signals.plateaus import means_from
 from osl_analysis.stats.budget import NORMAL_HALF_WIDTH
 from osl_analysis.stats.linear_fit import linear_fit
@@ -86,11 +87,10 @@ def joined_logs(
 
 def second_clock(log: Converted, second: Converted, clock: str, both: Sequence[str]) -> ClockFit:
     """Fit the second log's clock to the first's, by a column of `both`, or as stated."""
-    if clock in ("common", "start"):
-        times = [each.facts["time"] for each in (log, second)]
-        starts_s = [time.get("start_s", time.get("start_ns", 0) / SECOND_NS) for time in times]
-        offset_s = starts_s[1] - starts_s[0] if clock == "common" else 0.0
-        return ClockFit(offset_s, method=clock)
+    if clock == "common":
+        return common_clock(second, log)
+    if clock == "start":
+        return ClockFit(0.0, method=clock)
     column = "sync" if clock == "sync" else both[0]
     first, other = (values_of(each, "both logs", column) for each in (log, second))
     if clock == "sync":

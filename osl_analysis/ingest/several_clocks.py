@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Channels with clocks of their own, of one table or of two logs of one trial, on one clock, as
-topics are: each with its own rows."""
+"""Channels with clocks of their own, of one table or of two recorders of one trial, on one clock,
+as topics are: each with its own rows."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,14 +16,12 @@ from osl_analysis.recording import SECOND_NS
 
 def joined_clocks(parts: Sequence[Converted]) -> Converted:
     """The channels of several clocks of one table, which count from one time."""
-    starts_s = [part.facts["time"]["start_s"] for part in parts]
-    first_s = min(starts_s)
-    fits = [ClockFit(start_s - first_s) for start_s in starts_s]
-    first = parts[starts_s.index(first_s)]
+    first = min(parts, key=lambda part: part.start_s)
+    fits = [ClockFit(part.start_s - first.start_s) for part in parts]
     origins = {}
     for part in parts:
-        time = part.facts["time"]
-        origins.update({name: {**origin, "time": time} for name, origin in part.origins.items()})
+        for name, origin in part.origins.items():
+            origins[name] = {**origin, "time": part.facts["time"]}
     damage = chain(*(part.facts["damage"] for part in parts))
     remarks = chain(*(part.warnings for part in parts))
     return replace(
@@ -37,11 +35,13 @@ def joined_clocks(parts: Sequence[Converted]) -> Converted:
 
 def on_one_clock(tables: Sequence[pl.DataFrame], fits: Sequence[ClockFit]) -> pl.DataFrame:
     """Rows of tables in the order of the clock to which `fits` bring their `time` [s]; it then
-    counts from the first of them."""
+    counts from the first of them. Rows of the same nanosecond become one row."""
     stamped = []
-    for table, fit in zip(tables, fits, strict=True):
-        stamp = pl.Series("stamp", fit.to_master(table["time"].to_numpy()) * SECOND_NS).round()
-        stamped.append(table.drop("time").insert_column(0, stamp.cast(pl.Int64)))
+    for number, (table, fit) in enumerate(zip(tables, fits, strict=True)):
+        time = pl.Series(f"time_{number}", fit.to_master(table["time"].to_numpy()))
+        # whole nanoseconds can be joined; floats would not match
+        stamp = (time * SECOND_NS).round().cast(pl.Int64).alias("stamp")
+        stamped.append(table.drop("time").insert_column(0, time).insert_column(0, stamp))
     rows = join_on_stamp(stamped)
-    time = ((rows["stamp"] - rows["stamp"][0]) / SECOND_NS).alias("time")
-    return pl.DataFrame([time, *rows.drop("stamp")])
+    time = pl.coalesce("^time_.*$").alias("time")
+    return rows.select(time - time.first(), pl.exclude("stamp", "^time_.*$"))

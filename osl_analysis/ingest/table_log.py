@@ -149,18 +149,15 @@ def convert_rows(
     origins.update(loads.origins)
     frame, repeats = with_stamps_once(frame, source, rows.noun)
     facts = {
-        "time": {
-            **source.time.model_dump(exclude_none=True),
-            "start": table.start,
-            "start_s": table.start_s,
-        },
+        "time": {**source.time.model_dump(exclude_none=True), "start": table.start},
         "rates_hz": {"rows": rate_of(frame["time"].to_numpy())},
         **recording.facts,
         **loads.facts,
         "clocks_apart": apart,
         "damage": [*recording.loss.remarks, *table.remarks, *gaps],
     }
-    return Converted(frame, origins, facts, [*warnings, *repeats], losses_of(recording.loss))
+    losses = losses_of(recording.loss)
+    return Converted(frame, origins, facts, [*warnings, *repeats], losses, table.start_s)
 
 
 def check_loss(recording: Recording, source: TableSource) -> None:

@@ -23,6 +23,8 @@ LARGEST_VARIANCE = LARGEST_SIGNAL**5  # its square is finite
 # decides whether an exact fit leaves 0 or 1e-16. No result may depend on it.
 EXACT_FIT_SHARE = 1e-24
 
+UNIFORM_WIDTH = math.sqrt(12)  # standard deviations that a uniform distribution is wide
+
 
 def check_finite(
     name: str, values: ArrayLike, limit: float = LARGEST_SIGNAL, least: float = 0.0

@@ -16,11 +16,9 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError, naming
 from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.conversion import Converted
-from osl_analysis.measured import usual_step
+from osl_analysis.measured import UNIFORM_WIDTH, usual_step
 from osl_analysis.source_file import SharedAngle
 from osl_analysis.trial import Array, marker_columns
-
-UNIFORM_WIDTH = np.sqrt(12)  # standard deviations that a uniform distribution is wide
 
 
 @dataclass(frozen=True)

@@ -25,11 +25,11 @@ from osl_analysis.units import EXAMPLES, quantity, si_factor
 
 # facts on a sensor, which the provenance has in SI units, and a clock of its own
 OF_SENSOR = {"delay", "low_pass", "resolution", "range", "time"}
-LARGEST_COUNT = 2.0**53  # floats hold whole numbers exactly below it
+LARGEST_COUNT = 2 / np.finfo(float).eps  # floats hold whole numbers exactly below it
 BESIDE = "_beside"  # ends the key of the speed of a column's body, or of its angle
 NO_BODY = re.compile(r"\b(counts?|ticks?|raw|meas\w*|actual|value|filtered)\b")  # in a name
-# by how columns begin: what stands beside them, and in which unit
-OTHER_OF_BODY = {"theta": ("speed", "rad/s"), "omega": ("angle", "rad")}
+# by the unit of a column: what stands beside it, and in which unit
+OTHER_OF_BODY = {"rad": ("speed", "rad/s"), "rad/s": ("angle", "rad")}
 
 
 @dataclass(frozen=True)
@@ -111,9 +111,9 @@ def numbers_of(channel: Channel) -> Array:
         return np.full(count, np.nan)
 
 
-def share_above(count: int, total: int) -> float:
-    """count / total rounded up to three decimals, for the user to write."""
-    return math.ceil(1000 * count / total) / 1000
+def share_above(share: float) -> float:
+    """A share rounded up to three decimals, for the user to write."""
+    return math.ceil(1000 * share) / 1000
 
 
 def check_finite_values(what: str, values: Array, time: Array) -> None:
@@ -164,10 +164,8 @@ def canonical_columns(
     columns = []
     origins = {}
     remarks = []
-    for column, channel in channels.items():
-        if column not in source.channels:
-            continue
-        setting = source.channels[column]
+    for column, setting in source.channels.items():
+        channel = channels[column]
         readings = np.ma.asarray(values[column])
         if readings.dtype == bool and unit_of(column) != LEVEL_UNIT:
             raise InputError(
@@ -179,26 +177,29 @@ def canonical_columns(
         known = ~np.isnan(numbers)
         missing = ~known & ~lacking
         check_finite_values(setting.title, np.where(known, numbers, 0.0), time)
-        leaps = np.zeros_like(known)
+        what_lacks = {}
+        if column not in told:
+            what_lacks["has no value"] = lacking
         if source.damaged == "skip":
+            leaps = np.zeros_like(known)
             leaps[known] = spoiled(numbers[known])
-        what_lacks = {"has no value": lacking, "is missing": missing}
-        what_lacks[f"leaps or recurs, as {numbers[np.argmax(leaps)]:.12g},"] = leaps
+            what_lacks[f"leaps or recurs, as {numbers[np.argmax(leaps)]:.12g},"] = leaps
+            known &= ~leaps
+            numbers[leaps] = np.nan
+        what_lacks["is missing"] = missing
         for what, lacks in what_lacks.items():
-            if lacks.any() and not (lacks is lacking and column in told):
+            if lacks.any():
                 remarks.append(
                     f"{setting.title} {what} in {lacks.sum()} of {rows.count} {rows.noun}s, first"
                     f" {rows.place(np.argmax(lacks))}"
                 )
-        numbers[leaps] = np.nan
-        if missing.sum() > source.allowed_missing * missing.size:
+        if missing.mean() > source.allowed_missing:
             raise InputError(
                 f"{remarks[-1]}; more than the {source.allowed_missing:.1%} of `most_missing`:"
                 " repair the recording, or write `most_missing:"
-                f" {share_above(missing.sum(), missing.size):g}` in the source file"
+                f" {share_above(missing.mean()):g}` in the source file"
             )
         if setting.wraps_at is not None:
-            known &= ~leaps
             whole = np.unwrap(numbers[known], period=setting.wraps_at)
             if np.array_equal(whole, numbers[known]):
                 remarks.append(f"{setting.title}: `wraps_at` had no effect, nothing begins anew")
@@ -285,21 +286,21 @@ def loss_of(loss: Loss, topic: str) -> Loss:
 
 def asked_channels(
     recording: Recording, settings: Mapping[str, LogChannel]
-) -> tuple[dict[str, Channel], dict[str, Channel]]:
-    """The channels of a log that settings name, by canonical column; and the same with the counters
-    beside them, and the speed of an angle or the angle of a speed, as far as names tell."""
-    channels = {column: recording.find(setting.address) for column, setting in settings.items()}
-    asked = dict(channels)
+) -> dict[str, Channel]:
+    """The channels of a log that settings name, by canonical column; with the counters beside them,
+    and the speed of an angle or the angle of a speed, as far as names tell."""
+    asked = {column: recording.find(setting.address) for column, setting in settings.items()}
     for column, setting in settings.items():
-        kind, _ = OTHER_OF_BODY.get(column[:5], ("", ""))
-        wanted = (kind, *body_of(channels[column])[1:])
-        for channel in recording.channels if kind else ():
-            if body_of(channel) == wanted:
-                asked[column + BESIDE] = channel
+        if unit_of(column) in OTHER_OF_BODY:
+            kind, _ = OTHER_OF_BODY[unit_of(column)]
+            wanted = (kind, *body_of(asked[column])[1:])
+            for channel in recording.channels:
+                if body_of(channel) == wanted:
+                    asked[column + BESIDE] = channel
         if setting.counter is not None:
             address = {**setting.address, setting.ADDRESS: setting.counter}
             asked[column + COUNTER] = recording.find(address)
-    return channels, asked
+    return asked
 
 
 def body_of(channel: Channel) -> tuple[str, str, str, int]:
@@ -317,7 +318,7 @@ def factor_beside(column: str, time: Array, in_si: Array, beside: Channel, other
     """The size of a speed over that of the change of its angle, for the provenance: of a column
     (n,) and readings (n,) beside it. A unit that nobody states is the usual one that fits best."""
     readings = floats_of(other)
-    _, unit = OTHER_OF_BODY[column[:5]]
+    _, unit = OTHER_OF_BODY[unit_of(column)]
     spelled = beside.unit or beside.likely_unit or likely_unit(beside.name)
     factors = [factor_or_nan(spelled, unit)] if spelled else [*EXAMPLES[unit].values()]
     if unit == "rad/s":

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError, listing
 from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.conversion import numbers_of
-from osl_analysis.measured import usual_step
+from osl_analysis.measured import UNIFORM_WIDTH, usual_step
 from osl_analysis.recording import SECOND_NS, Channel, Kind, Recording
 from osl_analysis.source_file import TableSource
 from osl_analysis.trial import Array
@@ -174,7 +174,7 @@ def check_other_clocks(
     clock: Channel | None,
     time: Array,
     asked: Mapping[str, Channel],
-    clocks_asked: Collection[Channel | None] = (),
+    clocks_asked: Collection[Channel | None],
 ) -> tuple[dict[str, float], list[str]]:
     """Hold the time of a table against the other clocks in it.
 
@@ -185,7 +185,7 @@ def check_other_clocks(
     time
         Of the rows that are used [s], (rows,).
     asked
-        The channels of signals by column.
+        The channels that the source file names, and those beside them.
     clocks_asked
         The clocks of all channels of the table, of which each tells the time of its own.
 
@@ -205,14 +205,11 @@ def check_other_clocks(
     rate = source.time.rate
     apart: dict[str, float] = {}
     remarks = []
-    rates = [*rates_in_file(recording, asked)]
-    clocks = [
-        found
-        for found in clocks_beside(recording, source, clock, time.size, asked)
-        if found[0] not in clocks_asked
-    ]
-    for name, other in rates:
-        if rate is not None and abs(rate / other - 1) > LIMITS.other_rate:
+    rates = {f"timing of '{channel.key}'": channel.rows.rate_hz for channel in asked.values()}
+    rates["in words"] = stated_rate(recording.notes)
+    clocks = [*clocks_beside(recording, source, clocks_asked, time.size, asked)]
+    for name, other in rates.items():
+        if rate and other and abs(rate / other - 1) > LIMITS.other_rate:
             raise InputError(
                 f"`rate: {rate:g}` of time, but the file says {other:.6g} Hz ({name}); correct the"
                 " rate"
@@ -228,19 +225,19 @@ def check_other_clocks(
         span = np.ptp(time[np.isfinite(readings)])
         ratio = span_ratio(steps.sum(), span)
         deviation = abs(ratio - 1)
-        if rate is not None and deviation > LIMITS.wrong_rate:
+        if rate and deviation > LIMITS.wrong_rate:
             raise InputError(
                 f"`rate: {rate:g}` of time, but {key} '{channel.key}' rises by"
                 f" {steps.mean():.4g} a row; write `time: {{{key}: {channel.key}}}` with its unit,"
                 " or correct the rate"
             )
         if deviation > LIMITS.clock_apart + steps.max() / steps.sum():
-            apart[channel.key] = deviation * span / 12**0.5
+            apart[channel.key] = deviation * span / UNIFORM_WIDTH
             remarks.append(
                 f"{key} '{channel.key}' goes on {ratio:.4g} times as fast as time"
                 f" ({source.time.title}): B and I depend on which of them is right"
             )
-    if rate is not None and not (rates or clocks):
+    if rate and not (any(rates.values()) or clocks):
         called = [channel.key for channel in recording.channels if is_called_clock(channel)]
         why = f"{listing(called)} does not go on" if called else "no clock and no rate stand in it"
         remarks.append(
@@ -253,12 +250,12 @@ def check_other_clocks(
 def clocks_beside(
     recording: Recording,
     source: TableSource,
-    clock: Channel | None,
+    clocks_asked: Collection[Channel | None],
     count: int,
     asked: Mapping[str, Channel],
 ) -> Iterator[tuple[Channel, Array, Array]]:
-    """The channels that may be clocks, as long as the table (`count`), with their readings (n,) and
-    steps. An asked signal may be one only by its name, and beside a clock only what tells time: a
+    """Other channels that may be clocks, as long as the table (`count`), with their readings (n,)
+    and steps. An asked signal may be one only by its name, and beside a clock only what tells time: a
     signal may rise as evenly."""
     for channel in recording.channels:
         is_named = is_called_clock(channel)
@@ -266,7 +263,7 @@ def clocks_beside(
         may_be = is_named or (
             channel not in asked.values() and (source.time.rate is not None or is_of_time(unit))
         )
-        if channel is clock or channel.rows.count != count or not may_be:
+        if channel in clocks_asked or channel.rows.count != count or not may_be:
             continue
         readings = numbers_of(channel) / (SECOND_NS if channel.kind == Kind.CLOCK else 1)
         steps = np.diff(unwrapped(readings[np.isfinite(readings)])[0])
@@ -276,14 +273,3 @@ def clocks_beside(
         if goes_on and (is_named or ticks(readings[: LIMITS.most_tried], channel.unit)):
             yield channel, readings, steps
 
-
-def rates_in_file(
-    recording: Recording, asked: Mapping[str, Channel]
-) -> Iterator[tuple[str, float]]:
-    """Rates [Hz] of the rows that a file states, with where it does."""
-    in_words = stated_rate(recording.notes)
-    if in_words is not None:
-        yield "in words", in_words
-    for channel in asked.values():
-        if channel.rows.rate_hz is not None:
-            yield f"timing of '{channel.key}'", channel.rows.rate_hz

@@ -88,12 +88,13 @@ def convert_topic(
 ) -> tuple[pl.DataFrame, dict[str, Any], list[str]]:
     """Convert the asked fields of one topic, by canonical column: a table of `stamp` [ns], sorted,
     and columns, their origins, and remarks on messages that came late, or are left out."""
-    channels, asked = asked_channels(recording, settings)
+    asked = asked_channels(recording, settings)
     values = {column: channel.values for column, channel in asked.items()}
-    rows = next(iter(channels.values())).rows
+    rows = next(iter(asked.values())).rows
     stamps = stamps_of(recording, source, rows)
     time = (stamps - stamps[0]) / SECOND_NS
-    columns, origins, remarks = canonical_columns(source, asked, values, rows, time)
+    of_topic = source.model_copy(update={"channels": settings})
+    columns, origins, remarks = canonical_columns(of_topic, asked, values, rows, time)
     # a message that is later than others by more was not only late
     fresh, stale = fresh_rows(rows, stamps, least=SECOND_NS)
     table = pl.DataFrame([pl.Series("stamp", stamps), *columns])[fresh]

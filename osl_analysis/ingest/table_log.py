@@ -111,7 +111,7 @@ def convert_rows(
     clocks: Sequence[Channel | None],
 ) -> Converted:
     """Convert the channels of one clock of a table, of `clocks` in all; None are rows at a rate."""
-    channels, asked = asked_channels(recording, source.channels)
+    asked = asked_channels(recording, source.channels)
     table = read_table(recording, source, asked, clock)
     rows = table.rows
     time = table.time
@@ -120,15 +120,15 @@ def convert_rows(
             f"holds one {rows.noun} of data: nothing to analyse; record the trial again, or exclude"
             " it"
         )
-    apart, remarks = check_other_clocks(recording, source, clock, time, channels, clocks)
+    apart, remarks = check_other_clocks(recording, source, clock, time, asked, clocks)
     values, at_own_rate = with_own_rows(table.values, rows, time)
 
     columns, origins, gaps = canonical_columns(source, asked, values, rows, time, at_own_rate)
     frame = pl.DataFrame([pl.Series("time", time), *columns])
-    rates = [text for column, text in at_own_rate.items() if column in channels]
+    rates = [text for column, text in at_own_rate.items() if column in origins]
     warnings = [*recording.loss.remarks, *table.remarks, *remarks, *rates, *gaps]
     for column, origin in origins.items():
-        channel = channels[column]
+        channel = asked[column]
         origin["found"] = channel.title or channel.key
         ratio = origin["scale"] * origin["factor"] / factor_or_nan(channel.unit, unit_of(column))
         # in the unit of the file no joint could have it, so that the stated one corrects it
@@ -166,9 +166,9 @@ def check_loss(recording: Recording, source: TableSource) -> None:
     loss = recording.loss
     by_rate = source.time.rate is not None and not source.time.name
     allowed = 0.0 if by_rate else source.allowed_missing
-    if loss.end == End.MISSING or not loss.lost or loss.share <= allowed:
+    if loss.end == End.MISSING or loss.share <= allowed:
         return
-    share = share_above(loss.lost, loss.expected or 1)
+    share = share_above(loss.share)
     advice = f"write `most_missing: {share:g}` in the source file"
     if by_rate:
         advice = "name its time: all rows behind the lost ones would be early"
@@ -198,7 +198,7 @@ def with_stamps_once(
         return once, [f"{begin} were left out"]
     advice = f"write `repeated: drop` under {source.place('time')}"
     copied = len(frame) - frame.n_unique()
-    if copied > max(LIMITS.fewest_copied, LIMITS.most_copied_share * len(frame)):
+    if copied > LIMITS.most_copied_share * len(frame):
         raise InputError(
             f"{copied} of {len(frame)} {noun}s have time and values of the {noun} before;"
             f" {advice}, to read each once"
@@ -271,18 +271,16 @@ def at_clock(
     raw = np.ma.asarray(clock.values[: rows.count])
     # those of a longer channel that is not asked, or lines of another device
     lacks = np.isnan(floats_of(raw))
-    if lacks.any():
-        is_empty = lacks.copy()
-        for readings in () if skips else values.values():
-            is_empty &= np.isnan(floats_of(readings))
-        places = np.flatnonzero(~is_empty | is_empty.all())
-        left_out = rows.count - places.size
-        if left_out:
-            remarks.append(
-                f"{left_out} of {rows.count} {rows.noun}s have no time"
-                f"{'' if skips else ' and none of the asked values'} and were left out, first"
-                f" {rows.place(np.argmax(is_empty))}"
-            )
+    is_empty = lacks
+    if lacks.any() and not skips:
+        is_empty = lacks & np.all([np.isnan(floats_of(each)) for each in values.values()], axis=0)
+    if is_empty.any() and not is_empty.all():
+        remarks.append(
+            f"{is_empty.sum()} of {rows.count} {rows.noun}s have no time"
+            f"{'' if skips else ' and none of the asked values'} and were left out, first"
+            f" {rows.place(np.argmax(is_empty))}"
+        )
+        places = np.flatnonzero(~is_empty)
         rows, values = kept_rows(rows, values, places)
         raw, lacks = raw[places], lacks[places]
     if raw.dtype == bool or lacks.any():
@@ -332,9 +330,9 @@ def check_clock_runs(rows: Rows, source: TableSource, time: Array, start_s: floa
     """Refuse a clock (n,) that stands still, or tells whole seconds and no less."""
     if (np.diff(time) > 0).all():
         return
-    stamps, first, counts = np.unique(time, return_index=True, return_counts=True)
+    _, first, counts = np.unique(time, return_index=True, return_counts=True)
     most = counts.max()
-    tells_seconds = stamps.size > 3 and np.median(np.diff(stamps)) > LIMITS.coarse_step_s
+    tells_seconds = time[-1] > LIMITS.coarse_step_s * counts.size
     is_coarse = tells_seconds or most > LIMITS.coarse_share * time.size
     may_repeat = most <= LIMITS.coarse_rows or source.time.repeated == "drop"
     if most < time.size and (may_repeat or not is_coarse):

@@ -18,6 +18,7 @@ from osl_analysis.draft.likelihood import (
     with_documented_unit,
 )
 from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
+from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.clock import find_edges
 from osl_analysis.source_file import COMPUTED
 from osl_analysis.trial import COLUMNS
@@ -26,7 +27,7 @@ from osl_analysis.yaml_settings import UNKNOWN
 
 NAMED_ALWAYS = ("theta", "torque", *LEVELS)  # columns that a draft names without a unit
 TORQUE = re.compile("(?i)torque|moment|effort|tau")  # in the name of one
-MINIMUM_EDGES = 6  # of pulses that align clocks
+
 MOST_BETWEEN = 0.02  # share of the samples of a pulse in the middle quarters of its range
 
 
@@ -36,6 +37,7 @@ class Entry:
 
     name: str
     fields: dict[str, object]
+    channel_name: str
     remark: str = ""
     is_comment: bool = False
 
@@ -85,16 +87,12 @@ class DraftedSource:
         """A question on a torque whose name or unit is of none that was measured."""
         torques = [entry for name, entry in self.named.items() if name.startswith("torque")]
         if not torques:  # the only one may be no measurement
-            torques = [one for one in self.entries if TORQUE.search(f"{one.fields}")]
-        named = [
-            [*entry.fields.values()][[*entry.fields].index("unit") - 1]
+            torques = [entry for entry in self.entries if TORQUE.search(f"{entry.fields}")]
+        return [
+            f"{entry.channel_name} is called like a current or an estimate: name the torque of a"
+            " load cell, or state `measured: true` of it, and of a current `scale`"
             for entry in torques
             if COMPUTED.search(f"{entry.fields}")
-        ]
-        return [
-            f"{name} is called like a current or an estimate: name the torque of a load cell, or"
-            " state `measured: true` of it, and of a current `scale`"
-            for name in named
         ]
 
     @property
@@ -141,7 +139,12 @@ def drafted_source(overview: Overview, name: str, guesses: Sequence[Guess]) -> D
         source.key = "analogs"
         source.questions.append("`osl-analysis inspect` lists further `analogs` and `outputs`")
         source.entries = [
-            Entry(column, {**channel.address, "unit": "V"}, "a guess by its name or its pulses")
+            Entry(
+                column,
+                {**channel.address, "unit": "V"},
+                channel.name,
+                "a guess by its name or its pulses",
+            )
             for column, channel in pulse_channels(overview).items()
         ]
     else:
@@ -177,10 +180,9 @@ def is_pulse_train(channel: RecordedChannel) -> bool:
     if not level.size or channel.base[1] != dimension("V"):
         return False
     quarters, _ = np.histogram(level, 4)  # of its range
-    if quarters[1:3].sum() > MOST_BETWEEN * level.size:
-        return False
     edges, _, _ = find_edges(np.arange(level.size, dtype=float), level)
-    return edges.size >= MINIMUM_EDGES
+    between = quarters[1:3].sum()
+    return bool(between <= MOST_BETWEEN * level.size and edges.size >= LIMITS.fewest_alike + 2)
 
 
 def entries_of(guesses: Sequence[Guess]) -> list[Entry]:
@@ -192,22 +194,20 @@ def entries_of(guesses: Sequence[Guess]) -> list[Entry]:
     """
     sure = {guess.column for guess in guesses if guess.is_sure}
     is_complete = {"theta", "torque"} <= sure or {"torque_m", "current"} <= sure
-    entries = []
-    for number, guess in enumerate(guesses, start=1):
+    named = []
+    for guess in guesses:
         has_unit = is_unit(guess.channel.unit or guess.channel.likely_unit)
         stands = guess.is_sure and (has_unit or guess.column in NAMED_ALWAYS)
         is_asked = bool(guess.column) and not is_complete
-        entries.append(entry_of(number, guess, is_comment=not (stands or is_asked)))
-    if all(entry.is_comment for entry in entries):
-        none_moves = all(guess.why_not for guess in guesses)
-        for entry, guess in zip(entries, guesses, strict=True):
-            entry.is_comment = bool(guess.why_not) and not none_moves
-    return entries
+        if stands or is_asked:
+            named.append(guess)
+    moving = [guess for guess in guesses if not guess.why_not]
+    shown = named or moving or guesses
+    return [
+        entry_of(number, guess, is_comment=guess not in shown)
+        for number, guess in enumerate(guesses, start=1)
+    ]
 
-
-def are_counts(channel: RecordedChannel) -> bool:
-    """Whether a channel reads whole numbers, as of an encoder."""
-    return bool((channel.readings == np.rint(channel.readings)).all())
 
 
 def entry_of(number: int, guess: Guess, is_comment: bool) -> Entry:
@@ -225,7 +225,8 @@ def entry_of(number: int, guess: Guess, is_comment: bool) -> Entry:
     elif not channel.unit:
         remarks.append("the unit is guessed: check it")
     fields: dict[str, object] = {**channel.address, "unit": unit}
-    if unit == UNKNOWN and guess.column.startswith("theta") and are_counts(channel):
+    is_whole = (channel.readings == np.rint(channel.readings)).all()
+    if unit == UNKNOWN and guess.column.startswith("theta") and is_whole:
         fields |= {"unit": "rev", "scale": UNKNOWN}
         remarks.append("counts: `scale` is 1/COUNTS of a turn, as 1/4096")
     if guess.sign < 0:
@@ -233,4 +234,4 @@ def entry_of(number: int, guess: Guess, is_comment: bool) -> Entry:
     if guess.wraps_at and guess.column.startswith("theta"):
         fields["wraps_at"] = guess.wraps_at
     name = guess.column if guess.is_sure else f"NAME_{number}"
-    return Entry(name, fields, "; ".join(filter(None, remarks)), is_comment)
+    return Entry(name, fields, channel.name, "; ".join(filter(None, remarks)), is_comment)

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
+from osl_analysis.ingest import LIMITS
 from osl_analysis.yaml_settings import UNKNOWN
 
-SMALLEST_CLUSTER = 3  # markers that tell where a segment is
 
 SIDES = {"R": "right", "L": "left", "": UNKNOWN}
 # by segment: what the names of its markers begin with, and their codes behind an R or L in Plug-in
@@ -84,16 +84,18 @@ def draft_walking(overviews: Sequence[Overview], is_needed: bool) -> tuple[str, 
         f"  plate: {plate or UNKNOWN}  # {why_plate}",
         "  markers:",
         *(f"    {segment}: {markers_text(segment, names)}" for segment, names in clusters.items()),
+        "",
     ]
-    if any(UNKNOWN in line for line in lines):
+    text = "\n".join(lines)
+    if UNKNOWN in text:
         questions.append(
             f"the section `walking`: replace each {UNKNOWN} by a marker's name, a number or a side;"
             " if its lines are comments and somebody walks, take away their `# `"
         )
         if not is_needed:
-            remark = "a comment as long as no trial walks; else take away the `# ` of these lines:"
-            lines = [f"# {line}" for line in (remark, *lines)]
-    return "".join(f"{line}\n" for line in lines), questions
+            text = text.replace("\n", "\n# ").removesuffix("# ")
+            text = f"# as long as no trial walks; else take away the `# ` of these lines:\n# {text}"
+    return text, questions
 
 
 def stepped_plate(channels: Sequence[RecordedChannel], platform: Sequence[str]) -> tuple[str, str]:
@@ -122,6 +124,6 @@ def markers_text(segment: str, labels: Sequence[str]) -> str:
     if segment.startswith("ankle"):
         among = f"one of {', '.join(names)}" if names else "none is known: named in the static?"
         return names[0] if len(names) == 1 else f"{UNKNOWN}  # {among}"
-    if len(names) < SMALLEST_CLUSTER:
+    if len(names) < LIMITS.markers_of_pose:
         names.append(UNKNOWN)
-    return f"[{', '.join(names)}]  # {SMALLEST_CLUSTER} or more"
+    return f"[{', '.join(names)}]  # {LIMITS.markers_of_pose} or more"

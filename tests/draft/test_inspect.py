@@ -71,7 +71,7 @@ BENCH = (
 )
 
 
-@pytest.mark.parametrize("kind", ["mcap", "c3d", "csv", "nexus"])
+@pytest.mark.parametrize("kind", ["mcap", "c3d", "csv"])
 def test_nothing_of_a_file_reaches_the_terminal_raw_or_leaves_its_quotes(tmp_path, kind):
     path = tmp_path / f"a.{kind}"
     if kind == "mcap":
@@ -83,10 +83,7 @@ def test_nothing_of_a_file_reaches_the_terminal_raw_or_leaves_its_quotes(tmp_pat
     else:
         nasty = NASTY.replace("\n", "").replace('"', "'")
         table = f"# {nasty}\nt,{nasty} [{nasty}]\n0,{nasty}\n"
-        nexus = (
-            f"Trajectories\n100\n,,{nasty},,\nFrame,Sub Frame,X,Y,Z\n,,{nasty},mm,mm\n1,0,1,2,3\n"
-        )
-        path.write_text(table if kind == "csv" else nexus)
+        path.write_text(table)
     result = call("inspect", path)
     assert result.exit_code == 0, result.output
     assert all(line.isprintable() for line in result.output.split("\n"))

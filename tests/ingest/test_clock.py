@@ -148,17 +148,6 @@ def test_signals_that_do_not_show_the_same_movement_throughout_are_refused(stran
         correlate_clocks((np.arange(strange.size) / CAMERA_RATE, strange), (WITHIN, seen))
 
 
-def test_strides_that_differ_a_little_tell_the_lag() -> None:
-    """Each second of the angle is like the others, but for what varies."""
-    time = np.arange(0, 30, 1 / CAMERA_RATE)
-    angle = np.sin(2 * np.pi * time) + 0.05 * MOVEMENT(time)
-    seen = angle[1500:7500] + 0.01 * white_noise(6000, 2)
-
-    fit = correlate_clocks((time, angle), (time[:6000], seen))
-
-    assert fit.offset == pytest.approx(-1500 / CAMERA_RATE, abs=0.1 / CAMERA_RATE)
-
-
 def test_a_lag_scatters_as_its_standard_error_says() -> None:
     seen = (WITHIN, MOVEMENT(WITHIN))
     noise = 3 * white_noise((20, WITHIN.size), 5)

@@ -2,7 +2,6 @@
 """CSV logs and units: what others' loggers write is read, repaired by a stated rule, or refused by
 its line."""
 
-import contextlib
 import json
 import math
 import re
@@ -12,11 +11,8 @@ import pint
 import pytest
 import yaml
 from conftest import ROOT, refused_with
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from recognised_files import refusal_by
 
-from osl_analysis.errors import InputError
 from osl_analysis.ingest.raw_files import read_converted, read_source, trial_from_files
 from osl_analysis.units import (
     EXAMPLES,
@@ -73,16 +69,11 @@ def assert_log(trial):
 
 
 @pytest.mark.parametrize(("text", "fields"), [
-    (LOG.replace(",", "|").replace(".", ","), {}),
-    (LOG.replace("\n", "\r\n"), {}), (LOG.replace("\n", ",,,\n"), {}),
     (b"\xfe\xff" + LOG.encode("utf-16-be"), {}),
-    (b"\xef\xbb\xbf" + LOG.encode(), {}),
-    ("\n\n" + LOG + "\n\n", {}),
     ("# Bench 3, calibrated\n#\n" + LOG.replace("10.5", "  # pause\n10.5"), {}),
     ("% rig B\n" + LOG.replace("10.5", "% pause\n10.5"), {"channels": NUMBERED}),
     (LOG.partition("\n")[2],
      {"time": {"column": 1, "unit": "s"}, "channels": NUMBERED}),
-    ("t,angle,load,angle [V]\n10.0,0,1,7\n10.5,90,2,7\n11.0,-180,+3.5,7\n", {}),
     (LOG.replace("t,angle,load", "t [s],angle (rad),load[N.m]"), UNITLESS),
     
 ])  # fmt: skip
@@ -91,23 +82,16 @@ def test_one_log_in_any_dress_is_one_log(tmp_path, text, fields):
 
 
 @pytest.mark.parametrize(("text", "fields", "problem"), [
-    ("\n", {}, "log.csv: "), ("t,angle,load\n", {}, "log.csv: "),
+    ("t,angle,load\n", {}, "log.csv: "),
     (LOG.partition("\n")[2], {}, "'t'.* 1, 2, 3"),
-    (LOG.replace("load", "angle"), {}, "'angle'.* 2 "),
     (LOG, {"channels": {"theta": {"column": 4, "unit": "rad"}}},
      "'4'.* t, angle"),
     (LOG.replace("90", "deg"),
      {}, "line 3, column 'angle': 'deg'"),
     ("t;angle;load\n0;1,5;2\n0,1;1.234;3\n", {}, "'angle': '1,5'"),
-    (LOG + "\0" * 9,
-     {}, "line 5 "),
-    (LOG + LOG,
-     {}, "line 5, column 'angle': 'angle'"),
     (LOG.replace("90", '"90'), {}, "line 3: "),
     (LOG, {"channels": {"theta": {"column": "angle"}}},
      "column 'angle': .*rad"),
-    ("t,angle,load\n1,2\n", {"damaged": "skip", "most_missing": 1.0}, "log.csv: "),
-    (LOG.replace("\n", ",0\n").replace("load,0", "load"), {}, "log.csv: "),
 ])  # fmt: skip
 def test_what_cannot_be_read_is_refused_by_line_or_column(tmp_path, text, fields, problem):
     assert re.search(problem, refused(tmp_path, text, **fields))
@@ -231,10 +215,7 @@ def test_devices_with_rows_of_their_own_are_joined_as_topics_are(tmp_path):
 
 @pytest.mark.parametrize(("text", "stated", "told", "samples"), [
     (TABLE.replace("0.02,", "0.015,9\n0.02,"), {}, "line 4 ", SAMPLES),
-    (TABLE.replace("0.02,", "0.015,9,9,9\n0.02,"), {}, "line 4 ", SAMPLES),
     (TABLE.replace("0.02,3,7", "0.02,3"), {"damaged": "skip"}, "line 4 ", {"theta": [1, 2, 4]}),
-    (TABLE.replace("0,1,5", "0,1").replace("0.03,4,8\n", ""), {"damaged": "skip"}, "line 2 ",
-     {"theta": [2, 3]}),
     (TABLE.replace("2,6", "-9999.0,6"), {"missing": ["-9999"]}, "'angle'.* 1 ",
      {"theta": [1, np.nan, 3, 4]}),
     (TABLE.replace("2,6", "nan(ind),6"), {}, "'angle'.* 1 ", {"theta": [1, np.nan, 3, 4]}),
@@ -321,12 +302,8 @@ def load(**stated):
     ({"channels": {name: {"column": "angle", "unit": "rad"} for name in ("theta", "theta_m")}},
      "theta_m.column: .*'angle'.*theta"),
     (load(delay="soon"), "'soon'.*`2 s`"),
-    *((load(delay=text), f"{text}'.* 0 .*0.2 s") for text in ("-2 ms",
-    "1 s")),
-    (load(column=0), "'0'.* t, angle, load"),
-    (load(delay="2"), "'2'.* s, ms"),
-    *((load(low_pass={"cutoff": f"{cutoff} Hz"}), r" 0\.5 .*1e\+06 Hz") for cutoff in (0,
-    -5, 0.4)),
+    (load(delay="-2 ms"), "other channels are late.* 0 .*0.2 s"),
+    (load(low_pass={"cutoff": "0.4 Hz"}), r" 0\.5 .*1e\+06 Hz"),
     (load(resolution="0.1 deg"), "'0.1 deg'.* rad"),
     (load(range=["5 N*m", "5 N*m"]), "range.*5"),
 ])  # fmt: skip
@@ -344,11 +321,8 @@ def test_nanoseconds_since_1970_keep_their_last_digit(tmp_path):
 
 @pytest.mark.parametrize(("unit", "expected", "factor"), [
     ("Degrees", "rad", math.pi / 180), ("º", "rad", math.pi / 180),
-    ("Newtonmeter/Grad", "N*m/rad", 180 / math.pi),
-    ("%", "1", 0.01), ("N·mm", "N*m", 1e-3), ("N*mm/kg", "N*m/kg", 1e-3),
-    ("N*m/dps", "N*m*s/rad", 180 / math.pi), ("µs", "s", 1e-6), ("Milliseconds", "s", 1e-3),
-    ("μV", "V", 1e-6), (" mA ", "A", 1e-3), ("ntmm", "N*m", 1e-3),
-    ("N.m.", "N*m", 1.0), ("MS", "s", 1e-3),
+    ("Newtonmeter/Grad", "N*m/rad", 180 / math.pi), ("%", "1", 0.01), ("N·mm", "N*m", 1e-3),
+    ("µs", "s", 1e-6), (" mA ", "A", 1e-3), ("N.m.", "N*m", 1.0), ("MS", "s", 1e-3),
 ])  # fmt: skip
 def test_a_laboratorys_spelling_has_its_factor(unit, expected, factor):
     assert si_factor(unit, expected) == pytest.approx(factor, rel=1e-15)
@@ -367,22 +341,10 @@ def test_the_listed_units_are_those_of_pint():
     # torque and stiffness differ
     ("Nm", "N*m/rad", r"unit 'Nm'.*1 N\*m;.*N\*m/rad"),
     ("deg", "N", r"unit 'deg'.*0\.0174533 rad;.*N,"),
-    (" ", "N", "unit"),
     ("Mm", "m", r"1e\+06 m;.*m"),
-    ("pN", "N", "1e-12 N;.*N"),
-    ("N*m/grad", "N*m/rad", "unknown.*deg"),
     # text of a file is never evaluated
-    *((text, "m", re.escape(f"'{text[:40]}")) for text in (
-        "9**9**9**9", "[1]*999", "(m)", "m;n", "m**2", "1e3*m", "m" * 5000, "m*" * 5000,
-    )),
+    ("9**9**9**9", "m", r"'9\*\*9"), ("m*" * 5000, "m", r"'m\*m"),
 ])  # fmt: skip
 def test_a_unit_that_cannot_be_is_refused_with_what_would_do(unit, expected, told):
     with refused_with(told):
         si_factor(unit, expected)
-
-
-@given(st.text(max_size=20))
-@settings(max_examples=25, deadline=None)
-def test_any_text_is_a_factor_or_a_sentence(text):
-    with contextlib.suppress(InputError):
-        assert 0 < si_factor(text, "N*m") < math.inf

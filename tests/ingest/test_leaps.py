@@ -35,22 +35,15 @@ SOUND = {
     # the largest third difference is three times the leap
     "leap below the limit": changed(TORQUE, 700, TORQUE[700] + (0.25 * LARGEST_BEND * USUAL_BEND)),
     "flickering at rest": np.where(NOISE[0] > 2.0, 0.1, 0.0),
-    "constant": np.full(ROWS, 3.0),
-    "resting, with one step": np.where(TIME < 5.0, 0.0, 1.0),
     "white noise": NOISE[0],
-    "drifting noise": np.cumsum(NOISE[0]),
     "coarse encoder": np.round(20 * np.sin(TIME)) / 20,
-    "stepper": np.floor(20 * TIME),
     "triangle": np.abs(TIME % 1.0 - 0.5) + 1e-4 * NOISE[0],
-    "sine that begins at full speed": np.where(TIME < 5.0, 0.0, np.sin(TIME - 5.0)),
     "ramps that begin between two samples": np.clip(TIME - 2.0013, 0, 1)
     - np.clip(TIME - 6.0032, 0, 1),
     "slow ramps that turn smoothly": np.convolve(
         np.abs((np.arange(ROWS + 8) / RATE_HZ) % 10.0 - 5.0), np.hanning(11)[1:-1] / 5.0, "valid"
     ),
-    "blow": np.exp(-np.abs(TIME - 5.0) / 0.1) + 1e-4 * NOISE[0],
     "too few samples": changed(TORQUE, 150, 1e6)[:300],
-    "nothing": TORQUE[:0],
 }
 
 

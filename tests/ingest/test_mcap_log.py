@@ -161,18 +161,6 @@ def test_stamps_that_stand_still_are_refused_and_are_not_taken_for_rounded(tmp_p
         assert re.search(told, refused(log, source(**RADIANS)))
 
 
-def test_of_few_contradicting_messages_the_first_holds(
-    tmp_path,
-):
-    path = write_log(
-        tmp_path / "log.mcap", messages([*range(17), 16, *range(18, COUNT)], count=True)
-    )
-    found = read(path, source(**RADIANS))
-    assert found.samples["theta"].to_list() == [float(i) for i in range(COUNT) if i != 17]
-    assert " 1 " in found.warnings[-1]
-    assert re.search(" 1 .* 200 ", refused(path, source(loss=0.0, **RADIANS)))
-
-
 def test_a_topic_of_two_types_is_refused(tmp_path):
     log = messages(range(20))
     other = ("lab_msgs/msg/Other", SAMPLE.replace("float32 angle", "float64 angle"), log)

@@ -6,14 +6,13 @@ import re
 import numpy as np
 import polars as pl
 import pytest
-from conftest import refused_with, white_noise
+from conftest import white_noise
 from log_builders import ankle
 from mcap_builder import HEADER, stamped, write_log
 from recognised_files import read_recognised, refusal_of
 
 from osl_analysis.ingest.clock import aligned_clock
-from osl_analysis.ingest.conversion import Converted, fresh_rows
-from osl_analysis.recording import Rows
+from osl_analysis.ingest.conversion import Converted
 
 TIME, ANGLE, TORQUE = ankle(4000)
 ROWS = np.column_stack([1e3 * TIME + 50_000, ANGLE, TORQUE])
@@ -59,15 +58,6 @@ def test_a_clock_that_stays_or_goes_back_often_is_refused(tmp_path, back):
     assert "'time'" in message
 
 
-@pytest.mark.parametrize("after", [(10,), (10, 11), (700, 703, 1995)])
-def test_rows_between_gaps_are_not_stale(after):
-    clock = np.arange(2000) * 0.002
-    for row in after:
-        clock[row:] += 5
-
-    assert fresh_rows(Rows(2000), clock)[0].size == 2000
-
-
 def test_a_stale_message_is_left_out_and_named(tmp_path):
     stamps = 10**10 + np.arange(2000) * 2_000_000
     stamps[1200] -= 3 * 10**9
@@ -104,14 +94,3 @@ def test_a_gate_is_the_one_pulse_that_is_as_long_as_the_capture():
     assert (fit.method, warnings) == ("gate", [])
     uniform = np.hypot(0.002, 0.001) / np.sqrt(12)  # an edge lies anywhere in a step of both
     assert fit.residual == pytest.approx(uniform, rel=1e-3)
-
-
-def test_noise_of_a_steady_level_is_no_edge():
-    session = np.arange(0, 60, 0.002)
-    level = (session % 10 > 5).astype(float)
-    noise = 0.01 * white_noise(5000, 1)
-
-    with refused_with(r"edge:.*gate,.*5 pulses.*`shared`"):
-        aligned_clock(
-            recorded(session, level), recorded(np.arange(5000) / 1000, 4.93 + noise), shared=None
-        )

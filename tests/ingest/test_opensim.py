@@ -66,27 +66,10 @@ def test_axes_that_do_not_point_up_are_doubted_and_drafted(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("header", "reason"),
-    [
-        (
-            {"NumFrames": 41},
-            "NumFrames '41'.* 40 ",
-        ),
-        ({"Units": "parsnip"}, "'parsnip'"),
-    ],
-)
-def test_a_header_that_cannot_be_is_refused(tmp_path, header, reason):
-    assert re.search(reason, refused(write_trc(tmp_path / "walk.trc", **header)))
-
-
-@pytest.mark.parametrize(
     ("old", "new", "reason"),
     [
-        ("100\t100", "105\t100", " 105 Hz"),
         ("\n21\t", "\n22\t", "line 27: .* 22 "),
         ("160.00000", "abc", "line 27, HEAD X: 'abc'"),
-        ("\t163.00000", "\t163.00000\t1", " 13 .* 4 "),
-        ("\n21\t0.200", "\n21\t0.206", "line 27: .* 0.206 s"),
     ],
 )
 def test_rows_that_contradict_the_header_or_one_another_are_refused(tmp_path, old, new, reason):
@@ -116,8 +99,7 @@ def test_rows_that_the_header_contradicts_are_refused(tmp_path, old, new, reason
         formats_read(path, source_of("opensim", **MOT)).channels[0].read()
 
 
-@pytest.mark.parametrize("sign", ["\t", " ", "   "])
-@pytest.mark.parametrize("header", ["inDegrees=yes", "range 0 1"])
+@pytest.mark.parametrize(("sign", "header"), [("\t", "range 0 1"), ("   ", "inDegrees=yes")])
 def test_a_table_is_read_with_any_blank_and_header(tmp_path, sign, header):
     path = write_mot(tmp_path / "a.mot", header)
     path.write_text(path.read_text().replace("\t", sign))
@@ -131,7 +113,6 @@ def test_a_table_is_read_with_any_blank_and_header(tmp_path, sign, header):
 @pytest.mark.parametrize(
     ("header", "column", "unit", "told"),
     [
-        ("inDegrees=no", "theta", "deg", "`inDegrees`"),
         ("inDegrees=no", "omega_m", "deg/s", "rad/s"),
         ("inDegrees=yes", "omega_m", "rad/s", "deg/s"),
     ],
@@ -194,7 +175,7 @@ def test_markers_and_ground_reactions_of_one_export_share_their_times(tmp_path):
     assert len(trial.samples.drop_nulls("marker_TOE_x")) == FRAMES
 
 
-@pytest.mark.parametrize("name", ["walk.mot", "walk_grf.mot", "walk_forces.mot", "walk-GRF.sto"])
+@pytest.mark.parametrize("name", ["walk_grf.mot", "walk_forces.mot"])
 def test_a_trc_finds_its_table_of_forces(name):
     recordings = [(Path(name), "opensim", False), (Path("walk.trc"), "trc", True)]
 
@@ -232,16 +213,6 @@ def test_plates_that_cannot_be_read_are_refused(tmp_path, cells, stated, told):
         path.write_text(path.read_text().replace(old, new, 1))
 
     assert re.search(told, refused(path, **stated))
-
-
-def test_a_stamp_that_stands_twice_is_left_out_with_the_plates_of_its_row(tmp_path):
-    path = write_forces(tmp_path)
-    whole = read(path, plates={1: PLATE}).samples
-    path.write_text(path.read_text().replace("\n0.005", "\n0.000", 1))
-
-    once = read(path, plates={1: PLATE}, time={"repeated": "drop"}).samples
-
-    assert once.equals(whole[[0, *range(2, len(whole))]])
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 import pytest
-import yaml
 from bench_synthetic import unit_block
 from c3d_builder import FACE, level_plates, write_c3d
 from conftest import ROOT, joint_trial, refused_with, white_noise
@@ -19,7 +18,6 @@ from shipped import CONFIG, SETTINGS
 from stamp_recorders import rounded_to_bits
 
 from osl_analysis.commands.fit import is_broken_outside
-from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.ingest.guard import check_sizes
 from osl_analysis.ingest.quality import (
@@ -38,7 +36,7 @@ from osl_analysis.judge.recording_checks import (
 )
 from osl_analysis.signals import longest_run
 from osl_analysis.signals.standing import run_at_extreme
-from osl_analysis.trial import Trial, plate_columns
+from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import Settings, validated
 
 COMMANDED = Commanded((2.0, 4.0), (2.0, 5.0), 6, clusters={"foot": "ABCD"})
@@ -185,17 +183,13 @@ STOOD_ON = 800 + white_noise(2000, 1)
 
 @pytest.mark.parametrize(("check", "samples", "experiment", "value", "remark"), [
     ("rate", bench()[::20], "impedance", 50.0, None),
-    ("rate", bench()[:2], "belt", None, NOT_JUDGED),
     ("rate", laboratory(), "walking", 200.0, "marker_A_x"),
     # a load cell at either rail, by its samples
     ("saturation", bench(torque=-np.minimum(TORQUE, 15.0)), "impedance",
      BEYOND.stop - BEYOND.start, "torque"),
     ("saturation", bench(torque=with_piece(TORQUE, 1000, 1009, 40.0)), "impedance", 9, "torque"),
-    # an encoder at both ends of its range, once more at one; and at one, though it rests while the
-    # torque drifts
+    # an encoder at both ends of its range, once more at one
     ("saturation", bench(ANGLE.clip(-0.05, 0.05), torque=TORQUE)[:8000], "impedance", 123, "theta"),
-    ("saturation", bench(ANGLE.clip(max=0.05), torque=TORQUE + np.linspace(0, 40, ANGLE.size)),
-     "impedance", 123, "theta"),
     ("dropout", bench(torque=with_piece(TORQUE, BEYOND.start, BEYOND.start + 20, 0.0)), "impedance",
      2, f"torque .* {BEYOND.start / RATE:.3f} s.*`windows` 0.2-{BEYOND.start / RATE - 0.2:.1f} .*"),
     ("dropout", bench(ANGLE + 0.02 * AWAY), "impedance", 2,
@@ -203,37 +197,22 @@ STOOD_ON = 800 + white_noise(2000, 1)
     ("stuck", bench(torque=with_piece(TORQUE, 2000, 3000)), "impedance", 0.999, "torque"),
     ("stuck", bench(with_piece(ANGLE, 6000, None), theta_command=ANGLE), "impedance",
      (ANGLE.size - 6001) / RATE, "theta"),
-    ("dropout", bench(with_piece(ANGLE, 1100, 2000), theta_command=ANGLE), "impedance", 1.0, None),
     ("stuck", actuator_bench(current=LEVELS), "actuator", 0.0, ""),  # a command has levels
-    ("stuck", actuator_bench(current=with_piece(LEVELS + TORQUE[:2000], 500, 1500)), "actuator",
-     0.999, "current"),
-    *(("stuck", bench(**{c: np.full(ANGLE.size, x)}), "impedance", (ANGLE.size - 1) / RATE, c)
-      for c in ("torque", "current") for x in (0.0, 3.0)),
-    *(("stuck", bench(current=np.zeros(ANGLE.size), theta_m=np.zeros(ANGLE.size)), experiment, 0.0,
-    "")
-      for experiment in ("belt", "transmission")),  # the motor is locked, or detached
-    ("stuck", bench(current=np.zeros(ANGLE.size)), "ingest_only",
-     (ANGLE.size - 1) / RATE, "current"),
+    ("stuck", bench(torque=0.0), "impedance", (ANGLE.size - 1) / RATE, "torque"),
+    ("stuck", bench(current=0.0, theta_m=0.0), "belt", 0.0, ""),  # the motor is locked
     ("stuck", bench(with_piece(ANGLE, 0, 1000, 0.0), current=with_piece(TORQUE, 0, 1000, 0.0)),
      "impedance", 0.0, ""),
     # it moves from 0.5 s on
     ("stuck", bench(current=with_piece(TORQUE, 0, 1000, 0.0)), "impedance", 0.999, "current"),
-    *(("stuck", STILL, experiment, 1.999, "theta") for experiment in ("belt", "impedance",
-    "walking")),
+    ("stuck", STILL, "impedance", 1.999, "theta"),
     ("stuck", STILL, "static", None, NOT_JUDGED),
-    # the input shaft is locked
-    ("stuck", bench(theta_m=0.2), "belt", 0.0, ""),
-    *(("encoder_wrap", bench(ANGLE + k * AWAY), "impedance", 2.0, "theta") for k in (2 * np.pi,
-    -2 * np.pi, 360.0)),
-    *(("encoder_wrap", bench(**{c: ANGLE + 2 * np.pi * AWAY}), "belt", 2.0, c) for c in ("theta_m",
-    "theta_command")),
+    ("encoder_wrap", bench(ANGLE + 2 * np.pi * AWAY), "impedance", 2.0, "theta"),
+    ("encoder_wrap", bench(ANGLE + 360 * AWAY), "impedance", 2.0, "theta"),
+    ("encoder_wrap", bench(theta_m=ANGLE + 2 * np.pi * AWAY), "belt", 2.0, "theta_m"),
     ("gap", bench().filter(pl.col("time") != 1.0), "impedance", 0.001, None),  # of one sample
-    *(("unzeroed_plate", laboratory(plate1_force_z=BARE + 60), experiment, 62.0, None)
-      for experiment in ("walking", "plate")),
+    ("unzeroed_plate", laboratory(plate1_force_z=BARE + 60), "walking", 62.0, None),
     ("unzeroed_plate", laboratory(plate1_force_z=BARE - 50.0 * (np.arange(2000) >= 1600)),
      "walking", 2.0, None),
-    ("unzeroed_plate", laboratory(plate1_force_z=100 * (STOOD_ON - 800)), "walking", None,
-     NOT_JUDGED),
     # somebody stands there
     ("unzeroed_plate", laboratory(plate1_force_z=STOOD_ON), "static", None, None),
     ("unzeroed_plate", laboratory(plate1_force_z=STOOD_ON), "walking", 800.0, None),
@@ -246,7 +225,6 @@ STOOD_ON = 800 + white_noise(2000, 1)
     # a fourth is in sight
     ("marker_gap", laboratory(marker_A_x=every_fifth(SEEN), marker_D_x=every_fifth(NUMBERS[:400])),
      "walking", 0.0, None),
-    ("damage", bench(), "impedance", None, NOT_JUDGED),
 ])  # fmt: skip
 def test_a_fault_is_measured_where_it_is_and_fails_its_own_check_alone(
     check, samples, experiment, value, remark
@@ -256,15 +234,11 @@ def test_a_fault_is_measured_where_it_is_and_fails_its_own_check_alone(
     slack = 0.5 if check == "unzeroed_plate" else 1e-9
     assert checks[check].value == pytest.approx(value, abs=slack)
     assert remark is None or re.fullmatch(remark, checks[check].remark)
-    limit = RULES.limit(check)
-    fails = value is not None and (
-        value < limit if CHECKS[check].fails == "below" else value > limit
-    )
-    if experiment in ("impedance", "static") and samples is not STILL:
-        expected = {check} if fails else set()
-        if (check, value) in {("saturation", 9), ("encoder_wrap", 2.0)}:
-            expected.add("dropout")
-        assert failed(checks) - {"protocol"} == expected
+    if experiment == "impedance" and samples is not STILL:
+        also = (
+            {"dropout"} if (check, value) in {("saturation", 9), ("encoder_wrap", 2.0)} else set()
+        )
+        assert failed(checks) - {"protocol"} <= {check} | also
 
 
 LOADED = np.where(NUMBERS < 800, 700 + np.sin(NUMBERS), 0.0)
@@ -313,8 +287,6 @@ DAMAGED_LOG = {
      {"clock_residual"}, "clock_residual", 2.5e-3, "20 .*edges"),
     ({"columns": {"torque": {"unit": "lbf*in", "unit_of_file": "N*m"}, "theta": {"unit": "deg"}}},
      {"unit"}, "unit", 1.0, r"torque .*lbf\*in.*N\*m"),
-    ({"damage": {"log": DAMAGED_LOG}}, {"damage", "truncated"}, "damage", 4.0,
-     "log: 130 .*chunk 3"),
     ({"damage": {"log": DAMAGED_LOG, "mocap": {
         **DAMAGED_LOG, "end_missing": False, "lost": 3, "share_lost": 0.05,
     }}}, {"damage", "truncated"}, "damage",
@@ -352,7 +324,6 @@ def test_the_protocol_in_the_log_is_compared_with_the_configured_one(really, mis
 def test_cycles_may_differ_by_frequency_and_any_motion_may_be_commanded():
     theta = stepped_sine(Commanded((2.0, 4.0), (2.0, 5.0), (6, 15)))
     timed = replace(COMMANDED, cycles=(6, 15))
-    free = replace(COMMANDED, excitation="any")
     other = (
         sum(
             np.sin(2 * np.pi * f * np.arange(theta.size) / RATE + f * f)
@@ -362,10 +333,9 @@ def test_cycles_may_differ_by_frequency_and_any_motion_may_be_commanded():
     )
     for experiment, motion, commanded, value in (
         ("impedance", theta, timed, 0), ("impedance", 0 * theta, COMMANDED, 4),
-        ("impedance", 0 * theta, free, 0),
         ("impedance", other, COMMANDED, 0),
         ("impedance", other, replace(COMMANDED, excitation="stepped_sine"), 4),
-        ("transmission", 0 * theta, free, 4),
+        ("transmission", 0 * theta, replace(COMMANDED, excitation="any"), 4),
     ):  # fmt: skip
         assert results(bench(motion), experiment, commanded)["protocol"].value == value
     # a frequency that returns has the cycles of both
@@ -392,12 +362,10 @@ class OnlyQuality(Settings):
 
 
 @pytest.mark.parametrize(("changed", "message"), [
-    *(({"unzeroed_plate": wrong},
-       f"quality.unzeroed_plate: .*'{wrong}'.*'1 N'")
-      for wrong in ("20", "20 kN", "much N", "-1 N", "nan N", "inf N")),
+    ({"unzeroed_plate": "20"}, "quality.unzeroed_plate: .*'20'.*'1 N'"),
+    ({"unzeroed_plate": "-1 N"}, "quality.unzeroed_plate: .*'-1 N'.*'1 N'"),
     ({"gaps": "1 s"}, "'gaps'.* rate, "),
     ({"exclude": ["gaps"]}, "quality.exclude: 'gaps'.* rate, "),
-    ({"gap": {"threshold": "1 s"}}, "quality.gap"),
 ])  # fmt: skip
 def test_rules_and_checks_are_one_list_and_thresholds_have_their_units(changed, message):
     validate_rules(RULES)
@@ -409,8 +377,7 @@ def test_rules_and_checks_are_one_list_and_thresholds_have_their_units(changed, 
 # Sensors at the end of their range: stated in the source file, or seen in the recording.
 
 
-@pytest.mark.parametrize("rate", [50, 100, 200, 1000])
-@pytest.mark.parametrize("torque_hz", [8, 100])
+@pytest.mark.parametrize(("rate", "torque_hz"), [(50, 8), (200, 100), (1000, 8)])
 def test_rest_at_a_level_is_no_rail_at_any_rate_though_the_torque_settles(rate, torque_hz):
     """Levels of a noiseless encoder, whose torque is as it is or settles behind a low-pass."""
     fine = 5000
@@ -451,19 +418,6 @@ def test_a_command_at_its_level_is_no_rail_a_clipped_current_and_a_stated_end_ar
         samples = pl.DataFrame({"time": [0.0, 1.0], "torque": [low, high]})
         with refused_with(r"torque.* N\*m") if low + high else nullcontext():
             check_sizes(samples, origin["columns"])
-
-
-def test_a_log_with_values_beyond_the_stated_range_is_not_ingested(tmp_path):
-    rows = "".join(f"{k / 100},{21 * np.sin(k / 10):.4f}\n" for k in range(400))
-    (tmp_path / "log.csv").write_text("t,force\n" + rows)
-    torque = {"column": "force", "unit": "N*m", "range": ["-20.5 N*m", "20.5 N*m"]}
-    source = {"format": "csv", "time": {"column": "t", "unit": "s"}, "channels": {"torque": torque}}
-    (tmp_path / "cell.yaml").write_text(yaml.safe_dump(source))
-    row = {"trial": "a", "experiment": "ingest_only", "log": "log.csv", "log_source": "cell"}
-    beyond = r"torque.*2\S+ N\*m.*\S+ s,.*`range`.*-20.5.*20.5"
-    with refused_with(beyond):
-        ingest_trial(row, tmp_path, tmp_path, tmp_path / "a.parquet")
-    assert not (tmp_path / "a.parquet").exists()
 
 
 PLATE_RATE = 500
@@ -513,13 +467,6 @@ def test_a_sound_plate_passes(tmp_path):
     assert checks["pressure_travel"].value == pytest.approx(0.9 * 0.22, rel=0.08)
 
 
-def test_3_samples_of_300_put_no_centre_of_pressure_outside(tmp_path):
-    channels = force_and_moment()
-    channels[[150, 250, 350], 4] += 3e3
-
-    assert checked(plate_trial(tmp_path, channels))["pressure_centre"].value == 0.0
-
-
 def test_a_clipped_raw_channel_is_named_with_its_time(tmp_path):
     channels = force_and_moment()
     channels[:, 4] = np.clip(channels[:, 4], -60.0, 60.0)
@@ -552,22 +499,14 @@ def test_dead_moments_put_the_centre_of_pressure_outside_or_at_rest(
 ):
     channels = force_and_moment()
     without = channels * [1, 1, 1, 0, 0, 0]
-    outside, dead, sound = (
-        plate_trial(tmp_path, x) for x in (without + 840 * np.eye(6)[4], without, channels)
-    )
-    second = {name: name.replace("1", "2") for name in plate_columns(1)}
+    outside = plate_trial(tmp_path, without + 840 * np.eye(6)[4])
+    dead = plate_trial(tmp_path, without)
+    far = checked(outside)["pressure_centre"]
+    still = checked(dead)["pressure_travel"]
 
-    def beside_a_sound_one(trial):
-        both = trial.samples.hstack(sound.samples.select(*second).rename(second))
-        plates = [trial.provenance["plates"][0], sound.provenance["plates"][0] | {"plate": 2}]
-        return Trial("t", both, trial.provenance | {"plates": plates})
-
-    for of in (lambda trial: trial, beside_a_sound_one):  # the worse one of two
-        far = checked(of(outside))["pressure_centre"]
-        still = checked(of(dead))["pressure_travel"]
-        assert (far.value or 0) > 840 / 770 - 0.3  # at the largest force
-        assert far.remark == "plate1"
-        assert (still.value, still.remark[:6]) == (pytest.approx(0, abs=0.005), "plate1")
+    assert far.value > 840 / 770 - 0.3  # at the largest force
+    assert far.remark == "plate1"
+    assert still.value == pytest.approx(0, abs=0.005)
 
 
 def test_a_plate_on_which_nobody_stands_is_not_judged(tmp_path):

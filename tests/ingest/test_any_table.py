@@ -10,7 +10,6 @@ from itertools import zip_longest
 import numpy as np
 import polars as pl
 import pytest
-import scipy.io
 import xlsxwriter
 from conftest import refused_with
 from log_builders import HEAD, ankle, table_text, written
@@ -38,7 +37,6 @@ def since(form):
     return [stamp.strftime(form) for stamp in CLOCK]
 
 
-PLAIN = ["time_s", "ankle_angle_deg", "torque_Nm"]
 LVM = (
     "LabVIEW"
     " Measurement\t\nX_Columns\tOne\n***End_of_Header***\t\n"
@@ -76,7 +74,7 @@ def made(path, kind):
     if kind == "parquet":
         stamped = {"timestamp": CLOCK, "ankle_angle_deg": ANGLE, "torque_Nm": TORQUE}
         pl.DataFrame(stamped).write_parquet(path)
-    elif kind == "xls":
+    else:
         with xlsxwriter.Workbook(path) as book:
             sheet = book.add_worksheet()
             style = book.add_format({"num_format": "hh:mm:ss.000"})
@@ -86,10 +84,6 @@ def made(path, kind):
             for place, row in enumerate(zip(CLOCK, ANGLE, TORQUE, strict=True), start=3):
                 sheet.write_datetime(place, 0, row[0], style)
                 sheet.write_row(place, 1, row[1:])
-    else:
-        scipy.io.savemat(
-            path, {"Fs": 500.0, "angle_deg": ANGLE[:, None], "torque_Nm": TORQUE[:, None]}
-        )
     return path
 
 
@@ -126,7 +120,7 @@ def test_a_table_of_text_is_read_by_the_draft_of_its_own_overview(tmp_path, dial
     assert_recording(read_by_draft(tmp_path / "a.dat"))
 
 
-@pytest.mark.parametrize("kind", ["parquet", "xls", "mat"])
+@pytest.mark.parametrize("kind", ["parquet", "xls"])
 def test_a_table_of_a_program_is_read_by_the_draft_of_its_own_overview(tmp_path, kind):
     assert_recording(read_by_draft(made(tmp_path / f"a.{kind}", kind)))
 
@@ -205,19 +199,6 @@ def test_a_channel_of_another_length_is_left_out_of_the_draft_with_a_question(tm
     overview = inspect_recording(tmp_path / "a.npz")
 
     assert "torque_Nm: " in overview.open[0]
-    source = "format: table\ntime: {column: time_s, unit: s}\nchannels:\n"
-    channels = {"theta: {column: angle_deg": "deg", "torque: {column: torque_Nm": "Nm"}
-    for column, unit in channels.items():
-        source += f"  {column}, unit: {unit}}}\n"
-    with refused_with(r"'angle_deg'.*480.*'torque_Nm'.*240"):
-        read_by(tmp_path / "a.npz", source)
-
-
-def test_a_stream_of_arrow_is_refused_with_what_to_save(tmp_path):
-    pl.DataFrame({"a": TIME}).write_ipc_stream(tmp_path / "a.arrow")
-
-    with refused_with(r"`write_ipc`.*Parquet"):
-        inspect_recording(tmp_path / "a.arrow")
 
 
 def test_a_later_clock_of_the_same_name_is_of_what_stands_beside_it(
@@ -301,12 +282,6 @@ def test_a_count_of_rows_is_no_clock_also_where_rows_were_lost(lost):
     counted = np.delete(np.arange(1000.0), lost)
     assert not ticks(counted, "")
     assert ticks(2 * counted, "")
-
-
-def test_columns_of_no_numbers_are_told(tmp_path):
-    pl.DataFrame({"t": [0.0, 1.0], "pairs": [[1], [2]]}).write_parquet(tmp_path / "a.parquet")
-
-    assert "pairs" in " ".join(inspect_file(tmp_path / "a.parquet").remarks)
 
 
 SOURCE = {"theta": {"column": "a", "unit": "rad"}, "torque": {"column": "q", "unit": "N*m"}}

@@ -27,7 +27,6 @@ NOISE = white_noise(TIME.size, 5)
     (90 * ANGLE + 900 * ANGLE**3 + 7e5 * ANGLE**5 + 7, "theta"),
     (np.round(150 * THETA + 12 * OMEGA, 4), "theta"),
     (np.round(150 * ANGLE + lfilter([0.9], [1, -0.7], np.gradient(ANGLE, TIME)), 5), "theta"),
-    (1.7 * CURRENT, "current"),
     (0.8 * CURRENT - 20 * ANGLE, "theta.*current"),
     (4 * CURRENT * (1 + 0.8 * ANGLE - 2 * ANGLE**2) - 0.4 * np.sign(OMEGA) + 0.003 * NOISE,
      "theta and current"),

@@ -118,17 +118,6 @@ def test_a_stamp_of_seconds_and_nanoseconds_is_time_and_exact(tmp_path, parts):
         assert re.search(told, refused(write(tmp_path / "a", lines), **BY_STAMP))
 
 
-def test_a_last_line_that_breaks_off_is_left_out_with_a_warning(tmp_path):
-    lines = [json.dumps(one) for one in rust_lines()]
-    for encoding in ("utf-8-sig", "utf-16"):
-        (tmp_path / "a").write_text("\n".join(lines), encoding=encoding)
-        assert len(read(tmp_path / "a").samples) == ROWS
-    for end in ("", "\n"):  # with a line end it is a line that cannot be used
-        recording = read(write(tmp_path / "a", [*lines[:-1], lines[-1][:30]], end=end))
-        assert any("200" in warning for warning in recording.warnings)
-        assert (len(recording.samples), recording.losses["end_missing"]) == (ROWS - 1, not end)
-
-
 def test_a_line_that_cannot_be_used_is_skipped_within_a_share_and_else_refused(
     tmp_path,
 ):
@@ -142,8 +131,6 @@ def test_a_line_that_cannot_be_used_is_skipped_within_a_share_and_else_refused(
     assert recording.losses["lost"] == 1
     assert recording.losses["read"] == ROWS - 1
     assert "line 12" in refused(path, time={"rate": 500})
-    lines[12] = lines[13] = line
-    assert re.search(f"3 .*{ROWS}", refused(write(path, lines)))
 
 
 def test_null_is_no_value_and_what_is_no_number_or_missing_is_refused(tmp_path):

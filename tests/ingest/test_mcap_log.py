@@ -8,7 +8,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-from conftest import refused_with
 from mcap.writer import CompressionType
 from mcap_builder import SAMPLE, SAMPLE_NAME, stamped, write_log, write_topics
 from recognised_files import refusal_by, source_of
@@ -159,14 +158,6 @@ def test_stamps_that_stand_still_are_refused_and_are_not_taken_for_rounded(tmp_p
     ):
         log = write_log(path, messages(stamps, count=len({*stamps}) > 1))
         assert re.search(told, refused(log, source(**RADIANS)))
-
-
-def test_a_topic_of_two_types_is_refused(tmp_path):
-    log = messages(range(20))
-    other = ("lab_msgs/msg/Other", SAMPLE.replace("float32 angle", "float64 angle"), log)
-
-    with refused_with(r"topic '/lab'.*types;"):
-        of_topics(tmp_path, {"/lab": log, "/lab#2": other})
 
 
 def test_topics_of_different_rates_keep_their_own_rows_and_nothing_is_invented(

@@ -184,12 +184,8 @@ def test_a_trc_finds_its_table_of_forces(name):
     assert (trial.cells["log"], trial.cells["mocap"]) == (name, "walk.trc")
 
 
-@pytest.mark.parametrize(
-    ("stem", "moment"),
-    [("R_ground_force_", "R_ground_torque_"), ("ground_force_1_", "ground_moment_1_")],
-)
-def test_the_draft_of_ground_reactions_proposes_their_plates(tmp_path, stem, moment):
-    names = (f"{stem}v", f"{stem}p", moment)
+def test_the_draft_of_ground_reactions_proposes_their_plates(tmp_path):
+    names = ("R_ground_force_v", "R_ground_force_p", "R_ground_torque_")
     path = write_forces(tmp_path, names=names)
 
     draft = draft_source(inspect_file(path), "grf.mot")

@@ -304,11 +304,9 @@ def test_what_ingest_found_out_is_judged(provenance, beyond, check, value, remar
 
 
 @pytest.mark.parametrize(("really", "missing", "remark"), [
-    (Commanded((2.0, 4.0), (2.0, 5.0), 6), 0, ""),
     (Commanded((2.0, 4.0), (2.0,), 6), 2, "2 deg.* 5 Hz.* 4 deg.* 5 Hz"),
     (Commanded((2.0, 6.0),
      (2.0, 5.0), 6), 4, "6 deg.* 2 Hz.* 6 deg"),
-    (Commanded((1.65, 3.3), (2.0, 5.0), 6), 2, "0.825 "),
     (Commanded((1.2 * 2, 1.2 * 4),
      (2.0, 5.0), 6), 2, "2.4 deg.* 2 Hz.* 1.2 "),
     (Commanded((1.02 * 2, 1.02 * 4),

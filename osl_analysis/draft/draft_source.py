@@ -196,7 +196,7 @@ def entries_of(guesses: Sequence[Guess]) -> list[Entry]:
     is_complete = {"theta", "torque"} <= sure or {"torque_m", "current"} <= sure
     named = []
     for guess in guesses:
-        has_unit = is_unit(guess.channel.unit or guess.channel.likely_unit)
+        has_unit = is_unit(guess.channel.spelled_unit)
         stands = guess.is_sure and (has_unit or guess.column in NAMED_ALWAYS)
         is_asked = bool(guess.column) and not is_complete
         if stands or is_asked:
@@ -209,11 +209,10 @@ def entries_of(guesses: Sequence[Guess]) -> list[Entry]:
     ]
 
 
-
 def entry_of(number: int, guess: Guess, is_comment: bool) -> Entry:
     """The entry of a channel by what it may be, with the column's name where that is sure."""
     channel = guess.channel
-    unit = channel.unit or channel.likely_unit
+    unit = channel.spelled_unit
     remarks = [guess.why_not]
     if guess.column:
         remarks = [guess.why if guess.is_sure else f"{guess.column}?"]

@@ -12,7 +12,6 @@ from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
 from osl_analysis.ingest import LIMITS
 from osl_analysis.yaml_settings import UNKNOWN
 
-
 SIDES = {"R": "right", "L": "left", "": UNKNOWN}
 # by segment: what the names of its markers begin with, and their codes behind an R or L in Plug-in
 # Gait, OpenSim's models and Qualisys' (CAST)

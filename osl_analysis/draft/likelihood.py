@@ -40,11 +40,13 @@ SURE = 0.8  # probability from which a channel is taken for a column
 DOUBTFUL = 0.2  # probability from which a channel may be a column
 JOINTS = ("ankle", "knee", "hip")
 FEWEST_READINGS = 100  # that show how a channel moves
+LEAST_FOLLOWED = 0.2  # correlation of a signal with the reading before; noise has none
 SPRING = 0.9  # correlation with an angle: a fifth of the torque's power may be damping or friction
 FALLING = -0.5  # correlation below which a torque falls as the angle rises
 COARSE_ROWS = 600  # of a recording; from sample to sample noise passes for speed
 SLOW_CYCLE_S = 3.5  # that of a sine of 0.23 Hz by its mean speed; a hand takes 1 to 2.5 s
-TURN_UNITS = (ONE_TURN, 360.0, *2.0 ** np.arange(10, 25))  # ranges at which encoders wrap
+FEWEST_COUNTS = 1024  # of an encoder within a turn
+SELDOM = 0.2  # share of the steps of an encoder that wrap, and of its range that such a step lacks
 
 # of opensourceleg's logger: `knee[DephyActpack]:output_position`; or `knee.output_position`
 ATTRIBUTE = re.compile(
@@ -115,10 +117,11 @@ def likely_level(channel: RecordedChannel) -> str:
 
 def kinds_of_words(words: str) -> set[str]:
     """What the words of a name tell; `unknown` if there are words of no kind."""
-    patterns = word_patterns()
-    kinds = {kind for kind, pattern in patterns.items() if pattern.search(words)}
+    kinds = set()
     left = words
-    for pattern in patterns.values():
+    for kind, pattern in word_patterns().items():
+        if pattern.search(words):
+            kinds.add(kind)
         left = pattern.sub(" ", left)
     if re.search("[a-z]{2}", left):
         kinds.add("unknown")
@@ -132,14 +135,14 @@ def evidence_of(channel: RecordedChannel) -> set[str]:
     for unit in SI_UNITS:
         if base == dimension(unit):
             evidence.add(f"in {unit}")
-    readings = channel.readings
-    if readings.size and "in rad" in evidence:
-        turned = np.ptp(readings) * factor
+    levels = np.unique(channel.readings)
+    if levels.size and "in rad" in evidence:
+        turned = (levels[-1] - levels[0]) * factor
         if turned > ONE_TURN:
             evidence.add("turns round")
         if turned < LEAST_TURN:
             evidence.add("hardly turns")
-    if len(np.unique(readings)) == 2:
+    if levels.size == 2:
         evidence.add("two levels")
     return evidence
 
@@ -316,8 +319,7 @@ def why_no_signal(guess: Guess) -> str:
         return ""
     if not varies(known):
         return "it does not move"
-    about = (known - known.mean()) / np.ptp(known)
-    tells_next = about[1:] @ about[:-1] > 0.2 * (about @ about)
+    tells_next = np.corrcoef(known[1:], known[:-1])[0, 1] > LEAST_FOLLOWED
     is_held = guess.column in HELD_COLUMNS and abs(known.mean()) > HELD_LEVEL * known.std()
     if not tells_next and not is_held and guess.column != "omega_m" and np.unique(known).size > 2:
         return "nothing but noise"
@@ -343,10 +345,11 @@ def wrapping_range(channel: RecordedChannel) -> float:
     steps = np.abs(np.diff(channel.readings))
     span = np.ptp(channel.readings) if steps.size else 0.0
     leaps = steps[steps > 0.5 * span]
-    if 0 < leaps.size < 0.2 * steps.size:
-        for turn in TURN_UNITS:
-            if span <= turn and (np.abs(leaps / turn - 1) < 0.2).all():
-                return float(turn)
+    if 0 < leaps.size < SELDOM * steps.size:
+        counts = 2.0 ** math.ceil(math.log2(max(span, FEWEST_COUNTS)))
+        for turn in (ONE_TURN, 360.0, counts):
+            if span <= turn and (np.abs(leaps / turn - 1) < SELDOM).all():
+                return turn
     return 0.0
 
 

@@ -5,7 +5,7 @@ what of a source file it tells."""
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +27,7 @@ from osl_analysis.ingest.likely_clock import (
     time_unit,
     unwrapped,
 )
+from osl_analysis.measured import usual_step
 from osl_analysis.recording import SECOND_NS, Channel, Kind, Recording
 from osl_analysis.source_file import MarkerSource, Source
 from osl_analysis.trial import Array
@@ -83,9 +84,8 @@ def describe_channel(channel: Channel, kind: str) -> RecordedChannel:
     notes = []
     if rows.stamps_ns is not None:
         times = rows.stamps_ns / SECOND_NS
-        since_start = (rows.stamps_ns - rows.stamps_ns[:1].sum()) / SECOND_NS
-        rate = rate_of(since_start)
-        notes.append(gaps_text(since_start))
+        rate = rate_of(rows.stamps_ns, SECOND_NS)
+        notes.append(gaps_text(rows.stamps_ns / SECOND_NS))
     elif rows.rate_hz:
         times = rows.start_s + np.arange(rows.count) / rows.rate_hz
     if numbers.ndim == 1 and count:
@@ -136,12 +136,9 @@ def overview_of_capture(recording: Recording) -> Overview:
         channels.append(RecordedChannel("plate", address, note=note, numbers=plate.corners))
     settings = dict(recording.settings)
     markers = [channel for channel in recording.channels if channel.kind == Kind.MARKER]
-    if not recording.facts.get("vertical_on_screen"):
-        up = vertical_axis(markers, recording.plates)
-        if up == "y":
-            settings["axes"] = ["x", "-z", "y"]
-        elif up == "z" and recording.format == "trc":  # whose default has y up
-            settings["axes"] = ["x", "y", "z"]
+    up = vertical_axis(markers, recording.plates)
+    if not recording.facts.get("vertical_on_screen") and up:
+        settings["axes"] = ["x", "-z", "y"] if up == "y" else ["x", "y", "z"]
     return Overview(
         format=recording.format,
         facts=facts_of(recording),
@@ -168,35 +165,29 @@ def questions_on_markers(markers: Sequence[Channel]) -> Iterator[str]:
 
 def overview_of_messages(recording: Recording) -> Overview:
     """List the numbers of every topic, one by one as a source file names them."""
+    stamps = [channel for channel in recording.channels if channel.kind == Kind.CLOCK]
     channels = [
         describe_channel(channel, "field")
         for channel in recording.channels
-        if channel.kind != Kind.CLOCK
+        if channel not in stamps
         and not channel.address["field"].startswith("header.")  # no signal is in it
     ]
-    facts = facts_of(recording)
-    facts["topics"] = listing([*recording.loss.by_topic], MOST_NOTES)
-    stamps = [channel for channel in recording.channels if channel.kind == Kind.CLOCK]
+    facts = {**facts_of(recording), "topics": listing([*recording.loss.by_topic], MOST_NOTES)}
+    questions = []
+    source = "header" if stamps else "log"
     zero = [channel.key for channel in stamps if not np.ma.getdata(channel.values).any()]
-    time = {"source": "header" if stamps and not zero else "log"}
-    questions = (
-        [f"stamps are zero, so that time is the recorder's: {listing(zero)}"] if zero else []
-    )
-    return Overview(
-        recording.format,
-        facts,
-        channels,
-        recording.loss.remarks,
-        {"clock": "master", "time": time, **recording.settings},
-        channels,
-        open=questions,
-    )
+    if zero:
+        source = "log"
+        questions = [f"stamps are zero, so that time is the recorder's: {listing(zero)}"]
+    settings = {"clock": "master", "time": {"source": source}, **recording.settings}
+    remarks = recording.loss.remarks
+    return Overview(recording.format, facts, channels, remarks, settings, channels, open=questions)
 
 
 def overview_of_table(recording: Recording) -> Overview:
     """List the columns of a table, and draft those of one trial with the likely clock."""
     time_model = source_model(recording).model_fields["time"].annotation
-    key = str(getattr(time_model, "ADDRESS", "")) or "column"
+    key = getattr(time_model, "ADDRESS", "column")
     remarks = [*recording.loss.remarks]
     shown = []
     for channel in recording.channels:
@@ -226,19 +217,17 @@ def overview_of_table(recording: Recording) -> Overview:
         questions += of_time
     if clock is not None:
         signals = [channel for channel in drafted if channel.address != clock.address]
-        readings, _ = unwrapped(clock.numbers)
-        times = (readings - readings[:1].sum()) * clock.base[0]
+        times = (clock.numbers - clock.numbers[:1].sum()) * clock.base[0]
         drafted = [
             replace(channel, times=times)
             for channel in signals
-            if channel.numbers.size == clock.numbers.size
+            if channel.numbers.size == times.size
         ]
-        timed = [channel.key for channel in drafted]
-        untimed = [printable(channel.key) for channel in signals if channel.key not in timed]
+        untimed = [channel.key for channel in signals if channel.numbers.size != times.size]
         if untimed:
             questions.append(
-                f"{', '.join(untimed)}: of another length than the clock; state the `time` of"
-                " each with it, or leave them out"
+                f"{listing(untimed)}: of another length than the clock; state the `time` of each"
+                " with it, or leave them out"
             )
         facts["clock"] = f"{clock.key}, {clock.note}"
     return Overview(recording.format, facts, shown, remarks, settings, drafted, clock, questions)
@@ -260,10 +249,10 @@ def of_one_trial(
         return [], [*channels]
     within = []
     for channel in channels:
-        if channel.group not in parts:
-            within.append(channel.at(f"/{channel.key}"))
-        elif channel.group == parts[0]:
+        if channel.group == parts[0]:
             within.append(channel.at(channel.key.removeprefix(parts[0]).removeprefix(".")))
+        elif channel.group not in parts:
+            within.append(channel.at(f"/{channel.key}"))
     return parts, within
 
 
@@ -272,44 +261,42 @@ def drafted_time(
 ) -> tuple[dict[str, object], RecordedChannel | None, list[str]]:
     """The field `time` of a draft, the clock if it is a channel, and questions. A rate in the text
     of the file counts where nothing may be a clock."""
-    choice = choose_clock(channels)
-    clock = choice.channel
-    questions = [*choice.questions]
-    steps = next(filter(are_intervals, channels), None)
-    if steps is not None and (clock is None or not runs(clock)):
-        question = f"time is a guess: the sum of the intervals in {printable(steps.key)}"
-        clock = as_clock(replace(steps, numbers=np.cumsum(steps.numbers)), recording.notes)
-        unit = clock.unit or clock.likely_unit
-        return {key: clock.key, "unit": unit, "each": "interval"}, clock, [question]
+    clock, question = choose_clock(channels)
+    intervals = [channel for channel in channels if are_intervals(channel)]
+    time: dict[str, object] = {}
+    if intervals and (clock is None or not runs(clock)):
+        question = f"time is a guess: the sum of the intervals in {printable(intervals[0].key)}"
+        clock = replace(intervals[0], numbers=np.cumsum(intervals[0].numbers))
+        time["each"] = "interval"
     if clock is None:
-        rate = None if questions else stated_rate(recording.notes)
+        rate = None if question else stated_rate(recording.notes)
         if rate is not None:
             question = f"time by the file's own words: {rate} rows a second"
             return {"rate": rate}, None, [question]
-        return {key: NAME_OF_TIME, "unit": UNKNOWN}, None, questions
+        return {key: NAME_OF_TIME, "unit": UNKNOWN}, None, [question] if question else []
     clock = as_clock(clock, recording.notes)
-    time: dict[str, object] = {key: clock.key}
+    time[key] = clock.key
     if not clock.is_stamp:
-        time["unit"] = clock.unit or clock.likely_unit or UNKNOWN
-    return time, clock, questions
+        time["unit"] = clock.spelled_unit or UNKNOWN
+    return time, clock, [question] if question else []
 
 
 def are_intervals(channel: RecordedChannel) -> bool:
     """Whether a channel holds the time since the row before."""
     is_named = re.search(INTERVALS, channel.name) and not runs(channel)
-    return bool(is_named) and is_of_time(channel.unit or channel.likely_unit)
+    return bool(is_named) and is_of_time(channel.spelled_unit)
 
 
 def as_clock(channel: RecordedChannel, notes: Sequence[str]) -> RecordedChannel:
     """A channel as the clock of its table, with its rate and gaps as note and its likely unit: one
     that the file's text tells, as `tick of 10 us`, or that of its name or rate."""
-    if not (channel.unit or channel.likely_unit):
+    if not channel.spelled_unit:
         ticks = filter(None, map(TICK.search, notes))
         told = next((f"{tick[1]} {tick[2]}" for tick in ticks), "")
         channel = replace(channel, likely_unit=told or time_unit(channel.readings))
     factor, _ = channel.base
     channel = replace(channel, numbers=unwrapped(channel.numbers)[0])
-    seconds = (channel.readings - channel.readings[:1].sum()) * factor
+    seconds = channel.readings * factor
     rate = rate_of(seconds)
     notes = [f"{rate:.6g} Hz", gaps_text(seconds)] if rate else ["of no known unit"]
     return replace(channel, note=", ".join(filter(None, notes)))
@@ -318,17 +305,8 @@ def as_clock(channel: RecordedChannel, notes: Sequence[str]) -> RecordedChannel:
 # The clock that a draft names among the channels of a table, and what the user has to decide.
 
 
-@dataclass(frozen=True)
-class ClockChoice:
-    """The clock; None if none is, or several contradict each other. And what the user has to
-    decide."""
-
-    channel: RecordedChannel | None = None
-    questions: Sequence[str] = ()
-
-
-def choose_clock(channels: Sequence[RecordedChannel]) -> ClockChoice:
-    """Choose the clock of a table.
+def choose_clock(channels: Sequence[RecordedChannel]) -> tuple[RecordedChannel | None, str]:
+    """Choose the clock of a table, and say what the user has to decide.
 
     It is the first of those that hold times of day, or that are named like a clock, or else of
     those that rise as one, a guess. It is none if another one that tells time spans another time in
@@ -346,30 +324,28 @@ def choose_clock(channels: Sequence[RecordedChannel]) -> ClockChoice:
     telling = [
         clock
         for clock in rising
-        if named and (is_like_clock(clock.name) or is_of_time(clock.unit or clock.likely_unit))
+        if clock not in candidates and (is_like_clock(clock.name) or is_of_time(clock.spelled_unit))
     ]
-    possible = [*candidates, *(clock for clock in telling if clock not in candidates)]
+    possible = [*candidates, *telling]
     clocks = [clock for clock in possible if runs(clock)] or possible[:1]
     if not clocks:
-        return ClockChoice()
+        return None, ""
 
     first = clocks[0]
+    taken = printable(first.key)
     rivals = [clock for clock in clocks if is_apart(clock, first)]
     alike = [clock for clock in clocks[1:] if clock in candidates]
     asked = [first, *(rivals or alike)]
-    if len(asked) > 1:
-        spans = [f"{printable(clock.key)} spans {np.ptp(clock.readings):.6g}" for clock in asked]
-        what = f"{printable(first.key)} is taken, check it"
-        if rivals:
-            what = (
-                "they contradict each other, name the one by which the signals were sampled, or"
-                " `time` with each channel"
-            )
-        question = f"{len(asked)} {first.kind}s may be the clock: {listing(spans)}; {what}"
-        return ClockChoice(None if rivals else first, [question])
-    if named:
-        return ClockChoice(first)
-    return ClockChoice(first, [f"time is a guess: {printable(first.key)} rises evenly"])
+    spans = [f"{printable(clock.key)} spans {np.ptp(clock.readings):.6g}" for clock in asked]
+    several = f"{len(asked)} {first.kind}s may be the clock: {listing(spans)}"
+    if rivals:
+        return None, (
+            f"{several}; they contradict each other, name the one by which the signals were"
+            " sampled, or `time` with each channel"
+        )
+    if alike:
+        return first, f"{several}; {taken} is taken, check it"
+    return first, "" if named else f"time is a guess: {taken} rises evenly"
 
 
 def runs(clock: RecordedChannel) -> bool:
@@ -392,11 +368,9 @@ def is_apart(clock: RecordedChannel, other: RecordedChannel) -> bool:
 
 
 def gaps_text(time: Array) -> str:
-    """Gaps, steps of more than 1.5 usual ones, stamps that go back and repeated ones, in words;
-    empty if none."""
+    """Gaps, stamps that go back and repeated ones, in words; empty if none."""
     steps = np.diff(np.sort(time))
-    usual = float(np.median(steps)) if steps.size else 0.0
-    wide = steps[(steps > 1.5 * usual) & (usual > 0)]
+    wide = steps[steps > LIMITS.gap_steps * usual_step(time)]
     counts = {
         f"gaps, the longest {wide.max(initial=0.0):.3f} s": wide.size,
         "stamps out of order": np.sum(np.diff(time) < 0),

@@ -85,9 +85,14 @@ class RecordedChannel:
         return self.numbers[np.abs(self.numbers) < LARGEST_SIGNAL]
 
     @property
+    def spelled_unit(self) -> str:
+        """The stated unit, or else the likely one."""
+        return self.unit or self.likely_unit
+
+    @property
     def base(self) -> tuple[float, str]:
         """Factor of the stated or likely unit to base units, and these; 0 and empty if unknown."""
-        return base_units(normalised(self.unit or self.likely_unit)) or (0.0, "")
+        return base_units(normalised(self.spelled_unit)) or (0.0, "")
 
 
 @dataclass(frozen=True)

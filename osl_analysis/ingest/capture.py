@@ -79,7 +79,6 @@ def convert_capture(recording: Recording, source: MarkerSource) -> Converted:
         check_finite_values(column, of_samples[column], samples["time"].to_numpy())
     facts = {
         **recording.facts,
-
         "axes": source.axes,
         "plate_zero_frames": baseline,
         **loads.facts,

@@ -284,9 +284,7 @@ def loss_of(loss: Loss, topic: str) -> Loss:
     return Loss(*loss.by_topic.get(topic, (0, None)))
 
 
-def asked_channels(
-    recording: Recording, settings: Mapping[str, LogChannel]
-) -> dict[str, Channel]:
+def asked_channels(recording: Recording, settings: Mapping[str, LogChannel]) -> dict[str, Channel]:
     """The channels of a log that settings name, by canonical column; with the counters beside them,
     and the speed of an angle or the angle of a speed, as far as names tell."""
     asked = {column: recording.find(setting.address) for column, setting in settings.items()}

@@ -255,8 +255,8 @@ def clocks_beside(
     asked: Mapping[str, Channel],
 ) -> Iterator[tuple[Channel, Array, Array]]:
     """Other channels that may be clocks, as long as the table (`count`), with their readings (n,)
-    and steps. An asked signal may be one only by its name, and beside a clock only what tells time: a
-    signal may rise as evenly."""
+    and steps. An asked signal may be one only by its name, and beside a clock only what tells
+    time: a signal may rise as evenly."""
     for channel in recording.channels:
         is_named = is_called_clock(channel)
         unit = channel.unit or channel.likely_unit
@@ -272,4 +272,3 @@ def clocks_beside(
         goes_on = steps.max() <= LIMITS.longest_clock_step * steps.sum()
         if goes_on and (is_named or ticks(readings[: LIMITS.most_tried], channel.unit)):
             yield channel, readings, steps
-

@@ -18,7 +18,7 @@ from osl_analysis.config.experiments import EXPERIMENTS, Experiment
 from osl_analysis.errors import InputError, listing
 from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.guard import ANGLES, recorded
-from osl_analysis.measured import noise_of, spoiled, usual_step
+from osl_analysis.measured import UNIFORM_WIDTH, noise_of, spoiled, usual_step
 from osl_analysis.recording import beside, plate_axes
 from osl_analysis.signals import longest_of, run_edges
 from osl_analysis.signals.agreement import speed_factor
@@ -105,10 +105,9 @@ def readings_of(trial: Trial, pattern: str) -> dict[str, tuple[Array, Array]]:
 
 
 def longest_gap(time: Array, usual: float) -> float:
-    """The longest of the steps of stamps (n,) [s] beyond the usual one [s]; 0 if none is longer
-    than 1.5."""
+    """The longest of the steps of stamps (n,) [s] beyond the usual one [s]; 0 if none is a gap."""
     longest = np.diff(time).max(initial=0.0)
-    return longest - usual if longest > 1.5 * usual else 0.0
+    return longest - usual if longest > LIMITS.gap_steps * usual else 0.0
 
 
 def measure_rates(examined: Examined) -> dict[str, float]:
@@ -131,7 +130,8 @@ def measure_clock(examined: Examined) -> dict[str, float]:
     if not clock:
         return dict(log.get("clocks_apart", {}))
     step_s = 1 / min(log.get("rates_hz", {}).values(), default=math.inf)
-    residual = math.sqrt(max(clock["residual"] ** 2 - step_s**2 / 12, 0.0))
+    of_sampling = step_s / UNIFORM_WIDTH
+    residual = math.sqrt(max(clock["residual"] ** 2 - of_sampling**2, 0.0))
     return {f"{clock['edges']} edges by {clock['method']}": residual}
 
 

@@ -22,7 +22,6 @@ from osl_analysis.ingest.clock import (
 from osl_analysis.ingest.conversion import Converted
 from osl_analysis.ingest.several_clocks import on_one_clock
 from osl_analysis.measured import usual_step
-
 from osl_analysis.signals.plateaus import means_from
 from osl_analysis.stats.budget import NORMAL_HALF_WIDTH
 from osl_analysis.stats.linear_fit import linear_fit

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """One recorder's clock fitted to another's, t_master = offset + (1 + drift) * t_slave: by the edges
 of a pulse train that both recorded; by a gate that is high while the other one records; or else by
-one lag, at which a joint's encoder follows an angle between markers, whose scale, offset and sign
-may differ."""
+a signal of both, as a joint's encoder and an angle between markers, whose scale, level and sign may
+differ."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -17,7 +17,9 @@ from osl_analysis.errors import InputError, naming
 from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.conversion import Converted
 from osl_analysis.measured import UNIFORM_WIDTH, usual_step
+from osl_analysis.signals.plateaus import means_from
 from osl_analysis.source_file import SharedAngle
+from osl_analysis.stats.linear_fit import linear_fit
 from osl_analysis.trial import Array, marker_columns
 
 
@@ -195,16 +197,48 @@ def gate_fit(pulses: Edges, time: Array) -> ClockFit:
 
 
 def correlate_clocks(slave: Signal, master: Signal) -> ClockFit:
-    """Fit one lag by a signal that both recorded, whose scale, offset and sign may differ.
-
-    It is where a straight line through one signal's values leaves least of the other's SD, its
-    misfit. A drift is not fitted: it counts in the standard error of the times.
+    """Fit offset and drift by a signal that both recorded, whose scale, level and sign may differ:
+    from the lag that correlates best, by Gauss-Newton steps on short means.
 
     Raises
     ------
     InputError
         A signal is too short or constant, or another lag fits about as well.
     """
+    clock = ClockFit(likely_offset(slave, master), method="correlation")
+    time, values = short_means(slave)
+    master_time, master_values = short_means(master)
+    spline = scipy.interpolate.CubicSpline(master_time, master_values)
+    for _ in range(LIMITS.clock_steps):
+        at = clock.to_master(time)
+        inside = (at >= master_time[0]) & (at <= master_time[-1])
+        middle = time[inside].mean()
+        slope = spline(at[inside], 1)
+        columns = {
+            "gain": spline(at[inside]),
+            "level": np.ones_like(slope),
+            "late": slope,
+            "drift": slope * (time[inside] - middle),
+        }
+        fit = linear_fit(values[inside], columns)
+        drift = fit["drift"] / fit["gain"]
+        late_s = fit["late"] / fit["gain"] - drift * middle
+        clock = replace(clock, offset=clock.offset + late_s, drift=clock.drift + drift)
+    late_error, drift_error = (fit.se(name) / abs(fit["gain"]) for name in ("late", "drift"))
+    return replace(clock, residual=late_error, drift_error=drift_error)
+
+
+def short_means(signal: Signal) -> Signal:
+    """Means of times and values over `short_mean_s`."""
+    rows = max(round(LIMITS.short_mean_s / usual_step(signal[0])), 1)
+    begins = np.arange(0, signal[0].size, rows)
+    time, values = (means_from(begins, each) for each in signal)
+    return time, values
+
+
+def likely_offset(slave: Signal, master: Signal) -> float:
+    """The offset [s] at which a straight line through one signal's means leaves least of the
+    other's SD, its misfit; errors as `correlate_clocks`."""
     step = min(usual_step(slave[0]), usual_step(master[0]))
     means = []  # of both, every `step` from the first sample on
     for time, values in (slave, master):
@@ -220,12 +254,8 @@ def correlate_clocks(slave: Signal, master: Signal) -> ClockFit:
     shared = shared_variance(*means)
     peaks = scipy.signal.find_peaks(np.pad(shared, 1), prominence=0.5 * shared.max())[0] - 1
     best, *others = peaks[np.argsort(-shared[peaks])].tolist()
-
-    around = shared[best - 1 : best + 2]
-    bend = np.diff(around, 2)[0]
-    shift = (around[0] - around[2]) / (2 * bend)  # to the top of a parabola
-    offset = master[0][0] - slave[0][0] + step * (best + 1 - means[0].size + shift)
-    misfit = np.sqrt(max(1 - shared[best], LIMITS.least_misfit**2))
+    offset = master[0][0] - slave[0][0] + step * (best + 1 - means[0].size)
+    misfit = np.sqrt(1 - min(shared[best], 1.0))
     elsewhere = np.sqrt(1 - shared[others].max(initial=0.0))
     if misfit > LIMITS.most_alike * elsewhere:
         raise InputError(
@@ -233,11 +263,7 @@ def correlate_clocks(slave: Signal, master: Signal) -> ClockFit:
             f" left, hardly better than elsewhere, {elsewhere:.2g}; check that both channels show"
             " the same movement, and record longer, with one that does not repeat"
         )
-    # a lag is told by the bend of the parabola and the number of means that do not overlap
-    duration = step * min(each.size for each in means)
-    error = step * misfit / np.sqrt(-bend / 2 * duration / LIMITS.mean_s)
-    of_drift = LIMITS.usual_drift * duration / UNIFORM_WIDTH
-    return ClockFit(offset, residual=np.hypot(error, of_drift), method="correlation")
+    return float(offset)
 
 
 def shared_variance(ours: Array, theirs: Array) -> Array:

@@ -24,8 +24,7 @@ from osl_analysis.ingest.clock import ClockFit, aligned_clock, common_clock
 from osl_analysis.ingest.conversion import Converted, numbers_of
 from osl_analysis.ingest.guard import check_sizes
 from osl_analysis.ingest.message_log import convert_messages
-from osl_analysis.ingest.second_log import joined_logs
-from osl_analysis.ingest.several_clocks import on_one_clock
+from osl_analysis.ingest.several_clocks import joined_logs, on_one_clock
 from osl_analysis.ingest.table_log import convert_table
 from osl_analysis.source_file import MarkerSource, MessageSource, Source, TableSource
 from osl_analysis.trial import Trial

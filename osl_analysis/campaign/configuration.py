@@ -91,8 +91,7 @@ class Config(Settings):
     """What the recordings are, as figures, tables and summary say; null: simulated where the
     simulator made them."""
     recorded: date | Annotated[str, Field(max_length=40), AfterValidator(on_one_line)] | None = None
-    """When the recordings were made, as the figures say, such as 2026-03-14; null: the dates of the
-    files."""
+    """When the recordings were made, as the figures say, such as 2026-03-14; null: not stated."""
     parameters: ShippedPath | None
     """Parameter file of the device; null: none, it is analysed without predictions and without
     ratios to a file."""

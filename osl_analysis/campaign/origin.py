@@ -7,7 +7,6 @@ What nobody stated neither judges nor labels a recording in silence: the page te
 
 import json
 from collections.abc import Collection, Mapping, Sequence
-from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -56,9 +55,7 @@ def about(campaign: Campaign, simulation: Sequence[Path]) -> dict[str, str]:
     Returns
     -------
     dict
-        By `ABOUT_MEANING`, without the digest, for which recordings must be read. The data are
-        dated by the configuration, else by the seed of the simulation, else by the recordings
-        (UTC).
+        By `ABOUT_MEANING`, without the digest, for which recordings must be read.
     """
     return {
         "campaign": campaign.config.campaign,
@@ -107,10 +104,7 @@ def date_of_data(campaign: Campaign) -> str:
         return f"recorded {config.recorded}"
     if config.simulation is not None:
         return f"made with seed {read_mapping(config.simulation).get('seed')}"
-    logs = [log for trial in campaign.trials() for log in campaign.logs(trial) if log.is_file()]
-    days = sorted(str(datetime.fromtimestamp(log.stat().st_mtime, UTC).date()) for log in logs)
-    ends = dict.fromkeys(days[:1] + days[-1:])
-    return f"files of {' to '.join(ends)}" if ends else "date not known"
+    return "date not stated"
 
 
 def sentence(about: Mapping[str, str], below_figure: bool = False) -> str:

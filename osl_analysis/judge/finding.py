@@ -41,14 +41,8 @@ class Beyond:
     @property
     def excess(self) -> float:
         """Factor by which the number exceeds its limit: infinite beyond 0, and of NaN."""
-        if math.isnan(self.value):
-            return math.inf
-        if self.value == self.limit:
-            return 1.0
-        if self.value == 0 or self.limit == 0:
-            return math.inf
-        factor = abs(self.value / self.limit)
-        return max(factor, 1 / factor)
+        small, large = sorted([abs(self.value), abs(self.limit)])
+        return large / small if small > 0 else math.inf
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,7 @@ EXCLUDED = "reason"  # column: why a row has no fit; null in rows with a fit
 BETWEEN = "; "  # titles of findings in a cell
 SYMBOLS = ("K", "B", "I")
 UNEXPLAINED = "unexplained_torque"
+WIDE_INTERVAL = "wide_interval"
 WITHOUT_FRICTION = {"K": "K_without_friction", "B": "B_viscous", "I": "I_without_friction"}
 """The estimates that are judged where friction is certain."""
 
@@ -183,7 +184,7 @@ def doubts_of(estimates: Sequence[Judged], fault: KnownFinding | None) -> list[F
     found, and names them."""
     by_source: dict[str, list[Judged]] = {}
     for estimate in estimates:
-        if estimate.verdict.worst is not None:
+        if estimate.verdict.rows:
             by_source.setdefault(estimate.verdict.name, []).append(estimate)
     if len(by_source) > 1 and UNEXPLAINED in by_source:
         # of a trial with a named cause it is what this leaves
@@ -192,28 +193,29 @@ def doubts_of(estimates: Sequence[Judged], fault: KnownFinding | None) -> list[F
     found = []
     for source, doubted in by_source.items():
         name = fault.name if fault else source
-        evidence = tuple(
+        evidence = [
             Beyond(estimate.name, estimate.verdict.size, estimate.verdict.limit, "above", name)
             for estimate in doubted
-        )
-        found.append(Finding(name, evidence=evidence, size=doubt_text(source, doubted)))
+        ]
+        found.append(Finding(name, evidence=tuple(evidence), size=doubt_text(source, doubted)))
     return found
 
 
 def doubt_text(source: str, doubted: Sequence[Judged]) -> str:
     """What a source would do to estimates: their names and sizes, and what it leaves unexplained
     where that matters, too."""
-    moved = [estimate for estimate in doubted if estimate.verdict.name == source]
-    details = dict.fromkeys(row.detail for each in moved for row in each.verdict.rows if row.detail)
-    what = ", ".join(details) or "it"
-    sizes = ", ".join(estimate.moved(estimate.verdict.size) for estimate in moved)
-    text = f"{what} would change {sizes}"
-    left = [
-        estimate.moved(each.standard)
-        for estimate in doubted
-        for each in estimate.budget.of_source(UNEXPLAINED)
-        if source != UNEXPLAINED and each.size > estimate.verdict.limit
-    ]
+    details: list[str] = []
+    moved = []
+    left = []
+    for estimate in doubted:
+        verdict = estimate.verdict
+        if verdict.name == source:
+            details += [row.detail for row in verdict.rows if row.detail]
+            moved.append(estimate.moved(verdict.size))
+        if source != UNEXPLAINED:
+            rest = [each.size for each in estimate.budget.of_source(UNEXPLAINED)]
+            left += [estimate.moved(size) for size in rest if size > verdict.limit]
+    text = f"{', '.join(dict.fromkeys(details)) or 'it'} would change {', '.join(moved)}"
     if left:
         text += f". Torque that it leaves unexplained could change {', '.join(left)}"
     return text
@@ -239,25 +241,23 @@ def is_caused(number: Beyond) -> bool:
 def properties_of(estimates: Sequence[Judged]) -> list[Finding]:
     """Remarks: properties of the device that change an estimate by more than is needed, and
     intervals that are wider."""
-    by_source: dict[str, list[tuple[Judged, float]]] = {}
+    remarks: dict[str, dict[Beyond, str]] = {}  # by source the sizes in words
     for estimate in estimates:
+        sizes = {}
         for each in estimate.own.of_parts("motion"):
             change = 2 * each.size  # from one end of the range to the other
             if each.source in FINDINGS and change > estimate.needed:
-                by_source.setdefault(each.source, []).append((estimate, change))
+                sizes[each.source] = (change, estimate.moved(change))
         if estimate.verdict.name == WIDE:
             half = estimate.budget.half_width()
-            by_source.setdefault("wide_interval", []).append((estimate, half))
-    found = []
-    for source, changes in by_source.items():
-        said = Judged.width if source == "wide_interval" else Judged.moved
-        sizes = dict.fromkeys(said(estimate, change) for estimate, change in changes)
-        evidence = tuple(
-            Beyond(estimate.name, change, estimate.needed, "above", source)
-            for estimate, change in changes
-        )
-        found.append(Finding(source, grade=Grade.NOTES, evidence=evidence, size=", ".join(sizes)))
-    return found
+            sizes[WIDE_INTERVAL] = (half, estimate.width(half))
+        for source, (size, text) in sizes.items():
+            beyond = Beyond(estimate.name, size, estimate.needed, "above", source)
+            remarks.setdefault(source, {})[beyond] = text
+    return [
+        Finding(source, grade=Grade.NOTES, evidence=tuple(texts), size=", ".join(texts.values()))
+        for source, texts in remarks.items()
+    ]
 
 
 def not_checked(estimates: Sequence[Judged]) -> list[Finding]:
@@ -265,9 +265,8 @@ def not_checked(estimates: Sequence[Judged]) -> list[Finding]:
     sizes: dict[str, list[str]] = {}
     for estimate in estimates:
         for each in estimate.budget.unknown:
-            of_source = sizes.setdefault(each.source, [])
-            if each.per:
-                of_source.append(f"{estimate.name} {each.per}")
+            texts = [f"{estimate.name} {each.per}"] if each.per else []
+            sizes.setdefault(each.source, []).extend(texts)
     return [
         Finding(source, grade=Grade.UNCHECKED, size=", ".join(texts))
         for source, texts in sizes.items()
@@ -306,8 +305,7 @@ def numbers_beyond(row: AnyRow, rules: Sequence[Rule]) -> Numbers:
         column = rule.column
         value = cell_number(row, column)
         low, high = rule.ends
-        has_limit = math.isfinite(low) or math.isfinite(high)
-        if value is None or not has_limit or column in numbers:
+        if value is None or low == -high == -math.inf or column in numbers:
             continue
         unit, is_unit = unit_of_ratio(rule, value, row)
         if math.isnan(value):
@@ -364,7 +362,7 @@ def verdicts_of(findings: Sequence[Finding]) -> dict[str, str]:
         concerned = [each.column for each in finding.evidence] if finding.size else SYMBOLS
         if finding.grade is Grade.DOUBTS:
             verdicts |= dict.fromkeys(concerned, finding.cause)
-        elif finding.name == "wide_interval":
+        elif finding.name == WIDE_INTERVAL:
             verdicts |= dict.fromkeys(concerned, WIDE)
     return verdicts
 
@@ -410,17 +408,14 @@ def with_inherited(
     origin, findings_of_origin
         The rows of the other table, and the findings about them.
     """
-    doubts_by_fit: dict[object, list[Finding]] = {}
-    for fit, of_row in zip(map(fit_of, origin.to_dicts()), findings_of_origin, strict=True):
-        doubts_by_fit[fit] = [finding for finding in of_row if finding.grade is Grade.DOUBTS]
-    return [
-        [
-            *of_row,
-            *(
-                doubt
-                for fit in {(trial, at), (trial, None)}
-                for doubt in doubts_by_fit.get(fit, ())
-            ),
-        ]
-        for (trial, at), of_row in zip(map(fit_of, table.to_dicts()), findings, strict=True)
-    ]
+    doubts_of_fits = {
+        fit_of(row): [finding for finding in of_row if finding.grade is Grade.DOUBTS]
+        for row, of_row in zip(origin.to_dicts(), findings_of_origin, strict=True)
+    }
+    inherited = []
+    for row, of_row in zip(table.to_dicts(), findings, strict=True):
+        fits = dict.fromkeys([fit_of(row), (row.get("trial"), None)])
+        inherited.append(
+            [*of_row, *(doubt for fit in fits for doubt in doubts_of_fits.get(fit, []))]
+        )
+    return inherited

@@ -83,13 +83,12 @@ class Rule:
     def holds(self, row: Mapping[str, object]) -> bool:
         """Whether a row is within all limits of `within`, and has what it should."""
         sizes = [row.get(column) for column in self.within]
-        limits = self.within.values()
         return (
             all(row.get(column) is None for column in self.without)
             and all(row.get(column) is not None for column in self.given)
             and all(
-                isinstance(size, int | float) and abs(size) < limit
-                for size, limit in zip(sizes, limits, strict=True)
+                isinstance(size, float) and abs(size) < limit
+                for size, limit in zip(sizes, self.within.values(), strict=True)
             )
         )
 

@@ -2,7 +2,6 @@
 """The sample sheet: what is valid is typed, what is not is named by line and column; the planned
 sheet."""
 
-import filecmp
 import itertools
 from collections import Counter
 from pathlib import Path
@@ -276,15 +275,13 @@ def test_two_trials_of_the_same_samples_are_refused(tmp_path, windows):
         check_campaign(opened(tmp_path, rows=two_of_one_log(tmp_path, windows=windows)))
 
 
-def test_a_copy_of_a_log_is_no_second_trial_of_its_experiment(tmp_path, monkeypatch):
+def test_a_copy_of_a_log_is_no_second_trial_of_its_experiment(tmp_path):
     copy = {"log": "j.csv", "windows": "1-4 6-9"}
     recorded = {"simulation": None, "raw_data": tmp_path}
     (tmp_path / "j.csv").write_bytes(b"1 2 3")
     (tmp_path / "k.csv").write_bytes(b"1 2 4")
     campaign = opened(tmp_path, rows=two_of_one_log(tmp_path, **copy), **recorded)
-    with monkeypatch.context() as patched:
-        patched.delattr(filecmp, "cmp")  # their ends tell
-        check_campaign(campaign)
+    check_campaign(campaign)
     row = b"1 2 3\n"
     (tmp_path / "j.csv").write_bytes(row * 6000)
     (tmp_path / "k.csv").write_bytes(row * 3000 + b"1 2 4\n" + row * 2999)

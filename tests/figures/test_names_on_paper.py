@@ -2,8 +2,6 @@
 """Any controller, joint and side: told apart in figures, means, headlines and macros, and written
 as they are."""
 
-import os
-import re
 from io import BytesIO
 from pathlib import Path
 
@@ -157,17 +155,12 @@ def test_the_hash_is_of_the_settings_and_of_the_files_that_they_name(
     assert again["configuration"] == made()["configuration"] != first["configuration"]
     assert again["configuration"] in sentence(again)
     assert "2026-03-14" in sentence(again, below_figure=True)
-    for name, day in (("k", 2), ("a", 1), ("p", 3)):
-        (tmp_path / f"{name}.csv").touch()
-        os.utime(tmp_path / f"{name}.csv", (86400 * day,) * 2)
     simulated = campaign(tmp_path, TWO_JOINTS, raw_data=tmp_path)
     found = [about(simulated, files) for files in ([], [tmp_path / "trials.csv"])]
     assert [(one["data"], one["recorded"][-1]) for one in found] == [("simulated", "1")] * 2
     assert found[0]["configuration"] != found[1]["configuration"]
     (tmp_path / "truth").mkdir()
-    of_files = made()
-    assert re.search("1970-01-02 .*1970-01-04", of_files["recorded"])
-    assert of_files["data"] == "simulated"
+    assert made()["data"] == "simulated"
 
 
 @pytest.mark.parametrize(

@@ -150,13 +150,13 @@ class MemoryLimitError(InputError):
     """A file needs more memory than the job may have."""
 
 
-def optional_module(name: str, what: str) -> Any:
+def optional_module(name: str, what: str, library: str = "") -> Any:
     """The module `name` of a library that most campaigns do not need. Raises InputError: it, or a
     library that it needs, is not installed, and `what` needs it."""
     try:
         return import_module(name)
     except ModuleNotFoundError as error:
-        raise not_installed(what, name) from error
+        raise not_installed(what, library or name) from error
 
 
 def not_installed(what: str, library: str) -> InputError:

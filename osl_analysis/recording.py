@@ -108,9 +108,6 @@ class Channel:
         Unit that the file states; empty where it states none.
     likely_unit
         Unit by a convention or a name. It is shown to a user and never used unasked.
-    count_words
-        Counts the words that stand in place of numbers. Without a source file, which may name them
-        under `missing`, such readings are NaN; with one they are refused.
     """
 
     address: Mapping[str, str]
@@ -121,7 +118,6 @@ class Channel:
     unit: str = ""
     likely_unit: str = ""
     kind: Kind = Kind.SIGNAL
-    count_words: Callable[[], Mapping[str, int]] | None = None
 
     @cached_property
     def values(self) -> NDArray[Any]:

@@ -35,7 +35,6 @@ from osl_analysis.units import is_clock
 from osl_analysis.yaml_settings import NAME_OF_TIME, UNKNOWN
 
 MOST_NOTES = 20  # lines of a file's own text that are shown
-MOST_WORDS = 5  # words in place of numbers that are shown of a channel
 FEWEST_NUMBERS = 10  # a variable with fewer numbers is no signal
 MOST_BACK = 0.1  # share of the steps of a clock that may go back
 # what a text says of a counter without a unit
@@ -92,8 +91,6 @@ def describe_channel(channel: Channel, kind: str) -> RecordedChannel:
         notes.append(f"from {numbers[is_read].min():.6g} to {numbers[is_read].max():.6g}")
     if count < rows.count:
         notes.append(f"no number in {rows.count - count} of {rows.count} {rows.noun}s")
-    words = Counter(channel.count_words() if channel.count_words else {})
-    notes += [f"{number} x '{word}'" for word, number in words.most_common(MOST_WORDS)]
     name = channel.name or channel.key
     unit = "s" if is_stamp else channel.unit
     return RecordedChannel(

@@ -160,10 +160,10 @@ _OTHERS = (
         "export the trial as C3D, with its plates",
     ),
     (
-        "a bag of ROS 1",
-        r"\A#ROSBAG V",
-        "convert it with `rosbags-convert --src BAG --dst FOLDER`, which stands beside"
-        " `osl-analysis`, and name the folder",
+        "a bag of ROS in another form than MCAP",
+        r"\A(#ROSBAG V|SQLite format 3\0)",
+        "convert it with `rosbags-convert --src BAG --dst FOLDER --dst-storage mcap`, which stands"
+        " beside `osl-analysis`, and name the folder",
     ),
     (
         "an export of D-Flow",

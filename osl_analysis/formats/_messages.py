@@ -23,7 +23,7 @@ import polars as pl
 from mcap.records import Schema
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError, listing, nearest, not_installed, on_one_line
+from osl_analysis.errors import InputError, listing, nearest, on_one_line, optional_module
 from osl_analysis.formats import is_of_file
 from osl_analysis.formats._cdr import MOST_ELEMENTS, Layout, definition_of, rows_at
 from osl_analysis.formats._text import is_number_cell
@@ -36,7 +36,6 @@ ROS_UNITS = {
 }
 """Units of standard messages (REP 103) by the beginning of the field. They are likely and no more:
 a laboratory's effort may be a current, and a joint that slides has other ones."""
-AT_ONCE = 16_384  # lines or rows whose content is held in memory
 PLAIN_NAME = re.compile(r"[^.\[\]]+")
 CHOICES = re.compile(r"(\[[^\]\"]*\])+$")  # an index, or the name of an element
 NUMBER = int | float  # built once: a log has a million of them
@@ -124,12 +123,10 @@ class Topic:
             case "json", _:
                 return partial(self._as_objects, json.loads)
             case "protobuf", "protobuf":
-                # these cost time to import, and few logs need them
-                try:
-                    from mcap_protobuf.decoder import DecoderFactory
-                except ModuleNotFoundError:
-                    raise not_installed("protobuf", "mcap-protobuf-support") from None
-                decode: Any = DecoderFactory().decoder_for("protobuf", schema)
+                library = optional_module(
+                    "mcap_protobuf.decoder", "protobuf", "mcap-protobuf-support"
+                )
+                decode = library.DecoderFactory().decoder_for("protobuf", schema)
                 decode(b"")
                 return partial(self._as_objects, decode)
             case "cdr", "ros2msg":

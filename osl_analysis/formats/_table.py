@@ -399,11 +399,10 @@ def recording_of_table(
             title=title,
             unit=unit,
             likely_unit=likely_units.get(name, ""),
-            count_words=partial(_count_words, cells, layout, table.decimal),
         )
         if are_times(cells):
             read = partial(cell_stamps, cells)
-            channel = replace(channel, read=read, unit="ns", kind=Kind.CLOCK, count_words=None)
+            channel = replace(channel, read=read, unit="ns", kind=Kind.CLOCK)
         channels.append(channel)
     loss = Loss(rows.count, rows.count + table.skipped, table.end, remarks=table.remarks)
     return Recording(format_name, channels, loss, notes=table.notes, facts=facts)
@@ -428,9 +427,3 @@ def _values_of(
         " write numbers as 1234.5e-3, none between thousands, and times as 12:00:00.500 in"
         f" every row, or add {json.dumps(cell, ensure_ascii=False)} to `missing` in the source file"
     )
-
-
-def _count_words(cells: pl.Series, layout: SheetSource, decimal: str) -> Mapping[str, int]:
-    """Count the cells that are no numbers, by what stands there."""
-    _, unread = cell_values(cells, layout.missing, decimal)
-    return Counter(cells.gather(unread).to_list())

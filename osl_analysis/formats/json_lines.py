@@ -9,10 +9,12 @@ import numpy as np
 from pydantic import Field
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats._messages import AT_ONCE, PLACE, Topic
+from osl_analysis.formats._messages import PLACE, Topic
 from osl_analysis.formats._text import in_utf8
 from osl_analysis.recording import End, Format, Loss, Recording, Rows
 from osl_analysis.source_file import FieldChannel, RowTime, TableSource
+
+LINES_AT_ONCE = 16_384  # whose objects are held in memory
 
 
 class FieldTime(RowTime):
@@ -50,8 +52,8 @@ def read(path: Path, source: JsonSource | None) -> Recording:
         end = End.MISSING
         remarks.append(f"the last line, {len(texts)}, breaks off and was left out")
     topic = Topic("", "json")
-    for first in range(0, lines.size, AT_ONCE):
-        part = lines[first : first + AT_ONCE]
+    for first in range(0, lines.size, LINES_AT_ONCE):
+        part = lines[first : first + LINES_AT_ONCE]
         topic.add((content, starts[part], lengths[part]), np.zeros_like(part), 0)
     places = topic.table[PLACE].to_numpy()
     if not places.size:

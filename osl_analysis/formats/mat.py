@@ -20,9 +20,9 @@ import scipy
 from numpy.typing import NDArray
 from pydantic import Field
 
-from osl_analysis.errors import InputError, listing, nearest, not_installed
+from osl_analysis.errors import InputError, listing, nearest, optional_module
 from osl_analysis.formats import beginning
-from osl_analysis.formats.binary_table import Column, channels_of, check_hdf5
+from osl_analysis.formats.binary_table import Column, channels_of, check_hdf5, remarks_on
 from osl_analysis.memory import check_unpacked
 from osl_analysis.recording import Channel, Format, Loss, Recording
 from osl_analysis.source_file import LogChannel, Name, RowTime, TableSource
@@ -98,28 +98,20 @@ def read(path: Path, source: MatSource | None) -> Recording:
     else:
         check_unpacked(path, _stated_size(path.read_bytes()))
     with warnings.catch_warnings(action="ignore"):  # of the library's import, and of odd objects
-        try:
-            from matio import load_from_mat
-        except ModuleNotFoundError:
-            raise not_installed("a MATLAB file", "mat-io") from None
-        raw = load_from_mat(str(path), add_table_attrs=True, spmatrix=False)
+        matio = optional_module("matio", "a MATLAB file", "mat-io")
+        raw = matio.load_from_mat(str(path), add_table_attrs=True, spmatrix=False)
     variables: dict[str, Variable] = {}
     for name, value in raw.items():
         if not name.startswith("__"):
             variables |= {variable.address: variable for variable in _variables_in(value, "", name)}
-    remarks = []
-    notes = []
-    for variable in variables.values():
-        if variable.numbers is None:
-            remarks.append(_reason(variable))
-        elif variable.numbers.size < FEWEST_SAMPLES:
-            notes.append(f"{variable.address}={' '.join(map(str, variable.numbers.flat))}")
+    others = [variable.address for variable in variables.values() if variable.numbers is None]
+    notes = [
+        f"{variable.address}={' '.join(map(str, variable.numbers.flat))}"
+        for variable in variables.values()
+        if variable.numbers is not None and variable.numbers.size < FEWEST_SAMPLES
+    ]
     columns = [column for variable in variables.values() for column in _columns_of(variable)]
-    if not columns:
-        raise InputError(
-            f"holds no vector of at least {FEWEST_SAMPLES} real numbers; save each signal as one,"
-            " such as `torque = [log.torque]` where it has a struct per sample"
-        )
+    remarks = remarks_on(others, not columns)
     part = "" if source is None else _plain(source.log_part)
     everywhere = channels_of("variable", columns, noun="sample")
     channels = []

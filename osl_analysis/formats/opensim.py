@@ -94,13 +94,13 @@ def read(path: Path, source: OpenSimSource | None) -> Recording:
     parts = [re.split(r"\s*=\s*|\s+", text, maxsplit=1) for text in table.notes]
     header = {part[0].casefold(): part[-1] for part in parts}
     stated_rows = header.get("nrows") or header.get("datarows") or ""
+    count = len(table.lines)
+    if stated_rows not in ("", str(count)):
+        raise InputError(
+            f"its header states {stated_rows[:20]} rows, the file holds {count} whole ones: its end"
+            " is missing, or some are damaged; export it again, or correct the header"
+        )
     if stated_rows:
-        if stated_rows != str(len(table.lines)):
-            raise InputError(
-                f"its header states {stated_rows[:20]} rows, the file holds {len(table.lines)}"
-                " whole ones: its end is missing, or some are damaged; export it again, or correct"
-                " the header"
-            )
         table = replace(table, end=End.WHOLE)
     angle = ANGLES.get(header.get("indegrees", "").casefold(), "")
     likely = {}

@@ -1,16 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bags of ROS 2 give what the library `rosbags` wrote."""
+"""The folder of a ROS 2 recording gives what the library `rosbags` wrote."""
 
 import re
-import shutil
-import sqlite3
-from contextlib import closing
 from functools import partial
 
 import numpy as np
 import pytest
 import yaml
-from conftest import refused_with, said_in_refusal
+from conftest import said_in_refusal
 from mcap_builder import message_source
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -51,7 +48,7 @@ def write_rows(writer, rows):
             writer.write(connection, received, store.serialize_cdr(message, KIND))
 
 
-def write_bag(folder, rows=range(50), storage="SQLITE3", packed=""):
+def write_bag(folder, rows=range(50), storage="MCAP", packed=""):
     """A folder with a bag of ROS 2."""
     writer = Writer(folder, version=9, storage_plugin=StoragePlugin[storage])
     if packed:
@@ -60,10 +57,10 @@ def write_bag(folder, rows=range(50), storage="SQLITE3", packed=""):
     return folder
 
 
-def write_split(folder, storage="SQLITE3"):
+def write_split(folder):
     """A recording of 50 messages in two parts, as `ros2 bag record --max-bag-size` leaves it."""
-    whole = write_bag(folder.with_name(f"{folder.name}_0"), range(30), storage)
-    other = write_bag(folder.with_name(f"{folder.name}_1"), range(30, 50), storage)
+    whole = write_bag(folder.with_name(f"{folder.name}_0"), range(30))
+    other = write_bag(folder.with_name(f"{folder.name}_1"), range(30, 50))
     part = next(other.glob("*_1.*"))
     part.rename(whole / part.name)
     description = yaml.safe_load((whole / DESCRIBED).read_text())
@@ -72,14 +69,6 @@ def write_split(folder, storage="SQLITE3"):
     about["topics_with_message_count"][0]["message_count"] = 50
     (whole / DESCRIBED).write_text(yaml.safe_dump(description))
     return whole
-
-
-def changed(path, *queries):
-    """A database after SQL queries."""
-    with closing(sqlite3.connect(path)) as connection, connection:
-        for query in queries:
-            connection.execute(query)
-    return path
 
 
 def rewritten(path, content):
@@ -111,9 +100,8 @@ def assert_rows(recording):
     np.testing.assert_array_equal(found.rows.stamps_ns, START_NS + row * STEP_NS + LATE_NS)
 
 
-@pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
-def test_a_bag_gives_what_was_written_and_reading_writes_nothing(tmp_path, storage):
-    path = write_bag(tmp_path / "bag", storage=storage)
+def test_a_bag_gives_what_was_written_and_reading_writes_nothing(tmp_path):
+    path = write_bag(tmp_path / "bag")
     before = sorted(tmp_path.rglob("*"))
 
     recording = read(path)
@@ -124,21 +112,19 @@ def test_a_bag_gives_what_was_written_and_reading_writes_nothing(tmp_path, stora
     assert sorted(tmp_path.rglob("*")) == before
 
 
-@pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
-def test_the_parts_of_a_folder_are_one_log(tmp_path, storage):
-    folder = write_split(tmp_path / "bag", storage)
+def test_the_parts_of_a_folder_are_one_log(tmp_path):
+    folder = write_split(tmp_path / "bag")
 
     recording = read(folder)
 
     assert_rows(recording)
     assert recording.loss.by_topic == {"/lab": (50, 50)}
     files = [path.name for path in known_formats()["rosbag2"].files_in(folder)]
-    suffix = ".mcap" if storage == "MCAP" else ".db3"
-    assert files == [DESCRIBED, f"bag_0{suffix}", f"bag_1{suffix}"]
+    assert files == [DESCRIBED, "bag_0.mcap", "bag_1.mcap"]
 
 
 def test_the_description_tells_what_a_cut_part_held(tmp_path):
-    folder = write_split(tmp_path / "bag", "MCAP")
+    folder = write_split(tmp_path / "bag")
     content = (folder / "bag_1.mcap").read_bytes()
 
     rewritten(folder / "bag_1.mcap", content[: len(content) // 2])
@@ -152,72 +138,18 @@ def test_the_description_tells_what_a_cut_part_held(tmp_path):
     assert without_footer.loss.by_topic == {"/lab": (50, 50)}
 
 
-def test_messages_that_the_description_has_and_the_bag_lacks_are_lost(tmp_path):
-    bag = write_bag(tmp_path / "bag", range(1000))
-    database = changed(bag / "bag.db3", "DELETE FROM messages WHERE id % 200 = 7")
-
-    assert read(bag).loss.by_topic == {"/lab": (995, 1000)}
-    # nor is a message what has no topic, or no bytes
-    changed(
-        database,
-        "INSERT INTO messages VALUES (9999, 77, 5, x'00')",
-        "UPDATE messages SET data = 'x' WHERE id = 9",
-    )
-    recording = read(bag)
-    assert recording.loss.by_topic == {"/lab": (994, 1000)}
-    assert any(re.search("1000 .* 994", remark) for remark in recording.loss.remarks)
-
-
-def test_without_its_description_a_database_is_read_and_what_is_lost_is_unknown(
-    tmp_path,
-):
-    bag = write_bag(tmp_path / "bag")
-    (bag / DESCRIBED).unlink()
-
-    recording = read(bag / "bag.db3")
-
-    assert_rows(recording)
-    assert recording.loss.lost is None
-    with refused_with(f"^{bag}: "):
-        recognise(bag)
-
-
 def without_a_part(folder):
     whole = write_split(folder)
-    (whole / "bag_1.db3").unlink()
+    (whole / "bag_1.mcap").unlink()
     return whole
 
 
 REFUSED = [
-    (
-        lambda bag: rewritten(bag / DESCRIBED, b"a: {b: 9}").parent,
-        "metadata.yaml: ",
-    ),
-    (
-        lambda bag: without_a_part(bag / "bag"),
-        "1 .* 2 .*bag_1.db3",
-    ),
-    (lambda bag: write_bag(bag / "x", packed="FILE"), "`zstd -d`"),
-    (
-        lambda bag: write_bag(bag / "x", packed="MESSAGE"),
-        "CDR",
-    ),
-    (
-        lambda bag: rewritten(bag / "bag.db3", (bag / "bag.db3").read_bytes()[:-9]),
-        "28672 bytes",
-    ),
-    (
-        lambda bag: changed(bag / "x.db3", "CREATE TABLE topics (id, name)"),
-        "no such column: type",
-    ),
-    (
-        lambda bag: rewritten(bag / "bag.db3-journal", b"x").parent,
-        "bag.db3-journal",
-    ),
-    (
-        lambda bag: changed(bag / "bag.db3", "UPDATE message_definitions SET encoding = 'ros2idl'"),
-        r"\(ros2idl\),.*cdr",
-    ),
+    (lambda bag: rewritten(bag / DESCRIBED, b"a: {b: 9}").parent, "metadata.yaml: "),
+    (lambda bag: without_a_part(bag / "bag"), "1 .* 2 .*bag_1.mcap"),
+    (lambda bag: write_bag(bag / "x", packed="MESSAGE"), "CDR"),
+    (lambda bag: write_bag(bag / "x", storage="SQLITE3"), "`rosbags-convert"),
+    (lambda bag: write_bag(bag / "x", storage="SQLITE3") / "x.db3", "`rosbags-convert"),
 ]
 
 
@@ -226,39 +158,6 @@ def test_a_ros_2_bag_that_cannot_be_read_is_refused_with_what_helps(tmp_path, ma
     path = make(write_bag(tmp_path / "bag"))
 
     assert re.search(said, refusal(path))
-
-
-def test_a_database_with_a_write_ahead_log_is_refused_and_no_file_is_changed(
-    tmp_path,
-):
-    closed = write_bag(tmp_path / "bag")
-    killed = tmp_path / "killed"
-    changed(closed / "bag.db3", "PRAGMA journal_mode = WAL")
-    with closing(sqlite3.connect(closed / "bag.db3")) as connection:
-        connection.execute("UPDATE messages SET timestamp = timestamp")
-        connection.commit()
-        shutil.copytree(closed, killed)
-    (closed / "bag.db3-wal").touch()  # empty
-    before = {path: path.read_bytes() for path in tmp_path.rglob("*.*")}
-
-    assert "bag.db3-wal" in refusal(killed)
-    assert_rows(read(closed))
-
-    assert {path: path.read_bytes() for path in tmp_path.rglob("*.*")} == before
-
-
-def test_the_library_knows_standard_types(tmp_path):
-    """Also in a bag as it was before bags had definitions of their messages."""
-    kind = "std_msgs/msg/Float64"
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    bag = tmp_path / "bag"
-    with Writer(bag, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
-        connection = writer.add_connection("/lab", kind, typestore=store)
-        for time in (5, 9):
-            writer.write(connection, time, store.serialize_cdr(store.types[kind](2.5), kind))
-    changed(bag / "bag.db3", "DROP TABLE message_definitions")
-
-    assert column(read(bag, "data", time="log"), "data").tolist() == [2.5, 2.5]
 
 
 def test_messages_stand_in_the_order_of_the_file_though_the_clock_was_set_back(tmp_path):

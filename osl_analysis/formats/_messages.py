@@ -11,9 +11,8 @@ written as JSON writes a text: `functions["loadcell.mz"]`.
 
 import json
 import re
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from functools import cache, cached_property, partial
 from itertools import pairwise
 from typing import Any
@@ -23,11 +22,11 @@ import polars as pl
 from mcap.records import Schema
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError, listing, nearest, on_one_line, optional_module
+from osl_analysis.errors import InputError, on_one_line, optional_module
 from osl_analysis.formats import is_of_file
 from osl_analysis.formats._cdr import MOST_ELEMENTS, Layout, definition_of, rows_at
 from osl_analysis.formats._text import is_number_cell
-from osl_analysis.recording import SECOND_NS, Channel, End, Kind, Loss, Recording, Rows
+from osl_analysis.recording import SECOND_NS, Channel, Kind, Rows
 
 ROS_UNITS = {
     "JointState": {"position": "rad", "velocity": "rad/s", "effort": "N*m"},
@@ -301,136 +300,6 @@ class Topic:
 def stamp_fields(path: str) -> list[tuple[str, str]]:
     """Paths of the seconds and nanoseconds of a stamp, as programs call them."""
     return [(f"{path}.{seconds}", f"{path}.{rest}") for seconds, rest in STAMP_PARTS]
-
-
-class Log:
-    """A file of messages that is read part by part, and how much of it was read.
-
-    Parameters
-    ----------
-    source
-        The source file, or None. It names the fields to read, and the stamp in the messages.
-    """
-
-    def __init__(self, source: Any) -> None:
-        self.wanted = None if source is None else _wanted_fields(source)
-        self.stamp = "header.stamp" if source is None else str(source.time.field)
-        self.topics: dict[str, Topic] = {}  # those that are wanted
-        self.topic_of: dict[int, Topic] = {}  # by number of the recorder's channel
-        self.name_of: dict[int, str] = {}  # of the topic of each channel
-        self.read: Counter[str] = Counter()  # messages by topic
-        self.expected: Counter[str] = Counter()  # those that the file declares; empty: unknown
-        self.chunks_lost = 0
-        self.end = End.WHOLE
-        self.remarks: list[str] = []
-
-    def declare(self, channel: int, name: str, encoding: str, schema: Schema) -> None:
-        """Take in a channel of the recorder, whose messages are of a topic."""
-        self.name_of[channel] = name
-        self.read[name] += 0
-        if self.wanted is None or name in self.wanted:
-            schema = replace(schema, id=0)  # it has one in each file
-            if name not in self.topics:
-                fields = self.wanted and self.wanted[name]
-                self.topics[name] = Topic(name, encoding, schema, fields)
-            topic = self.topics[name]
-            topic.has_two_types |= (topic.encoding, topic.schema) != (encoding, schema)
-            self.topic_of[channel] = topic
-
-    def add(self, channels: NDArray[Any], messages: Bytes, log_times_ns: NDArray[np.int64]) -> None:
-        """Give messages, each of a channel, to their topics."""
-        content, starts, lengths = messages
-        for channel in np.flatnonzero(np.bincount(channels)).tolist():
-            own = np.flatnonzero(channels == channel)
-            if channel in self.name_of:
-                self.read[self.name_of[channel]] += own.size
-            if channel in self.topic_of:
-                messages = (content, starts[own], lengths[own])
-                self.topic_of[channel].add(messages, log_times_ns[own], channel)
-
-    def recording(self, format_name: str) -> Recording:
-        """Put together what was read.
-
-        Raises
-        ------
-        InputError
-            Two publishers wrote into a topic that the source file names.
-        """
-        read = self.read.total()
-        expected = self.expected.total() or None
-        if expected not in (None, read):
-            self.remarks.append(f"it declares {expected} messages and holds {read}")
-        by_topic = {
-            name: (count, self.expected[name] if expected else None)
-            for name, count in sorted(self.read.items())
-        }
-        channels = []
-        for topic in self.topics.values():
-            if topic.lost:
-                _, declared = by_topic[topic.name]
-                by_topic[topic.name] = (len(topic.table), declared or topic.count)
-                self.remarks.append(
-                    f"{topic.lost} of {topic.count} messages of topic '{topic.name}' are lost:"
-                    f" {topic.reason}"
-                )
-            try:
-                topic.check_one_publisher()
-            except InputError as error:
-                if self.wanted is not None:
-                    raise
-                self.remarks.append(str(error))
-            rows = Rows(
-                count=len(topic.table),
-                name=topic.name,
-                stamps_ns=topic.table[LOG_TIME].to_numpy(),
-                lines=topic.table[PLACE].to_numpy() + 1 if topic.lost else None,
-                noun="message",
-            )
-            channels += topic.channels(rows, {"topic": topic.name}, [self.stamp])
-        return Recording(
-            format=format_name,
-            channels=channels,
-            loss=Loss(read, expected, self.end, by_topic, self.remarks),
-            facts={
-                "chunks_lost": self.chunks_lost,
-                "messages": read,
-            },
-            find_unlisted=self._find_unlisted,
-        )
-
-    def _find_unlisted(self, address: Mapping[str, str]) -> Channel | None:
-        """Say why a topic has no numbers for a field."""
-        name, path = address.values()
-        topic = self.topics.get(name)
-        if topic is None or not topic.count:
-            if self.end is End.MISSING:
-                raise InputError(
-                    f"no message of '{name}' was read: its end is lost; copy or record it again"
-                )
-            names = sorted(+self.read)
-            advice = nearest(name, names) or "; correct `topic`, or check that its sensor was on"
-            raise InputError(f"no messages of '{name}' (the file has {listing(names)}){advice}")
-        if topic.lost == topic.count:
-            advice = "" if "; " in topic.reason else "; record the log again"
-            raise InputError(f"topic '{name}': {topic.reason}{advice}")
-        topic.refuse_text(address)
-        advice = nearest(path, [*topic.types]) or "; correct `field` in the source file"
-        raise InputError(
-            f"topic '{name}' has no number '{path}' (it has {listing([*topic.types])}){advice}"
-        )
-
-
-def _wanted_fields(source: Any) -> dict[str, dict[str, None]]:
-    """The fields that a source file asks for, by topic, and the velocity beside each position."""
-    stamps = []
-    if source.time.source == "header":
-        stamps = [path for parts in stamp_fields(source.time.field) for path in parts]
-    wanted: dict[str, dict[str, None]] = {}  # in their order, each once
-    for channel in source.channels.values():
-        beside = channel.field.replace("position", "velocity")
-        paths = filter(None, (channel.field, channel.counter, beside, *stamps))
-        wanted.setdefault(channel.topic, {}).update(dict.fromkeys(paths))
-    return wanted
 
 
 def _take_values(value: Any, path: str, values: dict[str, Any]) -> None:

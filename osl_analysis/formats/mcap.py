@@ -9,7 +9,9 @@ decodes the records; it would take 15 times as long for the messages.
 import struct
 import zlib
 from collections import Counter
+from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import replace
 from io import BytesIO
 from operator import methodcaller
 from pathlib import Path
@@ -22,11 +24,11 @@ from mcap.records import Channel, Chunk, Schema
 from numpy.typing import NDArray
 from zstandard import ZstdDecompressor
 
-from osl_analysis.errors import InputError, on_one_line
-from osl_analysis.formats import _messages
+from osl_analysis.errors import InputError, listing, nearest, on_one_line
 from osl_analysis.formats._cdr import rows_at
+from osl_analysis.formats._messages import LOG_TIME, NO_SCHEMA, PLACE, Topic, stamp_fields
 from osl_analysis.memory import check_unpacked
-from osl_analysis.recording import End, Format, Recording
+from osl_analysis.recording import End, Format, Loss, Recording, Rows
 from osl_analysis.source_file import MessageSource
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -45,13 +47,27 @@ MESSAGE_HEAD = MESSAGE.itemsize - RECORD.size  # bytes of the head within the co
 PART_BYTES = 1 << 24  # in which messages are found at once
 
 
-class Log(_messages.Log):
-    """A log that is read: its topics, and what is lost."""
+class Log:
+    """Files that are read, and how much of them was.
+
+    Parameters
+    ----------
+    source
+        The source file, or None. It names the fields to read, and the stamp in the messages.
+    """
 
     def __init__(self, source: MessageSource | None) -> None:
-        super().__init__(source)
+        self.wanted = None if source is None else _wanted_fields(source)
+        self.stamp = "header.stamp" if source is None else source.time.field
         self.schemas: dict[int, Schema] = {}
-        self.counts: Counter[str] = Counter()  # messages by topic, as the summary declares them
+        self.topics: dict[str, Topic] = {}  # those that are wanted
+        self.topic_of: dict[int, Topic] = {}  # by number of the recorder's channel
+        self.name_of: dict[int, str] = {}  # of the topic of each channel
+        self.read: Counter[str] = Counter()  # messages by topic
+        self.declared: Counter[str] = Counter()  # as the summary has them
+        self.chunks_lost = 0
+        self.end = End.WHOLE
+        self.remarks: list[str] = []
         self.path = Path()  # of the file that is read
         self.unpacked = 0  # bytes of its chunks
 
@@ -84,7 +100,7 @@ class Log(_messages.Log):
                 self.end = End.MISSING
         if summary is not None and summary.statistics is not None:
             for number, count in summary.statistics.channel_message_counts.items():
-                self.counts[self.name_of.get(number, "")] += count
+                self.declared[self.name_of.get(number, "")] += count
 
     def _take_records(self, data: bytes, position: int) -> int:
         """Read the records from a place on, as far as they go, and give where the last one ends."""
@@ -130,12 +146,115 @@ class Log(_messages.Log):
         """Give messages at places in some bytes to their topics."""
         heads = rows_at(content, places, MESSAGE.itemsize).view(MESSAGE)
         lengths = heads["length"].astype(np.int64) - MESSAGE_HEAD
-        messages = (content, places + MESSAGE.itemsize, lengths)
-        self.add(heads["channel"], messages, heads["log_time"].astype(np.int64))
+        log_times_ns = heads["log_time"].astype(np.int64)
+        for channel in np.flatnonzero(np.bincount(heads["channel"])).tolist():
+            own = np.flatnonzero(heads["channel"] == channel)
+            if channel in self.name_of:
+                self.read[self.name_of[channel]] += own.size
+            if channel in self.topic_of:
+                messages = (content, places[own] + MESSAGE.itemsize, lengths[own])
+                self.topic_of[channel].add(messages, log_times_ns[own], channel)
 
     def _declare_channel(self, channel: Channel) -> None:
-        schema = self.schemas.get(channel.schema_id, _messages.NO_SCHEMA)
-        self.declare(channel.id, channel.topic, channel.message_encoding, schema)
+        """Take in a channel of the recorder, whose messages are of a topic."""
+        name = channel.topic
+        self.name_of[channel.id] = name
+        self.read[name] += 0
+        if self.wanted is None or name in self.wanted:
+            # a schema has a number in each file
+            schema = replace(self.schemas.get(channel.schema_id, NO_SCHEMA), id=0)
+            if name not in self.topics:
+                fields = self.wanted and self.wanted[name]
+                self.topics[name] = Topic(name, channel.message_encoding, schema, fields)
+            topic = self.topics[name]
+            stated = (channel.message_encoding, schema)
+            topic.has_two_types |= (topic.encoding, topic.schema) != stated
+            self.topic_of[channel.id] = topic
+
+    def recording(self, format_name: str, declared: Counter[str]) -> Recording:
+        """Put together what was read, of the messages by topic that a file declares; none if it
+        does not.
+
+        Raises
+        ------
+        InputError
+            Two publishers wrote into a topic that the source file names.
+        """
+        read = self.read.total()
+        expected = declared.total() or None
+        if expected not in (None, read):
+            self.remarks.append(f"it declares {expected} messages and holds {read}")
+        by_topic = {
+            name: (count, declared[name] if expected else None)
+            for name, count in sorted(self.read.items())
+        }
+        channels = []
+        for topic in self.topics.values():
+            if topic.lost:
+                of_topic = declared[topic.name] or topic.count
+                by_topic[topic.name] = (len(topic.table), of_topic)
+                self.remarks.append(
+                    f"{topic.lost} of {topic.count} messages of topic '{topic.name}' are lost:"
+                    f" {topic.reason}"
+                )
+            try:
+                topic.check_one_publisher()
+            except InputError as error:
+                if self.wanted is not None:
+                    raise
+                self.remarks.append(str(error))
+            rows = Rows(
+                count=len(topic.table),
+                name=topic.name,
+                stamps_ns=topic.table[LOG_TIME].to_numpy(),
+                lines=topic.table[PLACE].to_numpy() + 1 if topic.lost else None,
+                noun="message",
+            )
+            channels += topic.channels(rows, {"topic": topic.name}, [self.stamp])
+        return Recording(
+            format=format_name,
+            channels=channels,
+            loss=Loss(read, expected, self.end, by_topic, self.remarks),
+            facts={
+                "chunks_lost": self.chunks_lost,
+                "messages": read,
+            },
+            find_unlisted=self._find_unlisted,
+        )
+
+    def _find_unlisted(self, address: Mapping[str, str]) -> None:
+        """Say why a topic has no numbers for a field."""
+        name, path = address.values()
+        topic = self.topics.get(name)
+        if topic is None or not topic.count:
+            if self.end is End.MISSING:
+                raise InputError(
+                    f"no message of '{name}' was read: its end is lost; copy or record it again"
+                )
+            names = sorted(+self.read)
+            advice = nearest(name, names) or "; correct `topic`, or check that its sensor was on"
+            raise InputError(f"no messages of '{name}' (the file has {listing(names)}){advice}")
+        if topic.lost == topic.count:
+            advice = "" if "; " in topic.reason else "; record the log again"
+            raise InputError(f"topic '{name}': {topic.reason}{advice}")
+        topic.refuse_text(address)
+        advice = nearest(path, [*topic.types]) or "; correct `field` in the source file"
+        raise InputError(
+            f"topic '{name}' has no number '{path}' (it has {listing([*topic.types])}){advice}"
+        )
+
+
+def _wanted_fields(source: MessageSource) -> dict[str, dict[str, None]]:
+    """The fields that a source file asks for, by topic, and the velocity beside each position."""
+    stamps = []
+    if source.time.source == "header":
+        stamps = [path for parts in stamp_fields(source.time.field) for path in parts]
+    wanted: dict[str, dict[str, None]] = {}  # in their order, each once
+    for channel in source.channels.values():
+        beside = channel.field.replace("position", "velocity")
+        paths = filter(None, (channel.field, channel.counter, beside, *stamps))
+        wanted.setdefault(channel.topic, {}).update(dict.fromkeys(paths))
+    return wanted
 
 
 def _unpacked(chunk: Chunk) -> bytes:
@@ -187,8 +306,7 @@ def read(path: Path, source: MessageSource | None) -> Recording:
     log = Log(source)
     log.take_file(path)
     is_whole = log.end == End.WHOLE and not log.chunks_lost
-    log.expected = log.counts or (log.read if is_whole else Counter())
-    return log.recording("mcap")
+    return log.recording("mcap", log.declared or (log.read if is_whole else Counter()))
 
 
 FORMAT = Format(

@@ -28,8 +28,7 @@ def read(path: Path, source: MessageSource | None) -> Recording:
                     " NEW --dst-storage mcap`, which stands beside `osl-analysis`"
                 )
             log.take_file(part)
-    log.expected = counts
-    return log.recording("rosbag2")
+    return log.recording("rosbag2", counts)
 
 
 def _described(folder: Path) -> tuple[list[Path], Counter[str]]:

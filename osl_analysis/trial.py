@@ -7,7 +7,6 @@ Here stands the nomenclature: name, unit and sign of each column.
 import json
 import math
 import re
-import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -130,7 +129,6 @@ def stretches(text: str, duration_s: float = math.inf) -> list[tuple[float, floa
 
 NAME_KEY = "osl_analysis.trial"
 PROVENANCE_KEY = "osl_analysis.provenance"
-CHECKSUM_KEY = "osl_analysis.checksum"
 SCHEMA_KEY = "osl_analysis.schema"
 
 
@@ -285,26 +283,16 @@ def check_time(name: str, time: Array) -> None:
 
 
 def write_trial(trial: Trial, path: Path) -> None:
-    """Write the trial completely or not at all. Name, provenance (JSON) and a checksum are in the
-    file's metadata."""
+    """Write the trial completely or not at all. Name and provenance (JSON) are in the file's
+    metadata."""
     provenance = json.dumps({**trial.provenance, "clocks": trial.clocks}, sort_keys=True)
     metadata = {
         NAME_KEY: trial.name,
         PROVENANCE_KEY: provenance,
-        CHECKSUM_KEY: checksum_of(trial.samples, trial.name, provenance),
         SCHEMA_KEY: str(SCHEMA),
     }
     with atomic_path(path) as temporary:
         trial.samples.write_parquet(temporary, compression="lz4", metadata=metadata)
-
-
-def checksum_of(samples: pl.DataFrame, *texts: str) -> str:
-    """CRC-32 of texts, column names and values. Parquet itself does not detect a changed value."""
-    value = zlib.crc32("\n".join([*texts, *samples.columns]).encode())
-    for column in samples.iter_columns():
-        # without a name, so that the numbers of one column are dropped before the next ones
-        value = zlib.crc32(np.ascontiguousarray(column.to_numpy()).view(np.uint8).data, value)
-    return f"{value:08x}"
 
 
 def read_trial(path: Path | str) -> Trial:
@@ -324,8 +312,7 @@ def read_trial(path: Path | str) -> Trial:
     Raises
     ------
     InputError
-        The file is missing, is not Parquet that ingest wrote, has changed since, or is of a newer
-        release.
+        The file is missing, is not Parquet that ingest wrote, or is of a newer release.
 
     Examples
     --------
@@ -336,10 +323,6 @@ def read_trial(path: Path | str) -> Trial:
     name, provenance = metadata_of(path)
     with told_as_parquet(path):
         samples = pl.read_parquet(path, glob=False)
-        metadata = pl.read_parquet_metadata(path)
-        checksum = checksum_of(samples, name, metadata[PROVENANCE_KEY])
-        if metadata.get(CHECKSUM_KEY, checksum) != checksum:
-            raise ValueError("its content is not what was written")
     clocks = provenance.pop("clocks", {})
     return Trial(name, samples, provenance, clocks)
 

@@ -107,13 +107,6 @@ def test_rows_that_were_lost_are_a_gap_in_time_in_every_format(tmp_path, what):
 
 
 @EVERY
-@pytest.mark.parametrize("unit", ["N*m", "parsnip"])
-def test_a_unit_of_another_quantity_is_refused_in_every_format(what, unit):
-    with pytest.raises(ValueError, match=re.escape(unit)):
-        described(what, unit=unit)
-
-
-@EVERY
 @pytest.mark.parametrize("share", [0.3, 0.6, 0.99])
 def test_a_log_that_is_cut_is_never_read_as_whole(tmp_path, what, share):
     path = written(tmp_path, what, LOG)

@@ -100,18 +100,6 @@ def assert_rows(recording):
     np.testing.assert_array_equal(found.rows.stamps_ns, START_NS + row * STEP_NS + LATE_NS)
 
 
-def test_a_bag_gives_what_was_written_and_reading_writes_nothing(tmp_path):
-    path = write_bag(tmp_path / "bag")
-    before = sorted(tmp_path.rglob("*"))
-
-    recording = read(path)
-
-    assert_rows(recording)
-    assert recording.loss.by_topic == {"/lab": (50, 50)}
-    assert recording.loss.end == End.WHOLE
-    assert sorted(tmp_path.rglob("*")) == before
-
-
 def test_the_parts_of_a_folder_are_one_log(tmp_path):
     folder = write_split(tmp_path / "bag")
 

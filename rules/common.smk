@@ -56,6 +56,7 @@ from osl_analysis.campaign.result_files import (
     response_example,
     time_series_example,
 )
+from osl_analysis.commands.fit import FITS, fit_arguments, taken_by
 from osl_analysis.commands.run import left_out_recordings, start_campaign
 from osl_analysis.config.experiments import DOUBTS_OF, EXPERIMENTS, JUDGED_TABLES
 from osl_analysis.config.sheet import ON_DYNAMOMETER
@@ -176,14 +177,37 @@ def device(wildcards):
     return CAMPAIGN.device(wildcards.trial) or []
 
 
-def cells(*columns):
-    """A param: what the sample sheet states for the trial in these columns."""
-    return lambda wildcards: {column: CAMPAIGN.rows[wildcards.trial][column] for column in columns}
-
-
 def cell(column):
     """A param: what the sample sheet states for the trial in this column."""
     return lambda wildcards: CAMPAIGN.rows[wildcards.trial][column]
+
+
+TRIAL_OF_FIT = {name: of_trials(CAMPAIGN.trials(name)) for name in FITS}
+SETTINGS_OF_FIT = {}
+"""By experiment, of settings those alone that its fit uses: a change of others does not fit anew."""
+for name in FITS:
+    used = taken_by(name)["settings"].annotation
+    SETTINGS_OF_FIT[name] = getattr(CONFIG, EXPERIMENTS[name].fit.settings).part(used.__name__)
+
+
+def trial_of_fit(wildcards):
+    """An input: a trial of the experiment."""
+    return TRIAL_OF_FIT[wildcards.experiment](wildcards)
+
+
+def device_of_fit(wildcards):
+    """An input: the parameter file, of a fit that takes it."""
+    return arguments_of_fit(wildcards).get("parameters") or []
+
+
+def arguments_of_fit(wildcards):
+    """A param: what the fit of a trial takes beside it."""
+    row = CAMPAIGN.rows[wildcards.trial]
+    condition = {column: row[column] for column in EXPERIMENTS[wildcards.experiment].fit.sheet}
+    parameters = str(device(wildcards) or "") or None
+    given = fit_arguments(wildcards.experiment, CONFIG, parameters, condition, row["windows"])
+    plain = {name: as_json(value) for name, value in given.items() if name != "settings"}
+    return {**plain, "settings": SETTINGS_OF_FIT[wildcards.experiment]}
 
 
 def figure_setting(wildcards):

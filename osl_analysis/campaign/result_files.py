@@ -139,8 +139,11 @@ class ResultFiles:
         return {name: tables for name, tables in made_of.items() if tables}
 
     def budget_of(self, table: str) -> list[str]:
-        """The table with the budgets of the estimates of a judged table."""
-        return self.tables("budget") if table in JUDGED_TABLES else []
+        """The table with the budgets of the estimates of a judged table, if its trials have any:
+        without, it would be lost where all trials with budgets are refused."""
+        names_of = [{each.name for each in facts.tables} for facts in EXPERIMENTS.values()]
+        has_budgets = any({table, "budget"} <= names for names in names_of)
+        return self.tables("budget") if has_budgets and table in JUDGED_TABLES else []
 
     @cached_property
     def fits_for_findings(self) -> list[str]:

@@ -6,9 +6,10 @@ To K of an impedance trial: `fit_impedance_trial` here, then `bench/motion.py`, 
 `regression.py` and `impedance.py`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import cache
+from inspect import signature
 from pathlib import Path
-from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
@@ -236,6 +237,44 @@ def fit_calibration_trial(
     return FitTables(tables, samples_of(analysis), record.streams)
 
 
+FITS: Mapping[str, Callable[..., FitTables]] = {
+    "belt": fit_belt_trial,
+    "transmission": fit_transmission_trial,
+    "actuator": fit_actuator_trial,
+    "impedance": fit_impedance_trial,
+    "torque_angle": fit_torque_angle_trial,
+    "calibration": fit_calibration_trial,
+}
+"""The fit of a trial of each experiment on the bench, for rules, command line and notebook."""
+
+
+@cache
+def taken_by(experiment: str) -> Mapping[str, Any]:
+    """The parameters of the fit of an experiment."""
+    return signature(FITS[experiment]).parameters
+
+
+def fit_arguments(
+    experiment: str,
+    config: Config,
+    parameters: Path | str | None,
+    condition: Any = None,
+    windows: str | None = None,
+) -> dict[str, Any]:
+    """What the fit of an experiment takes, beside a trial, of these: its settings and W of the
+    configuration, the device's file, and what the sheet states."""
+    facts = EXPERIMENTS[experiment].fit
+    assert facts is not None
+    stated = {
+        "settings": getattr(config, facts.settings),
+        "parameters": parameters,
+        "condition": condition,
+        "weight": config.gain_weight,
+        "windows": windows,
+    }
+    return {name: stated[name] for name in stated if name in taken_by(experiment)}
+
+
 def derive(table: Path, output: Path, data: str = "") -> None:
     """A table that is computed from another one alone: of controllers beside each other, the delay
     of the bench over trials whose torque nothing leaves unexplained, or the summary of a part of
@@ -282,31 +321,26 @@ def run_fit(
         The experiment has no fit, the sheet would not take what is stated, or the recording cannot
         be fitted.
     """
-    job = EXPERIMENTS[experiment].fit
-    if job is None:
+    facts = EXPERIMENTS[experiment].fit
+    if facts is None:
         raise InputError(
             f"a trial of '{experiment}' is not fitted alone; choose another experiment for it"
         )
-    arguments = {name: getattr(config, section) for name, (section, _) in job.settings.items()}
-    if job.parameters:
-        arguments["parameters"] = parameters
-    if job.sheet:
+    if facts.sheet:
         stated = DesiredImpedance if experiment == "impedance" else Mapping
         if not isinstance(condition, stated | None):
             raise InputError(
                 f"desired: {condition!r} is no desired impedance; give"
                 " osl.DesiredImpedance(controller, K_d, B_d)"
             )
-        arguments["condition"] = condition
     asked = vars(condition) if isinstance(condition, DesiredImpedance) else {}
     is_asked = any(value is not None for value in asked.values())
     if windows is not None or is_asked:
         validated({**asked, "windows": windows}, Asked, f"trial {trial.name}", ())
-    if job.windows:
-        arguments["windows"] = windows
-    elif windows:
+    if windows and not facts.windows:
         trial = trial.within(windows)
-    return fit_or_advise(resolve_name(job.job), trial, **arguments)
+    arguments = fit_arguments(experiment, config, parameters, condition, windows)
+    return fit_or_advise(FITS[experiment], trial, **arguments)
 
 
 def fit_trial(

@@ -2,7 +2,7 @@
 """The experiments: one table of facts that sheet, quality control, simulator, rules and command
 line read (`experiments.yaml`)."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -28,31 +28,12 @@ class ResultTable:
 
 @dataclass(frozen=True)
 class FitJob:
-    """The fit of one trial, the same for rules, command line and notebook.
+    """What the fit of one trial (`FITS` in commands/fit.py) takes; the same for rules, command line
+    and notebook."""
 
-    Attributes
-    ----------
-    job : str
-        The full name of its function. It takes `trial` and the arguments below, and returns its
-        rows of each table of the experiment, by name; under `torque`, where it has them, time [s],
-        measured and modelled torque [N*m].
-    settings : Mapping
-        Per argument of the job, the section of the configuration and the settings model with the
-        fields that the job uses (the section's own, or one of its base classes). A change of other
-        fields does not run the job again.
-    parameters : bool
-        Whether the job takes the parameter file of the device, as `parameters`.
-    sheet : sequence of str
-        Columns of the trial's row in the sample sheet that the job takes, as `condition`.
-    windows : bool
-        Whether the job fits the windows that the sheet states, as `windows`.
-    """
-
-    job: str
-    settings: Mapping[str, Sequence[str]]
-    parameters: bool = False
-    sheet: Sequence[str] = ()
-    windows: bool = False
+    settings: str  # section of the configuration
+    sheet: Sequence[str] = ()  # columns of the sample sheet, as its `condition`
+    windows: bool = False  # whether it fits the windows that the sheet states, as `windows`
 
 
 @dataclass(frozen=True)
@@ -85,7 +66,7 @@ class Experiment:
     # result tables that separate rules compute from all trials together
     further_tables: Sequence[str] = ()
     judged_further: Sequence[str] = ()  # those of them whose rows have limits under `doubtful`
-    fit: FitJob | None = None  # the job that fits one trial; None if separate rules do this
+    fit: FitJob | None = None  # of one trial; None if separate rules do this
     # columns of its first table that are these; empty: none. They are printed with their intervals
     impedance: Sequence[str] = ("K", "B", "I")
 

@@ -16,6 +16,7 @@ from typing import Any
 import polars as pl
 from pydantic import ConfigDict, validate_call
 
+from osl_analysis.commands.fit import FITS
 from osl_analysis.commands.remedies import fit_or_advise
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import (
@@ -48,10 +49,12 @@ from osl_analysis.table import (
 )
 from osl_analysis.trial import read_trial
 
-NO_ARGUMENTS = {"fitted", "made_by", "excluded", "file_states", "sources"}
-"""Inputs and params that are no arguments of a command: it gets the refusals among what was
-`fitted`, as `refused`; what made the data; the trials that quality control excludes; and what
-Snakemake only compares with the last run."""
+ONLY_CHECKED = "fitted"
+"""An input that no command reads: it gets the refusals among these files, as `refused`."""
+NO_ARGUMENTS = {"arguments", "made_by", "excluded", "file_states", "sources"}
+"""Params that are no arguments of a command: those of a fit stand in `arguments`; what made the
+data; the trials that quality control excludes; and what Snakemake only compares with the last
+run."""
 
 REMEDY = (
     "correct or replace the file, or its source file, or give a reason under `exclude` in the"
@@ -64,7 +67,7 @@ HOLDING_A_REASON = {".csv", ".zip", ".parquet", ".json", ".tex", ".md"}
 OF_A_FILE = (FileNotFoundError, PermissionError, IsADirectoryError, NotADirectoryError)
 """Errors of the system that are those of one file; a bad disk or too many open files are not."""
 
-FITTED = {facts.fit.job: facts for facts in EXPERIMENTS.values() if facts.fit is not None}
+FITTED = {fit: EXPERIMENTS[name] for name, fit in FITS.items()}
 """The experiment that a command fits, whose tables it writes in their order."""
 
 CONVERTING: Any = cache(validate_call(config=ConfigDict(arbitrary_types_allowed=True)))
@@ -153,13 +156,15 @@ def call(job: Job) -> Sequence[NotAnalysed]:
         return missing
 
     inputs = without_excluded(inputs, job.params.get("excluded", ()))
-    given = {**inputs, **job.params}
-    arguments = {name: given[name] for name in given if name not in NO_ARGUMENTS}
+    params = {**job.params, **job.params.get("arguments", {})}
+    stated = {name: params[name] for name in params if name not in NO_ARGUMENTS}
+    arguments = {**stated, **inputs}
+    arguments.pop(ONLY_CHECKED, None)
     if job.tell:
         arguments[job.tell] = refused
     command = CONVERTING(job.command)
     with limited_memory(job.recordings, job.at_once):
-        if job.name in FITTED:
+        if job.command in FITTED:
             write_fit(job, command, arguments)
         else:
             command(**arguments, **job.outputs)
@@ -224,7 +229,7 @@ def write_fit(job: Job, fit: Any, arguments: dict[str, Any]) -> None:
     """Fit a trial, and write the first of its tables to a file, the others into an archive."""
     trial = read_trial(Path(arguments.pop("trial")))
     tables = fit_or_advise(fit, trial, **arguments).everything()
-    first, *further = [table.name for table in FITTED[job.name].tables]
+    first, *further = [table.name for table in FITTED[job.command].tables]
     file, archive = job.files
     by_place = {archive / f"{name}.csv": tables[name] for name in further}
     outcome = {"status": pl.lit(ANALYSED), "reason": pl.lit(None, pl.String)}
@@ -240,8 +245,8 @@ def write_reasons(job: Job, causes: Sequence[NotAnalysed]) -> None:
             tables[file] = rows_of(causes, columns_of_file(file))
         elif file.suffix == ".zip":
             tables[file / f"{NOT_ANALYSED_KEY}.csv"] = rows_of(causes, ["trial"])
-            for table in FITTED[job.name].tables[1:]:
-                columns = columns_in_archive(table.name, FITTED[job.name].motion)
+            for table in FITTED[job.command].tables[1:]:
+                columns = columns_in_archive(table.name, FITTED[job.command].motion)
                 empty = pl.DataFrame(schema=dict.fromkeys(columns, pl.String))
                 tables[file / f"{table.name}.csv"] = empty
         elif file.suffix == ".parquet":

@@ -26,7 +26,7 @@ STAGES = {
     r"(verdict|reproduce-all|total)$": "",  # with which a run ends
     r"simulate_|trial_sheet": "simulate",
     r"ingest": "read and check recordings",
-    r"(fit|compare|calibrate|find|identify|analyse|select|average|summarise)_": "fit",
+    r"fit|(compare|calibrate|find|identify|analyse|select|average|summarise)_": "fit",
     r"\w+_numbers|draw_figure|captions": "figures",
     r"": "tables and page",
 }

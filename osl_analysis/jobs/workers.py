@@ -124,19 +124,24 @@ def do_job(
     Raises
     ------
     RuntimeError
-        There is no result, and the input is not at fault. Of a worker that was killed, this writes
-        the log.
+        There is no result, and the input is not at fault.
     """
-    given = Job(
-        command,
-        plain_files(input),
-        plain_files(output),
-        dict(params.items()),
-        files=[*map(Path, output)],
-        log=Path(log[0]),
-        tell=tell,
-        at_once=at_once,
+    do_in_worker(
+        Job(
+            command,
+            plain_files(input),
+            plain_files(output),
+            dict(params.items()),
+            files=[*map(Path, output)],
+            log=Path(log[0]),
+            tell=tell,
+            at_once=at_once,
+        )
     )
+
+
+def do_in_worker(given: Job) -> None:
+    """Do a job in a worker; of one that was killed, this writes the log."""
     idle = IDLE[given.simulates]
     try:
         worker = idle.pop()

@@ -133,15 +133,9 @@ def test_every_motion_comes_with_its_true_derivatives(motion, largest):
         assert np.abs(error).max() < largest * np.ptp(slope)
 
 
-@pytest.mark.parametrize(
-    ("changes", "duration"),
-    [
-        ({}, 1 + 4 + 4 / 3 + 0.5),
-        ({"cycles": (2, 6)}, 1 + 2 + 2 + 0.5),
-    ],
-)
-def test_a_schedule_lasts_as_long_as_it_says(changes, duration):
-    assert len(stepped(**changes).theta) == pytest.approx(RATE * duration, abs=1)
+def test_a_schedule_lasts_as_long_as_it_says():
+    """A second of rest, two cycles of 1 Hz, six of 3 Hz, half a second of rest."""
+    assert len(stepped(cycles=(2, 6)).theta) == 5500
 
 
 @pytest.mark.parametrize("kind", [*SMOOTH, "prbs"])
@@ -214,37 +208,30 @@ def test_the_transmission_alone_has_its_losses():
     np.testing.assert_allclose(impedance, (0.0, P.B_j, P.J_j), rtol=5e-3, atol=2e-3)
 
 
-def test_each_effect_of_the_load_cell_adds_what_the_truth_says():
+def test_effects_of_the_load_cell_add_what_the_truth_says(clean):
     sizes = {
         "load_cell_offset": on(0.5, "N*m"),
         "load_cell_drift": on(0.05, "N*m/min"),
         "load_cell_noise": on(0.05, "N*m"),
     }
-    clean = simulated({}, "belt_01")[0]
-    log, truth = simulated({"effects": sizes}, "belt_01")
+
+    log, truth = simulated({"effects": sizes})
+
+    minutes = (log["time"] - log["time"][0]) / 60
     drawn = truth["drawn"]
-    elapsed = log["time"] - log["time"][0]
-
-    offset, drift, noise = (
-        simulated({"effects": {name: size}}, "belt_01")[0][TORQUE] - clean[TORQUE]
-        for name, size in sizes.items()
-    )
-
-    assert offset == pytest.approx(drawn["load_cell_offset"], abs=1e-10)
-    assert drift == pytest.approx(drawn["load_cell_drift"] * elapsed / 60, abs=1e-10)
-    assert np.std(noise) == pytest.approx(0.05, rel=4 / np.sqrt(2 * 3000))
-    assert log[TORQUE] - clean[TORQUE] == pytest.approx(offset + drift + noise, abs=1e-10)
-    same_draw = pytest.approx(drawn["load_cell_drift"] / 0.05)
-    assert drawn["load_cell_offset"] / 0.5 != same_draw, "streams of their own"
+    noise = log[TORQUE] - clean[TORQUE] - drawn["load_cell_offset"]
+    noise -= drawn["load_cell_drift"] * minutes
+    assert np.std(noise) == pytest.approx(0.05, rel=0.05)
+    assert np.abs(np.mean(noise)) < 0.005
+    assert drawn["load_cell_offset"] / 0.5 != pytest.approx(drawn["load_cell_drift"] / 0.05)
 
 
 def test_true_jitter_leaves_each_sample_true(clean):
     log = log_of(node(jitter=on(20e-6, "s")))
 
-    count = np.arange(len(log["time"]))
-    jitter = log["time"] - np.polynomial.Polynomial.fit(count, log["time"], 1)(count)
+    jitter = np.diff(log["time"]) - 1 / RATE
     expected = CubicSpline(clean["time"], clean[ANGLE])(log["time"])
-    assert np.std(jitter) == pytest.approx(20e-6, rel=4 / np.sqrt(2 * len(jitter)))
+    assert np.std(jitter) == pytest.approx(20e-6 * np.sqrt(2), rel=0.1)
     assert log[ANGLE] == pytest.approx(expected, abs=1e-8)
 
 
@@ -253,11 +240,11 @@ def test_an_exact_joint_answers_by_eq_15_to_what_the_bench_follows(clean, f, row
     """The bench has 30 Hz and a damping of 0.9; its transient is left."""
     w = 2 * np.pi * f
     kernel = np.exp(-1j * w * clean["time"][rows])
+
     commanded, theta, torque = (
         clean[name][rows] @ kernel for name in ("commanded_angle", ANGLE, TORQUE)
     )
 
-    assert 2 * np.abs(commanded) / len(kernel) == pytest.approx(np.deg2rad(4))
     followed = 1 / (1 - (f / 30) ** 2 + 2j * 0.9 * f / 30)
     assert theta / commanded == pytest.approx(followed, rel=1e-3)
     assert -torque / theta == pytest.approx(300 - 0.02 * w**2 + 5j * w, rel=1e-4)

@@ -43,14 +43,6 @@ RUNNING = (
     "test_workflow", "test_small_campaigns", "test_bundle",
 )  # fmt: skip
 """Modules that run campaigns: in one worker, for which `snakemake_runs.py` imports once."""
-LONGEST = (
-    *RUNNING, "test_figures", "test_commands", "test_motion",
-    "test_platform", "test_groups", "test_grid", "test_notebook",
-    "test_joint_fit", "test_degenerate", "test_plausibility", "test_cli",
-    "test_adding",
-)  # fmt: skip
-"""Modules that take more than 5 s of a core, the longest first."""
-
 # without a deadline: a busy machine is no fault of the code; other seeds: pytest
 # --hypothesis-profile default
 settings.register_profile("seeded", derandomize=True, database=None, deadline=None)
@@ -72,10 +64,9 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> ByModul
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark tests of numerical modules `numerics`; long modules first, so that no process is busy
-    alone at the end."""
-    order = [*LONGEST, *(item.path.stem for item in items)]
-    items.sort(key=lambda item: order.index(item.path.stem))
+    """Mark tests of numerical modules `numerics`; campaigns first, so that no process is busy alone
+    at the end."""
+    items.sort(key=lambda item: item.path.stem not in RUNNING)
     for item in items:
         if RECORDINGS is None and item.get_closest_marker("recordings"):
             item.add_marker(pytest.mark.skip("OSL_RECORDINGS names no folder"))

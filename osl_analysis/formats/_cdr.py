@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from rosbags.typesys.base import TypesysError
 
-from osl_analysis.errors import InputError, on_one_line
+from osl_analysis.errors import InputError
 
 # types that are uint8 (design.ros2.org/articles/legacy_interface_definition.html); NumPy calls all
 # others as ROS does
@@ -40,25 +39,11 @@ def full_name(name: str) -> str:
 
 @lru_cache(64)
 def definition_of(name: str, data: bytes) -> Mapping[str, Fields]:
-    """Parse a definition in ros2msg, followed by those of the types in it.
-
-    Returns
-    -------
-    Mapping
-        The fields of each type, by its full name.
-
-    Raises
-    ------
-    InputError
-        It cannot be read.
-    """
+    """Parse a definition in ros2msg, followed by those of the types in it: the fields of each type,
+    by its full name. Raises the library's error."""
     text = data.decode(errors="replace").replace("\r", "")
-    try:
-        types = get_types_from_msg(text, full_name(name))
-    except TypesysError as error:
-        reason = on_one_line(error)[:100]
-        raise InputError(f"schema {name} cannot be read ({reason}); {NEW_RECORDING}") from error
-    return {owner: fields for owner, (_, fields) in {**BUILT_IN, **types}.items()}
+    types = {**BUILT_IN, **get_types_from_msg(text, full_name(name))}
+    return {owner: fields for owner, (_, fields) in types.items()}
 
 
 def rows_at(content: bytes, starts: NDArray[np.int64], length: int) -> NDArray[np.void]:
@@ -121,8 +106,7 @@ class Layout:
     def fits(self, rows: NDArray[np.void]) -> NDArray[np.bool_]:
         """Tell which messages of this length, shape (messages,), have this layout."""
         content = rows.view(np.uint8).reshape(rows.size, -1)[:, self.is_shared]
-        shared = np.frombuffer(self.data, np.uint8)[self.is_shared]
-        return (content == shared).all(axis=1)
+        return (content == np.frombuffer(self.data, np.uint8)[self.is_shared]).all(axis=1)
 
     def columns(
         self, rows: NDArray[np.void], paths: Collection[str] | None

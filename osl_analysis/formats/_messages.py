@@ -178,10 +178,10 @@ class Topic:
         columns = {}
         for path in dict.fromkeys(path for values in objects for path in values):
             numbers = [value.get(path) for value in objects]
-            texts = [value for value in numbers if isinstance(value, str)]
-            if texts:
-                self.texts.setdefault(path, texts[0])
-                numbers = [None if isinstance(value, str) else value for value in numbers]
+            for place, text in enumerate(numbers):
+                if isinstance(text, str):
+                    self.texts.setdefault(path, text)
+                    numbers[place] = None
             types = {*map(type, numbers)}
             if types == {type(None)}:  # text alone
                 continue

@@ -482,10 +482,10 @@ def read(path: Path, source: C3dSource | None) -> Recording:
     channels = []
     for place, (label, name) in enumerate(zip(labels, _names_of(labels), strict=True)):
         read_points = partial(np.asanyarray, points[:frames, place])
-        point = Channel({"label": label}, slow, read_points, name, kind=Kind.MODEL_OUTPUT)
-        if label not in outputs:
-            point = replace(point, unit=header.length_unit, kind=Kind.MARKER)
-        channels.append(point)
+        is_output = label in outputs
+        kind = Kind.MODEL_OUTPUT if is_output else Kind.MARKER
+        unit = "" if is_output else header.length_unit
+        channels.append(Channel({"label": label}, slow, read_points, name, unit=unit, kind=kind))
     units = of_length(header.channels, header.texts("ANALOG:UNITS"), "")
     analog_channels = []
     for label, unit, samples in zip(analog_labels, units, analogs[: fast.count].T, strict=True):
@@ -499,7 +499,6 @@ def read(path: Path, source: C3dSource | None) -> Recording:
         "samples_per_frame": header.samples_per_frame,
         "length_unit": header.length_unit,
         "vertical_on_screen": "".join(header.texts("POINT:Y_SCREEN")[:1]),
-        "software": " ".join(header.texts("MANUFACTURER:SOFTWARE")),
         "plates": int(header.number("FORCE_PLATFORM:USED")),
         "plate_zero_frames": header.numbers("FORCE_PLATFORM:ZERO").tolist(),
         "body_mass_kg": header.number("PROCESSING:BODYMASS") or None,

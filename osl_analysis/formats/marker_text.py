@@ -151,7 +151,8 @@ def read(path: Path, source: TrcSource | None) -> Recording:
     header = dict(zip([key.casefold() for key in keys], values, strict=False))
     frames = rows[HEADER_LINES:]
     check_last_line(text.is_ended, frames)
-    stated, rate = header.get("numframes", ""), header.get("datarate", "")
+    stated = header.get("numframes", "")
+    rate = header.get("datarate", "")
     are_numbers = is_number_cell(stated) and is_number_cell(rate)
     if not are_numbers or float(stated) != len(frames) or float(rate) <= 0:
         raise InputError(

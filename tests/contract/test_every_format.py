@@ -96,17 +96,6 @@ def test_a_log_gives_the_same_columns_in_every_format(tmp_path, what):
 
 
 @EVERY
-def test_rows_that_were_lost_are_a_gap_in_time_in_every_format(tmp_path, what):
-    kept = np.delete(np.arange(40), [10, 11, 12])
-    path = written(tmp_path, what, {name: values[kept] for name, values in LOG.items()})
-
-    samples = read_converted(path, described(what)).samples
-
-    np.testing.assert_allclose(samples["time"], TIME[kept], atol=1e-12)
-    np.testing.assert_allclose(samples["torque"], TORQUE[kept], atol=1e-12)
-
-
-@EVERY
 @pytest.mark.parametrize("share", [0.3, 0.6, 0.99])
 def test_a_log_that_is_cut_is_never_read_as_whole(tmp_path, what, share):
     path = written(tmp_path, what, LOG)

@@ -68,6 +68,7 @@ BENCH = "t,angle\n0,1\n0.01,2\n0.02,3\n"
     ("JSON", json.dumps([{"t": 0.0}], indent=2).encode()),
     ("ZIP", b"PK\x03\x04" + bytes(26) + b"log.csv"),
     ("rosbags-convert", b"#ROSBAG V2.0\n" + bytes(2000)),
+    ("rosbags-convert", b"SQLite format 3\0" + bytes(2000)),
     ("D-Flow", b"TimeStamp\tFrameNumber\tRANK.PosX\tFP1.ForX\n0.1\t1\t0.5\t0.7\n"),
     ("", gzip.compress(BENCH.encode(), mtime=0)),
     ("", bytes(2000)),

@@ -95,7 +95,7 @@ def write_report(
                 of_trial,
                 findings_of.get(trial, ()),
                 missing.get(trial),
-                checks.get(trial, pl.DataFrame()),
+                checks.get(trial, pl.DataFrame()).to_dicts(),
                 signals_of(row, of_trial, series.get(trial), recordings),
             )
         )

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import polars as pl
 
-from osl_analysis.model.compensator import CONTROLLERS
+from osl_analysis.figures import look_numbers
 from osl_analysis.stats.repeats import counted
 from osl_analysis.stats.rounding import significant
 
@@ -33,24 +33,18 @@ def answer(tables: Mapping[str, pl.DataFrame]) -> str:
     whole = tables["impedance"].filter(
         pl.col("amplitude_deg").is_null() & (pl.col("K_d") > 0) & pl.col("B_d").is_not_null()
     )
-    worst = {
-        symbol: dict(counted(whole, [symbol]).group_by("controller").agg(error.max()).iter_rows())
-        for symbol, error in ERRORS.items()
-    }
-    order = {name: place for place, name in enumerate(CONTROLLERS)}
-    names = sorted(
-        whole["controller"].unique(), key=lambda name: (order.get(name, len(order)), name or "")
-    )
-    texts: list[str] = []
-    for name in names[:MOST_CONTROLLERS]:
-        known = {symbol: errors.get(name) for symbol, errors in worst.items()}
-        clauses = [
-            f"{symbol} is within {significant(error)} {UNITS[symbol]} of {symbol}_d"
-            for symbol, error in known.items()
-            if error is not None
-        ]
+    whole = whole.with_columns(look_numbers(whole["controller"])).sort("look", nulls_last=True)
+    texts = []
+    for trials in whole.partition_by("controller")[:MOST_CONTROLLERS]:
+        clauses = []
+        for symbol, error in ERRORS.items():
+            worst = counted(trials, [symbol]).select(error.max()).item()
+            if worst is not None:
+                clauses.append(
+                    f"{symbol} is within {significant(worst)} {UNITS[symbol]} of {symbol}_d"
+                )
         if clauses:
-            texts.append(f"{name}, {' and '.join(clauses)}" if name else " and ".join(clauses))
+            texts.append(", ".join(filter(None, [trials["controller"][0], " and ".join(clauses)])))
     pairs = tables.get("compensation", pl.DataFrame())
     if texts and len(pairs):  # an empty file has no types
         of_quantity = pairs.filter(of="trials").group_by("quantity").agg(pl.sum("better", "pairs"))

@@ -5,16 +5,14 @@ where the fact that it rests on is recorded, in Markdown and in LaTeX."""
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import reduce
 from importlib.metadata import version
-from operator import getitem
 from pathlib import Path
 from typing import Any
 
 import polars as pl
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
-from osl_analysis.judge.campaign import findings_in_summary
+from osl_analysis.judge.campaign import CampaignFinding, findings_in_summary
 from osl_analysis.report.typography import in_latex, in_markdown, printed
 from osl_analysis.report.verdicts import causes_not_checked
 from osl_analysis.stats.rounding import significant
@@ -23,16 +21,6 @@ HERE = Path(__file__).parent
 BIBTEX = (HERE / "sources.bib").read_text(encoding="utf-8")
 CITATION = re.compile(r"\[@(\w+)\]")
 MOST_LISTED = 8  # values in a sentence; of more it has the first and the last
-
-
-UNCERTAINTIES: Mapping[str, tuple[float, str]] = {
-    "torque_gain": (100.0, "{} % of the torque's gain"),
-    "angle_gain": (100.0, "{} % of the angle's gain"),
-    "misalignment_deg": (1.0, "{}° between the axes of joint and load cell"),
-    "hysteresis": (100.0, "{} % of the range of torque by hysteresis of the load cell"),
-    "delay": (1000.0, "{} ms of the torque's delay"),
-}
-"""Standard uncertainties of a bench in words, with the factor of their number."""
 
 
 @dataclass(frozen=True)
@@ -57,51 +45,17 @@ class MethodsFacts:
             return f"{texts[0]} to {texts[-1]}"
         return " and ".join(filter(None, [", ".join(texts[:-1]), *texts[-1:]]))
 
-    def number(self, *experiments: str, **stated: Any) -> int:
-        """How many trials of these experiments the sheet has that state this."""
-        rows = [row for row in self.sheet if row["experiment"] in experiments]
-        return sum(all(row.get(key) == value for key, value in stated.items()) for row in rows)
-
-    def setting(self, name: str) -> Any:
-        """A setting by its dotted name."""
-        return reduce(getitem, name.split("."), self.settings)
-
-    def calibration(self, section: str) -> str:
-        """The uncertainties of the bench that a section of the settings states; empty for none."""
-        stated = self.setting(f"{section}.calibration")
-        texts = [
-            words.format(value_text(factor * stated[name]))
-            for name, (factor, words) in UNCERTAINTIES.items()
-            if stated[name]
-        ]
-        return ", ".join(texts)
-
     @property
-    def delays(self) -> str:
-        """By how much the stamps of which signals were late; empty for none."""
+    def delays(self) -> Sequence[tuple[str, float]]:
+        """By how much the stamps of which signals were late [s]."""
         streams = self.tables.get("timebase", pl.DataFrame(schema=["signals", "delay_s"]))
         late = streams.filter(pl.col("delay_s") != 0).select("signals", "delay_s").unique()
-        return "; ".join(
-            f"{names} {value_text(delay)} s" for names, delay in late.sort(pl.all()).rows()
-        )
+        return late.sort(pl.all()).rows()
 
     @property
-    def content(self) -> dict[str, Any]:
-        """What it asks for of the whole campaign, by the names that the template uses."""
-        trials = self.summary["trials"].items()
-        counts = [f"{facts['of']} {name.replace('_', ' ')}" for name, facts in trials]
-        verdicts = [f"{n} {verdict}" for verdict, n in self.summary["verdicts"].items() if n]
-        findings = findings_in_summary(self.summary)
-        return {
-            "counts": ", ".join(counts),
-            "verdicts": ", ".join(verdicts),
-            "doubts": [f.counts for f in findings if f.verdict in ("doubtful", "flagged")],
-            "results": "; ".join(
-                f.counts.replace(": ", " in ", 1) for f in findings if f.is_result
-            ),
-            "version": version,
-            "not_checked": "; ".join(causes_not_checked(findings)),
-        }
+    def findings(self) -> Sequence[CampaignFinding]:
+        """Those of the campaign."""
+        return findings_in_summary(self.summary)
 
 
 def value_text(value: object) -> str:
@@ -118,12 +72,14 @@ def template(name: str) -> Template:
     """A template of text, which refuses names that it does not know."""
     loader = FileSystemLoader(HERE / "templates")
     environment = Environment(loader=loader, undefined=StrictUndefined, finalize=unmarked)
+    environment.filters["digits"] = value_text
     return environment.get_template(name)
 
 
 def paragraphs(facts: MethodsFacts) -> list[str]:
     """The paragraphs, with the marks of the template for symbols and citations."""
-    text = template("methods.j2").render(facts.content, facts=facts)
+    unchecked = "; ".join(causes_not_checked(facts.findings))
+    text = template("methods.j2").render(facts=facts, not_checked=unchecked, version=version)
     return [" ".join(part.split()) for part in text.split("¶") if part.strip()]
 
 

@@ -19,7 +19,6 @@ from osl_analysis.judge.campaign import CampaignFinding, is_of_whole
 from osl_analysis.judge.finding import Grade, WordedFinding
 from osl_analysis.judge.judging import fit_of, rows_by_fit
 from osl_analysis.judge.known_findings import known_finding
-from osl_analysis.judge.recording_checks import NOT_APPLICABLE
 from osl_analysis.report.numbers import Number
 from osl_analysis.report.paper_tables import Condition, estimate_text, stated_text
 from osl_analysis.report.signals import Signals
@@ -35,10 +34,6 @@ SYMBOLS = re.compile(r"\$.+?\$|(?<![\w-])[KBJknf]_(?:viscous|tau|[dsjm1CGT])(?![
 MAIN_FIGURES = ("fig5", "fig9", "fig3")  # in this order: bench, walking, belt
 
 
-GLYPH_NAME = r"[A-Za-z]+-?[A-Za-z]*-[0-9a-f]+"  # as Matplotlib names them: font and number
-GLYPH = re.compile(rf'<path id="{GLYPH_NAME}" .*?/>', re.DOTALL)
-
-
 @dataclass(frozen=True)
 class ShownFigure:
     """A figure of the page."""
@@ -52,8 +47,8 @@ class ShownFigure:
     def drawing(self) -> Markup:
         """The drawing as part of a page, whose names are no other figure's, and whose points lead
         to their trials."""
-        svg = GLYPH.sub("", self.svg[self.svg.index("<svg") :])
-        svg = re.sub(rf'(\bid="|href="#|url\(#)(?!{GLYPH_NAME}")', rf"\1{self.name}-", svg)
+        svg = self.svg[self.svg.index("<svg") :]
+        svg = re.sub(r'(\bid="|href="#|url\(#)', rf"\1{self.name}-", svg)
         svg = svg.replace('"../report.html#', '"#')
         return Markup(svg.replace("<svg", f'<svg role="img" aria-label="{self.title}"', 1))
 
@@ -86,7 +81,7 @@ class TrialView:
     impedance: Mapping[str, str]  # K, B and I of the fit to all of it
     estimates: Sequence[Sequence[str]]  # a row per fit; heads first
     budgets: Sequence["ShownBudget"]  # of the fit to all of it
-    checks: Sequence[Sequence[str]]  # of its recording
+    checks: Sequence[Mapping[str, Any]]  # of its recording
     signals: Signals | None = None
 
     @property
@@ -114,12 +109,6 @@ class Page:
     figures: Sequence[ShownFigure]
     absent_figures: Mapping[str, str]  # why others are not drawn
     missing_results: Mapping[str, str]
-
-    @property
-    def glyphs(self) -> Markup:
-        """The letters of all figures, each once: they are two fifths of a figure."""
-        glyphs = GLYPH.findall("".join(figure.svg for figure in self.figures))
-        return Markup("".join(dict.fromkeys(glyphs)))
 
     @property
     def main_figure(self) -> ShownFigure | None:
@@ -182,7 +171,7 @@ def trial_view(
     tables: Mapping[str, pl.DataFrame],
     findings: Sequence[WordedFinding],
     left_out: LeftOut | None,
-    checks: pl.DataFrame,
+    checks: Sequence[Mapping[str, Any]],
     signals: Signals | None,
 ) -> TrialView:
     """What the page shows of a trial.
@@ -197,7 +186,7 @@ def trial_view(
         Those on it.
     left_out : LeftOut or None
         Why it has no result.
-    checks : polars.DataFrame
+    checks : Sequence of Mapping
         Its rows of `quality.csv`.
     signals : Signals or None
         What is plotted of it.
@@ -227,7 +216,7 @@ def trial_view(
         impedance={symbol: estimate_text(last, name) for symbol, name in names},
         estimates=estimate_rows(fits, main) if len(fits) else (),
         budgets=shown_budgets(last, tables.get("budget")),
-        checks=check_rows(checks),
+        checks=checks,
         signals=signals,
     )
 
@@ -278,19 +267,4 @@ def estimate_rows(fits: pl.DataFrame, table: str) -> list[list[str]]:
         amplitude = fit.get("amplitude_deg")
         of_fit = [estimate_text(fit, name, described[name].unit) for name in names]
         rows.append(["all" if amplitude is None else f"{amplitude:.3g}", *of_fit])
-    return rows
-
-
-def check_rows(checks: pl.DataFrame) -> list[list[str]]:
-    """Check, value, threshold and verdict of a recording, of those that apply."""
-    rows = []
-    for row in checks.iter_rows(named=True):
-        if row["verdict"] == NOT_APPLICABLE:
-            continue
-        unit = printed(row["unit"] or "")
-        numbers = [
-            "" if number is None else f"{number:.4g} {unit}".strip()
-            for number in (row["value"], row["threshold"])
-        ]
-        rows.append([row["check"].replace("_", " "), *numbers, row["verdict"], row["remark"] or ""])
     return rows

@@ -59,38 +59,28 @@ def markdown_table(rows: Sequence[Sequence[str]]) -> str:
     return "".join(lines)
 
 
-MOST_IN_COLUMN = 4  # columns of a table that a column of two holds, with intervals below the values
-INTERVAL_BELOW = r"\begin{tabular}[t]{@{}l@{}}%s\\{}[%s, %s]\end{tabular}"
 UNIT_BELOW = r"\\begin{tabular}[t]{@{}l@{}}\1\\\\(\2\\end{tabular}"
 
 
 def latex_table(rows: Sequence[Sequence[str]], heads: Mapping[str, str]) -> str:
-    """Rows as a `tabular` with rules of booktabs, which fits a column, turned if need be, or else
-    the width of two. `heads` has those heads, of columns and of rows, that are LaTeX."""
-    if len(rows) <= MOST_IN_COLUMN < len(rows[0]):
-        rows = [*zip(*rows, strict=True)]
-    is_wide = len(rows[0]) > MOST_IN_COLUMN
-    on_top = dict(heads)
-    if is_wide:
-        on_top = {name: re.sub(r"(.+) \((.+)", UNIT_BELOW, head) for name, head in heads.items()}
+    """Rows as a `tabular` with rules of booktabs, units below the heads of its columns. `heads` has
+    those heads, of columns and of rows, that are LaTeX."""
 
     def in_cell(text: str) -> str:
-        if not isinstance(text, WithInterval):
-            return in_latex(text)
-        if is_wide:
+        if isinstance(text, WithInterval):
             return plus_minus(*text.parts).replace("±", r"$\pm$")
-        return INTERVAL_BELOW % text.parts
+        return heads.get(text) or in_latex(text)
 
-    lines = [" & ".join(on_top.get(cell, in_cell(cell)) for cell in rows[0])]
-    lines += [" & ".join(heads.get(cell, in_cell(cell)) for cell in row) for row in rows[1:]]
-    head, *body = [re.sub(r"(?<!\w)-(?=\d)", "$-$", line) + r" \\" for line in lines]
-    begin = rf"\begin{{tabular}}{{@{{}}{'l' * len(rows[0])}@{{}}}}\toprule"
+    head = [re.sub(r"(.+) \((.+)", UNIT_BELOW, in_cell(text)) for text in rows[0]]
+    lines = []
+    for cells in (head, *(map(in_cell, row) for row in rows[1:])):
+        lines.append(re.sub(r"(?<!\w)-(?=\d)", "$-$", " & ".join(cells)) + r" \\")
     parts = [
         r"{\footnotesize\tabcolsep=2pt\sisetup{per-mode=symbol}",
-        begin,
-        head,
+        rf"\begin{{tabular}}{{@{{}}{'l' * len(rows[0])}@{{}}}}\toprule",
+        lines[0],
         r"\midrule",
-        *body,
+        *lines[1:],
         r"\bottomrule",
     ]
     return "\n".join([*parts, r"\end{tabular}}", ""])

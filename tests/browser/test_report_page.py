@@ -52,7 +52,7 @@ def trials():
         "unread": None,
     }
     for name, of_trial in signals.items():
-        yield trial_view({**ROW, "trial": name}, {}, [], None, pl.DataFrame(), of_trial)
+        yield trial_view({**ROW, "trial": name}, {}, [], None, [], of_trial)
 
 
 def written(folder):

@@ -41,9 +41,8 @@ def worded(*findings):
 
 
 def view(*findings, left_out=None, **changed):
-    checks = pl.DataFrame()
     row = {**ROW, **changed}
-    return trial_view(row, {"impedance": IMPEDANCE}, worded(*findings), left_out, checks, None)
+    return trial_view(row, {"impedance": IMPEDANCE}, worded(*findings), left_out, [], None)
 
 
 def page(*trials, **changed):

@@ -12,13 +12,14 @@ from osl_analysis.figures import marks, style
 from osl_analysis.walking.tables import ENSEMBLE
 
 QUANTITIES = ("K", "B", "I")
-# Fits to the mean response: estimator, column, face and name of a marker
+MEAN, PERTURBATION = "mean of perturbations", "perturbation"  # values of `estimator`
+# Fits to the mean response: estimator, face and name of a marker
 FITS = (
-    ("ensemble", "ensemble", style.PURPLE, "Fit to the mean response, 95 % interval"),
-    ("ensemble, predicted gait", "predicted", style.WHITE, "Minus predicted gait"),
+    (ENSEMBLE, style.PURPLE, "Fit to the mean response, 95 % interval"),
+    ("ensemble, predicted gait", style.WHITE, "Minus predicted gait"),
 )
 NEXT_GROUP = 3  # distance of the middles of two groups, of which each perturbation is within 0.5
-PERTURBATION = style.Look(style.GREY, "o", "One perturbation")
+PERTURBED = style.Look(style.GREY, "o", "One perturbation")
 
 
 def points(
@@ -37,7 +38,7 @@ def points(
     walking : DataFrame
         Fits of single perturbations.
     walking_groups : DataFrame
-        The doubts about each group, its unperturbed crossings and its onset.
+        Each group's unperturbed crossings and its onset.
     walking_responses : DataFrame
         Whose modelled torque shows the fitted window.
     commanded_K : float or None
@@ -46,67 +47,55 @@ def points(
     Returns
     -------
     DataFrame
-        For each group and quantity a row with mean, SD, ensemble and command, then a row per
-        perturbation.
+        The known estimates of each group, with its facts, then a row per perturbation and quantity.
     """
-    keys = ["group", "quantity"]
     group = pl.col("group").cast(pl.String)  # without entries it is a column of numbers
-    estimates = walking_summary.with_columns(group).drop_nulls("mean")
-    vaf = estimates.filter(estimator="ensemble", quantity="VAF").select("group", vaf="mean")
-    estimates = estimates.filter(pl.col("quantity").is_in(QUANTITIES))
-    of_groups = estimates.filter(estimator="mean of perturbations").select(*keys, "n", "mean", "sd")
-    commanded = estimates.filter(estimator="ensemble").select(*keys, "commanded")
-    of_groups = of_groups.join(commanded, on=keys)
-    for estimator, column, *_ in FITS:
-        names_of = {column: "mean", f"{column}_low": "low", f"{column}_high": "high"}
-        of_fit = estimates.filter(estimator=estimator).select(*keys, **names_of)
-        of_groups = of_groups.join(of_fit, on=keys, how="left")
-
-    of_crossings = walking_groups.select(group, "doubtful", "n_unperturbed", "onset_phase")
     fitted = walking_responses.filter(trial=ENSEMBLE).drop_nulls("torque_model")
     span = (pl.col("time").max() - pl.col("time").min()) * pl.len() / (pl.len() - 1)
-    windows = fitted.group_by(group).agg(window_s=span)
-    for of_group in (of_crossings, windows, vaf):
-        of_groups = of_groups.join(of_group, on="group", how="left")
-    groups = of_groups["group"].unique(maintain_order=True)
-    if len(groups) == 1:
+    of_crossings = walking_groups.select(group, "n_unperturbed", "onset_phase")
+    of_windows = fitted.group_by(group).agg(window_s=span)
+    estimates = (
+        walking_summary.with_columns(group).drop_nulls("mean").drop("doubtful", strict=False)
+    )
+    for of_groups in (of_crossings, of_windows):
+        estimates = estimates.join(of_groups, on="group", how="left", maintain_order="left")
+    if estimates["group"].n_unique() == 1:
         of_configuration = pl.when(quantity="K").then(pl.lit(commanded_K, pl.Float64))
-        of_groups = of_groups.with_columns(commanded=pl.coalesce("commanded", of_configuration))
+        estimates = estimates.with_columns(commanded=pl.coalesce("commanded", of_configuration))
 
     is_fitted = pl.all_horizontal(pl.col(QUANTITIES).is_finite())
-    fits = walking.with_columns(group).filter(is_fitted, pl.col("group").is_in(groups.implode()))
-    perturbations = fits.unpivot(
-        QUANTITIES, index=["group", "trial", "doubtful"],
-        variable_name="quantity", value_name="perturbation",
+    fits = walking.with_columns(group, estimator=pl.lit(PERTURBATION)).filter(is_fitted)
+    perturbations = fits.join(estimates, on="group", how="semi").unpivot(
+        QUANTITIES, index=["group", "estimator", "trial", "doubtful"],
+        variable_name="quantity", value_name="mean",
     )  # fmt: skip
-    rows = pl.concat([of_groups, perturbations], how="diagonal_relaxed")
-    order = [pl.col("group").cast(pl.Enum(groups)), pl.col("quantity").cast(pl.Enum(QUANTITIES))]
-    return rows.sort(order, maintain_order=True)
+    return pl.concat([estimates, perturbations], how="diagonal_relaxed")
 
 
 def draw(table: pl.DataFrame) -> style.PaperFigure:
     """(a) K, (b) B, (c) I, side by side, each with all groups."""
-    of_groups = table.filter(pl.col("trial").is_null(), quantity="K")
-    width = style.DOUBLE_COLUMN if len(of_groups) > 1 else style.SINGLE_COLUMN
+    names = table["group"].unique(maintain_order=True)
+    width = style.DOUBLE_COLUMN if len(names) > 1 else style.SINGLE_COLUMN
     figure, axes = style.panels(width, 3, 1, 3)
     for ax, quantity in zip(axes, QUANTITIES, strict=True):
         of_quantity = table.filter(quantity=quantity)
-        span = float(np.ptp(of_quantity["perturbation"].drop_nulls().to_numpy()))
+        span = float(np.ptp(of_quantity.filter(estimator=PERTURBATION)["mean"].to_numpy()))
         for number, rows in enumerate(of_quantity.partition_by("group")):
             draw_group(ax, rows, NEXT_GROUP * number, span)
-        ax.set_xlim(-1, NEXT_GROUP * len(of_groups) - 0.5)
+        ax.set_xlim(-1, NEXT_GROUP * len(names) - 0.5)
         ax.set_xticks([])
         ax.set_ylabel(style.AXIS_LABELS[quantity])
         if quantity == "I" or ax.dataLim.y0 < 0:
             ax.axhline(0, color=style.BLACK, linewidth=0.5, zorder=0)
     axes[-1].yaxis.set_major_formatter(lambda inertia, _: f"{1e3 * inertia:.6g}".replace("-", "−"))
-    texts = [of_response(group) for group in of_groups.to_dicts()]
-    if len(of_groups) > 1:
-        names = [style.drawn_name(name) for name in of_groups["group"]]
+    vaf = table.filter(estimator=ENSEMBLE, quantity="VAF")
+    texts = [of_response(group) for group in vaf.to_dicts()]
+    if len(names) > 1:
+        labels = [style.drawn_name(name) for name in names]
         places = [NEXT_GROUP * number + 0.5 for number in range(len(names))]
         for ax in axes:
-            ax.set_xticks(places, names, rotation=90 if len(names) > 2 else 0)
-        texts = [f"{name}: {text}" for name, text in zip(names, texts, strict=True)]
+            ax.set_xticks(places, labels, rotation=90 if len(names) > 2 else 0)
+        texts = [f"{name}: {text}" for name, text in zip(labels, texts, strict=True)]
     keys = [*marks.labelled(axes[:1]), *marks.open_keys(table)]
     marks.legend_above(figure, keys, "\n".join(texts))
     return figure
@@ -117,28 +106,30 @@ def of_response(group: Mapping[str, Any]) -> str:
     return (
         f"$n$ = {group['n']} perturbed, {group['n_unperturbed']} unperturbed crossings,\n"
         f"onset at {100 * group['onset_phase']:.0f} % of stance,"
-        f" fitted for {1000 * group['window_s']:.0f} ms, VAF {group['vaf']:.2f} %"
+        f" fitted for {1000 * group['window_s']:.0f} ms, VAF {group['mean']:.2f} %"
     )
 
 
 def draw_group(ax: Axes, rows: pl.DataFrame, place: float, span: float) -> None:
     """One quantity of a group around its place: perturbations, their mean, the fits to the mean
     response, and the command. `span` is the range of all perturbations."""
-    fits = rows.drop_nulls("trial")
-    values = fits["perturbation"].to_numpy()
+    fits = rows.filter(estimator=PERTURBATION)
+    values = fits["mean"].to_numpy()
     x = place + marks.swarm_offsets(values, span, 4)
-    marks.draw_fits(ax, fits, x, values, PERTURBATION, areas=0.5)
-    group = rows.row(0, named=True)
+    marks.draw_fits(ax, fits, x, values, PERTURBED, areas=0.5)
+    mean = rows.filter(estimator=MEAN)
     ax.errorbar(
-        place + 1, group["mean"], yerr=group["sd"], fmt="s", color=style.BLACK, label="Mean ± SD"
+        place + 1, mean["mean"], yerr=mean["sd"], fmt="s", color=style.BLACK, label="Mean ± SD"
     )
-    for number, (_, column, face, label) in enumerate(FITS, 3):
-        # an interval of percentiles, which may lie on one side of the estimate
-        beside = place + number / 2
-        ends = [group[f"{column}_low"], group[f"{column}_high"]]
-        ax.plot([beside, beside], ends, color=style.PURPLE, marker="_")
-        ax.plot(beside, group[column], "D", color=style.PURPLE, mfc=face, label=label)
-    if group["commanded"] is not None:
+    for number, (estimator, face, label) in enumerate(FITS, 3):
+        fit = rows.filter(estimator=estimator)
+        if len(fit):
+            # an interval of percentiles, which may lie on one side of the estimate
+            beside = place + number / 2
+            interval = fit.select("low", "high").row(0)
+            ax.plot([beside, beside], interval, color=style.PURPLE, marker="_")
+            ax.plot(beside, fit["mean"], "D", color=style.PURPLE, mfc=face, label=label)
+    command = rows["commanded"].drop_nulls()[:1]
+    if len(command):
         ends = [place - 0.5, place + 2]
-        command = [group["commanded"]] * 2
-        ax.plot(ends, command, "--", color=style.BLACK, zorder=0, label="Commanded")
+        ax.plot(ends, [*command] * 2, "--", color=style.BLACK, zorder=0, label="Commanded")

@@ -20,7 +20,7 @@ PANELS = {
     "response angle": "Isolated angle (deg)",
     "response torque": "Isolated torque (N·m)",
 }
-EACH: dict[str, Any] = {"color": style.GREY, "label": "Each perturbation"}
+EACH: dict[str, Any] = {"color": style.LIGHT_GREY, "label": "Each perturbation"}
 DOUBTFUL: dict[str, Any] = {"color": style.BLACK, "linestyle": ":", "label": "Doubtful fit"}
 SHADED = "#F9DFCD"  # of the fitted window
 HATCHED = "#C4C4C4"  # of the baseline

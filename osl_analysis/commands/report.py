@@ -19,7 +19,7 @@ from osl_analysis.judge.campaign import exclusion_report, findings_in_summary
 from osl_analysis.judge.finding import read_findings
 from osl_analysis.judge.recording_checks import BY_JOB
 from osl_analysis.report import methods
-from osl_analysis.report.numbers import BY_CONDITION, headline_sentences, numbers_in_summary
+from osl_analysis.report.numbers import headline_sentences, numbers_in_summary
 from osl_analysis.report.page import Page, ShownFigure, trial_view, written_page
 from osl_analysis.report.paper_tables import conditions, groups
 from osl_analysis.report.signals import (
@@ -101,9 +101,8 @@ def write_report(
         )
     numbers = numbers_in_summary(content)
     counts = verdicts_sentence(content["verdicts"], content["results_of_clear"])
-    # K and B of each condition stand in its table
-    told = [n for n in numbers if n.says != BY_CONDITION or not content["answer"]]
-    texts = list(filter(None, [content["answer"], *headline_sentences(told)]))
+    sentences = headline_sentences(numbers, by_condition=not content["answer"])
+    texts = list(filter(None, [content["answer"], *sentences]))
     drawn, absent = drawn_figures(figures)
     unstated = read_table(states).cast(pl.String).filter(state="assumed")
     assumed = [f"{name} {value}" for name, value in unstated.select("setting", "value").rows()]

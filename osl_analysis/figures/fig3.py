@@ -11,9 +11,13 @@ from osl_analysis.figures import marks, style
 from osl_analysis.stats.rounding import written
 
 BRANCHES = {"loading": "-", "unloading": "--"}
-TRIAL: dict[str, Any] = {"color": style.LIGHT_GREY, "zorder": 1}
-DOUBTFUL_TRIAL: dict[str, Any] = {"color": style.BLACK, "linestyle": ":"}
-MEAN_LINE: dict[str, Any] = {"color": style.MAGENTA, "linestyle": "--"}
+TRIAL: dict[str, Any] = {"color": style.LIGHT_GREY, "zorder": 1, "label": "Trials"}
+DOUBTFUL_TRIAL: dict[str, Any] = {"color": style.BLACK, "ls": ":", "label": "Doubtful fit"}
+MEAN_LINE: dict[str, Any] = {
+    "color": style.MAGENTA,
+    "linestyle": "--",
+    "label": "Mean slope while loading",
+}
 
 
 def points(curves: pl.DataFrame, table: pl.DataFrame, summary: pl.DataFrame) -> pl.DataFrame:
@@ -54,13 +58,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     for column, (_, part) in enumerate(parts):
         draw_belts(axes[column], part)
         draw_loops(axes[len(parts) + column], part)
-
-    keys = [marks.key("Trials", **TRIAL), marks.key("Mean slope while loading", **MEAN_LINE)]
-    for branch, dash in BRANCHES.items():
-        keys.append(marks.key(branch.capitalize(), color=style.GREY, linestyle=dash))
-    if marks.has_doubtful(table):
-        keys.append(marks.key("Doubtful fit", **DOUBTFUL_TRIAL))
-    marks.legend_above(figure, keys)
+    marks.legend_above(figure, marks.labelled(axes))
     return figure
 
 
@@ -91,8 +89,9 @@ def draw_loops(ax: Axes, part: pl.DataFrame) -> None:
             # without a line from the end of one cycle to the next
             of_branch = trial.select(pl.when(branch=branch).then(deviation))
             (line,) = ax.plot(
-                trial["theta_s_deg"], of_branch, color=style.GREY, linewidth=0.5, linestyle=dash
-            )
+                trial["theta_s_deg"], of_branch, dash,
+                color=style.GREY, linewidth=0.5, label=branch.capitalize(),
+            )  # fmt: skip
             line.set_url(marks.place_in_report(trial["trial"][0]))
     ax.set_xlabel(r"Belt deflection $\theta_s$ (deg)")
     ax.set_ylabel("Torque minus\nmean slope (N·m)")

@@ -8,10 +8,10 @@ by controller, then by the other desired value.
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any
 
 import polars as pl
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 from matplotlib.ticker import ScalarFormatter, SymmetricalLogLocator
 
 from osl_analysis.figures import marks, style
@@ -20,9 +20,6 @@ MOST_IN_COLUMN = 50  # markers side by side, or letters of labels, on the axis o
 OTHER = {"K": "B_d", "B": "K_d"}  # desired value by which trials of one K_d, of one B_d are sorted
 CONDITION = ("joint", "side", "K_d", "B_d")
 STIFFNESS = ("K", "K_low", "K_high", "K_range_low", "K_range_high")
-DESIRED_LINE: dict[str, Any] = {"color": style.BLACK}
-# black, because it may stand on a marker
-VISCOUS_MARK: dict[str, Any] = {"marker": "x", "color": style.BLACK}
 
 
 def points(impedance: pl.DataFrame) -> pl.DataFrame:
@@ -61,11 +58,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
             first.set_xticks([])
         draw_trials(last, "B", damping, most)
 
-    keys = marks.estimate_keys(table, "K")
-    if style.has_values(table, "K_d") or style.has_values(table, "B_d"):
-        keys.append(marks.key("Desired", **DESIRED_LINE))
-    if style.has_values(table, "B_viscous"):
-        keys.append(marks.key("Viscous damping", **VISCOUS_MARK))
+    keys = [*marks.estimate_keys(table, "K"), *marks.labelled(axes, Line2D)]
     marks.legend_above(figure, keys)
     return figure
 
@@ -104,12 +97,14 @@ def draw_trials(ax: Axes, symbol: str, placed: pl.DataFrame, most: float) -> Non
     """One quantity of the trials at their places `x`: estimates with their bars, the viscous
     damping beside the damping, and a black line at each desired value."""
     draw_controllers(ax, placed, symbol, most)
-    if symbol == "B":
-        ax.plot(placed["x"], placed["B_viscous"], linestyle="", zorder=4, **VISCOUS_MARK)
+    if symbol == "B" and style.has_values(placed, "B_viscous"):
+        # black, because it may stand on a marker
+        viscous = placed["B_viscous"]
+        ax.plot(placed["x"], viscous, "x", color=style.BLACK, zorder=4, label="Viscous damping")
     ax.set_ylabel(style.AXIS_LABELS[symbol])
     for group in placed.drop_nulls(f"{symbol}_d").partition_by(f"{symbol}_d"):
-        ends = (group["x"][0] - 1, group["x"][-1] + 1)
-        ax.hlines(group[f"{symbol}_d"][0], *ends, **DESIRED_LINE)
+        ends = [group["x"][0] - 1, group["x"][-1] + 1]
+        ax.plot(ends, group[f"{symbol}_d"][[0, 0]], color=style.BLACK, label="Desired")
     draw_axis(ax, symbol, placed, most)
 
 
@@ -126,7 +121,7 @@ def draw_errors(ax: Axes, placed: pl.DataFrame, most: float) -> None:
     is linear within ±10 % and logarithmic beyond."""
     percent = (pl.col(STIFFNESS) / pl.col("K_d") - 1) * 100
     draw_controllers(ax, placed.filter(pl.col("K_d") > 0).with_columns(percent), "K", most)
-    ax.axhline(0, **DESIRED_LINE)
+    ax.axhline(0, color=style.BLACK)
     ax.set_yscale("symlog", linthresh=10)
     ax.yaxis.set_major_locator(SymmetricalLogLocator(ax.yaxis.get_transform(), (1, 3)))
     ax.yaxis.set_major_formatter(ScalarFormatter())

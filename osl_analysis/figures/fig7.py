@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 
 from osl_analysis.bench.evidence import DesiredImpedance
 from osl_analysis.bench.summaries import PLACE
@@ -20,8 +21,6 @@ from osl_analysis.model.drivetrain import (
 )
 from osl_analysis.model.rendered_impedance import FAITHFUL
 
-DESIRED_LINE: dict[str, Any] = {"color": style.BLACK, "zorder": 1}
-LIMIT_LINE: dict[str, Any] = {"color": style.BLACK, "linestyle": ":"}
 LABELS = {
     "magnitude": "Magnitude (mrad/(N·m))",
     "phase_deg": "Phase (deg)",
@@ -89,11 +88,11 @@ def over_amplitudes(response: pl.DataFrame) -> pl.DataFrame:
     range of their magnitudes, phases, which are counted from that of all, and distances from the
     desired impedance, and with the interval of this distance."""
     keys = ["trial", "frequency_hz"]
+    of_whole = pl.col("phase_deg").filter(scope="all").first().over(keys)
+    apart = (pl.col("phase_deg") - of_whole + 180) % 360 - 180
+    response = response.with_columns(phase_deg=of_whole + apart)
     whole = response.filter(scope="all")
-    of_whole = whole.select(*keys, phase_of_whole="phase_deg")
-    single = response.filter(scope="amplitude").join(of_whole, on=keys)
-    apart = (pl.col("phase_deg") - pl.col("phase_of_whole") + 180) % 360 - 180
-    single = single.with_columns(phase_deg=pl.col("phase_of_whole") + apart)
+    single = response.filter(scope="amplitude")
     doubts = pl.col("doubtful").filter(pl.col("doubtful") != "")
     quantities = pl.col("magnitude", "phase_deg", "Z_error")
     ranges = single.group_by(keys).agg(
@@ -136,13 +135,9 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     for ax, quantity in zip(axes[:: len(parts)], quantities, strict=True):
         ax.set_ylabel(LABELS[quantity])
 
-    keys = marks.estimate_keys(observed, "magnitude")
-    if len(table.filter(curve=DESIRED)):
-        keys.append(marks.key("Desired", **DESIRED_LINE))
+    keys = [*marks.estimate_keys(observed, "magnitude"), *marks.labelled(axes, Line2D)]
     if len(table.filter(curve=LINEAR_MODEL)):
         keys.append(marks.key("Linear model", color=style.GREY, linestyle="--"))
-    if "Z_error" in quantities:
-        keys.append(marks.key(f"{100 * FAITHFUL:g} % from desired", **LIMIT_LINE))
     marks.legend_above(figure, keys)
     return figure
 
@@ -150,7 +145,9 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
 def draw_part(ax: Axes, part: pl.DataFrame, quantity: str) -> None:
     """One quantity of one joint: measured, of linear models, and desired."""
     desired = part.filter(curve=DESIRED)
-    ax.plot(desired["frequency_hz"], desired[quantity], **DESIRED_LINE)
+    if style.has_values(desired, quantity):
+        frequency_hz = desired["frequency_hz"]
+        ax.plot(frequency_hz, desired[quantity], color=style.BLACK, zorder=1, label="Desired")
     for look, model in style.by_controller(part.filter(curve=LINEAR_MODEL)):
         ax.plot(model["frequency_hz"], model[quantity], "--", color=look.colour)
     for look, observed in style.by_controller(part.filter(curve=OBSERVED)):
@@ -161,5 +158,6 @@ def draw_part(ax: Axes, part: pl.DataFrame, quantity: str) -> None:
     elif quantity == "phase_deg":
         ax.axhline(0, color=style.BLACK, linewidth=0.5, zorder=0)
     else:
-        ax.axhline(100 * FAITHFUL, **LIMIT_LINE)
+        limit = 100 * FAITHFUL
+        ax.axhline(limit, color=style.BLACK, ls=":", label=f"{limit:g} % from desired")
         ax.set_ylim(bottom=0)

@@ -112,12 +112,13 @@ def estimate_keys(table: pl.DataFrame, quantity: str) -> list[Line2D]:
     return keys + open_keys(table)
 
 
-def labelled(axes: Sequence[Axes]) -> list[Any]:
-    """What was drawn with a label, the first of each."""
+def labelled(axes: Sequence[Axes], kind: type = object) -> list[Any]:
+    """What of this kind was drawn with a label, the first of each."""
     entries: dict[str, Any] = {}
     for ax in axes:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
-            entries.setdefault(label, handle)
+            if isinstance(handle, kind):
+                entries.setdefault(label, handle)
     return list(entries.values())
 
 

@@ -51,7 +51,6 @@ class Entry:
     reduce: str = "mean"
     says: str = ""
     symbol: str = ""
-    unless: str = ""
     draft: float | None = None
     interval: str = ""
     origin: str = ""
@@ -147,18 +146,13 @@ def headline_numbers(
     beside_draft : bool
         Whether the values of the paper's draft stand beside them.
     """
-    parts_of = {
-        entry.name: parts(entry, tables.get(entry.table, pl.DataFrame())) for entry in ENTRIES
-    }
-    present = {name for name, of_entry in parts_of.items() if of_entry}
     for entry in ENTRIES:
-        says = "" if entry.unless in present else entry.says
         origin = tables.get(entry.origin or entry.table.removesuffix("_summary"), pl.DataFrame())
         estimate = entry.name.rpartition("_")[2]  # ends the names of numbers over trials
         trials = trials_in(counted(origin, [estimate]))
-        for part, keys in parts_of[entry.name]:
+        for part, keys in parts(entry, tables.get(entry.table, pl.DataFrame())):
             if not part["left_out"].all():
-                yield number_of(entry, part, keys, says, beside_draft, trials)
+                yield number_of(entry, part, keys, beside_draft, trials)
 
 
 def parts(entry: Entry, table: pl.DataFrame) -> list[tuple[pl.DataFrame, list[str]]]:
@@ -193,7 +187,6 @@ def number_of(
     entry: Entry,
     rows: pl.DataFrame,
     keys: Sequence[str],
-    says: str,
     beside_draft: bool,
     trials: Sequence[str],
 ) -> Number:
@@ -232,7 +225,7 @@ def number_of(
         draft=entry.draft if beside_draft else None,
         n=n,
         n_doubtful=n_doubtful or int(first.get("n_doubtful") or 0),
-        says=says.format(**{"n": n, **first}),
+        says=entry.says.format(**{"n": n, **first}),
         symbol=entry.symbol,
         subject=", ".join(subject),
         verdict=first.get("verdict"),
@@ -247,9 +240,9 @@ def trials_in(table: pl.DataFrame) -> list[str]:
     return table["trial"].unique(maintain_order=True).to_list() if "trial" in table.columns else []
 
 
-def headline_sentences(numbers: Iterable[Number]) -> Iterator[str]:
+def headline_sentences(numbers: Iterable[Number], by_condition: bool = True) -> Iterator[str]:
     """The sentences that a run ends with, each on alike numbers: K and B of the first conditions,
-    then all others."""
+    unless `by_condition` says that another one tells how near they are, then all others."""
     texts_of: dict[str, list[str]] = {}
     of_conditions: dict[str, list[str]] = {}
     for number in numbers:
@@ -259,8 +252,9 @@ def headline_sentences(numbers: Iterable[Number]) -> Iterator[str]:
             of_conditions.setdefault(condition, []).append(text)
         elif number.says:
             texts_of.setdefault(number.says, []).append(number.in_sentence)
-    conditions = [f"{name}: {', '.join(texts)}" for name, texts in of_conditions.items()]
-    yield from first_of(conditions, CONDITION_LINES)
+    if by_condition:
+        conditions = [f"{name}: {', '.join(texts)}" for name, texts in of_conditions.items()]
+        yield from first_of(conditions, CONDITION_LINES)
     for begin, texts in texts_of.items():
         yield f"{begin} {', '.join(first_of(texts, MOST_IN_SENTENCE))}."
 
@@ -284,18 +278,16 @@ def to_json(about: Mapping[str, str], numbers: Iterable[Number], content: Mappin
     return json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-WORDS = ("Zero", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine", "Point")
-LETTERS = dict(zip("0123456789.", WORDS, strict=True))
-
-
 def macro_name(name: str) -> str:
-    """The letters of a number's name, as LaTeX asks: `B_d 2.5` gives `BDTwoPointFive`. Signs and
-    letters that LaTeX does not take are spelled: `PD+` gives `PDPlusSign`."""
+    """The letters of a number's name, as LaTeX asks: `B_d 2.5` gives `BDTwoPointFive`. Digits and
+    signs are spelled: `PD+` gives `PDPlusSign`."""
+    words = name.replace(".", " point ").replace("_", " ")
     spelled = re.sub(
-        r"[^\w. ]", lambda sign: unicodedata.name(sign[0]).title(), name, flags=re.ASCII
+        r"[^A-Za-z ]",
+        lambda sign: f" {unicodedata.name(sign[0]).title().removeprefix('Digit ')} ",
+        words,
     )
-    words = re.findall(r"[A-Za-z]+|[0-9.]", spelled)
-    return "".join(LETTERS.get(word) or word[0].upper() + word[1:] for word in words)
+    return "".join(word[0].upper() + word[1:] for word in spelled.split())
 
 
 def macros_tex(about: Mapping[str, str], numbers: Iterable[Number], remarks: Iterable[str]) -> str:

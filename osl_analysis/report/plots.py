@@ -3,6 +3,7 @@
 the trial that is open."""
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from bokeh.core.types import ID
@@ -19,26 +20,6 @@ from osl_analysis.report.signals import RESPONSE, SIGNALS
 MEASURED, MODEL, RESIDUAL = "#3f7fbf", "#e06000", "#1a9070"  # seen on light and on dark ground
 GREY = "#7a7a7a"
 TOOLS = "xpan,xbox_zoom,xwheel_zoom,reset"
-# panels without ground of their own, so that light and dark pages show through
-NO_GROUND = dict.fromkeys(("background_fill_color", "border_fill_color", "outline_line_color"))
-OF_AXES = ("axis_label_text", "major_label_text", "axis_line", "major_tick_line")
-STYLES: dict[str, dict[str, Any]] = {
-    "Plot": NO_GROUND,
-    "Toolbar": {"logo": None},
-    "Axis": {
-        **{f"{part}_color": GREY for part in OF_AXES},
-        "minor_tick_line_color": None,
-        "axis_label_text_font_style": "normal",
-    },
-    "Grid": {"grid_line_alpha": 0.3},
-    "Legend": {
-        "background_fill_alpha": 0.0,
-        "border_line_color": None,
-        "label_text_color": GREY,
-        "orientation": "horizontal",
-    },
-}
-THEME = Theme(json={"attrs": STYLES})
 TALL, FLAT = 260, 170  # heights of panels [px]
 
 
@@ -89,7 +70,7 @@ def plots() -> Mapping[str, Any]:
     return json_item(
         column(*panels, sizing_mode="stretch_width"),
         ID("plots"),
-        theme=THEME,
+        theme=Theme(Path(__file__).with_suffix(".yaml")),
     )
 
 

@@ -191,7 +191,7 @@ def brief_lines(summary: Mapping[str, Any]) -> list[str]:
     lines = [
         *textwrap.wrap(summary["answer"], LINE),
         verdicts_sentence(summary["verdicts"], summary["results_of_clear"]),
-        *headline_sentences(numbers),
+        *headline_sentences(numbers, by_condition=not summary["answer"]),
         *findings_lines(findings_in_summary(summary)),
         *changed_lines(summary),
     ]

@@ -24,7 +24,7 @@ from shipped import SETTINGS
 from osl_analysis import memory
 from osl_analysis.cli import main
 from osl_analysis.commands.figure import write_figure
-from osl_analysis.figures import drawn
+from osl_analysis.figures import completed, drawn
 from osl_analysis.memory import limited_memory
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial
@@ -245,13 +245,13 @@ def full_disk():
 
 
 TIMES = [float(k) for k in range(900)]
-TABLE = pl.DataFrame({"time": TIMES, "torque": TIMES, "torque_model": TIMES})
+TABLE = pl.DataFrame({"trial": "a", "time": TIMES, "torque": TIMES, "torque_model": TIMES})
 WRITERS = {
     "csv": write_table,
     "parquet": lambda table, path: write_trial(
         Trial("made", pl.DataFrame({"time": range(9000)}).cast(float)), path
     ),
-    "pdf": lambda table, path: write_figure(drawn("torque", table), [path]),
+    "pdf": lambda table, path: write_figure(drawn("fig4", completed("fig4", table)), [path]),
 }
 
 

@@ -131,18 +131,18 @@ def remarks_on(others: Sequence[str], are_all: bool) -> list[str]:
     return [f"not read, as they are no columns of numbers: {listing(others, 8)}"] if others else []
 
 
-def check_hdf5(path: Path) -> None:
-    """Refuse HDF5 that leads to other files of this machine, or that unpacks to too much, before
-    any of it is read."""
+def check_hdf5(path: Path) -> list[str]:
+    """List the data sets of HDF5, before any of it is read. Raises InputError: it leads to other
+    files of this machine, or unpacks to too much."""
     h5py = optional_module("h5py", "an HDF5 file")
     elsewhere: list[str] = []
-    sizes: list[int] = []
+    sizes: dict[str, int] = {}
 
     def look(name: str, link: Any) -> None:
         item = file[name] if isinstance(link, h5py.HardLink) else None
         is_elsewhere = isinstance(link, h5py.ExternalLink)
         if isinstance(item, h5py.Dataset):
-            sizes.append(item.nbytes)
+            sizes[name] = item.nbytes
             is_elsewhere = bool(item.external or item.is_virtual)
         if is_elsewhere:
             elsewhere.append(name)
@@ -153,7 +153,8 @@ def check_hdf5(path: Path) -> None:
         raise InputError(
             f"{path}: {listing(elsewhere, 5)} is stored in other files; save it in this one"
         )
-    check_unpacked(path, sum(sizes))
+    check_unpacked(path, sum(sizes.values()))
+    return [*sizes]
 
 
 def _numpy_arrays(path: Path) -> dict[str, NDArray[Any]]:
@@ -167,22 +168,16 @@ def _numpy_arrays(path: Path) -> dict[str, NDArray[Any]]:
 
 def _hdf5_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
     """Read the data sets and the attributes of the file, and the units that they state."""
-    check_hdf5(path)
+    names = check_hdf5(path)
     h5py = optional_module("h5py", "an HDF5 file")
-    arrays = {}
     units = {}
-
-    def take(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset):
-            arrays[name] = np.asarray(item[()])
-            for key, value in item.attrs.items():
+    with h5py.File(path, "r") as file:
+        arrays = {name: np.asarray(value) for name, value in file.attrs.items()}
+        for name in names:
+            arrays[name] = np.asarray(file[name][()])
+            for key, value in file[name].attrs.items():
                 if key.casefold() in ("unit", "units"):
                     units[name] = "".join(np.ravel(value).astype(str))
-
-    with h5py.File(path, "r") as file:
-        for name, value in file.attrs.items():
-            arrays[name] = np.asarray(value)
-        file.visititems(take)
     return arrays, units
 
 

@@ -45,12 +45,6 @@ def read(path: Path, source: JsonSource | None) -> Recording:
     lengths = np.array([len(text) for text in texts])
     starts = np.cumsum(lengths + 1) - lengths - 1
     lines = np.flatnonzero([bool(text.strip()) for text in texts])
-    remarks = []
-    end = End.UNKNOWN
-    if texts[-1].strip() and not _is_json(texts[-1]):  # as a killed logger leaves it
-        lines = lines[:-1]
-        end = End.MISSING
-        remarks.append(f"the last line, {len(texts)}, breaks off and was left out")
     topic = Topic("", "json")
     for first in range(0, lines.size, LINES_AT_ONCE):
         part = lines[first : first + LINES_AT_ONCE]
@@ -60,11 +54,16 @@ def read(path: Path, source: JsonSource | None) -> Recording:
         raise InputError(
             f"{topic.reason or 'holds no whole line'}; record it again, or exclude the trial"
         )
+    remarks = []
+    end = End.UNKNOWN
     if topic.lost:
+        skipped = np.delete(lines, places)
         remarks.append(
             f"{topic.lost} of {lines.size} lines cannot be used and were skipped: line"
-            f" {np.delete(lines, places)[0] + 1} is not JSON: {topic.reason}"
+            f" {skipped[0] + 1} is not JSON: {topic.reason}"
         )
+        if skipped[-1] == len(texts) - 1:  # as a killed logger leaves it
+            end = End.MISSING
     rows = Rows(places.size, lines=lines[places] + 1, noun="line")
     parents = dict.fromkeys(field.rpartition(".")[0] for field in topic.types)
     return Recording(

@@ -107,14 +107,11 @@ def read(path: Path, source: OpenSimSource | None) -> Recording:
     for name in table.names:
         units = (unit for form, unit in LIKELY_UNITS.items() if re.search(form, name, re.I))
         likely[name] = next(units, angle)
-    word = "moment" if any("moment" in name for name in table.names) else "torque"
     stems = [name[:-2] for name in table.names if re.search("force.*_vx$", name)]
     moments = [name[:-1] for name in table.names if re.search("(torque|moment).*x$", name)]
-    if len(moments) != len(stems):  # as most files have it
-        moments = [stem.replace("force", word) for stem in stems]
     like_plates = [
         f"{number}: {{force: {stem}v, point: {stem}p, moment: {moment}, corners: UNKNOWN}}"
-        for number, (stem, moment) in enumerate(zip(stems, moments, strict=True), start=1)
+        for number, (stem, moment) in enumerate(zip(stems, moments, strict=False), start=1)
     ]
     question = "these columns are force plates, if you state their corners: plates:"
     recording = replace(

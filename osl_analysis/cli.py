@@ -280,7 +280,7 @@ def results(
 
 
 @main.command(
-    short_help="list what a recording, or a folder of them, holds",
+    short_help="list what a recording holds",
     epilog="Example: osl-analysis inspect unknown.mcap --draft config/sources/mine.yaml",
 )
 @argument("file", type=FILE)
@@ -290,21 +290,16 @@ def results(
 @option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
 def inspect(file: Path, draft_path: Path | None, as_json: bool) -> None:
     """List what a recording holds, an MCAP, C3D, CSV or MATLAB file: rates [Hz], units, gaps,
-    damage. Draft a source file for it.
-
-    Of a folder of recordings, list in short what each holds, or why it is refused."""
+    damage. Draft a source file for it."""
     from osl_analysis.commands import trials as command
     from osl_analysis.draft.draft_source import draft_source
     from osl_analysis.formats import formats_of
 
     if file.is_dir() and not formats_of(file):  # that of a ROS 2 bag is one recording
-        if draft_path is not None:
-            raise click.UsageError(
-                "--draft describes one recording: name its file, or draft all of them by"
-                f" `osl-analysis init CAMPAIGN --from {shlex.quote(str(file))}`"
-            )
-        say(json_text(command.folder_facts(file)) if as_json else command.folder_text(file))
-        return
+        raise click.UsageError(
+            f"{file} is a folder: name a recording, or draft all of them by `osl-analysis init"
+            f" CAMPAIGN --from {shlex.quote(str(file))}`"
+        )
     overview = command.inspect_file(file)
     draft = draft_source(overview, file.name)
     facts = command.overview_facts(overview)

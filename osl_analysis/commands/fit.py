@@ -46,7 +46,6 @@ from osl_analysis.judge.judging import judged, marked
 from osl_analysis.judge.known_findings import known_finding
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import FileOrNone, known_parameters, stated_errors
-from osl_analysis.signals.grid import GapLimits
 from osl_analysis.signals.leaps import find_leaps
 from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.table import read_table, write_table
@@ -104,38 +103,27 @@ def fit_impedance_trial(
 def fitted_record(
     of_joint: Trial, settings: choices.ImpedanceAnalysis, windows: str | None
 ) -> Record:
-    """The record of an impedance trial, without its fixture, that K, B and I are fitted to, and
-    that Fig. 4 shows."""
-    fitted = of_joint
+    """The record of an impedance trial, without its fixture, that K, B and I are fitted to."""
     if windows is not None:
-        fitted, windows = without_broken_ends(of_joint, windows)
-    return record_of_trial(fitted, settings, windows, beside=("theta_m", "current"))
+        cut, shifted_windows = of_joint.cut_to(windows)
+        if is_broken_outside(of_joint, cut, settings.time_base.longest_gap_s):
+            of_joint, windows = cut, shifted_windows
+    return record_of_trial(of_joint, settings, windows, beside=("theta_m", "current"))
 
 
-def without_broken_ends(trial: Trial, windows: str) -> tuple[Trial, str]:
-    """The trial and its windows [s]; cut to them where what lies outside of them is broken."""
-    cut, shifted_windows = trial.cut_to(windows)
-    if is_broken_outside(trial, cut):
-        return cut, shifted_windows
-    return trial, windows
-
-
-def is_broken_outside(trial: Trial, cut: Trial) -> bool:
+def is_broken_outside(trial: Trial, cut: Trial, longest_gap_s: float) -> bool:
     """Whether an angle or the torque leaps, or has a long gap, in a part that was cut off a trial.
     The filters would spread a leap into the windows, an angle that slipped there would look like
     play, and no time base crosses the gap. A sound trial is filtered whole, since a filter needs
     what lies around the windows."""
     first, last = cut.samples["time"][0], cut.samples["time"][-1]
-    for column in ("theta", "theta_m", "torque"):
-        if column in trial.columns:
-            time, values = trial.arrays(column)
-            leaps = find_leaps(time, values)
-            sampled = time[np.isfinite(values)]
-            is_long = np.diff(sampled) > GapLimits().longest_s
-            begins = np.append(leaps, sampled[:-1][is_long])
-            ends = np.append(leaps, sampled[1:][is_long])
-            if ((ends <= first) | (begins >= last)).any():
-                return True
+    for column in {"theta", "theta_m", "torque"} & {*trial.columns}:
+        time, values = trial.arrays(column)
+        sampled = time[np.isfinite(values)]
+        before_gaps = sampled[:-1][np.diff(sampled) > longest_gap_s]
+        broken = np.append(find_leaps(time, values), before_gaps)
+        if ((broken < first) | (broken >= last)).any():
+            return True
     return False
 
 

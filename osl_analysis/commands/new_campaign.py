@@ -174,7 +174,7 @@ def campaign_text(folder: Path, draft: Draft) -> str:
         counts.append(f"{pairs} of them of two files")
     lines.append(f"trials.csv: {', '.join(counts)}")
     refused = [f"not read: {why}" for why in draft.refused]
-    lines += some_of(refused, "that `osl-analysis inspect` of their folder tells")
+    lines += some_of(refused, "of which `osl-analysis inspect` tells more")
     command = f"cd {shlex.quote(str(folder))} && osl-analysis run"
     if not is_ready:
         command = f"edit what is named above; {command} -n says what is left"

@@ -3,7 +3,6 @@
 examined while they are in memory; and what files of any laboratory hold. Texts from files are
 untrusted: they are escaped when they are printed."""
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -158,41 +157,3 @@ def channel_line(channel: RecordedChannel) -> str:
 def short(text: str) -> str:
     """Text of a file for the terminal: printable, and not longer than a line can hold."""
     return shortened(printable(text))
-
-
-def folder_facts(folder: Path) -> dict[str, Any]:
-    """The facts on each recording below a folder, by file, or why it is `refused`. Raises
-    InputError: there is none."""
-    paths = raw_files.recordings_in(folder)
-    if not paths:
-        endings = ", ".join(raw_files.suffixes())
-        raise InputError(f"{folder}: no recordings below it ({endings}); name another folder")
-    facts = {}
-    for path in paths:
-        name = str(path.relative_to(folder))
-        try:
-            facts[name] = overview_facts(inspect_file(path))
-        except InputError as error:
-            facts[name] = {"refused": str(error).replace(f"{path}: ", "")}
-    return facts
-
-
-def folder_text(folder: Path) -> str:
-    """For each recording below a folder, a line with its channels, counted by kind and rate, and
-    one per remark; errors as `folder_facts`."""
-    lines = []
-    for name, facts in folder_facts(folder).items():
-        if "refused" in facts:
-            lines.append(f"{printable(name)}: refused: {facts['refused']}")
-            continue
-        counts = Counter(
-            (short(channel.get("topic", channel["kind"])), channel["rate_hz"])
-            for channel in facts["channels"]
-        )
-        holds = [facts["format"]]
-        for (kind, rate), count in counts.items():
-            at_rate = f" at {rate:.4g} Hz" if rate else ""
-            holds.append(f"{count} x {kind}{at_rate}")
-        lines.append(f"{printable(name)}: {', '.join(holds)}")
-        lines += [f"    ! {printable(remark)}" for remark in facts["remarks"]]
-    return "\n".join(lines)

@@ -340,26 +340,11 @@ class Bench:
         """Record signals of some age with one node: its stamps [s], as `time`, and the channels,
         (n,) each."""
         instants = self.instants(name, node)
-        time = self.drawn["clock_start_s"] + instants
-        if node.decimals.enabled:
-            time = np.round(time, int(node.decimals.size))
-        written = self.written_rows(name, node, len(instants))
         values = self.values_at(signals, np.maximum(instants - age_s, 0.0))
-        log = {"time": time[written]}
+        log = {"time": self.drawn["clock_start_s"] + instants}
         for channel in signals:
-            log[channel] = self.reading(channel, values[channel], instants)[written]
+            log[channel] = self.reading(channel, values[channel], instants)
         return log
-
-    def written_rows(self, name: str, node: NodeSettings, n: int) -> NDArray[np.bool_] | slice:
-        """The rows of n samples that are not lost: these are in slots that leave a sample between
-        two gaps; the first and the last one stay."""
-        if not node.dropped.enabled:
-            return slice(None)
-        slots = self.random(f"{name}.dropped").permutation((n - 2) // 2)
-        lost = slots[: max(round(node.dropped.size * n), 1)]
-        rows = np.ones(n, dtype=bool)
-        rows[1 + 2 * lost] = False
-        return rows
 
     def instants(self, name: str, node: NodeSettings) -> Array:
         """When a node samples, (n,) [s]."""

@@ -31,8 +31,6 @@ from osl_analysis.yaml_settings import (
     require_at_most,
 )
 
-WHOLE = ("update", "decimal")  # units of effects whose size is a whole number
-
 
 class Effect(Settings):
     """One imperfection. (The key is not `on`, which is a truth value in YAML.)"""
@@ -76,7 +74,7 @@ class Switches(Settings):
             raise ValueError(
                 f"its unit must be {' or '.join(map(repr, units))}, not '{value.unit}'"
             )
-        if value.unit in WHOLE and not value.size.is_integer():
+        if value.unit == "update" and not value.size.is_integer():
             raise ValueError(f"its size is {value.size:g}; give a whole number")
         return value
 
@@ -192,9 +190,6 @@ class NodeSettings(Switches):
     phase: Effect = effect("s", off=0)
     # SD of the instants about even ones; the stamps say so
     jitter: Effect = effect("s", off=0)
-    decimals: Effect = effect("decimal", off=0)  # of stamps in s
-    # share of samples that are missing, at drawn places; half of them at most
-    dropped: Effect = effect("1", off=0)
 
 
 class RecorderSettings(Settings):

@@ -9,7 +9,6 @@ import pytest
 import yaml
 from c3d_builder import write_c3d
 from command_line import call
-from conftest import refused_with
 from log_builders import write_text
 from mcap_builder import HEADER, stamped, write_log
 
@@ -150,25 +149,6 @@ def test_names_tell_clocks():
         " time_to_peak times theta t_m"
     )
     assert [is_clock(name) for name in clocks.split()] == [True] * 20 + [False] * 6
-
-
-def test_a_folder_lists_what_each_recording_holds_or_why_it_is_refused(tmp_path):
-    write_c3d(
-        tmp_path / "walk.c3d", np.ones((100, 1, 4)) * [1, 2, 3, 0], rate=100.0, POINT__LABELS=["a"]
-    )
-    (tmp_path / "a\x1b[31m.csv").write_text("a,b\n1,2\n")
-    (tmp_path / "broken.mcap").write_bytes(b"no MCAP file")
-
-    text = module.folder_text(tmp_path)
-
-    assert re.search(r"(?m)^a\\x1b\[31m\.csv: csv.* 2 ", text)
-    assert re.search(r"(?m)^broken\.mcap: ", text)
-    assert re.search(r"(?m)^walk\.c3d: c3d.* 1 .* 100 Hz$", text)
-    as_json = module.folder_facts(tmp_path)
-    (marker,) = as_json["walk.c3d"]["channels"]
-    assert (marker["label"], marker["unit"], marker["rate_hz"]) == ("a", "mm", 100.0)
-    with refused_with(r"none: .*\.\w+, "):
-        module.folder_text(tmp_path / "none")
 
 
 pytestmark = pytest.mark.usefixtures("in_root", "schemas_made_once")

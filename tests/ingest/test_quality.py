@@ -546,5 +546,5 @@ def test_a_long_gap_outside_of_the_windows_is_cut_off_before_the_time_base(windo
 
     cut, shifted = trial.cut_to(windows)
 
-    assert is_broken_outside(trial, cut) == is_outside
+    assert is_broken_outside(trial, cut, 0.5) == is_outside
     assert cut.within(shifted).samples.equals(trial.within(windows).samples)

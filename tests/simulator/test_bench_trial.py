@@ -250,15 +250,6 @@ def test_an_exact_joint_answers_by_eq_15_to_what_the_bench_follows(clean, f, row
     assert -torque / theta == pytest.approx(300 - 0.02 * w**2 + 5j * w, rel=1e-4)
 
 
-@pytest.mark.parametrize("share", [1e-3, 1e-6])
-def test_a_share_of_the_samples_is_dropped_at_least_one(clean, share):
-    expected = max(round(share * len(clean["time"])), 1)
-
-    time = log_of(node(dropped=on(share, "1")))["time"]
-    missing = np.rint(np.diff(time) * RATE).astype(int) - 1
-    assert missing.sum() == expected
-
-
 def test_a_late_load_cell_reads_the_torque_of_two_samples_ago(clean):
     """It rests at both ends."""
     log = log_of({"effects": {"load_cell_delay": on(2e-3, "s")}})

@@ -33,13 +33,7 @@ from osl_analysis.walking.groups import SEPARATOR
 from osl_analysis.walking.isolated_response import UnperturbedGait
 from osl_analysis.walking.plate_inertia import PlateModel
 from osl_analysis.walking.plate_lag import PlateTiming
-from osl_analysis.walking.tables import (
-    GroupConditions,
-    GroupOutcome,
-    check_fit,
-    conditions_of,
-    fitted_time,
-)
+from osl_analysis.walking.tables import conditions_of, result_columns
 
 FEWEST_FITS = 2  # of perturbations, for a scatter
 TOO_FEW = "perturbations can be used, expected 2 or more for a scatter; see the reasons in"
@@ -111,7 +105,7 @@ def summarise_perturbations(
     commanded = commanded_trajectory(trajectory, data)
     files = {path.stem: path for path in crossings}
 
-    outcomes = []
+    of_groups: list[dict[str, Any]] = []
     rows = []
     of_responses = []
     of_budgets = []
@@ -125,31 +119,31 @@ def summarise_perturbations(
             headline = headline_of(of_group, gait, files, settings, model, lags)
         except OslAnalysisError as error:
             advise(f"no result of {group}: {error}")
-            outcome = GroupOutcome(conditions, reason=str(error))
+            row = {**conditions, "reason": str(error)}
             without = {"estimator": result_tables.ENSEMBLE, "n": len(of_group), "mean": None}
-            summary = [{"quantity": name, **without} for name in result_tables.GROUP_QUANTITIES]
+            summary = [{"quantity": name, **without} for name in ("K", "B", "I", "VAF")]
         else:
-            outcome = outcome_of(conditions, headline)
-            summary = result_tables.headline_rows(headline, of_group)
-            of_responses.append(result_tables.response_table(group, headline))
+            row = {**conditions, **result_columns(conditions, headline), "reason": None}
             estimators = result_tables.budgets_of(headline, of_group)
+            summary = result_tables.headline_rows(headline, estimators, of_group)
+            of_responses.append(result_tables.response_table(group, headline))
             of_budgets.append(result_tables.budget_table(group, estimators))
-        outcomes.append(outcome)
+        of_groups.append(row)
         sides = {places[trial]["side"] for trial in trials}
         side = sides.pop() if len(sides) == 1 else None
         places_of[group] = {"joint": JOINT, "side": side}
         cells = sheet[trials[0]] if trials else {}
-        for row in summary:
-            name = f"{row['quantity']}_d"  # K_d, B_d; no I is commanded
+        for each in summary:
+            name = f"{each['quantity']}_d"  # K_d, B_d; no I is commanded
             desired = cells.get(name)
             if desired is None:
-                desired = commanded_value(commanded, name, outcome.fitted_phase)
-            rows.append({"group": group, **row, "commanded": desired})
+                desired = commanded_value(commanded, name, row.get("fitted_phase"))
+            rows.append({"group": group, **each, "commanded": desired})
     if not of_responses:
-        why = "; ".join(f"{o.conditions.group}: {o.reason}" for o in outcomes)
+        why = "; ".join(f"{row['group']}: {row['reason']}" for row in of_groups)
         raise InputError(f"{table}: no result of any group: {why}")
 
-    group_table = pl.DataFrame([outcome.row() for outcome in outcomes], infer_schema_length=None)
+    group_table = pl.DataFrame(of_groups, infer_schema_length=None)
     contributions = pl.concat(of_budgets)
     doubts = judged(group_table, limits, "walking_groups", budget=contributions)
     group_table = marked(group_table, doubts, "walking_groups")
@@ -159,8 +153,8 @@ def summarise_perturbations(
         responses: pl.concat(of_responses),
         budget: contributions,
     }
-    for path, of_groups in tables.items():
-        write_table(with_places(of_groups, places_of, "group"), path, data)
+    for path, frame in tables.items():
+        write_table(with_places(frame, places_of, "group"), path, data)
 
 
 def with_verdicts(rows: Sequence[dict[str, Any]], groups: pl.DataFrame) -> pl.DataFrame:
@@ -194,15 +188,6 @@ def selected_crossings(selection: Path, fits: pl.DataFrame) -> pl.DataFrame:
     reasons = fits.select("trial", of_fit=EXCLUDED)
     in_groups = in_groups.join(reasons, on="trial", how="left", maintain_order="left")
     return in_groups.with_columns(reason=pl.coalesce("reason", "of_fit"))
-
-
-def outcome_of(conditions: GroupConditions, headline: GroupHeadline) -> GroupOutcome:
-    """The phase of stance that the fit of a group reads, and its checks."""
-    phase = None
-    if conditions.onset_phase is not None and conditions.stance_s is not None:
-        phase = conditions.onset_phase + fitted_time(headline) / conditions.stance_s
-    budgets = headline.ensemble.budgets
-    return GroupOutcome(conditions, phase, checks=check_fit(headline), budgets=budgets)
 
 
 def headline_of(

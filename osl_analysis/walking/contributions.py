@@ -56,11 +56,6 @@ class GroupFit:
     response: EnsembleResponse
     budgets: Budgets
 
-    @property
-    def VAF(self) -> float:
-        """[percent]."""
-        return self.response.fit.vaf
-
 
 @dataclass(frozen=True)
 class GroupHeadline:

@@ -320,8 +320,8 @@ def reactions_on_foot(
     middle = passage.corners.mean(axis=0)
     axes = platform.shared_directions([track])[0]
     in_track = slice(rows.start - run.start, rows.stop - run.start)
-    motion, weights = track.measured_motion(axes, middle, in_track)
-    columns = inertial_columns(motion.weighted(weights))
+    motion, weights = track.measured_motion(axes, middle)
+    columns = inertial_columns(motion.weighted(weights)[in_track])
 
     plate = passage.poses["platform"]
     R_transposed = np.swapaxes(plate.rotation, 1, 2)

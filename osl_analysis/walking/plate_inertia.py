@@ -50,25 +50,23 @@ PARAMETERS = 10  # m, mc (x, y, z), I (xx, yy, zz, xy, xz, yz)
 WEIGHT = np.array([0.1] * 3 + [1.0] * 3)
 
 
-class PlateLimits:
-    """When inertia, lag and height of a plate are known."""
-
-    LIGHT = 0.1  # [N*m], weighted wrench of a plate that is too light to show its lag
-    SMALLEST_WRENCH = 0.01  # of a direction, as a share of the largest, for it to be identified
-    LARGEST_NOISE_SHARE = 0.5  # of a direction's power in the columns
-    LARGEST_LAG_S = 0.012
-    LAG_ROUNDS = 4  # of lag and inertia in turn, and of a lag to first order
-    LARGEST_LAG_MISFIT = 0.5  # of the wrench's mean square, for the wrench to follow the motion
-    LARGEST_HEIGHT_SE_M = 0.005  # of a height that is reported
-    CERTAIN_SES = 4.0  # standard errors beyond which a height is certain
-    SMALLEST_HEIGHT_COLUMN = 0.02  # share of its column that no other explains
-    LIGHT_KG = 0.1  # mass below which a centre of mass is not known
-    SPREAD_S = 0.1  # by which the low-pass of the identification spreads a motion
-    # at rest noise gives 0.03 deg; 11 frames at 300 Hz change the lag by 2 ms
-    HIDDEN_TURN_DEG = 0.2
-    SHORTEST_S = 0.4  # of a recording, for the low-pass of the identification
-    END_S = 0.05  # at both ends of a track, whose slopes tell a motion that the recording cuts
-    FEWEST_END_FRAMES = 5
+# When inertia, lag and height of a plate are known.
+LIGHT = 0.1  # [N*m], weighted wrench of a plate that is too light to show its lag
+SMALLEST_WRENCH = 0.01  # of a direction, as a share of the largest, for it to be identified
+LARGEST_NOISE_SHARE = 0.5  # of a direction's power in the columns
+LARGEST_LAG_S = 0.012
+LAG_ROUNDS = 4  # of lag and inertia in turn, and of a lag to first order
+LARGEST_LAG_MISFIT = 0.5  # of the wrench's mean square, for the wrench to follow the motion
+LARGEST_HEIGHT_SE_M = 0.005  # of a height that is reported
+CERTAIN_SES = 4.0  # standard errors beyond which a height is certain
+SMALLEST_HEIGHT_COLUMN = 0.02  # share of its column that no other explains
+LIGHT_KG = 0.1  # mass below which a centre of mass is not known
+SPREAD_S = 0.1  # by which the low-pass of the identification spreads a motion
+# at rest noise gives 0.03 deg; 11 frames at 300 Hz change the lag by 2 ms
+HIDDEN_TURN_DEG = 0.2
+SHORTEST_S = 0.4  # of a recording, for the low-pass of the identification
+END_S = 0.05  # at both ends of a track, whose slopes tell a motion that the recording cuts
+FEWEST_END_FRAMES = 5
 
 
 # Scales of the parameters for a plate of 1 kg whose half is 0.3 m long
@@ -109,7 +107,7 @@ class PlateModel:
         """`height` [m] if it is certain, else 0; None where it is not known."""
         if self.height is None:
             return None
-        is_certain = abs(self.height) > PlateLimits.CERTAIN_SES * (self.height_se or 0.0)
+        is_certain = abs(self.height) > CERTAIN_SES * (self.height_se or 0.0)
         return self.height * is_certain
 
     @property
@@ -171,7 +169,7 @@ def identify_plate_model(
 
     motions = unloaded_motions(usable)
     model = plate_model(motions)
-    for _ in range(PlateLimits.LAG_ROUNDS):
+    for _ in range(LAG_ROUNDS):
         turns = [turn for motion in motions for turn in unloaded_turns(motion, model)]
         model = plate_model(motions, turns)
     shown = [motion.shown(model.lag or 0.0) for motion in motions]
@@ -256,7 +254,7 @@ class UnloadedRecording:
         motion, weights = track.measured_motion(axes, self.centre)
         noisy_columns = self.smooth(inertial_columns(motion))
         still_columns = self.smooth(inertial_columns(motion.weighted(weights)))
-        spread = round(PlateLimits.SPREAD_S * track.rate)
+        spread = round(SPREAD_S * track.rate)
         moves = scipy.ndimage.binary_dilation(weights > 0, iterations=spread)
         at_rest = ~moves
         at_rest[:spread] = at_rest[-spread:] = False  # where a low-pass passes more noise
@@ -327,7 +325,7 @@ def whole_recording(
     cut before any filter; None if it is too short."""
     rows = longest_run(usable)
     for _ in range(2):  # as it is, and without half motions
-        if rows.stop - rows.start < PlateLimits.SHORTEST_S * sampling_rate(frames):
+        if rows.stop - rows.start < SHORTEST_S * sampling_rate(frames):
             return None
         track = platform.platform_track(
             trial.name, frames[rows], poses[rows], calibration, settings
@@ -350,7 +348,7 @@ def hides_a_motion(frames: Array, poses: Poses, settings: PlateModelSettings) ->
     for gap in runs(poses.bridged):
         moved = abs(turn[gap.stop] - turn[gap.start - 1])
         is_long = rigid.gap_duration(frames, gap) > settings.longest_fitted_gap_s
-        if is_long and moved > np.deg2rad(PlateLimits.HIDDEN_TURN_DEG):
+        if is_long and moved > np.deg2rad(HIDDEN_TURN_DEG):
             return True
     return False
 
@@ -362,17 +360,17 @@ def whole_motions(track: platform.PlatformTrack) -> slice:
     milliseconds, the plate's mass by a tenth.
     """
     n = len(track.time)
-    count = max(round(PlateLimits.END_S * track.rate), PlateLimits.FEWEST_END_FRAMES)
+    count = max(round(END_S * track.rate), FEWEST_END_FRAMES)
     moves = track.moving.copy()
     for end in (slice(0, count), slice(n - count, n)):
         since = track.time[end] - track.time[end].mean()
         slopes = since @ track.measured[end] / (since @ since)
         moved = np.abs(slopes).max() * np.sqrt(since @ since)
-        moves[end] |= moved > platform.MotionLimits.STILL * track.noise
+        moves[end] |= moved > platform.STILL * track.noise
     rests = [
         run
         for run in runs(track.gate(moves) == 0)
-        if run.stop - run.start >= platform.MotionLimits.FEWEST_FRAMES
+        if run.stop - run.start >= platform.FEWEST_FRAMES
     ]
     if not rests:
         rests = [slice(0, 0)]
@@ -502,16 +500,16 @@ def excited_directions(squares: Array, noise: Array, within: Array) -> Array:
     """
     basis = np.linalg.qr(within / TYPICAL_PLATE)[0] * TYPICAL_PLATE
     power, vectors = np.linalg.eigh(basis.T @ squares @ basis)
-    basis = basis @ vectors[:, power > PlateLimits.SMALLEST_WRENCH**2 * power[-1]]
+    basis = basis @ vectors[:, power > SMALLEST_WRENCH**2 * power[-1]]
 
     share, vectors = scipy.linalg.eigh(basis.T @ noise @ basis, basis.T @ squares @ basis)
-    if share[0] > PlateLimits.LARGEST_NOISE_SHARE:
+    if share[0] > LARGEST_NOISE_SHARE:
         raise IdentifiabilityError(
             f"marker noise is {share[0]:.0%} of what moves the unloaded plate in the direction that"
             " shows it best, expected 50% or less; record larger or faster motions of the unloaded"
             " plate"
         )
-    return basis @ vectors[:, share <= PlateLimits.LARGEST_NOISE_SHARE]
+    return basis @ vectors[:, share <= LARGEST_NOISE_SHARE]
 
 
 def stacked_columns(columns: Array) -> Array:
@@ -536,11 +534,11 @@ def unloaded_turns(motion: UnloadedMotion, model: PlateModel) -> list[TurnLag]:
         The wrench does not follow the motion.
     """
     turns = turn_lags(motion, model, resting_noise(motion, model))
-    if turns is None or abs(mean_lag(turns) or 0.0) > PlateLimits.LARGEST_LAG_S:
+    if turns is None or abs(mean_lag(turns) or 0.0) > LARGEST_LAG_S:
         late = f", but comes {1e3 * (mean_lag(turns) or 0.0):.0f} ms later" if turns else ""
         raise InputError(
             f"trial {motion.name}: the unloaded plate's wrench does not follow its motion within"
-            f" {PlateLimits.LARGEST_LAG_S * 1e3:g} ms{late}; name the plate that moves under"
+            f" {LARGEST_LAG_S * 1e3:g} ms{late}; name the plate that moves under"
             " `walking.plate`, synchronise the recorders, or check markers, channels and low-passes"
             " of the amplifier",
             trial=motion.name,
@@ -570,15 +568,15 @@ def turn_lags(motion: UnloadedMotion, model: PlateModel, noise: Array) -> list[T
     turns = []
     for rows in runs(motion.moves):
         expected = without_mean(motion.columns[rows] @ model.parameters) * WEIGHT
-        if column_rms(expected) @ column_rms(expected) < PlateLimits.LIGHT**2:
+        if column_rms(expected) @ column_rms(expected) < LIGHT**2:
             continue
         by_lag = without_mean(-np.gradient(expected, 1 / rate, axis=0))
         square = np.sum(by_lag**2)
         lag = model.lag or 0.0
-        for _ in range(PlateLimits.LAG_ROUNDS):
+        for _ in range(LAG_ROUNDS):
             wrench = without_mean(motion.wrench_at(lag)[rows]) * WEIGHT
             lag += np.sum(by_lag * (wrench - expected)) / square
-        if np.sum((wrench - expected) ** 2) > PlateLimits.LARGEST_LAG_MISFIT * np.sum(wrench**2):
+        if np.sum((wrench - expected) ** 2) > LARGEST_LAG_MISFIT * np.sum(wrench**2):
             return None
 
         n = 2 * (len(noise) + len(by_lag))  # padded, so that nothing wraps
@@ -612,7 +610,7 @@ def with_height(model: PlateModel, recordings: Sequence[Shown]) -> PlateModel:
     se = np.sqrt((count - 1) * np.var(without_each))
     return replace(
         model,
-        height=height if se < PlateLimits.LARGEST_HEIGHT_SE_M else None,
+        height=height if se < LARGEST_HEIGHT_SE_M else None,
         height_se=se if np.isfinite(se) else None,
     )
 
@@ -643,10 +641,7 @@ def moments_below(directions: Array, recordings: Sequence[Shown]) -> float:
     vertical = X[:, -1]
     unexplained = vertical - other_columns @ np.linalg.lstsq(other_columns, vertical, rcond=1e-4)[0]
     mass = directions[0] @ estimates[: directions.shape[1]]
-    if (
-        mass > PlateLimits.LIGHT_KG
-        and np.linalg.norm(unexplained) > PlateLimits.SMALLEST_HEIGHT_COLUMN
-    ):
+    if mass > LIGHT_KG and np.linalg.norm(unexplained) > SMALLEST_HEIGHT_COLUMN:
         return float(estimates[-1] / mass)
     return np.nan
 

@@ -33,13 +33,11 @@ from osl_analysis.walking.walking_settings import CrossingSettings
 Turns = Mapping[str, Sequence[TurnLag]]  # of crossings, by trial
 
 
-class LagLimits:
-    """When a lag of the crossings replaces that of the unloaded plate."""
-
-    SPARE_S = 0.03  # from a stance to the frames in which nobody stands on the plate
-    CERTAIN_SES = 3.0  # standard errors beyond which two lags differ
-    LARGEST_MASS_KG = 1.0  # of a plate that is light or compensates its own inertia
-    LEAST_SE_S = 1e-6  # of a lag: rounding
+# When a lag of the crossings replaces that of the unloaded plate.
+SPARE_S = 0.03  # from a stance to the frames in which nobody stands on the plate
+CERTAIN_SES = 3.0  # standard errors beyond which two lags differ
+LARGEST_MASS_KG = 1.0  # of a plate that is light or compensates its own inertia
+LEAST_SE_S = 1e-6  # of a lag: rounding
 
 
 @dataclass(frozen=True)
@@ -104,8 +102,8 @@ def parts_without_load(
     found = [
         whole_recording(trial, calibration, frames, poses, poses.seen() & free, settings)
         for free in (
-            frames < stance.heel_strike - LagLimits.SPARE_S,
-            frames > stance.toe_off + LagLimits.SPARE_S,
+            frames < stance.heel_strike - SPARE_S,
+            frames > stance.toe_off + SPARE_S,
         )
     ]
     parts = [part for part in found if part is not None]
@@ -135,10 +133,10 @@ def check_no_mass(parts: Sequence[UnloadedMotion]) -> None:
             product += np.sum(acceleration * without_mean(part.wrench_at(0.0)[part.moves, :3]))
             square += np.sum(acceleration**2)
     mass = product / square if square else 0.0
-    if mass > LagLimits.LARGEST_MASS_KG:
+    if mass > LARGEST_MASS_KG:
         raise InputError(
             f"the unloaded plate's force follows its acceleration with {mass:.1f} kg, expected"
-            f" {LagLimits.LARGEST_MASS_KG:g} kg or less with `walking.plate_inertia: none`; record"
+            f" {LARGEST_MASS_KG:g} kg or less with `walking.plate_inertia: none`; record"
             " the platform turning unloaded (`plate`), and state `plate_inertia: identified`"
         )
 
@@ -151,7 +149,7 @@ def weighted_fit(X: Array, y: Array, weights: Array) -> tuple[Array, Array]:
 
 def certain_part(estimates: Array, covariance: Array) -> Array:
     """What is left of estimates (p,) without `CERTAIN_SES` standard errors; 0 within them."""
-    least = np.abs(estimates) - LagLimits.CERTAIN_SES * np.sqrt(np.diag(covariance))
+    least = np.abs(estimates) - CERTAIN_SES * np.sqrt(np.diag(covariance))
     return np.sign(estimates) * np.maximum(least, 0.0)
 
 
@@ -170,7 +168,7 @@ def plate_timing(model: PlateModel, crossings: Turns, onsets: Mapping[str, float
         return PlateTiming(dict(onsets), {})
     is_crossing = np.arange(len(turns)) >= len(model.turns)
     time, lag, se = np.transpose([(turn.time, turn.lag, turn.se) for turn in turns])
-    se = np.hypot(se, LagLimits.LEAST_SE_S)
+    se = np.hypot(se, LEAST_SE_S)
     usual = scatter_beyond_noise(lag[~is_crossing], se[~is_crossing]) or 0.0
     middle = np.average(time, weights=1 / se**2)
     X = np.column_stack([np.ones_like(time), is_crossing, time - middle])

@@ -26,19 +26,15 @@ from osl_analysis.walking import poses as rigid
 from osl_analysis.walking.poses import BodyMotion, Mask, Poses, StaticCalibration
 from osl_analysis.walking.walking_settings import PlatformSettings
 
-
-class MotionLimits:
-    """Of the platform's motion in one trial."""
-
-    FEWEST_FRAMES = 10  # for a position at rest
-    # speed over its noise above which a platform moves; at rest, 1 frame in 10^7 is above
-    STILL = 7.0
-    SPREAD_AT_20_HZ_S = 0.025  # by which a low-pass of 20 Hz widens a motion
-    LEAST_NOISE_M = 2e-7  # of a marker: single precision at 1 m
-    EDGE_FRAMES = 60  # that a quintic spline needs beside the frames in which it is differentiated
-    SHORTEST_LINE_S = 0.015  # gap that is a straight line: a cubic would turn noise into a motion
-    LINE_FRAMES = 4  # on either side of such a gap
-    MARGIN_OVER_NOISE = 1.3  # of a direction's mean square over the largest that noise would show
+# Of the platform's motion in one trial.
+FEWEST_FRAMES = 10  # for a position at rest
+# speed over its noise above which a platform moves; at rest, 1 frame in 10^7 is above
+STILL = 7.0
+SPREAD_AT_20_HZ_S = 0.025  # by which a low-pass of 20 Hz widens a motion
+LEAST_NOISE_M = 2e-7  # of a marker: single precision at 1 m
+SHORTEST_LINE_S = 0.015  # gap that is a straight line: a cubic would turn noise into a motion
+LINE_FRAMES = 4  # on either side of such a gap
+MARGIN_OVER_NOISE = 1.3  # of a direction's mean square over the largest that noise would show
 
 
 MAD_TO_SD = 1.4826  # from the median absolute deviation to the standard deviation of normal noise
@@ -106,7 +102,7 @@ class PlatformTrack:
     @property
     def spread(self) -> float:
         """Time [s] by which the low-pass widens a motion."""
-        return MotionLimits.SPREAD_AT_20_HZ_S * 20.0 / self.low_pass.cutoff_hz
+        return SPREAD_AT_20_HZ_S * 20.0 / self.low_pass.cutoff_hz
 
     @cached_property
     def filtered(self) -> Array:
@@ -127,7 +123,7 @@ class PlatformTrack:
         inside = (self.time > first) & (self.time < last)
         speed = np.linalg.norm(self.velocity @ axes.T, axis=1)
         noise = self.noise * np.sqrt(noise_gain(self.low_pass, self.rate, 1))
-        return inside & (speed > MotionLimits.STILL * noise)
+        return inside & (speed > STILL * noise)
 
     @cached_property
     def moving(self) -> Mask:
@@ -151,13 +147,11 @@ class PlatformTrack:
         """Coordinates (6,) [m] at rest: their mean while it rests before its fastest motion."""
         fastest = self.time[np.argmax(np.linalg.norm(self.velocity, axis=1))]
         before = (self.gate(self.moving) == 0) & (self.time < fastest)
-        if before.sum() < MotionLimits.FEWEST_FRAMES:
+        if before.sum() < FEWEST_FRAMES:
             before = self.time <= self.time[0] + self.spread
         return self.measured[before].mean(axis=0)
 
-    def measured_motion(
-        self, axes: Array, centre: Array, rows: slice = slice(None)
-    ) -> tuple[BodyMotion, Array]:
+    def measured_motion(self, axes: Array, centre: Array) -> tuple[BodyMotion, Array]:
         """Differentiate the measured motion, along some directions, of a point of the platform.
 
         Markers at these poses pass the low-pass, as the wrench does.
@@ -168,8 +162,6 @@ class PlatformTrack:
             Directions (r, 6).
         centre : Array
             Where the point rests (3,) [m].
-        rows : slice
-            The frames of the result.
 
         Returns
         -------
@@ -184,12 +176,8 @@ class PlatformTrack:
         turned = (self.reference - origin) @ R_transposed
         markers = self.low_pass(turned + (pose.translation + origin)[:, None], self.rate)
 
-        first, last, _ = rows.indices(len(self.time))
-        start = max(first - MotionLimits.EDGE_FRAMES, 0)
-        stop = min(last + MotionLimits.EDGE_FRAMES, len(self.time))
-        poses = rigid.cluster_poses(self.reference, markers[start:stop])
-        motion = rigid.body_motion(self.time[start:stop], poses, centre)
-        return motion[first - start : last - start], self.gate(self.moves(axes))[rows]
+        poses = rigid.cluster_poses(self.reference, markers)
+        return rigid.body_motion(self.time, poses, centre), self.gate(self.moves(axes))
 
 
 def platform_track(
@@ -216,10 +204,10 @@ def platform_track(
 
     straight = measured.copy()
     for gap in runs(poses.bridged):
-        if (gap.stop - gap.start) / rate < MotionLimits.SHORTEST_LINE_S:
+        if (gap.stop - gap.start) / rate < SHORTEST_LINE_S:
             continue
-        before = np.r_[max(gap.start - MotionLimits.LINE_FRAMES, 0) : gap.start]
-        after = np.r_[gap.stop : min(gap.stop + MotionLimits.LINE_FRAMES, len(time))]
+        before = np.r_[max(gap.start - LINE_FRAMES, 0) : gap.start]
+        after = np.r_[gap.stop : min(gap.stop + LINE_FRAMES, len(time))]
         before = before[~poses.bridged[before]]
         after = after[~poses.bridged[after]]
         share = (np.arange(gap.start, gap.stop) - before.mean()) / (after.mean() - before.mean())
@@ -229,7 +217,7 @@ def platform_track(
 
     second = np.diff(straight[~poses.bridged], n=2, axis=0)
     noise = MAD_TO_SD * np.median(np.abs(second)) / np.sqrt(6.0) if second.size else 0.0
-    noise = max(noise, MotionLimits.LEAST_NOISE_M)
+    noise = max(noise, LEAST_NOISE_M)
     track = PlatformTrack(trial, time, reference, straight, settings.low_pass, noise)
     step = round(2 * track.spread * rate)  # speeds so far apart hardly share noise
     bends = (
@@ -275,7 +263,7 @@ def moving_directions(tracks: Sequence[PlatformTrack]) -> Array:
     independent_rows = max(len(moved) * gain, 1.0)
     noise_square = np.mean([track.noise**2 for track in tracks])
     largest_of_noise = noise_square * gain * (1 + np.sqrt(6 / independent_rows)) ** 2
-    exceeding = np.sum(size**2 / len(moved) > MotionLimits.MARGIN_OVER_NOISE * largest_of_noise)
+    exceeding = np.sum(size**2 / len(moved) > MARGIN_OVER_NOISE * largest_of_noise)
     return axes[: max(exceeding, 1)]
 
 
@@ -284,20 +272,18 @@ SINCE_MIDDLE = np.arange(-0.15, 0.1 + STEP_S / 2, STEP_S)  # [s] from the middle
 AT_REST = SINCE_MIDDLE < -0.1
 
 
-class RampLimits:
-    """Of the mean ramp and its start."""
-
-    LEAST_REST_S = 0.2  # that is recorded before the turn
-    ROUNDS = 6  # of mean and alignment in turn; four reduce an error of 5 ms to 1e-5 s
-    LARGEST_MISFIT = 3.0  # of a ramp over its noise at rest; sound ones reach 2.4
-    LEAST_MISFIT = 0.002  # of a height, that lines between frames leave of an exact ramp
-    LEAST_NOISE = 1e-6  # of a mean ramp, as a share of its height
-    USUAL_STEP = 3  # minimum jerk
-    STEPS = (USUAL_STEP, 1, 2, 4)
-    FAR_MORE_LIKELY = 30.0  # decrease of chi-square for which another step replaces the usual one
-    PLATEAU = 0.95  # of the largest turn, above which the ramp has ended
-    FITTED_RISE = 0.7  # of the height, that the step is fitted to; the end may overshoot
-    SHARE_OF_RISE = 0.3  # of the duration of a smooth step: from 10 to 50 % of its height
+# Of the mean ramp and its start.
+LEAST_REST_S = 0.2  # that is recorded before the turn
+ROUNDS = 6  # of mean and alignment in turn; four reduce an error of 5 ms to 1e-5 s
+LARGEST_MISFIT = 3.0  # of a ramp over its noise at rest; sound ones reach 2.4
+LEAST_MISFIT = 0.002  # of a height, that lines between frames leave of an exact ramp
+LEAST_NOISE = 1e-6  # of a mean ramp, as a share of its height
+USUAL_STEP = 3  # minimum jerk
+STEPS = (USUAL_STEP, 1, 2, 4)
+FAR_MORE_LIKELY = 30.0  # decrease of chi-square for which another step replaces the usual one
+PLATEAU = 0.95  # of the largest turn, above which the ramp has ended
+FITTED_RISE = 0.7  # of the height, that the step is fitted to; the end may overshoot
+SHARE_OF_RISE = 0.3  # of the duration of a smooth step: from 10 to 50 % of its height
 
 
 @dataclass(frozen=True)
@@ -329,9 +315,9 @@ def ramp_of(time: Array, platform: Poses, smallest_turn: float) -> Ramp | None:
     above = np.flatnonzero(angle > smallest_turn)
     if not len(above):
         return None
-    if time[above[0]] - time[0] < RampLimits.LEAST_REST_S:
+    if time[above[0]] - time[0] < LEAST_REST_S:
         raise InputError(
-            f"the platform turns at {time[above[0]]:.3f} s, within {RampLimits.LEAST_REST_S:g} s of"
+            f"the platform turns at {time[above[0]]:.3f} s, within {LEAST_REST_S:g} s of"
             " the recording's start; start to record earlier, or exclude the trial"
         )
     return Ramp(time, angle)
@@ -372,7 +358,7 @@ def align(ramps: list[Ramp]) -> tuple[Array, float, Mask]:
     middles = np.array([ramp.middle for ramp in ramps])
     heights = np.array([ramp.angle.max() for ramp in ramps])
     follows = np.ones(len(ramps), dtype=bool)
-    for _ in range(RampLimits.ROUNDS):
+    for _ in range(ROUNDS):
         angles = np.array(
             [
                 np.interp(middle + SINCE_MIDDLE, ramp.time, ramp.angle)
@@ -389,12 +375,12 @@ def align(ramps: list[Ramp]) -> tuple[Array, float, Mask]:
         heights = estimates[0]
         middles = middles - estimates[1] / heights
 
-        noise = np.maximum(angles[:, AT_REST].std(axis=1), RampLimits.LEAST_MISFIT * heights)
+        noise = np.maximum(angles[:, AT_REST].std(axis=1), LEAST_MISFIT * heights)
         misfit = np.sqrt(np.mean((angles - (X @ estimates).T) ** 2, axis=1)) / noise
         # The better half is always in the mean
-        follows = misfit <= max(RampLimits.LARGEST_MISFIT, np.median(misfit))
+        follows = misfit <= max(LARGEST_MISFIT, np.median(misfit))
     start, se = start_of_rise(SINCE_MIDDLE, mean)
-    return middles + start, se, misfit <= RampLimits.LARGEST_MISFIT
+    return middles + start, se, misfit <= LARGEST_MISFIT
 
 
 def start_of_rise(time: Array, ramp: Array) -> tuple[float, float]:
@@ -406,10 +392,10 @@ def start_of_rise(time: Array, ramp: Array) -> tuple[float, float]:
     minimum jerk for 3, degree seven for 4. Minimum jerk is taken unless another is far more likely:
     starts of two steps that fit equally well differ by 6 to 10 % of the rise.
     """
-    height = ramp[ramp > RampLimits.PLATEAU * ramp.max()].mean()
-    noise = max(ramp[AT_REST].std(), RampLimits.LEAST_NOISE * height)
-    tenth, half, end = (np.argmax(ramp >= s * height) for s in (0.1, 0.5, RampLimits.FITTED_RISE))
-    duration = max(time[half] - time[tenth], STEP_S) / RampLimits.SHARE_OF_RISE
+    height = ramp[ramp > PLATEAU * ramp.max()].mean()
+    noise = max(ramp[AT_REST].std(), LEAST_NOISE * height)
+    tenth, half, end = (np.argmax(ramp >= s * height) for s in (0.1, 0.5, FITTED_RISE))
+    duration = max(time[half] - time[tenth], STEP_S) / SHARE_OF_RISE
     guess = [time[half] - duration / 2, duration]
 
     def residuals(step: Array, p: int) -> Array:
@@ -420,13 +406,11 @@ def start_of_rise(time: Array, ramp: Array) -> tuple[float, float]:
     least_squares: Any = scipy.optimize.least_squares
     fits = {
         p: least_squares(residuals, guess, args=(p,), x_scale=[0.01, 0.05], diff_step=1e-4)
-        for p in RampLimits.STEPS
+        for p in STEPS
     }
     best = min(fits, key=lambda p: fits[p].cost)
-    is_certain = (
-        2 * (fits[RampLimits.USUAL_STEP].cost - fits[best].cost) > RampLimits.FAR_MORE_LIKELY
-    )
-    start = fits[best if is_certain else RampLimits.USUAL_STEP].x[0]
+    is_certain = 2 * (fits[USUAL_STEP].cost - fits[best].cost) > FAR_MORE_LIKELY
+    start = fits[best if is_certain else USUAL_STEP].x[0]
     likelihoods = [np.exp(fits[best].cost - fit.cost) for fit in fits.values()]
     squares = [(fit.x[0] - start) ** 2 for fit in fits.values()]
     of_noise = np.linalg.inv(fits[best].jac.T @ fits[best].jac)[0, 0]

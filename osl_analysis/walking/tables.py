@@ -9,7 +9,6 @@ count, however regular the gait.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -56,36 +55,30 @@ def unexplained_rms(columns: Array, torques: Array) -> float:
     return rms(torques - explained)
 
 
-@dataclass(frozen=True)
-class FitChecks:
-    """How the fit to the mean response agrees with single fits and with ordinary gait."""
-
-    coherence: float  # 1 for equal responses, 0 if they cancel
-    VAF: float
-    residual_over_gait: float | None
-    offset_share: float | None
-    stance_change: float
-    pace_change: float
-
-
-def check_fit(headline: GroupHeadline) -> FitChecks:
-    """Compare the fit to the mean response with single fits and with ordinary gait."""
+def result_columns(conditions: Mapping[str, Any], headline: GroupHeadline) -> dict[str, Any]:
+    """The estimates of a group, at which phase of stance the fit reads them, and how it agrees with
+    single fits and with ordinary gait: columns of `walking_groups.csv` beside its `conditions`."""
     responses = headline.responses
     mean = headline.ensemble.response
-    K = headline.ensemble.budgets["K"]
-    of_offset = sum(each.standard or 0.0 for each in K.of_source("offset"))
-    return FitChecks(
-        coherence=coherence_of(responses),
-        VAF=mean.fit.vaf,
-        residual_over_gait=residual_over_gait(
+    budgets = headline.ensemble.budgets
+    K = budgets["K"].value
+    of_offset = sum(each.standard or 0.0 for each in budgets["K"].of_source("offset"))
+    estimates: dict[str, Any] = {}
+    for name, budget in budgets.items():
+        estimates.update(budget.columns(name))
+    return {
+        "fitted_phase": conditions["onset_phase"] + fitted_time(headline) / conditions["stance_s"],
+        **estimates,
+        "coherence": coherence_of(responses),
+        "VAF": mean.fit.vaf,
+        "residual_over_gait": residual_over_gait(
             mean.motion[mean.window],
             mean.torque[mean.window],
             mean_gait_torque(responses, mean.fit),
         ),
-        offset_share=2 * of_offset / abs(K.value) if K.value else None,
-        stance_change=float(np.mean([response.stance_change for response in responses])),
-        pace_change=float(np.mean([response.pace_change for response in responses])),
-    )
+        "offset_share": 2 * of_offset / abs(K) if K else None,
+        "pace_change": np.mean([response.pace_change for response in responses]),
+    }
 
 
 def coherence_of(responses: Sequence[PerturbationResponse]) -> float:
@@ -104,61 +97,14 @@ def coherence_of(responses: Sequence[PerturbationResponse]) -> float:
     return of_mean / float(np.sqrt(of_singles))
 
 
-@dataclass(frozen=True)
-class GroupConditions:
-    """What is known of a group before any fit; None where it is not."""
-
-    group: str
-    n: int  # number of perturbed crossings that are used
-    n_unperturbed: int
-    stance_s: float | None  # of the unperturbed ones
-    unperturbed_stance_sd: float | None  # as a share
-    onset_phase: float | None
-    onset_phase_sd: float | None
-    left_out_share: float | None  # of perturbed or unperturbed crossings, whichever is more
-    # What stands most otherwise in the crossings than in the static trial, and by how much
-    different: str | None
-    different_mm: float | None
-    # Means of the perturbed crossings
-    pressure_outside_m: float | None
-    marker_noise_ratio: float | None
-    foot_residual_ratio: float | None
-    turn_share: float | None
-    plate_height_m: float | None
-    plate_mass_kg: float | None
-    plate_lag_s: float | None  # mean of the perturbed crossings
-    plate_lag_sd_s: float | None
-    plate_lag_change_s: float | None
-    plate_drift: float | None
-
-
-@dataclass(frozen=True)
-class GroupOutcome:
-    """A row of `walking_groups.csv`."""
-
-    conditions: GroupConditions
-    fitted_phase: float | None = None  # of stance, that the fit reads
-    reason: str | None = None  # why there is no result
-    checks: FitChecks | None = None
-    budgets: Budgets = field(default_factory=dict)  # of the fit to the mean response
-
-    def row(self) -> dict[str, Any]:
-        row = {**asdict(self.conditions), "fitted_phase": self.fitted_phase}
-        for name, budget in self.budgets.items():
-            row.update(budget.columns(name))
-        if self.checks is not None:
-            row.update(asdict(self.checks))
-        return {**row, "reason": self.reason}
-
-
 def conditions_of(
     group: str,
     selection: pl.DataFrame,
     gait: UnperturbedGait | None,
     plate: PlateModel,
     timing: PlateTiming,
-) -> GroupConditions:
-    """Gather the conditions of a group.
+) -> dict[str, Any]:
+    """Gather what is known of a group before any fit: columns of `walking_groups.csv`.
 
     Parameters
     ----------
@@ -176,35 +122,30 @@ def conditions_of(
         .group_by("perturbed")
         .agg(pl.col("reason").count() / pl.len())
     )
-    phases = used["onset_phase"].cast(pl.Float64).to_numpy()
-    stances = gait.stance if gait is not None else np.zeros(0)
-    stance = onset_phase = stance_sd = None
-    if len(stances):
-        stance = float(np.mean(stances))
-        stance_sd = float(np.std(stances, ddof=1)) / stance
-        onset_phase = float(np.mean(phases)) if len(phases) else None
+    phases = used["onset_phase"].cast(pl.Float64)
+    stances = pl.Series(gait.stance if gait is not None else [], dtype=pl.Float64)
+    stance = stances.mean()
     different, different_mm = set_up_difference(of_group)
     measured = ("pressure_outside_m", *MEASURED_IN_CROSSINGS)
-    means = used.select(pl.col(measured).cast(pl.Float64).mean()).row(0, named=True)
-    return GroupConditions(
-        group=group,
-        n=len(used),
-        n_unperturbed=len(stances),
-        stance_s=stance,
-        unperturbed_stance_sd=stance_sd,
-        onset_phase=onset_phase,
-        onset_phase_sd=np.std(phases, ddof=1) if len(phases) > 1 else None,
-        left_out_share=shares["reason"].max(),  # type: ignore[arg-type]
-        different=different,
-        different_mm=different_mm,
-        **means,
-        plate_height_m=plate.certain_height,
-        plate_mass_kg=plate.mass,
-        plate_lag_s=timing.lag,
-        plate_lag_sd_s=timing.scatter,
-        plate_lag_change_s=timing.change,
-        plate_drift=timing.drift,
-    )
+    return {
+        "group": group,
+        "n": len(used),
+        "n_unperturbed": len(stances),
+        "stance_s": stance,
+        "unperturbed_stance_sd": (stances / stance).std(),
+        "onset_phase": phases.mean() if gait is not None else None,
+        "onset_phase_sd": phases.std(),
+        "left_out_share": shares["reason"].max(),
+        "different": different,
+        "different_mm": different_mm,
+        **used.select(pl.col(measured).cast(pl.Float64).mean()).row(0, named=True),
+        "plate_height_m": plate.certain_height,
+        "plate_mass_kg": plate.mass,
+        "plate_lag_s": timing.lag,
+        "plate_lag_sd_s": timing.scatter,
+        "plate_lag_change_s": timing.change,
+        "plate_drift": timing.drift,
+    }
 
 
 def set_up_difference(crossings: pl.DataFrame) -> tuple[str | None, float | None]:
@@ -231,7 +172,6 @@ def fitted_time(headline: GroupHeadline) -> float:
     return float(w @ (motion.theta * response.time[response.window]))
 
 
-GROUP_QUANTITIES = ("K", "B", "I", "VAF")
 MEAN = "mean of perturbations"
 ENSEMBLE = "ensemble"
 PREDICTED = "ensemble, predicted gait"
@@ -255,33 +195,29 @@ def perturbation_row(
         ),
         "stance_change": response.stance_change,
         "VAF": fit.vaf,
-        "condition_number": fit.condition_number,
     }
 
 
-def headline_rows(headline: GroupHeadline, fits: pl.DataFrame) -> list[dict[str, object]]:
-    """Make the rows of `walking_summary.csv` of one group.
-
-    They are the mean over perturbations, and the ensemble minus mean and minus predicted gait.
-
-    Parameters
-    ----------
-    fits : DataFrame
-        The group's rows of `walking.csv`.
-    """
-    rows = []
-    for estimator, estimates in budgets_of(headline, fits).items():
-        vaf = fits["VAF"].mean()
-        if estimator != MEAN:
-            vaf = headline.ensemble.VAF if estimator == ENSEMBLE else headline.predicted.VAF
-        for quantity in GROUP_QUANTITIES:
-            row = {"estimator": estimator, "quantity": quantity, "n": len(fits), "mean": vaf}
-            if quantity in estimates:
-                budget = estimates[quantity]
-                row.update(mean=budget.value, low=budget.low, high=budget.high)
-            if estimator == MEAN:
-                row.update(sd=fits[quantity].std(), **doubtful_row(fits))
-            rows.append(row)
+def headline_rows(
+    headline: GroupHeadline, estimators: Mapping[str, Budgets], fits: pl.DataFrame
+) -> list[dict[str, Any]]:
+    """Make the rows of `walking_summary.csv` of one group, of which `fits` are the rows of
+    `walking.csv`, from the budgets by estimator."""
+    vaf_of = {
+        MEAN: fits["VAF"].mean(),
+        ENSEMBLE: headline.ensemble.response.fit.vaf,
+        PREDICTED: headline.predicted.response.fit.vaf,
+    }
+    rows: list[dict[str, Any]] = []
+    for estimator, budgets in estimators.items():
+        place = {"estimator": estimator, "n": len(fits)}
+        for name, budget in budgets.items():
+            ends = {"mean": budget.value, "low": budget.low, "high": budget.high}
+            rows.append({"quantity": name, **place, **ends})
+        rows.append({"quantity": "VAF", **place, "mean": vaf_of[estimator]})
+    for row in rows:
+        if row["estimator"] == MEAN:
+            row.update(sd=fits[row["quantity"]].std(), **doubtful_row(fits))
     return rows
 
 

@@ -44,8 +44,6 @@ from osl_analysis.walking.plate_inertia import PlateModel
 from osl_analysis.walking.plate_lag import PlateTiming
 from osl_analysis.walking.walking_settings import TimingSettings
 
-WINDOW_SHARE = 10  # a tenth of the window, by which another laboratory may choose it otherwise
-
 Budgets = Mapping[str, Budget]
 
 
@@ -199,7 +197,7 @@ def of_choices(response: EnsembleResponse) -> list[dict[str, Contribution]]:
     """Half of what an offset of the fit, and the length of the window, would change."""
     first = response.window.start
     last = response.window.stop
-    step = round((last - first) / WINDOW_SHARE)
+    step = round((last - first) / 10)
     shorter = response.estimates_in(slice(first, last - step))
     longer = response.estimates_in(slice(first, last + step))
     rows = [chosen("window", longer - shorter)]

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing
@@ -16,7 +17,6 @@ from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import DOWN, UP, Crossing
 from osl_analysis.walking.isolated_response import PHASES, curves_of
 from osl_analysis.walking.plate import SINGLE_SUPPORT, phases_between
-from osl_analysis.walking.platform import MAD_TO_SD
 from osl_analysis.walking.poses import FREE_FALL, Mask
 from osl_analysis.walking.walking_settings import SelectionSettings
 
@@ -383,7 +383,8 @@ def feature_of(measure: Measure, kinds: NDArray[np.int_], sound: Mask) -> Featur
         deviation = values - kind_medians(values, kinds, sound)
         values = np.sqrt(np.mean(deviation**2, axis=1))
     median = kind_medians(values, kinds, sound)
-    scatter = MAD_TO_SD * np.median(np.abs(values - median)[sound])
+    deviations = (values - median)[sound]
+    scatter = scipy.stats.median_abs_deviation(deviations, scale="normal")
     return Feature(measure, values, median, max(scatter, measure.smallest_scatter))
 
 

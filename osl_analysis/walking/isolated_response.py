@@ -30,9 +30,9 @@ from osl_analysis.walking.walking_settings import TimingSettings
 # Phases of stance at which crossings are sampled, finer than the frames
 PHASES = np.linspace(0.0, 1.0, 401)
 MATCHED_STEP = 4  # every fourth phase is enough after a low-pass of 20 Hz
-FEWEST_PHASES = 5  # of these between heel strike and onset, 5 % of stance, that tell a pace
 
-SMALLEST_SCALE, LARGEST_SCALE = 0.75, 1.33
+SMALLEST_SCALE = 0.75
+LARGEST_SCALE = 1 / SMALLEST_SCALE
 DRIFT_ORDERS = np.arange(1, 9)
 LARGEST_SCALE_STEP = 0.05
 LAST_SCALE_STEP = 1e-6  # which ends the search
@@ -209,7 +209,7 @@ def aligned_gait(crossing: Crossing, gait: UnperturbedGait, known_until: float) 
     stance = crossing.stance
     known = stance.heel_strike + PHASES * stance.duration <= known_until
     phase = PHASES[known][::MATCHED_STEP]
-    if len(phase) >= FEWEST_PHASES:
+    if len(phase) > len(DRIFT_ORDERS):
         theta = signal_at(crossing, crossing.theta, stance_times(crossing, phase))
         curves = np.vstack([theta, gait.theta[:, ::MATCHED_STEP][:, : len(phase)]])
         scales = matched_scales(phase, curves, gait.theta.mean(axis=0))

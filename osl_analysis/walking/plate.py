@@ -16,7 +16,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.recording import beside, plate_axes
 from osl_analysis.signals import LowPass, longest_run, runs, sampling_rate
 from osl_analysis.trial import AXES, Array, Trial, plate_columns
-from osl_analysis.walking.poses import Mask
+from osl_analysis.walking.poses import SIZES_M, Mask
 from osl_analysis.walking.walking_settings import CrossingSettings
 
 FLAT = (0.15, 0.35)  # phases of stance in which the foot is flat, before a perturbation
@@ -99,10 +99,8 @@ def only_stance(time: Array, force: Array, settings: CrossingSettings) -> Stance
 
 # At its largest value for this time a force is at the plate's limit; gait is never so constant
 CLIPPED_S = 0.02
-FEWEST_CLIPPED = 3  # samples
 DEAD_S = 0.1  # of one value in a channel while the force on the plate changes
 LARGEST_LOAD_N = 8000.0  # ten times the weight of 80 kg
-PLATE_SIZES_M = (0.1, 5.0)  # from corner to corner
 LEAST_UPRIGHT = 0.8  # of the plate's normal along z; ramps and stairs are less steep
 
 WrenchReader = Callable[[float], Array]
@@ -173,7 +171,7 @@ def check_range(time: Array, force: Array, axes: Array, load: float) -> None:
     Nexus: `check_plate` sees those of a C3D file.
     """
     rate = sampling_rate(time)
-    shortest = max(round(CLIPPED_S * rate), FEWEST_CLIPPED)
+    shortest = round(CLIPPED_S * rate)
     for name, component in zip("xyz", (force @ axes).T, strict=True):
         for extreme in (component.max(), component.min()):
             if abs(extreme) <= load:
@@ -213,10 +211,10 @@ def recorded_corners(trial: Trial, plate: int) -> Array:
         )
     corners = np.asarray(recorded, dtype=float)
     size = np.linalg.norm(corners[0] - corners[2])
-    if not PLATE_SIZES_M[0] < size < PLATE_SIZES_M[1]:
+    if not SIZES_M[0] < size < SIZES_M[1]:
         raise InputError(
             f"trial {trial.name}: force plate {plate} is {size:.3g} m from corner to corner,"
-            " expected 0.1 to 5 m; correct the unit of its corners"
+            " expected 0.03 to 5 m; correct the unit of its corners"
         )
     if abs(plate_axes(corners)[2, 2]) < LEAST_UPRIGHT:
         raise InputError(

@@ -45,18 +45,16 @@ from osl_analysis.walking.poses import (
 from osl_analysis.walking.set_up import check_place
 from osl_analysis.walking.walking_settings import PlateModelSettings, PlatformSettings
 
-PARAMETERS = 10  # m, mc (x, y, z), I (xx, yy, zz, xy, xz, yz)
 # Weights of forces [m] and moments: a force's lever about the ankle is about 0.1 m
-WEIGHT = np.array([0.1] * 3 + [1.0] * 3)
+WEIGHT = np.repeat([0.1, 1.0], 3)
 
 
 # When inertia, lag and height of a plate are known.
 LIGHT = 0.1  # [N*m], weighted wrench of a plate that is too light to show its lag
 SMALLEST_WRENCH = 0.01  # of a direction, as a share of the largest, for it to be identified
-LARGEST_NOISE_SHARE = 0.5  # of a direction's power in the columns
+LARGEST_NOISE_SHARE = 0.5  # of a direction's power, or of a wrench's that follows a motion
 LARGEST_LAG_S = 0.012
 LAG_ROUNDS = 4  # of lag and inertia in turn, and of a lag to first order
-LARGEST_LAG_MISFIT = 0.5  # of the wrench's mean square, for the wrench to follow the motion
 LARGEST_HEIGHT_SE_M = 0.005  # of a height that is reported
 CERTAIN_SES = 4.0  # standard errors beyond which a height is certain
 SMALLEST_HEIGHT_COLUMN = 0.02  # share of its column that no other explains
@@ -64,13 +62,10 @@ LIGHT_KG = 0.1  # mass below which a centre of mass is not known
 SPREAD_S = 0.1  # by which the low-pass of the identification spreads a motion
 # at rest noise gives 0.03 deg; 11 frames at 300 Hz change the lag by 2 ms
 HIDDEN_TURN_DEG = 0.2
-SHORTEST_S = 0.4  # of a recording, for the low-pass of the identification
-END_S = 0.05  # at both ends of a track, whose slopes tell a motion that the recording cuts
-FEWEST_END_FRAMES = 5
 
 
 # Scales of the parameters for a plate of 1 kg whose half is 0.3 m long
-TYPICAL_PLATE = np.array([[1.0]] + [[0.3]] * 3 + [[0.3**2]] * 6)
+TYPICAL_PLATE = np.repeat([1.0, 0.3, 0.09], [1, 3, 6])[:, None]
 
 
 @dataclass(frozen=True)
@@ -130,10 +125,10 @@ def mean_lag(turns: Sequence[TurnLag]) -> float | None:
 
 NOT_REMOVED = "walking.plate_inertia is none"
 NO_CORRECTION = PlateModel(
-    parameters=np.zeros(PARAMETERS),
-    directions=np.zeros((PARAMETERS, 0)),
-    rms_before=np.full(6, np.nan),
-    rms_after=np.full(6, np.nan),
+    parameters=0 * TYPICAL_PLATE[:, 0],
+    directions=TYPICAL_PLATE[:, :0],
+    rms_before=np.nan * WEIGHT,
+    rms_after=np.nan * WEIGHT,
 )
 """Of a plate that is light or compensates its own inertia: nothing is removed from its wrench."""
 
@@ -325,7 +320,7 @@ def whole_recording(
     cut before any filter; None if it is too short."""
     rows = longest_run(usable)
     for _ in range(2):  # as it is, and without half motions
-        if rows.stop - rows.start < SHORTEST_S * sampling_rate(frames):
+        if rows.stop - rows.start < 4 * SPREAD_S * sampling_rate(frames):
             return None
         track = platform.platform_track(
             trial.name, frames[rows], poses[rows], calibration, settings
@@ -360,7 +355,7 @@ def whole_motions(track: platform.PlatformTrack) -> slice:
     milliseconds, the plate's mass by a tenth.
     """
     n = len(track.time)
-    count = max(round(END_S * track.rate), FEWEST_END_FRAMES)
+    count = round(SPREAD_S * track.rate / 2)  # whose slopes tell a motion that the recording cuts
     moves = track.moving.copy()
     for end in (slice(0, count), slice(n - count, n)):
         since = track.time[end] - track.time[end].mean()
@@ -412,7 +407,7 @@ def inertial_columns(motion: BodyMotion) -> Array:
     z = np.einsum("nij,nj->ni", R_transposed, motion.alpha)
     W = cross_matrix(w)
 
-    columns = np.zeros((len(a), 6, PARAMETERS))
+    columns = np.zeros((len(a), len(WEIGHT), len(TYPICAL_PLATE)))
     columns[:, :3, 0] = a  # F by m
     columns[:, :3, 1:4] = cross_matrix(z) + W @ W  # F by mc
     columns[:, 3:, 1:4] = -cross_matrix(a)  # M by mc
@@ -462,8 +457,8 @@ def identify_plate_inertia(
     """
     columns = np.concatenate([without_mean(recording.columns) for recording in recordings])
     wrench = np.concatenate([without_mean(recording.wrench) for recording in recordings])
-    start = np.zeros(PARAMETERS) if whole is None else whole.parameters
-    within = np.eye(PARAMETERS) if whole is None else whole.directions
+    start = NO_CORRECTION.parameters if whole is None else whole.parameters
+    within = np.eye(len(start)) if whole is None else whole.directions
 
     X = stacked_columns(columns)
     G = X.T @ X
@@ -576,7 +571,7 @@ def turn_lags(motion: UnloadedMotion, model: PlateModel, noise: Array) -> list[T
         for _ in range(LAG_ROUNDS):
             wrench = without_mean(motion.wrench_at(lag)[rows]) * WEIGHT
             lag += np.sum(by_lag * (wrench - expected)) / square
-        if np.sum((wrench - expected) ** 2) > LARGEST_LAG_MISFIT * np.sum(wrench**2):
+        if np.sum((wrench - expected) ** 2) > LARGEST_NOISE_SHARE * np.sum(wrench**2):
             return None
 
         n = 2 * (len(noise) + len(by_lag))  # padded, so that nothing wraps

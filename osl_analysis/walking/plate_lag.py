@@ -19,6 +19,7 @@ from osl_analysis.walking import platform
 from osl_analysis.walking import poses as rigid
 from osl_analysis.walking.plate import only_stance, zeroed_wrench
 from osl_analysis.walking.plate_inertia import (
+    CERTAIN_SES,
     PlateModel,
     TurnLag,
     UnloadedMotion,
@@ -35,7 +36,6 @@ Turns = Mapping[str, Sequence[TurnLag]]  # of crossings, by trial
 
 # When a lag of the crossings replaces that of the unloaded plate.
 SPARE_S = 0.03  # from a stance to the frames in which nobody stands on the plate
-CERTAIN_SES = 3.0  # standard errors beyond which two lags differ
 LARGEST_MASS_KG = 1.0  # of a plate that is light or compensates its own inertia
 LEAST_SE_S = 1e-6  # of a lag: rounding
 

@@ -23,7 +23,7 @@ from osl_analysis.errors import InputError, advise
 from osl_analysis.signals import LowPass, runs, sampling_rate
 from osl_analysis.trial import Array
 from osl_analysis.walking import poses as rigid
-from osl_analysis.walking.poses import BodyMotion, Mask, Poses, StaticCalibration
+from osl_analysis.walking.poses import SIDE_FRAMES, BodyMotion, Mask, Poses, StaticCalibration
 from osl_analysis.walking.walking_settings import PlatformSettings
 
 # Of the platform's motion in one trial.
@@ -33,11 +33,9 @@ STILL = 7.0
 SPREAD_AT_20_HZ_S = 0.025  # by which a low-pass of 20 Hz widens a motion
 LEAST_NOISE_M = 2e-7  # of a marker: single precision at 1 m
 SHORTEST_LINE_S = 0.015  # gap that is a straight line: a cubic would turn noise into a motion
-LINE_FRAMES = 4  # on either side of such a gap
 MARGIN_OVER_NOISE = 1.3  # of a direction's mean square over the largest that noise would show
 
 
-MAD_TO_SD = 1.4826  # from the median absolute deviation to the standard deviation of normal noise
 QUARTILE_TO_SD = 3.1383  # from the lower quartile of absolute deviations of normal noise
 
 
@@ -190,9 +188,8 @@ def platform_track(
     """Make the track of a platform from its poses (n,), none NaN.
 
     Gaps of 15 ms and more, which never hide a turn, become straight lines: a cubic would amplify
-    the noise beside them into a motion. The noise is read from the median of second differences,
-    whose variance is 6 times that of a frame; coloured or smoothed noise, which is larger at low
-    frequencies, from what the speed leaves of straight lines at rest.
+    the noise beside them into a motion. The noise, of any colour, is what the speed leaves
+    of straight lines at rest.
     """
     reference = calibration.positions(settings.markers.platform, trial)
     rate = sampling_rate(time)
@@ -206,27 +203,21 @@ def platform_track(
     for gap in runs(poses.bridged):
         if (gap.stop - gap.start) / rate < SHORTEST_LINE_S:
             continue
-        before = np.r_[max(gap.start - LINE_FRAMES, 0) : gap.start]
-        after = np.r_[gap.stop : min(gap.stop + LINE_FRAMES, len(time))]
-        before = before[~poses.bridged[before]]
-        after = after[~poses.bridged[after]]
-        share = (np.arange(gap.start, gap.stop) - before.mean()) / (after.mean() - before.mean())
-        start = measured[before].mean(axis=0)
-        end = measured[after].mean(axis=0)
-        straight[gap] = start + share[:, None] * (end - start)
+        sides = [slice(max(gap.start - SIDE_FRAMES, 0), gap.start)]
+        sides.append(slice(gap.stop, gap.stop + SIDE_FRAMES))
+        ends = [time[side].mean() for side in sides]
+        places = [measured[side].mean(axis=0) for side in sides]
+        straight[gap] = scipy.interpolate.make_interp_spline(ends, places, k=1)(time[gap])
 
-    second = np.diff(straight[~poses.bridged], n=2, axis=0)
-    noise = MAD_TO_SD * np.median(np.abs(second)) / np.sqrt(6.0) if second.size else 0.0
-    noise = max(noise, LEAST_NOISE_M)
-    track = PlatformTrack(trial, time, reference, straight, settings.low_pass, noise)
+    track = PlatformTrack(trial, time, reference, straight, settings.low_pass, LEAST_NOISE_M)
     step = round(2 * track.spread * rate)  # speeds so far apart hardly share noise
-    bends = (
-        track.velocity[step:-step] - (track.velocity[: -2 * step] + track.velocity[2 * step :]) / 2
-    )
-    of_speed = (
-        QUARTILE_TO_SD * np.quantile(np.abs(bends), 0.25) / np.sqrt(1.5) if bends.size else 0.0
-    )
-    return replace(track, noise=max(noise, of_speed / np.sqrt(noise_gain(track.low_pass, rate, 1))))
+    velocity = track.velocity
+    bends = np.abs(velocity[step:-step] - (velocity[: -2 * step] + velocity[2 * step :]) / 2)
+    if not bends.size:
+        return track
+    of_speed = QUARTILE_TO_SD * np.quantile(bends, 0.25) / np.sqrt(1.5)
+    noise = of_speed / np.sqrt(noise_gain(track.low_pass, rate, 1))
+    return replace(track, noise=max(noise, LEAST_NOISE_M))
 
 
 def shared_directions(tracks: Sequence[PlatformTrack]) -> list[Array]:
@@ -279,11 +270,9 @@ LARGEST_MISFIT = 3.0  # of a ramp over its noise at rest; sound ones reach 2.4
 LEAST_MISFIT = 0.002  # of a height, that lines between frames leave of an exact ramp
 LEAST_NOISE = 1e-6  # of a mean ramp, as a share of its height
 USUAL_STEP = 3  # minimum jerk
-STEPS = (USUAL_STEP, 1, 2, 4)
 FAR_MORE_LIKELY = 30.0  # decrease of chi-square for which another step replaces the usual one
 PLATEAU = 0.95  # of the largest turn, above which the ramp has ended
 FITTED_RISE = 0.7  # of the height, that the step is fitted to; the end may overshoot
-SHARE_OF_RISE = 0.3  # of the duration of a smooth step: from 10 to 50 % of its height
 
 
 @dataclass(frozen=True)
@@ -394,8 +383,9 @@ def start_of_rise(time: Array, ramp: Array) -> tuple[float, float]:
     """
     height = ramp[ramp > PLATEAU * ramp.max()].mean()
     noise = max(ramp[AT_REST].std(), LEAST_NOISE * height)
-    tenth, half, end = (np.argmax(ramp >= s * height) for s in (0.1, 0.5, FITTED_RISE))
-    duration = max(time[half] - time[tenth], STEP_S) / SHARE_OF_RISE
+    half, end = (np.argmax(ramp >= share * height) for share in (0.5, FITTED_RISE))
+    quarter = np.argmax(ramp >= height / 4)
+    duration = 4 * max(time[half] - time[quarter], STEP_S)
     guess = [time[half] - duration / 2, duration]
 
     def residuals(step: Array, p: int) -> Array:
@@ -406,7 +396,7 @@ def start_of_rise(time: Array, ramp: Array) -> tuple[float, float]:
     least_squares: Any = scipy.optimize.least_squares
     fits = {
         p: least_squares(residuals, guess, args=(p,), x_scale=[0.01, 0.05], diff_step=1e-4)
-        for p in STEPS
+        for p in (USUAL_STEP, 1, 2, 4)
     }
     best = min(fits, key=lambda p: fits[p].cost)
     is_certain = 2 * (fits[USUAL_STEP].cost - fits[best].cost) > FAR_MORE_LIKELY

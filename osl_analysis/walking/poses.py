@@ -34,14 +34,10 @@ StoredArray = Annotated[
 
 # acceleration [m/s^2] in laboratory axes, z up; to import scipy.constants takes 0.1 s
 FREE_FALL = np.array([0.0, 0.0, -9.80665])
-FEWEST_MARKERS = 3  # that determine an orientation
 SMALLEST_WIDTH = 0.1  # of a cluster beside its longest line, as a share of its length
-LEG_SIZES_M = (0.03, 1.5)  # between the clusters of a foot and of its shank
-HIGHEST_FOOT_M = 0.05  # of the foot's markers above the shank's; standing, they are 0.1 m below
+SIZES_M = (0.03, 5.0)  # of a plate, and between the clusters of foot and shank
 
-# A gap is bridged by a cubic through the frames on either side of it
-SIDE_S = 0.015  # of the frames on either side
-FEWEST_SIDE_FRAMES = 4
+SIDE_FRAMES = 4  # on either side of a gap, through which it is bridged
 FEWEST_HELD = 3  # repeats in a row; noise repeats a place of three coordinates once at most
 
 
@@ -122,16 +118,16 @@ def static_calibration(trial: Trial, settings: CalibrationSettings) -> StaticCal
     foot, shank = clusters["foot"], clusters["shank"]
     centres = [np.mean(list(cluster.values()), axis=0) for cluster in (foot, shank)]
     apart = np.linalg.norm(centres[1] - centres[0])
-    if not LEG_SIZES_M[0] < apart < LEG_SIZES_M[1]:
+    if not SIZES_M[0] < apart < SIZES_M[1]:
         raise InputError(
             f"trial {trial.name}: the markers of foot and shank are {apart:.2g} m apart, expected"
-            f" {LEG_SIZES_M[0]:g} to {LEG_SIZES_M[1]:g} m; state the unit of the points as"
+            f" {SIZES_M[0]:g} to {SIZES_M[1]:g} m; state the unit of the points as"
             " `point_unit` in the source file"
         )
     foot_height = np.mean([position[2] for position in foot.values()])
     shank_height = np.mean([position[2] for position in shank.values()])
     above = foot_height - shank_height
-    if above > HIGHEST_FOOT_M:
+    if above > 0:
         raise InputError(
             f"trial {trial.name}: the foot markers {', '.join(foot)} stand {100 * above:.0f} cm"
             f" above the shank markers {', '.join(shank)}: exchange them under `markers` or in"
@@ -315,7 +311,7 @@ def moved_marker(reference: Array, tracks: Array, poses: Poses) -> tuple[int, fl
 
 def spans_a_plane(points: Array) -> bool:
     """Whether points (m, 3) are three or more and do not lie on a line."""
-    if len(points) < FEWEST_MARKERS:
+    if len(points) <= 2:
         return False
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     return bool(spread[1] > SMALLEST_WIDTH * spread[0])
@@ -329,29 +325,26 @@ def bridge_gaps(time: Array, poses: Poses, longest: float) -> Poses:
     seen = np.flatnonzero(poses.seen())
     step = 1 / sampling_rate(time)
     hidden_s = (np.diff(seen) - 1) * step
-    count = max(round(SIDE_S / step), FEWEST_SIDE_FRAMES)
     rotation = poses.rotation.copy()
     position = poses.position.copy()
     bridged = poses.bridged.copy()
     for k in np.flatnonzero((hidden_s > 0) & (hidden_s < longest + step / 2)):
         gap = np.arange(seen[k] + 1, seen[k + 1])
-        sides = seen[max(k + 1 - count, 0) : k + 1 + count]
+        sides = seen[max(k + 1 - SIDE_FRAMES, 0) : k + 1 + SIDE_FRAMES]
 
         # Rotation vectors from the last frame before the gap are small, so that they interpolate
         before = scipy.spatial.transform.Rotation.from_matrix(poses.rotation[seen[k]])
         on_sides = scipy.spatial.transform.Rotation.from_matrix(poses.rotation[sides])
         turned = (on_sides * before.inv()).as_rotvec()
 
-        middle = time[sides].mean()
-        half_span = np.ptp(time[sides]) / 2
-        design = np.vander((time[sides] - middle) / half_span, 4)
-        in_gap = np.vander((time[gap] - middle) / half_span, 4)
         coordinates = np.hstack([turned, poses.position[sides]])
-        cubic = in_gap @ np.linalg.lstsq(design, coordinates)[0]
+        middle = time[sides].mean()
+        cubic = np.polynomial.polynomial.polyfit(time[sides] - middle, coordinates, 3)
+        bridge = np.polynomial.polynomial.polyval(time[gap] - middle, cubic).T
 
-        turn_in_gap = scipy.spatial.transform.Rotation.from_rotvec(cubic[:, :3])
+        turn_in_gap = scipy.spatial.transform.Rotation.from_rotvec(bridge[:, :3])
         rotation[gap] = (turn_in_gap * before).as_matrix()
-        position[gap] = cubic[:, 3:]
+        position[gap] = bridge[:, 3:]
         bridged[gap] = True
     return replace(poses, rotation=rotation, position=position, bridged=bridged)
 

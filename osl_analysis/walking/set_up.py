@@ -31,13 +31,12 @@ if TYPE_CHECKING:
     from osl_analysis.walking.crossing import Ankle, Passage
 
 
-FEWEST_FRAMES = 10  # at rest, that tell where the platform stands
 FRAMES_OF_SPECTRUM = 128  # of markers: 0.4 s at 300 Hz
 SLOW = (0.05, 0.12)  # frequencies of marker noise, as shares of their rate
 FAST = (0.4, 0.5)
 LEAST_RESIDUAL_M = 1e-5  # of a foot's rigid body: what is less is no measured one
 OTHER_PLACE_M = 0.1  # between the centres of two plates
-LATE = (0.6, 0.85)  # phases of stance in which every foot pushes off, the toes down
+LATE = (0.6, SINGLE_SUPPORT[1])  # phases in which every foot pushes off, the toes down
 SMALLEST_CHANGE = np.array([0.03, 20.0])  # of roll [m] and push [N] that have a direction
 # its largest angle from forward: a foot out-toes by 20 deg, and the side force of slow gait changes
 # nearly as much as its push
@@ -84,11 +83,11 @@ def differences(
         shift = passage.corners - in_static
         distances[f"the corners of force plate {settings.plate}"] = root_mean_square(shift)
 
-    platform = passage.recorded["platform"]
-    rests = (passage.frames < passage.stance.heel_strike) & platform.seen()
-    if rests.sum() >= FEWEST_FRAMES:
+    plate = passage.recorded["platform"]
+    rests = (passage.frames < passage.stance.heel_strike) & plate.seen()
+    if rests.sum() >= platform.FEWEST_FRAMES:
         reference = calibration.positions(settings.markers.platform, trial.name)
-        place = np.median(platform[rests].points(reference), axis=0)
+        place = np.median(plate[rests].points(reference), axis=0)
         distances["the platform at rest"] = root_mean_square(place - reference)
     return distances
 

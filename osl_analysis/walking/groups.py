@@ -307,7 +307,6 @@ def crossing_features(crossings: Sequence[Crossing], settings: SelectionSettings
     stance = np.array([crossing.stance.duration for crossing in crossings])
     theta = curves_of(crossings, "theta", before)
     torque = curves_of(crossings, "torque", before)
-    load_before = curves_of(crossings, "load", before)[0]
     load, pressure = curves_of(crossings, "load", middle)[:2]
     usual = np.median(load.mean(axis=1))
     percent = "% of the usual load"
@@ -316,13 +315,6 @@ def crossing_features(crossings: Sequence[Crossing], settings: SelectionSettings
         Measure("foot to the left", "m", left, rule.placement_m),
         Measure("deviation in angle before the onset", "deg", np.rad2deg(theta), rule.angle_deg),
         Measure("deviation in torque before the onset", "N*m", torque, rule.torque_nm, True),
-        Measure(
-            "deviation in load before the onset",
-            percent,
-            100 * load_before / usual,
-            100 * rule.load_share,
-            of_plate=True,
-        ),
     ]
     changed = [
         Measure("stance", "s", stance, rule.stance_s),

@@ -8,7 +8,7 @@ perturbed crossing deviates from the mean gait as an unperturbed one does, and t
 depends on its trials. Both are taken through the fit to first order.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -64,10 +64,13 @@ def fit_response(response: PerturbationResponse) -> LinearFit:
     """
     with naming(f"trial {response.name}"):
         fit = fit_without_offset(response.fitted_motion, response.fitted_torque)
-    changes = estimate_changes(response, fit)
-    n, m = len(changes.by_gait), len(changes.by_plate)
-    of_gait = (1 + 1 / n) * np.cov(changes.by_gait, rowvar=False)
-    of_plate = jackknife_covariance(changes.by_plate)
+    columns = response.fitted_motion.columns
+    by_gait = fitted_changes(columns, gait_torque(response, fit), response.window)
+    without_trials = response.changes[: -len(PER_UNIT)]
+    n = len(by_gait)
+    m = len(without_trials)
+    of_gait = (1 + 1 / n) * np.cov(by_gait, rowvar=False)
+    of_plate = jackknife_covariance(fitted_changes(columns, without_trials, response.window))
     return replace(
         fit,
         covariance=of_gait + of_plate,
@@ -87,23 +90,6 @@ def gait_torque(response: PerturbationResponse, fit: LinearFit) -> Array:
     K, B, I = fit["K"], fit["B"], fit["I"]
     explained = K * deviation.theta + B * deviation.omega + I * deviation.alpha
     return response.torque - response.torques - explained.T
-
-
-@dataclass(frozen=True)
-class EstimateChanges:
-    """First-order changes of K, B and I."""
-
-    by_gait: Array  # (crossings, 3) by each unperturbed crossing
-    by_plate: Array  # (m, 3) without each plate trial
-
-
-def estimate_changes(response: PerturbationResponse, fit: LinearFit) -> EstimateChanges:
-    """Fit Eq. 15 to the torques of each unperturbed crossing and each plate trial."""
-    columns = response.fitted_motion.columns
-    return EstimateChanges(
-        fitted_changes(columns, gait_torque(response, fit), response.window),
-        fitted_changes(columns, response.changes[: -len(PER_UNIT)], response.window),
-    )
 
 
 def fitted_changes(columns: Array, torques: Array, window: slice) -> Array:

@@ -151,14 +151,11 @@ def matched_scales(phase: Array, curves: Array, mean: Array) -> Array:
         unexplained = without_drift(curves - expected)
 
         # The coefficient of s in the regression of what is unexplained on f and s
-        ff, fs, ss = np.sum(f * f, axis=-1), np.sum(f * s, axis=-1), np.sum(s * s, axis=-1)
-        determinant = ss * ff - fs**2
-        is_determined = (ff > negligible) & (ss > negligible) & (determinant > negligible * ff)
-        numerator = ff * np.sum(s * unexplained, axis=-1) - fs * np.sum(f * unexplained, axis=-1)
-        newton_step = np.where(is_determined, numerator, np.nan) / np.where(
-            is_determined, determinant, 1.0
-        )
+        X = np.nan_to_num(np.stack([f, s], axis=-1))
+        is_determined = np.linalg.matrix_rank(X, tol=np.sqrt(negligible)) == 2
+        newton_step = (np.linalg.pinv(X) @ unexplained[..., None])[..., 1, 0]
         step = np.clip(newton_step, -LARGEST_SCALE_STEP, LARGEST_SCALE_STEP)
+        step = np.where(is_determined, step, np.nan)
         scales = np.clip(scales + step, SMALLEST_SCALE, LARGEST_SCALE)
         if np.all(np.abs(step) < LAST_SCALE_STEP):
             break

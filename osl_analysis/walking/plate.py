@@ -14,7 +14,7 @@ import scipy
 
 from osl_analysis.errors import InputError
 from osl_analysis.recording import beside, plate_axes
-from osl_analysis.signals import LowPass, longest_run, runs, sampling_rate
+from osl_analysis.signals import LowPass, runs, sampling_rate
 from osl_analysis.trial import AXES, Array, Trial, plate_columns
 from osl_analysis.walking.poses import SIZES_M, Mask
 from osl_analysis.walking.walking_settings import CrossingSettings
@@ -134,9 +134,8 @@ def zeroed_wrench(trial: Trial, frames: Array, settings: CrossingSettings) -> Wr
     Raises
     ------
     InputError
-        Another plate is loaded, or this one from the start, was not zeroed, or is at its limit.
+        Another plate is loaded, or this one from the start, or it was not zeroed.
     """
-    axes = plate_axes(recorded_corners(trial, settings.plate))
     time, wrench = recorded_wrench(trial, settings.plate)
     if largest_change(wrench) < settings.load_on_n:
         check_no_other_is_loaded(trial, settings.plate, settings.load_on_n)
@@ -160,29 +159,7 @@ def zeroed_wrench(trial: Trial, frames: Array, settings: CrossingSettings) -> Wr
                 " it and record again, exclude the trial, or raise largest_zero_n"
             )
         wrench = wrench - zero
-    check_range(time, wrench[:, :3], axes, settings.load_on_n)
     return wrench_reader(time, wrench, frames)
-
-
-def check_range(time: Array, force: Array, axes: Array, load: float) -> None:
-    """Refuse a force (n, 3) [N] that stays at an extreme above `load` [N] in an axis of the plate.
-
-    `axes` (3, 3) has them as columns. This is for recordings without raw channels, as CSV files of
-    Nexus: `check_plate` sees those of a C3D file.
-    """
-    rate = sampling_rate(time)
-    shortest = round(CLIPPED_S * rate)
-    for name, component in zip("xyz", (force @ axes).T, strict=True):
-        for extreme in (component.max(), component.min()):
-            if abs(extreme) <= load:
-                continue
-            run = longest_run(np.abs(component - extreme) <= 1e-6 * abs(extreme))
-            if run.stop - run.start >= shortest:
-                raise InputError(
-                    f"the plate's F{name} stays at {abs(extreme):.0f} N for"
-                    f" {1e3 * (run.stop - run.start) / rate:.0f} ms until {time[run.stop - 1]:.3f}"
-                    " s: it has reached its limit; choose a larger range, or exclude the trial"
-                )
 
 
 def recorded_plate(trial: Trial, plate: int) -> Mapping[str, Any]:

@@ -57,8 +57,6 @@ LARGEST_LAG_S = 0.012
 LAG_ROUNDS = 4  # of lag and inertia in turn, and of a lag to first order
 LARGEST_HEIGHT_SE_M = 0.005  # of a height that is reported
 CERTAIN_SES = 4.0  # standard errors beyond which a height is certain
-SMALLEST_HEIGHT_COLUMN = 0.02  # share of its column that no other explains
-LIGHT_KG = 0.1  # mass below which a centre of mass is not known
 SPREAD_S = 0.1  # by which the low-pass of the identification spreads a motion
 # at rest noise gives 0.03 deg; 11 frames at 300 Hz change the lag by 2 ms
 HIDDEN_TURN_DEG = 0.2
@@ -165,7 +163,8 @@ def identify_plate_model(
     motions = unloaded_motions(usable)
     model = plate_model(motions)
     for _ in range(LAG_ROUNDS):
-        turns = [turn for motion in motions for turn in unloaded_turns(motion, model)]
+        noise = np.concatenate([resting_noise(motion, model) for motion in motions])
+        turns = [turn for motion in motions for turn in unloaded_turns(motion, model, noise)]
         model = plate_model(motions, turns)
     shown = [motion.shown(model.lag or 0.0) for motion in motions]
     if len(motions) == 1:
@@ -520,7 +519,7 @@ def column_rms(values: Array) -> Array:
     return np.sqrt(np.mean(values**2, axis=0))
 
 
-def unloaded_turns(motion: UnloadedMotion, model: PlateModel) -> list[TurnLag]:
+def unloaded_turns(motion: UnloadedMotion, model: PlateModel, noise: Array) -> list[TurnLag]:
     """The lag in each turn of a recording of the unloaded plate; none if the plate is too light.
 
     Raises
@@ -528,7 +527,7 @@ def unloaded_turns(motion: UnloadedMotion, model: PlateModel) -> list[TurnLag]:
     InputError
         The wrench does not follow the motion.
     """
-    turns = turn_lags(motion, model, resting_noise(motion, model))
+    turns = turn_lags(motion, model, noise)
     if turns is None or abs(mean_lag(turns) or 0.0) > LARGEST_LAG_S:
         late = f", but comes {1e3 * (mean_lag(turns) or 0.0):.0f} ms later" if turns else ""
         raise InputError(
@@ -542,9 +541,20 @@ def unloaded_turns(motion: UnloadedMotion, model: PlateModel) -> list[TurnLag]:
 
 
 def resting_noise(motion: UnloadedMotion, model: PlateModel) -> Array:
-    """Weighted noise (k, 6) of the wrench minus the plate's own, at rest."""
+    """Weighted noise (k, 6) of the wrench minus the plate's own, at rest.
+
+    A short rest hides the part of it that is slow: errors of lags were 1.1, 1.3 to 1.7 and 1.6 to 2
+    times the standard error by rests of 0.5, 0.2 and 0.1 s, and are 0.8 to 0.9 times it with this
+    factor and the rests of all recordings together (campaigns of benchmarks/planted_gait.py, cut).
+    """
     own = motion.noisy_columns @ model.parameters
-    return motion.at_rest(motion.wrench_at(model.lag or 0.0) - own) * WEIGHT
+    noise = motion.wrench_at(model.lag or 0.0) - own
+    spread = SPREAD_S * sampling_rate(motion.time)
+    of_rests = [noise[:0]]
+    for rest in motion.rests:
+        hidden = spread / (rest.stop - rest.start)
+        of_rests.append((1 + hidden) * without_mean(noise[rest]))
+    return np.concatenate(of_rests) * WEIGHT
 
 
 def turn_lags(motion: UnloadedMotion, model: PlateModel, noise: Array) -> list[TurnLag] | None:
@@ -574,15 +584,15 @@ def turn_lags(motion: UnloadedMotion, model: PlateModel, noise: Array) -> list[T
         if np.sum((wrench - expected) ** 2) > LARGEST_NOISE_SHARE * np.sum(wrench**2):
             return None
 
-        n = 2 * (len(noise) + len(by_lag))  # padded, so that nothing wraps
-        spectra = np.fft.fft(by_lag, n, axis=0).conj() * np.fft.fft(noise, n, axis=0)
-        by_noise = np.sum(np.abs(spectra.sum(axis=1)) ** 2) / n  # over all times of the noise
+        # over all times at which the turn may meet the noise
+        noise = noise if len(noise) else wrench - expected
+        met = scipy.signal.oaconvolve(noise, by_lag[::-1], axes=0).sum(axis=1)
         turns.append(
             TurnLag(
                 motion.name,
                 time=float(motion.time[rows] @ np.sum(by_lag**2, axis=1) / square),
                 lag=float(lag),
-                se=float(np.sqrt(by_noise / max(len(noise), 1)) / square),
+                se=float(np.sqrt(met @ met / len(noise)) / square),
                 weight=float(square),
             )
         )
@@ -597,48 +607,31 @@ def with_height(model: PlateModel, recordings: Sequence[Shown]) -> PlateModel:
     count = len(recordings)
     if count < 2:
         return model
-    height = moments_below(model.directions, recordings)
+    height = height_of(model.directions, recordings)
     without_each = [
-        moments_below(model.directions, [*recordings[:i], *recordings[i + 1 :]])
-        for i in range(count)
+        height_of(model.directions, [*recordings[:i], *recordings[i + 1 :]]) for i in range(count)
     ]
-    se = np.sqrt((count - 1) * np.var(without_each))
-    return replace(
-        model,
-        height=height if se < LARGEST_HEIGHT_SE_M else None,
-        height_se=se if np.isfinite(se) else None,
-    )
+    se = float(np.sqrt((count - 1) * np.var(without_each)))
+    return replace(model, height=height, height_se=se) if se < LARGEST_HEIGHT_SE_M else model
 
 
-def moments_below(directions: Array, recordings: Sequence[Shown]) -> float:
-    """Height [m] from the two centres of mass that the unloaded plate shows.
+def height_of(directions: Array, recordings: Sequence[Shown]) -> float:
+    """Height h [m] of the corners' centre above the point of the moments.
 
-    Forces show that from the corners' centre, moments that from their own point: mc gets another
-    value in the moments. NaN if only moments show one, as if the plate does not turn, or without a
-    mass. Estimates are corrected for marker noise, as in `identify_plate_inertia`.
+    A force F then adds h z x F to the moments, beside what the plate's own parameters make, along
+    `directions` (10, r). Estimates are corrected for marker noise, as in `identify_plate_inertia`.
     """
-    is_moment = (np.arange(6) > 2)[:, None]
-
-    def design(columns: Array) -> Array:
-        mc_of_moments = stacked_columns(columns[:, :, 1:4] * is_moment)
-        return np.column_stack([stacked_columns(columns) @ directions, mc_of_moments])
-
-    X = design(np.concatenate([without_mean(recording.columns) for recording in recordings]))
+    columns = np.concatenate([without_mean(recording.columns) for recording in recordings])
     wrench = np.concatenate([without_mean(recording.wrench) for recording in recordings])
-    size = np.maximum(np.linalg.norm(X, axis=0), 1e-12)
-    X = X / size
-    noise = design(np.concatenate([recording.noise for recording in recordings])) / size
-    squares = np.linalg.pinv(X.T @ X - noise.T @ noise, rcond=1e-8, hermitian=True)
-    estimates = squares @ X.T @ (wrench * WEIGHT).T.ravel() / size
-
-    # The last column is mc_z of the moments: is it told apart from the others?
-    other_columns = X[:, :-1]
-    vertical = X[:, -1]
-    unexplained = vertical - other_columns @ np.linalg.lstsq(other_columns, vertical, rcond=1e-4)[0]
-    mass = directions[0] @ estimates[: directions.shape[1]]
-    if mass > LIGHT_KG and np.linalg.norm(unexplained) > SMALLEST_HEIGHT_COLUMN:
-        return float(estimates[-1] / mass)
-    return np.nan
+    noise = np.concatenate([recording.noise for recording in recordings])
+    moment = np.cross(np.array([0.0, 0.0, 1.0]), wrench[:, :3])
+    lever = np.hstack([np.zeros_like(moment), moment])[:, :, None]
+    X = np.column_stack([stacked_columns(columns) @ directions, stacked_columns(lever)])
+    of_noise = stacked_columns(noise) @ directions
+    squares = X.T @ X
+    squares[:-1, :-1] -= of_noise.T @ of_noise
+    estimates = np.linalg.pinv(squares, hermitian=True) @ X.T @ (wrench * WEIGHT).T.ravel()
+    return float(estimates[-1])
 
 
 def plate_table(model: PlateModel) -> pl.DataFrame:

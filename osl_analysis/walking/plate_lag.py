@@ -114,13 +114,11 @@ def parts_without_load(
 
 
 def turns_without_load(parts: Sequence[UnloadedMotion], model: PlateModel) -> list[TurnLag]:
-    """The lag in each turn of a crossing's parts, with the noise of the longest rest."""
-    if not parts:
-        return []
-    noise = max((resting_noise(part, model) for part in parts), key=len)
+    """The lag in each turn of a crossing's parts."""
     turns = []
+    noise = [resting_noise(part, model) for part in parts]
     for part in parts:
-        turns += (turn_lags(part, model, noise) or []) if len(noise) else []
+        turns += turn_lags(part, model, np.concatenate(noise)) or []
     return turns
 
 

@@ -170,10 +170,8 @@ class PlatformTrack:
         screw = np.linalg.solve(screw_scale(self.reference), along.T).T.astype(float)
         pose = scipy.spatial.transform.RigidTransform.from_exp_coords(screw)
         origin = self.reference.mean(axis=0)
-        R_transposed = np.swapaxes(pose.as_matrix()[:, :3, :3], 1, 2)
-        turned = (self.reference - origin) @ R_transposed
+        turned = (self.reference - origin) @ np.swapaxes(pose.rotation.as_matrix(), 1, 2)
         markers = self.low_pass(turned + (pose.translation + origin)[:, None], self.rate)
-
         poses = rigid.cluster_poses(self.reference, markers)
         return rigid.body_motion(self.time, poses, centre), self.gate(self.moves(axes))
 

@@ -248,10 +248,9 @@ def cluster_poses(reference: Array, observed: Array, largest_residual: float = n
 
     # Frames with the same set of visible markers are fitted together
     seen = np.asarray(np.isfinite(observed).all(axis=2))
-    set_number = seen @ 2.0 ** np.arange(len(reference))
-    for number in np.unique(set_number):
-        rows = np.flatnonzero(set_number == number)
-        visible = seen[rows[0]]
+    patterns, pattern_of = np.unique(seen, axis=0, return_inverse=True)
+    for number, visible in enumerate(patterns):
+        rows = np.flatnonzero(pattern_of == number)
         if not spans_a_plane(reference[visible]):
             continue
         reference_centroid = reference[visible].mean(axis=0)

@@ -25,7 +25,6 @@ from walking_synthetic import (
 )
 
 from osl_analysis.errors import IdentifiabilityError
-from osl_analysis.recording import plate_axes
 from osl_analysis.trial import Trial, plate_columns
 from osl_analysis.walking.crossing import (
     Ankle,
@@ -35,7 +34,6 @@ from osl_analysis.walking.crossing import (
 from osl_analysis.walking.plate import (
     Stance,
     check_plate,
-    check_range,
     check_vertical,
     recorded_corners,
     wrench_reader,
@@ -342,30 +340,6 @@ def test_a_plate_that_was_not_zeroed_is_refused(zero):
 def test_a_plate_that_is_loaded_from_the_start_is_refused():
     with refused_with(r"0\.2 s.*recording's"):
         zeroed_wrench(standing_on(stepped(0.0), 2000), TIME[:-2000:5], settings())
-
-
-def askew():
-    """Force (n, 3) [N] of a plate that stands turned by 20 degrees and whose Fx is at its limit,
-    and the plate's axes: Fx is a mixture in the laboratory, and neither of its parts is flat."""
-    turn = Rotation.from_euler("z", 20, degrees=True).as_matrix()
-    in_plate = stepped(0.0)[:, :3] @ np.diag([4.0, 1.0, 1.0])
-    in_plate[:, 0] = np.minimum(in_plate[:, 0], 250.0)
-    return in_plate @ turn.T, plate_axes(np.array(synthetic.CORNERS) @ turn.T)
-
-
-def test_a_plate_at_its_limit_is_refused_also_where_it_stands_askew():
-    force, axes = askew()
-
-    with refused_with("250 N"):
-        check_range(TIME, force, axes, 30)
-
-
-def test_a_force_that_peaks_or_rests_unloaded_is_within_range():
-    axes = plate_axes(np.array(synthetic.CORNERS))
-    one_value = stepped(0.0, noise=0.0)[:1400, :3]
-
-    for force in (stepped(0.0)[:, :3], askew()[0], one_value):
-        check_range(TIME, force, axes, 30)
 
 
 RUNS = ("clipped_at", "clipped_from_s", "clipped_to_s", "stands_from_s", "stands_to_s")

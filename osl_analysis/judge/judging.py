@@ -222,20 +222,15 @@ def doubt_text(source: str, doubted: Sequence[Judged]) -> str:
 
 
 def of_numbers(numbers: Numbers) -> list[Finding]:
-    """The numbers beyond their limits by their causes: causes of others first."""
+    """The numbers beyond their limits by their causes."""
     by_cause: dict[tuple[str, str], list[Beyond]] = {}
-    for number in sorted(numbers.values(), key=is_caused):
+    for number in numbers.values():
         grade = "notes" if known_finding(number.finding).is_result else number.rule.grade
         by_cause.setdefault((number.finding, grade), []).append(number)
     return [
         Finding(name, grade=Grade(grade), evidence=tuple(evidence))
         for (name, grade), evidence in by_cause.items()
     ]
-
-
-def is_caused(number: Beyond) -> bool:
-    """Whether a number does not bring about other findings."""
-    return not known_finding(number.finding).causes_others
 
 
 def properties_of(estimates: Sequence[Judged]) -> list[Finding]:

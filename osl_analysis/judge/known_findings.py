@@ -28,8 +28,6 @@ class KnownFinding:
         The remedy in a few words, where it has many.
     unseen, unseen_remedy
         The same, where it could not be checked.
-    causes_others
-        Whether it brings about other findings, as a wrong unit or sign does.
     is_result
         Whether it is a property of the device, which is then not of second order: the fit is what
         it says, and not doubtful.
@@ -44,7 +42,6 @@ class KnownFinding:
     brief: str = ""
     unseen: str = ""
     unseen_remedy: str = ""
-    causes_others: bool = False
     is_result: bool = False
     spoils_estimates: bool = False
 

@@ -15,7 +15,7 @@ import pytest
 import yaml
 from c3d_builder import write_c3d
 from conftest import ROOT, refused_with
-from pydantic import Field, ValidationError
+from pydantic import Field
 from shipped import SETTINGS as SHIPPED
 
 from osl_analysis import formats
@@ -36,14 +36,11 @@ from osl_analysis.commands.simulate import (
 )
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.sheet import read_sheet
-from osl_analysis.ingest.raw_files import read_source
-from osl_analysis.judge.recording_checks import QualityRules
 from osl_analysis.model.compensator import Weight, select_gains
 from osl_analysis.model.drivetrain import read_parameters
-from osl_analysis.simulator.laboratory_settings import WalkingSettings
 from osl_analysis.simulator.simulation_settings import SimulationSettings
 from osl_analysis.simulator.trial_plan import plan_trials
-from osl_analysis.yaml_settings import Settings, read_mapping, read_yaml, validated
+from osl_analysis.yaml_settings import Settings, read_mapping, read_yaml
 
 SHIPPED_FILE = ROOT / "config/config.yaml"
 Cycles = Annotated[int, Field(ge=1, le=100)]
@@ -76,20 +73,16 @@ class Outer(Settings):
     ("inner:\n  rate: off", "line 3: inner.rate: 'off' .*number"),
     # pydantic makes numbers of truth values
     ("inner:\n  rate: true", "line 3: inner.rate: 'true' .*number"),
-    ("inner: {sign: true}", "line 2: inner.sign: 'true' .* 1 .*-1"),
     ("inner:\n  limits:\n    K: 1\n    B: true",
      "line 5: inner.limits.B: 'true' .*number"),
-    ("inner: {cycles: 2.5}", "line 2: inner.cycles: 2.5 .*integer"),
     ("inner: {cycles: [1, 200]}",
      "line 2: inner.cycles.1: 200 .* 100$"),
     ("inner: 7", "line 2: inner: 7 .*`name: value`"),
     ("inner: {rate: 3 %, name: 1, sign: 3}",
      "line 2: inner.rate: '3 %' .*0.03"),
     ("a: 1\nb:\n- {b: 2, b: 3}\n", "line 4: .*YAML.*key"),
-    ("name: M\xfcnchen", ".*YAML"),
     ("inner: {rate: 1e999}", "line 2: inner.rate: inf .*finite"),
     ("a: " + "[" * 2000 + "]" * 2000, ".*YAML"),
-    ("\tinner: 1", "line 2: .*YAML"),
     ("inner: {rate: 0x" + "f" * 5000 + "}", ".*YAML with a number"),
     ('"\\e31mkey": 3', r"line 2: \\x1b31mkey: "),
 ])  # fmt: skip
@@ -121,16 +114,6 @@ def test_yaml_of_more_values_than_any_file_has_is_refused_within_a_second(tmp_pa
     assert time.process_time() - start_s < 2
 
 
-def test_what_is_no_text_is_no_name(tmp_path):
-    (tmp_path / "a.yaml").write_text("format: [csv]")
-
-    with refused_with("format '' is not known"):
-        read_source(tmp_path / "a.yaml")
-    for exclude in ([["gap"]], {"gap": 1}, 5):
-        with pytest.raises(ValidationError):
-            QualityRules.model_validate({"exclude": exclude})
-
-
 def test_a_file_without_fields_or_that_cannot_be_read_is_one_line(tmp_path, monkeypatch):
     (path := tmp_path / "a.yaml").touch()
     with refused_with(r"a\.yaml: .*`name: value`"):
@@ -158,26 +141,18 @@ def test_truth_values_are_kept_where_they_are_allowed(
 @pytest.mark.parametrize(("place", "value", "said"), [
     ("walking.window_s", 0.21,
      "window_s.*= 0.31.*shortest_stance_s = 0.3,"),
-    ("walking.longest_fitted_gap_s", 0.3,
-     "longest_fitted_gap_s = 0.3.*longest_gap_s = 0.2"),
     ("walking.load_of_weight", [1.25, 0.7], "load_of_weight: 0.7.*1.25"),
     ("walking.markers.foot", ["A", "B", "A"], "foot: 'A'"),
     ("walking.plate", 99, "walking.plate.* 1"),
     ("walking.plate", "2nd", "plate: '2nd' .*: write a number without a unit"),
-    ("walking.plate", "the left", "plate: 'the left' .*: write a number$"),
-    ("walking.markers.foot", ["A"], "foot: write at least 3 items$"),
     ("walking.markers.foot", ["A", "B", "PLAT1"], "markers: 'PLAT1'"),
-    ("dynamometer.cutoff_hz", 5, "cutoff_hz = 5.*frequencies_hz"),
     ("dynamometer.amplitudes_deg", [70], "amplitudes_deg.*largest_angle = 1.2 rad"),
     ("dynamometer.windows", "2-30 20-40", "windows: '2-30 20-40' .*2-30 40-62"),
     ("doubtful.belt.above",
      {"stiffenning": 1}, "stiffenning.*'stiffening'"),
-    ("doubtful.belts",
-     {}, "belts.*'belt'"),
     ("doubtful.walking_groups.above",
      {"VAF": 70}, "below.VAF: 80.*70,.*fit"),
     ("quality.gup", "1 s", "gup.*'gap'"),
-    ("quality.exclude", ["gaps"], "'gaps'.*'gap'"),
     # in ms, mm, deg, percent, N*mm
     ("dynamometer.time_base.longest_gap_s", 500, "longest_gap_s: 500 .*10$"),
     ("torque_angle.desired",
@@ -186,25 +161,18 @@ def test_truth_values_are_kept_where_they_are_allowed(
     # of two settings
     ("dynamometer.time_base.longest_gap_s", 0.01,
      "highest_hz = 5.*0.1/highest_hz s,.*longest_gap_s"),
-    ("dynamometer.time_base.highest_hz", 50, "highest_hz = 50.*cutoff_hz = 15"),
-    ("actuator.sign_width", 0.5, "sign_width = 0.5.*0.5 rad/s"),
     ("torque_angle.cutoff_hz", 0.5, "cutoff_hz = 0.5.*shortest_cycle_s = 2"),
     ("data", "measured", "data: data = mea"),
     ("walking.fewest_unperturbed", 900,
      "900.*unperturbed.*.walking.fewest_unperturbed"),
     ("dynamometer.compare_estimators", True, "dynamometer.compare_estimators: .*changelog"),
     ("dynamometer.cutoff_hz", 0, "cutoff_hz: 0.*0"),
-    ("dynamometer.cycles", [10, 20], "cycles.*frequencies_hz"),
-    ("dynamometer.cycles", [10, 20, 30, 2, 20], "settle_cycles = 2"),
     ("dynamometer.settle_cycles", 19, "19.*= 20"),
     ("campaign", "a b", "campaign: 'a b' "),
     # of files and folders
     ("results", "README.md/below", "README.md: .*`results`"),
-    ("results", "", r"results = \. "),
-    ("impedance_trajectory", "no.csv", "impedance_trajectory: no.csv: "),
     ("results", "raw_data",
      "results = raw_data "),
-    ("sources", "config/config.yaml", "config.yaml:.*`sources`"),
     ("impedance_trajectory", "README.md", "^impedance_trajectory: README.md: "),
     ("parameters", "Makefile", "^parameters: Makefile:"),
     ("sources", "source", "^source: .*`s"),
@@ -221,14 +189,10 @@ def test_settings_that_contradict_each_other_are_a_line_with_the_remedy(
 
 @pytest.mark.parametrize(("change", "said"), [
     ({"perturbation": {"stance_phase": [0.87, 0.88]}}, "rise_s: "),
-    ({"perturbation": {"latency_s": 0.35}}, "rise_s.*stance_phase.*latency_s"),
-    ({"gait": {"heel_strike_s": 0.09}}, "heel_strike_s: 0.09"),
     ({"rates": {"controller_hz": 1001}}, "controller_hz:.*1501500;"),
     ({"plate": {"size_m": [600, 500]}}, "size_m.0: 600"),
-    ({"impedance": "no.csv"}, r"impedance: no\.csv: "),
     ({"rates": {"analogs_hz": 1000}}, r"analogs_hz.*points_hz \(300\)"),
     ({"gait": {"recording_s": 1.5}}, "stance_s =.*recording_s = 1.5"),
-    ({"perturbation": {"stance_phase": [0.41, 0.40]}}, "0.4.*0.41"),
 ])  # fmt: skip
 def test_a_simulated_laboratory_that_cannot_be_is_a_line_with_the_remedy(
     in_root, tmp_path, change, said
@@ -242,16 +206,6 @@ def test_a_simulated_laboratory_that_cannot_be_is_a_line_with_the_remedy(
     )
     with refused_with(rf"gait\.yaml:.*{said}"):
         settings_files(tmp_path / "own.yaml")
-
-
-def test_a_simulated_laboratory_at_its_bounds_is_allowed(in_root, tmp_path):
-    gait = read_mapping(ROOT / "config/simulation/walking.yaml")
-    # 0.87 x 0.72 + 0.089 = 0.715 s
-    ends = {"stance_phase": [0.86, 0.87], "hold_s": 10, "angle_deg": 60}
-    own = {"perturbation": ends, "gait": {"heel_strike_s": 0.1}}
-    own |= {"plate": {"nominal_ankle_m": [0.3, -0.25]}, "rates": {"controller_hz": 700}}
-    read = validated(overriding(gait, own), WalkingSettings, tmp_path)
-    assert read.rates.motion_hz == 10500
 
 
 CSV = {"format": "csv", "time": {"column": "t", "unit": "s"}, "clock": "master"}
@@ -283,7 +237,6 @@ def walkway(folder, log=None, mocap=None, part="", plate=2):
 
 @pytest.mark.parametrize(("changes", "said"), [
     ({"log": {"clock": "master"}}, "log.yaml, line 8: 'master' "),
-    ({"mocap": {"analogs": {}}}, "line 8: 'sync'"),
     # the log has no torque
     ({"mocap": {"shared": {"column": "torque", "markers": ["A", "B", "C"]}, "analogs": {}}},
      "line 8: 'sync'"),

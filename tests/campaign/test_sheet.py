@@ -74,13 +74,10 @@ IMPEDANCE_LOG = "k,impedance,{},,k.mcap,dynamometer,,,"
     ("b1,blet,,,,,b.mcap,dynamometer,,,", "experiment:.*;.*'belt'"),
     ("../b1,belt,,,,,b.mcap,dynamometer,,,", "trial: '../b1'"),
     (IMPEDANCE_LOG.format("compensated,3,-5"), "B_d: '-5'"),
-    (IMPEDANCE_LOG.format("compensated,10000.5,5"), "K_d:.*10000"),
-    (IMPEDANCE_LOG.format("compensated,3 Nm,5"), "K_d: '3 Nm'"),
     (IMPEDANCE_LOG.format("Compensated,300,5"), "controller:.*;.*'compensated'"),
     ("b,belt,,,,,,,,,", "log: .*mocap"),
     ("b,belt,,,,maybe,b.mcap,leg,,,", "perturbed: 'maybe'"),
     ("w,walking,,,,,,,w.c3d,vicon,", "perturbed: .* walking"),
-    ("w,walking,,,,true,w.mcap,leg,,,", "mocap: .* walking"),
     ("w,static,,,,,,,w.c3d,,", "mocap: .*mocap_source"),
     (f"{BELT}No", "exclude: 'No' "),
     ("b,belt,,,,,b\u00a01.mcap,leg,,,", r"log: .*b\\xa01.mcap"),
@@ -93,12 +90,11 @@ def test_a_wrong_cell_is_named_with_line_and_remedy(tmp_path, line, told):
 
 
 @pytest.mark.parametrize(("experiment", "column", "cell"), [
-    ("static", "joint", "knee"), ("belt", "joint", "Ankle"), ("belt", "joint", "ankel"),
-    ("belt", "side", "both"), ("static", "windows", "2-30"), ("impedance", "windows", "2-"),
-    ("belt", "fixture_inertia", "-1"), ("actuator", "fixture_weight", "1"),
-    ("belt", "fixture_rest_deg", "9"), ("belt", "body_mass_kg", "0"),
-    ("belt", "direction", "left"), ("belt", "direction", "up"), ("belt", "group", "a$"),
-    ("belt", "session", "a" * 41), ("belt", "static", "x"), ("belt", "tiral", "x"),
+    ("static", "joint", "knee"), ("belt", "joint", "Ankle"), ("belt", "side", "both"),
+    ("static", "windows", "2-30"), ("belt", "fixture_inertia", "-1"),
+    ("actuator", "fixture_weight", "1"), ("belt", "fixture_rest_deg", "9"),
+    ("belt", "direction", "up"), ("belt", "group", "a$"), ("belt", "static", "x"),
+    ("belt", "tiral", "x"),
 ])  # fmt: skip
 def test_a_cell_that_its_trial_cannot_have_is_named(tmp_path, experiment, column, cell):
     text = f"trial,experiment,log,log_source,{column}\na,{experiment},a,s,{cell}\n"
@@ -126,11 +122,8 @@ def test_a_cell_of_several_lines_counts_as_such(tmp_path):
 
 @pytest.mark.parametrize(("text", "message"), [
     ("", "trials.csv: .*CSV UTF-8"), (HEADER, "trials.csv: .*CSV UTF-8"),
-    ("trial,log\nb,b.mcap\n", "line 2: experiment: "),
     ("trial,experiment,log,log\nb,belt,a,b\n", "trials.csv: "),
     ("trial\texperiment\na\tbelt\n", "'CSV UTF-8'"),
-    (f"{HEADER}{BELT}Fuß\n".encode("latin-1"), "0xdf.*'CSV UTF-8'"),
-    (HEADER.encode("utf-16"), "utf-8"),
     (b"PK\x03\x04xl/\0\0", "trials.csv: .*CSV UTF-8"),
 ])  # fmt: skip
 def test_a_wrong_sheet_is_refused_with_what_to_do(tmp_path, text, message):
@@ -295,14 +288,6 @@ def test_a_copy_of_a_log_is_no_second_trial_of_its_experiment(tmp_path):
     check_campaign(opened(tmp_path, rows=belt, **recorded))
 
 
-def test_a_copy_of_a_capture_is_no_second_crossing(tmp_path):
-    for name in ("u0", "u1"):
-        (tmp_path / f"{name}.c3d").write_bytes(b"1 2 3")
-
-    with refused_with("trial 'u1':.*u1.c3d.*u0.c3d,"):
-        check_campaign(opened(tmp_path, simulation=None, raw_data=tmp_path))
-
-
 def test_excluded_trials_have_their_reason_and_some_trial_must_be_left(tmp_path):
     fell = cells(tmp_path, "w", exclude="he fell")
     every = {trial: cells(tmp_path, trial, exclude="he fell")[trial] for trial in "lrpwvx"}
@@ -365,20 +350,14 @@ PRBS = {"name": "a", "kind": "prbs", "rms_deg": 2}
     ("effects.load_cell_noise.unit", "mN*m", r"effects.load_cell_noise.*unit.*'N\*m'"),
     ("effects.control_delay.size", 1.5, "effects.control_delay.*1.5"),
     ("drivetrain.control_updates", 3, "drivetrain.*control_updates.*substeps"),
-    ("recorder.node.jitter", {"enabled": True, "size": 20, "unit": "us"}, "unit.*'s'"),
     ("protocol.cycles", [2, 3, 4], "frequencies"),
     ("excitations", [{"name": "x", "kind": "noise", "rms_deg": 1, "band_hz": [6, 2]}],
      "2.0.*6.0"),
     ("actuator", {"duration_s": 3, "fade_s": 1, "velocity": [TONE], "current": [TONE]}, "fade_s"),
-    ("experiments.actuator", 2, "2 actuator.*'actuator'"),
     ("experiments.walking", 3, "'walking'.*settings"),
     ("dynamometer.rate_hz", 1, r"dynamometer\.rate_hz: 1 Hz"),
     ("excitations",
      [PRBS | {"rms_deg": 120}], "excitations.0.rms_deg: 120.*60"),
-    ("excitations", [PRBS, PRBS], "excitations: 'a'"),
-    ("excitations",
-     [PRBS | {"kind": "multisine", "band_hz": [0.1, 0.5]}],
-     "0: 2.*8 s"),
 ])  # fmt: skip
 def test_a_wrong_setting_is_named_with_its_place(tmp_path, place, value, match):
     path = settings_with(tmp_path, place, value)

@@ -95,11 +95,9 @@ def verdict_on(rows, **stated):
     ("conditions", "verdict"),
     [
         ([BETTER, BETTER, UNSURE], "holds"),
-        ([BETTER, UNSURE, UNSURE], "undecided"),
         ([BETTER, BETTER, UNSURE_WORSE], "undecided"),
         ([BETTER] * 9 + [WORSE], "mixed"),
         ([WORSE, WORSE, UNSURE_WORSE], "fails"),
-        ([WORSE, WORSE, UNSURE], "undecided"),
     ],
 )
 def test_a_verdict_over_conditions_rests_on_the_interval_of_each(conditions, verdict):
@@ -133,13 +131,6 @@ def test_a_doubtful_trial_and_another_controller_are_in_no_pair():
     rows[3]["controller"] = "other"
 
     assert verdict_on(rows)["verdict"] == "not tested"
-
-
-def test_a_doubt_about_another_estimate_takes_none_out():
-    rows = pairs(BETTER, BETTER)
-    rows[0]["doubtful"] = "I: torque path"
-
-    assert verdict_on(rows)["n"] == 2
 
 
 @pytest.mark.parametrize(

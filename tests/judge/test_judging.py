@@ -133,7 +133,6 @@ def test_what_is_not_known_is_told_once_with_its_size_per_unit():
 
 @pytest.mark.parametrize(("doubts", "names", "is_concerned"), [
     ("K, B: torque path", ["K"], True),
-    ("K, B: torque path", ["B_viscous"], True),
     ("K, B: torque path", ["I"], False),
     ("K, B: torque path", ["K_d", "I"], True),
     ("I: late torque; unlikely size", ["K"], True),
@@ -167,18 +166,6 @@ def test_a_ratio_has_one_limit_for_both_sides(ratio, is_beyond):
     found = findings_of({"some_ratio": ratio}, Limits(ratio={"some_ratio": 2}), "belt")
 
     assert [finding.name for finding in found] == ["some_ratio"] * is_beyond
-
-
-def test_an_impossible_estimate_comes_before_what_it_may_have_caused():
-    row = {"group": "all", "onset_phase_sd": 9.0, "K": -5.0, "B": 1.0, "I": 0.1}
-    limits = Limits(above={"onset_phase_sd": 8}, below={"K": 0})
-
-    findings = findings_of(row, limits, "walking")
-
-    assert [finding.cause for finding in findings][:2] == [
-        "impossible estimate",
-        "group of several conditions",
-    ]
 
 
 def test_a_clock_of_99_99_hz_passes_a_limit_of_100_hz_and_99_does_not():

@@ -39,11 +39,6 @@ def test_no_two_findings_have_one_title():
     assert len(titles) == len(set(titles))
 
 
-def test_a_finding_without_evidence_is_not_taken_for_a_limit_on_a_column_of_its_name():
-    columns = {name for table in described_tables() for name in table.columns}
-    assert (FINDINGS.keys() - DOUBTS) & columns == set()
-
-
 def test_rules_name_findings_and_columns_of_result_tables():
     columns = set()
     for table in JUDGED_TABLES:
@@ -71,7 +66,6 @@ def test_every_column_that_a_limit_decides_has_one():
 
 @pytest.mark.parametrize(("row", "limits", "numbers"), [
      ({"preload": 3.0}, {"preload": 2.0}, "preload 3.* 2"),
-     ({"plate_height_m": -0.0331}, {"plate_height_m": 0.01}, "off by -33 mm"),
      ({"bridged": 0.2}, {"bridged": 0.1}, "hidden in 20 % of the frames"),
 ])  # fmt: skip
 def test_a_finding_is_said_with_the_numbers_of_its_row(row, limits, numbers):

@@ -15,6 +15,7 @@ from typing import Any
 import polars as pl
 from pydantic import ConfigDict, Field, model_validator
 
+from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.ingest.quality import CheckResult
 from osl_analysis.judge.known_findings import CHECKS, FINDINGS
@@ -81,17 +82,6 @@ def spoiled_trials(verdicts: pl.DataFrame) -> dict[str, str]:
     return spoiled
 
 
-VERDICT_COLUMNS = {
-    "trial": pl.String,
-    "check": pl.String,
-    "value": pl.Float64,
-    "unit": pl.String,
-    "threshold": pl.Float64,
-    "verdict": pl.String,
-    "remark": pl.String,
-}
-
-
 def judged_table(
     measured: pl.DataFrame, rules: QualityRules, accept: Mapping[str, Collection[str]]
 ) -> pl.DataFrame:
@@ -113,53 +103,51 @@ def judged_table(
     """
     rows = []
     of_known_checks = measured.filter(pl.col("check").is_in(list(CHECKS)))
-    for trial, name, value, unit, remark in of_known_checks.iter_rows():
+    for row in of_known_checks.select("trial", "check", "value", "unit", "remark").to_dicts():
+        name = row["check"]
         limit = rules.limit(name)
-        remarks = [remark] if remark else []
-        verdict = NOT_APPLICABLE if value is None else "pass"
-        if CHECKS[name].failed(value, limit):
-            if name in accept.get(trial, ()):
+        remarks = [row["remark"]] if row["remark"] else []
+        verdict = NOT_APPLICABLE if row["value"] is None else "pass"
+        if CHECKS[name].failed(row["value"], limit):
+            if name in accept.get(row["trial"], ()):
                 remarks.insert(0, "accepted in the sheet")
             else:
                 verdict = "exclude" if name in rules.exclude else "flag"
-        rows.append((trial, name, value, unit, limit, verdict, "; ".join(remarks)))
-    return pl.DataFrame(rows, VERDICT_COLUMNS, orient="row")
+        judgement = {"threshold": limit, "verdict": verdict, "remark": "; ".join(remarks)}
+        rows.append({**row, **judgement})
+    return table_of(rows, "quality")
 
 
 HOW_TO_USE = (
     "record again, give a reason under `exclude` in the sample sheet, or name the check under"
     " `accept`"
 )
-MEASURED_COLUMNS = {
-    name: dtype for name, dtype in VERDICT_COLUMNS.items() if name not in {"threshold", "verdict"}
-}
-
-
-CHECKED = [*MEASURED_COLUMNS, "status", "reason"]
+CHECKED = ["trial", "check", "value", "unit", "remark", "status", "reason"]
 """The columns of the file of a trial, also of one that could not be measured."""
 
 
 def measured_table(trial: str, results: Mapping[str, CheckResult]) -> pl.DataFrame:
     """What `measure_quality` found, a row per check: trial, check, value, unit, remark."""
     rows = [
-        (trial, name, result.value, CHECKS[name].unit, result.remark)
+        {"trial": trial, "check": name, "unit": CHECKS[name].unit, **vars(result)}
         for name, result in results.items()
     ]
-    return pl.DataFrame(rows, MEASURED_COLUMNS, orient="row")
+    return table_of(rows, "quality").drop("threshold", "verdict")
 
 
 def read_verdicts(
-    measured: Iterable[Path], rules: QualityRules, accept: Mapping[str, Collection[str]]
+    paths: Iterable[Path], rules: QualityRules, accept: Mapping[str, Collection[str]]
 ) -> pl.DataFrame:
-    """The rows of `quality.csv` for trials whose checks were `measured`; one that was not analysed
-    has none."""
+    """The rows of `quality.csv` for trials with these files of measured checks; one that was not
+    analysed has none."""
     rows: list[dict[str, Any]] = []
-    for path in measured:  # Polars would take ten times as long for such small files
+    for path in paths:  # Polars would take ten times as long for such small files
         with path.open(newline="", encoding="utf-8") as file:
             rows += csv.DictReader(file)
-    for row in rows:
-        row["value"] = float(row["value"]) if row["value"] else None
-    return judged_table(unquoted(pl.DataFrame(rows, MEASURED_COLUMNS)), rules, accept)
+    if not rows:
+        return table_of([], "quality")
+    measured = pl.DataFrame(rows).with_columns(pl.col("value").replace("", None).cast(pl.Float64))
+    return judged_table(unquoted(measured), rules, accept)
 
 
 # What excluded.csv has as `check` of a trial that no check excludes

@@ -150,14 +150,11 @@ def test_truth_values_are_kept_where_they_are_allowed(
     ("dynamometer.windows", "2-30 20-40", "windows: '2-30 20-40' .*2-30 40-62"),
     ("doubtful.belt.above",
      {"stiffenning": 1}, "stiffenning.*'stiffening'"),
-    ("doubtful.walking_groups.above",
-     {"VAF": 70}, "below.VAF: 80.*70,.*fit"),
     ("quality.gup", "1 s", "gup.*'gap'"),
     # in ms, mm, deg, percent, N*mm
     ("dynamometer.time_base.longest_gap_s", 500, "longest_gap_s: 500 .*10$"),
     ("torque_angle.desired",
      {"a": {"angle_deg": [0, 1e4], "torque": [0, 1]}}, "angle_deg.1:.*180$"),
-    ("doubtful.impedance.below", {"VAF": 0.9}, "below.VAF: 0.9.*90$"),
     # of two settings
     ("dynamometer.time_base.longest_gap_s", 0.01,
      "highest_hz = 5.*0.1/highest_hz s,.*longest_gap_s"),

@@ -17,7 +17,7 @@ from osl_analysis.errors import InputError, listing
 from osl_analysis.figures import columns_of, drawn, look_numbers, plotted_numbers
 from osl_analysis.files import shipped
 from osl_analysis.ingest.quality import Commanded, measure_quality
-from osl_analysis.judge.judging import judged, marked, with_inherited
+from osl_analysis.judge.judging import judged, marked, with_doubts_of
 from osl_analysis.judge.recording_checks import judged_table, measured_table, validate_rules
 from osl_analysis.model.drivetrain import joint_of
 from osl_analysis.result_table import read_table
@@ -206,9 +206,8 @@ def frequency_response(
     tables = fitted.everything()
     fits, response = tables["impedance"], tables["response"]
 
-    of_fits = judged(fits, stated.doubtful.of("impedance"), "impedance", budget=tables["budget"])
-    own = judged(response, stated.doubtful.of("response"), "response")
-    table = marked(response, with_inherited(response, own, fits, of_fits), "response")
+    found = judged(fits, stated.doubtful.of("impedance"), "impedance", budget=tables["budget"])
+    table = with_doubts_of(response, marked(fits, found, "impedance"))
     rows = table.with_columns(
         look_numbers(table["controller"]),
         joint=pl.lit(joint_of(device) if device else None, pl.String),

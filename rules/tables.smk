@@ -19,7 +19,7 @@ rule table:
     input:
         lambda wildcards: FILES.checks(FILES.places_in(wildcards.table)),
         rows=lambda wildcards: FILES.rows(wildcards.table),
-        fits=lambda wildcards: FILES.rows(DOUBTS_OF.get(wildcards.table, "")),
+        fits=lambda wildcards: FILES.tables(DOUBTS_OF.get(wildcards.table, "")),
         budget=lambda wildcards: FILES.budget_of(wildcards.table),
     output:
         output="<results>/tables/{table}.csv",
@@ -30,7 +30,6 @@ rule table:
     localrule: True
     params:
         limits=lambda wildcards: limits(wildcards.table),
-        limits_of_fits=lambda wildcards: limits(DOUBTS_OF.get(wildcards.table, "")),
         places=lambda wildcards: FILES.places_in(wildcards.table),
         excluded=lambda wildcards: excluded(FILES.places_in(wildcards.table)),
         faults=lambda wildcards: faults(FILES.places_in(wildcards.table)),

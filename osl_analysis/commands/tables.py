@@ -25,7 +25,7 @@ from osl_analysis.judge.campaign import (
 )
 from osl_analysis.judge.claims import claims_table, read_claims
 from osl_analysis.judge.finding import findings_frame, read_findings
-from osl_analysis.judge.judging import marked, with_inherited
+from osl_analysis.judge.judging import marked, with_doubts_of
 from osl_analysis.judge.known_findings import CHECKS
 from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.judge.recording_checks import (
@@ -86,7 +86,6 @@ def gather(
     output: Path,
     limits: Limits | None = None,
     fits: Sequence[Path] = (),
-    limits_of_fits: Limits | None = None,
     places: Places | None = None,
     faults: Mapping[str, str] | None = None,
     budget: Sequence[Path] = (),
@@ -102,8 +101,8 @@ def gather(
     output : Path
     limits : Limits or None
         By which doubtful fits are marked; None: the table is not judged.
-    fits, limits_of_fits
-        The trials' fits of the table whose doubts the rows share, with the limits of that table.
+    fits : Sequence of Path
+        The table of the same trials whose doubts the rows share, if there is one.
     places : Places or None
         Joint and side of each trial.
     faults : Mapping of str to str or None
@@ -119,12 +118,9 @@ def gather(
     if limits is not None:
         contributions = read_tables(budget) if budget else None
         findings = judged_together(table, limits, output.stem, faults, contributions)
-        if limits_of_fits is not None and fits:
-            origin = with_places(read_tables(fits), places)
-            name = fits[0].parent.name
-            findings_of_fits = judged_together(origin, limits_of_fits, name, faults, contributions)
-            findings = with_inherited(table, findings, origin, findings_of_fits)
         table = marked(table, findings, output.stem)
+    for path in fits:
+        table = with_doubts_of(table, read_table(path))
     table = table.drop(unpublished(table, output.stem), strict=False)
     if "status" in table.columns:
         without = rows_of_reasons(by_trial(not_analysed), NOT_ANALYSED)

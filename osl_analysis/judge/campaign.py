@@ -8,7 +8,7 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.config.experiments import DOUBTS_OF, EXPERIMENTS, JUDGED_TABLES
+from osl_analysis.config.experiments import EXPERIMENTS, JUDGED_TABLES
 from osl_analysis.errors import listing
 from osl_analysis.judge.agreement import disagreements
 from osl_analysis.judge.finding import (
@@ -79,7 +79,7 @@ def campaign_findings(
     if len(tables.get("calibration", ())):
         of_fits = [with_its_calibration(worded) for worded in of_fits]
     doubts = [worded for worded in of_fits if worded.finding.grade is Grade.DOUBTS]
-    told = {fact_of(doubt) for doubt in doubts if is_of_whole(doubt.finding)}
+    told = {fact_of(doubt) for doubt in doubts if not doubt.finding.is_of_part}
     return [*(w for w in failed_checks(verdicts) if fact_of(w) not in told), *of_fits]
 
 
@@ -242,27 +242,18 @@ class JudgedTable:
 
     subject: str  # what was judged, such as `impedance trials`
     n: int  # trials or groups that were judged
-    doubts_of: str  # the table of the same trials whose doubts its rows share; empty for none
-
-    def subject_in_part(self, name: str) -> str:
-        """What a doubt about some rows of the table `name` is about."""
-        where = f"in {name}" if self.doubts_of else "at single amplitudes"
-        return f"{self.subject}, {where} alone"
 
 
 def judged_tables_of(tables: Mapping[str, pl.DataFrame]) -> dict[str, JudgedTable]:
     """The judged tables of a campaign by name, in the order of the experiments."""
     judged = {}
     for facts in EXPERIMENTS.values():
-        origins = {table.name: table.doubts_of for table in facts.tables if table.judged}
-        of_groups = dict.fromkeys(facts.judged_further, "")
-        for name, origin in {**origins, **of_groups}.items():
+        kinds = {table.name: " trials" for table in facts.tables if table.judged}
+        for name, kind in {**kinds, **dict.fromkeys(facts.judged_further, "")}.items():
             rows = tables.get(name, pl.DataFrame())
             if DOUBTFUL in rows.columns:
                 subjects = {subject_of(row) for row in rows.to_dicts() if row.get(EXCLUDED) is None}
-                kind = "" if name in of_groups else " trials"
-                subject = (origin or name).replace("_", " ") + kind
-                judged[name] = JudgedTable(subject, len(subjects), origin)
+                judged[name] = JudgedTable(name.replace("_", " ") + kind, len(subjects))
     return judged
 
 
@@ -290,37 +281,25 @@ def causes_in_campaign(
         first. A trial that is doubtful is not among those that are doubtful in part.
     """
     judged = judged_tables_of(tables)
-    of_fits = [worded for worded in findings if worded.finding.table in judged]
     doubts = [worded.finding for worded in findings if worded.finding.grade is Grade.DOUBTS]
-    doubtful = {finding.subject for finding in doubts if is_of_whole(finding)}
-    in_part = {(f.table, f.name, f.subject) for f in doubts if not is_of_whole(f)}
+    doubtful = {finding.subject for finding in doubts if not finding.is_of_part}
+    verdicts_of = {Grade.DOUBTS: "doubtful", Grade.NOTES: "remark", Grade.UNCHECKED: "not checked"}
 
     causes = Causes()
-    for worded in of_fits:
-        finding = worded.finding
-        table = judged[finding.table]
-        if finding.grade is not Grade.DOUBTS:
-            if not finding.is_of_part:
-                verdict = "remark" if finding.grade is Grade.NOTES else "not checked"
-                causes.add(worded, verdict, table.subject, table.n)
-        elif is_of_whole(finding):
-            causes.add(worded, "doubtful", table.subject, table.n)
-        elif finding.subject not in doubtful:
-            is_shared = (table.doubts_of, finding.name, finding.subject) in in_part
-            if not is_shared:
-                subject = table.subject_in_part(finding.table)
-                causes.add(worded, "doubtful in part", subject, table.n)
     for worded in findings:
-        if (worded.finding.table, worded.finding.grade) == (QUALITY, Grade.DOUBTS):
-            checked = verdicts.filter(check=worded.finding.evidence[0].column)
+        finding = worded.finding
+        is_doubt = finding.grade is Grade.DOUBTS
+        if finding.table in judged:
+            table = judged[finding.table]
+            if not finding.is_of_part:
+                causes.add(worded, verdicts_of[finding.grade], table.subject, table.n)
+            elif is_doubt and finding.subject not in doubtful:
+                subject = f"{table.subject}, at single amplitudes alone"
+                causes.add(worded, "doubtful in part", subject, table.n)
+        elif finding.table == QUALITY and is_doubt:
+            checked = verdicts.filter(check=finding.evidence[0].column)
             causes.add(worded, "flagged", "trials", checked["trial"].n_unique())
     return sorted(causes.told(), key=lambda cause: (RANKS.index(cause.verdict), -len(cause.trials)))
-
-
-def is_of_whole(finding: Finding) -> bool:
-    """Whether a finding is on the recording of a trial, or on the fit to all of it: a doubt then
-    makes the trial doubtful, not in part alone."""
-    return not finding.is_of_part and finding.table not in DOUBTS_OF
 
 
 IN_PART = {"doubtful in part": "leave out rows marked doubtful"}

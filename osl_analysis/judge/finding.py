@@ -62,8 +62,8 @@ class Finding:
         Its verdict: what it does to the trial or fit.
     evidence
         Numbers beyond their limits; none for what could not be checked.
-    amplitude_deg, frequency_hz
-        Those of the row; None: all.
+    amplitude_deg
+        That of the row; None: all.
     rule
         That of what is missing, which may have words of its own; None: its evidence decides.
     size
@@ -82,7 +82,6 @@ class Finding:
     grade: Grade = Grade.DOUBTS
     evidence: tuple[Beyond, ...] = ()
     amplitude_deg: float | None = None
-    frequency_hz: float | None = None
     rule: Rule | None = None
     size: str = ""
 
@@ -103,8 +102,8 @@ class Finding:
 
     @property
     def is_of_part(self) -> bool:
-        """Whether it concerns a single amplitude or frequency."""
-        return self.amplitude_deg is not None or self.frequency_hz is not None
+        """Whether it concerns a single amplitude: a doubt then makes the trial doubtful in part."""
+        return self.amplitude_deg is not None
 
 
 class Words(NamedTuple):
@@ -168,7 +167,6 @@ def findings_of_frame(frame: pl.DataFrame) -> list[WordedFinding]:
             grade=Grade(row["grade"]),
             evidence=tuple(Beyond(*cells) for cells in numbers.rows()),
             amplitude_deg=row["amplitude_deg"],
-            frequency_hz=row["frequency_hz"],
         )
         words = Words(*(row[part] or "" for part in Words._fields))
         findings.append(WordedFinding(finding, words))

@@ -173,7 +173,6 @@ def findings_of_row(
             table=table,
             subject=subject_of(row),
             amplitude_deg=cell_number(row, "amplitude_deg"),
-            frequency_hz=cell_number(row, "frequency_hz") if finding.evidence else None,
         )
         for finding in found
     ]
@@ -368,8 +367,7 @@ def marked(table: pl.DataFrame, findings: RowFindings, name: str) -> pl.DataFram
     what could not be checked."""
     described = described_tables_by_name()[name].columns
     if "K_verdict" in described:
-        # a doubt about the fit to all of a trial concerns its single amplitudes
-        findings = with_inherited(table, findings, table, findings)
+        findings = with_those_of_trials(table, findings)
     columns: dict[str, list[str | None]] = {DOUBTFUL: [short_list(row) for row in findings]}
     for symbol in SYMBOLS:
         if f"{symbol}_verdict" in described:
@@ -386,31 +384,21 @@ def results_in(remarks: str | None) -> list[str]:
     return [kind.title for kind in FINDINGS.values() if kind.is_result and kind.title in titles]
 
 
-def with_inherited(
-    table: pl.DataFrame,
-    findings: RowFindings,
-    origin: pl.DataFrame,
-    findings_of_origin: RowFindings,
-) -> RowFindings:
-    """Add to the findings about each row the doubts of another table about the same trial and
-    amplitude, or about the whole trial: a clipped or late torque concerns everything from the same
-    samples.
+def with_those_of_trials(table: pl.DataFrame, findings: RowFindings) -> RowFindings:
+    """Add to the findings about single amplitudes the doubts about the fit to all of a trial: a
+    clipped or late torque concerns everything from the same samples."""
+    doubts: dict[object, list[Finding]] = {}
+    for (trial, amplitude_deg), of_row in zip(map(fit_of, table.to_dicts()), findings, strict=True):
+        if amplitude_deg is None:
+            doubts[trial] = [finding for finding in of_row if finding.grade is Grade.DOUBTS]
+    return [
+        of_row if row.get("amplitude_deg") is None else [*of_row, *doubts.get(row["trial"], [])]
+        for row, of_row in zip(table.to_dicts(), findings, strict=True)
+    ]
 
-    Parameters
-    ----------
-    table, findings
-        The rows of a table, and the findings about them.
-    origin, findings_of_origin
-        The rows of the other table, and the findings about them.
-    """
-    doubts_of_fits = {
-        fit_of(row): [finding for finding in of_row if finding.grade is Grade.DOUBTS]
-        for row, of_row in zip(origin.to_dicts(), findings_of_origin, strict=True)
-    }
-    inherited = []
-    for row, of_row in zip(table.to_dicts(), findings, strict=True):
-        fits = dict.fromkeys([fit_of(row), (row.get("trial"), None)])
-        inherited.append(
-            [*of_row, *(doubt for fit in fits for doubt in doubts_of_fits.get(fit, []))]
-        )
-    return inherited
+
+def with_doubts_of(table: pl.DataFrame, fits: pl.DataFrame) -> pl.DataFrame:
+    """Rows of other numbers from the same samples, with the doubts about the fit to their trial and
+    amplitude."""
+    fit = ["trial", "amplitude_deg"]
+    return table.join(fits.select(*fit, DOUBTFUL), on=fit, how="left", nulls_equal=True)

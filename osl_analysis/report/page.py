@@ -15,7 +15,7 @@ from markupsafe import Markup, escape
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.sheet import RECORDINGS, SOURCES
 from osl_analysis.dictionary import described_tables_by_name
-from osl_analysis.judge.campaign import CampaignFinding, is_of_whole
+from osl_analysis.judge.campaign import CampaignFinding
 from osl_analysis.judge.finding import Grade, WordedFinding
 from osl_analysis.judge.judging import fit_of, rows_by_fit
 from osl_analysis.judge.known_findings import known_finding
@@ -196,7 +196,7 @@ def trial_view(
     main = facts.tables[0].name if facts.tables else ""
     fits = tables.get(main, pl.DataFrame())
 
-    of_whole = [worded for worded in findings if is_of_whole(worded.finding)]
+    of_whole = [worded for worded in findings if not worded.finding.is_of_part]
     doubts = [worded for worded in findings if worded.finding.grade is Grade.DOUBTS]
     results = results_on(findings)
     notes = [w for w in of_whole if w.finding.grade in (Grade.UNCHECKED, Grade.NOTES)]

@@ -15,7 +15,6 @@ from osl_analysis.judge.campaign import (
     QUALITY,
     CampaignFinding,
     findings_in_summary,
-    is_of_whole,
 )
 from osl_analysis.judge.finding import Grade, WordedFinding
 from osl_analysis.judge.recording_checks import BY_JOB, REFUSED, exclusion_text
@@ -136,7 +135,7 @@ def verdict_on(experiment: str, findings: Sequence[WordedFinding], left_out: Lef
     if not EXPERIMENTS[experiment].place:
         return NOT_JUDGED
     doubts = [w.finding for w in findings if w.finding.grade is Grade.DOUBTS]
-    of_whole = [doubt.table for doubt in doubts if is_of_whole(doubt)]
+    of_whole = [doubt.table for doubt in doubts if not doubt.is_of_part]
     if of_whole:
         return FLAGGED if {*of_whole} == {QUALITY} else DOUBTFUL
     return IN_PART if doubts else CLEAR
@@ -145,7 +144,7 @@ def verdict_on(experiment: str, findings: Sequence[WordedFinding], left_out: Lef
 def results_on(findings: Sequence[WordedFinding]) -> list[WordedFinding]:
     """Why the device of a trial is not of second order, as friction."""
     return [
-        worded for worded in findings if worded.finding.is_result and is_of_whole(worded.finding)
+        worded for worded in findings if worded.finding.is_result and not worded.finding.is_of_part
     ]
 
 

@@ -8,7 +8,6 @@ import polars as pl
 import pytest
 from conftest import beyond_in, findings_of, marked
 
-from osl_analysis.commands.tables import gather
 from osl_analysis.jobs.job_log import later_failures, write_log
 from osl_analysis.judge.campaign import campaign_findings, causes_in_campaign
 from osl_analysis.judge.finding import (
@@ -19,10 +18,9 @@ from osl_analysis.judge.finding import (
     Words,
     findings_frame,
 )
-from osl_analysis.judge.judging import judged
+from osl_analysis.judge.judging import judged, with_doubts_of
 from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.stats.repeats import counted, doubtful_row, summary_of_trials
-from osl_analysis.table import read_table, write_table
 
 
 def fits(**columns):
@@ -84,26 +82,15 @@ def test_a_mean_is_over_trials_that_are_not_doubtful_however_few(n_doubtful, mea
     assert len(counted(table.drop("doubtful"))) == 3
 
 
-def test_responses_share_the_doubts_of_the_fit_of_their_trial_and_amplitude(tmp_path):
-    fit = {"amplitude_deg": [2.0, 4.0, None], "vaf": [95.0, 95.0, 85.0]}
-    fit |= {"K_over_K_s": 0.5}
-    phasors = {"amplitude_deg": [2.0, 2.0, 4.0], "distortion": [0.0, 9.0, 0.0]}
-    for name, columns in (("impedance", fit), ("response", phasors)):
-        write_table(pl.DataFrame({"trial": "a", **columns}), tmp_path / name / "a.csv")
-    of = [tmp_path / "impedance/a.csv"]
-    strict = Limits(below={"vaf": 90})
-    gather(
-        [tmp_path / "response/a.csv"],
-        tmp_path / "response.csv",
-        Limits(above={"distortion": 1}),
-        of,
-        strict,
-    )
-    assert read_table(tmp_path / "response.csv")["doubtful"].to_list() == [
-        "vaf",
-        "distortion; vaf",
-        "vaf",
-    ]
+def test_responses_share_the_doubts_of_the_fit_of_their_trial_and_amplitude():
+    impedance = pl.DataFrame({
+        "trial": "a", "amplitude_deg": [2.0, 4.0, None], "doubtful": ["K: late torque", None, None]
+    })  # fmt: skip
+    response = pl.DataFrame({"trial": "a", "amplitude_deg": [2.0, 2.0, 4.0, None]})
+
+    shared = with_doubts_of(response, impedance)["doubtful"].to_list()
+
+    assert shared == ["K: late torque", "K: late torque", None, None]
 
 
 def test_numbers_that_a_failed_run_left_behind_are_said_to_be_old(tmp_path):
@@ -150,15 +137,11 @@ def test_the_worst_trial_of_a_cause_is_that_of_the_largest_number_which_is_shown
 
 
 def test_a_trial_that_is_doubtful_is_not_counted_again_as_doubtful_in_part():
-    tables = {
-        "impedance": fits(B=1.0, doubtful=["friction", None]),
-        "response": fits(doubtful="friction"),
-    }
+    tables = {"impedance": fits(B=1.0, doubtful=["friction", None])}
     findings = [friction("a", 0.5)]
     for trial in "ab":
-        evidence = (Beyond("Z_error", 0.5, 0.1, "above"),)
-        of_phasor = Finding("other_motion", "response", trial, evidence=evidence)
-        findings.append(WordedFinding(of_phasor, Words("", "", "")))
+        of_part = Finding("other_motion", "impedance", trial, amplitude_deg=2.0)
+        findings.append(WordedFinding(of_part, Words("", "", "")))
 
     causes = causes_in_campaign(findings, tables, UNCHECKED)
 

@@ -182,13 +182,6 @@ def test_every_job_says_what_made_it(every_job):
             assert {"version", "code", "data"} == job["params"]["made_by"].keys(), job["rule"]
 
 
-def test_responses_are_beside_fits_that_are_judged_by_limits_of_their_own(every_job):
-    params = {job["files"][0]: job["params"] for job in every_job if job["rule"] == "table"}
-
-    of_fits = params["results/tables/response.csv"]["limits_of_fits"]
-    assert of_fits == params["results/tables/impedance.csv"]["limits"]
-
-
 def test_a_rule_leaves_out_trials_by_the_checks_that_it_waits_for():
     for file in (ROOT / "rules").glob("*.smk"):
         for rule in file.read_text().split("rule ")[1:]:

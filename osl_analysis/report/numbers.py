@@ -162,7 +162,9 @@ def parts(entry: Entry, table: pl.DataFrame) -> list[tuple[pl.DataFrame, list[st
         names = pl.sql_expr(entry.value).meta.root_names()
         rows = table.with_columns(left_out=is_doubtful(table, names))
         rows = (
-            rows.filter(pl.sql_expr(entry.where))
+            rows.filter(
+                pl.sql_expr(entry.where).cast(pl.Boolean)
+            )  # null throughout, it is a number
             .with_columns(
                 number=pl.sql_expr(entry.value).cast(pl.Float64),
                 number_low=pl.sql_expr(entry.low).cast(pl.Float64),

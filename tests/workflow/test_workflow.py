@@ -343,7 +343,7 @@ def test_every_setting_is_a_param_of_a_job(tmp_path):
             for name in place[:-1]:
                 inner = inner.setdefault(name, {})
             inner[place[-1]] = places[place]
-    assert len(places) > 80
+    assert len(places) > 75
     example = {"K_d": 300, "B_d": 5}
     measured = {"simulation": None, "sheet": "trials.csv", "raw_data": "raw"}
     measured["figures"] = {"time_series": example, "frequency_response": example}

@@ -11,16 +11,13 @@ from osl_analysis.signals import runs
 from osl_analysis.trial import Array
 
 BIN_S = 0.05  # s; averaging time in the search for plateaus
-LONGER_BINS_S = (0.2, 0.5)  # s; the same for steps that noise hides
 FEWEST_ROWS = 1.5  # of the usual step in a bin, so that a slow log has a row in each
 LEVEL_CHANGE = 0.02  # of the current's range, by which means of a plateau differ at most
 NOISE_CHANGE = 5.0  # standard deviations of the change between means, if noise makes more
 LARGEST_CHANGE = 0.2  # of the range; a step is larger than any noise
 SHORTEST_LEVEL = 5  # changes between such means: a plateau of 0.3 s
 SETTLING, ENDING = 3, 1  # means left out: the torque settles, and the filter spreads the next step
-SPEED_BINS = 3  # over which a speed is averaged: 0.15 s, which hum and noise do not pass
 FEWEST_PLATEAUS = 8  # whose scatter, one left out at a time, gives an interval
-MOST_FAST = 0.5  # share of the time at plateaus in which noise may seem to move a shaft that stands
 LEAST_SPAN = 0.5  # of the current's range between plateaus; less are rests between two motions
 
 
@@ -38,16 +35,9 @@ def plateaus_of(time: Array, current: Array) -> list[slice]:
     -------
     list of slice
         Rows in which means over `BIN_S` change by less than 2 % of their range, or than noise
-        changes them, for 0.3 s or more. The first 0.15 s and the last 0.1 s are left out. Longer
-        means are taken if they show more plateaus, all times then are as much longer.
+        changes them, for 0.3 s or more. The first 0.15 s and the last 0.1 s are left out.
     """
-    found = [steady_rows(time, current, width) for width in (BIN_S, *LONGER_BINS_S)]
-    return max(found, key=len)
-
-
-def steady_rows(time: Array, current: Array, width: float) -> list[slice]:
-    """Plateaus by means over `width` [s]; the rest is that of `plateaus_of`."""
-    begins, number = bins_of(time, width)
+    begins, number = bins_of(time)
     if len(begins) <= SHORTEST_LEVEL:
         return []
     stops = np.append(begins[1:], len(time))
@@ -66,10 +56,10 @@ def steady_rows(time: Array, current: Array, width: float) -> list[slice]:
     return found
 
 
-def bins_of(time: Array, width: float = BIN_S) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """First rows (k,) of the bins of a width [s] of rising times (n,) [s], and their numbers."""
+def bins_of(time: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """First rows (k,) of the bins of rising times (n,) [s], and their numbers."""
     usual_step = np.median(np.diff(time)) if len(time) > 1 else 0.0
-    width = max(width, FEWEST_ROWS * usual_step)
+    width = max(BIN_S, FEWEST_ROWS * usual_step)
     # a hundredth of a step, so that rounding does not move rows to the bin before
     number = np.floor((time - time[0] + 0.01 * usual_step) / width).astype(np.intp)
     begins = np.flatnonzero(np.diff(number, prepend=-1))
@@ -113,21 +103,10 @@ def is_clamped(
         return False
     if motion is None:
         return True
-    at_plateaus = np.concatenate([np.r_[rows] for rows in plateaus])
-    share = fast_share(time[at_plateaus], motion[at_plateaus], is_angle, slowest)
-    return bool(share < MOST_FAST)
-
-
-def fast_share(time: Array, motion: Array, is_angle: bool, slowest: float) -> float:
-    """Share of the time (n,) [s] in which the velocity of a shaft, averaged over 0.15 s, is above
-    `slowest` [rad/s]; the arguments are those of `is_clamped`."""
-    begins, _ = bins_of(time)
-    means = means_from(begins, motion)
-    at = means_from(begins, time)
-    if len(means) <= SPEED_BINS:
-        return 0.0
+    rows = [motion[level] for level in plateaus]
     if is_angle:
-        speeds = (means[SPEED_BINS:] - means[:-SPEED_BINS]) / (at[SPEED_BINS:] - at[:-SPEED_BINS])
+        at = [time[level] for level in plateaus]
+        speeds = [np.polyfit(t, angle, 1)[0] for t, angle in zip(at, rows, strict=True)]
     else:
-        speeds = np.convolve(means, np.full(SPEED_BINS, 1 / SPEED_BINS), "valid")
-    return float(np.mean(np.abs(speeds) > slowest))
+        speeds = [velocity.mean() for velocity in rows]
+    return bool(np.median(np.abs(speeds)) < slowest)

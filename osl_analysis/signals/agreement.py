@@ -10,7 +10,6 @@ from osl_analysis.trial import Array
 # s, over which both are compared: a filter of 20 Hz takes 1 % of what moves so slowly
 WINDOW_S = 0.25
 LEAST_FOLLOWED = 0.9  # correlation of a speed with its angle's change; less is of another, or noise
-FEWEST_COMPARED = 100  # samples
 
 
 def speed_factor(time: Array, angle: Array, speed: Array) -> float:
@@ -29,15 +28,12 @@ def speed_factor(time: Array, angle: Array, speed: Array) -> float:
     known = np.isfinite(angle + speed)
     if not known.all():
         time, angle, speed = time[known], angle[known], speed[known]
-    if time.size < FEWEST_COMPARED or time[-1] == time[0]:
+    if not time.size:
         return np.nan
+    begins = np.arange(time[0], time[-1] - WINDOW_S, WINDOW_S / 10)
     way = np.append(0.0, np.cumsum(speed[1:] * np.diff(time)))
-    per_window = WINDOW_S * time.size / abs(time[-1] - time[0])
-    step = max(int(per_window / 10), 1)  # a tenth of the window tells as much as every sample
-    rows = max(round(per_window / step), 1)
-    angle, way = angle[::step], way[::step]
-    turns = angle[rows:] - angle[:-rows]
-    ways = way[rows:] - way[:-rows]
+    turns = np.interp(begins + WINDOW_S, time, angle) - np.interp(begins, time, angle)
+    ways = np.interp(begins + WINDOW_S, time, way) - np.interp(begins, time, way)
     if not (varies(turns) and varies(ways)):
         return np.nan
     is_followed = abs(np.corrcoef(turns, ways)[0, 1]) > LEAST_FOLLOWED

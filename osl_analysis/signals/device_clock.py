@@ -19,12 +19,10 @@ from osl_analysis.trial import Array
 # standard deviations between the 5 % and the 95 % quantile of a normal distribution
 NORMAL_90 = 3.29
 SETTLING_S = 2.0  # s within which latency comes back to its usual value
-FEWEST_AVERAGED = 51  # rows over which jitter averages out
 FAR_OFF = 5  # standard deviations beyond which a stamp does not count for the line
 ONE_SIDED = 0.5  # skewness of latency: late, never early
-IN_BATCH = 0.4  # steps within which a sample follows another of its batch
-LEAST_FOLLOWING = 0.4  # share of the rows that follow another of their batch
-ALIKE_WAITS = 0.1  # scatter of waits over that of sizes, of stamps that are ticks and no batches
+# steps within which a sample follows another of its batch; also the share of rows that do
+IN_BATCH = 0.4
 CONFIRMED = 0.6  # scatter of waits about the sizes behind them, over that about those before
 
 
@@ -50,7 +48,7 @@ class DeviceClock:
     @cached_property
     def creep(self) -> Array:
         """The residual averaged over 2 s, (n,) [s], in which jitter and latency average out."""
-        rows = int(np.clip(SETTLING_S / self.step, FEWEST_AVERAGED, len(self.stamps)))
+        rows = int(np.clip(SETTLING_S / self.step, 1, len(self.stamps)))
         return scipy.ndimage.uniform_filter1d(self.residual, rows, mode="nearest")
 
     @cached_property
@@ -75,19 +73,13 @@ class DeviceClock:
     def has_prompt_batches(self) -> bool | None:
         """Whether a batch of samples that a host stamps together waits for its last sample only:
         then its size matches the wait before its stamp. None if there are no batches, of which at
-        least 40 % of the rows follow within 0.4 steps.
-
-        Stamps rounded to decimals, or to ticks of a slow clock, are no batches: these waits are
-        alike, whatever their numbers of samples.
-        """
+        least 40 % of the rows follow within 0.4 steps, or if stamps are rounded to a decimal."""
         follows = np.diff(self.stamps) <= IN_BATCH * self.step
-        if np.mean(follows) < LEAST_FOLLOWING or self.decimal > 0.5 * self.step:
+        if np.mean(follows) < IN_BATCH or self.decimal > 0.5 * self.step:
             return None
         begins = np.flatnonzero(~np.append(False, follows))
         waits = np.diff(self.stamps[begins]) / self.step
         sizes = np.diff(begins)
-        if np.std(waits) <= ALIKE_WAITS * np.std(sizes):
-            return None
         return bool(np.std(waits[:-1] - sizes[1:]) < CONFIRMED * np.std(waits - sizes))
 
     @cached_property
@@ -135,7 +127,6 @@ WITHIN_A_ROW = 1.2  # range of rows about even places, which is no chance
 DECISIVE_CHANGE = 2.5
 LONGEST_HOLD_S = 0.1  # s; a source slower than 10 Hz is taken for a coarse signal
 LEAST_IN_PACE = 0.95  # share of the repetitions that must fit the source's pace
-PAUSE = 50  # periods; a longer repetition is a standing signal, which does not tell the pace
 
 
 @dataclass(frozen=True)
@@ -209,5 +200,4 @@ def rows_per_value(signal: Array, first_rows: NDArray[np.intp], step: float) -> 
     if not 2 <= usual <= LONGEST_HOLD_S / step or np.mean(keeps_pace) < LEAST_IN_PACE:
         return None
 
-    short = repeated[repeated < PAUSE * usual]
-    return float(short.sum() / np.maximum(np.rint(short / usual), 1).sum())
+    return float(repeated.sum() / np.maximum(np.rint(repeated / usual), 1).sum())

@@ -26,11 +26,10 @@ SHORTEST_STEP_S = 1e-9  # s, where most rows share a stamp with the one before
 MOST_LOST = 1000  # places of a count per sample; beyond it the stamps are those of batches
 NEAR_WHOLE = 0.3  # distance in steps up to which steps are counted
 LEFT_BY_MISSING = 0.7  # share of the squared residual that missing samples leave if there are any
-BLOCK = 25  # samples, so few that a quarter of the blocks miss none where 5 % are lost
-ROUNDS = 3  # a sample that is found moves the levels of its neighbours
+BLOCK = 25  # samples, whose promptest is hardly late; a quarter miss none where 5 % are lost
+ROUNDS = 2  # a sample that is found moves the levels of its neighbours
 COMPLETE = 0.1  # quantile of the blocks that miss none
 LARGEST_SCATTER_S = 5e-3  # s of a host; a larger step of a counted record is a jump of its clock
-PROMPTEST_OF = 16  # rows, of which only the promptest sample shows the rhythm
 BINS_PER_STEP = 4  # of the histogram of stamps, whose spectrum is taken
 LEAST_LINE = 6.0  # medians of the spectrum; noise reaches 4 at the highest of 100 000
 LARGEST_LOSS = 1.1  # of a device's rate over that of the samples left: one in ten is lost
@@ -196,8 +195,8 @@ def missing_by_rhythm(stamps: Array) -> int | None:
     n = len(stamps)
     duration = stamps[-1] - stamps[0]
     mean_hz = (n - 1) / duration
-    late = in_blocks(stamps - np.arange(n) / mean_hz, PROMPTEST_OF)
-    prompt = stamps[np.arange(len(late)) * PROMPTEST_OF + late.argmin(axis=1)]
+    late = in_blocks(stamps - np.arange(n) / mean_hz, BLOCK)
+    prompt = stamps[np.arange(len(late)) * BLOCK + late.argmin(axis=1)]
 
     bins_hz = BINS_PER_STEP * mean_hz
     histogram = np.bincount(((prompt - stamps[0]) * bins_hz).astype(np.intp))

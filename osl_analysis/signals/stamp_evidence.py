@@ -21,6 +21,7 @@ import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.signals.device_clock import DeviceClock
+from osl_analysis.signals.sample_count import in_blocks
 from osl_analysis.trial import Array
 
 # lags k, in rows, of the stamps that the sampling time of a value may follow
@@ -32,22 +33,20 @@ AGES = np.linspace(0, 2, 21)  # loops
 HYPOTHESES = np.vstack(
     [np.zeros(len(LAGS)), np.maximum(1 - np.abs(AGES[:, None] - LAGS), 0)],
 )
-BLOCK_S = 0.08  # s in which the signals tell how the stamps scatter
-BLOCK_ROWS = (9, 24)  # fewest and most rows of a block
+ROWS = 24  # of a block, in which the signals tell how the stamps scatter
 CHUNKS = 20  # whose scatter gives the covariance; three blocks in each are the fewest
 MOTION_DEGREE = 5  # of the polynomial that takes the smooth motion out of a block
 BLOCKS_SMOOTHED = 4  # over which the curve about which stamps scatter is smooth
 SLOPE_S = 0.04  # s over which the slope of a signal is that of a polynomial
 SLOPE_DEGREE = 3
-FEWEST_IN_WINDOW = 7  # rows of a slow recorder
-SHORTEST_LOCAL_STEP = 0.2  # steps, so that rows after a pause make no slope infinite
 LEAST_NOT_ROUNDING = 0.02  # share of the stamps' scatter that their rounding must leave
 MOST_NOISE = 0.2  # share of the mean square of x'; noise pulls a response towards 0
 KNOWN = 0.25  # standard error of a response above which a signal tells no hypothesis apart
 NOT_LINEAR = 0.05  # standard error beside the noise: the model is linear in the stamps
 # What decides
-LARGEST_MISFIT = 22  # chi-square, by each signal, of a hypothesis that fits: once in 5000 times
-DECISIVE = 30  # chi-square between even and true samples that makes a decision firm
+# chi-square between even and true samples that makes a decision firm, and by each signal beyond
+# which a hypothesis does not fit: 22 once in 5000 times
+DECISIVE = 30
 WORTH_AN_AGE = 9  # chi-square by which an age must fit better than none: three standard errors
 ROUNDED = 0.36  # decimals of scatter that rounding explains: 1/sqrt(12) = 0.29, and some noise
 # s by which the clock of an even device creeps at most, as 1000 ppm do in 400 s; a rate that
@@ -79,11 +78,7 @@ class StampsOfValues:
     """What the stamps do in the rows in which signals have values, and blocks of these rows."""
 
     fast: Array  # (m,) [s] fast part of the stamps
-    local_step: Array  # (m,) [s] of the stamps without their fast part
-    slope_window: int  # rows over which the slope of a signal is taken
-    # (k,) of blocks of `size` rows without missing samples or pauses
-    numbers: NDArray[np.intp]
-    size: int
+    numbers: NDArray[np.intp]  # (k,) of blocks of `ROWS` without missing samples
 
 
 def evidence_by_signal(
@@ -117,21 +112,21 @@ def evidence_of(signal: Array, clock: DeviceClock) -> StampEvidence | None:
 
     Notes
     -----
-    Least squares in blocks of 80 ms. Orthonormal polynomials Q of degree 5 take the smooth motion
+    Least squares in blocks of 24 rows. Orthonormal polynomials Q of degree 5 take the smooth motion
     out of each: of blocks X remains X (I - Q Q'). The variance q^2/12 of stamps rounded to q is
     taken off the normal matrix.
     """
     has_value = ~np.isnan(signal)
     values = signal[has_value]
     stamps = stamps_of_values(clock, has_value)
-    size = stamps.size
     numbers = stamps.numbers
     if len(numbers) < 3 * CHUNKS:
         return None
-    slope = smoothed(values, stamps.slope_window, 1) / stamps.local_step
-    polynomials = np.linalg.qr(np.vander(np.linspace(-1, 1, size), MOTION_DEGREE + 1))[0]
-    without_motion = np.eye(size) - polynomials @ polynomials.T
-    fluctuations = blocks_of(values, numbers, size) @ without_motion
+    slope_window = max(2 * round(SLOPE_S / 2 / clock.step) + 1, SLOPE_DEGREE + 2)
+    slope = smoothed(values, slope_window, 1) / clock.step
+    polynomials = np.linalg.qr(np.vander(np.linspace(-1, 1, ROWS), MOTION_DEGREE + 1))[0]
+    fluctuations = blocks_of(values, numbers)
+    fluctuations = fluctuations - (fluctuations @ polynomials) @ polynomials.T
 
     # by chunk: the normal matrix of what the stamps move, and its products with what the signal
     # does
@@ -139,18 +134,19 @@ def evidence_of(signal: Array, clock: DeviceClock) -> StampEvidence | None:
     products = np.zeros((CHUNKS, len(LAGS)))
     slope_square = 0.0
     for chunk, rows in enumerate(np.array_split(np.arange(len(numbers)), CHUNKS)):
-        slopes = blocks_of(slope, numbers[rows], size)
+        slopes = blocks_of(slope, numbers[rows])
         slope_square += float(np.vdot(slopes, slopes))
         moved = np.array(
-            [slopes * blocks_of(stamps.fast, numbers[rows], size, lag) for lag in LAGS.tolist()]
+            [slopes * blocks_of(stamps.fast, numbers[rows], lag) for lag in LAGS.tolist()]
         )
         moved -= (moved @ polynomials) @ polynomials.T
         columns = moved.reshape(len(LAGS), -1)
         normals[chunk] = columns @ columns.T
         products[chunk] = columns @ fluctuations[rows].ravel()
 
+    left_by_motion = 1 - (MOTION_DEGREE + 1) / ROWS
     # rounded stamps scatter by their decimal over the root of 12, whatever the samples do
-    by_rounding = clock.decimal**2 / 12 * slope_square * (1 - (MOTION_DEGREE + 1) / size)
+    by_rounding = clock.decimal**2 / 12 * slope_square * left_by_motion
     plain = normals.sum(axis=0)
     normal = plain - by_rounding * np.eye(len(LAGS))
     if np.linalg.eigvalsh(normal)[0] <= LEAST_NOT_ROUNDING * np.linalg.eigvalsh(plain)[0]:
@@ -162,8 +158,8 @@ def evidence_of(signal: Array, clock: DeviceClock) -> StampEvidence | None:
     squares += (normals @ response - 2 * products).sum(axis=0) @ response
     scores = products - normals @ response
 
-    slope_weights = scipy.signal.savgol_coeffs(stamps.slope_window, SLOPE_DEGREE, 1)
-    residual_variance = squares / fluctuations.size * size / (size - (MOTION_DEGREE + 1))
+    slope_weights = scipy.signal.savgol_coeffs(slope_window, SLOPE_DEGREE, 1)
+    residual_variance = squares / fluctuations.size / left_by_motion
     slope_noise = residual_variance * np.sum(slope_weights**2) / clock.step**2
     if not slope_noise <= MOST_NOISE * slope_square / fluctuations.size:
         return None
@@ -176,28 +172,21 @@ def evidence_of(signal: Array, clock: DeviceClock) -> StampEvidence | None:
 def stamps_of_values(clock: DeviceClock, rows: NDArray[np.bool_]) -> StampsOfValues:
     """Take the fast part and the local step of the stamps in some rows (n,), and the blocks that
     tell."""
-    size = int(np.clip(round(BLOCK_S / clock.step), *BLOCK_ROWS))
     stamps = clock.stamps[rows]
     count = clock.count[rows]
     late = clock.residual[rows]
-    fast = late - smoothed(late, BLOCKS_SMOOTHED * size + 1)
-    slope_window = 2 * round(SLOPE_S / 2 / clock.step) + 1
-    slope_window = max(slope_window, FEWEST_IN_WINDOW)
-    local_step = smoothed(stamps, slope_window, 1)
-    local_step = np.maximum(local_step, SHORTEST_LOCAL_STEP * clock.step)
-
-    first_rows = np.arange(MOST_BEFORE, len(stamps) - MOST_BEHIND - size, size)
+    fast = late - smoothed(late, BLOCKS_SMOOTHED * ROWS + 1)
+    first_rows = np.arange(MOST_BEFORE, len(stamps) - MOST_BEHIND - ROWS, ROWS)
     begins = first_rows - MOST_BEFORE
-    ends = first_rows + size - 1 + MOST_BEHIND
+    ends = first_rows + ROWS - 1 + MOST_BEHIND
     is_whole = count[ends] - count[begins] == ends - begins
-    return StampsOfValues(fast, local_step, slope_window, np.flatnonzero(is_whole), size)
+    return StampsOfValues(fast, np.flatnonzero(is_whole))
 
 
-def blocks_of(values: Array, numbers: NDArray[np.intp], size: int, lag: int = 0) -> Array:
-    """Blocks (k, size) of values (n,) by their numbers (k,), or of the values `lag` rows before."""
+def blocks_of(values: Array, numbers: NDArray[np.intp], lag: int = 0) -> Array:
+    """Blocks (k, ROWS) of values (n,) by their numbers (k,), or of the values `lag` rows before."""
     first = MOST_BEFORE - lag
-    count = (len(values) - first) // size
-    return values[first : first + count * size].reshape(count, size)[numbers]
+    return in_blocks(values[first:], ROWS)[numbers]
 
 
 def smoothed(values: Array, window: int, derivative: int = 0) -> Array:
@@ -295,7 +284,7 @@ def reading_of(clock: DeviceClock, evidence: Mapping[str, StampEvidence]) -> Rea
     misfit = np.sum([signal.misfit for signal in evidence.values()], axis=0)
     misfit_of_even = misfit[0]
     misfit_of_true = misfit[1:].min()
-    if min(misfit_of_even, misfit_of_true) > LARGEST_MISFIT * len(evidence):
+    if min(misfit_of_even, misfit_of_true) > DECISIVE * len(evidence):
         return undecided_true(f"neither even sampling nor stamps of any age fit, {responses}")
     if abs(misfit_of_even - misfit_of_true) < DECISIVE:
         by_stamps = reading_without_evidence(clock)

@@ -350,8 +350,6 @@ def of(stamps, values=None, **fields):
      r"clock jumps.*-0\.49 s.*5\.0* s,.*500,"),
     (clock(1000.0, 10.0)[np.arange(10_000) // 100 % 2 == 0], None, None,
      r"0\.0000 s.*9\.8990 s.*0\.20 s.*gap.*20 ms"),
-    (np.arange(20_000) // 100 / 10, np.sin(np.arange(20_000) / 99), None,
-     "stamps.*rows"),
 ])  # fmt: skip
 def test_refuses_a_recording_with_channel_time_value_and_remedy(stamps, values, counter, says):
     with refused_with(rf"cell:.*{says}"):

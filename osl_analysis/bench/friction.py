@@ -34,8 +34,8 @@ from osl_analysis.inference import (
     frictionless_actuator,
     infer_impedance,
 )
-from osl_analysis.inference.actuator import Sliding, deviations
-from osl_analysis.inference.constants import Ranges
+from osl_analysis.inference.actuator import MISSED_OF_FRICTION, deviations
+from osl_analysis.inference.constants import FRICTION_WINDS
 from osl_analysis.inference.friction_shapes import slipping_springs
 from osl_analysis.stats.budget import Budget, Contribution
 from osl_analysis.trial import Array
@@ -229,7 +229,7 @@ def frictionless_leg(analysis: Analysis, actuator: FrictionlessActuator) -> Fric
     stiffness, *_, kappa = np.linalg.lstsq(beside.T, few.filtered_torque[rows])[0]
     theta = few.motion.theta
     wound = theta + kappa / stiffness * theta_m
-    hysteresis = slipping_springs(wound, Ranges.FRICTION_WINDS)[-1]
+    hysteresis = slipping_springs(wound, FRICTION_WINDS)[-1]
     # friction and the belt's hysteresis look alike: how much is whose is told within these bounds
     bounds = np.array([actuator.angles(theta, z, few.rate_hz) for z in (hysteresis, 0 * theta)])
     torques = kappa * (theta_m - bounds.mean(axis=0))
@@ -238,7 +238,7 @@ def frictionless_leg(analysis: Analysis, actuator: FrictionlessActuator) -> Fric
     fit = less_friction(sums)
     by_torque = np.linalg.pinv(X[:, rows].T)
     of_blocks = deviations(torques[:, rows] @ by_torque.T)
-    of_formula = Sliding.INEXACTNESS * (analysis.whole.estimates - fit.estimates)
+    of_formula = MISSED_OF_FRICTION * (analysis.whole.estimates - fit.estimates)
     of_bounds = by_torque @ of_hysteresis[rows] / np.sqrt(3)  # a rectangular distribution
     errors = np.vstack([of_blocks, of_formula, of_bounds])
     fit = fit.with_known_error("friction_shape", np.linalg.norm(errors, axis=0))
@@ -304,7 +304,7 @@ def without_dry_friction(
     if label is not None or joint is None or not is_certain or not estimates:
         return estimates
     for name, weighed in joint.without_friction.items():
-        by_shape = abs(weighed.value - estimates[name].value) / np.sqrt(3)
+        by_shape = abs(weighed - estimates[name].value) / np.sqrt(3)
         of_shape = Contribution("friction_shape", by_shape, basis="weighed", part="sensor")
         estimates[name] = estimates[name].plus(of_shape)
     return estimates

@@ -32,24 +32,15 @@ from osl_analysis.inference.friction_shapes import friction_torques
 from osl_analysis.inference.spectra import BenchSignals, Spectra
 from osl_analysis.trial import Array
 
-
-class Sliding:
-    """While an actuator slides, and how well its equation is known then."""
-
-    # speed above which it slides; what the further two would change is an error [SD of its
-    # velocity]; 16 uncompensated legs: B is off by 0.037, 0.016, 0.012 N*m*s/rad (RMS) at 0.05,
-    # 0.1, 0.2
-    SPEEDS = (0.2, 0.1, 0.3)
-    # time about a standstill that is left out, since filters spread it [s]; 16 legs, sliding above
-    # 0.05 SD: B is off by 0.028 with 0.01 s, 0.037 with 0.02 s (RMS)
-    SETTLING = 0.02
-    # share of what friction does to K, B, I that its formula misses; seven legs of the simulator: B
-    # is off by 0.02 of it (RMS)
-    INEXACTNESS = 0.02
-
-
-FRICTION = slice(3, 5)  # coefficients f_0 and f_1
-HYSTERESIS = 5  # coefficient h
+# speed above which an actuator slides [SD of its velocity], and others, whose change is an error;
+# 16 uncompensated legs: B is off by 0.037, 0.016, 0.012 N*m*s/rad (RMS) at 0.05, 0.1, 0.2
+SPEEDS = (0.2, 0.1, 0.3)
+# time about a standstill that is left out, since filters spread it [s]; 16 legs, sliding above
+# 0.05 SD: B is off by 0.028 with 0.01 s, 0.037 with 0.02 s (RMS)
+SETTLING = 0.02
+# share of what friction does to K, B, I that its formula misses; seven legs of the simulator: B is
+# off by 0.02 of it (RMS)
+MISSED_OF_FRICTION = 0.02
 BEYOND_ENDS_S = 2.0  # odd extension of a motion at both ends [s]: 30 periods of its low-pass
 
 
@@ -101,23 +92,23 @@ def frictionless_actuator(signals: BenchSignals) -> FrictionlessActuator:
     spectra = Spectra(signals)
     columns = equation_of_sliding(spectra, friction_torques(spectra)[-1])
     # (3, 1 + BLOCKS, 8); without a block at the first speed only
-    fits = np.array([sliding_fits(spectra, columns, share) for share in Sliding.SPEEDS])
+    fits = np.array([sliding_fits(spectra, columns, share) for share in SPEEDS])
     coefficients = np.vstack([fits[:, 0], fits[0, 1:]])
 
     # its friction at the mean load
     load = spectra.signals.load
     mean_load = 0.0 if load is None else np.mean(np.abs(load))
-    friction = coefficients[:, FRICTION] @ [1.0, mean_load]
+    c_0, c_1, c_2, f_0, f_1, h, *_ = coefficients.T
+    friction = f_0 + f_1 * mean_load
     deviation = np.linalg.norm(deviations(friction))
     probability = scipy.special.ndtr(friction[0] / (deviation + TINY))
-    told = coefficients[:, [0, 1, 2, HYSTERESIS]]
-    return FrictionlessActuator(told, float(probability))
+    return FrictionlessActuator(np.column_stack([c_0, c_1, c_2, h]), float(probability))
 
 
 def deviations(values: Array) -> Array:
     """Independent errors of the first of values (1 + 2 + BLOCKS, ...) by each row of the
     coefficients: what the other speeds change, and by the jackknife what each block does."""
-    speeds = len(Sliding.SPEEDS)
+    speeds = len(SPEEDS)
     by_speed = values[1:speeds] - values[0]
     by_block = values[speeds:] - values[speeds:].mean(axis=0)
     return np.concatenate([by_speed, np.sqrt((BLOCKS - 1) / BLOCKS) * by_block])
@@ -141,7 +132,7 @@ def sliding_fits(spectra: Spectra, columns: Array, share: float) -> Array:
     speed = np.abs(columns[1])
     slow = speed < share * speed[spectra.inside].std()
     rate = spectra.product_rows / spectra.padded_seconds
-    near = scipy.ndimage.maximum_filter1d(slow, 2 * round(Sliding.SETTLING * rate) + 1)
+    near = scipy.ndimage.maximum_filter1d(slow, 2 * round(SETTLING * rate) + 1)
     slides = (spectra.time > EDGE) & (spectra.time < spectra.seconds - EDGE) & ~near
 
     length = np.linalg.norm(columns, axis=1) + TINY

@@ -50,8 +50,6 @@ TINY = 1e-150
 
 # Band and noise
 
-# Median of the size of normal noise over its SD; the standard normal's quantile at 0.75
-MEDIAN_OF_NOISE = 0.6745
 # Power of the angle over its noise below which the band ends; noise is then 1 % of a column's
 # power at the band's end
 VISIBLE_ABOVE_NOISE = 100.0
@@ -76,23 +74,21 @@ ROUNDING_DRAWS = 12
 # 143; sound steps between levels look cut by up to 2.1, and what is cut and named by 9 or more
 FEWEST_STEPS = 3.0
 
+# Ranges of the rivals' own parameters
 
-class Ranges:
-    """Ranges of the rivals' own parameters."""
-
-    # Torque after angle [s]; a choice: 20 frames at 1 kHz early, 30 late
-    DELAY_S = (-0.02, 0.03)
-    # Time constants of low-passes [s]; 500 to 3 Hz: amplifiers' filters, held samples at 20 Hz
-    LAG_S = (3e-4, 0.05)
-    # Spring in series with the joint [rad/(N*m)]; a frame of 100 kN*m/rad to a belt of 250 N*m/rad
-    COMPLIANCE = (1e-5, 4e-3)
-    # Relaxation of a viscoelastic branch [s]; faster than the band it is a damper, slower a spring
-    BRANCH_S = (5e-3, 0.5)
-    # Play [rad]; 0.03 to 1.1 deg
-    PLAY = (5e-4, 2e-2)
-    # Angles over which friction builds up before it slides [rad]; bristles of 3e-5 to 1e-3 rad are
-    # sums of these: docs/bench_validation.md
-    FRICTION_WINDS = (5e-5, 1.5e-4, 5e-4, 1.5e-3)
-    # Velocity over which sliding friction changes sign, if the velocity's noise is smaller [SD of
-    # the velocity]; the next wider shape, five times as wide, is a column too
-    SIGN_WIDTH = 0.01
+# Largest delay of torque or angle [s]; a choice: 30 frames at 1 kHz
+LARGEST_DELAY_S = 0.03
+# Time constants of low-passes [s]; 500 to 3 Hz: amplifiers' filters, held samples at 20 Hz
+LAG_S = (3e-4, 0.05)
+# Spring in series with the joint [rad/(N*m)]; a frame of 100 kN*m/rad to a belt of 250 N*m/rad
+COMPLIANCE = (1e-5, 4e-3)
+# Relaxation of a viscoelastic branch [s]; faster than the band it is a damper, slower a spring
+BRANCH_S = (5e-3, 0.5)
+# Play [rad]; 0.03 to 1.1 deg
+PLAY = (5e-4, 2e-2)
+# Angles over which friction builds up before it slides [rad]; bristles of 3e-5 to 1e-3 rad are
+# sums of these: docs/bench_validation.md
+FRICTION_WINDS = (5e-5, 1.5e-4, 5e-4, 1.5e-3)
+# Velocity over which sliding friction changes sign, if the velocity's noise is smaller [SD of
+# the velocity]; the next wider shape, five times as wide, is a column too
+SIGN_WIDTH = 0.01

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from osl_analysis.inference.constants import Ranges
+from osl_analysis.inference.constants import FRICTION_WINDS, SIGN_WIDTH
 from osl_analysis.inference.spectra import Spectra
 from osl_analysis.trial import Array
 
@@ -63,14 +63,14 @@ def friction_torques(spectra: Spectra) -> Array:
     """Compute the columns (k, p) of dry friction, at the product rate.
 
     Two slide, with a sign that changes over a narrow and a wide velocity. Springs slip behind each
-    of `Ranges.FRICTION_WINDS`.
+    of `FRICTION_WINDS`.
 
     The sign of a noisy velocity chatters: its width is at least the velocity's noise, whose
     variance is the integral of (2 pi f)^2 times the angle's noise density over the product band.
     """
     velocity = np.gradient(spectra.sliding, spectra.padded_seconds / spectra.product_rows)
     variance = spectra.angle_noise * (2 * np.pi) ** 2 * spectra.product_band_hz**3 / 3
-    usual = Ranges.SIGN_WIDTH * velocity[spectra.inside].std()
+    usual = SIGN_WIDTH * velocity[spectra.inside].std()
     width = max(usual, np.sqrt(variance), SLOWEST)
     sliding = np.tanh(velocity / (width * np.array([[1.0], [WIDER]])))
-    return np.vstack([sliding, slipping_springs(spectra.sliding, Ranges.FRICTION_WINDS)])
+    return np.vstack([sliding, slipping_springs(spectra.sliding, FRICTION_WINDS)])

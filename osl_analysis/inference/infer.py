@@ -9,23 +9,19 @@
    priors give weights.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from osl_analysis.inference.constants import BLOCKS
 from osl_analysis.inference.rivals import EQ_15, RIVALS, Rival, Search, candidates
 from osl_analysis.inference.rounding_errors import rounding_torques
 from osl_analysis.inference.spectra import BenchSignals, Spectra
-from osl_analysis.inference.unexplained import largest_shifts
+from osl_analysis.inference.unexplained import MOST_NOISE, largest_shifts
 from osl_analysis.inference.weighing import Predicted, predict, weigh
 from osl_analysis.inference.whitening import Whitened
-from osl_analysis.stats.budget import Budget, Impedance, scatter
 from osl_analysis.trial import Array
 
-# variance of what Eq. 15 leaves over the noise's; above it something is missing, whatever it is
-MOST_UNEXPLAINED = 1.5
 SCREEN_DEVIATIONS = 3.0  # beyond chance, that all columns together must gain: once in 700 times
 
 
@@ -45,8 +41,8 @@ class ImpedanceInference:
 
     Attributes
     ----------
-    without_friction : Impedance
-        K, B and I of the best joint without a fault, less its friction.
+    without_friction : dict
+        K, B and I of the best joint without a fault, less its friction [SI].
     friction_probability : float
         Probability of dry friction.
     alternatives : tuple of Alternative
@@ -55,7 +51,7 @@ class ImpedanceInference:
         By how much torque that no rival explains could move K, B and I at most [SI].
     """
 
-    without_friction: Impedance
+    without_friction: Mapping[str, float]
     friction_probability: float
     alternatives: tuple[Alternative, ...]
     unexplained: Array
@@ -103,7 +99,7 @@ def infer_impedance(signals: BenchSignals) -> ImpedanceInference:
     ]
     best, _ = max(weighed, key=lambda each: each[1])
     return ImpedanceInference(
-        without_friction=impedance_of(best_sound),
+        without_friction=dict(zip("KBI", best_sound.impedances[0].tolist(), strict=True)),
         friction_probability=sum(weight for fit, weight in weighed if fit.has_friction),
         alternatives=tuple(sorted(alternatives, key=lambda each: -each.probability)),
         unexplained=largest_shifts(data, best, fits[0].left, best_sound.impedance, rounding),
@@ -135,19 +131,9 @@ def is_explained_by_eq15(plain: Search) -> bool:
     path may explain them although it gains nothing.
     """
     noise = max(plain.left / plain.data.spectra.freedom, 1.0)
-    if not plain.is_body or noise >= MOST_UNEXPLAINED:
+    if not plain.is_body or noise >= MOST_NOISE:
         return False
     columns = plain.data.rich
     gain = (plain.left - plain.fit(columns)[0]) / 2 / noise
     by_chance = len(columns) / 2
     return bool(gain < by_chance + SCREEN_DEVIATIONS * np.sqrt(by_chance))
-
-
-def impedance_of(fit: Predicted) -> Impedance:
-    """K, B and I of a fit, with their errors by the scatter of the blocks."""
-    errors = np.sqrt(np.diag(fit.covariance)).tolist()
-    values = fit.impedances[0].tolist()
-    return {
-        name: Budget(value, (scatter(error, BLOCKS - 1.0),))
-        for name, value, error in zip(("K", "B", "I"), values, errors, strict=True)
-    }

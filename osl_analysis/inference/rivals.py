@@ -22,13 +22,19 @@ the delayed angle, velocity and acceleration.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Literal
 
 import numpy as np
 import scipy
 
-from osl_analysis.inference.constants import FEWEST_STEPS, Ranges
+from osl_analysis.inference.constants import (
+    BRANCH_S,
+    COMPLIANCE,
+    FEWEST_STEPS,
+    LAG_S,
+    LARGEST_DELAY_S,
+    PLAY,
+)
 from osl_analysis.inference.friction_shapes import slipping_springs
 from osl_analysis.inference.spectra import solve_scaled
 from osl_analysis.inference.whitening import Whitened
@@ -41,14 +47,13 @@ WORTH_REFINING = 2.0
 REFINEMENTS = 12  # evaluations of Brent's method about a minimum of the grid
 
 
-class Cut:
-    """What shows that the ends of a torque are cut."""
-
-    OUTERMOST = (0.002, 0.998)  # quantiles of a torque that are its ends, beside noise
-    STEPS = 16  # in which the ends and what is beyond them are found in turn
-    # slope of a recorded torque over the modelled one beyond its end: halfway between a torque that
-    # is cut, and one that goes on
-    MOST_FOLLOWING = 0.5
+# What shows that the ends of a torque are cut
+OUTERMOST = 0.002  # quantile of a torque that is its end, beside noise
+CUT_ROUNDS = 16  # in which the ends and what is beyond them are found in turn
+# slope of a recorded torque over the modelled one beyond its end: halfway between a torque that is
+# cut, and one that goes on
+MOST_FOLLOWING = 0.5
+GRID = 9  # values of a rival's own parameter, over the range of a hundred
 
 
 class Search:
@@ -92,12 +97,6 @@ class Search:
         """Whether what is left of the torque is so much less than what Eq. 15 leaves, in noise of
         variance 1, or B or I of Eq. 15 alone is negative."""
         return not self.is_body or (self.left - left) / 2 >= WORTH_REFINING
-
-    @cached_property
-    def may_be_path(self) -> bool:
-        """Whether jerk and snap beside the motion gain anything, as they do for any path: to first
-        order in its delay or compliance a path adds multiples of them to Eq. 15."""
-        return self.is_worth_refining(self.fit(self.data.columns["derivatives"])[0])
 
     @property
     def is_body(self) -> bool:
@@ -187,8 +186,6 @@ def candidates(rival: Rival, search: Search) -> list[Candidate]:
     if rival.grid is None:
         without_parameter = model(search, 0.0)
         return [Candidate(rival, *without_parameter)] if without_parameter else []
-    if rival.family == "path" and not search.may_be_path:
-        return []
 
     def at(value: float) -> Model:
         modelled = model(search, value)
@@ -224,7 +221,7 @@ def low_passed(search: Search, lag_s: float) -> Model:
 
 def lags(data: Whitened) -> Array:
     """Time constants of low-passes [s]."""
-    of_torque = np.geomspace(*Ranges.LAG_S, 11)
+    of_torque = np.geomspace(*LAG_S, GRID)
     return np.concatenate([-of_torque[::-1], of_torque])
 
 
@@ -270,8 +267,8 @@ def behind_gap(search: Search, width: float) -> Model:
 
 def gap_widths(data: Whitened) -> Array:
     """Widths of a gap [rad], from what rounding cannot be."""
-    least = max(Ranges.PLAY[0], FEWEST_STEPS * data.spectra.signals.encoder_step)
-    return np.geomspace(least, max(Ranges.PLAY[1], 2 * least), 8)
+    least = max(PLAY[0], FEWEST_STEPS * data.spectra.signals.encoder_step)
+    return np.geomspace(least, max(PLAY[1], 2 * least), GRID)
 
 
 def cut(search: Search, _: float) -> Model | None:
@@ -286,10 +283,10 @@ def cut(search: Search, _: float) -> Model | None:
     inside = spectra.inside
     motion = np.array([spectra.angle, spectra.omega, spectra.alpha])[:, inside]
     recorded = spectra.resampled(*spectra.raw_torque)[inside]
-    low, high = np.quantile(recorded, Cut.OUTERMOST)
+    low, high = np.quantile(recorded, (OUTERMOST, 1 - OUTERMOST))
     missing = np.zeros(spectra.product_rows)
     coefficients = search.impedance
-    for _step in range(Cut.STEPS):
+    for _step in range(CUT_ROUNDS):
         modelled = coefficients @ motion
         # with the offset of its smaller half, in which nothing is cut
         size = np.abs(modelled - np.median(modelled))
@@ -307,21 +304,21 @@ def cut(search: Search, _: float) -> Model | None:
     rounded = FEWEST_STEPS * spectra.signals.encoder_step * coefficients[0]
     if square <= rounded**2 * np.count_nonzero(missing):
         return None
-    return (data.motion, torque) if followed < Cut.MOST_FOLLOWING * square else None
+    return (data.motion, torque) if followed < MOST_FOLLOWING * square else None
 
 
 EQ_15 = Rival("", "nothing")
 RIVALS = (
     EQ_15,
-    Rival("path", "delay", late, lambda _: np.linspace(*Ranges.DELAY_S, 26)),
+    Rival("path", "delay", late, lambda _: LARGEST_DELAY_S * np.linspace(-1, 1, 3 * GRID)),
     Rival("path", "low-pass", low_passed, lags),
-    Rival("path", "spring in series", behind_spring, lambda _: np.geomspace(*Ranges.COMPLIANCE, 9)),
+    Rival("path", "spring in series", behind_spring, lambda _: np.geomspace(*COMPLIANCE, GRID)),
     Rival("time", "change over time", shares=(0.0, -0.5, 0.5)),
     Rival("time", "change at once", shares=(0.0, 1.0)),
     Rival("speed", "damping by speed"),
     Rival("size", "hardening"),
     Rival("size", "K by side", shares=(0.0, 1.0, -1.0)),
-    Rival("size", "viscoelastic branch", with_branch, lambda _: np.geomspace(*Ranges.BRANCH_S, 9)),
+    Rival("size", "viscoelastic branch", with_branch, lambda _: np.geomspace(*BRANCH_S, GRID)),
     Rival("direction", "K and B by direction", shares=(0.0, 1.0, -1.0)),
     Rival("speed", "play", behind_gap, gap_widths),
     Rival("clipping", "clipping", cut),

@@ -13,7 +13,7 @@ import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.inference.constants import ROUNDING_DRAWS
-from osl_analysis.inference.spectra import roll_off
+from osl_analysis.inference.spectra import HIGHEST_OF_RATE, roll_off, welch
 from osl_analysis.inference.whitening import Whitened
 from osl_analysis.trial import Array
 
@@ -23,7 +23,6 @@ SMOOTH_BANDS = 4.0  # bands of the low-pass that gives the angle before its roun
 # bits, 19 have friction without, 10 with it
 SIZES_DRAWN = 0.1
 BESIDE_CUTOFF = (2.0, 4.0)  # cut-offs, between which a low-pass removes all, and motion is slower
-HIGHEST_OF_RATE = (0.35, 0.45)  # of the sampling rate: the highest frequencies of a slow recorder
 LEAST_REPEATED = 0.05  # share of the rounding that noise leaves, below which it is noise
 
 
@@ -105,10 +104,10 @@ def noise_beyond(removed: Array, rate_hz: float, cutoff_hz: float) -> float:
     cutoff_hz : float
         Of the low-pass.
     """
-    rows = min(round(rate_hz), len(removed))
-    frequency, density = scipy.signal.welch(removed, rate_hz, nperseg=rows)
-    above_hz = min(BESIDE_CUTOFF[0] * cutoff_hz, HIGHEST_OF_RATE[0] * rate_hz)
-    below_hz = min(BESIDE_CUTOFF[1] * cutoff_hz, HIGHEST_OF_RATE[1] * rate_hz)
+    frequency, density = welch(removed, rate_hz, round(rate_hz))
+    above_hz, below_hz = np.minimum(
+        cutoff_hz * np.array(BESIDE_CUTOFF), rate_hz * np.array(HIGHEST_OF_RATE)
+    )
     is_beside = (frequency > above_hz) & (frequency < below_hz)
     return float(np.median(density[is_beside]))
 

@@ -34,6 +34,7 @@ Spectrum = NDArray[np.complex128]
 WORKING_RATE = 3.4  # bands; there the roll-off has taken all but 1.4 % of a signal
 SPECTRUM_S = 2.0  # [s] of a segment of Welch's spectrum
 REST = 0.02  # SD of the angle that a joint at rest does not leave
+HIGHEST_OF_RATE = (0.35, 0.45)  # of the sampling rate: frequencies that show the noise
 DERIVATIVES = 5  # angle and its derivatives up to the fourth
 
 
@@ -313,21 +314,28 @@ def roll_off(frequency: Array, end_hz: float) -> Array:
     return 1 / (1 + (square**2) ** 2)  # a power of 8 takes as long as a transform
 
 
-def noise_and_band(theta: Array, rate_hz: float) -> tuple[float, float]:
-    """Find the density of an angle's noise [rad^2/Hz], and the end of its motion's band [Hz].
-
-    The spectrum is Welch's, of all segments at once. The noise is taken as white, and read at the
-    highest frequencies (above 100 Hz where there are such). The band ends at the first frequency
-    above 1 Hz at which the power falls below `VISIBLE_ABOVE_NOISE` times the noise.
-    """
-    length = min(round(SPECTRUM_S * rate_hz), len(theta))
-    window = scipy.signal.windows.hann(length, sym=False)
-    segments = np.lib.stride_tricks.sliding_window_view(theta, length)[:: length // 2]
+def welch(x: Array, rate_hz: float, rows: int) -> tuple[Array, Array]:
+    """Frequencies (f,) [Hz] and Welch's density (f,) [1/Hz] of a signal (n,), of segments of some
+    rows that overlap by half, all at once: SciPy takes one after the other, four times as long."""
+    rows = min(rows, len(x))
+    window = scipy.signal.windows.hann(rows, sym=False)
+    segments = np.lib.stride_tricks.sliding_window_view(x, rows)[:: rows - rows // 2]
     about_mean = segments - segments.mean(axis=1, keepdims=True)
     power = np.mean(np.abs(scipy.fft.rfft(window * about_mean)) ** 2, axis=0)
     power *= 2 / (rate_hz * np.sum(window**2))
-    frequency = np.arange(len(power)) * rate_hz / length
-    highest = (frequency > min(100.0, 0.35 * rate_hz)) & (frequency < 0.45 * rate_hz)
+    return np.arange(len(power)) * rate_hz / rows, power
+
+
+def noise_and_band(theta: Array, rate_hz: float) -> tuple[float, float]:
+    """Find the density of an angle's noise [rad^2/Hz], and the end of its motion's band [Hz].
+
+    The noise is taken as white, and read at the
+    highest frequencies (above 100 Hz where there are such). The band ends at the first frequency
+    above 1 Hz at which the power falls below `VISIBLE_ABOVE_NOISE` times the noise.
+    """
+    frequency, power = welch(theta, rate_hz, round(SPECTRUM_S * rate_hz))
+    above, below = HIGHEST_OF_RATE
+    highest = (frequency > min(100.0, above * rate_hz)) & (frequency < below * rate_hz)
     noise = float(np.median(power[highest]))
 
     limit = min(HIGHEST_BAND, BAND_OF_RATE * rate_hz)

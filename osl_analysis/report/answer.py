@@ -7,10 +7,10 @@ from collections.abc import Mapping
 import polars as pl
 
 from osl_analysis.figures import look_numbers
+from osl_analysis.report.numbers import MOST_IN_SENTENCE
 from osl_analysis.stats.repeats import counted
 from osl_analysis.stats.rounding import significant
 
-MOST_CONTROLLERS = 3  # in a sentence
 ERRORS = {
     "K": 100 * (pl.col("K") / pl.col("K_d") - 1).abs(),
     "B": (pl.col("B") - pl.col("B_d")).abs(),
@@ -35,7 +35,7 @@ def answer(tables: Mapping[str, pl.DataFrame]) -> str:
     )
     whole = whole.with_columns(look_numbers(whole["controller"])).sort("look", nulls_last=True)
     texts = []
-    for trials in whole.partition_by("controller")[:MOST_CONTROLLERS]:
+    for trials in whole.partition_by("controller")[:MOST_IN_SENTENCE]:
         clauses = []
         for symbol, error in ERRORS.items():
             worst = counted(trials, [symbol]).select(error.max()).item()
@@ -47,13 +47,12 @@ def answer(tables: Mapping[str, pl.DataFrame]) -> str:
             texts.append(", ".join(filter(None, [trials["controller"][0], " and ".join(clauses)])))
     pairs = tables.get("compensation", pl.DataFrame())
     if texts and len(pairs):  # an empty file has no types
-        of_quantity = pairs.filter(of="trials").group_by("quantity").agg(pl.sum("better", "pairs"))
-        counts = {row["quantity"]: row for row in of_quantity.to_dicts()}
-        nearer = [
-            f"in {symbol} in {counts[name]['better']} of {counts[name]['pairs']} pairs"
-            for name, symbol in COMPARED.items()
-            if name in counts
-        ]
+        nearer = []
+        for quantity, symbol in COMPARED.items():
+            of_quantity = pairs.filter(of="trials", quantity=quantity)
+            better, count = of_quantity.select(pl.sum("better", "pairs")).row(0)
+            if count:
+                nearer.append(f"in {symbol} in {better} of {count} pairs")
         if nearer:
             texts.append(f"compensation is nearer {', '.join(nearer)}")
     if not texts:

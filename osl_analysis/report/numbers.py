@@ -29,9 +29,8 @@ from osl_analysis.table import SCHEMA, SCHEMA_FIELD
 # by which numbers of trials are told apart where a campaign has several
 PLACE = ("joint", "side")
 OF_CONDITION = (*PLACE, "excitation")
-MOST_IN_SENTENCE = 3  # numbers of a sentence, which a line of a terminal holds
+MOST_IN_SENTENCE = 3  # numbers, or lines of conditions, that a terminal holds
 BY_CONDITION = "by condition"  # `says` of the entries that these lines hold
-CONDITION_LINES = 3  # of K and B by condition
 MOST_CONDITIONS = 16  # that are named in a line
 
 
@@ -256,7 +255,7 @@ def headline_sentences(numbers: Iterable[Number], by_condition: bool = True) -> 
             texts_of.setdefault(number.says, []).append(number.in_sentence)
     if by_condition:
         conditions = [f"{name}: {', '.join(texts)}" for name, texts in of_conditions.items()]
-        yield from first_of(conditions, CONDITION_LINES)
+        yield from first_of(conditions, MOST_IN_SENTENCE)
     for begin, texts in texts_of.items():
         yield f"{begin} {', '.join(first_of(texts, MOST_IN_SENTENCE))}."
 

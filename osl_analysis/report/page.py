@@ -29,8 +29,10 @@ from osl_analysis.stats.rounding import WithInterval, plus_minus
 
 TEMPLATES = Path(__file__).with_name("templates")
 NO_CONDITIONS = ("trial", "experiment", "exclude", *RECORDINGS, *SOURCES)
-# symbols that are set with their subscripts, and are no part of a name
-SYMBOLS = re.compile(r"\$.+?\$|(?<![\w-])[KBJknf]_(?:viscous|tau|[dsjm1CGT])(?![\w-])")
+# between dollar signs, or with a subscript and no part of a name
+SYMBOLS = re.compile(
+    r"(?<!\\)\$(.+?)(?<!\\)\$|(?<![\w-])([KBJknf]_(?:viscous|tau|[dsjm1CGT]))(?![\w-])"
+)
 MAIN_FIGURES = ("fig5", "fig9", "fig3")  # in this order: bench, walking, belt
 
 
@@ -131,9 +133,7 @@ def written_page(page: Page) -> str:
     )
     # models of Bokeh are read in the order in which they refer to each other
     environment.policies["json.dumps_kwargs"] = {"sort_keys": False}
-    environment.filters["printed"] = lambda text: with_symbols(
-        SYMBOLS.sub(in_dollars, printed(text))
-    )
+    environment.filters["printed"] = lambda text: with_symbols(printed(text))
     environment.filters["plus_minus"] = lambda text: (
         plus_minus(*text.parts) if isinstance(text, WithInterval) else text
     )
@@ -147,22 +147,17 @@ def written_page(page: Page) -> str:
     )
 
 
-def in_dollars(match: re.Match[str]) -> str:
-    """A symbol as `with_symbols` sets it; one that stands between dollar signs as it is."""
-    return match[0] if match[0].startswith("$") else f"${match[0]}$"
-
-
 def with_symbols(text: str) -> Markup:
-    """A text whose symbols between dollar signs, as `$K_d$` and `$\\hat{K}$`, are set in HTML; a
-    dollar sign behind a backslash is one."""
+    """A text whose symbols, as `K_d` and `$\\hat{K}$`, are set in HTML; a dollar sign behind a
+    backslash is one."""
 
     def symbol(match: re.Match[str]) -> str:
-        letters = re.sub(r"\\hat\{(\w)\}", "\\1\u0302", match[1])
+        letters = re.sub(r"\\hat\{(\w)\}", "\\1\u0302", match[1] or match[2])
         letters = re.sub(r"\\\w+\{(\w+)\}", r"\1", letters)
         letters = re.sub(r"_\{?([A-Za-z0-9]+)\}?", r"<sub>\1</sub>", letters)
         return f"<i>{re.sub(r'[{}^]', '', letters).replace('tau', 'τ')}</i>"
 
-    in_html = re.sub(r"(?<!\\)\$(.+?)(?<!\\)\$", symbol, str(escape(text)))
+    in_html = SYMBOLS.sub(symbol, str(escape(text)))
     return Markup(in_html.replace("\\$", "$"))
 
 

@@ -29,7 +29,6 @@ NOT_JUDGED = "not judged"  # recordings that are read and not analysed
 MOST_FINDINGS = 3  # with verdicts, numbers and what was not checked a run tells itself in ten lines
 NOT_CHECKED = "not checked"
 LINE = 110  # letters of a line at the end of a run
-CUT = " ..."  # behind a longer one
 VERDICTS = (CLEAR, FLAGGED, DOUBTFUL, IN_PART, REFUSED, EXCLUDED, NOT_JUDGED)
 
 
@@ -194,7 +193,7 @@ def brief_lines(summary: Mapping[str, Any]) -> list[str]:
         *findings_lines(findings_in_summary(summary)),
         *changed_lines(summary),
     ]
-    return [line if len(line) <= LINE else shortened(line, LINE - len(CUT)) for line in lines]
+    return [line if len(line) <= LINE else shortened(line, LINE - len(" ...")) for line in lines]
 
 
 def findings_lines(findings: Sequence[CampaignFinding]) -> list[str]:

@@ -35,7 +35,7 @@ NOT_TOLD = {
 UNNAMED = "ingest_only"  # the experiment of a trial whose name tells none
 # of a table of forces beside markers: `walk_grf.mot`, `forces_walk.mot`
 OF_FORCES = re.compile(r"(?i)[_-](grfs?|forces?)$|^(grfs?|forces?)[_-]")
-LONGEST_NAME = 90  # signs of a trial's name
+
 SMALLEST_K = 10.0  # N*m/rad; `K1` is the number of a file
 UNPERTURBED = r"\b(unperturbed|unpert|baseline|normal|nominal|nom|level|free|no ?pert)\b"
 PERTURBED = r"\b(perturb|perturbed|perturbation|pert)\b"
@@ -68,8 +68,7 @@ def stem_of(path: Path) -> str:
 def trial_name(path: Path) -> str:
     """A name for the trial of a file: that of the file without its ending, with `_` for what a name
     may not have."""
-    name = re.sub(r"[^A-Za-z0-9_.-]+", "_", stem_of(path)).lstrip("_.-")
-    return name[:LONGEST_NAME] or "trial"
+    return re.sub(r"[^A-Za-z0-9_.-]+", "_", stem_of(path)).lstrip("_.-") or "trial"
 
 
 def draft_trials(

@@ -263,18 +263,17 @@ def losses_of(loss: Loss, topics: Collection[str] = ()) -> dict[str, Any]:
     dict
         Empty for a table of which nothing is lost.
     """
-    of_topics = [loss_of(loss, topic) for topic in topics]
-    most = max(loss.lost or 0, sum(each.lost or 0 for each in of_topics))
-    lost = None if loss.lost is None else most
+    lost = loss.lost
     if loss.end == End.MISSING or (loss.end == End.UNKNOWN and not lost):
         lost = None  # nobody knows what stood behind the end
     if lost == 0 and not topics:
         return {}
+    shares = [loss_of(loss, topic).share for topic in topics]
     return {
         "end_missing": loss.end == End.MISSING,
         "read": loss.read,
         "lost": lost,
-        "share_lost": max([each.share for each in of_topics], default=loss.share),
+        "share_lost": max(shares, default=loss.share),
         "remarks": [printable(text) for text in loss.remarks],
     }
 

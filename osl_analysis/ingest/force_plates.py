@@ -127,7 +127,7 @@ def wrench(kind: int, corners: Array, origin: Array, channels: Array) -> tuple[A
     force = channels[:, :3]
     moment = channels[:, 3:6]  # or the centre of pressure, by kind
     if kind == EXPORTED:
-        about = channels[:, 6:9] if channels.shape[1] == 9 else origin
+        about = channels[:, 6:] if has_point(channels) else origin
         return force, moment + np.cross(about - np.mean(corners, axis=0), force)
     axes = own_axes(corners)
     # from the plate's origin to the surface's centre: the origin lies under the surface and z
@@ -148,9 +148,6 @@ def wrench(kind: int, corners: Array, origin: Array, channels: Array) -> tuple[A
     return force @ axes.T, (moment - np.cross(centre, force)) @ axes.T
 
 
-LEAST_LEVER_M = 1e-3  # of a force about a point that is not its centre of pressure
-
-
 def channel_facts(plate: Plate, raw: Array, load: Array, rate_hz: float) -> list[dict[str, Any]]:
     """Tell of each channel of a plate its longest run at an extreme (`clipped_...`) and of one
     value while the force changes (`stands_...`): the rotation hides them.
@@ -158,39 +155,32 @@ def channel_facts(plate: Plate, raw: Array, load: Array, rate_hz: float) -> list
     Parameters
     ----------
     raw
-        Shape (samples, channels). The last three of nine are a point, no channels; moments about
-        it are zero by definition, up to rounding, if it is the centre of pressure.
+        Shape (samples, channels). Of nine the last three are a point, and no moment about a centre
+        of pressure moves by definition.
     load
         Size of the force (samples,) [N].
     """
     least = max(LIMITS.used_share * np.ptp(load), LIMITS.used_N)
-    is_about_point = raw.shape[1] == 9
+    judged = plate.channels[:3] if has_point(raw) else plate.channels
     facts = []
-    for number, channel in enumerate(plate.channels[: 6 if is_about_point else None]):
-        values = raw[:, number]
-        if is_about_point and number >= 3 and np.ptp(values) <= LEAST_LEVER_M * load.max(initial=0):
-            continue
+    for channel, values in zip(judged, raw.T, strict=False):
         rail = run_at_extreme(values)
         runs = repeats(values)
         changes = [np.ptp(load[first:stop]) > least for first, stop in runs]
         longest = longest_of(runs[changes])
-        facts.append(
-            {
-                "label": printable(channel.name or channel.key),
-                "clipped_at": values[rail.start],
-                **facts_of_run("clipped", rail, rate_hz),
-                **facts_of_run("stands", longest, rate_hz),
-            }
-        )
+        fact = {"label": printable(channel.name or channel.key), "clipped_at": values[rail.start]}
+        # of none the end is before the begin
+        for what, run in (("clipped", rail), ("stands", longest)):
+            fact[f"{what}_from_s"] = run.start / rate_hz
+            fact[f"{what}_to_s"] = (run.stop - 1) / rate_hz
+        facts.append(fact)
     return facts
 
 
-def facts_of_run(what: str, run: slice, rate_hz: float) -> dict[str, Any]:
-    """Begin and end [s] of a run of rows; of none the end is before the begin."""
-    return {
-        f"{what}_from_s": run.start / rate_hz,
-        f"{what}_to_s": (run.stop - 1) / rate_hz,
-    }
+def has_point(channels: Array) -> bool:
+    """Whether channels (n, channels) of a plate are force, moment and the point about which it
+    is."""
+    return channels.shape[1] == len(MEASURED_BY_TYPE[EXPORTED])
 
 
 def metres_per(unit: str, source: Source) -> float:

@@ -208,12 +208,7 @@ def check_other_clocks(
     rates = {f"timing of '{channel.key}'": channel.rows.rate_hz for channel in asked.values()}
     rates["in words"] = stated_rate(recording.notes)
     clocks = [*clocks_beside(recording, source, clocks_asked, time.size, asked)]
-    for name, other in rates.items():
-        if rate and other and abs(rate / other - 1) > LIMITS.other_rate:
-            raise InputError(
-                f"`rate: {rate:g}` of time, but the file says {other:.6g} Hz ({name}); correct the"
-                " rate"
-            )
+
     for channel, readings, steps in clocks:
         if clock is not None and channel.name == clock.name and channel.kind != Kind.CLOCK:
             late = np.nanmedian(np.abs(readings - numbers_of(clock)[: readings.size]))
@@ -226,16 +221,18 @@ def check_other_clocks(
         ratio = span_ratio(steps.sum(), span)
         deviation = abs(ratio - 1)
         if rate and deviation > LIMITS.wrong_rate:
-            raise InputError(
-                f"`rate: {rate:g}` of time, but {key} '{channel.key}' rises by"
-                f" {steps.mean():.4g} a row; write `time: {{{key}: {channel.key}}}` with its unit,"
-                " or correct the rate"
-            )
+            rates[f"{key} '{channel.key}'"] = rate / ratio
         if deviation > LIMITS.clock_apart + steps.max() / steps.sum():
             apart[channel.key] = deviation * span / UNIFORM_WIDTH
             remarks.append(
                 f"{key} '{channel.key}' goes on {ratio:.4g} times as fast as time"
                 f" ({source.time.title}): B and I depend on which of them is right"
+            )
+    for name, other in rates.items():
+        if rate and other and abs(rate / other - 1) > LIMITS.other_rate:
+            raise InputError(
+                f"`rate: {rate:g}` of time, but the file says {other:.6g} Hz ({name}); correct the"
+                " rate, or name that clock under `time`"
             )
     if rate and not (any(rates.values()) or clocks):
         called = [channel.key for channel in recording.channels if is_called_clock(channel)]

@@ -11,6 +11,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, naming
+from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.conversion import (
     Converted,
     asked_channels,
@@ -23,8 +24,6 @@ from osl_analysis.ingest.likely_clock import rate_of
 from osl_analysis.recording import SECOND_NS, Recording, Rows
 from osl_analysis.signals import longest_run
 from osl_analysis.source_file import MessageChannel, MessageSource
-
-MOST_LATE = 10  # messages in a row that are late; of more, the clock was set back
 
 
 def convert_messages(recording: Recording, source: MessageSource) -> Converted:
@@ -46,7 +45,8 @@ def convert_messages(recording: Recording, source: MessageSource) -> Converted:
     for column, setting in source.channels.items():
         by_topic.setdefault(setting.topic, {})[column] = setting
     warnings = [*loss.remarks]
-    tables = {}
+    tables = []
+    rates_hz = {}
     origins = {}
     for name, settings in by_topic.items():
         share = loss_of(loss, name).share
@@ -57,26 +57,19 @@ def convert_messages(recording: Recording, source: MessageSource) -> Converted:
                 f" {'; '.join(loss.remarks)}; record again"
             )
         with naming(f"topic '{name}'"):
-            tables[name], of_topic, remarks = convert_topic(recording, source, settings)
+            table, of_topic, remarks = convert_topic(recording, source, settings)
+        tables.append(table)
+        rates_hz[name] = rate_of(table["stamp"].to_numpy(), SECOND_NS)
         origins.update(of_topic)
         warnings += [f"topic '{name}': {text}" for text in remarks]
-    joined = join_on_stamp([*tables.values()])
+    joined = join_on_stamp(tables)
     start = joined["stamp"][0]
     time = ((joined["stamp"] - start) / SECOND_NS).alias("time")
-    facts = {
-        **recording.facts,
-        "time": {
-            **source.time.model_dump(),
-            "start_ns": start,
-        },
-        "rates_hz": {
-            name: rate_of(table["stamp"].to_numpy(), SECOND_NS) for name, table in tables.items()
-        },
-    }
+    of_time = {**source.time.model_dump(), "start_ns": start}
     return Converted(
         samples=pl.DataFrame([time, *joined.drop("stamp")]),
-        origins={column: origins[column] for column in source.channels},
-        facts=facts,
+        origins=origins,
+        facts={**recording.facts, "time": of_time, "rates_hz": rates_hz},
         warnings=warnings,
         losses=losses_of(loss, [*by_topic]),
         start_s=start / SECOND_NS,
@@ -99,27 +92,21 @@ def convert_topic(
     fresh, stale = fresh_rows(rows, stamps, least=SECOND_NS)
     table = pl.DataFrame([pl.Series("stamp", stamps), *columns])[fresh]
     remarks += stale
-    if (table["stamp"].diff() > 0).all():
-        return table, origins, remarks
-
     late = count_late(table.unique(maintain_order=True)["stamp"].to_numpy())
     if late:
         remarks.append(f"{late} messages came late and were put in the order of their stamps")
     table = table.sort("stamp", maintain_order=True)
     once = table.unique(subset="stamp", keep="first", maintain_order=True)
     repeated = len(table) - len(once)
-    if not repeated or are_rounded(table):
-        return table, origins, remarks
-    if repeated > source.largest_loss * len(table):
-        raise InputError(
-            f"{repeated} of {len(table)} messages have the stamp of an earlier one; stamps must be"
-            " their own: check the recorder's clock or the time source in the source file"
-        )
-    return (
-        once,
-        origins,
-        [*remarks, f"{repeated} messages have the stamp of an earlier one: left out"],
-    )
+    if repeated and not are_rounded(table):
+        if repeated > source.largest_loss * len(table):
+            raise InputError(
+                f"{repeated} of {len(table)} messages have the stamp of an earlier one; stamps must"
+                " be their own: check the recorder's clock or the time source in the source file"
+            )
+        remarks.append(f"{repeated} messages have the stamp of an earlier one: left out")
+        table = once
+    return table, origins, remarks
 
 
 def stamps_of(recording: Recording, source: MessageSource, rows: Rows) -> NDArray[np.int64]:
@@ -150,7 +137,7 @@ def count_late(stamp: NDArray[np.int64]) -> int:
     """
     back_ns = np.maximum.accumulate(stamp) - stamp
     is_late = back_ns > 0
-    if is_late[longest_run(is_late)].size > MOST_LATE:
+    if is_late[longest_run(is_late)].size > LIMITS.most_late:
         row = np.argmax(back_ns)
         raise InputError(
             f"time goes back by {back_ns[row] / SECOND_NS:.6f} s at message {row + 1} of"

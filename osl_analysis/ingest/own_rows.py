@@ -38,10 +38,6 @@ def with_own_rows(
     for column, readings in values.items():
         numbers = floats_of(readings)
         is_sampled = ~np.isnan(numbers)
-        few = slice(LIMITS.rows_of_filter)  # all rows of an hour would take as long as reading it
-        are_lines = on_line(time[few], numbers[few]).mean() > LIMITS.most_irregular
-        if is_sampled.all() and not are_lines:
-            continue
         is_sampled[is_sampled] = ~interpolated(time[is_sampled], numbers[is_sampled])
         count = is_sampled.sum()
         if rows.count - count > LIMITS.most_irregular * rows.count and keeps_step(time[is_sampled]):
@@ -67,10 +63,12 @@ def keeps_step(stamps: Array) -> bool:
 def interpolated(time: Array, values: Array) -> NDArray[np.bool_]:
     """Rows (n,) that change, and lie on the line through their neighbours; none where the others do
     not keep step, as those of a coarse or smooth channel."""
-    is_on_line = on_line(time, values)
-    if is_on_line.mean() <= LIMITS.most_irregular or not keeps_step(time[~is_on_line]):
-        return np.zeros_like(is_on_line)
-    return is_on_line & (np.diff(values, prepend=0) != 0)
+    few = slice(LIMITS.rows_of_filter)  # all rows of an hour would take as long as reading it
+    if on_line(time[few], values[few]).mean() > LIMITS.most_irregular:
+        is_on_line = on_line(time, values)
+        if keeps_step(time[~is_on_line]):
+            return is_on_line & (np.diff(values, prepend=0) != 0)
+    return np.zeros(values.size, bool)
 
 
 def on_line(time: Array, values: Array) -> NDArray[np.bool_]:

@@ -85,6 +85,10 @@ class Rows:
         number = f"{row + 1} of {self.count}" if self.lines is None else self.lines[row]
         return f"{self.noun} {number}"
 
+    def counted(self, mask: NDArray[np.bool_]) -> str:
+        """Say how many rows a mask (n,) has, and which is the first."""
+        return f"{mask.sum()} of {self.count} {self.noun}s, first {self.place(np.argmax(mask))}"
+
 
 @dataclass(frozen=True, eq=False)
 class Channel:

@@ -189,10 +189,7 @@ def canonical_columns(
         what_lacks["is missing"] = missing
         for what, lacks in what_lacks.items():
             if lacks.any():
-                remarks.append(
-                    f"{setting.title} {what} in {lacks.sum()} of {rows.count} {rows.noun}s, first"
-                    f" {rows.place(np.argmax(lacks))}"
-                )
+                remarks.append(f"{setting.title} {what} in {rows.counted(lacks)}")
         if missing.mean() > source.allowed_missing:
             raise InputError(
                 f"{remarks[-1]}; more than the {source.allowed_missing:.1%} of `most_missing`:"
@@ -365,7 +362,5 @@ def fresh_rows(
     share = MOST_DAMAGED if skips else LIMITS.largest_stale_share
     if not 0 < is_stale.sum() <= share * stamps.size:
         return np.arange(stamps.size), []
-    return np.flatnonzero(~is_stale), [
-        f"{is_stale.sum()} of {rows.count} {rows.noun}s have a stamp of another time, and were"
-        f" left out, first {rows.place(is_stale.argmax())}"
-    ]
+    left_out = f"rows with a stamp of another time were left out: {rows.counted(is_stale)}"
+    return np.flatnonzero(~is_stale), [left_out]

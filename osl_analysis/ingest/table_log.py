@@ -275,11 +275,8 @@ def at_clock(
     if lacks.any() and not skips:
         is_empty = lacks & np.all([np.isnan(floats_of(each)) for each in values.values()], axis=0)
     if is_empty.any() and not is_empty.all():
-        remarks.append(
-            f"{is_empty.sum()} of {rows.count} {rows.noun}s have no time"
-            f"{'' if skips else ' and none of the asked values'} and were left out, first"
-            f" {rows.place(np.argmax(is_empty))}"
-        )
+        values_too = "" if skips else " and any of the asked values"
+        remarks.append(f"rows without time{values_too} were left out: {rows.counted(is_empty)}")
         places = np.flatnonzero(~is_empty)
         rows, values = kept_rows(rows, values, places)
         raw, lacks = raw[places], lacks[places]

@@ -48,8 +48,6 @@ TEXTS = {
         head=["Time", *HEAD], t=[f"{at},{x}" for at, x in zip(since("%H:%M:%S"), T, strict=True)]),
     "samples a second": text(",", head=[*HEAD[1:], ""], above="Abtastrate: 0.5 kS/s\n", t=A, a=M,
     m=[""] * ROWS),
-    "dates before times": text(head=["Date", *HEAD],
-    t=[f"01.05.2024,{x}" for x in since("%H:%M:%S.%f")]),
     "LabVIEW with units": text("\t", ["X_Value", "Angle", "Torque", "Comment"], LVM
     + "Y_Unit_Label\tdeg\tNewton-meter\t\n***End_of_Header***\t\n"),
     "Windows": text(";", ["Zeit [s]", "Winkel [°]", "Moment [N·m]"]).encode("cp1252"),

@@ -3,12 +3,9 @@
 recording."""
 
 import numpy as np
-import polars as pl
 import pytest
-from conftest import ROOT, white_noise
-from recognised_files import read_recognised
+from conftest import white_noise
 
-from osl_analysis.ingest.raw_files import read_source
 from osl_analysis.signals.leaps import LARGEST_BEND, find_leaps
 
 ROWS = 2000
@@ -65,7 +62,6 @@ LEAPS = {
         changed(TORQUE, 700, TORQUE[700] + (2.0 * np.abs(np.diff(TORQUE, 2)).max())),
         [3.5],
     ),
-    "a sample of the angle": (TIME, changed(THETA, 700, THETA[700] + 0.02), [3.5]),
     "a block of zeros": (TIME, changed(TORQUE, slice(700, 760), 0.0), BORDERS),
     "a block of another place": (TIME, changed(THETA, slice(700, 760), THETA[990:1050]), BORDERS),
     "stamps that scatter": (
@@ -103,17 +99,3 @@ def test_no_human_ankle_is_accused(recordings):
     for name, recording in ankles.items():
         time = np.arange(len(recording)) / 1e3
         assert [find_leaps(time, values).size for values in recording.T] == [0, 0], name
-
-
-@pytest.mark.recordings
-def test_no_test_of_the_desr_foot_is_accused(recordings):
-    source = read_source(ROOT / "config/sources/desr.yaml")
-    sheet = pl.read_csv(ROOT / "config/campaigns/desr/trials.csv")
-    path = recordings / "mat/DESR_Characterization_Data.mat"
-
-    for part in sheet["log_part"].unique():
-        described = source.of_part(part).model_dump(exclude_unset=True)
-        recording = read_recognised(path, **described)
-        assert recording.warnings == []
-        time, *signals = recording.samples.select("time", "theta", "torque").to_numpy().T
-        assert [find_leaps(time, values).size for values in signals] == [0, 0], part

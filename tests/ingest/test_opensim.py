@@ -88,7 +88,6 @@ def test_rows_that_contradict_the_header_or_one_another_are_refused(tmp_path, ol
     ("old", "new", "reason"),
     [
         ("nRows=50", "nRows=60", "60 rows.*50"),
-        ("endheader", "end", "csv.*`format: csv`"),
     ],
 )
 def test_rows_that_the_header_contradicts_are_refused(tmp_path, old, new, reason):

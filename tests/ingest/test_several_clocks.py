@@ -166,7 +166,7 @@ def test_a_channel_that_was_interpolated_is_read_at_its_own_samples(tmp_path):
 
 
 @pytest.mark.parametrize("values", [
-    np.round(turned(FAST)), np.round(turned(FAST), 2), turned(FAST), FAST, 0 * FAST,
+    np.round(turned(FAST), 2), turned(FAST), FAST,
     np.repeat(NOISY[::5], 5),
 ])  # fmt: skip
 def test_a_coarse_smooth_or_held_channel_is_not_taken_for_an_interpolated_one(values):

@@ -97,18 +97,6 @@ def assert_right(row):
 
 
 @least_squares_alone
-@pytest.mark.parametrize("stamps", ["even", "exact"])
-def test_a_delay_takes_a_share_of_B_until_it_is_stated(stamps):
-    unstated, stated = (
-        trial_of(angle(TIMES), torque(TIMES - 2e-3), torque_facts=facts, stamps=stamps)
-        for facts in ({}, {"delay": 2e-3})
-    )
-
-    assert errors_percent(fitted(unstated))[1] == pytest.approx(-12, abs=1)
-    assert_right(fitted(stated))
-
-
-@least_squares_alone
 def test_a_load_cell_s_filter_takes_a_share_of_I_until_it_is_stated():
     """A first-order low-pass of 100 Hz, by a second library's simulation at 6 kHz that takes a
     torque for linear in between. What it did to the torque is then done to the angle."""

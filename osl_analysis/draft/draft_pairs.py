@@ -88,21 +88,23 @@ def pair_logs(recordings: Sequence[Described]) -> tuple[dict[Path, Path], list[t
         first_of[torque] = angle
         guesses = guesses_of(logs[angle].overview, logs[torque].overview)
         count = len(logs[angle].guesses)
-        logs[angle].guesses, logs[torque].guesses = guesses[:count], guesses[count:]
+        logs[angle].guesses = guesses[:count]
+        logs[torque].guesses = guesses[count:]
     return first_of, questions if angles and torques else []
 
 
 def names_alike(angles: Set[Path], torques: Set[Path]) -> list[tuple[Path, Path]]:
     """Pairs of files whose words, of name and folders, are the same but for `MOST_APART`, none of
     which has a digit."""
-    words = {}
-    files_with: dict[Set[str], set[Path]] = {}  # by words with a digit
-    for file in angles | torques:
-        words[file] = {*re.split(r"[\W_]+", f"{file.parent}/{stem_of(file)}")}
-        numbers = frozenset(filter(re.compile(r"\d").search, words[file]))
-        files_with.setdefault(numbers, set()).add(file)
-    pairs = chain(*(product(files & angles, files & torques) for files in files_with.values()))
-    return sorted(pair for pair in pairs if len(words[pair[0]] ^ words[pair[1]]) <= MOST_APART)
+    words = {
+        file: {*re.split(r"[\W_]+", f"{file.parent}/{stem_of(file)}")} for file in angles | torques
+    }
+    pairs = []
+    for angle, torque in product(sorted(angles), sorted(torques)):
+        differing = words[angle] ^ words[torque]
+        if len(differing) <= MOST_APART and not re.search(r"\d", " ".join(differing)):
+            pairs.append((angle, torque))
+    return pairs
 
 
 def why_no_pair(

@@ -191,18 +191,17 @@ def changes_of_angle(
 def swapped_channels(trial: Trial, angle: str, torque: str) -> list[Change]:
     """The changes that exchange the channels of two columns, each of which keeps its unit; then
     with an angle in deg. The units are named: a swapped name may end in another one."""
-    of_angle = origin(trial, angle)
-    of_torque = origin(trial, torque)
-    unit_of_torque = of_torque.get("unit", "N*m")
+    of_angle = {"unit": "rad", "factor": 1, **origin(trial, angle)}
+    of_torque = {"unit": "N*m", "factor": 1, **origin(trial, torque)}
     changes: list[Change] = []
-    for unit in dict.fromkeys([of_angle.get("unit", "rad"), "deg"]):
+    for unit in dict.fromkeys([of_angle["unit"], "deg"]):
         words = (
             f"swap the channels of {angle} and {torque} in the source file, and state `unit:"
-            f" {unit}` of {angle} and `unit: {unit_of_torque}` of {torque}"
+            f" {unit}` of {angle} and `unit: {of_torque['unit']}` of {torque}"
         )
         factors = {
-            angle: si_factor(unit, "rad") / of_torque.get("factor", 1),
-            torque: si_factor(unit_of_torque, "N*m") / of_angle.get("factor", 1),
+            angle: si_factor(unit, "rad") / of_torque["factor"],
+            torque: si_factor(of_torque["unit"], "N*m") / of_angle["factor"],
         }
         changes.append(Change(words, factors, {angle: torque, torque: angle}, rank=len(changes)))
     return changes
@@ -225,8 +224,8 @@ def in_other_units(trial: Trial, columns: Sequence[str]) -> list[Change]:
     changes: list[Change] = []
     for unit in CONFUSED_UNITS[si_unit]:
         factor = si_factor(unit, si_unit) / declared
-        moves = turn * (factor if "theta" in columns else 1) > LIMITS.smallest_motion
-        if moves and not math.isclose(factor, 1):
+        turned = turn * factor if "theta" in columns else turn
+        if turned > LIMITS.smallest_motion and not math.isclose(factor, 1):
             words = f"state `unit: {unit}` of {' and '.join(columns)} in the source file"
             rank = len(changes) if si_unit == "rad" else 0
             changes.append(Change(words, dict.fromkeys(columns, factor), rank=rank))

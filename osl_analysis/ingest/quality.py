@@ -8,7 +8,6 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import polars as pl
@@ -129,8 +128,8 @@ def measure_clock(examined: Examined) -> dict[str, float]:
     clock = examined.trial.provenance.get("clock")
     if not clock:
         return dict(log.get("clocks_apart", {}))
-    step_s = 1 / min(log.get("rates_hz", {}).values(), default=math.inf)
-    of_sampling = step_s / UNIFORM_WIDTH
+    slowest_hz = min(log.get("rates_hz", {}).values(), default=math.inf)
+    of_sampling = 1 / (slowest_hz * UNIFORM_WIDTH)
     residual = math.sqrt(max(clock["residual"] ** 2 - of_sampling**2, 0.0))
     return {f"{clock['edges']} edges by {clock['method']}": residual}
 
@@ -381,10 +380,9 @@ def remedy_of_leaps(examined: Examined, leaps: Array, cause: str, alone: int) ->
 
 def measure_turns(examined: Examined) -> dict[str, float]:
     """Number of steps of an angle by one turn, or by 360 (degrees declared as radians)."""
-    wraps: dict[str, Any] = {}
+    wraps = {}
     for column, (_, angle) in readings_of(examined.trial, f"({'|'.join(ANGLES)})").items():
-        steps = np.abs(np.diff(angle))
-        turns = steps[steps > np.pi, None] / (2 * np.pi, 360.0)  # hardly any are so large
+        turns = np.divide.outer(np.abs(np.diff(angle)), (2 * np.pi, 360.0))
         wraps[column] = np.count_nonzero(np.abs(turns - 1) < LIMITS.one_turn)
     return wraps
 

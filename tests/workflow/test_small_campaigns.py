@@ -125,16 +125,6 @@ def two_runs(tmp_path_factory: pytest.TempPathFactory) -> TwoRuns:
     return TwoRuns(folder, killed, again)
 
 
-def test_a_page_is_made_where_every_trial_of_an_experiment_is_refused(two_runs):
-    results = two_runs.folder / "results"
-
-    assert two_runs.again.returncode == 1
-    page = (results / "report.html").read_text(encoding="utf-8")
-    assert page.lstrip().startswith("<!")
-    assert re.search("sine: .*K .*I ", page)
-    assert not (results / "verdict.txt").exists()
-
-
 def test_a_job_that_is_killed_fails_alone_and_has_no_result(two_runs):
     said = two_runs.killed.stdout
 

@@ -273,12 +273,6 @@ def test_the_lines_for_pandas_read_the_results(workspace, monkeypatch, capsys):
     assert "K_bias_compensated" in capsys.readouterr().out
 
 
-def test_a_threshold_that_excludes_nobody_makes_only_the_judgement_again(workspace, tmp_path):
-    space = Workspace(tmp_path, workspace)
-    space.configure({"quality": {"gap": "0.06 s", "exclude": ["gap"]}})
-    assert not re.findall("(?m)^(?:simulate|ingest|fit|plot)", "\n".join(space.planned()))
-
-
 def test_a_comment_in_a_source_file_makes_nothing_again_and_a_value_its_trials(workspace, tmp_path):
     space = Workspace(tmp_path, workspace)
     source = tmp_path / "config/sources/dynamometer_nodes.yaml"
@@ -492,20 +486,6 @@ def test_another_recording_is_seen_by_its_size_with_whatever_date_and_a_touched_
     log.write_bytes(log.read_bytes() + b"more")
     os.utime(log, (10**8, 10**8))
     assert laboratory.planned(table) == {"ingest": 1, "fit": 1, "table": 2}, "and its budget"
-
-
-def test_a_library_that_crashes_on_a_recording_is_an_error_and_writes_nothing(workspace, tmp_path):
-    space = Workspace(tmp_path, workspace)
-    trial = space.folder / "results/trials/walking_05.parquet"
-    trial.unlink()
-    (space.folder / "unlucky").mkdir()
-    (space.folder / "unlucky/walking_05.c3d.SIGSEGV").touch()
-
-    ended = space.run("results/tables/quality.csv", f"results/trials/{trial.name}")
-
-    assert ended.returncode == 1
-    assert not trial.exists()
-    assert re.search(r"walking_05: .*\(SIGSEGV\); .*`exclude`", ended.stdout)
 
 
 def test_a_source_file_that_is_missing_refuses_its_trial(workspace, tmp_path):

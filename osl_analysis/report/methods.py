@@ -97,12 +97,9 @@ def to_markdown(marked: Sequence[str]) -> str:
 def reference(key: str) -> str:
     """An entry of `sources.bib` as a list of references has it."""
     entry = BIBTEX.partition(f"{{{key},")[2].partition("\n}")[0]
-    fields = dict(re.findall(r"(\w+) = \{(.*)\}", entry))
-    if "doi" in fields:
-        fields["doi"] = f"https://doi.org/{fields['doi']}"
-    names = ("author", "title", "journal", "year", "note", "doi", "url")
-    text = ". ".join(fields[name].rstrip(".") for name in names if name in fields)
-    return re.sub("[{}]", "", text)
+    fields = re.findall(r"\w+ = \{(.*)\}", entry)
+    text = ". ".join(field.rstrip(".") for field in fields).replace("--", "–")
+    return re.sub("[{}]", "", re.sub(r"\b10\.\d{4,5}/", r"https://doi.org/\g<0>", text))
 
 
 def to_tex(marked: Sequence[str]) -> str:

@@ -8,19 +8,19 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench.bench_settings import BeltAnalysis
+from osl_analysis.bench.budgets import fit_tables
 from osl_analysis.bench.cycles import BRANCHES, Loop, find_loop, loop_errors, whole
 from osl_analysis.bench.impedance import Analysis
 from osl_analysis.bench.motion import signals_of, stretches_of
 from osl_analysis.bench.plausibility import check_changes, check_stiffer
 from osl_analysis.bench.record import Groups, Label, Record, Stratum, record_of, unlike_groups
 from osl_analysis.bench.regression import GroupFit, Model, fit_groups, gram_sums, offset_and_drift
-from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError, naming
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
 from osl_analysis.signals import runs
 from osl_analysis.signals.grid import BRIDGE_MORE
-from osl_analysis.stats.budget import Contribution, budget_rows
-from osl_analysis.stats.estimates import Row, estimates_row
+from osl_analysis.stats.budget import Contribution
+from osl_analysis.stats.estimates import Row
 from osl_analysis.trial import Array, Trial
 
 STRAIGHT: Model = {"K_s": "theta", "offset": "one"}
@@ -222,20 +222,16 @@ def belt_table(belt: Analysis) -> dict[str, pl.DataFrame]:
     budgets["K_s"] = budgets["K_s"].plus(curvature)
     row: Row = {
         "trial": record.name,
-        **belt.row("loading", "K_s"),
-        **estimates_row(loading, *names[1:]),
+        **belt.diagnostics("loading"),
         "unloading": unloading["K_s"],
-        "unloading_se_bench": unloading.se_bench("K_s"),
+        "unloading_se_bench": unloading.budget("K_s").se_bench,
         "hysteresis_area": area,
         "hysteresis_area_se_bench": float(np.linalg.norm(area_errors)),
         "energy_lost": area / (loading["K_s"] * peak**2 / 2),
         "shaft_turn": turn,
         "stiffening": stiffening,
     }
-    return {
-        "belt": table_of([row], "belt"),
-        "budget": table_of(budget_rows(row, budgets), "budget"),
-    }
+    return fit_tables("belt", (row, budgets))
 
 
 def belt_curve(belt: Analysis) -> pl.DataFrame:

@@ -5,14 +5,17 @@ another motion, and what nobody has checked would change.
 The sources have their words in `judge/findings.yaml`.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 
 import numpy as np
+import polars as pl
 
 from osl_analysis.bench.impedance import Analysis
 from osl_analysis.bench.record import Label, Record
+from osl_analysis.dictionary import described_tables_by_name, table_of
 from osl_analysis.inference import ImpedanceInference
-from osl_analysis.stats.budget import LIKELY, Contribution
+from osl_analysis.stats.budget import LIKELY, Budget, Contribution, budget_rows
+from osl_analysis.stats.estimates import Row
 
 VISCOELASTIC = "viscoelastic branch"
 # rivals that are properties of a joint, and no faults
@@ -27,6 +30,23 @@ SOURCES = {
 }
 """By family of rivals, the source."""
 LEAST_PROBABILITY = 0.005  # of a rival that has a row: 40 of them do not make a doubt
+
+
+def fit_tables(name: str, *fits: tuple[Row, Mapping[str, Budget]]) -> dict[str, pl.DataFrame]:
+    """The table `name` of a trial, and its rows of `budget.csv`. Each of its `fits` has a row,
+    whose estimates are put beside the rest of it, and their budgets."""
+    described = described_tables_by_name()[name]
+    names = {**described.columns, **described.of_fits}
+    rows = []
+    of_budgets = []
+    for row, budgets in fits:
+        of_budgets += budget_rows(row, budgets)
+        for estimate, budget in budgets.items():
+            errors = {f"{estimate}_se": budget.spread()[0], f"{estimate}_se_bench": budget.se_bench}
+            told = {column: error for column, error in errors.items() if column in names}
+            row = {**row, **budget.columns(estimate), **told}
+        rows.append(row)
+    return {name: table_of(rows, name), "budget": table_of(of_budgets, "budget")}
 
 
 def stated_rivals(record: Record) -> set[str]:

@@ -8,6 +8,7 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench.bench_settings import BenchStiffness, Fixture
+from osl_analysis.bench.budgets import fit_tables
 from osl_analysis.bench.clock_drift import check_friction
 from osl_analysis.bench.impedance import Analysis, encoder_errors
 from osl_analysis.bench.lags import late_fit
@@ -22,10 +23,9 @@ from osl_analysis.bench.regression import (
     fit_groups,
     gram_sums,
 )
-from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError
 from osl_analysis.signals.grid import origin
-from osl_analysis.stats.budget import NORMAL_HALF_WIDTH, Budget, budget_rows
+from osl_analysis.stats.budget import NORMAL_HALF_WIDTH, Budget
 from osl_analysis.stats.estimates import Row
 from osl_analysis.trial import Trial
 
@@ -112,16 +112,9 @@ def calibration_table(
     IdentifiabilityError
         As `fit_groups`.
     """
-    place = {"trial": analysis.record.name}
     row, budgets = known_row(analysis, known, frame) if known else fixture_row(analysis, stated)
-    estimates: Row = {}
-    for name, budget in budgets.items():
-        estimates |= budget.columns(name)
-    row = {**place, **estimates, **row, **analysis.row(None)}
-    return {
-        "calibration": table_of([row], "calibration"),
-        "budget": table_of(budget_rows(place, budgets), "budget"),
-    }
+    of_trial = {"trial": analysis.record.name, **row, **analysis.diagnostics(None)}
+    return fit_tables("calibration", (of_trial, budgets))
 
 
 def known_row(
@@ -168,7 +161,6 @@ def known_row(
     row: Row = {
         "known_K": known.stiffness,
         "known_I": known.inertia,
-        "lag_s_se_bench": fit.se_bench("lag_s"),
         "lag_at_start_s": lag_at_start_s,
         "certain_clock_drift_ppm": fit.beyond_interval("clock_drift_ppm"),
         "certain_lag_s": certain_lag_s,

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 import polars as pl
 
-from osl_analysis.bench.budgets import alternatives, other_stamps, stated_rivals
+from osl_analysis.bench.budgets import alternatives, fit_tables, other_stamps, stated_rivals
 from osl_analysis.bench.friction import (
     CERTAIN_FRICTION,
     WITHOUT_FRICTION,
@@ -31,11 +31,10 @@ from osl_analysis.bench.plausibility import check_resists, check_stiffer, unit_o
 from osl_analysis.bench.record import Label
 from osl_analysis.bench.regression import IMPEDANCE, Sums, fit_groups, sums_of
 from osl_analysis.bench.rendered_gains import rendered_gains
-from osl_analysis.dictionary import table_of
 from osl_analysis.inference import FrictionlessActuator, ImpedanceInference
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
 from osl_analysis.model.drivetrain import DrivetrainParameters, joint_admittance
-from osl_analysis.stats.budget import LIKELY, Budget, Contribution, budget_rows, unknown
+from osl_analysis.stats.budget import LIKELY, Budget, Contribution, unknown
 from osl_analysis.stats.estimates import Row
 from osl_analysis.stats.rounding import significant
 
@@ -163,45 +162,33 @@ def impedance_table(
     rendered = None
     if p and desired.controller:
         rendered = rendered_gains(analysis, p, uncertainties or {})
-    rows = []
-    of_budgets = []
+    fits = []
     for label in analysis.fits:
         variance = s.of(label).covariance(["theta"])
-        place = analysis.place(label)
         budgets = estimates_of(analysis, found, label)
         if label is None:
             budgets = with_other_contributions(analysis, found, budgets, bool(gains))
             budgets |= rendered.budgets if rendered else {}
-        estimates: Row = {}
-        for name, budget in budgets.items():
-            estimates |= budget.columns(name)
-        rows.append(
-            {
-                **place,
-                **analysis.row(label, *QUANTITIES),
-                **(found.ranges if label is None else {}),
-                **{f"{name}_se": analysis.calibrated[label].se(name) for name in QUANTITIES},
-                **estimates,
-                "VAF_rendered": rendered.VAF if rendered and label is None else None,
-                "torque_error": torque_error(analysis.sums, label, desired),
-                "theta_rms_deg": np.rad2deg(np.sqrt(variance[0, 0])),
-                "fitted_s": record.is_fitted(label).sum() / record.rate_hz,
-                "lag_s_se_bench": found.belt.lag.se_bench("lag_s") if found.belt.lag else None,
-                **of_trial,
-            }
-        )
-        of_budgets += budget_rows(place, budgets)
-    table = table_of(rows, "impedance")
+        row: Row = {
+            **analysis.place(label),
+            **analysis.diagnostics(label),
+            **(found.ranges if label is None else {}),
+            "VAF_rendered": rendered.VAF if rendered and label is None else None,
+            "torque_error": torque_error(analysis.sums, label, desired),
+            "theta_rms_deg": np.rad2deg(np.sqrt(variance[0, 0])),
+            "fitted_s": record.is_fitted(label).sum() / record.rate_hz,
+            **of_trial,
+        }
+        fits.append((row, budgets))
+    tables = fit_tables("impedance", *fits)
+    table = tables["impedance"]
     # a leg's friction hides it without compensation; Eq. 15 is of motion below the cut-off
     is_slow = record.band_hz[1] <= record.settings.cutoff_hz
     if gains and gains.cancels_friction and is_slow:
         apart = pl.col("B_predicted") - pl.col("B")
         certain = (apart.abs() - (pl.col("B_high") - pl.col("B_low")) / 2).clip(0)
         table = table.with_columns(B_gap_s=apart.sign() * certain / pl.col("K").abs())
-    return {
-        "impedance": beside_known(table, p, desired),
-        "budget": table_of(of_budgets, "budget"),
-    }
+    return {**tables, "impedance": beside_known(table, p, desired)}
 
 
 @dataclass(frozen=True)

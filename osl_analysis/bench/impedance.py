@@ -27,7 +27,7 @@ from osl_analysis.inference.rounding_errors import errors_by_steps, repeated_sha
 from osl_analysis.inference.spectra import noise_and_band
 from osl_analysis.signals import seven_point_motion
 from osl_analysis.stats.budget import Budget
-from osl_analysis.stats.estimates import Row, estimates_row
+from osl_analysis.stats.estimates import Row
 from osl_analysis.stats.linear_fit import LinearFit, solved
 from osl_analysis.trial import Array
 
@@ -75,16 +75,10 @@ class Analysis:
             "commanded_deg": commanded.get(label),
         }
 
-    def row(self, label: Label, *names: str) -> Row:
-        """Estimates, the errors of them that all trials on a bench share, and the fit's
-        diagnostics."""
-        fit = self.calibrated[label]
-        return {
-            **estimates_row(fit, *names),
-            **{f"{name}_se_bench": fit.se_bench(name) for name in names},
-            "interval_method": fit.interval_method,
-            "VAF": fit.vaf,
-        }
+    def diagnostics(self, label: Label) -> Row:
+        """What a row tells of its fit beside the estimates."""
+        fit = self.fits[label]
+        return {"interval_method": fit.interval_method, "VAF": fit.vaf}
 
     def budgets(self, label: Label, *names: str) -> dict[str, Budget]:
         """The estimates with what contributes to their uncertainty."""

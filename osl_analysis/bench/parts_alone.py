@@ -13,7 +13,7 @@ import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.bench.bench_settings import ActuatorAnalysis
-from osl_analysis.bench.budgets import alternatives, other_stamps, stated_rivals
+from osl_analysis.bench.budgets import alternatives, fit_tables, other_stamps, stated_rivals
 from osl_analysis.bench.friction import coulomb_fits, inferred_of_joint
 from osl_analysis.bench.impedance import Analysis, analysed
 from osl_analysis.bench.motion import signals_of, stretches_of
@@ -29,12 +29,11 @@ from osl_analysis.bench.regression import (
     sums_of,
     with_effects,
 )
-from osl_analysis.dictionary import table_of
 from osl_analysis.errors import InputError, naming
 from osl_analysis.signals import Motion, differentiate, runs
 from osl_analysis.signals.grid import UniformSignals
 from osl_analysis.signals.plateaus import FEWEST_PLATEAUS, is_clamped, plateaus_of
-from osl_analysis.stats.budget import Budget, Contribution, budget_rows, unknown
+from osl_analysis.stats.budget import Budget, Contribution, unknown
 from osl_analysis.stats.estimates import Row
 from osl_analysis.trial import Array, Trial
 
@@ -238,20 +237,16 @@ def actuator_table(actuator: Analysis) -> dict[str, pl.DataFrame]:
     """The trial's row of `actuator.csv`, what an actuator at rest does not tell is null, and its
     rows of `budget.csv`."""
     told = [name for name in ACTUATOR_PARAMETERS if name in actuator.whole.names]
-    place = {"trial": actuator.record.name}
     row: Row = {
-        **place,
+        "trial": actuator.record.name,
         "motion": next(iter(actuator.record.actuator), None),
-        **actuator.row(None, *told),
+        **actuator.diagnostics(None),
     }
     budgets = {
         name: budget.plus(*other_stamps(actuator, None, name))
         for name, budget in actuator.budgets(None, *told).items()
     }
-    return {
-        "actuator": table_of([row], "actuator"),
-        "budget": table_of(budget_rows(place, budgets), "budget"),
-    }
+    return fit_tables("actuator", (row, budgets))
 
 
 def with_faults(analysis: Analysis, budgets: Mapping[str, Budget], s: Sums) -> dict[str, Budget]:
@@ -285,10 +280,8 @@ def transmission_table(analysis: Analysis) -> dict[str, pl.DataFrame]:
     record = analysis.record
     s = sums_of(record)
     friction = coulomb_fits(s, analysis)
-    rows = []
-    of_budgets = []
+    fits = []
     for label in analysis.fits:
-        place = analysis.place(label)
         budgets = analysis.budgets(label, *LOSSES)
         coulomb = friction.get(label)
         certain = coulomb.certain if coulomb else None
@@ -296,17 +289,11 @@ def transmission_table(analysis: Analysis) -> dict[str, pl.DataFrame]:
         budgets["B_j_viscous"] = viscous.budget("B_j")
         if label is None:
             budgets |= with_faults(analysis, budgets, s)
-        rows.append(
-            {
-                **place,
-                **analysis.row(label, *LOSSES),
-                **budgets["B_j_viscous"].columns("B_j_viscous"),
-                "load_cell_drift": 60 * analysis.whole["drift"],
-                "T_C": certain["T_C"] if certain else None,
-            }
-        )
-        of_budgets += budget_rows(place, budgets)
-    return {
-        "transmission": table_of(rows, "transmission"),
-        "budget": table_of(of_budgets, "budget"),
-    }
+        row: Row = {
+            **analysis.place(label),
+            **analysis.diagnostics(label),
+            "load_cell_drift": 60 * analysis.whole["drift"],
+            "T_C": certain["T_C"] if certain else None,
+        }
+        fits.append((row, budgets))
+    return fit_tables("transmission", *fits)

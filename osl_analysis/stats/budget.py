@@ -153,6 +153,11 @@ class Budget:
         standard, freedom = self.spread(*parts)
         return float(scipy.special.stdtrit(freedom, 0.975) * standard)
 
+    @property
+    def se_bench(self) -> float:
+        """Standard uncertainty by what all trials on a bench share."""
+        return math.hypot(*(each.size for each in self.of_parts(*IN_INTERVAL) if each.shared))
+
     def of_source(self, source: str) -> list[Contribution]:
         """The contributions of a source, of known size."""
         known = [each for each in self.contributions if each.standard is not None]

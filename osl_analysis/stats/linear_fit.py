@@ -74,11 +74,6 @@ class LinearFit:
         """Standard error of one estimate, in its unit."""
         return self.budget(name).spread()[0]
 
-    def se_bench(self, name: str) -> float:
-        """Part of the standard error that all trials on a bench share."""
-        shared = [each.size for each in self.budget(name).contributions if each.shared]
-        return float(np.linalg.norm(shared))
-
     def freedom(self, name: str) -> float:
         """Degrees of freedom of one estimate's variance."""
         return self.budget(name).spread()[1]

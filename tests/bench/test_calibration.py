@@ -95,10 +95,10 @@ def test_an_error_of_the_bench_moves_estimates_as_its_interval_says(stated, othe
     for name, true in TRUE.items():
         change = changed[name] - plain[name]
         least = 1e-4 * true  # what a record's ends and its noise make of a shift
-        of_bench = fit.se_bench(name)
+        of_bench = fit.budget(name).se_bench
         assert of_bench == pytest.approx(abs(change), rel=within, abs=least), name
         assert fit.se(name) ** 2 == pytest.approx(plain.se(name) ** 2 + of_bench**2)
-        assert plain.se_bench(name) == 0
+        assert plain.budget(name).se_bench == 0
     np.testing.assert_array_equal(fit.covariance, plain.covariance)  # it repeats itself
 
 
@@ -119,7 +119,7 @@ def test_friction_has_it_too_and_a_loop_of_the_load_cell_is_friction():
     assert more[:2] == pytest.approx([0.02 * plain["B"], 0.02 * plain["T_C"]], rel=1e-3)
     assert more[3] == pytest.approx(half, rel=0.2)  # the torque leads the velocity
     # B without it is that of a damper
-    assert more[2] < 0.1 * fit_of(record, hysteresis=0.02).se_bench("B")
+    assert more[2] < 0.1 * fit_of(record, hysteresis=0.02).budget("B").se_bench
 
 
 THETA_S, BELT_TORQUE = belt_cycle()

@@ -21,8 +21,8 @@ from osl_analysis.bench.friction import (
     inferred_of_joint,
     is_friction_untold,
     less_friction,
-    viscous_fit,
     without_dry_friction,
+    without_friction,
 )
 from osl_analysis.bench.impedance import QUANTITIES, Analysis
 from osl_analysis.bench.lags import Belt, belt_of_leg, is_leg
@@ -230,6 +230,7 @@ def ranges_of(
     """The ranges of the estimates over amplitudes and frequencies, and of B without friction."""
     parts = list(parts_of(analysis.record, s))
     fit_part = partial(fit_groups, model=IMPEDANCE)
+    viscous_fit = partial(without_friction, model=IMPEDANCE)
     ranges = range_over(parts, fit_part, analysis.whole, {name: name for name in QUANTITIES})
     viscous = {"B": "B_viscous"}
     if leg is not None:

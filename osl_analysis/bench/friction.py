@@ -96,24 +96,19 @@ def coulomb_fits(
     fits: dict[Label, CoulombFit] = {}
     for label in sorted(analysis.fits, key=lambda each: each is not None):  # the whole trial first
         fit = analysis.fits[label]
+        sums = s.of(label)
         try:
-            sums = s.of(label)
-            alone = with_effects(sums, model, "T_C")
-            smooth = without_friction(sums, model, alone)
+            smooth = without_friction(sums, model)
             is_seen = smooth.certain("T_C")
             is_certain = is_seen and smooth["T_C"] > 0
             if whole_is_certain is None:
                 whole_is_certain = is_certain
             certain = None
             if is_certain and whole_is_certain:
-                sharp_alone = with_effects(sums, model, "T_C_sharp")
-                sharp = without_friction(sums, model, sharp_alone)
-                of_width = sharp.estimates - smooth.estimates
+                of_width = without_friction(sums, model, "T_C_sharp").estimates - smooth.estimates
                 certain = smooth.with_known_error("friction_sign", of_width)
-                at = [fit.names.index(name) for name in smooth.names[:-1]]
                 for error in fit.known_errors:
-                    change = np.append(error.change[at], 0.0)
-                    certain = certain.with_known_error(error.source, change)
+                    certain = certain.with_known_error(error.source, np.append(error.change, 0.0))
                 certain = analysis.with_bench_errors(certain, label)
         except IdentifiabilityError:
             continue
@@ -122,48 +117,31 @@ def coulomb_fits(
     return fits
 
 
-def without_friction(s: Sums, model: Model, alone: GroupFit) -> GroupFit:
-    """The estimates for the torque less its friction, and this friction `T_C` [N*m], whose sign
-    changes as in the last column of the fit `alone`.
+def without_friction(s: Sums, model: Model, column: str = "T_C") -> GroupFit:
+    """The estimates of a model for the torque less its friction, and this friction `T_C` [N*m],
+    whose sign changes as in `column`.
 
-    Two fits share the work. The one `beside` the higher derivatives of the angle that the motion
-    determines gives the friction T_C and its error: without these a linear drivetrain's deviation
-    from Eq. 15 passes for friction of 0.4 N*m. The one `alone`, without these, gives by how much
-    friction of 1 N*m moves each estimate, and the error of the estimates if T_C were known (their
-    covariance, given T_C):
-
-        x = x_without_column - (dx/dT_C) T_C
+    Its size is fitted beside the higher derivatives of the angle that the motion determines:
+    without these a linear drivetrain's deviation from Eq. 15 passes for friction of 0.4 N*m. Its
+    error is one of the other estimates, too, by what friction of 1 N*m adds to each of them.
     """
-    beside = alone
-    column = alone.names[-1]
+    friction = with_effects(s, model, column)
     for higher in (("jerk", "snap"), ("jerk",)):
         with suppress(IdentifiabilityError):
-            beside = with_effects(s, model, column, *higher)
+            friction = with_effects(s, model, column, *higher)
             break
-    at = [k for k, name in enumerate(model.values()) if name in ("theta", "omega", "alpha")]
-    at_friction = alone.names.index(column)
-    plain = s.estimates([*model.values()])
-    change_per_torque = (plain[at] - alone.estimates[at]) / alone[column]
-    T_C = beside[column]
-
-    with_T_C = alone.covariance[at, at_friction]
-    variance_of_T_C = alone.covariance[at_friction, at_friction]
-    changes = np.append(-change_per_torque, 1.0)
-    covariance = beside.se(column) ** 2 * np.outer(changes, changes)
-    covariance[:-1, :-1] += alone.covariance[np.ix_(at, at)]
-    covariance[:-1, :-1] -= np.outer(with_T_C, with_T_C) / variance_of_T_C
+    T_C = friction[column]
+    fit = fit_groups(s.less(column, T_C), model)
+    by_friction = np.append(-s.estimates([*model.values()], column), 1.0)
+    covariance = friction.se(column) ** 2 * np.outer(by_friction, by_friction)
+    covariance[:-1, :-1] += fit.covariance
     return replace(
-        beside,
-        names=(*(alone.names[k] for k in at), "T_C"),
-        estimates=np.append(plain[at] - change_per_torque * T_C, T_C),
+        fit,
+        names=(*model, "T_C"),
+        estimates=np.append(fit.estimates, T_C),
         covariance=covariance,
-        degrees_of_freedom=np.full(len(changes), beside.freedom(column)),
+        degrees_of_freedom=np.full(len(by_friction), friction.freedom(column)),
     )
-
-
-def viscous_fit(s: Sums) -> GroupFit:
-    """Eq. 15 for the torque less its Coulomb friction. Raises as `fit_groups`."""
-    return without_friction(s, IMPEDANCE, with_effects(s, IMPEDANCE, "T_C"))
 
 
 def raw_signals(record: Record, **actuator: Array | None) -> BenchSignals:
@@ -247,9 +225,7 @@ def frictionless_leg(analysis: Analysis, actuator: FrictionlessActuator) -> Fric
 
 def less_friction(s: Sums) -> GroupFit:
     """Eq. 15 for the torque less that of the column `friction`. Raises as `fit_groups`."""
-    fit = fit_groups(s, IMPEDANCE)
-    of_friction = s.estimates([*IMPEDANCE.values()], "friction")
-    return replace(fit, estimates=fit.estimates - of_friction)
+    return fit_groups(s.less("friction", 1.0), IMPEDANCE)
 
 
 def inferred_of_joint(record: Record) -> ImpedanceInference | None:

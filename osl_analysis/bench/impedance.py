@@ -113,9 +113,8 @@ class Analysis:
         if "T_C" in own.names:
             sign = np.tanh(motion.omega / SIGN_WIDTHS["T_C"])
             columns["T_C"] = record.settings.low_pass(sign, record.rate_hz)
-        missing = [name for name in self.model if name not in own.names]
-        of_estimates = [self.model.get(name, name) for name in (*own.names, *missing)]
-        sizes = np.append(own.estimates, np.zeros(len(missing)))
+        of_estimates = [self.model.get(name, name) for name in own.names]
+        sizes = own.estimates
         X = np.column_stack([columns[column] for column in of_estimates])
         is_of_angle = np.isin(of_estimates, OF_ANGLE)
 
@@ -128,7 +127,7 @@ class Analysis:
 
         torques = bench_torques(record, X @ sizes, X @ angle_sizes, passed, rows)
         errors = np.column_stack([error for _, error in torques])
-        changes = np.linalg.lstsq(X[rows], errors[rows])[0][: len(own.names)]
+        changes = np.linalg.lstsq(X[rows], errors[rows])[0]
         fit = own
         for (source, _), change in zip(torques, changes.T, strict=True):
             fit = fit.with_known_error(source, change, shared=True)

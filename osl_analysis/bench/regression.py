@@ -17,7 +17,6 @@ the same motion again, with other noise.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 
 import numpy as np
 import scipy
@@ -100,6 +99,13 @@ class Sums:
     def of(self, label: Label) -> "Sums":
         """Those of a label's groups."""
         return self.chosen(self.groups.of(label))
+
+    def less(self, column: str, size: float) -> "Sums":
+        """Those of the torque less `size` times a column."""
+        change = np.eye(len(self.names))
+        change[-2:, self.names.index(column)] = -size
+        gram = change @ self.gram @ change.T
+        return replace(self, gram=gram, weighted=change @ self.weighted @ change.T)
 
     def products(self, gram: Array, names: Sequence[str]) -> Array:
         """Products of some columns with one another in each group, (m, k, k), from `gram` or the
@@ -201,14 +207,10 @@ def noise_moments(
     gain = record.settings.low_pass.gain(f)
     if not record.groups.repeat().any():
         gain = gain * high_pass_gain(f, slow_hz)
-    w = 2 * np.pi * f
-    moments = np.zeros((len(names), len(names)))
-    of_angle = [(k, DERIVATIVE[name]) for k, name in enumerate(names) if name in DERIVATIVE]
-    for (k, n), (l, m) in product(of_angle, of_angle):
-        if (n - m) % 2 == 0:
-            sign = (-1) ** ((n - m) // 2)
-            moments[k, l] = sign * np.trapezoid(w ** (n + m) * angle_noise * gain**2, f)
-    return moments
+    s = 2j * np.pi * f
+    of_angle = np.array([s ** DERIVATIVE[name] if name in DERIVATIVE else 0 * s for name in names])
+    power = angle_noise * gain**2 * f[0]
+    return np.real((of_angle * power) @ of_angle.conj().T)
 
 
 def sums_of(record: Record, expected: RationalFunction | None = None) -> Sums:

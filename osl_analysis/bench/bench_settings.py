@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Choices of the analysis on the benches, each with its unit, as `config.yaml` has them."""
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import AfterValidator, Field
@@ -21,7 +21,6 @@ from osl_analysis.yaml_settings import (
     Settings,
     check_rising,
     refuse_if,
-    require_at_most,
 )
 
 Angle = Annotated[float, Field(ge=-180, le=180)]
@@ -38,12 +37,6 @@ class TimeBase(Settings):
     longest_gap_s: Seconds = 0.5
     """Longest gap [s]; between the two a gap is bridged and its rows are not fitted, beyond it a
     trial is refused."""
-    _bridges = refuse_if(
-        lambda s: 0.1 / s.highest_hz > s.longest_gap_s,
-        "highest_hz = {s.highest_hz:g} bridges 0.1/highest_hz s, beyond longest_gap_s ="
-        " {s.longest_gap_s:g}; raise one",
-        "highest_hz",
-    )
 
 
 class FilterSettings(Settings):
@@ -186,10 +179,6 @@ class SteppedSineAnalysis(BenchAnalysis):
     the two differ."""
     settle_cycles: Annotated[int, Field(ge=0, le=10_000)]
     """Number of cycles at the start of each segment that are not fitted."""
-    _is_bridged = require_at_most(
-        "time_base.highest_hz", "cutoff_hz", "and the filter takes out so fast a motion"
-    )
-
     _has_a_number_for_each = refuse_if(
         lambda s: isinstance(s.cycles, tuple) and len(s.cycles) != len(s.frequencies_hz or ()),
         "cycles has another length than frequencies_hz; give one number for all, or one for each",
@@ -224,14 +213,6 @@ class ImpedanceAnalysis(SteppedSineAnalysis):
         " frequencies_hz",
         "cutoff_hz",
     )
-    _turns = refuse_if(
-        lambda s: (
-            s.excitation != "any" and np.deg2rad(max(s.amplitudes_deg or (0,))) > s.largest_angle
-        ),
-        "amplitudes_deg goes beyond largest_angle = {s.largest_angle:g} rad, where a recording is"
-        " refused; correct it",
-        "amplitudes_deg",
-    )
 
 
 class DynamometerAnalysis(ImpedanceAnalysis, BeltAnalysis):
@@ -243,14 +224,6 @@ class ActuatorAnalysis(BenchAnalysis):
 
     # velocity [rad/s] over which its sign is smoothed: tanh(omega_m/sign_width)
     sign_width: Positive
-    # [rad/s]; slower samples are not fitted, since friction may be below its limit
-    slowest: ClassVar[float] = 0.5
-    _sign_is_known = refuse_if(
-        lambda s: s.slowest <= s.sign_width,
-        "sign_width = {s.sign_width:g} is not below {s.slowest:g} rad/s, the slowest velocity that"
-        " is fitted; lower it",
-        "sign_width",
-    )
 
 
 class DesiredCurve(Settings):
@@ -296,7 +269,4 @@ class TorqueAngleAnalysis(BenchAnalysis):
         "cutoff_hz = {s.cutoff_hz:g} takes out cycles of shortest_cycle_s = {s.shortest_cycle_s:g};"
         " raise one of them",
         "cutoff_hz",
-    )
-    _cycles_are_seen = require_at_most(
-        "time_base.longest_gap_s", "shortest_cycle_s", "and a gap would hide a cycle"
     )

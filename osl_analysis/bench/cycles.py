@@ -15,10 +15,10 @@ from osl_analysis.bench.impedance import torque_errors
 from osl_analysis.errors import InputError
 from osl_analysis.trial import Array
 
-TURNING_SHARE = 0.1  # of the range of motion: a smaller return is no turning point
-AT_AN_END = 0.1  # of the range of motion: a start this near an end counts as this end
+# of the range of motion: a smaller return is no turning point, a start this near an end counts as
+# this end, and a cycle that lacks more is a smaller one
+SMALL = 0.1
 CLOSED = 0.02  # of the range of motion: largest distance between the ends of a cycle
-WHOLE = 0.9  # of the range of motion: a cycle that covers less is a smaller one
 BRANCHES = {"loading": 1, "unloading": -1}  # and whether the angle goes the way of loading
 
 Cycle = tuple[int, ...]
@@ -30,7 +30,6 @@ class Loop:
     """The whole cycles of an angle."""
 
     cycles: Sequence[Cycle]
-    others: int  # other stretches: smaller cycles, or open ones
     loading: int  # 1: the angle rises while it loads, from where the first cycle begins; -1: falls
 
     def rows(self, angle: Array, branch: str, *cycles: Cycle) -> NDArray[np.intp]:
@@ -62,8 +61,8 @@ def find_loop(angle: Array, settle_cycles: int = 0) -> Loop:
     """Find the whole cycles of a slow motion.
 
     A cycle ends where the angle returns to its start in the same direction, or, if the motion
-    starts at one of its ends, where it returns to this end. Other stretches cover less than
-    `WHOLE` of the range, or do not close.
+    starts at one of its ends, where it returns to this end. Other stretches lack more than
+    `SMALL` of the range, or do not close.
 
     Parameters
     ----------
@@ -78,19 +77,15 @@ def find_loop(angle: Array, settle_cycles: int = 0) -> Loop:
         There is no whole cycle, or all are left out.
     """
     span = np.ptp(angle)
-    swing = TURNING_SHARE * span
+    swing = SMALL * span
     highest, _ = scipy.signal.find_peaks(angle, prominence=swing)
     lowest, _ = scipy.signal.find_peaks(-angle, prominence=swing)
     turns = np.sort(np.concatenate([highest, lowest])).tolist()
     cycles = []
-    others = 0
     for first, last in pairwise(cycle_edges(angle, turns, span)):
-        range_of_stretch = np.ptp(angle[first : last + 1])
-        is_closed = abs(angle[last] - angle[first]) <= CLOSED * span
-        if is_closed and range_of_stretch >= WHOLE * span:
+        is_whole = np.ptp(angle[first : last + 1]) >= (1 - SMALL) * span
+        if is_whole and abs(angle[last] - angle[first]) <= CLOSED * span:
             cycles.append((first, *(turn for turn in turns if first < turn < last), last))
-        elif range_of_stretch > swing:
-            others += 1
     if not cycles:
         extremes = [angle[0], angle.min(), angle.max(), angle[-1]]
         first_deg, low_deg, high_deg, last_deg = np.rad2deg(extremes)
@@ -107,17 +102,15 @@ def find_loop(angle: Array, settle_cycles: int = 0) -> Loop:
         )
     begin = angle[settled[0][0]]
     rises = angle.max() - begin >= begin - angle.min()
-    return Loop(settled, others, 1 if rises else -1)
+    return Loop(settled, 1 if rises else -1)
 
 
 def cycle_edges(angle: Array, turns: list[int], span: float) -> list[int]:
     """Rows at which cycles of an angle (n,) with a range `span` [rad] may begin or end."""
     start = angle[0]
     last_row = len(angle) - 1
-    if min(start - angle.min(), angle.max() - start) < AT_AN_END * span:
-        at_start = [
-            turn for turn in turns if abs(angle[turn] - start) < (AT_AN_END + CLOSED) * span
-        ]
+    if min(start - angle.min(), angle.max() - start) < SMALL * span:
+        at_start = [turn for turn in turns if abs(angle[turn] - start) < (SMALL + CLOSED) * span]
         return [0, *at_start, last_row]
     ends_of_ways = [0, *turns, last_row]
     direction = np.sign(angle[ends_of_ways[1]] - start)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from osl_analysis.bench.bench_settings import NOT_STATED, Calibration
 from osl_analysis.bench.record import STIFFNESS_ALONE, Label, Record
 from osl_analysis.bench.regression import (
-    DERIVATIVE,
+    DERIVATIVES,
     IMPEDANCE,
     SIGN_WIDTHS,
     GroupFit,
@@ -330,7 +330,7 @@ def encoder_errors(
     label
         Whose rows.
     """
-    is_of_joint = not set(DERIVATIVE).isdisjoint(model.values())
+    is_of_joint = not set(DERIVATIVES).isdisjoint(model.values())
     step = record.encoder_step if is_of_joint else 0.0
     if not step:
         return np.zeros(len(fit.names))
@@ -341,13 +341,10 @@ def encoder_errors(
     rows = few.rows(label)
     _, inverse = solved(X[:, rows] @ X[:, rows].T, np.zeros(len(X)))
     by_torque = inverse @ X
-    of_derivative = np.zeros(len(DERIVATIVE))
-    for name, column in model.items():
-        if column in DERIVATIVE:
-            of_derivative[DERIVATIVE[column]] = fit[name]
+    of_columns = {column: fit[name] for name, column in model.items()}
+    stiffness, damping, inertia = (of_columns.get(name, 0.0) for name in DERIVATIVES[:3])
     slope = np.gradient(by_torque, 1 / few.rate_hz, axis=1)
     bend = np.gradient(slope, 1 / few.rate_hz, axis=1)
-    stiffness, damping, inertia, *_ = of_derivative
     by_angle = stiffness * by_torque - damping * slope + inertia * bend
     # just beyond the filter a coarse sine has harmonics of its rounding
     noise, _ = noise_and_band(record.theta, record.rate_hz)

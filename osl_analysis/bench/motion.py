@@ -48,11 +48,6 @@ SPECTRUM_S = 8.0  # s; longest piece of a spectrum
 OUTSIDE_BAND = 0.01  # share of the power that lies below, or above, a band
 QUICK = 4.0  # cut-offs of the low-pass for the velocity's sign
 LARGE_DEG = 1.0  # deg, beyond the noise of any encoder
-SMALLER_UNITS_OF_TIME = (
-    Change("take a 1000 times smaller `unit` of `time` (ms for s)", {"time": 1e-3}),
-    Change("take a million times smaller `unit` of `time` (us for s)", {"time": 1e-6}),
-    Change("take a billion times smaller `unit` of `time` (ns for s)", {"time": 1e-9}),
-)
 
 STRETCH_S = 1.0  # s; duration of a stretch: 30 correlation times of a 15 Hz low-pass
 FEWEST_STRETCHES = 8  # of a recording, whose scores give an interval
@@ -161,7 +156,7 @@ def standstill(theta: Array, rate_hz: float) -> InputError:
             f" {100 * MOVING_SHARE:g} % or its jumps from row to row: the joint moves too slowly,"
             f" theta is noise, or {rate_hz:.3g} rows per second are too few; move it by 0.5"
             f" to 6 Hz and record 100 per second or more, {STIFFNESS_ALONE}",
-            SMALLER_UNITS_OF_TIME,
+            [Change("", other_unit_of="time")],
         )
     return InputError(
         f"the joint does not move: theta turns by {range_deg:.3g} deg in all; check the channel and"

@@ -48,6 +48,7 @@ ACTUATOR_ALONE: Model = {
     "drift": "ramp",
 }
 """torque_m = k_tau n_m I_q - f - B_m omega_m - J_m alpha_m + offset + drift (Eqs. 1-2)"""
+SLOWEST = 0.5  # rad/s; slower samples are not fitted: friction may be below its limit there
 FEWEST_MOVING_S = 1.0  # s; shortest total duration of the fitted samples
 EDGE_PERIODS = 3.0  # of the cut-off at both ends, where the filter extrapolates
 FAR_BETTER = 0.5  # of what is left of the torque, with the current at another time
@@ -78,7 +79,7 @@ def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> Analysis:
         time, current, *motion = trial.signals("current", *([moved] if moved else []))
         levels = plateaus_of(time, current)
         of_shaft = motion[0] if motion else None
-        if is_clamped(time, current, levels, of_shaft, moved == "theta_m", settings.slowest):
+        if is_clamped(time, current, levels, of_shaft, moved == "theta_m", SLOWEST):
             return clamped_of(trial, settings, levels)
         if moved is None:
             raise InputError(
@@ -115,7 +116,7 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis, moved: str)
         omega = smooth.theta
         alpha = smooth.omega
 
-    is_fast = np.abs(omega) > settings.slowest
+    is_fast = np.abs(omega) > SLOWEST
     direction = np.tanh(omega / settings.sign_width)
     columns = {
         "k_tau_n_m": low_pass(current, rate),
@@ -125,14 +126,14 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis, moved: str)
         "J_m": -alpha,
         **offset_and_drift(time),
     }
-    # below the settings' slowest velocity friction may have any value up to its limit
+    # below it friction may have any value up to its limit
     moving = is_fast & usable
     edge = int(np.ceil(EDGE_PERIODS * rate / settings.cutoff_hz))
     moving[:edge] = moving[-edge:] = False
     fitted = np.flatnonzero(moving)
     if len(fitted) < FEWEST_MOVING_S * rate:
         raise InputError(
-            f"the actuator is faster than {settings.slowest:g} rad/s in {len(fitted)} of"
+            f"the actuator is faster than {SLOWEST:g} rad/s in {len(fitted)} of"
             f" {len(time)} samples, and its current has fewer than {FEWEST_PLATEAUS} plateaus;"
             " drive it faster or longer, or check the unit of theta_m or omega_m in the source file"
         )

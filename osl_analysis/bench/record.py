@@ -66,13 +66,16 @@ class Groups:
         members = np.bincount(self.stratum, minlength=len(self.strata))
         return (may_repeat & (members > 1))[self.stratum]
 
-    def unlike_runs(self) -> list[slice]:
-        """Rows of groups that repeat no other, joined where they follow one another."""
-        is_unlike = ~self.repeat()
-        first, stop = self.first[is_unlike], self.stop[is_unlike]
-        begins = np.append(True, first[1:] > stop[:-1] + EDGE_ROUNDING)[: len(first)]
-        ends = np.append(begins[1:], True)[: len(first)]
-        return whole_rows(first[begins], stop[ends])
+    def cover(
+        self, is_chosen: NDArray[np.bool_], rows: int, edge: float = 0.0
+    ) -> NDArray[np.bool_]:
+        """Which of some rows lie, at least partly, in chosen groups, or within `edge` rows of
+        these."""
+        covered = np.zeros(rows, dtype=bool)
+        first = np.maximum(self.first[is_chosen] - edge, 0)
+        for part in whole_rows(first, self.stop[is_chosen] + edge):
+            covered[part] = True
+        return covered
 
     def of(self, label: Label) -> NDArray[np.bool_]:
         """Which groups (m,) have a label; all for None."""
@@ -153,12 +156,7 @@ class Record:
     def is_fitted(self, label: Label = None, edge: int = 0) -> NDArray[np.bool_]:
         """Which rows (n,) lie, at least partly, in the groups of a label, or within `edge` rows of
         these."""
-        chosen = self.groups.of(label)
-        fitted = np.zeros(len(self.time), dtype=bool)
-        first = np.maximum(self.groups.first[chosen] - edge, 0)
-        for rows in whole_rows(first, self.groups.stop[chosen] + edge):
-            fitted[rows] = True
-        return fitted
+        return self.groups.cover(self.groups.of(label), len(self.time), edge)
 
     def rows(self, label: Label = None) -> NDArray[np.intp]:
         """The fitted rows (m,) of a label or of all."""

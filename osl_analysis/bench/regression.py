@@ -27,7 +27,7 @@ from osl_analysis.bench.record import Groups, Label, Record
 from osl_analysis.measured import SMALLEST_SIGNAL, check_finite
 from osl_analysis.model.drivetrain import RationalFunction
 from osl_analysis.model.rendered_impedance import linear_torque
-from osl_analysis.signals import seven_point_motion
+from osl_analysis.signals import runs, seven_point_motion
 from osl_analysis.stats.budget import KnownError
 from osl_analysis.stats.linear_fit import (
     CONDITION_LIMIT,
@@ -53,7 +53,7 @@ BEYOND = 1.1  # cut-offs above which the band's end is motion, not the tail of a
 EFFECTS_LIMIT = 1e5
 EDGE_ROWS = 2  # beside the fitted ones, from which a fraction of a row is read
 SPECTRUM_POINTS = 2000  # of an integral over the spectrum of noise
-DERIVATIVE = {"theta": 0, "omega": 1, "alpha": 2, "jerk": 3, "snap": 4}
+DERIVATIVES = ("theta", "omega", "alpha", "jerk", "snap")  # of the angle, by their order
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,8 @@ def motion_sums(record: Record, columns: Mapping[str, Array], angle_noise: float
     slow_hz = record.band_hz[0]
     signals = np.array([*columns.values(), record.filtered_torque, record.torque])
     groups = record.groups
-    fast = without_slower(signals, groups.unlike_runs(), slow_hz / record.rate_hz).T
+    unlike = runs(groups.cover(~groups.repeat(), len(record.time)))
+    fast = without_slower(signals, unlike, slow_hz / record.rate_hz).T
     weighted = products_between(fast, fast, groups.first, groups.stop)
     of_noise = noise_moments(sums.names, record, slow_hz, angle_noise)
     weighted -= (groups.stop - groups.first)[:, None, None] * of_noise
@@ -208,7 +209,10 @@ def noise_moments(
     if not record.groups.repeat().any():
         gain = gain * high_pass_gain(f, slow_hz)
     s = 2j * np.pi * f
-    of_angle = np.array([s ** DERIVATIVE[name] if name in DERIVATIVE else 0 * s for name in names])
+    of_angle = np.zeros((len(names), len(s)), dtype=complex)
+    for order, name in enumerate(DERIVATIVES):
+        if name in names:
+            of_angle[names.index(name)] = s**order
     power = angle_noise * gain**2 * f[0]
     return np.real((of_angle * power) @ of_angle.conj().T)
 

@@ -120,7 +120,6 @@ def torque_angle_trial(
     row: Row = {
         "trial": trial.name,
         "cycles": len(cycles),
-        "other_cycles": loop.others,
         "loading": "rising" if loop.loading == 1 else "falling",
         "angle_min_deg": theta_deg.min(),
         "angle_max_deg": theta_deg.max(),

@@ -53,7 +53,11 @@ def recorded(trial: Trial, column: str | None) -> tuple[Array, Array]:
 # Recordings of a bench that are refused before a fit.
 
 ANGLES = ("theta", "theta_m", "theta_command")
-CONFUSED_UNITS = {"rad": ("rad", "deg", "mrad"), "N*m": ("N*m", "N*mm", "N*cm")}
+CONFUSED_UNITS = {
+    "rad": ("rad", "deg", "mrad"),
+    "N*m": ("N*m", "N*mm", "N*cm"),
+    "s": ("s", "ms", "us", "ns"),
+}
 """By SI unit, the most usual ones first."""
 
 

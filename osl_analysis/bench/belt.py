@@ -121,7 +121,7 @@ def fit_branches(record: Record, drift: float = 0.0, model: Model | None = None)
         if drift:
             fit = replace(fit, interval_method=f"{fit.interval_method} + drift")
         fits[branch] = fit
-    return Analysis(record, s, model, fits, {}, "loading")
+    return Analysis(record, s, model, fits, "loading")
 
 
 def loop_of(theta_s: Array) -> Loop:

@@ -11,7 +11,7 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench.impedance import Analysis
-from osl_analysis.bench.record import Label, Record
+from osl_analysis.bench.record import Record
 from osl_analysis.dictionary import described_tables_by_name, table_of
 from osl_analysis.inference import ImpedanceInference
 from osl_analysis.stats.budget import LIKELY, Budget, Contribution, budget_rows
@@ -98,10 +98,9 @@ def alternatives(
     return found
 
 
-def other_stamps(analysis: Analysis, label: Label, name: str) -> list[Contribution]:
-    """What the other reading of undecided stamps makes of an estimate."""
-    other = analysis.fits_with_other_stamps.get(label)
-    if other is None or name not in other.names:
+def other_stamps(analysis: Analysis, name: str) -> list[Contribution]:
+    """What the other reading of undecided stamps makes of an estimate of the whole trial."""
+    if analysis.other is None or name not in analysis.other.whole.names:
         return []
-    moved = abs(other[name] - analysis.fits[label][name])
+    moved = abs(analysis.other.whole[name] - analysis.whole[name])
     return [Contribution("undecided_time_stamps", moved, basis="bound", part="fault")]

@@ -13,23 +13,20 @@ from osl_analysis.bench.budgets import alternatives, fit_tables, other_stamps, s
 from osl_analysis.bench.friction import (
     CERTAIN_FRICTION,
     WITHOUT_FRICTION,
-    CoulombFit,
-    FrictionlessLeg,
     actuator_of_leg,
     coulomb_fits,
+    fit_less,
     frictionless_leg,
     inferred_of_joint,
     is_friction_untold,
-    less_friction,
-    without_dry_friction,
-    without_friction,
+    with_other_shapes,
 )
 from osl_analysis.bench.impedance import QUANTITIES, Analysis
 from osl_analysis.bench.lags import Belt, belt_of_leg, is_leg
 from osl_analysis.bench.motion_range import parts_of, range_over
 from osl_analysis.bench.plausibility import check_resists, check_stiffer, unit_of_step
 from osl_analysis.bench.record import Label
-from osl_analysis.bench.regression import IMPEDANCE, Sums, fit_groups, sums_of
+from osl_analysis.bench.regression import IMPEDANCE, GroupFit, Sums, fit_groups, sums_of
 from osl_analysis.bench.rendered_gains import rendered_gains
 from osl_analysis.inference import FrictionlessActuator, ImpedanceInference
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
@@ -197,9 +194,8 @@ class WhatElse:
 
     belt: Belt  # of a leg
     joint: ImpedanceInference | None  # of a joint: the rivals; None: not weighed
-    leg: FrictionlessLeg | None  # of a leg, the friction of whose actuator is certain
     is_friction_untold: bool  # whether the motion does not tell friction from damping
-    coulomb: Mapping[Label, CoulombFit]
+    without_friction: Mapping[Label, GroupFit]  # where friction is certain
     ranges: Row  # the range of estimates over amplitudes and frequencies
 
 
@@ -211,42 +207,45 @@ def what_else(analysis: Analysis, s: Sums, p: DrivetrainParameters | None) -> Wh
     inferred = actuator_of_leg(record) if of_leg else joint
     is_certain = inferred.friction_probability > CERTAIN_FRICTION if inferred else None
     coulomb = coulomb_fits(s, analysis, is_certain)
-    leg = None
+    certain = {label: fit for label, fit in coulomb.items() if fit is not None}
+    column = "T_C"
     if isinstance(inferred, FrictionlessActuator) and is_certain:
-        leg = frictionless_leg(analysis, inferred)
+        # it acts behind the belt, where its size need not show
+        s, certain[None] = frictionless_leg(analysis, inferred)
+        column = "friction"
+    elif joint and is_certain and None in certain:
+        certain[None] = with_other_shapes(certain[None], joint)
     return WhatElse(
         belt=belt_of_leg(record, p) if p and of_leg else Belt(),
         joint=joint,
-        leg=leg,
-        is_friction_untold=is_friction_untold(inferred, coulomb.get(None), of_leg),
-        coulomb=coulomb,
-        ranges=ranges_of(analysis, leg.sums if leg else s, coulomb.get(None), leg),
+        is_friction_untold=not (of_leg and inferred)
+        and is_friction_untold(s, analysis, coulomb, inferred is not None),
+        without_friction=certain,
+        ranges=ranges_of(analysis, s, certain.get(None), column),
     )
 
 
-def ranges_of(
-    analysis: Analysis, s: Sums, coulomb: CoulombFit | None, leg: FrictionlessLeg | None
-) -> Row:
-    """The ranges of the estimates over amplitudes and frequencies, and of B without friction."""
+def ranges_of(analysis: Analysis, s: Sums, without: GroupFit | None, column: str) -> Row:
+    """The ranges of the estimates over amplitudes and frequencies, and of B for the torque less
+    its friction, which is in a column."""
     parts = list(parts_of(analysis.record, s))
     fit_part = partial(fit_groups, model=IMPEDANCE)
-    viscous_fit = partial(without_friction, model=IMPEDANCE)
     ranges = range_over(parts, fit_part, analysis.whole, {name: name for name in QUANTITIES})
-    viscous = {"B": "B_viscous"}
-    if leg is not None:
-        return {**ranges, **range_over(parts, less_friction, leg.fit, viscous)}
-    if coulomb and coulomb.certain:
-        return {**ranges, **range_over(parts, viscous_fit, coulomb.certain, viscous)}
-    return ranges
+    if without is None:
+        return ranges
+    size = without["T_C"] if "T_C" in without.names else 1.0
+    fit_part = partial(fit_less, column=column, size=size)
+    return {**ranges, **range_over(parts, fit_part, without, {"B": "B_viscous"})}
 
 
 def estimates_of(analysis: Analysis, found: WhatElse, label: Label) -> dict[str, Budget]:
     """The estimates of a label with their own budgets: of Eq. 15, without friction where this is
     certain, and the lag of a leg."""
     budgets = analysis.budgets(label, *QUANTITIES)
-    coulomb = found.coulomb.get(label)
-    without = without_dry_friction(analysis, found.joint, coulomb, found.leg, label)
-    budgets |= {WITHOUT_FRICTION[name]: budget for name, budget in without.items()}
+    without = found.without_friction.get(label)
+    if without is not None:
+        for name in {*WITHOUT_FRICTION} & {*without.names}:
+            budgets[WITHOUT_FRICTION[name]] = without.budget(name)
     if found.belt.lag:
         budgets["lag_s"] = found.belt.lag.budget("lag_s")
     return budgets
@@ -264,7 +263,7 @@ def with_other_contributions(
     for k, name in enumerate(QUANTITIES):
         common = [
             *over_motion(analysis, found.ranges, name),
-            *other_stamps(analysis, None, name),
+            *other_stamps(analysis, name),
             *of_lag.get(name, ()),
             *alternatives(found.joint, stated, k),
             *(of_source[name] for of_source in not_checked if name in of_source),

@@ -8,12 +8,13 @@ as of bristles: what these change is in the budget of the estimates. A leg's fri
 a spring: its effect is told by the actuator's angle.
 """
 
+from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from osl_analysis.bench.impedance import QUANTITIES, Analysis
+from osl_analysis.bench.impedance import Analysis
 from osl_analysis.bench.record import Label, Record
 from osl_analysis.bench.regression import (
     BEYOND,
@@ -37,7 +38,6 @@ from osl_analysis.inference import (
 from osl_analysis.inference.actuator import MISSED_OF_FRICTION, deviations
 from osl_analysis.inference.constants import FRICTION_WINDS
 from osl_analysis.inference.friction_shapes import slipping_springs
-from osl_analysis.stats.budget import Budget, Contribution
 from osl_analysis.trial import Array
 
 WITHOUT_FRICTION = {
@@ -57,20 +57,11 @@ CERTAIN_FRICTION = 0.9  # probability from which friction is taken off B: nine i
 SEEN_SHARE = 0.02
 
 
-@dataclass(frozen=True)
-class CoulombFit:
-    """Coulomb friction in the rows of a label."""
-
-    # the model's estimates for the torque less its friction, and the friction `T_C` [N*m]; None
-    # where it is not certain in these rows
-    certain: GroupFit | None
-    is_seen: bool  # whether the column takes a part of the damping, of either sign
-
-
 def coulomb_fits(
     s: Sums, analysis: Analysis, whole_is_certain: bool | None = None
-) -> dict[Label, CoulombFit]:
-    """Coulomb friction by label; labels whose motion does not tell it from damping are absent.
+) -> dict[Label, GroupFit | None]:
+    """The model's estimates for the torque less its Coulomb friction `T_C` [N*m] by label, None
+    where this is not certain; labels whose motion does not tell it from damping are absent.
 
     A joint that mostly rests moves by steps between a few levels: each has the same speeds, at
     which friction and damping are one number, and at rest the velocity has no sign but that of
@@ -92,29 +83,32 @@ def coulomb_fits(
     if np.mean(np.abs(velocity) < AT_REST * velocity.std()) > MOST_REST:
         return {}
     model = analysis.model
-    damping = next(name for name, column in model.items() if column == "omega")
-    fits: dict[Label, CoulombFit] = {}
+    fits: dict[Label, GroupFit | None] = {}
     for label in sorted(analysis.fits, key=lambda each: each is not None):  # the whole trial first
-        fit = analysis.fits[label]
         sums = s.of(label)
         try:
             smooth = without_friction(sums, model)
-            is_seen = smooth.certain("T_C")
-            is_certain = is_seen and smooth["T_C"] > 0
-            if whole_is_certain is None:
-                whole_is_certain = is_certain
-            certain = None
-            if is_certain and whole_is_certain:
-                of_width = without_friction(sums, model, "T_C_sharp").estimates - smooth.estimates
-                certain = smooth.with_known_error("friction_sign", of_width)
-                for error in fit.known_errors:
-                    certain = certain.with_known_error(error.source, np.append(error.change, 0.0))
-                certain = analysis.with_bench_errors(certain, label)
+            sharp = without_friction(sums, model, "T_C_sharp")
         except IdentifiabilityError:
             continue
-        taken = abs(1 - smooth[damping] / fit[damping])
-        fits[label] = CoulombFit(certain, is_seen and taken > SEEN_SHARE)
+        is_certain = smooth.certain("T_C") and smooth["T_C"] > 0
+        if whole_is_certain is None:
+            whole_is_certain = is_certain
+        fits[label] = None
+        if is_certain and whole_is_certain:
+            of_width = sharp.estimates - smooth.estimates
+            fit = smooth.with_known_error("friction_sign", of_width)
+            fits[label] = with_errors_of(analysis, fit, label)
     return fits
+
+
+def with_errors_of(analysis: Analysis, fit: GroupFit, label: Label) -> GroupFit:
+    """A fit without friction with the errors that the model's own fit to a label has beside its
+    scatter."""
+    for error in analysis.fits[label].known_errors:
+        change = np.pad(error.change, (0, len(fit.names) - len(error.change)))
+        fit = fit.with_known_error(error.source, change, error.shared)
+    return analysis.with_bench_errors(fit, label)
 
 
 def without_friction(s: Sums, model: Model, column: str = "T_C") -> GroupFit:
@@ -174,28 +168,19 @@ def actuator_of_leg(record: Record) -> FrictionlessActuator | None:
     return None
 
 
-@dataclass(frozen=True)
-class FrictionlessLeg:
-    """Eq. 15 of a leg for the torque less what its actuator's friction makes of it.
-
-    Attributes
-    ----------
-    sums : Sums
-        Of a coarse record, with that torque in the column `friction`.
-    fit : GroupFit
-        Of all of it.
-    """
-
-    sums: Sums
-    fit: GroupFit
-
-
-def frictionless_leg(analysis: Analysis, actuator: FrictionlessActuator) -> FrictionlessLeg:
+def frictionless_leg(analysis: Analysis, actuator: FrictionlessActuator) -> tuple[Sums, GroupFit]:
     """Fit Eq. 15 to the torque that a leg would have without the friction of its actuator.
 
     Friction turns the actuator to theta_m instead of theta_m0, and the belt makes a torque of it:
     kappa (theta_m - theta_m0), where kappa is the slope of the torque over theta_m beside the
-    joint's motion. The estimates of this torque, in the same rows, come off those of all of it.
+    joint's motion.
+
+    Returns
+    -------
+    sums : Sums
+        Of a coarse record, with that torque in the column `friction`.
+    fit : GroupFit
+        Of all of it, for the torque less that column.
     """
     record = analysis.record
     few = record.coarse
@@ -213,19 +198,19 @@ def frictionless_leg(analysis: Analysis, actuator: FrictionlessActuator) -> Fric
     torques = kappa * (theta_m - bounds.mean(axis=0))
     of_hysteresis = kappa * (bounds[0, 0] - bounds[1, 0]) / 2
     sums = motion_sums(few, {**columns, "friction": torques[0]}, record.angle_noise)
-    fit = less_friction(sums)
+    fit = fit_less(sums, "friction", 1.0)
     by_torque = np.linalg.pinv(X[:, rows].T)
     of_blocks = deviations(torques[:, rows] @ by_torque.T)
     of_formula = MISSED_OF_FRICTION * (analysis.whole.estimates - fit.estimates)
     of_bounds = by_torque @ of_hysteresis[rows] / np.sqrt(3)  # a rectangular distribution
     errors = np.vstack([of_blocks, of_formula, of_bounds])
     fit = fit.with_known_error("friction_shape", np.linalg.norm(errors, axis=0))
-    return FrictionlessLeg(sums, fit)
+    return sums, with_errors_of(analysis, fit, None)
 
 
-def less_friction(s: Sums) -> GroupFit:
-    """Eq. 15 for the torque less that of the column `friction`. Raises as `fit_groups`."""
-    return fit_groups(s.less("friction", 1.0), IMPEDANCE)
+def fit_less(s: Sums, column: str, size: float) -> GroupFit:
+    """Eq. 15 for the torque less `size` times a column. Raises as `fit_groups`."""
+    return fit_groups(s.less(column, size), IMPEDANCE)
 
 
 def inferred_of_joint(record: Record) -> ImpedanceInference | None:
@@ -241,58 +226,22 @@ def inferred_of_joint(record: Record) -> ImpedanceInference | None:
     return None
 
 
-def without_dry_friction(
-    analysis: Analysis,
-    joint: ImpedanceInference | None,
-    coulomb: CoulombFit | None,
-    leg: FrictionlessLeg | None,
-    label: Label,
-) -> dict[str, Budget]:
-    """K, B and I without friction, and the friction `T_C`; empty where it is not certain.
-
-    Of a whole trial the inference tells whether there is friction. Of a joint least squares tells
-    its size and effect; where its size is not certain, none is taken off. Friction of another shape
-    would make other estimates, as the inference tells: a rectangular distribution (JCGM 100:2008,
-    4.3.7). Friction of a leg acts behind its belt, where its size need not show.
-
-    Parameters
-    ----------
-    analysis : Analysis
-        Eq. 15.
-    joint : ImpedanceInference or None
-        What the inference says of a joint.
-    coulomb : CoulombFit or None
-        Of the label, as of `coulomb_fits`.
-    leg : FrictionlessLeg or None
-        Where the friction of its actuator is certain.
-    label : Label
-        The row's.
-    """
-    if label is None and leg is not None:
-        fit = analysis.with_bench_errors(leg.fit, None)
-        for error in analysis.whole.known_errors:
-            fit = fit.with_known_error(error.source, error.change, error.shared)
-        return {name: fit.budget(name) for name in QUANTITIES}
-    estimates = {}
-    if coulomb and coulomb.certain:
-        estimates = {name: coulomb.certain.budget(name) for name in WITHOUT_FRICTION}
-    is_certain = joint is not None and joint.friction_probability > CERTAIN_FRICTION
-    if label is not None or joint is None or not is_certain or not estimates:
-        return estimates
-    for name, weighed in joint.without_friction.items():
-        by_shape = abs(weighed - estimates[name].value) / np.sqrt(3)
-        of_shape = Contribution("friction_shape", by_shape, basis="weighed", part="sensor")
-        estimates[name] = estimates[name].plus(of_shape)
-    return estimates
+def with_other_shapes(fit: GroupFit, joint: ImpedanceInference) -> GroupFit:
+    """A joint's fit without friction, with what friction of another shape would change, as the
+    inference tells: a rectangular distribution (JCGM 100:2008, 4.3.7)."""
+    others = [joint.without_friction.get(name, fit[name]) for name in fit.names]
+    return fit.with_known_error("friction_shape", (others - fit.estimates) / np.sqrt(3))
 
 
 def is_friction_untold(
-    inferred: ImpedanceInference | FrictionlessActuator | None,
-    coulomb: CoulombFit | None,
-    is_leg: bool,
+    s: Sums, analysis: Analysis, coulomb: Mapping[Label, GroupFit | None], is_weighed: bool
 ) -> bool:
-    """Whether the motion of a trial does not tell friction from damping: the column is collinear
-    with it, or sees what the inference does not."""
-    if is_leg and inferred is not None:
+    """Whether the motion of a joint does not tell friction from damping: the column is collinear
+    with it (no fit among `coulomb`), or takes a part of the damping that the inference, where it
+    `is_weighed`, does not see."""
+    if None not in coulomb:
+        return True
+    if coulomb[None] is not None or not is_weighed:
         return False
-    return coulomb is None or (inferred is not None and coulomb.is_seen and not coulomb.certain)
+    fit = without_friction(s, analysis.model)
+    return fit.certain("T_C") and abs(1 - fit["B"] / analysis.whole["B"]) > SEEN_SHARE

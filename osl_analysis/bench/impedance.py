@@ -28,7 +28,7 @@ from osl_analysis.inference.spectra import noise_and_band
 from osl_analysis.signals import seven_point_motion
 from osl_analysis.stats.budget import Budget
 from osl_analysis.stats.estimates import Row
-from osl_analysis.stats.linear_fit import LinearFit, solved
+from osl_analysis.stats.linear_fit import solved
 from osl_analysis.trial import Array
 
 QUANTITIES = ("K", "B", "I")  # parameters of Eq. 15
@@ -48,18 +48,18 @@ class Analysis:
         What was fitted.
     fits : Mapping
         By label. Offsets are in the middle of the angle and of the fitted rows.
-    fits_with_other_stamps : Mapping
-        The same with the other reading of undecided stamps; empty: all are decided.
     label
         Of the fit that stands for the trial.
+    other
+        The same with the other reading of undecided stamps; None: all are decided.
     """
 
     record: Record
     sums: Sums
     model: Model
     fits: Mapping[Label, GroupFit]
-    fits_with_other_stamps: Mapping[Label, LinearFit]
     label: Label = None
+    other: "Analysis | None" = None
 
     @property
     def whole(self) -> GroupFit:
@@ -185,22 +185,15 @@ def analysed(record: Record, model: Model, sums: Sums | None = None) -> Analysis
     IdentifiabilityError
         As `fit_groups`.
     """
-    others: Mapping[Label, GroupFit] = {}
-    if record.with_other_stamps is not None:
-        other = record.with_other_stamps
-        others = fits_by_label(sums_of_motion(other), model)
+    other = record.with_other_stamps
     if sums is None:
-        sums = sums_of_motion(record)
+        sums = motion_sums(record, columns_of(record), record.angle_noise)
     fits = {}
     for label, fit in fits_by_label(sums, model).items():
         of_encoder = encoder_errors(record, sums.columns, model, fit, label)
         fits[label] = fit.with_known_error("encoder", of_encoder, shared=True)
-    return Analysis(record, sums, model, fits, others)
-
-
-def sums_of_motion(record: Record) -> Sums:
-    """The sums of the columns of Eq. 15."""
-    return motion_sums(record, columns_of(record), record.angle_noise)
+    others = analysed(other, model) if other is not None else None
+    return Analysis(record, sums, model, fits, other=others)
 
 
 def fits_by_label(sums: Sums, model: Model) -> dict[Label, GroupFit]:

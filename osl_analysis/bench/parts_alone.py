@@ -91,8 +91,7 @@ def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> Analysis:
         fit = actuator_of(signals, settings, moved)
         if signals.is_decided:
             return fit
-        others = actuator_of(signals.other(), settings, moved).fits
-        return replace(fit, fits_with_other_stamps=others)
+        return replace(fit, other=actuator_of(signals.other(), settings, moved))
 
 
 def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis, moved: str) -> Analysis:
@@ -244,7 +243,7 @@ def actuator_table(actuator: Analysis) -> dict[str, pl.DataFrame]:
         **actuator.diagnostics(None),
     }
     budgets = {
-        name: budget.plus(*other_stamps(actuator, None, name))
+        name: budget.plus(*other_stamps(actuator, name))
         for name, budget in actuator.budgets(None, *told).items()
     }
     return fit_tables("actuator", (row, budgets))
@@ -265,7 +264,7 @@ def with_faults(analysis: Analysis, budgets: Mapping[str, Budget], s: Sums) -> d
         half = abs(budgets[name].value - others[name]) / 2
         complete[name] = budgets[name].plus(
             Contribution(source, half, basis="measured", part="motion"),
-            *other_stamps(analysis, None, name),
+            *other_stamps(analysis, name),
             *alternatives(joint, stated, k),
             *(each for each in [of_delay.get(name)] if each and "delay" not in stated),
         )
@@ -284,8 +283,7 @@ def transmission_table(analysis: Analysis) -> dict[str, pl.DataFrame]:
     fits = []
     for label in analysis.fits:
         budgets = analysis.budgets(label, *LOSSES)
-        coulomb = friction.get(label)
-        certain = coulomb.certain if coulomb else None
+        certain = friction.get(label)
         viscous: GroupFit = certain or analysis.calibrated[label]
         budgets["B_j_viscous"] = viscous.budget("B_j")
         if label is None:

@@ -35,6 +35,7 @@ OF_SOURCE: Mapping[str, tuple[Part, Basis]] = {
     "encoder": ("sensor", "measured"),
     "usual_error": ("sensor", "assumed"),
     "friction_sign": ("repeatability", "assumed"),
+    "friction_shape": ("sensor", "weighed"),
     "loading_begins": ("repeatability", "assumed"),
     "spring_loss": ("bench", "assumed"),
     "belt_error": ("bench", "assumed"),

@@ -3,7 +3,6 @@
 
 from dataclasses import replace
 from functools import cache
-from types import SimpleNamespace
 
 import numpy as np
 import polars as pl
@@ -15,9 +14,10 @@ from shipped import CONFIG
 
 from osl_analysis.bench.bench_settings import Calibration
 from osl_analysis.bench.evidence import impedance_table
-from osl_analysis.bench.friction import CoulombFit, is_friction_untold
+from osl_analysis.bench.friction import is_friction_untold
 from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.motion import record_of_trial
+from osl_analysis.bench.regression import sums_of
 from osl_analysis.inference.friction_shapes import slipping_springs
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.limits import Limits
@@ -90,10 +90,15 @@ def test_friction_is_in_b_as_in_equation_15_and_not_in_b_viscous():
 
 
 def test_friction_that_the_column_alone_sees_is_untold():
-    inferred = SimpleNamespace(friction_probability=0.1)
+    """Of bristles that hardly rub, and of none."""
+    told = []
+    for size in (0.3, 0.0):
+        record = record_with(more=lambda t, x, v, a, size=size: size * np.tanh(v / 2e-3))
+        analysis = rendered_impedance(record)
+        told.append(is_friction_untold(sums_of(record), analysis, {None: None}, is_weighed=True))
 
-    assert is_friction_untold(inferred, CoulombFit(None, True), is_leg=False)
-    assert not is_friction_untold(inferred, CoulombFit(None, False), is_leg=False)
+    assert told == [True, False]
+    assert is_friction_untold(sums_of(record), analysis, {}, is_weighed=True)
 
 
 FAULTS = {

@@ -356,9 +356,7 @@ def beside_known(
     table
         The trial's rows, with K by linear theory where the gains are known.
     p
-        The device; None for one without a parameter file. Where neither sheet nor belt says that
-        the joint is that of the file, another device may be soft, so that `K_over_K_s` is null up
-        to 1. Above 1 a unit may be wrong, or the file is of another device.
+        The device; None for one without a parameter file.
     desired
         What the sheet states.
 
@@ -381,9 +379,7 @@ def beside_known(
         if desired.B_d:
             known["B_over_B_d"] = (whole["B_viscous"] or whole["B"]) / desired.B_d
     if p is not None and np.isfinite(p.K_s):
-        ratios = pl.col("K") / p.K_s
-        is_leg_of_file = desired.controller or desired.K_d or whole["K_s_ratio"] is not None
-        known["K_over_K_s"] = ratios if is_leg_of_file else pl.when(ratios > 1).then(ratios)
+        known["K_over_K_s"] = pl.col("K") / p.K_s
     return table.with_columns(**known)
 
 

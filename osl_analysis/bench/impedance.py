@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.bench.bench_settings import NOT_STATED, Calibration
+from osl_analysis.bench.bench_settings import Calibration
 from osl_analysis.bench.record import STIFFNESS_ALONE, Label, Record
 from osl_analysis.bench.regression import (
     DERIVATIVES,
@@ -105,8 +105,6 @@ class Analysis:
         stated = record.settings.calibration
         fixture = record.settings.fixture
         bench = record.settings.bench_stiffness
-        if stated == NOT_STATED and fixture is None and bench is None:
-            return own
         rows = record.rows(label)
         motion = record.motion
         columns = dict(self.sums.columns)

@@ -131,15 +131,15 @@ def check_drives(row: Mapping[str, Any]) -> None:
     """Refuse an actuator's row with signs that no actuator has. A reversed torque turns the signs
     of k_tau n_m and of all losses, a reversed current that of k_tau n_m alone, and a reversed
     motion those of the losses alone."""
-    losses = [name for name in ("f_C", "B_m", "J_m") if row[name] is not None]
-    is_reversed = row["k_tau_n_m_high"] < 0
-    gains_energy = bool(losses) and all(row[f"{name}_high"] < 0 for name in losses)
-    if not is_reversed and not gains_energy:
+    names = [name for name in ("k_tau_n_m", "f_C", "B_m", "J_m") if row[name] is not None]
+    losses = names[1:]
+    negative = [name for name in names if row[f"{name}_high"] < 0]
+    if "k_tau_n_m" not in negative and (not losses or negative != losses):
         return
     columns = ["current", "torque_m"]
     if losses:
         columns.append(row["motion"])
-    estimates = [f"{name} = {row[name]:.3g}" for name in ("k_tau_n_m", *losses)]
+    estimates = [f"{name} = {row[name]:.3g}" for name in names]
     raise InputError(
         f"trial {row['trial']}: {', '.join(estimates)}: no actuator has these signs; check the"
         f" channels of {', '.join(columns)} in the source file",

@@ -102,9 +102,6 @@ class Analysis:
             Whose rows were fitted.
         """
         record = self.record
-        stated = record.settings.calibration
-        fixture = record.settings.fixture
-        bench = record.settings.bench_stiffness
         rows = record.rows(label)
         motion = record.motion
         columns = dict(self.sums.columns)

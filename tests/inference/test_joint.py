@@ -84,6 +84,7 @@ def rubbing(torque, size):
     (standing, None),
     (lambda torque: np.minimum(torque, np.quantile(torque, 0.97)), "clipping"),
     (stiffer_forwards, "direction"),
+    (partial(np.roll, shift=3), "path"),
 ])  # fmt: skip
 def test_a_fault_is_named_by_its_family_and_a_sound_joint_has_none(change, family):
     found = changed(change)

@@ -4,11 +4,8 @@
 from functools import cache
 
 import numpy as np
-import pytest
 
 from osl_analysis.inference import BenchSignals, frictionless_actuator
-from osl_analysis.inference.actuator import deviations
-from osl_analysis.inference.constants import BLOCKS
 
 RATE = 500.0
 K_S = 700.0  # belt, joint, ratio
@@ -110,14 +107,3 @@ def test_an_actuator_without_friction_moves_as_its_equation_says():
 
 def test_the_friction_of_the_actuator_is_found():
     assert found().friction_probability > 0.99
-
-
-def test_deviations_are_those_of_other_speeds_and_of_a_jackknife():
-    values = np.concatenate([[1.0, 1.5, 0.5], np.full(BLOCKS, 2.0)])
-    values[-1] += 1.0
-
-    apart = deviations(values)
-
-    assert np.linalg.norm(apart[:2]) == pytest.approx(np.sqrt(0.5))
-    jackknife = (BLOCKS - 1) / BLOCKS * np.sum((values[3:] - values[3:].mean()) ** 2)
-    assert np.sum(apart[2:] ** 2) == pytest.approx(jackknife)

@@ -11,8 +11,7 @@ from conftest import refused_with, white_noise
 
 from osl_analysis.inference import BenchSignals
 from osl_analysis.inference.friction_shapes import slipping_springs
-from osl_analysis.inference.rivals import EQ_15, Candidate, Search, behind_spring, late, low_passed
-from osl_analysis.inference.rounding_errors import repeated_share
+from osl_analysis.inference.rivals import EQ_15, Candidate, Search, behind_spring, low_passed
 from osl_analysis.inference.spectra import Spectra, noise_and_band
 from osl_analysis.inference.unexplained import largest_shifts
 from osl_analysis.inference.weighing import BlockFit, Predicted, predict, weigh
@@ -68,11 +67,6 @@ def test_whitened_fit_is_that_of_statsmodels_gls():
 
     # two estimators of one noise: they agree within a part of their common error
     assert np.all(np.abs(fit.impedances[0] - gls.params[:3]) < gls.bse[:3])
-    columns = np.vstack([data.motion, data.columns["slow"]])
-    left = data.torque - np.linalg.lstsq(columns.T, data.torque)[0] @ columns
-    hz, power = scipy.signal.periodogram(left, data.spectra.working_rate_hz)
-    slow, fast = power[(hz > 0.5) & (hz < 4)].mean(), power[(hz > 8) & (hz < 12)].mean()
-    assert 0.8 < slow / fast < 1.25, "the noise has one density; that of the torque falls by 4"
 
 
 def test_noise_beside_the_motion_is_taken_for_as_large_as_far_from_it():
@@ -89,23 +83,6 @@ def test_noise_beside_the_motion_is_taken_for_as_large_as_far_from_it():
 def test_a_recording_that_the_columns_of_rivals_fill_is_not_weighed():
     with refused_with("too short.*record for longer"):
         whitened(0.1 * white_noise(round(8 * RATE), 1))
-
-
-def test_delay_in_the_spectrum_is_the_torque_at_a_later_time():
-    data = whitened(white(1e-3))
-    advanced = late(Search(data, False), 0.01)[1]
-
-    grid = (
-        np.arange(data.spectra.working_rows)
-        * data.spectra.padded_seconds
-        / data.spectra.working_rows
-    )
-    torque = scipy.fft.irfft(data.spectra.torque, data.spectra.working_rows)
-    spline = scipy.interpolate.make_interp_spline(grid, torque, 7)
-    shifted = scipy.fft.rfft(spline(np.clip(grid + 0.01, 0, grid[-1])))
-    by_time = data.column(shifted)
-
-    assert np.abs(advanced - by_time).max() < 1e-3 * np.abs(advanced).max()
 
 
 def test_each_block_is_predicted_by_a_fit_that_has_not_seen_it():
@@ -136,17 +113,6 @@ def test_the_odds_of_friction_are_the_ratio_of_both_likelihoods():
     ]
 
     assert weigh(fits, 24)[0][1][1] == pytest.approx(3 / 4)
-
-
-def test_noise_of_the_angle_leaves_a_share_of_rounding_to_repeat_itself():
-    """The characteristic function of noise with an SD of a quarter of a step, at one turn."""
-    theta = random_motion()[0] / 1e-3 + white(0.25)
-
-    spectra = Spectra(BenchSignals(1e-3 * np.rint(theta), theta, RATE, 1e-3))
-
-    share = repeated_share(spectra.angle_noise, RATE, 1e-3)
-
-    assert share == pytest.approx(np.exp(-2 * (np.pi / 4) ** 2), rel=0.2)
 
 
 def test_a_second_of_noise_tells_its_density():

@@ -37,7 +37,7 @@ from osl_analysis.signals.device_clock import DeviceClock, held_values
 from osl_analysis.signals.grid import GapLimits, on_one_grid
 from osl_analysis.signals.sample_count import count_from_stamps
 from osl_analysis.signals.samples import Stream, take
-from osl_analysis.signals.stamp_evidence import Reading, evidence_from, reading_of
+from osl_analysis.signals.stamp_evidence import Reading
 from osl_analysis.trial import check_time
 
 
@@ -112,14 +112,6 @@ def test_jitter_is_not_believed_where_no_signal_decides():
     assert "rest" not in row["why"]  # its slope is noise
 
 
-def test_a_signal_that_stands_is_no_evidence():
-    stamps = jittered(MINUTE, 2e-4, np.random.default_rng(7))
-
-    (row,) = one_time_base([Stream("dead", stamps, {"zero": 0 * MINUTE})]).streams
-
-    assert (row["g"], row["firm"]) == (None, False)
-
-
 def test_stamps_that_wander_slowly_are_kept_where_nothing_decides():
     rest = noisy(0 * MINUTE, np.random.default_rng(7))
     wandering = MINUTE + 0.02 * np.sin(2 * np.pi * MINUTE / 30)
@@ -168,15 +160,6 @@ def test_stamps_that_fit_no_hypothesis_are_kept_and_not_firm():
     assert not reading.even
 
 
-def test_values_that_are_newer_than_their_stamps_fit_no_hypothesis():
-    evidence = evidence_from(np.array([0.3, 0.7, 0.0, 0.0]), 1e-4 * np.eye(4))
-    stamps = jittered(clock(1000.0), 5e-5, np.random.default_rng(1))
-
-    reading = reading_of(DeviceClock(stamps, np.arange(len(stamps))), {"torque": evidence})
-
-    assert (reading.even, reading.age, reading.firm) == (False, 0.0, False), reading.why
-
-
 def test_a_held_value_of_an_uneven_source_is_half_a_row_older():
     random = np.random.default_rng(2)
     recording = held_log(97.0)
@@ -191,13 +174,6 @@ def test_a_held_value_of_an_uneven_source_is_half_a_row_older():
     assert not row["firm"]
     assert row["delay_s"] == pytest.approx(5e-4, abs=2e-6)
     assert_recovers_the_joint(grid)
-
-
-def test_a_host_of_long_waits_is_counted_in_seconds():
-    """Most of its stamps are those of a cluster; the time taken is the claim."""
-    t = clock(RATE)
-    count = count_from_stamps(waits(t, 5e-2, np.random.default_rng(1)))
-    assert count[-1] < 1.2 * len(t)
 
 
 # ---- Channels whose source is slower than the log
@@ -219,15 +195,6 @@ def test_a_held_channel_is_doubtful_where_the_rates_do_not_beat(of, rate, sure):
     assert held["delay_s"] == pytest.approx(5e-4 if sure else 0.0, abs=2e-5)
     assert not any(" rows" in row["why"] for row in rows.values())
     assert_recovers_the_joint(grid)
-
-
-def test_the_other_reading_of_a_held_channel_is_a_row_older_where_it_is_doubtful():
-    other = one_time_base([held_log(50.0)]).other()
-
-    assert other.taken[0].stream.name == "torque"
-    assert other.taken[0].delay == pytest.approx(1e-3, abs=2e-5)
-    assert other.other().taken[0].delay == pytest.approx(0, abs=2e-5)
-    assert one_time_base([held_log(333.0)]).is_decided
 
 
 TAKEN_BEFORE = held_log(50.0, late=0.9)  # within the row before the first that has a value

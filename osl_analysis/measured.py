@@ -17,7 +17,6 @@ from osl_analysis.errors import InputError
 # underflows: the highest power that one needs is the squared variance of a quotient of two signals.
 LARGEST_SIGNAL = 1e30
 SMALLEST_SIGNAL = 1e-30
-LARGEST_VARIANCE = LARGEST_SIGNAL**5  # its square is finite
 
 # Mean square of an exact fit's rounding error, as a share of the mean square of y. The processor
 # decides whether an exact fit leaves 0 or 1e-16. No result may depend on it.
@@ -107,7 +106,6 @@ def noise_of(values: NDArray[np.float64], order: int = 3) -> float:
 
 SPIKE_SHARE = 0.15  # least size of a spike, of the range of most values
 SPIKE_BENDS = 10.0  # usual second differences, of which a spike has more
-SPIKE_AROUND = 3.0  # steps before and behind a spike, which is larger
 FAR_OFF = 5.0  # ranges beyond which a number that recurs is of no sensor, also in a row
 FEWEST_RECURRING = 3  # spikes of one value, as of bits that stood high
 MOST_SPOILED = 0.1  # share of the values; of more, the channel itself is like this
@@ -127,7 +125,7 @@ def spoiled(values: NDArray[np.float64]) -> NDArray[np.bool_]:
     around = np.maximum(sizes[:-3], sizes[3:])
     limit = max(SPIKE_SHARE * (high - low), SPIKE_BENDS * bend)
     comes_back = steps[1:-2] * steps[2:-1] < 0
-    is_alone = comes_back & (smaller > np.maximum(limit, SPIKE_AROUND * around))
+    is_alone = comes_back & (smaller > np.maximum(limit, around))
     may_recur = is_alone | (np.abs(values - middle) > FAR_OFF * (high - low))
     if not may_recur.any():
         return may_recur

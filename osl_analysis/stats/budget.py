@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from osl_analysis.measured import LARGEST_VARIANCE, check_finite
+from osl_analysis.measured import check_finite
 from osl_analysis.stats.rounding import significant
 from osl_analysis.trial import Array
 
@@ -268,10 +268,10 @@ def welch_satterthwaite(
     Raises
     ------
     InputError
-        A variance is not finite or beyond `LARGEST_VARIANCE`.
+        A variance is not finite.
     """
     summands = np.asarray(variances, dtype=float)
-    check_finite("the variance", summands, LARGEST_VARIANCE)
+    check_finite("the variance", summands, math.inf)
     certainty = 1 / np.asarray(degrees_of_freedom, dtype=float)
     if certainty.ndim < summands.ndim:
         certainty = certainty.reshape(-1, *[1] * (summands.ndim - 1))

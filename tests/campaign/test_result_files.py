@@ -5,7 +5,7 @@ from conftest import ROOT
 
 from osl_analysis.campaign.campaign_trials import open_campaign
 from osl_analysis.campaign.configuration import read_config
-from osl_analysis.campaign.result_files import ResultFiles, name_pattern
+from osl_analysis.campaign.result_files import ResultFiles
 from osl_analysis.config.sheet import read_sheet
 
 CONFIG = read_config(ROOT / "config/config.yaml")
@@ -26,8 +26,3 @@ def test_a_fit_has_a_file_of_rows_and_an_archive_of_its_other_tables(tmp_path):
     assert files.rows("timebase") == [
         f"{fits}/{trial}.zip" for trial in ("belt/b1", "actuator/a1", "impedance/i1")
     ]
-
-
-def test_a_wildcard_of_no_name_matches_nothing():
-    assert name_pattern(["a.b", "c"]) == r"a\.b|c"
-    assert name_pattern([]) == "(?!)"

@@ -5,13 +5,13 @@ import re
 
 import polars as pl
 import pytest
-from conftest import beyond_in, findings_of
+from conftest import findings_of
 
 from osl_analysis.dictionary import table_of
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.judging import judged, marked, verdicts_of
 from osl_analysis.judge.known_findings import CHECKS
-from osl_analysis.judge.limits import Accuracy, DoubtfulFits, Limits
+from osl_analysis.judge.limits import Accuracy, Limits
 from osl_analysis.judge.words import finding_text
 from osl_analysis.stats.budget import Budget, Contribution, budget_rows, scatter
 from osl_analysis.stats.repeats import concerns, is_doubtful
@@ -175,16 +175,6 @@ def test_a_clock_of_99_99_hz_passes_a_limit_of_100_hz_and_99_does_not():
     assert rate.failed(99.0, 100)
     assert not CHECKS["gap"].failed(0.05004, 0.05)
     assert CHECKS["gap"].failed(0.051, 0.05)
-
-
-def test_limits_of_every_table_stand_on_the_columns_that_a_table_has():
-    limits = DoubtfulFits.model_validate({"actuator": {"above": {"f_C_ratio": 2}}}).of("actuator")
-
-    found = findings_of({"f_C_ratio": 3.0, "saturated_samples": 6}, limits, "actuator")
-
-    assert beyond_in(found) == {"f_C_ratio": "above", "saturated_samples": "above"}
-    with pytest.raises(ValueError, match=r"saturated_samples"):
-        DoubtfulFits.model_validate({"belt": {"above": {"saturated_samples": 10}}})
 
 
 def test_rows_of_single_amplitudes_share_the_doubt_of_their_trial():

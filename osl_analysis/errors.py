@@ -30,15 +30,15 @@ def on_one_line(fault: object) -> str:
     return printable(" ".join(str(fault).split()))
 
 
-def listing(names: Sequence[str], most: int = 40) -> str:
-    """Names for a message to the user, at most `most` of them, each of at most 80 characters."""
+def listing(names: Sequence[str], most: int = 10) -> str:
+    """Names for a message to the user, at most `most` of them, each shortened."""
     text = ", ".join(map(shortened, names[:most])) or "none"
     if len(names) > most:
         text += f", ... ({len(names)} in all)"
     return text
 
 
-def shortened(text: str, most: int = 80) -> str:
+def shortened(text: str, most: int = 60) -> str:
     """A text of at most so many characters and dots, cut between words if it has any."""
     if len(text) <= most:
         return text
@@ -49,8 +49,8 @@ def shortened(text: str, most: int = 80) -> str:
 def nearest(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
     """The end of a message about an unknown name: a question with the most similar known name, or
     empty."""
-    folded = {one[:80].casefold(): one for one in known}
-    near = get_close_matches(name[:80].casefold(), folded, n=1, cutoff=cutoff)
+    folded = {shortened(one).casefold(): one for one in known}
+    near = get_close_matches(shortened(name).casefold(), folded, n=1, cutoff=cutoff)
     return f"; did you mean '{folded[near[0]]}'?" if near and folded[near[0]] != name else ""
 
 

@@ -25,8 +25,8 @@ SET_TO_ONE = (
 
 
 USUAL_SHARE = 0.8  # of the memory of the machine that jobs may have
-LEAST_BYTES = 10**9  # of a job, also beside many; the longest trials of the bench take 400 MB
-HARMLESS_BYTES = 50 * 10**6  # that any file may unpack to
+LEAST_BYTES = 1_000_000_000  # of a job, also beside many; the longest trials take 400 MB
+HARMLESS_BYTES = 50_000_000  # that any file may unpack to
 MOST_UNPACKED = 200  # times the size of a file; of 20 channels, 19 of them dead, some 20
 
 

@@ -17,18 +17,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError, listing, nearest
+from osl_analysis.errors import InputError, listing, nearest, shortened
 from osl_analysis.trial import Array
 
 SECOND_NS = 1_000_000_000
 EXPORTED = 0  # type of a plate whose force and moment were exported in the laboratory's axes
-MEASURED_BY_TYPE = {
-    EXPORTED: ("N", "N", "N", "N*m", "N*m", "N*m", "m", "m", "m"),
-    1: ("N", "N", "N", "m", "m", "N*m"),
-    2: ("N", "N", "N", "N*m", "N*m", "N*m"),
-    3: ("N", "N", "N", "N", "N", "N", "N", "N"),
-    4: ("N", "N", "N", "N*m", "N*m", "N*m"),
-}
+MEASURED_BY_TYPE = dict(
+    enumerate(
+        [
+            ("N", "N", "N", "N*m", "N*m", "N*m", "m", "m", "m"),
+            ("N", "N", "N", "m", "m", "N*m"),
+            ("N", "N", "N", "N*m", "N*m", "N*m"),
+            ("N", "N", "N", "N", "N", "N", "N", "N"),
+            ("N", "N", "N", "N*m", "N*m", "N*m"),
+        ]
+    )
+)
 """By type of plate, what its channels measure in SI units; those of type 4 when calibrated."""
 
 
@@ -268,13 +272,13 @@ class Recording:
             if len(set(names)) < len(names):
                 remedy = f"rename them, or write the number of a column, one of {listing(numbers)},"
             raise InputError(
-                f"{noun or key} '{wanted[:80]}' occurs {len(matches)} times; {remedy} in the source"
-                " file"
+                f"{noun or key} '{shortened(wanted)}' occurs {len(matches)} times; {remedy} in the"
+                " source file"
             )
         found = matches[0] if matches else self.find_unlisted(address)
         if found:
             return found
-        missing = f"no {noun or ' '.join(address)} '{' '.join(address.values())[:80]}'"
+        missing = f"no {noun or ' '.join(address)} '{shortened(' '.join(address.values()))}'"
         if not similar:
             raise InputError(f"{missing}: the file has none; export them too")
         keys = [channel.key for channel in similar]

@@ -247,7 +247,7 @@ class Trial:
             if column not in self.samples:
                 raise InputError(
                     f"trial {self.name}: no column '{column}'; map the channel in the source file"
-                    f" (it has {listing(self.columns, 6)}){nearest(column, self.columns)}"
+                    f" (it has {listing(self.columns)}){nearest(column, self.columns)}"
                 )
 
 
@@ -269,8 +269,7 @@ def check_time(name: str, time: Array) -> None:
     InputError
         A stamp is not finite, later than any log, or earlier than the one before.
     """
-    latest_s = 1e20  # later than nanoseconds since 1970 that are taken for seconds
-    check_finite(f"{name}: time", time, latest_s)
+    check_finite(f"{name}: time", time)
     goes_back = np.diff(time) < 0
     if goes_back.any():
         row = np.argmax(goes_back)

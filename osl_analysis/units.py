@@ -68,7 +68,7 @@ def si_factor(unit: str, expected: str) -> float:
     if base != dimension(expected) or not 1e-9 <= factor <= 1e5:
         si_unit = next((known for known in EXAMPLES if dimension(known) == base), base)
         measured = f"{factor:g} {si_unit}" if base else "unknown"
-        raise InputError(f"unit '{shortened(unit, 40)}' is {measured}; write one of {examples}")
+        raise InputError(f"unit '{shortened(unit)}' is {measured}; write one of {examples}")
     return factor
 
 
@@ -82,7 +82,7 @@ def quantity(text: str, expected: str) -> float:
         value = math.nan
     if not math.isfinite(value):
         raise InputError(
-            f"'{shortened(text, 40)}' is not a number with a unit; write it as in"
+            f"'{shortened(text)}' is not a number with a unit; write it as in"
             f" `2 {next(iter(EXAMPLES[expected]))}`"
         )
     return value * si_factor(unit, expected)

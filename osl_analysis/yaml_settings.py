@@ -146,7 +146,7 @@ def read_mapping(path: Path) -> dict[str, Any]:
     return content
 
 
-@lru_cache(maxsize=64)
+@lru_cache
 def parsed_yaml(text: str, kind: str = "safe") -> Any:
     """The content of a YAML text; of kind `rt` it knows the lines of its fields."""
     check_size(text)
@@ -263,7 +263,7 @@ def validated(
         unedited = [f"{located(yaml_files, at)}`{dotted(at)}`" for at in open_places(content)]
         if unedited:
             raise InputError(
-                f"{path}: a draft with places to be edited: {listing(unedited, 6)};"
+                f"{path}: a draft with places to be edited: {listing(unedited)};"
                 " its comments say how"
             )
     try:
@@ -391,5 +391,5 @@ def check_known(names: Collection[str], kind: str, name: str) -> str:
     if name in names:
         return name
     raise InputError(
-        f"'{name}' is no {kind}; write one of {listing([*names], 14)}{nearest(name, names)}"
+        f"'{name}' is no {kind}; write one of {listing([*names])}{nearest(name, names)}"
     )

@@ -30,7 +30,7 @@ from typing import Any
 
 import numpy as np
 
-from osl_analysis.errors import InputError, naming, on_one_line
+from osl_analysis.errors import InputError, naming, on_one_line, shortened
 from osl_analysis.formats._text import decoded
 from osl_analysis.recording import Format, Recording
 
@@ -85,7 +85,7 @@ def recognise(path: Path, stated: str = "") -> Format:
     refuse_others(path, formats)
     if not formats:
         raise InputError(
-            f"{path}: of no known format (it begins with {beginning(path)[:8]!r}); export it"
+            f"{path}: of no known format (it begins with {beginning(path)[:10]!r}); export it"
             f" as one of {', '.join(known_formats())}, or name the recording itself"
         )
     of_name = [one for one in formats if one.name == stated and not one.is_any_text]
@@ -129,7 +129,7 @@ def in_one_sentence() -> Iterator[None]:
             raise error.__context__ from error
         if not is_of_file(error):
             raise
-        reason = on_one_line(error)[:100] or type(error).__name__
+        reason = shortened(on_one_line(error)) or type(error).__name__
         raise InputError(f"cannot be read ({reason}); {COPY_AGAIN}") from error
 
 

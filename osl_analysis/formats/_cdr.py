@@ -37,7 +37,7 @@ def full_name(name: str) -> str:
     return f"{package}/msg/{last}"
 
 
-@lru_cache(64)
+@lru_cache
 def definition_of(name: str, data: bytes) -> Mapping[str, Fields]:
     """Parse a definition in ros2msg, followed by those of the types in it: the fields of each type,
     by its full name. Raises the library's error."""

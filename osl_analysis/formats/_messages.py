@@ -22,7 +22,7 @@ import polars as pl
 from mcap.records import Schema
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError, on_one_line, optional_module
+from osl_analysis.errors import InputError, on_one_line, optional_module, shortened
 from osl_analysis.formats import is_of_file
 from osl_analysis.formats._cdr import MOST_ELEMENTS, Layout, definition_of, rows_at
 from osl_analysis.formats._text import is_number_cell
@@ -194,15 +194,15 @@ class Topic:
         """Note why messages are lost; a fault of this program is raised."""
         if not is_of_file(error):
             raise error
-        self.reason = self.reason or on_one_line(error)[:200]
+        self.reason = self.reason or shortened(on_one_line(error), 360)
 
     def refuse_text(self, address: Mapping[str, str]) -> None:
         """Refuse a field that holds text alone."""
         path = address["field"]
         if path in self.texts:
             raise InputError(
-                f"field '{path}' holds text, such as '{self.texts[path][:40]}', and no number; name"
-                " another field, or write numbers"
+                f"field '{path}' holds text, such as '{shortened(self.texts[path])}', and no"
+                " number; name another field, or write numbers"
             )
 
     def check_one_publisher(self) -> None:

@@ -18,7 +18,7 @@ import polars as pl
 from numpy.typing import NDArray
 from pydantic import Field
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, shortened
 from osl_analysis.formats._text import (
     FIRST_LINES,
     LAST_LINES,
@@ -145,7 +145,7 @@ def table_of_rows(
     if footer:
         remarks.append(
             f"{len(footer)} lines below the table, from {footer[0].number} on, are no rows:"
-            f" '{footnotes[0][:60]}'"
+            f" '{shortened(footnotes[0])}'"
         )
     cut = _cut_row(data, width, is_whole=is_ended or bool(footer))
     if cut:
@@ -186,7 +186,7 @@ def _shape_of(rows: Sequence[Row]) -> Shape:
             return Shape(width, place, is_blank_before=not any(middle.cells[:place]))
     raise InputError(
         f"no table of numbers: most of its {len(rows)} rows hold none, such as line"
-        f" {middle.number}, '{' '.join(middle.cells)[:40]}'; name a recording, or write a"
+        f" {middle.number}, '{shortened(' '.join(middle.cells))}'; name a recording, or write a"
         " header and a row per sample"
     )
 
@@ -421,7 +421,7 @@ def _values_of(
     if layout.damaged == "skip" or not unread.size:
         return values
     place = int(unread[0])
-    cell = str(cells[place])[:40]
+    cell = shortened(str(cells[place]))
     raise InputError(
         f"{rows.place(place)}, column '{title}': '{cell}' is not a number; name another column,"
         " write numbers as 1234.5e-3, none between thousands, and times as 12:00:00.500 in"

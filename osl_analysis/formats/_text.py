@@ -14,7 +14,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, shortened
 from osl_analysis.recording import SECOND_NS
 
 # bytes that no text has; byte 26 is allowed, it ends files of DOS
@@ -131,7 +131,6 @@ def delimiter_of(lines: Sequence[Line]) -> str:
     if any(len(text) > LONGEST_LINE for text in sample):
         raise InputError(f"has a line of more than {LONGEST_LINE} letters; write a row per sample")
     scores = {sign: _score(sample, sign) for sign in "\t;|, "}
-    scores[" "] *= 0.98  # a blank also splits at tabs
     best = max(scores, key=lambda sign: scores[sign])
     if scores[best] > 0:
         return best
@@ -211,8 +210,8 @@ def column_of(
     if unread.size:
         first = unread[0]
         raise InputError(
-            f"line {rows[first].number}, {title}: '{cells[first][:40]}' is not a number; export it"
-            " again as plain numbers"
+            f"line {rows[first].number}, {title}: '{shortened(cells[first])}' is not a number;"
+            " export it again as plain numbers"
         )
     return values
 

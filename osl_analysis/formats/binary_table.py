@@ -94,7 +94,7 @@ def _read_workbook(path: Path, source: SheetSource | None) -> Recording:
     remarks = [*table.remarks]
     others = [name for name, sheet in sheets.items() if name != largest and sheet.height]
     if others:
-        remarks.append(f"sheet '{largest}' is read, the largest; not read: {listing(others, 5)}")
+        remarks.append(f"sheet '{largest}' is read, the largest; not read: {listing(others)}")
     table = replace(table, end=End.WHOLE, remarks=remarks)
     return recording_of_table(
         "table", table, layout, noun="row", facts={"rows": len(table.lines), "sheet": largest}
@@ -128,7 +128,7 @@ def remarks_on(others: Sequence[str], are_all: bool) -> list[str]:
     """Say what of a file is not read. Raises InputError: it is all of it."""
     if are_all:
         raise InputError("holds no column of numbers; name a recording")
-    return [f"not read, as they are no columns of numbers: {listing(others, 8)}"] if others else []
+    return [f"not read, as they are no columns of numbers: {listing(others)}"] if others else []
 
 
 def check_hdf5(path: Path) -> list[str]:
@@ -151,7 +151,7 @@ def check_hdf5(path: Path) -> list[str]:
         file.visititems_links(look)
     if elsewhere:
         raise InputError(
-            f"{path}: {listing(elsewhere, 5)} is stored in other files; save it in this one"
+            f"{path}: {listing(elsewhere)} is stored in other files; save it in this one"
         )
     check_unpacked(path, sum(sizes.values()))
     return [*sizes]

@@ -47,10 +47,10 @@ from osl_analysis.units import LengthUnit
 from osl_analysis.yaml_settings import Settings, check_distinct
 
 BLOCK = 512  # bytes
-LARGEST_FRAME_NUMBER = 0xFFFF  # of the header
+WORDS = 65536  # numbers of 16 bits, in which the header counts
 INTEL = b"\x54"  # code of the number format that is read
 TEXT = -1
-TYPES = {1: "u1", 2: "<i2", 4: "<f4"}  # of numbers in parameters
+TYPES = {np.dtype(kind).itemsize: kind for kind in ("u1", "<i2", "<f4")}  # of parameters
 # a parameter holds 255 values; more follow in NAME2, NAME3, ...
 CONTINUATIONS = ("", *"23456789")
 STATE_PLATE = (
@@ -193,7 +193,7 @@ def parse_header(data: bytes) -> Header:
     )
     if header.number("POINT:RATE") > 0:
         header = replace(header, rate_hz=header.number("POINT:RATE"))
-    if last_frame == LARGEST_FRAME_NUMBER:
+    if last_frame == WORDS - 1:
         header = replace(header, frames=_long_frames(header) or header.frames)
     return header
 
@@ -201,10 +201,10 @@ def parse_header(data: bytes) -> Header:
 def _long_frames(header: Header) -> int:
     """Frames of a file with more than the header can count, which Vicon and Qualisys write as the
     first and the last one in two 16-bit words each, low word first (C3D manual)."""
-    first = header.numbers("TRIAL:ACTUAL_START_FIELD") % 65536
-    last = header.numbers("TRIAL:ACTUAL_END_FIELD") % 65536
+    first = header.numbers("TRIAL:ACTUAL_START_FIELD") % WORDS
+    last = header.numbers("TRIAL:ACTUAL_END_FIELD") % WORDS
     if first.size == last.size == 2:
-        return int((last - first) @ [1, 65536]) + 1
+        return int((last - first) @ [1, WORDS]) + 1
     return int(max(header.number("POINT:LONG_FRAMES"), header.number("POINT:FRAMES")))
 
 
@@ -266,7 +266,7 @@ def check_size(data: bytes, header: Header) -> None:
             f" {header.rate_hz} Hz, and holds {whole}; copy or export it again"
         )
     for group, count in (("POINT", header.points), ("ANALOG", header.channels)):
-        used = header.numbers(f"{group}:USED")[:1] % 65536
+        used = header.numbers(f"{group}:USED")[:1] % WORDS
         if (used != count).any():
             raise InputError(
                 f"the header counts {count}, {group}:USED is {used[0]:g}; export the trial again"
@@ -308,9 +308,9 @@ def _scaled(analogs: Array, header: Header) -> Array:
     scale = np.array(of_length(header.channels, scales, math.nan if scales.size else 1.0))
     offset = np.array(of_length(header.channels, header.numbers("ANALOG:OFFSET"), 0.0))
     if "UNSIGNED" in [text.upper() for text in header.texts("ANALOG:FORMAT")]:
-        offset %= 65536
+        offset %= WORDS
         if header.are_integers:
-            analogs %= 65536
+            analogs %= WORDS
     analogs -= offset
     analogs *= scale
     general = header.numbers("ANALOG:GEN_SCALE")

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, shortened
 from osl_analysis.formats._text import (
     Row,
     check_last_line,
@@ -156,8 +156,9 @@ def read(path: Path, source: TrcSource | None) -> Recording:
     are_numbers = is_number_cell(stated) and is_number_cell(rate)
     if not are_numbers or float(stated) != len(frames) or float(rate) <= 0:
         raise InputError(
-            f"its header says NumFrames {stated[:40]!r} and DataRate {rate[:40]!r}, and the file"
-            f" holds {len(frames)} rows: its end is missing, or the header is wrong; {CORRECT}"
+            f"its header says NumFrames {shortened(stated)!r} and DataRate {shortened(rate)!r},"
+            f" and the file holds {len(frames)} rows: its end is missing, or the header is"
+            f" wrong; {CORRECT}"
         )
     markers = header.get("nummarkers", "")
     # Cortex names its virtual markers behind the others, and leaves them out

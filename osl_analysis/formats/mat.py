@@ -28,9 +28,8 @@ from osl_analysis.recording import Channel, Format, Loss, Recording
 from osl_analysis.source_file import LogChannel, Name, RowTime, TableSource
 
 FEWEST_SAMPLES = 10  # of a signal
-VERSION = slice(124, 126)  # bytes that hold it, in either order
+HEADER_BYTES = 128  # of a file of version 5; at its end are the version and the byte order
 OF_HDF5 = 2  # version
-HEADER_BYTES = 128  # of a file of version 5
 COMPRESSED = 15  # kind of a variable of version 5
 COLUMN = re.compile(r"\((\d+,:|:,\d+)\)$")  # or a row, of a matrix
 
@@ -93,7 +92,7 @@ class Variable:
 
 def read(path: Path, source: MatSource | None) -> Recording:
     """Read the variables of a file; with a `log_part` those in it, by their addresses there."""
-    if OF_HDF5 in beginning(path)[VERSION]:
+    if OF_HDF5 in beginning(path)[:HEADER_BYTES][-4:-2]:  # in either order
         check_hdf5(path)
     else:
         check_unpacked(path, _stated_size(path.read_bytes()))
@@ -132,7 +131,7 @@ def read(path: Path, source: MatSource | None) -> Recording:
 
 def _stated_size(data: bytes) -> int:
     """The bytes to which the variables of a file of version 5 say that they unpack."""
-    order = "<" if data[126:128] == b"IM" else ">"
+    order = "<" if data[:HEADER_BYTES].endswith(b"IM") else ">"
     tag = struct.Struct(f"{order}II")  # kind, and bytes that follow
     size = len(data)
     position = HEADER_BYTES
@@ -222,7 +221,7 @@ def _find(
         raise InputError(_reason(variables[whole]))
     others = [other for other in variables if other.startswith(address)] or [*variables]
     raise InputError(
-        f"nothing stands at '{address}'; the file has {listing(others, 12)}"
+        f"nothing stands at '{address}'; the file has {listing(others)}"
         f"{nearest(address, others)}; correct it, state the rate if it is that of time, as"
         " `time: {rate: HZ}`, or if one of these holds it, name that one as `log_part`, in the"
         " sample sheet where it differs from trial to trial"

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import Field, PositiveInt
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, shortened
 from osl_analysis.formats._text import (
     Row,
     check_last_line,
@@ -87,8 +87,8 @@ def _section_of(rows: Sequence[Row], decimal: str) -> Section:
     samples = rows[HEAD_ROWS:]
     if not samples or not is_number_cell(rate) or float(rate) <= 0:
         raise InputError(
-            f"line {rows[1].number}: section {title[:40]} at '{rate[:40]}' Hz has no samples or no"
-            " rate; export the trial again, or without it"
+            f"line {rows[1].number}: section {shortened(title)} at '{shortened(rate)}' Hz has no"
+            " samples or no rate; export the trial again, or without it"
         )
     components = unpadded(rows[3].cells)
     above, units = (of_length(len(components), row.cells, "") for row in (rows[2], rows[4]))

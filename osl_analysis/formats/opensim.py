@@ -9,7 +9,7 @@ from typing import Literal
 
 from pydantic import Field, PositiveInt, model_validator
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, shortened
 from osl_analysis.formats._table import LISTING, SheetSource, recording_of_table
 from osl_analysis.formats._text import decoded, is_text, read_text
 from osl_analysis.formats.csv_table import table_of_text
@@ -97,8 +97,8 @@ def read(path: Path, source: OpenSimSource | None) -> Recording:
     count = len(table.lines)
     if stated_rows not in ("", str(count)):
         raise InputError(
-            f"its header states {stated_rows[:20]} rows, the file holds {count} whole ones: its end"
-            " is missing, or some are damaged; export it again, or correct the header"
+            f"its header states {shortened(stated_rows)} rows, the file holds {count} whole"
+            " ones: its end is missing, or some are damaged; export it again, or correct the header"
         )
     if stated_rows:
         table = replace(table, end=End.WHOLE)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import yaml
 
-from osl_analysis.errors import InputError, listing, naming, on_one_line
+from osl_analysis.errors import InputError, listing, naming, on_one_line, shortened
 from osl_analysis.formats import beginning, mcap
 from osl_analysis.recording import Format, Recording
 from osl_analysis.source_file import MessageSource
@@ -53,7 +53,7 @@ def _described(folder: Path) -> tuple[list[Path], Counter[str]]:
     except InputError:
         raise
     except (yaml.YAMLError, RecursionError, LookupError, TypeError, ValueError) as error:
-        reason = on_one_line(error)[:120]
+        reason = shortened(on_one_line(error))
         raise InputError(
             f"{path}: not the description of a ROS 2 bag ({reason}); {REINDEX}"
         ) from error

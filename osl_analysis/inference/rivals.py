@@ -44,7 +44,6 @@ Family = Literal["", "path", "time", "speed", "size", "direction", "clipping"]
 # log-likelihood that a grid must gain: below it a weight stays near its small prior, unless B or I
 # of Eq. 15 alone is negative, which a path may explain although it gains nothing
 WORTH_REFINING = 2.0
-REFINEMENTS = 12  # evaluations of Brent's method about a minimum of the grid
 
 
 # What shows that the ends of a torque are cut
@@ -120,7 +119,7 @@ class Search:
                 left,
                 bounds=ends,
                 method="bounded",
-                options={"maxiter": REFINEMENTS, "xatol": 1e-4 * (ends[1] - ends[0])},
+                options={"xatol": 1e-3 * (ends[1] - ends[0])},
             )
             minima.append((refined.fun, refined.x))
         return [parameter for _, parameter in sorted(minima)[:2]]

@@ -24,7 +24,7 @@ LEAST_GAIN = 0.03  # of the roll-off's power, below which the spectrum is not di
 LEAST_NOISE = 1e-20
 # of the recording, beside its middle, after which stiffness and damping may be others in the rich
 # model; each adds two columns
-OTHER_MOMENTS = (0.25, 0.375, 0.625, 0.75)
+OTHER_MOMENTS = (0.25, 0.75)
 # of the noise beside the motion, that columns may take up: of sound multisines of 0.3 to 2.5 Hz
 # half are accused at 0.4 (10 s), one of ten at 0.2 (20 s)
 MOST_TAKEN = 0.3

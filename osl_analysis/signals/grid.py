@@ -106,8 +106,6 @@ class UniformSignals:
                     "marked": marked,
                     "delay_s": part.delay,
                     "stamps": "even" if reading.even else "exact",
-                    "g": reading.g,  # from the signal with the smallest standard error
-                    "age": reading.age if reading.firm and not reading.even else None,
                 }
             )
         return rows

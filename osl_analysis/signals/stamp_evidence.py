@@ -209,7 +209,6 @@ class Reading(NamedTuple):
     age: float  # [loops] by which values are older than true stamps
     firm: bool  # whether this is stated, or the other kind is excluded
     why: str  # one sentence for the provenance
-    g: float | None = None  # of the signal with the smallest standard error, if signals told
 
     def times(self, clock: DeviceClock) -> Array:
         """When the rows of a clock were sampled, (n,) [s]: values older than true stamps were taken
@@ -234,12 +233,7 @@ def decide(signals: Mapping[str, Array], clock: DeviceClock) -> Reading:
     if clock.settles and clock.scatter < ROUNDED * clock.decimal:
         return Reading(True, 0.0, True, "even: the stamps scatter by their rounding alone")
 
-    evidence = evidence_by_signal(signals, clock)
-    reading = reading_of(clock, evidence)
-    if not evidence:
-        return reading
-    clearest = min(evidence.values(), key=lambda signal: signal.se)
-    return reading._replace(g=clearest.g)
+    return reading_of(clock, evidence_by_signal(signals, clock))
 
 
 def reading_of(clock: DeviceClock, evidence: Mapping[str, StampEvidence]) -> Reading:
@@ -286,10 +280,8 @@ def reading_of(clock: DeviceClock, evidence: Mapping[str, StampEvidence]) -> Rea
         age = round(AGES[np.argmin(misfit[1:])], 3) if has_age else 0.0
         older = f", values {age:.1f} loops older than their stamps" if age else ""
         return Reading(even=False, age=age, firm=True, why=f"true{older}: {responses}")
-    cannot_count = clock.missing and not clock.counted and clock.scatter > clock.step
-    if not clock.settles or cannot_count:
-        why = "too late to count the missing samples" if clock.missing else "the stamps wander"
-        return undecided_true(f"even by their scatter, but {why}, {responses}")
+    if not clock.settles:
+        return undecided_true(f"even by their scatter, but the stamps wander, {responses}")
     return Reading(even=True, age=0.0, firm=True, why=f"even: {responses}")
 
 

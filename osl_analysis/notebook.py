@@ -415,8 +415,8 @@ def plot_torque(fit: Fit) -> "Figure":
 
 
 def plot_frequency_response(response: FrequencyResponse) -> "Figure":
-    """Draw magnitude and phase [deg] over frequency [Hz] with 95 % intervals: Fig. 7, or the figure
-    `response`, with noise and distortion, of any other motion than a stepped sine.
+    """Draw magnitude and phase [deg] over frequency [Hz] with 95 % intervals, and the distance from
+    the desired impedance where it is known, as Fig. 7.
 
     Parameters
     ----------

@@ -173,8 +173,10 @@ def caption(name: str, table_csv: Path) -> list[str]:
 
 
 def write_captions(*, tables: Mapping[str, Path], footer: str, output: Path) -> None:
-    """Write a section per figure: its title, and its caption or why it is not drawn. `tables` are
-    the plotted numbers by the name of the figure."""
+    """Write a section per figure: its title, and its caption and width, or why it is not drawn.
+    `tables` are the plotted numbers by the name of the figure, beside which its SVG file stands."""
+    from osl_analysis.figures.style import SINGLE_COLUMN
+
     sections = [
         f"# Captions\n\n{in_markdown(footer)}. Why a fit is doubtful stands in the column"
         " `doubtful` of the figure's CSV file.\n"
@@ -184,6 +186,9 @@ def write_captions(*, tables: Mapping[str, Path], footer: str, output: Path) -> 
         text = f"Not drawn: {reasons}."
         if not reasons:
             text = " ".join(caption(name, table))
+            drawing = table.with_suffix(".svg").read_text(encoding="utf-8")
+            is_single = f'width="{72 * SINGLE_COLUMN:g}pt"' in drawing
+            text += f"\n\n{'One column' if is_single else 'Two columns'} wide."
         sections.append(f"## {figure_title(name)}\n\n{text}\n")
     write_text(output, "\n".join(sections))
 

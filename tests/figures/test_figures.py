@@ -436,15 +436,17 @@ def test_a_figure_without_numbers_says_so_with_trial_and_reason(tmp_path):
     assert "i_1: raw/i_1.mcap: $no$ such_file^" in drawing
 
 
-def test_each_figure_has_its_caption_of_what_is_drawn(tmp_path):
+def test_each_figure_has_its_width_and_its_caption_of_what_is_drawn(tmp_path):
     tables = {name: tmp_path / f"{name}.csv" for name in ("fig4", "fig5")}
     write_lost(tables["fig4"])
     write_table(plotted("fig5").with_columns(B_viscous=NULL), tables["fig5"])
+    draw_figure("fig5", tables["fig5"], [tmp_path / "fig5.svg"])
 
     write_captions(tables=tables, footer="Simulated data", output=tmp_path / "c.md")
 
     _, of_lost, of_drawn = (tmp_path / "c.md").read_text(encoding="utf-8").split("\n## ")
     assert "i_1: raw/i_1.mcap" in of_lost
+    assert "One column wide" in of_drawn
     assert "Black lines" in of_drawn
     assert "Crosses" not in of_drawn
 

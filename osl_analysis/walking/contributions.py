@@ -28,7 +28,8 @@ from osl_analysis.walking.ensemble import (
     Ensemble,
     EnsembleResponse,
     PredictorChoice,
-    weights_without_each,
+    mean_gait_torque,
+    stacked,
 )
 from osl_analysis.walking.impedance_fit import (
     fitted_changes,
@@ -45,6 +46,8 @@ from osl_analysis.walking.plate_lag import PlateTiming
 from osl_analysis.walking.walking_settings import TimingSettings
 
 Budgets = Mapping[str, Budget]
+Contributions = dict[str, Contribution]
+"""Of one source to K, B and I, as far as it has any."""
 
 
 @dataclass(frozen=True)
@@ -88,55 +91,58 @@ def headline_of_responses(
     responses: Sequence[PerturbationResponse], plate: PlateModel, timing: PlateTiming
 ) -> GroupHeadline:
     """Fit Eq. 15 to the mean of two or more responses, minus mean and minus predicted gait."""
-    stacked = Ensemble(responses)
-    choice = stacked.choice
+    group = stacked(responses)
+    mean = group.fitted()
+    curves = mean_gait_torque(responses, mean.fit)
+    choice = PredictorChoice(curves, group.behaviour.mean(axis=0))
+    changes = np.mean([response.changes for response in responses], axis=0)
+    errors = [
+        *of_set_up(mean, changes, plate, timing),
+        *of_onset(mean, timing, group.time[1] - group.time[0]),
+    ]
     return GroupHeadline(
         responses,
-        ensemble=with_budgets(stacked, stacked.fitted(), None, plate, timing),
-        predicted=with_budgets(stacked, stacked.fitted(choice.of_all), choice, plate, timing),
+        ensemble=with_budgets(group, mean, None, errors),
+        predicted=with_budgets(group, group.fitted(choice.best()), choice, errors),
     )
 
 
 def with_budgets(
-    stacked: Ensemble,
+    group: Ensemble,
     response: EnsembleResponse,
     choice: PredictorChoice | None,
-    plate: PlateModel,
-    timing: PlateTiming,
+    errors: Sequence[Contributions],
 ) -> GroupFit:
     """The fit of a group with the budgets of its estimates.
 
     With a `choice` gait is predicted, and predictors are chosen anew without each unperturbed
-    crossing, since another campaign would.
+    crossing, since another campaign would. `errors` are those of the set-up.
     """
-    n, crossings = stacked.theta.shape[:2]
-    predictors = () if choice is None else choice.of_all
+    n, crossings = group.theta.shape[:2]
+    predictors = () if choice is None else choice.best()
     without_perturbed = [
-        stacked.fitted(predictors, weights).fit.estimates for weights in weights_without_each(n)
+        group.without_response(i).fitted(predictors).fit.estimates for i in range(n)
     ]
     without_unperturbed = []
-    for weights in weights_without_each(crossings):
-        chosen = () if choice is None else choice.best(weights)
-        without_unperturbed.append(stacked.fitted(chosen, None, weights).fit.estimates)
+    for i in range(crossings):
+        chosen = () if choice is None else choice.best(i)
+        without_unperturbed.append(group.without_unperturbed(i).fitted(chosen).fit.estimates)
     of_crossings = jackknife_ses(without_perturbed)
     of_gait = jackknife_ses(without_unperturbed)
 
-    found: dict[str, list[Contribution]] = {}
+    budgets = {}
+    rows = [*errors, *of_choices(response)]
     for k, name in enumerate(ESTIMATED):
-        found[name] = [
-            measured("crossings", of_crossings[k], n - 1),
-            measured("mean_gait", of_gait[k], crossings - 1 - len(predictors)),
-        ]
-    errors = [
-        *of_set_up(stacked, response, plate, timing),
-        *of_onset(stacked, response, timing),
-        *of_choices(response),
-    ]
-    for error in errors:
-        for name, contribution in error.items():
-            found[name].append(contribution)
-    fit = response.fit
-    return GroupFit(response, {name: Budget(fit[name], tuple(found[name])) for name in ESTIMATED})
+        freedom = crossings - 1 - len(predictors)
+        budgets[name] = Budget(
+            response.fit[name],
+            (
+                measured("crossings", of_crossings[k], n - 1),
+                measured("mean_gait", of_gait[k], freedom),
+                *(row[name] for row in rows if name in row),
+            ),
+        )
+    return GroupFit(response, budgets)
 
 
 def jackknife_ses(without_each: Sequence[Array]) -> Array:
@@ -149,7 +155,7 @@ def measured(source: str, standard: float, freedom: float) -> Contribution:
     return Contribution(source, float(standard), float(freedom), "measured", "repeatability")
 
 
-def shared(source: str, standards: Array, freedom: float | None = None) -> dict[str, Contribution]:
+def shared(source: str, standards: Array, freedom: float | None = None) -> Contributions:
     """What all crossings share, by its standard uncertainties (3,) of K, B and I."""
     sizes = zip(ESTIMATED, np.abs(standards), strict=True)
     return {
@@ -159,11 +165,11 @@ def shared(source: str, standards: Array, freedom: float | None = None) -> dict[
 
 
 def of_set_up(
-    stacked: Ensemble, response: EnsembleResponse, plate: PlateModel, timing: PlateTiming
-) -> list[dict[str, Contribution]]:
-    """What the plate's model, lag, height and gain, and the foot's place contribute."""
+    response: EnsembleResponse, torques: Array, plate: PlateModel, timing: PlateTiming
+) -> list[Contributions]:
+    """What the plate's model, lag, height and gain, and the foot's place contribute, by the changes
+    (m + 4, k) [N*m] of the mean response."""
     columns = response.motion[response.window].columns
-    torques = np.mean([each.changes for each in stacked.responses], axis=0)
     changes = fitted_changes(columns, torques, response.window)
     by_trial, by_unit = np.split(changes, [-len(PER_UNIT)])
     of_lag, of_height, of_place, of_mass = by_unit
@@ -188,12 +194,12 @@ def of_set_up(
     return rows
 
 
-def in_units(source: str, unit: str, changes: Array) -> dict[str, Contribution]:
+def in_units(source: str, unit: str, changes: Array) -> Contributions:
     """What nobody has measured, with the changes (3,) of K, B and I by a unit of it."""
     return unknown(source, unit, **dict(zip(ESTIMATED, changes, strict=True)))
 
 
-def of_choices(response: EnsembleResponse) -> list[dict[str, Contribution]]:
+def of_choices(response: EnsembleResponse) -> list[Contributions]:
     """Half of what an offset of the fit, and the length of the window, would change."""
     first = response.window.start
     last = response.window.stop
@@ -207,7 +213,7 @@ def of_choices(response: EnsembleResponse) -> list[dict[str, Contribution]]:
     return rows
 
 
-def chosen(source: str, ranges: Array) -> dict[str, Contribution]:
+def chosen(source: str, ranges: Array) -> Contributions:
     """What another choice changes, by the ranges (3,) of K, B and I."""
     sizes = zip(ESTIMATED, np.abs(ranges) / 2, strict=True)
     return {
@@ -216,9 +222,7 @@ def chosen(source: str, ranges: Array) -> dict[str, Contribution]:
     }
 
 
-def of_onset(
-    stacked: Ensemble, response: EnsembleResponse, timing: PlateTiming
-) -> list[dict[str, Contribution]]:
+def of_onset(response: EnsembleResponse, timing: PlateTiming, step_s: float) -> list[Contributions]:
     """What an error of all onsets contributes; none where they are not of a mean ramp."""
     if timing.onset_se is None:
         return []
@@ -226,7 +230,7 @@ def of_onset(
     last = response.window.stop
     earlier = response.estimates_in(slice(first - 1, last - 1))
     later = response.estimates_in(slice(first + 1, last + 1))
-    frames = timing.onset_se / (stacked.time[1] - stacked.time[0])
+    frames = timing.onset_se / step_s
     return [shared("onset", frames * (later - earlier) / 2)]
 
 

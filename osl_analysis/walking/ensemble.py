@@ -9,8 +9,7 @@ predictors count, or none. What contributes to the uncertainty of both stands in
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -42,15 +41,6 @@ class EnsembleResponse:
         return fit_without_offset(self.motion[window], self.torque[window]).estimates
 
 
-def equal_weights(n: int) -> Array:
-    return np.full(n, 1 / n)
-
-
-def weights_without_each(n: int) -> Array:
-    """Weights (n, n) of n items in their mean, the i-th row without the i-th."""
-    return (1 - np.eye(n)) / (n - 1)
-
-
 @dataclass(frozen=True)
 class PredictorChoice:
     """Which predictors predict unperturbed crossings best, by leaving out each of them.
@@ -62,88 +52,82 @@ class PredictorChoice:
     curves: Array  # (c, k) torque that each crossing adds [N*m]
     behaviour: Array  # (4, c)
 
-    @cached_property
-    def of_all(self) -> Predictors:
-        """The best set where all crossings count alike."""
-        return self.best(equal_weights(len(self.curves)))
-
-    def best(self, weights: Array) -> Predictors:
-        """The best set where the crossings have these weights (c,), whose sum is 1."""
-        is_drawn = weights > 0
+    def best(self, left_out: int | None = None) -> Predictors:
+        """The best set, of all crossings or without one of them."""
+        kept = np.arange(len(self.curves)) != left_out
+        curves = self.curves[kept]
         errors = {}
         for predictors in PREDICTOR_SETS:
-            is_known = is_drawn.sum() > len(predictors) + 2
-            if predictors and not (is_known and len(weights) >= 3 * len(predictors) + 4):
+            if predictors and len(self.curves) < 3 * len(predictors) + 4:
                 continue
-            chosen = self.behaviour[[BEHAVIOUR.index(name) for name in predictors]]
-            centred = chosen - chosen @ weights[:, None]
-            X = np.column_stack([np.ones(len(weights)), centred.T])
-            sizes = np.sqrt(np.mean(X**2, axis=0))
-            root = np.sqrt(weights)[:, None]
-            X = root * X / np.where(sizes > 0, sizes, 1.0)
+            X = regressors(self.behaviour[:, kept], predictors)
             hat = X @ np.linalg.pinv(X)
             # 0 for a curve that determines a coefficient alone
             free_share = np.maximum(1 - np.diag(hat), 1e-9)
-            left_out = (root * self.curves - hat @ (root * self.curves)) / free_share[:, None]
-            errors[predictors] = np.sum(left_out[is_drawn] ** 2)
+            predicted = (curves - hat @ curves) / free_share[:, None]
+            errors[predictors] = np.sum(predicted**2)
         return min(errors, key=lambda predictors: errors[predictors])
 
 
+def regressors(behaviour: Array, predictors: Predictors) -> Array:
+    """Columns (c, q + 1) of the regression on some of the behaviour (4, c): 1, and each at unit
+    size."""
+    chosen = behaviour[[BEHAVIOUR.index(name) for name in predictors]]
+    sizes = np.sqrt(np.mean(chosen**2, axis=1, keepdims=True))
+    scaled = chosen / np.where(sizes > 0, sizes, 1.0)
+    return np.column_stack([np.ones(chosen.shape[1]), scaled.T])
+
+
+@dataclass(frozen=True)
 class Ensemble:
-    """The n responses of a group against c unperturbed crossings, k samples, stacked.
+    """The n responses of a group against c unperturbed crossings, k samples, stacked."""
 
-    Attributes
-    ----------
-    time, window
-        As of each response.
-    theta, torque : Array
-        (n, c, k) [rad], [N*m].
-    behaviour : Array
-        (n, 4, c).
+    time: Array  # (k,) [s] from the onset
+    window: slice
+    theta: Array  # (n, c, k) [rad]
+    torque: Array  # (n, c, k) [N*m]
+    behaviour: Array  # (n, 4, c)
 
-    Raises
-    ------
-    InputError
-        There are fewer than two responses, or they cannot be stacked.
-    """
-
-    def __init__(self, responses: Sequence[PerturbationResponse]) -> None:
-        check_stackable(responses)
-        self.responses = responses
-        self.time = responses[0].time
-        self.window = responses[0].window
-        self.theta = np.array([response.thetas for response in responses])
-        self.torque = np.array([response.torques for response in responses])
-        self.behaviour = np.array([response.behaviour for response in responses])
-
-    @cached_property
-    def choice(self) -> PredictorChoice:
-        """By the curves and the behaviour of the unperturbed crossings beside the mean's fit."""
-        curves = mean_gait_torque(self.responses, self.fitted().fit)
-        return PredictorChoice(curves, self.behaviour.mean(axis=0))
-
-    def fitted(
-        self,
-        predictors: Predictors = (),
-        weights: Array | None = None,
-        unperturbed: Array | None = None,
-    ) -> EnsembleResponse:
-        """Fit Eq. 15 to the mean response.
-
-        With `weights` (n,) of the responses, and `unperturbed` (c,) of the unperturbed crossings;
-        alike by default. From predictors, unperturbed gait is predicted.
-        """
-        n, crossings = self.theta.shape[:2]
-        of_responses = equal_weights(n) if weights is None else weights
-        of_gait = equal_weights(crossings) if unperturbed is None else unperturbed
-        if predictors:
-            behaviour = np.tensordot(of_responses, self.behaviour, 1)
-            of_gait = predicting_weights(behaviour, of_gait, predictors)
-        torque = of_gait @ np.tensordot(of_responses, self.torque, 1)
-        theta = of_gait @ np.tensordot(of_responses, self.theta, 1)
-        motion = differentiate(self.time, theta)
+    def fitted(self, predictors: Predictors = ()) -> EnsembleResponse:
+        """Fit Eq. 15 to the mean response. From predictors, unperturbed gait is predicted: by the
+        regression of the curves at the behaviour of the perturbed crossings."""
+        X = regressors(self.behaviour.mean(axis=0), predictors)
+        weights = np.linalg.pinv(X)[0]
+        torque = weights @ self.torque.mean(axis=0)
+        motion = differentiate(self.time, weights @ self.theta.mean(axis=0))
         fit = fit_without_offset(motion[self.window], torque[self.window])
         return EnsembleResponse(motion, torque, self.window, fit)
+
+    def without_response(self, i: int) -> "Ensemble":
+        """Without the i-th perturbed crossing."""
+        return replace(
+            self,
+            theta=np.delete(self.theta, i, axis=0),
+            torque=np.delete(self.torque, i, axis=0),
+            behaviour=np.delete(self.behaviour, i, axis=0),
+        )
+
+    def without_unperturbed(self, i: int) -> "Ensemble":
+        """Without the i-th unperturbed crossing."""
+        return replace(
+            self,
+            theta=np.delete(self.theta, i, axis=1),
+            torque=np.delete(self.torque, i, axis=1),
+            behaviour=np.delete(self.behaviour, i, axis=2),
+        )
+
+
+def stacked(responses: Sequence[PerturbationResponse]) -> Ensemble:
+    """Stack responses. Raises InputError: there are fewer than two, or their samples differ."""
+    check_stackable(responses)
+    first = responses[0]
+    return Ensemble(
+        first.time,
+        first.window,
+        theta=np.array([response.thetas for response in responses]),
+        torque=np.array([response.torques for response in responses]),
+        behaviour=np.array([response.behaviour for response in responses]),
+    )
 
 
 def check_stackable(responses: Sequence[PerturbationResponse]) -> None:
@@ -160,22 +144,6 @@ def check_stackable(responses: Sequence[PerturbationResponse]) -> None:
                 f"trial {response.name} is sampled otherwise than trial {first.name}; record all"
                 " crossings at one marker rate and run the analysis again"
             )
-
-
-def predicting_weights(behaviour: Array, unperturbed: Array, predictors: Predictors) -> Array:
-    """Weights (c,) of the unperturbed crossings in the gait that behaviour predicts.
-
-    The prediction is the weighted regression of the curves at behaviour 0: `behaviour` (4, c) is
-    the perturbed crossing's minus the unperturbed one's. With too few crossings it is their mean.
-    """
-    if np.sum(unperturbed > 0) < len(predictors) + 2:
-        return unperturbed
-    chosen = behaviour[[BEHAVIOUR.index(name) for name in predictors]]
-    sizes = np.sqrt(np.mean(chosen**2, axis=1, keepdims=True))
-    scaled = chosen / np.where(sizes > 0, sizes, 1.0)
-    X = np.column_stack([np.ones_like(unperturbed), scaled.T])
-    root = np.sqrt(unperturbed)
-    return root * np.linalg.pinv(root[:, None] * X)[0]
 
 
 def mean_gait_torque(responses: Sequence[PerturbationResponse], fit: LinearFit) -> Array:

@@ -139,10 +139,16 @@ def check_no_mass(parts: Sequence[UnloadedMotion]) -> None:
         )
 
 
-def weighted_fit(X: Array, y: Array, weights: Array) -> tuple[Array, Array]:
-    """Coefficients (p,) and their covariance (p, p), 0 of a column that is 0."""
-    covariance = np.asarray(np.linalg.pinv(X.T * weights @ X, hermitian=True), float)
-    return covariance @ X.T @ (weights * y), covariance
+def scattered_fit(X: Array, y: Array, ses: Array) -> tuple[Array, Array, float]:
+    """Coefficients (p,), their covariance (p, p), 0 of a column that is 0, and the scatter of y
+    (n,) beyond its standard errors (n,), with which it is weighted."""
+    scatter = 0.0
+    for _ in range(2):
+        weights = 1 / (ses**2 + scatter**2)
+        covariance = np.asarray(np.linalg.pinv(X.T * weights @ X, hermitian=True), float)
+        estimates = covariance @ X.T @ (weights * y)
+        scatter = scatter_beyond_noise(y - X @ estimates, ses) or 0.0
+    return estimates, covariance, scatter
 
 
 def certain_part(estimates: Array, covariance: Array) -> Array:
@@ -167,17 +173,13 @@ def plate_timing(model: PlateModel, crossings: Turns, onsets: Mapping[str, float
     is_crossing = np.arange(len(turns)) >= len(model.turns)
     time, lag, se = np.transpose([(turn.time, turn.lag, turn.se) for turn in turns])
     se = np.hypot(se, LEAST_SE_S)
-    usual = scatter_beyond_noise(lag[~is_crossing], se[~is_crossing]) or 0.0
     middle = np.average(time, weights=1 / se**2)
     X = np.column_stack([np.ones_like(time), is_crossing, time - middle])
-    weights = 1 / (se**2 + usual**2)
-    estimates, covariance = weighted_fit(X, lag, weights)
-    is_certain = certain_part(estimates, covariance) != 0
-    X = X * [True, *is_certain[1:]]
-    estimates, covariance = weighted_fit(X, lag, weights)
+    estimates, covariance, _ = scattered_fit(X, lag, se)
+    X = X * [True, *(certain_part(estimates, covariance)[1:] != 0)]
+    estimates, covariance, scatter = scattered_fit(X, lag, se)
     _, change, drift = certain_part(estimates, covariance)
     unexplained = lag - X @ estimates
-    scatter = scatter_beyond_noise(unexplained, se) or 0.0
     shares = scatter**2 / (scatter**2 + se**2)
     own = {turn.trial: shares[k] * unexplained[k] for k, turn in enumerate(turns)}
     in_crossings = estimates[0] + estimates[1]

@@ -61,7 +61,6 @@ from osl_analysis.walking.plate import Stance
 from osl_analysis.walking.plate_inertia import NO_CORRECTION, PlateModel, identify_plate_model
 from osl_analysis.walking.plate_lag import PlateTiming, timing_of
 from osl_analysis.walking.poses import static_calibration
-from osl_analysis.walking.tables import ENSEMBLE, MEAN, budgets_of
 from osl_analysis.walking.walking_settings import FootSettings, WalkingAnalysis
 from osl_analysis.yaml_settings import read_yaml
 
@@ -455,15 +454,12 @@ def campaign_rows(names: Sequence[str], of: StudyLaboratory) -> Iterator[Row]:
     crossings = [one for one, *_ in perturbed]
     headline = group_headline(crossings, gait, of.analysis, of.plate, of.timing)
     fits = [fit_response(response) for response in headline.responses]
-    table = pl.DataFrame([{name: fit[name] for name in JOINT} for fit in fits])
-    estimators = budgets_of(headline, table)
     for quantity in JOINT:
         truths = np.array([exact[quantity] for _, exact, _ in perturbed])
         rendered = np.array([leg[f"{quantity}_rendered"] for *_, leg in perturbed])
         made: list[tuple[str, str, int, Budget]] = [
             ("single perturbation", fits[0].interval_method, 1, fits[0].budget(quantity)),
-            ("mean of perturbations", "budget", len(fits), estimators[MEAN][quantity]),
-            ("ensemble", "budget", len(fits), estimators[ENSEMBLE][quantity]),
+            ("ensemble", "budget", len(fits), headline.ensemble.budgets[quantity]),
         ]
         for estimator, method, first, budget in made:
             own = [each.standard or 0.0 for each in budget.of_parts(*IN_INTERVAL)]

@@ -124,10 +124,9 @@ def summarise_perturbations(
             summary = [{"quantity": name, **without} for name in ("K", "B", "I", "VAF")]
         else:
             row = {**conditions, **result_columns(conditions, headline), "reason": None}
-            estimators = result_tables.budgets_of(headline, of_group)
-            summary = result_tables.headline_rows(headline, estimators, of_group)
+            summary = result_tables.headline_rows(headline, of_group)
             of_responses.append(result_tables.response_table(group, headline))
-            of_budgets.append(result_tables.budget_table(group, estimators))
+            of_budgets.append(result_tables.budget_table(group, headline))
         of_groups.append(row)
         sides = {places[trial]["side"] for trial in trials}
         side = sides.pop() if len(sides) == 1 else None

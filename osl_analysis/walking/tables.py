@@ -16,11 +16,11 @@ import polars as pl
 
 from osl_analysis.measured import rms
 from osl_analysis.signals import Motion
-from osl_analysis.stats.budget import Budget, budget_rows
+from osl_analysis.stats.budget import budget_rows
 from osl_analysis.stats.estimates import estimates_row
 from osl_analysis.stats.repeats import doubtful_row
 from osl_analysis.trial import Array
-from osl_analysis.walking.contributions import Budgets, GroupHeadline, measured
+from osl_analysis.walking.contributions import GroupHeadline
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.ensemble import ESTIMATED, mean_gait_torque
 from osl_analysis.walking.groups import MEASURED_IN_CROSSINGS, SEPARATOR
@@ -172,10 +172,8 @@ def fitted_time(headline: GroupHeadline) -> float:
     return float(w @ (motion.theta * response.time[response.window]))
 
 
-MEAN = "mean of perturbations"
 ENSEMBLE = "ensemble"
 PREDICTED = "ensemble, predicted gait"
-ENDINGS = {MEAN: "_mean", ENSEMBLE: "", PREDICTED: "_predicted"}  # of estimates in the budget
 
 
 def perturbation_row(
@@ -198,53 +196,33 @@ def perturbation_row(
     }
 
 
-def headline_rows(
-    headline: GroupHeadline, estimators: Mapping[str, Budgets], fits: pl.DataFrame
-) -> list[dict[str, Any]]:
+def headline_rows(headline: GroupHeadline, fits: pl.DataFrame) -> list[dict[str, Any]]:
     """Make the rows of `walking_summary.csv` of one group, of which `fits` are the rows of
-    `walking.csv`, from the budgets by estimator."""
-    vaf_of = {
-        MEAN: fits["VAF"].mean(),
-        ENSEMBLE: headline.ensemble.response.fit.vaf,
-        PREDICTED: headline.predicted.response.fit.vaf,
-    }
+    `walking.csv`: the mean over perturbations, and the fits to the mean response."""
+    n = {"n": len(fits)}
     rows: list[dict[str, Any]] = []
-    for estimator, budgets in estimators.items():
-        place = {"estimator": estimator, "n": len(fits)}
-        for name, budget in budgets.items():
+    for name in (*ESTIMATED, "VAF"):
+        mean = {"mean": fits[name].mean(), "sd": fits[name].std()}
+        rows.append(
+            {"quantity": name, "estimator": "mean of perturbations", **n, **mean}
+            | doubtful_row(fits)
+        )
+    for estimator, fit in ((ENSEMBLE, headline.ensemble), (PREDICTED, headline.predicted)):
+        place = {"estimator": estimator, **n}
+        for name, budget in fit.budgets.items():
             ends = {"mean": budget.value, "low": budget.low, "high": budget.high}
             rows.append({"quantity": name, **place, **ends})
-        rows.append({"quantity": "VAF", **place, "mean": vaf_of[estimator]})
-    for row in rows:
-        if row["estimator"] == MEAN:
-            row.update(sd=fits[row["quantity"]].std(), **doubtful_row(fits))
+        rows.append({"quantity": "VAF", **place, "mean": fit.response.fit.vaf})
     return rows
 
 
-def budgets_of(headline: GroupHeadline, fits: pl.DataFrame) -> dict[str, Budgets]:
-    """The budgets of K, B and I by estimator. What a mean of single fits shares with the fit to the
-    mean response is taken from that, and its scatter from the fits."""
-    of_mean = {}
-    for name, budget in headline.ensemble.budgets.items():
-        values = fits[name].to_numpy()
-        own = measured("crossings", np.std(values, ddof=1) / np.sqrt(len(values)), len(values) - 1)
-        others = [each for each in budget.contributions if each.source != own.source]
-        of_mean[name] = Budget(float(values.mean()), (own, *others))
-    return {
-        MEAN: of_mean,
-        ENSEMBLE: headline.ensemble.budgets,
-        PREDICTED: headline.predicted.budgets,
-    }
-
-
-def budget_table(group: str, estimators: Mapping[str, Budgets]) -> pl.DataFrame:
+def budget_table(group: str, headline: GroupHeadline) -> pl.DataFrame:
     """Tabulate `walking_budget.csv`: what contributes to the estimates of a group."""
-    rows = []
-    for estimator, budgets in estimators.items():
-        estimates = {f"{name}{ENDINGS[estimator]}": budget for name, budget in budgets.items()}
-        rows += budget_rows({}, estimates)
-    table = pl.DataFrame(rows, infer_schema_length=None).drop("trial", "amplitude_deg")
-    return table.select(pl.lit(group).alias("group"), pl.all())
+    estimates = dict(headline.ensemble.budgets)
+    for name, budget in headline.predicted.budgets.items():
+        estimates[f"{name}_predicted"] = budget
+    table = pl.DataFrame(budget_rows({}, estimates), infer_schema_length=None)
+    return table.drop("trial", "amplitude_deg").select(pl.lit(group).alias("group"), pl.all())
 
 
 def response_table(group: str, headline: GroupHeadline) -> pl.DataFrame:

@@ -158,8 +158,9 @@ def test_the_rendered_impedance_comes_out_with_all_imperfections(real, estimator
     assert K["mean"] == pytest.approx(real.rendered("K"), rel=0.1)
     assert B["mean"] == pytest.approx(real.rendered("B"), rel=0.1)
     assert I["mean"] == pytest.approx(real.rendered("I"), abs=0.015)
-    assert K["low"] < real.rendered("K") < K["high"]
-    assert 4 < K["high"] - K["low"] < 100
+    if estimator == "ensemble":
+        assert K["low"] < real.rendered("K") < K["high"]
+        assert 4 < K["high"] - K["low"] < 100
 
 
 def test_the_plate_s_lag_and_its_own_wrench_come_out(real):

@@ -50,12 +50,12 @@ from osl_analysis.simulator.simulation_settings import (
 from osl_analysis.simulator.step import GaitTrial, draw_step
 from osl_analysis.simulator.trial_plan import generator_of
 from osl_analysis.simulator.walking_trial import simulate_walking_trial
-from osl_analysis.stats.budget import IN_INTERVAL, INTERVAL_ENDS, Budget
+from osl_analysis.stats.budget import IN_INTERVAL, INTERVAL_ENDS
 from osl_analysis.stats.linear_fit import LinearFit
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.contributions import group_headline
 from osl_analysis.walking.crossing import PER_UNIT, Crossing, analyse_crossing
-from osl_analysis.walking.impedance_fit import fit_response, fit_without_offset
+from osl_analysis.walking.impedance_fit import fit_without_offset
 from osl_analysis.walking.isolated_response import isolate_response, unperturbed_gait
 from osl_analysis.walking.plate import Stance
 from osl_analysis.walking.plate_inertia import NO_CORRECTION, PlateModel, identify_plate_model
@@ -445,34 +445,31 @@ def recording(of: StudyLaboratory, folder: Path, perturbed: Sequence[str]) -> St
 
 
 def campaign_rows(names: Sequence[str], of: StudyLaboratory) -> Iterator[Row]:
-    """Estimates of a campaign of crossings, every second one of which is perturbed: of the first
-    perturbation, the mean of all, and the ensemble. The truth is the estimate of the same estimator
+    """Estimates of a campaign of crossings, every second one of which is perturbed, by the fit to
+    the mean response. The truth is the estimate of the same estimator
     for the same perturbations without gait, with ideal sensors. `model_error` is the truth minus
     the impedance that the leg rendered."""
     gait = unperturbed_gait(usable(of.unperturbed, names[::2]), of.analysis.fewest_unperturbed)
     perturbed = usable(of.perturbed, names[1::2])
     crossings = [one for one, *_ in perturbed]
     headline = group_headline(crossings, gait, of.analysis, of.plate, of.timing)
-    fits = [fit_response(response) for response in headline.responses]
     for quantity in JOINT:
-        truths = np.array([exact[quantity] for _, exact, _ in perturbed])
-        rendered = np.array([leg[f"{quantity}_rendered"] for *_, leg in perturbed])
-        made: list[tuple[str, str, int, Budget]] = [
-            ("single perturbation", fits[0].interval_method, 1, fits[0].budget(quantity)),
-            ("ensemble", "budget", len(fits), headline.ensemble.budgets[quantity]),
-        ]
-        for estimator, method, first, budget in made:
-            own = [each.standard or 0.0 for each in budget.of_parts(*IN_INTERVAL)]
-            numbers = (budget.value, np.linalg.norm(own), budget.low, budget.high)
-            truth = float(np.mean(truths[:first]))
-            row: Row = {
-                "estimator": estimator,
-                "interval_method": method,
-                "quantity": quantity,
-                "bound": None,
-            }
-            row |= {"truth": truth, "model_error": truth - float(np.mean(rendered[:first]))}
-            yield row | dict(zip(("value", "se", "low", "high"), numbers, strict=True))
+        truth = float(np.mean([exact[quantity] for _, exact, _ in perturbed]))
+        rendered = float(np.mean([leg[f"{quantity}_rendered"] for *_, leg in perturbed]))
+        budget = headline.ensemble.budgets[quantity]
+        own = [each.standard or 0.0 for each in budget.of_parts(*IN_INTERVAL)]
+        yield {
+            "estimator": "ensemble",
+            "interval_method": "budget",
+            "quantity": quantity,
+            "bound": None,
+            "truth": truth,
+            "model_error": truth - rendered,
+            "value": budget.value,
+            "se": float(np.linalg.norm(own)),
+            "low": budget.low,
+            "high": budget.high,
+        }
 
 
 def usable(make: Callable[[str], Made], names: Iterable[str]) -> list[Made]:

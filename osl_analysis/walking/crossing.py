@@ -492,9 +492,7 @@ def platform_turn(time: Array, turned: Poses, axis: Array, window: tuple[float, 
     float
         [rad], toes up positive.
     """
-    start = max(int(np.searchsorted(time, window[0])) - 1, 0)
-    rows = slice(start, int(np.searchsorted(time, window[1], side="right")))
-    since_start = turned.rotation[rows] @ turned.rotation[start].T
-    vectors = scipy.spatial.transform.Rotation.from_matrix(since_start).as_rotvec()
-    turns = -vectors @ axis[start]
+    rotation = turned.rotation[(time >= window[0]) & (time <= window[1])]
+    vectors = scipy.spatial.transform.Rotation.from_matrix(rotation @ rotation[0].T).as_rotvec()
+    turns = -vectors @ axis.mean(axis=0)
     return float(turns[np.argmax(np.abs(turns))])

@@ -5,19 +5,16 @@
 
 The residual has a few correlated samples and shows neither of the two errors that matter. The
 perturbed crossing deviates from the mean gait as an unperturbed one does, and the plate's model
-depends on its trials. Both are taken through the fit to first order.
+depends on its trials. So single responses have no interval; what the mean response owes to either
+stands in `contributions`.
 """
-
-from dataclasses import replace
 
 import numpy as np
 
 from osl_analysis.errors import naming
 from osl_analysis.signals import Motion, differentiate
-from osl_analysis.stats.budget import welch_satterthwaite
 from osl_analysis.stats.linear_fit import LinearFit, linear_fit
 from osl_analysis.trial import Array
-from osl_analysis.walking.crossing import PER_UNIT
 from osl_analysis.walking.isolated_response import PerturbationResponse
 
 
@@ -54,31 +51,9 @@ def fit_without_offset(motion: Motion, torque: Array) -> LinearFit:
 
 
 def fit_response(response: PerturbationResponse) -> LinearFit:
-    """Fit Eq. 15 to a response in its window, with the covariance of gait and plate.
-
-    Notes
-    -----
-    The perturbed crossing deviates like an unperturbed one, and the mean of n unperturbed ones adds
-    1/n of the variance: (1 + 1/n) of the covariance of the changes by each of them. With m plate
-    trials, the jackknife covariance of the changes without each is added.
-    """
+    """Fit Eq. 15 to a response in its window."""
     with naming(f"trial {response.name}"):
-        fit = fit_without_offset(response.fitted_motion, response.fitted_torque)
-    columns = response.fitted_motion.columns
-    by_gait = fitted_changes(columns, gait_torque(response, fit), response.window)
-    without_trials = response.changes[: -len(PER_UNIT)]
-    n = len(by_gait)
-    m = len(without_trials)
-    of_gait = (1 + 1 / n) * np.cov(by_gait, rowvar=False)
-    of_plate = jackknife_covariance(fitted_changes(columns, without_trials, response.window))
-    return replace(
-        fit,
-        covariance=of_gait + of_plate,
-        degrees_of_freedom=welch_satterthwaite(
-            [np.diag(of_gait), np.diag(of_plate)], [n - 1, max(m - 1, 1)]
-        ),
-        interval_method="unperturbed crossings" + (" + plate trials" if m > 1 else ""),
-    )
+        return fit_without_offset(response.fitted_motion, response.fitted_torque)
 
 
 def gait_torque(response: PerturbationResponse, fit: LinearFit) -> Array:

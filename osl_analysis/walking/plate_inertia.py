@@ -457,16 +457,17 @@ def identify_plate_inertia(
     columns = np.concatenate([without_mean(recording.columns) for recording in recordings])
     wrench = np.concatenate([without_mean(recording.wrench) for recording in recordings])
     start = NO_CORRECTION.parameters if whole is None else whole.parameters
-    within = np.eye(len(start)) if whole is None else whole.directions
 
     X = stacked_columns(columns)
     G = X.T @ X
     noise = stacked_columns(np.concatenate([recording.noise for recording in recordings]))
     N = noise.T @ noise
-    basis = excited_directions(G, N, within)
+    basis = excited_directions(G, N) if whole is None else whole.directions
     unexplained = (wrench * WEIGHT).T.ravel() - X @ start
     right = X.T @ unexplained + N @ start
-    change = np.linalg.solve(basis.T @ (G - N) @ basis, basis.T @ right)
+    # what the recordings do not show stays as it is
+    inverse = np.linalg.pinv(basis.T @ (G - N) @ basis, SMALLEST_WRENCH**2, hermitian=True)
+    change = inverse @ basis.T @ right
     parameters = start + basis @ change
     return PlateModel(
         parameters,
@@ -476,15 +477,13 @@ def identify_plate_inertia(
     )
 
 
-def excited_directions(squares: Array, noise: Array, within: Array) -> Array:
+def excited_directions(squares: Array, noise: Array) -> Array:
     """Find the directions of the parameters whose wrench the motion shows.
 
     Parameters
     ----------
     squares, noise : Array
         Gram matrices (10, 10) of the columns, and of the marker noise in them.
-    within : Array
-        Directions (10, q) whose span is searched.
 
     Returns
     -------
@@ -492,7 +491,7 @@ def excited_directions(squares: Array, noise: Array, within: Array) -> Array:
         (10, r), in units of a typical plate: eigenvectors above a share of the largest, with at
         most half of noise.
     """
-    basis = np.linalg.qr(within / TYPICAL_PLATE)[0] * TYPICAL_PLATE
+    basis = np.diag(TYPICAL_PLATE[:, 0])
     power, vectors = np.linalg.eigh(basis.T @ squares @ basis)
     basis = basis @ vectors[:, power > SMALLEST_WRENCH**2 * power[-1]]
 

@@ -17,7 +17,6 @@ import polars as pl
 from osl_analysis.measured import rms
 from osl_analysis.signals import Motion
 from osl_analysis.stats.budget import budget_rows
-from osl_analysis.stats.estimates import estimates_row
 from osl_analysis.stats.repeats import doubtful_row
 from osl_analysis.trial import Array
 from osl_analysis.walking.contributions import GroupHeadline
@@ -185,7 +184,7 @@ def perturbation_row(
     return {
         "trial": crossing.name,
         "bridged": crossing.bridged,
-        **estimates_row(fit, *ESTIMATED),
+        **{name: fit[name] for name in ESTIMATED},
         "residual_over_gait": residual_over_gait(
             response.fitted_motion,
             response.fitted_torque,

@@ -51,29 +51,34 @@ def test_the_scatter_of_the_crossings_is_that_of_their_single_fits():
 
 
 def test_the_scatter_of_the_mean_gait_is_that_of_unperturbed_crossings():
-    """Of equal responses; a single one has it 1 + 6 times, its own with that of the mean."""
+    """Of equal responses, whose torques without each unperturbed crossing Eq. 15 is fitted to."""
     (response,) = responses(1, 6)
 
     budget = headline_of_responses([response] * 2, NO_CORRECTION, UNKNOWN).ensemble.budgets["K"]
 
     of_gait = of_source(budget, "mean_gait")
-    assert fit_response(response).se("K") == pytest.approx(np.sqrt(7) * of_gait.standard, rel=0.05)
+    singles = [
+        fit_response(replace(response, thetas=theta[None], torques=torque[None]))["K"]
+        for theta, torque in zip(response.thetas, response.torques, strict=True)
+    ]
+    assert of_gait.standard == pytest.approx(np.std(singles, ddof=1) / np.sqrt(6), rel=0.05)
     assert of_gait.freedom == 5
     assert budget.half_width() == pytest.approx(t.ppf(0.975, 5) * of_gait.standard)
 
 
-def test_trials_of_the_plate_count_alike_for_one_response_and_for_the_mean():
+def test_the_trials_of_the_plate_count_as_leaving_out_each_does():
     (response,) = responses(1, 6)
     waves = np.sin(2 * np.pi * np.linspace(2, 8, 4)[:, None] * response.time)
-    changes = np.vstack([waves, response.changes])
-    still = replace(response, changes=changes, torques=response.torques[:1].repeat(6, axis=0))
-    still = replace(still, thetas=response.thetas[:1].repeat(6, axis=0))
+    changed = replace(response, changes=np.vstack([waves, response.changes]))
 
-    budget = headline_of_responses([still] * 2, NO_CORRECTION, UNKNOWN).ensemble.budgets["K"]
+    budget = headline_of_responses([changed] * 2, NO_CORRECTION, UNKNOWN).ensemble.budgets["K"]
 
+    without = [
+        fit_response(replace(response, torques=response.torques + wave))["K"] for wave in waves
+    ]
     of_plate = of_source(budget, "plate_inertia")
     assert of_plate.freedom == 3
-    assert fit_response(still).se("K") == pytest.approx(of_plate.standard, rel=0.01)
+    assert of_plate.standard == pytest.approx(np.std(without) * np.sqrt(3))
 
 
 @pytest.mark.parametrize("name", ["K", "B", "I"])

@@ -14,7 +14,7 @@ from walking_synthetic import RATE, bump
 
 from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.walking.ensemble import (
-    Ensemble,
+    stacked,
 )
 from osl_analysis.walking.impedance_fit import fit_response
 from osl_analysis.walking.isolated_response import (
@@ -106,7 +106,7 @@ def test_the_impedance_comes_out_whatever_the_pace(stance, truth):
     responses = [response_of(c, mean_gait()) for c in perturbed_crossings]
 
     single = fit_response(responses[0])
-    ensemble = Ensemble(responses).fitted().fit
+    ensemble = stacked(responses).fitted().fit
 
     assert single.estimates == pytest.approx(truth, rel=1e-3, abs=2e-3)
     assert ensemble.estimates == pytest.approx(truth, rel=1e-3, abs=2e-3)

@@ -96,7 +96,8 @@ def with_places(trials: pl.DataFrame, symbol: str) -> pl.DataFrame:
 def draw_trials(ax: Axes, symbol: str, placed: pl.DataFrame, most: float) -> None:
     """One quantity of the trials at their places `x`: estimates with their bars, the viscous
     damping beside the damping, and a black line at each desired value."""
-    draw_controllers(ax, placed, symbol, most)
+    for look, trials in style.by_controller(placed):
+        marks.draw_estimates(ax, trials, "x", symbol, look)
     if symbol == "B" and style.has_values(placed, "B_viscous"):
         # black, because it may stand on a marker
         viscous = placed["B_viscous"]
@@ -108,19 +109,13 @@ def draw_trials(ax: Axes, symbol: str, placed: pl.DataFrame, most: float) -> Non
     draw_axis(ax, symbol, placed, most)
 
 
-def draw_controllers(ax: Axes, placed: pl.DataFrame, quantity: str, most: float) -> None:
-    """The estimates of each controller, with smaller markers where the axis has more than `most`
-    places."""
-    area = min(1.0, most / max(placed["x"][-1], 1.0)) ** 2
-    for look, trials in style.by_controller(placed):
-        marks.draw_estimates(ax, trials, "x", quantity, look, area)
-
-
 def draw_errors(ax: Axes, placed: pl.DataFrame, most: float) -> None:
     """By how many percent the stiffness of the trials differs from the desired one, on an axis that
     is linear within ±10 % and logarithmic beyond."""
     percent = (pl.col(STIFFNESS) / pl.col("K_d") - 1) * 100
-    draw_controllers(ax, placed.filter(pl.col("K_d") > 0).with_columns(percent), "K", most)
+    errors = placed.filter(pl.col("K_d") > 0).with_columns(percent)
+    for look, trials in style.by_controller(errors):
+        marks.draw_estimates(ax, trials, "x", "K", look)
     ax.axhline(0, color=style.BLACK)
     ax.set_yscale("symlog", linthresh=10)
     ax.yaxis.set_major_locator(SymmetricalLogLocator(ax.yaxis.get_transform(), (1, 3)))

@@ -67,16 +67,14 @@ def draw_fits(
     drawn.set_urls([place_in_report(trial) for trial in rows["trial"]])
 
 
-def draw_estimates(
-    ax: Axes, rows: pl.DataFrame, x: str, y: str, look: Look, areas: ArrayLike = 1.0
-) -> None:
+def draw_estimates(ax: Axes, rows: pl.DataFrame, x: str, y: str, look: Look) -> None:
     """Draw the column `y` over `x` as `draw_fits`, before thin bars for the range over single
     motion and thick ones for the 95 % interval, where these are known."""
     for ending, _, width in BARS:
         ends = [f"{y}{ending}_low", f"{y}{ending}_high"]
         known = rows.drop_nulls(ends)
         ax.vlines(known[x], *known.select(ends), color=look.colour, linewidth=width)
-    draw_fits(ax, rows, rows[x], rows[y], look, [y], areas)
+    draw_fits(ax, rows, rows[x], rows[y], look, [y])
 
 
 def draw_zero_lines(ax: Axes) -> None:

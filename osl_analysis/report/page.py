@@ -33,7 +33,6 @@ NO_CONDITIONS = ("trial", "experiment", "exclude", *RECORDINGS, *SOURCES)
 SYMBOLS = re.compile(
     r"(?<!\\)\$(.+?)(?<!\\)\$|(?<![\w-])([KBJknf]_(?:viscous|tau|[dsjm1CGT]))(?![\w-])"
 )
-MAIN_FIGURES = ("fig5", "fig9", "fig3")  # in this order: bench, walking, belt
 
 
 @dataclass(frozen=True)
@@ -111,12 +110,6 @@ class Page:
     figures: Sequence[ShownFigure]
     absent_figures: Mapping[str, str]  # why others are not drawn
     missing_results: Mapping[str, str]
-
-    @property
-    def main_figure(self) -> ShownFigure | None:
-        """The figure beside the table of conditions, of those that are drawn."""
-        shown = (f for name in MAIN_FIGURES for f in self.figures if f.name == name)
-        return next(shown, None)
 
 
 def written_page(page: Page) -> str:

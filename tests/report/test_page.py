@@ -106,7 +106,7 @@ def test_a_view_has_estimates_with_intervals_and_units():
 
 
 def test_the_page_escapes_names_and_asks_for_no_other_file():
-    html = written_page(page(view(controller="<script>alert(1)</script>")))
+    html = written_page(page(view(PART, WHOLE, REMARK, controller="<script>alert(1)</script>")))
 
     assert "&lt;b&gt;" in html
     assert "<script>alert" not in html

@@ -30,7 +30,12 @@ from osl_analysis.bench.regression import IMPEDANCE, GroupFit, Sums, fit_groups,
 from osl_analysis.bench.rendered_gains import rendered_gains
 from osl_analysis.inference import FrictionlessActuator, ImpedanceInference
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
-from osl_analysis.model.drivetrain import DrivetrainParameters, joint_admittance
+from osl_analysis.model.drivetrain import (
+    NOTHING_STATED,
+    DrivetrainParameters,
+    StatedOfDevice,
+    joint_admittance,
+)
 from osl_analysis.stats.budget import LIKELY, Budget, Contribution, unknown
 from osl_analysis.stats.estimates import Row
 from osl_analysis.stats.rounding import significant
@@ -95,7 +100,7 @@ def impedance_table(
     p: DrivetrainParameters | None = None,
     desired: DesiredImpedance = UNSTATED,
     gains: Gains | None = None,
-    uncertainties: Mapping[str, float] | None = None,
+    of_device: StatedOfDevice = NOTHING_STATED,
 ) -> dict[str, pl.DataFrame]:
     """Put together the trial's rows of `impedance.csv`, and of `budget.csv`.
 
@@ -115,8 +120,8 @@ def impedance_table(
         What the leg was asked to render.
     gains
         Those that ran.
-    uncertainties
-        Those of components of the drivetrain, by name; None: none is stated.
+    of_device
+        What its parameter file states beside its values.
 
     Returns
     -------
@@ -158,7 +163,7 @@ def impedance_table(
         of_trial |= {"K_predicted": of_gains[0], "B_predicted": of_gains[1]}
     rendered = None
     if p and desired.controller:
-        rendered = rendered_gains(analysis, p, uncertainties or {})
+        rendered = rendered_gains(analysis, p, of_device)
     fits = []
     for label in analysis.fits:
         variance = s.of(label).covariance(["theta"])

@@ -3,22 +3,19 @@
 rows of Eq. 15.
 
 K, B and I of Eq. 15 depend on the motion, since a drivetrain is of third order. Its gains do not.
-In the letters of `drivetrain.joint_admittance` the torque is that of Z = P - c/N, in which
-N = J_m s^2 + (B_m + B_1) s + K_1 + K_s/n_T^2 has the two gains. Least squares by Gauss and Newton
-takes the slopes
+In the letters of `drivetrain.joint_admittance` the torque is that of Z = P - c/N, of which
+N = J_m s^2 + B_m s + (K_1 + B_1 s) e^(-s T) + K_s/n_T^2 has the gains and the delay T of the loop.
+Least squares by Gauss and Newton takes the slopes
 
-    dZ/dK_1 = c/N^2,   dZ/dB_1 = c s/N^2
+    dZ/dx = c/N^2 dN/dx
 
-as columns, so that the interval of the gains is made as that of K, B and I. By Eqs. 11 to 13 the
-joint at rest has K_d = Z(0), and, to first order in s, B_d = Z'(0):
+as columns, so that their interval is made as that of K, B and I. By Eqs. 11 to 13 slow motion meets
+K_d = Z(0) and, to first order in s, B_d = Z'(0):
 
-    K_d = K_s - c/kappa,   B_d = B_j + c (B_m + B_1)/kappa^2,   kappa = K_1 + K_s/n_T^2.
-
-A delay T of the control loop lowers B_1 by K_1 T, which is what the joint shows, and so what is
-rendered.
+    K_d = K_s - c/kappa,   B_d = B_j + c (B_m + B_1 - K_1 T)/kappa^2,   kappa = K_1 + K_s/n_T^2.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -31,22 +28,23 @@ from osl_analysis.bench.motion_range import parts_of
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import (
     GroupFit,
+    Model,
     Sums,
     fit_groups,
     motion_sums,
     offset_and_drift,
 )
 from osl_analysis.errors import IdentifiabilityError
-from osl_analysis.model.compensator import Gains, stiffness_gain
-from osl_analysis.model.drivetrain import DrivetrainParameters, RationalFunction, joint_admittance
-from osl_analysis.model.rendered_impedance import linear_torque
+from osl_analysis.model.compensator import stiffness_gain
+from osl_analysis.model.drivetrain import DrivetrainParameters, StatedOfDevice, held_actuator
+from osl_analysis.model.rendered_impedance import Spectrum, linear_torque
 from osl_analysis.stats.budget import Budget, Contribution, unknown
-from osl_analysis.stats.linear_fit import solved, variance_accounted_for
+from osl_analysis.stats.linear_fit import LinearFit, solved, variance_accounted_for
 from osl_analysis.trial import Array
 
 K_D, B_D = "K_d_rendered", "B_d_rendered"  # columns
 Values = dict[str, tuple[float, dict[str, float]]]
-GAINS = {"K_1": "K_1", "B_1": "B_1", "offset": "one", "drift": "ramp"}
+SLOW = {"offset": "one", "drift": "ramp"}
 MOST_STEPS = 20  # of Gauss and Newton; a sound leg takes two to seven
 SMALLEST_STEP = 1e-3  # of the gains' standard errors, at which they have converged
 MOTION_CUTOFFS = 3.0  # of the low-pass, beyond which nothing of the motion is left
@@ -74,7 +72,7 @@ class RenderedGains:
 def rendered_gains(
     analysis: Analysis,
     p: DrivetrainParameters,
-    uncertainties: Mapping[str, float],
+    of_device: StatedOfDevice,
 ) -> RenderedGains | None:
     """Fit the gains to the whole record of a leg.
 
@@ -84,8 +82,9 @@ def rendered_gains(
         Eq. 15 of the record.
     p
         The drivetrain.
-    uncertainties
-        Stated standard uncertainties of components of the drivetrain, in their units.
+    of_device
+        Standard errors of its components, and the delay of the loop, which is fitted where none is
+        stated.
 
     Returns
     -------
@@ -98,41 +97,70 @@ def rendered_gains(
         return None
     # of slow motion Eq. 15 has K_d and B_d
     K_1 = float(stiffness_gain(K, p))
-    B_1 = (analysis.whole["B"] - p.B_j) * (K_1 + p.K_s_at_actuator) ** 2 * (p.n_T / p.K_s) ** 2
-    leg = Leg(analysis.record.coarse, p, Gains(K_1, max(B_1 - p.B_m, 0.0), cancels_friction=True))
+    kappa = K_1 + p.K_s_at_actuator
+    B_1 = (analysis.whole["B"] - p.B_j) * (kappa * p.n_T / p.K_s) ** 2 - p.B_m
+    delay = of_device.loop_delay
+    fitted = ("K_1", "B_1") if delay is not None else ("K_1", "B_1", "delay")
+    leg = Leg(analysis.record.coarse, p, K_1, max(B_1, 0.0), delay or 0.0, fitted)
     for _ in range(MOST_STEPS):
         try:
-            step = leg.step_from(leg.sums())
+            step = fit_groups(leg.sums(), leg.model)
         except IdentifiabilityError:
             return None
         leg = leg.moved_by(step)
-        if p.B_m + leg.gains.B_1 <= 0 or leg.gains.K_1 <= 0:  # not damped, or no stiffness at rest
-            return None
-        if all(abs(step[name]) < SMALLEST_STEP * step.se(name) for name in ("K_1", "B_1")):
-            return described(leg, step, uncertainties)
+        if leg.slow_damping <= 0 or leg.kappa <= p.K_s_at_actuator:
+            return None  # not damped, or no stiffness at rest
+        if all(abs(step[name]) < SMALLEST_STEP * step.se(name) for name in fitted):
+            return described(leg, step, of_device.standard_errors)
     return None
 
 
 @dataclass(frozen=True)
 class Leg:
-    """A record of a leg, and the gains that may be rendered."""
+    """A record of a leg, and what its controller may render."""
 
     record: Record
     p: DrivetrainParameters
-    gains: Gains
+    K_1: float  # [N*m/rad]
+    B_1: float  # [N*m*s/rad]
+    delay: float  # of the loop [s]
+    fitted: tuple[str, ...]  # which of the three are
 
     @property
-    def admittance(self) -> RationalFunction:
-        return joint_admittance(self.gains.K_1, self.gains.B_1, self.p, self.p.J_j)
+    def model(self) -> Model:
+        """The columns that are fitted."""
+        return {**{name: name for name in self.fitted}, **SLOW}
 
-    def moved_by(self, step: GroupFit) -> "Leg":
-        """The leg with other gains."""
-        gains = replace(
-            self.gains, K_1=self.gains.K_1 + step["K_1"], B_1=self.gains.B_1 + step["B_1"]
-        )
-        return replace(self, gains=gains)
+    @property
+    def c(self) -> float:
+        return self.p.K_s**2 / self.p.n_T**2
 
-    def torque_for(self, admittance: RationalFunction, angle: Array | None = None) -> Array:
+    @property
+    def kappa(self) -> float:
+        """Stiffness of the held actuator at rest."""
+        return self.K_1 + self.p.K_s_at_actuator
+
+    @property
+    def slow_damping(self) -> float:
+        """Damping of the held actuator in slow motion."""
+        return self.p.B_m + self.B_1 - self.K_1 * self.delay
+
+    def moved_by(self, changes: LinearFit | Mapping[str, float]) -> "Leg":
+        """The leg whose controller differs so."""
+        values = {name: getattr(self, name) + changes[name] for name in self.fitted}
+        return replace(self, **values)
+
+    def N(self, s: Spectrum) -> Spectrum:
+        """The held actuator at frequencies s [rad/s]."""
+        return held_actuator(s, self.K_1, self.B_1, self.p, self.delay)
+
+    def admittance(self, s: Spectrum) -> Spectrum:
+        """Y [rad/(N*m)] at frequencies s [rad/s]."""
+        return 1 / (self.p.J_j * s**2 + self.p.B_j * s + self.p.K_s - self.c / self.N(s))
+
+    def torque_for(
+        self, admittance: Callable[[Spectrum], Spectrum], angle: Array | None = None
+    ) -> Array:
         """Torque (n,) [N*m] of an admittance [rad/(N*m)] for an angle (n,) [rad], by default that
         of the record."""
         theta = self.record.motion.theta if angle is None else angle
@@ -140,18 +168,23 @@ class Leg:
         return linear_torque(admittance, theta, self.record.rate_hz, highest_hz)
 
     def slopes(self) -> dict[str, Array]:
-        """The slopes (n,) of the torque in K_1 and B_1, with offset and drift."""
-        N = self.admittance.numerator
-        N_squared = np.convolve(N, N)
-        c = self.p.K_s**2 / self.p.n_T**2
-        return {
-            "K_1": self.torque_for(RationalFunction(N_squared, np.array([c]))),
-            "B_1": self.torque_for(RationalFunction(N_squared, np.array([c, 0.0]))),
-            **offset_and_drift(self.record.time),
-        }
+        """The slopes (n,) of the torque in the gains and the delay, with offset and drift."""
+
+        def of_K_1(s: Spectrum) -> Spectrum:
+            return self.N(s) ** 2 / (self.c * np.exp(-s * self.delay))
+
+        def of_B_1(s: Spectrum) -> Spectrum:
+            return of_K_1(s) / s
+
+        def of_delay(s: Spectrum) -> Spectrum:
+            return -of_B_1(s) / (self.K_1 + self.B_1 * s)
+
+        slopes = {"K_1": of_K_1, "B_1": of_B_1, "delay": of_delay}
+        columns = {name: self.torque_for(slopes[name]) for name in self.fitted}
+        return {**columns, **offset_and_drift(self.record.time)}
 
     def left(self) -> Record:
-        """The record with what the gains leave of the torque."""
+        """The record with what the controller leaves of the torque."""
         record = self.record
         torque = self.torque_for(self.admittance)
         return replace(
@@ -159,24 +192,24 @@ class Leg:
         )
 
     def sums(self) -> Sums:
-        """Sums of the slopes and of what the gains leave."""
+        """Sums of the slopes and of what the controller leaves."""
         # the slopes are behind the actuator, which passes no noise of the angle
         columns = {**self.slopes(), "theta": self.record.motion.theta}
         return motion_sums(self.left(), columns, angle_noise=0.0)
 
-    def step_from(self, sums: Sums) -> GroupFit:
-        """The changes of the gains that fit best in some groups. Raises as `fit_groups`."""
-        return fit_groups(sums, GAINS)
-
     def impedance(self) -> Values:
-        """K_d and B_d that the gains render (Eqs. 11-13), each with its derivatives by them."""
-        p = self.p
-        c = p.K_s**2 / p.n_T**2
-        kappa = self.gains.K_1 + p.K_s_at_actuator
-        x = p.B_m + self.gains.B_1
+        """K_d and B_d that are rendered (Eqs. 11-13), each with its derivatives by the controller's
+        parameters."""
+        slope = self.c / self.kappa**2
+        x = self.slow_damping
+        of_B_d = {
+            "B_1": slope,
+            "K_1": -slope * (self.delay + 2 * x / self.kappa),
+            "delay": -slope * self.K_1,
+        }
         return {
-            K_D: (p.K_s - c / kappa, {"K_1": c / kappa**2}),
-            B_D: (p.B_j + c * x / kappa**2, {"B_1": c / kappa**2, "K_1": -2 * c * x / kappa**3}),
+            K_D: (self.p.K_s - self.c / self.kappa, {"K_1": slope}),
+            B_D: (self.p.B_j + slope * x, of_B_d),
         }
 
 
@@ -187,7 +220,7 @@ def described(leg: Leg, step: GroupFit, uncertainties: Mapping[str, float]) -> R
     rows = record.rows()
     torque = leg.torque_for(leg.admittance)
     slopes = leg.slopes()
-    X = np.column_stack([slopes[column] for column in GAINS.values()])[rows]
+    X = np.column_stack([slopes[column] for column in leg.model.values()])[rows]
 
     fit = step
     passed = partial(leg.torque_for, leg.admittance)
@@ -196,7 +229,7 @@ def described(leg: Leg, step: GroupFit, uncertainties: Mapping[str, float]) -> R
         fit = fit.with_known_error(source, change, shared=True)
     rendered = fit.derived(leg.impedance())
 
-    slow = X[:, 2:] @ np.array([step["offset"], step["drift"]])
+    slow = X[:, len(leg.fitted) :] @ np.array([step["offset"], step["drift"]])
     left = leg.left().filtered_torque[rows] - slow
     of_components = contributions_of_components(leg, X, rows, uncertainties)
     return RenderedGains(
@@ -214,7 +247,7 @@ def over_motion(leg: Leg, name: str) -> Contribution:
     values = [leg.impedance()[name][0]]
     for part in parts_of(leg.left(), leg.sums()):
         with suppress(IdentifiabilityError):
-            values.append(leg.moved_by(leg.step_from(part)).impedance()[name][0])
+            values.append(leg.moved_by(fit_groups(part, leg.model)).impedance()[name][0])
     return Contribution("friction", np.ptp(values) / 2, basis="measured", part="motion")
 
 
@@ -230,9 +263,8 @@ def contributions_of_components(
         value = getattr(leg.p, component)
         other = replace(leg, p=replace(leg.p, **{component: value * (1 + SMALL_CHANGE)}))
         change = torque[rows] - other.torque_for(other.admittance)[rows]
-        K_1, B_1, *_ = np.linalg.lstsq(X, change)[0]
-        gains = replace(leg.gains, K_1=leg.gains.K_1 + K_1, B_1=leg.gains.B_1 + B_1)
-        after = replace(other, gains=gains).impedance()
+        changes = dict(zip(leg.model, np.linalg.lstsq(X, change)[0], strict=True))
+        after = other.moved_by(changes).impedance()
         for name in before:
             slopes[name][component] = (after[name][0] - before[name][0]) / SMALL_CHANGE
     found: dict[str, list[Contribution]] = {}

@@ -45,7 +45,7 @@ from osl_analysis.ingest.quality import saturated
 from osl_analysis.judge.judging import judged, marked
 from osl_analysis.judge.known_findings import known_finding
 from osl_analysis.model.compensator import Weight
-from osl_analysis.model.drivetrain import FileOrNone, known_parameters, stated_errors
+from osl_analysis.model.drivetrain import FileOrNone, known_parameters, stated_of_device
 from osl_analysis.signals.leaps import find_leaps
 from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.table import read_table, write_table
@@ -88,7 +88,7 @@ def fit_impedance_trial(
     p = known_parameters(parameters, ["n_T"])
     stated = condition or UNSTATED
     gains = stated.gains(known_parameters(parameters), weight)
-    tables = impedance_table(analysis, p, stated, gains, stated_errors(parameters))
+    tables = impedance_table(analysis, p, stated, gains, stated_of_device(parameters))
     table = tables["impedance"].with_columns(
         saturated(trial), fixture_column(of_joint), computed_torque(trial)
     )

@@ -3,12 +3,12 @@
 `config/parameters/`; actuator (Eqs. 1-2), belt transmission (Eqs. 3-4), joint admittance (Eqs.
 8-11), in the paper's signs."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,6 +28,7 @@ REQUIRED = tuple(name for name in PARAMETER_UNITS if name != "K_s2")  # of the d
 # a parameter outside, in SI units, has a wrong exponent
 SMALLEST_PARAMETER = 1e-9
 LARGEST_PARAMETER = 1e9
+LONGEST_LOOP_DELAY = 0.1  # s; a longer one is in ms
 
 
 @dataclass(frozen=True)
@@ -81,6 +82,9 @@ class ParameterFile(Settings):
     """Joint of the device, as in the sample sheet. Trials of other joints are analysed as without a
     parameter file."""
     warning: str = ""
+    loop_delay: Annotated[float | None, Field(ge=0, lt=LONGEST_LOOP_DELAY)] = None
+    """Time [s] from a sample of theta_m to the torque that the controller makes of it; null: not
+    stated."""
     parameters: dict[str, Quantity]
 
     @field_validator("parameters")
@@ -146,17 +150,24 @@ def known_parameters(
     return DrivetrainParameters(**dict.fromkeys(REQUIRED, np.nan) | known)
 
 
-def stated_errors(path: Path | None) -> dict[str, float]:
-    """Standard uncertainties that a parameter file states, by parameter. Raises as
-    `read_parameters`."""
+class StatedOfDevice(NamedTuple):
+    """What a parameter file may state beside its values."""
+
+    standard_errors: Mapping[str, float]  # by parameter, in its unit
+    loop_delay: float | None  # [s]
+
+
+NOTHING_STATED = StatedOfDevice({}, None)
+
+
+def stated_of_device(path: Path | None) -> StatedOfDevice:
+    """What a parameter file states beside its values. Raises as `read_parameters`."""
     if path is None:
-        return {}
-    quantities = file_of_state(path, digest(path)).parameters
-    return {
-        name: quantity.standard_error
-        for name, quantity in quantities.items()
-        if quantity.standard_error is not None
-    }
+        return NOTHING_STATED
+    file = file_of_state(path, digest(path))
+    errors = {name: quantity.standard_error for name, quantity in file.parameters.items()}
+    known = {name: error for name, error in errors.items() if error is not None}
+    return StatedOfDevice(known, file.loop_delay)
 
 
 def read_parameters(path: Path) -> DrivetrainParameters:
@@ -256,6 +267,16 @@ def belt_torque(theta_s: ArrayLike, p: DrivetrainParameters) -> Array:
     parameter files."""
     theta_s = np.asarray(theta_s)
     return np.asarray(p.K_s * theta_s + p.K_s2 * theta_s * np.abs(theta_s))
+
+
+def held_actuator(
+    s: ArrayLike, K_1: ArrayLike, B_1: ArrayLike, p: DrivetrainParameters, delay: float = 0.0
+) -> NDArray[np.complex128]:
+    """N of `joint_admittance` at complex frequencies s [rad/s], of gains that broadcast with it:
+    the actuator under a controller that acts `delay` [s] late, with the joint held."""
+    s = np.asarray(s, dtype=np.complex128)
+    controlled = (np.asarray(K_1) + np.asarray(B_1) * s) * np.exp(-s * delay)
+    return np.asarray(p.J_m * s**2 + p.B_m * s + controlled + p.K_s_at_actuator)
 
 
 def desired_admittance(K_d: float, B_d: float) -> RationalFunction:

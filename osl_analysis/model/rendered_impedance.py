@@ -6,19 +6,25 @@ At s = j w the joint takes in energy at the rate of Im Z = w (B_j + c x/|N|^2), 
 for every x = B_m + B_1 > 0: without a delay it is passive with every gain that Eq. 14 selects.
 """
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from osl_analysis.model.compensator import Gains
-from osl_analysis.model.drivetrain import DrivetrainParameters, RationalFunction, joint_admittance
+from osl_analysis.model.drivetrain import (
+    DrivetrainParameters,
+    RationalFunction,
+    held_actuator,
+    joint_admittance,
+)
 from osl_analysis.trial import Array
 
 PASSIVE_TO_HZ = 10.0  # twice the fastest motion of the draft's protocol
 DELAY_STEP = 1e-4  # s, to which a delay is told
 LONGEST_DELAY = 0.05  # s; of a loop that is closed at 20 Hz
+Spectrum = NDArray[np.complex128]
 FAITHFUL = 0.1  # largest |Z - Z_d|, as a share of |Z_d|, of a faithful impedance
 REAL_ROOT = 1e-9  # imaginary part, as a share of the size, that rounding leaves in a real root
 
@@ -101,16 +107,14 @@ def passive_delay(
     """Smallest delay T (pairs,) [s] of the control loop with which the joint gives away energy at
     some frequency up to `highest_hz`; infinite where none up to `LONGEST_DELAY` does.
 
-    A delayed controller makes N = J_m s^2 + B_m s + K_s/n_T^2 + (K_1 + B_1 s) e^(-s T). The joint
-    takes in energy at s = j w where Im Z = w B_j - Im(c/N) is positive.
+    The joint takes in energy at s = j w where Im Z = w B_j - Im(c/N) is positive.
     """
     w = 2 * np.pi * np.geomspace(highest_hz / 1e3, highest_hz, 60)
     s = 1j * w
-    held = p.J_m * s**2 + p.B_m * s + p.K_s_at_actuator
     c = p.K_s**2 / p.n_T**2
     smallest = np.full(K_1.shape, np.inf)
     for delay in np.arange(LONGEST_DELAY, 0, -DELAY_STEP):
-        N = held + (K_1[:, None] + B_1[:, None] * s) * np.exp(-s * delay)
+        N = held_actuator(s, K_1[:, None], B_1[:, None], p, delay)
         gives_energy = (w * p.B_j - (c / N).imag < 0).any(axis=1)
         smallest[gives_energy] = delay
     return smallest
@@ -171,14 +175,17 @@ def predicted_impedance(
 
 
 def linear_torque(
-    admittance: RationalFunction, theta: Array, rate_hz: float, highest_hz: float
+    admittance: Callable[[Any], Spectrum],
+    theta: Array,
+    rate_hz: float,
+    highest_hz: float,
 ) -> Array:
     """Find the torque of a joint of this admittance for a motion without what is faster.
 
     Parameters
     ----------
-    admittance : RationalFunction
-        theta/torque [rad/(N*m)].
+    admittance : callable
+        theta/torque [rad/(N*m)] at frequencies s [rad/s].
     theta : Array
         Angle (n,) [rad]; its mean does not count. Its mirror image is added to make it periodic.
     rate_hz : float

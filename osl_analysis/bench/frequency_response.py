@@ -29,7 +29,6 @@ from osl_analysis.trial import Array
 Spectrum = NDArray[np.complex128]
 
 """Friction makes odd harmonics, which fall as 1/k or faster; asymmetry makes even ones."""
-LEAST_FREEDOM = 0.9  # of an interval: two cycles have one degree
 WINDOW_S = 4.0  # s; of a motion that is no stepped sine
 DISTINCT_LINES = 2  # lines of a Hann window, of which each depends on its neighbours
 LEAST_POWER = 1e-4  # of the angle's strongest line
@@ -180,7 +179,7 @@ def response_of_pieces(
     all_cross = cross.sum()
     freedom = all_power**2 / (power**2).sum() - 1
     deviations = np.array([np.nan + 0j])
-    if freedom > LEAST_FREEDOM:
+    if len(power) > 1:
         without_unit = (all_power - power) / (all_cross - cross)
         u = len(power)
         deviations = (without_unit - without_unit.mean()) * np.sqrt((u - 1) / u)

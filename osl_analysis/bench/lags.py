@@ -29,11 +29,10 @@ LONGEST_LAG = 0.02  # s; the largest lag that is sought
 LAG_FOUND = 1e-9  # s; last step of a search that has come to its end
 # of a search for a lag: each is an eighth of the one before or less, of most a hundredth
 MOST_STEPS = 10
-# half-widths [rad] of the slipping springs that model a belt's hysteresis
-WOUND_UP = (0.5e-3, 1.5e-3, 4e-3)
-# the same for friction of the joint, beyond the belt: bristles and seals; and velocities [rad/s]
-# over which sliding friction changes its sign
-BRISTLES = (1.5e-4, 5e-4, 1.5e-3, 5e-3, 1.5e-2)
+# half-widths [rad] of the slipping springs that model a belt's hysteresis, and friction of the
+# joint beyond the belt: bristles and seals
+WINDS = np.geomspace(1.5e-4, 1.5e-2, 5).tolist()
+# the same of sliding friction: velocities [rad/s] over which it changes its sign
 SLIDES = np.array([[0.01], [0.05]])
 # SD [s] of a lag due to hysteresis that these do not model; simulated legs: 10 to 310, as of a
 # rectangular distribution
@@ -152,8 +151,8 @@ def fit_belt(
     motion = few.motion
     theta_m = np.interp(few.time + theta_m_late_s, few.time, few.actuator["theta_m"])
     wound = belt_deflection(motion.theta, theta_m, p)
-    of_belt = slipping_springs(wound, WOUND_UP)
-    of_joint = slipping_springs(motion.theta, BRISTLES)
+    of_belt = slipping_springs(wound, WINDS)
+    of_joint = slipping_springs(motion.theta, WINDS)
     slips = np.vstack([of_belt, of_joint, np.tanh(motion.omega / SLIDES)])
     slips = few.settings.low_pass(slips.T, few.rate_hz).T
     of_slips = {f"slips_{k}": torque for k, torque in enumerate(slips)}

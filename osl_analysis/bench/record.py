@@ -19,9 +19,9 @@ from osl_analysis.spectral import PeriodicMotion
 from osl_analysis.trial import Array
 
 STIFFNESS_ALONE = "or record slow cycles (experiment 'torque_angle') for the stiffness alone"
-# rate of a coarse record: what the filter passes contains nothing faster than eight cut-offs
-COARSE_HZ = 250.0
-COARSE_CUTOFFS = 8.0
+# rate of a coarse record: what the filter passes has nothing faster than eight, and rounding,
+# jerk and snap are read with sixteen rows a period of the cut-off
+COARSE_CUTOFFS = 16.0
 EDGE_ROUNDING = 1e-6  # rows; edges of groups are sums of numbers that are rounded
 
 
@@ -170,9 +170,9 @@ class Record:
 
     @cached_property
     def coarse(self) -> "Record":
-        """The filtered signals at 250 Hz, or eight cut-offs if more, with the same groups. The
-        torque is the filtered one."""
-        least_hz = max(COARSE_HZ, COARSE_CUTOFFS * self.settings.cutoff_hz)
+        """The filtered signals at `COARSE_CUTOFFS` or more, with the same groups. The torque is the
+        filtered one."""
+        least_hz = COARSE_CUTOFFS * self.settings.cutoff_hz
         # rates are known to within rounding
         step = max(int(self.rate_hz / least_hz + 1e-6), 1)
         if step == 1:

@@ -22,7 +22,6 @@ from osl_analysis.bench.parts_alone import actuator_table, actuator_trial
 from osl_analysis.commands.fit import fit_actuator_trial, fit_trial
 from osl_analysis.commands.trials import raw_trial
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.ingest.quality import Commanded, measure_quality
 from osl_analysis.simulator.bench_trial import simulate_bench_trial
 from osl_analysis.simulator.simulation_settings import RecorderSettings, SimulationSettings
 from osl_analysis.trial import Trial
@@ -229,12 +228,6 @@ def test_a_clamped_shaft_stands_whatever_its_angle_shows(angle):
 
     assert "J_m" not in fits[1].names
     assert fits[1].interval("k_tau_n_m") == pytest.approx(fits[0].interval("k_tau_n_m"), abs=2e-3)
-
-
-def test_checks_of_sampling_do_not_apply_to_a_clamped_actuator():
-    clamped = with_pauses(staircase(1), 86.0)
-    quality = measure_quality(clamped, "actuator", Commanded(None, None, None))
-    assert [quality[name].value for name in ("rate", "gap")] == [None] * 2
 
 
 def test_the_interval_of_a_clamped_actuator_holds_the_stated_error_of_the_load_cell():

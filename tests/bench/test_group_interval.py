@@ -76,15 +76,3 @@ def test_what_repeats_itself_has_the_spread_of_its_noise_alone(single):
 
     assert np.sqrt(np.mean(np.square(standard_errors))) == pytest.approx(np.std(found), rel=0.13)
     assert fit.interval_method == "repeats"
-
-
-def test_rows_near_those_that_are_fitted_are_those_of_their_edges():
-    x = np.arange(30.0)
-    groups = unlike_groups(np.array([2.0, 15.0]), np.array([6.0, 20.0]))
-    record = Record(
-        "made", x, x, x, Motion(x, x, x), x, BenchAnalysis(cutoff_hz=15, order=4), x >= 0, groups
-    )
-
-    near = np.flatnonzero(record.is_fitted(edge=3))
-
-    assert near.tolist() == [*range(9), *range(12, 23)]

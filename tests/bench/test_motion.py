@@ -106,26 +106,9 @@ def test_windows_are_fitted_and_nothing_else():
     assert whole["fitted_s"] == pytest.approx(40, abs=0.8)
 
 
-def test_windows_of_the_trial_replace_those_of_the_settings():
-    settings = SETTINGS.model_copy(update={"excitation": "any", "windows": "25.5-40"})
-
-    record = record_of_trial(disturbed_trial(), settings, "2-14.5")
-
-    assert len(record.rows()) / record.rate_hz == pytest.approx(12.5 - EDGES_S, abs=0.02)
-
-
 def test_a_window_beyond_the_end_is_refused():
     with refused_with("'1-90' reach beyond"):
         disturbed_trial().cut_to("1-90")
-
-
-def test_what_a_fast_motion_hardly_tells_has_a_wide_interval():
-    joint = {"torque_noise": 0.002, "bits": 24, "K": 1.0, "B": 0.5, "I": 0.05}
-
-    row = row_of(moved(noise, 3, {"band": (8.0, 14.0)}, **joint))
-
-    assert half_width(row, "K") > 1.0
-    assert abs(row["K"] - 1.0) < half_width(row, "K")
 
 
 COMPENSATED = DesiredImpedance("compensated", 300.0, 5.0)

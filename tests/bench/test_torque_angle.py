@@ -219,18 +219,6 @@ def test_intervals_hold_what_a_drift_that_leaves_the_loop_open_makes_of_slopes_a
         assert drifting[f"{name}_low"] < sound[name] < drifting[f"{name}_high"], name
 
 
-def test_the_weight_of_a_fixture_is_taken_off_the_torque():
-    torque = K * FULL + jenkins(FULL, 400, 2)
-    fixture = {"torque": {"fixture": {"weight": 2.0, "rest_deg": 30.0}}}
-    weighed = trial_of(FULL, torque + 2 * np.sin(FULL - np.deg2rad(30)), columns=fixture)
-    alone, found = (
-        torque_angle_trial(trial, CONFIG.torque_angle).table.row(0, named=True)
-        for trial in (trial_of(FULL, torque), weighed)
-    )
-    for name in ("K", "energy_stored", "energy_lost", "torque_zero"):
-        assert found[name] == pytest.approx(alone[name], rel=1e-5, abs=1e-5)
-
-
 def test_a_desired_curve_stands_beside_the_measured_one():
     curve = {"angle_deg": [0.0, 5.0, 8.0], "torque": [0.0, 10.0, 12.0]}
     found = fitted(FULL, K * FULL, "design", desired={"design": curve})
@@ -239,22 +227,9 @@ def test_a_desired_curve_stands_beside_the_measured_one():
     assert (wanted[2.5], wanted[8.0], wanted[8.5]) == (5.0, 12.0, None)
 
 
-def test_a_desired_curve_that_no_setting_has_is_refused():
-    with refused_with(r"'other' is no curve of torque_angle\.desired; write"):
-        fitted(FULL, K * FULL, "other")
-
-
 def of_cycles(theta, torque, **stated):
     settings = {"zero": "none", "calibration": stated}
     return fitted(theta, torque, **settings).table.row(0, named=True)
-
-
-def test_an_error_of_the_gain_is_in_the_estimates_of_quasi_static_cycles():
-    plain = of_cycles(CYCLED, OF_CYCLES)
-    stated = of_cycles(CYCLED, OF_CYCLES, torque_gain=0.01)
-    for name in ("K", "K_unloading", "energy_stored", "energy_lost"):
-        half, before = (row[f"{name}_high"] - row[name] for row in (stated, plain))
-        assert half == pytest.approx(np.hypot(before, 1.96 * 0.01 * plain[name]), rel=0.01)
 
 
 def test_an_error_of_the_frame_s_stiffness_is_one_of_its_compliance():

@@ -219,14 +219,7 @@ class Feature:
     values: Array  # (n,)
     median: Array  # (n,), of those with which each crossing is compared
     scatter: float  # about the medians
-
-    @property
-    def distance(self) -> Array:
-        """Distance (n,) from the median, in scatters; of a curve, beyond it: none is too near."""
-        beyond = self.values - self.median
-        if self.measure.values.ndim == 1:
-            beyond = np.abs(beyond)
-        return beyond / self.scatter
+    distance: Array  # (n,) from the median, in scatters; of a curve, beyond it: none is too near
 
 
 def selection_rows(
@@ -371,13 +364,16 @@ def among_sound(
 def feature_of(measure: Measure, kinds: NDArray[np.int_], sound: Mask) -> Feature:
     """Compare one measure."""
     values = measure.values
-    if values.ndim == 2:
+    is_curve = values.ndim == 2
+    if is_curve:
         deviation = values - kind_medians(values, kinds, sound)
         values = np.sqrt(np.mean(deviation**2, axis=1))
     median = kind_medians(values, kinds, sound)
-    deviations = (values - median)[sound]
-    scatter = scipy.stats.median_abs_deviation(deviations, scale="normal")
-    return Feature(measure, values, median, max(scatter, measure.smallest_scatter))
+    beyond = values - median
+    usual = scipy.stats.median_abs_deviation(beyond[sound], scale="normal")
+    scatter = max(float(usual), measure.smallest_scatter)
+    distance = (beyond if is_curve else np.abs(beyond)) / scatter
+    return Feature(measure, values, median, scatter, distance)
 
 
 def kind_medians(values: Array, kinds: NDArray[np.int_], sound: Mask) -> Array:
@@ -419,10 +415,9 @@ def exclusion_reason(
     distance = furthest.distance[index]
     if not distance > settings.outliers.limit:
         return None
-    moved = [feature.distance[index] for feature in features if not feature.measure.of_plate]
-    cause = "look for a late trigger, markers that jump, or another foot on the plate"
-    if max(moved) <= settings.outliers.limit:
-        cause = "foot and ankle move as usual, so another foot, or a hand, loads the plate"
+    cause = "look for a late trigger, or markers that jump"
+    if furthest.measure.of_plate:
+        cause = "look for another foot, or a hand, on the plate"
     unit = furthest.measure.unit
     value, median = furthest.values[index], furthest.median[index]
     return (

@@ -180,11 +180,9 @@ class AlignedGait:
             (crossings, k).
         """
         own_phases = np.clip(phase / self.scales[:, None], 0.0, 1.0)
-        spline = scipy.interpolate.make_interp_spline(PHASES, unperturbed.T)
-        # All curves have the same knots, so that they are interpolated together
         curves = [
-            scipy.interpolate.BSpline.construct_fast(spline.t, spline.c[:, k], 3)(own_phase)
-            for k, own_phase in enumerate(own_phases)
+            scipy.interpolate.make_interp_spline(PHASES, curve)(own_phase)
+            for curve, own_phase in zip(unperturbed, own_phases, strict=True)
         ]
         return np.array(curves)
 

@@ -372,8 +372,7 @@ def align(ramps: list[Ramp]) -> tuple[Array, float, Mask]:
 
 def start_of_rise(time: Array, ramp: Array) -> tuple[float, float]:
     """Find the start [s] of a ramp (n,) at times (n,) [s], from a smooth step fitted to its rise,
-    and its standard error [s]: by noise, and by how far the starts of all steps are from it, by
-    their likelihoods.
+    and its standard error [s]: how far the starts of all steps are from it, by their likelihoods.
 
     Steps are the incomplete beta functions I(x; p, p): a straight ramp for p = 1, a cubic for 2,
     minimum jerk for 3, degree seven for 4. Minimum jerk is taken unless another is far more likely:
@@ -401,5 +400,4 @@ def start_of_rise(time: Array, ramp: Array) -> tuple[float, float]:
     start = fits[best if is_certain else USUAL_STEP].x[0]
     likelihoods = [np.exp(fits[best].cost - fit.cost) for fit in fits.values()]
     squares = [(fit.x[0] - start) ** 2 for fit in fits.values()]
-    of_noise = np.linalg.inv(fits[best].jac.T @ fits[best].jac)[0, 0]
-    return float(start), float(np.sqrt(np.average(squares, weights=likelihoods) + of_noise))
+    return float(start), float(np.sqrt(np.average(squares, weights=likelihoods)))

@@ -290,22 +290,22 @@ def moved_marker(reference: Array, tracks: Array, poses: Poses) -> tuple[int, fl
         In the same n frames.
     """
     in_cluster = np.einsum("nji,nmj->nmi", poses.rotation, tracks - poses.position[:, None])
-    seen = np.flatnonzero(np.isfinite(in_cluster).all(axis=2).any(axis=0))
-    form = np.nanmean(in_cluster[:, seen], axis=0) + poses.origin
-    expected = reference[seen]
-    distances = np.linalg.norm(form - expected, axis=1)
-    moved = int(np.argmax(distances))
-    best_residual = np.inf
-    for marker in range(len(seen)):
-        others = np.arange(len(seen)) != marker
-        if spans_a_plane(expected[others]):
-            of_others = cluster_poses(expected[others], form[None, others])
-            place = of_others.point(expected[marker])[0]
+    form = np.full_like(reference, np.nan)
+    seen = np.isfinite(in_cluster).all(axis=2).any(axis=0)
+    form[seen] = np.nanmean(in_cluster[:, seen], axis=0) + poses.origin
+    distances = np.linalg.norm(form - reference, axis=1)
+    residuals = np.full(len(reference), np.inf)
+    for marker in np.flatnonzero(seen):
+        others = np.arange(len(reference)) != marker
+        of_others = cluster_poses(reference[others], form[None, others])
+        if of_others.seen()[0]:
+            place = of_others.point(reference[marker])[0]
             distances[marker] = np.linalg.norm(form[marker] - place)
-            if of_others.residual[0] < best_residual:
-                best_residual = float(of_others.residual[0])
-                moved = marker
-    return int(seen[moved]), float(distances[moved])
+            residuals[marker] = of_others.residual[0]
+    moved = np.argmin(residuals)
+    if np.isinf(residuals[moved]):
+        moved = np.nanargmax(distances)
+    return int(moved), float(distances[moved])
 
 
 def spans_a_plane(points: Array) -> bool:

@@ -253,7 +253,7 @@ def test_crossings_that_hardly_differ_exclude_nobody():
 
 def test_another_load_and_a_second_foot_are_named():
     light = reasons(loaded_session(share=0.7))["w10"]
-    assert re.search(r"load .* 3\d(\.\d)? % of.*move as usual, so another foot", light)
+    assert re.search(r"load .* 3\d(\.\d)? % of.*look for another foot", light)
     assert " m " in reasons(loaded_session(left=0.04))["w10"]
 
 

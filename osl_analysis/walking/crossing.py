@@ -36,7 +36,6 @@ from osl_analysis.walking.plate_inertia import PlateModel, inertial_columns
 from osl_analysis.walking.poses import (
     FREE_FALL,
     BodyMotion,
-    Mask,
     Poses,
     StaticCalibration,
     StoredArray,
@@ -181,11 +180,6 @@ class Passage:
     @property
     def time(self) -> Array:
         return self.frames[self.rows]
-
-    @property
-    def inside(self) -> Mask:
-        """Which of `rows` are in stance."""
-        return self.stance.contains(self.time)
 
 
 def recorded_passage(
@@ -470,7 +464,7 @@ def analyse_crossing(
         load=load,
         stance=passage.stance,
         onset=passage.onset,
-        bridged=float(np.mean(bridged[passage.inside])),
+        bridged=float(np.mean(bridged[passage.stance.contains(passage.time)])),
         changes=changes,
         quality=crossing_quality(trial, passage, ankle, load, calibration, settings),
         turn=turn,

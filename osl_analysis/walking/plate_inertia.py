@@ -54,6 +54,7 @@ LIGHT = 0.1  # [N*m], weighted wrench of a plate that is too light to show its l
 SMALLEST_WRENCH = 0.01  # of a direction, as a share of the largest, for it to be identified
 LARGEST_NOISE_SHARE = 0.5  # of a direction's power, or of a wrench's that follows a motion
 LARGEST_LAG_S = 0.012
+LEAST_SE_S = 1e-6  # of a lag: rounding
 LAG_ROUNDS = 4  # of lag and inertia in turn, and of a lag to first order
 LARGEST_HEIGHT_SE_M = 0.005  # of a height that is reported
 CERTAIN_SES = 4.0  # standard errors beyond which a height is certain
@@ -74,9 +75,6 @@ class TurnLag:
     time: float  # of the turn [s]
     lag: float  # [s]
     se: float  # its standard error [s], by the noise of markers and plate
-    weight: (
-        float  # in a mean over turns: sum of squares by which a second of lag changes the wrench
-    )
 
 
 @dataclass(frozen=True)
@@ -118,7 +116,7 @@ def mean_lag(turns: Sequence[TurnLag]) -> float | None:
     """The lag [s] that fits all turns best; None without one."""
     if not turns:
         return None
-    return float(np.average([t.lag for t in turns], weights=[t.weight for t in turns]))
+    return float(np.average([t.lag for t in turns], weights=[t.se**-2 for t in turns]))
 
 
 NOT_REMOVED = "walking.plate_inertia is none"
@@ -166,11 +164,10 @@ def identify_plate_model(
         noise = np.concatenate([resting_noise(motion, model) for motion in motions])
         turns = [turn for motion in motions for turn in unloaded_turns(motion, model, noise)]
         model = plate_model(motions, turns)
-    shown = [motion.shown(model.lag or 0.0) for motion in motions]
+    parts = [motion.shown(model.lag or 0.0).parts(motion.moves) for motion in motions]
+    model = with_height(model, [part for of_motion in parts for part in of_motion])
     if len(motions) == 1:
-        return with_height(model, shown[0].parts(motions[0].moves))
-
-    model = with_height(model, shown)
+        return model
     without_each = []
     for left_out in motions:
         others = [motion for motion in motions if motion is not left_out]
@@ -591,8 +588,7 @@ def turn_lags(motion: UnloadedMotion, model: PlateModel, noise: Array) -> list[T
                 motion.name,
                 time=float(motion.time[rows] @ np.sum(by_lag**2, axis=1) / square),
                 lag=float(lag),
-                se=float(np.sqrt(met @ met / len(noise)) / square),
-                weight=float(square),
+                se=max(float(np.sqrt(met @ met / len(noise)) / square), LEAST_SE_S),
             )
         )
     return turns
@@ -601,7 +597,7 @@ def turn_lags(motion: UnloadedMotion, model: PlateModel, noise: Array) -> list[T
 def with_height(model: PlateModel, recordings: Sequence[Shown]) -> PlateModel:
     """Add the height of the corners' centre above the point of the moments, where it is seen.
 
-    Its standard error is from leaving out each recording (jackknife).
+    Its standard error is from leaving out each turn (jackknife).
     """
     count = len(recordings)
     if count < 2:

@@ -37,7 +37,6 @@ Turns = Mapping[str, Sequence[TurnLag]]  # of crossings, by trial
 # When a lag of the crossings replaces that of the unloaded plate.
 SPARE_S = 0.03  # from a stance to the frames in which nobody stands on the plate
 LARGEST_MASS_KG = 1.0  # of a plate that is light or compensates its own inertia
-LEAST_SE_S = 1e-6  # of a lag: rounding
 
 
 @dataclass(frozen=True)
@@ -172,13 +171,13 @@ def plate_timing(model: PlateModel, crossings: Turns, onsets: Mapping[str, float
         return PlateTiming(dict(onsets), {})
     is_crossing = np.arange(len(turns)) >= len(model.turns)
     time, lag, se = np.transpose([(turn.time, turn.lag, turn.se) for turn in turns])
-    se = np.hypot(se, LEAST_SE_S)
     middle = np.average(time, weights=1 / se**2)
     X = np.column_stack([np.ones_like(time), is_crossing, time - middle])
     estimates, covariance, _ = scattered_fit(X, lag, se)
-    X = X * [True, *(certain_part(estimates, covariance)[1:] != 0)]
+    kept = np.array([True, *(certain_part(estimates, covariance)[1:] != 0)])
+    X = X * kept
     estimates, covariance, scatter = scattered_fit(X, lag, se)
-    _, change, drift = certain_part(estimates, covariance)
+    _, change, drift = kept * certain_part(estimates, covariance)
     unexplained = lag - X @ estimates
     shares = scatter**2 / (scatter**2 + se**2)
     own = {turn.trial: shares[k] * unexplained[k] for k, turn in enumerate(turns)}

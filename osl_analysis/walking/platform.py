@@ -30,7 +30,6 @@ from osl_analysis.walking.walking_settings import PlatformSettings
 FEWEST_FRAMES = 10  # for a position at rest
 # speed over its noise above which a platform moves; at rest, 1 frame in 10^7 is above
 STILL = 7.0
-SPREAD_AT_20_HZ_S = 0.025  # by which a low-pass of 20 Hz widens a motion
 LEAST_NOISE_M = 2e-7  # of a marker: single precision at 1 m
 SHORTEST_LINE_S = 0.015  # gap that is a straight line: a cubic would turn noise into a motion
 MARGIN_OVER_NOISE = 1.3  # of a direction's mean square over the largest that noise would show
@@ -99,8 +98,8 @@ class PlatformTrack:
 
     @property
     def spread(self) -> float:
-        """Time [s] by which the low-pass widens a motion."""
-        return SPREAD_AT_20_HZ_S * 20.0 / self.low_pass.cutoff_hz
+        """Time [s] by which the low-pass widens a motion: 25 ms by one of 20 Hz."""
+        return 0.5 / self.low_pass.cutoff_hz
 
     @cached_property
     def filtered(self) -> Array:

@@ -124,9 +124,7 @@ def static_calibration(trial: Trial, settings: CalibrationSettings) -> StaticCal
             f" {SIZES_M[0]:g} to {SIZES_M[1]:g} m; state the unit of the points as"
             " `point_unit` in the source file"
         )
-    foot_height = np.mean([position[2] for position in foot.values()])
-    shank_height = np.mean([position[2] for position in shank.values()])
-    above = foot_height - shank_height
+    above = centres[0][2] - centres[1][2]
     if above > 0:
         raise InputError(
             f"trial {trial.name}: the foot markers {', '.join(foot)} stand {100 * above:.0f} cm"

@@ -64,7 +64,7 @@ def timing_with(random, late=0.0, drift=0.0, scatter=0.0):
             true[f"{kind}_{k}"] = own + drift * 1.1
             for time in times:
                 lag = own + drift * time + NOISE_S[kind] * random.normal()
-                turns[kind].append(TurnLag(f"{kind}_{k}", time, lag, NOISE_S[kind], 1.0))
+                turns[kind].append(TurnLag(f"{kind}_{k}", time, lag, NOISE_S[kind]))
     walked = {turn.trial: [turn] for turn in turns["walk"]}
     model = replace(NO_CORRECTION, turns=tuple(turns["plate"]))
     timing = plate_timing(model, walked, dict.fromkeys(walked, 1.1))

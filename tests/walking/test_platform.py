@@ -194,9 +194,7 @@ def test_a_foot_beside_the_plate_has_its_place_and_its_load():
 def test_a_late_plate_is_read_later():
     crossing = unperturbed(BESIDE)
 
-    late = unperturbed(
-        BESIDE, replace(NO_CORRECTION, turns=(TurnLag("plate", 0.0, 0.01, 0.0, 1.0),))
-    )
+    late = unperturbed(BESIDE, replace(NO_CORRECTION, turns=(TurnLag("plate", 0.0, 0.01, 1e-4),)))
 
     assert crossing.stance.heel_strike - late.stance.heel_strike == pytest.approx(0.01, abs=1e-4)
     np.testing.assert_allclose(late.torque, crossing.torque, atol=1)  # 3 frames earlier

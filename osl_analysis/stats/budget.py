@@ -118,11 +118,6 @@ class Verdict:
     rows: tuple[Contribution, ...] = ()  # of the source, the most probable first
 
     @property
-    def worst(self) -> Contribution | None:
-        """What the source does most probably."""
-        return self.rows[0] if self.rows else None
-
-    @property
     def size(self) -> float:
         """The largest change by the source."""
         return max((each.size for each in self.rows), default=0.0)

@@ -284,8 +284,9 @@ def with_other_contributions(
 
 
 def over_motion(analysis: Analysis, ranges: Row, name: str) -> list[Contribution]:
-    """Half of the range of an estimate over the motion; a stiffening spring, or play, raises K with
-    the amplitude, and friction lowers K and B."""
+    """Half of the range of an estimate over the motion. Where most of it is a change from the
+    smallest to the largest amplitude, beyond noise, it has a name: a stiffening spring, or play,
+    raises K, and friction lowers K and B."""
     low, high = ranges.get(f"{name}_range_low"), ranges.get(f"{name}_range_high")
     if not (isinstance(low, float) and isinstance(high, float)):
         return []
@@ -294,8 +295,12 @@ def over_motion(analysis: Analysis, ranges: Row, name: str) -> list[Contribution
     if len(labels) > 1:
         small, large = analysis.fits[labels[0]], analysis.fits[labels[-1]]
         change = large[name] - small[name]
-        if abs(change) > np.hypot(small.half_width(name), large.half_width(name)):
-            source = "nonlinear_spring" if name == "K" and change > 0 else "friction"
+        noise = np.hypot(small.half_width(name), large.half_width(name))
+        if abs(change) > max(noise, (high - low) / 2):
+            if change < 0 and name != "I":
+                source = "friction"
+            elif name == "K":
+                source = "nonlinear_spring"
     detail = "over amplitudes and frequencies"
     return [Contribution(source, (high - low) / 2, basis="measured", part="motion", detail=detail)]
 

@@ -22,7 +22,7 @@ from osl_analysis.judge.known_findings import (
     rule_of,
 )
 from osl_analysis.judge.limits import Limits
-from osl_analysis.stats.budget import CLEAR, FLOOR, WIDE, Budget, Verdict, budgets_in
+from osl_analysis.stats.budget import CLEAR, FLOOR, IN_INTERVAL, WIDE, Budget, Verdict, budgets_in
 from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.stats.rounding import significant
 from osl_analysis.units import known_factor
@@ -60,8 +60,11 @@ class Judged:
 
     def width(self, half: float) -> str:
         """How wide its interval is, beside what is needed, in words."""
-        needed = significant(self.needed)
-        return f"{self.name} is known to {significant(half)} {self.unit}, {needed} is needed"
+        largest = max(self.budget.of_parts(*IN_INTERVAL), key=lambda each: each.size)
+        return (
+            f"{self.name} is known to {significant(half)} {self.unit}, most of it"
+            f" {largest.source.replace('_', ' ')}, and {significant(self.needed)} is needed"
+        )
 
 
 def judged(
@@ -237,10 +240,11 @@ def properties_of(estimates: Sequence[Judged]) -> list[Finding]:
     intervals that are wider."""
     remarks: dict[str, dict[Beyond, str]] = {}  # by source the sizes in words
     for estimate in estimates:
-        sizes = {}
+        sizes: dict[str, tuple[float, str]] = {}
         for each in estimate.own.of_parts("motion"):
             change = 2 * each.size  # from one end of the range to the other
-            if each.source in FINDINGS and change > estimate.needed:
+            told = sizes.get(each.source, (estimate.needed, ""))[0]
+            if each.source in FINDINGS and change > told:
                 sizes[each.source] = (change, estimate.moved(change))
         if estimate.verdict.name == WIDE:
             half = estimate.budget.half_width()

@@ -113,7 +113,7 @@ def test_a_wide_interval_is_told_and_is_no_doubt():
 
     assert (remark.name, remark.size) == (
         "wide_interval",
-        "B is known to 0.2 N*m*s/rad, 0.15 is needed",
+        "B is known to 0.2 N*m*s/rad, most of it repeatability, and 0.15 is needed",
     )
     assert verdicts_of([remark])["B"] == "wide"
 

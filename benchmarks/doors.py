@@ -33,7 +33,7 @@ from pathlib import Path
 
 import yaml
 
-from osl_analysis.files import DISTRIBUTION
+from osl_analysis.base.files import DISTRIBUTION
 from osl_analysis.jobs.workers import ENVIRONMENT
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -18,11 +18,11 @@ import polars as pl
 import yaml
 from scipy.optimize import minimize
 
+from osl_analysis.base.trial import Array
 from osl_analysis.draft import likelihood
 from osl_analysis.draft.draft_source import guesses_of
 from osl_analysis.draft.likelihood import Guess, decide
 from osl_analysis.draft.overview import inspect_recording
-from osl_analysis.trial import Array
 
 LABELS = Path(__file__).with_name("draft_labels.yaml")
 RATE_HZ = 100.0

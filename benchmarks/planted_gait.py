@@ -23,9 +23,9 @@ import scipy
 from causes import ROOT, markdown
 from numpy.typing import NDArray
 
+from osl_analysis.base.errors import OslAnalysisError
+from osl_analysis.base.trial import Trial, marker_columns, plate_columns
 from osl_analysis.campaign.configuration import config_for_trials
-from osl_analysis.errors import OslAnalysisError
-from osl_analysis.trial import Trial, marker_columns, plate_columns
 from osl_analysis.walking.contributions import GroupHeadline, group_headline
 from osl_analysis.walking.crossing import analyse_crossing
 from osl_analysis.walking.ensemble import ESTIMATED

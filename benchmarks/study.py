@@ -23,11 +23,13 @@ import numpy as np
 import polars as pl
 from causes import ROOT, markdown, write_between
 
+from osl_analysis.base.errors import OslAnalysisError
+from osl_analysis.base.trial import Array, Trial
+from osl_analysis.base.yaml_settings import read_yaml
 from osl_analysis.bench.bench_settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.commands.fit import run_fit
 from osl_analysis.commands.fit_results import FitTables
-from osl_analysis.errors import OslAnalysisError
 from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.model.compensator import compensated_gains
 from osl_analysis.model.drivetrain import DrivetrainParameters, read_parameters
@@ -52,7 +54,6 @@ from osl_analysis.simulator.trial_plan import generator_of
 from osl_analysis.simulator.walking_trial import simulate_walking_trial
 from osl_analysis.stats.budget import IN_INTERVAL, INTERVAL_ENDS
 from osl_analysis.stats.linear_fit import LinearFit
-from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.contributions import group_headline
 from osl_analysis.walking.crossing import PER_UNIT, Crossing, analyse_crossing
 from osl_analysis.walking.impedance_fit import fit_without_offset
@@ -62,7 +63,6 @@ from osl_analysis.walking.plate_inertia import NO_CORRECTION, PlateModel, identi
 from osl_analysis.walking.plate_lag import PlateTiming, timing_of
 from osl_analysis.walking.poses import static_calibration
 from osl_analysis.walking.walking_settings import FootSettings, WalkingAnalysis
-from osl_analysis.yaml_settings import read_yaml
 
 Made = TypeVar("Made")
 Row = dict[str, Any]

@@ -19,14 +19,17 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from osl_analysis.bench.evidence import DesiredImpedance
-    from osl_analysis.commands.fit_results import Fit
-    from osl_analysis.errors import (
+    from osl_analysis.base.errors import (
         IdentifiabilityError,
         InputError,
         OslAnalysisError,
         UnreachableImpedanceError,
     )
+    from osl_analysis.base.result_table import read_table
+    from osl_analysis.base.table import to_pandas
+    from osl_analysis.base.trial import Trial, read_trial
+    from osl_analysis.bench.evidence import DesiredImpedance
+    from osl_analysis.commands.fit_results import Fit
     from osl_analysis.judge.finding import Finding
     from osl_analysis.notebook import (
         FrequencyResponse,
@@ -41,9 +44,6 @@ if TYPE_CHECKING:
         read_summary,
         simulate_trial,
     )
-    from osl_analysis.result_table import read_table
-    from osl_analysis.table import to_pandas
-    from osl_analysis.trial import Trial, read_trial
 
 __all__ = [
     "DesiredImpedance", "Finding", "Fit", "FrequencyResponse", "IdentifiabilityError", "InputError",
@@ -60,7 +60,7 @@ MODULES = {
         (
             "IdentifiabilityError", "InputError", "OslAnalysisError", "UnreachableImpedanceError",
         ),
-        "errors",
+        "base.errors",
     ),
     **dict.fromkeys(
         (
@@ -70,9 +70,9 @@ MODULES = {
         ),
         "notebook",
     ),
-    "read_table": "result_table",
-    "to_pandas": "table",
-    **dict.fromkeys(("Trial", "read_trial"), "trial"),
+    "read_table": "base.result_table",
+    "to_pandas": "base.table",
+    **dict.fromkeys(("Trial", "read_trial"), "base.trial"),
 }  # fmt: skip
 """Module of each public name."""
 

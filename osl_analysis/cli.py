@@ -18,16 +18,16 @@ from typing import Any, Literal
 import click
 from click import argument, option
 
-from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.errors import (
+from osl_analysis.base.errors import (
     OslAnalysisError,
     listing,
     printable,
     printable_lines,
     show_advice_alone,
 )
-from osl_analysis.files import CAMPAIGN, DISTRIBUTION, check_target, shipped, write_text
-from osl_analysis.memory import SET_TO_ONE, limited_memory
+from osl_analysis.base.files import CAMPAIGN, DISTRIBUTION, check_target, shipped, write_text
+from osl_analysis.base.memory import SET_TO_ONE, limited_memory
+from osl_analysis.config.experiments import EXPERIMENTS
 
 
 def numbers(value: str) -> list[float]:
@@ -389,9 +389,9 @@ def fit(
     --stiffness and --damping an impedance trial is judged as in a campaign: whether the torque is
     late, and whether K is plausible."""
     from osl_analysis import notebook
+    from osl_analysis.base.trial import read_trial
     from osl_analysis.bench.evidence import DesiredImpedance
     from osl_analysis.commands.fit_results import estimates_text, rows_json
-    from osl_analysis.trial import read_trial
 
     desired = None
     if (K_d, B_d, controller) != (None, None, None):
@@ -498,11 +498,11 @@ def select_gains(
 
     For one pair, a grid or a trajectory. The table also has the impedance that a fit will estimate,
     stability, passivity and the frequency up to which the desired impedance is rendered."""
+    from osl_analysis.base.table import write_table
+    from osl_analysis.base.yaml_settings import validated
     from osl_analysis.commands import gains as command
     from osl_analysis.commands.fit_results import rows_json
     from osl_analysis.model.compensator import Weight
-    from osl_analysis.table import write_table
-    from osl_analysis.yaml_settings import validated
 
     is_half = bool(K_d) != bool(B_d)
     if is_half or bool(trajectory) == bool(K_d):

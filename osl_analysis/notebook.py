@@ -8,21 +8,21 @@ from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
+from osl_analysis.base.errors import InputError, listing
+from osl_analysis.base.files import shipped
+from osl_analysis.base.result_table import read_table
+from osl_analysis.base.trial import Trial, read_trial
+from osl_analysis.base.yaml_settings import check_known
 from osl_analysis.bench.evidence import UNSTATED, DesiredImpedance
 from osl_analysis.campaign.configuration import Config, config_for_trials
 from osl_analysis.commands.fit import fit_trial, run_fit
 from osl_analysis.commands.fit_results import Fit
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
-from osl_analysis.errors import InputError, listing
 from osl_analysis.figures import columns_of, drawn, look_numbers, plotted_numbers
-from osl_analysis.files import shipped
 from osl_analysis.ingest.quality import Commanded, measure_quality
 from osl_analysis.judge.judging import judged, marked, with_doubts_of
 from osl_analysis.judge.recording_checks import judged_table, measured_table, validate_rules
 from osl_analysis.model.drivetrain import joint_of
-from osl_analysis.result_table import read_table
-from osl_analysis.trial import Trial, read_trial
-from osl_analysis.yaml_settings import check_known
 
 if TYPE_CHECKING:
     from osl_analysis.figures.style import PaperFigure as Figure
@@ -250,9 +250,9 @@ def read_recording(
     ('day 1', ['time', 'theta', 'torque'])
     """
     # the formats, which the fit of a stored trial does not need
+    from osl_analysis.base.source_file import MarkerSource
     from osl_analysis.commands.trials import checked_trial
     from osl_analysis.ingest.raw_files import read_source
-    from osl_analysis.source_file import MarkerSource
 
     file = Path(path)
     described = Path(source)

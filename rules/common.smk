@@ -60,7 +60,7 @@ from osl_analysis.commands.fit import FITS, fit_arguments, taken_by
 from osl_analysis.commands.run import left_out_recordings, start_campaign
 from osl_analysis.config.experiments import DOUBTS_OF, EXPERIMENTS, JUDGED_TABLES
 from osl_analysis.config.sheet import ON_DYNAMOMETER
-from osl_analysis.errors import OslAnalysisError, listing, nearest
+from osl_analysis.base.errors import OslAnalysisError, listing, nearest
 from osl_analysis.figures import FIGURES
 from osl_analysis.jobs.progress import LogHandler
 from osl_analysis.jobs.snakemake_attributes import (
@@ -72,7 +72,7 @@ from osl_analysis.jobs.snakemake_attributes import (
 )
 from osl_analysis.jobs.workers import do_job
 from osl_analysis.judge.recording_checks import read_verdicts, spoiled_trials
-from osl_analysis.yaml_settings import as_json
+from osl_analysis.base.yaml_settings import as_json
 
 # to look for garbage among all that is imported and planned takes a fifth of the planning
 gc.set_threshold(100_000)

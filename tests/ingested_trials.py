@@ -13,7 +13,7 @@ from pathlib import Path
 
 import polars as pl
 
-from osl_analysis.trial import read_trial
+from osl_analysis.base.trial import read_trial
 
 KEPT = Path(__file__).with_suffix(".csv")
 

@@ -63,7 +63,7 @@ def check_campaigns(commands: Path, folder: Path) -> None:
     told_again = call(osl, "run", folder=made)
     assert "open results/report.html" in told_again
     assert "figures 1" not in told_again, "nothing is to be done"
-    code = "from osl_analysis.files import shipped; print(shipped('Snakefile'))"
+    code = "from osl_analysis.base.files import shipped; print(shipped('Snakefile'))"
     snakefile = call(commands / "python", "-c", code, folder=folder)
     (made / "Snakefile").write_text(MODULE.format(snakefile=snakefile.strip()), encoding="utf-8")
     again = ("--cores", "1", "--dry-run", "--forcerun", "osl_ingest")

@@ -21,7 +21,7 @@ from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from osl_analysis.errors import InputError
+from osl_analysis.base.errors import InputError
 from osl_analysis.figures.style import DOUBLE_COLUMN, SINGLE_COLUMN
 
 Array = NDArray[np.float64]

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from osl_analysis.files import shipped
+from osl_analysis.base.files import shipped
+from osl_analysis.base.yaml_settings import read_mapping
 from osl_analysis.model.compensator import select_gains
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.simulator.bench_trial import simulate_bench_trial, true_signals
 from osl_analysis.simulator.simulation_settings import SimulationSettings
-from osl_analysis.yaml_settings import read_mapping
 
 JOINT = {"K": 300.0, "B": 5.0, "I": 0.02}
 SINE = {

@@ -22,8 +22,8 @@ from matplotlib.lines import Line2D
 from polars import col
 from score import LARGEST_ERRORS, score_answers
 
-from osl_analysis.errors import InputError
-from osl_analysis.table import read_table
+from osl_analysis.base.errors import InputError
+from osl_analysis.base.table import read_table
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE, FIGURE = ROOT / "docs/peers.md", ROOT / "docs/peers.png"

@@ -17,9 +17,9 @@ from pathlib import Path
 import polars as pl
 from polars import col
 
-from osl_analysis.errors import InputError, nearest
+from osl_analysis.base.errors import InputError, nearest
+from osl_analysis.base.table import read_table
 from osl_analysis.report.typography import aligned
-from osl_analysis.table import read_table
 
 LARGEST_ERRORS = {"K": 1.0, "B": 2.0, "I": 10.0}
 """Percent: an estimate that is off by more is a miss, if its interval denies it."""

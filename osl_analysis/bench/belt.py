@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 
+from osl_analysis.base.errors import InputError, naming
+from osl_analysis.base.trial import Array, Trial
 from osl_analysis.bench.bench_settings import BeltAnalysis
 from osl_analysis.bench.budgets import fit_tables
 from osl_analysis.bench.cycles import BRANCHES, Loop, find_loop, loop_errors, whole
@@ -15,13 +17,11 @@ from osl_analysis.bench.motion import signals_of, stretches_of
 from osl_analysis.bench.plausibility import check_changes, check_stiffer
 from osl_analysis.bench.record import Groups, Label, Record, Stratum, record_of, unlike_groups
 from osl_analysis.bench.regression import GroupFit, Model, fit_groups, gram_sums, offset_and_drift
-from osl_analysis.errors import InputError, naming
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
 from osl_analysis.signals import runs
 from osl_analysis.signals.grid import BRIDGE_MORE
 from osl_analysis.stats.budget import Contribution
 from osl_analysis.stats.estimates import Row
-from osl_analysis.trial import Array, Trial
 
 STRAIGHT: Model = {"K_s": "theta", "offset": "one"}
 STRAIGHT_AND_DAMPED: Model = {**STRAIGHT, "B_loading": "omega"}

@@ -6,11 +6,9 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from osl_analysis.config.sheet import Windows
-from osl_analysis.signals import LowPass
-from osl_analysis.trial import Array
-from osl_analysis.units import quantity
-from osl_analysis.yaml_settings import (
+from osl_analysis.base.trial import Array
+from osl_analysis.base.units import quantity
+from osl_analysis.base.yaml_settings import (
     Amplitudes,
     CycleCount,
     FilterOrder,
@@ -22,6 +20,8 @@ from osl_analysis.yaml_settings import (
     check_rising,
     refuse_if,
 )
+from osl_analysis.config.sheet import Windows
+from osl_analysis.signals import LowPass
 
 Angle = Annotated[float, Field(ge=-180, le=180)]
 # a standard uncertainty; what is larger is a percentage

@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import polars as pl
 
+from osl_analysis.base.errors import InputError
+from osl_analysis.base.trial import Trial
 from osl_analysis.bench.bench_settings import BenchStiffness, Fixture
 from osl_analysis.bench.budgets import fit_tables
 from osl_analysis.bench.clock_drift import check_friction
@@ -23,11 +25,9 @@ from osl_analysis.bench.regression import (
     fit_groups,
     gram_sums,
 )
-from osl_analysis.errors import InputError
 from osl_analysis.signals.grid import origin
 from osl_analysis.stats.budget import NORMAL_HALF_WIDTH, Budget
 from osl_analysis.stats.estimates import Row
-from osl_analysis.trial import Trial
 
 JOINT_SIDE = "theta_joint"  # column of the angle between frame and joint
 SPRING_LOSS = 1e-3

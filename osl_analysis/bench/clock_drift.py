@@ -4,11 +4,11 @@ the error of a clock that was fitted while the logs were joined."""
 
 import numpy as np
 
+from osl_analysis.base.errors import InputError
+from osl_analysis.base.trial import Trial
 from osl_analysis.bench.bench_settings import Calibration, ImpedanceAnalysis
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import GroupFit
-from osl_analysis.errors import InputError
-from osl_analysis.trial import Trial
 
 LEAST_FRICTION = 1e-3  # of the torque's SD; what a sound calibration's friction is negative by
 

@@ -10,10 +10,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from osl_analysis.base.errors import InputError
+from osl_analysis.base.trial import Array
 from osl_analysis.bench.bench_settings import Calibration
 from osl_analysis.bench.impedance import torque_errors
-from osl_analysis.errors import InputError
-from osl_analysis.trial import Array
 
 # of the range of motion: a smaller return is no turning point, a start this near an end counts as
 # this end, and a cycle that lacks more is a smaller one

@@ -17,6 +17,7 @@ import polars as pl
 import scipy
 from numpy.typing import NDArray
 
+from osl_analysis.base.trial import Array
 from osl_analysis.bench.impedance import SAME_FREQUENCY, Analysis
 from osl_analysis.bench.record import Record
 from osl_analysis.dictionary import table_of
@@ -24,7 +25,6 @@ from osl_analysis.signals import runs
 from osl_analysis.stats.budget import Budget, Contribution, scatter, welch_satterthwaite
 from osl_analysis.stats.estimates import Row
 from osl_analysis.stats.linear_fit import products_between
-from osl_analysis.trial import Array
 
 Spectrum = NDArray[np.complex128]
 

@@ -14,6 +14,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from osl_analysis.base.errors import IdentifiabilityError, NotWeighedError
+from osl_analysis.base.trial import Array
 from osl_analysis.bench.impedance import Analysis
 from osl_analysis.bench.record import Label, Record
 from osl_analysis.bench.regression import (
@@ -27,7 +29,6 @@ from osl_analysis.bench.regression import (
     motion_sums,
     with_effects,
 )
-from osl_analysis.errors import IdentifiabilityError, NotWeighedError
 from osl_analysis.inference import (
     BenchSignals,
     FrictionlessActuator,
@@ -38,7 +39,6 @@ from osl_analysis.inference import (
 from osl_analysis.inference.actuator import MISSED_OF_FRICTION, deviations
 from osl_analysis.inference.constants import FRICTION_WINDS
 from osl_analysis.inference.friction_shapes import slipping_springs
-from osl_analysis.trial import Array
 
 WITHOUT_FRICTION = {
     "T_C": "f_C",

@@ -9,6 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from osl_analysis.base.errors import IdentifiabilityError, InputError, naming
+from osl_analysis.base.trial import Array
 from osl_analysis.bench.bench_settings import Calibration
 from osl_analysis.bench.record import STIFFNESS_ALONE, Label, Record
 from osl_analysis.bench.regression import (
@@ -22,14 +24,12 @@ from osl_analysis.bench.regression import (
     fit_groups,
     motion_sums,
 )
-from osl_analysis.errors import IdentifiabilityError, InputError, naming
 from osl_analysis.inference.rounding_errors import errors_by_steps, repeated_share
 from osl_analysis.inference.spectra import noise_and_band
 from osl_analysis.signals import seven_point_motion
 from osl_analysis.stats.budget import Budget
 from osl_analysis.stats.estimates import Row
 from osl_analysis.stats.linear_fit import solved
-from osl_analysis.trial import Array
 
 QUANTITIES = ("K", "B", "I")  # parameters of Eq. 15
 OF_ANGLE = ("theta", "omega", "alpha", "B_m", "J_m")  # columns in proportion to the angle

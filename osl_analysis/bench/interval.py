@@ -14,8 +14,8 @@ ways:
 import numpy as np
 from numpy.typing import NDArray
 
+from osl_analysis.base.trial import Array
 from osl_analysis.stats.linear_fit import SMALLEST_DIRECTION, between_cycles
-from osl_analysis.trial import Array
 
 
 def spread(

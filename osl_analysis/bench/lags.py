@@ -10,6 +10,8 @@ from functools import partial
 import numpy as np
 import scipy
 
+from osl_analysis.base.errors import IdentifiabilityError, InputError
+from osl_analysis.base.trial import Array
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import (
     EFFECTS_LIMIT,
@@ -20,10 +22,8 @@ from osl_analysis.bench.regression import (
     fit_groups,
     gram_sums,
 )
-from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.inference.friction_shapes import slipping_springs
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
-from osl_analysis.trial import Array
 
 LONGEST_LAG = 0.02  # s; the largest lag that is sought
 LAG_FOUND = 1e-9  # s; last step of a search that has come to its end

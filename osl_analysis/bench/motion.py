@@ -8,6 +8,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from osl_analysis.base.errors import Change, InputError, naming
+from osl_analysis.base.measured import noise_of
+from osl_analysis.base.trial import Array, Trial, stretches
 from osl_analysis.bench.bench_settings import (
     FilterSettings,
     SteppedSineAnalysis,
@@ -21,8 +24,6 @@ from osl_analysis.bench.record import (
     unlike_groups,
     whole_rows,
 )
-from osl_analysis.errors import Change, InputError, naming
-from osl_analysis.measured import noise_of
 from osl_analysis.signals import runs
 from osl_analysis.signals.grid import (
     BRIDGE_MORE,
@@ -40,7 +41,6 @@ from osl_analysis.spectral.stepped_sine import (
     find_sines,
     moving_bins,
 )
-from osl_analysis.trial import Array, Trial, stretches
 
 SHORTEST_S = 1.0  # s; the shortest stretch that is fitted
 EDGE_PERIODS = 2.0  # of the cut-off at each end, where the filter depends on padding

@@ -13,9 +13,9 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
+from osl_analysis.base.errors import IdentifiabilityError
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import Sums
-from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.stats.estimates import Row
 from osl_analysis.stats.linear_fit import LinearFit, products_between
 

@@ -12,6 +12,8 @@ import polars as pl
 import scipy
 from numpy.typing import NDArray
 
+from osl_analysis.base.errors import InputError, naming
+from osl_analysis.base.trial import Array, Trial
 from osl_analysis.bench.bench_settings import ActuatorAnalysis
 from osl_analysis.bench.budgets import alternatives, fit_tables, other_stamps, stated_rivals
 from osl_analysis.bench.friction import coulomb_fits, inferred_of_joint
@@ -29,13 +31,11 @@ from osl_analysis.bench.regression import (
     sums_of,
     with_effects,
 )
-from osl_analysis.errors import InputError, naming
 from osl_analysis.signals import Motion, differentiate, runs
 from osl_analysis.signals.grid import UniformSignals
 from osl_analysis.signals.plateaus import FEWEST_PLATEAUS, is_clamped, plateaus_of
 from osl_analysis.stats.budget import Budget, Contribution, unknown
 from osl_analysis.stats.estimates import Row
-from osl_analysis.trial import Array, Trial
 
 PROPERTIES_OF_LOSSES = {"B_j": "friction", "J_j": "weight_on_joint"}
 LOSSES = ("B_j", "J_j")  # of a transmission; its table has no K

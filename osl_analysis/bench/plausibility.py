@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from osl_analysis.base.errors import Change, InputError
+from osl_analysis.base.measured import check_measured
+from osl_analysis.base.source_file import COMPUTED
+from osl_analysis.base.trial import Array, Trial
 from osl_analysis.bench.bench_settings import BenchStiffness
-from osl_analysis.errors import Change, InputError
-from osl_analysis.measured import check_measured
 from osl_analysis.model.drivetrain import DrivetrainParameters
 from osl_analysis.signals.grid import origin
-from osl_analysis.source_file import COMPUTED
-from osl_analysis.trial import Array, Trial
 
 TURN_TORQUE = Change(
     "turn the `sign` of the torque, or of all angles, in the source file", {"torque": -1.0}

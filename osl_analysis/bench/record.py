@@ -10,13 +10,13 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from osl_analysis.base.measured import visible_step
+from osl_analysis.base.trial import Array
 from osl_analysis.bench.bench_settings import BenchAnalysis
 from osl_analysis.inference.rounding_errors import noise_beyond
-from osl_analysis.measured import visible_step
 from osl_analysis.signals import Motion, filtered_motion
 from osl_analysis.signals.grid import UniformSignals
 from osl_analysis.spectral import PeriodicMotion
-from osl_analysis.trial import Array
 
 STIFFNESS_ALONE = "or record slow cycles (experiment 'torque_angle') for the stiffness alone"
 # rate of a coarse record: what the filter passes has nothing faster than eight, and rounding,

@@ -22,9 +22,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from osl_analysis.base.measured import SMALLEST_SIGNAL, check_finite
+from osl_analysis.base.trial import Array
 from osl_analysis.bench.interval import left_out, spread
 from osl_analysis.bench.record import Groups, Label, Record
-from osl_analysis.measured import SMALLEST_SIGNAL, check_finite
 from osl_analysis.model.drivetrain import RationalFunction
 from osl_analysis.model.rendered_impedance import linear_torque
 from osl_analysis.signals import runs, seven_point_motion
@@ -37,7 +38,6 @@ from osl_analysis.stats.linear_fit import (
     solved,
     vaf_by_moments,
 )
-from osl_analysis.trial import Array
 
 Model = Mapping[str, str]  # estimate -> column of `sums_of`
 # Eq. 15

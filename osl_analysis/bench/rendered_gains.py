@@ -23,6 +23,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from osl_analysis.base.errors import IdentifiabilityError
+from osl_analysis.base.trial import Array
 from osl_analysis.bench.impedance import Analysis, bench_torques
 from osl_analysis.bench.motion_range import parts_of
 from osl_analysis.bench.record import Record
@@ -34,13 +36,11 @@ from osl_analysis.bench.regression import (
     motion_sums,
     offset_and_drift,
 )
-from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.model.compensator import stiffness_gain
 from osl_analysis.model.drivetrain import DrivetrainParameters, StatedOfDevice, held_actuator
 from osl_analysis.model.rendered_impedance import Spectrum, linear_torque
 from osl_analysis.stats.budget import Budget, Contribution, unknown
 from osl_analysis.stats.linear_fit import LinearFit, solved, variance_accounted_for
-from osl_analysis.trial import Array
 
 K_D, B_D = "K_d_rendered", "B_d_rendered"  # columns
 Values = dict[str, tuple[float, dict[str, float]]]

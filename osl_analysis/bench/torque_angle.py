@@ -13,19 +13,19 @@ import numpy as np
 import polars as pl
 import scipy
 
+from osl_analysis.base.errors import Change, InputError, naming
+from osl_analysis.base.measured import cycle_duration
+from osl_analysis.base.trial import Array, Trial
+from osl_analysis.base.yaml_settings import check_known
 from osl_analysis.bench.bench_settings import TorqueAngleAnalysis
 from osl_analysis.bench.cycles import BRANCHES, Loop, find_loop, loop_errors, whole
 from osl_analysis.bench.motion import signals_of
 from osl_analysis.bench.plausibility import check_changes, check_resists, check_stiffer
 from osl_analysis.dictionary import table_of
-from osl_analysis.errors import Change, InputError, naming
-from osl_analysis.measured import cycle_duration
 from osl_analysis.signals.grid import UniformSignals
 from osl_analysis.stats.budget import Budget, Contribution, scatter
 from osl_analysis.stats.estimates import Row
 from osl_analysis.stats.linear_fit import variance_accounted_for
-from osl_analysis.trial import Array, Trial
-from osl_analysis.yaml_settings import check_known
 
 MEASURED = ("K", "K_unloading", "energy_stored", "energy_returned", "energy_lost")
 FEWEST_ANGLES = 5  # of a curve

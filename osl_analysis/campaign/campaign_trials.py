@@ -11,22 +11,22 @@ from pathlib import Path
 from typing import Any
 from warnings import catch_warnings
 
+from osl_analysis.base.errors import InputError, naming
+from osl_analysis.base.files import shipped
+from osl_analysis.base.table import MEASURED, SIMULATED
+from osl_analysis.base.trial import stretches
+from osl_analysis.base.yaml_settings import check_known
 from osl_analysis.campaign.configuration import Config
 from osl_analysis.campaign.trace import digest_of_source
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
 from osl_analysis.config.sheet import FIXTURE, RECORDINGS, SOURCES, SheetRows, read_sheet
-from osl_analysis.errors import InputError, naming
-from osl_analysis.files import shipped
 from osl_analysis.ingest.raw_files import recorded_files
 from osl_analysis.judge.claims import read_claims
 from osl_analysis.judge.known_findings import CHECKS
 from osl_analysis.judge.recording_checks import unknown_check, validate_rules
 from osl_analysis.model.drivetrain import joint_of, known_parameters
-from osl_analysis.table import MEASURED, SIMULATED
-from osl_analysis.trial import stretches
 from osl_analysis.walking.groups import STATED, side_of, split_keys, static_of
-from osl_analysis.yaml_settings import check_known
 
 # Cells of a row that ingest uses. A change of other cells does not cause a new ingest.
 INGESTED = (

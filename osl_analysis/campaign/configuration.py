@@ -10,18 +10,9 @@ from typing import Annotated, Any, Literal
 import yaml
 from pydantic import AfterValidator, Field
 
-from osl_analysis.bench.bench_settings import (
-    ActuatorAnalysis,
-    DynamometerAnalysis,
-    TorqueAngleAnalysis,
-)
-from osl_analysis.errors import InputError, on_one_line
-from osl_analysis.files import CAMPAIGN, ROOT, default_config, own_yaml
-from osl_analysis.judge.limits import DoubtfulFits
-from osl_analysis.judge.recording_checks import QualityRules
-from osl_analysis.model.compensator import Weight
-from osl_analysis.walking.walking_settings import WalkingAnalysis
-from osl_analysis.yaml_settings import (
+from osl_analysis.base.errors import InputError, on_one_line
+from osl_analysis.base.files import CAMPAIGN, ROOT, default_config, own_yaml
+from osl_analysis.base.yaml_settings import (
     FILE_NAME,
     NOT_YAML,
     Settings,
@@ -33,6 +24,15 @@ from osl_analysis.yaml_settings import (
     refuse_if,
     validated,
 )
+from osl_analysis.bench.bench_settings import (
+    ActuatorAnalysis,
+    DynamometerAnalysis,
+    TorqueAngleAnalysis,
+)
+from osl_analysis.judge.limits import DoubtfulFits
+from osl_analysis.judge.recording_checks import QualityRules
+from osl_analysis.model.compensator import Weight
+from osl_analysis.walking.walking_settings import WalkingAnalysis
 
 
 class FrequencyResponseFigure(Settings):

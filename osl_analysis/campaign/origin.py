@@ -11,12 +11,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from osl_analysis.base.files import DISTRIBUTION, ROOT, own_yaml
+from osl_analysis.base.yaml_settings import flat, read_mapping
 from osl_analysis.campaign.campaign_trials import Campaign
 from osl_analysis.campaign.configuration import LIMIT_BY_WEIGHT, Config
 from osl_analysis.campaign.trace import code, digest_of, values_in
-from osl_analysis.files import DISTRIBUTION, ROOT, own_yaml
 from osl_analysis.judge.limits import SHIPPED
-from osl_analysis.yaml_settings import flat, read_mapping
 
 # facts on the origin of results
 ABOUT_MEANING = {

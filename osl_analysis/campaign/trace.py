@@ -15,11 +15,11 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.errors import OslAnalysisError
-from osl_analysis.files import DISTRIBUTION, PACKAGE, ROOT, digest
+from osl_analysis.base.errors import OslAnalysisError
+from osl_analysis.base.files import DISTRIBUTION, PACKAGE, ROOT, digest
+from osl_analysis.base.trial import metadata_of
+from osl_analysis.base.yaml_settings import read_mapping
 from osl_analysis.ingest.raw_files import read_source
-from osl_analysis.trial import metadata_of
-from osl_analysis.yaml_settings import read_mapping
 
 DIGITS = 12  # of the digest of values: one that is equal by chance is not met
 CODE = {".py", ".yaml", ".j2", ".smk"}  # suffixes of what computes, judges and words

@@ -9,14 +9,14 @@ from zipfile import ZIP_DEFLATED, ZipFile
 
 from ruamel.yaml import YAML
 
+from osl_analysis.base.errors import InputError
+from osl_analysis.base.files import CAMPAIGN, ROOT, atomic_path, default_config
 from osl_analysis.campaign.campaign_trials import Campaign, open_campaign
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.campaign.result_files import ResultFiles
 from osl_analysis.commands.simulate import TRUTH, settings_files
 from osl_analysis.commands.tables import read_summary
 from osl_analysis.config.sheet import RECORDINGS, SOURCES
-from osl_analysis.errors import InputError
-from osl_analysis.files import CAMPAIGN, ROOT, atomic_path, default_config
 
 
 def write_bundle(folder: Path, output: Path) -> list[str]:

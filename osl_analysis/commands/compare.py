@@ -10,14 +10,14 @@ from typing import Any
 
 import polars as pl
 
+from osl_analysis.base.errors import InputError
+from osl_analysis.base.table import write_table
 from osl_analysis.campaign.origin import sentence
 from osl_analysis.commands.tables import read_summary
-from osl_analysis.errors import InputError
 from osl_analysis.report.numbers import MOST_CONDITIONS, Number, first_of, numbers_in_summary
 from osl_analysis.report.typography import aligned
 from osl_analysis.stats.repeats import RANGE
 from osl_analysis.stats.rounding import written
-from osl_analysis.table import write_table
 
 COLUMNS = {
     **dict.fromkeys(("quantity", "meaning", "unit"), pl.String),

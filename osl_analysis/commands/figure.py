@@ -10,11 +10,20 @@ from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
+from osl_analysis.base.errors import InputError, listing
+from osl_analysis.base.files import atomic_path, digest, write_text
+from osl_analysis.base.table import (
+    NotAnalysed,
+    by_trial,
+    not_analysed,
+    read_table,
+    read_tables,
+    write_table,
+)
 from osl_analysis.bench.summaries import PLACE
 from osl_analysis.campaign.configuration import FrequencyResponseFigure
 from osl_analysis.commands.walking import read_unperturbed_gaits, selected_crossings
 from osl_analysis.dictionary import described_tables_by_name
-from osl_analysis.errors import InputError, listing
 from osl_analysis.figures import (
     FIGURES,
     caption_of,
@@ -24,7 +33,6 @@ from osl_analysis.figures import (
     look_numbers,
     plotted_numbers,
 )
-from osl_analysis.files import atomic_path, digest, write_text
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import (
     FileOrNone,
@@ -33,14 +41,6 @@ from osl_analysis.model.drivetrain import (
 )
 from osl_analysis.report.typography import in_markdown
 from osl_analysis.stats.repeats import DOUBTFUL
-from osl_analysis.table import (
-    NotAnalysed,
-    by_trial,
-    not_analysed,
-    read_table,
-    read_tables,
-    write_table,
-)
 from osl_analysis.walking.isolated_response import unperturbed_gait
 from osl_analysis.walking.walking_settings import TimingSettings
 

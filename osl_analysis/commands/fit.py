@@ -15,6 +15,10 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from osl_analysis.base.errors import InputError
+from osl_analysis.base.table import read_table, write_table
+from osl_analysis.base.trial import Trial
+from osl_analysis.base.yaml_settings import validated
 from osl_analysis.bench import bench_settings as choices
 from osl_analysis.bench import calibration
 from osl_analysis.bench.belt import belt_curve, belt_table, belt_trial
@@ -39,7 +43,6 @@ from osl_analysis.commands.fit_results import Fit, FitTables, samples_of
 from osl_analysis.commands.remedies import fit_or_advise
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.sheet import Asked
-from osl_analysis.errors import InputError
 from osl_analysis.ingest.guard import check_own_torque, check_recording
 from osl_analysis.ingest.quality import saturated
 from osl_analysis.judge.judging import judged, marked
@@ -48,9 +51,6 @@ from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import FileOrNone, known_parameters, stated_of_device
 from osl_analysis.signals.leaps import find_leaps
 from osl_analysis.stats.repeats import DOUBTFUL
-from osl_analysis.table import read_table, write_table
-from osl_analysis.trial import Trial
-from osl_analysis.yaml_settings import validated
 
 
 def fit_impedance_trial(

@@ -15,16 +15,16 @@ import numpy as np
 import polars as pl
 from pydantic_core import to_json
 
+from osl_analysis.base.errors import nearest, printable_lines
+from osl_analysis.base.trial import Array
 from osl_analysis.bench.impedance import Analysis
 from osl_analysis.dictionary import described_tables_by_name, table_of
-from osl_analysis.errors import nearest, printable_lines
 from osl_analysis.figures import completed, drawn
 from osl_analysis.judge.finding import Finding, Grade
 from osl_analysis.judge.judging import fit_of, rows_by_fit
 from osl_analysis.judge.words import finding_text, words_of
 from osl_analysis.stats.budget import IN_INTERVAL, Budget, budgets_in
 from osl_analysis.stats.rounding import decimal_places, significant, with_places, written
-from osl_analysis.trial import Array
 
 if TYPE_CHECKING:
     from osl_analysis.figures.style import PaperFigure

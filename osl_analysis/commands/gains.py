@@ -9,14 +9,14 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike
 
+from osl_analysis.base.errors import naming
+from osl_analysis.base.table import write_table
 from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
 from osl_analysis.dictionary import described_tables_by_name
-from osl_analysis.errors import naming
 from osl_analysis.model import compensator, drivetrain
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.rendered_impedance import predicted_impedance, rendering
 from osl_analysis.report.typography import aligned
-from osl_analysis.table import write_table
 
 # frequencies of Section III-B, at which the fit of Eq. 15 is predicted
 TESTED_HZ = range(1, 6)

@@ -16,13 +16,13 @@ from typing import Any, Literal
 import polars as pl
 from pydantic.json_schema import models_json_schema
 
+from osl_analysis.base.errors import InputError, listing, printable
+from osl_analysis.base.files import CAMPAIGN, seen_from, shipped, write_text
 from osl_analysis.campaign.configuration import Config
 from osl_analysis.commands.run import check_simulator, first_look
 from osl_analysis.config.sheet import SOURCES
 from osl_analysis.draft.draft_campaign import Draft, draft_campaign
 from osl_analysis.draft.draft_sheet import UNNAMED
-from osl_analysis.errors import InputError, listing, printable
-from osl_analysis.files import CAMPAIGN, seen_from, shipped, write_text
 from osl_analysis.formats import known_formats
 from osl_analysis.model.drivetrain import ParameterFile
 from osl_analysis.simulator.laboratory_settings import WalkingSettings

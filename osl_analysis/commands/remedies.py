@@ -13,13 +13,13 @@ from typing import Any
 
 import polars as pl
 
+from osl_analysis.base.errors import Change, InputError, OslAnalysisError
+from osl_analysis.base.trial import Trial
 from osl_analysis.commands.fit_results import FitTables, estimated, printed_units
 from osl_analysis.dictionary import table_of
-from osl_analysis.errors import Change, InputError, OslAnalysisError
 from osl_analysis.ingest.guard import in_other_units, swapped_channels
 from osl_analysis.stats.budget import LIKELY
 from osl_analysis.stats.rounding import written
-from osl_analysis.trial import Trial
 
 FITS_WORSE = 2.0  # times what the best change leaves of the torque, from which one is no remedy
 LEAST_UNEXPLAINED = 1e-6  # percent of the torque's variance; less is rounding

@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from osl_analysis.base.errors import listing, printable_lines, without_particulars
+from osl_analysis.base.files import write_text
+from osl_analysis.base.table import NotAnalysed, read_by_name, read_table
+from osl_analysis.base.yaml_settings import FilesByName
 from osl_analysis.campaign.origin import sentence
 from osl_analysis.commands.figure import caption, reasons_not_drawn
 from osl_analysis.commands.tables import read_summary
-from osl_analysis.errors import listing, printable_lines, without_particulars
 from osl_analysis.figures import figure_title
-from osl_analysis.files import write_text
 from osl_analysis.judge.campaign import exclusion_report, findings_in_summary
 from osl_analysis.judge.finding import read_findings
 from osl_analysis.judge.recording_checks import BY_JOB
@@ -37,8 +39,6 @@ from osl_analysis.report.verdicts import (
     verdicts_sentence,
 )
 from osl_analysis.stats.rounding import significant
-from osl_analysis.table import NotAnalysed, read_by_name, read_table
-from osl_analysis.yaml_settings import FilesByName
 
 
 def write_report(

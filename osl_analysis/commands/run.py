@@ -11,10 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from osl_analysis.campaign.campaign_trials import Campaign, check_campaign, open_campaign
-from osl_analysis.campaign.configuration import campaign_config, over_default, read_config
-from osl_analysis.config.sheet import RECORDINGS
-from osl_analysis.errors import (
+from osl_analysis.base.errors import (
     InputError,
     OslAnalysisError,
     listing,
@@ -22,13 +19,16 @@ from osl_analysis.errors import (
     nearest,
     not_installed,
 )
-from osl_analysis.files import CAMPAIGN, default_config, shipped, write_text
+from osl_analysis.base.files import CAMPAIGN, default_config, shipped, write_text
+from osl_analysis.base.yaml_settings import read_mapping
+from osl_analysis.campaign.campaign_trials import Campaign, check_campaign, open_campaign
+from osl_analysis.campaign.configuration import campaign_config, over_default, read_config
+from osl_analysis.config.sheet import RECORDINGS
 from osl_analysis.ingest.raw_files import (
     check_clocks,
     read_source,
     recordings_in,
 )
-from osl_analysis.yaml_settings import read_mapping
 
 CONFIGURED_BY = ("--configfile", "--configfiles")
 """Options of Snakemake that name configurations."""

@@ -7,18 +7,18 @@ from pathlib import Path
 from typing import Any
 from warnings import catch_warnings
 
+from osl_analysis.base.errors import InputError, naming, nearest, optional_module
+from osl_analysis.base.files import atomic_path, check_target
+from osl_analysis.base.yaml_settings import read_yaml, validated
 from osl_analysis.campaign.configuration import SharedChoices
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
 from osl_analysis.config.sheet import SHEET_COLUMNS, SheetRows
-from osl_analysis.errors import InputError, naming, nearest, optional_module
-from osl_analysis.files import atomic_path, check_target
 from osl_analysis.model.compensator import check_request
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.simulator.laboratory_settings import WalkingSettings
 from osl_analysis.simulator.simulation_settings import SimulationSettings
 from osl_analysis.simulator.trial_plan import plan_trials, planned_trials, row_of
-from osl_analysis.yaml_settings import read_yaml, validated
 
 TRUTH = "truth"
 UNFOLLOWED = SharedChoices()  # no configuration to follow: the settings alone decide

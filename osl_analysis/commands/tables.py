@@ -11,12 +11,27 @@ from typing import Any
 
 import polars as pl
 
+from osl_analysis.base.errors import InputError, listing
+from osl_analysis.base.files import atomic_path, write_text
+from osl_analysis.base.table import (
+    NOT_ANALYSED,
+    SCHEMA_FIELD,
+    NotAnalysed,
+    Places,
+    by_trial,
+    check_analysed,
+    check_schema,
+    read_by_name,
+    read_table,
+    read_tables,
+    with_places,
+    write_table,
+)
+from osl_analysis.base.yaml_settings import FilesByName
 from osl_analysis.campaign.origin import sentence
 from osl_analysis.campaign.trace import code, digest_of, trace
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables, described_tables_by_name
-from osl_analysis.errors import InputError, listing
-from osl_analysis.files import atomic_path, write_text
 from osl_analysis.judge.campaign import (
     campaign_findings,
     causes_in_campaign,
@@ -63,22 +78,7 @@ from osl_analysis.report.verdicts import (
     used_and_missing,
     verdict_counts,
 )
-from osl_analysis.table import (
-    NOT_ANALYSED,
-    SCHEMA_FIELD,
-    NotAnalysed,
-    Places,
-    by_trial,
-    check_analysed,
-    check_schema,
-    read_by_name,
-    read_table,
-    read_tables,
-    with_places,
-    write_table,
-)
 from osl_analysis.walking.groups import LEFT_OUT
-from osl_analysis.yaml_settings import FilesByName
 
 
 def gather(

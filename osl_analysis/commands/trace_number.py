@@ -4,8 +4,8 @@
 from collections.abc import Mapping
 from typing import Any
 
+from osl_analysis.base.errors import InputError, nearest
 from osl_analysis.campaign.origin import EXPERIMENTS_BY_SETTING
-from osl_analysis.errors import InputError, nearest
 from osl_analysis.report.methods import template
 from osl_analysis.report.numbers import macro_name, numbers_in_summary
 from osl_analysis.report.verdicts import changed_lines

@@ -9,16 +9,16 @@ from typing import Any
 
 import polars as pl
 
+from osl_analysis.base.errors import InputError, advise, printable, shortened
+from osl_analysis.base.table import ANALYSED, write_table
+from osl_analysis.base.trial import Trial, write_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.draft.overview import inspect_recording
 from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
-from osl_analysis.errors import InputError, advise, printable, shortened
 from osl_analysis.ingest import raw_files
 from osl_analysis.ingest.quality import Commanded, measure_quality
 from osl_analysis.judge.recording_checks import measured_table
 from osl_analysis.signals.grid import with_clocks
-from osl_analysis.table import ANALYSED, write_table
-from osl_analysis.trial import Trial, write_trial
 
 MOST_CHANNELS = 200  # that are printed of a file
 

@@ -12,11 +12,9 @@ import numpy as np
 import polars as pl
 from pydantic import TypeAdapter
 
-from osl_analysis.dictionary import columns_of_trial
-from osl_analysis.errors import InputError, OslAnalysisError, advise, on_one_line
-from osl_analysis.files import atomic_path, write_text
-from osl_analysis.judge.judging import EXCLUDED
-from osl_analysis.table import (
+from osl_analysis.base.errors import InputError, OslAnalysisError, advise, on_one_line
+from osl_analysis.base.files import atomic_path, write_text
+from osl_analysis.base.table import (
     ANALYSED,
     SCHEMA,
     Places,
@@ -25,7 +23,7 @@ from osl_analysis.table import (
     with_places,
     write_table,
 )
-from osl_analysis.trial import (
+from osl_analysis.base.trial import (
     NAME_KEY,
     PROVENANCE_KEY,
     SCHEMA_KEY,
@@ -34,6 +32,8 @@ from osl_analysis.trial import (
     read_trial,
     write_trial,
 )
+from osl_analysis.dictionary import columns_of_trial
+from osl_analysis.judge.judging import EXCLUDED
 from osl_analysis.walking import tables as result_tables
 from osl_analysis.walking import walking_settings as choices
 from osl_analysis.walking.crossing import Crossing, analyse_crossing

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from osl_analysis.base.errors import InputError, OslAnalysisError, advise
+from osl_analysis.base.table import MEASURED, Places, read_table, with_places, write_table
 from osl_analysis.commands.walking import (
     NO_GAIT,
     read_crossing,
@@ -21,11 +23,9 @@ from osl_analysis.config.impedance_trajectory import (
     read_impedance_trajectory,
 )
 from osl_analysis.config.sheet import JOINT
-from osl_analysis.errors import InputError, OslAnalysisError, advise
 from osl_analysis.judge.judging import EXCLUDED, judged, marked
 from osl_analysis.judge.limits import Limits
 from osl_analysis.stats.repeats import DOUBTFUL, concerns
-from osl_analysis.table import MEASURED, Places, read_table, with_places, write_table
 from osl_analysis.walking import tables as result_tables
 from osl_analysis.walking import walking_settings as choices
 from osl_analysis.walking.contributions import GroupHeadline, group_headline

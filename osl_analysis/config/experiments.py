@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from osl_analysis.files import own_yaml
+from osl_analysis.base.files import own_yaml
 
 # fields of `dynamometer` in the configuration that describe the expected stepped sine, and whether
 # one is expected

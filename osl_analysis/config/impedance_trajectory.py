@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from osl_analysis.errors import InputError, advise, listing
-from osl_analysis.table import read_table
-from osl_analysis.trial import Array
+from osl_analysis.base.errors import InputError, advise, listing
+from osl_analysis.base.table import read_table
+from osl_analysis.base.trial import Array
 
 SYNTHETIC = "synthetic"  # kind of a trajectory that was made for a simulated leg
 REQUIRED = ("phase", "K_d", "B_d")

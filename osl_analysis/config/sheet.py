@@ -11,12 +11,10 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
-from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.errors import InputError, nearest, on_one_line
-from osl_analysis.model.compensator import CONTROLLERS
-from osl_analysis.table import QUOTED
-from osl_analysis.trial import stretches
-from osl_analysis.yaml_settings import (
+from osl_analysis.base.errors import InputError, nearest, on_one_line
+from osl_analysis.base.table import QUOTED
+from osl_analysis.base.trial import stretches
+from osl_analysis.base.yaml_settings import (
     NotNegative,
     Positive,
     Settings,
@@ -26,6 +24,8 @@ from osl_analysis.yaml_settings import (
     refuse_if,
     validated,
 )
+from osl_analysis.config.experiments import EXPERIMENTS
+from osl_analysis.model.compensator import CONTROLLERS
 
 # the joint that the walkway measures, and of a row that names none beside rows that do
 JOINT = "ankle"

@@ -21,7 +21,7 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.files import own_yaml
+from osl_analysis.base.files import own_yaml
 
 HERE = Path(__file__).parent
 SHARED = HERE / "shared.yaml"

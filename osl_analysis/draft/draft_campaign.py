@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from osl_analysis.base.errors import InputError, listing
 from osl_analysis.config.sheet import SOURCES
 from osl_analysis.draft.draft_pairs import Described, pair_logs
 from osl_analysis.draft.draft_sheet import UNNAMED, DraftedTrial, draft_trials
@@ -19,7 +20,6 @@ from osl_analysis.draft.draft_walking import draft_walking
 from osl_analysis.draft.likelihood import joints_named, turns_slowly
 from osl_analysis.draft.overview import FEWEST_NUMBERS, inspect_recording
 from osl_analysis.draft.recorded_channel import Overview
-from osl_analysis.errors import InputError, listing
 from osl_analysis.ingest.raw_files import check_file, recordings_in
 
 ASK_CLOCK = (

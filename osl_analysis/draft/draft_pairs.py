@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
+from osl_analysis.base.errors import listing
 from osl_analysis.draft.draft_sheet import is_fixture_alone, stem_of
 from osl_analysis.draft.draft_source import guesses_of
 from osl_analysis.draft.likelihood import Guess, correlation
 from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
-from osl_analysis.errors import listing
 
 PARTS = {"theta", "torque"}  # of which each log of a pair has one
 MOST_APART = 2  # words of which one of two names has each

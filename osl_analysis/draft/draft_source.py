@@ -9,6 +9,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from osl_analysis.base.source_file import COMPUTED
+from osl_analysis.base.trial import COLUMNS
+from osl_analysis.base.units import dimension, is_unit
+from osl_analysis.base.yaml_settings import UNKNOWN
 from osl_analysis.draft.likelihood import (
     COUNTS,
     LEVELS,
@@ -20,10 +24,6 @@ from osl_analysis.draft.likelihood import (
 from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
 from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.clock import find_edges
-from osl_analysis.source_file import COMPUTED
-from osl_analysis.trial import COLUMNS
-from osl_analysis.units import dimension, is_unit
-from osl_analysis.yaml_settings import UNKNOWN
 
 NAMED_ALWAYS = ("theta", "torque", *LEVELS)  # columns that a draft names without a unit
 TORQUE = re.compile("(?i)torque|moment|effort|tau")  # in the name of one

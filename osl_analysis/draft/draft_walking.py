@@ -8,9 +8,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from osl_analysis.base.yaml_settings import UNKNOWN
 from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
 from osl_analysis.ingest import LIMITS
-from osl_analysis.yaml_settings import UNKNOWN
 
 SIDES = {"R": "right", "L": "left", "": UNKNOWN}
 # by segment: what the names of its markers begin with, and their codes behind an R or L in Plug-in

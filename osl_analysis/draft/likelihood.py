@@ -20,11 +20,11 @@ from typing import Any
 
 import numpy as np
 
+from osl_analysis.base.files import own_yaml
+from osl_analysis.base.measured import cycle_duration, spoiled, varies
+from osl_analysis.base.trial import COLUMNS
+from osl_analysis.base.units import dimension
 from osl_analysis.draft.recorded_channel import RecordedChannel, name_and_ending
-from osl_analysis.files import own_yaml
-from osl_analysis.measured import cycle_duration, spoiled, varies
-from osl_analysis.trial import COLUMNS
-from osl_analysis.units import dimension
 
 TABLE = Path(__file__).with_name("likelihoods.yaml")
 LEVELS = ("sync", "trigger")  # columns of volts, whose unit nobody states

@@ -11,8 +11,14 @@ from pathlib import Path
 import numpy as np
 
 from osl_analysis import formats
+from osl_analysis.base.errors import InputError, listing, naming, printable
+from osl_analysis.base.measured import usual_step
+from osl_analysis.base.recording import SECOND_NS, Channel, Kind, Recording
+from osl_analysis.base.source_file import MarkerSource, Source
+from osl_analysis.base.trial import Array
+from osl_analysis.base.units import is_clock
+from osl_analysis.base.yaml_settings import NAME_OF_TIME, UNKNOWN
 from osl_analysis.draft.recorded_channel import Overview, RecordedChannel, likely_unit
-from osl_analysis.errors import InputError, listing, naming, printable
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.capture import is_labelled, vertical_axis
@@ -27,12 +33,6 @@ from osl_analysis.ingest.likely_clock import (
     time_unit,
     unwrapped,
 )
-from osl_analysis.measured import usual_step
-from osl_analysis.recording import SECOND_NS, Channel, Kind, Recording
-from osl_analysis.source_file import MarkerSource, Source
-from osl_analysis.trial import Array
-from osl_analysis.units import is_clock
-from osl_analysis.yaml_settings import NAME_OF_TIME, UNKNOWN
 
 MOST_NOTES = 20  # lines of a file's own text that are shown
 FEWEST_NUMBERS = 10  # a variable with fewer numbers is no signal

@@ -10,9 +10,9 @@ from typing import Self
 
 import numpy as np
 
-from osl_analysis.measured import LARGEST_SIGNAL
-from osl_analysis.trial import Array
-from osl_analysis.units import (
+from osl_analysis.base.measured import LARGEST_SIGNAL
+from osl_analysis.base.trial import Array
+from osl_analysis.base.units import (
     ALIASES,
     DATA,
     EXAMPLES,

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
+from osl_analysis.base.errors import InputError
+from osl_analysis.base.files import own_yaml
 from osl_analysis.dictionary import TYPES, described_in
-from osl_analysis.errors import InputError
-from osl_analysis.files import own_yaml
 from osl_analysis.model.compensator import CONTROLLERS
 
 if TYPE_CHECKING:

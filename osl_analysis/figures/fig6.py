@@ -9,10 +9,10 @@ import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
+from osl_analysis.base.trial import Array
 from osl_analysis.figures import marks, style
 from osl_analysis.stats.repeats import counted, doubts_of_trials
 from osl_analysis.stats.rounding import written
-from osl_analysis.trial import Array
 
 LEAST_UNEXPLAINED = 1e-4  # smaller unexplained shares are drawn here [percent]
 MEDIAN_LINE: dict[str, Any] = {"color": style.BLACK, "zorder": 1}

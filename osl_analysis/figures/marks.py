@@ -16,9 +16,9 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import ArrayLike
 
+from osl_analysis.base.trial import Array
 from osl_analysis.figures.style import BLACK, GREY, WHITE, Look, by_controller, has_values
 from osl_analysis.stats.repeats import is_doubtful
-from osl_analysis.trial import Array
 
 # bars of an estimate: ending of its columns, label, width [pt]
 BARS = (("", "95 % interval", 2), ("_range", "Range", 0.5))

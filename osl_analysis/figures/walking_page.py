@@ -8,8 +8,8 @@ import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
 
+from osl_analysis.base.trial import Array
 from osl_analysis.figures import marks, style
-from osl_analysis.trial import Array
 from osl_analysis.walking.isolated_response import PHASES, UnperturbedGait
 from osl_analysis.walking.tables import ENSEMBLE
 from osl_analysis.walking.walking_settings import TimingSettings

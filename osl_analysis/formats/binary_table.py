@@ -20,19 +20,19 @@ import polars as pl
 from numpy.typing import NDArray
 from polars import selectors
 
-from osl_analysis.errors import InputError, listing, optional_module
-from osl_analysis.formats import beginning
-from osl_analysis.formats._table import (
+from osl_analysis.base.errors import InputError, listing, optional_module
+from osl_analysis.base.memory import check_unpacked
+from osl_analysis.base.recording import Channel, End, Format, Loss, Recording, Rows
+from osl_analysis.formats.cell_table import (
     LISTING,
     SheetSource,
     Table,
     lasting_names,
     recording_of_table,
 )
-from osl_analysis.formats._text import Text, name_and_unit
 from osl_analysis.formats.csv_table import table_of_text
-from osl_analysis.memory import check_unpacked
-from osl_analysis.recording import Channel, End, Format, Loss, Recording, Rows
+from osl_analysis.formats.reading import beginning
+from osl_analysis.formats.text_cells import Text, name_and_unit
 
 BEGINNINGS = {
     "sheet": rb"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"  # of OLE; others are ZIP files

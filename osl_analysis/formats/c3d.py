@@ -19,9 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, PositiveInt
 
-from osl_analysis.errors import InputError, listing
-from osl_analysis.formats._text import decoded, of_length
-from osl_analysis.recording import (
+from osl_analysis.base.errors import InputError, listing
+from osl_analysis.base.recording import (
     EXPORTED,
     MEASURED_BY_TYPE,
     Channel,
@@ -32,19 +31,20 @@ from osl_analysis.recording import (
     Recording,
     Rows,
 )
-from osl_analysis.source_file import (
+from osl_analysis.base.source_file import (
     Channel as ChannelSettings,
 )
-from osl_analysis.source_file import (
+from osl_analysis.base.source_file import (
     ColumnName,
     Corner,
     LaboratorySource,
     Name,
     PlateUnits,
 )
-from osl_analysis.trial import Array
-from osl_analysis.units import LengthUnit
-from osl_analysis.yaml_settings import Settings, check_distinct
+from osl_analysis.base.trial import Array
+from osl_analysis.base.units import LengthUnit
+from osl_analysis.base.yaml_settings import Settings, check_distinct
+from osl_analysis.formats.text_cells import decoded, of_length
 
 BLOCK = 512  # bytes
 WORDS = 65536  # numbers of 16 bits, in which the header counts

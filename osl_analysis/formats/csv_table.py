@@ -17,8 +17,9 @@ import polars as pl
 from polars import selectors
 from polars.exceptions import PolarsError
 
-from osl_analysis.errors import InputError
-from osl_analysis.formats._table import (
+from osl_analysis.base.errors import InputError
+from osl_analysis.base.recording import Format, Recording
+from osl_analysis.formats.cell_table import (
     COMMENT_SIGNS,
     LISTING,
     SheetSource,
@@ -26,7 +27,7 @@ from osl_analysis.formats._table import (
     recording_of_table,
     table_of_rows,
 )
-from osl_analysis.formats._text import (
+from osl_analysis.formats.text_cells import (
     FIRST_LINES,
     LAST_LINES,
     WHOLE,
@@ -38,7 +39,6 @@ from osl_analysis.formats._text import (
     read_text,
     split_rows,
 )
-from osl_analysis.recording import Format, Recording
 
 END_OF_HEADER = b"***End_of_Header***"
 PADDING = ' \t\v\f"'  # of cells

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 from pydantic import Field
 
-from osl_analysis.errors import InputError
-from osl_analysis.formats._messages import PLACE, Topic
-from osl_analysis.formats._text import in_utf8
-from osl_analysis.recording import End, Format, Loss, Recording, Rows
-from osl_analysis.source_file import FieldChannel, RowTime, TableSource
+from osl_analysis.base.errors import InputError
+from osl_analysis.base.recording import End, Format, Loss, Recording, Rows
+from osl_analysis.base.source_file import FieldChannel, RowTime, TableSource
+from osl_analysis.formats.text_cells import in_utf8
+from osl_analysis.formats.topic import PLACE, Topic
 
 LINES_AT_ONCE = 16_384  # whose objects are held in memory
 

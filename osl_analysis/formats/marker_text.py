@@ -13,8 +13,21 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError, shortened
-from osl_analysis.formats._text import (
+from osl_analysis.base.errors import InputError, shortened
+from osl_analysis.base.recording import (
+    EXPORTED,
+    Channel,
+    Format,
+    Kind,
+    Loss,
+    Plate,
+    Recording,
+    Rows,
+)
+from osl_analysis.base.source_file import Corner, ExportedPlate, MarkerSource
+from osl_analysis.base.trial import AXES
+from osl_analysis.base.units import LengthUnit
+from osl_analysis.formats.text_cells import (
     Row,
     check_last_line,
     column_of,
@@ -26,10 +39,6 @@ from osl_analysis.formats._text import (
     split_rows,
     unpadded,
 )
-from osl_analysis.recording import EXPORTED, Channel, Format, Kind, Loss, Plate, Recording, Rows
-from osl_analysis.source_file import Corner, ExportedPlate, MarkerSource
-from osl_analysis.trial import AXES
-from osl_analysis.units import LengthUnit
 
 UNSEEN = ("", "nan", "NaN", "NAN", "null")  # cells of a marker that was not seen
 MOST_OFF = 0.5  # frames by which a time may be off: rates and times are rounded

@@ -20,12 +20,12 @@ import scipy
 from numpy.typing import NDArray
 from pydantic import Field
 
-from osl_analysis.errors import InputError, listing, nearest, optional_module
-from osl_analysis.formats import beginning
+from osl_analysis.base.errors import InputError, listing, nearest, optional_module
+from osl_analysis.base.memory import check_unpacked
+from osl_analysis.base.recording import Channel, Format, Loss, Recording
+from osl_analysis.base.source_file import LogChannel, Name, RowTime, TableSource
 from osl_analysis.formats.binary_table import Column, channels_of, check_hdf5, remarks_on
-from osl_analysis.memory import check_unpacked
-from osl_analysis.recording import Channel, Format, Loss, Recording
-from osl_analysis.source_file import LogChannel, Name, RowTime, TableSource
+from osl_analysis.formats.reading import beginning
 
 FEWEST_SAMPLES = 10  # of a signal
 HEADER_BYTES = 128  # of a file of version 5; at its end are the version and the byte order

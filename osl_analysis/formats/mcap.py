@@ -24,12 +24,12 @@ from mcap.records import Channel, Chunk, Schema
 from numpy.typing import NDArray
 from zstandard import ZstdDecompressor
 
-from osl_analysis.errors import InputError, listing, nearest, on_one_line
-from osl_analysis.formats._cdr import rows_at
-from osl_analysis.formats._messages import LOG_TIME, NO_SCHEMA, PLACE, Topic, stamp_fields
-from osl_analysis.memory import check_unpacked
-from osl_analysis.recording import End, Format, Loss, Recording, Rows
-from osl_analysis.source_file import MessageSource
+from osl_analysis.base.errors import InputError, listing, nearest, on_one_line
+from osl_analysis.base.memory import check_unpacked
+from osl_analysis.base.recording import End, Format, Loss, Recording, Rows
+from osl_analysis.base.source_file import MessageSource
+from osl_analysis.formats.message_layout import rows_at
+from osl_analysis.formats.topic import LOG_TIME, NO_SCHEMA, PLACE, Topic, stamp_fields
 
 MAGIC = b"\x89MCAP0\r\n"
 RECORD = struct.Struct("<BQ")  # opcode, length of the content [bytes]

@@ -14,8 +14,12 @@ from pathlib import Path
 import numpy as np
 from pydantic import Field, PositiveInt
 
-from osl_analysis.errors import InputError, shortened
-from osl_analysis.formats._text import (
+from osl_analysis.base.errors import InputError, shortened
+from osl_analysis.base.recording import End, Format, Loss, Recording
+from osl_analysis.base.source_file import Channel as ChannelSettings
+from osl_analysis.base.source_file import Corner, ExportedPlate, LaboratorySource, Name
+from osl_analysis.formats.marker_text import KINDS, Section, exported_plate
+from osl_analysis.formats.text_cells import (
     Row,
     check_last_line,
     decimal_of,
@@ -29,10 +33,6 @@ from osl_analysis.formats._text import (
     split_rows,
     unpadded,
 )
-from osl_analysis.formats.marker_text import KINDS, Section, exported_plate
-from osl_analysis.recording import End, Format, Loss, Recording
-from osl_analysis.source_file import Channel as ChannelSettings
-from osl_analysis.source_file import Corner, ExportedPlate, LaboratorySource, Name
 
 HEAD_ROWS = 5  # title, rate, names, header, units
 HEADER = re.compile(r'(?i)(?:^|[\r\n])"*frame[^\r\n]*sub frame')

@@ -9,13 +9,9 @@ from typing import Literal
 
 from pydantic import Field, PositiveInt, model_validator
 
-from osl_analysis.errors import InputError, shortened
-from osl_analysis.formats._table import LISTING, SheetSource, recording_of_table
-from osl_analysis.formats._text import decoded, is_text, read_text
-from osl_analysis.formats.csv_table import table_of_text
-from osl_analysis.formats.marker_text import exported_plate
-from osl_analysis.recording import End, Format, Recording
-from osl_analysis.source_file import (
+from osl_analysis.base.errors import InputError, shortened
+from osl_analysis.base.recording import End, Format, Recording
+from osl_analysis.base.source_file import (
     Axes,
     ColumnChannel,
     ColumnName,
@@ -23,9 +19,13 @@ from osl_analysis.source_file import (
     ExportedPlate,
     InAxes,
 )
-from osl_analysis.trial import unit_of
-from osl_analysis.units import TimeUnit, si_factor
-from osl_analysis.yaml_settings import misplaced
+from osl_analysis.base.trial import unit_of
+from osl_analysis.base.units import TimeUnit, si_factor
+from osl_analysis.base.yaml_settings import misplaced
+from osl_analysis.formats.cell_table import LISTING, SheetSource, recording_of_table
+from osl_analysis.formats.csv_table import table_of_text
+from osl_analysis.formats.marker_text import exported_plate
+from osl_analysis.formats.text_cells import decoded, is_text, read_text
 
 # what columns measure, by their names
 LIKELY_UNITS = {

@@ -6,11 +6,12 @@ from pathlib import Path
 
 import yaml
 
-from osl_analysis.errors import InputError, listing, naming, on_one_line, shortened
-from osl_analysis.formats import beginning, mcap
-from osl_analysis.recording import Format, Recording
-from osl_analysis.source_file import MessageSource
-from osl_analysis.yaml_settings import check_size, text_in
+from osl_analysis.base.errors import InputError, listing, naming, on_one_line, shortened
+from osl_analysis.base.recording import Format, Recording
+from osl_analysis.base.source_file import MessageSource
+from osl_analysis.base.yaml_settings import check_size, text_in
+from osl_analysis.formats import mcap
+from osl_analysis.formats.reading import beginning
 
 DESCRIPTION = "metadata.yaml"
 REINDEX = "write it again with `ros2 bag reindex`, or name one file of the recording"

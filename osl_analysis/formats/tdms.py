@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from osl_analysis.errors import InputError, optional_module
-from osl_analysis.formats import in_one_sentence
-from osl_analysis.recording import SECOND_NS, Channel, End, Format, Kind, Loss, Recording, Rows
-from osl_analysis.source_file import LogChannel, Name, RowTime, TableSource
+from osl_analysis.base.errors import InputError, optional_module
+from osl_analysis.base.recording import SECOND_NS, Channel, End, Format, Kind, Loss, Recording, Rows
+from osl_analysis.base.source_file import LogChannel, Name, RowTime, TableSource
+from osl_analysis.formats.reading import in_one_sentence
 
 
 class TdmsChannel(LogChannel):

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from osl_analysis.base.trial import Array
 from osl_analysis.inference.constants import FRICTION_WINDS, SIGN_WIDTH
 from osl_analysis.inference.spectra import Spectra
-from osl_analysis.trial import Array
 
 WIDER = 5.0  # times the first width, over which the second sign changes
 SLOWEST = 1e-6  # rad/s, so that no width is 0

@@ -14,13 +14,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from osl_analysis.base.trial import Array
 from osl_analysis.inference.rivals import EQ_15, RIVALS, Rival, Search, candidates
 from osl_analysis.inference.rounding_errors import rounding_torques
 from osl_analysis.inference.spectra import BenchSignals, Spectra
 from osl_analysis.inference.unexplained import MOST_NOISE, largest_shifts
 from osl_analysis.inference.weighing import Predicted, predict, weigh
 from osl_analysis.inference.whitening import Whitened
-from osl_analysis.trial import Array
 
 SCREEN_DEVIATIONS = 3.0  # beyond chance, that all columns together must gain: once in 700 times
 

@@ -27,6 +27,7 @@ from typing import Literal
 import numpy as np
 import scipy
 
+from osl_analysis.base.trial import Array
 from osl_analysis.inference.constants import (
     BRANCH_S,
     COMPLIANCE,
@@ -38,7 +39,6 @@ from osl_analysis.inference.constants import (
 from osl_analysis.inference.friction_shapes import slipping_springs
 from osl_analysis.inference.spectra import solve_scaled
 from osl_analysis.inference.whitening import Whitened
-from osl_analysis.trial import Array
 
 Family = Literal["", "path", "time", "speed", "size", "direction", "clipping"]
 # log-likelihood that a grid must gain: below it a weight stays near its small prior, unless B or I

@@ -12,10 +12,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from osl_analysis.base.trial import Array
 from osl_analysis.inference.constants import ROUNDING_DRAWS
 from osl_analysis.inference.spectra import HIGHEST_OF_RATE, roll_off, welch
 from osl_analysis.inference.whitening import Whitened
-from osl_analysis.trial import Array
 
 SMOOTH_BANDS = 4.0  # bands of the low-pass that gives the angle before its rounding
 # share by which a drawn motion is larger or smaller at most: zeros alone leave a slow sine the same

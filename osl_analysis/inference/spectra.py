@@ -13,7 +13,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError, NotWeighedError
+from osl_analysis.base.errors import InputError, NotWeighedError
+from osl_analysis.base.measured import check_finite
+from osl_analysis.base.trial import Array
 from osl_analysis.inference.constants import (
     BAND_OF_RATE,
     EDGE,
@@ -27,8 +29,6 @@ from osl_analysis.inference.constants import (
     TINY,
     VISIBLE_ABOVE_NOISE,
 )
-from osl_analysis.measured import check_finite
-from osl_analysis.trial import Array
 
 Spectrum = NDArray[np.complex128]
 WORKING_RATE = 3.4  # bands; there the roll-off has taken all but 1.4 % of a signal

@@ -11,12 +11,12 @@ coefficient by its size over that of the column's own part, and by no more.
 import numpy as np
 import scipy
 
+from osl_analysis.base.trial import Array
 from osl_analysis.inference.constants import INEXACTNESS
 from osl_analysis.inference.rivals import Search
 from osl_analysis.inference.spectra import solve_scaled
 from osl_analysis.inference.weighing import Predicted, all_columns
 from osl_analysis.inference.whitening import Whitened
-from osl_analysis.trial import Array
 
 # what is left over the noise of the rows that move least and over rounding, up to which it is
 # theirs: three standard errors in 20 s of motion to 6 Hz

@@ -21,6 +21,7 @@ from itertools import pairwise
 import numpy as np
 import scipy
 
+from osl_analysis.base.trial import Array
 from osl_analysis.inference.constants import (
     BLOCKS,
     BOOTSTRAP_DRAWS,
@@ -32,7 +33,6 @@ from osl_analysis.inference.constants import (
 )
 from osl_analysis.inference.rivals import EQ_15, RIVALS, Candidate, Rival, Search
 from osl_analysis.inference.whitening import Whitened
-from osl_analysis.trial import Array
 
 FAMILIES = {rival.family for rival in RIVALS if rival.family}
 SEED = 1  # of the bootstrap: the same recording gives the same numbers

@@ -11,11 +11,11 @@ high-pass has to be chosen.
 import numpy as np
 import scipy
 
-from osl_analysis.errors import NotWeighedError
+from osl_analysis.base.errors import NotWeighedError
+from osl_analysis.base.trial import Array
 from osl_analysis.inference.constants import COLOUR_BAND, RIDGE, TINY
 from osl_analysis.inference.friction_shapes import friction_torques
 from osl_analysis.inference.spectra import Spectra, Spectrum, solve_scaled
-from osl_analysis.trial import Array
 
 ROUNDS = 2  # the second one weighs the rich model by the spectrum that the first one found
 LEAST_GAIN = 0.03  # of the roll-off's power, below which the spectrum is not divided by it

@@ -12,7 +12,10 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from osl_analysis.errors import InputError, naming, printable
+from osl_analysis.base.errors import InputError, naming, printable
+from osl_analysis.base.recording import Channel, Kind, Plate, Recording, Rows, own_axes
+from osl_analysis.base.source_file import LaboratorySource, MarkerSource
+from osl_analysis.base.trial import AXES, Array, marker_columns
 from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.conversion import (
     Converted,
@@ -22,9 +25,6 @@ from osl_analysis.ingest.conversion import (
     to_si,
 )
 from osl_analysis.ingest.force_plates import convert_plates, metres_per
-from osl_analysis.recording import Channel, Kind, Plate, Recording, Rows, own_axes
-from osl_analysis.source_file import LaboratorySource, MarkerSource
-from osl_analysis.trial import AXES, Array, marker_columns
 
 
 def convert_capture(recording: Recording, source: MarkerSource) -> Converted:

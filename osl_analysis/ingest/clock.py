@@ -13,14 +13,14 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError, naming
+from osl_analysis.base.errors import InputError, naming
+from osl_analysis.base.measured import UNIFORM_WIDTH, usual_step
+from osl_analysis.base.source_file import SharedAngle
+from osl_analysis.base.trial import Array, marker_columns
 from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.conversion import Converted
-from osl_analysis.measured import UNIFORM_WIDTH, usual_step
 from osl_analysis.signals.plateaus import means_from
-from osl_analysis.source_file import SharedAngle
 from osl_analysis.stats.linear_fit import linear_fit
-from osl_analysis.trial import Array, marker_columns
 
 
 @dataclass(frozen=True)

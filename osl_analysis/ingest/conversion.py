@@ -12,16 +12,22 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from osl_analysis.base.errors import InputError, naming, printable
+from osl_analysis.base.measured import spoiled
+from osl_analysis.base.recording import Channel, End, Loss, Recording, Rows
+from osl_analysis.base.source_file import (
+    LEVEL_UNIT,
+    MOST_DAMAGED,
+    Conversion,
+    LogChannel,
+    LogSource,
+)
+from osl_analysis.base.trial import COUNTER, Array, unit_of
+from osl_analysis.base.units import EXAMPLES, quantity, si_factor
 from osl_analysis.draft.likelihood import parted_name, word_patterns
 from osl_analysis.draft.recorded_channel import likely_unit, name_and_ending
-from osl_analysis.errors import InputError, naming, printable
 from osl_analysis.ingest import LIMITS
-from osl_analysis.measured import spoiled
-from osl_analysis.recording import Channel, End, Loss, Recording, Rows
 from osl_analysis.signals.agreement import speed_factor
-from osl_analysis.source_file import LEVEL_UNIT, MOST_DAMAGED, Conversion, LogChannel, LogSource
-from osl_analysis.trial import COUNTER, Array, unit_of
-from osl_analysis.units import EXAMPLES, quantity, si_factor
 
 # facts on a sensor, which the provenance has in SI units, and a clock of its own
 OF_SENSOR = {"delay", "low_pass", "resolution", "range", "time"}

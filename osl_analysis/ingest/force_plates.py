@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from osl_analysis.errors import InputError, naming, printable
+from osl_analysis.base.errors import InputError, naming, printable
+from osl_analysis.base.recording import EXPORTED, MEASURED_BY_TYPE, Plate, own_axes
+from osl_analysis.base.source_file import PlateUnits, Source
+from osl_analysis.base.trial import Array, plate_columns
+from osl_analysis.base.units import si_factor
 from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.conversion import Converted, check_finite_values
-from osl_analysis.recording import EXPORTED, MEASURED_BY_TYPE, Plate, own_axes
 from osl_analysis.signals import longest_of
 from osl_analysis.signals.standing import repeats, run_at_extreme
-from osl_analysis.source_file import PlateUnits, Source
-from osl_analysis.trial import Array, plate_columns
-from osl_analysis.units import si_factor
 
 
 def convert_plates(

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from osl_analysis.errors import Change, InputError
+from osl_analysis.base.errors import Change, InputError
+from osl_analysis.base.measured import SMALLEST_SIGNAL, noise_of, varies
+from osl_analysis.base.trial import Array, Trial, unit_of
+from osl_analysis.base.units import si_factor
 from osl_analysis.ingest import LIMITS
-from osl_analysis.measured import SMALLEST_SIGNAL, noise_of, varies
 from osl_analysis.signals.grid import origin
-from osl_analysis.trial import Array, Trial, unit_of
-from osl_analysis.units import si_factor
 
 
 def check_sizes(samples: pl.DataFrame, origins: Mapping[str, Mapping[str, Any]]) -> None:

@@ -13,20 +13,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError, listing
-from osl_analysis.ingest import LIMITS
-from osl_analysis.ingest.conversion import numbers_of
-from osl_analysis.measured import UNIFORM_WIDTH, usual_step
-from osl_analysis.recording import SECOND_NS, Channel, Kind, Recording
-from osl_analysis.source_file import TableSource
-from osl_analysis.trial import Array
-from osl_analysis.units import (
+from osl_analysis.base.errors import InputError, listing
+from osl_analysis.base.measured import UNIFORM_WIDTH, usual_step
+from osl_analysis.base.recording import SECOND_NS, Channel, Kind, Recording
+from osl_analysis.base.source_file import TableSource
+from osl_analysis.base.trial import Array
+from osl_analysis.base.units import (
     EXAMPLES,
     LONG_TIMES,
     dimension,
     is_clock,
     normalised,
 )
+from osl_analysis.ingest import LIMITS
+from osl_analysis.ingest.conversion import numbers_of
 
 TIME_UNITS = EXAMPLES["s"]  # [s], of clocks
 

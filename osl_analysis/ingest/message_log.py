@@ -10,7 +10,9 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError, naming
+from osl_analysis.base.errors import InputError, naming
+from osl_analysis.base.recording import SECOND_NS, Recording, Rows
+from osl_analysis.base.source_file import MessageChannel, MessageSource
 from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.conversion import (
     Converted,
@@ -21,9 +23,7 @@ from osl_analysis.ingest.conversion import (
     losses_of,
 )
 from osl_analysis.ingest.likely_clock import rate_of
-from osl_analysis.recording import SECOND_NS, Recording, Rows
 from osl_analysis.signals import longest_run
-from osl_analysis.source_file import MessageChannel, MessageSource
 
 
 def convert_messages(recording: Recording, source: MessageSource) -> Converted:

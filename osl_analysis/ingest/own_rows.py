@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from osl_analysis.base.recording import Rows
+from osl_analysis.base.trial import Array
 from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.conversion import floats_of
-from osl_analysis.recording import Rows
-from osl_analysis.trial import Array
 
 
 def with_own_rows(

@@ -13,12 +13,13 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from osl_analysis.base.errors import InputError, listing
+from osl_analysis.base.measured import UNIFORM_WIDTH, noise_of, spoiled, usual_step
+from osl_analysis.base.recording import beside, plate_axes
+from osl_analysis.base.trial import Array, Trial, plate_columns
 from osl_analysis.config.experiments import EXPERIMENTS, Experiment
-from osl_analysis.errors import InputError, listing
 from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.guard import ANGLES, recorded
-from osl_analysis.measured import UNIFORM_WIDTH, noise_of, spoiled, usual_step
-from osl_analysis.recording import beside, plate_axes
 from osl_analysis.signals import longest_of, run_edges
 from osl_analysis.signals.agreement import speed_factor
 from osl_analysis.signals.grid import GapLimits, devices_of, origin, uniform_signals
@@ -30,7 +31,6 @@ from osl_analysis.spectral.stepped_sine import (
     find_sines,
     moving_bins,
 )
-from osl_analysis.trial import Array, Trial, plate_columns
 
 
 @dataclass(frozen=True)

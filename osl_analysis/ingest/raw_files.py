@@ -15,9 +15,12 @@ import numpy as np
 import polars as pl
 
 from osl_analysis import formats
+from osl_analysis.base.errors import InputError, naming, nearest, printable
+from osl_analysis.base.files import DISTRIBUTION, digest
+from osl_analysis.base.source_file import MarkerSource, MessageSource, Source, TableSource
+from osl_analysis.base.trial import Trial
+from osl_analysis.base.yaml_settings import read_mapping, read_yaml, text_in
 from osl_analysis.config.sheet import RECORDINGS
-from osl_analysis.errors import InputError, naming, nearest, printable
-from osl_analysis.files import DISTRIBUTION, digest
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest.capture import convert_capture
 from osl_analysis.ingest.clock import ClockFit, aligned_clock, common_clock
@@ -26,9 +29,6 @@ from osl_analysis.ingest.guard import check_sizes
 from osl_analysis.ingest.message_log import convert_messages
 from osl_analysis.ingest.several_clocks import joined_logs, on_one_clock
 from osl_analysis.ingest.table_log import convert_table
-from osl_analysis.source_file import MarkerSource, MessageSource, Source, TableSource
-from osl_analysis.trial import Trial
-from osl_analysis.yaml_settings import read_mapping, read_yaml, text_in
 
 ENDINGS_OF_ANY = ("", ".log", ".json")  # of recordings, and of much else
 

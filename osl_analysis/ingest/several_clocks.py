@@ -8,7 +8,8 @@ from itertools import chain
 
 import polars as pl
 
-from osl_analysis.errors import InputError
+from osl_analysis.base.errors import InputError
+from osl_analysis.base.recording import SECOND_NS
 from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.clock import (
     ClockFit,
@@ -20,7 +21,6 @@ from osl_analysis.ingest.clock import (
 )
 from osl_analysis.ingest.conversion import Converted
 from osl_analysis.ingest.message_log import join_on_stamp
-from osl_analysis.recording import SECOND_NS
 from osl_analysis.stats.budget import NORMAL_HALF_WIDTH
 
 

@@ -11,7 +11,11 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError, naming
+from osl_analysis.base.errors import InputError, naming
+from osl_analysis.base.recording import Channel, End, Kind, Recording, Rows
+from osl_analysis.base.source_file import TableSource
+from osl_analysis.base.trial import Array, check_time, unit_of
+from osl_analysis.base.units import si_factor
 from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.conversion import (
     Converted,
@@ -28,10 +32,6 @@ from osl_analysis.ingest.force_plates import convert_plates
 from osl_analysis.ingest.likely_clock import check_other_clocks, rate_of, unwrapped
 from osl_analysis.ingest.own_rows import with_own_rows
 from osl_analysis.ingest.several_clocks import joined_clocks
-from osl_analysis.recording import Channel, End, Kind, Recording, Rows
-from osl_analysis.source_file import TableSource
-from osl_analysis.trial import Array, check_time, unit_of
-from osl_analysis.units import si_factor
 
 STATE_RATE = "state the rate of the rows in Hz, as `time: {rate: HZ}`"
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import yaml
 
+from osl_analysis.base.files import write_text
 from osl_analysis.config.sheet import RECORDINGS
-from osl_analysis.files import write_text
 
 Files = str | list[str]
 """An input of a job: a file, or a list of files."""

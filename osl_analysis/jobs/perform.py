@@ -16,16 +16,7 @@ from typing import Any
 import polars as pl
 from pydantic import ConfigDict, validate_call
 
-from osl_analysis.commands.fit import FITS
-from osl_analysis.commands.remedies import fit_or_advise
-from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.dictionary import (
-    ADDED_TO_ALL,
-    columns_of_trial,
-    described_tables,
-    described_tables_by_name,
-)
-from osl_analysis.errors import (
+from osl_analysis.base.errors import (
     InputError,
     MemoryLimitError,
     OslAnalysisError,
@@ -35,11 +26,9 @@ from osl_analysis.errors import (
     show_advice_alone,
     unexpected,
 )
-from osl_analysis.files import atomic_path, write_text
-from osl_analysis.jobs.job_log import Files, Job, listed, write_log
-from osl_analysis.judge.recording_checks import CHECKED, HOW_TO_USE
-from osl_analysis.memory import limited_memory
-from osl_analysis.table import (
+from osl_analysis.base.files import atomic_path, write_text
+from osl_analysis.base.memory import limited_memory
+from osl_analysis.base.table import (
     ANALYSED,
     NOT_ANALYSED,
     NOT_ANALYSED_KEY,
@@ -47,7 +36,18 @@ from osl_analysis.table import (
     not_analysed,
     write_tables,
 )
-from osl_analysis.trial import read_trial
+from osl_analysis.base.trial import read_trial
+from osl_analysis.commands.fit import FITS
+from osl_analysis.commands.remedies import fit_or_advise
+from osl_analysis.config.experiments import EXPERIMENTS
+from osl_analysis.dictionary import (
+    ADDED_TO_ALL,
+    columns_of_trial,
+    described_tables,
+    described_tables_by_name,
+)
+from osl_analysis.jobs.job_log import Files, Job, listed, write_log
+from osl_analysis.judge.recording_checks import CHECKED, HOW_TO_USE
 
 ONLY_CHECKED = "fitted"
 """An input that no command reads: it gets the refusals among these files, as `refused`."""

@@ -19,7 +19,7 @@ from typing import Any
 from snakemake_interface_logger_plugins.base import LogHandlerBase
 from snakemake_interface_logger_plugins.common import LogEvent
 
-from osl_analysis.errors import printable, without_particulars
+from osl_analysis.base.errors import printable, without_particulars
 from osl_analysis.jobs.job_log import read_log
 
 STAGES = {

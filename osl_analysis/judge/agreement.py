@@ -15,11 +15,11 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from osl_analysis.base.units import factors_near
 from osl_analysis.judge.finding import Beyond, Finding, Grade
 from osl_analysis.judge.known_findings import Rule, rule_of
 from osl_analysis.stats.budget import CLEAR, FLOOR, WIDE
 from osl_analysis.stats.rounding import places_of, significant, with_places
-from osl_analysis.units import factors_near
 
 Row = Mapping[str, Any]  # of `impedance.csv`, of the fit to all of a trial
 Array = NDArray[np.float64]

@@ -8,8 +8,8 @@ from typing import Any
 
 import polars as pl
 
+from osl_analysis.base.errors import listing
 from osl_analysis.config.experiments import EXPERIMENTS, JUDGED_TABLES
-from osl_analysis.errors import listing
 from osl_analysis.judge.agreement import disagreements
 from osl_analysis.judge.finding import (
     Beyond,

@@ -15,17 +15,17 @@ from typing import Annotated, Any
 import polars as pl
 from pydantic import AfterValidator, Field
 
-from osl_analysis.bench.summaries import PLACE
-from osl_analysis.dictionary import described_tables_by_name, table_of
-from osl_analysis.errors import naming
-from osl_analysis.stats.repeats import RANGE, counted
-from osl_analysis.yaml_settings import (
+from osl_analysis.base.errors import naming
+from osl_analysis.base.yaml_settings import (
     Settings,
     check_known,
     read_mapping,
     refuse_if,
     validated,
 )
+from osl_analysis.bench.summaries import PLACE
+from osl_analysis.dictionary import described_tables_by_name, table_of
+from osl_analysis.stats.repeats import RANGE, counted
 
 NOT_TESTED = "not tested"
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import polars as pl
 
+from osl_analysis.base.units import known_factor
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables_by_name
 from osl_analysis.judge.finding import AnyRow, Beyond, Finding, Grade, cell_number, subject_of
@@ -25,7 +26,6 @@ from osl_analysis.judge.limits import Limits
 from osl_analysis.stats.budget import CLEAR, FLOOR, IN_INTERVAL, WIDE, Budget, Verdict, budgets_in
 from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.stats.rounding import significant
-from osl_analysis.units import known_factor
 
 EXCLUDED = "reason"  # column: why a row has no fit; null in rows with a fit
 BETWEEN = "; "  # titles of findings in a cell

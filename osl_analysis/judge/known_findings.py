@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from osl_analysis.files import own_yaml
+from osl_analysis.base.files import own_yaml
 
 Texts = str | Sequence[str]  # of several the first counts of which all numbers are known
 

@@ -7,12 +7,12 @@ from typing import Annotated, Any, Self
 
 from pydantic import ConfigDict, Field, model_validator
 
+from osl_analysis.base.errors import nearest
+from osl_analysis.base.files import own_yaml
+from osl_analysis.base.yaml_settings import OF_EARLIER_RELEASE, NotNegative, Settings, misplaced
 from osl_analysis.config.experiments import JUDGED_TABLES
 from osl_analysis.dictionary import described_tables_by_name
-from osl_analysis.errors import nearest
-from osl_analysis.files import own_yaml
 from osl_analysis.judge.known_findings import SIDES, rule_of
-from osl_analysis.yaml_settings import OF_EARLIER_RELEASE, NotNegative, Settings, misplaced
 
 SHIPPED: dict[str, Any] = own_yaml(Path(__file__).with_name("deciding_defaults.yaml"))
 """What of the shipped configuration decides verdicts."""

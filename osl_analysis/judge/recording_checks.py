@@ -15,12 +15,12 @@ from typing import Any
 import polars as pl
 from pydantic import ConfigDict, Field, model_validator
 
+from osl_analysis.base.errors import InputError, nearest
+from osl_analysis.base.table import unquoted
+from osl_analysis.base.yaml_settings import Settings, misplaced, text_in
 from osl_analysis.dictionary import table_of
-from osl_analysis.errors import InputError, nearest
 from osl_analysis.ingest.quality import CheckResult
 from osl_analysis.judge.known_findings import CHECKS, FINDINGS
-from osl_analysis.table import unquoted
-from osl_analysis.yaml_settings import Settings, misplaced, text_in
 
 
 class QualityRules(Settings):

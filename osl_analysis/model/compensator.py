@@ -19,14 +19,14 @@ import scipy
 from numpy.typing import ArrayLike
 from pydantic import Field
 
-from osl_analysis.errors import InputError, UnreachableImpedanceError, nearest
+from osl_analysis.base.errors import InputError, UnreachableImpedanceError, nearest
+from osl_analysis.base.trial import Array
+from osl_analysis.base.yaml_settings import FilterOrder, Settings
 from osl_analysis.model.drivetrain import (
     LARGEST_PARAMETER,
     SMALLEST_PARAMETER,
     DrivetrainParameters,
 )
-from osl_analysis.trial import Array
-from osl_analysis.yaml_settings import FilterOrder, Settings
 
 CONTROLLERS = ("compensated", "uncompensated")  # whose gains the draft states
 

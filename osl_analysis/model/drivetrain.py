@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator
 
-from osl_analysis.errors import InputError, advise, nearest, on_one_line
-from osl_analysis.files import digest
-from osl_analysis.trial import Array
-from osl_analysis.yaml_settings import Settings, misplaced, read_yaml
+from osl_analysis.base.errors import InputError, advise, nearest, on_one_line
+from osl_analysis.base.files import digest
+from osl_analysis.base.trial import Array
+from osl_analysis.base.yaml_settings import Settings, misplaced, read_yaml
 
 PARAMETER_UNITS = {
     "k_tau": "N*m/A", "n_m": "1", "B_m": "N*m*s/rad", "J_m": "kg*m^2", "f_C": "N*m", "f_G": "N*m/A",

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError
-from osl_analysis.trial import Array
+from osl_analysis.base.errors import InputError
+from osl_analysis.base.trial import Array
 
 GROUP = 4  # number of neighbouring odd lines with one detection line
 # each line gives two equations for K, B and I, but one alone cannot tell K from I

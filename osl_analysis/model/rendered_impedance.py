@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from osl_analysis.base.trial import Array
 from osl_analysis.model.compensator import Gains
 from osl_analysis.model.drivetrain import (
     DrivetrainParameters,
@@ -19,7 +20,6 @@ from osl_analysis.model.drivetrain import (
     held_actuator,
     joint_admittance,
 )
-from osl_analysis.trial import Array
 
 PASSIVE_TO_HZ = 10.0  # twice the fastest motion of the draft's protocol
 DELAY_STEP = 1e-4  # s, to which a delay is told

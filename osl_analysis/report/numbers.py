@@ -12,9 +12,10 @@ from typing import Any
 
 import polars as pl
 
+from osl_analysis.base.errors import on_one_line
+from osl_analysis.base.files import own_yaml
+from osl_analysis.base.table import SCHEMA, SCHEMA_FIELD
 from osl_analysis.campaign.origin import ABOUT_MEANING, sentence
-from osl_analysis.errors import on_one_line
-from osl_analysis.files import own_yaml
 from osl_analysis.report.typography import in_latex
 from osl_analysis.stats.repeats import (
     OWN_CONDITION,
@@ -24,7 +25,6 @@ from osl_analysis.stats.repeats import (
     summary_row,
 )
 from osl_analysis.stats.rounding import decimal_places, plus_minus, with_places
-from osl_analysis.table import SCHEMA, SCHEMA_FIELD
 
 # by which numbers of trials are told apart where a campaign has several
 PLACE = ("joint", "side")

@@ -11,7 +11,7 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.files import own_yaml
+from osl_analysis.base.files import own_yaml
 from osl_analysis.judge.judging import results_in
 from osl_analysis.report.typography import in_markdown, latex_table, markdown_table
 from osl_analysis.stats.budget import IN_INTERVAL, budgets_in

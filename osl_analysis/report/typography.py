@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
-from osl_analysis.files import own_yaml
+from osl_analysis.base.files import own_yaml
 from osl_analysis.stats.rounding import WithInterval, plus_minus
 
 SIGNS: dict[str, str] = own_yaml(Path(__file__).with_suffix(".yaml"))

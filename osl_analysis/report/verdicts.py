@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import polars as pl
 
+from osl_analysis.base.errors import shortened
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.errors import shortened
 from osl_analysis.judge.campaign import (
     QUALITY,
     CampaignFinding,

@@ -12,9 +12,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError
-from osl_analysis.measured import check_finite
-from osl_analysis.trial import Array
+from osl_analysis.base.errors import InputError
+from osl_analysis.base.measured import check_finite
+from osl_analysis.base.trial import Array
 
 
 @dataclass(frozen=True)

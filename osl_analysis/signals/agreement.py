@@ -4,8 +4,8 @@ a gear."""
 
 import numpy as np
 
-from osl_analysis.measured import varies
-from osl_analysis.trial import Array
+from osl_analysis.base.measured import varies
+from osl_analysis.base.trial import Array
 
 # s, over which both are compared: a filter of 20 Hz takes 1 % of what moves so slowly
 WINDOW_S = 0.25

@@ -9,12 +9,12 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from osl_analysis.base.trial import Array
 from osl_analysis.signals.sample_count import (
     FEWEST_STAMPS,
     SampleCount,
     line_through,
 )
-from osl_analysis.trial import Array
 
 # standard deviations between the 5 % and the 95 % quantile of a normal distribution
 NORMAL_90 = 3.29

@@ -17,12 +17,12 @@ import polars as pl
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError, naming
+from osl_analysis.base.errors import InputError, naming
+from osl_analysis.base.trial import COUNTER, Array, Trial
 from osl_analysis.signals import LowPass, differentiate
 from osl_analysis.signals.sample_count import FEWEST_STAMPS, LONG_STEP
 from osl_analysis.signals.samples import SensorLowPass, Stream, Taken, take, take_stream
 from osl_analysis.signals.stamp_evidence import Reading
-from osl_analysis.trial import COUNTER, Array, Trial
 
 BRIDGE_MORE = (  # remedy if gaps leave nothing to fit
     "record again with fewer lost samples, or lower time_base.highest_hz, which bridges gaps up to"

@@ -5,8 +5,8 @@ of a file, and a sensor that fails look alike in them."""
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.measured import spoiled
-from osl_analysis.trial import Array
+from osl_analysis.base.measured import spoiled
+from osl_analysis.base.trial import Array
 
 # Of third differences of a channel, which a smooth motion hardly has: usual ones, of a sound
 # channel. Sound benches, walking ankles and prosthetic feet reach 5.0; a block of a file that was

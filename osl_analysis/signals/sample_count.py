@@ -12,8 +12,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError
-from osl_analysis.trial import Array
+from osl_analysis.base.errors import InputError
+from osl_analysis.base.trial import Array
 
 LONG_STEP = 1.5  # a longer step, in usual steps, is a gap
 # a step this long may hide a missing sample: the sample before it may have been late, hence not 2

@@ -11,7 +11,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError
+from osl_analysis.base.errors import InputError
+from osl_analysis.base.trial import Array
 from osl_analysis.signals.device_clock import DeviceClock, HeldValues, held_values
 from osl_analysis.signals.plateaus import means_from
 from osl_analysis.signals.sample_count import (
@@ -22,7 +23,6 @@ from osl_analysis.signals.sample_count import (
     missing_by_rhythm,
 )
 from osl_analysis.signals.stamp_evidence import Reading, decide
-from osl_analysis.trial import Array
 
 CLOSE = 0.5  # steps between two true stamps; closer knots of a spline amplify noise
 COUNTABLE = 0.1  # steps of scatter, beyond which a missing sample may be taken for a late one

@@ -20,9 +20,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from osl_analysis.base.trial import Array
 from osl_analysis.signals.device_clock import DeviceClock
 from osl_analysis.signals.sample_count import in_blocks
-from osl_analysis.trial import Array
 
 # lags k, in rows, of the stamps that the sampling time of a value may follow
 LAGS = np.arange(-1, 3)

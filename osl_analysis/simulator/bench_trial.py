@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import scipy
 
+from osl_analysis.base.trial import Array
 from osl_analysis.model.compensator import Gains, select_gains
 from osl_analysis.model.drivetrain import DrivetrainParameters, actuator_torque
 from osl_analysis.model.multisine import odd_multisine
@@ -23,7 +24,6 @@ from osl_analysis.simulator.simulation_settings import (
     SteppedSineSchedule,
 )
 from osl_analysis.simulator.trial_plan import generator_of
-from osl_analysis.trial import Array
 
 # A person's hand
 SLOW_IS_LARGE = 1.5  # power of the frequency by which the lines of a hand's motion fall

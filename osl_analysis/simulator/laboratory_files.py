@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from osl_analysis.errors import optional_module
-from osl_analysis.files import atomic_path
+from osl_analysis.base.errors import optional_module
+from osl_analysis.base.files import atomic_path
+from osl_analysis.base.trial import Array
 from osl_analysis.simulator.laboratory_settings import MARKERS, PLATE_CHANNELS, RECORDERS
 from osl_analysis.simulator.recorder import rounded_to, sample_topic, write_topics
 from osl_analysis.simulator.rigid_body import (
@@ -23,7 +24,6 @@ from osl_analysis.simulator.rigid_body import (
 from osl_analysis.simulator.simulated_crossing import SimulatedCrossing
 from osl_analysis.simulator.simulation_settings import SimulationSettings
 from osl_analysis.simulator.step import GaitTrial, PlatformMotion
-from osl_analysis.trial import Array
 
 MM = 1e3  # mm in a metre
 # axes of C3D force plates: x along laboratory +y, y along +x, z down, turning with the platform

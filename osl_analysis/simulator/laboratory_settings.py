@@ -12,16 +12,8 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field
 
-from osl_analysis.files import own_yaml
-from osl_analysis.model.compensator import PAPER_WEIGHT, Weight
-from osl_analysis.simulator.simulation_settings import (
-    Count,
-    Effect,
-    Share,
-    Switches,
-    effect,
-)
-from osl_analysis.yaml_settings import (
+from osl_analysis.base.files import own_yaml
+from osl_analysis.base.yaml_settings import (
     Metres,
     NotNegative,
     Positive,
@@ -31,6 +23,14 @@ from osl_analysis.yaml_settings import (
     check_rising,
     refuse_if,
     require_at_most,
+)
+from osl_analysis.model.compensator import PAPER_WEIGHT, Weight
+from osl_analysis.simulator.simulation_settings import (
+    Count,
+    Effect,
+    Share,
+    Switches,
+    effect,
 )
 
 # labels and units of the plate's channels, force and moment: type 2 of the C3D manual

@@ -25,10 +25,10 @@ from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC
 from numpy.typing import ArrayLike, NDArray
 
-from osl_analysis.files import atomic_path, write_text
+from osl_analysis.base.files import atomic_path, write_text
+from osl_analysis.base.trial import Array
 from osl_analysis.simulator.simulation_settings import NodeSettings, SimulationSettings
 from osl_analysis.simulator.trial_plan import generator_of
-from osl_analysis.trial import Array
 
 RULE = "=" * 80 + "\n"  # between the definitions of a ROS 2 schema
 ARRIVES_NS = 150_000  # [ns] in which a sample arrives at the recorder

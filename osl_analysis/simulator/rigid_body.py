@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from osl_analysis.trial import Array
+from osl_analysis.base.trial import Array
 
 Point = Array | tuple[float, float, float]  # [m]
 

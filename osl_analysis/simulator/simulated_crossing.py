@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from osl_analysis.base.trial import Array
 from osl_analysis.config.impedance_trajectory import STANCE_SHARE, read_impedance_trajectory
 from osl_analysis.model.compensator import Weight, check_request, optimal_damping, stiffness_gain
 from osl_analysis.model.drivetrain import DrivetrainParameters
@@ -30,7 +31,6 @@ from osl_analysis.simulator.rigid_body import (
     time_derivative,
 )
 from osl_analysis.simulator.two_mass_drivetrain import simulate_drivetrain
-from osl_analysis.trial import Array
 
 DAMPING_PHASES = 51  # of the grid on which B_1 is computed; B_1 is a smooth curve between
 

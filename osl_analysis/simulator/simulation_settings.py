@@ -12,9 +12,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
-from osl_analysis.model.compensator import PAPER_WEIGHT, Weight
-from osl_analysis.model.multisine import odd_lines
-from osl_analysis.yaml_settings import (
+from osl_analysis.base.yaml_settings import (
     IDENTIFIER,
     Amplitudes,
     CycleCount,
@@ -30,6 +28,8 @@ from osl_analysis.yaml_settings import (
     refuse_if,
     require_at_most,
 )
+from osl_analysis.model.compensator import PAPER_WEIGHT, Weight
+from osl_analysis.model.multisine import odd_lines
 
 
 class Effect(Settings):

@@ -13,6 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
+from osl_analysis.base.trial import Array
 from osl_analysis.config.impedance_trajectory import STANCE_SHARE
 from osl_analysis.simulator.laboratory_settings import (
     ANKLE_ANGLE,
@@ -23,7 +24,6 @@ from osl_analysis.simulator.laboratory_settings import (
 )
 from osl_analysis.simulator.rigid_body import Pose, rotation_about
 from osl_analysis.simulator.trial_plan import generator_of
-from osl_analysis.trial import Array
 
 TILT_DEG = 2.0  # of the unloaded platform, about its forward axis
 RENDERED_S = 0.1  # time [s] after the onset in which the rendered impedance is fitted

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from osl_analysis.base.errors import InputError
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.sheet import JOINT, SHEET_COLUMNS, SheetRows
-from osl_analysis.errors import InputError
 from osl_analysis.simulator.simulation_settings import SimulationSettings
 
 

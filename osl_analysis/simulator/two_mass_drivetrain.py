@@ -22,9 +22,9 @@ from typing import Any
 import numba
 import numpy as np
 
-from osl_analysis.errors import InputError
+from osl_analysis.base.errors import InputError
+from osl_analysis.base.trial import Array
 from osl_analysis.model.drivetrain import PARAMETER_UNITS, DrivetrainParameters
-from osl_analysis.trial import Array
 
 RUNS_AWAY = 100.0  # angle of the output, 16 turns [rad]: beyond it the control loop is unstable
 

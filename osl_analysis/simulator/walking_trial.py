@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from osl_analysis.base.trial import Array
 from osl_analysis.model.drivetrain import DrivetrainParameters
 from osl_analysis.simulator import step as gait
 from osl_analysis.simulator.bench_trial import drivetrain_effects
@@ -26,7 +27,6 @@ from osl_analysis.simulator.simulated_crossing import (
 )
 from osl_analysis.simulator.simulation_settings import SimulationSettings
 from osl_analysis.simulator.trial_plan import direction_of
-from osl_analysis.trial import Array
 
 
 def simulate_walking_trial(

@@ -12,9 +12,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.measured import rms
+from osl_analysis.base.measured import rms
+from osl_analysis.base.trial import Array
 from osl_analysis.signals import runs
-from osl_analysis.trial import Array
 
 # Shares are of the RMS of the moving angle.
 COARSE_HZ = 100.0  # rate [Hz], by averaging samples, at which periods are searched

@@ -14,8 +14,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.errors import Change, InputError
-from osl_analysis.trial import Array
+from osl_analysis.base.errors import Change, InputError
+from osl_analysis.base.trial import Array
 
 # Relative differences of a recorded sine from the commanded one
 LOST_AMPLITUDE = 0.25  # a dynamometer loses some of it

@@ -15,9 +15,9 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from osl_analysis.measured import check_finite
+from osl_analysis.base.measured import check_finite
+from osl_analysis.base.trial import Array
 from osl_analysis.stats.rounding import significant
-from osl_analysis.trial import Array
 
 MOST_FREEDOM = 1 / np.finfo(float).eps  # degrees of freedom; rounding of the sum decides on more
 # standard errors of a 95 % interval where their size is known

@@ -13,8 +13,9 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.measured import EXACT_FIT_SHARE, check_finite, check_measured
+from osl_analysis.base.errors import IdentifiabilityError, InputError
+from osl_analysis.base.measured import EXACT_FIT_SHARE, check_finite, check_measured
+from osl_analysis.base.trial import Array
 from osl_analysis.stats.budget import (
     OF_SOURCE,
     Budget,
@@ -23,7 +24,6 @@ from osl_analysis.stats.budget import (
     scatter,
     welch_satterthwaite,
 )
-from osl_analysis.trial import Array
 
 CONDITION_LIMIT = 1e3
 """Largest scaled condition number that is accepted. At this limit an error of 0.1 % in a column can

@@ -12,10 +12,10 @@ import polars as pl
 import scipy
 from numpy.typing import ArrayLike
 
-from osl_analysis.errors import InputError
-from osl_analysis.measured import check_measured
+from osl_analysis.base.errors import InputError
+from osl_analysis.base.measured import check_measured
+from osl_analysis.base.trial import Array
 from osl_analysis.stats.budget import NORMAL_HALF_WIDTH, Budget, Contribution, scatter
-from osl_analysis.trial import Array
 
 DOUBTFUL = "doubtful"  # column with the causes of doubt; null without any
 OTHER_ESTIMATES = ("K_", "B_", "I_", "J_j_")  # begins of estimates that have a verdict

@@ -18,10 +18,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from osl_analysis.errors import IdentifiabilityError
+from osl_analysis.base.errors import IdentifiabilityError
+from osl_analysis.base.trial import Array
 from osl_analysis.stats.budget import Budget, Contribution, unknown
 from osl_analysis.stats.linear_fit import linear_fit
-from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import PER_UNIT, Crossing
 from osl_analysis.walking.ensemble import (
     ESTIMATED,

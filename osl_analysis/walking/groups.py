@@ -12,8 +12,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError, listing
-from osl_analysis.trial import Array
+from osl_analysis.base.errors import InputError, listing
+from osl_analysis.base.trial import Array
 from osl_analysis.walking.crossing import DOWN, UP, Crossing
 from osl_analysis.walking.isolated_response import PHASES, curves_of
 from osl_analysis.walking.plate import SINGLE_SUPPORT, phases_between

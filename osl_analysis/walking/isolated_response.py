@@ -19,10 +19,10 @@ from functools import cached_property
 import numpy as np
 import scipy
 
-from osl_analysis.errors import InputError
-from osl_analysis.measured import rounding_of
+from osl_analysis.base.errors import InputError
+from osl_analysis.base.measured import rounding_of
+from osl_analysis.base.trial import Array
 from osl_analysis.signals import Motion, differentiate, sampling_rate
-from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.poses import StoredArray
 from osl_analysis.walking.walking_settings import TimingSettings

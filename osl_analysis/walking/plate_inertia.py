@@ -21,9 +21,9 @@ import numpy as np
 import polars as pl
 import scipy
 
-from osl_analysis.errors import IdentifiabilityError, InputError, advise, naming
+from osl_analysis.base.errors import IdentifiabilityError, InputError, advise, naming
+from osl_analysis.base.trial import Array, Trial
 from osl_analysis.signals import LowPass, longest_run, runs, sampling_rate
-from osl_analysis.trial import Array, Trial
 from osl_analysis.walking import platform
 from osl_analysis.walking import poses as rigid
 from osl_analysis.walking.plate import (

@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 import scipy
 
-from osl_analysis.errors import InputError, advise
+from osl_analysis.base.errors import InputError, advise
+from osl_analysis.base.trial import Array
 from osl_analysis.signals import LowPass, runs, sampling_rate
-from osl_analysis.trial import Array
 from osl_analysis.walking import poses as rigid
 from osl_analysis.walking.poses import SIDE_FRAMES, BodyMotion, Mask, Poses, StaticCalibration
 from osl_analysis.walking.walking_settings import PlatformSettings

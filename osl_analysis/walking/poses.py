@@ -19,9 +19,9 @@ import scipy
 from numpy.typing import NDArray
 from pydantic import PlainSerializer, PlainValidator
 
-from osl_analysis.errors import InputError, nearest
+from osl_analysis.base.errors import InputError, nearest
+from osl_analysis.base.trial import Array, Trial, marker_columns
 from osl_analysis.signals import differentiate, runs, sampling_rate
-from osl_analysis.trial import Array, Trial, marker_columns
 from osl_analysis.walking.walking_settings import CalibrationSettings, MarkerSettings
 
 Mask = NDArray[np.bool_]

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy
 
-from osl_analysis.errors import InputError
+from osl_analysis.base.errors import InputError
+from osl_analysis.base.trial import Array, Trial
 from osl_analysis.signals import longest_run
-from osl_analysis.trial import Array, Trial
 from osl_analysis.walking import platform
 from osl_analysis.walking.plate import (
     FLAT,

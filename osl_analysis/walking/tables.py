@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from osl_analysis.measured import rms
+from osl_analysis.base.measured import rms
+from osl_analysis.base.trial import Array
 from osl_analysis.signals import Motion
 from osl_analysis.stats.budget import budget_rows
 from osl_analysis.stats.repeats import doubtful_row
-from osl_analysis.trial import Array
 from osl_analysis.walking.contributions import GroupHeadline
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.ensemble import ESTIMATED, mean_gait_torque

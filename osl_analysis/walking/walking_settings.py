@@ -6,8 +6,7 @@ from typing import Annotated, ClassVar, Literal, Self
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
-from osl_analysis.signals import LowPass
-from osl_analysis.yaml_settings import (
+from osl_analysis.base.yaml_settings import (
     FilterOrder,
     JointDegrees,
     Newtons,
@@ -19,6 +18,7 @@ from osl_analysis.yaml_settings import (
     check_rising,
     require_at_most,
 )
+from osl_analysis.signals import LowPass
 
 Marker = Annotated[str, Field(min_length=1)]
 Names = Annotated[tuple[Marker, ...], AfterValidator(check_distinct)]

@@ -11,10 +11,10 @@ import pytest
 from conftest import refused_with
 from polars.testing import assert_frame_equal
 
-from osl_analysis.errors import WriteError
-from osl_analysis.files import ROOT, atomic_path, default_config, seen_from
-from osl_analysis.memory import VARIABLE, allowed_memory
-from osl_analysis.table import read_table, read_tables
+from osl_analysis.base.errors import WriteError
+from osl_analysis.base.files import ROOT, atomic_path, default_config, seen_from
+from osl_analysis.base.memory import VARIABLE, allowed_memory
+from osl_analysis.base.table import read_table, read_tables
 
 
 def fail_as_the_system():

@@ -16,16 +16,16 @@ from conftest import ROOT, refused_with, white_noise
 from scipy.signal import lfilter
 from shipped import CONFIG, DEVICE, LEG
 
+from osl_analysis.base.errors import IdentifiabilityError, InputError
+from osl_analysis.base.trial import Trial
+from osl_analysis.base.yaml_settings import read_yaml
 from osl_analysis.bench.bench_settings import ActuatorAnalysis, Calibration
 from osl_analysis.bench.parts_alone import ACTUATOR_PARAMETERS as NAMES
 from osl_analysis.bench.parts_alone import actuator_table, actuator_trial
 from osl_analysis.commands.fit import fit_actuator_trial, fit_trial
 from osl_analysis.commands.trials import raw_trial
-from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.simulator.bench_trial import simulate_bench_trial
 from osl_analysis.simulator.simulation_settings import RecorderSettings, SimulationSettings
-from osl_analysis.trial import Trial
-from osl_analysis.yaml_settings import read_yaml
 
 ANALYSIS = ActuatorAnalysis(cutoff_hz=15, order=4, sign_width=0.01)
 

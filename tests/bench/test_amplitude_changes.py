@@ -8,11 +8,11 @@ from any_motion import made_trial, noise
 from bench_synthetic import FIVE, stepped_sine
 from shipped import CONFIG
 
+from osl_analysis.base.trial import Trial
 from osl_analysis.bench.evidence import impedance_table
 from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
-from osl_analysis.trial import Trial
 
 
 def faster_is_stiffer(motion):

@@ -7,6 +7,7 @@ import pytest
 from bench_synthetic import RATE, belt_cycle, belt_record, stepped_sine
 from conftest import least_squares_alone, refused_with, white_noise
 
+from osl_analysis.base.trial import Trial
 from osl_analysis.bench import belt as belt_fits
 from osl_analysis.bench.bench_settings import BeltAnalysis
 from osl_analysis.bench.impedance import analysed
@@ -14,7 +15,6 @@ from osl_analysis.bench.parts_alone import transmission_table
 from osl_analysis.bench.regression import TRANSMISSION
 from osl_analysis.figures.fig3 import points as belt_points
 from osl_analysis.signals import LowPass
-from osl_analysis.trial import Trial
 
 
 def fitted(theta_s, torque, rate=RATE):

@@ -21,6 +21,7 @@ from conftest import findings_of, half_width, marked, refused_with, white_noise
 from scipy.interpolate import CubicSpline
 from shipped import CONFIG
 
+from osl_analysis.base.trial import Trial
 from osl_analysis.bench.belt import belt_table, fit_branches
 from osl_analysis.bench.bench_settings import (
     BeltAnalysis,
@@ -35,7 +36,6 @@ from osl_analysis.bench.regression import IMPEDANCE, sums_of
 from osl_analysis.commands.fit import run_fit
 from osl_analysis.judge.words import finding_text
 from osl_analysis.signals import LowPass, differentiate
-from osl_analysis.trial import Trial
 
 TRUE = {"K": 200.0, "B": 4.0, "I": 0.05}
 SOUND = stepped_sine(second_order, 0.01, FIVE)

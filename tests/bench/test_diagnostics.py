@@ -16,6 +16,7 @@ from scipy.interpolate import CubicSpline
 from shipped import CONFIG
 from shipped import LEG as P
 
+from osl_analysis.base.trial import Trial
 from osl_analysis.bench.evidence import impedance_table, moved_by_lag
 from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.lags import Belt, belt_of_leg, is_leg
@@ -29,7 +30,6 @@ from osl_analysis.judge.finding import Grade
 from osl_analysis.model.drivetrain import PARAMETER_UNITS
 from osl_analysis.report.numbers import headline_numbers, headline_sentences
 from osl_analysis.stats.budget import Budget
-from osl_analysis.trial import Trial
 
 LATENESS = "late torque"
 

@@ -18,16 +18,16 @@ from bench_synthetic import (
 from conftest import joint_trial, least_squares_alone, white_noise
 from shipped import CONFIG
 
+from osl_analysis.base.errors import IdentifiabilityError
+from osl_analysis.base.table import read_table, write_tables
 from osl_analysis.bench.bench_settings import Calibration, Fixture
 from osl_analysis.bench.evidence import DesiredImpedance, impedance_table
 from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.commands.figure import fig4
 from osl_analysis.commands.fit import fit_impedance_trial
-from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.judge import judging
 from osl_analysis.model.compensator import PAPER_WEIGHT
-from osl_analysis.table import read_table, write_tables
 
 LATENESS = "late torque"
 

@@ -15,16 +15,16 @@ from scipy.ndimage import gaussian_filter1d
 from shipped import CONFIG
 from shipped import LEG as P
 
+from osl_analysis.base.errors import IdentifiabilityError, InputError
+from osl_analysis.base.trial import Trial
 from osl_analysis.bench.bench_settings import (
     TimeBase,
 )
 from osl_analysis.bench.evidence import DesiredImpedance, impedance_table
 from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.motion import record_of_trial
-from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.model.drivetrain import joint_admittance
-from osl_analysis.trial import Trial
 
 SETTINGS = CONFIG.dynamometer
 # a protocol of which nothing is stated

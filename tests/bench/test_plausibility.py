@@ -12,15 +12,15 @@ from bench_synthetic import PROTOCOL, second_order, true_motion
 from conftest import beyond_in, joint_trial, least_squares_alone, refused_with
 from shipped import CONFIG, DEVICE, LEG
 
+from osl_analysis.base.errors import InputError
+from osl_analysis.base.trial import Trial
 from osl_analysis.bench.bench_settings import (
     BenchStiffness,
 )
 from osl_analysis.bench.evidence import DesiredImpedance, beside_known
 from osl_analysis.bench.plausibility import check_stiffer, unit_of_step
 from osl_analysis.commands.fit import fit_trial
-from osl_analysis.errors import InputError
 from osl_analysis.ingest.guard import check_recording
-from osl_analysis.trial import Trial
 
 SINES = {
     "amplitudes_deg": tuple(np.rad2deg(PROTOCOL.amplitudes)),

@@ -10,11 +10,11 @@ import pytest
 from conftest import marked, refused_with, white_noise
 from shipped import CONFIG
 
+from osl_analysis.base.trial import Trial
 from osl_analysis.bench.bench_settings import TorqueAngleAnalysis
 from osl_analysis.bench.cycles import find_loop
 from osl_analysis.bench.torque_angle import torque_angle_trial
 from osl_analysis.ingest.quality import saturated
-from osl_analysis.trial import Trial
 
 ALWAYS = {"late torque", "fixture"}
 

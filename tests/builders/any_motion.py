@@ -7,7 +7,7 @@ import polars as pl
 from scipy.interpolate import CubicSpline
 from scipy.signal import lsim
 
-from osl_analysis.trial import Trial
+from osl_analysis.base.trial import Trial
 
 RATE = 250.0
 LEAD = 1.5

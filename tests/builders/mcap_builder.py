@@ -9,7 +9,7 @@ from typing import Any
 from mcap.writer import CompressionType, Writer
 from mcap_ros2._dynamic import serialize_dynamic
 
-from osl_analysis.source_file import MessageSource
+from osl_analysis.base.source_file import MessageSource
 
 HEADER = """\
 ================================================================================

@@ -9,10 +9,10 @@ from typing import Any
 
 from conftest import said_in_refusal
 
+from osl_analysis.base.source_file import Source
 from osl_analysis.formats import known_formats, recognise
 from osl_analysis.ingest.conversion import Converted
 from osl_analysis.ingest.raw_files import read_converted
-from osl_analysis.source_file import Source
 
 
 def source_of(name: str, **described: Any) -> Source:

@@ -32,7 +32,7 @@ from multiprocessing import forkserver
 import snakemake.cli, snakemake.api, snakemake.workflow, snakemake.dag, snakemake.storage
 # what Snakemake imports while it reads a Snakefile and compares params
 import pandas, smart_open
-import osl_analysis.judge.campaign, osl_analysis.table, osl_analysis.commands.run
+import osl_analysis.judge.campaign, osl_analysis.base.table, osl_analysis.commands.run
 import osl_analysis.commands.run
 import osl_analysis.commands.simulate, osl_analysis.campaign.campaign_trials, osl_analysis.figures
 import osl_analysis.campaign.result_files, osl_analysis.campaign.origin
@@ -40,8 +40,8 @@ import osl_analysis.report.verdicts, osl_analysis.report.numbers
 import osl_analysis.cli
 from osl_analysis.formats import known_formats
 from osl_analysis.jobs import workers
-from osl_analysis.files import default_config
-from osl_analysis.yaml_settings import read_mapping
+from osl_analysis.base.files import default_config
+from osl_analysis.base.yaml_settings import read_mapping
 import planned_jobs
 
 snakemake.cli.get_argument_parser()  # imports the plug-ins

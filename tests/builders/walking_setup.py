@@ -13,6 +13,8 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from shipped import LEG
 
+from osl_analysis.base.trial import Array
+from osl_analysis.base.yaml_settings import read_yaml
 from osl_analysis.model.drivetrain import DrivetrainParameters
 from osl_analysis.simulator.bench_trial import drivetrain_effects
 from osl_analysis.simulator.laboratory_settings import WalkingSettings
@@ -20,8 +22,6 @@ from osl_analysis.simulator.simulated_crossing import SimulatedCrossing, simulat
 from osl_analysis.simulator.simulation_settings import SimulationSettings
 from osl_analysis.simulator.step import GaitTrial, draw_step
 from osl_analysis.simulator.walking_trial import simulate_walking_trial
-from osl_analysis.trial import Array
-from osl_analysis.yaml_settings import read_yaml
 
 PERTURBED = {"trial": "walking_01", "experiment": "walking", "perturbed": True}
 UNPERTURBED = {"trial": "walking_01", "experiment": "walking", "perturbed": False}

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import erf
 from shipped import SETTINGS
 
-from osl_analysis.trial import Array, Trial, marker_columns, plate_columns
+from osl_analysis.base.trial import Array, Trial, marker_columns, plate_columns
 from osl_analysis.walking.poses import Poses
 from osl_analysis.walking.walking_settings import WalkingAnalysis
 

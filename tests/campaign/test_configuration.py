@@ -19,6 +19,7 @@ from pydantic import Field
 from shipped import SETTINGS as SHIPPED
 
 from osl_analysis import formats
+from osl_analysis.base.yaml_settings import Settings, read_mapping, read_yaml
 from osl_analysis.campaign.campaign_trials import open_campaign
 from osl_analysis.campaign.configuration import (
     campaign_config,
@@ -40,7 +41,6 @@ from osl_analysis.model.compensator import Weight, select_gains
 from osl_analysis.model.drivetrain import read_parameters
 from osl_analysis.simulator.simulation_settings import SimulationSettings
 from osl_analysis.simulator.trial_plan import plan_trials
-from osl_analysis.yaml_settings import Settings, read_mapping, read_yaml
 
 SHIPPED_FILE = ROOT / "config/config.yaml"
 Cycles = Annotated[int, Field(ge=1, le=100)]

@@ -11,6 +11,8 @@ from bench_synthetic import sine_settings, unit_sines
 from conftest import ROOT, joint_trial, least_squares_alone, white_noise
 from walking_crossings import Walk, run_jobs, several, walked
 
+from osl_analysis.base.files import default_config
+from osl_analysis.base.yaml_settings import flat, read_mapping
 from osl_analysis.bench.evidence import DesiredImpedance
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.campaign.campaign_trials import Campaign
@@ -25,12 +27,10 @@ from osl_analysis.commands.fit import fit_trial
 from osl_analysis.commands.run import left_out_recordings
 from osl_analysis.commands.walking import write_crossing
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
-from osl_analysis.files import default_config
 from osl_analysis.ingest.quality import Commanded, measure_quality
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.recording_checks import judged_table, measured_table
 from osl_analysis.stats.repeats import alike_sizes
-from osl_analysis.yaml_settings import flat, read_mapping
 
 OTHERS = {
     "parameters": "config/parameters/osl-v2-published.yaml", "impedance_trajectory": "other.csv",

@@ -10,6 +10,8 @@ import pytest
 import yaml
 from conftest import ROOT, refused_with
 
+from osl_analysis.base.errors import UnreachableImpedanceError
+from osl_analysis.base.yaml_settings import read_yaml
 from osl_analysis.campaign.campaign_trials import check_campaign, open_campaign
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.campaign.result_files import ResultFiles
@@ -20,11 +22,9 @@ from osl_analysis.commands.simulate import (
     write_sheet,
 )
 from osl_analysis.config.sheet import read_sheet
-from osl_analysis.errors import UnreachableImpedanceError
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.simulator.simulation_settings import SimulationSettings
 from osl_analysis.simulator.trial_plan import plan_trials
-from osl_analysis.yaml_settings import read_yaml
 
 HEADER = "trial,experiment,controller,K_d,B_d,perturbed,log,log_source,mocap,mocap_source,exclude\n"
 BELT = "b,belt,,,,,b.mcap,dynamometer,,,"

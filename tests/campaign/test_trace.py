@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 import yaml
 
+from osl_analysis.base.errors import InputError
 from osl_analysis.campaign import trace
 from osl_analysis.campaign.campaign_trials import open_campaign
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.campaign.origin import about, changed_settings, settings_of, stated_digests
 from osl_analysis.commands.trace_number import trace_text
-from osl_analysis.errors import InputError
 
 SOURCE = """
 format: csv

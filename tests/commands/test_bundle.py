@@ -11,11 +11,11 @@ import pytest
 from command_line import call
 from conftest import ROOT
 
+from osl_analysis.base.table import SCHEMA
 from osl_analysis.campaign.campaign_trials import open_campaign
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.campaign.result_files import ResultFiles
 from osl_analysis.commands.run import check_start
-from osl_analysis.table import SCHEMA
 
 CONFIG = """# of the old bench
 campaign: old_bench

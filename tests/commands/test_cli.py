@@ -21,13 +21,13 @@ from command_line import call
 from conftest import ROOT, refused_with
 from shipped import SETTINGS
 
-from osl_analysis import memory
+from osl_analysis.base import memory
+from osl_analysis.base.memory import limited_memory
+from osl_analysis.base.table import write_table
+from osl_analysis.base.trial import Trial, write_trial
 from osl_analysis.cli import main
 from osl_analysis.commands.figure import write_figure
 from osl_analysis.figures import completed, drawn
-from osl_analysis.memory import limited_memory
-from osl_analysis.table import write_table
-from osl_analysis.trial import Trial, write_trial
 
 pytestmark = pytest.mark.usefixtures("in_root")
 linux_alone = pytest.mark.skipif(sys.platform != "linux", reason="the limit is Linux's")

@@ -8,9 +8,9 @@ from dataclasses import replace
 import pytest
 from conftest import refused_with
 
+from osl_analysis.base.table import read_table
 from osl_analysis.commands.compare import compare_campaigns, compared
 from osl_analysis.report.numbers import RANGE, Number, to_json
-from osl_analysis.table import read_table
 
 ABOUT = dict.fromkeys(("campaign", "version", "configuration", "recorded"), "x")
 ABOUT["data"] = "simulated"

@@ -20,14 +20,14 @@ from polars.testing import assert_frame_equal
 from shipped import DEVICE
 
 import osl_analysis as osl
+from osl_analysis.base.table import read_table, write_table
+from osl_analysis.base.trial import write_trial
 from osl_analysis.campaign.configuration import FrequencyResponseFigure, read_config
 from osl_analysis.commands import figure, tables
 from osl_analysis.commands import fit as fits
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.ingest.quality import Commanded, measure_quality
 from osl_analysis.judge.recording_checks import measured_table
-from osl_analysis.table import read_table, write_table
-from osl_analysis.trial import write_trial
 
 pytestmark = pytest.mark.usefixtures("in_root")
 DESIRED = osl.DesiredImpedance("compensated", 300.0, 5.0)

@@ -16,16 +16,16 @@ from shipped import CONFIG, DEVICE
 from walking_crossings import Walk, selected, walked
 from walking_synthetic import settings
 
+from osl_analysis.base.errors import OslAnalysisError
+from osl_analysis.base.trial import Trial
 from osl_analysis.bench.evidence import DesiredImpedance
 from osl_analysis.commands.fit import fit_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables_by_name
-from osl_analysis.errors import OslAnalysisError
 from osl_analysis.signals import Motion, differentiate, sampling_rate
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
 from osl_analysis.stats import repeats
 from osl_analysis.stats.linear_fit import linear_fit
-from osl_analysis.trial import Trial
 from osl_analysis.walking.crossing import PER_UNIT
 from osl_analysis.walking.impedance_fit import fit_without_offset
 from osl_analysis.walking.isolated_response import unperturbed_gait

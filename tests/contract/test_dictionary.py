@@ -14,15 +14,15 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from polars.testing import assert_frame_equal
 
-from osl_analysis.commands.run import check_working_folder
-from osl_analysis.dictionary import HERE
-from osl_analysis.files import own_yaml
-from osl_analysis.table import (
+from osl_analysis.base.files import own_yaml
+from osl_analysis.base.table import (
     read_table,
     with_places,
     write_table,
 )
-from osl_analysis.yaml_settings import read_mapping
+from osl_analysis.base.yaml_settings import read_mapping
+from osl_analysis.commands.run import check_working_folder
+from osl_analysis.dictionary import HERE
 
 
 @pytest.mark.parametrize(

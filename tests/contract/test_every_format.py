@@ -15,9 +15,9 @@ from log_builders import write_mat, write_mat73, write_opensim, write_tdms, writ
 from recognised_files import refusal_by, source_of
 
 from osl_analysis import formats
+from osl_analysis.base.errors import InputError
 from osl_analysis.commands.trials import inspect_file, overview_text
 from osl_analysis.draft.draft_source import draft_source
-from osl_analysis.errors import InputError
 from osl_analysis.ingest.raw_files import read_converted, read_source
 
 TIME = np.arange(40) / 500

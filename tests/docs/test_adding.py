@@ -106,7 +106,7 @@ from osl_analysis.judge.limits import Limits
 from osl_analysis.judge.judging import judged
 from osl_analysis.judge.words import finding_text
 from osl_analysis.notebook import fit
-from osl_analysis.table import read_table
+from osl_analysis.base.table import read_table
 
 trial, ours = "results/trials/damper_2.parquet", Path("config.yaml")
 command = ["fit", trial, "--model", "damper", "--config", "config.yaml"]

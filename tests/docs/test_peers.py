@@ -10,7 +10,7 @@ import polars as pl
 import pytest
 from conftest import ROOT
 
-from osl_analysis.table import read_table
+from osl_analysis.base.table import read_table
 
 PEERS = ROOT / "benchmarks/peers"
 TOY = """

@@ -12,12 +12,12 @@ from command_line import call
 from log_builders import write_text
 from mcap_builder import HEADER, stamped, write_log
 
+from osl_analysis.base.units import is_clock
 from osl_analysis.commands import trials as module
 from osl_analysis.draft.draft_source import draft_source
 from osl_analysis.draft.overview import choose_clock
 from osl_analysis.draft.recorded_channel import RecordedChannel
 from osl_analysis.ingest.raw_files import read_converted, read_source
-from osl_analysis.units import is_clock
 
 NASTY = 'a\x1b[2J": {x\n# y\u202eb'
 LATIN = NASTY.replace("\u202e", "\x9b")

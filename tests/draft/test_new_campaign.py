@@ -18,6 +18,8 @@ from conftest import ROOT, refused_with
 from jsonschema import Draft202012Validator
 from log_builders import write_text
 
+from osl_analysis.base.files import shipped
+from osl_analysis.base.units import base_units, normalised
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.new_campaign import left_to_decide, new_campaign, schemas
 from osl_analysis.commands.run import first_look, snakemake_arguments
@@ -26,9 +28,7 @@ from osl_analysis.draft.draft_campaign import draft_campaign
 from osl_analysis.draft.draft_sheet import draft_trials
 from osl_analysis.draft.draft_walking import segment_of
 from osl_analysis.draft.recorded_channel import name_and_ending
-from osl_analysis.files import shipped
 from osl_analysis.ingest.raw_files import read_source, recordings_in
-from osl_analysis.units import base_units, normalised
 
 pytestmark = pytest.mark.usefixtures("schemas_made_once")
 

@@ -10,6 +10,7 @@ import polars as pl
 import pytest
 from conftest import ROOT, refused_with
 
+from osl_analysis.base.table import NOT_ANALYSED, read_table, write_table
 from osl_analysis.bench.frequency_response import with_errors
 from osl_analysis.commands.figure import (
     draw_figure,
@@ -28,7 +29,6 @@ from osl_analysis.figures import (
 )
 from osl_analysis.figures.style import DOUBLE_COLUMN, SINGLE_COLUMN, paper_style
 from osl_analysis.model.compensator import CONTROLLERS, PAPER_WEIGHT
-from osl_analysis.table import NOT_ANALYSED, read_table, write_table
 
 CAMS = [f"both_cams_{5 * number:02d}mm" for number in range(11)]
 NULL = pl.lit(None, pl.Float64)

@@ -10,6 +10,7 @@ import polars as pl
 import pytest
 from test_figures import assert_whole, responses, scattered, stored, texts
 
+from osl_analysis.base.table import read_table, with_places, write_table
 from osl_analysis.campaign.campaign_trials import open_campaign
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.campaign.origin import about, sentence
@@ -19,7 +20,6 @@ from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
 from osl_analysis.figures import drawn, plotted_numbers
 from osl_analysis.figures.style import by_controller, paper_style
 from osl_analysis.model.compensator import PAPER_WEIGHT
-from osl_analysis.table import read_table, with_places, write_table
 
 HOSTILE = (
     "$x_1$ 50 %",

@@ -8,9 +8,10 @@ import pytest
 from conftest import refused_with
 
 from osl_analysis import formats
-from osl_analysis.formats import GROUP, known_formats, recognise
-from osl_analysis.recording import Channel, Format, Recording, Rows
-from osl_analysis.source_file import LogSource
+from osl_analysis.base.recording import Channel, Format, Recording, Rows
+from osl_analysis.base.source_file import LogSource
+from osl_analysis.formats import known_formats, reading, recognise
+from osl_analysis.formats.reading import GROUP
 
 
 class ToySource(LogSource):
@@ -45,7 +46,7 @@ def with_toy(monkeypatch):
     def entry_points(group):
         return EntryPoints([point] if group == GROUP else [])
 
-    monkeypatch.setattr(formats, "entry_points", entry_points)
+    monkeypatch.setattr(reading, "entry_points", entry_points)
     known_formats.cache_clear()
     yield
     known_formats.cache_clear()

@@ -17,8 +17,9 @@ from conftest import refused_with
 from log_builders import write_mat
 from mcap.writer import CompressionType, Writer
 
-from osl_analysis import formats, memory
-from osl_analysis.memory import check_unpacked
+from osl_analysis import formats
+from osl_analysis.base import memory
+from osl_analysis.base.memory import check_unpacked
 
 ZEROS = bytes(300 * 10**6)
 """What a bomb unpacks to."""

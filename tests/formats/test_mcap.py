@@ -25,8 +25,8 @@ from mcap_builder import message_source as source
 from mcap_ros2.decoder import DecoderFactory
 
 from osl_analysis import formats
+from osl_analysis.base.recording import End
 from osl_analysis.formats import mcap
-from osl_analysis.recording import End
 
 MAGIC = mcap.MAGIC
 MILLISECOND = 1_000_000  # ns

@@ -11,8 +11,8 @@ from conftest import said_in_refusal
 from mcap_builder import SAMPLE_NAME, message_source, stamped, write_log
 
 from osl_analysis import formats
+from osl_analysis.base.recording import End
 from osl_analysis.formats import known_formats
-from osl_analysis.recording import End
 
 DESCRIBED = "metadata.yaml"
 PARTS = (range(30), range(30, 50))

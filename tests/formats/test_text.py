@@ -10,9 +10,9 @@ from conftest import refused_with, said_in_refusal
 from log_builders import ankle, table_text, written
 
 from osl_analysis import formats
-from osl_analysis.errors import InputError
+from osl_analysis.base.errors import InputError
+from osl_analysis.base.units import base_units, normalised
 from osl_analysis.formats import known_formats
-from osl_analysis.units import base_units, normalised
 
 TIME, ANGLE, TORQUE = ankle(900)  # long enough that polars splits the middle of the text
 table = partial(table_text, t=written(TIME), a=written(ANGLE), m=written(TORQUE))

@@ -17,19 +17,19 @@ from conftest import refused_with, said_in_refusal, white_noise
 from mcap_builder import SAMPLE, stamped, write_log
 from scipy.interpolate import make_interp_spline
 
+from osl_analysis.base.source_file import SharedAngle
+from osl_analysis.base.trial import (
+    Trial,
+    marker_columns,
+    read_trial,
+    write_trial,
+)
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest.clock import ClockFit, aligned_clock
 from osl_analysis.ingest.conversion import Converted
 from osl_analysis.ingest.raw_files import merged
-from osl_analysis.source_file import SharedAngle
-from osl_analysis.trial import (
-    Trial,
-    marker_columns,
-    read_trial,
-    write_trial,
-)
 
 LEG = {
     "format": "mcap",

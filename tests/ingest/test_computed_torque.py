@@ -7,9 +7,9 @@ import pytest
 from conftest import refused_with, white_noise
 from scipy.signal import lfilter
 
+from osl_analysis.base.trial import Trial
 from osl_analysis.bench.plausibility import computed_torque
 from osl_analysis.ingest.guard import check_own_torque
-from osl_analysis.trial import Trial
 
 TIME = np.arange(4000) / 200
 TURN = 2 * np.pi * TIME

@@ -6,10 +6,10 @@ import polars as pl
 import pytest
 from conftest import white_noise
 
+from osl_analysis.base.trial import Trial
 from osl_analysis.ingest.quality import Commanded, measure_quality
 from osl_analysis.ingest.raw_files import read_converted, read_source
 from osl_analysis.signals.agreement import speed_factor
-from osl_analysis.trial import Trial
 
 TIME = np.arange(8000) / 200
 TURN = 2 * np.pi * TIME

@@ -13,14 +13,14 @@ import yaml
 from conftest import ROOT, refused_with
 from recognised_files import refusal_by
 
-from osl_analysis.ingest.raw_files import read_converted, read_source, trial_from_files
-from osl_analysis.units import (
+from osl_analysis.base.units import (
     EXAMPLES,
     NAME,
     base_units,
     name_for_pint,
     si_factor,
 )
+from osl_analysis.ingest.raw_files import read_converted, read_source, trial_from_files
 
 SOURCE = {
     "format": "csv", "time": {"column": "t", "unit": "s"},

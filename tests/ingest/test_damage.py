@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from conftest import refused_with, white_noise
 
+from osl_analysis.base.measured import spoiled
+from osl_analysis.base.trial import Trial
 from osl_analysis.ingest.quality import Commanded, measure_quality
 from osl_analysis.ingest.raw_files import read_converted, read_source
-from osl_analysis.measured import spoiled
-from osl_analysis.trial import Trial
 
 TIME = np.arange(4000) / 200
 TORQUE = 30 * np.sin(7 * TIME) + 12 * np.sin(17 * TIME) + 0.05 * white_noise(TIME.size, 3)

@@ -14,10 +14,10 @@ from c3d_builder import write_c3d
 from conftest import ROOT, refused_with
 from recognised_files import refusal_by
 
+from osl_analysis.base.source_file import MarkerSource
 from osl_analysis.formats import known_formats, recognise
 from osl_analysis.formats.mcap import MAGIC
 from osl_analysis.ingest.raw_files import read_source, trial_from_files
-from osl_analysis.source_file import MarkerSource
 
 LOG = {"format": "mcap", "time": {"source": "header"}, "channels": {}}
 

@@ -17,6 +17,8 @@ from scipy import signal
 from shipped import CONFIG, SETTINGS
 from stamp_recorders import rounded_to_bits
 
+from osl_analysis.base.trial import Trial
+from osl_analysis.base.yaml_settings import Settings, validated
 from osl_analysis.commands.fit import is_broken_outside
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.ingest.guard import check_sizes
@@ -36,8 +38,6 @@ from osl_analysis.judge.recording_checks import (
 )
 from osl_analysis.signals import longest_run
 from osl_analysis.signals.standing import run_at_extreme
-from osl_analysis.trial import Trial
-from osl_analysis.yaml_settings import Settings, validated
 
 COMMANDED = Commanded((2.0, 4.0), (2.0, 5.0), 6, clusters={"foot": "ABCD"})
 RULES = CONFIG.quality

@@ -9,10 +9,10 @@ from bench_synthetic import table_of
 from conftest import least_squares_alone, refused_with, white_noise
 from scipy.signal import lsim, lti
 
+from osl_analysis.base.trial import Trial, read_trial, write_trial
 from osl_analysis.bench.bench_settings import DynamometerAnalysis
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.signals.grid import GapLimits, uniform_signals, with_clocks
-from osl_analysis.trial import Trial, read_trial, write_trial
 
 K = 300.0
 B = 5.0

@@ -10,11 +10,11 @@ import pytest
 from conftest import refused_with, white_noise
 from shipped import CONFIG
 
+from osl_analysis.base.errors import Change, InputError
+from osl_analysis.base.trial import Trial
 from osl_analysis.commands.fit import run_fit
 from osl_analysis.commands.fit_results import FitTables
 from osl_analysis.commands.remedies import fit_or_advise
-from osl_analysis.errors import Change, InputError
-from osl_analysis.trial import Trial
 
 RATE = 200.0
 

@@ -27,6 +27,9 @@ from snakemake.exceptions import LockException, format_exception_to_string
 from snakemake_interface_logger_plugins.common import LogEvent
 from snakemake_runs import run_forked
 
+from osl_analysis.base.errors import InputError, MemoryLimitError, WriteError, advise
+from osl_analysis.base.table import NotAnalysed, not_analysed, read_table, write_table, write_tables
+from osl_analysis.base.trial import Trial, read_trial
 from osl_analysis.commands import trials
 from osl_analysis.commands.report import failure_lines
 from osl_analysis.commands.tables import gather, judge, list_excluded, read_summary
@@ -35,7 +38,6 @@ from osl_analysis.commands.walking import (
     read_model,
     read_unperturbed_gaits,
 )
-from osl_analysis.errors import InputError, MemoryLimitError, WriteError, advise
 from osl_analysis.ingest.quality import Commanded, measure_quality
 from osl_analysis.jobs.job_log import Job, read_log, write_log
 from osl_analysis.jobs.perform import (
@@ -47,8 +49,6 @@ from osl_analysis.jobs.perform import (
 from osl_analysis.jobs.progress import LogHandler
 from osl_analysis.judge.campaign import exclusion_report
 from osl_analysis.judge.recording_checks import QualityRules, measured_table, read_verdicts
-from osl_analysis.table import NotAnalysed, not_analysed, read_table, write_table, write_tables
-from osl_analysis.trial import Trial, read_trial
 from osl_analysis.walking.poses import StaticCalibration
 
 LOST = NotAnalysed("b_1", "raw/b_1.mcap: no such file; copy it there")
@@ -216,7 +216,7 @@ def test_of_ingest_and_quality_control_both_results_stand_or_none(tmp_path, monk
 WORKERS = """
 import os, signal
 from pathlib import Path
-from osl_analysis.files import default_config
+from osl_analysis.base.files import default_config
 from osl_analysis.jobs import workers
 from osl_analysis.jobs.job_log import Job
 

@@ -7,8 +7,8 @@ import numpy as np
 import polars as pl
 import pytest
 
+from osl_analysis.base.errors import InputError
 from osl_analysis.bench.summaries import compensation_table
-from osl_analysis.errors import InputError
 from osl_analysis.judge.claims import Claim, claims_table, read_claims
 
 VISCOUS = {"B_viscous": 5.25, "B_viscous_low": 5.0, "B_viscous_high": 5.5}

@@ -12,8 +12,8 @@ from pydantic import ValidationError
 from scipy.integrate import quad
 from shipped import LEG as P
 
+from osl_analysis.base.errors import UnreachableImpedanceError
 from osl_analysis.commands.gains import gain_table
-from osl_analysis.errors import UnreachableImpedanceError
 from osl_analysis.model import compensator, drivetrain
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.model.drivetrain import (

@@ -32,13 +32,13 @@ from stamp_recorders import (
     waits,
 )  # fmt: skip
 
-from osl_analysis.errors import InputError
+from osl_analysis.base.errors import InputError
+from osl_analysis.base.trial import check_time
 from osl_analysis.signals.device_clock import DeviceClock, held_values
 from osl_analysis.signals.grid import GapLimits, on_one_grid
 from osl_analysis.signals.sample_count import count_from_stamps
 from osl_analysis.signals.samples import Stream, take
 from osl_analysis.signals.stamp_evidence import Reading
-from osl_analysis.trial import check_time
 
 
 @pytest.mark.parametrize(("rate", "largest"), [(100.0, 2.6e-5), (300.0, 3.2e-7), (1000.0, 2.6e-9)])

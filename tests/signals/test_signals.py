@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from conftest import refused_with, white_noise
 
-from osl_analysis.errors import InputError
+from osl_analysis.base.errors import InputError
 from osl_analysis.model.multisine import odd_multisine
 from osl_analysis.signals import (
     LowPass,

@@ -11,6 +11,7 @@ from conftest import ROOT, refused_with
 from scipy.interpolate import CubicSpline
 from shipped import LEG as P
 
+from osl_analysis.base.yaml_settings import read_mapping, read_yaml
 from osl_analysis.campaign.configuration import overriding
 from osl_analysis.commands.simulate import row_of_trial, simulate_campaign, simulate_trial
 from osl_analysis.model.compensator import compensated_gains, uncompensated_gains
@@ -23,7 +24,6 @@ from osl_analysis.simulator.bench_trial import (
     true_signals,
 )
 from osl_analysis.simulator.simulation_settings import SimulationSettings
-from osl_analysis.yaml_settings import read_mapping, read_yaml
 
 TINY = ROOT / "tests/tiny_simulation.yaml"
 RATE = 1000.0  # [Hz]

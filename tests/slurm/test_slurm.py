@@ -16,7 +16,7 @@ import yaml
 from conftest import ROOT
 from snakemake_runs import OVERRIDES, write_small
 
-from osl_analysis.table import not_analysed
+from osl_analysis.base.table import not_analysed
 
 CONFIG = "config/small.yaml"
 BROKEN = "belt_02"

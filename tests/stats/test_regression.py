@@ -9,7 +9,7 @@ import pytest
 from conftest import refused_with, white_noise
 from scipy.stats import t as student
 
-from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.base.errors import IdentifiabilityError, InputError
 from osl_analysis.stats import linear_fit as regression
 from osl_analysis.stats import repeats
 from osl_analysis.stats.budget import welch_satterthwaite

@@ -16,11 +16,11 @@ from walking_crossings import Tables, run_jobs
 from walking_setup import load_setup
 from walking_synthetic import hidden, settings, static_trial
 
+from osl_analysis.base.errors import InputError
+from osl_analysis.base.trial import read_trial, write_trial
 from osl_analysis.commands import walking
 from osl_analysis.commands.trials import ingest_trial
-from osl_analysis.errors import InputError
 from osl_analysis.judge.limits import Limits
-from osl_analysis.trial import read_trial, write_trial
 from osl_analysis.walking.crossing import PER_UNIT
 from osl_analysis.walking.plate_inertia import PlateModel
 from osl_analysis.walking.plate_lag import PlateTiming

@@ -12,7 +12,7 @@ from conftest import refused_with
 from walking_crossings import LEAD, RISE, TURN, crossing
 from walking_synthetic import RATE, bump
 
-from osl_analysis.errors import IdentifiabilityError
+from osl_analysis.base.errors import IdentifiabilityError
 from osl_analysis.walking.ensemble import (
     stacked,
 )

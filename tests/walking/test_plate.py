@@ -24,8 +24,8 @@ from walking_synthetic import (
     walked_over,
 )
 
-from osl_analysis.errors import IdentifiabilityError
-from osl_analysis.trial import Trial, plate_columns
+from osl_analysis.base.errors import IdentifiabilityError
+from osl_analysis.base.trial import Trial, plate_columns
 from osl_analysis.walking.crossing import (
     Ankle,
     analyse_crossing,

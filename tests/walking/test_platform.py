@@ -12,8 +12,8 @@ import walking_synthetic as synthetic
 from conftest import refused_with
 from walking_synthetic import Ramp, Rig, changed, plate_trials, settings, static_trial, walked_over
 
+from osl_analysis.base.table import write_table
 from osl_analysis.commands.walking import average_unperturbed, write_refusal
-from osl_analysis.table import write_table
 from osl_analysis.walking.crossing import analyse_crossing
 from osl_analysis.walking.groups import static_of
 from osl_analysis.walking.plate import Stance

@@ -21,7 +21,7 @@ from walking_synthetic import (
     static_trial,
 )
 
-from osl_analysis.trial import Array, Trial
+from osl_analysis.base.trial import Array, Trial
 from osl_analysis.walking.crossing import ankle_angle, moment_of_foot
 from osl_analysis.walking.poses import (
     body_motion,

@@ -5,8 +5,8 @@ import numpy as np
 import polars as pl
 import pytest
 
+from osl_analysis.base.trial import read_trial
 from osl_analysis.commands.trials import ingest_trial
-from osl_analysis.trial import read_trial
 from osl_analysis.walking.crossing import ankle_torque
 from osl_analysis.walking.plate import (
     find_stances,

@@ -7,7 +7,7 @@ from pathlib import Path
 import polars as pl
 
 import osl_analysis as osl
-from osl_analysis.files import DISTRIBUTION
+from osl_analysis.base.files import DISTRIBUTION
 from osl_analysis.judge.finding import Grade
 
 PACKAGES = (DISTRIBUTION,)

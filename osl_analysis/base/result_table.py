@@ -9,7 +9,7 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis import table
+from osl_analysis.base import table
 
 
 def read_table(path: Path | str, required: Sequence[str] = (), name: str = "") -> pl.DataFrame:

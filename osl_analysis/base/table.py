@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import polars as pl
 
-from osl_analysis.errors import InputError
-from osl_analysis.files import atomic_path
+from osl_analysis.base.errors import InputError
+from osl_analysis.base.files import atomic_path
 
 if TYPE_CHECKING:
     import pandas

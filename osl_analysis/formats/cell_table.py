@@ -18,8 +18,11 @@ import polars as pl
 from numpy.typing import NDArray
 from pydantic import Field
 
-from osl_analysis.errors import InputError, shortened
-from osl_analysis.formats._text import (
+from osl_analysis.base.errors import InputError, shortened
+from osl_analysis.base.recording import Channel, End, Kind, Loss, Recording, Rows
+from osl_analysis.base.source_file import ColumnChannel, ColumnTime, TableSource
+from osl_analysis.base.units import is_clock, is_unit
+from osl_analysis.formats.text_cells import (
     FIRST_LINES,
     LAST_LINES,
     MISSING,
@@ -35,9 +38,6 @@ from osl_analysis.formats._text import (
     name_and_unit,
     unpadded,
 )
-from osl_analysis.recording import Channel, End, Kind, Loss, Recording, Rows
-from osl_analysis.source_file import ColumnChannel, ColumnTime, TableSource
-from osl_analysis.units import is_clock, is_unit
 
 BRACKETS = "[](){}- "  # around a unit, or in its place
 MOST_HEADERS = 4  # rows of names and units above the numbers

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from osl_analysis.errors import InputError
+from osl_analysis.base.errors import InputError
 
 # types that are uint8 (design.ros2.org/articles/legacy_interface_definition.html); NumPy calls all
 # others as ROS does

@@ -14,8 +14,8 @@ from typing import Annotated
 
 from pydantic import AfterValidator
 
-from osl_analysis.errors import InputError, shortened
-from osl_analysis.files import own_yaml
+from osl_analysis.base.errors import InputError, shortened
+from osl_analysis.base.files import own_yaml
 
 DATA = own_yaml(Path(__file__).with_name("units.yaml"))
 EXAMPLES: dict[str, dict[str, float]] = DATA["examples"]

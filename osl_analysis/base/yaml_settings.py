@@ -29,8 +29,8 @@ from pydantic_core import PydanticCustomError
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from osl_analysis.errors import InputError, listing, naming, nearest, shortened
-from osl_analysis.files import shipped
+from osl_analysis.base.errors import InputError, listing, naming, nearest, shortened
+from osl_analysis.base.files import shipped
 
 Positive = PositiveFloat
 NotNegative = NonNegativeFloat

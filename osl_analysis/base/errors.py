@@ -133,7 +133,7 @@ class InputError(OslAnalysisError):
     --------
     >>> osl.fit("none.parquet")
     Traceback (most recent call last):
-    osl_analysis.errors.InputError: none.parquet: no such trial; ingest it first ...
+    osl_analysis.base.errors.InputError: none.parquet: no such trial; ingest it first ...
     """
 
 
@@ -190,7 +190,7 @@ class IdentifiabilityError(OslAnalysisError):
     --------
     >>> osl.fit(trial_of_one_frequency)
     Traceback (most recent call last):
-    osl_analysis.errors.IdentifiabilityError: ...
+    osl_analysis.base.errors.IdentifiabilityError: ...
     """
 
 
@@ -202,5 +202,5 @@ class UnreachableImpedanceError(OslAnalysisError):
     >>> desired = osl.DesiredImpedance("compensated", K_d=3000, B_d=5)
     >>> osl.fit(trial, desired=desired, parameters="config/parameters/default.yaml")
     Traceback (most recent call last):
-    osl_analysis.errors.UnreachableImpedanceError: ...
+    osl_analysis.base.errors.UnreachableImpedanceError: ...
     """

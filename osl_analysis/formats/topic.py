@@ -22,11 +22,11 @@ import polars as pl
 from mcap.records import Schema
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError, on_one_line, optional_module, shortened
-from osl_analysis.formats import is_of_file
-from osl_analysis.formats._cdr import MOST_ELEMENTS, Layout, definition_of, rows_at
-from osl_analysis.formats._text import is_number_cell
-from osl_analysis.recording import SECOND_NS, Channel, Kind, Rows
+from osl_analysis.base.errors import InputError, on_one_line, optional_module, shortened
+from osl_analysis.base.recording import SECOND_NS, Channel, Kind, Rows
+from osl_analysis.formats.message_layout import MOST_ELEMENTS, Layout, definition_of, rows_at
+from osl_analysis.formats.reading import is_of_file
+from osl_analysis.formats.text_cells import is_number_cell
 
 ROS_UNITS = {
     "JointState": {"position": "rad", "velocity": "rad/s", "effort": "N*m"},

@@ -14,8 +14,8 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError, shortened
-from osl_analysis.recording import SECOND_NS
+from osl_analysis.base.errors import InputError, shortened
+from osl_analysis.base.recording import SECOND_NS
 
 # bytes that no text has; byte 26 is allowed, it ends files of DOS
 CONTROL = re.compile(rb"[\x00-\x08\x0e-\x19]")

@@ -25,9 +25,9 @@ from pydantic import (
     model_validator,
 )
 
-from osl_analysis.errors import InputError, nearest
-from osl_analysis.trial import AXES, COLUMNS, unit_of
-from osl_analysis.units import (
+from osl_analysis.base.errors import InputError, nearest
+from osl_analysis.base.trial import AXES, COLUMNS, unit_of
+from osl_analysis.base.units import (
     ForceUnit,
     LengthUnit,
     MomentUnit,
@@ -35,7 +35,13 @@ from osl_analysis.units import (
     quantity,
     si_factor,
 )
-from osl_analysis.yaml_settings import Settings, check_distinct, check_rising, field_line, misplaced
+from osl_analysis.base.yaml_settings import (
+    Settings,
+    check_distinct,
+    check_rising,
+    field_line,
+    misplaced,
+)
 
 SampleShare = Annotated[float, Field(ge=0, le=1)]
 LEVEL_UNIT = "V"  # of the columns that may be read from truth values: `sync` and `trigger`

@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
-from osl_analysis.errors import InputError, MemoryLimitError, listing
+from osl_analysis.base.errors import InputError, MemoryLimitError, listing
 
 VARIABLE = "OSL_MEMORY_MB"  # memory that one job, or one call of the command line, may have [MB]
 # Matrix libraries get one thread: products are small, two threads take three times as long on a

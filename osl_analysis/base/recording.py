@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError, listing, nearest, shortened
-from osl_analysis.trial import Array
+from osl_analysis.base.errors import InputError, listing, nearest, shortened
+from osl_analysis.base.trial import Array
 
 SECOND_NS = 1_000_000_000
 EXPORTED = 0  # type of a plate whose force and moment were exported in the laboratory's axes
@@ -315,7 +315,7 @@ class Format:
     begins
         Whether a file that begins with these bytes is of this format.
     source
-        Model of its source files (pydantic, `osl_analysis.source_file`).
+        Model of its source files (pydantic, `osl_analysis.base.source_file`).
     read
         Reads a file; the source file, where there is one, gives the options of the format.
     is_any_text

@@ -18,10 +18,10 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.errors import InputError, listing, naming, nearest
-from osl_analysis.files import atomic_path
-from osl_analysis.measured import check_finite
-from osl_analysis.table import SCHEMA, check_analysed, check_schema
+from osl_analysis.base.errors import InputError, listing, naming, nearest
+from osl_analysis.base.files import atomic_path
+from osl_analysis.base.measured import check_finite
+from osl_analysis.base.table import SCHEMA, check_analysed, check_schema
 
 # unit of each canonical column; symbols of the paper in brackets
 COLUMNS: dict[str, str] = {

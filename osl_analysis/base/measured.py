@@ -11,7 +11,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
-from osl_analysis.errors import InputError
+from osl_analysis.base.errors import InputError
 
 # No laboratory signal, in SI units, comes near these sizes. Within them no estimate overflows or
 # underflows: the highest power that one needs is the squared variance of a quotient of two signals.

@@ -11,7 +11,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from osl_analysis.errors import InputError, WriteError
+from osl_analysis.base.errors import InputError, WriteError
 
 
 @contextmanager
@@ -109,7 +109,7 @@ def digest(path: Path) -> str | None:
 DISTRIBUTION = "osl-impedance"
 """What `pip` calls this package: on the package index `osl-analysis` is another project's."""
 
-PACKAGE = Path(__file__).parent
+PACKAGE = Path(__file__).parents[1]
 IN_PACKAGE = PACKAGE / "shipped"
 ROOT = IN_PACKAGE if IN_PACKAGE.is_dir() else PACKAGE.parent
 """The folder of the shipped files: in an installed package, else in the repository."""

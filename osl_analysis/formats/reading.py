@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which format a file is of, and its recording."""
+
+import pkgutil
+import re
+import traceback
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import cache
+from importlib import import_module
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from osl_analysis.base.errors import InputError, naming, on_one_line, shortened
+from osl_analysis.base.recording import Format, Recording
+from osl_analysis.formats.text_cells import decoded
+
+FIRST_BYTES = 65_536  # of a file, by which its format is recognised
+GROUP = "osl_analysis.formats"  # entry points of other packages
+COPY_AGAIN = "copy the file again, or export it anew"
+PACKAGE = Path(__file__).parents[1]
+# what a mistake in a program raises
+FAULTS = (TypeError, AttributeError, NameError, LookupError, ArithmeticError, AssertionError)
+
+
+@cache
+def known_formats() -> Mapping[str, Format]:
+    """The formats by name; tables of any text come last."""
+    formats = []
+    for module in pkgutil.iter_modules([str(Path(__file__).parent)]):
+        members = vars(import_module(f"{__package__}.{module.name}")).values()
+        formats += [member for member in members if isinstance(member, Format)]
+    formats += [point.load() for point in entry_points(group=GROUP)]
+    formats.sort(key=lambda known: known.is_any_text)
+    return {known.name: known for known in formats}
+
+
+def beginning(path: Path) -> bytes:
+    """Read the first bytes of a file; none of a folder."""
+    if path.is_dir():
+        return b""
+    with path.open("rb") as file:
+        return file.read(FIRST_BYTES)
+
+
+def formats_of(path: Path) -> list[Format]:
+    """The formats that a file or folder may be of, by what it begins with; the likeliest first."""
+    if path.is_dir():
+        return [known for known in known_formats().values() if known.is_folder(path)]
+    begin = beginning(path)
+    return [known for known in known_formats().values() if known.begins(begin)]
+
+
+def recognise(path: Path, stated: str = "") -> Format:
+    """Tell the format of a file by its first bytes.
+
+    `stated` is the format that its source file names, which may be one of several that fit.
+
+    Raises
+    ------
+    InputError
+        It is of no format that is read, or not of the stated one.
+    """
+    formats = formats_of(path)
+    refuse_others(path, formats)
+    if not formats:
+        raise InputError(
+            f"{path}: of no known format (it begins with {beginning(path)[:10]!r}); export it"
+            f" as one of {', '.join(known_formats())}, or name the recording itself"
+        )
+    of_name = [one for one in formats if one.name == stated and not one.is_any_text]
+    likely = [*of_name, *formats][0]
+    if stated not in ("", likely.name):
+        raise InputError(
+            f"{path}: is {likely.name}, its source file says {stated}; write"
+            f" `format: {likely.name}`, or name another source file or recording in the sheet"
+        )
+    return likely
+
+
+@np.errstate(all="ignore")  # values may be of any size: checks tell them, not NumPy
+def read(path: Path, source: Any = None) -> Recording:
+    """Read a file, or a folder that is a recording.
+
+    Parameters
+    ----------
+    source
+        Its source file, a model of its format; None to list what it holds.
+
+    Raises
+    ------
+    InputError
+        The file is of no known format, damaged, or not as its source file says.
+    """
+    chosen = recognise(path, "" if source is None else source.format)
+    with naming(path), in_one_sentence():
+        return chosen.read(path, source)
+
+
+@contextmanager
+def in_one_sentence() -> Iterator[None]:
+    """Turn an error about a damaged file into one sentence; a fault of this program stays one."""
+    try:
+        yield
+    except (InputError, MemoryError, KeyboardInterrupt, SystemExit):
+        raise
+    except BaseException as error:  # also a panic of Rust
+        if isinstance(error.__context__, MemoryError):  # in the words of a library
+            raise error.__context__ from error
+        if not is_of_file(error):
+            raise
+        reason = shortened(on_one_line(error)) or type(error).__name__
+        raise InputError(f"cannot be read ({reason}); {COPY_AGAIN}") from error
+
+
+def is_of_file(error: BaseException) -> bool:
+    """Tell whether an error is of decoding, or of a library that met a damaged file.
+
+    A TypeError in a module of this package, for example, is a fault of the program: the traceback
+    tells where, and no copy of the file mends it.
+    """
+    if not isinstance(error, FAULTS):
+        return True
+    places = traceback.extract_tb(error.__traceback__)
+    return not places or not Path(places[-1].filename).is_relative_to(PACKAGE)
+
+
+# what laboratories often have, or what looks like a log: how it begins, also bytes in the western
+# code page of Windows, and what to do
+_AS_CSV = "open it in a spreadsheet, also where it is called `.xls`, and save its table as CSV"
+_OTHERS = (
+    (
+        "an export of OptiTrack Motive in CSV",
+        r'\A"?Format Version"?,"?\d',
+        "export the trial as C3D",
+    ),
+    (
+        "an export of Qualisys in TSV",
+        r"\ANO_OF_(SAMPLES|FRAMES)\t",
+        "export the trial as C3D, with its plates",
+    ),
+    (
+        "a bag of ROS in another form than MCAP",
+        r"\A(#ROSBAG V|SQLite format 3\0)",
+        "convert it with `rosbags-convert --src BAG --dst FOLDER --dst-storage mcap`, which stands"
+        " beside `osl-analysis`, and name the folder",
+    ),
+    (
+        "an export of D-Flow",
+        r"\A[^\n]*\tFrameNumber\t[^\n]*\.(PosX|CopX|ForX)\b",
+        "export the trial from the program of the cameras as C3D",
+    ),
+    (
+        "a page of HTML or XML",
+        r"\A\s*<(!doctype html|html|head|table|meta|\?xml[^>]*>\s*<(\?mso|workbook))",
+        _AS_CSV,
+    ),
+    (
+        "a document of JSON",  # or a dictionary as Python prints it
+        r"\A\s*(\{\s*[\"'}]|\[\s*\{|\[[^\[\]]*\d\s*\]\s*$)",
+        "write JSON lines, an object per line and sample",
+    ),
+    ("nothing but zero bytes", r"\A\0+\Z", "copy or record it again"),
+    (
+        "a stream of Arrow",
+        r"\A\xff{4}[^\xff]{2}\0\0",
+        "write it as a file (`write_ipc`) or as Parquet",
+    ),
+    ("a PNG image", r"\A‰PNG", "name the recording itself"),
+    (
+        "compressed (such as ZIP or gzip)",
+        r"\A(PK\x03\x04|\x1f‹|BZh|\xfd7zXZ\0|\x28\xb5\x2f\xfd|7z\xbc\xaf\x27\x1c|Rar!)",
+        "unpack it and name the recording inside",
+    ),
+)
+
+
+def refuse_others(path: Path, formats: Sequence[Format]) -> None:
+    """Refuse an empty file, and one of a format that is not read, which would else pass for a table
+    of text.
+
+    `formats` are those that the file may be of.
+    """
+    if path.is_dir() or any(not candidate.is_any_text for candidate in formats):
+        return
+    begin = beginning(path)
+    if not begin:
+        raise InputError(
+            f"{path}: the file is empty; copy or record it again, or exclude the trial in the sheet"
+        )
+    for name, pattern, remedy in _OTHERS:
+        if re.search(pattern, decoded(begin), re.MULTILINE | re.IGNORECASE):
+            raise InputError(f"{path}: {name}, which is not read; {remedy}")

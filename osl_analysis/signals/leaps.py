@@ -15,17 +15,13 @@ LARGEST_BEND = 10.0
 # The quantile that counts as the usual one. The median would be zero for a channel that mostly
 # rests, or is coarse. What leaps more often is the channel's own, as a stepper's steps.
 USUAL_BEND = 0.99
-# Of a leap, in units of the channel's range. Smaller ones change no K. Without noise, as in a
-# simulation, the usual one may be that of rounding, and each turn of a slow ramp would pass.
-SMALLEST_BEND = 1e-3
 # Change of the slope at a leap, in units of the third difference. A leap leaves the slope as it
 # was. A corner of a sound curve changes it by the largest of its third differences or more.
 LARGEST_TURN = 0.5
 FEWEST_SAMPLES = 400  # of fewer, the third differences of one leap would be usual ones
 LONGEST_SPAN = 1.17  # of a third difference, in usual ones: over a longer one rows are missing
-MOST_GAPS = 0.03  # share of third differences over more; if more are, the stamps scatter
-# s, of a leap, where a joint turns; half a period of 10 Hz and of 2.5 Hz
-AROUND_TURN_S = np.array([[[-0.05], [-0.2]], [[0.05], [0.2]]])
+# s, of a leap, where a joint turns: half a period of 5 Hz
+AROUND_TURN_S = 0.1
 CLEAR_TURN = 0.01  # share of the angle's range by which it comes and goes; noise at rest does not
 EVEN_TURN = 0.5  # least share of the longer of both ways, which are as long where a joint turns
 STEP_ROWS = 5  # around a leap, over which friction changes the torque
@@ -65,14 +61,12 @@ def find_leaps(time: Array, values: Array) -> Array:
         bends[rows[3:] - rows[:-3] > 3] = 0.0
     spans = time[3:] - time[:-3]
     is_gap = spans > LONGEST_SPAN * np.median(spans)
-    if np.mean(is_gap) <= MOST_GAPS:  # stamps that scatter tell no gaps
-        bends[is_gap] = 0.0
+    bends[is_gap] = 0.0
     sizes = np.abs(bends)
     usual = np.quantile(sizes, USUAL_BEND)
     if usual == 0.0:
         return single
-    limit = max(LARGEST_BEND * usual, SMALLEST_BEND * np.ptp(values))
-    far = np.flatnonzero(sizes > limit)
+    far = np.flatnonzero(sizes > LARGEST_BEND * usual)
     five_around = np.pad(bends, 2)[far[:, None] + np.arange(5)]
     turns = np.cumsum(five_around, axis=1).sum(axis=1)  # change of slope over five samples
     is_straight_on = np.abs(turns) < LARGEST_TURN * sizes[far]
@@ -87,8 +81,9 @@ def steps_by_friction(
     """Whether a torque leaps as by friction at times (k,) [s]: the joint turns there, and the
     torque steps in the direction of the new motion. `angle` and `torque` are times [s] and
     values."""
-    around = leaps + AROUND_TURN_S  # (2, windows, k)
-    ways = np.interp(leaps, *angle) - np.interp(around, *angle)
+    before = np.interp(leaps, *angle) - np.interp(leaps - AROUND_TURN_S, *angle)
+    behind = np.interp(leaps, *angle) - np.interp(leaps + AROUND_TURN_S, *angle)
+    ways = np.array([before, behind])
     lower, higher = np.sort(np.abs(ways), axis=0)
     is_turn = lower > np.maximum(CLEAR_TURN * np.ptp(angle[1]), EVEN_TURN * higher)
     time, values = torque
@@ -97,4 +92,4 @@ def steps_by_friction(
     step = beside[:, -1] - beside[:, 0]
     is_step = 2 * np.abs(step) > np.ptp(beside, axis=1)  # a wrong number comes back
     is_along = (ways * step < 0).all(axis=0)  # up in a trough, down at a peak
-    return is_step & (is_turn & is_along).any(axis=0)
+    return is_step & is_turn & is_along

@@ -2,6 +2,7 @@
 """Channels that repeat one value: a sensor at an end of its range, and one that stands still."""
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.base.measured import noise_of, spoiled
@@ -17,8 +18,7 @@ APPROACH_STEPS = (5.0, 25.0)  # the last fifth of a channel's way to where it st
 LAST_SHARE = 0.33
 LEAST_CHANGE = 0.005  # share of a reference's range; one at rest creeps by less
 LEAST_STANDING = 5  # samples; a peak may have as many
-MEANS = 16  # of a reference during a run, over `MEAN_S` at most, which scatter less than samples
-MEAN_S = 0.05  # a sine of 5 Hz keeps nine tenths of its amplitude
+MEAN_S = 0.05  # s of means of a reference; a sine of 5 Hz keeps nine tenths of its amplitude
 NOISE_SDS = 8.0  # of such a mean, that are a change
 MOST_REPEATED = 0.3  # share of a channel's samples; a command, whose levels have no noise, has more
 
@@ -120,12 +120,9 @@ def standing_runs(
         return edges[:0]
     is_sound = ~spoiled(reference[1])
     followed = np.interp(time, reference[0][is_sound], reference[1][is_sound])
-    sums = np.append(0.0, np.cumsum(followed - followed.mean()))
-    rows = np.arange(sums.size)
-    length = np.diff(edges)
-    width = np.minimum(length / MEANS, MEAN_S * time.size / np.ptp(time))
-    begins = edges[:, :1] + length / 2 + (length / 4 - width) * np.linspace(0, 1, MEANS)
-    means = (np.interp(begins + width, rows, sums) - np.interp(begins, rows, sums)) / width
-    noise = noise_of(followed) / np.sqrt(np.maximum(width[:, 0], 1.0))
-    changes = np.maximum(least * np.ptp(followed), NOISE_SDS * noise)
-    return edges[np.ptp(means, axis=1) > changes]
+    rows = max(round(MEAN_S * time.size / np.ptp(time)), 1)
+    smooth = scipy.ndimage.uniform_filter1d(followed, rows)
+    quarter = np.rint(edges[:, :1] + np.diff(edges) * [0.5, 0.75]).astype(np.intp).ravel()
+    spans = np.maximum.reduceat(smooth, quarter) - np.minimum.reduceat(smooth, quarter)
+    noise = noise_of(followed) / np.sqrt(rows)
+    return edges[spans[::2] > max(least * np.ptp(followed), NOISE_SDS * noise)]

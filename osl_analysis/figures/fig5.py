@@ -94,14 +94,17 @@ def with_places(trials: pl.DataFrame, symbol: str) -> pl.DataFrame:
 
 
 def draw_trials(ax: Axes, symbol: str, placed: pl.DataFrame, most: float) -> None:
-    """One quantity of the trials at their places `x`: estimates with their bars, the viscous
-    damping beside the damping, and a black line at each desired value."""
+    """One quantity of the trials at their places `x`: estimates with their bars, what the gains
+    render, the viscous damping beside the damping, and a black line at each desired value."""
     for look, trials in style.by_controller(placed):
         marks.draw_estimates(ax, trials, "x", symbol, look)
-    if symbol == "B" and style.has_values(placed, "B_viscous"):
-        # black, because it may stand on a marker
-        viscous = placed["B_viscous"]
-        ax.plot(placed["x"], viscous, "x", color=style.BLACK, zorder=4, label="Viscous damping")
+    of_panel = {f"{symbol}_d_rendered": ("+", "Rendered by the gains")}
+    if symbol == "B":
+        of_panel["B_viscous"] = ("x", "Viscous damping")
+    for column, (marker, label) in of_panel.items():
+        if style.has_values(placed, column):
+            # black, because it may stand on a marker
+            ax.plot(placed["x"], placed[column], marker, color=style.BLACK, zorder=4, label=label)
     ax.set_ylabel(style.AXIS_LABELS[symbol])
     for group in placed.drop_nulls(f"{symbol}_d").partition_by(f"{symbol}_d"):
         ends = [group["x"][0] - 1, group["x"][-1] + 1]

@@ -24,8 +24,7 @@ from osl_analysis.bench.regression import (
     fit_groups,
     motion_sums,
 )
-from osl_analysis.inference.rounding_errors import errors_by_steps, repeated_share
-from osl_analysis.inference.spectra import noise_and_band
+from osl_analysis.inference.rounding_errors import errors_by_steps
 from osl_analysis.signals import seven_point_motion
 from osl_analysis.stats.budget import Budget
 from osl_analysis.stats.estimates import Row
@@ -334,9 +333,8 @@ def encoder_errors(
     slope = np.gradient(by_torque, 1 / few.rate_hz, axis=1)
     bend = np.gradient(slope, 1 / few.rate_hz, axis=1)
     by_angle = stiffness * by_torque - damping * slope + inertia * bend
-    # just beyond the filter a coarse sine has harmonics of its rounding
-    noise, _ = noise_and_band(record.theta, record.rate_hz)
-    repeated = repeated_share(noise, record.rate_hz, step)
-    smooth_rows = record.rate_hz / (2 * np.pi * record.settings.cutoff_hz)
-    of_steps = errors_by_steps(by_angle[:, rows], ratio * rows, record.theta, step, smooth_rows)
-    return repeated * of_steps
+    fitted = ratio * rows
+    of_steps = errors_by_steps(
+        by_angle[:, rows], record.theta[fitted], record.smooth_theta[fitted], step
+    )
+    return record.repeated_rounding * of_steps

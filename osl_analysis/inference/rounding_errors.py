@@ -10,7 +10,6 @@ effects in the model a dozen draws would be fitted away.
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from osl_analysis.base.trial import Array
 from osl_analysis.inference.constants import ROUNDING_DRAWS
@@ -112,9 +111,7 @@ def noise_beyond(removed: Array, rate_hz: float, cutoff_hz: float) -> float:
     return float(np.median(density[is_beside]))
 
 
-def errors_by_steps(
-    by_row: Array, rows: NDArray[np.intp], theta: Array, step: float, smooth_rows: float
-) -> Array:
+def errors_by_steps(by_row: Array, theta: Array, smooth_theta: Array, step: float) -> Array:
     """Standard errors of estimates by the rounding of an angle without noise.
 
     At rest a step has one error, of variance step^2/12, however many samples show it; where the
@@ -125,23 +122,22 @@ def errors_by_steps(
     ----------
     by_row : Array (p, m)
         What an error of the angle in each row changes the estimates by [1/rad].
-    rows : Array (m,)
-        Those rows of the angle.
-    theta : Array (n,)
+    theta : Array (m,)
         The angle [rad].
+    smooth_theta : Array (m,)
+        The angle before its rounding [rad], by a low-pass that must not ring where the joint comes
+        to rest.
     step : float
         Of the encoder [rad].
-    smooth_rows : float
-        Width of the low-pass that gives the angle before its rounding, which must not ring where
-        the joint comes to rest.
 
     Returns
     -------
     Array (p,)
         [unit of the estimates].
     """
-    place = scipy.ndimage.gaussian_filter1d(theta, smooth_rows)[rows] / step
-    reading, of_row = np.unique(np.rint(theta[rows] / step), return_inverse=True)
-    by_step = np.zeros((len(reading), len(by_row)), np.complex128)
-    np.add.at(by_step, of_row, (by_row * np.exp(2j * np.pi * place)).T)
-    return step / np.sqrt(12) * np.linalg.norm(by_step, axis=0)
+    reading = np.rint(theta / step).astype(int)
+    reading -= reading.min()
+    turned = by_row * np.exp(2j * np.pi * smooth_theta / step)
+    parts = np.stack([turned.real, turned.imag], axis=1)
+    squares = [np.sum(np.bincount(reading, part) ** 2) for part in parts.reshape(-1, len(theta))]
+    return step / np.sqrt(12) * np.sqrt(np.reshape(squares, (-1, 2)).sum(axis=1))

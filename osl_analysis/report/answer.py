@@ -40,9 +40,8 @@ def answer(tables: Mapping[str, pl.DataFrame]) -> str:
         for symbol, error in ERRORS.items():
             worst = counted(trials, [symbol]).select(error.max()).item()
             if worst is not None:
-                clauses.append(
-                    f"{symbol} is within {significant(worst)} {UNITS[symbol]} of {symbol}_d"
-                )
+                size = f"within {significant(worst)} {UNITS[symbol]}"
+                clauses.append(f"{symbol} {size}" if texts else f"{symbol} is {size} of {symbol}_d")
         if clauses:
             texts.append(", ".join(filter(None, [trials["controller"][0], " and ".join(clauses)])))
     pairs = tables.get("compensation", pl.DataFrame())
@@ -52,9 +51,9 @@ def answer(tables: Mapping[str, pl.DataFrame]) -> str:
             of_quantity = pairs.filter(of="trials", quantity=quantity)
             better, count = of_quantity.select(pl.sum("better", "pairs")).row(0)
             if count:
-                nearer.append(f"in {symbol} in {better} of {count} pairs")
+                nearer.append(f"in {symbol} in {better} of {count}")
         if nearer:
-            texts.append(f"compensation is nearer {', '.join(nearer)}")
+            texts.append(f"compensation is nearer {', '.join(nearer)} pairs")
     if not texts:
         return ""
     sentence = "; ".join(texts)

@@ -31,7 +31,7 @@ TEMPLATES = Path(__file__).with_name("templates")
 NO_CONDITIONS = ("trial", "experiment", "exclude", *RECORDINGS, *SOURCES)
 # between dollar signs, or with a subscript and no part of a name
 SYMBOLS = re.compile(
-    r"(?<!\\)\$(.+?)(?<!\\)\$|(?<![\w-])([KBJknf]_(?:viscous|tau|[dsjm1CGT]))(?![\w-])"
+    r"(?<!\\)\$(.+?)(?<!\\)\$|(?<![\w-])([KBJZknf]_(?:viscous|tau|[dsjm1CGT]))(?![\w-])"
 )
 
 

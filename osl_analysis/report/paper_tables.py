@@ -16,7 +16,13 @@ from osl_analysis.judge.judging import results_in
 from osl_analysis.report.typography import in_markdown, latex_table, markdown_table
 from osl_analysis.stats.budget import IN_INTERVAL, budgets_in
 from osl_analysis.stats.repeats import OWN_CONDITION, counted, summary_row
-from osl_analysis.stats.rounding import NOTHING, significant, with_places, written
+from osl_analysis.stats.rounding import (
+    NOTHING,
+    decimal_places,
+    significant,
+    with_places,
+    written,
+)
 
 CONDITION = ("joint", "side", "excitation", "controller", "K_d", "B_d", "own_condition")
 LATEX, COMPONENTS = own_yaml(Path(__file__).with_suffix(".yaml")).values()
@@ -81,26 +87,22 @@ def conditions(impedance: pl.DataFrame) -> list[Condition]:
                 is_doubtful=any(map(pl.DataFrame.is_empty, sound.values())),
                 results=list(dict.fromkeys(results)),
                 estimates=estimates,
-                ranges={
-                    symbol: range_text(rows, symbol, estimates[symbol])
-                    for symbol, rows in counting.items()
-                },
+                ranges={symbol: range_text(rows, symbol) for symbol, rows in counting.items()},
             )
         )
     return of_conditions
 
 
-def range_text(fits: pl.DataFrame, symbol: str, estimate: str) -> str:
-    """The range of an estimate over amplitudes and frequencies, in all of these fits, with the
-    decimal places of its text; empty without one."""
+def range_text(fits: pl.DataFrame, symbol: str) -> str:
+    """The range of an estimate over amplitudes and frequencies, in all of these fits, rounded by
+    itself; empty without one."""
     ends = [f"{symbol}_range_low", f"{symbol}_range_high"]
     if not {*ends} <= {*fits.columns}:
         return ""
     low, high = fits.select(pl.min(ends[0]), pl.max(ends[1])).row(0)
     if low is None:
         return ""
-    places = len(estimate.split()[0].partition(".")[2])
-    return " to ".join(with_places(places, low, high))
+    return " to ".join(with_places(decimal_places(low, low, high), low, high))
 
 
 def stated_text(cell: object) -> str:

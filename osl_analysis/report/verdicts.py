@@ -26,7 +26,7 @@ DOUBTFUL = "doubtful"
 IN_PART = "doubtful in part"
 EXCLUDED = "excluded"
 NOT_JUDGED = "not judged"  # recordings that are read and not analysed
-MOST_FINDINGS = 3  # with verdicts, numbers and what was not checked a run tells itself in ten lines
+MOST_LINES = 9  # at the end of a run, beside the one that says where the page is
 NOT_CHECKED = "not checked"
 LINE = 110  # letters of a line at the end of a run
 VERDICTS = (CLEAR, FLAGGED, DOUBTFUL, IN_PART, REFUSED, EXCLUDED, NOT_JUDGED)
@@ -190,19 +190,20 @@ def brief_lines(summary: Mapping[str, Any]) -> list[str]:
         *textwrap.wrap(summary["answer"], LINE),
         verdicts_sentence(summary["verdicts"], summary["results_of_clear"]),
         *headline_sentences(numbers, by_condition=not summary["answer"]),
-        *findings_lines(findings_in_summary(summary)),
         *changed_lines(summary),
     ]
+    room = max(MOST_LINES - len(lines) - 1, 1)  # one tells how many more there are
+    lines += findings_lines(findings_in_summary(summary), room)
     return [line if len(line) <= LINE else shortened(line, LINE - len(" ...")) for line in lines]
 
 
-def findings_lines(findings: Sequence[CampaignFinding]) -> list[str]:
+def findings_lines(findings: Sequence[CampaignFinding], most: int) -> list[str]:
     """The first findings, and how much could not be checked."""
     doubts = [finding for finding in findings if finding.verdict != NOT_CHECKED]
-    lines = [finding_line(finding) for finding in doubts[:MOST_FINDINGS]]
+    lines = [finding_line(finding) for finding in doubts[:most]]
     rest = []
-    if len(doubts) > MOST_FINDINGS:
-        rest.append(f"{len(doubts) - MOST_FINDINGS} more on the page")
+    if len(doubts) > most:
+        rest.append(f"{len(doubts) - most} more on the page")
     unchecked = causes_not_checked(findings)
     if unchecked:
         also = f" and {len(unchecked) - 1} more" if len(unchecked) > 1 else ""

@@ -34,7 +34,7 @@ def answer(tables: Mapping[str, pl.DataFrame]) -> str:
         pl.col("amplitude_deg").is_null() & (pl.col("K_d") > 0) & pl.col("B_d").is_not_null()
     )
     whole = whole.with_columns(look_numbers(whole["controller"])).sort("look", nulls_last=True)
-    texts = []
+    texts: list[str] = []
     for trials in whole.partition_by("controller")[:MOST_IN_SENTENCE]:
         clauses = []
         for symbol, error in ERRORS.items():

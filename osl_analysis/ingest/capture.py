@@ -13,9 +13,10 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.base.errors import InputError, naming, printable
-from osl_analysis.base.recording import Channel, Kind, Plate, Recording, Rows, own_axes
+from osl_analysis.base.recording import Channel, Kind, Plate, Recording, Rows
 from osl_analysis.base.source_file import LaboratorySource, MarkerSource
 from osl_analysis.base.trial import AXES, Array, marker_columns
+from osl_analysis.formats.plate_geometry import own_axes
 from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.conversion import (
     Converted,

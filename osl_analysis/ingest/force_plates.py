@@ -11,10 +11,11 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.base.errors import InputError, naming, printable
-from osl_analysis.base.recording import EXPORTED, MEASURED_BY_TYPE, Plate, own_axes
+from osl_analysis.base.recording import EXPORTED, MEASURED_BY_TYPE, Plate
 from osl_analysis.base.source_file import PlateUnits, Source
 from osl_analysis.base.trial import Array, plate_columns
 from osl_analysis.base.units import si_factor
+from osl_analysis.formats.plate_geometry import own_axes
 from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.conversion import Converted, check_finite_values
 from osl_analysis.signals import longest_of

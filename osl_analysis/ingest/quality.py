@@ -383,7 +383,7 @@ def measure_turns(examined: Examined) -> dict[str, float]:
     wraps: dict[str, float] = {}
     for column, (_, angle) in readings_of(examined.trial, f"({'|'.join(ANGLES)})").items():
         turns = np.divide.outer(np.abs(np.diff(angle)), (2 * np.pi, 360.0))
-        wraps[column] = np.count_nonzero(np.abs(turns - 1) < LIMITS.one_turn)
+        wraps[column] = int(np.count_nonzero(np.abs(turns - 1) < LIMITS.one_turn))
     return wraps
 
 

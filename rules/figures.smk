@@ -152,6 +152,7 @@ rule captions:
     """A caption for each figure, or why it is not drawn."""
     input:
         NUMBERS_OF_FIGURES.values(),
+        expand("<results>/figures/{figure}.svg", figure=FILES.figure_names),
     output:
         output="<results>/figures/captions.md",
     log:

@@ -231,7 +231,7 @@ def check_other_clocks(
     for name, other in rates.items():
         if rate and other and abs(rate / other - 1) > LIMITS.other_rate:
             raise InputError(
-                f"`rate: {rate:g}` of time, but the file says {other:.6g} Hz ({name}); correct the"
+                f"`rate: {rate:g}` of time, but the file says {other:.3g} Hz ({name}); correct the"
                 " rate, or name that clock under `time`"
             )
     if rate and not (any(rates.values()) or clocks):

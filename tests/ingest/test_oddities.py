@@ -12,7 +12,8 @@ from mcap_builder import HEADER, stamped, write_log
 from recognised_files import read_recognised, refusal_of
 
 from osl_analysis.ingest.clock import aligned_clock
-from osl_analysis.ingest.conversion import Converted
+from osl_analysis.ingest.conversion import Converted, fresh_rows
+from osl_analysis.recording import Rows
 
 TIME, ANGLE, TORQUE = ankle(4000)
 ROWS = np.column_stack([1e3 * TIME + 50_000, ANGLE, TORQUE])
@@ -56,6 +57,15 @@ def test_a_clock_that_stays_or_goes_back_often_is_refused(tmp_path, back):
     message = refusal_of(write_rows(tmp_path / "a.csv", rows), **CSV)
 
     assert "'time'" in message
+
+
+@pytest.mark.parametrize("after", [(10,), (10, 11), (700, 703, 1995)])
+def test_rows_between_gaps_are_not_stale(after):
+    clock = np.arange(2000) * 0.002
+    for row in after:
+        clock[row:] += 5
+
+    assert fresh_rows(Rows(2000), clock)[0].size == 2000
 
 
 def test_a_stale_message_is_left_out_and_named(tmp_path):

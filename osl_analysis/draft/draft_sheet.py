@@ -7,25 +7,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple
 
-from osl_analysis.draft.likelihood import parted_name
+from osl_analysis.draft.likelihood import likelihoods, parted_name
 from osl_analysis.ingest.raw_files import ENDINGS_OF_ANY, suffixes
 
 FIXTURE_ALONE = r"\bfixture\b"  # in the name of a recording of the fixture without a joint
-WORDS_OF_EXPERIMENTS = {
-    "torque_angle": r"\b(torque angle|quasi ?static)\b",
-    "plate": r"\b(plate|unloaded|no ?load)\b",
-    "static": r"(?<!quasi )\b(static|statisch|statique|standing|stand|calibration|calib)\b",
-    "calibration": rf"\b(calibration|calib)\b|{FIXTURE_ALONE}",
-    "walking": (
-        r"\b(walk|walking|cross|crossing|perturb|perturbed|perturbation|pert|unperturbed|unpert"
-        r"|gait)\b"
-    ),
-    "belt": r"\b(belt|(zahn)?riemen|riem|courroie|correa|cinghia)\b",
-    "transmission": r"\b(transmission|drivetrain|getriebe|reducteur|trasmissione|transmision)\b",
-    "actuator": r"\b(actuator|motor|aktor|moteur|actuador|attuatore)\b",
-    "impedance": r"\b(impedance|impedanz|imp|stiffness|steifigkeit|multisine|chirp|sines?)\b",
-}
-"""By experiment: words in a file's name. A name with words of several experiments tells none."""
+WORDS_OF_EXPERIMENTS = likelihoods()["experiments"]
 OF_CAPTURES = ("plate", "static")  # experiments that need motion capture
 # what a name may not tell of an experiment
 NOT_TOLD = {

@@ -9,27 +9,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from osl_analysis.base.yaml_settings import UNKNOWN
+from osl_analysis.draft.likelihood import likelihoods
 from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
 from osl_analysis.ingest import LIMITS
 
 SIDES = {"R": "right", "L": "left", "": UNKNOWN}
-# by segment: what the names of its markers begin with, and their codes behind an R or L in Plug-in
-# Gait, OpenSim's models and Qualisys' (CAST)
-SEGMENTS = {
-    "platform": ("PLAT|HEXAPOD|STEWART", ""),
-    "ankle_medial": (
-        r"(?=.*((?<!SH)ANK|MAL)).*(MED|(^|_)M(_|MAL|$))", "MED|MMA|MMAL|MANK|TAM|AM|MM"
-    ),
-    # a marker called `ankle` and no more is the lateral one in all of them
-    "ankle_lateral": ("(?<!SH)ANK|MAL", "LAT|LMA|LMAL|LANK|FAL|AL|LM"),
-    "foot": (
-        r"FOOT|SHOE|HEEL|CALC|TOE|META?\d", r"FCC|F[ML]\d?|FT\d|MT\d|MET|PM\d|HEE|CAL\d?|H"
-    ),
-    "shank": (
-        r"SHANK|SHIN|TIB|PYLON|(?<!UP)(?<!UPPER)(?<!UPPER_)LEG",
-        r"SH?K?\d|TTC|TTB?|TB\d|SHA|HF|FAX",
-    ),
-}  # fmt: skip
+SEGMENTS = likelihoods()["segments"]
 
 
 def segment_of(label: str) -> tuple[str, str]:

@@ -38,6 +38,8 @@ def with_own_rows(
     for column, readings in values.items():
         numbers = floats_of(readings)
         is_sampled = ~np.isnan(numbers)
+        if is_sampled.all() and lies_seldom_between(time, numbers):
+            continue
         is_sampled[is_sampled] = ~interpolated(time[is_sampled], numbers[is_sampled])
         count = is_sampled.sum()
         if rows.count - count > LIMITS.most_irregular * rows.count and keeps_step(time[is_sampled]):
@@ -63,12 +65,17 @@ def keeps_step(stamps: Array) -> bool:
 def interpolated(time: Array, values: Array) -> NDArray[np.bool_]:
     """Rows (n,) that change, and lie on the line through their neighbours; none where the others do
     not keep step, as those of a coarse or smooth channel."""
-    few = slice(LIMITS.rows_of_filter)  # all rows of an hour would take as long as reading it
-    if on_line(time[few], values[few]).mean() > LIMITS.most_irregular:
-        is_on_line = on_line(time, values)
-        if keeps_step(time[~is_on_line]):
-            return is_on_line & (np.diff(values, prepend=0) != 0)
-    return np.zeros(values.size, bool)
+    is_on_line = on_line(time, values)
+    if lies_seldom_between(time, values) or not keeps_step(time[~is_on_line]):
+        return np.zeros_like(is_on_line)
+    return is_on_line & (np.diff(values, prepend=0) != 0)
+
+
+def lies_seldom_between(time: Array, values: Array) -> bool:
+    """Whether few of the first values (n,) lie on the line through their neighbours: all of an hour
+    would take as long as reading them."""
+    few = slice(LIMITS.rows_of_filter)
+    return bool(on_line(time[few], values[few]).mean() <= LIMITS.most_irregular)
 
 
 def on_line(time: Array, values: Array) -> NDArray[np.bool_]:

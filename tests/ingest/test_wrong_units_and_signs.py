@@ -128,7 +128,7 @@ def test_stamps_of_a_smaller_unit_are_refused_with_it(factor, unit):
     def stamped(signals):
         return signals | {"time": factor * signals["time"]}
 
-    assert_mended("impedance", joint, stamped, rf"`time` \({unit} for s\): K 150")
+    assert_mended("impedance", joint, stamped, f"`unit: {unit}` of time.*: K 150")
 
 
 @pytest.mark.parametrize(("experiment", "recording", "fault", "remedy"), [

@@ -11,9 +11,9 @@ from log_builders import ankle
 from mcap_builder import HEADER, stamped, write_log
 from recognised_files import read_recognised, refusal_of
 
+from osl_analysis.base.recording import Rows
 from osl_analysis.ingest.clock import aligned_clock
 from osl_analysis.ingest.conversion import Converted, fresh_rows
-from osl_analysis.recording import Rows
 
 TIME, ANGLE, TORQUE = ankle(4000)
 ROWS = np.column_stack([1e3 * TIME + 50_000, ANGLE, TORQUE])

@@ -14,7 +14,7 @@ nobody has measured is listed with its size per unit.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -121,12 +121,12 @@ def with_budgets(
     n, crossings = group.theta.shape[:2]
     predictors = () if choice is None else choice.best()
     without_perturbed = [
-        group.without_response(i).fitted(predictors).fit.estimates for i in range(n)
+        group.without(i, axis=0).fitted(predictors).fit.estimates for i in range(n)
     ]
     without_unperturbed = []
     for i in range(crossings):
         chosen = () if choice is None else choice.best(i)
-        without_unperturbed.append(group.without_unperturbed(i).fitted(chosen).fit.estimates)
+        without_unperturbed.append(group.without(i, axis=1).fitted(chosen).fit.estimates)
     of_crossings = jackknife_ses(without_perturbed)
     of_gait = jackknife_ses(without_unperturbed)
 
@@ -155,13 +155,16 @@ def measured(source: str, standard: float, freedom: float) -> Contribution:
     return Contribution(source, float(standard), float(freedom), "measured", "repeatability")
 
 
-def shared(source: str, standards: Array, freedom: float | None = None) -> Contributions:
-    """What all crossings share, by its standard uncertainties (3,) of K, B and I."""
+def to_each(row: Contribution, standards: Array) -> Contributions:
+    """A row for each of K, B and I, by the standard uncertainties (3,)."""
     sizes = zip(ESTIMATED, np.abs(standards), strict=True)
-    return {
-        name: Contribution(source, float(size), freedom, "measured", shared=True)
-        for name, size in sizes
-    }
+    return {name: replace(row, standard=float(size)) for name, size in sizes}
+
+
+SHARED = Contribution("", None, basis="measured", shared=True)  # by all crossings
+CHOSEN = Contribution(
+    "", None, basis="assumed", part="motion"
+)  # half of what another choice changes
 
 
 def of_set_up(
@@ -180,17 +183,21 @@ def of_set_up(
     ]
     if len(by_trial) > 1:
         ses = np.sqrt(np.diag(jackknife_covariance(by_trial)))
-        rows.append(shared("plate_inertia", ses, len(by_trial) - 1.0))
+        rows.append(
+            to_each(replace(SHARED, source="plate_inertia", freedom=len(by_trial) - 1.0), ses)
+        )
     else:
         rows.append(in_units("plate_unseen", "kg", of_mass))
     if timing.se is None:
         rows.append(in_units("plate_unseen", "ms", of_lag))
     else:
-        rows.append(shared("plate_lag", 1e3 * timing.se * of_lag))
+        rows.append(to_each(replace(SHARED, source="plate_lag"), 1e3 * timing.se * of_lag))
     if plate.height_se is None:
         rows.append(in_units("plate_unseen", "mm", of_height))
     else:
-        rows.append(shared("plate_height", 1e3 * plate.height_se * of_height))
+        rows.append(
+            to_each(replace(SHARED, source="plate_height"), 1e3 * plate.height_se * of_height)
+        )
     return rows
 
 
@@ -206,20 +213,12 @@ def of_choices(response: EnsembleResponse) -> list[Contributions]:
     step = round((last - first) / 10)
     shorter = response.estimates_in(slice(first, last - step))
     longer = response.estimates_in(slice(first, last + step))
-    rows = [chosen("window", longer - shorter)]
+    rows = [to_each(replace(CHOSEN, source="window"), (longer - shorter) / 2)]
     with_offset = estimates_with_offset(response)
     if with_offset is not None:
-        rows.append(chosen("offset", with_offset - response.fit.estimates))
+        change = with_offset - response.fit.estimates
+        rows.append(to_each(replace(CHOSEN, source="offset"), change / 2))
     return rows
-
-
-def chosen(source: str, ranges: Array) -> Contributions:
-    """What another choice changes, by the ranges (3,) of K, B and I."""
-    sizes = zip(ESTIMATED, np.abs(ranges) / 2, strict=True)
-    return {
-        name: Contribution(source, float(size), basis="assumed", part="motion")
-        for name, size in sizes
-    }
 
 
 def of_onset(response: EnsembleResponse, timing: PlateTiming, step_s: float) -> list[Contributions]:
@@ -231,7 +230,7 @@ def of_onset(response: EnsembleResponse, timing: PlateTiming, step_s: float) -> 
     earlier = response.estimates_in(slice(first - 1, last - 1))
     later = response.estimates_in(slice(first + 1, last + 1))
     frames = timing.onset_se / step_s
-    return [shared("onset", frames * (later - earlier) / 2)]
+    return [to_each(replace(SHARED, source="onset"), frames * (later - earlier) / 2)]
 
 
 def estimates_with_offset(response: EnsembleResponse) -> Array | None:

@@ -98,22 +98,13 @@ class Ensemble:
         fit = fit_without_offset(motion[self.window], torque[self.window])
         return EnsembleResponse(motion, torque, self.window, fit)
 
-    def without_response(self, i: int) -> "Ensemble":
-        """Without the i-th perturbed crossing."""
+    def without(self, i: int, axis: int) -> "Ensemble":
+        """Without the i-th perturbed crossing (axis 0), or the i-th unperturbed one (axis 1)."""
         return replace(
             self,
-            theta=np.delete(self.theta, i, axis=0),
-            torque=np.delete(self.torque, i, axis=0),
-            behaviour=np.delete(self.behaviour, i, axis=0),
-        )
-
-    def without_unperturbed(self, i: int) -> "Ensemble":
-        """Without the i-th unperturbed crossing."""
-        return replace(
-            self,
-            theta=np.delete(self.theta, i, axis=1),
-            torque=np.delete(self.torque, i, axis=1),
-            behaviour=np.delete(self.behaviour, i, axis=2),
+            theta=np.delete(self.theta, i, axis),
+            torque=np.delete(self.torque, i, axis),
+            behaviour=np.delete(self.behaviour, i, 2 * axis),
         )
 
 

@@ -341,6 +341,5 @@ def behaviour_before(time: Array, thetas: Array, torques: Array, guard_s: float)
     """`BEHAVIOUR` (4, crossings) of curves (crossings, k) until the filter spreads the response."""
     rows = time <= -guard_s
     centred_time = time[rows] - time[rows].mean()
-    curves = np.array([thetas, torques])[..., rows]
-    square = max(centred_time @ centred_time, np.finfo(float).tiny)
-    return np.concatenate([curves.mean(axis=-1), curves @ centred_time / square])
+    curves = np.vstack([thetas, torques])[:, rows]
+    return np.polynomial.polynomial.polyfit(centred_time, curves.T, 1).reshape(4, -1)

@@ -64,16 +64,13 @@ def find_stances(time: Array, force: Array, on: float, off: float, shortest: flo
         loaded = np.flatnonzero(force[contact] > on)
         is_whole = contact.start > 0 and contact.stop < len(force)
         if len(loaded) and is_whole:
-            heel_strike = crossing_time(time, force, contact.start + loaded[0] - 1, on)
-            toe_off = crossing_time(time, force, contact.stop - 1, off)
-            stances.append(Stance(heel_strike, toe_off))
+            first = contact.start + loaded[0] - 1
+            rise = slice(first, first + 2)
+            fall = slice(contact.stop - 1, contact.stop + 1)
+            heel_strike = np.interp(on, force[rise], time[rise])
+            toe_off = np.interp(-off, -force[fall], time[fall])
+            stances.append(Stance(float(heel_strike), float(toe_off)))
     return [stance for stance in stances if stance.duration >= shortest]
-
-
-def crossing_time(time: Array, force: Array, row: int, level: float) -> float:
-    """Time [s] between a row and the next at which the force passes a level."""
-    share = (level - force[row]) / (force[row + 1] - force[row])
-    return float(time[row] + share * (time[row + 1] - time[row]))
 
 
 def only_stance(time: Array, force: Array, settings: CrossingSettings) -> Stance:
@@ -137,8 +134,7 @@ def zeroed_wrench(trial: Trial, frames: Array, settings: CrossingSettings) -> Wr
         Another plate is loaded, or this one from the start, or it was not zeroed.
     """
     time, wrench = recorded_wrench(trial, settings.plate)
-    if largest_change(wrench) < settings.load_on_n:
-        check_no_other_is_loaded(trial, settings.plate, settings.load_on_n)
+    check_no_other_is_loaded(trial, settings.plate, settings.load_on_n)
     if settings.unloaded_s is not None:
         length = round(settings.unloaded_s * sampling_rate(time))
         vertical = wrench[:, 2]
@@ -239,17 +235,14 @@ def check_type_on_platform(trial: Trial, plate: int) -> None:
         )
 
 
-def largest_change(wrench: Array) -> float:
-    """The largest change [N] of a force in a wrench (k, 6), which is not yet zeroed."""
-    return float(np.ptp(wrench[:, :3], axis=0).max())
-
-
 def check_no_other_is_loaded(trial: Trial, plate: int, load: float) -> None:
     """Refuse a plate that bears less than `load` [N] where another one bears more."""
-    plates = [facts["plate"] for facts in trial.provenance["plates"]]
-    bears = {each: largest_change(recorded_wrench(trial, each)[1]) for each in plates}
+    bears = {}
+    for facts in trial.provenance["plates"]:
+        _, wrench = recorded_wrench(trial, facts["plate"])
+        bears[facts["plate"]] = np.ptp(wrench[:, :3], axis=0).max()
     most = max(bears, key=bears.__getitem__)
-    if bears[most] > load:
+    if bears[plate] < load < bears[most]:
         raise InputError(
             f"plate {plate} bears {bears[plate]:.0f} N at most, plate {most} {bears[most]:.0f} N:"
             f" state `walking.plate: {most}`, or exclude the trial if it alone misses the plate"

@@ -21,9 +21,9 @@ import scipy
 
 from osl_analysis.base.errors import InputError, advise
 from osl_analysis.base.trial import Array
-from osl_analysis.signals import LowPass, runs, sampling_rate
+from osl_analysis.signals import LowPass, sampling_rate
 from osl_analysis.walking import poses as rigid
-from osl_analysis.walking.poses import SIDE_FRAMES, BodyMotion, Mask, Poses, StaticCalibration
+from osl_analysis.walking.poses import BodyMotion, Mask, Poses, StaticCalibration
 from osl_analysis.walking.walking_settings import PlatformSettings
 
 # Of the platform's motion in one trial.
@@ -196,17 +196,7 @@ def platform_track(
     )
     measured = pose.as_exp_coords() @ screw_scale(reference).T
 
-    straight = measured.copy()
-    for gap in runs(poses.bridged):
-        if (gap.stop - gap.start) / rate < SHORTEST_LINE_S:
-            continue
-        sides = [slice(max(gap.start - SIDE_FRAMES, 0), gap.start)]
-        sides.append(slice(gap.stop, gap.stop + SIDE_FRAMES))
-        ends = [time[side].mean() for side in sides]
-        places = [measured[side].mean(axis=0) for side in sides]
-        straight[gap] = scipy.interpolate.make_interp_spline(ends, places, k=1)(time[gap])
-
-    track = PlatformTrack(trial, time, reference, straight, settings.low_pass, LEAST_NOISE_M)
+    track = PlatformTrack(trial, time, reference, measured, settings.low_pass, LEAST_NOISE_M)
     step = round(2 * track.spread * rate)  # speeds so far apart hardly share noise
     velocity = track.velocity
     bends = np.abs(velocity[step:-step] - (velocity[: -2 * step] + velocity[2 * step :]) / 2)

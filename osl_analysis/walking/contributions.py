@@ -155,16 +155,14 @@ def measured(source: str, standard: float, freedom: float) -> Contribution:
     return Contribution(source, float(standard), float(freedom), "measured", "repeatability")
 
 
-def to_each(row: Contribution, standards: Array) -> Contributions:
+SHARED = Contribution("", None, basis="measured", shared=True)  # by all crossings
+CHOSEN = Contribution("", None, basis="assumed", part="motion")  # half of another choice's change
+
+
+def of_source(source: str, standards: Array, row: Contribution = SHARED) -> Contributions:
     """A row for each of K, B and I, by the standard uncertainties (3,)."""
     sizes = zip(ESTIMATED, np.abs(standards), strict=True)
-    return {name: replace(row, standard=float(size)) for name, size in sizes}
-
-
-SHARED = Contribution("", None, basis="measured", shared=True)  # by all crossings
-CHOSEN = Contribution(
-    "", None, basis="assumed", part="motion"
-)  # half of what another choice changes
+    return {name: replace(row, source=source, standard=float(size)) for name, size in sizes}
 
 
 def of_set_up(
@@ -183,21 +181,17 @@ def of_set_up(
     ]
     if len(by_trial) > 1:
         ses = np.sqrt(np.diag(jackknife_covariance(by_trial)))
-        rows.append(
-            to_each(replace(SHARED, source="plate_inertia", freedom=len(by_trial) - 1.0), ses)
-        )
+        rows.append(of_source("plate_inertia", ses, replace(SHARED, freedom=len(by_trial) - 1.0)))
     else:
         rows.append(in_units("plate_unseen", "kg", of_mass))
     if timing.se is None:
         rows.append(in_units("plate_unseen", "ms", of_lag))
     else:
-        rows.append(to_each(replace(SHARED, source="plate_lag"), 1e3 * timing.se * of_lag))
+        rows.append(of_source("plate_lag", 1e3 * timing.se * of_lag))
     if plate.height_se is None:
         rows.append(in_units("plate_unseen", "mm", of_height))
     else:
-        rows.append(
-            to_each(replace(SHARED, source="plate_height"), 1e3 * plate.height_se * of_height)
-        )
+        rows.append(of_source("plate_height", 1e3 * plate.height_se * of_height))
     return rows
 
 
@@ -213,11 +207,11 @@ def of_choices(response: EnsembleResponse) -> list[Contributions]:
     step = round((last - first) / 10)
     shorter = response.estimates_in(slice(first, last - step))
     longer = response.estimates_in(slice(first, last + step))
-    rows = [to_each(replace(CHOSEN, source="window"), (longer - shorter) / 2)]
+    rows = [of_source("window", (longer - shorter) / 2, CHOSEN)]
     with_offset = estimates_with_offset(response)
     if with_offset is not None:
         change = with_offset - response.fit.estimates
-        rows.append(to_each(replace(CHOSEN, source="offset"), change / 2))
+        rows.append(of_source("offset", change / 2, CHOSEN))
     return rows
 
 
@@ -230,7 +224,7 @@ def of_onset(response: EnsembleResponse, timing: PlateTiming, step_s: float) -> 
     earlier = response.estimates_in(slice(first - 1, last - 1))
     later = response.estimates_in(slice(first + 1, last + 1))
     frames = timing.onset_se / step_s
-    return [to_each(replace(SHARED, source="onset"), frames * (later - earlier) / 2)]
+    return [of_source("onset", frames * (later - earlier) / 2)]
 
 
 def estimates_with_offset(response: EnsembleResponse) -> Array | None:

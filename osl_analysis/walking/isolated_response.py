@@ -69,13 +69,12 @@ def unperturbed_gait(
         There are fewer crossings.
     """
     if len(crossings) < fewest:
-        used = ", ".join(crossing.name for crossing in crossings) or "none"
         remedy = "record more"
         if lost:
             remedy = f"walking_crossings.csv says why others cannot: {next(iter(lost.values()))}"
         raise InputError(
-            f"{len(crossings)} unperturbed crossings ({used}) can be used, expected {fewest} or"
-            f" more; {remedy}"
+            f"{len(crossings)} unperturbed crossings can be used, expected {fewest} or more;"
+            f" {remedy}"
         )
 
     return UnperturbedGait(

@@ -355,8 +355,7 @@ def whole_motions(track: platform.PlatformTrack) -> slice:
     moves = track.moving.copy()
     for end in (slice(0, count), slice(n - count, n)):
         since = track.time[end] - track.time[end].mean()
-        slopes = since @ track.measured[end] / (since @ since)
-        moved = np.abs(slopes).max() * np.sqrt(since @ since)
+        moved = np.abs(since @ track.measured[end]).max() / np.linalg.norm(since)
         moves[end] |= moved > platform.STILL * track.noise
     rests = [
         run

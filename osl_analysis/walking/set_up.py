@@ -41,7 +41,6 @@ SMALLEST_CHANGE = np.array([0.03, 20.0])  # of roll [m] and push [N] that have a
 # its largest angle from forward: a foot out-toes by 20 deg, and the side force of slow gait changes
 # nearly as much as its push
 LARGEST_TURN_DEG = 60.0
-LARGEST_MASS_DIFFERENCE = 0.1  # clothes, shoes and leg weigh something
 
 
 def differences(
@@ -299,22 +298,9 @@ def check_roll(phase: Array, load: Array, push: Array, torque: Array) -> None:
 
 
 def body_mass(trial: Trial, sheet: float | None) -> float | None:
-    """Body mass [kg] of a trial: the sheet's, else the recording's.
-
-    Raises
-    ------
-    InputError
-        Sheet and recording differ.
-    """
-    # a recording that does not know it has 0
-    recorded = trial.provenance.get("mocap", {}).get("body_mass_kg") or None
-    if sheet and recorded and abs(sheet / recorded - 1) > LARGEST_MASS_DIFFERENCE:
-        raise InputError(
-            f"trial {trial.name}: body_mass_kg is {sheet:g} in the sheet and {recorded:g} in the"
-            " recording; correct the sheet, or leave its cell empty to use the recording's"
-        )
-    mass = sheet or recorded
-    return None if mass is None else float(mass)
+    """Body mass [kg] of a trial: the sheet's, else the recording's, which is 0 where it does not
+    know it."""
+    return sheet or trial.provenance.get("mocap", {}).get("body_mass_kg") or None
 
 
 def pressure_outside(pressure: Array, markers: Array) -> float:

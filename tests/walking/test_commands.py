@@ -327,8 +327,3 @@ def mass_of(sheet, recorded):
 )
 def test_the_mass_is_the_sheet_s_else_the_recording_s(sheet, recorded, mass):
     assert mass_of(sheet, recorded) == mass
-
-
-def test_a_mass_that_contradicts_the_recording_is_refused():
-    with refused_with(r"body_mass_kg.*70.*sheet.*79.*recording"):
-        mass_of(70.0, 79.0)

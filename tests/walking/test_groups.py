@@ -9,7 +9,6 @@ import polars as pl
 import pytest
 from c3d_builder import FACE
 from conftest import refused_with, white_noise
-from scipy.spatial.transform import Rotation
 from walking_crossings import (
     TURN,
     Walk,
@@ -20,12 +19,11 @@ from walking_crossings import (
     standing_at,
     walked,
 )
-from walking_synthetic import pose, settings
+from walking_synthetic import settings
 
 from osl_analysis.commands.walking_summary import commanded_trajectory, commanded_value
 from osl_analysis.walking.contributions import group_headline
-from osl_analysis.walking.crossing import platform_turn
-from osl_analysis.walking.groups import Measure, crossing_features, feature_of, places, split_keys
+from osl_analysis.walking.groups import crossing_features, places, split_keys
 from osl_analysis.walking.isolated_response import unperturbed_gait
 from osl_analysis.walking.plate import Stance
 from osl_analysis.walking.plate_inertia import NO_CORRECTION
@@ -62,22 +60,6 @@ def test_each_direction_of_the_turn_has_a_result_of_its_own(is_stated, tmp_path)
     assert set(tables["groups"]["n_unperturbed"]) == {4}
 
 
-@pytest.mark.parametrize(("heading", "turn"), [(0.0, 0.087), (180.0, -0.05), (57.0, 0.087)])
-def test_the_turn_is_toes_up_positive_whichever_way_the_person_walks(heading, turn):
-    """The largest turn counts, not the last."""
-    time = np.arange(60) / 300
-    yaw = Rotation.from_euler("z", heading, degrees=True)
-    rest = Rotation.from_euler("xyz", [3, -2, 20], degrees=True)
-    axis = yaw.apply([0.0, 1.0, 0.0])
-    angles = turn * np.interp(time, [0.05, 0.12, 0.15, 0.2], [0, 1, -0.2, 3])
-    rotation = (Rotation.from_rotvec(-angles[:, None] * axis) * rest).as_matrix()
-    platform = pose(rotation, np.zeros((60, 3)))
-
-    turned = platform_turn(time, platform, np.tile(axis, (60, 1)), (0.05, 0.15))
-
-    assert turned == pytest.approx(turn)
-
-
 def of_stiffness(values):
     """Crossings of legs with these stiffnesses, whose gait differs, and their cells."""
     walks = {}
@@ -106,16 +88,6 @@ def test_each_commanded_stiffness_has_its_own_result(three_legs, K):
     assert row["mean"] == pytest.approx(K, abs=10)
     assert row["commanded"] == K
     assert row["low"] < K < row["high"]
-
-
-def test_a_group_has_the_timing_of_its_crossings(three_legs):
-    (group,) = three_legs["groups"].filter(group="K_d 340").to_dicts()
-
-    assert (group["n"], group["n_unperturbed"], group["left_out_share"]) == (3, 3, 1 / 4)
-    assert group["stance_s"] == pytest.approx(0.72, rel=0.02)
-    assert group["onset_phase"] == pytest.approx(0.4, abs=0.01)
-    # an angle that grows with time reads K after 3/4 of the 100 ms; this one grows later
-    assert 0.075 < (group["fitted_phase"] - group["onset_phase"]) * group["stance_s"] < 0.1
 
 
 def test_an_unstated_condition_serves_every_value():
@@ -263,17 +235,6 @@ def test_four_of_twelve_do_not_hide_in_the_scatter_that_they_make():
     assert set(reasons(loaded_session(light))) == set(light)
 
 
-def test_a_crossing_is_not_judged_by_its_turn():
-    """The earliest onset tells until when crossings are compared."""
-    crossings = [replace(c, onset=0.5) if c.name == "w1" else c for c in session()]
-    turned = [
-        replace(c, theta=c.theta + 0.2 * (c.time > c.onset - 0.02)) if c.onset else c
-        for c in crossings
-    ]
-
-    assert reasons(turned) == {}
-
-
 def test_a_stance_is_compared_among_those_of_its_direction():
     """Of eleven, three stances are prolonged by a turn up by 0.2 s, one by a turn down by 0.4 s."""
     crossings = [replace(c, onset=None) for c in session()]
@@ -337,16 +298,3 @@ def test_the_pressure_is_outside_as_far_as_it_is_from_the_foot(beside_m, outside
     pressure = np.tile([0.02, beside_m, 0.0], (5, 1))
 
     assert pressure_outside(pressure, np.tile(corners, (5, 1, 1))) == pytest.approx(outside_m)
-
-
-def test_a_curve_is_too_far_from_the_median_and_never_too_near():
-    """By hand: RMS deviations of 1, 1.1 and 0.9 from the median have a scatter of 1.48 * 0.1; the
-    curve on the median is no outlier, that of 10 is one."""
-    wave = np.sin(np.arange(100))
-    sizes = np.array([1.0, -1.1, 0.9, -1.0, 0.0, 10.0, -0.9])
-    curves = np.outer(sizes / np.sqrt(np.mean(wave**2)), wave)
-
-    feature = feature_of(Measure("x", "m", curves, 1e-9), np.zeros(7, int), np.ones(7, bool))
-
-    assert feature.distance[4] < 0
-    assert feature.distance[5] > 50

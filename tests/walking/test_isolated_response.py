@@ -184,10 +184,6 @@ def test_one_whole_stance_is_found_among_what_is_none(force):
     assert stance == pytest.approx((0.905, 1.5975), abs=1e-6)
 
 
-def test_a_contact_that_is_long_enough_is_a_stance():
-    assert len(stances(WHOLE + SHORT_STEP, shortest=0.05)) == 2
-
-
 def stance_of(crossing):
     """The duration of stance of the crossing's pace on the mean gait."""
     return aligned_gait(crossing, usual(), crossing.onset - TIMING.guard_s).stance

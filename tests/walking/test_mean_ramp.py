@@ -44,21 +44,6 @@ def test_ramps_of_mixed_sizes_share_one_shape():
     assert errors.std(ddof=1) < 5e-4
 
 
-def test_ramps_of_another_duration_have_onsets_of_their_own():
-    """Half of the difference of the durations would be taken for a time shift."""
-    rises = np.tile([0.07, 0.09], 10)
-
-    with pytest.warns(UserWarning, match="platform"):
-        errors = errors_of([angle_of(o, rise=r) for o, r in zip(ONSETS, rises, strict=True)], 0.01)
-
-    assert np.median(np.abs(errors)) < 3e-4
-    assert np.abs(errors).max() < 8e-3
-
-
-def test_a_single_ramp_has_an_onset_by_itself():
-    assert abs(errors_of([angle_of(ONSETS[0])], 0.015)[0]) < 2e-3
-
-
 def test_a_straight_ramp_starts_where_it_bends():
     straight = [np.deg2rad(5 * np.clip((TIME - onset) / 0.08, 0, 1)) for onset in ONSETS]
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 import pytest
-from conftest import refused_with, white_noise
+from conftest import refused_with
 from scipy.spatial.transform import Rotation
 from walking_synthetic import (
     FOOT,
@@ -108,19 +108,6 @@ def test_a_moved_marker_is_that_without_which_the_others_agree(
 
     assert index == 0
     assert distance_m == pytest.approx(distance, abs=2e-3)
-
-
-def test_a_bridged_gap_of_a_resting_cluster_has_little_noise() -> None:
-    """25 frames at 300 Hz, where a spline leaves by 10 standard deviations of noise."""
-    noise = 1e-4 * white_noise((200, 100, *FOOT.shape), 0)
-    noise[:, 25:50] = np.nan
-
-    deviations = []
-    for deviation in noise:
-        bridged = bridge_gaps(TIME[:100], cluster_poses(FOOT, FOOT + deviation), 0.2)
-        deviations.append(bridged.points(FOOT)[25:50] - FOOT)
-
-    assert np.sqrt(np.mean(np.square(deviations))) < 2.5e-4
 
 
 def test_only_short_gaps_between_frames_are_bridged() -> None:

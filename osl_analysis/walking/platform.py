@@ -31,7 +31,6 @@ FEWEST_FRAMES = 10  # for a position at rest
 # speed over its noise above which a platform moves; at rest, 1 frame in 10^7 is above
 STILL = 7.0
 LEAST_NOISE_M = 2e-7  # of a marker: single precision at 1 m
-SHORTEST_LINE_S = 0.015  # gap that is a straight line: a cubic would turn noise into a motion
 MARGIN_OVER_NOISE = 1.3  # of a direction's mean square over the largest that noise would show
 
 

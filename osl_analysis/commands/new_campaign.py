@@ -32,12 +32,6 @@ COLUMNS = (
     *("trial", "experiment", "controller", "K_d", "B_d", "perturbed"),
     *("log", "log_source", "mocap", "mocap_source", "exclude"),
 )
-SELDOM = (
-    "log_2",
-    "log_2_source",
-    "joint",
-    "fixture",
-)  # columns of a drafted sheet only where a trial has them
 MOST_TOLD = 4  # questions, source files, or names in a line, that the text of `init` tells
 
 OF_LEG = "config.yaml: `parameters`, a file with n_T; with it theta_m tells the delay of the torque"
@@ -91,8 +85,9 @@ def new_campaign(
         settings = shipped(f"config/new_campaign/simulation_{example}.yaml")
         files["simulation.yaml"] = settings.read_text(encoding="utf-8")
     else:
-        seldom = [name for name in SELDOM if any(name in trial.cells for trial in draft.trials)]
-        columns = dict.fromkeys([*COLUMNS, *seldom], pl.String)
+        columns = dict.fromkeys(COLUMNS, pl.String)
+        for trial in draft.trials:
+            columns.update(dict.fromkeys(trial.cells, pl.String))
         sheet = pl.DataFrame([trial.cells for trial in draft.trials], columns)
         files["trials.csv"] = sheet.write_csv()
     try:

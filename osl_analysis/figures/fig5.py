@@ -124,6 +124,8 @@ def draw_errors(ax: Axes, placed: pl.DataFrame, most: float) -> None:
     ax.yaxis.set_major_locator(SymmetricalLogLocator(ax.yaxis.get_transform(), (1, 3)))
     ax.yaxis.set_major_formatter(ScalarFormatter())
     ax.margins(y=0.1)
+    low, high = ax.get_ylim()
+    ax.set_ylim(min(low, -10), max(high, 10))
     ax.set_ylabel("Error (%)")
     draw_axis(ax, "K", placed, most)
 

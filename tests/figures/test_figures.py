@@ -173,7 +173,8 @@ SHOWN = [
     ("fig4", left_out, 0, True, "time", ("theta_deg",)),
     ("fig4", left_out, 1, True, "time", ("torque", "torque_model")),
     ("fig4", left_out, 2, True, "time", (RESIDUAL,)),
-    *(("fig5", in_amplitudes, k, True, None, [*(one.format(q) for one in OBSERVED), f"{q}_d", f"{q}_d_rendered"])
+    *(("fig5", in_amplitudes, k, True, None,
+       [*(one.format(q) for one in OBSERVED), f"{q}_d", f"{q}_d_rendered"])
       for k, q in ((0, "K"), (2, "B"))),
     ("fig5", in_amplitudes, 1, pl.col("K_d") > 0, None,
      [100 * (pl.col(one.format("K")) / pl.col("K_d") - 1) for one in OBSERVED]),

@@ -91,7 +91,8 @@ class KeepsItsInput(click.Command):
             at_fault = [option.opts[0] for option in typed if option.name in error.settings]
             if not at_fault:
                 raise
-            raise type(error)(f"{', '.join(at_fault)}: {error}") from error
+            reason = f"{', '.join(at_fault)}: {error.reason}"
+            raise type(error)(reason, error.remedy) from error
 
 
 class OneLineErrors(click.Group):

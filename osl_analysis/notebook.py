@@ -36,15 +36,15 @@ def as_trial(trial: Trial | File) -> Trial:
         return read_trial(trial)
     if not isinstance(trial, Trial):
         raise InputError(
-            f"a trial is needed, not {type(trial).__name__}; give what `read_trial` or"
-            " `read_recording` returned, a path, or `Trial(name, samples)` with a data frame in SI"
-            " units"
+            f"a trial is needed, not {type(trial).__name__}",
+            "give what `read_trial` or `read_recording` returned, a path, or `Trial(name,"
+            " samples)` with a data frame in SI units",
         )
     for name, dtype in trial.samples.schema.items():
         if not (dtype.is_numeric() or dtype.is_(bool)):
             raise InputError(
-                f"trial {trial.name}: column '{name}' holds {dtype}, expected numbers; convert or"
-                " drop it"
+                f"trial {trial.name}: column '{name}' holds {dtype}, expected numbers",
+                "convert or drop it",
             )
     return trial
 
@@ -128,7 +128,8 @@ def fit(
         condition = desired or UNSTATED
     elif desired is not None:
         raise InputError(
-            f"a fit of {experiment} has no desired impedance; leave it out",
+            f"a fit of {experiment} has no desired impedance",
+            "leave it out",
             settings=[*vars(desired)],
         )
     elif experiment == "torque_angle":
@@ -262,7 +263,7 @@ def read_recording(
         described = known[check_known(known, kind, str(source))]
     role = "mocap" if isinstance(read_source(described), MarkerSource) else "log"
     if part is not None and role == "mocap":
-        raise InputError(f"{file}: a capture has no part '{part}'; leave out `part`")
+        raise InputError(f"{file}: a capture has no part '{part}'", "leave out `part`")
     row = {
         "trial": file.stem if name is None else name,
         role: file.name,
@@ -352,8 +353,8 @@ def simulate_trial(
     row = simulate.row_of_trial(simulate.read_simulation(path, simulate.UNFOLLOWED), path, trial)
     if EXPERIMENTS[row["experiment"]].place != "bench":
         raise InputError(
-            f"trial {trial}: is of the walkway; simulate a campaign (`osl-analysis simulate`) and"
-            " run it"
+            f"trial {trial}: is of the walkway",
+            "simulate a campaign (`osl-analysis simulate`) and run it",
         )
     simulate.simulate_trial(path, place, trial)
     return place / str(row["log"]), str(row["log_source"])
@@ -437,8 +438,8 @@ def plot_frequency_response(response: FrequencyResponse) -> "Figure":
     """
     if response.plotted.is_empty():
         raise InputError(
-            f"trial {response.trial}: no frequency response to draw; move the joint further, or for"
-            " longer"
+            f"trial {response.trial}: no frequency response to draw",
+            "move the joint further, or for longer",
         )
     return drawn("fig7", response.plotted)
 
@@ -470,7 +471,7 @@ def plot_torque_angle(*fits: Fit) -> "Figure":
     names = [fit.trial for fit in fits]
     if len(set(names)) < len(names):
         raise InputError(
-            f"two fits are of trials of one name, {listing(names)}; name each trial differently"
+            f"two fits are of trials of one name, {listing(names)}", "name each trial differently"
         )
     curves = [fit.curves for fit in fits if fit.curves is not None]
     all_curves = pl.concat(curves, how="diagonal_relaxed")
@@ -505,5 +506,7 @@ def plot_figure(numbers: File) -> "Figure":
     path = Path(numbers)
     table = read_table(path, list(columns_of(path.stem)))
     if table.is_empty():
-        raise InputError(f"{path}: no numbers to draw; run the campaign with trials that it shows")
+        raise InputError(
+            f"{path}: no numbers to draw", "run the campaign with trials that it shows"
+        )
     return drawn(path.stem, table)

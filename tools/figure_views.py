@@ -103,11 +103,12 @@ def picture(path: Path) -> Image.Image:
     if path.suffix == ".png":
         return on_white(Image.open(path))
     if path.suffix != ".svg":
-        raise InputError(f"{path}: figures are seen as .png or .svg; give one of these")
+        raise InputError(f"{path}: figures are seen as .png or .svg", "give one of these")
     chromium = shutil.which("chromium") or shutil.which("chromium-browser")
     if chromium is None:
         raise InputError(
-            f"{path}: there is no chromium to render an SVG; install it, or give the PNG beside it"
+            f"{path}: there is no chromium to render an SVG",
+            "install it, or give the PNG beside it",
         )
     with tempfile.TemporaryDirectory() as folder:
         page, shot = Path(folder) / "page.html", Path(folder) / "shot.png"

@@ -234,7 +234,7 @@ def scores_of(files, truth, made_by=()):
     scores = scores.with_columns(version=version)
     twice = scores.filter(scores.select("method", "group").is_duplicated())["method"]
     if len(twice):
-        raise InputError(f"{files[-1]}: method '{twice[0]}' stands in two files; rename it")
+        raise InputError(f"{files[-1]}: method '{twice[0]}' stands in two files", "rename it")
     return scores
 
 

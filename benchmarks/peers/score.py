@@ -74,9 +74,9 @@ def check_lines(given: pl.DataFrame, answers: Path, trials: list[str], truth: Pa
         where = f"{answers}: line {line}: column 'trial' holds '{trial}', which"
         if trial not in trials:
             like = nearest(str(trial), trials)
-            raise InputError(f"{where} is not in {truth}{like}; correct it, or delete the line")
+            raise InputError(f"{where} is not in {truth}{like}", "correct it, or delete the line")
         if (method, trial) in before:
-            raise InputError(f"{where} {method} has answered before; delete a line")
+            raise InputError(f"{where} {method} has answered before", "delete a line")
         before.add((method, trial))
 
 
@@ -89,7 +89,8 @@ def check_ends(given: pl.DataFrame, answers: Path) -> None:
             low, high = given[f"{name}_low"][row], given[f"{name}_high"][row]
             raise InputError(
                 f"{answers}: line {row + FIRST_LINE}: column '{name}_low' holds {low:g}, above"
-                f" '{name}_high', {high:g}; exchange them"
+                f" '{name}_high', {high:g}",
+                "exchange them",
             )
 
 

@@ -49,9 +49,15 @@ def shortened(text: str, most: int = 60) -> str:
 def nearest(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
     """The end of a message about an unknown name: a question with the most similar known name, or
     empty."""
+    like = likeliest(name, known, cutoff)
+    return f"; {like}" if like else ""
+
+
+def likeliest(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
+    """A question with the known name that is most similar to an unknown one, or empty."""
     folded = {shortened(one).casefold(): one for one in known}
     near = get_close_matches(shortened(name).casefold(), folded, n=1, cutoff=cutoff)
-    return f"; did you mean '{folded[near[0]]}'?" if near and folded[near[0]] != name else ""
+    return f"did you mean '{folded[near[0]]}'?" if near and folded[near[0]] != name else ""
 
 
 def without_particulars(text: str, trial: str) -> str:
@@ -83,10 +89,10 @@ class Change:
 class OslAnalysisError(ValueError):
     """A mistake or a limit that the user can correct.
 
-    The message is made printable. Up to the first semicolon outside brackets it is the `reason`,
-    what is wrong. Behind that is the `remedy`, what to do; it may be empty. The `changes` are
-    tried, and those that help replace the remedy. `settings` are the names of those at fault, and
-    `trial` that of the one at fault where a job reads several; empty for none.
+    The message is the `reason`, what is wrong, and behind a semicolon the `remedy`, what to do; it
+    may be empty. Both are made printable. The `changes` are tried, and those that help replace the
+    remedy. `settings` are the names of those at fault, and `trial` that of the one at fault where a
+    job reads several; empty for none.
 
     Examples
     --------
@@ -99,18 +105,19 @@ class OslAnalysisError(ValueError):
 
     def __init__(
         self,
-        message: str,
+        reason: str,
+        remedy: str = "",
+        *,
         changes: Sequence[Change] = (),
         settings: Sequence[str] = (),
         trial: str = "",
     ) -> None:
-        super().__init__(printable(message))
+        self.reason = printable(reason)
+        self.remedy = printable(remedy)
+        super().__init__("; ".join(filter(None, [self.reason, self.remedy])))
         self.changes = tuple(changes)
         self.settings = tuple(settings)
         self.trial = trial
-        reason, *remedy = re.split(r"; (?![^(\[]*[)\]])", str(self), maxsplit=1)
-        self.reason = reason
-        self.remedy = "".join(remedy)
 
 
 @contextmanager
@@ -122,8 +129,18 @@ def naming(what: object, behind: str = "", trial: str = "") -> Iterator[None]:
     except OslAnalysisError as error:
         if isinstance(what, Path) and printable(str(what)) in str(error):
             raise
-        text = f"{what}: {error}{behind}"
-        raise type(error)(text, error.changes, error.settings, trial or error.trial) from error
+        reason = f"{what}: {error.reason}"
+        remedy = f"{error.remedy}{behind}"
+        if not error.remedy:
+            reason += behind
+            remedy = ""
+        raise type(error)(
+            reason,
+            remedy,
+            changes=error.changes,
+            settings=error.settings,
+            trial=trial or error.trial,
+        ) from error
 
 
 class InputError(OslAnalysisError):
@@ -163,8 +180,8 @@ def not_installed(what: str, library: str) -> InputError:
     """An error whose remedy is that of this very Python. By the name of this package and an extra,
     pip may fetch a stranger's package of that name."""
     return InputError(
-        f"{what} needs {library}, which is not installed;"
-        f" {shlex.quote(sys.executable)} -m pip install {library}"
+        f"{what} needs {library}, which is not installed",
+        f"{shlex.quote(sys.executable)} -m pip install {library}",
     )
 
 

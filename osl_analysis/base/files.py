@@ -42,7 +42,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
         if reason is None:
             raise
         raise WriteError(
-            f"{path}: cannot be written ({reason}); make room, or choose another place"
+            f"{path}: cannot be written ({reason})", "make room, or choose another place"
         ) from error
     finally:
         with suppress(OSError):
@@ -89,9 +89,9 @@ def check_target(path: Path) -> None:
     try:
         str(path).encode()
     except UnicodeEncodeError as error:  # the libraries that write tables take only names in UTF-8
-        raise InputError(f"{path}: its name is not UTF-8; choose another name") from error
+        raise InputError(f"{path}: its name is not UTF-8", "choose another name") from error
     if path.exists() and not path.is_file():
-        raise InputError(f"{path}: is a folder or a device; name a file")
+        raise InputError(f"{path}: is a folder or a device", "name a file")
 
 
 def temporary_path(path: Path, pid: int) -> Path:

@@ -48,13 +48,13 @@ def check_finite(
     largest = np.abs(array).max(initial=0.0)
     if not np.isfinite(largest):
         raise InputError(
-            f"{name} is not finite at sample {np.argmin(np.isfinite(array))}; repair the log, or"
-            " cut it there"
+            f"{name} is not finite at sample {np.argmin(np.isfinite(array))}",
+            "repair the log, or cut it there",
         )
     if largest > limit or 0 < largest < least:
         raise InputError(
-            f"{name} reaches {largest:.3g}, which no sensor gives; check its channel and unit in"
-            " the source file, and the bytes of the log"
+            f"{name} reaches {largest:.3g}, which no sensor gives",
+            "check its channel and unit in the source file, and the bytes of the log",
         )
 
 

@@ -70,9 +70,10 @@ def limited_memory(files: Sequence[Path | str], at_once: int = 1) -> Iterator[No
 
 def too_large(files: Sequence[Path | str], limit: float) -> MemoryLimitError:
     return MemoryLimitError(
-        f"{listing([*map(str, files)], 3)}: not enough memory, a job may have"
-        f" {limit / 1e6:.0f} MB here; cut the recording, or ask for fewer samples, or allow"
-        f" more by {VARIABLE} or on a larger machine"
+        f"{listing([*map(str, files)], 3)}: not enough memory, a job may have {limit / 1e6:.0f}"
+        " MB here",
+        f"cut the recording, or ask for fewer samples, or allow more by {VARIABLE} or on a"
+        " larger machine",
     )
 
 
@@ -89,7 +90,8 @@ def check_unpacked(path: Path, size: int) -> None:
     if size > max(MOST_UNPACKED * path.stat().st_size, HARMLESS_BYTES):
         raise InputError(
             f"{path}: would unpack to {size / 1e6:.0f} MB, more than {MOST_UNPACKED} times its"
-            " size, as no recording does; record it again, or save it without compression"
+            " size, as no recording does",
+            "record it again, or save it without compression",
         )
     if size > allowed_memory():
         raise too_large([path], allowed_memory())

@@ -272,19 +272,19 @@ class Recording:
             if len(set(names)) < len(names):
                 remedy = f"rename them, or write the number of a column, one of {listing(numbers)},"
             raise InputError(
-                f"{noun or key} '{shortened(wanted)}' occurs {len(matches)} times; {remedy} in the"
-                " source file"
+                f"{noun or key} '{shortened(wanted)}' occurs {len(matches)} times",
+                f"{remedy} in the source file",
             )
         found = matches[0] if matches else self.find_unlisted(address)
         if found:
             return found
         missing = f"no {noun or ' '.join(address)} '{shortened(' '.join(address.values()))}'"
         if not similar:
-            raise InputError(f"{missing}: the file has none; export them too")
+            raise InputError(f"{missing}: the file has none", "export them too")
         keys = [channel.key for channel in similar]
         known = [*keys, *(channel.name for channel in similar)]
         advice = nearest(wanted, known) or "; correct the name in the source file"
-        raise InputError(f"{missing}; the file has {listing(keys)}{advice}")
+        raise InputError(missing, f"the file has {listing(keys)}{advice}")
 
 
 NUMBERED = ("column", "label", "channel")  # keys whose channel may be given by its number

@@ -119,8 +119,8 @@ class Conversion(Settings):
         step = quantity(self.resolution or "", si_unit)
         if step <= 0:
             raise InputError(
-                f"a resolution of {self.resolution} is not positive; write a positive one, or"
-                " remove it"
+                f"a resolution of {self.resolution} is not positive",
+                "write a positive one, or remove it",
             )
         return step
 
@@ -347,7 +347,7 @@ class Source(Settings):
         names it."""
         if part:
             raise InputError(
-                f"log_part '{part}': a log in {self.format} holds one trial; leave log_part empty"
+                f"log_part '{part}': a log in {self.format} holds one trial", "leave log_part empty"
             )
         return self
 

@@ -139,8 +139,8 @@ def read_table(path: Path | str, required: Sequence[str] = (), name: str = "") -
     for name in required:
         if name not in usable:
             raise InputError(
-                f"{path}: no column '{name}', or one with text where numbers are expected; it has"
-                f" {', '.join(table.columns)}: correct it, or make it again"
+                f"{path}: no column '{name}', or one with text where numbers are expected",
+                f"it has {', '.join(table.columns)}: correct it, or make it again",
             )
     return table
 
@@ -169,12 +169,12 @@ def rows_of(path: Path, name: str) -> pl.DataFrame:
         )
     except UNREADABLE as error:
         raise InputError(
-            f"{path}: no such table; run the step that writes it, or check the path"
+            f"{path}: no such table", "run the step that writes it, or check the path"
         ) from error
     except pl.exceptions.PolarsError as error:
         reason = str(error).strip().splitlines()[0]
         raise InputError(
-            f"{path}: not a CSV table ({reason}); correct it, or make it again"
+            f"{path}: not a CSV table ({reason})", "correct it, or make it again"
         ) from error
     table = unquoted(table)
     if all(column.null_count() for column in table):  # else no line is blank, as of an editor
@@ -265,8 +265,8 @@ def check_schema(stated: object, path: Path, release: object = None) -> None:
     if stated == SCHEMA:
         return
     raise InputError(
-        f"{path}: columns of schema {stated}, by release {release or '(not stated)'}; this release"
-        f" reads {SCHEMA}: make it again (`osl-analysis run`), or install that release"
+        f"{path}: columns of schema {stated}, by release {release or '(not stated)'}",
+        f"this release reads {SCHEMA}: make it again (`osl-analysis run`), or install that release",
     )
 
 
@@ -307,7 +307,8 @@ def not_analysed(path: Path | str) -> tuple[NotAnalysed, ...]:
 def check_analysed(path: Path) -> None:
     """If a file holds no results, raise the reason as an InputError."""
     for cause in not_analysed(path):
-        raise InputError(f"{path}: there is no result: {cause.text}")
+        reason, _, remedy = cause.text.partition("; ")  # a file holds both in one text
+        raise InputError(f"{path}: there is no result: {reason}", remedy)
 
 
 def by_trial(causes: Iterable[NotAnalysed]) -> dict[str, str]:

@@ -115,13 +115,14 @@ def stretches(text: str, duration_s: float = math.inf) -> list[tuple[float, floa
     if not has_form or edges != sorted(set(edges)):
         raise InputError(
             f"windows '{text}' are not from-to in s, in the order of time, without overlap or"
-            " touching; write them as 2-30 40-62",
+            " touching",
+            "write them as 2-30 40-62",
             settings=["windows"],
         )
     if edges[-1] > duration_s + LATE_END_S:
         raise InputError(
-            f"windows '{text}' reach beyond the recording, which lasts 0 to {duration_s:.1f} s;"
-            " state windows within these",
+            f"windows '{text}' reach beyond the recording, which lasts 0 to {duration_s:.1f} s",
+            "state windows within these",
             settings=["windows"],
         )
     return list(zip(edges[::2], edges[1::2], strict=True))
@@ -175,15 +176,16 @@ class Trial:
                 samples = pl.DataFrame({str(name): np.asarray(given[name]) for name in given})
             except (TypeError, LookupError, pl.exceptions.PolarsError) as error:
                 raise InputError(
-                    f"trial {self.name}: the samples are no data frame ({type(given).__name__});"
-                    " give one of polars or pandas, with a column `time` in seconds"
+                    f"trial {self.name}: the samples are no data frame ({type(given).__name__})",
+                    "give one of polars or pandas, with a column `time` in seconds",
                 ) from error
             object.__setattr__(self, "samples", samples)
         if "time" not in self.samples.columns:
-            raise InputError(f"trial {self.name}: no column 'time'; map one in the source file")
+            raise InputError(f"trial {self.name}: no column 'time'", "map one in the source file")
         if self.samples.is_empty():
             raise InputError(
-                f"trial {self.name}: no samples; record the trial again or exclude it in the sheet"
+                f"trial {self.name}: no samples",
+                "record the trial again or exclude it in the sheet",
             )
         check_time(self.name, self.samples["time"].to_numpy())
 
@@ -236,8 +238,9 @@ class Trial:
             missing = np.isnan(signal).sum()
             if missing:
                 raise InputError(
-                    f"trial {self.name}: column '{column}' is NaN in {missing} of"
-                    f" {len(time)} samples; repair the log or exclude the trial in the sheet"
+                    f"trial {self.name}: column '{column}' is NaN in {missing} of {len(time)}"
+                    " samples",
+                    "repair the log or exclude the trial in the sheet",
                 )
         return time, *values
 
@@ -246,8 +249,9 @@ class Trial:
         for column in columns:
             if column not in self.samples:
                 raise InputError(
-                    f"trial {self.name}: no column '{column}'; map the channel in the source file"
-                    f" (it has {listing(self.columns)}){nearest(column, self.columns)}"
+                    f"trial {self.name}: no column '{column}'",
+                    "map the channel in the source file (it has"
+                    f" {listing(self.columns)}){nearest(column, self.columns)}",
                 )
 
 
@@ -274,10 +278,10 @@ def check_time(name: str, time: Array) -> None:
     if goes_back.any():
         row = np.argmax(goes_back)
         raise InputError(
-            f"{name}: time goes from {time[row]:.6f} s to {time[row + 1]:.6f} s at row {row + 1};"
-            " delete rows that stand twice, sort rows that changed places by time, and where the"
-            " recorder's clock was set back, cut the log or take another time source in the source"
-            " file"
+            f"{name}: time goes from {time[row]:.6f} s to {time[row + 1]:.6f} s at row {row + 1}",
+            "delete rows that stand twice, sort rows that changed places by time, and where the"
+            " recorder's clock was set back, cut the log or take another time source in the"
+            " source file",
         )
 
 
@@ -330,7 +334,7 @@ def metadata_of(path: Path) -> tuple[str, dict[str, Any]]:
     """Read name and provenance of a trial without its samples; raises as `read_trial`."""
     check_analysed(path)
     if not path.is_file():
-        raise InputError(f"{path}: no such trial; ingest it first (osl-analysis ingest)")
+        raise InputError(f"{path}: no such trial", "ingest it first (osl-analysis ingest)")
     with told_as_parquet(path):
         metadata = pl.read_parquet_metadata(path)
         if not {NAME_KEY, PROVENANCE_KEY} <= metadata.keys():
@@ -348,6 +352,7 @@ def told_as_parquet(path: Path) -> Iterator[None]:
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError, ValueError) as error:
         reason = str(error).splitlines()[0]
         raise InputError(
-            f"{path}: not what `ingest` wrote ({reason}); ingest it again, fit a raw recording with"
-            f" its `--source`, or make a campaign: `osl-analysis init FOLDER --from {path.parent}`"
+            f"{path}: not what `ingest` wrote ({reason})",
+            "ingest it again, fit a raw recording with its `--source`, or make a campaign:"
+            f" `osl-analysis init FOLDER --from {path.parent}`",
         ) from error

@@ -62,13 +62,13 @@ def si_factor(unit: str, expected: str) -> float:
     if known:
         return known
     if not spelling:
-        raise InputError(f"the unit is empty; write one of {examples}")
+        raise InputError("the unit is empty", f"write one of {examples}")
     factor, base = base_units(spelling) or (math.nan, "")
     # from that of ns to that of N*m/mdeg; others are misspellings such as `Mm` and `MN`
     if base != dimension(expected) or not 1e-9 <= factor <= 1e5:
         si_unit = next((known for known in EXAMPLES if dimension(known) == base), base)
         measured = f"{factor:g} {si_unit}" if base else "unknown"
-        raise InputError(f"unit '{shortened(unit)}' is {measured}; write one of {examples}")
+        raise InputError(f"unit '{shortened(unit)}' is {measured}", f"write one of {examples}")
     return factor
 
 
@@ -82,8 +82,8 @@ def quantity(text: str, expected: str) -> float:
         value = math.nan
     if not math.isfinite(value):
         raise InputError(
-            f"'{shortened(text)}' is not a number with a unit; write it as in"
-            f" `2 {next(iter(EXAMPLES[expected]))}`"
+            f"'{shortened(text)}' is not a number with a unit",
+            f"write it as in `2 {next(iter(EXAMPLES[expected]))}`",
         )
     return value * si_factor(unit, expected)
 

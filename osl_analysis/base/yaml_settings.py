@@ -123,7 +123,7 @@ def read_mapping(path: Path) -> dict[str, Any]:
     the file is missing, is not YAML, has a key twice, or is no mapping."""
     if not path.is_file():
         beside_it = (file.stem for file in path.parent.glob(f"*{path.suffix}"))
-        raise InputError(f"{path}: no such file; check the path{nearest(path.stem, beside_it)}")
+        raise InputError(f"{path}: no such file", f"check the path{nearest(path.stem, beside_it)}")
     try:
         with naming(path):
             content = parsed_yaml(path.read_text(encoding="utf-8-sig"))
@@ -131,18 +131,18 @@ def read_mapping(path: Path) -> dict[str, Any]:
         raise
     except OSError as error:
         raise InputError(
-            f"{path}: cannot be read ({error.strerror}); check its permissions"
+            f"{path}: cannot be read ({error.strerror})", "check its permissions"
         ) from error
     except (*NOT_YAML, ValueError) as error:  # ValueError: it is not UTF-8
         mark = getattr(error, "problem_mark", None)
         line = f"line {mark.line + 1}: " if mark else ""
         problem = getattr(error, "problem", None) or str(error)
         raise InputError(
-            f"{path}: {line}not YAML: {problem}; put text with signs as : # * % in quotes, and"
-            " indent with blanks"
+            f"{path}: {line}not YAML: {problem}",
+            "put text with signs as : # * % in quotes, and indent with blanks",
         ) from error
     if not isinstance(content, dict):
-        raise InputError(f"{path}: has no fields; write `name: value` lines")
+        raise InputError(f"{path}: has no fields", "write `name: value` lines")
     return content
 
 
@@ -175,12 +175,13 @@ def check_size(text: str) -> None:
             size_of[anchor] = nodes - before
         if isinstance(event, yaml.ScalarEvent) and event.value[MOST_DIGITS:].isalnum():
             raise InputError(
-                f"YAML with a number of over {MOST_DIGITS} digits; write a smaller one"
+                f"YAML with a number of over {MOST_DIGITS} digits", "write a smaller one"
             )
         if nodes > MOST_NODES or len(begun) > MOST_LEVELS or len(text) > MOST_LETTERS:
             raise InputError(
                 f"YAML of more than {MOST_NODES} values, with those that aliases repeat,"
-                f" {MOST_LEVELS} levels or {MOST_LETTERS} letters; write less, without aliases"
+                f" {MOST_LEVELS} levels or {MOST_LETTERS} letters",
+                "write less, without aliases",
             )
 
 
@@ -263,8 +264,8 @@ def validated(
         unedited = [f"{located(yaml_files, at)}`{dotted(at)}`" for at in open_places(content)]
         if unedited:
             raise InputError(
-                f"{path}: a draft with places to be edited: {listing(unedited)};"
-                " its comments say how"
+                f"{path}: a draft with places to be edited: {listing(unedited)}",
+                "its comments say how",
             )
     try:
         return model.model_validate(without_truth_values(content))
@@ -281,8 +282,9 @@ def validated(
     places = missing if first in missing else [first]
     line = located(yaml_files, first)
     names = ", ".join(map(dotted, places)) or "the file"
-    text = f"{path}: {line}{names}: {problem_text(problems_at[first])}"
-    raise InputError(text, settings=[dotted(first)])
+    # pydantic has one text for both
+    reason, _, remedy = problem_text(problems_at[first]).partition("; ")
+    raise InputError(f"{path}: {line}{names}: {reason}", remedy, settings=[dotted(first)])
 
 
 NO_NUMBER = r"valid \w+, unable to parse string as an? \w+"
@@ -391,5 +393,5 @@ def check_known(names: Collection[str], kind: str, name: str) -> str:
     if name in names:
         return name
     raise InputError(
-        f"'{name}' is no {kind}; write one of {listing([*names])}{nearest(name, names)}"
+        f"'{name}' is no {kind}", f"write one of {listing([*names])}{nearest(name, names)}"
     )

@@ -131,8 +131,8 @@ def loop_of(theta_s: Array) -> Loop:
     if largest_deg < LEAST_DEFLECTION_DEG:
         raise InputError(
             f"the belt deflects by {largest_deg:.3f} deg at most, expected"
-            f" {LEAST_DEFLECTION_DEG:g} deg or more; check the angle channels and their units in"
-            " the source file"
+            f" {LEAST_DEFLECTION_DEG:g} deg or more",
+            "check the angle channels and their units in the source file",
         )
     return find_loop(theta_s)
 
@@ -156,8 +156,7 @@ def branches_of(record: Record, loaded_share: float = LOADED) -> Groups:
         is_loaded &= load >= loaded_share * load.max()
         if not (is_loaded & record.usable).any():
             raise InputError(
-                f"no row while {label} is free of gaps that are too long to be bridged;"
-                f" {BRIDGE_MORE}"
+                f"no row while {label} is free of gaps that are too long to be bridged", BRIDGE_MORE
             )
         # no shorter than half a period of the cut-off
         longest = max(rows.stop - rows.start for rows in runs(is_loaded))
@@ -180,9 +179,9 @@ def check_locked(theta: Array, theta_m: Array) -> None:
     whole = np.ptp(theta)
     if turned > LARGEST_TURN * whole:
         raise InputError(
-            f"theta_m turns by {turned:.3g} rad while theta turns by {whole:.3g} rad, and without a"
-            " parameter file its ratio n_T to the joint is not known; lock the shaft, or name a"
-            " parameter file under `parameters` in the configuration"
+            f"theta_m turns by {turned:.3g} rad while theta turns by {whole:.3g} rad, and"
+            " without a parameter file its ratio n_T to the joint is not known",
+            "lock the shaft, or name a parameter file under `parameters` in the configuration",
         )
 
 

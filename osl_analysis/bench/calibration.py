@@ -69,9 +69,10 @@ def measured_frame(trial: Trial, record: Record) -> GroupFit | None:
     wound = signals["theta"] - signals[JOINT_SIDE]
     if not np.ptp(wound):
         raise InputError(
-            f"trial {trial.name}: theta - {JOINT_SIDE} is {wound[0]:g} rad in every sample, so both"
-            f" are one signal; name the channel of the joint's side for {JOINT_SIDE} in the source"
-            f" file, or leave {JOINT_SIDE} out"
+            f"trial {trial.name}: theta - {JOINT_SIDE} is {wound[0]:g} rad in every sample, so"
+            " both are one signal",
+            f"name the channel of the joint's side for {JOINT_SIDE} in the source file, or leave"
+            f" {JOINT_SIDE} out",
         )
     torque, filtered = record.settings.low_pass(
         np.column_stack([signals["torque"], wound]), uniform.rate_hz
@@ -125,9 +126,9 @@ def known_row(
     size = known.stiffness or known.inertia
     if not size or size < 0:
         raise InputError(
-            f"trial {record.name}: a calibration needs what is known; fill in known_K [N*m/rad] of"
-            " its spring, known_I [kg*m^2] of its inertia, or `alone` under fixture, in the sample"
-            " sheet"
+            f"trial {record.name}: a calibration needs what is known",
+            "fill in known_K [N*m/rad] of its spring, known_I [kg*m^2] of its inertia, or"
+            " `alone` under fixture, in the sample sheet",
         )
     counted, damped = late_fits(record, known.stiffness is not None)
     fit = bench_estimates(counted, known)

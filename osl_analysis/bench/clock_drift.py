@@ -19,9 +19,9 @@ def check_friction(record: Record, fit: GroupFit) -> None:
     low, high = fit.interval("T_C")
     if high < -LEAST_FRICTION * np.std(record.filtered_torque):
         raise InputError(
-            f"trial {record.name}: friction T_C = {fit['T_C']:.3g} N*m ({low:.3g} to {high:.3g}) is"
-            " certainly negative, as where the torque is late by what changes; see that nothing"
-            " slips or filters it, and record angle and torque by one device"
+            f"trial {record.name}: friction T_C = {fit['T_C']:.3g} N*m ({low:.3g} to {high:.3g})"
+            " is certainly negative, as where the torque is late by what changes",
+            "see that nothing slips or filters it, and record angle and torque by one device",
         )
 
 

@@ -89,16 +89,17 @@ def find_loop(angle: Array, settle_cycles: int = 0) -> Loop:
     if not cycles:
         extremes = [angle[0], angle.min(), angle.max(), angle[-1]]
         first_deg, low_deg, high_deg, last_deg = np.rad2deg(extremes)
-        raise InputError(  # without "-0.00"
+        raise InputError(
+            # without "-0.00"
             f"no whole cycle: the angle begins at {first_deg:z.2f} deg, goes to {low_deg:z.2f} and"
-            f" {high_deg:z.2f} deg, and ends at {last_deg:z.2f} deg; record the way back to the"
-            " start"
+            f" {high_deg:z.2f} deg, and ends at {last_deg:z.2f} deg",
+            "record the way back to the start",
         )
     settled = cycles[settle_cycles:]
     if not settled:
         raise InputError(
-            f"all {len(cycles)} whole cycles are left out by settle_cycles; lower it, or record"
-            " more"
+            f"all {len(cycles)} whole cycles are left out by settle_cycles",
+            "lower it, or record more",
         )
     begin = angle[settled[0][0]]
     rises = angle.max() - begin >= begin - angle.min()

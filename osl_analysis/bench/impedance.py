@@ -200,9 +200,10 @@ def fits_by_label(sums: Sums, model: Model) -> dict[Label, GroupFit]:
         try:
             if tells_K_from_I and max(hz) < SAME_FREQUENCY * min(hz):
                 raise IdentifiabilityError(
-                    f"K and I cannot be told apart: the sines are of {hz[0]:.3g} Hz alone, and at"
-                    " one frequency K - I w^2 is one number; excite it below"
-                    f" {hz[0] / 2:.2g} Hz or from {2 * hz[0]:.2g} Hz as well, {STIFFNESS_ALONE}"
+                    f"K and I cannot be told apart: the sines are of {hz[0]:.3g} Hz alone, and"
+                    " at one frequency K - I w^2 is one number",
+                    f"excite it below {hz[0] / 2:.2g} Hz or from {2 * hz[0]:.2g} Hz as well,"
+                    f" {STIFFNESS_ALONE}",
                 )
             fits[label] = fit_groups(sums.of(label), model)
         except IdentifiabilityError:  # a drive may reach fewer frequencies at one amplitude
@@ -278,9 +279,9 @@ def check_encoder(analysis: Analysis) -> None:
     moved = np.ptp(record.theta[record.rows()])
     if moved < FEWEST_STEPS * record.encoder_step:
         raise InputError(
-            f"the joint hardly moves: theta turns by"
-            f" {moved / record.encoder_step:.0f} steps of its encoder, {FEWEST_STEPS:g} are needed;"
-            " move it by more, and check the unit of theta in the source file"
+            f"the joint hardly moves: theta turns by {moved / record.encoder_step:.0f} steps of"
+            f" its encoder, {FEWEST_STEPS:g} are needed",
+            "move it by more, and check the unit of theta in the source file",
         )
     covariance = analysis.sums.covariance(["theta", "omega", "alpha"])
     own_alpha = 1 / np.linalg.inv(covariance)[2, 2]
@@ -288,11 +289,11 @@ def check_encoder(analysis: Analysis) -> None:
     if noise_share > MOST_NOISE:
         low_hz, high_hz = record.band_hz
         raise IdentifiabilityError(
-            f"a motion of {low_hz:.2g} to {high_hz:.2g} Hz"
-            f" cannot tell K from I: noise of the encoder has {noise_share:.2g} times the power of"
-            f" the acceleration's own part behind the filter, at most {MOST_NOISE:g} is allowed;"
-            " move the joint by more or faster, by 0.5 to 6 Hz, and check the unit of theta in the"
-            f" source file, {STIFFNESS_ALONE}"
+            f"a motion of {low_hz:.2g} to {high_hz:.2g} Hz cannot tell K from I: noise of the"
+            f" encoder has {noise_share:.2g} times the power of the acceleration's own part"
+            f" behind the filter, at most {MOST_NOISE:g} is allowed",
+            "move the joint by more or faster, by 0.5 to 6 Hz, and check the unit of theta in"
+            f" the source file, {STIFFNESS_ALONE}",
         )
 
 

@@ -154,13 +154,14 @@ def standstill(theta: Array, rate_hz: float) -> InputError:
         return InputError(
             f"of {range_deg:.3g} deg, theta changes within {BIN_S:g} s by no more than"
             f" {100 * MOVING_SHARE:g} % or its jumps from row to row: the joint moves too slowly,"
-            f" theta is noise, or {rate_hz:.3g} rows per second are too few; move it by 0.5"
-            f" to 6 Hz and record 100 per second or more, {STIFFNESS_ALONE}",
-            [Change("", other_unit_of="time")],
+            f" theta is noise, or {rate_hz:.3g} rows per second are too few",
+            f"move it by 0.5 to 6 Hz and record 100 per second or more, {STIFFNESS_ALONE}",
+            changes=[Change("", other_unit_of="time")],
         )
     return InputError(
-        f"the joint does not move: theta turns by {range_deg:.3g} deg in all; check the channel and"
-        " the unit of theta in the source file, and that this is the recording of the trial"
+        f"the joint does not move: theta turns by {range_deg:.3g} deg in all",
+        "check the channel and the unit of theta in the source file, and that this is the"
+        " recording of the trial",
     )
 
 
@@ -231,9 +232,9 @@ def fitted_pieces(
     if not found:
         seconds = sum(stop - start for start, stop in windows)
         raise InputError(
-            f"nothing is left to fit: the joint moves for {seconds:.3g} s, of"
-            f" which {edge:.2g} s at each end and rows near gaps do not count, and stretches need"
-            f" {SHORTEST_S:g} s; record for longer, and 100 rows per second or more"
+            f"nothing is left to fit: the joint moves for {seconds:.3g} s, of which {edge:.2g} s"
+            f" at each end and rows near gaps do not count, and stretches need {SHORTEST_S:g} s",
+            "record for longer, and 100 rows per second or more",
         )
     return found
 
@@ -282,7 +283,8 @@ def cycles_of(
         if not first.size:
             raise InputError(
                 f"no cycle of {np.rad2deg(segment.amplitude):.3g} deg at {segment.frequency_hz:g}"
-                " Hz is free of rows near a gap that is too long to be bridged; " + BRIDGE_MORE
+                " Hz is free of rows near a gap that is too long to be bridged",
+                BRIDGE_MORE,
             )
         cycles.append(np.stack([first, first + period]))
         alike_deg = amplitudes_deg[commanded == segment.commanded]

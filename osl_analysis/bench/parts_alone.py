@@ -83,9 +83,10 @@ def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> Analysis:
             return clamped_of(trial, settings, levels)
         if moved is None:
             raise InputError(
-                f"the actuator's motion is not recorded, and its current has fewer than"
-                f" {FEWEST_PLATEAUS} plateaus of 0.3 s or more; drive the actuator and name"
-                " theta_m or omega_m in the source file, or step the current more often"
+                "the actuator's motion is not recorded, and its current has fewer than"
+                f" {FEWEST_PLATEAUS} plateaus of 0.3 s or more",
+                "drive the actuator and name theta_m or omega_m in the source file, or step the"
+                " current more often",
             )
         signals = signals_of(trial, (moved, "current", "torque_m"), settings)
         fit = actuator_of(signals, settings, moved)
@@ -132,9 +133,9 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis, moved: str)
     fitted = np.flatnonzero(moving)
     if len(fitted) < FEWEST_MOVING_S * rate:
         raise InputError(
-            f"the actuator is faster than {SLOWEST:g} rad/s in {len(fitted)} of"
-            f" {len(time)} samples, and its current has fewer than {FEWEST_PLATEAUS} plateaus;"
-            " drive it faster or longer, or check the unit of theta_m or omega_m in the source file"
+            f"the actuator is faster than {SLOWEST:g} rad/s in {len(fitted)} of {len(time)}"
+            f" samples, and its current has fewer than {FEWEST_PLATEAUS} plateaus",
+            "drive it faster or longer, or check the unit of theta_m or omega_m in the source file",
         )
     record = Record(
         name=signals.trial,
@@ -175,8 +176,8 @@ def check_prompt(
         way, late = ("earlier", "current") if lag > 0 else ("later", "torque_m")
         size = f"{1e3 * abs(lag) / rate_hz:.0f} ms"
         raise InputError(
-            f"the current fits the torque far better {size} {way}; state"
-            f" `delay: {size}` of {late} in the source file"
+            f"the current fits the torque far better {size} {way}",
+            f"state `delay: {size}` of {late} in the source file",
         )
 
 

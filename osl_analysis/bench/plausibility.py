@@ -57,8 +57,8 @@ def check_changes(column: str, values: Array) -> None:
     check_measured(column, values)
     if not np.ptp(values):
         raise InputError(
-            f"{column} stays at {values[0]:g} throughout; check its sensor and its channel in the"
-            " source file, or exclude the trial"
+            f"{column} stays at {values[0]:g} throughout",
+            "check its sensor and its channel in the source file, or exclude the trial",
         )
 
 
@@ -69,8 +69,9 @@ def check_resists(trial: str, symbol: str, value: float, high: float | None = No
     if value < 0 and (high is None or high < 0):
         raise InputError(
             f"trial {trial}: {symbol} = {value:.4g} is negative, so the torque drives the motion"
-            " instead of resisting it; check the channels of torque and angle in the source file",
-            [TURN_TORQUE],
+            " instead of resisting it",
+            "check the channels of torque and angle in the source file",
+            changes=[TURN_TORQUE],
         )
 
 
@@ -81,9 +82,9 @@ def check_stiffer(trial: str, symbol: str, stiffness: float, bench: BenchStiffne
     theta becomes theta (1 + 2 K/k)."""
     if bench is not None and not -1 < stiffness * bench.compliance < 1:
         raise InputError(
-            f"trial {trial}: {symbol} = {stiffness:.4g} N*m/rad is beyond the bench's stiffness of"
-            f" {bench.value}, so that the frame would yield more than the joint; correct"
-            " `bench_stiffness` and its unit in the configuration"
+            f"trial {trial}: {symbol} = {stiffness:.4g} N*m/rad is beyond the bench's stiffness"
+            f" of {bench.value}, so that the frame would yield more than the joint",
+            "correct `bench_stiffness` and its unit in the configuration",
         )
 
 
@@ -141,9 +142,9 @@ def check_drives(row: Mapping[str, Any]) -> None:
         columns.append(row["motion"])
     estimates = [f"{name} = {row[name]:.3g}" for name in names]
     raise InputError(
-        f"trial {row['trial']}: {', '.join(estimates)}: no actuator has these signs; check the"
-        f" channels of {', '.join(columns)} in the source file",
-        [
+        f"trial {row['trial']}: {', '.join(estimates)}: no actuator has these signs",
+        f"check the channels of {', '.join(columns)} in the source file",
+        changes=[
             Change(f"turn the `sign` of {column} in the source file", {column: -1.0})
             for column in columns
         ],

@@ -91,7 +91,8 @@ def torque_angle_trial(
                 raise InputError(
                     f"a cycle takes {duration_s:.2g} s, which is not quasi-static: below"
                     f" {settings.shortest_cycle_s:g} s (shortest_cycle_s) inertia and damping are"
-                    " in the torque; record it slower, or take experiment 'impedance' in the sheet"
+                    " in the torque",
+                    "record it slower, or take experiment 'impedance' in the sheet",
                 )
         estimates = means_row(theta, torque, loop, rate_hz, settings)
     check_stiffer(trial.name, "K", estimates["K"], settings.bench_stiffness)
@@ -157,9 +158,9 @@ def torque_at_rest(
     moved = np.ptp(theta[rest])
     if count >= len(theta) or moved > RESTS * np.ptp(theta):
         raise InputError(
-            f"the joint does not rest at the {settings.zero} of the recording: the angle moves by"
-            f" {np.rad2deg(moved):.2g} deg in {settings.rest_s:g} s; record a rest there, or"
-            " state another torque_angle.zero"
+            f"the joint does not rest at the {settings.zero} of the recording: the angle moves"
+            f" by {np.rad2deg(moved):.2g} deg in {settings.rest_s:g} s",
+            "record a rest there, or state another torque_angle.zero",
         )
     return float(torque[rest].mean())
 
@@ -172,8 +173,9 @@ def angles_of_curves_deg(theta: Array, step_deg: float) -> Array:
         raise InputError(
             f"the angle moves by {(high - low) * step_deg:.3g} deg in all, and {len(steps)}"
             f" multiples of angle_step_deg = {step_deg:g} lie within, expected {FEWEST_ANGLES} or"
-            " more; check the channel of theta and its unit in the source file, or lower it",
-            [Change("", other_unit_of="theta")],
+            " more",
+            "check the channel of theta and its unit in the source file, or lower it",
+            changes=[Change("", other_unit_of="theta")],
         )
     return steps * step_deg
 

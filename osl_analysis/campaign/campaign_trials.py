@@ -234,7 +234,7 @@ def open_campaign(config: Config, planned: SheetRows | None) -> Campaign:
     campaign = Campaign(config, sheet)
     if not campaign.rows:
         raise InputError(
-            f"{config.sheet}: every trial is excluded; clear `exclude` of those to analyse"
+            f"{config.sheet}: every trial is excluded", "clear `exclude` of those to analyse"
         )
     return campaign
 
@@ -278,8 +278,8 @@ def check_not_used_twice(trial: str, row: Mapping[str, Any], used: list[UsedPart
         for used_start, used_stop, other in used:
             if min(stop, used_stop) > max(start, used_start):
                 raise InputError(
-                    f"trial '{other}' uses the same part of log '{row['log']}'; correct one, or"
-                    " give each its own `windows`"
+                    f"trial '{other}' uses the same part of log '{row['log']}'",
+                    "correct one, or give each its own `windows`",
                 )
         used.append((start, stop, trial))
 
@@ -299,8 +299,8 @@ def check_no_copies(campaign: Campaign) -> None:
                 if filecmp.cmp(other, file, shallow=False):
                     raise InputError(
                         f"{campaign.config.sheet}: trial '{trial}': {file} is a copy of {other},"
-                        " the recording of another trial, and would count twice; exclude one, or"
-                        " name its own"
+                        " the recording of another trial, and would count twice",
+                        "exclude one, or name its own",
                     )
             earlier.append(file)
 
@@ -320,8 +320,9 @@ def check_files(config: Config) -> None:
     for field, path in config.model_dump(include=followed).items():
         if means_several(path):
             raise InputError(
-                f"configuration: {field} = {path} has one of the signs {{}}<>, which mean several"
-                " files to Snakemake; choose a name without them"
+                f"configuration: {field} = {path} has one of the signs {{}}<>, which mean"
+                " several files to Snakemake",
+                "choose a name without them",
             )
     if config.claims is not None:
         read_claims(config.claims)
@@ -331,14 +332,15 @@ def check_files(config: Config) -> None:
         for path in (config.raw_data, config.sources, config.sheet, Path())
     ):
         raise InputError(
-            f"configuration: results = {config.results} holds the recordings, source files, sheet"
-            " or campaign; name another folder"
+            f"configuration: results = {config.results} holds the recordings, source files,"
+            " sheet or campaign",
+            "name another folder",
         )
     for path in (config.raw_data, config.sources, config.results):
         for folder in (path, *path.parents):
             if folder.is_file():
                 raise InputError(
-                    f"{folder}: is a file; name folders as `raw_data`, `sources` and `results`"
+                    f"{folder}: is a file", "name folders as `raw_data`, `sources` and `results`"
                 )
 
 
@@ -361,8 +363,8 @@ def check_walking(campaign: Campaign) -> None:
     for what, (trials, fewest) in needs.items():
         if len(trials) < fewest:
             raise InputError(
-                f"{sheet}: walking needs {fewest} or more {what}, and there are {len(trials)}; add"
-                " them, or exclude the walking trials"
+                f"{sheet}: walking needs {fewest} or more {what}, and there are {len(trials)}",
+                "add them, or exclude the walking trials",
             )
     campaign.sides()
     with naming(sheet):

@@ -179,15 +179,17 @@ def read_campaign_file(path: Path) -> dict[str, Any]:
         by_snakemake = flat(yaml.safe_load(path.read_text(encoding="utf-8-sig")))
     except NOT_YAML as error:
         raise InputError(
-            f"{path}: Snakemake cannot read it ({on_one_line(error)}); write a name before each `:`"
+            f"{path}: Snakemake cannot read it ({on_one_line(error)})",
+            "write a name before each `:`",
         ) from error
     for name, value in flat(content).items():
         # of a text as 1e3, fields of numbers make the number
         read = by_snakemake.get(name, "")
         if read != value and not read.startswith('"'):
             raise InputError(
-                f"{path}: {located([path], tuple(name.split('.')))}{name}: Snakemake reads another"
-                " value; write a plain decimal number, true or false, or text in quotes"
+                f"{path}: {located([path], tuple(name.split('.')))}{name}: Snakemake reads"
+                " another value",
+                "write a plain decimal number, true or false, or text in quotes",
             )
     return content
 

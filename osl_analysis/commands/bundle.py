@@ -56,10 +56,10 @@ def write_bundle(folder: Path, output: Path) -> list[str]:
         # a run makes the others again
         for published in map(Path, ResultFiles(campaign).published):
             if not published.is_file():
-                raise InputError(f"{published}: no such result; run `osl-analysis run` first")
+                raise InputError(f"{published}: no such result", "run `osl-analysis run` first")
             files[f"results/{published.relative_to(config.results).as_posix()}"] = published
         if output.resolve() in map(Path.resolve, [config_file, *files.values()]):
-            raise InputError(f"{output}: is a file of the campaign; name another one")
+            raise InputError(f"{output}: is a file of the campaign", "name another one")
 
         # dates before 1980, which ZIP does not know, are no reason to refuse
         with ZipFile(path, "w", ZIP_DEFLATED, strict_timestamps=False) as archive:
@@ -115,6 +115,6 @@ def check_within(where: str, name: Path) -> None:
     """Refuse the name of a file that is not found in an unpacked bundle."""
     if name.is_absolute() or ".." in name.parts:
         raise InputError(
-            f"{where} {name} is outside the folders of the campaign, so that no bundle can hold it;"
-            " move it into these, recordings into `raw_data`, and write its name there"
+            f"{where} {name} is outside the folders of the campaign, so that no bundle can hold it",
+            "move it into these, recordings into `raw_data`, and write its name there",
         )

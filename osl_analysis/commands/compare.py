@@ -52,7 +52,7 @@ def compare_campaigns(folders: Sequence[Path], output: Path) -> tuple[pl.DataFra
     """
     if realpath(folders[0]) == realpath(folders[1]):
         raise InputError(
-            f"{folders[1]}: A and B are the same folder; name the results of another campaign"
+            f"{folders[1]}: A and B are the same folder", "name the results of another campaign"
         )
     a, b = (read_summary(folder / "summary.json") for folder in folders)
     recordings_of_a, recordings_of_b = ({*each["trace"]["recordings"].values()} for each in (a, b))
@@ -74,8 +74,9 @@ def compare_campaigns(folders: Sequence[Path], output: Path) -> tuple[pl.DataFra
         cells.append([of_a.meaning, of_a.text, of_b.text, difference, of_a.unit])
     if not rows:
         raise InputError(
-            f"{folders[0]} and {folders[1]}: nothing to compare, they have no quantity of the same"
-            " controller and condition; run both to their end, or state K_d and B_d in both sheets"
+            f"{folders[0]} and {folders[1]}: nothing to compare, they have no quantity of the"
+            " same controller and condition",
+            "run both to their end, or state K_d and B_d in both sheets",
         )
     table = pl.DataFrame(rows, schema=COLUMNS)
     path = output / "comparison.csv"

@@ -148,8 +148,8 @@ def write_figure(
     unknown = [path for path in outputs if path.suffix not in METADATA]
     if unknown:
         raise InputError(
-            f"{unknown[0]}: figures are written as {', '.join(METADATA)}; choose one of these"
-            " suffixes"
+            f"{unknown[0]}: figures are written as {', '.join(METADATA)}",
+            "choose one of these suffixes",
         )
     with paper_style():
         if origin and footer:

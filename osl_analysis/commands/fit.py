@@ -312,14 +312,14 @@ def run_fit(
     facts = EXPERIMENTS[experiment].fit
     if facts is None:
         raise InputError(
-            f"a trial of '{experiment}' is not fitted alone; choose another experiment for it"
+            f"a trial of '{experiment}' is not fitted alone", "choose another experiment for it"
         )
     if facts.sheet:
         stated = DesiredImpedance if experiment == "impedance" else Mapping
         if not isinstance(condition, stated | None):
             raise InputError(
-                f"desired: {condition!r} is no desired impedance; give"
-                " osl.DesiredImpedance(controller, K_d, B_d)"
+                f"desired: {condition!r} is no desired impedance",
+                "give osl.DesiredImpedance(controller, K_d, B_d)",
             )
     asked = vars(condition) if isinstance(condition, DesiredImpedance) else {}
     is_asked = any(value is not None for value in asked.values())

@@ -67,7 +67,7 @@ def new_campaign(
         The folder is not empty, or a library of the simulator is not installed.
     """
     if os.path.lexists(folder) and not (folder.is_dir() and not any(folder.iterdir())):
-        raise InputError(f"{folder}: is no empty folder; name a new one, nothing is overwritten")
+        raise InputError(f"{folder}: is no empty folder", "name a new one, nothing is overwritten")
     if example:
         check_simulator()
     draft = Draft() if recordings is None else draft_campaign(recordings)
@@ -102,7 +102,7 @@ def new_campaign(
                 part.rename(folder / part.name)
     except OSError as error:
         raise InputError(
-            f"{folder}: cannot be made ({error.strerror}); choose another place"
+            f"{folder}: cannot be made ({error.strerror})", "choose another place"
         ) from error
     return draft
 

@@ -72,7 +72,7 @@ def fit_or_advise(fit: Callable[..., FitTables], trial: Trial, **arguments: Any)
         if not helpful:
             raise
         remedy = "; or ".join(outcome.text for outcome in helpful)
-        raise type(error)(f"{error.reason}; {remedy}") from error
+        raise type(error)(error.reason, remedy) from error
     return tables
 
 
@@ -93,10 +93,10 @@ def check_not_swapped(
     if FITS_WORSE * least < Outcome(changes[0], row).unexplained:
         name = "B" if (row.get("B_high") or 0.0) < 0 else estimated(row)[0]
         raise InputError(
-            f"trial {trial.name}: {name} = {row[name]:.3g} {printed_units()[name]}, which no joint"
-            " has, and angle and torque explain each other better if they are exchanged; swap their"
-            " channels in the source file",
-            changes,
+            f"trial {trial.name}: {name} = {row[name]:.3g} {printed_units()[name]}, which no"
+            " joint has, and angle and torque explain each other better if they are exchanged",
+            "swap their channels in the source file",
+            changes=changes,
         )
 
 

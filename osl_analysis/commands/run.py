@@ -56,8 +56,8 @@ def snakemake_arguments(arguments: Sequence[str]) -> list[str]:
     is_clone = Path("Snakefile").is_file() and Path("config/config.yaml").is_file()
     if not (configurations or CAMPAIGN.is_file() or is_clone):
         raise InputError(
-            f"{Path.cwd()}: no campaign here, which has a {CAMPAIGN}; change to the folder of a"
-            " campaign, or make one: `osl-analysis init FOLDER`"
+            f"{Path.cwd()}: no campaign here, which has a {CAMPAIGN}",
+            "change to the folder of a campaign, or make one: `osl-analysis init FOLDER`",
         )
     check_working_folder()
     if CAMPAIGN.is_file() and CAMPAIGN not in configurations:
@@ -82,13 +82,14 @@ def check_working_folder(results: Path = Path(".snakemake")) -> None:
     for folder in (Path(), of_snakemake, results, *below):
         if folder.is_dir() and not os.access(folder, os.W_OK):
             raise InputError(
-                f"{folder.absolute()}: cannot be written to; make it writable, or copy the campaign"
+                f"{folder.absolute()}: cannot be written to",
+                "make it writable, or copy the campaign",
             )
     disk = shutil.disk_usage(results if results.is_dir() else Path())
     if disk.total and disk.free < 10e6:
         raise InputError(
-            f"{results.absolute()}: less than 10 MB free on its disk; make room, or work on"
-            " another one"
+            f"{results.absolute()}: less than 10 MB free on its disk",
+            "make room, or work on another one",
         )
 
 
@@ -100,8 +101,8 @@ def profile_folder(name: str) -> Path:
         return folder
     known = sorted(f"profiles/{other.name}" for other in shipped("profiles").iterdir())
     raise InputError(
-        f"{PROFILE} {name}: no such folder; correct it: there are"
-        f" {', '.join(known)}{nearest(name, known)}"
+        f"{PROFILE} {name}: no such folder",
+        f"correct it: there are {', '.join(known)}{nearest(name, known)}",
     )
 
 
@@ -115,8 +116,8 @@ def check_submission(profile: Path) -> None:
         raise not_installed(str(profile), "snakemake-executor-plugin-slurm")
     if shutil.which("sbatch") is None:
         raise InputError(
-            f"{profile}: there is no `sbatch` here; start the run where you submit jobs, as on the"
-            " head node"
+            f"{profile}: there is no `sbatch` here",
+            "start the run where you submit jobs, as on the head node",
         )
 
 
@@ -132,7 +133,7 @@ def end_run(summary: Path, brief: Path, verdict: Path, failed_trials: str) -> No
     content = json.loads(summary.read_text(encoding="utf-8"))
     has_failed = content["verdicts"]["refused"] or content["missing_results"]
     if has_failed and failed_trials != "accept":
-        raise InputError(f"trials could not be analysed; {brief} says which, and what to do")
+        raise InputError("trials could not be analysed", f"{brief} says which, and what to do")
     write_text(verdict, brief.read_text(encoding="utf-8"))
 
 
@@ -210,7 +211,9 @@ def check_start(campaign: Campaign) -> None:
             check_simulator()
     for setting, folder in folders.items():
         if not folder.is_dir():
-            raise InputError(f"{folder}: no such folder; correct `{setting}` in the configuration")
+            raise InputError(
+                f"{folder}: no such folder", f"correct `{setting}` in the configuration"
+            )
 
     problems = source_problems(campaign)
     if len(problems) == len(campaign.trials()):

@@ -32,9 +32,9 @@ def check_folder(folder: Path) -> None:
         is_recording = path.suffix.lower() in (".mcap", ".c3d") or path.name == "trials.csv"
         if is_recording:
             raise InputError(
-                f"{path}: the simulator did not make it (there is no folder '{TRUTH}' in"
-                f" {folder}); for real recordings write `simulation: null` in the configuration,"
-                " for a simulation choose an empty folder for `sheet` and `raw_data`"
+                f"{path}: the simulator did not make it (there is no folder '{TRUTH}' in {folder})",
+                "for real recordings write `simulation: null` in the configuration, for a"
+                " simulation choose an empty folder for `sheet` and `raw_data`",
             )
 
 
@@ -92,7 +92,7 @@ def read_simulation(settings_path: Path, followed: SharedChoices) -> SimulationS
         settings = validated(stated, SimulationSettings, settings_path)
     if settings.walking is not None and not settings.walking.is_file():
         raise InputError(
-            f"{settings_path}: walking: {settings.walking} is no file; correct it, or write null"
+            f"{settings_path}: walking: {settings.walking} is no file", "correct it, or write null"
         )
     return settings
 
@@ -164,5 +164,5 @@ def record_trial(
 
     laboratory = laboratory_of(settings, followed)
     if laboratory is None:
-        raise InputError(f"trial '{row['trial']}': the settings name no 'walking' file; add it")
+        raise InputError(f"trial '{row['trial']}': the settings name no 'walking' file", "add it")
     simulate_walking_trial(row, settings, laboratory, p, campaign_folder)

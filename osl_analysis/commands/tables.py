@@ -397,8 +397,9 @@ def read_summary(summary_json: Path) -> dict[str, Any]:
     check_analysed(summary_json)
     if not summary_json.is_file():
         raise InputError(
-            f"{summary_json}: no such summary; run `osl-analysis run` (in a clone `snakemake"
-            " reproduce-all`) first, or name the folder of your results"
+            f"{summary_json}: no such summary",
+            "run `osl-analysis run` (in a clone `snakemake reproduce-all`) first, or name the"
+            " folder of your results",
         )
     try:
         content: dict[str, Any] = json.loads(summary_json.read_text(encoding="utf-8"))
@@ -406,7 +407,7 @@ def read_summary(summary_json: Path) -> dict[str, Any]:
         numbers_in_summary(content)
     except (ValueError, TypeError, AttributeError, KeyError) as error:
         raise InputError(
-            f"{summary_json}: not a summary ({error}); delete it and run `osl-analysis run`"
+            f"{summary_json}: not a summary ({error})", "delete it and run `osl-analysis run`"
         ) from error
     return content
 

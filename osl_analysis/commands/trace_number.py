@@ -36,8 +36,8 @@ def trace_text(summary: Mapping[str, Any], asked: str) -> str:
     if not meant:
         names = [number.name for number in numbers]
         raise InputError(
-            f"{asked}: no number of these results; name one as summary.json does, or its macro or"
-            f" value{nearest(asked, names)}"
+            f"{asked}: no number of these results",
+            f"name one as summary.json does, or its macro or value{nearest(asked, names)}",
         )
     trace = summary["trace"]
     texts = []

@@ -90,7 +90,7 @@ def raw_trial(recording: Path, source: Path, experiment: str) -> Trial:
         As `checked_trial`, or the source file does not end with .yaml.
     """
     if source.suffix != ".yaml":
-        raise InputError(f"{source}: a source file is YAML; give one whose name ends with .yaml")
+        raise InputError(f"{source}: a source file is YAML", "give one whose name ends with .yaml")
     row = {
         "trial": recording.stem,
         "experiment": experiment,

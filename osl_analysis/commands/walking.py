@@ -78,7 +78,7 @@ def read_model(path: Path, kind: Any) -> Any:
     except (OSError, ValueError) as error:
         why = on_one_line(error)
         raise InputError(
-            f"{path}: not what a run writes ({why}); delete it and run again"
+            f"{path}: not what a run writes ({why})", "delete it and run again"
         ) from error
 
 
@@ -112,7 +112,8 @@ def read_crossing(path: Path) -> Crossing:
     """A crossing that was not refused."""
     crossing = read_crossing_file(path)
     if isinstance(crossing, str):
-        raise InputError(f"{path}: the crossing was refused: {crossing}")
+        reason, _, remedy = crossing.partition("; ")  # a file holds both in one text
+        raise InputError(f"{path}: the crossing was refused: {reason}", remedy)
     return crossing
 
 
@@ -123,7 +124,7 @@ def read_crossing_file(path: Path) -> Crossing | str:
         return str(facts["refused"])
     trial = read_trial(path)
     if "stance" not in trial.provenance:
-        raise InputError(f"{path}: a trial without events; name its crossing, which a run writes")
+        raise InputError(f"{path}: a trial without events", "name its crossing, which a run writes")
     fields: dict[str, Any] = dict(trial.provenance)
     for column in trial.samples.columns:
         if column != "phase":
@@ -237,7 +238,8 @@ def analyse(
             raise InputError(
                 f"trial {crossing.name}: the platform turned by"
                 f" {np.rad2deg(crossing.turn or 0.0):.1f} deg (positive: toes up), but the sheet"
-                f" says direction '{direction}'; correct the sheet, or exclude the trial"
+                f" says direction '{direction}'",
+                "correct the sheet, or exclude the trial",
             )
         crossing = replace(crossing, body_mass=body_mass(walked, body_mass_kg))
     except OslAnalysisError as error:

@@ -63,8 +63,8 @@ def read_impedance_trajectory(path: Path) -> ImpedanceTrajectory:
     phase = columns["phase"]
     if phase[0] != 0 or phase[-1] != 1 or not (np.diff(phase) > 0).all():
         raise InputError(
-            f"{path}: column phase runs from {phase[0]:g} to {phase[-1]:g}; it must rise from 0"
-            " to 1"
+            f"{path}: column phase runs from {phase[0]:g} to {phase[-1]:g}",
+            "it must rise from 0 to 1",
         )
     kind = re.search(r"^#\s*kind:\s*(\S.*?)\s*$", path.read_text(encoding="utf-8"), re.MULTILINE)
     return ImpedanceTrajectory(**columns, kind=kind[1] if kind else None)

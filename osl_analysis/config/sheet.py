@@ -226,27 +226,27 @@ def read_sheet(path: Path) -> SheetRows:
     """
     if not path.is_file():
         raise InputError(
-            f"{path}: no such sample sheet; write one (README, 'Your own data') or set `sheet`"
+            f"{path}: no such sample sheet", "write one (README, 'Your own data') or set `sheet`"
         )
     lines = [*numbered_rows(path)]
     if len(lines) < 2 or len(lines[0][1]) < 2:
         raise InputError(
-            f"{path}: not a CSV table of trials; write a header and a row per trial, and save it as"
-            " 'CSV UTF-8'"
+            f"{path}: not a CSV table of trials",
+            "write a header and a row per trial, and save it as 'CSV UTF-8'",
         )
     _, columns = lines[0]
     if len(set(columns)) < len(columns):
-        raise InputError(f"{path}: a column stands twice in the header; remove one")
+        raise InputError(f"{path}: a column stands twice in the header", "remove one")
     rows = {}
     spellings: dict[tuple[str, str], str] = {}
     for number, cells in lines[1:]:
         where = f"{path}: line {number}"
         if any(cells[len(columns) :]):
-            raise InputError(f"{where}: more cells than columns; quote a cell that has a comma")
+            raise InputError(f"{where}: more cells than columns", "quote a cell that has a comma")
         filled = {column: cell for column, cell in zip(columns, cells, strict=False) if cell}
         row = validated(filled, Row, where, files=()).model_dump()
         if row["trial"] in rows:
-            raise InputError(f"{where}: trial '{row['trial']}' stands twice; name each once")
+            raise InputError(f"{where}: trial '{row['trial']}' stands twice", "name each once")
         check_spellings(where, row, spellings)
         rows[row["trial"]] = row
     names_joints = [
@@ -266,8 +266,8 @@ def check_spellings(where: str, row: dict[str, Any], spellings: dict[tuple[str, 
         before = spellings.setdefault((column, folded), name)
         if before != name:
             raise InputError(
-                f"{where}: {column} '{name}' differs from '{before}' by capitals or accents alone;"
-                " write both alike, or another name"
+                f"{where}: {column} '{name}' differs from '{before}' by capitals or accents alone",
+                "write both alike, or another name",
             )
 
 
@@ -298,6 +298,6 @@ def numbered_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
             number = reader.line_num + 1
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(
-            f"{path}: line {number}: cannot be read ({error}); save it as 'CSV UTF-8', and check"
-            " its quotes and permissions"
+            f"{path}: line {number}: cannot be read ({error})",
+            "save it as 'CSV UTF-8', and check its quotes and permissions",
         ) from error

@@ -65,16 +65,16 @@ def draft_campaign(folder: Path) -> Draft:
         There is no such folder, or no recording in it that can be read.
     """
     if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder of recordings; check the path")
+        raise InputError(f"{folder}: no such folder of recordings", "check the path")
     draft = Draft()
     described = describe_recordings(folder, draft)
     first_of, unpaired = pair_logs(described)
     draft.open += unpaired
     if not described:
-        why = "; name the folder of the recordings"
+        reason = f"{folder}: no recording in it that can be read"
         if draft.refused:
-            why = f", as {draft.refused[-1]}; then the same command again"
-        raise InputError(f"{folder}: no recording in it that can be read{why}")
+            raise InputError(f"{reason}, as {draft.refused[-1]}", "then the same command again")
+        raise InputError(reason, "name the folder of the recordings")
     for name in dict.fromkeys(recording.source for recording in described):
         alike = [recording for recording in described if recording.source == name]
         best = max(alike, key=lambda recording: recording.tells)
@@ -137,7 +137,7 @@ def overview_of_recording(path: Path) -> Overview:
     if most < FEWEST_NUMBERS:
         raise InputError(f"{path}: at most {most} rows of numbers, and no recording")
     if not overview.drafted and not overview.is_capture:
-        raise InputError(f"{path}: no signal in it can be read; `osl-analysis inspect` lists it")
+        raise InputError(f"{path}: no signal in it can be read", "`osl-analysis inspect` lists it")
     return overview
 
 

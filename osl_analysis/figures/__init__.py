@@ -64,7 +64,7 @@ def columns_of(name: str) -> dict[str, type[pl.DataType]]:
         There is no such figure.
     """
     if name not in FIGURES:
-        raise InputError(f"no figure '{name}'; there are {', '.join(FIGURES)}")
+        raise InputError(f"no figure '{name}'", f"there are {', '.join(FIGURES)}")
     (table,) = [table for table in described_in(DESCRIBED) if table.place == f"figures/{name}"]
     units = {column.name: column.unit for column in table.columns.values()}
     del units["data"]  # which the writer adds

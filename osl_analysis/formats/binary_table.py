@@ -127,7 +127,7 @@ def _frame(rows: pl.LazyFrame, path: Path) -> pl.DataFrame:
 def remarks_on(others: Sequence[str], are_all: bool) -> list[str]:
     """Say what of a file is not read. Raises InputError: it is all of it."""
     if are_all:
-        raise InputError("holds no column of numbers; name a recording")
+        raise InputError("holds no column of numbers", "name a recording")
     return [f"not read, as they are no columns of numbers: {listing(others)}"] if others else []
 
 
@@ -151,7 +151,7 @@ def check_hdf5(path: Path) -> list[str]:
         file.visititems_links(look)
     if elsewhere:
         raise InputError(
-            f"{path}: {listing(elsewhere)} is stored in other files; save it in this one"
+            f"{path}: {listing(elsewhere)} is stored in other files", "save it in this one"
         )
     check_unpacked(path, sum(sizes.values()))
     return [*sizes]

@@ -165,8 +165,8 @@ def parse_header(data: bytes) -> Header:
     start = (data[0] - 1) * BLOCK
     if start < BLOCK or data[start + 3 : start + 4] != INTEL:
         raise InputError(
-            "is no C3D file, or not in the format of Intel processors, which alone is read; open it"
-            " in a program of today, such as Mokka, and save it again"
+            "is no C3D file, or not in the format of Intel processors, which alone is read",
+            "open it in a program of today, such as Mokka, and save it again",
         )
     _, points, analogs, first_frame, last_frame, _, scale, data_block, samples, rate_hz = (
         struct.unpack_from("<HHHHHHfHHf", data)
@@ -176,7 +176,8 @@ def parse_header(data: bytes) -> Header:
     if scale == 0 or not math.isfinite(scale) or data_start < BLOCK:
         raise InputError(
             f"the scale of the points is {scale}, and the data begin at byte {data_start}: the"
-            " header is damaged; export the trial again"
+            " header is damaged",
+            "export the trial again",
         )
     parameters_end = data_start if data_start > start else len(data)
     parameters = parse_parameters(data, start + 4, min(parameters_end, len(data)))
@@ -226,7 +227,7 @@ def parse_parameters(data: bytes, position: int, end: int) -> Parameters:
         position = name_end + step if step else end
         # else a damaged section is read as another one
         if group == 0 or not value_end <= position <= end:
-            raise InputError(f"the parameter section is damaged after {name!r}; export it again")
+            raise InputError(f"the parameter section is damaged after {name!r}", "export it again")
     return {f"{groups.get(group, group)}:{name}": value for group, name, value in values}
 
 
@@ -239,8 +240,9 @@ def _parameter_value(data: bytes, position: int, name: str) -> tuple[Array | lis
     content = data[begin:end]
     if kind not in (TEXT, *TYPES) or len(data) < end:
         raise InputError(
-            f"the parameter '{name}' has type {kind} and sizes {shape}, or reaches beyond the end"
-            " of the file: it is damaged; export the trial again"
+            f"the parameter '{name}' has type {kind} and sizes {shape}, or reaches beyond the"
+            " end of the file: it is damaged",
+            "export the trial again",
         )
     if kind == TEXT:
         length = max(*shape[:1], 1)  # of each text
@@ -255,21 +257,22 @@ def check_size(data: bytes, header: Header) -> None:
     if header.frame_bytes == 0 and header.number("ROTATION:USED") > 0:
         raise InputError(
             f"the file holds {header.number('ROTATION:USED'):g} rotations of segments at"
-            f" {header.rate_hz:g} Hz and no marker: rotations are not read; export positions of"
-            " joints or virtual markers too"
+            f" {header.rate_hz:g} Hz and no marker: rotations are not read",
+            "export positions of joints or virtual markers too",
         )
     frames, size = header.frames, header.frame_bytes
     whole = max(len(data) - header.data_start, 0) // max(size, 1)
     if size == 0 or not 1 <= frames <= whole or not 0 < header.rate_hz < math.inf:
         raise InputError(
             f"truncated or damaged: it declares {frames} frames of {size} bytes at"
-            f" {header.rate_hz} Hz, and holds {whole}; copy or export it again"
+            f" {header.rate_hz} Hz, and holds {whole}",
+            "copy or export it again",
         )
     for group, count in (("POINT", header.points), ("ANALOG", header.channels)):
         used = header.numbers(f"{group}:USED")[:1] % WORDS
         if (used != count).any():
             raise InputError(
-                f"the header counts {count}, {group}:USED is {used[0]:g}; export the trial again"
+                f"the header counts {count}, {group}:USED is {used[0]:g}", "export the trial again"
             )
 
 
@@ -331,7 +334,8 @@ def _plate_parameter(header: Header, name: str, number: int, shape: Sequence[int
     if parts.shape[-1] < number or not np.isfinite(table).all():
         raise InputError(
             f"plate {number}: FORCE_PLATFORM:{name} has dimensions {table.shape}, or values that"
-            " are not finite; correct or remove it"
+            " are not finite",
+            "correct or remove it",
         )
     return parts[..., number - 1]
 
@@ -357,9 +361,9 @@ def plate_of(
         kind = int(_plate_parameter(header, "TYPE", number))
         if kind == EXPORTED or kind not in MEASURED_BY_TYPE:
             raise InputError(
-                f"plate {number} is of type {kind}, and types 1 to 4 are read; if the file has its"
-                " forces and moments as six channels, state it as type 2 under `plate_geometry` in"
-                " the source file, or else export it so"
+                f"plate {number} is of type {kind}, and types 1 to 4 are read",
+                "if the file has its forces and moments as six channels, state it as type 2"
+                " under `plate_geometry` in the source file, or else export it so",
             )
         corners = _plate_parameter(header, "CORNERS", number, (3, 4)).T
         origin = _plate_parameter(header, "ORIGIN", number, (3,))
@@ -372,14 +376,15 @@ def plate_of(
         analogs = listed[: len(MEASURED_BY_TYPE[kind])].astype(int).tolist()
     if kind == 3 and not origin[:2].all():
         raise InputError(
-            f"plate {number} of type 3 has ORIGIN {origin.tolist()}; without its sensors' distances"
-            " there is no moment: correct it"
+            f"plate {number} of type 3 has ORIGIN {origin.tolist()}",
+            "without its sensors' distances there is no moment: correct it",
         )
     needed = len(MEASURED_BY_TYPE[kind])
     if len(analogs) != needed or not {*analogs} <= {*range(1, header.channels + 1)}:
         raise InputError(
             f"plate {number} of type {kind} has {needed} channels, and what describes it gives"
-            f" {analogs} of the file's {header.channels}; correct it"
+            f" {analogs} of the file's {header.channels}",
+            "correct it",
         )
     return Plate(
         number=number,
@@ -423,15 +428,15 @@ def plates_of(
     for number in wanted:
         if number not in numbers:
             raise InputError(
-                f"no force plate {number}; the file describes {count}, counted from 1;"
-                f" {state_plate}"
+                f"no force plate {number}",
+                f"the file describes {count}, counted from 1; {state_plate}",
             )
         try:
             plates.append(plate_of(header, channels, number, geometries.get(number)))
         except InputError as error:
             if source is not None:
                 raise InputError(
-                    f"{error} (or name the plates to read, as `plates: []`)"
+                    error.reason, f"{error.remedy} (or name the plates to read, as `plates: []`)"
                 ) from error
             questions.append(str(error))
     return plates, questions

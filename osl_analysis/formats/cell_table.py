@@ -141,7 +141,7 @@ def table_of_rows(
     width = len(names)
     data = [Row(row.number, unpadded(row.cells, width)) for row in rows[first : last + 1]]
     if not data:
-        raise InputError("no rows of data; record it again, or exclude the trial")
+        raise InputError("no rows of data", "record it again, or exclude the trial")
     if footer:
         remarks.append(
             f"{len(footer)} lines below the table, from {footer[0].number} on, are no rows:"
@@ -174,7 +174,7 @@ def table_of_rows(
 def _shape_of(rows: Sequence[Row]) -> Shape:
     """Tell what most rows are like; refuse them if they hold no numbers."""
     if not rows:
-        raise InputError("holds no rows; record it again, or exclude the trial")
+        raise InputError("holds no rows", "record it again, or exclude the trial")
     middle = rows[len(rows) // 2]
     sample = [row.cells for row in rows[:FIRST_LINES]]
     width = mode(map(len, sample))
@@ -186,8 +186,8 @@ def _shape_of(rows: Sequence[Row]) -> Shape:
             return Shape(width, place, is_blank_before=not any(middle.cells[:place]))
     raise InputError(
         f"no table of numbers: most of its {len(rows)} rows hold none, such as line"
-        f" {middle.number}, '{shortened(' '.join(middle.cells))}'; name a recording, or write a"
-        " header and a row per sample"
+        f" {middle.number}, '{shortened(' '.join(middle.cells))}'",
+        "name a recording, or write a header and a row per sample",
     )
 
 
@@ -331,21 +331,23 @@ def _remark_on_widths(
         cells = [cell for row in odd[:FIRST_LINES] for cell in row.cells]
         cell = next((cell for cell in cells if not is_value(cell)), cells[0])
         raise InputError(
-            f"every row has {len(odd[0].cells)} cells under {width} names, as if a sign between two"
-            f" cells lacked, see '{cell}'; write one between all cells, and a name for each"
+            f"every row has {len(odd[0].cells)} cells under {width} names, as if a sign between"
+            f" two cells lacked, see '{cell}'",
+            "write one between all cells, and a name for each",
         )
     if layout.damaged != "skip":
         if [row.cells for row in odd if row.cells in [head.cells for head in above]]:
             raise InputError(
                 f"{what}: lines from above the table stand there again, where another recording"
-                f" begins; cut the file before line {odd[0].number}, and give each part a row of"
-                " the sheet"
+                " begins",
+                f"cut the file before line {odd[0].number}, and give each part a row of the sheet",
             )
         share = math.ceil(1000 * len(odd) / len(rows)) / 1000
         raise InputError(
-            f"{what}; write a name for each, and one sign between names and cells, repair these"
-            " lines, or, where its time is named, write `damaged: skip` and"
-            f" `most_missing: {share:g}` in the source file to leave them out"
+            what,
+            "write a name for each, and one sign between names and cells, repair these lines,"
+            f" or, where its time is named, write `damaged: skip` and `most_missing: {share:g}`"
+            " in the source file to leave them out",
         )
     return what
 
@@ -423,7 +425,8 @@ def _values_of(
     place = int(unread[0])
     cell = shortened(str(cells[place]))
     raise InputError(
-        f"{rows.place(place)}, column '{title}': '{cell}' is not a number; name another column,"
-        " write numbers as 1234.5e-3, none between thousands, and times as 12:00:00.500 in"
-        f" every row, or add {json.dumps(cell, ensure_ascii=False)} to `missing` in the source file"
+        f"{rows.place(place)}, column '{title}': '{cell}' is not a number",
+        "name another column, write numbers as 1234.5e-3, none between thousands, and times as"
+        f" 12:00:00.500 in every row, or add {json.dumps(cell, ensure_ascii=False)} to `missing`"
+        " in the source file",
     )

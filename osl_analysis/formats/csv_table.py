@@ -125,8 +125,9 @@ def read(path: Path, source: SheetSource | None) -> Recording:
     segments = text.data.count(END_OF_HEADER) - 1  # a file of LabVIEW itself has a header, too
     if segments > 1:
         raise InputError(
-            f"LabVIEW wrote a header for each of its {segments} segments; choose `Segment Headers:"
-            " One header only` in Write To Measurement File, or delete the headers but the first"
+            f"LabVIEW wrote a header for each of its {segments} segments",
+            "choose `Segment Headers: One header only` in Write To Measurement File, or delete"
+            " the headers but the first",
         )
     layout = source or LISTING
     table = table_of_text(text, layout)

@@ -52,7 +52,7 @@ def read(path: Path, source: JsonSource | None) -> Recording:
     places = topic.table[PLACE].to_numpy()
     if not places.size:
         raise InputError(
-            f"{topic.reason or 'holds no whole line'}; record it again, or exclude the trial"
+            f"{topic.reason or 'holds no whole line'}", "record it again, or exclude the trial"
         )
     remarks = []
     end = End.UNKNOWN

@@ -83,7 +83,8 @@ class Section:
             row = int(np.argmin(follows))
             raise InputError(
                 f"line {self.rows[row].number}: frame {frame[row]:g} does not follow the line"
-                " before; export the trial again with all its frames"
+                " before",
+                "export the trial again with all its frames",
             )
         return int(frame[0])
 
@@ -155,7 +156,7 @@ def read(path: Path, source: TrcSource | None) -> Recording:
     text = read_text(path)
     rows = split_rows(numbered(text.data), "\t" if b"\t" in text.data else " ")
     if len(rows) <= HEADER_LINES:
-        raise InputError(f"holds no frames, only {len(rows)} lines of a header; export it again")
+        raise InputError(f"holds no frames, only {len(rows)} lines of a header", "export it again")
     keys, values, names = ([cell for cell in row.cells if cell] for row in rows[1:4])
     header = dict(zip([key.casefold() for key in keys], values, strict=False))
     frames = rows[HEADER_LINES:]
@@ -166,8 +167,8 @@ def read(path: Path, source: TrcSource | None) -> Recording:
     if not are_numbers or float(stated) != len(frames) or float(rate) <= 0:
         raise InputError(
             f"its header says NumFrames {shortened(stated)!r} and DataRate {shortened(rate)!r},"
-            f" and the file holds {len(frames)} rows: its end is missing, or the header is"
-            f" wrong; {CORRECT}"
+            f" and the file holds {len(frames)} rows: its end is missing, or the header is wrong",
+            CORRECT,
         )
     markers = header.get("nummarkers", "")
     # Cortex names its virtual markers behind the others, and leaves them out
@@ -177,7 +178,8 @@ def read(path: Path, source: TrcSource | None) -> Recording:
         if count > 3 * len(labels) or count % 3:
             raise InputError(
                 f"line {row.number} has {count} coordinates, its header names {len(labels)}"
-                f" markers; {CORRECT}"
+                " markers",
+                CORRECT,
             )
     unit = header.get("units", "")
     section = Section(
@@ -209,7 +211,8 @@ def _start(section: Section) -> float:
         row = int(np.argmax(is_off))
         raise InputError(
             f"line {section.rows[row].number}: time {time[row]:g} s does not fit the rate of"
-            f" {section.rate_hz:g} Hz from {time[0]:g} s on; correct the header or the times"
+            f" {section.rate_hz:g} Hz from {time[0]:g} s on",
+            "correct the header or the times",
         )
     return float(time[0])
 

@@ -218,28 +218,28 @@ def _find(
             return channel
     whole = COLUMN.sub("", address)
     if whole in variables:
-        raise InputError(_reason(variables[whole]))
+        raise _refusal(variables[whole])
     others = [other for other in variables if other.startswith(address)] or [*variables]
     raise InputError(
-        f"nothing stands at '{address}'; the file has {listing(others)}"
-        f"{nearest(address, others)}; correct it, state the rate if it is that of time, as"
-        " `time: {rate: HZ}`, or if one of these holds it, name that one as `log_part`, in the"
-        " sample sheet where it differs from trial to trial"
+        f"nothing stands at '{address}'",
+        f"the file has {listing(others)}{nearest(address, others)}; correct it, state the rate"
+        " if it is that of time, as `time: {rate: HZ}`, or if one of these holds it, name that"
+        " one as `log_part`, in the sample sheet where it differs from trial to trial",
     )
 
 
-def _reason(variable: Variable) -> str:
-    """Say why a variable is no vector of real numbers, and what to do."""
+def _refusal(variable: Variable) -> InputError:
+    """Why a variable is no vector of real numbers, and what to do."""
     if variable.numbers is None:
-        return (
-            f"{variable.address} is {variable.kind}, which is not read; save it as real numbers,"
-            " such as `real(x)`, `full(x)` or `str2double(x)`"
+        return InputError(
+            f"{variable.address} is {variable.kind}, which is not read",
+            "save it as real numbers, such as `real(x)`, `full(x)` or `str2double(x)`",
         )
     size = "x".join(map(str, variable.numbers.shape))
-    return (
-        f"{variable.address} is {size} {variable.kind}; choose one column, as"
-        f" {variable.address}(:,1), of at least {FEWEST_SAMPLES} samples, or save each one as a"
-        " variable"
+    return InputError(
+        f"{variable.address} is {size} {variable.kind}",
+        f"choose one column, as {variable.address}(:,1), of at least {FEWEST_SAMPLES} samples, or"
+        " save each one as a variable",
     )
 
 

@@ -24,7 +24,7 @@ from mcap.records import Channel, Chunk, Schema
 from numpy.typing import NDArray
 from zstandard import ZstdDecompressor
 
-from osl_analysis.base.errors import InputError, listing, nearest, on_one_line
+from osl_analysis.base.errors import InputError, likeliest, listing, on_one_line
 from osl_analysis.base.memory import check_unpacked
 from osl_analysis.base.recording import End, Format, Loss, Recording, Rows
 from osl_analysis.base.source_file import MessageSource
@@ -88,8 +88,9 @@ class Log:
         end = self._take_records(data, len(MAGIC))
         if data.startswith(2 * MAGIC, end):
             raise InputError(
-                f"a second log begins at byte {end + len(MAGIC)}; split the file there (`head -c`,"
-                " `tail -c`), and give each part a trial of its own"
+                f"a second log begins at byte {end + len(MAGIC)}",
+                "split the file there (`head -c`, `tail -c`), and give each part a trial of its"
+                " own",
             )
         if end + len(MAGIC) != len(data):
             self.remarks.append(
@@ -229,18 +230,19 @@ class Log:
         if topic is None or not topic.count:
             if self.end is End.MISSING:
                 raise InputError(
-                    f"no message of '{name}' was read: its end is lost; copy or record it again"
+                    f"no message of '{name}' was read: its end is lost", "copy or record it again"
                 )
             names = sorted(+self.read)
-            advice = nearest(name, names) or "; correct `topic`, or check that its sensor was on"
-            raise InputError(f"no messages of '{name}' (the file has {listing(names)}){advice}")
+            raise InputError(
+                f"no messages of '{name}' (the file has {listing(names)})",
+                likeliest(name, names) or "correct `topic`, or check that its sensor was on",
+            )
         if topic.lost == topic.count:
-            advice = "" if "; " in topic.reason else "; record the log again"
-            raise InputError(f"topic '{name}': {topic.reason}{advice}")
+            raise InputError(f"topic '{name}': {topic.reason}", topic.remedy)
         topic.refuse_text(address)
-        advice = nearest(path, [*topic.types]) or "; correct `field` in the source file"
         raise InputError(
-            f"topic '{name}' has no number '{path}' (it has {listing([*topic.types])}){advice}"
+            f"topic '{name}' has no number '{path}' (it has {listing([*topic.types])})",
+            likeliest(path, [*topic.types]) or "correct `field` in the source file",
         )
 
 

@@ -81,8 +81,8 @@ class Layout:
     def __init__(self, name: str, definition: bytes, data: bytes) -> None:
         if not data.startswith((b"\0\0", b"\0\1")):
             raise InputError(
-                f"encapsulation {data[:4].hex()} is not plain CDR; record with the default encoding"
-                " and without compression of messages"
+                f"encapsulation {data[:4].hex()} is not plain CDR",
+                "record with the default encoding and without compression of messages",
             )
         self.definition = definition_of(name, definition)
         self.data = data
@@ -96,8 +96,8 @@ class Layout:
         more = len(data) - self.position
         if more > MOST_PADDING:
             raise InputError(
-                f"a message of {len(data)} bytes has {more} more than its schema describes;"
-                f" {NEW_RECORDING}"
+                f"a message of {len(data)} bytes has {more} more than its schema describes",
+                NEW_RECORDING,
             )
         last_at = {place: path for path, (_, place) in self.numbers.items()}  # names come last
         in_order = [last_at[place] for place in sorted(last_at)]
@@ -124,7 +124,7 @@ class Layout:
     def _walk_message(self, type_name: str, prefix: str) -> None:
         """Walk through the fields of a message whose paths begin with a prefix."""
         if type_name not in self.definition:
-            raise InputError(f"type '{type_name}' is not defined; {NEW_RECORDING}")
+            raise InputError(f"type '{type_name}' is not defined", NEW_RECORDING)
         fields = self.definition[type_name]
         if not fields:
             self._take(1)  # a message without fields has a byte in CDR
@@ -184,6 +184,6 @@ class Layout:
         self.position = begin + size
         if self.position > len(self.data):
             raise InputError(
-                f"a message of {len(self.data)} bytes is too short for its schema; {NEW_RECORDING}"
+                f"a message of {len(self.data)} bytes is too short for its schema", NEW_RECORDING
             )
         return begin

@@ -72,7 +72,7 @@ def read_sections(path: Path) -> list[Section]:
     starts = [place - 3 for place, row in enumerate(rows) if place > 2 and row.number in numbers]
     if not starts:
         raise InputError(
-            "no section of a Nexus export (Devices, Trajectories, ...); check the source's format"
+            "no section of a Nexus export (Devices, Trajectories, ...)", "check the source's format"
         )
     check_last_line(text.is_ended, rows[starts[-1] + HEAD_ROWS :] or rows[-1:])
     parts = [rows[start:end] for start, end in zip(starts, [*starts[1:], None], strict=True)]
@@ -88,7 +88,8 @@ def _section_of(rows: Sequence[Row], decimal: str) -> Section:
     if not samples or not is_number_cell(rate) or float(rate) <= 0:
         raise InputError(
             f"line {rows[1].number}: section {shortened(title)} at '{shortened(rate)}' Hz has no"
-            " samples or no rate; export the trial again, or without it"
+            " samples or no rate",
+            "export the trial again, or without it",
         )
     components = unpadded(rows[3].cells)
     above, units = (of_length(len(components), row.cells, "") for row in (rows[2], rows[4]))
@@ -128,7 +129,7 @@ def _timing_of(sections: Sequence[Section]) -> dict[str, object]:
     """Frames and rates, which all sections must share."""
     if not sections:
         raise InputError(
-            "nothing to read; name markers, outputs, analogs or plates in the source file"
+            "nothing to read", "name markers, outputs, analogs or plates in the source file"
         )
     spans = set()
     samples_per_frame = 1
@@ -142,7 +143,8 @@ def _timing_of(sections: Sequence[Section]) -> dict[str, object]:
     if spans or frames % 1:
         raise InputError(
             "its sections differ in first frame, number of frames or frame rate, or a last frame"
-            " lacks sub frames; export all of the same frames"
+            " lacks sub frames",
+            "export all of the same frames",
         )
     return {
         "frames": int(frames),

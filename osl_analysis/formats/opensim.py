@@ -98,7 +98,8 @@ def read(path: Path, source: OpenSimSource | None) -> Recording:
     if stated_rows not in ("", str(count)):
         raise InputError(
             f"its header states {shortened(stated_rows)} rows, the file holds {count} whole"
-            " ones: its end is missing, or some are damaged; export it again, or correct the header"
+            " ones: its end is missing, or some are damaged",
+            "export it again, or correct the header",
         )
     if stated_rows:
         table = replace(table, end=End.WHOLE)
@@ -141,8 +142,8 @@ def _check_angles(source: OpenSimSource, angle: str) -> None:
         if is_angle and si_factor(channel.unit, si_unit) != si_factor(unit_of_file, si_unit):
             raise InputError(
                 f"column '{channel.column}' is read in {channel.unit}, and by `inDegrees` of its"
-                f" header it is in {unit_of_file}; write {unit_of_file}, as"
-                f" {source.place('channels', column, 'unit')}"
+                f" header it is in {unit_of_file}",
+                f"write {unit_of_file}, as {source.place('channels', column, 'unit')}",
             )
 
 

@@ -68,15 +68,15 @@ def recognise(path: Path, stated: str = "") -> Format:
     refuse_others(path, formats)
     if not formats:
         raise InputError(
-            f"{path}: of no known format (it begins with {beginning(path)[:10]!r}); export it"
-            f" as one of {', '.join(known_formats())}, or name the recording itself"
+            f"{path}: of no known format (it begins with {beginning(path)[:10]!r})",
+            f"export it as one of {', '.join(known_formats())}, or name the recording itself",
         )
     of_name = [one for one in formats if one.name == stated and not one.is_any_text]
     likely = [*of_name, *formats][0]
     if stated not in ("", likely.name):
         raise InputError(
-            f"{path}: is {likely.name}, its source file says {stated}; write"
-            f" `format: {likely.name}`, or name another source file or recording in the sheet"
+            f"{path}: is {likely.name}, its source file says {stated}",
+            f"write `format: {likely.name}`, or name another source file or recording in the sheet",
         )
     return likely
 
@@ -113,7 +113,7 @@ def in_one_sentence() -> Iterator[None]:
         if not is_of_file(error):
             raise
         reason = shortened(on_one_line(error)) or type(error).__name__
-        raise InputError(f"cannot be read ({reason}); {COPY_AGAIN}") from error
+        raise InputError(f"cannot be read ({reason})", COPY_AGAIN) from error
 
 
 def is_of_file(error: BaseException) -> bool:
@@ -189,8 +189,9 @@ def refuse_others(path: Path, formats: Sequence[Format]) -> None:
     begin = beginning(path)
     if not begin:
         raise InputError(
-            f"{path}: the file is empty; copy or record it again, or exclude the trial in the sheet"
+            f"{path}: the file is empty",
+            "copy or record it again, or exclude the trial in the sheet",
         )
     for name, pattern, remedy in _OTHERS:
         if re.search(pattern, decoded(begin), re.MULTILINE | re.IGNORECASE):
-            raise InputError(f"{path}: {name}, which is not read; {remedy}")
+            raise InputError(f"{path}: {name}, which is not read", remedy)

@@ -25,8 +25,9 @@ def read(path: Path, source: MessageSource | None) -> Recording:
         with naming(part):
             if not beginning(part).startswith(mcap.MAGIC):
                 raise InputError(
-                    "is no MCAP; convert the recording with `rosbags-convert --src FOLDER --dst"
-                    " NEW --dst-storage mcap`, which stands beside `osl-analysis`"
+                    "is no MCAP",
+                    "convert the recording with `rosbags-convert --src FOLDER --dst NEW"
+                    " --dst-storage mcap`, which stands beside `osl-analysis`",
                 )
             log.take_file(part)
     return log.recording("rosbag2", counts)
@@ -56,13 +57,14 @@ def _described(folder: Path) -> tuple[list[Path], Counter[str]]:
     except (yaml.YAMLError, RecursionError, LookupError, TypeError, ValueError) as error:
         reason = shortened(on_one_line(error))
         raise InputError(
-            f"{path}: not the description of a ROS 2 bag ({reason}); {REINDEX}"
+            f"{path}: not the description of a ROS 2 bag ({reason})", REINDEX
         ) from error
     missing = [file.name for file in files if not file.is_file()]
     if missing:
         raise InputError(
             f"{folder}: {len(missing)} of the {len(files)} files that {DESCRIPTION} lists are"
-            f" missing ({listing(missing)}); copy them there, or {REINDEX}"
+            f" missing ({listing(missing)})",
+            f"copy them there, or {REINDEX}",
         )
     return files, counts
 

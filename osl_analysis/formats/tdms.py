@@ -53,14 +53,14 @@ def read(path: Path, source: TdmsSource | None) -> Recording:
     file = nptdms.TdmsFile.open(BytesIO(data), raw_timestamps=True)
     every = [channel for group in file.groups() for channel in group.channels()]
     if not every:
-        raise InputError("holds no channels, or is cut off before them; copy it again")
+        raise InputError("holds no channels, or is cut off before them", "copy it again")
     segments = file._reader._segments  # for which it has no public name
     for segment in segments:
         # the library would give one channel the numbers of the next
         if segment.final_chunk_lengths_override is not None and not segment.segment_incomplete:
             raise InputError(
-                f"the segment at byte {segment.position} is not as long as its channels say; copy"
-                " it again, or save it from LabVIEW or DIAdem under a new name"
+                f"the segment at byte {segment.position} is not as long as its channels say",
+                "copy it again, or save it from LabVIEW or DIAdem under a new name",
             )
     # the library is silent where the head of a segment is cut
     is_cut = segments[-1].segment_incomplete or segments[-1].next_segment_pos < len(data)

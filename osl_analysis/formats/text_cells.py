@@ -108,8 +108,8 @@ def read_text(path: Path) -> Text:
     if zero >= 0:
         line = data.count(b"\n", 0, zero) + 1
         raise InputError(
-            f"line {line} holds zero bytes, as a loss of power leaves them; delete the file from"
-            " there on, or name a text file"
+            f"line {line} holds zero bytes, as a loss of power leaves them",
+            "delete the file from there on, or name a text file",
         )
     return Text(data, data.rstrip(b" \t").endswith(b"\n"))
 
@@ -129,7 +129,9 @@ def delimiter_of(lines: Sequence[Line]) -> str:
     """
     sample = [line.text.strip() for line in lines[:FIRST_LINES]]
     if any(len(text) > LONGEST_LINE for text in sample):
-        raise InputError(f"has a line of more than {LONGEST_LINE} letters; write a row per sample")
+        raise InputError(
+            f"has a line of more than {LONGEST_LINE} letters", "write a row per sample"
+        )
     scores = {sign: _score(sample, sign) for sign in "\t;|, "}
     best = max(scores, key=lambda sign: scores[sign])
     if scores[best] > 0:
@@ -163,7 +165,7 @@ def split_rows(lines: Sequence[Line], delimiter: str) -> list[Row]:
         try:
             (cells,) = csv.reader([text], delimiter=delimiter, skipinitialspace=True, strict=True)
         except csv.Error as error:
-            raise InputError(f"line {number}: {error}; repair its quotes or its cells") from error
+            raise InputError(f"line {number}: {error}", "repair its quotes or its cells") from error
         stripped = [cell.strip() for cell in cells]
         if any(stripped):
             rows.append(Row(number, stripped))
@@ -189,8 +191,9 @@ def check_last_line(is_ended: bool, rows: Sequence[Row]) -> None:
     # where all are empty, a tab ends every line
     if any(last_cells) and not is_ended and not is_last_whole(last_cells):
         raise InputError(
-            f"line {rows[-1].number}, the last one, has no line break and may be cut off within its"
-            " last number; export it again, or end the line where it is whole"
+            f"line {rows[-1].number}, the last one, has no line break and may be cut off within"
+            " its last number",
+            "export it again, or end the line where it is whole",
         )
 
 
@@ -210,8 +213,8 @@ def column_of(
     if unread.size:
         first = unread[0]
         raise InputError(
-            f"line {rows[first].number}, {title}: '{shortened(cells[first])}' is not a number;"
-            " export it again as plain numbers"
+            f"line {rows[first].number}, {title}: '{shortened(cells[first])}' is not a number",
+            "export it again as plain numbers",
         )
     return values
 
@@ -273,7 +276,8 @@ def decimal_of(rows: Sequence[Sequence[str]]) -> str:
         if small and ends_in_zero and len(small) + len(grouped) == len(numbers):
             raise InputError(
                 f"column {place}: '{max(grouped)}' stands beside '{small[0]}', as with a sign"
-                " between thousands; write numbers without it"
+                " between thousands",
+                "write numbers without it",
             )
         cells |= {*column}
     if any(re.fullmatch(r"[+-]?\d*\.\d+([eEdD][+-]?\d+)?", cell) for cell in cells):

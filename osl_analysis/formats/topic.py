@@ -65,8 +65,8 @@ class Topic:
     ----------
     count
         Number of its messages.
-    reason
-        Why the first of those that cannot be decoded cannot.
+    reason, remedy
+        Why the first of those that cannot be decoded cannot, and what to do.
     types
         Types of its numbers, read or not, by path. Those of ROS have one, which is not listed.
     texts
@@ -90,6 +90,7 @@ class Topic:
         self.has_two_types = False
         self.count = 0
         self.reason = ""
+        self.remedy = ""
         self.types: defaultdict[str, set[type]] = defaultdict(set)
         self.texts: dict[str, str] = {}
         self.spans: defaultdict[str, defaultdict[str, list[int]]] = defaultdict(
@@ -132,9 +133,10 @@ class Topic:
                 definition_of(schema.name, schema.data)  # refused here once, not by message
                 return self._by_layout
         raise InputError(
-            f"encoded as {self.encoding or 'nothing'} ({schema.encoding or 'no schema'}), and read"
-            " are cdr (ros2msg), protobuf (protobuf) and json; convert the log, as with `ros2 bag"
-            " convert` to MCAP, or of ROS 1 with `rosbags-convert`"
+            f"encoded as {self.encoding or 'nothing'} ({schema.encoding or 'no schema'}), and"
+            " read are cdr (ros2msg), protobuf (protobuf) and json",
+            "convert the log, as with `ros2 bag convert` to MCAP, or of ROS 1 with"
+            " `rosbags-convert`",
         )
 
     def _by_layout(self, messages: Bytes) -> Iterator[Decoded]:
@@ -194,7 +196,9 @@ class Topic:
         """Note why messages are lost; a fault of this program is raised."""
         if not is_of_file(error):
             raise error
-        self.reason = self.reason or shortened(on_one_line(error), 360)
+        if not self.reason:
+            self.reason = getattr(error, "reason", shortened(on_one_line(error)))
+            self.remedy = getattr(error, "remedy", "record the log again")
 
     def refuse_text(self, address: Mapping[str, str]) -> None:
         """Refuse a field that holds text alone."""
@@ -202,7 +206,8 @@ class Topic:
         if path in self.texts:
             raise InputError(
                 f"field '{path}' holds text, such as '{shortened(self.texts[path])}', and no"
-                " number; name another field, or write numbers"
+                " number",
+                "name another field, or write numbers",
             )
 
     def check_one_publisher(self) -> None:
@@ -213,8 +218,8 @@ class Topic:
         """
         if self.has_two_types:
             raise InputError(
-                f"topic '{self.name}' has messages of two types; record each under a topic of its"
-                " own"
+                f"topic '{self.name}' has messages of two types",
+                "record each under a topic of its own",
             )
         for path, spans in self.spans.items():
             in_order = sorted((min(times_ns), max(times_ns)) for times_ns in spans.values())
@@ -222,7 +227,8 @@ class Topic:
             if are_mixed and not path.startswith("header."):
                 raise InputError(
                     f"topic '{self.name}' has {len(spans)} publishers at the same time:"
-                    f" {' or '.join([*spans][:3])}; record each under a topic of its own"
+                    f" {' or '.join([*spans][:3])}",
+                    "record each under a topic of its own",
                 )
 
     @cached_property
@@ -249,8 +255,8 @@ class Topic:
         types = self.types[path]
         if bool in types and types & {int, float}:
             raise InputError(
-                f"field '{path}' holds truth values and numbers; name another one, or write one"
-                " kind of them"
+                f"field '{path}' holds truth values and numbers",
+                "name another one, or write one kind of them",
             )
         numbers = self.table[path]
         if numbers.dtype == pl.Int128:  # whole numbers that 64 bits do not hold
@@ -292,7 +298,7 @@ class Topic:
         for path, values in zip(parts, (seconds, rest), strict=True):
             if values.dtype.kind not in "iu":
                 raise InputError(
-                    f"field '{path}' has values that are no whole numbers; name another time"
+                    f"field '{path}' has values that are no whole numbers", "name another time"
                 )
         return SECOND_NS * seconds.astype(np.int64) + rest
 

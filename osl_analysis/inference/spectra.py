@@ -75,11 +75,11 @@ class BenchSignals:
         check_finite("the torque", self.torque)
         if len(self.theta) < SHORTEST * self.rate_hz:
             raise NotWeighedError(
-                f"the recording lasts {len(self.theta) / self.rate_hz:.3g} s;"
-                f" record {SHORTEST:g} s or more"
+                f"the recording lasts {len(self.theta) / self.rate_hz:.3g} s",
+                f"record {SHORTEST:g} s or more",
             )
         if np.ptp(self.theta) == 0.0:
-            raise InputError("the joint does not move; check the channel of theta")
+            raise InputError("the joint does not move", "check the channel of theta")
 
     def moving_part(self) -> "BenchSignals":
         """Return the part from the first to the last motion, with `EDGE` at both ends.

@@ -122,7 +122,8 @@ def whitening_gain(spectra: Spectra, signals: Spectrum) -> Array:
     if taken_of_motion > MOST_TAKEN:
         raise NotWeighedError(
             f"the recording is too short: columns of rivals take up {taken_of_motion:.2f} of the"
-            f" noise beside the motion, at most {MOST_TAKEN:g} is allowed; record for longer"
+            f" noise beside the motion, at most {MOST_TAKEN:g} is allowed",
+            "record for longer",
         )
     return gain
 

@@ -72,8 +72,9 @@ def convert_capture(recording: Recording, source: MarkerSource) -> Converted:
             used.append(channel)
     if not used:
         raise InputError(
-            "the source file names nothing that the file has: no marker, plate, analog channel or"
-            " model output; name what to read in the source file, or export the trial again with it"
+            "the source file names nothing that the file has: no marker, plate, analog channel"
+            " or model output",
+            "name what to read in the source file, or export the trial again with it",
         )
     samples = joined(of_frames, of_samples, [channel.rows for channel in used])
     for column in getattr(source, "analogs", ()):
@@ -140,8 +141,8 @@ def baseline_frames(recording: Recording, source: MarkerSource) -> tuple[int, in
     frames = recording.facts["frames"]
     if not 1 <= first <= last <= frames:
         raise InputError(
-            f"the baseline of the plates is frames {first} to {last} of {frames}; state two frames"
-            " in which the plates are unloaded as `plate_zero`, or none"
+            f"the baseline of the plates is frames {first} to {last} of {frames}",
+            "state two frames in which the plates are unloaded as `plate_zero`, or none",
         )
     return first, last
 

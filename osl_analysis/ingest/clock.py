@@ -84,8 +84,8 @@ def fit_clock(slave: Edges, master: Edges) -> ClockFit:
     if line.residual > limit:
         raise InputError(
             f"the sync edges fit with a residual of {1e3 * line.residual:.2f} ms over"
-            f" {line.edges} edges, within {1e3 * limit:.2f} ms is needed; check the sync cable and"
-            " both sync channels"
+            f" {line.edges} edges, within {1e3 * limit:.2f} ms is needed",
+            "check the sync cable and both sync channels",
         )
     return line
 
@@ -114,10 +114,10 @@ def pairs_alike(slave: Edges, master: Edges) -> tuple[Array, Array]:
     rival = count[abs(votes - peak) > width].max(initial=0)
     if best < LIMITS.fewest_alike or rival > best // 2:
         raise InputError(
-            f"{best} runs of three sync edges agree with the other recorder's on one offset"
-            f" and {rival} on another, {LIMITS.fewest_alike} and twice as many are needed; check"
-            " the sync cable and whether both files are of one trial, let the pulses vary,"
-            " or record longer"
+            f"{best} runs of three sync edges agree with the other recorder's on one offset and"
+            f" {rival} on another, {LIMITS.fewest_alike} and twice as many are needed",
+            "check the sync cable and whether both files are of one trial, let the pulses vary,"
+            " or record longer",
         )
     agrees = (offsets >= peak) & (offsets <= peak + width)
     return ours[agrees], theirs[agrees]
@@ -188,9 +188,9 @@ def gate_fit(pulses: Edges, time: Array) -> ClockFit:
     if starts.size != 1:
         raise InputError(
             "the sync line of motion capture has no edge: it is a gate, or nothing is connected,"
-            f" and {starts.size} pulses of the log are as long as the capture ({length:.3f} s);"
-            " align the clocks by an angle that both recorded, `shared` in the capture's source"
-            " file"
+            f" and {starts.size} pulses of the log are as long as the capture ({length:.3f} s)",
+            "align the clocks by an angle that both recorded, `shared` in the capture's source"
+            " file",
         )
     uniform = np.hypot(step, capture_step) / UNIFORM_WIDTH
     return ClockFit(-starts[0], residual=uniform, edges=2, method="gate")
@@ -245,8 +245,8 @@ def likely_offset(slave: Signal, master: Signal) -> float:
         if time.size < LIMITS.fewest_shared or np.ptp(values) == 0:
             raise InputError(
                 "the shared signal of one recorder is constant or has fewer than"
-                f" {LIMITS.fewest_shared} samples; check the channel and its sensor, or record"
-                " longer"
+                f" {LIMITS.fewest_shared} samples",
+                "check the channel and its sensor, or record longer",
             )
         width = max(round(LIMITS.mean_s / step), 1)
         on_grid = np.interp(np.arange(time[0], time[-1] + 1e-6 * step, step), time, values)
@@ -260,8 +260,9 @@ def likely_offset(slave: Signal, master: Signal) -> float:
     if misfit > LIMITS.most_alike * elsewhere:
         raise InputError(
             f"the shared signal fits at a lag of {offset:.2f} s, where {misfit:.2g} of its SD is"
-            f" left, hardly better than elsewhere, {elsewhere:.2g}; check that both channels show"
-            " the same movement, and record longer, with one that does not repeat"
+            f" left, hardly better than elsewhere, {elsewhere:.2g}",
+            "check that both channels show the same movement, and record longer, with one that"
+            " does not repeat",
         )
     return float(offset)
 

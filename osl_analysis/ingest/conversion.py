@@ -129,8 +129,8 @@ def check_finite_values(what: str, values: Array, time: Array) -> None:
         return
     row = np.argmin(finite)
     raise InputError(
-        f"{what}: {values[row]} in sample {row + 1} of {values.size}, at {time[row]:.3f} s; repair"
-        " the recording or exclude the trial in the sheet"
+        f"{what}: {values[row]} in sample {row + 1} of {values.size}, at {time[row]:.3f} s",
+        "repair the recording or exclude the trial in the sheet",
     )
 
 
@@ -175,8 +175,8 @@ def canonical_columns(
         readings = np.ma.asarray(values[column])
         if readings.dtype == bool and unit_of(column) != LEVEL_UNIT:
             raise InputError(
-                f"{setting.title} holds truth values and no numbers in {unit_of(column)}; name a"
-                f" number as `{setting.ADDRESS}` in the source file"
+                f"{setting.title} holds truth values and no numbers in {unit_of(column)}",
+                f"name a number as `{setting.ADDRESS}` in the source file",
             )
         lacking = np.ma.getmaskarray(readings)
         numbers = floats_of(readings).copy()
@@ -198,9 +198,10 @@ def canonical_columns(
                 remarks.append(f"{setting.title} {what} in {rows.counted(lacks)}")
         if missing.mean() > source.allowed_missing:
             raise InputError(
-                f"{remarks[-1]}; more than the {source.allowed_missing:.1%} of `most_missing`:"
-                " repair the recording, or write `most_missing:"
-                f" {share_above(missing.mean()):g}` in the source file"
+                f"{remarks[-1]}",
+                f"more than the {source.allowed_missing:.1%} of `most_missing`: repair the"
+                f" recording, or write `most_missing: {share_above(missing.mean()):g}` in the"
+                " source file",
             )
         if setting.wraps_at is not None:
             whole = np.unwrap(numbers[known], period=setting.wraps_at)
@@ -247,8 +248,9 @@ def checked_counts(what: str, raw: NDArray[Any], rows: Rows, remedy: str) -> NDA
     if raw.dtype == bool or not is_count.all():
         row = np.argmin(is_count)
         raise InputError(
-            f"{what}: {counts[row]:g} in {rows.place(row)} is no count of samples, a whole number"
-            f" below 9.01e+15; {remedy}"
+            f"{what}: {counts[row]:g} in {rows.place(row)} is no count of samples, a whole"
+            " number below 9.01e+15",
+            remedy,
         )
     return counts.astype(np.int64)
 

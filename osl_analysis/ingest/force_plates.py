@@ -56,7 +56,7 @@ def convert_plates(
             metre = metres_per(length, source)
             corners = plate.corners * metre
             if not np.isfinite(own_axes(corners)).all():
-                raise InputError("its corners span no plane; correct them")
+                raise InputError("its corners span no plane", "correct them")
             raw = np.column_stack([channel.values for channel in plate.channels]).astype(float)
             rate = rate_hz or plate.channels[0].rows.rate_hz or 1.0
             for channel, values in zip(plate.channels, raw.T, strict=True):

@@ -33,8 +33,9 @@ def check_sizes(samples: pl.DataFrame, origins: Mapping[str, Mapping[str, Any]])
             what = "the `range` of its sensor" if "range" in facts else "what anything can reach"
             raise InputError(
                 f"{column} is {values[row]:.4g} {unit} at {samples['time'][row]:.3f} s, beyond"
-                f" {what}, {low:g} to {high:g}; correct its unit or scale in the source file, or"
-                " repair the recording or the byte order it states"
+                f" {what}, {low:g} to {high:g}",
+                "correct its unit or scale in the source file, or repair the recording or the"
+                " byte order it states",
             )
 
 
@@ -84,9 +85,10 @@ def check_own_torque(trial: Trial, torque: str = "torque", angle: str | None = "
         is_formula = unexplained_share(sums) < least or of_current < LIMITS.least_beside_current
         if is_formula or of_noise < LIMITS.least_of_noise:
             raise InputError(
-                f"trial {trial.name}: {torque} follows exactly from {' and '.join(others)}: it is"
-                " computed, not measured, and a fit gives the formula back; name the channel of a"
-                f" load cell as {torque} in the source file, or write experiment ingest_only"
+                f"trial {trial.name}: {torque} follows exactly from {' and '.join(others)}: it"
+                " is computed, not measured, and a fit gives the formula back",
+                f"name the channel of a load cell as {torque} in the source file, or write"
+                " experiment ingest_only",
             )
 
 
@@ -149,32 +151,33 @@ def check_recording(
     step = np.ptp(time) / max(len(time) - 1, 1)
     if 0 < step < LIMITS.shortest_step_s:
         raise InputError(
-            f"{who} its samples are {step:.2g} s apart; correct the `unit` of `time` in the source"
-            " file",
-            [Change("take a 1000 times larger `unit` of `time` (s for ms)", {"time": 1e3})],
+            f"{who} its samples are {step:.2g} s apart",
+            "correct the `unit` of `time` in the source file",
+            changes=[Change("take a 1000 times larger `unit` of `time` (s for ms)", {"time": 1e3})],
         )
     turn = half_range(trial, angle)
     measured = recorded(trial, torque)[1]
     if turn and measured.size > 1 and measured.min() == measured.max():
         raise InputError(
-            f"{who} {torque} is {measured[0]:.4g} N*m in all samples while {angle} turns; is this"
-            " the channel of the load cell? Correct it in the source file"
+            f"{who} {torque} is {measured[0]:.4g} N*m in all samples while {angle} turns",
+            "is this the channel of the load cell? Correct it in the source file",
         )
     if angle is not None and turn > limits.largest_angle:
         raise InputError(
-            f"{who} {angle} turns by +-{turn:.3g} rad ({math.degrees(turn):.0f} deg), more than the"
-            f" {limits.largest_angle:g} rad of `largest_angle` in the configuration; is it another"
-            f" channel or unit, or swapped with {torque}? Correct it in the source file, and where"
-            " it jumps as an encoder that begins anew, state after how much, as `wraps_at: 360`",
-            changes_of_angle(trial, torque, angle, limits.largest_angle),
+            f"{who} {angle} turns by +-{turn:.3g} rad ({math.degrees(turn):.0f} deg), more than"
+            f" the {limits.largest_angle:g} rad of `largest_angle` in the configuration",
+            f"is it another channel or unit, or swapped with {torque}? Correct it in the source"
+            " file, and where it jumps as an encoder that begins anew, state after how much, as"
+            " `wraps_at: 360`",
+            changes=changes_of_angle(trial, torque, angle, limits.largest_angle),
         )
     largest = np.abs(measured).max(initial=0.0)
     if limits.load_cell_range is not None and largest > limits.load_cell_range:
         raise InputError(
             f"{who} {torque} reaches {largest:.4g} N*m, more than the {limits.load_cell_range:g}"
-            " N*m of `load_cell_range` in the configuration; correct its `unit` or `scale` in the"
-            " source file, or the range",
-            in_other_units(trial, [torque]),
+            " N*m of `load_cell_range` in the configuration",
+            "correct its `unit` or `scale` in the source file, or the range",
+            changes=in_other_units(trial, [torque]),
         )
 
 

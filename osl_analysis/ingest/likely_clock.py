@@ -214,8 +214,8 @@ def check_other_clocks(
             late = np.nanmedian(np.abs(readings - numbers_of(clock)[: readings.size]))
             if late > 0.5 * np.median(steps):
                 raise InputError(
-                    f"{key} '{channel.key}' tells another time for what stands beside it; state"
-                    f" it with that channel, as `time: {{{key}: {channel.key}, unit: s}}`"
+                    f"{key} '{channel.key}' tells another time for what stands beside it",
+                    f"state it with that channel, as `time: {{{key}: {channel.key}, unit: s}}`",
                 )
         span = np.ptp(time[np.isfinite(readings)])
         ratio = span_ratio(steps.sum(), span)
@@ -231,8 +231,8 @@ def check_other_clocks(
     for name, other in rates.items():
         if rate and other and abs(rate / other - 1) > LIMITS.other_rate:
             raise InputError(
-                f"`rate: {rate:g}` of time, but the file says {other:.3g} Hz ({name}); correct the"
-                " rate, or name that clock under `time`"
+                f"`rate: {rate:g}` of time, but the file says {other:.3g} Hz ({name})",
+                "correct the rate, or name that clock under `time`",
             )
     if rate and not (any(rates.values()) or clocks):
         called = [channel.key for channel in recording.channels if is_called_clock(channel)]

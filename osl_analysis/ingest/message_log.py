@@ -53,8 +53,9 @@ def convert_messages(recording: Recording, source: MessageSource) -> Converted:
         if share > source.largest_loss:
             raise InputError(
                 f"damaged or incomplete: {100 * share:.3g} % of topic '{name}' is lost, more"
-                f" than the {100 * source.largest_loss:.3g} % of `largest_loss` in the source file:"
-                f" {'; '.join(loss.remarks)}; record again"
+                f" than the {100 * source.largest_loss:.3g} % of `largest_loss` in the source"
+                f" file: {'; '.join(loss.remarks)}",
+                "record again",
             )
         with naming(f"topic '{name}'"):
             table, of_topic, remarks = convert_topic(recording, source, settings)
@@ -101,8 +102,9 @@ def convert_topic(
     if repeated and not are_rounded(table):
         if repeated > source.largest_loss * len(table):
             raise InputError(
-                f"{repeated} of {len(table)} messages have the stamp of an earlier one; stamps must"
-                " be their own: check the recorder's clock or the time source in the source file"
+                f"{repeated} of {len(table)} messages have the stamp of an earlier one",
+                "stamps must be their own: check the recorder's clock or the time source in the"
+                " source file",
             )
         remarks.append(f"{repeated} messages have the stamp of an earlier one: left out")
         table = once
@@ -119,12 +121,13 @@ def stamps_of(recording: Recording, source: MessageSource, rows: Rows) -> NDArra
     lacking = np.ma.getmaskarray(stamps).sum()
     if lacking:
         raise InputError(
-            f"{lacking} of {rows.count} messages have no '{source.time.field}'; write source: log"
+            f"{lacking} of {rows.count} messages have no '{source.time.field}'", "write source: log"
         )
     if not np.ma.getdata(stamps).any():
         raise InputError(
             f"'{source.time.field}' is zero in all {rows.count} messages, which the driver never"
-            " fills; write `time: {source: log}`, the recorder's own"
+            " fills",
+            "write `time: {source: log}`, the recorder's own",
         )
     return np.ma.getdata(stamps)
 
@@ -141,8 +144,9 @@ def count_late(stamp: NDArray[np.int64]) -> int:
         row = np.argmax(back_ns)
         raise InputError(
             f"time goes back by {back_ns[row] / SECOND_NS:.6f} s at message {row + 1} of"
-            f" {stamp.size}; the clock was set while recording, or a whole buffer came late: write"
-            " another source of time in the source file, or record again"
+            f" {stamp.size}",
+            "the clock was set while recording, or a whole buffer came late: write another"
+            " source of time in the source file, or record again",
         )
     return int(is_late.sum())
 

@@ -118,11 +118,11 @@ def check_clocks(first: Source, second: Source) -> None:
     if aligns.get(clock):
         return
     raise InputError(
-        f"{log.place('clock')}: '{clock}' does not align both recordings of the trial; write clock:"
-        " sync and map the column sync in both source files, or clock: shared and map a signal of"
-        " both logs in both, or name an angle of the log under `shared` in that of motion capture;"
-        " of two logs also common, if they count from one time, or start, if they begin at one"
-        " instant"
+        f"{log.place('clock')}: '{clock}' does not align both recordings of the trial",
+        "write clock: sync and map the column sync in both source files, or clock: shared and"
+        " map a signal of both logs in both, or name an angle of the log under `shared` in that"
+        " of motion capture; of two logs also common, if they count from one time, or start, if"
+        " they begin at one instant",
     )
 
 
@@ -149,9 +149,10 @@ def read_converted(path: Path, source: Source) -> Converted:
         if not damage:
             raise
         raise InputError(
-            f"{error.reason} (in all: {', '.join(damage)}); write `damaged: skip` in the source"
-            f" file, which leaves all of this out, or {error.remedy}",
-            error.changes,
+            f"{error.reason} (in all: {', '.join(damage)})",
+            "write `damaged: skip` in the source file, which leaves all of this out, or"
+            f" {error.remedy}",
+            changes=error.changes,
         ) from error
     warnings = [f"{printable(path.name)}: {text}" for text in converted.warnings]
     return replace(converted, warnings=warnings)
@@ -257,15 +258,15 @@ def merged(log: Converted, mocap: Converted, fit: ClockFit) -> pl.DataFrame:
     twice = sorted((log.origins.keys() & mocap.origins.keys()) - {"sync"})
     if twice:
         raise InputError(
-            f"column '{twice[0]}' is mapped in log and motion capture; remove it from one source"
-            " file"
+            f"column '{twice[0]}' is mapped in log and motion capture",
+            "remove it from one source file",
         )
     time = pl.Series(fit.to_master(log.samples["time"].to_numpy()))
     own = log.samples.drop("sync", strict=False)
     rows = own.filter(time.is_between(0.0, mocap.samples["time"][-1]))
     if rows.is_empty():
         raise InputError(
-            "log and motion capture do not overlap in time; check that they are of the same trial"
+            "log and motion capture do not overlap in time", "check that they are of the same trial"
         )
     return on_one_clock([mocap.samples, rows], [ClockFit(0.0), fit])
 
@@ -287,8 +288,8 @@ def read_raw_file(path: Path, source: Source) -> tuple[Converted, dict[str, Any]
         for file, then in zip(files, before, strict=True):
             if not file.is_file() or written_at(file) != then:
                 raise InputError(
-                    f"{file}: the file changed while it was read; wait until it is recorded or"
-                    " copied, then run again"
+                    f"{file}: the file changed while it was read",
+                    "wait until it is recorded or copied, then run again",
                 )
     if not path.is_dir():
         return converted, identities[0]
@@ -302,9 +303,10 @@ def check_columns(trial: Trial, experiment: str | None, needed: Sequence[str]) -
     missing = ", ".join(column for column in needed if column not in trial.columns)
     if missing:
         raise InputError(
-            f"trial {trial.name}: no column {missing}, which a trial of experiment '{experiment}'"
-            " needs; map it to its channel under `channels` in the source file, or correct"
-            " `experiment` in the sheet"
+            f"trial {trial.name}: no column {missing}, which a trial of experiment"
+            f" '{experiment}' needs",
+            "map it to its channel under `channels` in the source file, or correct `experiment`"
+            " in the sheet",
         )
 
 
@@ -315,9 +317,9 @@ def check_markers(trial: Trial, experiment: str | None) -> None:
     if not any(trial.samples[column].is_finite().any() for column in markers):
         raise InputError(
             f"trial {trial.name}: no marker was ever seen, and a trial of experiment"
-            f" '{experiment}' needs them; label them in the capture (of a system without markers,"
-            " export positions: rotations of segments are not read), or exclude the trial in the"
-            " sheet"
+            f" '{experiment}' needs them",
+            "label them in the capture (of a system without markers, export positions: rotations"
+            " of segments are not read), or exclude the trial in the sheet",
         )
 
 
@@ -327,14 +329,15 @@ def check_file(path: Path) -> None:
     if path.is_dir():
         readers = formats.formats_of(path)
         if not readers:
-            raise InputError(f"{path}: a folder, and no recording; name a file in it")
+            raise InputError(f"{path}: a folder, and no recording", "name a file in it")
         readers[0].files_in(path)
         return
     if not path.is_file():
-        raise InputError(f"{path}: no such file; correct its name, or copy it there")
+        raise InputError(f"{path}: no such file", "correct its name, or copy it there")
     if path.stat().st_size == 0:
         raise InputError(
-            f"{path}: the file is empty; copy or record it again, or exclude the trial in the sheet"
+            f"{path}: the file is empty",
+            "copy or record it again, or exclude the trial in the sheet",
         )
 
 

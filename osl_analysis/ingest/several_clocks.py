@@ -94,8 +94,9 @@ def joined_logs(
     both = [column for column in log.origins if column in second.origins]
     if {*both} - {"sync"} and clock != "shared":
         raise InputError(
-            f"{', '.join(both)}: mapped in log and log_2; remove it from one source file, or write"
-            " `clock: shared` in that of log_2, where both recorded the same signal"
+            f"{', '.join(both)}: mapped in log and log_2",
+            "remove it from one source file, or write `clock: shared` in that of log_2, where"
+            " both recorded the same signal",
         )
     fit = second_clock(log, second, clock, both)
     samples = on_one_clock([log.samples, second.samples.drop(both)], [ClockFit(0.0), fit])

@@ -117,8 +117,8 @@ def convert_rows(
     time = table.time
     if rows.count < 2:
         raise InputError(
-            f"holds one {rows.noun} of data: nothing to analyse; record the trial again, or exclude"
-            " it"
+            f"holds one {rows.noun} of data: nothing to analyse",
+            "record the trial again, or exclude it",
         )
     apart, remarks = check_other_clocks(recording, source, clock, time, asked, clocks)
     values, at_own_rate = with_own_rows(table.values, rows, time)
@@ -142,7 +142,8 @@ def convert_rows(
     if plates and time.size != plates[0].channels[0].rows.count:
         raise InputError(
             f"{rows.noun}s without values or with a stamp of another time are left out, but the"
-            " plates need all; repair the log, or remove `plates` from the source file"
+            " plates need all",
+            "repair the log, or remove `plates` from the source file",
         )
     loads = convert_plates(plates, source, rate_hz=rate_of(time))
     frame = frame.with_columns(*loads.samples)
@@ -173,8 +174,8 @@ def check_loss(recording: Recording, source: TableSource) -> None:
     if by_rate:
         advice = "name its time: all rows behind the lost ones would be early"
     raise InputError(
-        f"{loss.lost} of {loss.expected} rows cannot be used: {'; '.join(loss.remarks)}; repair the"
-        f" log, or {advice}"
+        f"{loss.lost} of {loss.expected} rows cannot be used: {'; '.join(loss.remarks)}",
+        f"repair the log, or {advice}",
     )
 
 
@@ -200,8 +201,8 @@ def with_stamps_once(
     copied = len(frame) - frame.n_unique()
     if copied > LIMITS.most_copied_share * len(frame):
         raise InputError(
-            f"{copied} of {len(frame)} {noun}s have time and values of the {noun} before;"
-            f" {advice}, to read each once"
+            f"{copied} of {len(frame)} {noun}s have time and values of the {noun} before",
+            f"{advice}, to read each once",
         )
     return frame, [
         f"{begin} are taken for samples whose stamps were rounded; if the device was read faster"
@@ -225,7 +226,7 @@ def read_table(
     """
     channels = [*asked.values(), *filter(None, [clock])]
     if not channels:
-        raise InputError("nothing is read at its rate; name the column of time")
+        raise InputError("nothing is read at its rate", "name the column of time")
     is_own = clock is None and source.time.rate is None
     check_one_timing(channels, source, is_own, is_whole=recording.loss.end != End.MISSING)
     rows = replace(channels[0].rows, count=min(channel.rows.count for channel in channels))
@@ -249,8 +250,8 @@ def check_one_timing(
         rows = channel.rows
         if is_own and rows.rate_hz is None:
             raise InputError(
-                f"{key} '{channel.key}' has no timing of its own; name the {key} of"
-                f" time, as `time: {{{key}: NAME, unit: s}}`, or {STATE_RATE}"
+                f"{key} '{channel.key}' has no timing of its own",
+                f"name the {key} of time, as `time: {{{key}: NAME, unit: s}}`, or {STATE_RATE}",
             )
         if is_whole and rows.count != shared.count:
             raise InputError(
@@ -282,8 +283,8 @@ def at_clock(
         raw, lacks = raw[places], lacks[places]
     if raw.dtype == bool or lacks.any():
         raise InputError(
-            f"{what}: no time in {rows.place(np.argmax(lacks))}; remove it there, take another"
-            f" {source.time.ADDRESS}, or {STATE_RATE}"
+            f"{what}: no time in {rows.place(np.argmax(lacks))}",
+            f"remove it there, take another {source.time.ADDRESS}, or {STATE_RATE}",
         )
     numbers = np.ma.getdata(raw)
     if numbers.dtype.kind == "f":  # single precision would round the differences
@@ -337,6 +338,6 @@ def check_clock_runs(rows: Rows, source: TableSource, time: Array, start_s: floa
     row = first[counts.argmax()]
     raise InputError(
         f"{source.time.title}: time stands still at {start_s + time[row]:.15g} s in {most} of"
-        f" {time.size} {rows.noun}s, from {rows.place(row)} on: it stopped, or tells no less; cut"
-        f" the log, take another {source.time.ADDRESS}, or {STATE_RATE}"
+        f" {time.size} {rows.noun}s, from {rows.place(row)} on: it stopped, or tells no less",
+        f"cut the log, take another {source.time.ADDRESS}, or {STATE_RATE}",
     )

@@ -200,8 +200,8 @@ def without_excluded(inputs: Mapping[str, Files], excluded: Collection[str]) -> 
     left, needed = without_trials(inputs, excluded)
     if needed:
         raise InputError(
-            f"quality control excludes every trial that is needed here: {', '.join(needed)};"
-            f" {HOW_TO_USE}; the reasons stand in tables/excluded.csv"
+            f"quality control excludes every trial that is needed here: {', '.join(needed)}",
+            f"{HOW_TO_USE}; the reasons stand in tables/excluded.csv",
         )
     return left
 

@@ -120,16 +120,16 @@ def check_request(K_d: ArrayLike, B_d: ArrayLike, p: DrivetrainParameters) -> No
     damping = np.ravel(np.asarray(B_d, dtype=float))
     for value in stiffness[~((stiffness >= SMALLEST_PARAMETER) & (stiffness < p.K_s))]:
         raise UnreachableImpedanceError(
-            f"K_d = {value:g} N*m/rad cannot be rendered: the actuator acts in series with a belt"
-            f" of K_s = {p.K_s:g} N*m/rad; ask for {SMALLEST_PARAMETER:g} or more, and less than"
-            " K_s",
+            f"K_d = {value:g} N*m/rad cannot be rendered: the actuator acts in series with a"
+            f" belt of K_s = {p.K_s:g} N*m/rad",
+            f"ask for {SMALLEST_PARAMETER:g} or more, and less than K_s",
             settings=["K_d"],
         )
     is_possible = (damping >= SMALLEST_PARAMETER) & (damping <= LARGEST_PARAMETER)
     for value in damping[~((damping == 0) | is_possible)]:
         raise UnreachableImpedanceError(
-            f"B_d = {value:g} N*m*s/rad cannot be rendered; ask for 0, or"
-            f" {SMALLEST_PARAMETER:g} to {LARGEST_PARAMETER:g} N*m*s/rad",
+            f"B_d = {value:g} N*m*s/rad cannot be rendered",
+            f"ask for 0, or {SMALLEST_PARAMETER:g} to {LARGEST_PARAMETER:g} N*m*s/rad",
             settings=["B_d"],
         )
 
@@ -185,8 +185,9 @@ def compensated_gains(
     if damping.unbounded[0]:
         raise UnreachableImpedanceError(
             f"no finite B_1 minimises Eq. 14 for K_d = {K_d:g} N*m/rad, B_d = {B_d:g} N*m*s/rad:"
-            f" with the cut-off of W at {weight.cutoff_hz:g} Hz the error decreases until the motor"
-            " is locked; lower the cut-off of W"
+            f" with the cut-off of W at {weight.cutoff_hz:g} Hz the error decreases until the"
+            " motor is locked",
+            "lower the cut-off of W",
         )
     K_1 = float(stiffness_gain(K_d, p))
     return Gains(K_1, float(damping.B_1[0]), cancels_friction=True)
@@ -198,7 +199,8 @@ def uncompensated_gains(K_d: float, B_d: float, p: DrivetrainParameters) -> Gain
     for name, value in (("K_d", K_d), ("B_d", B_d)):
         if not 0 <= value < np.inf:
             raise UnreachableImpedanceError(
-                f"{name} = {value:g} cannot be asked for; give a finite number, 0 or more",
+                f"{name} = {value:g} cannot be asked for",
+                "give a finite number, 0 or more",
                 settings=[name],
             )
     return Gains(K_d / p.n_T**2, B_d / p.n_T**2, cancels_friction=False)
@@ -231,7 +233,8 @@ def select_gains(
     if controller not in CONTROLLERS:
         raise InputError(
             f"the gains of controller '{controller}' are not"
-            f" known{nearest(controller, CONTROLLERS)}; write one of {', '.join(CONTROLLERS)}"
+            f" known{nearest(controller, CONTROLLERS)}",
+            f"write one of {', '.join(CONTROLLERS)}",
         )
     if controller == "uncompensated":
         return uncompensated_gains(K_d, B_d, p)

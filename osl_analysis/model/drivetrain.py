@@ -193,8 +193,8 @@ def read_parameters(path: Path) -> DrivetrainParameters:
         given = read_yaml(path, ParameterFile).parameters
         missing = [f"{name} [{PARAMETER_UNITS[name]}]" for name in REQUIRED if name not in given]
         raise InputError(
-            f"{path}: the model of the drivetrain needs {', '.join(missing)}, which the file lacks;"
-            " add each with value, unit and source"
+            f"{path}: the model of the drivetrain needs {', '.join(missing)}, which the file lacks",
+            "add each with value, unit and source",
         )
     return parameters
 

@@ -69,7 +69,7 @@ def odd_multisine(
     lines = odd_lines(period_s, band_hz, seed)
     if not 0 < rms < np.inf:
         raise InputError(
-            f"a multisine of {rms:g} rad rms does not move the joint; give an angle above 0"
+            f"a multisine of {rms:g} rad rms does not move the joint", "give an angle above 0"
         )
     phase = np.random.default_rng([seed, 1, realisation]).uniform(0, 2 * np.pi, len(lines))
     size = np.full(len(lines), rms * np.sqrt(2 / len(lines)))
@@ -102,6 +102,7 @@ def odd_lines(period_s: float, band_hz: tuple[float, float], seed: int) -> NDArr
     if len(excited) < FEWEST_LINES:
         raise InputError(
             f"{len(excited)} odd lines of a period of {period_s:g} s lie within {low:g} to"
-            f" {high:g} Hz; take a longer period or a wider band"
+            f" {high:g} Hz",
+            "take a longer period or a wider band",
         )
     return excited

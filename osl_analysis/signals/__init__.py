@@ -55,13 +55,14 @@ class LowPass:
         if not 0 < self.cutoff_hz < rate_hz / 2:
             raise InputError(
                 f"filter cut-off {self.cutoff_hz:g} Hz must lie between 0 and half the sampling"
-                f" rate of {rate_hz:g} Hz; lower it in the configuration (`cutoff_hz`)"
+                f" rate of {rate_hz:g} Hz",
+                "lower it in the configuration (`cutoff_hz`)",
             )
         edge = int(np.ceil(periods * rate_hz / self.cutoff_hz))
         if len(signal) <= edge:
             raise InputError(
-                f"{len(signal)} samples cannot be filtered at {self.cutoff_hz:g} Hz; record over"
-                f" {edge / rate_hz:.3g} s"
+                f"{len(signal)} samples cannot be filtered at {self.cutoff_hz:g} Hz",
+                f"record over {edge / rate_hz:.3g} s",
             )
         sections = sections_of(self, rate_hz)
         return scipy.signal.sosfiltfilt(sections, signal, axis=0, padlen=edge)
@@ -167,8 +168,9 @@ def differentiate(time: Array, theta: Array) -> Motion:
     fewest = 6  # samples: a quintic has six coefficients
     if len(time) < fewest or not (np.diff(time) > 0).all():
         raise InputError(
-            f"{len(time)} samples cannot be differentiated: {fewest} or more are needed,"
-            " each later than the one before; take a longer window, or check the time's channel"
+            f"{len(time)} samples cannot be differentiated: {fewest} or more are needed, each"
+            " later than the one before",
+            "take a longer window, or check the time's channel",
         )
     spline = scipy.interpolate.make_interp_spline(time, theta, k=5)
     return Motion(theta=theta, omega=spline(time, 1), alpha=spline(time, 2))
@@ -198,15 +200,15 @@ def sampling_rate(time: Array) -> float:
     mean = float(np.mean(steps)) if len(steps) else 0.0
     if not mean > 0:
         raise InputError(
-            f"{len(time)} stamps that do not go forward have no rate; check the time's channel"
+            f"{len(time)} stamps that do not go forward have no rate", "check the time's channel"
         )
     deviation = 0.2  # share of the mean by which a step may deviate from it
     if max(np.max(steps) - mean, mean - np.min(steps)) > deviation * mean:
         worst = int(np.argmax(np.abs(steps - mean)))
         raise InputError(
             f"the step at {time[worst]:.4f} s is {steps[worst] * 1e3:.3f} ms, the mean step"
-            f" {mean * 1e3:.3f} ms: samples are missing or irregular; resample the log or cut the"
-            " trial at the gap"
+            f" {mean * 1e3:.3f} ms: samples are missing or irregular",
+            "resample the log or cut the trial at the gap",
         )
     return 1 / mean
 

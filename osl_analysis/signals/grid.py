@@ -201,9 +201,9 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
     rows = int(np.floor((last - first) / step + ON_GRID)) + 1
     if rows < FEWEST_STAMPS:
         raise InputError(
-            f"{last_to_begin} begins at {first:.4f} s and {first_to_end} ends at {last:.4f} s: they"
-            f" overlap in {max(rows, 0)} rows, at least {FEWEST_STAMPS} are needed; check that both"
-            " clocks count from the same time"
+            f"{last_to_begin} begins at {first:.4f} s and {first_to_end} ends at {last:.4f} s:"
+            f" they overlap in {max(rows, 0)} rows, at least {FEWEST_STAMPS} are needed",
+            "check that both clocks count from the same time",
         )
     time = step * np.arange(rows) + first
     # a gap up to a tenth of a period is bridged: a cubic is wrong by 5e-4 there
@@ -224,9 +224,9 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
     if not usable.any():
         raise InputError(
             f"{taken[0].stream.name}: every row from {time[0]:.4f} s to {time[-1]:.4f} s lies"
-            f" within {margin_s:.2f} s of a gap longer than {bridged_s * 1e3:g} ms;"
-            f" {BRIDGE_MORE}; if stamps are rounded so that many rows share one, state"
-            " `time: {rate: HZ}`"
+            f" within {margin_s:.2f} s of a gap longer than {bridged_s * 1e3:g} ms",
+            f"{BRIDGE_MORE}; if stamps are rounded so that many rows share one, state `time:"
+            " {rate: HZ}`",
         )
     for part in taken:
         if not part.stream.leads:
@@ -325,10 +325,10 @@ def gaps_of(part: Taken, time: Array, longest_s: float) -> tuple[Array, Array]:
     if (length > longest_s).any():
         begin, end = ends[np.argmax(length)]
         raise InputError(
-            f"{part.stream.name}: no sample from {begin:.4f} s to {end:.4f} s,"
-            f" {end - begin:.3f} s long; gaps up to {longest_s:g} s are"
-            " bridged: give each part beside the gap a trial of its own by `windows` in the sample"
-            " sheet, or see whether the recorder's clock jumped"
+            f"{part.stream.name}: no sample from {begin:.4f} s to {end:.4f} s, {end - begin:.3f}"
+            " s long",
+            f"gaps up to {longest_s:g} s are bridged: give each part beside the gap a trial of"
+            " its own by `windows` in the sample sheet, or see whether the recorder's clock jumped",
         )
     return ends, length
 

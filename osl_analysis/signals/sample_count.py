@@ -75,7 +75,8 @@ def count_of_device(stamps: Array, counter: SampleCount, name: str) -> SampleCou
         row = np.argmax(goes_back)
         raise InputError(
             f"{name}: the sample counter goes from {counter[row]} to {counter[row + 1]} at"
-            f" {stamps[row + 1]:.6f} s; it must rise: cut the log there, or do not map the counter"
+            f" {stamps[row + 1]:.6f} s",
+            "it must rise: cut the log there, or do not map the counter",
         )
     count = np.asarray(counter - counter[0], dtype=np.int64)
 
@@ -85,9 +86,9 @@ def count_of_device(stamps: Array, counter: SampleCount, name: str) -> SampleCou
     jump = np.median(level[row : row + BESIDE]) - np.median(level[max(row - BESIDE, 0) : row])
     if abs(jump) > max(LARGEST_SCATTER_S, LONG_STEP * step):
         raise InputError(
-            f"{name}: the clock jumps by {jump:.2g} s at {stamps[row]:.6f} s, row {row}, while the"
-            " sample counter runs on; cut the log there, or take the device's own clock as time"
-            " source"
+            f"{name}: the clock jumps by {jump:.2g} s at {stamps[row]:.6f} s, row {row}, while"
+            " the sample counter runs on",
+            "cut the log there, or take the device's own clock as time source",
         )
     return count
 

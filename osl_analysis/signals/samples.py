@@ -101,13 +101,13 @@ class Stream:
         stamps = self.stamps
         if len(stamps) < FEWEST_STAMPS:
             raise InputError(
-                f"{self.name}: {len(stamps)} samples are too few for a time base; "
-                f"record at least {FEWEST_STAMPS}, or exclude the trial in the sheet"
+                f"{self.name}: {len(stamps)} samples are too few for a time base",
+                f"record at least {FEWEST_STAMPS}, or exclude the trial in the sheet",
             )
         if not stamps[-1] > stamps[0]:
             raise InputError(
-                f"{self.name}: time stands still at {stamps[0]:.6f} s for {len(stamps)} samples; "
-                "take another time source"
+                f"{self.name}: time stands still at {stamps[0]:.6f} s for {len(stamps)} samples",
+                "take another time source",
             )
         for name, values in self.signals.items():
             is_infinite = np.isinf(values)
@@ -115,14 +115,15 @@ class Stream:
                 row = int(np.argmax(is_infinite))
                 raise InputError(
                     f"{self.name}: {name} is {values[row]} at row {row}, after"
-                    f" {stamps[max(row - 1, 0)]:.6f} s; {is_infinite.sum()} of {len(values)}"
-                    " values are not finite: repair the log or exclude the trial"
+                    f" {stamps[max(row - 1, 0)]:.6f} s",
+                    f"{is_infinite.sum()} of {len(values)} values are not finite: repair the log"
+                    " or exclude the trial",
                 )
             number = np.count_nonzero(~np.isnan(values))
             if number < FEWEST_STAMPS:
                 raise InputError(
-                    f"{self.name}: {name} has {number} values in {len(values)} rows; at least"
-                    f" {FEWEST_STAMPS} are needed: repair the log or exclude the trial"
+                    f"{self.name}: {name} has {number} values in {len(values)} rows",
+                    f"at least {FEWEST_STAMPS} are needed: repair the log or exclude the trial",
                 )
 
     @property
@@ -344,8 +345,9 @@ def check_countable(taken: Taken) -> None:
     else:
         return
     raise InputError(
-        f"{taken.stream.name}: the host's stamps are late by {clock.scatter * 1e3:.2f} ms (SD) at a"
-        f" step of {clock.step * 1e3:.2f} ms, and {loss}: beside another device nothing tells which"
-        " sample is which; state the device's sample counter in the source file, stamp on the"
-        " device, or record without loss"
+        f"{taken.stream.name}: the host's stamps are late by {clock.scatter * 1e3:.2f} ms (SD)"
+        f" at a step of {clock.step * 1e3:.2f} ms, and {loss}: beside another device nothing"
+        " tells which sample is which",
+        "state the device's sample counter in the source file, stamp on the device, or record"
+        " without loss",
     )

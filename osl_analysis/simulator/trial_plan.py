@@ -65,12 +65,13 @@ def plan_trials(settings: SimulationSettings) -> SheetRows:
     for trial, experiment, condition in planned_trials(settings):
         if trial in rows:
             raise InputError(
-                f"the plan has two trials '{trial}': K_d and B_d of experiments are too close for"
-                " names of their own; remove one of them"
+                f"the plan has two trials '{trial}': K_d and B_d of experiments are too close"
+                " for names of their own",
+                "remove one of them",
             )
         rows[trial] = row_of(trial, experiment, condition, settings)
     if not rows:
-        raise InputError("no trials are planned; ask in `experiments` for at least one")
+        raise InputError("no trials are planned", "ask in `experiments` for at least one")
     return rows
 
 

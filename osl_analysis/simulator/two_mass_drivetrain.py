@@ -105,10 +105,11 @@ def simulate_drivetrain(
     )
     if not np.abs(columns[0]).max(initial=0.0) <= RUNS_AWAY:  # NaN is none either
         raise InputError(
-            f"the simulated actuator runs away, beyond {RUNS_AWAY:g} rad: its loop is unstable with"
-            f" K_1 up to {gains[0].max():.4g} N*m/rad, B_1 down to {gains[1].min():.4g} N*m*s/rad;"
-            " lower effects.control_delay, raise effects.velocity_filter or control_updates, or"
-            " ask for more damping"
+            f"the simulated actuator runs away, beyond {RUNS_AWAY:g} rad: its loop is unstable"
+            f" with K_1 up to {gains[0].max():.4g} N*m/rad, B_1 down to {gains[1].min():.4g}"
+            " N*m*s/rad",
+            "lower effects.control_delay, raise effects.velocity_filter or control_updates, or"
+            " ask for more damping",
         )
     return dict(zip(("theta_m", "omega_m", "current", "belt_torque"), columns, strict=True))
 

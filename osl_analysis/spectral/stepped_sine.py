@@ -318,8 +318,9 @@ def find_segments(
     if not runs:
         raise InputError(
             f"no sine was found: the joint angle moves by {np.rad2deg(np.ptp(theta)):.3g} deg in"
-            f" all; check the channel and the unit of theta in the source file, and that"
-            " the trial is a stepped sine"
+            " all",
+            "check the channel and the unit of theta in the source file, and that the trial is a"
+            " stepped sine",
         )
     sizes = meant_amplitudes(runs, protocol.amplitudes, rate_hz)
     recorded_hz, recorded_cycles = np.transpose([(run.frequency_hz, run.cycles) for run in runs])
@@ -380,10 +381,11 @@ def meant_amplitudes(
         if commanded and decades.min() > OTHER_UNIT:
             commanded_deg = ", ".join(f"{size:.3g}" for size in np.rad2deg(commanded))
             raise InputError(
-                f"the sine of {run} at {run.start / rate_hz:.1f} s has another amplitude than the"
-                f" protocol's {commanded_deg} deg; correct `amplitudes_deg` in the configuration,"
-                " or the angle's unit in the source file",
-                [Change("", other_unit_of="theta")],
+                f"the sine of {run} at {run.start / rate_hz:.1f} s has another amplitude than"
+                f" the protocol's {commanded_deg} deg",
+                "correct `amplitudes_deg` in the configuration, or the angle's unit in the"
+                " source file",
+                changes=[Change("", other_unit_of="theta")],
             )
         size_deg = np.rad2deg(run.amplitude)
         digits = 1 if size_deg >= 1 else 2

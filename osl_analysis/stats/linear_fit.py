@@ -132,7 +132,7 @@ def linear_fit(y: Array, columns: Mapping[str, Array]) -> LinearFit:
         check_measured(f"column '{name}'", column)
     if len(y) <= len(names):
         raise InputError(
-            f"{len(y)} samples cannot determine {len(names)} parameters; use a longer window"
+            f"{len(y)} samples cannot determine {len(names)} parameters", "use a longer window"
         )
     X = np.column_stack([*columns.values()])
     A = X.T @ X
@@ -205,7 +205,8 @@ def condition_of(
         first, second = (names[k] for k in worst)
         raise IdentifiabilityError(
             f"{first} and {second} cannot be told apart in these data (scaled condition number"
-            f" {condition:.3g}); excite more frequencies, lengthen the window or fix one of them"
+            f" {condition:.3g})",
+            "excite more frequencies, lengthen the window or fix one of them",
         )
     return float(condition)
 

@@ -111,7 +111,7 @@ def over_repeats(
     check_measured("the estimate of a trial", values)
     if len(values) < 2:
         raise InputError(
-            f"{len(values)} trial cannot give a scatter; repeat the experiment at least twice"
+            f"{len(values)} trial cannot give a scatter", "repeat the experiment at least twice"
         )
     shares = np.ones_like(values) * np.asarray(weights)
     shares /= shares.sum()

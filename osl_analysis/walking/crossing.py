@@ -281,9 +281,10 @@ def onset_of(
             hidden_s = (gap.stop - gap.start) * (time[1] - time[0])
             raise InputError(
                 f"the {segment} markers are hidden for {1e3 * hidden_s:.0f} ms from"
-                f" {time[gap.start]:.3f} s, while the perturbation is"
-                f" fitted, expected {1e3 * settings.longest_fitted_gap_s:g} ms or less; exclude the"
-                " trial, or record it again with them in sight: a filled response is no measurement"
+                f" {time[gap.start]:.3f} s, while the perturbation is fitted, expected"
+                f" {1e3 * settings.longest_fitted_gap_s:g} ms or less",
+                "exclude the trial, or record it again with them in sight: a filled response is"
+                " no measurement",
             )
     return onset
 
@@ -414,8 +415,9 @@ def analyse_crossing(
     outside_m = furthest_outside(ankle.centre[stands], passage.corners)
     if outside_m > BESIDE_M:
         raise InputError(
-            f"the ankle is {100 * outside_m:.0f} cm beside force plate {settings.plate} while it is"
-            " loaded: another foot stands on it; state the plate under this foot as `walking.plate`"
+            f"the ankle is {100 * outside_m:.0f} cm beside force plate {settings.plate} while it"
+            " is loaded: another foot stands on it",
+            "state the plate under this foot as `walking.plate`",
         )
     _, ahead = ankle.along(shank.position - ankle.centre)
     check_side(phase, ahead)

@@ -125,15 +125,15 @@ def check_stackable(responses: Sequence[PerturbationResponse]) -> None:
     """Refuse responses that cannot be joined."""
     if len(responses) < 2:
         raise InputError(
-            f"perturbations in the ensemble: {len(responses)}, expected 2 or more; record more"
+            f"perturbations in the ensemble: {len(responses)}, expected 2 or more", "record more"
         )
     first = responses[0]
     for response in responses[1:]:
         is_alike = response.thetas.shape == first.thetas.shape
         if not is_alike or not np.allclose(response.time, first.time):
             raise InputError(
-                f"trial {response.name} is sampled otherwise than trial {first.name}; record all"
-                " crossings at one marker rate and run the analysis again"
+                f"trial {response.name} is sampled otherwise than trial {first.name}",
+                "record all crossings at one marker rate and run the analysis again",
             )
 
 

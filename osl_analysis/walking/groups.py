@@ -62,8 +62,8 @@ def split_keys(sheet: Sheet) -> list[str]:
         if empty:
             raise InputError(
                 f"trial {empty[0]}: no {key} in the sheet, but other crossings state"
-                f" {listing(sorted(map(cell_text, values - {None})))}; fill in the cell, or empty"
-                " the column"
+                f" {listing(sorted(map(cell_text, values - {None})))}",
+                "fill in the cell, or empty the column",
             )
         keys.append(key)
     return keys
@@ -106,7 +106,8 @@ def static_of(trial: str, cells: Cells, statics: Mapping[str, Cells]) -> str:
         if named not in statics:
             raise InputError(
                 f"trial '{trial}', static: '{named}' is no trial of experiment 'static' that is"
-                f" used; the sheet has {listing(list(statics))}"
+                " used",
+                f"the sheet has {listing(list(statics))}",
             )
         return str(named)
 
@@ -123,8 +124,9 @@ def static_of(trial: str, cells: Cells, statics: Mapping[str, Cells]) -> str:
     conditions = ", ".join(f"{key} {cell_text(value)}" for key, value in stated.items())
     raise InputError(
         f"trial '{trial}', which states {conditions or 'no subject, session or side'}:"
-        f" {len(best)} of the static trials {listing(list(statics))} could be its own; name one in"
-        " the column static, record one, or state subject, session and side of all of them"
+        f" {len(best)} of the static trials {listing(list(statics))} could be its own",
+        "name one in the column static, record one, or state subject, session and side of all of"
+        " them",
     )
 
 
@@ -141,9 +143,9 @@ def side_of(static: str, cells: Cells, served: Mapping[str, Cells], configured: 
     sides = {str(row["side"]) for row in (cells, *served.values()) if row.get("side")}
     if len(sides) > 1:
         raise InputError(
-            f"static trial '{static}' and the trials that it serves ({listing(list(served))}) state"
-            f" the sides {listing(sorted(sides))}; record a static trial for each side and state"
-            " its side"
+            f"static trial '{static}' and the trials that it serves ({listing(list(served))})"
+            f" state the sides {listing(sorted(sides))}",
+            "record a static trial for each side and state its side",
         )
     return next(iter(sides), configured)
 

@@ -73,8 +73,7 @@ def unperturbed_gait(
         if lost:
             remedy = f"walking_crossings.csv says why others cannot: {next(iter(lost.values()))}"
         raise InputError(
-            f"{len(crossings)} unperturbed crossings can be used, expected {fewest} or more;"
-            f" {remedy}"
+            f"{len(crossings)} unperturbed crossings can be used, expected {fewest} or more", remedy
         )
 
     return UnperturbedGait(
@@ -216,9 +215,9 @@ def aligned_gait(crossing: Crossing, gait: UnperturbedGait, known_until: float) 
             return AlignedGait(stance.duration / scales[best, 0], scales[best, 1:])
     raise InputError(
         f"trial {crossing.name}: its angle before the onset tells no pace from"
-        f" {SMALLEST_SCALE:g} to {LARGEST_SCALE:g} of the mean unperturbed gait: it has no"
-        " sharp turn after heel strike, or is of another gait; give it another group, or exclude"
-        " the trial"
+        f" {SMALLEST_SCALE:g} to {LARGEST_SCALE:g} of the mean unperturbed gait: it has no sharp"
+        " turn after heel strike, or is of another gait",
+        "give it another group, or exclude the trial",
     )
 
 
@@ -285,8 +284,8 @@ def isolate_response(
     """
     if crossing.onset is None:
         raise InputError(
-            f"trial {crossing.name}: no onset, expected a perturbed crossing; mark it as"
-            " unperturbed in the sheet"
+            f"trial {crossing.name}: no onset, expected a perturbed crossing",
+            "mark it as unperturbed in the sheet",
         )
     aligned = aligned_gait(crossing, gait, crossing.onset - timing.guard_s)
 
@@ -301,8 +300,9 @@ def isolate_response(
     last_phase = phase[-MARGIN - 1]
     if first_phase < 0 or last_phase > 1:
         raise InputError(
-            f"trial {crossing.name}: baseline and window span {first_phase:.2f}-{last_phase:.2f} of"
-            " stance, expected 0-1; shorten window_s, baseline_s or guard_s, or exclude the trial"
+            f"trial {crossing.name}: baseline and window span {first_phase:.2f}-{last_phase:.2f}"
+            " of stance, expected 0-1",
+            "shorten window_s, baseline_s or guard_s, or exclude the trial",
         )
     phase = np.clip(phase, 0.0, 1.0)
 

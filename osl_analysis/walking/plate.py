@@ -88,8 +88,9 @@ def only_stance(time: Array, force: Array, settings: CrossingSettings) -> Stance
     if len(stances) != 1:
         times = ", ".join(f"{s.heel_strike:.3f}-{s.toe_off:.3f} s" for s in stances) or "none"
         raise InputError(
-            f"one stance on the plate is expected, found {times}; check the plate's number, zero"
-            " and load thresholds, cut the recording to one crossing, or exclude it in the sheet"
+            f"one stance on the plate is expected, found {times}",
+            "check the plate's number, zero and load thresholds, cut the recording to one"
+            " crossing, or exclude it in the sheet",
         )
     return stances[0]
 
@@ -141,8 +142,9 @@ def zeroed_wrench(trial: Trial, frames: Array, settings: CrossingSettings) -> Wr
         before = vertical[: np.argmax(vertical) + 1]
         if len(before) < length:
             raise InputError(
-                f"the plate is loaded within {settings.unloaded_s:g} s of the recording's start, so"
-                " that its zero cannot be read; start to record earlier, or set unloaded_s to null"
+                f"the plate is loaded within {settings.unloaded_s:g} s of the recording's start,"
+                " so that its zero cannot be read",
+                "start to record earlier, or set unloaded_s to null",
             )
         windows = np.lib.stride_tricks.sliding_window_view(before - before[0], length)
         start = np.argmin(np.var(windows, axis=1))
@@ -151,8 +153,8 @@ def zeroed_wrench(trial: Trial, frames: Array, settings: CrossingSettings) -> Wr
         if abs(zero_force) > settings.largest_zero_n:
             raise InputError(
                 f"the unloaded plate reads {zero_force:.0f} N, expected less than"
-                f" {settings.largest_zero_n:g} N: it was not zeroed or has reached its limit; zero"
-                " it and record again, exclude the trial, or raise largest_zero_n"
+                f" {settings.largest_zero_n:g} N: it was not zeroed or has reached its limit",
+                "zero it and record again, exclude the trial, or raise largest_zero_n",
             )
         wrench = wrench - zero
     return wrench_reader(time, wrench, frames)
@@ -179,20 +181,22 @@ def recorded_corners(trial: Trial, plate: int) -> Array:
         plates = trial.provenance.get("plates", [])
         numbers = ", ".join(str(facts["plate"]) for facts in plates) or "none"
         raise InputError(
-            f"trial {trial.name}: no corners of force plate {plate}; the recording has those of"
-            f" {numbers}. Correct `plate` in the configuration"
+            f"trial {trial.name}: no corners of force plate {plate}",
+            f"the recording has those of {numbers}. Correct `plate` in the configuration",
         )
     corners = np.asarray(recorded, dtype=float)
     size = np.linalg.norm(corners[0] - corners[2])
     if not SIZES_M[0] < size < SIZES_M[1]:
         raise InputError(
             f"trial {trial.name}: force plate {plate} is {size:.3g} m from corner to corner,"
-            " expected 0.03 to 5 m; correct the unit of its corners"
+            " expected 0.03 to 5 m",
+            "correct the unit of its corners",
         )
     if abs(plate_axes(corners)[2, 2]) < LEAST_UPRIGHT:
         raise InputError(
             f"trial {trial.name}: the corners of force plate {plate} stand on edge: z does not"
-            " point up; state `axes` in the source file, as [x, -z, y] where y points up"
+            " point up",
+            "state `axes` in the source file, as [x, -z, y] where y points up",
         )
     return corners
 
@@ -220,8 +224,8 @@ def check_plate(trial: Trial, plate: int, stance: Stance, vertical: Array) -> No
     if peak > LARGEST_LOAD_N:
         raise InputError(
             f"force plate {plate} reads up to {peak:.3g} N, expected less than"
-            f" {LARGEST_LOAD_N:g} N under a person; correct the unit of its forces (`plate_units`"
-            " in the source file)"
+            f" {LARGEST_LOAD_N:g} N under a person",
+            "correct the unit of its forces (`plate_units` in the source file)",
         )
 
 
@@ -229,9 +233,9 @@ def check_type_on_platform(trial: Trial, plate: int) -> None:
     """Refuse a moving plate of type 1, which records the centre of pressure and no moment."""
     if recorded_plate(trial, plate).get("type") == 1:
         raise InputError(
-            f"trial {trial.name}: force plate {plate} is of type 1 (centre of pressure) on a moving"
-            " platform: without its moments the plate's own inertia cannot be taken away; export"
-            " it as type 2, 3 or 4"
+            f"trial {trial.name}: force plate {plate} is of type 1 (centre of pressure) on a"
+            " moving platform: without its moments the plate's own inertia cannot be taken away",
+            "export it as type 2, 3 or 4",
         )
 
 
@@ -258,10 +262,10 @@ def check_vertical(force: Array, least: float) -> None:
     sign = "-" if load[axis] < 0 else "+"
     raise InputError(
         f"the load on the plate acts along {sign}{AXES[axis]} (up to"
-        f" {np.abs(force[:, axis]).max():.0f} N), expected +z; state `axes` in the source file, as"
-        " [x, -z, y] where y points up; else correct the plate's channels or corners, of a C3D file"
-        " in the recorder, and export again, of an exported plate by `sign` or `corners` in the"
-        " source file"
+        f" {np.abs(force[:, axis]).max():.0f} N), expected +z",
+        "state `axes` in the source file, as [x, -z, y] where y points up; else correct the"
+        " plate's channels or corners, of a C3D file in the recorder, and export again, of an"
+        " exported plate by `sign` or `corners` in the source file",
     )
 
 

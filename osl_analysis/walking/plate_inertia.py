@@ -143,7 +143,7 @@ def identify_plate_model(
     """
     if not pairs:
         raise InputError(
-            "no trials of the unloaded plate; add trials of experiment 'plate' to the sheet"
+            "no trials of the unloaded plate", "add trials of experiment 'plate' to the sheet"
         )
     usable = []
     problems = []
@@ -273,9 +273,10 @@ def unloaded_recording(
     load = np.median(force)
     if load > settings.largest_zero_n:
         raise InputError(
-            f"the plate carries {load:.0f} N, expected an unloaded plate and at"
-            f" most {settings.largest_zero_n:g} N; zero the plate and record again, or correct the"
-            " experiment of this trial in the sheet, which is 'plate'",
+            f"the plate carries {load:.0f} N, expected an unloaded plate and at most"
+            f" {settings.largest_zero_n:g} N",
+            "zero the plate and record again, or correct the experiment of this trial in the"
+            " sheet, which is 'plate'",
         )
     recording = whole_recording(trial, calibration, frames, poses, poses.seen(), settings)
     shown = 0.0  # largest turn from rest to rest [rad]
@@ -285,11 +286,11 @@ def unloaded_recording(
         shown = np.ptp(platform.rotation_from_rest(whole))
     if recording is None or shown < settings.smallest_turn:
         raise InputError(
-            f"the platform turns by {np.rad2deg(shown):.2f} deg from rest to"
-            f" rest while its markers {', '.join(names)} are seen, expected"
-            f" {settings.perturbation_deg:g} deg or more; correct labels in Nexus or"
-            " the trial in the column static, or record a turn from rest to rest with markers in"
-            " sight",
+            f"the platform turns by {np.rad2deg(shown):.2f} deg from rest to rest while its"
+            f" markers {', '.join(names)} are seen, expected {settings.perturbation_deg:g} deg or"
+            " more",
+            "correct labels in Nexus or the trial in the column static, or record a turn from"
+            " rest to rest with markers in sight",
         )
     longest_blank_s = 0.1  # of no force: with noise it is 0 in single samples
     leap = 0.01  # of the largest force, from 0 to the smallest: a motion begins with less
@@ -297,9 +298,9 @@ def unloaded_recording(
     smallest = np.min(force, initial=force.max(), where=force > 0)
     if blank_s > longest_blank_s and smallest > leap * force.max():
         raise InputError(
-            f"the plate reads 0 for {blank_s:.2f} s, and no force between 0 and"
-            f" {smallest:.2g} N: what lies below was set to 0; export the trials of the unloaded"
-            " plate without a threshold",
+            f"the plate reads 0 for {blank_s:.2f} s, and no force between 0 and {smallest:.2g}"
+            " N: what lies below was set to 0",
+            "export the trials of the unloaded plate without a threshold",
         )
     return recording
 
@@ -494,9 +495,9 @@ def excited_directions(squares: Array, noise: Array) -> Array:
     share, vectors = scipy.linalg.eigh(basis.T @ noise @ basis, basis.T @ squares @ basis)
     if share[0] > LARGEST_NOISE_SHARE:
         raise IdentifiabilityError(
-            f"marker noise is {share[0]:.0%} of what moves the unloaded plate in the direction that"
-            " shows it best, expected 50% or less; record larger or faster motions of the unloaded"
-            " plate"
+            f"marker noise is {share[0]:.0%} of what moves the unloaded plate in the direction"
+            " that shows it best, expected 50% or less",
+            "record larger or faster motions of the unloaded plate",
         )
     return basis @ vectors[:, share <= LARGEST_NOISE_SHARE]
 
@@ -527,9 +528,9 @@ def unloaded_turns(motion: UnloadedMotion, model: PlateModel, noise: Array) -> l
         late = f", but comes {1e3 * (mean_lag(turns) or 0.0):.0f} ms later" if turns else ""
         raise InputError(
             f"trial {motion.name}: the unloaded plate's wrench does not follow its motion within"
-            f" {LARGEST_LAG_S * 1e3:g} ms{late}; name the plate that moves under"
-            " `walking.plate`, synchronise the recorders, or check markers, channels and low-passes"
-            " of the amplifier",
+            f" {LARGEST_LAG_S * 1e3:g} ms{late}",
+            "name the plate that moves under `walking.plate`, synchronise the recorders, or"
+            " check markers, channels and low-passes of the amplifier",
             trial=motion.name,
         )
     return turns

@@ -133,8 +133,8 @@ def check_no_mass(parts: Sequence[UnloadedMotion]) -> None:
     if mass > LARGEST_MASS_KG:
         raise InputError(
             f"the unloaded plate's force follows its acceleration with {mass:.1f} kg, expected"
-            f" {LARGEST_MASS_KG:g} kg or less with `walking.plate_inertia: none`; record"
-            " the platform turning unloaded (`plate`), and state `plate_inertia: identified`"
+            f" {LARGEST_MASS_KG:g} kg or less with `walking.plate_inertia: none`",
+            "record the platform turning unloaded (`plate`), and state `plate_inertia: identified`",
         )
 
 

@@ -292,8 +292,9 @@ def ramp_of(time: Array, platform: Poses, smallest_turn: float) -> Ramp | None:
         return None
     if time[above[0]] - time[0] < LEAST_REST_S:
         raise InputError(
-            f"the platform turns at {time[above[0]]:.3f} s, within {LEAST_REST_S:g} s of"
-            " the recording's start; start to record earlier, or exclude the trial"
+            f"the platform turns at {time[above[0]]:.3f} s, within {LEAST_REST_S:g} s of the"
+            " recording's start",
+            "start to record earlier, or exclude the trial",
         )
     return Ramp(time, angle)
 

@@ -90,8 +90,9 @@ class StaticCalibration:
         absent = [name for name in names if name not in self.markers]
         if absent:
             raise InputError(
-                f"trial {trial}: marker {absent[0]} is not in the static calibration, which has "
-                f"{', '.join(self.markers)}; calibrate with the static trial again"
+                f"trial {trial}: marker {absent[0]} is not in the static calibration, which has"
+                f" {', '.join(self.markers)}",
+                "calibrate with the static trial again",
             )
         return np.array([self.markers[name] for name in names])
 
@@ -111,8 +112,8 @@ def static_calibration(trial: Trial, settings: CalibrationSettings) -> StaticCal
         if not spans_a_plane(np.array(list(clusters[segment].values()))):
             raise InputError(
                 f"trial {trial.name}: the {segment} markers {', '.join(names)} lie on a line or"
-                " are fewer than three, expected three or more that span a plane; name others"
-                " under `markers` in the configuration"
+                " are fewer than three, expected three or more that span a plane",
+                "name others under `markers` in the configuration",
             )
 
     foot, shank = clusters["foot"], clusters["shank"]
@@ -120,16 +121,17 @@ def static_calibration(trial: Trial, settings: CalibrationSettings) -> StaticCal
     apart = np.linalg.norm(centres[1] - centres[0])
     if not SIZES_M[0] < apart < SIZES_M[1]:
         raise InputError(
-            f"trial {trial.name}: the markers of foot and shank are {apart:.2g} m apart, expected"
-            f" {SIZES_M[0]:g} to {SIZES_M[1]:g} m; state the unit of the points as"
-            " `point_unit` in the source file"
+            f"trial {trial.name}: the markers of foot and shank are {apart:.2g} m apart,"
+            f" expected {SIZES_M[0]:g} to {SIZES_M[1]:g} m",
+            "state the unit of the points as `point_unit` in the source file",
         )
     above = centres[0][2] - centres[1][2]
     if above > 0:
         raise InputError(
             f"trial {trial.name}: the foot markers {', '.join(foot)} stand {100 * above:.0f} cm"
             f" above the shank markers {', '.join(shank)}: exchange them under `markers` or in"
-            " Nexus; or z does not point up, then state `axes` in the source file"
+            " Nexus",
+            "or z does not point up, then state `axes` in the source file",
         )
 
     malleoli = mean_positions(trial, (markers.ankle_medial, markers.ankle_lateral))
@@ -155,8 +157,8 @@ def mean_positions(trial: Trial, names: Sequence[str]) -> dict[str, Array]:
         seen = np.isfinite(track).all(axis=1)
         if not seen.any():
             raise InputError(
-                f"trial {trial.name}: marker {name} is never seen in the static trial; label"
-                " it, or record the trial again"
+                f"trial {trial.name}: marker {name} is never seen in the static trial",
+                "label it, or record the trial again",
             )
         means[name] = track[seen].mean(axis=0)
     return means
@@ -173,15 +175,16 @@ def marker_tracks(trial: Trial, names: Sequence[str]) -> tuple[Array, Array]:
             if column.endswith("_x")
         ]
         raise InputError(
-            f"trial {trial.name}: no marker '{name}'; correct `walking.markers` in the"
-            f" configuration, or its label{nearest(name, labels)}"
+            f"trial {trial.name}: no marker '{name}'",
+            f"correct `walking.markers` in the configuration, or its label{nearest(name, labels)}",
         )
 
     columns = [column for name in names for column in marker_columns(name)]
     time, *positions = trial.arrays(*columns)
     if not time.size:
         raise InputError(
-            f"trial {trial.name}: markers {', '.join(names)} have no frames; record the trial again"
+            f"trial {trial.name}: markers {', '.join(names)} have no frames",
+            "record the trial again",
         )
     return time, np.stack(positions, axis=1).reshape(-1, len(names), 3)
 

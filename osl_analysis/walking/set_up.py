@@ -209,9 +209,9 @@ def check_followed(
         raise InputError(
             f"the {segment} markers cannot be followed at {frames[hidden[0]]:.3f} s, in"
             f" {len(hidden)} frames of stance: fewer than three are seen, or they stand more than"
-            f" {largest_residual_mm:g} mm (RMS) otherwise than in the static trial; correct"
-            " exchanged labels in Nexus, record a static trial after they were put on again and"
-            " name it in the column static, or exclude the trial"
+            f" {largest_residual_mm:g} mm (RMS) otherwise than in the static trial",
+            "correct exchanged labels in Nexus, record a static trial after they were put on"
+            " again and name it in the column static, or exclude the trial",
         )
 
 
@@ -222,8 +222,8 @@ def check_onset(
     if (onset is not None) != perturbed:
         raise InputError(
             f"the platform {'does not turn' if perturbed else 'turns'}, but the sheet says"
-            f" perturbed = {str(perturbed).lower()}; correct the sheet, perturbation_deg or the"
-            " platform markers, or exclude the trial"
+            f" perturbed = {str(perturbed).lower()}",
+            "correct the sheet, perturbation_deg or the platform markers, or exclude the trial",
         )
     if onset is None:
         return
@@ -232,8 +232,8 @@ def check_onset(
     if first < stance.heel_strike or last > stance.toe_off:
         raise InputError(
             f"baseline and window of the perturbation, {first:.3f}-{last:.3f} s, leave stance"
-            f" {stance.heel_strike:.3f}-{stance.toe_off:.3f} s; exclude the trial, or shorten"
-            " window_s, baseline_s or guard_s"
+            f" {stance.heel_strike:.3f}-{stance.toe_off:.3f} s",
+            "exclude the trial, or shorten window_s, baseline_s or guard_s",
         )
 
 
@@ -245,9 +245,10 @@ def check_side(phase: Array, ahead: Array) -> None:
     first, last = np.interp(SINGLE_SUPPORT, phase, ahead)
     if last <= first:
         raise InputError(
-            f"the shank moves {100 * (first - last):.0f} cm backwards over the foot"
-            " in stance: the ankle's axis points to the wrong side; correct `side`, exchange"
-            " ankle_medial and ankle_lateral, or correct the labels of the static trial's markers"
+            f"the shank moves {100 * (first - last):.0f} cm backwards over the foot in stance:"
+            " the ankle's axis points to the wrong side",
+            "correct `side`, exchange ankle_medial and ankle_lateral, or correct the labels of"
+            " the static trial's markers",
         )
 
 
@@ -290,10 +291,10 @@ def check_roll(phase: Array, load: Array, push: Array, torque: Array) -> None:
         )
     pulls = f", and the ankle pulls the toes up with {-moment:.1f} N*m" if moment < 0 else ""
     raise InputError(
-        "from the flat foot to late stance the centre of pressure moves by"
-        f" {100 * size[0]:.0f} cm, {deg[0]:.0f} deg from forward, and the horizontal force changes"
-        f" by {size[1]:.0f} N, {deg[1]:.0f} deg from forward{pulls}. If it is so in all trials,"
-        f" {cause}; else another foot stands on the plate: exclude the trial"
+        f"from the flat foot to late stance the centre of pressure moves by {100 * size[0]:.0f}"
+        f" cm, {deg[0]:.0f} deg from forward, and the horizontal force changes by {size[1]:.0f}"
+        f" N, {deg[1]:.0f} deg from forward{pulls}. If it is so in all trials, {cause}",
+        "else another foot stands on the plate: exclude the trial",
     )
 
 

@@ -139,7 +139,7 @@ def test_where_the_input_is_at_fault_the_reason_replaces_an_old_result(tmp_path)
 
 def test_a_job_over_several_trials_refuses_the_one_at_fault(tmp_path):
     def refuse(trials: list[str], output: str) -> None:
-        raise InputError("trial b_2: no motion; record it again", trial="b_2")
+        raise InputError("trial b_2: no motion", "record it again", trial="b_2")
 
     of_all = job(tmp_path, "tables.gather", {"trials": ["b_1.parquet", "b_2.parquet"]})
 
@@ -191,7 +191,7 @@ def test_of_ingest_and_quality_control_both_results_stand_or_none(tmp_path, monk
     limited = []
 
     def refuse(*_):
-        raise InputError("raw/b_1.mcap: too short; record it again")
+        raise InputError("raw/b_1.mcap: too short", "record it again")
 
     monkeypatch.setattr(
         trials, "ingest_trial", lambda row, raw, sources, output, columns: Path(result(output))
@@ -261,7 +261,7 @@ def test_a_worker_does_several_jobs_and_ends_with_snakemake_even_if_that_is_kill
     ("x.mcap: no topic '/a' (no footer; record again)", ""),
 ])  # fmt: skip
 def test_the_remedy_of_an_error_stands_behind_the_first_semicolon_outside_brackets(reason, remedy):
-    fault = InputError("; ".join(filter(None, [reason, remedy])))
+    fault = InputError(reason, remedy)
     assert (fault.reason, fault.remedy) == (reason, remedy)
 
 
@@ -307,8 +307,14 @@ def test_an_archive_of_tables_holds_what_was_written_completely_or_not_at_all(tm
 
 
 @pytest.mark.parametrize("error", [
-    WriteError("a.csv: cannot be written (No space left on device); make room"),
-    MemoryLimitError("a.mcap: not enough memory; make room"),
+    WriteError(
+        "a.csv: cannot be written (No space left on device)",
+        "make room"
+    ),
+    MemoryLimitError(
+        "a.mcap: not enough memory",
+        "make room"
+    ),
     OSError(errno.EIO, "Input/output error; make room", "raw_data/b_1.mcap"),
     PermissionError(errno.EACCES, "denied", "parameters.yaml"),  # which is no recording
 ])  # fmt: skip

@@ -105,8 +105,8 @@ def claims_table(tables: Mapping[str, pl.DataFrame], claims: Mapping[str, Claim]
     tested = []
     for name, claim in claims.items():
         stated = {
-            "name": name, "claim": claim.says, "at": claim.at, "condition": claim.condition or None,
-            "unit": claim.unit, "margin": claim.margin,
+            "name": name, "claim": claim.says, "at": claim.at, "unit": claim.unit,
+            "margin": claim.margin,
         }  # fmt: skip
         rows = tables.get(claim.table, pl.DataFrame())
         places = [place for place in PLACE if place in rows.columns]
@@ -175,9 +175,9 @@ def summary_of(compared: pl.DataFrame, among: int, claim: Claim) -> dict[str, An
         certain=((low >= below) & (high <= above)).sum(),
         missed=((low > above) | (high < below)).sum(),
     )
-    counts = {**outcomes.row(0, named=True), "n": n, "among": among}
+    counts = outcomes.row(0, named=True)
     if not n:
-        return {**counts, "verdict": NOT_TESTED}
+        return {"n": n, "among": among, "verdict": NOT_TESTED}
     text = "nearer"
     if not claim.than:
         text = f"within {compared['target'][0]:g} ± {claim.margin:g} {claim.unit}"
@@ -197,7 +197,7 @@ def summary_of(compared: pl.DataFrame, among: int, claim: Claim) -> dict[str, An
     return {
         "quantity": text,
         "value": values.mean(), "low": ends[0], "high": ends[1], "interval": interval,
-        **counts, "verdict": verdict_of(**counts),
+        "n": n, "among": among, "verdict": verdict_of(n, among, **counts),
     }  # fmt: skip
 
 

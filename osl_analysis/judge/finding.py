@@ -33,7 +33,8 @@ class Beyond:
     column: str
     value: float  # in the unit of the column
     limit: float
-    side: str  # above or below the limit, near a factor between units, or nan
+    # above or below the limit, near a factor between units, or nan; not in `findings.csv`
+    side: str = ""
     finding: str = ""  # what it is evidence of
     unit: str = ""  # the factor between units that it may be, in words
     rule: Rule = field(default=Rule(""), compare=False)  # with the words for it
@@ -136,10 +137,7 @@ def findings_frame(findings: Iterable[WordedFinding]) -> pl.DataFrame:
             "cause": finding.cause,
             "evidence": None,
         }
-        numbers = [
-            {**vars(beyond), "evidence": beyond.column, "limit_side": beyond.side}
-            for beyond in finding.evidence
-        ]
+        numbers = [{**vars(beyond), "evidence": beyond.column} for beyond in finding.evidence]
         for of_number in numbers or [{}]:
             row = {**shared, **of_number, "finding": number}
             rows.append({name: row.get(name) for name in columns})
@@ -158,7 +156,7 @@ def findings_of_frame(frame: pl.DataFrame) -> list[WordedFinding]:
     """The findings of a table as `findings_frame` makes it."""
     findings = []
     for rows in frame.partition_by("finding"):
-        numbers = rows.drop_nulls("evidence").select("evidence", "value", "limit", "limit_side")
+        numbers = rows.drop_nulls("evidence").select("evidence", "value", "limit")
         row = rows.row(0, named=True)
         finding = Finding(
             name=row["name"],

@@ -143,10 +143,12 @@ def test_the_response_of_a_stepped_sine_is_that_of_the_campaign_and_fig_7(tmp_pa
     files = of_campaign("impedance", tmp_path, short)
     config = read_config(short)
     response = tmp_path / "tables/response.csv"
-    limits = config.doubtful.of("response"), [files["impedance"]], config.doubtful.of("impedance")
+    fits = tmp_path / "tables/impedance.csv"
+    budget = [files["budget"]]
+    tables.gather([files["impedance"]], fits, config.doubtful.of("impedance"), budget=budget)
     found = osl.frequency_response(bench_trial("impedance"), DESIRED, config=short)
     for places in ({"made": {"joint": "ankle", "side": None}}, {}):
-        tables.gather([files["response"]], response, *limits, places)
+        tables.gather([files["response"]], response, fits=[fits], places=places)
         if places:
             choice = FrequencyResponseFigure(K_d=300.0, B_d=5.0)
             figure.fig7(response, DEVICE, choice, config.gain_weight, tmp_path / "fig7.csv")

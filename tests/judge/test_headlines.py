@@ -113,9 +113,9 @@ def test_a_finding_in_the_table_is_the_finding_that_was_made():
 
     table = findings_frame([WordedFinding(finding, Words("says", "size", "remedy"))])
 
-    numbers = ("evidence", "value", "limit", "limit_side")
+    numbers = ("evidence", "value", "limit")
     assert table.select(numbers).rows() == [
-        (beyond.column, beyond.value, beyond.limit, beyond.side) for beyond in evidence
+        (beyond.column, beyond.value, beyond.limit) for beyond in evidence
     ]
     of_finding = ("finding", "trial", "grade", "amplitude_deg")
     assert set(table.select(of_finding).rows()) == {(1, "t", "doubts", 4.0)}

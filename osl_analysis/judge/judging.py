@@ -23,7 +23,16 @@ from osl_analysis.judge.known_findings import (
     rule_of,
 )
 from osl_analysis.judge.limits import Limits
-from osl_analysis.stats.budget import CLEAR, FLOOR, IN_INTERVAL, WIDE, Budget, Verdict, budgets_in
+from osl_analysis.stats.budget import (
+    CLEAR,
+    FLOOR,
+    IN_INTERVAL,
+    WIDE,
+    Budget,
+    Contribution,
+    Verdict,
+    budgets_in,
+)
 from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.stats.rounding import significant
 
@@ -157,6 +166,8 @@ def findings_of_row(
             fault = fault or known_finding(number.finding)
             del numbers[column]
 
+    if fault:
+        estimates = [of_spoiled(estimate, fault) for estimate in estimates]
     found = [*doubts_of(estimates, fault), *of_numbers(numbers), *properties_of(estimates)]
     names = {finding.name for finding in found}
     found = [
@@ -179,6 +190,16 @@ def findings_of_row(
         )
         for finding in found
     ]
+
+
+def of_spoiled(estimate: Judged, fault: KnownFinding) -> Judged:
+    """The estimate of a recording in which a check found a fault, which is then likely: what
+    repeats and another motion leave open is the fault's, and a doubt beyond what is needed."""
+    left = math.hypot(estimate.budget.half_width(), estimate.budget.half_range)
+    if estimate.verdict.rows or left <= estimate.needed:
+        return estimate
+    row = Contribution(fault.name, left, basis="measured", part="fault")
+    return replace(estimate, verdict=Verdict(fault.name, estimate.needed, (row,)))
 
 
 def doubts_of(estimates: Sequence[Judged], fault: KnownFinding | None) -> list[Finding]:

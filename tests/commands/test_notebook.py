@@ -187,10 +187,10 @@ def test_the_check_of_a_trial_has_the_rows_of_the_campaign_and_accepts_nothing(t
     assert dict(found.select("check", "verdict").rows())["rate"] != "pass"
 
 
-def test_a_fit_shows_its_doubts_and_runs_nothing_of_a_name(
-    short,
-):
-    doubtful = osl.fit(bench_trial("friction"), config=short)
+def test_a_fit_shows_its_doubts_and_runs_nothing_of_a_name(short, tmp_path):
+    strict = tmp_path / "strict.yaml"
+    strict.write_text(f"{short.read_text()}doubtful: {{impedance: {{above: {{fitted_s: 1}}}}}}\n")
+    doubtful = osl.fit(bench_trial("friction"), config=strict)
     assert "friction" in [finding.cause for finding in doubtful.findings[-1]]
     (doubt, *_) = doubtful.doubtful.splitlines()
     assert f"doubtful: {doubt}" in repr(doubtful)

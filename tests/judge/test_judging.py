@@ -89,6 +89,16 @@ def test_a_check_of_the_recording_names_the_cause_of_a_doubt_and_makes_none():
     assert of_knee({"K": [fault(0.1)]}, faults=check) == []
 
 
+@pytest.mark.parametrize(("half_range", "is_doubt"), [(3.3, True), (2.7, False)])
+def test_a_check_that_fails_takes_what_the_motion_leaves_open_for_its_fault(half_range, is_doubt):
+    moved = fault(half_range, "amplitude", "", part="motion")
+
+    found = of_knee({"K": [moved]}, faults={"knee": "signal_jumps"})
+
+    assert [each.name for each in found] == ["signal_jumps"] * is_doubt
+    assert of_knee({"K": [moved]}) == []
+
+
 @pytest.mark.parametrize("are_weighed", [True, False])
 def test_a_clipped_torque_decides_alone_where_no_rivals_were_weighed(are_weighed):
     left = [fault(0.0, "unexplained_torque", "", basis="bound")] if are_weighed else []

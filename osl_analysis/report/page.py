@@ -31,7 +31,7 @@ TEMPLATES = Path(__file__).with_name("templates")
 NO_CONDITIONS = ("trial", "experiment", "exclude", *RECORDINGS, *SOURCES)
 # between dollar signs, or with a subscript and no part of a name
 SYMBOLS = re.compile(
-    r"(?<!\\)\$(.+?)(?<!\\)\$|(?<![\w-])([KBJZknf]_(?:viscous|tau|[dsjm1CGT]))(?![\w-])"
+    r"(?<!\\)\$(.+?)(?<!\\)\$|(?<![\w-])([KBJZknf]_(?:viscous|tau|d_rendered|[dsjm1CGT]))(?![\w-])"
 )
 
 
@@ -222,7 +222,7 @@ def shown_budgets(row: Mapping[str, Any], budget: pl.DataFrame | None) -> list[S
                 verdict=row.get(f"{name}_verdict") or "",
                 parts={part: 100 * square / total for part, square in squares.items()},
                 not_known="; ".join(
-                    f"{known_finding(each.source).title}: {each.per}"
+                    f"{known_finding(each.source).title.replace('_', ' ')}: {each.per}"
                     for each in of_name.unknown
                     if each.per
                 ),

@@ -146,7 +146,8 @@ def groups(summary: pl.DataFrame) -> Iterator[Condition]:
 
 def marked_text(row: Mapping[str, Any]) -> str:
     """An estimate of a group, with † where it is doubtful."""
-    return mean_text(row, row["quantity"]) + ("†" if row["group_doubtful"] else "")
+    text = mean_text(row, row["quantity"])
+    return f"{text}†" if row["group_doubtful"] else text
 
 
 def condition_rows(of_conditions: Sequence[Condition]) -> list[list[str]]:

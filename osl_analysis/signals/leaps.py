@@ -22,7 +22,6 @@ FEWEST_SAMPLES = 400  # of fewer, the third differences of one leap would be usu
 LONGEST_SPAN = 1.17  # of a third difference, in usual ones: over a longer one rows are missing
 # s, of a leap, where a joint turns: half a period of 5 Hz
 AROUND_TURN_S = 0.1
-CLEAR_TURN = 0.01  # share of the angle's range by which it comes and goes; noise at rest does not
 EVEN_TURN = 0.5  # least share of the longer of both ways, which are as long where a joint turns
 STEP_ROWS = 5  # around a leap, over which friction changes the torque
 
@@ -85,7 +84,7 @@ def steps_by_friction(
     behind = np.interp(leaps, *angle) - np.interp(leaps + AROUND_TURN_S, *angle)
     ways = np.array([before, behind])
     lower, higher = np.sort(np.abs(ways), axis=0)
-    is_turn = lower > np.maximum(CLEAR_TURN * np.ptp(angle[1]), EVEN_TURN * higher)
+    is_turn = lower > EVEN_TURN * higher
     time, values = torque
     rows = np.searchsorted(time, leaps)[:, None] + np.arange(-STEP_ROWS, STEP_ROWS)
     beside = values[np.clip(rows, 0, values.size - 1)]

@@ -6,15 +6,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.base.measured import noise_of
 from osl_analysis.base.trial import Array
 from osl_analysis.signals import runs
 
 BIN_S = 0.05  # s; averaging time in the search for plateaus
 FEWEST_ROWS = 1.5  # of the usual step in a bin, so that a slow log has a row in each
 LEVEL_CHANGE = 0.02  # of the current's range, by which means of a plateau differ at most
-NOISE_CHANGE = 5.0  # standard deviations of the change between means, if noise makes more
-LARGEST_CHANGE = 0.2  # of the range; a step is larger than any noise
 SHORTEST_LEVEL = 5  # changes between such means: a plateau of 0.3 s
 SETTLING, ENDING = 3, 1  # means left out: the torque settles, and the filter spreads the next step
 FEWEST_PLATEAUS = 8  # whose scatter, one left out at a time, gives an interval
@@ -34,8 +31,8 @@ def plateaus_of(time: Array, current: Array) -> list[slice]:
     Returns
     -------
     list of slice
-        Rows in which means over `BIN_S` change by less than 2 % of their range, or than noise
-        changes them, for 0.3 s or more. The first 0.15 s and the last 0.1 s are left out.
+        Rows in which means over `BIN_S` change by less than 2 % of their range for 0.3 s or more.
+        The first 0.15 s and the last 0.1 s are left out.
     """
     begins, number = bins_of(time)
     if len(begins) <= SHORTEST_LEVEL:
@@ -43,10 +40,7 @@ def plateaus_of(time: Array, current: Array) -> list[slice]:
     stops = np.append(begins[1:], len(time))
     means = means_from(begins, current)
     span = np.ptp(means)
-    noise = noise_of(current) / np.sqrt(np.median(stops - begins))
-    limit = max(LEVEL_CHANGE * span, NOISE_CHANGE * np.sqrt(2) * noise)
-    limit = min(limit, LARGEST_CHANGE * span)
-    is_steady = (np.abs(np.diff(means)) < limit) & (np.diff(number) == 1)
+    is_steady = (np.abs(np.diff(means)) < LEVEL_CHANGE * span) & (np.diff(number) == 1)
 
     found = []
     for run in runs(is_steady):

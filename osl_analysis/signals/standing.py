@@ -11,7 +11,6 @@ from osl_analysis.signals import longest_of, run_edges
 
 NO_EXTREME = 0.05  # share of the range: an extreme nearer to zero is an unloaded sensor
 MIDDLE = 0.25  # share of the range: a value nearer to the median is no extreme
-CORNER_STEPS = 5.0  # a peak that is rounded to steps moves by four within half of its standing time
 APPROACH_STEPS = (5.0, 25.0)  # the last fifth of a channel's way to where it stands, and all of it
 # Of the time for this way: the last fifth takes 0.2 at an even speed, 0.29 to a rail five steps
 # below a peak, and 0.36 or more where the channel slows down to rest.
@@ -69,27 +68,24 @@ def run_at_extreme(values: Array, standing: NDArray[np.intp] | None = None) -> s
 
 
 def has_corners(values: Array, run: slice) -> bool:
-    """Whether a channel (n,) is far from a run of equal values, half as long before and after, and
-    comes to all such runs at speed. What comes to rest slows down: of its way to there, the last
-    fifth takes more than its share of the time. A single value has no duration."""
-    half = (run.stop - run.start) // 2
-    if half == 0:
+    """Whether a channel (n,) comes to all runs like one of equal values at speed. What comes to
+    rest slows down: of its way to there, the last fifth takes more than its share of the time. A
+    single value has no duration."""
+    length = run.stop - run.start
+    if length < 2:
         return True
     distance = np.abs(values - values[run.start])
-    around = np.pad(distance, half, constant_values=np.inf)
-    sides = around[[run.start, run.stop - 1 + 2 * half]]
     steps = np.abs(np.diff(values))
     step = steps[steps > 0].min(initial=np.inf)
     runs = run_edges(distance == 0)
-    first = runs[np.diff(runs)[:, 0] > half, 0]
+    first = runs[np.diff(runs)[:, 0] > length // 2, 0]
     rows_of_ways = []  # of its last fifth, and of all of it
     for way in APPROACH_STEPS:
         away = np.append(-1, np.flatnonzero(distance > way * step))
         last_away = away[np.searchsorted(away, first) - 1]
         rows_of_ways.append(np.sum(first - 1 - last_away))
     last_fifth, whole_way = rows_of_ways
-    is_fast = last_fifth <= LAST_SHARE * whole_way + 1
-    return bool(is_fast and sides.min() > CORNER_STEPS * step)
+    return bool(last_fifth <= LAST_SHARE * whole_way + 1)
 
 
 def standing_runs(

@@ -10,9 +10,11 @@ import polars as pl
 
 from osl_analysis.base.errors import InputError
 from osl_analysis.base.recording import SECOND_NS
+from osl_analysis.base.trial import Trial
 from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.clock import (
     ClockFit,
+    Signal,
     common_clock,
     correlate_clocks,
     find_edges,
@@ -21,6 +23,7 @@ from osl_analysis.ingest.clock import (
 )
 from osl_analysis.ingest.conversion import Converted
 from osl_analysis.ingest.message_log import join_on_stamp
+from osl_analysis.signals.grid import MEASURED, sampling_times
 from osl_analysis.stats.budget import NORMAL_HALF_WIDTH
 
 
@@ -122,7 +125,21 @@ def second_clock(log: Converted, second: Converted, clock: str, both: Sequence[s
     if clock == "start":
         return ClockFit(0.0, method=clock)
     column = "sync" if clock == "sync" else both[0]
-    first, other = (values_of(each, "both logs", column) for each in (log, second))
+    first = sampled(log, column, [*log.origins])
+    other = sampled(second, column, [name for name in second.origins if name not in both])
     if clock == "sync":
         return fit_clock(find_edges(*other), find_edges(*first))
     return correlate_clocks(other, first)
+
+
+def sampled(log: Converted, column: str, kept: Sequence[str]) -> Signal:
+    """Times [s] and values (n,) of a column when they were sampled, and not when a late host
+    stamped them, as a fit reads the stamps of the columns that are `kept`: else the clocks would
+    differ by what the hosts are late, which the fit takes off once more."""
+    time, values = values_of(log, "both logs", column)
+    trial = Trial("log", log.samples, {"columns": log.origins, "": log.facts})
+    for name in MEASURED:
+        if name in kept:
+            time = sampling_times(trial, name, time)
+            break
+    return time - log.origins[column].get("delay", 0.0), values

@@ -156,17 +156,30 @@ def uniform_signals(
         return on_one_grid(taken, limits, trial.name)
 
 
+MEASURED = ("theta", "theta_m", "omega_m", "theta_joint", "current", "torque", "torque_m")
+"""Columns of a bench that tell how the stamps of their device are read."""
+
+
 def with_clocks(trial: Trial) -> Trial:
     """The trial with `clocks`: how the stamps of each device of a bench are read, by all that it
     measured. A device that no grid can take, such as one with a clock that jumps, has none."""
-    measured = ("theta", "theta_m", "omega_m", "theta_joint", "current", "torque", "torque_m")
     clocks = dict[str, Reading]()
-    for names in devices_of(trial, [name for name in measured if name in trial.columns]):
+    for names in devices_of(trial, [name for name in MEASURED if name in trial.columns]):
         with suppress(InputError):
             for part in take_stream(stream_of(trial, names)):
                 if part.held is None:
                     clocks |= dict.fromkeys(part.stream.signals, part.reading)
     return replace(trial, clocks=clocks)
+
+
+def sampling_times(trial: Trial, column: str, stamps: Array) -> Array:
+    """When samples with stamps (n,) [s] were taken, as a fit reads the stamps of the device of a
+    column; the stamps themselves where no grid can take it."""
+    with suppress(InputError):
+        for part in take_stream(stream_of(trial, [column])):
+            if part.held is None:
+                return np.interp(stamps, part.clock.stamps, part.reading.times(part.clock))
+    return stamps
 
 
 def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> UniformSignals:

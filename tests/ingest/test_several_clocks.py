@@ -87,6 +87,18 @@ def test_a_signal_of_both_files_tells_offset_and_drift_within_their_errors(tmp_p
     np.testing.assert_allclose(torque, 3 * turned(SLOW), atol=1e-5)
 
 
+def test_what_a_host_is_late_is_no_offset_of_its_clock(tmp_path):
+    """A fit takes it off the stamps again: B was 2 %, I 13 % off by a millisecond."""
+    late_s = np.random.default_rng(4).exponential(2e-3, SLOW.size)
+    write_pair(tmp_path, lambda time: on_second_clock(time + late_s))
+
+    clock = trial_of_two(tmp_path, "shared", **BOTH["shared"]).provenance["clock"]
+
+    sampled = on_second_clock(SLOW) - on_second_clock(SLOW[0] + late_s[0])
+    error_s = clock["offset"] + (1 + clock["drift"]) * sampled - SLOW
+    assert abs(error_s.mean()) < 0.2e-3
+
+
 def test_the_error_of_a_fitted_clock_is_one_of_the_torque_s_delay(tmp_path):
     write_pair(tmp_path)
     trial = trial_of_two(tmp_path, "shared", **BOTH["shared"])

@@ -239,7 +239,7 @@ def short_means(signal: Signal) -> Signal:
 def likely_offset(slave: Signal, master: Signal) -> float:
     """The offset [s] at which a straight line through one signal's means leaves least of the
     other's SD, its misfit; errors as `correlate_clocks`."""
-    step = min(usual_step(slave[0]), usual_step(master[0]))
+    step = LIMITS.short_mean_s
     means = []  # of both, every `step` from the first sample on
     for time, values in (slave, master):
         if time.size < LIMITS.fewest_shared or np.ptp(values) == 0:
@@ -248,9 +248,8 @@ def likely_offset(slave: Signal, master: Signal) -> float:
                 f" {LIMITS.fewest_shared} samples",
                 "check the channel and its sensor, or record longer",
             )
-        width = max(round(LIMITS.mean_s / step), 1)
-        on_grid = np.interp(np.arange(time[0], time[-1] + 1e-6 * step, step), time, values)
-        means.append(np.convolve(on_grid - on_grid.mean(), np.full(width, 1 / width), "valid"))
+        on_grid = np.interp(np.arange(time[0], time[-1], step), *short_means((time, values)))
+        means.append(on_grid - on_grid.mean())
     shared = shared_variance(*means)
     peaks = scipy.signal.find_peaks(np.pad(shared, 1), prominence=0.5 * shared.max())[0] - 1
     best, *others = peaks[np.argsort(-shared[peaks])].tolist()

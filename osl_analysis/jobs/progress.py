@@ -67,7 +67,8 @@ class LogHandler(LogHandlerBase):
     def __post_init__(self) -> None:
         self.total = Counter[str]()  # jobs by stage
         self.done = Counter[str]()
-        self.started_s: dict[str, float] = {}  # when the first job of a stage began
+        self.started_s: dict[str, float] = {}  # when the first job of a stage began, and ...
+        self.first_done_s: dict[str, float] = {}  # ... when one ended first
         self.jobs: dict[int, Any] = {}  # stage and logs, by their numbers
         self.told = set[str]()  # lines, or their causes
         self.has_told_error = False  # of a job of ours
@@ -123,13 +124,17 @@ class LogHandler(LogHandlerBase):
             return
         self.done[stage] += 1
         done = self.done[stage]
+        self.first_done_s.setdefault(stage, time.monotonic())
         total = self.total[stage]
         spent_s = time.monotonic() - self.started_s[stage]
         if done == total:
             self.print_once(f"{stage} {done}/{total} in {spent_s:.0f} s")
         elif time.monotonic() - self.last_line_s > SHORTEST_WAIT_S:
-            left_s = (total - done) * spent_s / done
-            self.print_once(f"{stage} {done}/{total}, about {left_s:.0f} s left")
+            left = ""
+            if done > 1:  # the first one also started the workers
+                of_others_s = time.monotonic() - self.first_done_s[stage]
+                left = f", about {(total - done) * of_others_s / (done - 1):.0f} s left"
+            self.print_once(f"{stage} {done}/{total}{left}")
 
     def print_outcome(self, stage: str, logs: Sequence[str]) -> None:
         """Of what ends the run, its brief. A line on each warning of a job, and on one that was

@@ -163,8 +163,10 @@ def visible_step(values: NDArray[np.float64]) -> float | None:
     differences = differences[differences > rounding_share * usual]
     if len(differences) < 2:
         return None
-    step = float(np.median(differences[differences < 1.5 * np.min(differences)]))
+    rough = np.median(differences[differences < 1.5 * np.min(differences)])
+    step = float(differences.sum() / np.rint(differences / rough).sum())
     steps = differences / step
-    from_whole, whole_share = 0.02, 0.99
+    # the last decimal of a log may be a twentieth of the step; by chance a tenth would be as near
+    from_whole, whole_share = 0.05, 0.99
     is_whole = np.abs(steps - np.rint(steps)) < from_whole
     return step if np.mean(is_whole) >= whole_share else None

@@ -38,6 +38,13 @@ def test_the_step_of_a_mean_of_six_is_a_sixth_and_not_that_of_its_decimals(noise
     assert visible_step(means) == pytest.approx(step / 6, rel=1e-3)
 
 
+def test_the_step_of_a_log_of_few_decimals_is_that_of_the_encoder(noise):
+    step = 2 * np.pi / 2**18
+    logged = np.round(np.round(noise[0] * 20) * step, 6)
+
+    assert visible_step(logged) == pytest.approx(step, rel=1e-3)
+
+
 def test_a_signal_without_rounding_has_no_step(noise):
     assert visible_step(noise[0]) is None
 

@@ -35,7 +35,6 @@ ARRIVES_NS = 150_000  # [ns] in which a sample arrives at the recorder
 CHUNK_BYTES = 1 << 20  # of messages in a chunk, at most
 COMPRESSION_LEVEL = 1  # of zstd: 0.4 of the time of the usual 3, for 7 % more bytes
 LITTLE_ENDIAN_CDR = b"\x00\x01\x00\x00"
-RECORD_HEAD_BYTES = 9  # opcode and length of a record, which its length does not count
 
 HEADER_DEFINITIONS = (
     f"{RULE}MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
@@ -111,7 +110,7 @@ def log_topic(
         In order: numpy type, and a value for all messages or a column (n,).
     """
     stamps = np.rint(np.asarray(time) * 1e9).astype(np.int64)
-    seconds, nanoseconds = np.divmod(stamps, 10**9)
+    seconds, nanoseconds = np.divmod(stamps, 1_000_000_000)
     frame = frame_id.encode() + b"\0"
     message = {
         "encapsulation": ("V4", LITTLE_ENDIAN_CDR),
@@ -127,7 +126,8 @@ def log_topic(
     ]  # fmt: skip
     alike = np.zeros(1, np.dtype(record))  # what all messages share, which is most of them
     alike["opcode"] = Opcode.MESSAGE
-    alike["length"] = alike.itemsize - RECORD_HEAD_BYTES
+    head = alike["opcode"].itemsize + alike["length"].itemsize  # which its length does not count
+    alike["length"] = alike.itemsize - head
     columns = {}
     for member, (_, value) in message.items():
         if np.ndim(value):

@@ -9,7 +9,7 @@ metres.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +35,7 @@ from osl_analysis.simulator.two_mass_drivetrain import simulate_drivetrain
 DAMPING_PHASES = 51  # of the grid on which B_1 is computed; B_1 is a smooth curve between
 
 
-@lru_cache(maxsize=32)
+@cache
 def compensated_damping(path: Path, p: DrivetrainParameters, weight: Weight) -> tuple[Array, Array]:
     """A grid of phases, and B_1 [N*m*s/rad] (Eq. 14) at these, for the desired impedance of a
     file."""

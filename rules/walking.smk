@@ -186,6 +186,7 @@ rule summarise_walking:
         limits=limits("walking_groups"),
         sheet=CAMPAIGN.conditions(),
         places=WALKED,
+        has_drivetrain=bool(CONFIG.parameters),
         excluded=lambda wildcards: excluded(PERTURBED),
         data=CAMPAIGN.data,
         made_by=MADE_BY,

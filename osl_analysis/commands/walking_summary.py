@@ -55,6 +55,7 @@ def summarise_perturbations(
     timing: Path,
     limits: Limits,
     places: Places,
+    has_drivetrain: bool = True,
     trajectory: Sequence[Path] = (),
     data: str = "",
 ) -> None:
@@ -85,6 +86,8 @@ def summarise_perturbations(
         Beyond which a group is doubtful.
     places : Places
         Joint and side of each crossing.
+    has_drivetrain : bool
+        Whether a parameter file describes one: Eq. 15 may then read a negative inertia.
     trajectory : Sequence of Path
         What a leg was commanded over the gait cycle, if a file says so.
     data : str
@@ -116,7 +119,7 @@ def summarise_perturbations(
         conditions = conditions_of(group, selected, gait, model, lags)
         of_group = fitted.filter(pl.col("trial").is_in(trials))
         try:
-            headline = headline_of(of_group, gait, files, settings, model, lags)
+            headline = headline_of(of_group, gait, files, settings, model, lags, has_drivetrain)
         except OslAnalysisError as error:
             advise(f"no result of {group}: {error}")
             row = {**conditions, "reason": str(error)}
@@ -196,6 +199,7 @@ def headline_of(
     settings: choices.TimingSettings,
     plate: PlateModel,
     timing: PlateTiming,
+    has_drivetrain: bool,
 ) -> GroupHeadline:
     """The ensemble fit to the crossings of a group that have a fit of their own."""
     if gait is None:
@@ -203,7 +207,7 @@ def headline_of(
     if len(fits) < FEWEST_FITS:
         raise InputError(f"{len(fits)} {TOO_FEW} walking_crossings.csv, or record more")
     crossings = [read_crossing(files[trial]) for trial in fits["trial"]]
-    return group_headline(crossings, gait, settings, plate, timing)
+    return group_headline(crossings, gait, settings, plate, timing, has_drivetrain)
 
 
 def commanded_trajectory(trajectory: Sequence[Path], data: str) -> ImpedanceTrajectory | None:

@@ -113,7 +113,15 @@ def read(path: Path, source: NexusSource | None) -> Recording:
         facts |= _timing_of(used)
     # two sections would differ in an export that was cut
     loss = Loss(count, count, End.WHOLE if len(used) > 1 else End.UNKNOWN)
-    recording = Recording("nexus_csv", channels, loss, facts=facts)
+    outputs = dict.fromkeys(name for section in used for name in section.names)
+    like_plates = [
+        f"{{device: {name.removesuffix(' - Force')}, corners: UNKNOWN}}"
+        for name in outputs
+        if name.endswith(" - Force")
+    ]
+    question = f"state under `plates`, by number, which are force plates: {', '.join(like_plates)}"
+    questions = [question] if like_plates else []
+    recording = Recording("nexus_csv", channels, loss, facts=facts, questions=questions)
     plates = []
     for number, plate in (source.plates if source is not None else {}).items():
         columns = [

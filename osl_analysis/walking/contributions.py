@@ -18,10 +18,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from osl_analysis.base.errors import IdentifiabilityError
 from osl_analysis.base.trial import Array
 from osl_analysis.stats.budget import Budget, Contribution, unknown
-from osl_analysis.stats.linear_fit import linear_fit
 from osl_analysis.walking.crossing import PER_UNIT, Crossing
 from osl_analysis.walking.ensemble import (
     ESTIMATED,
@@ -33,7 +31,6 @@ from osl_analysis.walking.ensemble import (
 )
 from osl_analysis.walking.impedance_fit import (
     fitted_changes,
-    impedance_columns,
     jackknife_covariance,
 )
 from osl_analysis.walking.isolated_response import (
@@ -73,10 +70,12 @@ def group_headline(
     settings: TimingSettings,
     plate: PlateModel,
     timing: PlateTiming,
+    has_drivetrain: bool = True,
 ) -> GroupHeadline:
     """Compute the result of the perturbed crossings of one group, whose unperturbed gait is `gait`.
 
-    `plate` and `timing` tell how well its height, its lag and the onsets are known.
+    `plate` and `timing` tell how well its height, its lag and the onsets are known. The inertia of
+    a leg without a drivetrain is not negative.
 
     Raises
     ------
@@ -84,7 +83,10 @@ def group_headline(
         A response cannot be isolated, or there are too few.
     """
     responses = [isolate_response(crossing, gait, settings) for crossing in perturbed]
-    return headline_of_responses(responses, plate, timing)
+    headline = headline_of_responses(responses, plate, timing)
+    if has_drivetrain or headline.ensemble.budgets["I"].high >= 0:
+        return headline
+    return replace(headline, ensemble=with_late_torque(headline.ensemble))
 
 
 def headline_of_responses(
@@ -145,6 +147,18 @@ def with_budgets(
     return GroupFit(response, budgets)
 
 
+def with_late_torque(fit: GroupFit) -> GroupFit:
+    """The fit with the doubt that a negative inertia throws on the lag: a torque late by d lowers B
+    by K d and I by B d, to first order."""
+    K = fit.response.fit["K"]
+    B = fit.response.fit["B"]
+    lag_s = -fit.response.fit["I"] / B
+    changes = of_source("late_torque", lag_s * np.array([0.0, K, B]), LATE)
+    return replace(
+        fit, budgets={name: each.plus(changes[name]) for name, each in fit.budgets.items()}
+    )
+
+
 def jackknife_ses(without_each: Sequence[Array]) -> Array:
     """Standard errors (3,) from estimates (3,) without each of m items."""
     return np.sqrt(np.diag(jackknife_covariance(np.array(without_each))))
@@ -156,6 +170,7 @@ def measured(source: str, standard: float, freedom: float) -> Contribution:
 
 
 SHARED = Contribution("", None, basis="measured", shared=True)  # by all crossings
+LATE = Contribution("", None, basis="measured", part="fault", detail="a lag that makes I negative")
 CHOSEN = Contribution("", None, basis="assumed", part="motion")  # half of another choice's change
 
 
@@ -208,10 +223,11 @@ def of_choices(response: EnsembleResponse) -> list[Contributions]:
     shorter = response.estimates_in(slice(first, last - step))
     longer = response.estimates_in(slice(first, last + step))
     rows = [of_source("window", (longer - shorter) / 2, CHOSEN)]
-    with_offset = estimates_with_offset(response)
-    if with_offset is not None:
-        change = with_offset - response.fit.estimates
-        rows.append(of_source("offset", change / 2, CHOSEN))
+    # far off if the response is not of second order
+    columns = response.motion[response.window].columns
+    X = np.column_stack([columns, np.ones(last - first)])
+    with_offset = np.linalg.lstsq(X, response.torque[response.window])[0][:-1]
+    rows.append(of_source("offset", (with_offset - response.fit.estimates) / 2, CHOSEN))
     return rows
 
 
@@ -225,17 +241,3 @@ def of_onset(response: EnsembleResponse, timing: PlateTiming, step_s: float) -> 
     later = response.estimates_in(slice(first + 1, last + 1))
     frames = timing.onset_se / step_s
     return [of_source("onset", frames * (later - earlier) / 2)]
-
-
-def estimates_with_offset(response: EnsembleResponse) -> Array | None:
-    """K, B and I (3,) if Eq. 15 gets an offset; None if it cannot be fitted.
-
-    They are far off if the response is not of second order.
-    """
-    motion = response.motion[response.window]
-    torque = response.torque[response.window]
-    columns = {**impedance_columns(motion), "offset": np.ones_like(torque)}
-    try:
-        return linear_fit(torque, columns).estimates[:-1]
-    except IdentifiabilityError:
-        return None

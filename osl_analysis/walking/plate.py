@@ -162,10 +162,8 @@ def zeroed_wrench(trial: Trial, frames: Array, settings: CrossingSettings) -> Wr
 
 def recorded_plate(trial: Trial, plate: int) -> Mapping[str, Any]:
     """What ingest found out about a plate; empty if the recording describes no such plate."""
-    for facts in trial.provenance.get("plates", []):
-        if facts["plate"] == plate:
-            return dict(facts)
-    return {}
+    plates = trial.provenance.get("plates", [])
+    return next((facts for facts in plates if facts["plate"] == plate), {})
 
 
 def recorded_corners(trial: Trial, plate: int) -> Array:

@@ -524,8 +524,9 @@ def unloaded_turns(motion: UnloadedMotion, model: PlateModel, noise: Array) -> l
         The wrench does not follow the motion.
     """
     turns = turn_lags(motion, model, noise)
-    if turns is None or abs(mean_lag(turns) or 0.0) > LARGEST_LAG_S:
-        late = f", but comes {1e3 * (mean_lag(turns) or 0.0):.0f} ms later" if turns else ""
+    lag = mean_lag(turns or []) or 0.0
+    if turns is None or abs(lag) > LARGEST_LAG_S:
+        late = f", but comes {1e3 * lag:.0f} ms later" if turns else ""
         raise InputError(
             f"trial {motion.name}: the unloaded plate's wrench does not follow its motion within"
             f" {LARGEST_LAG_S * 1e3:g} ms{late}",

@@ -21,7 +21,7 @@ from pydantic import PlainSerializer, PlainValidator
 
 from osl_analysis.base.errors import InputError, nearest
 from osl_analysis.base.trial import Array, Trial, marker_columns
-from osl_analysis.signals import differentiate, runs, sampling_rate
+from osl_analysis.signals import differentiate, sampling_rate
 from osl_analysis.walking.walking_settings import CalibrationSettings, MarkerSettings
 
 Mask = NDArray[np.bool_]
@@ -38,7 +38,6 @@ SMALLEST_WIDTH = 0.1  # of a cluster beside its longest line, as a share of its 
 SIZES_M = (0.03, 5.0)  # of a plate, and between the clusters of foot and shank
 
 SIDE_FRAMES = 4  # on either side of a gap, through which it is bridged
-FEWEST_HELD = 3  # repeats in a row; noise repeats a place of three coordinates once at most
 
 
 @dataclass(frozen=True)
@@ -213,10 +212,10 @@ def without_held(tracks: Array) -> Array:
     seen = tracks.copy()
     steps = np.abs(np.diff(tracks, axis=0)).sum(axis=2)
     cluster_moves = (steps > 0).any(axis=1)
-    for of_marker, marker_steps in zip(np.moveaxis(seen, 1, 0), steps.T, strict=True):
-        for run in runs(cluster_moves & (marker_steps == 0)):
-            if run.stop - run.start >= FEWEST_HELD:
-                of_marker[run.start + 1 : run.stop + 1] = np.nan
+    repeats = (steps == 0) & cluster_moves[:, None]
+    held = repeats[1:] & repeats[:-1]  # noise repeats a place of three coordinates once at most
+    seen[1:-1][held] = np.nan
+    seen[2:][held] = np.nan
     return seen
 
 

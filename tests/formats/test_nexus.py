@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from recognised_files import refusal_by, source_of
 
+from osl_analysis.formats import nexus
 from osl_analysis.ingest.raw_files import read_converted
 
 DEVICES = """Devices
@@ -81,6 +82,15 @@ def test_one_export_in_any_dress_is_one_recording(tmp_path, text):
     assert samples["marker_HEEL_x"].is_nan().to_list() == [True, None, False, None]
     assert samples["reference_ankle_moment_left"].to_list() == [1.5, None, 1.6, None]
     assert not [column for column in samples.columns if "12" in column]
+
+
+def test_a_draft_asks_for_the_corners_of_each_device_with_a_force(tmp_path):
+    path = tmp_path / "walk.csv"
+    path.write_text(EXPORT)
+
+    (question,) = nexus.read(path, None).questions
+
+    assert "{device: AMTI #1, corners: UNKNOWN}" in question
 
 
 def test_a_plates_moment_is_about_its_centre_wherever_the_file_takes_it(tmp_path):

@@ -11,7 +11,7 @@ from scipy.stats import t
 from walking_crossings import Walk, crossing, several, walked
 from walking_synthetic import settings
 
-from osl_analysis.walking.contributions import headline_of_responses
+from osl_analysis.walking.contributions import group_headline, headline_of_responses
 from osl_analysis.walking.crossing import PER_UNIT
 from osl_analysis.walking.ensemble import stacked
 from osl_analysis.walking.impedance_fit import fit_response
@@ -197,3 +197,23 @@ def test_sound_crossings_are_far_from_every_limit():
     assert sound["coherence"] > 0.95
     assert sound["VAF"] > 99
     assert sound["B_high"] > 2
+
+
+@pytest.mark.parametrize(("inertia", "has_drivetrain", "doubts"), [
+    (-0.03, False, {"B", "I"}), (-0.03, True, set()), (0.03, False, set()),
+])  # fmt: skip
+def test_a_negative_inertia_without_a_drivetrain_is_a_doubt_about_the_lag(
+    inertia, has_drivetrain, doubts
+):
+    gait = [walked(name, walk) for name, walk in several("u", 8, Walk()).items()]
+    turn = Walk(0.4, impedance=(K, B, inertia))
+    turned = [walked(name, walk) for name, walk in several("p", 8, turn).items()]
+    mean = unperturbed_gait(gait, 3)
+
+    found = group_headline(turned, mean, TIMING, NO_CORRECTION, UNKNOWN, has_drivetrain)
+
+    verdicts = {
+        name: budget.verdict(0.1 * abs(budget.value)).name
+        for name, budget in found.ensemble.budgets.items()
+    }
+    assert {name for name, verdict in verdicts.items() if verdict == "late_torque"} == doubts

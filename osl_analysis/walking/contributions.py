@@ -31,7 +31,7 @@ from osl_analysis.walking.ensemble import (
 )
 from osl_analysis.walking.impedance_fit import (
     fitted_changes,
-    jackknife_covariance,
+    jackknife_ses,
 )
 from osl_analysis.walking.isolated_response import (
     PerturbationResponse,
@@ -159,14 +159,9 @@ def with_late_torque(fit: GroupFit) -> GroupFit:
     )
 
 
-def jackknife_ses(without_each: Sequence[Array]) -> Array:
-    """Standard errors (3,) from estimates (3,) without each of m items."""
-    return np.sqrt(np.diag(jackknife_covariance(np.array(without_each))))
-
-
 def measured(source: str, standard: float, freedom: float) -> Contribution:
     """What scatters in this campaign."""
-    return Contribution(source, float(standard), float(freedom), "measured", "repeatability")
+    return Contribution(source, float(standard), freedom, "measured", "repeatability")
 
 
 SHARED = Contribution("", None, basis="measured", shared=True)  # by all crossings
@@ -195,7 +190,7 @@ def of_set_up(
         unknown("walking_unseen", "mm of the foot's place", K=of_place[0]),
     ]
     if len(by_trial) > 1:
-        ses = np.sqrt(np.diag(jackknife_covariance(by_trial)))
+        ses = jackknife_ses(by_trial)
         rows.append(of_source("plate_inertia", ses, replace(SHARED, freedom=len(by_trial) - 1.0)))
     else:
         rows.append(in_units("plate_unseen", "kg", of_mass))

@@ -210,7 +210,7 @@ def recorded_passage(
     reference = {}
     for segment, labels in settings.markers.clusters.items():
         frames, recorded[segment] = rigid.segment_poses(trial, labels, calibration, settings)
-        reference[segment] = calibration.positions(labels, trial.name)
+        reference[segment] = calibration.positions(labels)
 
     wrench = zeroed_wrench(trial, frames, settings)
     force = wrench(lag)[:, :3]
@@ -313,7 +313,7 @@ def reactions_on_foot(
         passage.name, passage.frames[run], poses_of_plate[run], calibration, settings
     )
     middle = passage.corners.mean(axis=0)
-    axes = platform.shared_directions([track])[0]
+    axes = platform.moving_directions([track])
     in_track = slice(rows.start - run.start, rows.stop - run.start)
     motion, weights = track.measured_motion(axes, middle)
     columns = inertial_columns(motion.weighted(weights)[in_track])

@@ -109,9 +109,15 @@ class Ensemble:
 
 
 def stacked(responses: Sequence[PerturbationResponse]) -> Ensemble:
-    """Stack responses. Raises InputError: there are fewer than two, or their samples differ."""
-    check_stackable(responses)
+    """Stack responses. Raises InputError: their samples differ."""
     first = responses[0]
+    for response in responses:
+        is_alike = response.thetas.shape == first.thetas.shape
+        if not is_alike or not np.allclose(response.time, first.time):
+            raise InputError(
+                f"trial {response.name} is sampled otherwise than trial {first.name}",
+                "record all crossings at one marker rate and run the analysis again",
+            )
     return Ensemble(
         first.time,
         first.window,
@@ -119,22 +125,6 @@ def stacked(responses: Sequence[PerturbationResponse]) -> Ensemble:
         torque=np.array([response.torques for response in responses]),
         behaviour=np.array([response.behaviour for response in responses]),
     )
-
-
-def check_stackable(responses: Sequence[PerturbationResponse]) -> None:
-    """Refuse responses that cannot be joined."""
-    if len(responses) < 2:
-        raise InputError(
-            f"perturbations in the ensemble: {len(responses)}, expected 2 or more", "record more"
-        )
-    first = responses[0]
-    for response in responses[1:]:
-        is_alike = response.thetas.shape == first.thetas.shape
-        if not is_alike or not np.allclose(response.time, first.time):
-            raise InputError(
-                f"trial {response.name} is sampled otherwise than trial {first.name}",
-                "record all crossings at one marker rate and run the analysis again",
-            )
 
 
 def mean_gait_torque(responses: Sequence[PerturbationResponse], fit: LinearFit) -> Array:

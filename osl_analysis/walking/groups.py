@@ -210,7 +210,6 @@ class Measure:
     unit: str
     values: Array
     smallest_scatter: float
-    of_plate: bool = False  # the plate's load tells it, and not the markers alone
 
 
 @dataclass(frozen=True)
@@ -283,12 +282,9 @@ def crossing_features(crossings: Sequence[Crossing], settings: SelectionSettings
     """Compare crossings: what no perturbation can change, and what it can.
 
     A crossing beyond a limit does not count for later features: four bad ones of twelve would widen
-    the scatter until none stands out. Loads are shares of the median load. Nothing is compared
-    without a rule in the settings.
+    the scatter until none stands out. Loads are shares of the median load.
     """
     rule = settings.outliers
-    if rule is None:
-        return []
     guards = [
         crossing.stance.phase(np.array(crossing.onset - settings.guard_s))
         for crossing in crossings
@@ -297,8 +293,8 @@ def crossing_features(crossings: Sequence[Crossing], settings: SelectionSettings
     before = PHASES[min(guards, default=1.0) >= PHASES]
     middle = PHASES[phases_between(PHASES, SINGLE_SUPPORT)]
     qualities = [crossing.quality for crossing in crossings]
-    forward = np.array([quality.foot_forward_m or 0.0 for quality in qualities])
-    left = np.array([quality.foot_left_m or 0.0 for quality in qualities])
+    forward = np.array([quality.foot_forward_m for quality in qualities])
+    left = np.array([quality.foot_left_m for quality in qualities])
     stance = np.array([crossing.stance.duration for crossing in crossings])
     theta = curves_of(crossings, "theta", before)
     torque = curves_of(crossings, "torque", before)
@@ -309,7 +305,7 @@ def crossing_features(crossings: Sequence[Crossing], settings: SelectionSettings
         Measure("foot forward", "m", forward, rule.placement_m),
         Measure("foot to the left", "m", left, rule.placement_m),
         Measure("deviation in angle before the onset", "deg", np.rad2deg(theta), rule.angle_deg),
-        Measure("deviation in torque before the onset", "N*m", torque, rule.torque_nm, True),
+        Measure("deviation in torque before the onset", "N*m", torque, rule.torque_nm),
     ]
     changed = [
         Measure("stance", "s", stance, rule.stance_s),
@@ -318,14 +314,13 @@ def crossing_features(crossings: Sequence[Crossing], settings: SelectionSettings
             percent,
             100 * load / usual,
             100 * rule.load_share,
-            of_plate=True,
         ),
-        Measure("deviation in pressure beside the ankle", "m", pressure, rule.pressure_m, True),
+        Measure("deviation in pressure beside the ankle", "m", pressure, rule.pressure_m),
     ]
 
     # What a perturbation changes is compared among those of each direction
     same_kind = np.zeros(len(crossings), dtype=int)
-    turned = ["" if crossing.onset is None else crossing.direction for crossing in crossings]
+    turned = [crossing.direction or "" for crossing in crossings]
     directions = np.unique(np.array(turned, dtype=str), return_inverse=True)[1]
     everything = np.ones(len(crossings), dtype=bool)
     before_onset, within = among_sound(unchanged, same_kind, everything, rule.limit)
@@ -405,27 +400,23 @@ def exclusion_reason(
                 " wrong"
             )
     outside = crossing.quality.foot_outside_m
-    if outside is not None and outside > settings.largest_outside_m:
+    if outside > settings.largest_outside_m:
         return (
             f"a foot marker lies {100 * outside:.1f} cm outside the plate while the foot is flat,"
             f" expected {100 * settings.largest_outside_m:g} cm or less: the foot stands beside the"
             " plate, or its corners are wrong"
         )
-    if settings.outliers is None:
-        return None
     furthest = max(features, key=lambda feature: feature.distance[index])
     distance = furthest.distance[index]
     if not distance > settings.outliers.limit:
         return None
-    cause = "look for a late trigger, or markers that jump"
-    if furthest.measure.of_plate:
-        cause = "look for another foot, or a hand, on the plate"
     unit = furthest.measure.unit
     value, median = furthest.values[index], furthest.median[index]
     return (
         f"{furthest.measure.name} is {value:.3g} {unit}, in other crossings {median:.3g} {unit}"
         f" (median): {distance:.1f} times their usual deviation of {furthest.scatter:.2g} {unit},"
-        f" expected at most {settings.outliers.limit:g}; {cause}"
+        f" expected at most {settings.outliers.limit:g}; look for a late trigger, markers that"
+        " jump, or another foot or a hand on the plate"
     )
 
 

@@ -9,6 +9,8 @@ depends on its trials. So single responses have no interval; what the mean respo
 stands in `contributions`.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from osl_analysis.base.errors import naming
@@ -18,17 +20,11 @@ from osl_analysis.stats.linear_fit import LinearFit, linear_fit
 from osl_analysis.walking.isolated_response import PerturbationResponse
 
 
-def impedance_columns(motion: Motion) -> dict[str, Array]:
-    """Columns of Eq. 15, torque = K theta + B omega + I alpha, of a motion (n,).
+def fit_without_offset(motion: Motion, torque: Array) -> LinearFit:
+    """Fit Eq. 15 where the zeros of angle and torque are known.
 
     Angle and torque must have passed the same filter: if only the angle is filtered at 15 Hz, B is
     3.43 instead of 3.
-    """
-    return {"K": motion.theta, "B": motion.omega, "I": motion.alpha}
-
-
-def fit_without_offset(motion: Motion, torque: Array) -> LinearFit:
-    """Fit Eq. 15 where the zeros of angle and torque are known.
 
     Parameters
     ----------
@@ -47,7 +43,8 @@ def fit_without_offset(motion: Motion, torque: Array) -> LinearFit:
     An offset would absorb torque that is not of second order: K = 321 N*m/rad instead of 334 on the
     exact response of the simulated drivetrain.
     """
-    return linear_fit(torque, impedance_columns(motion))
+    columns = {"K": motion.theta, "B": motion.omega, "I": motion.alpha}
+    return linear_fit(torque, columns)
 
 
 def fit_response(response: PerturbationResponse) -> LinearFit:
@@ -72,12 +69,8 @@ def fitted_changes(columns: Array, torques: Array, window: slice) -> Array:
     return np.asarray(np.linalg.lstsq(columns, torques.T[window])[0].T, float)
 
 
-def jackknife_covariance(changes: Array) -> Array:
-    """Tukey's covariance (p, p) from the changes (m, p) of estimates without each of m trials.
-
-    It is 0 with one trial.
-    """
-    m, p = changes.shape
-    if m < 2:
-        return np.zeros((p, p))
-    return (m - 1) ** 2 / m * np.cov(changes, rowvar=False)
+def jackknife_ses(without_each: Sequence[Array] | Array) -> Array:
+    """Tukey's standard errors (p,) from estimates (m, p), or their changes, without each of m
+    items."""
+    m = len(without_each)
+    return (m - 1) / np.sqrt(m) * np.std(without_each, axis=0, ddof=1)

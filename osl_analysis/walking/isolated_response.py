@@ -245,8 +245,8 @@ class PerturbationResponse:
     behaviour: Array
     # Samples of the fitted window, from the onset, without its end: 30 for 0.1 s at 300 Hz
     window: slice
-    stance_change: float = 0.0  # duration of stance over that of the matched pace, minus 1
-    pace_change: float = 0.0  # this over that of the unperturbed crossings, minus 1
+    # stance at the matched pace over that of the unperturbed crossings, minus 1
+    pace_change: float = 0.0
 
     @cached_property
     def motion(self) -> Motion:
@@ -282,19 +282,15 @@ def isolate_response(
     InputError
         The crossing has no onset, no pace fits, or baseline and window leave stance.
     """
-    if crossing.onset is None:
-        raise InputError(
-            f"trial {crossing.name}: no onset, expected a perturbed crossing",
-            "mark it as unperturbed in the sheet",
-        )
-    aligned = aligned_gait(crossing, gait, crossing.onset - timing.guard_s)
+    onset = np.nan if crossing.onset is None else crossing.onset  # of which no pace fits
+    aligned = aligned_gait(crossing, gait, onset - timing.guard_s)
 
     # Time from the onset, and phase on the mean gait
     rate = sampling_rate(crossing.time)
     before = round((timing.baseline_s + timing.guard_s) * rate) + MARGIN  # samples
     after = round(timing.window_s * rate) + MARGIN
     time = np.arange(-before, after + 1) / rate
-    crossing_time = crossing.onset + time
+    crossing_time = onset + time
     phase = (crossing_time - crossing.stance.heel_strike) / aligned.stance
     first_phase = phase[MARGIN]
     last_phase = phase[-MARGIN - 1]
@@ -317,7 +313,6 @@ def isolate_response(
 
     baseline = slice(MARGIN, MARGIN + round(timing.baseline_s * rate))
     window = slice(before, before + round(timing.window_s * rate))
-    expected_stance = aligned.stance * aligned.scales.mean()
     return PerturbationResponse(
         name=crossing.name,
         time=time,
@@ -326,8 +321,7 @@ def isolate_response(
         changes=zeroed(changes, baseline),
         behaviour=behaviour_before(time, thetas, torques, timing.guard_s),
         window=window,
-        stance_change=crossing.stance.duration / expected_stance - 1,
-        pace_change=expected_stance / gait.stance.mean() - 1,
+        pace_change=aligned.stance * aligned.scales.mean() / gait.stance.mean() - 1,
     )
 
 

@@ -337,12 +337,13 @@ def whole_recording(
 def hides_a_motion(frames: Array, poses: Poses, settings: PlateModelSettings) -> bool:
     """Whether the platform turned during a gap of its markers that is too long to be fitted."""
     turn = platform.rotation_from_rest(poses)
-    for gap in runs(poses.bridged):
-        moved = abs(turn[gap.stop] - turn[gap.start - 1])
-        is_long = rigid.gap_duration(frames, gap) > settings.longest_fitted_gap_s
-        if is_long and moved > np.deg2rad(HIDDEN_TURN_DEG):
-            return True
-    return False
+    least = np.deg2rad(HIDDEN_TURN_DEG)
+    long_gaps = [
+        gap
+        for gap in runs(poses.bridged)
+        if rigid.gap_duration(frames, gap) > settings.longest_fitted_gap_s
+    ]
+    return any(abs(turn[gap.stop] - turn[gap.start - 1]) > least for gap in long_gaps)
 
 
 def whole_motions(track: platform.PlatformTrack) -> slice:
@@ -362,9 +363,7 @@ def whole_motions(track: platform.PlatformTrack) -> slice:
         run
         for run in runs(track.gate(moves) == 0)
         if run.stop - run.start >= platform.FEWEST_FRAMES
-    ]
-    if not rests:
-        rests = [slice(0, 0)]
+    ] or [slice(0, 0)]
     return slice(rests[0].start if moves[0] else 0, rests[-1].stop if moves[-1] else n)
 
 

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from osl_analysis.base.errors import InputError, advise
+from osl_analysis.base.errors import advise
 from osl_analysis.base.trial import Array
 from osl_analysis.signals import LowPass, sampling_rate
 from osl_analysis.walking import poses as rigid
@@ -187,7 +187,7 @@ def platform_track(
     the noise beside them into a motion. The noise, of any colour, is what the speed leaves
     of straight lines at rest.
     """
-    reference = calibration.positions(settings.markers.platform, trial)
+    reference = calibration.positions(settings.markers.platform)
     rate = sampling_rate(time)
     pose = scipy.spatial.transform.RigidTransform.from_components(
         poses.position - reference.mean(axis=0),
@@ -250,7 +250,6 @@ AT_REST = SINCE_MIDDLE < -0.1
 
 
 # Of the mean ramp and its start.
-LEAST_REST_S = 0.2  # that is recorded before the turn
 ROUNDS = 6  # of mean and alignment in turn; four reduce an error of 5 ms to 1e-5 s
 LARGEST_MISFIT = 3.0  # of a ramp over its noise at rest; sound ones reach 2.4
 LEAST_MISFIT = 0.002  # of a height, that lines between frames leave of an exact ramp
@@ -290,12 +289,6 @@ def ramp_of(time: Array, platform: Poses, smallest_turn: float) -> Ramp | None:
     above = np.flatnonzero(angle > smallest_turn)
     if not len(above):
         return None
-    if time[above[0]] - time[0] < LEAST_REST_S:
-        raise InputError(
-            f"the platform turns at {time[above[0]]:.3f} s, within {LEAST_REST_S:g} s of the"
-            " recording's start",
-            "start to record earlier, or exclude the trial",
-        )
     return Ramp(time, angle)
 
 

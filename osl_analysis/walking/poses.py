@@ -84,15 +84,8 @@ class StaticCalibration:
     # Of each plate, by its number (4, 3) [m]
     corners: dict[int, StoredArray] = field(default_factory=dict)
 
-    def positions(self, names: Sequence[str], trial: str) -> Array:
-        """Positions (m, 3) [m] of the named markers; `trial` is for messages."""
-        absent = [name for name in names if name not in self.markers]
-        if absent:
-            raise InputError(
-                f"trial {trial}: marker {absent[0]} is not in the static calibration, which has"
-                f" {', '.join(self.markers)}",
-                "calibrate with the static trial again",
-            )
+    def positions(self, names: Sequence[str]) -> Array:
+        """Positions (m, 3) [m] of the named markers."""
         return np.array([self.markers[name] for name in names])
 
 
@@ -201,7 +194,7 @@ def segment_poses(
         Time (n,) [s] of the marker frames, and the poses.
     """
     time, tracks = marker_tracks(trial, names)
-    reference = calibration.positions(names, trial.name)
+    reference = calibration.positions(names)
     poses = cluster_poses(reference, without_held(tracks), settings.largest_residual_mm * 1e-3)
     return time, bridge_gaps(time, poses, settings.longest_gap_s)
 

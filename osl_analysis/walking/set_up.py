@@ -67,7 +67,7 @@ def differences(
         if not rows.any():
             continue
         _, tracks = marker_tracks(trial, names)
-        reference = calibration.positions(names, trial.name)
+        reference = calibration.positions(names)
         marker, distance_m = moved_marker(reference, tracks[rows], poses[rows])
         distances[f"marker {names[marker]} of the {segment}"] = distance_m
 
@@ -85,7 +85,7 @@ def differences(
     plate = passage.recorded["platform"]
     rests = (passage.frames < passage.stance.heel_strike) & plate.seen()
     if rests.sum() >= platform.FEWEST_FRAMES:
-        reference = calibration.positions(settings.markers.platform, trial.name)
+        reference = calibration.positions(settings.markers.platform)
         place = np.median(plate[rests].points(reference), axis=0)
         distances["the platform at rest"] = root_mean_square(place - reference)
     return distances
@@ -93,16 +93,16 @@ def differences(
 
 def root_mean_square(distances: Array) -> float:
     """RMS length of vectors (k, 3)."""
-    return float(np.sqrt(np.mean(np.sum(distances**2, axis=1))))
+    return float(np.linalg.norm(distances) / np.sqrt(len(distances)))
 
 
 @dataclass(frozen=True)
 class CrossingQuality:
     """Measures of one crossing; None where unknown. The dictionary says what each is."""
 
-    foot_forward_m: float | None = None
-    foot_left_m: float | None = None
-    foot_outside_m: float | None = None
+    foot_forward_m: float = 0.0
+    foot_left_m: float = 0.0
+    foot_outside_m: float = 0.0
     pressure_outside_m: float | None = None
     different: str | None = None
     different_mm: float | None = None
@@ -125,7 +125,7 @@ def crossing_quality(
     plate_centre = passage.corners.mean(axis=0)
     from_plate = passage.poses["foot"].point(calibration.ankle_centre) - plate_centre
     foot_left_m, foot_forward_m = ankle.along(from_plate)[:, flat].mean(axis=1)
-    markers = foot.points(calibration.positions(settings.markers.foot, "static"))
+    markers = foot.points(calibration.positions(settings.markers.foot))
 
     _, left_m, forward_m = load[:, :, None]
     pressure = (ankle.centre + left_m * ankle.axis + forward_m * ankle.forward)[flat]

@@ -132,7 +132,7 @@ def conditions_of(
         "n_unperturbed": len(stances),
         "stance_s": stance,
         "unperturbed_stance_sd": (stances / stance).std(),
-        "onset_phase": phases.mean() if gait is not None else None,
+        "onset_phase": phases.mean(),
         "onset_phase_sd": phases.std(),
         "left_out_share": shares["reason"].max(),
         "different": different,
@@ -152,10 +152,10 @@ def set_up_difference(crossings: pl.DataFrame) -> tuple[str | None, float | None
     unperturbed, crossings agree in: rows of `walking_crossings.csv`."""
     largest: tuple[str | None, float | None] = None, None
     for of_kind in crossings.drop_nulls("different").partition_by("perturbed"):
-        for of_what in of_kind.partition_by("different"):
-            mean_mm = of_what["different_mm"].cast(pl.Float64).to_numpy().mean()
-            if 2 * len(of_what) >= len(of_kind) and mean_mm > (largest[1] or 0.0):
-                largest = of_what["different"][0], mean_mm
+        what = of_kind["different"].mode().min()
+        distances = of_kind.filter(different=what)["different_mm"].cast(pl.Float64).to_numpy()
+        if 2 * len(distances) >= len(of_kind) and distances.mean() > (largest[1] or 0.0):
+            largest = str(what), distances.mean()
     return largest
 
 
@@ -182,7 +182,6 @@ def perturbation_row(
     response = isolate_response(crossing, gait, settings)
     fit = fit_response(response)
     return {
-        "trial": crossing.name,
         "bridged": crossing.bridged,
         **{name: fit[name] for name in ESTIMATED},
         "residual_over_gait": residual_over_gait(
@@ -190,7 +189,6 @@ def perturbation_row(
             response.fitted_torque,
             gait_torque(response, fit)[:, response.window],
         ),
-        "stance_change": response.stance_change,
         "VAF": fit.vaf,
     }
 

@@ -174,8 +174,7 @@ class CrossingSettings(PlatformSettings, TimingSettings):
 class SelectionSettings(TimingSettings):
     """Which crossings are excluded."""
 
-    # Rule by which crossings are compared and excluded; null: they are not compared
-    outliers: OutlierRule | None
+    outliers: OutlierRule  # Rule by which crossings are compared and excluded
     # in single support, as a share of the weight
     load_of_weight: Annotated[tuple[Load, Load], AfterValidator(check_rising)]
     # of a foot marker [m] from the plate while the foot is flat

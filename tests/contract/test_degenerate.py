@@ -34,7 +34,6 @@ from osl_analysis.walking.tables import perturbation_row
 
 STATED = {
     "degrees_of_freedom": math.isinf,  # where a variance is 0
-    "stance_change": math.isnan,  # where gait is like the mean at no pace
     # of fewer than two trials
     "sd": math.isnan, "se": math.isnan, "low": math.isnan, "high": math.isnan,
     "mean": math.isnan,  # of none

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import refused_with
 from scipy.stats import t
 from walking_crossings import Walk, crossing, several, walked
 from walking_synthetic import settings
@@ -181,11 +180,6 @@ def test_six_unperturbed_crossings_predict_nothing():
     found = headline(isolated_all(usual=6))
 
     assert found.predicted.budgets["K"] == found.ensemble.budgets["K"]
-
-
-def test_one_response_is_no_ensemble():
-    with refused_with(r"ensemble: 1,.*2"):
-        stacked(responses(1))
 
 
 def test_sound_crossings_are_far_from_every_limit():

@@ -3,7 +3,6 @@
 
 import numpy as np
 import pytest
-from conftest import refused_with
 from walking_synthetic import RATE, about_y, pose, step
 
 from osl_analysis.walking.platform import Ramp, ramp_of, ramp_onsets
@@ -75,10 +74,3 @@ def test_a_turn_in_either_direction_is_a_ramp(sign):
 
 def test_a_platform_that_hardly_turns_has_no_ramp():
     assert ramp_of(TIME, turned(angle_of(1.2, 0.5)), np.deg2rad(1)) is None
-
-
-def test_a_platform_that_turns_at_once_is_refused():
-    recorded = TIME > 1.18
-
-    with refused_with(r"\d\.\d+ s.* 0\.2 s"):
-        ramp_of(TIME[recorded], turned(angle_of(1.2))[recorded], np.deg2rad(1))

@@ -29,7 +29,7 @@ from pydantic_core import PydanticCustomError
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from osl_analysis.base.errors import InputError, listing, naming, nearest, shortened
+from osl_analysis.base.errors import InputError, listing, naming, nearest, on_one_line, shortened
 from osl_analysis.base.files import shipped
 
 Positive = PositiveFloat
@@ -136,7 +136,7 @@ def read_mapping(path: Path) -> dict[str, Any]:
     except (*NOT_YAML, ValueError) as error:  # ValueError: it is not UTF-8
         mark = getattr(error, "problem_mark", None)
         line = f"line {mark.line + 1}: " if mark else ""
-        problem = getattr(error, "problem", None) or str(error)
+        problem = getattr(error, "problem", None) or on_one_line(error)
         raise InputError(
             f"{path}: {line}not YAML: {problem}",
             "put text with signs as : # * % in quotes, and indent with blanks",

@@ -23,6 +23,7 @@ from osl_analysis.base.errors import InputError
 UNSIGNED_BYTES = ("byte", "char", "octet")
 BUILT_IN = get_typestore(Stores.EMPTY).fielddefs  # stamps and durations
 MOST_ELEMENTS = 64  # of an array that are read: longer ones are images, and no signals
+MOST_LETTERS = 200_000  # of a definition, whose reading takes a second then; usual are 5,000
 ENCAPSULATION = 4  # bytes before a CDR message; the second one tells the byte order
 MOST_PADDING = 3  # bytes behind a message, which DDS fills up to 4 (RTPS 2.5, 9.4.1)
 OTHER_ELEMENT = re.compile(r"\[[1-9]\d*\]")  # of an array; its first one is listed alone
@@ -41,6 +42,8 @@ def full_name(name: str) -> str:
 def definition_of(name: str, data: bytes) -> Mapping[str, Fields]:
     """Parse a definition in ros2msg, followed by those of the types in it: the fields of each type,
     by its full name. Raises the library's error."""
+    if len(data) > MOST_LETTERS:
+        raise InputError(f"schema {name} has {len(data)} letters", NEW_RECORDING)
     text = data.decode(errors="replace").replace("\r", "")
     types = {**BUILT_IN, **get_types_from_msg(text, full_name(name))}
     return {owner: fields for owner, (_, fields) in types.items()}

@@ -30,7 +30,7 @@ MISSING = (
     "-nan", "nan(ind)", "-nan(ind)",
 )  # fmt: skip
 """Cells that programs write for a failed reading."""
-NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d{1,3})?", re.ASCII)
+NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eEdD][+-]?\d{1,3})?", re.ASCII)
 WHOLE = r"^[+-]?\d+$"
 TRUTHS = ("true", "false")  # in any case, as loggers in Python write them
 # a time of day, or seconds as MATLAB writes those of a timetable
@@ -265,7 +265,7 @@ def decimal_of(rows: Sequence[Sequence[str]]) -> str:
     cells = set()
     columns = zip_longest(*rows[:FIRST_LINES], *rows[-LAST_LINES:], fillvalue="")
     for place, column in enumerate(columns, start=1):
-        numbers = {cell for cell in column if re.fullmatch(r"[+-]?\d*[.,]?\d+", cell)}
+        numbers = {cell for cell in column if re.fullmatch(r"[+-]?(\d+([.,]\d+)?|[.,]\d+)", cell)}
         # as a decimal sign the stop would stand in every number if three decimals are written, and
         # no number would end in 0 if zeros are left out
         small = [number for number in numbers if re.fullmatch(r"[+-]?\d{1,3}", number)]

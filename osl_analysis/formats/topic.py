@@ -35,6 +35,7 @@ ROS_UNITS = {
 }
 """Units of standard messages (REP 103) by the beginning of the field. They are likely and no more:
 a laboratory's effort may be a current, and a joint that slides has other ones."""
+MOST_FIELDS = 2000  # of objects; a robot has some hundred, and each is a column
 PLAIN_NAME = re.compile(r"[^.\[\]]+")
 CHOICES = re.compile(r"(\[[^\]\"]*\])+$")  # an index, or the name of an element
 NUMBER = int | float  # built once: a log has a million of them
@@ -178,7 +179,13 @@ class Topic:
             except Exception as error:
                 self._note(error)
         columns = {}
-        for path in dict.fromkeys(path for values in objects for path in values):
+        paths = dict.fromkeys(path for values in objects for path in values)
+        if len(paths) > MOST_FIELDS:
+            raise InputError(
+                f"its messages have {len(paths)} fields with names of their own",
+                "record names that stay the same, and what changes as values",
+            )
+        for path in paths:
             numbers = [value.get(path) for value in objects]
             for place, text in enumerate(numbers):
                 if isinstance(text, str):

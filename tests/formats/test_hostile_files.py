@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Files that lead to other files of the reader's machine, or that unpack to more than they seem."""
 
+import json
 import struct
 import tracemalloc
 import zlib
@@ -141,3 +142,19 @@ def test_a_line_that_no_row_of_a_log_has_is_refused_at_once(tmp_path):
 
     with refused_with(r"a\.csv: has a line of more than 1000000 letters"):
         formats.read(tmp_path / "a.csv")
+
+
+def test_cells_of_thousands_of_digits_are_read_in_time_proportional_to_them(tmp_path):
+    cell = "1" * 100_000
+    (tmp_path / "a.csv").write_text("t,a\n" + f"{cell}:{cell},1\n" * 3)
+
+    with refused_with("a.csv: "):
+        formats.read(tmp_path / "a.csv")
+
+
+def test_messages_whose_keys_are_data_are_refused(tmp_path):
+    lines = [json.dumps({f"{line}_{key}": 0 for key in range(1000)}) for line in range(3)]
+    (tmp_path / "a.jsonl").write_text("\n".join(lines))
+
+    with refused_with("3000 fields"):
+        formats.read(tmp_path / "a.jsonl")

@@ -10,8 +10,8 @@ import polars as pl
 from osl_analysis.figures import marks, style
 
 WIDTHS = {"loading": 1.0, "unloading": 0.5}  # of curves [pt]
-DESIRED: dict[str, Any] = {"color": style.MAGENTA, "linestyle": "--"}
-MOST_NAMED = 16  # trials in the legend; of more, none is named
+DESIRED: dict[str, Any] = {"color": style.MAGENTA, "linestyle": "--", "label": "Desired"}
+MOST_NAMED = 16  # curves in the legend; of more, none is named
 
 
 def points(curves: pl.DataFrame, trials: pl.DataFrame) -> pl.DataFrame:
@@ -37,6 +37,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
                 "linewidth": WIDTHS[branch],
                 "linestyle": ":" if marks.has_doubtful(curve) else "-",
                 "url": marks.place_in_report(trial),
+                "label": style.drawn_name(trial),
             }
             torque.plot(curve["angle_deg"], curve["torque"], **look)
             if branch == "loading":
@@ -55,11 +56,6 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
         marks.key(branch.capitalize(), color=style.BLACK, linewidth=width)
         for branch, width in WIDTHS.items()
     ]
-    if style.has_values(table, "desired_torque"):
-        keys.append(marks.key("Desired", **DESIRED))
-    if marks.has_doubtful(table):
-        keys.append(marks.key("Doubtful trial", color=style.BLACK, linestyle=":"))
-    if len(trials) <= MOST_NAMED:
-        keys += [marks.key(style.drawn_name(name), color=colours[name]) for name in trials]
-    marks.legend_above(figure, keys)
+    named = marks.labelled(axes)
+    marks.legend_above(figure, keys + named if len(named) <= MOST_NAMED else keys)
     return figure

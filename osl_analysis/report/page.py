@@ -245,11 +245,8 @@ def condition_text(row: Mapping[str, Any]) -> str:
 def estimate_rows(fits: pl.DataFrame, table: str) -> list[list[str]]:
     """The estimates of a trial with their intervals, a row per fit; the heads have the units."""
     described = described_tables_by_name()[table].columns
-    names = []
-    for name in fits.columns:
-        has_interval = f"{name}_low" in fits.columns
-        if (has_interval or name == "VAF") and fits[name].count():
-            names.append(name)
+    known = [name for name in fits.columns if fits[name].count()]
+    names = [name for name in known if name == "VAF" or f"{name}_low" in fits.columns]
     rows = [["amplitude [deg]", *(f"{name} [{described[name].unit}]" for name in names)]]
     for fit in fits.iter_rows(named=True):
         amplitude = fit.get("amplitude_deg")

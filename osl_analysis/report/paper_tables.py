@@ -166,36 +166,29 @@ def condition_rows(of_conditions: Sequence[Condition]) -> list[list[str]]:
 def budget_table(budget: pl.DataFrame, impedance: pl.DataFrame) -> list[list[str]]:
     """What makes the intervals of the estimates of whole trials: half-widths by part and of all of
     it, and half of the range over motions; the median over the trials of a condition."""
+    condition_of = {row["trial"]: condition_name(row) for row in impedance.to_dicts()}
+    widths_of: dict[tuple[str, str], list[list[float]]] = {}
     whole = budget.filter(pl.col("amplitude_deg").is_null())
-    rows: dict[tuple[str, str], list[list[float]]] = {}
-    conditions_of = {row["trial"]: row for row in impedance.to_dicts()}
-    for (trial, name), of_estimate in whole.group_by("trial", "estimate", maintain_order=True):
-        cells = [conditions_of.get(str(trial), {}).get(column) for column in STATED]
-        condition = ", ".join(stated_text(cell) for cell in cells if cell not in (None, ""))
-        if not condition and trial in conditions_of:
-            condition = str(trial)  # it may have been asked for another K than trials like it
-        found = budgets_in(of_estimate.to_dicts(), {str(name): 0.0})[str(name)]
+    for (trial, name), rows in whole.group_by("trial", "estimate", maintain_order=True):
+        (found,) = budgets_in(rows.to_dicts(), {str(name): 0.0}).values()
         parts = [found.half_width(part) for part in IN_INTERVAL]
         widths = [*parts, found.half_width(), found.half_range]
-        rows.setdefault((condition, str(name)), []).append(widths)
-    heads = ["condition", "estimate", "n", *IN_INTERVAL, "all", "range"]
-    return [
-        heads,
-        *(
-            [
-                condition or NOTHING,
-                name,
-                str(len(widths)),
-                *map(short, map(median, zip(*widths, strict=True))),
-            ]
-            for (condition, name), widths in rows.items()
-        ),
-    ]
+        condition = condition_of.get(str(trial), NOTHING)
+        widths_of.setdefault((condition, str(name)), []).append(widths)
+    table = [["condition", "estimate", "n", *IN_INTERVAL, "all", "range"]]
+    for (condition, name), of_trials in widths_of.items():
+        medians = map(median, zip(*of_trials, strict=True))
+        texts = [significant(width) if width else NOTHING for width in medians]
+        table.append([condition, name, str(len(of_trials)), *texts])
+    return table
 
 
-def short(width: float) -> str:
-    """A half-width with two digits."""
-    return significant(width) if width else NOTHING
+def condition_name(row: Mapping[str, Any]) -> str:
+    """What is stated of a trial; its name where nothing is, since it may have been asked for
+    another K than trials like it."""
+    stated = [row.get(column) for column in STATED]
+    texts = [stated_text(cell) for cell in stated if cell not in (None, "")]
+    return ", ".join(texts) or str(row["trial"])
 
 
 def component_rows(

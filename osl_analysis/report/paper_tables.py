@@ -14,7 +14,7 @@ import polars as pl
 from osl_analysis.base.files import own_yaml
 from osl_analysis.judge.judging import results_in
 from osl_analysis.report.typography import in_markdown, latex_table, markdown_table
-from osl_analysis.stats.budget import IN_INTERVAL, budgets_in
+from osl_analysis.stats.budget import IN_INTERVAL, WIDE, budgets_in
 from osl_analysis.stats.repeats import OWN_CONDITION, counted, summary_row
 from osl_analysis.stats.rounding import (
     NOTHING,
@@ -45,7 +45,7 @@ class Condition:
     trials: Sequence[str]  # names; none of a group
     n: int  # trials or perturbations that count
     is_doubtful: bool  # the only trial, whose estimates these are, or all of several
-    results: Sequence[str]  # why the device is not of second order, as friction
+    results: Sequence[str]  # why the device is not of second order, as friction; what is wide
     estimates: Mapping[str, str]  # with their intervals, by symbol
     ranges: Mapping[str, str] = field(default_factory=dict)  # over their motion, by symbol
 
@@ -130,6 +130,7 @@ def groups(summary: pl.DataFrame) -> Iterator[Condition]:
         for estimator, subtracted in SUBTRACTED.items():
             rows = of_group.filter(estimator=estimator).to_dicts()
             estimates = {row["quantity"]: marked_text(row) for row in rows}
+            wide = [f"{row['quantity']} {WIDE}" for row in rows if row["verdict"] == WIDE]
             if rows:
                 yield Condition(
                     stated={
@@ -139,7 +140,7 @@ def groups(summary: pl.DataFrame) -> Iterator[Condition]:
                     trials=(),
                     n=rows[0]["n"],
                     is_doubtful=any(row["group_doubtful"] for row in rows),
-                    results=(),
+                    results=wide,
                     estimates=estimates,
                 )
 

@@ -242,8 +242,9 @@ def test_groups_of_crossings_are_rows_of_both_ensembles_with_their_doubts():
             ("K", "ensemble, predicted gait", 333.0, 321.0, 345.0),
             ("VAF", "ensemble, predicted gait", 98.0, None, None)]  # fmt: skip
     summary = pl.DataFrame(rows, columns, orient="row").with_columns(
-        group=pl.lit("all"), group_doubtful=None, n=30
-    )
+        group=pl.lit("all"), group_doubtful=None, n=30,
+        verdict=pl.when(quantity="K").then(pl.lit("wide")),
+    )  # fmt: skip
 
     of_mean, predicted = rows_of(list(paper_tables.groups(summary)))
     assert (of_mean["n"], of_mean["K"][:3], of_mean["VAF"]) == ("30", "336", "99.99")
@@ -252,6 +253,7 @@ def test_groups_of_crossings_are_rows_of_both_ensembles_with_their_doubts():
     doubted = [*paper_tables.groups(summary.with_columns(group_doubtful=doubt_of_K))]
     assert [group.is_doubtful for group in doubted] == [True, True]
     assert doubted[0].estimates == {"K": "336 (323 to 348)†", "VAF": "99.99"}
+    assert doubted[0].results == ["K wide"]
 
 
 @pytest.mark.parametrize(("beside_draft", "draft"), [(True, " 83/11 |"), (False, "")])

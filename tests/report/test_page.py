@@ -238,7 +238,7 @@ def paragraphs(sheet=(ROW,), **tables):
             "1 % of the torque's gain, 0.1 ms of the torque's delay",
         ),
         ({"impedance": {"K_d": [100.0, 200.0, 100.0]}}, "100 and 200 N·m/rad"),
-        ({"plate": {"lag_s": [-0.00001239]}}, "-0.012 ms"),
+        ({"walking_groups": {"plate_lag_s": [-0.00001239]}}, "-0.0000124 s"),
         ({"response": {"interval_method": ["periods"]}}, "whole periods"),
     ],
 )

@@ -219,7 +219,7 @@ def with_columns_of_fits(table: pl.DataFrame, name: str, fits: Sequence[Path]) -
     """A result table with the columns of its fits that it has not published."""
     if not fits:
         return table
-    keys = ["trial", "amplitude_deg"]
+    keys = [key for key in ("trial", "amplitude_deg") if key in table.columns]
     beside = read_tables(fits).select(*keys, *described_tables_by_name()[name].of_fits)
     beside = beside.cast({key: table.schema[key] for key in keys})
     return table.join(beside, on=keys, how="left", nulls_equal=True, maintain_order="left")

@@ -11,7 +11,7 @@ import numpy as np
 
 from osl_analysis.base.source_file import COMPUTED
 from osl_analysis.base.trial import COLUMNS
-from osl_analysis.base.units import dimension, is_unit
+from osl_analysis.base.units import is_unit
 from osl_analysis.base.yaml_settings import UNKNOWN
 from osl_analysis.draft.likelihood import (
     COUNTS,
@@ -22,13 +22,9 @@ from osl_analysis.draft.likelihood import (
     with_documented_unit,
 )
 from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
-from osl_analysis.ingest import LIMITS
-from osl_analysis.ingest.clock import find_edges
 
 NAMED_ALWAYS = ("theta", "torque", *LEVELS)  # columns that a draft names without a unit
 TORQUE = re.compile("(?i)torque|moment|effort|tau")  # in the name of one
-
-MOST_BETWEEN = 0.02  # share of the samples of a pulse in the middle quarters of its range
 
 
 @dataclass
@@ -143,7 +139,7 @@ def drafted_source(overview: Overview, name: str, guesses: Sequence[Guess]) -> D
                 column,
                 {**channel.address, "unit": "V"},
                 channel.name,
-                "a guess by its name or its pulses",
+                "a guess by its name",
             )
             for column, channel in pulse_channels(overview).items()
         ]
@@ -161,28 +157,14 @@ def drafted_source(overview: Overview, name: str, guesses: Sequence[Guess]) -> D
 
 def pulse_channels(overview: Overview) -> dict[str, RecordedChannel]:
     """The analog channels of a capture that are called like `sync` and `trigger`, where one alone
-    is; or the only one with a train of pulses as `sync`."""
+    is."""
     analogs = [channel for channel in overview.channels if channel.kind == "analog"]
     pulses = {}
     for column in LEVELS:
         alike = [channel for channel in analogs if likely_level(channel) == column]
-        if column == "sync" and len(alike) != 1:
-            alike = [channel for channel in analogs if is_pulse_train(channel)]
         if len(alike) == 1:
             pulses[column] = alike[0]
     return pulses
-
-
-def is_pulse_train(channel: RecordedChannel) -> bool:
-    """Whether a channel of volts stands at two levels, and changes between them often enough to
-    align clocks."""
-    level = channel.readings
-    if not level.size or channel.base[1] != dimension("V"):
-        return False
-    quarters, _ = np.histogram(level, 4)  # of its range
-    edges, _, _ = find_edges(np.arange(level.size, dtype=float), level)
-    between = quarters[1:3].sum()
-    return bool(between <= MOST_BETWEEN * level.size and edges.size >= LIMITS.fewest_alike + 2)
 
 
 def entries_of(guesses: Sequence[Guess]) -> list[Entry]:

@@ -100,7 +100,7 @@ def headline_of_responses(
     changes = np.mean([response.changes for response in responses], axis=0)
     errors = [
         *of_set_up(mean, changes, plate, timing),
-        *of_onset(mean, timing, group.time[1] - group.time[0]),
+        of_onset(mean, timing, group.time[1] - group.time[0]),
     ]
     return GroupHeadline(
         responses,
@@ -129,21 +129,19 @@ def with_budgets(
     for i in range(crossings):
         chosen = () if choice is None else choice.best(i)
         without_unperturbed.append(group.without(i, axis=1).fitted(chosen).fit.estimates)
-    of_crossings = jackknife_ses(without_perturbed)
-    of_gait = jackknife_ses(without_unperturbed)
-
+    freedom = float(crossings - 1 - len(predictors))
+    rows = [
+        of_source("crossings", jackknife_ses(without_perturbed), replace(SCATTER, freedom=n - 1.0)),
+        of_source(
+            "mean_gait", jackknife_ses(without_unperturbed), replace(SCATTER, freedom=freedom)
+        ),
+        *errors,
+        *of_choices(response),
+    ]
     budgets = {}
-    rows = [*errors, *of_choices(response)]
-    for k, name in enumerate(ESTIMATED):
-        freedom = crossings - 1 - len(predictors)
-        budgets[name] = Budget(
-            response.fit[name],
-            (
-                measured("crossings", of_crossings[k], n - 1),
-                measured("mean_gait", of_gait[k], freedom),
-                *(row[name] for row in rows if name in row),
-            ),
-        )
+    for name in ESTIMATED:
+        found = tuple(row[name] for row in rows if name in row)
+        budgets[name] = Budget(response.fit[name], found)
     return GroupFit(response, budgets)
 
 
@@ -159,11 +157,7 @@ def with_late_torque(fit: GroupFit) -> GroupFit:
     )
 
 
-def measured(source: str, standard: float, freedom: float) -> Contribution:
-    """What scatters in this campaign."""
-    return Contribution(source, float(standard), freedom, "measured", "repeatability")
-
-
+SCATTER = Contribution("", None, basis="measured", part="repeatability")  # of this campaign
 SHARED = Contribution("", None, basis="measured", shared=True)  # by all crossings
 LATE = Contribution("", None, basis="measured", part="fault", detail="a lag that makes I negative")
 CHOSEN = Contribution("", None, basis="assumed", part="motion")  # half of another choice's change
@@ -226,13 +220,11 @@ def of_choices(response: EnsembleResponse) -> list[Contributions]:
     return rows
 
 
-def of_onset(response: EnsembleResponse, timing: PlateTiming, step_s: float) -> list[Contributions]:
-    """What an error of all onsets contributes; none where they are not of a mean ramp."""
-    if timing.onset_se is None:
-        return []
+def of_onset(response: EnsembleResponse, timing: PlateTiming, step_s: float) -> Contributions:
+    """What an error of all onsets contributes."""
     first = response.window.start
     last = response.window.stop
     earlier = response.estimates_in(slice(first - 1, last - 1))
     later = response.estimates_in(slice(first + 1, last + 1))
     frames = timing.onset_se / step_s
-    return [of_source("onset", frames * (later - earlier) / 2)]
+    return of_source("onset", frames * (later - earlier) / 2)

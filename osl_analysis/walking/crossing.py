@@ -466,7 +466,7 @@ def analyse_crossing(
         load=load,
         stance=passage.stance,
         onset=passage.onset,
-        bridged=float(np.mean(bridged[passage.stance.contains(passage.time)])),
+        bridged=np.mean(bridged[passage.stance.contains(passage.time)]),
         changes=changes,
         quality=crossing_quality(trial, passage, ankle, load, calibration, settings),
         turn=turn,
@@ -491,4 +491,4 @@ def platform_turn(time: Array, turned: Poses, axis: Array, window: tuple[float, 
     rotation = turned.rotation[(time >= window[0]) & (time <= window[1])]
     vectors = scipy.spatial.transform.Rotation.from_matrix(rotation @ rotation[0].T).as_rotvec()
     turns = -vectors @ axis.mean(axis=0)
-    return float(turns[np.argmax(np.abs(turns))])
+    return turns[np.argmax(np.abs(turns))]

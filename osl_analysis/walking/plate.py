@@ -69,7 +69,7 @@ def find_stances(time: Array, force: Array, on: float, off: float, shortest: flo
             fall = slice(contact.stop - 1, contact.stop + 1)
             heel_strike = np.interp(on, force[rise], time[rise])
             toe_off = np.interp(-off, -force[fall], time[fall])
-            stances.append(Stance(float(heel_strike), float(toe_off)))
+            stances.append(Stance(heel_strike, toe_off))
     return [stance for stance in stances if stance.duration >= shortest]
 
 

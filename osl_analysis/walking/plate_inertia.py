@@ -626,7 +626,7 @@ def height_of(directions: Array, recordings: Sequence[Shown]) -> float:
     squares = X.T @ X
     squares[:-1, :-1] -= of_noise.T @ of_noise
     estimates = np.linalg.pinv(squares, hermitian=True) @ X.T @ (wrench * WEIGHT).T.ravel()
-    return float(estimates[-1])
+    return estimates[-1]
 
 
 def plate_table(model: PlateModel) -> pl.DataFrame:

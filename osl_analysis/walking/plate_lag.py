@@ -51,7 +51,7 @@ class PlateTiming:
     change: float | None = None
     scatter: float | None = None  # [s] from recording to recording, beyond noise
     drift: float | None = None  # change per time within a recording, beyond noise
-    onset_se: float | None = None  # standard error [s] that all onsets share
+    onset_se: float = 0.0  # standard error [s] that all onsets share
 
 
 def timing_of(

@@ -292,14 +292,14 @@ def ramp_of(time: Array, platform: Poses, smallest_turn: float) -> Ramp | None:
     return Ramp(time, angle)
 
 
-def ramp_onsets(ramps: Mapping[str, Ramp]) -> tuple[dict[str, float], float | None]:
+def ramp_onsets(ramps: Mapping[str, Ramp]) -> tuple[dict[str, float], float]:
     """Find the onsets [s] of ramps, by trial, from their time shifts against the mean ramp.
 
     A ramp may have any height. One that does not follow the mean has an onset by itself. The second
-    result is the standard error [s] that all share; None without ramps.
+    result is the standard error [s] that all share.
     """
     if not ramps:
-        return {}, None
+        return {}, 0.0
     starts, se, follow = align(list(ramps.values()))
     onsets = dict(zip(ramps, starts.tolist(), strict=True))
     for (name, ramp), follows in zip(ramps.items(), follow, strict=True):
@@ -382,4 +382,4 @@ def start_of_rise(time: Array, ramp: Array) -> tuple[float, float]:
     start = fits[best if is_certain else USUAL_STEP].x[0]
     likelihoods = [np.exp(fits[best].cost - fit.cost) for fit in fits.values()]
     squares = [(fit.x[0] - start) ** 2 for fit in fits.values()]
-    return float(start), float(np.sqrt(np.average(squares, weights=likelihoods)))
+    return start, float(np.sqrt(np.average(squares, weights=likelihoods)))

@@ -93,7 +93,7 @@ def differences(
 
 def root_mean_square(distances: Array) -> float:
     """RMS length of vectors (k, 3)."""
-    return float(np.linalg.norm(distances) / np.sqrt(len(distances)))
+    return np.linalg.norm(distances) / np.sqrt(len(distances))
 
 
 @dataclass(frozen=True)
@@ -132,8 +132,8 @@ def crossing_quality(
     unlike_static = differences(trial, passage, ankle, calibration, settings)
     different = max(unlike_static, key=lambda what: unlike_static[what])
     return CrossingQuality(
-        foot_forward_m=float(foot_forward_m),
-        foot_left_m=float(foot_left_m),
+        foot_forward_m=foot_forward_m,
+        foot_left_m=foot_left_m,
         foot_outside_m=furthest_outside(markers.reshape(-1, 3), passage.corners),
         pressure_outside_m=pressure_outside(pressure, markers),
         different=different,

@@ -93,7 +93,7 @@ def coherence_of(responses: Sequence[PerturbationResponse]) -> float:
         [response.thetas[:, window].var(axis=0, ddof=1) for response in responses]
     )
     of_singles = max(rms(angles) ** 2 - gait_variance, of_mean**2)
-    return of_mean / float(np.sqrt(of_singles))
+    return of_mean / np.sqrt(of_singles)
 
 
 def conditions_of(

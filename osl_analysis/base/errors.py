@@ -31,8 +31,8 @@ def on_one_line(fault: object) -> str:
 
 
 def listing(names: Sequence[str], most: int = 10) -> str:
-    """Names for a message to the user, at most `most` of them, each shortened."""
-    text = ", ".join(map(shortened, names[:most])) or "none"
+    """Names for a message to the user, at most `most` of them, each printable and shortened."""
+    text = printable(", ".join(map(shortened, names[:most]))) or "none"
     if len(names) > most:
         text += f", ... ({len(names)} in all)"
     return text

@@ -86,12 +86,17 @@ def seen_from(folder: Path, path: Path) -> Path:
 def check_target(path: Path) -> None:
     """Refuse to replace anything but a regular file. Renaming onto `/dev/null` would delete it for
     everybody."""
-    try:
-        str(path).encode()
-    except UnicodeEncodeError as error:  # the libraries that write tables take only names in UTF-8
-        raise InputError(f"{path}: its name is not UTF-8", "choose another name") from error
+    check_name(path)
     if path.exists() and not path.is_file():
         raise InputError(f"{path}: is a folder or a device", "name a file")
+
+
+def check_name(path: Path) -> None:
+    """Refuse a name that is not UTF-8, which the libraries that write tables do not take."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError as error:
+        raise InputError(f"{path}: its name is not UTF-8", "choose another name") from error
 
 
 def temporary_path(path: Path, pid: int) -> Path:

@@ -52,9 +52,10 @@ def stem_of(path: Path) -> str:
 
 
 def trial_name(path: Path) -> str:
-    """A name for the trial of a file: that of the file without its ending, with `_` for what a name
-    may not have."""
-    return re.sub(r"[^A-Za-z0-9_.-]+", "_", stem_of(path)).lstrip("_.-") or "trial"
+    """A name for the trial of a file: that of the file without its ending, of at most 60 letters,
+    with `_` for what a name may not have."""
+    name = re.sub(r"[^A-Za-z0-9_.-]+", "_", stem_of(path)).lstrip("_.-")
+    return name[:60] or "trial"
 
 
 def draft_trials(

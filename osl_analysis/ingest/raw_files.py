@@ -16,7 +16,7 @@ import polars as pl
 
 from osl_analysis import formats
 from osl_analysis.base.errors import InputError, naming, nearest, printable
-from osl_analysis.base.files import DISTRIBUTION, digest
+from osl_analysis.base.files import DISTRIBUTION, check_name, digest
 from osl_analysis.base.source_file import MarkerSource, MessageSource, Source, TableSource
 from osl_analysis.base.trial import Trial
 from osl_analysis.base.yaml_settings import read_mapping, read_yaml, text_in
@@ -325,7 +325,8 @@ def check_markers(trial: Trial, experiment: str | None) -> None:
 
 def check_file(path: Path) -> None:
     """Refuse a file that is missing or empty, and what is no recording: a device, a pipe, a folder
-    without parts."""
+    without parts. And a name that no sheet can hold."""
+    check_name(path)
     if path.is_dir():
         readers = formats.formats_of(path)
         if not readers:

@@ -11,8 +11,8 @@ import pytest
 from conftest import refused_with
 from polars.testing import assert_frame_equal
 
-from osl_analysis.base.errors import WriteError
-from osl_analysis.base.files import ROOT, atomic_path, default_config, seen_from
+from osl_analysis.base.errors import WriteError, listing
+from osl_analysis.base.files import ROOT, atomic_path, check_name, default_config, seen_from
 from osl_analysis.base.memory import VARIABLE, allowed_memory
 from osl_analysis.base.table import read_table, read_tables
 
@@ -53,6 +53,13 @@ def test_a_full_disk_is_told_with_the_file_that_was_to_be_written(tmp_path, fail
 def test_an_error_of_another_file_within_the_block_stays_as_it_is(tmp_path):
     with pytest.raises(FileNotFoundError), atomic_path(tmp_path / "table.csv"):
         (tmp_path / "recording.csv").read_text()
+
+
+def test_a_name_that_is_not_utf_8_is_refused_and_can_be_listed():
+    with refused_with(r"k\\udcff: its name"):
+        check_name(Path("k\udcff"))
+
+    assert listing(["k\udcff"]).isprintable()
 
 
 def test_tables_are_read_below_one_another_as_each_of_them(tmp_path):

@@ -20,8 +20,7 @@ from osl_analysis.bench.regression import GroupFit, Model, fit_groups, gram_sums
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
 from osl_analysis.signals import runs
 from osl_analysis.signals.grid import BRIDGE_MORE
-from osl_analysis.stats.budget import Contribution
-from osl_analysis.stats.estimates import Row
+from osl_analysis.stats.budget import Contribution, Row
 
 STRAIGHT: Model = {"K_s": "theta", "offset": "one"}
 STRAIGHT_AND_DAMPED: Model = {**STRAIGHT, "B_loading": "omega"}

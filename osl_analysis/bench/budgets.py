@@ -14,8 +14,7 @@ from osl_analysis.bench.impedance import Analysis
 from osl_analysis.bench.record import Record
 from osl_analysis.dictionary import described_tables_by_name, table_of
 from osl_analysis.inference import ImpedanceInference
-from osl_analysis.stats.budget import LIKELY, Budget, Contribution, budget_rows
-from osl_analysis.stats.estimates import Row
+from osl_analysis.stats.budget import LIKELY, Budget, Contribution, Row, budget_rows
 
 VISCOELASTIC = "viscoelastic branch"
 # rivals that are properties of a joint, and no faults

@@ -26,8 +26,7 @@ from osl_analysis.bench.regression import (
     gram_sums,
 )
 from osl_analysis.signals.grid import origin
-from osl_analysis.stats.budget import NORMAL_HALF_WIDTH, Budget
-from osl_analysis.stats.estimates import Row
+from osl_analysis.stats.budget import NORMAL_HALF_WIDTH, Budget, Row
 
 JOINT_SIDE = "theta_joint"  # column of the angle between frame and joint
 SPRING_LOSS = 1e-3

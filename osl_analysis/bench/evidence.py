@@ -36,8 +36,7 @@ from osl_analysis.model.drivetrain import (
     StatedOfDevice,
     joint_admittance,
 )
-from osl_analysis.stats.budget import LIKELY, Budget, Contribution, unknown
-from osl_analysis.stats.estimates import Row
+from osl_analysis.stats.budget import LIKELY, Budget, Contribution, Row, unknown
 from osl_analysis.stats.rounding import significant
 
 LARGE_DELAY = 0.05  # share of B that the half-width of a leg's delay may make before it is told

@@ -26,8 +26,7 @@ from osl_analysis.bench.regression import (
 )
 from osl_analysis.inference.rounding_errors import errors_by_steps
 from osl_analysis.signals import seven_point_motion
-from osl_analysis.stats.budget import Budget
-from osl_analysis.stats.estimates import Row
+from osl_analysis.stats.budget import Budget, Row
 from osl_analysis.stats.linear_fit import solved
 
 QUANTITIES = ("K", "B", "I")  # parameters of Eq. 15

@@ -16,7 +16,7 @@ import scipy
 from osl_analysis.base.errors import IdentifiabilityError
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import Sums
-from osl_analysis.stats.estimates import Row
+from osl_analysis.stats.budget import Row
 from osl_analysis.stats.linear_fit import LinearFit, products_between
 
 FEWEST_SINES = 3  # of which two tell K from I in the lower and in the upper part of the band

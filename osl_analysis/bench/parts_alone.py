@@ -34,8 +34,7 @@ from osl_analysis.bench.regression import (
 from osl_analysis.signals import Motion, differentiate, runs
 from osl_analysis.signals.grid import UniformSignals
 from osl_analysis.signals.plateaus import FEWEST_PLATEAUS, is_clamped, plateaus_of
-from osl_analysis.stats.budget import Budget, Contribution, unknown
-from osl_analysis.stats.estimates import Row
+from osl_analysis.stats.budget import Budget, Contribution, Row, unknown
 
 PROPERTIES_OF_LOSSES = {"B_j": "friction", "J_j": "weight_on_joint"}
 LOSSES = ("B_j", "J_j")  # of a transmission; its table has no K

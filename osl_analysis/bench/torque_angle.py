@@ -23,8 +23,7 @@ from osl_analysis.bench.motion import signals_of
 from osl_analysis.bench.plausibility import check_changes, check_resists, check_stiffer
 from osl_analysis.dictionary import table_of
 from osl_analysis.signals.grid import UniformSignals
-from osl_analysis.stats.budget import Budget, Contribution, scatter
-from osl_analysis.stats.estimates import Row
+from osl_analysis.stats.budget import Budget, Contribution, Row, scatter
 from osl_analysis.stats.linear_fit import variance_accounted_for
 
 MEASURED = ("K", "K_unloading", "energy_stored", "energy_returned", "energy_lost")

@@ -19,6 +19,8 @@ from osl_analysis.base.measured import check_finite
 from osl_analysis.base.trial import Array
 from osl_analysis.stats.rounding import significant
 
+Row = dict[str, float | str | None]
+"""One row of a result table, by column. None becomes an empty field."""
 MOST_FREEDOM = 1 / np.finfo(float).eps  # degrees of freedom; rounding of the sum decides on more
 # standard errors of a 95 % interval where their size is known
 NORMAL_HALF_WIDTH = NormalDist().inv_cdf(0.975)

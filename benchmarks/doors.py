@@ -166,7 +166,7 @@ print(min(times))
 DRAW = """import sys, time
 from pathlib import Path
 from osl_analysis.commands.figure import draw_figure
-from osl_analysis.figures import FIGURES
+from osl_analysis.figures.drawing import (FIGURES)
 folder = Path(sys.argv[2])
 tables = [path for path in sorted(Path(sys.argv[1]).glob("*.csv")) if path.stem in FIGURES]
 for again in range(2):  # the first time imports and finds fonts

@@ -11,7 +11,7 @@ from docutils import nodes
 from docutils.utils.math import latex2mathml
 
 from osl_analysis.commands.tables import described_checks
-from osl_analysis.dictionary import described_tables
+from osl_analysis.dictionary.described import described_tables
 from osl_analysis.report.typography import markdown_table
 
 project = "osl-impedance"

@@ -18,7 +18,7 @@ from osl_analysis.campaign.configuration import Config, config_for_trials
 from osl_analysis.commands.fit import fit_trial, run_fit
 from osl_analysis.commands.fit_results import Fit
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
-from osl_analysis.figures import columns_of, drawn, look_numbers, plotted_numbers
+from osl_analysis.figures.drawing import columns_of, drawn, look_numbers, plotted_numbers
 from osl_analysis.ingest.quality import Commanded, measure_quality
 from osl_analysis.judge.judging import judged, marked, with_doubts_of
 from osl_analysis.judge.recording_checks import judged_table, measured_table, validate_rules

@@ -61,7 +61,7 @@ from osl_analysis.commands.run import left_out_recordings, start_campaign
 from osl_analysis.config.experiments import DOUBTS_OF, EXPERIMENTS, JUDGED_TABLES
 from osl_analysis.config.sheet import ON_DYNAMOMETER
 from osl_analysis.base.errors import OslAnalysisError, listing, nearest
-from osl_analysis.figures import FIGURES
+from osl_analysis.figures.drawing import FIGURES
 from osl_analysis.jobs.progress import LogHandler
 from osl_analysis.jobs.snakemake_attributes import (
     configuration_files,

@@ -12,7 +12,7 @@ import polars as pl
 
 from osl_analysis.bench.impedance import Analysis
 from osl_analysis.bench.record import Record
-from osl_analysis.dictionary import described_tables_by_name, table_of
+from osl_analysis.dictionary.described import described_tables_by_name, table_of
 from osl_analysis.inference import ImpedanceInference
 from osl_analysis.stats.budget import LIKELY, Budget, Contribution, Row, budget_rows
 

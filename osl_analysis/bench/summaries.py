@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import polars as pl
 
 from osl_analysis.bench.parts_alone import ACTUATOR_PARAMETERS, LOSSES
-from osl_analysis.dictionary import described_tables_by_name, table_of
+from osl_analysis.dictionary.described import described_tables_by_name, table_of
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.stats.repeats import alike_sizes, is_doubtful, summary_of_trials, summary_row
 

@@ -21,7 +21,7 @@ from osl_analysis.bench.bench_settings import TorqueAngleAnalysis
 from osl_analysis.bench.cycles import BRANCHES, Loop, find_loop, loop_errors, whole
 from osl_analysis.bench.motion import signals_of
 from osl_analysis.bench.plausibility import check_changes, check_resists, check_stiffer
-from osl_analysis.dictionary import table_of
+from osl_analysis.dictionary.described import table_of
 from osl_analysis.signals.grid import UniformSignals
 from osl_analysis.stats.budget import Budget, Contribution, Row, scatter
 from osl_analysis.stats.linear_fit import variance_accounted_for

@@ -15,8 +15,8 @@ from osl_analysis.base.table import ARCHIVE_SUFFIX
 from osl_analysis.campaign.campaign_trials import Campaign
 from osl_analysis.campaign.configuration import FrequencyResponseFigure
 from osl_analysis.config.experiments import EXPERIMENTS, JUDGED_TABLES, TABLES_OF_TRIALS
-from osl_analysis.dictionary import described_tables_by_name
-from osl_analysis.figures import FIGURES
+from osl_analysis.dictionary.described import described_tables_by_name
+from osl_analysis.figures.drawing import FIGURES
 from osl_analysis.judge.claims import read_claims
 
 # Experiments that measure the components of the drivetrain

@@ -23,8 +23,8 @@ from osl_analysis.base.table import (
 from osl_analysis.bench.summaries import PLACE
 from osl_analysis.campaign.configuration import FrequencyResponseFigure
 from osl_analysis.commands.walking import read_unperturbed_gaits, selected_crossings
-from osl_analysis.dictionary import described_tables_by_name
-from osl_analysis.figures import (
+from osl_analysis.dictionary.described import described_tables_by_name
+from osl_analysis.figures.drawing import (
     FIGURES,
     caption_of,
     columns_of,

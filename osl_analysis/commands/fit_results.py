@@ -18,8 +18,8 @@ from pydantic_core import to_json
 from osl_analysis.base.errors import nearest, printable_lines
 from osl_analysis.base.trial import Array
 from osl_analysis.bench.impedance import Analysis
-from osl_analysis.dictionary import described_tables_by_name, table_of
-from osl_analysis.figures import completed, drawn
+from osl_analysis.dictionary.described import described_tables_by_name, table_of
+from osl_analysis.figures.drawing import completed, drawn
 from osl_analysis.judge.finding import Finding, Grade
 from osl_analysis.judge.judging import fit_of, rows_by_fit
 from osl_analysis.judge.words import finding_text, words_of

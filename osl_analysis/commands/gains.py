@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from osl_analysis.base.errors import naming
 from osl_analysis.base.table import write_table
 from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
-from osl_analysis.dictionary import described_tables_by_name
+from osl_analysis.dictionary.described import described_tables_by_name
 from osl_analysis.model import compensator, drivetrain
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.rendered_impedance import predicted_impedance, rendering

@@ -16,7 +16,7 @@ import polars as pl
 from osl_analysis.base.errors import Change, InputError, OslAnalysisError
 from osl_analysis.base.trial import Trial
 from osl_analysis.commands.fit_results import FitTables, estimated, printed_units
-from osl_analysis.dictionary import table_of
+from osl_analysis.dictionary.described import table_of
 from osl_analysis.ingest.guard import in_other_units, swapped_channels
 from osl_analysis.stats.budget import LIKELY
 from osl_analysis.stats.rounding import written

@@ -16,7 +16,7 @@ from osl_analysis.base.yaml_settings import FilesByName
 from osl_analysis.campaign.origin import sentence
 from osl_analysis.commands.figure import caption, reasons_not_drawn
 from osl_analysis.commands.tables import read_summary
-from osl_analysis.figures import figure_title
+from osl_analysis.figures.drawing import figure_title
 from osl_analysis.judge.campaign import exclusion_report, findings_in_summary
 from osl_analysis.judge.finding import read_findings
 from osl_analysis.judge.recording_checks import BY_JOB

@@ -31,7 +31,7 @@ from osl_analysis.base.yaml_settings import FilesByName
 from osl_analysis.campaign.origin import sentence
 from osl_analysis.campaign.trace import code, digest_of, trace
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.dictionary import described_tables, described_tables_by_name
+from osl_analysis.dictionary.described import described_tables, described_tables_by_name
 from osl_analysis.judge.campaign import (
     campaign_findings,
     causes_in_campaign,

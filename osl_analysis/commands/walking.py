@@ -32,7 +32,7 @@ from osl_analysis.base.trial import (
     read_trial,
     write_trial,
 )
-from osl_analysis.dictionary import columns_of_trial
+from osl_analysis.dictionary.described import columns_of_trial
 from osl_analysis.judge.judging import EXCLUDED
 from osl_analysis.walking import tables as result_tables
 from osl_analysis.walking import walking_settings as choices

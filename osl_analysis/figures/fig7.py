@@ -12,7 +12,8 @@ from matplotlib.lines import Line2D
 
 from osl_analysis.bench.evidence import DesiredImpedance
 from osl_analysis.bench.summaries import PLACE
-from osl_analysis.figures import DESIRED, LINEAR_MODEL, OBSERVED, marks, style
+from osl_analysis.figures import marks, style
+from osl_analysis.figures.drawing import DESIRED, LINEAR_MODEL, OBSERVED
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import (
     DrivetrainParameters,

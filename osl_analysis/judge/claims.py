@@ -24,7 +24,7 @@ from osl_analysis.base.yaml_settings import (
     validated,
 )
 from osl_analysis.bench.summaries import PLACE
-from osl_analysis.dictionary import described_tables_by_name, table_of
+from osl_analysis.dictionary.described import described_tables_by_name, table_of
 from osl_analysis.stats.repeats import RANGE, counted
 
 NOT_TESTED = "not tested"

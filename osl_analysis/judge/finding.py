@@ -11,7 +11,7 @@ from typing import NamedTuple
 import polars as pl
 
 from osl_analysis.base.table import not_analysed, read_table
-from osl_analysis.dictionary import described_tables_by_name, table_of
+from osl_analysis.dictionary.described import described_tables_by_name, table_of
 from osl_analysis.judge.known_findings import Rule, known_finding
 
 AnyRow = Mapping[str, object]  # a row of a result table

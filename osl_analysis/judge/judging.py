@@ -11,7 +11,7 @@ import polars as pl
 
 from osl_analysis.base.units import known_factor
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.dictionary import described_tables_by_name
+from osl_analysis.dictionary.described import described_tables_by_name
 from osl_analysis.judge.finding import AnyRow, Beyond, Finding, Grade, cell_number, subject_of
 from osl_analysis.judge.known_findings import (
     FINDINGS,

@@ -11,7 +11,7 @@ from osl_analysis.base.errors import nearest
 from osl_analysis.base.files import own_yaml
 from osl_analysis.base.yaml_settings import OF_EARLIER_RELEASE, NotNegative, Settings, misplaced
 from osl_analysis.config.experiments import JUDGED_TABLES
-from osl_analysis.dictionary import described_tables_by_name
+from osl_analysis.dictionary.described import described_tables_by_name
 from osl_analysis.judge.known_findings import SIDES, rule_of
 
 SHIPPED: dict[str, Any] = own_yaml(Path(__file__).with_name("deciding_defaults.yaml"))

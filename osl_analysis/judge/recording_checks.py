@@ -18,7 +18,7 @@ from pydantic import ConfigDict, Field, model_validator
 from osl_analysis.base.errors import InputError, nearest
 from osl_analysis.base.table import unquoted
 from osl_analysis.base.yaml_settings import Settings, misplaced, text_in
-from osl_analysis.dictionary import table_of
+from osl_analysis.dictionary.described import table_of
 from osl_analysis.ingest.quality import CheckResult
 from osl_analysis.judge.known_findings import CHECKS, FINDINGS
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import polars as pl
 
-from osl_analysis.figures import look_numbers
+from osl_analysis.figures.drawing import look_numbers
 from osl_analysis.report.numbers import MOST_IN_SENTENCE
 from osl_analysis.stats.repeats import counted
 from osl_analysis.stats.rounding import significant

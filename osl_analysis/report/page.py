@@ -14,7 +14,7 @@ from markupsafe import Markup, escape
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.sheet import RECORDINGS, SOURCES
-from osl_analysis.dictionary import described_tables_by_name
+from osl_analysis.dictionary.described import described_tables_by_name
 from osl_analysis.judge.campaign import CampaignFinding
 from osl_analysis.judge.finding import Grade, WordedFinding
 from osl_analysis.judge.judging import fit_of, rows_by_fit

@@ -34,7 +34,8 @@ import snakemake.cli, snakemake.api, snakemake.workflow, snakemake.dag, snakemak
 import pandas, smart_open
 import osl_analysis.judge.campaign, osl_analysis.base.table, osl_analysis.commands.run
 import osl_analysis.commands.run
-import osl_analysis.commands.simulate, osl_analysis.campaign.campaign_trials, osl_analysis.figures
+import osl_analysis.commands.simulate, osl_analysis.campaign.campaign_trials
+import osl_analysis.figures.drawing
 import osl_analysis.campaign.result_files, osl_analysis.campaign.origin
 import osl_analysis.report.verdicts, osl_analysis.report.numbers
 import osl_analysis.cli

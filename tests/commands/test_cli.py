@@ -27,7 +27,7 @@ from osl_analysis.base.table import write_table
 from osl_analysis.base.trial import Trial, write_trial
 from osl_analysis.cli import main
 from osl_analysis.commands.figure import write_figure
-from osl_analysis.figures import completed, drawn
+from osl_analysis.figures.drawing import completed, drawn
 
 pytestmark = pytest.mark.usefixtures("in_root")
 linux_alone = pytest.mark.skipif(sys.platform != "linux", reason="the limit is Linux's")

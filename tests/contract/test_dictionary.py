@@ -22,7 +22,7 @@ from osl_analysis.base.table import (
 )
 from osl_analysis.base.yaml_settings import read_mapping
 from osl_analysis.commands.run import check_working_folder
-from osl_analysis.dictionary import HERE
+from osl_analysis.dictionary.described import HERE
 
 
 @pytest.mark.parametrize(

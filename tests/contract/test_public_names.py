@@ -19,7 +19,7 @@ from conftest import ROOT, joint_trial, refused_with, white_noise
 import osl_analysis as osl
 from osl_analysis.base.table import SCHEMA, write_table
 from osl_analysis.base.trial import SCHEMA_KEY, write_trial
-from osl_analysis.figures import completed
+from osl_analysis.figures.drawing import completed
 
 FUNCTIONS = [name for name in osl.__all__ if inspect.isfunction(getattr(osl, name))]
 SOURCE = "format: csv\nclock: master\ntime: {column: t, unit: s}\nchannels:\n"

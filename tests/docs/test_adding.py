@@ -101,7 +101,7 @@ with suppress(SystemExit):
     snakemake.cli.main([*targets, "--configfile", "config.yaml", "--cores", "1"])
 
 from osl_analysis.cli import main
-from osl_analysis.figures import drawn, plotted_numbers
+from osl_analysis.figures.drawing import (drawn, plotted_numbers)
 from osl_analysis.judge.limits import Limits
 from osl_analysis.judge.judging import judged
 from osl_analysis.judge.words import finding_text

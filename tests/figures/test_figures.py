@@ -19,14 +19,8 @@ from osl_analysis.commands.figure import (
     write_figure,
 )
 from osl_analysis.config.impedance_trajectory import STANCE_SHARE
-from osl_analysis.figures import (
-    FIGURES,
-    LINEAR_MODEL,
-    drawn,
-    look_numbers,
-    plotted_numbers,
-    style,
-)
+from osl_analysis.figures import style
+from osl_analysis.figures.drawing import FIGURES, LINEAR_MODEL, drawn, look_numbers, plotted_numbers
 from osl_analysis.figures.style import DOUBLE_COLUMN, SINGLE_COLUMN, paper_style
 from osl_analysis.model.compensator import CONTROLLERS, PAPER_WEIGHT
 

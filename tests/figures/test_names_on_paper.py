@@ -17,7 +17,7 @@ from osl_analysis.campaign.origin import about, sentence
 from osl_analysis.campaign.result_files import response_example, time_series_example
 from osl_analysis.commands.figure import fig7
 from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
-from osl_analysis.figures import drawn, plotted_numbers
+from osl_analysis.figures.drawing import drawn, plotted_numbers
 from osl_analysis.figures.style import by_controller, paper_style
 from osl_analysis.model.compensator import PAPER_WEIGHT
 

@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 from conftest import findings_of
 
-from osl_analysis.dictionary import table_of
+from osl_analysis.dictionary.described import table_of
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.judging import judged, marked, verdicts_of
 from osl_analysis.judge.known_findings import CHECKS

@@ -319,6 +319,6 @@ def test_the_answer_leaves_out_an_estimate_that_is_doubtful(doubted, told):
 
 
 def test_every_number_is_of_a_table_that_the_dictionary_describes():
-    from osl_analysis.dictionary import described_tables_by_name
+    from osl_analysis.dictionary.described import described_tables_by_name
 
     assert {entry.table for entry in ENTRIES} <= set(described_tables_by_name())

@@ -15,7 +15,7 @@ from page_builder import ABOUT, PART, REMARK, ROW, WHOLE, page, view, worded
 
 from osl_analysis.bench.bench_settings import NOT_STATED, Calibration
 from osl_analysis.commands.report import rates_of, signals_of
-from osl_analysis.dictionary import table_of
+from osl_analysis.dictionary.described import table_of
 from osl_analysis.report import methods
 from osl_analysis.report.page import ShownFigure, trial_view, with_symbols, written_page
 from osl_analysis.report.paper_tables import Condition, budget_table

@@ -20,7 +20,7 @@ from snakemake_runs import FILES, OVERRIDES, Workspace, run_forked
 
 from osl_analysis.base.table import not_analysed
 from osl_analysis.campaign.configuration import overriding
-from osl_analysis.figures import FIGURES
+from osl_analysis.figures.drawing import FIGURES
 from osl_analysis.jobs.perform import NO_ARGUMENTS, ONLY_CHECKED
 from osl_analysis.report.verdicts import brief_lines
 

@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The list of figures: the numbers of each, its caption, and its drawing."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+import polars as pl
+
+from osl_analysis.base.errors import InputError
+from osl_analysis.base.files import own_yaml
+from osl_analysis.dictionary.described import TYPES, described_in
+from osl_analysis.model.compensator import CONTROLLERS
+
+if TYPE_CHECKING:
+    from osl_analysis.figures.style import PaperFigure
+
+
+@dataclass(frozen=True, kw_only=True)
+class CampaignFigure:
+    """A figure of a campaign, drawn if the campaign has what it needs; the fields are explained in
+    `figures.yaml`."""
+
+    table: str
+    caption: Sequence[str]
+    rows: str
+    columns: Mapping[str, str]
+    beside: Sequence[str] = ()
+    option: str | None = None
+    nothing: str = "no trial of the campaign has the numbers that this figure shows"
+
+
+DESCRIBED = Path(__file__).with_name("figures.yaml")
+FIGURES = {
+    place.removeprefix("figures/"): CampaignFigure(**entry)
+    for place, entry in own_yaml(DESCRIBED).items()
+}
+# kinds of `curve` in Fig. 7
+OBSERVED = "observed"
+DESIRED = "desired"
+LINEAR_MODEL = "linear model"
+
+
+def figure_title(figure: str) -> str:
+    """The title of a figure's section: `Fig. 5` of `fig5`, `Walking page` of `walking_page`."""
+    number = figure.removeprefix("fig")
+    return f"Fig. {number}" if number.isdecimal() else figure.replace("_", " ").capitalize()
+
+
+def columns_of(name: str) -> dict[str, type[pl.DataType]]:
+    """The columns of a figure's plotted numbers with their types.
+
+    Raises
+    ------
+    InputError
+        There is no such figure.
+    """
+    if name not in FIGURES:
+        raise InputError(f"no figure '{name}'", f"there are {', '.join(FIGURES)}")
+    (table,) = [table for table in described_in(DESCRIBED) if table.place == f"figures/{name}"]
+    units = {column.name: column.unit for column in table.columns.values()}
+    del units["data"]  # which the writer adds
+    return {name: TYPES.get(unit, pl.Float64) for name, unit in units.items()}
+
+
+def module_of(name: str) -> ModuleType:
+    """The module that draws a figure; it is imported only when it is needed: importing matplotlib
+    takes half a second."""
+    return import_module(f"osl_analysis.figures.{name}")
+
+
+def plotted_numbers(name: str, table: pl.DataFrame, *others: Any) -> pl.DataFrame:
+    """Select what a figure plots.
+
+    Parameters
+    ----------
+    name : str
+        Of the figure.
+    table : DataFrame
+        Its result table.
+    *others
+        What else the figure's function `points` takes: tables, and the value of a setting.
+
+    Returns
+    -------
+    DataFrame
+        Rows of the figure's columns. A column that no table has is null.
+    """
+    columns = columns_of(name)
+    module = module_of(name)
+    points: pl.DataFrame = module.points(table, *others) if hasattr(module, "points") else table
+    if "look" in columns and "look" not in points.columns:
+        points = points.with_columns(look_numbers(points["controller"]))
+    return completed(name, points)
+
+
+def completed(name: str, points: pl.DataFrame) -> pl.DataFrame:
+    """The columns of a figure's plotted numbers; one that the points have not is null."""
+    columns = columns_of(name)
+    absent = [column for column in columns if column not in points.columns]
+    points = points.with_columns(pl.lit(None, columns[column]).alias(column) for column in absent)
+    return points.select(*columns)
+
+
+def caption_of(name: str, numbers: pl.DataFrame) -> list[str]:
+    """The sentences of a figure's caption that speak of what is drawn of these plotted numbers."""
+    sentences = []
+    for text in FIGURES[name].caption:
+        *condition, sentence = text.split(" => ")
+        if all(numbers.select(pl.sql_expr(each).any()).item() for each in condition):
+            sentences.append(sentence)
+    return sentences
+
+
+def look_numbers(controllers: pl.Series) -> pl.Series:
+    """The number of each controller (n,), first those of the draft; a campaign's colours mean one
+    thing."""
+    others = sorted({*controllers.drop_nulls()} - {*CONTROLLERS})
+    numbers = {name: number for number, name in enumerate([*CONTROLLERS, *others])}
+    return controllers.replace_strict(numbers, default=None, return_dtype=pl.Int64).alias("look")
+
+
+def drawn(name: str, table: pl.DataFrame) -> "PaperFigure":
+    """Draw a figure of its plotted numbers."""
+    from osl_analysis.figures.style import paper_style
+
+    with paper_style():
+        figure: PaperFigure = module_of(name).draw(table)
+        figure.align_ylabels()
+    return figure

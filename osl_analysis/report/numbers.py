@@ -76,7 +76,7 @@ class Number:
     says: str = ""  # begin of its sentence; empty for none
     symbol: str = ""  # before it in the sentence
     subject: str = ""  # controller, condition, group, joint and side that it is of
-    verdict: str | None = None  # on the paper's claim about it
+    verdict: str | None = None  # on the estimate, or on the paper's claim about it
     doubtful: str = ""  # why the number itself is; empty if it is not
     table: str = ""  # of results, of which it is computed
     trials: Sequence[str] = ()  # in its rows; empty where the table has none

@@ -33,7 +33,7 @@ from osl_analysis.commands.fit_results import FitTables
 from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.model.compensator import compensated_gains
 from osl_analysis.model.drivetrain import DrivetrainParameters, read_parameters
-from osl_analysis.signals import runs
+from osl_analysis.signals.filters import runs
 from osl_analysis.simulator.bench_trial import drivetrain_effects, true_signals
 from osl_analysis.simulator.laboratory_files import leg_markers, write_capture
 from osl_analysis.simulator.laboratory_settings import WalkingSettings

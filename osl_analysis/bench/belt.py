@@ -18,7 +18,7 @@ from osl_analysis.bench.plausibility import check_changes, check_stiffer
 from osl_analysis.bench.record import Groups, Label, Record, Stratum, record_of, unlike_groups
 from osl_analysis.bench.regression import GroupFit, Model, fit_groups, gram_sums, offset_and_drift
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
-from osl_analysis.signals import runs
+from osl_analysis.signals.filters import runs
 from osl_analysis.signals.grid import BRIDGE_MORE
 from osl_analysis.stats.budget import Contribution, Row
 

@@ -21,7 +21,7 @@ from osl_analysis.base.yaml_settings import (
     refuse_if,
 )
 from osl_analysis.config.sheet import Windows
-from osl_analysis.signals import LowPass
+from osl_analysis.signals.filters import LowPass
 
 Angle = Annotated[float, Field(ge=-180, le=180)]
 # a standard uncertainty; what is larger is a percentage

@@ -25,7 +25,7 @@ from osl_analysis.bench.regression import (
     motion_sums,
 )
 from osl_analysis.inference.rounding_errors import errors_by_steps
-from osl_analysis.signals import seven_point_motion
+from osl_analysis.signals.filters import seven_point_motion
 from osl_analysis.stats.budget import Budget, Row
 from osl_analysis.stats.linear_fit import solved
 

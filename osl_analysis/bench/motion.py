@@ -24,14 +24,14 @@ from osl_analysis.bench.record import (
     unlike_groups,
     whole_rows,
 )
-from osl_analysis.signals import runs
+from osl_analysis.signals.filters import runs
 from osl_analysis.signals.grid import (
     BRIDGE_MORE,
     GapLimits,
     UniformSignals,
     uniform_signals,
 )
-from osl_analysis.spectral import PeriodicMotion, periodic_motion
+from osl_analysis.spectral.periodic import PeriodicMotion, periodic_motion
 from osl_analysis.spectral.stepped_sine import (
     BIN_S,
     MOVING_SHARE,

@@ -31,7 +31,7 @@ from osl_analysis.bench.regression import (
     sums_of,
     with_effects,
 )
-from osl_analysis.signals import Motion, differentiate, runs
+from osl_analysis.signals.filters import Motion, differentiate, runs
 from osl_analysis.signals.grid import UniformSignals
 from osl_analysis.signals.plateaus import FEWEST_PLATEAUS, is_clamped, plateaus_of
 from osl_analysis.stats.budget import Budget, Contribution, Row, unknown

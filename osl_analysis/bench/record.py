@@ -16,9 +16,9 @@ from osl_analysis.base.trial import Array
 from osl_analysis.bench.bench_settings import BenchAnalysis
 from osl_analysis.inference.rounding_errors import noise_beyond, repeated_share
 from osl_analysis.inference.spectra import noise_and_band
-from osl_analysis.signals import Motion, filtered_motion
+from osl_analysis.signals.filters import Motion, filtered_motion
 from osl_analysis.signals.grid import UniformSignals
-from osl_analysis.spectral import PeriodicMotion
+from osl_analysis.spectral.periodic import PeriodicMotion
 
 STIFFNESS_ALONE = "or record slow cycles (experiment 'torque_angle') for the stiffness alone"
 # rate of a coarse record: what the filter passes has nothing faster than eight, and rounding,

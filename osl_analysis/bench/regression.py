@@ -28,7 +28,7 @@ from osl_analysis.bench.interval import left_out, spread
 from osl_analysis.bench.record import Groups, Label, Record
 from osl_analysis.model.drivetrain import RationalFunction
 from osl_analysis.model.rendered_impedance import linear_torque
-from osl_analysis.signals import runs, seven_point_motion
+from osl_analysis.signals.filters import runs, seven_point_motion
 from osl_analysis.stats.budget import KnownError
 from osl_analysis.stats.linear_fit import (
     CONDITION_LIMIT,

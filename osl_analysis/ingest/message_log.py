@@ -23,7 +23,7 @@ from osl_analysis.ingest.conversion import (
     losses_of,
 )
 from osl_analysis.ingest.likely_clock import rate_of
-from osl_analysis.signals import longest_run
+from osl_analysis.signals.filters import longest_run
 
 
 def convert_messages(recording: Recording, source: MessageSource) -> Converted:

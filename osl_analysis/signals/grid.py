@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.base.errors import InputError, naming
 from osl_analysis.base.trial import COUNTER, Array, Trial
-from osl_analysis.signals import LowPass, differentiate
+from osl_analysis.signals.filters import LowPass, differentiate
 from osl_analysis.signals.sample_count import FEWEST_STAMPS, LONG_STEP
 from osl_analysis.signals.samples import SensorLowPass, Stream, Taken, take, take_stream
 from osl_analysis.signals.stamp_evidence import Reading
@@ -402,7 +402,9 @@ def stream_of(trial: Trial, names: Sequence[str], beside: Collection[str] = ()) 
     of_file = trial.provenance.get(origins[names[0]].get("file", ""), {})
     time = origins[names[0]].get("time") or of_file.get("time", {})
     choice = time.get("stamps", "auto")
-    reading = next((Reading(*trial.clocks[name]) for name in names if name in trial.clocks), None)
+    reading = next(
+        (Reading(*trial.clocks[name][:4]) for name in names if name in trial.clocks), None
+    )
     if choice != "auto":
         reading = Reading(choice == "even", 0.0, True, f"stated: {choice}")
     counters = [name + COUNTER for name in names if name + COUNTER in trial.samples]

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.base.trial import Array
-from osl_analysis.signals import runs
+from osl_analysis.signals.filters import runs
 
 BIN_S = 0.05  # s; averaging time in the search for plateaus
 FEWEST_ROWS = 1.5  # of the usual step in a bin, so that a slow log has a row in each

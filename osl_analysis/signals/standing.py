@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.base.measured import noise_of, spoiled
 from osl_analysis.base.trial import Array
-from osl_analysis.signals import longest_of, run_edges
+from osl_analysis.signals.filters import longest_of, run_edges
 
 NO_EXTREME = 0.05  # share of the range: an extreme nearer to zero is an unloaded sensor
 MIDDLE = 0.25  # share of the range: a value nearer to the median is no extreme

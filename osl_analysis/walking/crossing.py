@@ -16,7 +16,7 @@ import scipy
 from osl_analysis.base.errors import InputError
 from osl_analysis.base.measured import check_measured
 from osl_analysis.base.trial import Array, Trial
-from osl_analysis.signals import longest_run, runs, sampling_rate
+from osl_analysis.signals.filters import longest_run, runs, sampling_rate
 from osl_analysis.walking import platform
 from osl_analysis.walking import poses as rigid
 from osl_analysis.walking.plate import (

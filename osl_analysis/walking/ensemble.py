@@ -15,7 +15,7 @@ import numpy as np
 
 from osl_analysis.base.errors import InputError
 from osl_analysis.base.trial import Array
-from osl_analysis.signals import Motion, differentiate
+from osl_analysis.signals.filters import Motion, differentiate
 from osl_analysis.stats.linear_fit import LinearFit
 from osl_analysis.walking.impedance_fit import fit_without_offset, gait_torque
 from osl_analysis.walking.isolated_response import BEHAVIOUR, PerturbationResponse

@@ -15,7 +15,7 @@ import numpy as np
 
 from osl_analysis.base.errors import naming
 from osl_analysis.base.trial import Array
-from osl_analysis.signals import Motion, differentiate
+from osl_analysis.signals.filters import Motion, differentiate
 from osl_analysis.stats.linear_fit import LinearFit, linear_fit
 from osl_analysis.walking.isolated_response import PerturbationResponse
 

@@ -22,7 +22,7 @@ import scipy
 from osl_analysis.base.errors import InputError
 from osl_analysis.base.measured import rounding_of
 from osl_analysis.base.trial import Array
-from osl_analysis.signals import Motion, differentiate, sampling_rate
+from osl_analysis.signals.filters import Motion, differentiate, sampling_rate
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.poses import StoredArray
 from osl_analysis.walking.walking_settings import TimingSettings

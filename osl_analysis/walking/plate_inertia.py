@@ -58,7 +58,7 @@ import scipy
 
 from osl_analysis.base.errors import IdentifiabilityError, InputError, advise, naming
 from osl_analysis.base.trial import Array, Trial
-from osl_analysis.signals import LowPass, longest_run, runs, sampling_rate
+from osl_analysis.signals.filters import LowPass, longest_run, runs, sampling_rate
 from osl_analysis.walking import platform
 from osl_analysis.walking import poses as rigid
 from osl_analysis.walking.plate import (

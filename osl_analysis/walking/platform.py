@@ -21,7 +21,7 @@ import scipy
 
 from osl_analysis.base.errors import advise
 from osl_analysis.base.trial import Array
-from osl_analysis.signals import LowPass, sampling_rate
+from osl_analysis.signals.filters import LowPass, sampling_rate
 from osl_analysis.walking import poses as rigid
 from osl_analysis.walking.poses import BodyMotion, Mask, Poses, StaticCalibration
 from osl_analysis.walking.walking_settings import PlatformSettings

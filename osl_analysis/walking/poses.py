@@ -21,7 +21,7 @@ from pydantic import PlainSerializer, PlainValidator
 
 from osl_analysis.base.errors import InputError, nearest
 from osl_analysis.base.trial import Array, Trial, marker_columns
-from osl_analysis.signals import differentiate, sampling_rate
+from osl_analysis.signals.filters import differentiate, sampling_rate
 from osl_analysis.walking.walking_settings import CalibrationSettings, MarkerSettings
 
 Mask = NDArray[np.bool_]

@@ -16,7 +16,7 @@ import polars as pl
 
 from osl_analysis.base.measured import rms
 from osl_analysis.base.trial import Array
-from osl_analysis.signals import Motion
+from osl_analysis.signals.filters import Motion
 from osl_analysis.stats.budget import budget_rows
 from osl_analysis.stats.repeats import doubtful_row
 from osl_analysis.walking.contributions import GroupHeadline

@@ -18,7 +18,7 @@ from osl_analysis.base.yaml_settings import (
     check_rising,
     require_at_most,
 )
-from osl_analysis.signals import LowPass
+from osl_analysis.signals.filters import LowPass
 
 Marker = Annotated[str, Field(min_length=1)]
 Names = Annotated[tuple[Marker, ...], AfterValidator(check_distinct)]

@@ -14,7 +14,7 @@ from osl_analysis.bench.impedance import analysed
 from osl_analysis.bench.parts_alone import transmission_table
 from osl_analysis.bench.regression import TRANSMISSION
 from osl_analysis.figures.fig3 import points as belt_points
-from osl_analysis.signals import LowPass
+from osl_analysis.signals.filters import LowPass
 
 
 def fitted(theta_s, torque, rate=RATE):

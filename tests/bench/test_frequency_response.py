@@ -21,7 +21,7 @@ from osl_analysis.bench.impedance import analysed
 from osl_analysis.bench.motion import periods_of, stretches_of
 from osl_analysis.bench.regression import IMPEDANCE
 from osl_analysis.model.multisine import odd_multisine
-from osl_analysis.spectral import periodic_motion
+from osl_analysis.spectral.periodic import periodic_motion
 
 RATE = 250.0
 K = 200.0

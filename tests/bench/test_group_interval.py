@@ -7,7 +7,7 @@ import pytest
 from osl_analysis.bench.bench_settings import BenchAnalysis
 from osl_analysis.bench.record import Groups, Record, Stratum, unlike_groups
 from osl_analysis.bench.regression import fit_groups, gram_sums
-from osl_analysis.signals import Motion
+from osl_analysis.signals.filters import Motion
 
 LINE = {"K": "theta", "offset": "one"}
 

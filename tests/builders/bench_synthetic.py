@@ -15,7 +15,7 @@ from osl_analysis.bench.evidence import impedance_table
 from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.motion import cycles_of
 from osl_analysis.bench.record import Record, unlike_groups
-from osl_analysis.signals import LowPass, Motion, filtered_motion
+from osl_analysis.signals.filters import LowPass, Motion, filtered_motion
 from osl_analysis.spectral.stepped_sine import (
     SteppedSineProtocol,
     find_segments,

@@ -22,7 +22,7 @@ from osl_analysis.bench.evidence import DesiredImpedance
 from osl_analysis.commands.fit import fit_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary.described import described_tables_by_name
-from osl_analysis.signals import Motion, differentiate, sampling_rate
+from osl_analysis.signals.filters import Motion, differentiate, sampling_rate
 from osl_analysis.spectral.stepped_sine import SteppedSineProtocol
 from osl_analysis.stats import repeats
 from osl_analysis.stats.linear_fit import linear_fit

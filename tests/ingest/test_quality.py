@@ -36,7 +36,7 @@ from osl_analysis.judge.recording_checks import (
     measured_table,
     validate_rules,
 )
-from osl_analysis.signals import longest_run
+from osl_analysis.signals.filters import longest_run
 from osl_analysis.signals.standing import run_at_extreme
 
 COMMANDED = Commanded((2.0, 4.0), (2.0, 5.0), 6, clusters={"foot": "ABCD"})

@@ -7,7 +7,7 @@ from conftest import refused_with, white_noise
 
 from osl_analysis.base.errors import InputError
 from osl_analysis.model.multisine import odd_multisine
-from osl_analysis.signals import (
+from osl_analysis.signals.filters import (
     LowPass,
     differentiate,
     filtered_motion,

@@ -6,7 +6,7 @@ import pytest
 from conftest import white_noise
 
 from osl_analysis.bench.motion import BENCH_SCATTER
-from osl_analysis.spectral import periodic_motion
+from osl_analysis.spectral.periodic import periodic_motion
 
 RATE = 250.0
 PERIOD = 4.0

@@ -18,7 +18,7 @@ from walking_synthetic import (
     walked_over,
 )
 
-from osl_analysis.signals import LowPass
+from osl_analysis.signals.filters import LowPass
 from osl_analysis.walking.crossing import analyse_crossing
 from osl_analysis.walking.plate_inertia import NO_CORRECTION, TurnLag, identify_plate_model
 from osl_analysis.walking.plate_lag import plate_timing, timing_of

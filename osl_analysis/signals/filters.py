@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One zero-phase filter for every signal of a trial, then derivatives.
+
+Never filter angle and torque differently: if only the angle is filtered at 15 Hz, B is 3.43 instead
+of 3.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from osl_analysis.base.errors import InputError
+from osl_analysis.base.measured import check_finite
+from osl_analysis.base.trial import Array
+
+
+@dataclass(frozen=True)
+class LowPass:
+    """Butterworth low-pass, run forwards and backwards: no phase, order doubled."""
+
+    cutoff_hz: float
+    order: int = 4  # of one run
+
+    def gain(self, frequency_hz: Array) -> Array:
+        """Gain (n,) of both runs together, at frequencies (n,) [Hz] well below half the sampling
+        rate."""
+        return 1 / (1 + (frequency_hz / self.cutoff_hz) ** (2 * self.order))
+
+    def __call__(self, signal: Array, rate_hz: float) -> Array:
+        """Filter samples along the first axis.
+
+        Parameters
+        ----------
+        signal : Array
+            (n, ...).
+        rate_hz : float
+            Sampling rate [Hz].
+
+        Returns
+        -------
+        Array
+            (n, ...), without phase.
+
+        Raises
+        ------
+        InputError
+            A sample is not finite, the cut-off is not below half the rate, or the signal is shorter
+            than three periods of the cut-off.
+        """
+        periods = 3  # of the cut-off that a recording must outlast: the reach of the filter
+        check_finite("the signal", signal)
+        if not 0 < self.cutoff_hz < rate_hz / 2:
+            raise InputError(
+                f"filter cut-off {self.cutoff_hz:g} Hz must lie between 0 and half the sampling"
+                f" rate of {rate_hz:g} Hz",
+                "lower it in the configuration (`cutoff_hz`)",
+            )
+        edge = int(np.ceil(periods * rate_hz / self.cutoff_hz))
+        if len(signal) <= edge:
+            raise InputError(
+                f"{len(signal)} samples cannot be filtered at {self.cutoff_hz:g} Hz",
+                f"record over {edge / rate_hz:.3g} s",
+            )
+        sections = sections_of(self, rate_hz)
+        return scipy.signal.sosfiltfilt(sections, signal, axis=0, padlen=edge)
+
+
+# to design the sections takes as long as to filter a trial
+@lru_cache(32)
+def sections_of(low_pass: LowPass, rate_hz: float) -> Array:
+    """Second-order sections of one run, as SciPy's `sos`."""
+    return scipy.signal.butter(low_pass.order, low_pass.cutoff_hz, fs=rate_hz, output="sos")
+
+
+@dataclass(frozen=True)
+class Motion:
+    """An angle and its derivatives."""
+
+    theta: Array  # (n,) [rad]
+    omega: Array  # (n,) [rad/s]
+    alpha: Array  # (n,) [rad/s^2]
+
+    @property
+    def columns(self) -> Array:
+        """Columns (n, 3) of Eq. 15."""
+        return np.column_stack([self.theta, self.omega, self.alpha])
+
+    def __getitem__(self, rows: slice | NDArray[np.intp]) -> "Motion":
+        return Motion(self.theta[rows], self.omega[rows], self.alpha[rows])
+
+
+def filtered_motion(
+    time: Array, theta: Array, torque: Array, low_pass: LowPass
+) -> tuple[Motion, Array]:
+    """Pass angle and torque through the *same* filter, and differentiate the angle.
+
+    Parameters
+    ----------
+    time : Array
+        Uniform times (n,) [s].
+    theta, torque : Array
+        (n,) [rad] and (n,) [N*m].
+    low_pass : LowPass
+
+    Returns
+    -------
+    motion : Motion
+        Of the filtered angle.
+    torque : Array
+        Filtered (n,) [N*m].
+
+    Notes
+    -----
+    Below some 60 samples per period of the cut-off, seven samples would lose more than 1e-8 of a
+    velocity at the cut-off. There a spline is used, which takes fifty times as long.
+    """
+    # For a sine of w rad per sample, seven samples lose w^6/140 of its velocity.
+    largest_loss = 1e-8  # share of a velocity at the cut-off
+    rate = 1 / float(np.mean(np.diff(time)))
+    smooth_theta = low_pass(theta, rate)
+    radians_per_sample = 2 * np.pi * low_pass.cutoff_hz / rate
+    if radians_per_sample**6 / 140 > largest_loss or len(time) < SAMPLES:
+        motion = differentiate(time, smooth_theta)
+    else:
+        motion = seven_point_motion(smooth_theta, rate)
+    return motion, low_pass(torque, rate)
+
+
+SAMPLES = 7  # through which a polynomial passes, whose derivatives are those of their middle
+
+
+def seven_point_motion(theta: Array, rate_hz: float) -> Motion:
+    """Differentiate an angle (n,) [rad] that is sampled evenly, and slow compared to the rate."""
+    omega, alpha = (
+        scipy.signal.savgol_filter(theta, SAMPLES, SAMPLES - 1, derivative, 1 / rate_hz)
+        for derivative in (1, 2)
+    )
+    return Motion(theta, omega, alpha)
+
+
+def differentiate(time: Array, theta: Array) -> Motion:
+    """Differentiate an angle by a quintic spline through its (already filtered) samples.
+
+    Parameters
+    ----------
+    time, theta : Array
+        Rising times (n,) [s] and angles (n,) [rad].
+
+    Returns
+    -------
+    Motion
+
+    Raises
+    ------
+    InputError
+        Fewer than six samples, a value that is not finite, or a time that does not rise.
+
+    Notes
+    -----
+    The spline loses less than 0.1 % of a velocity at 20 Hz sampled at 300 Hz; central differences
+    lose 3 %.
+    """
+    check_finite("time", time)
+    check_finite("the angle", theta)
+    fewest = 6  # samples: a quintic has six coefficients
+    if len(time) < fewest or not (np.diff(time) > 0).all():
+        raise InputError(
+            f"{len(time)} samples cannot be differentiated: {fewest} or more are needed, each"
+            " later than the one before",
+            "take a longer window, or check the time's channel",
+        )
+    spline = scipy.interpolate.make_interp_spline(time, theta, k=5)
+    return Motion(theta=theta, omega=spline(time, 1), alpha=spline(time, 2))
+
+
+def sampling_rate(time: Array) -> float:
+    """Find the rate of uniform stamps.
+
+    Parameters
+    ----------
+    time : Array
+        (n,) [s].
+
+    Returns
+    -------
+    float
+        [Hz].
+
+    Raises
+    ------
+    InputError
+        A step deviates from the mean by more than 20 %, stamps are equal or not finite, or there
+        are fewer than two.
+    """
+    check_finite("time", time)
+    steps = np.diff(time)
+    mean = float(np.mean(steps)) if len(steps) else 0.0
+    if not mean > 0:
+        raise InputError(
+            f"{len(time)} stamps that do not go forward have no rate", "check the time's channel"
+        )
+    deviation = 0.2  # share of the mean by which a step may deviate from it
+    if max(np.max(steps) - mean, mean - np.min(steps)) > deviation * mean:
+        worst = int(np.argmax(np.abs(steps - mean)))
+        raise InputError(
+            f"the step at {time[worst]:.4f} s is {steps[worst] * 1e3:.3f} ms, the mean step"
+            f" {mean * 1e3:.3f} ms: samples are missing or irregular",
+            "resample the log or cut the trial at the gap",
+        )
+    return 1 / mean
+
+
+def runs(mask: NDArray[np.bool_]) -> list[slice]:
+    """Runs of consecutive true samples, shape (n,), in their order."""
+    return [slice(first, stop) for first, stop in run_edges(mask).tolist()]
+
+
+def run_edges(mask: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """First row and row after the last, (k, 2), of each run of consecutive true samples, shape
+    (n,)."""
+    padded = np.zeros(len(mask) + 2, dtype=bool)
+    padded[1:-1] = mask
+    return np.flatnonzero(padded[1:] != padded[:-1]).reshape(-1, 2)
+
+
+def longest_run(mask: NDArray[np.bool_]) -> slice:
+    """The longest run of consecutive true samples, or the first of equally long ones; empty if no
+    sample is true."""
+    return longest_of(run_edges(mask))
+
+
+def longest_of(edges: NDArray[np.intp]) -> slice:
+    """The longest of runs (k, 2) of rows, or the first of equally long ones; empty if there is
+    none."""
+    if not len(edges):
+        return slice(0, 0)
+    first, stop = edges[np.argmax(np.diff(edges))].tolist()
+    return slice(first, stop)

@@ -28,7 +28,8 @@ the other reading changes is a row of the budget (`undecided_time_stamps`).
 
 * *Three hypotheses, and all lags at once*: of 80 random logs by `stamp_recorders.recorded` (100 to
   1000 Hz, 3 us to 1 ms of jitter, 3 to 9 decimals, ages, up to 1 % lost) none is firm with B off
-  by 1 % or I by 3 %, and 5 are undecided. True stamps whose jitter their print hides are called even, to no effect.
+  by 1 % or I by 3 %, and 5 are undecided. True stamps whose jitter their print hides are called
+  even, to no effect.
 * *The rounding of printed stamps is taken off*: without it four decimals at 1 kHz read g = 0.92.
 * *A limit of 30 in chi-square*: all 197 clocks of the default campaign but three undecided ones
   read as with 22, 30 and a limit on g.
@@ -43,12 +44,12 @@ the other reading changes is a row of the budget (`undecided_time_stamps`).
 * *One filter for all signals*: the angle alone behind 15 Hz makes B 3.43 for 3.
 
 **Tried and dropped.** One response g by sixth differences (release 0.2.0: 100 of 375 logs were firm
-and wrong, since they correlate the noise of neighbouring rows). One-sidedness of the scatter as evidence (a loop with
-deadlines is late, too, and its stamps are true). Splines through jittered stamps closer than half a
-step (they amplify noise 178 times). A local step for each row, blocks by rate, pauses as a case of
-their own, the promptest 3 % instead of the promptest: no reading of the default campaign or of 130
-simulated recorders changed without them. Counting by steps alone fails where a late host loses
-samples; there the spectrum of the stamps has the device's rate.
+and wrong, since they correlate the noise of neighbouring rows). One-sidedness of the scatter as
+evidence (a loop with deadlines is late, too, and its stamps are true). Splines through jittered
+stamps closer than half a step (they amplify noise 178 times). A local step for each row, blocks by
+rate, pauses as a case of their own, the promptest 3 % instead of the promptest: no reading of the
+default campaign or of 130 simulated recorders changed without them. Counting by steps alone fails
+where a late host loses samples; there the spectrum of the stamps has the device's rate.
 
 **Not solved.** A constant delay shows in no jitter: state it. Even devices behind 2 ms of latency
 that lose samples without a counter are refused beside another device.

@@ -18,23 +18,12 @@ import polars as pl
 
 from osl_analysis.base.errors import InputError
 from osl_analysis.base.files import atomic_path
+from osl_analysis.dictionary.described import text_columns
 
 if TYPE_CHECKING:
     import pandas
 
 ARCHIVE_SUFFIX = ".zip"  # of several tables in one file
-# columns that are text even if every entry looks like a number, such as a trial named `01`
-TEXT_COLUMNS = (
-    "trial", "controller", "branch", "quantity", "estimator", "check", "unit", "verdict", "remark",
-    "status", "reason", "panel", "curve", "interval_method", "method", "doubtful", "model",
-    "motion", "group", "direction", "subject", "side", "different",
-    "remarks", "K_verdict", "B_verdict", "I_verdict",
-    "excitation", "desired", "loading", "joint", "scope",
-    "data", "chosen", "trajectory", "table", "grade", "of",
-    "name", "cause", "evidence", "says", "size", "remedy",
-    "source", "part", "basis", "detail", "per",
-)  # fmt: skip
-
 FORMULA = "^[=+@'\t\r-]"  # how a text begins that a spreadsheet computes, or that is written quoted
 QUOTED = re.compile(r"^'(?=[=+@'\t\r-])")  # what stands before it in a file
 
@@ -116,15 +105,15 @@ def read_table(path: Path | str, required: Sequence[str] = (), name: str = "") -
     path : Path or str
         CSV file, or an archive of several.
     required : Sequence of str
-        Columns that must exist and hold numbers, except `TEXT_COLUMNS`.
+        Columns that must exist and hold numbers, except those that the dictionary calls text.
     name : str
         The table's name if `path` is an archive.
 
     Returns
     -------
     polars.DataFrame
-        Columns without entries are Float64 null, `TEXT_COLUMNS` are text, and a missing `side` is
-        null.
+        Columns without entries are Float64 null, those that the dictionary calls text are
+        text, and a missing `side` is null.
 
     Raises
     ------
@@ -134,7 +123,9 @@ def read_table(path: Path | str, required: Sequence[str] = (), name: str = "") -
     path = Path(path)
     table = with_usual_types(rows_of(path, name))
     usable = [
-        column.name for column in table if column.name in TEXT_COLUMNS or column.dtype.is_numeric()
+        column.name
+        for column in table
+        if column.name in text_columns() or column.dtype.is_numeric()
     ]
     for name in required:
         if name not in usable:
@@ -164,7 +155,7 @@ def rows_of(path: Path, name: str) -> pl.DataFrame:
         table = pl.read_csv(
             content_of(path, name),
             comment_prefix="#",
-            schema_overrides=dict.fromkeys(TEXT_COLUMNS, pl.String),
+            schema_overrides=dict.fromkeys(text_columns(), pl.String),
             infer_schema_length=None,
         )
     except UNREADABLE as error:
@@ -203,10 +194,10 @@ def content_of(path: Path, name: str) -> bytes:
 
 
 def with_usual_types(table: pl.DataFrame) -> pl.DataFrame:
-    """A table whose columns without entries are numbers, or text of `TEXT_COLUMNS`, with a `side`
+    """A table whose columns without entries are numbers, or text by the dictionary, with a `side`
     beside a `joint`."""
     table = table.with_columns(
-        column.cast(pl.String if column.name in TEXT_COLUMNS else pl.Float64)
+        column.cast(pl.String if column.name in text_columns() else pl.Float64)
         for column in table.select(pl.col(pl.Null))
     )
     if "joint" in table.columns and "side" not in table.columns:

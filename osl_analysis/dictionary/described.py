@@ -122,6 +122,18 @@ def described_columns(
             yield DescribedColumn(f"{name}{ending}", unit, meaning_of_ending)
 
 
+@cache
+def text_columns() -> frozenset[str]:
+    """The columns that are text in each table that has them, such as a trial named `01`."""
+    columns = [
+        column
+        for table in described_tables()
+        for column in (*table.columns.values(), *table.of_fits.values())
+    ]
+    names = {column.name for column in columns}
+    return frozenset(names - {column.name for column in columns if column.unit != "text"})
+
+
 TYPES: Mapping[str, type[pl.DataType]] = {
     "text": pl.String,
     "true or false": pl.Boolean,

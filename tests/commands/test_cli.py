@@ -353,6 +353,7 @@ def test_a_job_may_have_four_fifths_of_the_least_of_machine_and_batch_job(monkey
     ):
         (tmp_path / name).parent.mkdir(parents=True)
         (tmp_path / name).write_text(text)
+    monkeypatch.setattr(memory, "memory_limits", memory.memory_limits.__wrapped__)
     monkeypatch.setattr(memory, "Path", lambda *parts: tmp_path / "/".join(parts).lstrip("/"))
     monkeypatch.setattr("os.sysconf", {"SC_PAGE_SIZE": 4000, "SC_PHYS_PAGES": 10**6}.get)
     with limited_memory([]):

@@ -24,7 +24,7 @@ from osl_analysis.report.typography import aligned
 LARGEST_ERRORS = {"K": 1.0, "B": 2.0, "I": 10.0}
 """Percent: an estimate that is off by more is a miss, if its interval denies it."""
 ENDS = [f"{name}{end}" for name in LARGEST_ERRORS for end in ("", "_low", "_high")]
-ANSWER = ["method", "trial", *ENDS, "doubtful", "seconds", "megabytes"]
+ANSWER = ["trial", *ENDS, "doubtful", "seconds", "megabytes"]
 FIRST_LINE = 2  # of a table, below its header
 
 

@@ -248,8 +248,9 @@ def estimates_of(analysis: Analysis, found: WhatElse, label: Label) -> dict[str,
     budgets = analysis.budgets(label, *QUANTITIES)
     without = found.without_friction.get(label)
     if without is not None:
-        for name in {*WITHOUT_FRICTION} & {*without.names}:
-            budgets[WITHOUT_FRICTION[name]] = without.budget(name)
+        for name, column in WITHOUT_FRICTION.items():
+            if name in without.names:
+                budgets[column] = without.budget(name)
     if found.belt.lag:
         budgets["lag_s"] = found.belt.lag.budget("lag_s")
     return budgets

@@ -157,19 +157,27 @@ def motion_sums(record: Record, columns: Mapping[str, Array], angle_noise: float
     """The sums of a motion of the joint, without what is slower than it, and without the noise of
     its angle.
 
-    Where nothing repeats, columns and torque of each run of rows pass the same high-pass, whose
-    corner is the lowest frequency of the motion. Of whole cycles and periods what is slower
-    averages out, and what remains is in their spread. Noise of the angle lengthens the columns: its
-    part of the products, by its `angle_noise` [rad^2/Hz], is taken off (errors in variables;
-    Fuller, Measurement Error Models, 1987). Raises as `gram_sums`.
+    Columns and torque of each run of rows pass the same filter: where nothing repeats a high-pass
+    whose corner is the lowest frequency of the motion, else they lose their running mean over a
+    period, which is the same all along what repeats: it takes off no part of what Eq. 15 misses.
+    Noise of the angle lengthens the columns: its part of the products, by its `angle_noise`
+    [rad^2/Hz], is taken off (errors in variables; Fuller, Measurement Error Models, 1987). Raises
+    as `gram_sums`.
     """
     sums = gram_sums(record, columns)
     slow_hz = record.band_hz[0]
     signals = np.array([*columns.values(), record.filtered_torque, record.torque])
     groups = record.groups
     unlike = runs(groups.cover(~groups.repeat(), len(record.time)))
-    fast = without_slower(signals, unlike, slow_hz / record.rate_hz).T
-    weighted = products_between(fast, fast, groups.first, groups.stop)
+    fast = without_slower(signals, unlike, slow_hz / record.rate_hz)
+    is_offset_or_drift = np.isin(sums.names, ["one", "ramp"])
+    for is_alike, hz in groups.alike(slow_hz):
+        for run in runs(groups.cover(is_alike, len(record.time))):
+            rows = slice(max(run.start - EDGE_ROWS, 0), run.stop + EDGE_ROWS)
+            slow = running_mean(signals[:, rows], record.rate_hz / hz)
+            slow[is_offset_or_drift] = 0.0  # which tell what is left of the torque's
+            fast[:, rows] -= slow
+    weighted = products_between(fast.T, fast.T, groups.first, groups.stop)
     of_noise = noise_moments(sums.names, record, slow_hz, angle_noise)
     weighted -= (groups.stop - groups.first)[:, None, None] * of_noise
     return replace(sums, weighted=weighted, noise=of_noise)
@@ -188,6 +196,18 @@ def without_slower(signals: Array, runs: Sequence[slice], slow: float) -> Array:
         frequency[0] = frequency[1] / 4  # a constant is told, too
         fast[:, rows] = scipy.fft.idct(high_pass_gain(frequency, slow) * lines, norm="ortho")
     return fast
+
+
+def running_mean(signals: Array, period: float) -> Array:
+    """Means of signals (q, n) over a period [rows] about each row, or the nearest that lies within
+    the rows."""
+    n = signals.shape[1]
+    length = min(period, n)
+    first = np.clip(np.arange(n) + (1 - length) / 2, 0, n - length)
+    edges = np.arange(n + 1)
+    sums = np.pad(np.cumsum(signals, axis=1), ((0, 0), (1, 0)))
+    within = [np.interp(first + length, edges, s) - np.interp(first, edges, s) for s in sums]
+    return np.array(within) / length
 
 
 def high_pass_gain(frequency: Array, slow: float) -> Array:

@@ -33,7 +33,7 @@ QUANTITIES = ("K", "B", "I")  # parameters of Eq. 15
 OF_ANGLE = ("theta", "omega", "alpha", "B_m", "J_m")  # columns in proportion to the angle
 SAME_FREQUENCY = 1.02  # ratio of frequencies below which noise alone would tell K from I
 FEWEST_STEPS = 20.0  # of the encoder; of fewer, rounding is no noise but part of the motion
-MOST_NOISE = 0.1  # of the power of the acceleration's own part that may be noise of the encoder
+MOST_NOISE = 0.25  # of the power of the acceleration's own part that may be noise of the encoder
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from osl_analysis.base.measured import visible_step
 from osl_analysis.base.trial import Array
 from osl_analysis.bench.bench_settings import BenchAnalysis
-from osl_analysis.inference.rounding_errors import noise_beyond, repeated_share
+from osl_analysis.inference.rounding_errors import BESIDE_CUTOFF, noise_beyond, repeated_share
 from osl_analysis.inference.spectra import noise_and_band
 from osl_analysis.signals.filters import Motion, filtered_motion
 from osl_analysis.signals.grid import UniformSignals
@@ -24,6 +24,8 @@ STIFFNESS_ALONE = "or record slow cycles (experiment 'torque_angle') for the sti
 # rate of a coarse record: what the filter passes has nothing faster than eight, and rounding,
 # jerk and snap are read with sixteen rows a period of the cut-off
 COARSE_CUTOFFS = 16.0
+SPECTRUM_POINTS = 500  # lines of white noise, and rates of steps
+HARMONICS = 40  # of slow steps, which reach from a dwell of a second to the filter
 EDGE_ROUNDING = 1e-6  # rows; edges of groups are sums of numbers that are rounded
 
 
@@ -189,10 +191,33 @@ class Record:
         return np.flatnonzero(self.is_fitted(label))
 
     @cached_property
-    def angle_noise(self) -> float:
-        """Density [rad^2/Hz] of the angle's noise, taken as white."""
-        removed = (self.theta - self.motion.theta)[self.rows()]
-        return noise_beyond(removed, self.rate_hz, self.settings.cutoff_hz)
+    def angle_noise(self) -> Array:
+        """Lines of the angle's noise: their frequencies [Hz] and powers [rad^2], (2, n).
+
+        Rounding of an angle that passes r steps of its encoder in a second is a sawtooth, whose
+        harmonic k at the frequency k r has the power step^2/(2 pi^2 k^2). Of slow passages, as of a
+        hand that dwells, these lie within the filter. What is left of the noise beyond it is taken
+        as white.
+        """
+        rows = self.rows()
+        beside_hz = np.array(BESIDE_CUTOFF) * self.settings.cutoff_hz
+        removed = (self.theta - self.motion.theta)[rows]
+        density = noise_beyond(removed, self.rate_hz, self.settings.cutoff_hz)
+        hz = np.linspace(0, self.rate_hz / 2, SPECTRUM_POINTS + 1)[1:]
+        step = self.encoder_step
+        if not step:
+            return np.array([hz, np.full_like(hz, density * hz[0])])
+
+        shares = (np.arange(SPECTRUM_POINTS) + 0.5) / SPECTRUM_POINTS
+        rates = np.quantile(np.abs(self.motion.omega[rows]), shares) / step
+        harmonics = np.arange(1, HARMONICS + 1)[:, None]
+        of_steps = step**2 / (2 * np.pi**2 * harmonics**2) / SPECTRUM_POINTS
+        lines_hz = np.maximum(harmonics * rates, hz[0])
+        is_beside = (lines_hz > beside_hz[0]) & (lines_hz < beside_hz[1])
+        of_slow = np.sum(of_steps * is_beside) / np.ptp(beside_hz)
+        white = np.full_like(hz, max(density - of_slow, 0.0) * hz[0])
+        powers = np.broadcast_to(of_steps, lines_hz.shape).ravel()
+        return np.array([np.append(hz, lines_hz), np.append(white, powers)])
 
     @cached_property
     def coarse(self) -> "Record":

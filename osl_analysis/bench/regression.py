@@ -52,7 +52,6 @@ BEYOND = 1.1  # cut-offs above which the band's end is motion, not the tail of a
 # largest scaled condition number with effects, whose columns may be nearly collinear
 EFFECTS_LIMIT = 1e5
 EDGE_ROWS = 2  # beside the fitted ones, from which a fraction of a row is read
-SPECTRUM_POINTS = 2000  # of an integral over the spectrum of noise
 DERIVATIVES = ("theta", "omega", "alpha", "jerk", "snap")  # of the angle, by their order
 
 
@@ -153,16 +152,16 @@ def gram_sums(record: Record, columns: Mapping[str, Array]) -> Sums:
     return Sums(tuple(signals), gram, record.groups, columns, gram, np.zeros_like(gram[0]))
 
 
-def motion_sums(record: Record, columns: Mapping[str, Array], angle_noise: float) -> Sums:
+def motion_sums(record: Record, columns: Mapping[str, Array], angle_noise: Array) -> Sums:
     """The sums of a motion of the joint, without what is slower than it, and without the noise of
     its angle.
 
     Columns and torque of each run of rows pass the same filter: where nothing repeats a high-pass
     whose corner is the lowest frequency of the motion, else they lose their running mean over a
     period, which is the same all along what repeats: it takes off no part of what Eq. 15 misses.
-    Noise of the angle lengthens the columns: its part of the products, by its `angle_noise`
-    [rad^2/Hz], is taken off (errors in variables; Fuller, Measurement Error Models, 1987). Raises
-    as `gram_sums`.
+    Noise of the angle lengthens the columns: its part of the products, by the lines of
+    `Record.angle_noise`, is taken off (errors in variables; Fuller, Measurement Error Models,
+    1987). Raises as `gram_sums`.
     """
     sums = gram_sums(record, columns)
     slow_hz = record.band_hz[0]
@@ -217,14 +216,14 @@ def high_pass_gain(frequency: Array, slow: float) -> Array:
 
 
 def noise_moments(
-    names: Sequence[str], record: Record, slow_hz: float, angle_noise: float
+    names: Sequence[str], record: Record, slow_hz: float, angle_noise: Array
 ) -> Array:
-    """Mean products (q, q), of a row, of what white noise of the angle makes of its derivatives.
+    """Mean products (q, q), of a row, of what noise of the angle makes of its derivatives.
 
     The n-th derivative has the spectrum (i w)^n of the noise, so that those of orders n and m have
     the product w^(n + m) cos((n - m) pi/2), times the square of the filter's gain.
     """
-    f = np.linspace(0, record.rate_hz / 2, SPECTRUM_POINTS + 1)[1:]
+    f, power = angle_noise
     gain = record.settings.low_pass.gain(f)
     if not record.groups.repeat().any():
         gain = gain * high_pass_gain(f, slow_hz)
@@ -233,8 +232,7 @@ def noise_moments(
     for order, name in enumerate(DERIVATIVES):
         if name in names:
             of_angle[names.index(name)] = s**order
-    power = angle_noise * gain**2 * f[0]
-    return np.real((of_angle * power) @ of_angle.conj().T)
+    return np.real((of_angle * (power * gain**2)) @ of_angle.conj().T)
 
 
 def sums_of(record: Record, expected: RationalFunction | None = None) -> Sums:

@@ -195,7 +195,7 @@ class Leg:
         """Sums of the slopes and of what the controller leaves."""
         # the slopes are behind the actuator, which passes no noise of the angle
         columns = {**self.slopes(), "theta": self.record.motion.theta}
-        return motion_sums(self.left(), columns, angle_noise=0.0)
+        return motion_sums(self.left(), columns, angle_noise=np.array([[1.0], [0.0]]))
 
     def impedance(self) -> Values:
         """K_d and B_d that are rendered (Eqs. 11-13), each with its derivatives by the controller's

@@ -10,7 +10,6 @@ from osl_analysis.base.trial import Array
 from osl_analysis.signals.filters import runs
 
 BIN_S = 0.05  # s; averaging time in the search for plateaus
-FEWEST_ROWS = 1.5  # of the usual step in a bin, so that a slow log has a row in each
 LEVEL_CHANGE = 0.02  # of the current's range, by which means of a plateau differ at most
 SHORTEST_LEVEL = 5  # changes between such means: a plateau of 0.3 s
 SETTLING, ENDING = 3, 1  # means left out: the torque settles, and the filter spreads the next step
@@ -53,9 +52,8 @@ def plateaus_of(time: Array, current: Array) -> list[slice]:
 def bins_of(time: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """First rows (k,) of the bins of rising times (n,) [s], and their numbers."""
     usual_step = np.median(np.diff(time)) if len(time) > 1 else 0.0
-    width = max(BIN_S, FEWEST_ROWS * usual_step)
     # a hundredth of a step, so that rounding does not move rows to the bin before
-    number = np.floor((time - time[0] + 0.01 * usual_step) / width).astype(np.intp)
+    number = np.floor((time - time[0] + 0.01 * usual_step) / BIN_S).astype(np.intp)
     begins = np.flatnonzero(np.diff(number, prepend=-1))
     return begins, number[begins]
 

@@ -187,7 +187,9 @@ def impedance_table(
     is_slow = record.band_hz[1] <= record.settings.cutoff_hz
     if gains and gains.cancels_friction and is_slow:
         apart = pl.col("B_predicted") - pl.col("B")
-        certain = (apart.abs() - (pl.col("B_high") - pl.col("B_low")) / 2).clip(0)
+        half_width = (pl.col("B_high") - pl.col("B_low")) / 2
+        half_range = ((pl.col("B_range_high") - pl.col("B_range_low")) / 2).max().fill_null(0.0)
+        certain = (apart.abs() - (half_width**2 + half_range**2).sqrt()).clip(0)
         table = table.with_columns(B_gap_s=apart.sign() * certain / pl.col("K").abs())
     return {**tables, "impedance": beside_known(table, p, desired)}
 

@@ -133,7 +133,8 @@ def test_the_b_of_a_compensated_leg_is_compared_with_that_of_its_gains(late_s):
     analysis = rendered_impedance(moving_record(trial))
     row = impedance_table(analysis, P, COMPENSATED, gains)["impedance"].row(0, named=True)
 
-    assert row["B_gap_s"] == pytest.approx(late_s, rel=0.1, abs=2e-4)
+    # less what another part of the motion makes of B
+    assert row["B_gap_s"] == pytest.approx(late_s, rel=0.15, abs=2e-4)
     assert row["B_predicted"] == pytest.approx(5.46, rel=0.05)
     faster = replace(analysis, record=replace(analysis.record, band_hz=(0.5, 16.0)))
     assert impedance_table(faster, P, COMPENSATED, gains)["impedance"]["B_gap_s"].has_nulls()

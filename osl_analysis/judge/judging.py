@@ -196,7 +196,8 @@ def of_spoiled(estimate: Judged, fault: KnownFinding) -> Judged:
     """The estimate of a recording in which a check found a fault, which is then likely: what
     repeats and another motion leave open is the fault's, and a doubt beyond what is needed."""
     left = math.hypot(estimate.budget.half_width(), estimate.budget.half_range)
-    if estimate.verdict.rows or left <= estimate.needed:
+    has_friction = estimate.own is not estimate.budget  # at whose reversals a torque leaps, too
+    if estimate.verdict.rows or has_friction or left <= estimate.needed:
         return estimate
     row = Contribution(fault.name, left, basis="measured", part="fault")
     return replace(estimate, verdict=Verdict(fault.name, estimate.needed, (row,)))

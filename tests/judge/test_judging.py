@@ -108,6 +108,15 @@ def test_a_clipped_torque_decides_alone_where_no_rivals_were_weighed(are_weighed
     assert [each.name for each in found] == ["clipped_signal"] * (not are_weighed)
 
 
+def test_leaps_beside_certain_friction_are_no_fault(monkeypatch):
+    moved = fault(3.3, "amplitude", "", part="motion")
+    monkeypatch.setitem(KNEE, "K_without_friction", KNEE["K"])
+
+    found = of_knee({"K": [moved], "K_without_friction": [moved]}, faults={"knee": "signal_jumps"})
+
+    assert found == []
+
+
 def test_what_another_motion_changes_is_a_remark_with_its_size():
     stiffening = fault(4.0, "nonlinear_spring", "over amplitudes", part="motion")
 

@@ -55,8 +55,7 @@ class DeviceClock:
     def scatter(self) -> float:
         """Robust standard deviation [s] of the stamps about their creep, from quantiles: a few late
         stamps do not count."""
-        low, high = np.quantile(self.residual - self.creep, (0.05, 0.95))
-        return float(high - low) / NORMAL_90
+        return spread_of(self.residual - self.creep)
 
     @cached_property
     def decimal(self) -> float:
@@ -102,9 +101,8 @@ class DeviceClock:
         line = self.stamps - self.residual
         if np.ptp(self.residual) < no_scatter:
             return line
-        low, middle, high = np.quantile(self.residual, (0.05, 0.5, 0.95))
-        spread = (high - low) / NORMAL_90
-        is_near = np.abs(self.residual - middle) <= FAR_OFF * spread + no_scatter
+        spread = spread_of(self.residual)
+        is_near = np.abs(self.residual - np.median(self.residual)) <= FAR_OFF * spread + no_scatter
         late = self.residual[is_near]
         step, start = line_through(self.count[is_near], late)
         times = line + step * self.count + start
@@ -112,6 +110,12 @@ class DeviceClock:
         if self.has_prompt_batches is not None or is_one_sided:
             times += np.min((self.stamps - times)[is_near])
         return times
+
+
+def spread_of(values: Array) -> float:
+    """Robust standard deviation of values (n,), by their 5 and 95 % quantiles."""
+    low, high = np.quantile(values, (0.05, 0.95))
+    return float(high - low) / NORMAL_90
 
 
 def is_multiple(times: Array, decimal: float) -> bool:

@@ -231,24 +231,29 @@ def described(leg: Leg, step: GroupFit, uncertainties: Mapping[str, float]) -> R
 
     slow = X[:, len(leg.fitted) :] @ np.array([step["offset"], step["drift"]])
     left = leg.left().filtered_torque[rows] - slow
+    of_motion = over_motion(leg)
     of_components = contributions_of_components(leg, X, rows, uncertainties)
     return RenderedGains(
         budgets={
-            name: rendered.budget(name).plus(over_motion(leg, name), *of_components[name])
+            name: rendered.budget(name).plus(of_motion[name], *of_components[name])
             for name in (K_D, B_D)
         },
         VAF=variance_accounted_for(record.filtered_torque[rows], left),
     )
 
 
-def over_motion(leg: Leg, name: str) -> Contribution:
-    """Half of the range over amplitudes and frequencies, which friction makes: linear theory has
+def over_motion(leg: Leg) -> dict[str, Contribution]:
+    """Half of the ranges over amplitudes and frequencies, which friction makes: linear theory has
     none."""
-    values = [leg.impedance()[name][0]]
+    legs = [leg]
     for part in parts_of(leg.left(), leg.sums()):
         with suppress(IdentifiabilityError):
-            values.append(leg.moved_by(fit_groups(part, leg.model)).impedance()[name][0])
-    return Contribution("friction", np.ptp(values) / 2, basis="measured", part="motion")
+            legs.append(leg.moved_by(fit_groups(part, leg.model)))
+    found = {}
+    for name in (K_D, B_D):
+        half = np.ptp([each.impedance()[name][0] for each in legs]) / 2
+        found[name] = Contribution("friction", half, basis="measured", part="motion")
+    return found
 
 
 def contributions_of_components(

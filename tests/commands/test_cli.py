@@ -355,7 +355,6 @@ def test_a_job_may_have_four_fifths_of_the_least_of_machine_and_batch_job(monkey
         (tmp_path / name).write_text(text)
     monkeypatch.setattr(memory, "memory_limits", memory.memory_limits.__wrapped__)
     monkeypatch.setattr(memory, "Path", lambda *parts: tmp_path / "/".join(parts).lstrip("/"))
-    monkeypatch.setattr(memory, "memory_limits", memory.memory_limits.__wrapped__)
     monkeypatch.setattr("os.sysconf", {"SC_PAGE_SIZE": 4000, "SC_PHYS_PAGES": 10**6}.get)
     with limited_memory([]):
         assert resource.getrlimit(resource.RLIMIT_DATA)[0] == 1.6e9

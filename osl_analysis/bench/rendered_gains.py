@@ -37,7 +37,12 @@ from osl_analysis.bench.regression import (
     offset_and_drift,
 )
 from osl_analysis.model.compensator import stiffness_gain
-from osl_analysis.model.drivetrain import DrivetrainParameters, StatedOfDevice, held_actuator
+from osl_analysis.model.drivetrain import (
+    LONGEST_LOOP_DELAY,
+    DrivetrainParameters,
+    StatedOfDevice,
+    held_actuator,
+)
 from osl_analysis.model.rendered_impedance import Spectrum, linear_torque
 from osl_analysis.stats.budget import Budget, Contribution, unknown
 from osl_analysis.stats.linear_fit import LinearFit, solved, variance_accounted_for
@@ -108,8 +113,9 @@ def rendered_gains(
         except IdentifiabilityError:
             return None
         leg = leg.moved_by(step)
-        if leg.slow_damping <= 0 or leg.kappa <= p.K_s_at_actuator:
-            return None  # not damped, or no stiffness at rest
+        is_possible = leg.slow_damping > 0 and leg.K_1 > 0 and abs(leg.delay) < LONGEST_LOOP_DELAY
+        if not is_possible:
+            return None  # of a joint that is no such leg
         if all(abs(step[name]) < SMALLEST_STEP * step.se(name) for name in fitted):
             return described(leg, step, of_device.standard_errors)
     return None
@@ -261,10 +267,11 @@ def contributions_of_components(
 ) -> dict[str, list[Contribution]]:
     """What the uncertainty of each component of the drivetrain makes of what the gains render, to
     first order; of those whose uncertainty is not stated, the one that changes it most."""
+    components = [name for name in COMPONENTS if getattr(leg.p, name)]  # 0: left out of the model
     torque = leg.torque_for(leg.admittance)
     before = leg.impedance()
     slopes: dict[str, dict[str, float]] = {K_D: {}, B_D: {}}  # by component, for all of it
-    for component in COMPONENTS:
+    for component in components:
         value = getattr(leg.p, component)
         other = replace(leg, p=replace(leg.p, **{component: value * (1 + SMALL_CHANGE)}))
         change = torque[rows] - other.torque_for(other.admittance)[rows]
@@ -281,11 +288,11 @@ def contributions_of_components(
                 shared=True,
                 detail=component,
             )
-            for component in COMPONENTS
+            for component in components
             if component in uncertainties
         ]
         found[name] = stated
-        others = {key: abs(by_component[key]) for key in COMPONENTS if key not in uncertainties}
+        others = {key: abs(by_component[key]) for key in components if key not in uncertainties}
         if others:
             largest = max(others, key=others.__getitem__)
             per = unknown("parameter_differs", f"% of {largest}", **{name: others[largest] / 100})

@@ -283,7 +283,7 @@ def contributions_of_components(
     for name, by_component in slopes.items():
         stated = [
             Contribution(
-                "parameter_differs",
+                "component",
                 abs(by_component[component] * uncertainties[component] / getattr(leg.p, component)),
                 shared=True,
                 detail=component,
@@ -295,6 +295,6 @@ def contributions_of_components(
         others = {key: abs(by_component[key]) for key in components if key not in uncertainties}
         if others:
             largest = max(others, key=others.__getitem__)
-            per = unknown("parameter_differs", f"% of {largest}", **{name: others[largest] / 100})
+            per = unknown("component", f"% of {largest}", **{name: others[largest] / 100})
             found[name].append(per[name])
     return found

@@ -88,7 +88,7 @@ def test_a_leg_without_compensation_renders_less_than_its_gain():
 def test_the_most_harmful_component_says_what_a_percent_of_it_changes(tmp_path):
     trial = recorded_leg(25.0, 0.66)
     fit = fitted(trial)
-    of_file = fit.budget.filter(source="parameter_differs", estimate="K_d_rendered")
+    of_file = fit.budget.filter(source="component", estimate="K_d_rendered")
     per = of_file["per"].item()
     assert per.endswith("N*m/rad per % of K_s")
     size = float(per.split()[0])

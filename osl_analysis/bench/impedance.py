@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.base.errors import IdentifiabilityError, InputError, naming
 from osl_analysis.base.trial import Array
-from osl_analysis.bench.bench_settings import Calibration
+from osl_analysis.bench.bench_settings import NOT_STATED, Calibration
 from osl_analysis.bench.record import STIFFNESS_ALONE, Label, Record
 from osl_analysis.bench.regression import (
     DERIVATIVES,
@@ -100,6 +100,10 @@ class Analysis:
             Whose rows were fitted.
         """
         record = self.record
+        settings = record.settings
+        is_stated = settings.calibration != NOT_STATED or settings.fixture is not None
+        if not is_stated and settings.bench_stiffness is None:
+            return own
         rows = record.rows(label)
         motion = record.motion
         columns = dict(self.sums.columns)

@@ -169,7 +169,8 @@ def impedance_table(
         budgets = estimates_of(analysis, found, label)
         if label is None:
             budgets = with_other_contributions(analysis, found, budgets, bool(gains))
-            budgets |= rendered.budgets if rendered else {}
+            if rendered:
+                budgets = {**budgets, **rendered.budgets}
         row: Row = {
             **analysis.place(label),
             **analysis.diagnostics(label),

@@ -114,7 +114,6 @@ class Analysis:
         sizes = own.estimates
         X = np.column_stack([columns[column] for column in of_estimates])
         is_of_angle = np.isin(of_estimates, OF_ANGLE)
-
         angle_sizes = sizes * is_of_angle
 
         def passed(angle: Array) -> Array:

@@ -18,7 +18,7 @@ K_d = Z(0) and, to first order in s, B_d = Z'(0):
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,7 @@ from osl_analysis.model.drivetrain import (
     LONGEST_LOOP_DELAY,
     DrivetrainParameters,
     StatedOfDevice,
+    dynamic_stiffness,
     held_actuator,
 )
 from osl_analysis.model.rendered_impedance import Spectrum, linear_torque
@@ -54,6 +55,7 @@ MOST_STEPS = 20  # of Gauss and Newton; a sound leg takes two to seven
 SMALLEST_STEP = 1e-3  # of the gains' standard errors, at which they have converged
 MOTION_CUTOFFS = 3.0  # of the low-pass, beyond which nothing of the motion is left
 """As of the torque that linear theory expects."""
+NO_ANGLE_NOISE = np.array([[1.0], [0.0]])  # a frequency [Hz], and its density [rad^2/Hz]
 COMPONENTS = ("K_s", "n_T", "J_m", "B_m", "J_j", "B_j")  # of Eq. 9 beside the gains
 SMALL_CHANGE = 1e-3  # of a component, by which its slope is taken
 
@@ -109,7 +111,7 @@ def rendered_gains(
     leg = Leg(analysis.record.coarse, p, K_1, max(B_1, 0.0), delay or 0.0, fitted)
     for _ in range(MOST_STEPS):
         try:
-            step = fit_groups(leg.sums(), leg.model)
+            step = fit_groups(leg.sums, leg.model)
         except IdentifiabilityError:
             return None
         leg = leg.moved_by(step)
@@ -162,7 +164,7 @@ class Leg:
 
     def admittance(self, s: Spectrum) -> Spectrum:
         """Y [rad/(N*m)] at frequencies s [rad/s]."""
-        return 1 / (self.p.J_j * s**2 + self.p.B_j * s + self.p.K_s - self.c / self.N(s))
+        return 1 / dynamic_stiffness(s, self.K_1, self.B_1, self.p, self.delay)
 
     def torque_for(
         self, admittance: Callable[[Spectrum], Spectrum], angle: Array | None = None
@@ -173,6 +175,12 @@ class Leg:
         highest_hz = MOTION_CUTOFFS * self.record.settings.cutoff_hz
         return linear_torque(admittance, theta, self.record.rate_hz, highest_hz)
 
+    @cached_property
+    def torque(self) -> Array:
+        """What the controller renders for the record's motion, (n,) [N*m]."""
+        return self.torque_for(self.admittance)
+
+    @cached_property
     def slopes(self) -> dict[str, Array]:
         """The slopes (n,) of the torque in the gains and the delay, with offset and drift."""
 
@@ -189,19 +197,22 @@ class Leg:
         columns = {name: self.torque_for(slopes[name]) for name in self.fitted}
         return {**columns, **offset_and_drift(self.record.time)}
 
-    def left(self) -> Record:
+    @cached_property
+    def residual(self) -> Record:
         """The record with what the controller leaves of the torque."""
         record = self.record
-        torque = self.torque_for(self.admittance)
         return replace(
-            record, torque=record.torque - torque, filtered_torque=record.filtered_torque - torque
+            record,
+            torque=record.torque - self.torque,
+            filtered_torque=record.filtered_torque - self.torque,
         )
 
+    @cached_property
     def sums(self) -> Sums:
         """Sums of the slopes and of what the controller leaves."""
         # the slopes are behind the actuator, which passes no noise of the angle
-        columns = {**self.slopes(), "theta": self.record.motion.theta}
-        return motion_sums(self.left(), columns, angle_noise=np.array([[1.0], [0.0]]))
+        columns = {**self.slopes, "theta": self.record.motion.theta}
+        return motion_sums(self.residual, columns, NO_ANGLE_NOISE)
 
     def impedance(self) -> Values:
         """K_d and B_d that are rendered (Eqs. 11-13), each with its derivatives by the controller's
@@ -224,19 +235,17 @@ def described(leg: Leg, step: GroupFit, uncertainties: Mapping[str, float]) -> R
     of the last step, what is stated of the bench and of the drivetrain, and the motion."""
     record = leg.record
     rows = record.rows()
-    torque = leg.torque_for(leg.admittance)
-    slopes = leg.slopes()
-    X = np.column_stack([slopes[column] for column in leg.model.values()])[rows]
+    X = np.column_stack([leg.slopes[column] for column in leg.model.values()])[rows]
 
     fit = step
     passed = partial(leg.torque_for, leg.admittance)
-    for source, error in bench_torques(record, torque, torque, passed, rows):
+    for source, error in bench_torques(record, leg.torque, leg.torque, passed, rows):
         change, _ = solved(X.T @ X, X.T @ error[rows])
         fit = fit.with_known_error(source, change, shared=True)
     rendered = fit.derived(leg.impedance())
 
     slow = X[:, len(leg.fitted) :] @ np.array([step["offset"], step["drift"]])
-    left = leg.left().filtered_torque[rows] - slow
+    unexplained = leg.residual.filtered_torque[rows] - slow
     of_motion = over_motion(leg)
     of_components = contributions_of_components(leg, X, rows, uncertainties)
     return RenderedGains(
@@ -244,7 +253,7 @@ def described(leg: Leg, step: GroupFit, uncertainties: Mapping[str, float]) -> R
             name: rendered.budget(name).plus(of_motion[name], *of_components[name])
             for name in (K_D, B_D)
         },
-        VAF=variance_accounted_for(record.filtered_torque[rows], left),
+        VAF=variance_accounted_for(record.filtered_torque[rows], unexplained),
     )
 
 
@@ -252,7 +261,7 @@ def over_motion(leg: Leg) -> dict[str, Contribution]:
     """Half of the ranges over amplitudes and frequencies, which friction makes: linear theory has
     none."""
     legs = [leg]
-    for part in parts_of(leg.left(), leg.sums()):
+    for part in parts_of(leg.residual, leg.sums):
         with suppress(IdentifiabilityError):
             legs.append(leg.moved_by(fit_groups(part, leg.model)))
     found = {}
@@ -268,13 +277,12 @@ def contributions_of_components(
     """What the uncertainty of each component of the drivetrain makes of what the gains render, to
     first order; of those whose uncertainty is not stated, the one that changes it most."""
     components = [name for name in COMPONENTS if getattr(leg.p, name)]  # 0: left out of the model
-    torque = leg.torque_for(leg.admittance)
     before = leg.impedance()
     slopes: dict[str, dict[str, float]] = {K_D: {}, B_D: {}}  # by component, for all of it
     for component in components:
         value = getattr(leg.p, component)
         other = replace(leg, p=replace(leg.p, **{component: value * (1 + SMALL_CHANGE)}))
-        change = torque[rows] - other.torque_for(other.admittance)[rows]
+        change = (leg.torque - other.torque)[rows]
         changes = dict(zip(leg.model, np.linalg.lstsq(X, change)[0], strict=True))
         after = other.moved_by(changes).impedance()
         for name in before:

@@ -279,6 +279,16 @@ def held_actuator(
     return np.asarray(p.J_m * s**2 + p.B_m * s + controlled + p.K_s_at_actuator)
 
 
+def dynamic_stiffness(
+    s: ArrayLike, K_1: ArrayLike, B_1: ArrayLike, p: DrivetrainParameters, delay: float = 0.0
+) -> NDArray[np.complex128]:
+    """Z = P - c/N of `joint_admittance` with the joint's inertia [N*m/rad], of a controller as in
+    `held_actuator`."""
+    s = np.asarray(s, dtype=np.complex128)
+    c = p.K_s**2 / p.n_T**2
+    return np.asarray(p.J_j * s**2 + p.B_j * s + p.K_s - c / held_actuator(s, K_1, B_1, p, delay))
+
+
 def desired_admittance(K_d: float, B_d: float) -> RationalFunction:
     """Y_d = 1/Q = 1/(B_d s + K_d) [rad/(N*m)] (Eq. 11)."""
     return RationalFunction(np.array([1.0]), np.array([B_d, K_d]))

@@ -17,7 +17,7 @@ from osl_analysis.model.compensator import Gains
 from osl_analysis.model.drivetrain import (
     DrivetrainParameters,
     RationalFunction,
-    held_actuator,
+    dynamic_stiffness,
     joint_admittance,
 )
 
@@ -107,15 +107,14 @@ def passive_delay(
     """Smallest delay T (pairs,) [s] of the control loop with which the joint gives away energy at
     some frequency up to `highest_hz`; infinite where none up to `LONGEST_DELAY` does.
 
-    The joint takes in energy at s = j w where Im Z = w B_j - Im(c/N) is positive.
+    The joint takes in energy at s = j w where Im Z is positive.
     """
     w = 2 * np.pi * np.geomspace(highest_hz / 1e3, highest_hz, 60)
     s = 1j * w
-    c = p.K_s**2 / p.n_T**2
     smallest = np.full(K_1.shape, np.inf)
     for delay in np.arange(LONGEST_DELAY, 0, -DELAY_STEP):
-        N = held_actuator(s, K_1[:, None], B_1[:, None], p, delay)
-        gives_energy = (w * p.B_j - (c / N).imag < 0).any(axis=1)
+        Z = dynamic_stiffness(s, K_1[:, None], B_1[:, None], p, delay)
+        gives_energy = (Z.imag < 0).any(axis=1)
         smallest[gives_energy] = delay
     return smallest
 

@@ -30,7 +30,7 @@ from pathlib import Path
 
 import yaml
 
-from osl_analysis.jobs.job_log import read_log
+from osl_analysis.jobs.progress import read_log
 
 ROOT = Path(__file__).resolve().parents[1]
 ADOPT_ORPHANS = 36

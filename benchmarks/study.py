@@ -54,7 +54,6 @@ from osl_analysis.simulator.trial_plan import generator_of
 from osl_analysis.simulator.walking_trial import simulate_walking_trial
 from osl_analysis.stats.budget import IN_INTERVAL, INTERVAL_ENDS
 from osl_analysis.stats.linear_fit import LinearFit
-from osl_analysis.walking.contributions import group_headline
 from osl_analysis.walking.crossing import PER_UNIT, Crossing, analyse_crossing
 from osl_analysis.walking.impedance_fit import fit_without_offset
 from osl_analysis.walking.isolated_response import isolate_response, unperturbed_gait
@@ -62,6 +61,7 @@ from osl_analysis.walking.plate import Stance
 from osl_analysis.walking.plate_inertia import NO_CORRECTION, PlateModel, identify_plate_model
 from osl_analysis.walking.plate_lag import PlateTiming, timing_of
 from osl_analysis.walking.poses import static_calibration
+from osl_analysis.walking.tables import group_headline
 from osl_analysis.walking.walking_settings import FootSettings, WalkingAnalysis
 
 Made = TypeVar("Made")

@@ -259,7 +259,7 @@ def results(
         format_results_table,
         read_summary,
     )
-    from osl_analysis.jobs.job_log import later_failures
+    from osl_analysis.jobs.progress import later_failures
     from osl_analysis.report.verdicts import brief_lines
 
     if columns:
@@ -267,7 +267,7 @@ def results(
         return
     summary = read_summary(folder / "summary.json")
     if number is not None:
-        from osl_analysis.commands.trace_number import trace_text
+        from osl_analysis.commands.report import trace_text
 
         say(trace_text(summary, number))
     elif everything or markdown:

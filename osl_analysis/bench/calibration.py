@@ -9,9 +9,13 @@ import polars as pl
 
 from osl_analysis.base.errors import InputError
 from osl_analysis.base.trial import Trial
-from osl_analysis.bench.bench_settings import BenchStiffness, Fixture
+from osl_analysis.bench.bench_settings import (
+    BenchStiffness,
+    Calibration,
+    Fixture,
+    ImpedanceAnalysis,
+)
 from osl_analysis.bench.budgets import fit_tables
-from osl_analysis.bench.clock_drift import check_friction
 from osl_analysis.bench.impedance import Analysis, encoder_errors
 from osl_analysis.bench.lags import late_fit
 from osl_analysis.bench.motion import signals_of
@@ -27,6 +31,46 @@ from osl_analysis.bench.regression import (
 )
 from osl_analysis.signals.grid import origin
 from osl_analysis.stats.budget import NORMAL_HALF_WIDTH, Budget, Row
+
+LEAST_FRICTION = 1e-3  # of the torque's SD; what a sound calibration's friction is negative by
+
+
+def check_friction(record: Record, fit: GroupFit) -> None:
+    """Refuse a calibration whose friction certainly drives the motion, as none does: the lag of its
+    torque is no delay, and no clock that drifts."""
+    low, high = fit.interval("T_C")
+    if high < -LEAST_FRICTION * np.std(record.filtered_torque):
+        raise InputError(
+            f"trial {record.name}: friction T_C = {fit['T_C']:.3g} N*m ({low:.3g} to {high:.3g})"
+            " is certainly negative, as where the torque is late by what changes",
+            "see that nothing slips or filters it, and record angle and torque by one device",
+        )
+
+
+class CalibrationOfTwoClocks(Calibration):
+    """A calibration whose `delay` holds the error of a clock that was fitted, too, which tells
+    nothing of what delays the torque itself."""
+
+    is_stated: bool
+
+    @property
+    def tells_delay(self) -> bool:
+        """Whether the delay was measured, too."""
+        return self.is_stated
+
+
+def with_clock_error(settings: ImpedanceAnalysis, trial: Trial) -> ImpedanceAnalysis:
+    """Settings whose `calibration.delay` holds the standard error of the fit of a trial's second
+    clock to the first, in the middle of the trial."""
+    clock = trial.provenance.get("clock") or {}
+    if clock.get("drift_error") is None:
+        return settings
+    error_s = clock["residual"] / np.sqrt(max(clock["edges"], 1))
+    stated = settings.calibration
+    with_clock = {**stated.model_dump(), "delay": np.hypot(stated.delay, error_s)}
+    calibration = CalibrationOfTwoClocks(**with_clock, is_stated=stated.tells_delay)
+    return settings.model_copy(update={"calibration": calibration})
+
 
 JOINT_SIDE = "theta_joint"  # column of the angle between frame and joint
 SPRING_LOSS = 1e-3

@@ -3,32 +3,99 @@
 must fulfil before anything runs."""
 
 import filecmp
+import hashlib
+import json
 import os
+import re
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
+from importlib.metadata import requires, version
 from io import DEFAULT_BUFFER_SIZE
 from pathlib import Path
 from typing import Any
 from warnings import catch_warnings
 
-from osl_analysis.base.errors import InputError, naming
-from osl_analysis.base.files import shipped
+import polars as pl
+
+from osl_analysis.base.errors import InputError, OslAnalysisError, naming
+from osl_analysis.base.files import DISTRIBUTION, PACKAGE, ROOT, digest, shipped
 from osl_analysis.base.table import MEASURED, SIMULATED
-from osl_analysis.base.trial import stretches
-from osl_analysis.base.yaml_settings import check_known
+from osl_analysis.base.trial import metadata_of, stretches
+from osl_analysis.base.yaml_settings import check_known, read_mapping
 from osl_analysis.campaign.configuration import Config
-from osl_analysis.campaign.trace import digest_of_source
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
 from osl_analysis.config.sheet import FIXTURE, RECORDINGS, SOURCES, SheetRows, read_sheet
-from osl_analysis.ingest.raw_files import recorded_files
+from osl_analysis.ingest.raw_files import read_source, recorded_files
 from osl_analysis.judge.claims import read_claims
 from osl_analysis.judge.known_findings import CHECKS
 from osl_analysis.judge.recording_checks import unknown_check, validate_rules
 from osl_analysis.model.drivetrain import joint_of, known_parameters
 from osl_analysis.walking.groups import STATED, side_of, split_keys, static_of
+
+DIGITS = 12  # of the digest of values: one that is equal by chance is not met
+CODE = {".py", ".yaml", ".j2", ".smk"}  # suffixes of what computes, judges and words
+
+
+def digest_of(content: Any) -> str:
+    """The first digits of the digest of values, whatever the order of their names."""
+    text = json.dumps(content, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:DIGITS]
+
+
+def values_in(path: Path) -> Any:
+    """The values in a file: of YAML its fields, of CSV its rows without comments."""
+    if path.suffix == ".yaml":
+        return read_mapping(path)
+    return pl.read_csv(path, comment_prefix="#", infer_schema=False).rows()
+
+
+def digest_of_source(path: Path) -> str | None:
+    """The digest of what a source file states, without its description; of its bytes where it is
+    wrong, None where it is missing."""
+    with suppress(OslAnalysisError):
+        return digest_of(read_source(path).model_dump(mode="json", exclude={"description"}))
+    return digest(path)
+
+
+@cache
+def code() -> str:
+    """The digest of this package, its rules and the versions of its libraries."""
+    files = [file for folder in (PACKAGE, ROOT / "rules") for file in sorted(folder.rglob("*"))]
+    return digest_of([[digest(file) for file in files if file.suffix in CODE], libraries()])
+
+
+def libraries() -> dict[str, str]:
+    """The versions of the libraries that this package needs."""
+    needed = [line for line in requires(DISTRIBUTION) or () if "extra ==" not in line]
+    names = [re.split(r"[^\w.-]", line)[0] for line in needed]
+    return {name: version(name) for name in names}
+
+
+def trace(
+    stated: Mapping[str, str | None], trials: Iterable[Path], experiments: Mapping[str, str]
+) -> dict[str, Any]:
+    """What decides results: the digests of what is `stated` and of recordings; by trial (Parquet),
+    its experiment, and which of both are its own; code and libraries."""
+    recordings: dict[str, str] = {}
+    of_trials: dict[str, dict[str, Any]] = {}
+    for path in trials:
+        trial, provenance = metadata_of(path)
+        files = of_trials[trial] = {"experiment": experiments[trial], "files": []}
+        for file in provenance["files"].values():
+            recordings[file["path"]] = file["sha256"]
+            files["files"] += [file["path"], f"source {file['source']}"]
+    return {
+        "stated": stated,
+        "recordings": recordings,
+        "trials": of_trials,
+        "code": {"version": version(DISTRIBUTION), "digest": code()},
+        "libraries": libraries(),
+    }
+
 
 # Cells of a row that ingest uses. A change of other cells does not cause a new ingest.
 INGESTED = (

@@ -13,10 +13,9 @@ from typing import Any
 
 from osl_analysis.base.files import DISTRIBUTION, ROOT, own_yaml
 from osl_analysis.base.yaml_settings import flat, read_mapping
-from osl_analysis.campaign.campaign_trials import Campaign
+from osl_analysis.campaign.campaign_trials import Campaign, code, digest_of, values_in
 from osl_analysis.campaign.configuration import LIMIT_BY_WEIGHT, Config
-from osl_analysis.campaign.trace import code, digest_of, values_in
-from osl_analysis.judge.limits import SHIPPED
+from osl_analysis.judge.finding import SHIPPED
 
 # facts on the origin of results
 ABOUT_MEANING = {

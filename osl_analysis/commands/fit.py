@@ -22,8 +22,7 @@ from osl_analysis.base.yaml_settings import validated
 from osl_analysis.bench import bench_settings as choices
 from osl_analysis.bench import calibration
 from osl_analysis.bench.belt import belt_curve, belt_table, belt_trial
-from osl_analysis.bench.calibration import fixture_column, with_fixture
-from osl_analysis.bench.clock_drift import with_clock_error
+from osl_analysis.bench.calibration import fixture_column, with_clock_error, with_fixture
 from osl_analysis.bench.evidence import (
     UNSTATED,
     DesiredImpedance,
@@ -49,7 +48,7 @@ from osl_analysis.judge.judging import judged, marked
 from osl_analysis.judge.known_findings import known_finding
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import FileOrNone, known_parameters, stated_of_device
-from osl_analysis.signals.leaps import find_leaps
+from osl_analysis.signals.plateaus import find_leaps
 from osl_analysis.stats.repeats import DOUBTFUL
 
 

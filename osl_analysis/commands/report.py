@@ -9,11 +9,17 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from osl_analysis.base.errors import listing, printable_lines, without_particulars
+from osl_analysis.base.errors import (
+    InputError,
+    listing,
+    nearest,
+    printable_lines,
+    without_particulars,
+)
 from osl_analysis.base.files import write_text
 from osl_analysis.base.table import NotAnalysed, read_by_name, read_table
 from osl_analysis.base.yaml_settings import FilesByName
-from osl_analysis.campaign.origin import sentence
+from osl_analysis.campaign.origin import EXPERIMENTS_BY_SETTING, sentence
 from osl_analysis.commands.figure import caption, reasons_not_drawn
 from osl_analysis.commands.tables import read_summary
 from osl_analysis.figures.drawing import figure_title
@@ -21,7 +27,8 @@ from osl_analysis.judge.campaign import exclusion_report, findings_in_summary
 from osl_analysis.judge.finding import read_findings
 from osl_analysis.judge.recording_checks import BY_JOB
 from osl_analysis.report import methods
-from osl_analysis.report.numbers import headline_sentences, numbers_in_summary
+from osl_analysis.report.methods import template
+from osl_analysis.report.numbers import headline_sentences, macro_name, numbers_in_summary
 from osl_analysis.report.page import Page, ShownFigure, trial_view, written_page
 from osl_analysis.report.paper_tables import conditions, groups
 from osl_analysis.report.signals import (
@@ -319,3 +326,50 @@ def failure_lines(
         lines.append(of_cause[first] + also)
     lines += [f"  result {file}: {reason}" for file, reason in missing_results.items()]
     return lines
+
+
+# ---- From which files, trials and settings a headline number comes, by the trace of
+# `summary.json`.
+
+
+def trace_text(summary: Mapping[str, Any], asked: str) -> str:
+    """Tell where numbers come from.
+
+    Parameters
+    ----------
+    summary : Mapping
+        `summary.json`.
+    asked : str
+        The name of a number, its macro of LaTeX, or its value as it is printed.
+
+    Raises
+    ------
+    InputError
+        There is no such number.
+    """
+    numbers = numbers_in_summary(summary)
+    name = asked.lstrip("\\").removeprefix("osl")
+    meant = [
+        number
+        for number in numbers
+        if name in (number.name, macro_name(number.name), *number.texts)
+    ]
+    if not meant:
+        names = [number.name for number in numbers]
+        raise InputError(
+            f"{asked}: no number of these results",
+            f"name one as summary.json does, or its macro or value{nearest(asked, names)}",
+        )
+    trace = summary["trace"]
+    texts = []
+    for number in meant:
+        experiments = {trace["trials"][trial]["experiment"] for trial in number.trials}
+        decide = [name for name, of in EXPERIMENTS_BY_SETTING.items() if experiments & {*of}]
+        settings = {
+            name: value
+            for name, value in summary["settings"].items()
+            if name.startswith((*decide,))
+        }
+        facts = {"number": number, "settings": settings, "changed": changed_lines(summary)}
+        texts.append(template("trace.j2").render(facts, summary=summary, trace=trace))
+    return "\n\n".join(texts)

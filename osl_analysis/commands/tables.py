@@ -28,8 +28,8 @@ from osl_analysis.base.table import (
     write_table,
 )
 from osl_analysis.base.yaml_settings import FilesByName
+from osl_analysis.campaign.campaign_trials import code, digest_of, trace
 from osl_analysis.campaign.origin import sentence
-from osl_analysis.campaign.trace import code, digest_of, trace
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary.described import described_tables, described_tables_by_name
 from osl_analysis.judge.campaign import (
@@ -39,10 +39,9 @@ from osl_analysis.judge.campaign import (
     judged_together,
 )
 from osl_analysis.judge.claims import claims_table, read_claims
-from osl_analysis.judge.finding import findings_frame, read_findings
+from osl_analysis.judge.finding import DoubtfulFits, Limits, findings_frame, read_findings
 from osl_analysis.judge.judging import marked, with_doubts_of
 from osl_analysis.judge.known_findings import CHECKS
-from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.judge.recording_checks import (
     BY_SHEET,
     CROSSING,
@@ -52,7 +51,6 @@ from osl_analysis.judge.recording_checks import (
     read_verdicts,
 )
 from osl_analysis.model.drivetrain import FileOrNone, known_parameters
-from osl_analysis.report.answer import answer
 from osl_analysis.report.numbers import (
     ENTRIES,
     headline_numbers,
@@ -71,6 +69,7 @@ from osl_analysis.report.paper_tables import (
 )
 from osl_analysis.report.typography import aligned, markdown_table
 from osl_analysis.report.verdicts import (
+    answer,
     left_out_trials,
     missing_lines,
     serving_trials,

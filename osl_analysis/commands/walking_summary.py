@@ -23,17 +23,16 @@ from osl_analysis.config.impedance_trajectory import (
     read_impedance_trajectory,
 )
 from osl_analysis.config.sheet import JOINT
+from osl_analysis.judge.finding import Limits
 from osl_analysis.judge.judging import EXCLUDED, judged, marked
-from osl_analysis.judge.limits import Limits
 from osl_analysis.stats.repeats import DOUBTFUL, concerns
 from osl_analysis.walking import tables as result_tables
 from osl_analysis.walking import walking_settings as choices
-from osl_analysis.walking.contributions import GroupHeadline, group_headline
 from osl_analysis.walking.groups import SEPARATOR
 from osl_analysis.walking.isolated_response import UnperturbedGait
 from osl_analysis.walking.plate_inertia import PlateModel
 from osl_analysis.walking.plate_lag import PlateTiming
-from osl_analysis.walking.tables import conditions_of, result_columns
+from osl_analysis.walking.tables import GroupHeadline, conditions_of, group_headline, result_columns
 
 FEWEST_FITS = 2  # of perturbations, for a scatter
 TOO_FEW = "perturbations can be used, expected 2 or more for a scatter; see the reasons in"

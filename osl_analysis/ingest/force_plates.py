@@ -19,7 +19,7 @@ from osl_analysis.formats.plate_geometry import own_axes
 from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.conversion import Converted, check_finite_values
 from osl_analysis.signals.filters import longest_of
-from osl_analysis.signals.standing import repeats, run_at_extreme
+from osl_analysis.signals.plateaus import repeats, run_at_extreme
 
 
 def convert_plates(

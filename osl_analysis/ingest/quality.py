@@ -23,8 +23,14 @@ from osl_analysis.ingest.guard import ANGLES, recorded
 from osl_analysis.signals.agreement import speed_factor
 from osl_analysis.signals.filters import longest_of, run_edges
 from osl_analysis.signals.grid import GapLimits, devices_of, origin, uniform_signals
-from osl_analysis.signals.leaps import find_leaps, steps_by_friction
-from osl_analysis.signals.standing import has_levels, repeats, run_at_extreme, standing_runs
+from osl_analysis.signals.plateaus import (
+    find_leaps,
+    has_levels,
+    repeats,
+    run_at_extreme,
+    standing_runs,
+    steps_by_friction,
+)
 from osl_analysis.spectral.stepped_sine import (
     Run,
     SteppedSineProtocol,

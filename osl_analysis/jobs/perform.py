@@ -46,7 +46,7 @@ from osl_analysis.dictionary.described import (
     described_tables,
     described_tables_by_name,
 )
-from osl_analysis.jobs.job_log import Files, Job, listed, write_log
+from osl_analysis.jobs.progress import Files, Job, listed, write_log
 from osl_analysis.judge.recording_checks import CHECKED, HOW_TO_USE
 
 ONLY_CHECKED = "fitted"

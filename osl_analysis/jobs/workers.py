@@ -22,7 +22,7 @@ from unittest.mock import patch
 
 from osl_analysis.base.files import temporary_path
 from osl_analysis.base.memory import SET_TO_ONE
-from osl_analysis.jobs.job_log import Files, Job, write_log
+from osl_analysis.jobs.progress import Files, Job, write_log
 
 # of workers alone: Snakemake may have jobs of other workflows
 ENVIRONMENT = dict.fromkeys((*SET_TO_ONE, "POLARS_MAX_THREADS", "NUMBA_NUM_THREADS"), "1") | {

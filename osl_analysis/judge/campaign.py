@@ -13,15 +13,16 @@ from osl_analysis.config.experiments import EXPERIMENTS, JUDGED_TABLES
 from osl_analysis.judge.agreement import disagreements
 from osl_analysis.judge.finding import (
     Beyond,
+    DoubtfulFits,
     Finding,
     Grade,
+    Limits,
     WordedFinding,
     Words,
     subject_of,
 )
 from osl_analysis.judge.judging import EXCLUDED, RowFindings, judged, marked
 from osl_analysis.judge.known_findings import CHECKS, FINDINGS, known_finding
-from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.judge.recording_checks import (
     BY_SHEET,
     CROSSING,

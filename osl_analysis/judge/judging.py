@@ -12,7 +12,15 @@ import polars as pl
 from osl_analysis.base.units import known_factor
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary.described import described_tables_by_name
-from osl_analysis.judge.finding import AnyRow, Beyond, Finding, Grade, cell_number, subject_of
+from osl_analysis.judge.finding import (
+    AnyRow,
+    Beyond,
+    Finding,
+    Grade,
+    Limits,
+    cell_number,
+    subject_of,
+)
 from osl_analysis.judge.known_findings import (
     FINDINGS,
     RULES,
@@ -22,7 +30,6 @@ from osl_analysis.judge.known_findings import (
     known_finding,
     rule_of,
 )
-from osl_analysis.judge.limits import Limits
 from osl_analysis.stats.budget import (
     CLEAR,
     FLOOR,

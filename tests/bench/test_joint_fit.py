@@ -19,8 +19,7 @@ from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.regression import sums_of
 from osl_analysis.inference.friction_shapes import slipping_springs
-from osl_analysis.judge.finding import Grade
-from osl_analysis.judge.limits import Limits
+from osl_analysis.judge.finding import Grade, Limits
 
 SETTINGS = CONFIG.dynamometer
 

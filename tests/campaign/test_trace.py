@@ -8,11 +8,11 @@ import pytest
 import yaml
 
 from osl_analysis.base.errors import InputError
-from osl_analysis.campaign import trace
+from osl_analysis.campaign import campaign_trials
 from osl_analysis.campaign.campaign_trials import open_campaign
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.campaign.origin import about, changed_settings, settings_of, stated_digests
-from osl_analysis.commands.trace_number import trace_text
+from osl_analysis.commands.report import trace_text
 
 SOURCE = """
 format: csv
@@ -59,19 +59,19 @@ def test_a_source_file_that_is_wrong_or_missing_has_another_digest(tmp_path):
         for text in (SOURCE, SOURCE.replace("deg", "UNKNOWN"), SOURCE.replace("deg", "furlong"))
     ]
 
-    assert len({*digests, trace.digest_of_source(tmp_path / "none.yaml")}) == 4
+    assert len({*digests, campaign_trials.digest_of_source(tmp_path / "none.yaml")}) == 4
 
 
 def test_a_line_of_code_is_another_code(tmp_path, monkeypatch):
     package = tmp_path / "package"
-    shutil.copytree(trace.PACKAGE / "stats", package)
-    monkeypatch.setattr(trace, "PACKAGE", package)
+    shutil.copytree(campaign_trials.PACKAGE / "stats", package)
+    monkeypatch.setattr(campaign_trials, "PACKAGE", package)
 
-    before = trace.code.__wrapped__()
-    assert trace.code.__wrapped__() == before
+    before = campaign_trials.code.__wrapped__()
+    assert campaign_trials.code.__wrapped__() == before
     with (package / "repeats.py").open("a") as file:
         file.write("LARGEST_RATIO = 2.0\n")
-    assert trace.code.__wrapped__() != before
+    assert campaign_trials.code.__wrapped__() != before
 
 
 def test_what_decides_verdicts_and_is_not_shipped_is_listed_with_old_and_new_value(tmp_path):

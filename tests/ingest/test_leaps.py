@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import white_noise
 
-from osl_analysis.signals.leaps import LARGEST_BEND, find_leaps
+from osl_analysis.signals.plateaus import LARGEST_BEND, find_leaps
 
 ROWS = 2000
 RATE_HZ = 200.0

@@ -37,7 +37,7 @@ from osl_analysis.judge.recording_checks import (
     validate_rules,
 )
 from osl_analysis.signals.filters import longest_run
-from osl_analysis.signals.standing import run_at_extreme
+from osl_analysis.signals.plateaus import run_at_extreme
 
 COMMANDED = Commanded((2.0, 4.0), (2.0, 5.0), 6, clusters={"foot": "ABCD"})
 RULES = CONFIG.quality

@@ -7,9 +7,9 @@ from conftest import refused_with
 from shipped import CONFIG
 
 from osl_analysis.base.recording import Rows
-from osl_analysis.bench.clock_drift import with_clock_error
-from osl_analysis.ingest.own_rows import with_own_rows
+from osl_analysis.bench.calibration import with_clock_error
 from osl_analysis.ingest.raw_files import trial_from_files
+from osl_analysis.ingest.table_log import with_own_rows
 from osl_analysis.signals.grid import stream_of
 
 FAST = np.arange(0, 20, 0.004)

@@ -39,14 +39,13 @@ from osl_analysis.commands.walking import (
     read_unperturbed_gaits,
 )
 from osl_analysis.ingest.quality import Commanded, measure_quality
-from osl_analysis.jobs.job_log import Job, read_log, write_log
 from osl_analysis.jobs.perform import (
     perform,
     without_excluded,
     without_missing,
     write_reasons,
 )
-from osl_analysis.jobs.progress import LogHandler
+from osl_analysis.jobs.progress import Job, LogHandler, read_log, write_log
 from osl_analysis.judge.campaign import exclusion_report
 from osl_analysis.judge.recording_checks import QualityRules, measured_table, read_verdicts
 from osl_analysis.walking.poses import StaticCalibration
@@ -218,7 +217,7 @@ import os, signal
 from pathlib import Path
 from osl_analysis.base.files import default_config
 from osl_analysis.jobs import workers
-from osl_analysis.jobs.job_log import Job
+from osl_analysis.jobs.progress import Job
 
 os.environ["OMP_NUM_THREADS"] = "64"
 def do(worker, log):
@@ -481,7 +480,7 @@ def test_a_lock_is_one_line(capsys):
 
 WORKFLOW = """
 from pathlib import Path
-from osl_analysis.jobs.job_log import write_log
+from osl_analysis.jobs.progress import write_log
 
 rule all:
     input: "own", "other", "of_shell"

@@ -13,9 +13,8 @@ from shipped import SETTINGS
 from osl_analysis.bench.budgets import SOURCES
 from osl_analysis.config.experiments import JUDGED_TABLES
 from osl_analysis.dictionary.described import described_tables, described_tables_by_name
-from osl_analysis.judge.finding import Finding, Grade
+from osl_analysis.judge.finding import DoubtfulFits, Finding, Grade, Limits
 from osl_analysis.judge.known_findings import CHECKS, CONTENT, FINDINGS, RULES
-from osl_analysis.judge.limits import DoubtfulFits, Limits
 from osl_analysis.judge.words import finding_text, words_of
 
 DOUBTS = {

@@ -15,7 +15,6 @@ from osl_analysis.commands.tables import write_paper_table
 from osl_analysis.figures import fig6
 from osl_analysis.judge.campaign import CampaignFinding
 from osl_analysis.report import paper_tables
-from osl_analysis.report.answer import answer
 from osl_analysis.report.numbers import (
     ENTRIES,
     headline_numbers,
@@ -23,7 +22,7 @@ from osl_analysis.report.numbers import (
     to_json,
 )
 from osl_analysis.report.paper_tables import condition_rows, conditions
-from osl_analysis.report.verdicts import brief_lines
+from osl_analysis.report.verdicts import answer, brief_lines
 from osl_analysis.stats.rounding import written
 
 ABOUT = dict.fromkeys(("campaign", "data", "version", "configuration", "recorded", "digest"), "x")

@@ -10,14 +10,13 @@ from scipy.stats import t
 from walking_crossings import Walk, crossing, several, walked
 from walking_synthetic import settings
 
-from osl_analysis.walking.contributions import group_headline, headline_of_responses
 from osl_analysis.walking.crossing import PER_UNIT
 from osl_analysis.walking.ensemble import stacked
 from osl_analysis.walking.impedance_fit import fit_response
 from osl_analysis.walking.isolated_response import isolate_response, unperturbed_gait
 from osl_analysis.walking.plate_inertia import NO_CORRECTION
 from osl_analysis.walking.plate_lag import PlateTiming
-from osl_analysis.walking.tables import result_columns
+from osl_analysis.walking.tables import group_headline, headline_of_responses, result_columns
 
 K, B, I = 340.0, 5.0, 0.03
 UNKNOWN = PlateTiming({}, {})

@@ -22,14 +22,13 @@ from walking_crossings import (
 from walking_synthetic import settings
 
 from osl_analysis.commands.walking_summary import commanded_trajectory, commanded_value
-from osl_analysis.walking.contributions import group_headline
 from osl_analysis.walking.groups import crossing_features, places, split_keys
 from osl_analysis.walking.isolated_response import unperturbed_gait
 from osl_analysis.walking.plate import Stance
 from osl_analysis.walking.plate_inertia import NO_CORRECTION
 from osl_analysis.walking.plate_lag import PlateTiming
 from osl_analysis.walking.set_up import CrossingQuality, pressure_outside
-from osl_analysis.walking.tables import fitted_time, set_up_difference
+from osl_analysis.walking.tables import fitted_time, group_headline, set_up_difference
 
 MIDSTANCE = Walk(0.4)
 

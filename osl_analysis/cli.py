@@ -25,7 +25,7 @@ from osl_analysis.base.errors import (
     printable_lines,
     show_advice_alone,
 )
-from osl_analysis.base.files import CAMPAIGN, DISTRIBUTION, check_target, shipped, write_text
+from osl_analysis.base.files import CAMPAIGN, check_target, shipped, write_text
 from osl_analysis.base.memory import SET_TO_ONE, limited_memory
 from osl_analysis.config.experiments import EXPERIMENTS
 
@@ -144,11 +144,27 @@ class OneLineErrors(click.Group):
         sys.exit(1)
 
 
+def show_version(ctx: click.Context, _: click.Parameter, is_asked: bool) -> None:
+    """Show the version of the code."""
+    if is_asked:
+        from osl_analysis.campaign.campaign_trials import code_version
+
+        say(f"osl-analysis, version {code_version()}")
+        ctx.exit()
+
+
 @click.group(
     cls=OneLineErrors,
     context_settings={"help_option_names": ["-h", "--help"], "show_default": True},
 )
-@click.version_option(package_name=DISTRIBUTION)
+@click.option(
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=show_version,
+    help="Show the version and exit.",
+)
 def main() -> None:
     """From the logs of a powered prosthesis to stiffness [N·m/rad], damping [N·m·s/rad] and inertia
     [kg·m²].

@@ -7,6 +7,7 @@ import hashlib
 import json
 import os
 import re
+import subprocess
 import zlib
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
@@ -37,6 +38,7 @@ from osl_analysis.model.drivetrain import joint_of, known_parameters
 from osl_analysis.walking.groups import STATED, side_of, split_keys, static_of
 
 DIGITS = 12  # of the digest of values: one that is equal by chance is not met
+CODE_FOLDERS = ("osl_analysis", "rules")  # of a clone
 CODE = {".py", ".yaml", ".j2", ".smk"}  # suffixes of what computes, judges and words
 
 
@@ -68,6 +70,30 @@ def code() -> str:
     return digest_of([[digest(file) for file in files if file.suffix in CODE], libraries()])
 
 
+@cache
+def code_version() -> str:
+    """The version that says which code this is: in a clone of the project its nearest tag, or its
+    release, with the last commit that changed the code, and `-changed` where it is not committed;
+    elsewhere the release with the first digits of the code's digest."""
+    release = version(DISTRIBUTION)
+    in_clone = (PACKAGE.parent / ".git").exists()
+    commit = git("log", "-1", "--format=%h", "--", *CODE_FOLDERS) if in_clone else ""
+    if not commit:
+        return f"{release}+{code()[:8]}"
+    tag = git("describe", "--tags", "--match=v*", commit).removeprefix("v")
+    changed = git("status", "--porcelain", "--", *CODE_FOLDERS)
+    return (tag or f"{release}+g{commit}") + ("-changed" if changed else "")
+
+
+def git(*command: str) -> str:
+    """What git says in the clone of the project; nothing where it is missing or refuses."""
+    try:
+        said = subprocess.run(["git", *command], cwd=PACKAGE.parent, capture_output=True, text=True)
+    except OSError:
+        return ""
+    return said.stdout.strip()
+
+
 def libraries() -> dict[str, str]:
     """The versions of the libraries that this package needs."""
     needed = [line for line in requires(DISTRIBUTION) or () if "extra ==" not in line]
@@ -92,7 +118,7 @@ def trace(
         "stated": stated,
         "recordings": recordings,
         "trials": of_trials,
-        "code": {"version": version(DISTRIBUTION), "digest": code()},
+        "code": {"version": code_version(), "digest": code()},
         "libraries": libraries(),
     }
 

@@ -7,13 +7,12 @@ What nobody stated neither judges nor labels a recording in silence: the page te
 
 import json
 from collections.abc import Collection, Mapping, Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from osl_analysis.base.files import DISTRIBUTION, ROOT, own_yaml
 from osl_analysis.base.yaml_settings import flat, read_mapping
-from osl_analysis.campaign.campaign_trials import Campaign, code, digest_of, values_in
+from osl_analysis.campaign.campaign_trials import Campaign, code, code_version, digest_of, values_in
 from osl_analysis.campaign.configuration import LIMIT_BY_WEIGHT, Config
 from osl_analysis.judge.finding import SHIPPED
 
@@ -59,7 +58,7 @@ def about(campaign: Campaign, simulation: Sequence[Path]) -> dict[str, str]:
     return {
         "campaign": campaign.config.campaign,
         "data": campaign.data,
-        "version": version(DISTRIBUTION),
+        "version": code_version(),
         "configuration": digest_of(stated_digests(campaign, simulation)),
         "recorded": date_of_data(campaign),
     }
@@ -68,7 +67,7 @@ def about(campaign: Campaign, simulation: Sequence[Path]) -> dict[str, str]:
 def made_by(campaign: Campaign) -> dict[str, str]:
     """What makes the results: the version of the package, the digest of its code; and whether the
     data are simulated."""
-    return {"version": version(DISTRIBUTION), "code": code(), "data": campaign.data}
+    return {"version": code_version(), "code": code(), "data": campaign.data}
 
 
 def settings_of(campaign: Campaign) -> dict[str, str]:

@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Results say what decides them, by values: a comment changes nothing, a value does."""
 
+import re
 import shutil
+import subprocess
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -72,6 +75,38 @@ def test_a_line_of_code_is_another_code(tmp_path, monkeypatch):
     with (package / "repeats.py").open("a") as file:
         file.write("LARGEST_RATIO = 2.0\n")
     assert campaign_trials.code.__wrapped__() != before
+
+
+def version_in(package, monkeypatch):
+    monkeypatch.setattr(campaign_trials, "PACKAGE", package)
+    return campaign_trials.code_version.__wrapped__()
+
+
+def test_the_version_tells_the_code_by_tag_and_commit_else_by_its_digest(tmp_path, monkeypatch):
+    package = tmp_path / "osl_analysis"
+    package.mkdir()
+    code = package / "fit.py"
+    code.write_text("K = 1\n")
+    release = version("osl-impedance")
+    assert re.fullmatch(rf"{release}\+[0-9a-f]{{8}}", version_in(package, monkeypatch))
+
+    def git(*words):
+        identity = ("-c", "user.name=a", "-c", "user.email=a@example.org")
+        subprocess.run(["git", *identity, *words], cwd=tmp_path, check=True, capture_output=True)
+
+    git("init")
+    git("add", ".")
+    git("commit", "-m", "Fit")
+    committed = version_in(package, monkeypatch)
+    assert re.fullmatch(rf"{release}\+g[0-9a-f]{{7,}}", committed)
+    code.write_text("K = 2\n")
+    assert version_in(package, monkeypatch) == f"{committed}-changed"
+    git("commit", "-am", "Fit better")
+    git("tag", "v3.1.0")
+    (tmp_path / "config.yaml").write_text("campaign: mine\n")
+    git("add", ".")
+    git("commit", "-m", "Add a campaign")
+    assert version_in(package, monkeypatch) == "3.1.0"
 
 
 def test_what_decides_verdicts_and_is_not_shipped_is_listed_with_old_and_new_value(tmp_path):

@@ -564,27 +564,6 @@ def simulate(folder: Path, settings: Path, trial: str | None, config_path: Path 
 
 
 @main.command(
-    cls=click.Command,
-    short_help="compare the results of two campaigns",
-    epilog="Example: osl-analysis compare results/left results/right",
-)
-@argument("a", type=FOLDER)
-@argument("b", type=FOLDER)
-@option("--output", type=FOLDER, default=Path("comparison"), help="Folder of the table.")
-@AS_JSON
-def compare(a: Path, b: Path, output: Path, as_json: bool) -> None:
-    """Compare the results in folders A and B: two devices, controllers or days.
-
-    The settings that differ come first, and whether both hold the same recordings; then conditions
-    side by side with 95 % intervals of their difference."""
-    from osl_analysis.commands.compare import compare_campaigns
-    from osl_analysis.commands.fit_results import rows_json
-
-    table, text = compare_campaigns((a, b), output)
-    say(rows_json(table) if as_json else text)
-
-
-@main.command(
     short_help="pack a campaign with its results into one ZIP file",
     epilog="Example: osl-analysis bundle . campaign.zip",
 )

@@ -307,7 +307,7 @@ def write_summary(
     beside_draft : bool
         Whether the numbers of the paper's draft stand beside them.
     settings : Mapping of str to str
-        The settings that results depend on, by dotted name, for a comparison of two campaigns.
+        The settings that results depend on, by dotted name.
     stated : Mapping of str to str or None
         The digests of what is stated.
     changed : Sequence of Mapping

@@ -31,7 +31,6 @@ PLACE = ("joint", "side")
 OF_CONDITION = (*PLACE, "excitation")
 MOST_IN_SENTENCE = 3  # numbers, or lines of conditions, that a terminal holds
 BY_CONDITION = "by condition"  # `says` of the entries that these lines hold
-MOST_CONDITIONS = 16  # that are named in a line
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import polars as pl
 from matplotlib.axes import Axes
 
 from osl_analysis.bench.summaries import PLACE
-from osl_analysis.figures import marks, style
+from osl_analysis.figures import style
 from osl_analysis.stats.rounding import written
 
 BRANCHES = {"loading": "-", "unloading": "--"}
@@ -58,7 +58,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     for column, (_, part) in enumerate(parts):
         draw_belts(axes[column], part)
         draw_loops(axes[len(parts) + column], part)
-    marks.legend_above(figure, marks.labelled(axes))
+    style.legend_above(figure, style.labelled(axes))
     return figure
 
 
@@ -67,12 +67,12 @@ def draw_belts(ax: Axes, part: pl.DataFrame) -> None:
     number."""
     trials = part.partition_by("trial")
     for trial in trials:
-        look = DOUBTFUL_TRIAL if marks.has_doubtful(trial) else TRIAL
+        look = DOUBTFUL_TRIAL if style.has_doubtful(trial) else TRIAL
         ax.plot(trial["theta_s_deg"], trial["torque"], **look)
     ends = part.sort("theta_s_deg")[[0, -1]]
     ax.plot(ends["theta_s_deg"], ends["mean_slope"], **MEAN_LINE)
     ax.set_ylabel("Joint torque (N·m)")
-    n = sum(not marks.has_doubtful(trial) for trial in trials)
+    n = sum(not style.has_doubtful(trial) for trial in trials)
     text = "All trials are doubtful"
     if n:
         K_s = written(*part.select("K_s", "K_s_low", "K_s_high").row(0))
@@ -92,6 +92,6 @@ def draw_loops(ax: Axes, part: pl.DataFrame) -> None:
                 trial["theta_s_deg"], of_branch, dash,
                 color=style.GREY, linewidth=0.5, label=branch.capitalize(),
             )  # fmt: skip
-            line.set_url(marks.place_in_report(trial["trial"][0]))
+            line.set_url(style.place_in_report(trial["trial"][0]))
     ax.set_xlabel(r"Belt deflection $\theta_s$ (deg)")
     ax.set_ylabel("Torque minus\nmean slope (N·m)")

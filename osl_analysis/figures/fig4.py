@@ -3,7 +3,7 @@
 
 import polars as pl
 
-from osl_analysis.figures import marks, style
+from osl_analysis.figures import style
 
 SHOWN_S = 10  # length of the part of a trial that is shown, as in the draft
 
@@ -29,7 +29,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     for angle in angles:
         angle.plot(table["time"], table["theta_deg"], color=style.BLACK)
         angle.set_ylabel("Angle (deg)")
-    doubt = " (doubtful)" if marks.has_doubtful(table) else ""
+    doubt = " (doubtful)" if style.has_doubtful(table) else ""
     torque.plot(
         table["time"], table["torque"], color=style.LIGHT_GREY, linewidth=2, label="Measured"
     )

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.ticker import ScalarFormatter, SymmetricalLogLocator
 
-from osl_analysis.figures import marks, style
+from osl_analysis.figures import style
 
 MOST_IN_COLUMN = 50  # markers side by side, or letters of labels, on the axis of a single column
 OTHER = {"K": "B_d", "B": "K_d"}  # desired value by which trials of one K_d, of one B_d are sorted
@@ -58,8 +58,8 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
             first.set_xticks([])
         draw_trials(last, "B", damping, most)
 
-    keys = [*marks.estimate_keys(table, "K"), *marks.labelled(axes, Line2D)]
-    marks.legend_above(figure, keys)
+    keys = [*style.estimate_keys(table, "K"), *style.labelled(axes, Line2D)]
+    style.legend_above(figure, keys)
     return figure
 
 
@@ -97,7 +97,7 @@ def draw_trials(ax: Axes, symbol: str, placed: pl.DataFrame, most: float) -> Non
     """One quantity of the trials at their places `x`: estimates with their bars, what the gains
     render, the viscous damping beside the damping, and a black line at each desired value."""
     for look, trials in style.by_controller(placed):
-        marks.draw_estimates(ax, trials, "x", symbol, look)
+        style.draw_estimates(ax, trials, "x", symbol, look)
     of_panel = {f"{symbol}_d_rendered": ("+", "Rendered by the gains")}
     if symbol == "B":
         of_panel["B_viscous"] = ("x", "Viscous damping")
@@ -118,7 +118,7 @@ def draw_errors(ax: Axes, placed: pl.DataFrame, most: float) -> None:
     percent = (pl.col(STIFFNESS) / pl.col("K_d") - 1) * 100
     errors = placed.filter(pl.col("K_d") > 0).with_columns(percent)
     for look, trials in style.by_controller(errors):
-        marks.draw_estimates(ax, trials, "x", "K", look)
+        style.draw_estimates(ax, trials, "x", "K", look)
     ax.axhline(0, color=style.BLACK)
     ax.set_yscale("symlog", linthresh=10)
     ax.yaxis.set_major_locator(SymmetricalLogLocator(ax.yaxis.get_transform(), (1, 3)))

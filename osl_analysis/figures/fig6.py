@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from osl_analysis.base.trial import Array
-from osl_analysis.figures import marks, style
+from osl_analysis.figures import style
 from osl_analysis.stats.repeats import counted, doubts_of_trials
 from osl_analysis.stats.rounding import written
 
@@ -39,19 +39,19 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     for place, (title, look, rows) in enumerate(swarms):
         shares = unexplained(rows)
         heights = np.log10(shares)
-        x = place + marks.swarm_offsets(heights, span, marks.SWARM_ROWS / 2)
-        marks.draw_fits(ax, rows, x, shares, look, areas=areas(rows, table))
+        x = place + style.swarm_offsets(heights, span, style.SWARM_ROWS / 2)
+        style.draw_fits(ax, rows, x, shares, look, areas=areas(rows, table))
         lines = [look.label, title, f"$n$ = {len(rows)}", draw_median(ax, rows, place)]
         labels.append("\n".join(filter(None, lines)))
     ax.set_yscale("log")
     ax.set_xlim(-0.5, len(swarms) - 0.5)
     ax.set_xticks(range(len(swarms)), labels)
     ax.tick_params(axis="x", length=0)
-    marks.label_log_axis(ax.yaxis, lambda share: f"{100 - share:.7g}")
+    style.label_log_axis(ax.yaxis, lambda share: f"{100 - share:.7g}")
     ax.invert_yaxis()
     ax.set_ylabel("VAF (%), log scale of 100 − VAF")
-    keys = [marks.key("Median", **MEDIAN_LINE), *amplitude_keys(table)]
-    marks.legend_above(figure, [*keys, *marks.open_keys(table)])
+    keys = [style.key("Median", **MEDIAN_LINE), *amplitude_keys(table)]
+    style.legend_above(figure, [*keys, *style.open_keys(table)])
     return figure
 
 
@@ -68,7 +68,7 @@ def amplitude_keys(table: pl.DataFrame) -> list[Line2D]:
     ends = known[[0, -1]] if len(known) else known
     sizes = mpl.rcParams["lines.markersize"] * np.sqrt(areas(ends, table))
     return [
-        marks.key(f"{amplitude:.2g}°", marker="o", color=style.GREY, markersize=size)
+        style.key(f"{amplitude:.2g}°", marker="o", color=style.GREY, markersize=size)
         for amplitude, size in zip(ends["amplitude_deg"], sizes, strict=True)
     ]
 

@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 
 from osl_analysis.bench.evidence import DesiredImpedance
 from osl_analysis.bench.summaries import PLACE
-from osl_analysis.figures import marks, style
+from osl_analysis.figures import style
 from osl_analysis.figures.drawing import DESIRED, LINEAR_MODEL, OBSERVED
 from osl_analysis.model.compensator import Weight
 from osl_analysis.model.drivetrain import (
@@ -131,15 +131,15 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
         for ax, quantity in zip(of_part, quantities, strict=True):
             draw_part(ax, part, quantity)
         of_part[-1].set_xscale("log")
-        marks.label_log_axis(of_part[-1].xaxis)
+        style.label_log_axis(of_part[-1].xaxis)
         of_part[-1].set_xlabel("Frequency (Hz)")
     for ax, quantity in zip(axes[:: len(parts)], quantities, strict=True):
         ax.set_ylabel(LABELS[quantity])
 
-    keys = [*marks.estimate_keys(observed, "magnitude"), *marks.labelled(axes, Line2D)]
+    keys = [*style.estimate_keys(observed, "magnitude"), *style.labelled(axes, Line2D)]
     if len(table.filter(curve=LINEAR_MODEL)):
-        keys.append(marks.key("Linear model", color=style.GREY, linestyle="--"))
-    marks.legend_above(figure, keys)
+        keys.append(style.key("Linear model", color=style.GREY, linestyle="--"))
+    style.legend_above(figure, keys)
     return figure
 
 
@@ -152,10 +152,10 @@ def draw_part(ax: Axes, part: pl.DataFrame, quantity: str) -> None:
     for look, model in style.by_controller(part.filter(curve=LINEAR_MODEL)):
         ax.plot(model["frequency_hz"], model[quantity], "--", color=look.colour)
     for look, observed in style.by_controller(part.filter(curve=OBSERVED)):
-        marks.draw_estimates(ax, observed, "frequency_hz", quantity, look)
+        style.draw_estimates(ax, observed, "frequency_hz", quantity, look)
     if quantity == "magnitude":
         ax.set_yscale("log")
-        marks.label_log_axis(ax.yaxis, lambda value: f"{1e3 * value:.4g}")
+        style.label_log_axis(ax.yaxis, lambda value: f"{1e3 * value:.4g}")
     elif quantity == "phase_deg":
         ax.axhline(0, color=style.BLACK, linewidth=0.5, zorder=0)
     else:

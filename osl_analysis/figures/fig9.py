@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
 
-from osl_analysis.figures import marks, style
+from osl_analysis.figures import style
 from osl_analysis.walking.tables import ENSEMBLE
 
 QUANTITIES = ("K", "B", "I")
@@ -96,8 +96,8 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
         for ax in axes:
             ax.set_xticks(places, labels, rotation=90 if len(names) > 2 else 0)
         texts = [f"{name}: {text}" for name, text in zip(labels, texts, strict=True)]
-    keys = [*marks.labelled(axes[:1]), *marks.open_keys(table)]
-    marks.legend_above(figure, keys, "\n".join(texts))
+    keys = [*style.labelled(axes[:1]), *style.open_keys(table)]
+    style.legend_above(figure, keys, "\n".join(texts))
     return figure
 
 
@@ -115,8 +115,8 @@ def draw_group(ax: Axes, rows: pl.DataFrame, place: float, span: float) -> None:
     response, and the command. `span` is the range of all perturbations."""
     fits = rows.filter(estimator=PERTURBATION)
     values = fits["mean"].to_numpy()
-    x = place + marks.swarm_offsets(values, span, 4)
-    marks.draw_fits(ax, fits, x, values, PERTURBED, areas=0.5)
+    x = place + style.swarm_offsets(values, span, 4)
+    style.draw_fits(ax, fits, x, values, PERTURBED, areas=0.5)
     mean = rows.filter(estimator=MEAN)
     ax.errorbar(
         place + 1, mean["mean"], yerr=mean["sd"], fmt="s", color=style.BLACK, label="Mean ± SD"

@@ -7,7 +7,7 @@ import matplotlib as mpl
 import numpy as np
 import polars as pl
 
-from osl_analysis.figures import marks, style
+from osl_analysis.figures import style
 
 WIDTHS = {"loading": 1.0, "unloading": 0.5}  # of curves [pt]
 DESIRED: dict[str, Any] = {"color": style.MAGENTA, "linestyle": "--", "label": "Desired"}
@@ -35,8 +35,8 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
             look: dict[str, Any] = {
                 "color": colours[trial],
                 "linewidth": WIDTHS[branch],
-                "linestyle": ":" if marks.has_doubtful(curve) else "-",
-                "url": marks.place_in_report(trial),
+                "linestyle": ":" if style.has_doubtful(curve) else "-",
+                "url": style.place_in_report(trial),
                 "label": style.drawn_name(trial),
             }
             torque.plot(curve["angle_deg"], curve["torque"], **look)
@@ -49,13 +49,13 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
         torque.set_ylabel("Resisting torque (N·m)")
         stiffness.set_ylabel("Stiffness while loading (N·m/rad)")
     for ax in axes:
-        marks.draw_zero_lines(ax)
+        style.draw_zero_lines(ax)
         ax.set_xlabel("Joint angle (deg)")
 
     keys = [
-        marks.key(branch.capitalize(), color=style.BLACK, linewidth=width)
+        style.key(branch.capitalize(), color=style.BLACK, linewidth=width)
         for branch, width in WIDTHS.items()
     ]
-    named = marks.labelled(axes)
-    marks.legend_above(figure, keys + named if len(named) <= MOST_NAMED else keys)
+    named = style.labelled(axes)
+    style.legend_above(figure, keys + named if len(named) <= MOST_NAMED else keys)
     return figure

@@ -9,7 +9,7 @@ import polars as pl
 from matplotlib.axes import Axes
 
 from osl_analysis.base.trial import Array
-from osl_analysis.figures import marks, style
+from osl_analysis.figures import style
 from osl_analysis.walking.isolated_response import PHASES, UnperturbedGait
 from osl_analysis.walking.tables import ENSEMBLE
 from osl_analysis.walking.walking_settings import TimingSettings
@@ -92,7 +92,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
             draw_panel(ax, rows.filter(panel=panel))
             ax.set_ylabel(label)
             ax.margins(x=0)
-    marks.legend_above(figure, marks.labelled(axes))
+    style.legend_above(figure, style.labelled(axes))
     return figure
 
 
@@ -115,9 +115,9 @@ def draw_stance(ax: Axes, rows: pl.DataFrame) -> None:
 def draw_response(ax: Axes, rows: pl.DataFrame) -> None:
     """Every response to the perturbation over time, their mean and its fit."""
     for trial in rows.filter(curve="each").partition_by("trial"):
-        look = DOUBTFUL if marks.has_doubtful(trial) else EACH
+        look = DOUBTFUL if style.has_doubtful(trial) else EACH
         (line,) = ax.plot(trial["x"], trial["mean"], linewidth=0.5, **look)
-        line.set_url(marks.place_in_report(trial["trial"][0]))
+        line.set_url(style.place_in_report(trial["trial"][0]))
     mean = rows.filter(curve="mean")
     ax.plot(mean["x"], mean["mean"], color=style.BLACK, linewidth=2, label="Mean response")
     fit = rows.filter(curve="fit")
@@ -128,5 +128,5 @@ def draw_response(ax: Axes, rows: pl.DataFrame) -> None:
     ax.axvspan(*baseline, fc="none", ec=HATCHED, hatch="////", lw=0, zorder=0, label="Baseline")
     window = rows.filter(curve="window")["x"]
     ax.axvspan(*window, color=SHADED, linewidth=0, zorder=0, label="Fitted window")
-    marks.draw_zero_lines(ax)
+    style.draw_zero_lines(ax)
     ax.set_xlabel("Time from the perturbation’s onset (ms)")

@@ -64,6 +64,7 @@ from osl_analysis.base.errors import OslAnalysisError, listing, nearest
 from osl_analysis.figures.drawing import FIGURES
 from osl_analysis.jobs.progress import LogHandler
 from osl_analysis.jobs.snakemake_attributes import (
+    allow_repeated_letters,
     configuration_files,
     do_jobs_in_threads,
     has_prefix,
@@ -78,6 +79,7 @@ from osl_analysis.base.yaml_settings import as_json
 gc.set_threshold(100_000)
 
 do_jobs_in_threads()
+allow_repeated_letters()
 job = partial(do_job, at_once=jobs_at_once(workflow))
 if has_prefix(workflow):
     raise WorkflowError(

@@ -32,6 +32,8 @@ NAMES = {
     "signs": "a b, 'c' \"d\" #%&$;é~.csv",
     "formula": "=1+2.csv",
     "long": f"{'n' * 200}.csv",
+    "a" * 40: f"{'a' * 40}.csv",
+    f"k_{'12' * 20}": "12.csv",
 }
 """The recordings, by trial."""
 RESULTS = "out 'é' #%&$, \"x [1]*?"

@@ -279,18 +279,12 @@ def _unpacked(chunk: Chunk) -> bytes:
 
 def _chain(data: bytes, position: int, end: int) -> tuple[NDArray[np.int64], int]:
     """Places of the messages that follow one another from a place on, and where the last one ends;
-    at most `PART_BYTES`, or the first message, which ends at `end`.
+    at most `PART_BYTES`, or the first message alone, which ends at `end`.
 
     Any byte may look like the begin of a message. Those that are one lead from the first one to the
     next, found all at once.
     """
     content = data[position : max(position + PART_BYTES, end)]
-    size = end - position
-    messages = len(content) // size
-    heads = np.frombuffer(content, np.uint8, messages * size).reshape(-1, size)[:, : RECORD.size]
-    if (heads == heads[0]).all():  # of one length, as those of one topic
-        return position + size * np.arange(messages), position + size * messages
-
     first_bytes = np.frombuffer(content, np.uint8)[: 1 - MESSAGE.itemsize]
     places = np.flatnonzero(first_bytes == Opcode.MESSAGE.value)
     lengths = rows_at(content, places, MESSAGE.itemsize).view(MESSAGE)["length"]

@@ -168,22 +168,17 @@ class LogChannel(Channel):
     wraps_at: PositiveFloat | None = None
 
 
-class FieldChannel(LogChannel):
-    """A number in a message."""
+class MessageChannel(LogChannel):
+    """A number in the messages of one topic."""
 
     ADDRESS = "field"
+    BESIDE = ("topic",)
+    topic: Name  # Name of the topic.
     field: Name
     """Dotted path of the number, with an index or a name where it passes an array:
     `wrench.force.x`, `position[0]`, `position[name=ankle]`; in JSON a name with a dot in it in
     quotes, `functions["loadcell.mz"]`."""
     unit: str  # Unit of the numbers, as laboratories spell it.
-
-
-class MessageChannel(FieldChannel):
-    """A number in the messages of one topic."""
-
-    BESIDE = ("topic",)
-    topic: Name  # Name of the topic.
 
 
 class ColumnChannel(LogChannel):

@@ -193,11 +193,7 @@ def overview_of_table(recording: Recording) -> Overview:
         except InputError as error:
             remarks.append(str(error))
     settings = {"clock": "master", **recording.settings}
-    # a part of a stamp, as its nanoseconds, is no channel
-    in_stamps = tuple(f"{channel.key}." for channel in shown if channel.is_stamp)
-    drafted = [
-        channel for channel in shown if channel.count and not channel.key.startswith(in_stamps)
-    ]
+    drafted = [channel for channel in shown if channel.count]
     facts = facts_of(recording)
     questions = [*recording.questions]
     if "log_part" in source_model(recording).model_fields:
@@ -309,12 +305,10 @@ def choose_clock(channels: Sequence[RecordedChannel]) -> tuple[RecordedChannel |
     those that rise as one, a guess. It is none if another one that tells time spans another time in
     s, ms, us or ns: B and I depend on the choice.
     """
-    # the shortest first: those of a message before those of its parts
-    ordered = sorted(channels, key=lambda channel: channel.key.count("."))
-    rising = [clock for clock in ordered if clock.is_stamp or ticks(clock.numbers, clock.unit)]
+    rising = [clock for clock in channels if clock.is_stamp or ticks(clock.numbers, clock.unit)]
     named = (
-        [channel for channel in ordered if channel.is_stamp][:1]
-        or [channel for channel in ordered if is_clock(channel.name)]
+        [channel for channel in channels if channel.is_stamp][:1]
+        or [channel for channel in channels if is_clock(channel.name)]
         or [channel for channel in rising if is_like_clock(channel.name)]
     )
     candidates = named or rising

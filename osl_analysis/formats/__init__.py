@@ -12,7 +12,7 @@ To add a format, add one module with
         read=read,                # (path, source file or None) -> Recording
     )
 
-and a line in docs/files.md; `json_lines.py` is an example. A module may have several, under any
+and a line in docs/files.md; `tdms.py` is an example. A module may have several, under any
 names. A package elsewhere offers one by the entry point group `osl_analysis.formats`.
 """
 

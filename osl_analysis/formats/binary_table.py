@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables in formats of programs.
 
-Sheets of Excel and OpenDocument are read by fastexcel, Parquet and Arrow by polars, arrays by
-numpy, HDF5 by h5py.
+Sheets of Excel and OpenDocument are read by fastexcel, Parquet, Arrow and JSON lines by polars,
+arrays by numpy, HDF5 by h5py.
 
 A sheet follows the rules of a table of text; others have names and types of their own.
 """
 
+import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -20,7 +21,7 @@ import polars as pl
 from numpy.typing import NDArray
 from polars import selectors
 
-from osl_analysis.base.errors import InputError, listing, optional_module
+from osl_analysis.base.errors import InputError, listing, on_one_line, optional_module, shortened
 from osl_analysis.base.memory import check_unpacked
 from osl_analysis.base.recording import Channel, End, Format, Loss, Recording, Rows
 from osl_analysis.formats.cell_table import (
@@ -32,7 +33,8 @@ from osl_analysis.formats.cell_table import (
 )
 from osl_analysis.formats.csv_table import table_of_text
 from osl_analysis.formats.reading import beginning
-from osl_analysis.formats.text_cells import Text, name_and_unit
+from osl_analysis.formats.text_cells import Text, name_and_unit, numbered, read_text
+from osl_analysis.formats.topic import check_fields, take_values
 
 BEGINNINGS = {
     "sheet": rb"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"  # of OLE; others are ZIP files
@@ -42,6 +44,7 @@ BEGINNINGS = {
     "parquet": rb"PAR1",
     "arrow": rb"ARROW1",
     "npy": rb"\x93NUMPY",
+    "json": rb'(\xef\xbb\xbf)?\s*\{\s*"[^\n]*\}\s*\n\s*\{',
 }
 """How files begin, the more special ones first."""
 
@@ -76,6 +79,8 @@ def read(path: Path, source: SheetSource | None) -> Recording:
             return _recording_of_arrays(_numpy_arrays(path), {})
         case "parquet":
             return _recording_of_frame(_frame(pl.scan_parquet(path.read_bytes()), path))
+        case "json":
+            return _recording_of_frame(_frame_of_objects(path), End.UNKNOWN)
     return _recording_of_frame(_frame(pl.scan_ipc(path.read_bytes()), path))
 
 
@@ -101,7 +106,7 @@ def _read_workbook(path: Path, source: SheetSource | None) -> Recording:
     )
 
 
-def _recording_of_frame(frame: pl.DataFrame) -> Recording:
+def _recording_of_frame(frame: pl.DataFrame, end: End = End.WHOLE) -> Recording:
     """Make a channel of each column of numbers, times and text."""
     kinds = selectors.float() | selectors.integer() | selectors.boolean()
     readable = frame.select(kinds | selectors.string() | selectors.temporal())
@@ -112,7 +117,7 @@ def _recording_of_frame(frame: pl.DataFrame) -> Recording:
         lines=np.arange(1, frame.height + 1),
         body=readable,
         remarks=remarks_on(others, readable.is_empty()),
-        end=End.WHOLE,
+        end=end,
     )
     return recording_of_table("table", table, LISTING, noun="row", facts={"rows": frame.height})
 
@@ -122,6 +127,23 @@ def _frame(rows: pl.LazyFrame, path: Path) -> pl.DataFrame:
     count = rows.select(pl.len()).collect().item()
     check_unpacked(path, 8 * count * len(rows.collect_schema()))
     return rows.collect()
+
+
+def _frame_of_objects(path: Path) -> pl.DataFrame:
+    """Read an object of JSON per line; a number in it has a column, as `variables.time`."""
+    rows = []
+    for line in numbered(read_text(path).data):
+        row: dict[str, Any] = {}
+        try:
+            take_values(json.loads(line.text), "", row)
+        except ValueError as error:
+            reason = shortened(on_one_line(error))
+            raise InputError(
+                f"line {line.number} is no JSON: {reason}", "delete it, as the end of a cut log"
+            ) from error
+        rows.append(row)
+    check_fields({name for row in rows for name in row})
+    return pl.DataFrame(rows, strict=False, infer_schema_length=None)
 
 
 def remarks_on(others: Sequence[str], are_all: bool) -> list[str]:
@@ -235,7 +257,7 @@ FORMAT = Format(
     name="table",
     suffixes=(
         ".xlsx", ".xls", ".ods", ".parquet", ".feather", ".arrow", ".ipc", ".npy",
-        ".npz", ".h5", ".hdf5",
+        ".npz", ".h5", ".hdf5", ".jsonl", ".ndjson",
     ),
     begins=kind_of,
     source=SheetSource,

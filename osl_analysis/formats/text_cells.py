@@ -77,17 +77,12 @@ def is_text(begin: bytes) -> bool:
 def decoded(data: bytes) -> str:
     """Decode text in UTF-8, UTF-16 with its mark, or else the western code page of Windows."""
     try:
-        text = in_utf8(data).decode()
+        if data.startswith(UTF_16):
+            data = data.decode("utf-16", errors="replace").encode()
+        text = data.removeprefix(b"\xef\xbb\xbf").decode()
     except UnicodeDecodeError:
         text = data.decode("cp1252", errors="replace")
     return SPOILED.sub("", text)
-
-
-def in_utf8(data: bytes) -> bytes:
-    """Give text without a byte order mark; UTF-16 becomes UTF-8."""
-    if data.startswith(UTF_16):
-        data = data.decode("utf-16", errors="replace").encode()
-    return data.removeprefix(b"\xef\xbb\xbf")
 
 
 def read_text(path: Path) -> Text:

@@ -173,18 +173,14 @@ class Topic:
         for place, start in enumerate(starts.tolist()):
             try:
                 values: dict[str, Any] = {}
-                _take_values(decode(content[start : start + lengths[place]]), "", values)
+                take_values(decode(content[start : start + lengths[place]]), "", values)
                 objects.append(values)
                 places.append(place)
             except Exception as error:
                 self._note(error)
         columns = {}
         paths = dict.fromkeys(path for values in objects for path in values)
-        if len(paths) > MOST_FIELDS:
-            raise InputError(
-                f"its messages have {len(paths)} fields with names of their own",
-                "record names that stay the same, and what changes as values",
-            )
+        check_fields(paths)
         for path in paths:
             numbers = [value.get(path) for value in objects]
             for place, text in enumerate(numbers):
@@ -315,23 +311,32 @@ def stamp_fields(path: str) -> list[tuple[str, str]]:
     return [(f"{path}.{seconds}", f"{path}.{rest}") for seconds, rest in STAMP_PARTS]
 
 
-def _take_values(value: Any, path: str, values: dict[str, Any]) -> None:
+def check_fields(paths: Collection[str]) -> None:
+    """Refuse objects whose names are data: each would be a column."""
+    if len(paths) > MOST_FIELDS:
+        raise InputError(
+            f"its messages have {len(paths)} fields with names of their own",
+            "record names that stay the same, and what changes as values",
+        )
+
+
+def take_values(value: Any, path: str, values: dict[str, Any]) -> None:
     """Take the numbers and texts in an object, by path; of a long array the first
     `MOST_ELEMENTS`."""
     if isinstance(value, NUMBER):
         values[path] = value
     elif isinstance(value, dict):
         for name, member in value.items():
-            _take_values(member, joined_path(path, name), values)
+            take_values(member, joined_path(path, name), values)
     elif isinstance(value, list):
         for index, member in enumerate(value[:MOST_ELEMENTS]):
-            _take_values(member, f"{path}[{index}]", values)
+            take_values(member, f"{path}[{index}]", values)
     elif isinstance(value, str):
         values[path] = value
         if value[-1:] in DIGITS and is_number_cell(value):
             values[path] = int(value) if value.isdecimal() else float(value)
     elif hasattr(value, "DESCRIPTOR"):
-        _take_values(_members_of(value), path, values)
+        take_values(_members_of(value), path, values)
 
 
 def _members_of(message: Any) -> dict[str, Any]:

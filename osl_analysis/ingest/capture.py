@@ -16,7 +16,6 @@ from osl_analysis.base.errors import InputError, naming, printable
 from osl_analysis.base.recording import Channel, Kind, Plate, Recording, Rows
 from osl_analysis.base.source_file import LaboratorySource, MarkerSource
 from osl_analysis.base.trial import AXES, Array, marker_columns
-from osl_analysis.formats.plate_geometry import own_axes
 from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.conversion import (
     Converted,
@@ -25,7 +24,7 @@ from osl_analysis.ingest.conversion import (
     origin_of,
     to_si,
 )
-from osl_analysis.ingest.force_plates import convert_plates, metres_per
+from osl_analysis.ingest.force_plates import convert_plates, metres_per, own_axes
 
 
 def convert_capture(recording: Recording, source: MarkerSource) -> Converted:

@@ -17,8 +17,8 @@ from osl_analysis.base.errors import InputError, listing
 from osl_analysis.base.measured import UNIFORM_WIDTH, noise_of, spoiled, usual_step
 from osl_analysis.base.trial import Array, Trial, plate_columns
 from osl_analysis.config.experiments import EXPERIMENTS, Experiment
-from osl_analysis.formats.plate_geometry import beside, plate_axes
 from osl_analysis.ingest import LIMITS
+from osl_analysis.ingest.force_plates import beside, plate_axes
 from osl_analysis.ingest.guard import ANGLES, recorded
 from osl_analysis.signals.agreement import speed_factor
 from osl_analysis.signals.filters import longest_of, run_edges

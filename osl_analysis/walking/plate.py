@@ -14,7 +14,7 @@ import scipy
 
 from osl_analysis.base.errors import InputError
 from osl_analysis.base.trial import AXES, Array, Trial, plate_columns
-from osl_analysis.formats.plate_geometry import beside, plate_axes
+from osl_analysis.ingest.force_plates import beside, plate_axes
 from osl_analysis.signals.filters import LowPass, runs, sampling_rate
 from osl_analysis.walking.poses import SIZES_M, Mask
 from osl_analysis.walking.walking_settings import CrossingSettings

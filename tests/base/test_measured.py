@@ -12,7 +12,7 @@ from conftest import refused_with, white_noise
 from osl_analysis.base.measured import check_measured, varies, visible_step
 from osl_analysis.base.trial import stretches, unit_of
 from osl_analysis.base.units import known_factor
-from osl_analysis.formats.plate_geometry import beside, own_axes, plate_axes
+from osl_analysis.ingest.force_plates import beside, own_axes, plate_axes
 from osl_analysis.stats.rounding import significant
 from osl_analysis.walking.plate import furthest_outside
 

@@ -40,7 +40,7 @@ def write_hdf5(path, columns):
 
 WRITERS = {
     "csv": ("csv", "column", write_text),
-    "json_lines": ("json_lines", "field", write_json),
+    "a.jsonl": ("table", "column", write_json),
     "mat": ("mat", "variable", lambda path, columns: write_mat(path, **columns)),
     "mat 7.3": ("mat", "variable", lambda path, columns: write_mat73(path, **columns)),
     "tdms": ("tdms", "channel",

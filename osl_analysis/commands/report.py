@@ -27,17 +27,19 @@ from osl_analysis.judge.campaign import exclusion_report, findings_in_summary
 from osl_analysis.judge.finding import read_findings
 from osl_analysis.judge.recording_checks import BY_JOB
 from osl_analysis.report import methods
-from osl_analysis.report.methods import template
 from osl_analysis.report.numbers import headline_sentences, macro_name, numbers_in_summary
-from osl_analysis.report.page import Page, ShownFigure, trial_view, written_page
-from osl_analysis.report.paper_tables import conditions, groups
-from osl_analysis.report.signals import (
+from osl_analysis.report.page import (
     ISOLATED,
+    ShownFigure,
     Signals,
     measured_response,
     of_fit,
     of_recording,
+    trial_view,
+    written_page,
 )
+from osl_analysis.report.paper_tables import conditions, groups
+from osl_analysis.report.typography import template
 from osl_analysis.report.verdicts import (
     brief_lines,
     changed_lines,
@@ -117,21 +119,21 @@ def write_report(
     of_conditions = conditions(results["impedance"]) if "impedance" in results else []
     is_walking = "walking_summary" in results
     of_groups = list(groups(results["walking_summary"])) if is_walking else []
-    page = Page(
-        about=about,
-        made_of=sentence(content),
-        answer=texts[0] if texts else "",
-        sentences=[counts, *texts[1:MOST_SENTENCES]],
-        notes=[content["intervals"], left_out, note, *changed_lines(content)],
-        conditions=of_conditions,
-        groups=of_groups,
-        numbers=numbers,
-        findings=findings_in_summary(content),
-        trials=views,
-        figures=drawn,
-        absent_figures=absent,
-        missing_results=content["missing_results"],
-    )
+    page = {
+        "about": about,
+        "made_of": sentence(content),
+        "answer": texts[0] if texts else "",
+        "sentences": [counts, *texts[1:MOST_SENTENCES]],
+        "notes": [content["intervals"], left_out, note, *changed_lines(content)],
+        "conditions": of_conditions,
+        "groups": of_groups,
+        "numbers": numbers,
+        "findings": findings_in_summary(content),
+        "trials": views,
+        "figures": drawn,
+        "absent_figures": absent,
+        "missing_results": content["missing_results"],
+    }
     write_text(output, written_page(page))
 
 

@@ -10,15 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import polars as pl
-from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
 from osl_analysis.judge.campaign import CampaignFinding, findings_in_summary
-from osl_analysis.report.typography import in_latex, in_markdown, printed
+from osl_analysis.report.typography import in_latex, in_markdown, printed, template, value_text
 from osl_analysis.report.verdicts import causes_not_checked
-from osl_analysis.stats.rounding import significant
 
-HERE = Path(__file__).parent
-BIBTEX = (HERE / "sources.bib").read_text(encoding="utf-8")
+BIBTEX = Path(__file__).with_name("sources.bib").read_text(encoding="utf-8")
 CITATION = re.compile(r"\[@(\w+)\]")
 MOST_LISTED = 8  # values in a sentence; of more it has the first and the last
 
@@ -58,28 +55,16 @@ class MethodsFacts:
         return findings_in_summary(self.summary)
 
 
-def value_text(value: object) -> str:
-    """A value in a sentence; a number with three digits."""
-    return significant(value, 3) if isinstance(value, float) else str(value)
-
-
 def unmarked(value: object) -> str:
     """A value in a sentence, in which no sign of a person is one of the template's marks."""
     return str(value).replace("$", r"\$").replace("[@", "(@").replace("¶", "")
 
 
-def template(name: str) -> Template:
-    """A template of text, which refuses names that it does not know."""
-    loader = FileSystemLoader(HERE / "templates")
-    environment = Environment(loader=loader, undefined=StrictUndefined, finalize=unmarked)
-    environment.filters["digits"] = value_text
-    return environment.get_template(name)
-
-
 def paragraphs(facts: MethodsFacts) -> list[str]:
     """The paragraphs, with the marks of the template for symbols and citations."""
     unchecked = "; ".join(causes_not_checked(facts.findings))
-    text = template("methods.j2").render(facts=facts, not_checked=unchecked, version=version)
+    methods = template("methods.j2", finalize=unmarked)
+    text = methods.render(facts=facts, not_checked=unchecked, version=version)
     return [" ".join(part.split()) for part in text.split("¶") if part.strip()]
 
 

@@ -16,7 +16,7 @@ from osl_analysis.base.errors import on_one_line
 from osl_analysis.base.files import own_yaml
 from osl_analysis.base.table import SCHEMA, SCHEMA_FIELD
 from osl_analysis.campaign.origin import ABOUT_MEANING, sentence
-from osl_analysis.report.typography import in_latex
+from osl_analysis.report.typography import template
 from osl_analysis.stats.repeats import (
     OWN_CONDITION,
     RANGE,
@@ -293,17 +293,11 @@ def macro_name(name: str) -> str:
 def macros_tex(about: Mapping[str, str], numbers: Iterable[Number], remarks: Iterable[str]) -> str:
     r"""Write LaTeX macros such as `\oslKS` with `\oslKSLow` and `\oslKSHigh`, rounded, without
     units, below comments with `remarks`."""
-    lines = [f"% {sentence(about)}", "% \\input this file and use the macros."]
-    lines += [f"% {remark}" for remark in remarks]
-    for field in ABOUT_MEANING:
-        text = in_latex(about[field])
-        lines.append(f"\\newcommand{{\\osl{field.capitalize()}}}{{{text}}}% {ABOUT_MEANING[field]}")
-    for number in numbers:
-        for ending, text in zip(("", "Low", "High"), number.texts, strict=True):
-            if text:
-                macro = f"\\newcommand{{\\osl{macro_name(number.name)}{ending}}}"
-                lines.append(f"{macro}{{\\ensuremath{{{text}}}}}% {number.unit}, {number.meaning}")
-        if number.doubtful:
-            macro = f"\\newcommand{{\\osl{macro_name(number.name)}Doubtful}}"
-            lines.append(f"{macro}{{{in_latex(number.doubtful)}}}% why this number is doubtful")
-    return "\n".join(map(on_one_line, lines)) + "\n"
+    return template("numbers.tex.j2", finalize=on_one_line, keep_trailing_newline=True).render(
+        about=about,
+        made_of=sentence(about),
+        meanings=ABOUT_MEANING,
+        numbers=numbers,
+        remarks=remarks,
+        macro_name=macro_name,
+    )

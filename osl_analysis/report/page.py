@@ -1,38 +1,41 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page of a run: one HTML file with verdict, conditions, findings, figures and a view of each
-trial, which opens without a network."""
+trial, whose signals are packed into it, which opens without a network."""
 
 import re
+import zlib
+from base64 import b64encode
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, cast
 
+import numpy as np
 import polars as pl
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.sheet import RECORDINGS, SOURCES
 from osl_analysis.dictionary.described import described_tables_by_name
-from osl_analysis.judge.campaign import CampaignFinding
 from osl_analysis.judge.finding import Grade, WordedFinding
 from osl_analysis.judge.judging import fit_of, rows_by_fit
 from osl_analysis.judge.known_findings import known_finding
-from osl_analysis.report.numbers import Number
-from osl_analysis.report.paper_tables import Condition, estimate_text, stated_text
-from osl_analysis.report.signals import Signals
-from osl_analysis.report.typography import printed
+from osl_analysis.report.paper_tables import estimate_text, stated_text
+from osl_analysis.report.typography import printed, template
 from osl_analysis.report.verdicts import LeftOut, results_on, verdict_on
 from osl_analysis.stats.budget import IN_INTERVAL, budgets_in
-from osl_analysis.stats.rounding import WithInterval, plus_minus
 
-TEMPLATES = Path(__file__).with_name("templates")
 NO_CONDITIONS = ("trial", "experiment", "exclude", *RECORDINGS, *SOURCES)
 # between dollar signs, or with a subscript and no part of a name
 SYMBOLS = re.compile(
     r"(?<!\\)\$(.+?)(?<!\\)\$|(?<![\w-])([KBJZknf]_(?:viscous|tau|d_rendered|[dsjm1CGT]))(?![\w-])"
 )
+SIGNALS = ("time", "torque", "model", "residual", "motion")
+RESPONSE = ("frequency", "magnitude", "low", "high", "phase", "model_magnitude", "model_phase")
+QUICK = 3  # level of zlib: a quarter of the time of the usual 6, and 8 % more bytes
+STEPS = 2000  # to which a signal's range is rounded: half of a pixel of the plots
+TIME_STEPS = 10**7
+CURVE_POINTS = 60  # of a model over frequency
+MOST_DRAWN = 10_000  # samples of a trial
 
 
 @dataclass(frozen=True)
@@ -65,6 +68,40 @@ class ShownBudget:
     not_known: str  # what nobody has checked would change
 
 
+@dataclass(frozen=True)
+class Signals:
+    """What the page plots of one trial."""
+
+    table: pl.DataFrame  # with some of `SIGNALS`, from the first sample on
+    what: str  # they are, in a sentence
+    motion: str  # what moves, and its unit
+    response: pl.DataFrame = field(default_factory=pl.DataFrame)  # with columns of `RESPONSE`
+
+    def packed(self) -> dict[str, Any]:
+        """The signals as `page.html.j2` unpacks them.
+
+        Each column is rounded to steps of its range; of these the differences from sample to
+        sample are compressed, with -1 for a missing one.
+        """
+        columns = {}
+        differences = []
+        present = [name for name in SIGNALS if name in self.table.columns]
+        for signal in self.table.select(pl.col(present).cast(pl.Float64).fill_nan(None)):
+            low, high = cast(Any, signal.min()), cast(Any, signal.max())
+            if low is None:
+                continue
+            step = (high - low) / (TIME_STEPS if signal.name == "time" else STEPS) or 1.0
+            steps = ((signal - low) / step).round().fill_null(-1).to_numpy()
+            differences.append(np.diff(steps, prepend=0).astype("<i4").tobytes())
+            columns[signal.name] = [low, step]
+        return {
+            "columns": columns,
+            "motion": self.motion,
+            "packed": b64encode(zlib.compress(b"".join(differences), QUICK)).decode(),
+            "response": self.response.to_dict(as_series=False),
+        }
+
+
 @dataclass(frozen=True, kw_only=True)
 class TrialView:
     """What the page shows of one trial."""
@@ -93,45 +130,26 @@ class TrialView:
         return ", ".join(dict.fromkeys(causes)) or "; ".join(self.left_out)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Page:
-    """What `page.html.j2` shows."""
+def written_page(page: Mapping[str, Any]) -> str:
+    """The HTML of a page.
 
-    about: Mapping[str, str]
-    made_of: str
-    answer: str  # the sentence that it begins with
-    sentences: Sequence[str]  # further ones
-    notes: Sequence[str]  # on intervals, settings that nobody stated, recordings without a row
-    conditions: Sequence[Condition]
-    groups: Sequence[Condition]
-    numbers: Sequence[Number]
-    findings: Sequence[CampaignFinding]
-    trials: Sequence[TrialView]
-    figures: Sequence[ShownFigure]
-    absent_figures: Mapping[str, str]  # why others are not drawn
-    missing_results: Mapping[str, str]
-
-
-def written_page(page: Page) -> str:
-    """The HTML of a page."""
+    Parameters
+    ----------
+    page : Mapping
+        What `page.html.j2` shows: `about` and `made_of`, where the results come from; `answer`, the
+        sentence that it begins with, and further `sentences`; `notes` on intervals, settings that
+        nobody stated, recordings without a row; `conditions`, `groups`, `numbers`, `findings`,
+        `trials` (`TrialView`) and `figures` (`ShownFigure`); and why others are not there,
+        `absent_figures` and `missing_results`.
+    """
     # it imports Bokeh, which takes longer than all else of a dry run's imports (0.3 s)
     from osl_analysis.report import plots
 
-    environment = Environment(
-        loader=FileSystemLoader(TEMPLATES),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    # models of Bokeh are read in the order in which they refer to each other
-    environment.policies["json.dumps_kwargs"] = {"sort_keys": False}
-    environment.filters["printed"] = lambda text: with_symbols(printed(text))
-    environment.filters["plus_minus"] = lambda text: (
-        plus_minus(*text.parts) if isinstance(text, WithInterval) else text
-    )
-    signals = {trial.name: trial.signals.packed() for trial in page.trials if trial.signals}
-    return environment.get_template("page.html.j2").render(
+    filters = {"printed": lambda text: with_symbols(printed(text))}
+    whole_lines = {"trim_blocks": True, "lstrip_blocks": True}
+    html = template("page.html.j2", filters, autoescape=True, **whole_lines)
+    signals = {trial.name: trial.signals.packed() for trial in page["trials"] if trial.signals}
+    return html.render(
         page=page,
         experiments=EXPERIMENTS,
         signals=signals,
@@ -253,3 +271,77 @@ def estimate_rows(fits: pl.DataFrame, table: str) -> list[list[str]]:
         of_fit = [estimate_text(fit, name, described[name].unit) for name in names]
         rows.append(["all" if amplitude is None else f"{amplitude:.3g}", *of_fit])
     return rows
+
+
+# What is plotted of a trial
+
+FITTED = "Measured torque, the model where it is fitted, and their difference, the residual."
+ISOLATED = (
+    "The response to the perturbation, this crossing less the unperturbed gait, over the time from"
+    " its onset; the model of its own fit, and the residual."
+)
+
+
+def of_fit(series: pl.DataFrame, motion: str, what: str = FITTED) -> Signals:
+    """Torque, model, residual and motion of a fit.
+
+    Parameters
+    ----------
+    series : polars.DataFrame
+        The table `series` of a bench trial, or rows of `walking_responses.csv`.
+    motion : str
+        What moves.
+    what : str
+        What the signals are.
+    """
+    motion_column = "omega" if "omega" in series.columns else "theta_deg"
+    unit = "rad/s" if motion_column == "omega" else "deg"
+    residual = pl.col("torque") - pl.col("torque_model")
+    table = thinned(series).select(
+        "time", "torque", model="torque_model", residual=residual, motion=motion_column
+    )
+    return Signals(table, what, f"{motion} ({unit})")
+
+
+def thinned(samples: pl.DataFrame) -> pl.DataFrame:
+    """Every k-th sample, so that they are `MOST_DRAWN` or fewer."""
+    return samples.gather_every(-(-len(samples) // MOST_DRAWN) or 1)
+
+
+def of_recording(samples: pl.DataFrame, motion: str) -> Signals:
+    """Torque and angle of a crossing or of a recording without a fit, as far as it has them."""
+    columns = {"time": pl.col("time") - samples["time"][0]}
+    if "torque" in samples.columns:
+        columns["torque"] = "torque"
+    if "theta" in samples.columns:
+        columns["motion"] = pl.col("theta").degrees()
+    return Signals(
+        thinned(samples).select(**columns), "Signals without a fit of their own.", motion
+    )
+
+
+def measured_response(response: pl.DataFrame, fit: Mapping[str, Any]) -> pl.DataFrame:
+    """The measured admittance with its intervals, of a stepped sine at each amplitude, and that of
+    Eq. 15 with K, B and I of the fit to all of the trial."""
+    of_amplitudes = response.drop_nulls("amplitude_deg")
+    rows = response if of_amplitudes.is_empty() else of_amplitudes
+    measured = rows.select(
+        frequency="frequency_hz",
+        magnitude="magnitude",
+        low="magnitude_low",
+        high="magnitude_high",
+        phase="phase_deg",
+    )
+    measured_hz = measured["frequency"].to_numpy()
+    hz = np.geomspace(measured_hz.min(), measured_hz.max(), CURVE_POINTS)
+    s = 2j * np.pi * hz
+    model = 1 / (fit["K"] + fit["B"] * s + fit["I"] * s**2)  # of Eq. 15 [rad/(N*m)]
+    curve = pl.DataFrame(
+        {
+            "frequency": hz,
+            "model_magnitude": np.abs(model),
+            "model_phase": np.rad2deg(np.unwrap(np.angle(model))),
+        }
+    )
+    both = pl.concat([measured, curve], how="diagonal_relaxed")
+    return both.select(pl.col(pl.Float64).round_sig_figs(5))

@@ -15,7 +15,7 @@ from bokeh.plotting import figure
 from bokeh.resources import Resources
 from bokeh.themes import Theme
 
-from osl_analysis.report.signals import RESPONSE, SIGNALS
+from osl_analysis.report.page import RESPONSE, SIGNALS
 
 MEASURED, MODEL, RESIDUAL = "#3f7fbf", "#e06000", "#1a9070"  # seen on light and on dark ground
 GREY = "#7a7a7a"

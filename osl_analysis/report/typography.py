@@ -1,14 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """How a text is set: units, symbols, powers and minus signs on the page, and signs of LaTeX; rows
-of texts as a table in Markdown, in LaTeX or in aligned columns, of which the first is the head."""
+of texts as a table in Markdown, in LaTeX or in aligned columns, of which the first is the head; and
+the templates of longer texts."""
 
 import re
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
 from osl_analysis.base.files import own_yaml
-from osl_analysis.stats.rounding import WithInterval, plus_minus
+from osl_analysis.stats.rounding import WithInterval, significant
 
 SIGNS: dict[str, str] = own_yaml(Path(__file__).with_suffix(".yaml"))
 ANY_SIGN = re.compile("|".join(SIGNS))  # few of a page's numbers have one
@@ -45,6 +49,22 @@ def in_markdown(text: str) -> str:
     return text.replace("<", "&lt;").replace("](", r"]\(").replace("|", r"\|")
 
 
+def template(name: str, filters: Mapping[str, Any] = {}, **choices: Any) -> Template:
+    """A template of this package, which refuses names that it does not know, with filters of its
+    own; `choices` are of `jinja2.Environment`."""
+    loader = FileSystemLoader(Path(__file__).with_name("templates"))
+    environment = Environment(loader=loader, undefined=StrictUndefined, **choices)
+    # models of Bokeh are read in the order in which they refer to each other
+    environment.policies["json.dumps_kwargs"] = {"sort_keys": False}
+    environment.filters.update(digits=value_text, latex=in_latex, **filters)
+    return environment.get_template(name)
+
+
+def value_text(value: object) -> str:
+    """A value in a sentence; a number with three digits."""
+    return significant(value, 3) if isinstance(value, float) else str(value)
+
+
 def aligned(rows: Sequence[Sequence[str]]) -> str:
     """Rows as lines with aligned columns."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
@@ -68,7 +88,7 @@ def latex_table(rows: Sequence[Sequence[str]], heads: Mapping[str, str]) -> str:
 
     def in_cell(text: str) -> str:
         if isinstance(text, WithInterval):
-            return plus_minus(*text.parts).replace("±", r"$\pm$")
+            return text.plus_minus.replace("±", r"$\pm$")
         return heads.get(text) or in_latex(text)
 
     head = [re.sub(r"(.+) \((.+)", UNIT_BELOW, in_cell(text)) for text in rows[0]]

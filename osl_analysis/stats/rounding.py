@@ -56,10 +56,9 @@ def plus_minus(value: str, low: str, high: str) -> str:
 
 
 class WithInterval(str):
-    """A number and the ends of its interval, as one text and as `parts`, which tables of LaTeX set
-    their own way."""
+    """A number and the ends of its interval in brackets; where there is less room, `plus_minus`."""
 
-    parts: tuple[str, ...]
+    plus_minus: str
 
 
 def written(
@@ -72,5 +71,5 @@ def written(
     if not all(parts):
         return parts[0]
     text = WithInterval("{} ({} to {})".format(*parts))
-    text.parts = tuple(parts)
+    text.plus_minus = plus_minus(*parts)
     return text

@@ -14,9 +14,14 @@ from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import WebDriverWait
 
-from osl_analysis.report.page import trial_view, written_page
+from osl_analysis.report.page import (
+    measured_response,
+    of_fit,
+    of_recording,
+    trial_view,
+    written_page,
+)
 from osl_analysis.report.paper_tables import Condition
-from osl_analysis.report.signals import measured_response, of_fit, of_recording
 
 pytestmark = pytest.mark.browser
 DRIVER = shutil.which("chromedriver")

@@ -6,7 +6,7 @@ from dataclasses import replace
 import polars as pl
 
 from osl_analysis.judge.finding import Finding, Grade, WordedFinding, Words
-from osl_analysis.report.page import Page, trial_view
+from osl_analysis.report.page import trial_view
 
 ABOUT = {
     "campaign": "<b>",
@@ -52,4 +52,4 @@ def page(*trials, **changed):
         "conditions": (), "groups": (), "numbers": (), "findings": (), "trials": trials,
         "figures": (), "absent_figures": {}, "missing_results": {},
     }  # fmt: skip
-    return Page(**{**facts, **changed})
+    return {**facts, **changed}

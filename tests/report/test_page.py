@@ -11,15 +11,23 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 import pytest
+from conftest import ROOT
 from page_builder import ABOUT, PART, REMARK, ROW, WHOLE, page, view, worded
 
 from osl_analysis.bench.bench_settings import NOT_STATED, Calibration
 from osl_analysis.commands.report import rates_of, signals_of
 from osl_analysis.dictionary.described import table_of
 from osl_analysis.report import methods
-from osl_analysis.report.page import ShownFigure, trial_view, with_symbols, written_page
+from osl_analysis.report.page import (
+    ShownFigure,
+    measured_response,
+    of_fit,
+    of_recording,
+    trial_view,
+    with_symbols,
+    written_page,
+)
 from osl_analysis.report.paper_tables import Condition, budget_table
-from osl_analysis.report.signals import measured_response, of_fit, of_recording
 from osl_analysis.report.verdicts import (
     LeftOut,
     trials_without_result,
@@ -273,7 +281,7 @@ def test_the_methods_in_latex_escape_words_and_keep_symbols_and_citations():
 
 
 def test_everything_that_the_methods_cite_is_in_their_bibliography():
-    template = (methods.HERE / "templates/methods.j2").read_text()
+    template = (ROOT / "osl_analysis/report/templates/methods.j2").read_text()
     cited = set(methods.CITATION.findall(template)) - {"key"}
 
     assert len(cited) >= 5

@@ -28,6 +28,7 @@ from osl_analysis.judge.judging import EXCLUDED, judged, marked
 from osl_analysis.stats.repeats import DOUBTFUL, concerns
 from osl_analysis.walking import tables as result_tables
 from osl_analysis.walking import walking_settings as choices
+from osl_analysis.walking.ensemble import ENSEMBLE
 from osl_analysis.walking.groups import SEPARATOR
 from osl_analysis.walking.isolated_response import UnperturbedGait
 from osl_analysis.walking.plate_inertia import PlateModel
@@ -122,7 +123,7 @@ def summarise_perturbations(
         except OslAnalysisError as error:
             advise(f"no result of {group}: {error}")
             row = {**conditions, "reason": str(error)}
-            without = {"estimator": result_tables.ENSEMBLE, "n": len(of_group), "mean": None}
+            without = {"estimator": ENSEMBLE, "n": len(of_group), "mean": None}
             summary = [{"quantity": name, **without} for name in ("K", "B", "I", "VAF")]
         else:
             row = {**conditions, **result_columns(conditions, headline), "reason": None}

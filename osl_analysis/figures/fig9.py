@@ -9,7 +9,7 @@ import polars as pl
 from matplotlib.axes import Axes
 
 from osl_analysis.figures import style
-from osl_analysis.walking.tables import ENSEMBLE
+from osl_analysis.walking.ensemble import ENSEMBLE
 
 QUANTITIES = ("K", "B", "I")
 MEAN, PERTURBATION = "mean of perturbations", "perturbation"  # values of `estimator`

@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 
 from osl_analysis.base.trial import Array
 from osl_analysis.figures import style
+from osl_analysis.walking.ensemble import ENSEMBLE
 from osl_analysis.walking.isolated_response import PHASES, UnperturbedGait
-from osl_analysis.walking.tables import ENSEMBLE
 from osl_analysis.walking.walking_settings import TimingSettings
 
 PANELS = {

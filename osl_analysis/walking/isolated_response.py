@@ -13,7 +13,7 @@ for a true 340.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -226,14 +226,26 @@ def aligned_gait(crossing: Crossing, gait: UnperturbedGait, known_until: float) 
 MARGIN = 8
 # What a crossing does before the onset, from which its gait is predicted: mean and slope of curves
 BEHAVIOUR = ("angle", "torque", "angle_slope", "torque_slope")
+Predictors = tuple[str, ...]
+"""Some of `BEHAVIOUR`; if empty, the prediction is the mean unperturbed gait."""
+
+
+def regressors(behaviour: Array, predictors: Predictors) -> Array:
+    """Columns (c, q + 1) of the regression on some of the behaviour (4, c): 1, and each at unit
+    size."""
+    chosen = behaviour[[BEHAVIOUR.index(name) for name in predictors]]
+    sizes = np.sqrt(np.mean(chosen**2, axis=1, keepdims=True))
+    scaled = chosen / np.where(sizes > 0, sizes, 1.0)
+    return np.column_stack([np.ones(chosen.shape[1]), scaled.T])
 
 
 @dataclass(frozen=True)
 class PerturbationResponse:
-    """Isolated response to one perturbation, k samples, zero on average over the baseline.
+    """Isolated response to one perturbation, or the mean over several: k samples, zero on average
+    over the baseline.
 
     Row i of `thetas` and `torques` is the crossing minus the i-th unperturbed one. The response is
-    the mean row; the rows scatter by gait.
+    their mean, or where gait is predicted their regression on what each crossing did before.
     """
 
     name: str
@@ -247,16 +259,31 @@ class PerturbationResponse:
     window: slice
     # stance at the matched pace over that of the unperturbed crossings, minus 1
     pace_change: float = 0.0
+    predictors: Predictors = ()
+
+    @property
+    def weights(self) -> Array:
+        """Of the rows (crossings,): their regression at the behaviour of the perturbed crossing."""
+        return np.linalg.pinv(regressors(self.behaviour, self.predictors))[0]
 
     @cached_property
     def motion(self) -> Motion:
         """Angle [rad] of the ankle with its derivatives, (k,) each."""
-        return differentiate(self.time, self.thetas.mean(axis=0))
+        return differentiate(self.time, self.weights @ self.thetas)
 
-    @property
+    @cached_property
     def torque(self) -> Array:
         """(k,) [N*m]."""
-        return self.torques.mean(axis=0)
+        return self.weights @ self.torques
+
+    def without(self, i: int) -> "PerturbationResponse":
+        """The response without the i-th unperturbed crossing."""
+        return replace(
+            self,
+            thetas=np.delete(self.thetas, i, axis=0),
+            torques=np.delete(self.torques, i, axis=0),
+            behaviour=np.delete(self.behaviour, i, axis=1),
+        )
 
     @property
     def fitted_motion(self) -> Motion:

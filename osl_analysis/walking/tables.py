@@ -17,17 +17,17 @@ import polars as pl
 
 from osl_analysis.base.measured import rms
 from osl_analysis.base.trial import Array
-from osl_analysis.signals.filters import Motion
+from osl_analysis.signals.filters import sampling_rate
 from osl_analysis.stats.budget import Budget, Contribution, budget_rows, unknown
+from osl_analysis.stats.linear_fit import LinearFit
 from osl_analysis.stats.repeats import doubtful_row
 from osl_analysis.walking.crossing import PER_UNIT, Crossing
 from osl_analysis.walking.ensemble import (
+    ENSEMBLE,
     ESTIMATED,
-    Ensemble,
-    EnsembleResponse,
-    PredictorChoice,
-    mean_gait_torque,
-    stacked,
+    best_predictors,
+    mean_response,
+    predictor_sets,
 )
 from osl_analysis.walking.groups import MEASURED_IN_CROSSINGS, SEPARATOR
 from osl_analysis.walking.impedance_fit import (
@@ -38,6 +38,7 @@ from osl_analysis.walking.impedance_fit import (
 )
 from osl_analysis.walking.isolated_response import (
     PerturbationResponse,
+    Predictors,
     UnperturbedGait,
     isolate_response,
 )
@@ -54,7 +55,8 @@ Contributions = dict[str, Contribution]
 class GroupFit:
     """Eq. 15 fitted to the mean response of a group, with the budgets of K, B and I."""
 
-    response: EnsembleResponse
+    response: PerturbationResponse
+    fit: LinearFit
     budgets: Budgets
 
 
@@ -96,64 +98,67 @@ def headline_of_responses(
     responses: Sequence[PerturbationResponse], plate: PlateModel, timing: PlateTiming
 ) -> GroupHeadline:
     """Fit Eq. 15 to the mean of two or more responses, minus mean and minus predicted gait."""
-    group = stacked(responses)
-    mean = group.fitted()
-    curves = mean_gait_torque(responses, mean.fit)
-    choice = PredictorChoice(curves, group.behaviour.mean(axis=0))
-    changes = np.mean([response.changes for response in responses], axis=0)
-    errors = [
-        *of_set_up(mean, changes, plate, timing),
-        of_onset(mean, timing, group.time[1] - group.time[0]),
-    ]
+    mean = mean_response(responses)
+    errors = [*of_set_up(mean, plate, timing), of_onset(mean, timing)]
     return GroupHeadline(
         responses,
-        ensemble=with_budgets(group, mean, None, errors),
-        predicted=with_budgets(group, group.fitted(choice.best()), choice, errors),
+        ensemble=group_fit(responses, [()], errors),
+        predicted=group_fit(responses, predictor_sets(len(mean.thetas)), errors),
     )
 
 
-def with_budgets(
-    group: Ensemble,
-    response: EnsembleResponse,
-    choice: PredictorChoice | None,
+def group_fit(
+    responses: Sequence[PerturbationResponse],
+    choices: Sequence[Predictors],
     errors: Sequence[Contributions],
 ) -> GroupFit:
     """The fit of a group with the budgets of its estimates.
 
-    With a `choice` gait is predicted, and predictors are chosen anew without each unperturbed
-    crossing, since another campaign would. `errors` are those of the set-up.
+    Predictors of gait, of the `choices`, are chosen anew without each unperturbed crossing, since
+    another campaign would. `errors` are those of the set-up.
     """
-    n, crossings = group.theta.shape[:2]
-    predictors = () if choice is None else choice.best()
-    without_perturbed = [
-        group.without(i, axis=0).fitted(predictors).fit.estimates for i in range(n)
-    ]
+    mean = mean_response(responses)
+    of_mean = fit_response(mean)
+    predictors = best_predictors(mean, of_mean, choices)
+    without_perturbed = []
+    for i in range(len(responses)):
+        others = mean_response([*responses[:i], *responses[i + 1 :]])
+        without_perturbed.append(estimates_of(replace(others, predictors=predictors)))
+    crossings = len(mean.thetas)
     without_unperturbed = []
     for i in range(crossings):
-        chosen = () if choice is None else choice.best(i)
-        without_unperturbed.append(group.without(i, axis=1).fitted(chosen).fit.estimates)
-    freedom = float(crossings - 1 - len(predictors))
+        others = mean.without(i)
+        chosen = best_predictors(others, of_mean, choices)
+        without_unperturbed.append(estimates_of(replace(others, predictors=chosen)))
+
+    response = replace(mean, predictors=predictors)
+    fit = fit_response(response)
+    of_crossings = replace(SCATTER, freedom=len(responses) - 1.0)
+    of_gait = replace(SCATTER, freedom=crossings - 1.0 - len(predictors))
     rows = [
-        of_source("crossings", jackknife_ses(without_perturbed), replace(SCATTER, freedom=n - 1.0)),
-        of_source(
-            "mean_gait", jackknife_ses(without_unperturbed), replace(SCATTER, freedom=freedom)
-        ),
+        of_source("crossings", jackknife_ses(without_perturbed), of_crossings),
+        of_source("mean_gait", jackknife_ses(without_unperturbed), of_gait),
         *errors,
         *of_choices(response),
     ]
     budgets = {}
     for name in ESTIMATED:
         found = tuple(row[name] for row in rows if name in row)
-        budgets[name] = Budget(response.fit[name], found)
-    return GroupFit(response, budgets)
+        budgets[name] = Budget(fit[name], found)
+    return GroupFit(response, fit, budgets)
+
+
+def estimates_of(response: PerturbationResponse, window: slice | None = None) -> Array:
+    """K, B and I (3,), also in another window."""
+    return fit_response(replace(response, window=window or response.window)).estimates
 
 
 def with_late_torque(fit: GroupFit) -> GroupFit:
     """The fit with the doubt that a negative inertia throws on the lag: a torque late by d lowers B
     by K d and I by B d, to first order."""
-    K = fit.response.fit["K"]
-    B = fit.response.fit["B"]
-    lag_s = -fit.response.fit["I"] / B
+    K = fit.fit["K"]
+    B = fit.fit["B"]
+    lag_s = -fit.fit["I"] / B
     changes = of_source("late_torque", lag_s * np.array([0.0, K, B]), LATE)
     return replace(
         fit, budgets={name: each.plus(changes[name]) for name, each in fit.budgets.items()}
@@ -173,17 +178,16 @@ def of_source(source: str, standards: Array, row: Contribution = SHARED) -> Cont
 
 
 def of_set_up(
-    response: EnsembleResponse, torques: Array, plate: PlateModel, timing: PlateTiming
+    response: PerturbationResponse, plate: PlateModel, timing: PlateTiming
 ) -> list[Contributions]:
     """What the plate's model, lag, height and gain, and the foot's place contribute, by the changes
     (m + 4, k) [N*m] of the mean response."""
-    columns = response.motion[response.window].columns
-    changes = fitted_changes(columns, torques, response.window)
+    changes = fitted_changes(response.fitted_motion.columns, response.changes, response.window)
     by_trial, by_unit = np.split(changes, [-len(PER_UNIT)])
     of_lag, of_height, of_place, of_mass = by_unit
 
     rows = [
-        unknown("walking_unseen", "% of the plate's gain", K=response.fit["K"] / 100),
+        unknown("walking_unseen", "% of the plate's gain", K=fit_response(response)["K"] / 100),
         unknown("walking_unseen", "mm of the foot's place", K=of_place[0]),
     ]
     if len(by_trial) > 1:
@@ -207,42 +211,45 @@ def in_units(source: str, unit: str, changes: Array) -> Contributions:
     return unknown(source, unit, **dict(zip(ESTIMATED, changes, strict=True)))
 
 
-def of_choices(response: EnsembleResponse) -> list[Contributions]:
+def of_choices(response: PerturbationResponse) -> list[Contributions]:
     """Half of what an offset of the fit, and the length of the window, would change."""
     first = response.window.start
     last = response.window.stop
     step = round((last - first) / 10)
-    shorter = response.estimates_in(slice(first, last - step))
-    longer = response.estimates_in(slice(first, last + step))
-    rows = [of_source("window", (longer - shorter) / 2, CHOSEN)]
+    shorter = estimates_of(response, slice(first, last - step))
+    longer = estimates_of(response, slice(first, last + step))
     # far off if the response is not of second order
-    columns = response.motion[response.window].columns
-    X = np.column_stack([columns, np.ones(last - first)])
-    with_offset = np.linalg.lstsq(X, response.torque[response.window])[0][:-1]
-    rows.append(of_source("offset", (with_offset - response.fit.estimates) / 2, CHOSEN))
-    return rows
+    X = np.column_stack([response.fitted_motion.columns, np.ones(last - first)])
+    with_offset = np.linalg.lstsq(X, response.fitted_torque)[0][:-1]
+    return [
+        of_source("window", (longer - shorter) / 2, CHOSEN),
+        of_source("offset", (with_offset - estimates_of(response)) / 2, CHOSEN),
+    ]
 
 
-def of_onset(response: EnsembleResponse, timing: PlateTiming, step_s: float) -> Contributions:
+def of_onset(response: PerturbationResponse, timing: PlateTiming) -> Contributions:
     """What an error of all onsets contributes."""
     first = response.window.start
     last = response.window.stop
-    earlier = response.estimates_in(slice(first - 1, last - 1))
-    later = response.estimates_in(slice(first + 1, last + 1))
-    frames = timing.onset_se / step_s
+    earlier = estimates_of(response, slice(first - 1, last - 1))
+    later = estimates_of(response, slice(first + 1, last + 1))
+    frames = timing.onset_se * sampling_rate(response.time)
     return of_source("onset", frames * (later - earlier) / 2)
 
 
 SMALLEST_RESIDUAL_SHARE = 0.03  # of the torque, for a residual to count
 
 
-def residual_over_gait(motion: Motion, torque: Array, of_gait: Array) -> float | None:
-    """RMS residual of Eq. 15 over that of ordinary gait (crossings, k).
+def residual_over_gait(response: PerturbationResponse) -> float | None:
+    """RMS residual of Eq. 15 over that of the ordinary gait of each unperturbed crossing.
 
     None below 3 % of the torque, or over 0.
     """
-    residual = unexplained_rms(motion.columns, torque[None])
-    usual = unexplained_rms(motion.columns, of_gait)
+    columns = response.fitted_motion.columns
+    torque = response.fitted_torque
+    of_gait = gait_torque(response, fit_response(response))[:, response.window]
+    residual = unexplained_rms(columns, torque[None])
+    usual = unexplained_rms(columns, of_gait)
     if residual > SMALLEST_RESIDUAL_SHARE * rms(torque) and usual > 0:
         return residual / usual
     return None
@@ -257,7 +264,6 @@ def unexplained_rms(columns: Array, torques: Array) -> float:
 def result_columns(conditions: Mapping[str, Any], headline: GroupHeadline) -> dict[str, Any]:
     """The estimates of a group, at which phase of stance the fit reads them, and how it agrees with
     single fits and with ordinary gait: columns of `walking_groups.csv` beside its `conditions`."""
-    responses = headline.responses
     mean = headline.ensemble.response
     budgets = headline.ensemble.budgets
     K = budgets["K"].value
@@ -266,17 +272,13 @@ def result_columns(conditions: Mapping[str, Any], headline: GroupHeadline) -> di
     for name, budget in budgets.items():
         estimates.update(budget.columns(name))
     return {
-        "fitted_phase": conditions["onset_phase"] + fitted_time(headline) / conditions["stance_s"],
+        "fitted_phase": conditions["onset_phase"] + fitted_time(mean) / conditions["stance_s"],
         **estimates,
-        "coherence": coherence_of(responses),
-        "VAF": mean.fit.vaf,
-        "residual_over_gait": residual_over_gait(
-            mean.motion[mean.window],
-            mean.torque[mean.window],
-            mean_gait_torque(responses, mean.fit),
-        ),
+        "coherence": coherence_of(headline.responses),
+        "VAF": headline.ensemble.fit.vaf,
+        "residual_over_gait": residual_over_gait(mean),
         "offset_share": 2 * of_offset / abs(K) if K else None,
-        "pace_change": np.mean([response.pace_change for response in responses]),
+        "pace_change": mean.pace_change,
     }
 
 
@@ -359,19 +361,17 @@ def set_up_difference(crossings: pl.DataFrame) -> tuple[str | None, float | None
     return largest
 
 
-def fitted_time(headline: GroupHeadline) -> float:
+def fitted_time(response: PerturbationResponse) -> float:
     """Time [s] after the onset at which the fit reads a stiffness that changes linearly.
 
     The fit's K is a sum of torques with weights w, where w . theta = 1. So it is K(t) at t = sum of
     w theta t, after the middle of the window.
     """
-    response = headline.responses[0]
-    motion = headline.ensemble.response.motion[response.window]
+    motion = response.fitted_motion
     w: Array = np.linalg.pinv(motion.columns)[0]
     return float(w @ (motion.theta * response.time[response.window]))
 
 
-ENSEMBLE = "ensemble"
 PREDICTED = "ensemble, predicted gait"
 
 
@@ -384,11 +384,7 @@ def perturbation_row(
     return {
         "bridged": crossing.bridged,
         **{name: fit[name] for name in ESTIMATED},
-        "residual_over_gait": residual_over_gait(
-            response.fitted_motion,
-            response.fitted_torque,
-            gait_torque(response, fit)[:, response.window],
-        ),
+        "residual_over_gait": residual_over_gait(response),
         "VAF": fit.vaf,
     }
 
@@ -409,7 +405,7 @@ def headline_rows(headline: GroupHeadline, fits: pl.DataFrame) -> list[dict[str,
         for name, budget in fit.budgets.items():
             ends = {"mean": budget.value, "low": budget.low, "high": budget.high}
             rows.append({"quantity": name, **place, **ends})
-        rows.append({"quantity": "VAF", **place, "mean": fit.response.fit.vaf})
+        rows.append({"quantity": "VAF", **place, "mean": fit.fit.vaf})
     return rows
 
 
@@ -424,24 +420,18 @@ def budget_table(group: str, headline: GroupHeadline) -> pl.DataFrame:
 
 def response_table(group: str, headline: GroupHeadline) -> pl.DataFrame:
     """Tabulate `walking_responses.csv`: the isolated responses of a group, and their mean."""
-    first = headline.responses[0]
-    time = first.time
-    window = first.window
-    fitted = [
-        (response.name, response.motion, response.torque, fit_response(response))
-        for response in headline.responses
-    ]
-    mean = headline.ensemble.response
     frames = []
-    for name, motion, torque, fit in [*fitted, (ENSEMBLE, mean.motion, mean.torque, mean.fit)]:
-        model = np.full(len(time), np.nan)
-        model[window] = motion.columns[window] @ fit.estimates
+    for response in [*headline.responses, headline.ensemble.response]:
+        motion = response.motion
+        window = response.window
+        model = np.full(len(response.time), np.nan)
+        model[window] = motion.columns[window] @ estimates_of(response)
         frame = pl.DataFrame(
             {
-                "trial": name,
-                "time": time,
+                "trial": response.name,
+                "time": response.time,
                 "theta_deg": np.rad2deg(motion.theta),
-                "torque": torque,
+                "torque": response.torque,
                 "torque_model": model,
                 "group": group,
             },

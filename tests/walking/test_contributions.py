@@ -11,7 +11,7 @@ from walking_crossings import Walk, crossing, several, walked
 from walking_synthetic import settings
 
 from osl_analysis.walking.crossing import PER_UNIT
-from osl_analysis.walking.ensemble import stacked
+from osl_analysis.walking.ensemble import mean_response
 from osl_analysis.walking.impedance_fit import fit_response
 from osl_analysis.walking.isolated_response import isolate_response, unperturbed_gait
 from osl_analysis.walking.plate_inertia import NO_CORRECTION
@@ -55,8 +55,9 @@ def test_the_scatter_of_the_mean_gait_is_that_of_unperturbed_crossings():
     budget = headline_of_responses([response] * 2, NO_CORRECTION, UNKNOWN).ensemble.budgets["K"]
 
     of_gait = of_source(budget, "mean_gait")
+    alike = np.ones((6, 1))
     singles = [
-        fit_response(replace(response, thetas=theta[None], torques=torque[None]))["K"]
+        fit_response(replace(response, thetas=theta * alike, torques=torque * alike))["K"]
         for theta, torque in zip(response.thetas, response.torques, strict=True)
     ]
     assert of_gait.standard == pytest.approx(np.std(singles, ddof=1) / np.sqrt(6), rel=0.05)
@@ -125,9 +126,9 @@ def test_an_onset_that_is_uncertain_by_so_many_frames_moves_the_window(frames):
 
     budget = headline_of_responses(isolated, NO_CORRECTION, timing).ensemble.budgets["K"]
 
-    mean = stacked(isolated).fitted()
+    mean = mean_response(isolated)
     later = slice(mean.window.start + frames, mean.window.stop + frames)
-    moved = abs(mean.estimates_in(later)[0] - budget.value)
+    moved = abs(fit_response(replace(mean, window=later))["K"] - budget.value)
     assert of_source(budget, "onset").standard == pytest.approx(moved, rel=0.5)
 
 

@@ -162,8 +162,8 @@ def test_a_stiffness_that_changes_linearly_is_read_at_the_fitted_time():
 
     K = np.linalg.lstsq(motion[window].columns, torque[window])[0][0]
 
-    assert K - mean.fit["K"] == pytest.approx(slope * fitted_time(result), rel=1e-9)
-    assert 0.05 < fitted_time(result) < 0.1
+    assert K - result.ensemble.fit["K"] == pytest.approx(slope * fitted_time(mean), rel=1e-9)
+    assert 0.05 < fitted_time(mean) < 0.1
 
 
 def session(**changed):

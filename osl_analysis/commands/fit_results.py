@@ -22,7 +22,7 @@ from osl_analysis.dictionary.described import described_tables_by_name, table_of
 from osl_analysis.figures.drawing import completed, drawn
 from osl_analysis.judge.finding import Finding, Grade
 from osl_analysis.judge.judging import fit_of, rows_by_fit
-from osl_analysis.judge.words import finding_text, words_of
+from osl_analysis.judge.words import finding_text
 from osl_analysis.stats.budget import IN_INTERVAL, Budget, budgets_in
 from osl_analysis.stats.rounding import decimal_places, significant, with_places, written
 
@@ -120,17 +120,19 @@ def rows_json(table: pl.DataFrame, findings: Sequence[Sequence[Finding]] = ()) -
     `findings`."""
     rows = table.to_dicts()
     for row, of_row in zip(rows, findings, strict=False):
-        row["findings"] = [finding_json(finding, row) for finding in of_row]
+        row["findings"] = [finding_json(finding) for finding in of_row]
     return to_json(rows, indent=2, inf_nan_mode="null").decode()
 
 
-def finding_json(finding: Finding, row: Mapping[str, Any]) -> dict[str, Any]:
-    """A finding about a row as an object of JSON."""
+def finding_json(finding: Finding) -> dict[str, Any]:
+    """A finding as an object of JSON."""
     return {
         "grade": finding.grade.value,
         "name": finding.name,
         "cause": finding.cause,
-        **words_of(finding, row)._asdict(),
+        "says": finding.says,
+        "size": finding.size,
+        "remedy": finding.remedy,
         "evidence": [
             {name: cell for name, cell in vars(number).items() if name != "rule"}
             for number in finding.evidence
@@ -157,7 +159,7 @@ def estimates_text(
             lines.append(": ".join(filter(None, [line, verdict, parts])))
         for finding in of_row:
             if finding.grade is Grade.DOUBTS:
-                lines.append(f"  doubtful: {finding_text(finding, row)}")
+                lines.append(f"  doubtful: {finding_text(finding)}")
     lines.append("in brackets: the 95 % interval; behind it, what its parts alone would make")
     return "\n".join(lines)
 
@@ -282,7 +284,7 @@ class Fit:
     def sentences(self, *grades: Grade) -> list[str]:
         """The findings of some grades about the fit to all data, in words."""
         of_whole = self.findings[-1] if self.findings else ()
-        return [finding_text(finding, self.row) for finding in of_whole if finding.grade in grades]
+        return [finding_text(finding) for finding in of_whole if finding.grade in grades]
 
     def __getattr__(self, name: str) -> Any:
         """A column of the table, of the fit to all data, or its `NAME_interval`."""

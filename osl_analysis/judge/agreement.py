@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.base.units import factors_near
 from osl_analysis.judge.finding import Beyond, Finding, Grade
-from osl_analysis.judge.known_findings import Rule, rule_of
+from osl_analysis.judge.known_findings import rule_of
 from osl_analysis.stats.budget import CLEAR, FLOOR, WIDE
 from osl_analysis.stats.rounding import places_of, significant, with_places
 
@@ -98,10 +98,10 @@ def finding_on(row: Row, symbol: str, expected: float, most: float, size: str) -
     difference = row[symbol] - expected
     side = "above" if difference > 0 else "below"
     limit = expected + math.copysign(most, difference)
-    says = size.replace("{", "{{").replace("}", "}}")  # a name may have braces
-    evidence = Beyond(symbol, row[symbol], limit, side, UNLIKE, rule=Rule(UNLIKE, says=says))
-    of_estimate = "" if symbol == "K" else size
-    return Finding(UNLIKE, "impedance", row["trial"], evidence=(evidence,), size=of_estimate)
+    evidence = (Beyond(symbol, row[symbol], limit, side, UNLIKE),)
+    estimates = () if symbol == "K" else (symbol,)
+    trial = row["trial"]
+    return Finding(UNLIKE, "impedance", trial, evidence=evidence, estimates=estimates, size=size)
 
 
 def condition_text(row: Row) -> str:
@@ -209,5 +209,5 @@ def common_factor(arm: Sequence[Row], needed: Mapping[str, float]) -> Iterator[F
     size = "; ".join([said, *units])
     grade = Grade.DOUBTS if units else Grade.NOTES
     for row in rows:
-        evidence = Beyond("K", row["K"], row["K_d"], "above", FACTOR, rule=Rule(FACTOR, says=size))
-        yield Finding(FACTOR, "impedance", row["trial"], grade, (evidence,))
+        evidence = (Beyond("K", row["K"], row["K_d"], "above", FACTOR),)
+        yield Finding(FACTOR, "impedance", row["trial"], grade, evidence, size=size)

@@ -3,7 +3,8 @@
 causes with their trials, in the same words at the end of a run, by `results` and on the page."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Any
 
 import polars as pl
@@ -17,8 +18,6 @@ from osl_analysis.judge.finding import (
     Finding,
     Grade,
     Limits,
-    WordedFinding,
-    Words,
     subject_of,
 )
 from osl_analysis.judge.judging import EXCLUDED, RowFindings, judged, marked
@@ -31,7 +30,7 @@ from osl_analysis.judge.recording_checks import (
     exclusion_text,
     spoiled_trials,
 )
-from osl_analysis.judge.words import sentence_of, words_of
+from osl_analysis.judge.words import sentence_of, worded
 from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.stats.rounding import significant
 
@@ -45,7 +44,7 @@ def campaign_findings(
     verdicts: pl.DataFrame,
     limits: DoubtfulFits,
     budget: pl.DataFrame | None = None,
-) -> list[WordedFinding]:
+) -> list[Finding]:
     """Judge all trials of a campaign.
 
     Parameters
@@ -61,7 +60,7 @@ def campaign_findings(
 
     Returns
     -------
-    list of WordedFinding
+    list of Finding
         Without those that rows share with another table of the same trials, which has them, and
         without failed checks of what the fit to the recording tells.
 
@@ -70,18 +69,16 @@ def campaign_findings(
     InputError
         A limit stands on a column that its table does not have.
     """
-    of_fits: list[WordedFinding] = []
+    of_fits: list[Finding] = []
     faults = spoiled_trials(verdicts)
     fits = {name: table for name, table in tables.items() if name in JUDGED_TABLES}
     for name, table in fits.items():
-        by_row = judged_together(table, limits.of(name), name, faults, budget)
-        for row, of_row in zip(table.iter_rows(named=True), by_row, strict=True):
-            of_fits.extend(WordedFinding(finding, words_of(finding, row)) for finding in of_row)
+        of_fits += chain(*judged_together(table, limits.of(name), name, faults, budget))
     if len(tables.get("calibration", ())):
-        of_fits = [with_its_calibration(worded) for worded in of_fits]
-    doubts = [worded for worded in of_fits if worded.finding.grade is Grade.DOUBTS]
-    told = {fact_of(doubt) for doubt in doubts if not doubt.finding.is_of_part}
-    return [*(w for w in failed_checks(verdicts) if fact_of(w) not in told), *of_fits]
+        of_fits = [with_its_calibration(finding) for finding in of_fits]
+    doubts = [finding for finding in of_fits if finding.grade is Grade.DOUBTS]
+    told = {fact_of(doubt) for doubt in doubts if not doubt.is_of_part}
+    return [*(each for each in failed_checks(verdicts) if fact_of(each) not in told), *of_fits]
 
 
 def judged_together(
@@ -104,25 +101,25 @@ def judged_together(
     }
     of_trials = [rows[place] for place in place_of.values()]
     for finding in disagreements(of_trials, limits.accuracy.model_dump()):
-        findings[place_of[finding.subject]].append(finding)
+        place = place_of[finding.subject]
+        findings[place].append(worded(finding, rows[place]))
     return findings
 
 
-def with_its_calibration(worded: WordedFinding) -> WordedFinding:
+def with_its_calibration(finding: Finding) -> Finding:
     """A campaign that has recorded a known spring is told to state what this says."""
-    finding = worded.finding
     if finding.grade is not Grade.UNCHECKED or finding.name not in SHOWN_BY_SPRING:
-        return worded
+        return finding
     remedy = "State what calibration.csv says of this bench (`to_state`), and run again"
-    return WordedFinding(finding, worded.words._replace(remedy=remedy))
+    return replace(finding, remedy=remedy)
 
 
-def fact_of(worded: WordedFinding) -> tuple[str, str]:
+def fact_of(finding: Finding) -> tuple[str, str]:
     """The cause and the trial of a finding."""
-    return worded.finding.name, worded.finding.subject
+    return finding.name, finding.subject
 
 
-def failed_checks(verdicts: pl.DataFrame) -> Iterator[WordedFinding]:
+def failed_checks(verdicts: pl.DataFrame) -> Iterator[Finding]:
     """The failed checks of recordings, whether or not they exclude the trial."""
     grades = {"flag": Grade.DOUBTS, "exclude": Grade.EXCLUDES}
     for row in verdicts.filter(pl.col("verdict").is_in(list(grades))).to_dicts():
@@ -132,8 +129,8 @@ def failed_checks(verdicts: pl.DataFrame) -> Iterator[WordedFinding]:
         size = f"{significant(row['value'], 3)} {row['unit']}"
         if row["remark"]:
             size = f"{size} ({row['remark']})"
-        finding = Finding(check.finding, QUALITY, row["trial"], grade, (evidence,))
-        yield WordedFinding(finding, words_of(finding, row)._replace(size=size))
+        finding = Finding(check.finding, QUALITY, row["trial"], grade, (evidence,), size=size)
+        yield worded(finding, row)
 
 
 def exclusion_report(excluded: pl.DataFrame) -> str:
@@ -222,9 +219,9 @@ class CampaignFinding:
     @property
     def sentence(self) -> str:
         """All of it, with the first of its trials."""
-        words = Words(self.says, self.at_worst, self.remedy)
+        words = sentence_of(self.says, self.at_worst, self.remedy)
         trials = listing(self.trials, MOST_NAMED)
-        return f"{self.verdict}, {self.counts}: {sentence_of(words)} [{trials}]"
+        return f"{self.verdict}, {self.counts}: {words} [{trials}]"
 
     @property
     def is_result(self) -> bool:
@@ -237,16 +234,9 @@ def findings_in_summary(summary: Mapping[str, Any]) -> list[CampaignFinding]:
     return [CampaignFinding(**fields) for fields in summary["findings"]]
 
 
-@dataclass(frozen=True)
-class JudgedTable:
-    """A result table with the column `DOUBTFUL`, and what its findings are about."""
-
-    subject: str  # what was judged, such as `impedance trials`
-    n: int  # trials or groups that were judged
-
-
-def judged_tables_of(tables: Mapping[str, pl.DataFrame]) -> dict[str, JudgedTable]:
-    """The judged tables of a campaign by name, in the order of the experiments."""
+def judged_tables_of(tables: Mapping[str, pl.DataFrame]) -> dict[str, tuple[str, int]]:
+    """The tables of a campaign with the column `DOUBTFUL` by name, in the order of the experiments:
+    what was judged, such as `impedance trials`, and how many trials or groups."""
     judged = {}
     for facts in EXPERIMENTS.values():
         kinds = {table.name: " trials" for table in facts.tables if table.judged}
@@ -254,12 +244,16 @@ def judged_tables_of(tables: Mapping[str, pl.DataFrame]) -> dict[str, JudgedTabl
             rows = tables.get(name, pl.DataFrame())
             if DOUBTFUL in rows.columns:
                 subjects = {subject_of(row) for row in rows.to_dicts() if row.get(EXCLUDED) is None}
-                judged[name] = JudgedTable(name.replace("_", " ") + kind, len(subjects))
+                judged[name] = (name.replace("_", " ") + kind, len(subjects))
     return judged
 
 
+IN_PART = {"doubtful in part": "leave out rows marked doubtful"}
+"""What to do about doubts that are not on all of a trial."""
+
+
 def causes_in_campaign(
-    findings: Sequence[WordedFinding],
+    findings: Sequence[Finding],
     tables: Mapping[str, pl.DataFrame],
     verdicts: pl.DataFrame,
 ) -> list[CampaignFinding]:
@@ -267,7 +261,7 @@ def causes_in_campaign(
 
     Parameters
     ----------
-    findings : Sequence of WordedFinding
+    findings : Sequence of Finding
         Those of `findings.csv`.
     tables : Mapping of str to polars.DataFrame
         Result tables by name, which give the numbers of trials.
@@ -282,64 +276,60 @@ def causes_in_campaign(
         first. A trial that is doubtful is not among those that are doubtful in part.
     """
     judged = judged_tables_of(tables)
-    doubts = [worded.finding for worded in findings if worded.finding.grade is Grade.DOUBTS]
+    doubts = [finding for finding in findings if finding.grade is Grade.DOUBTS]
     doubtful = {finding.subject for finding in doubts if not finding.is_of_part}
     verdicts_of = {Grade.DOUBTS: "doubtful", Grade.NOTES: "remark", Grade.UNCHECKED: "not checked"}
 
-    causes = Causes()
-    for worded in findings:
-        finding = worded.finding
+    # by the fields of a cause, and the check that tells it; the last finding on a trial counts,
+    # which is on all of it
+    by_cause: dict[tuple[str, str, int, str, str], dict[str, Finding]] = {}
+    for finding in findings:
         is_doubt = finding.grade is Grade.DOUBTS
+        check = ""
         if finding.table in judged:
-            table = judged[finding.table]
-            if not finding.is_of_part:
-                causes.add(worded, verdicts_of[finding.grade], table.subject, table.n)
-            elif is_doubt and finding.subject not in doubtful:
-                subject = f"{table.subject}, at single amplitudes alone"
-                causes.add(worded, "doubtful in part", subject, table.n)
+            subject, n = judged[finding.table]
+            verdict = verdicts_of[finding.grade]
+            if finding.is_of_part:
+                if not is_doubt or finding.subject in doubtful:
+                    continue
+                subject = f"{subject}, at single amplitudes alone"
+                verdict = "doubtful in part"
         elif finding.table == QUALITY and is_doubt:
-            checked = verdicts.filter(check=finding.evidence[0].column)
-            causes.add(worded, "flagged", "trials", checked["trial"].n_unique())
-    return sorted(causes.told(), key=lambda cause: (RANKS.index(cause.verdict), -len(cause.trials)))
+            verdict = "flagged"
+            subject = "trials"
+            check = finding.evidence[0].column
+            n = verdicts.filter(check=check)["trial"].n_unique()
+        else:
+            continue
+        of_trials = by_cause.setdefault((verdict, subject, n, finding.name, check), {})
+        of_trials[finding.subject] = finding
+    causes = []
+    for (verdict, subject, n, name, _), of_trials in by_cause.items():
+        causes.append(told(verdict, subject, n, name, of_trials))
+    return sorted(causes, key=lambda cause: (RANKS.index(cause.verdict), -len(cause.trials)))
 
 
-IN_PART = {"doubtful in part": "leave out rows marked doubtful"}
-"""What to do about doubts that are not on all of a trial."""
-
-
-class Causes:
-    """Findings by their cause, or by what could not be checked. What holds by another condition, or
-    another check, is told by itself, with its own sentence."""
-
-    def __init__(self) -> None:
-        self.of_trials: dict[tuple[Any, ...], dict[str, WordedFinding]] = {}
-
-    def add(self, worded: WordedFinding, verdict: str, subject: str, n: int) -> None:
-        """Add a finding on one of n `subject`; the last on a trial counts, which is on all of
-        it."""
-        finding = worded.finding
-        told_by = str(finding.rule.says) if finding.rule else ""
-        if verdict == "flagged":
-            told_by = finding.evidence[0].column
-        cause = (verdict, subject, n, finding.name, told_by)
-        self.of_trials.setdefault(cause, {})[finding.subject] = worded
-
-    def told(self) -> Iterator[CampaignFinding]:
-        """What a reader must know of each, with its size in the trial where this is largest."""
-        for (verdict, subject, n, name, _), by_trial in self.of_trials.items():
-            worst = max(by_trial, key=lambda trial: by_trial[trial].finding.excess)
-            words = by_trial[worst].words
-            if words.says and len({of_trial.words.says for of_trial in by_trial.values()}) > 1:
-                words = words._replace(says=f"{words.says} (in {worst})")
-            kind = known_finding(name)
-            yield CampaignFinding(
-                verdict=verdict,
-                subject=subject,
-                name=name,
-                cause=kind.title,
-                n=n,
-                brief=IN_PART.get(verdict) or kind.brief or words.remedy,
-                trials=list(by_trial),
-                worst=worst,
-                **words._asdict(),
-            )
+def told(
+    verdict: str, subject: str, n: int, name: str, of_trials: Mapping[str, Finding]
+) -> CampaignFinding:
+    """What a reader must know of a cause, with its size in the trial where this is largest."""
+    worst = max(of_trials, key=lambda trial: of_trials[trial].excess)
+    of_worst = of_trials[worst]
+    says = str(of_worst.says)
+    if says and len({finding.says for finding in of_trials.values()}) > 1:
+        says = f"{says} (in {worst})"
+    kind = known_finding(name)
+    remedy = str(of_worst.remedy)
+    return CampaignFinding(
+        verdict=verdict,
+        subject=subject,
+        name=name,
+        cause=kind.title,
+        n=n,
+        brief=IN_PART.get(verdict) or kind.brief or remedy,
+        trials=list(of_trials),
+        worst=worst,
+        says=says,
+        size=of_worst.size,
+        remedy=remedy,
+    )

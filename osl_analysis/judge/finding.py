@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, Self
+from typing import Annotated, Any, Self
 
 import polars as pl
 from pydantic import ConfigDict, Field, model_validator
@@ -17,7 +17,7 @@ from osl_analysis.base.table import not_analysed, read_table
 from osl_analysis.base.yaml_settings import OF_EARLIER_RELEASE, NotNegative, Settings, misplaced
 from osl_analysis.config.experiments import JUDGED_TABLES
 from osl_analysis.dictionary.described import described_tables_by_name, table_of
-from osl_analysis.judge.known_findings import SIDES, Rule, known_finding, rule_of
+from osl_analysis.judge.known_findings import SIDES, Rule, Texts, known_finding, rule_of
 
 AnyRow = Mapping[str, object]  # a row of a result table
 
@@ -70,10 +70,11 @@ class Finding:
         Numbers beyond their limits; none for what could not be checked.
     amplitude_deg
         That of the row; None: all.
-    rule
-        That of what is missing, which may have words of its own; None: its evidence decides.
-    size
-        How large it is, in words, where a budget tells it.
+    estimates
+        Those that it is about; none: all of the fit.
+    says, size, remedy
+        What is wrong and what it does to the results; how large it is in this row, empty if not
+        known; and what to do, empty for nothing. `words.worded` fills in what is empty.
 
     Examples
     --------
@@ -88,8 +89,10 @@ class Finding:
     grade: Grade = Grade.DOUBTS
     evidence: tuple[Beyond, ...] = ()
     amplitude_deg: float | None = None
-    rule: Rule | None = None
+    estimates: tuple[str, ...] = ()
+    says: Texts = ""
     size: str = ""
+    remedy: Texts = ""
 
     @property
     def cause(self) -> str:
@@ -112,32 +115,14 @@ class Finding:
         return self.amplitude_deg is not None
 
 
-class Words(NamedTuple):
-    """What a finding says to a reader."""
-
-    says: str  # what is wrong, and what it does to the results
-    size: str  # how large it is in this row; empty if not known
-    remedy: str  # what to do; empty for nothing
-
-
-@dataclass(frozen=True)
-class WordedFinding:
-    """A finding with its words, as `findings.csv` has it."""
-
-    finding: Finding
-    words: Words
-
-
-def findings_frame(findings: Iterable[WordedFinding]) -> pl.DataFrame:
-    """`findings.csv` from findings with their words: a row per number of evidence; rows of one
-    finding share the number `finding`."""
+def findings_frame(findings: Iterable[Finding]) -> pl.DataFrame:
+    """`findings.csv`: a row per number of evidence; rows of one finding share the number
+    `finding`."""
     rows = []
     columns = described_tables_by_name()["findings"].columns
-    for number, worded in enumerate(findings, start=1):
-        finding = worded.finding
+    for number, finding in enumerate(findings, start=1):
         shared = {
             **vars(finding),
-            **worded.words._asdict(),
             "trial": finding.subject,
             "cause": finding.cause,
             "evidence": None,
@@ -150,29 +135,27 @@ def findings_frame(findings: Iterable[WordedFinding]) -> pl.DataFrame:
     return table.with_columns(pl.col("says", "size", "remedy").replace("", None))
 
 
-def read_findings(path: Path) -> list[WordedFinding]:
+def read_findings(path: Path) -> list[Finding]:
     """The findings of `findings.csv`; none where it was refused or is not there."""
     if not path.is_file() or not_analysed(path):
         return []
-    return findings_of_frame(read_table(path, ["finding"]))
-
-
-def findings_of_frame(frame: pl.DataFrame) -> list[WordedFinding]:
-    """The findings of a table as `findings_frame` makes it."""
     findings = []
-    for rows in frame.partition_by("finding"):
+    for rows in read_table(path, ["finding"]).partition_by("finding"):
         numbers = rows.drop_nulls("evidence").select("evidence", "value", "limit")
         row = rows.row(0, named=True)
-        finding = Finding(
-            name=row["name"],
-            table=row["table"],
-            subject=row["trial"],
-            grade=Grade(row["grade"]),
-            evidence=tuple(Beyond(*cells) for cells in numbers.rows()),
-            amplitude_deg=row["amplitude_deg"],
+        findings.append(
+            Finding(
+                name=row["name"],
+                table=row["table"],
+                subject=row["trial"],
+                grade=Grade(row["grade"]),
+                evidence=tuple(Beyond(*cells) for cells in numbers.rows()),
+                amplitude_deg=row["amplitude_deg"],
+                says=row["says"] or "",
+                size=row["size"] or "",
+                remedy=row["remedy"] or "",
+            )
         )
-        words = Words(*(row[part] or "" for part in Words._fields))
-        findings.append(WordedFinding(finding, words))
     return findings
 
 

@@ -30,6 +30,7 @@ from osl_analysis.judge.known_findings import (
     known_finding,
     rule_of,
 )
+from osl_analysis.judge.words import worded
 from osl_analysis.stats.budget import (
     CLEAR,
     FLOOR,
@@ -185,17 +186,15 @@ def findings_of_row(
     found += not_checked(estimates)
     for rule in rules:
         if not rule.column and rule.holds(row) and not names & set(rule.unless):
-            found.append(Finding(rule.finding, grade=Grade(rule.grade), rule=rule))
+            grade = Grade(rule.grade)
+            found.append(Finding(rule.finding, grade=grade, says=rule.says, remedy=rule.remedy))
     order = list(Grade)
     found.sort(key=lambda finding: order.index(finding.grade))
+    subject = subject_of(row)
+    amplitude_deg = cell_number(row, "amplitude_deg")
     return [
-        replace(
-            finding,
-            table=table,
-            subject=subject_of(row),
-            amplitude_deg=cell_number(row, "amplitude_deg"),
-        )
-        for finding in found
+        worded(replace(each, table=table, subject=subject, amplitude_deg=amplitude_deg), row)
+        for each in found
     ]
 
 
@@ -228,7 +227,8 @@ def doubts_of(estimates: Sequence[Judged], fault: KnownFinding | None) -> list[F
             Beyond(estimate.name, estimate.verdict.size, estimate.verdict.limit, "above", name)
             for estimate in doubted
         ]
-        found.append(Finding(name, evidence=tuple(evidence), size=doubt_text(source, doubted)))
+        size = doubt_text(source, doubted)
+        found.append(of_estimates(name, Grade.DOUBTS, evidence, size))
     return found
 
 
@@ -258,10 +258,12 @@ def of_numbers(numbers: Numbers) -> list[Finding]:
     for number in numbers.values():
         grade = "notes" if known_finding(number.finding).is_result else number.rule.grade
         by_cause.setdefault((number.finding, grade), []).append(number)
-    return [
-        Finding(name, grade=Grade(grade), evidence=tuple(evidence))
-        for (name, grade), evidence in by_cause.items()
-    ]
+    found = []
+    for (name, of_cause), evidence in by_cause.items():
+        remedies = [number.rule.remedy for number in evidence]
+        remedy = next(filter(None, remedies), "")
+        found.append(Finding(name, "", "", Grade(of_cause), tuple(evidence), remedy=remedy))
+    return found
 
 
 def properties_of(estimates: Sequence[Judged]) -> list[Finding]:
@@ -282,9 +284,15 @@ def properties_of(estimates: Sequence[Judged]) -> list[Finding]:
             beyond = Beyond(estimate.name, size, estimate.needed, "above", source)
             remarks.setdefault(source, {})[beyond] = text
     return [
-        Finding(source, grade=Grade.NOTES, evidence=tuple(texts), size=", ".join(texts.values()))
+        of_estimates(source, Grade.NOTES, list(texts), ", ".join(texts.values()))
         for source, texts in remarks.items()
     ]
+
+
+def of_estimates(name: str, grade: Grade, evidence: Sequence[Beyond], size: str) -> Finding:
+    """A finding about the estimates of its evidence alone."""
+    estimates = tuple(number.column for number in evidence)
+    return Finding(name, "", "", grade, tuple(evidence), estimates=estimates, size=size)
 
 
 def not_checked(estimates: Sequence[Judged]) -> list[Finding]:
@@ -377,7 +385,7 @@ def short_list(findings: Sequence[Finding]) -> str | None:
     texts = []
     for finding in findings:
         if finding.grade is Grade.DOUBTS:
-            names = ", ".join(e.column for e in finding.evidence) if finding.size else ""
+            names = ", ".join(finding.estimates)
             texts.append(f"{names}: {finding.cause}" if names else finding.cause)
     return BETWEEN.join(dict.fromkeys(texts)) or None
 
@@ -386,7 +394,7 @@ def verdicts_of(findings: Sequence[Finding]) -> dict[str, str]:
     """The verdict on K, B and I of a row by its findings."""
     verdicts = dict.fromkeys(SYMBOLS, CLEAR)
     for finding in reversed(findings):
-        concerned = [each.column for each in finding.evidence] if finding.size else SYMBOLS
+        concerned = finding.estimates or SYMBOLS
         if finding.grade is Grade.DOUBTS:
             verdicts |= dict.fromkeys(concerned, finding.cause)
         elif finding.name == WIDE_INTERVAL:

@@ -7,16 +7,17 @@ the row does not have is left out.
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from string import Formatter
 from typing import Any
 
-from osl_analysis.judge.finding import AnyRow, Beyond, Finding, Grade, Words
+from osl_analysis.judge.finding import AnyRow, Beyond, Finding, Grade
 from osl_analysis.judge.known_findings import FINDINGS, Texts, known_finding
 from osl_analysis.stats.rounding import significant
 
 
-def words_of(finding: Finding, row: AnyRow) -> Words:
-    """Put a finding into words.
+def worded(finding: Finding, row: AnyRow) -> Finding:
+    """A finding with its words, as far as it has none of its own.
 
     Parameters
     ----------
@@ -25,25 +26,22 @@ def words_of(finding: Finding, row: AnyRow) -> Words:
         The row of its table that it is about, or other numbers that its sentences show.
     """
     if finding.name not in FINDINGS:  # a limit on a column without a rule
-        return Words(evidence_text(finding), "", "")
+        return replace(finding, says=evidence_text(finding))
     kind = known_finding(finding.name)
-    rule = finding.rule
     says, remedy = kind.says, kind.remedy
     if finding.grade is Grade.UNCHECKED:
         says, remedy = kind.unseen or says, kind.unseen_remedy or remedy
-    says = (rule.says if rule else "") or says
-    own_remedies = [number.rule.remedy for number in finding.evidence]
-    if rule:
-        own_remedies.append(rule.remedy)
-    remedy = next(filter(None, own_remedies), remedy)
     cells = cells_of(row)
-    return Words(filled(says, cells), size_text(finding, row), capital(filled(remedy, cells)))
+    return replace(
+        finding,
+        says=filled(finding.says or says, cells),
+        size=finding.size or size_text(finding, row),
+        remedy=capital(filled(finding.remedy or remedy, cells)),
+    )
 
 
 def size_text(finding: Finding, row: AnyRow) -> str:
-    """How large a cause is in this row, by its budget or its numbers."""
-    if finding.size:
-        return finding.size
+    """How large a cause is in this row, by its numbers."""
     details = [
         filled(number.rule.says, cells_of(row, number))
         for number in finding.evidence
@@ -53,18 +51,17 @@ def size_text(finding: Finding, row: AnyRow) -> str:
     return ". ".join(filter(None, [first, *map(capital, others)]))
 
 
-def sentence_of(words: Words, cause: str = "") -> str:
+def sentence_of(says: Texts, size: str, remedy: Texts, cause: str = "") -> str:
     """`cause: what is wrong: how large. What to do`, without the parts that are empty."""
-    problem = ": ".join(filter(None, [cause, words.says, words.size]))
-    return ". ".join(filter(None, [problem, words.remedy]))
+    problem = ": ".join(filter(None, [cause, str(says), size]))
+    return ". ".join(filter(None, [problem, str(remedy)]))
 
 
-def finding_text(finding: Finding, row: AnyRow) -> str:
-    """A finding about a row in one sentence or two, with the numbers that decided."""
-    words = words_of(finding, row)
+def finding_text(finding: Finding) -> str:
+    """A finding in one sentence or two, with the numbers that decided."""
     if finding.name not in FINDINGS:
-        return words.says
-    sentence = sentence_of(words, finding.cause)
+        return str(finding.says)
+    sentence = sentence_of(finding.says, finding.size, finding.remedy, finding.cause)
     return f"{sentence} [{evidence_text(finding)}]" if finding.evidence else sentence
 
 

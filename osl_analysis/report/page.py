@@ -16,7 +16,7 @@ from markupsafe import Markup, escape
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.sheet import RECORDINGS, SOURCES
 from osl_analysis.dictionary.described import described_tables_by_name
-from osl_analysis.judge.finding import Grade, WordedFinding
+from osl_analysis.judge.finding import Finding, Grade
 from osl_analysis.judge.judging import fit_of, rows_by_fit
 from osl_analysis.judge.known_findings import known_finding
 from osl_analysis.report.paper_tables import estimate_text, stated_text
@@ -112,10 +112,10 @@ class TrialView:
     recordings: str
     verdict: str
     left_out: Sequence[str]  # why it has no result
-    doubts: Sequence[WordedFinding]  # about its recording or the fit to all of it
-    doubts_of_parts: Sequence[WordedFinding]
-    results: Sequence[WordedFinding]  # why its device is not of second order
-    remarks: Sequence[WordedFinding]  # others, and what was not checked
+    doubts: Sequence[Finding]  # about its recording or the fit to all of it
+    doubts_of_parts: Sequence[Finding]
+    results: Sequence[Finding]  # why its device is not of second order
+    remarks: Sequence[Finding]  # others, and what was not checked
     impedance: Mapping[str, str]  # K, B and I of the fit to all of it
     estimates: Sequence[Sequence[str]]  # a row per fit; heads first
     budgets: Sequence["ShownBudget"]  # of the fit to all of it
@@ -126,7 +126,7 @@ class TrialView:
     def why(self) -> str:
         """The causes of its verdict in a few words, or what is to be known of its device."""
         worst = self.doubts or self.doubts_of_parts or self.results
-        causes = [worded.finding.cause for worded in worst]
+        causes = [finding.cause for finding in worst]
         return ", ".join(dict.fromkeys(causes)) or "; ".join(self.left_out)
 
 
@@ -175,7 +175,7 @@ def with_symbols(text: str) -> Markup:
 def trial_view(
     row: Mapping[str, Any],
     tables: Mapping[str, pl.DataFrame],
-    findings: Sequence[WordedFinding],
+    findings: Sequence[Finding],
     left_out: LeftOut | None,
     checks: Sequence[Mapping[str, Any]],
     signals: Signals | None,
@@ -188,7 +188,7 @@ def trial_view(
         Its row of the sample sheet.
     tables : Mapping of str to polars.DataFrame
         Its rows of each result table.
-    findings : Sequence of WordedFinding
+    findings : Sequence of Finding
         Those on it.
     left_out : LeftOut or None
         Why it has no result.
@@ -202,10 +202,10 @@ def trial_view(
     main = facts.tables[0].name if facts.tables else ""
     fits = tables.get(main, pl.DataFrame())
 
-    of_whole = [worded for worded in findings if not worded.finding.is_of_part]
-    doubts = [worded for worded in findings if worded.finding.grade is Grade.DOUBTS]
+    of_whole = [finding for finding in findings if not finding.is_of_part]
+    doubts = [finding for finding in findings if finding.grade is Grade.DOUBTS]
     results = results_on(findings)
-    notes = [w for w in of_whole if w.finding.grade in (Grade.UNCHECKED, Grade.NOTES)]
+    notes = [each for each in of_whole if each.grade in (Grade.UNCHECKED, Grade.NOTES)]
     last = fits.row(-1, named=True) if len(fits) else {}
     names = zip(("K", "B", "I"), facts.impedance, strict=True)
     return TrialView(
@@ -215,10 +215,10 @@ def trial_view(
         recordings=", ".join(str(row[name]) for name in RECORDINGS if row.get(name)),
         verdict=verdict_on(experiment, findings, left_out),
         left_out=left_out.reasons if left_out else (),
-        doubts=[worded for worded in doubts if worded in of_whole],
-        doubts_of_parts=[worded for worded in doubts if worded not in of_whole],
+        doubts=[doubt for doubt in doubts if not doubt.is_of_part],
+        doubts_of_parts=[doubt for doubt in doubts if doubt.is_of_part],
         results=results,
-        remarks=[worded for worded in notes if worded not in results],
+        remarks=[note for note in notes if note not in results],
         impedance={symbol: estimate_text(last, name) for symbol, name in names},
         estimates=estimate_rows(fits, main) if len(fits) else (),
         budgets=shown_budgets(last, tables.get("budget")),

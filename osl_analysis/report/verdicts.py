@@ -17,7 +17,7 @@ from osl_analysis.judge.campaign import (
     CampaignFinding,
     findings_in_summary,
 )
-from osl_analysis.judge.finding import Grade, WordedFinding
+from osl_analysis.judge.finding import Finding, Grade
 from osl_analysis.judge.recording_checks import BY_JOB, REFUSED, exclusion_text
 from osl_analysis.report.numbers import MOST_IN_SENTENCE, headline_sentences, numbers_in_summary
 from osl_analysis.stats.repeats import counted
@@ -106,21 +106,21 @@ def missing_lines(content: Mapping[str, Any]) -> list[str]:
 # ---- Verdicts
 
 
-def findings_by_trial(findings: Iterable[WordedFinding]) -> dict[str, list[WordedFinding]]:
+def findings_by_trial(findings: Iterable[Finding]) -> dict[str, list[Finding]]:
     """The findings on each trial or group."""
-    by_trial: dict[str, list[WordedFinding]] = {}
-    for worded in findings:
-        by_trial.setdefault(worded.finding.subject, []).append(worded)
+    by_trial: dict[str, list[Finding]] = {}
+    for finding in findings:
+        by_trial.setdefault(finding.subject, []).append(finding)
     return by_trial
 
 
-def verdict_on(experiment: str, findings: Sequence[WordedFinding], left_out: LeftOut | None) -> str:
+def verdict_on(experiment: str, findings: Sequence[Finding], left_out: LeftOut | None) -> str:
     """The verdict on one trial.
 
     Parameters
     ----------
     experiment : str
-    findings : Sequence of WordedFinding
+    findings : Sequence of Finding
         Those on the trial.
     left_out : LeftOut or None
         Why it has no result.
@@ -136,23 +136,21 @@ def verdict_on(experiment: str, findings: Sequence[WordedFinding], left_out: Lef
         return REFUSED if left_out.by_job else EXCLUDED
     if not EXPERIMENTS[experiment].place:
         return NOT_JUDGED
-    doubts = [w.finding for w in findings if w.finding.grade is Grade.DOUBTS]
+    doubts = [finding for finding in findings if finding.grade is Grade.DOUBTS]
     of_whole = [doubt.table for doubt in doubts if not doubt.is_of_part]
     if of_whole:
         return FLAGGED if {*of_whole} == {QUALITY} else DOUBTFUL
     return IN_PART if doubts else CLEAR
 
 
-def results_on(findings: Sequence[WordedFinding]) -> list[WordedFinding]:
+def results_on(findings: Sequence[Finding]) -> list[Finding]:
     """Why the device of a trial is not of second order, as friction."""
-    return [
-        worded for worded in findings if worded.finding.is_result and not worded.finding.is_of_part
-    ]
+    return [finding for finding in findings if finding.is_result and not finding.is_of_part]
 
 
 def verdict_counts(
     sheet: Mapping[str, Mapping[str, Any]],
-    findings: Iterable[WordedFinding],
+    findings: Iterable[Finding],
     left_out: Mapping[str, LeftOut],
 ) -> tuple[dict[str, int], dict[str, int]]:
     """How many trials of the sheet have each verdict, in the order of `VERDICTS`, and on how many
@@ -165,7 +163,7 @@ def verdict_counts(
         verdict = verdict_on(row["experiment"], of_trial, left_out.get(trial))
         counts[verdict] += 1
         if verdict == CLEAR:
-            results.update({w.finding.cause for w in results_on(of_trial)})
+            results.update({finding.cause for finding in results_on(of_trial)})
     return {verdict: counts[verdict] for verdict in VERDICTS}, dict(results.most_common())
 
 

@@ -189,7 +189,7 @@ def test_a_gain_that_a_fixture_s_weight_explains_asks_for_the_fixture_first():
 
     findings = findings_of(row, CONFIG.doubtful.of("calibration"), "calibration")
     (gain,) = [finding for finding in findings if finding.cause == "wrong gain"]
-    assert "`fixture`" in finding_text(gain, row)
+    assert "`fixture`" in finding_text(gain)
     half_width = row["gain_high"] - row["gain"]
     assert row["certain_gain_error"] == pytest.approx(0.02 - half_width, abs=2e-3)
     assert stated["fixture"] == "weight 1.6"

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import polars as pl
 
-from osl_analysis.judge.finding import Finding, Grade, WordedFinding, Words
+from osl_analysis.judge.finding import Finding, Grade
 from osl_analysis.report.page import trial_view
 
 ABOUT = {
@@ -37,7 +37,7 @@ REMARK = replace(WHOLE, grade=Grade.NOTES)
 
 
 def worded(*findings):
-    return [WordedFinding(finding, Words("says", "size", "remedy")) for finding in findings]
+    return [replace(each, says="says", size="size", remedy="remedy") for each in findings]
 
 
 def view(*findings, left_out=None, **changed):

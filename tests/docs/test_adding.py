@@ -119,7 +119,7 @@ answers = {
     "command": CliRunner().invoke(main, command).output,
     "notebook": repr(fit(trial, "damper", config=ours, parameters=None)),
     "figure": ax.get_ylabel(),
-    "finding": finding_text(finding, belt),
+    "finding": finding_text(finding),
 }
 Path("answers.json").write_text(json.dumps(answers))
 """

@@ -7,7 +7,7 @@ import pytest
 from osl_analysis.judge.agreement import disagreements
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.judging import verdicts_of
-from osl_analysis.judge.words import words_of
+from osl_analysis.judge.words import worded
 from osl_analysis.stats.budget import CLEAR
 
 NEEDED = {"K": 0.02, "B": 0.05, "I": 0.2}
@@ -49,7 +49,8 @@ def told(rows):
 
 def words(found):
     """What a reader is told: the size, and the first cause to look at."""
-    return words_of(found, {})[1:]
+    told = worded(found, {})
+    return told.size, told.remedy
 
 
 def test_a_mistyped_repeat_is_told_with_values_trial_and_what_to_look_at():

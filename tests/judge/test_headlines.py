@@ -16,8 +16,6 @@ from osl_analysis.judge.finding import (
     Finding,
     Grade,
     Limits,
-    WordedFinding,
-    Words,
     findings_frame,
 )
 from osl_analysis.judge.judging import judged, with_doubts_of
@@ -112,7 +110,7 @@ def test_a_finding_in_the_table_is_the_finding_that_was_made():
     evidence = (Beyond("lag_share", 0.1, 0.05, "above"), Beyond("VAF", 90.0, 98.0, "below"))
     finding = Finding("late_torque", "impedance", "t", Grade.DOUBTS, evidence, 4.0)
 
-    table = findings_frame([WordedFinding(finding, Words("says", "size", "remedy"))])
+    table = findings_frame([finding])
 
     numbers = ("evidence", "value", "limit")
     assert table.select(numbers).rows() == [
@@ -124,8 +122,7 @@ def test_a_finding_in_the_table_is_the_finding_that_was_made():
 
 def friction(trial, share):
     evidence = (Beyond("B", share, 0.05, "above"),)
-    finding = Finding("friction", "impedance", trial, evidence=evidence)
-    return WordedFinding(finding, Words("", f"that of {trial}", ""))
+    return Finding("friction", "impedance", trial, evidence=evidence, size=f"that of {trial}")
 
 
 def test_the_worst_trial_of_a_cause_is_that_of_the_largest_number_which_is_shown():
@@ -141,8 +138,7 @@ def test_a_trial_that_is_doubtful_is_not_counted_again_as_doubtful_in_part():
     tables = {"impedance": fits(B=1.0, doubtful=["friction", None])}
     findings = [friction("a", 0.5)]
     for trial in "ab":
-        of_part = Finding("other_motion", "impedance", trial, amplitude_deg=2.0)
-        findings.append(WordedFinding(of_part, Words("", "", "")))
+        findings.append(Finding("other_motion", "impedance", trial, amplitude_deg=2.0))
 
     causes = causes_in_campaign(findings, tables, UNCHECKED)
 
@@ -157,7 +153,7 @@ def test_a_fact_that_a_check_and_a_fit_tell_is_one_finding():
 
     told = campaign_findings({"impedance": impedance}, verdicts, DoubtfulFits())
 
-    clipped = [w.finding for w in told if w.finding.name == "clipped_signal"]
+    clipped = [finding for finding in told if finding.name == "clipped_signal"]
     assert [(finding.subject, finding.table) for finding in clipped] == [
         ("b", "quality"), ("a", "impedance")
     ]  # fmt: skip

@@ -169,7 +169,7 @@ def test_one_factor_of_both_gains_names_its_unit(B_over_B_d, is_told):
 
     findings = findings_of(row, Limits(), "impedance")
 
-    texts = [finding_text(each, row) for each in findings if each.cause == "another unit"]
+    texts = [finding_text(each) for each in findings if each.cause == "another unit"]
     assert [bool(re.search(r"lbf\*ft.*N\*m", text)) for text in texts] == [True] * is_told
 
 

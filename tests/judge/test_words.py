@@ -15,7 +15,7 @@ from osl_analysis.config.experiments import JUDGED_TABLES
 from osl_analysis.dictionary.described import described_tables, described_tables_by_name
 from osl_analysis.judge.finding import DoubtfulFits, Finding, Grade, Limits
 from osl_analysis.judge.known_findings import CHECKS, CONTENT, FINDINGS, RULES
-from osl_analysis.judge.words import finding_text, words_of
+from osl_analysis.judge.words import finding_text, worded
 
 DOUBTS = {
     *SOURCES.values(),
@@ -70,13 +70,13 @@ def test_every_column_that_a_limit_decides_has_one():
 def test_a_finding_is_said_with_the_numbers_of_its_row(row, limits, numbers):
     judged_row = row | {"J_j_ratio": 1.0}
     (finding,) = findings_of(judged_row, Limits(above=limits), "response")
-    assert re.search(numbers, finding_text(finding, judged_row))
+    assert re.search(numbers, finding_text(finding))
 
 
 def test_what_was_not_checked_has_words_of_its_own():
     late = Finding("late_torque", "impedance", "a", Grade.UNCHECKED, size="B 0.3 per ms")
 
-    told = words_of(late, {"lag_s": 1e-3})
+    told = worded(late, {"lag_s": 1e-3})
 
     assert "may not be of the same instant" in told.says
     assert "`calibration`" in told.remedy
@@ -90,7 +90,7 @@ def test_what_was_not_checked_has_words_of_its_own():
 def test_the_delay_that_is_advised_is_the_one_that_was_found(row, remedy):
     late = Finding("late_torque", "impedance", "a", Grade.DOUBTS)
 
-    assert re.search(remedy, words_of(late, row).remedy)
+    assert re.search(remedy, worded(late, row).remedy)
 
 
 def test_each_number_that_a_text_names_is_a_column_or_is_computed():

@@ -5,6 +5,7 @@ Rules have one line of code, `job(FUNCTION, input, output, params, log)`. It cal
 warm process (`osl_analysis/jobs/workers.py`). The names of inputs, outputs and params are those of
 its arguments, but for these (`osl_analysis/jobs/perform.py`):
 
+* The output of a function that returns a table: the job writes it, with what the data are.
 * Inputs and outputs without a name only say when a job is due and what it makes: the function finds
   these files by its arguments. A recording may be a folder; and what the sheet names and is missing
   refuses one trial, by the function, while as an input it would end the run. Of a figure also what

@@ -35,7 +35,6 @@ rule plot_numbers:
     params:
         name="{figure}",
         option=figure_setting,
-        data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
         job(plot_numbers, input, output, params, log)
@@ -55,7 +54,6 @@ rule fig3_numbers:
     localrule: True
     params:
         excluded=lambda wildcards: excluded(CAMPAIGN.trials("belt")),
-        data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
         job(fig3, input, output, params, log)
@@ -77,7 +75,6 @@ if TIME_SERIES:
         params:
             chosen=TIME_SERIES["chosen"],
             excluded=lambda wildcards: excluded([TIME_SERIES["trial"]]),
-            data=CAMPAIGN.data,
             made_by=MADE_BY,
         run:
             job(fig4, input, output, params, log)
@@ -96,7 +93,6 @@ rule fig7_numbers:
     params:
         weight=as_json(CONFIG.gain_weight),
         choice=as_json(response_example(CAMPAIGN)),
-        data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
         job(fig7, input, output, params, log)
@@ -119,7 +115,6 @@ rule walking_page_numbers:
     params:
         settings=CONFIG.walking.part("TimingSettings"),
         excluded=lambda wildcards: excluded(PERTURBED),
-        data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
         job(plot_walking_page, input, output, params, log)

@@ -6,10 +6,10 @@ from osl_analysis.commands.gains import select_trajectory
 from osl_analysis.commands.tables import (
     check_claims,
     gather,
+    judge_campaign,
     list_excluded,
-    write_findings,
+    list_settings,
     write_paper_table,
-    write_settings,
     write_summary,
 )
 
@@ -29,11 +29,11 @@ rule table:
         table=name_pattern(FILES.gathered_tables),
     localrule: True
     params:
+        name="{table}",
         limits=lambda wildcards: limits(wildcards.table),
         places=lambda wildcards: FILES.places_in(wildcards.table),
         excluded=lambda wildcards: excluded(FILES.places_in(wildcards.table)),
         faults=lambda wildcards: faults(FILES.places_in(wildcards.table)),
-        data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
         job(gather, input, output, params, log, "not_analysed")
@@ -51,7 +51,7 @@ rule summary_table:
         table=name_pattern(DERIVED),
     localrule: True
     params:
-        data=CAMPAIGN.data,
+        name="{table}",
         made_by=MADE_BY,
     run:
         job(derive, input, output, params, log)
@@ -69,7 +69,6 @@ rule gains_table:
     localrule: True
     params:
         weight=as_json(CONFIG.gain_weight),
-        data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
         job(select_trajectory, input, output, params, log)
@@ -86,7 +85,6 @@ rule check_claims:
         "<logs>/tables/claims.log",
     localrule: True
     params:
-        data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
         job(check_claims, input, output, params, log)
@@ -102,10 +100,9 @@ rule settings_table:
     params:
         states=states_of(CONFIG, config, [name for name in EXPERIMENTS if CAMPAIGN.trials(name)])
         + CHANGED,
-        data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
-        job(write_settings, input, output, params, log)
+        job(list_settings, input, output, params, log)
 
 
 rule excluded_trials:
@@ -122,7 +119,6 @@ rule excluded_trials:
     params:
         sheet=CAMPAIGN.sheet,
         places=PLACES,
-        data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
         job(list_excluded, input, output, params, log, "refused")
@@ -145,10 +141,9 @@ rule findings:
         limits=as_json(CONFIG.doubtful),
         places=PLACES,
         excluded=lambda wildcards: excluded(FILES.trials_for_findings),
-        data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
-        job(write_findings, input, output, params, log, "refused")
+        job(judge_campaign, input, output, params, log, "refused")
 
 
 rule headline_numbers:

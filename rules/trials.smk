@@ -42,7 +42,6 @@ rule judge:
         rules=as_json(CONFIG.quality),
         accept=ACCEPTED,
         places=PLACES,
-        data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
         job(judge, input, output, params, log, "refused")

@@ -18,7 +18,6 @@ from osl_analysis.base.table import (
     not_analysed,
     read_table,
     read_tables,
-    write_table,
 )
 from osl_analysis.bench.summaries import PLACE
 from osl_analysis.campaign.configuration import FrequencyResponseFigure
@@ -64,19 +63,17 @@ FOOTER_LETTERS = 28  # per inch
 def plot_numbers(
     name: str,
     table: Path,
-    output: Path,
     option: Any = None,
     others: Sequence[Path] = (),
-    data: str = "",
-) -> None:
-    """Write what figure `name` plots, from the result table that it shows, and others beside it.
+) -> pl.DataFrame:
+    """What figure `name` plots, from the result table that it shows, and others beside it.
     `option` is the value of the setting that the list of figures names; None: not set."""
     shown = [read_table(path) for path in others]
     if option is not None:
         shown.append(option)
     described = described_tables_by_name()[FIGURES[name].table].columns
     needed = [column for column in columns_of(name) if column in described]
-    write_table(plotted_numbers(name, read_table(table, needed), *shown), output, data)
+    return plotted_numbers(name, read_table(table, needed), *shown)
 
 
 def draw_figure(
@@ -193,20 +190,20 @@ def write_captions(*, tables: Mapping[str, Path], footer: str, output: Path) -> 
     write_text(output, "\n".join(sections))
 
 
-def fig3(curves: Sequence[Path], table: Path, summary: Path, output: Path, data: str = "") -> None:
+def fig3(curves: Sequence[Path], table: Path, summary: Path) -> pl.DataFrame:
     """The numbers of Fig. 3, from the trials' curves, `belt.csv` and `belt_summary.csv`."""
     drawn = read_tables(curves, "belt_curves")
     judged = read_table(table, ["trial", *PLACE, "K_s", "doubtful"])
-    write_table(plotted_numbers("fig3", drawn, judged, read_table(summary)), output, data)
+    return plotted_numbers("fig3", drawn, judged, read_table(summary))
 
 
-def fig4(series: Path, table: Path, chosen: str, output: Path, data: str = "") -> None:
+def fig4(series: Path, table: Path, chosen: str) -> pl.DataFrame:
     """The numbers of Fig. 4: a part of the trial of these `series`, which are those of its reported
     fit, and its row of `impedance.csv`; `chosen` says why it is this trial."""
     of_trial = read_table(table).filter(pl.col("amplitude_deg").is_null(), trial=series.stem)
     samples = read_table(series, name="series").join(of_trial, how="cross")
     samples = samples.with_columns(chosen=pl.lit(chosen or None, pl.String))
-    write_table(plotted_numbers("fig4", samples), output, data)
+    return plotted_numbers("fig4", samples)
 
 
 def fig7(
@@ -214,17 +211,14 @@ def fig7(
     parameters: FileOrNone,
     choice: FrequencyResponseFigure | None,
     weight: Weight,
-    output: Path,
-    data: str = "",
-) -> None:
+) -> pl.DataFrame:
     """The numbers of Fig. 7: measured responses of one K_d, B_d, without a `choice` of those that
     most trials have; the desired one (Eq. 11), if both are known; and the linear model (Eq. 9), if
     the gains are known and the parameter file is of this joint."""
     responses = read_table(table)
     responses = responses.with_columns(look_numbers(responses["controller"]))
     if responses.is_empty():
-        write_table(pl.DataFrame(schema=columns_of("fig7")), output, data)
-        return
+        return pl.DataFrame(schema=columns_of("fig7"))
     counts = responses.group_by("K_d", "B_d", maintain_order=True).agg(n=pl.col("trial").n_unique())
     K_d, B_d, _ = counts.sort("n", descending=True, maintain_order=True).row(0)
     why: str | None = "the desired impedance with the most trials"
@@ -232,7 +226,7 @@ def fig7(
         K_d, B_d, why = choice.K_d, choice.B_d, None
     is_shown = pl.col("K_d").eq_missing(K_d) & pl.col("B_d").eq_missing(B_d)
     points = fig7_points(responses.filter(is_shown), parameters, weight)
-    write_table(points.with_columns(chosen=pl.lit(why, pl.String)), output, data)
+    return points.with_columns(chosen=pl.lit(why, pl.String))
 
 
 def fig7_points(responses: pl.DataFrame, parameters: Path | None, weight: Weight) -> pl.DataFrame:
@@ -250,10 +244,8 @@ def plot_walking_page(
     responses: Path,
     table: Path,
     settings: TimingSettings,
-    output: Path,
-    data: str = "",
-) -> None:
-    """Write the numbers that the walking page plots. `crossings` are the perturbed ones,
+) -> pl.DataFrame:
+    """The numbers that the walking page plots. `crossings` are the perturbed ones,
     `selection` is `walking_crossings.csv`, `responses` `walking_responses.csv`, `table`
     `walking.csv`."""
     from osl_analysis.figures.walking_page import walking_page_points
@@ -275,4 +267,4 @@ def plot_walking_page(
         }
         points = walking_page_points(gait_curves, of_group.drop("group"), settings)
         frames.append(points.with_columns(group=pl.lit(of_group["group"][0])))
-    write_table(pl.concat(frames, how="diagonal"), output, data)
+    return pl.concat(frames, how="diagonal")

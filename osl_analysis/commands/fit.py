@@ -16,7 +16,7 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.base.errors import InputError
-from osl_analysis.base.table import read_table, write_table
+from osl_analysis.base.table import read_table
 from osl_analysis.base.trial import Trial
 from osl_analysis.base.yaml_settings import validated
 from osl_analysis.bench import bench_settings as choices
@@ -262,21 +262,18 @@ def fit_arguments(
     return {name: stated[name] for name in stated if name in taken_by(experiment)}
 
 
-def derive(table: Path, output: Path, data: str = "") -> None:
+def derive(table: Path, name: str) -> pl.DataFrame:
     """A table that is computed from another one alone: of controllers beside each other, the delay
     of the bench over trials whose torque nothing leaves unexplained, or the summary of a part of
     the drivetrain over its trials."""
     rows = read_table(table)
-    name = output.stem
     if name == "compensation":
-        derived = compensation_table(rows)
-    elif name.endswith("delay"):
+        return compensation_table(rows)
+    if name.endswith("delay"):
         unexplained = known_finding("unexplained_torque").title
         is_unexplained = pl.col(DOUBTFUL).str.contains(unexplained, literal=True)
-        derived = delay_table(rows.remove(is_unexplained), name)
-    else:
-        derived = part_summary(table.stem, rows)
-    write_table(derived, output, data)
+        return delay_table(rows.remove(is_unexplained), name)
+    return part_summary(table.stem, rows)
 
 
 def run_fit(

@@ -24,7 +24,13 @@ from osl_analysis.judge.finding import Finding, Grade
 from osl_analysis.judge.judging import fit_of, rows_by_fit
 from osl_analysis.judge.words import finding_text
 from osl_analysis.stats.budget import IN_INTERVAL, Budget, budgets_in
-from osl_analysis.stats.rounding import decimal_places, significant, with_places, written
+from osl_analysis.stats.rounding import (
+    decimal_places,
+    estimate_text,
+    significant,
+    with_places,
+    written,
+)
 
 if TYPE_CHECKING:
     from osl_analysis.figures.style import PaperFigure
@@ -192,11 +198,10 @@ def fitted_motion(row: Mapping[str, Any]) -> str:
 
 def estimate_line(row: Mapping[str, Any], name: str) -> str:
     """One estimate with its interval, and its range over amplitudes and frequencies."""
-    value, low, high = row[name], row.get(f"{name}_low"), row.get(f"{name}_high")
-    line = f"  {name:<18} {written(value, low, high):<30} {printed_units().get(name, '')}"
+    line = f"  {name:<18} {estimate_text(row, name):<30} {printed_units().get(name, '')}"
     lowest = row.get(f"{name}_range_low")
     if lowest is not None:
-        places = decimal_places(value, low, high)
+        places = decimal_places(row[name], row[f"{name}_low"], row[f"{name}_high"])
         ends = " to ".join(with_places(places, lowest, row[f"{name}_range_high"]))
         line += f", {ends} over amplitudes and frequencies"
     return line

@@ -10,7 +10,6 @@ import polars as pl
 from numpy.typing import ArrayLike
 
 from osl_analysis.base.errors import naming
-from osl_analysis.base.table import write_table
 from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
 from osl_analysis.dictionary.described import described_tables_by_name
 from osl_analysis.model import compensator, drivetrain
@@ -113,15 +112,10 @@ def trajectory_table(
 
 
 def select_trajectory(
-    trajectory: Path,
-    weight: Weight,
-    output: Path,
-    parameters: drivetrain.FileOrNone = None,
-    data: str = "",
-) -> None:
-    """Write the gains for every row of a trajectory (Fig. 8)."""
-    p = drivetrain.known_parameters(parameters)
-    write_table(trajectory_table(trajectory, p, weight), output, data)
+    trajectory: Path, weight: Weight, parameters: drivetrain.FileOrNone = None
+) -> pl.DataFrame:
+    """The gains for every row of a trajectory (Fig. 8)."""
+    return trajectory_table(trajectory, drivetrain.known_parameters(parameters), weight)
 
 
 def gains_text(table: pl.DataFrame) -> str:

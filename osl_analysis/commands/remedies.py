@@ -19,7 +19,7 @@ from osl_analysis.commands.fit_results import FitTables, estimated, printed_unit
 from osl_analysis.dictionary.described import table_of
 from osl_analysis.ingest.guard import in_other_units, swapped_channels
 from osl_analysis.stats.budget import LIKELY
-from osl_analysis.stats.rounding import written
+from osl_analysis.stats.rounding import estimate_text
 
 FITS_WORSE = 2.0  # times what the best change leaves of the torque, from which one is no remedy
 LEAST_UNEXPLAINED = 1e-6  # percent of the torque's variance; less is rounding
@@ -43,9 +43,9 @@ class Outcome:
     def text(self) -> str:
         """What to do, and the first estimate that it gives."""
         name = estimated(self.row)[0]
-        low, high = self.row.get(f"{name}_low"), self.row.get(f"{name}_high")
-        estimate = written(self.row[name], low, high)
-        return f"{self.change.words}: {name} {estimate} {printed_units()[name]}"
+        return (
+            f"{self.change.words}: {name} {estimate_text(self.row, name)} {printed_units()[name]}"
+        )
 
 
 def fit_or_advise(fit: Callable[..., FitTables], trial: Trial, **arguments: Any) -> FitTables:

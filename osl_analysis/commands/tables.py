@@ -25,7 +25,6 @@ from osl_analysis.base.table import (
     read_table,
     read_tables,
     with_places,
-    write_table,
 )
 from osl_analysis.base.yaml_settings import FilesByName
 from osl_analysis.campaign.campaign_trials import code, digest_of, trace
@@ -82,22 +81,21 @@ from osl_analysis.walking.groups import LEFT_OUT
 
 def gather(
     rows: Sequence[Path],
-    output: Path,
+    name: str,
     limits: Limits | None = None,
     fits: Sequence[Path] = (),
     places: Places | None = None,
     faults: Mapping[str, str] | None = None,
     budget: Sequence[Path] = (),
     not_analysed: Sequence[NotAnalysed] = (),
-    data: str = "",
-) -> None:
-    """Write one table from the tables of single trials, in the order given.
+) -> pl.DataFrame:
+    """One table from the tables of single trials, in the order given.
 
     Parameters
     ----------
     rows : Sequence of Path
-        Their files, or the archives with a table of the same name as `output`.
-    output : Path
+        Their files, or the archives with a table of this name.
+    name : str
     limits : Limits or None
         By which doubtful fits are marked; None: the table is not judged.
     fits : Sequence of Path
@@ -110,22 +108,20 @@ def gather(
         `budget.csv`, if the campaign has one.
     not_analysed : Sequence of NotAnalysed
         Trials that have a row each without estimates, in the table of their fits.
-    data : str
-        Whether the recordings are simulated or measured.
     """
-    table = with_places(read_tables(rows, output.stem), places)
+    table = with_places(read_tables(rows, name), places)
     if limits is not None:
         contributions = read_tables(budget) if budget else None
-        findings = judged_together(table, limits, output.stem, faults, contributions)
-        table = marked(table, findings, output.stem)
+        findings = judged_together(table, limits, name, faults, contributions)
+        table = marked(table, findings, name)
     for path in fits:
         table = with_doubts_of(table, read_table(path))
-    table = table.drop(unpublished(table, output.stem), strict=False)
+    table = table.drop(unpublished(table, name), strict=False)
     if "status" in table.columns:
         without = rows_of_reasons(by_trial(not_analysed), NOT_ANALYSED)
         without = without.rename({"check": "status", "remark": "reason"})
         table = pl.concat([table, without], how="diagonal_relaxed")
-    write_table(with_places(table, places), output, data)
+    return table
 
 
 def unpublished(table: pl.DataFrame, name: str) -> list[str]:
@@ -136,47 +132,43 @@ def unpublished(table: pl.DataFrame, name: str) -> list[str]:
     return [*described_tables_by_name()[name].of_fits, *unstated]
 
 
-def write_settings(states: Sequence[Mapping[str, Any]], output: Path, data: str = "") -> None:
-    """Write the settings that judge or label with their states."""
+def list_settings(states: Sequence[Mapping[str, Any]]) -> pl.DataFrame:
+    """The settings that judge or label with their states, `settings.csv`."""
     columns = dict.fromkeys(("setting", "value", "default", "state"), pl.String)
-    write_table(pl.DataFrame(states, schema=columns), output, data)
+    return pl.DataFrame(states, schema=columns)
 
 
-def check_claims(tables: FilesByName, claims: Path, output: Path, data: str = "") -> None:
-    """Write `claims.csv`: the claims of a file beside the result `tables`."""
-    write_table(claims_table(read_by_name(tables), read_claims(claims)), output, data)
+def check_claims(tables: FilesByName, claims: Path) -> pl.DataFrame:
+    """The claims of a file beside the result `tables`, `claims.csv`."""
+    return claims_table(read_by_name(tables), read_claims(claims))
 
 
 def judge(
     rows: Sequence[Path],
     rules: QualityRules,
     accept: Mapping[str, Collection[str]],
-    output: Path,
     refused: Sequence[NotAnalysed] = (),
     places: Places | None = None,
-    data: str = "",
-) -> None:
-    """Write `quality.csv`: the verdict on every trial from what was measured, with a row for each
+) -> pl.DataFrame:
+    """`quality.csv`: the verdict on every trial from what was measured, with a row for each
     that could not be measured, and why."""
     verdicts = read_verdicts(rows, rules, accept)
     not_measured = rows_of_reasons(by_trial(refused), "refused")
     not_measured = not_measured.with_columns(verdict=pl.lit("refused"))
     table = pl.concat([verdicts, not_measured], how="diagonal_relaxed")
-    write_table(with_places(table, places), output, data)
+    return with_places(table, places)
 
 
-def write_findings(
+def judge_campaign(
     tables: FilesByName,
     verdicts: Path,
     limits: DoubtfulFits,
-    output: Path,
     fits: Sequence[Path] = (),
     budget: Sequence[Path] = (),
     refused: Sequence[NotAnalysed] = (),
     places: Places | None = None,
-    data: str = "",
-) -> None:
-    """Write the findings on all trials, as values and in words.
+) -> pl.DataFrame:
+    """The findings on all trials, as values and in words, `findings.csv`.
 
     Parameters
     ----------
@@ -186,8 +178,6 @@ def write_findings(
         `quality.csv`.
     limits : DoubtfulFits
         Accuracy and limits of the configuration.
-    output : Path
-        `findings.csv`.
     fits : Sequence of Path
         Tables of single trials, for columns that only findings read.
     budget : Sequence of Path
@@ -197,8 +187,6 @@ def write_findings(
         refused, as a slow clock does from a wrong unit.
     places : Places or None
         Joint and side of each trial.
-    data : str
-        Whether the recordings are simulated or measured.
     """
     fits_by_table: dict[str, list[Path]] = {}
     for fit in fits:
@@ -211,7 +199,7 @@ def write_findings(
     used = read_table(verdicts).filter(~of_refused | (pl.col("verdict") == "exclude"))
     contributions = read_tables(budget) if budget else None
     findings = campaign_findings(tables_by_name, used, limits, contributions)
-    write_table(with_places(findings_frame(findings), places), output, data)
+    return with_places(findings_frame(findings), places)
 
 
 def with_columns_of_fits(table: pl.DataFrame, name: str, fits: Sequence[Path]) -> pl.DataFrame:
@@ -235,12 +223,10 @@ def list_excluded(
     tables: FilesByName,
     verdicts: Path,
     sheet: Mapping[str, Mapping[str, Any]],
-    output: Path,
     refused: Sequence[NotAnalysed] = (),
     places: Places | None = None,
-    data: str = "",
-) -> None:
-    """Write `excluded.csv`: every trial that is not used, with why it was refused, the checks that
+) -> pl.DataFrame:
+    """`excluded.csv`: every trial that is not used, with why it was refused, the checks that
     exclude it, what the sheet says, or why no result contains it. All that counts trials counts by
     it."""
     results = read_by_name(tables)
@@ -270,7 +256,7 @@ def list_excluded(
     # what follows from another cause is none
     follows = pl.col("check").is_in([CROSSING, LACKING])
     listed = listed.filter(~follows | pl.col("trial").is_first_distinct())
-    write_table(with_places(listed, places), output, data)
+    return with_places(listed, places)
 
 
 def write_summary(

@@ -34,6 +34,7 @@ from osl_analysis.base.table import (
     NOT_ANALYSED_KEY,
     NotAnalysed,
     not_analysed,
+    write_table,
     write_tables,
 )
 from osl_analysis.base.trial import read_trial
@@ -149,7 +150,8 @@ def call(job: Job) -> Sequence[NotAnalysed]:
     """Call the command of a job, or return the causes for which something that it needs is missing.
 
     Its arguments are the inputs, outputs and params of the rule by their names, converted to the
-    declared types. A command that is told what is `refused` is called whatever is missing.
+    declared types. A command that returns a table gets no outputs: the table is written here. A
+    command that is told what is `refused` is called whatever is missing.
     """
     inputs, refused, missing = without_missing(job.inputs)
     if missing and job.tell != "refused":
@@ -166,6 +168,9 @@ def call(job: Job) -> Sequence[NotAnalysed]:
     with limited_memory(job.recordings, job.at_once):
         if job.command in FITTED:
             write_fit(job, command, arguments)
+        elif job.command.__annotations__.get("return") is pl.DataFrame:
+            (file,) = job.files
+            write_table(command(**arguments), file, job.params["made_by"]["data"])
         else:
             command(**arguments, **job.outputs)
     return ()

@@ -19,10 +19,11 @@ from osl_analysis.dictionary.described import described_tables_by_name
 from osl_analysis.judge.finding import Finding, Grade
 from osl_analysis.judge.judging import fit_of, rows_by_fit
 from osl_analysis.judge.known_findings import known_finding
-from osl_analysis.report.paper_tables import estimate_text, stated_text
+from osl_analysis.report.paper_tables import stated_text
 from osl_analysis.report.typography import printed, template
 from osl_analysis.report.verdicts import LeftOut, results_on, verdict_on
 from osl_analysis.stats.budget import IN_INTERVAL, budgets_in
+from osl_analysis.stats.rounding import estimate_text
 
 NO_CONDITIONS = ("trial", "experiment", "exclude", *RECORDINGS, *SOURCES)
 # between dollar signs, or with a subscript and no part of a name

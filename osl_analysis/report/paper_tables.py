@@ -69,25 +69,28 @@ def conditions(impedance: pl.DataFrame) -> list[Condition]:
     parts = whole.sort(keys).partition_by(keys) if keys else [whole]
     of_conditions = []
     for fits in parts:
-        sound = {symbol: counted(fits, [symbol]) for symbol in symbols}
-        used = fits if len(fits) == 1 else counted(fits)
-        # of one trial, or of several that are not doubtful; of none there is nothing
-        counting = dict.fromkeys(symbols, fits) if len(fits) == 1 else sound
         first = fits.row(0, named=True)
+        used = fits if len(fits) == 1 else counted(fits)
         results = chain.from_iterable(map(results_in, used["remarks"]))
-        estimates = {
-            symbol: mean_text(summary_row(rows, symbol), symbol)
-            for symbol, rows in counting.items()
-        }
+        n_sound = []
+        estimates = {}
+        ranges = {}
+        for symbol in symbols:
+            sound = counted(fits, [symbol])
+            n_sound.append(len(sound))
+            # of one trial, or of several that are not doubtful; of none there is nothing
+            rows = fits if len(fits) == 1 else sound
+            estimates[symbol] = mean_text(summary_row(rows, symbol), symbol)
+            ranges[symbol] = range_text(rows, symbol)
         of_conditions.append(
             Condition(
                 stated={key: stated_text(first[key]) for key in keys},
                 trials=fits["trial"].to_list(),
-                n=max(map(len, sound.values())),
-                is_doubtful=any(map(pl.DataFrame.is_empty, sound.values())),
+                n=max(n_sound),
+                is_doubtful=0 in n_sound,
                 results=list(dict.fromkeys(results)),
                 estimates=estimates,
-                ranges={symbol: range_text(rows, symbol) for symbol, rows in counting.items()},
+                ranges=ranges,
             )
         )
     return of_conditions
@@ -115,11 +118,6 @@ def mean_text(row: Mapping[str, Any], symbol: str = "") -> str:
     if symbol == "VAF" and row["mean"] is not None:  # whose interval is a formality
         return f"{min(row['mean'], LARGEST_VAF):.2f}"
     return written(row["mean"], row["low"], row["high"])
-
-
-def estimate_text(row: Mapping[str, Any], name: str, unit: str = "") -> str:
-    """An estimate of a row with its 95 % interval, as far as it has them."""
-    return written(row.get(name), row.get(f"{name}_low"), row.get(f"{name}_high"), unit)
 
 
 def groups(summary: pl.DataFrame) -> Iterator[Condition]:

@@ -19,7 +19,12 @@ from osl_analysis.judge.campaign import (
 )
 from osl_analysis.judge.finding import Finding, Grade
 from osl_analysis.judge.recording_checks import BY_JOB, REFUSED, exclusion_text
-from osl_analysis.report.numbers import MOST_IN_SENTENCE, headline_sentences, numbers_in_summary
+from osl_analysis.report.numbers import (
+    MOST_IN_SENTENCE,
+    first_of,
+    headline_sentences,
+    numbers_in_summary,
+)
 from osl_analysis.stats.repeats import counted
 from osl_analysis.stats.rounding import significant
 
@@ -184,8 +189,9 @@ def changed_lines(summary: Mapping[str, Any]) -> list[str]:
 
 
 def brief_lines(summary: Mapping[str, Any]) -> list[str]:
-    """The answer, how many trials are doubtful or left out, the headline numbers, and each finding
-    with what to do, from a `summary.json`, in lines of a terminal."""
+    """The answer, how many trials are doubtful or left out, the headline numbers, and the first
+    findings with what to do, from a `summary.json`, in lines of a terminal; how many findings there
+    are more, and how much could not be checked."""
     numbers = numbers_in_summary(summary)
     lines = [
         *textwrap.wrap(summary["answer"], LINE),
@@ -193,30 +199,25 @@ def brief_lines(summary: Mapping[str, Any]) -> list[str]:
         *headline_sentences(numbers, by_condition=not summary["answer"]),
         *changed_lines(summary),
     ]
-    room = max(MOST_LINES - len(lines) - 1, 1)  # one tells how many more there are
-    lines += findings_lines(findings_in_summary(summary), room)
-    return [line if len(line) <= LINE else shortened(line, LINE - len(" ...")) for line in lines]
-
-
-def findings_lines(findings: Sequence[CampaignFinding], most: int) -> list[str]:
-    """The first findings, and how much could not be checked."""
-    doubts = [finding for finding in findings if finding.verdict != NOT_CHECKED]
-    lines = [finding_line(finding) for finding in doubts[:most]]
+    findings = findings_in_summary(summary)
+    told = [finding for finding in findings if finding.verdict != NOT_CHECKED]
+    room = max(MOST_LINES - len(lines) - 1, 1)
+    lines += map(finding_line, told[:room])
     rest = []
-    if len(doubts) > most:
-        rest.append(f"{len(doubts) - most} more on the page")
+    if len(told) > room:
+        rest.append(f"{len(told) - room} more on the page")
     unchecked = causes_not_checked(findings)
     if unchecked:
-        also = f" and {len(unchecked) - 1} more" if len(unchecked) > 1 else ""
-        rest.append(f"not checked: {unchecked[0]}{also}")
-    return [*lines, *filter(None, ["; ".join(rest)])]
+        rest.append(f"not checked: {' '.join(first_of(unchecked, 1))}")
+    if rest:
+        lines.append("; ".join(rest))
+    return [line if len(line) <= LINE else shortened(line, LINE - len(" ...")) for line in lines]
 
 
 def finding_line(finding: CampaignFinding) -> str:
     """A finding and what to do."""
     mark = "·" if finding.verdict == "remark" else "⚠"
-    line = f"{mark} {finding.counts}"
-    return f"{line} → {finding.brief}" if finding.brief else line
+    return " → ".join(filter(None, [f"{mark} {finding.counts}", finding.brief]))
 
 
 def causes_not_checked(findings: Sequence[CampaignFinding]) -> list[str]:

@@ -2,6 +2,8 @@
 """How a result is rounded, everywhere alike: as its interval allows."""
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -73,3 +75,8 @@ def written(
     text = WithInterval("{} ({} to {})".format(*parts))
     text.plus_minus = plus_minus(*parts)
     return text
+
+
+def estimate_text(row: Mapping[str, Any], name: str, unit: str = "") -> str:
+    """An estimate of a row of a result table with its 95 % interval, as far as it has them."""
+    return written(row.get(name), row.get(f"{name}_low"), row.get(f"{name}_high"), unit)

@@ -19,7 +19,7 @@ from conftest import joint_trial, least_squares_alone, white_noise
 from shipped import CONFIG
 
 from osl_analysis.base.errors import IdentifiabilityError
-from osl_analysis.base.table import read_table, write_tables
+from osl_analysis.base.table import write_tables
 from osl_analysis.bench.bench_settings import Calibration, Fixture
 from osl_analysis.bench.evidence import DesiredImpedance, impedance_table
 from osl_analysis.bench.impedance import rendered_impedance
@@ -113,9 +113,8 @@ def test_fig4_shows_the_reported_fit_without_the_fixture(tmp_path):
     series = tmp_path / f"{trial.name}.zip"
     write_tables({series / "series.csv": tables["series"], tmp_path / "impedance.csv": table})
 
-    fig4(series, tmp_path / "impedance.csv", "the first", tmp_path / "fig4.csv")
+    shown = fig4(series, tmp_path / "impedance.csv", "the first")
 
-    shown = read_table(tmp_path / "fig4.csv")
     theta, torque = shown.drop_nulls("torque_model").select("theta_deg", "torque_model")
     theta = np.deg2rad(theta.to_numpy())
     step = shown["time"][1]

@@ -12,7 +12,7 @@ import numpy as np
 import polars as pl
 from walking_synthetic import RATE, bump, settings
 
-from osl_analysis.base.table import read_table
+from osl_analysis.base.table import read_table, write_table
 from osl_analysis.commands import walking, walking_summary
 from osl_analysis.commands.tables import gather
 from osl_analysis.judge.finding import Limits
@@ -137,7 +137,7 @@ def run_jobs(
     fits = [folder / f"fits/{name}.csv" for name in perturbed]
     for file, fit in zip(turned, fits, strict=True):
         walking.fit_perturbation(file, selection, gait, chosen, fit)
-    gather(fits, table, limits)
+    write_table(gather(fits, "walking", limits), table)
     walking_summary.summarise_perturbations(
         crossings=turned,
         settings=chosen,

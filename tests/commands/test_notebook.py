@@ -111,7 +111,7 @@ def test_the_fit_of_a_trial_is_the_row_of_the_campaign_to_the_last_digit(motion,
     made = tmp_path / f"tables/{fit.experiment}.csv"
     limits = read_config(short).doubtful.of(fit.experiment)
     budget = [file for name, file in files.items() if name == "budget"]
-    tables.gather([files[fit.experiment]], made, limits, budget=budget)
+    write_table(tables.gather([files[fit.experiment]], made.stem, limits, budget=budget), made)
     of_findings = tables.unpublished(fit.table, fit.experiment)
     assert_same(fit.table.drop(of_findings, strict=False), made, tmp_path)
     if fit.curves is not None:
@@ -145,13 +145,16 @@ def test_the_response_of_a_stepped_sine_is_that_of_the_campaign_and_fig_7(tmp_pa
     response = tmp_path / "tables/response.csv"
     fits = tmp_path / "tables/impedance.csv"
     budget = [files["budget"]]
-    tables.gather([files["impedance"]], fits, config.doubtful.of("impedance"), budget=budget)
+    limits = config.doubtful.of("impedance")
+    write_table(tables.gather([files["impedance"]], "impedance", limits, budget=budget), fits)
     found = osl.frequency_response(bench_trial("impedance"), DESIRED, config=short)
     for places in ({"made": {"joint": "ankle", "side": None}}, {}):
-        tables.gather([files["response"]], response, fits=[fits], places=places)
+        table = tables.gather([files["response"]], "response", fits=[fits], places=places)
+        write_table(table, response)
         if places:
             choice = FrequencyResponseFigure(K_d=300.0, B_d=5.0)
-            figure.fig7(response, DEVICE, choice, config.gain_weight, tmp_path / "fig7.csv")
+            plotted = figure.fig7(response, DEVICE, choice, config.gain_weight)
+            write_table(plotted, tmp_path / "fig7.csv")
     assert_same(found.table, response, tmp_path)
     assert_same(
         found.plotted.with_columns(chosen=pl.lit(None, pl.String)), tmp_path / "fig7.csv", tmp_path
@@ -181,7 +184,8 @@ def test_the_check_of_a_trial_has_the_rows_of_the_campaign_and_accepts_nothing(t
         measured_table("made", measure_quality(slow, "actuator", commanded)),
         tmp_path / "measured.csv",
     )
-    tables.judge([tmp_path / "measured.csv"], config.quality, {}, tmp_path / "quality.csv")
+    judged = tables.judge([tmp_path / "measured.csv"], config.quality, {})
+    write_table(judged, tmp_path / "quality.csv")
     found = osl.check(slow, "actuator", config=short)
     assert_same(found, tmp_path / "quality.csv", tmp_path)
     assert dict(found.select("check", "verdict").rows())["rate"] != "pass"

@@ -502,4 +502,4 @@ def test_a_table_without_a_column_that_a_figure_needs_is_refused(name, missing, 
     write_table(table, tmp_path / "t.csv")
 
     with refused_with(rf"t\.csv:.*'{missing}'"):
-        plot_numbers(name, tmp_path / "t.csv", tmp_path / "f.csv")
+        plot_numbers(name, tmp_path / "t.csv")

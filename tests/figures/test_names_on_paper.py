@@ -10,7 +10,7 @@ import polars as pl
 import pytest
 from test_figures import assert_whole, responses, scattered, stored, texts
 
-from osl_analysis.base.table import read_table, with_places, write_table
+from osl_analysis.base.table import with_places, write_table
 from osl_analysis.campaign.campaign_trials import open_campaign
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.campaign.origin import about, sentence
@@ -161,9 +161,8 @@ def test_responses_are_predicted_by_a_parameter_file_of_their_joint_alone(tmp_pa
     table = responses().with_columns(joint=pl.lit(joint)).filter(pl.col("joint") != "")
     write_table(table, tmp_path / "t.csv")
 
-    fig7(tmp_path / "t.csv", device, None, PAPER_WEIGHT, tmp_path / "fig7.csv")
+    numbers = fig7(tmp_path / "t.csv", device, None, PAPER_WEIGHT)
 
-    numbers = read_table(tmp_path / "fig7.csv")
     assert " ".join(sorted(set(numbers["curve"]))) == curves
 
 
@@ -172,9 +171,7 @@ def test_fig_7_shows_the_desired_impedance_with_the_most_trials(tmp_path):
     lone = table.filter(trial=table["trial"][0]).with_columns(trial=pl.lit("lone"), K_d=77.0)
     write_table(pl.concat([*[lone] * 4, table]), tmp_path / "t.csv")  # more rows, fewer trials
 
-    fig7(tmp_path / "t.csv", None, None, PAPER_WEIGHT, tmp_path / "fig7.csv")
-
-    shown = read_table(tmp_path / "fig7.csv").filter(curve="observed")
+    shown = fig7(tmp_path / "t.csv", None, None, PAPER_WEIGHT).filter(curve="observed")
     assert {*shown["K_d"]} == {*table["K_d"]}
 
 

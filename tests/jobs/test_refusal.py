@@ -130,7 +130,8 @@ def ended(job):
 def test_where_the_input_is_at_fault_the_reason_replaces_an_old_result(tmp_path):
     result(tmp_path / "tables/belt.csv")
 
-    outcome, (cause,) = ended(job(tmp_path, "tables.gather", {"rows": [str(tmp_path / "b_1.csv")]}))
+    inputs = {"rows": [str(tmp_path / "b_1.csv")]}
+    outcome, (cause,) = ended(job(tmp_path, "tables.gather", inputs, name="belt"))
 
     assert outcome == "refused"
     assert cause.reason.startswith(f"{tmp_path}/b_1.csv: ")
@@ -151,9 +152,8 @@ def test_a_refused_trial_has_a_row_with_its_reason_and_without_estimates(tmp_pat
     fit = pl.DataFrame({"trial": "b_2", "K_s": 685.6, "status": "analysed"})
     write_table(fit, tmp_path / "b_2.csv")
 
-    gather([tmp_path / "b_2.csv"], tmp_path / "belt.csv", not_analysed=[LOST])
+    table = gather([tmp_path / "b_2.csv"], "belt", not_analysed=[LOST])
 
-    table = pl.read_csv(tmp_path / "belt.csv")
     assert set(table.select("trial", "status", "K_s", "reason").rows()) == {
         ("b_2", "analysed", 685.6, None), ("b_1", "not analysed", None, LOST.reason),
     }  # fmt: skip
@@ -362,20 +362,18 @@ def test_who_was_left_out_is_listed_with_value_threshold_and_remedy(checked):
     folder = checked[0].parent
     lost = NotAnalysed("plate_9", "p.c3d: truncated; export it again")
     verdicts = folder / "quality.csv"
-    excluded = folder / "excluded.csv"
     sheet = {
         "b_2": {"experiment": "plate", "exclude": "stumbled"},
         "w_1": {"experiment": "walking", "exclude": None},
     }
 
-    judge(checked, RULES, ACCEPT, verdicts, [lost])
-    list_excluded({}, verdicts, sheet, excluded, [lost])
+    write_table(judge(checked, RULES, ACCEPT, [lost]), verdicts)
+    listed = list_excluded({}, verdicts, sheet, [lost])
 
     judged = read_table(verdicts).filter(~pl.col("verdict").is_in(["pass", "not applicable"]))
     outcomes = [("plate_1", "flag"), ("plate_2", "exclude"), ("plate_9", "refused")]
     assert judged.select("trial", "verdict").rows() == outcomes
     assert judged["value"].to_list()[1:] == [pytest.approx(80, abs=0.5), None]
-    listed = read_table(excluded)
     assert listed.select("trial", "check").rows() == [
         ("plate_9", "refused"), ("plate_2", "unzeroed_plate"), ("b_2", "sample sheet"),
         ("w_1", "needs another"),

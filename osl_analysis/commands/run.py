@@ -25,7 +25,6 @@ from osl_analysis.campaign.campaign_trials import Campaign, check_campaign, open
 from osl_analysis.campaign.configuration import campaign_config, over_default, read_config
 from osl_analysis.config.sheet import RECORDINGS
 from osl_analysis.ingest.raw_files import (
-    check_clocks,
     read_source,
     recordings_in,
 )
@@ -255,8 +254,6 @@ def problem_of_sources(campaign: Campaign, trial: str) -> str:
         sources = [read_source(path) for path in campaign.sources(trial)]
         with naming(f"{campaign.config.sheet}: trial '{trial}'"):
             sources[0].of_part(row["log_part"] or "")
-        if row["log"] and (row["log_2"] or row["mocap"]):
-            check_clocks(*sources)
     except OslAnalysisError as error:
         return str(error)
     return ""

@@ -284,11 +284,6 @@ def shared_variance(ours: Array, theirs: Array) -> Array:
     return np.where(overlaps, covariance**2 / (our_power * their_power), 0.0)
 
 
-def common_clock(slave: Converted, master: Converted) -> ClockFit:
-    """The clock of a recording that counts from the same time as another (`clock: common`)."""
-    return ClockFit(slave.start_s - master.start_s, method="common")
-
-
 def aligned_clock(
     log: Converted, mocap: Converted, shared: SharedAngle | None
 ) -> tuple[ClockFit, list[str]]:

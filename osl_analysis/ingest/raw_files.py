@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import polars as pl
 
 from osl_analysis import formats
 from osl_analysis.base.errors import InputError, naming, nearest, printable
@@ -23,11 +22,10 @@ from osl_analysis.base.yaml_settings import read_mapping, read_yaml, text_in
 from osl_analysis.config.sheet import RECORDINGS
 from osl_analysis.formats import known_formats
 from osl_analysis.ingest.capture import convert_capture
-from osl_analysis.ingest.clock import ClockFit, aligned_clock, common_clock
 from osl_analysis.ingest.conversion import Converted, numbers_of
 from osl_analysis.ingest.guard import check_sizes
 from osl_analysis.ingest.message_log import convert_messages
-from osl_analysis.ingest.several_clocks import joined_logs, on_one_clock
+from osl_analysis.ingest.several_clocks import joined_recordings
 from osl_analysis.ingest.table_log import convert_table
 
 ENDINGS_OF_ANY = ("", ".log", ".json")  # of recordings, and of much else
@@ -93,37 +91,6 @@ def read_source(path: Path) -> Source:
     source: Source = read_yaml(path, known[name].source)
     source.written_in(path)
     return source
-
-
-def check_clocks(first: Source, second: Source) -> None:
-    """Refuse source files of a log and of motion capture, or of two logs, that do not state how the
-    clock of the log, or of the second one, is aligned."""
-    log = first
-    columns = getattr(first, "channels", {}).keys()
-    if isinstance(second, MarkerSource):
-        shared = second.shared
-        has_angle = shared is not None and shared.column in columns
-        # what is no capture with analog channels tells when it is read whether it has the column
-        has_edges = "sync" in getattr(second, "analogs", ["sync"])
-        aligns = {
-            "sync": has_edges or has_angle,
-            "shared": has_angle,
-            "common": second.format == "trc",
-        }
-    else:
-        log = second
-        both = columns & getattr(second, "channels", {}).keys()
-        aligns = {"sync": "sync" in both, "shared": bool(both), "common": True, "start": True}
-    clock = getattr(log, "clock", "")
-    if aligns.get(clock):
-        return
-    raise InputError(
-        f"{log.place('clock')}: '{clock}' does not align both recordings of the trial",
-        "write clock: sync and map the column sync in both source files, or clock: shared and"
-        " map a signal of both logs in both, or name an angle of the log under `shared` in that"
-        " of motion capture; of two logs also common, if they count from one time, or start, if"
-        " they begin at one instant",
-    )
 
 
 @np.errstate(all="ignore")  # values of damaged files may be of any size: checks tell them
@@ -198,8 +165,6 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
     for role, file in files.items():
         check_file(raw_folder / file)
         sources[role] = read_source(sources_folder / f"{cells[f'{role}_source']}.yaml")
-    if len(sources) == 2:
-        check_clocks(*sources.values())
 
     provenance: dict[str, Any] = {
         "software": {DISTRIBUTION: version(DISTRIBUTION)},
@@ -227,17 +192,7 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
     samples = recording.samples
     with naming(f"trial {name} ({', '.join(files.values())})"):
         if len(recordings) == 2:
-            if "log_2" in files:
-                clock = getattr(sources["log_2"], "clock", "")
-                samples, fit, warnings = joined_logs(recordings, clock)
-            else:
-                log, mocap = recordings.values()
-                shared = getattr(sources["mocap"], "shared", None)
-                if getattr(sources["log"], "clock", "") == "common":
-                    fit, warnings = common_clock(log, mocap), []
-                else:
-                    fit, warnings = aligned_clock(log, mocap, shared)
-                samples = merged(log, mocap, fit)
+            samples, fit, warnings = joined_recordings(recordings, sources)
             provenance["clock"] = asdict(fit)
             provenance["warnings"] += warnings
         trial = Trial(name, samples, provenance)
@@ -249,26 +204,6 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
     if any(fixture.values()) and "torque" in trial.columns:  # the time base takes its torque off
         trial.provenance["columns"]["torque"]["fixture"] = fixture
     return trial
-
-
-def merged(log: Converted, mocap: Converted, fit: ClockFit) -> pl.DataFrame:
-    """The rows of both in the order of motion capture's time [s]; rows of the same nanosecond
-    become one row. The log's rows before and after motion capture are not used. The column `sync`
-    is motion capture's. Raises InputError: both have another column."""
-    twice = sorted((log.origins.keys() & mocap.origins.keys()) - {"sync"})
-    if twice:
-        raise InputError(
-            f"column '{twice[0]}' is mapped in log and motion capture",
-            "remove it from one source file",
-        )
-    time = pl.Series(fit.to_master(log.samples["time"].to_numpy()))
-    own = log.samples.drop("sync", strict=False)
-    rows = own.filter(time.is_between(0.0, mocap.samples["time"][-1]))
-    if rows.is_empty():
-        raise InputError(
-            "log and motion capture do not overlap in time", "check that they are of the same trial"
-        )
-    return on_one_clock([mocap.samples, rows], [ClockFit(0.0), fit])
 
 
 def read_raw_file(path: Path, source: Source) -> tuple[Converted, dict[str, Any]]:

@@ -8,14 +8,15 @@ from itertools import chain
 
 import polars as pl
 
-from osl_analysis.base.errors import InputError
+from osl_analysis.base.errors import InputError, listing
 from osl_analysis.base.recording import SECOND_NS
+from osl_analysis.base.source_file import Source
 from osl_analysis.base.trial import Trial
 from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.clock import (
     ClockFit,
     Signal,
-    common_clock,
+    aligned_clock,
     correlate_clocks,
     find_edges,
     fit_clock,
@@ -67,69 +68,106 @@ UNKNOWN_CLOCK = (
 )
 
 
-def joined_logs(
-    logs: Mapping[str, Converted], clock: str
+def joined_recordings(
+    recordings: Mapping[str, Converted], sources: Mapping[str, Source]
 ) -> tuple[pl.DataFrame, ClockFit, list[str]]:
-    """Join the `log` and `log_2` of a trial.
+    """Join both recordings of a trial: a log and motion capture, or `log` and `log_2`.
 
     Parameters
     ----------
-    logs
-        Both recordings, by the cell of the sheet that names them.
-    clock
-        How the second is aligned, as its source file says.
+    recordings, sources
+        By the cell of the sheet that names them.
 
     Returns
     -------
     samples
-        Rows of both, each with its own; a column that both have is the first's.
+        Rows of both, each with its own, on the clock of motion capture, or of the first log. A
+        column that both have is that one's. Rows of a log before and after motion capture are not
+        used.
     fit
-        Of the second's clock to the first's.
+        Of the other clock to it.
     remarks
-        What aligns the clocks, and what only one of them recorded, a sentence each.
+        What aligns the clocks, and what only one log recorded, a sentence each.
 
     Raises
     ------
     InputError
-        The signal of both does not align the clocks, or another column is in both.
+        The clocks are not aligned by what is stated, another column is in both, or a log and motion
+        capture do not overlap.
     """
-    log, second = logs.values()
-    both = [column for column in log.origins if column in second.origins]
-    if {*both} - {"sync"} and clock != "shared":
+    roles = ("mocap", "log") if "mocap" in recordings else ("log", "log_2")
+    master, other = (recordings[role] for role in roles)
+    clock = getattr(sources[roles[1]], "clock", "")
+    both = [column for column in master.origins if column in other.origins]
+    shared = getattr(sources[roles[0]], "shared", None)
+    if "mocap" in recordings:
+        has_angle = shared is not None and shared.column in other.origins
+        has_times = sources["mocap"].format == "trc"
+        aligns = {"sync": "sync" in both or has_angle, "shared": has_angle, "common": has_times}
+    else:
+        aligns = {"sync": "sync" in both, "shared": bool(both), "common": True, "start": True}
+    if not aligns.get(clock):
         raise InputError(
-            f"{', '.join(both)}: mapped in log and log_2",
-            "remove it from one source file, or write `clock: shared` in that of log_2, where"
-            " both recorded the same signal",
+            f"{sources[roles[1]].place('clock')}: '{clock}' does not align both recordings of the"
+            " trial",
+            "write clock: sync and map the column sync in both source files, or clock: shared and"
+            " map a signal of both logs in both, or name an angle of the log under `shared` in that"
+            " of motion capture; of two logs also common, if they count from one time, or start, if"
+            " they begin at one instant",
         )
-    fit = second_clock(log, second, clock, both)
-    samples = on_one_clock([log.samples, second.samples.drop(both)], [ClockFit(0.0), fit])
-    remarks = [UNKNOWN_CLOCK]
-    if fit.drift_error is not None:
-        fast_ppm = -1e6 * fit.drift
-        half_width_ppm = 1e6 * NORMAL_HALF_WIDTH * fit.drift_error
-        remarks = [
-            f"log_2 begins {1e3 * fit.offset:.3f} ms after log, and runs {fast_ppm:.2f} ppm"
-            f" fast (within {half_width_ppm:.2g}), by {both[0]}"
-        ]
-    longer_s = fit.to_master(second.samples["time"][-1]) - log.samples["time"][-1]
-    if abs(longer_s) > LIMITS.longest_cut_s:
-        shorter = "log" if longer_s > 0 else "log_2"
-        remarks.append(f"{shorter} ends {abs(longer_s):.3f} s before the other, which is cut there")
-    return samples, fit, remarks
-
-
-def second_clock(log: Converted, second: Converted, clock: str, both: Sequence[str]) -> ClockFit:
-    """Fit the second log's clock to the first's, by a column of `both`, or as stated."""
+    twice = {*both} - {"sync"}
+    if twice and (clock != "shared" or "mocap" in recordings):
+        raise InputError(
+            f"column {listing(sorted(twice))} is mapped in both source files",
+            "remove it from one of them, or of two logs write `clock: shared` in that of log_2,"
+            " where both recorded the same signal",
+        )
+    remarks: list[str] = []
     if clock == "common":
-        return common_clock(second, log)
-    if clock == "start":
-        return ClockFit(0.0, method=clock)
-    column = "sync" if clock == "sync" else both[0]
-    first = sampled(log, column, [*log.origins])
-    other = sampled(second, column, [name for name in second.origins if name not in both])
-    if clock == "sync":
-        return fit_clock(find_edges(*other), find_edges(*first))
-    return correlate_clocks(other, first)
+        fit = ClockFit(other.start_s - master.start_s, method=clock)
+    elif clock == "start":
+        fit = ClockFit(0.0, method=clock)
+    elif "mocap" in recordings:
+        fit, remarks = aligned_clock(other, master, shared)
+    else:
+        column = "sync" if clock == "sync" else both[0]
+        first = sampled(master, column, [*master.origins])
+        second = sampled(other, column, [name for name in other.origins if name not in both])
+        if clock == "sync":
+            fit = fit_clock(find_edges(*second), find_edges(*first))
+        else:
+            fit = correlate_clocks(second, first)
+    rows = other.samples.drop(both)
+    end_s = master.samples["time"][-1]
+    if "mocap" in recordings:
+        time = pl.Series(fit.to_master(rows["time"].to_numpy()))
+        rows = rows.filter(time.is_between(0.0, end_s))
+        if rows.is_empty():
+            raise InputError(
+                "log and motion capture do not overlap in time",
+                "check that they are of the same trial",
+            )
+    else:
+        remarks.append(remark_on_second(fit, both))
+        longer_s = fit.to_master(rows["time"][-1]) - end_s
+        if abs(longer_s) > LIMITS.longest_cut_s:
+            shorter = "log" if longer_s > 0 else "log_2"
+            remarks.append(
+                f"{shorter} ends {abs(longer_s):.3f} s before the other, which is cut there"
+            )
+    return on_one_clock([master.samples, rows], [ClockFit(0.0), fit]), fit, remarks
+
+
+def remark_on_second(fit: ClockFit, both: Sequence[str]) -> str:
+    """What tells the clock of a second log, fitted by the first of the columns that `both` have."""
+    if fit.drift_error is None:
+        return UNKNOWN_CLOCK
+    fast_ppm = -1e6 * fit.drift
+    half_width_ppm = 1e6 * NORMAL_HALF_WIDTH * fit.drift_error
+    return (
+        f"log_2 begins {1e3 * fit.offset:.3f} ms after log, and runs {fast_ppm:.2f} ppm fast"
+        f" (within {half_width_ppm:.2g}), by {both[0]}"
+    )
 
 
 def sampled(log: Converted, column: str, kept: Sequence[str]) -> Signal:

@@ -7,6 +7,7 @@ import os
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import polars as pl
@@ -27,9 +28,9 @@ from osl_analysis.base.trial import (
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.formats import known_formats
-from osl_analysis.ingest.clock import ClockFit, aligned_clock
+from osl_analysis.ingest.clock import aligned_clock
 from osl_analysis.ingest.conversion import Converted
-from osl_analysis.ingest.raw_files import merged
+from osl_analysis.ingest.several_clocks import joined_recordings
 
 LEG = {
     "format": "mcap",
@@ -151,14 +152,18 @@ def test_without_sync_edges_the_joints_angle_aligns_the_log_and_the_trial_says_s
 def test_rows_within_a_nanosecond_become_one_and_clocks_that_do_not_overlap_are_refused():
     mocap = Converted(pl.DataFrame({"time": [0.0, 2 / 3, 0.9], "trigger": [1.0, 2.0, 3.0]}), {})
     log = Converted(pl.DataFrame({"time": [0.05, 2 / 3 + 3e-10], "theta": [7.0, 8.0]}), {})
+    clock = SimpleNamespace(format="trc", clock="common")
 
-    joined = merged(log, mocap, ClockFit(0.0))
+    def joined(recording):
+        recordings = {"log": recording, "mocap": mocap}
+        return joined_recordings(recordings, dict.fromkeys(recordings, clock))[0]
 
-    assert joined["time"].to_list() == [0.0, 0.05, 2 / 3, 0.9]
-    assert joined["theta"].to_list() == [None, 7.0, 8.0, None]
-    assert joined["trigger"].to_list() == [1.0, None, 2.0, 3.0]
+    samples = joined(log)
+    assert samples["time"].to_list() == [0.0, 0.05, 2 / 3, 0.9]
+    assert samples["theta"].to_list() == [None, 7.0, 8.0, None]
+    assert samples["trigger"].to_list() == [1.0, None, 2.0, 3.0]
     with refused_with("time"):
-        merged(log, mocap, ClockFit(5.0))
+        joined(replace(log, start_s=5.0))
 
 
 def rewritten(path):

@@ -8,7 +8,7 @@ from itertools import chain
 
 import polars as pl
 
-from osl_analysis.base.errors import InputError, listing
+from osl_analysis.base.errors import InputError
 from osl_analysis.base.recording import SECOND_NS
 from osl_analysis.base.source_file import Source
 from osl_analysis.base.trial import Trial
@@ -118,7 +118,7 @@ def joined_recordings(
     twice = {*both} - {"sync"}
     if twice and (clock != "shared" or "mocap" in recordings):
         raise InputError(
-            f"column {listing(sorted(twice))} is mapped in both source files",
+            f"column '{min(twice)}' is mapped in both source files",
             "remove it from one of them, or of two logs write `clock: shared` in that of log_2,"
             " where both recorded the same signal",
         )

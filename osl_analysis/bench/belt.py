@@ -16,11 +16,12 @@ from osl_analysis.bench.impedance import Analysis
 from osl_analysis.bench.motion import signals_of, stretches_of
 from osl_analysis.bench.plausibility import check_changes, check_stiffer
 from osl_analysis.bench.record import Groups, Label, Record, Stratum, record_of, unlike_groups
-from osl_analysis.bench.regression import GroupFit, Model, fit_groups, gram_sums, offset_and_drift
+from osl_analysis.bench.regression import Model, fit_groups, gram_sums, offset_and_drift
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
 from osl_analysis.signals.filters import runs
 from osl_analysis.signals.grid import BRIDGE_MORE
 from osl_analysis.stats.budget import Contribution, Row
+from osl_analysis.stats.linear_fit import LinearFit
 
 STRAIGHT: Model = {"K_s": "theta", "offset": "one"}
 STRAIGHT_AND_DAMPED: Model = {**STRAIGHT, "B_loading": "omega"}
@@ -112,14 +113,12 @@ def fit_branches(record: Record, drift: float = 0.0, model: Model | None = None)
     varies = all(np.std(each) > CONSTANT_VELOCITY * abs(np.mean(each)) for each in velocities)
     if model is None:
         model = STRAIGHT_AND_DAMPED if varies else STRAIGHT
-    fits: dict[Label, GroupFit] = {}
+    fits: dict[Label, LinearFit] = {}
     for branch in BRANCHES:
         of_branch = s.of(branch)
         of_ramp = of_branch.estimates([*model.values()], "ramp")
-        fit = fit_groups(of_branch, model).with_known_error("load_cell_drift", drift * of_ramp)
-        if drift:
-            fit = replace(fit, interval_method=f"{fit.interval_method} + drift")
-        fits[branch] = fit
+        fit = fit_groups(of_branch, model)
+        fits[branch] = fit.with_known_error("load_cell_drift", drift * of_ramp)
     return Analysis(record, s, model, fits, "loading")
 
 
@@ -220,7 +219,7 @@ def belt_table(belt: Analysis) -> dict[str, pl.DataFrame]:
     budgets["K_s"] = budgets["K_s"].plus(curvature)
     row: Row = {
         "trial": record.name,
-        **belt.diagnostics("loading"),
+        "VAF": loading.vaf,
         "unloading": unloading["K_s"],
         "unloading_se_bench": unloading.budget("K_s").se_bench,
         "hysteresis_area": area,

@@ -41,9 +41,9 @@ def fit_tables(name: str, *fits: tuple[Row, Mapping[str, Budget]]) -> dict[str, 
     for row, budgets in fits:
         of_budgets += budget_rows(row, budgets)
         for estimate, budget in budgets.items():
-            errors = {f"{estimate}_se": budget.spread()[0], f"{estimate}_se_bench": budget.se_bench}
-            told = {column: error for column, error in errors.items() if column in names}
-            row = {**row, **budget.columns(estimate), **told}
+            row = {**row, **budget.columns(estimate)}
+            if f"{estimate}_se_bench" in names:
+                row[f"{estimate}_se_bench"] = budget.se_bench
         rows.append(row)
     return {name: table_of(rows, name), "budget": table_of(of_budgets, "budget")}
 

@@ -23,7 +23,6 @@ from osl_analysis.bench.plausibility import check_resists
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import (
     IMPEDANCE,
-    GroupFit,
     Model,
     effect_columns,
     fit_groups,
@@ -31,11 +30,12 @@ from osl_analysis.bench.regression import (
 )
 from osl_analysis.signals.grid import origin
 from osl_analysis.stats.budget import NORMAL_HALF_WIDTH, Budget, Row
+from osl_analysis.stats.linear_fit import LinearFit
 
 LEAST_FRICTION = 1e-3  # of the torque's SD; what a sound calibration's friction is negative by
 
 
-def check_friction(record: Record, fit: GroupFit) -> None:
+def check_friction(record: Record, fit: LinearFit) -> None:
     """Refuse a calibration whose friction certainly drives the motion, as none does: the lag of its
     torque is no delay, and no clock that drifts."""
     low, high = fit.interval("T_C")
@@ -92,7 +92,7 @@ class Known:
     share: float  # their relative standard uncertainty
 
 
-def measured_frame(trial: Trial, record: Record) -> GroupFit | None:
+def measured_frame(trial: Trial, record: Record) -> LinearFit | None:
     """Measure what yields between the angles `theta` and `theta_joint`, its `frame_stiffness`; None
     without an angle on the joint's side, or where nothing certainly yields.
 
@@ -128,7 +128,7 @@ def measured_frame(trial: Trial, record: Record) -> GroupFit | None:
     return frame if frame.interval("frame_stiffness")[0] > 0 else None
 
 
-def stiffness_to_state(frame: GroupFit) -> BenchStiffness:
+def stiffness_to_state(frame: LinearFit) -> BenchStiffness:
     """The stiffness of a frame as the configuration states it."""
     return BenchStiffness(
         value=f"{frame['frame_stiffness']:.4g} N*m/rad",
@@ -137,7 +137,7 @@ def stiffness_to_state(frame: GroupFit) -> BenchStiffness:
 
 
 def calibration_table(
-    analysis: Analysis, known: Known | None, frame: GroupFit | None, stated: Fixture | None
+    analysis: Analysis, known: Known | None, frame: LinearFit | None, stated: Fixture | None
 ) -> dict[str, pl.DataFrame]:
     """The trial's row of `calibration.csv`, and its rows of `budget.csv`: Eq. 15 of a known spring
     or inertia, with friction and a late torque.
@@ -162,7 +162,7 @@ def calibration_table(
 
 
 def known_row(
-    analysis: Analysis, known: Known, frame: GroupFit | None
+    analysis: Analysis, known: Known, frame: LinearFit | None
 ) -> tuple[Row, dict[str, Budget]]:
     """What a known spring or inertia tells of the bench; raises as `calibration_table`."""
     record = analysis.record
@@ -214,21 +214,21 @@ def known_row(
     return row, budgets
 
 
-def late_fits(record: Record, is_spring: bool) -> tuple[GroupFit, GroupFit | None]:
+def late_fits(record: Record, is_spring: bool) -> tuple[LinearFit, LinearFit | None]:
     """Fit Eq. 15 with friction and a late torque.
 
     Returns
     -------
-    counted : GroupFit
+    counted : LinearFit
         The fit that counts: of a spring without damping, unless this is certain.
-    damped : GroupFit or None
+    damped : LinearFit or None
         The fit that allows damping; None for a spring with too little inertia to tell it.
     """
     columns = effect_columns(record)
     few = record.coarse
     model = {**IMPEDANCE, "T_C": "T_C"}
 
-    def fitted(model: Model) -> GroupFit:
+    def fitted(model: Model) -> LinearFit:
         """The fit with the error of the encoder's steps, to first order in the lags."""
         fit, _ = late_fit(few, columns, model, drifts=True)
         in_time = sum(fit[name] * columns[column] for name, column in model.items())
@@ -252,7 +252,7 @@ def late_fits(record: Record, is_spring: bool) -> tuple[GroupFit, GroupFit | Non
     return (damped if is_damped else undamped), damped
 
 
-def bench_estimates(fit: GroupFit, known: Known) -> GroupFit:
+def bench_estimates(fit: LinearFit, known: Known) -> LinearFit:
     """Lag, gain, and the fixture's inertia or weight, from Eq. 15 of what is known."""
     main, beside, name = ("K", "I", "inertia") if known.stiffness else ("I", "K", "weight")
     size = known.stiffness or known.inertia or np.nan
@@ -271,7 +271,7 @@ def bench_estimates(fit: GroupFit, known: Known) -> GroupFit:
     return found.with_known_error("known_part", of_known)
 
 
-def error_to_state(fit: GroupFit, name: str) -> float:
+def error_to_state(fit: LinearFit, name: str) -> float:
     """The standard error to state of an estimate: half of its interval over 1.96, since a stated
     error has no degrees of freedom."""
     return fit.half_width(name) / NORMAL_HALF_WIDTH

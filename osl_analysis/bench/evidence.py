@@ -26,7 +26,7 @@ from osl_analysis.bench.lags import Belt, belt_of_leg, is_leg
 from osl_analysis.bench.motion_range import parts_of, range_over
 from osl_analysis.bench.plausibility import check_resists, check_stiffer, unit_of_step
 from osl_analysis.bench.record import Label
-from osl_analysis.bench.regression import IMPEDANCE, GroupFit, Sums, fit_groups, sums_of
+from osl_analysis.bench.regression import IMPEDANCE, Sums, fit_groups, sums_of
 from osl_analysis.bench.rendered_gains import rendered_gains
 from osl_analysis.inference import FrictionlessActuator, ImpedanceInference
 from osl_analysis.model.compensator import CONTROLLERS, Gains, Weight, select_gains
@@ -37,6 +37,7 @@ from osl_analysis.model.drivetrain import (
     joint_admittance,
 )
 from osl_analysis.stats.budget import LIKELY, Budget, Contribution, Row, unknown
+from osl_analysis.stats.linear_fit import LinearFit
 from osl_analysis.stats.rounding import significant
 
 LARGE_DELAY = 0.05  # share of B that the half-width of a leg's delay may make before it is told
@@ -202,7 +203,7 @@ class WhatElse:
     belt: Belt  # of a leg
     joint: ImpedanceInference | None  # of a joint: the rivals; None: not weighed
     is_friction_untold: bool  # whether the motion does not tell friction from damping
-    without_friction: Mapping[Label, GroupFit]  # where friction is certain
+    without_friction: Mapping[Label, LinearFit]  # where friction is certain
     ranges: Row  # the range of estimates over amplitudes and frequencies
 
 
@@ -232,7 +233,7 @@ def what_else(analysis: Analysis, s: Sums, p: DrivetrainParameters | None) -> Wh
     )
 
 
-def ranges_of(analysis: Analysis, s: Sums, without: GroupFit | None, column: str) -> Row:
+def ranges_of(analysis: Analysis, s: Sums, without: LinearFit | None, column: str) -> Row:
     """The ranges of the estimates over amplitudes and frequencies, and of B for the torque less
     its friction, which is in a column."""
     parts = list(parts_of(analysis.record, s))

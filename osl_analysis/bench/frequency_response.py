@@ -99,28 +99,25 @@ def response_table(
         What the leg was asked to render, by column.
     """
     record = analysis.record
-    pieces = "periods" if record.periodic else "windows"
-    is_stepped_sine = record.groups.kind == "cycles"
-    facts: Row = {"interval_method": "cycles" if is_stepped_sine else pieces, **condition}
     rows = []
-    if is_stepped_sine:
+    if record.groups.kind == "cycles":
         at_frequency: dict[float, list[Response]] = {}
         for number, stratum in enumerate(record.groups.strata):
             response = response_to_sine(analysis, number)
             place = analysis.place(stratum.label)
-            rows.append({**place, **response.to_row(record), **facts})
+            rows.append({**place, **response.to_row(record), **condition})
             at_frequency.setdefault(stratum.frequency_hz, []).append(response)
         of_all = [mean_response(responses) for responses in at_frequency.values()]
     else:
         of_all = responses_of_windows(analysis, at_hz)
-    rows += [{**analysis.place(None), **response.to_row(record), **facts} for response in of_all]
+    whole = {**analysis.place(None), **condition}
+    rows += [{**whole, **response.to_row(record)} for response in of_all]
     table = table_of(rows, "response").fill_nan(None)
-    if at_hz is not None:
-        apart = pl.max_horizontal(pl.col("frequency_hz") / at_hz, at_hz / pl.col("frequency_hz"))
-        is_whole = pl.col("scope") == "all"
-        table = table.with_columns(is_headline=is_whole & (apart < SAME_FREQUENCY))
-    has_interval = pl.col("magnitude_low").is_not_null()
-    return table.with_columns(interval_method=pl.when(has_interval).then("interval_method"))
+    if at_hz is None:
+        return table
+    apart = pl.max_horizontal(pl.col("frequency_hz") / at_hz, at_hz / pl.col("frequency_hz"))
+    is_whole = pl.col("scope") == "all"
+    return table.with_columns(is_headline=is_whole & (apart < SAME_FREQUENCY))
 
 
 def measured_admittance(response: pl.DataFrame) -> Spectrum:

@@ -21,7 +21,6 @@ from osl_analysis.bench.record import Label, Record
 from osl_analysis.bench.regression import (
     BEYOND,
     IMPEDANCE,
-    GroupFit,
     Model,
     Sums,
     columns_of,
@@ -39,6 +38,7 @@ from osl_analysis.inference import (
 from osl_analysis.inference.actuator import MISSED_OF_FRICTION, deviations
 from osl_analysis.inference.constants import FRICTION_WINDS
 from osl_analysis.inference.friction_shapes import slipping_springs
+from osl_analysis.stats.linear_fit import LinearFit
 
 WITHOUT_FRICTION = {
     "T_C": "f_C",
@@ -59,7 +59,7 @@ SEEN_SHARE = 0.02
 
 def coulomb_fits(
     s: Sums, analysis: Analysis, whole_is_certain: bool | None = None
-) -> dict[Label, GroupFit | None]:
+) -> dict[Label, LinearFit | None]:
     """The model's estimates for the torque less its Coulomb friction `T_C` [N*m] by label, None
     where this is not certain; labels whose motion does not tell it from damping are absent.
 
@@ -83,7 +83,7 @@ def coulomb_fits(
     if np.mean(np.abs(velocity) < AT_REST * velocity.std()) > MOST_REST:
         return {}
     model = analysis.model
-    fits: dict[Label, GroupFit | None] = {}
+    fits: dict[Label, LinearFit | None] = {}
     for label in sorted(analysis.fits, key=lambda each: each is not None):  # the whole trial first
         sums = s.of(label)
         try:
@@ -102,7 +102,7 @@ def coulomb_fits(
     return fits
 
 
-def with_errors_of(analysis: Analysis, fit: GroupFit, label: Label) -> GroupFit:
+def with_errors_of(analysis: Analysis, fit: LinearFit, label: Label) -> LinearFit:
     """A fit without friction with the errors that the model's own fit to a label has beside its
     scatter."""
     for error in analysis.fits[label].known_errors:
@@ -111,7 +111,7 @@ def with_errors_of(analysis: Analysis, fit: GroupFit, label: Label) -> GroupFit:
     return analysis.with_bench_errors(fit, label)
 
 
-def without_friction(s: Sums, model: Model, column: str = "T_C") -> GroupFit:
+def without_friction(s: Sums, model: Model, column: str = "T_C") -> LinearFit:
     """The estimates of a model for the torque less its friction, and this friction `T_C` [N*m],
     whose sign changes as in `column`.
 
@@ -168,7 +168,7 @@ def actuator_of_leg(record: Record) -> FrictionlessActuator | None:
     return None
 
 
-def frictionless_leg(analysis: Analysis, actuator: FrictionlessActuator) -> tuple[Sums, GroupFit]:
+def frictionless_leg(analysis: Analysis, actuator: FrictionlessActuator) -> tuple[Sums, LinearFit]:
     """Fit Eq. 15 to the torque that a leg would have without the friction of its actuator.
 
     Friction turns the actuator to theta_m instead of theta_m0, and the belt makes a torque of it:
@@ -179,7 +179,7 @@ def frictionless_leg(analysis: Analysis, actuator: FrictionlessActuator) -> tupl
     -------
     sums : Sums
         Of a coarse record, with that torque in the column `friction`.
-    fit : GroupFit
+    fit : LinearFit
         Of all of it, for the torque less that column.
     """
     record = analysis.record
@@ -208,7 +208,7 @@ def frictionless_leg(analysis: Analysis, actuator: FrictionlessActuator) -> tupl
     return sums, with_errors_of(analysis, fit, None)
 
 
-def fit_less(s: Sums, column: str, size: float) -> GroupFit:
+def fit_less(s: Sums, column: str, size: float) -> LinearFit:
     """Eq. 15 for the torque less `size` times a column. Raises as `fit_groups`."""
     return fit_groups(s.less(column, size), IMPEDANCE)
 
@@ -226,7 +226,7 @@ def inferred_of_joint(record: Record) -> ImpedanceInference | None:
     return None
 
 
-def with_other_shapes(fit: GroupFit, joint: ImpedanceInference) -> GroupFit:
+def with_other_shapes(fit: LinearFit, joint: ImpedanceInference) -> LinearFit:
     """A joint's fit without friction, with what friction of another shape would change, as the
     inference tells: a rectangular distribution (JCGM 100:2008, 4.3.7)."""
     others = [joint.without_friction.get(name, fit[name]) for name in fit.names]
@@ -234,7 +234,7 @@ def with_other_shapes(fit: GroupFit, joint: ImpedanceInference) -> GroupFit:
 
 
 def is_friction_untold(
-    s: Sums, analysis: Analysis, coulomb: Mapping[Label, GroupFit | None], is_weighed: bool
+    s: Sums, analysis: Analysis, coulomb: Mapping[Label, LinearFit | None], is_weighed: bool
 ) -> bool:
     """Whether the motion of a joint does not tell friction from damping: the column is collinear
     with it (no fit among `coulomb`), or takes a part of the damping that the inference, where it

@@ -17,7 +17,6 @@ from osl_analysis.bench.regression import (
     DERIVATIVES,
     IMPEDANCE,
     SIGN_WIDTHS,
-    GroupFit,
     Model,
     Sums,
     columns_of,
@@ -27,7 +26,7 @@ from osl_analysis.bench.regression import (
 from osl_analysis.inference.rounding_errors import errors_by_steps
 from osl_analysis.signals.filters import seven_point_motion
 from osl_analysis.stats.budget import Budget, Row
-from osl_analysis.stats.linear_fit import solved
+from osl_analysis.stats.linear_fit import LinearFit, solved
 
 QUANTITIES = ("K", "B", "I")  # parameters of Eq. 15
 OF_ANGLE = ("theta", "omega", "alpha", "B_m", "J_m")  # columns in proportion to the angle
@@ -55,12 +54,12 @@ class Analysis:
     record: Record
     sums: Sums
     model: Model
-    fits: Mapping[Label, GroupFit]
+    fits: Mapping[Label, LinearFit]
     label: Label = None
     other: "Analysis | None" = None
 
     @property
-    def whole(self) -> GroupFit:
+    def whole(self) -> LinearFit:
         return self.fits[self.label]
 
     def place(self, label: Label) -> Row:
@@ -83,12 +82,12 @@ class Analysis:
         return {name: self.calibrated[label].budget(name) for name in names}
 
     @cached_property
-    def calibrated(self) -> Mapping[Label, GroupFit]:
+    def calibrated(self) -> Mapping[Label, LinearFit]:
         """The fits with what is stated of the bench in their intervals; comparisons within a trial
         do not include it."""
         return {label: self.with_bench_errors(fit, label) for label, fit in self.fits.items()}
 
-    def with_bench_errors(self, own: GroupFit, label: Label) -> GroupFit:
+    def with_bench_errors(self, own: LinearFit, label: Label) -> LinearFit:
         """Add what is stated of the bench to the intervals of a fit: the errors of its calibration,
         its stiffness and its fixture, to first order.
 
@@ -192,7 +191,7 @@ def analysed(record: Record, model: Model, sums: Sums | None = None) -> Analysis
     return Analysis(record, sums, model, fits, other=others)
 
 
-def fits_by_label(sums: Sums, model: Model) -> dict[Label, GroupFit]:
+def fits_by_label(sums: Sums, model: Model) -> dict[Label, LinearFit]:
     """Fits to each label that determines the model, and to all (None). Raises as `fit_groups`."""
     tells_K_from_I = {"theta", "alpha"} <= set(model.values())
     fits = {}
@@ -300,7 +299,7 @@ def check_encoder(analysis: Analysis) -> None:
 
 
 def encoder_errors(
-    record: Record, columns: Mapping[str, Array], model: Model, fit: GroupFit, label: Label = None
+    record: Record, columns: Mapping[str, Array], model: Model, fit: LinearFit, label: Label = None
 ) -> Array:
     """Standard errors (p,) of estimates by the encoder's steps, which no scatter shows where a
     motion repeats itself.

@@ -16,7 +16,6 @@ from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import (
     EFFECTS_LIMIT,
     TRANSMISSION,
-    GroupFit,
     Model,
     columns_of,
     fit_groups,
@@ -24,6 +23,7 @@ from osl_analysis.bench.regression import (
 )
 from osl_analysis.inference.friction_shapes import slipping_springs
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
+from osl_analysis.stats.linear_fit import LinearFit
 
 LONGEST_LAG = 0.02  # s; the largest lag that is sought
 LAG_FOUND = 1e-9  # s; last step of a search that has come to its end
@@ -48,7 +48,7 @@ CANNOT_TELL = (IdentifiabilityError, InputError, np.linalg.LinAlgError)
 
 def late_fit(
     few: Record, columns: Mapping[str, Array], model: Model, drifts: bool = False
-) -> tuple[GroupFit, bool]:
+) -> tuple[LinearFit, bool]:
     """Fit a model to a torque that is late (Gauss-Newton).
 
     In each step the torque is advanced by the lag that is known so far. The slope of the torque is
@@ -69,7 +69,7 @@ def late_fit(
 
     Returns
     -------
-    fit : GroupFit
+    fit : LinearFit
         Its last estimates are the `clock_drift`, if any, and the lag, `lag_s` [s].
     has_ended : bool
         Whether the search has come to its end.
@@ -112,7 +112,7 @@ class Belt:
     K_s_ratio: float | None = None  # K_s over the parameter file's; None: not told
     # `lag_s` of the torque behind the joint's angle [s]; None: no belt is seen, it is not the
     # file's, or no search has ended
-    lag: GroupFit | None = None
+    lag: LinearFit | None = None
 
 
 def is_leg(record: Record, p: DrivetrainParameters | None) -> bool:
@@ -132,7 +132,7 @@ def is_leg(record: Record, p: DrivetrainParameters | None) -> bool:
 
 def fit_belt(
     few: Record, p: DrivetrainParameters, theta_m_late_s: float = 0.0
-) -> tuple[GroupFit, bool]:
+) -> tuple[LinearFit, bool]:
     """Fit the belt of a leg.
 
     Whatever the controller and the actuator's friction do, torque - J_j alpha - B_j omega is the
@@ -143,7 +143,7 @@ def fit_belt(
 
     Returns
     -------
-    fit : GroupFit
+    fit : LinearFit
         With `K_s`, `B_j`, `J_j` and `lag_s`.
     has_ended : bool
         As `late_fit`, whose errors it raises.

@@ -23,7 +23,6 @@ from osl_analysis.bench.plausibility import check_changes
 from osl_analysis.bench.record import Record, unlike_groups
 from osl_analysis.bench.regression import (
     TRANSMISSION,
-    GroupFit,
     Model,
     Sums,
     gram_sums,
@@ -35,6 +34,7 @@ from osl_analysis.signals.filters import Motion, differentiate, runs
 from osl_analysis.signals.grid import UniformSignals
 from osl_analysis.signals.plateaus import FEWEST_PLATEAUS, is_clamped, plateaus_of
 from osl_analysis.stats.budget import Budget, Contribution, Row, unknown
+from osl_analysis.stats.linear_fit import LinearFit
 
 PROPERTIES_OF_LOSSES = {"B_j": "friction", "J_j": "weight_on_joint"}
 LOSSES = ("B_j", "J_j")  # of a transmission; its table has no K
@@ -240,7 +240,7 @@ def actuator_table(actuator: Analysis) -> dict[str, pl.DataFrame]:
     row: Row = {
         "trial": actuator.record.name,
         "motion": next(iter(actuator.record.actuator), None),
-        **actuator.diagnostics(None),
+        "VAF": actuator.whole.vaf,
     }
     budgets = {
         name: budget.plus(*other_stamps(actuator, name))
@@ -284,7 +284,7 @@ def transmission_table(analysis: Analysis) -> dict[str, pl.DataFrame]:
     for label in analysis.fits:
         budgets = analysis.budgets(label, *LOSSES)
         certain = friction.get(label)
-        viscous: GroupFit = certain or analysis.calibrated[label]
+        viscous: LinearFit = certain or analysis.calibrated[label]
         budgets["B_j_viscous"] = viscous.budget("B_j")
         if label is None:
             budgets |= with_faults(analysis, budgets, s)

@@ -29,11 +29,10 @@ from osl_analysis.bench.record import Groups, Label, Record
 from osl_analysis.model.drivetrain import RationalFunction
 from osl_analysis.model.rendered_impedance import linear_torque
 from osl_analysis.signals.filters import runs, seven_point_motion
-from osl_analysis.stats.budget import KnownError
 from osl_analysis.stats.linear_fit import (
     CONDITION_LIMIT,
     LinearFit,
-    condition_of,
+    check_condition,
     products_between,
     solved,
     vaf_by_moments,
@@ -44,7 +43,6 @@ Model = Mapping[str, str]  # estimate -> column of `sums_of`
 IMPEDANCE: Model = {"K": "theta", "B": "omega", "I": "alpha", "offset": "one", "drift": "ramp"}
 # Eq. 4 without a belt
 TRANSMISSION: Model = {"B_j": "omega", "J_j": "alpha", "offset": "one", "drift": "ramp"}
-FALSE_ALARM = 1e-3  # probability of a false alarm for one effect
 SIGN_WIDTHS = {"T_C_sharp": 1e-3, "T_C": 1e-2}
 """Columns of Coulomb friction, by the velocity [rad/s] over which it changes sign; the larger is
 ten times the velocity noise of 14 bits."""
@@ -285,50 +283,7 @@ def effect_columns(record: Record, expected: RationalFunction | None = None) -> 
     return columns
 
 
-@dataclass(frozen=True)
-class GroupFit(LinearFit):
-    """A fit whose interval is that of the same motion again (docs/method.md)."""
-
-    def beyond_interval(self, name: str, expected: float = 0.0) -> float:
-        """By how much an estimate differs from what is expected, less the half-width of its
-        interval; 0 within it."""
-        apart = self[name] - expected
-        return float(np.sign(apart)) * max(abs(apart) - self.half_width(name), 0.0)
-
-    def derived(self, functions: Mapping[str, tuple[float, Mapping[str, float]]]) -> "GroupFit":
-        """Functions of the estimates, to first order.
-
-        Parameters
-        ----------
-        functions
-            By name the value of each, and its derivatives by the estimates that it is of; its
-            scatter has the degrees of freedom of the first of these.
-        """
-        gradients = [gradient for _, gradient in functions.values()]
-        J = np.array([[each.get(name, 0.0) for name in self.names] for each in gradients])
-        return GroupFit(
-            names=tuple(functions),
-            estimates=np.array([value for value, _ in functions.values()]),
-            covariance=J @ self.covariance @ J.T,
-            vaf=self.vaf,
-            condition_number=self.condition_number,
-            interval_method=self.interval_method,
-            degrees_of_freedom=np.array(
-                [self.degrees_of_freedom[self.names.index(next(iter(each)))] for each in gradients]
-            ),
-            known_errors=tuple(
-                KnownError(error.source, J @ error.change, error.shared)
-                for error in self.known_errors
-            ),
-        )
-
-    def certain(self, name: str) -> bool:
-        """Whether an estimate differs from 0 by a two-sided test at the level `FALSE_ALARM`."""
-        quantile = float(scipy.special.stdtrit(self.freedom(name), 1 - FALSE_ALARM / 2))
-        return abs(self[name]) > quantile * self.se(name)
-
-
-def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> GroupFit:
+def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> LinearFit:
     """Fit the torque by least squares (Eq. 15), with the interval of the same motion again.
 
     Parameters
@@ -353,7 +308,7 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> GroupFi
     b = b_g.sum(axis=0)
     estimates, inverse = solved(A, b)
     varies = [k for k, column in enumerate(columns) if column != "one"]
-    condition = condition_of(tuple(model), varies, A, inverse, limit)
+    check_condition(tuple(model), varies, A, inverse, limit)
 
     repeat = s.groups.repeat()
     if repeat.any():
@@ -363,12 +318,11 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> GroupFi
     else:
         covariance, freedom = left_out(A, b, A_g, b_g)
     estimates = with_slow_parts(s, columns, estimates)
-    return GroupFit(
+    return LinearFit(
         names=tuple(model),
         estimates=estimates,
         covariance=covariance,
         vaf=s.vaf(columns, estimates),
-        condition_number=condition,
         interval_method="repeats" if repeat.any() else "blocks",
         degrees_of_freedom=freedom,
     )
@@ -387,7 +341,7 @@ def with_slow_parts(s: Sums, columns: Sequence[str], estimates: Array) -> Array:
     return together
 
 
-def with_effects(s: Sums, model: Model, *effects: str) -> GroupFit:
+def with_effects(s: Sums, model: Model, *effects: str) -> LinearFit:
     """Fit of a model with the columns of effects. Raises as `fit_groups`."""
     with_columns = {**model, **{name: name for name in effects}}
     return fit_groups(s, with_columns, EFFECTS_LIMIT)

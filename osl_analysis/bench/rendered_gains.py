@@ -29,7 +29,6 @@ from osl_analysis.bench.impedance import Analysis, bench_torques
 from osl_analysis.bench.motion_range import parts_of
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import (
-    GroupFit,
     Model,
     Sums,
     fit_groups,
@@ -230,7 +229,7 @@ class Leg:
         }
 
 
-def described(leg: Leg, step: GroupFit, uncertainties: Mapping[str, float]) -> RenderedGains:
+def described(leg: Leg, step: LinearFit, uncertainties: Mapping[str, float]) -> RenderedGains:
     """What the converged gains render, with all that contributes to its uncertainty: the interval
     of the last step, what is stated of the bench and of the drivetrain, and the motion."""
     record = leg.record

@@ -82,22 +82,21 @@ def delay_table(rows: pl.DataFrame, name: str = "delay") -> pl.DataFrame:
     Returns
     -------
     DataFrame
-        One row per row that tells a lag.
+        One row per trial that tells a lag.
     """
-    lags = rows.drop_nulls("lag_s")
-    of_trials = of_whole_trials(lags)
-    if of_trials.is_empty():
+    lags = of_whole_trials(rows.drop_nulls("lag_s"))
+    if lags.is_empty():
         return table_of([], name)
-    pooled = summary_row(of_trials, "lag_s", is_weighted=True)
+    pooled = summary_row(lags, "lag_s", is_weighted=True)
     delay_s, low_s, high_s = pooled["mean"], pooled["low"], pooled["high"]
     to_state = None
     half_widths = (pl.col("lag_s_high") - pl.col("lag_s_low")) / 2
     is_apart = (pl.col("lag_s") - delay_s).abs() > MOST_APART * half_widths
-    if low_s * high_s > 0 and not of_trials.select(is_apart.any()).item():
+    if low_s * high_s > 0 and not lags.select(is_apart.any()).item():
         late = "torque" if delay_s > 0 else "theta"
         to_state = f"{late}: {{delay: {1e3 * abs(delay_s):.3g} ms}}"
     table = lags.with_columns(
-        trials=len(of_trials),
+        trials=len(lags),
         delay_s=delay_s,
         delay_s_low=low_s,
         delay_s_high=high_s,

@@ -218,7 +218,7 @@ def estimated(row: Mapping[str, Any]) -> list[str]:
 class Fit:
     """A fitted trial of any experiment.
 
-    Every column of its table is an attribute, with the value of the fit to all data: `fit.K_se`,
+    Every column of its table is an attribute, with the value of the fit to all data: `fit.K_low`,
     `fit.VAF`. An absent value is None, as in the table. `fit.K_interval` is (low, high), the 95 %
     interval. An absent one is (NaN, NaN), so that there are always two numbers to compute and to
     plot with. Meaning and unit of each are told by `osl-analysis results --columns`. `trial`,

@@ -14,14 +14,14 @@ from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
 from osl_analysis.dictionary.described import described_tables_by_name
 from osl_analysis.model import compensator, drivetrain
 from osl_analysis.model.compensator import Weight
-from osl_analysis.model.rendered_impedance import predicted_impedance, rendering
+from osl_analysis.model.rendered_impedance import delay_margin, passive_delay, predicted_impedance
 from osl_analysis.report.typography import aligned
 
 # frequencies of Section III-B, at which the fit of Eq. 15 is predicted
 TESTED_HZ = range(1, 6)
 PRINTED = (  # columns of the text
-    "phase", "K_d", "B_d", "K_1", "B_1", "error", "minima", "K_predicted", "B_predicted",
-    "I_predicted", "faithful_to_hz", "decay_rate", "delay_margin",
+    "phase", "K_d", "B_d", "K_1", "B_1", "error", "K_predicted", "B_predicted", "delay_margin",
+    "passive_delay",
 )  # fmt: skip
 WARNINGS = {  # by a condition on a row of the table
     "at_lower_bound": "the joint alone damps more than desired; B_1 is the smallest stable gain",
@@ -42,8 +42,8 @@ def gain_table(
 
     They are the gains at the actuator's output and at the joint (times n_T^2), the norm of Eq. 14,
     the flags of `optimal_damping`, the fit of Eq. 15 that linear theory predicts at
-    `TESTED_HZ`, and the stability, passivity and fidelity of the impedance (`rendering`);
-    these are null where no finite B_1 is best."""
+    `TESTED_HZ`, and the delays that stability and passivity of the impedance bear; these are
+    null where no finite B_1 is best."""
     compensator.check_request(K_d, B_d, p)
     K_d = np.asarray(K_d, dtype=float)
     B_d = np.asarray(B_d, dtype=float)
@@ -62,16 +62,17 @@ def gain_table(
     table = pl.DataFrame(of_gains).with_row_index("row")
 
     finite = np.flatnonzero(np.isfinite(B_1))
-    fits = np.empty((len(finite), 3))
+    fits = np.empty((len(finite), 2))
     for k, pair in enumerate(finite):
         gains = compensator.Gains(K_1[pair], B_1[pair], True)
         fits[k] = predicted_impedance(gains, p, TESTED_HZ)
-    rendered = rendering(K_1[finite], B_1[finite], K_d[finite], B_d[finite], p)
     behaviour = pl.DataFrame(
         {
             "row": pl.Series(finite, dtype=pl.UInt32),
-            **dict(zip(("K_predicted", "B_predicted", "I_predicted"), fits.T, strict=True)),
-            **rendered._asdict(),
+            "K_predicted": fits[:, 0],
+            "B_predicted": fits[:, 1],
+            "delay_margin": delay_margin(K_1[finite], B_1[finite], p),
+            "passive_delay": passive_delay(K_1[finite], B_1[finite], p),
         }
     )
     return table.join(behaviour, on="row", how="left", maintain_order="left").drop("row")

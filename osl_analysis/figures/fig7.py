@@ -20,8 +20,8 @@ from osl_analysis.model.drivetrain import (
     desired_admittance,
     joint_admittance,
 )
-from osl_analysis.model.rendered_impedance import FAITHFUL
 
+FAITHFUL_PERCENT = 10  # largest |Z - Z_d|, of |Z_d|, of a faithful impedance
 LABELS = {
     "magnitude": "Magnitude (mrad/(N·m))",
     "phase_deg": "Phase (deg)",
@@ -159,6 +159,6 @@ def draw_part(ax: Axes, part: pl.DataFrame, quantity: str) -> None:
     elif quantity == "phase_deg":
         ax.axhline(0, color=style.BLACK, linewidth=0.5, zorder=0)
     else:
-        limit = 100 * FAITHFUL
-        ax.axhline(limit, color=style.BLACK, ls=":", label=f"{limit:g} % from desired")
+        label = f"{FAITHFUL_PERCENT} % from desired"
+        ax.axhline(FAITHFUL_PERCENT, color=style.BLACK, ls=":", label=label)
         ax.set_ylim(bottom=0)

@@ -65,7 +65,6 @@ class OptimalDamping(NamedTuple):
 
     B_1: Array  # damping gain [N*m*s/rad] at the global minimum; infinite where `unbounded`
     error: Array  # the norm there [rad/(N*m)/s^1/2]
-    minima: Array  # number of stable local minima
     # whether the error falls towards B_m + B_1 = 0, so that the joint alone damps more than was
     # asked for; B_1 is then the last stable value of the search
     at_lower_bound: Array
@@ -295,7 +294,6 @@ def optimal_damping(
     return OptimalDamping(
         B_1=np.where(unbounded, np.inf, candidates[rows, best] - p.B_m),
         error=np.sqrt(norms[rows, best]),
-        minima=is_bracket.sum(axis=1),
         at_lower_bound=best == lower_end,
         unbounded=unbounded,
     )

@@ -212,10 +212,6 @@ class RationalFunction:
         value = np.polyval(self.numerator, s) / np.polyval(self.denominator, s)
         return np.asarray(value, dtype=np.complex128)
 
-    def poles(self) -> NDArray[np.complex128]:
-        """Roots of the denominator [rad/s]."""
-        return np.roots(self.denominator).astype(np.complex128)
-
 
 def motor_friction(direction: ArrayLike, current: ArrayLike, p: DrivetrainParameters) -> Array:
     """Find Coulomb and gear friction at the actuator's output (Eq. 2).

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What gains render: stability, delays that it bears, how far the impedance is the desired one.
+"""What gains render: the delays that it bears, and K and B that a fit will estimate.
 
 The joint's dynamic stiffness is Z = 1/Y = P - c/N, in the letters of `drivetrain.joint_admittance`.
 At s = j w the joint takes in energy at the rate of Im Z = w (B_j + c x/|N|^2), which is positive
@@ -7,16 +7,15 @@ for every x = B_m + B_1 > 0: without a delay it is passive with every gain that 
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from osl_analysis.base.trial import Array
 from osl_analysis.model.compensator import Gains
 from osl_analysis.model.drivetrain import (
     DrivetrainParameters,
-    RationalFunction,
     dynamic_stiffness,
     joint_admittance,
 )
@@ -25,62 +24,11 @@ PASSIVE_TO_HZ = 10.0  # twice the fastest motion of the draft's protocol
 DELAY_STEP = 1e-4  # s, to which a delay is told
 LONGEST_DELAY = 0.05  # s; of a loop that is closed at 20 Hz
 Spectrum = NDArray[np.complex128]
-FAITHFUL = 0.1  # largest |Z - Z_d|, as a share of |Z_d|, of a faithful impedance
-REAL_ROOT = 1e-9  # imaginary part, as a share of the size, that rounding leaves in a real root
-
-
-class Rendering(NamedTuple):
-    """Properties of a rendered impedance, (pairs,) each, without J_j."""
-
-    # of the slowest mode of the free joint [1/s]; negative where the joint is unstable
-    decay_rate: Array
-    # smallest delay [s] in the control loop that makes the held actuator unstable; infinite if it
-    # is stable with any delay
-    delay_margin: Array
-    # smallest delay [s] in the control loop with which the joint is not passive up to
-    # `PASSIVE_TO_HZ`
-    passive_delay: Array
-    # frequency [Hz] up to which |Z - Z_d| <= 0.1 |Z_d|; infinite where Z never leaves this range
-    faithful_to_hz: Array
-
-
-def rendering(
-    K_1: ArrayLike, B_1: ArrayLike, K_d: ArrayLike, B_d: ArrayLike, p: DrivetrainParameters
-) -> Rendering:
-    """Find the properties of the impedance that gains render.
-
-    Parameters
-    ----------
-    K_1, B_1 : ArrayLike
-        Gains (pairs,) [N*m/rad] and [N*m*s/rad].
-    K_d, B_d : ArrayLike
-        Desired impedance (pairs,) [N*m/rad] and [N*m*s/rad].
-    p : DrivetrainParameters
-
-    Returns
-    -------
-    Rendering
-    """
-    K_1, B_1, K_d, B_d = np.broadcast_arrays(
-        *(np.asarray(values, dtype=float) for values in (K_1, B_1, K_d, B_d))
-    )
-    decay_rate = np.empty(K_1.shape)
-    faithful_to_hz = np.empty(K_1.shape)
-    for i in range(len(K_1)):
-        Y = joint_admittance(K_1[i], B_1[i], p)
-        decay_rate[i] = -np.max(Y.poles().real)
-        faithful_to_hz[i] = faithful_frequency(Y, K_d[i], B_d[i])
-    return Rendering(
-        decay_rate=decay_rate,
-        delay_margin=delay_margin(K_1, B_1, p),
-        passive_delay=passive_delay(K_1, B_1, p),
-        faithful_to_hz=faithful_to_hz,
-    )
 
 
 def delay_margin(K_1: Array, B_1: Array, p: DrivetrainParameters) -> Array:
-    """Smallest delay (pairs,) [s] that makes the held actuator, J_m s^2 + B_m s + k under K_1 +
-    B_1 s, unstable; infinite if it is stable with any delay.
+    """Smallest delay (pairs,) [s] of the control loop that makes the held actuator, J_m s^2 + B_m s
+    + k under K_1 + B_1 s, unstable; infinite if it is stable with any delay.
 
     The loop gain is 1 where v = w^2 solves
 
@@ -119,35 +67,9 @@ def passive_delay(
     return smallest
 
 
-def faithful_frequency(Y: RationalFunction, K_d: float, B_d: float) -> float:
-    """Frequency [Hz] up to which |Z - Z_d| <= 0.1 |Z_d|; infinite where Z never leaves this range,
-    0 where it is beyond it at rest."""
-    desired = np.convolve(Y.numerator, [B_d, K_d])
-    size = max(len(desired), len(Y.denominator))
-    desired = np.pad(desired, (size - len(desired), 0))
-    rendered = np.pad(Y.denominator, (size - len(Y.denominator), 0))
-    excess = magnitude_squared(rendered - desired) - FAITHFUL**2 * magnitude_squared(desired)
-    if excess[-1] > 0:
-        return 0.0
-    crossings = [
-        v.real for v in np.roots(excess) if v.real > 0 and abs(v.imag) < REAL_ROOT * abs(v)
-    ]
-    if not crossings:
-        return np.inf
-    return float(np.sqrt(min(crossings)) / (2 * np.pi))
-
-
-def magnitude_squared(polynomial: Array) -> Array:
-    """|u(j w)|^2 as a polynomial in w^2, highest power first."""
-    ascending = polynomial[::-1]
-    mirrored = ascending * (-1.0) ** np.arange(len(ascending))
-    even = np.convolve(ascending, mirrored)[::2]
-    return (even * (-1.0) ** np.arange(len(even)))[::-1]
-
-
 def predicted_impedance(
     gains: Gains, p: DrivetrainParameters, frequencies_hz: Sequence[float]
-) -> tuple[float, float, float]:
+) -> tuple[float, float]:
     """Predict the fit of Eq. 15 to a stepped sine on the linear drivetrain without friction.
 
     Parameters
@@ -160,17 +82,17 @@ def predicted_impedance(
 
     Returns
     -------
-    K, B, I : float
-        [N*m/rad], [N*m*s/rad], [kg*m^2] by least squares.
+    K, B : float
+        [N*m/rad] and [N*m*s/rad] by least squares.
     """
     w = 2 * np.pi * np.asarray(frequencies_hz, dtype=float)
     Z = 1 / joint_admittance(gains.K_1, gains.B_1, p, p.J_j)(1j * w)
     weight = 1 / np.sqrt(w)
     # Re Z = K - I w^2, Im Z = B w
     storage = np.column_stack([np.ones_like(w), -(w**2)])
-    (K, I), *_ = np.linalg.lstsq(storage * weight[:, None], Z.real * weight)
+    K = np.linalg.lstsq(storage * weight[:, None], Z.real * weight)[0][0]
     B = np.sum(weight**2 * w * Z.imag) / np.sum(weight**2 * w**2)
-    return K, B, I
+    return K, B
 
 
 def linear_torque(

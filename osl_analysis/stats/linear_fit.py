@@ -8,9 +8,9 @@ may lie between two samples (bench/regression.py), those of walking from gait an
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Self
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from osl_analysis.base.errors import IdentifiabilityError, InputError
@@ -28,6 +28,7 @@ from osl_analysis.stats.budget import (
 CONDITION_LIMIT = 1e3
 """Largest scaled condition number that is accepted. At this limit an error of 0.1 % in a column can
 cause an error of 100 % in an estimate."""
+FALSE_ALARM = 1e-3  # probability of a false alarm for one effect
 SMALLEST_DIRECTION = 1e-13  # eigenvalue over the largest one, below which it is rounding
 SAME_ROW = 1e-9  # of a row, within which an edge lies on it
 
@@ -40,8 +41,6 @@ class LinearFit:
     estimates: Array  # estimates (p,) [unit of y per unit of the column]
     covariance: Array  # of the estimates (p, p), as the scatter of these data shows it
     vaf: float  # 100 (1 - var(residual)/var(y)) [percent]. An offset does not change it.
-    # of the columns, each scaled to unit length, about their means beside an offset
-    condition_number: float
     interval_method: str
     """Source of the covariance: `white noise`, or the source that its own fit names."""
     # degrees of freedom (p,) of the variances in the covariance
@@ -87,7 +86,7 @@ class LinearFit:
         budget = self.budget(name)
         return budget.low, budget.high
 
-    def with_known_error(self, source: str, change: Array, shared: bool = False) -> Self:
+    def with_known_error(self, source: str, change: Array, shared: bool = False) -> "LinearFit":
         """The fit with an error that no scatter shows.
 
         Parameters
@@ -103,6 +102,41 @@ class LinearFit:
         if not np.any(change):
             return self
         return replace(self, known_errors=(*self.known_errors, KnownError(source, change, shared)))
+
+    def beyond_interval(self, name: str, expected: float = 0.0) -> float:
+        """By how much an estimate differs from what is expected, less the half-width of its
+        interval; 0 within it."""
+        apart = self[name] - expected
+        return float(np.sign(apart)) * max(abs(apart) - self.half_width(name), 0.0)
+
+    def derived(self, functions: Mapping[str, tuple[float, Mapping[str, float]]]) -> "LinearFit":
+        """Functions of the estimates, to first order.
+
+        Parameters
+        ----------
+        functions
+            By name the value of each, and its derivatives by the estimates that it is of; its
+            scatter has the degrees of freedom of the first of these.
+        """
+        gradients = [gradient for _, gradient in functions.values()]
+        J = np.array([[each.get(name, 0.0) for name in self.names] for each in gradients])
+        firsts = [self.names.index(next(iter(gradient))) for gradient in gradients]
+        return replace(
+            self,
+            names=tuple(functions),
+            estimates=np.array([value for value, _ in functions.values()]),
+            covariance=J @ self.covariance @ J.T,
+            degrees_of_freedom=self.degrees_of_freedom[firsts],
+            known_errors=tuple(
+                KnownError(error.source, J @ error.change, error.shared)
+                for error in self.known_errors
+            ),
+        )
+
+    def certain(self, name: str) -> bool:
+        """Whether an estimate differs from 0 by a two-sided test at the level `FALSE_ALARM`."""
+        quantile = float(scipy.special.stdtrit(self.freedom(name), 1 - FALSE_ALARM / 2))
+        return abs(self[name]) > quantile * self.se(name)
 
 
 def linear_fit(y: Array, columns: Mapping[str, Array]) -> LinearFit:
@@ -138,6 +172,7 @@ def linear_fit(y: Array, columns: Mapping[str, Array]) -> LinearFit:
     A = X.T @ X
     estimates, inverse = solved(A, X.T @ y)
     varies = [k for k, column in enumerate(X.T) if np.ptp(column)]
+    check_condition(names, varies, A, inverse, CONDITION_LIMIT)
     residual = y - X @ estimates
     freedom = len(y) - len(names)
     return LinearFit(
@@ -145,7 +180,6 @@ def linear_fit(y: Array, columns: Mapping[str, Array]) -> LinearFit:
         estimates=estimates,
         covariance=inverse * (residual @ residual) / freedom,
         vaf=variance_accounted_for(y, residual),
-        condition_number=condition_of(names, varies, A, inverse, CONDITION_LIMIT),
         interval_method="white noise",
         degrees_of_freedom=np.full(len(names), float(freedom)),
     )
@@ -164,10 +198,11 @@ def solved(A: Array, b: Array) -> tuple[Array, Array]:
     return estimates + inverse @ (b - A @ estimates), inverse
 
 
-def condition_of(
+def check_condition(
     names: Sequence[str], varies: Sequence[int], A: Array, inverse: Array, limit: float
-) -> float:
-    """How badly p columns can be told apart, by their normal equations A (p, p) and its inverse.
+) -> None:
+    """Refuse p columns that can hardly be told apart, by their normal equations A (p, p) and its
+    inverse.
 
     Parameters
     ----------
@@ -177,12 +212,7 @@ def condition_of(
         Columns that are no offset. Beside one, columns count about their means, so that the zero of
         an angle does not matter.
     limit
-        Largest scaled condition number.
-
-    Returns
-    -------
-    float
-        Condition number of the columns, each scaled to unit length.
+        Largest condition number of the columns, each scaled to unit length.
 
     Raises
     ------
@@ -208,7 +238,6 @@ def condition_of(
             f" {condition:.3g})",
             "excite more frequencies, lengthen the window or fix one of them",
         )
-    return float(condition)
 
 
 def scaled_to_one(A: Array) -> Array:

@@ -3,36 +3,19 @@
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import asdict, dataclass
 from statistics import median
 from typing import Any
 
 import numpy as np
 import polars as pl
 import scipy
-from numpy.typing import ArrayLike
 
-from osl_analysis.base.errors import InputError
 from osl_analysis.base.measured import check_measured
 from osl_analysis.base.trial import Array
 from osl_analysis.stats.budget import NORMAL_HALF_WIDTH, Budget, Contribution, scatter
 
 DOUBTFUL = "doubtful"  # column with the causes of doubt; null without any
 OTHER_ESTIMATES = ("K_", "B_", "I_", "J_j_")  # begins of estimates that have a verdict
-
-
-@dataclass(frozen=True)
-class Repeats:
-    """Summary of one estimate per trial, all in the unit of the estimate."""
-
-    n: int  # number of trials
-    mean: float
-    sd: float  # standard deviation between trials
-    se: float  # standard error of the mean
-    # lower bound of the 95 % interval of the mean (Student, or from the trials' own errors)
-    low: float
-    high: float  # upper bound
-    interval_method: str | None = None  # which of the two; None without an interval
 
 
 CHANCE = 0.01  # of a scatter that is told and is noise
@@ -77,94 +60,56 @@ NONE_COUNTS = "none: all trials are doubtful"
 RANGE = "lowest to highest"  # the range over conditions, which are chosen and no sample
 
 
-CommonError = tuple[float, float]
-"""An error that all trials share, so that their scatter does not show it: its variance, in the
-squared unit of the estimate, and the degrees of freedom of this variance."""
-
-
-def over_repeats(
-    values: ArrayLike,
-    common: Sequence[CommonError] = (),
-    halves: ArrayLike = 0.0,
-    weights: ArrayLike = 1.0,
-) -> Repeats:
-    """Summarise one estimate per trial.
-
-    Parameters
-    ----------
-    values : (n,)
-        The estimates, in one unit.
-    common
-        Errors that all trials share, which standard error and interval include.
-    halves : (n,)
-        Half-widths of the trials' own 95 % intervals without the common errors: trials that agree
-        by luck do not know their mean better than these allow.
-    weights : (n,)
-        By which trials count in the mean; by default they count alike.
-
-    Raises
-    ------
-    InputError
-        There are fewer than two trials, or a value cannot be measured.
-    """
-    values = np.asarray(values, dtype=float)
-    check_measured("the estimate of a trial", values)
-    if len(values) < 2:
-        raise InputError(
-            f"{len(values)} trial cannot give a scatter", "repeat the experiment at least twice"
-        )
-    shares = np.ones_like(values) * np.asarray(weights)
-    shares /= shares.sum()
-    mean = shares @ values
-    of_mean = float(np.sqrt(shares @ (values - mean) ** 2 / (len(values) - 1)))
-    shared = [Contribution("bench", math.sqrt(x), freedom) for x, freedom in common]
-    own = float(np.linalg.norm(shares * halves)) / NORMAL_HALF_WIDTH
-    by_scatter = Budget(mean, (scatter(of_mean, len(values) - 1), *shared))
-    by_trials = Budget(mean, (scatter(own, math.inf), *shared))
-    wider = max(by_scatter, by_trials, key=Budget.half_width)
-    return Repeats(
-        n=len(values),
-        mean=mean,
-        sd=of_mean * math.sqrt(len(values)),
-        se=max(by_scatter.spread()[0], by_trials.spread()[0]),
-        low=wider.low,
-        high=wider.high,
-        interval_method="Student" if wider is by_scatter else "errors of the trials",
-    )
-
-
 def summary_row(table: pl.DataFrame, name: str, is_weighted: bool = False) -> dict[str, Any]:
-    """n, mean, sd, se, low, high of one column, and the interval's source, with the shared error of
-    all rows (`NAME_se_bench`, if present) and their own intervals (`NAME_low`, `NAME_high`), by the
-    squares of which rows may be weighted. One trial has its own interval, without sd and se."""
+    """n, mean, sd, low and high of one column over trials, and the interval's source.
+
+    The interval is Student's, or that by the trials' own ones (`NAME_low`, `NAME_high`) where it is
+    wider: trials that agree by luck do not know their mean better than these allow. Both hold the
+    error that all rows share (`NAME_se_bench`). By the squares of their own intervals rows may be
+    weighted. One trial has its own interval, without sd. Raises InputError: a value cannot be
+    measured.
+    """
     used = table.filter(pl.col(name).cast(pl.Float64).is_not_nan())
     numbers = used[name].cast(pl.Float64)
-    if len(numbers) < 2:
-        first = used.row(0, named=True) if len(used) else {}
+    n = len(numbers)
+    if n < 2:
+        first = used.row(0, named=True) if n else {}
         return {
-            "n": len(numbers),
+            "n": n,
             "mean": numbers.mean(),
             "sd": None,
-            "se": None,
             "low": first.get(f"{name}_low"),
             "high": first.get(f"{name}_high"),
             "interval_method": first.get("interval_method"),
         }
-
+    values = numbers.to_numpy()
+    check_measured("the estimate of a trial", values)
     low, high, of_bench = (
-        used[f"{name}{end}"].to_numpy() if f"{name}{end}" in used.columns else np.zeros(len(used))
+        used[f"{name}{end}"].to_numpy() if f"{name}{end}" in used.columns else np.zeros(n)
         for end in ("_low", "_high", "_se_bench")
     )
     of_bench = np.nan_to_num(of_bench)
     own_squares = np.nan_to_num(high - low) ** 2 / 4 - (NORMAL_HALF_WIDTH * of_bench) ** 2
     halves = np.sqrt(np.maximum(own_squares, 0.0))
-    shared = float(np.mean(np.square(of_bench)))
-    common = [(shared, np.inf)] if shared else []
-    weights = 1 / np.square(high - low) if is_weighted else 1.0
-    row = asdict(over_repeats(numbers.to_numpy(), common, halves, weights))
-    if shared:
-        row["interval_method"] = f"{row['interval_method']} + bench"
-    return row
+    weights = 1 / np.square(high - low) if is_weighted else np.ones(n)
+    shares = weights / weights.sum()
+
+    mean = float(shares @ values)
+    of_mean = float(np.sqrt(shares @ (values - mean) ** 2 / (n - 1)))
+    shared = Contribution("bench", float(np.sqrt(np.mean(np.square(of_bench)))))
+    own = float(np.linalg.norm(shares * halves)) / NORMAL_HALF_WIDTH
+    by_scatter = Budget(mean, (scatter(of_mean, n - 1), shared))
+    by_trials = Budget(mean, (scatter(own, math.inf), shared))
+    wider = max(by_scatter, by_trials, key=Budget.half_width)
+    method = "Student" if wider is by_scatter else "errors of the trials"
+    return {
+        "n": n,
+        "mean": mean,
+        "sd": of_mean * math.sqrt(n),
+        "low": wider.low,
+        "high": wider.high,
+        "interval_method": f"{method} + bench" if shared.standard else method,
+    }
 
 
 def doubts_of_trials(table: pl.DataFrame) -> pl.DataFrame:

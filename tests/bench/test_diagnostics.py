@@ -21,7 +21,6 @@ from osl_analysis.bench.evidence import impedance_table, moved_by_lag
 from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.lags import Belt, belt_of_leg, is_leg
 from osl_analysis.bench.motion import record_of_trial
-from osl_analysis.bench.regression import GroupFit
 from osl_analysis.bench.summaries import delay_table
 from osl_analysis.commands.fit import run_fit
 from osl_analysis.inference.friction_shapes import slipping_springs
@@ -30,6 +29,7 @@ from osl_analysis.judge.finding import Grade
 from osl_analysis.model.drivetrain import PARAMETER_UNITS
 from osl_analysis.report.numbers import headline_numbers, headline_sentences
 from osl_analysis.stats.budget import Budget
+from osl_analysis.stats.linear_fit import LinearFit
 
 LATENESS = "late torque"
 
@@ -176,8 +176,8 @@ def test_an_early_theta_m_is_no_late_torque_where_b_j_is_not_known(tmp_path):
 
 def test_a_lag_of_a_leg_is_what_it_takes_off_damping_and_inertia():
     """exp(-s/100) (300 + 5 s + 0.2 s^2) = 300 + 2 s + 0.165 s^2 to second order."""
-    numbers = (np.array([0.01]), np.array([[2.5e-9]]), 100.0, 1.0, "units", np.array([9.0]))
-    lag = GroupFit(("lag_s",), *numbers)
+    numbers = (np.array([0.01]), np.array([[2.5e-9]]), 100.0, "units", np.array([9.0]))
+    lag = LinearFit(("lag_s",), *numbers)
 
     moved = moved_by_lag(Belt(lag=lag), {"K": Budget(300.0), "B": Budget(2.0)})
 
@@ -219,7 +219,7 @@ def test_the_delay_of_a_bench_is_pooled_over_trials_with_what_all_of_them_share(
     table = delay_table(rows)
 
     row = table.row(0, named=True)
-    assert (table.height, row["trials"], row["to_state"]) == (4, 3, "torque: {delay: 2 ms}")
+    assert (table.height, row["trials"], row["to_state"]) == (3, 3, "torque: {delay: 2 ms}")
     assert row["delay_s"] == pytest.approx(2e-3)
     delay_half = half_width(row, "delay_s")
     assert 1.96 * 80e-6 < delay_half < 1.96 * 100e-6

@@ -56,7 +56,6 @@ def test_the_response_to_sines_is_the_joint_s_at_each_amplitude_and_over_all():
 
     Y = eq15(table["frequency_hz"])
     assert table["scope"].to_list() == ["amplitude"] * 6 + ["all"] * 3
-    assert set(table["interval_method"]) == {"cycles"}
     assert table["magnitude"].to_numpy() == pytest.approx(np.abs(Y), rel=1e-4)
     assert table["phase_deg"].to_numpy() == pytest.approx(np.rad2deg(np.angle(Y)), abs=0.01)
     assert table["damping"].to_numpy() == pytest.approx(B, rel=5e-3)
@@ -145,13 +144,11 @@ def recorded(rng, motion, friction=0.0):
 
 
 @pytest.mark.parametrize(
-    ("motion_of", "pieces"),
-    [
-        (lambda rng: chirp(rng, band=(0.4, 6.4))[1], "windows"),
-        (lambda rng: multisine(rng, 4), "periods"),
-    ],
+    "motion_of",
+    [lambda rng: chirp(rng, band=(0.4, 6.4))[1], lambda rng: multisine(rng, 4)],
+    ids=["windows", "periods"],
 )
-def test_the_response_to_another_motion_is_the_joint_s_within_its_intervals(motion_of, pieces):
+def test_the_response_to_another_motion_is_the_joint_s_within_its_intervals(motion_of):
     covered = []
     for seed in range(12):
         rng = np.random.default_rng(seed)
@@ -160,8 +157,7 @@ def test_the_response_to_another_motion_is_the_joint_s_within_its_intervals(moti
 
         assert table["magnitude"].to_numpy() == pytest.approx(np.abs(Y), rel=2e-3)
         told = table.drop_nulls("magnitude_low")
-        assert table["interval_method"].count() == len(told)
-        assert set(told["interval_method"]) == {pieces}
+        assert len(told) > 5
         of_told = eq15(told["frequency_hz"])
         covered.append(holds(told, "magnitude", np.abs(of_told)))
         covered.append(holds(told, "phase_deg", np.rad2deg(np.angle(of_told))))

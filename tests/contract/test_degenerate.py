@@ -124,7 +124,6 @@ FITS_OF_SIGNALS = {
     "linear_fit": lambda t, x, y: asked(y, x),
     "fit_impedance": lambda t, x, y: fit_without_offset(Motion(x, np.roll(x, 3), np.roll(x,
     11)), y),
-    "over_repeats": lambda t, x, y: repeats.over_repeats(y, [(0.0, np.inf)]),
     "summary_row": lambda t, x, y: repeats.summary_row(pl.DataFrame({"y": y}), "y"),
     "differentiate": lambda t, x, y: differentiate(t, y),
     "sampling_rate": lambda t, x, y: sampling_rate(t),

@@ -157,7 +157,7 @@ def mean_as_stiffness(trial, K_d=None):
     if K < 0:
         changes = [Change("turn theta", {"theta": -1.0}), Change("take mrad", {"theta": 1e-3})]
         raise InputError("the mean is negative", "do something", changes=changes)
-    row = {"K": K, "K_se": 1.0, "K_low": K - 2, "K_high": K + 2, "VAF": 99.0}
+    row = {"K": K, "K_low": K - 2, "K_high": K + 2, "VAF": 99.0}
     return FitTables({"impedance": pl.DataFrame([row | {"K_over_K_d": K_d and K / K_d}])}, None)
 
 

@@ -22,7 +22,7 @@ from osl_analysis.model.drivetrain import (
     known_parameters,
     read_parameters,
 )
-from osl_analysis.model.rendered_impedance import linear_torque, passive_delay, rendering
+from osl_analysis.model.rendered_impedance import delay_margin, linear_torque, passive_delay
 
 
 def weight_of(cutoff_hz, order):
@@ -122,7 +122,6 @@ def test_minima_are_those_proved_in_rational_arithmetic(K_d, B_d, weight, minima
     """None where the error falls towards no damping at all."""
     optimum = compensator.optimal_damping([K_d], [B_d], P, weight)
 
-    assert optimum.minima[0] == len(minima)
     assert optimum.at_lower_bound[0] == (not minima)
     assert optimum.B_1[0] + P.B_m > 0
     assert optimum.B_1[0] == pytest.approx(minima[0] if minima else -P.B_m, rel=1e-6)
@@ -203,10 +202,6 @@ def test_uncompensated_gains_are_reflected_through_the_belt():
     assert not gains.cancels_friction
 
 
-def rendered(gains, K_d, B_d):
-    return rendering(gains.K_1, gains.B_1, [K_d], [B_d], P)
-
-
 def stiffness_at(f, gains, J_j=0.0):
     """Dynamic stiffness of the joint at frequencies [Hz]."""
     return 1 / joint_admittance(gains.K_1, gains.B_1, P, J_j)(2j * np.pi * f)
@@ -221,39 +216,10 @@ def test_every_selected_impedance_is_stable_and_passive(K_d, B_d):
     gains = compensator.compensated_gains(K_d, B_d, P)
 
     Z = stiffness_at(w / (2 * np.pi), gains, P.J_j)
-    poles = joint_admittance(gains.K_1, gains.B_1, P).poles()
+    poles = np.roots(joint_admittance(gains.K_1, gains.B_1, P).denominator)
     assert (Z.imag >= P.B_j * w * (1 - 1e-6)).all()
     assert P.B_m + gains.B_1 > 0
     assert (poles.real < 0).all()
-
-
-# it leaves the range once, or several times
-@pytest.mark.parametrize(("K_d", "B_d"), [(300.0, 5.0), (100.0, 0.5)])
-def test_fidelity_ends_where_the_stiffness_is_ten_percent_off(K_d, B_d):
-    gains = compensator.compensated_gains(K_d, B_d, P)
-
-    end = rendered(gains, K_d, B_d).faithful_to_hz[0]
-
-    def error(f):
-        return np.abs(stiffness_at(f, gains) / (K_d + 2j * np.pi * f * B_d) - 1)
-
-    assert (error(np.linspace(0, 0.999 * end, 500)) < 0.1).all()
-    assert error(end) == pytest.approx(0.1, rel=1e-6)
-
-
-def test_fidelity_that_is_lost_at_rest_ends_at_zero():
-    """Without a compensator K is 0.7 of the desired one."""
-    gains = compensator.uncompensated_gains(300.0, 5.0, P)
-    assert rendered(gains, 300.0, 5.0).faithful_to_hz[0] == 0
-
-
-def test_the_decay_rate_is_that_of_the_slowest_pole():
-    gains = compensator.compensated_gains(300.0, 5.0, P)
-
-    decay_rate = rendered(gains, 300.0, 5.0).decay_rate
-
-    poles = joint_admittance(gains.K_1, gains.B_1, P).poles()
-    assert decay_rate[0] == pytest.approx(np.min(-poles.real))
 
 
 @pytest.mark.parametrize(("K_d", "B_d"), [(300.0, 5.0), (100.0, 2.5)])
@@ -276,7 +242,7 @@ def test_the_delay_margin_is_where_a_pole_reaches_the_axis():
     held_actuator = P.K_s / P.n_T**2 - P.J_m * w**2 + 1j * w * P.B_m
     loop = (gains.K_1 + 1j * w * gains.B_1) / held_actuator
 
-    margin = rendered(gains, 300.0, 5.0).delay_margin[0]
+    margin = delay_margin(np.array([gains.K_1]), np.array([gains.B_1]), P)[0]
 
     def distance_from_the_axis(delay):
         return np.abs(1 + loop * np.exp(-1j * w * delay)).min()

@@ -247,7 +247,7 @@ def paragraphs(sheet=(ROW,), **tables):
         ),
         ({"impedance": {"K_d": [100.0, 200.0, 100.0]}}, "100 and 200 N·m/rad"),
         ({"walking_groups": {"plate_lag_s": [-0.00001239]}}, "-0.0000124 s"),
-        ({"response": {"interval_method": ["periods"]}}, "whole periods"),
+        ({"impedance": {"excitation": ["periodic"]}}, "whole periods"),
     ],
 )
 def test_a_sentence_of_the_methods_is_printed_where_its_fact_is_recorded(tables, fact):

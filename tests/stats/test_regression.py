@@ -6,7 +6,7 @@ import importlib  # statsmodels takes half a second of each process that collect
 import numpy as np
 import polars as pl
 import pytest
-from conftest import refused_with, white_noise
+from conftest import white_noise
 from scipy.stats import t as student
 
 from osl_analysis.base.errors import IdentifiabilityError, InputError
@@ -116,19 +116,28 @@ def test_a_known_error_as_large_as_that_by_chance_doubles_the_variance():
     assert shared.freedom("a") == pytest.approx(4 * fit.freedom("a"))
 
 
+def over_repeats(values, half=0.0):
+    """The summary of trials with intervals of their own."""
+    trials = pl.DataFrame({"x": values}).with_columns(
+        x_low=pl.col("x") - half, x_high=pl.col("x") + half
+    )
+    return repeats.summary_row(trials, "x")
+
+
 @pytest.mark.parametrize("between", [0.0, 3.0])
 def test_two_trials_that_agree_by_luck_are_covered_as_often_as_others(between):
     """Trials with own errors of 2 and scatter between them: mean and difference are independent, so
     that of those that agree Student's interval alone covers next to none."""
     draws = white_noise((1000, 2), 5) * np.hypot(2.0, between)
-    found = [repeats.over_repeats(pair, halves=[1.959964 * 2.0] * 2) for pair in draws]
-    covers = np.array([one.low < 0 < one.high for one in found])
+    found = [over_repeats(pair, half=1.959964 * 2.0) for pair in draws]
+    covers = np.array([one["low"] < 0 < one["high"] for one in found])
     alike = np.abs(np.diff(draws))[:, 0] < 0.2
-    student_alone = [repeats.over_repeats(pair) for pair in draws[alike]]
+    student_alone = [over_repeats(pair) for pair in draws[alike]]
     assert covers.mean() > 0.93  # of 1000, with a standard error of 0.007
-    assert np.mean([one.low < 0 < one.high for one in student_alone]) < 0.5
+    assert np.mean([one["low"] < 0 < one["high"] for one in student_alone]) < 0.5
     assert between or covers[alike].mean() > 0.9
-    assert min(one.se for one in found) == pytest.approx(2 / np.sqrt(2))
+    narrowest = min(one["high"] - one["mean"] for one in found)
+    assert narrowest == pytest.approx(1.959964 * 2 / np.sqrt(2))
 
 
 def test_an_error_that_all_trials_share_is_once_in_the_interval_of_their_mean():
@@ -137,14 +146,17 @@ def test_an_error_that_all_trials_share_is_once_in_the_interval_of_their_mean():
 
     row = repeats.summary_row(pl.DataFrame({"x": [1.0, 1.0], **own}), "x")
 
-    assert row["se"] == pytest.approx(np.hypot(3 / np.sqrt(2), 4))
+    half = row["high"] - row["mean"]
+    assert half == pytest.approx(1.959964 * np.hypot(3 / np.sqrt(2), 4))
 
 
 def test_intervals_over_trials_are_students():
     values = np.array([1.0, 2.0, 4.0, 7.0])
-    own = repeats.over_repeats(values)
-    assert own.high - own.mean == pytest.approx(student.ppf(0.975, 3) * np.std(values, ddof=1) / 2)
-    assert own.mean == 3.5
+    own = over_repeats(values)
+    assert own["high"] - own["mean"] == pytest.approx(
+        student.ppf(0.975, 3) * np.std(values, ddof=1) / 2
+    )
+    assert own["mean"] == 3.5
     rows = [
         repeats.summary_row(pl.DataFrame({"x": one}), "x") for one in ([1.0, None, 3.0, np.nan], [])
     ]
@@ -153,5 +165,3 @@ def test_intervals_over_trials_are_students():
         (2, 2.0, pytest.approx(np.sqrt(2)), "Student"),
         (0, None, None, None),
     ]
-    with refused_with(r"repeat.*experiment"):
-        repeats.over_repeats([1.0])

@@ -360,7 +360,7 @@ def headline_of(campaign: Campaign, settings: WalkingAnalysis) -> GroupHeadline:
     crossings = []
     for trial, is_perturbed in campaign.crossings:
         onset = timing.onsets.get(trial.name)
-        lag = timing.lags.get(trial.name, timing.lag)
+        lag = timing.lags.get(trial.name, timing.lag) or 0.0
         with suppress(OslAnalysisError):
             crossings.append(
                 analyse_crossing(trial, calibration, plate, is_perturbed, settings, onset, lag)

@@ -438,7 +438,7 @@ def recording(of: StudyLaboratory, folder: Path, perturbed: Sequence[str]) -> St
         if not is_perturbed:
             write_crossing(walked)
         trial, onset = ingested(name), timing.onsets.get(name)
-        lag = timing.lags.get(name, timing.lag)
+        lag = timing.lags.get(name, timing.lag) or 0.0
         return analyse_crossing(trial, calibration, plate, is_perturbed, analysis, onset, lag)
 
     return replace(of, analysis=analysis, recorded=analysed, plate=plate, timing=timing)

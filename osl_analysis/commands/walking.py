@@ -231,7 +231,7 @@ def analyse(
     model = read_model(plate, PlateModel)
     timings = read_model(timing, PlateTiming)
     onset = timings.onsets.get(walked.name)
-    lag = timings.lags.get(walked.name, timings.lag)
+    lag = timings.lags.get(walked.name, timings.lag) or 0.0
     try:
         crossing = analyse_crossing(walked, static, model, perturbed, settings, onset, lag)
         if direction is not None and crossing.direction not in (None, direction):

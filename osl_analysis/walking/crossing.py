@@ -47,6 +47,7 @@ from osl_analysis.walking.set_up import (
     check_place,
     check_roll,
     check_side,
+    check_turn,
     crossing_quality,
 )
 from osl_analysis.walking.walking_settings import CrossingSettings
@@ -222,7 +223,13 @@ def recorded_passage(
 
     for segment, pose in recorded.items():
         check_followed(segment, frames, pose, stance, settings.largest_residual_mm)
-    onset = onset_of(trial, frames, recorded, stance, perturbed, settings, onset)
+    ramp = platform.ramp_of(frames, recorded["platform"], settings.smallest_turn)
+    check_turn(ramp is not None, perturbed)
+    if ramp is not None and onset is None:
+        onset = platform.ramp_onsets({trial.name: ramp})[0][trial.name]
+    if onset is not None:
+        check_onset(onset, stance, settings)
+        check_window(trial, frames, recorded, onset, settings)
 
     rows = rows_about_stance(frames, recorded, stance)
     rate = sampling_rate(frames)
@@ -241,37 +248,14 @@ def rows_about_stance(frames: Array, recorded: Mapping[str, Poses], stance: Stan
     return next(run for run in runs(near) if run.start <= first < run.stop)
 
 
-def onset_of(
+def check_window(
     trial: Trial,
     time: Array,
     recorded: Mapping[str, Poses],
-    stance: Stance,
-    perturbed: bool,
+    onset: float,
     settings: CrossingSettings,
-    of_mean_ramp: float | None,
-) -> float | None:
-    """Find the onset [s] of the perturbation: that of the mean ramp, else of the crossing's own.
-
-    Returns
-    -------
-    float or None
-        None without a perturbation.
-
-    Raises
-    ------
-    InputError
-        Sheet, stance, plate or markers forbid it.
-    """
-    ramp = platform.ramp_of(time, recorded["platform"], settings.smallest_turn)
-    onset = None
-    if ramp is not None:
-        onset = of_mean_ramp
-        if onset is None:
-            onset = platform.ramp_onsets({trial.name: ramp})[0][trial.name]
-    check_onset(onset, perturbed, stance, settings)
-    if onset is None:
-        return None
-
+) -> None:
+    """Refuse a perturbation on a plate without moments, or with hidden markers in its window."""
     check_type_on_platform(trial, settings.plate)
     window = (time >= onset) & (time <= onset + settings.window_s)
     for segment in ("foot", "platform"):  # the shank carries the body and moves as in any stance
@@ -286,7 +270,6 @@ def onset_of(
                 "exclude the trial, or record it again with them in sight: a filled response is"
                 " no measurement",
             )
-    return onset
 
 
 def reactions_on_foot(
@@ -380,8 +363,8 @@ def analyse_crossing(
     unloaded: PlateModel,
     perturbed: bool,
     settings: CrossingSettings,
-    onset: float | None = None,
-    lag: float | None = None,
+    onset: float | None,
+    lag: float,
 ) -> Crossing:
     """Compute angle and torque of a crossing, through one low-pass at one rate.
 
@@ -395,8 +378,8 @@ def analyse_crossing(
         What the sheet says.
     onset : float or None
         Of the perturbation [s], by the mean ramp of all crossings; None: by its own ramp.
-    lag : float or None
-        Of the plate in this crossing [s]; None: that of the unloaded plate.
+    lag : float
+        Of the plate in this crossing [s].
 
     Raises
     ------
@@ -404,7 +387,6 @@ def analyse_crossing(
         The recording, or the laboratory's set-up, does not allow it.
     """
     # Poses, stance and onset
-    lag = (unloaded.lag or 0.0) if lag is None else lag
     passage = recorded_passage(trial, calibration, lag, perturbed, settings, onset)
     foot, shank = passage.poses["foot"], passage.poses["shank"]
     phase = passage.stance.phase(passage.time)

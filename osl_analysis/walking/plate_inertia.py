@@ -93,6 +93,8 @@ LEAST_SE_S = 1e-6  # of a lag: rounding
 LAG_ROUNDS = 4  # of lag and inertia in turn, and of a lag to first order
 LARGEST_HEIGHT_SE_M = 0.005  # of a height that is reported
 CERTAIN_SES = 4.0  # standard errors beyond which a height is certain
+# of an unloaded plate, also of one that was not zeroed: a standing person weighs five times as much
+LARGEST_UNLOADED_N = 100.0
 SPREAD_S = 0.1  # by which the low-pass of the identification spreads a motion
 # at rest noise gives 0.03 deg; 11 frames at 300 Hz change the lag by 2 ms
 HIDDEN_TURN_DEG = 0.2
@@ -231,6 +233,15 @@ class Shown:
         ]
 
 
+def shown_together(recordings: Sequence[Shown]) -> Shown:
+    """What recordings, each with a zero of its own, show together."""
+    return Shown(
+        columns=np.concatenate([without_mean(each.columns) for each in recordings]),
+        noise=np.concatenate([each.noise for each in recordings]),
+        wrench=np.concatenate([without_mean(each.wrench) for each in recordings]),
+    )
+
+
 @dataclass(frozen=True)
 class UnloadedMotion:
     """The motion of the unloaded plate in n frames along some directions, low-passed."""
@@ -306,10 +317,10 @@ def unloaded_recording(
     time, wrench = recorded_wrench(trial, settings.plate)
     force = np.abs(wrench[:, 2])
     load = np.median(force)
-    if load > settings.largest_zero_n:
+    if load > LARGEST_UNLOADED_N:
         raise InputError(
             f"the plate carries {load:.0f} N, expected an unloaded plate and at most"
-            f" {settings.largest_zero_n:g} N",
+            f" {LARGEST_UNLOADED_N:g} N",
             "zero the plate and record again, or correct the experiment of this trial in the"
             " sheet, which is 'plate'",
         )
@@ -485,13 +496,13 @@ def identify_plate_inertia(
     ----------
     Fuller, Measurement Error Models, 1987, section 1.4.
     """
-    columns = np.concatenate([without_mean(recording.columns) for recording in recordings])
-    wrench = np.concatenate([without_mean(recording.wrench) for recording in recordings])
+    together = shown_together(recordings)
+    wrench = together.wrench
     start = NO_CORRECTION.parameters if whole is None else whole.parameters
 
-    X = stacked_columns(columns)
+    X = stacked_columns(together.columns)
     G = X.T @ X
-    noise = stacked_columns(np.concatenate([recording.noise for recording in recordings]))
+    noise = stacked_columns(together.noise)
     N = noise.T @ noise
     basis = excited_directions(G, N) if whole is None else whole.directions
     unexplained = (wrench * WEIGHT).T.ravel() - X @ start
@@ -504,7 +515,7 @@ def identify_plate_inertia(
         parameters,
         directions=basis,
         rms_before=column_rms(wrench),
-        rms_after=column_rms(wrench - columns @ parameters),
+        rms_after=column_rms(wrench - together.columns @ parameters),
     )
 
 
@@ -651,17 +662,15 @@ def height_of(directions: Array, recordings: Sequence[Shown]) -> float:
     A force F then adds h z x F to the moments, beside what the plate's own parameters make, along
     `directions` (10, r). Estimates are corrected for marker noise, as in `identify_plate_inertia`.
     """
-    columns = np.concatenate([without_mean(recording.columns) for recording in recordings])
-    wrench = np.concatenate([without_mean(recording.wrench) for recording in recordings])
-    noise = np.concatenate([recording.noise for recording in recordings])
-    moment = np.cross(np.array([0.0, 0.0, 1.0]), wrench[:, :3])
+    together = shown_together(recordings)
+    moment = np.cross(np.array([0.0, 0.0, 1.0]), together.wrench[:, :3])
     lever = np.hstack([np.zeros_like(moment), moment])[:, :, None]
-    X = np.column_stack([stacked_columns(columns) @ directions, stacked_columns(lever)])
-    of_noise = stacked_columns(noise) @ directions
+    X = np.column_stack([stacked_columns(together.columns) @ directions, stacked_columns(lever)])
+    of_noise = stacked_columns(together.noise) @ directions
     squares = X.T @ X
     squares[:-1, :-1] -= of_noise.T @ of_noise
-    estimates = np.linalg.pinv(squares, hermitian=True) @ X.T @ (wrench * WEIGHT).T.ravel()
-    return estimates[-1]
+    right = X.T @ (together.wrench * WEIGHT).T.ravel()
+    return (np.linalg.pinv(squares, hermitian=True) @ right)[-1]
 
 
 def plate_table(model: PlateModel) -> pl.DataFrame:

@@ -23,12 +23,13 @@ from osl_analysis.walking.plate_inertia import (
     PlateModel,
     TurnLag,
     UnloadedMotion,
+    UnloadedRecording,
     resting_noise,
     turn_lags,
     whole_recording,
     without_mean,
 )
-from osl_analysis.walking.poses import StaticCalibration
+from osl_analysis.walking.poses import Mask, StaticCalibration
 from osl_analysis.walking.walking_settings import CrossingSettings
 
 Turns = Mapping[str, Sequence[TurnLag]]  # of crossings, by trial
@@ -77,7 +78,12 @@ def timing_of(
             ramp = platform.ramp_of(time, poses, settings.smallest_turn)
             if ramp is not None:
                 ramps[trial.name] = ramp
-            parts[trial.name] = parts_without_load(trial, calibration, model.lag or 0.0, settings)
+            free = without_load(trial, time, model.lag or 0.0, settings)
+            found = [
+                whole_recording(trial, calibration, time, poses, poses.seen() & rows, settings)
+                for rows in free
+            ]
+            parts[trial.name] = unloaded_parts([part for part in found if part is not None])
     if not model.directions.size:
         check_no_mass([part for of_trial in parts.values() for part in of_trial])
     turns = {name: turns_without_load(of_trial, model) for name, of_trial in parts.items()}
@@ -85,27 +91,23 @@ def timing_of(
     return replace(plate_timing(model, turns, onsets), onset_se=onset_se)
 
 
-def parts_without_load(
-    trial: Trial, calibration: StaticCalibration, lag: float, settings: CrossingSettings
-) -> list[UnloadedMotion]:
-    """A crossing before heel strike and after toe-off, cut before any filter.
+def without_load(
+    trial: Trial, frames: Array, lag: float, settings: CrossingSettings
+) -> tuple[Mask, Mask]:
+    """The frames of a crossing before heel strike, and those after toe-off.
 
     Raises
     ------
     InputError
-        The recording is not one crossing, or its plate or markers cannot be used.
+        The recording is not one crossing, or its plate cannot be used.
     """
-    frames, poses = rigid.segment_poses(trial, settings.markers.platform, calibration, settings)
     force = zeroed_wrench(trial, frames, settings)(lag)[:, 2]
     stance = only_stance(frames, force, settings)
-    found = [
-        whole_recording(trial, calibration, frames, poses, poses.seen() & free, settings)
-        for free in (
-            frames < stance.heel_strike - SPARE_S,
-            frames > stance.toe_off + SPARE_S,
-        )
-    ]
-    parts = [part for part in found if part is not None]
+    return frames < stance.heel_strike - SPARE_S, frames > stance.toe_off + SPARE_S
+
+
+def unloaded_parts(parts: Sequence[UnloadedRecording]) -> list[UnloadedMotion]:
+    """The motion of the parts of a crossing, along the directions that they share."""
     if not parts:
         return []
     axes = platform.moving_directions([part.track for part in parts])

@@ -15,7 +15,6 @@ from dataclasses import dataclass, field, replace
 from typing import Annotated
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 from pydantic import PlainSerializer, PlainValidator
 
@@ -196,7 +195,7 @@ def segment_poses(
     time, tracks = marker_tracks(trial, names)
     reference = calibration.positions(names)
     poses = cluster_poses(reference, without_held(tracks), settings.largest_residual_mm * 1e-3)
-    return time, bridge_gaps(time, poses, settings.longest_gap_s)
+    return time, bridge_gaps(time, reference, poses, settings.longest_gap_s)
 
 
 def without_held(tracks: Array) -> Array:
@@ -309,35 +308,30 @@ def spans_a_plane(points: Array) -> bool:
     return bool(spread[1] > SMALLEST_WIDTH * spread[0])
 
 
-def bridge_gaps(time: Array, poses: Poses, longest: float) -> Poses:
-    """Interpolate gaps of up to `longest` [s] by a cubic through the frames on either side.
+def bridge_gaps(time: Array, reference: Array, poses: Poses, longest: float) -> Poses:
+    """Interpolate gaps of up to `longest` [s]: the paths of the markers, at `reference` (m, 3) [m],
+    by cubics through the frames on either side.
 
     Over 60 to 190 ms the cubic leaves a motion of stance by 0.1 to 3 deg, a spline by 1 to 10 deg.
     """
     seen = np.flatnonzero(poses.seen())
     step = 1 / sampling_rate(time)
     hidden_s = (np.diff(seen) - 1) * step
-    rotation = poses.rotation.copy()
-    position = poses.position.copy()
+    paths = poses.points(reference).reshape(len(time), -1)
     bridged = poses.bridged.copy()
     for k in np.flatnonzero((hidden_s > 0) & (hidden_s < longest + step / 2)):
-        gap = np.arange(seen[k] + 1, seen[k + 1])
+        gap = slice(seen[k] + 1, seen[k + 1])
         sides = seen[max(k + 1 - SIDE_FRAMES, 0) : k + 1 + SIDE_FRAMES]
-
-        # Rotation vectors from the last frame before the gap are small, so that they interpolate
-        before = scipy.spatial.transform.Rotation.from_matrix(poses.rotation[seen[k]])
-        on_sides = scipy.spatial.transform.Rotation.from_matrix(poses.rotation[sides])
-        turned = (on_sides * before.inv()).as_rotvec()
-
-        coordinates = np.hstack([turned, poses.position[sides]])
         middle = time[sides].mean()
-        cubic = np.polynomial.polynomial.polyfit(time[sides] - middle, coordinates, 3)
-        bridge = np.polynomial.polynomial.polyval(time[gap] - middle, cubic).T
-
-        turn_in_gap = scipy.spatial.transform.Rotation.from_rotvec(bridge[:, :3])
-        rotation[gap] = (turn_in_gap * before).as_matrix()
-        position[gap] = bridge[:, 3:]
+        cubic = np.polynomial.polynomial.polyfit(time[sides] - middle, paths[sides], 3)
+        paths[gap] = np.polynomial.polynomial.polyval(time[gap] - middle, cubic).T
         bridged[gap] = True
+
+    rotation = poses.rotation.copy()
+    position = poses.position.copy()
+    filled = cluster_poses(reference, paths[bridged].reshape(-1, *reference.shape))
+    rotation[bridged] = filled.rotation
+    position[bridged] = filled.position
     return replace(poses, rotation=rotation, position=position, bridged=bridged)
 
 

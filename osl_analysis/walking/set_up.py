@@ -215,18 +215,18 @@ def check_followed(
         )
 
 
-def check_onset(
-    onset: float | None, perturbed: bool, stance: Stance, settings: CrossingSettings
-) -> None:
-    """Refuse an onset [s] that the sheet contradicts, or whose response leaves stance."""
-    if (onset is not None) != perturbed:
+def check_turn(turns: bool, perturbed: bool) -> None:
+    """Refuse a platform that turns although the sheet says that it does not, or the other way."""
+    if turns != perturbed:
         raise InputError(
             f"the platform {'does not turn' if perturbed else 'turns'}, but the sheet says"
             f" perturbed = {str(perturbed).lower()}",
             "correct the sheet, perturbation_deg or the platform markers, or exclude the trial",
         )
-    if onset is None:
-        return
+
+
+def check_onset(onset: float, stance: Stance, settings: CrossingSettings) -> None:
+    """Refuse an onset [s] whose response leaves stance."""
     first = onset - settings.guard_s - settings.baseline_s
     last = onset + settings.window_s
     if first < stance.heel_strike or last > stance.toe_off:

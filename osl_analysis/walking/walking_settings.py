@@ -116,8 +116,6 @@ class PlatformSettings(MarkerSettings, WalkingFilter):
     """The moving platform and its force plate."""
 
     plate: Annotated[int, Field(ge=1)]  # Number of the force plate on the platform, counted from 1
-    # Largest vertical force [N] of an unloaded plate. A plate that reads more is refused.
-    largest_zero_n: Newtons
     # Smallest rotation [deg] of the platform that counts as a perturbation
     perturbation_deg: JointDegrees
     # Longest gap [s] where the motion is fitted: after an onset, in an unloaded turn

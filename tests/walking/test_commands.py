@@ -258,9 +258,9 @@ def test_a_crossing_knows_what_each_trial_of_the_plate_does_to_its_torque(real, 
     files = (real.trial(real.perturbed[0]), real.folder / "calibration.json")
     known = walking.read_model(real.folder / "timing.json", PlateTiming)
     timing = tmp_path / "timing.json"
-    walking.write_model(replace(known, lags={}, lag=None), timing)  # those of the models count
 
     def crossing_with(model):
+        walking.write_model(replace(known, lags={}, lag=model.lag), timing)
         walking.write_model(model, tmp_path / "plate.json")
         output = tmp_path / "crossing.parquet"
         walking.analyse(

@@ -41,7 +41,8 @@ def plate(heave=0.0):
 
 
 def unperturbed(trial, model=NO_CORRECTION, **choices):
-    return analyse_crossing(trial, CALIBRATION, model, False, settings(**choices))
+    lag = model.lag or 0.0
+    return analyse_crossing(trial, CALIBRATION, model, False, settings(**choices), None, lag)
 
 
 def moved(trial, *markers, by=0.01):
@@ -172,7 +173,7 @@ def test_none_or_several_stances_or_one_that_lifts_or_brakes_are_refused(more, c
 @pytest.mark.parametrize("onset", [1.75, 0.8, 1.02, 1.53])
 def test_an_onset_whose_response_leaves_stance_is_refused(onset):
     with refused_with(r"baseline.*window.*0\.930-1\.590 s"):
-        check_onset(onset, True, Stance(0.93, 1.59), settings())
+        check_onset(onset, Stance(0.93, 1.59), settings())
 
 
 def test_too_few_unperturbed_crossings_say_how_many_and_a_reason(tmp_path):

@@ -117,7 +117,7 @@ def test_only_short_gaps_between_frames_are_bridged() -> None:
         tracks[gap] = np.nan
     poses = cluster_poses(FOOT, tracks)
 
-    bridged = bridge_gaps(TIME, poses, longest=6 / RATE)
+    bridged = bridge_gaps(TIME, FOOT, poses, longest=6 / RATE)
 
     assert list(np.flatnonzero(bridged.bridged)) == list(range(60, 66))
     hidden = [0, 1, 2, 3, *range(100, 130), 237, 238, 239]
@@ -126,7 +126,7 @@ def test_only_short_gaps_between_frames_are_bridged() -> None:
     origin = bridged.point(np.zeros(3))
     np.testing.assert_allclose(bridged.rotation[60:66], foot.rotation[60:66], atol=4e-6)
     np.testing.assert_allclose(origin[60:66], foot.path[60:66], atol=4e-6)
-    assert not bridge_gaps(TIME, poses, longest=5 / RATE).bridged.any()
+    assert not bridge_gaps(TIME, FOOT, poses, longest=5 / RATE).bridged.any()
 
 
 def test_the_angle_is_the_twist_about_a_skew_axis_wherever_the_leg_is() -> None:

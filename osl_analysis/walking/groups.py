@@ -396,8 +396,8 @@ def exclusion_reason(
             return (
                 f"the plate carries {share:.2f} of the weight of {crossing.body_mass:g} kg in"
                 f" single support, expected {low:g} to {high:g}: another foot stands on or beside"
-                " the plate, somebody leans on a rail, the plate's gain is wrong, or the body mass (is"
-                " it in pounds?)"
+                " the plate, somebody leans on a rail, the plate's gain is wrong, or the body mass"
+                " (is it in pounds?)"
             )
     outside = crossing.quality.foot_outside_m
     if outside > settings.largest_outside_m:

@@ -78,8 +78,9 @@ class Judged:
     def width(self, half: float) -> str:
         """How wide its interval is, beside what is needed, in words."""
         largest = max(self.budget.of_parts(*IN_INTERVAL), key=lambda each: each.size)
+        judged_name = self.name if self.own is self.budget else f"{self.name} without friction"
         return (
-            f"{self.name} is known to {significant(half)} {self.unit}, most of it"
+            f"{judged_name} is known to {significant(half)} {self.unit}, most of it"
             f" {largest.source.replace('_', ' ')}, and {significant(self.needed)} is needed"
         )
 

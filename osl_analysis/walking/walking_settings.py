@@ -67,7 +67,7 @@ class OutlierRule(Settings):
     """Which crossings are excluded: those further from the median crossing than `limit` scatters.
 
     The scatter is 1.4826 times the median absolute deviation, and for each feature at least the
-    smallest scatter given here, so that few crossings that agree by luck exclude no sound one.
+    smallest scatter given here, so that few crossings that agree by chance exclude no sound one.
     """
 
     limit: Positive  # Largest distance from the median, in scatters

@@ -64,7 +64,7 @@ def summary_row(table: pl.DataFrame, name: str, is_weighted: bool = False) -> di
     """n, mean, sd, low and high of one column over trials, and the interval's source.
 
     The interval is Student's, or that by the trials' own ones (`NAME_low`, `NAME_high`) where it is
-    wider: trials that agree by luck do not know their mean better than these allow. Both hold the
+    wider: trials that agree by chance do not know their mean better than these allow. Both hold the
     error that all rows share (`NAME_se_bench`). By the squares of their own intervals rows may be
     weighted. One trial has its own interval, without sd. Raises InputError: a value cannot be
     measured.
@@ -108,7 +108,7 @@ def summary_row(table: pl.DataFrame, name: str, is_weighted: bool = False) -> di
         "sd": of_mean * math.sqrt(n),
         "low": wider.low,
         "high": wider.high,
-        "interval_method": f"{method} + bench" if shared.standard else method,
+        "interval_method": f"{method} + shared errors" if shared.standard else method,
     }
 
 

@@ -97,18 +97,22 @@ def convert_topic(
     if late:
         remarks.append(f"{late} messages came late and were put in the order of their stamps")
     table = table.sort("stamp", maintain_order=True)
-    once = table.unique(subset="stamp", keep="first", maintain_order=True)
-    repeated = len(table) - len(once)
-    if repeated and not are_rounded(table):
-        if repeated > source.largest_loss * len(table):
-            raise InputError(
-                f"{repeated} of {len(table)} messages have the stamp of an earlier one",
-                "stamps must be their own: check the recorder's clock or the time source in the"
-                " source file",
-            )
-        remarks.append(f"{repeated} messages have the stamp of an earlier one: left out")
-        table = once
-    return table, origins, remarks
+    once = table.unique(maintain_order=True)
+    copies = len(table) - len(once)
+    _, counts = np.unique(once["stamp"].to_numpy(), return_counts=True)
+    repeated = len(table) - counts.size
+    allowed = source.largest_loss * len(table)
+    # of rounded stamps each has about as many messages; the time base finds when they were sampled
+    is_rounded = copies <= allowed and counts.max() <= np.median(counts) + 1
+    if repeated > allowed and not is_rounded:
+        raise InputError(
+            f"{repeated} of {len(table)} messages have the stamp of an earlier one",
+            "stamps must be their own: check the recorder's clock or the time source in the"
+            " source file",
+        )
+    if copies:
+        remarks.append(f"{copies} messages are copies of an earlier one: left out")
+    return once, origins, remarks
 
 
 def stamps_of(recording: Recording, source: MessageSource, rows: Rows) -> NDArray[np.int64]:
@@ -149,18 +153,6 @@ def count_late(stamp: NDArray[np.int64]) -> int:
             " source of time in the source file, or record again",
         )
     return int(is_late.sum())
-
-
-def are_rounded(table: pl.DataFrame) -> bool:
-    """Whether stamps (sorted) repeat because they are rounded to a step as long as the sampling
-    step or longer. Then nearly every tick of the rounding has a message, and no tick has two more
-    than usual. The time base finds when they were sampled."""
-    distinct, messages = np.unique(table["stamp"].to_numpy(), return_counts=True)
-    if distinct.size < 3 or table.is_duplicated().any():
-        return False
-    ticks = np.ptp(distinct) // np.diff(distinct).min() + 1
-    is_even = messages[1:-1].max() - np.median(messages[1:-1]) <= 1
-    return bool(is_even and ticks - distinct.size <= 0.5 * (len(table) - distinct.size))
 
 
 def join_on_stamp(tables: Sequence[pl.DataFrame]) -> pl.DataFrame:

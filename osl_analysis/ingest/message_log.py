@@ -93,13 +93,13 @@ def convert_topic(
     fresh, stale = fresh_rows(rows, stamps, least=SECOND_NS)
     table = pl.DataFrame([pl.Series("stamp", stamps), *columns])[fresh]
     remarks += stale
-    late = count_late(table.unique(maintain_order=True)["stamp"].to_numpy())
+    once = table.unique(maintain_order=True)  # messages that were sent twice
+    copies = len(table) - len(once)
+    late = count_late(once["stamp"].to_numpy())
     if late:
         remarks.append(f"{late} messages came late and were put in the order of their stamps")
-    table = table.sort("stamp", maintain_order=True)
-    once = table.unique(maintain_order=True)
-    copies = len(table) - len(once)
-    _, counts = np.unique(once["stamp"].to_numpy(), return_counts=True)
+    in_order = once.sort("stamp", maintain_order=True)
+    counts = in_order["stamp"].rle().struct.field("len").to_numpy()
     repeated = len(table) - counts.size
     allowed = source.largest_loss * len(table)
     # of rounded stamps each has about as many messages; the time base finds when they were sampled
@@ -112,7 +112,7 @@ def convert_topic(
         )
     if copies:
         remarks.append(f"{copies} messages are copies of an earlier one: left out")
-    return once, origins, remarks
+    return in_order, origins, remarks
 
 
 def stamps_of(recording: Recording, source: MessageSource, rows: Rows) -> NDArray[np.int64]:

@@ -55,11 +55,7 @@ def with_own_rows(
     own = dict(values)
     remarks = {}
     for column, readings in values.items():
-        numbers = floats_of(readings)
-        is_sampled = ~np.isnan(numbers)
-        if is_sampled.all() and lies_seldom_between(time, numbers):
-            continue
-        is_sampled[is_sampled] = ~interpolated(time[is_sampled], numbers[is_sampled])
+        is_sampled = own_samples(time, floats_of(readings))
         count = is_sampled.sum()
         if rows.count - count > LIMITS.most_irregular * rows.count and keeps_step(time[is_sampled]):
             own[column] = np.ma.masked_array(readings, ~is_sampled)
@@ -81,20 +77,17 @@ def keeps_step(stamps: Array) -> bool:
     return bool(off[off > 0.5 * usual].sum() <= LIMITS.most_irregular * steps.sum())
 
 
-def interpolated(time: Array, values: Array) -> NDArray[np.bool_]:
-    """Rows (n,) that change, and lie on the line through their neighbours; none where the others do
-    not keep step, as those of a coarse or smooth channel."""
-    is_on_line = on_line(time, values)
-    if lies_seldom_between(time, values) or not keeps_step(time[~is_on_line]):
-        return np.zeros_like(is_on_line)
-    return is_on_line & (np.diff(values, prepend=0) != 0)
-
-
-def lies_seldom_between(time: Array, values: Array) -> bool:
-    """Whether few of the first values (n,) lie on the line through their neighbours: all of an hour
-    would take as long as reading them."""
-    few = slice(LIMITS.rows_of_filter)
-    return bool(on_line(time[few], values[few]).mean() <= LIMITS.most_irregular)
+def own_samples(time: Array, values: Array) -> NDArray[np.bool_]:
+    """Rows (n,) that are not blank, and do not change along the line between their neighbours, as
+    interpolated ones do. The others must keep step: those of a coarse or smooth channel do not."""
+    is_sampled = ~np.isnan(values)
+    time, values = time[is_sampled], values[is_sampled]
+    few = slice(LIMITS.rows_of_filter)  # all of an hour would take as long as reading them
+    if np.mean(on_line(time[few], values[few])) > LIMITS.most_irregular:
+        is_on_line = on_line(time, values)
+        if keeps_step(time[~is_on_line]):
+            is_sampled[is_sampled] = ~is_on_line | (np.diff(values, prepend=0) == 0)
+    return is_sampled
 
 
 def on_line(time: Array, values: Array) -> NDArray[np.bool_]:

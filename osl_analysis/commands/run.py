@@ -24,10 +24,8 @@ from osl_analysis.base.yaml_settings import read_mapping
 from osl_analysis.campaign.campaign_trials import Campaign, check_campaign, open_campaign
 from osl_analysis.campaign.configuration import campaign_config, over_default, read_config
 from osl_analysis.config.sheet import RECORDINGS
-from osl_analysis.ingest.raw_files import (
-    read_source,
-    recordings_in,
-)
+from osl_analysis.ingest.raw_files import read_source, recordings_in
+from osl_analysis.ingest.several_clocks import check_clocks
 
 CONFIGURED_BY = ("--configfile", "--configfiles")
 """Options of Snakemake that name configurations."""
@@ -254,6 +252,8 @@ def problem_of_sources(campaign: Campaign, trial: str) -> str:
         sources = [read_source(path) for path in campaign.sources(trial)]
         with naming(f"{campaign.config.sheet}: trial '{trial}'"):
             sources[0].of_part(row["log_part"] or "")
+        if row["log"] and (row["log_2"] or row["mocap"]):
+            check_clocks(dict(zip(filter(row.get, RECORDINGS), sources, strict=True)))
     except OslAnalysisError as error:
         return str(error)
     return ""

@@ -25,7 +25,7 @@ from osl_analysis.ingest.capture import convert_capture
 from osl_analysis.ingest.conversion import Converted, numbers_of
 from osl_analysis.ingest.guard import check_sizes
 from osl_analysis.ingest.message_log import convert_messages
-from osl_analysis.ingest.several_clocks import joined_recordings
+from osl_analysis.ingest.several_clocks import check_clocks, joined_recordings
 from osl_analysis.ingest.table_log import convert_table
 
 ENDINGS_OF_ANY = ("", ".log", ".json")  # of recordings, and of much else
@@ -165,6 +165,8 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
     for role, file in files.items():
         check_file(raw_folder / file)
         sources[role] = read_source(sources_folder / f"{cells[f'{role}_source']}.yaml")
+    if len(sources) == 2:
+        check_clocks(sources)
 
     provenance: dict[str, Any] = {
         "software": {DISTRIBUTION: version(DISTRIBUTION)},

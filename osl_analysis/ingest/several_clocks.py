@@ -2,7 +2,7 @@
 """Channels with clocks of their own, of one table or of two recorders of one trial, on one clock,
 as topics are: each with its own rows."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 
@@ -68,6 +68,36 @@ UNKNOWN_CLOCK = (
 )
 
 
+def roles_of(cells: Collection[str]) -> tuple[str, str]:
+    """The cells of the sheet that name both recordings of a trial, that with the clock first."""
+    return ("mocap", "log") if "mocap" in cells else ("log", "log_2")
+
+
+def check_clocks(sources: Mapping[str, Source]) -> None:
+    """Refuse source files, by cell of the sheet, that do not state how the clock of a log beside
+    motion capture, or of a second log, is aligned."""
+    first, other = (sources[role] for role in roles_of(sources))
+    columns = getattr(other, "channels", {}).keys()
+    if "mocap" in sources:
+        shared = getattr(first, "shared", None)
+        has_angle = shared is not None and shared.column in columns
+        has_sync = "sync" in columns & getattr(first, "analogs", {}).keys()
+        has_times = first.format == "trc"
+        aligns = {"sync": has_sync or has_angle, "shared": has_angle, "common": has_times}
+    else:
+        both = columns & getattr(first, "channels", {}).keys()
+        aligns = {"sync": "sync" in both, "shared": bool(both), "common": True, "start": True}
+    clock = getattr(other, "clock", "")
+    if not aligns.get(clock):
+        raise InputError(
+            f"{other.place('clock')}: '{clock}' does not align both recordings of the trial",
+            "write clock: sync and map the column sync in both source files, or clock: shared and"
+            " map a signal of both logs in both, or name an angle of the log under `shared` in that"
+            " of motion capture; of two logs also common, if they count from one time, or start, if"
+            " they begin at one instant",
+        )
+
+
 def joined_recordings(
     recordings: Mapping[str, Converted], sources: Mapping[str, Source]
 ) -> tuple[pl.DataFrame, ClockFit, list[str]]:
@@ -92,29 +122,13 @@ def joined_recordings(
     Raises
     ------
     InputError
-        The clocks are not aligned by what is stated, another column is in both, or a log and motion
+        What is stated does not align the clocks, another column is in both, or a log and motion
         capture do not overlap.
     """
-    roles = ("mocap", "log") if "mocap" in recordings else ("log", "log_2")
+    roles = roles_of(recordings)
     master, other = (recordings[role] for role in roles)
     clock = getattr(sources[roles[1]], "clock", "")
     both = [column for column in master.origins if column in other.origins]
-    shared = getattr(sources[roles[0]], "shared", None)
-    if "mocap" in recordings:
-        has_angle = shared is not None and shared.column in other.origins
-        has_times = sources["mocap"].format == "trc"
-        aligns = {"sync": "sync" in both or has_angle, "shared": has_angle, "common": has_times}
-    else:
-        aligns = {"sync": "sync" in both, "shared": bool(both), "common": True, "start": True}
-    if not aligns.get(clock):
-        raise InputError(
-            f"{sources[roles[1]].place('clock')}: '{clock}' does not align both recordings of the"
-            " trial",
-            "write clock: sync and map the column sync in both source files, or clock: shared and"
-            " map a signal of both logs in both, or name an angle of the log under `shared` in that"
-            " of motion capture; of two logs also common, if they count from one time, or start, if"
-            " they begin at one instant",
-        )
     twice = {*both} - {"sync"}
     if twice and (clock != "shared" or "mocap" in recordings):
         raise InputError(
@@ -128,7 +142,7 @@ def joined_recordings(
     elif clock == "start":
         fit = ClockFit(0.0, method=clock)
     elif "mocap" in recordings:
-        fit, remarks = aligned_clock(other, master, shared)
+        fit, remarks = aligned_clock(other, master, getattr(sources["mocap"], "shared", None))
     else:
         column = "sync" if clock == "sync" else both[0]
         first = sampled(master, column, [*master.origins])

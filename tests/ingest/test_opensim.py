@@ -6,7 +6,6 @@ import re
 from pathlib import Path
 
 import numpy as np
-import polars as pl
 import pytest
 import yaml
 from conftest import refused_with
@@ -19,9 +18,8 @@ from osl_analysis.commands.trials import inspect_file
 from osl_analysis.draft.draft_sheet import draft_trials
 from osl_analysis.draft.draft_source import draft_source
 from osl_analysis.formats import read as formats_read
-from osl_analysis.ingest.conversion import Converted
 from osl_analysis.ingest.raw_files import trial_from_files
-from osl_analysis.ingest.several_clocks import joined_recordings
+from osl_analysis.ingest.several_clocks import check_clocks
 
 UPRIGHT = {"axes": ("x", "-z", "y")}
 
@@ -234,11 +232,8 @@ def test_a_source_file_that_cannot_be_is_refused(stated, told):
 
 
 def test_only_trc_states_times_that_a_log_may_share():
-    columns = pl.DataFrame({"time": [0.0, 0.01], "theta": [1.0, 2.0]})
-    log = Converted(columns, {"theta": {}})
-    recordings = {"log": log, "mocap": Converted(columns.rename({"theta": "trigger"}), {})}
     common = source_of("opensim", **MOT, clock="common")
 
-    joined_recordings(recordings, {"log": common, "mocap": source_of("trc")})
+    check_clocks({"log": common, "mocap": source_of("trc")})
     with refused_with(r"'common'.*log"):
-        joined_recordings(recordings, {"log": common, "mocap": source_of("c3d")})
+        check_clocks({"log": common, "mocap": source_of("c3d")})

@@ -45,9 +45,10 @@ class Condition:
     trials: Sequence[str]  # names; none of a group
     n: int  # trials or perturbations that count
     is_doubtful: bool  # the only trial, whose estimates these are, or all of several
-    results: Sequence[str]  # why the device is not of second order, as friction; what is wide
+    results: Sequence[str]  # why the device is not of second order, as friction
     estimates: Mapping[str, str]  # with their intervals, by symbol
     ranges: Mapping[str, str] = field(default_factory=dict)  # over their motion, by symbol
+    wide: Sequence[str] = ()  # symbols of estimates whose intervals are wider than what is needed
 
 
 def conditions(impedance: pl.DataFrame) -> list[Condition]:
@@ -128,7 +129,7 @@ def groups(summary: pl.DataFrame) -> Iterator[Condition]:
         for estimator, subtracted in SUBTRACTED.items():
             rows = of_group.filter(estimator=estimator).to_dicts()
             estimates = {row["quantity"]: marked_text(row) for row in rows}
-            wide = [f"{row['quantity']} {WIDE}" for row in rows if row["verdict"] == WIDE]
+            wide = [row["quantity"] for row in rows if row["verdict"] == WIDE]
             if rows:
                 yield Condition(
                     stated={
@@ -138,8 +139,9 @@ def groups(summary: pl.DataFrame) -> Iterator[Condition]:
                     trials=(),
                     n=rows[0]["n"],
                     is_doubtful=any(row["group_doubtful"] for row in rows),
-                    results=wide,
+                    results=[],
                     estimates=estimates,
+                    wide=wide,
                 )
 
 

@@ -252,7 +252,7 @@ def test_groups_of_crossings_are_rows_of_both_ensembles_with_their_doubts():
     doubted = [*paper_tables.groups(summary.with_columns(group_doubtful=doubt_of_K))]
     assert [group.is_doubtful for group in doubted] == [True, True]
     assert doubted[0].estimates == {"K": "336 (323 to 348)†", "VAF": "99.99"}
-    assert doubted[0].results == ["K wide"]
+    assert doubted[0].wide == ["K"]
 
 
 @pytest.mark.parametrize(("beside_draft", "draft"), [(True, " 83/11 |"), (False, "")])

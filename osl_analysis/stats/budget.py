@@ -191,18 +191,23 @@ class Budget:
     def verdict(self, needed: float) -> Verdict:
         """Judge the estimate.
 
-        It is doubtful where a fault would change it by more than `needed`, and by more than its
-        half-width and half-range together; or where one is likely, and the half-width itself
-        exceeds what is needed: the misfit in it is then the fault's.
+        It is doubtful where a fault would change it by more than `needed` and its half-width, and
+        by more than its half-range, too: of another motion the estimate would be another anyway.
+        Where such a fault is likely, it does not hide behind the range, which is then its own: a
+        delay makes B fall with the frequency. Or a fault is likely, and the scatter alone exceeds
+        what is needed: the misfit in it is then the fault's.
         """
         half = self.half_width()
-        limit = max(needed, math.hypot(half, self.half_range))
+        limit = max(needed, half)
         faults = self.of_parts("fault")
+        weighed = [each for each in faults if each.basis == "weighed"]
+        if probability([each for each in weighed if each.size > limit]) <= LIKELY:
+            limit = max(needed, math.hypot(half, self.half_range))
         harmful = [each for each in faults if each.size > limit]
-        if sum(each.probability for each in harmful) <= DOUBT:
-            harmful = [each for each in faults if each.basis == "weighed"]
-            is_likely = sum(each.probability for each in harmful) > LIKELY
-            if not is_likely or half <= needed:
+        if probability(harmful) <= DOUBT:
+            harmful = weighed
+            of_scatter = replace(self, contributions=tuple(self.of_source("repeatability")))
+            if probability(weighed) <= LIKELY or of_scatter.half_width() <= needed:
                 return Verdict(WIDE if half > needed else CLEAR, limit)
         # a named cause before what nothing explains
         by_source: dict[str, float] = {}
@@ -213,6 +218,11 @@ class Budget:
         of_source = [each for each in harmful if each.source == source]
         of_source.sort(key=lambda each: -each.probability)
         return Verdict(source, limit, tuple(of_source))
+
+
+def probability(faults: Sequence[Contribution]) -> float:
+    """That one of these faults, which exclude each other, is there."""
+    return sum(each.probability for each in faults)
 
 
 Impedance = Mapping[str, Budget]

@@ -41,14 +41,20 @@ def test_neither_a_fault_nor_another_motion_is_in_an_interval():
     ([fault(3.9)], 4.0, "clear"),
     ([fault(2.1, 0.4)], 2.0, "wide"),
     # beyond what another motion would change, too: the root of 2.26^2 + 3^2 is 3.76
-    ([fault(3.8), RANGE], 3.0, "torque_path"),
-    ([fault(3.7), RANGE], 3.0, "clear"),
+    ([fault(3.8, 0.4), RANGE], 3.0, "torque_path"),
+    ([fault(3.7, 0.4), RANGE], 3.0, "clear"),
+    ([fault(3.7, source="unexplained_torque", basis="bound"), RANGE], 3.0, "clear"),
+    # of likely faults the range is their own, if they change more than is needed
+    ([fault(3.7, 0.3), fault(3.6, 0.3), RANGE], 3.0, "torque_path"),
+    ([fault(3.7, 0.3), fault(2.9, 0.3), RANGE], 3.0, "clear"),
     # a change that is improbable is no doubt; those of several rivals add up
     ([fault(9.0, 0.15)], 4.0, "clear"),
     ([fault(9.0, 0.15), fault(8.0, 0.1)], 4.0, "torque_path"),
     # a likely fault makes a misfit that is more than is needed
     ([fault(0.1, 0.6)], 2.0, "torque_path"),
     ([fault(0.1, 0.4)], 2.0, "wide"),
+    # which the bench's share of a half-width is not
+    ([BENCH, fault(0.1, 0.6)], 2.5, "wide"),
     # a bound needs no probability; a likely cause is named before what nothing explains
     ([fault(9.0, source="unexplained_torque", basis="bound")], 4.0, "unexplained_torque"),
     ([fault(9.0, source="unexplained_torque", basis="bound"), fault(9.0, 0.9)], 4.0, "torque_path"),

@@ -94,7 +94,9 @@ class Run:
     start: int  # row at which it begins
     stop: int  # row at which it ends
     cycles: float  # not rounded: the ends of a run are known to a few hundredths
-    misfit: float  # RMS of what the sine leaves, over its own: harmonics, decay, rounding
+    # RMS of what the sine leaves, over its own, but of the first and the last cycle, in which a
+    # bench starts and stops: harmonics, decay, rounding
+    misfit: float
     is_steady: bool  # whether both halves have one frequency; those of a sweep do not
 
     def __str__(self) -> str:
@@ -251,6 +253,8 @@ def fit_run(
     misfit = np.std(deviation[: len(rows)]) / amplitude * np.sqrt(2)
     if misfit > LARGEST_MISFIT:
         return None
+    settled = crossings[1:-1] if len(crossings) > 3 else crossings
+    is_settled = (rows >= settled[0]) & (rows < settled[-1])
     has_left = np.abs(deviation[len(rows) :]) > (PURE_SINE + np.sqrt(2) * misfit) * amplitude
     left = outside[has_left]
     start = int(left[left < first].max(initial=earliest - 1)) + 1
@@ -262,7 +266,7 @@ def fit_run(
         start=start,
         stop=stop,
         cycles=frequency * (stop - start),
-        misfit=misfit,
+        misfit=np.std(deviation[: len(rows)][is_settled]) / amplitude * np.sqrt(2),
         is_steady=abs(early.mean() / late.mean() - 1) < STEADY,
     )
 

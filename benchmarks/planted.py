@@ -538,7 +538,7 @@ CAUSES = [
         "play, no hysteresis",
         play,
         0.1 * DEG,
-        ("backlash", "spring that is not linear", *FRICTION),
+        ("backlash", "play, speed or direction", "spring that is not linear", *FRICTION),
         "rad",
     ),
     Cause(

@@ -232,10 +232,9 @@ def behind_spring(search: Search, compliance: float) -> Model:
     """
     data = search.data
     spectra = data.spectra
-    powers = np.vander(spectra.s, 3, increasing=True).T
     impedance = search.impedance
     for _ in range(4):
-        of_joint = impedance @ powers
+        of_joint = impedance @ spectra.powers[:3]
         gain = 1 / (1 + compliance * of_joint)
         columns = data.column(spectra.derivatives[:3] * gain**2)
         modelled = data.column(spectra.derivatives[0] * of_joint * gain)
@@ -257,11 +256,25 @@ def with_branch(search: Search, relaxation_s: float) -> Model:
 def behind_gap(search: Search, width: float) -> Model:
     """Play before spring and damper, which follow the angle when a gap [rad] is taken up."""
     data = search.data
-    spectra = data.spectra
-    wound = width / 2 * slipping_springs(spectra.angle, [width / 2])[0]
-    spectrum = spectra.spectrum_of(spectra.theta - wound)
-    behind = data.column(np.array([spectrum, spectra.s * spectrum]))
-    return np.vstack([behind, data.motion[2:]]), data.torque
+    wound = width / 2 * slipping_springs(data.spectra.angle, [width / 2])[0]
+    behind = turned(data, data.spectra.theta - wound)
+    return np.vstack([behind[:2], data.motion[2:]]), data.torque
+
+
+def behind_mount(search: Search, width: float) -> Model:
+    """Play between the encoder and a joint that its spring holds in the middle: the joint turns by
+    half a gap [rad] less than the angle, to the side to which angle and torque point."""
+    spectra = search.data.spectra
+    torque = spectra.resampled(*spectra.raw_torque)
+    pushed = spectra.angle + torque / search.impedance[0]
+    pushed -= np.median(pushed[spectra.inside])
+    side = np.clip(2 * pushed / width, -1.0, 1.0)
+    return turned(search.data, spectra.theta - width / 2 * side), search.data.torque
+
+
+def turned(data: Whitened, angle: Array) -> Array:
+    """Another angle (p,) than the encoder's with its velocity and acceleration, whitened (3, m)."""
+    return data.column(data.spectra.spectrum_of(angle) * data.spectra.powers[:3])
 
 
 def gap_widths(data: Whitened) -> Array:
@@ -320,5 +333,6 @@ RIVALS = (
     Rival("size", "viscoelastic branch", with_branch, lambda _: np.geomspace(*BRANCH_S, GRID)),
     Rival("direction", "K and B by direction", shares=(0.0, 1.0, -1.0)),
     Rival("speed", "play", behind_gap, gap_widths),
+    Rival("speed", "play in the mount", behind_mount, gap_widths),
     Rival("clipping", "clipping", cut),
 )

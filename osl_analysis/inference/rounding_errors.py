@@ -13,7 +13,7 @@ import scipy
 
 from osl_analysis.base.trial import Array
 from osl_analysis.inference.constants import ROUNDING_DRAWS
-from osl_analysis.inference.spectra import HIGHEST_OF_RATE, roll_off, welch
+from osl_analysis.inference.spectra import HIGHEST_OF_RATE, roll_off
 from osl_analysis.inference.whitening import Whitened
 
 SMOOTH_BANDS = 4.0  # bands of the low-pass that gives the angle before its rounding
@@ -57,7 +57,7 @@ def rounding_torques(data: Whitened, impedance: Array) -> Array:
     zeros = (draws + 0.5) / ROUNDING_DRAWS
     # sizes in another order than zeros, so that both are spread evenly
     sizes = 1 + SIZES_DRAWN * (2 * zeros[5 * draws % ROUNDING_DRAWS] - 1)
-    of_error = impedance @ np.vander(spectra.s, 3, increasing=True).T
+    of_error = impedance @ spectra.powers[:3]
     of_error *= -repeated * step * spectra.working_rows / spectra.padded_rows
     torques = []
     for zero, size in zip(zeros, sizes, strict=True):
@@ -103,7 +103,8 @@ def noise_beyond(removed: Array, rate_hz: float, cutoff_hz: float) -> float:
     cutoff_hz : float
         Of the low-pass.
     """
-    frequency, density = welch(removed, rate_hz, round(rate_hz))
+    rows = min(round(rate_hz), len(removed))
+    frequency, density = scipy.signal.welch(removed, rate_hz, nperseg=rows)
     above_hz, below_hz = np.minimum(
         cutoff_hz * np.array(BESIDE_CUTOFF), rate_hz * np.array(HIGHEST_OF_RATE)
     )

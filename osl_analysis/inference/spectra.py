@@ -145,6 +145,8 @@ class Spectra:
         Frequencies of working spectra [Hz].
     s : Spectrum (f,)
         2 pi i times them [rad/s].
+    powers : Spectrum (5, f)
+        Powers of s from 0, by which derivatives are taken.
     roll_off : Array (f,)
         Gain that ends the band.
     derivatives : Spectrum (5, f)
@@ -197,8 +199,8 @@ class Spectra:
         self.frequency = np.arange(self.working_rows // 2 + 1) / self.padded_seconds
         self.s = 2j * np.pi * self.frequency
         self.roll_off = roll_off(self.frequency, self.band_hz)
-        powers = np.vander(self.s, DERIVATIVES, increasing=True).T
-        self.derivatives: Spectrum = self._working(self.raw_angle) * powers
+        self.powers = np.vander(self.s, DERIVATIVES, increasing=True).T
+        self.derivatives: Spectrum = self._working(self.raw_angle) * self.powers
         self.raw_torque = self.transformed(self.signals.torque)
         self.torque = self._working(self.raw_torque[0])
         self.window = self._window()
@@ -314,26 +316,15 @@ def roll_off(frequency: Array, end_hz: float) -> Array:
     return 1 / (1 + (square**2) ** 2)  # a power of 8 takes as long as a transform
 
 
-def welch(x: Array, rate_hz: float, rows: int) -> tuple[Array, Array]:
-    """Frequencies (f,) [Hz] and Welch's density (f,) [1/Hz] of a signal (n,), of segments of some
-    rows that overlap by half, all at once: SciPy takes one after the other, four times as long."""
-    rows = min(rows, len(x))
-    window = scipy.signal.windows.hann(rows, sym=False)
-    segments = np.lib.stride_tricks.sliding_window_view(x, rows)[:: rows - rows // 2]
-    about_mean = segments - segments.mean(axis=1, keepdims=True)
-    power = np.mean(np.abs(scipy.fft.rfft(window * about_mean)) ** 2, axis=0)
-    power *= 2 / (rate_hz * np.sum(window**2))
-    return np.arange(len(power)) * rate_hz / rows, power
-
-
 def noise_and_band(theta: Array, rate_hz: float) -> tuple[float, float]:
     """Find the density of an angle's noise [rad^2/Hz], and the end of its motion's band [Hz].
 
-    The noise is taken as white, and read at the
-    highest frequencies (above 100 Hz where there are such). The band ends at the first frequency
-    above 1 Hz at which the power falls below `VISIBLE_ABOVE_NOISE` times the noise.
+    The noise is taken as white, and read at the highest frequencies (above 100 Hz where there are
+    such). The band ends at the first frequency above 1 Hz at which the power falls below
+    `VISIBLE_ABOVE_NOISE` times the noise.
     """
-    frequency, power = welch(theta, rate_hz, round(SPECTRUM_S * rate_hz))
+    rows = min(round(SPECTRUM_S * rate_hz), len(theta))
+    frequency, power = scipy.signal.welch(theta, rate_hz, nperseg=rows)
     above, below = HIGHEST_OF_RATE
     highest = (frequency > min(100.0, above * rate_hz)) & (frequency < below * rate_hz)
     noise = float(np.median(power[highest]))

@@ -123,6 +123,33 @@ def test_a_fault_is_doubted_by_its_cause_and_a_property_of_the_joint_told(cause)
     assert told + doubted == [cause]
 
 
+@pytest.mark.parametrize("gap", [5e-3, 1e-2])
+def test_play_of_a_mount_is_told_from_a_hardening_spring(gap):
+    """Within the gap [rad] the spring gives no torque, as a cubic one hardly does."""
+    tables = tables_of(record_with(more=lambda t, x, *_: -300 * np.clip(x, -gap / 2, gap / 2)))
+
+    assert causes_of(tables) == ["play, speed or direction"]
+    assert causes_of(tables, Grade.NOTES) == []
+    of_play = contributions(tables, "K", detail="play in the mount")
+    assert of_play["probability"].sum() > 0.9
+
+
+def test_an_angle_behind_a_mean_of_its_rows_is_a_late_one():
+    """Of six rows, by 12.5 ms. It lowers B the more, the more the inertia takes of the torque: the
+    range over the band is wider than what is lost."""
+    rng = np.random.default_rng(5)
+    time, motion = noise(rng, band=(0.2, 3.0), rms_deg=2.5, rate=200.0)
+    trial = made_trial(rng, (time, motion), K=375.0, B=26.7, I=2.77, bits=14)
+    mean_of_rows = pl.col("theta").rolling_mean(6, min_samples=1)
+    late = replace(trial, samples=trial.samples.with_columns(mean_of_rows))
+    tables = tables_of(record_of_trial(late, SETTINGS.model_copy(update={"excitation": "any"})))
+
+    (doubt,) = [found for found in findings_on(tables, Limits()) if found.grade is Grade.DOUBTS]
+    assert (doubt.cause, [each.column for each in doubt.evidence]) == ("torque path", ["B"])
+    half_range = contributions(tables, "B", part="motion")["standard"].max()
+    assert half_range > contributions(tables, "B", source="torque_path")["standard"].max()
+
+
 def test_damping_that_depends_on_the_speed_is_a_property_of_the_joint():
     tables = tables_of(record_with(more=lambda t, x, v, a: 3 * v * np.abs(v)))
 

@@ -30,7 +30,7 @@ from osl_analysis.base.memory import SET_TO_ONE, limited_memory
 from osl_analysis.config.experiments import EXPERIMENTS
 
 
-def numbers(value: str) -> list[float]:
+def numbers_in(value: str) -> list[float]:
     """Numbers as 300 or as 100,200."""
     try:
         return [float(part) for part in value.split(",")]
@@ -273,7 +273,7 @@ def results(
     from osl_analysis.commands.tables import (
         columns_text,
         format_results_table,
-        read_summary,
+        read_summary_file,
     )
     from osl_analysis.jobs.progress import later_failures
     from osl_analysis.report.verdicts import brief_lines
@@ -281,7 +281,7 @@ def results(
     if columns:
         say(columns_text())
         return
-    summary = read_summary(folder / "summary.json")
+    summary = read_summary_file(folder / "summary.json")
     if number is not None:
         from osl_analysis.commands.report import trace_text
 
@@ -480,13 +480,13 @@ def ingest(sources: Path, output: Path, **given: Any) -> None:
 @option(
     "--stiffness",
     "K_d",
-    type=numbers,
+    type=numbers_in,
     help="Desired joint stiffness K_d [N·m/rad]: 300, or 100,200.",
 )
 @option(
     "--damping",
     "B_d",
-    type=numbers,
+    type=numbers_in,
     help="Desired joint damping B_d [N·m·s/rad]: 5, or 0,2.5,5.",
 )
 @file_option(
@@ -554,13 +554,13 @@ def simulate(folder: Path, settings: Path, trial: str | None, config_path: Path 
     """Simulate a campaign into FOLDER: sample sheet, MCAP and C3D logs, and the truth beside
     them."""
     from osl_analysis.campaign.configuration import read_config
-    from osl_analysis.commands.simulate import UNFOLLOWED, simulate_campaign, simulate_trial
+    from osl_analysis.commands.simulate import UNFOLLOWED, simulate_campaign, simulate_planned_trial
 
     followed = UNFOLLOWED if config_path is None else read_config(config_path).shared()
     if trial is None:
         simulate_campaign(settings, folder, followed)
     else:
-        simulate_trial(settings, folder, trial, followed)
+        simulate_planned_trial(settings, folder, trial, followed)
 
 
 @main.command(

@@ -18,7 +18,7 @@ from osl_analysis.campaign.configuration import Config, config_for_trials
 from osl_analysis.commands.fit import fit_trial, run_fit
 from osl_analysis.commands.fit_results import Fit
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
-from osl_analysis.figures.drawing import columns_of, drawn, look_numbers, plotted_numbers
+from osl_analysis.figures.drawing import drawn, look_numbers, plotted_columns, plotted_numbers
 from osl_analysis.ingest.quality import Commanded, measure_quality
 from osl_analysis.judge.judging import judged, marked, with_doubts_of
 from osl_analysis.judge.recording_checks import judged_table, measured_table, validate_rules
@@ -356,7 +356,7 @@ def simulate_trial(
             f"trial {trial}: is of the walkway",
             "simulate a campaign (`osl-analysis simulate`) and run it",
         )
-    simulate.simulate_trial(path, place, trial)
+    simulate.simulate_planned_trial(path, place, trial)
     return place / str(row["log"]), str(row["log_source"])
 
 
@@ -385,9 +385,9 @@ def read_summary(folder: File = "results") -> pl.DataFrame:
     >>> numbers.filter(quantity="K_s").select("value", "unit").row(0)
     (685.6, 'N*m/rad')
     """
-    from osl_analysis.commands.tables import read_summary  # takes as long as a fit
+    from osl_analysis.commands.tables import read_summary_file  # takes as long as a fit
 
-    numbers = read_summary(Path(folder, "summary.json"))["numbers"]
+    numbers = read_summary_file(Path(folder, "summary.json"))["numbers"]
     return pl.DataFrame(
         [{"quantity": name, **entry} for name, entry in numbers.items()], infer_schema_length=None
     )
@@ -504,7 +504,7 @@ def plot_figure(numbers: File) -> "Figure":
     Text(0.5, 1.0, 'Day 1')
     """
     path = Path(numbers)
-    table = read_table(path, list(columns_of(path.stem)))
+    table = read_table(path, list(plotted_columns(path.stem)))
     if table.is_empty():
         raise InputError(
             f"{path}: no numbers to draw", "run the campaign with trials that it shows"

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings of a simulated campaign, where the configuration names a `simulation`."""
 
-from osl_analysis.commands.simulate import simulate_trial, write_sheet
+from osl_analysis.commands.simulate import simulate_planned_trial, write_sheet
 
 SIMULATED_FILES = []
 if CONFIG.simulation:
@@ -40,7 +40,7 @@ if CONFIG.simulation:
             followed=lambda wildcards: as_json(CONFIG.shared(experiment(wildcards).follows)),
             made_by=MADE_BY,
         run:
-            job(simulate_trial, input, output, params, log)
+            job(simulate_planned_trial, input, output, params, log)
 
     use rule simulate_dynamometer as simulate_actuator with:
         output:

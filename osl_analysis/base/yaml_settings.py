@@ -64,7 +64,8 @@ IDENTIFIER = r"^[A-Za-z][A-Za-z0-9]{0,30}$"
 MOST_NODES = 100_000  # of a file, with those that aliases repeat; our largest has 354
 MOST_LEVELS = 100  # of values in one another; the reader in C takes a time with their square
 MOST_DIGITS = 1000  # of a number; Python writes none of 4,300
-MOST_LETTERS = 2_000_000  # of a file; the description of a ROS 2 bag of 1,000 topics has as many
+# of a file; the description of a ROS 2 bag of 1,000 topics has as many
+MOST_YAML_LETTERS = 2_000_000
 MISPLACED = "misplaced"  # type of a problem that a check of ours finds
 OF_EARLIER_RELEASE = "the changelog says what replaces settings of 1.0.0"
 
@@ -163,7 +164,7 @@ def check_size(text: str) -> None:
     size_of: dict[str | None, int] = {}  # nodes below an anchor, with itself
     begun: list[tuple[str | None, int]] = []  # anchors that are not ended, and nodes before them
     nodes = 0
-    for event in yaml.parse(text[: MOST_LETTERS + 1], yaml.CSafeLoader):
+    for event in yaml.parse(text[: MOST_YAML_LETTERS + 1], yaml.CSafeLoader):
         if isinstance(event, yaml.AliasEvent):
             nodes += size_of.get(event.anchor, 1)
         elif isinstance(event, yaml.NodeEvent):
@@ -177,10 +178,10 @@ def check_size(text: str) -> None:
             raise InputError(
                 f"YAML with a number of over {MOST_DIGITS} digits", "write a smaller one"
             )
-        if nodes > MOST_NODES or len(begun) > MOST_LEVELS or len(text) > MOST_LETTERS:
+        if nodes > MOST_NODES or len(begun) > MOST_LEVELS or len(text) > MOST_YAML_LETTERS:
             raise InputError(
                 f"YAML of more than {MOST_NODES} values, with those that aliases repeat,"
-                f" {MOST_LEVELS} levels or {MOST_LETTERS} letters",
+                f" {MOST_LEVELS} levels or {MOST_YAML_LETTERS} letters",
                 "write less, without aliases",
             )
 

@@ -37,7 +37,7 @@ from osl_analysis.judge.recording_checks import unknown_check, validate_rules
 from osl_analysis.model.drivetrain import joint_of, known_parameters
 from osl_analysis.walking.groups import STATED, side_of, split_keys, static_of
 
-DIGITS = 12  # of the digest of values: one that is equal by chance is not met
+DIGEST_DIGITS = 12  # of the digest of values: one that is equal by chance is not met
 CODE_FOLDERS = ("osl_analysis", "rules")  # of a clone
 CODE = {".py", ".yaml", ".j2", ".smk"}  # suffixes of what computes, judges and words
 
@@ -45,7 +45,7 @@ CODE = {".py", ".yaml", ".j2", ".smk"}  # suffixes of what computes, judges and 
 def digest_of(content: Any) -> str:
     """The first digits of the digest of values, whatever the order of their names."""
     text = json.dumps(content, sort_keys=True, default=str)
-    return hashlib.sha256(text.encode()).hexdigest()[:DIGITS]
+    return hashlib.sha256(text.encode()).hexdigest()[:DIGEST_DIGITS]
 
 
 def values_in(path: Path) -> Any:

@@ -20,11 +20,11 @@ from osl_analysis.figures.drawing import FIGURES
 from osl_analysis.judge.claims import read_claims
 
 # Experiments that measure the components of the drivetrain
-COMPONENTS = ("actuator", "belt", "transmission")
+COMPONENT_EXPERIMENTS = ("actuator", "belt", "transmission")
 ON_PAPER = {
     "conditions": ["impedance"],
     "walking": ["walking_summary"],
-    "components": [f"{component}_summary" for component in COMPONENTS],
+    "components": [f"{component}_summary" for component in COMPONENT_EXPERIMENTS],
     "budget": ["budget", "impedance"],
 }
 """Tables for a paper, and the tables of results that each is made of."""

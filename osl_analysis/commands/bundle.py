@@ -15,7 +15,7 @@ from osl_analysis.campaign.campaign_trials import Campaign, open_campaign
 from osl_analysis.campaign.configuration import read_config
 from osl_analysis.campaign.result_files import ResultFiles
 from osl_analysis.commands.simulate import TRUTH, settings_files
-from osl_analysis.commands.tables import read_summary
+from osl_analysis.commands.tables import read_summary_file
 from osl_analysis.config.sheet import RECORDINGS, SOURCES
 
 
@@ -48,7 +48,7 @@ def write_bundle(folder: Path, output: Path) -> list[str]:
     with chdir(folder), atomic_path(output) as path:
         config_file = CAMPAIGN if CAMPAIGN.is_file() else default_config()
         config = read_config(config_file)
-        read_summary(config.results / "summary.json")
+        read_summary_file(config.results / "summary.json")
         # it keeps the comments of the configuration
         content = YAML().load(config_file.read_text(encoding="utf-8"))
         campaign = open_campaign(config, None)

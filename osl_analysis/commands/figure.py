@@ -26,10 +26,10 @@ from osl_analysis.dictionary.described import described_tables_by_name
 from osl_analysis.figures.drawing import (
     FIGURES,
     caption_of,
-    columns_of,
     drawn,
     figure_title,
     look_numbers,
+    plotted_columns,
     plotted_numbers,
 )
 from osl_analysis.model.compensator import Weight
@@ -46,7 +46,7 @@ from osl_analysis.walking.walking_settings import TimingSettings
 if TYPE_CHECKING:
     from osl_analysis.figures.style import PaperFigure
 
-MOST_NAMED = 4  # refused trials below a figure; `excluded.csv` names all
+MOST_REFUSED = 4  # refused trials below a figure; `excluded.csv` names all
 # metadata by format: without the time, equal numbers give equal files
 METADATA: dict[str, dict[str, None]] = {
     ".pdf": {"CreationDate": None},
@@ -72,7 +72,7 @@ def plot_numbers(
     if option is not None:
         shown.append(option)
     described = described_tables_by_name()[FIGURES[name].table].columns
-    needed = [column for column in columns_of(name) if column in described]
+    needed = [column for column in plotted_columns(name) if column in described]
     return plotted_numbers(name, read_table(table, needed), *shown)
 
 
@@ -107,16 +107,16 @@ def draw_figure(
     if reasons:
         figure = page_of_reasons(name, reasons)
     else:
-        figure = drawn(name, read_table(table_csv, list(columns_of(name))))
+        figure = drawn(name, read_table(table_csv, list(plotted_columns(name))))
         if missing:
-            texts.append(f"Without {len(missing)} refused: {listing(missing, MOST_NAMED)}")
+            texts.append(f"Without {len(missing)} refused: {listing(missing, MOST_REFUSED)}")
     write_figure(figure, outputs, ". ".join(texts), footer)
 
 
 def reasons_not_drawn(name: str, table_csv: Path) -> list[str]:
     """Why a figure is not drawn from its plotted numbers; empty if it is."""
     causes = [cause.text for cause in not_analysed(table_csv)]
-    if not causes and read_table(table_csv, list(columns_of(name))).is_empty():
+    if not causes and read_table(table_csv, list(plotted_columns(name))).is_empty():
         return [FIGURES[name].nothing]
     return causes
 
@@ -166,7 +166,7 @@ def write_figure(
 
 def caption(name: str, table_csv: Path) -> list[str]:
     """The sentences of the caption of a figure that is drawn from these plotted numbers."""
-    return caption_of(name, read_table(table_csv, list(columns_of(name))))
+    return caption_of(name, read_table(table_csv, list(plotted_columns(name))))
 
 
 def write_captions(*, tables: Mapping[str, Path], footer: str, output: Path) -> None:
@@ -218,7 +218,7 @@ def fig7(
     responses = read_table(table)
     responses = responses.with_columns(look_numbers(responses["controller"]))
     if responses.is_empty():
-        return pl.DataFrame(schema=columns_of("fig7"))
+        return pl.DataFrame(schema=plotted_columns("fig7"))
     counts = responses.group_by("K_d", "B_d", maintain_order=True).agg(n=pl.col("trial").n_unique())
     K_d, B_d, _ = counts.sort("n", descending=True, maintain_order=True).row(0)
     why: str | None = "the desired impedance with the most trials"

@@ -132,7 +132,7 @@ def fit_belt_trial(
     """The belt's row, and torque against deflection. `parameters` is the device's file, None for
     one without."""
     p = known_parameters(parameters, ["n_T"])
-    trial, rails = checked(trial, settings)
+    trial, rails = ready_to_fit(trial, settings)
     belt = belt_trial(trial, p, settings)
     tables = belt_table(belt)
     table = plausible(tables["belt"], rails, p, "K_s")
@@ -142,7 +142,7 @@ def fit_belt_trial(
     return FitTables(tables, samples, belt.record.streams)
 
 
-def checked(trial: Trial, settings: Any) -> tuple[Trial, pl.Expr]:
+def ready_to_fit(trial: Trial, settings: Any) -> tuple[Trial, pl.Expr]:
     """The trial of the joint without its fixture, and the column of samples at a rail. Raises
     InputError: it cannot be fitted."""
     check_recording(trial, settings)
@@ -156,7 +156,7 @@ def fit_transmission_trial(
 ) -> FitTables:
     """The transmission's rows, and the series of the fit to all amplitudes."""
     p = known_parameters(parameters, ["B_j", "J_j"])
-    trial, rails = checked(trial, settings)
+    trial, rails = ready_to_fit(trial, settings)
     record = record_of_trial(trial, settings, excitation="stepped_sine")
     analysis = analysed(record, TRANSMISSION)
     tables = transmission_table(analysis)
@@ -190,7 +190,7 @@ def fit_torque_angle_trial(
     """The row of torque against angle, and its curves; `condition` may name the curve that it
     should follow."""
     desired = (condition or {}).get("desired")
-    trial, rails = checked(trial, settings)
+    trial, rails = ready_to_fit(trial, settings)
     fit = torque_angle_trial(trial, settings, desired)
     table = fit.table.with_columns(rails, fixture_column(trial), computed_torque(trial))
     tables = {"torque_angle": table, "torque_angle_curves": fit.curves}
@@ -210,7 +210,7 @@ def fit_calibration_trial(
         settings = settings.model_copy(update={"fixture": None})
     else:
         known = calibration.Known(stated.get("known_K"), stated.get("known_I"), uncertainty)
-    trial, rails = checked(trial, settings)
+    trial, rails = ready_to_fit(trial, settings)
     record = record_of_trial(trial, settings)
     frame = calibration.measured_frame(trial, record)
     if frame is not None and settings.bench_stiffness is None:  # the spring is behind the frame

@@ -28,7 +28,7 @@ from osl_analysis.stats.rounding import (
     decimal_places,
     estimate_text,
     significant,
-    with_places,
+    to_places,
     written,
 )
 
@@ -202,7 +202,7 @@ def estimate_line(row: Mapping[str, Any], name: str) -> str:
     lowest = row.get(f"{name}_range_low")
     if lowest is not None:
         places = decimal_places(row[name], row[f"{name}_low"], row[f"{name}_high"])
-        ends = " to ".join(with_places(places, lowest, row[f"{name}_range_high"]))
+        ends = " to ".join(to_places(places, lowest, row[f"{name}_range_high"]))
         line += f", {ends} over amplitudes and frequencies"
     return line
 

@@ -28,7 +28,7 @@ from osl_analysis.model.drivetrain import ParameterFile
 from osl_analysis.simulator.laboratory_settings import WalkingSettings
 from osl_analysis.simulator.simulation_settings import SimulationSettings
 
-COLUMNS = (
+DRAFTED_COLUMNS = (
     *("trial", "experiment", "controller", "K_d", "B_d", "perturbed"),
     *("log", "log_source", "mocap", "mocap_source", "exclude"),
 )
@@ -38,7 +38,7 @@ OF_LEG = "config.yaml: `parameters`, a file with n_T; with it theta_m tells the 
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 
 Example = Literal["bench", "walking"]
-RECORDERS: Mapping[Example, Sequence[str]] = {
+EXAMPLE_SOURCES: Mapping[Example, Sequence[str]] = {
     "bench": ("dynamometer", "dynamometer_nodes"),
     "walking": ("leg", "vicon"),
 }
@@ -72,7 +72,7 @@ def new_campaign(
         check_simulator()
     draft = Draft() if recordings is None else draft_campaign(recordings)
     sources = dict(draft.sources)
-    for name in RECORDERS[example] if example else ():
+    for name in EXAMPLE_SOURCES[example] if example else ():
         sources[name] = shipped(f"config/sources/{name}.yaml").read_text(encoding="utf-8")
     raw_data = Path("recordings") if recordings is None else seen_from(folder, recordings)
     files = {
@@ -85,7 +85,7 @@ def new_campaign(
         settings = shipped(f"config/new_campaign/simulation_{example}.yaml")
         files["simulation.yaml"] = settings.read_text(encoding="utf-8")
     else:
-        columns = dict.fromkeys(COLUMNS, pl.String)
+        columns = dict.fromkeys(DRAFTED_COLUMNS, pl.String)
         for trial in draft.trials:
             columns.update(dict.fromkeys(trial.cells, pl.String))
         sheet = pl.DataFrame([trial.cells for trial in draft.trials], columns)

@@ -21,7 +21,7 @@ from osl_analysis.base.table import NotAnalysed, read_by_name, read_table
 from osl_analysis.base.yaml_settings import FilesByName
 from osl_analysis.campaign.origin import EXPERIMENTS_BY_SETTING, sentence
 from osl_analysis.commands.figure import caption, reasons_not_drawn
-from osl_analysis.commands.tables import read_summary
+from osl_analysis.commands.tables import read_summary_file
 from osl_analysis.figures.drawing import figure_title
 from osl_analysis.judge.campaign import exclusion_report, findings_in_summary
 from osl_analysis.judge.finding import read_findings
@@ -89,7 +89,7 @@ def write_report(
         Tells recordings that are not analysed.
     """
     results = read_by_name(tables)
-    content = read_summary(summary)
+    content = read_summary_file(summary)
     missing = left_out_trials(read_table(excluded))
     findings_of = findings_by_trial(read_findings(findings))
     rows_of = {name: rows_by_trial(table) for name, table in results.items()}
@@ -105,7 +105,7 @@ def write_report(
                 findings_of.get(trial, ()),
                 missing.get(trial),
                 checks.get(trial, pl.DataFrame()).to_dicts(),
-                signals_of(row, of_trial, series.get(trial), recordings),
+                plotted_signals(row, of_trial, series.get(trial), recordings),
             )
         )
     numbers = numbers_in_summary(content)
@@ -172,7 +172,7 @@ def write_methods(
         settings=settings,
         tables=read_by_name(tables),
         sheet=list(sheet.values()),
-        summary=read_summary(summary),
+        summary=read_summary_file(summary),
         rates_hz=rates_of(captures[0]) if captures else {},
     )
     marked = methods.paragraphs(facts)
@@ -200,14 +200,14 @@ def rows_by_trial(table: pl.DataFrame) -> dict[str, pl.DataFrame]:
     return {rows["trial"][0]: rows for rows in table.partition_by("trial")}
 
 
-MOVING = {"actuator": "Actuator angle", "walking": "Ankle angle"}
+WHAT_MOVES = {"actuator": "Actuator angle", "walking": "Ankle angle"}
 """What moves in trials of an experiment, where it is not the joint."""
 
 
-SHOWN = {"time", "torque", "theta"}  # of a recording without a fit
+SHOWN_COLUMNS = {"time", "torque", "theta"}  # of a recording without a fit
 
 
-def signals_of(
+def plotted_signals(
     row: Mapping[str, Any],
     tables: Mapping[str, pl.DataFrame],
     series: Path | None,
@@ -215,7 +215,7 @@ def signals_of(
 ) -> Signals | None:
     """What the page plots of a trial: its fit, its response to a perturbation, or else the first
     of its `recordings` with rows; None without torque and angle."""
-    motion = MOVING.get(row["experiment"], "Joint angle")
+    motion = WHAT_MOVES.get(row["experiment"], "Joint angle")
     if series is not None:
         signals = of_fit(read_table(series, name="series"), motion)
         if "response" in tables and "impedance" in tables:
@@ -225,7 +225,7 @@ def signals_of(
     if "walking_responses" in tables:
         return of_fit(tables["walking_responses"], motion, ISOLATED)
     for recording in recordings:
-        shown = sorted(SHOWN & pl.read_parquet_schema(recording).keys())
+        shown = sorted(SHOWN_COLUMNS & pl.read_parquet_schema(recording).keys())
         samples = pl.read_parquet(
             recording, columns=shown, glob=False
         )  # none of a crossing that is excluded
@@ -254,9 +254,9 @@ CAPTURED = {"markers": "marker_", "the force plate": "plate"}
 """Signals of a crossing, and how their columns begin."""
 MOST_SENTENCES = 3
 """Of the page, the first of which answers, beside how many trials are doubtful and what to do."""
-MOST_TOLD = 12
+MOST_TRIALS = 12
 """Trials that are named in a line."""
-REMEDY = (
+REMEDY_OF_RUN = (
     "Correct these and run again. To go on without a trial, give a reason under `exclude` in the\n"
     "sample sheet; without all of these, write `failed_trials: accept` in the configuration."
 )
@@ -285,7 +285,7 @@ def write_brief(
         `refuse` or `accept` trials that could not be analysed.
     output
     """
-    content = read_summary(summary)
+    content = read_summary_file(summary)
     listed = read_table(excluded)
     by_job = listed.filter(pl.col("check").is_in(BY_JOB))
     reasons = dict(by_job.select("trial", "remark").iter_rows())
@@ -298,7 +298,7 @@ def write_brief(
     ]
     if failures:
         accepted = "accepted: `failed_trials: accept` in the configuration"
-        lines.append(accepted if failed_trials == "accept" else REMEDY)
+        lines.append(accepted if failed_trials == "accept" else REMEDY_OF_RUN)
     lines.append(
         f"open {page} in a browser: every number with its 95 % interval (±), figure and trial"
     )
@@ -324,7 +324,7 @@ def failure_lines(
         lines.append(f"\nNOT ANALYSED: {len(reasons)} of {len(recordings)} trials.")
     for of_cause in by_cause.values():
         first, *others = of_cause
-        also = f" (also trials {listing(others, MOST_TOLD)})" if others else ""
+        also = f" (also trials {listing(others, MOST_TRIALS)})" if others else ""
         lines.append(of_cause[first] + also)
     lines += [f"  result {file}: {reason}" for file, reason in missing_results.items()]
     return lines

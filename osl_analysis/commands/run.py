@@ -134,7 +134,7 @@ def end_run(summary: Path, brief: Path, verdict: Path, failed_trials: str) -> No
     write_text(verdict, brief.read_text(encoding="utf-8"))
 
 
-MOST_LISTED = 5  # recordings that are named in one message
+MOST_RECORDINGS = 5  # recordings that are named in one message
 
 
 def start_campaign(stated: Mapping[str, Any], files: Sequence[Path]) -> tuple[Campaign, list[Path]]:
@@ -267,13 +267,13 @@ def left_out_recordings(campaign: Campaign) -> str:
     ingested = campaign.trials("ingest_only")
     texts = []
     if ingested:
-        names = listing(ingested, MOST_LISTED)
+        names = listing(ingested, MOST_RECORDINGS)
         texts.append(f"not analysed, as {config.sheet} has experiment ingest_only: {names}")
     unnamed = [] if config.simulation is not None else unnamed_files(campaign)
     if unnamed:
         texts.append(
-            f"named by no row of {config.sheet}, and left out: {listing(unnamed, MOST_LISTED)} in"
-            f" {config.raw_data}; add a row for each, or see by `osl-analysis inspect` why it"
+            f"named by no row of {config.sheet}, and left out: {listing(unnamed, MOST_RECORDINGS)}"
+            f" in {config.raw_data}; add a row for each, or see by `osl-analysis inspect` why it"
             " cannot be read"
         )
     return "\n".join(texts)

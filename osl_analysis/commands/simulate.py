@@ -107,7 +107,7 @@ def laboratory_of(settings: SimulationSettings, followed: SharedChoices) -> Walk
     return own.model_copy(update={"gain_weight": settings.gain_weight, "impedance": impedance})
 
 
-def simulate_trial(
+def simulate_planned_trial(
     settings_path: Path, campaign_folder: Path, trial: str, followed: SharedChoices = UNFOLLOWED
 ) -> None:
     """Simulate one trial of the plan: its logs where the sheet says, and `truth/<trial>.json`. What

@@ -58,13 +58,13 @@ from osl_analysis.report.numbers import (
     to_json,
 )
 from osl_analysis.report.paper_tables import (
-    budget_table,
     component_rows,
     condition_rows,
     conditions,
     groups,
-    to_markdown,
-    to_tex,
+    interval_rows,
+    markdown_for_paper,
+    tex_for_paper,
 )
 from osl_analysis.report.typography import aligned, markdown_table
 from osl_analysis.report.verdicts import (
@@ -343,7 +343,7 @@ def write_paper_table(
     file, with the draft's values if `beside_draft`."""
     read = read_by_name(tables)
     if "budget" in read:
-        rows = budget_table(read["budget"], read.get("impedance", pl.DataFrame()))
+        rows = interval_rows(read["budget"], read.get("impedance", pl.DataFrame()))
     elif "impedance" in read:
         rows = condition_rows(conditions(read["impedance"]))
     elif "walking_summary" in read:
@@ -357,8 +357,8 @@ def write_paper_table(
             shares = pl.col("mean", "low", "high") / stated["n_m"]
             read["k_tau"] = product.with_columns(shares, quantity=pl.lit("k_tau"))
         rows = component_rows(read, stated, beside_draft)
-    write_text(tex, to_tex(rows, sentence(about)))
-    write_text(markdown, to_markdown(rows, sentence(about)))
+    write_text(tex, tex_for_paper(rows, sentence(about)))
+    write_text(markdown, markdown_for_paper(rows, sentence(about)))
 
 
 FITTED_ON_BENCH = {facts.tables[0].name for facts in EXPERIMENTS.values() if facts.place == "bench"}
@@ -376,7 +376,7 @@ def intervals_text(tables: Mapping[str, pl.DataFrame]) -> str:
     return "Intervals on the bench have no errors that all trials share."
 
 
-def read_summary(summary_json: Path) -> dict[str, Any]:
+def read_summary_file(summary_json: Path) -> dict[str, Any]:
     """Read the summary that `write_summary` wrote. Raises InputError where it is missing, is none,
     or is of another release."""
     check_analysed(summary_json)

@@ -91,8 +91,8 @@ def experiment_of(facts: dict[str, Any]) -> Experiment:
     return Experiment(**{**facts, "tables": tables, "fit": fit})
 
 
-LISTED = own_yaml(Path(__file__).with_suffix(".yaml"))
-EXPERIMENTS = {name: experiment_of(facts) for name, facts in LISTED.items()}
+LISTED_EXPERIMENTS = own_yaml(Path(__file__).with_suffix(".yaml"))
+EXPERIMENTS = {name: experiment_of(facts) for name, facts in LISTED_EXPERIMENTS.items()}
 TABLES_OF_TRIALS = {table.name: table for facts in EXPERIMENTS.values() for table in facts.tables}
 """The tables with rows of single trials, by name."""
 DOUBTS_OF = {name: table.doubts_of for name, table in TABLES_OF_TRIALS.items() if table.doubts_of}

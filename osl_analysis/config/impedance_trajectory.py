@@ -13,7 +13,7 @@ from osl_analysis.base.table import read_table
 from osl_analysis.base.trial import Array
 
 SYNTHETIC = "synthetic"  # kind of a trajectory that was made for a simulated leg
-REQUIRED = ("phase", "K_d", "B_d")
+TRAJECTORY_COLUMNS = ("phase", "K_d", "B_d")
 STANCE_SHARE = 0.62  # of the gait cycle (Section IV)
 
 
@@ -52,11 +52,11 @@ def read_impedance_trajectory(path: Path) -> ImpedanceTrajectory:
         The file is missing, a column is absent, a cell is no finite number, or the phase does not
         rise from 0 to 1.
     """
-    table = read_table(path, REQUIRED)
-    unused = [name for name in table.columns if name not in REQUIRED]
+    table = read_table(path, TRAJECTORY_COLUMNS)
+    unused = [name for name in table.columns if name not in TRAJECTORY_COLUMNS]
     if unused:
         advise(f"{path}: not used: {listing(unused)}; delete these columns")
-    columns = {name: table[name].cast(pl.Float64).to_numpy() for name in REQUIRED}
+    columns = {name: table[name].cast(pl.Float64).to_numpy() for name in TRAJECTORY_COLUMNS}
     for name, column in columns.items():
         if not np.isfinite(column).all():
             raise InputError(f"{path}: column {name}: write a number in every row")

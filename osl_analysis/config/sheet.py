@@ -95,9 +95,9 @@ Damping = Annotated[float, Field(ge=0, le=1000)]
 # it becomes a file name
 TrialName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,99}$")]
 # cells that may be empty
-Text = str | None
-Number = NotNegative | None
-Name = Annotated[str, Field(pattern=r"^[\w .%+/-]{1,40}$")] | None
+TextOrNone = str | None
+NumberOrNone = NotNegative | None
+ShortName = Annotated[str, Field(pattern=r"^[\w .%+/-]{1,40}$")] | None
 
 
 class Asked(Settings):
@@ -109,7 +109,7 @@ class Asked(Settings):
     windows: Windows | None = None
 
 
-class Row(Settings):
+class SheetRow(Settings):
     """A row of the sheet. docs/own_data.md explains its columns."""
 
     trial: TrialName
@@ -118,32 +118,32 @@ class Row(Settings):
     K_d: Stiffness | None = None  # [N*m/rad]
     B_d: Damping | None = None  # [N*m*s/rad]
     perturbed: bool | None = None
-    log: Text = None
-    log_source: Text = None
-    log_2: Text = None  # of another recorder, which has a clock of its own
-    log_2_source: Text = None
-    mocap: Text = None
-    mocap_source: Text = None
-    log_part: Text = None
-    desired: Text = None
+    log: TextOrNone = None
+    log_source: TextOrNone = None
+    log_2: TextOrNone = None  # of another recorder, which has a clock of its own
+    log_2_source: TextOrNone = None
+    mocap: TextOrNone = None
+    mocap_source: TextOrNone = None
+    log_part: TextOrNone = None
+    desired: TextOrNone = None
     windows: Windows | None = None
     exclude: Annotated[str, AfterValidator(check_reason)] | None = None
-    accept: Text = None
+    accept: TextOrNone = None
     joint: (
         Annotated[str, AfterValidator(partial(check_not_misspelt, USUAL_JOINTS, SIMILAR_JOINT))]
         | None
     ) = None
-    group: Name = None
-    subject: Name = None
-    session: Name = None
-    speed: Name = None
+    group: ShortName = None
+    subject: ShortName = None
+    session: ShortName = None
+    speed: ShortName = None
     side: Literal["left", "right"] | None = None
     direction: Literal["up", "down"] | None = None
     body_mass_kg: Annotated[float, Field(gt=0, lt=500)] | None = None
-    static: Text = None
-    fixture_inertia: Number = None  # [kg*m^2]
+    static: TextOrNone = None
+    fixture_inertia: NumberOrNone = None  # [kg*m^2]
     # [N*m]; of a centre above the axis it is positive, too, with a fixture_rest_deg of 180
-    fixture_weight: Number = None
+    fixture_weight: NumberOrNone = None
     fixture_rest_deg: float | None = None
     fixture: Literal["alone"] | None = None  # a calibration with nothing but the fixture
     known_K: Positive | None = None  # spring of a calibration [N*m/rad]
@@ -200,7 +200,7 @@ class Row(Settings):
         return self
 
 
-SHEET_COLUMNS = tuple(Row.model_fields)
+SHEET_COLUMNS = tuple(SheetRow.model_fields)
 
 
 def read_sheet(path: Path) -> SheetRows:
@@ -244,7 +244,7 @@ def read_sheet(path: Path) -> SheetRows:
         if any(cells[len(columns) :]):
             raise InputError(f"{where}: more cells than columns", "quote a cell that has a comma")
         filled = {column: cell for column, cell in zip(columns, cells, strict=False) if cell}
-        row = validated(filled, Row, where, files=()).model_dump()
+        row = validated(filled, SheetRow, where, files=()).model_dump()
         if row["trial"] in rows:
             raise InputError(f"{where}: trial '{row['trial']}' stands twice", "name each once")
         check_spellings(where, row, spellings)

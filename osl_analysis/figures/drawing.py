@@ -50,7 +50,7 @@ def figure_title(figure: str) -> str:
     return f"Fig. {number}" if number.isdecimal() else figure.replace("_", " ").capitalize()
 
 
-def columns_of(name: str) -> dict[str, type[pl.DataType]]:
+def plotted_columns(name: str) -> dict[str, type[pl.DataType]]:
     """The columns of a figure's plotted numbers with their types.
 
     Raises
@@ -89,7 +89,7 @@ def plotted_numbers(name: str, table: pl.DataFrame, *others: Any) -> pl.DataFram
     DataFrame
         Rows of the figure's columns. A column that no table has is null.
     """
-    columns = columns_of(name)
+    columns = plotted_columns(name)
     module = module_of(name)
     points: pl.DataFrame = module.points(table, *others) if hasattr(module, "points") else table
     if "look" in columns and "look" not in points.columns:
@@ -99,7 +99,7 @@ def plotted_numbers(name: str, table: pl.DataFrame, *others: Any) -> pl.DataFram
 
 def completed(name: str, points: pl.DataFrame) -> pl.DataFrame:
     """The columns of a figure's plotted numbers; one that the points have not is null."""
-    columns = columns_of(name)
+    columns = plotted_columns(name)
     absent = [column for column in columns if column not in points.columns]
     points = points.with_columns(pl.lit(None, columns[column]).alias(column) for column in absent)
     return points.select(*columns)

@@ -10,7 +10,7 @@ from osl_analysis.bench.summaries import PLACE
 from osl_analysis.figures import style
 from osl_analysis.stats.rounding import written
 
-BRANCHES = {"loading": "-", "unloading": "--"}
+DASHES = {"loading": "-", "unloading": "--"}
 TRIAL: dict[str, Any] = {"color": style.LIGHT_GREY, "zorder": 1, "label": "Trials"}
 DOUBTFUL_TRIAL: dict[str, Any] = {"color": style.BLACK, "ls": ":", "label": "Doubtful fit"}
 MEAN_LINE: dict[str, Any] = {
@@ -85,7 +85,7 @@ def draw_loops(ax: Axes, part: pl.DataFrame) -> None:
     ax.axhline(0, **MEAN_LINE)
     deviation = pl.col("torque") - pl.col("mean_slope")
     for trial in part.partition_by("trial"):
-        for branch, dash in BRANCHES.items():
+        for branch, dash in DASHES.items():
             # without a line from the end of one cycle to the next
             of_branch = trial.select(pl.when(branch=branch).then(deviation))
             (line,) = ax.plot(

@@ -18,7 +18,7 @@ from osl_analysis.figures import style
 
 MOST_IN_COLUMN = 50  # markers side by side, or letters of labels, on the axis of a single column
 OTHER = {"K": "B_d", "B": "K_d"}  # desired value by which trials of one K_d, of one B_d are sorted
-CONDITION = ("joint", "side", "K_d", "B_d")
+ASKED_FOR = ("joint", "side", "K_d", "B_d")
 STIFFNESS = ("K", "K_low", "K_high", "K_range_low", "K_range_high")
 
 
@@ -30,7 +30,7 @@ def points(impedance: pl.DataFrame) -> pl.DataFrame:
         return whole
     known = pl.col("controller").filter(pl.col("B_viscous").is_not_null())
     has_all = known.n_unique() == pl.col("controller").n_unique()
-    condition = [name for name in CONDITION if name in whole.columns]
+    condition = [name for name in ASKED_FOR if name in whole.columns]
     compared = pl.when(has_all.over(condition)).then("B_viscous")
     return whole.with_columns(B_viscous=compared)
 
@@ -40,7 +40,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     desired damping, one above the other; several joints stand side by side."""
     parts = style.by_place(table)
     heights = [1, 0.5, 1] if has_error(table) else [1, 1]
-    placed = [[with_places(part, symbol) for symbol in "KB"] for _, part in parts]
+    placed = [[placed_on_axis(part, symbol) for symbol in "KB"] for _, part in parts]
     longest = max(trials["x"][-1] for of_part in placed for trials in of_part)
     columns = 1 if len(parts) == 1 and longest <= MOST_IN_COLUMN else 2
     width = (style.SINGLE_COLUMN, style.DOUBLE_COLUMN)[columns - 1]
@@ -53,7 +53,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
         first, *errors, last = axes[column :: len(parts)]
         draw_trials(first, "K", stiffness, most)
         for error in errors:
-            draw_errors(error, stiffness, most)
+            draw_percents(error, stiffness, most)
             first.set_xlabel("")
             first.set_xticks([])
         draw_trials(last, "B", damping, most)
@@ -68,7 +68,7 @@ def has_error(table: pl.DataFrame) -> bool:
     return bool((table["K_d"] > 0).any())
 
 
-def with_places(trials: pl.DataFrame, symbol: str) -> pl.DataFrame:
+def placed_on_axis(trials: pl.DataFrame, symbol: str) -> pl.DataFrame:
     """Sort trials along the axis of K_d or B_d, and give each its place.
 
     Parameters
@@ -112,7 +112,7 @@ def draw_trials(ax: Axes, symbol: str, placed: pl.DataFrame, most: float) -> Non
     draw_axis(ax, symbol, placed, most)
 
 
-def draw_errors(ax: Axes, placed: pl.DataFrame, most: float) -> None:
+def draw_percents(ax: Axes, placed: pl.DataFrame, most: float) -> None:
     """By how many percent the stiffness of the trials differs from the desired one, on an axis that
     is linear within ±10 % and logarithmic beyond."""
     percent = (pl.col(STIFFNESS) / pl.col("K_d") - 1) * 100

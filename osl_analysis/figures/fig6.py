@@ -14,7 +14,7 @@ from osl_analysis.figures import style
 from osl_analysis.stats.repeats import counted, doubts_of_trials
 from osl_analysis.stats.rounding import written
 
-LEAST_UNEXPLAINED = 1e-4  # smaller unexplained shares are drawn here [percent]
+LEAST_DRAWN = 1e-4  # smaller unexplained shares are drawn here [percent]
 MEDIAN_LINE: dict[str, Any] = {"color": style.BLACK, "zorder": 1}
 
 
@@ -75,7 +75,7 @@ def amplitude_keys(table: pl.DataFrame) -> list[Line2D]:
 
 def unexplained(rows: pl.DataFrame) -> Array:
     """100 − VAF of each fit (n,) [percent], as it is drawn."""
-    return np.maximum(100 - rows["VAF"].to_numpy(), LEAST_UNEXPLAINED)
+    return np.maximum(100 - rows["VAF"].to_numpy(), LEAST_DRAWN)
 
 
 def draw_median(ax: Axes, rows: pl.DataFrame, place: int) -> str:
@@ -84,5 +84,5 @@ def draw_median(ax: Axes, rows: pl.DataFrame, place: int) -> str:
     if used.is_empty():
         return "all doubtful"
     median = np.median(used["VAF"])
-    ax.hlines(max(100 - median, LEAST_UNEXPLAINED), place - 1 / 3, place + 1 / 3, **MEDIAN_LINE)
+    ax.hlines(max(100 - median, LEAST_DRAWN), place - 1 / 3, place + 1 / 3, **MEDIAN_LINE)
     return f"median {written(median, unit='%')} %"

@@ -122,7 +122,7 @@ AXIS_LABELS = {  # one name per quantity, in every figure
 # of controllers by their numbers, the first two as in the draft: these and black are 20 or more
 # apart (CIE 1976) for readers without long- or medium-wavelength cones
 COLOURS = (ORANGE, PURPLE, "#3F8FBF", "#6B3A0A", "#2F5555", "#B98860", "#2B46F0")
-MARKERS = ("o", "D", "s", "^", "v", "P", "X", "p")
+MARKER_SHAPES = ("o", "D", "s", "^", "v", "P", "X", "p")
 NO_CONTROLLER = Look(GREY, ">", "Controller not stated")
 
 
@@ -169,7 +169,7 @@ def by_controller(table: pl.DataFrame) -> list[tuple[Look, pl.DataFrame]]:
         look = NO_CONTROLLER
         if number is not None:
             colour = COLOURS[number % len(COLOURS)]
-            look = Look(colour, MARKERS[number % len(MARKERS)], drawn_name(name))
+            look = Look(colour, MARKER_SHAPES[number % len(MARKER_SHAPES)], drawn_name(name))
         parts.append((look, rows))
     return parts
 

@@ -10,8 +10,8 @@ import polars as pl
 from osl_analysis.figures import style
 
 WIDTHS = {"loading": 1.0, "unloading": 0.5}  # of curves [pt]
-DESIRED: dict[str, Any] = {"color": style.MAGENTA, "linestyle": "--", "label": "Desired"}
-MOST_NAMED = 16  # curves in the legend; of more, none is named
+DESIRED_LINE: dict[str, Any] = {"color": style.MAGENTA, "linestyle": "--", "label": "Desired"}
+MOST_CURVES = 16  # curves in the legend; of more, none is named
 
 
 def points(curves: pl.DataFrame, trials: pl.DataFrame) -> pl.DataFrame:
@@ -45,7 +45,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
                 stiffness.plot(known["angle_deg"], known["stiffness"], **look)
         desired = part.drop_nulls("desired_torque").unique(["desired", "angle_deg"])
         for curve in desired.sort("angle_deg").partition_by("desired"):
-            torque.plot(curve["angle_deg"], curve["desired_torque"], **DESIRED)
+            torque.plot(curve["angle_deg"], curve["desired_torque"], **DESIRED_LINE)
         torque.set_ylabel("Resisting torque (N·m)")
         stiffness.set_ylabel("Stiffness while loading (N·m/rad)")
     for ax in axes:
@@ -57,5 +57,5 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
         for branch, width in WIDTHS.items()
     ]
     named = style.labelled(axes)
-    style.legend_above(figure, keys + named if len(named) <= MOST_NAMED else keys)
+    style.legend_above(figure, keys + named if len(named) <= MOST_CURVES else keys)
     return figure

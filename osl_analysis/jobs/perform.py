@@ -89,7 +89,7 @@ def perform(job: Job) -> None:
         try:
             ending = called(job)
         except Exception as error:
-            reason, remedy = words_of(job, error)
+            reason, remedy = reason_and_remedy(job, error)
             ending = {
                 "outcome": "failed",
                 "error": reason,
@@ -117,7 +117,7 @@ def called(job: Job) -> dict[str, Any]:
     except (OslAnalysisError, OSError) as error:
         if not is_of_input(job, error):
             raise
-        reason, remedy = words_of(job, error)
+        reason, remedy = reason_and_remedy(job, error)
         trial = getattr(error, "trial", "") or job.trial  # an OSError knows none
         write_reasons(job, [NotAnalysed(trial, f"{reason}; {remedy}")])
         return {"outcome": "refused", "error": reason, "remedy": remedy}
@@ -127,7 +127,7 @@ def called(job: Job) -> dict[str, Any]:
     return {"outcome": "done"}
 
 
-def words_of(job: Job, error: Exception) -> tuple[str, str]:
+def reason_and_remedy(job: Job, error: Exception) -> tuple[str, str]:
     """Reason and remedy of an error, each on one line."""
     if isinstance(error, OslAnalysisError):
         return error.reason, error.remedy or REMEDY
@@ -247,9 +247,9 @@ def write_reasons(job: Job, causes: Sequence[NotAnalysed]) -> None:
     tables = {}
     for file in job.files:
         if file.suffix == ".csv":
-            tables[file] = rows_of(causes, columns_of_file(file))
+            tables[file] = reason_rows(causes, columns_of_file(file))
         elif file.suffix == ".zip":
-            tables[file / f"{NOT_ANALYSED_KEY}.csv"] = rows_of(causes, ["trial"])
+            tables[file / f"{NOT_ANALYSED_KEY}.csv"] = reason_rows(causes, ["trial"])
             for table in FITTED[job.command].tables[1:]:
                 columns = columns_in_archive(table.name, FITTED[job.command].motion)
                 empty = pl.DataFrame(schema=dict.fromkeys(columns, pl.String))
@@ -284,7 +284,7 @@ def columns_in_archive(name: str, motion: str | None) -> list[str]:
     return [column for column in described[name].columns if column not in left_out]
 
 
-def rows_of(causes: Sequence[NotAnalysed], columns: Sequence[str]) -> pl.DataFrame:
+def reason_rows(causes: Sequence[NotAnalysed], columns: Sequence[str]) -> pl.DataFrame:
     """A row for each cause, with these columns."""
     without = {**dict.fromkeys(columns), "status": NOT_ANALYSED}
     return pl.DataFrame(

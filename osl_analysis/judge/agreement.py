@@ -19,7 +19,7 @@ from osl_analysis.base.units import factors_near
 from osl_analysis.judge.finding import Beyond, Finding, Grade
 from osl_analysis.judge.known_findings import rule_of
 from osl_analysis.stats.budget import CLEAR, FLOOR, WIDE
-from osl_analysis.stats.rounding import places_of, significant, with_places
+from osl_analysis.stats.rounding import places_of, significant, to_places
 
 Row = Mapping[str, Any]  # of `impedance.csv`, of the fit to all of a trial
 Array = NDArray[np.float64]
@@ -135,7 +135,7 @@ def differing_repeats(
         halves = half_widths(rows, symbol)
         most = np.maximum(shares * size, MOST_HALF_WIDTHS * np.hypot(halves, np.median(halves)))
         median = float(np.median(values))
-        texts = ", ".join(with_places(places_of(size, 3), *values))
+        texts = ", ".join(to_places(places_of(size, 3), *values))
         said = f"{symbol} {texts} of {condition_text(rows[0])}"
         found = {}
         for row, limit in zip(rows, most.tolist(), strict=True):

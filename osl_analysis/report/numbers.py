@@ -24,7 +24,7 @@ from osl_analysis.stats.repeats import (
     is_doubtful,
     summary_row,
 )
-from osl_analysis.stats.rounding import decimal_places, plus_minus, with_places
+from osl_analysis.stats.rounding import decimal_places, plus_minus, to_places
 
 # by which numbers of trials are told apart where a campaign has several
 PLACE = ("joint", "side")
@@ -34,7 +34,7 @@ BY_CONDITION = "by condition"  # `says` of the entries that these lines hold
 
 
 @dataclass(frozen=True)
-class Entry:
+class ListedNumber:
     """A headline number as `numbers.yaml` lists it."""
 
     name: str
@@ -54,8 +54,8 @@ class Entry:
     origin: str = ""
 
 
-LISTED: Any = own_yaml(Path(__file__).with_name("numbers.yaml"))  # a mapping per number
-ENTRIES = [Entry(**fields) for fields in LISTED]
+LISTED_NUMBERS: Any = own_yaml(Path(__file__).with_name("numbers.yaml"))  # a mapping per number
+ENTRIES = [ListedNumber(**fields) for fields in LISTED_NUMBERS]
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class Number:
             largest = max(self.value, self.high or 0.0, key=abs)
             for number in (self.value, largest):
                 places = max(places, decimal_places(number, unit=self.unit))
-        return with_places(places, self.value, self.low, self.high)
+        return to_places(places, self.value, self.low, self.high)
 
     @property
     def text(self) -> str:
@@ -153,7 +153,7 @@ def headline_numbers(
                 yield number_of(entry, part, keys, beside_draft, trials)
 
 
-def parts(entry: Entry, table: pl.DataFrame) -> list[tuple[pl.DataFrame, list[str]]]:
+def parts(entry: ListedNumber, table: pl.DataFrame) -> list[tuple[pl.DataFrame, list[str]]]:
     """The rows of each number of an entry, with the number and its interval, and the columns in
     which they agree; none where the table lacks a column that the entry asks for."""
     try:
@@ -184,7 +184,7 @@ def parts(entry: Entry, table: pl.DataFrame) -> list[tuple[pl.DataFrame, list[st
 
 
 def number_of(
-    entry: Entry,
+    entry: ListedNumber,
     rows: pl.DataFrame,
     keys: Sequence[str],
     beside_draft: bool,

@@ -27,12 +27,12 @@ from osl_analysis.stats.rounding import estimate_text
 
 NO_CONDITIONS = ("trial", "experiment", "exclude", *RECORDINGS, *SOURCES)
 # between dollar signs, or with a subscript and no part of a name
-SYMBOLS = re.compile(
+SYMBOL_PATTERN = re.compile(
     r"(?<!\\)\$(.+?)(?<!\\)\$|(?<![\w-])([KBJZknf]_(?:viscous|tau|d_rendered|[dsjm1CGT]))(?![\w-])"
 )
 SIGNALS = ("time", "torque", "model", "residual", "motion")
 RESPONSE = ("frequency", "magnitude", "low", "high", "phase", "model_magnitude", "model_phase")
-QUICK = 3  # level of zlib: a quarter of the time of the usual 6, and 8 % more bytes
+ZLIB_LEVEL = 3  # level of zlib: a quarter of the time of the usual 6, and 8 % more bytes
 STEPS = 2000  # to which a signal's range is rounded: half of a pixel of the plots
 TIME_STEPS = 10**7
 CURVE_POINTS = 60  # of a model over frequency
@@ -98,7 +98,7 @@ class Signals:
         return {
             "columns": columns,
             "motion": self.motion,
-            "packed": b64encode(zlib.compress(b"".join(differences), QUICK)).decode(),
+            "packed": b64encode(zlib.compress(b"".join(differences), ZLIB_LEVEL)).decode(),
             "response": self.response.to_dict(as_series=False),
         }
 
@@ -169,7 +169,7 @@ def with_symbols(text: str) -> Markup:
         letters = re.sub(r"_\{?([A-Za-z0-9]+)\}?", r"<sub>\1</sub>", letters)
         return f"<i>{re.sub(r'[{}^]', '', letters).replace('tau', 'τ')}</i>"
 
-    in_html = SYMBOLS.sub(symbol, str(escape(text)))
+    in_html = SYMBOL_PATTERN.sub(symbol, str(escape(text)))
     return Markup(in_html.replace("\\$", "$"))
 
 
@@ -212,7 +212,7 @@ def trial_view(
     return TrialView(
         name=row["trial"],
         experiment=experiment,
-        condition=condition_text(row),
+        condition=stated_condition(row),
         recordings=", ".join(str(row[name]) for name in RECORDINGS if row.get(name)),
         verdict=verdict_on(experiment, findings, left_out),
         left_out=left_out.reasons if left_out else (),
@@ -250,7 +250,7 @@ def shown_budgets(row: Mapping[str, Any], budget: pl.DataFrame | None) -> list[S
     return shown
 
 
-def condition_text(row: Mapping[str, Any]) -> str:
+def stated_condition(row: Mapping[str, Any]) -> str:
     """What the sheet states of a trial."""
     texts = []
     for name, value in row.items():
@@ -276,14 +276,14 @@ def estimate_rows(fits: pl.DataFrame, table: str) -> list[list[str]]:
 
 # What is plotted of a trial
 
-FITTED = "Measured torque, the model where it is fitted, and their difference, the residual."
+OF_FITTED = "Measured torque, the model where it is fitted, and their difference, the residual."
 ISOLATED = (
     "The response to the perturbation, this crossing less the unperturbed gait, over the time from"
     " its onset; the model of its own fit, and the residual."
 )
 
 
-def of_fit(series: pl.DataFrame, motion: str, what: str = FITTED) -> Signals:
+def of_fit(series: pl.DataFrame, motion: str, what: str = OF_FITTED) -> Signals:
     """Torque, model, residual and motion of a fit.
 
     Parameters
@@ -298,13 +298,13 @@ def of_fit(series: pl.DataFrame, motion: str, what: str = FITTED) -> Signals:
     motion_column = "omega" if "omega" in series.columns else "theta_deg"
     unit = "rad/s" if motion_column == "omega" else "deg"
     residual = pl.col("torque") - pl.col("torque_model")
-    table = thinned(series).select(
+    table = every_kth(series).select(
         "time", "torque", model="torque_model", residual=residual, motion=motion_column
     )
     return Signals(table, what, f"{motion} ({unit})")
 
 
-def thinned(samples: pl.DataFrame) -> pl.DataFrame:
+def every_kth(samples: pl.DataFrame) -> pl.DataFrame:
     """Every k-th sample, so that they are `MOST_DRAWN` or fewer."""
     return samples.gather_every(-(-len(samples) // MOST_DRAWN) or 1)
 
@@ -317,7 +317,7 @@ def of_recording(samples: pl.DataFrame, motion: str) -> Signals:
     if "theta" in samples.columns:
         columns["motion"] = pl.col("theta").degrees()
     return Signals(
-        thinned(samples).select(**columns), "Signals without a fit of their own.", motion
+        every_kth(samples).select(**columns), "Signals without a fit of their own.", motion
     )
 
 

@@ -20,14 +20,14 @@ from osl_analysis.stats.rounding import (
     NOTHING,
     decimal_places,
     significant,
-    with_places,
+    to_places,
     written,
 )
 
-CONDITION = ("joint", "side", "excitation", "controller", "K_d", "B_d", "own_condition")
+CONDITION_KEYS = ("joint", "side", "excitation", "controller", "K_d", "B_d", "own_condition")
 LATEX, COMPONENTS = own_yaml(Path(__file__).with_suffix(".yaml")).values()
-STATED = ("controller", "K_d", "B_d")
-ESTIMATED = ("K", "B", "B_viscous", "I", "VAF")
+STATED_COLUMNS = ("controller", "K_d", "B_d")
+PRINTED_ESTIMATES = ("K", "B", "B_viscous", "I", "VAF")
 LARGEST_VAF = 99.99  # [%] that is printed: none is rounded to 100
 SUBTRACTED = {"ensemble": "mean unperturbed gait", "ensemble, predicted gait": "predicted gait"}
 """What each estimator of a group subtracts from the perturbed crossings."""
@@ -62,11 +62,11 @@ def conditions(impedance: pl.DataFrame) -> list[Condition]:
     """
     whole = impedance.filter(pl.col("amplitude_deg").is_null())
     whole = whole.with_columns(OWN_CONDITION)
-    present = [name for name in CONDITION if name in whole.columns]
+    present = [name for name in CONDITION_KEYS if name in whole.columns]
     keys = [name for name in present if whole[name].n_unique() > 1]
     if not keys:  # one condition: what the sheet states of it
         keys = [name for name in present if whole[name][0] not in (None, "")]
-    symbols = [name for name in ESTIMATED if whole[name].count()]
+    symbols = [name for name in PRINTED_ESTIMATES if whole[name].count()]
     parts = whole.sort(keys).partition_by(keys) if keys else [whole]
     of_conditions = []
     for fits in parts:
@@ -106,7 +106,7 @@ def range_text(fits: pl.DataFrame, symbol: str) -> str:
     low, high = fits.select(pl.min(ends[0]), pl.max(ends[1])).row(0)
     if low is None:
         return ""
-    return " to ".join(with_places(decimal_places(low, low, high), low, high))
+    return " to ".join(to_places(decimal_places(low, low, high), low, high))
 
 
 def stated_text(cell: object) -> str:
@@ -164,7 +164,7 @@ def condition_rows(of_conditions: Sequence[Condition]) -> list[list[str]]:
     return rows
 
 
-def budget_table(budget: pl.DataFrame, impedance: pl.DataFrame) -> list[list[str]]:
+def interval_rows(budget: pl.DataFrame, impedance: pl.DataFrame) -> list[list[str]]:
     """What makes the intervals of the estimates of whole trials: half-widths by part and of all of
     it, and half of the range over motions; the median over the trials of a condition."""
     condition_of = {row["trial"]: condition_name(row) for row in impedance.to_dicts()}
@@ -187,7 +187,7 @@ def budget_table(budget: pl.DataFrame, impedance: pl.DataFrame) -> list[list[str
 def condition_name(row: Mapping[str, Any]) -> str:
     """What is stated of a trial; its name where nothing is, since it may have been asked for
     another K than trials like it."""
-    stated = [row.get(column) for column in STATED]
+    stated = [row.get(column) for column in STATED_COLUMNS]
     texts = [stated_text(cell) for cell in stated if cell not in (None, "")]
     return ", ".join(texts) or str(row["trial"])
 
@@ -208,11 +208,11 @@ def component_rows(
     return rows if beside_draft else [row[:-1] for row in rows]
 
 
-def to_tex(rows: list[list[str]], origin: str) -> str:
+def tex_for_paper(rows: list[list[str]], origin: str) -> str:
     r"""A `tabular` with rules of booktabs and units of siunitx, to be `\input`."""
     return f"% {origin}\n% {DAGGER}\n{latex_table(rows, LATEX)}"
 
 
-def to_markdown(rows: list[list[str]], origin: str) -> str:
+def markdown_for_paper(rows: list[list[str]], origin: str) -> str:
     """The table in Markdown, and what it is made of."""
     return f"{markdown_table(rows)}\n{in_markdown(origin)}. {DAGGER}\n"

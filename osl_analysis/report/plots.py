@@ -17,10 +17,10 @@ from bokeh.themes import Theme
 
 from osl_analysis.report.page import RESPONSE, SIGNALS
 
-MEASURED, MODEL, RESIDUAL = "#3f7fbf", "#e06000", "#1a9070"  # seen on light and on dark ground
-GREY = "#7a7a7a"
+# seen on light and on dark ground
+MEASURED_COLOUR, MODEL, RESIDUAL, BARS = "#3f7fbf", "#e06000", "#1a9070", "#7a7a7a"
 TOOLS = "xpan,xbox_zoom,xwheel_zoom,reset"
-TALL, FLAT = 260, 170  # heights of panels [px]
+TALL_PX, FLAT_PX = 260, 170  # heights of panels [px]
 
 
 def library() -> str:
@@ -36,16 +36,16 @@ def plots() -> Mapping[str, Any]:
     """
     signals = ColumnDataSource({name: [0.0, 1.0] for name in SIGNALS}, name="signals")
     response = ColumnDataSource({name: [1.0, 2.0] for name in RESPONSE}, name="response")
-    torque = panel("torque", "Time (s)", "Torque (N·m)", TALL)
-    residual = panel("residual", "Time (s)", "Residual (N·m)", FLAT, x_range=torque.x_range)
+    torque = panel("torque", "Time (s)", "Torque (N·m)", TALL_PX)
+    residual = panel("residual", "Time (s)", "Residual (N·m)", FLAT_PX, x_range=torque.x_range)
     residual.line("time", "residual", source=signals, color=RESIDUAL)
-    motion = panel("motion", "Time (s)", "Joint angle (deg)", FLAT, x_range=torque.x_range)
-    motion.line("time", "motion", source=signals, color=MEASURED)
+    motion = panel("motion", "Time (s)", "Joint angle (deg)", FLAT_PX, x_range=torque.x_range)
+    motion.line("time", "motion", source=signals, color=MEASURED_COLOUR)
     motion.yaxis.tags = ["motion"]
-    loop = panel("motion", "Joint angle (deg)", "Torque (N·m)", TALL)
+    loop = panel("motion", "Joint angle (deg)", "Torque (N·m)", TALL_PX)
     loop.tags.append("torque")
     loop.xaxis.tags = ["motion"]
-    for signal, color in (("torque", MEASURED), ("model", MODEL)):
+    for signal, color in (("torque", MEASURED_COLOUR), ("model", MODEL)):
         torque.line("time", signal, source=signals, color=color, legend_label=signal)
         loop.line("motion", signal, source=signals, color=color, alpha=0.6)
     for over_time in (torque, residual, motion):
@@ -54,17 +54,22 @@ def plots() -> Mapping[str, Any]:
         "magnitude",
         "Frequency (Hz)",
         "|Y| (rad/(N·m))",
-        TALL,
+        TALL_PX,
         x_axis_type="log",
         y_axis_type="log",
     )
-    bars = Whisker(base="frequency", lower="low", upper="high", source=response, line_color=GREY)
+    bars = Whisker(base="frequency", lower="low", upper="high", source=response, line_color=BARS)
     magnitude.add_layout(bars)
     phase = panel(
-        "phase", "Frequency (Hz)", "Phase (deg)", FLAT, x_axis_type="log", x_range=magnitude.x_range
+        "phase",
+        "Frequency (Hz)",
+        "Phase (deg)",
+        FLAT_PX,
+        x_axis_type="log",
+        x_range=magnitude.x_range,
     )
     for over_frequency, measured in ((magnitude, "magnitude"), (phase, "phase")):
-        over_frequency.scatter("frequency", measured, source=response, color=MEASURED)
+        over_frequency.scatter("frequency", measured, source=response, color=MEASURED_COLOUR)
         over_frequency.line("frequency", f"model_{measured}", source=response, color=MODEL)
     panels = [torque, residual, motion, loop, magnitude, phase]
     return json_item(
@@ -80,7 +85,7 @@ def panel(tag: str, x_label: str, y_label: str, height: int, **choices: Any) -> 
         height=height,
         sizing_mode="stretch_width",
         tools=TOOLS,
-        toolbar_location="right" if height == TALL else None,
+        toolbar_location="right" if height == TALL_PX else None,
         active_drag="xbox_zoom",
         x_axis_label=x_label,
         y_axis_label=y_label,

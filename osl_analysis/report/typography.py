@@ -14,8 +14,8 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from osl_analysis.base.files import own_yaml
 from osl_analysis.stats.rounding import WithInterval, significant
 
-SIGNS: dict[str, str] = own_yaml(Path(__file__).with_suffix(".yaml"))
-ANY_SIGN = re.compile("|".join(SIGNS))  # few of a page's numbers have one
+TYPESET_SIGNS: dict[str, str] = own_yaml(Path(__file__).with_suffix(".yaml"))
+ANY_SIGN = re.compile("|".join(TYPESET_SIGNS))  # few of a page's numbers have one
 
 
 @cache
@@ -24,7 +24,7 @@ def printed(text: str) -> str:
     1."""
     if ANY_SIGN.search(text) is None:
         return "" if text == "1" else text
-    for pattern, sign in SIGNS.items():
+    for pattern, sign in TYPESET_SIGNS.items():
         text = re.sub(pattern, sign, text)
     return text
 

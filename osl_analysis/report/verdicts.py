@@ -233,8 +233,8 @@ ERRORS = {
     "K": 100 * (pl.col("K") / pl.col("K_d") - 1).abs(),
     "B": (pl.col("B") - pl.col("B_d")).abs(),
 }
-UNITS = {"K": "%", "B": "N*m*s/rad"}  # of these errors
-COMPARED = {"K_error": "K", "B_error": "B"}
+ERROR_UNITS = {"K": "%", "B": "N*m*s/rad"}  # of these errors
+SYMBOL_OF_ERROR = {"K_error": "K", "B_error": "B"}
 
 
 def answer(tables: Mapping[str, pl.DataFrame]) -> str:
@@ -258,14 +258,14 @@ def answer(tables: Mapping[str, pl.DataFrame]) -> str:
         for symbol, error in ERRORS.items():
             worst = counted(trials, [symbol]).select(error.max()).item()
             if worst is not None:
-                size = f"within {significant(worst)} {UNITS[symbol]}"
+                size = f"within {significant(worst)} {ERROR_UNITS[symbol]}"
                 clauses.append(f"{symbol} {size}" if texts else f"{symbol} is {size} of {symbol}_d")
         if clauses:
             texts.append(", ".join(filter(None, [trials["controller"][0], " and ".join(clauses)])))
     pairs = tables.get("compensation", pl.DataFrame())
     if texts and len(pairs):  # an empty file has no types
         nearer = []
-        for quantity, symbol in COMPARED.items():
+        for quantity, symbol in SYMBOL_OF_ERROR.items():
             of_quantity = pairs.filter(of="trials", quantity=quantity)
             better, count = of_quantity.select(pl.sum("better", "pairs")).row(0)
             if count:

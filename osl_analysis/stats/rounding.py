@@ -36,7 +36,7 @@ def places_of(size: float, digits: int) -> int:
     return max(digits - 1 - math.floor(math.log10(size)), 0)
 
 
-def with_places(places: int, *numbers: float | None) -> list[str]:
+def to_places(places: int, *numbers: float | None) -> list[str]:
     """Numbers with so many decimal places; empty for none."""
     return ["" if number is None else f"{number:z.{places}f}" for number in numbers]
 
@@ -69,7 +69,7 @@ def written(
     """A number as `300.1 (298.7 to 301.6)`, or a dash for none."""
     if value is None:
         return NOTHING
-    parts = with_places(decimal_places(value, low, high, unit), value, low, high)
+    parts = to_places(decimal_places(value, low, high, unit), value, low, high)
     if not all(parts):
         return parts[0]
     text = WithInterval("{} ({} to {})".format(*parts))

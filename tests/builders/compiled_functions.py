@@ -4,10 +4,10 @@
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from osl_analysis.commands.simulate import simulate_trial
+from osl_analysis.commands.simulate import simulate_planned_trial
 
 with TemporaryDirectory() as folder:
-    simulate_trial(
+    simulate_planned_trial(
         Path(__file__).parents[1] / "tiny_simulation.yaml",
         Path(folder),
         "impedance_K300_B5.0_compensated",

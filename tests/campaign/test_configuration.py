@@ -33,7 +33,7 @@ from osl_analysis.commands.simulate import (
     laboratory_of,
     read_simulation,
     settings_files,
-    simulate_trial,
+    simulate_planned_trial,
 )
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.sheet import read_sheet
@@ -361,7 +361,7 @@ def test_the_simulated_leg_has_the_gains_that_the_configuration_says(tmp_path, i
         "parameters": OTHER,
         "dynamometer": protocol,
     }
-    simulate_trial(
+    simulate_planned_trial(
         Path("tests/tiny_simulation.yaml"),
         tmp_path / "raw",
         TRIAL,

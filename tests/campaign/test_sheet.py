@@ -18,7 +18,7 @@ from osl_analysis.campaign.result_files import ResultFiles
 from osl_analysis.commands.simulate import (
     planned_sheet,
     settings_files,
-    simulate_trial,
+    simulate_planned_trial,
     write_sheet,
 )
 from osl_analysis.config.sheet import read_sheet
@@ -363,7 +363,7 @@ def test_an_unstable_loop_or_a_missing_file_is_refused_and_nothing_is_written(tm
     """20 ms of delay: an actuator that turned by 1e18 rad was logged."""
     path = settings_with(tmp_path, "effects.control_delay.size", 100)
     with refused_with(r"100 rad.*effects\.control_delay"):
-        simulate_trial(path, tmp_path / "raw", "impedance_K300_B5.0_compensated")
+        simulate_planned_trial(path, tmp_path / "raw", "impedance_K300_B5.0_compensated")
     assert not (tmp_path / "raw").exists()
     with pytest.raises(
         UnreachableImpedanceError,
@@ -375,4 +375,4 @@ def test_an_unstable_loop_or_a_missing_file_is_refused_and_nothing_is_written(tm
     # of the gait laboratory, for a trial of the bench
     missing = settings_with(tmp_path, "walking", "none.yaml")
     with refused_with(r"walking: none\.yaml .*null"):
-        simulate_trial(missing, tmp_path / "raw", "belt_01")
+        simulate_planned_trial(missing, tmp_path / "raw", "belt_01")

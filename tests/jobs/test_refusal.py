@@ -32,7 +32,7 @@ from osl_analysis.base.table import NotAnalysed, not_analysed, read_table, write
 from osl_analysis.base.trial import Trial, read_trial
 from osl_analysis.commands import trials
 from osl_analysis.commands.report import failure_lines
-from osl_analysis.commands.tables import gather, judge, list_excluded, read_summary
+from osl_analysis.commands.tables import gather, judge, list_excluded, read_summary_file
 from osl_analysis.commands.walking import (
     read_crossing_file,
     read_model,
@@ -95,7 +95,7 @@ def test_a_result_is_none_that_was_not_analysed(tmp_path):
 
 READERS = [
     (read_trial, "parquet"), (read_table, "csv"), (read_unperturbed_gaits, "parquet"),
-    (read_summary, "json"), (read_crossing_file, "parquet"),
+    (read_summary_file, "json"), (read_crossing_file, "parquet"),
     (lambda path: read_model(path, StaticCalibration), "json"),
 ]  # fmt: skip
 

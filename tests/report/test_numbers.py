@@ -230,7 +230,9 @@ def test_a_condition_shows_friction():
 def test_latex_has_half_of_the_interval_and_escapes_what_users_write():
     rows = [["controller", "K"], ["PD_1 a (1 to 2)", written(-2, -3, -1)]]
 
-    assert r"PD\_1 a (1 to 2) & $-$2.0 $\pm$ 1.0 \\" in paper_tables.to_tex(rows, "simulated")
+    assert r"PD\_1 a (1 to 2) & $-$2.0 $\pm$ 1.0 \\" in paper_tables.tex_for_paper(
+        rows, "simulated"
+    )
 
 
 def test_groups_of_crossings_are_rows_of_both_ensembles_with_their_doubts():

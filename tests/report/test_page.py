@@ -15,7 +15,7 @@ from conftest import ROOT
 from page_builder import ABOUT, PART, REMARK, ROW, WHOLE, page, view, worded
 
 from osl_analysis.bench.bench_settings import NOT_STATED, Calibration
-from osl_analysis.commands.report import rates_of, signals_of
+from osl_analysis.commands.report import plotted_signals, rates_of
 from osl_analysis.dictionary.described import table_of
 from osl_analysis.report import methods
 from osl_analysis.report.page import (
@@ -27,7 +27,7 @@ from osl_analysis.report.page import (
     with_symbols,
     written_page,
 )
-from osl_analysis.report.paper_tables import Condition, budget_table
+from osl_analysis.report.paper_tables import Condition, interval_rows
 from osl_analysis.report.verdicts import (
     LeftOut,
     trials_without_result,
@@ -81,11 +81,11 @@ def test_an_estimate_has_its_verdict_the_parts_of_its_interval_and_what_is_not_k
 def test_a_table_for_a_paper_has_the_parts_of_each_condition():
     stated = pl.DataFrame([{"trial": ROW["trial"], "K_d": 300.0}])
 
-    head, (condition, name, n, *widths) = budget_table(BUDGET, stated)
+    head, (condition, name, n, *widths) = interval_rows(BUDGET, stated)
 
     assert head[3:] == ["repeatability", "sensor", "bench", "all", "range"]
     assert (condition, name, n, widths) == ("300", "K", "1", ["6.8", "–", "7.8", "10", "–"])
-    assert budget_table(BUDGET, pl.DataFrame())[1][:2] == ["–", "K"]
+    assert interval_rows(BUDGET, pl.DataFrame())[1][:2] == ["–", "K"]
 
 
 SHEET = {name: {**ROW, "trial": name} for name in "ab"}
@@ -188,7 +188,7 @@ def test_a_crossing_that_was_excluded_shows_its_recording(tmp_path):
     recording.clear().write_parquet(tmp_path / "crossing.parquet")
     recordings = [tmp_path / "crossing.parquet", tmp_path / "trial.parquet"]
 
-    shown = signals_of({"trial": "w", "experiment": "walking"}, {}, None, recordings)
+    shown = plotted_signals({"trial": "w", "experiment": "walking"}, {}, None, recordings)
 
     assert shown.table.to_dict(as_series=False) == {"time": [0, 1], "motion": [0, 180]}
 

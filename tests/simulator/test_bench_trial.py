@@ -13,7 +13,7 @@ from shipped import LEG as P
 
 from osl_analysis.base.yaml_settings import read_mapping, read_yaml
 from osl_analysis.campaign.configuration import overriding
-from osl_analysis.commands.simulate import row_of_trial, simulate_campaign, simulate_trial
+from osl_analysis.commands.simulate import row_of_trial, simulate_campaign, simulate_planned_trial
 from osl_analysis.model.compensator import compensated_gains, uncompensated_gains
 from osl_analysis.model.rendered_impedance import predicted_impedance
 from osl_analysis.simulator import bench_trial
@@ -275,7 +275,7 @@ def test_without_a_compiler_one_line_says_what_to_install(monkeypatch, tmp_path,
     message = "numba,.*-m pip install numba$"
 
     with refused_with(message):
-        simulate_trial(TINY, tmp_path, "belt_01")
+        simulate_planned_trial(TINY, tmp_path, "belt_01")
 
     assert list(tmp_path.iterdir()) == []
 
@@ -285,7 +285,7 @@ def test_a_trial_simulated_alone_is_the_campaign_s(tmp_path, in_root):
     alone = tmp_path / "alone"
 
     simulate_campaign(TINY, campaign)
-    simulate_trial(TINY, alone, TRIAL)
+    simulate_planned_trial(TINY, alone, TRIAL)
 
     written = sorted(str(file.relative_to(alone)) for file in alone.rglob("*.*"))
     assert written == [f"dynamometer/{TRIAL}.mcap", f"truth/{TRIAL}.json"]

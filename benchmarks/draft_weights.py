@@ -21,7 +21,7 @@ from scipy.optimize import minimize
 from osl_analysis.base.trial import Array
 from osl_analysis.draft import likelihood
 from osl_analysis.draft.draft_source import guesses_of
-from osl_analysis.draft.likelihood import Guess, decide
+from osl_analysis.draft.likelihood import Guess, decide_columns
 from osl_analysis.draft.overview import inspect_recording
 
 LABELS = Path(__file__).with_name("draft_labels.yaml")
@@ -179,7 +179,7 @@ def with_springs(logs: Sequence[LabelledLog]) -> list[LabelledLog]:
     settles a doubt of a name."""
     more: list[LabelledLog] = []
     for log in logs:
-        decide(log.guesses)
+        decide_columns(log.guesses)
         is_spring = ["as a spring" in guess.why for guess in log.guesses]
         if any(is_spring):
             guesses = [
@@ -200,7 +200,7 @@ def judged(logs: Sequence[LabelledLog]) -> dict[str, int]:
     counts = dict.fromkeys(("right", "asked", "wrong", "missed", "left out"), 0)
     for log in logs:
         guesses = [replace(guess) for guess in log.guesses]
-        decide(guesses)
+        decide_columns(guesses)
         for guess, label in zip(guesses, log.labels, strict=True):
             truth = label.rstrip("?~").removeprefix("held_").removeprefix("small_")
             is_column = truth in likelihood.likelihoods()["columns"]

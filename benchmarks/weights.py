@@ -20,7 +20,7 @@ import causes
 import numpy as np
 import planted
 
-from osl_analysis.bench.budgets import PROPERTIES, SOURCES
+from osl_analysis.bench.budgets import ERROR_SOURCES, PROPERTIES
 from osl_analysis.inference import infer, weighing
 from osl_analysis.inference.rivals import EQ_15, Candidate
 from osl_analysis.inference.weighing import Predicted
@@ -79,7 +79,7 @@ def named(recording: Weighed) -> str | None:
     for fit, weight in weighed:
         change = np.abs(fit.impedances - sound_with[fit.has_friction].impedance).max(axis=0)
         if fit.rival is not EQ_15 and fit.rival.name not in PROPERTIES and np.any(change > needed):
-            source = SOURCES[fit.rival.family]
+            source = ERROR_SOURCES[fit.rival.family]
             of_sources[source] = of_sources.get(source, 0.0) + weight
     if sum(of_sources.values()) <= DOUBT:
         return None

@@ -31,7 +31,8 @@ CONSTANT_VELOCITY = 0.05  # SD of a velocity over its mean, below which it makes
 STRETCHES = 16  # of each branch, whose scatter gives its interval
 LEAST_DEFLECTION_DEG = 0.5
 LOADED = 0.05  # share of the peak where loading begins: the belt's hysteresis reverses below
-LARGEST_TURN = 0.01  # of the joint's turn, below which a shaft rests: K_s is off by 1 % at most
+# of the joint's turn, below which a shaft rests: K_s is off by 1 % at most
+LARGEST_TURN_AT_REST = 0.01
 POINTS_PER_SECOND = 50.0  # of the curves of Fig. 3
 
 
@@ -175,7 +176,7 @@ def check_locked(theta: Array, theta_m: Array) -> None:
     are (n,) [rad]."""
     turned = np.ptp(theta_m)
     whole = np.ptp(theta)
-    if turned > LARGEST_TURN * whole:
+    if turned > LARGEST_TURN_AT_REST * whole:
         raise InputError(
             f"theta_m turns by {turned:.3g} rad while theta turns by {whole:.3g} rad, and"
             " without a parameter file its ratio n_T to the joint is not known",

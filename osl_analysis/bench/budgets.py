@@ -19,7 +19,7 @@ from osl_analysis.stats.budget import LIKELY, Budget, Contribution, Row, budget_
 VISCOELASTIC = "viscoelastic branch"
 # rivals that are properties of a joint, and no faults
 PROPERTIES = ("hardening", "K by side", "damping by speed", VISCOELASTIC)
-SOURCES = {
+ERROR_SOURCES = {
     "path": "torque_path",
     "time": "change_over_time",
     "speed": "play_or_speed",
@@ -82,7 +82,7 @@ def alternatives(
         rows = of_property if is_property else found
         rows.append(
             Contribution(
-                source="viscoelastic" if each.name == VISCOELASTIC else SOURCES[each.family],
+                source="viscoelastic" if each.name == VISCOELASTIC else ERROR_SOURCES[each.family],
                 standard=float(each.change[k] / (2 if is_property else 1)),  # half of a range
                 basis="weighed",
                 part="motion" if is_property else "fault",

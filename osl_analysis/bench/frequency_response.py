@@ -18,14 +18,13 @@ import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.base.trial import Array
-from osl_analysis.bench.impedance import SAME_FREQUENCY, Analysis
+from osl_analysis.bench.impedance import SAME_FREQUENCY_RATIO, Analysis
 from osl_analysis.bench.record import Record
 from osl_analysis.dictionary.described import table_of
+from osl_analysis.model.rendered_impedance import Spectrum
 from osl_analysis.signals.filters import runs
 from osl_analysis.stats.budget import Budget, Contribution, Row, scatter, welch_satterthwaite
 from osl_analysis.stats.linear_fit import products_between
-
-Spectrum = NDArray[np.complex128]
 
 """Friction makes odd harmonics, which fall as 1/k or faster; asymmetry makes even ones."""
 WINDOW_S = 4.0  # s; of a motion that is no stepped sine
@@ -117,7 +116,7 @@ def response_table(
         return table
     apart = pl.max_horizontal(pl.col("frequency_hz") / at_hz, at_hz / pl.col("frequency_hz"))
     is_whole = pl.col("scope") == "all"
-    return table.with_columns(is_headline=is_whole & (apart < SAME_FREQUENCY))
+    return table.with_columns(is_headline=is_whole & (apart < SAME_FREQUENCY_RATIO))
 
 
 def measured_admittance(response: pl.DataFrame) -> Spectrum:

@@ -30,9 +30,10 @@ from osl_analysis.stats.linear_fit import LinearFit, solved
 
 QUANTITIES = ("K", "B", "I")  # parameters of Eq. 15
 OF_ANGLE = ("theta", "omega", "alpha", "B_m", "J_m")  # columns in proportion to the angle
-SAME_FREQUENCY = 1.02  # ratio of frequencies below which noise alone would tell K from I
+SAME_FREQUENCY_RATIO = 1.02  # ratio of frequencies below which noise alone would tell K from I
 FEWEST_STEPS = 20.0  # of the encoder; of fewer, rounding is no noise but part of the motion
-MOST_NOISE = 0.25  # of the power of the acceleration's own part that may be noise of the encoder
+# of the power of the acceleration's own part that may be noise of the encoder
+MOST_ENCODER_NOISE = 0.25
 
 
 @dataclass(frozen=True)
@@ -199,7 +200,7 @@ def fits_by_label(sums: Sums, model: Model) -> dict[Label, LinearFit]:
     for label in dict.fromkeys((*(stratum.label for stratum in strata), None)):
         hz = [each.frequency_hz for each in strata if label in (None, each.label)]
         try:
-            if tells_K_from_I and max(hz) < SAME_FREQUENCY * min(hz):
+            if tells_K_from_I and max(hz) < SAME_FREQUENCY_RATIO * min(hz):
                 raise IdentifiabilityError(
                     f"K and I cannot be told apart: the sines are of {hz[0]:.3g} Hz alone, and"
                     " at one frequency K - I w^2 is one number",
@@ -287,12 +288,12 @@ def check_encoder(analysis: Analysis) -> None:
     covariance = analysis.sums.covariance(["theta", "omega", "alpha"])
     own_alpha = 1 / np.linalg.inv(covariance)[2, 2]
     noise_share = analysis.sums.noise[2, 2] / own_alpha
-    if noise_share > MOST_NOISE:
+    if noise_share > MOST_ENCODER_NOISE:
         low_hz, high_hz = record.band_hz
         raise IdentifiabilityError(
             f"a motion of {low_hz:.2g} to {high_hz:.2g} Hz cannot tell K from I: noise of the"
             f" encoder has {noise_share:.2g} times the power of the acceleration's own part"
-            f" behind the filter, at most {MOST_NOISE:g} is allowed",
+            f" behind the filter, at most {MOST_ENCODER_NOISE:g} is allowed",
             "move the joint by more or faster, by 0.5 to 6 Hz, and check the unit of theta in"
             f" the source file, {STIFFNESS_ALONE}",
         )

@@ -28,7 +28,7 @@ from osl_analysis.stats.linear_fit import LinearFit
 LONGEST_LAG = 0.02  # s; the largest lag that is sought
 LAG_FOUND = 1e-9  # s; last step of a search that has come to its end
 # of a search for a lag: each is an eighth of the one before or less, of most a hundredth
-MOST_STEPS = 10
+MOST_LAG_STEPS = 10
 # half-widths [rad] of the slipping springs that model a belt's hysteresis, and friction of the
 # joint beyond the belt: bristles and seals
 WINDS = np.geomspace(1.5e-4, 1.5e-2, 5).tolist()
@@ -89,7 +89,7 @@ def late_fit(
     spline_of = partial(scipy.interpolate.make_interp_spline, few.time, k=5)
     torque_at = spline_of(few.filtered_torque)
     modelled = few.filtered_torque
-    for _ in range(MOST_STEPS):
+    for _ in range(MOST_LAG_STEPS):
         lag = lags @ np.array([*shapes.values()])
         torque = torque_at(np.clip(few.time + lag, few.time[0], few.time[-1]))
         in_time = replace(few, filtered_torque=torque, torque=torque)

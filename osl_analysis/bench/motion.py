@@ -44,7 +44,7 @@ from osl_analysis.spectral.stepped_sine import (
 
 SHORTEST_S = 1.0  # s; the shortest stretch that is fitted
 EDGE_PERIODS = 2.0  # of the cut-off at each end, where the filter depends on padding
-SPECTRUM_S = 8.0  # s; longest piece of a spectrum
+LONGEST_PIECE_S = 8.0  # s; longest piece of a spectrum
 OUTSIDE_BAND = 0.01  # share of the power that lies below, or above, a band
 QUICK = 4.0  # cut-offs of the low-pass for the velocity's sign
 LARGE_DEG = 1.0  # deg, beyond the noise of any encoder
@@ -198,7 +198,7 @@ def band_of(record: Record) -> tuple[float, float]:
     """Lowest and highest frequency [Hz] of a motion: 1 % of the angle's power is below the band,
     1 % of the acceleration's above it."""
     derivatives = np.array([record.motion.theta, record.motion.alpha])[:, record.is_fitted()]
-    length = min(round(SPECTRUM_S * record.rate_hz), derivatives.shape[1])
+    length = min(round(LONGEST_PIECE_S * record.rate_hz), derivatives.shape[1])
     frequency_hz, power = scipy.signal.welch(derivatives, record.rate_hz, nperseg=length)
     below, up_to = np.cumsum(power[:, 1:], axis=1)
     lowest = np.argmax(below > OUTSIDE_BAND * below[-1])

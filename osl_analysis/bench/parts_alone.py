@@ -49,7 +49,7 @@ ACTUATOR_ALONE: Model = {
 """torque_m = k_tau n_m I_q - f - B_m omega_m - J_m alpha_m + offset + drift (Eqs. 1-2)"""
 SLOWEST = 0.5  # rad/s; slower samples are not fitted: friction may be below its limit there
 FEWEST_MOVING_S = 1.0  # s; shortest total duration of the fitted samples
-EDGE_PERIODS = 3.0  # of the cut-off at both ends, where the filter extrapolates
+ACTUATOR_EDGE_PERIODS = 3.0  # of the cut-off at both ends, where the filter extrapolates
 FAR_BETTER = 0.5  # of what is left of the torque, with the current at another time
 SMALLEST_STEP = 0.02  # of the current's range: a smaller one has no direction
 
@@ -127,7 +127,7 @@ def actuator_of(signals: UniformSignals, settings: ActuatorAnalysis, moved: str)
     }
     # below it friction may have any value up to its limit
     moving = is_fast & usable
-    edge = int(np.ceil(EDGE_PERIODS * rate / settings.cutoff_hz))
+    edge = int(np.ceil(ACTUATOR_EDGE_PERIODS * rate / settings.cutoff_hz))
     moving[:edge] = moving[-edge:] = False
     fitted = np.flatnonzero(moving)
     if len(fitted) < FEWEST_MOVING_S * rate:

@@ -51,11 +51,11 @@ K_D, B_D = "K_d_rendered", "B_d_rendered"  # columns
 Values = dict[str, tuple[float, dict[str, float]]]
 SLOW = {"offset": "one", "drift": "ramp"}
 MOST_STEPS = 20  # of Gauss and Newton; a sound leg takes two to seven
-SMALLEST_STEP = 1e-3  # of the gains' standard errors, at which they have converged
+CONVERGED_STEP = 1e-3  # of the gains' standard errors, at which they have converged
 MOTION_CUTOFFS = 3.0  # of the low-pass, beyond which nothing of the motion is left
 """As of the torque that linear theory expects."""
 NO_ANGLE_NOISE = np.array([[1.0], [0.0]])  # a frequency [Hz], and its density [rad^2/Hz]
-COMPONENTS = ("K_s", "n_T", "J_m", "B_m", "J_j", "B_j")  # of Eq. 9 beside the gains
+COMPONENT_SYMBOLS = ("K_s", "n_T", "J_m", "B_m", "J_j", "B_j")  # of Eq. 9 beside the gains
 SMALL_CHANGE = 1e-3  # of a component, by which its slope is taken
 
 
@@ -98,7 +98,7 @@ def rendered_gains(
         None where a component is not known, or the motion does not tell the gains.
     """
     K = analysis.whole["K"]
-    is_known = all(np.isfinite(getattr(p, name)) for name in COMPONENTS)
+    is_known = all(np.isfinite(getattr(p, name)) for name in COMPONENT_SYMBOLS)
     if not is_known or not 0 < K < p.K_s:
         return None
     # of slow motion Eq. 15 has K_d and B_d
@@ -117,7 +117,7 @@ def rendered_gains(
         is_possible = leg.slow_damping > 0 and leg.K_1 > 0 and abs(leg.delay) < LONGEST_LOOP_DELAY
         if not is_possible:
             return None  # of a joint that is no such leg
-        if all(abs(step[name]) < SMALLEST_STEP * step.se(name) for name in fitted):
+        if all(abs(step[name]) < CONVERGED_STEP * step.se(name) for name in fitted):
             return described(leg, step, of_device.standard_errors)
     return None
 
@@ -245,7 +245,7 @@ def described(leg: Leg, step: LinearFit, uncertainties: Mapping[str, float]) -> 
 
     slow = X[:, len(leg.fitted) :] @ np.array([step["offset"], step["drift"]])
     unexplained = leg.residual.filtered_torque[rows] - slow
-    of_motion = over_motion(leg)
+    of_motion = ranges_over_motion(leg)
     of_components = contributions_of_components(leg, X, rows, uncertainties)
     return RenderedGains(
         budgets={
@@ -256,7 +256,7 @@ def described(leg: Leg, step: LinearFit, uncertainties: Mapping[str, float]) -> 
     )
 
 
-def over_motion(leg: Leg) -> dict[str, Contribution]:
+def ranges_over_motion(leg: Leg) -> dict[str, Contribution]:
     """Half of the ranges over amplitudes and frequencies, which friction makes: linear theory has
     none."""
     legs = [leg]
@@ -275,7 +275,9 @@ def contributions_of_components(
 ) -> dict[str, list[Contribution]]:
     """What the uncertainty of each component of the drivetrain makes of what the gains render, to
     first order; of those whose uncertainty is not stated, the one that changes it most."""
-    components = [name for name in COMPONENTS if getattr(leg.p, name)]  # 0: left out of the model
+    components = [
+        name for name in COMPONENT_SYMBOLS if getattr(leg.p, name)
+    ]  # 0: left out of the model
     before = leg.impedance()
     slopes: dict[str, dict[str, float]] = {K_D: {}, B_D: {}}  # by component, for all of it
     for component in components:

@@ -26,9 +26,9 @@ from osl_analysis.signals.grid import UniformSignals
 from osl_analysis.stats.budget import Budget, Contribution, Row, scatter
 from osl_analysis.stats.linear_fit import variance_accounted_for
 
-MEASURED = ("K", "K_unloading", "energy_stored", "energy_returned", "energy_lost")
+ESTIMATED_OF_CYCLES = ("K", "K_unloading", "energy_stored", "energy_returned", "energy_lost")
 FEWEST_ANGLES = 5  # of a curve
-FEWEST_SAMPLES = 10  # of a parabola
+FEWEST_OF_PARABOLA = 10  # of a parabola
 RESTS = 0.01  # of the range of motion: the joint is at rest within it
 
 
@@ -192,14 +192,15 @@ def curve_of(theta: Array, torque: Array, angles: Array) -> tuple[Array, Array]:
     value, slope = np.full((2, len(angles)), np.nan)
     for k, at in enumerate(angles):
         near = np.abs(theta - at) <= window
-        if np.count_nonzero(near) >= FEWEST_SAMPLES:
+        if np.count_nonzero(near) >= FEWEST_OF_PARABOLA:
             _, slope[k], value[k] = np.polyfit((theta[near] - at) / window, torque[near], 2)
     slope[(angles < low + window) | (angles > high - window)] = np.nan
     return value, slope / window
 
 
 def measured(theta: Array, torque: Array, loop: Loop) -> Array:
-    """Slopes [N*m/rad] and energies [J] of each cycle, (cycles, 5), in the order of `MEASURED`.
+    """Slopes [N*m/rad] and energies [J] of each cycle, (cycles, 5), in the order of
+    `ESTIMATED_OF_CYCLES`.
 
     Slopes are those of least squares over angle: each sample has the weight of the angle that it
     covers, so that a rest on the way, or a slower end, does not count more.
@@ -235,7 +236,7 @@ def means_row(
     shared = np.linalg.norm(np.mean(others, axis=1) - means, axis=0)
 
     row = dict[str, Any]()
-    for name, of_cycles, error in zip(MEASURED, values.T, shared, strict=True):
+    for name, of_cycles, error in zip(ESTIMATED_OF_CYCLES, values.T, shared, strict=True):
         n = len(of_cycles)
         own = scatter(of_cycles.std(ddof=1) / np.sqrt(n), n - 1.0) if n > 1 else None
         if own is None:

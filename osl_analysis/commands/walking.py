@@ -33,7 +33,7 @@ from osl_analysis.base.trial import (
     write_trial,
 )
 from osl_analysis.dictionary.described import columns_of_trial
-from osl_analysis.judge.judging import EXCLUDED
+from osl_analysis.judge.judging import WHY_NO_FIT
 from osl_analysis.walking import tables as result_tables
 from osl_analysis.walking import walking_settings as choices
 from osl_analysis.walking.crossing import Crossing, analyse_crossing
@@ -324,5 +324,5 @@ def fit_perturbation(
     place = {"trial": crossing.stem, "group": group}
     status = ANALYSED if reason is None else "excluded"
     columns = dict.fromkeys(columns_of_trial("walking"))
-    ending = {"status": status, EXCLUDED: reason}
+    ending = {"status": status, WHY_NO_FIT: reason}
     write_table(pl.DataFrame([{**columns, **place, **row, **ending}]), output, data)

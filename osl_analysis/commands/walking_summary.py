@@ -24,7 +24,7 @@ from osl_analysis.config.impedance_trajectory import (
 )
 from osl_analysis.config.sheet import JOINT
 from osl_analysis.judge.finding import Limits
-from osl_analysis.judge.judging import EXCLUDED, judged, marked
+from osl_analysis.judge.judging import WHY_NO_FIT, judged, marked
 from osl_analysis.stats.repeats import DOUBTFUL, concerns
 from osl_analysis.walking import tables as result_tables
 from osl_analysis.walking import walking_settings as choices
@@ -99,7 +99,7 @@ def summarise_perturbations(
         Fewer than two perturbations can be used, or no group has a result.
     """
     fits = read_fits(table)
-    fitted = fits.filter(pl.col(EXCLUDED).is_null())
+    fitted = fits.filter(pl.col(WHY_NO_FIT).is_null())
     selected = selected_crossings(selection, fits)
     perturbed = selected.filter("perturbed")
     gaits = read_unperturbed_gaits(unperturbed)
@@ -175,11 +175,12 @@ def with_verdicts(rows: Sequence[dict[str, Any]], groups: pl.DataFrame) -> pl.Da
 def read_fits(table: Path) -> pl.DataFrame:
     """The fits to single perturbations. Raises InputError: too few can be used."""
     fits = read_table(table, ["trial"])
-    n = fits[EXCLUDED].null_count()
+    n = fits[WHY_NO_FIT].null_count()
     if n < FEWEST_FITS:
-        first = "".join(fits[EXCLUDED].drop_nulls().head(1))
+        first = "".join(fits[WHY_NO_FIT].drop_nulls().head(1))
         raise InputError(
-            f"{table}: {n} of {len(fits)} {TOO_FEW} its column {EXCLUDED}, or record more ({first})"
+            f"{table}: {n} of {len(fits)} {TOO_FEW} its column {WHY_NO_FIT}, or record more"
+            f" ({first})"
         )
     return fits
 
@@ -187,7 +188,7 @@ def read_fits(table: Path) -> pl.DataFrame:
 def selected_crossings(selection: Path, fits: pl.DataFrame) -> pl.DataFrame:
     """The crossings in their groups; the `reason` of one without a fit is that of the fit."""
     in_groups = read_table(selection, ["trial", "reason", "group"])
-    reasons = fits.select("trial", of_fit=EXCLUDED)
+    reasons = fits.select("trial", of_fit=WHY_NO_FIT)
     in_groups = in_groups.join(reasons, on="trial", how="left", maintain_order="left")
     return in_groups.with_columns(reason=pl.coalesce("reason", "of_fit"))
 

@@ -33,11 +33,13 @@ from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
 from osl_analysis.ingest.raw_files import check_file, recordings_in
 
 PARTS = {"theta", "torque"}  # of which each log of a pair has one
-MOST_APART = 2  # words of which one of two names has each
+MOST_OTHER_WORDS = 2  # words of which one of two names has each
 NAME_BOTH = "name both files of a trial as `log` and `log_2`"
-MISSING = f"the file with the other of angle and torque is missing: copy it, or {NAME_BOTH}"
+ONE_FILE_MISSING = (
+    f"the file with the other of angle and torque is missing: copy it, or {NAME_BOTH}"
+)
 SEVERAL = f"one of several files may be the other one of these: {NAME_BOTH}"
-SHORTEST = 0.5  # of the longer log; one that is shorter is of another trial
+SHORTEST_LOG = 0.5  # of the longer log; one that is shorter is of another trial
 LEAST_COMMON = 0.3  # correlation of a torque with angle and velocity of its trial; of others 0.1
 
 
@@ -90,7 +92,9 @@ def pair_logs(recordings: Sequence[Described]) -> tuple[dict[Path, Path], list[t
     alike = names_alike(angles, torques)
     uses = Counter(chain.from_iterable(alike))
     first_of = {}
-    questions = [(MISSING, str(file)) for file in sorted(angles | torques) if not uses[file]]
+    questions = [
+        (ONE_FILE_MISSING, str(file)) for file in sorted(angles | torques) if not uses[file]
+    ]
     several = [str(file) for file in sorted(uses) if uses[file] > 1]
     if several:
         questions.append((SEVERAL, listing(several)))
@@ -110,15 +114,15 @@ def pair_logs(recordings: Sequence[Described]) -> tuple[dict[Path, Path], list[t
 
 
 def names_alike(angles: Set[Path], torques: Set[Path]) -> list[tuple[Path, Path]]:
-    """Pairs of files whose words, of name and folders, are the same but for `MOST_APART`, none of
-    which has a digit."""
+    """Pairs of files whose words, of name and folders, are the same but for `MOST_OTHER_WORDS`,
+    none of which has a digit."""
     words = {
         file: {*re.split(r"[\W_]+", f"{file.parent}/{stem_of(file)}")} for file in angles | torques
     }
     pairs = []
     for angle, torque in product(sorted(angles), sorted(torques)):
         differing = words[angle] ^ words[torque]
-        if len(differing) <= MOST_APART and not re.search(r"\d", " ".join(differing)):
+        if len(differing) <= MOST_OTHER_WORDS and not re.search(r"\d", " ".join(differing)):
             pairs.append((angle, torque))
     return pairs
 
@@ -131,7 +135,7 @@ def why_no_pair(
     if theta.times is None or torque.times is None:
         return ""
     shorter_s, longer_s = sorted([theta.times[-1], torque.times[-1]])
-    if shorter_s < SHORTEST * longer_s:
+    if shorter_s < SHORTEST_LOG * longer_s:
         return f"one lasts {longer_s:.4g} s, and the other {shorter_s:.4g}"
     if angles.keys() & torques.keys() - {""}:
         return ""  # what both recorded aligns them

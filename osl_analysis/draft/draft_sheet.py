@@ -28,7 +28,7 @@ PERTURBED = r"\b(perturb|perturbed|perturbation|pert)\b"
 CONTROLLER = re.compile(
     r"(?<![A-Za-z])(un|(?:non?|without|ohne)[-_]?)?comp(?:ensated)?(?![A-Za-z])", re.IGNORECASE
 )
-NO_CONTROLLER = (
+ASK_CONTROLLER = (
     "the names tell no `controller`: write compensated, uncompensated or a name of your own, by"
     " which trials are told apart and means are made"
 )
@@ -145,7 +145,7 @@ def draft_trial(name: str, files: Recordings, moved: Mapping[Path, str]) -> Draf
     if experiment == "walking":
         cells["body_mass_kg"] = ""  # may be filled in: it tells a wrong gain of the plate
     is_open = experiment == "impedance" and not controller
-    return DraftedTrial({**cells, **told}, NO_CONTROLLER if is_open else "")
+    return DraftedTrial({**cells, **told}, ASK_CONTROLLER if is_open else "")
 
 
 def is_fixture_alone(path: Path) -> bool:

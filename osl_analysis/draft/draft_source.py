@@ -24,7 +24,7 @@ from osl_analysis.draft.likelihood import (
 from osl_analysis.draft.recorded_channel import Overview, RecordedChannel
 
 NAMED_ALWAYS = ("theta", "torque", *LEVELS)  # columns that a draft names without a unit
-TORQUE = re.compile("(?i)torque|moment|effort|tau")  # in the name of one
+TORQUE_NAME = re.compile("(?i)torque|moment|effort|tau")  # in the name of one
 
 
 @dataclass
@@ -83,7 +83,7 @@ class DraftedSource:
         """A question on a torque whose name or unit is of none that was measured."""
         torques = [entry for name, entry in self.named.items() if name.startswith("torque")]
         if not torques:  # the only one may be no measurement
-            torques = [entry for entry in self.entries if TORQUE.search(f"{entry.fields}")]
+            torques = [entry for entry in self.entries if TORQUE_NAME.search(f"{entry.fields}")]
         return [
             f"{entry.channel_name} is called like a current or an estimate: name the torque of a"
             " load cell, or state `measured: true` of it, and of a current `scale`"

@@ -37,10 +37,10 @@ LEAST_TURN = 0.02  # rad; a clamped actuator turns less, a joint that is moved s
 HELD_COLUMNS = ("current", "torque", "torque_m")  # which stand while an actuator is clamped
 HELD_LEVEL = 5.0  # standard deviations of the noise
 SURE = 0.8  # probability from which a channel is taken for a column
-DOUBTFUL = 0.2  # probability from which a channel may be a column
+LEAST_PROBABLE = 0.2  # probability from which a channel may be a column
 JOINTS = ("ankle", "knee", "hip")
 FEWEST_READINGS = 100  # that show how a channel moves
-LEAST_FOLLOWED = 0.2  # correlation of a signal with the reading before; noise has none
+LEAST_REPEATED = 0.2  # correlation of a signal with the reading before; noise has none
 SPRING = 0.9  # correlation with an angle: a fifth of the torque's power may be damping or friction
 FALLING = -0.5  # correlation below which a torque falls as the angle rises
 COARSE_ROWS = 600  # of a recording; from sample to sample noise passes for speed
@@ -88,7 +88,7 @@ def name_of(channel: RecordedChannel) -> str:
     return channel.name or " ".join(channel.address.values())
 
 
-def words_of(channel: RecordedChannel) -> str:
+def words_of_channel(channel: RecordedChannel) -> str:
     """The words of a channel's name; of an attribute without the class of its object."""
     name = name_of(channel)
     attribute = ATTRIBUTE.search(name)
@@ -111,7 +111,7 @@ def with_documented_unit(channel: RecordedChannel) -> RecordedChannel:
 
 def likely_level(channel: RecordedChannel) -> str:
     """The column of pulses that a channel is called like; empty if none."""
-    kinds = kinds_of_words(words_of(channel))
+    kinds = kinds_of_words(words_of_channel(channel))
     return next((column for column in LEVELS if column in kinds), "")
 
 
@@ -128,9 +128,9 @@ def kinds_of_words(words: str) -> set[str]:
     return kinds - {"neutral"}
 
 
-def evidence_of(channel: RecordedChannel) -> set[str]:
+def evidence_of_channel(channel: RecordedChannel) -> set[str]:
     """What speaks for and against columns: name, unit and readings of one channel."""
-    evidence = kinds_of_words(words_of(channel))
+    evidence = kinds_of_words(words_of_channel(channel))
     factor, base = channel.base
     for unit in SI_UNITS:
         if base == dimension(unit):
@@ -239,7 +239,7 @@ class Guess:
         column = max(self.likely, key=lambda name: self.likely[name], default="")
         return column if self.may_be(column) else ""
 
-    def may_be(self, column: str, at_least: float = DOUBTFUL) -> bool:
+    def may_be(self, column: str, at_least: float = LEAST_PROBABLE) -> bool:
         """Whether the channel is a signal that may be the column."""
         return not self.why_not and self.likely.get(column, 0.0) >= at_least
 
@@ -255,15 +255,15 @@ def guessed_columns(channels: Sequence[RecordedChannel]) -> list[Guess]:
         replace(channel, numbers=np.unwrap(channel.readings, period=at)) if at else channel
         for channel, at in zip(channels, wraps, strict=True)
     ]
-    evidence = with_context([evidence_of(channel) for channel in channels])
+    evidence = with_context([evidence_of_channel(channel) for channel in channels])
     guesses = [Guess(*each) for each in zip(channels, evidence, wraps, strict=True)]
     for guess in guesses:
         guess.why_not = why_no_signal(guess)
-    decide(guesses)
+    decide_columns(guesses)
     return guesses
 
 
-def decide(guesses: Sequence[Guess]) -> None:
+def decide_columns(guesses: Sequence[Guess]) -> None:
     """Make those guesses sure that leave no doubt: no other channel may be the same column, or an
     angle and a torque alone follow each other like a spring. What may also be a column that another
     channel surely is, is it not."""
@@ -319,7 +319,7 @@ def why_no_signal(guess: Guess) -> str:
         return ""
     if not varies(known):
         return "it does not move"
-    tells_next = np.corrcoef(known[1:], known[:-1])[0, 1] > LEAST_FOLLOWED
+    tells_next = np.corrcoef(known[1:], known[:-1])[0, 1] > LEAST_REPEATED
     is_held = guess.column in HELD_COLUMNS and abs(known.mean()) > HELD_LEVEL * known.std()
     if not tells_next and not is_held and guess.column != "omega_m" and np.unique(known).size > 2:
         return "nothing but noise"

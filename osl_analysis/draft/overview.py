@@ -257,7 +257,7 @@ def drafted_time(
     clock, question = choose_clock(channels)
     intervals = [channel for channel in channels if are_intervals(channel)]
     time: dict[str, object] = {}
-    if intervals and (clock is None or not runs(clock)):
+    if intervals and (clock is None or not is_running(clock)):
         question = f"time is a guess: the sum of the intervals in {printable(intervals[0].key)}"
         clock = replace(intervals[0], numbers=np.cumsum(intervals[0].numbers))
         time["each"] = "interval"
@@ -276,7 +276,7 @@ def drafted_time(
 
 def are_intervals(channel: RecordedChannel) -> bool:
     """Whether a channel holds the time since the row before."""
-    is_named = re.search(INTERVALS, channel.name) and not runs(channel)
+    is_named = re.search(INTERVALS, channel.name) and not is_running(channel)
     return bool(is_named) and is_of_time(channel.spelled_unit)
 
 
@@ -318,7 +318,7 @@ def choose_clock(channels: Sequence[RecordedChannel]) -> tuple[RecordedChannel |
         if clock not in candidates and (is_like_clock(clock.name) or is_of_time(clock.spelled_unit))
     ]
     possible = [*candidates, *telling]
-    clocks = [clock for clock in possible if runs(clock)] or possible[:1]
+    clocks = [clock for clock in possible if is_running(clock)] or possible[:1]
     if not clocks:
         return None, ""
 
@@ -339,7 +339,7 @@ def choose_clock(channels: Sequence[RecordedChannel]) -> tuple[RecordedChannel |
     return first, "" if named else f"time is a guess: {taken} rises evenly"
 
 
-def runs(clock: RecordedChannel) -> bool:
+def is_running(clock: RecordedChannel) -> bool:
     """Whether a clock rises in most rows and seldom goes back; one of whole seconds does not."""
     steps = np.diff(clock.numbers[np.isfinite(clock.numbers)])
     return bool(np.sum(steps > 0) > clock.count / 2 and np.mean(steps < 0) < MOST_BACK)

@@ -11,15 +11,15 @@ from matplotlib.axes import Axes
 from osl_analysis.figures import style
 from osl_analysis.walking.ensemble import ENSEMBLE
 
-QUANTITIES = ("K", "B", "I")
+SHOWN_QUANTITIES = ("K", "B", "I")
 MEAN, PERTURBATION = "mean of perturbations", "perturbation"  # values of `estimator`
 # Fits to the mean response: estimator, face and name of a marker
-FITS = (
+SHOWN_FITS = (
     (ENSEMBLE, style.PURPLE, "Fit to the mean response, 95 % interval"),
     ("ensemble, predicted gait", style.WHITE, "Minus predicted gait"),
 )
 NEXT_GROUP = 3  # distance of the middles of two groups, of which each perturbation is within 0.5
-PERTURBED = style.Look(style.GREY, "o", "One perturbation")
+ONE_PERTURBATION = style.Look(style.GREY, "o", "One perturbation")
 
 
 def points(
@@ -63,10 +63,10 @@ def points(
         of_configuration = pl.when(quantity="K").then(pl.lit(commanded_K, pl.Float64))
         estimates = estimates.with_columns(commanded=pl.coalesce("commanded", of_configuration))
 
-    is_fitted = pl.all_horizontal(pl.col(QUANTITIES).is_finite())
+    is_fitted = pl.all_horizontal(pl.col(SHOWN_QUANTITIES).is_finite())
     fits = walking.with_columns(group, estimator=pl.lit(PERTURBATION)).filter(is_fitted)
     perturbations = fits.join(estimates, on="group", how="semi").unpivot(
-        QUANTITIES, index=["group", "estimator", "trial", "doubtful"],
+        SHOWN_QUANTITIES, index=["group", "estimator", "trial", "doubtful"],
         variable_name="quantity", value_name="mean",
     )  # fmt: skip
     return pl.concat([estimates, perturbations], how="diagonal_relaxed")
@@ -77,7 +77,7 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     names = table["group"].unique(maintain_order=True)
     width = style.DOUBLE_COLUMN if len(names) > 1 else style.SINGLE_COLUMN
     figure, axes = style.panels(width, 3, 1, 3)
-    for ax, quantity in zip(axes, QUANTITIES, strict=True):
+    for ax, quantity in zip(axes, SHOWN_QUANTITIES, strict=True):
         of_quantity = table.filter(quantity=quantity)
         span = float(np.ptp(of_quantity.filter(estimator=PERTURBATION)["mean"].to_numpy()))
         for number, rows in enumerate(of_quantity.partition_by("group")):
@@ -116,12 +116,12 @@ def draw_group(ax: Axes, rows: pl.DataFrame, place: float, span: float) -> None:
     fits = rows.filter(estimator=PERTURBATION)
     values = fits["mean"].to_numpy()
     x = place + style.swarm_offsets(values, span, 4)
-    style.draw_fits(ax, fits, x, values, PERTURBED, areas=0.5)
+    style.draw_fits(ax, fits, x, values, ONE_PERTURBATION, areas=0.5)
     mean = rows.filter(estimator=MEAN)
     ax.errorbar(
         place + 1, mean["mean"], yerr=mean["sd"], fmt="s", color=style.BLACK, label="Mean ± SD"
     )
-    for number, (estimator, face, label) in enumerate(FITS, 3):
+    for number, (estimator, face, label) in enumerate(SHOWN_FITS, 3):
         fit = rows.filter(estimator=estimator)
         if len(fit):
             # an interval of percentiles, which may lie on one side of the estimate

@@ -21,7 +21,7 @@ PANELS = {
     "response torque": "Isolated torque (N·m)",
 }
 EACH: dict[str, Any] = {"color": style.LIGHT_GREY, "label": "Each perturbation"}
-DOUBTFUL: dict[str, Any] = {"color": style.BLACK, "linestyle": ":", "label": "Doubtful fit"}
+DOUBTFUL_LINE: dict[str, Any] = {"color": style.BLACK, "linestyle": ":", "label": "Doubtful fit"}
 SHADED = "#F9DFCD"  # of the fitted window
 HATCHED = "#C4C4C4"  # of the baseline
 
@@ -115,7 +115,7 @@ def draw_stance(ax: Axes, rows: pl.DataFrame) -> None:
 def draw_response(ax: Axes, rows: pl.DataFrame) -> None:
     """Every response to the perturbation over time, their mean and its fit."""
     for trial in rows.filter(curve="each").partition_by("trial"):
-        look = DOUBTFUL if style.has_doubtful(trial) else EACH
+        look = DOUBTFUL_LINE if style.has_doubtful(trial) else EACH
         (line,) = ax.plot(trial["x"], trial["mean"], linewidth=0.5, **look)
         line.set_url(style.place_in_report(trial["trial"][0]))
     mean = rows.filter(curve="mean")

@@ -46,11 +46,11 @@ from osl_analysis.base.units import LengthUnit
 from osl_analysis.base.yaml_settings import Settings, check_distinct
 from osl_analysis.formats.text_cells import decoded, of_length
 
-BLOCK = 512  # bytes
-WORDS = 65536  # numbers of 16 bits, in which the header counts
+BLOCK_BYTES = 512  # bytes
+HEADER_WORDS = 65536  # numbers of 16 bits, in which the header counts
 INTEL = b"\x54"  # code of the number format that is read
 TEXT = -1
-TYPES = {np.dtype(kind).itemsize: kind for kind in ("u1", "<i2", "<f4")}  # of parameters
+PARAMETER_TYPES = {np.dtype(kind).itemsize: kind for kind in ("u1", "<i2", "<f4")}  # of parameters
 # a parameter holds 255 values; more follow in NAME2, NAME3, ...
 CONTINUATIONS = ("", *"23456789")
 STATE_PLATE = (
@@ -162,8 +162,8 @@ def parse_header(data: bytes) -> Header:
     InputError
         Its numbers are of another processor, or header or parameters are damaged.
     """
-    start = (data[0] - 1) * BLOCK
-    if start < BLOCK or data[start + 3 : start + 4] != INTEL:
+    start = (data[0] - 1) * BLOCK_BYTES
+    if start < BLOCK_BYTES or data[start + 3 : start + 4] != INTEL:
         raise InputError(
             "is no C3D file, or not in the format of Intel processors, which alone is read",
             "open it in a program of today, such as Mokka, and save it again",
@@ -172,8 +172,8 @@ def parse_header(data: bytes) -> Header:
         struct.unpack_from("<HHHHHHfHHf", data)
     )
     samples_per_frame = max(samples, 1)
-    data_start = (data_block - 1) * BLOCK
-    if scale == 0 or not math.isfinite(scale) or data_start < BLOCK:
+    data_start = (data_block - 1) * BLOCK_BYTES
+    if scale == 0 or not math.isfinite(scale) or data_start < BLOCK_BYTES:
         raise InputError(
             f"the scale of the points is {scale}, and the data begin at byte {data_start}: the"
             " header is damaged",
@@ -194,7 +194,7 @@ def parse_header(data: bytes) -> Header:
     )
     if header.number("POINT:RATE") > 0:
         header = replace(header, rate_hz=header.number("POINT:RATE"))
-    if last_frame == WORDS - 1:
+    if last_frame == HEADER_WORDS - 1:
         header = replace(header, frames=_long_frames(header) or header.frames)
     return header
 
@@ -202,10 +202,10 @@ def parse_header(data: bytes) -> Header:
 def _long_frames(header: Header) -> int:
     """Frames of a file with more than the header can count, which Vicon and Qualisys write as the
     first and the last one in two 16-bit words each, low word first (C3D manual)."""
-    first = header.numbers("TRIAL:ACTUAL_START_FIELD") % WORDS
-    last = header.numbers("TRIAL:ACTUAL_END_FIELD") % WORDS
+    first = header.numbers("TRIAL:ACTUAL_START_FIELD") % HEADER_WORDS
+    last = header.numbers("TRIAL:ACTUAL_END_FIELD") % HEADER_WORDS
     if first.size == last.size == 2:
-        return int((last - first) @ [1, WORDS]) + 1
+        return int((last - first) @ [1, HEADER_WORDS]) + 1
     return int(max(header.number("POINT:LONG_FRAMES"), header.number("POINT:FRAMES")))
 
 
@@ -238,7 +238,7 @@ def _parameter_value(data: bytes, position: int, name: str) -> tuple[Array | lis
     shape = tuple(data[position + 2 : begin])
     end = begin + abs(kind) * math.prod(shape)
     content = data[begin:end]
-    if kind not in (TEXT, *TYPES) or len(data) < end:
+    if kind not in (TEXT, *PARAMETER_TYPES) or len(data) < end:
         raise InputError(
             f"the parameter '{name}' has type {kind} and sizes {shape}, or reaches beyond the"
             " end of the file: it is damaged",
@@ -248,11 +248,11 @@ def _parameter_value(data: bytes, position: int, name: str) -> tuple[Array | lis
         length = max(*shape[:1], 1)  # of each text
         texts = [content[at : at + length] for at in range(0, len(content), length)]
         return [decoded(text).strip(" \0") for text in texts], end
-    values: NDArray[Any] = np.frombuffer(content, TYPES[kind])
+    values: NDArray[Any] = np.frombuffer(content, PARAMETER_TYPES[kind])
     return values.astype(float).reshape(shape, order="F"), end
 
 
-def check_size(data: bytes, header: Header) -> None:
+def check_file_size(data: bytes, header: Header) -> None:
     """Refuse a file that holds nothing, or other frames than its header declares."""
     if header.frame_bytes == 0 and header.number("ROTATION:USED") > 0:
         raise InputError(
@@ -269,7 +269,7 @@ def check_size(data: bytes, header: Header) -> None:
             "copy or export it again",
         )
     for group, count in (("POINT", header.points), ("ANALOG", header.channels)):
-        used = header.numbers(f"{group}:USED")[:1] % WORDS
+        used = header.numbers(f"{group}:USED")[:1] % HEADER_WORDS
         if (used != count).any():
             raise InputError(
                 f"the header counts {count}, {group}:USED is {used[0]:g}", "export the trial again"
@@ -311,9 +311,9 @@ def _scaled(analogs: Array, header: Header) -> Array:
     scale = np.array(of_length(header.channels, scales, math.nan if scales.size else 1.0))
     offset = np.array(of_length(header.channels, header.numbers("ANALOG:OFFSET"), 0.0))
     if "UNSIGNED" in [text.upper() for text in header.texts("ANALOG:FORMAT")]:
-        offset %= WORDS
+        offset %= HEADER_WORDS
         if header.are_integers:
-            analogs %= WORDS
+            analogs %= HEADER_WORDS
     analogs -= offset
     analogs *= scale
     general = header.numbers("ANALOG:GEN_SCALE")
@@ -467,7 +467,7 @@ def read(path: Path, source: C3dSource | None) -> Recording:
     """Read a C3D file. Frame 0 and analog sample 0 are at 0 s."""
     data = path.read_bytes()
     header = parse_header(data)
-    check_size(data, header)
+    check_file_size(data, header)
     points, analogs = frames_of(data, header)
     labels = header.texts("POINT:LABELS")[: header.points]
     analog_labels = of_length(header.channels, header.texts("ANALOG:LABELS"), "")

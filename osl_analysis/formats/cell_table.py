@@ -27,7 +27,7 @@ from osl_analysis.formats.text_cells import (
     LAST_LINES,
     MISSING,
     Line,
-    Row,
+    TextRow,
     are_times,
     cell_stamps,
     cell_values,
@@ -108,7 +108,7 @@ class Shape(NamedTuple):
 
 
 def table_of_rows(
-    rows: Sequence[Row],
+    rows: Sequence[TextRow],
     comments: Sequence[Line],
     layout: SheetSource,
     delimiter: str,
@@ -139,7 +139,7 @@ def table_of_rows(
     comment_texts = [line.text.strip(" \t#%/") for line in comments]
     names, units, notes = _head_of(above, comment_texts, delimiter, shape.width)
     width = len(names)
-    data = [Row(row.number, unpadded(row.cells, width)) for row in rows[first : last + 1]]
+    data = [TextRow(row.number, unpadded(row.cells, width)) for row in rows[first : last + 1]]
     if not data:
         raise InputError("no rows of data", "record it again, or exclude the trial")
     if footer:
@@ -171,7 +171,7 @@ def table_of_rows(
     )
 
 
-def _shape_of(rows: Sequence[Row]) -> Shape:
+def _shape_of(rows: Sequence[TextRow]) -> Shape:
     """Tell what most rows are like; refuse them if they hold no numbers."""
     if not rows:
         raise InputError("holds no rows", "record it again, or exclude the trial")
@@ -191,7 +191,7 @@ def _shape_of(rows: Sequence[Row]) -> Shape:
     )
 
 
-def _first_row_of_data(rows: Sequence[Row], shape: Shape) -> int:
+def _first_row_of_data(rows: Sequence[TextRow], shape: Shape) -> int:
     """Place of the first row that is as wide as most and begins as data do. Rows above it of which
     more than half of the cells are numbers are data that lack cells or have a word."""
     first = 0
@@ -219,7 +219,7 @@ def _counts(cells: Sequence[str]) -> bool:
 
 
 def _head_of(
-    above: Sequence[Row], comments: Sequence[str], delimiter: str, width: int
+    above: Sequence[TextRow], comments: Sequence[str], delimiter: str, width: int
 ) -> tuple[list[str], list[str], list[str]]:
     """Names and units of the columns, and other text, in the rows above the data and comments."""
     texts = [" ".join(filter(None, row.cells)) for row in above]
@@ -304,7 +304,7 @@ def _split_names(text: str, width: int, delimiter: str) -> list[str]:
     return []
 
 
-def _cut_row(rows: Sequence[Row], width: int, is_whole: bool) -> str:
+def _cut_row(rows: Sequence[TextRow], width: int, is_whole: bool) -> str:
     """Say whether the last row is, or may be, cut off by an interrupted recorder; else empty."""
     if len(rows) < 2:
         return ""
@@ -317,7 +317,7 @@ def _cut_row(rows: Sequence[Row], width: int, is_whole: bool) -> str:
 
 
 def _remark_on_widths(
-    above: Sequence[Row], rows: Sequence[Row], width: int, layout: SheetSource
+    above: Sequence[TextRow], rows: Sequence[TextRow], width: int, layout: SheetSource
 ) -> str:
     """Tell of rows that do not have a cell for each name; refuse them if they are not to be
     skipped, or if all are such. Where lines `above` the table stand again, a recorder began anew.

@@ -41,7 +41,7 @@ from osl_analysis.formats.text_cells import (
 )
 
 END_OF_HEADER = b"***End_of_Header***"
-PADDING = ' \t\v\f"'  # of cells
+CELL_PADDING = ' \t\v\f"'  # of cells
 
 
 def table_of_text(text: Text, layout: SheetSource) -> Table:
@@ -92,7 +92,9 @@ def _with_rows_between(ends: Table, text: bytes, count: int) -> Table:
     if not all(between.select(are_numbers).row(0)):
         between = read_csv(schema=ends.body.schema)
     if pl.String in between.dtypes:
-        between = between.with_columns(pl.col(pl.String).fill_null("").str.strip_chars(PADDING))
+        between = between.with_columns(
+            pl.col(pl.String).fill_null("").str.strip_chars(CELL_PADDING)
+        )
         # polars refuses a line with more cells than names, so that as many cells in all as names
         # times lines say that no line has fewer
         are_whole = text.count(delimiter.encode()) == count * (between.width - 1)

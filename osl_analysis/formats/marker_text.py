@@ -28,7 +28,7 @@ from osl_analysis.base.source_file import Corner, ExportedPlate, MarkerSource
 from osl_analysis.base.trial import AXES
 from osl_analysis.base.units import LengthUnit
 from osl_analysis.formats.text_cells import (
-    Row,
+    TextRow,
     check_last_line,
     column_of,
     decoded,
@@ -55,7 +55,7 @@ class Section:
 
     title: str
     rate_hz: float  # of its rows
-    rows: Sequence[Row]  # the number of the frame may stand first
+    rows: Sequence[TextRow]  # the number of the frame may stand first
     names: Sequence[str]  # of every column: `Anna:LTOE`, `EMG2000 - Voltage`
     components: Sequence[str]  # of every column: X, Y, Z, Fx ..
     units: Sequence[str]  # of every column

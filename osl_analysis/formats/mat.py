@@ -27,7 +27,7 @@ from osl_analysis.base.source_file import LogChannel, Name, RowTime, TableSource
 from osl_analysis.formats.binary_table import Column, channels_of, check_hdf5, remarks_on
 from osl_analysis.formats.reading import beginning
 
-FEWEST_SAMPLES = 10  # of a signal
+FEWEST_OF_SIGNAL = 10  # of a signal
 HEADER_BYTES = 128  # of a file of version 5; at its end are the version and the byte order
 OF_HDF5 = 2  # version
 COMPRESSED = 15  # kind of a variable of version 5
@@ -107,7 +107,7 @@ def read(path: Path, source: MatSource | None) -> Recording:
     notes = [
         f"{variable.address}={' '.join(map(str, variable.numbers.flat))}"
         for variable in variables.values()
-        if variable.numbers is not None and variable.numbers.size < FEWEST_SAMPLES
+        if variable.numbers is not None and variable.numbers.size < FEWEST_OF_SIGNAL
     ]
     columns = [column for variable in variables.values() for column in _columns_of(variable)]
     remarks = remarks_on(others, not columns)
@@ -190,7 +190,7 @@ def _variables_in(value: Any, group: str, name: str, unit: str = "") -> Iterator
 def _columns_of(variable: Variable) -> list[Column]:
     """A vector, or each column or row of a matrix, that is long enough."""
     group, address, numbers = variable.group, variable.address, variable.numbers
-    if numbers is None or numbers.ndim != 2 or max(numbers.shape) < FEWEST_SAMPLES:
+    if numbers is None or numbers.ndim != 2 or max(numbers.shape) < FEWEST_OF_SIGNAL:
         return []
     name = address.removeprefix(group).removeprefix(".")
     is_upright = numbers.shape[0] >= numbers.shape[1]
@@ -238,7 +238,7 @@ def _refusal(variable: Variable) -> InputError:
     size = "x".join(map(str, variable.numbers.shape))
     return InputError(
         f"{variable.address} is {size} {variable.kind}",
-        f"choose one column, as {variable.address}(:,1), of at least {FEWEST_SAMPLES} samples, or"
+        f"choose one column, as {variable.address}(:,1), of at least {FEWEST_OF_SIGNAL} samples, or"
         " save each one as a variable",
     )
 

@@ -40,7 +40,7 @@ from osl_analysis.base.source_file import MessageSource
 from osl_analysis.base.yaml_settings import check_size, text_in
 from osl_analysis.formats.message_layout import rows_at
 from osl_analysis.formats.reading import beginning
-from osl_analysis.formats.topic import LOG_TIME, NO_SCHEMA, PLACE, Topic, stamp_fields
+from osl_analysis.formats.topic import LOG_TIME, NO_SCHEMA, PLACE_KEY, Topic, stamp_fields
 
 MAGIC = b"\x89MCAP0\r\n"
 RECORD = struct.Struct("<BQ")  # opcode, length of the content [bytes]
@@ -221,7 +221,7 @@ class Log:
                 count=len(topic.table),
                 name=topic.name,
                 stamps_ns=topic.table[LOG_TIME].to_numpy(),
-                lines=topic.table[PLACE].to_numpy() + 1 if topic.lost else None,
+                lines=topic.table[PLACE_KEY].to_numpy() + 1 if topic.lost else None,
                 noun="message",
             )
             channels += topic.channels(rows, {"topic": topic.name}, [self.stamp])

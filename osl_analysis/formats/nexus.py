@@ -20,7 +20,7 @@ from osl_analysis.base.source_file import Channel as ChannelSettings
 from osl_analysis.base.source_file import Corner, ExportedPlate, LaboratorySource, Name
 from osl_analysis.formats.marker_text import KINDS, Section, exported_plate
 from osl_analysis.formats.text_cells import (
-    Row,
+    TextRow,
     check_last_line,
     decimal_of,
     decoded,
@@ -35,7 +35,7 @@ from osl_analysis.formats.text_cells import (
 )
 
 HEAD_ROWS = 5  # title, rate, names, header, units
-HEADER = re.compile(r'(?i)(?:^|[\r\n])"*frame[^\r\n]*sub frame')
+FRAME_HEADER = re.compile(r'(?i)(?:^|[\r\n])"*frame[^\r\n]*sub frame')
 
 
 class DeviceChannel(ChannelSettings):
@@ -66,7 +66,7 @@ def read_sections(path: Path) -> list[Section]:
     """Read the sections; refused if there is none, or one has no samples."""
     text = read_text(path)
     lines = numbered(text.data)
-    headers = [line for line in lines if HEADER.search(line.text)]
+    headers = [line for line in lines if FRAME_HEADER.search(line.text)]
     rows = split_rows(lines, delimiter_of(headers[:1]))
     numbers = {line.number for line in headers}
     starts = [place - 3 for place, row in enumerate(rows) if place > 2 and row.number in numbers]
@@ -82,7 +82,7 @@ def read_sections(path: Path) -> list[Section]:
     return [_section_of(part, decimal) for part in parts]
 
 
-def _section_of(rows: Sequence[Row], decimal: str) -> Section:
+def _section_of(rows: Sequence[TextRow], decimal: str) -> Section:
     title, rate = rows[0].cells[0], rows[1].cells[0].replace(",", ".")
     samples = rows[HEAD_ROWS:]
     if not samples or not is_number_cell(rate) or float(rate) <= 0:
@@ -164,7 +164,7 @@ def _timing_of(sections: Sequence[Section]) -> dict[str, object]:
 
 def _begins(begin: bytes) -> bool:
     """Tell whether the header of a section stands in the beginning."""
-    return is_text(begin) and HEADER.search(decoded(begin)) is not None
+    return is_text(begin) and FRAME_HEADER.search(decoded(begin)) is not None
 
 
 FORMAT = Format(name="nexus_csv", suffixes=(), begins=_begins, source=NexusSource, read=read)

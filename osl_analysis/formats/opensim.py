@@ -35,7 +35,7 @@ LIKELY_UNITS = {
     r"(torque|moment).*_[xyz]$|_moment$": "N*m",
     r"_t[xyz]$": "m",
 }
-ANGLES = {"yes": "deg", "no": "rad"}  # their unit, by what the header says of `inDegrees`
+UNIT_OF_ANGLES = {"yes": "deg", "no": "rad"}  # their unit, by what the header says of `inDegrees`
 
 
 class OpenSimChannel(ColumnChannel):
@@ -103,7 +103,7 @@ def read(path: Path, source: OpenSimSource | None) -> Recording:
         )
     if stated_rows:
         table = replace(table, end=End.WHOLE)
-    angle = ANGLES.get(header.get("indegrees", "").casefold(), "")
+    angle = UNIT_OF_ANGLES.get(header.get("indegrees", "").casefold(), "")
     likely = {}
     for name in table.names:
         units = (unit for form, unit in LIKELY_UNITS.items() if re.search(form, name, re.I))

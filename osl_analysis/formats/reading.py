@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 
 from osl_analysis.base.errors import InputError, naming, on_one_line, shortened
+from osl_analysis.base.files import PACKAGE
 from osl_analysis.base.recording import Format, Recording
 from osl_analysis.formats.text_cells import decoded
 
 FIRST_BYTES = 65_536  # of a file, by which its format is recognised
-GROUP = "osl_analysis.formats"  # entry points of other packages
+ENTRY_POINTS = "osl_analysis.formats"  # entry points of other packages
 COPY_AGAIN = "copy the file again, or export it anew"
-PACKAGE = Path(__file__).parents[1]
 # what a mistake in a program raises
 FAULTS = (TypeError, AttributeError, NameError, LookupError, ArithmeticError, AssertionError)
 
@@ -33,7 +33,7 @@ def known_formats() -> Mapping[str, Format]:
     for module in pkgutil.iter_modules([str(Path(__file__).parent)]):
         members = vars(import_module(f"{__package__}.{module.name}")).values()
         formats += [member for member in members if isinstance(member, Format)]
-    formats += [point.load() for point in entry_points(group=GROUP)]
+    formats += [point.load() for point in entry_points(group=ENTRY_POINTS)]
     formats.sort(key=lambda known: known.is_any_text)
     return {known.name: known for known in formats}
 

@@ -72,7 +72,7 @@ def read(path: Path, source: TdmsSource | None) -> Recording:
             continue
         # the last segment may be cut within a channel, so that rows end with the shortest one
         length = 0 if is_cut else len(channel)
-        key = (channel.group_name, *_timing_of(channel), length)
+        key = (channel.group_name, *_timing_of_channel(channel), length)
         by_rows.setdefault(key, []).append(channel)
     first_ns = min((start_ns for _, start_ns, step_s, _ in by_rows if step_s), default=0)
     channels = []
@@ -100,14 +100,14 @@ def _channel_of(channel: Any, rows: Rows) -> Channel:
     return Channel(
         address={"channel": f"{rows.name}/{channel.name}"},
         rows=rows,
-        read=partial(_values_of, channel, rows.count),
+        read=partial(_values_of_channel, channel, rows.count),
         name=channel.name,
         unit="ns" if are_times else unit,
         kind=Kind.CLOCK if are_times else Kind.SIGNAL,
     )
 
 
-def _timing_of(channel: Any) -> tuple[int, float]:
+def _timing_of_channel(channel: Any) -> tuple[int, float]:
     """When a channel begins [ns], and the time between two values [s]; 0 if it states none."""
     about = channel.properties
     start_ns = round(about.get("wf_start_offset", 0.0) * SECOND_NS)
@@ -118,7 +118,7 @@ def _timing_of(channel: Any) -> tuple[int, float]:
     return start_ns, step_s if 0 < step_s < np.inf else 0.0
 
 
-def _values_of(channel: Any, count: int) -> NDArray[Any]:
+def _values_of_channel(channel: Any, count: int) -> NDArray[Any]:
     """Its first numbers as the file scales them, or stamps [ns]."""
     with in_one_sentence():  # values are read when they are asked for
         values = channel.read_data(length=count)

@@ -52,7 +52,7 @@ class Line(NamedTuple):
     text: str
 
 
-class Row(NamedTuple):
+class TextRow(NamedTuple):
     """The cells of a line."""
 
     number: int  # of the line
@@ -145,7 +145,7 @@ def _score(sample: Sequence[str], sign: str) -> float:
     return len(typical) / len(rows) * sum(map(is_value, filled)) / max(1, len(filled))
 
 
-def split_rows(lines: Sequence[Line], delimiter: str) -> list[Row]:
+def split_rows(lines: Sequence[Line], delimiter: str) -> list[TextRow]:
     """Split lines into stripped cells; lines of empty cells are left out.
 
     Raises
@@ -163,7 +163,7 @@ def split_rows(lines: Sequence[Line], delimiter: str) -> list[Row]:
             raise InputError(f"line {number}: {error}", "repair its quotes or its cells") from error
         stripped = [cell.strip() for cell in cells]
         if any(stripped):
-            rows.append(Row(number, stripped))
+            rows.append(TextRow(number, stripped))
     return rows
 
 
@@ -180,7 +180,7 @@ def of_length(length: int, values: Iterable[Any], filling: Any) -> list[Any]:
     return [*values, *[filling] * length][:length]
 
 
-def check_last_line(is_ended: bool, rows: Sequence[Row]) -> None:
+def check_last_line(is_ended: bool, rows: Sequence[TextRow]) -> None:
     """Refuse a file of which nothing tells that its last number is whole."""
     last_cells = [row.cells[-1] for row in rows]
     # where all are empty, a tab ends every line
@@ -193,7 +193,7 @@ def check_last_line(is_ended: bool, rows: Sequence[Row]) -> None:
 
 
 def column_of(
-    rows: Sequence[Row], place: int, missing: Sequence[str], title: str, decimal: str
+    rows: Sequence[TextRow], place: int, missing: Sequence[str], title: str, decimal: str
 ) -> NDArray[np.float64]:
     """Read one column of rows as numbers, (rows,), NaN where a cell is one of the missing words or
     a row is too short.

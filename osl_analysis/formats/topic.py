@@ -38,12 +38,12 @@ a laboratory's effort may be a current, and a joint that slides has other ones."
 MOST_FIELDS = 2000  # of objects; a robot has some hundred, and each is a column
 PLAIN_NAME = re.compile(r"[^.\[\]]+")
 CHOICES = re.compile(r"(\[[^\]\"]*\])+$")  # an index, or the name of an element
-NUMBER = int | float  # built once: a log has a million of them
-DIGITS = frozenset("0123456789.")
+ANY_NUMBER = int | float  # built once: a log has a million of them
+NUMBER_SIGNS = frozenset("0123456789.")
 # seconds and nanoseconds of a stamp: ROS, protobuf, Foxglove's JSON, ROS 1 in JSON
 STAMP_PARTS = (("sec", "nanosec"), ("seconds", "nanos"), ("sec", "nsec"), ("secs", "nsecs"))
 # of a message, as columns beside those of its numbers, whose paths never begin so
-PLACE, LOG_TIME = ".place", ".log_time"
+PLACE_KEY, LOG_TIME = ".place", ".log_time"
 
 Decoded = tuple[NDArray[np.int64], str, Mapping[str, Any]]
 """Which of the messages these are, the names in them as text, and their columns by path."""
@@ -113,7 +113,7 @@ class Topic:
                 publisher = f"channel {channel} of the recorder{names}"
                 for path in columns:
                     self.spans[path][publisher] += [int(times_ns.min()), int(times_ns.max())]
-                beside = {PLACE: self.count + places, LOG_TIME: times_ns}
+                beside = {PLACE_KEY: self.count + places, LOG_TIME: times_ns}
                 self.parts.append(pl.DataFrame({**beside, **columns}))
         self.count += log_times_ns.size
 
@@ -237,10 +237,10 @@ class Topic:
     @cached_property
     def table(self) -> pl.DataFrame:
         """Its messages in the order of the file, with a column of each path that was read."""
-        empty = pl.DataFrame(schema={PLACE: pl.Int64, LOG_TIME: pl.Int64})
+        empty = pl.DataFrame(schema={PLACE_KEY: pl.Int64, LOG_TIME: pl.Int64})
         table = pl.concat([empty, *self.parts], how="diagonal_relaxed", rechunk=True)
         self.parts = []  # an hour need not be held twice
-        return table if table[PLACE].is_sorted() else table.sort(PLACE)
+        return table if table[PLACE_KEY].is_sorted() else table.sort(PLACE_KEY)
 
     @property
     def lost(self) -> int:
@@ -278,7 +278,7 @@ class Topic:
         """
         units = ROS_UNITS.get(self.schema.name.rpartition("/")[2], {})
         channels = []
-        paths = self.table.drop(PLACE, LOG_TIME).columns
+        paths = self.table.drop(PLACE_KEY, LOG_TIME).columns
         for path in paths:
             likely = next((unit for start, unit in units.items() if path.startswith(start)), "")
             read = partial(self.column, path)
@@ -323,7 +323,7 @@ def check_fields(paths: Collection[str]) -> None:
 def take_values(value: Any, path: str, values: dict[str, Any]) -> None:
     """Take the numbers and texts in an object, by path; of a long array the first
     `MOST_ELEMENTS`."""
-    if isinstance(value, NUMBER):
+    if isinstance(value, ANY_NUMBER):
         values[path] = value
     elif isinstance(value, dict):
         for name, member in value.items():
@@ -333,7 +333,7 @@ def take_values(value: Any, path: str, values: dict[str, Any]) -> None:
             take_values(member, f"{path}[{index}]", values)
     elif isinstance(value, str):
         values[path] = value
-        if value[-1:] in DIGITS and is_number_cell(value):
+        if value[-1:] in NUMBER_SIGNS and is_number_cell(value):
             values[path] = int(value) if value.isdecimal() else float(value)
     elif hasattr(value, "DESCRIPTOR"):
         take_values(_members_of(value), path, values)

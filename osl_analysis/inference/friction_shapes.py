@@ -16,7 +16,7 @@ from osl_analysis.inference.constants import FRICTION_WINDS, SIGN_WIDTH
 from osl_analysis.inference.spectra import Spectra
 
 WIDER = 5.0  # times the first width, over which the second sign changes
-SLOWEST = 1e-6  # rad/s, so that no width is 0
+LEAST_SPEED = 1e-6  # rad/s, so that no width is 0
 
 
 def slipping_springs(angle: Array, widths: Sequence[float]) -> Array:
@@ -71,6 +71,6 @@ def friction_torques(spectra: Spectra) -> Array:
     velocity = np.gradient(spectra.sliding, spectra.padded_seconds / spectra.product_rows)
     variance = spectra.angle_noise * (2 * np.pi) ** 2 * spectra.product_band_hz**3 / 3
     usual = SIGN_WIDTH * velocity[spectra.inside].std()
-    width = max(usual, np.sqrt(variance), SLOWEST)
+    width = max(usual, np.sqrt(variance), LEAST_SPEED)
     sliding = np.tanh(velocity / (width * np.array([[1.0], [WIDER]])))
     return np.vstack([sliding, slipping_springs(spectra.sliding, FRICTION_WINDS)])

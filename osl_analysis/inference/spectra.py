@@ -29,13 +29,13 @@ from osl_analysis.inference.constants import (
     TINY,
     VISIBLE_ABOVE_NOISE,
 )
+from osl_analysis.model.rendered_impedance import Spectrum
 
-Spectrum = NDArray[np.complex128]
 WORKING_RATE = 3.4  # bands; there the roll-off has taken all but 1.4 % of a signal
 SPECTRUM_S = 2.0  # [s] of a segment of Welch's spectrum
 REST = 0.02  # SD of the angle that a joint at rest does not leave
 HIGHEST_OF_RATE = (0.35, 0.45)  # of the sampling rate: frequencies that show the noise
-DERIVATIVES = 5  # angle and its derivatives up to the fourth
+DERIVATIVE_COUNT = 5  # angle and its derivatives up to the fourth
 
 
 @dataclass(frozen=True)
@@ -199,7 +199,7 @@ class Spectra:
         self.frequency = np.arange(self.working_rows // 2 + 1) / self.padded_seconds
         self.s = 2j * np.pi * self.frequency
         self.roll_off = roll_off(self.frequency, self.band_hz)
-        self.powers = np.vander(self.s, DERIVATIVES, increasing=True).T
+        self.powers = np.vander(self.s, DERIVATIVE_COUNT, increasing=True).T
         self.derivatives: Spectrum = self._working(self.raw_angle) * self.powers
         self.raw_torque = self.transformed(self.signals.torque)
         self.torque = self._working(self.raw_torque[0])

@@ -34,7 +34,7 @@ from osl_analysis.inference.constants import (
 from osl_analysis.inference.rivals import EQ_15, RIVALS, Candidate, Rival, Search
 from osl_analysis.inference.whitening import Whitened
 
-FAMILIES = {rival.family for rival in RIVALS if rival.family}
+RIVAL_FAMILIES = {rival.family for rival in RIVALS if rival.family}
 SEED = 1  # of the bootstrap: the same recording gives the same numbers
 
 
@@ -203,7 +203,7 @@ def log_prior(fits: Sequence[Predicted]) -> Array:
     found = []
     for fit in fits:
         family = fit.rival.family
-        prior = (1 - PRIOR_SOUND) / len(FAMILIES) if family else PRIOR_SOUND
+        prior = (1 - PRIOR_SOUND) / len(RIVAL_FAMILIES) if family else PRIOR_SOUND
         prior *= PRIOR_FRICTION if fit.has_friction else 1 - PRIOR_FRICTION
         deviations = fit.impedances[0] / np.sqrt(np.diag(fit.covariance))
         are_positive = np.sum(scipy.special.log_ndtr(deviations[1:]))

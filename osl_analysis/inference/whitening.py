@@ -15,9 +15,10 @@ from osl_analysis.base.errors import NotWeighedError
 from osl_analysis.base.trial import Array
 from osl_analysis.inference.constants import COLOUR_BAND, RIDGE, TINY
 from osl_analysis.inference.friction_shapes import friction_torques
-from osl_analysis.inference.spectra import Spectra, Spectrum, solve_scaled
+from osl_analysis.inference.spectra import Spectra, solve_scaled
+from osl_analysis.model.rendered_impedance import Spectrum
 
-ROUNDS = 2  # the second one weighs the rich model by the spectrum that the first one found
+SPECTRUM_ROUNDS = 2  # the second one weighs the rich model by the spectrum that the first one found
 LEAST_GAIN = 0.03  # of the roll-off's power, below which the spectrum is not divided by it
 # variance of the noise over the torque's mean square: a torque without noise has rounding, which is
 # not divided by, since its spectrum says nothing
@@ -102,7 +103,7 @@ def whitening_gain(spectra: Spectra, signals: Spectrum) -> Array:
     least = LEAST_NOISE * max(torque_variance, np.finfo(float).tiny)
     lines = max(round(COLOUR_BAND * spectra.padded_seconds), 1)
     gain = np.ones_like(spectra.frequency)
-    for _ in range(ROUNDS):
+    for _ in range(SPECTRUM_ROUNDS):
         # a sum of squares is the same over time and over frequency (Parseval)
         weighed = (gain * signals).view(float)
         estimates = solve_scaled(weighed[:-1], weighed[-1])

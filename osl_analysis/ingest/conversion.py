@@ -32,7 +32,7 @@ from osl_analysis.signals.agreement import speed_factor
 # facts on a sensor, which the provenance has in SI units, and a clock of its own
 OF_SENSOR = {"delay", "low_pass", "resolution", "range", "time"}
 LARGEST_COUNT = 2 / np.finfo(float).eps  # floats hold whole numbers exactly below it
-BESIDE = "_beside"  # ends the key of the speed of a column's body, or of its angle
+BESIDE_ENDING = "_beside"  # ends the key of the speed of a column's body, or of its angle
 NO_BODY = re.compile(r"\b(counts?|ticks?|raw|meas\w*|actual|value|filtered)\b")  # in a name
 # by the unit of a column: what stands beside it, and in which unit
 OTHER_OF_BODY = {"rad": ("speed", "rad/s"), "rad/s": ("angle", "rad")}
@@ -218,9 +218,9 @@ def canonical_columns(
                 f" {shift:.4g} {unit_of(column)}"
             )
         series = pl.Series(column, in_si)
-        if column + BESIDE in channels:
-            beside = channels[column + BESIDE]
-            origin |= factor_beside(column, time, in_si, beside, values[column + BESIDE])
+        if column + BESIDE_ENDING in channels:
+            beside = channels[column + BESIDE_ENDING]
+            origin |= factor_beside(column, time, in_si, beside, values[column + BESIDE_ENDING])
         columns.append(series.set(pl.Series(lacking), None))
         origins[column] = origin
         counter = column + COUNTER
@@ -298,7 +298,7 @@ def asked_channels(recording: Recording, settings: Mapping[str, LogChannel]) -> 
             wanted = (kind, *body_of(asked[column])[1:])
             for channel in recording.channels:
                 if body_of(channel) == wanted:
-                    asked[column + BESIDE] = channel
+                    asked[column + BESIDE_ENDING] = channel
         if setting.counter is not None:
             address = {**setting.address, setting.ADDRESS: setting.counter}
             asked[column + COUNTER] = recording.find(address)

@@ -114,7 +114,7 @@ def time_unit(clock: Array) -> str:
     return next((unit for unit, s in units.items() if lowest <= rate / s <= highest), "")
 
 
-NUMBER = r"(\d+(?:,\d{3})*(?:[.,]\d+)?(?:e[+-]?\d+)?)"
+WRITTEN_NUMBER = r"(\d+(?:,\d{3})*(?:[.,]\d+)?(?:e[+-]?\d+)?)"
 OF_ROWS = (
     r"(?:sampl\w*|scan|acquisition|recording|data|output)["
     r" _]*(?:rate|frequency|freq)|fs\b|^(?:rate|frequency)\b"
@@ -122,7 +122,7 @@ OF_ROWS = (
 )
 INTERVAL = (
     r"(?i)\b(?:delta_x|dt|h_?resolution|x_?increment|(?:sampl\w*[ _]*)?(?:interval|period))\b"
-    rf"\D*?{NUMBER}(?:\s*([mu]?)s\b)?"
+    rf"\D*?{WRITTEN_NUMBER}(?:\s*([mu]?)s\b)?"
 )
 NOT_OF_ROWS = (
     r"(?i)decimat|(down|sub|over)-?sampl|\bevery\W+(\d|other|second|n)|averag(ing|ed)|\bthinn"
@@ -131,7 +131,7 @@ NOT_OF_ROWS = (
 RATE_ALONE = (
     r"[\s:=\x22[]*(?P<alone>\d{2,5}(?:\.\d*)?|\d\.\d+e[+-]?\d+)(?: (?P=alone))*(?:$|[\]};]|, )"
 )
-RATE_IN_WORDS = rf"(?i)\b(?:{OF_ROWS})(?:\D*?{NUMBER}\s*(k?)(?:hz|s/s|sps)|{RATE_ALONE})"
+RATE_IN_WORDS = rf"(?i)\b(?:{OF_ROWS})(?:\D*?{WRITTEN_NUMBER}\s*(k?)(?:hz|s/s|sps)|{RATE_ALONE})"
 
 
 def stated_rate(texts: Sequence[str]) -> float | None:
@@ -153,7 +153,7 @@ def stated_rate(texts: Sequence[str]) -> float | None:
 
 
 def number_in(text: str) -> float:
-    """The number of a match of `NUMBER`: with a decimal point or comma, or commas between
+    """The number of a match of `WRITTEN_NUMBER`: with a decimal point or comma, or commas between
     thousands, as `1,000`."""
     return float(re.sub(r"(?<!^0),(?=\d{3}\b)", "", text).replace(",", "."))
 

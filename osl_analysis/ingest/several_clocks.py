@@ -24,7 +24,7 @@ from osl_analysis.ingest.clock import (
 )
 from osl_analysis.ingest.conversion import Converted
 from osl_analysis.ingest.message_log import join_on_stamp
-from osl_analysis.signals.grid import MEASURED, sampling_times
+from osl_analysis.signals.grid import CLOCKED_COLUMNS, sampling_times
 from osl_analysis.stats.budget import NORMAL_HALF_WIDTH
 
 
@@ -190,7 +190,7 @@ def sampled(log: Converted, column: str, kept: Sequence[str]) -> Signal:
     differ by what the hosts are late, which the fit takes off once more."""
     time, values = values_of(log, "both logs", column)
     trial = Trial("log", log.samples, {"columns": log.origins, "": log.facts})
-    for name in MEASURED:
+    for name in CLOCKED_COLUMNS:
         if name in kept:
             time = sampling_times(trial, name, time)
             break

@@ -105,7 +105,7 @@ STATE_RATE = "state the rate of the rows in Hz, as `time: {rate: HZ}`"
 
 
 @dataclass(frozen=True)
-class Table:
+class LogTable:
     """The channels of a log that a source file asks for, at the rows that count.
 
     Attributes
@@ -180,7 +180,7 @@ def convert_rows(
 ) -> Converted:
     """Convert the channels of one clock of a table, of `clocks` in all; None are rows at a rate."""
     asked = asked_channels(recording, source.channels)
-    table = read_table(recording, source, asked, clock)
+    table = read_log_table(recording, source, asked, clock)
     rows = table.rows
     time = table.time
     if rows.count < 2:
@@ -278,12 +278,12 @@ def with_stamps_once(
     ]
 
 
-def read_table(
+def read_log_table(
     recording: Recording,
     source: TableSource,
     asked: Mapping[str, Channel],
     clock: Channel | None,
-) -> Table:
+) -> LogTable:
     """Read the asked channels, by canonical column, to one table.
 
     Raises
@@ -302,7 +302,7 @@ def read_table(
     if clock is not None:
         return at_clock(rows, values, clock, source)
     rate_hz, start_s = (rows.rate_hz, rows.start_s) if is_own else (source.time.rate, 0.0)
-    return Table(rows, np.arange(rows.count) / (rate_hz or 1.0), start_s, start_s, values)
+    return LogTable(rows, np.arange(rows.count) / (rate_hz or 1.0), start_s, start_s, values)
 
 
 def check_one_timing(
@@ -332,7 +332,7 @@ def check_one_timing(
 
 def at_clock(
     rows: Rows, values: Mapping[str, NDArray[Any]], clock: Channel, source: TableSource
-) -> Table:
+) -> LogTable:
     """Give the rows that count at the times that a named clock tells."""
     what = source.time.title
     skips = source.damaged == "skip"
@@ -378,7 +378,7 @@ def at_clock(
     check_time(what, time)
     check_clock_runs(rows, source, time, numbers[0] * factor)
     start_s = numbers[0] * factor
-    return Table(rows, time, numbers[0].item(), start_s, values, [*remarks, *stale])
+    return LogTable(rows, time, numbers[0].item(), start_s, values, [*remarks, *stale])
 
 
 def kept_rows(

@@ -48,6 +48,7 @@ from osl_analysis.dictionary.described import (
     described_tables_by_name,
 )
 from osl_analysis.jobs.progress import Files, Job, listed, write_log
+from osl_analysis.judge.campaign import QUALITY
 from osl_analysis.judge.recording_checks import CHECKED, HOW_TO_USE
 
 ONLY_CHECKED = "fitted"
@@ -61,7 +62,6 @@ REMEDY = (
     "correct or replace the file, or its source file, or give a reason under `exclude` in the"
     " sample sheet, or change the settings of this analysis in the configuration"
 )
-QUALITY = "quality"  # folder of what was measured for the checks of each trial
 HOLDING_A_REASON = {".csv", ".zip", ".parquet", ".json", ".tex", ".md"}
 """Suffixes of files that can say why there is no result."""
 

@@ -13,19 +13,18 @@ from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from osl_analysis.base.trial import Array
 from osl_analysis.base.units import factors_near
 from osl_analysis.judge.finding import Beyond, Finding, Grade
 from osl_analysis.judge.known_findings import rule_of
 from osl_analysis.stats.budget import CLEAR, FLOOR, WIDE
 from osl_analysis.stats.rounding import places_of, significant, to_places
 
-Row = Mapping[str, Any]  # of `impedance.csv`, of the fit to all of a trial
-Array = NDArray[np.float64]
+FitRow = Mapping[str, Any]  # of `impedance.csv`, of the fit to all of a trial
 
 ARM = ("joint", "side", "controller")
-CONDITION = (*ARM, "K_d", "B_d", "excitation")
+CONDITION_OF_REPEATS = (*ARM, "K_d", "B_d", "excitation")
 
 UNLIKE = "unlike_other_trials"
 FACTOR = "common_factor"
@@ -39,7 +38,7 @@ MOST_DEVIATIONS = 6.0  # median deviations of an arm: four standard deviations
 MOST_OF_GAINS = rule_of("K_over_K_d").ends[1] - 1  # by which a controller may miss what was asked
 
 
-def disagreements(rows: Iterable[Row], needed: Mapping[str, float]) -> list[Finding]:
+def disagreements(rows: Iterable[FitRow], needed: Mapping[str, float]) -> list[Finding]:
     """Find the trials of a campaign that do not agree.
 
     Parameters
@@ -64,7 +63,7 @@ def disagreements(rows: Iterable[Row], needed: Mapping[str, float]) -> list[Find
         told |= off_line
         scatters |= dict.fromkeys([row["trial"] for row in arm], scatter)
         others += common_factor(arm, needed)
-    repeats = [rows for rows in grouped(comparable, CONDITION) if len(rows) > 1]
+    repeats = [rows for rows in grouped(comparable, CONDITION_OF_REPEATS) if len(rows) > 1]
     for of_condition in differing_repeats(repeats, "K", needed["K"], scatters):
         of_line = {trial: of_condition[trial] for trial in of_condition if trial in told}
         told |= of_line or of_condition
@@ -74,25 +73,30 @@ def disagreements(rows: Iterable[Row], needed: Mapping[str, float]) -> list[Find
     return [*told.values(), *others]
 
 
-def grouped(rows: Iterable[Row], columns: Sequence[str]) -> list[list[Row]]:
+def grouped(rows: Iterable[FitRow], columns: Sequence[str]) -> list[list[FitRow]]:
     """The rows by those that agree in these columns."""
-    groups: dict[tuple[Any, ...], list[Row]] = {}
+    groups: dict[tuple[Any, ...], list[FitRow]] = {}
     for row in rows:
         groups.setdefault(tuple(map(row.get, columns)), []).append(row)
     return list(groups.values())
 
 
-def numbers(rows: Iterable[Row], column: str) -> Array:
+def column_numbers(rows: Iterable[FitRow], column: str) -> Array:
     """A column of the rows (n,); NaN where it is empty."""
     return np.array([row.get(column) for row in rows], dtype=float)
 
 
-def half_widths(rows: Sequence[Row], symbol: str) -> Array:
+def half_widths(rows: Sequence[FitRow], symbol: str) -> Array:
     """Half-widths of the intervals of an estimate (n,); 0 where it has none."""
-    return np.nan_to_num(numbers(rows, f"{symbol}_high") - numbers(rows, f"{symbol}_low")) / 2
+    return (
+        np.nan_to_num(
+            column_numbers(rows, f"{symbol}_high") - column_numbers(rows, f"{symbol}_low")
+        )
+        / 2
+    )
 
 
-def finding_on(row: Row, symbol: str, expected: float, most: float, size: str) -> Finding:
+def finding_on(row: FitRow, symbol: str, expected: float, most: float, size: str) -> Finding:
     """The finding that an estimate of a trial is beside what is `expected` by more than `most`.
     One on K is about all of the trial."""
     difference = row[symbol] - expected
@@ -104,13 +108,15 @@ def finding_on(row: Row, symbol: str, expected: float, most: float, size: str) -
     return Finding(UNLIKE, "impedance", trial, evidence=evidence, estimates=estimates, size=size)
 
 
-def condition_text(row: Row) -> str:
+def condition_text(row: FitRow) -> str:
     """The condition of a trial."""
-    return ", ".join(f"{name} {row[name]}" for name in CONDITION[2:5] if row.get(name) is not None)
+    return ", ".join(
+        f"{name} {row[name]}" for name in CONDITION_OF_REPEATS[2:5] if row.get(name) is not None
+    )
 
 
 def differing_repeats(
-    repeats: Iterable[Sequence[Row]], symbol: str, needed: float, of_arm: Mapping[str, float]
+    repeats: Iterable[Sequence[FitRow]], symbol: str, needed: float, of_arm: Mapping[str, float]
 ) -> Iterator[dict[str, Finding]]:
     """The repeats of each condition, by trial, that are farther from their median than is needed,
     than other repeats of the campaign scatter, and than their intervals; of two, both.
@@ -120,7 +126,7 @@ def differing_repeats(
     """
     conditions = []
     for rows in repeats:
-        values = numbers(rows, symbol)
+        values = column_numbers(rows, symbol)
         if np.isfinite(values).all():
             conditions.append((rows, values, float(np.hypot(np.median(values), FLOOR[symbol]))))
     usual = UNKNOWN_SCATTER * needed
@@ -145,15 +151,15 @@ def differing_repeats(
         yield found
 
 
-def beside_line(arm: Sequence[Row]) -> tuple[float, dict[str, Finding]]:
+def beside_line(arm: Sequence[FitRow]) -> tuple[float, dict[str, Finding]]:
     """How the trials of an arm scatter about its line, as a median deviation, and the one, by its
     name, whose K is farthest from what the others, as a spring K_d in series with another one, let
     expect."""
     rows = [row for row in arm if row["K"] > 0]
     if len(rows) < FEWEST:
         return 0.0, {}
-    K_d = numbers(rows, "K_d")
-    K = numbers(rows, "K")
+    K_d = column_numbers(rows, "K_d")
+    K = column_numbers(rows, "K")
     expected, scatters = np.transpose([by_others(K_d, K, i) for i in range(len(K))])
     shares = np.maximum(MOST_BESIDE, MOST_DEVIATIONS * scatters)
     most = np.maximum(shares * expected, MOST_HALF_WIDTHS * half_widths(rows, "K"))
@@ -190,16 +196,16 @@ def by_others(K_d: Array, K: Array, i: int) -> tuple[float, float]:
     return expected, float(np.median(np.abs((slope * x + compliance) / y - 1)))
 
 
-def common_factor(arm: Sequence[Row], needed: Mapping[str, float]) -> Iterator[Finding]:
+def common_factor(arm: Sequence[FitRow], needed: Mapping[str, float]) -> Iterator[Finding]:
     """The factor that K/K_d and B/B_d of an arm share, to what is needed of them: a gain, or a unit
     of the torque, which is a doubt. A spring in series would spread K/K_d."""
     rows = [row for row in arm if row.get("B_d") and row.get("B")]
     if len(rows) < FEWEST:
         return
-    of_K = numbers(rows, "K") / numbers(rows, "K_d")
+    of_K = column_numbers(rows, "K") / column_numbers(rows, "K_d")
     B = np.array([row.get("B_viscous") or row["B"] for row in rows])
     factor = np.median(of_K)
-    factor_of_B = np.median(B / numbers(rows, "B_d"))
+    factor_of_B = np.median(B / column_numbers(rows, "B_d"))
     spread = np.median(np.abs(of_K / factor - 1))
     is_common = abs(factor_of_B / factor - 1) < needed["B"] and spread < needed["K"]
     if not is_common or abs(factor - 1) < MOST_OF_GAINS:

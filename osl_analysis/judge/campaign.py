@@ -20,7 +20,7 @@ from osl_analysis.judge.finding import (
     Limits,
     subject_of,
 )
-from osl_analysis.judge.judging import EXCLUDED, RowFindings, judged, marked
+from osl_analysis.judge.judging import WHY_NO_FIT, RowFindings, judged, marked
 from osl_analysis.judge.known_findings import CHECKS, FINDINGS, known_finding
 from osl_analysis.judge.recording_checks import (
     BY_SHEET,
@@ -97,7 +97,7 @@ def judged_together(
     place_of = {
         row["trial"]: place
         for place, row in enumerate(rows)
-        if row.get("amplitude_deg") is None and row.get(EXCLUDED) is None
+        if row.get("amplitude_deg") is None and row.get(WHY_NO_FIT) is None
     }
     of_trials = [rows[place] for place in place_of.values()]
     for finding in disagreements(of_trials, limits.accuracy.model_dump()):
@@ -243,12 +243,14 @@ def judged_tables_of(tables: Mapping[str, pl.DataFrame]) -> dict[str, tuple[str,
         for name, kind in {**kinds, **dict.fromkeys(facts.judged_further, "")}.items():
             rows = tables.get(name, pl.DataFrame())
             if DOUBTFUL in rows.columns:
-                subjects = {subject_of(row) for row in rows.to_dicts() if row.get(EXCLUDED) is None}
+                subjects = {
+                    subject_of(row) for row in rows.to_dicts() if row.get(WHY_NO_FIT) is None
+                }
                 judged[name] = (name.replace("_", " ") + kind, len(subjects))
     return judged
 
 
-IN_PART = {"doubtful in part": "leave out rows marked doubtful"}
+REMEDY_IN_PART = {"doubtful in part": "leave out rows marked doubtful"}
 """What to do about doubts that are not on all of a trial."""
 
 
@@ -326,7 +328,7 @@ def told(
         name=name,
         cause=kind.title,
         n=n,
-        brief=IN_PART.get(verdict) or kind.brief or remedy,
+        brief=REMEDY_IN_PART.get(verdict) or kind.brief or remedy,
         trials=list(of_trials),
         worst=worst,
         says=says,

@@ -17,7 +17,7 @@ from osl_analysis.base.table import not_analysed, read_table
 from osl_analysis.base.yaml_settings import OF_EARLIER_RELEASE, NotNegative, Settings, misplaced
 from osl_analysis.config.experiments import JUDGED_TABLES
 from osl_analysis.dictionary.described import described_tables_by_name, table_of
-from osl_analysis.judge.known_findings import SIDES, Rule, Texts, known_finding, rule_of
+from osl_analysis.judge.known_findings import LIMIT_SIDES, Rule, Texts, known_finding, rule_of
 
 AnyRow = Mapping[str, object]  # a row of a result table
 
@@ -234,7 +234,7 @@ class DoubtfulFits(Settings):
                     f"{nearest(name, JUDGED_TABLES)}",
                     name,
                 )
-            check_columns(limits, name)
+            check_limited_columns(limits, name)
         return self
 
     def of(self, table: str) -> Limits:
@@ -243,13 +243,13 @@ class DoubtfulFits(Settings):
         return Limits.model_construct(**vars(stated), accuracy=self.accuracy)
 
 
-def check_columns(limits: ColumnLimits, table: str) -> None:
+def check_limited_columns(limits: ColumnLimits, table: str) -> None:
     """Refuse a limit at its place in the configuration with PydanticCustomError: on a column that
     its table does not have or whose limit stands in `findings.yaml`."""
     described = described_tables_by_name()[table]
     described_columns = [*described.columns.values(), *described.of_fits.values()]
     columns = [column.name for column in described_columns if column.unit != "text"]
-    for side in SIDES:
+    for side in LIMIT_SIDES:
         for name in getattr(limits, side):
             if name not in columns:
                 message = (

@@ -23,8 +23,8 @@ from osl_analysis.judge.finding import (
 )
 from osl_analysis.judge.known_findings import (
     FINDINGS,
+    LIMIT_SIDES,
     RULES,
-    SIDES,
     KnownFinding,
     Rule,
     known_finding,
@@ -44,12 +44,12 @@ from osl_analysis.stats.budget import (
 from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.stats.rounding import significant
 
-EXCLUDED = "reason"  # column: why a row has no fit; null in rows with a fit
+WHY_NO_FIT = "reason"  # column: why a row has no fit; null in rows with a fit
 BETWEEN = "; "  # titles of findings in a cell
 SYMBOLS = ("K", "B", "I")
 UNEXPLAINED = "unexplained_torque"
 WIDE_INTERVAL = "wide_interval"
-WITHOUT_FRICTION = {"K": "K_without_friction", "B": "B_viscous", "I": "I_without_friction"}
+COLUMN_WITHOUT_FRICTION = {"K": "K_without_friction", "B": "B_viscous", "I": "I_without_friction"}
 """The estimates that are judged where friction is certain."""
 
 
@@ -117,7 +117,7 @@ def judged(
     budgets_of = rows_by_fit(budget)
     findings: RowFindings = []
     for row in table.to_dicts():
-        if row.get(EXCLUDED) is not None:
+        if row.get(WHY_NO_FIT) is not None:
             findings.append([])
             continue
         budgets = budgets_in(budgets_of.get(fit_of(row), ()), row)
@@ -150,7 +150,9 @@ def judged_estimates(table: str, budgets: Mapping[str, Budget], limits: Limits) 
     units = {**described.columns, **described.of_fits}
     found = []
     for symbol, own in zip(SYMBOLS, columns, strict=False):
-        name = WITHOUT_FRICTION[symbol] if WITHOUT_FRICTION[symbol] in budgets else own
+        name = (
+            COLUMN_WITHOUT_FRICTION[symbol] if COLUMN_WITHOUT_FRICTION[symbol] in budgets else own
+        )
         if name in budgets:
             budget = budgets[name]
             needed = accuracy[symbol] * math.hypot(budget.value, FLOOR[symbol])
@@ -313,10 +315,10 @@ def rules_on(table: str, columns: Collection[str], limits: Limits) -> list[Rule]
     """The rules on a table with these columns: those whose limits the configuration states, and
     those of `findings.yaml`."""
     rules = []
-    for side in SIDES:
+    for side in LIMIT_SIDES:
         for column, value in getattr(limits, side).items():
             if column in columns:
-                no_other = dict.fromkeys(SIDES)
+                no_other = dict.fromkeys(LIMIT_SIDES)
                 rules.append(replace(rule_of(column, side), **{**no_other, side: value}))
     return [*rules, *(rule for rule in RULES if rule.concerns(table, columns))]
 

@@ -46,7 +46,7 @@ class KnownFinding:
     spoils_estimates: bool = False
 
 
-SIDES = ("above", "below", "ratio")  # of limits
+LIMIT_SIDES = ("above", "below", "ratio")  # of limits
 
 
 @dataclass(frozen=True)

@@ -83,7 +83,7 @@ def capital(text: str) -> str:
     return text if re.match(r"\w_", text) else text[:1].upper() + text[1:]
 
 
-class Number(float):
+class RoundedNumber(float):
     """A number shown with some significant digits, times a factor: `~2*1e3`, `~+2` with its
     sign."""
 
@@ -100,7 +100,7 @@ def cells_of(row: AnyRow, number: Beyond | None = None) -> dict[str, Any]:
     """What names in braces stand for: the cells of a row that are filled, by column, and what is
     said of the number that a finding is about."""
     cells: dict[str, Any] = {
-        column: Number(cell) if isinstance(cell, int | float) else cell
+        column: RoundedNumber(cell) if isinstance(cell, int | float) else cell
         for column, cell in row.items()
         if cell is not None
     }

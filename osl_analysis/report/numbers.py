@@ -15,6 +15,7 @@ import polars as pl
 from osl_analysis.base.errors import on_one_line
 from osl_analysis.base.files import own_yaml
 from osl_analysis.base.table import SCHEMA, SCHEMA_FIELD
+from osl_analysis.bench.summaries import PLACE
 from osl_analysis.campaign.origin import ABOUT_MEANING, sentence
 from osl_analysis.report.typography import template
 from osl_analysis.stats.repeats import (
@@ -26,9 +27,7 @@ from osl_analysis.stats.repeats import (
 )
 from osl_analysis.stats.rounding import decimal_places, plus_minus, to_places
 
-# by which numbers of trials are told apart where a campaign has several
-PLACE = ("joint", "side")
-OF_CONDITION = (*PLACE, "excitation")
+OF_CONDITION = (*PLACE, "excitation")  # by which conditions are told apart, too
 MOST_IN_SENTENCE = 3  # numbers, or lines of conditions, that a terminal holds
 BY_CONDITION = "by condition"  # `says` of the entries that these lines hold
 

@@ -25,12 +25,11 @@ from osl_analysis.report.numbers import (
     headline_sentences,
     numbers_in_summary,
 )
-from osl_analysis.stats.repeats import counted
+from osl_analysis.stats.budget import CLEAR
+from osl_analysis.stats.repeats import DOUBTFUL, counted
 from osl_analysis.stats.rounding import significant
 
-CLEAR = "clear"
 FLAGGED = "flagged"
-DOUBTFUL = "doubtful"
 IN_PART = "doubtful in part"
 EXCLUDED = "excluded"
 NOT_JUDGED = "not judged"  # recordings that are read and not analysed

@@ -8,7 +8,7 @@ from osl_analysis.base.measured import varies
 from osl_analysis.base.trial import Array
 
 # s, over which both are compared: a filter of 20 Hz takes 1 % of what moves so slowly
-WINDOW_S = 0.25
+COMPARED_S = 0.25
 LEAST_FOLLOWED = 0.9  # correlation of a speed with its angle's change; less is of another, or noise
 
 
@@ -30,10 +30,10 @@ def speed_factor(time: Array, angle: Array, speed: Array) -> float:
         time, angle, speed = time[known], angle[known], speed[known]
     if not time.size:
         return np.nan
-    begins = np.arange(time[0], time[-1] - WINDOW_S, WINDOW_S / 10)
+    begins = np.arange(time[0], time[-1] - COMPARED_S, COMPARED_S / 10)
     way = np.append(0.0, np.cumsum(speed[1:] * np.diff(time)))
-    turns = np.interp(begins + WINDOW_S, time, angle) - np.interp(begins, time, angle)
-    ways = np.interp(begins + WINDOW_S, time, way) - np.interp(begins, time, way)
+    turns = np.interp(begins + COMPARED_S, time, angle) - np.interp(begins, time, angle)
+    ways = np.interp(begins + COMPARED_S, time, way) - np.interp(begins, time, way)
     if not (varies(turns) and varies(ways)):
         return np.nan
     is_followed = abs(np.corrcoef(turns, ways)[0, 1]) > LEAST_FOLLOWED

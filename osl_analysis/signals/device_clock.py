@@ -19,7 +19,7 @@ from osl_analysis.signals.sample_count import (
 # standard deviations between the 5 % and the 95 % quantile of a normal distribution
 NORMAL_90 = 3.29
 SETTLING_S = 2.0  # s within which latency comes back to its usual value
-FAR_OFF = 5  # standard deviations beyond which a stamp does not count for the line
+OUTLYING_SDS = 5  # standard deviations beyond which a stamp does not count for the line
 ONE_SIDED = 0.5  # skewness of latency: late, never early
 # steps within which a sample follows another of its batch; also the share of rows that do
 IN_BATCH = 0.4
@@ -102,7 +102,9 @@ class DeviceClock:
         if np.ptp(self.residual) < no_scatter:
             return line
         spread = spread_of(self.residual)
-        is_near = np.abs(self.residual - np.median(self.residual)) <= FAR_OFF * spread + no_scatter
+        is_near = (
+            np.abs(self.residual - np.median(self.residual)) <= OUTLYING_SDS * spread + no_scatter
+        )
         late = self.residual[is_near]
         step, start = line_through(self.count[is_near], late)
         times = line + step * self.count + start

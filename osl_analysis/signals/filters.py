@@ -122,20 +122,23 @@ def filtered_motion(
     rate = 1 / float(np.mean(np.diff(time)))
     smooth_theta = low_pass(theta, rate)
     radians_per_sample = 2 * np.pi * low_pass.cutoff_hz / rate
-    if radians_per_sample**6 / 140 > largest_loss or len(time) < SAMPLES:
+    if radians_per_sample**6 / 140 > largest_loss or len(time) < POLYNOMIAL_SAMPLES:
         motion = differentiate(time, smooth_theta)
     else:
         motion = seven_point_motion(smooth_theta, rate)
     return motion, low_pass(torque, rate)
 
 
-SAMPLES = 7  # through which a polynomial passes, whose derivatives are those of their middle
+# through which a polynomial passes, whose derivatives are those of their middle
+POLYNOMIAL_SAMPLES = 7
 
 
 def seven_point_motion(theta: Array, rate_hz: float) -> Motion:
     """Differentiate an angle (n,) [rad] that is sampled evenly, and slow compared to the rate."""
     omega, alpha = (
-        scipy.signal.savgol_filter(theta, SAMPLES, SAMPLES - 1, derivative, 1 / rate_hz)
+        scipy.signal.savgol_filter(
+            theta, POLYNOMIAL_SAMPLES, POLYNOMIAL_SAMPLES - 1, derivative, 1 / rate_hz
+        )
         for derivative in (1, 2)
     )
     return Motion(theta, omega, alpha)

@@ -156,7 +156,7 @@ def uniform_signals(
         return on_one_grid(taken, limits, trial.name)
 
 
-MEASURED = ("theta", "theta_m", "omega_m", "theta_joint", "current", "torque", "torque_m")
+CLOCKED_COLUMNS = ("theta", "theta_m", "omega_m", "theta_joint", "current", "torque", "torque_m")
 """Columns of a bench that tell how the stamps of their device are read."""
 
 
@@ -164,7 +164,7 @@ def with_clocks(trial: Trial) -> Trial:
     """The trial with `clocks`: how the stamps of each device of a bench are read, by all that it
     measured. A device that no grid can take, such as one with a clock that jumps, has none."""
     clocks = dict[str, Reading]()
-    for names in devices_of(trial, [name for name in MEASURED if name in trial.columns]):
+    for names in devices_of(trial, [name for name in CLOCKED_COLUMNS if name in trial.columns]):
         with suppress(InputError):
             for part in take_stream(stream_of(trial, names)):
                 if part.held is None:

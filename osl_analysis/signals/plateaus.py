@@ -11,7 +11,7 @@ from osl_analysis.base.measured import noise_of, spoiled
 from osl_analysis.base.trial import Array
 from osl_analysis.signals.filters import longest_of, run_edges, runs
 
-BIN_S = 0.05  # s; averaging time in the search for plateaus
+AVERAGED_S = 0.05  # s; averaging time in the search for plateaus
 LEVEL_CHANGE = 0.02  # of the current's range, by which means of a plateau differ at most
 SHORTEST_LEVEL = 5  # changes between such means: a plateau of 0.3 s
 SETTLING, ENDING = 3, 1  # means left out: the torque settles, and the filter spreads the next step
@@ -25,15 +25,15 @@ def plateaus_of(time: Array, current: Array) -> list[slice]:
     Parameters
     ----------
     time : Array
-        Rising (n,) [s]; a bin of `BIN_S` without a row ends a plateau.
+        Rising (n,) [s]; a bin of `AVERAGED_S` without a row ends a plateau.
     current : Array
         (n,) [A].
 
     Returns
     -------
     list of slice
-        Rows in which means over `BIN_S` change by less than 2 % of their range for 0.3 s or more.
-        The first 0.15 s and the last 0.1 s are left out.
+        Rows in which means over `AVERAGED_S` change by less than 2 % of their range for 0.3 s or
+        more. The first 0.15 s and the last 0.1 s are left out.
     """
     begins, number = bins_of(time)
     if len(begins) <= SHORTEST_LEVEL:
@@ -55,7 +55,7 @@ def bins_of(time: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """First rows (k,) of the bins of rising times (n,) [s], and their numbers."""
     usual_step = np.median(np.diff(time)) if len(time) > 1 else 0.0
     # a hundredth of a step, so that rounding does not move rows to the bin before
-    number = np.floor((time - time[0] + 0.01 * usual_step) / BIN_S).astype(np.intp)
+    number = np.floor((time - time[0] + 0.01 * usual_step) / AVERAGED_S).astype(np.intp)
     begins = np.flatnonzero(np.diff(number, prepend=-1))
     return begins, number[begins]
 

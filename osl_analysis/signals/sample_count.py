@@ -136,7 +136,7 @@ def missing_before_samples(stamps: Array) -> SampleCount:
     late sample takes the place of one that is missing a few samples later.
     """
     missing = np.zeros(len(stamps), dtype=np.int64)
-    step = usual_step(stamps)
+    step = usual_stamp_step(stamps)
     level = (stamps - stamps[0]) / step - np.arange(len(stamps))
     length = np.diff(stamps, prepend=stamps[0]) / step
     suspects = np.flatnonzero(length > SUSPECT_STEP)
@@ -156,7 +156,7 @@ def missing_before_samples(stamps: Array) -> SampleCount:
     return missing
 
 
-def usual_step(stamps: Array) -> float:
+def usual_stamp_step(stamps: Array) -> float:
     """Find a device's step [s] from its stamps (n,) [s], of which some are late and some missing.
 
     The promptest sample of each block is hardly late. From block to block its level changes by the

@@ -40,7 +40,7 @@ BLOCKS_SMOOTHED = 4  # over which the curve about which stamps scatter is smooth
 SLOPE_S = 0.04  # s over which the slope of a signal is that of a polynomial
 SLOPE_DEGREE = 3
 LEAST_NOT_ROUNDING = 0.02  # share of the stamps' scatter that their rounding must leave
-MOST_NOISE = 0.2  # share of the mean square of x'; noise pulls a response towards 0
+MOST_SPEED_NOISE = 0.2  # share of the mean square of x'; noise pulls a response towards 0
 KNOWN = 0.25  # standard error of a response above which a signal tells no hypothesis apart
 NOT_LINEAR = 0.05  # standard error beside the noise: the model is linear in the stamps
 # What decides
@@ -161,7 +161,7 @@ def evidence_of(signal: Array, clock: DeviceClock) -> StampEvidence | None:
     slope_weights = scipy.signal.savgol_coeffs(slope_window, SLOPE_DEGREE, 1)
     residual_variance = squares / fluctuations.size / left_by_motion
     slope_noise = residual_variance * np.sum(slope_weights**2) / clock.step**2
-    if not slope_noise <= MOST_NOISE * slope_square / fluctuations.size:
+    if not slope_noise <= MOST_SPEED_NOISE * slope_square / fluctuations.size:
         return None
     covariance = inverse @ (scores.T @ scores) @ inverse * CHUNKS / (CHUNKS - 1)
     if covariance.diagonal().max() > KNOWN**2:

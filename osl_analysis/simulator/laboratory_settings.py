@@ -26,9 +26,9 @@ from osl_analysis.base.yaml_settings import (
 )
 from osl_analysis.model.compensator import PAPER_WEIGHT, Weight
 from osl_analysis.simulator.simulation_settings import (
+    ClosedShare,
     Count,
     Effect,
-    Share,
     Switches,
     effect,
 )
@@ -39,14 +39,14 @@ PLATE_CHANNELS = {"Fx1": "N", "Fy1": "N", "Fz1": "N", "Mx1": "Nmm", "My1": "Nmm"
 FASTEST_MOTION_HZ = 100_000  # rate [Hz] at which a crossing can still be computed
 
 
-Place = tuple[float, float, float]  # [m]
+Position = tuple[float, float, float]  # [m]
 Bump = tuple[float, float, float]  # size, phase of the peak, sharpness
 
 WALKER = own_yaml(Path(__file__).with_name("walker.yaml"))
-MARKERS: Mapping[str, Mapping[str, Place]] = WALKER["markers"]
+MARKERS: Mapping[str, Mapping[str, Position]] = WALKER["markers"]
 ANKLE_ANGLE: Sequence[Bump] = WALKER["ankle_angle"]
 ANKLE_MOMENT: Sequence[Bump] = WALKER["ankle_moment"]
-PLATE_SHIFT: Place = WALKER["plate_shift"]
+PLATE_SHIFT: Position = WALKER["plate_shift"]
 
 
 class NominalGait(Settings):
@@ -170,7 +170,7 @@ class Perturbation(Settings):
     angle_deg: Annotated[float, Field(gt=0, le=60)]
     rise_s: Seconds
     latency_s: NotNegative  # from the command to the start of the ramp
-    stance_phase: Annotated[tuple[Share, Share], AfterValidator(check_rising)]
+    stance_phase: Annotated[tuple[ClosedShare, ClosedShare], AfterValidator(check_rising)]
     """First and last share of stance at which the ramp is commanded, drawn evenly."""
     # after toe-off, when the platform starts to return
     hold_s: Annotated[float, Field(ge=0, le=10)]
@@ -181,14 +181,14 @@ class Body(Settings):
     """The inertia of a body. Its mass is the size of an effect (`foot_inertia` or
     `plate_inertia`)."""
 
-    centre_of_mass_m: Place  # in the body's axes
+    centre_of_mass_m: Position  # in the body's axes
     gyration_m: tuple[Metres, Metres, Metres]  # principal radii about the centre of mass
 
 
 class MovingPlate(Body):
     """The force plate. Its centre of mass is given from the centre of its surface."""
 
-    centre_m: Place  # of the surface at rest, in laboratory axes
+    centre_m: Position  # of the surface at rest, in laboratory axes
     size_m: tuple[Metres, Metres]  # of the surface along the plate's x and y
     sensor_depth_m: Metres  # of the sensor origin below the surface
     # sensor origin from the surface's centre, along laboratory x and y

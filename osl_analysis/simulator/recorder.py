@@ -294,7 +294,7 @@ def recording_of(
         [N*m/min].
     """
     recorder = settings.recorder
-    drawn = draw_errors(trial, settings)
+    drawn = random_errors(trial, settings)
     samples = next(len(signal) for signal in signals.values() if not callable(signal))
     bench = Bench(trial, settings, drawn, samples)
     torque = {name: signal for name, signal in signals.items() if is_torque(name)}
@@ -307,7 +307,7 @@ def recording_of(
     return {**log, "torque_time": torque_time, **log_of_torque}, drawn
 
 
-def draw_errors(trial: str, settings: SimulationSettings) -> dict[str, float]:
+def random_errors(trial: str, settings: SimulationSettings) -> dict[str, float]:
     """Draw the errors that a bench keeps over a trial."""
     clock = generator_of(settings.seed, trial, "clock_start")
     drawn = {"clock_start_s": float(clock.integers(20, 2000))}

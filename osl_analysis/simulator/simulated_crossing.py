@@ -159,7 +159,7 @@ def move(step: gait.Step, perturbed: bool) -> tuple[JointMotion, Pose, Pose, gai
     on_platform = 1.0 - gait.smooth_step((time - step.toe_off) / NOMINAL.release_s)
     carried_angle = platform.angle * on_platform
 
-    theta = ankle_angle(step, carried_angle, platform)
+    theta = measured_ankle_angle(step, carried_angle, platform)
     omega = time_derivative(theta, walking.rates.motion_hz)
     alpha = time_derivative(omega, walking.rates.motion_hz)
 
@@ -172,7 +172,9 @@ def move(step: gait.Step, perturbed: bool) -> tuple[JointMotion, Pose, Pose, gai
     return JointMotion(theta, omega, alpha), foot, shank, platform
 
 
-def ankle_angle(step: gait.Step, carried_angle: Array, platform: gait.PlatformMotion) -> Array:
+def measured_ankle_angle(
+    step: gait.Step, carried_angle: Array, platform: gait.PlatformMotion
+) -> Array:
     """Angle (n,) [rad] of the ankle: the nominal one with its variations, and the angle (n,) [rad]
     in which the platform carries the foot."""
     trial = step.trial

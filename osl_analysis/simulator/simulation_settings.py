@@ -199,7 +199,7 @@ class RecorderSettings(Settings):
     torque_node: NodeSettings | None = None
 
 
-Repeats = Annotated[int, Field(ge=1, le=1000)]
+RepeatCount = Annotated[int, Field(ge=1, le=1000)]
 
 
 class Excitation(Settings):
@@ -217,8 +217,8 @@ class Excitation(Settings):
     )  # a binary sequence has none
     duration_s: Positive = 60.0  # at full size; of a multisine see `periods`
     period_s: Positive = 8.0  # of a multisine
-    periods: Repeats = 5  # of a multisine
-    trials: Repeats = 1
+    periods: RepeatCount = 5  # of a multisine
+    trials: RepeatCount = 1
     clock_s: Positive = 0.1  # between two changes of a binary sequence
     smoothing_hz: Positive = 8.0  # cut-off of the low-pass over a binary sequence
     # in which the motion grows, and goes back to rest, in addition to its duration
@@ -239,7 +239,7 @@ class Excitation(Settings):
 
 
 Count = Annotated[int, Field(ge=0, le=100_000)]
-Share = Annotated[float, Field(ge=0, le=1)]
+ClosedShare = Annotated[float, Field(ge=0, le=1)]
 
 
 class Experiments(Settings):
@@ -256,7 +256,7 @@ class Experiments(Settings):
     plate: Count = 0  # a perturbation of the unloaded platform
     walking: Count = 0  # crossings
     # probability that a crossing is perturbed
-    perturbed_share: Share = 0.5
+    perturbed_share: ClosedShare = 0.5
     # of successive crossings, in turn; the sheet says which, where several are. up: toes up,
     # dorsiflexion
     directions: Annotated[tuple[Literal["up", "down"], ...], Field(min_length=1)] = ("up",)

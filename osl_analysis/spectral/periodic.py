@@ -18,14 +18,14 @@ from osl_analysis.signals.filters import runs
 
 # Shares are of the RMS of the moving angle.
 COARSE_HZ = 100.0  # rate [Hz], by averaging samples, at which periods are searched
-FLOOR = 3e-4  # share below which a mismatch counts as none
+NO_MISMATCH = 3e-4  # share below which a mismatch counts as none
 LEAST_CORRELATION = 0.3  # two realisations of two periods each correlate by 0.5
 MOST_LAGS = 60  # highest peaks of the autocorrelation that are tried
 MOVING = 0.2  # of the largest RMS; below, the joint rests
 COMPARED_S = 0.25  # [s] window in which a motion is compared with itself
 SIMILAR = 0.25  # share by which a motion may differ from itself in a window
 WHOLE_LAG = 0.98  # windows and averages blur the ends of a stretch of two periods
-SETTLED = 5.0  # median mismatches; more is a transient
+LARGEST_TRANSIENT = 5.0  # median mismatches; more is a transient
 LEAST_COVERED = 0.5  # share of the moving time that must repeat itself
 LAG_ROUNDS = 2
 UNCERTAIN_ROWS = 3.0  # by which the ends of a stretch are uncertain, at `COARSE_HZ`
@@ -88,7 +88,7 @@ def periodic_motion(
     best = min(candidate.mismatch for candidate in candidates)
     # the shortest lag with a mismatch within a factor of two of the best is the period, not a
     # multiple of it
-    lag, _, stretches = min(each for each in candidates if each.mismatch <= 2 * best + FLOOR)
+    lag, _, stretches = min(each for each in candidates if each.mismatch <= 2 * best + NO_MISMATCH)
     times = np.arange(lag)
     scatters = []
     realisations: list[Array] = []
@@ -158,6 +158,6 @@ def repetition_after(
             return None
 
     median = np.median(mismatch[rows])
-    settled = runs_of_a_lag(mismatch < max(SETTLED * median, FLOOR * size))
+    settled = runs_of_a_lag(mismatch < max(LARGEST_TRANSIENT * median, NO_MISMATCH * size))
     covered = sum(run.stop - run.start + lag for run in settled) / moving.sum()
     return Repetition(lag, median / size, settled) if covered > LEAST_COVERED else None

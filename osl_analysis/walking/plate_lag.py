@@ -36,7 +36,7 @@ Turns = Mapping[str, Sequence[TurnLag]]  # of crossings, by trial
 
 
 # When a lag of the crossings replaces that of the unloaded plate.
-SPARE_S = 0.03  # from a stance to the frames in which nobody stands on the plate
+UNLOADED_SPARE_S = 0.03  # from a stance to the frames in which nobody stands on the plate
 LARGEST_MASS_KG = 1.0  # of a plate that is light or compensates its own inertia
 
 
@@ -103,7 +103,7 @@ def without_load(
     """
     force = zeroed_wrench(trial, frames, settings)(lag)[:, 2]
     stance = only_stance(frames, force, settings)
-    return frames < stance.heel_strike - SPARE_S, frames > stance.toe_off + SPARE_S
+    return frames < stance.heel_strike - UNLOADED_SPARE_S, frames > stance.toe_off + UNLOADED_SPARE_S
 
 
 def unloaded_parts(parts: Sequence[UnloadedRecording]) -> list[UnloadedMotion]:

@@ -246,14 +246,14 @@ def moving_directions(tracks: Sequence[PlatformTrack]) -> Array:
 
 STEP_S = 0.002  # of the mean ramp
 SINCE_MIDDLE = np.arange(-0.15, 0.1 + STEP_S / 2, STEP_S)  # [s] from the middle of the rise
-AT_REST = SINCE_MIDDLE < -0.1
+BEFORE_RAMP = SINCE_MIDDLE < -0.1
 
 
 # Of the mean ramp and its start.
-ROUNDS = 6  # of mean and alignment in turn; four reduce an error of 5 ms to 1e-5 s
-LARGEST_MISFIT = 3.0  # of a ramp over its noise at rest; sound ones reach 2.4
+MEAN_ROUNDS = 6  # of mean and alignment in turn; four reduce an error of 5 ms to 1e-5 s
+LARGEST_RAMP_MISFIT = 3.0  # of a ramp over its noise at rest; sound ones reach 2.4
 LEAST_MISFIT = 0.002  # of a height, that lines between frames leave of an exact ramp
-LEAST_NOISE = 1e-6  # of a mean ramp, as a share of its height
+LEAST_RAMP_NOISE = 1e-6  # of a mean ramp, as a share of its height
 USUAL_STEP = 3  # minimum jerk
 FAR_MORE_LIKELY = 30.0  # decrease of chi-square for which another step replaces the usual one
 PLATEAU = 0.95  # of the largest turn, above which the ramp has ended
@@ -327,14 +327,14 @@ def align(ramps: list[Ramp]) -> tuple[Array, float, Mask]:
     middles = np.array([ramp.middle for ramp in ramps])
     heights = np.array([ramp.angle.max() for ramp in ramps])
     follows = np.ones(len(ramps), dtype=bool)
-    for _ in range(ROUNDS):
+    for _ in range(MEAN_ROUNDS):
         angles = np.array(
             [
                 np.interp(middle + SINCE_MIDDLE, ramp.time, ramp.angle)
                 for ramp, middle in zip(ramps, middles, strict=True)
             ]
         )
-        angles -= angles[:, AT_REST].mean(axis=1, keepdims=True)
+        angles -= angles[:, BEFORE_RAMP].mean(axis=1, keepdims=True)
         weights = np.where(follows, heights, 0.0)  # a small ramp has more noise in its height
         mean = weights @ angles / (weights @ heights)
 
@@ -344,12 +344,12 @@ def align(ramps: list[Ramp]) -> tuple[Array, float, Mask]:
         heights = estimates[0]
         middles = middles - estimates[1] / heights
 
-        noise = np.maximum(angles[:, AT_REST].std(axis=1), LEAST_MISFIT * heights)
+        noise = np.maximum(angles[:, BEFORE_RAMP].std(axis=1), LEAST_MISFIT * heights)
         misfit = np.sqrt(np.mean((angles - (X @ estimates).T) ** 2, axis=1)) / noise
         # The better half is always in the mean
-        follows = misfit <= max(LARGEST_MISFIT, np.median(misfit))
+        follows = misfit <= max(LARGEST_RAMP_MISFIT, np.median(misfit))
     start, se = start_of_rise(SINCE_MIDDLE, mean)
-    return middles + start, se, misfit <= LARGEST_MISFIT
+    return middles + start, se, misfit <= LARGEST_RAMP_MISFIT
 
 
 def start_of_rise(time: Array, ramp: Array) -> tuple[float, float]:
@@ -361,7 +361,7 @@ def start_of_rise(time: Array, ramp: Array) -> tuple[float, float]:
     starts of two steps that fit equally well differ by 6 to 10 % of the rise.
     """
     height = ramp[ramp > PLATEAU * ramp.max()].mean()
-    noise = max(ramp[AT_REST].std(), LEAST_NOISE * height)
+    noise = max(ramp[BEFORE_RAMP].std(), LEAST_RAMP_NOISE * height)
     half, end = (np.argmax(ramp >= share * height) for share in (0.5, FITTED_RISE))
     quarter = np.argmax(ramp >= height / 4)
     duration = 4 * max(time[half] - time[quarter], STEP_S)

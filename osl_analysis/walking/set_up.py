@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 FRAMES_OF_SPECTRUM = 128  # of markers: 0.4 s at 300 Hz
-SLOW = (0.05, 0.12)  # frequencies of marker noise, as shares of their rate
+SLOW_NOISE = (0.05, 0.12)  # frequencies of marker noise, as shares of their rate
 FAST = (0.4, 0.5)
 LEAST_RESIDUAL_M = 1e-5  # of a foot's rigid body: what is less is no measured one
 OTHER_PLACE_M = 0.1  # between the centres of two plates
@@ -160,7 +160,7 @@ def marker_noise_ratio(trial: Trial, names: Sequence[str]) -> float | None:
         average="median",
         axis=0,
     )
-    high, low = (power[(f >= first) & (f <= last)].mean() for first, last in (FAST, SLOW))
+    high, low = (power[(f >= first) & (f <= last)].mean() for first, last in (FAST, SLOW_NOISE))
     return float(high / low) if low else None
 
 

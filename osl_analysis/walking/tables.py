@@ -159,19 +159,21 @@ def with_late_torque(fit: GroupFit) -> GroupFit:
     K = fit.fit["K"]
     B = fit.fit["B"]
     lag_s = -fit.fit["I"] / B
-    changes = of_source("late_torque", lag_s * np.array([0.0, K, B]), LATE)
+    changes = of_source("late_torque", lag_s * np.array([0.0, K, B]), LATE_PLATE)
     return replace(
         fit, budgets={name: each.plus(changes[name]) for name, each in fit.budgets.items()}
     )
 
 
 SCATTER = Contribution("", None, basis="measured", part="repeatability")  # of this campaign
-SHARED = Contribution("", None, basis="measured", shared=True)  # by all crossings
-LATE = Contribution("", None, basis="measured", part="fault", detail="a lag that makes I negative")
+BY_ALL_CROSSINGS = Contribution("", None, basis="measured", shared=True)  # by all crossings
+LATE_PLATE = Contribution(
+    "", None, basis="measured", part="fault", detail="a lag that makes I negative"
+)
 CHOSEN = Contribution("", None, basis="assumed", part="motion")  # half of another choice's change
 
 
-def of_source(source: str, standards: Array, row: Contribution = SHARED) -> Contributions:
+def of_source(source: str, standards: Array, row: Contribution = BY_ALL_CROSSINGS) -> Contributions:
     """A row for each of K, B and I, by the standard uncertainties (3,)."""
     sizes = zip(ESTIMATED, np.abs(standards), strict=True)
     return {name: replace(row, source=source, standard=float(size)) for name, size in sizes}
@@ -192,7 +194,9 @@ def of_set_up(
     ]
     if len(by_trial) > 1:
         ses = jackknife_ses(by_trial)
-        rows.append(of_source("plate_inertia", ses, replace(SHARED, freedom=len(by_trial) - 1.0)))
+        rows.append(
+            of_source("plate_inertia", ses, replace(BY_ALL_CROSSINGS, freedom=len(by_trial) - 1.0))
+        )
     else:
         rows.append(in_units("plate_unseen", "kg", of_mass))
     if timing.se is None:

@@ -11,7 +11,7 @@ from osl_analysis import formats
 from osl_analysis.base.recording import Channel, Format, Recording, Rows
 from osl_analysis.base.source_file import LogSource
 from osl_analysis.formats import known_formats, reading, recognise
-from osl_analysis.formats.reading import GROUP
+from osl_analysis.formats.reading import ENTRY_POINTS
 
 
 class ToySource(LogSource):
@@ -40,11 +40,11 @@ TOY = Format(
 @pytest.fixture
 def with_toy(monkeypatch):
     """A package that offers a format by the entry point group."""
-    point = EntryPoint("toy", "toy_package:FORMAT", GROUP)
+    point = EntryPoint("toy", "toy_package:FORMAT", ENTRY_POINTS)
     monkeypatch.setattr(EntryPoint, "load", lambda self: TOY)
 
     def entry_points(group):
-        return EntryPoints([point] if group == GROUP else [])
+        return EntryPoints([point] if group == ENTRY_POINTS else [])
 
     monkeypatch.setattr(reading, "entry_points", entry_points)
     known_formats.cache_clear()

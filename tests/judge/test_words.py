@@ -10,7 +10,7 @@ import yaml
 from conftest import findings_of
 from shipped import SETTINGS
 
-from osl_analysis.bench.budgets import SOURCES
+from osl_analysis.bench.budgets import ERROR_SOURCES
 from osl_analysis.config.experiments import JUDGED_TABLES
 from osl_analysis.dictionary.described import described_tables, described_tables_by_name
 from osl_analysis.judge.finding import DoubtfulFits, Finding, Grade, Limits
@@ -18,7 +18,7 @@ from osl_analysis.judge.known_findings import CHECKS, CONTENT, FINDINGS, RULES
 from osl_analysis.judge.words import finding_text, worded
 
 DOUBTS = {
-    *SOURCES.values(),
+    *ERROR_SOURCES.values(),
     *(rule.finding for rule in RULES if rule.column),
     *(check.finding for check in CHECKS.values()),
 }
@@ -48,7 +48,7 @@ def test_rules_name_findings_and_columns_of_result_tables():
         named = {*rule.within, *rule.given, *rule.without}
         assert {*named, *filter(None, [rule.column, rule.second])} <= columns, rule
         assert set(rule.tables) <= set(JUDGED_TABLES)
-    named = {check.finding for check in CHECKS.values()} | set(SOURCES.values())
+    named = {check.finding for check in CHECKS.values()} | set(ERROR_SOURCES.values())
     assert named <= FINDINGS.keys()
 
 

@@ -124,16 +124,9 @@ def trace(
 
 
 # Cells of a row that ingest uses. A change of other cells does not cause a new ingest.
-# fmt: skip
 INGESTED = (
-    "trial",
-    "experiment",
-    "log_part",
-    *RECORDINGS,
-    *SOURCES,
-    *FIXTURE,
-    "windows",
-)
+    "trial", "experiment", "log_part", *RECORDINGS, *SOURCES, *FIXTURE, "windows",
+)  # fmt: skip
 # cells of a row that name a recording
 RECORDING = ("experiment", "log", "log_source", "log_part", "mocap")
 WHOLE_RECORDING = "0-1000000"  # [s] as windows

@@ -103,7 +103,10 @@ def without_load(
     """
     force = zeroed_wrench(trial, frames, settings)(lag)[:, 2]
     stance = only_stance(frames, force, settings)
-    return frames < stance.heel_strike - UNLOADED_SPARE_S, frames > stance.toe_off + UNLOADED_SPARE_S
+    return (
+        frames < stance.heel_strike - UNLOADED_SPARE_S,
+        frames > stance.toe_off + UNLOADED_SPARE_S,
+    )
 
 
 def unloaded_parts(parts: Sequence[UnloadedRecording]) -> list[UnloadedMotion]:

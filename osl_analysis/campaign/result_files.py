@@ -21,11 +21,12 @@ from osl_analysis.judge.claims import read_claims
 
 # Experiments that measure the components of the drivetrain
 COMPONENT_EXPERIMENTS = ("actuator", "belt", "transmission")
+SUMMARIES = [f"{component}_summary" for component in COMPONENT_EXPERIMENTS]
 ON_PAPER = {
     "conditions": ["impedance"],
     "walking": ["walking_summary"],
-    "components": [f"{component}_summary" for component in COMPONENT_EXPERIMENTS],
-    "budget": ["budget", "impedance"],
+    "components": SUMMARIES,
+    "budget": ["budget", "impedance", *SUMMARIES],
 }
 """Tables for a paper, and the tables of results that each is made of."""
 FIGURE_SUFFIXES = ("csv", "pdf", "svg", "png")  # plotted numbers, and the figure

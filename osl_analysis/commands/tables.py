@@ -343,7 +343,8 @@ def write_paper_table(
     file, with the draft's values if `beside_draft`."""
     read = read_by_name(tables)
     if "budget" in read:
-        rows = interval_rows(read["budget"], read.get("impedance", pl.DataFrame()))
+        means = [table for name, table in read.items() if name.endswith("_summary")]
+        rows = interval_rows(read["budget"], read.get("impedance", pl.DataFrame()), means)
     elif "impedance" in read:
         rows = condition_rows(conditions(read["impedance"]))
     elif "walking_summary" in read:

@@ -28,6 +28,7 @@ CONDITION_KEYS = ("joint", "side", "excitation", "controller", "K_d", "B_d", "ow
 LATEX, COMPONENTS = own_yaml(Path(__file__).with_suffix(".yaml")).values()
 STATED_COLUMNS = ("controller", "K_d", "B_d")
 PRINTED_ESTIMATES = ("K", "B", "B_viscous", "I", "VAF")
+BUDGETED = PRINTED_ESTIMATES[:-1]
 LARGEST_VAF = 99.99  # [%] that is printed: none is rounded to 100
 SUBTRACTED = {"ensemble": "mean unperturbed gait", "ensemble, predicted gait": "predicted gait"}
 """What each estimator of a group subtracts from the perturbed crossings."""
@@ -164,23 +165,35 @@ def condition_rows(of_conditions: Sequence[Condition]) -> list[list[str]]:
     return rows
 
 
-def interval_rows(budget: pl.DataFrame, impedance: pl.DataFrame) -> list[list[str]]:
-    """What makes the intervals of the estimates of whole trials: half-widths by part and of all of
-    it, and half of the range over motions; the median over the trials of a condition."""
-    condition_of = {row["trial"]: condition_name(row) for row in impedance.to_dicts()}
+def interval_rows(
+    budget: pl.DataFrame, impedance: pl.DataFrame, means: Sequence[pl.DataFrame]
+) -> list[list[str]]:
+    """What makes the intervals of K, B and I by controller, and of the components: half-widths of
+    one trial by part and of all parts, and half of the range over motions, each the median over n
+    trials; and the half-width of the mean over trials, of components (`means`), whose trials
+    scatter."""
+    controller_of = {row["trial"]: row["controller"] for row in impedance.to_dicts()}
+    half_of_mean = {
+        row["quantity"]: (row["high"] - row["low"]) / 2
+        for summary in means
+        for row in summary.drop_nulls("low").to_dicts()
+    }
+    title_of = {component["quantity"]: title for title, component in COMPONENTS.items()}
+    title_of.update({name: name for name in BUDGETED})
     widths_of: dict[tuple[str, str], list[list[float]]] = {}
-    whole = budget.filter(pl.col("amplitude_deg").is_null())
+    whole = budget.filter(pl.col("amplitude_deg").is_null(), pl.col("estimate").is_in(title_of))
     for (trial, name), rows in whole.group_by("trial", "estimate", maintain_order=True):
         (found,) = budgets_in(rows.to_dicts(), {str(name): 0.0}).values()
         parts = [found.half_width(part) for part in IN_INTERVAL]
         widths = [*parts, found.half_width(), found.half_range]
-        condition = condition_of.get(str(trial), NOTHING)
-        widths_of.setdefault((condition, str(name)), []).append(widths)
-    table = [["condition", "estimate", "n", *IN_INTERVAL, "all", "range"]]
-    for (condition, name), of_trials in widths_of.items():
+        controller = controller_of.get(str(trial)) or NOTHING
+        widths_of.setdefault((controller, str(name)), []).append(widths)
+    table = [["controller", "estimate", "n", *IN_INTERVAL, "all", "range", "mean of n"]]
+    for (controller, name), of_trials in widths_of.items():
         medians = map(median, zip(*of_trials, strict=True))
-        texts = [significant(width) if width else NOTHING for width in medians]
-        table.append([condition, name, str(len(of_trials)), *texts])
+        of_mean = half_of_mean.get(name, 0.0)
+        texts = [significant(width) if width else NOTHING for width in (*medians, of_mean)]
+        table.append([controller, title_of[name], str(len(of_trials)), *texts])
     return table
 
 

@@ -78,14 +78,24 @@ def test_an_estimate_has_its_verdict_the_parts_of_its_interval_and_what_is_not_k
     assert shown.parts["sensor"] == 0
 
 
-def test_a_table_for_a_paper_has_the_parts_of_each_condition():
-    stated = pl.DataFrame([{"trial": ROW["trial"], "K_d": 300.0}])
+def test_a_table_for_a_paper_has_the_parts_of_each_controller():
+    impedance = pl.DataFrame([{"trial": ROW["trial"], "controller": "compensated"}])
 
-    head, (condition, name, n, *widths) = interval_rows(BUDGET, stated)
+    head, (controller, name, n, *widths) = interval_rows(BUDGET, impedance, [])
 
-    assert head[3:] == ["repeatability", "sensor", "bench", "all", "range"]
-    assert (condition, name, n, widths) == ("300", "K", "1", ["6.8", "–", "7.8", "10", "–"])
-    assert interval_rows(BUDGET, pl.DataFrame())[1][:2] == ["–", "K"]
+    assert head[3:] == ["repeatability", "sensor", "bench", "all", "range", "mean of n"]
+    assert (controller, name, n) == ("compensated", "K", "1")
+    assert widths == ["6.8", "–", "7.8", "10", "–", "–"]
+    assert interval_rows(BUDGET, pl.DataFrame(), [])[1][:2] == ["–", "K"]
+
+
+def test_the_table_of_parts_has_the_mean_over_trials_that_scatter_beside_them():
+    own = table_of(budget_rows(PLACE, {"K_s": Budget(684.0, PARTS)}), "budget")
+    mean = pl.DataFrame([{"quantity": "K_s", "low": 679.5, "high": 689.3}])
+
+    (_, row) = interval_rows(own, pl.DataFrame(), [mean])
+
+    assert (row[1], row[-3], row[-1]) == ("K_s [N*m/rad]", "10", "4.9")
 
 
 SHEET = {name: {**ROW, "trial": name} for name in "ab"}

@@ -132,6 +132,7 @@ FOLLOWING = ("Exiting because a job", "At least one job did not", "WorkflowError
 """How messages of Snakemake begin that follow a job's own error."""
 FRAMES = re.compile(r'WorkflowError in file "[^"]+", line \d+:\n(.+)(\n *File ".+)*')
 """An error in a file of the user, and where in our rules it was found."""
+LEAST_SHARE = 0.1  # of a stage's jobs, whose time tells that of the others: the first are slow
 SHORTEST_WAIT_S = 10.0  # between two lines on the same stage
 
 
@@ -222,7 +223,7 @@ class LogHandler(LogHandlerBase):
             self.print_once(f"{stage} {done}/{total} in {spent_s:.0f} s")
         elif time.monotonic() - self.last_line_s > SHORTEST_WAIT_S:
             left = ""
-            if done > 1:  # the first one also started the workers
+            if done > max(1, LEAST_SHARE * total):  # the first one also started the workers
                 of_others_s = time.monotonic() - self.first_done_s[stage]
                 left = f", about {(total - done) * of_others_s / (done - 1):.0f} s left"
             self.print_once(f"{stage} {done}/{total}{left}")

@@ -466,6 +466,21 @@ def test_a_line_of_a_stage_tells_the_time_left(monkeypatch, capsys):
     assert capsys.readouterr().err.splitlines()[-1].endswith("4/10, about 66 s left")
 
 
+def test_the_first_jobs_of_a_long_stage_do_not_tell_the_time_left(monkeypatch, capsys):
+    clock = SimpleNamespace(now=100.0)
+    monkeypatch.setattr("time.monotonic", lambda: clock.now)
+    lines = LogHandler(SimpleNamespace(verbose=False, dryrun=False), None)
+    tell(lines, LogEvent.RUN_INFO, stats={"ingest": 40})
+    for job in range(5):
+        tell(lines, LogEvent.JOB_INFO, jobid=job, rule_name="ingest", log=[])
+        clock.now += 11
+        tell(lines, LogEvent.JOB_FINISHED, job_id=job)
+
+    *_, of_four, of_five = capsys.readouterr().err.splitlines()
+    assert of_four.endswith("4/40")
+    assert of_five.endswith("5/40, about 385 s left")
+
+
 def test_a_lock_is_one_line(capsys):
     lines = LogHandler(SimpleNamespace(verbose=False, dryrun=False), None)
     text = format_exception_to_string(LockException())

@@ -278,28 +278,11 @@ def result_columns(conditions: Mapping[str, Any], headline: GroupHeadline) -> di
     return {
         "fitted_phase": conditions["onset_phase"] + fitted_time(mean) / conditions["stance_s"],
         **estimates,
-        "coherence": coherence_of(headline.responses),
         "VAF": headline.ensemble.fit.vaf,
         "residual_over_gait": residual_over_gait(mean),
         "offset_share": 2 * of_offset / abs(K) if K else None,
         "pace_change": mean.pace_change,
     }
-
-
-def coherence_of(responses: Sequence[PerturbationResponse]) -> float:
-    """RMS angle of the mean response over that of single ones, without their gait.
-
-    Equal turns cancel by nothing but gait: what it scatters in small ones is no other direction or
-    onset.
-    """
-    window = responses[0].window
-    angles = np.array([response.fitted_motion.theta for response in responses])
-    of_mean = rms(angles.mean(axis=0))
-    gait_variance = np.mean(
-        [response.thetas[:, window].var(axis=0, ddof=1) for response in responses]
-    )
-    of_singles = max(rms(angles) ** 2 - gait_variance, of_mean**2)
-    return of_mean / np.sqrt(of_singles)
 
 
 def conditions_of(

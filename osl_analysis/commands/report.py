@@ -30,8 +30,8 @@ from osl_analysis.report import methods
 from osl_analysis.report.numbers import headline_sentences, macro_name, numbers_in_summary
 from osl_analysis.report.page import (
     ISOLATED,
-    ShownFigure,
     Signals,
+    inline_svg,
     measured_response,
     of_fit,
     of_recording,
@@ -234,7 +234,9 @@ def plotted_signals(
     return None
 
 
-def drawn_figures(figures: Mapping[str, Path]) -> tuple[list[ShownFigure], dict[str, str]]:
+def drawn_figures(
+    figures: Mapping[str, Path],
+) -> tuple[list[dict[str, Any]], dict[str, str]]:
     """The figures with their captions, and, by title, why each of the others is not drawn."""
     drawn = []
     absent = {}
@@ -244,9 +246,9 @@ def drawn_figures(figures: Mapping[str, Path]) -> tuple[list[ShownFigure], dict[
         if reasons:
             absent[title] = "; ".join(reasons)
         else:
-            svg = path.read_text(encoding="utf-8")
-            numbers = path.with_suffix(".csv")
-            drawn.append(ShownFigure(name, title, caption(name, numbers), svg))
+            drawing = inline_svg(name, title, path.read_text(encoding="utf-8"))
+            sentences = caption(name, path.with_suffix(".csv"))
+            drawn.append({"name": name, "title": title, "caption": sentences, "drawing": drawing})
     return drawn, absent
 
 

@@ -39,34 +39,13 @@ CURVE_POINTS = 60  # of a model over frequency
 MOST_DRAWN = 10_000  # samples of a trial
 
 
-@dataclass(frozen=True)
-class ShownFigure:
-    """A figure of the page."""
-
-    name: str
-    title: str
-    caption: Sequence[str]  # sentences: what it shows, and how to read it
-    svg: str
-
-    @property
-    def drawing(self) -> Markup:
-        """The drawing as part of a page, whose names are no other figure's, and whose points lead
-        to their trials."""
-        svg = self.svg[self.svg.index("<svg") :]
-        svg = re.sub(r'(\bid="|href="#|url\(#)', rf"\1{self.name}-", svg)
-        svg = svg.replace('"../report.html#', '"#')
-        return Markup(svg.replace("<svg", f'<svg role="img" aria-label="{self.title}"', 1))
-
-
-@dataclass(frozen=True)
-class ShownBudget:
-    """An estimate with its verdict, and the parts of its interval as a bar."""
-
-    name: str
-    text: str
-    verdict: str
-    parts: Mapping[str, float]  # shares of the squares of its half-widths [percent], by part
-    not_known: str  # what nobody has checked would change
+def inline_svg(name: str, title: str, svg: str) -> Markup:
+    """The drawing of a figure as part of a page, whose names are no other figure's, and whose
+    points lead to their trials."""
+    drawing = svg[svg.index("<svg") :]
+    drawing = re.sub(r'(\bid="|href="#|url\(#)', rf"\1{name}-", drawing)
+    drawing = drawing.replace('"../report.html#', '"#')
+    return Markup(drawing.replace("<svg", f'<svg role="img" aria-label="{title}"', 1))
 
 
 @dataclass(frozen=True)
@@ -103,34 +82,6 @@ class Signals:
         }
 
 
-@dataclass(frozen=True, kw_only=True)
-class TrialView:
-    """What the page shows of one trial."""
-
-    name: str
-    experiment: str
-    condition: str  # what the sheet states
-    recordings: str
-    verdict: str
-    left_out: Sequence[str]  # why it has no result
-    doubts: Sequence[Finding]  # about its recording or the fit to all of it
-    doubts_of_parts: Sequence[Finding]
-    results: Sequence[Finding]  # why its device is not of second order
-    remarks: Sequence[Finding]  # others, and what was not checked
-    impedance: Mapping[str, str]  # K, B and I of the fit to all of it
-    estimates: Sequence[Sequence[str]]  # a row per fit; heads first
-    budgets: Sequence["ShownBudget"]  # of the fit to all of it
-    checks: Sequence[Mapping[str, Any]]  # of its recording
-    signals: Signals | None = None
-
-    @property
-    def why(self) -> str:
-        """The causes of its verdict in a few words, or what is to be known of its device."""
-        worst = self.doubts or self.doubts_of_parts or self.results
-        causes = [finding.cause for finding in worst]
-        return ", ".join(dict.fromkeys(causes)) or "; ".join(self.left_out)
-
-
 def written_page(page: Mapping[str, Any]) -> str:
     """The HTML of a page.
 
@@ -139,9 +90,10 @@ def written_page(page: Mapping[str, Any]) -> str:
     page : Mapping
         What `page.html.j2` shows: `about` and `made_of`, where the results come from; `answer`, the
         sentence that it begins with, and further `sentences`; `notes` on intervals, settings that
-        nobody stated, recordings without a row; `conditions`, `groups`, `numbers`, `findings`,
-        `trials` (`TrialView`) and `figures` (`ShownFigure`); and why others are not there,
-        `absent_figures` and `missing_results`.
+        nobody stated, recordings without a row; `conditions`, `groups`, `numbers`, `findings`, and
+        `trials` (`trial_view`); `figures`, each with `name`, `title`, `caption` (sentences) and
+        `drawing` (`inline_svg`); and why others are not there, `absent_figures` and
+        `missing_results`.
     """
     # it imports Bokeh, which takes longer than all else of a dry run's imports (0.3 s)
     from osl_analysis.report import plots
@@ -149,7 +101,8 @@ def written_page(page: Mapping[str, Any]) -> str:
     filters = {"printed": lambda text: with_symbols(printed(text))}
     whole_lines = {"trim_blocks": True, "lstrip_blocks": True}
     html = template("page.html.j2", filters, autoescape=True, **whole_lines)
-    signals = {trial.name: trial.signals.packed() for trial in page["trials"] if trial.signals}
+    with_signals = [trial for trial in page["trials"] if trial["signals"]]
+    signals = {trial["name"]: trial["signals"].packed() for trial in with_signals}
     return html.render(
         page=page,
         experiments=EXPERIMENTS,
@@ -180,7 +133,7 @@ def trial_view(
     left_out: LeftOut | None,
     checks: Sequence[Mapping[str, Any]],
     signals: Signals | None,
-) -> TrialView:
+) -> dict[str, Any]:
     """What the page shows of a trial.
 
     Parameters
@@ -197,55 +150,67 @@ def trial_view(
         Its rows of `quality.csv`.
     signals : Signals or None
         What is plotted of it.
+
+    Returns
+    -------
+    dict
+        `why` has the causes of its verdict in a few words, or what is to be known of its device.
+        `doubts` are about its recording or the fit to all of it, `results` say why its device is
+        not of second order, `remarks` are others, and what was not checked. Of the fit to all of it
+        `impedance` has K, B and I, `budgets` what makes their intervals. `estimates` are a row per
+        fit, heads first.
     """
-    experiment = row["experiment"]
-    facts = EXPERIMENTS[experiment]
+    facts = EXPERIMENTS[row["experiment"]]
     main = facts.tables[0].name if facts.tables else ""
     fits = tables.get(main, pl.DataFrame())
-
-    of_whole = [finding for finding in findings if not finding.is_of_part]
-    doubts = [finding for finding in findings if finding.grade is Grade.DOUBTS]
-    results = results_on(findings)
-    notes = [each for each in of_whole if each.grade in (Grade.UNCHECKED, Grade.NOTES)]
     last = fits.row(-1, named=True) if len(fits) else {}
     names = zip(("K", "B", "I"), facts.impedance, strict=True)
-    return TrialView(
-        name=row["trial"],
-        experiment=experiment,
-        condition=stated_condition(row),
-        recordings=", ".join(str(row[name]) for name in RECORDINGS if row.get(name)),
-        verdict=verdict_on(experiment, findings, left_out),
-        left_out=left_out.reasons if left_out else (),
-        doubts=[doubt for doubt in doubts if not doubt.is_of_part],
-        doubts_of_parts=[doubt for doubt in doubts if doubt.is_of_part],
-        results=results,
-        remarks=[note for note in notes if note not in results],
-        impedance={symbol: estimate_text(last, name) for symbol, name in names},
-        estimates=estimate_rows(fits, main) if len(fits) else (),
-        budgets=shown_budgets(last, tables.get("budget")),
-        checks=checks,
-        signals=signals,
-    )
+
+    doubts = [finding for finding in findings if finding.grade is Grade.DOUBTS]
+    of_whole = [doubt for doubt in doubts if not doubt.is_of_part]
+    of_parts = [doubt for doubt in doubts if doubt.is_of_part]
+    results = results_on(findings)
+    notes = [each for each in findings if each.grade in (Grade.UNCHECKED, Grade.NOTES)]
+    reasons = left_out.reasons if left_out else ()
+    causes = dict.fromkeys(finding.cause for finding in of_whole or of_parts or results)
+    return {
+        "name": row["trial"],
+        "experiment": row["experiment"],
+        "condition": stated_condition(row),
+        "recordings": ", ".join(str(row[name]) for name in RECORDINGS if row.get(name)),
+        "verdict": verdict_on(row["experiment"], findings, left_out),
+        "why": ", ".join(causes) or "; ".join(reasons),
+        "left_out": reasons,
+        "doubts": of_whole,
+        "doubts_of_parts": of_parts,
+        "results": results,
+        "remarks": [note for note in notes if not (note.is_of_part or note in results)],
+        "impedance": {symbol: estimate_text(last, name) for symbol, name in names},
+        "estimates": estimate_rows(fits, main) if len(fits) else (),
+        "budgets": shown_budgets(last, tables.get("budget")),
+        "checks": checks,
+        "signals": signals,
+    }
 
 
-def shown_budgets(row: Mapping[str, Any], budget: pl.DataFrame | None) -> list[ShownBudget]:
-    """The budgets of the estimates of the fit to all of a trial."""
+def shown_budgets(row: Mapping[str, Any], budget: pl.DataFrame | None) -> list[dict[str, Any]]:
+    """The estimates of the fit to all of a trial with their verdicts; the shares of `parts` in the
+    squares of their half-widths [percent]; and what nobody has checked would change."""
     shown = []
     for name, of_name in budgets_in(rows_by_fit(budget).get(fit_of(row), ()), row).items():
         squares = {part: of_name.half_width(part) ** 2 for part in IN_INTERVAL}
         total = sum(squares.values()) or 1.0
+        known = [each for each in of_name.unknown if each.per]
+        titles = [known_finding(each.source).title.replace("_", " ") for each in known]
+        per_unit = [f"{title}: {each.per}" for title, each in zip(titles, known, strict=True)]
         shown.append(
-            ShownBudget(
-                name=name,
-                text=estimate_text(row, name),
-                verdict=row.get(f"{name}_verdict") or "",
-                parts={part: 100 * square / total for part, square in squares.items()},
-                not_known="; ".join(
-                    f"{known_finding(each.source).title.replace('_', ' ')}: {each.per}"
-                    for each in of_name.unknown
-                    if each.per
-                ),
-            )
+            {
+                "name": name,
+                "text": estimate_text(row, name),
+                "verdict": row.get(f"{name}_verdict") or "",
+                "parts": {part: 100 * square / total for part, square in squares.items()},
+                "not_known": "; ".join(per_unit),
+            }
         )
     return shown
 

@@ -19,7 +19,7 @@ from osl_analysis.commands.report import plotted_signals, rates_of
 from osl_analysis.dictionary.described import table_of
 from osl_analysis.report import methods
 from osl_analysis.report.page import (
-    ShownFigure,
+    inline_svg,
     measured_response,
     of_fit,
     of_recording,
@@ -48,13 +48,13 @@ from osl_analysis.stats.budget import Budget, Contribution, budget_rows, scatter
     ],
 )
 def test_a_trial_is_doubtful_by_the_findings_on_its_whole_fit(findings, verdict):
-    assert view(*findings).verdict == verdict
+    assert view(*findings)["verdict"] == verdict
 
 
 def test_a_trial_that_is_left_out_says_why():
     refused = view(WHOLE, left_out=LeftOut(True, ["no torque"]))
 
-    assert (refused.verdict, refused.left_out) == ("refused", ["no torque"])
+    assert (refused["verdict"], refused["left_out"]) == ("refused", ["no torque"])
 
 
 PLACE = {"trial": ROW["trial"], "amplitude_deg": None}
@@ -69,13 +69,13 @@ BUDGET = table_of(budget_rows(PLACE, {"K": Budget(300.0, PARTS)}), "budget")
 def test_an_estimate_has_its_verdict_the_parts_of_its_interval_and_what_is_not_known():
     fit = pl.DataFrame([{**PLACE, "K": 300.0, "K_verdict": "torque path"}])
 
-    (shown,) = trial_view(ROW, {"impedance": fit, "budget": BUDGET}, [], None, [], None).budgets
+    (shown,) = trial_view(ROW, {"impedance": fit, "budget": BUDGET}, [], None, [], None)["budgets"]
 
-    assert (shown.verdict, shown.not_known) == ("torque path", "wrong gain: 3 N*m/rad per %")
+    assert (shown["verdict"], shown["not_known"]) == ("torque path", "wrong gain: 3 N*m/rad per %")
     repeatability, bench = (2.262157 * 3) ** 2, (1.959964 * 4) ** 2  # Student's, by hand
     share = 100 * repeatability / (repeatability + bench)
-    assert shown.parts["repeatability"] == pytest.approx(share, rel=1e-5)
-    assert shown.parts["sensor"] == 0
+    assert shown["parts"]["repeatability"] == pytest.approx(share, rel=1e-5)
+    assert shown["parts"]["sensor"] == 0
 
 
 def test_a_table_for_a_paper_has_the_parts_of_each_controller():
@@ -110,12 +110,12 @@ def test_each_trial_counts_once():
 def test_friction_is_told_of_a_clear_trial_and_counted():
     counts = verdict_counts(SHEET, worded(REMARK), {})
 
-    assert (view(REMARK).verdict, view(REMARK).why) == ("clear", "friction")
+    assert (view(REMARK)["verdict"], view(REMARK)["why"]) == ("clear", "friction")
     assert re.search("2 .*none doubtful.* 1 .*friction", verdicts_sentence(*counts))
 
 
 def test_a_view_has_estimates_with_intervals_and_units():
-    heads, *rows = view().estimates
+    heads, *rows = view()["estimates"]
 
     of_amplitude, of_all = (dict(zip(heads, row, strict=True)) for row in rows)
     assert (of_amplitude["VAF [%]"], of_all["VAF [%]"]) == ("97", "98")
@@ -154,7 +154,9 @@ def test_figures_are_drawn_inline_with_names_of_their_own_and_links_to_trials():
         '<a href="../report.html#trial=a"/></svg>'
     )
 
-    drawn = written_page(page(figures=[ShownFigure("fig5", "Fig. 5", "", svg)]))
+    drawing = inline_svg("fig5", "Fig. 5", svg)
+    figure = {"name": "fig5", "title": "Fig. 5", "caption": "", "drawing": drawing}
+    drawn = written_page(page(figures=[figure]))
 
     assert '<g id="fig5-a"/><use href="#fig5-a" clip-path="url(#fig5-a)"/>' in drawn
     assert '<a href="#trial=a"/>' in drawn

@@ -27,7 +27,7 @@ from osl_analysis.base.errors import OslAnalysisError
 from osl_analysis.base.trial import Trial, marker_columns, plate_columns
 from osl_analysis.campaign.configuration import config_for_trials
 from osl_analysis.walking.crossing import analyse_crossing
-from osl_analysis.walking.ensemble import ESTIMATED
+from osl_analysis.walking.impedance_fit import ESTIMATED
 from osl_analysis.walking.isolated_response import unperturbed_gait
 from osl_analysis.walking.plate_inertia import identify_plate_model
 from osl_analysis.walking.plate_lag import timing_of

@@ -28,8 +28,8 @@ from osl_analysis.judge.judging import WHY_NO_FIT, judged, marked
 from osl_analysis.stats.repeats import DOUBTFUL, concerns
 from osl_analysis.walking import tables as result_tables
 from osl_analysis.walking import walking_settings as choices
-from osl_analysis.walking.ensemble import ENSEMBLE
 from osl_analysis.walking.groups import SEPARATOR
+from osl_analysis.walking.impedance_fit import ENSEMBLE
 from osl_analysis.walking.isolated_response import UnperturbedGait
 from osl_analysis.walking.plate_inertia import PlateModel
 from osl_analysis.walking.plate_lag import PlateTiming

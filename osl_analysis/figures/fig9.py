@@ -9,7 +9,7 @@ import polars as pl
 from matplotlib.axes import Axes
 
 from osl_analysis.figures import style
-from osl_analysis.walking.ensemble import ENSEMBLE
+from osl_analysis.walking.impedance_fit import ENSEMBLE
 
 SHOWN_QUANTITIES = ("K", "B", "I")
 MEAN, PERTURBATION = "mean of perturbations", "perturbation"  # values of `estimator`

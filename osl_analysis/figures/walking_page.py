@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 
 from osl_analysis.base.trial import Array
 from osl_analysis.figures import style
-from osl_analysis.walking.ensemble import ENSEMBLE
+from osl_analysis.walking.impedance_fit import ENSEMBLE
 from osl_analysis.walking.isolated_response import PHASES, UnperturbedGait
 from osl_analysis.walking.walking_settings import TimingSettings
 

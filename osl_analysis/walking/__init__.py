@@ -10,7 +10,7 @@ It reads as the experiment goes:
 | 3 plate: wrench and stance; its own inertia and lag | `plate`, `plate_inertia` |
 | 4 angle and torque of a crossing | `crossing` |
 | 5 window on the phase of stance, 6 isolated response | `isolated_response` |
-| 7 K, B, I | `impedance_fit`, `ensemble` |
+| 7 K, B, I | `impedance_fit` |
 | 8 which crossings count for which result | `groups` |
 | 9 results and what speaks against them | `tables` |
 """

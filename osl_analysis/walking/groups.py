@@ -292,9 +292,6 @@ def crossing_features(crossings: Sequence[Crossing], settings: SelectionSettings
     ]
     before = PHASES[min(guards, default=1.0) >= PHASES]
     middle = PHASES[phases_between(PHASES, SINGLE_SUPPORT)]
-    qualities = [crossing.quality for crossing in crossings]
-    forward = np.array([quality.foot_forward_m for quality in qualities])
-    left = np.array([quality.foot_left_m for quality in qualities])
     stance = np.array([crossing.stance.duration for crossing in crossings])
     theta = curves_of(crossings, "theta", before)
     torque = curves_of(crossings, "torque", before)
@@ -302,8 +299,6 @@ def crossing_features(crossings: Sequence[Crossing], settings: SelectionSettings
     usual = np.median(load.mean(axis=1))
     percent = "% of the usual load"
     unchanged = [
-        Measure("foot forward", "m", forward, rule.placement_m),
-        Measure("foot to the left", "m", left, rule.placement_m),
         Measure("deviation in angle before the onset", "deg", np.rad2deg(theta), rule.angle_deg),
         Measure("deviation in torque before the onset", "N*m", torque, rule.torque_nm),
     ]

@@ -100,8 +100,6 @@ def root_mean_square(distances: Array) -> float:
 class CrossingQuality:
     """Measures of one crossing; None where unknown. The dictionary says what each is."""
 
-    foot_forward_m: float = 0.0
-    foot_left_m: float = 0.0
     foot_outside_m: float = 0.0
     pressure_outside_m: float | None = None
     different: str | None = None
@@ -122,9 +120,6 @@ def crossing_quality(
     """Measure the quality of a crossing that markers and plate recorded."""
     flat = phases_between(passage.stance.phase(passage.time), FLAT)
     foot = passage.poses["foot"][flat]
-    plate_centre = passage.corners.mean(axis=0)
-    from_plate = passage.poses["foot"].point(calibration.ankle_centre) - plate_centre
-    foot_left_m, foot_forward_m = ankle.along(from_plate)[:, flat].mean(axis=1)
     markers = foot.points(calibration.positions(settings.markers.foot))
 
     _, left_m, forward_m = load[:, :, None]
@@ -132,8 +127,6 @@ def crossing_quality(
     unlike_static = differences(trial, passage, ankle, calibration, settings)
     different = max(unlike_static, key=lambda what: unlike_static[what])
     return CrossingQuality(
-        foot_forward_m=foot_forward_m,
-        foot_left_m=foot_left_m,
         foot_outside_m=furthest_outside(markers.reshape(-1, 3), passage.corners),
         pressure_outside_m=pressure_outside(pressure, markers),
         different=different,

@@ -22,19 +22,17 @@ from osl_analysis.stats.budget import Budget, Contribution, budget_rows, unknown
 from osl_analysis.stats.linear_fit import LinearFit
 from osl_analysis.stats.repeats import doubtful_row
 from osl_analysis.walking.crossing import PER_UNIT, Crossing
-from osl_analysis.walking.ensemble import (
+from osl_analysis.walking.groups import MEASURED_IN_CROSSINGS, SEPARATOR
+from osl_analysis.walking.impedance_fit import (
     ENSEMBLE,
     ESTIMATED,
     best_predictors,
-    mean_response,
-    predictor_sets,
-)
-from osl_analysis.walking.groups import MEASURED_IN_CROSSINGS, SEPARATOR
-from osl_analysis.walking.impedance_fit import (
     fit_response,
     fitted_changes,
     gait_torque,
     jackknife_ses,
+    mean_response,
+    predictor_sets,
 )
 from osl_analysis.walking.isolated_response import (
     PerturbationResponse,

@@ -72,7 +72,6 @@ class OutlierRule(Settings):
 
     limit: Positive  # Largest distance from the median, in scatters
     stance_s: ClassVar[float] = 0.01  # [s] of the duration of stance
-    placement_m: ClassVar[float] = 0.005  # [m] of the foot's place on the plate
     # [deg] of the angle's RMS deviation from the median gait, before any onset
     angle_deg: ClassVar[float] = 0.5
     torque_nm: ClassVar[float] = 2.0  # [N*m] of the torque's RMS deviation, over the same time

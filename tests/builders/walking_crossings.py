@@ -16,7 +16,7 @@ from osl_analysis.base.table import read_table, write_table
 from osl_analysis.commands import walking, walking_summary
 from osl_analysis.commands.tables import gather
 from osl_analysis.judge.finding import Limits
-from osl_analysis.walking.crossing import PER_UNIT, Crossing, CrossingQuality
+from osl_analysis.walking.crossing import PER_UNIT, Crossing
 from osl_analysis.walking.groups import selection_rows
 from osl_analysis.walking.plate import Stance
 from osl_analysis.walking.plate_inertia import NO_CORRECTION
@@ -75,11 +75,6 @@ def selected(
     )
 
 
-def standing_at(forward: float, left: float) -> CrossingQuality:
-    """The quality of a crossing whose foot stands there on the plate [m]."""
-    return CrossingQuality(foot_forward_m=forward, foot_left_m=left)
-
-
 def walked(name: str, walk: Walk) -> Crossing:
     """A crossing with its own slow deviations, which its name determines."""
     random = np.random.default_rng(zlib.crc32(name.encode()))
@@ -93,7 +88,7 @@ def walked(name: str, walk: Walk) -> Crossing:
         torque += walk.common * bump(plain.time, onset + LEAD, RISE)[0]
     size = walk.noise * random.standard_normal()
     torque += size * np.sin(2 * np.pi * (2 * plain.time + random.random()))
-    return replace(plain, torque=torque, quality=standing_at(*(0.003 * random.standard_normal(2))))
+    return replace(plain, torque=torque)
 
 
 @dataclass(frozen=True)

@@ -193,9 +193,9 @@ def test_without_imperfections_angle_and_torque_are_the_true_ones(ideal):
 
 
 def test_what_cannot_be_used_is_listed_and_the_rest_goes_on(real, tmp_path):
-    """A hidden cluster, a platform that did not move, a foot put down elsewhere."""
+    """A hidden cluster, a platform that did not move, an ankle that is bent otherwise."""
     session = real.copied(tmp_path)
-    blind, still, elsewhere = session.perturbed[:3]
+    blind, still, bent = session.perturbed[:3]
     flat = session.unperturbed[0]
     trials = {name: read_trial(real.trial(name)) for name in (blind, still, flat)}
     faulty = {
@@ -206,17 +206,16 @@ def test_what_cannot_be_used_is_listed_and_the_rest_goes_on(real, tmp_path):
         write_trial(trial, tmp_path / "trial.parquet")
         with pytest.warns(UserWarning, match=f"excluded: trial {name}"):
             real.analyse(tmp_path / "trial.parquet", True, session.crossing(name))
-    (outlier,) = session.read([elsewhere])
-    moved = replace(outlier, quality=replace(outlier.quality, foot_forward_m=0.2))
-    walking.write_crossing(moved, session.crossing(elsewhere))
+    (outlier,) = session.read([bent])
+    walking.write_crossing(replace(outlier, theta=outlier.theta + 0.2), session.crossing(bent))
 
     tables = session.summarised()
 
     listed = dict(tables["selection"].drop_nulls("reason").select("trial", "reason").iter_rows())
-    assert list(listed) == [blind, still, elsewhere]
+    assert list(listed) == [blind, still, bent]
     assert re.search(r"foot markers .*1\.200 s", listed[blind])
     assert "perturbed" in listed[still]
-    assert "foot forward is 0.2 m" in listed[elsewhere]
+    assert "deviation in angle before the onset" in listed[bent]
     assert set(tables["summary"]["n"]) == {2}
     assert tables.estimate("all")["mean"] == pytest.approx(real.rendered("K"), rel=0.05)
 

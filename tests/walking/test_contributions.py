@@ -11,8 +11,7 @@ from walking_crossings import Walk, crossing, several, walked
 from walking_synthetic import settings
 
 from osl_analysis.walking.crossing import PER_UNIT
-from osl_analysis.walking.ensemble import mean_response
-from osl_analysis.walking.impedance_fit import fit_response
+from osl_analysis.walking.impedance_fit import fit_response, mean_response
 from osl_analysis.walking.isolated_response import isolate_response, unperturbed_gait
 from osl_analysis.walking.plate_inertia import NO_CORRECTION
 from osl_analysis.walking.plate_lag import PlateTiming

@@ -13,10 +13,10 @@ from walking_crossings import LEAD, RISE, TURN, crossing
 from walking_synthetic import RATE, bump
 
 from osl_analysis.base.errors import IdentifiabilityError
-from osl_analysis.walking.ensemble import (
+from osl_analysis.walking.impedance_fit import (
+    fit_response,
     mean_response,
 )
-from osl_analysis.walking.impedance_fit import fit_response
 from osl_analysis.walking.isolated_response import (
     PHASES,
     aligned_gait,

@@ -9,8 +9,8 @@ A sheet follows the rules of a table of text; others have names and types of the
 
 import json
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -28,7 +28,6 @@ from osl_analysis.formats.cell_table import (
     LISTING,
     SheetSource,
     Table,
-    lasting_names,
     recording_of_table,
 )
 from osl_analysis.formats.csv_table import table_of_text
@@ -47,16 +46,36 @@ BEGINNINGS = {
     "json": rb'(\xef\xbb\xbf)?\s*\{\s*"[^\n]*\}\s*\n\s*\{',
 }
 """How files begin, the more special ones first."""
+FEWEST_OF_SIGNAL = 10  # of a signal
+
+
+@dataclass(frozen=True)
+class Variable:
+    """What is no struct, cell or table in a file.
+
+    Attributes
+    ----------
+    group
+        Address of what it is in; empty for the file itself.
+    kind
+        Its class in MATLAB, or its type.
+    numbers
+        Real numbers of its shape; None for anything else.
+    """
+
+    group: str
+    address: str
+    kind: str
+    numbers: NDArray[Any] | None = None
+    unit: str = ""
 
 
 class Column(NamedTuple):
-    """Numbers (n,) of a file of arrays."""
+    """Numbers (n,) of a variable."""
 
-    group: str  # of the file, within which columns of one length share rows
     address: str
     title: str
     values: NDArray[Any]
-    unit: str = ""  # that the file states
 
 
 def kind_of(begin: bytes) -> str:
@@ -74,9 +93,9 @@ def read(path: Path, source: SheetSource | None) -> Recording:
         case "sheet":
             return _read_workbook(path, source)
         case "hdf5":
-            return _recording_of_arrays(*_hdf5_arrays(path))
+            return recording_of_variables("table", "column", _hdf5_variables(path))
         case "npy" | "npz":
-            return _recording_of_arrays(_numpy_arrays(path), {})
+            return recording_of_variables("table", "column", _numpy_variables(path))
         case "parquet":
             return _recording_of_frame(_frame(pl.scan_parquet(path.read_bytes()), path))
         case "json":
@@ -179,78 +198,90 @@ def check_hdf5(path: Path) -> list[str]:
     return [*sizes]
 
 
-def _numpy_arrays(path: Path) -> dict[str, NDArray[Any]]:
+def _numpy_variables(path: Path) -> list[Variable]:
     """Read one array, the fields of one of records, or an archive of several arrays."""
     with path.open("rb") as file:  # numpy leaves that of a damaged archive open
         stored = np.load(file)
+        arrays = {"": stored}
         if not isinstance(stored, np.ndarray):
-            return dict(stored)
-    return {name: stored[name] for name in stored.dtype.names or ()} or {"": stored}
+            arrays = dict(stored)
+        elif stored.dtype.names:
+            arrays = {name: stored[name] for name in stored.dtype.names}
+    return [variable_of(name, array) for name, array in arrays.items()]
 
 
-def _hdf5_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
-    """Read the data sets and the attributes of the file, and the units that they state."""
+def _hdf5_variables(path: Path) -> list[Variable]:
+    """Read the data sets, with the units that they state, and the attributes of the file."""
     names = check_hdf5(path)
     h5py = optional_module("h5py", "an HDF5 file")
-    units = {}
     with h5py.File(path, "r") as file:
-        arrays = {name: np.asarray(value) for name, value in file.attrs.items()}
+        variables = [variable_of(name, value) for name, value in file.attrs.items()]
         for name in names:
-            arrays[name] = np.asarray(file[name][()])
-            for key, value in file[name].attrs.items():
-                if key.casefold() in ("unit", "units"):
-                    units[name] = "".join(np.ravel(value).astype(str))
-    return arrays, units
+            about = {key.casefold(): value for key, value in file[name].attrs.items()}
+            unit = about.get("unit", about.get("units", ""))
+            variables.append(variable_of(name, file[name][()], "".join(np.ravel(unit).astype(str))))
+    return variables
 
 
-def _recording_of_arrays(arrays: Mapping[str, NDArray[Any]], units: Mapping[str, str]) -> Recording:
-    """Make a channel of each array (n,) and column of a matrix (n, m), whose longer axis is the
-    rows. Single numbers, such as a rate, become notes."""
+def variable_of(name: str, value: Any, unit: str = "", group: str = "") -> Variable:
+    """An array in a file."""
+    array = np.atleast_1d(np.asarray(value))
+    if array.dtype.kind in "UT":
+        return Variable(group, name, "text")
+    numbers = np.atleast_2d(array) if array.dtype.kind in "biuf" else None
+    return Variable(group, name, array.dtype.name, numbers, unit)
+
+
+def recording_of_variables(
+    format_name: str, key: str, variables: Sequence[Variable], noun: str = "row"
+) -> Recording:
+    """Make a channel of each vector and each column of a matrix, with its address under a key of
+    the source file. Few numbers, such as a rate, become notes."""
     notes = []
     others = []
-    columns = {}
-    for name, array in arrays.items():
-        if array.dtype.kind not in "biuf" or array.ndim > 2 or not array.size:
-            others.append(name)
-        elif array.size == 1:
-            notes.append(f"{name}={array.item()}")
-        else:
-            lines = np.atleast_2d(array)
-            if lines.shape[0] >= lines.shape[1]:
-                lines = lines.T
-            for number, line in enumerate(lines, start=1):
-                title = name if len(lines) == 1 else f"{name} {number}"
-                columns[title.strip() or "1"] = line
-    remarks = remarks_on(others, not columns)
-    parts = [
-        Column(title.rpartition("/")[0], lasting, title, columns[title], units.get(title, ""))
-        for title, lasting in zip(columns, lasting_names([*columns]), strict=True)
-    ]
-    channels = channels_of("column", parts)
-    most = max(values.size for values in columns.values())
-    loss = Loss(most, most, remarks=remarks)
-    return Recording("table", channels, loss, notes=notes, facts={"rows": most})
-
-
-def channels_of(key: str, columns: Sequence[Column], noun: str = "row") -> list[Channel]:
-    """Make a channel of each column, with its address under a key of the source file."""
-    rows_by_place: dict[tuple[str, int], Rows] = {}
     channels = []
-    for column in columns:
-        count = column.values.size
-        rows = Rows(count, column.group, noun=noun)
-        name, unit = name_and_unit(column.title)
-        channels.append(
-            Channel(
-                address={key: column.address},
-                rows=rows_by_place.setdefault((column.group, count), rows),
-                read=partial(np.ascontiguousarray, column.values),
-                name=name.rpartition("/")[2],
-                title=column.title,
-                unit=column.unit or unit,
+    rows_by_place: dict[tuple[str, int], Rows] = {}
+    for variable in variables:
+        columns = columns_of(variable)
+        numbers = variable.numbers
+        if numbers is not None and numbers.size < FEWEST_OF_SIGNAL:
+            notes.append(f"{variable.address}={' '.join(map(str, numbers.flat))}")
+        elif not columns:
+            others.append(variable.address)
+        for column in columns:
+            count = column.values.size
+            rows = Rows(count, variable.group, noun=noun)
+            name, unit = name_and_unit(column.title)
+            channels.append(
+                Channel(
+                    address={key: column.address},
+                    rows=rows_by_place.setdefault((variable.group, count), rows),
+                    read=partial(np.ascontiguousarray, column.values),
+                    name=name.rpartition("/")[2],
+                    title=column.title,
+                    unit=variable.unit or unit,
+                )
             )
-        )
-    return channels
+    remarks = remarks_on(others, not channels)
+    most = max((channel.rows.count for channel in channels), default=0)
+    loss = Loss(most, most, remarks=remarks)
+    return Recording(format_name, channels, loss, notes=notes, facts={"rows": most})
+
+
+def columns_of(variable: Variable) -> list[Column]:
+    """A vector, or each column or row of a matrix, that is long enough."""
+    group, address, numbers = variable.group, variable.address, variable.numbers
+    if numbers is None or numbers.ndim != 2 or max(numbers.shape) < FEWEST_OF_SIGNAL:
+        return []
+    name = address.removeprefix(group).removeprefix(".")
+    is_upright = numbers.shape[0] >= numbers.shape[1]
+    form = "(:,{})" if is_upright else "({},:)"
+    lines = numbers.T if is_upright else numbers
+    columns = []
+    for number, line in enumerate(lines, start=1):
+        place = form.format(number) if len(lines) > 1 else ""
+        columns.append(Column(address + place, place or name, line))
+    return columns
 
 
 FORMAT = Format(

@@ -9,7 +9,7 @@ import struct
 import warnings
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from operator import methodcaller
 from pathlib import Path
@@ -22,12 +22,17 @@ from pydantic import Field
 
 from osl_analysis.base.errors import InputError, listing, nearest, optional_module
 from osl_analysis.base.memory import check_unpacked
-from osl_analysis.base.recording import Channel, Format, Loss, Recording
+from osl_analysis.base.recording import Channel, Format, Recording
 from osl_analysis.base.source_file import LogChannel, Name, RowTime, TableSource
-from osl_analysis.formats.binary_table import Column, channels_of, check_hdf5, remarks_on
+from osl_analysis.formats.binary_table import (
+    FEWEST_OF_SIGNAL,
+    Variable,
+    check_hdf5,
+    recording_of_variables,
+    variable_of,
+)
 from osl_analysis.formats.reading import beginning
 
-FEWEST_OF_SIGNAL = 10  # of a signal
 HEADER_BYTES = 128  # of a file of version 5; at its end are the version and the byte order
 OF_HDF5 = 2  # version
 COMPRESSED = 15  # kind of a variable of version 5
@@ -69,27 +74,6 @@ class MatSource(TableSource):
         return self.model_copy(update={"log_part": part}) if part else self
 
 
-@dataclass(frozen=True)
-class Variable:
-    """What is no struct, cell or table in a file.
-
-    Attributes
-    ----------
-    group
-        Address of what it is in; empty for the file itself.
-    kind
-        Its class in MATLAB.
-    numbers
-        Real numbers of its shape; None for anything else.
-    """
-
-    group: str
-    address: str
-    kind: str
-    numbers: NDArray[Any] | None = None
-    unit: str = ""
-
-
 def read(path: Path, source: MatSource | None) -> Recording:
     """Read the variables of a file; with a `log_part` those in it, by their addresses there."""
     if OF_HDF5 in beginning(path)[:HEADER_BYTES][-4:-2]:  # in either order
@@ -103,6 +87,7 @@ def read(path: Path, source: MatSource | None) -> Recording:
     for name, value in raw.items():
         if not name.startswith("__"):
             variables |= {variable.address: variable for variable in _variables_in(value, "", name)}
+<<<<<<< HEAD
     others = [variable.address for variable in variables.values() if variable.numbers is None]
     notes = [
         f"{variable.address}={' '.join(map(str, variable.numbers.flat))}"
@@ -111,21 +96,17 @@ def read(path: Path, source: MatSource | None) -> Recording:
     ]
     columns = [column for variable in variables.values() for column in _columns_of(variable)]
     remarks = remarks_on(others, not columns)
+=======
+    whole = recording_of_variables("mat", "variable", [*variables.values()], noun="sample")
+>>>>>>> e32397a6 (List arrays of NumPy and HDF5 as MATLAB's are)
     part = "" if source is None else _plain(source.log_part)
-    everywhere = channels_of("variable", columns, noun="sample")
     channels = []
-    for channel in everywhere:
+    for channel in whole.channels:
         within = channel.key.removeprefix(part)
         if not part or (within != channel.key and within.startswith((".", "(", "{"))):
             channels.append(replace(channel, address={"variable": within.removeprefix(".")}))
-    most = max((channel.rows.count for channel in channels), default=0)
-    return Recording(
-        format="mat",
-        channels=channels,
-        loss=Loss(most, most, remarks=remarks),
-        notes=notes,
-        facts={"variables": len(variables)},
-        find_unlisted=partial(_find, variables, part, everywhere),
+    return replace(
+        whole, channels=channels, find_unlisted=partial(_find, variables, part, whole.channels)
     )
 
 
@@ -180,10 +161,9 @@ def _variables_in(value: Any, group: str, name: str, unit: str = "") -> Iterator
                 yield from _variables_in(element, address, f"{{{number}}}")
     elif kind in "mM":
         ns = array.astype(f"{kind}8[ns]").astype(np.int64)
-        yield Variable(group, address, array.dtype.name, np.atleast_2d(ns * 1e-9), "s")
-    elif kind in "biuf":
-        yield Variable(group, address, array.dtype.name, np.atleast_2d(array), unit)
+        yield variable_of(address, ns * 1e-9, "s", group)
     else:
+<<<<<<< HEAD
         yield Variable(group, address, "text" if kind in "UT" else array.dtype.name)
 
 
@@ -201,6 +181,9 @@ def _columns_of(variable: Variable) -> list[Column]:
         place = form.format(number) if len(lines) > 1 else ""
         columns.append(Column(group, address + place, place or name, line, variable.unit))
     return columns
+=======
+        yield variable_of(address, array, unit, group)
+>>>>>>> e32397a6 (List arrays of NumPy and HDF5 as MATLAB's are)
 
 
 def _find(

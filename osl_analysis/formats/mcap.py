@@ -73,10 +73,8 @@ class Log:
         self.wanted = None if source is None else _wanted_fields(source)
         self.stamp = "header.stamp" if source is None else source.time.field
         self.schemas: dict[int, Schema] = {}
-        self.topics: dict[str, Topic] = {}  # those that are wanted
+        self.topics: dict[str, Topic] = {}
         self.topic_of: dict[int, Topic] = {}  # by number of the recorder's channel
-        self.name_of: dict[int, str] = {}  # of the topic of each channel
-        self.read: Counter[str] = Counter()  # messages by topic
         self.declared: Counter[str] = Counter()  # as the summary has them
         self.chunks_lost = 0
         self.end = End.WHOLE
@@ -114,7 +112,8 @@ class Log:
                 self.end = End.MISSING
         if summary is not None and summary.statistics is not None:
             for number, count in summary.statistics.channel_message_counts.items():
-                self.declared[self.name_of.get(number, "")] += count
+                name = self.topic_of[number].name if number in self.topic_of else ""
+                self.declared[name] += count
 
     def _take_records(self, data: bytes, position: int) -> int:
         """Read the records from a place on, as far as they go, and give where the last one ends."""
@@ -163,8 +162,6 @@ class Log:
         log_times_ns = heads["log_time"].astype(np.int64)
         for channel in np.flatnonzero(np.bincount(heads["channel"])).tolist():
             own = np.flatnonzero(heads["channel"] == channel)
-            if channel in self.name_of:
-                self.read[self.name_of[channel]] += own.size
             if channel in self.topic_of:
                 messages = (content, places[own] + MESSAGE.itemsize, lengths[own])
                 self.topic_of[channel].add(messages, log_times_ns[own], channel)
@@ -172,18 +169,20 @@ class Log:
     def _declare_channel(self, channel: Channel) -> None:
         """Take in a channel of the recorder, whose messages are of a topic."""
         name = channel.topic
-        self.name_of[channel.id] = name
-        self.read[name] += 0
-        if self.wanted is None or name in self.wanted:
-            # a schema has a number in each file
-            schema = replace(self.schemas.get(channel.schema_id, NO_SCHEMA), id=0)
-            if name not in self.topics:
-                fields = self.wanted and self.wanted[name]
-                self.topics[name] = Topic(name, channel.message_encoding, schema, fields)
-            topic = self.topics[name]
-            stated = (channel.message_encoding, schema)
-            topic.has_two_types |= (topic.encoding, topic.schema) != stated
-            self.topic_of[channel.id] = topic
+        # a schema has a number in each file
+        schema = replace(self.schemas.get(channel.schema_id, NO_SCHEMA), id=0)
+        if name not in self.topics:
+            fields = None if self.wanted is None else self.wanted.get(name, {})
+            self.topics[name] = Topic(name, channel.message_encoding, schema, fields)
+        topic = self.topics[name]
+        stated = (channel.message_encoding, schema)
+        topic.has_two_types |= (topic.encoding, topic.schema) != stated
+        self.topic_of[channel.id] = topic
+
+    @property
+    def read(self) -> Counter[str]:
+        """Messages by topic."""
+        return Counter({name: topic.count for name, topic in self.topics.items()})
 
     def recording(self, format_name: str, declared: Counter[str]) -> Recording:
         """Put together what was read, of the messages by topic that a file declares; none if it
@@ -194,16 +193,19 @@ class Log:
         InputError
             Two publishers wrote into a topic that the source file names.
         """
-        read = self.read.total()
+        counts = self.read
+        read = counts.total()
         expected = declared.total() or None
         if expected not in (None, read):
             self.remarks.append(f"it declares {expected} messages and holds {read}")
         by_topic = {
             name: (count, declared[name] if expected else None)
-            for name, count in sorted(self.read.items())
+            for name, count in sorted(counts.items())
         }
         channels = []
         for topic in self.topics.values():
+            if not topic.is_wanted:
+                continue
             if topic.lost:
                 of_topic = declared[topic.name] or topic.count
                 by_topic[topic.name] = (len(topic.table), of_topic)

@@ -60,7 +60,7 @@ class Topic:
     Parameters
     ----------
     wanted
-        Paths of the fields to read; None for all.
+        Paths of the fields to read, of which there may be none; None for all.
 
     Attributes
     ----------
@@ -100,8 +100,9 @@ class Topic:
         self.layouts: dict[int, Layout] = {}  # the last one, by length of the messages
         self.parts: list[pl.DataFrame] = []  # with a column of each path
         self.decode: Callable[[Bytes], Iterator[Decoded]] | None = None
+        self.is_wanted = wanted is None or bool(wanted)
         try:
-            self.decode = self._decoder()
+            self.decode = self._decoder() if self.is_wanted else None
         except Exception as error:  # whatever a library meets in a damaged definition
             self._note(error)
 

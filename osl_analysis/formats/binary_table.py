@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables in formats of programs.
 
-Sheets of Excel and OpenDocument are read by fastexcel, Parquet, Arrow and JSON lines by polars,
-arrays by numpy, HDF5 by h5py.
+Sheets of Excel and OpenDocument are read by fastexcel, Parquet and JSON lines by polars, HDF5 by
+h5py.
 
 A sheet follows the rules of a table of text; others have names and types of their own.
 """
@@ -38,11 +38,8 @@ from osl_analysis.formats.topic import check_fields, take_values
 BEGINNINGS = {
     "sheet": rb"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"  # of OLE; others are ZIP files
     rb"|PK\x03\x04.*(xl/|\[Content_Types\]\.xml|vnd\.oasis\.opendocument\.spreadsheet)",
-    "npz": rb"PK\x03\x04.{,400}\.npy",
     "hdf5": rb"(?!MATLAB)(.{512}|.{1024}|.{2048})?\x89HDF\r\n\x1a\n",
     "parquet": rb"PAR1",
-    "arrow": rb"ARROW1",
-    "npy": rb"\x93NUMPY",
     "json": rb'(\xef\xbb\xbf)?\s*\{\s*"[^\n]*\}\s*\n\s*\{',
 }
 """How files begin, the more special ones first."""
@@ -94,13 +91,9 @@ def read(path: Path, source: SheetSource | None) -> Recording:
             return _read_workbook(path, source)
         case "hdf5":
             return recording_of_variables("table", "column", _hdf5_variables(path))
-        case "npy" | "npz":
-            return recording_of_variables("table", "column", _numpy_variables(path))
-        case "parquet":
-            return _recording_of_frame(_frame(pl.scan_parquet(path.read_bytes()), path))
         case "json":
             return _recording_of_frame(_frame_of_objects(path), End.UNKNOWN)
-    return _recording_of_frame(_frame(pl.scan_ipc(path.read_bytes()), path))
+    return _recording_of_frame(_frame_of_parquet(path))
 
 
 def _read_workbook(path: Path, source: SheetSource | None) -> Recording:
@@ -141,8 +134,9 @@ def _recording_of_frame(frame: pl.DataFrame, end: End = End.WHOLE) -> Recording:
     return recording_of_table("table", table, LISTING, noun="row", facts={"rows": frame.height})
 
 
-def _frame(rows: pl.LazyFrame, path: Path) -> pl.DataFrame:
+def _frame_of_parquet(path: Path) -> pl.DataFrame:
     """Read a table that does not say its size [bytes], with numbers of 8 bytes."""
+    rows = pl.scan_parquet(path.read_bytes())
     count = rows.select(pl.len()).collect().item()
     check_unpacked(path, 8 * count * len(rows.collect_schema()))
     return rows.collect()
@@ -196,18 +190,6 @@ def check_hdf5(path: Path) -> list[str]:
         )
     check_unpacked(path, sum(sizes.values()))
     return [*sizes]
-
-
-def _numpy_variables(path: Path) -> list[Variable]:
-    """Read one array, the fields of one of records, or an archive of several arrays."""
-    with path.open("rb") as file:  # numpy leaves that of a damaged archive open
-        stored = np.load(file)
-        arrays = {"": stored}
-        if not isinstance(stored, np.ndarray):
-            arrays = dict(stored)
-        elif stored.dtype.names:
-            arrays = {name: stored[name] for name in stored.dtype.names}
-    return [variable_of(name, array) for name, array in arrays.items()]
 
 
 def _hdf5_variables(path: Path) -> list[Variable]:
@@ -287,8 +269,7 @@ def columns_of(variable: Variable) -> list[Column]:
 FORMAT = Format(
     name="table",
     suffixes=(
-        ".xlsx", ".xls", ".ods", ".parquet", ".feather", ".arrow", ".ipc", ".npy",
-        ".npz", ".h5", ".hdf5", ".jsonl", ".ndjson",
+        ".xlsx", ".xls", ".ods", ".parquet", ".h5", ".hdf5", ".jsonl", ".ndjson",
     ),
     begins=kind_of,
     source=SheetSource,

@@ -165,9 +165,15 @@ _OTHERS = (
     ),
     ("nothing but zero bytes", r"\A\0+\Z", "copy or record it again"),
     (
-        "a stream of Arrow",
-        r"\A\xff{4}[^\xff]{2}\0\0",
-        "write it as a file (`write_ipc`) or as Parquet",
+        "a table of Arrow or Feather",
+        r"\A(ARROW1|\xff{4}[^\xff]{2}\0\0)",
+        'write it as Parquet: `polars.read_ipc("a.arrow").write_parquet("a.parquet")`',
+    ),
+    (
+        "an array of NumPy",
+        r"\A(“NUMPY|PK\x03\x04[\s\S]{,400}\.npy)",
+        'write its columns: `numpy.savetxt("a.csv", numpy.column_stack([t, angle, torque]),'
+        ' delimiter=",", header="t,angle,torque", comments="")`',
     ),
     ("a PNG image", r"\A‰PNG", "name the recording itself"),
     (

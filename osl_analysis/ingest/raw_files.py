@@ -261,8 +261,8 @@ def check_markers(trial: Trial, experiment: str | None) -> None:
 
 
 def check_file(path: Path) -> None:
-    """Refuse a file that is missing or empty, and what is no recording: a device, a pipe, a folder
-    without parts. And a name that no sheet can hold."""
+    """Refuse a file that is missing, and what is no recording: a device, a pipe, a folder without
+    parts. And a name that no sheet can hold."""
     check_name(path)
     if path.is_dir():
         readers = formats.formats_of(path)
@@ -272,11 +272,6 @@ def check_file(path: Path) -> None:
         return
     if not path.is_file():
         raise InputError(f"{path}: no such file", "correct its name, or copy it there")
-    if path.stat().st_size == 0:
-        raise InputError(
-            f"{path}: the file is empty",
-            "copy or record it again, or exclude the trial in the sheet",
-        )
 
 
 def written_at(path: Path) -> tuple[int, int, int]:

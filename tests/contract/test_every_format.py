@@ -10,7 +10,6 @@ import numpy as np
 import polars as pl
 import pytest
 import xlsxwriter
-from conftest import refused_with
 from log_builders import write_mat, write_mat73, write_opensim, write_tdms, write_text
 from recognised_files import refusal_by, source_of
 
@@ -48,11 +47,7 @@ WRITERS = {
     "opensim": ("opensim", "column", write_opensim),
     "a.parquet": ("table", "column",
                   lambda path, columns: pl.DataFrame(columns).write_parquet(path)),
-    "a.feather": ("table", "column", lambda path, columns: pl.DataFrame(columns).write_ipc(path)),
     "a.xlsx": ("table", "column", lambda path, columns: pl.DataFrame(columns).write_excel(path)),
-    "a.npy": ("table", "column",
-              lambda path, columns: np.save(path, pl.DataFrame(columns).to_numpy(structured=True))),
-    "a.npz": ("table", "column", lambda path, columns: np.savez(path, **columns)),
     "a.h5": ("table", "column", write_hdf5),
 }  # fmt: skip
 NO_TIME = {"opensim": {"column": None, "unit": None}}  # where a source file has a time of its own
@@ -215,13 +210,3 @@ def test_a_workbook_is_its_largest_sheet_by_the_rules_of_text(tmp_path):
     np.testing.assert_allclose(recording.find({"column": "Torque"}).values, TORQUE, atol=1e-9)
     assert any(re.search("'data'.*notes", remark) for remark in recording.loss.remarks)
     assert recording.channels[0].rows.place(0) == "row 3"
-
-
-def test_a_part_of_an_archive_that_does_not_match_its_checksum_is_refused(tmp_path):
-    path = written(tmp_path, "a.npz", LOG)
-    content = bytearray(path.read_bytes())
-    content[content.index(LOG["torque"].tobytes()) + 100] ^= 1
-    path.write_bytes(content)
-
-    with refused_with(r"torque\.npy"):
-        formats.read(path)

@@ -12,7 +12,7 @@ import polars as pl
 import pytest
 import xlsxwriter
 from conftest import refused_with
-from log_builders import HEAD, ankle, table_text, written
+from log_builders import HEAD, ankle, table_text, write_mat, written
 from recognised_files import read_recognised
 
 from osl_analysis.commands.trials import inspect_file
@@ -192,9 +192,9 @@ def test_a_channel_with_its_own_clock_may_end_before_the_others(tmp_path):
 
 
 def test_a_channel_of_another_length_is_left_out_of_the_draft_with_a_question(tmp_path):
-    np.savez(tmp_path / "a.npz", time_s=TIME, angle_deg=ANGLE, torque_Nm=TORQUE[::2])
+    write_mat(tmp_path / "a.mat", time_s=TIME, angle_deg=ANGLE, torque_Nm=TORQUE[::2])
 
-    overview = inspect_recording(tmp_path / "a.npz")
+    overview = inspect_recording(tmp_path / "a.mat")
 
     assert "torque_Nm: " in overview.open[0]
 

@@ -71,6 +71,9 @@ BENCH = "t,angle\n0,1\n0.01,2\n0.02,3\n"
     ("rosbags-convert", b"SQLite format 3\0" + bytes(2000)),
     ("D-Flow", b"TimeStamp\tFrameNumber\tRANK.PosX\tFP1.ForX\n0.1\t1\t0.5\t0.7\n"),
     ("", gzip.compress(BENCH.encode(), mtime=0)),
+    ("savetxt", b"\x93NUMPY\x01\0" + bytes(20)),
+    ("savetxt", b"PK\x03\x04" + bytes(26) + b"t.npy"),
+    ("write_parquet", b"ARROW1\0\0" + bytes(20)),
     ("", bytes(2000)),
 ])  # fmt: skip
 def test_a_file_of_another_format_is_named_whatever_it_is_called(tmp_path, what, content):

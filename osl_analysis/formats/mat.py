@@ -87,18 +87,7 @@ def read(path: Path, source: MatSource | None) -> Recording:
     for name, value in raw.items():
         if not name.startswith("__"):
             variables |= {variable.address: variable for variable in _variables_in(value, "", name)}
-<<<<<<< HEAD
-    others = [variable.address for variable in variables.values() if variable.numbers is None]
-    notes = [
-        f"{variable.address}={' '.join(map(str, variable.numbers.flat))}"
-        for variable in variables.values()
-        if variable.numbers is not None and variable.numbers.size < FEWEST_OF_SIGNAL
-    ]
-    columns = [column for variable in variables.values() for column in _columns_of(variable)]
-    remarks = remarks_on(others, not columns)
-=======
     whole = recording_of_variables("mat", "variable", [*variables.values()], noun="sample")
->>>>>>> e32397a6 (List arrays of NumPy and HDF5 as MATLAB's are)
     part = "" if source is None else _plain(source.log_part)
     channels = []
     for channel in whole.channels:
@@ -163,27 +152,7 @@ def _variables_in(value: Any, group: str, name: str, unit: str = "") -> Iterator
         ns = array.astype(f"{kind}8[ns]").astype(np.int64)
         yield variable_of(address, ns * 1e-9, "s", group)
     else:
-<<<<<<< HEAD
-        yield Variable(group, address, "text" if kind in "UT" else array.dtype.name)
-
-
-def _columns_of(variable: Variable) -> list[Column]:
-    """A vector, or each column or row of a matrix, that is long enough."""
-    group, address, numbers = variable.group, variable.address, variable.numbers
-    if numbers is None or numbers.ndim != 2 or max(numbers.shape) < FEWEST_OF_SIGNAL:
-        return []
-    name = address.removeprefix(group).removeprefix(".")
-    is_upright = numbers.shape[0] >= numbers.shape[1]
-    form = "(:,{})" if is_upright else "({},:)"
-    lines = numbers.T if is_upright else numbers
-    columns = []
-    for number, line in enumerate(lines, start=1):
-        place = form.format(number) if len(lines) > 1 else ""
-        columns.append(Column(group, address + place, place or name, line, variable.unit))
-    return columns
-=======
         yield variable_of(address, array, unit, group)
->>>>>>> e32397a6 (List arrays of NumPy and HDF5 as MATLAB's are)
 
 
 def _find(

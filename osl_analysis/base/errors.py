@@ -76,7 +76,7 @@ def unexpected(fault: BaseException) -> str:
 @dataclass(frozen=True)
 class Change:
     """A change of the source file that may mend a recording. It is tried on the recording, and
-    advised where it helps (`commands/remedies.py`)."""
+    advised where it helps (`commands/fit.py`)."""
 
     words: str  # what the user does
     factors: Mapping[str, float] = field(default_factory=dict)  # of columns: a sign or a unit

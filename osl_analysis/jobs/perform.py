@@ -38,8 +38,7 @@ from osl_analysis.base.table import (
     write_tables,
 )
 from osl_analysis.base.trial import read_trial
-from osl_analysis.commands.fit import FITS
-from osl_analysis.commands.remedies import fit_or_advise
+from osl_analysis.commands.fit import FITS, fit_or_advise
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary.described import (
     ADDED_TO_ALL,

@@ -12,9 +12,8 @@ from shipped import CONFIG
 
 from osl_analysis.base.errors import Change, InputError
 from osl_analysis.base.trial import Trial
-from osl_analysis.commands.fit import run_fit
+from osl_analysis.commands.fit import fit_or_advise, run_fit
 from osl_analysis.commands.fit_results import FitTables
-from osl_analysis.commands.remedies import fit_or_advise
 
 RATE = 200.0
 

@@ -335,7 +335,10 @@ def inspect(file: Path, draft_path: Path | None, as_json: bool) -> None:
     epilog="Example: osl-analysis fit raw.csv --source source.yaml --plot fit.png",
 )
 @argument("trial", type=FILE)
-@file_option("--source", help="Source file of a raw recording, which says what is what.")
+@file_option(
+    "--source",
+    help="Source file of a raw recording, which says what is what, or the name of a shipped one.",
+)
 @option(
     "--model",
     # of a calibration the sheet of a campaign says what is known
@@ -413,12 +416,7 @@ def fit(
     desired = None
     if (K_d, B_d, controller) != (None, None, None):
         desired = DesiredImpedance(controller or "compensated", K_d, B_d)
-    if source is None:
-        recorded = read_trial(trial)
-    else:
-        from osl_analysis.commands.trials import raw_trial
-
-        recorded = raw_trial(trial, source, model)
+    recorded = read_trial(trial) if source is None else notebook.read_recording(trial, source)
     device = None if parameters == "none" else parameters or notebook.OF_CONFIG
     fitted = notebook.fit(recorded, model, desired, windows, config_path, device)
     if plot is not None:

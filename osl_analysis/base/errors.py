@@ -38,6 +38,12 @@ def listing(names: Sequence[str], most: int = 10) -> str:
     return text
 
 
+def first_of(texts: Sequence[str], most: int, where: str = "") -> list[str]:
+    """The first texts, and how many more there are, and `where`."""
+    more = len(texts) - most
+    return [*texts[:most], f"and {more} more{where}"] if more > 0 else [*texts]
+
+
 def shortened(text: str, most: int = 60) -> str:
     """A text of at most so many characters and dots, cut between words if it has any."""
     if len(text) <= most:
@@ -123,23 +129,21 @@ class OslAnalysisError(ValueError):
 @contextmanager
 def naming(what: object, behind: str = "", trial: str = "") -> Iterator[None]:
     """Within the block, a user's error gets the file or setting at fault before its message,
-    `behind` after it, and its `trial`. An error that names the file already stays as it is."""
+    `behind` after it, and its `trial`. An error that names this already stays as it is."""
     try:
         yield
     except OslAnalysisError as error:
-        if isinstance(what, Path) and printable(str(what)) in str(error):
+        error.trial = trial or error.trial
+        begin = printable(f"{what}: ")
+        names_file = isinstance(what, Path) and printable(str(what)) in str(error)
+        if names_file or error.reason.startswith(begin):
             raise
-        reason = f"{what}: {error.reason}"
-        remedy = f"{error.remedy}{behind}"
-        if not error.remedy:
-            reason += behind
-            remedy = ""
         raise type(error)(
-            reason,
-            remedy,
+            f"{begin}{error.reason}{'' if error.remedy else behind}",
+            error.remedy and f"{error.remedy}{behind}",
             changes=error.changes,
             settings=error.settings,
-            trial=trial or error.trial,
+            trial=error.trial,
         ) from error
 
 

@@ -16,7 +16,7 @@ from typing import Any, Literal
 import polars as pl
 from pydantic.json_schema import models_json_schema
 
-from osl_analysis.base.errors import InputError, listing, printable
+from osl_analysis.base.errors import InputError, first_of, listing, printable
 from osl_analysis.base.files import CAMPAIGN, seen_from, shipped, write_text
 from osl_analysis.campaign.configuration import Config
 from osl_analysis.commands.run import check_simulator, first_look
@@ -159,9 +159,9 @@ def campaign_text(folder: Path, draft: Draft) -> str:
     lines = []
     if questions:
         lines.append("to be decided:")
-        where = "in config.yaml and by `osl-analysis run -n`"
-        lines += some_of([f"  {text}" for text in questions], where)
-    lines += some_of(source_lines(draft), "in sources/")
+        where = " in config.yaml and by `osl-analysis run -n`"
+        lines += [f"  {text}" for text in first_of(questions, MOST_TOLD, where)]
+    lines += first_of(source_lines(draft), MOST_TOLD, " in sources/")
     experiments = Counter(trial.cells["experiment"] for trial in draft.trials)
     counts = [f"{count} {experiment}" for experiment, count in experiments.items()]
     pairs = sum("log_2" in trial.cells for trial in draft.trials)
@@ -169,18 +169,12 @@ def campaign_text(folder: Path, draft: Draft) -> str:
         counts.append(f"{pairs} of them of two files")
     lines.append(f"trials.csv: {', '.join(counts)}")
     refused = [f"not read: {why}" for why in draft.refused]
-    lines += some_of(refused, "of which `osl-analysis inspect` tells more")
+    lines += first_of(refused, MOST_TOLD, " of which `osl-analysis inspect` tells more")
     command = f"cd {shlex.quote(str(folder))} && osl-analysis run"
     if not is_ready:
         command = f"edit what is named above; {command} -n says what is left"
     lines.append(f"then: {command}")
     return "\n".join(lines)
-
-
-def some_of(lines: Sequence[str], where: str) -> list[str]:
-    """The first lines, and how many there are more."""
-    more = len(lines) - MOST_TOLD
-    return [*lines[:MOST_TOLD], f"  and {more} more {where}"] if more > 0 else [*lines]
 
 
 def source_lines(draft: Draft) -> list[str]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.base.errors import InputError, advise, printable, shortened
+from osl_analysis.base.errors import advise, first_of, printable, shortened
 from osl_analysis.base.table import ANALYSED, write_table
 from osl_analysis.base.trial import Trial, write_trial
 from osl_analysis.config.experiments import EXPERIMENTS
@@ -81,25 +81,6 @@ def ingest_and_check(
     write_table(measured_table(record.name, measured).with_columns(**outcome), quality, data)
 
 
-def raw_trial(recording: Path, source: Path, experiment: str) -> Trial:
-    """The trial of one raw recording by its source file, as a campaign would ingest it.
-
-    Raises
-    ------
-    InputError
-        As `checked_trial`, or the source file does not end with .yaml.
-    """
-    if source.suffix != ".yaml":
-        raise InputError(f"{source}: a source file is YAML", "give one whose name ends with .yaml")
-    row = {
-        "trial": recording.stem,
-        "experiment": experiment,
-        "log": recording.name,
-        "log_source": source.stem,
-    }
-    return checked_trial(row, recording.parent, source.parent)
-
-
 def inspect_file(path: Path) -> Overview:
     """List what a recording holds. Raises InputError, which names the file."""
     raw_files.check_file(path)
@@ -110,9 +91,8 @@ def overview_text(overview: Overview) -> str:
     """The facts on a file, a line per channel (kind, name, unit, samples, rate, note, type) of the
     first `MOST_CHANNELS`, and the remarks."""
     facts = [f"{name}: {short(fact)}" for name, fact in overview.facts.items()]
-    lines = [channel_line(channel) for channel in overview.channels[:MOST_CHANNELS]]
-    if len(overview.channels) > MOST_CHANNELS:
-        lines.append(f"and {len(overview.channels) - MOST_CHANNELS} more, which --json lists")
+    channels = [channel_line(channel) for channel in overview.channels]
+    lines = first_of(channels, MOST_CHANNELS, ", which --json lists")
     remarks = [f"! {printable(remark)}" for remark in (*overview.remarks, *overview.open)]
     parts = [f"format: {overview.format}", *facts, "", *lines, "", *remarks]
     return "\n".join(parts).rstrip()

@@ -12,7 +12,7 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.base.errors import on_one_line
+from osl_analysis.base.errors import first_of, on_one_line
 from osl_analysis.base.files import own_yaml
 from osl_analysis.base.table import SCHEMA, SCHEMA_FIELD
 from osl_analysis.bench.summaries import PLACE
@@ -207,24 +207,27 @@ def number_of(
         for key in keys
         if first[key] not in (None, "", "all")
     ]
-    name = entry.name.format(**first)
-    subject = [text for text in stated if not name.startswith(text)]
     n = len(used)
-    n_doubtful = len(rows) - n
+    n_doubtful = len(rows) - n or int(first.get("n_doubtful") or 0)
     if n == 1:  # it may stand for several
         n = int(first.get("n") or first.get("pairs") or 1)
+    name, unit, meaning, says = (
+        text.format(**{"n": n, **first})
+        for text in (entry.name, entry.unit, entry.meaning, entry.says)
+    )
+    subject = [text for text in stated if not name.startswith(text)]
     return Number(
         name="_".join([name, *subject]).replace(" ", "_"),
         value=value,
         low=low,
         high=high,
         interval=None if low is None else interval,
-        unit=entry.unit.format(**first),
-        meaning=", ".join([entry.meaning.format(**first), *subject]),
+        unit=unit,
+        meaning=", ".join([meaning, *subject]),
         draft=entry.draft if beside_draft else None,
         n=n,
-        n_doubtful=n_doubtful or int(first.get("n_doubtful") or 0),
-        says=entry.says.format(**{"n": n, **first}),
+        n_doubtful=n_doubtful,
+        says=says,
         symbol=entry.symbol,
         subject=", ".join(subject),
         verdict=first.get("verdict"),
@@ -234,9 +237,9 @@ def number_of(
     )
 
 
-def trials_in(table: pl.DataFrame) -> list[str]:
+def trials_in(table: pl.DataFrame) -> Sequence[str]:
     """The trials of a table's rows; none where it does not name them."""
-    return table["trial"].unique(maintain_order=True).to_list() if "trial" in table.columns else []
+    return list(dict.fromkeys(table["trial"])) if "trial" in table.columns else ()
 
 
 def headline_sentences(numbers: Iterable[Number], by_condition: bool = True) -> Iterator[str]:
@@ -256,11 +259,6 @@ def headline_sentences(numbers: Iterable[Number], by_condition: bool = True) -> 
         yield from first_of(conditions, MOST_IN_SENTENCE)
     for begin, texts in texts_of.items():
         yield f"{begin} {', '.join(first_of(texts, MOST_IN_SENTENCE))}."
-
-
-def first_of(texts: list[str], most: int) -> list[str]:
-    """The first texts, and how many more there are."""
-    return [*texts[:most], f"and {len(texts) - most} more"] if len(texts) > most else texts
 
 
 def numbers_in_summary(summary: Mapping[str, Any]) -> list[Number]:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import polars as pl
 
-from osl_analysis.base.errors import shortened
+from osl_analysis.base.errors import first_of, shortened
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.figures.drawing import look_numbers
 from osl_analysis.judge.campaign import (
@@ -19,12 +19,7 @@ from osl_analysis.judge.campaign import (
 )
 from osl_analysis.judge.finding import Finding, Grade
 from osl_analysis.judge.recording_checks import BY_JOB, REFUSED, exclusion_text
-from osl_analysis.report.numbers import (
-    MOST_IN_SENTENCE,
-    first_of,
-    headline_sentences,
-    numbers_in_summary,
-)
+from osl_analysis.report.numbers import MOST_IN_SENTENCE, headline_sentences, numbers_in_summary
 from osl_analysis.stats.budget import CLEAR
 from osl_analysis.stats.repeats import DOUBTFUL, counted
 from osl_analysis.stats.rounding import significant

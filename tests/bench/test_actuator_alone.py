@@ -23,7 +23,7 @@ from osl_analysis.bench.bench_settings import ActuatorAnalysis, Calibration
 from osl_analysis.bench.parts_alone import ACTUATOR_PARAMETERS as NAMES
 from osl_analysis.bench.parts_alone import actuator_table, actuator_trial
 from osl_analysis.commands.fit import fit_actuator_trial, fit_trial
-from osl_analysis.commands.trials import raw_trial
+from osl_analysis.commands.trials import checked_trial
 from osl_analysis.simulator.bench_trial import simulate_bench_trial
 from osl_analysis.simulator.simulation_settings import RecorderSettings, SimulationSettings
 
@@ -97,7 +97,8 @@ def test_the_documented_commands_give_the_parameters_of_a_bench_of_ones_own(tmp_
         assert said.exit_code == 0, said.output
     assert re.search(r"J_m +0\.009\d+ \(0\.009\d+.*0\.009\d+\) +kg·m²", said.output)
     source = Path("config/sources/actuator_bench_csv.yaml")
-    trial = raw_trial(Path("bench.csv"), source, "actuator")
+    row = {"trial": "bench", "log": "bench.csv", "log_source": source.stem}
+    trial = checked_trial({**row, "experiment": "actuator"}, Path(), source.parent)
     assert {"omega_m", "current", "torque_m"} == trial.clocks.keys()
     found = fit_trial("actuator", trial, DEVICE, CONFIG).table
     assert found["motion"][0] == "omega_m"

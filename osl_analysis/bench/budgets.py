@@ -60,7 +60,7 @@ def stated_rivals(record: Record) -> set[str]:
     if settings.calibration.tells_delay:
         stated |= {"delay", "low-pass", "spring in series"}
     taken = record.signals.taken if record.signals else ()
-    if any(part.stream.low_passes for part in taken):
+    if any("low_pass" in facts for part in taken for facts in part.stream.stated.values()):
         stated |= {"low-pass"}
     return stated
 

@@ -164,7 +164,9 @@ class Record:
             return 0.0
         part = next(part for part in self.signals.taken if "theta" in part.stream.signals)
         theta = part.stream.signals["theta"][part.present]
-        return float(part.stream.resolutions.get("theta") or visible_step(theta) or 0.0)
+        return float(
+            part.stream.stated.get("theta", {}).get("resolution") or visible_step(theta) or 0.0
+        )
 
     @cached_property
     def repeated_rounding(self) -> float:

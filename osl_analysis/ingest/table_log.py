@@ -250,8 +250,8 @@ def check_loss(recording: Recording, source: TableSource) -> None:
 def with_stamps_once(
     frame: pl.DataFrame, source: TableSource, noun: str
 ) -> tuple[pl.DataFrame, list[str]]:
-    """Leave out rows with the stamp of the row before, if the source file says so, and say what was
-    done with them.
+    """Leave out rows that were written twice, and those with the stamp of the row before if the
+    source file says so, and say what was done with them.
 
     Raises
     ------
@@ -266,13 +266,14 @@ def with_stamps_once(
         once = frame.unique(subset="time", keep="first", maintain_order=True)
         return once, [f"{begin} were left out"]
     advice = f"write `repeated: drop` under {source.place('time')}"
-    copied = len(frame) - frame.n_unique()
+    written_once = frame.unique(keep="first", maintain_order=True)
+    copied = len(frame) - len(written_once)
     if copied > LIMITS.most_copied_share * len(frame):
         raise InputError(
             f"{copied} of {len(frame)} {noun}s have time and values of the {noun} before",
             f"{advice}, to read each once",
         )
-    return frame, [
+    return written_once, [
         f"{begin} are taken for samples whose stamps were rounded; if the device was read faster"
         f" than it sampled, {advice}"
     ]

@@ -23,7 +23,6 @@ OUTLYING_SDS = 5  # standard deviations beyond which a stamp does not count for 
 ONE_SIDED = 0.5  # skewness of latency: late, never early
 # steps within which a sample follows another of its batch; also the share of rows that do
 IN_BATCH = 0.4
-CONFIRMED = 0.6  # scatter of waits about the sizes behind them, over that about those before
 
 
 @dataclass(frozen=True)
@@ -68,18 +67,12 @@ class DeviceClock:
                 return float(decimal)
         return 0.0
 
-    @cached_property
-    def has_prompt_batches(self) -> bool | None:
-        """Whether a batch of samples that a host stamps together waits for its last sample only:
-        then its size matches the wait before its stamp. None if there are no batches, of which at
-        least 40 % of the rows follow within 0.4 steps, or if stamps are rounded to a decimal."""
+    @property
+    def is_in_batches(self) -> bool:
+        """Whether samples are stamped together: at least 40 % of the rows follow within 0.4 steps,
+        and not because stamps are rounded to a decimal."""
         follows = np.diff(self.stamps) <= IN_BATCH * self.step
-        if np.mean(follows) < IN_BATCH or self.decimal > 0.5 * self.step:
-            return None
-        begins = np.flatnonzero(~np.append(False, follows))
-        waits = np.diff(self.stamps[begins]) / self.step
-        sizes = np.diff(begins)
-        return bool(np.std(waits[:-1] - sizes[1:]) < CONFIRMED * np.std(waits - sizes))
+        return bool(np.mean(follows) >= IN_BATCH) and self.decimal <= 0.5 * self.step
 
     @cached_property
     def settles(self) -> bool:
@@ -109,7 +102,7 @@ class DeviceClock:
         step, start = line_through(self.count[is_near], late)
         times = line + step * self.count + start
         is_one_sided = spread > no_scatter and scipy.stats.skew(late) > ONE_SIDED
-        if self.has_prompt_batches is not None or is_one_sided:
+        if self.is_in_batches or is_one_sided:
             times += np.min((self.stamps - times)[is_near])
         return times
 
@@ -126,8 +119,7 @@ def is_multiple(times: Array, decimal: float) -> bool:
     return bool(np.max(np.abs(multiples - np.rint(multiples))) < 1e-3)
 
 
-# ---- Values that a log repeats, because their source is slower than the log
-
+# of values that a log repeats, because their source is slower than the log
 WITHIN_A_ROW = 1.2  # range of rows about even places, which is no chance
 # smallest changes; a slow signal of coarse resolution hardly changes by more from one value
 DECISIVE_CHANGE = 2.5

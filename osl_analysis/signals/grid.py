@@ -32,8 +32,6 @@ BRIDGE_MORE = (  # remedy if gaps leave nothing to fit
 # distance, in steps, up to which a sample lies on the grid: the rounding of a step, 1e-13 of it,
 # adds up to it in 1e8 rows
 ON_GRID = 1e-5
-# Grid rows per spline, which fit into a processor's cache: one spline for an hour takes 0.7 GB
-SPLINED = 1 << 14
 
 
 @dataclass(frozen=True)
@@ -101,7 +99,6 @@ class UniformSignals:
                     "firm": reading.firm,
                     "why": reading.why,
                     "missing": clock.missing,
-                    "repeated": part.repeated,
                     "bridged": bridged,
                     "marked": marked,
                     "delay_s": part.delay,
@@ -246,11 +243,12 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
             with suppress(InputError):
                 gaps_of(part, time, limits.longest_s)
                 signals.update(resampled(*part.samples, time, step))
-    if any(part.stream.low_passes for part in taken):
-        signals = with_equal_sensor_filters(signals, taken, rate)
-
-    fixture = next((part.stream.fixture for part in taken if part.stream.fixture), None)
-    if fixture and "theta" in signals and "torque" in signals:
+    stated: dict[str, Mapping[str, Any]] = {}
+    for part in taken:
+        stated.update(part.stream.stated)
+    signals = with_equal_sensor_filters(signals, stated, rate)
+    fixture = stated.get("torque", {}).get("fixture")
+    if fixture and {"theta", "torque"} <= signals.keys():
         load = fixture_torque(time, signals["theta"], limits.cutoff_hz, **fixture)
         signals["torque"] = signals["torque"] - load
 
@@ -269,15 +267,17 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
 
 
 def with_equal_sensor_filters(
-    signals: Mapping[str, Array], taken: Sequence[Taken], rate_hz: float
+    signals: Mapping[str, Array], stated: Mapping[str, Mapping[str, Any]], rate_hz: float
 ) -> dict[str, Array]:
     """Pass each signal through the filter of every sensor, except the one it has already passed.
 
-    Signals must have equal phase.
+    Signals must have equal phase. `stated` is what source files state, by signal.
     """
-    own: dict[str, SensorLowPass] = {}
-    for part in taken:
-        own.update(part.stream.low_passes)
+    own = {
+        name: SensorLowPass(**facts["low_pass"])
+        for name, facts in stated.items()
+        if "low_pass" in facts
+    }
     filtered = {}
     for name, signal in signals.items():
         for low_pass in dict.fromkeys(own.values()):
@@ -373,16 +373,11 @@ def resampled(
     if len(nearby) == len(grid) and np.max(np.abs(nearby - grid)) < ON_GRID * step:
         return {name: signal[row : row + len(grid)] for name, signal in values.items()}
 
-    reach = 64  # samples beyond a spline's ends, whose effect falls by 0.27 per sample
-    on_grid = np.empty((len(values), len(grid)))
-    for begin in range(0, len(grid), SPLINED):
-        inside = np.clip(grid[begin : begin + SPLINED], times[0], times[-1])
-        first, last = np.searchsorted(times, (inside[0], inside[-1]))
-        rows = slice(max(first - reach, 0), last + reach)
-        samples = np.array([signal[rows] for signal in values.values()])
-        spline = scipy.interpolate.CubicSpline(times[rows], samples, axis=1)
-        on_grid[:, begin : begin + SPLINED] = spline(inside)
-    return dict(zip(values, on_grid, strict=True))
+    inside = np.clip(grid, times[0], times[-1])
+    return {
+        name: scipy.interpolate.CubicSpline(times, signal)(inside)
+        for name, signal in values.items()
+    }
 
 
 def devices_of(trial: Trial, columns: Sequence[str]) -> list[list[str]]:
@@ -418,14 +413,7 @@ def stream_of(trial: Trial, names: Sequence[str], beside: Collection[str] = ()) 
         signals=dict(zip(names, values, strict=True)),
         reading=reading,
         counter=trial.arrays(counters[0])[1].astype(np.int64) if counters else None,
-        delays={name: facts["delay"] for name, facts in origins.items() if "delay" in facts},
-        low_passes={
-            name: SensorLowPass(**facts["low_pass"])
-            for name, facts in origins.items()
-            if "low_pass" in facts
-        },
-        resolutions={name: facts.get("resolution") for name, facts in origins.items()},
-        fixture=origins.get("torque", {}).get("fixture"),
+        stated=origins,
         beside=beside,
     )
 

@@ -106,9 +106,8 @@ def is_clamped(
     return bool(np.median(np.abs(speeds)) < slowest)
 
 
-# ---- Samples that leap off the curve of their neighbours. A flipped bit, a lost or an
-# exchanged block of a file, and a sensor that fails look alike in them.
-
+# Samples that leap off the curve of their neighbours. A flipped bit, a lost or an exchanged block
+# of a file, and a sensor that fails look alike in them.
 
 # Of third differences of a channel, which a smooth motion hardly has: usual ones, of a sound
 # channel. Sound benches, walking ankles and prosthetic feet reach 5.0; a block of a file that was
@@ -155,14 +154,10 @@ def find_leaps(time: Array, values: Array) -> Array:
 
     is_spoiled = spoiled(values)
     single = time[is_spoiled]
+    time = time[~is_spoiled]
     bends = np.diff(values[~is_spoiled], 3)
-    if single.size:
-        rows = np.flatnonzero(~is_spoiled)
-        time, values = time[rows], values[rows]
-        bends[rows[3:] - rows[:-3] > 3] = 0.0
     spans = time[3:] - time[:-3]
-    is_gap = spans > LONGEST_SPAN * np.median(spans)
-    bends[is_gap] = 0.0
+    bends[spans > LONGEST_SPAN * np.median(spans)] = 0.0
     sizes = np.abs(bends)
     usual = np.quantile(sizes, USUAL_BEND)
     if usual == 0.0:
@@ -196,9 +191,7 @@ def steps_by_friction(
     return is_step & is_turn & is_along
 
 
-# ---- Channels that repeat one value: a sensor at an end of its range, and one that stands
-# still.
-
+# Channels that repeat one value: a sensor at an end of its range, and one that stands still.
 
 NO_EXTREME = 0.05  # share of the range: an extreme nearer to zero is an unloaded sensor
 MIDDLE = 0.25  # share of the range: a value nearer to the median is no extreme

@@ -3,9 +3,7 @@
 
 Without a counter, the place of a sample in the count comes from its stamp. A late sample and a
 missing one both leave a long step. After a late sample, the level (stamp - count * step) returns to
-its old value. After a missing one, it stays a step higher. Counting by steps fails if a host is
-late and loses samples regularly. Then the spectrum of the stamps, |mean exp(2 pi i f t)|, shows the
-device's rate: it has a line there, and none at the rate of the samples left.
+its old value. After a missing one, it stays a step higher.
 """
 
 import numpy as np
@@ -16,23 +14,21 @@ from osl_analysis.base.errors import InputError
 from osl_analysis.base.trial import Array
 
 LONG_STEP = 1.5  # a longer step, in usual steps, is a gap
-# a step this long may hide a missing sample: the sample before it may have been late, hence not 2
-SUSPECT_STEP = 1.3
-# samples on either side of a long step whose levels are compared, or three times the step if longer
-BESIDE = 100
+BESIDE = 100  # samples on either side of a jump of a counted clock whose levels are compared
 # fewest samples for a meaningful line through the stamps, or a spline through the values
 FEWEST_STAMPS = 20
 SHORTEST_STEP_S = 1e-9  # s, where most rows share a stamp with the one before
 MOST_LOST = 1000  # places of a count per sample; beyond it the stamps are those of batches
 NEAR_WHOLE = 0.3  # distance in steps up to which steps are counted
 LEFT_BY_MISSING = 0.7  # share of the squared residual that missing samples leave if there are any
-BLOCK = 25  # samples, whose promptest is hardly late; a quarter miss none where 5 % are lost
-ROUNDS = 2  # a sample that is found moves the levels of its neighbours
-COMPLETE = 0.1  # quantile of the blocks that miss none
+STEPS = 5  # whose median gives the first guess of a step: most miss none where 5 % are lost
+LARGEST_LOSS = 0.1  # of samples over those that are left
+BEHIND = 25  # samples, of which the promptest is hardly late
+# of the loop that follows the level: it settles within 1/GAIN rows, which waits of half a step and
+# an error of the first guess of 1 % allow; critically damped
+GAIN = 0.05
+SLOPE_GAIN = GAIN**2 / 4
 LARGEST_SCATTER_S = 5e-3  # s of a host; a larger step of a counted record is a jump of its clock
-BINS_PER_STEP = 4  # of the histogram of stamps, whose spectrum is taken
-LEAST_LINE = 6.0  # medians of the spectrum; noise reaches 4 at the highest of 100 000
-LARGEST_LOSS = 1.1  # of a device's rate over that of the samples left: one in ten is lost
 SampleCount = NDArray[np.int64]
 
 
@@ -108,10 +104,8 @@ def count_from_stamps(stamps: Array) -> SampleCount:
 
     Notes
     -----
-    A sample is missing where the level of the stamps changes by a step for good. Of the counts at
-    one rate and at changing rates, that with the smallest residual about the slow part of the
-    stamps is taken, if its residual is clearly below that without missing samples. Missing samples
-    make the estimate of a changing rate wrong, so it is repeated with those that were found.
+    A sample is missing where the level of the stamps rises by a step for good. This count is taken
+    if its squared residual about a line is clearly below that without missing samples.
     """
     rows = np.arange(len(stamps))
     steps = np.diff(stamps)
@@ -125,91 +119,33 @@ def count_from_stamps(stamps: Array) -> SampleCount:
         step, start = line_through(count, stamps)
         return float(np.sum((stamps - step * count - start) ** 2))
 
-    count = rows + np.cumsum(missing_before_samples(stamps))
+    count = rows + missing_so_far(stamps)
     return count if squares(count) < LEFT_BY_MISSING * squares(rows) else rows
 
 
-def missing_before_samples(stamps: Array) -> SampleCount:
-    """Number of samples missing right before each sample, (n,), by the levels beside long steps.
+def missing_so_far(stamps: Array) -> SampleCount:
+    """Number of samples missing before each sample, (n,), by the level of prompt stamps.
 
-    The level of a stretch is that of its promptest sample. The longest steps come first: else a
-    late sample takes the place of one that is missing a few samples later.
+    No sample is later than those behind it allow: its level is the lowest of the next 25. A
+    phase-locked loop follows this level as clocks creep; it rises for good where a sample is
+    missing.
     """
-    missing = np.zeros(len(stamps), dtype=np.int64)
-    step = usual_stamp_step(stamps)
+    mean_step = (stamps[-1] - stamps[0]) / (len(stamps) - 1)
+    step = float(np.median(stamps[STEPS:] - stamps[:-STEPS])) / STEPS
+    if step < mean_step / (1 + LARGEST_LOSS):  # the stamps are those of batches
+        step = mean_step
     level = (stamps - stamps[0]) / step - np.arange(len(stamps))
-    length = np.diff(stamps, prepend=stamps[0]) / step
-    suspects = np.flatnonzero(length > SUSPECT_STEP)
-    order = np.argsort(-np.minimum(np.rint(4 * length[suspects]), 8), kind="stable")
-    longest_first = suspects[order].tolist()
-    for row in ROUNDS * longest_first:
-        most = max(round(length[row]) - 1, 1)
-        # a burst of delayed samples fills a third of the window at most
-        window = max(BESIDE, 3 * most)
-        before = level[max(row - window, 0) : row]
-        behind = level[row : row + window]
-        if min(len(before), len(behind)) >= FEWEST_STAMPS:  # fewer at an end give no level
-            rise = round(behind.min() - before.min())
-            total = min(max(missing[row] + rise, 0), most)
-            level[row:] -= total - missing[row]
-            missing[row] = total
-    return missing
-
-
-def usual_stamp_step(stamps: Array) -> float:
-    """Find a device's step [s] from its stamps (n,) [s], of which some are late and some missing.
-
-    The promptest sample of each block is hardly late. From block to block its level changes by the
-    error of the step. Blocks with missing samples change by whole steps and are left out.
-    """
-    n = len(stamps)
-    block = min(BLOCK, n // 4)
-
-    def changes(step: float) -> Array:
-        late = in_blocks(stamps - step * np.arange(n), block)
-        return np.diff(late.min(axis=1))
-
-    mean = (stamps[-1] - stamps[0]) / (n - 1)  # too long by what is missing
-    step = mean + np.quantile(changes(mean), COMPLETE) / block
-    for _ in range(3):
-        of_blocks = changes(step)
-        is_complete = np.abs(of_blocks) <= 0.5 * step
-        if is_complete.any():
-            step += np.mean(of_blocks[is_complete]) / block
-    return step if step > 0.5 * mean else mean
-
-
-def missing_by_rhythm(stamps: Array) -> int | None:
-    """Count the missing samples of a record by the spectrum of its stamps.
-
-    Parameters
-    ----------
-    stamps : Array
-        (n,) [s].
-
-    Returns
-    -------
-    int or None
-        The device's steps between the promptest samples at both ends, minus the samples between
-        them. None if no line stands out of the spectrum.
-    """
-    n = len(stamps)
-    duration = stamps[-1] - stamps[0]
-    mean_hz = (n - 1) / duration
-    late = in_blocks(stamps - np.arange(n) / mean_hz, BLOCK)
-    prompt = stamps[np.arange(len(late)) * BLOCK + late.argmin(axis=1)]
-
-    bins_hz = BINS_PER_STEP * mean_hz
-    histogram = np.bincount(((prompt - stamps[0]) * bins_hz).astype(np.intp))
-    lowest_hz = mean_hz - 10 / duration  # late stamps at the ends change the mean
-    highest_hz = LARGEST_LOSS * mean_hz
-    apart_hz = 0.1 / duration  # a tenth of what one missing sample changes
-    lines = int((highest_hz - lowest_hz) / apart_hz)
-    band = (lowest_hz, lowest_hz + lines * apart_hz)
-    height = np.abs(scipy.signal.zoom_fft(histogram, band, lines, fs=bins_hz))
-    line = np.argmax(height)
-    if height[line] < LEAST_LINE * np.median(height):
-        return None
-    late = stamps * (lowest_hz + line * apart_hz) - np.arange(n)
-    ends = min(2 * BESIDE, n // 4)  # samples, of which the promptest counts
-    return max(round(float(late[-ends:].min() - late[:ends].min())), 0)
+    prompt = scipy.ndimage.minimum_filter1d(level, BEHIND, origin=-(BEHIND // 2), mode="nearest")
+    missing = np.zeros(len(stamps), dtype=np.int64)
+    total = 0
+    slope = 0.0
+    followed = prompt[0]
+    for row, place in enumerate(prompt.tolist()):
+        total += round(place - followed - total)
+        error = place - followed - total
+        slope += SLOPE_GAIN * error
+        followed += slope + GAIN * error
+        missing[row] = total
+    # a rise that comes back was one of samples that were all late
+    missing = np.minimum.accumulate(missing[::-1])[::-1]
+    return missing - missing[0]

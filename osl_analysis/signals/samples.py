@@ -6,6 +6,7 @@ log repeats."""
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy
@@ -20,13 +21,16 @@ from osl_analysis.signals.sample_count import (
     SampleCount,
     count_from_stamps,
     count_of_device,
-    missing_by_rhythm,
+    in_blocks,
 )
 from osl_analysis.signals.stamp_evidence import Reading, decide
 
 CLOSE = 0.5  # steps between two true stamps; closer knots of a spline amplify noise
 COUNTABLE = 0.1  # steps of scatter, beyond which a missing sample may be taken for a late one
-NEVER_PROMPT = 3  # steps of scatter (SD), beyond which hardly a sample is prompt
+PROMPT_ROWS = 75  # of a block, of which the promptest is hardly late
+# scatter of these over that of all stamps: at most 0.083 of hosts that are late by up to two steps
+# and lose nothing, at least 0.092 if they lose a sample in 20 to 5000 (100 to 1000 Hz, 24 s)
+MOST_PROMPT = 0.088
 RARELY = 0.005  # share of the values of a slow source at either end, which do not tell its beat
 SAME_BEAT = 0.05  # steps of the log, within which the beat of two rates leaves no doubt
 
@@ -68,22 +72,17 @@ class Stream:
         How the stamps are read; None: they and the signals decide.
     counter : Array or None
         (n,) the device's own count of its samples, where it writes one.
-    delays : Mapping
-        Stated delays [s] by signal: its samples are older than their stamps by that. 0 for a signal
-        without one.
-    low_passes : Mapping
-        Stated low-pass filters of the sensors, by signal.
-    resolutions : Mapping
-        Stated steps of the signals, in their units.
-    fixture : Mapping or None
-        Arguments of `fixture_torque`, as the sheet states them.
+    stated : Mapping
+        What the source file states of a signal, by signal: `delay` [s] by which its samples are
+        older than their stamps, `low_pass` of its sensor (arguments of `SensorLowPass`),
+        `resolution` in its unit, and of a torque its `fixture` (arguments of `fixture_torque`).
     beside : Collection
         Signals that come along on the grid of the others, where they can.
 
     Raises
     ------
     InputError
-        Too few samples or values, an infinite value, or stamps that do not advance.
+        Too few values, an infinite value, or stamps that do not advance.
     """
 
     name: str
@@ -91,24 +90,11 @@ class Stream:
     signals: Mapping[str, Array]
     reading: Reading | None = None
     counter: SampleCount | None = None
-    delays: Mapping[str, float] = field(default_factory=dict)
-    low_passes: Mapping[str, SensorLowPass] = field(default_factory=dict)
-    resolutions: Mapping[str, float | None] = field(default_factory=dict)
-    fixture: Mapping[str, float] | None = None
+    stated: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     beside: Collection[str] = ()
 
     def __post_init__(self) -> None:
         stamps = self.stamps
-        if len(stamps) < FEWEST_STAMPS:
-            raise InputError(
-                f"{self.name}: {len(stamps)} samples are too few for a time base",
-                f"record at least {FEWEST_STAMPS}, or exclude the trial in the sheet",
-            )
-        if not stamps[-1] > stamps[0]:
-            raise InputError(
-                f"{self.name}: time stands still at {stamps[0]:.6f} s for {len(stamps)} samples",
-                "take another time source",
-            )
         for name, values in self.signals.items():
             is_infinite = np.isinf(values)
             if is_infinite.any():
@@ -125,27 +111,20 @@ class Stream:
                     f"{self.name}: {name} has {number} values in {len(values)} rows",
                     f"at least {FEWEST_STAMPS} are needed: repair the log or exclude the trial",
                 )
+        if not stamps[-1] > stamps[0]:
+            raise InputError(
+                f"{self.name}: time stands still at {stamps[0]:.6f} s for {len(stamps)} samples",
+                "take another time source",
+            )
 
     @property
     def leads(self) -> bool:
         """Whether a grid has the time and the rate of these samples, and no row in their gaps."""
         return not self.signals.keys() <= {*self.beside}
 
-    def without_repeats(self) -> "Stream":
-        """Leave out rows that were written twice: equal to their predecessor in stamp and every
-        value, NaN too."""
-        is_new = np.diff(self.stamps, prepend=-np.inf) > 0
-        for values in self.signals.values():
-            filled = np.nan_to_num(values, nan=np.inf)  # no value is infinite
-            is_new[1:] |= filled[1:] != filled[:-1]
-        if is_new.all():
-            return self
-        return replace(
-            self,
-            stamps=self.stamps[is_new],
-            signals={name: values[is_new] for name, values in self.signals.items()},
-            counter=None if self.counter is None else self.counter[is_new],
-        )
+    def delay(self, name: str) -> float:
+        """Stated delay [s] of a signal; 0 without one."""
+        return float(self.stated.get(name, {}).get("delay", 0.0))
 
 
 @dataclass(frozen=True)
@@ -155,7 +134,6 @@ class Taken:
     stream: Stream  # whose signals lack values in the same rows
     clock: DeviceClock
     reading: Reading
-    repeated: int = 0  # number of rows that were written twice
     delay: float = 0.0  # [s] by which the samples are older than their times
     # rows per value if the log repeats each; None: every row has its own value
     held: float | None = None
@@ -198,13 +176,13 @@ class Taken:
 def begins_of_groups(times: Array, closest: float) -> NDArray[np.intp]:
     """First rows (k,) of groups of times (n,) [s]: a group is what lies within `closest` [s] of its
     first sample."""
-    begins = np.append(True, np.diff(times) >= closest)
-    start = 0.0
-    for row in np.flatnonzero(~begins):
-        if begins[row - 1]:
-            start = times[row - 1]
-        begins[row] = times[row] - start >= closest
-    return np.flatnonzero(begins)
+    begins = [0]
+    first = times[0]
+    for row, time in enumerate(times.tolist()):
+        if time - first >= closest:
+            begins.append(row)
+            first = time
+    return np.array(begins)
 
 
 def take(streams: Sequence[Stream]) -> list[Taken]:
@@ -234,10 +212,8 @@ def take(streams: Sequence[Stream]) -> list[Taken]:
     return taken
 
 
-def take_stream(recorded: Stream) -> list[Taken]:
+def take_stream(stream: Stream) -> list[Taken]:
     """Decide when the samples of one stream were taken."""
-    stream = recorded.without_repeats()
-    repeated = len(recorded.stamps) - len(stream.stamps)
     if stream.counter is None:
         count = count_from_stamps(stream.stamps)
     else:
@@ -249,7 +225,7 @@ def take_stream(recorded: Stream) -> list[Taken]:
         is_missing = np.isnan(signal)
         values = None if is_missing.any() else held_values(signal, clock.step)
         if values is None:
-            samples = (stream.delays.get(name, 0.0), is_missing.tobytes())
+            samples = (stream.delay(name), is_missing.tobytes())
             groups.setdefault(samples, {})[name] = signal
         else:
             held[name] = values
@@ -265,7 +241,7 @@ def take_stream(recorded: Stream) -> list[Taken]:
             is_all = len(groups) + len(held) == 1
             name = stream.name if is_all else ", ".join(signals)
             named = replace(stream, name=name, signals=signals)
-            of_rows.append(Taken(named, clock, reading, repeated, delay))
+            of_rows.append(Taken(named, clock, reading, delay))
     of_held = [
         held_taken(stream, name, values, row_times, clock.step) for name, values in held.items()
     ]
@@ -276,9 +252,9 @@ def held_taken(stream: Stream, name: str, held: HeldValues, row_times: Array, st
     """Take a held signal at its own rate.
 
     If its source samples evenly, each value was taken at its first row or less than one step of the
-    log earlier. The beat of the two rates narrows this to one clock. If the rates keep step, the
-    first rows are taken, and only a stated delay makes this firm. Values of an uneven source are
-    taken half a step older.
+    log earlier. The beat of the two rates narrows this to one clock, on which the promptest value
+    is as old as its row. If the rates keep step, only a stated delay makes this firm. Values of an
+    uneven source are taken half a step older.
 
     Parameters
     ----------
@@ -289,25 +265,18 @@ def held_taken(stream: Stream, name: str, held: HeldValues, row_times: Array, st
     """
     stamps = np.interp(held.rows, np.arange(len(row_times)), row_times)
     clock = DeviceClock(stamps, np.arange(len(stamps)))
-    late = stamps - clock.times()
-    low, high = np.quantile(late, (RARELY, 1 - RARELY))
+    low, high = np.quantile(stamps - clock.times(), (RARELY, 1 - RARELY))
     is_even = high - low < 2 * step
 
     # time within a step of the log that the beat leaves open; less of it leaves no doubt
     open_s = step - (high - low)
-    unsure = open_s if open_s > SAME_BEAT * step and name not in stream.delays else 0.0
-    if unsure:
-        when = f"the first of them, or up to {unsure * 1e3:.3g} ms before"
-    else:
-        when = "known by where it changes"
+    is_known = open_s <= SAME_BEAT * step or "delay" in stream.stated.get(name, {})
+    when = "known by where it changes"
+    if not is_known:
+        when = f"the first of them, or up to {open_s * 1e3:.3g} ms before"
     why = f"held: each value stands for {held.period:.4g} rows, its time is {when}"
     if not is_even:
         why = f"undecided, true: {why}, uneven"
-        older = step / 2
-    elif open_s > 0:
-        older = -low
-    else:
-        older = step / 2 - float(np.mean(late))
     return Taken(
         stream=replace(
             stream,
@@ -317,10 +286,10 @@ def held_taken(stream: Stream, name: str, held: HeldValues, row_times: Array, st
             counter=None,
         ),
         clock=clock,
-        reading=Reading(is_even, 0.0, is_even and not unsure, why),
-        delay=stream.delays.get(name, 0.0) + older,
+        reading=Reading(is_even, 0.0, is_even and is_known, why),
+        delay=stream.delay(name) + (-low if is_even else step / 2),
         held=held.period,
-        unsure=unsure,
+        unsure=0.0 if is_known else open_s,
     )
 
 
@@ -328,20 +297,20 @@ def check_countable(taken: Taken) -> None:
     """Refuse one of several devices if its host is late and loses samples, and no counter tells
     which.
 
-    If waits hide the rhythm of the stamps, it is refused if samples seem to be missing, or if even
-    stamps are late by more than three steps (SD): hardly a sample is prompt, and all times are late
-    by an unknown wait.
+    The promptest samples of blocks hardly scatter where none is missing. They do where samples are
+    missing, and where hardly a sample is prompt. What a clock creeps, a cubic follows.
     """
     clock = taken.clock
     is_true = taken.reading.firm and not taken.reading.even
     if is_true or taken.held or clock.counted or clock.scatter <= COUNTABLE * clock.step:
         return
-
-    missing = missing_by_rhythm(clock.stamps)
-    if missing or (missing is not None and clock.missing):
-        loss = f"about {missing or clock.missing} samples are missing"
-    elif missing is None and (clock.missing or clock.scatter > NEVER_PROMPT * clock.step):
-        loss = "it cannot be seen whether samples are missing"
+    prompt = in_blocks(clock.residual, PROMPT_ROWS).min(axis=1)
+    number = np.linspace(-1, 1, len(prompt))
+    creeping = np.polynomial.Polynomial.fit(number, prompt, 3)(number)
+    if clock.missing:
+        loss = f"about {clock.missing} samples are missing"
+    elif np.std(prompt - creeping) > MOST_PROMPT * clock.scatter:
+        loss = "samples seem to be missing"
     else:
         return
     raise InputError(

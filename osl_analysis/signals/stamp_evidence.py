@@ -13,7 +13,6 @@ early, and its stamps are true.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +21,6 @@ from numpy.typing import NDArray
 
 from osl_analysis.base.trial import Array
 from osl_analysis.signals.device_clock import DeviceClock
-from osl_analysis.signals.sample_count import in_blocks
 
 # lags k, in rows, of the stamps that the sampling time of a value may follow
 LAGS = np.arange(-1, 3)
@@ -52,7 +50,6 @@ ROUNDED = 0.36  # decimals of scatter that rounding explains: 1/sqrt(12) = 0.29,
 # s by which the clock of an even device creeps at most, as 1000 ppm do in 400 s; a rate that
 # changes for good leaves its line by more
 NO_CLOCK_S = 0.1
-WANDERING = 0.1  # steps by which a residual may creep with even stamps, where nothing decides
 
 
 class StampEvidence(NamedTuple):
@@ -65,50 +62,21 @@ class StampEvidence(NamedTuple):
     misfit: Array  # (22,), chi-square of the `HYPOTHESES`
 
 
-def evidence_from(response: Array, covariance: Array) -> StampEvidence:
-    """Evidence by the responses g_k (4,) at `LAGS`, and their covariance (4, 4)."""
-    weight = np.asarray(np.linalg.inv(covariance + NOT_LINEAR**2 * np.eye(len(LAGS))))
-    deviation = response - HYPOTHESES
-    misfit = np.einsum("hi,ij,hj->h", deviation, weight, deviation)
-    return StampEvidence(response.sum(), np.sqrt(covariance.sum()), misfit)
-
-
-@dataclass(frozen=True)
-class StampsOfValues:
-    """What the stamps do in the rows in which signals have values, and blocks of these rows."""
-
-    fast: Array  # (m,) [s] fast part of the stamps
-    numbers: NDArray[np.intp]  # (k,) of blocks of `ROWS` without missing samples
-
-
-def evidence_by_signal(
-    signals: Mapping[str, Array], clock: DeviceClock
-) -> dict[str, StampEvidence]:
-    """Estimate the responses of signals' sampling times to the scatter of their stamps.
+def evidence_of(signal: Array, clock: DeviceClock) -> StampEvidence | None:
+    """Estimate the response of one signal's sampling times to the scatter of its stamps.
 
     Parameters
     ----------
-    signals : Mapping
-        (n,) each, NaN where the row has no value.
+    signal : Array
+        (n,), NaN where the row has no value.
     clock : DeviceClock
         Of the stamps (n,).
 
     Returns
     -------
-    dict
-        By signal, without those that do not tell: too few blocks, stamps that hardly scatter, or
-        noise in more than a fifth of the mean square of x'.
-    """
-    by_signal = {}
-    for name, values in signals.items():
-        evidence = evidence_of(values, clock)
-        if evidence is not None:
-            by_signal[name] = evidence
-    return by_signal
-
-
-def evidence_of(signal: Array, clock: DeviceClock) -> StampEvidence | None:
-    """Estimate the response of one signal's sampling times to the scatter of its stamps.
+    StampEvidence or None
+        None if it does not tell: too few blocks, stamps that hardly scatter, or noise in more than
+        a fifth of the mean square of x'.
 
     Notes
     -----
@@ -118,14 +86,20 @@ def evidence_of(signal: Array, clock: DeviceClock) -> StampEvidence | None:
     """
     has_value = ~np.isnan(signal)
     values = signal[has_value]
-    stamps = stamps_of_values(clock, has_value)
-    numbers = stamps.numbers
-    if len(numbers) < 3 * CHUNKS:
-        return None
+    count = clock.count[has_value]
+    late = clock.residual[has_value]
+    fast = late - smoothed(late, BLOCKS_SMOOTHED * ROWS + 1)
     slope_window = max(2 * round(SLOPE_S / 2 / clock.step) + 1, SLOPE_DEGREE + 2)
     slope = smoothed(values, slope_window, 1) / clock.step
+
+    # first rows (k,) of the blocks in which, and in what the lags reach, no sample is missing
+    begins = np.arange(MOST_BEFORE, len(values) - MOST_BEHIND - ROWS, ROWS)
+    places = count[begins + ROWS - 1 + MOST_BEHIND] - count[begins - MOST_BEFORE]
+    begins = begins[places == MOST_BEFORE + ROWS - 1 + MOST_BEHIND]
+    if len(begins) < 3 * CHUNKS:
+        return None
     polynomials = np.linalg.qr(np.vander(np.linspace(-1, 1, ROWS), MOTION_DEGREE + 1))[0]
-    fluctuations = blocks_of(values, numbers)
+    fluctuations = blocks_of(values, begins)
     fluctuations = fluctuations - (fluctuations @ polynomials) @ polynomials.T
 
     # by chunk: the normal matrix of what the stamps move, and its products with what the signal
@@ -133,12 +107,10 @@ def evidence_of(signal: Array, clock: DeviceClock) -> StampEvidence | None:
     normals = np.zeros((CHUNKS, len(LAGS), len(LAGS)))
     products = np.zeros((CHUNKS, len(LAGS)))
     slope_square = 0.0
-    for chunk, rows in enumerate(np.array_split(np.arange(len(numbers)), CHUNKS)):
-        slopes = blocks_of(slope, numbers[rows])
+    for chunk, rows in enumerate(np.array_split(np.arange(len(begins)), CHUNKS)):
+        slopes = blocks_of(slope, begins[rows])
         slope_square += float(np.vdot(slopes, slopes))
-        moved = np.array(
-            [slopes * blocks_of(stamps.fast, numbers[rows], lag) for lag in LAGS.tolist()]
-        )
+        moved = np.array([slopes * blocks_of(fast, begins[rows] - lag) for lag in LAGS])
         moved -= (moved @ polynomials) @ polynomials.T
         columns = moved.reshape(len(LAGS), -1)
         normals[chunk] = columns @ columns.T
@@ -166,27 +138,15 @@ def evidence_of(signal: Array, clock: DeviceClock) -> StampEvidence | None:
     covariance = inverse @ (scores.T @ scores) @ inverse * CHUNKS / (CHUNKS - 1)
     if covariance.diagonal().max() > KNOWN**2:
         return None
-    return evidence_from(response, covariance)
+    weight = np.linalg.inv(covariance + NOT_LINEAR**2 * np.eye(len(LAGS)))
+    deviation = response - HYPOTHESES
+    misfit = np.einsum("hi,ij,hj->h", deviation, weight, deviation)
+    return StampEvidence(response.sum(), np.sqrt(covariance.sum()), misfit)
 
 
-def stamps_of_values(clock: DeviceClock, rows: NDArray[np.bool_]) -> StampsOfValues:
-    """Take the fast part and the local step of the stamps in some rows (n,), and the blocks that
-    tell."""
-    stamps = clock.stamps[rows]
-    count = clock.count[rows]
-    late = clock.residual[rows]
-    fast = late - smoothed(late, BLOCKS_SMOOTHED * ROWS + 1)
-    first_rows = np.arange(MOST_BEFORE, len(stamps) - MOST_BEHIND - ROWS, ROWS)
-    begins = first_rows - MOST_BEFORE
-    ends = first_rows + ROWS - 1 + MOST_BEHIND
-    is_whole = count[ends] - count[begins] == ends - begins
-    return StampsOfValues(fast, np.flatnonzero(is_whole))
-
-
-def blocks_of(values: Array, numbers: NDArray[np.intp], lag: int = 0) -> Array:
-    """Blocks (k, ROWS) of values (n,) by their numbers (k,), or of the values `lag` rows before."""
-    first = MOST_BEFORE - lag
-    return in_blocks(values[first:], ROWS)[numbers]
+def blocks_of(values: Array, begins: NDArray[np.intp]) -> Array:
+    """Blocks (k, ROWS) of values (n,) that begin at these rows (k,)."""
+    return np.lib.stride_tricks.sliding_window_view(values, ROWS)[begins]
 
 
 def smoothed(values: Array, window: int, derivative: int = 0) -> Array:
@@ -195,8 +155,6 @@ def smoothed(values: Array, window: int, derivative: int = 0) -> Array:
     window = min(window, (len(values) - 1) // 2 * 2 + 1)
     return np.asarray(scipy.signal.savgol_filter(values, window, SLOPE_DEGREE, derivative))
 
-
-# ---- The decision: even samples of a device, or true times of some age
 
 # scatter, in steps, below which all hypotheses give the same samples: taken as even
 NO_MATTER = 0.001
@@ -233,7 +191,8 @@ def decide(signals: Mapping[str, Array], clock: DeviceClock) -> Reading:
     if clock.settles and clock.scatter < ROUNDED * clock.decimal:
         return Reading(True, 0.0, True, "even: the stamps scatter by their rounding alone")
 
-    return reading_of(clock, evidence_by_signal(signals, clock))
+    evidence = {name: evidence_of(signal, clock) for name, signal in signals.items()}
+    return reading_of(clock, {name: found for name, found in evidence.items() if found})
 
 
 def reading_of(clock: DeviceClock, evidence: Mapping[str, StampEvidence]) -> Reading:
@@ -251,50 +210,29 @@ def reading_of(clock: DeviceClock, evidence: Mapping[str, StampEvidence]) -> Rea
     Reading
         It is firm if its chi-square is not too large, and smaller than that of the other kind by
         30. Otherwise the stamps are kept as true if the signals fit no hypothesis, or if the stamps
-        wander slowly or scatter by more than a step: so nothing is moved far. They are also kept if
-        the device seems even but its stamps do not come back to the line.
+        do not come back to their line; else the device is taken as even.
     """
-    if clock.has_prompt_batches is False and clock.settles and not clock.missing:
-        why = (
-            "undecided, even: the last sample of each batch is taken for that which waited least;"
-            " state `stamps: even`, with a `delay` if it is another"
-        )
-        return Reading(even=True, age=0.0, firm=False, why=why)
-    if not evidence:
-        return reading_without_evidence(clock)
-
-    responses = ", ".join(
+    responses = [
         f"{name} g = {round(signal.g, 3) + 0.0:.3f} +- {signal.se:.3f}"
         for name, signal in evidence.items()
-    )
-    misfit = np.sum([signal.misfit for signal in evidence.values()], axis=0)
+    ]
+    misfit = np.zeros(len(HYPOTHESES))
+    for signal in evidence.values():
+        misfit += signal.misfit
     misfit_of_even = misfit[0]
     misfit_of_true = misfit[1:].min()
+    wanders = f"the residual wanders by {np.std(clock.creep) / clock.step:.3f} steps"
     if min(misfit_of_even, misfit_of_true) > DECISIVE * len(evidence):
-        return undecided_true(f"neither even sampling nor stamps of any age fit, {responses}")
-    if abs(misfit_of_even - misfit_of_true) < DECISIVE:
-        by_stamps = reading_without_evidence(clock)
-        return by_stamps._replace(why=f"{by_stamps.why}, {responses}")
-    if misfit_of_even > misfit_of_true:
+        reading = Reading(False, 0.0, False, "undecided, true: no samples of any age fit")
+    elif misfit_of_even >= misfit_of_true + DECISIVE:
         has_age = misfit[1] >= misfit_of_true + WORTH_AN_AGE
         age = round(AGES[np.argmin(misfit[1:])], 3) if has_age else 0.0
         older = f", values {age:.1f} loops older than their stamps" if age else ""
-        return Reading(even=False, age=age, firm=True, why=f"true{older}: {responses}")
-    if not clock.settles:
-        return undecided_true(f"even by their scatter, but the stamps wander, {responses}")
-    return Reading(even=True, age=0.0, firm=True, why=f"even: {responses}")
-
-
-def reading_without_evidence(clock: DeviceClock) -> Reading:
-    """Keep the stamps as true if they wander or scatter by more than a step, else take them as
-    even."""
-    steps = np.std(clock.creep) / clock.step
-    wanders = steps > WANDERING or clock.scatter > clock.step
-    kind = "true" if wanders else "even"
-    why = f"undecided, {kind}: the residual wanders by {steps:.3f} steps"
-    return Reading(even=not wanders, age=0.0, firm=False, why=why)
-
-
-def undecided_true(why: str) -> Reading:
-    """Stamps that are kept as true."""
-    return Reading(even=False, age=0.0, firm=False, why=f"undecided, true: {why}")
+        return Reading(False, age, True, f"true{older}: {', '.join(responses)}")
+    elif not clock.settles:
+        reading = Reading(False, 0.0, False, f"undecided, true: {wanders}")
+    elif misfit_of_true >= misfit_of_even + DECISIVE:
+        return Reading(True, 0.0, True, f"even: {', '.join(responses)}")
+    else:
+        reading = Reading(True, 0.0, False, f"undecided, even: {wanders}")
+    return reading._replace(why=", ".join([reading.why, *responses]))

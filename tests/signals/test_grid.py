@@ -2,7 +2,6 @@
 """One time base: stamps of real recorders, the truth written by hand, the joint's K, B, I at the
 end."""
 
-import re
 from dataclasses import replace
 from itertools import product
 
@@ -31,7 +30,6 @@ from stamp_recorders import (
     waits,
 )  # fmt: skip
 
-from osl_analysis.base.errors import InputError
 from osl_analysis.base.trial import check_time
 from osl_analysis.signals.device_clock import DeviceClock, held_values
 from osl_analysis.signals.grid import GapLimits, on_one_grid
@@ -208,7 +206,7 @@ def test_a_value_taken_within_the_row_before_lies_where_its_doubt_says():
 
 
 def test_a_stated_delay_leaves_no_doubt_about_held_values():
-    grid = one_time_base([replace(TAKEN_BEFORE, delays={"torque": 1e-3})])
+    grid = one_time_base([replace(TAKEN_BEFORE, stated={"torque": {"delay": 1e-3}})])
 
     assert grid.is_decided
     assert_recovers_the_joint(grid)
@@ -304,7 +302,7 @@ def of(stamps, values=None, **fields):
     *((np.delete(np.where(TICKS < 5, TICKS, TICKS + 3600), lost), None, None, JUMP) for lost in ([],
     100)),
     (0 * TICKS + 3, None, None, r"time.*3\.000000 s.*6000"),
-    (TICKS[:5], None, None, "5 samples.*20"),
+    (TICKS[:5], None, None, "torque has 5 values.*20"),
     (TICKS[:90], np.full(90, np.inf), None,
      r"torque.* inf .*row 0.* 0\.000000 s"),
     (TICKS[:90], np.full(90, np.nan), None,
@@ -326,13 +324,6 @@ def test_stamps_may_be_equal_and_never_go_back():
     check_time("log", np.array([7.0, 7.0, 8.0]))
     with refused_with("log:.*time"):
         check_time("log", np.array([7.0, 6.9]))
-
-
-def test_a_row_written_twice_counts_once():
-    rows = np.insert(np.arange(30), 7, 7)
-    values = np.where(TICKS[rows] == 0.07, np.nan, TICKS[rows])
-    once = of(TICKS[rows], values, counter=rows).without_repeats()
-    assert once.counter.tolist() == list(range(30))
 
 
 @pytest.mark.parametrize(("apart_s", "merged"), [(0.004, 1), (0.006, 0)])
@@ -387,12 +378,8 @@ def test_regular_losses_behind_a_late_host_are_refused(wait, one_in):
     waiting = tuple(wait if every else 0.0 for every in one_in)
     nodes = two_nodes(random, waiting, one_in)
 
-    told = r" (\d+) samples.*counter"
-    with pytest.raises(InputError, match=told) as refusal:
+    with refused_with(r"samples (are|seem to be) missing.*counter"):
         one_time_base(nodes)
-
-    missing = DURATION * RATE / max(one_in)
-    assert int(re.search(told, str(refusal.value))[1]) == pytest.approx(missing, rel=0.05, abs=1.1)
 
 
 @pytest.mark.parametrize(("wait", "rates"), [
@@ -410,7 +397,7 @@ def test_late_hosts_that_lose_nothing_are_right_at_any_rates(wait, rates):
 
 
 @pytest.mark.parametrize("smallest", [8, 1])
-def test_of_a_batch_the_last_sample_waited_least_which_its_size_confirms(smallest):
+def test_of_a_batch_the_last_sample_waited_least(smallest):
     """Batches of up to 8 samples, which have the stamp of their last one."""
     random = np.random.default_rng(3)
     t = clock(RATE)
@@ -420,8 +407,7 @@ def test_of_a_batch_the_last_sample_waited_least_which_its_size_confirms(smalles
 
     grid = one_time_base([joint(t, t), cell(stamps, t, random)])
 
-    row = grid.streams[1]
-    assert row["firm"] == (smallest == 1)
+    assert grid.streams[1]["stamps"] == "even"
     assert_recovers_the_joint(grid)
 
 

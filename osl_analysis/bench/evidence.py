@@ -34,7 +34,7 @@ from osl_analysis.model.drivetrain import (
     NOTHING_STATED,
     DrivetrainParameters,
     StatedOfDevice,
-    joint_admittance,
+    dynamic_stiffness,
 )
 from osl_analysis.stats.budget import LIKELY, Budget, Contribution, Row, unknown
 from osl_analysis.stats.linear_fit import LinearFit
@@ -143,7 +143,9 @@ def impedance_table(
         # B or I is then certainly positive
         check_resists(record.name, "K", whole["K"], whole.interval("K")[1])
 
-    expected = joint_admittance(gains.K_1, gains.B_1, p, p.J_j) if p and gains else None
+    expected = None
+    if p and gains:
+        expected = partial(dynamic_stiffness, K_1=gains.K_1, B_1=gains.B_1, p=p)
     s = sums_of(record, expected)
     found = what_else(analysis, s, p)
 

@@ -26,8 +26,7 @@ from osl_analysis.base.measured import SMALLEST_SIGNAL, check_finite
 from osl_analysis.base.trial import Array
 from osl_analysis.bench.interval import left_out, spread
 from osl_analysis.bench.record import Groups, Label, Record
-from osl_analysis.model.drivetrain import RationalFunction
-from osl_analysis.model.rendered_impedance import linear_torque
+from osl_analysis.model.rendered_impedance import Stiffness, linear_torque
 from osl_analysis.signals.filters import runs, seven_point_motion
 from osl_analysis.stats.linear_fit import (
     CONDITION_LIMIT,
@@ -233,7 +232,7 @@ def noise_moments(
     return np.real((of_angle * (power * gain**2)) @ of_angle.conj().T)
 
 
-def sums_of(record: Record, expected: RationalFunction | None = None) -> Sums:
+def sums_of(record: Record, expected: Stiffness | None = None) -> Sums:
     """The sums of a coarse record with all effects; the arguments are those of `effect_columns`."""
     return motion_sums(record.coarse, effect_columns(record, expected), record.angle_noise)
 
@@ -257,9 +256,9 @@ def columns_of(record: Record) -> dict[str, Array]:
     }
 
 
-def effect_columns(record: Record, expected: RationalFunction | None = None) -> dict[str, Array]:
+def effect_columns(record: Record, expected: Stiffness | None = None) -> dict[str, Array]:
     """The columns (n,) of models and effects of a coarse record. `expected` is the linear model's
-    admittance, if the gains are known."""
+    dynamic stiffness, if the gains are known."""
     few = record.coarse
     columns = columns_of(few)
     higher = seven_point_motion(columns["alpha"], few.rate_hz)

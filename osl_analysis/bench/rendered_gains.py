@@ -3,7 +3,7 @@
 rows of Eq. 15.
 
 K, B and I of Eq. 15 depend on the motion, since a drivetrain is of third order. Its gains do not.
-In the letters of `drivetrain.joint_admittance` the torque is that of Z = P - c/N, of which
+In the letters of `drivetrain.dynamic_stiffness` the torque is that of Z = P - c/N, of which
 N = J_m s^2 + B_m s + (K_1 + B_1 s) e^(-s T) + K_s/n_T^2 has the gains and the delay T of the loop.
 Least squares by Gauss and Newton takes the slopes
 
@@ -15,7 +15,7 @@ K_d = Z(0) and, to first order in s, B_d = Z'(0):
     K_d = K_s - c/kappa,   B_d = B_j + c (B_m + B_1 - K_1 T)/kappa^2,   kappa = K_1 + K_s/n_T^2.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -43,7 +43,7 @@ from osl_analysis.model.drivetrain import (
     dynamic_stiffness,
     held_actuator,
 )
-from osl_analysis.model.rendered_impedance import Spectrum, linear_torque
+from osl_analysis.model.rendered_impedance import Spectrum, Stiffness, linear_torque
 from osl_analysis.stats.budget import Budget, Contribution, unknown
 from osl_analysis.stats.linear_fit import LinearFit, solved, variance_accounted_for
 
@@ -161,36 +161,34 @@ class Leg:
         """The held actuator at frequencies s [rad/s]."""
         return held_actuator(s, self.K_1, self.B_1, self.p, self.delay)
 
-    def admittance(self, s: Spectrum) -> Spectrum:
-        """Y [rad/(N*m)] at frequencies s [rad/s]."""
-        return 1 / dynamic_stiffness(s, self.K_1, self.B_1, self.p, self.delay)
+    def stiffness(self, s: Spectrum) -> Spectrum:
+        """Z [N*m/rad] at frequencies s [rad/s]."""
+        return dynamic_stiffness(s, self.K_1, self.B_1, self.p, self.delay)
 
-    def torque_for(
-        self, admittance: Callable[[Spectrum], Spectrum], angle: Array | None = None
-    ) -> Array:
-        """Torque (n,) [N*m] of an admittance [rad/(N*m)] for an angle (n,) [rad], by default that
-        of the record."""
+    def torque_for(self, stiffness: Stiffness, angle: Array | None = None) -> Array:
+        """Torque (n,) [N*m] of a dynamic stiffness for an angle (n,) [rad], by default that of the
+        record."""
         theta = self.record.motion.theta if angle is None else angle
         highest_hz = MOTION_CUTOFFS * self.record.settings.cutoff_hz
-        return linear_torque(admittance, theta, self.record.rate_hz, highest_hz)
+        return linear_torque(stiffness, theta, self.record.rate_hz, highest_hz)
 
     @cached_property
     def torque(self) -> Array:
         """What the controller renders for the record's motion, (n,) [N*m]."""
-        return self.torque_for(self.admittance)
+        return self.torque_for(self.stiffness)
 
     @cached_property
     def slopes(self) -> dict[str, Array]:
         """The slopes (n,) of the torque in the gains and the delay, with offset and drift."""
 
         def of_K_1(s: Spectrum) -> Spectrum:
-            return self.N(s) ** 2 / (self.c * np.exp(-s * self.delay))
+            return self.c * np.exp(-s * self.delay) / self.N(s) ** 2
 
         def of_B_1(s: Spectrum) -> Spectrum:
-            return of_K_1(s) / s
+            return s * of_K_1(s)
 
         def of_delay(s: Spectrum) -> Spectrum:
-            return -of_B_1(s) / (self.K_1 + self.B_1 * s)
+            return -(self.K_1 + self.B_1 * s) * of_B_1(s)
 
         slopes = {"K_1": of_K_1, "B_1": of_B_1, "delay": of_delay}
         columns = {name: self.torque_for(slopes[name]) for name in self.fitted}
@@ -237,7 +235,7 @@ def described(leg: Leg, step: LinearFit, uncertainties: Mapping[str, float]) -> 
     X = np.column_stack([leg.slopes[column] for column in leg.model.values()])[rows]
 
     fit = step
-    passed = partial(leg.torque_for, leg.admittance)
+    passed = partial(leg.torque_for, leg.stiffness)
     for source, error in bench_torques(record, leg.torque, leg.torque, passed, rows):
         change, _ = solved(X.T @ X, X.T @ error[rows])
         fit = fit.with_known_error(source, change, shared=True)

@@ -3,6 +3,7 @@
 how far the measured impedance is from the desired one."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,11 +16,7 @@ from osl_analysis.bench.summaries import PLACE
 from osl_analysis.figures import style
 from osl_analysis.figures.drawing import DESIRED, LINEAR_MODEL, OBSERVED
 from osl_analysis.model.compensator import Weight
-from osl_analysis.model.drivetrain import (
-    DrivetrainParameters,
-    desired_admittance,
-    joint_admittance,
-)
+from osl_analysis.model.drivetrain import DrivetrainParameters, dynamic_stiffness
 
 FAITHFUL_PERCENT = 10  # largest |Z - Z_d|, of |Z_d|, of a faithful impedance
 LABELS = {
@@ -57,22 +54,23 @@ def points(
         place, K_d, B_d = measured.select("joint", "K_d", "B_d").row(0)
         if K_d is not None and B_d is not None:
             of_all = measured.with_columns(controller=None, look=None)
-            curves.append(modelled(of_all, DESIRED, desired_admittance(K_d, B_d)))
+            curves.append(modelled(of_all, DESIRED, partial(np.polyval, [B_d, K_d])))
         if p is None or joint != place:
             continue
         for rows in measured.partition_by("controller"):
             gains = DesiredImpedance(rows["controller"][0], K_d, B_d).gains(p, weight)
             if gains is not None:
-                rendered = joint_admittance(gains.K_1, gains.B_1, p, p.J_j)
+                rendered = partial(dynamic_stiffness, K_1=gains.K_1, B_1=gains.B_1, p=p)
                 curves.append(modelled(rows, LINEAR_MODEL, rendered))
     return pl.concat(curves, how="diagonal_relaxed")
 
 
-def modelled(measured: pl.DataFrame, curve: str, admittance: Callable[[Any], Any]) -> pl.DataFrame:
-    """The response by a model over the range of the measured frequencies."""
+def modelled(measured: pl.DataFrame, curve: str, stiffness: Callable[[Any], Any]) -> pl.DataFrame:
+    """The response by a model, torque over angle at frequencies s [rad/s], over the range of the
+    measured frequencies."""
     measured_hz = measured["frequency_hz"]
     frequency_hz = np.linspace(measured_hz[0], measured_hz[-1], 100)
-    Y = admittance(2j * np.pi * frequency_hz)
+    Y = 1 / stiffness(2j * np.pi * frequency_hz)
     response = {
         "frequency_hz": frequency_hz,
         "magnitude": np.abs(Y),

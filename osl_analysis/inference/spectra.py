@@ -13,8 +13,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.base.errors import InputError, NotWeighedError
-from osl_analysis.base.measured import check_finite
+from osl_analysis.base.errors import NotWeighedError
 from osl_analysis.base.trial import Array
 from osl_analysis.inference.constants import (
     BAND_OF_RATE,
@@ -70,16 +69,12 @@ class BenchSignals:
     load: Array | None = None
 
     def __post_init__(self) -> None:
-        """Raise InputError: a signal is not finite, or does not move; NotWeighedError."""
-        check_finite("the angle", self.theta)
-        check_finite("the torque", self.torque)
+        """Raise NotWeighedError: they are too short."""
         if len(self.theta) < SHORTEST * self.rate_hz:
             raise NotWeighedError(
                 f"the recording lasts {len(self.theta) / self.rate_hz:.3g} s",
                 f"record {SHORTEST:g} s or more",
             )
-        if np.ptp(self.theta) == 0.0:
-            raise InputError("the joint does not move", "check the channel of theta")
 
     def moving_part(self) -> "BenchSignals":
         """Return the part from the first to the last motion, with `EDGE` at both ends.

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The compensator: friction feedforward (Eqs. 5-7), and the choice of K_1 and B_1 (Eqs. 12-14).
 
-Eq. 14, in the letters of `drivetrain.joint_admittance`, with Q = B_d s + K_d and K_1 from Eq. 13:
+Eq. 14, in the letters of `drivetrain.dynamic_stiffness`, with Q = B_d s + K_d and K_1 from Eq. 13:
 
     W (Y - Y_d) = b(s; x)/a(s; x),   a = W_den D Q,   b = W_num (N Q - D).
 

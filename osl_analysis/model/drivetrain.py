@@ -199,20 +199,6 @@ def read_parameters(path: Path) -> DrivetrainParameters:
     return parameters
 
 
-@dataclass(frozen=True)
-class RationalFunction:
-    """numerator(s)/denominator(s); coefficients with the highest power first."""
-
-    numerator: Array
-    denominator: Array
-
-    def __call__(self, s: ArrayLike) -> NDArray[np.complex128]:
-        """Value at complex frequencies s [rad/s], any shape."""
-        s = np.asarray(s, dtype=np.complex128)
-        value = np.polyval(self.numerator, s) / np.polyval(self.denominator, s)
-        return np.asarray(value, dtype=np.complex128)
-
-
 def motor_friction(direction: ArrayLike, current: ArrayLike, p: DrivetrainParameters) -> Array:
     """Find Coulomb and gear friction at the actuator's output (Eq. 2).
 
@@ -268,8 +254,7 @@ def belt_torque(theta_s: ArrayLike, p: DrivetrainParameters) -> Array:
 def held_actuator(
     s: ArrayLike, K_1: ArrayLike, B_1: ArrayLike, p: DrivetrainParameters, delay: float = 0.0
 ) -> NDArray[np.complex128]:
-    """N of `joint_admittance` at complex frequencies s [rad/s], of gains that broadcast with it:
-    the actuator under a controller that acts `delay` [s] late, with the joint held."""
+    """N of `dynamic_stiffness`: the actuator under its controller, with the joint held."""
     s = np.asarray(s, dtype=np.complex128)
     controlled = (np.asarray(K_1) + np.asarray(B_1) * s) * np.exp(-s * delay)
     return np.asarray(p.J_m * s**2 + p.B_m * s + controlled + p.K_s_at_actuator)
@@ -278,48 +263,33 @@ def held_actuator(
 def dynamic_stiffness(
     s: ArrayLike, K_1: ArrayLike, B_1: ArrayLike, p: DrivetrainParameters, delay: float = 0.0
 ) -> NDArray[np.complex128]:
-    """Z = P - c/N of `joint_admittance` with the joint's inertia [N*m/rad], of a controller as in
-    `held_actuator`."""
-    s = np.asarray(s, dtype=np.complex128)
-    c = p.K_s**2 / p.n_T**2
-    return np.asarray(p.J_j * s**2 + p.B_j * s + p.K_s - c / held_actuator(s, K_1, B_1, p, delay))
-
-
-def desired_admittance(K_d: float, B_d: float) -> RationalFunction:
-    """Y_d = 1/Q = 1/(B_d s + K_d) [rad/(N*m)] (Eq. 11)."""
-    return RationalFunction(np.array([1.0]), np.array([B_d, K_d]))
-
-
-def joint_admittance(
-    K_1: float, B_1: float, p: DrivetrainParameters, J_j: float = 0.0
-) -> RationalFunction:
-    """Find the closed-loop integral admittance of the joint (Eqs. 9-10).
+    """Find the closed-loop dynamic stiffness of the joint (Eqs. 9-10), the inverse of its integral
+    admittance, with the inertia J_j that the paper neglects.
 
     Parameters
     ----------
-    K_1, B_1 : float
-        Gains [N*m/rad] and [N*m*s/rad].
+    s : ArrayLike
+        Complex frequencies [rad/s].
+    K_1, B_1 : ArrayLike
+        Gains [N*m/rad] and [N*m*s/rad] that broadcast with them.
     p : DrivetrainParameters
-    J_j : float
-        Inertia of the joint [kg*m^2]. The paper neglects it; `J_j=p.J_j` includes it, one power
-        more.
+    delay : float
+        By which the controller acts late [s].
 
     Returns
     -------
-    RationalFunction
-        Y = theta_j/tau [rad/(N*m)].
+    Array
+        Z = tau/theta_j [N*m/rad].
 
     Notes
     -----
-    Y = N/D, with letters that the other modules use, too::
+    Z = 1/Y = D/N = P - c/N, with letters that the other modules use, too::
 
         N = J_m s^2 + x s + kappa      the actuator under control,
                                        x = B_m + B_1, kappa = K_1 + K_s/n_T^2
         P = J_j s^2 + B_j s + K_s      the joint that the belt holds
         D = N P - c                    c = (K_s/n_T)^2
     """
-    N = np.array([p.J_m, p.B_m + B_1, K_1 + p.K_s_at_actuator])
-    P = np.array([J_j, p.B_j, p.K_s])
-    D = np.convolve(N, P)
-    D[-1] -= p.K_s**2 / p.n_T**2
-    return RationalFunction(N, D if J_j else D[1:])
+    s = np.asarray(s, dtype=np.complex128)
+    c = p.K_s**2 / p.n_T**2
+    return np.asarray(p.J_j * s**2 + p.B_j * s + p.K_s - c / held_actuator(s, K_1, B_1, p, delay))

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What gains render: the delays that it bears, and K and B that a fit will estimate.
 
-The joint's dynamic stiffness is Z = 1/Y = P - c/N, in the letters of `drivetrain.joint_admittance`.
-At s = j w the joint takes in energy at the rate of Im Z = w (B_j + c x/|N|^2), which is positive
-for every x = B_m + B_1 > 0: without a delay it is passive with every gain that Eq. 14 selects.
+The dynamic stiffness is Z = 1/Y = P - c/N, in the letters of `drivetrain.dynamic_stiffness`. At
+s = j w the joint takes in energy at the rate of Im Z = w (B_j + c x/|N|^2), which is positive for
+every x = B_m + B_1 > 0: without a delay it is passive with every gain that Eq. 14 selects.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,13 +17,14 @@ from osl_analysis.model.compensator import Gains
 from osl_analysis.model.drivetrain import (
     DrivetrainParameters,
     dynamic_stiffness,
-    joint_admittance,
 )
 
 PASSIVE_TO_HZ = 10.0  # twice the fastest motion of the draft's protocol
 DELAY_STEP = 1e-4  # s, to which a delay is told
 LONGEST_DELAY = 0.05  # s; of a loop that is closed at 20 Hz
 Spectrum = NDArray[np.complex128]
+Stiffness = Callable[[Any], Any]
+"""Torque over angle [N*m/rad] at frequencies s [rad/s]."""
 
 
 def delay_margin(K_1: Array, B_1: Array, p: DrivetrainParameters) -> Array:
@@ -86,7 +87,7 @@ def predicted_impedance(
         [N*m/rad] and [N*m*s/rad] by least squares.
     """
     w = 2 * np.pi * np.asarray(frequencies_hz, dtype=float)
-    Z = 1 / joint_admittance(gains.K_1, gains.B_1, p, p.J_j)(1j * w)
+    Z = dynamic_stiffness(1j * w, gains.K_1, gains.B_1, p)
     weight = 1 / np.sqrt(w)
     # Re Z = K - I w^2, Im Z = B w
     storage = np.column_stack([np.ones_like(w), -(w**2)])
@@ -96,17 +97,16 @@ def predicted_impedance(
 
 
 def linear_torque(
-    admittance: Callable[[Any], Spectrum],
+    stiffness: Stiffness,
     theta: Array,
     rate_hz: float,
     highest_hz: float,
 ) -> Array:
-    """Find the torque of a joint of this admittance for a motion without what is faster.
+    """Find the torque of a joint of this dynamic stiffness for a motion without what is faster.
 
     Parameters
     ----------
-    admittance : callable
-        theta/torque [rad/(N*m)] at frequencies s [rad/s].
+    stiffness : Stiffness
     theta : Array
         Angle (n,) [rad]; its mean does not count. Its mirror image is added to make it periodic.
     rate_hz : float
@@ -123,5 +123,5 @@ def linear_torque(
     frequency_hz = np.fft.rfftfreq(2 * n, 1 / rate_hz)
     counts = (frequency_hz > 0) & (frequency_hz < highest_hz)
     torque = np.zeros_like(spectrum)
-    torque[counts] = spectrum[counts] / admittance(2j * np.pi * frequency_hz[counts])
+    torque[counts] = spectrum[counts] * stiffness(2j * np.pi * frequency_hz[counts])
     return np.fft.irfft(torque, 2 * n)[:n]

@@ -25,7 +25,7 @@ from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.regression import IMPEDANCE, fit_groups
 from osl_analysis.model.compensator import PAPER_WEIGHT
-from osl_analysis.model.drivetrain import joint_admittance
+from osl_analysis.model.drivetrain import dynamic_stiffness
 
 SETTINGS = CONFIG.dynamometer
 # a protocol of which nothing is stated
@@ -126,8 +126,8 @@ def test_the_b_of_a_compensated_leg_is_compared_with_that_of_its_gains(late_s):
     s = 2j * np.pi * np.fft.rfftfreq(len(theta), 1 / RATE)
     s[0] = 1e-9j
     below_45_hz = np.abs(s) < 2 * np.pi * 45
-    admittance = joint_admittance(gains.K_1, gains.B_1, P, P.J_j)(s)
-    spectrum = np.fft.rfft(theta) / admittance * below_45_hz * np.exp(-s * late_s)
+    stiffness = dynamic_stiffness(s, gains.K_1, gains.B_1, P)
+    spectrum = np.fft.rfft(theta) * stiffness * below_45_hz * np.exp(-s * late_s)
     torque = np.fft.irfft(spectrum, len(theta))
     trial = made_trial(np.random.default_rng(3), motion, K=0.0, B=0.0, I=0.0, more=torque)
 

@@ -21,7 +21,7 @@ import numpy as np
 import planted
 
 from osl_analysis.bench.budgets import ERROR_SOURCES, PROPERTIES
-from osl_analysis.inference import infer, weighing
+from osl_analysis.inference import weighing
 from osl_analysis.inference.rivals import EQ_15, Candidate
 from osl_analysis.inference.weighing import Predicted
 from osl_analysis.judge.known_findings import FINDINGS
@@ -45,7 +45,7 @@ class Weighed:
 
 def predictions_of(cause: planted.Cause, size: float, motion: str, seed: int) -> Any:
     """The arguments of `weigh` in the fit of a recording; None if it weighs nothing."""
-    with mock.patch.object(infer, "weigh", wraps=weighing.weigh) as weigh:
+    with mock.patch.object(weighing, "weigh", wraps=weighing.weigh) as weigh:
         causes.fitted(cause, size, motion, seed, False)
     return weigh.call_args and weigh.call_args.args
 

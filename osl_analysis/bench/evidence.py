@@ -21,9 +21,8 @@ from osl_analysis.bench.friction import (
     is_friction_untold,
     with_other_shapes,
 )
-from osl_analysis.bench.impedance import QUANTITIES, Analysis
+from osl_analysis.bench.impedance import QUANTITIES, Analysis, parts_of, range_over
 from osl_analysis.bench.lags import Belt, belt_of_leg, is_leg
-from osl_analysis.bench.motion_range import parts_of, range_over
 from osl_analysis.bench.plausibility import check_resists, check_stiffer, unit_of_step
 from osl_analysis.bench.record import Label
 from osl_analysis.bench.regression import IMPEDANCE, Sums, fit_groups, sums_of

@@ -21,7 +21,7 @@ from osl_analysis.base.trial import Array
 from osl_analysis.bench.impedance import SAME_FREQUENCY_RATIO, Analysis
 from osl_analysis.bench.record import Record
 from osl_analysis.dictionary.described import table_of
-from osl_analysis.model.rendered_impedance import Spectrum
+from osl_analysis.model.drivetrain import Spectrum
 from osl_analysis.signals.filters import runs
 from osl_analysis.stats.budget import Budget, Contribution, Row, scatter, welch_satterthwaite
 from osl_analysis.stats.linear_fit import products_between

@@ -21,7 +21,7 @@ from osl_analysis.bench.regression import (
     fit_groups,
     gram_sums,
 )
-from osl_analysis.inference.friction_shapes import slipping_springs
+from osl_analysis.inference.spectra import slipping_springs
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
 from osl_analysis.stats.linear_fit import LinearFit
 

@@ -25,8 +25,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.base.errors import IdentifiabilityError
 from osl_analysis.base.trial import Array
-from osl_analysis.bench.impedance import Analysis, bench_torques
-from osl_analysis.bench.motion_range import parts_of
+from osl_analysis.bench.impedance import Analysis, bench_torques, parts_of
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import (
     Model,
@@ -39,11 +38,13 @@ from osl_analysis.model.compensator import stiffness_gain
 from osl_analysis.model.drivetrain import (
     LONGEST_LOOP_DELAY,
     DrivetrainParameters,
+    Spectrum,
     StatedOfDevice,
+    Stiffness,
     dynamic_stiffness,
     held_actuator,
+    linear_torque,
 )
-from osl_analysis.model.rendered_impedance import Spectrum, Stiffness, linear_torque
 from osl_analysis.stats.budget import Budget, Contribution, unknown
 from osl_analysis.stats.linear_fit import LinearFit, solved, variance_accounted_for
 

@@ -20,9 +20,8 @@ from osl_analysis.base.trial import Array
 from osl_analysis.bench.impedance import Analysis
 from osl_analysis.dictionary.described import described_tables_by_name, table_of
 from osl_analysis.figures.drawing import completed, drawn
-from osl_analysis.judge.finding import Finding, Grade
+from osl_analysis.judge.finding import Finding, Grade, finding_text
 from osl_analysis.judge.judging import fit_of, rows_by_fit
-from osl_analysis.judge.words import finding_text
 from osl_analysis.stats.budget import IN_INTERVAL, Budget, budgets_in
 from osl_analysis.stats.rounding import (
     decimal_places,

@@ -14,7 +14,6 @@ from osl_analysis.config.impedance_trajectory import read_impedance_trajectory
 from osl_analysis.dictionary.described import described_tables_by_name
 from osl_analysis.model import compensator, drivetrain
 from osl_analysis.model.compensator import Weight
-from osl_analysis.model.rendered_impedance import delay_margin, passive_delay, predicted_impedance
 from osl_analysis.report.typography import aligned
 
 # frequencies of Section III-B, at which the fit of Eq. 15 is predicted
@@ -47,35 +46,26 @@ def gain_table(
     compensator.check_request(K_d, B_d, p)
     K_d = np.asarray(K_d, dtype=float)
     B_d = np.asarray(B_d, dtype=float)
-    K_1 = compensator.stiffness_gain(K_d, p)
-    optimum = compensator.optimal_damping(K_d, B_d, p, weight)
-    B_1 = optimum.B_1
-    of_gains = {
-        "K_d": K_d,
-        "B_d": B_d,
-        "K_1": K_1,
-        "B_1": B_1,
-        "K_1_joint": K_1 * p.n_T**2,
-        "B_1_joint": B_1 * p.n_T**2,
-        **optimum._asdict(),
-    }
-    table = pl.DataFrame(of_gains).with_row_index("row")
-
-    finite = np.flatnonzero(np.isfinite(B_1))
-    fits = np.empty((len(finite), 2))
-    for k, pair in enumerate(finite):
-        gains = compensator.Gains(K_1[pair], B_1[pair], True)
-        fits[k] = predicted_impedance(gains, p, TESTED_HZ)
-    behaviour = pl.DataFrame(
-        {
-            "row": pl.Series(finite, dtype=pl.UInt32),
-            "K_predicted": fits[:, 0],
-            "B_predicted": fits[:, 1],
-            "delay_margin": delay_margin(K_1[finite], B_1[finite], p),
-            "passive_delay": passive_delay(K_1[finite], B_1[finite], p),
+    rows = []
+    for K, B, K_1 in zip(K_d, B_d, compensator.stiffness_gain(K_d, p).tolist(), strict=True):
+        optimum = compensator.optimal_damping(K, B, p, weight)
+        B_1 = optimum.B_1
+        row = {
+            "K_d": K,
+            "B_d": B,
+            "K_1": K_1,
+            "B_1": B_1,
+            "K_1_joint": K_1 * p.n_T**2,
+            "B_1_joint": B_1 * p.n_T**2,
+            **optimum._asdict(),
         }
-    )
-    return table.join(behaviour, on="row", how="left", maintain_order="left").drop("row")
+        if not optimum.unbounded:
+            predicted = drivetrain.predicted_impedance(K_1, B_1, p, TESTED_HZ)
+            row["K_predicted"], row["B_predicted"] = predicted
+            row["delay_margin"] = drivetrain.delay_margin(K_1, B_1, p)
+            row["passive_delay"] = drivetrain.passive_delay(K_1, B_1, p)
+        rows.append(row)
+    return pl.DataFrame(rows, infer_schema_length=None)
 
 
 def requested_gains(

@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 
 from osl_analysis.base.trial import Array
 from osl_analysis.figures import style
-from osl_analysis.stats.repeats import counted, doubts_of_trials
+from osl_analysis.stats.repeats import counted
 from osl_analysis.stats.rounding import written
 
 LEAST_DRAWN = 1e-4  # smaller unexplained shares are drawn here [percent]
@@ -22,7 +22,7 @@ def points(impedance: pl.DataFrame) -> pl.DataFrame:
     """One row per trial and amplitude, doubtful where the fit to all of the trial is. A trial that
     no stepped sine moved has one row, a fit without a VAF (a constant torque) none."""
     is_single = pl.col("amplitude_deg").is_not_null() | (pl.len().over("trial") == 1)
-    return doubts_of_trials(impedance).filter(is_single & pl.col("VAF").is_finite())
+    return impedance.filter(is_single & pl.col("VAF").is_finite())
 
 
 def draw(table: pl.DataFrame) -> style.PaperFigure:

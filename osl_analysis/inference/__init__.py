@@ -15,14 +15,11 @@ dry friction, in torque and columns whose noise is white:
 
 | file, in order | does |
 |---|---|
-| `infer` | the door: the order of all steps |
 | `spectra` | angle and torque in the band of the motion, at two rates |
-| `friction_shapes` | columns of dry friction: two signs and four slipping springs |
 | `whitening` | the noise becomes white by what a model richer than any rival leaves |
 | `rivals` | the rivals as one table, and how each is fitted |
 | `rounding_errors` | what rounding of the angle alone would do |
 | `weighing` | predictions and priors give weights |
-| `unexplained` | by how much torque that no rival explains could move K, B and I |
 | `actuator` | a leg's actuator without its friction |
 | `constants` | the numbers that weigh, with unit and reason |
 
@@ -54,8 +51,8 @@ tells. Friction at one speed is damping.
 """
 
 from osl_analysis.inference.actuator import FrictionlessActuator, frictionless_actuator
-from osl_analysis.inference.infer import ImpedanceInference, infer_impedance
 from osl_analysis.inference.spectra import BenchSignals
+from osl_analysis.inference.weighing import ImpedanceInference, infer_impedance
 
 __all__ = [
     "BenchSignals",

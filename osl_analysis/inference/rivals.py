@@ -36,8 +36,7 @@ from osl_analysis.inference.constants import (
     LARGEST_DELAY_S,
     PLAY,
 )
-from osl_analysis.inference.friction_shapes import slipping_springs
-from osl_analysis.inference.spectra import solve_scaled
+from osl_analysis.inference.spectra import slipping_springs, solve_scaled
 from osl_analysis.inference.whitening import Whitened
 
 Family = Literal["", "path", "time", "speed", "size", "direction", "clipping"]

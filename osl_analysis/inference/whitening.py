@@ -14,9 +14,8 @@ import scipy
 from osl_analysis.base.errors import NotWeighedError
 from osl_analysis.base.trial import Array
 from osl_analysis.inference.constants import COLOUR_BAND, RIDGE, TINY
-from osl_analysis.inference.friction_shapes import friction_torques
-from osl_analysis.inference.spectra import Spectra, solve_scaled
-from osl_analysis.model.rendered_impedance import Spectrum
+from osl_analysis.inference.spectra import Spectra, friction_torques, solve_scaled
+from osl_analysis.model.drivetrain import Spectrum
 
 SPECTRUM_ROUNDS = 2  # the second one weighs the rich model by the spectrum that the first one found
 LEAST_GAIN = 0.03  # of the roll-off's power, below which the spectrum is not divided by it

@@ -18,7 +18,9 @@ from osl_analysis.judge.finding import (
     Finding,
     Grade,
     Limits,
+    sentence_of,
     subject_of,
+    worded,
 )
 from osl_analysis.judge.judging import WHY_NO_FIT, RowFindings, judged, marked
 from osl_analysis.judge.known_findings import CHECKS, FINDINGS, known_finding
@@ -30,7 +32,6 @@ from osl_analysis.judge.recording_checks import (
     exclusion_text,
     spoiled_trials,
 )
-from osl_analysis.judge.words import sentence_of, worded
 from osl_analysis.stats.repeats import DOUBTFUL
 from osl_analysis.stats.rounding import significant
 

@@ -20,6 +20,7 @@ from osl_analysis.judge.finding import (
     Limits,
     cell_number,
     subject_of,
+    worded,
 )
 from osl_analysis.judge.known_findings import (
     FINDINGS,
@@ -30,7 +31,6 @@ from osl_analysis.judge.known_findings import (
     known_finding,
     rule_of,
 )
-from osl_analysis.judge.words import worded
 from osl_analysis.stats.budget import (
     CLEAR,
     FLOOR,
@@ -410,8 +410,7 @@ def marked(table: pl.DataFrame, findings: RowFindings, name: str) -> pl.DataFram
     and, if the table has them, with a verdict on K, B and I, and with `remarks`, which also says
     what could not be checked."""
     described = described_tables_by_name()[name].columns
-    if "K_verdict" in described:
-        findings = with_those_of_trials(table, findings)
+    findings = with_those_of_trials(table, findings)
     columns: dict[str, list[str | None]] = {DOUBTFUL: [short_list(row) for row in findings]}
     for symbol in SYMBOLS:
         if f"{symbol}_verdict" in described:
@@ -431,13 +430,14 @@ def results_in(remarks: str | None) -> list[str]:
 def with_those_of_trials(table: pl.DataFrame, findings: RowFindings) -> RowFindings:
     """Add to the findings about single amplitudes the doubts about the fit to all of a trial: a
     clipped or late torque concerns everything from the same samples."""
+    fits = [fit_of(row) for row in table.to_dicts()]
     doubts: dict[object, list[Finding]] = {}
-    for (trial, amplitude_deg), of_row in zip(map(fit_of, table.to_dicts()), findings, strict=True):
+    for (trial, amplitude_deg), of_row in zip(fits, findings, strict=True):
         if amplitude_deg is None:
             doubts[trial] = [finding for finding in of_row if finding.grade is Grade.DOUBTS]
     return [
-        of_row if row.get("amplitude_deg") is None else [*of_row, *doubts.get(row["trial"], [])]
-        for row, of_row in zip(table.to_dicts(), findings, strict=True)
+        of_row if amplitude_deg is None else [*of_row, *doubts.get(trial, [])]
+        for (trial, amplitude_deg), of_row in zip(fits, findings, strict=True)
     ]
 
 

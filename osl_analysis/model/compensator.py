@@ -35,6 +35,7 @@ CONTROLLERS = ("compensated", "uncompensated")  # whose gains the draft states
 SMALLEST_SEARCHED = 1e-9
 LARGEST_SEARCHED = 1e9
 POINTS = 73
+ROUNDING = 4 * float(np.finfo(float).eps)  # of a root, as a share of it
 
 
 class Weight(Settings):
@@ -61,15 +62,15 @@ class Gains:
 
 
 class OptimalDamping(NamedTuple):
-    """The minimum of Eq. 14 over B_1, (pairs,) each."""
+    """The minimum of Eq. 14 over B_1."""
 
-    B_1: Array  # damping gain [N*m*s/rad] at the global minimum; infinite where `unbounded`
-    error: Array  # the norm there [rad/(N*m)/s^1/2]
+    B_1: float  # damping gain [N*m*s/rad] at the global minimum; infinite where `unbounded`
+    error: float  # the norm there [rad/(N*m)/s^1/2]
     # whether the error falls towards B_m + B_1 = 0, so that the joint alone damps more than was
     # asked for; B_1 is then the last stable value of the search
-    at_lower_bound: Array
+    at_lower_bound: bool
     # whether the error falls for every increase of B_1: a locked motor would be best
-    unbounded: Array
+    unbounded: bool
 
 
 def motor_current(u: ArrayLike, direction: ArrayLike, p: DrivetrainParameters) -> Array:
@@ -180,8 +181,8 @@ def compensated_gains(
         As `check_request`, or no finite B_1 minimises the error of Eq. 14.
     """
     check_request(K_d, B_d, p)
-    damping = optimal_damping([K_d], [B_d], p, weight)
-    if damping.unbounded[0]:
+    damping = optimal_damping(K_d, B_d, p, weight)
+    if damping.unbounded:
         raise UnreachableImpedanceError(
             f"no finite B_1 minimises Eq. 14 for K_d = {K_d:g} N*m/rad, B_d = {B_d:g} N*m*s/rad:"
             f" with the cut-off of W at {weight.cutoff_hz:g} Hz the error decreases until the"
@@ -189,7 +190,7 @@ def compensated_gains(
             "lower the cut-off of W",
         )
     K_1 = float(stiffness_gain(K_d, p))
-    return Gains(K_1, float(damping.B_1[0]), cancels_friction=True)
+    return Gains(K_1, damping.B_1, cancels_friction=True)
 
 
 def uncompensated_gains(K_d: float, B_d: float, p: DrivetrainParameters) -> Gains:
@@ -241,14 +242,14 @@ def select_gains(
 
 
 def optimal_damping(
-    K_d: ArrayLike, B_d: ArrayLike, p: DrivetrainParameters, weight: Weight
+    K_d: float, B_d: float, p: DrivetrainParameters, weight: Weight
 ) -> OptimalDamping:
     """Minimise ||W (Y - Y_d)||_2 over B_1 with B_m + B_1 > 0 (Eq. 14).
 
     Parameters
     ----------
-    K_d, B_d : ArrayLike
-        (pairs,) [N*m/rad] and [N*m*s/rad]; `check_request` refuses impossible ones.
+    K_d, B_d : float
+        [N*m/rad] and [N*m*s/rad]; `check_request` refuses impossible ones.
     p : DrivetrainParameters
     weight : Weight
         W.
@@ -257,44 +258,32 @@ def optimal_damping(
     -------
     OptimalDamping
     """
-    from scipy.optimize.elementwise import find_root  # 0.2 s, for the few that select gains
-
-    K_d, B_d = np.broadcast_arrays(np.asarray(K_d, dtype=float), np.asarray(B_d, dtype=float))
-    K_1 = stiffness_gain(K_d, p)
+    K_1 = float(stiffness_gain(K_d, p))
     W = scipy.signal.butter(weight.order, 2 * np.pi * weight.cutoff_hz, analog=True)
-    pairs = [admittance_error(*pair, p, W) for pair in zip(K_d, B_d, K_1, strict=True)]
-    polynomials = np.stack(pairs, axis=-1)
+    polynomials = admittance_error(K_d, B_d, K_1, p, W)[..., None]
     scale = np.sqrt(K_1 * p.J_m)
-    x = scale[:, None] * np.geomspace(SMALLEST_SEARCHED, LARGEST_SEARCHED, POINTS)
-    J, slope = squared_norm(x, polynomials[..., None])
+    x = scale * np.geomspace(SMALLEST_SEARCHED, LARGEST_SEARCHED, POINTS)
+    _, slope = squared_norm(x, polynomials)
+
+    def slope_at(x: float) -> float:
+        return float(squared_norm(np.array([x]), polynomials)[1][0])
 
     # candidates are the minima in their brackets, then the two ends of the search
-    is_bracket = (slope[:, :-1] < 0) & (slope[:, 1:] >= 0)
-    pair, k = np.nonzero(is_bracket)
-    bracket = x[pair, k], x[pair, k + 1]
-
-    def slope_at(x: Array, *pairs: Array) -> Array:
-        """The slope by bracket; scipy passes only those that have not converged."""
-        return squared_norm(x, polynomials[..., pairs[0].astype(np.intp)])[1]
-
-    of_bracket: tuple[Array, ...] = (pair.astype(float),)
-    minima = find_root(slope_at, bracket, args=of_bracket).x
-    lower_end = POINTS - 1
-    upper_end = POINTS
-    candidates = np.full((len(x), POINTS + 1), np.inf)
-    norms = np.full((len(x), POINTS + 1), np.inf)
-    candidates[pair, k] = minima
-    norms[pair, k] = squared_norm(minima, polynomials[..., pair])[0]
-    candidates[:, lower_end:] = x[:, [0, -1]]
-    norms[:, lower_end:] = J[:, [0, -1]]
-
-    best = np.argmin(norms, axis=1)
-    rows = np.arange(len(x))
-    unbounded = best == upper_end
+    is_bracket = (slope[:-1] < 0) & (slope[1:] >= 0)
+    minima = [
+        scipy.optimize.brentq(
+            slope_at, x[k], x[k + 1], xtol=SMALLEST_SEARCHED * x[k], rtol=ROUNDING
+        )
+        for k in np.flatnonzero(is_bracket)
+    ]
+    candidates = np.array([*minima, x[0], x[-1]])
+    norms, _ = squared_norm(candidates, polynomials)
+    best = int(np.argmin(norms))
+    unbounded = best == len(minima) + 1
     return OptimalDamping(
-        B_1=np.where(unbounded, np.inf, candidates[rows, best] - p.B_m),
-        error=np.sqrt(norms[rows, best]),
-        at_lower_bound=best == lower_end,
+        B_1=np.inf if unbounded else float(candidates[best] - p.B_m),
+        error=float(np.sqrt(norms[best])),
+        at_lower_bound=best == len(minima),
         unbounded=unbounded,
     )
 

@@ -3,12 +3,12 @@
 `config/parameters/`; actuator (Eqs. 1-2), belt transmission (Eqs. 3-4), joint admittance (Eqs.
 8-11), in the paper's signs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -252,16 +252,16 @@ def belt_torque(theta_s: ArrayLike, p: DrivetrainParameters) -> Array:
 
 
 def held_actuator(
-    s: ArrayLike, K_1: ArrayLike, B_1: ArrayLike, p: DrivetrainParameters, delay: float = 0.0
+    s: ArrayLike, K_1: ArrayLike, B_1: ArrayLike, p: DrivetrainParameters, delay: ArrayLike = 0.0
 ) -> NDArray[np.complex128]:
     """N of `dynamic_stiffness`: the actuator under its controller, with the joint held."""
     s = np.asarray(s, dtype=np.complex128)
-    controlled = (np.asarray(K_1) + np.asarray(B_1) * s) * np.exp(-s * delay)
+    controlled = (np.asarray(K_1) + np.asarray(B_1) * s) * np.exp(-s * np.asarray(delay))
     return np.asarray(p.J_m * s**2 + p.B_m * s + controlled + p.K_s_at_actuator)
 
 
 def dynamic_stiffness(
-    s: ArrayLike, K_1: ArrayLike, B_1: ArrayLike, p: DrivetrainParameters, delay: float = 0.0
+    s: ArrayLike, K_1: ArrayLike, B_1: ArrayLike, p: DrivetrainParameters, delay: ArrayLike = 0.0
 ) -> NDArray[np.complex128]:
     """Find the closed-loop dynamic stiffness of the joint (Eqs. 9-10), the inverse of its integral
     admittance, with the inertia J_j that the paper neglects.
@@ -273,7 +273,7 @@ def dynamic_stiffness(
     K_1, B_1 : ArrayLike
         Gains [N*m/rad] and [N*m*s/rad] that broadcast with them.
     p : DrivetrainParameters
-    delay : float
+    delay : ArrayLike
         By which the controller acts late [s].
 
     Returns
@@ -293,3 +293,113 @@ def dynamic_stiffness(
     s = np.asarray(s, dtype=np.complex128)
     c = p.K_s**2 / p.n_T**2
     return np.asarray(p.J_j * s**2 + p.B_j * s + p.K_s - c / held_actuator(s, K_1, B_1, p, delay))
+
+
+# What gains render: the delays that it bears, and K and B that a fit will estimate. The
+# dynamic stiffness is Z = 1/Y = P - c/N, in the letters of
+# `drivetrain.dynamic_stiffness`. At s = j w the joint takes in energy at the rate of Im Z
+# = w (B_j + c x/|N|^2), which is positive for every x = B_m + B_1 > 0: without a delay it
+# is passive with every gain that Eq. 14 selects.
+
+
+PASSIVE_TO_HZ = 10.0  # twice the fastest motion of the draft's protocol
+DELAY_STEP = 1e-4  # s, to which a delay is told
+LONGEST_DELAY = 0.05  # s; of a loop that is closed at 20 Hz
+Spectrum = NDArray[np.complex128]
+Stiffness = Callable[[Any], Any]
+"""Torque over angle [N*m/rad] at frequencies s [rad/s]."""
+
+
+def delay_margin(K_1: float, B_1: float, p: DrivetrainParameters) -> float:
+    """Smallest delay [s] of the control loop that makes the held actuator, J_m s^2 + B_m s + k
+    under K_1 + B_1 s, unstable; infinite if it is stable with any delay.
+
+    The loop gain is 1 where v = w^2 solves
+
+        J_m^2 v^2 + (B_m^2 - B_1^2 - 2 J_m k) v + k^2 - K_1^2 = 0,   k = K_s/n_T^2.
+    """
+    k = p.K_s_at_actuator
+    roots = np.roots([p.J_m**2, p.B_m**2 - B_1**2 - 2 * p.J_m * k, k**2 - K_1**2])
+    margin = np.inf
+    for v in roots[np.isreal(roots)].real.tolist():
+        if v > 0:
+            w = np.sqrt(v)
+            loop = (K_1 + 1j * w * B_1) / (k - p.J_m * v + 1j * w * p.B_m)
+            phase_margin = np.mod(np.pi + np.angle(loop), 2 * np.pi)
+            margin = min(margin, float(phase_margin / w))
+    return margin
+
+
+def passive_delay(
+    K_1: float, B_1: float, p: DrivetrainParameters, highest_hz: float = PASSIVE_TO_HZ
+) -> float:
+    """Smallest delay [s] of the control loop with which the joint gives away energy at some
+    frequency up to `highest_hz`; infinite where none up to `LONGEST_DELAY` does.
+
+    The joint takes in energy at s = j w where Im Z is positive.
+    """
+    s = 2j * np.pi * np.geomspace(highest_hz / 1e3, highest_hz, 60)
+    delays = np.arange(LONGEST_DELAY, 0, -DELAY_STEP)
+    Z = dynamic_stiffness(s, K_1, B_1, p, delays[:, None])
+    gives_energy = (Z.imag < 0).any(axis=1)
+    return float(delays[gives_energy].min(initial=np.inf))
+
+
+def predicted_impedance(
+    K_1: float, B_1: float, p: DrivetrainParameters, frequencies_hz: Sequence[float]
+) -> tuple[float, float]:
+    """Predict the fit of Eq. 15 to a stepped sine on the linear drivetrain without friction.
+
+    Parameters
+    ----------
+    K_1, B_1 : float
+        Gains [N*m/rad] and [N*m*s/rad].
+    p : DrivetrainParameters
+    frequencies_hz : Sequence of float
+        Of the stepped sine [Hz], with the same number of cycles at each: the number of samples goes
+        with 1/f.
+
+    Returns
+    -------
+    K, B : float
+        [N*m/rad] and [N*m*s/rad] by least squares.
+    """
+    w = 2 * np.pi * np.asarray(frequencies_hz, dtype=float)
+    Z = dynamic_stiffness(1j * w, K_1, B_1, p)
+    weight = 1 / np.sqrt(w)
+    # Re Z = K - I w^2, Im Z = B w
+    storage = np.column_stack([np.ones_like(w), -(w**2)])
+    K = np.linalg.lstsq(storage * weight[:, None], Z.real * weight)[0][0]
+    B = np.sum(weight**2 * w * Z.imag) / np.sum(weight**2 * w**2)
+    return K, B
+
+
+def linear_torque(
+    stiffness: Stiffness,
+    theta: Array,
+    rate_hz: float,
+    highest_hz: float,
+) -> Array:
+    """Find the torque of a joint of this dynamic stiffness for a motion without what is faster.
+
+    Parameters
+    ----------
+    stiffness : Stiffness
+    theta : Array
+        Angle (n,) [rad]; its mean does not count. Its mirror image is added to make it periodic.
+    rate_hz : float
+    highest_hz : float
+        Up to which the motion counts.
+
+    Returns
+    -------
+    Array
+        (n,) [N*m].
+    """
+    n = len(theta)
+    spectrum = np.fft.rfft(np.concatenate([theta, theta[::-1]]))
+    frequency_hz = np.fft.rfftfreq(2 * n, 1 / rate_hz)
+    counts = (frequency_hz > 0) & (frequency_hz < highest_hz)
+    torque = np.zeros_like(spectrum)
+    torque[counts] = spectrum[counts] * stiffness(2j * np.pi * frequency_hz[counts])
+    return np.fft.irfft(torque, 2 * n)[:n]

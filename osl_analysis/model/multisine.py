@@ -1,11 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An odd random-phase multisine: a periodic motion that shows noise, odd and even distortion
-separately.
+"""An odd random-phase multisine: a periodic motion that shows noise and even distortion separately.
 
 Only odd lines (odd multiples of 1/period) are excited. A torque that is an even function of the
-motion appears at even lines only; one that is odd, such as friction, at odd lines only. In every
-group of neighbouring odd lines one, drawn at random, is not excited: it detects odd distortion.
-Pintelon and Schoukens, System Identification, 2012, ch. 4.
+motion appears at even lines only; one that is odd, such as friction, at odd lines only. Pintelon
+and Schoukens, System Identification, 2012, ch. 4.
 """
 
 from dataclasses import dataclass
@@ -16,7 +14,6 @@ from numpy.typing import NDArray
 from osl_analysis.base.errors import InputError
 from osl_analysis.base.trial import Array
 
-GROUP = 4  # number of neighbouring odd lines with one detection line
 # each line gives two equations for K, B and I, but one alone cannot tell K from I
 FEWEST_LINES = 3
 
@@ -42,7 +39,7 @@ class Multisine:
 
 
 def odd_multisine(
-    period_s: float, band_hz: tuple[float, float], rms: float, seed: int, realisation: int = 0
+    period_s: float, band_hz: tuple[float, float], rms: float, seed: int
 ) -> Multisine:
     """Draw an odd multisine with a flat spectrum of the angle and random phases.
 
@@ -53,35 +50,30 @@ def odd_multisine(
         Lowest and highest frequency [Hz].
     rms : float
         Of the angle [rad].
-    seed, realisation : int
-        Realisations of one seed have the same lines and different phases.
+    seed : int
+        Of the phases.
 
     Returns
     -------
     Multisine
-        One odd line in `GROUP` is not excited.
 
     Raises
     ------
     InputError
         Period or size is not positive, or odd lines are too few.
     """
-    lines = odd_lines(period_s, band_hz, seed)
+    lines = odd_lines(period_s, band_hz)
     if not 0 < rms < np.inf:
         raise InputError(
             f"a multisine of {rms:g} rad rms does not move the joint", "give an angle above 0"
         )
-    phase = np.random.default_rng([seed, 1, realisation]).uniform(0, 2 * np.pi, len(lines))
+    phase = np.random.default_rng(seed).uniform(0, 2 * np.pi, len(lines))
     size = np.full(len(lines), rms * np.sqrt(2 / len(lines)))
     return Multisine(period_s, lines, size, phase)
 
 
-def odd_lines(period_s: float, band_hz: tuple[float, float], seed: int) -> NDArray[np.intp]:
-    """Draw the excited odd lines within a band [Hz].
-
-    One line is left out in each whole group, except the first and the last line of the band, so
-    that each has a neighbour on either side. Raises InputError as `odd_multisine`.
-    """
+def odd_lines(period_s: float, band_hz: tuple[float, float]) -> NDArray[np.intp]:
+    """The odd lines within a band [Hz]. Raises InputError as `odd_multisine`."""
     low, high = band_hz
     if not (0 < period_s < np.inf and 0 < low < high < np.inf):
         raise InputError(
@@ -89,20 +81,11 @@ def odd_lines(period_s: float, band_hz: tuple[float, float], seed: int) -> NDArr
         )
     first = int(np.ceil(low * period_s - 1e-9))
     last = int(np.floor(high * period_s + 1e-9))
-    odd = np.arange(first + 1 - first % 2, last + 1, 2)
-
-    generator = np.random.default_rng([seed, 0])
-    left_out = []
-    for start in range(0, len(odd) - GROUP + 1, GROUP):
-        is_first = start == 0
-        is_last = start + GROUP >= len(odd)
-        place = generator.integers(1 if is_first else 0, GROUP - 1 if is_last else GROUP)
-        left_out.append(odd[start + place])
-    excited = np.setdiff1d(odd, left_out)
-    if len(excited) < FEWEST_LINES:
+    lines = np.arange(first + 1 - first % 2, last + 1, 2)
+    if len(lines) < FEWEST_LINES:
         raise InputError(
-            f"{len(excited)} odd lines of a period of {period_s:g} s lie within {low:g} to"
+            f"{len(lines)} odd lines of a period of {period_s:g} s lie within {low:g} to"
             f" {high:g} Hz",
             "take a longer period or a wider band",
         )
-    return excited
+    return lines

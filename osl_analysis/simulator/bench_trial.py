@@ -136,11 +136,9 @@ def steady_angle(excitation: Excitation, time: Array, draws: np.random.Generator
     """The angle at full size over its RMS, at times (n,) [s]; it goes on through the fades."""
     low, high = excitation.band_hz
     steps = np.floor(time / excitation.clock_s).astype(np.intp)
-    if excitation.kind == "multisine":  # trials of one name have the same lines
-        lines_of = zlib.crc32(excitation.name.encode())
-        phases_of = int(draws.integers(2**31))
-        period_s = excitation.period_s
-        return odd_multisine(period_s, (low, high), 1.0, lines_of, phases_of).angle(time)
+    if excitation.kind == "multisine":
+        seed = int(draws.integers(2**31))
+        return odd_multisine(excitation.period_s, (low, high), 1.0, seed).angle(time)
     if excitation.kind == "chirp":
         since_full = time - excitation.fade_s
         phase_deg = draws.uniform(0, 360) - 90  # of a cosine

@@ -44,7 +44,8 @@ def compensated_damping(path: Path, p: DrivetrainParameters, weight: Weight) -> 
     K_d = desired.at(desired.K_d, grid[:-1])
     B_d = desired.at(desired.B_d, grid[:-1])
     check_request(K_d, B_d, p)
-    B_1 = optimal_damping(K_d, B_d, p, weight).B_1
+    pairs = zip(K_d.tolist(), B_d.tolist(), strict=True)
+    B_1 = [optimal_damping(*pair, p, weight).B_1 for pair in pairs]
     return grid, np.array([*B_1, B_1[0]])  # at() is periodic
 
 

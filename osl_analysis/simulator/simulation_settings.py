@@ -229,7 +229,7 @@ class Excitation(Settings):
         "fade_s + clock_s", "full_s", "and the motion would never be at full size"
     )
     _has_lines = refuse_if(
-        lambda s: s.kind == "multisine" and not odd_lines(s.period_s, s.band_hz, 0).size, "no lines"
+        lambda s: s.kind == "multisine" and not odd_lines(s.period_s, s.band_hz).size, "no lines"
     )
 
     @property

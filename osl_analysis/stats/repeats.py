@@ -112,15 +112,6 @@ def summary_row(table: pl.DataFrame, name: str, is_weighted: bool = False) -> di
     }
 
 
-def doubts_of_trials(table: pl.DataFrame) -> pl.DataFrame:
-    """The table with the doubts about each trial in all of its rows: those about the fit to all of
-    it, also in the rows of its single amplitudes."""
-    if not {"trial", "amplitude_deg", DOUBTFUL} <= {*table.columns}:
-        return table
-    of_whole = pl.col(DOUBTFUL).filter(pl.col("amplitude_deg").is_null()).first().over("trial")
-    return table.with_columns(pl.coalesce(of_whole, DOUBTFUL).alias(DOUBTFUL))
-
-
 def concerns(doubts: str | None, names: Collection[str]) -> bool:
     """Whether a cell of `DOUBTFUL`, as `K, B: torque path; unlikely size`, is about one of the
     columns `names`; it is where one of these is no estimate, or none is named."""
@@ -139,8 +130,7 @@ def is_doubtful(table: pl.DataFrame, names: Collection[str] = ()) -> pl.Series:
     """Whether the estimates in some columns are doubtful, by row; without names whether any is."""
     if DOUBTFUL not in table.columns:
         return pl.repeat(False, len(table), eager=True)
-    cells = doubts_of_trials(table)[DOUBTFUL]
-    return pl.Series([concerns(cell, names) for cell in cells], dtype=pl.Boolean)
+    return pl.Series([concerns(cell, names) for cell in table[DOUBTFUL]], dtype=pl.Boolean)
 
 
 def counted(table: pl.DataFrame, names: Collection[str] = ()) -> pl.DataFrame:

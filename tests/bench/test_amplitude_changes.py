@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How K, B and I change over the amplitudes and frequencies of a motion (`motion_range`)."""
+"""How K, B and I change over the amplitudes and frequencies of a motion."""
 
 import numpy as np
 import polars as pl

@@ -34,7 +34,7 @@ from osl_analysis.bench.friction import coulomb_fits
 from osl_analysis.bench.impedance import analysed
 from osl_analysis.bench.regression import IMPEDANCE, sums_of
 from osl_analysis.commands.fit import run_fit
-from osl_analysis.judge.words import finding_text
+from osl_analysis.judge.finding import finding_text
 from osl_analysis.signals.filters import LowPass, differentiate
 
 TRUE = {"K": 200.0, "B": 4.0, "I": 0.05}

@@ -23,7 +23,7 @@ from osl_analysis.bench.lags import Belt, belt_of_leg, is_leg
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.summaries import delay_table
 from osl_analysis.commands.fit import run_fit
-from osl_analysis.inference.friction_shapes import slipping_springs
+from osl_analysis.inference.spectra import slipping_springs
 from osl_analysis.judge import judging
 from osl_analysis.judge.finding import Grade
 from osl_analysis.model.drivetrain import PARAMETER_UNITS

@@ -121,7 +121,7 @@ def multisine(rng, realisations, periods=3):
     another."""
     time = np.arange(round(8 * periods * RATE)) / RATE
     of_each = rng.integers(10_000, size=realisations).tolist()
-    moves = [odd_multisine(8.0, (0.5, 6.0), 0.05, 1, realisation) for realisation in of_each]
+    moves = [odd_multisine(8.0, (0.5, 6.0), 0.05, realisation) for realisation in of_each]
     return np.hstack([[move.angle(time, order) for order in range(3)] for move in moves])
 
 

@@ -18,7 +18,7 @@ from osl_analysis.bench.friction import is_friction_untold
 from osl_analysis.bench.impedance import rendered_impedance
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.regression import sums_of
-from osl_analysis.inference.friction_shapes import slipping_springs
+from osl_analysis.inference.spectra import slipping_springs
 from osl_analysis.judge.finding import Grade, Limits
 
 SETTINGS = CONFIG.dynamometer

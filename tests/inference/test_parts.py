@@ -10,11 +10,9 @@ import statsmodels.api as sm
 from conftest import refused_with, white_noise
 
 from osl_analysis.inference import BenchSignals
-from osl_analysis.inference.friction_shapes import slipping_springs
-from osl_analysis.inference.infer import largest_shifts
 from osl_analysis.inference.rivals import EQ_15, Candidate, Search, behind_spring, low_passed
-from osl_analysis.inference.spectra import Spectra, noise_and_band
-from osl_analysis.inference.weighing import BlockFit, Predicted, predict, weigh
+from osl_analysis.inference.spectra import Spectra, noise_and_band, slipping_springs
+from osl_analysis.inference.weighing import BlockFit, Predicted, largest_shifts, predict, weigh
 from osl_analysis.inference.whitening import Whitened
 
 RATE = 500.0

@@ -8,10 +8,9 @@ import pytest
 from conftest import findings_of
 
 from osl_analysis.dictionary.described import table_of
-from osl_analysis.judge.finding import Accuracy, Grade, Limits
+from osl_analysis.judge.finding import Accuracy, Grade, Limits, finding_text
 from osl_analysis.judge.judging import judged, marked, verdicts_of
 from osl_analysis.judge.known_findings import CHECKS
-from osl_analysis.judge.words import finding_text
 from osl_analysis.stats.budget import Budget, Contribution, budget_rows, scatter
 from osl_analysis.stats.repeats import concerns, is_doubtful
 
@@ -196,9 +195,11 @@ def test_a_clock_of_99_99_hz_passes_a_limit_of_100_hz_and_99_does_not():
 
 
 def test_rows_of_single_amplitudes_share_the_doubt_of_their_trial():
-    table = pl.DataFrame({
-        "trial": ["a", "a", "b", "b"], "amplitude_deg": [2.0, None, 2.0, None],
-        "doubtful": [None, "late torque", "late torque", None],
-    })  # fmt: skip
+    table = pl.DataFrame(
+        {"trial": [*"aabb"], "amplitude_deg": [2.0, None] * 2, "VAF": [90.0, 50.0, 50.0, 90.0]}
+    )
 
-    assert is_doubtful(table).to_list() == [True, True, True, False]
+    findings = judged(table, Limits(below={"VAF": 70}), "transmission")
+    doubts = marked(table, findings, "transmission")
+
+    assert is_doubtful(doubts).to_list() == [True, True, True, False]

@@ -18,11 +18,13 @@ from osl_analysis.commands.gains import gain_table
 from osl_analysis.model import compensator, drivetrain
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.model.drivetrain import (
+    delay_margin,
     dynamic_stiffness,
     known_parameters,
+    linear_torque,
+    passive_delay,
     read_parameters,
 )
-from osl_analysis.model.rendered_impedance import delay_margin, linear_torque, passive_delay
 
 
 def weight_of(cutoff_hz, order):
@@ -110,20 +112,20 @@ def norm_by_quadrature(K_d, B_d, B_1, weight):
 @pytest.mark.parametrize("weight", [PAPER_WEIGHT, weight_of(0.1, 5), weight_of(50, 1)], ids=str)
 @pytest.mark.parametrize(("K_d", "B_d"), [(300, 5), (100, 0), (340, 1e-7)])
 def test_the_norm_is_the_integral_over_frequency(K_d, B_d, weight):
-    optimum = compensator.optimal_damping([K_d], [B_d], P, weight)
+    optimum = compensator.optimal_damping(K_d, B_d, P, weight)
 
-    by_quadrature = norm_by_quadrature(K_d, B_d, optimum.B_1[0], weight)
-    assert optimum.error[0] == pytest.approx(by_quadrature, rel=1e-6)
+    by_quadrature = norm_by_quadrature(K_d, B_d, optimum.B_1, weight)
+    assert optimum.error == pytest.approx(by_quadrature, rel=1e-6)
 
 
 @pytest.mark.parametrize(("K_d", "B_d", "weight", "minima"), PROVED)
 def test_minima_are_those_proved_in_rational_arithmetic(K_d, B_d, weight, minima):
     """None where the error falls towards no damping at all."""
-    optimum = compensator.optimal_damping([K_d], [B_d], P, weight)
+    optimum = compensator.optimal_damping(K_d, B_d, P, weight)
 
-    assert optimum.at_lower_bound[0] == (not minima)
-    assert optimum.B_1[0] + P.B_m > 0
-    assert optimum.B_1[0] == pytest.approx(minima[0] if minima else -P.B_m, rel=1e-6)
+    assert optimum.at_lower_bound == (not minima)
+    assert optimum.B_1 + P.B_m > 0
+    assert optimum.B_1 == pytest.approx(minima[0] if minima else -P.B_m, rel=1e-6)
 
 
 # ---- What is refused
@@ -229,10 +231,10 @@ def test_slow_motion_loses_no_energy_up_to_the_delay_of_its_damping(K_d, B_d):
     kappa = gains.K_1 + P.K_s / P.n_T**2
     of_joint = P.B_j * (kappa * P.n_T / P.K_s) ** 2
 
-    delay = passive_delay(np.array([gains.K_1]), np.array([gains.B_1]), P, highest_hz=0.01)
+    delay = passive_delay(gains.K_1, gains.B_1, P, highest_hz=0.01)
 
     expected = (P.B_m + gains.B_1 + of_joint) / gains.K_1
-    assert delay[0] == pytest.approx(expected, abs=1.1e-4)
+    assert delay == pytest.approx(expected, abs=1.1e-4)
 
 
 def test_the_delay_margin_is_where_a_pole_reaches_the_axis():
@@ -242,7 +244,7 @@ def test_the_delay_margin_is_where_a_pole_reaches_the_axis():
     held_actuator = P.K_s / P.n_T**2 - P.J_m * w**2 + 1j * w * P.B_m
     loop = (gains.K_1 + 1j * w * gains.B_1) / held_actuator
 
-    margin = delay_margin(np.array([gains.K_1]), np.array([gains.B_1]), P)[0]
+    margin = delay_margin(gains.K_1, gains.B_1, P)
 
     def distance_from_the_axis(delay):
         return np.abs(1 + loop * np.exp(-1j * w * delay)).min()

@@ -28,6 +28,7 @@ ALL = "all"  # name of the group of a campaign that is not split
 LEFT_OUT = "left out"  # status of a crossing that was not read, or that sheet or quality exclude
 # Measures of a crossing's set-up that a group has the mean of
 MEASURED_IN_CROSSINGS = ("marker_noise_ratio", "foot_residual_ratio", "turn_share")
+LOADED = "another foot or a hand on the plate"  # as the cause of another torque or load
 SEPARATOR = "; "  # between the names of groups in one cell; no name has a semicolon
 
 Cells = Mapping[str, object]
@@ -210,6 +211,7 @@ class Measure:
     unit: str
     values: Array
     smallest_scatter: float
+    cause: str  # of one that is far from the others
 
 
 @dataclass(frozen=True)
@@ -299,18 +301,25 @@ def crossing_features(crossings: Sequence[Crossing], settings: SelectionSettings
     usual = np.median(load.mean(axis=1))
     percent = "% of the usual load"
     unchanged = [
-        Measure("deviation in angle before the onset", "deg", np.rad2deg(theta), rule.angle_deg),
-        Measure("deviation in torque before the onset", "N*m", torque, rule.torque_nm),
+        Measure(
+            "deviation in angle before the onset",
+            "deg",
+            np.rad2deg(theta),
+            rule.angle_deg,
+            "markers that jump, or another gait",
+        ),
+        Measure("deviation in torque before the onset", "N*m", torque, rule.torque_nm, LOADED),
     ]
     changed = [
-        Measure("stance", "s", stance, rule.stance_s),
+        Measure("stance", "s", stance, rule.stance_s, "another pace, or a stumble"),
         Measure(
             "deviation in load in single support",
             percent,
             100 * load / usual,
             100 * rule.load_share,
+            LOADED,
         ),
-        Measure("deviation in pressure beside the ankle", "m", pressure, rule.pressure_m),
+        Measure("deviation in pressure beside the ankle", "m", pressure, rule.pressure_m, LOADED),
     ]
 
     # What a perturbation changes is compared among those of each direction
@@ -410,8 +419,7 @@ def exclusion_reason(
     return (
         f"{furthest.measure.name} is {value:.3g} {unit}, in other crossings {median:.3g} {unit}"
         f" (median): {distance:.1f} times their usual deviation of {furthest.scatter:.2g} {unit},"
-        f" expected at most {settings.outliers.limit:g}; look for a late trigger, markers that"
-        " jump, or another foot or a hand on the plate"
+        f" expected at most {settings.outliers.limit:g}; look for {furthest.measure.cause}"
     )
 
 

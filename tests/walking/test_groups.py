@@ -198,7 +198,7 @@ LAST = session()[-1]
 
 @pytest.mark.parametrize(("changes", "message"), [
     ({"stance": replace(LAST.stance, toe_off=1.3)}, "stance is 1 s"),
-    ({"theta": LAST.theta + 0.3 * np.sin(9 * LAST.time)}, "look for a late trigger"),
+    ({"theta": LAST.theta + 0.3 * np.sin(9 * LAST.time)}, "markers that jump"),
 ])  # fmt: skip
 def test_an_outlier_is_named_with_the_reason(changes, message):
     ((name, reason),) = reasons(session(**changes)).items()

@@ -48,7 +48,6 @@ rule identify_plate:
         calibrations=FILES.calibrations(PLATE_TRIALS),
     output:
         output="<results>/fits/plate.json",
-        comparison="<results>/tables/plate.csv",
     log:
         "<logs>/identify_plate.log",
     localrule: True
@@ -56,7 +55,6 @@ rule identify_plate:
         statics={trial: CAMPAIGN.static_of[trial] for trial in PLATE_TRIALS},
         settings=CONFIG.walking.part("PlateModelSettings"),
         excluded=lambda wildcards: excluded(PLATE_TRIALS),
-        data=CAMPAIGN.data,
         made_by=MADE_BY,
     run:
         job(identify_plate, input, output, params, log)

@@ -44,7 +44,6 @@ from osl_analysis.walking.plate_inertia import (
     NOT_REMOVED,
     PlateModel,
     identify_plate_model,
-    plate_table,
 )
 from osl_analysis.walking.plate_lag import PlateTiming, timing_of
 from osl_analysis.walking.poses import StaticCalibration, static_calibration
@@ -171,11 +170,8 @@ def identify_plate(
     statics: Mapping[str, str],
     settings: choices.PlateModelSettings,
     output: Path,
-    comparison: Path,
-    data: str = "",
 ) -> None:
-    """The plate's inertia and lag from trials of the unloaded plate, to a JSON file. The table
-    `comparison` shows the unloaded plate's wrench before and after both are removed. A warning says
+    """The plate's inertia and lag from trials of the unloaded plate, to a JSON file. A warning says
     so where the settings remove nothing."""
     if settings.plate_inertia == "none":
         advise(f"the plate's own inertia and lag stay in the torque: {NOT_REMOVED}")
@@ -183,7 +179,6 @@ def identify_plate(
     else:
         model = identify_plate_model(calibrated_trials(trials, calibrations, statics), settings)
     write_model(model, output)
-    write_table(plate_table(model).fill_nan(None), comparison, data)
 
 
 def find_timing(

@@ -53,7 +53,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import polars as pl
 import scipy
 
 from osl_analysis.base.errors import IdentifiabilityError, InputError, advise, naming
@@ -121,8 +120,6 @@ class PlateModel:
     # (10,): m, mc (x, y, z), I (xx, yy, zz, xy, xz, yz) [kg, kg*m, kg*m^2]; the least that fit
     parameters: StoredArray
     directions: StoredArray  # (10, r) of the parameters that the motion shows
-    rms_before: StoredArray  # RMS wrench (6,) [N, N*m] of the unloaded plate, minus its mean
-    rms_after: StoredArray  # the same without the plate's own wrench
     turns: tuple[TurnLag, ...] = ()  # those that show a lag
     # The model without each trial, for the jackknife; empty with one
     leave_one_out: "tuple[PlateModel, ...]" = ()
@@ -160,8 +157,6 @@ NOT_REMOVED = "walking.plate_inertia is none"
 NO_CORRECTION = PlateModel(
     parameters=0 * TYPICAL_PLATE[:, 0],
     directions=TYPICAL_PLATE[:, :0],
-    rms_before=np.nan * WEIGHT,
-    rms_after=np.nan * WEIGHT,
 )
 """Of a plate that is light or compensates its own inertia: nothing is removed from its wrench."""
 
@@ -514,8 +509,6 @@ def identify_plate_inertia(
     return PlateModel(
         parameters,
         directions=basis,
-        rms_before=column_rms(wrench),
-        rms_after=column_rms(wrench - together.columns @ parameters),
     )
 
 
@@ -671,16 +664,3 @@ def height_of(directions: Array, recordings: Sequence[Shown]) -> float:
     squares[:-1, :-1] -= of_noise.T @ of_noise
     right = X.T @ (together.wrench * WEIGHT).T.ravel()
     return (np.linalg.pinv(squares, hermitian=True) @ right)[-1]
-
-
-def plate_table(model: PlateModel) -> pl.DataFrame:
-    """Tabulate `plate.csv`: RMS of each component before and after the correction, and the lag."""
-    table = pl.DataFrame(
-        {
-            "component": ("F_x", "F_y", "F_z", "M_x", "M_y", "M_z"),
-            "rms_before": model.rms_before,
-            "rms_after": model.rms_after,
-        }
-    )
-    facts = {"lag_s": model.lag, "height_m": model.height}
-    return table.with_columns(pl.lit(fact, pl.Float64).alias(name) for name, fact in facts.items())

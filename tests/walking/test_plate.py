@@ -120,8 +120,6 @@ def test_all_ten_parameters_come_out_where_all_axes_turn():
     model = identify_plate_inertia(shown(recordings))
 
     np.testing.assert_allclose(model.parameters, TRUE, rtol=1e-7, atol=1e-9)
-    assert model.rms_before[1] > 1
-    assert model.rms_after.max() < 1e-8
 
 
 def headed(recording, heading):

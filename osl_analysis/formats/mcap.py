@@ -54,8 +54,8 @@ MESSAGE = np.dtype(
         ("publish_time", "<u8"),
     ]
 )
+MESSAGES = Opcode.MESSAGE.value  # a plain number: a log has a million of them
 MESSAGE_HEAD = MESSAGE.itemsize - RECORD.size  # bytes of the head within the content
-PART_BYTES = 1 << 24  # in which messages are found at once
 DESCRIPTION = "metadata.yaml"
 REINDEX = "write it again with `ros2 bag reindex`, or name one file of the recording"
 
@@ -117,29 +117,33 @@ class Log:
 
     def _take_records(self, data: bytes, position: int) -> int:
         """Read the records from a place on, as far as they go, and give where the last one ends."""
-        places = [np.empty(0, int)]
-        while position + RECORD.size <= len(data):
+        places = []
+        end_of_heads = len(data) - RECORD.size
+        while position <= end_of_heads:
             opcode, length = RECORD.unpack_from(data, position)
             begin = position + RECORD.size
             end = begin + length
-            is_short = opcode == Opcode.MESSAGE and length < MESSAGE_HEAD
-            if opcode == 0 or end > len(data) or is_short:
+            if opcode == 0 or end > len(data) or (opcode == MESSAGES and length < MESSAGE_HEAD):
                 break
-            content = ReadDataStream(BytesIO(data[begin:end]))
-            match opcode:
-                case Opcode.MESSAGE:
-                    messages, end = _chain(data, position, end)
-                    places.append(messages)
-                case Opcode.SCHEMA:
-                    schema = Schema.read(content)
-                    self.schemas[schema.id] = schema
-                case Opcode.CHANNEL:
-                    self._declare_channel(Channel.read(content))
-                case Opcode.CHUNK:
-                    self._take_chunk(Chunk.read(content), end)
+            if opcode == MESSAGES:
+                places.append(position)
+            else:
+                self._take_record(opcode, data[begin:end], end)
             position = end
-        self._take_messages(data, np.concatenate(places))
+        self._take_messages(data, np.array(places, np.int64))
         return position
+
+    def _take_record(self, opcode: int, data: bytes, end: int) -> None:
+        """Take in a record that is no message, and ends at a place."""
+        content = ReadDataStream(BytesIO(data))
+        match opcode:
+            case Opcode.SCHEMA:
+                schema = Schema.read(content)
+                self.schemas[schema.id] = schema
+            case Opcode.CHANNEL:
+                self._declare_channel(Channel.read(content))
+            case Opcode.CHUNK:
+                self._take_chunk(Chunk.read(content), end)
 
     def _take_chunk(self, chunk: Chunk, end_of_chunk: int) -> None:
         """Read the records of a chunk that ends at a place; one that is damaged is lost."""
@@ -290,32 +294,6 @@ def _unpacked(chunk: Chunk) -> bytes:
     if chunk.uncompressed_crc and zlib.crc32(content) != chunk.uncompressed_crc:
         raise ValueError("it does not match its checksum")
     return bytes(content)
-
-
-def _chain(data: bytes, position: int, end: int) -> tuple[NDArray[np.int64], int]:
-    """Places of the messages that follow one another from a place on, and where the last one ends;
-    at most `PART_BYTES`, or the first message alone, which ends at `end`.
-
-    Any byte may look like the begin of a message. Those that are one lead from the first one to the
-    next, found all at once.
-    """
-    content = data[position : max(position + PART_BYTES, end)]
-    first_bytes = np.frombuffer(content, np.uint8)[: 1 - MESSAGE.itemsize]
-    places = np.flatnonzero(first_bytes == Opcode.MESSAGE.value)
-    lengths = rows_at(content, places, MESSAGE.itemsize).view(MESSAGE)["length"]
-    ends = places + RECORD.size + np.minimum(lengths, len(content)).astype(int)
-    may_be = (lengths >= MESSAGE_HEAD) & (ends <= len(content))
-    places, ends = places[may_be], ends[may_be]
-
-    follower = np.searchsorted(places, ends)
-    follower[np.append(places, -1)[follower] != ends] = places.size  # none follows
-    follower = np.append(follower, places.size)
-    chain = np.zeros(1, int)
-    while chain[-1] < places.size:  # twice as many each time
-        chain = np.append(chain, follower[chain])
-        follower = follower[follower]
-    chain = chain[chain < places.size]
-    return position + places[chain], position + int(ends[chain[-1]])
 
 
 def read(path: Path, source: MessageSource | None) -> Recording:

@@ -33,7 +33,7 @@ from osl_analysis.formats.cell_table import (
 from osl_analysis.formats.csv_table import table_of_text
 from osl_analysis.formats.reading import beginning
 from osl_analysis.formats.text_cells import Text, name_and_unit, numbered, read_text
-from osl_analysis.formats.topic import check_fields, take_values
+from osl_analysis.formats.topic import frame_of, take_values
 
 BEGINNINGS = {
     "sheet": rb"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"  # of OLE; others are ZIP files
@@ -155,8 +155,7 @@ def _frame_of_objects(path: Path) -> pl.DataFrame:
                 f"line {line.number} is no JSON: {reason}", "delete it, as the end of a cut log"
             ) from error
         rows.append(row)
-    check_fields({name for row in rows for name in row})
-    return pl.DataFrame(rows, strict=False, infer_schema_length=None)
+    return frame_of(rows)
 
 
 def remarks_on(others: Sequence[str], are_all: bool) -> list[str]:

@@ -258,10 +258,9 @@ class Log:
             )
         if topic.lost == topic.count:
             raise InputError(f"topic '{name}': {topic.reason}", topic.remedy)
-        topic.refuse_text(address)
         raise InputError(
-            f"topic '{name}' has no number '{path}' (it has {listing([*topic.types])})",
-            likeliest(path, [*topic.types]) or "correct `field` in the source file",
+            f"topic '{name}' has no number '{path}' (it has {listing([*topic.listed])})",
+            likeliest(path, [*topic.listed]) or "correct `field` in the source file",
         )
 
 

@@ -21,12 +21,12 @@ import numpy as np
 import polars as pl
 from mcap.records import Schema
 from numpy.typing import NDArray
+from polars import selectors
 
 from osl_analysis.base.errors import InputError, on_one_line, optional_module, shortened
 from osl_analysis.base.recording import SECOND_NS, Channel, Kind, Rows
 from osl_analysis.formats.message_layout import MOST_ELEMENTS, Layout, definition_of, rows_at
 from osl_analysis.formats.reading import is_of_file
-from osl_analysis.formats.text_cells import is_number_cell
 
 ROS_UNITS = {
     "JointState": {"position": "rad", "velocity": "rad/s", "effort": "N*m"},
@@ -38,8 +38,7 @@ a laboratory's effort may be a current, and a joint that slides has other ones."
 MOST_FIELDS = 2000  # of objects; a robot has some hundred, and each is a column
 PLAIN_NAME = re.compile(r"[^.\[\]]+")
 CHOICES = re.compile(r"(\[[^\]\"]*\])+$")  # an index, or the name of an element
-ANY_NUMBER = int | float  # built once: a log has a million of them
-NUMBER_SIGNS = frozenset("0123456789.")
+READ = int | float | str  # built once: a log has a million of them
 # seconds and nanoseconds of a stamp: ROS, protobuf, Foxglove's JSON, ROS 1 in JSON
 STAMP_PARTS = (("sec", "nanosec"), ("seconds", "nanos"), ("sec", "nsec"), ("secs", "nsecs"))
 # of a message, as columns beside those of its numbers, whose paths never begin so
@@ -68,10 +67,8 @@ class Topic:
         Number of its messages.
     reason, remedy
         Why the first of those that cannot be decoded cannot, and what to do.
-    types
-        Types of its numbers, read or not, by path. Those of ROS have one, which is not listed.
-    texts
-        The first text that stands in place of a number, by path.
+    listed
+        Paths of its numbers, read or not.
     spans
         Log times [ns] between which each number was written, by path and publisher: a channel of
         the recorder and the names in its messages.
@@ -92,8 +89,7 @@ class Topic:
         self.count = 0
         self.reason = ""
         self.remedy = ""
-        self.types: defaultdict[str, set[type]] = defaultdict(set)
-        self.texts: dict[str, str] = {}
+        self.listed: dict[str, None] = {}  # in their order, each once
         self.spans: defaultdict[str, defaultdict[str, list[int]]] = defaultdict(
             lambda: defaultdict(list)
         )
@@ -157,8 +153,7 @@ class Topic:
                         places = places[1:]
                         rows = rows[1:]
                         continue
-                    for path in layout.listed:
-                        self.types[path] |= set()
+                    self.listed.update(dict.fromkeys(layout.listed))
                 self.layouts[length] = layout
                 fits = layout.fits(rows)
                 fitting = rows if fits.all() else rows[fits]  # nearly always all, and no copy
@@ -179,22 +174,11 @@ class Topic:
                 places.append(place)
             except Exception as error:
                 self._note(error)
-        columns = {}
-        paths = dict.fromkeys(path for values in objects for path in values)
-        check_fields(paths)
-        for path in paths:
-            numbers = [value.get(path) for value in objects]
-            for place, text in enumerate(numbers):
-                if isinstance(text, str):
-                    self.texts.setdefault(path, text)
-                    numbers[place] = None
-            types = {*map(type, numbers)}
-            if types == {type(None)}:  # text alone
-                continue
-            self.types[path] |= types
-            if self.wanted is None or path in self.wanted:
-                columns[path] = pl.Series(numbers, strict=False)
-        yield np.array(places, np.int64), "", columns
+        columns = {column.name: column for column in frame_of(objects)}
+        self.listed.update(dict.fromkeys(columns))
+        wanted = columns if self.wanted is None else self.wanted
+        own = {path: column for path, column in columns.items() if path in wanted}
+        yield np.array(places, np.int64), "", own
 
     def _note(self, error: Exception) -> None:
         """Note why messages are lost; a fault of this program is raised."""
@@ -203,16 +187,6 @@ class Topic:
         if not self.reason:
             self.reason = getattr(error, "reason", shortened(on_one_line(error)))
             self.remedy = getattr(error, "remedy", "record the log again")
-
-    def refuse_text(self, address: Mapping[str, str]) -> None:
-        """Refuse a field that holds text alone."""
-        path = address["field"]
-        if path in self.texts:
-            raise InputError(
-                f"field '{path}' holds text, such as '{shortened(self.texts[path])}', and no"
-                " number",
-                "name another field, or write numbers",
-            )
 
     def check_one_publisher(self) -> None:
         """Refuse messages of two types, and numbers that several publishers write at the same time:
@@ -249,22 +223,8 @@ class Topic:
         return self.count - len(self.table)
 
     def column(self, path: str) -> NDArray[Any]:
-        """The numbers of a field, (messages,), masked where a message has none.
-
-        Raises
-        ------
-        InputError
-            It holds truth values and numbers.
-        """
-        types = self.types[path]
-        if bool in types and types & {int, float}:
-            raise InputError(
-                f"field '{path}' holds truth values and numbers",
-                "name another one, or write one kind of them",
-            )
+        """The numbers of a field, (messages,), masked where a message has none."""
         numbers = self.table[path]
-        if numbers.dtype == pl.Int128:  # whole numbers that 64 bits do not hold
-            numbers = numbers.cast(pl.Float64)
         if not numbers.null_count():
             return numbers.to_numpy()
         values = numbers.fill_null(strategy="zero").to_numpy()
@@ -312,19 +272,30 @@ def stamp_fields(path: str) -> list[tuple[str, str]]:
     return [(f"{path}.{seconds}", f"{path}.{rest}") for seconds, rest in STAMP_PARTS]
 
 
-def check_fields(paths: Collection[str]) -> None:
-    """Refuse objects whose names are data: each would be a column."""
-    if len(paths) > MOST_FIELDS:
+def frame_of(objects: Sequence[Mapping[str, Any]]) -> pl.DataFrame:
+    """Make a column of each number in flat objects, null where one has none, or a text that is no
+    number.
+
+    Raises
+    ------
+    InputError
+        Names are data: each would be a column.
+    """
+    names = {name for values in objects for name in values}
+    if len(names) > MOST_FIELDS:
         raise InputError(
-            f"its messages have {len(paths)} fields with names of their own",
+            f"its messages have {len(names)} fields with names of their own",
             "record names that stay the same, and what changes as values",
         )
+    frame = pl.DataFrame(objects, strict=False, infer_schema_length=None)
+    numbers = frame.with_columns(selectors.string().cast(pl.Float64, strict=False))
+    return numbers.select(column for column in numbers if column.null_count() < len(numbers))
 
 
 def take_values(value: Any, path: str, values: dict[str, Any]) -> None:
     """Take the numbers and texts in an object, by path; of a long array the first
     `MOST_ELEMENTS`."""
-    if isinstance(value, ANY_NUMBER):
+    if isinstance(value, READ):
         values[path] = value
     elif isinstance(value, dict):
         for name, member in value.items():
@@ -332,10 +303,6 @@ def take_values(value: Any, path: str, values: dict[str, Any]) -> None:
     elif isinstance(value, list):
         for index, member in enumerate(value[:MOST_ELEMENTS]):
             take_values(member, f"{path}[{index}]", values)
-    elif isinstance(value, str):
-        values[path] = value
-        if value[-1:] in NUMBER_SIGNS and is_number_cell(value):
-            values[path] = int(value) if value.isdecimal() else float(value)
     elif hasattr(value, "DESCRIPTOR"):
         take_values(_members_of(value), path, values)
 

@@ -501,7 +501,7 @@ def write_protobuf(folder, contents):
 
 def test_what_google_wrote_is_read(tmp_path):
     expected = {
-        "positive_int_value": 2**64 - 1,
+        "positive_int_value": 2**63 - 1,
         "negative_int_value": -(2**63),
         "double_value": -1e300,
     }

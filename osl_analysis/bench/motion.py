@@ -54,7 +54,6 @@ FEWEST_STRETCHES = 8  # of a recording, whose scores give an interval
 # of periods about their mean, above which a motion is not called periodic: a bench leaves 0.01, a
 # hand 0.05 to 0.1. Its interval is by the spread of its periods in any case
 BENCH_SCATTER = 0.03
-ALIKE_S = 0.25  # s; time over which a model's misfit is correlated
 
 
 def signals_of(
@@ -297,17 +296,18 @@ def cycles_of(
 
 
 def periods_of(motion: PeriodicMotion, rate_hz: float, usable: NDArray[np.bool_]) -> Groups | None:
-    """Groups of about `ALIKE_S` within each period of a motion.
+    """Groups of about `STRETCH_S` within each period of a motion.
 
-    The same part of each period of a realisation is one stratum. Noise is correlated for much less
-    than `ALIKE_S`.
+    The same part of each period of a realisation is one stratum. In parts of a quarter of a second
+    flicker noise was correlated from one to the next: K was held in 85 %, and is in 93 %
+    (multisine of `benchmarks/interval_coverage.py`).
 
     Returns
     -------
     Groups or None
         None if fewer than two periods are usable.
     """
-    parts = max(round(motion.period / ALIKE_S), 1)
+    parts = max(round(motion.period / STRETCH_S), 1)
     rows_of_part = rate_hz * motion.period / parts
     part = np.arange(parts)
     begin = (rate_hz * motion.begins[:, None] + rows_of_part * part).ravel()

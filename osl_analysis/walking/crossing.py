@@ -36,6 +36,7 @@ from osl_analysis.walking.plate_inertia import PlateModel, inertial_columns
 from osl_analysis.walking.poses import (
     FREE_FALL,
     BodyMotion,
+    Mask,
     Poses,
     StaticCalibration,
     StoredArray,
@@ -244,8 +245,13 @@ def rows_about_stance(frames: Array, recorded: Mapping[str, Poses], stance: Stan
     """Stance and the frames about it in which all clusters were seen."""
     seen = np.all([pose.seen() for pose in recorded.values()], axis=0)
     near = seen & (frames >= stance.heel_strike - SPARE_S) & (frames <= stance.toe_off + SPARE_S)
-    first = np.argmax(stance.contains(frames))
-    return next(run for run in runs(near) if run.start <= first < run.stop)
+    first = int(np.argmax(stance.contains(frames)))
+    return run_around(near, first)
+
+
+def run_around(mask: Mask, row: int) -> slice:
+    """The run of a mask that contains a row."""
+    return next(run for run in runs(mask) if run.start <= row < run.stop)
 
 
 def check_window(
@@ -291,7 +297,7 @@ def reactions_on_foot(
     """
     rows = passage.rows
     poses_of_plate = passage.recorded["platform"]
-    run = next(run for run in runs(poses_of_plate.seen()) if run.start <= rows.start < run.stop)
+    run = run_around(poses_of_plate.seen(), rows.start)
     track = platform.platform_track(
         passage.name, passage.frames[run], poses_of_plate[run], calibration, settings
     )

@@ -192,25 +192,21 @@ def of_set_up(
     ]
     if len(by_trial) > 1:
         ses = jackknife_ses(by_trial)
-        rows.append(
-            of_source("plate_inertia", ses, replace(BY_ALL_CROSSINGS, freedom=len(by_trial) - 1.0))
-        )
+        row = replace(BY_ALL_CROSSINGS, freedom=len(by_trial) - 1.0)
+        rows.append(of_source("plate_inertia", ses, row))
     else:
-        rows.append(in_units("plate_unseen", "kg", of_mass))
-    if timing.se is None:
-        rows.append(in_units("plate_unseen", "ms", of_lag))
-    else:
-        rows.append(of_source("plate_lag", 1e3 * timing.se * of_lag))
-    if plate.height_se is None:
-        rows.append(in_units("plate_unseen", "mm", of_height))
-    else:
-        rows.append(of_source("plate_height", 1e3 * plate.height_se * of_height))
+        rows.append(of_error("plate_inertia", "kg", of_mass, None))
+    rows.append(of_error("plate_lag", "ms", of_lag, timing.se))
+    rows.append(of_error("plate_height", "mm", of_height, plate.height_se))
     return rows
 
 
-def in_units(source: str, unit: str, changes: Array) -> Contributions:
-    """What nobody has measured, with the changes (3,) of K, B and I by a unit of it."""
-    return unknown(source, unit, **dict(zip(ESTIMATED, changes, strict=True)))
+def of_error(source: str, unit: str, changes: Array, standard: float | None) -> Contributions:
+    """What an error contributes, by the changes (3,) of K, B and I per ms or mm and its standard
+    uncertainty [s] or [m]; where nobody has measured it (None), these changes."""
+    if standard is None:
+        return unknown("plate_unseen", unit, **dict(zip(ESTIMATED, changes, strict=True)))
+    return of_source(source, 1e3 * standard * changes)
 
 
 def of_choices(response: PerturbationResponse) -> list[Contributions]:

@@ -190,7 +190,8 @@ def identify_plate_model(
     for problem in problems:
         advise(f"excluded from the plate's model: {problem}")
 
-    motions = unloaded_motions(usable)
+    axes_of_each = platform.shared_directions([recording.track for recording in usable])
+    motions = [recording.along(axes) for recording, axes in zip(usable, axes_of_each, strict=True)]
     model = plate_model(motions)
     for _ in range(LAG_ROUNDS):
         noise = np.concatenate([resting_noise(motion, model) for motion in motions])
@@ -247,7 +248,7 @@ class UnloadedMotion:
     noisy_columns: Array  # (n, 6, 10), with the noise of markers at rest
     moves: Mask  # frames (n,) into which a low-pass spreads a motion
     rests: list[slice]  # runs of others, without the recording's ends
-    wrench_at: WrenchReader
+    wrench_at: WrenchReader  # through both low-passes
 
     def at_rest(self, values: Array) -> Array:
         """Values (n, ...) in its rests, minus their mean in each."""
@@ -271,10 +272,6 @@ class UnloadedRecording:
     # The further low-pass of the identification, after that of the crossings
     plate_low_pass: LowPass
 
-    def wrench_at(self, lag: float) -> Array:
-        """Wrench (n, 6) a lag [s] later, through both low-passes."""
-        return self.smooth(self.track.low_pass(self.read(lag), self.track.rate))
-
     def smooth(self, values: Array) -> Array:
         """Pass values (n, ...) in the track's frames through the low-pass of the identification."""
         return self.plate_low_pass(values, self.track.rate)
@@ -297,7 +294,7 @@ class UnloadedRecording:
             noisy_columns=noisy_columns,
             moves=moves,
             rests=[run for run in runs(at_rest) if run.stop - run.start > spread],
-            wrench_at=self.wrench_at,
+            wrench_at=lambda lag: self.smooth(track.low_pass(self.read(lag), track.rate)),
         )
 
 
@@ -406,12 +403,6 @@ def whole_motions(track: platform.PlatformTrack) -> slice:
         if run.stop - run.start >= platform.FEWEST_FRAMES
     ] or [slice(0, 0)]
     return slice(rests[0].start if moves[0] else 0, rests[-1].stop if moves[-1] else n)
-
-
-def unloaded_motions(recordings: Sequence[UnloadedRecording]) -> list[UnloadedMotion]:
-    """The motion of each recording along the directions that they share."""
-    axes_of_each = platform.shared_directions([recording.track for recording in recordings])
-    return [recording.along(axes) for recording, axes in zip(recordings, axes_of_each, strict=True)]
 
 
 def plate_model(

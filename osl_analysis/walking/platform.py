@@ -275,21 +275,12 @@ class Ramp:
 
 def ramp_of(time: Array, platform: Poses, smallest_turn: float) -> Ramp | None:
     """Find the turn of a platform from its poses (n,); None if it turns less than `smallest_turn`
-    [rad].
-
-    Raises
-    ------
-    InputError
-        The recording does not begin at rest.
-    """
+    [rad]."""
     angle = rotation_from_rest(platform)
     seen = np.isfinite(angle)
-    time = time[seen]
-    angle = angle[seen]
-    above = np.flatnonzero(angle > smallest_turn)
-    if not len(above):
+    if not (angle[seen] > smallest_turn).any():
         return None
-    return Ramp(time, angle)
+    return Ramp(time[seen], angle[seen])
 
 
 def ramp_onsets(ramps: Mapping[str, Ramp]) -> tuple[dict[str, float], float]:

@@ -285,19 +285,17 @@ def moved_marker(reference: Array, tracks: Array, poses: Poses) -> tuple[int, fl
     form = np.full_like(reference, np.nan)
     seen = np.isfinite(in_cluster).all(axis=2).any(axis=0)
     form[seen] = np.nanmean(in_cluster[:, seen], axis=0) + poses.origin
-    distances = np.linalg.norm(form - reference, axis=1)
-    residuals = np.full(len(reference), np.inf)
+    moved = int(np.nanargmax(np.linalg.norm(form - reference, axis=1)))
+    expected = reference[moved]
+    least_residual = np.inf
     for marker in np.flatnonzero(seen):
         others = np.arange(len(reference)) != marker
         of_others = cluster_poses(reference[others], form[None, others])
-        if of_others.seen()[0]:
-            place = of_others.point(reference[marker])[0]
-            distances[marker] = np.linalg.norm(form[marker] - place)
-            residuals[marker] = of_others.residual[0]
-    moved = np.argmin(residuals)
-    if np.isinf(residuals[moved]):
-        moved = np.nanargmax(distances)
-    return int(moved), float(distances[moved])
+        if of_others.residual[0] < least_residual:  # NaN of fewer than three others
+            least_residual = of_others.residual[0]
+            moved = int(marker)
+            expected = of_others.point(reference[marker])[0]
+    return moved, float(np.linalg.norm(form[moved] - expected))
 
 
 def spans_a_plane(points: Array) -> bool:

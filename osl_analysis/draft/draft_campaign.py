@@ -257,10 +257,12 @@ def overview_of_recording(path: Path) -> Overview:
     """
     overview = inspect_recording(path)
     most = max((channel.count for channel in overview.channels), default=0)
-    if most < FEWEST_NUMBERS:
-        raise InputError(f"{path}: at most {most} rows of numbers, and no recording")
-    if not overview.drafted and not overview.is_capture:
-        raise InputError(f"{path}: no signal in it can be read", "`osl-analysis inspect` lists it")
+    is_empty = not overview.drafted and not overview.is_capture
+    if most < FEWEST_NUMBERS or is_empty:
+        raise InputError(
+            f"{path}: no signal of {FEWEST_NUMBERS} numbers or more in it",
+            "`osl-analysis inspect` lists what it holds",
+        )
     return overview
 
 

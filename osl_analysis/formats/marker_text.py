@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.base.errors import InputError, shortened
@@ -29,8 +30,8 @@ from osl_analysis.base.trial import AXES
 from osl_analysis.base.units import LengthUnit
 from osl_analysis.formats.text_cells import (
     TextRow,
+    cell_numbers,
     check_last_line,
-    column_of,
     decoded,
     is_number_cell,
     is_text,
@@ -63,9 +64,18 @@ class Section:
     start_s: float = 0.0
 
     def values(self, place: int) -> NDArray[np.float64]:
-        """Read one column, (rows,); NaN where a cell is empty."""
-        title = f"{self.names[place]} {self.components[place]}".strip()
-        return column_of(self.rows, place, UNSEEN, title, self.decimal)
+        """Read one column, (rows,); NaN where a cell is empty, or lacks at the end of a row."""
+        cells = [row.cells[place] if place < len(row.cells) else "" for row in self.rows]
+        values, unread = cell_numbers(pl.Series(cells, dtype=pl.String), UNSEEN, self.decimal)
+        if unread.size:
+            first = unread[0]
+            title = f"{self.names[place]} {self.components[place]}".strip()
+            raise InputError(
+                f"line {self.rows[first].number}, {title}: '{shortened(cells[first])}' is not a"
+                " number",
+                "export it again as plain numbers",
+            )
+        return values
 
     def positions(self, place: int) -> NDArray[np.float64]:
         """Read three columns, (rows, 3); NaN where a marker was not seen: where cells are empty, or

@@ -12,7 +12,6 @@ import zlib
 from collections import Counter
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import replace
 from io import BytesIO
 from operator import methodcaller
 from pathlib import Path
@@ -173,15 +172,11 @@ class Log:
     def _declare_channel(self, channel: Channel) -> None:
         """Take in a channel of the recorder, whose messages are of a topic."""
         name = channel.topic
-        # a schema has a number in each file
-        schema = replace(self.schemas.get(channel.schema_id, NO_SCHEMA), id=0)
         if name not in self.topics:
+            schema = self.schemas.get(channel.schema_id, NO_SCHEMA)
             fields = None if self.wanted is None else self.wanted.get(name, {})
             self.topics[name] = Topic(name, channel.message_encoding, schema, fields)
-        topic = self.topics[name]
-        stated = (channel.message_encoding, schema)
-        topic.has_two_types |= (topic.encoding, topic.schema) != stated
-        self.topic_of[channel.id] = topic
+        self.topic_of[channel.id] = self.topics[name]
 
     @property
     def read(self) -> Counter[str]:
@@ -247,14 +242,12 @@ class Log:
         name, path = address.values()
         topic = self.topics.get(name)
         if topic is None or not topic.count:
-            if self.end is End.MISSING:
-                raise InputError(
-                    f"no message of '{name}' was read: its end is lost", "copy or record it again"
-                )
             names = sorted(+self.read)
             raise InputError(
                 f"no messages of '{name}' (the file has {listing(names)})",
-                likeliest(name, names) or "correct `topic`, or check that its sensor was on",
+                likeliest(name, names)
+                or "correct `topic`, check that its sensor was on, or copy a file"
+                " again that was cut off",
             )
         if topic.lost == topic.count:
             raise InputError(f"topic '{name}': {topic.reason}", topic.remedy)

@@ -14,7 +14,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.base.errors import InputError, shortened
+from osl_analysis.base.errors import InputError
 from osl_analysis.base.recording import SECOND_NS
 
 # bytes that no text has; byte 26 is allowed, it ends files of DOS
@@ -190,28 +190,6 @@ def check_last_line(is_ended: bool, rows: Sequence[TextRow]) -> None:
             " its last number",
             "export it again, or end the line where it is whole",
         )
-
-
-def column_of(
-    rows: Sequence[TextRow], place: int, missing: Sequence[str], title: str, decimal: str
-) -> NDArray[np.float64]:
-    """Read one column of rows as numbers, (rows,), NaN where a cell is one of the missing words or
-    a row is too short.
-
-    Raises
-    ------
-    InputError
-        A cell is no number.
-    """
-    cells = [row.cells[place] if place < len(row.cells) else "" for row in rows]
-    values, unread = cell_numbers(pl.Series(cells, dtype=pl.String), missing, decimal)
-    if unread.size:
-        first = unread[0]
-        raise InputError(
-            f"line {rows[first].number}, {title}: '{shortened(cells[first])}' is not a number",
-            "export it again as plain numbers",
-        )
-    return values
 
 
 def is_number_cell(cell: str) -> bool:

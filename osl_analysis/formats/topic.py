@@ -85,7 +85,6 @@ class Topic:
         self.encoding = encoding
         self.schema = schema
         self.wanted = wanted
-        self.has_two_types = False
         self.count = 0
         self.reason = ""
         self.remedy = ""
@@ -189,16 +188,11 @@ class Topic:
             self.remedy = getattr(error, "remedy", "record the log again")
 
     def check_one_publisher(self) -> None:
-        """Refuse messages of two types, and numbers that several publishers write at the same time:
-        they would be mixed, sample by sample.
+        """Refuse numbers that several publishers write at one time: they would be mixed, sample by
+        sample. Messages of another type than the first are lost.
 
         Publishers of different joints may share a topic, where each joint is asked by its name.
         """
-        if self.has_two_types:
-            raise InputError(
-                f"topic '{self.name}' has messages of two types",
-                "record each under a topic of its own",
-            )
         for path, spans in self.spans.items():
             in_order = sorted((min(times_ns), max(times_ns)) for times_ns in spans.values())
             are_mixed = any(later[0] <= earlier[1] for earlier, later in pairwise(in_order))

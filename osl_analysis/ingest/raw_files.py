@@ -47,7 +47,7 @@ def recorded_files(path: Path) -> list[Path]:
 
 def recordings_in(folder: Path) -> list[Path]:
     """Files and folders below a folder that may be recordings, by their endings, or of
-    `ENDINGS_OF_ANY` by what they begin with."""
+    `ENDINGS_OF_ANY` by what they hold."""
     recordings: set[Path] = set()
     for path in sorted(folder.rglob("*")):
         is_folder = path.is_dir() and formats.formats_of(path)
@@ -58,14 +58,12 @@ def recordings_in(folder: Path) -> list[Path]:
 
 
 def may_be_recording(path: Path) -> bool:
-    """Whether a file may be a recording, by its ending or by what it begins with, or, of a text
-    that may be anything, by two columns of numbers that it holds."""
+    """Whether a file may be a recording, by its ending, or by two columns of numbers that it
+    holds."""
     suffix = path.suffix.lower()
     if suffix in suffixes() or suffix not in ENDINGS_OF_ANY:
         return suffix in suffixes()
     try:
-        if any(not one.is_any_text for one in formats.formats_of(path)):
-            return True
         channels = formats.read(path).channels
     except (OSError, InputError):
         return False

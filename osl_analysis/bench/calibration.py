@@ -16,7 +16,7 @@ from osl_analysis.bench.bench_settings import (
     ImpedanceAnalysis,
 )
 from osl_analysis.bench.budgets import fit_tables
-from osl_analysis.bench.impedance import Analysis, encoder_errors
+from osl_analysis.bench.impedance import Analysis, with_encoder_errors
 from osl_analysis.bench.lags import late_fit
 from osl_analysis.bench.motion import signals_of
 from osl_analysis.bench.plausibility import check_resists
@@ -236,8 +236,7 @@ def late_fits(record: Record, is_spring: bool) -> tuple[LinearFit, LinearFit | N
         since = few.time - few.time[few.is_fitted()].mean()
         of_lags = {"clock_drift": slope * since, "lag_s": slope}
         of_fit = {**model, **{name: name for name in of_lags}}  # in the order of the fit
-        errors = encoder_errors(record, {**columns, **of_lags}, of_fit, fit)
-        return fit.with_known_error("encoder", errors, shared=True)
+        return with_encoder_errors(record, {**columns, **of_lags}, of_fit, {None: fit})[None]
 
     if not is_spring:
         fit = fitted(model)

@@ -36,8 +36,7 @@ from osl_analysis.inference import (
     infer_impedance,
 )
 from osl_analysis.inference.actuator import MISSED_OF_FRICTION, deviations
-from osl_analysis.inference.constants import FRICTION_WINDS
-from osl_analysis.inference.spectra import slipping_springs
+from osl_analysis.inference.spectra import FRICTION_WINDS, slipping_springs
 from osl_analysis.stats.linear_fit import LinearFit
 
 WITHOUT_FRICTION = {

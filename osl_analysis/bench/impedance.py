@@ -25,7 +25,8 @@ from osl_analysis.bench.regression import (
     fit_groups,
     motion_sums,
 )
-from osl_analysis.inference.rounding_errors import errors_by_steps
+from osl_analysis.inference.rounding_errors import errors_by_steps, repeated_share
+from osl_analysis.inference.spectra import noise_and_band
 from osl_analysis.signals.filters import seven_point_motion
 from osl_analysis.stats.budget import Budget, Row
 from osl_analysis.stats.linear_fit import LinearFit, products_between, solved
@@ -183,19 +184,8 @@ def analysed(record: Record, model: Model, sums: Sums | None = None) -> Analysis
     IdentifiabilityError
         As `fit_groups`.
     """
-    other = record.with_other_stamps
     if sums is None:
         sums = motion_sums(record, columns_of(record), record.angle_noise)
-    fits = {}
-    for label, fit in fits_by_label(sums, model).items():
-        of_encoder = encoder_errors(record, sums.columns, model, fit, label)
-        fits[label] = fit.with_known_error("encoder", of_encoder, shared=True)
-    others = analysed(other, model) if other is not None else None
-    return Analysis(record, sums, model, fits, other=others)
-
-
-def fits_by_label(sums: Sums, model: Model) -> dict[Label, LinearFit]:
-    """Fits to each label that determines the model, and to all (None). Raises as `fit_groups`."""
     tells_K_from_I = {"theta", "alpha"} <= set(model.values())
     fits = {}
     strata = sums.groups.strata
@@ -213,7 +203,13 @@ def fits_by_label(sums: Sums, model: Model) -> dict[Label, LinearFit]:
         except IdentifiabilityError:  # a drive may reach fewer frequencies at one amplitude
             if label is None:
                 raise
-    return fits
+    if not set(DERIVATIVES).isdisjoint(model.values()):
+        step = round(record.rate_hz / record.coarse.rate_hz)
+        columns = {name: column[::step] for name, column in sums.columns.items()}
+        fits = with_encoder_errors(record, columns, model, fits)
+    other = record.with_other_stamps
+    others = analysed(other, model) if other is not None else None
+    return Analysis(record, sums, model, fits, other=others)
 
 
 def bench_torques(
@@ -301,11 +297,14 @@ def check_encoder(analysis: Analysis) -> None:
         )
 
 
-def encoder_errors(
-    record: Record, columns: Mapping[str, Array], model: Model, fit: LinearFit, label: Label = None
-) -> Array:
-    """Standard errors (p,) of estimates by the encoder's steps, which no scatter shows where a
-    motion repeats itself.
+def with_encoder_errors(
+    record: Record,
+    columns: Mapping[str, Array],
+    model: Model,
+    fits: Mapping[Label, LinearFit],
+) -> dict[Label, LinearFit]:
+    """Add standard errors by the encoder's steps to fits, which no scatter shows where a motion
+    repeats itself.
 
     An error e of the angle is one of the torque by K e + B e' + I e''. Its product with what a row
     of the torque adds to an estimate, r, is that of e with K r - B r' + I r''. Noise leaves a share
@@ -316,33 +315,37 @@ def encoder_errors(
     record
         What was recorded.
     columns
-        Columns of the model, at the rate of the record or of its coarse one.
-    model, fit
-        What was fitted.
-    label
-        Whose rows.
+        Columns of the model, at the rate of the coarse record.
+    model, fits
+        What was fitted, by label.
     """
-    is_of_joint = not set(DERIVATIVES).isdisjoint(model.values())
-    step = record.encoder_step if is_of_joint else 0.0
+    step = record.encoder_step
     if not step:
-        return np.zeros(len(fit.names))
+        return dict(fits)
     few = record.coarse
-    ratio = round(record.rate_hz / few.rate_hz)
+    # just beyond the filter a coarse sine has harmonics of its rounding
+    noise, _ = noise_and_band(record.theta, record.rate_hz)
+    repeated = repeated_share(noise, record.rate_hz, step)
+    # a low-pass that does not ring where the joint comes to rest
+    smooth_rows = record.rate_hz / (2 * np.pi * record.settings.cutoff_hz)
+    smooth_theta = scipy.ndimage.gaussian_filter1d(record.theta, smooth_rows)
     X = np.array([columns[column] for column in model.values()])
-    X = X[:, :: 1 if X.shape[1] == len(few.time) else ratio]
-    rows = few.rows(label)
-    _, inverse = solved(X[:, rows] @ X[:, rows].T, np.zeros(len(X)))
-    by_torque = inverse @ X
-    of_columns = {column: fit[name] for name, column in model.items()}
-    stiffness, damping, inertia = (of_columns.get(name, 0.0) for name in DERIVATIVES[:3])
-    slope = np.gradient(by_torque, 1 / few.rate_hz, axis=1)
-    bend = np.gradient(slope, 1 / few.rate_hz, axis=1)
-    by_angle = stiffness * by_torque - damping * slope + inertia * bend
-    fitted = ratio * rows
-    of_steps = errors_by_steps(
-        by_angle[:, rows], record.theta[fitted], record.smooth_theta[fitted], step
-    )
-    return record.repeated_rounding * of_steps
+    found = {}
+    for label, fit in fits.items():
+        rows = few.rows(label)
+        _, inverse = solved(X[:, rows] @ X[:, rows].T, np.zeros(len(X)))
+        by_torque = inverse @ X
+        of_columns = {column: fit[name] for name, column in model.items()}
+        stiffness, damping, inertia = (of_columns.get(name, 0.0) for name in DERIVATIVES[:3])
+        slope = np.gradient(by_torque, 1 / few.rate_hz, axis=1)
+        bend = np.gradient(slope, 1 / few.rate_hz, axis=1)
+        by_angle = stiffness * by_torque - damping * slope + inertia * bend
+        fitted = round(record.rate_hz / few.rate_hz) * rows
+        errors = errors_by_steps(
+            by_angle[:, rows], record.theta[fitted], smooth_theta[fitted], step
+        )
+        found[label] = fit.with_known_error("encoder", repeated * errors, shared=True)
+    return found
 
 
 # The range of estimates over parts of a motion: what the motion decides, and no noise. A

@@ -8,14 +8,12 @@ from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.base.measured import visible_step
 from osl_analysis.base.trial import Array
 from osl_analysis.bench.bench_settings import BenchAnalysis
-from osl_analysis.inference.rounding_errors import BESIDE_CUTOFF, noise_beyond, repeated_share
-from osl_analysis.inference.spectra import noise_and_band
+from osl_analysis.inference.rounding_errors import BESIDE_CUTOFF, noise_beyond
 from osl_analysis.signals.filters import Motion, filtered_motion
 from osl_analysis.signals.grid import UniformSignals
 from osl_analysis.spectral.periodic import PeriodicMotion
@@ -167,21 +165,6 @@ class Record:
         return float(
             part.stream.stated.get("theta", {}).get("resolution") or visible_step(theta) or 0.0
         )
-
-    @cached_property
-    def repeated_rounding(self) -> float:
-        """Share of what rounding to steps of the encoder makes of the angle that its noise
-        leaves."""
-        # just beyond the filter a coarse sine has harmonics of its rounding
-        noise, _ = noise_and_band(self.theta, self.rate_hz)
-        return repeated_share(noise, self.rate_hz, self.encoder_step)
-
-    @cached_property
-    def smooth_theta(self) -> Array:
-        """The angle (n,) [rad] through a low-pass that does not ring where the joint comes to
-        rest."""
-        smooth_rows = self.rate_hz / (2 * np.pi * self.settings.cutoff_hz)
-        return np.asarray(scipy.ndimage.gaussian_filter1d(self.theta, smooth_rows))
 
     def is_fitted(self, label: Label = None, edge: int = 0) -> NDArray[np.bool_]:
         """Which rows (n,) lie, at least partly, in the groups of a label, or within `edge` rows of

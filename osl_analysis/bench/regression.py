@@ -410,7 +410,11 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> LinearF
         covariance, freedom = spread(noise_g, A_g, inverse, s.groups.stratum, repeat)
     else:
         covariance, freedom = left_out(A, b, A_g, b_g)
-    estimates = with_slow_parts(s, columns, estimates)
+    # what is slower than a motion hardly counts beside it, and tells offset and drift
+    is_slow = np.isin(columns, ["one", "ramp"])
+    slow_products = s.products(s.gram, [*columns, "torque"]).sum(axis=0)[:-1][is_slow]
+    left = slow_products[:, -1] - slow_products[:, :-1][:, ~is_slow] @ estimates[~is_slow]
+    estimates[is_slow], _ = solved(slow_products[:, :-1][:, is_slow], left)
     return LinearFit(
         names=tuple(model),
         estimates=estimates,
@@ -419,19 +423,6 @@ def fit_groups(s: Sums, model: Model, limit: float = CONDITION_LIMIT) -> LinearF
         interval_method="repeats" if repeat.any() else "blocks",
         degrees_of_freedom=freedom,
     )
-
-
-def with_slow_parts(s: Sums, columns: Sequence[str], estimates: Array) -> Array:
-    """Estimates (p,) with the offset and the drift that the others leave: what is slower than a
-    motion hardly counts beside it, and tells these."""
-    is_slow = np.isin(columns, ["one", "ramp"])
-    products = s.products(s.gram, [*columns, "torque"]).sum(axis=0)
-    of_slow = products[:-1][is_slow]
-    left = of_slow[:, -1] - of_slow[:, :-1][:, ~is_slow] @ estimates[~is_slow]
-    slow, _ = solved(of_slow[:, :-1][:, is_slow], left)
-    together = estimates.copy()
-    together[is_slow] = slow
-    return together
 
 
 def with_effects(s: Sums, model: Model, *effects: str) -> LinearFit:

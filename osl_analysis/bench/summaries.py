@@ -9,7 +9,7 @@ import polars as pl
 from osl_analysis.bench.parts_alone import ACTUATOR_PARAMETERS, LOSSES
 from osl_analysis.dictionary.described import described_tables_by_name, table_of
 from osl_analysis.model.compensator import CONTROLLERS
-from osl_analysis.stats.repeats import alike_sizes, is_doubtful, summary_of_trials, summary_row
+from osl_analysis.stats.repeats import counted, summary_of_trials, summary_row
 
 PLACE = ("joint", "side")
 # half-widths of the interval of a trial that agrees with the mean
@@ -22,31 +22,28 @@ SUMMARISED = {
 """Columns of each part's table for which a summary has mean, scatter and interval over the
 trials."""
 
-COMPARED: Mapping[str, tuple[str, str, str | None]] = {
-    "torque_error": ("N*m", "torque_error", None),
-    "K_error": ("%", "100 * abs(K / K_d - 1)", "50 * (K_high - K_low) / K_d"),
-    "B_error": ("N*m*s/rad", "abs(B - B_d)", "(B_high - B_low) / 2"),
+
+def half_width_of(name: str) -> pl.Expr:
+    """Half of the 95 % interval of an estimate."""
+    return (pl.col(f"{name}_high") - pl.col(f"{name}_low")) / 2
+
+
+K_PERCENT = 100 / pl.col("K_d")
+NO_INTERVAL = pl.lit(None, pl.Float64)
+COMPARED: Mapping[str, tuple[str, pl.Expr, pl.Expr]] = {
+    "torque_error": ("N*m", pl.col("torque_error"), NO_INTERVAL),
+    "K_error": ("%", (K_PERCENT * pl.col("K") - 100).abs(), K_PERCENT * half_width_of("K")),
+    "B_error": ("N*m*s/rad", (pl.col("B") - pl.col("B_d")).abs(), half_width_of("B")),
     "B_viscous_error": (
         "N*m*s/rad",
-        "abs(B_viscous - B_d)",
-        "(B_viscous_high - B_viscous_low) / 2",
+        (pl.col("B_viscous") - pl.col("B_d")).abs(),
+        half_width_of("B_viscous"),
     ),
-    "VAF": ("%", "VAF", None),
+    "VAF": ("%", pl.col("VAF"), NO_INTERVAL),
 }
-"""Unit, value, and half-width of the 95 % interval of each compared quantity, in SQL; less is
-better, except for the VAF. An error is at most as uncertain as what it is the error of."""
-OF_PAIR = {
-    "of": "CASE WHEN amplitude_deg IS NULL THEN 'trial' ELSE 'amplitude' END",
-    "pairs": "CAST(1 AS BIGINT)",
-    "compensated": "value",
-    "uncompensated": "value_of_other",
-    "difference": "value - value_of_other",
-    "half_width": "sqrt(half * half + half_of_other * half_of_other)",
-    "better": "CAST(CASE quantity WHEN 'VAF' THEN value_of_other - value"
-    " ELSE value - value_of_other END < 0 AS BIGINT)",
-}
-"""Columns of a compensated trial beside an uncompensated one, in SQL."""
-CONDITION = (*PLACE, "K_d", "B_d", "amplitude_deg")
+"""Unit, value, and half-width of the 95 % interval of each compared quantity; less is better,
+except for the VAF. An error is at most as uncertain as what it is the error of."""
+CONDITION = (*PLACE, "K_d", "B_d")
 
 
 def of_whole_trials(table: pl.DataFrame) -> pl.DataFrame:
@@ -112,24 +109,17 @@ def compensation_table(impedance: pl.DataFrame) -> pl.DataFrame:
     A row over all pairs has the mean difference and the lowest and highest of them: conditions are
     chosen and no sample, so that no interval of their mean is known. A row of one pair has its own
     95 % interval, whose half-width is the root of the sum of both trials' squares. Repeats of a
-    condition count as their mean, with the mean of their half-widths. Amplitudes are the commanded
-    ones; where none is stated, the measured ones that are alike."""
-    size = pl.coalesce(pl.col("commanded_deg", "amplitude_deg").cast(pl.Float64))
-    counts = {
-        f"{name}_counts": ~is_doubtful(impedance, pl.sql_expr(value).meta.root_names())
-        for name, (_, value, _) in COMPARED.items()
-    }
-    known = impedance.with_columns(amplitude_deg=size, **counts)
-    known = known.with_columns(alike_sizes(known["amplitude_deg"])).sort(CONDITION)
-    known = known.filter(pl.col("K_d") != 0, pl.col("B_d").is_not_null())
+    condition count as their mean, with the mean of their half-widths."""
+    whole = of_whole_trials(impedance).sort(CONDITION)
+    whole = whole.filter(pl.col("K_d") != 0, pl.col("B_d").is_not_null())
     values = pl.concat(
-        known.filter(f"{name}_counts").select(
+        counted(whole, value.meta.root_names()).select(
             *CONDITION,
             "controller",
             quantity=pl.lit(name),
             unit=pl.lit(unit),
-            value=pl.sql_expr(value),
-            half=pl.sql_expr(half) if half else pl.lit(None, pl.Float64),
+            value=value,
+            half=half,
         )
         for name, (unit, value, half) in COMPARED.items()
     )
@@ -140,18 +130,26 @@ def compensation_table(impedance: pl.DataFrame) -> pl.DataFrame:
     pairs = compensated.join(
         uncompensated, on=keys, nulls_equal=True, maintain_order="left", suffix="_of_other"
     )
-    rows = pairs.with_columns(**{name: pl.sql_expr(text) for name, text in OF_PAIR.items()})
-    rows = rows.with_columns(
-        difference_low=pl.col("difference") - pl.col("half_width"),
-        difference_high=pl.col("difference") + pl.col("half_width"),
+    difference = pl.col("value") - pl.col("value_of_other")
+    half_width = (pl.col("half").pow(2) + pl.col("half_of_other").pow(2)).sqrt()
+    gain = pl.when(quantity="VAF").then(difference).otherwise(-difference)
+    rows = pairs.rename({"value": "compensated", "value_of_other": "uncompensated"}).with_columns(
+        pairs.select(
+            of=pl.lit("trial"),
+            pairs=pl.lit(1, pl.Int64),
+            better=(gain > 0).cast(pl.Int64),
+            difference=difference,
+            difference_low=difference - half_width,
+            difference_high=difference + half_width,
+        )
     )
-    summaries = rows.group_by(*PLACE, "of", "quantity", "unit", maintain_order=True).agg(
+    summaries = rows.group_by(*PLACE, "quantity", "unit", maintain_order=True).agg(
         pl.col("pairs", "better").sum(),
         pl.col("compensated", "uncompensated", "difference").mean(),
         difference_low=pl.col("difference").min(),
         difference_high=pl.col("difference").max(),
+        of=pl.lit("trials"),
     )
-    summaries = summaries.with_columns(pl.col("of") + "s")
     names = described_tables_by_name()["compensation"].columns
     table = pl.concat([summaries, rows], how="diagonal_relaxed")
     return table.select(name for name in names if name in table.columns)

@@ -43,12 +43,10 @@ def gain_table(
     the flags of `optimal_damping`, the fit of Eq. 15 that linear theory predicts at
     `TESTED_HZ`, and the delays that stability and passivity of the impedance bear; these are
     null where no finite B_1 is best."""
-    compensator.check_request(K_d, B_d, p)
-    K_d = np.asarray(K_d, dtype=float)
-    B_d = np.asarray(B_d, dtype=float)
     rows = []
-    for K, B, K_1 in zip(K_d, B_d, compensator.stiffness_gain(K_d, p).tolist(), strict=True):
+    for K, B in zip(np.asarray(K_d).tolist(), np.asarray(B_d).tolist(), strict=True):
         optimum = compensator.optimal_damping(K, B, p, weight)
+        K_1 = float(compensator.stiffness_gain(K, p))
         B_1 = optimum.B_1
         row = {
             "K_d": K,

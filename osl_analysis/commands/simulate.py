@@ -3,6 +3,7 @@
 
 import csv
 from collections.abc import Mapping
+from itertools import product
 from pathlib import Path
 from typing import Any
 from warnings import catch_warnings
@@ -72,7 +73,9 @@ def settings_files(settings_path: Path, followed: SharedChoices = UNFOLLOWED) ->
         p = read_parameters(settings.parameters)
         # K_s limits K_d only where a compensated controller renders it through the drivetrain
         is_rendered = "compensated" in wanted.controllers and settings.joint is None
-        check_request(wanted.K_d if is_rendered else (), wanted.B_d, p)
+        stiffnesses = wanted.K_d if is_rendered else (p.K_s / 2,)
+        for K_d, B_d in product(stiffnesses, wanted.B_d):
+            check_request(K_d, B_d, p)
     if laboratory is None or settings.walking is None:
         return [settings_path, settings.parameters]
     with naming(f"{settings.walking}: impedance"):

@@ -23,13 +23,15 @@ import numpy as np
 import scipy
 
 from osl_analysis.base.trial import Array
-from osl_analysis.inference.constants import (
+from osl_analysis.inference.spectra import (
     BLOCKS,
     EDGE,
     RIDGE,
     TINY,
+    BenchSignals,
+    Spectra,
+    friction_torques,
 )
-from osl_analysis.inference.spectra import BenchSignals, Spectra, friction_torques
 
 # speed above which an actuator slides [SD of its velocity], and others, whose change is an error;
 # 16 uncompensated legs: B is off by 0.037, 0.016, 0.012 N*m*s/rad (RMS) at 0.05, 0.1, 0.2

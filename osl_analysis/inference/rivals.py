@@ -28,16 +28,23 @@ import numpy as np
 import scipy
 
 from osl_analysis.base.trial import Array
-from osl_analysis.inference.constants import (
-    BRANCH_S,
-    COMPLIANCE,
+from osl_analysis.inference.spectra import (
     FEWEST_STEPS,
-    LAG_S,
-    LARGEST_DELAY_S,
-    PLAY,
+    slipping_springs,
+    solve_scaled,
 )
-from osl_analysis.inference.spectra import slipping_springs, solve_scaled
 from osl_analysis.inference.whitening import Whitened
+
+# Largest delay of torque or angle [s]; a choice: 30 frames at 1 kHz
+LARGEST_DELAY_S = 0.03
+# Time constants of low-passes [s]; 500 to 3 Hz: amplifiers' filters, held samples at 20 Hz
+LAG_S = (3e-4, 0.05)
+# Spring in series with the joint [rad/(N*m)]; a frame of 100 kN*m/rad to a belt of 250 N*m/rad
+COMPLIANCE = (1e-5, 4e-3)
+# Relaxation of a viscoelastic branch [s]; faster than the band it is a damper, slower a spring
+BRANCH_S = (5e-3, 0.5)
+# Play [rad]; 0.03 to 1.1 deg
+PLAY = (5e-4, 2e-2)
 
 Family = Literal["", "path", "time", "speed", "size", "direction", "clipping"]
 # log-likelihood that a grid must gain: below it a weight stays near its small prior, unless B or I

@@ -12,9 +12,12 @@ import numpy as np
 import scipy
 
 from osl_analysis.base.trial import Array
-from osl_analysis.inference.constants import ROUNDING_DRAWS
 from osl_analysis.inference.spectra import HIGHEST_OF_RATE, roll_off
 from osl_analysis.inference.whitening import Whitened
+
+# Draws of the encoder's zero and the motion's size; they give a standard error to 20 %; as random
+# effects in the model they would be fitted away
+ROUNDING_DRAWS = 12
 
 SMOOTH_BANDS = 4.0  # bands of the low-pass that gives the angle before its rounding
 # share by which a drawn motion is larger or smaller at most: zeros alone leave a slow sine the same

@@ -16,22 +16,48 @@ from numpy.typing import NDArray
 
 from osl_analysis.base.errors import NotWeighedError
 from osl_analysis.base.trial import Array
-from osl_analysis.inference.constants import (
-    BAND_OF_RATE,
-    EDGE,
-    FEWEST_STEPS,
-    FRICTION_WINDS,
-    HIGHEST_BAND,
-    PADDING,
-    PRODUCT_RATE,
-    RIDGE,
-    SHORTEST,
-    SIGN_WIDTH,
-    TAPER,
-    TINY,
-    VISIBLE_ABOVE_NOISE,
-)
 from osl_analysis.model.drivetrain import Spectrum
+
+# Consecutive parts of the recording, each of which is predicted by the others; 24 scatters give a
+# standard error to 15 %; blocks of 2 to 6 s outlast the noise's memory
+BLOCKS = 24
+# Left out at both ends, where filters depend on what was not recorded [s]; ten times the longest
+# time constant of a path, and 4 periods of the slowest band's end
+EDGE = 0.5
+# Time over which rows begin and end at an end or a gap [s]; without a taper the whitening filter
+# spreads the step; longer tapers only lose rows
+TAPER = 0.25
+# Odd extension of both ends before a Fourier transform [s]; 60 times the longest time constant of
+# a path
+PADDING = 3.0
+# Shortest recording: with a quarter of a second a block is one motion [s]; blocks of 0.25 s are
+# one half-period of 2 Hz
+SHORTEST = 6.0
+# Added to the normal equations of scaled columns; far below any that a recording tells, keeps equal
+# ones apart
+RIDGE = 1e-11
+# Length of a column of zeros, whose square is a number, too
+TINY = 1e-150
+# Power of the angle over its noise below which the band ends; noise is then 1 % of a column's
+# power at the band's end
+VISIBLE_ABOVE_NOISE = 100.0
+# End of the band at most [Hz]; prototype; not varied
+HIGHEST_BAND = 40.0
+# End of the band over the sampling rate at most; the working rate of 3.4 bands must stay below the
+# sampling rate
+BAND_OF_RATE = 0.28
+# Rate at which signals are multiplied, or pass a nonlinearity [Hz]; prototype; not varied
+PRODUCT_RATE = 250.0
+# Least play, dead zone, motion or RMS of what is cut, over K, that is not rounding [encoder steps];
+# at 1.5 steps a joint at rest explains its own rounding as a dead zone, with a log-likelihood of
+# 143; sound steps between levels look cut by up to 2.1, and what is cut and named by 9 or more
+FEWEST_STEPS = 3.0
+# Angles over which friction builds up before it slides [rad]; bristles of 3e-5 to 1e-3 rad are
+# sums of these: docs/bench_validation.md
+FRICTION_WINDS = (5e-5, 1.5e-4, 5e-4, 1.5e-3)
+# Velocity over which sliding friction changes sign, if the velocity's noise is smaller [SD of
+# the velocity]; the next wider shape, five times as wide, is a column too
+SIGN_WIDTH = 0.01
 
 WORKING_RATE = 3.4  # bands; there the roll-off has taken all but 1.4 % of a signal
 SPECTRUM_S = 2.0  # [s] of a segment of Welch's spectrum

@@ -13,9 +13,18 @@ import scipy
 
 from osl_analysis.base.errors import NotWeighedError
 from osl_analysis.base.trial import Array
-from osl_analysis.inference.constants import COLOUR_BAND, RIDGE, TINY
-from osl_analysis.inference.spectra import Spectra, friction_torques, solve_scaled
+from osl_analysis.inference.spectra import (
+    RIDGE,
+    TINY,
+    Spectra,
+    friction_torques,
+    solve_scaled,
+)
 from osl_analysis.model.drivetrain import Spectrum
+
+# Width over which the noise's spectrum is averaged [Hz]; 45 lines in a minute, as many as Welch's
+# estimate averages in segments of 4 s
+COLOUR_BAND = 0.75
 
 SPECTRUM_ROUNDS = 2  # the second one weighs the rich model by the spectrum that the first one found
 LEAST_GAIN = 0.03  # of the roll-off's power, below which the spectrum is not divided by it

@@ -102,58 +102,38 @@ def motor_current(u: ArrayLike, direction: ArrayLike, p: DrivetrainParameters) -
     return np.asarray(r / (p.k_tau * p.n_m - gear_friction))
 
 
-def check_request(K_d: ArrayLike, B_d: ArrayLike, p: DrivetrainParameters) -> None:
+def check_request(K_d: float, B_d: float, p: DrivetrainParameters) -> None:
     """Refuse a desired impedance that no gains can render: the belt is in series, so K_d is between
     0 and K_s. Sizes that only a wrong unit has are refused, too.
 
     Parameters
     ----------
-    K_d, B_d : ArrayLike
-        Stiffness [N*m/rad] and damping [N*m*s/rad], any shape.
+    K_d, B_d : float
+        Stiffness [N*m/rad] and damping [N*m*s/rad].
     p : DrivetrainParameters
 
     Raises
     ------
     UnreachableImpedanceError
     """
-    stiffness = np.ravel(np.asarray(K_d, dtype=float))
-    damping = np.ravel(np.asarray(B_d, dtype=float))
-    for value in stiffness[~((stiffness >= SMALLEST_PARAMETER) & (stiffness < p.K_s))]:
+    if not SMALLEST_PARAMETER <= K_d < p.K_s:
         raise UnreachableImpedanceError(
-            f"K_d = {value:g} N*m/rad cannot be rendered: the actuator acts in series with a"
+            f"K_d = {K_d:g} N*m/rad cannot be rendered: the actuator acts in series with a"
             f" belt of K_s = {p.K_s:g} N*m/rad",
             f"ask for {SMALLEST_PARAMETER:g} or more, and less than K_s",
             settings=["K_d"],
         )
-    is_possible = (damping >= SMALLEST_PARAMETER) & (damping <= LARGEST_PARAMETER)
-    for value in damping[~((damping == 0) | is_possible)]:
+    if B_d != 0 and not SMALLEST_PARAMETER <= B_d <= LARGEST_PARAMETER:
         raise UnreachableImpedanceError(
-            f"B_d = {value:g} N*m*s/rad cannot be rendered",
+            f"B_d = {B_d:g} N*m*s/rad cannot be rendered",
             f"ask for 0, or {SMALLEST_PARAMETER:g} to {LARGEST_PARAMETER:g} N*m*s/rad",
             settings=["B_d"],
         )
 
 
 def stiffness_gain(K_d: ArrayLike, p: DrivetrainParameters) -> Array:
-    """Find the gain that gives the joint the static stiffness K_d (Eq. 13).
-
-    Parameters
-    ----------
-    K_d : ArrayLike
-        [N*m/rad], any shape.
-    p : DrivetrainParameters
-
-    Returns
-    -------
-    Array
-        K_1 = K_d K_s/(n_T^2 (K_s - K_d)) [N*m/rad].
-
-    Raises
-    ------
-    UnreachableImpedanceError
-        As `check_request`.
-    """
-    check_request(K_d, 0.0, p)
+    """The gain K_1 = K_d K_s/(n_T^2 (K_s - K_d)) [N*m/rad] that gives the joint the static
+    stiffness K_d (Eq. 13) [N*m/rad], any shape."""
     K_d = np.asarray(K_d, dtype=float)
     return np.asarray(K_d * p.K_s / (p.n_T**2 * (p.K_s - K_d)))
 
@@ -180,7 +160,6 @@ def compensated_gains(
     UnreachableImpedanceError
         As `check_request`, or no finite B_1 minimises the error of Eq. 14.
     """
-    check_request(K_d, B_d, p)
     damping = optimal_damping(K_d, B_d, p, weight)
     if damping.unbounded:
         raise UnreachableImpedanceError(
@@ -249,7 +228,7 @@ def optimal_damping(
     Parameters
     ----------
     K_d, B_d : float
-        [N*m/rad] and [N*m*s/rad]; `check_request` refuses impossible ones.
+        [N*m/rad] and [N*m*s/rad].
     p : DrivetrainParameters
     weight : Weight
         W.
@@ -257,7 +236,13 @@ def optimal_damping(
     Returns
     -------
     OptimalDamping
+
+    Raises
+    ------
+    UnreachableImpedanceError
+        As `check_request`.
     """
+    check_request(K_d, B_d, p)
     K_1 = float(stiffness_gain(K_d, p))
     W = scipy.signal.butter(weight.order, 2 * np.pi * weight.cutoff_hz, analog=True)
     polynomials = admittance_error(K_d, B_d, K_1, p, W)[..., None]

@@ -6,8 +6,6 @@ motion appears at even lines only; one that is odd, such as friction, at odd lin
 and Schoukens, System Identification, 2012, ch. 4.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,33 +16,15 @@ from osl_analysis.base.trial import Array
 FEWEST_LINES = 3
 
 
-@dataclass(frozen=True)
-class Multisine:
-    """A periodic angle: the sum of size_k sin(2 pi line_k t/period + phase_k)."""
-
-    period_s: float
-    lines: NDArray[np.intp]  # (n,) excited lines, odd multiples of 1/period
-    size: Array  # (n,) amplitudes [rad]
-    phase: Array  # (n,) [rad]
-
-    @property
-    def frequency_hz(self) -> Array:
-        return self.lines / self.period_s
-
-    def angle(self, time: Array, derivative: int = 0) -> Array:
-        """Angle [rad] at times (m,) [s], or its first or second derivative [rad/s, rad/s^2]."""
-        w = 2 * np.pi * self.frequency_hz
-        phase = np.outer(time, w) + (self.phase + derivative * np.pi / 2)
-        return np.sin(phase) @ (self.size * w**derivative)
-
-
 def odd_multisine(
-    period_s: float, band_hz: tuple[float, float], rms: float, seed: int
-) -> Multisine:
+    time: Array, period_s: float, band_hz: tuple[float, float], rms: float, seed: int
+) -> Array:
     """Draw an odd multisine with a flat spectrum of the angle and random phases.
 
     Parameters
     ----------
+    time : Array
+        (n,) [s].
     period_s : float
     band_hz : (float, float)
         Lowest and highest frequency [Hz].
@@ -55,7 +35,8 @@ def odd_multisine(
 
     Returns
     -------
-    Multisine
+    Array
+        The angle (n,) [rad].
 
     Raises
     ------
@@ -68,8 +49,8 @@ def odd_multisine(
             f"a multisine of {rms:g} rad rms does not move the joint", "give an angle above 0"
         )
     phase = np.random.default_rng(seed).uniform(0, 2 * np.pi, len(lines))
-    size = np.full(len(lines), rms * np.sqrt(2 / len(lines)))
-    return Multisine(period_s, lines, size, phase)
+    sines = np.sin(np.outer(time, 2 * np.pi * lines / period_s) + phase)
+    return rms * np.sqrt(2 / len(lines)) * sines.sum(axis=1)
 
 
 def odd_lines(period_s: float, band_hz: tuple[float, float]) -> NDArray[np.intp]:

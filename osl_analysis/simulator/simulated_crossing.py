@@ -16,7 +16,7 @@ import numpy as np
 
 from osl_analysis.base.trial import Array
 from osl_analysis.config.impedance_trajectory import STANCE_SHARE, read_impedance_trajectory
-from osl_analysis.model.compensator import Weight, check_request, optimal_damping, stiffness_gain
+from osl_analysis.model.compensator import Weight, optimal_damping, stiffness_gain
 from osl_analysis.model.drivetrain import DrivetrainParameters
 from osl_analysis.simulator import step as gait
 from osl_analysis.simulator.bench_trial import JointMotion
@@ -43,7 +43,6 @@ def compensated_damping(path: Path, p: DrivetrainParameters, weight: Weight) -> 
     grid = np.linspace(0.0, 1.0, DAMPING_PHASES)
     K_d = desired.at(desired.K_d, grid[:-1])
     B_d = desired.at(desired.B_d, grid[:-1])
-    check_request(K_d, B_d, p)
     pairs = zip(K_d.tolist(), B_d.tolist(), strict=True)
     B_1 = [optimal_damping(*pair, p, weight).B_1 for pair in pairs]
     return grid, np.array([*B_1, B_1[0]])  # at() is periodic

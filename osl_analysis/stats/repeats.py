@@ -3,7 +3,6 @@
 
 import math
 from collections.abc import Collection, Sequence
-from statistics import median
 from typing import Any
 
 import numpy as np
@@ -39,21 +38,6 @@ OWN_CONDITION = (
 )
 """The names of trials without a stated K_d, each of which is a condition of its own: it may have
 been asked for another K than trials that are like it. Empty for other trials."""
-
-
-LARGEST_RATIO = 1.15  # of sizes that are paired
-
-
-def alike_sizes(sizes: pl.Series) -> pl.Series:
-    """Labels by which sizes (n,) are paired: the median, to three digits, of each group of sizes,
-    of which the largest is at most `LARGEST_RATIO` times the smallest. Null stays null."""
-    groups: list[list[float]] = []
-    for size in sizes.unique().drop_nulls().sort():
-        if not groups or size > LARGEST_RATIO * groups[-1][0]:
-            groups.append([])
-        groups[-1].append(size)
-    labels = {size: float(f"{median(group):.3g}") for group in groups for size in group}
-    return sizes.replace_strict(labels, default=None, return_dtype=pl.Float64)
 
 
 NONE_COUNTS = "none: all trials are doubtful"

@@ -8,6 +8,7 @@ import polars as pl
 import pytest
 from any_motion import chirp
 from bench_synthetic import record_of, second_order, stepped_sine, with_settings
+from scipy.interpolate import CubicSpline
 
 from osl_analysis.bench.bench_settings import BenchStiffness, Calibration
 from osl_analysis.bench.frequency_response import (
@@ -121,8 +122,9 @@ def multisine(rng, realisations, periods=3):
     another."""
     time = np.arange(round(8 * periods * RATE)) / RATE
     of_each = rng.integers(10_000, size=realisations).tolist()
-    moves = [odd_multisine(8.0, (0.5, 6.0), 0.05, realisation) for realisation in of_each]
-    return np.hstack([[move.angle(time, order) for order in range(3)] for move in moves])
+    angles = [odd_multisine(time, 8.0, (0.5, 6.0), 0.05, realisation) for realisation in of_each]
+    splines = [CubicSpline(time, angle) for angle in angles]
+    return np.hstack([[spline(time, order) for order in range(3)] for spline in splines])
 
 
 def recorded(rng, motion, friction=0.0):

@@ -30,7 +30,6 @@ from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.ingest.quality import Commanded, measure_quality
 from osl_analysis.judge.finding import Grade
 from osl_analysis.judge.recording_checks import judged_table, measured_table
-from osl_analysis.stats.repeats import alike_sizes
 
 OTHERS = {
     "parameters": "config/parameters/osl-v2-published.yaml", "impedance_trajectory": "other.csv",
@@ -217,14 +216,3 @@ def test_without_a_stated_protocol_the_recording_is_its_own_label():
     assert measure_quality(trial, "impedance", unstated)["protocol"].value is None
     # what was not asked for
     assert measure_quality(trial, "impedance", stated)["protocol"].value == 6
-
-
-def test_sizes_of_one_label_are_within_the_ratio_of_each_other():
-    chain = pl.Series([1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.7, 1.8, 1.9, None])
-
-    labels = alike_sizes(chain)
-
-    ends = pl.DataFrame({"size": chain, "label": labels}).drop_nulls().group_by("label")
-    spans = ends.agg(low=pl.col("size").min(), high=pl.col("size").max())
-    assert (spans["high"] / spans["low"]).max() <= 1.15
-    assert labels[-1] is None

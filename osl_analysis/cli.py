@@ -59,10 +59,6 @@ def say(text: str, err: bool = False) -> None:
     click.echo(printable_lines(text), err=err)
 
 
-def json_text(facts: Any) -> str:
-    return json.dumps(facts, indent=2, ensure_ascii=False)
-
-
 class KeepsItsInput(click.Command):
     """A command that never writes to a file that it reads, no two results to one file, and only to
     regular files. What it refuses of an option names the option."""
@@ -319,8 +315,10 @@ def inspect(file: Path, draft_path: Path | None, as_json: bool) -> None:
         )
     overview = command.inspect_file(file)
     draft = draft_source(overview, file.name)
-    facts = command.overview_facts(overview)
-    say(json_text(facts) if as_json else command.overview_text(overview))
+    if as_json:
+        say(json.dumps(command.overview_facts(overview), indent=2, ensure_ascii=False))
+    else:
+        say(command.overview_text(overview))
     if draft_path is not None:
         if draft_path.exists():
             raise click.UsageError(f"{draft_path} exists; name a new file")

@@ -88,12 +88,11 @@ def write_report(
     left_out : str
         Tells recordings that are not analysed.
     """
-    results = read_by_name(tables)
+    results = read_by_name({**tables, "quality": verdicts})
     content = read_summary_file(summary)
     missing = left_out_trials(read_table(excluded))
     findings_of = findings_by_trial(read_findings(findings))
     rows_of = {name: rows_by_trial(table) for name, table in results.items()}
-    checks = rows_by_trial(read_table(verdicts))
     views = []
     for trial, row in sheet.items():
         of_trial = {name: rows[trial] for name, rows in rows_of.items() if trial in rows}
@@ -104,7 +103,6 @@ def write_report(
                 of_trial,
                 findings_of.get(trial, ()),
                 missing.get(trial),
-                checks.get(trial, pl.DataFrame()).to_dicts(),
                 plotted_signals(row, of_trial, series.get(trial), recordings),
             )
         )

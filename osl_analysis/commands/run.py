@@ -229,34 +229,26 @@ def source_problems(campaign: Campaign) -> dict[str, str]:
 
     Trials with the same source files are looked at once.
     """
-    problem_of = {}
+    problem_of: dict[tuple[Any, ...], str] = {}
     problems = {}
     for trial in campaign.trials():
         row = campaign.rows[trial]
-        alike = (
-            *campaign.sources(trial),
-            row["log_part"],
-            *(bool(row[role]) for role in RECORDINGS),
-        )
+        part = row["log_part"] or ""
+        roles = [role for role in RECORDINGS if row[role]]
+        alike = (*campaign.sources(trial), part, *roles)
         if alike not in problem_of:
-            problem_of[alike] = problem_of_sources(campaign, trial)
+            problem_of[alike] = ""
+            try:
+                sources = [read_source(path) for path in campaign.sources(trial)]
+                with naming(f"{campaign.config.sheet}: trial '{trial}'"):
+                    sources[0].of_part(part)
+                if len(roles) > 1:
+                    check_clocks(dict(zip(roles, sources, strict=True)))
+            except OslAnalysisError as error:
+                problem_of[alike] = str(error)
         if problem_of[alike]:
             problems[trial] = problem_of[alike]
     return problems
-
-
-def problem_of_sources(campaign: Campaign, trial: str) -> str:
-    """What is wrong with the source files of a trial; empty if nothing is."""
-    row = campaign.rows[trial]
-    try:
-        sources = [read_source(path) for path in campaign.sources(trial)]
-        with naming(f"{campaign.config.sheet}: trial '{trial}'"):
-            sources[0].of_part(row["log_part"] or "")
-        if row["log"] and (row["log_2"] or row["mocap"]):
-            check_clocks(dict(zip(filter(row.get, RECORDINGS), sources, strict=True)))
-    except OslAnalysisError as error:
-        return str(error)
-    return ""
 
 
 def left_out_recordings(campaign: Campaign) -> str:

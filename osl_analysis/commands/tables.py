@@ -237,16 +237,15 @@ def list_excluded(
         of_crossings |= dict(unused.select("trial", "reason").iter_rows())
     failed = read_table(verdicts).filter(verdict="exclude")
     failed = failed.drop("verdict", "joint", "side", strict=False)
+    by_sheet = {trial: row["exclude"] for trial, row in sheet.items() if row["exclude"]}
     parts = [
         failed.clear(),  # with the columns in their order
         rows_of_reasons(by_trial(refused), REFUSED),
         failed,
-        rows_of_reasons(
-            {t: row["exclude"] for t, row in sheet.items() if row["exclude"]}, BY_SHEET
-        ),
+        rows_of_reasons(by_sheet, BY_SHEET),
         rows_of_reasons(of_crossings, CROSSING),
     ]
-    left_out = {*pl.concat(parts, how="diagonal_relaxed")["trial"]}
+    left_out = {trial for part in parts for trial in part["trial"]}
     needed = [trial for trial in serving_trials(sheet) if trial in left_out]
     causes = needed or [cause.text for cause in refused if not cause.trial]
     why = f"it has no result, since what its fit needs was refused or excluded: {listing(causes)}"
@@ -420,19 +419,11 @@ def columns_text() -> str:
         for file, rows, columns in table.sections:
             lines = [(column.name, column.unit, column.meaning) for column in columns]
             sections.append(f"{file}: {rows}\n\n{aligned(lines)}")
-    numbers = [(entry.name, entry.unit, entry.meaning) for entry in ENTRIES]
-    return "\n".join(
-        [
-            *sections,
-            f"checks of quality control\n\n{aligned(described_checks())}",
-            f"numbers in summary.json\n\n{aligned(numbers)}",
-        ]
-    )
-
-
-def described_checks() -> list[tuple[str, str, str]]:
-    """Name, unit and meaning of every check of quality control."""
-    return [
+    checks = [
         (name, check.unit, f"{check.meaning}. Fails {check.fails} its threshold")
         for name, check in CHECKS.items()
     ]
+    sections.append(f"checks of quality control\n\n{aligned(checks)}")
+    numbers = [(entry.name, entry.unit, entry.meaning) for entry in ENTRIES]
+    sections.append(f"numbers in summary.json\n\n{aligned(numbers)}")
+    return "\n".join(sections)

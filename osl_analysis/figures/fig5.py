@@ -6,7 +6,6 @@ another. Here each value has a stretch of the axis, and each trial in it a place
 by controller, then by the other desired value.
 """
 
-from collections.abc import Sequence
 from itertools import pairwise
 
 import polars as pl
@@ -39,12 +38,13 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     """(a) stiffness over desired stiffness, (b) its error in a narrow panel, and (c) damping over
     desired damping, one above the other; several joints stand side by side."""
     parts = style.by_place(table)
-    heights = [1, 0.5, 1] if has_error(table) else [1, 1]
+    is_asked = (table["K_d"] > 0).any()  # for a stiffness
+    heights = [1, 0.5, 1] if is_asked else [1, 1]
     placed = [[placed_on_axis(part, symbol) for symbol in "KB"] for _, part in parts]
     longest = max(trials["x"][-1] for of_part in placed for trials in of_part)
-    columns = 1 if len(parts) == 1 and longest <= MOST_IN_COLUMN else 2
-    width = (style.SINGLE_COLUMN, style.DOUBLE_COLUMN)[columns - 1]
-    most = MOST_IN_COLUMN * columns / len(parts)
+    is_single = len(parts) == 1 and longest <= MOST_IN_COLUMN
+    width = style.SINGLE_COLUMN if is_single else style.DOUBLE_COLUMN
+    most = MOST_IN_COLUMN * (1 if is_single else 2) / len(parts)
     figure, axes = style.panels(
         width, 0.5 + 2 * sum(heights), len(heights), len(parts),
         [title for title, _ in parts], height_ratios=heights,
@@ -61,11 +61,6 @@ def draw(table: pl.DataFrame) -> style.PaperFigure:
     keys = [*style.estimate_keys(table, "K"), *style.labelled(axes, Line2D)]
     style.legend_above(figure, keys)
     return figure
-
-
-def has_error(table: pl.DataFrame) -> bool:
-    """Whether a trial was asked for a stiffness."""
-    return bool((table["K_d"] > 0).any())
 
 
 def placed_on_axis(trials: pl.DataFrame, symbol: str) -> pl.DataFrame:
@@ -131,7 +126,9 @@ def draw_percents(ax: Axes, placed: pl.DataFrame, most: float) -> None:
 
 
 def draw_axis(ax: Axes, symbol: str, placed: pl.DataFrame, most: float) -> None:
-    """The axis of desired values, or else of trials, with a line between two of them."""
+    """The axis of desired values, or else of trials, with a line between two of them. Labels stand
+    below the middle of their trials: upright where the axis is too short for all, and only some of
+    very many."""
     column = f"{symbol}_d" if style.has_values(placed, f"{symbol}_d") else "trial"
     groups = placed.partition_by(column)
     for left, right in pairwise(groups):
@@ -139,19 +136,11 @@ def draw_axis(ax: Axes, symbol: str, placed: pl.DataFrame, most: float) -> None:
     ax.set_xlim(-2, placed["x"][-1] + 2)
     ax.tick_params(axis="x", length=0)
     ax.set_xlabel(style.AXIS_LABELS.get(column, "Trial"))
+    values = [rows[column][0] for rows in groups]
     if column == "trial":
-        labels = [style.drawn_name(rows["trial"][0]) for rows in groups]
+        labels = list(map(style.drawn_name, values))
     else:
-        values = [rows[column][0] for rows in groups]
-        labels = [f"{value:g}" if value is not None else "not stated" for value in values]
-    label_groups(ax, groups, labels, most)
-
-
-def label_groups(
-    ax: Axes, groups: Sequence[pl.DataFrame], labels: Sequence[str], most: float
-) -> None:
-    """Write below the middle of each group its label: upright where the axis is too short for all,
-    and only some of very many."""
+        labels = ["not stated" if value is None else f"{value:g}" for value in values]
     middles = [rows["x"].to_numpy().mean() for rows in groups]
     is_long = sum(len(label) + 2 for label in labels) > most
     every = 1 + int(2 * len(labels) / most) if is_long else 1

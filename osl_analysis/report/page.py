@@ -131,7 +131,6 @@ def trial_view(
     tables: Mapping[str, pl.DataFrame],
     findings: Sequence[Finding],
     left_out: LeftOut | None,
-    checks: Sequence[Mapping[str, Any]],
     signals: Signals | None,
 ) -> dict[str, Any]:
     """What the page shows of a trial.
@@ -141,13 +140,11 @@ def trial_view(
     row : Mapping
         Its row of the sample sheet.
     tables : Mapping of str to polars.DataFrame
-        Its rows of each result table.
+        Its rows of each result table, and of `quality.csv`.
     findings : Sequence of Finding
         Those on it.
     left_out : LeftOut or None
         Why it has no result.
-    checks : Sequence of Mapping
-        Its rows of `quality.csv`.
     signals : Signals or None
         What is plotted of it.
 
@@ -188,7 +185,7 @@ def trial_view(
         "impedance": {symbol: estimate_text(last, name) for symbol, name in names},
         "estimates": estimate_rows(fits, main) if len(fits) else (),
         "budgets": shown_budgets(last, tables.get("budget")),
-        "checks": checks,
+        "checks": tables["quality"].to_dicts() if "quality" in tables else (),
         "signals": signals,
     }
 

@@ -129,7 +129,10 @@ def groups(summary: pl.DataFrame) -> Iterator[Condition]:
     for (group,), of_group in summary.group_by("group", maintain_order=True):
         for estimator, subtracted in SUBTRACTED.items():
             rows = of_group.filter(estimator=estimator).to_dicts()
-            estimates = {row["quantity"]: marked_text(row) for row in rows}
+            estimates = {}
+            for row in rows:
+                text = mean_text(row, row["quantity"])
+                estimates[row["quantity"]] = f"{text}†" if row["group_doubtful"] else text
             wide = [row["quantity"] for row in rows if row["verdict"] == WIDE]
             if rows:
                 yield Condition(
@@ -144,12 +147,6 @@ def groups(summary: pl.DataFrame) -> Iterator[Condition]:
                     estimates=estimates,
                     wide=wide,
                 )
-
-
-def marked_text(row: Mapping[str, Any]) -> str:
-    """An estimate of a group, with † where it is doubtful."""
-    text = mean_text(row, row["quantity"])
-    return f"{text}†" if row["group_doubtful"] else text
 
 
 def condition_rows(of_conditions: Sequence[Condition]) -> list[list[str]]:

@@ -57,7 +57,7 @@ def trials():
         "unread": None,
     }
     for name, of_trial in signals.items():
-        yield trial_view({**ROW, "trial": name}, {}, [], None, [], of_trial)
+        yield trial_view({**ROW, "trial": name}, {}, [], None, of_trial)
 
 
 def written(folder):

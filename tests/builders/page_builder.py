@@ -42,7 +42,7 @@ def worded(*findings):
 
 def view(*findings, left_out=None, **changed):
     row = {**ROW, **changed}
-    return trial_view(row, {"impedance": IMPEDANCE}, worded(*findings), left_out, [], None)
+    return trial_view(row, {"impedance": IMPEDANCE}, worded(*findings), left_out, None)
 
 
 def page(*trials, **changed):

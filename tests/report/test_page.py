@@ -69,7 +69,7 @@ BUDGET = table_of(budget_rows(PLACE, {"K": Budget(300.0, PARTS)}), "budget")
 def test_an_estimate_has_its_verdict_the_parts_of_its_interval_and_what_is_not_known():
     fit = pl.DataFrame([{**PLACE, "K": 300.0, "K_verdict": "torque path"}])
 
-    (shown,) = trial_view(ROW, {"impedance": fit, "budget": BUDGET}, [], None, [], None)["budgets"]
+    (shown,) = trial_view(ROW, {"impedance": fit, "budget": BUDGET}, [], None, None)["budgets"]
 
     assert (shown["verdict"], shown["not_known"]) == ("torque path", "wrong gain: 3 N*m/rad per %")
     repeatability, bench = (2.262157 * 3) ** 2, (1.959964 * 4) ** 2  # Student's, by hand
@@ -305,7 +305,7 @@ def test_everything_that_the_methods_cite_is_in_their_bibliography():
 def test_the_signals_of_a_page_are_valid_json():
     signals = of_recording(pl.DataFrame({"time": [0.0], "torque": 1.0}), "")
 
-    html = written_page(page(trial_view(ROW, {}, [], None, [], signals)))
+    html = written_page(page(trial_view(ROW, {}, [], None, signals)))
 
     (data,) = re.findall(r"const trials = (\{.*\}), plots =", html)
     assert json.loads(data)["a"]["columns"].keys() == {"time", "torque"}

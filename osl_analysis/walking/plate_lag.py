@@ -32,9 +32,6 @@ from osl_analysis.walking.plate_inertia import (
 from osl_analysis.walking.poses import Mask, StaticCalibration
 from osl_analysis.walking.walking_settings import CrossingSettings
 
-Turns = Mapping[str, Sequence[TurnLag]]  # of crossings, by trial
-
-
 # When a lag of the crossings replaces that of the unloaded plate.
 UNLOADED_SPARE_S = 0.03  # from a stance to the frames in which nobody stands on the plate
 LARGEST_MASS_KG = 1.0  # of a plate that is light or compensates its own inertia
@@ -161,7 +158,9 @@ def certain_part(estimates: Array, covariance: Array) -> Array:
     return np.sign(estimates) * np.maximum(least, 0.0)
 
 
-def plate_timing(model: PlateModel, crossings: Turns, onsets: Mapping[str, float]) -> PlateTiming:
+def plate_timing(
+    model: PlateModel, crossings: Mapping[str, Sequence[TurnLag]], onsets: Mapping[str, float]
+) -> PlateTiming:
     """Find the lag of each crossing from the turns of all recordings.
 
     Notes

@@ -44,7 +44,6 @@ from osl_analysis.walking.plate_inertia import PlateModel
 from osl_analysis.walking.plate_lag import PlateTiming
 from osl_analysis.walking.walking_settings import TimingSettings
 
-Budgets = Mapping[str, Budget]
 Contributions = dict[str, Contribution]
 """Of one source to K, B and I, as far as it has any."""
 
@@ -55,7 +54,7 @@ class GroupFit:
 
     response: PerturbationResponse
     fit: LinearFit
-    budgets: Budgets
+    budgets: Mapping[str, Budget]
 
 
 @dataclass(frozen=True)

@@ -221,7 +221,7 @@ def flat(settings: Mapping[str, Any]) -> dict[str, str]:
     by_name: dict[str, str] = {}
     for key, value in settings.items():
         if isinstance(value, dict) and value:
-            by_name |= {f"{key}.{name}": text for name, text in flat(value).items()}
+            by_name.update((f"{key}.{name}", text) for name, text in flat(value).items())
         else:
             by_name[key] = json.dumps(value, default=str)
     return by_name

@@ -54,14 +54,14 @@ def stated_rivals(record: Record) -> set[str]:
     settings = record.settings
     stated = set[str]()
     if any(each["delay_s"] for each in record.streams):
-        stated |= {"delay"}
+        stated.add("delay")
     if settings.bench_stiffness is not None:
-        stated |= {"spring in series"}
+        stated.add("spring in series")
     if settings.calibration.tells_delay:
-        stated |= {"delay", "low-pass", "spring in series"}
+        stated.update(("delay", "low-pass", "spring in series"))
     taken = record.signals.taken if record.signals else ()
     if any("low_pass" in facts for part in taken for facts in part.stream.stated.values()):
-        stated |= {"low-pass"}
+        stated.add("low-pass")
     return stated
 
 

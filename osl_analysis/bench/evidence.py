@@ -161,7 +161,7 @@ def impedance_table(
     if expected:
         # a drivetrain is of higher order: Eq. 15 fitted to the linear model's torque
         of_gains = s.estimates([*IMPEDANCE.values()], "linear")
-        of_trial |= {"K_predicted": of_gains[0], "B_predicted": of_gains[1]}
+        of_trial.update(K_predicted=of_gains[0], B_predicted=of_gains[1])
     rendered = None
     if p and desired.controller:
         rendered = rendered_gains(analysis, p, of_device)

@@ -420,7 +420,7 @@ def check_files(config: Config) -> None:
             read_impedance_trajectory(config.impedance_trajectory)
     followed = {"results", "parameters", "impedance_trajectory", "claims", "simulation"}
     if config.simulation is not None:
-        followed |= {"raw_data", "sheet"}
+        followed.update(("raw_data", "sheet"))
     for field, path in config.model_dump(include=followed).items():
         if means_several(path):
             raise InputError(

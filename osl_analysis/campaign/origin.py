@@ -129,7 +129,7 @@ def changed_settings(campaign: Campaign) -> list[dict[str, Any]]:
     own = flat(config.model_dump(mode="json", include={"doubtful", "quality"}))
     defaults = flat(SHIPPED)
     if config.simulation is None:
-        defaults |= flat(LIMIT_BY_WEIGHT)
+        defaults.update(flat(LIMIT_BY_WEIGHT))
     settings = [(name, own.get(name), defaults.get(name)) for name in sorted({*own, *defaults})]
     for column in ("accept", "exclude"):
         for trial, row in campaign.sheet.items():

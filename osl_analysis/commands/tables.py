@@ -234,7 +234,7 @@ def list_excluded(
     for table in results.keys() & {"walking_crossings", "walking"}:
         results[table] = results[table].filter(pl.col("status") != LEFT_OUT)
         unused = results[table].drop_nulls("reason")
-        of_crossings |= dict(unused.select("trial", "reason").iter_rows())
+        of_crossings.update(unused.select("trial", "reason").iter_rows())
     failed = read_table(verdicts).filter(verdict="exclude")
     failed = failed.drop("verdict", "joint", "side", strict=False)
     by_sheet = {trial: row["exclude"] for trial, row in sheet.items() if row["exclude"]}

@@ -110,7 +110,7 @@ def read(path: Path, source: NexusSource | None) -> Recording:
         has_points = bool(source.markers or source.outputs)
         has_devices = bool(source.analogs or source.plates)
         used = [part for part in used if (has_points if part.title in KINDS else has_devices)]
-        facts |= _timing_of(used)
+        facts.update(_timing_of(used))
     # two sections would differ in an export that was cut
     loss = Loss(count, count, End.WHOLE if len(used) > 1 else End.UNKNOWN)
     outputs = dict.fromkeys(name for section in used for name in section.names)

@@ -225,7 +225,7 @@ def without_trials(
         if isinstance(files, list):
             left[name] = [file for file in files if Path(file).stem not in removed]
         if isinstance(files, str) or not (left[name] or "trial" in inputs):
-            needed |= {*stems}.intersection(removed)
+            needed.update({*stems}.intersection(removed))
     return left, sorted(needed)
 
 

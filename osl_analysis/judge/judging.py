@@ -399,9 +399,9 @@ def verdicts_of(findings: Sequence[Finding]) -> dict[str, str]:
     for finding in reversed(findings):
         concerned = finding.estimates or SYMBOLS
         if finding.grade is Grade.DOUBTS:
-            verdicts |= dict.fromkeys(concerned, finding.cause)
+            verdicts.update(dict.fromkeys(concerned, finding.cause))
         elif finding.name == WIDE_INTERVAL:
-            verdicts |= dict.fromkeys(concerned, WIDE)
+            verdicts.update(dict.fromkeys(concerned, WIDE))
     return verdicts
 
 

@@ -40,7 +40,7 @@ class QualityRules(Settings):
             return content  # it is refused next
         places = {name: name for name in content if name != "exclude"}
         if isinstance(content.get("exclude"), list):
-            places |= dict.fromkeys(map(text_in, content["exclude"]), "exclude")
+            places.update(dict.fromkeys(map(text_in, content["exclude"]), "exclude"))
         for name, place in places.items():
             if name not in CHECKS:
                 raise misplaced(unknown_check(text_in(name)), place)

@@ -165,7 +165,7 @@ def with_clocks(trial: Trial) -> Trial:
         with suppress(InputError):
             for part in take_stream(stream_of(trial, names)):
                 if part.held is None:
-                    clocks |= dict.fromkeys(part.stream.signals, part.reading)
+                    clocks.update(dict.fromkeys(part.stream.signals, part.reading))
     return replace(trial, clocks=clocks)
 
 

@@ -39,7 +39,7 @@ DRAFT = "https://json-schema.org/draft/2020-12/schema"
 
 Example = Literal["bench", "walking"]
 EXAMPLE_SOURCES: Mapping[Example, Sequence[str]] = {
-    "bench": ("dynamometer", "dynamometer_nodes"),
+    "bench": ("dynamometer",),
     "walking": ("leg", "vicon"),
 }
 """Source files of what the simulator records, by example."""

@@ -159,9 +159,7 @@ def record_trial(
 
         log, truth = bench_trial.simulate_bench_trial(row, settings, p)
         recorder.write_truth(campaign_folder, row["trial"], truth)
-        bench_trial.write_bench_log(
-            campaign_folder / row["log"], log, settings.recorder.torque_node is not None
-        )
+        bench_trial.write_bench_log(campaign_folder / row["log"], log)
         return
     from osl_analysis.simulator.walking_trial import simulate_walking_trial
 

@@ -401,25 +401,16 @@ def drivetrain_effects(
     }
 
 
-def write_bench_log(path: Path, log: Mapping[str, Array], two_nodes: bool) -> None:
-    """Write a log: one topic with all channels, or the standard messages of two nodes, the second
-    of the torque."""
-    bench, torque_frame, torque = "dynamometer", "load_cell", "load_cell_torque"
+def write_bench_log(path: Path, log: Mapping[str, Array]) -> None:
+    """Write a log: the standard messages of a node for the angles, and of one for the torque."""
+    torque_frame, torque = "load_cell", "load_cell_torque"
     if torque not in log:
-        bench, torque_frame, torque = "actuator", "transducer", "output_torque"
-    if two_nodes:
-        joints = {
-            "joint": "joint_angle",
-            "actuator": "actuator_angle",
-            "command": "commanded_angle",
-        }
-        position = {joint: log[channel] for joint, channel in joints.items() if channel in log}
-        effort = {"actuator": log["motor_current"]}
-        topics = [
-            recorder.joint_states("/joint_states", "bench", log["time"], position, effort),
-            recorder.wrenches("/wrench", torque_frame, log["torque_time"], log[torque]),
-        ]
-    else:
-        frame = "dynamometer" if bench == "dynamometer" else "actuator_bench"
-        topics = [recorder.sample_topic(f"/{bench}", frame, log["time"], log)]
+        torque_frame, torque = "transducer", "output_torque"
+    joints = {"joint": "joint_angle", "actuator": "actuator_angle", "command": "commanded_angle"}
+    position = {joint: log[channel] for joint, channel in joints.items() if channel in log}
+    effort = {"actuator": log["motor_current"]}
+    topics = [
+        recorder.joint_states("/joint_states", "bench", log["time"], position, effort),
+        recorder.wrenches("/wrench", torque_frame, log["torque_time"], log[torque]),
+    ]
     recorder.write_topics(path, topics)

@@ -12,7 +12,7 @@ from osl_analysis.base.errors import optional_module
 from osl_analysis.base.files import atomic_path
 from osl_analysis.base.trial import Array
 from osl_analysis.simulator.laboratory_settings import MARKERS, PLATE_CHANNELS, RECORDERS
-from osl_analysis.simulator.recorder import rounded_to, sample_topic, write_topics
+from osl_analysis.simulator.recorder import leg_samples, rounded_to, write_topics
 from osl_analysis.simulator.rigid_body import (
     GRAVITY,
     Point,
@@ -76,7 +76,7 @@ def write_leg_log(
         "damping_gain": crossing.commands[1, update],
         "sync": sync_level(trial, time),
     }
-    topic = sample_topic("/leg", "leg", leg_time, columns)
+    topic = leg_samples(leg_time, columns)
     write_topics(folder / "leg" / f"{trial.name}.mcap", [topic])
 
 

@@ -8,7 +8,8 @@ Effects of the leg's controller are the campaign's.
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from types import SimpleNamespace
+from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
@@ -29,8 +30,14 @@ from osl_analysis.simulator.simulation_settings import (
     ClosedShare,
     Count,
     Effect,
+    InDegrees,
+    InKilograms,
+    InMillimetres,
+    InNewtonMetres,
+    InNewtons,
+    InPercent,
+    InSeconds,
     Switches,
-    effect,
 )
 
 # labels and units of the plate's channels, force and moment: type 2 of the C3D manual
@@ -47,43 +54,11 @@ MARKERS: Mapping[str, Mapping[str, Position]] = WALKER["markers"]
 ANKLE_ANGLE: Sequence[Bump] = WALKER["ankle_angle"]
 ANKLE_MOMENT: Sequence[Bump] = WALKER["ankle_moment"]
 PLATE_SHIFT: Position = WALKER["plate_shift"]
+GROUND_REACTION: Mapping[str, Sequence[Bump]] = WALKER["ground_reaction"]
 
 
-class NominalGait(Settings):
-    """Numbers of level walking that are the same in every campaign."""
-
-    ankle_height: float = 0.08  # [m] of the ankle's centre above the floor
-    ankle_half_width: float = 0.042  # [m] from the ankle's centre to the markers on its axis
-    heel: float = -0.06  # [m] place of the pivot on the floor, forward of the ankle's centre
-    ball: float = 0.13  # [m] as of the heel
-    pitch_at_strike_deg: float = 18.0  # toes up
-    pitch_at_toe_off_deg: float = -58.0
-    foot_flat: tuple[float, float] = (0.12, 0.60)  # phases of stance between which it lies flat
-    clearance: float = 0.04  # [m] by which the ankle is lifted in mid-swing
-    roll_lever: float = 0.004  # [m] of the load about the foot's forward axis
-    spin_moment: float = 0.03  # [N*m/kg] about the foot's upward axis
-    release_s: float = 0.3  # after toe-off in which the foot leaves the platform's motion
-    yield_s: float = 0.2  # after the onset within which the shank yields
-
-
-class Recorders(Settings):
-    """What the recorders do, beyond their imperfections."""
-
-    high: float = 5.0  # [V] of the synchronisation line and the trigger
-    trigger_s: float = 0.02  # for which the trigger is high
-    # shortest and longest between two changes of the synchronisation line
-    sync_interval_s: tuple[float, float] = (0.06, 0.25)
-    # gaps in which a marker is hidden, shortest and longest
-    short_gap_s: tuple[float, float] = (0.007, 0.04)
-    long_gap_s: tuple[float, float] = (0.05, 0.2)
-    long_gap_share: float = 0.25  # of all gaps
-    # share of a period of the leg's clock that rounding put before the first sample or after the
-    # last
-    clock_margin: float = 1e-6
-
-
-NOMINAL = NominalGait()
-RECORDERS = Recorders()
+NOMINAL = SimpleNamespace(**WALKER["gait"])  # what is the same in every campaign
+RECORDERS = SimpleNamespace(**WALKER["recorders"])
 
 
 class WalkingEffects(Switches):
@@ -91,31 +66,31 @@ class WalkingEffects(Switches):
     is its standard deviation. The actuator's encoder and current have the imperfections of the
     campaign."""
 
-    heel_strike_scatter: Effect = effect("s")  # of the time of heel strike on the platform
-    stance_scatter: Effect = effect("%")  # of the duration of stance on the platform
-    angle_scale: Effect = effect("%")  # of a factor of the ankle's angle
-    angle_wander: Effect = effect("deg")  # smooth deviation of the ankle's angle, below 4 Hz
-    force_scale: Effect = effect("%")  # of a factor of each component of the ground reaction
-    placement_forward: Effect = effect("mm")  # of the foot's place on the platform
-    placement_sideways: Effect = effect("mm")
+    heel_strike_scatter: InSeconds  # of the time of heel strike on the platform
+    stance_scatter: InPercent  # of the duration of stance on the platform
+    angle_scale: InPercent  # of a factor of the ankle's angle
+    angle_wander: InDegrees  # smooth deviation of the ankle's angle, below 4 Hz
+    force_scale: InPercent  # of a factor of each component of the ground reaction
+    placement_forward: InMillimetres  # of the foot's place on the platform
+    placement_sideways: InMillimetres
     # of the foot's direction on the platform; the ankle's axis turns with it
-    foot_yaw: Effect = effect("deg")
+    foot_yaw: InDegrees
     # share of the platform's rotation by which the shank rotates within 0.2 s
-    shank_yield: Effect = effect("%")
-    foot_inertia: Effect = effect("kg")  # of foot and shoe below the ankle
+    shank_yield: InPercent
+    foot_inertia: InKilograms  # of foot and shoe below the ankle
     # of the plate above its sensors; off: the reading is the ground reaction
-    plate_inertia: Effect = effect("kg")
-    marker_noise: Effect = effect("mm")  # white, each axis
-    marker_gaps: Effect = effect("1/trial")  # mean number of gaps in which a marker is hidden
-    force_noise: Effect = effect("N")  # white, each axis
-    moment_noise: Effect = effect("N*m")
-    force_offset: Effect = effect("N")  # constant over a trial
-    moment_offset: Effect = effect("N*m")
-    plate_lag: Effect = effect("ms")  # of the plate's channels behind markers, trigger and sync
+    plate_inertia: InKilograms
+    marker_noise: InMillimetres  # white, each axis
+    marker_gaps: Effect[Literal["1/trial"]]  # mean number of gaps in which a marker is hidden
+    force_noise: InNewtons  # white, each axis
+    moment_noise: InNewtonMetres
+    force_offset: InNewtons  # constant over a trial
+    moment_offset: InNewtonMetres
+    plate_lag: Effect[Literal["ms"]]  # of the plate's channels behind markers, trigger and sync
     # mean offset of the leg's clock from that of the recording
-    leg_clock_offset: Effect = effect("s")
-    leg_clock_drift: Effect = effect("ppm")  # scatter of the rate of the leg's clock
-    leg_joint_encoder: Effect = effect("bit")
+    leg_clock_offset: InSeconds
+    leg_clock_drift: Effect[Literal["ppm"]]  # scatter of the rate of the leg's clock
+    leg_joint_encoder: Effect[Literal["bit"]]
 
 
 Rate = Annotated[int, Field(ge=1, le=1_000_000)]

@@ -46,26 +46,8 @@ WRENCH_FIELDS = (
     f" force\ngeometry_msgs/Vector3 torque\n{RULE}MSG: geometry_msgs/Vector3\nfloat64"
     " x\nfloat64 y\nfloat64 z\n"
 )
-# fields of the messages of each topic of our own types
-SAMPLES = {
-    "/dynamometer": (
-        """\
-float32 joint_angle       # rad, joint encoder of the dynamometer
-float32 load_cell_torque  # N*m, exerted by the joint on the dynamometer
-float32 actuator_angle    # rad, at the actuator's output
-float32 motor_current     # A, q-axis
-float32 commanded_angle   # rad, in counts of the joint encoder
-"""
-    ),
-    "/actuator": (
-        """\
-float32 actuator_angle  # rad, at the actuator's output
-float32 motor_current   # A, q-axis
-float32 output_torque   # N*m, exerted by the actuator's output on the bench
-"""
-    ),
-    "/leg": (
-        """\
+# of the leg's own messages
+LEG_FIELDS = """\
 float32 joint_angle     # rad
 float32 actuator_angle  # rad, at the actuator's output
 float32 motor_current   # A, q-axis
@@ -73,8 +55,6 @@ float32 stiffness_gain  # N*m/rad, K_1 at the actuator's output
 float32 damping_gain    # N*m*s/rad, B_1 at the actuator's output
 bool sync               # level of the synchronisation line
 """
-    ),
-}
 CDR_TYPES = {"bool": "u1", "float32": "<f4"}
 
 
@@ -113,71 +93,40 @@ def log_topic(
     seconds, nanoseconds = np.divmod(stamps, 1_000_000_000)
     frame = frame_id.encode() + b"\0"
     message = {
-        "encapsulation": ("V4", LITTLE_ENDIAN_CDR),
         "sec": ("<i4", seconds),
         "nanosec": ("<u4", nanoseconds),
         "frame_id_length": ("<u4", len(frame)),
         "frame_id": (f"S{len(frame)}", frame),
         **members,
     }
-    record = [
-        ("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"),
-        ("log", "<u8"), ("publish", "<u8"), ("data", cdr_layout(message)),
+    # CDR aligns each member to its own size, and not text, as C does
+    body = np.dtype([(member, kind) for member, (kind, _) in message.items()], align=True)
+    head = [("opcode", "u1"), ("length", "<u8")]  # which its length does not count
+    content = [
+        ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"), ("publish", "<u8"),
+        ("encapsulation", "V4"), ("body", body),
     ]  # fmt: skip
-    alike = np.zeros(1, np.dtype(record))  # what all messages share, which is most of them
-    alike["opcode"] = Opcode.MESSAGE
-    head = alike["opcode"].itemsize + alike["length"].itemsize  # which its length does not count
-    alike["length"] = alike.itemsize - head
-    columns = {}
-    for member, (_, value) in message.items():
-        if np.ndim(value):
-            columns[member] = value
-        else:
-            alike["data"][member] = value
-    records = np.repeat(alike, len(stamps))
+    records = np.zeros(len(stamps), np.dtype(head + content))
+    records["opcode"] = Opcode.MESSAGE
+    records["length"] = np.dtype(content).itemsize
     records["sequence"] = np.arange(len(stamps))
     records["log"] = stamps + ARRIVES_NS
     records["publish"] = stamps
-    for member, column in columns.items():
-        records["data"][member] = column
+    records["encapsulation"] = LITTLE_ENDIAN_CDR
+    for member, (_, value) in message.items():
+        records["body"][member] = value
     schema = f"std_msgs/Header header\n{fields}{HEADER_DEFINITIONS}"
     return LogTopic(name, schema_name, schema, records)
 
 
-def cdr_layout(members: Mapping[str, tuple[str, Any]]) -> np.dtype[np.void]:
-    """Layout of a message in CDR: each member is aligned to its own size, counted from after the
-    encapsulation of four bytes; text is not aligned."""
-    kinds = [np.dtype(kind) for kind, _ in members.values()]
-    offsets = []
-    end = 0
-    for kind in kinds:
-        alignment = 1 if kind.kind in "SV" else kind.itemsize
-        offset = 0 if end == 0 else 4 + -(-(end - 4) // alignment) * alignment
-        offsets.append(offset)
-        end = offset + kind.itemsize
-    return np.dtype({"names": list(members), "formats": kinds, "offsets": offsets, "itemsize": end})
-
-
-def sample_topic(
-    topic: str, frame_id: str, time: Array, columns: Mapping[str, ArrayLike]
-) -> LogTopic:
-    """Make a topic of `SAMPLES`, a message for each time stamp.
-
-    Parameters
-    ----------
-    topic, frame_id : str
-    time : Array
-        (n,) [s], from 0 to 2^31 s in whole nanoseconds.
-    columns : Mapping
-        (n,) by field.
-    """
-    fields = SAMPLES[topic]
+def leg_samples(time: Array, columns: Mapping[str, ArrayLike]) -> LogTopic:
+    """Make the topic of the leg: its `LEG_FIELDS` (n,) at time stamps (n,) [s], from 0 to 2^31 s in
+    whole nanoseconds."""
     members = {}
-    for line in fields.splitlines():
+    for line in LEG_FIELDS.splitlines():
         kind, name, *_ = line.split()
         members[f"field.{name}"] = (CDR_TYPES[kind], np.asarray(columns[name]))
-    schema_name = f"osl_interfaces/msg/{topic[1:].title()}Sample"
-    return log_topic(topic, schema_name, fields, frame_id, time, members)
+    return log_topic("/leg", "osl_interfaces/msg/LegSample", LEG_FIELDS, "leg", time, members)
 
 
 def joint_states(

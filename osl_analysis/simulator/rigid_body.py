@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from osl_analysis.base.trial import Array
 
@@ -97,14 +98,8 @@ def time_derivative(values: Array, rate_hz: float) -> Array:
 def rotation_about(axis: int, angle: Array) -> Array:
     """Right-handed rotation (n, 3, 3) by angles (n,) [rad] about laboratory axis 0 (x), 1 (y) or 2
     (z)."""
-    i = (axis + 1) % 3
-    j = (axis + 2) % 3
-    rotation = np.zeros((len(angle), 3, 3))
-    rotation[:, axis, axis] = 1.0
-    rotation[:, [i, j], [i, j]] = np.cos(angle)[:, None]
-    rotation[:, j, i] = np.sin(angle)
-    rotation[:, i, j] = -np.sin(angle)
-    return rotation
+    about_axis = scipy.spatial.transform.Rotation.from_euler("xyz"[axis], angle[:, None])
+    return np.asarray(about_axis.as_matrix())
 
 
 NODES = (-1, 0, 1, 2)  # of the interpolation, in samples

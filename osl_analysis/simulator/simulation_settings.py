@@ -8,9 +8,9 @@ unless they are switched on.
 """
 
 import math
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Generic, Literal, Self, TypeVar
 
-from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
+from pydantic import AfterValidator, Field, NonNegativeInt, model_validator
 
 from osl_analysis.base.yaml_settings import (
     IDENTIFIER,
@@ -31,13 +31,15 @@ from osl_analysis.base.yaml_settings import (
 from osl_analysis.model.compensator import PAPER_WEIGHT, Weight
 from osl_analysis.model.multisine import odd_lines
 
+Unit = TypeVar("Unit", bound=str)
 
-class Effect(Settings):
+
+class Effect(Settings, Generic[Unit]):
     """One imperfection. (The key is not `on`, which is a truth value in YAML.)"""
 
     enabled: bool
     size: NotNegative  # in `unit`, which must be one that the settings expect
-    unit: str
+    unit: Unit
 
     @property
     def value(self) -> float:
@@ -48,35 +50,33 @@ class Effect(Settings):
         return 2 * math.pi / 2**self.size if self.unit == "bit" else self.size
 
 
-def effect(*units: str, off: float | None = None) -> Any:
-    """Declare an effect in one of these units.
+AsFactor = Effect[Literal["1"]]
+InAmperes = Effect[Literal["A"]]
+InDegrees = Effect[Literal["deg"]]
+InHertz = Effect[Literal["Hz"]]
+InKilograms = Effect[Literal["kg"]]
+InMillimetres = Effect[Literal["mm"]]
+InNewtons = Effect[Literal["N"]]
+InNewtonMetres = Effect[Literal["N*m"]]
+InPercent = Effect[Literal["%"]]
+InSeconds = Effect[Literal["s"]]
+InSteps = Effect[Literal["rad", "bit"]]  # resolution of an encoder
 
-    Where it is not given it is switched off, with the size `off`; it has to be given if that is
-    None.
-    """
-    default: Any = ...
-    if off is not None:
-        default = {"enabled": False, "size": off, "unit": units[0]}
-    return Field(default, validate_default=True, json_schema_extra={"units": list(units)})
+
+class Updates(Effect[Literal["update"]]):
+    """A delay of whole updates."""
+
+    size: NonNegativeInt
+
+
+def off(unit: str, size: float = 0) -> Any:
+    """The default of an effect that is off where it is not given."""
+    default = {"enabled": False, "size": size, "unit": unit}
+    return Field(default, validate_default=True)
 
 
 class Switches(Settings):
     """Settings with effects."""
-
-    @field_validator("*")
-    @classmethod
-    def _has_its_unit(cls, value: Any, info: ValidationInfo) -> Any:
-        if not isinstance(value, Effect):
-            return value
-        extra: Any = cls.model_fields[info.field_name or ""].json_schema_extra
-        units = extra["units"]
-        if value.unit not in units:
-            raise ValueError(
-                f"its unit must be {' or '.join(map(repr, units))}, not '{value.unit}'"
-            )
-        if value.unit == "update" and not value.size.is_integer():
-            raise ValueError(f"its size is {value.size:g}; give a whole number")
-        return value
 
     def without(self, *names: str) -> Self:
         """These effects with the named ones off, or with all off if none is named."""
@@ -91,26 +91,26 @@ class Effects(Switches):
     log, sizes are SDs."""
 
     # true over the parameter file's, which the controller cancels; off: none at all
-    friction: Effect = effect("1")
+    friction: AsFactor
     # to the current; 0: held for one update; off: continuous
-    control_delay: Effect = effect("update")
+    control_delay: Updates
     # over the differentiated encoder; off: the true velocity
-    velocity_filter: Effect = effect("Hz")
-    actuator_encoder: Effect = effect("rad", "bit")  # resolution, at the actuator's output
-    joint_encoder: Effect = effect("rad", "bit")  # resolution
-    load_cell_noise: Effect = effect("N*m")
-    load_cell_offset: Effect = effect("N*m")  # constant over a trial
-    load_cell_drift: Effect = effect("N*m/min")  # constant over a trial
-    load_cell_quantisation: Effect = effect("N*m")  # resolution
-    current_noise: Effect = effect("A")
-    current_quantisation: Effect = effect("A")  # resolution
+    velocity_filter: InHertz
+    actuator_encoder: InSteps  # resolution, at the actuator's output
+    joint_encoder: InSteps  # resolution
+    load_cell_noise: InNewtonMetres
+    load_cell_offset: InNewtonMetres  # constant over a trial
+    load_cell_drift: Effect[Literal["N*m/min"]]  # constant over a trial
+    load_cell_quantisation: InNewtonMetres  # resolution
+    current_noise: InAmperes
+    current_quantisation: InAmperes  # resolution
     # largest torque by which loading and unloading differ from the belt's
-    belt_hysteresis: Effect = effect("N*m")
-    belt_scatter: Effect = effect("1")  # of K_s from trial to trial in the belt experiment
+    belt_hysteresis: InNewtonMetres
+    belt_scatter: AsFactor  # of K_s from trial to trial in the belt experiment
     # of the position loop; off: it follows exactly
-    dynamometer_bandwidth: Effect = effect("Hz")
+    dynamometer_bandwidth: InHertz
     # how old its value is at the instant at which it is sampled
-    load_cell_delay: Effect = effect("s", off=0)
+    load_cell_delay: InSeconds = off("s")
 
 
 class SecondOrderJoint(Switches):
@@ -119,7 +119,7 @@ class SecondOrderJoint(Switches):
     K: Positive
     B: NotNegative
     I: NotNegative
-    coulomb: Effect = effect("N*m", off=0)  # Coulomb friction of the joint
+    coulomb: InNewtonMetres = off("N*m")  # Coulomb friction of the joint
 
 
 class SteppedSineSchedule(Settings):
@@ -185,11 +185,11 @@ class ActuatorBench(Settings):
 class NodeSettings(Switches):
     """How one node samples its channels, and what stamps it writes."""
 
-    rate: Effect = effect("Hz", off=1)  # off: dynamometer.rate_hz
+    rate: InHertz = off("Hz", size=1)  # off: dynamometer.rate_hz
     # how much later than the other node it takes each sample; the stamps say so
-    phase: Effect = effect("s", off=0)
+    phase: InSeconds = off("s")
     # SD of the instants about even ones; the stamps say so
-    jitter: Effect = effect("s", off=0)
+    jitter: InSeconds = off("s")
 
 
 class RecorderSettings(Settings):

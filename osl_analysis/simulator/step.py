@@ -12,11 +12,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 
 from osl_analysis.base.trial import Array
 from osl_analysis.config.impedance_trajectory import STANCE_SHARE
 from osl_analysis.simulator.laboratory_settings import (
     ANKLE_ANGLE,
+    GROUND_REACTION,
     NOMINAL,
     PLATE_SHIFT,
     Bump,
@@ -30,12 +32,9 @@ RENDERED_S = 0.1  # time [s] after the onset in which the rendered impedance is 
 
 
 def smooth_step(x: Array) -> Array:
-    """0 for x <= 0, 1 for x >= 1; 35 x^4 - 84 x^5 + 70 x^6 - 20 x^7 between.
-
-    Three derivatives vanish at both ends.
-    """
-    x = np.clip(x, 0.0, 1.0)
-    return x**4 * (35.0 + x * (-84.0 + x * (70.0 - 20.0 * x)))
+    """0 for x <= 0, 1 for x >= 1; between them 35 x^4 - 84 x^5 + 70 x^6 - 20 x^7, which is an
+    incomplete beta function. Three derivatives vanish at both ends."""
+    return np.asarray(scipy.special.betainc(4, 4, np.clip(x, 0.0, 1.0)))
 
 
 def pulse(time: Array, start: float, rise: float, back: float, fall: float) -> Array:
@@ -67,12 +66,12 @@ def ground_reaction(p: Array) -> Array:
     """Ground reaction on a right foot in multiples of body weight, laboratory axes, shape (n,
     3)."""
 
-    def hump(peak: float, width: float) -> Array:
-        return np.exp(-(((p - peak) / width) ** 2))
-
-    forward = -0.16 * hump(0.18, 0.10) + 0.18 * hump(0.85, 0.09)
-    inward = 0.045 * hump(0.22, 0.14) + 0.04 * hump(0.75, 0.14)
-    upward = 0.74 + 0.36 * hump(0.22, 0.13) + 0.40 * hump(0.76, 0.13)
+    components = []
+    for humps in GROUND_REACTION.values():
+        curves = [size * np.exp(-(((p - peak) / width) ** 2)) for size, peak, width in humps]
+        components.append(np.sum(curves, axis=0))
+    forward, inward, upward = components
+    upward = NOMINAL.upward + upward
     return np.stack([forward, inward, upward], axis=-1) * stance_window(p)[:, None]
 
 

@@ -113,8 +113,6 @@ def row_of(
     if facts.mocap:  # crossings also have the leg's log
         files["mocap"] = f"{facts.mocap}/{trial}.c3d"
     sources = {f"{role}_source": getattr(facts, role) for role in files}
-    if settings.recorder.torque_node is not None and facts.place == "bench":
-        sources["log_source"] = f"{facts.log}_nodes"
     row = {
         **dict.fromkeys(SHEET_COLUMNS),
         "trial": trial,

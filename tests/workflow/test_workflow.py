@@ -275,7 +275,7 @@ def test_the_lines_for_pandas_read_the_results(workspace, monkeypatch, capsys):
 
 def test_a_comment_in_a_source_file_makes_nothing_again_and_a_value_its_trials(workspace, tmp_path):
     space = Workspace(tmp_path, workspace)
-    source = tmp_path / "config/sources/dynamometer_nodes.yaml"
+    source = tmp_path / "config/sources/dynamometer.yaml"
 
     source.write_text(f"# of the new bench\n{source.read_text()}")
     assert space.planned() == {}

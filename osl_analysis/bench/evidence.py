@@ -146,7 +146,7 @@ def impedance_table(
     if p and gains:
         expected = partial(dynamic_stiffness, K_1=gains.K_1, B_1=gains.B_1, p=p)
     s = sums_of(record, expected)
-    found = what_else(analysis, s, p)
+    found = what_else(analysis, s, p, bool(gains))
 
     other_excitation = "periodic" if record.periodic else "other"
     of_trial: Row = {
@@ -208,10 +208,12 @@ class WhatElse:
     ranges: Row  # the range of estimates over amplitudes and frequencies
 
 
-def what_else(analysis: Analysis, s: Sums, p: DrivetrainParameters | None) -> WhatElse:
+def what_else(
+    analysis: Analysis, s: Sums, p: DrivetrainParameters | None, gains_are_known: bool
+) -> WhatElse:
     """Weigh the rivals of a joint or look at the belt of a leg, and fit dry friction."""
     record = analysis.record
-    of_leg = is_leg(record, p)
+    of_leg = is_leg(record, p, gains_are_known)
     joint = None if of_leg else inferred_of_joint(record)
     inferred = actuator_of_leg(record) if of_leg else joint
     is_certain = inferred.friction_probability > CERTAIN_FRICTION if inferred else None
@@ -225,7 +227,7 @@ def what_else(analysis: Analysis, s: Sums, p: DrivetrainParameters | None) -> Wh
     elif joint and is_certain and None in certain:
         certain[None] = with_other_shapes(certain[None], joint)
     return WhatElse(
-        belt=belt_of_leg(record, p) if p and of_leg else Belt(),
+        belt=belt_of_leg(record, p) if p and of_leg and "theta_m" in record.actuator else Belt(),
         joint=joint,
         is_friction_untold=not (of_leg and inferred)
         and is_friction_untold(s, analysis, coulomb, inferred is not None),

@@ -30,6 +30,9 @@ from osl_analysis.stats.linear_fit import products_between
 WINDOW_S = 4.0  # s; of a motion that is no stepped sine
 DISTINCT_LINES = 2  # lines of a Hann window, of which each depends on its neighbours
 LEAST_POWER = 1e-4  # of the angle's strongest line
+# of a spread over units, one of which may move the joint far more than the others. Below, an
+# interval has more than 165 standard errors, and tells nothing (a chirp had 5.6e153 N*m/rad)
+LEAST_FREEDOM = 0.5
 
 
 @dataclass(frozen=True)
@@ -174,7 +177,7 @@ def response_of_pieces(
     all_cross = cross.sum()
     freedom = all_power**2 / (power**2).sum() - 1
     deviations = np.array([np.nan + 0j])
-    if len(power) > 1:
+    if freedom >= LEAST_FREEDOM:
         without_unit = (all_power - power) / (all_cross - cross)
         u = len(power)
         deviations = (without_unit - without_unit.mean()) * np.sqrt((u - 1) / u)
@@ -225,8 +228,10 @@ def responses_of_windows(analysis: Analysis, at_hz: float | None) -> list[Respon
     amplitudes = spectra[:, :, chosen]
     if at_hz is not None and not record.periodic and record.band_hz[0] <= at_hz <= highest_hz:
         turns = np.exp(-2j * np.pi * at_hz * np.arange(len(window)) / record.rate_hz)
-        frequency_hz = np.append(frequency_hz, at_hz)
-        amplitudes = np.append(amplitudes, (windows @ turns)[:, :, None], axis=2)
+        apart = np.maximum(frequency_hz / at_hz, at_hz / frequency_hz)
+        is_other = apart >= SAME_FREQUENCY_RATIO
+        frequency_hz = np.append(frequency_hz[is_other], at_hz)
+        amplitudes = np.append(amplitudes[:, :, is_other], (windows @ turns)[:, :, None], axis=2)
 
     theta, left = amplitudes
     s = 2j * np.pi * frequency_hz

@@ -156,6 +156,8 @@ def actuator_of_leg(record: Record) -> FrictionlessActuator | None:
     """How a leg's actuator, whose friction opposes its velocity and grows with the current, moves
     without it; None where the recording cannot tell it."""
     actuator = record.actuator
+    if "wide_band_theta_m" not in actuator:
+        return None
     with suppress(NotWeighedError):
         return frictionless_actuator(
             raw_signals(

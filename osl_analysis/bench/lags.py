@@ -115,13 +115,14 @@ class Belt:
     lag: LinearFit | None = None
 
 
-def is_leg(record: Record, p: DrivetrainParameters | None) -> bool:
+def is_leg(record: Record, p: DrivetrainParameters | None, gains_are_known: bool) -> bool:
     """Whether a drivetrain renders the joint: its motor turns, and winds up the belt. A joint
-    beside an idle motor is no leg. Without a parameter file the motor's turning has to do."""
+    beside an idle motor is no leg. Without a parameter file the motor's turning has to do, and
+    without `theta_m` the gains that the sheet states, which are those of a drivetrain."""
     few = record.coarse
     theta_m = few.actuator.get("theta_m")
     if theta_m is None:
-        return False
+        return gains_are_known
     theta = few.motion.theta
     angles = [theta, theta_m]
     if p is not None:
@@ -200,6 +201,8 @@ def belt_of_leg(record: Record, p: DrivetrainParameters) -> Belt:
     with suppress(*CANNOT_TELL):
         fit, has_ended = fit_belt(few, p)
         K_s = fit["K_s"]
+        if fit.half_width("K_s") > (OTHER_K_S - 1) * abs(K_s):
+            return belt  # which slow or small motion does not tell from its hysteresis
         if np.isfinite(p.K_s):
             belt = Belt(K_s / p.K_s)
             is_belt = 1 / OTHER_K_S < K_s / p.K_s < OTHER_K_S

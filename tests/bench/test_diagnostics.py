@@ -185,11 +185,14 @@ def test_a_lag_of_a_leg_is_what_it_takes_off_damping_and_inertia():
     assert moved["I"][0].standard == pytest.approx(0.035)
 
 
-def test_a_current_without_the_angle_of_its_shaft_makes_no_leg():
+def test_without_the_angle_of_its_shaft_known_gains_make_a_leg():
     trial = leg()
     samples = trial.samples.rename({"theta_m": "current"})
 
-    assert not is_leg(record_of_leg(replace(trial, samples=samples)), None)
+    record = record_of_leg(replace(trial, samples=samples))
+
+    assert not is_leg(record, None, gains_are_known=False)
+    assert is_leg(record, None, gains_are_known=True)
 
 
 def test_a_belt_of_an_actuator_s_angle_with_the_wrong_sign_tells_no_lag():

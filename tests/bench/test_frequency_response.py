@@ -160,6 +160,7 @@ def test_the_response_to_another_motion_is_the_joint_s_within_its_intervals(moti
         assert table["magnitude"].to_numpy() == pytest.approx(np.abs(Y), rel=2e-3)
         told = table.drop_nulls("magnitude_low")
         assert len(told) > 5
+        assert (told["magnitude_high"] < 2 * told["magnitude"]).all()
         of_told = eq15(told["frequency_hz"])
         covered.append(holds(told, "magnitude", np.abs(of_told)))
         covered.append(holds(told, "phase_deg", np.rad2deg(np.angle(of_told))))

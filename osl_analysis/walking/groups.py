@@ -33,11 +33,9 @@ SEPARATOR = "; "  # between the names of groups in one cell; no name has a semic
 
 Cells = Mapping[str, object]
 """Cells of one row of the sheet, by column: `STATED`, `perturbed`, `exclude`; None where empty."""
-Sheet = Mapping[str, Cells]
-"""Cells of crossings, by trial."""
 
 
-def split_keys(sheet: Sheet) -> list[str]:
+def split_keys(sheet: Mapping[str, Cells]) -> list[str]:
     """Find the columns of the sheet in which crossings differ, in the order of `STATED`.
 
     Rows that the sheet excludes need not be complete, and do not count.
@@ -151,7 +149,9 @@ def side_of(static: str, cells: Cells, served: Mapping[str, Cells], configured: 
     return next(iter(sides), configured)
 
 
-def places(crossings: Sequence[Crossing], sheet: Sheet) -> dict[str, dict[str, object]]:
+def places(
+    crossings: Sequence[Crossing], sheet: Mapping[str, Cells]
+) -> dict[str, dict[str, object]]:
     """Find the place of every row of the sheet, by name; `crossings` are those that are used.
 
     Where turns go both ways, their measured directions part the crossings.
@@ -229,7 +229,7 @@ def selection_rows(
     crossings: Sequence[Crossing],
     refused: Mapping[str, str],
     settings: SelectionSettings,
-    sheet: Sheet,
+    sheet: Mapping[str, Cells],
 ) -> dict[str, dict[str, object]]:
     """Make the rows of `walking_crossings.csv`, by crossing.
 

@@ -26,7 +26,6 @@ Cluster = Annotated[Names, Field(min_length=3)]
 Side = Literal["left", "right"]
 
 Coordinate = Annotated[float, Field(ge=-1, le=1)]  # [m] of a point of the foot
-Cutoff = Annotated[float, Field(gt=0, le=200)]  # [Hz], half the rate of fast cameras
 Load = Annotated[float, Field(gt=0, le=10)]  # a share of the weight; what is larger is in percent
 
 
@@ -93,7 +92,8 @@ class MarkerSettings(Settings):
 class WalkingFilter(Settings):
     """The one zero-phase Butterworth low-pass of markers and wrench."""
 
-    cutoff_hz: Cutoff  # Cut-off [Hz] of one run of the filter
+    # Cut-off [Hz] of one run of the filter, up to half the rate of fast cameras
+    cutoff_hz: Annotated[float, Field(gt=0, le=200)]
     order: FilterOrder  # Order of one run of the filter
 
     @property

@@ -5,7 +5,6 @@ of the torque and of theta_m."""
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 import scipy
@@ -23,10 +22,11 @@ from osl_analysis.bench.regression import (
 )
 from osl_analysis.inference.spectra import slipping_springs
 from osl_analysis.model.drivetrain import DrivetrainParameters, belt_deflection
+from osl_analysis.signals.filters import seven_point_motion
 from osl_analysis.stats.linear_fit import LinearFit
 
 LONGEST_LAG = 0.02  # s; the largest lag that is sought
-LAG_FOUND = 1e-9  # s; last step of a search that has come to its end
+LAG_FOUND = 1e-7  # s; last step of a search that has come to its end: the next is an eighth or less
 # of a search for a lag: each is an eighth of the one before or less, of most a hundredth
 MOST_LAG_STEPS = 10
 # half-widths [rad] of the slipping springs that model a belt's hysteresis, and friction of the
@@ -86,14 +86,13 @@ def late_fit(
         shapes = {"clock_drift": since, **shapes}
     late_model = {**model, **{name: name for name in shapes}}
     lags = np.zeros(len(shapes))
-    spline_of = partial(scipy.interpolate.make_interp_spline, few.time, k=5)
-    torque_at = spline_of(few.filtered_torque)
+    torque_at = scipy.interpolate.make_interp_spline(few.time, few.filtered_torque, k=5)
     modelled = few.filtered_torque
     for _ in range(MOST_LAG_STEPS):
         lag = lags @ np.array([*shapes.values()])
         torque = torque_at(np.clip(few.time + lag, few.time[0], few.time[-1]))
         in_time = replace(few, filtered_torque=torque, torque=torque)
-        slope = spline_of(modelled)(few.time, 1)
+        slope = seven_point_motion(modelled, few.rate_hz).omega
         late = {name: -slope * shape for name, shape in shapes.items()}
         fit = fit_groups(gram_sums(in_time, {**columns, **late}), late_model, EFFECTS_LIMIT)
         modelled = of_model @ fit.estimates[: len(model)]

@@ -294,10 +294,13 @@ def running_mean(signals: Array, period: float) -> Array:
     n = signals.shape[1]
     length = min(period, n)
     first = np.clip(np.arange(n) + (1 - length) / 2, 0, n - length)
-    edges = np.arange(n + 1)
     sums = np.pad(np.cumsum(signals, axis=1), ((0, 0), (1, 0)))
-    within = [np.interp(first + length, edges, s) - np.interp(first, edges, s) for s in sums]
-    return np.array(within) / length
+
+    def sums_up_to(edges: Array) -> Array:
+        row = np.minimum(edges.astype(np.intp), n - 1)
+        return sums[:, row] + (edges - row) * signals[:, row]
+
+    return (sums_up_to(first + length) - sums_up_to(first)) / length
 
 
 def high_pass_gain(frequency: Array, slow: float) -> Array:

@@ -53,21 +53,15 @@ class Described:
     source: str
 
     @property
-    def torque_sign(self) -> int:
-        """1 or -1, if a torque is surely told, and its sign; else 0."""
-        return next(
-            (each.sign for each in self.guesses if each.is_sure and each.column == "torque"), 0
-        )
-
-    @property
     def tells(self) -> tuple[bool, int, bool, int]:
-        """How much it tells: whether a joint turns, whose spring has the torque's sign, and no
-        fixture alone; channels; that sign; and channels that may be signals, or whether its markers
-        tell which axis points up."""
+        """How much it tells: whether a joint turns, and no fixture alone; channels; the sign of a
+        torque; and channels that may be signals, or whether its markers tell which axis points
+        up."""
         details = sum(not guess.why_not for guess in self.guesses)
         details += "axes" in self.overview.settings
         turns = not is_fixture_alone(self.file)
-        return turns, len(self.overview.channels), self.torque_sign != 0, details
+        has_sign = any(guess.sign for guess in self.guesses)
+        return turns, len(self.overview.channels), has_sign, details
 
     @property
     def likely(self) -> dict[str, RecordedChannel]:
@@ -201,10 +195,6 @@ def draft_campaign(folder: Path) -> Draft:
     for name in dict.fromkeys(recording.source for recording in described):
         alike = [recording for recording in described if recording.source == name]
         best = max(alike, key=lambda recording: recording.tells)
-        turned = [str(each.file) for each in alike if each.torque_sign * best.torque_sign < 0]
-        if turned:
-            question = "the torque's `sign` differs from that of the other files of its source file"
-            draft.open.append((f"{question}; give these one of their own", listing(turned)))
         source = drafted_source(best.overview, best.file.name, best.guesses)
         draft.source_files[name] = source
         draft.open += [(question, f"sources/{name}.yaml") for question in source.computed]

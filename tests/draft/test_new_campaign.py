@@ -496,22 +496,6 @@ def test_a_fixture_alone_is_a_calibration_and_does_not_tell_the_sign_of_the_torq
     assert "sign: -1" not in draft.sources["csv"]
 
 
-def test_files_of_one_source_file_with_torques_of_opposite_signs_are_named(tmp_path):
-    speed = np.gradient(ANGLE, TIME)
-    signs = {"K70": (-1, -0.1), "K80": (-1, 0.02), "K81": (1, 0.02), "K82": (1, 0.02)}
-    for name, (sign, B) in signs.items():  # the first torque is late: it has a negative B
-        rows = np.column_stack([TIME, ANGLE, sign * (1.4 * ANGLE + B * speed)])
-        path = tmp_path / f"{name}.csv"
-        header = "time [s],joint angle [deg],torque [Nm]"
-        np.savetxt(path, rows, "%.5f", ",", header=header, comments="")
-
-    draft = draft_campaign(tmp_path)
-
-    assert "sign: -1" in draft.sources["csv"]  # of the first one that tells it
-    questions = {file: question for question, file in draft.open}
-    assert "`sign`" in questions["K81.csv, K82.csv"]
-
-
 def test_an_example_without_the_simulators_libraries_is_refused_and_nothing_is_written(
     tmp_path, monkeypatch
 ):

@@ -328,12 +328,9 @@ def _remark_on_widths(
         f" {len(rows)} rows do not fit"
     )
     if len(odd) == len(rows):
-        cells = [cell for row in odd[:FIRST_LINES] for cell in row.cells]
-        cell = next((cell for cell in cells if not is_value(cell)), cells[0])
+        cells = shortened(" ".join(odd[0].cells))
         raise InputError(
-            f"every row has {len(odd[0].cells)} cells under {width} names, as if a sign between"
-            f" two cells lacked, see '{cell}'",
-            "write one between all cells, and a name for each",
+            f"{what}, such as '{cells}'", "write a name for each, and one sign between all cells"
         )
     if layout.damaged != "skip":
         if [row.cells for row in odd if row.cells in [head.cells for head in above]]:

@@ -49,9 +49,7 @@ def inspect_recording(path: Path) -> Overview:
     with naming(path):
         if issubclass(source_model(recording), MarkerSource):
             return overview_of_capture(recording)
-        if recording.loss.by_topic:
-            return overview_of_messages(recording)
-        return overview_of_table(recording)
+        return overview_of_log(recording)
 
 
 def source_model(recording: Recording) -> type[Source]:
@@ -115,6 +113,7 @@ def facts_of(recording: Recording) -> dict[str, str]:
     if recording.loss.by_topic:
         lost = recording.loss.lost
         facts["messages lost"] = "the file does not tell" if lost is None else str(lost)
+        facts["topics"] = listing([*recording.loss.by_topic], MOST_NOTES)
     for number, text in enumerate(recording.notes[:MOST_NOTES], start=1):
         facts[f"comment {number}"] = text
     return facts
@@ -160,34 +159,27 @@ def questions_on_markers(markers: Sequence[Channel]) -> Iterator[str]:
         )
 
 
-def overview_of_messages(recording: Recording) -> Overview:
-    """List the numbers of every topic, one by one as a source file names them."""
+def time_of_messages(recording: Recording) -> tuple[dict[str, object], list[str]]:
+    """The field `time` of a draft for messages, and a question where their stamps are zero."""
     stamps = [channel for channel in recording.channels if channel.kind == Kind.CLOCK]
-    channels = [
-        describe_channel(channel, "field")
-        for channel in recording.channels
-        if channel not in stamps
-        and not channel.address["field"].startswith("header.")  # no signal is in it
-    ]
-    facts = {**facts_of(recording), "topics": listing([*recording.loss.by_topic], MOST_NOTES)}
-    questions = []
-    source = "header" if stamps else "log"
     zero = [channel.key for channel in stamps if not np.ma.getdata(channel.values).any()]
-    if zero:
-        source = "log"
-        questions = [f"stamps are zero, so that time is the recorder's: {listing(zero)}"]
-    settings = {"clock": "master", "time": {"source": source}, **recording.settings}
-    remarks = recording.loss.remarks
-    return Overview(recording.format, facts, channels, remarks, settings, channels, open=questions)
+    source = "header" if stamps and not zero else "log"
+    told = f"stamps are zero, so that time is the recorder's: {listing(zero)}"
+    return {"source": source}, [told] if zero else []
 
 
-def overview_of_table(recording: Recording) -> Overview:
-    """List the columns of a table, and draft those of one trial with the likely clock."""
-    time_model = source_model(recording).model_fields["time"].annotation
-    key = getattr(time_model, "ADDRESS", "column")
+def overview_of_log(recording: Recording) -> Overview:
+    """List the columns of a table, or the numbers of every topic, and draft those of one trial with
+    the likely clock."""
+    model = source_model(recording)
+    key = getattr(model.model_fields["time"].annotation, "ADDRESS", "column")
+    has_messages = bool(recording.loss.by_topic)
     remarks = [*recording.loss.remarks]
     shown = []
     for channel in recording.channels:
+        # no signal is in the header of a message
+        if has_messages and channel.address[key].startswith("header."):
+            continue
         try:
             shown.append(describe_channel(channel, key))
         except InputError as error:
@@ -196,7 +188,7 @@ def overview_of_table(recording: Recording) -> Overview:
     drafted = [channel for channel in shown if channel.count]
     facts = facts_of(recording)
     questions = [*recording.questions]
-    if "log_part" in source_model(recording).model_fields:
+    if "log_part" in model.model_fields:
         parts, drafted = of_one_trial(drafted)
         if parts:
             settings["log_part"] = parts[0]
@@ -205,7 +197,9 @@ def overview_of_table(recording: Recording) -> Overview:
                 f" `log_part` of the sheet: {', '.join(parts)}"
             )
     clock = None
-    if not drafted or any(channel.times is None for channel in drafted):
+    if has_messages:
+        settings["time"], questions = time_of_messages(recording)
+    elif not drafted or any(channel.times is None for channel in drafted):
         settings["time"], clock, of_time = drafted_time(recording, drafted, key)
         questions += of_time
     if clock is not None:

@@ -173,6 +173,9 @@ def impedance_table(
             budgets = with_other_contributions(analysis, found, budgets, bool(gains))
             if rendered:
                 budgets = {**budgets, **rendered.budgets}
+                # linear theory has no friction: that of B is in the rendered damping, too
+                friction = [each for each in budgets["B"].contributions if each.source == "friction"]
+                budgets["B_d_rendered"] = budgets["B_d_rendered"].plus(*friction)
         row: Row = {
             **analysis.place(label),
             **analysis.diagnostics(label),

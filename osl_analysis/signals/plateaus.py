@@ -195,6 +195,9 @@ def steps_by_friction(
 
 NO_EXTREME = 0.05  # share of the range: an extreme nearer to zero is an unloaded sensor
 MIDDLE = 0.25  # share of the range: a value nearer to the median is no extreme
+# steps: what is within one of a parabola's peak has fallen by four when it is twice as far from the
+# peak; one more for rounding
+PEAK_STEPS = 5.0
 APPROACH_STEPS = (5.0, 25.0)  # the last fifth of a channel's way to where it stands, and all of it
 # Of the time for this way: the last fifth takes 0.2 at an even speed, 0.29 to a rail five steps
 # below a peak, and 0.36 or more where the channel slows down to rest.
@@ -252,17 +255,20 @@ def run_at_extreme(values: Array, standing: NDArray[np.intp] | None = None) -> s
 
 
 def has_corners(values: Array, run: slice) -> bool:
-    """Whether a channel (n,) comes to all runs like one of equal values at speed. What comes to
-    rest slows down: of its way to there, the last fifth takes more than its share of the time. A
-    single value has no duration."""
-    length = run.stop - run.start
-    if length < 2:
+    """Whether a channel (n,) is far from a run of equal values, half as long before and after, and
+    comes to all such runs at speed. What comes to rest slows down: of its way to there, the last
+    fifth takes more than its share of the time. A single value has no duration."""
+    half = (run.stop - run.start) // 2
+    if half == 0:
         return True
     distance = np.abs(values - values[run.start])
     steps = np.abs(np.diff(values))
     step = steps[steps > 0].min(initial=np.inf)
+    around = np.pad(distance, half, constant_values=np.inf)
+    if around[[run.start, run.stop - 1 + 2 * half]].min() <= PEAK_STEPS * step:
+        return False
     runs = run_edges(distance == 0)
-    first = runs[np.diff(runs)[:, 0] > length // 2, 0]
+    first = runs[np.diff(runs)[:, 0] > half, 0]
     rows_of_ways = []  # of its last fifth, and of all of it
     for way in APPROACH_STEPS:
         away = np.append(-1, np.flatnonzero(distance > way * step))

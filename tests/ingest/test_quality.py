@@ -243,13 +243,15 @@ def test_a_fault_is_measured_where_it_is_and_fails_its_own_check_alone(
 
 LOADED = np.where(NUMBERS < 800, 700 + np.sin(NUMBERS), 0.0)
 PEAKS = np.maximum(np.ceil(500 - (NUMBERS % 200 - 100.0) ** 2 / 12), 440.0)  # seven samples long
+# a coarse encoder at the peaks of a slow sine
+SINE = np.rint(30.45 * np.sin(NUMBERS / 60))
 STEEP = np.where(NUMBERS % 200 > 103, 440.0, PEAKS)  # steep behind its peaks alone
 # an unzeroed plate whose noise is below its resolution
 COARSE = np.where(NUMBERS < 800, -80.0, 700 + np.sin(NUMBERS))
 
 
 @pytest.mark.parametrize("values", [
-    LOADED + 5, COARSE, 300 - COARSE, np.minimum(LOADED, 700.5), PEAKS, STEEP,
+    LOADED + 5, COARSE, 300 - COARSE, np.minimum(LOADED, 700.5), PEAKS, STEEP, SINE,
     np.rint(200 * np.tanh(4 * np.sin(NUMBERS / 20))),  # slows down to rest at both ends
 ])  # fmt: skip
 def test_an_extreme_where_the_channel_rests_or_peaks_slowly_is_no_rail(

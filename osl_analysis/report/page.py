@@ -106,6 +106,7 @@ def written_page(page: Mapping[str, Any]) -> str:
     return html.render(
         page=page,
         experiments=EXPERIMENTS,
+        estimate_text=estimate_text,
         signals=signals,
         plots=plots.plots(),
         library=Markup(plots.library()),
@@ -154,14 +155,17 @@ def trial_view(
         `why` has the causes of its verdict in a few words, or what is to be known of its device.
         `doubts` are about its recording or the fit to all of it, `results` say why its device is
         not of second order, `remarks` are others, and what was not checked. Of the fit to all of it
-        `impedance` has K, B and I, `budgets` what makes their intervals. `estimates` are a row per
-        fit, heads first.
+        `impedance` has K, B and I, `budgets` what makes their intervals. The `fits` have
+        estimates in these `units`.
     """
     facts = EXPERIMENTS[row["experiment"]]
     main = facts.tables[0].name if facts.tables else ""
     fits = tables.get(main, pl.DataFrame())
     last = fits.row(-1, named=True) if len(fits) else {}
     names = zip(("K", "B", "I"), facts.impedance, strict=True)
+    described = described_tables_by_name()
+    known = [name for name in fits.columns if fits[name].count()]
+    estimated = [name for name in known if name == "VAF" or f"{name}_low" in fits.columns]
 
     doubts = [finding for finding in findings if finding.grade is Grade.DOUBTS]
     of_whole = [doubt for doubt in doubts if not doubt.is_of_part]
@@ -183,7 +187,8 @@ def trial_view(
         "results": results,
         "remarks": [note for note in notes if not (note.is_of_part or note in results)],
         "impedance": {symbol: estimate_text(last, name) for symbol, name in names},
-        "estimates": estimate_rows(fits, main) if len(fits) else (),
+        "fits": fits.to_dicts(),
+        "units": {name: described[main].columns[name].unit for name in estimated},
         "budgets": shown_budgets(last, tables.get("budget")),
         "checks": tables["quality"].to_dicts() if "quality" in tables else (),
         "signals": signals,
@@ -221,19 +226,6 @@ def stated_condition(row: Mapping[str, Any]) -> str:
         elif value is not None and name not in NO_CONDITIONS:
             texts.append(f"{name} {stated_text(value)}")
     return ", ".join(texts)
-
-
-def estimate_rows(fits: pl.DataFrame, table: str) -> list[list[str]]:
-    """The estimates of a trial with their intervals, a row per fit; the heads have the units."""
-    described = described_tables_by_name()[table].columns
-    known = [name for name in fits.columns if fits[name].count()]
-    names = [name for name in known if name == "VAF" or f"{name}_low" in fits.columns]
-    rows = [["amplitude [deg]", *(f"{name} [{described[name].unit}]" for name in names)]]
-    for fit in fits.iter_rows(named=True):
-        amplitude = fit.get("amplitude_deg")
-        of_fit = [estimate_text(fit, name, described[name].unit) for name in names]
-        rows.append(["all" if amplitude is None else f"{amplitude:.3g}", *of_fit])
-    return rows
 
 
 # What is plotted of a trial

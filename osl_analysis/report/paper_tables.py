@@ -2,6 +2,7 @@
 """K, B and I of each condition and each group of crossings, and the components of the drivetrain
 (Table I): rows for the page and for tables of a paper."""
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
@@ -13,11 +14,12 @@ import polars as pl
 
 from osl_analysis.base.files import own_yaml
 from osl_analysis.judge.judging import results_in
-from osl_analysis.report.typography import in_markdown, latex_table, markdown_table
+from osl_analysis.report.typography import in_latex, in_markdown, markdown_table, template
 from osl_analysis.stats.budget import IN_INTERVAL, WIDE, budgets_in
 from osl_analysis.stats.repeats import OWN_CONDITION, counted, summary_row
 from osl_analysis.stats.rounding import (
     NOTHING,
+    WithInterval,
     decimal_places,
     significant,
     to_places,
@@ -218,9 +220,25 @@ def component_rows(
     return rows if beside_draft else [row[:-1] for row in rows]
 
 
+UNIT_BELOW = r"\\begin{tabular}[t]{@{}l@{}}\1\\\\(\2\\end{tabular}"
+
+
 def tex_for_paper(rows: list[list[str]], origin: str) -> str:
     r"""A `tabular` with rules of booktabs and units of siunitx, to be `\input`."""
-    return f"% {origin}\n% {DAGGER}\n{latex_table(rows, LATEX)}"
+    filters = {
+        "cell": latex_cell,
+        "head": lambda text: re.sub(r"(.+) \((.+)", UNIT_BELOW, latex_cell(text)),
+        "signs": lambda line: re.sub(r"(?<!\w)-(?=\d)", "$-$", line),
+    }
+    table = template("table.tex.j2", filters, keep_trailing_newline=True)
+    return table.render(rows=rows, origin=origin, dagger=DAGGER)
+
+
+def latex_cell(text: str) -> str:
+    """A cell as LaTeX: a number with half of its interval, a head in its symbols."""
+    if isinstance(text, WithInterval):
+        return text.plus_minus.replace("±", r"$\pm$")
+    return LATEX.get(text) or in_latex(text)
 
 
 def markdown_for_paper(rows: list[list[str]], origin: str) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
 from osl_analysis.base.files import own_yaml
-from osl_analysis.stats.rounding import WithInterval, significant
+from osl_analysis.stats.rounding import significant
 
 TYPESET_SIGNS: dict[str, str] = own_yaml(Path(__file__).with_suffix(".yaml"))
 ANY_SIGN = re.compile("|".join(TYPESET_SIGNS))  # few of a page's numbers have one
@@ -77,30 +77,3 @@ def markdown_table(rows: Sequence[Sequence[str]]) -> str:
     rule = ["---"] * len(rows[0])
     lines = [f"| {' | '.join(map(in_markdown, row))} |\n" for row in (rows[0], rule, *rows[1:])]
     return "".join(lines)
-
-
-UNIT_BELOW = r"\\begin{tabular}[t]{@{}l@{}}\1\\\\(\2\\end{tabular}"
-
-
-def latex_table(rows: Sequence[Sequence[str]], heads: Mapping[str, str]) -> str:
-    """Rows as a `tabular` with rules of booktabs, units below the heads of its columns. `heads` has
-    those heads, of columns and of rows, that are LaTeX."""
-
-    def in_cell(text: str) -> str:
-        if isinstance(text, WithInterval):
-            return text.plus_minus.replace("±", r"$\pm$")
-        return heads.get(text) or in_latex(text)
-
-    head = [re.sub(r"(.+) \((.+)", UNIT_BELOW, in_cell(text)) for text in rows[0]]
-    lines = []
-    for cells in (head, *(map(in_cell, row) for row in rows[1:])):
-        lines.append(re.sub(r"(?<!\w)-(?=\d)", "$-$", " & ".join(cells)) + r" \\")
-    parts = [
-        r"{\footnotesize\tabcolsep=2pt\sisetup{per-mode=symbol}",
-        rf"\begin{{tabular}}{{@{{}}{'l' * len(rows[0])}@{{}}}}\toprule",
-        lines[0],
-        r"\midrule",
-        *lines[1:],
-        r"\bottomrule",
-    ]
-    return "\n".join([*parts, r"\end{tabular}}", ""])

@@ -114,13 +114,16 @@ def test_friction_is_told_of_a_clear_trial_and_counted():
     assert re.search("2 .*none doubtful.* 1 .*friction", verdicts_sentence(*counts))
 
 
-def test_a_view_has_estimates_with_intervals_and_units():
-    heads, *rows = view()["estimates"]
+def test_a_trial_has_a_row_of_estimates_per_fit_with_intervals_and_units():
+    html = written_page(page(view()))
 
-    of_amplitude, of_all = (dict(zip(heads, row, strict=True)) for row in rows)
-    assert (of_amplitude["VAF [%]"], of_all["VAF [%]"]) == ("97", "98")
-    assert re.search("90 .*80 .*100", of_amplitude["K [N*m/rad]"])
-    assert re.search(r"101\.0 .*99\.0 .*103\.0", of_all["K [N*m/rad]"])
+    table = html.partition("Estimates with 95 %")[2].partition("</table>")[0]
+    heads = re.findall("<th>(.*?)</th>", table)
+    of_amplitude, of_all = re.findall("<tr><td>(.*?)</td></tr>", table)
+    assert (heads[0], heads[-1]) == ("amplitude [deg]", "VAF [%]")
+    assert "N·m/rad" in heads[1]
+    assert re.fullmatch("2<.*>90 .*80, 100.*>97", of_amplitude)
+    assert re.fullmatch(r"all<.*>101\.0 .*99\.0, 103\.0.*>98", of_all)
 
 
 def test_the_page_escapes_names_and_asks_for_no_other_file():

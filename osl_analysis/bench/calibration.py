@@ -182,7 +182,7 @@ def known_row(
         middle_hz = np.sqrt(record.band_hz[0] * record.band_hz[1])
         lag_of_loss_s = SPRING_LOSS / (2 * np.pi * middle_hz) / np.sqrt(3)
         loss = np.array([lag_of_loss_s, 0.0, 0.0, 0.0])
-        fit = fit.with_known_error("spring_loss", loss, shared=True)
+        fit = fit.with_known_error("spring_loss", loss)
 
     check_friction(record, counted)
     certain_lag_s = fit.beyond_interval("lag_s")

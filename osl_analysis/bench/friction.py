@@ -104,9 +104,9 @@ def coulomb_fits(
 def with_errors_of(analysis: Analysis, fit: LinearFit, label: Label) -> LinearFit:
     """A fit without friction with the errors that the model's own fit to a label has beside its
     scatter."""
-    for error in analysis.fits[label].known_errors:
-        change = np.pad(error.change, (0, len(fit.names) - len(error.change)))
-        fit = fit.with_known_error(error.source, change, error.shared)
+    for source, change in analysis.fits[label].known_errors:
+        padded = np.pad(change, (0, len(fit.names) - len(change)))
+        fit = fit.with_known_error(source, padded)
     return analysis.with_bench_errors(fit, label)
 
 

@@ -129,7 +129,7 @@ class Analysis:
         changes = np.linalg.lstsq(X[rows], errors[rows])[0]
         fit = own
         for (source, _), change in zip(torques, changes.T, strict=True):
-            fit = fit.with_known_error(source, change, shared=True)
+            fit = fit.with_known_error(source, change)
         return fit
 
     def modelled(self, label: Label = None) -> Array:
@@ -344,7 +344,7 @@ def with_encoder_errors(
         errors = errors_by_steps(
             by_angle[:, rows], record.theta[fitted], smooth_theta[fitted], step
         )
-        found[label] = fit.with_known_error("encoder", repeated * errors, shared=True)
+        found[label] = fit.with_known_error("encoder", repeated * errors)
     return found
 
 

@@ -230,7 +230,7 @@ def belt_of_leg(record: Record, p: DrivetrainParameters) -> Belt:
         # the covariance holds the belt's error, too, which is no scatter
         of_scatter = np.maximum(lag.covariance - BELT_ERROR**2, 0.0)
         lag = replace(lag, covariance=of_scatter)
-        lag = lag.with_known_error("belt_error", np.array([BELT_ERROR]), shared=True)
-        lag = lag.with_known_error("theta_m_delay", np.array([theta_m_error]), shared=True)
+        lag = lag.with_known_error("belt_error", np.array([BELT_ERROR]))
+        lag = lag.with_known_error("theta_m_delay", np.array([theta_m_error]))
         belt = replace(belt, lag=lag)
     return belt

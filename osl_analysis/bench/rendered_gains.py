@@ -239,7 +239,7 @@ def described(leg: Leg, step: LinearFit, uncertainties: Mapping[str, float]) -> 
     passed = partial(leg.torque_for, leg.stiffness)
     for source, error in bench_torques(record, leg.torque, leg.torque, passed, rows):
         change, _ = solved(X.T @ X, X.T @ error[rows])
-        fit = fit.with_known_error(source, change, shared=True)
+        fit = fit.with_known_error(source, change)
     rendered = fit.derived(leg.impedance())
 
     slow = X[:, len(leg.fitted) :] @ np.array([step["offset"], step["drift"]])

@@ -44,6 +44,14 @@ OF_SOURCE: Mapping[str, tuple[Part, Basis]] = {
     "theta_m_delay": ("bench", "assumed"),
 }
 """Part and basis of known errors; others are stated of the bench."""
+OF_ONE_TRIAL = (
+    "friction_sign",
+    "friction_shape",
+    "loading_begins",
+    "load_cell_drift",
+    "known_part",
+)
+"""Known errors that the trials on a bench do not share."""
 
 DOUBT = 0.2  # probability of a change beyond the limit, from which an estimate is doubtful
 LIKELY = 0.5  # probability above which a fault is named; more likely than not
@@ -51,15 +59,6 @@ CLEAR, WIDE = "clear", "wide"  # verdicts; any other is the cause of a doubt
 # sizes that are added in quadrature to K, B, I before a share is taken: 0 has no relative change
 # [N*m/rad, N*m*s/rad, kg*m^2]
 FLOOR = {"K": 2.0, "B": 0.1, "I": 1e-3}
-
-
-@dataclass(frozen=True)
-class KnownError:
-    """An error of p estimates whose size is known, and that no scatter shows (type B)."""
-
-    source: str
-    change: Array  # (p,) change of the estimates by one standard uncertainty
-    shared: bool  # whether all trials on a bench have it
 
 
 @dataclass(frozen=True)

@@ -17,10 +17,10 @@ from osl_analysis.base.errors import IdentifiabilityError, InputError
 from osl_analysis.base.measured import EXACT_FIT_SHARE, check_finite, check_measured
 from osl_analysis.base.trial import Array
 from osl_analysis.stats.budget import (
+    OF_ONE_TRIAL,
     OF_SOURCE,
     Budget,
     Contribution,
-    KnownError,
     scatter,
     welch_satterthwaite,
 )
@@ -45,7 +45,9 @@ class LinearFit:
     """Source of the covariance: `white noise`, or the source that its own fit names."""
     # degrees of freedom (p,) of the variances in the covariance
     degrees_of_freedom: Array
-    known_errors: tuple[KnownError, ...] = ()  # beside the scatter
+    # errors that no scatter shows (type B), as source and change (p,) of the estimates by one
+    # standard uncertainty
+    known_errors: tuple[tuple[str, Array], ...] = ()
 
     def __getitem__(self, name: str) -> float:
         return float(self.estimates[self.names.index(name)])
@@ -56,15 +58,15 @@ class LinearFit:
         k = self.names.index(name)
         own = scatter(float(np.sqrt(self.covariance[k, k])), float(self.degrees_of_freedom[k]))
         found = [own]
-        for error in self.known_errors:
-            part, basis = OF_SOURCE.get(error.source, ("bench", "stated"))
+        for source, change in self.known_errors:
+            part, basis = OF_SOURCE.get(source, ("bench", "stated"))
             found.append(
                 Contribution(
-                    source=error.source,
-                    standard=abs(float(error.change[k])),
+                    source=source,
+                    standard=abs(float(change[k])),
                     basis=basis,
                     part=part,
-                    shared=error.shared,
+                    shared=source not in OF_ONE_TRIAL,
                 )
             )
         return Budget(self[name], tuple(found))
@@ -86,7 +88,7 @@ class LinearFit:
         budget = self.budget(name)
         return budget.low, budget.high
 
-    def with_known_error(self, source: str, change: Array, shared: bool = False) -> "LinearFit":
+    def with_known_error(self, source: str, change: Array) -> "LinearFit":
         """The fit with an error that no scatter shows.
 
         Parameters
@@ -96,12 +98,10 @@ class LinearFit:
         change : Array (p,)
             Effect on the estimates of one standard uncertainty of a known quantity, such as a
             calibration, with infinite degrees of freedom (type B).
-        shared : bool
-            Whether all trials on a bench have it.
         """
         if not np.any(change):
             return self
-        return replace(self, known_errors=(*self.known_errors, KnownError(source, change, shared)))
+        return replace(self, known_errors=(*self.known_errors, (source, change)))
 
     def beyond_interval(self, name: str, expected: float = 0.0) -> float:
         """By how much an estimate differs from what is expected, less the half-width of its
@@ -127,10 +127,7 @@ class LinearFit:
             estimates=np.array([value for value, _ in functions.values()]),
             covariance=J @ self.covariance @ J.T,
             degrees_of_freedom=self.degrees_of_freedom[firsts],
-            known_errors=tuple(
-                KnownError(error.source, J @ error.change, error.shared)
-                for error in self.known_errors
-            ),
+            known_errors=tuple((source, J @ change) for source, change in self.known_errors),
         )
 
     def certain(self, name: str) -> bool:

@@ -174,7 +174,9 @@ def impedance_table(
             if rendered:
                 budgets = {**budgets, **rendered.budgets}
                 # linear theory has no friction: that of B is in the rendered damping, too
-                friction = [each for each in budgets["B"].contributions if each.source == "friction"]
+                friction = [
+                    each for each in budgets["B"].contributions if each.source == "friction"
+                ]
                 budgets["B_d_rendered"] = budgets["B_d_rendered"].plus(*friction)
         row: Row = {
             **analysis.place(label),

@@ -36,6 +36,7 @@ MOST_TOLD = 4  # questions, source files, or names in a line, that the text of `
 
 OF_LEG = "config.yaml: `parameters`, a file with n_T; with it theta_m tells the delay of the torque"
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
+SCHEMA_OF_SOURCES = "# yaml-language-server: $schema=../schemas/source.schema.json\n"
 
 Example = Literal["bench", "walking"]
 EXAMPLE_SOURCES: Mapping[Example, Sequence[str]] = {
@@ -71,17 +72,12 @@ def new_campaign(
     if example:
         check_simulator()
     draft = Draft() if recordings is None else draft_campaign(recordings)
-    sources = dict(draft.sources)
-    for name in EXAMPLE_SOURCES[example] if example else ():
-        sources[name] = shipped(f"config/sources/{name}.yaml").read_text(encoding="utf-8")
     raw_data = Path("recordings") if recordings is None else seen_from(folder, recordings)
-    files = {
-        f"sources/{name}.yaml": "# yaml-language-server: $schema=../schemas/source.schema.json\n"
-        + described
-        for name, described in sources.items()
-    }
-    files["config.yaml"] = configuration(folder.resolve().name, raw_data, draft, example)
+    sources = dict(draft.sources)
+    files = {"config.yaml": configuration(folder.resolve().name, raw_data, draft, example)}
     if example:
+        for name in EXAMPLE_SOURCES[example]:
+            sources[name] = shipped(f"config/sources/{name}.yaml").read_text(encoding="utf-8")
         settings = shipped(f"config/new_campaign/simulation_{example}.yaml")
         files["simulation.yaml"] = settings.read_text(encoding="utf-8")
     else:
@@ -90,13 +86,20 @@ def new_campaign(
             columns.update(dict.fromkeys(trial.cells, pl.String))
         sheet = pl.DataFrame([trial.cells for trial in draft.trials], columns)
         files["trials.csv"] = sheet.write_csv()
+    for name, described in sources.items():
+        files[f"sources/{name}.yaml"] = f"{SCHEMA_OF_SOURCES}{described}"
+    for name, schema in schemas().items():
+        text = json.dumps({"$schema": DRAFT, **schema}, indent=1, ensure_ascii=False)
+        files[f"schemas/{name}.schema.json"] = f"{text}\n"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with TemporaryDirectory(dir=folder, prefix=".campaign.") as place:
             campaign = Path(place) / "campaign"
-            write_campaign(campaign, files)
+            (campaign / "sources").mkdir(parents=True)  # of no recording there is no file
             if recordings is None:
                 (campaign / raw_data).mkdir()
+            for name, text in files.items():
+                write_text(campaign / name, text)
             # the configuration comes last: a folder without it is no campaign
             for part in sorted(campaign.iterdir(), key=lambda path: path.name == CAMPAIGN.name):
                 part.rename(folder / part.name)
@@ -115,16 +118,6 @@ def configuration(name: str, raw_data: Path, draft: Draft, example: Example | No
     template = shipped(f"config/new_campaign/{kind}.yaml").read_text(encoding="utf-8")
     questions = [f"# to be decided: {printable(text)}\n" for text in questions_of(draft)]
     return "".join([template.format(name=allowed, raw_data=path), draft.walking, *questions])
-
-
-def write_campaign(folder: Path, files: Mapping[str, str]) -> None:
-    """Write the files of a campaign, by their names, and the schemas of all of its kinds."""
-    (folder / "sources").mkdir(parents=True)
-    for name, schema in schemas().items():
-        text = json.dumps({"$schema": DRAFT, **schema}, indent=1, ensure_ascii=False)
-        write_text(folder / f"schemas/{name}.schema.json", f"{text}\n")
-    for name, text in files.items():
-        (folder / name).write_text(text, encoding="utf-8")
 
 
 def questions_of(draft: Draft) -> list[str]:

@@ -20,6 +20,7 @@ from osl_analysis.signals.sample_count import (
 NORMAL_90 = 3.29
 SETTLING_S = 2.0  # s within which latency comes back to its usual value
 OUTLYING_SDS = 5  # standard deviations beyond which a stamp does not count for the line
+NO_DIGIT = 1e-3  # of a decimal, by which printed stamps may miss it by rounding
 ONE_SIDED = 0.5  # skewness of latency: late, never early
 # steps within which a sample follows another of its batch; also the share of rows that do
 IN_BATCH = 0.4
@@ -60,11 +61,11 @@ class DeviceClock:
     def decimal(self) -> float:
         """Decimal [s] to which the stamps were printed, 10 ms to 10 ns; 0 if none is seen."""
         since_first = self.stamps - self.stamps[0]
-        decimals = range(2, 9)
-        for decimal in 10.0 ** -np.array(decimals):
-            # most stamps are refused by their first hundred
-            if is_multiple(since_first[:99], decimal) and is_multiple(since_first, decimal):
-                return float(decimal)
+        for digits in range(2, 9):
+            decimal = 10.0**-digits
+            rounded = np.round(since_first, digits)
+            if np.abs(since_first - rounded).max() < NO_DIGIT * decimal:
+                return decimal
         return 0.0
 
     @property
@@ -111,12 +112,6 @@ def spread_of(values: Array) -> float:
     """Robust standard deviation of values (n,), by their 5 and 95 % quantiles."""
     low, high = np.quantile(values, (0.05, 0.95))
     return float(high - low) / NORMAL_90
-
-
-def is_multiple(times: Array, decimal: float) -> bool:
-    """Whether all times (n,) are multiples of a decimal [s]."""
-    multiples = times / decimal
-    return bool(np.max(np.abs(multiples - np.rint(multiples))) < 1e-3)
 
 
 # of values that a log repeats, because their source is slower than the log

@@ -171,6 +171,9 @@ def differentiate(time: Array, theta: Array) -> Motion:
     return Motion(theta=theta, omega=spline(time, 1), alpha=spline(time, 2))
 
 
+LARGEST_DEVIATION = 0.2  # share of the mean step by which a step may deviate from it
+
+
 def sampling_rate(time: Array) -> float:
     """Find the rate of uniform stamps.
 
@@ -197,9 +200,9 @@ def sampling_rate(time: Array) -> float:
         raise InputError(
             f"{len(time)} stamps that do not go forward have no rate", "check the time's channel"
         )
-    deviation = 0.2  # share of the mean by which a step may deviate from it
-    if max(np.max(steps) - mean, mean - np.min(steps)) > deviation * mean:
-        worst = int(np.argmax(np.abs(steps - mean)))
+    deviations = np.abs(steps - mean)
+    worst = int(np.argmax(deviations))
+    if deviations[worst] > LARGEST_DEVIATION * mean:
         raise InputError(
             f"the step at {time[worst]:.4f} s is {steps[worst] * 1e3:.3f} ms, the mean step"
             f" {mean * 1e3:.3f} ms: samples are missing or irregular",

@@ -14,7 +14,6 @@ from osl_analysis.base.errors import InputError
 from osl_analysis.base.trial import Array
 
 LONG_STEP = 1.5  # a longer step, in usual steps, is a gap
-BESIDE = 100  # samples on either side of a jump of a counted clock whose levels are compared
 # fewest samples for a meaningful line through the stamps, or a spline through the values
 FEWEST_STAMPS = 20
 SHORTEST_STEP_S = 1e-9  # s, where most rows share a stamp with the one before
@@ -28,7 +27,6 @@ BEHIND = 25  # samples, of which the promptest is hardly late
 # an error of the first guess of 1 % allow; critically damped
 GAIN = 0.05
 SLOPE_GAIN = GAIN**2 / 4
-LARGEST_SCATTER_S = 5e-3  # s of a host; a larger step of a counted record is a jump of its clock
 SampleCount = NDArray[np.int64]
 
 
@@ -64,7 +62,7 @@ def count_of_device(stamps: Array, counter: SampleCount, name: str) -> SampleCou
     Raises
     ------
     InputError
-        The counter does not rise, or the clock jumps while it runs on.
+        The counter does not rise.
     """
     goes_back = np.diff(counter) <= 0
     if goes_back.any():
@@ -74,19 +72,7 @@ def count_of_device(stamps: Array, counter: SampleCount, name: str) -> SampleCou
             f" {stamps[row + 1]:.6f} s",
             "it must rise: cut the log there, or do not map the counter",
         )
-    count = np.asarray(counter - counter[0], dtype=np.int64)
-
-    step, _ = line_through(count, stamps)
-    level = stamps - step * count
-    row = np.argmax(np.abs(np.diff(level))) + 1
-    jump = np.median(level[row : row + BESIDE]) - np.median(level[max(row - BESIDE, 0) : row])
-    if abs(jump) > max(LARGEST_SCATTER_S, LONG_STEP * step):
-        raise InputError(
-            f"{name}: the clock jumps by {jump:.2g} s at {stamps[row]:.6f} s, row {row}, while"
-            " the sample counter runs on",
-            "cut the log there, or take the device's own clock as time source",
-        )
-    return count
+    return np.asarray(counter - counter[0], dtype=np.int64)
 
 
 def count_from_stamps(stamps: Array) -> SampleCount:

@@ -35,18 +35,6 @@ from osl_analysis.stats.linear_fit import LinearFit
 LEAST_FRICTION = 1e-3  # of the torque's SD; what a sound calibration's friction is negative by
 
 
-def check_friction(record: Record, fit: LinearFit) -> None:
-    """Refuse a calibration whose friction certainly drives the motion, as none does: the lag of its
-    torque is no delay, and no clock that drifts."""
-    low, high = fit.interval("T_C")
-    if high < -LEAST_FRICTION * np.std(record.filtered_torque):
-        raise InputError(
-            f"trial {record.name}: friction T_C = {fit['T_C']:.3g} N*m ({low:.3g} to {high:.3g})"
-            " is certainly negative, as where the torque is late by what changes",
-            "see that nothing slips or filters it, and record angle and torque by one device",
-        )
-
-
 class CalibrationOfTwoClocks(Calibration):
     """A calibration whose `delay` holds the error of a clock that was fitted, too, which tells
     nothing of what delays the torque itself."""
@@ -184,7 +172,14 @@ def known_row(
         loss = np.array([lag_of_loss_s, 0.0, 0.0, 0.0])
         fit = fit.with_known_error("spring_loss", loss)
 
-    check_friction(record, counted)
+    low, high = counted.interval("T_C")
+    if high < -LEAST_FRICTION * np.std(record.filtered_torque):
+        # as none does: the lag of its torque is no delay, and no clock that drifts
+        raise InputError(
+            f"trial {record.name}: friction T_C = {counted['T_C']:.3g} N*m ({low:.3g} to"
+            f" {high:.3g}) is certainly negative, as where the torque is late by what changes",
+            "see that nothing slips or filters it, and record angle and torque by one device",
+        )
     certain_lag_s = fit.beyond_interval("lag_s")
     middle_s = record.time[record.is_fitted()].mean()
     lag_at_start_s = fit["lag_s"] - counted["clock_drift"] * middle_s

@@ -231,27 +231,22 @@ def what_else(
         column = "friction"
     elif joint and is_certain and None in certain:
         certain[None] = with_other_shapes(certain[None], joint)
+    whole = certain.get(None)
+    parts = list(parts_of(record, s))
+    fit_part = partial(fit_groups, model=IMPEDANCE)
+    ranges = range_over(parts, fit_part, analysis.whole, {name: name for name in QUANTITIES})
+    if whole is not None:
+        size = whole["T_C"] if "T_C" in whole.names else 1.0
+        fit_part = partial(fit_less, column=column, size=size)
+        ranges |= range_over(parts, fit_part, whole, {"B": "B_viscous"})
     return WhatElse(
         belt=belt_of_leg(record, p) if p and of_leg and "theta_m" in record.actuator else Belt(),
         joint=joint,
         is_friction_untold=not (of_leg and inferred)
         and is_friction_untold(s, analysis, coulomb, inferred is not None),
         without_friction=certain,
-        ranges=ranges_of(analysis, s, certain.get(None), column),
+        ranges=ranges,
     )
-
-
-def ranges_of(analysis: Analysis, s: Sums, without: LinearFit | None, column: str) -> Row:
-    """The ranges of the estimates over amplitudes and frequencies, and of B for the torque less
-    its friction, which is in a column."""
-    parts = list(parts_of(analysis.record, s))
-    fit_part = partial(fit_groups, model=IMPEDANCE)
-    ranges = range_over(parts, fit_part, analysis.whole, {name: name for name in QUANTITIES})
-    if without is None:
-        return ranges
-    size = without["T_C"] if "T_C" in without.names else 1.0
-    fit_part = partial(fit_less, column=column, size=size)
-    return {**ranges, **range_over(parts, fit_part, without, {"B": "B_viscous"})}
 
 
 def estimates_of(analysis: Analysis, found: WhatElse, label: Label) -> dict[str, Budget]:

@@ -122,20 +122,15 @@ def response_table(
     return table.with_columns(is_headline=is_whole & (apart < SAME_FREQUENCY_RATIO))
 
 
-def measured_admittance(response: pl.DataFrame) -> Spectrum:
-    """Y (n,) of rows of `response.csv` [rad/(N*m)]."""
-    magnitude, phase_deg = response.select("magnitude", "phase_deg").to_numpy().T
-    Y: Spectrum = magnitude * np.exp(1j * np.deg2rad(phase_deg))
-    return Y
-
-
 def with_errors(response: pl.DataFrame) -> pl.DataFrame:
     """Add to rows of `response.csv` how far the impedance Z = 1/Y is from the desired one, Z_d =
     K_d + j w B_d: in magnitude [%], in phase [deg], and as |Z - Z_d| / |Z_d| [%]."""
-    frequency_hz, K_d, B_d = response.select("frequency_hz", "K_d", "B_d").to_numpy().T
+    columns = ("frequency_hz", "K_d", "B_d", "magnitude", "phase_deg")
+    frequency_hz, K_d, B_d, magnitude, phase_deg = response.select(columns).to_numpy().T
+    Y = magnitude * np.exp(1j * np.deg2rad(phase_deg))
     Z_d = K_d + 2j * np.pi * frequency_hz * B_d
     with np.errstate(invalid="ignore"):  # what is not stated is not a number
-        ratio = 1 / (measured_admittance(response) * Z_d)
+        ratio = 1 / (Y * Z_d)
     errors = pl.DataFrame(
         {
             "magnitude_error": 100 * (np.abs(ratio) - 1),

@@ -85,20 +85,28 @@ def frictionless_actuator(signals: BenchSignals) -> FrictionlessActuator:
 
     Raises
     ------
-    InputError
-        The signals are not finite, or do not move.
     NotWeighedError
         They are too short.
     """
     spectra = Spectra(signals)
-    columns = equation_of_sliding(spectra, friction_torques(spectra)[-1])
+    assert spectra.actuator_derivatives is not None
+    motion = spectra.actuator_derivatives
+    sign = np.sign(motion[1])
+    recorded_load = spectra.signals.load
+    mean_load = 0.0
+    load = np.zeros_like(sign)
+    if recorded_load is not None:
+        mean_load = float(np.mean(np.abs(recorded_load)))
+        load = np.abs(spectra.resampled(*spectra.transformed(recorded_load)))
+    hysteresis = friction_torques(spectra)[-1]
+    offset, drift = np.ones_like(sign), spectra.relative_time - 0.5
+    # columns (8, p) of the joint's angle while the actuator slides, and the angle itself
+    columns = np.array([*motion, sign, sign * load, hysteresis, offset, drift, spectra.angle])
     # (3, 1 + BLOCKS, 8); without a block at the first speed only
     fits = np.array([sliding_fits(spectra, columns, share) for share in SPEEDS])
     coefficients = np.vstack([fits[:, 0], fits[0, 1:]])
 
     # its friction at the mean load
-    load = spectra.signals.load
-    mean_load = 0.0 if load is None else np.mean(np.abs(load))
     c_0, c_1, c_2, f_0, f_1, h, *_ = coefficients.T
     friction = f_0 + f_1 * mean_load
     deviation = np.linalg.norm(deviations(friction))
@@ -113,18 +121,6 @@ def deviations(values: Array) -> Array:
     by_speed = values[1:speeds] - values[0]
     by_block = values[speeds:] - values[speeds:].mean(axis=0)
     return np.concatenate([by_speed, np.sqrt((BLOCKS - 1) / BLOCKS) * by_block])
-
-
-def equation_of_sliding(spectra: Spectra, hysteresis: Array) -> Array:
-    """Columns (8, p) of the joint's angle while the actuator slides, and the angle itself (p,)."""
-    assert spectra.actuator_derivatives is not None
-    motion = spectra.actuator_derivatives
-    sign = np.sign(motion[1])
-    load = np.zeros_like(sign)
-    if spectra.signals.load is not None:
-        load = np.abs(spectra.resampled(*spectra.transformed(spectra.signals.load)))
-    offset, drift = np.ones_like(sign), spectra.relative_time - 0.5
-    return np.array([*motion, sign, sign * load, hysteresis, offset, drift, spectra.angle])
 
 
 def sliding_fits(spectra: Spectra, columns: Array, share: float) -> Array:

@@ -377,14 +377,21 @@ def infer_impedance(signals: BenchSignals) -> ImpedanceInference:
 
     Raises
     ------
-    InputError
-        The signals are not finite, or do not move.
     NotWeighedError
         They are too short.
     """
     spectra = Spectra(signals)
     data = Whitened(spectra)
-    fits, rounding = fit_all(data, RIVALS)
+    searches = [Search(data, has_friction) for has_friction in (False, True)]
+    without_friction = searches[0]
+    rivals = (EQ_15,) if is_explained_by_eq15(without_friction) else RIVALS
+    rounding = rounding_torques(data, without_friction.impedance)
+    fits = [
+        predict(search, candidate, rounding)
+        for search in searches
+        for rival in rivals
+        for candidate in candidates(rival, search)
+    ]
     weighed, best_sound = weigh(fits, spectra.freedom)
     # a rival is compared with the sound joint that has friction as it has
     sound_with = {fit.has_friction: fit for fit in fits if fit.rival is EQ_15}
@@ -405,23 +412,6 @@ def infer_impedance(signals: BenchSignals) -> ImpedanceInference:
         alternatives=tuple(sorted(alternatives, key=lambda each: -each.probability)),
         unexplained=largest_shifts(data, best, fits[0].left, best_sound.impedance, rounding),
     )
-
-
-def fit_all(data: Whitened, rivals: Sequence[Rival]) -> tuple[list[Predicted], Array]:
-    """Fit rivals without and with friction, and let each predict all blocks; with the torques of
-    rounding."""
-    searches = [Search(data, has_friction) for has_friction in (False, True)]
-    without_friction = searches[0]
-    if len(rivals) > 1 and is_explained_by_eq15(without_friction):
-        rivals = [EQ_15]
-    rounding = rounding_torques(data, without_friction.impedance)
-    fits = [
-        predict(search, candidate, rounding)
-        for search in searches
-        for rival in rivals
-        for candidate in candidates(rival, search)
-    ]
-    return fits, rounding
 
 
 def is_explained_by_eq15(plain: Search) -> bool:

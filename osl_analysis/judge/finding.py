@@ -328,15 +328,13 @@ def finding_text(finding: Finding) -> str:
 
 def evidence_text(finding: Finding) -> str:
     """The numbers that decided, each with its limit."""
-    return ", ".join(map(beyond_text, finding.evidence))
-
-
-def beyond_text(number: Beyond) -> str:
-    if number.side == "nan":
-        return f"{number.column} is not a number"
-    if number.side == "near":
-        return f"{number.column} {number.value:.3g} is close to it"
-    return f"{number.column} {number.value:.3g} is {number.side} {number.limit:g}"
+    texts = []
+    for number in finding.evidence:
+        text = f"{number.column} {number.value:.3g} is {number.side} {number.limit:g}"
+        if number.side == "near":
+            text = f"{number.column} {number.value:.3g} is close to it"
+        texts.append(text if number.side != "nan" else f"{number.column} is not a number")
+    return ", ".join(texts)
 
 
 def capital(text: str) -> str:

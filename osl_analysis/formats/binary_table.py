@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 from zipfile import ZipFile, is_zipfile
 
 import numpy as np
@@ -65,14 +65,6 @@ class Variable:
     kind: str
     numbers: NDArray[Any] | None = None
     unit: str = ""
-
-
-class Column(NamedTuple):
-    """Numbers (n,) of a variable."""
-
-    address: str
-    title: str
-    values: NDArray[Any]
 
 
 def kind_of(begin: bytes) -> str:
@@ -223,23 +215,24 @@ def recording_of_variables(
     channels = []
     rows_by_place: dict[tuple[str, int], Rows] = {}
     for variable in variables:
-        columns = columns_of(variable)
+        lines = lines_of(variable)
         numbers = variable.numbers
         if numbers is not None and numbers.size < FEWEST_OF_SIGNAL:
             notes.append(f"{variable.address}={' '.join(map(str, numbers.flat))}")
-        elif not columns:
+        elif not lines:
             others.append(variable.address)
-        for column in columns:
-            count = column.values.size
-            rows = Rows(count, variable.group, noun=noun)
-            name, unit = name_and_unit(column.title)
+        own_name = variable.address.removeprefix(variable.group).removeprefix(".")
+        for place, values in lines.items():
+            title = place or own_name
+            name, unit = name_and_unit(title)
+            rows = Rows(values.size, variable.group, noun=noun)
             channels.append(
                 Channel(
-                    address={key: column.address},
-                    rows=rows_by_place.setdefault((variable.group, count), rows),
-                    read=partial(np.ascontiguousarray, column.values),
+                    address={key: variable.address + place},
+                    rows=rows_by_place.setdefault((variable.group, values.size), rows),
+                    read=partial(np.ascontiguousarray, values),
                     name=name.rpartition("/")[2],
-                    title=column.title,
+                    title=title,
                     unit=variable.unit or unit,
                 )
             )
@@ -249,20 +242,17 @@ def recording_of_variables(
     return Recording(format_name, channels, loss, notes=notes, facts={"rows": most})
 
 
-def columns_of(variable: Variable) -> list[Column]:
-    """A vector, or each column or row of a matrix, that is long enough."""
-    group, address, numbers = variable.group, variable.address, variable.numbers
+def lines_of(variable: Variable) -> dict[str, NDArray[Any]]:
+    """A vector, or each column or row of a matrix, that is long enough, by its place in it."""
+    numbers = variable.numbers
     if numbers is None or numbers.ndim != 2 or max(numbers.shape) < FEWEST_OF_SIGNAL:
-        return []
-    name = address.removeprefix(group).removeprefix(".")
+        return {}
     is_upright = numbers.shape[0] >= numbers.shape[1]
     form = "(:,{})" if is_upright else "({},:)"
     lines = numbers.T if is_upright else numbers
-    columns = []
-    for number, line in enumerate(lines, start=1):
-        place = form.format(number) if len(lines) > 1 else ""
-        columns.append(Column(address + place, place or name, line))
-    return columns
+    if len(lines) == 1:
+        return {"": lines[0]}
+    return {form.format(number): line for number, line in enumerate(lines, start=1)}
 
 
 FORMAT = Format(

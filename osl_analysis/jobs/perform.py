@@ -249,8 +249,13 @@ def write_reasons(job: Job, causes: Sequence[NotAnalysed]) -> None:
             tables[file] = reason_rows(causes, columns_of_file(file))
         elif file.suffix == ".zip":
             tables[file / f"{NOT_ANALYSED_KEY}.csv"] = reason_rows(causes, ["trial"])
-            for table in FITTED[job.command].tables[1:]:
-                columns = columns_in_archive(table.name, FITTED[job.command].motion)
+            described = {Path(each.also or each.place).name: each for each in described_tables()}
+            experiment = FITTED[job.command]
+            # signals over time have one motion
+            left_out = {*ADDED_TO_ALL, "theta_deg" if experiment.motion == "omega" else "omega"}
+            for table in experiment.tables[1:]:
+                of_table = described[table.name].columns
+                columns = [name for name in of_table if name not in left_out]
                 empty = pl.DataFrame(schema=dict.fromkeys(columns, pl.String))
                 tables[file / f"{table.name}.csv"] = empty
         elif file.suffix == ".parquet":
@@ -274,13 +279,6 @@ def columns_of_file(file: Path) -> list[str]:
         return columns_of_trial(file.parent.name)
     columns = {table.place: [*table.columns] for table in described_tables()}
     return columns.get(f"{file.parent.name}/{file.stem}", ["trial"])
-
-
-def columns_in_archive(name: str, motion: str | None) -> list[str]:
-    """The columns of a further table of a fit. Signals over time have one motion."""
-    described = {Path(table.also or table.place).name: table for table in described_tables()}
-    left_out = {*ADDED_TO_ALL, "theta_deg" if motion == "omega" else "omega"}
-    return [column for column in described[name].columns if column not in left_out]
 
 
 def reason_rows(causes: Sequence[NotAnalysed], columns: Sequence[str]) -> pl.DataFrame:

@@ -202,10 +202,9 @@ def number_of(
         low = high = None
     elif entry.low == "NULL" and len(used) > 1:
         low, high, interval = values.min(), values.max(), RANGE
+    cells = {key: first[key] for key in keys if first[key] not in (None, "", "all")}
     stated = [
-        f"{key} {first[key]:g}" if isinstance(first[key], float) else str(first[key])
-        for key in keys
-        if first[key] not in (None, "", "all")
+        f"{key} {cell:g}" if isinstance(cell, float) else str(cell) for key, cell in cells.items()
     ]
     n = len(used)
     n_doubtful = len(rows) - n or int(first.get("n_doubtful") or 0)

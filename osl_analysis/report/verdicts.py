@@ -223,12 +223,10 @@ def causes_not_checked(findings: Sequence[CampaignFinding]) -> list[str]:
 # and better with compensation than without.
 
 
-ERRORS = {
-    "K": 100 * (pl.col("K") / pl.col("K_d") - 1).abs(),
-    "B": (pl.col("B") - pl.col("B_d")).abs(),
+ERRORS = {  # with their units
+    "K": (100 * (pl.col("K") / pl.col("K_d") - 1).abs(), "%"),
+    "B": ((pl.col("B") - pl.col("B_d")).abs(), "N*m*s/rad"),
 }
-ERROR_UNITS = {"K": "%", "B": "N*m*s/rad"}  # of these errors
-SYMBOL_OF_ERROR = {"K_error": "K", "B_error": "B"}
 
 
 def answer(tables: Mapping[str, pl.DataFrame]) -> str:
@@ -249,18 +247,18 @@ def answer(tables: Mapping[str, pl.DataFrame]) -> str:
     texts: list[str] = []
     for trials in whole.partition_by("controller")[:MOST_IN_SENTENCE]:
         clauses = []
-        for symbol, error in ERRORS.items():
+        for symbol, (error, unit) in ERRORS.items():
             worst = counted(trials, [symbol]).select(error.max()).item()
             if worst is not None:
-                size = f"within {significant(worst)} {ERROR_UNITS[symbol]}"
+                size = f"within {significant(worst)} {unit}"
                 clauses.append(f"{symbol} {size}" if texts else f"{symbol} is {size} of {symbol}_d")
         if clauses:
             texts.append(", ".join(filter(None, [trials["controller"][0], " and ".join(clauses)])))
     pairs = tables.get("compensation", pl.DataFrame())
     if texts and len(pairs):  # an empty file has no types
         nearer = []
-        for quantity, symbol in SYMBOL_OF_ERROR.items():
-            of_quantity = pairs.filter(of="trials", quantity=quantity)
+        for symbol in ERRORS:
+            of_quantity = pairs.filter(of="trials", quantity=f"{symbol}_error")
             better, count = of_quantity.select(pl.sum("better", "pairs")).row(0)
             if count:
                 nearer.append(f"in {symbol} in {better} of {count}")

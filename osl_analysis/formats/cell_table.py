@@ -261,26 +261,33 @@ def _head_of(
             units = ["", *cells[1:width]]
     if delimiter == " " and len(units) < width:
         units = []  # it is unknown which column has none
-    names = [str(place + 1) for place in range(width)]
-    if lists:
-        names = unpadded(lists[-1])
-        above_units = [cells for cells in lists if units and len({*cells}) == len(cells) == width]
-        above_units.sort(key=lambda cells: not any(map(is_clock, cells)))  # else of devices
-        if above_units and not any(map(is_value, above_units[0])):
-            names = above_units[0]  # those below them are remarks
-        elif len(lists) > 1 and not all(names):  # the rest of the names is above
-            words = [
-                [text for text in over if not is_value(text)] for over in zip(*lists, strict=False)
-            ]
-            names = [" ".join(over) for over in words]
-    if len(names) == width + 1 and names[-1].casefold() == "comment":
-        names = names[:width]  # LabVIEW's last column is empty
+    names = _names_in(lists, bool(units), width)
     if len(names) > width:
         names = _split_names(delimiter.join(names), width, delimiter) or names
     units += [""] * (len(names) - len(units))
     units = [unit or name_and_unit(name)[1] for name, unit in zip(names, units, strict=False)]
     notes = [text for row, text in zip(above, texts, strict=True) if row.cells not in lists[-1:]]
     return names, units, notes
+
+
+def _names_in(lists: Sequence[list[str]], have_units: bool, width: int) -> list[str]:
+    """Names of the columns in rows of names, below which units may have stood; their numbers
+    without any."""
+    if not lists:
+        return [str(place + 1) for place in range(width)]
+    names = unpadded(lists[-1])
+    above_units = [cells for cells in lists if have_units and len({*cells}) == len(cells) == width]
+    above_units.sort(key=lambda cells: not any(map(is_clock, cells)))  # else of devices
+    if above_units and not any(map(is_value, above_units[0])):
+        names = above_units[0]  # those below them are remarks
+    elif len(lists) > 1 and not all(names):  # the rest of the names is above
+        words = [
+            [text for text in over if not is_value(text)] for over in zip(*lists, strict=False)
+        ]
+        names = [" ".join(over) for over in words]
+    if len(names) == width + 1 and names[-1].casefold() == "comment":
+        names = names[:width]  # LabVIEW's last column is empty
+    return names
 
 
 def _are_units(cells: Sequence[str]) -> bool:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import polars as pl
-from pydantic import AfterValidator, Field
+from pydantic import BeforeValidator, Field
 
 from osl_analysis.base.errors import naming
 from osl_analysis.base.yaml_settings import (
@@ -39,7 +39,7 @@ def parsed(text: str | float) -> str:
     return str(text)
 
 
-Expression = Annotated[str | float, AfterValidator(parsed)]
+Expression = Annotated[str, BeforeValidator(parsed)]
 
 
 class Claim(Settings):
@@ -81,7 +81,7 @@ def read_claims(path: Path) -> dict[str, Claim]:
             columns = tables[claim.table].columns
             needed = [*claim.pairs, *(["controller"] if claim.controller else [])]
             for text in (claim.rows, claim.number, claim.low, claim.high, claim.target):
-                needed += pl.sql_expr(str(text)).meta.root_names()
+                needed += pl.sql_expr(text).meta.root_names()
             for column in needed:
                 check_known(columns, f"column of the table {claim.table}", column)
     return claims
@@ -121,11 +121,11 @@ def result_of(claim: Claim, table: pl.DataFrame) -> dict[str, Any]:
     if table.is_empty():
         return {"n": 0, "verdict": NOT_TESTED}
     expressions = {
-        name: pl.sql_expr(str(getattr(claim, name))).cast(pl.Float64)
+        name: pl.sql_expr(getattr(claim, name)).cast(pl.Float64)
         for name in ("number", "low", "high", "target")
     }
-    kept = counted(table, pl.sql_expr(str(claim.number)).meta.root_names())
-    rows = kept.filter(pl.sql_expr(str(claim.rows))).with_columns(**expressions)
+    kept = counted(table, pl.sql_expr(claim.number).meta.root_names())
+    rows = kept.filter(pl.sql_expr(claim.rows)).with_columns(**expressions)
     if claim.than is not None:
         rows = paired(claim, rows)
     else:

@@ -366,12 +366,10 @@ def predicted_impedance(
     """
     w = 2 * np.pi * np.asarray(frequencies_hz, dtype=float)
     Z = dynamic_stiffness(1j * w, K_1, B_1, p)
-    weight = 1 / np.sqrt(w)
     # Re Z = K - I w^2, Im Z = B w
-    storage = np.column_stack([np.ones_like(w), -(w**2)])
-    K = np.linalg.lstsq(storage * weight[:, None], Z.real * weight)[0][0]
-    B = np.sum(weight**2 * w * Z.imag) / np.sum(weight**2 * w**2)
-    return K, B
+    K = np.polyfit(w**2, Z.real, 1, w=1 / np.sqrt(w))[1]
+    B = np.average(Z.imag / w, weights=w)
+    return float(K), float(B)
 
 
 def linear_torque(

@@ -18,6 +18,8 @@ from osl_analysis.report.typography import aligned
 
 # frequencies of Section III-B, at which the fit of Eq. 15 is predicted
 TESTED_HZ = range(1, 6)
+# columns of what theory predicts, null where no finite B_1 is best
+BEHAVIOUR = ("K_predicted", "B_predicted", "delay_margin", "passive_delay")
 PRINTED = (  # columns of the text
     "phase", "K_d", "B_d", "K_1", "B_1", "error", "K_predicted", "B_predicted", "delay_margin",
     "passive_delay",
@@ -56,6 +58,7 @@ def gain_table(
             "K_1_joint": K_1 * p.n_T**2,
             "B_1_joint": B_1 * p.n_T**2,
             **optimum._asdict(),
+            **dict.fromkeys(BEHAVIOUR),
         }
         if not optimum.unbounded:
             predicted = drivetrain.predicted_impedance(K_1, B_1, p, TESTED_HZ)
@@ -63,7 +66,8 @@ def gain_table(
             row["delay_margin"] = drivetrain.delay_margin(K_1, B_1, p)
             row["passive_delay"] = drivetrain.passive_delay(K_1, B_1, p)
         rows.append(row)
-    return pl.DataFrame(rows, infer_schema_length=None)
+    types = dict.fromkeys(BEHAVIOUR, pl.Float64)
+    return pl.DataFrame(rows, schema_overrides=types, infer_schema_length=None)
 
 
 def requested_gains(

@@ -107,14 +107,15 @@ def position_loop(
     curvature = 2.0 * (3.0 * mean - 2.0 * before - after) / step
     jerk = 6.0 * (before + after - 2.0 * mean) / step**2
     forced = transition[:, 2:] @ [angle[:-1], before, curvature, jerk]
-    (a, b), (c, d) = transition[:, :2]
-    poles = [1, -(a + d), a * d - b * c]
-    theta, omega = np.zeros((2, len(angle)))
-    by_angle, by_speed = forced
-    theta[1:] = scipy.signal.lfilter([1, -d], poles, by_angle)
-    theta[1:] += scipy.signal.lfilter([0, b], poles, by_speed)
-    omega[1:] = scipy.signal.lfilter([0, c], poles, by_angle)
-    omega[1:] += scipy.signal.lfilter([1, -a], poles, by_speed)
+    # theta and omega, (2, n): from rest, of all that the command forces
+    followed = np.zeros((2, len(angle)))
+    for number, force in enumerate(forced):
+        both, poles = scipy.signal.ss2tf(
+            transition[:, :2], np.eye(2), np.eye(2), np.zeros((2, 2)), number
+        )
+        for numerator, of_force in zip(both, followed, strict=True):
+            of_force[1:] += scipy.signal.lfilter(numerator[1:], poles, force)
+    theta, omega = followed
     alpha = w**2 * (angle - theta) - 2 * damping_ratio * w * omega
     return JointMotion(command.theta[0] + theta, omega, alpha)
 

@@ -201,14 +201,12 @@ def capture_parameters(trial: GaitTrial, markers: list[str]) -> dict[str, dict[s
         "LABELS": markers,
         "UNITS": ["mm"],
         "RATE": np.array([float(rates.points_hz)]),
-        "X_SCREEN": ["+X"],
         "Y_SCREEN": ["+Z"],
     }
     of_analogs = {
         "LABELS": channels,
         "UNITS": [*PLATE_CHANNELS.values(), "V", "V"],
         "RATE": np.array([float(rates.analogs_hz)]),
-        "FORMAT": ["SIGNED"],
     }
     of_plate = {
         "USED": np.array([1]),
@@ -217,14 +215,8 @@ def capture_parameters(trial: GaitTrial, markers: list[str]) -> dict[str, dict[s
         "CORNERS": corners.T[:, :, None] * MM,
         "ORIGIN": origin[:, None] * MM,
         "CHANNEL": np.arange(1, len(PLATE_CHANNELS) + 1)[:, None],
-        "CAL_MATRIX": np.zeros(0),
     }
-    return {
-        "POINT": of_points,
-        "ANALOG": of_analogs,
-        "FORCE_PLATFORM": of_plate,
-        "MANUFACTURER": {"COMPANY": ["osl-analysis"], "SOFTWARE": ["simulator"]},
-    }
+    return {"POINT": of_points, "ANALOG": of_analogs, "FORCE_PLATFORM": of_plate}
 
 
 def write_c3d(

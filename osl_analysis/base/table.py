@@ -233,7 +233,7 @@ def to_pandas(table: pl.DataFrame) -> "pandas.DataFrame":
     return pd.DataFrame(columns)
 
 
-# ---- Whether a file of the campaign holds results, and of this release
+# Whether a file of the campaign holds results, and of this release
 
 
 def check_schema(stated: object, path: Path, release: object = None) -> None:

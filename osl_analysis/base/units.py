@@ -104,7 +104,7 @@ def torque_spelled(match: re.Match[str]) -> str:
     return f"{force_second or force_first}f*{length_first or length_second}".lower()
 
 
-# ---- Dimensions
+# Dimensions
 
 NAME = r"(?:[^\W\d_]\w{0,30}|°|%|‰|1)"  # of one unit within a product
 

@@ -162,7 +162,7 @@ class Campaign:
             if not experiments or row["experiment"] in experiments
         ]
 
-    # ---- Crossings of the walkway
+    # Crossings of the walkway
 
     def crossings(self, perturbed: bool) -> list[str]:
         """Names of the walking trials that are perturbed, or of those that are not."""
@@ -211,7 +211,7 @@ class Campaign:
                 sides[static] = side_of(static, self.rows[static], served, self.config.walking.side)
         return sides
 
-    # ---- What belongs to a trial
+    # What belongs to a trial
 
     @cached_property
     def places(self) -> dict[str, dict[str, Any]]:
@@ -334,7 +334,7 @@ def open_campaign(config: Config, planned: SheetRows | None) -> Campaign:
     return campaign
 
 
-# ---- What a campaign must fulfil before anything runs
+# What a campaign must fulfil before anything runs
 
 
 def check_campaign(campaign: Campaign) -> None:

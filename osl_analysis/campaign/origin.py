@@ -119,7 +119,7 @@ def sentence(about: Mapping[str, str], below_figure: bool = False) -> str:
     )
 
 
-# ---- Which settings are stated, and which decide otherwise than the defaults
+# Which settings are stated, and which decide otherwise than the defaults
 
 
 def changed_settings(campaign: Campaign) -> list[dict[str, Any]]:

@@ -58,7 +58,7 @@ class ResultFiles:
         """The folder of the results."""
         return self.campaign.config.results
 
-    # ---- Results of single trials
+    # Results of single trials
 
     def checks(self, trials: Iterable[str]) -> list[str]:
         """What quality control measured on these trials."""
@@ -96,7 +96,7 @@ class ResultFiles:
             files += self.rows(table)
         return list(dict.fromkeys(files))
 
-    # ---- Tables
+    # Tables
 
     @cached_property
     def gathered_tables(self) -> list[str]:
@@ -165,7 +165,7 @@ class ResultFiles:
         trials = [Path(file).stem for file in self.rows(table)]
         return {trial: self.campaign.places[trial] for trial in trials}
 
-    # ---- Figures
+    # Figures
 
     @cached_property
     def figure_names(self) -> list[str]:
@@ -206,7 +206,7 @@ class ResultFiles:
         return self.rows(table)
 
 
-# ---- The trials that figures show as examples
+# The trials that figures show as examples
 
 
 def time_series_example(campaign: Campaign) -> dict[str, str] | None:

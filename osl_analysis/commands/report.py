@@ -330,7 +330,7 @@ def failure_lines(
     return lines
 
 
-# ---- From which files, trials and settings a headline number comes, by the trace of
+# From which files, trials and settings a headline number comes, by the trace of
 # `summary.json`.
 
 

@@ -102,7 +102,7 @@ def missing_lines(content: Mapping[str, Any]) -> list[str]:
     return [*lines, *(f"no {file}: {reason}" for file, reason in missing_results)]
 
 
-# ---- Verdicts
+# Verdicts
 
 
 def findings_by_trial(findings: Iterable[Finding]) -> dict[str, list[Finding]]:
@@ -219,7 +219,7 @@ def causes_not_checked(findings: Sequence[CampaignFinding]) -> list[str]:
     return list(dict.fromkeys(f.cause for f in findings if f.verdict == NOT_CHECKED))
 
 
-# ---- The sentence that a page and a run begin with: does the joint render what was asked for,
+# The sentence that a page and a run begin with: does the joint render what was asked for,
 # and better with compensation than without.
 
 

@@ -42,7 +42,7 @@ COMMAND = (sys.executable, "-c", "from osl_analysis.cli import main; main()")
 SETTINGS = ROOT / "config/simulation/default.yaml"
 TRIAL = "impedance_K300_B5.0_compensated"
 SIMULATED = (
-    *("--log-source", "dynamometer_nodes"),
+    *("--log-source", "dynamometer"),
     *("--sources", str(ROOT / "config/sources")),
 )
 DESIRED = ("--stiffness", "300", "--damping", "5")

@@ -98,8 +98,10 @@ def alternatives(
 
 
 def other_stamps(analysis: Analysis, name: str) -> list[Contribution]:
-    """What the other reading of undecided stamps makes of an estimate of the whole trial."""
+    """What the other reading of undecided stamps makes of an estimate of the whole trial: the truth
+    lies between both, by a rectangular distribution."""
     if analysis.other is None or name not in analysis.other.whole.names:
         return []
     moved = abs(analysis.other.whole[name] - analysis.whole[name])
-    return [Contribution("undecided_time_stamps", moved, basis="bound", part="fault")]
+    bound = float(moved / np.sqrt(3))
+    return [Contribution("undecided_time_stamps", bound, basis="bound", part="fault")]

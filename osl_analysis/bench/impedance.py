@@ -22,8 +22,10 @@ from osl_analysis.bench.regression import (
     Model,
     Sums,
     columns_of,
+    fast_signals,
     fit_groups,
     motion_sums,
+    noise_moments,
 )
 from osl_analysis.inference.rounding_errors import errors_by_steps, repeated_share
 from osl_analysis.inference.spectra import noise_and_band
@@ -391,20 +393,26 @@ def parts_of(record: Record, sums: Sums) -> Iterator[Sums]:
         is_large = mean_square > np.median(mean_square)
         yield from (sums.chosen(~is_large), sums.chosen(is_large))
     low_hz, high_hz = record.band_hz
-    yield from parts_of_band(record.coarse, sums, np.sqrt(low_hz * high_hz))
+    yield from parts_of_band(record, sums, np.sqrt(low_hz * high_hz))
 
 
-def parts_of_band(few: Record, sums: Sums, split_hz: float) -> Iterator[Sums]:
-    """The sums below and above a frequency, by a zero-phase filter over the whole record."""
+def parts_of_band(record: Record, sums: Sums, split_hz: float) -> Iterator[Sums]:
+    """The sums below and above a frequency, by a zero-phase filter over the whole record, as those
+    of the whole band without slow torque and without the noise of the angle."""
+    few = record.coarse
+    groups = sums.groups
     sections = scipy.signal.butter(SPLIT_ORDER, split_hz, fs=few.rate_hz, output="sos")
-    signals = np.array([*sums.columns.values(), few.filtered_torque, few.filtered_torque])
+    signals = fast_signals(few, sums.columns)
     slow = scipy.signal.sosfiltfilt(sections, signals)
-    names = [*sums.columns]
-    for part in (slow, signals - slow):
+    noise_hz, power = record.angle_noise
+    gain_below = 1 / (1 + (noise_hz / split_hz) ** (2 * SPLIT_ORDER))
+    for part, gain in ((slow, gain_below), (signals - slow, 1 - gain_below)):
         for name in ("one", "ramp"):  # of each part the torque has its own offset and drift
-            part[names.index(name)] = sums.columns[name]
-        products = products_between(part.T, part.T, sums.groups.first, sums.groups.stop)
-        yield replace(sums, weighted=products)
+            part[sums.names.index(name)] = signals[sums.names.index(name)]
+        products = products_between(part.T, part.T, groups.first, groups.stop)
+        noise = noise_moments(sums.names, few, np.array([noise_hz, power * gain**2]))
+        products -= (groups.stop - groups.first)[:, None, None] * noise
+        yield replace(sums, weighted=products, noise=noise)
 
 
 def range_over(

@@ -255,22 +255,30 @@ def motion_sums(record: Record, columns: Mapping[str, Array], angle_noise: Array
     1987). Raises as `gram_sums`.
     """
     sums = gram_sums(record, columns)
+    groups = record.groups
+    fast = fast_signals(record, columns)
+    weighted = products_between(fast.T, fast.T, groups.first, groups.stop)
+    of_noise = noise_moments(sums.names, record, angle_noise)
+    weighted -= (groups.stop - groups.first)[:, None, None] * of_noise
+    return replace(sums, weighted=weighted, noise=of_noise)
+
+
+def fast_signals(record: Record, columns: Mapping[str, Array]) -> Array:
+    """Columns, filtered and raw torque (q, n) without what is slower than the motion, as
+    `motion_sums` says."""
     slow_hz = record.band_hz[0]
     signals = np.array([*columns.values(), record.filtered_torque, record.torque])
     groups = record.groups
     unlike = runs(groups.cover(~groups.repeat(), len(record.time)))
     fast = without_slower(signals, unlike, slow_hz / record.rate_hz)
-    is_offset_or_drift = np.isin(sums.names, ["one", "ramp"])
+    is_offset_or_drift = np.isin([*columns, "torque", "raw torque"], ["one", "ramp"])
     for is_alike, hz in groups.alike(slow_hz):
         for run in runs(groups.cover(is_alike, len(record.time))):
             rows = slice(max(run.start - EDGE_ROWS, 0), run.stop + EDGE_ROWS)
             slow = running_mean(signals[:, rows], record.rate_hz / hz)
             slow[is_offset_or_drift] = 0.0  # which tell what is left of the torque's
             fast[:, rows] -= slow
-    weighted = products_between(fast.T, fast.T, groups.first, groups.stop)
-    of_noise = noise_moments(sums.names, record, slow_hz, angle_noise)
-    weighted -= (groups.stop - groups.first)[:, None, None] * of_noise
-    return replace(sums, weighted=weighted, noise=of_noise)
+    return fast
 
 
 def without_slower(signals: Array, runs: Sequence[slice], slow: float) -> Array:
@@ -309,9 +317,7 @@ def high_pass_gain(frequency: Array, slow: float) -> Array:
     return 1 / np.sqrt(1 + (slow / frequency) ** 4)
 
 
-def noise_moments(
-    names: Sequence[str], record: Record, slow_hz: float, angle_noise: Array
-) -> Array:
+def noise_moments(names: Sequence[str], record: Record, angle_noise: Array) -> Array:
     """Mean products (q, q), of a row, of what noise of the angle makes of its derivatives.
 
     The n-th derivative has the spectrum (i w)^n of the noise, so that those of orders n and m have
@@ -320,7 +326,7 @@ def noise_moments(
     f, power = angle_noise
     gain = record.settings.low_pass.gain(f)
     if not record.groups.repeat().any():
-        gain = gain * high_pass_gain(f, slow_hz)
+        gain = gain * high_pass_gain(f, record.band_hz[0])
     s = 2j * np.pi * f
     of_angle = np.zeros((len(names), len(s)), dtype=complex)
     for order, name in enumerate(DERIVATIVES):

@@ -610,15 +610,15 @@ def turn_lags(motion: UnloadedMotion, model: PlateModel, noise: Array) -> list[T
         if np.sum((wrench - expected) ** 2) > LARGEST_NOISE_SHARE * np.sum(wrench**2):
             return None
 
-        # over all times at which the turn may meet the noise
-        noise = noise if len(noise) else wrench - expected
-        met = scipy.signal.oaconvolve(noise, by_lag[::-1], axes=0).sum(axis=1)
+        # over all times at which the turn may meet the noise; without rests, its own residual
+        of_turn = noise if len(noise) else wrench - expected
+        met = scipy.signal.oaconvolve(of_turn, by_lag[::-1], axes=0).sum(axis=1)
         turns.append(
             TurnLag(
                 motion.name,
                 time=float(motion.time[rows] @ np.sum(by_lag**2, axis=1) / square),
                 lag=float(lag),
-                se=max(float(np.sqrt(met @ met / len(noise)) / square), LEAST_SE_S),
+                se=max(float(np.sqrt(met @ met / len(of_turn)) / square), LEAST_SE_S),
             )
         )
     return turns

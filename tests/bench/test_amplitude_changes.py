@@ -67,6 +67,23 @@ def test_the_range_of_a_motion_without_sines_is_over_its_blocks_and_its_band(hal
     assert row["K_range_low"] < row["K"] < row["K_range_high"]
 
 
+def test_a_person_s_lean_is_in_the_range_as_little_as_in_the_estimate():
+    rng = np.random.default_rng(1)
+    motion = noise(rng, duration=40.0)
+    trial = made_trial(rng, motion, torque_noise=0.01)
+    time = trial.samples["time"].to_numpy()
+    lean = 0.3 * trial.samples["torque"].std() * np.sin(2 * np.pi * 0.12 * time + 1)
+    leant = Trial("leant", trial.samples.with_columns(torque=pl.col("torque") + lean))
+
+    upright_row, leant_row = (
+        impedance_table(rendered_impedance(record_of_trial(each, CONFIG.dynamometer)))["impedance"]
+        for each in (trial, leant)
+    )
+
+    for name in ("I_range_low", "I_range_high"):
+        assert leant_row[name][-1] == pytest.approx(upright_row[name][-1], rel=0.05)
+
+
 def test_one_amplitude_of_two_sines_has_no_range():
     record = stepped_sine(
         faster_is_stiffer,

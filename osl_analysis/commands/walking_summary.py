@@ -25,6 +25,7 @@ from osl_analysis.config.impedance_trajectory import (
 from osl_analysis.config.sheet import JOINT
 from osl_analysis.judge.finding import Limits
 from osl_analysis.judge.judging import WHY_NO_FIT, judged, marked
+from osl_analysis.stats.budget import CLEAR, WIDE
 from osl_analysis.stats.repeats import DOUBTFUL, concerns
 from osl_analysis.walking import tables as result_tables
 from osl_analysis.walking import walking_settings as choices
@@ -150,7 +151,7 @@ def summarise_perturbations(
     doubts = judged(group_table, limits, "walking_groups", budget=contributions)
     group_table = marked(group_table, doubts, "walking_groups")
     tables = {
-        output: with_verdicts(rows, group_table),
+        output: with_verdicts(rows, group_table, limits.accuracy.model_dump()),
         groups: group_table,
         responses: pl.concat(of_responses),
         budget: contributions,
@@ -159,17 +160,31 @@ def summarise_perturbations(
         write_table(with_places(frame, places_of, "group"), path, data)
 
 
-def with_verdicts(rows: Sequence[dict[str, Any]], groups: pl.DataFrame) -> pl.DataFrame:
+def with_verdicts(
+    rows: Sequence[dict[str, Any]], groups: pl.DataFrame, accuracy: Mapping[str, float]
+) -> pl.DataFrame:
     """The rows of a summary with the verdict on each estimate of its group, and why it is doubtful;
-    one about VAF concerns all."""
+    one about VAF concerns all. A doubt of the group is one of each estimator, but the width is the
+    estimator's own; without an interval it is not told."""
     group_of = {row["group"]: row for row in groups.to_dicts()}
     for row in rows:
         of_group = group_of[row["group"]]
         quantity = row["quantity"]
-        row["verdict"] = of_group.get(f"{quantity}_verdict")
+        verdict = of_group.get(f"{quantity}_verdict")
+        if verdict in (CLEAR, WIDE) and row["estimator"] != ENSEMBLE:
+            verdict = width_verdict(row, accuracy[quantity])
+        row["verdict"] = verdict
         doubts = of_group[DOUBTFUL]
         row["group_doubtful"] = doubts if concerns(doubts, [quantity]) else None
     return pl.DataFrame(rows, infer_schema_length=None)
+
+
+def width_verdict(row: Mapping[str, Any], share: float) -> str | None:
+    """Whether an interval is wider than a share of the estimate; None without an interval."""
+    if row.get("low") is None:
+        return None
+    half_width = (row["high"] - row["low"]) / 2
+    return WIDE if half_width > share * abs(row["mean"]) else CLEAR
 
 
 def read_fits(table: Path) -> pl.DataFrame:

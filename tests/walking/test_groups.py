@@ -20,7 +20,11 @@ from walking_crossings import (
 )
 from walking_synthetic import settings
 
-from osl_analysis.commands.walking_summary import commanded_trajectory, commanded_value
+from osl_analysis.commands.walking_summary import (
+    commanded_trajectory,
+    commanded_value,
+    with_verdicts,
+)
 from osl_analysis.walking.groups import crossing_features, places, split_keys
 from osl_analysis.walking.isolated_response import unperturbed_gait
 from osl_analysis.walking.plate import Stance
@@ -293,3 +297,19 @@ def test_the_pressure_is_outside_as_far_as_it_is_from_the_foot(beside_m, outside
     pressure = np.tile([0.02, beside_m, 0.0], (5, 1))
 
     assert pressure_outside(pressure, np.tile(corners, (5, 1, 1))) == pytest.approx(outside_m)
+
+
+@pytest.mark.parametrize(
+    ("of_group", "half_width", "expected"),
+    [("wide", 6.0, "clear"), ("clear", 7.0, "wide"), ("late torque", 6.0, "late torque")],
+)
+def test_each_estimator_of_a_group_has_its_own_width(of_group, half_width, expected):
+    predicted = {
+        "group": "all", "estimator": "ensemble, predicted gait", "quantity": "K",
+        "mean": 332.6, "low": 332.6 - half_width, "high": 332.6 + half_width,
+    }  # fmt: skip
+    groups = pl.DataFrame([{"group": "all", "K_verdict": of_group, "doubtful": None}])
+
+    (verdict,) = with_verdicts([predicted], groups, {"K": 0.02})["verdict"]
+
+    assert verdict == expected

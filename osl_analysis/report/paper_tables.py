@@ -95,9 +95,17 @@ def conditions(impedance: pl.DataFrame) -> list[Condition]:
                 results=list(dict.fromkeys(results)),
                 estimates=estimates,
                 ranges=ranges,
+                wide=wide_estimates(first) if len(fits) == 1 else (),
             )
         )
     return of_conditions
+
+
+def wide_estimates(fit: Mapping[str, Any]) -> list[str]:
+    """Which estimates of a fit are known less well than is needed; where friction is certain, those
+    without it are judged."""
+    of = " without friction" if fit.get("B_viscous") is not None else ""
+    return [f"{name}{of}" for name in ("K", "B", "I") if fit.get(f"{name}_verdict") == WIDE]
 
 
 def range_text(fits: pl.DataFrame, symbol: str) -> str:

@@ -55,6 +55,7 @@ class GroupFit:
     response: PerturbationResponse
     fit: LinearFit
     budgets: Mapping[str, Budget]
+    vaf: Budget  # variance accounted for [%], by the same crossings
 
 
 @dataclass(frozen=True)
@@ -120,21 +121,27 @@ def group_fit(
     without_perturbed = []
     for i in range(len(responses)):
         others = mean_response([*responses[:i], *responses[i + 1 :]])
-        without_perturbed.append(estimates_of(replace(others, predictors=predictors)))
+        without_perturbed.append(estimates_and_vaf(replace(others, predictors=predictors)))
     crossings = len(mean.thetas)
     without_unperturbed = []
     for i in range(crossings):
         others = mean.without(i)
         chosen = best_predictors(others, of_mean, choices)
-        without_unperturbed.append(estimates_of(replace(others, predictors=chosen)))
+        without_unperturbed.append(estimates_and_vaf(replace(others, predictors=chosen)))
 
     response = replace(mean, predictors=predictors)
     fit = fit_response(response)
     of_crossings = replace(SCATTER, freedom=len(responses) - 1.0)
     of_gait = replace(SCATTER, freedom=crossings - 1.0 - len(predictors))
+    ses_by_perturbed = jackknife_ses(without_perturbed)
+    ses_by_unperturbed = jackknife_ses(without_unperturbed)
+    of_vaf = (
+        replace(of_crossings, source="crossings", standard=float(ses_by_perturbed[-1])),
+        replace(of_gait, source="mean_gait", standard=float(ses_by_unperturbed[-1])),
+    )
     rows = [
-        of_source("crossings", jackknife_ses(without_perturbed), of_crossings),
-        of_source("mean_gait", jackknife_ses(without_unperturbed), of_gait),
+        of_source("crossings", ses_by_perturbed[:-1], of_crossings),
+        of_source("mean_gait", ses_by_unperturbed[:-1], of_gait),
         *errors,
         *of_choices(response),
     ]
@@ -142,7 +149,13 @@ def group_fit(
     for name in ESTIMATED:
         found = tuple(row[name] for row in rows if name in row)
         budgets[name] = Budget(fit[name], found)
-    return GroupFit(response, fit, budgets)
+    return GroupFit(response, fit, budgets, Budget(fit.vaf, of_vaf))
+
+
+def estimates_and_vaf(response: PerturbationResponse) -> Array:
+    """K, B, I and the variance accounted for (4,)."""
+    fit = fit_response(response)
+    return np.append(fit.estimates, fit.vaf)
 
 
 def estimates_of(response: PerturbationResponse, window: slice | None = None) -> Array:
@@ -385,7 +398,8 @@ def headline_rows(headline: GroupHeadline, fits: pl.DataFrame) -> list[dict[str,
         for name, budget in fit.budgets.items():
             ends = {"mean": budget.value, "low": budget.low, "high": budget.high}
             rows.append({"quantity": name, **place, **ends})
-        rows.append({"quantity": "VAF", **place, "mean": fit.fit.vaf})
+        ends = {"low": fit.vaf.low, "high": min(fit.vaf.high, 100.0)}
+        rows.append({"quantity": "VAF", **place, "mean": fit.vaf.value, **ends})
     return rows
 
 

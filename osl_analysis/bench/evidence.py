@@ -5,6 +5,7 @@ estimate, and what else the plausibility of a trial is judged by."""
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -390,12 +391,20 @@ def beside_known(
     if predicted:
         known["K_ratio"] = of_spring / predicted
     elif desired.K_d:
-        known["K_over_K_d"] = of_spring / desired.K_d
+        known["K_over_K_d"] = nearest_in_range(whole, of_spring, desired.K_d) / desired.K_d
         if desired.B_d:
             known["B_over_B_d"] = (whole["B_viscous"] or whole["B"]) / desired.B_d
     if p is not None and np.isfinite(p.K_s):
         known["K_over_K_s"] = pl.col("K") / p.K_s
     return table.with_columns(**known)
+
+
+def nearest_in_range(fit: Mapping[str, Any], K: float, K_d: float) -> float:
+    """What of K and of its range is nearest to K_d: an amplitude at which the joint renders K_d
+    speaks against a wrong gain or unit."""
+    ends = [fit.get(f"K_range_{end}") for end in ("low", "high")]
+    values = [K, *(value for value in ends if value is not None)]
+    return float(np.clip(K_d, min(values), max(values)))
 
 
 def torque_error(s: Sums, label: Label, desired: DesiredImpedance) -> float | None:

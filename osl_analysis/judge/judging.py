@@ -226,13 +226,20 @@ def doubts_of(estimates: Sequence[Judged], fault: KnownFinding | None) -> list[F
     found = []
     for source, doubted in by_source.items():
         name = fault.name if fault else source
-        evidence = [
-            Beyond(estimate.name, estimate.verdict.size, estimate.verdict.limit, "above", name)
-            for estimate in doubted
-        ]
+        evidence = [evidence_of(estimate, name) for estimate in doubted]
         size = doubt_text(source, doubted)
         found.append(of_estimates(name, Grade.DOUBTS, evidence, size))
     return found
+
+
+def evidence_of(estimate: Judged, name: str) -> Beyond:
+    """What is beyond its limit: the change by a fault; else the half-width, of which a likely fault
+    makes more than is needed."""
+    verdict = estimate.verdict
+    if verdict.size > verdict.limit:
+        return Beyond(estimate.name, verdict.size, verdict.limit, "above", name)
+    half_width = estimate.budget.half_width()
+    return Beyond(estimate.name, half_width, estimate.needed, "above", name)
 
 
 def doubt_text(source: str, doubted: Sequence[Judged]) -> str:

@@ -138,10 +138,10 @@ def repetition_after(
     def runs_of_a_lag(similar: NDArray[np.bool_]) -> list[slice]:
         """Runs of at least one lag in which rows are similar to those a lag later, and both
         count."""
-        m = len(similar)
+        m = min(len(similar), len(x) - round(lag))  # the lag has been corrected since
         both_count = counts[:m] & counts[round(lag) :][:m]
         least = WHOLE_LAG * lag - 1
-        return [run for run in runs(similar & both_count) if run.stop - run.start > least]
+        return [run for run in runs(similar[:m] & both_count) if run.stop - run.start > least]
 
     for _ in range(LAG_ROUNDS):
         later = np.arange(lag, len(x) - 1)

@@ -147,7 +147,10 @@ def impedance_table(
     if p and gains:
         expected = partial(dynamic_stiffness, K_1=gains.K_1, B_1=gains.B_1, p=p)
     s = sums_of(record, expected)
-    found = what_else(analysis, s, p, bool(gains))
+    rendered = None
+    if p and desired.controller:
+        rendered = rendered_gains(analysis, p, of_device)
+    found = what_else(analysis, s, p, rendered is not None and rendered.VAF > whole.vaf)
 
     other_excitation = "periodic" if record.periodic else "other"
     of_trial: Row = {
@@ -213,14 +216,16 @@ class WhatElse:
 
 
 def what_else(
-    analysis: Analysis, s: Sums, p: DrivetrainParameters | None, gains_are_known: bool
+    analysis: Analysis, s: Sums, p: DrivetrainParameters | None, is_of_gains: bool
 ) -> WhatElse:
     """Weigh the rivals of a joint or look at the belt of a leg, and fit dry friction."""
     record = analysis.record
-    of_leg = is_leg(record, p, gains_are_known)
+    of_leg = is_leg(record, p, is_of_gains)
     joint = None if of_leg else inferred_of_joint(record)
     inferred = actuator_of_leg(record) if of_leg else joint
     is_certain = inferred.friction_probability > CERTAIN_FRICTION if inferred else None
+    if of_leg and "theta_m" not in record.actuator:
+        is_certain = False  # the drivetrain passes for friction of the joint
     coulomb = coulomb_fits(s, analysis, is_certain)
     certain = {label: fit for label, fit in coulomb.items() if fit is not None}
     column = "T_C"

@@ -114,14 +114,14 @@ class Belt:
     lag: LinearFit | None = None
 
 
-def is_leg(record: Record, p: DrivetrainParameters | None, gains_are_known: bool) -> bool:
+def is_leg(record: Record, p: DrivetrainParameters | None, is_of_gains: bool) -> bool:
     """Whether a drivetrain renders the joint: its motor turns, and winds up the belt. A joint
     beside an idle motor is no leg. Without a parameter file the motor's turning has to do, and
-    without `theta_m` the gains that the sheet states, which are those of a drivetrain."""
+    without `theta_m` that Eq. 9 with gains leaves less than Eq. 15 (`is_of_gains`)."""
     few = record.coarse
     theta_m = few.actuator.get("theta_m")
     if theta_m is None:
-        return gains_are_known
+        return is_of_gains
     theta = few.motion.theta
     angles = [theta, theta_m]
     if p is not None:

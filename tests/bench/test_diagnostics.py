@@ -191,8 +191,8 @@ def test_without_the_angle_of_its_shaft_known_gains_make_a_leg():
 
     record = record_of_leg(replace(trial, samples=samples))
 
-    assert not is_leg(record, None, gains_are_known=False)
-    assert is_leg(record, None, gains_are_known=True)
+    assert not is_leg(record, None, is_of_gains=False)
+    assert is_leg(record, None, is_of_gains=True)
 
 
 def test_a_belt_of_an_actuator_s_angle_with_the_wrong_sign_tells_no_lag():

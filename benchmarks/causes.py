@@ -140,7 +140,8 @@ def judged(
         outcome = "right" if "refused" in cause.right else "refused"
         return {**of, "outcome": outcome, "named": "refused", "worst": None, "miss": None}
     worst, miss = worst_miss(fit.table.row(-1, named=True), cause.joint)
-    results = [finding.cause for finding in fit.findings[-1] if finding.is_result]
+    told = (finding for finding in fit.findings[-1] if finding.grade is not Grade.UNCHECKED)
+    results = [finding.cause for finding in told if finding.is_result]
     named = next(iter([*findings_of(fit, Grade.DOUBTS), *results]), None)
     if named is not None:
         outcome = "right" if named in cause.right else "other"

@@ -226,8 +226,8 @@ class CampaignFinding:
 
     @property
     def is_result(self) -> bool:
-        """Whether it is a property of the device."""
-        return known_finding(self.name).is_result
+        """Whether it is a property of the device, and not one that could not be checked."""
+        return self.verdict != Grade.UNCHECKED and known_finding(self.name).is_result
 
 
 def findings_in_summary(summary: Mapping[str, Any]) -> list[CampaignFinding]:

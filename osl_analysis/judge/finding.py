@@ -117,7 +117,7 @@ class Finding:
     @property
     def is_result(self) -> bool:
         """Whether it is a property of the device, which is then not of second order."""
-        return known_finding(self.name).is_result
+        return self.grade is not Grade.UNCHECKED and known_finding(self.name).is_result
 
     @property
     def is_of_part(self) -> bool:

@@ -238,8 +238,7 @@ def evidence_of(estimate: Judged, name: str) -> Beyond:
     verdict = estimate.verdict
     if verdict.size > verdict.limit:
         return Beyond(estimate.name, verdict.size, verdict.limit, "above", name)
-    half_width = estimate.budget.half_width()
-    return Beyond(estimate.name, half_width, estimate.needed, "above", name)
+    return Beyond(estimate.name, estimate.budget.half_width(), estimate.needed, "above", name)
 
 
 def doubt_text(source: str, doubted: Sequence[Judged]) -> str:
@@ -423,9 +422,16 @@ def marked(table: pl.DataFrame, findings: RowFindings, name: str) -> pl.DataFram
         if f"{symbol}_verdict" in described:
             columns[f"{symbol}_verdict"] = [verdicts_of(row)[symbol] for row in findings]
     if "remarks" in described:
-        others = [[f.cause for f in row if f.grade is not Grade.DOUBTS] for row in findings]
+        others = [[remark_of(f) for f in row if f.grade is not Grade.DOUBTS] for row in findings]
         columns["remarks"] = [BETWEEN.join(dict.fromkeys(row)) or None for row in others]
     return table.with_columns(pl.Series(name, of, pl.String) for name, of in columns.items())
+
+
+def remark_of(finding: Finding) -> str:
+    """What stands of a finding in the column `remarks`: friction that could not be checked is no
+    property of the device."""
+    is_friction = finding.grade is Grade.UNCHECKED and finding.name == "friction"
+    return "friction not checked" if is_friction else finding.cause
 
 
 def results_in(remarks: str | None) -> list[str]:

@@ -204,14 +204,6 @@ def interval_rows(
     return table
 
 
-def condition_name(row: Mapping[str, Any]) -> str:
-    """What is stated of a trial; its name where nothing is, since it may have been asked for
-    another K than trials like it."""
-    stated = [row.get(column) for column in STATED_COLUMNS]
-    texts = [stated_text(cell) for cell in stated if cell not in (None, "")]
-    return ", ".join(texts) or str(row["trial"])
-
-
 def component_rows(
     summaries: Mapping[str, pl.DataFrame], stated: Mapping[str, float], beside_draft: bool
 ) -> list[list[str]]:

@@ -224,10 +224,6 @@ def probability(faults: Sequence[Contribution]) -> float:
     return sum(each.probability for each in faults)
 
 
-Impedance = Mapping[str, Budget]
-"""Stiffness K [N*m/rad], damping B [N*m*s/rad] and inertia I [kg*m^2] of a joint (Eq. 15)."""
-
-
 def budget_rows(place: Mapping[str, Any], estimates: Mapping[str, Budget]) -> list[dict[str, Any]]:
     """The rows of `budget.csv` of some estimates; `place` has the trial and the amplitude. A bound
     of 0 says that rivals were weighed."""

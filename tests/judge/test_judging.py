@@ -9,7 +9,7 @@ from conftest import findings_of
 
 from osl_analysis.dictionary.described import table_of
 from osl_analysis.judge.finding import Accuracy, Grade, Limits, finding_text
-from osl_analysis.judge.judging import judged, marked, verdicts_of
+from osl_analysis.judge.judging import judged, marked, results_in, verdicts_of
 from osl_analysis.judge.known_findings import CHECKS
 from osl_analysis.stats.budget import Budget, Contribution, budget_rows, scatter
 from osl_analysis.stats.repeats import concerns, is_doubtful
@@ -123,6 +123,20 @@ def test_what_another_motion_changes_is_a_remark_with_its_size():
     assert (remark.grade, remark.is_result, remark.size) == (
         Grade.NOTES, True, "K by up to 8 N*m/rad",
     )  # fmt: skip
+
+
+def test_friction_that_was_not_checked_is_no_property_of_the_device():
+    unchecked = Contribution("friction", None, part="fault", per="")
+    table = pl.DataFrame([KNEE], infer_schema_length=None)
+    rows = table_of(budget_rows(KNEE, {"B": Budget(KNEE["B"], (unchecked,))}), "budget")
+
+    found = judged(table, Limits(), "impedance", budget=rows)
+
+    (friction,) = (finding for finding in found[0] if finding.name == "friction")
+    assert (friction.grade, friction.is_result) == (Grade.UNCHECKED, False)
+    (remarks,) = marked(table, found, "impedance")["remarks"]
+    assert "friction not checked" in remarks
+    assert results_in(remarks) == []
 
 
 def test_a_wide_interval_is_told_and_is_no_doubt():

@@ -48,11 +48,13 @@ def table_of_text(text: Text, layout: SheetSource) -> Table:
     """Find the table in a text: in a long one by its first and last lines."""
     data = text.data
     first = re.match(rb"(?:.*\n){%d}" % FIRST_LINES, data)
-    above, *last = data.rsplit(b"\n", LAST_LINES)
-    if first and first.end() < len(above):
-        between = above[first.end() :]
+    above = len(data)  # up to where the last lines begin
+    for _ in range(LAST_LINES):
+        above = max(data.rfind(b"\n", 0, above), 0)
+    if first and first.end() < above:
+        between = data[first.end() : above]
         count = between.count(b"\n") + 1
-        end = numbered(b"\n".join(last), FIRST_LINES + count + 1)
+        end = numbered(data[above + 1 :], FIRST_LINES + count + 1)
         with suppress(InputError, PolarsError):  # the whole text then tells what is wrong
             ends = _table_of_lines(numbered(first[0]) + end, layout, text.is_ended)
             if not ends.skipped:

@@ -81,7 +81,9 @@ def own_samples(time: Array, values: Array) -> NDArray[np.bool_]:
     """Rows (n,) that are not blank, and do not change along the line between their neighbours, as
     interpolated ones do. The others must keep step: those of a coarse or smooth channel do not."""
     is_sampled = ~np.isnan(values)
-    time, values = time[is_sampled], values[is_sampled]
+    if not is_sampled.all():
+        time = time[is_sampled]
+        values = values[is_sampled]
     few = slice(LIMITS.rows_of_filter)  # all of an hour would take as long as reading them
     is_of_few = on_line(time[few], values[few])
     if np.mean(is_of_few) > LIMITS.most_irregular and keeps_step(time[few][~is_of_few]):

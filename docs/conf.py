@@ -10,8 +10,8 @@ from importlib import metadata
 from docutils import nodes
 from docutils.utils.math import latex2mathml
 
-from osl_analysis.commands.tables import described_checks
 from osl_analysis.dictionary.described import described_tables
+from osl_analysis.judge.known_findings import CHECKS
 from osl_analysis.report.typography import markdown_table
 
 project = "osl-impedance"
@@ -51,7 +51,10 @@ def columns_of_tables(app, page, source):
             parts.append(f"## `{file}`\n\nRows: {rows}.")
             lines = [(f"`{each.name}`", each.unit, each.meaning) for each in columns]
             parts.append(markdown_table([("column", "unit", "meaning"), *lines]))
-    checks = [(f"`{name}`", unit, meaning) for name, unit, meaning in described_checks()]
+    checks = [
+        (f"`{name}`", check.unit, f"{check.meaning}. Fails {check.fails} its threshold")
+        for name, check in CHECKS.items()
+    ]
     parts.append("## Checks of quality control")
     parts.append(markdown_table([("check", "unit", "meaning of its value"), *checks]))
     source[:] = ["\n\n".join(parts)]

@@ -127,7 +127,10 @@ def left_out(A: Array, b: Array, A_g: Array, b_g: Array) -> tuple[Array, Array]:
     inner = np.einsum("gik,gjk->kij", e, e)
     of_pairs = np.sum(inner**2, axis=(1, 2)) - np.sum(np.sum(e**2, axis=1) ** 2, axis=0)
     sum_of_squares = np.sum(own**2, axis=0) + of_pairs
-    freedom = np.sum(own, axis=0) ** 2 / np.maximum(sum_of_squares, np.finfo(float).tiny)
+    of_sum = np.sum(own, axis=0) ** 2
+    rounding = np.finfo(float)
+    # rounding may leave next to nothing of the sum of squares
+    freedom = of_sum / np.maximum(sum_of_squares, rounding.eps * of_sum + rounding.tiny)
     return (n - 1) / n * u.T @ u, freedom
 
 

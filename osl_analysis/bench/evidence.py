@@ -166,7 +166,6 @@ def impedance_table(
         # a drivetrain is of higher order: Eq. 15 fitted to the linear model's torque
         of_gains = s.estimates([*IMPEDANCE.values()], "linear")
         of_trial.update(K_predicted=of_gains[0], B_predicted=of_gains[1])
-    rendered = rendered_gains(analysis, p, of_device) if p and desired.controller else None
     fits = []
     for label in analysis.fits:
         variance = s.of(label).covariance(["theta"])

@@ -453,30 +453,28 @@ def test_no_line_of_snakemake_follows_the_error_of_a_job(tmp_path, capsys):
     assert capsys.readouterr().err.splitlines() == [following, "failed: verdict: 1 trial; mend"]
 
 
-def test_a_line_of_a_stage_tells_the_time_left(monkeypatch, capsys):
+def lines_of_a_stage(total, ended, monkeypatch, capsys):
+    """What is printed while the first jobs of a stage end, each after 11 s."""
     clock = SimpleNamespace(now=100.0)
     monkeypatch.setattr("time.monotonic", lambda: clock.now)
     lines = LogHandler(SimpleNamespace(verbose=False, dryrun=False), None)
-    tell(lines, LogEvent.RUN_INFO, stats={"ingest": 10})
-    for job in range(4):
+    tell(lines, LogEvent.RUN_INFO, stats={"ingest": total})
+    for job in range(ended):
         tell(lines, LogEvent.JOB_INFO, jobid=job, rule_name="ingest", log=[])
         clock.now += 11
         tell(lines, LogEvent.JOB_FINISHED, job_id=job)
+    return capsys.readouterr().err.splitlines()
 
-    assert capsys.readouterr().err.splitlines()[-1].endswith("4/10, about 66 s left")
+
+def test_a_line_of_a_stage_tells_the_time_left(monkeypatch, capsys):
+    of_four = lines_of_a_stage(10, 4, monkeypatch, capsys)[-1]
+
+    assert of_four.endswith("4/10, about 66 s left")
 
 
 def test_the_first_jobs_of_a_long_stage_do_not_tell_the_time_left(monkeypatch, capsys):
-    clock = SimpleNamespace(now=100.0)
-    monkeypatch.setattr("time.monotonic", lambda: clock.now)
-    lines = LogHandler(SimpleNamespace(verbose=False, dryrun=False), None)
-    tell(lines, LogEvent.RUN_INFO, stats={"ingest": 40})
-    for job in range(5):
-        tell(lines, LogEvent.JOB_INFO, jobid=job, rule_name="ingest", log=[])
-        clock.now += 11
-        tell(lines, LogEvent.JOB_FINISHED, job_id=job)
+    *_, of_four, of_five = lines_of_a_stage(40, 5, monkeypatch, capsys)
 
-    *_, of_four, of_five = capsys.readouterr().err.splitlines()
     assert of_four.endswith("4/40")
     assert of_five.endswith("5/40, about 385 s left")
 

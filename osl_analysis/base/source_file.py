@@ -8,7 +8,6 @@ settings and their checks alone: `ingest` reads recordings by them.
 
 import re
 from collections.abc import Callable, Mapping
-from fractions import Fraction
 from functools import partial
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, Self
@@ -41,6 +40,7 @@ from osl_analysis.base.yaml_settings import (
     check_rising,
     field_line,
     misplaced,
+    of_fraction,
 )
 
 SampleShare = Annotated[float, Field(ge=0, le=1)]
@@ -70,14 +70,6 @@ def stated_between(low: float, high: float, unit: str) -> AfterValidator:
         return text
 
     return AfterValidator(checked)
-
-
-def of_fraction(value: object) -> object:
-    """A number that may be written as `1/4096`."""
-    try:
-        return float(Fraction(value)) if isinstance(value, str) else value
-    except ArithmeticError as error:
-        raise ValueError(f"{value} is no number; write 1/COUNTS, as 1/4096") from error
 
 
 class SensorFilter(Settings):

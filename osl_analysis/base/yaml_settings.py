@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
+from fractions import Fraction
 from functools import lru_cache
 from itertools import pairwise
 from operator import attrgetter
@@ -329,6 +330,14 @@ def problem_place(problem: Mapping[str, Any], content: Any) -> Place:
     if problem["type"] == "missing":
         place.append(problem["loc"][-1])
     return (*place, *problem.get("ctx", {}).get("place", ()))
+
+
+def of_fraction(value: object) -> object:
+    """A number that may be written as a fraction, such as `1/4096`."""
+    try:
+        return float(Fraction(value)) if isinstance(value, str) else value
+    except (ValueError, ArithmeticError) as error:
+        raise ValueError("write a number or a ratio such as 83/18 or 1/4096") from error
 
 
 def misplaced(reason: str, *place: str) -> PydanticCustomError:

@@ -164,6 +164,5 @@ def record_trial(
     from osl_analysis.simulator.walking_trial import simulate_walking_trial
 
     laboratory = laboratory_of(settings, followed)
-    if laboratory is None:
-        raise InputError(f"trial '{row['trial']}': the settings name no 'walking' file", "add it")
+    assert laboratory is not None  # else the settings would plan no such trial
     simulate_walking_trial(row, settings, laboratory, p, campaign_folder)

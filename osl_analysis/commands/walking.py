@@ -111,8 +111,7 @@ def read_crossing(path: Path) -> Crossing:
     """A crossing that was not refused."""
     crossing = read_crossing_file(path)
     if isinstance(crossing, str):
-        reason, _, remedy = crossing.partition("; ")  # a file holds both in one text
-        raise InputError(f"{path}: the crossing was refused: {reason}", remedy)
+        raise InputError(f"{path}: the crossing was refused: {crossing}")
     return crossing
 
 

@@ -101,7 +101,7 @@ def summarise_perturbations(
     """
     fits = read_fits(table)
     fitted = fits.filter(pl.col(WHY_NO_FIT).is_null())
-    selected = selected_crossings(selection, fits)
+    selected = crossings_in_groups(selection, fits)
     perturbed = selected.filter("perturbed")
     gaits = read_unperturbed_gaits(unperturbed)
     model = read_model(plate, PlateModel)
@@ -200,7 +200,7 @@ def read_fits(table: Path) -> pl.DataFrame:
     return fits
 
 
-def selected_crossings(selection: Path, fits: pl.DataFrame) -> pl.DataFrame:
+def crossings_in_groups(selection: Path, fits: pl.DataFrame) -> pl.DataFrame:
     """The crossings in their groups; the `reason` of one without a fit is that of the fit."""
     in_groups = read_table(selection, ["trial", "reason", "group"])
     reasons = fits.select("trial", of_fit=WHY_NO_FIT)

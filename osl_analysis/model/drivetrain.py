@@ -5,7 +5,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -17,7 +16,7 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator
 from osl_analysis.base.errors import InputError, advise, nearest, on_one_line
 from osl_analysis.base.files import digest
 from osl_analysis.base.trial import Array
-from osl_analysis.base.yaml_settings import Settings, misplaced, read_yaml
+from osl_analysis.base.yaml_settings import Settings, misplaced, of_fraction, read_yaml
 
 PARAMETER_UNITS = {
     "k_tau": "N*m/A", "n_m": "1", "B_m": "N*m*s/rad", "J_m": "kg*m^2", "f_C": "N*m", "f_G": "N*m/A",
@@ -57,19 +56,13 @@ class DrivetrainParameters:
 class Quantity(Settings):
     """A number, its unit and its source. A ratio may be written as a fraction, such as 83/18."""
 
-    value: Annotated[float, WithJsonSchema({"type": ["number", "string"]})]
+    value: Annotated[
+        float, BeforeValidator(of_fraction), WithJsonSchema({"type": ["number", "string"]})
+    ]
     unit: Annotated[str, WithJsonSchema({"enum": sorted(set(PARAMETER_UNITS.values()))})]
     source: str = Field(min_length=1)
     standard_error: Annotated[float | None, Field(ge=0)] = None
     """Standard uncertainty, in the same unit; null: not stated."""
-
-    @field_validator("value", mode="before")
-    @classmethod
-    def _ratio(cls, value: object) -> object:
-        try:
-            return float(Fraction(value)) if isinstance(value, str) else value
-        except (ValueError, ZeroDivisionError, OverflowError) as error:
-            raise ValueError("write a number or a ratio such as 83/18") from error
 
 
 class ParameterFile(Settings):

@@ -16,10 +16,8 @@ from osl_analysis.base.trial import Array
 FEWEST_LINES = 3
 
 
-def odd_multisine(
-    time: Array, period_s: float, band_hz: tuple[float, float], rms: float, seed: int
-) -> Array:
-    """Draw an odd multisine with a flat spectrum of the angle and random phases.
+def odd_multisine(time: Array, period_s: float, band_hz: tuple[float, float], seed: int) -> Array:
+    """Draw an odd multisine of RMS 1 with a flat spectrum and random phases.
 
     Parameters
     ----------
@@ -28,38 +26,28 @@ def odd_multisine(
     period_s : float
     band_hz : (float, float)
         Lowest and highest frequency [Hz].
-    rms : float
-        Of the angle [rad].
     seed : int
         Of the phases.
 
     Returns
     -------
     Array
-        The angle (n,) [rad].
+        (n,), without a unit.
 
     Raises
     ------
     InputError
-        Period or size is not positive, or odd lines are too few.
+        Odd lines are too few.
     """
     lines = odd_lines(period_s, band_hz)
-    if not 0 < rms < np.inf:
-        raise InputError(
-            f"a multisine of {rms:g} rad rms does not move the joint", "give an angle above 0"
-        )
     phase = np.random.default_rng(seed).uniform(0, 2 * np.pi, len(lines))
     sines = np.sin(np.outer(time, 2 * np.pi * lines / period_s) + phase)
-    return rms * np.sqrt(2 / len(lines)) * sines.sum(axis=1)
+    return np.sqrt(2 / len(lines)) * sines.sum(axis=1)
 
 
 def odd_lines(period_s: float, band_hz: tuple[float, float]) -> NDArray[np.intp]:
     """The odd lines within a band [Hz]. Raises InputError as `odd_multisine`."""
     low, high = band_hz
-    if not (0 < period_s < np.inf and 0 < low < high < np.inf):
-        raise InputError(
-            f"no multisine has a period of {period_s:g} s and a band of {low:g} to {high:g} Hz"
-        )
     first = int(np.ceil(low * period_s - 1e-9))
     last = int(np.floor(high * period_s + 1e-9))
     lines = np.arange(first + 1 - first % 2, last + 1, 2)

@@ -139,7 +139,7 @@ def steady_angle(excitation: Excitation, time: Array, draws: np.random.Generator
     steps = np.floor(time / excitation.clock_s).astype(np.intp)
     if excitation.kind == "multisine":
         seed = int(draws.integers(2**31))
-        return odd_multisine(time, excitation.period_s, (low, high), 1.0, seed)
+        return odd_multisine(time, excitation.period_s, (low, high), seed)
     if excitation.kind == "chirp":
         since_full = time - excitation.fade_s
         phase_deg = draws.uniform(0, 360) - 90  # of a cosine

@@ -139,10 +139,9 @@ class Gait(Settings):
 
 
 class Perturbation(Settings):
-    """Ramp of the platform about a mediolateral axis; toes up, if the conditions of the campaign do
-    not say more."""
+    """Ramp of the platform about a mediolateral axis."""
 
-    angle_deg: Annotated[float, Field(gt=0, le=60)]
+    angle_deg: Annotated[float, Field(ge=-60, le=60)]  # toes up positive
     rise_s: Seconds
     latency_s: NotNegative  # from the command to the start of the ramp
     stance_phase: Annotated[tuple[ClosedShare, ClosedShare], AfterValidator(check_rising)]

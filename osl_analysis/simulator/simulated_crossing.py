@@ -187,7 +187,7 @@ def measured_ankle_angle(
         return np.asarray(theta)
     share = 0.01 * effects.shank_yield.value
     turn = np.radians(trial.walking.perturbation.angle_deg)
-    yielded = share * trial.sign * turn
+    yielded = share * turn
     course = gait.pulse(
         trial.time, platform.onset, NOMINAL.yield_s, step.toe_off, NOMINAL.release_s
     )

@@ -10,7 +10,7 @@ unless they are switched on.
 import math
 from typing import Annotated, Any, Generic, Literal, Self, TypeVar
 
-from pydantic import AfterValidator, Field, NonNegativeInt, model_validator
+from pydantic import AfterValidator, Field, NonNegativeInt
 
 from osl_analysis.base.yaml_settings import (
     IDENTIFIER,
@@ -257,9 +257,11 @@ class Experiments(Settings):
     walking: Count = 0  # crossings
     # probability that a crossing is perturbed
     perturbed_share: ClosedShare = 0.5
-    # of successive crossings, in turn; the sheet says which, where several are. up: toes up,
-    # dorsiflexion
-    directions: Annotated[tuple[Literal["up", "down"], ...], Field(min_length=1)] = ("up",)
+
+    @property
+    def in_laboratory(self) -> int:
+        """How many trials the gait laboratory records."""
+        return self.static + self.plate + self.walking
 
 
 class Dynamometer(Settings):
@@ -307,18 +309,17 @@ class SimulationSettings(Settings):
     walking: ShippedPath | None = None  # settings file of the gait laboratory
     gain_weight: Weight = PAPER_WEIGHT  # W of Eq. 14, with which the leg's gains are selected
 
-    @model_validator(mode="after")
-    def _what_is_planned_is_described(self) -> Self:
-        planned = self.experiments
-        in_laboratory = planned.static + planned.plate + planned.walking
-        for number, kind, description, lacks in (
-            (planned.actuator, "actuator", self.actuator, "'actuator' has no schedule"),
-            (in_laboratory, "gait-laboratory", self.walking, "'walking' names no settings file"),
-        ):
-            if number and description is None:
-                raise ValueError(f"{number} {kind} trials are planned but {lacks}")
-        return self
-
+    _actuator_has_a_schedule = refuse_if(
+        lambda s: s.experiments.actuator and s.actuator is None,
+        "{s.experiments.actuator} actuator trials are planned but 'actuator' has no schedule",
+        "actuator",
+    )
+    _laboratory_is_described = refuse_if(
+        lambda s: s.experiments.in_laboratory and s.walking is None,
+        "{s.experiments.in_laboratory} gait-laboratory trials are planned but 'walking' names no"
+        " settings file",
+        "walking",
+    )
     _is_sampled_fast_enough = refuse_if(
         lambda s: s.dynamometer.rate_hz < 10 * max(s.protocol.frequencies_hz),
         "{s.dynamometer.rate_hz:g} Hz is too slow for the protocol; take ten times its highest"

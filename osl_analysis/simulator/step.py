@@ -132,7 +132,6 @@ class GaitTrial:
     name: str
     seed: int
     walking: WalkingSettings
-    direction: str = "up"  # of the perturbation; or down
 
     @cached_property
     def time(self) -> Array:
@@ -140,11 +139,6 @@ class GaitTrial:
         rates = self.walking.rates
         frames = round(self.walking.gait.recording_s * rates.points_hz)
         return np.arange(frames * (rates.motion_hz // rates.points_hz)) / rates.motion_hz
-
-    @property
-    def sign(self) -> float:
-        """1 toes up, -1 toes down."""
-        return 1.0 if self.direction == "up" else -1.0
 
     def random(self, effect: str) -> np.random.Generator:
         """The random numbers of an effect."""
@@ -254,7 +248,7 @@ def ramped_platform(
     """
     ramp = trial.walking.perturbation
     held = pulse(trial.time, onset, slowness * ramp.rise_s, back, ramp.return_s)
-    angle = size * (trial.sign * np.radians(ramp.angle_deg) * held)
+    angle = size * np.radians(ramp.angle_deg) * held
     return PlatformMotion(angle, turned(angle, trial.walking), command, onset)
 
 

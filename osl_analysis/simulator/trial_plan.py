@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The plan of a simulated campaign: its random numbers, the rows of its sample sheet, and the
-direction of each crossing."""
+"""The plan of a simulated campaign: its random numbers, and the rows of its sample sheet."""
 
 import itertools
 import zlib
@@ -34,17 +33,6 @@ DIGITS = {
     "plate": 2,
     "walking": 2,
 }
-
-
-def direction_of(row: Mapping[str, Any], settings: SimulationSettings) -> str:
-    """The direction, up or down, of a row of the sample sheet: the one that it states, else by the
-    trial's name, which has a place in a random order of all directions."""
-    directions = settings.experiments.directions
-    experiment, _, number = row["trial"].rpartition("_")
-    block, place = divmod(int(number) - 1, len(directions))
-    generator = generator_of(settings.seed, f"{experiment}_{block}", "condition")
-    order = generator.permutation(len(directions))
-    return str(row.get("direction") or directions[order[place]])
 
 
 def plan_trials(settings: SimulationSettings) -> SheetRows:
@@ -125,6 +113,4 @@ def row_of(
     if experiment == "walking":
         draw = generator_of(settings.seed, trial, "perturbed").random()
         row["perturbed"] = bool(draw < settings.experiments.perturbed_share)
-        if row["perturbed"] and len(settings.experiments.directions) > 1:
-            row["direction"] = direction_of(row, settings)
     return row

@@ -26,7 +26,6 @@ from osl_analysis.simulator.simulated_crossing import (
     simulate_crossing,
 )
 from osl_analysis.simulator.simulation_settings import SimulationSettings
-from osl_analysis.simulator.trial_plan import direction_of
 
 
 def simulate_walking_trial(
@@ -49,12 +48,7 @@ def simulate_walking_trial(
         First the truth is written, so that every log has one, then `vicon/<trial>.c3d` and, of a
         walking trial, `leg/<trial>.mcap`.
     """
-    trial = gait.GaitTrial(
-        name=row["trial"],
-        seed=campaign.seed,
-        walking=walking,
-        direction=direction_of(row, campaign),
-    )
+    trial = gait.GaitTrial(name=row["trial"], seed=campaign.seed, walking=walking)
     if row["experiment"] == "walking":
         simulate_walking(trial, row, campaign, p, raw)
         return
@@ -98,7 +92,6 @@ def simulate_walking(
         "toe_off_s": step.toe_off,
         "foot_yaw_rad": trial.normal("foot_yaw", np.pi / 180),
         "placement_m": step.placement.tolist(),
-        "direction": trial.direction,
         "leg_clock": {"offset_s": offset, "drift": drift},
         **impedance_of_leg(walked, unperturbed),
     }

@@ -122,7 +122,7 @@ def multisine(rng, realisations, periods=3):
     another."""
     time = np.arange(round(8 * periods * RATE)) / RATE
     of_each = rng.integers(10_000, size=realisations).tolist()
-    angles = [odd_multisine(time, 8.0, (0.5, 6.0), 0.05, realisation) for realisation in of_each]
+    angles = [0.05 * odd_multisine(time, 8.0, (0.5, 6.0), realisation) for realisation in of_each]
     splines = [CubicSpline(time, angle) for angle in angles]
     return np.hstack([[spline(time, order) for order in range(3)] for spline in splines])
 

@@ -83,3 +83,10 @@ def leg_log(folder: Path) -> dict[str, Array]:
     return log | {
         "time": np.array([m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in messages])
     }
+
+
+def with_toes_down(setup: Setup) -> Setup:
+    """The same with turns of the platform the other way."""
+    ramp = setup.walking.perturbation
+    down = ramp.model_copy(update={"angle_deg": -ramp.angle_deg})
+    return replace(setup, walking=setup.walking.model_copy(update={"perturbation": down}))

@@ -13,7 +13,7 @@ import polars as pl
 import pytest
 from conftest import ROOT, refused_with
 from walking_crossings import Tables, run_jobs
-from walking_setup import load_setup
+from walking_setup import load_setup, with_toes_down
 from walking_synthetic import hidden, settings, static_trial
 
 from osl_analysis.base.errors import InputError
@@ -135,8 +135,8 @@ def refused(output, reason):
 
 
 def test_a_turn_of_the_toes_down_has_its_sign(ideal, tmp_path):
-    row = {"experiment": "walking", "perturbed": True, "direction": "down"}
-    recorded(load_setup().ideal(), tmp_path, trial="walking_77", **row)
+    row = {"experiment": "walking", "perturbed": True}
+    recorded(with_toes_down(load_setup().ideal()), tmp_path, trial="walking_77", **row)
     trial = tmp_path / "trials/walking_77.parquet"
 
     ideal.analyse(trial, True, tmp_path / "down.parquet", "down")

@@ -85,19 +85,21 @@ def coulomb_fits(
     fits: dict[Label, LinearFit | None] = {}
     for label in sorted(analysis.fits, key=lambda each: each is not None):  # the whole trial first
         sums = s.of(label)
+        found = None
         try:
-            smooth = without_friction(sums, model)
-            sharp = without_friction(sums, model, "T_C_sharp")
+            smooth = friction_beside(sums, model, "T_C")
+            is_certain = smooth.certain("T_C") and smooth["T_C"] > 0
+            if whole_is_certain is None:
+                whole_is_certain = is_certain
+            if is_certain and whole_is_certain:
+                fit = without_friction(sums, model, smooth)
+                sharp = friction_beside(sums, model, "T_C_sharp")
+                of_width = without_friction(sums, model, sharp).estimates - fit.estimates
+                fit = fit.with_known_error("friction_sign", of_width)
+                found = with_errors_of(analysis, fit, label)
         except IdentifiabilityError:
             continue
-        is_certain = smooth.certain("T_C") and smooth["T_C"] > 0
-        if whole_is_certain is None:
-            whole_is_certain = is_certain
-        fits[label] = None
-        if is_certain and whole_is_certain:
-            of_width = sharp.estimates - smooth.estimates
-            fit = smooth.with_known_error("friction_sign", of_width)
-            fits[label] = with_errors_of(analysis, fit, label)
+        fits[label] = found
     return fits
 
 
@@ -110,19 +112,21 @@ def with_errors_of(analysis: Analysis, fit: LinearFit, label: Label) -> LinearFi
     return analysis.with_bench_errors(fit, label)
 
 
-def without_friction(s: Sums, model: Model, column: str = "T_C") -> LinearFit:
-    """The estimates of a model for the torque less its friction, and this friction `T_C` [N*m],
-    whose sign changes as in `column`.
-
-    Its size is fitted beside the higher derivatives of the angle that the motion determines:
-    without these a linear drivetrain's deviation from Eq. 15 passes for friction of 0.4 N*m. Its
-    error is one of the other estimates, too, by what friction of 1 N*m adds to each of them.
-    """
-    friction = with_effects(s, model, column)
+def friction_beside(s: Sums, model: Model, column: str) -> LinearFit:
+    """Fit of a model with friction, whose sign changes as in `column`, and with the higher
+    derivatives of the angle that the motion determines: without these a linear drivetrain's
+    deviation from Eq. 15 passes for friction of 0.4 N*m. Raises as `fit_groups`."""
     for higher in (("jerk", "snap"), ("jerk",)):
         with suppress(IdentifiabilityError):
-            friction = with_effects(s, model, column, *higher)
-            break
+            return with_effects(s, model, column, *higher)
+    return with_effects(s, model, column)
+
+
+def without_friction(s: Sums, model: Model, friction: LinearFit) -> LinearFit:
+    """The estimates of a model for the torque less its friction, as `friction_beside` has fitted
+    it, and this friction `T_C` [N*m]. Its error is one of the other estimates, too, by what
+    friction of 1 N*m adds to each of them."""
+    column = friction.names[len(model)]
     T_C = friction[column]
     fit = fit_groups(s.less(column, T_C), model)
     by_friction = np.append(-s.estimates([*model.values()], column), 1.0)
@@ -244,5 +248,8 @@ def is_friction_untold(
         return True
     if coulomb[None] is not None or not is_weighed:
         return False
-    fit = without_friction(s, analysis.model)
-    return fit.certain("T_C") and abs(1 - fit["B"] / analysis.whole["B"]) > SEEN_SHARE
+    friction = friction_beside(s, analysis.model, "T_C")
+    if not friction.certain("T_C"):
+        return False
+    damping = without_friction(s, analysis.model, friction)["B"]
+    return abs(1 - damping / analysis.whole["B"]) > SEEN_SHARE

@@ -325,27 +325,26 @@ def with_encoder_errors(
     if not step:
         return dict(fits)
     few = record.coarse
+    each = slice(None, None, round(record.rate_hz / few.rate_hz))
     # just beyond the filter a coarse sine has harmonics of its rounding
     noise, _ = noise_and_band(record.theta, record.rate_hz)
     repeated = repeated_share(noise, record.rate_hz, step)
     # a low-pass that does not ring where the joint comes to rest
     smooth_rows = record.rate_hz / (2 * np.pi * record.settings.cutoff_hz)
-    smooth_theta = scipy.ndimage.gaussian_filter1d(record.theta, smooth_rows)
+    smooth_theta = scipy.ndimage.gaussian_filter1d(record.theta, smooth_rows)[each]
+    turn = np.exp(2j * np.pi * smooth_theta / step)
+    reading = np.rint(record.theta[each] / step).astype(int)
     X = np.array([columns[column] for column in model.values()])
+    slope = np.gradient(X, 1 / few.rate_hz, axis=1)
+    bend = np.gradient(slope, 1 / few.rate_hz, axis=1)
     found = {}
     for label, fit in fits.items():
         rows = few.rows(label)
         _, inverse = solved(X[:, rows] @ X[:, rows].T, np.zeros(len(X)))
-        by_torque = inverse @ X
         of_columns = {column: fit[name] for name, column in model.items()}
         stiffness, damping, inertia = (of_columns.get(name, 0.0) for name in DERIVATIVES[:3])
-        slope = np.gradient(by_torque, 1 / few.rate_hz, axis=1)
-        bend = np.gradient(slope, 1 / few.rate_hz, axis=1)
-        by_angle = stiffness * by_torque - damping * slope + inertia * bend
-        fitted = round(record.rate_hz / few.rate_hz) * rows
-        errors = errors_by_steps(
-            by_angle[:, rows], record.theta[fitted], smooth_theta[fitted], step
-        )
+        by_angle = inverse @ (stiffness * X - damping * slope + inertia * bend)[:, rows]
+        errors = errors_by_steps(by_angle, reading[rows], turn[rows], step)
         found[label] = fit.with_known_error("encoder", repeated * errors)
     return found
 

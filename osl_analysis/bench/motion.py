@@ -5,7 +5,6 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.base.errors import Change, InputError, naming
@@ -24,7 +23,7 @@ from osl_analysis.bench.record import (
     unlike_groups,
     whole_rows,
 )
-from osl_analysis.signals.filters import runs
+from osl_analysis.signals.filters import power_density, runs
 from osl_analysis.signals.grid import (
     BRIDGE_MORE,
     GapLimits,
@@ -198,7 +197,7 @@ def band_of(record: Record) -> tuple[float, float]:
     1 % of the acceleration's above it."""
     derivatives = np.array([record.motion.theta, record.motion.alpha])[:, record.is_fitted()]
     length = min(round(LONGEST_PIECE_S * record.rate_hz), derivatives.shape[1])
-    frequency_hz, power = scipy.signal.welch(derivatives, record.rate_hz, nperseg=length)
+    frequency_hz, power = power_density(derivatives, record.rate_hz, length)
     below, up_to = np.cumsum(power[:, 1:], axis=1)
     lowest = np.argmax(below > OUTSIDE_BAND * below[-1])
     highest = np.argmax(up_to > (1 - OUTSIDE_BAND) * up_to[-1])

@@ -306,12 +306,11 @@ def running_mean(signals: Array, period: float) -> Array:
     length = min(period, n)
     first = np.clip(np.arange(n) + (1 - length) / 2, 0, n - length)
     sums = np.pad(np.cumsum(signals, axis=1), ((0, 0), (1, 0)))
-
-    def sums_up_to(edges: Array) -> Array:
+    up_to = []
+    for edges in (first, first + length):
         row = np.minimum(edges.astype(np.intp), n - 1)
-        return sums[:, row] + (edges - row) * signals[:, row]
-
-    return (sums_up_to(first + length) - sums_up_to(first)) / length
+        up_to.append(np.take(sums, row, axis=1) + (edges - row) * np.take(signals, row, axis=1))
+    return (up_to[1] - up_to[0]) / length
 
 
 def high_pass_gain(frequency: Array, slow: float) -> Array:

@@ -10,10 +10,13 @@ effects in the model a dozen draws would be fitted away.
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from osl_analysis.base.trial import Array
 from osl_analysis.inference.spectra import HIGHEST_OF_RATE, roll_off
 from osl_analysis.inference.whitening import Whitened
+from osl_analysis.model.drivetrain import Spectrum
+from osl_analysis.signals.filters import power_density
 
 # Draws of the encoder's zero and the motion's size; they give a standard error to 20 %; as random
 # effects in the model they would be fitted away
@@ -107,7 +110,7 @@ def noise_beyond(removed: Array, rate_hz: float, cutoff_hz: float) -> float:
         Of the low-pass.
     """
     rows = min(round(rate_hz), len(removed))
-    frequency, density = scipy.signal.welch(removed, rate_hz, nperseg=rows)
+    frequency, density = power_density(removed, rate_hz, rows)
     above_hz, below_hz = np.minimum(
         cutoff_hz * np.array(BESIDE_CUTOFF), rate_hz * np.array(HIGHEST_OF_RATE)
     )
@@ -115,7 +118,7 @@ def noise_beyond(removed: Array, rate_hz: float, cutoff_hz: float) -> float:
     return float(np.median(density[is_beside]))
 
 
-def errors_by_steps(by_row: Array, theta: Array, smooth_theta: Array, step: float) -> Array:
+def errors_by_steps(by_row: Array, reading: NDArray[np.intp], turn: Spectrum, step: float) -> Array:
     """Standard errors of estimates by the rounding of an angle without noise.
 
     At rest a step has one error, of variance step^2/12, however many samples show it; where the
@@ -126,11 +129,11 @@ def errors_by_steps(by_row: Array, theta: Array, smooth_theta: Array, step: floa
     ----------
     by_row : Array (p, m)
         What an error of the angle in each row changes the estimates by [1/rad].
-    theta : Array (m,)
-        The angle [rad].
-    smooth_theta : Array (m,)
-        The angle before its rounding [rad], by a low-pass that must not ring where the joint comes
-        to rest.
+    reading : Array (m,)
+        The angle in whole steps.
+    turn : Spectrum (m,)
+        exp(2 pi i times the angle in steps before its rounding), by a low-pass that must not ring
+        where the joint comes to rest.
     step : float
         Of the encoder [rad].
 
@@ -139,9 +142,8 @@ def errors_by_steps(by_row: Array, theta: Array, smooth_theta: Array, step: floa
     Array (p,)
         [unit of the estimates].
     """
-    reading = np.rint(theta / step).astype(int)
-    reading -= reading.min()
-    turned = by_row * np.exp(2j * np.pi * smooth_theta / step)
-    parts = np.stack([turned.real, turned.imag], axis=1)
-    squares = [np.sum(np.bincount(reading, part) ** 2) for part in parts.reshape(-1, len(theta))]
-    return step / np.sqrt(12) * np.sqrt(np.reshape(squares, (-1, 2)).sum(axis=1))
+    place = reading - reading.min()
+    squares = np.zeros(len(by_row))
+    for part in (turn.real, turn.imag):
+        squares += [np.sum(np.bincount(place, part * row) ** 2) for row in by_row]
+    return step / np.sqrt(12) * np.sqrt(squares)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from osl_analysis.base.errors import NotWeighedError
 from osl_analysis.base.trial import Array
 from osl_analysis.model.drivetrain import Spectrum
+from osl_analysis.signals.filters import power_density
 
 # Consecutive parts of the recording, each of which is predicted by the others; 24 scatters give a
 # standard error to 15 %; blocks of 2 to 6 s outlast the noise's memory
@@ -348,7 +349,7 @@ def noise_and_band(theta: Array, rate_hz: float) -> tuple[float, float]:
     `VISIBLE_ABOVE_NOISE` times the noise.
     """
     rows = min(round(SPECTRUM_S * rate_hz), len(theta))
-    frequency, power = scipy.signal.welch(theta, rate_hz, nperseg=rows)
+    frequency, power = power_density(theta, rate_hz, rows)
     above, below = HIGHEST_OF_RATE
     highest = (frequency > min(100.0, above * rate_hz)) & (frequency < below * rate_hz)
     noise = float(np.median(power[highest]))

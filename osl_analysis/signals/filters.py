@@ -171,6 +171,14 @@ def differentiate(time: Array, theta: Array) -> Motion:
     return Motion(theta=theta, omega=spline(time, 1), alpha=spline(time, 2))
 
 
+def power_density(signals: Array, rate_hz: float, rows: int) -> tuple[Array, Array]:
+    """Welch's estimate of the power density of signals (..., n), in segments of some rows: its
+    frequencies (f,) [Hz], and densities (..., f) [unit^2/Hz]."""
+    # not `scipy.signal.welch`, which takes a segment at a time, three times as long
+    frequency, _, powers = scipy.signal.spectrogram(signals, rate_hz, "hann", rows, rows // 2)
+    return frequency, powers.mean(axis=-1)
+
+
 LARGEST_DEVIATION = 0.2  # share of the mean step by which a step may deviate from it
 
 

@@ -128,7 +128,11 @@ def excitation_motion(excitation: Excitation, trial: str, seed: int, rate_hz: fl
     draws = np.random.default_rng([seed, zlib.crc32(trial.encode()), zlib.crc32(b"excitation"), 0])
     shape = steady_angle(excitation, time, draws)
     theta = np.deg2rad(excitation.rms_deg) * envelope * shape
-    theta = np.pad(theta, round(excitation.rest_s * rate_hz))
+    return with_derivatives(np.pad(theta, round(excitation.rest_s * rate_hz)), rate_hz)
+
+
+def with_derivatives(theta: Array, rate_hz: float) -> JointMotion:
+    """The motion of a smooth angle (n,) [rad], by the cubic spline through it."""
     spline = scipy.interpolate.CubicSpline(np.arange(len(theta)) / rate_hz, theta)
     return JointMotion(theta, spline(spline.x, 1), spline(spline.x, 2))
 
@@ -183,25 +187,14 @@ def actuator_command(bench: ActuatorBench, rate_hz: float) -> tuple[JointMotion,
         (n,) [A]. Both fade in and out within `fade_s` with continuous derivatives.
     """
     time = np.arange(round(bench.duration_s * rate_hz)) / rate_hz
-    u = np.clip(np.minimum(time, bench.duration_s - time) / bench.fade_s, 0.0, 1.0)
-    slope = np.where(time < bench.duration_s / 2, 1.0, -1.0) / bench.fade_s  # du/dt
-    fade = FADE(u)
-    fade_rate = FADE.deriv(1)(u) * slope
-
-    theta, omega, alpha, current = np.zeros((4, len(time)))
+    fade = FADE(np.clip(np.minimum(time, bench.duration_s - time) / bench.fade_s, 0.0, 1.0))
+    theta, current = np.zeros((2, len(time)))
     for tone in bench.velocity:
         w = 2 * np.pi * tone.frequency_hz
         theta += tone.size / w * (1 - np.cos(w * time))
-        omega += tone.size * np.sin(w * time)
-        alpha += tone.size * w * np.cos(w * time)
     for tone in bench.current:
         current += tone.size * np.sin(2 * np.pi * tone.frequency_hz * time)
-    motion = JointMotion(
-        theta=fade * theta,
-        omega=fade_rate * theta + fade * omega,
-        alpha=FADE.deriv(2)(u) * slope**2 * theta + 2 * fade_rate * omega + fade * alpha,
-    )
-    return motion, fade * current
+    return with_derivatives(fade * theta, rate_hz), fade * current
 
 
 COULOMB_WIDTH = 1e-3  # velocity [rad/s] of a joint's friction: a hundredth of a slow sine's speed

@@ -308,6 +308,7 @@ def check(
     validate_rules(stated.quality)
     commanded = Commanded(
         **{name: getattr(stated.dynamometer, name) for name in PROTOCOL},
+        longest_gap_s=stated.dynamometer.time_base.longest_gap_s,
         clusters=stated.walking.markers.clusters,
     )
     measured = measure_quality(recorded, experiment, commanded)

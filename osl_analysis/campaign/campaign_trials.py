@@ -241,7 +241,9 @@ class Campaign:
             return {"clusters": self.config.walking.markers.clusters}
         if not facts.stepped_sine:
             return {}
-        return self.config.dynamometer.model_dump(mode="json", include={*PROTOCOL})
+        bench = self.config.dynamometer
+        protocol = bench.model_dump(mode="json", include={*PROTOCOL})
+        return {**protocol, "longest_gap_s": bench.time_base.longest_gap_s}
 
     def recording(self, trial: str) -> Mapping[str, Any]:
         """The cells of a trial's row that ingest uses."""

@@ -50,6 +50,7 @@ class Commanded:
     excitation: str = "auto"
     """What moves the joint in impedance trials: `stepped_sine`, `any` other motion, or `auto`: the
     recording tells."""
+    longest_gap_s: float = 0.5  # that the fits bridge
     clusters: Mapping[str, Sequence[str]] = field(default_factory=dict)  # markers by segment
 
 
@@ -200,7 +201,8 @@ def measure_protocol(examined: Examined) -> CheckResult:
     if excitation == "any":
         return CheckResult(0.0, "any motion moves the joint, says the configuration")
     try:
-        angle = uniform_signals(examined.trial, ["theta"], GapLimits())
+        limits = GapLimits(longest_s=commanded.longest_gap_s)
+        angle = uniform_signals(examined.trial, ["theta"], limits)
     except InputError as error:
         return not_applicable(f"no time base, {error}")
     theta = angle.signals["theta"]

@@ -315,6 +315,15 @@ def test_the_protocol_in_the_log_is_compared_with_the_configured_one(really, mis
     assert re.search(remark, protocol.remark)
 
 
+def test_the_protocol_is_found_beside_a_gap_as_long_as_is_stated():
+    samples = bench(np.concatenate([np.zeros(1000), ANGLE]))
+    broken = pl.concat([samples[:200], samples[900:]])
+
+    stated = results(broken, commanded=replace(COMMANDED, longest_gap_s=0.8))
+    assert stated["protocol"].value == 0
+    assert "0.5 s, are bridged" in results(broken)["protocol"].remark
+
+
 def test_cycles_may_differ_by_frequency_and_any_motion_may_be_commanded():
     theta = stepped_sine(Commanded((2.0, 4.0), (2.0, 5.0), (6, 15)))
     timed = replace(COMMANDED, cycles=(6, 15))

@@ -22,6 +22,7 @@ SMALLEST_SIGNAL = 1e-30
 # decides whether an exact fit leaves 0 or 1e-16. No result may depend on it.
 EXACT_FIT_SHARE = 1e-24
 
+NORMAL_MEDIAN = 0.6745  # of |x| of a normal deviate, in standard deviations
 UNIFORM_WIDTH = math.sqrt(12)  # standard deviations that a uniform distribution is wide
 
 
@@ -99,8 +100,7 @@ def noise_of(values: NDArray[np.float64], order: int = 3) -> float:
     slower motion hardly has; 0 of too few."""
     if len(values) <= order:
         return 0.0
-    normal_median = 0.6745  # of |x|, in standard deviations
-    of_white = math.sqrt(math.comb(2 * order, order)) * normal_median
+    of_white = math.sqrt(math.comb(2 * order, order)) * NORMAL_MEDIAN
     return float(np.median(np.abs(np.diff(values, order)))) / of_white
 
 
@@ -134,6 +134,15 @@ def spoiled(values: NDArray[np.float64]) -> NDArray[np.bool_]:
     return is_spoiled & (is_spoiled.mean() <= MOST_SPOILED)
 
 
+# Differences of distinct values, as a share of the usual one, below which they are one value with
+# other errors of rounding, as of a mean of a few decimals
+ONE_VALUE_ROUNDING = 0.02
+# of a step, by which a whole number of steps may be off: the last decimal of a log may be a
+# twentieth of the step; by chance a tenth would be as near
+FROM_WHOLE = 0.05
+WHOLE_SHARE = 0.99  # of the differences, that are whole numbers of steps
+
+
 def visible_step(values: NDArray[np.float64]) -> float | None:
     """Find the step to which a signal was rounded.
 
@@ -158,15 +167,11 @@ def visible_step(values: NDArray[np.float64]) -> float | None:
     low, high = np.quantile(distinct, (0.05, 0.95))  # a few values far off do not change the usual
     differences = np.diff(distinct)
     usual = max(high - low, np.finfo(float).eps * np.abs(distinct).max()) / len(distinct)
-    # closer values are one value with other errors of rounding, as of a mean of a few decimals
-    rounding_share = 0.02
-    differences = differences[differences > rounding_share * usual]
+    differences = differences[differences > ONE_VALUE_ROUNDING * usual]
     if len(differences) < 2:
         return None
     rough = np.median(differences[differences < 1.5 * np.min(differences)])
     step = float(differences.sum() / np.rint(differences / rough).sum())
     steps = differences / step
-    # the last decimal of a log may be a twentieth of the step; by chance a tenth would be as near
-    from_whole, whole_share = 0.05, 0.99
-    is_whole = np.abs(steps - np.rint(steps)) < from_whole
-    return step if np.mean(is_whole) >= whole_share else None
+    is_whole = np.abs(steps - np.rint(steps)) < FROM_WHOLE
+    return step if np.mean(is_whole) >= WHOLE_SHARE else None

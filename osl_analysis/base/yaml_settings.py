@@ -67,6 +67,7 @@ MOST_LEVELS = 100  # of values in one another; the reader in C takes a time with
 MOST_DIGITS = 1000  # of a number; Python writes none of 4,300
 # of a file; the description of a ROS 2 bag of 1,000 topics has as many
 MOST_YAML_LETTERS = 2_000_000
+SUM_ROUNDING = 1e-9  # of a sum of fields, by which it may be above another field
 MISPLACED = "misplaced"  # type of a problem that a check of ours finds
 OF_EARLIER_RELEASE = "the changelog says what replaces settings of 1.0.0"
 
@@ -367,8 +368,7 @@ def require_at_most(low: str, high: str, why: str) -> Any:
         fields = low.split(" + ")
         low_value = sum(attrgetter(field)(settings) for field in fields)
         high_value = attrgetter(high)(settings)
-        rounding = 1e-9  # of sums
-        if low_value > high_value + rounding:
+        if low_value > high_value + SUM_ROUNDING:
             raise misplaced(
                 f"{low} = {low_value:g} is above {high} = {high_value:g}, {why}; lower {low}, or"
                 f" raise {high}",

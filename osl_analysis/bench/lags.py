@@ -37,6 +37,7 @@ SLIDES = np.array([[0.01], [0.05]])
 # SD [s] of a lag due to hysteresis that these do not model; simulated legs: 10 to 310, as of a
 # rectangular distribution
 BELT_ERROR = 180e-6
+LEAST_BELT_SHARE = 0.1  # of this error: what a fit has beside it
 # of the joint's angle: errors of encoders reach that, and a joint beside an idle motor is no leg
 LEAST_DEFLECTION = 0.05
 OTHER_K_S = 1.4  # of the file's K_s, or 1 over it, beyond which the belt is another one
@@ -163,8 +164,7 @@ def fit_belt(
     of_J_j = fit.covariance[k]
     # of the lag if J_j were known; of few units rounding may leave less than nothing
     known = fit.covariance[-1, -1] - of_J_j[-1] ** 2 / of_J_j[k]
-    least_share = 0.1  # of the belt's error: what a fit has beside it
-    variance = max(known, (least_share * BELT_ERROR) ** 2)
+    variance = max(known, (LEAST_BELT_SHARE * BELT_ERROR) ** 2)
     fit = replace(fit, covariance=fit.covariance * (1 + BELT_ERROR**2 / variance))
     if np.isfinite(p.J_j):
         # of minimum variance beside the file's

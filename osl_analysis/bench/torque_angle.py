@@ -29,6 +29,7 @@ from osl_analysis.stats.linear_fit import variance_accounted_for
 ESTIMATED_OF_CYCLES = ("K", "K_unloading", "energy_stored", "energy_returned", "energy_lost")
 FEWEST_ANGLES = 5  # of a curve
 FEWEST_OF_PARABOLA = 10  # of a parabola
+PARABOLA_SHARE = 0.05  # of the range of motion, to each side of the angle of a parabola
 RESTS = 0.01  # of the range of motion: the joint is at rest within it
 
 
@@ -182,13 +183,12 @@ def angles_of_curves_deg(theta: Array, step_deg: float) -> Array:
 def curve_of(theta: Array, torque: Array, angles: Array) -> tuple[Array, Array]:
     """Torque [N*m] and slope [N*m/rad] of a branch at angles (m,) [rad].
 
-    They are those of parabolas through the samples of angle and torque (n,) within a share
+    They are those of parabolas through the samples of angle and torque (n,) within `PARABOLA_SHARE`
     of the range to each side; NaN with too few of them, the slope also where a side is beyond the
     range.
     """
     low, high = theta.min(), theta.max()
-    share = 0.05  # of the range of motion, to each side of the angle of a parabola
-    window = share * (high - low)
+    window = PARABOLA_SHARE * (high - low)
     value, slope = np.full((2, len(angles)), np.nan)
     for k, at in enumerate(angles):
         near = np.abs(theta - at) <= window

@@ -16,6 +16,9 @@ from osl_analysis.base.errors import InputError
 from osl_analysis.base.measured import check_finite
 from osl_analysis.base.trial import Array
 
+REACH_PERIODS = 3  # of the cut-off that a recording must outlast: the reach of the filter
+FEWEST_OF_QUINTIC = 6  # samples, as many as it has coefficients
+
 
 @dataclass(frozen=True)
 class LowPass:
@@ -50,7 +53,6 @@ class LowPass:
             A sample is not finite, the cut-off is not below half the rate, or the signal is shorter
             than three periods of the cut-off.
         """
-        periods = 3  # of the cut-off that a recording must outlast: the reach of the filter
         check_finite("the signal", signal)
         if not 0 < self.cutoff_hz < rate_hz / 2:
             raise InputError(
@@ -58,7 +60,7 @@ class LowPass:
                 f" rate of {rate_hz:g} Hz",
                 "lower it in the configuration (`cutoff_hz`)",
             )
-        edge = int(np.ceil(periods * rate_hz / self.cutoff_hz))
+        edge = int(np.ceil(REACH_PERIODS * rate_hz / self.cutoff_hz))
         if len(signal) <= edge:
             raise InputError(
                 f"{len(signal)} samples cannot be filtered at {self.cutoff_hz:g} Hz",
@@ -160,11 +162,10 @@ def differentiate(time: Array, theta: Array) -> Motion:
     """
     check_finite("time", time)
     check_finite("the angle", theta)
-    fewest = 6  # samples: a quintic has six coefficients
-    if len(time) < fewest or not (np.diff(time) > 0).all():
+    if len(time) < FEWEST_OF_QUINTIC or not (np.diff(time) > 0).all():
         raise InputError(
-            f"{len(time)} samples cannot be differentiated: {fewest} or more are needed, each"
-            " later than the one before",
+            f"{len(time)} samples cannot be differentiated: {FEWEST_OF_QUINTIC} or more are needed,"
+            " each later than the one before",
             "take a longer window, or check the time's channel",
         )
     spline = scipy.interpolate.make_interp_spline(time, theta, k=5)

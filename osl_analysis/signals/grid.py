@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.base.errors import InputError, naming
 from osl_analysis.base.trial import COUNTER, Array, Trial
-from osl_analysis.signals.filters import LowPass, differentiate
+from osl_analysis.signals.filters import REACH_PERIODS, LowPass, differentiate
 from osl_analysis.signals.sample_count import FEWEST_STAMPS, LONG_STEP
 from osl_analysis.signals.samples import SensorLowPass, Stream, Taken, take, take_stream
 from osl_analysis.signals.stamp_evidence import Reading
@@ -32,6 +32,9 @@ BRIDGE_MORE = (  # remedy if gaps leave nothing to fit
 # distance, in steps, up to which a sample lies on the grid: the rounding of a step, 1e-13 of it,
 # adds up to it in 1e8 rows
 ON_GRID = 1e-5
+OF_CLOCKS = 1e-3  # relative difference of two rates; a larger one is intended
+NO_GAP = 1.1  # steps between samples that are none: a tenth of a step is jitter
+BRIDGED_PERIODS = 0.1  # of the fastest motion: a cubic across a gap is wrong by 5e-4 there
 
 
 @dataclass(frozen=True)
@@ -84,7 +87,6 @@ class UniformSignals:
     def streams(self) -> Sequence[Mapping[str, Any]]:
         """What was found and done in each stream, by the names of `timebase.csv`; all of it is
         JSON."""
-        of_clocks = 1e-3  # a larger relative difference of two rates is intended
         rows = []
         for part, (bridged, marked) in zip(self.taken, self.gaps, strict=True):
             clock, reading = part.clock, part.reading
@@ -95,7 +97,7 @@ class UniformSignals:
                     "signals": ", ".join(part.stream.signals),
                     "rate_hz": rate,
                     # against the fastest stream
-                    "ppm": 1e6 * difference if abs(difference) < of_clocks else None,
+                    "ppm": 1e6 * difference if abs(difference) < OF_CLOCKS else None,
                     "firm": reading.firm,
                     "why": reading.why,
                     "missing": clock.missing,
@@ -216,10 +218,8 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits, trial: str = "") -> U
             "check that both clocks count from the same time",
         )
     time = step * np.arange(rows) + first
-    # a gap up to a tenth of a period is bridged: a cubic is wrong by 5e-4 there
-    bridged_s = 0.1 / limits.highest_hz
-    # to either side of a longer one, into which the filter spreads its values
-    margin_s = 3 / limits.cutoff_hz
+    bridged_s = BRIDGED_PERIODS / limits.highest_hz
+    margin_s = REACH_PERIODS / limits.cutoff_hz
     margins = np.array([-margin_s, margin_s])
     usable = np.ones(len(time), dtype=bool)
     signals = {}
@@ -333,15 +333,15 @@ def gaps_of(part: Taken, time: Array, longest_s: float) -> tuple[Array, Array]:
     rows = np.flatnonzero(np.diff(times) > LONG_STEP * part.step)
     ends = np.stack([times[rows], times[rows + 1]], axis=1)
     ends = ends[(ends[:, 1] > time[0]) & (ends[:, 0] < time[-1])]
-    jitter = 1.1  # steps between samples that are no gap: a tenth of a step is jitter
-    length = ends[:, 1] - ends[:, 0] - jitter * part.step
+    length = ends[:, 1] - ends[:, 0] - NO_GAP * part.step
     if (length > longest_s).any():
         begin, end = ends[np.argmax(length)]
         raise InputError(
             f"{part.stream.name}: no sample from {begin:.4f} s to {end:.4f} s, {end - begin:.3f}"
             " s long",
-            f"gaps up to {longest_s:g} s are bridged: give each part beside the gap a trial of"
-            " its own by `windows` in the sample sheet, or see whether the recorder's clock jumped",
+            f"gaps up to `longest_gap_s`, {longest_s:g} s, are bridged: give each part beside the"
+            " gap a trial of its own by `windows` in the sample sheet, or see whether the"
+            " recorder's clock jumped",
         )
     return ends, length
 

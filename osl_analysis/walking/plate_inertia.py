@@ -97,6 +97,8 @@ LARGEST_UNLOADED_N = 100.0
 SPREAD_S = 0.1  # by which the low-pass of the identification spreads a motion
 # at rest noise gives 0.03 deg; 11 frames at 300 Hz change the lag by 2 ms
 HIDDEN_TURN_DEG = 0.2
+LONGEST_BLANK_S = 0.1  # of no force: with noise it is 0 in single samples
+LEAP = 0.01  # of the largest force, from 0 to the smallest: a motion begins with less
 
 
 # Scales of the parameters for a plate of 1 kg whose half is 0.3 m long
@@ -330,11 +332,9 @@ def unloaded_recording(
             "correct labels in Nexus or the trial in the column static, or record a turn from"
             " rest to rest with markers in sight",
         )
-    longest_blank_s = 0.1  # of no force: with noise it is 0 in single samples
-    leap = 0.01  # of the largest force, from 0 to the smallest: a motion begins with less
     blank_s = force[longest_run(force == 0)].size / sampling_rate(time)
     smallest = np.min(force, initial=force.max(), where=force > 0)
-    if blank_s > longest_blank_s and smallest > leap * force.max():
+    if blank_s > LONGEST_BLANK_S and smallest > LEAP * force.max():
         raise InputError(
             f"the plate reads 0 for {blank_s:.2f} s, and no force between 0 and {smallest:.2g}"
             " N: what lies below was set to 0",

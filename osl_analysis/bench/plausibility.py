@@ -52,6 +52,22 @@ def speed_alone(trial: Trial) -> pl.Expr:
     return pl.lit(name, pl.String).alias("speed_alone")
 
 
+def gear_told(trial: Trial, p: DrivetrainParameters | None) -> list[pl.Expr]:
+    """The columns `gear`, by how much farther the motor's side turns, in words, and `gear_ratio`,
+    that over the nearest stated ratio, null without one. Of a belt whose stiffness is known both
+    are null: `K_s_ratio` then tells a wrong angle."""
+    words = ratio = None
+    if p is None or np.isnan(p.K_s):
+        for motor, factor in origin(trial, "theta").get("gears", {}).items():
+            words = f"{motor} turns {factor:.4g} times as far as theta"
+            stated = factor / np.array([p.n_T, p.n_m, p.n_T * p.n_m]) if p else np.empty(0)
+            ratio = min(stated[stated > 0], key=lambda over: abs(np.log(over)), default=None)
+    return [
+        pl.lit(words, pl.String).alias("gear"),
+        pl.lit(ratio, pl.Float64).alias("gear_ratio"),
+    ]
+
+
 def check_changes(column: str, values: Array) -> None:
     """Refuse a signal (n,) that never changes, such as that of a dead sensor."""
     check_measured(column, values)

@@ -35,7 +35,7 @@ from osl_analysis.bench.frequency_response import response_table, with_errors
 from osl_analysis.bench.impedance import analysed, rendered_impedance
 from osl_analysis.bench.motion import record_of_trial
 from osl_analysis.bench.parts_alone import actuator_table, actuator_trial, transmission_table
-from osl_analysis.bench.plausibility import computed_torque, plausible, speed_alone
+from osl_analysis.bench.plausibility import computed_torque, gear_told, plausible, speed_alone
 from osl_analysis.bench.record import Record
 from osl_analysis.bench.regression import IMPEDANCE, TRANSMISSION
 from osl_analysis.bench.summaries import compensation_table, delay_table, part_summary
@@ -103,7 +103,7 @@ def fit_impedance_trial(
     gains = stated.gains(known_parameters(parameters), weight)
     tables = impedance_table(analysis, p, stated, gains, stated_of_device(parameters))
     table = tables["impedance"].with_columns(
-        saturated(trial), fixture_column(of_joint), computed_torque(trial)
+        saturated(trial), fixture_column(of_joint), computed_torque(trial), *gear_told(trial, p)
     )
 
     def others() -> dict[str, pl.DataFrame]:

@@ -3,7 +3,6 @@
 them."""
 
 import math
-import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -23,19 +22,13 @@ from osl_analysis.base.source_file import (
     LogSource,
 )
 from osl_analysis.base.trial import COUNTER, Array, unit_of
-from osl_analysis.base.units import EXAMPLES, quantity, si_factor
-from osl_analysis.draft.likelihood import parted_name, word_patterns
-from osl_analysis.draft.recorded_channel import likely_unit, name_and_ending
+from osl_analysis.base.units import quantity, si_factor
 from osl_analysis.ingest import LIMITS
-from osl_analysis.signals.agreement import speed_factor
+from osl_analysis.ingest.turning import BESIDE, told_of_turns, turns_beside
 
 # facts on a sensor, which the provenance has in SI units, and a clock of its own
 OF_SENSOR = {"delay", "low_pass", "resolution", "range", "time"}
 LARGEST_COUNT = 2 / np.finfo(float).eps  # floats hold whole numbers exactly below it
-BESIDE_ENDING = "_beside"  # ends the key of the speed of a column's body, or of its angle
-NO_BODY = re.compile(r"\b(counts?|ticks?|raw|meas\w*|actual|value|filtered)\b")  # in a name
-# by the unit of a column: what stands beside it, and in which unit
-OTHER_OF_BODY = {"rad": ("speed", "rad/s"), "rad/s": ("angle", "rad")}
 
 
 @dataclass(frozen=True)
@@ -168,6 +161,7 @@ def canonical_columns(
         `most_missing`.
     """
     columns = []
+    numbers_in_si = {}
     origins = {}
     remarks = []
     for column, setting in source.channels.items():
@@ -218,9 +212,7 @@ def canonical_columns(
                 f" {shift:.4g} {unit_of(column)}"
             )
         series = pl.Series(column, in_si)
-        if column + BESIDE_ENDING in channels:
-            beside = channels[column + BESIDE_ENDING]
-            origin |= factor_beside(column, time, in_si, beside, values[column + BESIDE_ENDING])
+        numbers_in_si[column] = in_si
         columns.append(series.set(pl.Series(lacking), None))
         origins[column] = origin
         counter = column + COUNTER
@@ -232,6 +224,9 @@ def canonical_columns(
                 f"correct or leave out `counter`, or remove the {rows.noun} from the log",
             )
             columns.append(pl.Series(counter, counts))
+    beside = [(channels[key], floats_of(values[key])) for key in channels if key.startswith(BESIDE)]
+    for column, kind, other, ratio in told_of_turns(time, numbers_in_si, beside):
+        origins[column].setdefault(kind, {})[other] = ratio
     return columns, origins, remarks
 
 
@@ -290,54 +285,14 @@ def loss_of(loss: Loss, topic: str) -> Loss:
 
 def asked_channels(recording: Recording, settings: Mapping[str, LogChannel]) -> dict[str, Channel]:
     """The channels of a log that settings name, by canonical column; with the counters beside them,
-    and the speed of an angle or the angle of a speed, as far as names tell."""
+    and the other angles and speeds."""
     asked = {column: recording.find(setting.address) for column, setting in settings.items()}
+    asked |= turns_beside(recording, asked)
     for column, setting in settings.items():
-        if unit_of(column) in OTHER_OF_BODY:
-            kind, _ = OTHER_OF_BODY[unit_of(column)]
-            wanted = (kind, *body_of(asked[column])[1:])
-            for channel in recording.channels:
-                if body_of(channel) == wanted:
-                    asked[column + BESIDE_ENDING] = channel
         if setting.counter is not None:
             address = {**setting.address, setting.ADDRESS: setting.counter}
             asked[column + COUNTER] = recording.find(address)
     return asked
-
-
-def body_of(channel: Channel) -> tuple[str, str, str, int]:
-    """Whether a channel is called like a `speed` or an `angle`, the rest of its name, its rows."""
-    name = channel.address.get("field", channel.name or channel.key)
-    words = NO_BODY.sub("", parted_name(name_and_ending(name)[0]))
-    kind = ""
-    for known in ("angle", "speed"):
-        if word_patterns()[known].search(words):
-            kind, words = known, word_patterns()[known].sub("", words)
-    return kind, " ".join(words.split()), channel.rows.name, channel.rows.count
-
-
-def factor_beside(column: str, time: Array, in_si: Array, beside: Channel, other: Any) -> Any:
-    """The size of a speed over that of the change of its angle, for the provenance: of a column
-    (n,) and readings (n,) beside it. A unit that nobody states is the usual one that fits best."""
-    readings = floats_of(other)
-    _, unit = OTHER_OF_BODY[unit_of(column)]
-    spelled = beside.unit or beside.likely_unit or likely_unit(beside.name)
-    factors = [factor_or_nan(spelled, unit)] if spelled else [*EXAMPLES[unit].values()]
-    if unit == "rad/s":
-        possible = speed_factor(time, in_si, readings) * np.array(factors)
-    else:
-        possible = speed_factor(time, readings, in_si) / np.array(factors)
-    nearest = possible[np.abs(np.log(possible)).argmin()]
-    return {"beside": beside.key, "speed_factor": nearest} if nearest > 0 else {}
-
-
-def factor_or_nan(unit: str, si_unit: str) -> float:
-    """The factor of a file's unit; NaN where that is not known, as of the raw channel that `scale`
-    converts."""
-    try:
-        return si_factor(unit, si_unit)
-    except InputError:
-        return np.nan
 
 
 def fresh_rows(

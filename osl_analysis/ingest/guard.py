@@ -76,17 +76,23 @@ def check_own_torque(trial: Trial, torque: str = "torque", angle: str | None = "
         signals = dict(zip(others, values, strict=True))
         sums = sums_of_formula(time, measured, signals)
         # a load cell has noise of its own, and a simulated joint none
-        noise = min(noise_of(measured, LIMITS.order_of_noise) / np.std(measured), least)
-        of_noise = unexplained_share(rows_of_filter(measured, values)) / noise
+        noise = noise_of(measured, LIMITS.order_of_noise) / np.std(measured)
+        of_noise = unexplained_share(rows_of_filter(measured, values)) / min(noise, least)
         of_current = 1.0
         if "current" in signals:
-            turned = signals.get(angle or "", signals.get("omega_m", measured))
-            of_current = unexplained_share(rows_of_current(measured, signals["current"], turned))
-        is_formula = unexplained_share(sums) < least or of_current < LIMITS.least_beside_current
+            still = np.zeros_like(measured)
+            turned = signals.get(angle or "", still)
+            speed = np.gradient(turned) if turned.any() else signals.get("omega_m", still)
+            few = slice(None, None, max(time.size // LIMITS.rows_of_filter, 1))
+            rows = rows_of_current(measured[few], signals["current"][few], turned[few], speed[few])
+            of_current = unexplained_share(rows)
+        least_of_current = max(LIMITS.least_beside_current, LIMITS.least_of_own_noise * noise)
+        is_formula = unexplained_share(sums) < least or of_current < least_of_current
         if is_formula or of_noise < LIMITS.least_of_noise:
             raise InputError(
-                f"trial {trial.name}: {torque} follows exactly from {' and '.join(others)}: it"
-                " is computed, not measured, and a fit gives the formula back",
+                f"trial {trial.name}: {torque} follows from {' and '.join(others)} more exactly"
+                " than a sensor's noise allows: it is computed, not measured, and a fit gives the"
+                " formula back",
                 f"name the channel of a load cell as {torque} in the source file, or write"
                 " experiment ingest_only",
             )
@@ -110,12 +116,14 @@ def sums_of_formula(time: Array, torque: Array, signals: Mapping[str, Array]) ->
     return sums[:, :-1]  # the last is shorter, so that a constant torque would vary
 
 
-def rows_of_current(torque: Array, current: Array, turned: Array) -> Array:
+def rows_of_current(torque: Array, current: Array, turned: Array, speed: Array) -> Array:
     """Rows of a torque (n,) and what a linkage makes of a current (n,): its arm changes with the
-    angle (n,), and friction has the way of the motion."""
-    way = np.sign(np.gradient(turned))
+    angle (n,), and friction has the way of the motion, from some speed (n,) on."""
+    way = np.sign(speed)
     arms = [current, current * turned, current * turned**2]
-    return np.array([torque, np.ones_like(torque), *arms, way, way * abs(current)])
+    widths = np.multiply(LIMITS.friction_speeds, np.std(speed) + SMALLEST_SIGNAL)
+    onsets = [np.tanh(speed / width) for width in widths]
+    return np.array([torque, np.ones_like(torque), *arms, way, way * abs(current), *onsets])
 
 
 def rows_of_filter(torque: Array, signals: Sequence[Array]) -> Array:

@@ -20,7 +20,6 @@ from osl_analysis.config.experiments import EXPERIMENTS, Experiment
 from osl_analysis.ingest import LIMITS
 from osl_analysis.ingest.force_plates import beside, plate_axes
 from osl_analysis.ingest.guard import ANGLES, recorded
-from osl_analysis.signals.agreement import speed_factor
 from osl_analysis.signals.filters import longest_of, run_edges
 from osl_analysis.signals.grid import GapLimits, devices_of, origin, uniform_signals
 from osl_analysis.signals.plateaus import (
@@ -170,18 +169,12 @@ def measure_units(examined: Examined) -> dict[str, float]:
 
 def measure_contradiction(examined: Examined) -> dict[str, float]:
     """By how much [%] a speed is not the derivative of the angle of its body."""
-    trial = examined.trial
-    factors = {}
-    for column, facts in trial.provenance.get("columns", {}).items():
-        if "beside" in facts:
-            factors[f"{column} and '{facts['beside']}'"] = facts["speed_factor"]
-    if {"theta_m", "omega_m"} <= {*trial.columns}:
-        factors["theta_m and omega_m"] = speed_factor(*trial.arrays("theta_m", "omega_m"))
-    return {
-        f"of {both} the speed is {factor:.3g} times the change of the angle": 100 * abs(factor - 1)
-        for both, factor in factors.items()
-        if factor > 0
-    }
+    of_speeds = {}
+    for column, facts in examined.trial.provenance.get("columns", {}).items():
+        for other, ratio in facts.get("speeds", {}).items():
+            both = f"of {column} and {other} the speed is {ratio:.3g} times the change of the angle"
+            of_speeds[both] = 100 * abs(ratio - 1)
+    return of_speeds
 
 
 # The motion that was commanded.

@@ -22,7 +22,6 @@ from osl_analysis.ingest.conversion import (
     asked_channels,
     canonical_columns,
     checked_counts,
-    factor_or_nan,
     floats_of,
     fresh_rows,
     losses_of,
@@ -31,6 +30,7 @@ from osl_analysis.ingest.conversion import (
 from osl_analysis.ingest.force_plates import convert_plates
 from osl_analysis.ingest.likely_clock import check_other_clocks, rate_of, unwrapped
 from osl_analysis.ingest.several_clocks import joined_clocks
+from osl_analysis.ingest.turning import factor_or_nan
 
 
 def with_own_rows(

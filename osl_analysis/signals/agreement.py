@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a speed is that of an angle: one of both may have a wrong scale, or be of another side of
-a gear."""
+"""How far two channels turn in the same short times: a speed as far as its angle, or one of both
+has a wrong scale; both sides of a gear in its ratio."""
 
 import numpy as np
 
@@ -12,29 +12,35 @@ COMPARED_S = 0.25
 LEAST_FOLLOWED = 0.9  # correlation of a speed with its angle's change; less is of another, or noise
 
 
-def speed_factor(time: Array, angle: Array, speed: Array) -> float:
-    """The size of a speed over that of the change of an angle: 1 where both are right.
+def turns(time: Array, readings: Array, is_speed: bool) -> Array:
+    """How far a channel turns within each of overlapping `COMPARED_S`.
 
     Parameters
     ----------
-    time, angle, speed
-        Shape (n,) [s, rad, rad/s]; NaN is left out.
+    time
+        Shape (n,) [s].
+    readings
+        Angles (n,), or speeds, per second; NaN is left out.
 
     Returns
     -------
-    float
-        Without a sign; NaN where the speed does not follow the angle.
+    Array
+        Shape (spans,), the same number for all channels of these times.
     """
-    known = np.isfinite(angle + speed)
-    if not known.all():
-        time, angle, speed = time[known], angle[known], speed[known]
-    if not time.size:
-        return np.nan
+    known = np.isfinite(readings)
+    if not known.any():
+        return np.empty(0)
     begins = np.arange(time[0], time[-1] - COMPARED_S, COMPARED_S / 10)
-    way = np.append(0.0, np.cumsum(speed[1:] * np.diff(time)))
-    turns = np.interp(begins + COMPARED_S, time, angle) - np.interp(begins, time, angle)
-    ways = np.interp(begins + COMPARED_S, time, way) - np.interp(begins, time, way)
-    if not (varies(turns) and varies(ways)):
+    at = time[known]
+    angle = readings[known]
+    if is_speed:
+        angle = np.append(0.0, np.cumsum(angle[1:] * np.diff(at)))
+    return np.interp(begins + COMPARED_S, at, angle) - np.interp(begins, at, angle)
+
+
+def turn_ratio(turned: Array, others: Array) -> float:
+    """How many times as far others (spans,) turn, without a sign; NaN where they do not follow."""
+    if turned.size != others.size or not (varies(turned) and varies(others)):
         return np.nan
-    is_followed = abs(np.corrcoef(turns, ways)[0, 1]) > LEAST_FOLLOWED
-    return float(ways.std() / turns.std()) if is_followed else np.nan
+    is_followed = abs(np.corrcoef(turned, others)[0, 1]) > LEAST_FOLLOWED
+    return float(others.std() / turned.std()) if is_followed else np.nan

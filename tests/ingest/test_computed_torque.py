@@ -37,12 +37,22 @@ def test_a_torque_that_follows_from_angle_and_current_is_refused(torque, names):
         check_own_torque(trial_of(torque))
 
 
+@pytest.mark.parametrize("onset", [0.01, 0.05, 0.2])  # rad/s, at which friction sets in
+def test_a_torque_of_a_noisy_current_less_friction_is_refused(onset):
+    current = CURRENT + 0.02 * NOISE
+    torque = current * (3 + 0.4 * ANGLE) - 0.9 * np.tanh(OMEGA / onset)
+
+    with refused_with("follows.*theta and current.*computed"):
+        check_own_torque(trial_of(torque, current))
+
+
 @pytest.mark.parametrize("torque", [
     150 * THETA + 3 * OMEGA + 0.02 * ALPHA,  # of a simulated joint
     np.round(150 * THETA + 0.05 * NOISE),
     150 * THETA + 3 * np.tanh(OMEGA / 0.05),
     600 * (np.round(THETA + 0.02 * np.sin(1.3 * TURN), 5) - ANGLE),  # of a spring's two encoders
     1.7 * CURRENT + 0.01 * NOISE,
+    1.7 * CURRENT + 0.9 * np.tanh(OMEGA / 0.05) + 0.05 * NOISE,
 ])  # fmt: skip
 def test_a_torque_of_a_sensor_is_taken(torque):
     check_own_torque(trial_of(torque))
@@ -62,6 +72,6 @@ def test_a_torque_that_is_called_so_is_not_measured_until_it_is_stated(stated, t
     assert pl.select(computed_torque(trial)).item() == told
 
 
-def trial_of(torque):
-    columns = {"time": TIME, "theta": ANGLE, "current": CURRENT, "omega_m": SPEED, "torque": torque}
+def trial_of(torque, current=CURRENT):
+    columns = {"time": TIME, "theta": ANGLE, "current": current, "omega_m": SPEED, "torque": torque}
     return Trial("a", pl.DataFrame(columns))

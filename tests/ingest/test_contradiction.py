@@ -1,5 +1,5 @@
-# SPDX-License-Identifier: Apache-2.0
-"""A speed and the angle of its body contradict each other where one of both has a wrong scale."""
+"""A speed and its angle, and both sides of a gear, contradict each other where one has a wrong
+scale."""
 
 import numpy as np
 import polars as pl
@@ -7,9 +7,10 @@ import pytest
 from conftest import white_noise
 
 from osl_analysis.base.trial import Trial
-from osl_analysis.ingest.quality import Commanded, measure_quality
+from osl_analysis.bench.plausibility import gear_told
 from osl_analysis.ingest.raw_files import read_converted, read_source
-from osl_analysis.signals.agreement import speed_factor
+from osl_analysis.model.drivetrain import REQUIRED, DrivetrainParameters
+from osl_analysis.signals.agreement import turn_ratio, turns
 
 TIME = np.arange(8000) / 200
 TURN = 2 * np.pi * TIME
@@ -18,81 +19,124 @@ SPEED = np.gradient(ANGLE, TIME)
 SOURCE = """format: csv
 time: {column: time, unit: s}
 channels:
-  theta: {column: "theirs", unit: deg}
+  CHANNEL
   torque: {column: torque, unit: N*m}
 """
 
 
-def factors(folder, angle, speed, more="", speeds=SPEED):
-    """What is told of a log with an angle, a column `speed`, and further ones."""
-    (folder / "log.yaml").write_text(SOURCE.replace("theirs", angle) + more)
-    rows = np.column_stack([TIME, ANGLE, speeds, ANGLE])
-    text = f"time,{angle},{speed},torque"
-    np.savetxt(folder / "log.csv", rows, "%.6f", ",", header=text, comments="")
+def told(folder, channel, **columns):
+    """What is told of a log with a channel that is read, and other columns."""
+    (folder / "log.yaml").write_text(SOURCE.replace("CHANNEL", channel))
+    header = ",".join(["time", *columns, "torque"])
+    rows = np.column_stack([TIME, *columns.values(), ANGLE])
+    np.savetxt(folder / "log.csv", rows, "%.6f", ",", header=header, comments="")
     origins = read_converted(folder / "log.csv", read_source(folder / "log.yaml")).origins
     return {
-        column: (facts["beside"], facts["speed_factor"])
-        for column, facts in origins.items()
-        if "beside" in facts
+        kind: facts[kind]
+        for facts in origins.values()
+        for kind in ("speeds", "gears")
+        if kind in facts
     }
 
 
-@pytest.mark.parametrize(("angle", "speed", "factor"), [
-    ("angle", "velocity [deg/s]", 1),
-    ("angle", "velocity [rad/s]", 57.3),
-    ("knee_pos", "knee_vel", 1),  # no unit is stated, and one explains it
-    ("q[5]", "dq[5]", 1),
-])  # fmt: skip
-def test_a_speed_that_no_analysis_reads_is_compared_by_name_and_unit(
-    tmp_path, angle, speed, factor
-):
-    told = factors(tmp_path, angle, speed)
+def speeds(folder, angle, speed, readings=SPEED):
+    """What is told of an angle in degrees that is read, and a speed that is not."""
+    channel = f'theta: {{column: "{angle}", unit: deg}}'
+    return told(folder, channel, **{angle: ANGLE, speed: readings})
 
-    assert told == {"theta": (speed.split(" ")[0], pytest.approx(factor, rel=0.003))}
+
+@pytest.mark.parametrize(("speed", "readings", "factor"), [
+    ("Gelenkgeschw. [rad/s]", np.deg2rad(SPEED), 1),
+    ("w [deg/s]", 0.8 * SPEED, 0.8),
+    ("Drehzahl [rpm]", SPEED / 6, 1),
+    ("velocity [rad/s]", SPEED, 57.3),
+])  # fmt: skip
+def test_a_speed_that_nothing_reads_is_compared_by_its_unit(tmp_path, speed, readings, factor):
+    name = f"'{speed.split(' [')[0]}'"
+
+    assert speeds(tmp_path, "pos", speed, readings) == {
+        "speeds": {name: pytest.approx(factor, rel=0.003)}
+    }
+
+
+@pytest.mark.parametrize(("angle", "speed"), [("knee_pos", "knee_vel"), ("q[5]", "dq[5]")])
+def test_a_speed_without_a_unit_has_one_that_explains_it(tmp_path, angle, speed):
+    assert speeds(tmp_path, angle, speed) == {"speeds": {f"'{speed}'": pytest.approx(1, rel=0.003)}}
 
 
 def test_half_of_the_speed_without_a_unit_is_explained_by_none(tmp_path):
-    told = factors(tmp_path, "angle", "velocity", speeds=SPEED / 2)
-
-    assert told == {"theta": ("velocity", pytest.approx(0.5, rel=0.01))}
-
-
-@pytest.mark.parametrize("speed", ["motor_velocity [deg/s]", "velocity_setpoint [deg/s]"])
-def test_the_speed_of_another_body_and_a_command_are_not_compared(tmp_path, speed):
-    assert factors(tmp_path, "angle", speed) == {}
+    assert speeds(tmp_path, "angle", "velocity", SPEED / 2) == {
+        "speeds": {"'velocity'": pytest.approx(0.5, rel=0.01)}
+    }
 
 
-def test_an_angle_that_no_analysis_reads_is_compared_with_the_speed_of_its_body(tmp_path):
-    (tmp_path / "log.yaml").write_text(
-        SOURCE.replace("theta", "omega_m")
-        .replace("theirs", "motor_velocity")
-        .replace("deg", "deg/s")
-    )
-    rows = np.column_stack([TIME, 2 * ANGLE, SPEED, ANGLE])
-    header = "time,motor_angle [deg],motor_velocity,torque"
-    np.savetxt(tmp_path / "log.csv", rows, "%.6f", ",", header=header, comments="")
-
-    converted = read_converted(tmp_path / "log.csv", read_source(tmp_path / "log.yaml"))
-
-    assert converted.origins["omega_m"]["speed_factor"] == pytest.approx(0.5, rel=0.003)
+@pytest.mark.parametrize(("name", "readings"), [
+    ("velocity_setpoint [deg/s]", SPEED),
+    ("velocity [deg/s]", white_noise(TIME.size, 4)),
+    ("position", np.round(1000 * SPEED)),  # counts
+    ("motor_position", 40 * ANGLE),  # of no known unit
+])  # fmt: skip
+def test_a_command_noise_and_counts_are_not_compared(tmp_path, name, readings):
+    assert speeds(tmp_path, "angle", name, readings) == {}
 
 
-def test_angle_and_speed_of_an_actuator_are_of_one_body_whatever_they_are_called():
-    columns = {"time": TIME, "theta_m": 9 * ANGLE, "omega_m": SPEED, "current": ANGLE}
-    trial = Trial("a", pl.DataFrame(columns))
+def test_the_speed_of_another_joint_that_follows_is_no_contradiction(tmp_path):
+    columns = {"hip [deg]": 0.7 * ANGLE, "hip_w [deg/s]": 0.7 * SPEED, "w [deg/s]": SPEED}
 
-    check = measure_quality(trial, "actuator", Commanded())["contradiction"]
+    found = told(tmp_path, "theta: {column: knee, unit: deg}", knee=ANGLE, **columns)
 
-    assert check.value == pytest.approx(100 * (1 - 1 / 9), rel=0.003)
+    assert found == {"speeds": {"'w'": pytest.approx(1, rel=0.003)}}
+
+
+def test_an_angle_that_no_analysis_reads_is_compared_with_a_speed(tmp_path):
+    columns = {"motor_angle [deg]": 2 * ANGLE, "speed": SPEED}
+
+    found = told(tmp_path, "omega_m: {column: speed, unit: deg/s}", **columns)
+
+    assert found == {"speeds": {"'motor_angle'": pytest.approx(0.5, rel=0.003)}}
+
+
+def test_angle_and_speed_of_an_actuator_are_compared_whatever_they_are_called(tmp_path):
+    both = "theta_m: {column: a, unit: deg}\n  omega_m: {column: b, unit: deg/s}"
+
+    found = told(tmp_path, both, a=9 * ANGLE, b=SPEED)
+
+    assert found == {"speeds": {"omega_m": pytest.approx(1 / 9, rel=0.003)}}
 
 
 def test_noise_of_the_angle_and_a_filter_of_the_speed_change_the_factor_by_less_than_3_percent():
     late = np.convolve(SPEED, np.ones(5) / 5)[: SPEED.size]  # a mean over 25 ms
+    turned = turns(TIME, ANGLE + 0.05 * white_noise(TIME.size, 3), is_speed=False)
 
-    factor = speed_factor(TIME, ANGLE + 0.05 * white_noise(TIME.size, 3), late)
+    factor = turn_ratio(turned, turns(TIME, late, is_speed=True))
 
     assert factor == pytest.approx(1, abs=0.03)
 
 
-def test_a_speed_that_does_not_follow_is_not_judged():
-    assert np.isnan(speed_factor(TIME, ANGLE, white_noise(TIME.size, 4)))
+@pytest.mark.parametrize(("columns", "channels", "motor"), [
+    ({"knee": ANGLE, "motor [deg]": 40 * ANGLE}, "", "'motor'"),
+    ({"knee": ANGLE, "m": 40 * ANGLE}, "\n  theta_m: {column: m, unit: deg}", "theta_m"),
+    ({"knee": ANGLE, "motor_speed [deg/s]": 40 * SPEED}, "", "'motor_speed'"),
+])  # fmt: skip
+def test_how_far_the_motor_turns_beside_its_joint_is_told(tmp_path, columns, channels, motor):
+    found = told(tmp_path, "theta: {column: knee, unit: deg}" + channels, **columns)
+
+    assert found["gears"] == {motor: pytest.approx(40, rel=0.003)}
+
+
+@pytest.mark.parametrize(("parameters", "gear", "ratio"), [
+    ({}, True, None),
+    ({"n_T": 50}, True, 0.8),
+    ({"n_T": 5, "n_m": 8}, True, 1.0),
+    ({"n_T": 50, "K_s": 600}, False, None),  # the belt yields, which K_s_ratio tells
+])  # fmt: skip
+def test_how_far_the_motor_turns_is_held_against_the_ratios_that_are_stated(
+    parameters, gear, ratio
+):
+    trial = Trial("a", pl.DataFrame({"time": TIME}), {"columns": {"theta": {"gears": {"m": 40.0}}}})
+    known = dict.fromkeys(REQUIRED, np.nan) | parameters
+    p = DrivetrainParameters(**known) if parameters else None
+
+    told_of_gear = pl.select(*gear_told(trial, p)).row(0)
+
+    assert told_of_gear == ("m turns 40 times as far as theta" if gear else None, ratio)

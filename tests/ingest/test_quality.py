@@ -287,7 +287,7 @@ DAMAGED_LOG = {
         **DAMAGED_LOG, "end_missing": False, "lost": 3, "share_lost": 0.05,
     }}}, {"damage", "truncated"}, "damage",
      5.0, "mocap: 3 .*chunk 3"),
-    ({"columns": {"torque": {"unit": "N*m"}, "theta": {"beside": "v", "speed_factor": 0.5}}},
+    ({"columns": {"torque": {"unit": "N*m"}, "theta": {"speeds": {"'v'": 0.5}}}},
      {"contradiction"}, "contradiction", 50.0, "of theta and 'v' .* 0.5 times.*"),
     ({"warnings": ["a.csv: 1 of 9 lines"]}, set(), "damage", 0.0, "a.csv: 1 of 9 lines"),
 ])  # fmt: skip

@@ -212,6 +212,15 @@ def test_a_current_that_was_off_in_the_pauses_comes_from_zero():
     assert fit["k_tau_n_m"] == pytest.approx(0.648, rel=0.01)
 
 
+def test_friction_lags_behind_small_steps_too():
+    """Of 3 % of the current's range, each back after a large one."""
+    levels = [level for top in range(2, 22, 2) for level in (top, top - 0.6)]
+
+    fit = actuator_trial(staircase(5, levels, between=0.0), ANALYSIS).whole
+
+    assert fit["hysteresis"] == pytest.approx(0.15, abs=0.01)
+
+
 CLAMPED = np.arange(250 * len(UP_AND_DOWN)) / 250
 JUMPS = np.random.default_rng(3).choice([-0.15, 0.15], len(UP_AND_DOWN) - 1)
 TWITCHES = sum(jump * np.tanh((CLAMPED - k) / 0.1) for k, jump in enumerate(JUMPS, 1))

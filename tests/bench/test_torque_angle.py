@@ -122,6 +122,7 @@ SMALLER = (*(x for a in (6, 8, 10, 6, 8, 10) for x in (0, a, -a)), 0)
     ((0, -10, 12, 0), 1),  # as the tests of the DESR foot
     ((6, 10, -10, 10, -10, 6), 2), ((0, 10, 0, 10, 0, 5), 2), ((0, -10, 10, -10, 10, 5), 1),
     ((0, 10, 1, 10, 1, 10, 0), 1),  # from a preload
+    ((6, 10, -10, 10, -10, 5.4), 1),  # open by 3 % of the motion
     (SMALLER, 2),
 ])  # fmt: skip
 def test_cycles_begin_and_end_where_the_angle_comes_back(angles, count):

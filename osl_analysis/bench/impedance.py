@@ -29,7 +29,7 @@ from osl_analysis.bench.regression import (
 )
 from osl_analysis.inference.rounding_errors import errors_by_steps, repeated_share
 from osl_analysis.inference.spectra import noise_and_band
-from osl_analysis.signals.filters import seven_point_motion
+from osl_analysis.signals.filters import LowPass, sections_of, seven_point_motion
 from osl_analysis.stats.budget import Budget, Row
 from osl_analysis.stats.linear_fit import LinearFit, products_between, solved
 
@@ -359,7 +359,6 @@ def with_encoder_errors(
 FEWEST_SINES = 3  # of which two tell K from I in the lower and in the upper part of the band
 # of a motion without sines: in half of them blocks of another size still tell all estimates
 FEWEST_BLOCKS = 16
-SPLIT_ORDER = 4  # of the filter that parts a band: 0.4 % of a motion an octave beyond remains
 
 
 def parts_of(record: Record, sums: Sums) -> Iterator[Sums]:
@@ -400,11 +399,11 @@ def parts_of_band(record: Record, sums: Sums, split_hz: float) -> Iterator[Sums]
     of the whole band without slow torque and without the noise of the angle."""
     few = record.coarse
     groups = sums.groups
-    sections = scipy.signal.butter(SPLIT_ORDER, split_hz, fs=few.rate_hz, output="sos")
+    low_pass = LowPass(split_hz)  # behind which 0.4 % of a motion an octave beyond remains
     signals = fast_signals(few, sums.columns)
-    slow = scipy.signal.sosfiltfilt(sections, signals)
+    slow = scipy.signal.sosfiltfilt(sections_of(low_pass, few.rate_hz), signals)
     noise_hz, power = record.angle_noise
-    gain_below = 1 / (1 + (noise_hz / split_hz) ** (2 * SPLIT_ORDER))
+    gain_below = low_pass.gain(noise_hz)
     for part, gain in ((slow, gain_below), (signals - slow, 1 - gain_below)):
         for name in ("one", "ramp"):  # of each part the torque has its own offset and drift
             part[sums.names.index(name)] = signals[sums.names.index(name)]

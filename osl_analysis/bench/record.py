@@ -2,7 +2,7 @@
 """One record for every motion: uniform signals, the motion behind one low-pass, and groups of
 rows."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Literal, NamedTuple
@@ -67,15 +67,6 @@ class Groups:
         may_repeat = np.array([stratum.repeats for stratum in self.strata])
         members = np.bincount(self.stratum, minlength=len(self.strata))
         return (may_repeat & (members > 1))[self.stratum]
-
-    def alike(self, lowest_hz: float) -> Iterator[tuple[NDArray[np.bool_], float]]:
-        """The groups (m,) of each sine, or of all periods, and the lowest frequency [Hz] in
-        them."""
-        if self.kind == "cycles":
-            for number, stratum in enumerate(self.strata):
-                yield self.repeat() & (self.stratum == number), stratum.frequency_hz
-        else:
-            yield self.repeat(), lowest_hz
 
     def cover(
         self, is_chosen: NDArray[np.bool_], rows: int, edge: float = 0.0

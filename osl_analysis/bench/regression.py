@@ -272,31 +272,32 @@ def fast_signals(record: Record, columns: Mapping[str, Array]) -> Array:
     slow_hz = record.band_hz[0]
     signals = np.array([*columns.values(), record.filtered_torque, record.torque])
     groups = record.groups
-    unlike = runs(groups.cover(~groups.repeat(), len(record.time)))
-    fast = without_slower(signals, unlike, slow_hz / record.rate_hz)
-    is_offset_or_drift = np.isin([*columns, "torque", "raw torque"], ["one", "ramp"])
-    for is_alike, hz in groups.alike(slow_hz):
-        for run in runs(groups.cover(is_alike, len(record.time))):
-            rows = slice(max(run.start - EDGE_ROWS, 0), run.stop + EDGE_ROWS)
-            slow = running_mean(signals[:, rows], record.rate_hz / hz)
-            slow[is_offset_or_drift] = 0.0  # which tell what is left of the torque's
-            fast[:, rows] -= slow
-    return fast
-
-
-def without_slower(signals: Array, runs: Sequence[slice], slow: float) -> Array:
-    """Signals (q, n) without what is slower than `slow` [cycles per row] in some runs of rows: the
-    lines of the run's discrete cosine transform behind a high-pass (band-spectrum regression;
-    Engle, Int. Econ. Review 15, 1974)."""
+    repeat = groups.repeat()
     fast = signals.copy()
-    for run in runs:
-        # a fraction of a row at its ends is read from the rows beside it
-        rows = slice(max(run.start - EDGE_ROWS, 0), run.stop + EDGE_ROWS)
-        lines = scipy.fft.dct(signals[:, rows], norm="ortho")
-        frequency = np.arange(lines.shape[1]) / (2 * lines.shape[1])
-        frequency[0] = frequency[1] / 4  # a constant is told, too
-        fast[:, rows] = scipy.fft.idct(high_pass_gain(frequency, slow) * lines, norm="ortho")
+    n = len(record.time)
+    # a fraction of a row at the ends of a run is read from the rows beside it
+    for rows in runs(groups.cover(~repeat, n, EDGE_ROWS)):
+        fast[:, rows] = without_slower(signals[:, rows], slow_hz / record.rate_hz)
+    alike = [(repeat, slow_hz)]  # all periods, or the cycles of each sine
+    if groups.kind == "cycles":
+        sines_hz = enumerate(stratum.frequency_hz for stratum in groups.strata)
+        alike = [(repeat & (groups.stratum == number), hz) for number, hz in sines_hz]
+    # offset and drift are left, which tell what is left of the torque's
+    moves = ~np.isin([*columns, "torque", "raw torque"], ["one", "ramp"])
+    for is_alike, hz in alike:
+        for rows in runs(groups.cover(is_alike, n, EDGE_ROWS)):
+            fast[moves, rows] -= running_mean(signals[moves, rows], record.rate_hz / hz)
     return fast
+
+
+def without_slower(signals: Array, slow: float) -> Array:
+    """Signals (q, n) without what is slower than `slow` [cycles per row]: the lines of their
+    discrete cosine transform behind a high-pass (band-spectrum regression; Engle, Int. Econ. Review
+    15, 1974)."""
+    lines = scipy.fft.dct(signals, norm="ortho")
+    frequency = np.arange(lines.shape[1]) / (2 * lines.shape[1])
+    frequency[0] = frequency[1] / 4  # a constant is told, too
+    return np.asarray(scipy.fft.idct(high_pass_gain(frequency, slow) * lines, norm="ortho"))
 
 
 def running_mean(signals: Array, period: float) -> Array:
@@ -329,12 +330,14 @@ def noise_moments(names: Sequence[str], record: Record, angle_noise: Array) -> A
     gain = record.settings.low_pass.gain(f)
     if not record.groups.repeat().any():
         gain = gain * high_pass_gain(f, record.band_hz[0])
-    s = 2j * np.pi * f
-    of_angle = np.zeros((len(names), len(s)), dtype=complex)
-    for order, name in enumerate(DERIVATIVES):
-        if name in names:
-            of_angle[names.index(name)] = s**order
-    return np.real((of_angle * (power * gain**2)) @ of_angle.conj().T)
+    order = np.array([DERIVATIVES.index(name) for name in names if name in DERIVATIVES])
+    of_angle = (2 * np.pi * f) ** order[:, None]
+    of_orders = (of_angle * (power * gain**2)) @ of_angle.T
+    of_orders *= np.rint(np.cos(np.pi / 2 * (order - order[:, None])))
+    moments = np.zeros((len(names), len(names)))
+    is_of_angle = np.isin(names, DERIVATIVES)
+    moments[np.ix_(is_of_angle, is_of_angle)] = of_orders
+    return moments
 
 
 def sums_of(record: Record, expected: Stiffness | None = None) -> Sums:

@@ -140,9 +140,12 @@ def whitening_gain(spectra: Spectra, signals: Spectrum) -> Array:
 def leverage(columns: Array) -> Array:
     """Share (f,) of the noise in each complex line that columns (k, 2 f) of real and imaginary
     parts take up: the diagonal of their hat matrix."""
-    unit = columns / (np.linalg.norm(columns, axis=1, keepdims=True) + TINY)
-    normal = unit @ unit.T + RIDGE * np.eye(len(unit))
-    of_parts = np.sum(unit * np.linalg.solve(normal, unit), axis=0)
+    products = columns @ columns.T
+    length = np.sqrt(products.diagonal()) + TINY
+    normal = products / np.outer(length, length) + RIDGE * np.eye(len(length))
+    # columns times the root of the inverse, whose squares are the diagonal
+    rooted = np.linalg.inv(np.linalg.cholesky(normal)) / length @ columns
+    of_parts = np.einsum("kf,kf->f", rooted, rooted)
     return of_parts.reshape(-1, 2).mean(axis=1)
 
 

@@ -374,6 +374,11 @@ def test_too_few_rows_per_second_and_steps_of_the_encoder_are_named(motion, word
         row_of(moved(noise, 4, motion, bits=14))
 
 
+def test_an_acceleration_that_is_a_third_noise_of_the_encoder_is_refused():
+    with pytest.raises(IdentifiabilityError, match=r"encoder has 0\.3[0-9]* times"):
+        row_of(moved(noise, 4, {"rms_deg": 0.2, "band": (0.2, 2.0)}, bits=14))
+
+
 @pytest.mark.parametrize("excitation", ["auto", "any"])
 def test_an_angle_of_noise_is_refused_as_noise(excitation):
     samples = moved(noise, 4).samples

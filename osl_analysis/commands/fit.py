@@ -2,8 +2,17 @@
 """From a recording to its estimates: the fit of each kind of trial on the bench, as the jobs of a
 campaign, the command line and notebooks call it, and what its tables tell together.
 
-To K of an impedance trial: `fit_impedance_trial` here, then `bench/motion.py`, `record.py`,
-`regression.py` and `impedance.py`.
+From a recording to K, in the order in which a maintainer reads:
+
+1. `commands/trials.py`, `checked_trial`: `ingest/raw_files.py` reads a file by its format
+   (`formats/`), and `ingest/conversion.py` makes SI units and our signs of it: a `base/trial.py`.
+2. Here, `fit_impedance_trial`. `ingest/guard.py` refuses what cannot be fitted.
+3. `bench/motion.py`: `signals/grid.py` brings the columns on one time base, and what moved tells
+   which rows are fitted. `bench/record.py`: angle and torque behind one filter.
+4. `bench/regression.py`: normal equations of groups, estimates, standard errors
+   (`stats/linear_fit.py`). `bench/impedance.py`: Eq. 15 for each amplitude and all of them.
+5. `bench/evidence.py`: what else may make K (`inference/`) becomes rows of `stats/budget.py`, whose
+   sum is the interval. `judge/judging.py`: the verdict.
 """
 
 import math

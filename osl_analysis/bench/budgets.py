@@ -18,7 +18,7 @@ from osl_analysis.stats.budget import LIKELY, Budget, Contribution, Row, budget_
 
 VISCOELASTIC = "viscoelastic branch"
 # rivals that are properties of a joint, and no faults
-PROPERTIES = ("hardening", "K by side", "damping by speed", VISCOELASTIC)
+PROPERTIES = ("nonlinear spring", "K by side", "damping by speed", VISCOELASTIC)
 ERROR_SOURCES = {
     "path": "torque_path",
     "time": "change_over_time",

@@ -3,7 +3,6 @@
 is found from the content."""
 
 import json
-import math
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -277,7 +276,10 @@ def _names_in(lists: Sequence[list[str]], have_units: bool, width: int) -> list[
         return [str(place + 1) for place in range(width)]
     names = unpadded(lists[-1])
     above_units = [cells for cells in lists if have_units and len({*cells}) == len(cells) == width]
-    above_units.sort(key=lambda cells: not any(map(is_clock, cells)))  # else of devices
+    # else of devices, or their ranges, as `20deg`
+    above_units.sort(
+        key=lambda cells: (not any(map(is_clock, cells)), any(cell[:1].isdigit() for cell in cells))
+    )
     if above_units and not any(map(is_value, above_units[0])):
         names = above_units[0]  # those below them are remarks
     elif len(lists) > 1 and not all(names):  # the rest of the names is above
@@ -337,7 +339,9 @@ def _remark_on_widths(
     if len(odd) == len(rows):
         cells = shortened(" ".join(odd[0].cells))
         raise InputError(
-            f"{what}, such as '{cells}'", "write a name for each, and one sign between all cells"
+            f"line {odd[0].number} has {len(odd[0].cells)} cells under {width} names, '{cells}',"
+            " and no line fits",
+            "write a name for each, and one sign between all cells",
         )
     if layout.damaged != "skip":
         if [row.cells for row in odd if row.cells in [head.cells for head in above]]:
@@ -346,12 +350,8 @@ def _remark_on_widths(
                 " begins",
                 f"cut the file before line {odd[0].number}, and give each part a row of the sheet",
             )
-        share = math.ceil(1000 * len(odd) / len(rows)) / 1000
         raise InputError(
-            what,
-            "write a name for each, and one sign between names and cells, repair these lines,"
-            f" or, where its time is named, write `damaged: skip` and `most_missing: {share:g}`"
-            " in the source file to leave them out",
+            what, "write a name for each, one sign between names and cells, or repair these lines"
         )
     return what
 

@@ -334,7 +334,7 @@ RIVALS = (
     Rival("time", "change over time", shares=(0.0, -0.5, 0.5)),
     Rival("time", "change at once", shares=(0.0, 1.0)),
     Rival("speed", "damping by speed"),
-    Rival("size", "hardening"),
+    Rival("size", "nonlinear spring"),
     Rival("size", "K by side", shares=(0.0, 1.0, -1.0)),
     Rival("size", "viscoelastic branch", with_branch, lambda _: np.geomspace(*BRANCH_S, GRID)),
     Rival("direction", "K and B by direction", shares=(0.0, 1.0, -1.0)),

@@ -157,7 +157,7 @@ def products_of_rivals(spectra: Spectra, sign: Array) -> dict[str, Array]:
     centred_time = spectra.relative_time - 0.5
     products = {
         "damping by speed": [omega * np.abs(omega)],
-        "hardening": [angle**2, angle**2 * angle],
+        "nonlinear spring": [angle**2, angle**2 * angle],
         "K by side": [np.abs(angle)],
         "K and B by direction": [angle * sign, np.abs(omega)],
         "change over time": [x * centred_time for x in (theta, omega, spectra.alpha)],

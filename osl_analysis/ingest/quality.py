@@ -160,7 +160,8 @@ def measure_units(examined: Examined) -> dict[str, float]:
     """Number of channels that the source file converts from another unit than their file states."""
     columns = examined.trial.provenance.get("columns", {})
     remarks = [
-        f"{column} is read in {facts['unit']}, not {facts['unit_of_file']}"
+        f"{column} is read in {facts.get('scale', 1):.4g} {facts['unit']}, not"
+        f" {facts['unit_of_file']}"
         for column, facts in columns.items()
         if "unit_of_file" in facts
     ]
@@ -339,7 +340,9 @@ def measure_leaps(examined: Examined) -> dict[str, float]:
     remedy = ""
     if every.size:
         alone = sum(int(spoiled(trial.arrays(column)[1]).sum()) for column in columns)
-        remedy = remedy_of_leaps(examined, every, cause_of_leaps(leaps, angle), alone)
+        at_rail = samples_at_rail(trial, examined.torque, examined.torque, examined.moved)
+        cause = cause_of_leaps(leaps, angle, at_rail)
+        remedy = remedy_of_leaps(examined, every, cause, alone)
     return {f"{column} leaps{remedy}": times.size for column, times in leaps.items()}
 
 
@@ -348,13 +351,15 @@ def distances(times: Array, others: Array) -> Array:
     return np.abs(np.subtract.outer(times, others)).min(axis=1, initial=np.inf)
 
 
-def cause_of_leaps(leaps: Mapping[str, Array], angle: tuple[Array, Array]) -> str:
-    """Why a signal leaps: a torque that leaps at one angle again and again does at a stop; where
-    the angle leaps, too, rows are missing."""
+def cause_of_leaps(leaps: Mapping[str, Array], angle: tuple[Array, Array], at_rail: int) -> str:
+    """Why a signal leaps: a torque that leaps at one angle again and again does at a stop, one that
+    stands at an end of its range leaps to it; where the angle leaps, too, rows are missing."""
     times = leaps.get("torque", np.empty(0))
     of_angle = sum(len(of_column) for of_column in leaps.values()) - len(times)
     if of_angle:
         return "rows were lost or doubled"
+    if at_rail > LIMITS.at_end:
+        return "the torque stands at an end of its range"
     if times.size >= LIMITS.fewest_at_stop:
         at = np.interp(times, *angle)
         if np.std(at) < LIMITS.one_angle * np.ptp(angle[1]):
@@ -372,10 +377,13 @@ def remedy_of_leaps(examined: Examined, leaps: Array, cause: str, alone: int) ->
     last = edges[longest + 1] - LIMITS.beside_leap_s
     remedy = "exclude the trial"
     if alone >= LIMITS.least_alone * leaps.size:
-        remedy = f"write `damaged: skip` in the source file: {alone} values of {time.len()} rows"
+        remedy = f"write `damaged: skip` in the source file, which leaves out {alone} values"
     elif examined.experiment.place == "bench" and last - first > LIMITS.shortest_window_s:
-        kept = time.is_between(first, last).sum()
-        remedy = f"state `windows` {first:.1f}-{last:.1f} in the sheet, {kept} of {time.len()} rows"
+        lost = time.len() - time.is_between(first, last).sum()
+        remedy = (
+            f"state `windows` {first:.1f}-{last:.1f} in the sheet, which leaves out {lost} of"
+            f" {time.len()} rows"
+        )
     return f", first at {leaps[0]:.3f} s: {cause}; {remedy}"
 
 

@@ -113,8 +113,9 @@ def read_converted(path: Path, source: Source) -> Converted:
         damage = told.facts.get("damage", told.warnings)
         if not damage:
             raise
+        others = [text for text in damage if text not in error.reason]
         raise InputError(
-            f"{error.reason} (in all: {', '.join(damage)})",
+            f"{error.reason} (and: {', '.join(others)})" if others else error.reason,
             "write `damaged: skip` in the source file, which leaves all of this out, or"
             f" {error.remedy}",
             changes=error.changes,

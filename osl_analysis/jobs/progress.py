@@ -100,9 +100,11 @@ def read_log(path: Path) -> dict[str, Any]:
 
 def later_failures(summary_json: Path) -> str:
     """Whether jobs of a later run than that of a summary were refused, failed or killed; a line,
-    empty if none were."""
-    written = summary_json.stat().st_mtime
-    paths = sorted((summary_json.parent / "logs").rglob("*.log"))
+    empty if none were. A run ends with its verdict, which tells its own refusals."""
+    logs_folder = summary_json.parent / "logs"
+    ends = [path for path in (summary_json, logs_folder / "verdict.log") if path.exists()]
+    written = max(path.stat().st_mtime for path in ends)
+    paths = sorted(logs_folder.rglob("*.log"))
     logs = [read_log(path) for path in paths if path.stat().st_mtime > written]
     failures = [log["error"] for log in logs if "error" in log]
     if not failures:

@@ -170,6 +170,8 @@ NUMBERS = [f"{k / 100},{k % 7},{k % 5}" for k in range(40)]
      ["t", "Position", "Torque"], ["s", "deg", "Nm"]),
     (["Device,Encoder,Load cell", "Time,Angle,Torque", "s,deg,Nm", "raw,raw,scaled"],
      ["Time", "Angle", "Torque"], ["s", "deg", "Nm"]),
+    (["CH1,angle,20deg", "CH2,torque,50Nm", "No.,CH1 angle,CH2 torque", ",deg,Nm"],
+     ["No.", "CH1 angle", "CH2 torque"], ["", "deg", "Nm"]),
     (["Model,DLM4058", "TraceName,ANGLE,TORQUE", "VUnit,V,V", "Time,09:15:41.25,09:15:41.25"],
      ["1", "ANGLE", "TORQUE"], ["", "V", "V"]),
 ])  # fmt: skip
@@ -202,5 +204,5 @@ def test_rows_that_all_lack_a_sign_between_two_cells_are_refused_with_one_of_the
         "\n".join(["t,a,q", *(f"{k}-0.04,{k % 5}" for k in range(40)), ""])
     )
 
-    with refused_with("2 cells under 3 names.*'0-0.04"):
+    with refused_with("2 cells under 3 names.*'0-0.04.* no line fits"):
         formats.read(tmp_path / "a.csv")

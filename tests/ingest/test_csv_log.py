@@ -214,7 +214,7 @@ def test_devices_with_rows_of_their_own_are_joined_as_topics_are(tmp_path):
 
 
 @pytest.mark.parametrize(("text", "stated", "told", "samples"), [
-    (TABLE.replace("0.02,", "0.015,9\n0.02,"), {}, "line 4 ", SAMPLES),
+    (TABLE.replace("0.02,", "0.015,9\n0.02,"), {"most_missing": 0.2}, "line 4 ", SAMPLES),
     (TABLE.replace("0.02,3,7", "0.02,3"), {"damaged": "skip"}, "line 4 ", {"theta": [1, 2, 4]}),
     (TABLE.replace("2,6", "-9999.0,6"), {"missing": ["-9999"]}, "'angle'.* 1 ",
      {"theta": [1, np.nan, 3, 4]}),

@@ -41,7 +41,10 @@ def test_every_kind_of_damage_is_told_in_one_refusal_and_left_out_by_its_remedy(
     lines[2000:2002] = [lines[200], lines[201]]  # order
     lines[3000] = lines[3000].rpartition(",")[0] + ",99999"
 
-    with refused_with(r"line 502 .*line 902.*line 2002.*99999.* line 3002.*line 1302"):
+    with refused_with(
+        r"line 502 .*line 902.*line 2002.*99999.* line 3002.*line 1302"
+        "(?!.*damaged: skip.*damaged: skip)"
+    ):
         converted(tmp_path, lines)
     told = converted(tmp_path, lines, "damaged: skip\n")
 
@@ -99,5 +102,5 @@ def test_the_remark_on_leaps_says_what_leaving_them_out_costs_and_nothing_is_cal
 
     checks = measure_quality(Trial("a", samples), "impedance", Commanded())
 
-    assert re.search("`damaged: skip` .* 110 values of 4400 rows", checks["dropout"].remark)
+    assert re.search("`damaged: skip` .* leaves out 110 values", checks["dropout"].remark)
     assert checks["stuck"].value == 0

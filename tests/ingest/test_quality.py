@@ -191,7 +191,8 @@ STOOD_ON = 800 + white_noise(2000, 1)
     # an encoder at both ends of its range, once more at one
     ("saturation", bench(ANGLE.clip(-0.05, 0.05), torque=TORQUE)[:8000], "impedance", 123, "theta"),
     ("dropout", bench(torque=with_piece(TORQUE, BEYOND.start, BEYOND.start + 20, 0.0)), "impedance",
-     2, f"torque .* {BEYOND.start / RATE:.3f} s.*`windows` 0.2-{BEYOND.start / RATE - 0.2:.1f} .*"),
+     2, f"torque .* {BEYOND.start / RATE:.3f} s.*`windows` 0.2-{BEYOND.start / RATE - 0.2:.1f} .*"
+     f"leaves out {ANGLE.size - BEYOND.start + 399} of {ANGLE.size} rows"),
     ("dropout", bench(ANGLE + 0.02 * AWAY), "impedance", 2,
      f"theta .* 2.001 s.*`windows` 2.7-{ANGLE.size / RATE - 0.2:.1f} .*"),
     ("stuck", bench(torque=with_piece(TORQUE, 2000, 3000)), "impedance", 0.999, "torque"),
@@ -239,6 +240,15 @@ def test_a_fault_is_measured_where_it_is_and_fails_its_own_check_alone(
             {"dropout"} if (check, value) in {("saturation", 9), ("encoder_wrap", 2.0)} else set()
         )
         assert failed(checks) - {"protocol"} <= {check} | also
+
+
+def test_a_torque_that_leaps_to_an_end_of_its_range_is_of_no_failed_sensor():
+    """A board that loses the sign of what is beyond its range."""
+    samples = bench(torque=np.where(TORQUE < -12, 12.0, TORQUE.clip(None, 12.0)))
+
+    checks = results(samples)
+
+    assert "the torque stands at an end of its range" in checks["dropout"].remark
 
 
 LOADED = np.where(NUMBERS < 800, 700 + np.sin(NUMBERS), 0.0)

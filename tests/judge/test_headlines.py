@@ -106,6 +106,17 @@ def test_numbers_that_a_failed_run_left_behind_are_said_to_be_old(tmp_path):
         assert ("b_1.mcap: no such file" in later_failures(summary)) == old
 
 
+def test_what_a_run_refused_before_its_own_verdict_is_no_later_failure(tmp_path):
+    summary = tmp_path / "summary.json"
+    summary.write_text("{}")
+    for job, later in (("methods", 1), ("verdict", 2)):
+        log = tmp_path / f"logs/{job}.log"
+        write_log(log, {"outcome": "refused", "error": "b_1.mcap: no such file"})
+        os.utime(log, (summary.stat().st_mtime + later,) * 2)
+
+    assert not later_failures(summary)
+
+
 def test_a_finding_in_the_table_is_the_finding_that_was_made():
     evidence = (Beyond("lag_share", 0.1, 0.05, "above"), Beyond("VAF", 90.0, 98.0, "below"))
     finding = Finding("late_torque", "impedance", "t", Grade.DOUBTS, evidence, 4.0)

@@ -168,6 +168,7 @@ def test_a_zero_changes_energies_and_no_slope_and_is_as_recorded_where_nobody_st
 FULL = path(0, 10, 0, 10, 0)
 OPEN = path(0, 10, 0.7)
 NOISE = white_noise(FULL.size, 3)
+CREEPING = FULL + np.deg2rad(0.2) * np.linspace(1 - FULL.size / RATE, 1, FULL.size).clip(0)
 
 
 @pytest.mark.parametrize(("theta", "torque", "changes", "message"), [
@@ -180,6 +181,7 @@ NOISE = white_noise(FULL.size, 3)
     (FULL, -K * FULL, {}, "K = -200 "),
     (path(0, 10, 0, rest=0.2), K * path(0, 10, 0, rest=0.2),
      {}, r"torque_angle\.zero"),
+    (CREEPING, K * CREEPING, {}, r"does not rest at the end.* 0\.14 deg"),
     (FULL, K * FULL,
      {"angle_step_deg": 5}, "angle_step_deg = 5 .* 5"),
     (FULL, K * FULL, {"bench_stiffness": {"value": "150 N*m/rad"}}, "K = -.*150 N"),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The compensator: friction feedforward (Eqs. 5-7), and the choice of K_1 and B_1 (Eqs. 12-14).
+"""The compensator: the choice of K_1 and B_1 (Eqs. 12-14).
 
 Eq. 14, in the letters of `drivetrain.dynamic_stiffness`, with Q = B_d s + K_d and K_1 from Eq. 13:
 
@@ -71,35 +71,6 @@ class OptimalDamping(NamedTuple):
     at_lower_bound: bool
     # whether the error falls for every increase of B_1: a locked motor would be best
     unbounded: bool
-
-
-def motor_current(u: ArrayLike, direction: ArrayLike, p: DrivetrainParameters) -> Array:
-    """Find the current that makes the actuator's torque: Eq. 5, which has I_q on both sides, solved
-    for I_q.
-
-    Parameters
-    ----------
-    u : ArrayLike
-        Torque [N*m], any shape.
-    direction : ArrayLike
-        Smoothed sign of the *measured* actuator velocity, between -1 and 1.
-    p : DrivetrainParameters
-
-    Returns
-    -------
-    Array
-        I_q [A].
-
-    Notes
-    -----
-    With s the direction and r = u + s f_C,
-
-        I_q = r/(k_tau n_m - s f_G) for r >= 0,   r/(k_tau n_m + s f_G) for r < 0.
-    """
-    s = np.asarray(direction)
-    r = np.asarray(u) + s * p.f_C
-    gear_friction = np.where(r >= 0, s, -s) * p.f_G
-    return np.asarray(r / (p.k_tau * p.n_m - gear_friction))
 
 
 def check_request(K_d: float, B_d: float, p: DrivetrainParameters) -> None:

@@ -171,6 +171,16 @@ def between(fraction: float, i: int, theta: Array, omega: Array, sample: float) 
 
 
 @compiled
+def motor_current(u: float, direction: float, c: Any) -> float:
+    """Current [A] that makes the actuator's torque u [N*m] and cancels friction: Eq. 5, which has
+    I_q on both sides, solved for I_q. `direction` is the smoothed sign of the *measured* velocity,
+    between -1 and 1; 0 cancels none."""
+    r = u + direction * c.f_C
+    gear_friction = direction * c.f_G if r >= 0.0 else -direction * c.f_G
+    return float(r / (c.k_tau * c.n_m - gear_friction))
+
+
+@compiled
 def integrate(
     theta: Array, omega: Array, gains: Array, theta_m: float, rate_hz: float, c: Any, columns: Array
 ) -> None:
@@ -219,9 +229,8 @@ def integrate(
                 sign = (
                     math.tanh(velocity / c.sign_width) if c.cancels_friction and c.friction else 0.0
                 )
-                # Eqs. 7 and 5
-                r = K_1 * (theta_eq - reading) - B_1 * velocity + sign * c.f_C
-                pending[slot] = r / (c.k_tau * c.n_m - (sign if r >= 0.0 else -sign) * c.f_G)
+                u = K_1 * (theta_eq - reading) - B_1 * velocity  # Eq. 7
+                pending[slot] = motor_current(u, sign, c)
                 slot = 0 if slot == c.control_delay else slot + 1
                 current = pending[slot]
                 if k == 0:

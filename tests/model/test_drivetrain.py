@@ -25,6 +25,7 @@ from osl_analysis.model.drivetrain import (
     passive_delay,
     read_parameters,
 )
+from osl_analysis.simulator.two_mass_drivetrain import motor_current
 
 
 def weight_of(cutoff_hz, order):
@@ -56,7 +57,7 @@ def test_actuator_torque_is_the_sum_of_equation_1():
 @settings(max_examples=30)
 @given(u=st.floats(-20, 20), s=st.floats(-1, 1))
 def test_the_closed_form_of_equation_5_solves_the_implicit_equation(u, s):
-    current = compensator.motor_current(u, s, P)
+    current = motor_current.py_func(u, s, P)
 
     friction = drivetrain.motor_friction(s, current, P)
     assert current * P.k_tau * P.n_m == pytest.approx(u + friction, abs=1e-12)

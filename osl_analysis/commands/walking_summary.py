@@ -24,7 +24,7 @@ from osl_analysis.config.impedance_trajectory import (
 )
 from osl_analysis.config.sheet import JOINT
 from osl_analysis.judge.finding import Limits
-from osl_analysis.judge.judging import WHY_NO_FIT, judged, marked
+from osl_analysis.judge.judging import WHY_NO_FIT, judged, judged_estimates, marked
 from osl_analysis.stats.budget import CLEAR, WIDE
 from osl_analysis.stats.repeats import DOUBTFUL, concerns
 from osl_analysis.walking import tables as result_tables
@@ -34,7 +34,13 @@ from osl_analysis.walking.impedance_fit import ENSEMBLE
 from osl_analysis.walking.isolated_response import UnperturbedGait
 from osl_analysis.walking.plate_inertia import PlateModel
 from osl_analysis.walking.plate_lag import PlateTiming
-from osl_analysis.walking.tables import GroupHeadline, conditions_of, group_headline, result_columns
+from osl_analysis.walking.tables import (
+    PREDICTED,
+    GroupHeadline,
+    conditions_of,
+    group_headline,
+    result_columns,
+)
 
 FEWEST_FITS = 2  # of perturbations, for a scatter
 TOO_FEW = "perturbations can be used, expected 2 or more for a scatter; see the reasons in"
@@ -113,6 +119,7 @@ def summarise_perturbations(
     rows = []
     of_responses = []
     of_budgets = []
+    own_verdicts = {}  # by group, of the fit minus predicted gait
     places_of = {}
     for group in dict.fromkeys(SEPARATOR.join(perturbed["group"].drop_nulls()).split(SEPARATOR)):
         trials = perturbed.filter(pl.col("reason").is_null(), group=group)["trial"].to_list()
@@ -131,6 +138,8 @@ def summarise_perturbations(
             summary = result_tables.headline_rows(headline, of_group)
             of_responses.append(result_tables.response_table(group, headline))
             of_budgets.append(result_tables.budget_table(group, headline))
+            predicted = judged_estimates("walking_groups", headline.predicted.budgets, limits)
+            own_verdicts[group] = {each.symbol: each.verdict.name for each in predicted}
         of_groups.append(row)
         sides = {places[trial]["side"] for trial in trials}
         side = sides.pop() if len(sides) == 1 else None
@@ -151,7 +160,7 @@ def summarise_perturbations(
     doubts = judged(group_table, limits, "walking_groups", budget=contributions)
     group_table = marked(group_table, doubts, "walking_groups")
     tables = {
-        output: with_verdicts(rows, group_table, limits.accuracy.model_dump()),
+        output: with_verdicts(rows, group_table, own_verdicts),
         groups: group_table,
         responses: pl.concat(of_responses),
         budget: contributions,
@@ -161,30 +170,25 @@ def summarise_perturbations(
 
 
 def with_verdicts(
-    rows: Sequence[dict[str, Any]], groups: pl.DataFrame, accuracy: Mapping[str, float]
+    rows: Sequence[dict[str, Any]],
+    groups: pl.DataFrame,
+    own_verdicts: Mapping[str, Mapping[str, str]],
 ) -> pl.DataFrame:
     """The rows of a summary with the verdict on each estimate of its group, and why it is doubtful;
-    one about VAF concerns all. A doubt of the group is one of each estimator, but the width is the
-    estimator's own; without an interval it is not told."""
+    one about VAF concerns all. A doubt of the group is one of each estimator, but the fit minus
+    predicted gait has a width, and `own_verdicts` by group and quantity; the mean has none."""
     group_of = {row["group"]: row for row in groups.to_dicts()}
     for row in rows:
         of_group = group_of[row["group"]]
         quantity = row["quantity"]
         verdict = of_group.get(f"{quantity}_verdict")
         if verdict in (CLEAR, WIDE) and row["estimator"] != ENSEMBLE:
-            verdict = width_verdict(row, accuracy[quantity])
+            own = own_verdicts[row["group"]] if row["estimator"] == PREDICTED else {}
+            verdict = own.get(quantity)
         row["verdict"] = verdict
         doubts = of_group[DOUBTFUL]
         row["group_doubtful"] = doubts if concerns(doubts, [quantity]) else None
     return pl.DataFrame(rows, infer_schema_length=None)
-
-
-def width_verdict(row: Mapping[str, Any], share: float) -> str | None:
-    """Whether an interval is wider than a share of the estimate; None without an interval."""
-    if row.get("low") is None:
-        return None
-    half_width = (row["high"] - row["low"]) / 2
-    return WIDE if half_width > share * abs(row["mean"]) else CLEAR
 
 
 def read_fits(table: Path) -> pl.DataFrame:

@@ -33,7 +33,7 @@ MATCHED_STEP = 4  # every fourth phase is enough after a low-pass of 20 Hz
 
 SMALLEST_SCALE = 0.75
 LARGEST_SCALE = 1 / SMALLEST_SCALE
-DRIFT_ORDERS = np.arange(1, 9)
+DRIFT_ORDERS = range(1, 9)
 LARGEST_SCALE_STEP = 0.05
 LAST_SCALE_STEP = 1e-6  # which ends the search
 SCALE_ROUNDS = 15
@@ -104,11 +104,12 @@ def signal_at(crossing: Crossing, signal: Array, time: Array) -> Array:
     return spline(np.clip(time, crossing.time[0], crossing.time[-1]))
 
 
-def matched_scales(phase: Array, curves: Array, mean: Array) -> Array:
+def matched_scales(phase: Array, curves: Array, mean: Array, order: int) -> Array:
     """Fit the pace of curves to a mean curve by Gauss-Newton.
 
     The model of a curve at phases p is c mean(r p) + drift(p), where the drift is a polynomial. The
-    scale r is wanted; c and the drift's coefficients are not.
+    scale r is wanted; c and the drift's coefficients are not, and their columns are taken off the
+    others (Frisch and Waugh, Econometrica 1, 1933).
 
     Parameters
     ----------
@@ -118,47 +119,36 @@ def matched_scales(phase: Array, curves: Array, mean: Array) -> Array:
         (m, k).
     mean : Array
         (n,), at equal steps of phase from 0 to 1.
+    order : int
+        Of the drift.
 
     Returns
     -------
     Array
-        Scales r (8, m), for drifts of order 1 to 8; NaN where the search from 1 does not converge
-        within bounds.
+        Scales r (m,); NaN where the search from 1 does not converge within bounds.
     """
     mean_curve = scipy.interpolate.make_interp_spline(np.linspace(0.0, 1.0, len(mean)), mean)
     mean_slope = mean_curve.derivative()
-    # Orthonormal polynomials, of which each order uses the first
-    powers = np.vander(phase / phase[-1], DRIFT_ORDERS[-1] + 1, increasing=True)
-    drift = np.linalg.qr(powers)[0]
-    of_order = np.arange(drift.shape[1]) <= DRIFT_ORDERS[:, None]
-    of_order = of_order[:, None].astype(float)
-
-    def without_drift(curves: Array) -> Array:
-        """Curves (orders, m, k) without the drift of each order."""
-        return curves - ((curves @ drift) * of_order) @ drift.T
-
+    drift = np.linalg.qr(np.vander(phase / phase[-1], order + 1))[0]
     negligible = len(phase) * rounding_of(mean)
-    scales = np.ones((len(DRIFT_ORDERS), len(curves)))
-    step = np.full_like(scales, np.inf)
+    scales = np.ones(len(curves))
     for _ in range(SCALE_ROUNDS):
-        scaled_phase = np.clip(scales[..., None] * phase, 0.0, 1.0)
+        scaled_phase = np.clip(scales[:, None] * phase, 0.0, 1.0)
         expected = mean_curve(scaled_phase)
-        # derivatives of the expected curve by its factor, and by its scale of phase
-        f = without_drift(expected)
-        s = without_drift(phase * mean_slope(scaled_phase))
-        unexplained = without_drift(curves - expected)
-
-        # The coefficient of s in the regression of what is unexplained on f and s
-        X = np.nan_to_num(np.stack([f, s], axis=-1))
-        is_determined = np.linalg.matrix_rank(X, tol=np.sqrt(negligible)) == 2
-        newton_step = (np.linalg.pinv(X) @ unexplained[..., None])[..., 1, 0]
-        step = np.clip(newton_step, -LARGEST_SCALE_STEP, LARGEST_SCALE_STEP)
-        step = np.where(is_determined, step, np.nan)
-        scales = np.clip(scales + step, SMALLEST_SCALE, LARGEST_SCALE)
-        if np.all(np.abs(step) < LAST_SCALE_STEP):
-            break
+        columns = np.stack([expected, phase * mean_slope(scaled_phase), curves - expected])
+        by_size, by_scale, unexplained = columns - columns @ drift @ drift.T
+        by_scale -= by_size * coefficients(by_scale, by_size, negligible)[:, None]
+        step = coefficients(unexplained, by_scale, negligible)
+        scales += np.clip(step, -LARGEST_SCALE_STEP, LARGEST_SCALE_STEP)
     within = (scales > SMALLEST_SCALE) & (scales < LARGEST_SCALE)
     return np.where((np.abs(step) < LAST_SCALE_STEP) & within, scales, np.nan)
+
+
+def coefficients(curves: Array, columns: Array, negligible: float) -> Array:
+    """Of the regression (m,) of each curve on its column, (m, k) both; NaN where the sum of the
+    column's squares is `negligible`."""
+    squares = np.vecdot(columns, columns)
+    return np.vecdot(curves, columns) / np.where(squares > negligible, squares, np.nan)
 
 
 @dataclass(frozen=True)
@@ -205,7 +195,8 @@ def aligned_gait(crossing: Crossing, gait: UnperturbedGait, known_until: float) 
     if len(phase) > len(DRIFT_ORDERS):
         theta = signal_at(crossing, crossing.theta, stance_times(crossing, phase))
         curves = np.vstack([theta, gait.theta[:, ::MATCHED_STEP][:, : len(phase)]])
-        scales = matched_scales(phase, curves, gait.theta.mean(axis=0))
+        mean = gait.theta.mean(axis=0)
+        scales = np.array([matched_scales(phase, curves, mean, order) for order in DRIFT_ORDERS])
         # The order of drift is the one at which all curves have a scale and the unperturbed scales
         # scatter least
         is_whole = np.isfinite(scales).all(axis=1)

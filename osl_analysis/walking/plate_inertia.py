@@ -540,10 +540,6 @@ def without_mean(values: Array) -> Array:
     return values - values.mean(axis=0)
 
 
-def column_rms(values: Array) -> Array:
-    return np.sqrt(np.mean(values**2, axis=0))
-
-
 def unloaded_turns(motion: UnloadedMotion, model: PlateModel, noise: Array) -> list[TurnLag]:
     """The lag in each turn of a recording of the unloaded plate; none if the plate is too light.
 
@@ -599,7 +595,7 @@ def turn_lags(motion: UnloadedMotion, model: PlateModel, noise: Array) -> list[T
     turns = []
     for rows in runs(motion.moves):
         expected = without_mean(motion.columns[rows] @ model.parameters) * WEIGHT
-        if column_rms(expected) @ column_rms(expected) < LIGHT**2:
+        if np.sum(expected**2) < len(expected) * LIGHT**2:
             continue
         by_lag = without_mean(-np.gradient(expected, 1 / rate, axis=0))
         square = np.sum(by_lag**2)

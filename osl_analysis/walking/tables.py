@@ -19,7 +19,6 @@ from osl_analysis.base.measured import rms
 from osl_analysis.base.trial import Array
 from osl_analysis.signals.filters import sampling_rate
 from osl_analysis.stats.budget import Budget, Contribution, budget_rows, unknown
-from osl_analysis.stats.linear_fit import LinearFit
 from osl_analysis.stats.repeats import doubtful_row
 from osl_analysis.walking.crossing import PER_UNIT, Crossing
 from osl_analysis.walking.groups import MEASURED_IN_CROSSINGS, SEPARATOR
@@ -44,18 +43,18 @@ from osl_analysis.walking.plate_inertia import PlateModel
 from osl_analysis.walking.plate_lag import PlateTiming
 from osl_analysis.walking.walking_settings import TimingSettings
 
+NAMES = (*ESTIMATED, "VAF")  # of all that a fit tells
 Contributions = dict[str, Contribution]
-"""Of one source to K, B and I, as far as it has any."""
+"""Of one source to these, as far as it has any."""
 
 
 @dataclass(frozen=True)
 class GroupFit:
-    """Eq. 15 fitted to the mean response of a group, with the budgets of K, B and I."""
+    """Eq. 15 fitted to the mean response of a group, with the budgets of K, B and I, and of the
+    variance accounted for [%]."""
 
     response: PerturbationResponse
-    fit: LinearFit
     budgets: Mapping[str, Budget]
-    vaf: Budget  # variance accounted for [%], by the same crossings
 
 
 @dataclass(frozen=True)
@@ -130,30 +129,23 @@ def group_fit(
         without_unperturbed.append(estimates_and_vaf(replace(others, predictors=chosen)))
 
     response = replace(mean, predictors=predictors)
-    fit = fit_response(response)
     of_crossings = replace(SCATTER, freedom=len(responses) - 1.0)
     of_gait = replace(SCATTER, freedom=crossings - 1.0 - len(predictors))
-    ses_by_perturbed = jackknife_ses(without_perturbed)
-    ses_by_unperturbed = jackknife_ses(without_unperturbed)
-    of_vaf = (
-        replace(of_crossings, source="crossings", standard=float(ses_by_perturbed[-1])),
-        replace(of_gait, source="mean_gait", standard=float(ses_by_unperturbed[-1])),
-    )
     rows = [
-        of_source("crossings", ses_by_perturbed[:-1], of_crossings),
-        of_source("mean_gait", ses_by_unperturbed[:-1], of_gait),
+        of_source("crossings", jackknife_ses(without_perturbed), of_crossings),
+        of_source("mean_gait", jackknife_ses(without_unperturbed), of_gait),
         *errors,
         *of_choices(response),
     ]
     budgets = {}
-    for name in ESTIMATED:
+    for name, value in zip(NAMES, estimates_and_vaf(response), strict=True):
         found = tuple(row[name] for row in rows if name in row)
-        budgets[name] = Budget(fit[name], found)
-    return GroupFit(response, fit, budgets, Budget(fit.vaf, of_vaf))
+        budgets[name] = Budget(float(value), found)
+    return GroupFit(response, budgets)
 
 
 def estimates_and_vaf(response: PerturbationResponse) -> Array:
-    """K, B, I and the variance accounted for (4,)."""
+    """`NAMES` (4,)."""
     fit = fit_response(response)
     return np.append(fit.estimates, fit.vaf)
 
@@ -166,13 +158,13 @@ def estimates_of(response: PerturbationResponse, window: slice | None = None) ->
 def with_late_torque(fit: GroupFit) -> GroupFit:
     """The fit with the doubt that a negative inertia throws on the lag: a torque late by d lowers B
     by K d and I by B d, to first order."""
-    K = fit.fit["K"]
-    B = fit.fit["B"]
-    lag_s = -fit.fit["I"] / B
-    changes = of_source("late_torque", lag_s * np.array([0.0, K, B]), LATE_PLATE)
-    return replace(
-        fit, budgets={name: each.plus(changes[name]) for name, each in fit.budgets.items()}
-    )
+    budgets = dict(fit.budgets)
+    K = budgets["K"].value
+    B = budgets["B"].value
+    lag_s = -budgets["I"].value / B
+    for name, row in of_source("late_torque", lag_s * np.array([0.0, K, B]), LATE_PLATE).items():
+        budgets[name] = budgets[name].plus(row)
+    return replace(fit, budgets=budgets)
 
 
 SCATTER = Contribution("", None, basis="measured", part="repeatability")  # of this campaign
@@ -184,8 +176,8 @@ CHOSEN = Contribution("", None, basis="assumed", part="motion")  # half of anoth
 
 
 def of_source(source: str, standards: Array, row: Contribution = BY_ALL_CROSSINGS) -> Contributions:
-    """A row for each of K, B and I, by the standard uncertainties (3,)."""
-    sizes = zip(ESTIMATED, np.abs(standards), strict=True)
+    """A row for each of K, B and I, or of `NAMES`, by the standard uncertainties (3,) or (4,)."""
+    sizes = zip(NAMES[: len(standards)], np.abs(standards), strict=True)
     return {name: replace(row, source=source, standard=float(size)) for name, size in sizes}
 
 
@@ -279,12 +271,12 @@ def result_columns(conditions: Mapping[str, Any], headline: GroupHeadline) -> di
     K = budgets["K"].value
     of_offset = sum(each.standard or 0.0 for each in budgets["K"].of_source("offset"))
     estimates: dict[str, Any] = {}
-    for name, budget in budgets.items():
-        estimates.update(budget.columns(name))
+    for name in ESTIMATED:
+        estimates.update(budgets[name].columns(name))
     return {
         "fitted_phase": conditions["onset_phase"] + fitted_time(mean) / conditions["stance_s"],
         **estimates,
-        "VAF": headline.ensemble.fit.vaf,
+        "VAF": budgets["VAF"].value,
         "residual_over_gait": residual_over_gait(mean),
         "offset_share": 2 * of_offset / abs(K) if K else None,
         "pace_change": mean.pace_change,
@@ -387,7 +379,7 @@ def headline_rows(headline: GroupHeadline, fits: pl.DataFrame) -> list[dict[str,
     `walking.csv`: the mean over perturbations, and the fits to the mean response."""
     n = {"n": len(fits)}
     rows: list[dict[str, Any]] = []
-    for name in (*ESTIMATED, "VAF"):
+    for name in NAMES:
         mean = {"mean": fits[name].mean(), "sd": fits[name].std()}
         rows.append(
             {"quantity": name, "estimator": "mean of perturbations", **n, **mean}
@@ -396,10 +388,9 @@ def headline_rows(headline: GroupHeadline, fits: pl.DataFrame) -> list[dict[str,
     for estimator, fit in ((ENSEMBLE, headline.ensemble), (PREDICTED, headline.predicted)):
         place = {"estimator": estimator, **n}
         for name, budget in fit.budgets.items():
-            ends = {"mean": budget.value, "low": budget.low, "high": budget.high}
+            high = min(budget.high, 100.0) if name == "VAF" else budget.high
+            ends = {"mean": budget.value, "low": budget.low, "high": high}
             rows.append({"quantity": name, **place, **ends})
-        ends = {"low": fit.vaf.low, "high": min(fit.vaf.high, 100.0)}
-        rows.append({"quantity": "VAF", **place, "mean": fit.vaf.value, **ends})
     return rows
 
 

@@ -18,6 +18,7 @@ from osl_analysis.walking.impedance_fit import (
     mean_response,
 )
 from osl_analysis.walking.isolated_response import (
+    DRIFT_ORDERS,
     PHASES,
     aligned_gait,
     isolate_response,
@@ -224,9 +225,11 @@ def test_the_guard_before_the_onset_is_not_used(instant, is_used):
     ],
 )
 def test_a_gait_that_tells_no_pace_has_no_scale(mean):
-    curves = np.array([mean[: len(EARLY)]] * 3)
+    curves = mean[None, : len(EARLY)]
 
-    assert np.isnan(matched_scales(EARLY, curves, mean)).all()
+    scales = [matched_scales(EARLY, curves, mean, order) for order in DRIFT_ORDERS]
+
+    assert np.isnan(scales).all()
 
 
 def test_a_crossing_without_a_pace_is_refused():

@@ -404,7 +404,7 @@ def write_bench_log(path: Path, log: Mapping[str, Array]) -> None:
     position = {joint: log[channel] for joint, channel in joints.items() if channel in log}
     effort = {"actuator": log["motor_current"]}
     topics = [
-        recorder.joint_states("/joint_states", "bench", log["time"], position, effort),
-        recorder.wrenches("/wrench", torque_frame, log["torque_time"], log[torque]),
+        recorder.joint_states(log["time"], position, effort),
+        recorder.wrenches(torque_frame, log["torque_time"], log[torque]),
     ]
     recorder.write_topics(path, topics)

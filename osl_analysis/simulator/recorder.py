@@ -130,14 +130,10 @@ def leg_samples(time: Array, columns: Mapping[str, ArrayLike]) -> LogTopic:
 
 
 def joint_states(
-    topic: str,
-    frame_id: str,
-    time: Array,
-    position: Mapping[str, Array],
-    effort: Mapping[str, Array],
+    time: Array, position: Mapping[str, Array], effort: Mapping[str, Array]
 ) -> LogTopic:
-    """Make a topic of JointState messages: positions [rad] by joint, (n,) each, and the effort of
-    some joints; other efforts are 0."""
+    """Make the bench's topic of JointState messages: positions [rad] by joint, (n,) each, and the
+    effort of some joints; other efforts are 0."""
     names: dict[str, tuple[str, Any]] = {}
     for joint in position:
         text = joint.encode() + b"\0"
@@ -153,19 +149,19 @@ def joint_states(
         **{f"effort.{joint}": ("<f8", effort.get(joint, 0.0)) for joint in position},
     }
     schema_name = "sensor_msgs/msg/JointState"
-    return log_topic(topic, schema_name, JOINT_STATE_FIELDS, frame_id, time, members)
+    return log_topic("/joint_states", schema_name, JOINT_STATE_FIELDS, "bench", time, members)
 
 
-def wrenches(topic: str, frame_id: str, time: Array, torque: Array) -> LogTopic:
-    """Make a topic of WrenchStamped messages with a torque (n,) [N*m] about z; all other components
-    are 0."""
+def wrenches(frame_id: str, time: Array, torque: Array) -> LogTopic:
+    """Make the topic of WrenchStamped messages with a torque (n,) [N*m] about z; all other
+    components are 0."""
     members: dict[str, tuple[str, Any]] = {}
     for vector in ("force", "torque"):
         for axis in "xyz":
             members[f"{vector}.{axis}"] = ("<f8", 0.0)
     members["torque.z"] = ("<f8", torque)
     schema_name = "geometry_msgs/msg/WrenchStamped"
-    return log_topic(topic, schema_name, WRENCH_FIELDS, frame_id, time, members)
+    return log_topic("/wrench", schema_name, WRENCH_FIELDS, frame_id, time, members)
 
 
 def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:

@@ -179,7 +179,7 @@ def measured_ankle_angle(
     in which the platform carries the foot."""
     trial = step.trial
     effects = trial.walking.effects
-    wander = np.radians(effects.angle_wander.value) * trial.wandering("angle_wander")
+    wander = np.radians(effects.angle_wander.value) * trial.wandering()
     factor = 1 + trial.normal("angle_scale", 0.01)
     nominal = gait.nominal_ankle_angle(step.cycle_phase(trial.time))
     theta = factor * nominal + wander + carried_angle

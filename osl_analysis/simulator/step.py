@@ -151,10 +151,10 @@ class GaitTrial:
         sd = getattr(self.walking.effects, effect).value
         return unit * float(sd * self.random(effect).standard_normal())
 
-    def wandering(self, effect: str) -> Array:
-        """A smooth deviation of unit standard deviation, (n,): six waves of random size, frequency
-        [Hz] and phase."""
-        random = self.random(effect)
+    def wandering(self) -> Array:
+        """A smooth deviation of the ankle's angle, of unit standard deviation, (n,): six waves of
+        random size, frequency [Hz] and phase."""
+        random = self.random("angle_wander")
         sizes = random.standard_normal(6)
         waves = len(sizes)
         frequencies = random.uniform(0.3, 4.0, waves)
